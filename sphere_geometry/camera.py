@@ -1,0 +1,76 @@
+"""What every camera model offers. One file per model; nothing asks which model it has."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Protocol, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+class Camera(Protocol):
+    """A central camera: pixels (u, v) to rays and back. Pixel centres are integers, arrays are [v, u]."""
+
+    model: ClassVar[str]
+
+    @property
+    def width(self) -> int:
+        """Columns of the image."""
+        ...
+
+    @property
+    def height(self) -> int:
+        """Rows of the image."""
+        ...
+
+    @property
+    def coefficients(self) -> Array:
+        """All numbers of the projection in the order that the kernels of this model expect."""
+        ...
+
+    @property
+    def pixels_per_radian(self) -> float:
+        """Angular resolution on the optical axis, or on the equator of a sphere."""
+        ...
+
+    def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+        """Project points (..., 3) in the camera frame to pixels (..., 2) and whether each is inside the image."""
+        ...
+
+    def unproject(self, pixels: ArrayLike) -> Array:
+        """Return unit rays (..., 3) of pixels (..., 2); NaN where the model has no ray."""
+        ...
+
+    def J_project(self, points: ArrayLike) -> Array:
+        """Return the derivative (..., 2, 3) of the pixel by the point, in pixels per metre."""
+        ...
+
+    def halved(self) -> Self:
+        """Return the camera of the next pyramid level, whose pixel (u, v) covers 2 x 2 pixels of this one."""
+        ...
+
+
+def pixel_grid(camera: Camera) -> Array:
+    """Return the pixel coordinates (height, width, 2) as (u, v) of every pixel."""
+    v, u = np.mgrid[0 : camera.height, 0 : camera.width]
+    return np.stack([u, v], axis=-1).astype(np.float64)
+
+
+def inside(pixels: Array, camera: Camera) -> NDArray[np.bool_]:
+    """Return which pixels (..., 2) lie on the area of the image, half a pixel beyond its outer centres included."""
+    u, v = pixels[..., 0], pixels[..., 1]
+    return (u >= -0.5) & (u < camera.width - 0.5) & (v >= -0.5) & (v < camera.height - 0.5)
+
+
+def check_size(width: int, height: int) -> None:
+    """Raise ValueError unless the image has at least one pixel."""
+    if width < 1 or height < 1:
+        raise ValueError(f"camera size: expected at least 1 x 1, found {width} x {height}")
+
+
+def check_focal_length(fx: float, fy: float) -> None:
+    """Raise ValueError unless both focal lengths are positive; K = 0 is how ROS says 'uncalibrated'."""
+    if not (np.isfinite(fx) and np.isfinite(fy) and fx > 0 and fy > 0):
+        raise ValueError(f"focal length: expected positive fx, fy (calibrated camera), found {fx}, {fy}")

@@ -1,0 +1,88 @@
+"""Rotations: exponential, logarithm, Jacobian and quaternions, batched over leading axes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+SMALL_ANGLE = 1e-4  # below it the series of sin(a)/a and its kin are exact to 1e-17
+
+
+def hat(vector: ArrayLike) -> Array:
+    """Return the cross-product matrix [v]x of (..., 3) as (..., 3, 3)."""
+    x, y, z = np.moveaxis(np.asarray(vector, dtype=np.float64), -1, 0)
+    zero = np.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def exp(rotation_vector: ArrayLike) -> Array:
+    """Return the rotation (..., 3, 3) by a rotation vector (..., 3) in radians (Rodrigues)."""
+    omega = np.asarray(rotation_vector, dtype=np.float64)
+    a, b, _ = _series(np.linalg.norm(omega, axis=-1))
+    K = hat(omega)
+    return np.eye(3) + a[..., None, None] * K + b[..., None, None] * (K @ K)
+
+
+def left_jacobian(rotation_vector: ArrayLike) -> Array:
+    """Return V (..., 3, 3), the integral of exp(s omega) for s from 0 to 1; SE(3) translations are V v."""
+    omega = np.asarray(rotation_vector, dtype=np.float64)
+    _, b, c = _series(np.linalg.norm(omega, axis=-1))
+    K = hat(omega)
+    return np.eye(3) + b[..., None, None] * K + c[..., None, None] * (K @ K)
+
+
+def log(rotation: ArrayLike) -> Array:
+    """Return the rotation vector (..., 3) of (..., 3, 3), of norm at most pi, also near pi."""
+    xyz, w = np.split(to_quaternion(rotation), [3], axis=-1)
+    sine = np.linalg.norm(xyz, axis=-1, keepdims=True)
+    angle = 2.0 * np.arctan2(sine, w)
+    safe = np.where(sine < 1e-12, 1.0, sine)
+    return np.where(sine < 1e-12, 2.0 * xyz, xyz * (angle / safe))
+
+
+def to_quaternion(rotation: ArrayLike) -> Array:
+    """Return the unit quaternion (x, y, z, w), w >= 0, of a rotation (..., 3, 3)."""
+    R = np.asarray(rotation, dtype=np.float64)
+    m00, m11, m22 = R[..., 0, 0], R[..., 1, 1], R[..., 2, 2]
+    # Four times the outer product q q^T; the row with the largest diagonal is the best conditioned.
+    outer = np.empty((*R.shape[:-2], 4, 4))
+    outer[..., 0, 0] = 1 + m00 - m11 - m22
+    outer[..., 1, 1] = 1 - m00 + m11 - m22
+    outer[..., 2, 2] = 1 - m00 - m11 + m22
+    outer[..., 3, 3] = 1 + m00 + m11 + m22
+    outer[..., 0, 1] = outer[..., 1, 0] = R[..., 1, 0] + R[..., 0, 1]
+    outer[..., 0, 2] = outer[..., 2, 0] = R[..., 2, 0] + R[..., 0, 2]
+    outer[..., 1, 2] = outer[..., 2, 1] = R[..., 2, 1] + R[..., 1, 2]
+    outer[..., 0, 3] = outer[..., 3, 0] = R[..., 2, 1] - R[..., 1, 2]
+    outer[..., 1, 3] = outer[..., 3, 1] = R[..., 0, 2] - R[..., 2, 0]
+    outer[..., 2, 3] = outer[..., 3, 2] = R[..., 1, 0] - R[..., 0, 1]
+    best = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
+    q = np.take_along_axis(outer, best[..., None, None], axis=-2)[..., 0, :]
+    q = q / np.linalg.norm(q, axis=-1, keepdims=True)
+    return np.where(q[..., 3:] < 0, -q, q)
+
+
+def from_quaternion(xyzw: ArrayLike) -> Array:
+    """Return the rotation (..., 3, 3) of a quaternion (x, y, z, w) of any non-zero norm."""
+    q = np.asarray(xyzw, dtype=np.float64)
+    norm = np.linalg.norm(q, axis=-1, keepdims=True)
+    if not np.all(np.isfinite(norm)) or np.any(norm < 1e-9):
+        raise ValueError(f"quaternion: expected a non-zero norm, found {q.tolist()}")
+    vector, w = (q / norm)[..., :3], (q / norm)[..., 3]
+    K = hat(vector)
+    return np.eye(3) + 2.0 * (w[..., None, None] * K + K @ K)
+
+
+def _series(angle: Array) -> tuple[Array, Array, Array]:
+    """Return sin(a)/a, (1 - cos a)/a^2 and (a - sin a)/a^3."""
+    small = angle < SMALL_ANGLE
+    safe = np.where(small, 1.0, angle)
+    square = angle * angle
+    return (
+        np.where(small, 1.0 - square / 6.0, np.sin(safe) / safe),
+        np.where(small, 0.5 - square / 24.0, 2.0 * (np.sin(safe / 2.0) / safe) ** 2),
+        np.where(small, 1.0 / 6.0 - square / 120.0, (safe - np.sin(safe)) / safe**3),
+    )
