@@ -49,15 +49,15 @@ class Fisheye:
         """Largest angle from the axis, up to pi, up to which the image radius grows monotonically."""
         angle = np.linspace(0.0, np.pi, 3001)
         falling = np.flatnonzero(np.diff(self._radius(angle)) <= 0)
-        return float(angle[falling[0]]) if falling.size else float(np.pi)
+        return float(angle[max(falling[0] - 1, 0)]) if falling.size else float(np.pi)
 
     def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
-        """Project points (..., 3); points beyond `max_angle` are NaN and not visible."""
+        """Project points (..., 3); points beyond `max_angle`, or straight behind, are NaN and not visible."""
         p = np.asarray(points, dtype=np.float64)
         sine = np.hypot(p[..., 0], p[..., 1])
         angle = np.arctan2(sine, p[..., 2])
-        valid = (angle <= self.max_angle) & (sine + np.abs(p[..., 2]) > 0)
         on_axis = sine < MIN_SINE
+        valid = (angle <= self.max_angle) & (~on_axis | (p[..., 2] > 0))  # straight behind is a whole circle
         factor = np.where(
             on_axis,
             1.0 / np.where(p[..., 2] > 0, p[..., 2], np.inf),
@@ -82,10 +82,11 @@ class Fisheye:
         """Return d pixel / d point (..., 2, 3)."""
         p = np.asarray(points, dtype=np.float64)
         x, y, z = p[..., 0], p[..., 1], p[..., 2]
-        sine = np.maximum(np.hypot(x, y), MIN_SINE)
+        on_axis = np.hypot(x, y) < MIN_SINE
+        sine = np.where(on_axis, MIN_SINE, np.hypot(x, y))
         square = sine * sine + z * z
         angle = np.arctan2(sine, z)
-        cx, cy = x / sine, y / sine
+        cx, cy = np.where(on_axis, 1.0, x / sine), np.where(on_axis, 0.0, y / sine)
         along = self._slope(angle) * z / square  # d radius / d sine
         across = np.where(sine < 1e-7, along, self._radius(angle) / sine)
         by_z = -self._slope(angle) * sine / square

@@ -66,7 +66,7 @@ class Pinhole:
         denominator = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
         distorted = np.where(denominator > 0, r * numerator / np.where(denominator > 0, denominator, 1.0), -1.0)
         falling = np.flatnonzero(np.diff(distorted) <= 0)
-        return float(r[falling[0]]) if falling.size else np.inf
+        return float(r[max(falling[0] - 1, 0)]) if falling.size else np.inf
 
     def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
         """Project points (..., 3); points behind the camera or beyond `max_radius` are NaN and not visible."""
@@ -82,14 +82,10 @@ class Pinhole:
         target = (np.asarray(pixels, dtype=np.float64) - (self.cx, self.cy)) / (self.fx, self.fy)
         xy = target
         if self.is_distorted:
-            for _ in range(NEWTON_STEPS):
-                error = self._distort(xy) - target
-                xy = xy - np.linalg.solve(self._J_distort(xy), error[..., None])[..., 0]
-            off = np.linalg.norm(self._distort(xy) - target, axis=-1)
-            good = (off < 1e-8) & (np.linalg.norm(xy, axis=-1) <= self.max_radius)
-            xy = np.where(good[..., None], xy, np.nan)
-        rays = np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
-        return rays / np.linalg.norm(rays, axis=-1, keepdims=True)
+            xy = self._undistort(target)
+        rays: Array = np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
+        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+        return rays
 
     def J_project(self, points: ArrayLike) -> Array:
         """Return d pixel / d point (..., 2, 3), the product of lens, distortion and perspective."""
@@ -113,7 +109,20 @@ class Pinhole:
             self.distortion,
         )
 
-    def _terms(self, xy: Array) -> tuple[Array, ...]:
+    def _undistort(self, target: Array) -> Array:
+        xy = target
+        with np.errstate(all="ignore"):  # rays that do not exist run away and are refused below
+            for _ in range(NEWTON_STEPS):
+                error, J = self._distort(xy) - target, self._J_distort(xy)
+                determinant = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
+                step_x = J[..., 1, 1] * error[..., 0] - J[..., 0, 1] * error[..., 1]
+                step_y = J[..., 0, 0] * error[..., 1] - J[..., 1, 0] * error[..., 0]
+                xy = xy - np.stack([step_x, step_y], axis=-1) / determinant[..., None]
+            off = np.linalg.norm(self._distort(xy) - target, axis=-1)
+            good = (off < 1e-8) & (np.linalg.norm(xy, axis=-1) <= self.max_radius)
+        return np.where(good[..., None], xy, np.nan)
+
+    def _terms(self, xy: Array) -> tuple[Array, Array, Array, Array, Array, float, float]:
         x, y = xy[..., 0], xy[..., 1]
         _, _, _, _, k1, k2, p1, p2, k3, k4, k5, k6, _ = self.coefficients
         r2 = x * x + y * y
@@ -123,7 +132,7 @@ class Pinhole:
         d_denominator = k4 + r2 * (2 * k5 + 3 * r2 * k6)
         radial = numerator / denominator
         d_radial = (d_numerator - radial * d_denominator) / denominator  # by r^2
-        return x, y, r2, radial, d_radial, np.float64(p1), np.float64(p2)
+        return x, y, r2, radial, d_radial, float(p1), float(p2)
 
     def _distort(self, xy: Array) -> Array:
         if not self.is_distorted:

@@ -62,7 +62,8 @@ def to_quaternion(rotation: ArrayLike) -> Array:
     best = np.argmax(np.diagonal(outer, axis1=-2, axis2=-1), axis=-1)
     q = np.take_along_axis(outer, best[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-    return np.where(q[..., 3:] < 0, -q, q)
+    unit: Array = np.where(q[..., 3:] < 0, -q, q)
+    return unit
 
 
 def from_quaternion(xyzw: ArrayLike) -> Array:
@@ -73,7 +74,8 @@ def from_quaternion(xyzw: ArrayLike) -> Array:
         raise ValueError(f"quaternion: expected a non-zero norm, found {q.tolist()}")
     vector, w = (q / norm)[..., :3], (q / norm)[..., 3]
     K = hat(vector)
-    return np.eye(3) + 2.0 * (w[..., None, None] * K + K @ K)
+    R: Array = np.eye(3) + 2.0 * (w[..., None, None] * K + K @ K)
+    return R
 
 
 def _series(angle: Array) -> tuple[Array, Array, Array]:

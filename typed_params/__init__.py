@@ -34,7 +34,7 @@ def param(
 
 def group(cls: type[C]) -> C:
     """Nest another parameters class; its fields become `name.field`."""
-    return typing.cast("C", dataclasses.field(default_factory=cls))
+    return dataclasses.field(default_factory=cls)
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(param, group))
@@ -64,13 +64,14 @@ class Leaf:
 
     def check(self, value: Any) -> None:
         """Raise ValueError naming the parameter, what is expected and what was found."""
-        kinds = (int, float) if self.type is float else (self.type,)
-        is_bool_for_number = isinstance(value, bool) and self.type is not bool
-        if not isinstance(value, kinds) or is_bool_for_number:
+        kinds: tuple[type, ...] = (int, float) if self.type is float else (self.type,)
+        is_of_kind = isinstance(value, kinds) and (self.type is bool or not isinstance(value, bool))
+        if not is_of_kind:
             raise ValueError(f"{self.name}: expected {self.type.__name__}, found {value!r}")
         if isinstance(value, float) and math.isnan(value):
             raise ValueError(f"{self.name}: expected a number, found nan")
-        if self.low is not None and value < self.low or self.high is not None and value > self.high:
+        too_low = self.low is not None and value < self.low
+        if too_low or (self.high is not None and value > self.high):
             raise ValueError(f"{self.name}: expected {self.range_text()}, found {value!r}")
         if self.choices and value not in self.choices:
             raise ValueError(f"{self.name}: expected {self.range_text()}, found {value!r}")

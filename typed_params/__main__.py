@@ -1,4 +1,4 @@
-"""`python -m typed_params module:Class [--node NAME] [--markdown]`: commented YAML, or a table, of a parameters class."""
+"""`python -m typed_params module:Class [--node NAME] [--markdown]`: commented YAML, or a table, of parameters."""
 
 from __future__ import annotations
 
