@@ -1,0 +1,78 @@
+"""A topic that a node listens to: what has come, what was refused, and in words why nothing comes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.qos import QoSProfile
+
+from node_kit import qos
+
+
+@dataclass
+class Input:
+    """One subscription of a node; `deliver` is what DDS or a replay calls."""
+
+    topic: str
+    kind: type[Any]
+    callback: Callable[[Any], None]
+    profile: QoSProfile
+    is_required: bool = True
+    silence: float = 2.0
+    raw: bool = False
+    log: Any = None
+    num_received: int = 0
+    num_refused: int = 0
+    last_refusal: str = ""
+    last_arrival: float = 0.0  # time.monotonic()
+    handle: Any = None  # the rclpy subscription, where there is one
+
+    def deliver(self, message: Any) -> None:
+        """Hand a message to the node. ValueError means: refused; the node goes on with the next one."""
+        self.num_received += 1
+        self.last_arrival = time.monotonic()
+        try:
+            self.callback(message)
+        except ValueError as error:
+            self.num_refused += 1
+            self.last_refusal = str(error)
+            self.log.error(f"{self.topic}: refused: {error}", every=5.0, key=f"refused {self.topic}")
+
+    @property
+    def silent_for(self) -> float:
+        """Seconds since the last message."""
+        return time.monotonic() - self.last_arrival
+
+    @property
+    def is_missing(self) -> bool:
+        """Whether the node lacks this topic now."""
+        if not self.is_required:
+            return False
+        return self.num_received == 0 or (self.silence > 0 and self.silent_for > self.silence)
+
+    def explain(self, topic: str, publishers: Sequence[Any]) -> str:
+        """Return why nothing comes, given the resolved name and rclpy's TopicEndpointInfo of all publishers."""
+        kind = type_name(self.kind)
+        wanted = f"{topic} ({kind}; {qos.describe(self.profile)})"
+        if not publishers:
+            return f"waiting for {wanted}: no publisher"
+        for info in publishers:
+            who = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            if info.topic_type != kind:
+                return f"waiting for {wanted}: {who} publishes {info.topic_type} there"
+            reason = qos.mismatch(info.qos_profile, self.profile)
+            if reason:
+                return f"waiting for {wanted}: {who} is incompatible: {reason}"
+        count = f"{len(publishers)} publisher{'s' if len(publishers) > 1 else ''}"
+        if self.num_received == 0:
+            return f"waiting for {wanted}: {count}, no message yet"
+        return f"waiting for {wanted}: {count}, no message for {self.silent_for:.1f} s"
+
+
+def type_name(kind: type[Any]) -> str:
+    """Return `package/msg/Type` of a generated message class."""
+    package, folder = kind.__module__.split(".")[:2]
+    return f"{package}/{folder}/{kind.__name__}"

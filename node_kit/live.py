@@ -1,0 +1,242 @@
+"""rclpy beneath a ManagedNode: lifecycle, diagnostics, and in words what the node waits for."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from copy import copy
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.duration import Duration
+from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from node_kit import parameters, qos
+from node_kit.inputs import Input
+from node_kit.node import ERROR, OK, WARN, ManagedNode
+from node_kit.throttle import ThrottledLog
+from typed_params import param
+from typed_params import parameters as params_class
+
+HEALTH_PERIOD = 1.0  # s
+EXPLAIN_PERIOD = 10.0  # s between two equal explanations in the log
+
+
+@params_class
+class ShellParams:
+    """What every live node has besides its own parameters."""
+
+    autostart: bool = param(True, "configure and activate at once instead of waiting for a lifecycle manager")
+
+
+class LiveOutput:
+    """A publisher that is silent while its node is inactive."""
+
+    def __init__(self, shell: LiveShell, publisher: Publisher) -> None:
+        self._shell, self._publisher = shell, publisher
+
+    def publish(self, message: Any) -> None:
+        """Send a message, or bytes, unless the node is inactive."""
+        if self._shell.is_active:
+            self._publisher.publish(message)
+
+    @property
+    def num_listeners(self) -> int:
+        """Number of matched subscriptions."""
+        return self._publisher.get_subscription_count()
+
+    def wait_for_acknowledgement(self, seconds: float) -> bool:
+        """Wait until every reliable subscription has all messages; False when the time is over."""
+        return self._publisher.wait_for_all_acked(Duration(seconds=seconds))
+
+
+class LiveShell(LifecycleNode):
+    """A lifecycle node that carries out what its ManagedNode asks for."""
+
+    def __init__(self, node_class: type[ManagedNode], **options: Any) -> None:
+        super().__init__(node_class.NAME, enable_logger_service=True, **options)
+        self.log = ThrottledLog(self.get_logger())
+        self.is_active = False
+        self.is_configured = False
+        self._entities: list[Callable[[], object]] = []
+        parameters.declare(self, ShellParams, lambda: "decided when the process starts")
+        parameters.declare(self, node_class.PARAMS, self._why_fixed)
+        for line in parameters.unknown_overrides(self):
+            self.log.warning(line)
+        self.node = node_class(self)
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.STATE)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(HEALTH_PERIOD, self._tell_health, clock=self._steady)
+        backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
+        self._jump = self.get_clock().create_jump_callback(backwards, post_callback=self._on_jump)
+
+    def start(self) -> bool:
+        """Configure and activate if `autostart` says so; whether the node is where it should be."""
+        if not self.get_parameter("autostart").value:
+            return True
+        done = TransitionCallbackReturn.SUCCESS
+        return self.trigger_configure() == done and self.trigger_activate() == done
+
+    def stop(self) -> None:
+        """Bring the node down in order, whatever its state; used before the process ends."""
+        if self.is_active:
+            self.trigger_deactivate()
+        if self.is_configured:
+            self.trigger_cleanup()
+
+    # --- transitions
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Unconfigured to inactive; a ValueError or OSError of the node is one line in the log."""
+        try:
+            self.node.params = self.read_parameters(self.node.PARAMS)
+            self.node.configure()
+        except (ValueError, OSError) as error:
+            self.log.error(f"cannot start: {error}")
+            self._release()
+            return TransitionCallbackReturn.FAILURE
+        except Exception:
+            return self._failed()
+        self.is_configured = True
+        return TransitionCallbackReturn.SUCCESS
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Inactive to active."""
+        self.is_active = True
+        return self._attempt(self.node.activate)
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Active to inactive."""
+        result = self._attempt(self.node.deactivate)
+        self.is_active = False
+        return result
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Inactive to unconfigured."""
+        self.is_configured = False
+        result = self._attempt(self.node.cleanup)
+        self._release()
+        return result
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Whatever to finalized."""
+        if self.is_active:
+            self.on_deactivate(state)
+        return self.on_cleanup(state) if self.is_configured else TransitionCallbackReturn.SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """After a failed transition: back to unconfigured."""
+        self.is_active = self.is_configured = False
+        self._release()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _attempt(self, step: Callable[[], None]) -> TransitionCallbackReturn:
+        try:
+            step()
+        except Exception:
+            return self._failed()
+        return TransitionCallbackReturn.SUCCESS
+
+    def _failed(self) -> TransitionCallbackReturn:
+        self.log.error(traceback.format_exc().rstrip())  # rclpy swallows it
+        return TransitionCallbackReturn.ERROR
+
+    # --- what the node asks for
+    def read_parameters(self, cls: type[Any]) -> Any:
+        """Return the parameters object with the present values."""
+        return parameters.read(self, cls)
+
+    def now_ns(self) -> int:
+        """Return the time of the ROS clock in nanoseconds."""
+        return self.get_clock().now().nanoseconds
+
+    def add_input(self, wanted: Input) -> None:
+        """Subscribe; messages are dropped while the node is inactive."""
+
+        def deliver(message: Any) -> None:
+            if self.is_active:
+                wanted.deliver(message)
+
+        wanted.profile = copy(wanted.profile)  # rclpy writes overrides (qos_overrides.*) into it
+        options = QoSOverridingOptions.with_default_policies()
+        wanted.handle = self.create_subscription(
+            wanted.kind, wanted.topic, deliver, wanted.profile, raw=wanted.raw, qos_overriding_options=options
+        )
+        self._entities.append(lambda: self.destroy_subscription(wanted.handle))
+
+    def add_output(self, topic: str, kind: type[Any], profile: QoSProfile) -> LiveOutput:
+        """Make a publisher that follows the lifecycle."""
+        options = QoSOverridingOptions.with_default_policies()
+        publisher = self.create_publisher(kind, topic, copy(profile), qos_overriding_options=options)
+        self._entities.append(lambda: self.destroy_publisher(publisher))
+        return LiveOutput(self, publisher)
+
+    def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
+        """Make a service; it answers while the node is inactive, too."""
+        service = self.create_service(kind, name, handler)
+        self._entities.append(lambda: self.destroy_service(service))
+
+    def add_timer(self, seconds: float, callback: Callable[[], None]) -> None:
+        """Make a timer on the node's clock; it is silent while the node is inactive."""
+
+        def tick() -> None:
+            if self.is_active:
+                callback()
+
+        timer = self.create_timer(seconds, tick)
+        self._entities.append(lambda: self.destroy_timer(timer))
+
+    # --- health
+    def _why_fixed(self) -> str:
+        return "fixed while the node is configured; clean the node up first, or set it at start" * self.is_configured
+
+    def _release(self) -> None:
+        while self._entities:
+            self._entities.pop()()
+        self.node.inputs.clear()
+        self.node.reports.clear()
+
+    def _on_jump(self, jump: object) -> None:
+        if self.is_configured:
+            self.log.warning("the clock went backwards: everything with a stamp is forgotten")
+            self.node.clock_jumped()
+
+    def _tell_health(self) -> None:
+        statuses = [self._life(), *self._lacks(), *self._reported()]
+        array = DiagnosticArray(status=statuses)
+        array.header.stamp = self.get_clock().now().to_msg()
+        self._diagnostics.publish(array)
+
+    def _life(self) -> DiagnosticStatus:
+        label = self._state_machine.current_state[1]
+        uses_sim_time = self.get_parameter("use_sim_time").value
+        if uses_sim_time and self.now_ns() == 0:
+            text = "waiting for /clock (use_sim_time is true): no time yet"
+            self.log.warning(text, every=EXPLAIN_PERIOD)
+            return self._status("lifecycle", WARN, text, {"state": label})
+        return self._status("lifecycle", OK if self.is_active else WARN, label, {"state": label})
+
+    def _lacks(self) -> list[DiagnosticStatus]:
+        statuses = []
+        for wanted in self.node.inputs if self.is_active else ():
+            level, text = OK, "receiving" if wanted.num_received else "optional, nothing received"
+            if wanted.is_missing:
+                topic = wanted.handle.topic_name
+                level, text = WARN, wanted.explain(topic, self.get_publishers_info_by_topic(topic))
+                self.log.warning(text, every=EXPLAIN_PERIOD, key=f"waiting {topic}")
+            elif wanted.num_refused and wanted.num_refused == wanted.num_received:
+                level, text = ERROR, f"every message refused: {wanted.last_refusal}"
+            values = {"received": wanted.num_received, "refused": wanted.num_refused}
+            statuses.append(self._status(f"input {wanted.topic}", level, text, values))
+        return statuses
+
+    def _reported(self) -> list[DiagnosticStatus]:
+        return [self._status(name, *entry) for name, entry in self.node.reports.items()]
+
+    def _status(self, name: str, level: int, message: str, values: dict[str, Any]) -> DiagnosticStatus:
+        pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+        name = f"{self.get_fully_qualified_name().lstrip('/')}: {name}"
+        return DiagnosticStatus(level=bytes([level]), name=name, message=message, values=pairs)
