@@ -1,0 +1,122 @@
+"""Is this alignment the pose? Every check gives reason, value and limit; one failed check refuses the result."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dense_localizer.motion_prior import Prediction
+from dense_localizer.params import AcceptanceParams, CovarianceParams
+from dense_localizer.reasons import FINE, Finding, Reason
+from photometric import Alignment
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """`is_accepted`: the pose may be used; `is_good`: without care. `finding` names the worst fact."""
+
+    is_accepted: bool
+    is_good: bool
+    finding: Finding
+    quality: float
+
+
+@dataclass(frozen=True)
+class Check:
+    """A measured value between its limits: refused beyond `hard`, used with care beyond `good`."""
+
+    reason: Reason
+    value: float
+    hard: float
+    good: float
+    detail: str = ""
+
+    @property
+    def margin(self) -> float:
+        """Return 0 at the hard limit, 1/2 at the good one, 1 as far again beyond it; NaN counts as failed."""
+        span = self.good - self.hard
+        if not np.isfinite(self.value):
+            return -1.0
+        if span == 0.0:  # a lower bound without a range of care
+            return 1.0 if self.value >= self.hard else -1.0
+        return min((self.value - self.hard) / (2.0 * span), 1.0)
+
+    @property
+    def finding(self) -> Finding:
+        """Return the reason with the limit that was broken."""
+        return Finding(self.reason, float(self.value), self.hard if self.margin < 0 else self.good, self.detail)
+
+
+def honest_covariance(alignment: Alignment, params: CovarianceParams) -> Array:
+    """Return the covariance (6, 6) with what the residuals cannot show: errors of the map and of the calibration."""
+    floor = np.repeat([params.map_sigma_m, params.map_sigma_rad], 3) ** 2
+    return params.inflation * alignment.covariance + np.diag(floor)
+
+
+def innovation(alignment: Alignment, covariance: Array, prediction: Prediction) -> float:
+    """Return the distance of an alignment from its prediction in standard deviations of both together."""
+    xi = (prediction.T_map_camera.inverse() @ alignment.T_world_camera).log()
+    return float(np.sqrt(xi @ np.linalg.solve(prediction.covariance + covariance, xi)))
+
+
+def judge(
+    alignment: Alignment, covariance: Array, prediction: Prediction | None, params: AcceptanceParams
+) -> Verdict:
+    """Judge one alignment with its honest covariance; without a prediction (a start) every jump is allowed."""
+    if alignment.reason:
+        return _refusal(_own_words(alignment, params))
+    if not (np.all(np.isfinite(alignment.T_world_camera.matrix)) and np.all(np.isfinite(covariance))):
+        return _refusal(Finding(Reason.NO_CONVERGENCE, detail="the result is no number"))
+    checks = _evidence(alignment, params) + _certainty(covariance, params)
+    if prediction is not None:
+        limit = params.max_innovation
+        distance = innovation(alignment, covariance, prediction)
+        checks.append(Check(Reason.JUMP_REJECTED, distance, limit, 0.7 * limit, "standard deviations from prediction"))
+    worst = min(checks, key=lambda check: check.margin)
+    is_accepted, is_good = worst.margin >= 0.0, worst.margin >= 0.5
+    return Verdict(is_accepted, is_good, FINE if is_good else worst.finding, max(0.0, worst.margin))
+
+
+def _refusal(finding: Finding) -> Verdict:
+    return Verdict(is_accepted=False, is_good=False, finding=finding, quality=0.0)
+
+
+def _own_words(alignment: Alignment, params: AcceptanceParams) -> Finding:
+    """Return the finding of an alignment that refuses itself, with the value that belongs to its reason."""
+    values = {
+        Reason.LOW_OVERLAP: (alignment.overlap, params.min_overlap),
+        Reason.LOW_TEXTURE: (alignment.num_pixels, params.min_pixels),
+        Reason.OUTLIERS: (alignment.inlier_share, params.min_inlier_share),
+        Reason.NO_CONVERGENCE: (alignment.iterations, alignment.iterations),
+    }
+    reason = Reason(alignment.reason)
+    value, limit = values.get(reason, (0.0, 0.0))
+    return Finding(reason, float(value), float(limit))
+
+
+def _evidence(alignment: Alignment, params: AcceptanceParams) -> list[Check]:
+    """What the images say."""
+    gain = max((max(g, 1.0 / g) if g > 0 else np.inf for g in alignment.gains), default=1.0)
+    bias = max((abs(b) for b in alignment.biases), default=0.0)
+    return [
+        Check(Reason.LOW_OVERLAP, alignment.overlap, params.min_overlap, params.good_overlap),
+        Check(Reason.LOW_TEXTURE, alignment.num_pixels, params.min_pixels, params.min_pixels, "pixels aligned"),
+        Check(Reason.OUTLIERS, alignment.inlier_share, params.min_inlier_share, params.good_inlier_share),
+        Check(Reason.OUTLIERS, alignment.ncc, params.min_ncc, params.good_ncc, "correlation with the map"),
+        Check(Reason.LIGHT_CHANGE, gain, params.max_gain, 0.7 * params.max_gain, "gain"),
+        Check(Reason.LIGHT_CHANGE, bias, params.max_bias, 0.7 * params.max_bias, "bias"),
+    ]
+
+
+def _certainty(covariance: Array, params: AcceptanceParams) -> list[Check]:
+    """How well the view fixes the pose: the largest standard deviation of position and of attitude."""
+    sigma_m = np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1])
+    sigma_rad = np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1])
+    return [
+        Check(Reason.LOW_TEXTURE, sigma_m, params.max_sigma_m, params.good_sigma_m, "uncertain position (m)"),
+        Check(Reason.LOW_TEXTURE, sigma_rad, params.max_sigma_rad, 0.5 * params.max_sigma_rad, "uncertain attitude (rad)"),
+    ]

@@ -1,0 +1,122 @@
+"""Is this image worth aligning? Everything that can be said before looking at the map (FIELD 6.2: F2, F4, F5, F8, F9).
+
+Decisions depend on stamps and pixels only, never on a clock of the computer, so that a replay repeats them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dense_localizer.params import InputParams
+from dense_localizer.reasons import FINE, Finding, Reason
+from sphere_geometry import Camera
+
+SAMPLE_STEP = 4  # every fourth pixel of every fourth row is enough for brightness, contrast and equality
+
+
+@dataclass(frozen=True)
+class InputReport:
+    """What the checks say; after a `clock_jump` everything remembered is to be forgotten."""
+
+    finding: Finding = FINE
+    is_clock_jump: bool = False
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the image may be aligned."""
+        return self.finding.reason is Reason.NONE
+
+
+class InputCheck:
+    """Checks of one camera's stream, in order: stamp, size, numbers, light, freshness."""
+
+    def __init__(self, params: InputParams) -> None:
+        self._params = params
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the stream."""
+        self.last_stamp_ns: int | None = None
+        self._pending_stamps: list[int] = []
+        self._camera: Camera | None = None
+        self._last_sample: NDArray[np.generic] | None = None
+        self._num_repeats = 0
+
+    def check(self, image: NDArray[np.generic], camera: Camera, stamp_ns: int, is_moving: bool) -> InputReport:
+        """Judge a grey image (H, W); `is_moving` says whether the camera moved when last seen."""
+        finding, is_clock_jump = self._check_stamp(stamp_ns)
+        if finding.reason is not Reason.NONE:
+            return InputReport(finding)
+        if is_clock_jump:
+            self.reset()
+        self.last_stamp_ns = stamp_ns
+        finding = self._check_size(image, camera)
+        if finding.reason is Reason.NONE:
+            sample = image[::SAMPLE_STEP, ::SAMPLE_STEP]
+            finding = self._first_finding(image, sample, is_moving)
+        return InputReport(finding, is_clock_jump)
+
+    def _check_stamp(self, stamp_ns: int) -> tuple[Finding, bool]:
+        """Refuse zero, repeated, backward and leaping stamps, until several in a row agree on the new time."""
+        last = self.last_stamp_ns
+        if stamp_ns <= 0:
+            return Finding(Reason.BAD_STAMP, stamp_ns * 1e-9, 0.0, "stamp is zero or negative"), False
+        if last is None:
+            return FINE, False
+        step = (stamp_ns - last) * 1e-9
+        if 0 < step <= self._params.max_leap_s:
+            self._pending_stamps.clear()
+            return FINE, False
+        if stamp_ns == last:
+            return Finding(Reason.BAD_STAMP, 0.0, 0.0, "stamp repeated"), False
+        if self._is_new_time(stamp_ns):
+            return FINE, True
+        word, limit = ("backward", 0.0) if step < 0 else ("leaps forward", self._params.max_leap_s)
+        return Finding(Reason.BAD_STAMP, step, limit, f"stamp {word} by {abs(step):.3f} s"), False
+
+    def _is_new_time(self, stamp_ns: int) -> bool:
+        pending = self._pending_stamps
+        if pending and not 0 < (stamp_ns - pending[-1]) * 1e-9 <= self._params.max_leap_s:
+            pending.clear()
+        pending.append(stamp_ns)
+        return len(pending) >= self._params.clock_jump_frames
+
+    def _check_size(self, image: NDArray[np.generic], camera: Camera) -> Finding:
+        if image.shape != (camera.height, camera.width):
+            detail = f"image is {image.shape[::-1]}, camera_info says ({camera.width}, {camera.height})"
+            return Finding(Reason.BAD_INFO, float(image.shape[-1]), float(camera.width), detail)
+        if self._camera is not None and self._camera != camera:
+            return Finding(Reason.BAD_INFO, detail="camera_info changed while running; call reset to accept it")
+        self._camera = camera
+        return FINE
+
+    def _first_finding(self, image: NDArray[np.generic], sample: NDArray[np.generic], is_moving: bool) -> Finding:
+        if image.dtype.kind == "f" and not np.isfinite(np.sum(image)):
+            num_bad = int(np.sum(~np.isfinite(image)))
+            return Finding(Reason.LOW_TEXTURE, num_bad, 0.0, "pixels that are no numbers")
+        finding = self._check_light(sample)
+        return finding if finding.reason is not Reason.NONE else self._check_frozen(sample, is_moving)
+
+    def _check_light(self, sample: NDArray[np.generic]) -> Finding:
+        params = self._params
+        dark, bright = np.mean(sample <= params.dark_level), np.mean(sample >= params.bright_level)
+        for share, word in ((dark, "black"), (bright, "saturated")):
+            if share > params.max_clipped_share:
+                return Finding(Reason.LOW_TEXTURE, float(share), params.max_clipped_share, f"image is {word}")
+        contrast = float(np.std(sample))
+        if contrast < params.min_contrast:
+            return Finding(Reason.LOW_TEXTURE, contrast, params.min_contrast, "image has no contrast")
+        return FINE
+
+    def _check_frozen(self, sample: NDArray[np.generic], is_moving: bool) -> Finding:
+        is_repeat = self._last_sample is not None and np.array_equal(sample, self._last_sample)
+        self._num_repeats = self._num_repeats + 1 if is_repeat else 0
+        if not is_repeat:
+            self._last_sample = sample.copy()
+        limit = self._params.frozen_frames
+        if self._num_repeats >= limit and (is_moving or not self._params.allow_still):
+            return Finding(Reason.FROZEN, self._num_repeats, limit, "identical images with new stamps")
+        return FINE

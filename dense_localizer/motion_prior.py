@@ -1,0 +1,103 @@
+"""Where the camera is before the image has been looked at: constant velocity on SE(3), odometry, measured rotation.
+
+All times are differences of image stamps. The covariance is that of a tangent vector (v, omega) in the camera frame:
+T_map_camera @ exp(xi). It grows from the last alignment on, also while images are refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dense_localizer.params import PriorParams
+from sphere_geometry import SE3
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Pose and covariance (6, 6) at a stamp; `step_s` since the last image, `blind_s` since the last alignment."""
+
+    T_map_camera: SE3
+    covariance: Array
+    stamp_ns: int
+    step_s: float = 0.0
+    blind_s: float = 0.0
+
+
+class MotionPrior:
+    """The last pose, its velocity and what is not known about them."""
+
+    def __init__(self, params: PriorParams) -> None:
+        self._params = params
+        self.velocity: Array | None = None  # (6,) (v, omega) in the camera frame, per second
+        self._held: Prediction | None = None  # pose at the last image, aligned or predicted
+        self._aligned: Prediction | None = None  # pose at the last alignment
+        self._T_odom_aligned: SE3 | None = None
+        self._T_odom_held: SE3 | None = None
+
+    @property
+    def last(self) -> Prediction | None:
+        """The pose at the last image, predicted where it could not be aligned."""
+        return self._held
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the camera moved when last aligned; true where nothing is known."""
+        return self.velocity is None or float(np.linalg.norm(self.velocity[:3])) > self._params.moving_speed
+
+    def start(self, T_map_camera: SE3, covariance: Array, stamp_ns: int, T_odom_camera: SE3 | None = None) -> None:
+        """Begin at a found pose, with unknown velocity."""
+        self.velocity = None
+        self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
+        self._T_odom_held = self._T_odom_aligned = T_odom_camera
+
+    def predict(
+        self, stamp_ns: int, T_odom_camera: SE3 | None = None, T_before_now: SE3 | None = None
+    ) -> Prediction:
+        """Return the pose at `stamp_ns`, by odometry where given, else by velocity.
+
+        `T_before_now` is a measured rotation since the last image (M15 eq. 20); it replaces the predicted one.
+        """
+        held, aligned = self._held, self._aligned
+        if held is None or aligned is None:
+            raise ValueError("prediction: expected a started prior, found none")
+        step_s, blind_s = (stamp_ns - held.stamp_ns) * 1e-9, (stamp_ns - aligned.stamp_ns) * 1e-9
+        T_held_now = self._motion(step_s, T_odom_camera)
+        if T_before_now is not None:
+            T_held_now = SE3.from_parts(T_before_now.rotation, T_held_now.translation)
+        T_map_camera = held.T_map_camera @ T_held_now
+        Ad = (T_map_camera.inverse() @ aligned.T_map_camera).adjoint()
+        covariance = Ad @ aligned.covariance @ Ad.T + np.diag(self._growth(blind_s, T_odom_camera) ** 2)
+        return Prediction(T_map_camera, covariance, stamp_ns, step_s, blind_s)
+
+    def hold(self, prediction: Prediction, T_odom_camera: SE3 | None = None) -> None:
+        """Go on from the prediction: the image could not be aligned."""
+        self._held, self._T_odom_held = prediction, T_odom_camera
+
+    def correct(self, T_map_camera: SE3, covariance: Array, stamp_ns: int, T_odom_camera: SE3 | None = None) -> None:
+        """Go on from an accepted alignment; its motion since the one before is the new velocity."""
+        before = self._aligned
+        if before is not None and stamp_ns > before.stamp_ns:
+            elapsed_s = (stamp_ns - before.stamp_ns) * 1e-9
+            self.velocity = (before.T_map_camera.inverse() @ T_map_camera).log() / elapsed_s
+        self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
+        self._T_odom_held = self._T_odom_aligned = T_odom_camera
+
+    def _motion(self, step_s: float, T_odom_camera: SE3 | None) -> SE3:
+        if T_odom_camera is not None and self._T_odom_held is not None:
+            return self._T_odom_held.inverse() @ T_odom_camera
+        return SE3.identity() if self.velocity is None else SE3.exp(self.velocity * step_s)
+
+    def _growth(self, blind_s: float, T_odom_camera: SE3 | None) -> Array:
+        """Return the standard deviation (6,) of the motion since the last alignment."""
+        params = self._params
+        if T_odom_camera is not None and self._T_odom_aligned is not None:
+            distance, angle = self._T_odom_aligned.distance(T_odom_camera)
+            return params.odometry_error * np.repeat([distance, angle], 3)
+        speed = np.zeros(2) if self.velocity is not None else np.array([params.start_speed, params.start_turn_rate])
+        acceleration = np.array([params.acceleration, params.angular_acceleration])
+        return np.repeat(speed * blind_s + 0.5 * acceleration * blind_s**2, 3)

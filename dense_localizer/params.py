@@ -1,0 +1,85 @@
+"""Parameters of the dense localiser, one class for each file that needs them."""
+
+from __future__ import annotations
+
+from typed_params import group, param, parameters
+
+
+@parameters
+class InputParams:
+    """Which images are worth aligning (`input_check.py`)."""
+
+    dark_level: float = param(6.0, "pixels up to here count as black", "grey level", low=0.0, high=255.0)
+    bright_level: float = param(250.0, "pixels from here on count as saturated", "grey level", low=0.0, high=255.0)
+    max_clipped_share: float = param(0.9, "share of black, or of saturated, pixels", low=0.0, high=1.0)
+    min_contrast: float = param(3.0, "standard deviation of the image", "grey level", low=0.0)
+    frozen_frames: int = param(3, "identical images in a row after which the camera counts as frozen", low=1)
+    allow_still: bool = param(False, "identical images are no fault while standing still (noise-free simulation)")
+    max_leap_s: float = param(10.0, "step between stamps that is taken for a fault", "s", low=0.1)
+    clock_jump_frames: int = param(3, "images in a row that make a leap of the stamps a new time", low=2)
+    gap_s: float = param(0.3, "pause between images that is reported as a gap", "s", low=0.01)
+    timeout_s: float = param(0.5, "silence after which the pose is not current any more", "s", low=0.01)
+
+
+@parameters
+class PriorParams:
+    """How the camera may move between images (`motion_prior.py`)."""
+
+    acceleration: float = param(5.0, "standard deviation, each axis", "m/s^2", low=0.01)
+    angular_acceleration: float = param(10.0, "standard deviation, each axis", "rad/s^2", low=0.01)
+    start_speed: float = param(1.0, "standard deviation of the unknown speed after a start", "m/s", low=0.0)
+    start_turn_rate: float = param(0.5, "standard deviation of the unknown turn rate after a start", "rad/s", low=0.0)
+    odometry_error: float = param(0.05, "error of odometry as share of the motion", low=0.0, high=1.0)
+    use_rotation: bool = param(True, "measure the rotation between images before the alignment (M15 eq. 20)")
+    moving_speed: float = param(0.05, "speed from which the camera counts as moving", "m/s", low=0.0)
+
+
+@parameters
+class ReferenceParams:
+    """Which key spheres an image is aligned to (`reference.py`)."""
+
+    num_references: int = param(2, "key spheres used at once (M15 eq. 19)", low=1, high=4)
+    num_candidates: int = param(12, "nearest key spheres looked at", low=1)
+    min_visible_share: float = param(0.25, "share of a candidate's view that the camera must see", low=0.0, high=1.0)
+    cache_size: int = param(24, "prepared key spheres kept in memory", low=2)
+    max_distance_ratio: float = param(0.6, "distance to the nearest reference by its median range", low=0.01)
+
+
+@parameters
+class AcceptanceParams:
+    """When an alignment is used (`acceptance.py`). A value past the `good` limit is used with care: DEGRADED."""
+
+    min_overlap: float = param(0.15, "share of the chosen pixels that the image sees", low=0.0, high=1.0)
+    good_overlap: float = param(0.25, "overlap of a good alignment", low=0.0, high=1.0)
+    min_pixels: int = param(500, "pixels in the alignment", low=6)
+    min_inlier_share: float = param(0.4, "share of pixels that agree", low=0.0, high=1.0)
+    good_inlier_share: float = param(0.5, "inlier share of a good alignment", low=0.0, high=1.0)
+    min_ncc: float = param(0.5, "normalised cross-correlation of image and references", low=-1.0, high=1.0)
+    good_ncc: float = param(0.7, "correlation of a good alignment", low=-1.0, high=1.0)
+    max_gain: float = param(3.0, "factor of brightness to the map, either way", low=1.0)
+    max_bias: float = param(80.0, "offset of brightness to the map", "grey level", low=0.0)
+    max_sigma_m: float = param(0.1, "standard deviation of the position", "m", low=0.0)
+    good_sigma_m: float = param(0.05, "standard deviation of the position of a good alignment", "m", low=0.0)
+    max_sigma_rad: float = param(0.05, "standard deviation of the attitude", "rad", low=0.0)
+    max_innovation: float = param(6.0, "distance to the prediction", "standard deviations", low=0.1)
+
+
+@parameters
+class CovarianceParams:
+    """From the alignment's covariance to an honest one (`acceptance.py`)."""
+
+    inflation: float = param(1.0, "factor of the alignment's covariance (measured by NEES)", low=0.0)
+    map_sigma_m: float = param(0.004, "error of the map's geometry, each axis", "m", low=0.0)
+    map_sigma_rad: float = param(0.002, "error of the map's attitude, each axis", "rad", low=0.0)
+
+
+@parameters
+class StateParams:
+    """When a pose is trusted (`status.py`)."""
+
+    probation_frames: int = param(4, "good frames in a row before a pose is trusted; doubled by each loss", low=1)
+    max_probation_frames: int = param(64, "bound of the doubling", low=1)
+    recovery_frames: int = param(2, "good frames in a row from DEGRADED to TRACKING", low=1)
+    max_blind_s: float = param(0.5, "time without alignment until LOST", "s", low=0.0)
+    max_blind_sigma_m: float = param(0.5, "standard deviation of the predicted position until LOST", "m", low=0.0)
+    forgive_s: float = param(60.0, "time of tracking after which one loss is forgotten", "s", low=0.0)

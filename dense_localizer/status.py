@@ -1,0 +1,124 @@
+"""The state machine of FIELD 6.4: when a pose may be trusted. Motion is allowed in TRACKING, slowly in DEGRADED."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+from dense_localizer.params import StateParams
+
+
+class State(StrEnum):
+    """States in the order in which a start passes through them."""
+
+    UNCONFIGURED = "UNCONFIGURED"
+    NO_MAP = "NO_MAP"
+    NOT_LOCALISED = "NOT_LOCALISED"
+    SEARCHING = "SEARCHING"
+    PROBATION = "PROBATION"
+    TRACKING = "TRACKING"
+    DEGRADED = "DEGRADED"
+    LOST = "LOST"
+
+
+FOLLOWING = (State.PROBATION, State.TRACKING, State.DEGRADED)  # a pose is carried from frame to frame
+TRUSTED = (State.TRACKING, State.DEGRADED)  # the pose may leave this package
+
+
+@dataclass(frozen=True)
+class Status:
+    """The news of one image, field by field what the message LocalizationStatus carries."""
+
+    state: State
+    stamp_ns: int = 0
+    reason: str = ""
+    value: float = 0.0
+    limit: float = 0.0
+    remedy: str = ""
+    quality: float = 0.0  # 0 useless to 1 perfect
+    references: tuple[int, ...] = ()  # ids of the key spheres
+    overlap: float = 0.0  # share of the chosen pixels that the image sees
+    inlier_share: float = 0.0
+    mad: float = 0.0  # grey levels
+    iterations: int = 0
+    milliseconds: float = 0.0  # filled by whoever holds the watch
+    age: float = 0.0  # seconds since the last accepted alignment; 0 before the first
+
+
+class StateMachine:
+    """Counts good and bad frames; knows nothing of images. Times are seconds between stamps."""
+
+    def __init__(self, params: StateParams) -> None:
+        self._params = params
+        self.state = State.NO_MAP
+        self.num_losses = 0
+        self._num_good = 0
+        self._tracking_s = 0.0
+
+    @property
+    def is_following(self) -> bool:
+        """Whether a pose is carried from frame to frame."""
+        return self.state in FOLLOWING
+
+    @property
+    def is_trusted(self) -> bool:
+        """Whether the pose may be published."""
+        return self.state in TRUSTED
+
+    @property
+    def probation_frames(self) -> int:
+        """Good frames in a row that end the probation; doubled by each loss up to a bound."""
+        doubled = self._params.probation_frames * 2 ** min(self.num_losses, 16)
+        return min(doubled, max(self._params.max_probation_frames, self._params.probation_frames))
+
+    def reset(self, has_map: bool) -> None:
+        """Begin anew: nothing is known of the pose, earlier losses are forgotten."""
+        self._enter(State.NOT_LOCALISED if has_map else State.NO_MAP)
+        self.num_losses = 0
+
+    def search(self) -> None:
+        """Say that the whole map is being searched."""
+        self._enter(State.SEARCHING)
+
+    def withdraw(self) -> None:
+        """Say that nobody searches: the pose must be given."""
+        self._enter(State.NOT_LOCALISED)
+
+    def start(self) -> None:
+        """Take a verified pose on probation."""
+        self._enter(State.PROBATION)
+
+    def lose(self) -> None:
+        """Give the pose up."""
+        self.num_losses += 1
+        self._enter(State.LOST)
+
+    def align(self, is_good: bool, step_s: float = 0.0) -> None:
+        """Count an accepted alignment; `is_good` is false when it was accepted with care."""
+        self._num_good = self._num_good + 1 if is_good else 0
+        if self.state is State.PROBATION and self._num_good >= self.probation_frames:
+            self._enter(State.TRACKING)
+        elif self.state is State.TRACKING:
+            self._forgive(step_s)
+            if not is_good:
+                self._enter(State.DEGRADED)
+        elif self.state is State.DEGRADED and self._num_good >= self._params.recovery_frames:
+            self._enter(State.TRACKING)
+
+    def refuse(self, blind_s: float, is_certain: bool) -> None:
+        """Count a frame without alignment, `blind_s` after the last one; lost when too long or too uncertain."""
+        self._num_good = 0
+        if self.state is State.PROBATION or blind_s > self._params.max_blind_s or not is_certain:
+            self.lose()
+        elif self.state is State.TRACKING:
+            self._enter(State.DEGRADED)
+
+    def _forgive(self, step_s: float) -> None:
+        """Forget one loss after each long stretch of tracking."""
+        self._tracking_s += step_s
+        if self._tracking_s > self._params.forgive_s:
+            self._tracking_s, self.num_losses = 0.0, max(0, self.num_losses - 1)
+
+    def _enter(self, state: State) -> None:
+        self.state = state
+        self._num_good, self._tracking_s = 0, 0.0

@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+
+from dense_localizer.motion_prior import MotionPrior
+from dense_localizer.params import PriorParams
+from sphere_geometry import SE3
+
+PARAMS = PriorParams()
+STEP_NS = 100_000_000
+MOTION = SE3.exp([0.1, -0.02, 0.03, 0.02, -0.05, 0.01])
+TIGHT = np.diag([1e-4] * 3 + [1e-6] * 3)
+
+
+def poses(number: int) -> list[SE3]:
+    out = [SE3.exp([1.0, 2.0, 3.0, 0.4, 0.2, -0.9])]
+    for _ in range(number - 1):
+        out.append(out[-1] @ MOTION)
+    return out
+
+
+def moving() -> tuple[MotionPrior, list[SE3]]:
+    prior, truth = MotionPrior(PARAMS), poses(6)
+    prior.start(truth[0], TIGHT, 0)
+    prior.correct(truth[1], TIGHT, STEP_NS)
+    return prior, truth
+
+
+def assert_same(found: SE3, expected: SE3) -> None:
+    distance, angle = found.distance(expected)
+    assert distance < 1e-9  # rounding of a few compositions
+    assert angle < 1e-9
+
+
+def test_constant_velocity_is_predicted_exactly():
+    prior, truth = moving()
+    assert_same(prior.predict(2 * STEP_NS).T_map_camera, truth[2])
+
+
+def test_velocity_is_per_second_not_per_image():
+    prior, truth = moving()
+    assert_same(prior.predict(4 * STEP_NS).T_map_camera, truth[4])  # two images were dropped
+
+
+def test_a_start_stands_still_and_is_unsure():
+    prior = MotionPrior(PARAMS)
+    prior.start(poses(1)[0], TIGHT, 0)
+    prediction = prior.predict(STEP_NS)
+    assert_same(prediction.T_map_camera, poses(1)[0])
+    moved = PARAMS.start_speed * 0.1
+    assert np.sqrt(prediction.covariance[0, 0]) >= moved
+    assert prior.is_moving
+
+
+def test_held_predictions_go_on_and_their_covariance_grows_from_the_last_alignment():
+    prior, truth = moving()
+    sigmas = []
+    for k in range(2, 6):
+        prediction = prior.predict(k * STEP_NS)
+        prior.hold(prediction)
+        assert_same(prediction.T_map_camera, truth[k])
+        assert prediction.blind_s == pytest.approx(0.1 * (k - 1))
+        sigmas.append(np.sqrt(prediction.covariance[0, 0]))
+    growth = 0.5 * PARAMS.acceleration * np.array([0.1, 0.2, 0.3, 0.4]) ** 2
+    assert np.all(np.diff(sigmas) > 0)
+    assert np.all(np.array(sigmas) >= growth)
+
+
+def test_covariance_is_carried_into_the_frame_of_the_prediction():
+    prior, truth = moving()
+    rng = np.random.default_rng(3)
+    A = rng.normal(size=(6, 6)) * 1e-3
+    prior.correct(truth[1], A @ A.T, STEP_NS)
+    prior.velocity = np.array([0, 0, 10.0, 0, 0, np.pi])  # a half turn each second
+    prediction = prior.predict(STEP_NS)  # no time: the same covariance
+    np.testing.assert_allclose(prediction.covariance, A @ A.T, atol=1e-12)
+    samples = rng.multivariate_normal(np.zeros(6), A @ A.T, 20000)
+    turned = prior.predict(6 * STEP_NS)
+    moved = (turned.T_map_camera.inverse() @ truth[1]) @ SE3.exp(samples)
+    errors = (moved @ (truth[1].inverse() @ turned.T_map_camera)).log()
+    growth = prior._growth(0.5, None) ** 2
+    # 20000 samples: covariances to about 1 %, of the largest element
+    expected = turned.covariance - np.diag(growth)
+    np.testing.assert_allclose(np.cov(errors.T), expected, atol=0.03 * np.abs(expected).max())
+
+
+def test_odometry_replaces_velocity():
+    prior, truth = moving()
+    turn = SE3.exp([0.3, 0, 0, 0, 0, 0.5])
+    prior.correct(truth[1], TIGHT, STEP_NS, T_odom_camera=SE3.identity())
+    prediction = prior.predict(2 * STEP_NS, T_odom_camera=turn)
+    assert_same(prediction.T_map_camera, truth[1] @ turn)
+    assert np.sqrt(prediction.covariance[0, 0]) < 0.03  # 5 % of 0.3 m, and the alignment before
+
+
+def test_a_measured_rotation_replaces_the_predicted_one():
+    prior, truth = moving()
+    turn = SE3.exp([0, 0, 0, 0.2, 0.1, 0])
+    found = prior.predict(2 * STEP_NS, T_before_now=turn).T_map_camera
+    np.testing.assert_allclose(found.rotation, truth[1].rotation @ turn.rotation, atol=1e-12)
+    np.testing.assert_allclose(found.translation, truth[2].translation, atol=1e-12)
+
+
+def test_a_prior_that_was_not_started_refuses():
+    with pytest.raises(ValueError, match="started"):
+        MotionPrior(PARAMS).predict(0)
