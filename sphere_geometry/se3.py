@@ -93,7 +93,7 @@ class SE3:
         """Compose: `T_a_b @ T_b_c` is `T_a_c`."""
         return SE3(self.matrix @ other.matrix)
 
-    def __getitem__(self, index: int | slice | Array) -> SE3:
+    def __getitem__(self, index: int | slice | NDArray[np.integer] | NDArray[np.bool_]) -> SE3:
         """Pick from a batch."""
         return SE3(self.matrix[index])
 
