@@ -1,0 +1,68 @@
+"""Parameters of mapping. A sphere's own numbers (camera, calibration) are data, not parameters."""
+
+from __future__ import annotations
+
+from photometric import RegistrationParams
+from typed_params import group, param, parameters
+
+
+@parameters
+class PartialParams:
+    """From one camera's view to a window of the sphere (`partial.py`)."""
+
+    resolution: float = param(1.0, "sphere pixels for each pixel at the centre of the camera", low=0.1, high=4.0)
+    num_levels: int = param(5, "pyramid levels that the window's sides are aligned to", low=1, high=8)
+    max_depth_step: float = param(0.04, "relative step of depth between neighbours taken as an edge", low=0.0, high=1.0)
+    min_range_m: float = param(0.1, "nearest range trusted", "m", low=0.01)
+    max_range_m: float = param(10_000.0, "farthest range trusted, beyond is not measured", "m", low=0.01)
+
+
+@parameters
+class StereoParams:
+    """From a rectified pair to range (`stereo.py`)."""
+
+    num_disparities: int = param(128, "disparities searched", "px", low=16, high=1024)
+    block_size: int = param(5, "side of the matched block", "px", low=1, high=21)
+    smoothness: float = param(8.0, "penalty of a disparity step of 1, by block area and channel", low=0.0)
+    jump_penalty: float = param(32.0, "penalty of a larger disparity step, by block area and channel", low=0.0)
+    max_left_right_px: int = param(1, "disagreement allowed between left and right matches", "px", low=0)
+    uniqueness: int = param(5, "margin of the best cost over the second", "%", low=0, high=100)
+    speckle_size: int = param(100, "smaller islands of disparity are removed", "px", low=0)
+    speckle_range: int = param(2, "disparity step that separates islands", "px", low=1)
+    refine_radius: int = param(4, "half side of the block of the sub-pixel refinement", "px", low=1, high=20)
+    refine_steps: int = param(3, "steps of the sub-pixel refinement", low=0, high=20)
+    noise: float = param(3.0, "standard deviation of the images' noise", "grey level", low=0.1)
+    min_disparity_px: float = param(1.0, "smaller disparities are not trusted", "px", low=0.0)
+    max_relative_std: float = param(0.05, "relative range error above which a pixel is not measured", low=0.001)
+
+
+@parameters
+class KeySphereParams:
+    """When a sphere becomes a key sphere (`keyframes.py`)."""
+
+    max_mad_share: float = param(0.05, "MAD of the residual by 255, lambda of M15 eq. 12", low=0.0, high=1.0)
+    min_overlap: float = param(0.6, "share of the reference still in view", low=0.0, high=1.0)
+    min_inlier_share: float = param(0.5, "share of pixels that agree", low=0.0, high=1.0)
+    max_distance_m: float = param(0.0, "distance from the reference, 0: not limited", "m", low=0.0)
+
+
+@parameters
+class LoopParams:
+    """Loop closures (`loop_closure.py`)."""
+
+    max_distance_m: float = param(1.0, "distance up to which two key spheres are compared", "m", low=0.0)
+    min_steps: int = param(3, "key spheres between two that are compared", low=2)
+    max_mad_share: float = param(0.05, "residual MAD by 255 of a true loop", low=0.0, high=1.0)
+    min_overlap: float = param(0.3, "share of the reference in view of a true loop", low=0.0, high=1.0)
+
+
+@parameters
+class MapperParams:
+    """The mapper and all its steps (`mapper.py`)."""
+
+    num_references: int = param(2, "key spheres that each sphere is aligned to (M15 eq. 8)", low=1, high=4)
+    partial: PartialParams = group(PartialParams)
+    stereo: StereoParams = group(StereoParams)
+    registration: RegistrationParams = group(RegistrationParams)
+    key: KeySphereParams = group(KeySphereParams)
+    loop: LoopParams = group(LoopParams)
