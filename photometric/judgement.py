@@ -1,0 +1,87 @@
+"""Whether the end of a registration is a result: overlap, texture, outliers, convergence, covariance."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photometric import alignment
+from photometric.alignment import Alignment
+from photometric.normal_equations import Linearisation, NormalEquations
+from photometric.params import RegistrationParams
+from photometric.problem import Problem, State
+from photometric.robust import SIGMA_OF_MAD
+
+Array = NDArray[np.float64]
+UNKNOWN = np.diag(np.full(6, np.inf))
+STUCK = 25.0  # still moving this many times `min_step` at the end is no convergence
+
+
+def judge(
+    problem: Problem, state: State, iterations: int, motion: float, overlap: float, params: RegistrationParams
+) -> Alignment:
+    """Compare once more at the end and say what was found; `motion` is the last increment in pixels."""
+    found = problem.linearise(state)
+    num_pixels = sum(lin.num_visible for lin in found)
+    if num_pixels < params.min_pixels or overlap < params.min_overlap:
+        return _refused(state, alignment.LOW_OVERLAP, iterations, num_pixels, overlap)
+    equations = problem.equations(state, found)
+    mad = float(np.average([lin.mad for lin in found], weights=[lin.num_visible for lin in found]))
+    H, _ = problem.joint(state, equations)
+    covariance, condition = _covariance(H, mad, params)
+    reason = alignment.GOOD
+    if condition > params.max_condition:
+        reason = alignment.LOW_TEXTURE
+    elif motion > STUCK * params.min_step:
+        reason = alignment.NO_CONVERGENCE
+    elif mad > params.max_mad:
+        reason = alignment.OUTLIERS
+    return Alignment(
+        T_world_camera=state.T_world_camera,
+        covariance=covariance if reason != alignment.LOW_TEXTURE else UNKNOWN,
+        reason=reason,
+        iterations=iterations,
+        num_pixels=num_pixels,
+        overlap=overlap,
+        inlier_share=sum(one.num_inliers for one in equations) / num_pixels,
+        mad=mad,
+        ncc=_correlation(problem, found, equations),
+        gains=state.gains,
+        biases=state.biases,
+    )
+
+
+def _refused(state: State, reason: str, iterations: int, num_pixels: int, overlap: float) -> Alignment:
+    return Alignment(
+        state.T_world_camera, UNKNOWN, reason, iterations, num_pixels, overlap, 0.0, 0.0, 0.0, state.gains, state.biases
+    )
+
+
+def _covariance(H: Array, mad: float, params: RegistrationParams) -> tuple[Array, float]:
+    """Return the covariance of the pose and the condition of the scaled normal matrix, light eliminated.
+
+    Residuals of neighbouring pixels are not independent: `correlated_pixels` of them count as one.
+    """
+    pose, cross, light = H[:6, :6], H[:6, 6:], H[6:, 6:]
+    marginal = pose - cross @ np.linalg.solve(light, cross.T) if light.size else pose
+    scale = np.sqrt(np.maximum(np.diagonal(marginal), 1e-300))
+    eigenvalues, vectors = np.linalg.eigh(marginal / np.outer(scale, scale))
+    if eigenvalues[0] <= 0:
+        return UNKNOWN, np.inf
+    sigma = max(SIGMA_OF_MAD * mad, params.min_sigma)
+    inverse = (vectors / eigenvalues) @ vectors.T / np.outer(scale, scale)
+    return params.correlated_pixels * sigma**2 * inverse, float(eigenvalues[-1] / eigenvalues[0])
+
+
+def _correlation(problem: Problem, found: list[Linearisation], equations: list[NormalEquations]) -> float:
+    """Return the normalised cross correlation of reference and warped image over all visible pixels (M15 5.4)."""
+    reference, current = [], []
+    for solver, lin in zip(problem.solvers, found, strict=True):
+        seen = ~np.isnan(lin.residual)
+        intensity = solver.pixels.intensity[seen]
+        reference.append(intensity - intensity.mean())
+        warped = lin.residual[seen] + intensity
+        current.append(warped - warped.mean())
+    a, b = np.concatenate(reference), np.concatenate(current)
+    norm = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(a @ b) / norm if norm > 0 else 0.0

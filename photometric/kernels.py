@@ -1,0 +1,572 @@
+"""The inner loops of direct registration. Plain arrays in and out; `warm_up` compiles them.
+
+Arrays of points and gradients are (3, N) float32, one row a coordinate, so that every loop over pixels is a loop
+over contiguous floats. Work is cut into `NUM_CHUNKS` fixed pieces summed in fixed order: results do not depend on
+the number of threads. A piece is processed in blocks of `BLOCK` pixels whose intermediate rows stay in the first
+level cache. Definitions of the projections are in sphere_geometry; the tests hold the two together.
+"""
+
+import math
+
+import numpy as np
+from numba import njit, prange
+
+FAST = {"contract", "reassoc", "nsz", "arcp"}  # never nnan: NaN marks what is not visible
+OPTIONS = {"cache": True, "fastmath": FAST, "error_model": "numpy", "nogil": True}
+
+NUM_CHUNKS = 16
+BLOCK = 512
+NUM_SCRATCH = 24
+BINS_PER_GREY = 4.0
+HALF_RANGE = 256.0  # residuals beyond +-256 grey levels count into the outermost bins
+NUM_BINS = int(2 * HALF_RANGE * BINS_PER_GREY)
+NUM_COLUMNS = 8  # v (3), omega (3), gain, bias
+NUM_SUMS = 45 + 2  # products of 9 columns (the residual is the ninth) by rows of the upper triangle, sum w, inliers
+
+PINHOLE, FISHEYE, SPHERICAL = 0, 1, 2
+MODELS = {"pinhole": PINHOLE, "fisheye": FISHEYE, "spherical": SPHERICAL}
+MIN_DEPTH = np.float32(1e-6)
+PI = np.float32(math.pi)
+HALF_PI = np.float32(math.pi / 2)
+
+
+@njit(**OPTIONS)
+def _arctangent2(y, x):
+    """Four-quadrant arctangent in float32, error below 3e-7 rad, made of operations that vectorise."""
+    ax, ay = abs(x), abs(y)
+    large, small = max(ax, ay), min(ax, ay)
+    t = small / max(large, np.float32(1e-30))
+    shifted = t > np.float32(0.41421356)
+    s = (t - np.float32(1.0)) / (t + np.float32(1.0)) if shifted else t
+    q = s * s
+    p = np.float32(8.05374449538e-2) * q - np.float32(1.38776856032e-1)
+    p = (p * q + np.float32(1.99777106478e-1)) * q - np.float32(3.33329491539e-1)
+    a = p * q * s + s + (np.float32(math.pi / 4) if shifted else np.float32(0.0))
+    a = HALF_PI - a if ay > ax else a
+    a = PI - a if x < 0 else a
+    return -a if y < 0 else a
+
+
+@njit(**OPTIONS)
+def _project_pinhole(k, n, x, y, z, u, v, J):
+    """Points (B,) to pixels and J (6, B); NaN behind the camera and beyond the largest radius."""
+    fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6, max_r2 = k
+    J0, J1, J2, J3, J4, J5 = J
+    if k1 == 0 and k2 == 0 and p1 == 0 and p2 == 0 and k3 == 0 and k4 == 0 and k5 == 0 and k6 == 0:
+        for i in range(n):
+            w = np.float32(1.0) / z[i] if z[i] > MIN_DEPTH else np.float32(np.nan)
+            xn, yn = x[i] * w, y[i] * w
+            u[i], v[i] = fx * xn + cx, fy * yn + cy
+            J0[i], J1[i], J2[i] = fx * w, np.float32(0.0), -fx * xn * w
+            J3[i], J4[i], J5[i] = np.float32(0.0), fy * w, -fy * yn * w
+        return
+    two, three = np.float32(2.0), np.float32(3.0)
+    for i in range(n):
+        w = np.float32(1.0) / z[i] if z[i] > MIN_DEPTH else np.float32(np.nan)
+        xn, yn = x[i] * w, y[i] * w
+        r2 = xn * xn + yn * yn
+        w = w if r2 <= max_r2 else np.float32(np.nan)
+        denominator = np.float32(1.0) / (np.float32(1.0) + r2 * (k4 + r2 * (k5 + r2 * k6)))
+        radial = (np.float32(1.0) + r2 * (k1 + r2 * (k2 + r2 * k3))) * denominator
+        slope = (k1 + r2 * (two * k2 + three * r2 * k3)) - radial * (k4 + r2 * (two * k5 + three * r2 * k6))
+        slope = slope * denominator * two
+        u[i] = fx * (xn * radial + two * p1 * xn * yn + p2 * (r2 + two * xn * xn)) + cx + (w - w)
+        v[i] = fy * (yn * radial + p1 * (r2 + two * yn * yn) + two * p2 * xn * yn) + cy + (w - w)
+        dxx = radial + xn * xn * slope + two * p1 * yn + np.float32(6.0) * p2 * xn
+        dxy = xn * yn * slope + two * p1 * xn + two * p2 * yn
+        dyy = radial + yn * yn * slope + np.float32(6.0) * p1 * yn + two * p2 * xn
+        J0[i], J1[i], J2[i] = fx * dxx * w, fx * dxy * w, -fx * (dxx * xn + dxy * yn) * w
+        J3[i], J4[i], J5[i] = fy * dxy * w, fy * dyy * w, -fy * (dxy * xn + dyy * yn) * w
+
+
+@njit(**OPTIONS)
+def _project_fisheye(k, n, x, y, z, u, v, J):
+    """Points (B,) to pixels and J (6, B); NaN beyond the largest angle."""
+    fx, fy, cx, cy, k1, k2, k3, k4, max_angle = k
+    J0, J1, J2, J3, J4, J5 = J
+    one = np.float32(1.0)
+    for i in range(n):
+        sine = max(np.float32(math.sqrt(x[i] * x[i] + y[i] * y[i])), np.float32(1e-9))
+        square = sine * sine + z[i] * z[i]
+        angle = _arctangent2(sine, z[i])
+        nothing = np.float32(0.0) if angle <= max_angle else np.float32(np.nan)
+        a2 = angle * angle
+        radius = angle * (one + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
+        slope = np.float32(5.0) * k2 + a2 * (np.float32(7.0) * k3 + a2 * np.float32(9.0) * k4)
+        slope = one + a2 * (np.float32(3.0) * k1 + a2 * slope)
+        cx1, cy1 = x[i] / sine, y[i] / sine
+        u[i], v[i] = fx * radius * cx1 + cx + nothing, fy * radius * cy1 + cy + nothing
+        along, across, by_z = slope * z[i] / square, radius / sine, -slope * sine / square
+        mixed = (along - across) * cx1 * cy1
+        J0[i], J1[i], J2[i] = fx * (along * cx1 * cx1 + across * cy1 * cy1), fx * mixed, fx * by_z * cx1
+        J3[i], J4[i], J5[i] = fy * mixed, fy * (along * cy1 * cy1 + across * cx1 * cx1), fy * by_z * cy1
+
+
+@njit(**OPTIONS)
+def _project_spherical(k, n, x, y, z, u, v, J):
+    """Points (B,) to pixels of the window and J (6, B)."""
+    full_width, full_height, offset_u, offset_v = k
+    J0, J1, J2, J3, J4, J5 = J
+    half = np.float32(0.5)
+    by_angle = full_width / (PI + PI)
+    for i in range(n):
+        horizontal2 = max(x[i] * x[i] + y[i] * y[i], np.float32(1e-12))
+        horizontal = np.float32(math.sqrt(horizontal2))
+        column = (half * full_width - half - offset_u) - _arctangent2(y[i], x[i]) * by_angle
+        column = column + full_width if column < -half else column
+        u[i] = column - full_width if column >= full_width - half else column
+        v[i] = (half * full_height - half - offset_v) - _arctangent2(z[i], horizontal) * by_angle
+        by_azimuth = by_angle / horizontal2
+        by_elevation = by_angle / ((horizontal2 + z[i] * z[i]) * horizontal)
+        J0[i], J1[i], J2[i] = by_azimuth * y[i], -by_azimuth * x[i], np.float32(0.0)
+        J3[i], J4[i], J5[i] = by_elevation * x[i] * z[i], by_elevation * y[i] * z[i], -by_elevation * horizontal2
+
+
+@njit(**OPTIONS)
+def _project(model, k, n, x, y, z, u, v, J):
+    if model == PINHOLE:
+        _project_pinhole(
+            (k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8], k[9], k[10], k[11], k[12]), n, x, y, z, u, v, J
+        )
+    elif model == FISHEYE:
+        _project_fisheye((k[0], k[1], k[2], k[3], k[4], k[5], k[6], k[7], k[8]), n, x, y, z, u, v, J)
+    else:
+        _project_spherical((k[0], k[1], k[2], k[3]), n, x, y, z, u, v, J)
+
+
+@njit(**OPTIONS)
+def _transform(T, n, px, py, pz, x, y, z):
+    """Move points by T (3, 4) into rows x, y, z."""
+    r00, r01, r02, t0 = T[0, 0], T[0, 1], T[0, 2], T[0, 3]
+    r10, r11, r12, t1 = T[1, 0], T[1, 1], T[1, 2], T[1, 3]
+    r20, r21, r22, t2 = T[2, 0], T[2, 1], T[2, 2], T[2, 3]
+    for i in range(n):
+        x[i] = r00 * px[i] + r01 * py[i] + r02 * pz[i] + t0
+        y[i] = r10 * px[i] + r11 * py[i] + r12 * pz[i] + t1
+        z[i] = r20 * px[i] + r21 * py[i] + r22 * pz[i] + t2
+
+
+@njit(**OPTIONS)
+def _sample(image, pad, n, u, v, grey, gx, gy, visible):
+    """Bilinear grey level and its exact derivative at (u, v); `pad` columns precede column 0 of the image."""
+    last_u, last_v = np.float32(image.shape[1] - 1), np.float32(image.shape[0] - 1)
+    shift = np.float32(pad)
+    for i in range(n):
+        uu, vv = u[i] + shift, v[i]
+        if uu >= 0 and uu < last_u and vv >= 0 and vv < last_v:
+            iu, iv = np.uint32(uu), np.uint32(vv)
+            du, dv = uu - np.float32(iu), vv - np.float32(iv)
+            a, b = np.float32(image[iv, iu]), np.float32(image[iv, iu + np.uint32(1)])
+            c, d = np.float32(image[iv + np.uint32(1), iu]), np.float32(image[iv + np.uint32(1), iu + np.uint32(1)])
+            top, bottom = a + du * (b - a), c + du * (d - c)
+            grey[i] = top + dv * (bottom - top)
+            gx[i] = (b - a) + dv * ((d - c) - (b - a))
+            gy[i] = bottom - top
+            visible[i] = np.float32(1.0)
+        else:
+            grey[i] = gx[i] = gy[i] = visible[i] = np.float32(0.0)
+
+
+@njit(**OPTIONS)
+def _combine(T, gain, bias, n, intensity, bx, by, bz, rows, residual, ox, oy, oz):
+    """Residual and ESM gradient by the reference point, half the sum of both images' (M15 eq. 6, 30)."""
+    r00, r01, r02 = T[0, 0], T[0, 1], T[0, 2]
+    r10, r11, r12 = T[1, 0], T[1, 1], T[1, 2]
+    r20, r21, r22 = T[2, 0], T[2, 1], T[2, 2]
+    grey, gx, gy, visible = rows[5], rows[6], rows[7], rows[8]
+    J0, J1, J2, J3, J4, J5 = rows[9], rows[10], rows[11], rows[12], rows[13], rows[14]
+    half = np.float32(0.5)
+    for i in range(n):
+        seen = visible[i] > 0
+        ax = gain * (gx[i] * J0[i] + gy[i] * J3[i])
+        ay = gain * (gx[i] * J1[i] + gy[i] * J4[i])
+        az = gain * (gx[i] * J2[i] + gy[i] * J5[i])
+        residual[i] = gain * grey[i] + bias - intensity[i] if seen else np.float32(np.nan)
+        ox[i] = half * (bx[i] + r00 * ax + r10 * ay + r20 * az) if seen else np.float32(0.0)
+        oy[i] = half * (by[i] + r01 * ax + r11 * ay + r21 * az) if seen else np.float32(0.0)
+        oz[i] = half * (bz[i] + r02 * ax + r12 * ay + r22 * az) if seen else np.float32(0.0)
+
+
+@njit(**OPTIONS)
+def _count(n, residual, counts):
+    """Add the visible residuals to a histogram (NUM_BINS,)."""
+    for i in range(n):
+        e = residual[i]
+        if e == e:
+            scaled = (e + np.float32(HALF_RANGE)) * np.float32(BINS_PER_GREY)
+            counts[np.uint32(min(max(scaled, np.float32(0.0)), np.float32(NUM_BINS - 1)))] += 1
+
+
+@njit(parallel=True, **OPTIONS)
+def linearise(
+    points, intensity, reference_gradient, T, model, k, image, pad, gain, bias, scratch, residual, gradient, histogram
+):
+    """Warp, sample, subtract, differentiate (M15 eq. 4, 6).
+
+    points, reference_gradient (3, N) f32; intensity (N,) f32; T (3, 4) f32 reference -> camera; image (H, W) u8 | f32.
+    Writes residual (N,) f32 (NaN: not visible), gradient (3, N) f32 in grey levels per metre in the reference frame
+    and histogram (NUM_CHUNKS, NUM_BINS) i32 of the visible residuals. scratch is (NUM_CHUNKS, NUM_SCRATCH, BLOCK) f32.
+    """
+    n = intensity.shape[0]
+    for chunk in prange(NUM_CHUNKS):
+        counts, rows = histogram[chunk], scratch[chunk]
+        counts[:] = 0
+        last = n * (chunk + 1) // NUM_CHUNKS
+        for a in range(n * chunk // NUM_CHUNKS, last, BLOCK):
+            b = min(a + BLOCK, last)
+            J = (rows[9], rows[10], rows[11], rows[12], rows[13], rows[14])
+            _transform(T, b - a, points[0][a:b], points[1][a:b], points[2][a:b], rows[0], rows[1], rows[2])
+            _project(model, k, b - a, rows[0], rows[1], rows[2], rows[3], rows[4], J)
+            _sample(image, pad, b - a, rows[3], rows[4], rows[5], rows[6], rows[7], rows[8])
+            _combine(
+                T,
+                gain,
+                bias,
+                b - a,
+                intensity[a:b],
+                reference_gradient[0][a:b],
+                reference_gradient[1][a:b],
+                reference_gradient[2][a:b],
+                rows,
+                residual[a:b],
+                gradient[0][a:b],
+                gradient[1][a:b],
+                gradient[2][a:b],
+            )
+            _count(b - a, residual[a:b], counts)
+
+
+@njit(**OPTIONS)
+def median_and_mad(histogram):
+    """Median and median absolute deviation of a residual histogram (C, NUM_BINS) i32, and the number counted.
+
+    Linear within a bin, so both are exact to a small part of 1 / BINS_PER_GREY (M15 eq. 12, 35).
+    """
+    counts = np.zeros(NUM_BINS, np.int64)
+    for chunk in range(histogram.shape[0]):
+        for i in range(NUM_BINS):
+            counts[i] += histogram[chunk, i]
+    total = counts.sum()
+    if total == 0:
+        return 0.0, 0.0, 0
+    half = total / 2.0
+    below, b = 0, 0
+    while below + counts[b] < half:
+        below += counts[b]
+        b += 1
+    middle = b + (half - below) / counts[b]
+    cumulative = np.zeros(NUM_BINS + 1)
+    for i in range(NUM_BINS):
+        cumulative[i + 1] = cumulative[i] + counts[i]
+    low, high = 0.0, float(NUM_BINS)
+    for _ in range(40):  # bisection on the half width that holds half of all
+        width = 0.5 * (low + high)
+        held = _counted_below(cumulative, middle + width) - _counted_below(cumulative, middle - width)
+        if held < half:
+            low = width
+        else:
+            high = width
+    return middle / BINS_PER_GREY - HALF_RANGE, high / BINS_PER_GREY, total
+
+
+@njit(**OPTIONS)
+def _counted_below(cumulative, position):
+    if position <= 0:
+        return 0.0
+    if position >= NUM_BINS:
+        return cumulative[NUM_BINS]
+    b = int(position)
+    return cumulative[b] + (position - b) * (cumulative[b + 1] - cumulative[b])
+
+
+@njit(**OPTIONS)
+def _weigh(n, px, py, pz, intensity, residual, gx, gy, gz, median, width, gain, bias, rows):
+    """Columns of J into rows 0..7, residual into row 8, weight into row 9; returns the number of inliers."""
+    by_gain = np.float32(1.0) / gain
+    c0, c1, c2, c3, c4, c5, c6, c7 = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7]
+    error, weight = rows[8], rows[9]
+    inliers = np.float32(0.0)
+    for i in range(n):
+        seen = residual[i] == residual[i]
+        e = residual[i] if seen else np.float32(0.0)
+        off = abs(e - median)
+        w = width / max(off, width)
+        error[i], weight[i] = e, w if seen else np.float32(0.0)
+        inliers += np.float32(1.0) if (seen and off <= width) else np.float32(0.0)
+        c0[i], c1[i], c2[i] = gx[i], gy[i], gz[i]
+        c3[i] = py[i] * gz[i] - pz[i] * gy[i]
+        c4[i] = pz[i] * gx[i] - px[i] * gz[i]
+        c5[i] = px[i] * gy[i] - py[i] * gx[i]
+        c6[i] = (e + intensity[i] - bias) * by_gain
+        c7[i] = np.float32(1.0)
+    return inliers
+
+
+@njit(**OPTIONS)
+def _dot2(n, w, c, a, b):
+    """Return sum w c a and sum w c b: two products share the loads of w and c."""
+    s = t = np.float32(0.0)
+    for i in range(n):
+        wc = w[i] * c[i]
+        s += wc * a[i]
+        t += wc * b[i]
+    return s, t
+
+
+@njit(**OPTIONS)
+def _dot3(n, w, c, a, b, d):
+    s = t = r = np.float32(0.0)
+    for i in range(n):
+        wc = w[i] * c[i]
+        s += wc * a[i]
+        t += wc * b[i]
+        r += wc * d[i]
+    return s, t, r
+
+
+@njit(parallel=True, **OPTIONS)
+def accumulate(points, intensity, residual, gradient, median, width, gain, bias, scratch, sums):
+    """Robust normal equations (M15 eq. 6, 33-34) of one view, in the tangent (v, omega) of the reference frame.
+
+    `width` is the Huber bound a sigma in grey levels. Writes sums (NUM_CHUNKS, NUM_SUMS) f64: for each of the 8
+    columns its products with itself, the later columns and the residual; then sum w e^2, sum w, number of inliers.
+    """
+    n = residual.shape[0]
+    for chunk in prange(NUM_CHUNKS):
+        out, rows = sums[chunk], scratch[chunk]
+        out[:] = 0.0
+        last = n * (chunk + 1) // NUM_CHUNKS
+        for a in range(n * chunk // NUM_CHUNKS, last, BLOCK):
+            b = min(a + BLOCK, last)
+            m = b - a
+            out[46] += _weigh(
+                m,
+                points[0][a:b],
+                points[1][a:b],
+                points[2][a:b],
+                intensity[a:b],
+                residual[a:b],
+                gradient[0][a:b],
+                gradient[1][a:b],
+                gradient[2][a:b],
+                median,
+                width,
+                gain,
+                bias,
+                rows,
+            )
+            weight, error = rows[9], rows[8]
+            s = 0
+            for c in range(NUM_COLUMNS + 1):  # row 8 is the residual: its products are J'We and e'We
+                d = c
+                while d + 2 <= NUM_COLUMNS:
+                    x, y, z = _dot3(m, weight, rows[c], rows[d], rows[d + 1], rows[d + 2])
+                    out[s] += x
+                    out[s + 1] += y
+                    out[s + 2] += z
+                    s += 3
+                    d += 3
+                if d + 1 <= NUM_COLUMNS:
+                    x, y = _dot2(m, weight, rows[c], rows[d], rows[d + 1])
+                    out[s] += x
+                    out[s + 1] += y
+                    s += 2
+                elif d <= NUM_COLUMNS:
+                    x, y = _dot2(m, weight, rows[c], rows[d], rows[d])
+                    out[s] += x
+                    s += 1
+            out[45] += _dot2(m, weight, rows[7], rows[7], rows[7])[0]
+
+
+@njit(parallel=True, **OPTIONS)
+def halve(image, out):
+    """Next pyramid level of image (H, W) u8 | f32: weights 1 3 3 1 over 8 both ways, centred between pixels.
+
+    out is (H // 2, W // 2) f32. The border repeats; a whole sphere is padded by its caller.
+    """
+    rows, columns = out.shape
+    width, height = image.shape[1], image.shape[0]
+    for chunk in prange(NUM_CHUNKS):
+        line = np.empty(width + 2, np.float32)
+        for v in range(rows * chunk // NUM_CHUNKS, rows * (chunk + 1) // NUM_CHUNKS):
+            a, b = image[max(2 * v - 1, 0)], image[2 * v]
+            c, d = image[2 * v + 1], image[min(2 * v + 2, height - 1)]
+            inner = line[1:]
+            for u in range(width):
+                inner[u] = (np.float32(a[u]) + np.float32(d[u])) + np.float32(3.0) * (
+                    np.float32(b[u]) + np.float32(c[u])
+                )
+            line[0], line[width + 1] = line[1], line[width]
+            target = out[v]
+            for u in range(columns):
+                outer = line[2 * u] + line[2 * u + 3]
+                target[u] = (outer + np.float32(3.0) * (line[2 * u + 1] + line[2 * u + 2])) * np.float32(1.0 / 64.0)
+
+
+@njit(parallel=True, **OPTIONS)
+def halve_range(range_m, ratio, out):
+    """Next level of a range image (H, W) f32: the mean inverse range of the nearest surface in each 2 x 2 block.
+
+    Ranges beyond `ratio` times the nearest belong to another surface and are left out, so no point hangs between
+    two. NaN only where all four are NaN.
+    """
+    rows, columns = out.shape
+    for chunk in prange(NUM_CHUNKS):
+        for v in range(rows * chunk // NUM_CHUNKS, rows * (chunk + 1) // NUM_CHUNKS):
+            a, b, target = range_m[2 * v], range_m[2 * v + 1], out[v]
+            for u in range(columns):
+                four = (a[2 * u], a[2 * u + 1], b[2 * u], b[2 * u + 1])
+                nearest = np.float32(np.inf)
+                number = np.float32(0.0)
+                for r in four:
+                    if r == r:
+                        number += np.float32(1.0)
+                        nearest = min(nearest, r)
+                inverse, used = np.float32(0.0), np.float32(0.0)
+                for r in four:
+                    if r <= nearest * ratio:
+                        inverse += np.float32(1.0) / r
+                        used += np.float32(1.0)
+                if number == 0:
+                    target[u] = np.float32(np.nan)
+                elif inverse == 0:
+                    target[u] = np.float32(np.inf)
+                else:
+                    target[u] = used / inverse
+
+
+@njit(parallel=True, **OPTIONS)
+def reference_points(index, rays, range_m, far, image, pad, model, k, scratch, points, intensity, gradient):
+    """Points, grey levels and gradients by the point (M15 eq. 30, at the reference itself) of chosen pixels.
+
+    index (N,) i64 into the flat image, no pixel of the first or last row or (unpadded) column; rays (3, H W) f32;
+    range_m (H W,) f32; image (H, W + 2 pad) f32 | u8. Writes points, gradient (3, N) f32, intensity (N,) f32.
+    """
+    n = index.shape[0]
+    width = image.shape[1] - 2 * pad
+    half = np.float32(0.5)
+    for chunk in prange(NUM_CHUNKS):
+        rows = scratch[chunk]
+        J = (rows[9], rows[10], rows[11], rows[12], rows[13], rows[14])
+        last = n * (chunk + 1) // NUM_CHUNKS
+        for a in range(n * chunk // NUM_CHUNKS, last, BLOCK):
+            m = min(BLOCK, last - a)
+            x, y, z = points[0][a : a + m], points[1][a : a + m], points[2][a : a + m]
+            for i in range(m):
+                pixel = index[a + i]
+                v, u = pixel // width, pixel % width + pad
+                distance = min(range_m[pixel], far)
+                x[i], y[i], z[i] = rays[0, pixel] * distance, rays[1, pixel] * distance, rays[2, pixel] * distance
+                intensity[a + i] = np.float32(image[v, u])
+                rows[6, i] = half * (np.float32(image[v, u + 1]) - np.float32(image[v, u - 1]))
+                rows[7, i] = half * (np.float32(image[v + 1, u]) - np.float32(image[v - 1, u]))
+            _project(model, k, m, x, y, z, rows[3], rows[4], J)
+            for i in range(m):
+                gradient[0, a + i] = rows[6, i] * rows[9, i] + rows[7, i] * rows[12, i]
+                gradient[1, a + i] = rows[6, i] * rows[10, i] + rows[7, i] * rows[13, i]
+                gradient[2, a + i] = rows[6, i] * rows[11, i] + rows[7, i] * rows[14, i]
+
+
+NUM_KEYS = 1 << 16
+
+
+@njit(parallel=True, **OPTIONS)
+def sort_columns(points, gradient, keys, order):
+    """Sort the pixels by each of the six steepest-descent columns |J^j| (M15 eq. 14), largest first.
+
+    keys (6, N) u16 scratch; writes order (6, N) u32. A counting sort on the upper 16 bits of the float: columns are
+    in order to within 1 %, equal keys stay in order of the pixels.
+    """
+    n = points.shape[1]
+    px, py, pz = points[0], points[1], points[2]
+    gx, gy, gz = gradient[0], gradient[1], gradient[2]
+    for j in prange(6):
+        key = keys[j]
+        value = np.empty(1, np.float32)
+        bits = value.view(np.uint32)
+        starts = np.zeros(NUM_KEYS + 1, np.int64)
+        for i in range(n):
+            if j < 3:
+                value[0] = gradient[j, i]
+            elif j == 3:
+                value[0] = py[i] * gz[i] - pz[i] * gy[i]
+            elif j == 4:
+                value[0] = pz[i] * gx[i] - px[i] * gz[i]
+            else:
+                value[0] = px[i] * gy[i] - py[i] * gx[i]
+            magnitude = (bits[0] & np.uint32(0x7FFFFFFF)) >> np.uint32(15)
+            key[i] = np.uint16(NUM_KEYS - 1) - np.uint16(magnitude)
+            starts[np.int64(key[i]) + 1] += 1
+        for b in range(NUM_KEYS):
+            starts[b + 1] += starts[b]
+        for i in range(n):
+            order[j, starts[key[i]]] = i
+            starts[key[i]] += 1
+
+
+@njit(**OPTIONS)
+def pick_in_turn(order, rank):
+    """Give each pixel its place when the columns pick their best remaining pixel in turn (M15 alg. 1).
+
+    order (6, N) u32 from `sort_columns`; writes rank (N,) i32.
+    """
+    n = rank.shape[0]
+    rank[:] = -1
+    heads = np.zeros(6, np.int64)
+    place = 0
+    while place < n:
+        for j in range(6):
+            while heads[j] < n and rank[order[j, heads[j]]] >= 0:
+                heads[j] += 1
+            if heads[j] < n:
+                rank[order[j, heads[j]]] = place
+                place += 1
+
+
+@njit(**OPTIONS)
+def _seen(T, model, k, width, height, n, px, py, pz, rows, seen):
+    """Which points fall into an image of width x height by T."""
+    J = (rows[9], rows[10], rows[11], rows[12], rows[13], rows[14])
+    _transform(T, n, px, py, pz, rows[0], rows[1], rows[2])
+    _project(model, k, n, rows[0], rows[1], rows[2], rows[3], rows[4], J)
+    u, v = rows[3], rows[4]
+    for i in range(n):
+        seen[i] = u[i] >= 0 and u[i] <= width - 1 and v[i] >= 0 and v[i] <= height - 1
+
+
+@njit(parallel=True, **OPTIONS)
+def find_visible(points, T, model, k, width, height, scratch, seen):
+    """Mark in seen (N,) bool which points (3, N) project into the image."""
+    n = seen.shape[0]
+    w, h = np.float32(width), np.float32(height)
+    for chunk in prange(NUM_CHUNKS):
+        last = n * (chunk + 1) // NUM_CHUNKS
+        for a in range(n * chunk // NUM_CHUNKS, last, BLOCK):
+            b = min(a + BLOCK, last)
+            p = (points[0][a:b], points[1][a:b], points[2][a:b])
+            _seen(T, model, k, w, h, b - a, p[0], p[1], p[2], scratch[chunk], seen[a:b])
+
+
+@njit(**OPTIONS)
+def best_of(seen, rank, number):
+    """Return the indices (<= number,) i64 of the seen pixels of the best rank, in order of the pixels (M15 eq. 16)."""
+    n = seen.shape[0]
+    by_rank = np.zeros(n, np.uint8)
+    total = 0
+    for i in range(n):
+        if seen[i]:
+            by_rank[rank[i]] = 1
+            total += 1
+    limit, kept = n, 0
+    if total > number:
+        limit = 0
+        while kept < number:
+            kept += by_rank[limit]
+            limit += 1
+    out = np.empty(min(total, number), np.int64)
+    kept = 0
+    for i in range(n):
+        if seen[i] and rank[i] < limit:
+            out[kept] = i
+            kept += 1
+    return out

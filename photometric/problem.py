@@ -1,0 +1,165 @@
+"""The least-squares problem of one pyramid level: chosen pixels of all views, one pose, a gain and bias each."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve
+
+from photometric import kernels
+from photometric.normal_equations import Linearisation, NormalEquations, ViewSolver, in_camera_tangent
+from photometric.params import RegistrationParams
+from photometric.pyramid import Level
+from photometric.reference import Reference, ReferenceLevel, View, kernel_camera
+from photometric.scratch import scratch
+from sphere_geometry import SE3
+
+Array = NDArray[np.float64]
+GAIN_LIMITS = (0.1, 10.0)
+
+
+@dataclass(frozen=True)
+class Step:
+    """An increment: xi (6,) of the pose, and for each view what is added to its gain and bias."""
+
+    xi: Array
+    gains: Array
+    biases: Array
+
+
+@dataclass(frozen=True)
+class State:
+    """What is estimated."""
+
+    T_world_camera: SE3
+    gains: tuple[float, ...]
+    biases: tuple[float, ...]
+
+    @staticmethod
+    def start(T_world_camera: SE3, num_views: int) -> State:
+        """Return the first guess: the given pose, the same light."""
+        return State(T_world_camera, (1.0,) * num_views, (0.0,) * num_views)
+
+    def moved(self, step: Step) -> State:
+        """Return the state after an increment (M15 eq. 7)."""
+        gains = np.clip(np.add(self.gains, step.gains), *GAIN_LIMITS)
+        biases = np.add(self.biases, step.biases)
+        return State(self.T_world_camera @ SE3.exp(step.xi), tuple(gains.tolist()), tuple(biases.tolist()))
+
+
+@dataclass(frozen=True)
+class Problem:
+    """The views of one level with their chosen pixels."""
+
+    solvers: tuple[ViewSolver, ...]
+    T_world_reference: tuple[SE3, ...]
+    level: Level
+    params: RegistrationParams
+
+    @staticmethod
+    def choose_pixels(level: Level, views: Sequence[View], T_world_camera: SE3, params: RegistrationParams) -> Problem:
+        """Pick the most salient pixels that the camera sees from the guessed pose, s(.) of M15 eq. 16."""
+        share = params.max_pixels // len(views)
+        solvers = []
+        for view in views:
+            pixels = level_like(view.reference, level)
+            T_camera_reference = T_world_camera.inverse() @ view.T_world_reference
+            solvers.append(ViewSolver(select(pixels, T_camera_reference, level, share), level))
+        return Problem(tuple(solvers), tuple(view.T_world_reference for view in views), level, params)
+
+    def linearise(self, state: State) -> list[Linearisation]:
+        """Compare the image with every view at a state."""
+        return [
+            solver.linearise(T_camera_reference, gain, bias)
+            for solver, T_camera_reference, gain, bias in zip(
+                self.solvers, self.T_camera_reference(state), state.gains, state.biases, strict=True
+            )
+        ]
+
+    def equations(self, state: State, found: list[Linearisation]) -> list[NormalEquations]:
+        """Weigh and sum every view."""
+        rows = zip(self.solvers, found, state.gains, state.biases, strict=True)
+        return [solver.normal_equations(lin, gain, bias, self.params) for solver, lin, gain, bias in rows]
+
+    def T_camera_reference(self, state: State) -> list[SE3]:
+        """Return where each reference is in the camera frame."""
+        T_camera_world = state.T_world_camera.inverse()
+        return [T_camera_world @ T_world_reference for T_world_reference in self.T_world_reference]
+
+    def step(self, state: State, rotation_only: bool = False) -> Step | None:
+        """Return the Gauss-Newton increment (M15 eq. 6, 20), or None where the image does not determine it."""
+        found = self.linearise(state)
+        if sum(lin.num_visible for lin in found) < self.params.min_pixels:
+            return None
+        H, g = self.joint(state, self.equations(state, found))
+        x = np.zeros_like(g)
+        first = 3 if rotation_only else 0
+        solution = _solve(H[first:, first:], g[first:])
+        if solution is None:
+            return None
+        x[first:] = solution
+        number = len(self.solvers)
+        if not self.params.illumination:
+            return Step(x, np.zeros(number), np.zeros(number))
+        return Step(x[:6], x[6::2], x[7::2])
+
+    def joint(self, state: State, equations: list[NormalEquations]) -> tuple[Array, Array]:
+        """Stack the views into one system over (xi, gain 1, bias 1, gain 2, bias 2, ...) (M15 eq. 19, 31)."""
+        size = 6 + 2 * len(equations) if self.params.illumination else 6
+        H, g = np.zeros((size, size)), np.zeros(size)
+        for index, (T_camera_reference, one) in enumerate(zip(self.T_camera_reference(state), equations, strict=True)):
+            H_view, g_view = in_camera_tangent(one, T_camera_reference)
+            H[:6, :6] += H_view[:6, :6]
+            g[:6] += g_view[:6]
+            if self.params.illumination:
+                light = slice(6 + 2 * index, 8 + 2 * index)
+                H[light, light] = H_view[6:, 6:] + 1e-9 * np.eye(2)
+                H[:6, light] = H_view[:6, 6:]
+                H[light, :6] = H_view[6:, :6]
+                g[light] = g_view[6:]
+        return H, g
+
+    def image_motion(self, step: Step) -> float:
+        """Return how far an increment moves the image, in pixels of this level: rotation plus parallax."""
+        depth = min(solver.pixels.typical_range for solver in self.solvers)
+        angle = float(np.linalg.norm(step.xi[3:]) + np.linalg.norm(step.xi[:3]) / depth)
+        return angle * self.level.camera.pixels_per_radian
+
+
+def _solve(H: Array, g: Array) -> Array | None:
+    """Return -H^-1 g by Cholesky of the scaled matrix, or None where H is not positive definite."""
+    diagonal = np.diagonal(H)
+    if not np.all(np.isfinite(H)) or diagonal.min() <= 0:
+        return None
+    scale = 1.0 / np.sqrt(diagonal)
+    try:
+        x: Array = -scale * cho_solve(cho_factor(H * np.outer(scale, scale)), scale * g)
+    except np.linalg.LinAlgError:
+        return None
+    return x if np.all(np.isfinite(x)) else None
+
+
+def level_like(reference: Reference, level: Level) -> ReferenceLevel:
+    """Return the level of the reference whose angular resolution is nearest to the image's."""
+    finest = reference.camera.pixels_per_radian
+    index = round(math.log2(finest / level.camera.pixels_per_radian))
+    return reference.levels[min(max(index, 0), len(reference.levels) - 1)]
+
+
+def visible(pixels: ReferenceLevel, T_camera_reference: SE3, level: Level) -> NDArray[np.bool_]:
+    """Return which pixels (N,) of a reference project into the image of a level."""
+    model, coefficients = kernel_camera(level.camera)
+    seen = np.empty(pixels.num_pixels, np.bool_)
+    T = np.ascontiguousarray(T_camera_reference.matrix[:3], dtype=np.float32)
+    size = (level.camera.width, level.camera.height)
+    kernels.find_visible(pixels.points, T, model, coefficients, *size, scratch(), seen)
+    return seen
+
+
+def select(pixels: ReferenceLevel, T_camera_reference: SE3, level: Level, number: int) -> ReferenceLevel:
+    """Return the `number` most salient pixels that project into the image, in scan order (M15 eq. 16)."""
+    return pixels.take(kernels.best_of(visible(pixels, T_camera_reference, level), pixels.rank, number))

@@ -1,0 +1,139 @@
+"""An image with range, prepared once so that many images can be aligned with it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photometric import kernels
+from photometric.params import RegistrationParams
+from photometric.pyramid import Image, Level, build_pyramid
+from photometric.saliency import saliency_rank
+from photometric.scratch import scratch
+from sphere_geometry import SE3, Camera, Spherical
+from sphere_geometry.camera import pixel_grid
+
+Floats = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class ReferenceLevel:
+    """The pixels of one level that have a range, in scan order, as the kernels take them.
+
+    points (3, N) m, intensity (N,) grey levels, gradient (3, N) grey levels per metre, all in the reference frame;
+    rank (N,) is the saliency order (0 first).
+    """
+
+    camera: Camera
+    points: Floats
+    intensity: Floats
+    gradient: Floats
+    rank: NDArray[np.int32]
+
+    @property
+    def num_pixels(self) -> int:
+        """How many pixels have a range."""
+        return self.intensity.shape[0]
+
+    @property
+    def typical_range(self) -> float:
+        """Harmonic mean range in metres: what one metre of motion does to the image on average."""
+        inverse = np.mean(1.0 / np.sqrt(np.einsum("ij,ij->j", self.points, self.points))) if self.num_pixels else 1.0
+        return float(1.0 / inverse)
+
+    def take(self, index: NDArray[np.int64]) -> ReferenceLevel:
+        """Return the level reduced to some of its pixels."""
+        points = np.ascontiguousarray(self.points[:, index])
+        gradient = np.ascontiguousarray(self.gradient[:, index])
+        return ReferenceLevel(self.camera, points, self.intensity[index], gradient, self.rank[index])
+
+
+@dataclass(frozen=True)
+class Reference:
+    """An augmented image (M15 section 2.1) on all levels, from fine to coarse."""
+
+    levels: tuple[ReferenceLevel, ...]
+
+    @property
+    def camera(self) -> Camera:
+        """The camera at full size."""
+        return self.levels[0].camera
+
+
+@dataclass(frozen=True)
+class View:
+    """A reference and where it is; any frame can be `world` as long as all views of a registration share it."""
+
+    reference: Reference
+    T_world_reference: SE3
+
+
+def prepare_reference(
+    image: Image, range_m: NDArray[np.floating], camera: Camera, params: RegistrationParams | None = None
+) -> Reference:
+    """Prepare a grey image (H, W) with range along the ray (H, W) in metres, NaN unknown, +Inf far.
+
+    Raises ValueError for sizes that differ and ranges that are zero or negative.
+    """
+    params = params or RegistrationParams()
+    check_range(range_m, camera)
+    pyramid = build_pyramid(image, camera, params.pyramid)
+    ranges = np.ascontiguousarray(range_m, dtype=np.float32)
+    levels = []
+    for index, level in enumerate(pyramid.levels):
+        if index:
+            ranges = _halve_range(ranges, params.surface_ratio)
+        levels.append(prepare_level(level, ranges, params.far))
+    return Reference(tuple(levels))
+
+
+def check_range(range_m: NDArray[np.floating], camera: Camera) -> None:
+    """Raise ValueError unless the range image has the camera's size and no range is zero or negative."""
+    if range_m.shape != (camera.height, camera.width):
+        raise ValueError(f"range: expected {camera.width} x {camera.height}, found shape {range_m.shape}")
+    if np.nanmin(range_m, initial=np.inf) <= 0:
+        raise ValueError(f"range: expected positive, NaN or +Inf, found {np.nanmin(range_m)}")
+
+
+@lru_cache(maxsize=16)
+def rays_of(camera: Camera) -> Floats:
+    """Return the unit rays (3, H W) of all pixels, NaN where the camera has none; kept for the latest cameras."""
+    rays = camera.unproject(pixel_grid(camera)).astype(np.float32)
+    return np.ascontiguousarray(rays.reshape(-1, 3).T)
+
+
+def _halve_range(range_m: Floats, surface_ratio: float) -> Floats:
+    out = np.empty((range_m.shape[0] // 2, range_m.shape[1] // 2), np.float32)
+    kernels.halve_range(range_m, np.float32(surface_ratio), out)
+    return out
+
+
+def prepare_level(level: Level, range_m: Floats, far: float) -> ReferenceLevel:
+    """Prepare the pixels of one level that have a range."""
+    usable = ~np.isnan(range_m)
+    usable[[0, -1]] = False  # no central difference there
+    if not level.pad:
+        usable[:, [0, -1]] = False
+    rays = rays_of(level.camera)
+    if not isinstance(level.camera, Spherical):
+        usable &= ~np.isnan(rays[0]).reshape(usable.shape)
+    index = np.flatnonzero(usable)
+    points = np.empty((3, index.size), np.float32)
+    gradient = np.empty((3, index.size), np.float32)
+    intensity = np.empty(index.size, np.float32)
+    model, coefficients = kernel_camera(level.camera)
+    kernels.reference_points(
+        index, rays, range_m.reshape(-1), np.float32(far), level.image, level.pad, model, coefficients,
+        scratch(), points, intensity, gradient,
+    )  # fmt: skip
+    return ReferenceLevel(level.camera, points, intensity, gradient, saliency_rank(points, gradient))
+
+
+def kernel_camera(camera: Camera) -> tuple[int, Floats]:
+    """Return the model number and the coefficients (13,) float32 that the kernels take."""
+    coefficients = np.zeros(13, np.float32)
+    coefficients[: camera.coefficients.size] = camera.coefficients
+    return kernels.MODELS[camera.model], coefficients

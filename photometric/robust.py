@@ -1,0 +1,21 @@
+"""Robust statistics and weights (M15 eq. 33-35): the definition that the kernels are tested against."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+SIGMA_OF_MAD = 1.4826  # 1 / Phi^-1(0.75), normal distribution (eq. 35)
+
+
+def median_and_mad(residual: NDArray[np.floating]) -> tuple[float, float]:
+    """Return median and median absolute deviation of the residuals that are not NaN (eq. 12)."""
+    seen = residual[~np.isnan(residual)]
+    median = float(np.median(seen))
+    return median, float(np.median(np.abs(seen - median)))
+
+
+def huber_weights(residual: NDArray[np.floating], median: float, bound: float) -> NDArray[np.floating]:
+    """Return psi(d) / d for d = residual - median, Huber's psi with its bound in grey levels (eq. 34)."""
+    off = np.abs(residual - median)
+    return np.where(off <= bound, 1.0, bound / np.maximum(off, bound))
