@@ -1,0 +1,78 @@
+# make env | demo | test | bench | check | docs | clean; what they do stands in README.md.
+# Every step leaves a stamp in .venv/.stamps, so nothing is done twice.
+
+VENV := .venv
+STAMPS := $(VENV)/.stamps
+RUN := $(VENV)/bin
+PACKAGES := $(wildcard typed_params sphere_geometry photometric sphere_mapping dense_localizer mcl_depth \
+	path_follower cycab_sim node_kit sphere_nav_cli)
+SOURCES := $(sort $(shell find $(PACKAGES) -name '*.py') \
+	$(wildcard launch/*.launch.py config/*.yaml config/*.xml) setup.py setup.cfg package.xml resource/sphere_nav)
+
+# Neither a sourced ROS 2 installation nor another environment of wheels may leak into this one.
+unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH VIRTUAL_ENV
+unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
+
+.PHONY: env demo test bench check docs clean FORCE
+.DELETE_ON_ERROR:
+
+env: $(STAMPS)/sphere_nav
+
+demo: env
+	$(RUN)/sphere_nav demo $(ARGS)
+
+test: env
+	$(RUN)/python -m pytest $(ARGS)
+
+bench: env
+	$(RUN)/python -m benchmarks $(ARGS)
+
+check: env
+	$(RUN)/ruff check .
+	$(RUN)/mypy $(PACKAGES)
+	$(RUN)/python -m pytest -q test/architecture test/config
+	scripts/check_colcon.sh
+
+# config/*.yaml and docs/parameters.md from the parameters classes
+docs: $(STAMPS)/wheels
+	$(RUN)/python docs/generate.py
+
+clean:
+	rm -rf $(VENV) build *.egg-info .numba_cache
+
+# An environment cannot be moved: one that was made elsewhere is made anew.
+ifneq ($(wildcard $(STAMPS)/python),)
+ifneq ($(shell cat $(STAMPS)/python),$(CURDIR))
+$(shell rm -rf $(VENV))
+endif
+endif
+
+$(STAMPS)/python:
+	@echo "env: making $(VENV)"
+	@rm -rf $(VENV)
+	@python=$$(scripts/system_tools.sh) && "$$python" -m venv $(VENV)
+	@mkdir -p $(STAMPS) && echo "$(CURDIR)" > $@
+
+$(STAMPS)/wheels: requirements.txt constraints.txt | $(STAMPS)/python
+	@echo "env: installing the wheels of requirements.txt (300 MB to download, a minute or two)"
+	@$(RUN)/python -m pip install -q --disable-pip-version-check --upgrade -c constraints.txt pip
+	@$(RUN)/python -m pip install -q --disable-pip-version-check -r requirements.txt -c constraints.txt
+	@touch $@
+
+$(STAMPS)/tf2_msgs: $(wildcard cmake/tf2_msgs/* cmake/tf2_msgs/msg/*) $(STAMPS)/wheels cmake/wheel_includes.cmake
+	@echo "env: building tf2_msgs"
+	@scripts/build_interfaces.sh cmake/tf2_msgs $(VENV)
+	@touch $@
+
+$(STAMPS)/msg_defs: $(wildcard msg_defs/* msg_defs/msg/* msg_defs/srv/*) $(STAMPS)/wheels cmake/wheel_includes.cmake
+	@echo "env: building sphere_nav_msgs (a minute)"
+	@scripts/build_interfaces.sh msg_defs $(VENV)
+	@touch $@
+
+$(STAMPS)/sources: FORCE | $(STAMPS)/wheels
+	@echo "$(SOURCES)" | cmp -s - $@ || echo "$(SOURCES)" > $@
+
+$(STAMPS)/sphere_nav: $(SOURCES) $(STAMPS)/sources $(STAMPS)/tf2_msgs $(STAMPS)/msg_defs scripts/install_package.sh
+	@echo "env: installing sphere_nav"
+	@scripts/install_package.sh $(VENV)
+	@touch $@
