@@ -25,7 +25,7 @@ PATIENCE = 1.7  # s from the signal to the end of the process, whatever a callba
 
 
 def run(node_class: type[ManagedNode], args: Sequence[str] | None = None) -> int:
-    """Run one node until it is told to stop. Returns the exit status: 0, or 2 if it could not start (one line says why)."""
+    """Run one node until it is told to stop; return 0, or 2 if it could not start (one line says why)."""
     if node_class.LARGE_MESSAGES:
         use_large_segment()
     with until_signal() as stopped:

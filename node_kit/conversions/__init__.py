@@ -1,0 +1,89 @@
+"""Every crossing between messages and arrays, one file a kind of message.
+
+Nothing else touches the fields of a message. What cannot be converted raises ValueError: field, expected,
+found. Arrays read from a message may be views into it: read-only.
+"""
+
+from node_kit.conversions.cameras import (
+    camera_from_info,
+    camera_to_info,
+    check_image_size,
+    stereo_baseline,
+)
+from node_kit.conversions.clouds import cloud_to_message, message_to_cloud
+from node_kit.conversions.images import (
+    array_to_image,
+    compressed_to_array,
+    compressed_to_image,
+    depth_to_metres,
+    image_to_array,
+    image_to_grey,
+    image_to_rgb,
+)
+from node_kit.conversions.poses import (
+    from_ros_covariance,
+    moved_covariance,
+    odometry_to_se3,
+    path_to_poses,
+    point_to_array,
+    pose_to_se3,
+    pose_with_covariance_to_se3,
+    poses_to_path,
+    se3_to_odometry,
+    se3_to_pose,
+    se3_to_pose_stamped,
+    se3_to_pose_with_covariance,
+    se3_to_transform,
+    to_ros_covariance,
+    transform_to_se3,
+)
+from node_kit.conversions.spheres import (
+    camera_to_sphere_info,
+    message_to_sphere,
+    sphere_info_to_camera,
+    sphere_to_message,
+)
+from node_kit.conversions.stamps import header, ns_to_time, stamp_ns, time_to_ns
+from node_kit.conversions.status import StatusData, message_to_status, status_to_message
+
+__all__ = [
+    "StatusData",
+    "array_to_image",
+    "camera_from_info",
+    "camera_to_info",
+    "camera_to_sphere_info",
+    "check_image_size",
+    "cloud_to_message",
+    "compressed_to_array",
+    "compressed_to_image",
+    "depth_to_metres",
+    "from_ros_covariance",
+    "header",
+    "image_to_array",
+    "image_to_grey",
+    "image_to_rgb",
+    "message_to_cloud",
+    "message_to_sphere",
+    "message_to_status",
+    "moved_covariance",
+    "ns_to_time",
+    "odometry_to_se3",
+    "path_to_poses",
+    "point_to_array",
+    "pose_to_se3",
+    "pose_with_covariance_to_se3",
+    "poses_to_path",
+    "se3_to_odometry",
+    "se3_to_pose",
+    "se3_to_pose_stamped",
+    "se3_to_pose_with_covariance",
+    "se3_to_transform",
+    "sphere_info_to_camera",
+    "sphere_to_message",
+    "stamp_ns",
+    "status_to_message",
+    "stereo_baseline",
+    "time_to_ns",
+    "to_ros_covariance",
+    "transform_to_se3",
+]

@@ -1,0 +1,185 @@
+"""sphere_nav_msgs/AugmentedSphere and SphereInfo against spheres with range along the ray."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+import zstandard
+from numpy.typing import NDArray
+from sphere_nav_msgs.msg import AugmentedSphere, SphereInfo
+
+from node_kit.conversions.encoded import encoded_size
+from node_kit.conversions.images import to_bytes
+from node_kit.conversions.stamps import header, stamp_ns
+from sphere_geometry import Spherical
+from sphere_mapping import range_codec
+from sphere_mapping.sphere import Sphere
+
+MAX_PIXELS = 1 << 27  # 16384 x 8192
+MAX_FULL_WIDTH = 1 << 16
+PNG_LEVEL = 1  # of cv2; higher levels cost much time for little size
+JPEG_QUALITY = 95
+ZSTD_LEVEL = 3
+COLOUR = (AugmentedSphere.RGB8, AugmentedSphere.BGR8)
+
+
+def sphere_to_message(
+    sphere: Sphere,
+    frame_id: str,
+    sphere_id: int = 0,
+    *,
+    image_encoding: str = "",
+    range_encoding: str = AugmentedSphere.RANGE_LOG16,
+) -> AugmentedSphere:
+    """Return the message of a sphere; without `image_encoding` its bytes as they are (mono8 or rgb8)."""
+    image_encoding = image_encoding or (AugmentedSphere.MONO8 if sphere.image.ndim == 2 else AugmentedSphere.RGB8)
+    message = AugmentedSphere(
+        header=header(sphere.stamp_ns, frame_id), info=camera_to_sphere_info(sphere.camera, frame_id)
+    )
+    message.id = int(sphere_id)
+    message.image_encoding, message.image = image_encoding, _encoded_image(sphere.image, image_encoding)
+    message.range_encoding, message.range = range_encoding, _encoded_range(sphere.range_m, range_encoding)
+    if sphere.range_std_m is not None:
+        message.range_deviation_encoding = range_encoding
+        message.range_deviation = _encoded_range(sphere.range_std_m, range_encoding)
+    return message
+
+
+def message_to_sphere(message: AugmentedSphere) -> Sphere:
+    """Return the sphere; every size is checked before anything is allocated. Colour images are RGB."""
+    camera = sphere_info_to_camera(message.info)
+    shape = (camera.height, camera.width)
+    deviation = None
+    if message.range_deviation_encoding:
+        deviation = _decoded_range(message.range_deviation, message.range_deviation_encoding, shape, "range_deviation")
+    return Sphere(
+        _decoded_image(message.image, message.image_encoding, shape),
+        _decoded_range(message.range, message.range_encoding, shape, "range"),
+        camera,
+        stamp_ns(message),
+        deviation,
+    )
+
+
+def camera_to_sphere_info(camera: Spherical, frame_id: str) -> SphereInfo:
+    """Return the SphereInfo of a whole sphere or of a window of it."""
+    if camera.full_width != int(camera.full_width) or int(camera.full_width) % 2:
+        raise ValueError(f"full_width: expected an even whole number, found {camera.full_width}")
+    full_width = int(camera.full_width)
+    return SphereInfo(
+        projection=SphereInfo.EQUIRECTANGULAR,
+        frame_id=frame_id,
+        full_width=full_width,
+        full_height=full_width // 2,
+        width=camera.width,
+        height=camera.height,
+        offset_u=float(camera.offset_u),
+        offset_v=float(camera.offset_v),
+        min_range=range_codec.MIN_RANGE,
+        max_range=range_codec.MAX_RANGE,
+    )
+
+
+def sphere_info_to_camera(info: SphereInfo) -> Spherical:
+    """Return the camera; ValueError for another projection, absurd sizes, or a window that is not inside the sphere."""
+    if info.projection != SphereInfo.EQUIRECTANGULAR:
+        raise ValueError(f"info.projection: expected {SphereInfo.EQUIRECTANGULAR!r}, found {info.projection!r}")
+    full = (int(info.full_width), int(info.full_height))
+    if not 2 <= full[0] <= MAX_FULL_WIDTH or full[0] != 2 * full[1]:
+        raise ValueError(
+            f"info.full_width: expected 2 * full_height, at most {MAX_FULL_WIDTH}, found {full[0]} x {full[1]}"
+        )
+    width, height = int(info.width), int(info.height)
+    if not 1 <= width <= full[0] or not 1 <= height <= full[1] or width * height > MAX_PIXELS:
+        raise ValueError(f"info.width, height: expected up to {full[0]} x {full[1]}, found {width} x {height}")
+    offset_u, offset_v = float(info.offset_u), float(info.offset_v)
+    if not (math.isfinite(offset_u) and abs(offset_u) <= full[0] and -1.0 < offset_v < full[1] - height + 1.0):
+        raise ValueError(f"info.offset_u, offset_v: expected a window of the sphere, found {offset_u}, {offset_v}")
+    return Spherical(width, height, float(full[0]), offset_u, offset_v)
+
+
+def _encoded_image(image: NDArray[np.uint8], encoding: str) -> Any:
+    is_colour = image.ndim == 3
+    if (encoding == AugmentedSphere.RGB8 and is_colour) or (encoding == AugmentedSphere.MONO8 and not is_colour):
+        return to_bytes(image)
+    if encoding == AugmentedSphere.BGR8 and is_colour:
+        return to_bytes(image[:, :, ::-1])
+    options = {
+        AugmentedSphere.PNG: (".png", [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL]),
+        AugmentedSphere.JPEG: (".jpg", [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]),
+    }
+    if encoding not in options:
+        raise ValueError(f"image_encoding: expected one for shape {image.shape}, found {encoding!r}")
+    suffix, settings = options[encoding]
+    return to_bytes(cv2.imencode(suffix, image[:, :, ::-1] if is_colour else image, settings)[1])
+
+
+def _decoded_image(data: Any, encoding: str, shape: tuple[int, int]) -> NDArray[np.uint8]:
+    raw = np.frombuffer(data, np.uint8)
+    if encoding in (AugmentedSphere.PNG, AugmentedSphere.JPEG):
+        return _decoded_file(raw, shape, "image")
+    if encoding not in (AugmentedSphere.MONO8, *COLOUR):
+        raise ValueError(f"image_encoding: expected mono8, rgb8, bgr8, png or jpeg, found {encoding!r}")
+    full_shape = (*shape, 3) if encoding in COLOUR else shape
+    _check_bytes(raw.size, math.prod(full_shape), "image")
+    image = raw.reshape(full_shape)
+    return np.ascontiguousarray(image[:, :, ::-1]) if encoding == AugmentedSphere.BGR8 else image
+
+
+def _encoded_range(range_m: NDArray[np.float32], encoding: str) -> Any:
+    if encoding == AugmentedSphere.RANGE_32FC1:
+        return to_bytes(np.asarray(range_m, dtype="<f4"))
+    codes = range_codec.encode(range_m).astype("<u2")
+    if encoding == AugmentedSphere.RANGE_LOG16:
+        return to_bytes(codes)
+    if encoding == AugmentedSphere.RANGE_LOG16_ZSTD:
+        return zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(codes.tobytes())
+    if encoding == AugmentedSphere.RANGE_LOG16_PNG:
+        return to_bytes(cv2.imencode(".png", codes, [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL])[1])
+    raise ValueError(f"range_encoding: expected 32FC1, log16, log16_png or log16_zstd, found {encoding!r}")
+
+
+def _decoded_range(data: Any, encoding: str, shape: tuple[int, int], name: str) -> NDArray[np.float32]:
+    if not encoding:
+        return np.full(shape, np.nan, np.float32)
+    if encoding == AugmentedSphere.RANGE_32FC1:
+        _check_bytes(len(data), 4 * math.prod(shape), name)
+        range_m = np.frombuffer(data, "<f4").reshape(shape).astype(np.float32)
+        return np.where(range_m > 0, range_m, np.float32(np.nan))
+    if encoding == AugmentedSphere.RANGE_LOG16_PNG:
+        codes = _decoded_file(np.frombuffer(data, np.uint8), shape, name)
+        return range_codec.decode(codes)
+    if encoding == AugmentedSphere.RANGE_LOG16_ZSTD:
+        data = _decompressed(bytes(data), 2 * math.prod(shape), name)
+    elif encoding != AugmentedSphere.RANGE_LOG16:
+        raise ValueError(f"{name}_encoding: expected 32FC1, log16, log16_png or log16_zstd, found {encoding!r}")
+    _check_bytes(len(data), 2 * math.prod(shape), name)
+    return range_codec.decode(np.frombuffer(data, "<u2").astype(np.uint16, copy=False).reshape(shape))
+
+
+def _decoded_file(raw: NDArray[np.uint8], shape: tuple[int, int], name: str) -> NDArray[Any]:
+    width, height = encoded_size(raw[:65536].tobytes())
+    if (height, width) != shape:
+        raise ValueError(f"{name}: expected {shape[1]} x {shape[0]} (info), found a file of {width} x {height}")
+    pixels = cv2.imdecode(raw, cv2.IMREAD_UNCHANGED)
+    if pixels is None:
+        raise ValueError(f"{name}: expected an image file, found {raw.size} bytes that do not decode")
+    return np.ascontiguousarray(pixels[:, :, ::-1]) if pixels.ndim == 3 else pixels
+
+
+def _decompressed(data: bytes, size: int, name: str) -> bytes:
+    try:
+        found = zstandard.frame_content_size(data)
+        if found not in (size, -1):  # -1: not told
+            raise ValueError(f"{name}: expected {size} bytes after decompression, found {found}")
+        return zstandard.ZstdDecompressor().decompress(data, max_output_size=size)
+    except zstandard.ZstdError as error:
+        raise ValueError(f"{name}: expected a zstd frame: {error}") from None
+
+
+def _check_bytes(found: int, expected: int, name: str) -> None:
+    if found != expected:
+        raise ValueError(f"{name}: expected {expected} bytes, found {found}")

@@ -1,0 +1,76 @@
+"""sphere_nav_msgs/LocalizationStatus against the status of either localiser."""
+
+from __future__ import annotations
+
+import enum
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from sphere_nav_msgs.msg import LocalizationStatus
+
+from node_kit.conversions.stamps import header
+
+FLOATS = ("value", "limit", "quality", "overlap", "inlier_share", "mad", "milliseconds", "age")
+WHOLE = ("iterations",)
+
+
+@dataclass(frozen=True)
+class StatusData:
+    """What a LocalizationStatus says, the common vocabulary of both localisers."""
+
+    state: str
+    reason: str = ""
+    value: float = 0.0
+    limit: float = 0.0
+    remedy: str = ""
+    quality: float = 0.0
+    references: tuple[int, ...] = ()
+    overlap: float = 0.0
+    inlier_share: float = 0.0
+    mad: float = 0.0
+    iterations: int = 0
+    milliseconds: float = 0.0
+    age: float = 0.0
+
+
+def status_to_message(status: Any, stamp: int, frame_id: str) -> LocalizationStatus:
+    """Return the message of anything with the fields of `StatusData`; state and reason are words or enums of words."""
+    state, reason = _word(status.state), _word(status.reason)
+    message = LocalizationStatus(header=header(stamp, frame_id), state=state, reason=reason)
+    message.state_code = _code(state)
+    message.reason_code = _code(reason) if reason else 0
+    message.remedy = str(status.remedy)
+    message.references = [int(number) for number in status.references]
+    for name in FLOATS:
+        number = float(getattr(status, name))
+        setattr(message, name, number if math.isfinite(number) else 0.0)
+    for name in WHOLE:
+        setattr(message, name, int(getattr(status, name)))
+    return message
+
+
+def message_to_status(message: LocalizationStatus) -> StatusData:
+    """Return what the message says; ValueError for a state that is not in the vocabulary."""
+    _code(message.state)
+    numbers = {name: float(getattr(message, name)) for name in FLOATS}
+    counts = {name: int(getattr(message, name)) for name in WHOLE}
+    return StatusData(
+        state=message.state,
+        reason=message.reason,
+        remedy=message.remedy,
+        references=tuple(int(number) for number in message.references),
+        **numbers,
+        **counts,
+    )
+
+
+def _word(value: Any) -> str:
+    return str(value.value if isinstance(value, enum.Enum) else value or "")
+
+
+def _code(word: str) -> int:
+    code = getattr(LocalizationStatus, f"CODE_{word}", None)
+    if code is None:
+        raise ValueError(f"localisation status: expected a state or reason of LocalizationStatus, found {word!r}")
+    return int(code)
