@@ -1,0 +1,67 @@
+"""Run benchmarks by name, all of them without a name; print Markdown, write JSON. Exit code 1 where one broke."""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import sys
+import traceback
+from pathlib import Path
+from types import ModuleType
+
+from benchmarks.machine import num_cores, set_threads
+from benchmarks.report import Report
+
+BENCHMARKS = {
+    "kernel_times": "benchmarks.kernel_times",
+    "frame_to_frame": "benchmarks.frame_to_frame",
+}
+
+
+def main() -> int:
+    """Run what the command line names."""
+    modules = {name: importlib.import_module(path) for name, path in BENCHMARKS.items()}
+    parser = _parser(modules)
+    options = parser.parse_args()
+    options.names = options.names or list(BENCHMARKS)
+    if unknown := [name for name in options.names if name not in BENCHMARKS]:
+        parser.error(f"NAME: expected one of {', '.join(BENCHMARKS)}, found {unknown[0]}")
+    set_threads(options.threads)
+    return max([_run_one(name, modules[name], options) for name in options.names])
+
+
+def _parser(modules: dict[str, ModuleType]) -> argparse.ArgumentParser:
+    listing = "\n".join(f"  {name:16} {module.HELP}" for name, module in modules.items())
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks", description=f"Measure on this machine. Benchmarks:\n{listing}",
+        epilog="example: python -m benchmarks frame_to_frame --data ../shared/data/rgbd/redkitchen --gaps 1 10",
+        formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*", metavar="NAME", help="benchmarks to run (all)")
+    parser.add_argument("--quick", action="store_true", help="fewer runs, for a first look")
+    parser.add_argument("--threads", type=int, default=num_cores(), help="threads for every library (all cores)")
+    parser.add_argument("--output", type=Path, default=Path("out/bench"), help="folder of the JSON files (out/bench)")
+    for name, module in modules.items():
+        module.add_arguments(parser.add_argument_group(name))
+    return parser
+
+
+def _run_one(name: str, module: ModuleType, options: argparse.Namespace) -> int:
+    try:
+        report: Report = module.run(options)
+    except (ValueError, OSError) as error:
+        print(f"{name}: {error}", file=sys.stderr)
+        return 1
+    except Exception:  # one broken benchmark must not hide the others
+        print(f"{name} broke:", file=sys.stderr)
+        traceback.print_exc()
+        return 1
+    print(report.markdown(), end="\n\n", flush=True)
+    options.output.mkdir(parents=True, exist_ok=True)
+    path = options.output / f"{name}.json"
+    path.write_text(json.dumps(report.as_mapping(), indent=1) + "\n", encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

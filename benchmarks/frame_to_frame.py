@@ -1,0 +1,167 @@
+"""Frame-to-frame registration of recorded RGB-D pairs, ours beside OpenCV's and Open3D's odometry, in one run."""
+
+from __future__ import annotations
+
+import argparse
+import math
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from tqdm import tqdm
+
+from benchmarks.machine import describe, milliseconds
+from benchmarks.peers import Method, peers
+from benchmarks.report import Bound, Report, Table
+from benchmarks.rgbd_data import Calibration, Frame, Recording, open_recording
+
+HELP = "RGB-D frame to frame against OpenCV and Open3D (DESIGN 7)"
+DEFAULT_DATA = Path("../shared/data/rgbd/redkitchen")
+FAILURE_MM = 50.0
+OURS = "sphere_nav"
+NUM_WARM_UP = 2
+COLUMNS = ("calibration", "k", "method", "median mm", "p90 mm", "median °", "> 50 mm", "tracking ms", "new reference ms")
+
+
+@dataclass
+class Figures:
+    """What one method did on all pairs that are k frames apart."""
+
+    errors_mm: list[float] = field(default_factory=list)
+    errors_deg: list[float] = field(default_factory=list)
+    prepare_ms: list[float] = field(default_factory=list)
+    track_ms: list[float] = field(default_factory=list)
+
+    @property
+    def num_failures(self) -> int:
+        """Pairs with more than 50 mm error, refused ones included."""
+        return int(np.sum(np.array(self.errors_mm) > FAILURE_MM))
+
+    @property
+    def tracking_ms(self) -> float:
+        """Median time of a new frame against a reference prepared before."""
+        return float(np.median(self.track_ms))
+
+    @property
+    def new_reference_ms(self) -> float:
+        """Median time of a pair, the preparation of its reference included."""
+        return float(np.median(np.add(self.prepare_ms, self.track_ms)))
+
+    def cells(self) -> tuple[str, ...]:
+        """Return the right half of a row."""
+        return (
+            f"{np.median(self.errors_mm):.1f}",
+            f"{np.percentile(self.errors_mm, 90, method='higher'):.1f}",
+            f"{np.median(self.errors_deg):.2f}",
+            f"{self.num_failures} of {len(self.errors_mm)}",
+            f"{self.tracking_ms:.1f}",
+            f"{self.new_reference_ms:.1f}",
+        )
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the options of this benchmark."""
+    parser.add_argument("--data", type=Path, default=DEFAULT_DATA, help="7-Scenes folder, or folder of TUM pairs")
+    parser.add_argument("--gaps", type=int, nargs="+", default=[1, 5, 10], metavar="K", help="frames apart (1 5 10)")
+    parser.add_argument("--step", type=int, default=5, help="frames between the starts of pairs (5)")
+    parser.add_argument("--calibration", default="both", help="one by name, or both")
+    parser.add_argument("--max-depth", type=float, default=8.0, metavar="M", help="depth beyond is cut for all (8 m)")
+    parser.add_argument("--only-ours", action="store_true", help="leave the peers out")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Measure every method on the same images, depth, intrinsics and threads; truth is the recorded poses."""
+    recording = open_recording(options.data)
+    report = Report("frame_to_frame", notes=[describe(options.threads), _describe(options)])
+    gaps = [k for k in options.gaps if not recording.gaps or k in recording.gaps] or list(recording.gaps)
+    step = options.step * (4 if options.quick else 1)
+    rows: list[tuple[str, ...]] = []
+    for calibration in _chosen(recording, options.calibration):
+        methods, notes = _methods(calibration, options, report)
+        report.notes += [note for note in notes if note not in report.notes]
+        for gap in gaps:
+            figures = _measure(methods, recording, calibration, gap, step, options.max_depth)
+            rows += [(calibration.name, str(gap), name, *found.cells()) for name, found in figures.items()]
+            report.bounds += _bounds(figures, calibration.name, gap)
+    report.tables.append(Table(f"Pairs k frames apart of {options.data.name}", COLUMNS, rows))
+    return report
+
+
+def _describe(options: argparse.Namespace) -> str:
+    return (f"{options.data}: all methods get the same grey images, the same depth (up to {options.max_depth:g} m) and "
+            "intrinsics, and start from no motion. Errors are those of T_reference_current against the recorded poses. "
+            "'tracking' finds a new frame from a reference prepared before; 'new reference' prepares it too.")
+
+
+def _chosen(recording: Recording, name: str) -> list[Calibration]:
+    chosen = [c for c in recording.calibrations if name in ("both", c.name)]
+    if not chosen:
+        names = ", ".join(c.name for c in recording.calibrations)
+        raise ValueError(f"--calibration: expected both or one of {names}, found {name}")
+    return chosen
+
+
+def _methods(calibration: Calibration, options: argparse.Namespace, report: Report) -> tuple[list[Method], list[str]]:
+    methods, notes = ([], []) if options.only_ours else peers(calibration.camera, options.max_depth)
+    try:
+        from benchmarks.ours import Ours
+    except ImportError as error:
+        return methods, [*notes, f"our registration cannot be imported: {error}"]
+    return [*methods, Ours(calibration.camera)], notes
+
+
+def _measure(methods: list[Method], recording: Recording, calibration: Calibration, gap: int, step: int,
+             max_depth_m: float) -> dict[str, Figures]:
+    figures = {method.name: Figures() for method in methods}
+    pairs = recording.pairs(gap, step)
+    if not pairs:
+        raise ValueError(f"{recording.folder}: expected more than {gap} frames for pairs {gap} apart, found fewer")
+    _warm_up(methods, _cut(recording.frame(pairs[0][0], calibration), max_depth_m))
+    for path_reference, path_current in tqdm(pairs, f"{calibration.name}, {gap} apart", leave=False, disable=None):
+        reference = _cut(recording.frame(path_reference, calibration), max_depth_m)
+        current = _cut(recording.frame(path_current, calibration), max_depth_m)
+        for method in methods:
+            _measure_pair(method, reference, current, figures[method.name])
+    return figures
+
+
+def _cut(frame: Frame, max_depth_m: float) -> Frame:
+    return replace(frame, depth_m=np.where(frame.depth_m <= max_depth_m, frame.depth_m, np.float32(np.nan)))
+
+
+def _warm_up(methods: list[Method], frame: Frame) -> None:
+    for method in methods:
+        for _ in range(NUM_WARM_UP):
+            method.track(method.prepare(frame), frame)
+
+
+def _measure_pair(method: Method, reference: Frame, current: Frame, figures: Figures) -> None:
+    prepare_ms, prepared = milliseconds(lambda: method.prepare(reference))
+    track_ms, T_reference_current = milliseconds(lambda: method.track(prepared, current))
+    figures.prepare_ms.append(prepare_ms)
+    figures.track_ms.append(track_ms)
+    T_true = reference.T_world_camera.inverse() @ current.T_world_camera
+    metres, radians = T_true.distance(T_reference_current) if T_reference_current else (math.inf, math.inf)
+    figures.errors_mm.append(1e3 * float(metres))
+    figures.errors_deg.append(math.degrees(radians))
+
+
+def _bounds(figures: dict[str, Figures], calibration: str, gap: int) -> list[Bound]:
+    if OURS not in figures:
+        return []
+    ours, where = figures[OURS], f"{calibration}, k = {gap}"
+    bounds = [Bound(f"failures, {where}", 0, ours.num_failures, "pairs")]
+    others = {name: found for name, found in figures.items() if name not in (OURS, "no motion")}
+    if others:
+        tracking = min(found.tracking_ms for found in others.values())
+        whole = min(found.new_reference_ms for found in others.values())
+        bounds += [
+            Bound(f"tracking against the fastest peer, {where}", 5.0, tracking / ours.tracking_ms, "x", is_minimum=True),
+            Bound(f"new reference against the fastest peer, {where}", 1.0, whole / ours.new_reference_ms, "x",
+                  is_minimum=True),
+        ]
+    for peer in ("OpenCV RGB", "OpenCV RGB-D"):
+        if peer in others:
+            what = f"median error against {peer}{' (aim)' if peer == 'OpenCV RGB-D' else ''}, {where}"
+            bounds.append(Bound(what, float(np.median(others[peer].errors_mm)), float(np.median(ours.errors_mm)), "mm"))
+    return bounds

@@ -1,0 +1,68 @@
+"""Which machine measured, and how its clock is read."""
+
+from __future__ import annotations
+
+import os
+import platform
+import time
+from collections.abc import Callable
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+LIBRARIES = ("numpy", "numba", "opencv-python-headless", "open3d", "open3d-cpu")
+
+
+def cpu_name() -> str:
+    """Return the processor's model name as the kernel gives it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or "unknown processor"
+    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown processor")
+
+
+def num_cores() -> int:
+    """Return how many cores this process may use."""
+    return len(os.sched_getaffinity(0))
+
+
+def describe(num_threads: int) -> str:
+    """Return one line: processor, cores, threads, versions."""
+    versions = ", ".join(f"{name} {version}" for name in LIBRARIES if (version := _version(name)))
+    threads = f"{num_threads} thread{'s' if num_threads > 1 else ''}"
+    return f"{cpu_name()}, {num_cores()} cores, {threads}; python {platform.python_version()}, {versions}"
+
+
+def set_threads(num_threads: int) -> None:
+    """Give OpenCV, numba and OpenMP (Open3D; before it is imported) the same number of threads."""
+    os.environ["OMP_NUM_THREADS"] = str(num_threads)
+    os.environ.setdefault("NUMBA_NUM_THREADS", str(num_threads))
+    import cv2
+    import numba
+
+    cv2.setNumThreads(num_threads)
+    numba.set_num_threads(min(num_threads, numba.config.NUMBA_NUM_THREADS))
+
+
+def milliseconds(call: Callable[[], Any]) -> tuple[float, Any]:
+    """Run once; return the time and the result."""
+    start = time.perf_counter_ns()
+    result = call()
+    return (time.perf_counter_ns() - start) / 1e6, result
+
+
+def repeat(call: Callable[[], Any], num_runs: int, num_warm_up: int = 3) -> np.ndarray:
+    """Return the times (num_runs,) in ms after runs that only warm caches and compilers."""
+    for _ in range(num_warm_up):
+        call()
+    return np.array([milliseconds(call)[0] for _ in range(num_runs)])
+
+
+def _version(name: str) -> str:
+    try:
+        return metadata.version(name)
+    except metadata.PackageNotFoundError:
+        return ""

@@ -1,0 +1,31 @@
+"""Our registration under the face of `peers.Method`: depth of the reference, grey values of both."""
+
+from __future__ import annotations
+
+import numpy as np
+from photometric import Reference, RegistrationParams, View, build_pyramid, prepare_reference, register
+
+from benchmarks.rgbd_data import Frame
+from sphere_geometry import SE3, Pinhole
+from sphere_geometry.camera import pixel_grid
+
+
+class Ours:
+    """One reference, started from no motion, exactly as the localiser calls it."""
+
+    name = "sphere_nav"
+
+    def __init__(self, camera: Pinhole, params: RegistrationParams | None = None) -> None:
+        self.camera = camera
+        self.params = params or RegistrationParams()
+        self.range_by_depth = (1.0 / camera.unproject(pixel_grid(camera))[..., 2]).astype(np.float32)
+
+    def prepare(self, frame: Frame) -> Reference:
+        """Turn depth into range along the ray and prepare all levels of the reference."""
+        return prepare_reference(frame.grey, frame.depth_m * self.range_by_depth, self.camera, self.params)
+
+    def track(self, reference: Reference, frame: Frame) -> SE3 | None:
+        """Build the pyramid of the current image and align it; its depth is not used."""
+        pyramid = build_pyramid(frame.grey, self.camera, self.params.num_levels)
+        alignment = register(pyramid, [View(reference, SE3.identity())], SE3.identity(), self.params)
+        return alignment.T_world_camera
