@@ -10,6 +10,7 @@ from typing import Any
 from rclpy.qos import QoSProfile
 
 from node_kit import qos
+from node_kit.interfaces import type_name
 
 
 @dataclass
@@ -72,7 +73,3 @@ class Input:
         return f"waiting for {wanted}: {count}, no message for {self.silent_for:.1f} s"
 
 
-def type_name(kind: type[Any]) -> str:
-    """Return `package/msg/Type` of a generated message class."""
-    package, folder = kind.__module__.split(".")[:2]
-    return f"{package}/{folder}/{kind.__name__}"

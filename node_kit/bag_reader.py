@@ -1,0 +1,209 @@
+"""Read a rosbag2 bag of MCAP files: a folder, or a lone .mcap file."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Any, NamedTuple, Self
+
+import yaml
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+
+from node_kit import qos
+from node_kit.bag_error import BagError
+from node_kit.bag_writer import absolute
+from node_kit.interfaces import message_class, type_hash, type_name
+from node_kit.mcap_file import McapFile
+
+
+class Recorded(NamedTuple):
+    """One message of a bag: absolute topic, time of recording in ns, and the message (or its bytes)."""
+
+    topic: str
+    stamp_ns: int
+    message: Any
+
+
+@dataclass
+class TopicInfo:
+    """What a bag says about one of its topics."""
+
+    name: str
+    type: str
+    count: int
+    profiles: list[QoSProfile]
+    hash: str
+
+
+class BagReader:
+    """An open bag. BagError, in one line: no such file, no bag, empty, truncated, damaged.
+
+    with BagReader("drive") as bag:
+        bag.require("image_raw", Image)
+        for topic, stamp_ns, message in bag.messages(["image_raw", "camera_info"]):
+            ...
+    """
+
+    def __init__(self, path: str | Path, *, is_empty_allowed: bool = False) -> None:
+        self.path = Path(path)
+        self.files: list[McapFile] = []
+        try:
+            for name in _mcap_files(self.path):
+                self.files.append(McapFile(name))
+            self.topics = self._read_topics()
+            if not is_empty_allowed and self.num_messages == 0:
+                raise BagError(f"{self.path}: expected messages, found an empty bag")
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def num_messages(self) -> int:
+        """Number of all messages."""
+        return sum(info.count for info in self.topics.values())
+
+    @property
+    def time_range(self) -> tuple[int, int]:
+        """Time of the first and of the last message in ns; (0, 0) for an empty bag."""
+        spans = [span for span in (_span(file) for file in self.files) if span is not None]
+        return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else (0, 0)
+
+    def require(self, topic: str, kind: type[Any] | None = None) -> TopicInfo:
+        """Return a topic; BagError, naming the topics that are there, unless the bag has messages on it of that type."""
+        info = self.topics.get(absolute(topic))
+        if info is None or info.count == 0:
+            found = ", ".join(f"{name} ({entry.type})" for name, entry in sorted(self.topics.items()) if entry.count)
+            raise BagError(f"{self.path}: expected topic {absolute(topic)}, found {found or 'none'}")
+        if kind is not None and info.type != type_name(kind):
+            raise BagError(f"{self.path}: {info.name}: expected {type_name(kind)}, found {info.type}")
+        return info
+
+    def raw(
+        self, topics: Iterable[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[Recorded]:
+        """Yield serialized messages in order of time; all topics, or those named."""
+        names = None if topics is None else {absolute(topic) for topic in topics}
+        streams = [self._raw_of(file, names, start_ns, end_ns) for file in self.files]
+        yield from streams[0] if len(streams) == 1 else heapq.merge(*streams, key=lambda item: item.stamp_ns)
+
+    def messages(
+        self, topics: Iterable[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[Recorded]:
+        """Yield messages in order of time; all topics, or those named."""
+        kinds: dict[str, type[Any]] = {}
+        for topic, stamp, data in self.raw(topics, start_ns, end_ns):
+            if topic not in kinds:
+                kinds[topic] = self._class_of(topic)
+            yield Recorded(topic, stamp, self.decode(topic, data, kinds[topic]))
+
+    def decode(self, topic: str, data: bytes, kind: type[Any]) -> Any:
+        """Deserialize one message; BagError if the bytes are not of that type."""
+        try:
+            return deserialize_message(data, kind)
+        except Exception as error:  # the type support raises whatever it likes
+            expected = f"{self.path}: {topic}: expected {type_name(kind)}"
+            raise BagError(f"{expected}, found {len(data)} bytes that are none: {error}") from None
+
+    def close(self) -> None:
+        """Close the files."""
+        for file in self.files:
+            file.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+        self.close()
+
+    def _class_of(self, topic: str) -> type[Any]:
+        info = self.topics[topic]
+        try:
+            kind = message_class(info.type)
+        except ValueError as error:
+            raise BagError(f"{self.path}: {topic}: {error}") from None
+        installed = type_hash(info.type)
+        if info.hash and installed and info.hash != installed:
+            raise BagError(f"{self.path}: {topic}: {info.type}: expected definition {installed}, found {info.hash}")
+        return kind
+
+    def _raw_of(
+        self, file: McapFile, names: set[str] | None, start_ns: int | None, end_ns: int | None
+    ) -> Iterator[Recorded]:
+        channels = file.summary.channels.values()
+        wanted = None if names is None else {channel.id for channel in channels if channel.topic in names}
+        for channel, message in file.messages(wanted, start_ns, end_ns):
+            yield Recorded(channel.topic, message.log_time, message.data)
+
+    def _read_topics(self) -> dict[str, TopicInfo]:
+        topics: dict[str, TopicInfo] = {}
+        for file in self.files:
+            counts = _counts(file)
+            for channel in file.summary.channels.values():
+                schema = file.summary.schemas.get(channel.schema_id)
+                kind = schema.name if schema else ""
+                if channel.message_encoding != "cdr":
+                    found = channel.message_encoding
+                    raise BagError(f"{file.path}: {channel.topic}: expected encoding cdr, found {found!r}")
+                known = topics.setdefault(channel.topic, _topic_info(channel.topic, kind, channel.metadata))
+                known.count += counts.get(channel.id, 0)
+        return topics
+
+
+def _topic_info(name: str, kind: str, metadata: dict[str, str]) -> TopicInfo:
+    try:
+        profiles = qos.from_yaml(metadata.get("offered_qos_profiles", ""))
+    except yaml.YAMLError:
+        profiles = []
+    return TopicInfo(name, kind, 0, profiles, metadata.get("topic_type_hash", ""))
+
+
+def _counts(file: McapFile) -> dict[int, int]:
+    statistics = file.summary.statistics
+    if statistics is not None:
+        return dict(statistics.channel_message_counts)
+    counts: dict[int, int] = {}
+    for channel, _ in file.messages():
+        counts[channel.id] = counts.get(channel.id, 0) + 1
+    return counts
+
+
+def _span(file: McapFile) -> tuple[int, int] | None:
+    statistics = file.summary.statistics
+    if statistics is not None:
+        return (statistics.message_start_time, statistics.message_end_time) if statistics.message_count else None
+    stamps = [message.log_time for _, message in file.messages()]
+    return (min(stamps), max(stamps)) if stamps else None
+
+
+def _mcap_files(path: Path) -> list[Path]:
+    if not path.exists():
+        partial = path.with_name(path.name + ".partial")
+        hint = f", found {partial} of an interrupted run" if partial.exists() else ", found none"
+        raise BagError(f"{path}: expected a bag (a folder or an .mcap file){hint}")
+    if path.is_file():
+        return [path]
+    listed = _listed_files(path / "metadata.yaml")
+    files = listed if listed is not None else sorted(path.glob("*.mcap"))
+    if not files:
+        raise BagError(f"{path}: expected metadata.yaml or .mcap files, found neither")
+    for file in files:
+        if not file.is_file():
+            raise BagError(f"{path / 'metadata.yaml'}: relative_file_paths: expected {file.name}, found no such file")
+    return files
+
+
+def _listed_files(metadata: Path) -> list[Path] | None:
+    if not metadata.is_file():
+        return None
+    try:
+        information = yaml.safe_load(metadata.read_text())["rosbag2_bagfile_information"]
+        storage, names = information["storage_identifier"], information["relative_file_paths"]
+    except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError) as error:
+        raise BagError(f"{metadata}: expected rosbag2_bagfile_information, found {type(error).__name__}") from None
+    if storage != "mcap":
+        raise BagError(f"{metadata}: storage_identifier: expected mcap, found {storage!r}")
+    return [metadata.parent / Path(str(name)).name for name in names]

@@ -1,0 +1,98 @@
+"""Message types by name: the class, the full text of the definition, and its hash, from the installed interfaces."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+SEPARATOR = "=" * 80
+PRIMITIVES = {
+    *("bool", "byte", "char", "float32", "float64", "string", "wstring"),
+    *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)),
+}
+
+
+def type_name(kind: type[Any]) -> str:
+    """Return `package/msg/Type` of a generated message class."""
+    package, folder = kind.__module__.split(".")[:2]
+    return f"{package}/{folder}/{kind.__name__}"
+
+
+@cache
+def message_class(name: str) -> type[Any]:
+    """Return the class of `package/msg/Type`; ValueError where the package is not installed."""
+    package, folder, kind = _parts(name)
+    try:
+        found: type[Any] = getattr(import_module(f"{package}.{folder}"), kind)
+    except (ImportError, AttributeError):
+        raise ValueError(f"{name}: message type is not installed here") from None
+    return found
+
+
+@cache
+def schema_text(name: str) -> str:
+    """Return the .msg text followed by those of all types it uses, as `ros2msg` schemas have it."""
+    texts = [_definition(name)]
+    seen = {name}
+    queue = _used_types(name)
+    while queue:
+        inner = queue.pop(0)
+        if inner not in seen:
+            seen.add(inner)
+            texts.append(f"{SEPARATOR}\nMSG: {inner.replace('/msg/', '/')}\n{_definition(inner)}")
+            queue += _used_types(inner)
+    return "\n".join(texts)
+
+
+@cache
+def type_hash(name: str) -> str:
+    """Return the REP-2011 hash (RIHS01_...) of a type, or an empty string where its package brings none along."""
+    package, folder, kind = _parts(name)
+    path = _share(package, f"{folder}/{kind}.json")
+    if path is None:
+        return ""
+    hashes = json.loads(path.read_text())["type_hashes"]
+    return next((str(entry["hash_string"]) for entry in hashes if entry["type_name"] == name), "")
+
+
+def _used_types(name: str) -> list[str]:
+    package = _parts(name)[0]
+    types = []
+    for line in _definition(name).splitlines():
+        word = line.split("#")[0].strip().split(" ")[0].split("[")[0].split("<")[0]
+        if not word or word in PRIMITIVES:
+            continue
+        types.append({"Header": "std_msgs/msg/Header"}.get(word) or _full_name(word, package))
+    return types
+
+
+def _full_name(word: str, package: str) -> str:
+    parts = word.split("/")
+    return f"{package}/msg/{word}" if len(parts) == 1 else f"{parts[0]}/msg/{parts[-1]}"
+
+
+@cache
+def _definition(name: str) -> str:
+    package, folder, kind = _parts(name)
+    path = _share(package, f"{folder}/{kind}.msg")
+    if path is None:
+        raise ValueError(f"{name}: definition not found: share/{package}/{folder}/{kind}.msg of an ament prefix")
+    return path.read_text()
+
+
+def _share(package: str, name: str) -> Path | None:
+    prefixes = [prefix for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if prefix]
+    places = [Path(prefix) / "share" / package / name for prefix in (*prefixes, sys.prefix)]
+    return next((place for place in places if place.is_file()), None)
+
+
+def _parts(name: str) -> tuple[str, str, str]:
+    parts = name.split("/")
+    if len(parts) != 3 or not all(part.isidentifier() for part in parts):
+        raise ValueError(f"message type: expected package/msg/Type, found {name!r}")
+    return parts[0], parts[1], parts[2]
