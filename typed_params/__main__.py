@@ -17,7 +17,10 @@ def main() -> int:
     parser.add_argument("--markdown", action="store_true")
     arguments = parser.parse_args()
     module, _, name = arguments.cls.partition(":")
-    cls = getattr(importlib.import_module(module), name)
+    try:
+        cls = getattr(importlib.import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        parser.error(f"{arguments.cls}: expected module:Class of a parameters class, found {error}")
     sys.stdout.write(to_markdown(cls) if arguments.markdown else to_yaml(cls, arguments.node))
     return 0
 

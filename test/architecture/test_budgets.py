@@ -1,0 +1,46 @@
+"""Small pieces: lines of a module, and of a function without its docstring."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+import pytest
+from architecture.tree import MODULES, ROOT, is_node, parse
+
+MAX_MODULE, MAX_PAGE, MAX_LAUNCH = 300, 150, 80  # a page: what must be read in one go
+MAX_FUNCTION, MAX_KERNEL = 40, 60
+READ_FIRST = {"mapper.py", "localizer.py", "filter.py", "follower.py"}
+LAUNCH_FILES = sorted(path.relative_to(ROOT) for path in (ROOT / "launch").glob("*.launch.py"))
+
+Function = ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def num_lines(module: Path) -> int:
+    return len((ROOT / module).read_text(encoding="utf-8").splitlines())
+
+
+def body_lines(function: Function) -> int:
+    """Lines from `def` to the end, without the docstring."""
+    first = function.body[0]
+    has_docstring = ast.get_docstring(function, clean=False) is not None
+    docstring = (first.end_lineno or first.lineno) - first.lineno + 1 if has_docstring else 0
+    return (function.end_lineno or function.lineno) - function.lineno + 1 - docstring
+
+
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_a_module_is_short(module: Path) -> None:
+    is_page = is_node(module) or module.name in READ_FIRST
+    assert num_lines(module) <= (MAX_PAGE if is_page else MAX_MODULE)
+
+
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_a_function_is_short(module: Path) -> None:
+    limit = MAX_KERNEL if module.name == "kernels.py" else MAX_FUNCTION
+    functions = [node for node in ast.walk(parse(module)) if isinstance(node, Function)]
+    assert {function.name: n for function in functions if (n := body_lines(function)) > limit} == {}
+
+
+@pytest.mark.parametrize("launch_file", LAUNCH_FILES, ids=str)
+def test_a_launch_file_is_short(launch_file: Path) -> None:
+    assert num_lines(launch_file) <= MAX_LAUNCH

@@ -1,0 +1,65 @@
+"""Imports go one way: this table is the architecture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from architecture.tree import MODULES, PACKAGES, imports, is_node
+
+MAP_TYPES = {"sphere_mapping.sphere", "sphere_mapping.graph", "sphere_mapping.range_codec"}
+GEOMETRY = {"typed_params", "sphere_geometry"}
+MAY_IMPORT: dict[str, set[str]] = {
+    "typed_params": set(),
+    "sphere_geometry": {"typed_params"},
+    "photometric": GEOMETRY,
+    "sphere_mapping": GEOMETRY | {"photometric"},
+    "dense_localizer": GEOMETRY | {"photometric"} | MAP_TYPES,
+    "mcl_depth": GEOMETRY,
+    "path_follower": GEOMETRY,
+    "cycab_sim": GEOMETRY,
+    "node_kit": GEOMETRY | MAP_TYPES,
+    "sphere_nav_cli": set(PACKAGES),
+}
+ROS = {
+    "rclpy",
+    "rcl_interfaces",
+    "builtin_interfaces",
+    "diagnostic_msgs",
+    "geometry_msgs",
+    "lifecycle_msgs",
+    "nav_msgs",
+    "rosgraph_msgs",
+    "sensor_msgs",
+    "sphere_nav_msgs",
+    "std_msgs",
+    "std_srvs",
+    "tf2_msgs",
+    "visualization_msgs",
+}
+
+
+def is_allowed(name: str, allowed: set[str]) -> bool:
+    return any(name == entry or name.startswith(entry + ".") for entry in allowed)
+
+
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_a_module_imports_only_what_lies_below_it(module: Path) -> None:
+    package = module.parts[0]
+    allowed = MAY_IMPORT[package] | {package} | ({"node_kit"} if is_node(module) else set())
+    ours = [name for name in imports(module) if name.split(".")[0] in PACKAGES]
+    assert [name for name in ours if not is_allowed(name, allowed)] == []
+
+
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_ros_stays_in_the_shell(module: Path) -> None:
+    if is_node(module) or module.parts[0] in ("node_kit", "sphere_nav_cli"):
+        return
+    assert [name for name in imports(module) if name.split(".")[0] in ROS] == []
+
+
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_numba_stays_in_the_kernels(module: Path) -> None:
+    if module.name == "kernels.py":
+        return
+    assert [name for name in imports(module) if name.split(".")[0] == "numba"] == []

@@ -1,0 +1,44 @@
+"""Tests mirror the tree: `a/b.py` is tested by `test/a/test_b.py`, or by a test of its package that imports it."""
+
+from __future__ import annotations
+
+import ast
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from architecture.tree import MODULES, ROOT
+
+TESTED_ELSEWHERE = {
+    "params.py": "test/architecture/test_params.py",  # declarations only, the same laws for all packages
+    "__init__.py": "test/architecture/test_layering.py",  # an index, executed by every import of the package
+}
+
+
+def mirror(module: Path) -> Path:
+    """Return where the test of a module lies."""
+    if module.name == "node.py":
+        return Path("test/nodes") / f"test_{module.parts[0]}.py"
+    return Path("test") / module.parent / f"test_{module.stem.strip('_')}.py"
+
+
+@cache
+def imported_by_tests(package: str) -> set[str]:
+    """Return the dotted names that the tests of a package import."""
+    names: set[str] = set()
+    for path in (ROOT / "test" / package).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name for alias in node.names}
+            elif isinstance(node, ast.ImportFrom):
+                names |= {str(node.module)} | {f"{node.module}.{alias.name}" for alias in node.names}
+    return names
+
+
+@pytest.mark.parametrize("module", MODULES, ids=str)
+def test_a_module_has_its_test(module: Path) -> None:
+    expected = Path(TESTED_ELSEWHERE.get(module.name, mirror(module)))
+    dotted = ".".join(module.with_suffix("").parts)
+    is_tested = (ROOT / expected).is_file() or dotted in imported_by_tests(module.parts[0])
+    assert is_tested, f"{module}: expected {expected}, or a test of {module.parts[0]} that imports {dotted}"
