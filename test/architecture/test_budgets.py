@@ -6,6 +6,7 @@ import ast
 from pathlib import Path
 
 import pytest
+
 from architecture.tree import MODULES, ROOT, is_node, parse
 
 MAX_MODULE, MAX_PAGE, MAX_LAUNCH = 300, 150, 80  # a page: what must be read in one go

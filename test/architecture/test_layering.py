@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+
 from architecture.tree import MODULES, PACKAGES, imports, is_node
 
 MAP_TYPES = {"sphere_mapping.sphere", "sphere_mapping.graph", "sphere_mapping.range_codec"}

@@ -6,8 +6,8 @@ import dataclasses
 import importlib
 
 import pytest
-from architecture.tree import MODULES
 
+from architecture.tree import MODULES
 from typed_params import leaves
 
 UNITS = {

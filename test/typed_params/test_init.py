@@ -68,7 +68,7 @@ def test_a_wrong_value_is_refused_by_name(name: str, value: object, text: str) -
 
 
 def test_a_constructor_call_is_checked_too() -> None:
-    with pytest.raises(ValueError, match="gain: expected 0.0 to 2.0, found -1.0"):
+    with pytest.raises(ValueError, match=r"gain: expected 0\.0 to 2\.0, found -1\.0"):
         Inner(gain=-1.0)
 
 
