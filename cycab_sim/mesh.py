@@ -1,0 +1,137 @@
+"""Triangles with a surface each: what the ray caster and the texture need to know of the world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+NUM_PARAMS = 6
+BOX_FACES = np.array(  # corners of a unit box, face by face, counter-clockwise from outside, lower left first
+    [
+        [[0, 0, 0], [1, 0, 0], [1, 0, 1], [0, 0, 1]],
+        [[1, 1, 0], [0, 1, 0], [0, 1, 1], [1, 1, 1]],
+        [[0, 1, 0], [0, 0, 0], [0, 0, 1], [0, 1, 1]],
+        [[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0, 1]],
+        [[0, 0, 1], [1, 0, 1], [1, 1, 1], [0, 1, 1]],
+        [[0, 1, 0], [1, 1, 0], [1, 0, 0], [0, 0, 0]],
+    ],
+    dtype=np.float64,
+)
+
+
+@dataclass(frozen=True)
+class Finish:
+    """Material with its two linear colours and up to six numbers (params[0]: contrast); see texture/kernels.py."""
+
+    kind: int
+    colour: tuple[float, float, float]
+    second: tuple[float, float, float] = (0.3, 0.3, 0.3)
+    params: tuple[float, ...] = (0.12,)
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Triangles (T, 3, 3) f32 m, their normals (T, 3) f32 and surfaces (T,) i32, and one row per surface.
+
+    frames (S, 3, 4) f32 world to surface (u along, v up, w out), kinds (S, 2) i32 material and seed,
+    params (S, 6) f32, colours (S, 2, 3) f32
+    """
+
+    triangles: NDArray[np.float32]
+    normals: NDArray[np.float32]
+    surface_of: NDArray[np.int32]
+    frames: NDArray[np.float32]
+    kinds: NDArray[np.int32]
+    params: NDArray[np.float32]
+    colours: NDArray[np.float32]
+
+
+@dataclass
+class MeshBuilder:
+    """Collects flat panels and free triangles, all in one coordinate frame, and numbers their surfaces."""
+
+    rng: np.random.Generator
+    _triangles: list[Array] = field(default_factory=list)
+    _surfaces: list[NDArray[np.int64]] = field(default_factory=list)
+    _corners: list[Array] = field(default_factory=list)
+    _finishes: list[tuple[Finish, int]] = field(default_factory=list)
+    _count: int = 0
+
+    def panels(self, corners: ArrayLike, finish: Finish) -> None:
+        """Add flat quadrilaterals (N, 4, 3), counter-clockwise from outside, lower left first: N surfaces."""
+        quads = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 3)
+        for quad in quads:
+            self._new_surface(quad[[0, 1, 3]], finish)
+        first = self._count - len(quads)
+        self._add_quads(quads, np.arange(first, self._count))
+
+    def sheet(self, corners: ArrayLike, finish: Finish, frame: ArrayLike) -> None:
+        """Add quadrilaterals (N, 4, 3) of one plane as one surface; frame (3, 3): origin, a point along u, one along v."""
+        quads = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 3)
+        self._new_surface(np.asarray(frame, dtype=np.float64), finish)
+        self._add_quads(quads, np.full(len(quads), self._count - 1))
+
+    def solid(self, triangles: ArrayLike, finish: Finish, origin: ArrayLike) -> None:
+        """Add free triangles (N, 3, 3) as one surface with texture in space around `origin`, u, v, w = x, y, z."""
+        faces = np.asarray(triangles, dtype=np.float64)
+        start = np.asarray(origin, dtype=np.float64)
+        self._new_surface(start + np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), finish)
+        self._triangles.append(faces)
+        self._surfaces.append(np.full(len(faces), self._count - 1))
+
+    def box(self, low: ArrayLike, size: ArrayLike, finish: Finish, placement: Array | None = None) -> None:
+        """Add a box from corner `low` (3,), size (3,) m, moved by a matrix (4, 4) where one is given."""
+        quads = np.asarray(low) + BOX_FACES * np.asarray(size)
+        self.panels(quads if placement is None else moved(quads, placement), finish)
+
+    def build(self) -> Mesh:
+        """Return everything collected as arrays."""
+        triangles = np.concatenate(self._triangles)
+        edges = triangles[:, 1:] - triangles[:, :1]
+        normals = np.cross(edges[:, 0], edges[:, 1])
+        area = np.linalg.norm(normals, axis=1)
+        keep = area > 1e-10
+        return Mesh(
+            triangles=triangles[keep].astype(np.float32),
+            normals=(normals[keep] / area[keep, None]).astype(np.float32),
+            surface_of=np.concatenate(self._surfaces)[keep].astype(np.int32),
+            frames=_frames(np.stack(self._corners)),
+            kinds=np.array([(f.kind, seed) for f, seed in self._finishes], np.int32),
+            params=np.array([(*f.params, *(0.0,) * (NUM_PARAMS - len(f.params))) for f, _ in self._finishes], np.float32),
+            colours=np.array([(f.colour, f.second) for f, _ in self._finishes], np.float32),
+        )
+
+    def _new_surface(self, frame: Array, finish: Finish) -> None:
+        self._corners.append(frame)
+        self._finishes.append((finish, int(self.rng.integers(1, 1 << 20))))
+        self._count += 1
+
+    def _add_quads(self, quads: Array, surfaces: NDArray[np.int64]) -> None:
+        self._triangles.append(quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3))
+        self._surfaces.append(np.repeat(surfaces, 2))
+
+
+def moved(points: Array, placement: Array) -> Array:
+    """Map points (..., 3) by a matrix (4, 4)."""
+    return points @ placement[:3, :3].T + placement[:3, 3]
+
+
+def placed(x: float, y: float, yaw: float, z: float = 0.0) -> Array:
+    """Return the matrix (4, 4) of a thing standing at (x, y, z), turned by `yaw` radians."""
+    c, s = np.cos(yaw), np.sin(yaw)
+    return np.array([[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, z], [0, 0, 0, 1]], dtype=np.float64)
+
+
+def _frames(corners: Array) -> NDArray[np.float32]:
+    """Return world-to-surface (S, 3, 4) of origin, a point along u and a point on the v side, (S, 3, 3)."""
+    origin = corners[:, 0]
+    along = corners[:, 1] - origin
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    side = corners[:, 2] - origin
+    up = side - np.sum(side * along, axis=1, keepdims=True) * along
+    up /= np.linalg.norm(up, axis=1, keepdims=True)
+    R = np.stack([along, up, np.cross(along, up)], axis=1)
+    return np.concatenate([R, -(R @ origin[..., None])], axis=2).astype(np.float32)

@@ -1,0 +1,1 @@
+"""Hashed noise and periodic patterns, filtered by a footprint."""

@@ -1,0 +1,77 @@
+"""Paths along the streets: straight pieces and arcs that a car can drive, by arc length."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Piece:
+    """A piece of constant curvature 1/m (positive to the left) and length m."""
+
+    length: float
+    curvature: float = 0.0
+
+
+@dataclass(frozen=True)
+class Path:
+    """Pieces that follow each other from a start pose (x m, y m, yaw rad) of the rear axle."""
+
+    start: tuple[float, float, float]
+    pieces: tuple[Piece, ...]
+    is_closed: bool = False
+
+    @property
+    def length(self) -> float:
+        """Length in metres."""
+        return sum(piece.length for piece in self.pieces)
+
+    def at(self, distance: ArrayLike) -> Array:
+        """Return (..., 4) x m, y m, yaw rad, curvature 1/m at distances from the start; straight on beyond the ends."""
+        s = np.asarray(distance, dtype=np.float64)
+        if self.is_closed:
+            s = s % self.length
+        poses = np.empty((*s.shape, 4))
+        pose, begin = np.array(self.start), 0.0
+        for i, piece in enumerate(self.pieces):
+            is_last = i == len(self.pieces) - 1
+            here = (s >= begin) if i else np.ones(s.shape, bool)
+            along = s[here] - begin
+            inside = np.clip(along, 0.0, piece.length)
+            ends = arc(pose, inside, piece.curvature)
+            beyond = along - inside if is_last else np.minimum(along, 0.0)
+            ends[..., 0] += beyond * np.cos(ends[..., 2])
+            ends[..., 1] += beyond * np.sin(ends[..., 2])
+            poses[here] = np.concatenate([ends, np.full((*inside.shape, 1), piece.curvature)], axis=-1)
+            pose, begin = arc(pose, piece.length, piece.curvature), begin + piece.length
+        return poses
+
+    def project(self, x: float, y: float, near: float, reach: float = 3.0) -> float:
+        """Return the distance along the path of the point closest to (x, y), searched within `near` +- `reach` m."""
+        s = near + np.linspace(-reach, reach, 241)
+        if not self.is_closed:
+            s = np.clip(s, 0.0, self.length)
+        poses = self.at(s)
+        best = int(np.argmin((poses[:, 0] - x) ** 2 + (poses[:, 1] - y) ** 2))
+        px, py, yaw, _ = poses[best]
+        return float(s[best] + np.cos(yaw) * (x - px) + np.sin(yaw) * (y - py))
+
+
+def arc(pose: ArrayLike, length: ArrayLike, curvature: float) -> Array:
+    """Return the pose (..., 3) after driving `length` m (negative: backwards) on constant curvature: exact."""
+    x, y, yaw = np.moveaxis(np.asarray(pose, dtype=np.float64), -1, 0)
+    d = np.asarray(length, dtype=np.float64)
+    turn = d * curvature
+    chord = d * np.sinc(turn / (2.0 * np.pi))  # sinc(t) = sin(pi t) / (pi t)
+    return np.stack([x + chord * np.cos(yaw + turn / 2), y + chord * np.sin(yaw + turn / 2), yaw + turn], axis=-1)
+
+
+def turn(radius: float, degrees: float) -> Piece:
+    """Return an arc of `radius` m to the left, or to the right for negative degrees."""
+    angle = np.radians(degrees)
+    return Piece(radius * abs(angle), float(np.sign(degrees)) / radius)

@@ -1,0 +1,1 @@
+"""Solid procedural detail: materials and the sky, as means over the footprint of a ray."""
