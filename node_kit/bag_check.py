@@ -50,7 +50,9 @@ def verify_bag(path: str | Path, progress: Progress = lambda step: None) -> BagR
         report.num_messages = sum(counts.values())
         for name, info in bag.topics.items():
             if counts[name] != info.count and not report.problems:
-                report.problems.append(f"{path}: {name}: expected {info.count} messages (summary), found {counts[name]}")
+                report.problems.append(
+                    f"{path}: {name}: expected {info.count} messages (summary), found {counts[name]}"
+                )
         if report.num_messages == 0:
             report.problems.append(f"{path}: expected messages, found an empty bag")
     return report

@@ -71,5 +71,3 @@ class Input:
         if self.num_received == 0:
             return f"waiting for {wanted}: {count}, no message yet"
         return f"waiting for {wanted}: {count}, no message for {self.silent_for:.1f} s"
-
-

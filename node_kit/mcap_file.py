@@ -82,7 +82,9 @@ class McapFile:
             if index.message_end_time >= start and index.message_start_time <= end and _may_hold(index, channels)
         ]
         if not self.summary.chunk_indexes:
-            queue = [(message.log_time, 0, i, (channel, message)) for i, (channel, message) in enumerate(self._linear())]
+            queue = [
+                (message.log_time, 0, i, (channel, message)) for i, (channel, message) in enumerate(self._linear())
+            ]
         heapq.heapify(queue)
         while queue:
             _, offset, _, item = heapq.heappop(queue)
@@ -104,7 +106,9 @@ class McapFile:
     def _chunk(self, index: ChunkIndex) -> list[tuple[Channel, Message]]:
         offset = index.chunk_start_offset
         if index.chunk_length > self.size or not 0 < offset < self.size:
-            raise BagError(f"{self.path}: chunk at byte {offset}: expected to end within the file, found {index.chunk_length}")
+            raise BagError(
+                f"{self.path}: chunk at byte {offset}: expected to end within the file, found {index.chunk_length}"
+            )
         self.stream.seek(offset)
         records = StreamReader(self.stream, skip_magic=True, emit_chunks=True, record_size_limit=self.size).records
         chunk = next(records)

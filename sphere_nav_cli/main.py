@@ -1,0 +1,129 @@
+"""The `sphere_nav` command. A subcommand is a file with HELP, `add_arguments(parser)` and `run(arguments) -> int`.
+
+Exit status: 0 done, 1 the work failed, 2 misuse or bad input (one line on stderr), 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import importlib.util
+import os
+import sys
+from collections.abc import Sequence
+from types import ModuleType
+from typing import NamedTuple
+
+DEBUG_VARIABLE = "SPHERE_NAV_DEBUG"
+
+
+class Command(NamedTuple):
+    """A word of the command line, the module that carries it out, and what it does."""
+
+    name: str
+    module: str
+    summary: str
+
+
+COMMANDS = (
+    Command("import", "import_", "turn a recorded data set into a bag with our topics and its truth"),
+    Command("calibrate", "calibrate", "find the parameters of a rig of cameras from images of a board"),
+    Command("register", "register", "align two spheres, RGB-D images or stereo pairs"),
+    Command("optimize", "optimize", "optimise a pose graph"),
+    Command("map", "map", "make a map of key spheres from a bag"),
+    Command("localize", "localize", "find the camera of a bag in a map"),
+    Command("mcl", "mcl", "find the camera of a bag in a point cloud"),
+    Command("map-info", "map_info", "tell what is in a map"),
+    Command("map-verify", "map_verify", "check every sphere of a map, salvage a damaged one"),
+    Command("map-export", "map_export", "write a map as point cloud, graph or trajectory"),
+    Command("view", "view", "move through a map in a web browser"),
+    Command("evaluate", "evaluate", "compare estimated poses with the truth"),
+    Command("verify-bag", "verify_bag", "check every message of a bag, salvage a damaged one"),
+    Command("record", "record", "record topics into a bag"),
+    Command("play", "play", "publish the messages of a bag"),
+    Command("demo", "demo", "teach, map and drive a loop in the simulator"),
+)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one subcommand and return the exit status."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    try:
+        return _dispatch(words)
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:  # the reader of our output, `head` perhaps, has gone
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except (ValueError, OSError) as error:
+        if os.environ.get(DEBUG_VARIABLE) == "1":
+            raise
+        print(f"sphere_nav{_named(words)}: {_one_line(error)}", file=sys.stderr)
+        return 2
+
+
+def available() -> list[Command]:
+    """Return the commands whose module is there, in the order of the table."""
+    return [command for command in COMMANDS if importlib.util.find_spec(f"sphere_nav_cli.{command.module}")]
+
+
+def _dispatch(words: list[str]) -> int:
+    commands = {command.name: command for command in available()}
+    if words and words[0] in commands:
+        module = importlib.import_module(f"sphere_nav_cli.{commands[words[0]].module}")
+        return int(module.run(_parser(words[0], module).parse_args(words[1:])) or 0)
+    if not words or words[0] in ("-h", "--help", "help"):
+        print(_overview(list(commands.values())))
+        return 0 if words else 2
+    if words[0] == "--version":
+        print(f"sphere_nav {version()}")
+        return 0
+    raise ValueError(f"expected a command ({', '.join(commands)}), found {words[0]!r}")
+
+
+def _parser(name: str, module: ModuleType) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog=f"sphere_nav {name}",
+        description=module.HELP,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+        allow_abbrev=False,
+    )
+    module.add_arguments(parser)
+    return parser
+
+
+def _overview(commands: list[Command]) -> str:
+    lines = ["usage: sphere_nav COMMAND ...", "", "Teach a vehicle a place once, then drive there by one camera.", ""]
+    width = max(len(command.name) for command in commands)
+    lines += [f"  {command.name:<{width}}  {command.summary}" for command in commands]
+    lines += [
+        "",
+        "'sphere_nav COMMAND --help' explains a command and gives examples. Exit status: 0 done, 1 failed,",
+        f"2 misuse or bad input. {DEBUG_VARIABLE}=1 shows where an error comes from.",
+    ]
+    return "\n".join(lines)
+
+
+def version() -> str:
+    """Return the version of the installed package, or that of a checkout."""
+    from importlib import metadata
+
+    try:
+        return metadata.version("sphere_nav")
+    except metadata.PackageNotFoundError:
+        return "0 (not installed)"
+
+
+def _named(words: list[str]) -> str:
+    return f" {words[0]}" if words and any(words[0] == command.name for command in COMMANDS) else ""
+
+
+def _one_line(error: Exception) -> str:
+    if isinstance(error, OSError) and error.strerror:
+        place = f"{error.filename}: " if error.filename else ""
+        return f"{place}{error.strerror}"
+    return " ".join(str(error).split()) or type(error).__name__
+
+
+if __name__ == "__main__":
+    sys.exit(main())
