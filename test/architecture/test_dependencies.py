@@ -1,0 +1,86 @@
+"""What is imported is declared: requirements.txt for wheels, package.xml for rosdep, docs/dependencies.md to read."""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+import xml.etree.ElementTree as ET
+from pathlib import Path
+
+from architecture.test_layering import ROS
+from architecture.tree import MODULES, PACKAGES, ROOT, imports
+
+# import name -> wheel, key of rosdep
+THIRD_PARTY = {
+    "cv2": ("opencv-python-headless", "python3-opencv"),
+    "embreex": ("embreex", "python3-embreex-pip"),
+    "gtsam": ("gtsam", "python3-gtsam-pip"),
+    "healpix": ("healpix", "python3-healpix-pip"),
+    "matplotlib": ("matplotlib", "python3-matplotlib"),
+    "mcap": ("mcap", "python3-mcap-pip"),
+    "numba": ("numba", "python3-numba"),
+    "numpy": ("numpy", "python3-numpy"),
+    "rosbags": ("rosbags", "python3-rosbags-pip"),
+    "scipy": ("scipy", "python3-scipy"),
+    "tqdm": ("tqdm", "python3-tqdm"),
+    "yaml": ("pyyaml", "python3-yaml"),
+    "zstandard": ("zstandard", "python3-zstandard"),
+}
+KNOWN_TO_ROS = ROS | {"ament_index_python", "launch", "launch_ros"}
+
+
+def imported() -> set[str]:
+    names = {name.split(".")[0] for module in MODULES for name in imports(module)}
+    return names - set(PACKAGES) - set(sys.stdlib_module_names)
+
+
+def wheels() -> set[str]:
+    lines = (ROOT / "requirements.txt").read_text(encoding="utf-8").splitlines()
+    return {re.split(r"[\[=<>]", line)[0] for line in lines if line and not line.startswith("#")}
+
+
+def manifest_keys(manifest: Path) -> set[str]:
+    return {str(item.text) for item in ET.parse(manifest).getroot() if item.tag.endswith("depend")}
+
+
+def executables() -> dict[str, str]:
+    tree = ast.parse((ROOT / "setup.py").read_text(encoding="utf-8"))
+    values = {
+        node.targets[0].id: ast.literal_eval(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)
+    }
+    assert set(values["PACKAGES"]) == set(PACKAGES)
+    found = values["EXECUTABLES"]
+    assert isinstance(found, dict)
+    return found
+
+
+def test_every_import_is_known() -> None:
+    assert imported() - set(THIRD_PARTY) - KNOWN_TO_ROS == set()
+
+
+def test_every_wheel_is_pinned() -> None:
+    pins = (ROOT / "constraints.txt").read_text(encoding="utf-8").lower().replace("_", "-")
+    assert {name for name in wheels() if f"\n{name.lower().replace('_', '-')}==" not in pins} == set()
+
+
+def test_wheels_manifest_and_page_agree() -> None:
+    keys, page = manifest_keys(ROOT / "package.xml"), (ROOT / "docs" / "dependencies.md").read_text(encoding="utf-8")
+    for wheel, key in THIRD_PARTY.values():
+        assert wheel in wheels()
+        assert key in keys
+        assert f"`{wheel}`" in page
+        assert f"`{key}`" in page
+
+
+def test_the_manifest_names_every_ros_package_in_use() -> None:
+    assert imported() & KNOWN_TO_ROS <= manifest_keys(ROOT / "package.xml")
+
+
+def test_every_executable_has_its_main() -> None:
+    for module in executables().values():
+        path = ROOT / (module.replace(".", "/") + ".py")
+        body = ast.parse(path.read_text(encoding="utf-8")).body
+        assert "main" in [item.name for item in body if isinstance(item, ast.FunctionDef)], f"{module}: no main()"

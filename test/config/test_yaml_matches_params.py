@@ -1,0 +1,48 @@
+"""`config/` and `docs/parameters.md` say what the parameters classes say (`make docs` writes them)."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+
+import pytest
+import yaml
+
+from typed_params import build, leaves
+
+pytest.importorskip("rclpy", reason="the nodes need ROS 2")
+
+ROOT = Path(__file__).resolve().parents[2]
+SPEC = importlib.util.spec_from_file_location("generate", ROOT / "docs" / "generate.py")
+assert SPEC is not None
+assert SPEC.loader is not None
+generate = importlib.util.module_from_spec(SPEC)
+SPEC.loader.exec_module(generate)
+NODES = list(generate.node_classes())
+
+
+@pytest.mark.parametrize(("path", "text"), generate.files().items(), ids=lambda item: getattr(item, "name", ""))
+def test_a_generated_file_is_up_to_date(path: Path, text: str) -> None:
+    assert path.is_file(), f"{path}: missing; make docs writes it"
+    assert path.read_text(encoding="utf-8") == text, f"{path}: outdated; make docs writes it"
+
+
+def test_no_file_is_left_of_a_node_that_is_gone() -> None:
+    assert {path.stem for path in (ROOT / "config").glob("*.yaml")} == {node.NAME for node in NODES}
+
+
+@pytest.mark.parametrize("node", NODES, ids=lambda node: node.NAME)
+def test_a_file_loads_into_its_class(node: type) -> None:
+    tree = yaml.safe_load((ROOT / "config" / f"{node.NAME}.yaml").read_text(encoding="utf-8"))
+    values = flatten(tree["/**"]["ros__parameters"])
+    own = {leaf.name: leaf.type for leaf in leaves(node.PARAMS)}
+    shared = {leaf.name: leaf.type for leaf in leaves(generate.ShellParams)}
+    assert {name: type(value) for name, value in values.items()} == shared | own  # floats written as floats
+    assert build(node.PARAMS, {name: values[name] for name in own}) == node.PARAMS()
+
+
+def flatten(tree: dict[str, object], prefix: str = "") -> dict[str, object]:
+    values: dict[str, object] = {}
+    for name, item in tree.items():
+        values |= flatten(item, f"{prefix}{name}.") if isinstance(item, dict) else {prefix + name: item}
+    return values
