@@ -73,7 +73,7 @@ class BagReader:
         return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else (0, 0)
 
     def require(self, topic: str, kind: type[Any] | None = None) -> TopicInfo:
-        """Return a topic; BagError, naming the topics that are there, unless the bag has messages on it of that type."""
+        """Return a topic; BagError, naming those that are there, unless the bag has messages of that type on it."""
         info = self.topics.get(absolute(topic))
         if info is None or info.count == 0:
             found = ", ".join(f"{name} ({entry.type})" for name, entry in sorted(self.topics.items()) if entry.count)

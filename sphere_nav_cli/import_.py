@@ -26,8 +26,8 @@ Turn a recorded data set into an MCAP bag with our topics.
   kitti         KITTI odometry: left/image_raw, left/camera_info, right/image_raw, right/camera_info
   spherical     rgbd360 rings of eight sensors, or equirectangular image_*.png with range_*.png: sphere
 
-The true poses go to ground_truth/pose: body axes (x forward, y left, z up) of the camera of image_raw, of the left camera
-or of the sphere, in the frame map. The optical frames are in /tf_static.
+The true poses go to ground_truth/pose: body axes (x forward, y left, z up) of the camera of image_raw, of the left
+camera or of the sphere, in the frame map. The optical frames are in /tf_static.
 
 examples:
   sphere_nav import seven_scenes redkitchen/seq-01 -o kitchen --frames 0:120

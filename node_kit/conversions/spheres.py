@@ -66,14 +66,11 @@ def message_to_sphere(message: AugmentedSphere) -> Sphere:
 
 def camera_to_sphere_info(camera: Spherical, frame_id: str) -> SphereInfo:
     """Return the SphereInfo of a whole sphere or of a window of it."""
-    if camera.full_width != int(camera.full_width) or int(camera.full_width) % 2:
-        raise ValueError(f"full_width: expected an even whole number, found {camera.full_width}")
-    full_width = int(camera.full_width)
     return SphereInfo(
         projection=SphereInfo.EQUIRECTANGULAR,
         frame_id=frame_id,
-        full_width=full_width,
-        full_height=full_width // 2,
+        full_width=float(camera.full_width),
+        full_height=float(camera.full_height),
         width=camera.width,
         height=camera.height,
         offset_u=float(camera.offset_u),
@@ -87,7 +84,7 @@ def sphere_info_to_camera(info: SphereInfo) -> Spherical:
     """Return the camera; ValueError for another projection, absurd sizes, or a window that is not inside the sphere."""
     if info.projection != SphereInfo.EQUIRECTANGULAR:
         raise ValueError(f"info.projection: expected {SphereInfo.EQUIRECTANGULAR!r}, found {info.projection!r}")
-    full = (int(info.full_width), int(info.full_height))
+    full = (float(info.full_width), float(info.full_height))
     if not 2 <= full[0] <= MAX_FULL_WIDTH or full[0] != 2 * full[1]:
         raise ValueError(
             f"info.full_width: expected 2 * full_height, at most {MAX_FULL_WIDTH}, found {full[0]} x {full[1]}"
@@ -98,7 +95,7 @@ def sphere_info_to_camera(info: SphereInfo) -> Spherical:
     offset_u, offset_v = float(info.offset_u), float(info.offset_v)
     if not (math.isfinite(offset_u) and abs(offset_u) <= full[0] and -1.0 < offset_v < full[1] - height + 1.0):
         raise ValueError(f"info.offset_u, offset_v: expected a window of the sphere, found {offset_u}, {offset_v}")
-    return Spherical(width, height, float(full[0]), offset_u, offset_v)
+    return Spherical(width, height, full[0], offset_u, offset_v)
 
 
 def _encoded_image(image: NDArray[np.uint8], encoding: str) -> Any:

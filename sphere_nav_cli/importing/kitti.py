@@ -31,7 +31,7 @@ DEFAULT_HZ = 10.0
 
 
 class KittiRecording:
-    """A folder of one sequence: calib.txt, times.txt, poses.txt (as far as they are there) and two folders of images."""
+    """A folder of one sequence: calib.txt, two folders of images, and times.txt and poses.txt where they are there."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = require_folder(folder)
