@@ -37,7 +37,7 @@ def group(cls: type[C]) -> C:
     return dataclasses.field(default_factory=cls)
 
 
-@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(param, group))
+@dataclass_transform(frozen_default=True, kw_only_default=True)
 def parameters(cls: type[C]) -> type[C]:
     """Class decorator: a frozen, keyword-only dataclass that refuses values outside their range."""
 
