@@ -64,6 +64,8 @@ def _covariance(H: Array, mad: float, params: RegistrationParams) -> tuple[Array
     """
     pose, cross, light = H[:6, :6], H[:6, 6:], H[6:, 6:]
     marginal = pose - cross @ np.linalg.solve(light, cross.T) if light.size else pose
+    if not np.all(np.isfinite(marginal)):
+        return UNKNOWN, np.inf
     scale = np.sqrt(np.maximum(np.diagonal(marginal), 1e-300))
     eigenvalues, vectors = np.linalg.eigh(marginal / np.outer(scale, scale))
     if eigenvalues[0] <= 0:

@@ -65,13 +65,14 @@ def _project_pinhole(k, n, x, y, z, u, v, J):
         w = np.float32(1.0) / z[i] if z[i] > MIN_DEPTH else np.float32(np.nan)
         xn, yn = x[i] * w, y[i] * w
         r2 = xn * xn + yn * yn
-        w = w if r2 <= max_r2 else np.float32(np.nan)
+        seen = r2 <= max_r2  # false for NaN too
         denominator = np.float32(1.0) / (np.float32(1.0) + r2 * (k4 + r2 * (k5 + r2 * k6)))
         radial = (np.float32(1.0) + r2 * (k1 + r2 * (k2 + r2 * k3))) * denominator
         slope = (k1 + r2 * (two * k2 + three * r2 * k3)) - radial * (k4 + r2 * (two * k5 + three * r2 * k6))
         slope = slope * denominator * two
-        u[i] = fx * (xn * radial + two * p1 * xn * yn + p2 * (r2 + two * xn * xn)) + cx + (w - w)
-        v[i] = fy * (yn * radial + p1 * (r2 + two * yn * yn) + two * p2 * xn * yn) + cy + (w - w)
+        un = xn * radial + two * p1 * xn * yn + p2 * (r2 + two * xn * xn)
+        vn = yn * radial + p1 * (r2 + two * yn * yn) + two * p2 * xn * yn
+        u[i], v[i] = fx * un + cx if seen else np.float32(np.nan), fy * vn + cy
         dxx = radial + xn * xn * slope + two * p1 * yn + np.float32(6.0) * p2 * xn
         dxy = xn * yn * slope + two * p1 * xn + two * p2 * yn
         dyy = radial + yn * yn * slope + np.float32(6.0) * p1 * yn + two * p2 * xn
@@ -89,13 +90,13 @@ def _project_fisheye(k, n, x, y, z, u, v, J):
         sine = max(np.float32(math.sqrt(x[i] * x[i] + y[i] * y[i])), np.float32(1e-9))
         square = sine * sine + z[i] * z[i]
         angle = _arctangent2(sine, z[i])
-        nothing = np.float32(0.0) if angle <= max_angle else np.float32(np.nan)
+        seen = angle <= max_angle
         a2 = angle * angle
         radius = angle * (one + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
         slope = np.float32(5.0) * k2 + a2 * (np.float32(7.0) * k3 + a2 * np.float32(9.0) * k4)
         slope = one + a2 * (np.float32(3.0) * k1 + a2 * slope)
         cx1, cy1 = x[i] / sine, y[i] / sine
-        u[i], v[i] = fx * radius * cx1 + cx + nothing, fy * radius * cy1 + cy + nothing
+        u[i], v[i] = fx * radius * cx1 + cx if seen else np.float32(np.nan), fy * radius * cy1 + cy
         along, across, by_z = slope * z[i] / square, radius / sine, -slope * sine / square
         mixed = (along - across) * cx1 * cy1
         J0[i], J1[i], J2[i] = fx * (along * cx1 * cx1 + across * cy1 * cy1), fx * mixed, fx * by_z * cx1
@@ -355,7 +356,7 @@ def accumulate(points, intensity, residual, gradient, median, width, gain, bias,
                 bias,
                 rows,
             )
-            weight, error = rows[9], rows[8]
+            weight = rows[9]
             s = 0
             for c in range(NUM_COLUMNS + 1):  # row 8 is the residual: its products are J'We and e'We
                 d = c

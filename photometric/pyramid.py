@@ -62,6 +62,8 @@ def check_image(image: Image, camera: Camera) -> None:
         raise ValueError(f"image: expected {camera.width} x {camera.height} grey, found shape {image.shape}")
     if image.dtype not in (np.uint8, np.float32):
         raise ValueError(f"image: expected uint8 or float32, found {image.dtype}")
+    if image.dtype == np.float32 and not np.isfinite(image.sum()):
+        raise ValueError("image: expected finite grey levels, found NaN or Inf")
 
 
 def _can_halve(camera: Camera, min_side: int) -> bool:
