@@ -15,6 +15,10 @@ class Camera(Protocol):
 
     model: ClassVar[str]
 
+    def __hash__(self) -> int:
+        """Cameras are values: equal ones hash alike, so that tables made for one can be kept."""
+        ...
+
     @property
     def width(self) -> int:
         """Columns of the image."""
