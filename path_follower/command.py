@@ -1,0 +1,43 @@
+"""What comes out of the follower: commands, and what it says about itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from path_follower.modes import State
+from path_follower.path import Location, ReferencePoint
+from path_follower.safety import Verdict
+from path_follower.steering import Errors
+
+
+@dataclass(frozen=True)
+class TrackingError:
+    """The regulated errors (M15 eq. 22 to 24), the virtual vehicle they refer to, and the place on the path."""
+
+    errors: Errors
+    reference: ReferencePoint
+    location: Location  # of the pose as measured
+    remaining: float  # m from the predicted position to the end of the segment
+
+
+@dataclass(frozen=True)
+class Status:
+    """What the follower does and why; lengths in m."""
+
+    state: State
+    verdict: Verdict
+    progress: float
+    distance_to_end: float
+    is_armed: bool
+
+
+@dataclass(frozen=True)
+class Command:
+    """Speed of the rear axle m/s, its yaw rate rad/s and the angle of the front wheel rad that belong together."""
+
+    stamp_ns: int
+    speed: float
+    yaw_rate: float
+    steering_angle: float
+    tracking: TrackingError | None
+    status: Status

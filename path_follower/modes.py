@@ -1,0 +1,88 @@
+"""What the follower is doing: the states of FollowerStatus and the only ways between them."""
+
+from __future__ import annotations
+
+import enum
+
+from path_follower.safety import FINE, Reason, Verdict
+
+
+class State(enum.StrEnum):
+    """The words of FollowerStatus."""
+
+    NO_PATH = "NO_PATH"
+    IDLE = "IDLE"
+    DRIVING = "DRIVING"
+    SLOW = "SLOW"
+    PAUSED = "PAUSED"
+    STOPPING = "STOPPING"
+    STOPPED = "STOPPED"
+    FINISHED = "FINISHED"
+
+
+ARMED = (State.DRIVING, State.SLOW, State.PAUSED)
+
+
+class Mode:
+    """State and the verdict that led to it. Every stop disarms: only `arm` sets the vehicle in motion again."""
+
+    def __init__(self) -> None:
+        """Begin without a path."""
+        self.state = State.NO_PATH
+        self.verdict = FINE
+
+    @property
+    def is_armed(self) -> bool:
+        """Whether motion is allowed, now or by `resume`."""
+        return self.state in ARMED
+
+    @property
+    def is_driving(self) -> bool:
+        """Whether the vehicle follows the path."""
+        return self.state in (State.DRIVING, State.SLOW)
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether neither a drive nor a stop is going on."""
+        return self.state in (State.NO_PATH, State.IDLE, State.STOPPED, State.FINISHED)
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether the next start begins anew, not at the place reached."""
+        return self.state in (State.IDLE, State.FINISHED)
+
+    @property
+    def is_stopping_hard(self) -> bool:
+        """Whether the deceleration of a stop for safety is wanted."""
+        return not self.is_armed and not self.verdict.is_gentle
+
+    def load(self) -> None:
+        """A path was loaded."""
+        self.state, self.verdict = State.IDLE, FINE
+
+    def arm(self) -> None:
+        """Drive from standstill."""
+        self.state, self.verdict = State.DRIVING, FINE
+
+    def pause(self) -> None:
+        """Stand, armed."""
+        if self.is_driving:
+            self.state, self.verdict = State.PAUSED, Verdict(Reason.OPERATOR)
+
+    def halt(self, verdict: Verdict) -> None:
+        """Stop and disarm; the first reason stays, unless a hard stop follows a gentle one."""
+        if self.is_armed or (self.state is State.STOPPING and self.verdict.is_gentle and not verdict.is_gentle):
+            self.state, self.verdict = State.STOPPING, verdict
+
+    def finish(self) -> None:
+        """The end of the path is reached, standing."""
+        if self.is_driving:
+            self.state, self.verdict = State.FINISHED, Verdict(Reason.END_OF_PATH)
+
+    def settle(self, *, is_standing: bool, is_slow: bool) -> None:
+        """Follow what the vehicle does: a stop that stands is STOPPED; SLOW and DRIVING go by the localisation."""
+        if self.state is State.STOPPING and is_standing:
+            self.state = State.STOPPED
+        elif self.is_driving:
+            self.state = State.SLOW if is_slow else State.DRIVING
+            self.verdict = Verdict(Reason.LOCALISATION_DEGRADED) if is_slow else FINE

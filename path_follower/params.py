@@ -1,0 +1,117 @@
+"""What can be set in the path follower. Speeds are those of the rear-axle centre, angles are of the front wheel."""
+
+from __future__ import annotations
+
+import math
+
+from typed_params import group, param, parameters
+
+
+@parameters
+class VehicleParams:
+    """The car and what it must never be asked for."""
+
+    wheelbase: float = param(1.2, "distance between the axles", "m", low=0.05)
+    max_speed: float = param(2.0, "largest speed, forward and reverse", "m/s", low=0.05)
+    max_acceleration: float = param(0.8, "largest gain of speed", "m/s^2", low=0.01)
+    max_deceleration: float = param(0.8, "largest loss of speed in ordinary driving", "m/s^2", low=0.01)
+    stop_deceleration: float = param(4.0, "loss of speed in a stop for safety", "m/s^2", low=0.01)
+    max_steering_angle: float = param(
+        0.45, "largest steering angle of the (virtual) front wheel", "rad", low=0.01, high=1.4
+    )
+    max_steering_rate: float = param(0.7, "largest rate of the steering angle", "rad/s", low=0.01)
+    front: float = param(1.55, "from the rear axle to the front end of the body", "m", low=0.0)
+    rear: float = param(0.35, "from the rear axle to the rear end of the body", "m", low=0.0)
+    width: float = param(1.2, "width of the body", "m", low=0.05)
+
+    @property
+    def max_curvature(self) -> float:
+        """Largest curvature of the rear-axle path that the steering angle allows, 1/m."""
+        return math.tan(self.max_steering_angle) / self.wheelbase
+
+
+@parameters
+class ActuationParams:
+    """How commands become motion: the pose is predicted to the time at which a command acts."""
+
+    dead_time: float = param(0.0, "from a command to the first reaction of the car", "s", low=0.0, high=1.0)
+    steering_lag: float = param(0.2, "time constant of the steering, first order", "s", low=0.0, high=2.0)
+    speed_lag: float = param(0.2, "time constant of the speed, first order", "s", low=0.0, high=2.0)
+    max_pose_age: float = param(0.5, "largest age of a pose that is predicted to the present", "s", low=0.0, high=2.0)
+
+
+@parameters
+class PathParams:
+    """How a taught or given path becomes a reference trajectory."""
+
+    spacing: float = param(0.1, "distance of the points of the trajectory", "m", low=0.01, high=1.0)
+    min_spacing: float = param(0.2, "given points closer than this are averaged", "m", low=0.01)
+    smoothing_length: float = param(2.0, "bends shorter than this wavelength are taken as noise", "m", low=0.0)
+    cusp_hysteresis: float = param(0.15, "way backwards that makes a change of direction", "m", low=0.01)
+    search_window: float = param(
+        2.0, "the place on the path is looked for this far ahead of the last one", "m", low=0.2
+    )
+    is_closed: bool = param(False, "the last point leads on to the first: drive round and round")
+    is_reverse_allowed: bool = param(True, "drive backwards where the heading of the points says so")
+
+
+@parameters
+class SpeedParams:
+    """The speeds U* along the trajectory, and the longitudinal part of the law (M15 eq. 25)."""
+
+    cruise: float = param(1.4, "speed where nothing asks for less", "m/s", low=0.05)
+    is_as_taught: bool = param(True, "not faster than the taught drive, where it has stamps")
+    min_taught: float = param(0.3, "taught speeds below this are raised to it (the teacher stood)", "m/s", low=0.0)
+    lateral_acceleration: float = param(1.0, "largest lateral acceleration in bends", "m/s^2", low=0.01)
+    slow: float = param(0.5, "largest speed while the localisation is DEGRADED", "m/s", low=0.0)
+    creep: float = param(0.1, "speed of the last steps and while the wheels turn at a start", "m/s", low=0.01)
+    k_x: float = param(0.8, "gain of the longitudinal error", "1/m", low=0.0)
+    epsilon: float = param(0.1, "keeps the longitudinal gain alive where U* is 0", "m/s", low=0.0)
+
+
+@parameters
+class SteeringParams:
+    """The lateral part of the law (M15 eq. 25); `steering.py` derives the gains from closed-loop poles."""
+
+    k_y: float = param(
+        0.81, "gain of the lateral error: the square of the natural frequency along the way", "1/m^2", low=0.0
+    )
+    k_psi: float = param(1.8, "gain of the heading error: twice damping times natural frequency", "1/m", low=0.0)
+    max_bandwidth: float = param(1.6, "natural frequency in time is kept below this at high speed", "rad/s", low=0.1)
+    distance: float = param(0.0, "virtual vehicle ahead of the predicted position (d of M15)", "m", low=0.0)
+    max_heading_error: float = param(
+        1.0, "heading errors beyond are cut, where tan grows without bound", "rad", low=0.1, high=1.5
+    )
+
+
+@parameters
+class SafetyParams:
+    """When to stop. Every stop must be armed again by the call `start`."""
+
+    max_pose_silence: float = param(
+        0.4, "longest time without a pose; age of the newest pose by its stamp", "s", low=0.01
+    )
+    max_status_silence: float = param(1.5, "longest time without a status of the localiser", "s", low=0.01)
+    is_status_required: bool = param(True, "stop unless the localiser says TRACKING or DEGRADED")
+    max_degraded_time: float = param(10.0, "longest drive in DEGRADED", "s", low=0.0)
+    max_distance: float = param(1.0, "largest distance from the path", "m", low=0.01)
+    max_heading_error: float = param(1.0, "largest difference to the heading of the path", "rad", low=0.1, high=3.2)
+    max_start_distance: float = param(1.0, "largest distance from the path at a start", "m", low=0.01)
+    goal_tolerance: float = param(0.05, "a segment is finished this close to its end", "m", low=0.001)
+    is_scan_required: bool = param(False, "stop if no scan comes")
+    max_scan_silence: float = param(0.5, "longest time without a scan, once there was one", "s", low=0.01)
+    obstacle_margin: float = param(0.15, "added to every side of the body", "m", low=0.0)
+    obstacle_reaction: float = param(0.3, "time until the brakes act, for the stopping distance", "s", low=0.0)
+    obstacle_points: int = param(2, "points of a scan in the way that make an obstacle", low=1)
+
+
+@parameters
+class FollowerParams:
+    """Everything that the algorithm needs."""
+
+    vehicle: VehicleParams = group(VehicleParams)
+    actuation: ActuationParams = group(ActuationParams)
+    path: PathParams = group(PathParams)
+    speed: SpeedParams = group(SpeedParams)
+    steering: SteeringParams = group(SteeringParams)
+    safety: SafetyParams = group(SafetyParams)

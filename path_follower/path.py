@@ -1,0 +1,198 @@
+"""The reference trajectory u* = {x, y, yaw, U, yaw rate} (M15 eq. 21), and where on it a pose is."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+SAME_PLACE = 0.25  # m: passes of the path that are this much further than the closest are as good at a start
+
+
+class Pose2(NamedTuple):
+    """Pose of the rear-axle centre in the frame of the path: m, m, rad."""
+
+    x: float
+    y: float
+    yaw: float
+
+
+@dataclass(frozen=True)
+class ReferencePoint:
+    """One input vector u* (eq. 21) with what belongs to it."""
+
+    x: float
+    y: float
+    yaw: float
+    speed: float  # U*, negative backwards
+    yaw_rate: float  # at that speed
+    curvature: float  # 1/m, d yaw over signed way
+    arc_length: float
+    direction: int  # 1 forward, -1 backward
+
+
+@dataclass(frozen=True)
+class Location:
+    """The foot of a pose on the path: m along, edge, and m to the left of the edge as the vehicle heads."""
+
+    arc_length: float
+    segment: int
+    edge: int
+    cross_track: float
+    distance: float  # to the foot; larger than |cross_track| beyond the ends
+    heading_error: float
+
+
+@dataclass(frozen=True)
+class Segment:
+    """Points first ... last that are driven in one direction."""
+
+    first: int
+    last: int
+    direction: int
+
+
+@dataclass(frozen=True, eq=False)
+class ReferencePath:
+    """Points (N,) in order of driving; made by `taught.py` or `path_files.py`.
+
+    `arc_length` never decreases; where the direction changes (a cusp) a point stands twice. `curvature` is by signed
+    way: the yaw rate is `speed * curvature`. A closed path has its first point again at the end.
+    """
+
+    x: Array
+    y: Array
+    yaw: Array  # unwrapped within a segment
+    curvature: Array
+    arc_length: Array
+    speed: Array
+    segments: tuple[Segment, ...]
+    is_closed: bool = False
+
+    @property
+    def length(self) -> float:
+        """Arc length of the last point, of one round where closed, in metres."""
+        return float(self.arc_length[-1])
+
+    @property
+    def max_curvature(self) -> float:
+        """Curvature of the sharpest bend, 1/m."""
+        return float(np.abs(self.curvature).max())
+
+    def __len__(self) -> int:
+        return len(self.x)
+
+    def end_of(self, segment: int) -> float:
+        """Return the arc length at which a segment ends; infinite for a closed path."""
+        return math.inf if self.is_closed else float(self.arc_length[self.segments[segment].last])
+
+    def at(self, arc_length: float, segment: int) -> ReferencePoint:
+        """Return the reference at an arc length, kept within its segment; a closed path goes on and on."""
+        part = self.segments[segment]
+        s = arc_length % self.length if self.is_closed else arc_length
+        s = min(max(s, float(self.arc_length[part.first])), float(self.arc_length[part.last]))
+        edge = self._edge_at(s, part)
+        begin = float(self.arc_length[edge])
+        share = (s - begin) / max(float(self.arc_length[edge + 1]) - begin, 1e-12)
+
+        def mix(values: Array) -> float:
+            return float(values[edge]) + share * float(values[edge + 1] - values[edge])
+
+        speed, curvature = mix(self.speed), mix(self.curvature)
+        return ReferencePoint(
+            x=mix(self.x),
+            y=mix(self.y),
+            yaw=wrap(mix(self.yaw)),
+            speed=speed,
+            yaw_rate=speed * curvature,
+            curvature=curvature,
+            arc_length=arc_length if self.is_closed else s,
+            direction=part.direction,
+        )
+
+    def advance(self, pose: Pose2, last: Location, window: float) -> Location:
+        """Return the foot of a pose on the closest edge within `window` m ahead of the last foot, never behind it.
+
+        It stays in the segment of the last foot, so that neither a crossing, nor a parallel lane, nor what follows a
+        cusp can take the vehicle away from its place in the sequence.
+        """
+        part = self.segments[last.segment]
+        begin = last.arc_length % self.length if self.is_closed else last.arc_length
+        first = self._edge_at(begin, part)
+        count = max(2, int(np.searchsorted(self.arc_length[: part.last + 1], begin + window)) - first + 1)
+        if self.is_closed:
+            rest = max(0.0, begin + window - self.length)
+            count = part.last - first + int(np.searchsorted(self.arc_length, rest)) + 1 if rest else count
+            edges = (first + np.arange(min(count, part.last))) % part.last
+        else:
+            edges = np.arange(first, min(first + count, part.last))
+        found = self._closest(pose, edges, last.segment)
+        if self.is_closed:
+            gone = (found.arc_length - begin + self.length / 2) % self.length - self.length / 2
+            return replace(found, arc_length=last.arc_length + max(gone, 0.0))
+        return replace(found, arc_length=max(found.arc_length, last.arc_length))
+
+    def locate(self, pose: Pose2, max_heading_error: float) -> Location | None:
+        """Search the whole path for a start: the closest edge that heads as the pose does; None if none does.
+
+        Where the path comes by more than once, as a taught loop does at its end, the earliest of the passes counts.
+        """
+        edges = np.concatenate([np.arange(part.first, part.last) for part in self.segments])
+        feet = self._feet(pose, edges)
+        turned = np.abs((self.yaw[edges] - pose.yaw + np.pi) % (2.0 * np.pi) - np.pi) <= max_heading_error
+        distance = np.where(turned, feet.distance, np.inf)
+        if not turned.any():
+            return None
+        near = distance <= distance.min() + SAME_PLACE
+        first = int(np.argmax(near))
+        last = first + int(np.argmin(np.append(near[first:], False)))
+        best = first + int(np.argmin(distance[first:last]))
+        edge = int(edges[best])
+        segment = next(i for i, part in enumerate(self.segments) if part.first <= edge < part.last)
+        return self._location(pose, feet, best, edge, segment)
+
+    def begin_of(self, segment: int) -> Location:
+        """Return the first point of a segment as a location."""
+        first = self.segments[segment].first
+        return Location(float(self.arc_length[first]), segment, first, 0.0, 0.0, 0.0)
+
+    def _edge_at(self, s: float, part: Segment) -> int:
+        after = int(np.searchsorted(self.arc_length[part.first : part.last + 1], s, side="right")) + part.first
+        return min(max(after - 1, part.first), part.last - 1)
+
+    def _feet(self, pose: Pose2, edges: NDArray[np.intp]) -> _Feet:
+        x0, y0 = self.x[edges], self.y[edges]
+        dx, dy = self.x[edges + 1] - x0, self.y[edges + 1] - y0
+        square = np.maximum(dx * dx + dy * dy, 1e-18)
+        share = np.clip(((pose.x - x0) * dx + (pose.y - y0) * dy) / square, 0.0, 1.0)
+        off_x, off_y = pose.x - (x0 + share * dx), pose.y - (y0 + share * dy)
+        return _Feet(share, off_x, off_y, np.hypot(off_x, off_y))
+
+    def _closest(self, pose: Pose2, edges: NDArray[np.intp], segment: int) -> Location:
+        feet = self._feet(pose, edges)
+        best = int(np.argmin(feet.distance))
+        return self._location(pose, feet, best, int(edges[best]), segment)
+
+    def _location(self, pose: Pose2, feet: _Feet, best: int, edge: int, segment: int) -> Location:
+        t = float(feet.share[best])
+        yaw = float(self.yaw[edge]) + t * float(self.yaw[edge + 1] - self.yaw[edge])
+        s = float(self.arc_length[edge]) + t * float(self.arc_length[edge + 1] - self.arc_length[edge])
+        left = float(feet.off_y[best]) * math.cos(yaw) - float(feet.off_x[best]) * math.sin(yaw)
+        return Location(s, segment, edge, left, float(feet.distance[best]), wrap(pose.yaw - yaw))
+
+
+class _Feet(NamedTuple):
+    share: Array
+    off_x: Array
+    off_y: Array
+    distance: Array
+
+
+def wrap(angle: float) -> float:
+    """Return the angle in -pi to pi."""
+    return math.remainder(angle, 2.0 * math.pi)

@@ -1,0 +1,130 @@
+"""A smooth curve through noisy, uneven or coarse points, with the heading and curvature that a car needs."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
+from scipy.linalg import solveh_banded
+
+from path_follower.params import PathParams
+
+Array = NDArray[np.float64]
+
+MAX_BEND = 0.6  # rad between chords; points that bend more are corners, not samples of a smooth curve
+THIRD_DIFFERENCE = (-1.0, 3.0, -3.0, 1.0)
+
+
+class Curve(NamedTuple):
+    """Equally spaced points (N,) of one segment; `tangent` is unwrapped, `bend` is d tangent / d way in 1/m."""
+
+    x: Array
+    y: Array
+    tangent: Array
+    bend: Array
+    way: Array
+
+
+def smooth_curve(points: Array, params: PathParams, *, is_closed: bool) -> Curve:
+    """Return the smooth curve along points (N, 2), N >= 2, that are all different from their neighbours.
+
+    Steps: dense points are averaged over `min_spacing`; a spline gives equal spacing; a low-pass filter removes
+    bends below `smoothing_length`; a spline through the result gives tangent and curvature.
+    """
+    coarse = _averaged(points, params.min_spacing)
+    if is_closed:
+        coarse = _closed(coarse, params.min_spacing)
+    even = _resampled(coarse, params.spacing, is_closed=is_closed)
+    if params.smoothing_length > 0:
+        filtered = _filtered_closed if is_closed else _filtered_open
+        step = float(np.median(np.linalg.norm(np.diff(even, axis=0), axis=-1)))
+        even = filtered(even, cutoff_weight(params.smoothing_length, step))
+    return _measured(even, params.spacing, is_closed=is_closed)
+
+
+def cutoff_weight(wavelength: float, spacing: float) -> float:
+    """Return the weight of squared third differences that halves bends of this wavelength, and removes shorter ones.
+
+    The filter has the gain 1 / (1 + weight (2 sin(pi spacing / wavelength))^6); it keeps parabolas, so that steady
+    turns and slow changes of curvature pass unbiased.
+    """
+    return float((2.0 * np.sin(np.pi * spacing / max(wavelength, 2.0 * spacing))) ** -6)
+
+
+def _averaged(points: Array, spacing: float) -> Array:
+    """Average runs of points (N, 2) that stay within `spacing` of the first of the run; both ends stay as they are."""
+    bins, run = [], [points[0]]
+    for point in points[1:]:
+        if np.hypot(*(point - run[0])) >= spacing:
+            bins.append(np.mean(run, axis=0))
+            run = []
+        run.append(point)
+    bins.append(np.mean(run, axis=0))
+    inner = [p for p in bins[1:-1] if min(np.hypot(*(p - points[0])), np.hypot(*(p - points[-1]))) > spacing / 2]
+    return np.array([points[0], *inner, points[-1]]) if len(bins) > 1 else points[[0, -1]]
+
+
+def _closed(points: Array, spacing: float) -> Array:
+    """Repeat the first point at the end, in place of a last one that nearly closes the ring."""
+    while len(points) > 3 and np.hypot(*(points[-1] - points[0])) < spacing:
+        points = points[:-1]
+    return np.concatenate([points, points[:1]])
+
+
+def _resampled(points: Array, spacing: float, *, is_closed: bool) -> Array:
+    chords = np.diff(points, axis=0)
+    lengths = np.hypot(*chords.T)
+    keep = np.concatenate([[True], lengths > 1e-9])
+    points, way = points[keep], np.concatenate([[0.0], np.cumsum(lengths[lengths > 1e-9])])
+    even = np.linspace(0.0, way[-1], max(int(np.ceil(way[-1] / spacing)), 3) + 1)
+    if len(points) < 4 or _largest_bend(points) > MAX_BEND:
+        return np.column_stack([np.interp(even, way, points[:, axis]) for axis in (0, 1)])
+    smooth: Array = _spline(way, points, is_closed)(even)
+    return smooth
+
+
+def _largest_bend(points: Array) -> float:
+    directions = np.unwrap(np.arctan2(*np.diff(points, axis=0).T[::-1]))
+    return float(np.abs(np.diff(directions)).max())
+
+
+def _spline(way: Array, points: Array, is_closed: bool) -> CubicSpline:
+    kind = "periodic" if is_closed else "not-a-knot" if len(points) > 3 else "natural"
+    return CubicSpline(way, points, bc_type=kind)
+
+
+def _filtered_open(points: Array, weight: float) -> Array:
+    """Minimise |p - q|^2 + weight |third difference of q|^2."""
+    count = len(points)
+    if count < 5:
+        return points
+    D = np.zeros((4, count))  # upper bands of D'D
+    for row in range(4):
+        for column in range(row, 4):
+            band = D[3 - (column - row)]
+            band[column : count - 3 + column] += weight * THIRD_DIFFERENCE[row] * THIRD_DIFFERENCE[column]
+    D[3] += 1.0
+    return np.asarray(solveh_banded(D, points))
+
+
+def _filtered_closed(points: Array, weight: float) -> Array:
+    ring = points[:-1]
+    angle = 2.0 * np.pi * np.fft.rfftfreq(len(ring))
+    gain = 1.0 / (1.0 + weight * (2.0 * np.sin(angle / 2.0)) ** 6)
+    smooth = np.fft.irfft(np.fft.rfft(ring, axis=0) * gain[:, None], n=len(ring), axis=0)
+    return np.concatenate([smooth, smooth[:1]])
+
+
+def _measured(points: Array, spacing: float, *, is_closed: bool) -> Curve:
+    lengths = np.hypot(*np.diff(points, axis=0).T)
+    way = np.concatenate([[0.0], np.cumsum(np.maximum(lengths, 1e-9))])
+    spline = _spline(way, points, is_closed)
+    even = np.linspace(0.0, way[-1], max(int(np.ceil(way[-1] / spacing)), 3) + 1)
+    position, first, second = spline(even), spline(even, 1), spline(even, 2)
+    speed = np.maximum(np.hypot(*first.T), 1e-9)
+    bend = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3
+    steps = np.hypot(*np.diff(position, axis=0).T)
+    tangent = np.unwrap(np.arctan2(first[:, 1], first[:, 0]))
+    return Curve(position[:, 0], position[:, 1], tangent, bend, np.concatenate([[0.0], np.cumsum(steps)]))

@@ -1,0 +1,63 @@
+"""How fast: the speeds U* along the trajectory, and the first line of the control law (M15 eq. 25)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from path_follower.command import TrackingError
+from path_follower.params import FollowerParams, SpeedParams, VehicleParams
+from path_follower.path import ReferencePoint
+
+Array = NDArray[np.float64]
+
+
+def speed_law(reference: ReferencePoint, e_x: float, params: SpeedParams) -> float:
+    """Return U = U* - k_x (|U*| + epsilon) e_x (eq. 25) in m/s, never against the direction of the segment."""
+    speed = reference.speed - params.k_x * (abs(reference.speed) + params.epsilon) * e_x
+    return reference.direction * max(0.0, reference.direction * speed)
+
+
+def bounded_speed(
+    speed: float, tracking: TrackingError, params: FollowerParams, *, slow: float, is_starting: bool
+) -> float:
+    """Return the speed with its bounds: at most `slow`, creeping at a start and in the last steps of a segment."""
+    direction = tracking.reference.direction
+    if tracking.remaining <= params.safety.goal_tolerance:
+        return 0.0
+    largest = min(slow, params.speed.creep) if is_starting else slow
+    return direction * min(max(direction * speed, params.speed.creep), largest)
+
+
+def speed_limits(way: Array, bend: Array, driving: SpeedParams, vehicle: VehicleParams) -> Array:
+    """Return the largest speed (N,) by cruise speed, lateral acceleration and steering rate on a curve.
+
+    `way` (N,) m, `bend` (N,) 1/m. Steering angle and curvature are tied by tan(angle) = wheelbase * curvature.
+    """
+    lateral = np.sqrt(driving.lateral_acceleration / np.maximum(np.abs(bend), 1e-6))
+    angle = np.arctan(vehicle.wheelbase * bend)
+    turning = np.abs(np.gradient(angle, way)) if len(way) > 2 else np.zeros(len(way))
+    by_rate = vehicle.max_steering_rate / np.maximum(turning, 1e-6)
+    limit = np.minimum(np.minimum(lateral, by_rate), min(driving.cruise, vehicle.max_speed))
+    return np.maximum(limit, driving.creep)
+
+
+def speed_profile(way: Array, limits: Array, vehicle: VehicleParams, *, is_closed: bool) -> Array:
+    """Return the speed (N,) that keeps to the limits, brakes in time for them, and stops at the end.
+
+    Braking: v^2 of a point <= v^2 of the next + 2 deceleration * distance. Speeding up likewise, but not from
+    standstill at the start: there the acceleration limit of the command does it.
+    """
+    squared = np.square(limits)
+    steps = np.diff(way)
+    if not is_closed:
+        squared[-1] = 0.0
+    for _ in range(2 if is_closed else 1):
+        if is_closed:
+            squared[-1] = squared[0] = min(squared[0], squared[-1])
+        for i in range(len(steps) - 1, -1, -1):
+            squared[i] = min(squared[i], squared[i + 1] + 2.0 * vehicle.max_deceleration * steps[i])
+        for i in range(len(steps)):
+            squared[i + 1] = min(squared[i + 1], squared[i] + 2.0 * vehicle.max_acceleration * steps[i])
+    speeds: Array = np.sqrt(squared)
+    return speeds

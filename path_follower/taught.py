@@ -1,0 +1,176 @@
+"""From the poses of a taught drive, or any list of points, to the reference trajectory."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from path_follower.params import PathParams, SpeedParams, VehicleParams
+from path_follower.path import ReferencePath, Segment
+from path_follower.smoothing import Curve, smooth_curve
+from path_follower.speed import speed_limits, speed_profile
+
+Array = NDArray[np.float64]
+
+MAX_POINTS = 1_000_000
+MIN_LENGTH = 0.2  # m
+MAX_SIDEWAYS = np.radians(60.0)  # a car does not move across its heading
+
+
+def reference_path(
+    points: ArrayLike,
+    yaw: ArrayLike | None = None,
+    speed: ArrayLike | None = None,
+    *,
+    path: PathParams,
+    driving: SpeedParams,
+    vehicle: VehicleParams,
+    is_closed: bool = False,
+) -> ReferencePath:
+    """Make the trajectory from points (N, 2) in m in order of driving, headings (N,) and speeds (N,) where known.
+
+    Headings say where the vehicle drove backwards; without them everything is forward. Speeds are upper bounds;
+    NaN where unknown. ValueError for what cannot be driven.
+    """
+    xy, headings, speeds = _checked(points, yaw, speed)
+    is_closed = is_closed or path.is_closed
+    parts = _split(xy, headings, path.cusp_hysteresis) if headings is not None else [(0, len(xy) - 1, 1)]
+    if is_closed and len(parts) > 1:
+        raise ValueError(f"path: expected no change of direction on a closed path, found {len(parts) - 1}")
+    if not path.is_reverse_allowed and any(direction < 0 for _, _, direction in parts):
+        raise ValueError("path: expected forward driving only (path.is_reverse_allowed), found points driven backwards")
+    curves = [smooth_curve(_distinct(xy[first : last + 1]), path, is_closed=is_closed) for first, last, _ in parts]
+    for (first, last, direction), curve in zip(parts, curves, strict=True):
+        if headings is not None:
+            _check_heading(xy[first : last + 1], headings[first : last + 1], curve, direction)
+    bounds = [_bound(xy, speeds, part, curve, driving) for part, curve in zip(parts, curves, strict=True)]
+    return _joined(curves, [direction for _, _, direction in parts], bounds, driving, vehicle, is_closed)
+
+
+def taught_speeds(points: Array, stamps_ns: NDArray[np.int64], way: float = 0.5) -> Array:
+    """Return the speed (N,) in m/s at points (N, 2) of a drive, over `way` m to both sides: noise does not count."""
+    driven = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+    before = np.maximum(np.searchsorted(driven, driven - way, side="right") - 1, 0)
+    after = np.minimum(np.searchsorted(driven, driven + way), len(driven) - 1)
+    seconds = np.maximum((stamps_ns[after] - stamps_ns[before]) / 1e9, 1e-3)
+    speeds: Array = np.hypot(*(points[after] - points[before]).T) / seconds
+    return speeds
+
+
+def _checked(points: ArrayLike, yaw: ArrayLike | None, speed: ArrayLike | None) -> tuple[Array, Array | None, Array]:
+    xy = np.asarray(points, dtype=np.float64)
+    if xy.ndim != 2 or xy.shape[-1] != 2 or not 2 <= len(xy) <= MAX_POINTS:
+        raise ValueError(f"path: expected 2 to {MAX_POINTS} points (x, y), found shape {xy.shape}")
+    headings = None if yaw is None else np.asarray(yaw, dtype=np.float64)
+    speeds = np.full(len(xy), np.nan) if speed is None else np.abs(np.asarray(speed, dtype=np.float64))
+    for name, values in (("position", xy), ("yaw", headings)):
+        if values is not None and not np.all(np.isfinite(values)):
+            bad = int(np.flatnonzero(~np.isfinite(values).reshape(len(xy), -1).all(axis=-1))[0])
+            raise ValueError(f"path: point {bad}: {name}: expected finite numbers, found {values[bad].tolist()}")
+    if speeds.shape != (len(xy),) or (headings is not None and headings.shape != (len(xy),)):
+        raise ValueError(f"path: expected {len(xy)} headings and speeds")
+    length = float(np.sum(np.hypot(*np.diff(xy, axis=0).T)))
+    if length < MIN_LENGTH or not np.isfinite(length):
+        raise ValueError(f"path: expected a length of at least {MIN_LENGTH} m, found {length:.3g} m")
+    is_constant = headings is not None and np.ptp(headings) < 1e-6
+    if is_constant and headings is not None and _is_across(xy, float(headings[0])):
+        headings = None  # every orientation left at its default: positions only
+    return xy, headings, speeds
+
+
+def _is_across(xy: Array, yaw: float) -> bool:
+    """Return whether a constant heading cannot be that of a car on these points, on a part of the way."""
+    steps = np.diff(xy, axis=0)
+    length = np.hypot(*steps.T)
+    along = np.abs(steps @ [np.cos(yaw), np.sin(yaw)])
+    return bool(np.sum(length[along < np.cos(MAX_SIDEWAYS) * length]) > 0.02 * length.sum())
+
+
+def _split(xy: Array, yaw: Array, hysteresis: float) -> list[tuple[int, int, int]]:
+    """Return (first, last, direction) of runs in one direction: between the turning points of the way made good.
+
+    The way made good is the sum of steps along the heading; noise telescopes away, and a turning point counts once
+    the way back exceeds the hysteresis.
+    """
+    steps = np.diff(xy, axis=0)
+    middle = yaw[:-1] + 0.5 * ((np.diff(yaw) + np.pi) % (2 * np.pi) - np.pi)
+    good = np.concatenate([[0.0], np.cumsum(steps[:, 0] * np.cos(middle) + steps[:, 1] * np.sin(middle))])
+    turns, direction, extreme = [], 0, 0
+    low = high = 0
+    for i, way in enumerate(good):
+        if direction == 0:
+            low, high = (i if way < good[low] else low), (i if way > good[high] else high)
+            if way - good[low] > hysteresis or good[high] - way > hysteresis:
+                direction, extreme = (1 if way - good[low] > hysteresis else -1), i
+        elif direction * (way - good[extreme]) > 0:
+            extreme = i
+        elif direction * (good[extreme] - way) > hysteresis:
+            turns.append((extreme, direction))
+            direction, extreme = -direction, i
+    ends = [*turns, (len(xy) - 1, direction or 1)]
+    firsts = [0, *(end for end, _ in ends[:-1])]
+    return [(first, last, sign) for first, (last, sign) in zip(firsts, ends, strict=True)]
+
+
+def _distinct(xy: Array) -> Array:
+    keep = np.concatenate([[True], np.any(np.diff(xy, axis=0) != 0.0, axis=-1)])
+    return xy[keep]
+
+
+def _check_heading(xy: Array, yaw: Array, curve: Curve, direction: int) -> None:
+    nearest = np.clip(np.searchsorted(curve.way, _share(xy) * curve.way[-1]), 0, len(curve.way) - 1)
+    tangent = curve.tangent[nearest] + (np.pi if direction < 0 else 0.0)
+    off = np.abs((yaw - tangent + np.pi) % (2 * np.pi) - np.pi)
+    worst = int(np.argmax(off))
+    if np.median(off) > MAX_SIDEWAYS:
+        found = f"{np.degrees(np.median(off)):.0f} deg off, {np.degrees(off[worst]):.0f} at point {worst}"
+        raise ValueError(f"path: yaw: expected along the way, as a car drives, found {found}")
+
+
+def _share(xy: Array) -> Array:
+    way = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(xy, axis=0).T))])
+    share: Array = way / max(way[-1], 1e-9)
+    return share
+
+
+def _bound(xy: Array, speeds: Array, part: tuple[int, int, int], curve: Curve, driving: SpeedParams) -> Array:
+    """Return the largest speed (M,) at the points of the curve by the given speeds; infinite where unknown."""
+    first, last, _ = part
+    known = np.isfinite(speeds[first : last + 1])
+    if not driving.is_as_taught or not known.any():
+        return np.full(len(curve.way), np.inf)
+    share = _share(xy[first : last + 1])[known] * curve.way[-1]
+    taught: Array = np.maximum(np.interp(curve.way, share, speeds[first : last + 1][known]), driving.min_taught)
+    return taught
+
+
+def _joined(
+    curves: list[Curve],
+    directions: list[int],
+    bounds: list[Array],
+    driving: SpeedParams,
+    vehicle: VehicleParams,
+    is_closed: bool,
+) -> ReferencePath:
+    segments, speeds, begin, start = [], [], 0, 0.0
+    ways = []
+    for curve, direction, bound in zip(curves, directions, bounds, strict=True):
+        segments.append(Segment(begin, begin + len(curve.way) - 1, direction))
+        limits = np.minimum(bound, speed_limits(curve.way, curve.bend, driving, vehicle))
+        speeds.append(direction * speed_profile(curve.way, limits, vehicle, is_closed=is_closed))
+        ways.append(start + curve.way)
+        begin, start = begin + len(curve.way), start + float(curve.way[-1])
+    yaw = [
+        curve.tangent + (np.pi if direction < 0 else 0.0) for curve, direction in zip(curves, directions, strict=True)
+    ]
+    bend = [direction * curve.bend for curve, direction in zip(curves, directions, strict=True)]
+    return ReferencePath(
+        x=np.concatenate([curve.x for curve in curves]),
+        y=np.concatenate([curve.y for curve in curves]),
+        yaw=np.concatenate(yaw),
+        curvature=np.concatenate(bend),
+        arc_length=np.concatenate(ways),
+        speed=np.concatenate(speeds),
+        segments=tuple(segments),
+        is_closed=is_closed,
+    )

@@ -1,0 +1,176 @@
+"""The car: kinematics of the rear axle, limits of every command, and where it will be when a command acts."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass
+
+from path_follower.params import ActuationParams, VehicleParams
+from path_follower.path import Pose2
+
+HISTORY_NS = 3_000_000_000
+STANDING = 0.03  # m/s
+TURNED = 0.1  # rad between wheel and wish within which a start may speed up
+STEP = 0.02  # s of the prediction
+MAX_STEP_NS = 200_000_000  # time between commands that counts for their limits
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Speed of the rear axle in m/s (negative: backwards) and angle of the front wheel in rad (positive: left)."""
+
+    speed: float
+    steering_angle: float
+
+    def yaw_rate(self, wheelbase: float) -> float:
+        """Return the yaw rate of the rear axle in rad/s."""
+        return self.speed * math.tan(self.steering_angle) / wheelbase
+
+
+STANDSTILL = Motion(0.0, 0.0)
+ORIGIN = Pose2(0.0, 0.0, 0.0)
+
+
+def drive(pose: Pose2, motion: Motion, wheelbase: float, seconds: float) -> Pose2:
+    """Return the pose after driving a circle of curvature tan(angle) / wheelbase for a time: exact."""
+    way = motion.speed * seconds
+    turn = way * math.tan(motion.steering_angle) / wheelbase
+    chord = way * (math.sin(turn / 2) / (turn / 2) if abs(turn) > 1e-9 else 1.0)
+    middle = pose.yaw + turn / 2
+    return Pose2(pose.x + chord * math.cos(middle), pose.y + chord * math.sin(middle), pose.yaw + turn)
+
+
+class Limiter:
+    """Lets no command through that breaks a limit of the car. Holds the last one, from which changes are counted."""
+
+    def __init__(self, params: VehicleParams) -> None:
+        """Begin at standstill, wheels straight."""
+        self.params = params
+        self.is_launch = True
+        self.last = STANDSTILL
+        self.last_ns: int | None = None
+
+    def limit(self, speed: float, curvature: float | None, now_ns: int, *, is_hard: bool) -> Motion:
+        """Return the nearest motion that is allowed: m/s, 1/m (None: the wheels stay); `is_hard`: a stop for safety.
+
+        At standstill the wheels do not turn; a change of direction passes through standstill.
+        """
+        limits = self.params
+        seconds = 0.0 if self.last_ns is None else min(max(now_ns - self.last_ns, 0), MAX_STEP_NS) / 1e9
+        deceleration = limits.stop_deceleration if is_hard else limits.max_deceleration
+        wanted = self.last.steering_angle if curvature is None else self._angle(curvature)
+        goal = _clip(speed, limits.max_speed) if math.isfinite(speed) else 0.0
+        new_speed = self._towards(goal, seconds, deceleration)
+        angle = self.last.steering_angle
+        if new_speed != 0.0:
+            step = limits.max_steering_rate * seconds
+            angle = min(max(wanted, angle - step), angle + step)
+        self.last, self.last_ns = Motion(new_speed, angle), now_ns
+        return self.last
+
+    def is_starting(self, curvature: float) -> bool:
+        """Return whether the vehicle sets off from standstill and its wheels do not yet stand as a curvature asks."""
+        is_turned = abs(self._angle(curvature) - self.last.steering_angle) <= TURNED
+        self.is_launch = (self.is_launch or self.last.speed == 0.0) and not is_turned
+        return self.is_launch
+
+    def _angle(self, curvature: float) -> float:
+        if not math.isfinite(curvature):
+            return self.last.steering_angle
+        return _clip(math.atan(self.params.wheelbase * curvature), self.params.max_steering_angle)
+
+    def _towards(self, goal: float, seconds: float, deceleration: float) -> float:
+        now = self.last.speed
+        if now * goal < 0.0:
+            goal = 0.0
+        if abs(goal) >= abs(now):
+            step = self.params.max_acceleration * seconds
+            return math.copysign(min(abs(goal), abs(now) + step), goal)
+        return math.copysign(max(abs(goal), abs(now) - deceleration * seconds), now)
+
+
+class Predictor:
+    """A model of the actuators that follows the commands given, to see the pose at the time a command acts."""
+
+    def __init__(self, vehicle: VehicleParams, actuation: ActuationParams) -> None:
+        """Begin at standstill."""
+        self.vehicle = vehicle
+        self.actuation = actuation
+        self.commands: deque[tuple[int, Motion]] = deque()
+        self.states: deque[tuple[int, Motion]] = deque()
+
+    @property
+    def motion(self) -> Motion:
+        """What the actuators are thought to do now."""
+        return self.states[-1][1] if self.states else STANDSTILL
+
+    @property
+    def is_standing(self) -> bool:
+        """Whether the vehicle is thought to stand."""
+        return abs(self.motion.speed) < STANDING
+
+    def remember(self, now_ns: int, command: Motion) -> None:
+        """Take note of a command that was given."""
+        if self.states:
+            then, state = self.states[-1]
+            self.states.append((now_ns, self._run(state, then, now_ns)[0]))
+        else:
+            self.states.append((now_ns, STANDSTILL))
+        self.commands.append((now_ns, command))
+        while len(self.commands) > 2 and self.commands[1][0] < now_ns - HISTORY_NS:
+            self.commands.popleft()
+            self.states.popleft()
+
+    def predict(self, pose: Pose2, stamp_ns: int, now_ns: int, speed: float | None) -> Pose2:
+        """Return the pose when a command given now has acted: at now + dead time + steering lag.
+
+        `speed` m/s is the measured one at the stamp, where there is one; else that of the model.
+        """
+        wanted = max(0, now_ns - stamp_ns) / 1e9
+        age_ns = round(min(wanted, self.actuation.max_pose_age) * 1e9)
+        state = self._state_at(now_ns - age_ns)
+        if speed is not None and math.isfinite(speed):
+            state = Motion(speed, state.steering_angle)
+        horizon = round((self.actuation.dead_time + self.actuation.steering_lag) * 1e9)
+        return self._run(state, now_ns - age_ns, now_ns + horizon, pose)[1]
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self.commands.clear()
+        self.states.clear()
+
+    def _state_at(self, stamp_ns: int) -> Motion:
+        state, then = STANDSTILL, None
+        for then, state in reversed(self.states):
+            if then <= stamp_ns:
+                return self._run(state, then, stamp_ns)[0]
+        return state
+
+    def _run(self, state: Motion, from_ns: int, to_ns: int, pose: Pose2 = ORIGIN) -> tuple[Motion, Pose2]:
+        """Let the actuators follow the commands known, first-order lags after a dead time."""
+        speed, angle, now = state.speed, state.steering_angle, from_ns
+        dead_ns = round(self.actuation.dead_time * 1e9)
+        while now < to_ns:
+            end = min(now + round(STEP * 1e9), to_ns)
+            seconds = (end - now) / 1e9
+            command = self._command_at(now - dead_ns)
+            speed += (command.speed - speed) * _share(seconds, self.actuation.speed_lag)
+            angle += (command.steering_angle - angle) * _share(seconds, self.actuation.steering_lag)
+            pose = drive(pose, Motion(speed, angle), self.vehicle.wheelbase, seconds)
+            now = end
+        return Motion(speed, angle), pose
+
+    def _command_at(self, stamp_ns: int) -> Motion:
+        for given, command in reversed(self.commands):
+            if given <= stamp_ns:
+                return command
+        return STANDSTILL
+
+
+def _share(seconds: float, lag: float) -> float:
+    return 1.0 - math.exp(-seconds / lag) if lag > 0 else 1.0
+
+
+def _clip(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)
