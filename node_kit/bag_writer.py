@@ -165,8 +165,8 @@ class BagWriter:
             raise BagError(f"{self.path}: expected no such file or folder, found one: nothing is overwritten")
         if self.partial.exists() and not but_partial:
             raise BagError(
-                f"{self.partial}: the remains of an interrupted run: rescue them with 'sphere_nav verify-bag --salvage',"
-                " or delete them"
+                f"{self.partial}: the remains of an interrupted run: 'sphere_nav verify-bag --salvage' rescues them,"
+                " or delete it"
             )
 
     def _description(self) -> dict[str, Any]:

@@ -134,7 +134,7 @@ class McapFile:
             seconds = (found.end_ns - found.start_ns) / 1e9
             raise BagError(
                 f"{self.path}: truncated MCAP: {found.num_messages} messages ({seconds:.1f} s) in {found.num_bytes} of"
-                f" {self.size} bytes are readable: 'sphere_nav verify-bag --salvage' keeps them"
+                f" {self.size} bytes are readable and can be salvaged"
             )
 
     def _read_summary(self) -> Summary:

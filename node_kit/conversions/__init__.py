@@ -11,6 +11,7 @@ from node_kit.conversions.cameras import (
     stereo_baseline,
 )
 from node_kit.conversions.clouds import cloud_to_message, message_to_cloud
+from node_kit.conversions.graphs import graph_to_message, message_to_graph
 from node_kit.conversions.images import (
     array_to_image,
     compressed_to_array,
@@ -58,11 +59,13 @@ __all__ = [
     "compressed_to_image",
     "depth_to_metres",
     "from_ros_covariance",
+    "graph_to_message",
     "header",
     "image_to_array",
     "image_to_grey",
     "image_to_rgb",
     "message_to_cloud",
+    "message_to_graph",
     "message_to_sphere",
     "message_to_status",
     "moved_covariance",

@@ -1,0 +1,298 @@
+"""A map is a bag: one chunk a key sphere, so that one sphere is one read.
+
+A map is a folder with `map.mcap` and `metadata.yaml`. Topics: `/map/info` (MapInfo, first), `/map/sphere`
+(AugmentedSphere, in order of id), `/map/graph` (KeySphereGraph, before the spheres and after them; the last one holds). Everything is checked before it is
+believed: format version, sizes, checksums, that every vertex has its sphere.
+"""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import yaml
+from mcap.records import ChunkIndex
+from rclpy.serialization import deserialize_message
+from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
+
+from node_kit import qos
+from node_kit.bag_error import BagError
+from node_kit.bag_reader import BagReader
+from node_kit.bag_writer import BagWriter
+from node_kit.conversions import header, message_to_sphere, sphere_to_message
+from node_kit.conversions.graphs import graph_to_message, message_to_graph
+from node_kit.mcap_file import salvaged_messages
+from sphere_mapping.graph import Edge, KeySphere, SphereGraph
+from sphere_mapping.sphere import Sphere
+
+FILE_NAME = "map.mcap"
+INFO, SPHERE, GRAPH = "/map/info", "/map/sphere", "/map/graph"
+KINDS: dict[str, type[Any]] = {INFO: MapInfo, SPHERE: AugmentedSphere, GRAPH: KeySphereGraph}
+MAP_FRAME, SPHERE_FRAME = "map", "sphere_link"
+ONE_CHUNK = 1 << 40  # bytes: chunks end where we say
+MAX_SPHERES = 10_000_000
+
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class MapDetails:
+    """What a map says about itself."""
+
+    map_id: str = ""
+    software: str = "sphere_nav"
+    source: str = ""
+    parameters: Mapping[str, Any] | None = None
+    rig: str = ""
+    frame_id: str = MAP_FRAME
+
+
+def save_map(
+    path: str | Path,
+    graph: SphereGraph,
+    details: MapDetails | None = None,
+    *,
+    load_sphere: Callable[[int], Sphere] | None = None,
+    is_overwriting: bool = False,
+    image_encoding: str = AugmentedSphere.PNG,
+    progress: Progress = lambda step: None,
+) -> Path:
+    """Write a map; it appears under its name only when it is complete. `load_sphere` gives spheres not in memory."""
+    details, path = details or MapDetails(), Path(path)
+    if not len(graph):
+        raise BagError(f"{path}: expected a graph with key spheres, found an empty one")
+    if path.exists() and (not is_overwriting or not (path / FILE_NAME).is_file()):
+        raise BagError(f"{path}: expected no such file or folder, found one: nothing is overwritten")
+    target = path.with_name(f"{path.name}.new") if path.exists() else path
+    nodes = sorted(graph, key=lambda node: node.id)
+    with BagWriter(target, file_name=FILE_NAME, chunk_size=ONE_CHUNK) as bag:
+        for topic, kind in KINDS.items():
+            bag.add_topic(topic, kind, qos.LATCHED)
+        bag.write(INFO, _info(graph, details), nodes[0].stamp_ns)
+        bag.write(GRAPH, _graph_message(graph, details), nodes[0].stamp_ns)  # so that a torn file can be salvaged
+        for node in nodes:
+            bag.end_chunk()
+            sphere = node.sphere or (load_sphere(node.id) if load_sphere else None)
+            if sphere is None:
+                raise BagError(f"{path}: key sphere {node.id}: expected its picture in memory, found none")
+            message = sphere_to_message(sphere, SPHERE_FRAME, node.id, image_encoding=image_encoding)
+            bag.write(SPHERE, message, node.stamp_ns)
+            progress(1)
+        bag.end_chunk()
+        last = max(node.stamp_ns for node in nodes)
+        bag.write(GRAPH, _graph_message(graph, details), last)
+    return _replaced(target, path) if target != path else path
+
+
+def open_map(path: str | Path) -> MapReader:
+    """Open a map; BagError in one line for whatever is wrong with it."""
+    return MapReader(path)
+
+
+class MapReader:
+    """An open map: the graph is read at once, spheres when they are asked for.
+
+    `graph` (without pictures), `info` (MapInfo), `parameters` of the mapping by dotted name.
+    """
+
+    def __init__(self, path: str | Path) -> None:
+        self.path = Path(path)
+        file = self.path / FILE_NAME if self.path.is_dir() else self.path
+        if self.path.is_dir() and not file.is_file():
+            raise BagError(f"{file}: expected a map, found no such file")
+        self._bag = BagReader(file)
+        try:
+            self.info = self._read_info()
+            self.graph = self._read_graph()
+            self.parameters = self._read_parameters()
+            self._chunks = self._find_spheres()
+        except BaseException:
+            self._bag.close()
+            raise
+
+    def load_sphere(self, sphere_id: int) -> Sphere:
+        """Read one key sphere, one chunk; BagError if it is missing or damaged."""
+        index = self._chunks.get(sphere_id)
+        if index is None:
+            raise BagError(
+                f"{self.path}: key sphere {sphere_id}: expected one of the map's {len(self.graph)}, found none"
+            )
+        message = self._message_of(index)
+        if message.id != sphere_id:
+            raise BagError(
+                f"{self.path}: chunk {index.chunk_start_offset}: expected sphere {sphere_id}, found {message.id}"
+            )
+        try:
+            sphere = message_to_sphere(message)
+        except ValueError as error:
+            raise BagError(f"{self.path}: key sphere {sphere_id}: {error}") from None
+        return sphere
+
+    def load_all(self, progress: Progress = lambda step: None) -> SphereGraph:
+        """Return the graph with every picture in memory."""
+        nodes = []
+        for node in self.graph:
+            nodes.append(replace(node, sphere=self.load_sphere(node.id)))
+            progress(1)
+        return SphereGraph(nodes, self.graph.edges)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._bag.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+        self.close()
+
+    def _read_info(self) -> MapInfo:
+        self._bag.require(INFO, MapInfo)
+        info: MapInfo = next(self._bag.messages([INFO])).message
+        if info.format_version != MapInfo.FORMAT_VERSION:
+            found = info.format_version
+            raise BagError(f"{self.path}: format_version: expected {MapInfo.FORMAT_VERSION}, found {found}")
+        if info.num_spheres > MAX_SPHERES:
+            raise BagError(f"{self.path}: num_spheres: expected at most {MAX_SPHERES}, found {info.num_spheres}")
+        return info
+
+    def _read_graph(self) -> SphereGraph:
+        self._bag.require(GRAPH, KeySphereGraph)
+        message = list(self._bag.messages([GRAPH]))[-1].message
+        if message.format_version != MapInfo.FORMAT_VERSION:
+            found = message.format_version
+            raise BagError(f"{self.path}: graph format_version: expected {MapInfo.FORMAT_VERSION}, found {found}")
+        try:
+            graph = message_to_graph(message)
+        except ValueError as error:
+            raise BagError(f"{self.path}: graph: {error}") from None
+        if not len(graph):
+            raise BagError(f"{self.path}: graph: expected key spheres, found none")
+        if len(graph) != self.info.num_spheres:
+            raise BagError(f"{self.path}: graph: expected {self.info.num_spheres} vertices (info), found {len(graph)}")
+        return graph
+
+    def _read_parameters(self) -> dict[str, Any]:
+        try:
+            values = yaml.safe_load(self.info.parameters) or {}
+        except yaml.YAMLError:
+            values = None
+        if not isinstance(values, dict):
+            raise BagError(f"{self.path}: parameters: expected YAML of names and values, found something else")
+        return values
+
+    def _find_spheres(self) -> dict[int, ChunkIndex]:
+        """Return the chunk of every key sphere: spheres are stored in order of id, one a chunk."""
+        self._bag.require(SPHERE, AugmentedSphere)
+        file = self._bag.files[0]
+        channels = {channel.id for channel in file.summary.channels.values() if channel.topic == SPHERE}
+        chunks = [index for index in file.summary.chunk_indexes if channels & index.message_index_offsets.keys()]
+        chunks.sort(key=lambda index: index.chunk_start_offset)
+        ids = sorted(node.id for node in self.graph)
+        found = self._bag.topics[SPHERE].count
+        if len(chunks) != len(ids) or found != len(ids):
+            raise BagError(f"{self.path}: spheres: expected {len(ids)} (one a vertex of the graph), found {found}")
+        return dict(zip(ids, chunks, strict=True))
+
+    def _message_of(self, index: ChunkIndex) -> AugmentedSphere:
+        file = self._bag.files[0]
+        found = [message for channel, message in file.chunk(index) if channel.topic == SPHERE]
+        if len(found) != 1:
+            raise BagError(f"{self.path}: chunk {index.chunk_start_offset}: expected one sphere, found {len(found)}")
+        message: AugmentedSphere = self._bag.decode(SPHERE, found[0].data, AugmentedSphere)
+        return message
+
+
+def verify_map(path: str | Path, progress: Progress = lambda step: None) -> list[str]:
+    """Read every key sphere of a map; return the problems, one a line. BagError if it cannot be opened."""
+    problems = []
+    with open_map(path) as reader:
+        for node in reader.graph:
+            try:
+                sphere = reader.load_sphere(node.id)
+                if sphere.stamp_ns != node.stamp_ns:
+                    problems.append(
+                        f"{path}: key sphere {node.id}: expected stamp {node.stamp_ns}, found {sphere.stamp_ns}"
+                    )
+            except BagError as error:
+                problems.append(str(error))
+            progress(1)
+    return problems
+
+
+def salvage_map(source: str | Path, target: str | Path, progress: Progress = lambda step: None) -> int:
+    """Make a map of the spheres that a truncated one still has, with the last graph that it has; return their number.
+
+    A map that was cut before its graph keeps its spheres, but not where they are: that is refused.
+    """
+    source = Path(source)
+    file = source / FILE_NAME if source.is_dir() else source
+    spheres, graphs, infos = _readable(file, progress)
+    if not infos or infos[0].format_version != MapInfo.FORMAT_VERSION:
+        raise BagError(f"{file}: expected a readable MapInfo of format {MapInfo.FORMAT_VERSION}, found none")
+    if not graphs:
+        raise BagError(f"{file}: {len(spheres)} key spheres are readable, but not the graph that says where they are")
+    whole = message_to_graph(graphs[-1])
+    nodes = [replace(node, sphere=spheres[node.id]) for node in whole if node.id in spheres]
+    kept = {node.id for node in nodes}
+    edges: Iterable[Edge] = [edge for edge in whole.edges if edge.a in kept and edge.b in kept]
+    info = infos[0]
+    details = MapDetails(
+        info.map_id, info.software, info.source, yaml.safe_load(info.parameters) or {}, info.rig, info.header.frame_id
+    )
+    save_map(target, SphereGraph(nodes, edges), details)
+    return len(nodes)
+
+
+def _readable(file: Path, progress: Progress) -> tuple[dict[int, Sphere], list[KeySphereGraph], list[MapInfo]]:
+    channels: dict[int, Any] = {}
+    found: dict[str, list[Any]] = {topic: [] for topic in KINDS}
+    try:
+        for message, _ in salvaged_messages(file, channels):
+            topic = channels[message.channel_id].topic
+            if topic in KINDS:
+                item = deserialize_message(message.data, KINDS[topic])
+                found[topic].append((item.id, message_to_sphere(item)) if topic == SPHERE else item)
+                progress(1)
+    except ValueError as error:
+        found["error"] = [str(error)]
+    return dict(found[SPHERE]), found[GRAPH], found[INFO]
+
+
+def _info(graph: SphereGraph, details: MapDetails) -> MapInfo:
+    nodes = sorted(graph, key=lambda node: node.id)
+    return MapInfo(
+        header=header(nodes[0].stamp_ns, details.frame_id),
+        map_id=details.map_id,
+        format_version=MapInfo.FORMAT_VERSION,
+        software=details.software,
+        source=details.source,
+        parameters=yaml.safe_dump(dict(details.parameters or {}), sort_keys=False),
+        rig=details.rig,
+        num_spheres=len(nodes),
+        length=_length(nodes),
+    )
+
+
+def _graph_message(graph: SphereGraph, details: MapDetails) -> KeySphereGraph:
+    return graph_to_message(graph, details.frame_id, map_id=details.map_id, software=details.software)
+
+
+def _length(nodes: list[KeySphere]) -> float:
+    steps = pairwise(nodes)
+    return float(sum(first.T_map_sphere.distance(second.T_map_sphere)[0] for first, second in steps))
+
+
+def _replaced(new: Path, path: Path) -> Path:
+    """Put a complete map in the place of an old one."""
+    old = path.with_name(f"{path.name}.old")
+    shutil.rmtree(old, ignore_errors=True)
+    path.rename(old)
+    new.rename(path)
+    shutil.rmtree(old, ignore_errors=True)
+    return path
