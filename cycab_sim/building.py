@@ -69,7 +69,10 @@ def _add_front(
     if style.is_shop:
         left, right = centres - 0.4 * width / num_bays, centres + 0.4 * width / num_bays
     ground = [(0.45 if style.is_shop else 0.95, 2.7)]
-    upper = [(GROUND_STOREY + i * style.storey + 0.8, GROUND_STOREY + i * style.storey + 0.8 + style.window[1]) for i in range(storeys - 1)]
+    upper = [
+        (GROUND_STOREY + i * style.storey + 0.8, GROUND_STOREY + i * style.storey + 0.8 + style.window[1])
+        for i in range(storeys - 1)
+    ]
     door = int(rng.integers(num_bays))
     _add_openings(mesh, at, width, GROUND_STOREY, left, right, ground, style, rng, door)
     above = at @ placed(0.0, 0.0, 0.0, GROUND_STOREY)
@@ -101,7 +104,12 @@ def _add_openings(
 
 
 def _add_opening(
-    mesh: MeshBuilder, at: Array, hole: tuple[float, float, float, float], style: Style, rng: np.random.Generator, is_door: bool
+    mesh: MeshBuilder,
+    at: Array,
+    hole: tuple[float, float, float, float],
+    style: Style,
+    rng: np.random.Generator,
+    is_door: bool,
 ) -> None:
     """Add the reveal, pane or door, sill and shutters of a hole (x0, x1, z0, z1)."""
     x0, x1, z0, z1 = hole
@@ -117,7 +125,9 @@ def _add_opening(
     mesh.panels(moved(reveal, at), finishes.TRIM)
     w, h = x1 - x0, z1 - z0
     leaf = Finish(k.WOOD, style.frame, finishes.darker(style.frame, 0.4), (0.10, w, h))
-    pane = leaf if is_door else finishes.window(w, h, style.frame, rng, across=2 if w < 1.6 else 3, up=2 if h < 1.8 else 3)
+    pane = (
+        leaf if is_door else finishes.window(w, h, style.frame, rng, across=2 if w < 1.6 else 3, up=2 if h < 1.8 else 3)
+    )
     mesh.panels(moved(_upright(x0, x1, z0, z1, r), at), pane)
     mesh.box([x0 - 0.08, -0.05, z1], [w + 0.16, 0.06, 0.14], finishes.TRIM, at)
     if is_door:
@@ -158,7 +168,9 @@ def _add_awning(mesh: MeshBuilder, at: Array, width: float, cloth: Finish) -> No
     mesh.panels(moved(np.array([slope, hem]), at), cloth)
 
 
-def _add_plain_wall(mesh: MeshBuilder, at: Array, width: float, height: float, style: Style, rng: np.random.Generator) -> None:
+def _add_plain_wall(
+    mesh: MeshBuilder, at: Array, width: float, height: float, style: Style, rng: np.random.Generator
+) -> None:
     """Add a wall with few openings: pasted posters and a vent, no relief."""
     mesh.panels(moved(_upright(0.0, width, 0.0, height, 0.0), at), style.wall)
     for _ in range(int(width / 3.0)):
@@ -180,7 +192,12 @@ def _add_gable_roof(
     middle, eave = depth / 2, -0.35
     drop = height - (ridge - height) / middle * 0.35
     front = [[-0.1, eave, drop], [width + 0.1, eave, drop], [width + 0.1, middle, ridge], [-0.1, middle, ridge]]
-    back = [[width + 0.1, depth - eave, drop], [-0.1, depth - eave, drop], [-0.1, middle, ridge], [width + 0.1, middle, ridge]]
+    back = [
+        [width + 0.1, depth - eave, drop],
+        [-0.1, depth - eave, drop],
+        [-0.1, middle, ridge],
+        [width + 0.1, middle, ridge],
+    ]
     mesh.panels(moved(np.array([front, back]), at), tiles)
     right = [[width, 0, height], [width, depth, height], [width, middle, ridge], [width, middle, ridge]]
     left = [[0, depth, height], [0, 0, height], [0, middle, ridge], [0, middle, ridge]]

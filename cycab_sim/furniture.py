@@ -63,7 +63,10 @@ def add_box(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
     kind = rng.random()
     if kind < 0.4:
         mesh.box([-0.3, -0.6, 0], [0.6, 1.2, 1.25], finishes.paint(finishes.pick(rng, finishes.WOODWORK), 0.6), at)
-        mesh.panels(moved(np.array([[0.305, -0.5, 0.3], [0.305, 0.5, 0.3], [0.305, 0.5, 1.1], [0.305, -0.5, 1.1]]), at), finishes.sign(1.0, 0.8, rng, 4))
+        mesh.panels(
+            moved(np.array([[0.305, -0.5, 0.3], [0.305, 0.5, 0.3], [0.305, 0.5, 1.1], [0.305, -0.5, 1.1]]), at),
+            finishes.sign(1.0, 0.8, rng, 4),
+        )
     elif kind < 0.7:
         mesh.box([-0.35, -0.3, 0.05], [0.7, 0.6, 0.95], finishes.slats(finishes.pick(rng, finishes.WOODWORK), 0.2), at)
         mesh.box([-0.38, -0.33, 1.0], [0.76, 0.66, 0.1], finishes.METAL, at)
@@ -104,7 +107,9 @@ def add_lump(mesh: MeshBuilder, centre: Array, radius: float, leaves: Finish, rn
 
 def _sphere_faces(levels: int = 2) -> tuple[Array, NDArray[np.int64]]:
     """Return an octahedron split `levels` times: directions (P, 3) and faces (F, 3)."""
-    points = [np.array(p, dtype=np.float64) for p in ((1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))]
+    points = [
+        np.array(p, dtype=np.float64) for p in ((1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
+    ]
     faces = [(0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4), (1, 0, 5), (2, 1, 5), (3, 2, 5), (0, 3, 5)]
     middles: dict[tuple[int, int], int] = {}
 
@@ -126,12 +131,25 @@ def _sphere_faces(levels: int = 2) -> tuple[Array, NDArray[np.int64]]:
 
 
 def _add_frustum(
-    mesh: MeshBuilder, at: Array, low: tuple[float, float, float, float], top: tuple[float, float, float, float], finish: Finish
+    mesh: MeshBuilder,
+    at: Array,
+    low: tuple[float, float, float, float],
+    top: tuple[float, float, float, float],
+    finish: Finish,
 ) -> None:
     """Add a hull between two rectangles (x0, x1, half width, z), without its floor."""
     (a0, a1, ab, az), (c0, c1, cb, cz) = low, top
     p = np.array(
-        [[a0, -ab, az], [a1, -ab, az], [a1, ab, az], [a0, ab, az], [c0, -cb, cz], [c1, -cb, cz], [c1, cb, cz], [c0, cb, cz]]
+        [
+            [a0, -ab, az],
+            [a1, -ab, az],
+            [a1, ab, az],
+            [a0, ab, az],
+            [c0, -cb, cz],
+            [c1, -cb, cz],
+            [c1, cb, cz],
+            [c0, cb, cz],
+        ]
     )
     sides = p[[[0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7], [4, 5, 6, 7]]]
     mesh.panels(moved(sides, at), finish)

@@ -97,7 +97,7 @@ def _lit(shadow, a, b, depth, footprint):
 @njit(cache=True)
 def _lit_once(shadow, a, b, depth):
     """Compare with the four texels around (a, b) and blend; the world beyond the map is lit."""
-    i, j = int(math.floor(a)), int(math.floor(b))
+    i, j = math.floor(a), math.floor(b)
     if i < 0 or j < 0 or i + 1 >= shadow.shape[1] or j + 1 >= shadow.shape[0]:
         return 1.0
     s, t = a - i, b - j
@@ -120,7 +120,7 @@ def merge_samples(samples, edges, n, colour):
 
 @njit(cache=True, nogil=True)
 def tone(colour, gain, curve, image):
-    """Write grey levels 0..255 f32, image (N, 3) RGB or (N, 1) luma, of radiance (N, 3) f32 through a curve (K,) f32."""
+    """Write grey levels 0..255 f32, image (N, 3) RGB or (N, 1) luma, of radiance (N, 3) f32 by a curve (K,)."""
     last = curve.shape[0] - 1
     for n in range(colour.shape[0]):
         luma = 0.0

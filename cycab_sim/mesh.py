@@ -69,7 +69,7 @@ class MeshBuilder:
         self._add_quads(quads, np.arange(first, self._count))
 
     def sheet(self, corners: ArrayLike, finish: Finish, frame: ArrayLike) -> None:
-        """Add quadrilaterals (N, 4, 3) of one plane as one surface; frame (3, 3): origin, a point along u, one along v."""
+        """Add quadrilaterals (N, 4, 3) of one plane as one surface; frame (3, 3): origin, points along u and v."""
         quads = np.asarray(corners, dtype=np.float64).reshape(-1, 4, 3)
         self._new_surface(np.asarray(frame, dtype=np.float64), finish)
         self._add_quads(quads, np.full(len(quads), self._count - 1))
@@ -100,7 +100,9 @@ class MeshBuilder:
             surface_of=np.concatenate(self._surfaces)[keep].astype(np.int32),
             frames=_frames(np.stack(self._corners)),
             kinds=np.array([(f.kind, seed) for f, seed in self._finishes], np.int32),
-            params=np.array([(*f.params, *(0.0,) * (NUM_PARAMS - len(f.params))) for f, _ in self._finishes], np.float32),
+            params=np.array(
+                [(*f.params, *(0.0,) * (NUM_PARAMS - len(f.params))) for f, _ in self._finishes], np.float32
+            ),
             colours=np.array([(f.colour, f.second) for f, _ in self._finishes], np.float32),
         )
 

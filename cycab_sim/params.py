@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 from typed_params import group, param, parameters
 
 
@@ -24,3 +26,132 @@ class RenderParams:
     num_threads: int = param(0, "threads that share an image; 0: one a core", low=0)
     shadow_texel: float = param(0.08, "resolution of the shadows", "m", low=0.01)
     shadow_extent: float = param(160.0, "size of the square around the town's middle with shadows", "m", low=1.0)
+
+
+@parameters
+class VehicleParams:
+    """The Cycab: an electric car that steers its front wheels; the reference point is the rear axle's middle."""
+
+    wheelbase: float = param(1.2, "distance between the axles", "m", low=0.05)
+    front: float = param(1.55, "from the rear axle to the front end of the body", "m", low=0.0)
+    rear: float = param(0.35, "from the rear axle to the rear end of the body", "m", low=0.0)
+    width: float = param(1.2, "width of the body", "m", low=0.05)
+    max_speed: float = param(5.0, "largest speed forward", "m/s", low=0.0)
+    max_reverse_speed: float = param(2.0, "largest speed in reverse", "m/s", low=0.0)
+    max_acceleration: float = param(1.5, "largest gain of speed", "m/s^2", low=0.01)
+    max_deceleration: float = param(4.0, "largest loss of speed", "m/s^2", low=0.01)
+    max_steering_angle: float = param(0.45, "largest angle of the (virtual) front wheel", "rad", low=0.01, high=1.4)
+    max_steering_rate: float = param(0.7, "largest rate of the steering angle", "rad/s", low=0.01)
+
+
+@parameters
+class ActuationParams:
+    """How the car follows its commands."""
+
+    dead_time: float = param(0.0, "from a command to the first reaction of the car", "s", low=0.0, high=1.0)
+    steering_lag: float = param(0.2, "time constant of the steering, first order", "s", low=0.0, high=2.0)
+    speed_lag: float = param(0.2, "time constant of the speed, first order", "s", low=0.0, high=2.0)
+
+
+@parameters
+class OdometryParams:
+    """Wheel odometry: what it measures wrongly."""
+
+    period: float = param(0.02, "time between two messages", "s", low=0.001)
+    slip: float = param(0.005, "share of the wheel motion that does not move the car", low=0.0, high=0.9)
+    yaw_rate_scale: float = param(1.01, "measured yaw rate over true yaw rate", low=0.5, high=2.0)
+    yaw_rate_bias: float = param(0.0005, "offset of the yaw rate while driving", "rad/s")
+    speed_noise: float = param(0.01, "standard deviation of the speed", "m/s", low=0.0)
+    yaw_rate_noise: float = param(0.003, "standard deviation of the yaw rate", "rad/s", low=0.0)
+
+
+@parameters
+class CameraParams:
+    """The camera for driving: one pinhole, looking forward."""
+
+    is_on: bool = param(True, "publish images")
+    period: float = param(0.1, "time between two images", "s", low=0.001)
+    width: int = param(640, "columns", "px", low=16, high=8192)
+    height: int = param(480, "rows", "px", low=16, high=8192)
+    view_deg: float = param(80.0, "horizontal field of view", "deg", low=10.0, high=150.0)
+    k1: float = param(-0.05, "radial distortion", low=-1.0, high=1.0)
+    k2: float = param(0.01, "radial distortion, second coefficient", low=-1.0, high=1.0)
+    x: float = param(1.0, "place on the car, forward of the rear axle", "m")
+    y: float = param(0.0, "place on the car, to the left", "m")
+    z: float = param(1.6, "height above the ground", "m", low=0.05)
+    pitch_deg: float = param(4.0, "looking down", "deg", low=-60.0, high=60.0)
+    noise: float = param(1.2, "standard deviation of the read-out noise", "grey level", low=0.0)
+    shot_noise: float = param(0.012, "variance of the shot noise over the grey level", "grey level", low=0.0)
+
+
+@parameters
+class SphereParams:
+    """The ideal RGB-D sphere on the roof."""
+
+    publish: str = param("teach", "when to publish spheres", choices=("teach", "always", "never"))
+    distance: float = param(0.5, "way between two spheres; 0: by time", "m", low=0.0)
+    period: float = param(0.0, "time between two spheres; 0: by way", "s", low=0.0)
+    width: int = param(1024, "columns of the whole sphere, twice the rows", "px", low=32, high=8192)
+    x: float = param(0.4, "place on the car, forward of the rear axle", "m")
+    y: float = param(0.0, "place on the car, to the left", "m")
+    z: float = param(1.8, "height above the ground", "m", low=0.05)
+    noise: float = param(0.8, "standard deviation of the read-out noise", "grey level", low=0.0)
+    shot_noise: float = param(0.006, "variance of the shot noise over the grey level", "grey level", low=0.0)
+
+
+@parameters
+class TeachParams:
+    """The drive that the simulator does by itself, like a careful human."""
+
+    delay: float = param(2.0, "simulated time before the car starts, for recorders to be ready", "s", low=0.0)
+    speed: float = param(1.4, "speed on straight road", "m/s", low=0.05)
+    acceleration: float = param(0.5, "gain and loss of speed", "m/s^2", low=0.05)
+    lateral_acceleration: float = param(0.35, "largest lateral acceleration in bends", "m/s^2", low=0.01)
+    wander: float = param(0.05, "largest distance from the planned path on purpose", "m", low=0.0, high=1.0)
+    look_ahead: float = param(1.2, "the driver steers towards the path this far ahead", "m", low=0.2)
+
+
+@parameters
+class ClockParams:
+    """How simulated time passes."""
+
+    step: float = param(0.01, "simulated time of one step", "s", low=0.001, high=0.1)
+    is_lock_step: bool = param(True, "after an image wait for a command with its stamp or a later one")
+    max_wait: float = param(3.0, "wall time to wait for a command; then the clock runs on", "s", low=0.0)
+    command_timeout: float = param(0.5, "simulated age of a command after which the car brakes", "s", low=0.0)
+    real_time_factor: float = param(1.0, "simulated over wall time where nothing waits; 0: no limit", low=0.0)
+
+
+@parameters
+class StartParams:
+    """Where the car stands at first, relative to the start of the path."""
+
+    along: float = param(0.0, "forward along the path", "m")
+    left: float = param(0.0, "to the left of the path", "m")
+    yaw_deg: float = param(0.0, "turned to the left", "deg")
+
+
+@parameters
+class SimParams:
+    """Everything that the simulator needs."""
+
+    seed: int = param(1, "decides the town and every noise", low=0)
+    noise_seed: int = param(1, "decides the noise only", low=0)
+    mode: str = param("drive", "who drives: the topic cmd_vel, or the simulator itself", choices=("drive", "teach"))
+    path: str = param("two_turns", "path to start on and to teach", choices=("two_turns", "block", "straight"))
+    has_stamped_command: bool = param(True, "cmd_vel is TwistStamped, not Twist")
+    start: StartParams = group(StartParams)
+    clock: ClockParams = group(ClockParams)
+    teach: TeachParams = group(TeachParams)
+    vehicle: VehicleParams = group(VehicleParams)
+    actuation: ActuationParams = group(ActuationParams)
+    odometry: OdometryParams = group(OdometryParams)
+    camera: CameraParams = group(CameraParams)
+    sphere: SphereParams = group(SphereParams)
+    light: LightParams = group(LightParams)
+    render: RenderParams = group(RenderParams)
+
+
+def focal_length(params: CameraParams) -> float:
+    """Return the focal length in pixels of a camera without distortion."""
+    return 0.5 * params.width / math.tan(math.radians(params.view_deg) / 2)

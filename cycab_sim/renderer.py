@@ -57,7 +57,9 @@ class Renderer:
         self._shadow_frame = _shadow_frame(self._sun)
         self._shadow, self._corner = self._cast_shadows()
 
-    def render(self, camera: Camera, T_world_camera: SE3, is_grey: bool = False, gain: float = 1.0) -> tuple[Floats, Floats]:
+    def render(
+        self, camera: Camera, T_world_camera: SE3, is_grey: bool = False, gain: float = 1.0
+    ) -> tuple[Floats, Floats]:
         """Return grey levels 0..255, (H, W, 3) RGB or (H, W) luma f32, and range along the ray (H, W) f32 m.
 
         +Inf: sky. NaN, and level 0: outside the lens. `gain` multiplies the exposure.
@@ -101,7 +103,19 @@ class Renderer:
 
     def _shade(self, origin: NDArray[np.float64], hits: Hits, cone: Floats, colour: Floats) -> None:
         m = self.mesh
-        paint(origin, hits.rays, hits.ranges, hits.triangles, cone, m.surface_of, m.frames, m.kinds, m.params, m.colours, colour)
+        paint(
+            origin,
+            hits.rays,
+            hits.ranges,
+            hits.triangles,
+            cone,
+            m.surface_of,
+            m.frames,
+            m.kinds,
+            m.params,
+            m.colours,
+            colour,
+        )
         kernels.light(
             origin, hits.rays, hits.ranges, hits.triangles, cone, m.normals,
             self._sun, self._shadow, self.params.shadow_texel, self._corner, self._shadow_frame, colour,
@@ -124,21 +138,14 @@ class Renderer:
         """Return the unit rays (H, W, 3) of a camera and the angle (H, W) between neighbouring rays."""
         if camera not in self._lenses:
             rays = camera.unproject(pixel_grid(camera))
-            angle = np.zeros(rays.shape[:2])
-            for axis in (0, 1):
-                step = np.linalg.norm(np.diff(rays, axis=axis), axis=-1)
-                widest = np.zeros(rays.shape[:2])
-                first, last = (step, step[-1:]) if axis == 0 else (step, step[:, -1:])
-                widest[...] = np.concatenate([first, last], axis=axis)
-                angle = np.fmax(angle, widest)
-            self._lenses[camera] = (rays.astype(np.float32), angle.astype(np.float32))
+            self._lenses[camera] = (rays.astype(np.float32), _spacing(rays))
             if len(self._lenses) > MAX_CAMERAS:
                 self._lenses.popitem(last=False)
         self._lenses.move_to_end(camera)
         return self._lenses[camera]
 
     def _cast_shadows(self) -> tuple[Floats, NDArray[np.float64]]:
-        """Return how far along the sun's rays the first surface lies, (K, K) f32 m, and the corner (2,) m of the map."""
+        """Return how far along the sun's rays the first surface lies, (K, K) f32 m, and the map's corner (2,) m."""
         if not self._light.has_shadows:
             return np.full((2, 2), np.inf, np.float32), np.zeros(2)
         R, texel = self._shadow_frame, self.params.shadow_texel
@@ -168,6 +175,14 @@ def sun_direction(light: LightParams) -> NDArray[np.float64]:
     """Return the unit vector (3,) towards the sun."""
     azimuth, elevation = np.radians([light.sun_azimuth_deg, light.sun_elevation_deg])
     return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+
+
+def _spacing(rays: NDArray[np.float64]) -> Floats:
+    """Return the larger of the angles (H, W) rad from each ray (H, W, 3) to its right and lower neighbour."""
+    right = np.linalg.norm(np.diff(rays, axis=1), axis=-1)
+    below = np.linalg.norm(np.diff(rays, axis=0), axis=-1)
+    right, below = np.concatenate([right, right[:, -1:]], axis=1), np.concatenate([below, below[-1:]], axis=0)
+    return np.fmax(right, below).astype(np.float32)
 
 
 def _shadow_frame(sun: NDArray[np.float64]) -> NDArray[np.float64]:

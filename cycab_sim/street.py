@@ -34,7 +34,9 @@ def add_pavement(mesh: MeshBuilder, block: tuple[float, float, float, float]) ->
     mesh.panels(_flat(x0 + a, y0 + a, x1 - a, y1 - a, KERB_HEIGHT + 0.004), finishes.PAVING)
 
 
-def add_street(mesh: MeshBuilder, at: Array, length: float, crossings: tuple[float, ...], rng: np.random.Generator) -> None:
+def add_street(
+    mesh: MeshBuilder, at: Array, length: float, crossings: tuple[float, ...], rng: np.random.Generator
+) -> None:
     """Add marks, patches and covers; `at` places its start, x along the middle, crossings are at x = ... m."""
     white = (0.60, 0.60, 0.57)
     inner = HALF_ROAD + 0.6
@@ -49,7 +51,12 @@ def add_street(mesh: MeshBuilder, at: Array, length: float, crossings: tuple[flo
     stripes = Finish(k.MARKING, white, finishes.ASPHALT.colour, (0.12, 1.0, 0.5))
     for c in crossings:
         for x in (c - inner - 2.9, c + inner + 0.1):
-            corners = [[x + 2.8, -HALF_ROAD, 0.007], [x + 2.8, HALF_ROAD, 0.007], [x, HALF_ROAD, 0.007], [x, -HALF_ROAD, 0.007]]
+            corners = [
+                [x + 2.8, -HALF_ROAD, 0.007],
+                [x + 2.8, HALF_ROAD, 0.007],
+                [x, HALF_ROAD, 0.007],
+                [x, -HALF_ROAD, 0.007],
+            ]
             mesh.panels(moved(np.array([corners]), at), stripes)
     _add_patches(mesh, at, length, rng)
 

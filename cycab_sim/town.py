@@ -182,7 +182,9 @@ def _add_on_pavement(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> 
 def _close_views(mesh: MeshBuilder, plan: Plan, rng: np.random.Generator) -> None:
     """Close most street ends by a house across, the others by two rows of trees."""
     x0, y0, x1, y1 = plan.bounds
-    ends = [placed(x1 + 9, y, -np.pi / 2) for y in (0.0, plan.north)] + [placed(x0 - 9, y, np.pi / 2) for y in (0.0, plan.north)]
+    ends = [placed(x1 + 9, y, -np.pi / 2) for y in (0.0, plan.north)] + [
+        placed(x0 - 9, y, np.pi / 2) for y in (0.0, plan.north)
+    ]
     ends += [placed(x, y1 + 9, 0.0) for x in (0.0, plan.east)] + [placed(x, y0 - 9, np.pi) for x in (0.0, plan.east)]
     for at in ends:
         if rng.random() < 0.6:

@@ -153,7 +153,7 @@ def cells(u, v, pu, pv, shift, foot, seed):
 @njit(cache=True)
 def joints(u, v, pu, pv, gap, shift, foot):
     """Share of the footprint that lies on the joints of a bond of pu x pv cells."""
-    row = int(math.floor(v / pv))
+    row = math.floor(v / pv)
     solid = pulse(u - shift * pu * (row & 1) - 0.5 * gap, pu, 1.0 - gap / pu, foot[4])
     return 1.0 - solid * pulse(v - 0.5 * gap, pv, 1.0 - gap / pv, foot[5])
 
@@ -163,5 +163,3 @@ def line(distance, width, foot):
     """Share of the footprint covered by a line of `width` whose centre is `distance` away."""
     blur = width + foot[0] + 0.5 * foot[1]
     return max(0.0, 1.0 - distance / blur) * width / blur
-
-

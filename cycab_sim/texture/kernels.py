@@ -47,7 +47,7 @@ def _plaster(u, v, foot, p, seed):
 
 @njit(cache=True)
 def _window(u, v, foot, p, seed):
-    """p = (contrast, width, height, panes across, panes up, curtain 0..1): frame is the second colour."""
+    """Parameters p = (contrast, width, height, panes across, panes up, curtain 0..1): frame is the second colour."""
     frame = 1.0 - within(u, 0.06, p[1] - 0.06, foot[4]) * within(v, 0.06, p[2] - 0.06, foot[5])
     pane_u, pane_v = (p[1] - 0.06) / p[3], (p[2] - 0.06) / p[4]
     bars = pulse(u - 0.06, pane_u, 1.0 - 0.05 / pane_u, foot[4]) * pulse(v - 0.06, pane_v, 1.0 - 0.05 / pane_v, foot[5])
@@ -71,7 +71,7 @@ def _roof(u, v, foot, p, seed):
 
 @njit(cache=True)
 def _wood(u, v, foot, p, seed):
-    """p = (contrast, width, height): boards, grain and a panel frame."""
+    """Parameters p = (contrast, width, height): boards, grain and a panel frame."""
     grain = fbm2(u, 0.06 * v, foot, 0.12, 0.9, 6, seed)
     rough = fbm2(u, v, foot, 1.5, 0.9, 9, seed + 10)
     board = 1.0 - pulse(u, 0.14, 0.93, foot[4])
@@ -81,7 +81,7 @@ def _wood(u, v, foot, p, seed):
 
 @njit(cache=True)
 def _sign(u, v, foot, p, seed):
-    """p = (contrast, width, height, dot size): rows of glyphs of 5 x 7 random, mirrored dots inside a border."""
+    """Parameters p = (contrast, width, height, dot): rows of glyphs of 5 x 7 random, mirrored dots in a border."""
     rough = fbm2(u, v, foot, 1.0, 0.92, 9, seed)
     dot = p[3]
     x, y = u / dot - 2.0, v / dot - 2.0
@@ -90,9 +90,12 @@ def _sign(u, v, foot, p, seed):
     blur = max(foot[4], foot[5]) / dot
     ink = 0.0
     for tap in range(4):  # four points of the footprint, then the mean level where the glyphs are too small
-        xs, ys = x + (0.25 if tap & 1 else -0.25) * min(foot[4] / dot, 2.0), y + (0.25 if tap & 2 else -0.25) * min(foot[5] / dot, 2.0)
+        xs, ys = (
+            x + (0.25 if tap & 1 else -0.25) * min(foot[4] / dot, 2.0),
+            y + (0.25 if tap & 2 else -0.25) * min(foot[5] / dot, 2.0),
+        )
         column, row = math.floor(xs / 6.0), math.floor(ys / 9.0)
-        i, j = int(math.floor(xs - 6.0 * column)), int(math.floor(ys - 9.0 * row))
+        i, j = math.floor(xs - 6.0 * column), math.floor(ys - 9.0 * row)
         is_ink = i < 5 and j < 7 and hashed(min(i, 4 - i), j, int(column) + 31 * int(row), seed) > -0.1
         ink += 0.25 if is_ink else 0.0
     keep = math.exp(-0.35 * blur * blur)
@@ -152,7 +155,7 @@ def appearance(material, u, v, w, foot, p, seed):
     """Return (m, t) of a material: the factor on the reflectance and the share of the second colour."""
     if material == ASPHALT:
         return _asphalt(u, v, foot, p, seed)
-    if material == PAVING or material == BRICK or material == STONE:
+    if material in (PAVING, BRICK, STONE):
         return _blocks(u, v, foot, p, seed)
     if material == PLASTER:
         return _plaster(u, v, foot, p, seed)
@@ -192,7 +195,11 @@ def paint(origin, rays, ranges, triangles, cone, surface_of, frames, kinds, para
             continue
         s = surface_of[triangles[n]]
         A = frames[s]
-        x, y, z = (origin[0] + ranges[n] * rays[n, 0], origin[1] + ranges[n] * rays[n, 1], origin[2] + ranges[n] * rays[n, 2])
+        x, y, z = (
+            origin[0] + ranges[n] * rays[n, 0],
+            origin[1] + ranges[n] * rays[n, 1],
+            origin[2] + ranges[n] * rays[n, 2],
+        )
         u = A[0, 0] * x + A[0, 1] * y + A[0, 2] * z + A[0, 3]
         v = A[1, 0] * x + A[1, 1] * y + A[1, 2] * z + A[1, 3]
         w = A[2, 0] * x + A[2, 1] * y + A[2, 2] * z + A[2, 3]

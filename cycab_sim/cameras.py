@@ -1,0 +1,83 @@
+"""What is mounted on the car, where, and what its sensors add to a perfect image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cycab_sim.params import CameraParams, SphereParams, focal_length
+from sphere_geometry import SE3, Camera, Pinhole, Spherical
+
+OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # body axes of optical axes
+
+
+@dataclass(frozen=True)
+class Mount:
+    """A camera on the car: its model, its place, its frame, whether it sees grey only, and its noise.
+
+    T_base_camera maps camera coordinates (optical axes, body axes for a sphere) to the car's;
+    noise in grey levels, shot_noise as variance over the grey level.
+    """
+
+    name: str
+    frame_id: str
+    camera: Camera
+    T_base_camera: SE3
+    is_grey: bool
+    noise: float
+    shot_noise: float
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """An image (H, W[, 3]) u1 and range along the ray (H, W) f32 m of one instant."""
+
+    image: NDArray[np.uint8]
+    range_m: NDArray[np.float32]
+    camera: Camera
+    stamp_ns: int
+    index: int
+    range_std_m: None = None  # the range is exact
+
+
+def forward_camera(params: CameraParams) -> Mount:
+    """Return the pinhole camera for driving."""
+    f = focal_length(params)
+    centre = ((params.width - 1) / 2, (params.height - 1) / 2)
+    camera = Pinhole(params.width, params.height, f, f, *centre, (params.k1, params.k2, 0.0, 0.0, 0.0))
+    tilt = SE3.exp([0.0, 0.0, 0.0, 0.0, np.radians(params.pitch_deg), 0.0])
+    place = SE3.from_parts(np.eye(3), [params.x, params.y, params.z])
+    T_base_camera = place @ tilt @ SE3.from_parts(OPTICAL, np.zeros(3))
+    return Mount("camera", "camera_optical", camera, T_base_camera, True, params.noise, params.shot_noise)
+
+
+def roof_sphere(params: SphereParams) -> Mount:
+    """Return the ideal RGB-D sphere."""
+    if params.width % 2:
+        raise ValueError(f"sphere.width: expected an even number, found {params.width}")
+    T_base_camera = SE3.from_parts(np.eye(3), [params.x, params.y, params.z])
+    camera = Spherical(params.width, params.width // 2)
+    return Mount("sphere", "sphere_link", camera, T_base_camera, False, params.noise, params.shot_noise)
+
+
+def expose(
+    levels: NDArray[np.float32], noise: float, shot_noise: float, seed: tuple[int, ...], bias: float = 0.0
+) -> NDArray[np.uint8]:
+    """Return what the sensor reads of perfect grey levels (H, W[, 3]): noise of its electronics and of the light.
+
+    `seed` names the image, so that every image has its own noise and has it again in the next run.
+    Levels are 1 to 255; 0 is kept for pixels outside the lens.
+    """
+    if noise > 0.0 or shot_noise > 0.0:
+        rng = np.random.default_rng(seed)
+        deviation = np.sqrt(np.float32(noise * noise) + np.float32(shot_noise) * levels)
+        read = levels + deviation * rng.standard_normal(levels.shape, dtype=np.float32)
+    else:
+        read = levels
+    if bias:
+        read = read + np.float32(bias)
+    image = np.clip(np.rint(read), 1.0, 255.0).astype(np.uint8)
+    image[levels == 0.0] = 0
+    return image

@@ -1,0 +1,69 @@
+"""Commands from outside against simulated time: the newest one, how old it is, and waiting for the next.
+
+The only place where two threads meet: `offer` is called by whoever receives commands, the rest by the simulation.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+
+from cycab_sim.faults import SECOND
+from cycab_sim.params import ClockParams
+from cycab_sim.vehicle import Command
+
+MAX_LEAD = SECOND  # a stamp further ahead of simulated time comes from another clock
+
+
+class LockStep:
+    """Holds time after an image until a command with its stamp, or a later one, has come.
+
+    Before the first command, and after one has failed to come within the limit, nothing is waited for: the next
+    command starts it again.
+    """
+
+    def __init__(self, params: ClockParams) -> None:
+        self.params = params
+        self.is_engaged = False
+        self.num_missed = 0
+        self._command = Command()
+        self._stamp_ns = 0
+        self._arrived = threading.Condition()
+
+    def offer(self, command: Command, stamp_ns: int, now_ns: int) -> None:
+        """Take a command; ValueError refuses one that is not finite or comes from another clock."""
+        if not (math.isfinite(command.speed) and math.isfinite(command.yaw_rate)):
+            raise ValueError(f"cmd_vel: expected finite numbers, found {command.speed}, {command.yaw_rate}")
+        if stamp_ns > now_ns + MAX_LEAD:
+            found, now = stamp_ns / SECOND, now_ns / SECOND
+            raise ValueError(f"cmd_vel.header.stamp: expected simulated time, now {now:.2f} s, found {found:.2f} s")
+        with self._arrived:
+            if stamp_ns >= self._stamp_ns:
+                self._command, self._stamp_ns = command, stamp_ns
+            self.is_engaged = True
+            self._arrived.notify_all()
+
+    def wait(self, stamp_ns: int) -> bool:
+        """Wait for a command of `stamp_ns` or later; False where the limit of wall time has passed."""
+        if not self.params.is_lock_step:
+            return True
+        with self._arrived:
+            if not self.is_engaged:
+                return True
+            if self._arrived.wait_for(lambda: self._stamp_ns >= stamp_ns or not self.is_engaged, self.params.max_wait):
+                return True
+            self.is_engaged = False
+            self.num_missed += 1
+            return False
+
+    def release(self) -> None:
+        """Let a waiting simulation go on, as before its end."""
+        with self._arrived:
+            self.is_engaged = False
+            self._arrived.notify_all()
+
+    def command(self, now_ns: int) -> Command:
+        """Return the command in force; a stop once it is too old."""
+        with self._arrived:
+            is_old = now_ns - self._stamp_ns > self.params.command_timeout * SECOND
+            return Command() if is_old else self._command

@@ -1,0 +1,155 @@
+"""The simulator as a ROS node: commands in; clock, images, spheres, odometry and the truth out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, Image
+from sphere_nav_msgs.msg import AugmentedSphere, SimulationFault
+from sphere_nav_msgs.srv import SetFault, Teleport
+from std_msgs.msg import Bool
+from tf2_msgs.msg import TFMessage
+
+from cycab_sim.faults import SECOND
+from cycab_sim.lock_step import LockStep
+from cycab_sim.params import SimParams
+from cycab_sim.runner import Runner
+from cycab_sim.simulator import Simulator
+from cycab_sim.vehicle import Command
+from node_kit import conversions, qos
+from node_kit.node import OK, WARN, ManagedNode
+from node_kit.run import run
+
+WORLD, ODOM, BASE = "world", "odom", "base_link"
+
+
+class CycabSim(ManagedNode):
+    """Runs a `Simulator` in a thread and publishes what it hands out."""
+
+    NAME = "cycab_sim"
+    PARAMS = SimParams
+    LARGE_MESSAGES = True
+    params: SimParams
+
+    def configure(self) -> None:
+        """Build the town, wire topics and services."""
+        self.simulator = Simulator(self.params)
+        self.lock_step = LockStep(self.params.clock)
+        self.runner = Runner(self.simulator, self.lock_step, self.hand_out)
+        self.clock = self.announce("/clock", Clock)
+        self.image = self.announce("image_raw", Image, qos.LARGE)
+        self.info = self.announce("camera_info", CameraInfo)
+        self.sphere = self.announce("sphere", AugmentedSphere, qos.LARGE)
+        self.odom = self.announce("odom", Odometry)
+        self.truth = self.announce("ground_truth/odometry", Odometry)
+        self.tf_static = self.announce("/tf_static", TFMessage, qos.TF_STATIC)
+        self.taught = self.announce("taught", Bool, qos.LATCHED)
+        kind = TwistStamped if self.params.has_stamped_command else Twist
+        self.listen("cmd_vel", kind, self.on_command, qos.COMMAND, is_required=False)
+        self.serve("teleport", Teleport, self.on_teleport)
+        self.serve("set_fault", SetFault, self.on_set_fault)
+        self.report("simulation", OK, "ready")
+
+    def activate(self) -> None:
+        """Let time pass."""
+        now = self.simulator.time_ns
+        mounts = [(mount.T_base_camera, mount.frame_id) for mount in self.simulator.mounts.values()]
+        self.tf_static.publish(
+            TFMessage(transforms=[conversions.se3_to_transform(T, now, BASE, name) for T, name in mounts])
+        )
+        self.taught.publish(Bool(data=False))
+        self.runner = Runner(self.simulator, self.lock_step, self.hand_out)
+        self.runner.start()
+
+    def deactivate(self) -> None:
+        """Stop time."""
+        self.runner.stop()
+
+    def on_command(self, message: Any) -> None:
+        """Hand on a Twist or TwistStamped; a stamp of 0 means now."""
+        now = self.simulator.time_ns
+        twist, stamp = (
+            (message.twist, conversions.stamp_ns(message)) if isinstance(message, TwistStamped) else (message, now)
+        )
+        self.lock_step.offer(Command(twist.linear.x, twist.angular.z), stamp or now, now)
+
+    def hand_out(self, name: str) -> None:
+        """Publish one output at the present instant; called from the simulation's thread."""
+        getattr(self, f"_publish_{name}")(self.simulator.time_ns)
+
+    def _publish_clock(self, now: int) -> None:
+        self.clock.publish(Clock(clock=conversions.ns_to_time(now)))
+        missed = self.lock_step.num_missed
+        level, text = (WARN, f"no command came in time after {missed} images") if missed else (OK, "running")
+        self.report("simulation", level, text, time=now / SECOND, is_waiting_for_commands=self.lock_step.is_engaged)
+        if missed:
+            self.log.warning(text, every=10.0, key="missed")
+        if self.params.mode == "teach" and self.simulator.is_taught:
+            self.taught.publish(Bool(data=True))
+
+    def _publish_camera(self, now: int) -> None:
+        frame, mount = self.simulator.capture("camera"), self.simulator.mounts["camera"]
+        self.info.publish(conversions.camera_to_info(frame.camera, now, mount.frame_id))
+        self.image.publish(conversions.array_to_image(frame.image, now, mount.frame_id, "mono8"))
+
+    def _publish_sphere(self, now: int) -> None:
+        frame: Any = self.simulator.capture("sphere")  # has the fields of a Sphere
+        self.sphere.publish(conversions.sphere_to_message(frame, self.simulator.mounts["sphere"].frame_id))
+
+    def _publish_odom(self, now: int) -> None:
+        measured, vehicle = self.simulator.odometry, self.simulator.vehicle
+        wheels = np.array([measured.speed, 0.0, 0.0, 0.0, 0.0, measured.yaw_rate])
+        deviations = np.diag(np.square(measured.deviations))
+        self.odom.publish(conversions.se3_to_odometry(measured.T_odom_base, deviations, now, (ODOM, BASE), wheels))
+        twist = np.array([vehicle.state.speed, 0.0, 0.0, 0.0, 0.0, vehicle.yaw_rate])
+        T_world_base = vehicle.state.T_world_base
+        self.truth.publish(conversions.se3_to_odometry(T_world_base, np.zeros((6, 6)), now, (WORLD, BASE), twist))
+
+    def on_teleport(self, request: Any, response: Any) -> Any:
+        """Put the car elsewhere."""
+
+        def move() -> None:
+            T_world_base = conversions.pose_to_se3(request.pose)
+            x, y, _ = map(float, T_world_base.translation)
+            self.simulator.teleport(x, y, float(T_world_base.yaw), request.speed)
+
+        return self.answer(response, move)
+
+    def on_set_fault(self, request: Any, response: Any) -> Any:
+        """Clear faults, add one, and answer with those in force."""
+        faults, wanted = self.simulator.faults, request.fault
+
+        def change() -> None:
+            if request.clear:
+                faults.clear()
+            if wanted.kind:
+                now = self.simulator.time_ns
+                faults.add(wanted.target, wanted.kind, wanted.magnitude, wanted.start, wanted.duration, now)
+
+        response = self.answer(response, change)
+        response.active = [SimulationFault(**fault) for fault in faults.described(self.simulator.time_ns)]
+        return response
+
+    def answer(self, response: Any, action: Callable[[], None]) -> Any:
+        """Do something to the simulator between two steps; a ValueError is the answer."""
+        with self.runner.lock:
+            try:
+                action()
+                response.success = True
+            except ValueError as error:
+                response.message = str(error)
+        return response
+
+
+def main() -> int:
+    """Run the node."""
+    return run(CycabSim)
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,71 @@
+"""The simulation as a thread of its own: sense, hand out, wait, step; at the pace of commands or of the wall clock."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+
+from cycab_sim.faults import SECOND
+from cycab_sim.lock_step import LockStep
+from cycab_sim.simulator import Simulator
+from cycab_sim.vehicle import Command
+
+MAX_LAG = 0.2  # wall time that is caught up after a slow image, s; more is forgotten
+
+
+class Runner:
+    """Runs a simulator until it is stopped. `hand_out(name)` is called for each output that is due, time at rest.
+
+    Hold `lock` to look at the simulator, or to change it, from another thread.
+    """
+
+    def __init__(self, simulator: Simulator, lock_step: LockStep, hand_out: Callable[[str], None]) -> None:
+        self.simulator = simulator
+        self.lock_step = lock_step
+        self.lock = threading.Lock()
+        self._hand_out = hand_out
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
+        self._due_wall = time.monotonic()
+
+    def start(self) -> None:
+        """Begin."""
+        self._thread.start()
+
+    def stop(self) -> None:
+        """End after the current step."""
+        self._stop.set()
+        self.lock_step.release()
+        self._thread.join(timeout=5.0)
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            self.turn()
+            self._keep_pace()
+
+    def turn(self) -> None:
+        """Do one step: hand out what is due, wait for the command that answers an image, drive."""
+        simulator = self.simulator
+        with self.lock:
+            due = simulator.take_due()
+            for name in ("clock", *due):
+                self._hand_out(name)
+        if "camera" in due and simulator.params.mode == "drive":
+            self.lock_step.wait(simulator.time_ns)
+        with self.lock:
+            simulator.step(self._command(), round(simulator.params.clock.step * SECOND))
+
+    def _command(self) -> Command:
+        if self.simulator.params.mode == "teach":
+            return self.simulator.teach_command()
+        return self.lock_step.command(self.simulator.time_ns)
+
+    def _keep_pace(self) -> None:
+        """Sleep until wall time has caught up, unless commands set the pace."""
+        clock = self.simulator.params.clock
+        if clock.real_time_factor <= 0.0 or (clock.is_lock_step and self.lock_step.is_engaged):
+            self._due_wall = time.monotonic()
+            return
+        self._due_wall = max(self._due_wall + clock.step / clock.real_time_factor, time.monotonic() - MAX_LAG)
+        self._stop.wait(max(0.0, self._due_wall - time.monotonic()))

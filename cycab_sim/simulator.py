@@ -1,0 +1,136 @@
+"""READ FIRST: the world, the car and its sensors as one object that moves from instant to instant.
+
+    simulator = Simulator(SimParams(seed=3))
+    while not done:
+        for name in simulator.take_due():           # "camera", "sphere", "odom"
+            frame = simulator.capture(name)         # or simulator.odometry, simulator.vehicle.state
+        simulator.step(command, dt_ns)              # the car drives, time passes
+
+Time is integer nanoseconds and passes in `step` only; the same parameters and commands give the same bits again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cycab_sim.cameras import Frame, Mount, expose, forward_camera, roof_sphere
+from cycab_sim.driver import Driver
+from cycab_sim.faults import SECOND, Faults
+from cycab_sim.params import OdometryParams, SimParams
+from cycab_sim.renderer import Renderer
+from cycab_sim.schedule import Schedule
+from cycab_sim.town import build_town, taught_path
+from cycab_sim.vehicle import Command, Vehicle, VehicleState, WheelOdometry
+from sphere_geometry import SE3, Camera
+
+START_NS = SECOND  # a stamp of 0 means 'no time' in ROS
+
+
+class Simulator:
+    """A town, a Cycab in it, a camera, a sphere and wheel odometry on the Cycab."""
+
+    def __init__(self, params: SimParams | None = None) -> None:
+        self.params = params or SimParams()
+        mesh, self.plan = build_town(self.params.seed)
+        self.renderer = Renderer(mesh, self.params.render, self.params.light)
+        self.path = taught_path(self.plan, self.params.path)
+        self.driver = Driver(self.path, self.params.teach, self.params.noise_seed)
+        self.vehicle = Vehicle(self._start(), self.params.vehicle, self.params.actuation)
+        self.odometry = WheelOdometry(self.params.odometry, self.params.noise_seed)
+        self.mounts = {mount.name: mount for mount in self._mounts()}
+        self.schedule = Schedule(self.params)
+        self.faults = Faults()
+        self.time_ns = START_NS
+        self._last: dict[str, Frame] = {}
+        self._applied = Command()
+
+    def step(self, command: Command, dt_ns: int) -> None:
+        """Drive for `dt_ns` nanoseconds under a command."""
+        command = self._with_actuator_faults(command)
+        before = self.vehicle.state
+        self.vehicle.step(command, dt_ns / SECOND)
+        after = self.vehicle.state
+        turned, seconds = after.yaw - before.yaw, dt_ns / SECOND
+        wrong = self._with_odometry_faults()
+        self.odometry.step((before.speed + after.speed) / 2, turned / seconds, seconds, wrong)
+        self.schedule.advance(abs(before.speed + after.speed) / 2 * seconds)
+        self.time_ns += dt_ns
+
+    def take_due(self) -> list[str]:
+        """Return the outputs that are due now, each once; outputs withheld by a fault are not among them."""
+        due = self.schedule.take(self.time_ns - START_NS)
+        return [name for name in due if not self.faults.is_withheld(name, self.schedule.count[name], self.time_ns)]
+
+    def capture(self, name: str) -> Frame:
+        """Return what the camera `name` sees now, noise and faults included."""
+        mount, index = self.mounts[name], self.schedule.count[name]
+        if self._fault(name, "stuck") is not None and name in self._last:
+            return replace(self._last[name], stamp_ns=self.time_ns, index=index)
+        exposure, more_noise = self._fault(name, "exposure"), self._fault(name, "noise") or 0.0
+        gain = 1.0 if exposure is None else exposure**self.params.light.gamma  # a factor on grey levels
+        T_world_camera = self.vehicle.state.T_world_base @ mount.T_base_camera
+        levels, range_m = self.renderer.render(mount.camera, T_world_camera, mount.is_grey, gain)
+        seed = (self.params.noise_seed, index, len(name))
+        noise = float(np.hypot(mount.noise, more_noise))
+        image = expose(levels, noise, mount.shot_noise, seed, self._fault(name, "bias") or 0.0)
+        self._last[name] = Frame(image, range_m, mount.camera, self.time_ns, index)
+        return self._last[name]
+
+    def render(
+        self, camera: Camera, T_world_camera: SE3, is_grey: bool = False
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Return a perfect view from anywhere: image (H, W, 3) RGB or (H, W) grey u1 and range (H, W) f32 m."""
+        levels, range_m = self.renderer.render(camera, T_world_camera, is_grey)
+        return expose(levels, 0.0, 0.0, ()), range_m
+
+    def teleport(self, x: float, y: float, yaw: float, speed: float = 0.0) -> None:
+        """Put the car somewhere else; the wheels do not notice."""
+        if not np.all(np.isfinite([x, y, yaw, speed])):
+            raise ValueError(f"teleport: expected finite numbers, found {x}, {y}, {yaw}, {speed}")
+        self.vehicle.state = VehicleState(x, y, yaw, speed, 0.0)
+
+    def teach_command(self) -> Command:
+        """Return what the driver of the teaching drive does now: nothing at first, and at the end of the path."""
+        if self.time_ns - START_NS < self.params.teach.delay * SECOND:
+            return Command()
+        return self.driver.command(self.vehicle.state)
+
+    @property
+    def is_taught(self) -> bool:
+        """Whether the teaching drive has ended and the car stands."""
+        return self.driver.is_done and abs(self.vehicle.state.speed) < 1e-3
+
+    def _start(self) -> VehicleState:
+        start = self.params.start
+        x, y, yaw, _ = self.path.at(np.array(start.along))
+        x, y = x - start.left * np.sin(yaw), y + start.left * np.cos(yaw)
+        return VehicleState(float(x), float(y), float(yaw + np.radians(start.yaw_deg)))
+
+    def _mounts(self) -> tuple[Mount, ...]:
+        return forward_camera(self.params.camera), roof_sphere(self.params.sphere)
+
+    def _fault(self, target: str, kind: str) -> float | None:
+        return self.faults.magnitude(target, kind, self.time_ns)
+
+    def _with_actuator_faults(self, command: Command) -> Command:
+        is_stuck = self._fault("speed", "stuck") is not None, self._fault("steering", "stuck") is not None
+        speed = self._applied.speed if is_stuck[0] else command.speed + (self._fault("speed", "bias") or 0.0)
+        yaw_rate = self._applied.yaw_rate if is_stuck[1] else command.yaw_rate
+        bias = self._fault("steering", "bias")
+        if bias is not None:
+            wheelbase = self.params.vehicle.wheelbase
+            yaw_rate = speed * np.tan(np.arctan2(wheelbase * yaw_rate, speed) + bias) / wheelbase if speed else 0.0
+        self._applied = Command(float(speed), float(yaw_rate))
+        return self._applied
+
+    def _with_odometry_faults(self) -> OdometryParams | None:
+        slip, noise, bias = (self._fault("odom", kind) for kind in ("slip", "noise", "bias"))
+        if slip is None and noise is None and bias is None:
+            return None
+        p = self.params.odometry
+        return replace(
+            p, slip=slip or p.slip, speed_noise=noise or p.speed_noise, yaw_rate_bias=bias or p.yaw_rate_bias
+        )
