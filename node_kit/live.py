@@ -62,6 +62,7 @@ class LiveShell(LifecycleNode):
         self.log = ThrottledLog(self.get_logger())
         self.is_active = False
         self.is_configured = False
+        self.on_finish: Callable[[], None] = lambda: None
         self._entities: list[Callable[[], object]] = []
         parameters.declare(self, ShellParams, lambda: "decided when the process starts")
         parameters.declare(self, node_class.PARAMS, self._why_fixed)
@@ -179,14 +180,22 @@ class LiveShell(LifecycleNode):
         service = self.create_service(kind, name, handler)
         self._entities.append(lambda: self.destroy_service(service))
 
-    def add_timer(self, seconds: float, callback: Callable[[], None]) -> None:
-        """Make a timer on the node's clock; it is silent while the node is inactive."""
+    def remove_input(self, wanted: Input) -> None:
+        """Unsubscribe."""
+        self.destroy_subscription(wanted.handle)
+
+    def finish(self) -> None:
+        """End the process after this callback."""
+        self.on_finish()
+
+    def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool) -> None:
+        """Make a timer on the node's clock, or the steady one; it is silent while the node is inactive."""
 
         def tick() -> None:
             if self.is_active:
                 callback()
 
-        timer = self.create_timer(seconds, tick)
+        timer = self.create_timer(seconds, tick, clock=self._steady if is_wall else self.get_clock())
         self._entities.append(lambda: self.destroy_timer(timer))
 
     # --- health

@@ -1,8 +1,8 @@
 """A map is a bag: one chunk a key sphere, so that one sphere is one read.
 
 A map is a folder with `map.mcap` and `metadata.yaml`. Topics: `/map/info` (MapInfo, first), `/map/sphere`
-(AugmentedSphere, in order of id), `/map/graph` (KeySphereGraph, before the spheres and after them; the last one holds). Everything is checked before it is
-believed: format version, sizes, checksums, that every vertex has its sphere.
+(AugmentedSphere, in order of id), `/map/graph` (KeySphereGraph, before the spheres and after them; the last one holds).
+Everything is checked before it is believed: format version, sizes, checksums, that every vertex has its sphere.
 """
 
 from __future__ import annotations

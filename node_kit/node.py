@@ -88,8 +88,14 @@ class Shell(Protocol):
     def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Offer a service."""
 
-    def add_timer(self, seconds: float, callback: Callable[[], None]) -> None:
+    def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool) -> None:
         """Call back regularly."""
+
+    def remove_input(self, wanted: Input) -> None:
+        """Stop to deliver messages."""
+
+    def finish(self) -> None:
+        """End the process, or the replay, in order."""
 
 
 class ManagedNode:
@@ -153,9 +159,18 @@ class ManagedNode:
         """Offer a service; `handler(request, response)` returns the response."""
         self.shell.add_service(name, kind, handler)
 
-    def every(self, seconds: float, callback: Callable[[], None]) -> None:
-        """Call back every so many seconds of the node's clock."""
-        self.shell.add_timer(seconds, callback)
+    def every(self, seconds: float, callback: Callable[[], None], *, is_wall: bool = False) -> None:
+        """Call back every so many seconds of the node's clock, or of the wall's."""
+        self.shell.add_timer(seconds, callback, is_wall=is_wall)
+
+    def forget(self, wanted: Input) -> None:
+        """Unsubscribe."""
+        self.inputs.remove(wanted)
+        self.shell.remove_input(wanted)
+
+    def finish(self) -> None:
+        """Ask for the end of the process: the work is done."""
+        self.shell.finish()
 
     def now_ns(self) -> int:
         """Return the node's time in nanoseconds; 0 while a simulated clock has not been heard."""

@@ -74,8 +74,15 @@ class OfflineShell:
         """Keep a service for `call`."""
         self.services[name] = (kind, handler)
 
-    def add_timer(self, seconds: float, callback: Callable[[], None]) -> None:
-        """Fire on the recording's clock."""
+    def remove_input(self, wanted: Input) -> None:
+        """Stop to listen."""
+        self._bus.listeners[self._name(wanted.topic)].remove(wanted)
+
+    def finish(self) -> None:
+        """Do nothing: a replay ends with its bag."""
+
+    def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool) -> None:
+        """Fire on the recording's clock, which is the only one here."""
         self._bus.add_timer(seconds, callback)
 
     def call(self, name: str, request: Any = None) -> Any:

@@ -7,12 +7,13 @@ import signal
 import socket
 import sys
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
@@ -24,14 +25,24 @@ PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"  # Fast DDS 2.14 reads this
 PATIENCE = 1.7  # s from the signal to the end of the process, whatever a callback is doing
 
 
-def run(node_class: type[ManagedNode], args: Sequence[str] | None = None) -> int:
-    """Run one node until it is told to stop; return 0, or 2 if it could not start (one line says why)."""
+def run(
+    node_class: type[ManagedNode],
+    args: Sequence[str] | None = None,
+    *,
+    values: Mapping[str, Any] | None = None,
+    prepare: Callable[[ManagedNode], None] = lambda node: None,
+) -> int:
+    """Run one node until it is told to stop; return 0, or 2 if it could not start (one line says why).
+
+    `values` are parameters by dotted name that go before those of the command line; `prepare` sees the node before it
+    is configured.
+    """
     if node_class.LARGE_MESSAGES:
         use_large_segment()
     with until_signal() as stopped:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
         try:
-            return _serve(node_class, stopped)
+            return _serve(node_class, stopped, values or {}, prepare)
         except ExternalShutdownException:
             return 0
         finally:
@@ -66,12 +77,19 @@ def until_signal() -> Iterator[Future]:
         outer.close()
 
 
-def _serve(node_class: type[ManagedNode], stopped: Future) -> int:
+def _serve(
+    node_class: type[ManagedNode],
+    stopped: Future,
+    values: Mapping[str, Any],
+    prepare: Callable[[ManagedNode], None],
+) -> int:
     try:
-        shell = LiveShell(node_class)
+        shell = LiveShell(node_class, parameter_overrides=[Parameter(name, value=values[name]) for name in values])
     except ValueError as error:
         sys.stderr.write(f"{node_class.NAME}: {error}\n")
         return 2
+    prepare(shell.node)
+    shell.on_finish = lambda: stopped.done() or stopped.set_result(None)
     executor = SingleThreadedExecutor()
     executor.add_node(shell)
     try:

@@ -33,7 +33,7 @@ class TransformTree:
         self._moving: dict[str, deque[tuple[int, SE3]]] = {}
 
     def add(self, message: TransformStamped, *, is_static: bool = False) -> None:
-        """Add T_parent_child; ValueError for a NaN, an empty name, a frame of itself, or a frame with another parent."""
+        """Add T_parent_child; ValueError for a NaN, an empty name, a frame below itself, or a second parent."""
         parent, child = message.header.frame_id.lstrip("/"), message.child_frame_id.lstrip("/")
         if not parent or not child or parent == child:
             raise ValueError(f"transform: expected two frames, found {parent!r} and {child!r}")
