@@ -64,14 +64,22 @@ def innovation(alignment: Alignment, covariance: Array, prediction: Prediction) 
 
 
 def judge(
-    alignment: Alignment, covariance: Array, prediction: Prediction | None, params: AcceptanceParams
+    alignment: Alignment,
+    covariance: Array,
+    distance_ratio: float,
+    prediction: Prediction | None,
+    params: AcceptanceParams,
 ) -> Verdict:
-    """Judge one alignment with its honest covariance; without a prediction (a start) every jump is allowed."""
+    """Judge one alignment with its honest covariance; without a prediction (a start) every jump is allowed.
+
+    `distance_ratio` is the distance to the nearest reference by its median range.
+    """
     if alignment.reason:
-        return _refusal(_own_words(alignment, params))
+        return refusal(_own_words(alignment, params))
     if not (np.all(np.isfinite(alignment.T_world_camera.matrix)) and np.all(np.isfinite(covariance))):
-        return _refusal(Finding(Reason.NO_CONVERGENCE, detail="the result is no number"))
+        return refusal(Finding(Reason.NO_CONVERGENCE, detail="the result is no number"))
     checks = _evidence(alignment, params) + _certainty(covariance, params)
+    checks.append(Check(Reason.OUTSIDE_REGION, distance_ratio, params.max_distance, 0.7 * params.max_distance))
     if prediction is not None:
         limit = params.max_innovation
         distance = innovation(alignment, covariance, prediction)
@@ -81,7 +89,8 @@ def judge(
     return Verdict(is_accepted, is_good, FINE if is_good else worst.finding, max(0.0, worst.margin))
 
 
-def _refusal(finding: Finding) -> Verdict:
+def refusal(finding: Finding) -> Verdict:
+    """Return the verdict of a result that is not used."""
     return Verdict(is_accepted=False, is_good=False, finding=finding, quality=0.0)
 
 
@@ -117,6 +126,6 @@ def _certainty(covariance: Array, params: AcceptanceParams) -> list[Check]:
     sigma_m = np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1])
     sigma_rad = np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1])
     return [
-        Check(Reason.LOW_TEXTURE, sigma_m, params.max_sigma_m, params.good_sigma_m, "uncertain position (m)"),
-        Check(Reason.LOW_TEXTURE, sigma_rad, params.max_sigma_rad, 0.5 * params.max_sigma_rad, "uncertain attitude (rad)"),
+        Check(Reason.LOW_TEXTURE, sigma_m, params.max_sigma_m, params.good_sigma_m, "uncertain position"),
+        Check(Reason.LOW_TEXTURE, sigma_rad, params.max_sigma_rad, 0.5 * params.max_sigma_rad, "uncertain attitude"),
     ]

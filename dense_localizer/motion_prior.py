@@ -27,6 +27,11 @@ class Prediction:
     step_s: float = 0.0
     blind_s: float = 0.0
 
+    @property
+    def sigma_m(self) -> float:
+        """Largest standard deviation of the position in metres."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[-1]))
+
 
 class MotionPrior:
     """The last pose, its velocity and what is not known about them."""
@@ -49,15 +54,17 @@ class MotionPrior:
         """Whether the camera moved when last aligned; true where nothing is known."""
         return self.velocity is None or float(np.linalg.norm(self.velocity[:3])) > self._params.moving_speed
 
+    def age(self, stamp_ns: int) -> float:
+        """Return the seconds since the last alignment, 0 before the first."""
+        return (stamp_ns - self._aligned.stamp_ns) * 1e-9 if self._aligned is not None else 0.0
+
     def start(self, T_map_camera: SE3, covariance: Array, stamp_ns: int, T_odom_camera: SE3 | None = None) -> None:
         """Begin at a found pose, with unknown velocity."""
         self.velocity = None
         self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
         self._T_odom_held = self._T_odom_aligned = T_odom_camera
 
-    def predict(
-        self, stamp_ns: int, T_odom_camera: SE3 | None = None, T_before_now: SE3 | None = None
-    ) -> Prediction:
+    def predict(self, stamp_ns: int, T_odom_camera: SE3 | None = None, T_before_now: SE3 | None = None) -> Prediction:
         """Return the pose at `stamp_ns`, by odometry where given, else by velocity.
 
         `T_before_now` is a measured rotation since the last image (M15 eq. 20); it replaces the predicted one.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from photometric import RegistrationParams
 from typed_params import group, param, parameters
 
 
@@ -40,9 +41,9 @@ class ReferenceParams:
 
     num_references: int = param(2, "key spheres used at once (M15 eq. 19)", low=1, high=4)
     num_candidates: int = param(12, "nearest key spheres looked at", low=1)
-    min_visible_share: float = param(0.25, "share of a candidate's view that the camera must see", low=0.0, high=1.0)
+    min_visible_share: float = param(0.25, "share of the image that a reference must cover", low=0.0, high=1.0)
+    relative_share: float = param(0.6, "the same, by the share that the best candidate covers", low=0.0, high=1.0)
     cache_size: int = param(24, "prepared key spheres kept in memory", low=2)
-    max_distance_ratio: float = param(0.6, "distance to the nearest reference by its median range", low=0.01)
 
 
 @parameters
@@ -61,6 +62,7 @@ class AcceptanceParams:
     max_sigma_m: float = param(0.1, "standard deviation of the position", "m", low=0.0)
     good_sigma_m: float = param(0.05, "standard deviation of the position of a good alignment", "m", low=0.0)
     max_sigma_rad: float = param(0.05, "standard deviation of the attitude", "rad", low=0.0)
+    max_distance: float = param(1.0, "distance to the nearest reference by its median range", low=0.01)
     max_innovation: float = param(6.0, "distance to the prediction", "standard deviations", low=0.1)
 
 
@@ -83,3 +85,36 @@ class StateParams:
     max_blind_s: float = param(0.5, "time without alignment until LOST", "s", low=0.0)
     max_blind_sigma_m: float = param(0.5, "standard deviation of the predicted position until LOST", "m", low=0.0)
     forgive_s: float = param(60.0, "time of tracking after which one loss is forgotten", "s", low=0.0)
+
+
+@parameters
+class StartParams:
+    """How the first pose is found (`startup.py`, M15 section 5.4)."""
+
+    automatic: bool = param(True, "search the whole map without being asked")
+    period_s: float = param(0.5, "pause between two searches", "s", low=0.0)
+    heading_step_deg: float = param(30.0, "between headings tried in a whole sphere", "deg", low=1.0, high=180.0)
+    side_step_deg: float = param(15.0, "to either side of the heading of a partial sphere", "deg", low=0.0, high=90.0)
+    num_aligned: int = param(60, "best guesses that are aligned coarsely", low=1)
+    num_verified: int = param(4, "best coarse results that are verified at full resolution", low=1)
+    min_ncc: float = param(0.75, "correlation of a verified start", low=-1.0, high=1.0)
+    min_ncc_margin: float = param(0.05, "lead of the best place over another one", low=0.0, high=1.0)
+    same_place_m: float = param(0.3, "results closer than this are one place", "m", low=0.0)
+    same_place_deg: float = param(10.0, "and turned by less than this", "deg", low=0.0)
+    near_s: float = param(2.0, "time for which a given or lost pose is tried", "s", low=0.0)
+    num_near: int = param(6, "key spheres around a given or lost pose that are tried", low=1)
+    max_guess_distance_m: float = param(10.0, "from an initial pose to the nearest key sphere", "m", low=0.0)
+
+
+@parameters
+class LocalizerParams:
+    """The localiser and all its steps (`localizer.py`)."""
+
+    input: InputParams = group(InputParams)
+    prior: PriorParams = group(PriorParams)
+    reference: ReferenceParams = group(ReferenceParams)
+    registration: RegistrationParams = group(RegistrationParams)
+    acceptance: AcceptanceParams = group(AcceptanceParams)
+    covariance: CovarianceParams = group(CovarianceParams)
+    state: StateParams = group(StateParams)
+    start: StartParams = group(StartParams)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from dense_localizer.params import StateParams
+from dense_localizer.place import Place
+from dense_localizer.reasons import Finding
 
 
 class State(StrEnum):
@@ -50,7 +52,7 @@ class StateMachine:
 
     def __init__(self, params: StateParams) -> None:
         self._params = params
-        self.state = State.NO_MAP
+        self.state = State.NOT_LOCALISED
         self.num_losses = 0
         self._num_good = 0
         self._tracking_s = 0.0
@@ -71,9 +73,9 @@ class StateMachine:
         doubled = self._params.probation_frames * 2 ** min(self.num_losses, 16)
         return min(doubled, max(self._params.max_probation_frames, self._params.probation_frames))
 
-    def reset(self, has_map: bool) -> None:
+    def reset(self) -> None:
         """Begin anew: nothing is known of the pose, earlier losses are forgotten."""
-        self._enter(State.NOT_LOCALISED if has_map else State.NO_MAP)
+        self._enter(State.NOT_LOCALISED)
         self.num_losses = 0
 
     def search(self) -> None:
@@ -122,3 +124,21 @@ class StateMachine:
     def _enter(self, state: State) -> None:
         self.state = state
         self._num_good, self._tracking_s = 0, 0.0
+
+
+def status_of(state: State, stamp_ns: int, finding: Finding, age: float, place: Place | None = None) -> Status:
+    """Return the status with the evidence of an attempt to place the image, where there was one."""
+    status = Status(
+        state, stamp_ns, str(finding.reason), finding.value, finding.limit, finding.remedy, age=max(age, 0.0)
+    )
+    if place is None or place.alignment is None:
+        return status
+    return replace(
+        status,
+        quality=place.verdict.quality,
+        references=place.choice.ids,
+        overlap=place.alignment.overlap,
+        inlier_share=place.alignment.inlier_share,
+        mad=place.alignment.mad,
+        iterations=place.alignment.iterations,
+    )

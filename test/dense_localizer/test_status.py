@@ -8,7 +8,7 @@ PARAMS = StateParams(probation_frames=3, max_probation_frames=8, recovery_frames
 
 def started() -> StateMachine:
     machine = StateMachine(PARAMS)
-    machine.reset(has_map=True)
+    machine.reset()
     machine.search()
     machine.start()
     return machine
@@ -22,14 +22,10 @@ def tracking() -> StateMachine:
     return machine
 
 
-def test_without_a_map_there_is_no_pose_to_look_for():
-    assert StateMachine(PARAMS).state is State.NO_MAP
-
-
 def test_a_start_passes_through_search_and_probation():
     machine = StateMachine(PARAMS)
     seen = [machine.state]
-    machine.reset(has_map=True)
+    machine.reset()
     seen.append(machine.state)
     machine.search()
     seen.append(machine.state)
@@ -39,7 +35,7 @@ def test_a_start_passes_through_search_and_probation():
         assert not machine.is_trusted
         machine.align(is_good=True)
     seen.append(machine.state)
-    expected = [State.NO_MAP, State.NOT_LOCALISED, State.SEARCHING, *[State.PROBATION] * 3, State.TRACKING]
+    expected = [State.NOT_LOCALISED, State.NOT_LOCALISED, State.SEARCHING, *[State.PROBATION] * 3, State.TRACKING]
     assert seen == expected
     assert machine.is_trusted
 
@@ -109,5 +105,5 @@ def test_a_long_good_drive_forgives_a_loss():
 def test_a_reset_forgets_the_losses():
     machine = tracking()
     machine.lose()
-    machine.reset(has_map=True)
+    machine.reset()
     assert (machine.state, machine.probation_frames) == (State.NOT_LOCALISED, 3)

@@ -1,0 +1,53 @@
+"""One attempt to place an image: choose references, align, judge. Shared by tracking and by the start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dense_localizer.acceptance import Verdict, honest_covariance, judge, refusal
+from dense_localizer.motion_prior import Prediction
+from dense_localizer.params import LocalizerParams
+from dense_localizer.reasons import Finding, Reason
+from dense_localizer.reference import Choice, References
+from photometric import Alignment, Pyramid, register
+from sphere_geometry import SE3
+
+UNKNOWN = np.diag(np.full(6, np.inf))
+
+
+@dataclass(frozen=True)
+class Place:
+    """A pose with its covariance (6, 6), the references behind it and the verdict. No alignment: nothing to see."""
+
+    T_map_camera: SE3
+    covariance: NDArray[np.float64]
+    choice: Choice
+    verdict: Verdict
+    alignment: Alignment | None = None
+
+    @property
+    def ncc(self) -> float:
+        """How well the references explain the image, -1...1."""
+        return self.alignment.ncc if self.alignment is not None else -1.0
+
+
+def locate(
+    pyramid: Pyramid,
+    references: References,
+    T_map_camera: SE3,
+    params: LocalizerParams,
+    prediction: Prediction | None = None,
+) -> Place:
+    """Place an image from a first guess of its pose (M15 eq. 17-19); every jump is allowed without a prediction."""
+    choice = references.choose(T_map_camera, pyramid)
+    if not choice.views:
+        limit, detail = params.reference.min_visible_share, "no key sphere covers the view"
+        verdict = refusal(Finding(Reason.LOW_OVERLAP, choice.overlap, limit, detail))
+        return Place(T_map_camera, UNKNOWN, choice, verdict)
+    alignment = register(pyramid, choice.views, T_map_camera, params.registration)
+    covariance = honest_covariance(alignment, params.covariance)
+    verdict = judge(alignment, covariance, choice.distance_ratio, prediction, params.acceptance)
+    return Place(alignment.T_world_camera, covariance, choice, verdict, alignment)
