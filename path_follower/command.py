@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from path_follower.modes import State
-from path_follower.path import Location, ReferencePoint
+from path_follower.modes import Mode, State
+from path_follower.path import Location, ReferencePath, ReferencePoint
 from path_follower.safety import Verdict
 from path_follower.steering import Errors
 
@@ -41,3 +41,11 @@ class Command:
     steering_angle: float
     tracking: TrackingError | None
     status: Status
+
+
+def status_of(mode: Mode, path: ReferencePath | None, location: Location | None) -> Status:
+    """Return the status; on a closed path the way left is that of the present round."""
+    progress, left = location.arc_length if location else 0.0, 0.0
+    if path is not None:
+        left = path.length - (progress % path.length if path.is_closed else progress)
+    return Status(mode.state, mode.verdict, progress, left, mode.is_armed)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from path_follower.command import Command, Status, TrackingError
+from path_follower.command import Command, TrackingError, status_of
 from path_follower.modes import Mode, State
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
 from path_follower.safety import FINE, Reason, Verdict, Watch
 from path_follower.speed import bounded_speed, speed_law
 from path_follower.steering import curvature_law, errors_of
-from path_follower.vehicle import Limiter, Motion, Predictor
+from path_follower.vehicle import Limiter, Predictor
 
 
 class Follower:
@@ -50,7 +50,9 @@ class Follower:
         motion = self.limiter.limit(speed, curvature, now_ns, is_hard=self.mode.is_stopping_hard)
         self.predictor.remember(now_ns, motion)
         self.mode.settle(is_standing=motion.speed == 0.0, is_slow=self.watch.is_slow)
-        return self._command(now_ns, motion, tracking)
+        status = status_of(self.mode, self.path, self.location)
+        yaw_rate = motion.yaw_rate(self.params.vehicle.wheelbase)
+        return Command(now_ns, motion.speed, yaw_rate, motion.steering_angle, tracking, status)
 
     def _track(self, now_ns: int) -> TrackingError | None:
         """Project onto the closest edge, predict, and compare with the virtual vehicle (eq. 22 to 24)."""
@@ -67,15 +69,10 @@ class Follower:
 
     def _judge(self, inputs: Verdict, tracking: TrackingError | None) -> None:
         """Stop for the first reason found."""
-        if inputs is not FINE:
-            self.mode.halt(inputs)
-        elif tracking is not None and self.path is not None:
-            for verdict in (
-                self.watch.judge_place(tracking.location),
-                self.watch.judge_way(self.path, tracking.location, self.limiter.last.speed),
-            ):
-                if verdict is not FINE:
-                    self.mode.halt(verdict)
+        self.mode.halt(inputs)
+        if inputs is FINE and tracking is not None and self.path is not None:
+            self.mode.halt(self.watch.judge_place(tracking.location))
+            self.mode.halt(self.watch.judge_way(self.path, tracking.location, self.limiter.last.speed))
 
     def _finish_segment(self, tracking: TrackingError | None) -> None:
         """Standing at the end of a segment: go on behind the cusp, or be finished."""
@@ -100,15 +97,6 @@ class Follower:
         is_starting = self.limiter.is_starting(curvature)
         slow = self.params.speed.slow if self.watch.is_slow else self.params.vehicle.max_speed
         return bounded_speed(speed, tracking, self.params, slow=slow, is_starting=is_starting), curvature
-
-    def _command(self, now_ns: int, motion: Motion, tracking: TrackingError | None) -> Command:
-        progress = self.location.arc_length if self.location else 0.0
-        left = 0.0
-        if self.path is not None:
-            left = self.path.length - (progress % self.path.length if self.path.is_closed else progress)
-        status = Status(self.mode.state, self.mode.verdict, progress, left, self.mode.is_armed)
-        yaw_rate = motion.yaw_rate(self.params.vehicle.wheelbase)
-        return Command(now_ns, motion.speed, yaw_rate, motion.steering_angle, tracking, status)
 
     # --- the operator; what is refused says why in one line, what is done returns an empty one
     def load(self, path: ReferencePath) -> None:

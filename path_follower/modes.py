@@ -70,7 +70,9 @@ class Mode:
             self.state, self.verdict = State.PAUSED, Verdict(Reason.OPERATOR)
 
     def halt(self, verdict: Verdict) -> None:
-        """Stop and disarm; the first reason stays, unless a hard stop follows a gentle one."""
+        """Stop and disarm, unless all is fine; the first reason stays, unless a hard stop follows a gentle one."""
+        if verdict is FINE:
+            return
         if self.is_armed or (self.state is State.STOPPING and self.verdict.is_gentle and not verdict.is_gentle):
             self.state, self.verdict = State.STOPPING, verdict
 

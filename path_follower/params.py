@@ -115,3 +115,16 @@ class FollowerParams:
     speed: SpeedParams = group(SpeedParams)
     steering: SteeringParams = group(SteeringParams)
     safety: SafetyParams = group(SafetyParams)
+
+
+@parameters
+class PathFollowerParams(FollowerParams):
+    """Everything that the node needs."""
+
+    map_frame: str = param("map", "frame of the poses and of the path")
+    base_frame: str = param("base_link", "frame of the vehicle, at the rear axle's middle")
+    source: str = param("pose", "where the pose of the vehicle comes from", choices=("pose", "odometry"))
+    trajectory: str = param("", "file of the trajectory (.csv, .tum) to load at the start")
+    enable_stamped_cmd_vel: bool = param(False, "cmd_vel is a TwistStamped, with the stamp of the pose it answers")
+    is_quiet_when_idle: bool = param(False, "send no commands before the first start, so that others may drive")
+    period: float = param(0.05, "longest time between two commands", "s", low=0.005, high=0.5)

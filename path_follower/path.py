@@ -9,6 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_geometry import SE3
+
 Array = NDArray[np.float64]
 
 SAME_PLACE = 0.25  # m: passes of the path that are this much further than the closest are as good at a start
@@ -20,6 +22,12 @@ class Pose2(NamedTuple):
     x: float
     y: float
     yaw: float
+
+    @staticmethod
+    def of(T_map_base: SE3) -> Pose2:
+        """Return the pose on the ground."""
+        x, y, _ = T_map_base.translation.tolist()
+        return Pose2(x, y, float(T_map_base.yaw))
 
 
 @dataclass(frozen=True)

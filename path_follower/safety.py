@@ -60,7 +60,9 @@ class Verdict:
     limit: float = 0.0
 
     def __str__(self) -> str:
-        """Everything in one line."""
+        """Everything in one line; empty if all is fine."""
+        if self.reason is Reason.NONE:
+            return ""
         found = f": found {self.value:.3g}, limit {self.limit:.3g}" if self.limit else ""
         return f"{self.reason}{found}: {self.remedy}"
 

@@ -21,6 +21,14 @@ Array = NDArray[np.float64]
 MAX_BEAMS = 1 << 20
 
 
+def check_frames(message: Any, frame_id: str, child_frame_id: str = "") -> None:
+    """Raise ValueError unless a message is in a frame, and of a child frame where one is named."""
+    if message.header.frame_id != frame_id:
+        raise ValueError(f"header.frame_id: expected {frame_id!r}, found {message.header.frame_id!r}")
+    if child_frame_id and message.child_frame_id != child_frame_id:
+        raise ValueError(f"child_frame_id: expected {child_frame_id!r}, found {message.child_frame_id!r}")
+
+
 def motion_to_twist(speed: float, yaw_rate: float) -> Twist:
     """Return a Twist of the rear-axle centre: m/s along the heading, rad/s."""
     message = Twist()

@@ -1,0 +1,147 @@
+"""The node `path_follower`: poses and a path in, commands out; every pose is answered by a command."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import LaserScan
+from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus, TrackingError
+
+from node_kit import conversions, qos
+from node_kit.conversions import driving
+from node_kit.node import OK, WARN, ManagedNode
+from node_kit.run import run
+from node_kit.tf import TransformListener
+from path_follower.command import Command, Status
+from path_follower.follower import Follower
+from path_follower.modes import State
+from path_follower.operator_node import OperatorCalls
+from path_follower.params import PathFollowerParams
+from path_follower.path import Pose2
+from path_follower.safety import DEGRADED, TRUSTED
+from path_follower.trajectory_node import TrajectoryIntake
+
+
+class PathFollowerNode(ManagedNode):
+    """Converts, asks the follower, converts back. It never moves the vehicle before the call `start`."""
+
+    NAME = "path_follower"
+    PARAMS = PathFollowerParams
+    params: PathFollowerParams
+
+    def configure(self) -> None:
+        """Open topics and services; load the trajectory file where one is set."""
+        p = self.params
+        self.follower = Follower(p)
+        self.answered_ns, self.sent_ns, self.told = 0, 0, ""
+        self.cmd_vel = self.announce("cmd_vel", TwistStamped if p.enable_stamped_cmd_vel else Twist, qos.COMMAND)
+        has_ackermann = driving.AckermannDriveStamped is not None
+        self.ackermann = has_ackermann and self.announce("ackermann_cmd", driving.AckermannDriveStamped, qos.COMMAND)
+        self.tracking = self.announce("tracking_error", TrackingError)
+        self.status = self.announce("path_follower/status", FollowerStatus)
+        self.tf = TransformListener(self)
+        if p.source == "pose":
+            self.listen("pose", PoseWithCovarianceStamped, self.on_pose, qos.STATE)
+        else:
+            self.listen("odometry", Odometry, self.on_odometry, qos.STATE)
+        needed = p.safety.is_status_required
+        self.listen("status", LocalizationStatus, self.on_status, qos.STATE, is_required=needed)
+        self.listen("scan", LaserScan, self.on_scan, qos.SENSOR, is_required=p.safety.is_scan_required)
+        self.every(p.period, self.on_tick)
+        self.trajectories = TrajectoryIntake(self, self.follower)
+        OperatorCalls(self, self.follower)
+
+    def activate(self) -> None:
+        """Show the trajectory that was loaded at the start."""
+        self.trajectories.show()
+
+    def deactivate(self) -> None:
+        """Leave the vehicle with a zero command."""
+        self.follower.stop()
+        self.cmd_vel.publish(self.twist(0.0, 0.0, self.now_ns()))
+
+    def clock_jumped(self) -> None:
+        """Forget stamps; brake."""
+        self.follower.reset()
+        self.answered_ns = self.sent_ns = 0
+
+    # --- poses, status, scan
+    def on_pose(self, message: PoseWithCovarianceStamped) -> None:
+        """Answer a pose of base_link in the map."""
+        self.answer(message, lambda: conversions.pose_with_covariance_to_se3(message, self.params.map_frame)[0])
+
+    def on_odometry(self, message: Odometry) -> None:
+        """Answer an odometry: pose of base_link in the map, and its speed."""
+        driving.check_frames(message, self.params.map_frame, self.params.base_frame)
+        T_map_base, twist = conversions.odometry_to_se3(message)
+        self.answer(message, lambda: T_map_base, float(twist[0]))
+
+    def answer(self, message: Any, convert: Any, speed: float | None = None) -> None:
+        """Update the follower with a pose and publish its command, with the stamp of the pose."""
+        stamp = conversions.stamp_ns(message)
+        try:
+            pose = Pose2.of(convert())
+        except ValueError:
+            self.follower.watch.is_pose_bad = True  # brake, whatever is wrong with it
+            raise
+        self.answered_ns = max(self.answered_ns, stamp)
+        self.publish(self.follower.update(pose, speed, stamp, now_ns=max(self.now_ns(), stamp)), stamp)
+
+    def on_status(self, message: LocalizationStatus) -> None:
+        """Take the state of the localiser; without a pose to come for this image the answer is given here."""
+        status, stamp = conversions.message_to_status(message), conversions.stamp_ns(message)
+        now = max(self.now_ns(), stamp)
+        self.follower.watch.see_status(status.state, now)
+        if status.state not in (TRUSTED, DEGRADED) and stamp > self.answered_ns:
+            self.answered_ns = stamp
+            self.publish(self.follower.tick(now), stamp)
+
+    def on_scan(self, message: LaserScan) -> None:
+        """Take the obstacles of a scan, seen from base_link."""
+        T_base_scan = self.tf.lookup(self.params.base_frame, message.header.frame_id)
+        points = T_base_scan.apply(driving.scan_to_points(message))
+        self.follower.watch.see_scan(points[:, :2], self.now_ns())
+
+    def on_tick(self) -> None:
+        """Keep a command alive while no pose comes."""
+        now = self.now_ns()
+        if now - self.sent_ns >= 0.75e9 * self.params.period:
+            self.publish(self.follower.tick(now), now)
+
+    # --- commands
+    def publish(self, command: Command, stamp: int) -> None:
+        """Send a command with the stamp of what it answers, and say what the follower does."""
+        frame = self.params.map_frame
+        self.sent_ns = self.now_ns()
+        if not (self.params.is_quiet_when_idle and command.status.state in (State.NO_PATH, State.IDLE)):
+            self.cmd_vel.publish(self.twist(command.speed, command.yaw_rate, stamp))
+            if self.ackermann:
+                base = self.params.base_frame
+                self.ackermann.publish(driving.motion_to_ackermann(command.speed, command.steering_angle, stamp, base))
+        if command.tracking is not None:
+            self.tracking.publish(driving.tracking_to_message(command.tracking, stamp, frame))
+        self.status.publish(driving.follower_status_to_message(command.status, stamp, frame))
+        self.tell(command.status)
+
+    def twist(self, speed: float, yaw_rate: float, stamp: int) -> Twist | TwistStamped:
+        """Return the message that `cmd_vel` carries."""
+        if self.params.enable_stamped_cmd_vel:
+            return driving.motion_to_twist_stamped(speed, yaw_rate, stamp, self.params.base_frame)
+        return driving.motion_to_twist(speed, yaw_rate)
+
+    def tell(self, status: Status) -> None:
+        """Report to the diagnostics; log every change of state or reason."""
+        is_stop = status.state in (State.STOPPING, State.STOPPED)
+        text = f"{status.state} {status.verdict}".strip()
+        self.report("follower", WARN if is_stop else OK, text, progress=status.progress, armed=status.is_armed)
+        change = f"{status.state} {status.verdict.reason}"
+        if change != self.told:
+            (self.log.warning if is_stop else self.log.info)(text)
+        self.told = change
+
+
+def main() -> int:
+    """Run the node."""
+    return run(PathFollowerNode)

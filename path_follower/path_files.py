@@ -1,0 +1,108 @@
+"""Reference trajectories in files: CSV with or without a header, TUM poses of a taught drive."""
+
+from __future__ import annotations
+
+import math
+import os
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from path_follower.params import FollowerParams
+from path_follower.path import ReferencePath
+from path_follower.taught import MAX_POINTS, reference_path, taught_speeds
+from sphere_geometry.trajectory import read_tum
+
+Array = NDArray[np.float64]
+
+COLUMNS = {
+    "x": ("x", "x_m", "position_x", "east_m"),
+    "y": ("y", "y_m", "position_y", "north_m"),
+    "yaw": ("yaw", "yaw_rad", "psi", "psi_rad", "heading"),
+    "speed": ("speed", "speed_mps", "v", "vx_mps", "can_speed_mps"),
+}
+USUAL_ORDER = ("x", "y", "yaw", "speed")
+
+
+def read_path(path: str | os.PathLike[str], params: FollowerParams, *, is_closed: bool = False) -> ReferencePath:
+    """Read a `.csv` or `.tum` file; ValueError in one line: file, line, field, expected, found."""
+    file = Path(path)
+    if file.suffix == ".tum":
+        taught = read_tum(file)
+        xy = taught.positions[:, :2]
+        columns: tuple[Array, Array | None, Array | None] = (
+            xy,
+            np.asarray(taught.T_map_body.yaw),
+            taught_speeds(xy, taught.stamps_ns),
+        )
+    elif file.suffix == ".csv":
+        columns = _read_csv(file)
+    else:
+        raise ValueError(f"{file}: expected a .csv or .tum file, found {file.suffix or 'no ending'}")
+    try:
+        return make_path(*columns, params, is_closed=is_closed)
+    except ValueError as error:
+        raise ValueError(f"{file}: {error}") from None
+
+
+def make_path(
+    points: Array, yaw: Array | None, speed: Array | None, params: FollowerParams, *, is_closed: bool = False
+) -> ReferencePath:
+    """Return `reference_path` with the groups of the follower's parameters."""
+    return reference_path(
+        points, yaw, speed, path=params.path, driving=params.speed, vehicle=params.vehicle, is_closed=is_closed
+    )
+
+
+def write_csv(path: str | os.PathLike[str], trajectory: ReferencePath) -> None:
+    """Write x, y, yaw, speed, yaw rate and arc length (eq. 21), SI units."""
+    columns = (trajectory.x, trajectory.y, trajectory.yaw, trajectory.speed, trajectory.speed * trajectory.curvature)
+    rows = np.stack([*columns, trajectory.arc_length], axis=-1)
+    lines = ["# x,y,yaw,speed,yaw_rate,arc_length", *(",".join(f"{value:.9g}" for value in row) for row in rows)]
+    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _read_csv(file: Path) -> tuple[Array, Array | None, Array | None]:
+    """Return points, headings and speeds; columns by the names of a header line, else x, y[, yaw[, speed]]."""
+    order: list[str] = []
+    rows: list[list[float]] = []
+    with file.open(encoding="utf-8", errors="replace") as lines:
+        for number, line in enumerate(lines, 1):
+            words = [word.strip() for word in line.lstrip("# ").strip().split(",")]
+            is_header = not rows and any(word[:1].isalpha() and word.lower() not in ("nan", "inf") for word in words)
+            if is_header:
+                order = _order(words) or order
+            elif line.strip() and not line.startswith("#"):
+                rows.append(_row(file, number, words, order or list(USUAL_ORDER[: len(words)])))
+                if len(rows) > MAX_POINTS or len(rows[-1]) != len(rows[0]):
+                    limit = f"{len(rows[0])} columns and at most {MAX_POINTS} points"
+                    raise ValueError(f"{file}:{number}: expected {limit}, found {len(rows[-1])} and {len(rows)}")
+    if not rows:
+        raise ValueError(f"{file}: expected points, found none")
+    order = order or list(USUAL_ORDER[: len(rows[0])])
+    table = dict(zip(order, np.array(rows).T, strict=False))
+    table.pop("", None)
+    return np.stack([table["x"], table["y"]], axis=-1), table.get("yaw"), table.get("speed")
+
+
+def _order(names: list[str]) -> list[str]:
+    """Return our name of each column, empty for those not used; nothing if these are not names of columns."""
+    ours = {alias: name for name, aliases in COLUMNS.items() for alias in aliases}
+    order = [ours.get(name.lower(), "") for name in names]
+    return order if "x" in order and "y" in order else []
+
+
+def _row(file: Path, number: int, words: list[str], order: list[str]) -> list[float]:
+    if len(words) < max(2, len(order)):
+        raise ValueError(f"{file}:{number}: expected {max(2, len(order))} columns, found {len(words)}")
+    values = []
+    for field, word in zip(order, words, strict=False):
+        try:
+            value = float(word)
+        except ValueError:
+            value = math.nan
+        if field and not math.isfinite(value):
+            raise ValueError(f"{file}:{number}: {field}: expected a finite number, found {word!r}")
+        values.append(value)
+    return values
