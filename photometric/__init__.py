@@ -10,6 +10,7 @@ from photometric.params import PyramidParams, RegistrationParams
 from photometric.pyramid import Pyramid, build_pyramid
 from photometric.reference import Reference, View, prepare_reference
 from photometric.rotation import register_rotation
+from photometric.warm_up import warm_up
 
 __all__ = [
     "Alignment",
@@ -22,4 +23,5 @@ __all__ = [
     "prepare_reference",
     "register",
     "register_rotation",
+    "warm_up",
 ]

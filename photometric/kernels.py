@@ -468,60 +468,72 @@ def reference_points(index, rays, range_m, far, image, pad, model, k, scratch, p
                 gradient[2, a + i] = rows[6, i] * rows[11, i] + rows[7, i] * rows[14, i]
 
 
-NUM_KEYS = 1 << 16
+NUM_KEYS = 1 << 12  # 32 octaves of |J| in 128 steps each: order within 0.8 %, counters fit the first level cache
+LOWEST_KEY = (127 - 12) << 7  # bits of 2^-12; what is smaller is all the same
+HIGHEST_KEY = LOWEST_KEY + NUM_KEYS - 1
+
+
+@njit(**OPTIONS)
+def _sort_column(j, p, g, key, order, limit):
+    """Counting sort of one column by the upper bits of the float, largest first, as far as `limit` places."""
+    n = key.shape[0]
+    value = np.empty(n, np.float32)
+    if j < 3:
+        for i in range(n):
+            value[i] = g[j, i]
+    else:
+        a, b = (j - 2) % 3, (j - 1) % 3
+        pa, pb, ga, gb = p[a], p[b], g[a], g[b]
+        for i in range(n):
+            value[i] = pa[i] * gb[i] - pb[i] * ga[i]
+    bits = value.view(np.int32)
+    starts = np.zeros(NUM_KEYS + 1, np.int32)
+    for i in range(n):
+        exponent = (bits[i] & 0x7FFFFFFF) >> 16
+        key[i] = np.uint16(HIGHEST_KEY - min(max(exponent, LOWEST_KEY), HIGHEST_KEY))
+        starts[np.uint32(key[i]) + np.uint32(1)] += 1
+    for b in range(NUM_KEYS):
+        starts[b + 1] += starts[b]
+    for i in range(n):
+        k = np.uint32(key[i])
+        if starts[k] < limit:
+            order[starts[k]] = i
+        starts[k] += 1
 
 
 @njit(parallel=True, **OPTIONS)
 def sort_columns(points, gradient, keys, order):
     """Sort the pixels by each of the six steepest-descent columns |J^j| (M15 eq. 14), largest first.
 
-    keys (6, N) u16 scratch; writes order (6, N) u32. A counting sort on the upper 16 bits of the float: columns are
-    in order to within 1 %, equal keys stay in order of the pixels.
+    keys (6, N) u16 scratch; writes order (6, L) u32, the first L <= N of each. Columns are in order to within 0.8 %,
+    equal keys in order of the pixels.
     """
-    n = points.shape[1]
-    px, py, pz = points[0], points[1], points[2]
-    gx, gy, gz = gradient[0], gradient[1], gradient[2]
     for j in prange(6):
-        key = keys[j]
-        value = np.empty(1, np.float32)
-        bits = value.view(np.uint32)
-        starts = np.zeros(NUM_KEYS + 1, np.int64)
-        for i in range(n):
-            if j < 3:
-                value[0] = gradient[j, i]
-            elif j == 3:
-                value[0] = py[i] * gz[i] - pz[i] * gy[i]
-            elif j == 4:
-                value[0] = pz[i] * gx[i] - px[i] * gz[i]
-            else:
-                value[0] = px[i] * gy[i] - py[i] * gx[i]
-            magnitude = (bits[0] & np.uint32(0x7FFFFFFF)) >> np.uint32(15)
-            key[i] = np.uint16(NUM_KEYS - 1) - np.uint16(magnitude)
-            starts[np.int64(key[i]) + 1] += 1
-        for b in range(NUM_KEYS):
-            starts[b + 1] += starts[b]
-        for i in range(n):
-            order[j, starts[key[i]]] = i
-            starts[key[i]] += 1
+        _sort_column(j, points, gradient, keys[j], order[j], order.shape[1])
 
 
 @njit(**OPTIONS)
 def pick_in_turn(order, rank):
     """Give each pixel its place when the columns pick their best remaining pixel in turn (M15 alg. 1).
 
-    order (6, N) u32 from `sort_columns`; writes rank (N,) i32.
+    order (6, L) u32 from `sort_columns`; writes rank (N,) i32. With L < N the pixels after the first L places keep
+    the order of the image.
     """
-    n = rank.shape[0]
+    limit = order.shape[1]
     rank[:] = -1
     heads = np.zeros(6, np.int64)
     place = 0
-    while place < n:
+    while place < limit:
         for j in range(6):
-            while heads[j] < n and rank[order[j, heads[j]]] >= 0:
+            while heads[j] < limit and rank[order[j, heads[j]]] >= 0:
                 heads[j] += 1
-            if heads[j] < n:
+            if heads[j] < limit and place < limit:
                 rank[order[j, heads[j]]] = place
                 place += 1
+    for i in range(rank.shape[0]):
+        if rank[i] < 0:
+            rank[i] = place
+            place += 1
 
 
 @njit(**OPTIONS)

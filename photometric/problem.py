@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg.lapack import dposv
 
 from photometric import kernels
 from photometric.normal_equations import Linearisation, NormalEquations, ViewSolver, in_camera_tangent
@@ -136,11 +136,9 @@ def _solve(H: Array, g: Array) -> Array | None:
     if not np.all(np.isfinite(H)) or diagonal.min() <= 0:
         return None
     scale = 1.0 / np.sqrt(diagonal)
-    try:
-        x: Array = -scale * cho_solve(cho_factor(H * np.outer(scale, scale)), scale * g)
-    except np.linalg.LinAlgError:
-        return None
-    return x if np.all(np.isfinite(x)) else None
+    _, x, failed = dposv(H * np.outer(scale, scale), scale * g)
+    solution: Array = -scale * x
+    return None if failed or not np.all(np.isfinite(solution)) else solution
 
 
 def level_like(reference: Reference, level: Level) -> ReferenceLevel:
@@ -162,4 +160,7 @@ def visible(pixels: ReferenceLevel, T_camera_reference: SE3, level: Level) -> ND
 
 def select(pixels: ReferenceLevel, T_camera_reference: SE3, level: Level, number: int) -> ReferenceLevel:
     """Return the `number` most salient pixels that project into the image, in scan order (M15 eq. 16)."""
-    return pixels.take(kernels.best_of(visible(pixels, T_camera_reference, level), pixels.rank, number))
+    seen = visible(pixels, T_camera_reference, level)
+    if np.count_nonzero(seen) <= number:
+        return pixels.take(np.flatnonzero(seen))
+    return pixels.take(kernels.best_of(seen, pixels.rank, number))

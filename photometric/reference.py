@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,22 +23,25 @@ Floats = NDArray[np.float32]
 class ReferenceLevel:
     """The pixels of one level that have a range, in scan order, as the kernels take them.
 
-    points (3, N) m, intensity (N,) grey levels, gradient (3, N) grey levels per metre, all in the reference frame;
-    rank (N,) is the saliency order (0 first).
+    points (3, N) m, intensity (N,) grey levels, gradient (3, N) grey levels per metre, all in the reference frame.
     """
 
     camera: Camera
     points: Floats
     intensity: Floats
     gradient: Floats
-    rank: NDArray[np.int32]
 
     @property
     def num_pixels(self) -> int:
         """How many pixels have a range."""
         return self.intensity.shape[0]
 
-    @property
+    @cached_property
+    def rank(self) -> NDArray[np.int32]:
+        """Place (N,) of each pixel in the saliency order, 0 first; sorted when first asked for, the better half only."""
+        return saliency_rank(self.points, self.gradient, limit=self.num_pixels // 2)
+
+    @cached_property
     def typical_range(self) -> float:
         """Harmonic mean range in metres: what one metre of motion does to the image on average."""
         inverse = np.mean(1.0 / np.sqrt(np.einsum("ij,ij->j", self.points, self.points))) if self.num_pixels else 1.0
@@ -48,7 +51,7 @@ class ReferenceLevel:
         """Return the level reduced to some of its pixels."""
         points = np.ascontiguousarray(self.points[:, index])
         gradient = np.ascontiguousarray(self.gradient[:, index])
-        return ReferenceLevel(self.camera, points, self.intensity[index], gradient, self.rank[index])
+        return ReferenceLevel(self.camera, points, self.intensity[index], gradient)
 
 
 @dataclass(frozen=True)
@@ -129,7 +132,7 @@ def prepare_level(level: Level, range_m: Floats, far: float) -> ReferenceLevel:
         index, rays, range_m.reshape(-1), np.float32(far), level.image, level.pad, model, coefficients,
         scratch(), points, intensity, gradient,
     )  # fmt: skip
-    return ReferenceLevel(level.camera, points, intensity, gradient, saliency_rank(points, gradient))
+    return ReferenceLevel(level.camera, points, intensity, gradient)
 
 
 def kernel_camera(camera: Camera) -> tuple[int, Floats]:

@@ -60,8 +60,8 @@ class SE3:
         """Return the motion of a tangent vector (..., 6) = (v, omega) (M15 eq. 1)."""
         xi = np.asarray(tangent, dtype=np.float64)
         v, omega = xi[..., :3], xi[..., 3:]
-        t = (so3.left_jacobian(omega) @ v[..., None])[..., 0]
-        return SE3.from_parts(so3.exp(omega), t)
+        R, V = so3.exp_and_left_jacobian(omega)
+        return SE3.from_parts(R, (V @ v[..., None])[..., 0])
 
     def log(self) -> Array:
         """Return the tangent vector (..., 6) = (v, omega), the inverse of `exp`."""

@@ -7,31 +7,40 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+IDENTITY = np.eye(3)
 SMALL_ANGLE = 1e-4  # below it the series of sin(a)/a and its kin are exact to 1e-17
 
 
 def hat(vector: ArrayLike) -> Array:
     """Return the cross-product matrix [v]x of (..., 3) as (..., 3, 3)."""
-    x, y, z = np.moveaxis(np.asarray(vector, dtype=np.float64), -1, 0)
-    zero = np.zeros_like(x)
-    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    v = np.asarray(vector, dtype=np.float64)
+    K = np.zeros((*v.shape, 3))
+    K[..., 2, 1] = v[..., 0]
+    K[..., 0, 2] = v[..., 1]
+    K[..., 1, 0] = v[..., 2]
+    return K - np.swapaxes(K, -1, -2)
 
 
 def exp(rotation_vector: ArrayLike) -> Array:
     """Return the rotation (..., 3, 3) by a rotation vector (..., 3) in radians (Rodrigues)."""
-    omega = np.asarray(rotation_vector, dtype=np.float64)
-    a, b, _ = _series(np.linalg.norm(omega, axis=-1))
-    K = hat(omega)
-    return np.eye(3) + a[..., None, None] * K + b[..., None, None] * (K @ K)
+    rotation, _ = exp_and_left_jacobian(rotation_vector)
+    return rotation
 
 
 def left_jacobian(rotation_vector: ArrayLike) -> Array:
     """Return V (..., 3, 3), the integral of exp(s omega) for s from 0 to 1; SE(3) translations are V v."""
+    _, jacobian = exp_and_left_jacobian(rotation_vector)
+    return jacobian
+
+
+def exp_and_left_jacobian(rotation_vector: ArrayLike) -> tuple[Array, Array]:
+    """Return `exp` and `left_jacobian` together, which share all of their work."""
     omega = np.asarray(rotation_vector, dtype=np.float64)
-    _, b, c = _series(np.linalg.norm(omega, axis=-1))
+    a, b, c = _series(np.sqrt(np.einsum("...i,...i->...", omega, omega)))
     K = hat(omega)
-    return np.eye(3) + b[..., None, None] * K + c[..., None, None] * (K @ K)
+    KK = K @ K
+    a, b, c = a[..., None, None], b[..., None, None], c[..., None, None]
+    return IDENTITY + a * K + b * KK, IDENTITY + b * K + c * KK
 
 
 def log(rotation: ArrayLike) -> Array:
@@ -79,12 +88,13 @@ def from_quaternion(xyzw: ArrayLike) -> Array:
 
 
 def _series(angle: Array) -> tuple[Array, Array, Array]:
-    """Return sin(a)/a, (1 - cos a)/a^2 and (a - sin a)/a^3."""
+    """Return sin(a)/a, (1 - cos a)/a^2 and (a - sin a)/a^3, all of the shape of the angle."""
     small = angle < SMALL_ANGLE
     safe = np.where(small, 1.0, angle)
     square = angle * angle
+    sine, half = np.sin(safe), np.sin(safe / 2.0) / safe
     return (
-        np.where(small, 1.0 - square / 6.0, np.sin(safe) / safe),
-        np.where(small, 0.5 - square / 24.0, 2.0 * (np.sin(safe / 2.0) / safe) ** 2),
-        np.where(small, 1.0 / 6.0 - square / 120.0, (safe - np.sin(safe)) / safe**3),
+        np.where(small, 1.0 - square / 6.0, sine / safe),
+        np.where(small, 0.5 - square / 24.0, 2.0 * half * half),
+        np.where(small, 1.0 / 6.0 - square / 120.0, (safe - sine) / (safe * safe * safe)),
     )

@@ -1,0 +1,26 @@
+"""Compile every kernel before the first image, on images too small to cost anything."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from photometric.esm import register
+from photometric.params import PyramidParams, RegistrationParams
+from photometric.pyramid import build_pyramid
+from photometric.reference import View, prepare_reference
+from photometric.rotation import register_rotation
+from sphere_geometry import SE3, Spherical
+
+CAMERA = Spherical(64, 32)
+
+
+def warm_up() -> None:
+    """Run the whole registration once, for both kinds of image; some seconds, or nothing where the cache has it."""
+    params = RegistrationParams(pyramid=PyramidParams(num_levels=2, min_side=8))
+    image = np.random.default_rng(0).integers(0, 255, (32, 64)).astype(np.uint8)
+    range_m = np.full(image.shape, 5.0, np.float32)
+    for one in (image, image.astype(np.float32)):
+        view = View(prepare_reference(one, range_m, CAMERA, params), SE3.identity())
+        pyramid = build_pyramid(one, CAMERA, params.pyramid)
+        register(pyramid, [view], SE3.identity(), params)
+        register_rotation(pyramid, pyramid, params)
