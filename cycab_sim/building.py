@@ -124,7 +124,7 @@ def _add_opening(
     )
     mesh.panels(moved(reveal, at), finishes.TRIM)
     w, h = x1 - x0, z1 - z0
-    leaf = Finish(k.WOOD, style.frame, finishes.darker(style.frame, 0.4), (0.10, w, h))
+    leaf = Finish(k.WOOD, style.frame, finishes.darker(style.frame, 0.4), (0.14, w, h))
     pane = (
         leaf if is_door else finishes.window(w, h, style.frame, rng, across=2 if w < 1.6 else 3, up=2 if h < 1.8 else 3)
     )
@@ -188,7 +188,7 @@ def _add_gable_roof(
 ) -> None:
     width, depth, height = size
     ridge = height + depth * rng.uniform(0.28, 0.42)
-    tiles = Finish(k.ROOF, finishes.pick(rng, finishes.ROOFS), (0.16, 0.13, 0.10), (0.11,))
+    tiles = Finish(k.ROOF, finishes.pick(rng, finishes.ROOFS), (0.16, 0.13, 0.10), (0.15,))
     middle, eave = depth / 2, -0.35
     drop = height - (ridge - height) / middle * 0.35
     front = [[-0.1, eave, drop], [width + 0.1, eave, drop], [width + 0.1, middle, ridge], [-0.1, middle, ridge]]
@@ -221,7 +221,7 @@ def _add_flat_roof(
 
 
 def _add_chimney(mesh: MeshBuilder, at: Array, width: float, y: float, z: float, rng: np.random.Generator) -> None:
-    brick = Finish(k.BRICK, finishes.pick(rng, finishes.BRICKS), (0.46, 0.42, 0.36), (0.12, 0.23, 0.075, 0.012, 0.5))
+    brick = Finish(k.BRICK, finishes.pick(rng, finishes.BRICKS), (0.46, 0.42, 0.36), (0.15, 0.23, 0.075, 0.012, 0.5))
     x = rng.uniform(0.5, width - 1.5)
     mesh.box([x, y - 0.3, z], [0.9, 0.6, 1.5], brick, at)
     mesh.box([x - 0.06, y - 0.36, z + 1.5], [1.02, 0.72, 0.12], finishes.TRIM, at)

@@ -9,15 +9,15 @@ from cycab_sim.texture import kernels as k
 
 Colour = tuple[float, float, float]
 
-ASPHALT = Finish(k.ASPHALT, (0.130, 0.128, 0.126), (0.20, 0.19, 0.18), (0.17,))
-TAR = Finish(k.ASPHALT, (0.075, 0.075, 0.078), (0.12, 0.115, 0.11), (0.19,))
-PAVING = Finish(k.PAVING, (0.34, 0.32, 0.29), (0.17, 0.16, 0.14), (0.11, 0.60, 0.40, 0.012, 0.5))
-COBBLES = Finish(k.PAVING, (0.25, 0.23, 0.21), (0.11, 0.10, 0.09), (0.13, 0.14, 0.12, 0.014, 0.5))
-KERB = Finish(k.STONE, (0.40, 0.39, 0.36), (0.18, 0.17, 0.16), (0.13, 1.0, 0.5, 0.01, 0.0))
-TRIM = Finish(k.STONE, (0.52, 0.48, 0.41), (0.30, 0.27, 0.22), (0.12, 1.3, 0.9, 0.008, 0.0))
+ASPHALT = Finish(k.ASPHALT, (0.130, 0.128, 0.126), (0.20, 0.19, 0.18), (0.21,))
+TAR = Finish(k.ASPHALT, (0.075, 0.075, 0.078), (0.12, 0.115, 0.11), (0.23,))
+PAVING = Finish(k.PAVING, (0.34, 0.32, 0.29), (0.17, 0.16, 0.14), (0.15, 0.60, 0.40, 0.012, 0.5))
+COBBLES = Finish(k.PAVING, (0.25, 0.23, 0.21), (0.11, 0.10, 0.09), (0.17, 0.14, 0.12, 0.014, 0.5))
+KERB = Finish(k.STONE, (0.40, 0.39, 0.36), (0.18, 0.17, 0.16), (0.17, 1.0, 0.5, 0.01, 0.0))
+TRIM = Finish(k.STONE, (0.52, 0.48, 0.41), (0.30, 0.27, 0.22), (0.16, 1.3, 0.9, 0.008, 0.0))
 SOIL = Finish(k.SOIL, (0.10, 0.13, 0.05), (0.20, 0.16, 0.10), (0.20,))
 BARK = Finish(k.BARK, (0.17, 0.13, 0.10), (0.1, 0.1, 0.1), (0.30,))
-METAL = Finish(k.METAL, (0.20, 0.21, 0.22), (0.30, 0.27, 0.22), (0.12, 1.1))
+METAL = Finish(k.METAL, (0.20, 0.21, 0.22), (0.30, 0.27, 0.22), (0.15, 1.1))
 RUBBER = Finish(k.METAL, (0.035, 0.035, 0.037), (0.14, 0.13, 0.11), (0.2, 9.0))
 ROOF_FLAT = Finish(k.SOIL, (0.25, 0.25, 0.24), (0.36, 0.35, 0.33), (0.12,))
 
@@ -60,11 +60,11 @@ def wall(rng: np.random.Generator) -> Finish:
     kind = rng.random()
     if kind < 0.5:
         colour = pick(rng, PLASTERS)
-        return Finish(k.PLASTER, colour, darker(colour, 0.45), (0.085 + 0.05 * rng.random(),))
+        return Finish(k.PLASTER, colour, darker(colour, 0.45), (0.13 + 0.06 * rng.random(),))
     if kind < 0.8:
-        return Finish(k.BRICK, pick(rng, BRICKS), (0.46, 0.42, 0.36), (0.10, 0.23, 0.075, 0.012, 0.5))
+        return Finish(k.BRICK, pick(rng, BRICKS), (0.46, 0.42, 0.36), (0.15, 0.23, 0.075, 0.012, 0.5))
     colour = pick(rng, ASHLARS)
-    return Finish(k.STONE, colour, darker(colour, 0.5), (0.11, 0.55 + 0.5 * rng.random(), 0.32, 0.012, 0.5))
+    return Finish(k.STONE, colour, darker(colour, 0.5), (0.15, 0.55 + 0.5 * rng.random(), 0.32, 0.012, 0.5))
 
 
 def window(
@@ -73,23 +73,23 @@ def window(
     """Return a window of dark glass with mirrored shapes, some curtains, and a frame."""
     glass = (0.045 + 0.04 * rng.random(), 0.055 + 0.04 * rng.random(), 0.065 + 0.04 * rng.random())
     curtain = float(rng.random() < 0.55) * (0.4 + 0.6 * rng.random())
-    return Finish(k.WINDOW, glass, frame, (0.38, width, height, across, up, curtain))
+    return Finish(k.WINDOW, glass, frame, (0.45, width, height, across, up, curtain))
 
 
 def sign(width: float, height: float, rng: np.random.Generator, lines: int = 1) -> Finish:
     """Return a board with rows of glyphs."""
     board, ink = SIGNS[int(rng.integers(len(SIGNS)))]
-    return Finish(k.SIGN, board, ink, (0.07, width, height, height / (4.0 + 9.0 * lines)))
+    return Finish(k.SIGN, board, ink, (0.11, width, height, height / (4.0 + 9.0 * lines)))
 
 
 def paint(colour: Colour, seam: float = 50.0) -> Finish:
     """Return painted sheet metal with a panel line every `seam` metres."""
-    return Finish(k.METAL, colour, (0.24, 0.21, 0.17), (0.075, seam))
+    return Finish(k.METAL, colour, (0.24, 0.21, 0.17), (0.11, seam))
 
 
 def slats(colour: Colour, height: float = 0.09) -> Finish:
     """Return boards one above the other."""
-    return Finish(k.SLATS, colour, params=(0.10, height))
+    return Finish(k.SLATS, colour, params=(0.14, height))
 
 
 def foliage(rng: np.random.Generator) -> Finish:

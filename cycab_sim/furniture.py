@@ -5,6 +5,8 @@ Every thing is built around its own origin on the ground, x forward, and placed 
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,6 +14,7 @@ from cycab_sim import finishes
 from cycab_sim.mesh import Finish, MeshBuilder, moved, placed
 
 Array = NDArray[np.float64]
+SPRAYS = 220  # leaves around a lump of foliage
 
 
 def add_car(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
@@ -98,13 +101,18 @@ def add_tree(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
 
 
 def add_lump(mesh: MeshBuilder, centre: Array, radius: float, leaves: Finish, rng: np.random.Generator) -> None:
-    """Add a rough ball of leaves around `centre` (3,) m."""
+    """Add a rough ball of leaves around `centre` (3,) m: a dense heart and sprays of leaves all over it."""
     directions, faces = _sphere_faces()
-    level = radius * (1.0 + 0.30 * rng.uniform(-1.0, 1.0, len(directions)))
+    level = radius * (0.85 + 0.25 * rng.uniform(-1.0, 1.0, len(directions)))
     points = centre + directions * level[:, None] * np.array([1.0, 1.0, 0.85])
-    mesh.solid(points[faces], leaves, np.zeros(3))
+    outward = rng.normal(size=(SPRAYS, 1, 3))
+    outward /= np.linalg.norm(outward, axis=2, keepdims=True)
+    middles = centre + outward * radius * rng.uniform(0.75, 1.15, (SPRAYS, 1, 1)) * np.array([1.0, 1.0, 0.85])
+    sprays = middles + rng.normal(scale=0.11, size=(SPRAYS, 3, 3))
+    mesh.solid(np.concatenate([points[faces], sprays]), leaves, np.zeros(3))
 
 
+@cache
 def _sphere_faces(levels: int = 2) -> tuple[Array, NDArray[np.int64]]:
     """Return an octahedron split `levels` times: directions (P, 3) and faces (F, 3)."""
     points = [

@@ -5,15 +5,16 @@ import math
 from numba import njit
 
 OUTSIDE = -2  # no ray: the lens does not see there
+CONTRAST = 0.02  # edges weaker than this need no more rays: about one grey level
 AMBIENT = (0.34, 0.40, 0.52)
 SUN = (1.25, 1.15, 0.98)
 
 
 @njit(cache=True, nogil=True)
-def find_edges(triangles, surface_of, ranges, is_edge):
-    """Mark pixels (H, W) u1 whose right or lower neighbour shows another surface or jumps in range, and that one.
+def find_edges(triangles, surface_of, normals, ranges, colour, is_edge):
+    """Mark pixels (H, W) u1 whose right or lower neighbour shows another surface in another light, and that neighbour.
 
-    triangles (H, W) i32, surface_of (T,) i32, ranges (H, W) f32 m
+    triangles (H, W) i32, surface_of (T,) i32, normals (T, 3) f32, ranges (H, W) f32 m, colour (H, W, 3) f32
     """
     height, width = triangles.shape
     is_edge[:] = 0
@@ -22,14 +23,29 @@ def find_edges(triangles, surface_of, ranges, is_edge):
             here = triangles[v, u]
             for k in range(2):
                 y, x = v + k, u + 1 - k
-                if y >= height or x >= width or triangles[y, x] == here:
+                if y >= height or x >= width:
                     continue
-                if here == OUTSIDE or triangles[y, x] == OUTSIDE:
+                there = triangles[y, x]
+                if there in (here, OUTSIDE) or here == OUTSIDE or _alike(colour[v, u], colour[y, x]):
                     continue
-                same = here >= 0 and triangles[y, x] >= 0 and surface_of[here] == surface_of[triangles[y, x]]
-                if same and abs(ranges[y, x] - ranges[v, u]) < 0.02 * ranges[v, u]:
-                    continue
+                if here >= 0 and there >= 0 and surface_of[here] == surface_of[there]:
+                    is_level = abs(ranges[y, x] - ranges[v, u]) < 0.02 * ranges[v, u]
+                    if is_level or _parallel(normals[here], normals[there]):
+                        continue
                 is_edge[v, u] = is_edge[y, x] = 1
+
+
+@njit(cache=True, inline="always")
+def _alike(a, b):
+    """Whether two colours differ by less than CONTRAST."""
+    difference = abs(a[0] - b[0]) + abs(a[1] - b[1]) + abs(a[2] - b[2])
+    return difference < CONTRAST * (a[0] + a[1] + a[2] + b[0] + b[1] + b[2])
+
+
+@njit(cache=True, inline="always")
+def _parallel(a, b):
+    """Whether two triangles of one surface lie in one plane."""
+    return abs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) > 0.9999
 
 
 @njit(cache=True, nogil=True)

@@ -40,7 +40,6 @@ class CycabSim(ManagedNode):
         """Build the town, wire topics and services."""
         self.simulator = Simulator(self.params)
         self.lock_step = LockStep(self.params.clock)
-        self.runner = Runner(self.simulator, self.lock_step, self.hand_out)
         self.clock = self.announce("/clock", Clock)
         self.image = self.announce("image_raw", Image, qos.LARGE)
         self.info = self.announce("camera_info", CameraInfo)
@@ -59,9 +58,8 @@ class CycabSim(ManagedNode):
         """Let time pass."""
         now = self.simulator.time_ns
         mounts = [(mount.T_base_camera, mount.frame_id) for mount in self.simulator.mounts.values()]
-        self.tf_static.publish(
-            TFMessage(transforms=[conversions.se3_to_transform(T, now, BASE, name) for T, name in mounts])
-        )
+        transforms = [conversions.se3_to_transform(T, now, BASE, name) for T, name in mounts]
+        self.tf_static.publish(TFMessage(transforms=transforms))
         self.taught.publish(Bool(data=False))
         self.runner = Runner(self.simulator, self.lock_step, self.hand_out)
         self.runner.start()
@@ -73,9 +71,8 @@ class CycabSim(ManagedNode):
     def on_command(self, message: Any) -> None:
         """Hand on a Twist or TwistStamped; a stamp of 0 means now."""
         now = self.simulator.time_ns
-        twist, stamp = (
-            (message.twist, conversions.stamp_ns(message)) if isinstance(message, TwistStamped) else (message, now)
-        )
+        stamp = conversions.stamp_ns(message) if self.params.has_stamped_command else now
+        twist = message.twist if self.params.has_stamped_command else message
         self.lock_step.offer(Command(twist.linear.x, twist.angular.z), stamp or now, now)
 
     def hand_out(self, name: str) -> None:
@@ -149,7 +146,3 @@ class CycabSim(ManagedNode):
 def main() -> int:
     """Run the node."""
     return run(CycabSim)
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())

@@ -66,7 +66,7 @@ class Renderer:
         """
         rays_camera, cone = self._lens(camera)
         height, width = camera.height, camera.width
-        rays = rays_camera @ T_world_camera.rotation.T.astype(np.float32)
+        rays = (rays_camera.reshape(-1, 3) @ T_world_camera.rotation.T.astype(np.float32)).reshape(rays_camera.shape)
         origin = np.ascontiguousarray(T_world_camera.translation, dtype=np.float64)
         colour = np.empty((height * width, 3), np.float32)
         hits = self._look(origin, rays.reshape(-1, 3), cone.reshape(-1), colour)
@@ -126,7 +126,9 @@ class Renderer:
         n = self.params.supersampling
         shape = rays.shape[:2]
         is_edge = np.empty(shape, np.uint8)
-        kernels.find_edges(hits.triangles.reshape(shape), self.mesh.surface_of, hits.ranges.reshape(shape), is_edge)
+        triangles, ranges = hits.triangles.reshape(shape), hits.ranges.reshape(shape)
+        m = self.mesh
+        kernels.find_edges(triangles, m.surface_of, m.normals, ranges, colour.reshape(*shape, 3), is_edge)
         edges = np.flatnonzero(is_edge)
         finer = np.empty((len(edges) * n * n, 3), np.float32)
         samples = np.empty_like(finer)

@@ -203,5 +203,5 @@ def _add_skyline(mesh: MeshBuilder, plan: Plan, rng: np.random.Generator) -> Non
         y = (y0 + y1) / 2 + np.sin(angle) * ((y1 - y0) / 2 * 1.3 + far)
         w, d, height = rng.uniform(12, 26), rng.uniform(10, 18), rng.uniform(12, 38)
         colour = finishes.pick(rng, finishes.PLASTERS)
-        front = Finish(k.FACADE, colour, (0.10, 0.11, 0.12), (0.09, rng.uniform(2.2, 3.5), rng.uniform(2.8, 3.4)))
+        front = Finish(k.FACADE, colour, (0.10, 0.11, 0.12), (0.12, rng.uniform(2.2, 3.5), rng.uniform(2.8, 3.4)))
         mesh.box([-w / 2, -d / 2, 0.0], [w, d, height], front, placed(x, y, angle + rng.normal(0, 0.3)))

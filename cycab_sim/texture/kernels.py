@@ -16,7 +16,7 @@ METAL, MARKING, SOIL, BARK, FOLIAGE, SLATS, FACADE = 9, 10, 11, 12, 13, 14, 15
 
 @njit(cache=True)
 def _asphalt(u, v, foot, p, seed):
-    rough = fbm2(u, v, foot, 5.0, 0.93, 11, seed)
+    rough = fbm2(u, v, foot, 5.0, 0.99, 11, seed)
     patch = cells(u, v, 4.3, 2.9, 0.37, foot, seed + 40)
     warp = 0.35 * noise2(u / 0.6, v / 0.6, seed + 41)
     crack = abs(noise2(u / 2.2 + warp, v / 2.2 - warp, seed + 42)) * 1.6
@@ -29,7 +29,7 @@ def _asphalt(u, v, foot, p, seed):
 @njit(cache=True)
 def _blocks(u, v, foot, p, seed):
     """Paving, bricks and ashlar: p = (contrast, cell u, cell v, gap, shift of every second row)."""
-    rough = fbm2(u, v, foot, 4.0, 0.93, 11, seed)
+    rough = fbm2(u, v, foot, 4.0, 0.99, 11, seed)
     tone = cells(u, v, p[1], p[2], p[4], foot, seed + 40)
     joint = joints(u, v, p[1], p[2], p[3], p[4], foot)
     return (1.0 + p[0] * rough + 0.16 * tone) * (1.0 - 0.25 * joint), min(1.0, joint + 0.24 * abs(tone))
@@ -37,7 +37,7 @@ def _blocks(u, v, foot, p, seed):
 
 @njit(cache=True)
 def _plaster(u, v, foot, p, seed):
-    rough = fbm2(u, v, foot, 4.5, 0.92, 11, seed)
+    rough = fbm2(u, v, foot, 4.5, 0.99, 11, seed)
     streak = fbm2(u, 0.08 * v, foot, 0.5, 0.9, 4, seed + 20)
     warp = 0.4 * noise2(u / 0.5, v / 0.5, seed + 22)
     crack = line(abs(noise2(u / 1.7 + warp, v / 1.7, seed + 21)) * 1.3, 0.012, foot)
@@ -62,7 +62,7 @@ def _window(u, v, foot, p, seed):
 
 @njit(cache=True)
 def _roof(u, v, foot, p, seed):
-    rough = fbm2(u, v, foot, 4.0, 0.93, 10, seed)
+    rough = fbm2(u, v, foot, 4.0, 0.99, 10, seed)
     tone = cells(u, v, 0.22, 0.30, 0.5, foot, seed + 40)
     lip = pulse(v, 0.30, 0.2, foot[5])
     groove = pulse(u, 0.22, 0.25, foot[4])
@@ -73,7 +73,7 @@ def _roof(u, v, foot, p, seed):
 def _wood(u, v, foot, p, seed):
     """Parameters p = (contrast, width, height): boards, grain and a panel frame."""
     grain = fbm2(u, 0.06 * v, foot, 0.12, 0.9, 6, seed)
-    rough = fbm2(u, v, foot, 1.5, 0.9, 9, seed + 10)
+    rough = fbm2(u, v, foot, 1.5, 0.99, 9, seed + 10)
     board = 1.0 - pulse(u, 0.14, 0.93, foot[4])
     inner = within(u, 0.12, p[1] - 0.12, foot[4]) * (1.0 - pulse(v + 0.1, 0.9, 0.16, foot[5]))
     return (1.0 + p[0] * rough + 0.14 * grain) * (1.0 - 0.5 * board), 0.5 * (1.0 - inner)
@@ -82,7 +82,7 @@ def _wood(u, v, foot, p, seed):
 @njit(cache=True)
 def _sign(u, v, foot, p, seed):
     """Parameters p = (contrast, width, height, dot): rows of glyphs of 5 x 7 random, mirrored dots in a border."""
-    rough = fbm2(u, v, foot, 1.0, 0.92, 9, seed)
+    rough = fbm2(u, v, foot, 1.0, 0.99, 9, seed)
     dot = p[3]
     x, y = u / dot - 2.0, v / dot - 2.0
     border = 1.0 - within(u, dot, p[1] - dot, foot[4]) * within(v, dot, p[2] - dot, foot[5])
@@ -106,7 +106,7 @@ def _sign(u, v, foot, p, seed):
 @njit(cache=True)
 def _metal(u, v, foot, p, seed):
     """Painted metal, dusty below and with panel lines every p[1] metres."""
-    rough = fbm2(u, v, foot, 1.6, 0.92, 10, seed)
+    rough = fbm2(u, v, foot, 1.6, 0.99, 10, seed)
     streak = fbm2(u, 0.1 * v, foot, 0.2, 0.9, 4, seed + 20)
     seam = 1.0 - pulse(u, p[1], 1.0 - 0.012 / p[1], foot[4])
     dust = max(0.0, 0.25 + 0.35 * rough) * math.exp(-max(v, 0.0) / 0.35)
@@ -116,7 +116,7 @@ def _metal(u, v, foot, p, seed):
 @njit(cache=True)
 def _marking(u, v, foot, p, seed):
     """Worn paint: p = (contrast, period, duty): dashes along u; asphalt is the second colour."""
-    rough = fbm2(u, v, foot, 2.0, 0.92, 10, seed)
+    rough = fbm2(u, v, foot, 2.0, 0.99, 10, seed)
     off = 1.0 - pulse(u, p[1], p[2], foot[4]) if p[2] < 1.0 else 0.0
     worn = min(1.0, max(0.0, 0.25 + 0.45 * fbm2(u, v, foot, 0.6, 0.9, 8, seed + 20)))
     return 1.0 + p[0] * rough, max(off, worn)
@@ -125,7 +125,7 @@ def _marking(u, v, foot, p, seed):
 @njit(cache=True)
 def _slats(u, v, foot, p, seed):
     """Shutters, garage doors and benches: p = (contrast, slat height)."""
-    rough = fbm2(u, v, foot, 1.2, 0.92, 10, seed)
+    rough = fbm2(u, v, foot, 1.2, 0.99, 10, seed)
     gap = pulse(v, p[1], 0.22, foot[5])
     tone = cells(u, v, 50.0, p[1], 0.0, foot, seed + 40)
     return (1.0 + p[0] * rough + 0.05 * tone) * (1.0 - 0.55 * gap), 0.0
@@ -134,7 +134,7 @@ def _slats(u, v, foot, p, seed):
 @njit(cache=True)
 def _facade(u, v, foot, p, seed):
     """A far house front: p = (contrast, bay, storey); windows are the second colour."""
-    rough = fbm2(u, v, foot, 12.0, 0.93, 11, seed)
+    rough = fbm2(u, v, foot, 12.0, 0.99, 11, seed)
     pane = pulse(u - 0.28 * p[1], p[1], 0.45, foot[4]) * pulse(v - 0.3 * p[2], p[2], 0.5, foot[5])
     tone = cells(u, v, p[1], p[2], 0.0, foot, seed + 40)
     return 1.0 + p[0] * rough + 0.25 * tone * pane, pane * (0.8 + 0.2 * tone)
