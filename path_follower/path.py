@@ -132,10 +132,10 @@ class ReferencePath:
         part = self.segments[last.segment]
         begin = last.arc_length % self.length if self.is_closed else last.arc_length
         first = self._edge_at(begin, part)
-        count = max(2, int(np.searchsorted(self.arc_length[: part.last + 1], begin + window)) - first + 1)
+        count = max(2, int(np.searchsorted(self.arc_length[: part.last + 1], begin + window)) - first)
         if self.is_closed:
             rest = max(0.0, begin + window - self.length)
-            count = part.last - first + int(np.searchsorted(self.arc_length, rest)) + 1 if rest else count
+            count = part.last - first + int(np.searchsorted(self.arc_length, rest)) if rest else count
             edges = (first + np.arange(min(count, part.last))) % part.last
         else:
             edges = np.arange(first, min(first + count, part.last))

@@ -13,7 +13,7 @@ from path_follower.speed import speed_limits, speed_profile
 Array = NDArray[np.float64]
 
 MAX_POINTS = 1_000_000
-MIN_LENGTH = 0.2  # m
+MIN_LENGTH, MAX_LENGTH = 0.2, 1e5  # m
 MAX_SIDEWAYS = np.radians(60.0)  # a car does not move across its heading
 
 
@@ -70,8 +70,8 @@ def _checked(points: ArrayLike, yaw: ArrayLike | None, speed: ArrayLike | None) 
     if speeds.shape != (len(xy),) or (headings is not None and headings.shape != (len(xy),)):
         raise ValueError(f"path: expected {len(xy)} headings and speeds")
     length = float(np.sum(np.hypot(*np.diff(xy, axis=0).T)))
-    if length < MIN_LENGTH or not np.isfinite(length):
-        raise ValueError(f"path: expected a length of at least {MIN_LENGTH} m, found {length:.3g} m")
+    if not MIN_LENGTH <= length <= MAX_LENGTH:
+        raise ValueError(f"path: expected a length of {MIN_LENGTH} to {MAX_LENGTH:.0f} m, found {length:.3g} m")
     is_constant = headings is not None and np.ptp(headings) < 1e-6
     if is_constant and headings is not None and _is_across(xy, float(headings[0])):
         headings = None  # every orientation left at its default: positions only

@@ -89,7 +89,7 @@ def share(lag):
 
 
 def run(follower, pose, world=None, seconds=300.0, each=None, is_speed_known=False):
-    """Drive until the follower has ended (or for `seconds`); `each(now, follower, car)` may interfere and answer a state."""
+    """Drive until the follower has ended; `each(now, follower, car)` may interfere and answer the localiser's state."""
     world = world or World()
     rng = np.random.default_rng(world.seed)
     car, drive, now, is_started = Car(pose, world), Drive(), 0.0, False
@@ -113,7 +113,9 @@ def run(follower, pose, world=None, seconds=300.0, each=None, is_speed_known=Fal
         drive.commands.append(command)
         drive.poses.append(car.pose)
         if follower.location is not None:
-            foot = path.advance(car.pose, replace(follower.location, arc_length=max(0.0, follower.location.arc_length - 0.5)), 2.0)
+            foot = path.advance(
+                car.pose, replace(follower.location, arc_length=max(0.0, follower.location.arc_length - 0.5)), 2.0
+            )
             drive.lateral.append(foot.cross_track)
             drive.progress.append(follower.location.arc_length)
         if is_started and follower.mode.state in (State.FINISHED, State.STOPPED):

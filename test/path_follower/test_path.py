@@ -1,0 +1,114 @@
+"""The reference trajectory: projection with a progress that only moves forward, look-up, segments."""
+
+import math
+
+import numpy as np
+import pytest
+
+from path_follower.params import FollowerParams, PathParams
+from path_follower.path import Pose2, wrap
+
+PARAMS = FollowerParams()
+
+
+def test_projection_finds_the_foot_and_the_side(kit):
+    path = kit.make_path([(0, 0), (10, 0)], PARAMS)
+    foot = path.advance(Pose2(0.7, 0.3, 0.1), path.begin_of(0), 2.0)
+    assert foot.arc_length == pytest.approx(0.7)
+    assert foot.cross_track == pytest.approx(0.3)
+    assert foot.distance == pytest.approx(0.3)
+    assert foot.heading_error == pytest.approx(0.1)
+
+
+def test_progress_never_goes_back_and_never_jumps(kit):
+    path = kit.make_path([(0, 0), (30, 0)], PARAMS)
+    foot = path.advance(Pose2(5, 0, 0), path.begin_of(0), 10.0)
+    assert path.advance(Pose2(4.5, 0, 0), foot, 2.0).arc_length == foot.arc_length
+    assert path.advance(Pose2(20, 0, 0), foot, 2.0).arc_length <= foot.arc_length + 2.0 + PARAMS.path.spacing
+
+
+def test_at_a_crossing_the_foot_stays_on_its_branch(kit):
+    radius = 5.0
+    eight = kit.course((2 * math.pi * radius, 1 / radius), (2 * math.pi * radius, -1 / radius))
+    path = kit.make_path(eight[:, :2], PARAMS, eight[:, 2])
+    foot = path.begin_of(0)
+    step = 0.4
+    for s in np.arange(0.0, path.length, step):
+        true = path.at(s, 0)
+        foot = path.advance(Pose2(true.x, true.y, true.yaw), foot, 2.0)
+        assert foot.arc_length == pytest.approx(s, abs=0.02)  # the polygon of 0.1 m edges
+
+
+def test_reference_interpolates_and_ends_at_its_segment(kit):
+    path = kit.make_path([(0, 0), (10, 0)], PARAMS)
+    middle = path.at(5.03, 0)
+    assert (middle.x, middle.y, middle.yaw) == (pytest.approx(5.03), pytest.approx(0), pytest.approx(0))
+    assert path.at(99.0, 0).arc_length == pytest.approx(10.0)
+    assert path.at(99.0, 0).speed == 0.0
+    assert path.at(-1.0, 0).arc_length == 0.0
+
+
+def test_the_yaw_rate_is_speed_times_curvature(kit):
+    ring = kit.course((2 * math.pi * 4, 1 / 4))
+    path = kit.make_path(ring[:, :2], PARAMS, ring[:, 2])
+    point = path.at(8.0, 0)
+    assert point.curvature == pytest.approx(0.25, rel=1e-3)
+    assert point.yaw_rate == pytest.approx(1.4 * 0.25, rel=1e-3)
+
+
+def test_a_closed_path_goes_on_and_on(kit):
+    ring = kit.course((2 * math.pi * 8, 1 / 8))[:-1]
+    path = kit.make_path(ring[:, :2], PARAMS, ring[:, 2], is_closed=True)
+    assert path.length == pytest.approx(2 * math.pi * 8, rel=1e-3)
+    assert path.end_of(0) == math.inf
+    foot = path.begin_of(0)
+    for s in np.arange(0.0, 2.5 * path.length, 0.5):
+        true = path.at(s, 0)
+        foot = path.advance(Pose2(true.x, true.y, true.yaw), foot, 2.0)
+        assert foot.arc_length == pytest.approx(s, abs=0.02)
+    there, before = path.at(path.length + 3.0, 0), path.at(3.0, 0)
+    assert (there.x, there.y) == (pytest.approx(before.x), pytest.approx(before.y))
+
+
+def test_a_start_looks_for_the_heading_and_takes_the_first_of_equal_places(kit):
+    loop = kit.course((10, 0), (2 * math.pi * 4, 1 / 4), (10, 0))  # the way out runs over the way in? no: goes on
+    path = kit.make_path(loop[:, :2], PARAMS, loop[:, 2])
+    assert path.locate(Pose2(9.9, 0.05, 0.0), 1.0).arc_length == pytest.approx(9.9, abs=0.02)
+    assert path.locate(Pose2(9.9, 0.05, math.pi), 0.5).distance > 4.0  # only the far side of the ring heads there
+    straight = kit.make_path([(0, 0), (10, 0)], PARAMS)
+    assert straight.locate(Pose2(5, 0, math.pi), 1.0) is None
+
+
+def test_a_taught_round_starts_at_its_beginning_although_its_end_is_closer(kit):
+    round_trip = kit.course((2 * math.pi * 6, 1 / 6), (1.0, 1 / 6))
+    round_trip[-25:, 1] += 0.05  # the end passes the start 5 cm to the left
+    path = kit.make_path(round_trip[:, :2], PARAMS, round_trip[:, 2])
+    assert path.locate(Pose2(0.5, 0.06, 0.0), 1.0).arc_length < 1.0
+
+
+def test_the_foot_stays_before_a_cusp(kit):
+    there_and_back = kit.course((5, 0), (-5, 0))
+    path = kit.make_path(there_and_back[:, :2], PARAMS, there_and_back[:, 2])
+    assert [segment.direction for segment in path.segments] == [1, -1]
+    foot = path.begin_of(0)
+    for x in np.arange(0, 5.01, 0.2):
+        foot = path.advance(Pose2(x, 0, 0), foot, 2.0)
+        assert foot.segment == 0
+        assert foot.arc_length == pytest.approx(x, abs=0.02)
+    second = path.begin_of(1)
+    assert second.arc_length == pytest.approx(5.0, abs=0.02)
+    assert path.advance(Pose2(4.0, 0, 0), second, 2.0).arc_length == pytest.approx(6.0, abs=0.02)
+    assert path.at(6.0, 1).speed < 0
+    assert path.at(6.0, 1).yaw == pytest.approx(0.0, abs=1e-9)
+
+
+def test_the_sharpest_bend_is_told(kit):
+    params = FollowerParams(path=PathParams(smoothing_length=0.5))
+    ring = kit.course((20, 1 / 2.5))
+    path = kit.make_path(ring[:, :2], params, ring[:, 2])
+    assert path.max_curvature == pytest.approx(0.4, rel=0.02)
+
+
+@pytest.mark.parametrize(("angle", "wrapped"), [(0, 0), (7, 7 - 2 * math.pi), (-7, 2 * math.pi - 7), (3, 3)])
+def test_wrap(angle, wrapped):
+    assert wrap(angle) == pytest.approx(wrapped)

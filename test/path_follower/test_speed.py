@@ -1,0 +1,89 @@
+"""Speeds: the law of eq. 25, and the profile that a car can drive."""
+
+import math
+
+import numpy as np
+import pytest
+
+from path_follower.command import TrackingError
+from path_follower.params import FollowerParams, SpeedParams, VehicleParams
+from path_follower.path import Location, ReferencePoint
+from path_follower.speed import bounded_speed, speed_law, speed_limits, speed_profile
+from path_follower.steering import Errors
+
+SPEED, CAR = SpeedParams(), VehicleParams()
+WAY = np.arange(0.0, 60.0, 0.1)
+
+
+def reference(speed, direction=1):
+    return ReferencePoint(0, 0, 0, speed, 0, 0, 0, direction)
+
+
+@pytest.mark.parametrize("e_x", [-0.5, 0.0, 0.2])
+def test_equation_25_for_the_speed(e_x):
+    expected = 1.4 - SPEED.k_x * (1.4 + SPEED.epsilon) * e_x
+    assert speed_law(reference(1.4), e_x, SPEED) == pytest.approx(expected)
+
+
+def test_backwards_the_law_mirrors():
+    assert speed_law(reference(-1.0, -1), 0.2, SPEED) == pytest.approx(-speed_law(reference(1.0), -0.2, SPEED))
+
+
+def test_the_law_never_drives_against_the_direction_and_lives_at_zero_speed():
+    assert speed_law(reference(0.5), 10.0, SPEED) == 0.0
+    assert speed_law(reference(-0.5, -1), -10.0, SPEED) == 0.0
+    assert speed_law(reference(0.0), -0.5, SPEED) == pytest.approx(SPEED.k_x * SPEED.epsilon * 0.5)
+
+
+def test_bends_are_slow_by_lateral_acceleration():
+    bend = np.where((WAY > 20) & (WAY < 30), 0.8, 0.0)
+    limit = speed_limits(WAY, bend, SPEED, CAR)
+    assert limit[250] == pytest.approx(math.sqrt(SPEED.lateral_acceleration / 0.8))
+    assert limit[100] == SPEED.cruise
+
+
+def test_changes_of_curvature_are_slow_by_the_steering_rate():
+    bend = np.interp(WAY, [20, 20.5], [0.0, 0.35])
+    speed = speed_limits(WAY, bend, SPEED, CAR)
+    angle = np.arctan(CAR.wheelbase * bend)
+    rate = np.gradient(angle, WAY) * speed
+    assert rate.max() <= CAR.max_steering_rate * (1 + 1e-9)
+    assert speed.min() < SPEED.cruise
+
+
+@pytest.mark.parametrize("is_closed", [False, True])
+def test_the_profile_keeps_limits_and_accelerations(is_closed):
+    limits = np.interp(WAY, [0, 19, 20, 25, 26, 60], [1.4, 1.4, 0.4, 0.4, 1.4, 1.4])
+    speed = speed_profile(WAY, limits, CAR, is_closed=is_closed)
+    gain = np.diff(speed**2) / (2 * np.diff(WAY))
+    assert np.all(speed <= limits + 1e-12)
+    assert gain.max() <= CAR.max_acceleration + 1e-9
+    assert gain.min() >= -CAR.max_deceleration - 1e-9
+    assert speed[0] == pytest.approx(1.4)
+    assert speed[-1] == pytest.approx(1.4 if is_closed else 0.0)
+
+
+def test_a_closed_profile_brakes_over_the_seam():
+    limits = np.where(WAY < 1.0, 0.3, 2.0)
+    speed = speed_profile(WAY, limits, CAR, is_closed=True)
+    assert speed[-1] == pytest.approx(0.3)
+    assert speed[-20] < 2.0
+
+
+def tracking(remaining, direction=1):
+    return TrackingError(Errors(0, 0, 0), reference(1.0 * direction, direction), Location(0, 0, 0, 0, 0, 0), remaining)
+
+
+@pytest.mark.parametrize("direction", [1, -1])
+def test_the_last_steps_creep_and_then_stand(direction):
+    params = FollowerParams()
+    far = bounded_speed(direction * 0.01, tracking(0.3, direction), params, slow=2.0, is_starting=False)
+    there = bounded_speed(direction * 0.01, tracking(0.04, direction), params, slow=2.0, is_starting=False)
+    assert far == direction * params.speed.creep
+    assert there == 0.0
+
+
+def test_slow_and_start_bound_the_speed():
+    params = FollowerParams()
+    assert bounded_speed(1.4, tracking(9.0), params, slow=0.5, is_starting=False) == 0.5
+    assert bounded_speed(1.4, tracking(9.0), params, slow=2.0, is_starting=True) == params.speed.creep

@@ -1,0 +1,117 @@
+"""From taught poses to the trajectory: directions, cusps, speeds, and every reason to refuse a path (F22)."""
+
+import numpy as np
+import pytest
+
+from path_follower.params import FollowerParams, PathParams, SpeedParams
+from path_follower.taught import taught_speeds
+
+PARAMS = FollowerParams()
+
+
+def with_noise(poses, position=0.02, yaw=0.01, seed=0):
+    rng = np.random.default_rng(seed)
+    return poses + rng.normal(size=poses.shape) * (position, position, yaw)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.02])
+def test_cusps_are_found_where_the_vehicle_turned_back(kit, noise):
+    poses = with_noise(kit.course((6, 0), (-4, 0.2), (5, -0.2)), noise, noise / 2)
+    path = kit.make_path(poses[:, :2], PARAMS, poses[:, 2])
+    assert [segment.direction for segment in path.segments] == [1, -1, 1]
+    ends = [path.arc_length[segment.last] for segment in path.segments]
+    np.testing.assert_allclose(ends, [6, 10, 15], atol=0.05 + 5 * noise)
+    np.testing.assert_allclose(path.speed[[s.last for s in path.segments]], 0.0)
+
+
+def test_standing_still_with_noise_is_no_change_of_direction(kit):
+    poses = np.concatenate([kit.course((5, 0)), np.tile([5.0, 0, 0], (200, 1)), kit.course((5, 0), start=(5, 0, 0))])
+    path = kit.make_path(with_noise(poses)[:, :2], PARAMS, with_noise(poses)[:, 2])
+    assert len(path.segments) == 1
+    assert path.length == pytest.approx(10.0, abs=0.15)
+
+
+def test_without_headings_everything_is_forward(kit):
+    poses = kit.course((6, 0.1), (6, -0.1))
+    path = kit.make_path(poses[:, :2], PARAMS)
+    assert [segment.direction for segment in path.segments] == [1]
+    assert np.abs(np.interp(3.0, path.arc_length, path.yaw) - 0.3) < 0.02
+
+
+def test_orientations_left_at_their_default_are_not_taken_for_headings(kit):
+    poses = kit.course((4, 0), (6, 0.25), (5, 0))
+    path = kit.make_path(poses[:, :2], PARAMS, np.zeros(len(poses)))
+    assert len(path.segments) == 1
+    assert path.yaw[-1] == pytest.approx(1.5, abs=0.02)
+
+
+def test_a_path_in_reverse_order_with_its_headings_is_driven_backwards(kit):
+    poses = kit.course((6, 0), (4, 0.2))[::-1]
+    path = kit.make_path(poses[:, :2], PARAMS, poses[:, 2])
+    assert [segment.direction for segment in path.segments] == [-1]
+    assert np.all(path.speed <= 0)
+
+
+def test_backward_driving_can_be_forbidden(kit):
+    params = FollowerParams(path=PathParams(is_reverse_allowed=False))
+    poses = kit.course((-6, 0))
+    with pytest.raises(ValueError, match="expected forward driving only"):
+        kit.make_path(poses[:, :2], params, poses[:, 2])
+
+
+NAN_AT_3 = np.array([[0, 0], [1, 0], [2, 0], [np.nan, 0], [4, 0]])
+
+
+@pytest.mark.parametrize(
+    ("points", "yaw", "message"),
+    [
+        (np.empty((0, 2)), None, r"expected 2 to 1000000 points \(x, y\), found shape \(0, 2\)"),
+        ([[1.0, 2.0]], None, r"found shape \(1, 2\)"),
+        ([[1.0, 2.0, 3.0]] * 3, None, r"found shape \(3, 3\)"),
+        (NAN_AT_3, None, "point 3: position: expected finite numbers"),
+        ([[0, 0], [np.inf, 0]], None, "point 1: position"),
+        ([[0, 0], [1, 0], [2, 0]], [0, np.nan, 0], "point 1: yaw: expected finite numbers, found nan"),
+        ([[1, 1]] * 10, None, "expected a length of 0.2 to 100000 m, found 0 m"),
+        ([[0, 0], [0.05, 0]], None, "expected a length of 0.2 to 100000 m, found 0.05 m"),
+        ([[0, 0], [1e200, 0], [-1e200, 1e300]], None, "path: expected a length"),
+        ([[0, 0], [1, 0], [2, 0], [3, 0]], [1.5, 1.6, 1.5, 1.6], "yaw: expected along the way, as a car drives"),
+        ([[0, 0], [1, 0]], [0.0], "expected 2 headings"),
+    ],
+)
+def test_what_cannot_be_driven_is_refused_in_one_line(kit, points, yaw, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        kit.make_path(points, PARAMS, yaw)
+    assert "\n" not in str(caught.value)
+
+
+def test_duplicate_points_change_nothing(kit):
+    poses = kit.course((5, 0), (5, 0.2))
+    once = kit.make_path(poses[:, :2], PARAMS, poses[:, 2])
+    thrice = np.repeat(poses, 3, axis=0)
+    again = kit.make_path(thrice[:, :2], PARAMS, thrice[:, 2])
+    assert again.length == pytest.approx(once.length, abs=0.01)
+    assert again.max_curvature == pytest.approx(once.max_curvature, rel=0.05)
+
+
+def test_a_closed_path_has_no_cusps(kit):
+    poses = kit.course((6, 0), (-4, 0))
+    with pytest.raises(ValueError, match="expected no change of direction on a closed path, found 1"):
+        kit.make_path(poses[:, :2], PARAMS, poses[:, 2], is_closed=True)
+
+
+def test_taught_speeds_come_from_stamps_and_do_not_see_noise(kit):
+    poses = with_noise(kit.course((20, 0)))
+    stamps = (np.arange(len(poses)) * 0.05 / 1.1 * 1e9).astype(np.int64)  # 1.1 m/s
+    speeds = taught_speeds(poses[:, :2], stamps)
+    # Positions 1 m apart, each off by 2 cm: 3 % of 1.1 m/s, four times.
+    assert np.abs(speeds[20:-20] - 1.1).max() < 0.14
+
+
+def test_the_taught_speed_is_an_upper_bound_unless_switched_off(kit):
+    poses = kit.course((30, 0))
+    slow = np.full(len(poses), 0.7)
+    assert kit.make_path(poses[:, :2], PARAMS, poses[:, 2], slow).speed.max() == pytest.approx(0.7)
+    free = FollowerParams(speed=SpeedParams(is_as_taught=False))
+    assert kit.make_path(poses[:, :2], free, poses[:, 2], slow).speed.max() == pytest.approx(1.4)
+    standing = np.zeros(len(poses))
+    assert kit.make_path(poses[:, :2], PARAMS, poses[:, 2], standing).speed.max() == pytest.approx(0.3)

@@ -1,0 +1,110 @@
+"""The car: exact arcs, limits that nothing passes, and a model that knows where the commands lead."""
+
+import math
+
+import numpy as np
+import pytest
+
+from path_follower.params import ActuationParams, VehicleParams
+from path_follower.path import Pose2
+from path_follower.vehicle import Limiter, Motion, Predictor, drive
+
+CAR = VehicleParams()
+STEP = 50_000_000
+
+
+def test_an_arc_is_exact_and_composes():
+    start, motion = Pose2(1, 2, 0.3), Motion(1.5, 0.3)
+    once = drive(start, motion, CAR.wheelbase, 2.0)
+    twice = drive(drive(start, motion, CAR.wheelbase, 0.7), motion, CAR.wheelbase, 1.3)
+    np.testing.assert_allclose(once, twice, atol=1e-12)
+    radius = CAR.wheelbase / math.tan(0.3)
+    centre = np.array([1 - radius * math.sin(0.3), 2 + radius * math.cos(0.3)])
+    assert np.hypot(*(np.array(once[:2]) - centre)) == pytest.approx(radius)
+
+
+def test_straight_driving_and_standing():
+    assert drive(Pose2(0, 0, 0), Motion(2.0, 0.0), 1.2, 3.0) == Pose2(6.0, 0.0, 0.0)
+    assert drive(Pose2(0, 0, 1), Motion(0.0, 0.4), 1.2, 3.0) == Pose2(0.0, 0.0, 1.0)
+
+
+def test_nothing_passes_a_limit_whatever_is_asked():
+    rng = np.random.default_rng(0)
+    limiter, last, now = Limiter(CAR), Motion(0.0, 0.0), 0
+    for _ in range(5000):
+        now += int(rng.integers(1, 3 * STEP))
+        wild = [*(rng.normal(size=2) * 10.0 ** rng.integers(-2, 4)), math.nan, math.inf, -math.inf]
+        is_hard = bool(rng.integers(2))
+        seconds = (now - (limiter.last_ns if limiter.last_ns is not None else now)) / 1e9
+        speed, curvature = (wild[i] for i in rng.choice(5, 2, p=[0.4, 0.4, 0.06, 0.07, 0.07]))
+        motion = limiter.limit(speed, curvature, now, is_hard=is_hard)
+        seconds = min(seconds, 0.2)
+        braking = CAR.stop_deceleration if is_hard else CAR.max_deceleration
+        assert math.isfinite(motion.speed)
+        assert abs(motion.speed) <= CAR.max_speed
+        assert abs(motion.steering_angle) <= CAR.max_steering_angle
+        assert abs(motion.speed) - abs(last.speed) <= CAR.max_acceleration * seconds + 1e-9
+        assert abs(last.speed) - abs(motion.speed) <= braking * seconds + 1e-9
+        assert abs(motion.steering_angle - last.steering_angle) <= CAR.max_steering_rate * seconds + 1e-9
+        assert motion.speed * last.speed >= 0
+        if motion.speed == 0.0:
+            assert motion.steering_angle == last.steering_angle
+            assert motion.yaw_rate(CAR.wheelbase) == 0.0
+        last = motion
+
+
+def test_without_a_curvature_the_wheels_stay():
+    limiter = Limiter(CAR)
+    for k in range(40):
+        turned = limiter.limit(1.0, 0.2, k * STEP, is_hard=False)
+    assert limiter.limit(0.0, None, 40 * STEP, is_hard=True).steering_angle == turned.steering_angle
+
+
+def test_a_start_waits_for_the_wheels_once():
+    limiter = Limiter(CAR)
+    assert limiter.is_starting(0.3)
+    for k in range(60):
+        limiter.limit(0.1, 0.3, k * STEP, is_hard=False)
+    assert not limiter.is_starting(0.3)
+    assert not limiter.is_starting(-0.3)  # under way
+
+
+@pytest.mark.parametrize("age_ns", [0, 100_000_000, 170_000_000])
+def test_the_prediction_is_where_the_car_will_be(age_ns):
+    actuation = ActuationParams(dead_time=0.08, steering_lag=0.3, speed_lag=0.2)
+    predictor, horizon = Predictor(CAR, actuation), round((0.08 + 0.3) * 1e9)
+    commands = {k * STEP: Motion(1.0 + 0.3 * math.sin(k / 9), 0.3 * math.sin(k / 7)) for k in range(100)}
+    fine = 1_000_000
+    truth, pose, speed, angle = {}, Pose2(0, 0, 0), 0.0, 0.0
+    for now in range(0, 95 * STEP + horizon, fine):
+        truth[now] = pose
+        due = [command for given, command in commands.items() if given <= min(now - 80_000_000, 94 * STEP)]
+        command = due[-1] if due else Motion(0, 0)
+        speed += (command.speed - speed) * fine / 1e9 / 0.2
+        angle += (command.steering_angle - angle) * fine / 1e9 / 0.3
+        pose = drive(pose, Motion(speed, angle), CAR.wheelbase, fine / 1e9)
+    now = 94 * STEP
+    for given, command in commands.items():
+        if given <= now:
+            predictor.remember(given, command)
+    found = predictor.predict(truth[now - age_ns], now - age_ns, now, None)
+    expected = truth[now + horizon - horizon % fine]
+    assert math.hypot(found.x - expected.x, found.y - expected.y) < 0.01  # steps of 20 ms against 1 ms
+    assert abs(found.yaw - expected.yaw) < 0.01
+
+
+def test_a_measured_speed_overrules_the_model():
+    predictor = Predictor(CAR, ActuationParams(steering_lag=0.2, speed_lag=2.0))
+    predictor.remember(0, Motion(0.0, 0.0))
+    moved = predictor.predict(Pose2(0, 0, 0), STEP, STEP, 1.0)
+    assert moved.x == pytest.approx(0.2, abs=0.02)  # the model lets it lose a tenth on the way
+
+
+def test_an_old_pose_is_not_predicted_without_bound_and_a_new_model_stands():
+    predictor = Predictor(CAR, ActuationParams())
+    assert predictor.is_standing
+    predictor.remember(0, Motion(2.0, 0.0))
+    far = predictor.predict(Pose2(0, 0, 0), 0, 100_000_000_000, None)
+    assert far.x <= 2.0 * (0.5 + 0.2) + 1e-9
+    predictor.reset()
+    assert predictor.is_standing
