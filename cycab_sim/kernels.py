@@ -26,7 +26,7 @@ def find_edges(triangles, surface_of, normals, ranges, colour, is_edge):
                 if y >= height or x >= width:
                     continue
                 there = triangles[y, x]
-                if there in (here, OUTSIDE) or here == OUTSIDE or _alike(colour[v, u], colour[y, x]):
+                if there == here or min(there, here) == OUTSIDE or _alike(colour[v, u], colour[y, x]):
                     continue
                 if here >= 0 and there >= 0 and surface_of[here] == surface_of[there]:
                     is_level = abs(ranges[y, x] - ranges[v, u]) < 0.02 * ranges[v, u]
