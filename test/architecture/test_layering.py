@@ -24,6 +24,7 @@ MAY_IMPORT: dict[str, set[str]] = {
 }
 ROS = {
     "rclpy",
+    "ackermann_msgs",
     "rcl_interfaces",
     "builtin_interfaces",
     "diagnostic_msgs",
