@@ -26,6 +26,6 @@ class Ours:
 
     def track(self, reference: Reference, frame: Frame) -> SE3 | None:
         """Build the pyramid of the current image and align it; its depth is not used."""
-        pyramid = build_pyramid(frame.grey, self.camera, self.params.num_levels)
+        pyramid = build_pyramid(frame.grey, self.camera, self.params.pyramid)
         alignment = register(pyramid, [View(reference, SE3.identity())], SE3.identity(), self.params)
         return alignment.T_world_camera
