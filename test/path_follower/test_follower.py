@@ -1,0 +1,223 @@
+"""Whole drives of a bicycle with lags: courses, disturbances, figures of the lateral error.
+
+Bounds: a perfect model leaves millimetres (edges of 0.1 m, steps of 50 ms); what a drive adds is in its comment.
+"""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from path_follower.modes import State
+from path_follower.params import ActuationParams, FollowerParams, PathParams, SpeedParams, SteeringParams, VehicleParams
+from path_follower.path_files import read_path
+from path_follower.safety import Reason
+
+QUARTER = math.pi / 2
+
+
+@pytest.fixture
+def two_turns(kit):
+    """About 100 m with two turns of 90 degrees, as in M15 section 6.4.3."""
+    return kit.course((35, 0), (QUARTER * 4, 1 / 4), (20, 0), (QUARTER * 4, -1 / 4), (32, 0))
+
+
+def assert_arrived(drive):
+    assert drive.final.state is State.FINISHED
+    assert drive.final.verdict.reason is Reason.END_OF_PATH
+    assert drive.final.distance_to_end < 0.1
+    assert drive.commands[-1].speed == 0.0
+
+
+@pytest.mark.parametrize(
+    ("pieces", "bound"),
+    [
+        (((20, 0),), 0.005),
+        (((5, 0), (6, 0.2), (6, -0.2), (6, 0.2), (6, -0.2), (5, 0)), 0.01),
+        (((10, 0), (math.pi * 3, 1 / 3), (10, 0)), 0.01),
+        (((2 * math.pi * 5, 0.2), (2 * math.pi * 5, -0.2)), 0.01),
+        (((-5, 0), (-6, 0.2), (-6, -0.2), (-5, 0)), 0.01),
+        (((8, 0), (4, 0.2), (-6, -0.2), (8, 0.1)), 0.01),
+    ],
+    ids=["straight", "s-curves", "hairpin", "figure eight", "reverse", "cusps"],
+)
+def test_a_course_is_driven_to_its_end(kit, pieces, bound):
+    drive = kit.follow(kit.course(*pieces))
+    assert_arrived(drive)
+    assert drive.worst < bound
+
+
+def test_two_turns_at_walking_speed_without_the_peaks_of_m15(kit, two_turns):
+    drive = kit.follow(two_turns)
+    assert_arrived(drive)
+    assert drive.rmse < 0.005
+    assert drive.worst < 0.01
+    assert max(command.speed for command in drive.commands) == pytest.approx(1.4, abs=1e-3)  # e_x of a polygon
+
+
+def test_the_errors_of_m15_come_back_without_prediction_and_with_a_distance(kit, two_turns):
+    as_printed = FollowerParams(
+        steering=SteeringParams(distance=1.0), actuation=ActuationParams(steering_lag=0.0, speed_lag=0.0)
+    )
+    drive = kit.follow(two_turns, params=as_printed)
+    gains = as_printed.steering
+    expected = 0.25 * (gains.k_psi / gains.k_y - 0.5)  # c (k_psi d / k_y - d^2 / 2), not reached within the turn
+    assert 0.15 < drive.worst < expected + 0.1
+
+
+@pytest.mark.parametrize(
+    ("world", "rmse", "worst"),
+    [
+        ({"position_noise": 0.02, "yaw_noise": 0.0087}, 0.01, 0.03),
+        ({"latency": 0.1}, 0.005, 0.01),
+        ({"steering_lag": 0.3, "speed_lag": 0.3}, 0.015, 0.05),  # 0.1 s more than the model assumes
+        ({"steering_lag": 0.0, "speed_lag": 0.0}, 0.02, 0.05),  # 0.2 s less
+        ({"steering_lag": 0.3, "latency": 0.1, "position_noise": 0.02, "yaw_noise": 0.0087}, 0.02, 0.07),
+        ({"dead_time": 0.1}, 0.015, 0.05),  # not in the model
+        ({"steering_bias": math.radians(1)}, 0.035, 0.045),  # 0.0145 1/m over k_y: 18 mm, more with tan(e_psi)
+        ({"speed_scale": 0.95}, 0.005, 0.02),
+        ({"period": 0.1}, 0.01, 0.03),
+    ],
+    ids=str,
+)
+def test_disturbances_leave_a_few_centimetres(kit, two_turns, world, rmse, worst):
+    drive = kit.follow(two_turns, kit.World(**world))
+    assert_arrived(drive)
+    assert drive.rmse < rmse
+    assert drive.worst < worst
+
+
+def test_a_lag_that_is_in_the_parameters_costs_nothing(kit, two_turns):
+    params = FollowerParams(actuation=ActuationParams(dead_time=0.1, steering_lag=0.3, speed_lag=0.3))
+    world = kit.World(dead_time=0.1, latency=0.1, steering_lag=0.3, speed_lag=0.3)
+    drive = kit.follow(two_turns, world, params)
+    assert_arrived(drive)
+    assert drive.worst < 0.01
+
+
+def test_a_measured_speed_replaces_a_wrong_model(kit, two_turns):
+    world = kit.World(speed_lag=0.8, latency=0.1)
+    drive = kit.follow(two_turns, world, is_speed_known=True)
+    assert_arrived(drive)
+    assert drive.worst < 0.02
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_taught_drive_with_noise_becomes_a_drivable_path(kit, two_turns, seed):
+    noisy = two_turns + np.random.default_rng(seed).normal(size=two_turns.shape) * (0.02, 0.02, 0.01)
+    drive = kit.follow(noisy, start=tuple(two_turns[0]))
+    assert_arrived(drive)
+    assert drive.rmse < 0.01
+    clean = np.array([pose[:2] for pose in drive.poses])
+    distance = np.min(np.hypot(*(clean[:, None] - two_turns[None, ::2, :2]).transpose(2, 0, 1)), axis=1)
+    assert np.sqrt(np.mean(distance**2)) < 0.03  # against the true course, half a step of it included
+
+
+def test_an_offset_at_the_start_goes_without_overshoot(kit):
+    drive = kit.follow(kit.course((25, 0)), start=(0, 0.5, 0))
+    assert_arrived(drive)
+    lateral = np.array(drive.lateral)
+    assert lateral.min() > -0.03
+    assert abs(lateral[-1]) < 0.01
+    half = drive.progress[int(np.argmax(lateral < 0.25))]
+    assert half < 4.0  # 1.9 m by the poles, and the wheels turn at a bounded rate
+
+
+def test_the_vehicle_stands_still_between_directions(kit):
+    drive = kit.follow(kit.course((6, 0), (-4, 0.2), (5, -0.2)))
+    assert_arrived(drive)
+    signs = np.sign([command.speed for command in drive.commands])
+    changes = [(a, b) for a, b in itertools.pairwise(signs) if a != b]
+    assert changes == [(0, 1), (1, 0), (0, -1), (-1, 0), (0, 1), (1, 0)]
+    assert_cusps_are_reached(drive)
+
+
+def assert_cusps_are_reached(drive):
+    x = [pose.x for pose in drive.poses]
+    assert max(x[: len(x) // 2]) == pytest.approx(6.0, abs=0.12)  # tolerance, and what rolls on
+
+
+def test_a_closed_path_is_driven_round_and_round(kit):
+    ring = kit.course((2 * math.pi * 6, 1 / 6))[:-1]
+    drive = kit.follow(ring, is_closed=True, seconds=70)
+    assert drive.final.state is State.DRIVING
+    assert drive.final.progress > 2.1 * 2 * math.pi * 6
+    assert drive.worst < 0.01
+
+
+def test_a_start_in_the_middle_of_the_path(kit, two_turns):
+    drive = kit.follow(two_turns, start=(20.0, 0.1, 0.05))
+    assert_arrived(drive)
+    assert drive.progress[0] == pytest.approx(20.0, abs=0.1)
+
+
+@pytest.mark.parametrize("cruise", [0.5, 2.0, 4.0])
+def test_other_speeds_are_stable(kit, cruise):
+    params = FollowerParams(speed=SpeedParams(cruise=cruise), vehicle=VehicleParams(max_speed=5.0))
+    wide = kit.course((20, 0), (QUARTER * 12, 1 / 12), (20, 0), (QUARTER * 12, -1 / 12), (25, 0))
+    drive = kit.follow(wide, kit.World(latency=0.1, steering_lag=0.3), params)
+    assert_arrived(drive)
+    assert drive.worst < 0.08  # 0.1 s of lag that the model does not know of, up to 0.4 m of way
+
+
+def test_a_path_shorter_than_the_stopping_distance(kit):
+    drive = kit.follow(kit.course((0.5, 0)))
+    assert_arrived(drive)
+    assert drive.poses[-1].x == pytest.approx(0.5, abs=0.08)
+
+
+CORNER = np.array([[0, 0], [10, 0], [10, 10.0]])
+
+
+def test_a_corner_that_no_car_can_turn_ends_in_a_stop_and_not_in_a_field(kit):
+    drive = kit.follow(CORNER, start=(0, 0, 0))
+    assert drive.final.state is State.STOPPED
+    assert drive.final.verdict.reason is Reason.OFF_PATH
+
+
+def test_a_corner_becomes_drivable_with_a_larger_smoothing_length(kit):
+    drive = kit.follow(CORNER, start=(0, 0, 0), params=FollowerParams(path=PathParams(smoothing_length=12.0)))
+    assert_arrived(drive)
+    assert drive.worst < 0.1
+
+
+def test_the_same_drive_twice_is_the_same_drive(kit, two_turns):
+    world = kit.World(position_noise=0.02, yaw_noise=0.01, latency=0.1)
+    first, second = kit.follow(two_turns, world), kit.follow(two_turns, world)
+    assert [c.yaw_rate for c in first.commands] == [c.yaw_rate for c in second.commands]
+
+
+@pytest.mark.parametrize("track", ["Budapest", "Hockenheim", "IMS"])
+def test_race_tracks_at_a_quarter_of_their_size(kit, shared_data, tmp_path, track):
+    points = np.loadtxt(shared_data / "tracks" / f"{track}.csv", delimiter=",")[:, :2] / 4.0
+    np.savetxt(tmp_path / "track.csv", points, delimiter=",")
+    params = FollowerParams(speed=SpeedParams(cruise=3.0), vehicle=VehicleParams(max_speed=4.0))
+    path = read_path(tmp_path / "track.csv", params, is_closed=True)
+    feet = np.stack([path.x, path.y], axis=-1)
+    nearest = np.min(np.hypot(*(points[::5, None] - feet[None]).transpose(2, 0, 1)), axis=1)
+    assert nearest.max() < 0.06  # half of the spacing of 0.1 m; smoothing adds little
+    from path_follower.follower import Follower
+
+    start = (path.x[0], path.y[0], path.yaw[0])
+    world = kit.World(position_noise=0.02, yaw_noise=0.005, latency=0.1)
+    drive = kit.run(Follower(params, path), start, world, seconds=150.0)
+    kit.assert_within_limits(drive, params)
+    assert drive.final.state is State.DRIVING
+    assert drive.final.progress > 250
+    assert drive.rmse < 0.02
+
+
+def test_a_recorded_motorway_drive_is_a_path(kit, shared_data):
+    params = FollowerParams(speed=SpeedParams(cruise=3.0), vehicle=VehicleParams(max_speed=4.0))
+    path = read_path(shared_data / "tracks" / "comma2k19_motorway_enu_20hz.csv", params)
+    assert len(path.segments) == 1
+    assert path.max_curvature < 0.1
+
+
+def test_smoothing_can_be_switched_off(kit):
+    drive = kit.follow(
+        kit.course((8, 0), (6, 0.2), (6, 0)), params=FollowerParams(path=PathParams(smoothing_length=0.0))
+    )
+    assert_arrived(drive)
+    assert drive.worst < 0.02

@@ -1,0 +1,79 @@
+"""Trajectories in files: there and back, and what is wrong with a file."""
+
+import numpy as np
+import pytest
+
+from path_follower.params import FollowerParams
+from path_follower.path_files import read_path, write_csv
+from sphere_geometry import SE3
+from sphere_geometry.trajectory import Trajectory, write_tum
+
+PARAMS = FollowerParams()
+
+
+def test_a_trajectory_written_is_read_again(kit, tmp_path):
+    poses = kit.course((6, 0), (5, 0.2), (-4, 0.0))
+    path = kit.make_path(poses[:, :2], PARAMS, poses[:, 2])
+    write_csv(tmp_path / "path.csv", path)
+    again = read_path(tmp_path / "path.csv", PARAMS)
+    assert [s.direction for s in again.segments] == [1, -1]
+    assert again.length == pytest.approx(path.length, abs=0.03)
+    assert again.max_curvature == pytest.approx(path.max_curvature, rel=0.02)
+
+
+def test_a_taught_drive_has_headings_and_speeds(kit, tmp_path):
+    poses = kit.course((10, 0), (6, 0.2))
+    tangent = SE3.from_parts(
+        SE3.exp(np.column_stack([np.zeros((len(poses), 5)), poses[:, 2]])).rotation,
+        np.column_stack([poses[:, :2], np.zeros(len(poses))]),
+    )
+    stamps = (np.arange(len(poses)) * 0.05 / 0.8 * 1e9).astype(np.int64) + 10**9
+    write_tum(tmp_path / "taught.tum", Trajectory(stamps, tangent))
+    path = read_path(tmp_path / "taught.tum", PARAMS)
+    assert path.length == pytest.approx(16.0, abs=0.03)
+    assert path.speed.max() == pytest.approx(0.8, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "0,0\n1,0\n2,0\n",
+        "x,y\n0,0\n1,0\n2,0\n",
+        "# x_m,y_m,w_tr_right_m,w_tr_left_m\n0,0,1,1\n1,0,1,1\n2,0,1,1\n",
+        "# t_s,east_m,north_m\n0,0,0\n0.1,1,0\n0.2,2,0\n",
+        "# made by hand, in a hurry\n\n0,0,0,1.0\n1,0,0,1.0\n2,0,0,1.0\n",
+        "y,x,yaw\n0,0,0\n0,1,0\n0,2,0\n",
+    ],
+)
+def test_columns_go_by_name_or_by_the_usual_order(tmp_path, text):
+    (tmp_path / "path.csv").write_text(text)
+    path = read_path(tmp_path / "path.csv", PARAMS)
+    assert path.length == pytest.approx(2.0, abs=1e-6)
+    assert path.x[-1] == pytest.approx(2.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "path.csv: expected points, found none"),
+        ("x,y\n", "path.csv: expected points, found none"),
+        ("0,0\n1,nan\n", "path.csv:2: y: expected a finite number, found 'nan'"),
+        ("0,0\n1,zero\n", "path.csv:2: y: expected a finite number, found 'zero'"),
+        ("0,0\n1\n", "path.csv:2: expected 2 columns, found 1"),
+        ("0,0\n1,0,3\n", "path.csv:2: expected 2 columns"),
+        ("0,0\n0,0\n", "path.csv: path: expected a length of 0.2 to 100000 m, found 0 m"),
+        ("1,1\n", r"path.csv: path: expected 2 to 1000000 points"),
+    ],
+)
+def test_a_wrong_file_is_refused_with_file_line_and_field(tmp_path, text, message):
+    (tmp_path / "path.csv").write_text(text)
+    with pytest.raises(ValueError, match=message) as caught:
+        read_path(tmp_path / "path.csv", PARAMS)
+    assert "\n" not in str(caught.value)
+
+
+def test_other_files_are_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"expected a \.csv or \.tum file, found \.pkl"):
+        read_path(tmp_path / "path.pkl", PARAMS)
+    with pytest.raises(FileNotFoundError):
+        read_path(tmp_path / "none.csv", PARAMS)

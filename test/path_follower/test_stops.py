@@ -1,0 +1,271 @@
+"""Faults during a drive (F15, F16, F19, F22, F24): the vehicle stops in time, says why, and waits to be armed."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from path_follower.follower import Follower
+from path_follower.modes import State
+from path_follower.params import FollowerParams
+from path_follower.path import Pose2
+from path_follower.safety import Reason
+
+SECOND = 1_000_000_000
+PARAMS = FollowerParams()
+FAULT = 6.0  # s into the drive, at full speed
+
+
+@pytest.fixture
+def straight(kit):
+    return kit.course((40, 0))
+
+
+def standing_after(drive):
+    """Seconds from the fault to the first zero command that stays."""
+    moving = [command.stamp_ns / 1e9 - 1 for command in drive.commands if command.speed != 0.0]
+    return moving[-1] + 0.05 - FAULT
+
+
+def after_fault(action):
+    return lambda now, follower, car: action(now, follower, car) if now >= FAULT else None
+
+
+@pytest.mark.parametrize("state", ["LOST", "SEARCHING", "NO_MAP"])
+def test_a_lost_localiser_stops_within_half_a_second(kit, straight, state):
+    drive = kit.follow(straight, each=after_fault(lambda *_: state))
+    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.NOT_LOCALISED)
+    assert standing_after(drive) <= 0.5
+    assert "start" in drive.final.verdict.remedy
+
+
+def test_a_stop_is_a_ramp_with_wheels_held(kit):
+    drive = kit.follow(kit.course((4, 0), (30, 0.2)), each=after_fault(lambda *_: "LOST"))
+    ramp = [c for c in drive.commands if c.status.state is State.STOPPING]
+    speeds = [c.speed for c in ramp]
+    assert len(speeds) >= 4
+    assert all(0.15 < a - b <= 0.2 + 1e-9 for a, b in itertools.pairwise(speeds))  # 4 m/s^2, 50 ms
+    assert len({c.steering_angle for c in ramp}) == 1
+
+
+def test_poses_that_cease_stop_within_the_limit_and_the_ramp(kit, straight):
+    def silence(now, follower, car):
+        follower.watch.see_pose = lambda *_: False
+
+    drive = kit.follow(straight, each=after_fault(silence))
+    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.POSE_TIMEOUT)
+    assert standing_after(drive) <= PARAMS.safety.max_pose_silence + 0.5
+
+
+def test_a_localiser_one_second_late_stops_by_the_age_of_its_poses(kit, straight):
+    drive = kit.follow(straight, kit.World(latency=0.3))
+    assert drive.final.state is State.FINISHED
+    follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
+    follower.update(Pose2(0, 0, 0), None, SECOND, "TRACKING", now_ns=2 * SECOND)
+    assert follower.start(2 * SECOND).startswith("POSE_TIMEOUT: found 1, limit 0.4")
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_pose_that_is_no_number_stops(kit, straight, value):
+    def poison(now, follower, car):
+        follower.watch.see_pose(Pose2(value, 0, 0), round(now * SECOND) + 2 * SECOND)
+        follower.watch.see_pose = lambda *_: False
+
+    drive = kit.follow(straight, each=after_fault(poison))
+    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.BAD_POSE)
+    assert standing_after(drive) <= 0.5
+
+
+def test_a_vehicle_pushed_off_the_path_stops(kit, straight):
+    def push(now, follower, car):
+        car.pose = Pose2(car.pose.x, 1.5, car.pose.yaw)
+
+    drive = kit.follow(straight, each=after_fault(push))
+    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.OFF_PATH)
+    assert drive.final.verdict.value == pytest.approx(1.5, abs=0.01)
+
+
+def test_a_kidnapped_vehicle_stops_although_it_stands_on_the_path(kit, straight):
+    def kidnap(now, follower, car):
+        if car.pose.x < 20:
+            car.pose = Pose2(car.pose.x + 20, car.pose.y, car.pose.yaw)
+
+    drive = kit.follow(straight, each=after_fault(kidnap))
+    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.OFF_PATH)
+
+
+def test_degraded_localisation_drives_slowly(kit, straight):
+    drive = kit.follow(straight, each=lambda now, *_: "DEGRADED" if 6 <= now < 12 else "TRACKING")
+    assert drive.final.state is State.FINISHED
+    slow = [c for c in drive.commands if 8 < c.stamp_ns / 1e9 - 1 < 12]
+    assert {c.status.state for c in slow} == {State.SLOW}
+    assert max(c.speed for c in slow) <= PARAMS.speed.slow
+
+
+def test_degraded_localisation_for_too_long_stops(kit, straight):
+    drive = kit.follow(straight, each=after_fault(lambda *_: "DEGRADED"))
+    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.LOCALISATION_DEGRADED)
+    assert standing_after(drive) <= PARAMS.safety.max_degraded_time + 0.5
+
+
+def scan_of(wall_x):
+    """A wall across the way, seen in the vehicle's frame."""
+
+    def see(now, follower, car):
+        y = np.linspace(-3, 3, 61)
+        points = np.stack([np.full(61, wall_x - car.pose.x), y - car.pose.y], axis=-1)
+        follower.watch.see_scan(points, round(now * SECOND) + SECOND)
+
+    return see
+
+
+def test_an_obstacle_stops_the_vehicle_before_it(kit, straight):
+    drive = kit.follow(straight, each=scan_of(15.0))
+    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.OBSTACLE)
+    gap = 15.0 - PARAMS.vehicle.front - drive.poses[-1].x
+    assert 0.1 < gap < 2.5
+
+
+def test_scans_that_cease_stop(kit, straight):
+    drive = kit.follow(straight, each=lambda now, f, car: scan_of(99.0)(now, f, car) if now < FAULT else None)
+    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.SCAN_TIMEOUT)
+    assert standing_after(drive) <= PARAMS.safety.max_scan_silence + 0.5
+
+
+def test_an_emergency_stop_needs_release_and_arming(kit, straight):
+    follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
+    drive = kit.run(follower, (0, 0, 0), each=after_fault(lambda n, f, c: f.emergency(is_pressed=True)))
+    kit.assert_within_limits(drive, PARAMS)
+    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.EMERGENCY_STOP)
+    assert standing_after(drive) <= 0.5
+    pose, now = drive.poses[-1], drive.commands[-1].stamp_ns
+    assert follower.start(now).startswith("EMERGENCY_STOP")
+    follower.emergency(is_pressed=False)
+    for _ in range(20):
+        now += SECOND // 20
+        assert follower.update(pose, None, now, "TRACKING").speed == 0.0  # released, and it stands
+    assert follower.start(now) == ""
+    now += SECOND // 20
+    assert follower.update(pose, None, now, "TRACKING").speed > 0.0
+
+
+def test_recovery_of_the_localiser_alone_moves_nothing_and_a_new_start_goes_on_at_the_place(kit):
+    eight = kit.course((2 * math.pi * 5, 0.2), (2 * math.pi * 5, -0.2))
+    follower = Follower(PARAMS, kit.make_path(eight[:, :2], PARAMS, eight[:, 2]))
+    drive = kit.run(follower, tuple(eight[0]), each=lambda now, *_: "LOST" if 23.0 < now < 30 else "TRACKING")
+    progress, pose, now = drive.final.progress, drive.poses[-1], drive.commands[-1].stamp_ns
+    assert drive.final.state is State.STOPPED
+    assert progress == pytest.approx(2 * math.pi * 5, abs=2.0)  # near the crossing
+    for _ in range(40):
+        now += SECOND // 20
+        command = follower.update(pose, None, now, "TRACKING")
+        assert (command.speed, command.yaw_rate) == (0.0, 0.0)
+    assert follower.start(now) == ""
+    assert follower.location.arc_length == pytest.approx(progress, abs=0.6)
+
+
+def test_zero_commands_are_kept_alive_without_any_input(kit, straight):
+    follower = Follower(PARAMS)
+    for k in range(50):
+        command = follower.tick(k * SECOND // 20)
+        assert (command.speed, command.yaw_rate, command.status.state) == (0.0, 0.0, State.NO_PATH)
+
+
+def test_nothing_moves_before_the_start(kit, straight):
+    follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
+    for k in range(1, 50):
+        assert follower.update(Pose2(0, 0, 0), None, k * SECOND // 20, "TRACKING").speed == 0.0
+    assert follower.mode.state is State.IDLE
+
+
+@pytest.mark.parametrize(
+    ("pose", "refusal"),
+    [
+        (Pose2(5, 1.5, 0), "OFF_PATH: found 1.5, limit 1"),
+        (Pose2(5, 0, math.pi), "OFF_PATH: found 3.14, limit 1"),
+        (Pose2(-3, 0, 0), "OFF_PATH: found 3, limit 1"),
+    ],
+)
+def test_a_start_beside_the_path_or_facing_the_wrong_way_is_refused(kit, straight, pose, refusal):
+    follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
+    follower.update(pose, None, SECOND, "TRACKING")
+    assert follower.start(SECOND).startswith(refusal)
+    assert follower.mode.state is State.IDLE
+
+
+def test_calls_that_make_no_sense_say_so(kit, straight):
+    follower = Follower(PARAMS)
+    assert follower.start(0) == "no path is loaded"
+    assert follower.pause() == "nothing to pause: NO_PATH"
+    assert follower.resume(0) == "nothing to resume: NO_PATH"
+    follower.stop()
+    assert follower.mode.state is State.NO_PATH
+
+
+def test_pause_stands_and_resume_goes_on(kit, straight):
+    def operator(now, follower, car):
+        if now == pytest.approx(5.0):
+            assert follower.pause() == ""
+        if now == pytest.approx(10.0):
+            assert follower.resume(round(now * SECOND) + SECOND) == ""
+
+    drive = kit.follow(straight, each=operator)
+    assert drive.final.state is State.FINISHED
+    standing = [c for c in drive.commands if 8 < c.stamp_ns / 1e9 - 1 < 9.9]
+    assert {(c.speed, c.status.state, c.status.is_armed) for c in standing} == {(0.0, State.PAUSED, True)}
+    assert drive.worst < 0.01
+
+
+def test_a_loss_while_paused_disarms(kit, straight):
+    def operator(now, follower, car):
+        if now == pytest.approx(5.0):
+            follower.pause()
+        return "LOST" if now > 9.0 else "TRACKING"
+
+    drive = kit.follow(straight, each=operator)
+    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.NOT_LOCALISED)
+
+
+def test_the_operator_stops_gently(kit, straight):
+    drive = kit.follow(straight, each=after_fault(lambda n, f, c: f.stop()))
+    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.OPERATOR)
+    speeds = np.array([c.speed for c in drive.commands])
+    assert (-np.diff(speeds)).max() <= PARAMS.vehicle.max_deceleration * 0.05 + 1e-9
+
+
+def test_a_path_is_not_changed_under_way(kit, straight):
+    follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
+    other = kit.make_path([(0, 5), (10, 5)], PARAMS)
+
+    def swap(now, f, car):
+        with pytest.raises(
+            ValueError, match="expected a follower that stands, disarmed, found DRIVING: call stop first"
+        ):
+            f.load(other)
+
+    drive = kit.run(follower, (0, 0, 0), each=after_fault(swap), seconds=7.0)
+    assert follower.path is not other
+    assert drive.final.state is State.DRIVING
+
+
+def test_a_clock_that_jumps_back_stops(kit, straight):
+    follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
+    drive = kit.run(follower, (0, 0, 0), seconds=6.0)
+    assert drive.final.state is State.DRIVING
+    follower.reset()
+    speeds = [follower.tick(k * SECOND // 20).speed for k in range(30)]
+    assert speeds[0] == drive.commands[-1].speed
+    assert speeds[-1] == 0.0
+    assert follower.mode.state is State.STOPPED
+
+
+def test_stamps_from_the_past_and_repeated_ones_change_nothing(kit, straight):
+    follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
+    follower.update(Pose2(0, 0, 0), None, 5 * SECOND, "TRACKING")
+    follower.start(5 * SECOND)
+    before = follower.tick(5 * SECOND + 50_000_000)
+    for stamp in (5 * SECOND, 3 * SECOND, 0):
+        after = follower.update(Pose2(30, 9, 1), None, stamp, now_ns=5 * SECOND + 50_000_000)
+        assert after.speed == before.speed
+        assert follower.mode.is_driving
