@@ -54,6 +54,8 @@ class LoopParams:
     min_steps: int = param(3, "key spheres between two that are compared", low=2)
     max_mad_share: float = param(0.05, "residual MAD by 255 of a true loop", low=0.0, high=1.0)
     min_overlap: float = param(0.3, "share of the reference in view of a true loop", low=0.0, high=1.0)
+    max_disagreement_m: float = param(0.05, "distance between the alignments both ways", "m", low=0.0)
+    max_disagreement_rad: float = param(0.02, "angle between the alignments both ways", "rad", low=0.0)
 
 
 @parameters

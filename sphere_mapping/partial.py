@@ -125,6 +125,13 @@ def resample_range(
     return range_m.astype(np.float32)
 
 
+def resample_nearest(values: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Plane:
+    """Return values (H, W) of a camera at the centre of the sphere in the window, the nearest pixel's; NaN outside."""
+    u, v, weight, _ = _ray_table(camera, T_sphere_camera.rotation.tobytes(), window)
+    sampled = cv2.remap(values, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+    return np.where(weight > 0, sampled, np.float32(np.nan))
+
+
 def inverse_depth(depth_m: NDArray[np.floating]) -> Plane:
     """Return 1 / depth; +Inf (known to be far) becomes 0; NaN, -Inf, zero and negative depth become NaN."""
     depth = np.asarray(depth_m, dtype=np.float32)

@@ -1,0 +1,131 @@
+"""READ FIRST. Spheres one after the other -> a graph of key spheres (M15 sections 3.4 and 3.5).
+
+For each sphere: predict where it is, align it with the newest key spheres, keep it as the next key sphere if the
+reference no longer explains it, and report. The sphere itself is kept as observed: nothing is fused into it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from photometric import Alignment
+from sphere_geometry import SE3
+from sphere_mapping import keyframes
+from sphere_mapping.graph import KeySphere, SphereGraph
+from sphere_mapping.keyframes import why_key_sphere
+from sphere_mapping.loop_closure import close_loops
+from sphere_mapping.motion import MotionPrior, Placed
+from sphere_mapping.params import MapperParams
+from sphere_mapping.registration import PreparedSphere, align, edge_between, turned
+from sphere_mapping.sphere import Sphere
+
+
+@dataclass(frozen=True, eq=False)
+class MapUpdate:
+    """What one sphere changed. T_map_sphere is None where the sphere could not be placed; `alignment` says why."""
+
+    stamp_ns: int
+    T_map_sphere: SE3 | None
+    alignment: Alignment | None = None
+    key_reason: str = keyframes.NOT_YET
+
+    @property
+    def is_key(self) -> bool:
+        """Whether the sphere became a key sphere."""
+        return self.key_reason != keyframes.NOT_YET
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A placed sphere by its reference, so that its pose follows when the graph is corrected."""
+
+    stamp_ns: int
+    key_id: int
+    T_key_sphere: SE3
+
+
+class Mapper:
+    """Builds `graph` and `tracks` from spheres; `T_map_first` is the pose of the first one, the origin of the map."""
+
+    def __init__(self, params: MapperParams | None = None, T_map_first: SE3 | None = None) -> None:
+        self.params = params or MapperParams()
+        self.graph = SphereGraph()
+        self.tracks: list[Track] = []
+        self._T_map_first = T_map_first or SE3.identity()
+        self._prior = MotionPrior()
+        self._last: PreparedSphere | None = None
+        self._last_alignment: Alignment | None = None
+        self._references: list[tuple[int, PreparedSphere]] = []  # the newest first
+
+    def add(self, sphere: Sphere, odometry: SE3 | None = None) -> MapUpdate:
+        """Place one sphere; `odometry` is its pose T_odom_sphere where a vehicle offers one."""
+        current = PreparedSphere(sphere, self.params.registration)
+        if self._last is None:
+            return self._place(current, self._T_map_first, odometry, None, keyframes.FIRST)
+
+        alignment = self._align(current, self._last, odometry)
+        if not alignment.is_converged and self._keep_last():
+            alignment = self._align(current, self._last, odometry)
+        if not alignment.is_converged:
+            return MapUpdate(sphere.stamp_ns, None, alignment)
+
+        return self._place(current, alignment.T_world_camera, odometry, alignment, self._why_key(alignment))
+
+    def close_loops(self) -> int:
+        """Find places seen twice, verify them by alignment, correct the graph; return how many were found."""
+        found = close_loops(self.graph, self.params)
+        if found.num_loops and self._references:
+            newest = self._references[0][0]
+            T_map_before = self.graph[newest].T_map_sphere @ found.graph[newest].T_map_sphere.inverse()
+            self._prior.move(T_map_before.inverse())
+            self.graph = found.graph
+        return found.num_loops
+
+    def trajectory(self) -> Iterator[tuple[int, SE3]]:
+        """Yield stamp and T_map_sphere of every placed sphere, in order, as the graph now has it."""
+        for track in self.tracks:
+            yield track.stamp_ns, self.graph[track.key_id].T_map_sphere @ track.T_key_sphere
+
+    def _align(self, current: PreparedSphere, last: PreparedSphere, odometry: SE3 | None) -> Alignment:
+        references = [prepared.at(self.graph[key_id].T_map_sphere) for key_id, prepared in self._references]
+        return align(current, references, self._guesses(current, last, odometry), self.params.registration)
+
+    def _guesses(self, current: PreparedSphere, last: PreparedSphere, odometry: SE3 | None) -> Iterator[SE3]:
+        """Yield where the sphere may be: by its motion, by the turn of its image (eq. 20), where the last one was."""
+        yield self._prior.predict(current.sphere.stamp_ns, odometry)
+        yield turned(current, last, self._prior.newest, self.params.registration)
+        yield self._prior.newest
+
+    def _why_key(self, alignment: Alignment) -> str:
+        key_id, reference = self._references[0]
+        T_reference_sphere = self.graph[key_id].T_map_sphere.inverse() @ alignment.T_world_camera
+        return why_key_sphere(alignment, T_reference_sphere, reference.coverage, self.params.key)
+
+    def _place(
+        self, current: PreparedSphere, T_map_sphere: SE3, odometry: SE3 | None, alignment: Alignment | None, reason: str
+    ) -> MapUpdate:
+        """Take note of where a sphere is, and keep it as key sphere if there is a reason."""
+        stamp_ns = current.sphere.stamp_ns
+        self._prior.put(Placed(stamp_ns, T_map_sphere, odometry))
+        self._last, self._last_alignment = current, alignment
+        if reason != keyframes.NOT_YET:
+            self._keep(current, T_map_sphere, alignment)
+        key_id = self._references[0][0]
+        self.tracks.append(Track(stamp_ns, key_id, self.graph[key_id].T_map_sphere.inverse() @ T_map_sphere))
+        return MapUpdate(stamp_ns, T_map_sphere, alignment, reason)
+
+    def _keep_last(self) -> bool:
+        """Make the last placed sphere a key sphere, nearer to what follows; return whether it was not one already."""
+        if self._last is None or self._references[0][1] is self._last:
+            return False
+        self._keep(self._last, self._prior.newest, self._last_alignment)
+        return True
+
+    def _keep(self, current: PreparedSphere, T_map_sphere: SE3, alignment: Alignment | None) -> None:
+        """Add a key sphere, joined to the reference that it was aligned with."""
+        node = KeySphere(len(self.graph), current.sphere.stamp_ns, T_map_sphere, current.sphere)
+        self.graph.add(node)
+        if alignment is not None:
+            self.graph.connect(edge_between(self.graph[self._references[0][0]], node, alignment))
+        self._references = [(node.id, current), *self._references][: self.params.num_references]

@@ -1,0 +1,58 @@
+"""Where the next sphere is likely to be."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from sphere_geometry import SE3
+
+MAX_EXTRAPOLATION = 5.0  # intervals of the past motion; farther ahead nobody knows
+
+
+@dataclass(frozen=True, eq=False)
+class Placed:
+    """A sphere that was placed: its stamp, its pose in the map and, where there is one, in the odometry frame."""
+
+    stamp_ns: int
+    T_map_sphere: SE3
+    T_odom_sphere: SE3 | None = None
+
+
+@dataclass
+class MotionPrior:
+    """Carries the motion between the last two placed spheres on, or that of the odometry where it is given."""
+
+    last: Placed | None = None
+    before: Placed | None = None
+
+    def put(self, placed: Placed) -> None:
+        """Take note of a placed sphere."""
+        self.before, self.last = self.last, placed
+
+    @property
+    def newest(self) -> SE3:
+        """T_map_sphere of the last placed sphere; identity before the first."""
+        return self.last.T_map_sphere if self.last is not None else SE3.identity()
+
+    def move(self, T_map_before: SE3) -> None:
+        """Follow a correction of the map: poses that were in the map as it was before it."""
+        self.last, self.before = (
+            placed and replace(placed, T_map_sphere=T_map_before @ placed.T_map_sphere)
+            for placed in (self.last, self.before)
+        )
+
+    def predict(self, stamp_ns: int, T_odom_sphere: SE3 | None = None) -> SE3:
+        """Return the expected T_map_sphere at a stamp; identity before the first sphere."""
+        if self.last is None:
+            return SE3.identity()
+        if T_odom_sphere is not None and self.last.T_odom_sphere is not None:
+            return self.last.T_map_sphere @ self.last.T_odom_sphere.inverse() @ T_odom_sphere
+        return self.newest @ self._carried_on(stamp_ns)
+
+    def _carried_on(self, stamp_ns: int) -> SE3:
+        """Return the motion since the last sphere at constant velocity."""
+        if self.last is None or self.before is None or self.last.stamp_ns <= self.before.stamp_ns:
+            return SE3.identity()
+        moved = self.before.T_map_sphere.inverse() @ self.last.T_map_sphere
+        elapsed = (stamp_ns - self.last.stamp_ns) / (self.last.stamp_ns - self.before.stamp_ns)
+        return SE3.exp(moved.log() * min(max(elapsed, 0.0), MAX_EXTRAPOLATION))
