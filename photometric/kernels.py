@@ -7,9 +7,13 @@ level cache. Definitions of the projections are in sphere_geometry; the tests ho
 """
 
 import math
+import os
 
 import numpy as np
 from numba import njit, prange
+
+# Threads that spin while they wait stall every other process of a small vehicle computer; read when a kernel starts.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 FAST = {"contract", "reassoc", "nsz", "arcp"}  # never nnan: NaN marks what is not visible
 OPTIONS = {"cache": True, "fastmath": FAST, "error_model": "numpy", "nogil": True}
@@ -169,23 +173,45 @@ def _sample(image, pad, n, u, v, grey, gx, gy, visible):
 
 
 @njit(**OPTIONS)
-def _combine(T, gain, bias, n, intensity, bx, by, bz, rows, residual, ox, oy, oz):
-    """Residual and ESM gradient by the reference point, half the sum of both images' (M15 eq. 6, 30)."""
-    r00, r01, r02 = T[0, 0], T[0, 1], T[0, 2]
-    r10, r11, r12 = T[1, 0], T[1, 1], T[1, 2]
-    r20, r21, r22 = T[2, 0], T[2, 1], T[2, 2]
-    grey, gx, gy, visible = rows[5], rows[6], rows[7], rows[8]
-    J0, J1, J2, J3, J4, J5 = rows[9], rows[10], rows[11], rows[12], rows[13], rows[14]
+def _weighted_sum(n, a, x, b, y, out):
+    """out = a x + b y. Short loops over few rows vectorise; one loop over all rows does not."""
+    for i in range(n):
+        out[i] = a[i] * x[i] + b[i] * y[i]
+
+
+@njit(**OPTIONS)
+def _cross(n, a, x, b, y, out):
+    """out = a x - b y, one component of a cross product."""
+    for i in range(n):
+        out[i] = a[i] * x[i] - b[i] * y[i]
+
+
+@njit(**OPTIONS)
+def _mean_gradient(n, r0, r1, r2, ax, ay, az, reference, visible, out):
+    """One component of half the sum of the reference's gradient and the current one turned into its frame."""
     half = np.float32(0.5)
     for i in range(n):
-        seen = visible[i] > 0
-        ax = gain * (gx[i] * J0[i] + gy[i] * J3[i])
-        ay = gain * (gx[i] * J1[i] + gy[i] * J4[i])
-        az = gain * (gx[i] * J2[i] + gy[i] * J5[i])
-        residual[i] = gain * grey[i] + bias - intensity[i] if seen else np.float32(np.nan)
-        ox[i] = half * (bx[i] + r00 * ax + r10 * ay + r20 * az) if seen else np.float32(0.0)
-        oy[i] = half * (by[i] + r01 * ax + r11 * ay + r21 * az) if seen else np.float32(0.0)
-        oz[i] = half * (bz[i] + r02 * ax + r12 * ay + r22 * az) if seen else np.float32(0.0)
+        out[i] = (half * visible[i]) * (reference[i] + (r0 * ax[i] + r1 * ay[i] + r2 * az[i]))
+
+
+@njit(**OPTIONS)
+def _residual(n, gain, bias, grey, intensity, visible, out):
+    for i in range(n):
+        out[i] = gain * grey[i] + bias - intensity[i] if visible[i] > 0 else np.float32(np.nan)
+
+
+@njit(**OPTIONS)
+def _combine(T, gain, bias, n, intensity, bx, by, bz, rows, residual, ox, oy, oz):
+    """Residual and ESM gradient by the reference point, half the sum of both images' (M15 eq. 6, 30)."""
+    gx, gy, visible = rows[6], rows[7], rows[8]
+    ax, ay, az = rows[15], rows[16], rows[17]
+    _residual(n, gain, bias, rows[5], intensity, visible, residual)
+    _weighted_sum(n, gx, rows[9], gy, rows[12], ax)
+    _weighted_sum(n, gx, rows[10], gy, rows[13], ay)
+    _weighted_sum(n, gx, rows[11], gy, rows[14], az)
+    _mean_gradient(n, gain * T[0, 0], gain * T[1, 0], gain * T[2, 0], ax, ay, az, bx, visible, ox)
+    _mean_gradient(n, gain * T[0, 1], gain * T[1, 1], gain * T[2, 1], ax, ay, az, by, visible, oy)
+    _mean_gradient(n, gain * T[0, 2], gain * T[1, 2], gain * T[2, 2], ax, ay, az, bz, visible, oz)
 
 
 @njit(**OPTIONS)
@@ -281,26 +307,32 @@ def _counted_below(cumulative, position):
 
 
 @njit(**OPTIONS)
-def _weigh(n, px, py, pz, intensity, residual, gx, gy, gz, median, width, gain, bias, rows):
-    """Columns of J into rows 0..7, residual into row 8, weight into row 9; returns the number of inliers."""
-    by_gain = np.float32(1.0) / gain
-    c0, c1, c2, c3, c4, c5, c6, c7 = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5], rows[6], rows[7]
-    error, weight = rows[8], rows[9]
+def _weigh(n, residual, median, width, error, weight):
+    """Residuals with 0 for what is not visible, their Huber weights (M15 eq. 34); returns the number of inliers."""
     inliers = np.float32(0.0)
     for i in range(n):
         seen = residual[i] == residual[i]
         e = residual[i] if seen else np.float32(0.0)
         off = abs(e - median)
-        w = width / max(off, width)
-        error[i], weight[i] = e, w if seen else np.float32(0.0)
+        error[i] = e
+        weight[i] = width / max(off, width) if seen else np.float32(0.0)
         inliers += np.float32(1.0) if (seen and off <= width) else np.float32(0.0)
-        c0[i], c1[i], c2[i] = gx[i], gy[i], gz[i]
-        c3[i] = py[i] * gz[i] - pz[i] * gy[i]
-        c4[i] = pz[i] * gx[i] - px[i] * gz[i]
-        c5[i] = px[i] * gy[i] - py[i] * gx[i]
-        c6[i] = (e + intensity[i] - bias) * by_gain
-        c7[i] = np.float32(1.0)
     return inliers
+
+
+@njit(**OPTIONS)
+def _columns(n, px, py, pz, intensity, gx, gy, gz, gain, bias, rows):
+    """Columns of J into rows 0..7: gradient, point x gradient, current grey level, one. Row 8 holds the residual."""
+    c0, c1, c2, light, one, error = rows[0], rows[1], rows[2], rows[6], rows[7], rows[8]
+    by_gain = np.float32(1.0) / gain
+    for i in range(n):
+        c0[i], c1[i], c2[i] = gx[i], gy[i], gz[i]
+    _cross(n, py, gz, pz, gy, rows[3])
+    _cross(n, pz, gx, px, gz, rows[4])
+    _cross(n, px, gy, py, gx, rows[5])
+    for i in range(n):
+        light[i] = (error[i] + intensity[i] - bias) * by_gain
+        one[i] = np.float32(1.0)
 
 
 @njit(**OPTIONS)
@@ -340,23 +372,11 @@ def accumulate(points, intensity, residual, gradient, median, width, gain, bias,
         for a in range(n * chunk // NUM_CHUNKS, last, BLOCK):
             b = min(a + BLOCK, last)
             m = b - a
-            out[46] += _weigh(
-                m,
-                points[0][a:b],
-                points[1][a:b],
-                points[2][a:b],
-                intensity[a:b],
-                residual[a:b],
-                gradient[0][a:b],
-                gradient[1][a:b],
-                gradient[2][a:b],
-                median,
-                width,
-                gain,
-                bias,
-                rows,
-            )
             weight = rows[9]
+            out[46] += _weigh(m, residual[a:b], median, width, rows[8], weight)
+            p = (points[0][a:b], points[1][a:b], points[2][a:b])
+            g = (gradient[0][a:b], gradient[1][a:b], gradient[2][a:b])
+            _columns(m, p[0], p[1], p[2], intensity[a:b], g[0], g[1], g[2], gain, bias, rows)
             s = 0
             for c in range(NUM_COLUMNS + 1):  # row 8 is the residual: its products are J'We and e'We
                 d = c
