@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import struct
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from typing import Any, cast
 
 from rclpy.qos import QoSProfile
@@ -18,12 +17,15 @@ from node_kit.conversions import ns_to_time
 from node_kit.interfaces import message_class
 from node_kit.live import LiveOutput, LiveShell
 from node_kit.node import OK, WARN, ManagedNode
+from node_kit.playback import Answers, Playback, is_latched
 from node_kit.run import run
 from typed_params import param, parameters
 
 TICK = 0.005  # s
 BUSY = 0.05  # s that one tick may publish before others get a turn
+ACKNOWLEDGED_SIZE = 1 << 16  # B; smaller messages are acknowledged by the next heartbeat, seconds later
 ACKNOWLEDGE = 5.0  # s to wait for listeners when playing as fast as they take it
+SETTLE = 0.5  # s from the last awaited listener to the first message: the others need as long to be discovered
 CLOCK_PERIOD = 0.025  # s of wall time between two /clock messages
 
 
@@ -34,9 +36,7 @@ class PlayerParams:
     bag: str = param("", "bag to play: a folder or an .mcap file")
     topics: str = param("", "topics to play, separated by spaces; empty: all")
     rate: float = param(1.0, "speed of playing; 0: as fast as listeners acknowledge", "x", low=0.0, high=1000.0)
-    start: float = param(
-        0.0, "begin so long after the first message; latched topics are played nevertheless", "s", low=0.0
-    )
+    start: float = param(0.0, "begin so long after the first message; latched topics come first", "s", low=0.0)
     clock: bool = param(False, "publish /clock, for nodes with use_sim_time")
     paused: bool = param(False, "wait for the service resume before playing")
     loop: bool = param(False, "begin again at the end")
@@ -58,40 +58,39 @@ class BagPlayer(ManagedNode):
     def configure(self) -> None:
         """Open the bag and its topics."""
         self.bag = BagReader(self.params.bag)
-        self.outputs = {name: self._output(info) for name, info in self._chosen().items()}
-        self.start_ns = self.bag.time_range[0] + round(self.params.start * 1e9)
-        if self.start_ns > self.bag.time_range[1]:
-            seconds = (self.bag.time_range[1] - self.bag.time_range[0]) / 1e9
-            raise ValueError(
-                f"start: expected less than the {seconds:.1f} s of {self.params.bag}, found {self.params.start}"
-            )
+        chosen = self._chosen()
+        start_ns, end_ns = self.bag.time_range
+        if start_ns + self.params.start * 1e9 > end_ns:
+            length = (end_ns - start_ns) / 1e9
+            raise ValueError(f"start: expected at most {length:.3f} s ({self.params.bag}), found {self.params.start}")
+        self.playback = Playback(self.bag, list(chosen), start_ns + round(self.params.start * 1e9), self.params.rate)
+        self.outputs = {name: self._output(info) for name, info in chosen.items()}
         self.clock = self.announce("/clock", Clock, qos.STATE) if self.params.clock else None
+        self.clock_told = 0.0
+        self.answers: Answers | None = None
         if self.params.answer_topic:
-            self._listen_for_answers()
-        self.is_paused, self.is_waiting = self.params.paused, bool(self.params.wait_for)
-        self.answered_ns = 0
+            self.answers, self.asking = Answers(self.params.answer_timeout), self._played(self.params.answered_topic)
+            self.every(0.2, self._find_answers, is_wall=True)
+        self.wait_for = {self._played(name) for name in self.params.wait_for.split()}
+        self.is_paused, self.begin_at = self.params.paused, 0.0
         self.serve("pause", Trigger, lambda request, response: self._set_paused(True, response))
         self.serve("resume", Trigger, lambda request, response: self._set_paused(False, response))
         self.every(TICK, self._tick, is_wall=True)
-        self._rewind()
 
     def activate(self) -> None:
         """Tell latched topics at once: late listeners still get them."""
-        latched = [name for name in self.outputs if _is_latched(self.bag.topics[name])]
-        for topic, _, data in self.bag.raw(latched, end_ns=self.start_ns) if latched else ():
-            self.outputs[topic].publish(data)
+        for item in self.playback.latched():
+            self.outputs[item.topic].publish(item.message)
 
     def cleanup(self) -> None:
         """Close the bag."""
         self.bag.close()
 
+    # --- topics
     def _chosen(self) -> dict[str, TopicInfo]:
-        if self.params.topics:
-            names = [self.bag.require(name).name for name in self.params.topics.split()]
-        else:
-            names = [name for name, info in self.bag.topics.items() if info.count and name != "/clock"]
+        names = [self.bag.require(name).name for name in self.params.topics.split()]
         chosen = {}
-        for name in names:
+        for name in names or [name for name, info in self.bag.topics.items() if info.count and name != "/clock"]:
             try:
                 message_class(self.bag.topics[name].type)
                 chosen[name] = self.bag.topics[name]
@@ -102,103 +101,78 @@ class BagPlayer(ManagedNode):
         return chosen
 
     def _output(self, info: TopicInfo) -> LiveOutput:
-        depth = max([10, *(profile.depth for profile in info.profiles)])
-        durability = qos.TRANSIENT_LOCAL if _is_latched(info) else qos.VOLATILE
-        profile = QoSProfile(depth=min(depth, 100), reliability=qos.RELIABLE, durability=durability)
+        is_paced = self.params.rate > 0
+        depth = 10 if is_paced else 1000  # as fast as possible, small messages pile up before they are acknowledged
+        durability = qos.TRANSIENT_LOCAL if is_latched(info) else qos.VOLATILE
+        profile = QoSProfile(depth=depth, reliability=qos.RELIABLE, durability=durability)
         return cast("LiveOutput", self.announce(info.name, message_class(info.type), profile))
 
-    def _rewind(self) -> None:
-        self.total = sum(self.bag.topics[name].count for name in self.outputs)
-        self.done = 0
-        self.stream: Iterator[Recorded] = self.bag.raw(list(self.outputs), self.start_ns)
-        self.next: Recorded | None = next(self.stream, None)
-        self.origin: tuple[float, int] | None = None  # wall time and stamp that belong together
-        self.last_clock = 0.0
-
-    def _tick(self) -> None:
-        """Publish what is due."""
-        if self.is_paused or (self.is_waiting and not self._has_listeners()):
-            self.origin = None
-            return
-        end = time.monotonic() + BUSY
-        if self.origin is None and self.next is not None:
-            self.origin = (time.monotonic(), self.next.stamp_ns)
-        while self.next is not None and self._is_due(self.next.stamp_ns) and time.monotonic() < end:
-            if not self._is_answered():
-                break
-            self._publish(self.next)
-            self.next = next(self.stream, None)
-        self._tell_time()
-        if self.next is None and self._is_answered():
-            self._end()
-
-    def _is_due(self, stamp: int) -> bool:
-        return self.params.rate == 0 or stamp <= self._present_ns()
-
-    def _present_ns(self) -> int:
-        """Return the stamp that belongs to the wall time of now."""
-        if self.origin is None or self.params.rate == 0:
-            return self.next.stamp_ns if self.next else 0
-        return self.origin[1] + round((time.monotonic() - self.origin[0]) * self.params.rate * 1e9)
-
-    def _publish(self, item: Recorded) -> None:
-        if self.clock is not None and self.params.rate == 0:
-            self.clock.publish(Clock(clock=ns_to_time(item.stamp_ns)))
-        output = self.outputs[item.topic]
-        output.publish(item.message)
-        if self.params.answer_topic and item.topic == self.answered_topic:
-            self.expected_ns, self.expected_until = (
-                _stamp_of(item.message),
-                time.monotonic() + self.params.answer_timeout,
-            )
-        if self.params.rate == 0:
-            output.wait_for_acknowledgement(ACKNOWLEDGE)
-        self.done += 1
-        self.progress(self.done, self.total)
-
-    def _tell_time(self) -> None:
-        now = time.monotonic()
-        if self.clock is None or self.next is None or self.params.rate == 0 or now - self.last_clock < CLOCK_PERIOD:
-            return
-        self.last_clock = now
-        self.clock.publish(Clock(clock=ns_to_time(min(self._present_ns(), self.next.stamp_ns))))
-
-    def _has_listeners(self) -> bool:
-        names = [self.bag.require(name).name for name in self.params.wait_for.split()]
-        absent = [name for name in names if self.outputs[name].num_listeners == 0]
-        text = f"waiting for a listener of {', '.join(absent)}" if absent else "playing"
-        self.report("playing", WARN if absent else OK, text, done=self.done, total=self.total)
-        if absent:
-            self.log.info(text, every=5.0)
-        self.is_waiting = bool(absent)
-        return not absent
-
-    def _listen_for_answers(self) -> None:
-        self.answered_topic = self.bag.require(self.params.answered_topic).name
-        self.expected_ns = self.expected_until = 0
-        self.is_listening = False
-        self.every(0.2, self._find_answers, is_wall=True)
+    def _played(self, topic: str) -> str:
+        name = self.bag.require(topic).name
+        if name not in self.outputs:
+            raise ValueError(f"{topic}: expected a topic that is played ({', '.join(self.outputs)})")
+        return name
 
     def _find_answers(self) -> None:
         """Subscribe to the answers as soon as their type is known."""
         ros = cast("LiveShell", self.shell)
         topic = ros.resolve_topic_name(self.params.answer_topic)
         kinds = dict(ros.get_topic_names_and_types()).get(topic)
-        if kinds and not self.is_listening:
-            self.is_listening = True
-            self.listen(topic, message_class(kinds[0]), self._on_answer, qos.STATE, raw=True, is_required=False)
+        if self.answers is not None and kinds and not self.inputs:
+            self.listen(topic, message_class(kinds[0]), self.answers.hear, qos.STATE, raw=True, is_required=False)
 
-    def _on_answer(self, data: bytes) -> None:
-        self.answered_ns = max(self.answered_ns, _stamp_of(data))
+    # --- playing
+    def _tick(self) -> None:
+        """Publish what is due."""
+        if self.is_paused or self._lacks_listeners():
+            self.playback.pause()
+            return
+        end = time.monotonic() + BUSY
+        while self._is_answered() and (item := self.playback.due()) is not None and time.monotonic() < end:
+            self._publish(item)
+            self.playback.take()
+            self.progress(self.playback.done, self.playback.total)
+        self._tell_time()
+        if self.playback.next is None and self._is_answered():
+            self._end()
+
+    def _publish(self, item: Recorded) -> None:
+        if self.clock is not None and self.params.rate == 0:
+            self.clock.publish(Clock(clock=ns_to_time(item.stamp_ns)))
+        output = self.outputs[item.topic]
+        output.publish(item.message)
+        if self.answers is not None and item.topic == self.asking:
+            self.answers.ask(item.message)
+        if self.params.rate == 0 and len(item.message) > ACKNOWLEDGED_SIZE:
+            output.wait_for_acknowledgement(ACKNOWLEDGE)
+
+    def _tell_time(self) -> None:
+        now = time.monotonic()
+        if self.clock is not None and self.playback.next is not None and now - self.clock_told >= CLOCK_PERIOD:
+            self.clock_told = now
+            self.clock.publish(Clock(clock=ns_to_time(self.playback.present_ns())))
+
+    def _lacks_listeners(self) -> bool:
+        absent = sorted(name for name in self.wait_for if self.outputs[name].num_listeners == 0)
+        text = f"waiting for a listener of {', '.join(absent)}" if absent else "playing"
+        self.report("player", WARN if absent else OK, text, done=self.playback.done, total=self.playback.total)
+        if absent:
+            self.log.info(text, every=10.0)
+            self.begin_at = time.monotonic() + SETTLE
+            return True
+        self.wait_for.clear()  # for the start only
+        return time.monotonic() < self.begin_at
 
     def _is_answered(self) -> bool:
-        if not self.params.answer_topic or self.answered_ns >= self.expected_ns:
+        if self.answers is None:
             return True
-        if time.monotonic() < self.expected_until:
-            return False
-        self.log.warning(f"no answer on {self.params.answer_topic} to stamp {self.expected_ns / 1e9:.3f} s", every=5.0)
-        self.expected_ns = 0
-        return True
+        missed = self.answers.num_missed
+        is_settled = self.answers.is_settled
+        if self.answers.num_missed > missed:
+            self.log.warning(
+                f"{missed + 1} messages without an answer on {self.params.answer_topic}", every=5.0, key="a"
+            )
+        return is_settled
 
     def _set_paused(self, is_paused: bool, response: Any) -> Any:
         self.is_paused = is_paused
@@ -206,24 +180,15 @@ class BagPlayer(ManagedNode):
         return response
 
     def _end(self) -> None:
-        for output in self.outputs.values():
-            output.wait_for_acknowledgement(1.0)
         if self.params.loop:
-            self.answered_ns = 0
-            self._rewind()
+            self.playback.rewind()
+            if self.answers is not None:
+                self.answers.forget()
             return
-        self.log.info(f"{self.params.bag}: {self.done} messages played")
+        for output in self.outputs.values():
+            output.wait_for_acknowledgement(ACKNOWLEDGE)
+        self.log.info(f"{self.params.bag}: {self.playback.done} messages played")
         self.finish()
-
-
-def _is_latched(info: TopicInfo) -> bool:
-    return any(profile.durability == qos.TRANSIENT_LOCAL for profile in info.profiles)
-
-
-def _stamp_of(data: bytes) -> int:
-    """Return the stamp in ns of a serialized message that begins with a header (little-endian CDR)."""
-    seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
-    return int(seconds) * 1_000_000_000 + int(nanoseconds)
 
 
 def main() -> int:

@@ -17,7 +17,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from node_kit import parameters, qos
 from node_kit.inputs import Input
-from node_kit.node import ERROR, OK, WARN, ManagedNode
+from node_kit.node import ERROR, OK, WARN, Log, ManagedNode
 from node_kit.throttle import ThrottledLog
 from typed_params import param
 from typed_params import parameters as params_class
@@ -59,7 +59,7 @@ class LiveShell(LifecycleNode):
 
     def __init__(self, node_class: type[ManagedNode], **options: Any) -> None:
         super().__init__(node_class.NAME, enable_logger_service=True, **options)
-        self.log = ThrottledLog(self.get_logger())
+        self.log: Log = ThrottledLog(self.get_logger())
         self.is_active = False
         self.is_configured = False
         self.on_finish: Callable[[], None] = lambda: None

@@ -6,12 +6,12 @@ import heapq
 import struct
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import zstandard
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, SeekingReader
-from mcap.records import Channel, Chunk, ChunkIndex, Message
+from mcap.records import Channel, Chunk, ChunkIndex, Message, Schema
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.summary import Summary
 
@@ -76,7 +76,7 @@ class McapFile:
             raise BagError(f"{self.path}: chunk at byte {index.chunk_start_offset}: {one_line(error)}") from None
 
     def _ordered(self, channels: set[int] | None, start: int, end: int) -> Iterator[tuple[Channel, Message]]:
-        queue: list[tuple[int, int, int, object]] = [
+        queue: list[tuple[int, int, int, Any]] = [
             (index.message_start_time, index.chunk_start_offset, -1, index)
             for index in self.summary.chunk_indexes
             if index.message_end_time >= start and index.message_start_time <= end and _may_hold(index, channels)
@@ -89,7 +89,7 @@ class McapFile:
         while queue:
             _, offset, _, item = heapq.heappop(queue)
             if not isinstance(item, ChunkIndex):
-                channel, message = item  # type: ignore[misc]
+                channel, message = item
                 if (channels is None or channel.id in channels) and start <= message.log_time <= end:
                     yield channel, message
                 continue
@@ -151,8 +151,8 @@ class McapFile:
         for record in StreamReader(self.stream, record_size_limit=self.size).records:
             if isinstance(record, Channel):
                 summary.channels[record.id] = record
-            elif type(record).__name__ == "Schema":
-                summary.schemas[record.id] = record  # type: ignore[union-attr, assignment]
+            elif isinstance(record, Schema):
+                summary.schemas[record.id] = record
         return summary
 
 
@@ -179,7 +179,9 @@ def readable_part(path: Path) -> Readable:
     return Readable(count, start, end, last, error)
 
 
-def salvaged_messages(path: Path, channels: dict[int, Channel] | None = None, schemas: dict | None = None) -> Iterator:
+def salvaged_messages(
+    path: Path, channels: dict[int, Channel] | None = None, schemas: dict[int, Schema] | None = None
+) -> Iterator[tuple[Message, int]]:
     """Yield (message, byte after its chunk) of every whole chunk; BagError at the first damage, after the last one.
 
     Channels and schemas met on the way are put into the dictionaries.
@@ -198,7 +200,7 @@ def salvaged_messages(path: Path, channels: dict[int, Channel] | None = None, sc
                         yield item, stream.tell()
                     elif isinstance(item, Channel) and channels is not None:
                         channels[item.id] = item
-                    elif type(item).__name__ == "Schema" and schemas is not None:
+                    elif isinstance(item, Schema) and schemas is not None:
                         schemas[item.id] = item
         except ERRORS as error:
             raise BagError(f"{path}: damaged at byte {stream.tell()} of {size}: {one_line(error)}") from None

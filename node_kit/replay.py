@@ -24,7 +24,7 @@ from rclpy.serialization import deserialize_message, serialize_message
 from node_kit.bag_reader import BagReader, Recorded
 from node_kit.bag_writer import BagWriter, absolute
 from node_kit.inputs import Input
-from node_kit.node import ManagedNode
+from node_kit.node import Log, ManagedNode
 from node_kit.throttle import ThrottledLog
 from typed_params import build
 
@@ -50,7 +50,7 @@ class OfflineShell:
 
     def __init__(self, bus: OfflineBus, name: str, values: Mapping[str, Any], remap: Mapping[str, str]) -> None:
         self._bus, self._values, self._remap = bus, values, remap
-        self.log = ThrottledLog(logging.getLogger(f"sphere_nav.{name}"), clock=lambda: bus.now_ns / 1e9)
+        self.log: Log = ThrottledLog(logging.getLogger(f"sphere_nav.{name}"), clock=lambda: bus.now_ns / 1e9)
         self.services: dict[str, tuple[type[Any], Callable[[Any, Any], Any]]] = {}
 
     def read_parameters(self, cls: type[Any]) -> Any:

@@ -74,7 +74,7 @@ def check_image_size(camera: Camera, width: int, height: int) -> None:
         )
 
 
-def _model(name: str, d: tuple[float, ...], lengths: tuple, *, is_rectified: bool) -> Pinhole | Fisheye:
+def _model(name: str, d: tuple[float, ...], lengths: tuple[int, int, float, float, float, float], *, is_rectified: bool) -> Pinhole | Fisheye:
     if is_rectified or (name in ("", "none") and not any(d)):
         return Pinhole(*lengths)
     if name == FISHEYE:

@@ -53,15 +53,14 @@ def status_to_message(status: Any, stamp: int, frame_id: str) -> LocalizationSta
 def message_to_status(message: LocalizationStatus) -> StatusData:
     """Return what the message says; ValueError for a state that is not in the vocabulary."""
     _code(message.state)
-    numbers = {name: float(getattr(message, name)) for name in FLOATS}
-    counts = {name: int(getattr(message, name)) for name in WHOLE}
+    numbers: dict[str, Any] = {name: float(getattr(message, name)) for name in FLOATS}
+    numbers |= {name: int(getattr(message, name)) for name in WHOLE}
     return StatusData(
         state=message.state,
         reason=message.reason,
         remedy=message.remedy,
         references=tuple(int(number) for number in message.references),
         **numbers,
-        **counts,
     )
 
 

@@ -129,7 +129,7 @@ def _gicp_poses(folder: Path, names: list[Path]) -> tuple[dict[Path, SE3], str]:
 
 
 def _metres(range_mm: NDArray[np.uint16]) -> NDArray[np.float32]:
-    range_m = range_mm.astype(np.float32) / 1000
+    range_m = range_mm.astype(np.float32) * np.float32(1e-3)
     range_m[range_mm == 0] = np.nan
     range_m[range_mm == FAR_MM] = np.inf
     return range_m
