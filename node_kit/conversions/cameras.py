@@ -74,7 +74,10 @@ def check_image_size(camera: Camera, width: int, height: int) -> None:
         )
 
 
-def _model(name: str, d: tuple[float, ...], lengths: tuple[int, int, float, float, float, float], *, is_rectified: bool) -> Pinhole | Fisheye:
+Lengths = tuple[int, int, float, float, float, float]
+
+
+def _model(name: str, d: tuple[float, ...], lengths: Lengths, *, is_rectified: bool) -> Pinhole | Fisheye:
     if is_rectified or (name in ("", "none") and not any(d)):
         return Pinhole(*lengths)
     if name == FISHEYE:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from node_kit.conversions import array_to_image, camera_to_info, se3_to_pose_stamped
 from sphere_geometry import SE3, Pinhole
 from sphere_mapping.sphere import T_BODY_OPTICAL
-from sphere_nav_cli.importing.depth_registration import register_depth
+from sphere_nav_cli.importing.depth_registration import DepthRegistration
 from sphere_nav_cli.importing.recording import (
     FIRST_STAMP_NS,
     MAP_FRAME,
@@ -99,14 +99,14 @@ class RgbdRecording:
         depth[(units == 0) | (units == FAR)] = np.nan
         if self.depth_camera is None:
             return depth
-        return register_depth(depth, self._depth_model, self.camera, self.depth_camera.T_colour_depth)
+        return self._registration(depth)
 
     @cached_property
-    def _depth_model(self) -> Pinhole:
+    def _registration(self) -> DepthRegistration:
         assert self.depth_camera is not None
         focal_length = self.depth_camera.focal_length
-        camera = self.camera
-        return Pinhole(camera.width, camera.height, focal_length, focal_length, camera.cx, camera.cy)
+        depth_camera = replace(self.camera, fx=focal_length, fy=focal_length)
+        return DepthRegistration(depth_camera, self.camera, self.depth_camera.T_colour_depth)
 
     def _check_size(self, path: Path, pixels: NDArray[Any]) -> None:
         expected, found = (self.camera.width, self.camera.height), pixels.shape[1::-1]
