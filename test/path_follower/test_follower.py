@@ -179,7 +179,7 @@ def test_a_corner_that_no_car_can_turn_ends_in_a_stop_and_not_in_a_field(kit):
 def test_a_corner_becomes_drivable_with_a_larger_smoothing_length(kit):
     drive = kit.follow(CORNER, start=(0, 0, 0), params=FollowerParams(path=PathParams(smoothing_length=12.0)))
     assert_arrived(drive)
-    assert drive.worst < 0.1
+    assert drive.worst < 0.15
 
 
 def test_the_same_drive_twice_is_the_same_drive(kit, two_turns):

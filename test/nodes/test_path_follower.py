@@ -1,0 +1,331 @@
+"""The node path_follower: every pose answered, stops, calls and refusals on an offline bus; a drive over real DDS."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+import rclpy
+from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from sensor_msgs.msg import LaserScan
+from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
+from sphere_nav_msgs.srv import LoadTrajectory
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
+
+from node_kit import qos
+from node_kit.conversions import (
+    StatusData,
+    poses_to_path,
+    se3_to_odometry,
+    se3_to_pose_with_covariance,
+    se3_to_transform,
+    stamp_ns,
+    status_to_message,
+)
+from node_kit.replay import OfflineBus
+from path_follower.node import PathFollowerNode
+from sphere_geometry import SE3
+
+SECOND = 1_000_000_000
+STEP = SECOND // 20
+ROOT = Path(__file__).resolve().parents[2]
+COVARIANCE = 1e-4 * np.eye(6)
+
+
+def straight(length=20.0, frame="map"):
+    return poses_to_path([(0, SE3.from_planar(x, 0, 0)) for x in np.arange(0, length, 0.1)], SECOND, frame)
+
+
+def pose_message(x, y, yaw, stamp, frame="map"):
+    return se3_to_pose_with_covariance(SE3.from_planar(x, y, yaw), COVARIANCE, stamp, frame)
+
+
+def status_message(state, stamp):
+    return status_to_message(StatusData(state), stamp, "map")
+
+
+class Bench:
+    """A node on an offline bus, and an ideal car that does what it is told."""
+
+    def __init__(self, **values):
+        self.bus = OfflineBus()
+        self.node = self.bus.add(PathFollowerNode, {"enable_stamped_cmd_vel": True} | values)
+        self.now, self.x, self.y, self.yaw = SECOND, 0.0, 0.0, 0.0
+
+    def send(self, *messages):
+        for topic, message in messages:
+            self.bus.publish(topic, message)
+        return list(self.bus.settle())
+
+    def call(self, name, request=None):
+        return self.node.shell.call(name, request)
+
+    def step(self, state="TRACKING"):
+        """One image: status, and a pose where the localiser has one; returns what the node said."""
+        self.now += STEP
+        said = list(self.bus.advance(self.now))
+        pose = (
+            [("/pose", pose_message(self.x, self.y, self.yaw, self.now))] if state in ("TRACKING", "DEGRADED") else []
+        )
+        said += self.send(("/status", status_message(state, self.now)), *pose)
+        commands = [record.message for record in said if record.topic == "/cmd_vel"]
+        assert commands, "every image is answered"
+        assert stamp_ns(commands[-1]) >= self.now
+        self.x += commands[-1].twist.linear.x * STEP / SECOND * math.cos(self.yaw)
+        self.y += commands[-1].twist.linear.x * STEP / SECOND * math.sin(self.yaw)
+        self.yaw += commands[-1].twist.angular.z * STEP / SECOND
+        return said
+
+    def last(self, said, topic):
+        return [record.message for record in said if record.topic == topic][-1]
+
+
+@pytest.fixture
+def bench():
+    bench = Bench()
+    bench.send(("/reference_path", straight()))
+    bench.step()
+    return bench
+
+
+def drive_until(bench, x):
+    assert bench.call("start").success
+    for _ in range(1000):
+        bench.step()
+        if bench.x > x:
+            return
+    raise AssertionError(f"expected to pass {x} m, found {bench.x:.2f}")
+
+
+def test_a_drive_to_the_end(bench):
+    drive_until(bench, 19.8)
+    for _ in range(60):
+        said = bench.step()
+    status = bench.last(said, "/path_follower/status")
+    assert (status.state, status.reason, status.is_armed) == ("FINISHED", "END_OF_PATH", False)
+    assert bench.x == pytest.approx(19.9, abs=0.1)
+
+
+def test_errors_are_published_while_driving(bench):
+    bench.y = 0.2
+    drive_until(bench, 0.5)
+    error = bench.last(bench.step(), "/tracking_error")
+    assert 0.05 < error.cross_track < 0.25
+    assert error.progress == pytest.approx(bench.x, abs=0.1)
+    assert error.reference.speed == pytest.approx(1.4)
+
+
+def test_the_command_carries_the_stamp_of_the_pose_it_answers(bench):
+    bench.now += STEP
+    list(bench.bus.advance(bench.now + 30_000_000))
+    said = bench.send(("/pose", pose_message(0, 0, 0, bench.now)))
+    assert stamp_ns(bench.last(said, "/cmd_vel")) == bench.now
+
+
+def test_a_lost_image_is_answered_too_and_stops_within_half_a_second(bench):
+    drive_until(bench, 3.0)
+    for _ in range(10):
+        said = bench.step("LOST")
+    assert bench.last(said, "/cmd_vel").twist.linear.x == 0.0
+    status = bench.last(said, "/path_follower/status")
+    assert (status.state, status.reason) == ("STOPPED", "NOT_LOCALISED")
+    assert "start" in status.remedy
+    for _ in range(10):
+        assert bench.last(bench.step(), "/cmd_vel").twist.linear.x == 0.0
+    assert bench.call("start").success
+
+
+def test_without_poses_the_node_keeps_commanding_and_stops(bench):
+    drive_until(bench, 3.0)
+    said = list(bench.bus.advance(bench.now + 2 * SECOND))
+    commands = [record for record in said if record.topic == "/cmd_vel"]
+    assert len(commands) == pytest.approx(40, abs=2)
+    assert commands[-1].message.twist.linear.x == 0.0
+    assert bench.last(said, "/path_follower/status").reason == "POSE_TIMEOUT"
+
+
+def test_a_pose_of_another_frame_is_refused_and_stops(bench):
+    drive_until(bench, 3.0)
+    bench.now += STEP
+    bench.send(("/pose", pose_message(3, 0, 0, bench.now, "odom")))
+    said = list(bench.bus.advance(bench.now + SECOND))
+    assert bench.last(said, "/path_follower/status").reason == "BAD_POSE"
+    wanted = next(entry for entry in bench.node.inputs if entry.topic == "pose")
+    assert wanted.last_refusal == "pose: header.frame_id: expected 'map', found 'odom'"
+
+
+def test_a_nan_pose_is_refused_and_stops(bench):
+    drive_until(bench, 3.0)
+    bench.now += STEP
+    message = pose_message(3, 0, 0, bench.now)
+    message.pose.pose.position.x = math.nan
+    bench.send(("/pose", message))
+    said = list(bench.bus.advance(bench.now + SECOND))
+    assert bench.last(said, "/path_follower/status").reason == "BAD_POSE"
+    assert all(math.isfinite(r.message.twist.linear.x) for r in said if r.topic == "/cmd_vel")
+
+
+def test_operator_calls(bench):
+    assert bench.call("pause").message == "nothing to pause: IDLE"
+    drive_until(bench, 2.0)
+    assert bench.call("pause").success
+    for _ in range(60):
+        said = bench.step()
+    assert bench.last(said, "/path_follower/status").state == "PAUSED"
+    assert bench.call("resume").success
+    bench.step()
+    assert bench.call("stop").success
+    for _ in range(60):
+        said = bench.step()
+    assert bench.last(said, "/path_follower/status").state == "STOPPED"
+
+
+def test_an_emergency_stop_holds_until_released_and_armed(bench):
+    drive_until(bench, 3.0)
+    bench.send(("/emergency_stop", Bool(data=True)))
+    for _ in range(10):
+        said = bench.step()
+    assert bench.last(said, "/path_follower/status").reason == "EMERGENCY_STOP"
+    assert not bench.call("start").success
+    bench.send(("/emergency_stop", Bool(data=False)))
+    assert bench.last(bench.step(), "/cmd_vel").twist.linear.x == 0.0
+    assert bench.call("start").success
+
+
+def test_an_obstacle_in_the_scan_stops(bench):
+    mount = se3_to_transform(SE3.from_planar(1.4, 0, 0), SECOND, "base_link", "laser")
+    bench.send(("/tf_static", TFMessage(transforms=[mount])))
+    drive_until(bench, 3.0)
+    scan = LaserScan(ranges=[1.0] * 5, angle_min=-0.1, angle_increment=0.05, range_min=0.1, range_max=20.0)
+    scan.header.frame_id = "laser"
+    bench.send(("/scan", scan))
+    assert bench.last(bench.step(), "/path_follower/status").reason == "OBSTACLE"
+
+
+def test_a_wrong_path_is_refused_and_the_old_one_stays(bench):
+    before = bench.node.follower.path
+    bench.send(("/reference_path", straight(frame="odom")), ("/reference_path", straight(length=0.05)))
+    assert bench.node.follower.path is before
+    wanted = next(entry for entry in bench.node.inputs if entry.topic == "reference_path")
+    assert wanted.num_refused == 2
+    bad = straight()
+    bad.poses[7].pose.position.y = math.nan
+    bench.send(("/reference_path", bad))
+    assert wanted.last_refusal.startswith("poses[7].position: expected finite numbers")
+    assert bench.node.follower.path is before
+
+
+def test_the_same_path_again_does_not_disturb_the_drive(bench):
+    drive_until(bench, 3.0)
+    bench.send(("/reference_path", straight()))
+    assert bench.last(bench.step(), "/path_follower/status").state == "DRIVING"
+
+
+def test_trajectories_are_loaded_and_shown(bench, tmp_path):
+    (tmp_path / "path.csv").write_text("0,0\n5,0\n10,0\n")
+    answer = bench.call("load_trajectory", LoadTrajectory.Request(path=str(tmp_path / "path.csv")))
+    assert (answer.success, answer.is_closed) == (True, False)
+    assert answer.length == pytest.approx(10.0)
+    assert bench.last(list(bench.bus.settle()), "/path_follower/trajectory").length == pytest.approx(10.0)
+    answer = bench.call("load_trajectory", LoadTrajectory.Request(path=str(tmp_path / "none.csv")))
+    assert not answer.success
+    assert "none.csv" in answer.message
+    assert bench.node.follower.path.length == pytest.approx(10.0)
+
+
+def test_a_trajectory_message_is_taken_back(bench):
+    other = Bench()
+    shown = bench.call("load_trajectory", LoadTrajectory.Request(path="nowhere.csv"))
+    assert not shown.success
+    bench.node.trajectories.show()
+    message = bench.last(list(bench.bus.settle()), "/path_follower/trajectory")
+    other.send(("/reference_trajectory", message))
+    assert other.node.follower.path.length == pytest.approx(bench.node.follower.path.length, abs=1e-3)
+
+
+def test_odometry_can_be_the_source_and_brings_the_speed():
+    bench = Bench(source="odometry")
+    bench.send(("/reference_path", straight()))
+    twist = np.array([0.7, 0, 0, 0, 0, 0])
+    message = se3_to_odometry(SE3.from_planar(1, 0, 0), COVARIANCE, SECOND, ("map", "base_link"), twist)
+    bench.send(("/odometry", message))
+    assert bench.node.follower.watch.pose.x == 1.0
+    assert bench.node.follower.measured_speed == pytest.approx(0.7)
+    bench.send(("/odometry", se3_to_odometry(SE3.identity(), COVARIANCE, 2 * SECOND, ("odom", "base_link"))))
+    assert bench.node.follower.watch.pose.x == 1.0
+
+
+def test_a_quiet_node_leaves_cmd_vel_to_others_until_it_has_something_to_do():
+    bench = Bench(is_quiet_when_idle=True)
+    said = bench.send(("/status", status_message("TRACKING", SECOND)), ("/pose", pose_message(0, 0, 0, SECOND)))
+    assert not [record for record in said if record.topic == "/cmd_vel"]
+
+
+def test_a_missing_trajectory_file_refuses_to_start(tmp_path):
+    with pytest.raises(OSError, match=r"none\.csv"):
+        Bench(trajectory=str(tmp_path / "none.csv"))
+
+
+def test_deactivation_leaves_a_zero_command(bench):
+    drive_until(bench, 3.0)
+    bench.node.deactivate()
+    assert bench.last(list(bench.bus.settle()), "/cmd_vel").twist.linear.x == 0.0
+
+
+# --- over DDS
+@pytest.fixture
+def process(tmp_path):
+    (tmp_path / "path.csv").write_text("0,0\n1,0\n2,0\n3,0\n")
+    code = "import sys; from path_follower.node import main; sys.exit(main())"
+    arguments = ["--ros-args", "-p", "enable_stamped_cmd_vel:=true", "-p", f"trajectory:={tmp_path / 'path.csv'}"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    child = subprocess.Popen([sys.executable, "-c", code, *arguments], env=environment)
+    yield child
+    child.kill()
+    child.wait(5.0)
+
+
+def test_a_drive_over_dds_and_a_clean_exit(process):
+    rclpy.init()
+    node = rclpy.create_node("bench")
+    try:
+        commands, statuses = [], []
+        node.create_subscription(TwistStamped, "cmd_vel", commands.append, qos.COMMAND)
+        node.create_subscription(FollowerStatus, "path_follower/status", statuses.append, qos.STATE)
+        poses = node.create_publisher(PoseWithCovarianceStamped, "pose", qos.STATE)
+        states = node.create_publisher(LocalizationStatus, "status", qos.STATE)
+        start = node.create_client(Trigger, "start")
+        assert start.wait_for_service(20.0)
+        x, answer, deadline = 0.0, None, time.monotonic() + 25.0
+        while time.monotonic() < deadline:
+            now = node.get_clock().now().nanoseconds
+            states.publish(status_message("TRACKING", now))
+            poses.publish(pose_message(x, 0.0, 0.0, now))
+            end = time.monotonic() + 0.05
+            while time.monotonic() < end:
+                rclpy.spin_once(node, timeout_sec=0.01)
+            if answer is None and statuses:
+                answer = start.call_async(Trigger.Request())
+            if commands:
+                x += commands[-1].twist.linear.x * 0.05
+            if statuses and statuses[-1].state == "FINISHED":
+                break
+        assert answer is not None
+        assert answer.result().success, answer.result().message
+        assert statuses[-1].state == "FINISHED"
+        assert x == pytest.approx(3.0, abs=0.3)  # on a busy machine the car's clock is uneven
+        process.send_signal(signal.SIGINT)
+        assert process.wait(3.0) == 0
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
