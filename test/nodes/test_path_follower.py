@@ -15,6 +15,7 @@ pytest.importorskip("rclpy")
 
 import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped, TwistStamped
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
 from sphere_nav_msgs.srv import LoadTrajectory
@@ -25,6 +26,7 @@ from tf2_msgs.msg import TFMessage
 from node_kit import qos
 from node_kit.conversions import (
     StatusData,
+    ns_to_time,
     poses_to_path,
     se3_to_odometry,
     se3_to_pose_with_covariance,
@@ -287,7 +289,8 @@ def test_deactivation_leaves_a_zero_command(bench):
 def process(tmp_path):
     (tmp_path / "path.csv").write_text("0,0\n1,0\n2,0\n3,0\n")
     code = "import sys; from path_follower.node import main; sys.exit(main())"
-    arguments = ["--ros-args", "-p", "enable_stamped_cmd_vel:=true", "-p", f"trajectory:={tmp_path / 'path.csv'}"]
+    arguments = ["--ros-args", "-p", "enable_stamped_cmd_vel:=true", "-p", "use_sim_time:=true"]
+    arguments += ["-p", f"trajectory:={tmp_path / 'path.csv'}"]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     child = subprocess.Popen([sys.executable, "-c", code, *arguments], env=environment)
     yield child
@@ -295,37 +298,52 @@ def process(tmp_path):
     child.wait(5.0)
 
 
-def test_a_drive_over_dds_and_a_clean_exit(process):
+class Remote:
+    """The simulator's side of the lock-step: an image, then time stands until its command has come."""
+
+    def __init__(self, node):
+        self.node, self.now, self.x = node, SECOND, 0.0
+        self.commands, self.statuses = [], []
+        node.create_subscription(TwistStamped, "cmd_vel", self.commands.append, qos.COMMAND)
+        node.create_subscription(FollowerStatus, "path_follower/status", self.statuses.append, qos.STATE)
+        self.clock = node.create_publisher(Clock, "/clock", qos.STATE)
+        self.poses = node.create_publisher(PoseWithCovarianceStamped, "pose", qos.STATE)
+        self.states = node.create_publisher(LocalizationStatus, "status", qos.STATE)
+        self.start = node.create_client(Trigger, "start")
+
+    def wait(self, is_done, seconds=20.0):
+        deadline = time.monotonic() + seconds
+        while not is_done() and time.monotonic() < deadline:
+            rclpy.spin_once(self.node, timeout_sec=0.02)
+        assert is_done(), "expected an answer in time"
+
+    def step(self):
+        self.now += STEP
+        self.clock.publish(Clock(clock=ns_to_time(self.now)))
+        self.states.publish(status_message("TRACKING", self.now))
+        self.poses.publish(pose_message(self.x, 0.0, 0.0, self.now))
+        self.wait(lambda: self.commands and stamp_ns(self.commands[-1]) >= self.now)
+        self.x += self.commands[-1].twist.linear.x * STEP / SECOND
+
+
+def test_a_drive_over_dds_in_lock_step_and_a_clean_exit(process):
     rclpy.init()
     node = rclpy.create_node("bench")
     try:
-        commands, statuses = [], []
-        node.create_subscription(TwistStamped, "cmd_vel", commands.append, qos.COMMAND)
-        node.create_subscription(FollowerStatus, "path_follower/status", statuses.append, qos.STATE)
-        poses = node.create_publisher(PoseWithCovarianceStamped, "pose", qos.STATE)
-        states = node.create_publisher(LocalizationStatus, "status", qos.STATE)
-        start = node.create_client(Trigger, "start")
-        assert start.wait_for_service(20.0)
-        x, answer, deadline = 0.0, None, time.monotonic() + 25.0
-        while time.monotonic() < deadline:
-            now = node.get_clock().now().nanoseconds
-            states.publish(status_message("TRACKING", now))
-            poses.publish(pose_message(x, 0.0, 0.0, now))
-            end = time.monotonic() + 0.05
-            while time.monotonic() < end:
-                rclpy.spin_once(node, timeout_sec=0.01)
-            if answer is None and statuses:
-                answer = start.call_async(Trigger.Request())
-            if commands:
-                x += commands[-1].twist.linear.x * 0.05
-            if statuses and statuses[-1].state == "FINISHED":
-                break
-        assert answer is not None
+        remote = Remote(node)
+        publishers = (remote.clock, remote.poses, remote.states)
+        remote.wait(lambda: all(publisher.get_subscription_count() for publisher in publishers))
+        remote.wait(lambda: node.count_publishers("cmd_vel") and remote.start.service_is_ready())
+        remote.step()
+        answer = remote.start.call_async(Trigger.Request())
+        remote.wait(answer.done)
         assert answer.result().success, answer.result().message
-        assert statuses[-1].state == "FINISHED"
-        assert x == pytest.approx(3.0, abs=0.3)  # on a busy machine the car's clock is uneven
+        for _ in range(200):
+            remote.step()
+        remote.wait(lambda: remote.statuses[-1].state == "FINISHED")
+        assert remote.x == pytest.approx(3.0, abs=0.06)  # the tolerance of the goal
         process.send_signal(signal.SIGINT)
-        assert process.wait(3.0) == 0
+        assert process.wait(5.0) == 0  # promised are 2 s, on an idle machine
     finally:
         node.destroy_node()
         rclpy.try_shutdown()

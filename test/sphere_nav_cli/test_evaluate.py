@@ -8,7 +8,7 @@ import pytest
 
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import Trajectory, write_tum
-from sphere_nav_cli import evaluate
+from sphere_nav_cli import evaluate, evaluate_plot, pose_bags
 
 SECOND = 10**9
 OFFSET = np.array([0.03, -0.04, 0.0, 0.0, 0.0, 0.02])
@@ -116,6 +116,21 @@ def test_truth_comes_out_of_a_bag(files, bag):
     found = json.loads((files / "e.json").read_text())
     assert found["translation_m"]["max"] < 1e-9
     assert found["nees"]["mean"] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_bag_is_told_from_a_file(files, bag):
+    assert pose_bags.is_bag(bag)
+    assert not pose_bags.is_bag(files / "poses.tum")
+    found = pose_bags.read_poses(bag, ("not/there", "ground_truth/odometry"))
+    np.testing.assert_array_equal(found.stamps_ns, TRUTH.stamps_ns)
+    np.testing.assert_allclose(found.T_map_body.matrix, TRUTH.T_map_body.matrix, atol=1e-12)
+    np.testing.assert_allclose(found.covariances[3], 1e-4 * np.eye(6), atol=1e-12)
+
+
+def test_the_ending_chooses_the_format_of_the_plot(tmp_path):
+    judged = evaluate.judge(TRUTH, TRUTH)
+    evaluate_plot.draw(judged.estimate, judged.truth, judged.all_truth, judged.errors, tmp_path / "plot.svg")
+    assert "<svg" in (tmp_path / "plot.svg").read_text()
 
 
 def test_a_bag_without_the_topic_is_one_line(files, bag):
