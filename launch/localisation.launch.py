@@ -42,7 +42,11 @@ def generate_launch_description():
             values["localizer_params"],
             {"map": typed("map", str), "use_sim_time": typed("use_sim_time", bool)},
         ],
-        remappings=[("image_raw", values["image"]), ("camera_info", values["info"])],
+        remappings=[
+            ("image_raw", values["image"]),
+            ("image_raw/compressed", [values["image"], "/compressed"]),
+            ("camera_info", values["info"]),
+        ],
     )
     follower = Node(
         package="sphere_nav",
