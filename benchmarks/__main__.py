@@ -34,12 +34,19 @@ def main() -> int:
 def _parser(modules: dict[str, ModuleType]) -> argparse.ArgumentParser:
     listing = "\n".join(f"  {name:16} {module.HELP}" for name, module in modules.items())
     parser = argparse.ArgumentParser(
-        prog="python -m benchmarks", description=f"Measure on this machine. Benchmarks:\n{listing}",
+        prog="python -m benchmarks",
+        description=f"Measure on this machine. Benchmarks:\n{listing}",
         epilog="example: python -m benchmarks frame_to_frame --data ../shared/data/rgbd/redkitchen --gaps 1 10",
-        formatter_class=argparse.RawDescriptionHelpFormatter)
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
     parser.add_argument("names", nargs="*", metavar="NAME", help="benchmarks to run (all)")
     parser.add_argument("--quick", action="store_true", help="fewer runs, for a first look")
-    parser.add_argument("--threads", type=int, default=num_cores(), help="threads for every library (all cores)")
+    parser.add_argument(
+        "--threads",
+        type=int,
+        default=min(num_cores(), 2),
+        help="threads for every library (2, as on the reference machine)",
+    )
     parser.add_argument("--output", type=Path, default=Path("out/bench"), help="folder of the JSON files (out/bench)")
     for name, module in modules.items():
         module.add_arguments(parser.add_argument_group(name))

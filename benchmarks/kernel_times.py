@@ -1,3 +1,111 @@
-HELP="x"
-def add_arguments(p): pass
-def run(o): raise ValueError("not yet")
+"""Times of the registration: one iteration, a pyramid, a reference, a whole localisation step (M15 table 1)."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from benchmarks.machine import describe, milliseconds, repeat
+from benchmarks.report import Bound, Report, Table
+from benchmarks.room import render
+from photometric import PyramidParams, Reference, RegistrationParams, View, build_pyramid, prepare_reference, register
+from sphere_geometry import SE3, Camera, Pinhole, Spherical
+
+HELP = "one iteration, pyramid, reference, whole localisation step"
+CAMERA = Pinhole(800, 600, 600.0, 600.0, 399.5, 299.5)
+SPHERE = Spherical(2048, 1024)
+REFERENCE_CAMERAS: dict[str, Camera] = {
+    "sphere 2048 x 1024": SPHERE,
+    "sphere 1024 x 512": Spherical(1024, 512),
+    "RGB-D 640 x 480": Pinhole(640, 480, 525.0, 525.0, 319.5, 239.5),
+}
+T_SPHERE_OPTICAL = SE3.from_parts([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])  # x forward from z forward
+NUM_PIXELS = 60_000
+START_ERROR = np.array([0.05, 0.05, 0.05, 0.01, 0.01, 0.01])  # of a localisation step: standard deviation, m and rad
+FEW, MANY = 10, 40  # iterations; the difference of two runs is free of all that is done once
+NO_STEP_IS_SMALL = 1e-6  # px
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Nothing to choose."""
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Time every part on images of the same room."""
+    num_runs = 20 if options.quick else 100
+    image, _ = render(CAMERA, T_SPHERE_OPTICAL)
+    references = {name: _reference(camera) for name, camera in REFERENCE_CAMERAS.items()}
+    view = View(references["sphere 2048 x 1024"], SE3.identity())
+    times = {
+        "one iteration, 60 000 px of a sphere, 800 x 600 pinhole": _iteration_ms(image, view, num_runs),
+        "pyramid 800 x 600": repeat(lambda: build_pyramid(image, CAMERA, RegistrationParams().pyramid), num_runs),
+        "localisation step, 800 x 600, 60 000 px": _step_ms(image, view, num_runs),
+    }
+    for name, camera in REFERENCE_CAMERAS.items():
+        times[f"prepare_reference, {name}"] = repeat(partial(_prepare, camera, *_view_of(camera)), num_runs // 4)
+    report = Report("kernel_times", notes=[describe(options.threads)])
+    report.tables.append(Table("Times", ("what", "median ms", "p99 ms"), [_row(*item) for item in times.items()]))
+    report.bounds = _bounds(times)
+    return report
+
+
+def _view_of(camera: Camera) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    return render(camera, SE3.identity() if isinstance(camera, Spherical) else T_SPHERE_OPTICAL)
+
+
+def _prepare(camera: Camera, image: NDArray[np.uint8], range_m: NDArray[np.float32]) -> Reference:
+    return prepare_reference(image, range_m, camera, RegistrationParams())
+
+
+def _reference(camera: Camera) -> Reference:
+    return _prepare(camera, *_view_of(camera))
+
+
+def _iteration_ms(image: NDArray[np.uint8], view: View, num_runs: int) -> NDArray[np.float64]:
+    """Return times (num_runs,) of one iteration on the full image alone, all 60 000 pixels in view."""
+    params = RegistrationParams(
+        pyramid=PyramidParams(num_levels=1), max_pixels=NUM_PIXELS, min_step=NO_STEP_IS_SMALL, max_iterations_fine=FEW
+    )
+    pyramid = build_pyramid(image, CAMERA, params.pyramid)
+    few = repeat(lambda: register(pyramid, [view], T_SPHERE_OPTICAL, params), num_runs)
+    longer = replace(params, max_iterations_fine=MANY)
+    many = repeat(lambda: register(pyramid, [view], T_SPHERE_OPTICAL, longer), num_runs)
+    return (many - np.median(few)) / (MANY - FEW)
+
+
+def _step_ms(image: NDArray[np.uint8], view: View, num_runs: int) -> NDArray[np.float64]:
+    """Return times (num_runs,) from an image to its pose, started at random near the truth."""
+    params = RegistrationParams(max_pixels=NUM_PIXELS)
+    rng = np.random.default_rng(0)
+    starts = [T_SPHERE_OPTICAL @ SE3.exp(rng.normal(size=6) * START_ERROR) for _ in range(num_runs)]
+    for start in starts[:3]:
+        _locate(image, view, start, params)
+    ms = [
+        milliseconds(partial(_locate, image, view, start, params))[0]
+        for start in tqdm(starts, "localisation steps", leave=False, disable=None)
+    ]
+    return np.array(ms)
+
+
+def _locate(image: NDArray[np.uint8], view: View, start: SE3, params: RegistrationParams) -> SE3:
+    return register(build_pyramid(image, CAMERA, params.pyramid), [view], start, params).T_world_camera
+
+
+def _row(what: str, ms: NDArray[np.float64]) -> tuple[str, str, str]:
+    return what, f"{np.median(ms):.3g}", f"{np.percentile(ms, 99):.3g}"
+
+
+def _bounds(times: dict[str, NDArray[np.float64]]) -> list[Bound]:
+    iteration, pyramid, step = list(times.values())[:3]
+    return [
+        Bound("one iteration, 60 000 px", 0.6, float(np.median(iteration)), "ms"),
+        Bound("one iteration, 60 000 px (aim)", 0.3, float(np.median(iteration)), "ms"),
+        Bound("pyramid 800 x 600", 0.35, float(np.median(pyramid)), "ms"),
+        Bound("localisation step, median", 7.0, float(np.median(step)), "ms"),
+        Bound("localisation step, p99", 15.0, float(np.percentile(step, 99)), "ms"),
+    ]

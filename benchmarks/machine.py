@@ -21,7 +21,8 @@ def cpu_name() -> str:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     except OSError:
         return platform.processor() or "unknown processor"
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown processor")
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else "unknown processor"
 
 
 def num_cores() -> int:
@@ -39,12 +40,11 @@ def describe(num_threads: int) -> str:
 def set_threads(num_threads: int) -> None:
     """Give OpenCV, numba and OpenMP (Open3D; before it is imported) the same number of threads."""
     os.environ["OMP_NUM_THREADS"] = str(num_threads)
-    os.environ.setdefault("NUMBA_NUM_THREADS", str(num_threads))
     import cv2
     import numba
 
     cv2.setNumThreads(num_threads)
-    numba.set_num_threads(min(num_threads, numba.config.NUMBA_NUM_THREADS))
+    numba.set_num_threads(num_threads)
 
 
 def milliseconds(call: Callable[[], Any]) -> tuple[float, Any]:

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from photometric import Reference, RegistrationParams, View, build_pyramid, prepare_reference, register
 
 from benchmarks.rgbd_data import Frame
+from photometric import Reference, RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_geometry import SE3, Pinhole
 from sphere_geometry.camera import pixel_grid
 

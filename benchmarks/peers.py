@@ -6,6 +6,7 @@ from typing import Any, Protocol
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.rgbd_data import Frame
 from sphere_geometry import SE3, Pinhole
@@ -47,7 +48,7 @@ class OpenCVOdometry:
         kind = {"RGB": cv2.OdometryType_RGB, "RGB-D": cv2.OdometryType_RGB_DEPTH}[mode]
         self.name = f"OpenCV {mode}"
         settings = cv2.OdometrySettings()
-        settings.setCameraMatrix(np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], np.float32))
+        settings.setCameraMatrix(matrix(camera).astype(np.float32))
         settings.setMaxDepth(max_depth_m)
         settings.setMaxTranslation(MAX_MOTION_M)
         settings.setMaxRotation(MAX_MOTION_DEG)
@@ -76,25 +77,39 @@ class Open3DOdometry:
         self.core, self.geometry = open3d.core, open3d.t.geometry
         self.odometry = open3d.t.pipelines.odometry
         self.name = f"Open3D {mode}"
-        self.method = {"intensity": self.odometry.Method.Intensity, "hybrid": self.odometry.Method.Hybrid,
-                       "point to plane": self.odometry.Method.PointToPlane}[mode]
-        self.intrinsics = self.core.Tensor(
-            np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], np.float64))
+        self.method = {
+            "intensity": self.odometry.Method.Intensity,
+            "hybrid": self.odometry.Method.Hybrid,
+            "point to plane": self.odometry.Method.PointToPlane,
+        }[mode]
+        self.intrinsics = self.core.Tensor(matrix(camera))
         self.max_depth_m = max_depth_m
 
     def prepare(self, frame: Frame) -> Any:
         """Wrap the arrays."""
         colour = np.ascontiguousarray(np.repeat(frame.grey[..., None], 3, axis=2))
         depth_m = np.nan_to_num(frame.depth_m, nan=0.0)
-        return self.geometry.RGBDImage(self.geometry.Image(self.core.Tensor(colour)),
-                                       self.geometry.Image(self.core.Tensor(depth_m)))
+        return self.geometry.RGBDImage(
+            self.geometry.Image(self.core.Tensor(colour)), self.geometry.Image(self.core.Tensor(depth_m))
+        )
 
     def track(self, reference: Any, frame: Frame) -> SE3 | None:
         """Align the current frame to the reference from the identity."""
         result = self.odometry.rgbd_odometry_multi_scale(
-            self.prepare(frame), reference, self.intrinsics, self.core.Tensor(np.eye(4)), 1.0, self.max_depth_m,
-            method=self.method)
+            self.prepare(frame),
+            reference,
+            self.intrinsics,
+            self.core.Tensor(np.eye(4)),
+            1.0,
+            self.max_depth_m,
+            method=self.method,
+        )
         return SE3(result.transformation.numpy().astype(np.float64))
+
+
+def matrix(camera: Pinhole) -> NDArray[np.float64]:
+    """Return the camera matrix K (3, 3)."""
+    return np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]])
 
 
 def peers(camera: Pinhole, max_depth_m: float) -> tuple[list[Method], list[str]]:

@@ -19,8 +19,10 @@ class Table:
         """Return the table with its columns padded, so that it reads in a terminal too."""
         lines = [self.columns, *self.rows]
         widths = [max(len(line[i]) for line in lines) for i in range(len(self.columns))]
-        text = ["| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) + " |"
-                for line in lines]
+        text = [
+            "| " + " | ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)) + " |"
+            for line in lines
+        ]
         text.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
         return "\n".join([f"### {self.title}", "", *text])
 
@@ -66,9 +68,13 @@ class Report:
 
 def bounds_table(bounds: list[Bound]) -> Table:
     """Set bounds beside what was measured, with 'ok' or 'RED'."""
-    rows = [
-        (b.what, f"{'≥' if b.is_minimum else '≤'} {b.bound:.4g} {b.unit}", f"{b.measured:.4g} {b.unit}",
-         "ok" if b.is_met else "RED")
+    rows: list[tuple[str, ...]] = [
+        (
+            b.what,
+            f"{'≥' if b.is_minimum else '≤'} {b.bound:.4g} {b.unit}",
+            f"{b.measured:.4g} {b.unit}",
+            "ok" if b.is_met else "RED",
+        )
         for b in bounds
     ]
     return Table("Bounds", ("what", "bound", "measured", "mark"), rows)
