@@ -6,6 +6,7 @@ Decisions depend on stamps and pixels only, never on a clock of the computer, so
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,10 +43,10 @@ class InputCheck:
         self.last_stamp_ns: int | None = None
         self._pending_stamps: list[int] = []
         self._camera: Camera | None = None
-        self._last_sample: NDArray[np.generic] | None = None
+        self._last_sample: NDArray[Any] | None = None
         self._num_repeats = 0
 
-    def check(self, image: NDArray[np.generic], camera: Camera, stamp_ns: int, is_moving: bool) -> InputReport:
+    def check(self, image: NDArray[Any], camera: Camera, stamp_ns: int, is_moving: bool) -> InputReport:
         """Judge a grey image (H, W); `is_moving` says whether the camera moved when last seen."""
         finding, is_clock_jump = self._check_stamp(stamp_ns)
         if finding.reason is not Reason.NONE:
@@ -84,7 +85,7 @@ class InputCheck:
         pending.append(stamp_ns)
         return len(pending) >= self._params.clock_jump_frames
 
-    def _check_size(self, image: NDArray[np.generic], camera: Camera) -> Finding:
+    def _check_size(self, image: NDArray[Any], camera: Camera) -> Finding:
         if image.shape != (camera.height, camera.width):
             detail = f"image is {image.shape[::-1]}, camera_info says ({camera.width}, {camera.height})"
             return Finding(Reason.BAD_INFO, float(image.shape[-1]), float(camera.width), detail)
@@ -93,14 +94,14 @@ class InputCheck:
         self._camera = camera
         return FINE
 
-    def _first_finding(self, image: NDArray[np.generic], sample: NDArray[np.generic], is_moving: bool) -> Finding:
+    def _first_finding(self, image: NDArray[Any], sample: NDArray[Any], is_moving: bool) -> Finding:
         if image.dtype.kind == "f" and not np.isfinite(np.sum(image)):
             num_bad = int(np.sum(~np.isfinite(image)))
             return Finding(Reason.LOW_TEXTURE, num_bad, 0.0, "pixels that are no numbers")
         finding = self._check_light(sample)
         return finding if finding.reason is not Reason.NONE else self._check_frozen(sample, is_moving)
 
-    def _check_light(self, sample: NDArray[np.generic]) -> Finding:
+    def _check_light(self, sample: NDArray[Any]) -> Finding:
         params = self._params
         dark, bright = np.mean(sample <= params.dark_level), np.mean(sample >= params.bright_level)
         for share, word in ((dark, "black"), (bright, "saturated")):
@@ -111,7 +112,7 @@ class InputCheck:
             return Finding(Reason.LOW_TEXTURE, contrast, params.min_contrast, "image has no contrast")
         return FINE
 
-    def _check_frozen(self, sample: NDArray[np.generic], is_moving: bool) -> Finding:
+    def _check_frozen(self, sample: NDArray[Any], is_moving: bool) -> Finding:
         is_repeat = self._last_sample is not None and np.array_equal(sample, self._last_sample)
         self._num_repeats = self._num_repeats + 1 if is_repeat else 0
         if not is_repeat:

@@ -7,13 +7,11 @@ Poses leave this package only in the states TRACKING and DEGRADED. Decisions dep
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
+from dense_localizer.estimate import Estimate, Frame
 from dense_localizer.input_check import InputCheck
 from dense_localizer.motion_prior import MotionPrior, Prediction
 from dense_localizer.params import LocalizerParams
@@ -24,26 +22,6 @@ from dense_localizer.search import Search
 from dense_localizer.status import State, StateMachine, Status, status_of
 from photometric import Pyramid, build_pyramid, register_rotation
 from sphere_geometry import SE3, Camera
-
-
-@dataclass(frozen=True)
-class Frame:
-    """One image on its way: its pyramid (None where the image is of no use, `finding` says why) and odometry."""
-
-    stamp_ns: int
-    finding: Finding
-    pyramid: Pyramid | None
-    T_odom_camera: SE3 | None
-
-
-@dataclass(frozen=True)
-class Estimate:
-    """The news of one image. Without trust there is no pose; `velocity` (6,) is (v, omega) in the camera frame."""
-
-    status: Status
-    T_map_camera: SE3 | None = None
-    covariance: NDArray[np.float64] | None = None
-    velocity: NDArray[np.float64] | None = None
 
 
 class Localizer:
@@ -61,14 +39,23 @@ class Localizer:
     def reset(self) -> None:
         """Forget pose, stream, losses and wishes."""
         self._input.reset()
-        self._search.forget()
-        self._states.reset()
-        self._before = None
+        self._forget()
 
-    def relocalize(self, T_map_camera: SE3 | None = None) -> None:
-        """Search from the next image on, near a pose or everywhere; ValueError for a pose far off the map."""
+    def relocalize(self, T_map_camera: SE3 | None = None) -> Estimate | None:
+        """Search with the last image and those to come, near a pose or everywhere; None before the first image.
+
+        ValueError for a pose that is far off the map.
+        """
         self._search.ask(T_map_camera)
         self._states.search()
+        stamp_ns = self._input.last_stamp_ns
+        if stamp_ns is None or self._before is None:
+            return None
+        return self._start(Frame(stamp_ns, FINE, self._before, None))
+
+    def refuse(self, stamp_ns: int, finding: Finding) -> Estimate:
+        """Take note of an image that cannot even be read."""
+        return self._step(Frame(stamp_ns, finding, None, None))
 
     def update(self, image: NDArray[Any], camera: Camera, stamp_ns: int, T_odom_camera: SE3 | None = None) -> Estimate:
         """Localise one grey image (H, W); `T_odom_camera` is odometry at its stamp, where there is any."""
@@ -76,14 +63,9 @@ class Localizer:
         if report.finding.reason is Reason.BAD_STAMP:
             return Estimate(self._status(stamp_ns, report.finding))
         if report.is_clock_jump:
-            self._search.forget()
-            self._states.reset()
+            self._forget()
         pyramid = build_pyramid(image, camera, self.params.registration.pyramid) if report.is_good else None
-        frame = Frame(stamp_ns, report.finding, pyramid, T_odom_camera)
-        self._give_up_after_silence(frame)
-        estimate = self._follow(frame) if self._states.is_following else self._start(frame)
-        self._before = pyramid
-        return estimate
+        return self._step(Frame(stamp_ns, report.finding, pyramid, T_odom_camera))
 
     def silence(self, now_ns: int) -> Status | None:
         """Return what to say when no image has come for too long; the state itself follows stamps only."""
@@ -94,33 +76,45 @@ class Localizer:
         finding = Finding(Reason.TIMEOUT, (now_ns - last_ns) * 1e-9, limit)
         return status_of(state, now_ns, finding, self._prior.age(now_ns))
 
+    def _forget(self) -> None:
+        self._prior.reset()
+        self._search.forget()
+        self._states.reset()
+        self._before = None
+
+    def _step(self, frame: Frame) -> Estimate:
+        if self._states.is_following and self._prior.pause_s(frame.stamp_ns) > self.params.input.timeout_s:
+            self._states.lose()  # nobody knows what happened meanwhile
+            self._search.lost(self._prior.predict(frame.stamp_ns, frame.T_odom_camera).T_map_camera)
+        estimate = self._follow(frame) if self._states.is_following else self._start(frame)
+        self._before = frame.pyramid
+        return estimate
+
     def _follow(self, frame: Frame) -> Estimate:
-        """Carry the pose from the last image to this one."""
+        """Carry the pose from the last image to this one; the likeliest prediction first, others where it fails."""
         if frame.pyramid is None:
             return self._go_blind(frame, frame.finding)
         first = None
-        for prediction in self._predictions(frame, frame.pyramid):
+        for prediction in self._prior.predictions(frame.stamp_ns, frame.T_odom_camera, self._turn(frame.pyramid)):
             place = locate(frame.pyramid, self._references, prediction.T_map_camera, self.params, prediction)
             if place.verdict.is_accepted:
-                return self._accept(frame, place, prediction.step_s)
+                return self._accept(frame, place, prediction)
             first = first or place
         return self._go_blind(frame, first.verdict.finding if first else FINE, first)
 
-    def _predictions(self, frame: Frame, pyramid: Pyramid) -> Iterator[Prediction]:
-        """Yield where the camera may be, the most likely first: turned as the images say (eq. 20), or moving on."""
-        if self._before is not None and self.params.prior.use_rotation:
-            T_before_now = register_rotation(pyramid, self._before, self.params.registration)
-            yield self._prior.predict(frame.stamp_ns, frame.T_odom_camera, T_before_now)
-        yield self._prior.predict(frame.stamp_ns, frame.T_odom_camera)
+    def _turn(self, pyramid: Pyramid) -> SE3 | None:
+        """Return the rotation since the last image, measured at the coarsest level (eq. 20)."""
+        if self._before is None or not self.params.prior.use_rotation:
+            return None
+        return register_rotation(pyramid, self._before, self.params.registration)
 
-    def _accept(self, frame: Frame, place: Place, step_s: float) -> Estimate:
-        """Go on from a good alignment."""
-        finding, limit = place.verdict.finding, self.params.input.gap_s
-        is_good = place.verdict.is_good
-        if is_good and step_s > limit:
-            finding, is_good = Finding(Reason.GAP, step_s, limit), False
+    def _accept(self, frame: Frame, place: Place, prediction: Prediction) -> Estimate:
+        """Go on from a good alignment; good as it is, what preceded it may ask for care."""
+        finding = place.verdict.finding
+        if finding.reason is Reason.NONE:
+            finding = prediction.finding(self.params.input.gap_s)
         self._prior.correct(place.T_map_camera, place.covariance, frame.stamp_ns, frame.T_odom_camera)
-        self._states.align(is_good, step_s)
+        self._states.align(finding.reason is Reason.NONE, prediction.step_s)
         return self._estimate(frame.stamp_ns, finding, place)
 
     def _go_blind(self, frame: Frame, finding: Finding, place: Place | None = None) -> Estimate:
@@ -131,15 +125,6 @@ class Localizer:
         if not self._states.is_following:
             self._search.lost(prediction.T_map_camera)
         return self._estimate(frame.stamp_ns, finding, place)
-
-    def _give_up_after_silence(self, frame: Frame) -> None:
-        """Lose the pose when images were missing for too long: nobody knows what happened."""
-        prediction = self._prior.last
-        if not self._states.is_following or prediction is None:
-            return
-        if (frame.stamp_ns - prediction.stamp_ns) * 1e-9 > self.params.input.timeout_s:
-            self._states.lose()
-            self._search.lost(self._prior.predict(frame.stamp_ns, frame.T_odom_camera).T_map_camera)
 
     def _start(self, frame: Frame) -> Estimate:
         """Look for the pose, if anyone wants to know."""
@@ -161,8 +146,9 @@ class Localizer:
         status = self._status(stamp_ns, finding, place)
         pose = self._prior.last
         if not self._states.is_trusted or pose is None:
-            return Estimate(status)
-        return Estimate(status, pose.T_map_camera, pose.covariance, self._prior.velocity)
+            return Estimate(status, place=place)
+        prior = self._prior
+        return Estimate(status, pose.T_map_camera, pose.covariance, prior.velocity, prior.velocity_covariance, place)
 
     def _status(self, stamp_ns: int, finding: Finding, place: Place | None = None) -> Status:
         return status_of(self._states.state, stamp_ns, finding, self._prior.age(stamp_ns), place)

@@ -6,12 +6,14 @@ T_map_camera @ exp(xi). It grows from the last alignment on, also while images a
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.params import PriorParams
+from dense_localizer.reasons import FINE, Finding, Reason
 from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
@@ -26,6 +28,13 @@ class Prediction:
     stamp_ns: int
     step_s: float = 0.0
     blind_s: float = 0.0
+    defies_odometry: bool = False  # made without the odometry that was there
+
+    def finding(self, gap_s: float) -> Finding:
+        """Return what makes a pose found from this prediction one to use with care."""
+        if self.defies_odometry:
+            return Finding(Reason.ODOM_STALE, detail="odometry disagrees with the images")
+        return Finding(Reason.GAP, self.step_s, gap_s) if self.step_s > gap_s else FINE
 
     @property
     def sigma_m(self) -> float:
@@ -38,7 +47,12 @@ class MotionPrior:
 
     def __init__(self, params: PriorParams) -> None:
         self._params = params
+        self.reset()
+
+    def reset(self) -> None:
+        """Know nothing."""
         self.velocity: Array | None = None  # (6,) (v, omega) in the camera frame, per second
+        self.velocity_covariance: Array | None = None  # (6, 6)
         self._held: Prediction | None = None  # pose at the last image, aligned or predicted
         self._aligned: Prediction | None = None  # pose at the last alignment
         self._T_odom_aligned: SE3 | None = None
@@ -60,7 +74,7 @@ class MotionPrior:
 
     def start(self, T_map_camera: SE3, covariance: Array, stamp_ns: int, T_odom_camera: SE3 | None = None) -> None:
         """Begin at a found pose, with unknown velocity."""
-        self.velocity = None
+        self.velocity = self.velocity_covariance = None
         self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
         self._T_odom_held = self._T_odom_aligned = T_odom_camera
 
@@ -81,6 +95,21 @@ class MotionPrior:
         covariance = Ad @ aligned.covariance @ Ad.T + np.diag(self._growth(blind_s, T_odom_camera) ** 2)
         return Prediction(T_map_camera, covariance, stamp_ns, step_s, blind_s)
 
+    def predictions(self, stamp_ns: int, T_odom_camera: SE3 | None, T_before_now: SE3 | None) -> Iterator[Prediction]:
+        """Yield predictions, the likeliest first: by odometry or velocity, turned as measured, standing still."""
+        moved = self.predict(stamp_ns, T_odom_camera)
+        yield moved
+        if T_before_now is not None:
+            yield self.predict(stamp_ns, T_odom_camera, T_before_now)
+        if T_odom_camera is not None:
+            yield replace(self.predict(stamp_ns), defies_odometry=True)
+        if self._held is not None and self.velocity is not None:
+            yield replace(moved, T_map_camera=self._held.T_map_camera)
+
+    def pause_s(self, stamp_ns: int) -> float:
+        """Return the seconds since the last image."""
+        return (stamp_ns - self._held.stamp_ns) * 1e-9 if self._held is not None else 0.0
+
     def hold(self, prediction: Prediction, T_odom_camera: SE3 | None = None) -> None:
         """Go on from the prediction: the image could not be aligned."""
         self._held, self._T_odom_held = prediction, T_odom_camera
@@ -91,6 +120,7 @@ class MotionPrior:
         if before is not None and stamp_ns > before.stamp_ns:
             elapsed_s = (stamp_ns - before.stamp_ns) * 1e-9
             self.velocity = (before.T_map_camera.inverse() @ T_map_camera).log() / elapsed_s
+            self.velocity_covariance = (before.covariance + covariance) / elapsed_s**2
         self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
         self._T_odom_held = self._T_odom_aligned = T_odom_camera
 

@@ -118,3 +118,21 @@ class LocalizerParams:
     covariance: CovarianceParams = group(CovarianceParams)
     state: StateParams = group(StateParams)
     start: StartParams = group(StartParams)
+
+
+@parameters
+class DenseLocalizerParams(LocalizerParams):
+    """Everything that the node needs (`node.py`)."""
+
+    map: str = param("", "map to localise in; empty: wait for the call load_map")
+    map_frame: str = param("map", "frame of the poses")
+    base_frame: str = param("base_link", "frame whose pose is published")
+    camera_frame: str = param("", "optical frame of the camera; empty: the frame_id of the images")
+    transport: str = param("raw", "images come on image_raw, or on image_raw/compressed", choices=("raw", "compressed"))
+    is_rectified: bool = param(False, "images are rectified: use P of camera_info instead of K and D")
+    every_image: bool = param(False, "reliable and deep image queue: a slow computer answers late but drops none")
+    use_odometry: bool = param(True, "predict by the topic odom where it is published")
+    odometry_max_age: float = param(0.2, "time for which odometry is carried on", "s", low=0.0)
+    publish_tf: bool = param(True, "publish map -> odom where there is odometry, else map -> base_frame")
+    tf_ahead: float = param(0.1, "how far map -> odom is stamped ahead, so that look-ups need not wait", "s", low=0.0)
+    max_waiting: int = param(50, "images kept until camera_info and the camera's transform have come", low=1)

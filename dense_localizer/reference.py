@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dense_localizer.params import LocalizerParams
 from photometric import Pyramid, Reference, View, prepare_reference
 from photometric.overlap import image_overlap
-from sphere_geometry import SE3
+from sphere_geometry import SE3, Spherical
 from sphere_mapping.graph import KeySphere, SphereGraph
 from sphere_mapping.sphere import Sphere
 
@@ -39,9 +39,10 @@ class SphereMap(Protocol):
 
 @dataclass(frozen=True)
 class Digest:
-    """What is kept of every sphere: its coarsest levels and its median range in metres."""
+    """What is kept of every sphere: its coarsest levels, its window and its median range in metres."""
 
     reference: Reference
+    camera: Spherical
     typical_range_m: float
 
 
@@ -111,7 +112,7 @@ class References:
         finite = sphere.range_m[::8, ::8]
         finite = finite[np.isfinite(finite)]
         typical = float(np.median(finite)) if finite.size else np.inf
-        self._digests[sphere_id] = Digest(Reference(reference.levels[-NUM_DIGEST_LEVELS:]), typical)
+        self._digests[sphere_id] = Digest(Reference(reference.levels[-NUM_DIGEST_LEVELS:]), sphere.camera, typical)
 
     def _distance_ratio(self, node: KeySphere, T_map_camera: SE3) -> float:
         distance, _ = node.T_map_sphere.distance(T_map_camera)

@@ -57,8 +57,7 @@ class Startup:
     def _everywhere(self) -> Iterator[Guess]:
         """Yield guesses at every key sphere: all around a whole one, at and beside the heading of a partial one."""
         for node in self._references.nodes:
-            camera = self._references.digest(node.id).reference.camera
-            for T_sphere_camera in headings(camera, self._params.start):
+            for T_sphere_camera in headings(self._references.digest(node.id).camera, self._params.start):
                 yield Guess(node, node.T_map_sphere @ T_sphere_camera)
 
     def _around(self, T_map_camera: SE3) -> Iterator[Guess]:

@@ -1,0 +1,40 @@
+"""What goes into the localiser for one image, and what comes out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dense_localizer.place import Place
+from dense_localizer.reasons import Finding
+from dense_localizer.status import Status
+from photometric import Pyramid
+from sphere_geometry import SE3
+
+
+@dataclass(frozen=True)
+class Frame:
+    """One image on its way: its pyramid (None where the image is of no use, `finding` says why) and odometry."""
+
+    stamp_ns: int
+    finding: Finding
+    pyramid: Pyramid | None
+    T_odom_camera: SE3 | None
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The news of one image. Without trust there is no pose.
+
+    covariance (6, 6) is that of xi in T_map_camera @ exp(xi); velocity (6,) is (v, omega) in the camera frame;
+    `place` is the attempt behind it, for whoever wants to look.
+    """
+
+    status: Status
+    T_map_camera: SE3 | None = None
+    covariance: NDArray[np.float64] | None = None
+    velocity: NDArray[np.float64] | None = None
+    velocity_covariance: NDArray[np.float64] | None = None
+    place: Place | None = None

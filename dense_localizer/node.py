@@ -1,0 +1,101 @@
+"""The node `dense_localizer`: images in, pose and status out. Every image is answered by a status."""
+
+from __future__ import annotations
+
+import time
+
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from sensor_msgs.msg import Image
+
+from dense_localizer.calls_node import OperatorCalls
+from dense_localizer.intake_node import Intake, Picture
+from dense_localizer.localizer import Localizer
+from dense_localizer.outputs_node import Outputs
+from dense_localizer.params import DenseLocalizerParams
+from dense_localizer.reasons import Finding, Reason
+from dense_localizer.status import State, status_of
+from node_kit import conversions, qos
+from node_kit.map_bag import MapReader, open_map
+from node_kit.node import ManagedNode
+from node_kit.run import run
+from photometric import warm_up
+
+WATCH_PERIOD = 0.25  # s between two looks at a silent camera
+
+
+class DenseLocalizerNode(ManagedNode):
+    """Converts, asks the localiser, converts back."""
+
+    NAME = "dense_localizer"
+    PARAMS = DenseLocalizerParams
+    params: DenseLocalizerParams
+
+    def configure(self) -> None:
+        """Open topics, services and the map."""
+        warm_up()
+        self.map: MapReader | None = None
+        self.localizer: Localizer | None = None
+        if self.params.map:
+            self.load_map(self.params.map)
+        self.outputs = Outputs(self)
+        self.intake = Intake(self, self.params, self.on_image)
+        self.listen("initialpose", PoseWithCovarianceStamped, self.on_initial_pose, qos.STATE, is_required=False)
+        self.every(WATCH_PERIOD, self.on_watch)
+        OperatorCalls(self)
+
+    def cleanup(self) -> None:
+        """Close the map."""
+        if self.map is not None:
+            self.map.close()
+
+    def clock_jumped(self) -> None:
+        """Forget the stream; the pose is searched anew."""
+        self.intake.odometry.clear()
+        if self.localizer is not None:
+            self.localizer.reset()
+
+    def load_map(self, path: str) -> None:
+        """Use another map; ValueError leaves the present one in force."""
+        opened, before = open_map(path), self.map
+        self.map, self.localizer = opened, Localizer(self.params, opened)
+        if before is not None:
+            before.close()
+
+    def on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
+        """Search around a given pose of the base; ValueError for a wrong frame, NaN, or a pose far off the map."""
+        T_map_base, _ = conversions.pose_with_covariance_to_se3(message, self.params.map_frame)
+        if self.localizer is None:
+            raise ValueError("initial pose: expected a map, found none: load one first")
+        self.localizer.relocalize(T_map_base @ self.intake.T_base_camera)
+
+    def on_watch(self) -> None:
+        """Say so when images stay away."""
+        status = self.localizer.silence(self.now_ns()) if self.localizer is not None else None
+        if status is not None:
+            self.outputs.tell(status)
+
+    def on_image(self, message: Picture, fault: Finding) -> None:
+        """Localise one image and publish the result, or at least the status."""
+        started, stamp = time.perf_counter(), conversions.stamp_ns(message)
+        camera = self.intake.camera
+        if self.localizer is None:
+            self.outputs.tell(status_of(State.NO_MAP, stamp, fault, 0.0))
+            return
+        if camera is None or fault.reason is not Reason.NONE:
+            self.outputs.tell(self.localizer.refuse(stamp, fault).status)
+            return
+        try:
+            is_raw = isinstance(message, Image)
+            image = conversions.image_to_grey(message if is_raw else conversions.compressed_to_image(message))
+        except ValueError as error:
+            fault = Finding(Reason.BAD_INFO, detail=str(error))
+            self.outputs.tell(self.localizer.refuse(stamp, fault).status)
+            raise
+        estimate = self.localizer.update(image, camera, stamp, self.intake.T_odom_camera(stamp))
+        self.outputs.publish(estimate, (time.perf_counter() - started) * 1e3)
+        self.outputs.show(estimate, image, camera)
+
+
+def main() -> int:
+    """Run the node."""
+    return run(DenseLocalizerNode)

@@ -1,0 +1,31 @@
+"""What the alignment does not explain, as a picture: grey where image and map agree."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dense_localizer.place import Place
+from sphere_geometry import Camera
+
+NEUTRAL = 128
+
+
+def residual_image(image: NDArray[Any], camera: Camera, place: Place) -> NDArray[np.uint8]:
+    """Return (H, W) uint8: 128 plus half of image minus map at the pixels of the first reference, 128 elsewhere."""
+    picture = np.full((camera.height, camera.width), NEUTRAL, np.uint8)
+    if place.alignment is None:
+        return picture
+    view = place.choice.views[0]
+    level = view.reference.levels[0]
+    T_camera_reference = place.T_map_camera.inverse() @ view.T_world_reference
+    pixels, is_visible = camera.project(T_camera_reference.apply(level.points.T))
+    u, v = np.rint(pixels[is_visible]).astype(np.int64).T
+    inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
+    u, v = u[inside], v[inside]
+    seen = place.alignment.gains[0] * image[v, u].astype(np.float32) + place.alignment.biases[0]
+    difference = seen - level.intensity[is_visible][inside]
+    picture[v, u] = np.clip(NEUTRAL + 0.5 * difference, 0, 255)
+    return picture
