@@ -59,7 +59,7 @@ def verify_bag(path: str | Path, progress: Progress = lambda step: None) -> BagR
 
 
 def salvage(source: str | Path, target: str | Path, progress: Progress = lambda step: None) -> int:
-    """Copy the messages of a damaged bag up to the first damage of each file into a new bag; return their number."""
+    """Copy the messages of the whole chunks of a damaged bag into a new bag; return their number."""
     source = Path(source)
     files = [source] if source.is_file() else sorted(source.glob("*.mcap"))
     if not files:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import sys
+from importlib import metadata
 from pathlib import Path
 
 PACKAGE = "sphere_nav"
@@ -18,3 +19,11 @@ def share_file(name: str) -> Path:
         if (place / name).is_file():
             return place / name
     raise ValueError(f"{name}: file of {PACKAGE} not found in {', '.join(map(str, places))}")
+
+
+def software() -> str:
+    """Return name and version of the installed package."""
+    try:
+        return f"{PACKAGE} {metadata.version(PACKAGE)}"
+    except metadata.PackageNotFoundError:
+        return f"{PACKAGE} (not installed)"

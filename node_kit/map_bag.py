@@ -7,8 +7,9 @@ Everything is checked before it is believed: format version, sizes, checksums, t
 
 from __future__ import annotations
 
+import dataclasses
 import shutil
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -17,7 +18,6 @@ from typing import Any, Self
 
 import yaml
 from mcap.records import ChunkIndex
-from rclpy.serialization import deserialize_message
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
 
 from node_kit import qos
@@ -26,8 +26,8 @@ from node_kit.bag_reader import BagReader
 from node_kit.bag_writer import BagWriter
 from node_kit.conversions import header, message_to_sphere, sphere_to_message
 from node_kit.conversions.graphs import graph_to_message, message_to_graph
-from node_kit.mcap_file import salvaged_messages
-from sphere_mapping.graph import Edge, KeySphere, SphereGraph
+from node_kit.files import software
+from sphere_mapping.graph import KeySphere, SphereGraph
 from sphere_mapping.sphere import Sphere
 
 FILE_NAME = "map.mcap"
@@ -45,7 +45,7 @@ class MapDetails:
     """What a map says about itself."""
 
     map_id: str = ""
-    software: str = "sphere_nav"
+    software: str = dataclasses.field(default_factory=software)
     source: str = ""
     parameters: Mapping[str, Any] | None = None
     rig: str = ""
@@ -206,62 +206,6 @@ class MapReader:
             raise BagError(f"{self.path}: chunk {index.chunk_start_offset}: expected one sphere, found {len(found)}")
         message: AugmentedSphere = self._bag.decode(SPHERE, found[0].data, AugmentedSphere)
         return message
-
-
-def verify_map(path: str | Path, progress: Progress = lambda step: None) -> list[str]:
-    """Read every key sphere of a map; return the problems, one a line. BagError if it cannot be opened."""
-    problems = []
-    with open_map(path) as reader:
-        for node in reader.graph:
-            try:
-                sphere = reader.load_sphere(node.id)
-                if sphere.stamp_ns != node.stamp_ns:
-                    problems.append(
-                        f"{path}: key sphere {node.id}: expected stamp {node.stamp_ns}, found {sphere.stamp_ns}"
-                    )
-            except BagError as error:
-                problems.append(str(error))
-            progress(1)
-    return problems
-
-
-def salvage_map(source: str | Path, target: str | Path, progress: Progress = lambda step: None) -> int:
-    """Make a map of the spheres that a truncated one still has, with the last graph that it has; return their number.
-
-    A map that was cut before its graph keeps its spheres, but not where they are: that is refused.
-    """
-    source = Path(source)
-    file = source / FILE_NAME if source.is_dir() else source
-    spheres, graphs, infos = _readable(file, progress)
-    if not infos or infos[0].format_version != MapInfo.FORMAT_VERSION:
-        raise BagError(f"{file}: expected a readable MapInfo of format {MapInfo.FORMAT_VERSION}, found none")
-    if not graphs:
-        raise BagError(f"{file}: {len(spheres)} key spheres are readable, but not the graph that says where they are")
-    whole = message_to_graph(graphs[-1])
-    nodes = [replace(node, sphere=spheres[node.id]) for node in whole if node.id in spheres]
-    kept = {node.id for node in nodes}
-    edges: Iterable[Edge] = [edge for edge in whole.edges if edge.a in kept and edge.b in kept]
-    info = infos[0]
-    details = MapDetails(
-        info.map_id, info.software, info.source, yaml.safe_load(info.parameters) or {}, info.rig, info.header.frame_id
-    )
-    save_map(target, SphereGraph(nodes, edges), details)
-    return len(nodes)
-
-
-def _readable(file: Path, progress: Progress) -> tuple[dict[int, Sphere], list[KeySphereGraph], list[MapInfo]]:
-    channels: dict[int, Any] = {}
-    found: dict[str, list[Any]] = {topic: [] for topic in KINDS}
-    try:
-        for message, _ in salvaged_messages(file, channels):
-            topic = channels[message.channel_id].topic
-            if topic in KINDS:
-                item = deserialize_message(message.data, KINDS[topic])
-                found[topic].append((item.id, message_to_sphere(item)) if topic == SPHERE else item)
-                progress(1)
-    except ValueError as error:
-        found["error"] = [str(error)]
-    return dict(found[SPHERE]), found[GRAPH], found[INFO]
 
 
 def _info(graph: SphereGraph, details: MapDetails) -> MapInfo:

@@ -168,7 +168,7 @@ def check_chunk(chunk: Chunk) -> None:
 
 
 def readable_part(path: Path) -> Readable:
-    """Return how much of a damaged file is readable, from its beginning up to the first damage."""
+    """Return how much of a damaged file is readable."""
     count, start, end, last, error = 0, 0, 0, 0, ""
     try:
         for message, place in salvaged_messages(path):
@@ -182,19 +182,23 @@ def readable_part(path: Path) -> Readable:
 def salvaged_messages(
     path: Path, channels: dict[int, Channel] | None = None, schemas: dict[int, Schema] | None = None
 ) -> Iterator[tuple[Message, int]]:
-    """Yield (message, byte after its chunk) of every whole chunk; BagError at the first damage, after the last one.
+    """Yield (message, byte after its chunk) of every whole chunk; a damaged one is left out.
 
-    Channels and schemas met on the way are put into the dictionaries.
+    After the last one BagError says what the first damage was, if there was any. Channels and schemas met on the way are
+    put into the dictionaries.
     """
-    size = path.stat().st_size
+    size, damage = path.stat().st_size, ""
     with path.open("rb") as stream:
         try:
-            reader = StreamReader(stream, emit_chunks=True, record_size_limit=size)
-            for record in reader.records:
+            for record in StreamReader(stream, emit_chunks=True, record_size_limit=size).records:
                 inner = [record]
                 if isinstance(record, Chunk):
-                    check_chunk(record)
-                    inner = breakup_chunk(record, validate_crc=True)
+                    try:
+                        check_chunk(record)
+                        inner = breakup_chunk(record, validate_crc=True)
+                    except ERRORS as error:
+                        damage = damage or f"{path}: damaged before byte {stream.tell()} of {size}: {one_line(error)}"
+                        continue
                 for item in inner:
                     if isinstance(item, Message):
                         yield item, stream.tell()
@@ -203,7 +207,9 @@ def salvaged_messages(
                     elif isinstance(item, Schema) and schemas is not None:
                         schemas[item.id] = item
         except ERRORS as error:
-            raise BagError(f"{path}: damaged at byte {stream.tell()} of {size}: {one_line(error)}") from None
+            damage = damage or f"{path}: damaged at byte {stream.tell()} of {size}: {one_line(error)}"
+    if damage:
+        raise BagError(damage)
 
 
 def one_line(error: BaseException) -> str:

@@ -14,6 +14,8 @@ from collections.abc import Sequence
 from types import ModuleType
 from typing import NamedTuple
 
+from node_kit.files import software
+
 DEBUG_VARIABLE = "SPHERE_NAV_DEBUG"
 
 
@@ -76,7 +78,7 @@ def _dispatch(words: list[str]) -> int:
         print(_overview(list(commands.values())))
         return 0 if words else 2
     if words[0] == "--version":
-        print(f"sphere_nav {version()}")
+        print(software())
         return 0
     raise ValueError(f"expected a command ({', '.join(commands)}), found {words[0]!r}")
 
@@ -102,16 +104,6 @@ def _overview(commands: list[Command]) -> str:
         f"2 misuse or bad input. {DEBUG_VARIABLE}=1 shows where an error comes from.",
     ]
     return "\n".join(lines)
-
-
-def version() -> str:
-    """Return the version of the installed package, or that of a checkout."""
-    from importlib import metadata
-
-    try:
-        return metadata.version("sphere_nav")
-    except metadata.PackageNotFoundError:
-        return "0 (not installed)"
 
 
 def _named(words: list[str]) -> str:
