@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import config, njit, prange, set_num_threads
 
 
 @njit(cache=True, nogil=True, parallel=True)
@@ -51,6 +51,11 @@ def splat_nearest(u, v, range_m, wraps, image):
                     x = x % width
                 if x >= 0 and x < width and range_m[i] < image[y, x]:
                     image[y, x] = range_m[i]
+
+
+def use_threads(number: int) -> None:
+    """Let parallel kernels run on up to `number` threads; results do not depend on it."""
+    set_num_threads(max(1, min(number, config.NUMBA_NUM_THREADS)))
 
 
 def warm_up() -> None:

@@ -68,3 +68,26 @@ class MapperParams:
     registration: RegistrationParams = group(RegistrationParams)
     key: KeySphereParams = group(KeySphereParams)
     loop: LoopParams = group(LoopParams)
+
+
+@parameters
+class CloudParams:
+    """The cloud of all key spheres that is shown while mapping (`cloud.py`)."""
+
+    step: int = param(8, "every how many rows and columns of a key sphere", "px", low=1, high=256)
+    max_range_m: float = param(50.0, "farther points are not shown", "m", low=0.1)
+    max_points: int = param(500_000, "points in all; the newest key spheres first", low=100)
+
+
+@parameters
+class SphereMapperParams:
+    """The node `sphere_mapper` (`node.py`)."""
+
+    input: str = param("sphere", "what is mapped", choices=("sphere", "rgbd", "stereo"))
+    slack_s: float = param(0.005, "largest difference of the stamps of one instant", "s", low=0.0, high=1.0)
+    map_frame: str = param("map", "frame of the map")
+    base_frame: str = param("base_link", "frame of the vehicle, whose pose is told")
+    map_folder: str = param("maps", "folder below which save_map writes")
+    path_step: int = param(10, "every how many spheres the path is told", low=1)
+    mapper: MapperParams = group(MapperParams)
+    cloud: CloudParams = group(CloudParams)

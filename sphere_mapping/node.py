@@ -1,0 +1,139 @@
+"""The node `sphere_mapper`: spheres, RGB-D or stereo images in; the graph of key spheres and the vehicle's pose out."""
+
+from __future__ import annotations
+
+from nav_msgs.msg import Odometry, Path
+from sensor_msgs.msg import PointCloud2
+from sphere_nav_msgs.msg import KeySphereGraph
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+from node_kit import conversions, qos
+from node_kit.conversions.markers import graph_to_markers
+from node_kit.node import OK, WARN, ManagedNode
+from node_kit.run import run
+from node_kit.tf import TransformBroadcaster, TransformError, TransformListener, TransformTree
+from photometric.warm_up import warm_up
+from sphere_geometry import SE3
+from sphere_mapping import kernels
+from sphere_mapping.cloud import cloud_of
+from sphere_mapping.intake_node import Intake
+from sphere_mapping.mapper import Mapper, MapUpdate
+from sphere_mapping.params import SphereMapperParams
+from sphere_mapping.saving_node import MapSaver
+from sphere_mapping.sphere import T_BODY_OPTICAL, Sphere
+
+ODOM = "odom"
+NO_COVARIANCE = SE3.identity().adjoint() * 0.0
+
+
+class SphereMapper(ManagedNode):
+    """Converts, asks the mapper, converts back."""
+
+    NAME = "sphere_mapper"
+    PARAMS = SphereMapperParams
+    LARGE_MESSAGES = True
+    params: SphereMapperParams
+
+    def configure(self) -> None:
+        """Compile the kernels, open topics and services."""
+        warm_up()
+        kernels.warm_up()
+        self.mapper = Mapper(self.params.mapper)
+        self.num_lost, self.T_base_sphere, self.odometry_heard = 0, SE3.identity(), TransformTree()
+        self.graph = self.announce("graph", KeySphereGraph, qos.LATCHED)
+        self.markers = self.announce("graph/markers", MarkerArray, qos.LATCHED)
+        self.cloud = self.announce("map_cloud", PointCloud2, qos.LATCHED)
+        self.odometry = self.announce("odometry", Odometry)
+        self.path = self.announce("path", Path)
+        self.tf_out, self.tf = TransformBroadcaster(self), TransformListener(self)
+        self.intake = Intake(self, self.params, self.on_sphere)
+        self.listen("odom", Odometry, self.on_odom, qos.SENSOR, is_required=False)
+        self.serve("close_loops", Trigger, self.on_close_loops)
+        MapSaver(self, self.params)
+        self.report("mapping", OK, "waiting for the first sphere")
+
+    def clock_jumped(self) -> None:
+        """Forget what has a stamp; the map stays."""
+        self.intake.clear()
+        self.odometry_heard.clear()
+
+    def on_odom(self, message: Odometry) -> None:
+        """Remember where the wheels say that the vehicle is."""
+        T_odom_base, _ = conversions.odometry_to_se3(message)
+        stamp = conversions.stamp_ns(message)
+        self.odometry_heard.add(conversions.se3_to_transform(T_odom_base, stamp, ODOM, self.params.base_frame))
+
+    def on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool) -> None:
+        """Map a sphere, tell what changed."""
+        T_base_frame = self.mounted(frame_id)
+        self.T_base_sphere = T_base_frame @ T_BODY_OPTICAL.inverse() if is_optical else T_base_frame
+        T_odom_base = self.odometry_at(sphere.stamp_ns)
+        update = self.mapper.add(sphere, T_odom_base and T_odom_base @ self.T_base_sphere)
+        if update.T_map_sphere is None:
+            self.num_lost += 1
+            reason = update.alignment.reason if update.alignment else ""
+            self.report("mapping", WARN, f"sphere not placed: {reason}", key_spheres=len(self.mapper.graph))
+            self.log.warning(f"sphere at {sphere.stamp_ns / 1e9:.3f} s not placed: {reason}", every=1.0, key=reason)
+            return
+        self.tell_pose(update, update.T_map_sphere, T_odom_base)
+        if update.is_key:
+            self.log.info(f"key sphere {len(self.mapper.graph) - 1}: {update.key_reason}")
+            self.tell_map(sphere.stamp_ns)
+
+    def mounted(self, frame_id: str) -> SE3:
+        """Return T_base_frame as /tf says; a vehicle whose mounts are not known is its camera."""
+        try:
+            return self.tf.lookup(self.params.base_frame, frame_id)
+        except TransformError as error:
+            self.log.warning(f"taking {frame_id} as {self.params.base_frame}: {error}", every=30.0, key="mount")
+            return SE3.identity()
+
+    def odometry_at(self, stamp: int) -> SE3 | None:
+        """Return T_odom_base at a stamp, None where no odometry surrounds it."""
+        try:
+            return self.odometry_heard.lookup(ODOM, self.params.base_frame, stamp)
+        except TransformError:
+            return None
+
+    def tell_pose(self, update: MapUpdate, T_map_sphere: SE3, T_odom_base: SE3 | None) -> None:
+        """Publish where the vehicle is, with the stamp of the sphere."""
+        p, stamp, found = self.params, update.stamp_ns, update.alignment
+        T_map_base = T_map_sphere @ self.T_base_sphere.inverse()
+        covariance = conversions.moved_covariance(found.covariance if found else NO_COVARIANCE, self.T_base_sphere)
+        frames = (p.map_frame, p.base_frame)
+        self.odometry.publish(conversions.se3_to_odometry(T_map_base, covariance, stamp, frames))
+        if T_odom_base is None:
+            self.tf_out.send(T_map_base, stamp, *frames)
+        else:
+            self.tf_out.send(T_map_base @ T_odom_base.inverse(), stamp, p.map_frame, ODOM)
+        number = len(self.mapper.tracks)
+        if number % p.path_step == 1 or update.is_key:
+            T_sphere_base = self.T_base_sphere.inverse()
+            poses = ((ns, T_map_track @ T_sphere_base) for ns, T_map_track in self.mapper.trajectory())
+            self.path.publish(conversions.poses_to_path(poses, stamp, p.map_frame))
+        mad = found.mad if found else 0.0
+        self.report("mapping", OK, "mapping", spheres=number, key_spheres=len(self.mapper.graph), mad=mad)
+
+    def tell_map(self, stamp: int) -> None:
+        """Publish the graph, and what is to be looked at only where someone looks."""
+        graph, frame = self.mapper.graph, self.params.map_frame
+        self.graph.publish(conversions.graph_to_message(graph, frame))
+        if self.markers.num_listeners:
+            self.markers.publish(graph_to_markers(graph, stamp, frame))
+        if self.cloud.num_listeners:
+            points, values = cloud_of(graph, self.params.cloud)
+            self.cloud.publish(conversions.cloud_to_message(points, stamp, frame, values))
+
+    def on_close_loops(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Correct the map by the places seen twice."""
+        number = self.mapper.close_loops()
+        response.success, response.message = True, f"{number} loops closed"
+        if number:
+            self.tell_map(self.mapper.tracks[-1].stamp_ns)
+        return response
+
+
+def main() -> int:
+    """Run the node."""
+    return run(SphereMapper)

@@ -1,0 +1,207 @@
+"""`sphere_nav map`: the learning phase, offline, through the very callbacks of the node `sphere_mapper`."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+from tqdm import tqdm
+
+from node_kit.bags import BagError, BagReader
+from node_kit.map_bag import save_map
+from node_kit.replay import OfflineBus, replay, required_topics
+from sphere_geometry import SE3
+from sphere_geometry.trajectory import Trajectory, write_tum
+from sphere_mapping.graph import SphereGraph
+from sphere_mapping.intake_node import TOPICS
+from sphere_mapping.kernels import use_threads
+from sphere_mapping.node import SphereMapper
+from sphere_mapping.saving_node import details_of
+from sphere_nav_cli.evaluate import TRUTH_TOPICS, judge
+from sphere_nav_cli.pose_bags import read_poses
+
+HELP = """\
+Make a map of key spheres from a bag with spheres, RGB-D or rectified stereo images.
+
+Topics: sphere; or image_raw, camera_info, depth/image_raw (registered to the image); or left/image_raw,
+left/camera_info, right/image_raw, right/camera_info. The map frame is the pose of the first sphere (body axes).
+The result is the same for every number of jobs.
+
+examples:
+  sphere_nav map kitchen -o kitchen_map
+  sphere_nav map kitchen -o kitchen_map --anchor truth --trajectory kitchen.tum
+  sphere_nav map drive -o drive_map --set mapper.key.min_overlap=0.5 --set mapper.stereo.num_disparities=96
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("bag", type=Path, metavar="BAG", help="bag of the teaching drive")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="MAP", help="map to make (a folder)")
+    parser.add_argument("--overwrite", action="store_true", help="replace a map that is there")
+    parser.add_argument(
+        "--anchor",
+        choices=("first", "truth"),
+        default="first",
+        help="first pose: identity, or its ground truth (first)",
+    )
+    parser.add_argument("--input", choices=("auto", *TOPICS), default="auto", help="what is mapped (by the topics)")
+    parser.add_argument("--no-loops", action="store_true", help="do not look for places seen twice")
+    parser.add_argument("--jobs", type=_positive, default=2, metavar="N", help="threads (%(default)s)")
+    parser.add_argument("--trajectory", type=Path, metavar="F", help="write the pose of every sphere (TUM)")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", dest="settings", help="parameter of sphere_mapper"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Map, close loops, compare with the truth, save."""
+    if arguments.output.exists() and not arguments.overwrite:
+        raise BagError(f"{arguments.output}: expected no such file or folder, found one: --overwrite replaces a map")
+    _use_threads(arguments.jobs)
+    values = parsed(arguments.settings)
+    with BagReader(arguments.bag) as bag:
+        values["input"] = found_input(bag) if arguments.input == "auto" else arguments.input
+        drive = mapped(bag, values)
+    if not drive.node.mapper.tracks:
+        raise BagError(
+            f"{arguments.bag}: expected spheres to map, found none: {drive.refusal or 'no complete instant'}"
+        )
+    loops = 0 if arguments.no_loops else drive.node.mapper.close_loops()
+    truth = truth_of(arguments.bag)
+    T_anchor_map = drive.anchor(truth) if truth is not None else None
+    if arguments.anchor == "truth" and T_anchor_map is None:
+        raise BagError(f"{arguments.bag}: {' or '.join(TRUTH_TOPICS)}: expected a pose of the first sphere, found none")
+    T_new_map = T_anchor_map if arguments.anchor == "truth" and T_anchor_map is not None else SE3.identity()
+    graph = moved(drive.node.mapper.graph, T_new_map)
+    details = details_of(graph, drive.node.params.mapper, source=str(arguments.bag.name))
+    with tqdm(total=len(graph), desc="save", unit="sphere", leave=False) as bar:
+        save_map(arguments.output, graph, details, is_overwriting=arguments.overwrite, progress=bar.update)
+    if arguments.trajectory:
+        write_tum(arguments.trajectory, drive.trajectory(is_base=False).moved(T_new_map))
+    print(
+        "\n".join([*drive.summary(loops, truth, T_anchor_map), f"map: {arguments.output}, {_size(arguments.output)}"])
+    )
+    return 0
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """True poses; `is_base` where they are the vehicle's, not the camera's."""
+
+    poses: Trajectory
+    is_base: bool
+
+
+@dataclass(eq=False)
+class MappedDrive:
+    """The node after the last message of the bag."""
+
+    node: SphereMapper
+    num_lost: int = 0
+    refusal: str = ""
+
+    def trajectory(self, *, is_base: bool) -> Trajectory:
+        """Return the pose of every placed sphere, or that of the vehicle, as the corrected graph has it."""
+        T_sphere_body = self.node.T_base_sphere.inverse() if is_base else SE3.identity()
+        stamps, poses = zip(*self.node.mapper.trajectory(), strict=True)
+        matrices = np.stack([(T_map_sphere @ T_sphere_body).matrix for T_map_sphere in poses])
+        return Trajectory(np.array(stamps, dtype=np.int64), SE3(matrices))
+
+    def anchor(self, truth: Truth) -> SE3 | None:
+        """Return T_truth_map, so that the first sphere is where the truth has it; None where the truth lacks it."""
+        mine = self.trajectory(is_base=truth.is_base)
+        at, known = truth.poses.at(mine.stamps_ns[:1], max_gap_ns=round(1e9))
+        return at.T_map_body[0] @ mine.T_map_body[0].inverse() if known.any() else None
+
+    def summary(self, loops: int, truth: Truth | None, T_truth_map: SE3 | None) -> list[str]:
+        """Return what is printed."""
+        mapper = self.node.mapper
+        placed = self.trajectory(is_base=False)
+        lines = [
+            f"{len(placed)} spheres placed, {self.num_lost} lost, {len(mapper.graph)} kept, {loops} loops closed, "
+            f"{placed.distances[-1]:.2f} m"
+        ]
+        if self.refusal:
+            lines.append(f"refused: {self.refusal}")
+        if truth is None or T_truth_map is None:
+            return lines
+        estimate = self.trajectory(is_base=truth.is_base).moved(T_truth_map)
+        judged = judge(estimate, truth.poses, is_interpolated=True)
+        error, turn = judged.report["translation_m"], judged.report["rotation_deg"]
+        end, length = float(judged.errors.translation_m[-1]), judged.report["length_m"]
+        lines.append(
+            f"against the truth from the first pose on: median {1e3 * error['median']:.1f} mm, "
+            f"max {1e3 * error['max']:.1f} mm, median {turn['median']:.2f} deg, max {turn['max']:.2f} deg"
+        )
+        lines.append(f"drift at the end: {1e3 * end:.1f} mm in {length:.2f} m ({100 * end / max(length, 1e-9):.2f} %)")
+        return lines
+
+
+def mapped(bag: BagReader, values: dict[str, Any]) -> MappedDrive:
+    """Play a bag to a mapper with parameters by dotted name, with a progress bar."""
+    bus = OfflineBus(captured=set())
+    node = bus.add(SphereMapper, values)
+    assert isinstance(node, SphereMapper)
+    total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
+    with tqdm(total=total, desc="map", unit="message", leave=False) as bar:
+        for _ in replay(bag, bus, progress=bar.update):
+            pass
+    refused = [wanted for wanted in node.inputs if wanted.num_refused]
+    refusal = "; ".join(f"{w.num_refused} of {w.topic}: {w.last_refusal}" for w in refused)
+    return MappedDrive(node, node.num_lost, refusal)
+
+
+def found_input(bag: BagReader) -> str:
+    """Return the kind of input whose topics the bag has."""
+    have = {name for name, info in bag.topics.items() if info.count}
+    for kind, topics in TOPICS.items():
+        if all("/" + topic in have for topic in topics):
+            return kind
+    wanted = "; or ".join(", ".join(topics) for topics in TOPICS.values())
+    raise BagError(f"{bag.path}: topics: expected {wanted}; found {', '.join(sorted(have)) or 'none'}")
+
+
+def truth_of(path: Path) -> Truth | None:
+    """Return the true poses of a bag, None where it has none."""
+    with BagReader(path) as bag:
+        topics = [topic for topic in TRUTH_TOPICS if "/" + topic in bag.topics and bag.topics["/" + topic].count]
+    return Truth(read_poses(path, (topics[0],)), is_base=topics[0].endswith("odometry")) if topics else None
+
+
+def moved(graph: SphereGraph, T_new_map: SE3) -> SphereGraph:
+    """Return the graph in another map frame."""
+    return graph.with_poses({node.id: T_new_map @ node.T_map_sphere for node in graph})
+
+
+def parsed(settings: Sequence[str]) -> dict[str, Any]:
+    """Return parameters from words NAME=VALUE; values as in YAML."""
+    values = {}
+    for word in settings:
+        name, separator, text = word.partition("=")
+        if not separator:
+            raise ValueError(f"--set: expected NAME=VALUE, found {word!r}")
+        values[name] = yaml.safe_load(text)
+    return values
+
+
+def _use_threads(number: int) -> None:
+    cv2.setNumThreads(number)
+    use_threads(number)
+
+
+def _size(path: Path) -> str:
+    return f"{sum(file.stat().st_size for file in path.iterdir()) / 1e6:.1f} MB"
+
+
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"expected at least 1, found {text}")
+    return number
