@@ -34,8 +34,9 @@ def register(
         raise ValueError("views: expected at least one reference, found none")
     state = State.start(T_world_camera, len(views))
     iterations = 0
-    finest = min(params.pyramid.finest, len(pyramid.levels) - 1)
-    for index in range(len(pyramid.levels) - 1, finest - 1, -1):
+    coarsest = min(params.pyramid.coarsest, len(pyramid.levels) - 1)
+    finest = min(params.pyramid.finest, coarsest)
+    for index in range(coarsest, finest - 1, -1):
         problem = Problem.choose_pixels(pyramid.levels[index], views, state.T_world_camera, params)
         limit = params.max_iterations_fine if index == finest else params.max_iterations_coarse
         descent = _descend(problem, state, limit, params)

@@ -12,6 +12,7 @@ class PyramidParams:
     num_levels: int = param(5, "levels of the pyramid, the full image included", low=1, high=10)
     min_side: int = param(24, "smallest side of the coarsest level", "px", low=8)
     finest: int = param(0, "finest level that is used; 0 is the full image", low=0, high=9)
+    coarsest: int = param(9, "coarsest level that is used, where there are as many", low=0, high=9)
 
 
 @parameters
