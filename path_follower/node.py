@@ -23,6 +23,8 @@ from path_follower.path import Pose2
 from path_follower.safety import DEGRADED, TRUSTED
 from path_follower.trajectory_node import TrajectoryIntake
 
+SILENT_PERIODS = 2.4  # without a pose before the timer takes over: never between the images of a 10 Hz camera
+
 
 class PathFollowerNode(ManagedNode):
     """Converts, asks the follower, converts back. It never moves the vehicle before the call `start`."""
@@ -35,7 +37,7 @@ class PathFollowerNode(ManagedNode):
         """Open topics and services; load the trajectory file where one is set."""
         p = self.params
         self.follower = Follower(p)
-        self.answered_ns, self.sent_ns, self.told = 0, 0, ""
+        self.answered_ns, self.heard_ns, self.told = 0, 0, ""
         self.cmd_vel = self.announce("cmd_vel", TwistStamped if p.enable_stamped_cmd_vel else Twist, qos.COMMAND)
         has_ackermann = driving.AckermannDriveStamped is not None
         self.ackermann = has_ackermann and self.announce("ackermann_cmd", driving.AckermannDriveStamped, qos.COMMAND)
@@ -65,7 +67,7 @@ class PathFollowerNode(ManagedNode):
     def clock_jumped(self) -> None:
         """Forget stamps; brake."""
         self.follower.reset()
-        self.answered_ns = self.sent_ns = 0
+        self.answered_ns = self.heard_ns = 0
 
     # --- poses, status, scan
     def on_pose(self, message: PoseWithCovarianceStamped) -> None:
@@ -86,7 +88,7 @@ class PathFollowerNode(ManagedNode):
         except ValueError:
             self.follower.watch.is_pose_bad = True  # brake, whatever is wrong with it
             raise
-        self.answered_ns = max(self.answered_ns, stamp)
+        self.answered_ns, self.heard_ns = max(self.answered_ns, stamp), self.now_ns()
         self.publish(self.follower.update(pose, speed, stamp, now_ns=max(self.now_ns(), stamp)), stamp)
 
     def on_status(self, message: LocalizationStatus) -> None:
@@ -95,7 +97,7 @@ class PathFollowerNode(ManagedNode):
         now = max(self.now_ns(), stamp)
         self.follower.watch.see_status(status.state, now)
         if status.state not in (TRUSTED, DEGRADED) and stamp > self.answered_ns:
-            self.answered_ns = stamp
+            self.answered_ns, self.heard_ns = stamp, self.now_ns()
             self.publish(self.follower.tick(now), stamp)
 
     def on_scan(self, message: LaserScan) -> None:
@@ -105,17 +107,18 @@ class PathFollowerNode(ManagedNode):
         self.follower.watch.see_scan(points[:, :2], self.now_ns())
 
     def on_tick(self) -> None:
-        """Keep a command alive while no pose comes."""
+        """Keep a command alive while no pose comes; one that is still based on a pose carries its stamp."""
         now = self.now_ns()
-        if now - self.sent_ns >= 0.75e9 * self.params.period:
-            self.publish(self.follower.tick(now), now)
+        if now - self.heard_ns > SILENT_PERIODS * 1e9 * self.params.period:
+            is_based = now - self.answered_ns <= 1e9 * self.params.safety.max_pose_silence
+            self.publish(self.follower.tick(now), self.answered_ns if is_based else now)
 
     # --- commands
     def publish(self, command: Command, stamp: int) -> None:
         """Send a command with the stamp of what it answers, and say what the follower does."""
         frame = self.params.map_frame
-        self.sent_ns = self.now_ns()
-        if not (self.params.is_quiet_when_idle and command.status.state in (State.NO_PATH, State.IDLE)):
+        is_idle = command.status.state in (State.NO_PATH, State.IDLE)
+        if self.heard_ns and not (is_idle and self.params.is_quiet_when_idle):  # nothing heard: nothing to answer
             self.cmd_vel.publish(self.twist(command.speed, command.yaw_rate, stamp))
             if self.ackermann:
                 base = self.params.base_frame

@@ -127,4 +127,4 @@ class PathFollowerParams(FollowerParams):
     trajectory: str = param("", "file of the trajectory (.csv, .tum) to load at the start")
     enable_stamped_cmd_vel: bool = param(False, "cmd_vel is a TwistStamped, with the stamp of the pose it answers")
     is_quiet_when_idle: bool = param(False, "send no commands before the first start, so that others may drive")
-    period: float = param(0.05, "longest time between two commands", "s", low=0.005, high=0.5)
+    period: float = param(0.05, "time between two commands while no pose comes", "s", low=0.005, high=0.5)

@@ -273,6 +273,21 @@ def test_a_quiet_node_leaves_cmd_vel_to_others_until_it_has_something_to_do():
     assert not [record for record in said if record.topic == "/cmd_vel"]
 
 
+def test_before_anything_is_heard_the_node_tells_its_status_and_commands_nothing():
+    bench = Bench()
+    said = [*bench.bus.advance(SECOND), *bench.bus.advance(2 * SECOND)]
+    assert bench.last(said, "/path_follower/status").state == "NO_PATH"
+    assert not [record for record in said if record.topic == "/cmd_vel"]
+
+
+def test_a_command_between_poses_carries_the_stamp_of_the_last_one(bench):
+    drive_until(bench, 3.0)
+    said = list(bench.bus.advance(bench.now + SECOND // 4))
+    assert {stamp_ns(record.message) for record in said if record.topic == "/cmd_vel"} == {bench.now}
+    said = list(bench.bus.advance(bench.now + SECOND))
+    assert stamp_ns(bench.last(said, "/cmd_vel")) > bench.now + SECOND // 2
+
+
 def test_a_missing_trajectory_file_refuses_to_start(tmp_path):
     with pytest.raises(OSError, match=r"none\.csv"):
         Bench(trajectory=str(tmp_path / "none.csv"))
