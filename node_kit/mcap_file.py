@@ -184,8 +184,8 @@ def salvaged_messages(
 ) -> Iterator[tuple[Message, int]]:
     """Yield (message, byte after its chunk) of every whole chunk; a damaged one is left out.
 
-    After the last one BagError says what the first damage was, if there was any. Channels and schemas met on the way are
-    put into the dictionaries.
+    After the last one BagError says what the first damage was, if there was any. Channels and schemas met on the way
+    are put into the dictionaries.
     """
     size, damage = path.stat().st_size, ""
     with path.open("rb") as stream:

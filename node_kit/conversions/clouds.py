@@ -50,6 +50,8 @@ def message_to_cloud(message: PointCloud2) -> NDArray[np.float32]:
     needed = row_step * height
     if row_step < width * step or len(message.data) < needed or needed > MAX_BYTES:
         raise ValueError(f"cloud data: expected {height} rows of {row_step} bytes, found {len(message.data)} bytes")
+    if width * height == 0:
+        return np.empty((0, 3), np.float32)
     axes = []
     for name in "xyz":
         field = fields.get(name)

@@ -12,13 +12,13 @@ from std_msgs.msg import Header, String
 
 os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"  # wrong field types raise; otherwise they become rubbish without a word
 
-import rclpy  # noqa: E402
+import rclpy
 
-from node_kit import qos  # noqa: E402
-from node_kit.bags import BagWriter  # noqa: E402
-from sphere_geometry import SE3, Spherical  # noqa: E402
-from sphere_mapping.graph import Edge, KeySphere, SphereGraph  # noqa: E402
-from sphere_mapping.sphere import Sphere  # noqa: E402
+from node_kit import qos
+from node_kit.bags import BagWriter
+from sphere_geometry import SE3, Spherical
+from sphere_mapping.graph import Edge, KeySphere, SphereGraph
+from sphere_mapping.sphere import Sphere
 
 START = 5_000_000_000
 STEP = 100_000_000

@@ -58,9 +58,13 @@ def test_a_bag_is_not_there_before_it_is_complete(tmp_path):
 
 
 def test_an_exception_leaves_nothing_behind(tmp_path):
-    with pytest.raises(RuntimeError), BagWriter(tmp_path / "bag") as bag:
-        bag.write("text", String(data="a"), 1)
-        raise RuntimeError
+    def write():
+        with BagWriter(tmp_path / "bag") as bag:
+            bag.write("text", String(data="a"), 1)
+            raise RuntimeError
+
+    with pytest.raises(RuntimeError):
+        write()
     assert list(tmp_path.iterdir()) == []
 
 

@@ -1,0 +1,63 @@
+"""verify_map reads every sphere; salvage_map keeps those that are whole."""
+
+import numpy as np
+import pytest
+
+from node_kit.bags import BagError, BagReader
+from node_kit.map_bag import SPHERE, open_map, save_map
+from node_kit.map_check import salvage_map, verify_map
+
+
+@pytest.fixture
+def saved(sphere_graph, tmp_path):
+    return save_map(tmp_path / "map", sphere_graph)
+
+
+def sphere_chunks(saved):
+    with BagReader(saved) as bag:
+        summary = bag.files[0].summary
+    channel = next(c.id for c in summary.channels.values() if c.topic == SPHERE)
+    return [index for index in summary.chunk_indexes if channel in index.message_index_offsets]
+
+
+def test_a_good_map_has_no_problems(saved):
+    steps = []
+    assert verify_map(saved, steps.append) == []
+    assert steps == [1, 1, 1]
+
+
+def test_a_flipped_byte_is_found_and_its_sphere_left_out(saved, tmp_path):
+    index = sphere_chunks(saved)[1]
+    data = bytearray((saved / "map.mcap").read_bytes())
+    data[index.chunk_start_offset + index.chunk_length // 2] ^= 1
+    (saved / "map.mcap").write_bytes(data)
+    problems = verify_map(saved)
+    assert len(problems) == 1
+    assert f"byte {index.chunk_start_offset}" in problems[0]
+    assert salvage_map(saved, tmp_path / "saved") == 2
+    with open_map(tmp_path / "saved") as reader:
+        assert [node.id for node in reader.graph] == [10, 12]
+        assert reader.graph.edges == ()
+
+
+def test_a_map_cut_while_it_was_written_keeps_its_whole_spheres(saved, sphere_graph, tmp_path):
+    data = (saved / "map.mcap").read_bytes()
+    for number, index in enumerate(sphere_chunks(saved)):
+        (tmp_path / "cut.mcap").write_bytes(data[: index.chunk_start_offset + index.chunk_length - 1])
+        with pytest.raises(BagError, match="truncated MCAP"):
+            open_map(tmp_path / "cut.mcap")
+        if number == 0:
+            with pytest.raises(BagError, match="expected a graph with key spheres, found an empty one"):
+                salvage_map(tmp_path / "cut.mcap", tmp_path / "saved0")
+            continue
+        assert salvage_map(tmp_path / "cut.mcap", tmp_path / f"saved{number}") == number
+        with open_map(tmp_path / f"saved{number}") as reader:
+            node = reader.graph[10]
+            np.testing.assert_allclose(node.T_map_sphere.matrix, sphere_graph[10].T_map_sphere.matrix, atol=1e-12)
+        assert verify_map(tmp_path / f"saved{number}") == []
+
+
+def test_a_map_cut_before_its_graph_is_refused(saved, tmp_path):
+    (tmp_path / "cut.mcap").write_bytes((saved / "map.mcap").read_bytes()[:200])
+    with pytest.raises(BagError, match="expected a readable MapInfo"):
+        salvage_map(tmp_path / "cut.mcap", tmp_path / "saved")
