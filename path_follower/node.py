@@ -88,8 +88,9 @@ class PathFollowerNode(ManagedNode):
         except ValueError:
             self.follower.watch.is_pose_bad = True  # brake, whatever is wrong with it
             raise
-        self.answered_ns, self.heard_ns = max(self.answered_ns, stamp), self.now_ns()
-        self.publish(self.follower.update(pose, speed, stamp, now_ns=max(self.now_ns(), stamp)), stamp)
+        self.answered_ns = max(self.answered_ns, stamp)
+        self.heard_ns = max(self.now_ns(), stamp)  # the clock of a simulation may come later than what it stamps
+        self.publish(self.follower.update(pose, speed, stamp, now_ns=self.heard_ns), stamp)
 
     def on_status(self, message: LocalizationStatus) -> None:
         """Take the state of the localiser; without a pose to come for this image the answer is given here."""
@@ -97,7 +98,7 @@ class PathFollowerNode(ManagedNode):
         now = max(self.now_ns(), stamp)
         self.follower.watch.see_status(status.state, now)
         if status.state not in (TRUSTED, DEGRADED) and stamp > self.answered_ns:
-            self.answered_ns, self.heard_ns = stamp, self.now_ns()
+            self.answered_ns, self.heard_ns = stamp, now
             self.publish(self.follower.tick(now), stamp)
 
     def on_scan(self, message: LaserScan) -> None:
@@ -118,7 +119,7 @@ class PathFollowerNode(ManagedNode):
         """Send a command with the stamp of what it answers, and say what the follower does."""
         frame = self.params.map_frame
         is_idle = command.status.state in (State.NO_PATH, State.IDLE)
-        if self.heard_ns and not (is_idle and self.params.is_quiet_when_idle):  # nothing heard: nothing to answer
+        if self.heard_ns and not (is_idle and self.params.is_quiet_when_idle):
             self.cmd_vel.publish(self.twist(command.speed, command.yaw_rate, stamp))
             if self.ackermann:
                 base = self.params.base_frame
