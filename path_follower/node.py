@@ -35,8 +35,7 @@ class PathFollowerNode(ManagedNode):
 
     def configure(self) -> None:
         """Open topics and services; load the trajectory file where one is set."""
-        p = self.params
-        self.follower = Follower(p)
+        p, self.follower = self.params, Follower(self.params)
         self.answered_ns, self.heard_ns, self.told = 0, 0, ""
         self.cmd_vel = self.announce("cmd_vel", TwistStamped if p.enable_stamped_cmd_vel else Twist, qos.COMMAND)
         has_ackermann = driving.AckermannDriveStamped is not None
@@ -122,8 +121,8 @@ class PathFollowerNode(ManagedNode):
         if self.heard_ns and not (is_idle and self.params.is_quiet_when_idle):
             self.cmd_vel.publish(self.twist(command.speed, command.yaw_rate, stamp))
             if self.ackermann:
-                base = self.params.base_frame
-                self.ackermann.publish(driving.motion_to_ackermann(command.speed, command.steering_angle, stamp, base))
+                motion = (command.speed, command.steering_angle)
+                self.ackermann.publish(driving.motion_to_ackermann(*motion, stamp, self.params.base_frame))
         if command.tracking is not None:
             self.tracking.publish(driving.tracking_to_message(command.tracking, stamp, frame))
         self.status.publish(driving.follower_status_to_message(command.status, stamp, frame))

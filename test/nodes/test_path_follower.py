@@ -349,7 +349,8 @@ def test_a_drive_over_dds_in_lock_step_and_a_clean_exit(process):
         publishers = (remote.clock, remote.poses, remote.states)
         remote.wait(lambda: all(publisher.get_subscription_count() for publisher in publishers))
         remote.wait(lambda: node.count_publishers("cmd_vel") and remote.start.service_is_ready())
-        remote.step()
+        for _ in range(5):  # pose and status come by topics of their own, in any order
+            remote.step()
         answer = remote.start.call_async(Trigger.Request())
         remote.wait(answer.done)
         assert answer.result().success, answer.result().message
