@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from photometric import alignment
 from photometric.alignment import Alignment
-from photometric.normal_equations import Linearisation, NormalEquations
+from photometric.normal_equations import NormalEquations
 from photometric.params import RegistrationParams
 from photometric.problem import Problem, State
 from photometric.robust import SIGMA_OF_MAD
@@ -21,13 +21,12 @@ def judge(
     problem: Problem, state: State, iterations: int, motion: float, overlap: float, params: RegistrationParams
 ) -> Alignment:
     """Compare once more at the end and say what was found; `motion` is the last increment in pixels."""
-    found = problem.linearise(state)
-    num_pixels = sum(lin.num_visible for lin in found)
+    found = problem.compare(state)
+    num_pixels = sum(view.num_visible for view in found)
     if num_pixels < params.min_pixels or overlap < params.min_overlap:
         return _refused(state, alignment.LOW_OVERLAP, iterations, num_pixels, overlap)
-    equations = problem.equations(state, found)
-    mad = float(np.average([lin.mad for lin in found], weights=[lin.num_visible for lin in found]))
-    H, _ = problem.joint(state, equations)
+    mad = float(np.average([view.mad for view in found], weights=[view.num_visible for view in found]))
+    H, _ = problem.joint(found)
     covariance, condition = _covariance(H, mad, params)
     reason = alignment.GOOD
     if condition > params.max_condition:
@@ -43,9 +42,9 @@ def judge(
         iterations=iterations,
         num_pixels=num_pixels,
         overlap=overlap,
-        inlier_share=sum(one.num_inliers for one in equations) / num_pixels,
+        inlier_share=sum(view.num_inliers for view in found) / num_pixels,
         mad=mad,
-        ncc=_correlation(problem, found, equations),
+        ncc=_correlation(problem, found),
         gains=state.gains,
         biases=state.biases,
     )
@@ -75,14 +74,14 @@ def _covariance(H: Array, mad: float, params: RegistrationParams) -> tuple[Array
     return params.correlated_pixels * sigma**2 * inverse, float(eigenvalues[-1] / eigenvalues[0])
 
 
-def _correlation(problem: Problem, found: list[Linearisation], equations: list[NormalEquations]) -> float:
+def _correlation(problem: Problem, found: list[NormalEquations]) -> float:
     """Return the normalised cross correlation of reference and warped image over all visible pixels (M15 5.4)."""
     reference, current = [], []
-    for solver, lin in zip(problem.solvers, found, strict=True):
-        seen = ~np.isnan(lin.residual)
+    for solver, view in zip(problem.solvers, found, strict=True):
+        seen = ~np.isnan(view.residual)
         intensity = solver.pixels.intensity[seen]
         reference.append(intensity - intensity.mean())
-        warped = lin.residual[seen] + intensity
+        warped = view.residual[seen] + intensity
         current.append(warped - warped.mean())
     a, b = np.concatenate(reference), np.concatenate(current)
     norm = float(np.linalg.norm(a) * np.linalg.norm(b))

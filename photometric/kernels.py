@@ -1,7 +1,7 @@
 """The inner loops of direct registration. Plain arrays in and out; `warm_up` compiles them.
 
 Arrays of points and gradients are (3, N) float32, one row a coordinate, so that every loop over pixels is a loop
-over contiguous floats. Work is cut into `NUM_CHUNKS` fixed pieces summed in fixed order: results do not depend on
+over contiguous floats. Work is cut into at most `NUM_CHUNKS` pieces summed in fixed order: results do not depend on
 the number of threads. A piece is processed in blocks of `BLOCK` pixels whose intermediate rows stay in the first
 level cache. Definitions of the projections are in sphere_geometry; the tests hold the two together.
 """
@@ -20,6 +20,8 @@ OPTIONS = {"cache": True, "fastmath": FAST, "error_model": "numpy", "nogil": Tru
 
 NUM_CHUNKS = 16
 BLOCK = 512
+PIECE = 2048  # smallest number of pixels worth a piece of its own
+MIN_PARALLEL = 4  # pieces from which waking a second thread pays
 NUM_SCRATCH = 24
 BINS_PER_GREY = 4.0
 HALF_RANGE = 256.0  # residuals beyond +-256 grey levels count into the outermost bins
@@ -174,14 +176,14 @@ def _sample(image, pad, n, u, v, grey, gx, gy, visible):
 
 @njit(**OPTIONS)
 def _weighted_sum(n, a, x, b, y, out):
-    """out = a x + b y. Short loops over few rows vectorise; one loop over all rows does not."""
+    """Out is a x + b y. Short loops over few rows vectorise; one loop over all rows does not."""
     for i in range(n):
         out[i] = a[i] * x[i] + b[i] * y[i]
 
 
 @njit(**OPTIONS)
 def _cross(n, a, x, b, y, out):
-    """out = a x - b y, one component of a cross product."""
+    """Out is a x - b y, one component of a cross product."""
     for i in range(n):
         out[i] = a[i] * x[i] - b[i] * y[i]
 
@@ -224,7 +226,74 @@ def _count(n, residual, counts):
             counts[np.uint32(min(max(scaled, np.float32(0.0)), np.float32(NUM_BINS - 1)))] += 1
 
 
+@njit(**OPTIONS)
+def _linearise_piece(
+    first,
+    last,
+    points,
+    intensity,
+    reference_gradient,
+    T,
+    model,
+    k,
+    image,
+    pad,
+    gain,
+    bias,
+    rows,
+    residual,
+    gradient,
+    counts,
+):
+    """Warp, sample, subtract, differentiate pixels first..last; count their residuals."""
+    counts[:] = 0
+    J = (rows[9], rows[10], rows[11], rows[12], rows[13], rows[14])
+    bx, by, bz = reference_gradient[0], reference_gradient[1], reference_gradient[2]
+    ox, oy, oz = gradient[0], gradient[1], gradient[2]
+    for a in range(first, last, BLOCK):
+        b = min(a + BLOCK, last)
+        n = b - a
+        _transform(T, n, points[0][a:b], points[1][a:b], points[2][a:b], rows[0], rows[1], rows[2])
+        _project(model, k, n, rows[0], rows[1], rows[2], rows[3], rows[4], J)
+        _sample(image, pad, n, rows[3], rows[4], rows[5], rows[6], rows[7], rows[8])
+        e = residual[a:b]
+        _combine(T, gain, bias, n, intensity[a:b], bx[a:b], by[a:b], bz[a:b], rows, e, ox[a:b], oy[a:b], oz[a:b])
+        _count(n, e, counts)
+
+
+@njit(**OPTIONS)
+def num_pieces(n):
+    """In how many pieces n pixels are cut: by their number alone, so that results do not depend on the machine."""
+    return max(1, min(NUM_CHUNKS, n // PIECE))
+
+
 @njit(parallel=True, **OPTIONS)
+def _linearise_in_parallel(
+    points, intensity, reference_gradient, T, model, k, image, pad, gain, bias, scratch, residual, gradient, histogram
+):
+    n, pieces = intensity.shape[0], num_pieces(intensity.shape[0])
+    for c in prange(pieces):
+        _linearise_piece(
+            n * c // pieces,
+            n * (c + 1) // pieces,
+            points,
+            intensity,
+            reference_gradient,
+            T,
+            model,
+            k,
+            image,
+            pad,
+            gain,
+            bias,
+            scratch[c],
+            residual,
+            gradient,
+            histogram[c],
+        )
+
+
+@njit(**OPTIONS)
 def linearise(
     points, intensity, reference_gradient, T, model, k, image, pad, gain, bias, scratch, residual, gradient, histogram
 ):
@@ -232,35 +301,47 @@ def linearise(
 
     points, reference_gradient (3, N) f32; intensity (N,) f32; T (3, 4) f32 reference -> camera; image (H, W) u8 | f32.
     Writes residual (N,) f32 (NaN: not visible), gradient (3, N) f32 in grey levels per metre in the reference frame
-    and histogram (NUM_CHUNKS, NUM_BINS) i32 of the visible residuals. scratch is (NUM_CHUNKS, NUM_SCRATCH, BLOCK) f32.
+    and histogram (NUM_CHUNKS, NUM_BINS) i32 of the visible residuals, its first `num_pieces` rows.
+    scratch is (NUM_CHUNKS, NUM_SCRATCH, BLOCK) f32.
     """
-    n = intensity.shape[0]
-    for chunk in prange(NUM_CHUNKS):
-        counts, rows = histogram[chunk], scratch[chunk]
-        counts[:] = 0
-        last = n * (chunk + 1) // NUM_CHUNKS
-        for a in range(n * chunk // NUM_CHUNKS, last, BLOCK):
-            b = min(a + BLOCK, last)
-            J = (rows[9], rows[10], rows[11], rows[12], rows[13], rows[14])
-            _transform(T, b - a, points[0][a:b], points[1][a:b], points[2][a:b], rows[0], rows[1], rows[2])
-            _project(model, k, b - a, rows[0], rows[1], rows[2], rows[3], rows[4], J)
-            _sample(image, pad, b - a, rows[3], rows[4], rows[5], rows[6], rows[7], rows[8])
-            _combine(
-                T,
-                gain,
-                bias,
-                b - a,
-                intensity[a:b],
-                reference_gradient[0][a:b],
-                reference_gradient[1][a:b],
-                reference_gradient[2][a:b],
-                rows,
-                residual[a:b],
-                gradient[0][a:b],
-                gradient[1][a:b],
-                gradient[2][a:b],
-            )
-            _count(b - a, residual[a:b], counts)
+    if num_pieces(intensity.shape[0]) >= MIN_PARALLEL:
+        _linearise_in_parallel(
+            points,
+            intensity,
+            reference_gradient,
+            T,
+            model,
+            k,
+            image,
+            pad,
+            gain,
+            bias,
+            scratch,
+            residual,
+            gradient,
+            histogram,
+        )
+        return
+    n, pieces = intensity.shape[0], num_pieces(intensity.shape[0])
+    for c in range(pieces):
+        _linearise_piece(
+            n * c // pieces,
+            n * (c + 1) // pieces,
+            points,
+            intensity,
+            reference_gradient,
+            T,
+            model,
+            k,
+            image,
+            pad,
+            gain,
+            bias,
+            scratch[c],
+            residual,
+            gradient,
+            histogram[c],
+        )
 
 
 @njit(**OPTIONS)
@@ -357,46 +438,131 @@ def _dot3(n, w, c, a, b, d):
     return s, t, r
 
 
-@njit(parallel=True, **OPTIONS)
-def accumulate(points, intensity, residual, gradient, median, width, gain, bias, scratch, sums):
-    """Robust normal equations (M15 eq. 6, 33-34) of one view, in the tangent (v, omega) of the reference frame.
+@njit(**OPTIONS)
+def _accumulate_piece(first, last, points, intensity, residual, gradient, median, width, gain, bias, rows, out):
+    """Add the products of the weighted columns of pixels first..last."""
+    out[:] = 0.0
+    weight = rows[9]
+    px, py, pz = points[0], points[1], points[2]
+    gx, gy, gz = gradient[0], gradient[1], gradient[2]
+    for a in range(first, last, BLOCK):
+        b = min(a + BLOCK, last)
+        m = b - a
+        out[46] += _weigh(m, residual[a:b], median, width, rows[8], weight)
+        _columns(m, px[a:b], py[a:b], pz[a:b], intensity[a:b], gx[a:b], gy[a:b], gz[a:b], gain, bias, rows)
+        s = 0
+        for c in range(NUM_COLUMNS + 1):  # row 8 is the residual: its products are J'We and e'We
+            d = c
+            while d + 2 <= NUM_COLUMNS:
+                x, y, z = _dot3(m, weight, rows[c], rows[d], rows[d + 1], rows[d + 2])
+                out[s] += x
+                out[s + 1] += y
+                out[s + 2] += z
+                s, d = s + 3, d + 3
+            if d + 1 <= NUM_COLUMNS:
+                x, y = _dot2(m, weight, rows[c], rows[d], rows[d + 1])
+                out[s] += x
+                out[s + 1] += y
+                s += 2
+            elif d <= NUM_COLUMNS:
+                out[s] += _dot2(m, weight, rows[c], rows[d], rows[d])[0]
+                s += 1
+        out[45] += _dot2(m, weight, rows[7], rows[7], rows[7])[0]
 
-    `width` is the Huber bound a sigma in grey levels. Writes sums (NUM_CHUNKS, NUM_SUMS) f64: for each of the 8
-    columns its products with itself, the later columns and the residual; then sum w e^2, sum w, number of inliers.
+
+@njit(parallel=True, **OPTIONS)
+def _accumulate_in_parallel(points, intensity, residual, gradient, median, width, gain, bias, scratch, sums):
+    n, pieces = residual.shape[0], num_pieces(residual.shape[0])
+    for c in prange(pieces):
+        first, last = n * c // pieces, n * (c + 1) // pieces
+        _accumulate_piece(
+            first, last, points, intensity, residual, gradient, median, width, gain, bias, scratch[c], sums[c]
+        )
+
+
+@njit(**OPTIONS)
+def accumulate(points, intensity, residual, gradient, median, width, gain, bias, scratch, sums):
+    """Sum the robust normal equations (M15 eq. 6, 33-34) of one view, in the tangent (v, omega) of the reference.
+
+    `width` is the Huber bound a sigma in grey levels. Writes sums (NUM_CHUNKS, NUM_SUMS) f64, its first `num_pieces`
+    rows: for each of the 8 columns its products with itself, the later columns and the residual; then sum w, the
+    number of inliers.
     """
-    n = residual.shape[0]
-    for chunk in prange(NUM_CHUNKS):
-        out, rows = sums[chunk], scratch[chunk]
-        out[:] = 0.0
-        last = n * (chunk + 1) // NUM_CHUNKS
-        for a in range(n * chunk // NUM_CHUNKS, last, BLOCK):
-            b = min(a + BLOCK, last)
-            m = b - a
-            weight = rows[9]
-            out[46] += _weigh(m, residual[a:b], median, width, rows[8], weight)
-            p = (points[0][a:b], points[1][a:b], points[2][a:b])
-            g = (gradient[0][a:b], gradient[1][a:b], gradient[2][a:b])
-            _columns(m, p[0], p[1], p[2], intensity[a:b], g[0], g[1], g[2], gain, bias, rows)
-            s = 0
-            for c in range(NUM_COLUMNS + 1):  # row 8 is the residual: its products are J'We and e'We
-                d = c
-                while d + 2 <= NUM_COLUMNS:
-                    x, y, z = _dot3(m, weight, rows[c], rows[d], rows[d + 1], rows[d + 2])
-                    out[s] += x
-                    out[s + 1] += y
-                    out[s + 2] += z
-                    s += 3
-                    d += 3
-                if d + 1 <= NUM_COLUMNS:
-                    x, y = _dot2(m, weight, rows[c], rows[d], rows[d + 1])
-                    out[s] += x
-                    out[s + 1] += y
-                    s += 2
-                elif d <= NUM_COLUMNS:
-                    x, y = _dot2(m, weight, rows[c], rows[d], rows[d])
-                    out[s] += x
-                    s += 1
-            out[45] += _dot2(m, weight, rows[7], rows[7], rows[7])[0]
+    n, pieces = residual.shape[0], num_pieces(residual.shape[0])
+    if pieces >= MIN_PARALLEL:
+        _accumulate_in_parallel(points, intensity, residual, gradient, median, width, gain, bias, scratch, sums)
+        return
+    for c in range(pieces):
+        first, last = n * c // pieces, n * (c + 1) // pieces
+        _accumulate_piece(
+            first, last, points, intensity, residual, gradient, median, width, gain, bias, scratch[c], sums[c]
+        )
+
+
+@njit(**OPTIONS)
+def _to_camera_tangent(T, H, g):
+    """Turn H (8, 8), g (8,) over x in T exp(x) into those over xi in T_world_camera exp(xi), in place (eq. 31-32).
+
+    T (3, 4) is reference -> camera; x = -Ad(T^-1) xi.
+    """
+    A = np.zeros((8, 8))
+    for i in range(3):
+        for j in range(3):
+            A[i, j] = A[3 + i, 3 + j] = -T[j, i]  # R' of the inverse
+    t0, t1, t2 = T[0, 3], T[1, 3], T[2, 3]
+    for i in range(3):  # [t']x R' with t' = -R' t is -R' [t]x
+        a, b, c = T[0, i], T[1, i], T[2, i]
+        A[i, 3], A[i, 4], A[i, 5] = b * t2 - c * t1, c * t0 - a * t2, a * t1 - b * t0
+    A[6, 6] = A[7, 7] = 1.0
+    H[:] = A.T @ (H @ A)
+    g[:] = A.T @ g
+
+
+@njit(**OPTIONS)
+def normal_equations(
+    points, intensity, reference_gradient, T, model, k, image, pad, gain, bias, huber, min_sigma,
+    scratch, residual, gradient, histogram, sums, H, g,
+):  # fmt: skip
+    """One view from pixels to robust normal equations in the tangent of the camera (M15 eq. 4, 6, 31-35).
+
+    T (3, 4) f64; arrays as in `linearise` and `accumulate`. Writes H (8, 8), g (8,) f64 over (v, omega, gain, bias);
+    returns median, MAD, number of visible pixels, number of inliers.
+    """
+    T32, gain32, bias32 = T.astype(np.float32), np.float32(gain), np.float32(bias)
+    linearise(
+        points,
+        intensity,
+        reference_gradient,
+        T32,
+        model,
+        k,
+        image,
+        pad,
+        gain32,
+        bias32,
+        scratch,
+        residual,
+        gradient,
+        histogram,
+    )
+    pieces = num_pieces(intensity.shape[0])
+    median, mad, number = median_and_mad(histogram[:pieces])
+    width = huber * max(1.4826 * mad, min_sigma)
+    accumulate(
+        points, intensity, residual, gradient, np.float32(median), np.float32(width), gain32, bias32, scratch, sums
+    )
+    for s in range(NUM_SUMS):
+        for c in range(1, pieces):
+            sums[0, s] += sums[c, s]
+    s = 0
+    for a in range(NUM_COLUMNS):
+        for b in range(a, NUM_COLUMNS):
+            H[a, b] = H[b, a] = sums[0, s]
+            s += 1
+        g[a] = sums[0, s]
+        s += 1
+    _to_camera_tangent(T, H, g)
+    return median, mad, number, np.int64(sums[0, 46])
 
 
 @njit(parallel=True, **OPTIONS)

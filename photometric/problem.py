@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv
 
 from photometric import kernels
-from photometric.normal_equations import Linearisation, NormalEquations, ViewSolver, in_camera_tangent
+from photometric.normal_equations import NormalEquations, ViewSolver
 from photometric.params import RegistrationParams
 from photometric.pyramid import Level
 from photometric.reference import Reference, ReferenceLevel, View, kernel_camera
@@ -20,6 +20,7 @@ from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
 GAIN_LIMITS = (0.1, 10.0)
+LIGHT_PRIOR = 1e-9 * np.eye(2)  # keeps gain and bias defined on an even image
 
 
 @dataclass(frozen=True)
@@ -46,9 +47,10 @@ class State:
 
     def moved(self, step: Step) -> State:
         """Return the state after an increment (M15 eq. 7)."""
-        gains = np.clip(np.add(self.gains, step.gains), *GAIN_LIMITS)
-        biases = np.add(self.biases, step.biases)
-        return State(self.T_world_camera @ SE3.exp(step.xi), tuple(gains.tolist()), tuple(biases.tolist()))
+        low, high = GAIN_LIMITS
+        gains = tuple(min(max(gain + d, low), high) for gain, d in zip(self.gains, step.gains.tolist(), strict=True))
+        biases = tuple(bias + d for bias, d in zip(self.biases, step.biases.tolist(), strict=True))
+        return State(self.T_world_camera @ SE3.exp(step.xi), gains, biases)
 
 
 @dataclass(frozen=True)
@@ -71,19 +73,10 @@ class Problem:
             solvers.append(ViewSolver(select(pixels, T_camera_reference, level, share), level))
         return Problem(tuple(solvers), tuple(view.T_world_reference for view in views), level, params)
 
-    def linearise(self, state: State) -> list[Linearisation]:
+    def compare(self, state: State) -> list[NormalEquations]:
         """Compare the image with every view at a state."""
-        return [
-            solver.linearise(T_camera_reference, gain, bias)
-            for solver, T_camera_reference, gain, bias in zip(
-                self.solvers, self.T_camera_reference(state), state.gains, state.biases, strict=True
-            )
-        ]
-
-    def equations(self, state: State, found: list[Linearisation]) -> list[NormalEquations]:
-        """Weigh and sum every view."""
-        rows = zip(self.solvers, found, state.gains, state.biases, strict=True)
-        return [solver.normal_equations(lin, gain, bias, self.params) for solver, lin, gain, bias in rows]
+        rows = zip(self.solvers, self.T_camera_reference(state), state.gains, state.biases, strict=True)
+        return [solver.compare(T, gain, bias, self.params) for solver, T, gain, bias in rows]
 
     def T_camera_reference(self, state: State) -> list[SE3]:
         """Return where each reference is in the camera frame."""
@@ -92,10 +85,10 @@ class Problem:
 
     def step(self, state: State, rotation_only: bool = False) -> Step | None:
         """Return the Gauss-Newton increment (M15 eq. 6, 20), or None where the image does not determine it."""
-        found = self.linearise(state)
-        if sum(lin.num_visible for lin in found) < self.params.min_pixels:
+        found = self.compare(state)
+        if sum(view.num_visible for view in found) < self.params.min_pixels:
             return None
-        H, g = self.joint(state, self.equations(state, found))
+        H, g = self.joint(found)
         x = np.zeros_like(g)
         first = 3 if rotation_only else 0
         solution = _solve(H[first:, first:], g[first:])
@@ -107,26 +100,26 @@ class Problem:
             return Step(x, np.zeros(number), np.zeros(number))
         return Step(x[:6], x[6::2], x[7::2])
 
-    def joint(self, state: State, equations: list[NormalEquations]) -> tuple[Array, Array]:
+    def joint(self, found: list[NormalEquations]) -> tuple[Array, Array]:
         """Stack the views into one system over (xi, gain 1, bias 1, gain 2, bias 2, ...) (M15 eq. 19, 31)."""
-        size = 6 + 2 * len(equations) if self.params.illumination else 6
+        size = 6 + 2 * len(found) if self.params.illumination else 6
         H, g = np.zeros((size, size)), np.zeros(size)
-        for index, (T_camera_reference, one) in enumerate(zip(self.T_camera_reference(state), equations, strict=True)):
-            H_view, g_view = in_camera_tangent(one, T_camera_reference)
-            H[:6, :6] += H_view[:6, :6]
-            g[:6] += g_view[:6]
+        for index, view in enumerate(found):
+            H[:6, :6] += view.H[:6, :6]
+            g[:6] += view.g[:6]
             if self.params.illumination:
                 light = slice(6 + 2 * index, 8 + 2 * index)
-                H[light, light] = H_view[6:, 6:] + 1e-9 * np.eye(2)
-                H[:6, light] = H_view[:6, 6:]
-                H[light, :6] = H_view[6:, :6]
-                g[light] = g_view[6:]
+                H[light, light] = view.H[6:, 6:] + LIGHT_PRIOR
+                H[:6, light] = view.H[:6, 6:]
+                H[light, :6] = view.H[6:, :6]
+                g[light] = view.g[6:]
         return H, g
 
     def image_motion(self, step: Step) -> float:
         """Return how far an increment moves the image, in pixels of this level: rotation plus parallax."""
         depth = min(solver.pixels.typical_range for solver in self.solvers)
-        angle = float(np.linalg.norm(step.xi[3:]) + np.linalg.norm(step.xi[:3]) / depth)
+        x, y, z, a, b, c = step.xi.tolist()
+        angle = math.hypot(a, b, c) + math.hypot(x, y, z) / depth
         return angle * self.level.camera.pixels_per_radian
 
 

@@ -38,7 +38,7 @@ class ReferenceLevel:
 
     @cached_property
     def rank(self) -> NDArray[np.int32]:
-        """Place (N,) of each pixel in the saliency order, 0 first; sorted when first asked for, the better half only."""
+        """Place (N,) of each pixel in the saliency order, 0 first; sorted when first asked for, the better half of it."""
         return saliency_rank(self.points, self.gradient, limit=self.num_pixels // 2)
 
     @cached_property

@@ -80,7 +80,7 @@ def linearise(c, camera, gain=1.0, bias=0.0):
         c["points"], c["intensity"], c["reference_gradient"], T, model, k, c["image"], 0,
         np.float32(gain), np.float32(bias), scratch(), residual, gradient, histogram,
     )  # fmt: skip
-    return residual, gradient, histogram
+    return residual, gradient, histogram[: kernels.num_pieces(number)]
 
 
 def bilinear(image, pixels):
@@ -145,12 +145,41 @@ def test_accumulate_sums_the_weighted_products_of_all_columns(rng):
     J = np.column_stack([b, np.cross(p, b), current, np.ones(e.size), e])
     w = huber_weights(e, median, bound)
     expected = (J * w[:, None]).T @ J
-    total = sums.sum(axis=0)
+    total = sums[: kernels.num_pieces(residual.size)].sum(axis=0)
     found = np.zeros((9, 9))
     found[np.triu_indices(9)] = total[:45]
     assert np.abs(found - np.triu(expected)).max() / np.abs(expected).max() < 1e-5
     assert total[45] == pytest.approx(w.sum(), rel=1e-5)
     assert total[46] == np.sum(np.abs(e - median) <= bound)
+
+
+def test_normal_equations_are_turned_into_the_camera_tangent_by_the_adjoint(rng):
+    camera = CAMERAS[0]
+    c = case(rng, camera)
+    model, k = kernel_camera(camera)
+    number = c["points"].shape[1]
+    buffers = (
+        scratch(),
+        np.empty(number, np.float32),
+        np.empty((3, number), np.float32),
+        np.empty((kernels.NUM_CHUNKS, kernels.NUM_BINS), np.int32),
+        np.empty((kernels.NUM_CHUNKS, kernels.NUM_SUMS)),
+    )
+    H, g = np.empty((8, 8)), np.empty(8)
+    inputs = (c["points"], c["intensity"], c["reference_gradient"], c["T"].matrix[:3], model, k, c["image"], 0)
+    median, mad, _, inliers = kernels.normal_equations(*inputs, 1.2, 4.0, 1.345, 1.0, *buffers, H, g)
+    residual, gradient = buffers[1], buffers[2]
+    seen = ~np.isnan(residual)
+    e, b, p = residual[seen].astype(np.float64), gradient.T[seen].astype(np.float64), c["points"].T[seen]
+    J = np.column_stack([b, np.cross(p, b), (e + c["intensity"][seen] - 4.0) / 1.2, np.ones(e.size)])
+    J[:, :6] = -J[:, :6] @ c["T"].inverse().adjoint()  # M15 eq. 31-32
+    bound = 1.345 * 1.4826 * mad
+    w = huber_weights(e, median, bound)
+    expected = (J * w[:, None]).T @ J
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    assert np.abs((H - expected) / scale).max() < 1e-5
+    assert np.abs((g - J.T @ (w * e)) / np.sqrt(np.diag(expected))).max() < 1e-4 * np.linalg.norm(e)
+    assert inliers == np.sum(np.abs(e - median) <= bound)
 
 
 def test_halve_weighs_1_3_3_1(rng):

@@ -25,7 +25,7 @@ def make_problem(room, params):
 
 
 def residuals(problem, state):
-    return np.concatenate([lin.residual.copy() for lin in problem.linearise(state)]).astype(np.float64)
+    return np.concatenate([view.residual.copy() for view in problem.compare(state)]).astype(np.float64)
 
 
 def test_the_normal_matrix_is_that_of_numerical_derivatives_in_the_camera_tangent(room):
@@ -37,7 +37,7 @@ def test_the_normal_matrix_is_that_of_numerical_derivatives_in_the_camera_tangen
     level = build_pyramid(smooth, CAMERA, params.pyramid).levels[0]
     problem = Problem.choose_pixels(level, [view], T_world_reference, params)
     state = State.start(T_world_reference @ SE3.exp([1e-4, 0, 0, 0, 1e-4, 0]), 1)  # off the pixel centres
-    H, g = problem.joint(state, problem.equations(state, problem.linearise(state)))
+    H, g = problem.joint(problem.compare(state))
     columns, step = [], 5e-4
     for axis in np.eye(6):
         sides = [State(state.T_world_camera @ SE3.exp(s * step * axis), (1.0,), (0.0,)) for s in (1, -1)]
@@ -54,8 +54,8 @@ def test_a_step_reduces_the_residuals_of_both_views(room):
     params = RegistrationParams()
     problem, state = make_problem(room, params)
     off = State(state.T_world_camera @ SE3.exp([0.01, -0.01, 0.005, 0.002, 0.001, -0.002]), state.gains, state.biases)
-    before = [lin.mad for lin in problem.linearise(off)]
-    after = [lin.mad for lin in problem.linearise(off.moved(problem.step(off)))]
+    before = [view.mad for view in problem.compare(off)]
+    after = [view.mad for view in problem.compare(off.moved(problem.step(off)))]
     assert all(b < 0.7 * a for a, b in zip(before, after, strict=True))
 
 
