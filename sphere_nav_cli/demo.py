@@ -1,0 +1,221 @@
+"""`sphere_nav demo`: the main job from end to end in the simulator."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from tqdm import tqdm
+
+from cycab_sim.params import SimParams
+from cycab_sim.simulator import Simulator
+from node_kit.map_bag import open_map
+from sphere_geometry import SE3
+from sphere_geometry.trajectory import Trajectory, read_tum, write_tum
+from sphere_nav_cli.driving.plots import plot_errors, plot_top_view
+from sphere_nav_cli.driving.processes import Processes
+from sphere_nav_cli.driving.report import DriveErrors, drive_errors, read_poses, read_truth
+from sphere_nav_cli.driving.watch import DriveFailed, Watch
+from typed_params import build
+
+HELP = """\
+Teach, map and drive: a simulated Cycab is driven once along a path with two 90 degree turns while spheres are
+recorded, the recording is mapped, and the car drives the path again by one camera and cmd_vel alone.
+
+Writes maps, bags, plots and result.json below --output. Exit status 1 if the drive left the path.
+
+examples:
+  sphere_nav demo
+  sphere_nav demo --seed 7 --path block --output out/seven
+"""
+MAX_LATERAL = 0.25  # m, further is off the path (M15 section 6.4.3 stays within it)
+MIN_DRIVEN = 0.95  # share of the path that must be driven
+TEACH_TOPICS = "/sphere /odom /ground_truth/odometry /tf_static"
+DRIVE_TOPICS = (
+    "/pose /odometry /status /cmd_vel /tracking_error /path_follower/status /path_follower/trajectory "
+    "/ground_truth/odometry /odom /camera_info /tf /tf_static /diagnostics"
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/demo"), metavar="DIR", help="(%(default)s)")
+    parser.add_argument("--seed", type=int, default=1, help="decides the town and every noise (%(default)s)")
+    parser.add_argument("--path", default="two_turns", choices=("two_turns", "block", "straight"), help="(%(default)s)")
+    parser.add_argument("--domain", type=int, default=None, metavar="N", help="ROS domain (one of 50 to 99 by the pid)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Do the whole job, print the table of errors, write everything that was made."""
+    demo = Demo(arguments.output, arguments.seed, arguments.path, arguments.domain)
+    try:
+        demo.teach()
+        demo.map()
+        demo.drive()
+    except (DriveFailed, RuntimeError) as error:
+        print(f"demo: {error}; what the nodes said is in {demo.folder}")
+        return 1
+    return demo.judge()
+
+
+class Demo:
+    """One run: its folder, its domain, and how long each stage took."""
+
+    def __init__(self, output: Path, seed: int, path: str, domain: int | None) -> None:
+        self.folder = new_folder(output)
+        self.domain = 50 + os.getpid() % 50 if domain is None else domain
+        self.simulation = {"seed": seed, "path": path, "has_stamped_command": True}
+        simulator = Simulator(build(SimParams, self.simulation))
+        self.length = simulator.path.length
+        self.T_base_sphere = simulator.mounts["sphere"].T_base_camera
+        self.seconds: dict[str, float] = {}
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Take the time of a stage."""
+        print(f"{name} ...", flush=True)
+        begun = time.monotonic()
+        try:
+            yield
+        finally:
+            self.seconds[name] = round(time.monotonic() - begun, 1)
+
+    def teach(self) -> None:
+        """Drive the path once by the simulator's driver, and record spheres."""
+        with self.stage("teach"), self.processes("teach") as processes, Watch(processes, self.domain) as watch:
+            processes.start("bag_recorder", {"output": str(self.folder / "teach"), "topics": TEACH_TOPICS})
+            processes.start(
+                "cycab_sim",
+                self.simulation | {"mode": "teach", "camera.is_on": False, "clock.real_time_factor": 0.0},
+            )
+            self.follow(watch, "teaching drive", lambda: watch.is_taught)
+            processes.stop("bag_recorder")
+
+    def map(self) -> None:
+        """Make the map from the recording, by the command that a user types."""
+        from sphere_nav_cli.main import main
+
+        teach, made = str(self.folder / "teach"), str(self.folder / "map")
+        taught = self.folder / "taught_spheres.tum"
+        with self.stage("map"):
+            if main(["map", teach, "-o", made, "--trajectory", str(taught)]) != 0:
+                raise RuntimeError("mapping failed")
+        spheres = read_tum(taught)
+        base = Trajectory(spheres.stamps_ns, spheres.T_map_body @ self.T_base_sphere.inverse())
+        write_tum(self.folder / "taught.tum", base)
+
+    def drive(self) -> None:
+        """Drive the path again: camera, localiser, follower, cmd_vel, over DDS in lock-step."""
+        with self.stage("drive"), self.processes("drive") as processes, Watch(processes, self.domain) as watch:
+            processes.start(
+                "bag_recorder",
+                {"output": str(self.folder / "drive"), "topics": DRIVE_TOPICS, "use_sim_time": True},
+            )
+            processes.start(
+                "dense_localizer",
+                {"map": str(self.folder / "map"), "use_sim_time": True, "every_image": True},
+            )
+            processes.start(
+                "path_follower",
+                {
+                    "trajectory": str(self.folder / "taught.tum"),
+                    "enable_stamped_cmd_vel": True,
+                    "use_sim_time": True,
+                },
+            )
+            processes.start("cycab_sim", self.simulation | {"mode": "drive", "sphere.publish": "never"})
+            watch.wait("localisation", lambda: watch.localizer.startswith("TRACKING"), is_moving=False)
+            watch.start_following()
+            self.follow(watch, "drive by the camera", lambda: watch.follower.startswith(("FINISHED", "STOPPED")))
+            self.end = watch.describe()
+            processes.stop("bag_recorder")
+
+    def follow(self, watch: Watch, what: str, has_ended: Callable[[], bool]) -> None:
+        """Show how far the car is until the drive has ended."""
+        with tqdm(total=round(self.length), desc=what, unit="m") as bar:
+            watch.wait(what, has_ended, is_moving=True, bar=bar)
+
+    def processes(self, name: str) -> Processes:
+        """Return an empty set of processes whose output goes to a folder of the stage."""
+        folder = self.folder / f"{name}_logs"
+        folder.mkdir()
+        return Processes(folder, self.domain)
+
+    def judge(self) -> int:
+        """Compare with the taught drive, draw, write result.json; 1 where the drive left the path."""
+        with self.stage("judge"):
+            T_world_map = self.anchor()
+            errors = drive_errors(self.folder / "teach", self.folder / "drive", T_world_map)
+            with open_map(self.folder / "map") as made:
+                keys = np.stack([(T_world_map @ node.T_map_sphere).translation[:2] for node in made.graph])
+            plot_top_view(self.folder / "top_view.png", errors, keys)
+            plot_errors(self.folder / "errors.png", errors, read_poses(self.folder / "drive"))
+        result = self.result(errors, len(keys))
+        (self.folder / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
+        print(table(result, self.folder))
+        return 0 if result["has_followed"] else 1
+
+    def anchor(self) -> SE3:
+        """Return T_world_map: the map's origin is the first sphere, where the teaching drive truly began."""
+        truth = read_truth(self.folder / "teach")
+        spheres = read_tum(self.folder / "taught_spheres.tum")
+        at, known = truth.at(spheres.stamps_ns[:1])
+        if not known.all():
+            raise ValueError("teaching drive: expected a true pose of the first sphere, found none")
+        return at.T_map_body[0] @ self.T_base_sphere @ spheres.T_map_body[0].inverse()
+
+    def result(self, errors: DriveErrors, num_key_spheres: int) -> dict[str, Any]:
+        """Return what result.json holds."""
+        worst = float(np.abs(errors.lateral).max())
+        return {
+            "lateral_rmse_m": rms(errors.lateral),
+            "lateral_max_m": worst,
+            "longitudinal_rmse_m": rms(errors.longitudinal),
+            "share_driven": errors.share_driven,
+            "has_followed": worst <= MAX_LATERAL and errors.share_driven >= MIN_DRIVEN,
+            "end": self.end,
+            "length_m": self.length,
+            "num_key_spheres": num_key_spheres,
+            "seed": self.simulation["seed"],
+            "seconds": self.seconds,
+        }
+
+
+def rms(values: np.ndarray) -> float:
+    """Return the root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def table(result: dict[str, Any], folder: Path) -> str:
+    """Return the table that is printed."""
+    stages = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in result["seconds"].items())
+    return "\n".join(
+        [
+            f"driven               {100 * result['share_driven']:.1f} % of {result['length_m']:.0f} m",
+            f"lateral RMSE         {result['lateral_rmse_m']:.3f} m",
+            f"lateral maximum      {result['lateral_max_m']:.3f} m (limit {MAX_LATERAL} m)",
+            f"longitudinal RMSE    {result['longitudinal_rmse_m']:.3f} m (localisation)",
+            f"key spheres          {result['num_key_spheres']}",
+            f"time                 {stages}",
+            f"end                  {result['end']}",
+            f"plots, map and bags  {folder}",
+            "the drive followed the taught path" if result["has_followed"] else "THE DRIVE LEFT THE TAUGHT PATH",
+        ]
+    )
+
+
+def new_folder(wanted: Path) -> Path:
+    """Make the output folder; one that is there is kept under the next free number."""
+    if wanted.exists():
+        number = next(n for n in range(1, 10_000) if not wanted.with_name(f"{wanted.name}.{n}").exists())
+        kept = wanted.rename(wanted.with_name(f"{wanted.name}.{number}"))
+        print(f"the last result is kept as {kept}")
+    wanted.mkdir(parents=True)
+    return wanted

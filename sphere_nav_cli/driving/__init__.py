@@ -1,0 +1,1 @@
+"""What `sphere_nav demo` is made of: processes, a watch over the drives, and the report."""

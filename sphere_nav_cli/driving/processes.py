@@ -1,0 +1,83 @@
+"""The nodes of a drive as processes of their own, in a ROS domain of their own."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import yaml
+
+MODULES = {
+    "cycab_sim": "cycab_sim.node",
+    "dense_localizer": "dense_localizer.node",
+    "path_follower": "path_follower.node",
+    "bag_recorder": "node_kit.bag_recorder_node",
+}
+START = "import sys; from {module} import main; sys.exit(main())"
+PATIENCE = 30.0  # s for a node to end after SIGINT: a recorder completes its bag first
+
+
+class Processes:
+    """Starts nodes, keeps what they print in a folder, ends them all when it is left."""
+
+    def __init__(self, folder: Path, domain_id: int) -> None:
+        self.folder = folder
+        self.environment = os.environ | {
+            "ROS_DOMAIN_ID": str(domain_id),
+            "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
+        }
+        self._running: dict[str, subprocess.Popen[bytes]] = {}
+
+    def start(self, node: str, values: Mapping[str, Any]) -> None:
+        """Start a node with parameters by dotted name; they are kept in a file beside what it prints."""
+        parameters = self.folder / f"{node}.yaml"
+        parameters.write_text(yaml.safe_dump({node: {"ros__parameters": dict(values)}}), encoding="utf-8")
+        command = [sys.executable, "-c", START.format(module=MODULES[node]), "--ros-args", "--params-file"]
+        with (self.folder / f"{node}.log").open("wb") as log:
+            self._running[node] = subprocess.Popen(
+                [*command, str(parameters)],
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                stdin=subprocess.DEVNULL,
+                env=self.environment,
+                start_new_session=True,  # Ctrl-C reaches us alone: the order of ending is ours
+            )
+
+    def check(self) -> None:
+        """Raise RuntimeError if a node has ended by itself; the message shows what it said last."""
+        for node, process in self._running.items():
+            if process.poll() is not None:
+                raise RuntimeError(f"{node} ended with status {process.returncode}: {self.last_words(node)}")
+
+    def last_words(self, node: str) -> str:
+        """Return the last line that a node printed."""
+        lines = (self.folder / f"{node}.log").read_text(encoding="utf-8", errors="replace").split("\n")
+        return next((line for line in reversed(lines) if line.strip()), "it said nothing")
+
+    def stop(self, node: str) -> None:
+        """End a node as Ctrl-C would, by force if it does not."""
+        process = self._running.pop(node)
+        if process.poll() is None:
+            process.send_signal(signal.SIGINT)
+        try:
+            process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+    def __enter__(self) -> Self:
+        """Return self."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End what still runs, the last one started first."""
+        for node in reversed(list(self._running)):
+            self.stop(node)
