@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.reasons import Finding, Reason
 from dense_localizer.reference import Choice, References
-from photometric import Alignment, Pyramid, register
+from photometric import Alignment, Pyramid, RegistrationParams, register
 from sphere_geometry import SE3
 
 UNKNOWN = np.diag(np.full(6, np.inf))
@@ -42,12 +42,28 @@ def locate(
     prediction: Prediction | None = None,
 ) -> Place:
     """Place an image from a first guess of its pose (M15 eq. 17-19); every jump is allowed without a prediction."""
-    choice = references.choose(T_map_camera, pyramid)
+    choice = references.choose(T_map_camera, pyramid.levels[0].camera)
     if not choice.views:
         limit, detail = params.reference.min_visible_share, "no key sphere covers the view"
         verdict = refusal(Finding(Reason.LOW_OVERLAP, choice.overlap, limit, detail))
         return Place(T_map_camera, UNKNOWN, choice, verdict)
-    alignment = register(pyramid, choice.views, T_map_camera, params.registration)
+    registration: RegistrationParams = params.registration
+    if prediction is not None:
+        registration = starting_at(first_level(prediction, choice, pyramid, params), registration)
+    alignment = register(pyramid, choice.views, T_map_camera, registration)
     covariance = honest_covariance(alignment, params.covariance)
     verdict = judge(alignment, covariance, choice.distance_ratio, prediction, params.acceptance)
     return Place(alignment.T_world_camera, covariance, choice, verdict, alignment)
+
+
+def first_level(prediction: Prediction, choice: Choice, pyramid: Pyramid, params: LocalizerParams) -> int:
+    """Return the coarsest level needed: the one at which the uncertainty of the prediction is about a pixel."""
+    deviation = np.sqrt(np.diagonal(prediction.covariance))
+    angle = np.max(deviation[3:]) + np.max(deviation[:3]) / choice.typical_range_m
+    pixels = params.reference.level_sigmas * angle * pyramid.levels[0].camera.pixels_per_radian
+    return max(0, int(np.ceil(np.log2(max(pixels, 1.0)))))
+
+
+def starting_at(level: int, params: RegistrationParams) -> RegistrationParams:
+    """Return the parameters of an alignment that begins at a level."""
+    return replace(params, pyramid=replace(params.pyramid, coarsest=min(level, params.pyramid.coarsest)))

@@ -14,14 +14,18 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dense_localizer.coverage import coverage
 from dense_localizer.params import LocalizerParams
-from photometric import Pyramid, Reference, View, prepare_reference
-from photometric.overlap import image_overlap
-from sphere_geometry import SE3, Spherical
+from photometric import Reference, View, prepare_reference
+from photometric.reference import ReferenceLevel
+from sphere_geometry import SE3, Camera, Spherical
 from sphere_mapping.graph import KeySphere, SphereGraph
 from sphere_mapping.sphere import Sphere
 
 NUM_DIGEST_LEVELS = 2  # the coarsest levels are kept of every sphere: for choosing and for the start
+
+MIN_KEPT = 10_000  # levels that would keep fewer pixels keep all
+DIGEST_STEP = 8  # every eighth point of the coarsest level tells what a sphere covers
 
 
 class SphereMap(Protocol):
@@ -39,21 +43,28 @@ class SphereMap(Protocol):
 
 @dataclass(frozen=True)
 class Digest:
-    """What is kept of every sphere: its coarsest levels, its window and its median range in metres."""
+    """What is kept of every sphere: its coarsest levels, a few points (N, 3) m, its window, its median range in m."""
 
     reference: Reference
+    points: NDArray[np.float32]
     camera: Spherical
     typical_range_m: float
 
 
 @dataclass(frozen=True)
 class Choice:
-    """The references of one image. distance_ratio: distance to the nearest by its median range."""
+    """The references of one image; range and distance are those of the nearest."""
 
     ids: tuple[int, ...]
     views: tuple[View, ...]
     overlap: float  # of the best covering one, 0..1
-    distance_ratio: float
+    distance_m: float
+    typical_range_m: float
+
+    @property
+    def distance_ratio(self) -> float:
+        """Distance to the nearest by its median range: 0 at its centre, 1 as far away as what it sees."""
+        return self.distance_m / self.typical_range_m
 
 
 class References:
@@ -75,20 +86,20 @@ class References:
         """Return the key spheres nearest to a point in the map, nearest first (M15 eq. 17)."""
         return self._map.graph.nearest(point_map, count)
 
-    def choose(self, T_map_camera: SE3, pyramid: Pyramid) -> Choice:
+    def choose(self, T_map_camera: SE3, camera: Camera) -> Choice:
         """Return the references for an image taken near a pose."""
         candidates = self.nearest(T_map_camera.translation, self._params.num_candidates)
-        overlaps = [self.overlap(node, T_map_camera, pyramid) for node in candidates]
-        needed = max(self._params.min_visible_share, self._params.relative_share * max(overlaps, default=0.0))
-        chosen = [node for node, overlap in zip(candidates, overlaps, strict=True) if overlap >= needed]
-        chosen = chosen[: self._params.num_references]
+        T_camera_map = T_map_camera.inverse()
+        T_camera_sphere = [T_camera_map @ node.T_map_sphere for node in candidates]
+        overlaps = coverage([self.digest(node.id).points for node in candidates], T_camera_sphere, camera)
+        best = float(np.max(overlaps, initial=0.0))
+        needed = max(self._params.min_visible_share, self._params.relative_share * best)
+        chosen = [candidates[index] for index in np.flatnonzero(overlaps >= needed)[: self._params.num_references]]
         views = tuple(View(self.prepared(node.id), node.T_map_sphere) for node in chosen)
-        ratio = self._distance_ratio(chosen[0], T_map_camera) if chosen else np.inf
-        return Choice(tuple(node.id for node in chosen), views, max(overlaps, default=0.0), ratio)
-
-    def overlap(self, node: KeySphere, T_map_camera: SE3, pyramid: Pyramid) -> float:
-        """Return the share of the image that a key sphere covers."""
-        return image_overlap(pyramid, [View(self.digest(node.id).reference, node.T_map_sphere)], T_map_camera)
+        if not chosen:
+            return Choice((), (), best, np.inf, np.inf)
+        distance = float(chosen[0].T_map_sphere.distance(T_map_camera)[0])
+        return Choice(tuple(n.id for n in chosen), views, best, distance, self.digest(chosen[0].id).typical_range_m)
 
     def prepared(self, sphere_id: int) -> Reference:
         """Return a reference with all levels, prepared now or before."""
@@ -106,14 +117,20 @@ class References:
     def _prepare(self, sphere_id: int) -> None:
         sphere = self._map.load_sphere(sphere_id)
         reference = prepare_reference(sphere.grey, sphere.range_m, sphere.camera, self._registration)
-        self._prepared[sphere_id] = reference
+        self._prepared[sphere_id] = Reference(
+            tuple(salient(level, self._params.kept_share) for level in reference.levels)
+        )
         while len(self._prepared) > self._params.cache_size:
             self._prepared.popitem(last=False)
         finite = sphere.range_m[::8, ::8]
         finite = finite[np.isfinite(finite)]
         typical = float(np.median(finite)) if finite.size else np.inf
-        self._digests[sphere_id] = Digest(Reference(reference.levels[-NUM_DIGEST_LEVELS:]), sphere.camera, typical)
+        coarse = Reference(reference.levels[-NUM_DIGEST_LEVELS:])
+        points = np.ascontiguousarray(coarse.levels[-1].points[:, ::DIGEST_STEP].T)
+        self._digests[sphere_id] = Digest(coarse, points, sphere.camera, typical)
 
-    def _distance_ratio(self, node: KeySphere, T_map_camera: SE3) -> float:
-        distance, _ = node.T_map_sphere.distance(T_map_camera)
-        return float(distance) / self.digest(node.id).typical_range_m
+
+def salient(level: ReferenceLevel, share: float) -> ReferenceLevel:
+    """Return a level reduced to its more salient pixels (M15 section 3.6), so that choosing among them is quick."""
+    number = int(share * level.num_pixels)
+    return level.take(np.flatnonzero(level.rank < number)) if number >= MIN_KEPT else level
