@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from cycab_sim.params import TeachParams
 from cycab_sim.paths import Path
 from cycab_sim.vehicle import Command, VehicleState
 
+SPACING = 0.02  # m between the points the driver looks at
+REACH = 100  # points ahead among which the closest one is looked for
 ARRIVED = 0.05  # m before the end
+CREEP = 0.08  # m/s, so that the first and the last centimetres end
 WAVES = (0.031, 0.073, 0.117)  # a wandering line: waves per metre
-CREEP = 0.08  # m/s, so that the last centimetres end
+FADE = 5.0  # m over which the wandering begins
 
 
 class Driver:
@@ -22,7 +26,15 @@ class Driver:
         self.path = path
         self.params = params
         self.distance = 0.0
-        self._phases = np.random.default_rng([seed, 21]).uniform(0.0, 2 * np.pi, len(WAVES))
+        s = np.arange(0.0, path.length + params.look_ahead + 1.0, SPACING)
+        poses = path.at(s)
+        phases = np.random.default_rng([seed, 21]).uniform(0.0, 2 * np.pi, (len(WAVES), 1))
+        wave = np.mean(np.sin(2 * np.pi * np.array(WAVES)[:, None] * s + phases), axis=0)
+        off = params.wander * np.minimum(1.0, s / FADE) * wave
+        normals = np.stack([-np.sin(poses[:, 2]), np.cos(poses[:, 2])], axis=1)
+        self._points = poses[:, :2]
+        self._targets = poses[:, :2] + off[:, None] * normals
+        self._speeds = _speeds(s, poses[:, 3], path.length - ARRIVED, params)
 
     @property
     def is_done(self) -> bool:
@@ -31,33 +43,35 @@ class Driver:
 
     def command(self, state: VehicleState) -> Command:
         """Return speed and yaw rate for where the car is now."""
-        self.distance = max(self.distance, self.path.project(state.x, state.y, self.distance))
+        here = self._locate(state)
         if self.is_done:
             return Command()
-        speed = self._speed()
-        dx, dy = self._target() - (state.x, state.y)
+        speed = float(self._speeds[here])
+        target = self._targets[min(here + round(self.params.look_ahead / SPACING), len(self._targets) - 1)]
+        dx, dy = float(target[0]) - state.x, float(target[1]) - state.y
         ahead = math.cos(state.yaw) * dx + math.sin(state.yaw) * dy
         aside = math.cos(state.yaw) * dy - math.sin(state.yaw) * dx
         curvature = 2.0 * aside / max(ahead * ahead + aside * aside, 1e-3)
         return Command(speed, speed * curvature)
 
-    def _target(self) -> np.ndarray:
-        """Return the point (2,) m to steer towards: on the path, a little off it as humans are."""
-        s = self.distance + self.params.look_ahead
-        x, y, yaw, _ = self.path.at(np.array(s))
-        fade = min(1.0, s / 5.0)
-        off = self.params.wander * fade * float(np.mean(np.sin(2 * np.pi * np.array(WAVES) * s + self._phases)))
-        return np.array([x - off * np.sin(yaw), y + off * np.cos(yaw)])
+    def _locate(self, state: VehicleState) -> int:
+        """Return the number of the closest point at or after the last one."""
+        last = int(self.distance / SPACING)
+        off = self._points[last : last + REACH] - (state.x, state.y)
+        here = last + int(np.argmin(np.sum(off * off, axis=1)))
+        self.distance = max(self.distance, (here + 0.5) * SPACING)
+        return here
 
-    def _speed(self) -> float:
-        """Return the largest speed from which every bend ahead and the end can be met by gentle braking."""
-        p = self.params
-        reach = p.speed**2 / (2.0 * p.acceleration) + 1.0
-        s = self.distance + np.linspace(0.0, reach, 40)
-        curvature = np.abs(self.path.at(s)[:, 3])
-        bend = np.sqrt(p.lateral_acceleration / np.maximum(curvature, 1e-6))
-        allowed = np.sqrt(np.minimum(bend, p.speed) ** 2 + 2.0 * p.acceleration * (s - self.distance))
-        rest = max(self.path.length - ARRIVED - self.distance, 0.0)
-        start = math.sqrt(CREEP + 2.0 * p.acceleration * self.distance)
-        end = math.sqrt(2.0 * p.acceleration * rest) + CREEP
-        return float(min(allowed.min(), p.speed, start, end))
+
+def _speeds(
+    s: NDArray[np.float64], curvature: NDArray[np.float64], end: float, params: TeachParams
+) -> NDArray[np.float64]:
+    """Return the largest speed at each distance from which bends and the end can be met by gentle braking."""
+    bend = np.sqrt(params.lateral_acceleration / np.maximum(np.abs(curvature), 1e-6))
+    squares = np.minimum(bend, params.speed) ** 2
+    squares[s >= end] = 0.0
+    rise = 2.0 * params.acceleration * s  # v^2 = v0^2 + 2 a s, backwards for braking and forwards for the start
+    braking = np.minimum.accumulate((squares + rise)[::-1])[::-1] - rise
+    gaining = np.minimum.accumulate(braking - rise) + rise
+    gaining = np.minimum(gaining, CREEP + rise)
+    return np.sqrt(np.maximum(gaining, CREEP**2)) * (s < end)

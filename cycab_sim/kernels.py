@@ -35,14 +35,14 @@ def find_edges(triangles, surface_of, normals, ranges, colour, is_edge):
                 is_edge[v, u] = is_edge[y, x] = 1
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _alike(a, b):
     """Whether two colours differ by less than CONTRAST."""
     difference = abs(a[0] - b[0]) + abs(a[1] - b[1]) + abs(a[2] - b[2])
     return difference < CONTRAST * (a[0] + a[1] + a[2] + b[0] + b[1] + b[2])
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _parallel(a, b):
     """Whether two triangles of one surface lie in one plane."""
     return abs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) > 0.9999
@@ -51,11 +51,11 @@ def _parallel(a, b):
 @njit(cache=True, nogil=True)
 def split_rays(rays, edges, n, out):
     """Write n x n rays per edge pixel: out (E n n, 3) f32 from rays (H, W, 3) f32 and edges (E,) i64 flat indices."""
-    height, width = rays.shape[0], rays.shape[1]
+    width = rays.shape[1]
     for e in range(edges.shape[0]):
         v, u = edges[e] // width, edges[e] % width
-        left, right = max(u - 1, 0), min(u + 1, width - 1)
-        above, below = max(v - 1, 0), min(v + 1, height - 1)
+        left, right = _nearest_ray(rays, v, u, 0, -1), _nearest_ray(rays, v, u, 0, 1)
+        above, below = _nearest_ray(rays, v, u, -1, 0), _nearest_ray(rays, v, u, 1, 0)
         for k in range(n * n):
             a = ((k % n + 0.5) / n - 0.5) / max(right - left, 1)
             b = ((k // n + 0.5) / n - 0.5) / max(below - above, 1)
@@ -67,6 +67,15 @@ def split_rays(rays, edges, n, out):
                 square += ray * ray
             for c in range(3):
                 out[e * n * n + k, c] /= math.sqrt(square)
+
+
+@njit(cache=True)
+def _nearest_ray(rays, v, u, dv, du):
+    """Return the row or column of a neighbour, or the pixel's own where that is beyond the image or the lens."""
+    y, x = v + dv, u + du
+    if y < 0 or x < 0 or y >= rays.shape[0] or x >= rays.shape[1] or math.isnan(rays[y, x, 0]):
+        y, x = v, u
+    return y if dv != 0 else x
 
 
 @njit(cache=True, nogil=True)

@@ -66,7 +66,7 @@ class Simulator:
 
     def capture(self, name: str) -> Frame:
         """Return what the camera `name` sees now, noise and faults included."""
-        mount, index = self.mounts[name], self.schedule.count[name]
+        mount, index = self.mounts[name], max(self.schedule.count[name], 0)
         if self._fault(name, "stuck") is not None and name in self._last:
             return replace(self._last[name], stamp_ns=self.time_ns, index=index)
         exposure, more_noise = self._fault(name, "exposure"), self._fault(name, "noise") or 0.0

@@ -7,6 +7,7 @@ go on to the edge of the town, where a house across, or trees and far towers, cl
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,6 +78,7 @@ def taught_path(plan: Plan, name: str) -> Path:
     raise ValueError(f"path: expected one of {', '.join(path_names())}, found {name!r}")
 
 
+@lru_cache(maxsize=1)
 def build_town(seed: int) -> tuple[Mesh, Plan]:
     """Return the town of a seed: its mesh and its plan."""
     plan = draw_plan(seed)

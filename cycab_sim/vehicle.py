@@ -79,7 +79,8 @@ class Vehicle:
         goal = min(max(wanted, -p.max_reverse_speed), p.max_speed)
         change = _lagged(goal - now, self.actuation.speed_lag, seconds)
         limit = p.max_acceleration if change * now >= 0.0 and abs(goal) > abs(now) else p.max_deceleration
-        return now + min(max(change, -limit * seconds), limit * seconds)
+        speed = now + min(max(change, -limit * seconds), limit * seconds)
+        return 0.0 if speed * now < 0.0 else speed  # a change of direction begins at a standstill
 
     def _steering_for(self, command: Command) -> float:
         """Return the steering angle of a yaw rate; at a standstill the wheels stay as they are."""

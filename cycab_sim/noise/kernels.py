@@ -14,11 +14,11 @@ MASK = 0xFFFFFFFF
 STEP_I, STEP_J, STEP_K, STEP_SEED = 0x1B873593, 0x2545F491, 0x19660D3B, 0x3C6EF35F
 UNIT = 1.0 / 32768.0
 WINDOW = 1.3  # an octave whose cells are narrower than the footprint / WINDOW has vanished
-MAX_TAPS = 4
+MAX_TAPS = 3
 COS, SIN = 0.7986, 0.6018  # every octave is turned by 37 degrees against the one before
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _mix(h):
     """Scramble a lattice code to 16 bits; the same with and without compilation."""
     h = h & MASK
@@ -26,7 +26,7 @@ def _mix(h):
     return (h ^ (h >> 16)) & 0xFFFF
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def hashed(i, j, k, seed):
     """Return a number in [-1, 1) for a lattice cell."""
     return UNIT * _mix((i * STEP_I) ^ (j * STEP_J) ^ (k * STEP_K) ^ (seed * STEP_SEED)) - 1.0
@@ -112,13 +112,13 @@ def fbm3(u, v, w, foot, size, gain, octaves, seed):
     return total
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def step(x, width):
     """Share of an interval of `width` around x that is positive."""
     return min(1.0, max(0.0, x / width + 0.5))
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def within(x, low, high, width):
     """Share of an interval around x that lies between two edges."""
     return step(x - low, width) - step(x - high, width)

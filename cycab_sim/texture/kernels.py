@@ -32,7 +32,7 @@ def _blocks(u, v, foot, p, seed):
     rough = fbm2(u, v, foot, 4.0, 0.99, 11, seed)
     tone = cells(u, v, p[1], p[2], p[4], foot, seed + 40)
     joint = joints(u, v, p[1], p[2], p[3], p[4], foot)
-    return (1.0 + p[0] * rough + 0.16 * tone) * (1.0 - 0.25 * joint), min(1.0, joint + 0.24 * abs(tone))
+    return (1.0 + p[0] * rough + 0.16 * tone) * (1.0 - 0.25 * joint), min(1.0, joint + 0.12 * (1.0 + tone))
 
 
 @njit(cache=True)
@@ -209,7 +209,7 @@ def paint(origin, rays, ranges, triangles, cone, surface_of, frames, kinds, para
             albedo[n, c] = m * (colours[s, 0, c] * (1.0 - t) + colours[s, 1, c] * t)
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _footprint(A, ray, minor):
     """Return the ellipse that a cone of diameter `minor` around the ray cuts out of the plane w = const."""
     du = A[0, 0] * ray[0] + A[0, 1] * ray[1] + A[0, 2] * ray[2]

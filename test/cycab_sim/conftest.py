@@ -1,0 +1,54 @@
+"""A town that is built once, a bare world with known answers, and what turns a camera into a question."""
+
+import numpy as np
+import pytest
+
+from cycab_sim.cameras import OPTICAL
+from cycab_sim.finishes import ASPHALT, PLASTERS
+from cycab_sim.mesh import Finish, MeshBuilder
+from cycab_sim.params import CameraParams, LightParams, RenderParams, SimParams, SphereParams
+from cycab_sim.renderer import Renderer
+from cycab_sim.texture import kernels as materials
+from cycab_sim.town import build_town
+from sphere_geometry import SE3
+
+SEED = 5
+
+
+@pytest.fixture(scope="session")
+def town():
+    """Mesh and plan of a town."""
+    return build_town(SEED)
+
+
+@pytest.fixture(scope="session")
+def town_renderer(town):
+    # a coarse shadow map: its resolution is no matter of these tests, its price is
+    return Renderer(town[0], RenderParams(shadow_texel=0.25), LightParams())
+
+
+@pytest.fixture(scope="session")
+def box_mesh():
+    """A ground at z = 0 and a box of 2 x 2 x 3 m whose near face is x = 5."""
+    mesh = MeshBuilder(np.random.default_rng(1))
+    mesh.panels([[[-50, -50, 0], [50, -50, 0], [50, 50, 0], [-50, 50, 0]]], ASPHALT)
+    plaster = Finish(materials.PLASTER, PLASTERS[0], PLASTERS[1], (0.1,))
+    mesh.box([5.0, -1.0, 0.0], [2.0, 2.0, 3.0], plaster)
+    return mesh.build()
+
+
+@pytest.fixture(scope="session")
+def small_params():
+    """A simulator that renders little."""
+    return SimParams(
+        seed=SEED,
+        camera=CameraParams(width=160, height=120),
+        sphere=SphereParams(width=128),
+        render=RenderParams(shadow_texel=0.5),
+    )
+
+
+@pytest.fixture
+def looking_along_x():
+    """Pose of an optical camera 1.5 m above the origin that looks along x."""
+    return SE3.from_parts(OPTICAL, [0.0, 0.0, 1.5])

@@ -1,0 +1,46 @@
+import numpy as np
+import pytest
+
+from cycab_sim.cameras import expose, forward_camera, roof_sphere
+from cycab_sim.params import CameraParams, SphereParams
+
+
+def test_the_forward_camera_looks_forward_and_a_little_down():
+    mount = forward_camera(CameraParams(pitch_deg=5.0))
+    axis, right, down = mount.T_base_camera.rotation.T[[2, 0, 1]]
+    np.testing.assert_allclose(axis, [np.cos(np.radians(5)), 0.0, -np.sin(np.radians(5))], atol=1e-12)
+    np.testing.assert_allclose(right, [0.0, -1.0, 0.0], atol=1e-12)
+    assert down[2] < -0.99
+    np.testing.assert_allclose(mount.T_base_camera.translation, [1.0, 0.0, 1.6])
+
+
+def test_the_field_of_view_is_the_one_asked_for():
+    mount = forward_camera(CameraParams(view_deg=80.0, k1=0.0, k2=0.0))
+    edges = mount.camera.unproject([[-0.5, 239.5], [639.5, 239.5]])
+    assert np.degrees(np.arccos(edges[0] @ edges[1])) == pytest.approx(80.0)
+
+
+def test_the_sphere_sees_everything_from_the_roof():
+    mount = roof_sphere(SphereParams(width=256))
+    assert mount.camera.is_whole
+    np.testing.assert_allclose(mount.T_base_camera.rotation, np.eye(3))
+    with pytest.raises(ValueError, match=r"sphere\.width: expected an even number, found 255"):
+        roof_sphere(SphereParams(width=255))
+
+
+def test_noise_has_its_size_and_belongs_to_its_image():
+    levels = np.full((200, 200), 120.0, np.float32)
+    image = expose(levels, 1.5, 0.02, (1, 7))
+    # the variances of electronics, of light, and of rounding to whole levels
+    assert image.std() == pytest.approx(np.sqrt(1.5**2 + 0.02 * 120 + 1 / 12), rel=0.03)
+    assert image.mean() == pytest.approx(120.0, abs=0.05)
+    np.testing.assert_array_equal(image, expose(levels, 1.5, 0.02, (1, 7)))
+    assert np.mean(image == expose(levels, 1.5, 0.02, (1, 8))) < 0.3
+
+
+def test_levels_stay_in_range_and_zero_is_kept_for_the_unseen():
+    levels = np.array([[0.0, 0.4, 254.9, 300.0]], np.float32)
+    assert expose(levels, 0.0, 0.0, ()).tolist() == [[0, 1, 255, 255]]
+    assert expose(levels, 0.0, 0.0, (), bias=-20.0).tolist() == [[0, 1, 235, 255]]
+    noisy = expose(np.zeros((50, 50), np.float32), 20.0, 0.0, (1,))
+    assert not noisy.any()

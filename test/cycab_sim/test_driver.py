@@ -1,0 +1,48 @@
+import numpy as np
+import pytest
+
+from cycab_sim.driver import Driver
+from cycab_sim.params import ActuationParams, TeachParams, VehicleParams
+from cycab_sim.town import draw_plan, taught_path
+from cycab_sim.vehicle import Vehicle, VehicleState
+
+
+def drive(name, params):
+    path = taught_path(draw_plan(3), name)
+    driver = Driver(path, params, 1)
+    x, y, yaw, _ = path.at(np.array(0.0))
+    vehicle = Vehicle(VehicleState(x, y, yaw), VehicleParams(), ActuationParams())
+    states = [vehicle.state]
+    while not (driver.is_done and vehicle.state.speed < 1e-3):
+        vehicle.step(driver.command(vehicle.state), 0.02)
+        states.append(vehicle.state)
+        assert len(states) < 20000
+    return path, states
+
+
+@pytest.mark.parametrize("name", ["two_turns", "block"])
+def test_the_driver_stays_on_the_path_and_stops_at_its_end(name):
+    params = TeachParams(wander=0.05)
+    path, states = drive(name, params)
+    distance, offsets = 0.0, []
+    for state in states[::5]:
+        distance = path.project(state.x, state.y, distance)
+        x, y, _, _ = path.at(np.array(distance))
+        offsets.append(np.hypot(state.x - x, state.y - y))
+    # what it wanders, and the cutting of corners by its look-ahead: 1.2^2 / (8 * 5 m) = 0.04 m
+    assert max(offsets) < 0.05 + 0.06
+    assert np.mean(offsets) > 0.005  # a human, not a rail
+    end = path.at(np.array(path.length))
+    assert np.hypot(states[-1].x - end[0], states[-1].y - end[1]) < 0.15
+
+
+def test_the_drive_is_gentle():
+    params = TeachParams()
+    _, states = drive("two_turns", params)
+    speed = np.array([state.speed for state in states])
+    yaw_rate = np.diff([state.yaw for state in states]) / 0.02
+    change = np.diff(speed) / 0.02
+    assert speed.max() == pytest.approx(params.speed, abs=0.02)
+    assert np.abs(change).max() < 2.5 * params.acceleration  # the actuators add their own transients
+    assert np.abs(yaw_rate * speed[1:]).max() < 1.5 * params.lateral_acceleration
+    assert speed[:-1].min() >= 0.0

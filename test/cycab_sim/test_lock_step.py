@@ -1,0 +1,75 @@
+import threading
+import time
+
+import pytest
+
+from cycab_sim.lock_step import LockStep
+from cycab_sim.params import ClockParams
+from cycab_sim.vehicle import Command
+
+SECOND = 1_000_000_000
+GO = Command(1.0, 0.1)
+
+
+def test_nothing_is_waited_for_before_the_first_command():
+    assert LockStep(ClockParams(max_wait=30.0)).wait(5 * SECOND)
+
+
+def test_time_stands_until_the_command_that_answers_the_image():
+    lock_step = LockStep(ClockParams(max_wait=30.0))
+    lock_step.offer(GO, 1 * SECOND, 1 * SECOND)
+    done = threading.Event()
+    waiting = threading.Thread(target=lambda: (lock_step.wait(2 * SECOND), done.set()))
+    waiting.start()
+    lock_step.offer(GO, 2 * SECOND - 1, 2 * SECOND)  # answers an earlier image
+    assert not done.wait(0.05)
+    lock_step.offer(Command(2.0), 2 * SECOND, 2 * SECOND)
+    assert done.wait(10.0)
+    waiting.join()
+    assert lock_step.command(2 * SECOND) == Command(2.0)
+
+
+def test_a_command_that_does_not_come_is_counted_and_the_car_stops():
+    lock_step = LockStep(ClockParams(max_wait=0.02, command_timeout=0.5))
+    lock_step.offer(GO, 1 * SECOND, 1 * SECOND)
+    assert not lock_step.wait(2 * SECOND)
+    assert lock_step.num_missed == 1
+    assert lock_step.wait(3 * SECOND)  # it does not wait again until a command comes
+    assert lock_step.command(int(1.4 * SECOND)) == GO
+    assert lock_step.command(int(1.6 * SECOND)) == Command()
+    lock_step.offer(GO, 3 * SECOND, 3 * SECOND)
+    assert lock_step.is_engaged
+
+
+def test_an_older_command_does_not_replace_a_newer_one():
+    lock_step = LockStep(ClockParams())
+    lock_step.offer(GO, 3 * SECOND, 3 * SECOND)
+    lock_step.offer(Command(9.0), 2 * SECOND, 3 * SECOND)
+    assert lock_step.command(3 * SECOND) == GO
+
+
+def test_free_running_never_waits():
+    lock_step = LockStep(ClockParams(is_lock_step=False, max_wait=30.0))
+    lock_step.offer(GO, 1 * SECOND, 1 * SECOND)
+    assert lock_step.wait(9 * SECOND)
+
+
+def test_release_ends_a_wait():
+    lock_step = LockStep(ClockParams(max_wait=30.0))
+    lock_step.offer(GO, 1 * SECOND, 1 * SECOND)
+    timer = threading.Timer(0.02, lock_step.release)
+    timer.start()
+    begin = time.monotonic()
+    lock_step.wait(2 * SECOND)
+    assert time.monotonic() - begin < 10.0
+
+
+@pytest.mark.parametrize("command", [Command(float("nan"), 0.0), Command(1.0, float("inf"))])
+def test_commands_that_are_no_numbers_are_refused(command):
+    with pytest.raises(ValueError, match="cmd_vel: expected finite numbers"):
+        LockStep(ClockParams()).offer(command, 0, 0)
+
+
+def test_stamps_of_another_clock_are_refused():
+    with pytest.raises(ValueError, match=r"cmd_vel\.header\.stamp: expected simulated time, now 3\.00 s"):
+        LockStep(ClockParams()).offer(GO, 1_700_000_000 * SECOND, 3 * SECOND)

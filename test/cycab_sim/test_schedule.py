@@ -1,0 +1,41 @@
+import pytest
+
+from cycab_sim.params import CameraParams, OdometryParams, SimParams, SphereParams
+from cycab_sim.schedule import Schedule
+
+MS = 1_000_000
+
+
+def due(schedule, milliseconds, way=0.0):
+    found = []
+    for t in range(0, milliseconds + 1, 10):
+        found += [(t, name) for name in schedule.take(t * MS)]
+        schedule.advance(way)
+    return found
+
+
+def test_outputs_come_by_their_period_and_are_counted():
+    params = SimParams(camera=CameraParams(period=0.1), odometry=OdometryParams(period=0.05))
+    schedule = Schedule(params)
+    found = due(schedule, 200)
+    assert [t for t, name in found if name == "camera"] == [0, 100, 200]
+    assert [t for t, name in found if name == "odom"] == [0, 50, 100, 150, 200]
+    assert schedule.count == {"odom": 4, "camera": 2, "sphere": -1}
+
+
+def test_spheres_come_by_the_way_in_the_teaching_drive_only():
+    sphere = SphereParams(distance=0.5)
+    schedule = Schedule(SimParams(mode="teach", sphere=sphere))
+    assert [t for t, name in due(schedule, 1000, way=0.02) if name == "sphere"] == [0, 250, 500, 750, 1000]
+    assert "sphere" not in [name for _, name in due(Schedule(SimParams(sphere=sphere)), 1000, way=0.02)]
+    always = Schedule(SimParams(sphere=SphereParams(publish="always", period=0.4)))
+    assert [t for t, name in due(always, 1000) if name == "sphere"] == [0, 400, 800]
+
+
+def test_a_sphere_without_period_and_distance_is_refused():
+    with pytest.raises(ValueError, match=r"sphere\.distance, sphere\.period: expected one above 0, found both 0"):
+        Schedule(SimParams(sphere=SphereParams(publish="always", distance=0.0)))
+
+
+def test_a_camera_that_is_off_is_never_due():
+    assert {name for _, name in due(Schedule(SimParams(camera=CameraParams(is_on=False))), 500)} == {"odom"}

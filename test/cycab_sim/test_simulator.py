@@ -1,0 +1,139 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cycab_sim.params import CameraParams, StartParams
+from cycab_sim.simulator import START_NS, Simulator
+from cycab_sim.vehicle import Command
+from sphere_geometry import SE3, Pinhole
+
+STEP = 10_000_000
+
+
+@pytest.fixture(scope="module")
+def simulator(small_params):
+    return Simulator(small_params)
+
+
+def run(simulator, steps, command):
+    taken = []
+    for _ in range(steps):
+        for name in simulator.take_due():
+            if name != "odom":
+                taken.append(simulator.capture(name))
+        simulator.step(command, STEP)
+    return taken
+
+
+def test_the_same_run_gives_the_same_bits(small_params):
+    results = []
+    for _ in range(2):
+        simulator = Simulator(replace(small_params, mode="teach"))
+        simulator.driver.distance = 0.0
+        frames = run(simulator, 80, Command(1.0, 0.1))
+        results.append((frames, simulator.vehicle.state, simulator.odometry.pose))
+    (first, state, pose), (second, state_again, pose_again) = results
+    assert state == state_again
+    np.testing.assert_array_equal(pose, pose_again)
+    assert len(first) == 9  # eight images, and a sphere at the start
+    for a, b in zip(first, second, strict=True):
+        assert (a.stamp_ns, a.index) == (b.stamp_ns, b.index)
+        np.testing.assert_array_equal(a.image, b.image)
+        np.testing.assert_array_equal(a.range_m, b.range_m)
+
+
+def test_images_come_at_their_instants_from_where_the_car_is(simulator):
+    frames = run(simulator, 31, Command(1.0, 0.0))
+    assert [frame.stamp_ns - START_NS for frame in frames] == [0, 10 * STEP, 20 * STEP, 30 * STEP]
+    assert all(frame.image.shape == (120, 160) for frame in frames)
+    T_world_camera = simulator.vehicle.state.T_world_base @ simulator.mounts["camera"].T_base_camera
+    camera = simulator.mounts["camera"].camera
+    ideal, ranges = simulator.render(camera, T_world_camera, is_grey=True)
+    noise = frames[-1].image.astype(float) - simulator.render(camera, T_world_camera, is_grey=True)[0]
+    assert ideal.dtype == np.uint8
+    assert ranges.dtype == np.float32
+    assert np.median(np.abs(noise)) < 4.0  # the car has moved by one step of 10 mm since
+
+
+def test_a_start_beside_the_path_is_where_it_was_asked_for(small_params):
+    moved = replace(small_params, start=StartParams(along=3.0, left=0.4, yaw_deg=10.0))
+    simulator = Simulator(replace(moved, camera=CameraParams(is_on=False)))
+    x, y, yaw, _ = simulator.path.at(np.array(3.0))
+    state = simulator.vehicle.state
+    assert (state.x, state.y, state.yaw) == pytest.approx((x, y + 0.4, yaw + np.radians(10.0)))
+
+
+def test_camera_faults_change_what_is_captured(small_params):
+    simulator = Simulator(small_params)
+    before = simulator.capture("camera").image.astype(float)
+    faults = simulator.faults
+    faults.add("camera", "exposure", 0.5, 0.0, 0.0, simulator.time_ns)
+    dark = simulator.capture("camera").image.astype(float)
+    assert np.median(dark[before < 200] / before[before < 200]) == pytest.approx(0.5, abs=0.03)
+    faults.add("camera", "exposure", 0.0, 0.0, 0.0, simulator.time_ns)
+    assert simulator.capture("camera").image.max() <= 6  # black, but for the noise
+    faults.clear()
+    faults.add("camera", "noise", 20.0, 0.0, 0.0, simulator.time_ns)
+    noisy = simulator.capture("camera").image.astype(float)
+    middling = (before > 70) & (before < 185)
+    assert (noisy - before)[middling].std() == pytest.approx(20.0, rel=0.15)
+    faults.clear()
+    faults.add("camera", "stuck", 0.0, 0.0, 0.0, simulator.time_ns)
+    simulator.teleport(0.0, -0.5, 1.5)
+    simulator.step(Command(), STEP)
+    stuck = simulator.capture("camera")
+    np.testing.assert_array_equal(stuck.image, noisy.astype(np.uint8))
+    assert stuck.stamp_ns == simulator.time_ns
+    faults.clear()
+    faults.add("camera", "silent", 0.0, 0.0, 0.0, simulator.time_ns)
+    assert "camera" not in [name for _ in range(30) for name in step_and_take(simulator)]
+
+
+def step_and_take(simulator):
+    simulator.step(Command(), STEP)
+    return simulator.take_due()
+
+
+def test_actuator_and_wheel_faults(small_params):
+    simulator = Simulator(replace(small_params, camera=CameraParams(is_on=False)))
+    run(simulator, 300, Command(1.0, 0.0))
+    simulator.faults.add("speed", "stuck", 0.0, 0.0, 1.0, simulator.time_ns)
+    run(simulator, 90, Command(0.0, 0.0))
+    assert simulator.vehicle.state.speed == pytest.approx(1.0, abs=0.01)
+    run(simulator, 300, Command(1.0, 0.0))
+    simulator.faults.add("steering", "bias", 0.1, 0.0, 0.0, simulator.time_ns)
+    run(simulator, 300, Command(1.0, 0.0))
+    assert simulator.vehicle.state.steering == pytest.approx(0.1, abs=1e-3)
+    simulator.faults.clear()
+    simulator.faults.add("odom", "slip", 0.5, 0.0, 0.0, simulator.time_ns)
+    way = simulator.odometry.way
+    run(simulator, 300, Command(1.0, 0.0))
+    assert simulator.odometry.way - way == pytest.approx(6.0, rel=0.02)  # 3 m driven, wheels turned for 6
+
+
+def test_teleporting_moves_the_car_and_not_the_odometry(simulator):
+    pose = simulator.odometry.pose.copy()
+    simulator.teleport(12.0, -0.5, 0.1, 0.3)
+    assert (simulator.vehicle.state.x, simulator.vehicle.state.speed) == (12.0, 0.3)
+    np.testing.assert_array_equal(simulator.odometry.pose, pose)
+    with pytest.raises(ValueError, match="teleport: expected finite numbers"):
+        simulator.teleport(float("nan"), 0.0, 0.0)
+
+
+def test_teaching_drives_the_path_to_its_end(small_params):
+    params = replace(small_params, mode="teach", path="straight", camera=CameraParams(is_on=False))
+    simulator, num_spheres = Simulator(params), 0
+    while not simulator.is_taught:
+        num_spheres += "sphere" in simulator.take_due()
+        simulator.step(simulator.teach_command(), STEP)
+        assert simulator.time_ns < 60 * 10**9
+    assert num_spheres == pytest.approx(simulator.path.length / 0.5, abs=2)
+    assert simulator.vehicle.state.x == pytest.approx(4.0 + 30.0, abs=0.1)
+
+
+def test_a_view_from_anywhere(simulator):
+    image, ranges = simulator.render(Pinhole(64, 48, 40.0, 40.0, 31.5, 23.5), SE3.from_planar(5.0, 0.0, 0.0))
+    assert image.shape == (48, 64, 3)
+    assert image.dtype == np.uint8
+    assert ranges.shape == (48, 64)
