@@ -8,9 +8,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from photometric.problem import level_like
 from photometric.pyramid import Pyramid
 from photometric.reference import View
+from photometric.selection import level_like
 from sphere_geometry import SE3, Camera
 from sphere_geometry.camera import pixel_grid
 
@@ -28,7 +28,7 @@ def image_overlap(pyramid: Pyramid, views: Sequence[View], T_world_camera: SE3) 
         pixels, visible = level.camera.project(T_camera_reference.apply(points.T))
         u, v = np.round(pixels[visible]).astype(np.int64).T // CELL
         covered[np.clip(v, 0, cells.shape[0] - 1), np.clip(u, 0, cells.shape[1] - 1)] = True
-    return float(np.count_nonzero(covered & cells) / max(np.count_nonzero(cells), 1))
+    return float(np.sum(covered & cells)) / max(float(np.sum(cells)), 1.0)
 
 
 @lru_cache(maxsize=16)

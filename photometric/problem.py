@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dposv
 
-from photometric import kernels
 from photometric.normal_equations import NormalEquations, ViewSolver
 from photometric.params import RegistrationParams
 from photometric.pyramid import Level
-from photometric.reference import Reference, ReferenceLevel, View, kernel_camera
-from photometric.scratch import scratch
+from photometric.reference import View
+from photometric.selection import choose, level_like
 from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
@@ -70,7 +69,7 @@ class Problem:
         for view in views:
             pixels = level_like(view.reference, level)
             T_camera_reference = T_world_camera.inverse() @ view.T_world_reference
-            solvers.append(ViewSolver(select(pixels, T_camera_reference, level, share), level))
+            solvers.append(ViewSolver(choose(pixels, T_camera_reference, level, share), level))
         return Problem(tuple(solvers), tuple(view.T_world_reference for view in views), level, params)
 
     def compare(self, state: State) -> list[NormalEquations]:
@@ -132,28 +131,3 @@ def _solve(H: Array, g: Array) -> Array | None:
     _, x, failed = dposv(H * np.outer(scale, scale), scale * g)
     solution: Array = -scale * x
     return None if failed or not np.all(np.isfinite(solution)) else solution
-
-
-def level_like(reference: Reference, level: Level) -> ReferenceLevel:
-    """Return the level of the reference whose angular resolution is nearest to the image's."""
-    finest = reference.camera.pixels_per_radian
-    index = round(math.log2(finest / level.camera.pixels_per_radian))
-    return reference.levels[min(max(index, 0), len(reference.levels) - 1)]
-
-
-def visible(pixels: ReferenceLevel, T_camera_reference: SE3, level: Level) -> NDArray[np.bool_]:
-    """Return which pixels (N,) of a reference project into the image of a level."""
-    model, coefficients = kernel_camera(level.camera)
-    seen = np.empty(pixels.num_pixels, np.bool_)
-    T = np.ascontiguousarray(T_camera_reference.matrix[:3], dtype=np.float32)
-    size = (level.camera.width, level.camera.height)
-    kernels.find_visible(pixels.points, T, model, coefficients, *size, scratch(), seen)
-    return seen
-
-
-def select(pixels: ReferenceLevel, T_camera_reference: SE3, level: Level, number: int) -> ReferenceLevel:
-    """Return the `number` most salient pixels that project into the image, in scan order (M15 eq. 16)."""
-    seen = visible(pixels, T_camera_reference, level)
-    if np.count_nonzero(seen) <= number:
-        return pixels.take(np.flatnonzero(seen))
-    return pixels.take(kernels.best_of(seen, pixels.rank, number))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -30,6 +30,7 @@ class ReferenceLevel:
     points: Floats
     intensity: Floats
     gradient: Floats
+    selections: dict[tuple[Camera, int], Selection] = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def num_pixels(self) -> int:
@@ -38,7 +39,7 @@ class ReferenceLevel:
 
     @cached_property
     def rank(self) -> NDArray[np.int32]:
-        """Place (N,) of each pixel in the saliency order, 0 first; sorted when first asked for, the better half of it."""
+        """Place (N,) of each pixel in the saliency order, 0 first; sorted when first asked for, its better half."""
         return saliency_rank(self.points, self.gradient, limit=self.num_pixels // 2)
 
     @cached_property
@@ -52,6 +53,14 @@ class ReferenceLevel:
         points = np.ascontiguousarray(self.points[:, index])
         gradient = np.ascontiguousarray(self.gradient[:, index])
         return ReferenceLevel(self.camera, points, self.intensity[index], gradient)
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Pixels chosen for a camera at a pose."""
+
+    T_camera_reference: SE3
+    pixels: ReferenceLevel
 
 
 @dataclass(frozen=True)
