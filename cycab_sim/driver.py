@@ -73,5 +73,5 @@ def _speeds(
     rise = 2.0 * params.acceleration * s  # v^2 = v0^2 + 2 a s, backwards for braking and forwards for the start
     braking = np.minimum.accumulate((squares + rise)[::-1])[::-1] - rise
     gaining = np.minimum.accumulate(braking - rise) + rise
-    gaining = np.minimum(gaining, CREEP + rise)
+    gaining = np.minimum(gaining, CREEP**2 + rise)
     return np.sqrt(np.maximum(gaining, CREEP**2)) * (s < end)

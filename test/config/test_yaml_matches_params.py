@@ -28,7 +28,7 @@ def test_a_generated_file_is_up_to_date(path: Path, text: str) -> None:
 
 
 def test_no_file_is_left_of_a_node_that_is_gone() -> None:
-    assert {path.stem for path in (ROOT / "config").glob("*.yaml")} == {node.NAME for node in NODES}
+    assert {path.stem for path in (ROOT / "config").glob("*.yaml")} - MEASURED == {node.NAME for node in NODES}
 
 
 @pytest.mark.parametrize("node", NODES, ids=lambda node: node.NAME)

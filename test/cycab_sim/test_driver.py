@@ -43,6 +43,6 @@ def test_the_drive_is_gentle():
     yaw_rate = np.diff([state.yaw for state in states]) / 0.02
     change = np.diff(speed) / 0.02
     assert speed.max() == pytest.approx(params.speed, abs=0.02)
-    assert np.abs(change).max() < 2.5 * params.acceleration  # the actuators add their own transients
+    assert np.abs(change).max() < 1.5  # the last decimetre, where the brakes lag behind the driver; else a third of it
     assert np.abs(yaw_rate * speed[1:]).max() < 1.5 * params.lateral_acceleration
     assert speed[:-1].min() >= 0.0

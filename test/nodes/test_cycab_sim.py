@@ -1,0 +1,185 @@
+"""The node cycab_sim over real DDS: lock-step with commands, outputs that belong together, services, a clean end."""
+
+import math
+import signal
+import subprocess
+import sys
+import time
+from collections import defaultdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+import rclpy
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.executors import SingleThreadedExecutor
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, Image
+from sphere_nav_msgs.msg import AugmentedSphere, SimulationFault
+from sphere_nav_msgs.srv import SetFault, Teleport
+from tf2_msgs.msg import TFMessage
+
+from node_kit import qos
+from node_kit.conversions import camera_from_info, image_to_array, message_to_sphere, odometry_to_se3, stamp_ns
+
+ROOT = Path(__file__).resolve().parents[2]
+START_LIMIT = 120.0  # s; kernels may have to be compiled first
+SMALL = {
+    "seed": 5,
+    "camera.width": 160,
+    "camera.height": 120,
+    "sphere.width": 128,
+    "sphere.publish": "always",
+    "render.shadow_texel": 0.5,
+    "clock.max_wait": 30.0,
+}
+TOPICS = {
+    "image_raw": (Image, qos.LARGE),
+    "camera_info": (CameraInfo, qos.STATE),
+    "sphere": (AugmentedSphere, qos.LARGE),
+    "odom": (Odometry, qos.STATE),
+    "ground_truth/odometry": (Odometry, qos.STATE),
+    "/tf_static": (TFMessage, qos.TF_STATIC),
+    "/clock": (Clock, qos.STATE),
+}
+
+
+class Driver:
+    """Answers every image with a command, and keeps everything that was published."""
+
+    def __init__(self, context):
+        self.node = rclpy.create_node("driver", context=context)
+        self.executor = SingleThreadedExecutor(context=context)
+        self.executor.add_node(self.node)
+        self.heard = defaultdict(list)
+        self.is_answering = True
+        self.commands = self.node.create_publisher(TwistStamped, "cmd_vel", qos.COMMAND)
+        for topic, (kind, profile) in TOPICS.items():
+            self.node.create_subscription(kind, topic, self.keeper(topic), profile)
+
+    def keeper(self, topic):
+        def keep(message):
+            self.heard[topic].append(message)
+            if topic == "image_raw" and self.is_answering:
+                answer = TwistStamped(header=message.header)
+                answer.twist.linear.x = 1.0
+                self.commands.publish(answer)
+
+        return keep
+
+    def spin_until(self, condition, seconds):
+        end = time.monotonic() + seconds
+        while not condition() and time.monotonic() < end:
+            self.executor.spin_once(timeout_sec=0.05)
+        return condition()
+
+    def call(self, name, kind, request):
+        client = self.node.create_client(kind, name)
+        assert client.wait_for_service(10.0)
+        future = client.call_async(request)
+        assert self.spin_until(future.done, 10.0)
+        return future.result()
+
+
+@pytest.fixture(scope="module")
+def process():
+    arguments = [item for name, value in SMALL.items() for item in ("-p", f"{name}:={value}")]
+    command = [sys.executable, "-c", "from cycab_sim.node import main; raise SystemExit(main())", "--ros-args"]
+    with subprocess.Popen([*command, *arguments], cwd=ROOT, stderr=subprocess.PIPE, text=True) as running:
+        yield running
+        if running.poll() is None:
+            running.kill()
+
+
+@pytest.fixture(scope="module")
+def driver(process):
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    driver = Driver(context)
+    assert driver.spin_until(lambda: driver.heard["image_raw"], START_LIMIT), "no image came"
+    yield driver
+    driver.executor.shutdown()
+    rclpy.shutdown(context=context)
+
+
+def test_time_passes_with_the_commands_only(driver, process):
+    assert driver.spin_until(lambda: len(driver.heard["image_raw"]) >= 15, 60.0)
+    driver.is_answering = False
+    driver.spin_until(lambda: False, 0.5)
+    before = len(driver.heard["image_raw"])
+    driver.spin_until(lambda: False, 0.7)
+    assert len(driver.heard["image_raw"]) == before  # no command, no time
+    driver.is_answering = True
+    last = TwistStamped(header=driver.heard["image_raw"][-1].header)
+    last.twist.linear.x = 1.0
+    driver.commands.publish(last)
+    assert driver.spin_until(lambda: len(driver.heard["image_raw"]) > before + 3, 30.0)
+    stamps = np.array([stamp_ns(message) for message in driver.heard["image_raw"]])
+    assert set(np.diff(stamps)) == {100_000_000}
+
+
+def test_image_calibration_and_frames_belong_together(driver):
+    driver.spin_until(lambda: driver.heard["/tf_static"] and driver.heard["sphere"], 10.0)
+    image = driver.heard["image_raw"][0]
+    info = next(info for info in driver.heard["camera_info"] if stamp_ns(info) == stamp_ns(image))
+    camera = camera_from_info(info)
+    assert image_to_array(image).shape == (camera.height, camera.width) == (120, 160)
+    assert info.header.frame_id == image.header.frame_id
+    names = {t.child_frame_id: t.header.frame_id for t in driver.heard["/tf_static"][0].transforms}
+    assert names == {"camera_optical": "base_link", "sphere_link": "base_link"}
+    sphere = message_to_sphere(driver.heard["sphere"][0])
+    assert sphere.image.shape == (64, 128, 3)
+    assert np.isinf(sphere.range_m).any()  # the sky
+    assert not np.isnan(sphere.range_m).any()
+
+
+def test_the_truth_moves_as_commanded_and_the_wheels_nearly_so(driver):
+    truth, wheels = driver.heard["ground_truth/odometry"][-1], driver.heard["odom"][-1]
+    T_world_base, twist = odometry_to_se3(truth)
+    first, _ = odometry_to_se3(driver.heard["ground_truth/odometry"][0])
+    way = float(np.linalg.norm(T_world_base.translation - first.translation))
+    assert way > 0.5
+    assert twist[0] == pytest.approx(1.0, abs=0.1)
+    T_odom_base, _ = odometry_to_se3(wheels)
+    driven = float(np.linalg.norm(T_odom_base.translation))
+    assert driven == pytest.approx(way, rel=0.05, abs=0.15)
+    assert (truth.header.frame_id, wheels.header.frame_id, wheels.child_frame_id) == ("world", "odom", "base_link")
+
+
+def test_a_stamp_of_another_clock_is_refused(driver):
+    foreign = TwistStamped()
+    foreign.header.stamp.sec = 1_700_000_000
+    foreign.twist.linear.x = math.nan
+    driver.commands.publish(foreign)
+    count = len(driver.heard["image_raw"])
+    assert driver.spin_until(lambda: len(driver.heard["image_raw"]) > count + 2, 30.0)  # and the drive goes on
+
+
+def test_services_answer(driver):
+    fault = SimulationFault(target="sphere", kind="silent")
+    answer = driver.call("set_fault", SetFault, SetFault.Request(fault=fault))
+    assert answer.success
+    assert [(item.target, item.kind) for item in answer.active] == [("sphere", "silent")]
+    refused = driver.call("set_fault", SetFault, SetFault.Request(fault=SimulationFault(target="x", kind="silent")))
+    assert not refused.success
+    assert refused.message.startswith("fault.target: expected one of camera")
+    assert driver.call("set_fault", SetFault, SetFault.Request(clear=True)).active == []
+    request = Teleport.Request(speed=0.0)
+    request.pose.position.x, request.pose.position.y, request.pose.orientation.w = 20.0, -0.5, 1.0
+    assert driver.call("teleport", Teleport, request).success
+    count = len(driver.heard["ground_truth/odometry"])
+    assert driver.spin_until(lambda: len(driver.heard["ground_truth/odometry"]) > count + 1, 30.0)
+    T_world_base, _ = odometry_to_se3(driver.heard["ground_truth/odometry"][-1])
+    assert T_world_base.translation[0] == pytest.approx(20.0, abs=0.5)
+    request.pose.orientation.w = 0.0
+    assert "quaternion" in driver.call("teleport", Teleport, request).message
+
+
+def test_it_ends_in_order(driver, process):
+    process.send_signal(signal.SIGINT)
+    assert process.wait(timeout=10.0) == 0
+    assert "Traceback" not in process.stderr.read()
