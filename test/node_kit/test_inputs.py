@@ -1,0 +1,69 @@
+"""What an input says about itself."""
+
+from types import SimpleNamespace
+
+from std_msgs.msg import Int32, String
+
+from node_kit import qos
+from node_kit.inputs import Input
+
+
+class Log:
+    def __init__(self):
+        self.lines = []
+
+    def error(self, text, *, every=0.0, key=""):
+        self.lines.append(text)
+
+
+def make(callback=lambda message: None, **options):
+    return Input("number", Int32, callback, qos.LATCHED, log=Log(), **options)
+
+
+def publisher(kind="std_msgs/msg/Int32", profile=qos.LATCHED):
+    return SimpleNamespace(node_name="driver", node_namespace="/front", topic_type=kind, qos_profile=profile)
+
+
+def test_a_refusal_is_counted_and_the_next_message_is_heard():
+    heard = []
+
+    def callback(message):
+        if message.data == 1:
+            raise ValueError("data: expected 0, found 1")
+        heard.append(message.data)
+
+    wanted = make(callback)
+    for number in (0, 1, 2):
+        wanted.deliver(Int32(data=number))
+    assert heard == [0, 2]
+    assert (wanted.num_received, wanted.num_refused) == (3, 1)
+    assert wanted.log.lines == ["number: refused: data: expected 0, found 1"]
+
+
+def test_only_a_required_input_is_missing():
+    assert make().is_missing
+    assert not make(is_required=False).is_missing
+    heard = make(silence=0.0)
+    heard.deliver(Int32())
+    assert not heard.is_missing
+    heard.last_arrival -= 100.0
+    assert not heard.is_missing  # silence=0: once is enough
+    quiet = make(silence=2.0)
+    quiet.deliver(Int32())
+    quiet.last_arrival -= 3.0
+    assert quiet.is_missing
+
+
+def test_the_explanation_names_the_cause():
+    wanted = make()
+    name = "waiting for /number (std_msgs/msg/Int32; reliable, transient local, depth 1)"
+    assert wanted.explain("/number", []) == f"{name}: no publisher"
+    wrong = publisher(kind="std_msgs/msg/String")
+    assert wanted.explain("/number", [wrong]) == f"{name}: /front/driver publishes std_msgs/msg/String there"
+    volatile = publisher(profile=qos.STATE)
+    expected = f"{name}: /front/driver is incompatible: it offers volatile, asked is transient local"
+    assert wanted.explain("/number", [volatile]) == expected
+    assert wanted.explain("/number", [publisher(), publisher()]) == f"{name}: 2 publishers, no message yet"
+    wanted.deliver(String())
+    wanted.last_arrival -= 3.0
+    assert wanted.explain("/number", [publisher()]) == f"{name}: 1 publisher, no message for 3.0 s"
