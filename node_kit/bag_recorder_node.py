@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
 from functools import partial
 from typing import cast
 
@@ -51,7 +52,7 @@ class BagRecorder(ManagedNode):
         self.recorded: dict[str, Input] = {}
         self.wanted = {self.ros.resolve_topic_name(name) for name in self.params.topics.split()}
         self.every(LOOK_PERIOD, self._look, is_wall=True)
-        self.every(FLUSH_PERIOD, self.bag.flush, is_wall=True)
+        self.every(FLUSH_PERIOD, self._flush, is_wall=True)
         self.log.info(f"recording into {self.bag.partial}, named {self.bag.path} when it is complete")
 
     def activate(self) -> None:
@@ -63,8 +64,12 @@ class BagRecorder(ManagedNode):
         missing = sorted(self.wanted - {topic for topic, wanted in self.recorded.items() if wanted.num_received})
         if missing:
             self.log.warning(f"nothing came on {', '.join(missing)}")
-        path = self.bag.close()
-        self.log.info(f"{path}: {self.bag.num_messages} messages on {len(self.recorded)} topics")
+        try:
+            path = self.bag.close()
+        except OSError as error:
+            self.log.error(f"{self.bag.partial}: not complete: {error.strerror}")
+        else:
+            self.log.info(f"{path}: {self.bag.num_messages} messages on {len(self.recorded)} topics")
 
     def _look(self) -> None:
         """Subscribe to wanted topics that have a publisher; again if their QoS changed."""
@@ -95,8 +100,18 @@ class BagRecorder(ManagedNode):
         profile = qos.adapted(offers, self.params.queue)
         self.recorded[topic] = self.listen(topic, message_type, write, profile, is_required=False, raw=True)
 
+    def _flush(self) -> None:
+        self._attempt(self.bag.flush)
+
     def _write(self, topic: str, data: bytes) -> None:
-        self.bag.write_bytes(topic, data, self.now_ns())
+        self._attempt(lambda: self.bag.write_bytes(topic, data, self.now_ns()))
+
+    def _attempt(self, step: Callable[[], None]) -> None:
+        try:
+            step()
+        except OSError as error:  # the disk is full, or gone
+            self.log.error(f"{self.bag.partial}: cannot be written: {error.strerror}", every=60.0)
+            self.finish()
 
 
 def main() -> int:

@@ -16,6 +16,7 @@ import heapq
 import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
+from itertools import chain
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -25,6 +26,7 @@ from node_kit.bag_reader import BagReader, Recorded
 from node_kit.bag_writer import BagWriter, absolute
 from node_kit.inputs import Input
 from node_kit.node import Log, ManagedNode
+from node_kit.playback import is_latched
 from node_kit.throttle import ThrottledLog
 from typed_params import build
 
@@ -176,16 +178,23 @@ def replay(
 ) -> Iterator[Recorded]:
     """Play a bag to the nodes of a bus and yield what they publish; `progress(1)` after every message delivered.
 
-    Only topics that some node listens to are read; one that is required and not there raises BagError.
+    Only topics that some node listens to are read; one that is required and not there raises BagError. Latched topics
+    such as /tf_static hold from before `start_ns`.
     """
     topics = required_topics(bag, bus)
     yield from bus.settle()
-    for topic, stamp, data in bag.raw(topics, start_ns, end_ns):
+    for topic, stamp, data in chain(_latched_before(bag, topics, start_ns), bag.raw(topics, start_ns, end_ns)):
         yield from bus.advance(stamp)
         for wanted in bus.listeners[topic]:
             wanted.deliver(data if wanted.raw else bag.decode(topic, data, wanted.kind))
         yield from bus.settle()
         progress(1)
+
+
+def _latched_before(bag: BagReader, topics: list[str], start_ns: int | None) -> Iterator[Recorded]:
+    latched = [name for name in topics if is_latched(bag.topics[name])]
+    if start_ns is not None and latched:
+        yield from bag.raw(latched, end_ns=start_ns - 1)
 
 
 def required_topics(bag: BagReader, bus: OfflineBus) -> list[str]:

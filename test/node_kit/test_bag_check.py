@@ -2,7 +2,8 @@
 
 import pytest
 
-from node_kit.bags import BagError, BagReader, salvage, verify_bag
+from node_kit.bag_error import BagError
+from node_kit.bags import BagReader, salvage, verify_bag
 
 
 def test_a_good_bag_has_no_problems(make_bag):

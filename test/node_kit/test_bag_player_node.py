@@ -1,5 +1,6 @@
 """Recorder and player as processes over real DDS: what is played is what is recorded."""
 
+import errno
 import os
 import signal
 import subprocess
@@ -225,6 +226,25 @@ def test_what_cannot_be_recorded(ros, drive, values, reason):
         shell.node.configure()
     shell.destroy_node()
     assert verify_bag(drive).problems == []
+
+
+def test_a_full_disk_ends_the_recording_with_one_line(ros, tmp_path, monkeypatch):
+    values = {"output": str(tmp_path / "out"), "topics": "/text"}
+    shell = LiveShell(BagRecorder, parameter_overrides=[Parameter(name, value=values[name]) for name in values])
+    assert shell.start()
+    ended = []
+    shell.on_finish = lambda: ended.append(True)
+
+    def fail():
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(shell.node.bag, "flush", fail)
+    monkeypatch.setattr(shell.node.bag, "close", fail)
+    shell.node._flush()
+    assert ended == [True]
+    shell.stop()
+    assert not (tmp_path / "out").exists()
+    shell.destroy_node()
 
 
 def test_domain_of_its_own():

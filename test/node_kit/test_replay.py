@@ -139,6 +139,16 @@ def test_services_answer_and_the_end_is_orderly(make_bag):
     assert echo.closed
 
 
+def test_latched_topics_hold_from_before_the_start(make_bag):
+    bus, heard = OfflineBus(), []
+    node = bus.add(Echo)
+    node.listen("latched", String, heard.append)
+    with BagReader(make_bag()) as bag:
+        texts = [item.message.data for item in replay(bag, bus, start_ns=8_800_000_000)]
+    assert [message.data for message in heard] == ["once"]
+    assert texts == ["38", "39"]
+
+
 def test_a_part_of_a_bag_and_its_progress(make_bag):
     bus, steps = OfflineBus(), []
     bus.add(Echo)
