@@ -5,27 +5,30 @@ from __future__ import annotations
 from photometric import Alignment
 from sphere_geometry import SE3
 from sphere_mapping.params import KeySphereParams
+from sphere_mapping.registration import PreparedSphere
 
 MAX_GREY = 255.0
 
-NOT_YET, FIRST, MAD, OVERLAP, INLIERS, DISTANCE, LAST_GOOD = (
-    "", "FIRST", "MAD", "OVERLAP", "INLIERS", "DISTANCE", "LAST_GOOD"
+NOT_YET, FIRST, MAD, OVERLAP, INLIERS, PARALLAX, LAST_GOOD = (
+    "", "FIRST", "MAD", "OVERLAP", "INLIERS", "PARALLAX", "LAST_GOOD"
 )  # fmt: skip
 
 
-def why_key_sphere(alignment: Alignment, T_reference_sphere: SE3, coverage: float, params: KeySphereParams) -> str:
+def why_key_sphere(
+    alignment: Alignment, T_reference_sphere: SE3, reference: PreparedSphere, params: KeySphereParams
+) -> str:
     """Return why a sphere aligned with a reference must become the next one, or `NOT_YET`.
 
-    Eq. 12 on whole spheres; a partial sphere also loses sight of its reference. coverage is the share of the
-    reference's image that has a range, so that overlap is counted of what could overlap.
+    Eq. 12 on whole spheres; a partial sphere also loses sight of its reference, and one that drives into its view
+    sees everything larger long before the residual says so. Overlap is counted of what has a range and could overlap.
     """
     if alignment.mad > params.max_mad_share * MAX_GREY:
         return MAD
-    if alignment.overlap < params.min_overlap * coverage:
+    if alignment.overlap < params.min_overlap * reference.coverage:
         return OVERLAP
     if alignment.inlier_share < params.min_inlier_share:
         return INLIERS
     distance, _ = SE3.identity().distance(T_reference_sphere)
-    if 0 < params.max_distance_m < distance:
-        return DISTANCE
+    if distance > params.max_parallax * reference.median_range:
+        return PARALLAX
     return NOT_YET

@@ -100,7 +100,7 @@ class Mapper:
     def _why_key(self, alignment: Alignment) -> str:
         key_id, reference = self._references[0]
         T_reference_sphere = self.graph[key_id].T_map_sphere.inverse() @ alignment.T_world_camera
-        return why_key_sphere(alignment, T_reference_sphere, reference.coverage, self.params.key)
+        return why_key_sphere(alignment, T_reference_sphere, reference, self.params.key)
 
     def _place(
         self, current: PreparedSphere, T_map_sphere: SE3, odometry: SE3 | None, alignment: Alignment | None, reason: str

@@ -43,7 +43,7 @@ class KeySphereParams:
     max_mad_share: float = param(0.05, "MAD of the residual by 255, lambda of M15 eq. 12", low=0.0, high=1.0)
     min_overlap: float = param(0.6, "share of the reference still in view", low=0.0, high=1.0)
     min_inlier_share: float = param(0.5, "share of pixels that agree", low=0.0, high=1.0)
-    max_distance_m: float = param(0.0, "distance from the reference, 0: not limited", "m", low=0.0)
+    max_parallax: float = param(0.25, "distance from the reference, by the reference's median range", low=0.01)
 
 
 @parameters

@@ -46,6 +46,12 @@ class PreparedSphere:
         """Share of its image that has a range: the overlap that it would have with itself."""
         return 1.0 - float(np.isnan(self.sphere.range_m).mean())
 
+    @cached_property
+    def median_range(self) -> float:
+        """Median of its finite ranges in metres; +Inf where it has none."""
+        finite = self.sphere.range_m[self.sphere.measured]
+        return float(np.median(finite)) if finite.size else np.inf
+
     def at(self, T_world_sphere: SE3) -> View:
         """Return it as a reference at a pose."""
         return View(self.reference, T_world_sphere)
