@@ -25,7 +25,7 @@ from sphere_mapping.sphere import Sphere
 NUM_DIGEST_LEVELS = 2  # the coarsest levels are kept of every sphere: for choosing and for the start
 
 MIN_KEPT = 10_000  # levels that would keep fewer pixels keep all
-DIGEST_STEP = 8  # every eighth point of the coarsest level tells what a sphere covers
+NUM_DIGEST_POINTS = 1500  # at least as many points of the coarsest level tell what a sphere covers
 
 
 class SphereMap(Protocol):
@@ -94,7 +94,9 @@ class References:
         overlaps = coverage([self.digest(node.id).points for node in candidates], T_camera_sphere, camera)
         best = float(np.max(overlaps, initial=0.0))
         needed = max(self._params.min_visible_share, self._params.relative_share * best)
-        chosen = [candidates[index] for index in np.flatnonzero(overlaps >= needed)[: self._params.num_references]]
+        is_whole = np.array([self.digest(node.id).camera.is_whole for node in candidates], np.bool_)
+        usable = np.flatnonzero((overlaps >= needed) | is_whole)
+        chosen = [candidates[index] for index in usable[: self._params.num_references]]
         views = tuple(View(self.prepared(node.id), node.T_map_sphere) for node in chosen)
         if not chosen:
             return Choice((), (), best, np.inf, np.inf)
@@ -126,7 +128,8 @@ class References:
         finite = finite[np.isfinite(finite)]
         typical = float(np.median(finite)) if finite.size else np.inf
         coarse = Reference(reference.levels[-NUM_DIGEST_LEVELS:])
-        points = np.ascontiguousarray(coarse.levels[-1].points[:, ::DIGEST_STEP].T)
+        points = coarse.levels[-1].points
+        points = np.ascontiguousarray(points[:, :: max(1, points.shape[1] // NUM_DIGEST_POINTS)].T)
         self._digests[sphere_id] = Digest(coarse, points, sphere.camera, typical)
 
 

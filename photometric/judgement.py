@@ -10,7 +10,6 @@ from photometric.alignment import Alignment
 from photometric.normal_equations import NormalEquations
 from photometric.params import RegistrationParams
 from photometric.problem import Problem, State
-from photometric.robust import SIGMA_OF_MAD
 
 Array = NDArray[np.float64]
 UNKNOWN = np.diag(np.full(6, np.inf))
@@ -27,7 +26,7 @@ def judge(
         return _refused(state, alignment.LOW_OVERLAP, iterations, num_pixels, overlap)
     mad = float(np.average([view.mad for view in found], weights=[view.num_visible for view in found]))
     H, _ = problem.joint(found)
-    covariance, condition = _covariance(H, mad, params)
+    covariance, condition = _covariance(H, params)
     reason = alignment.GOOD
     if condition > params.max_condition:
         reason = alignment.LOW_TEXTURE
@@ -56,7 +55,7 @@ def _refused(state: State, reason: str, iterations: int, num_pixels: int, overla
     )
 
 
-def _covariance(H: Array, mad: float, params: RegistrationParams) -> tuple[Array, float]:
+def _covariance(H: Array, params: RegistrationParams) -> tuple[Array, float]:
     """Return the covariance of the pose and the condition of the scaled normal matrix, light eliminated.
 
     Residuals of neighbouring pixels are not independent: `correlated_pixels` of them count as one.
@@ -69,20 +68,22 @@ def _covariance(H: Array, mad: float, params: RegistrationParams) -> tuple[Array
     eigenvalues, vectors = np.linalg.eigh(marginal / np.outer(scale, scale))
     if eigenvalues[0] <= 0:
         return UNKNOWN, np.inf
-    sigma = max(SIGMA_OF_MAD * mad, params.min_sigma)
     inverse = (vectors / eigenvalues) @ vectors.T / np.outer(scale, scale)
-    return params.correlated_pixels * sigma**2 * inverse, float(eigenvalues[-1] / eigenvalues[0])
+    return params.correlated_pixels * inverse, float(eigenvalues[-1] / eigenvalues[0])
 
 
 def _correlation(problem: Problem, found: list[NormalEquations]) -> float:
-    """Return the normalised cross correlation of reference and warped image over all visible pixels (M15 5.4)."""
+    """Return the normalised cross correlation of reference and warped image over all visible pixels (M15 5.4).
+
+    Views count as they do in the alignment, by the inverse of their residual's deviation.
+    """
     reference, current = [], []
     for solver, view in zip(problem.solvers, found, strict=True):
         seen = ~np.isnan(view.residual)
         intensity = solver.pixels.intensity[seen]
-        reference.append(intensity - intensity.mean())
+        reference.append((intensity - intensity.mean()) / view.sigma)
         warped = view.residual[seen] + intensity
-        current.append(warped - warped.mean())
+        current.append((warped - warped.mean()) / view.sigma)
     a, b = np.concatenate(reference), np.concatenate(current)
     norm = float(np.linalg.norm(a) * np.linalg.norm(b))
     return float(a @ b) / norm if norm > 0 else 0.0

@@ -11,6 +11,7 @@ from photometric import kernels
 from photometric.params import RegistrationParams
 from photometric.pyramid import Level
 from photometric.reference import ReferenceLevel, kernel_camera
+from photometric.robust import SIGMA_OF_MAD
 from photometric.scratch import scratch
 from sphere_geometry import SE3
 
@@ -21,6 +22,7 @@ Array = NDArray[np.float64]
 class NormalEquations:
     """H x = -g over (v, omega, gain, bias), (v, omega) those of xi in T_world_camera exp(xi).
 
+    H and g are in units of the residual's variance, `sigma` squared: a view that explains the image badly counts less.
     `residual` (N,) is in grey levels, NaN where not visible, and valid until the view is compared again.
     """
 
@@ -31,6 +33,7 @@ class NormalEquations:
     mad: float
     num_visible: int
     num_inliers: int
+    sigma: float
 
 
 class ViewSolver:
@@ -57,4 +60,5 @@ class ViewSolver:
         T = T_camera_reference.matrix[:3]
         robust = (params.huber, params.min_sigma)
         found = kernels.normal_equations(*self._inputs, T, *self._image, gain, bias, *robust, *self._buffers, H, g)
-        return NormalEquations(H, g, self._residual, *found)
+        sigma = max(SIGMA_OF_MAD * found[1], params.min_sigma)
+        return NormalEquations(H / sigma**2, g / sigma**2, self._residual, *found, sigma)

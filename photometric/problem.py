@@ -100,7 +100,11 @@ class Problem:
         return Step(x[:6], x[6::2], x[7::2])
 
     def joint(self, found: list[NormalEquations]) -> tuple[Array, Array]:
-        """Stack the views into one system over (xi, gain 1, bias 1, gain 2, bias 2, ...) (M15 eq. 19, 31)."""
+        """Stack the views into one system over (xi, gain 1, bias 1, gain 2, bias 2, ...) (M15 eq. 19, 31).
+
+        Unlike in the paper each view counts by the inverse variance of its residuals, so that a distant reference
+        with much occlusion steadies the result without pulling it.
+        """
         size = 6 + 2 * len(found) if self.params.illumination else 6
         H, g = np.zeros((size, size)), np.zeros(size)
         for index, view in enumerate(found):

@@ -46,6 +46,8 @@ def test_the_normal_matrix_is_that_of_numerical_derivatives_in_the_camera_tangen
     seen = ~np.isnan(J).any(axis=1)
     numerical = J[seen].T @ J[seen]
     scale = np.sqrt(np.diag(numerical))
+    (view,) = problem.compare(state)
+    H, g = H * view.sigma**2, g * view.sigma**2
     assert np.abs((H[:6, :6] - numerical) / np.outer(scale, scale)).max() < 0.02
     assert np.abs((g[:6] - J[seen].T @ e[seen]) / scale).max() < 0.02 * np.linalg.norm(e[seen])
 
