@@ -111,7 +111,7 @@ class BagRecorder(ManagedNode):
             step()
         except OSError as error:  # the disk is full, or gone
             self.log.error(f"{self.bag.partial}: cannot be written: {error.strerror}", every=60.0)
-            self.finish()
+            self.finish(1)
 
 
 def main() -> int:

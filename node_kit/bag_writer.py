@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -103,7 +104,8 @@ class BagWriter:
     def write_bytes(self, topic: str, data: bytes, stamp: int, *, published: int | None = None) -> None:
         """Write a serialized message on a topic that `add_topic` declared."""
         entry = self._topics[absolute(topic)]
-        self._mcap.add_message(entry.channel, stamp, data, stamp if published is None else published, entry.count)
+        with self._naming_the_file():
+            self._mcap.add_message(entry.channel, stamp, data, stamp if published is None else published, entry.count)
         entry.count += 1
         self._span.add(stamp)
         if self._clock() - self._last_flush >= FLUSH_PERIOD:
@@ -115,7 +117,8 @@ class BagWriter:
 
     def flush(self) -> None:
         """Hand everything written so far to the operating system."""
-        self._mcap.flush()
+        with self._naming_the_file():
+            self._mcap.flush()
         self._last_flush = self._clock()
 
     def annotate(self, key: str, value: str) -> None:
@@ -132,6 +135,13 @@ class BagWriter:
         if not self._is_open:
             return self.path
         self._is_open = False
+        with self._naming_the_file():
+            self._finish()
+        self._refuse_to_overwrite(but_partial=True)
+        self.partial.rename(self.path)
+        return self.path
+
+    def _finish(self) -> None:
         description = self._description()
         text = yaml.safe_dump({"rosbag2_bagfile_information": description}, sort_keys=False)
         self._mcap.add_metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(description, sort_keys=False)})
@@ -140,9 +150,14 @@ class BagWriter:
         with (self.partial / "metadata.yaml").open("wb") as metadata:
             metadata.write(text.encode())
             _sync_and_close(metadata)
-        self._refuse_to_overwrite(but_partial=True)
-        self.partial.rename(self.path)
-        return self.path
+
+    @contextmanager
+    def _naming_the_file(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:  # of a write, which does not say where
+            error.filename = error.filename or str(self.partial / self.file_name)
+            raise
 
     def discard(self) -> None:
         """Remove what was written."""
@@ -155,10 +170,14 @@ class BagWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
-        if kind is None:
-            self.close()
-        else:
+        if kind is not None:
             self.discard()
+            return
+        try:
+            self.close()
+        except BaseException:
+            shutil.rmtree(self.partial, ignore_errors=True)
+            raise
 
     def _refuse_to_overwrite(self, *, but_partial: bool = False) -> None:
         if self.path.exists():

@@ -62,7 +62,7 @@ class LiveShell(LifecycleNode):
         self.log: Log = ThrottledLog(self.get_logger())
         self.is_active = False
         self.is_configured = False
-        self.on_finish: Callable[[], None] = lambda: None
+        self.on_finish: Callable[[int], None] = lambda status: None
         self._entities: list[Callable[[], object]] = []
         parameters.declare(self, ShellParams, lambda: "decided when the process starts")
         parameters.declare(self, node_class.PARAMS, self._why_fixed)
@@ -184,9 +184,9 @@ class LiveShell(LifecycleNode):
         """Unsubscribe."""
         self.destroy_subscription(wanted.handle)
 
-    def finish(self) -> None:
+    def finish(self, status: int) -> None:
         """End the process after this callback."""
-        self.on_finish()
+        self.on_finish(status)
 
     def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool) -> None:
         """Make a timer on the node's clock, or the steady one; it is silent while the node is inactive."""

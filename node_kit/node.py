@@ -94,7 +94,7 @@ class Shell(Protocol):
     def remove_input(self, wanted: Input) -> None:
         """Stop to deliver messages."""
 
-    def finish(self) -> None:
+    def finish(self, status: int) -> None:
         """End the process, or the replay, in order."""
 
 
@@ -168,9 +168,9 @@ class ManagedNode:
         self.inputs.remove(wanted)
         self.shell.remove_input(wanted)
 
-    def finish(self) -> None:
-        """Ask for the end of the process: the work is done."""
-        self.shell.finish()
+    def finish(self, status: int = 0) -> None:
+        """Ask for the end of the process: the work is done (0), or cannot be done (1)."""
+        self.shell.finish(status)
 
     def now_ns(self) -> int:
         """Return the node's time in nanoseconds; 0 while a simulated clock has not been heard."""

@@ -80,7 +80,7 @@ class OfflineShell:
         """Stop to listen."""
         self._bus.listeners[self._name(wanted.topic)].remove(wanted)
 
-    def finish(self) -> None:
+    def finish(self, status: int) -> None:
         """Do nothing: a replay ends with its bag."""
 
     def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool) -> None:

@@ -89,7 +89,7 @@ def _serve(
         sys.stderr.write(f"{node_class.NAME}: {error}\n")
         return 2
     prepare(shell.node)
-    shell.on_finish = lambda: stopped.done() or stopped.set_result(None)
+    shell.on_finish = lambda status: None if stopped.done() else stopped.set_result(status)
     executor = SingleThreadedExecutor()
     executor.add_node(shell)
     try:
@@ -97,7 +97,7 @@ def _serve(
             return 2
         executor.spin_until_future_complete(stopped)
         shell.stop()
-        return 0
+        return int(stopped.result())
     finally:
         executor.shutdown(timeout_sec=0.5)
         shell.destroy_node()
@@ -109,7 +109,7 @@ def _watch(wakeups: socket.socket, stopped: Future) -> None:
             continue
         if not stopped.done():
             _end_after(PATIENCE)
-            stopped.set_result(None)
+            stopped.set_result(0)
 
 
 def _end_after(seconds: float) -> None:

@@ -233,7 +233,7 @@ def test_a_full_disk_ends_the_recording_with_one_line(ros, tmp_path, monkeypatch
     shell = LiveShell(BagRecorder, parameter_overrides=[Parameter(name, value=values[name]) for name in values])
     assert shell.start()
     ended = []
-    shell.on_finish = lambda: ended.append(True)
+    shell.on_finish = ended.append
 
     def fail():
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -241,7 +241,7 @@ def test_a_full_disk_ends_the_recording_with_one_line(ros, tmp_path, monkeypatch
     monkeypatch.setattr(shell.node.bag, "flush", fail)
     monkeypatch.setattr(shell.node.bag, "close", fail)
     shell.node._flush()
-    assert ended == [True]
+    assert ended == [1]
     shell.stop()
     assert not (tmp_path / "out").exists()
     shell.destroy_node()

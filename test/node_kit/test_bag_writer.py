@@ -68,6 +68,19 @@ def test_an_exception_leaves_nothing_behind(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_full_disk_names_the_file_and_leaves_nothing(tmp_path, monkeypatch):
+    def write():
+        with BagWriter(tmp_path / "bag") as bag:
+            bag.write("text", String(data="a"), 1)
+            monkeypatch.setattr(
+                bag._mcap, "finish", lambda: (_ for _ in ()).throw(OSError(28, "No space left on device"))
+            )
+
+    with pytest.raises(OSError, match=r"No space left on device: '.*bag\.partial/bag_0\.mcap'"):
+        write()
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_nothing_is_overwritten(make_bag, tmp_path):
     path = make_bag()
     before = (path / "bag_0.mcap").read_bytes()
