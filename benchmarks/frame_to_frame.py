@@ -72,6 +72,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """Measure every method on the same images, depth, intrinsics and threads; truth is the recorded poses."""
+    if not options.data.is_dir():
+        return Report("frame_to_frame", skipped=f"no folder {options.data}; --data names a recording")
     recording = open_recording(options.data)
     report = Report("frame_to_frame", notes=[describe(options.threads), _describe(options)])
     gaps = [k for k in options.gaps if not recording.gaps or k in recording.gaps] or list(recording.gaps)

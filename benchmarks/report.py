@@ -47,15 +47,18 @@ class Bound:
 
 @dataclass
 class Report:
-    """Everything one benchmark found."""
+    """Everything one benchmark found; `skipped` says why it measured nothing."""
 
     name: str
     tables: list[Table] = field(default_factory=list)
     bounds: list[Bound] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
+    skipped: str = ""
 
     def markdown(self) -> str:
         """Return all tables, the bounds with their marks, and the notes."""
+        if self.skipped:
+            return f"## {self.name}\n\nSkipped: {self.skipped}"
         parts = [table.markdown() for table in self.tables]
         if self.bounds:
             parts.append(bounds_table(self.bounds).markdown())
