@@ -117,7 +117,7 @@ class BagPlayer(ManagedNode):
         """Subscribe to the answers as soon as their type is known."""
         ros = cast("LiveShell", self.shell)
         topic = ros.resolve_topic_name(self.params.answer_topic)
-        kinds = dict(ros.get_topic_names_and_types()).get(topic)
+        kinds = [info.topic_type for info in ros.get_publishers_info_by_topic(topic)]
         if self.answers is not None and kinds and not self.inputs:
             self.listen(topic, message_class(kinds[0]), self.answers.hear, qos.STATE, raw=True, is_required=False)
 
@@ -155,8 +155,11 @@ class BagPlayer(ManagedNode):
     def _lacks_listeners(self) -> bool:
         absent = sorted(name for name in self.wait_for if self.outputs[name].num_listeners == 0)
         text = f"waiting for a listener of {', '.join(absent)}" if absent else "playing"
-        self.report("player", WARN if absent else OK, text, done=self.playback.done, total=self.playback.total)
-        if absent:
+        if self.answers is not None and not self.inputs:
+            text = f"waiting for a publisher of {self.params.answer_topic}"
+        is_waiting = text != "playing"
+        self.report("player", WARN if is_waiting else OK, text, done=self.playback.done, total=self.playback.total)
+        if is_waiting:
             self.log.info(text, every=10.0)
             self.begin_at = time.monotonic() + SETTLE
             return True
