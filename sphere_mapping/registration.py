@@ -19,6 +19,9 @@ from photometric import (
     register,
     register_rotation,
 )
+from photometric.judgement import judge
+from photometric.overlap import image_overlap
+from photometric.problem import Problem, State
 from sphere_geometry import SE3
 from sphere_mapping.graph import Edge, KeySphere
 from sphere_mapping.sphere import Sphere
@@ -87,3 +90,11 @@ def edge_between(reference: KeySphere, node: KeySphere, alignment: Alignment, is
     T_reference_node = reference.T_map_sphere.inverse() @ alignment.T_world_camera
     information = np.linalg.inv(alignment.covariance)
     return Edge(reference.id, node.id, T_reference_node, (information + information.T) / 2, is_loop)
+
+
+def residual_at(current: PreparedSphere, reference: View, T_world_sphere: SE3, params: RegistrationParams) -> Alignment:
+    """Return what `align` would report at a pose without moving it: MAD, overlap, correlation."""
+    state = State.start(T_world_sphere, 1)
+    problem = Problem.choose_pixels(current.pyramid.levels[0], [reference], T_world_sphere, params)
+    overlap = image_overlap(current.pyramid, [reference], T_world_sphere)
+    return judge(problem, state, 0, 0.0, overlap, params)

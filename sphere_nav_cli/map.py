@@ -25,6 +25,7 @@ from sphere_mapping.node import SphereMapper
 from sphere_mapping.saving_node import details_of
 from sphere_nav_cli.evaluate import TRUTH_TOPICS, judge
 from sphere_nav_cli.pose_bags import read_poses
+from sphere_nav_cli.sphere_source import found_input
 
 HELP = """\
 Make a map of key spheres from a bag with spheres, RGB-D or rectified stereo images.
@@ -156,16 +157,6 @@ def mapped(bag: BagReader, values: dict[str, Any]) -> MappedDrive:
     refused = [wanted for wanted in node.inputs if wanted.num_refused]
     refusal = "; ".join(f"{w.num_refused} of {w.topic}: {w.last_refusal}" for w in refused)
     return MappedDrive(node, node.num_lost, refusal)
-
-
-def found_input(bag: BagReader) -> str:
-    """Return the kind of input whose topics the bag has."""
-    have = {name for name, info in bag.topics.items() if info.count}
-    for kind, topics in TOPICS.items():
-        if all("/" + topic in have for topic in topics):
-            return kind
-    wanted = "; or ".join(", ".join(topics) for topics in TOPICS.values())
-    raise BagError(f"{bag.path}: topics: expected {wanted}; found {', '.join(sorted(have)) or 'none'}")
 
 
 def truth_of(path: Path) -> Truth | None:
