@@ -166,7 +166,8 @@ class Demo:
         """Return T_world_map: the map's origin is the first sphere, where the teaching drive truly began."""
         truth = read_truth(self.folder / "teach")
         spheres = read_tum(self.folder / "taught_spheres.tum")
-        at, known = truth.at(spheres.stamps_ns[:1])
+        first = np.maximum(spheres.stamps_ns[:1], truth.stamps_ns[0])  # the car still stands when recording begins
+        at, known = truth.at(first)
         if not known.all():
             raise ValueError("teaching drive: expected a true pose of the first sphere, found none")
         return at.T_map_body[0] @ self.T_base_sphere @ spheres.T_map_body[0].inverse()

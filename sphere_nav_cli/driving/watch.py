@@ -22,6 +22,7 @@ from sphere_nav_cli.driving.processes import Processes
 
 STALL = 60.0  # s of wall time without motion of the car, or without a localisation, that end a drive
 LOOK = 0.1  # s
+START_PATIENCE = 30.0  # s for the localiser to settle before the follower accepts the start
 
 
 class DriveFailed(RuntimeError):
@@ -64,13 +65,25 @@ class Watch:
                 raise DriveFailed(f"{what}: nothing for {STALL:.0f} s; {self.describe()}")
 
     def start_following(self) -> None:
-        """Arm the path follower; DriveFailed says why it refuses."""
+        """Arm the path follower, again until it accepts; DriveFailed says why it refuses."""
         self.wait("path_follower", self._start.service_is_ready, is_moving=False)
+        given_up = time.monotonic() + START_PATIENCE
+        while (refusal := self._call_start()) and time.monotonic() < given_up:
+            self.pause(1.0)
+        if refusal:
+            raise DriveFailed(f"path_follower refused to start: {refusal}")
+
+    def _call_start(self) -> str:
+        """Call `start` once; return why it was refused, or an empty string."""
         future = self._start.call_async(Trigger.Request())
         self.wait("call start", future.done, is_moving=False)
         response = future.result()
-        if not response.success:
-            raise DriveFailed(f"path_follower refused to start: {response.message}")
+        return "" if response is not None and response.success else str(getattr(response, "message", "no answer"))
+
+    def pause(self, seconds: float) -> None:
+        """Spin for a while."""
+        end = time.monotonic() + seconds
+        self.wait("pause", lambda: time.monotonic() > end, is_moving=False)
 
     def describe(self) -> str:
         """Return what the nodes said last."""
