@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from sphere_geometry import SE3, Camera, Spherical
 from sphere_geometry.camera import pixel_grid
+from sphere_mapping.joining import Patch, join
 from sphere_mapping.kernels import sample_inverse_depth, splat_nearest
 from sphere_mapping.params import PartialParams
 from sphere_mapping.sphere import T_BODY_OPTICAL, Image, Range, Sphere, check_depth, check_image, continued
@@ -63,7 +64,7 @@ def sphere_from_rgbd(
 
 
 def sphere_from_views(views: Sequence[RgbdView], stamp_ns: int = 0, params: PartialParams | None = None) -> Sphere:
-    """Return the sphere of several RGB-D cameras at one instant; where they overlap, the nearer image centre wins."""
+    """Return the sphere of one or several RGB-D cameras at one instant."""
     params = params or PartialParams()
     full_width = full_width_of([view.camera for view in views], params)
     windows = [window_of(view.camera, view.T_sphere_camera, full_width, params.num_levels) for view in views]
@@ -71,7 +72,8 @@ def sphere_from_views(views: Sequence[RgbdView], stamp_ns: int = 0, params: Part
     if len(planes) == 1:
         return Sphere(planes[0][0], planes[0][1], windows[0], stamp_ns)
     whole = Spherical(full_width, full_width // 2)
-    return Sphere(*_joined(planes, windows, whole), whole, stamp_ns)
+    patches = [Patch(*plane, window) for plane, window in zip(planes, windows, strict=True)]
+    return Sphere(*join(patches, whole), whole, stamp_ns)
 
 
 def full_width_of(cameras: Sequence[Camera], params: PartialParams) -> int:
@@ -210,26 +212,3 @@ def _image_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Pl
     )
     u, v, _, _ = _ray_table(camera, rotation, finer)
     return u, v, weight, steps
-
-
-def _joined(
-    planes: Sequence[tuple[Image, Range, Plane]], windows: Sequence[Spherical], whole: Spherical
-) -> tuple[Image, Range]:
-    """Return image and range of the view that weighs most at each pixel; range from the next where it has none."""
-    shape = (whole.height, whole.width)
-    image, range_m = np.zeros((*shape, *planes[0][0].shape[2:]), np.uint8), np.full(shape, np.nan, np.float32)
-    best, best_range = np.zeros(shape, np.float32), np.zeros(shape, np.float32)
-    for (view_image, view_range, weight), window in zip(planes, windows, strict=True):
-        rows = np.arange(window.height)[:, None] + int(window.offset_v)
-        columns = (np.arange(window.width)[None, :] + int(window.offset_u)) % whole.width
-        place = np.broadcast_arrays(rows, columns)
-        _paste(image, best, view_image, weight, place)
-        _paste(range_m, best_range, view_range, np.where(np.isnan(view_range), 0, weight), place)
-    return image, range_m
-
-
-def _paste(target: NDArray, best: Plane, values: NDArray, weight: Plane, place: Sequence[NDArray]) -> None:
-    """Write values where their weight is the largest so far."""
-    better = weight > best[place[0], place[1]]
-    at = (place[0][better], place[1][better])
-    target[at], best[at] = values[better], weight[better]
