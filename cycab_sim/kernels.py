@@ -26,26 +26,32 @@ def find_edges(triangles, surface_of, normals, ranges, colour, is_edge):
                 if y >= height or x >= width:
                     continue
                 there = triangles[y, x]
-                if there == here or min(there, here) == OUTSIDE or _alike(colour[v, u], colour[y, x]):
+                if there == here or min(there, here) == OUTSIDE or _alike(colour, v, u, y, x):
                     continue
                 if here >= 0 and there >= 0 and surface_of[here] == surface_of[there]:
                     is_level = abs(ranges[y, x] - ranges[v, u]) < 0.02 * ranges[v, u]
-                    if is_level or _parallel(normals[here], normals[there]):
+                    if is_level or _parallel(normals, here, there):
                         continue
                 is_edge[v, u] = is_edge[y, x] = 1
 
 
 @njit(cache=True)
-def _alike(a, b):
-    """Whether two colours differ by less than CONTRAST."""
-    difference = abs(a[0] - b[0]) + abs(a[1] - b[1]) + abs(a[2] - b[2])
-    return difference < CONTRAST * (a[0] + a[1] + a[2] + b[0] + b[1] + b[2])
+def _alike(colour, v, u, y, x):
+    """Whether two pixels differ by less than CONTRAST."""
+    difference, total = 0.0, 0.0
+    for c in range(3):
+        difference += abs(colour[v, u, c] - colour[y, x, c])
+        total += colour[v, u, c] + colour[y, x, c]
+    return difference < CONTRAST * total
 
 
 @njit(cache=True)
-def _parallel(a, b):
+def _parallel(normals, here, there):
     """Whether two triangles of one surface lie in one plane."""
-    return abs(a[0] * b[0] + a[1] * b[1] + a[2] * b[2]) > 0.9999
+    cosine = 0.0
+    for c in range(3):
+        cosine += normals[here, c] * normals[there, c]
+    return abs(cosine) > 0.9999
 
 
 @njit(cache=True, nogil=True)

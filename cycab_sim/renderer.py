@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from cycab_sim import kernels
 from cycab_sim.mesh import Mesh
 from cycab_sim.params import LightParams, RenderParams
-from cycab_sim.texture.kernels import paint
+from cycab_sim.texture.painting import paint
 from sphere_geometry import SE3, Camera
 from sphere_geometry.camera import pixel_grid
 
@@ -103,19 +103,7 @@ class Renderer:
 
     def _shade(self, origin: NDArray[np.float64], hits: Hits, cone: Floats, colour: Floats) -> None:
         m = self.mesh
-        paint(
-            origin,
-            hits.rays,
-            hits.ranges,
-            hits.triangles,
-            cone,
-            m.surface_of,
-            m.frames,
-            m.kinds,
-            m.params,
-            m.colours,
-            colour,
-        )
+        paint(m, origin, hits.rays, hits.ranges, hits.triangles, cone, colour)
         kernels.light(
             origin, hits.rays, hits.ranges, hits.triangles, cone, m.normals,
             self._sun, self._shadow, self.params.shadow_texel, self._corner, self._shadow_frame, colour,
