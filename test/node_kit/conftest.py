@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
-from std_msgs.msg import Header, String
-
-os.environ["ROS_PYTHON_CHECK_FIELDS"] = "1"  # wrong field types raise; otherwise they become rubbish without a word
-
 import rclpy
+from std_msgs.msg import Header, String
 
 from node_kit import qos
 from node_kit.bags import BagWriter
