@@ -7,7 +7,8 @@ from pathlib import Path
 
 from tqdm import tqdm
 
-from node_kit.map_bag import open_map, salvage_map, verify_map
+from node_kit.map_bag import open_map
+from node_kit.map_check import salvage_map, verify_map
 
 HELP = """\
 Read every key sphere of a map and check it. Exit status 1 where something is wrong, each problem on a line.
