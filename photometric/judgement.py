@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from photometric import alignment
 from photometric.alignment import Alignment
+from photometric.correlation import correlated_pixels
 from photometric.normal_equations import NormalEquations
 from photometric.params import RegistrationParams
 from photometric.problem import Problem, State
@@ -26,7 +27,8 @@ def judge(
         return _refused(state, alignment.LOW_OVERLAP, iterations, num_pixels, overlap)
     mad = float(np.average([view.mad for view in found], weights=[view.num_visible for view in found]))
     H, _ = problem.joint(found)
-    covariance, condition = _covariance(H, params)
+    covariance, condition = _covariance(H)
+    correlation = correlated_pixels(problem.solvers, found, params.correlated_pixels)
     reason = alignment.GOOD
     if condition > params.max_condition:
         reason = alignment.LOW_TEXTURE
@@ -36,7 +38,7 @@ def judge(
         reason = alignment.OUTLIERS
     return Alignment(
         T_world_camera=state.T_world_camera,
-        covariance=covariance if reason != alignment.LOW_TEXTURE else UNKNOWN,
+        covariance=covariance * correlation if reason != alignment.LOW_TEXTURE else UNKNOWN,
         reason=reason,
         iterations=iterations,
         num_pixels=num_pixels,
@@ -55,10 +57,10 @@ def _refused(state: State, reason: str, iterations: int, num_pixels: int, overla
     )
 
 
-def _covariance(H: Array, params: RegistrationParams) -> tuple[Array, float]:
-    """Return the covariance of the pose and the condition of the scaled normal matrix, light eliminated.
+def _covariance(H: Array) -> tuple[Array, float]:
+    """Return the covariance of the pose, were all pixels independent, and the condition of the scaled normal matrix.
 
-    Residuals of neighbouring pixels are not independent: `correlated_pixels` of them count as one.
+    Light is eliminated: what it could explain is not known of the pose.
     """
     pose, cross, light = H[:6, :6], H[:6, 6:], H[6:, 6:]
     marginal = pose - cross @ np.linalg.solve(light, cross.T) if light.size else pose
@@ -69,7 +71,7 @@ def _covariance(H: Array, params: RegistrationParams) -> tuple[Array, float]:
     if eigenvalues[0] <= 0:
         return UNKNOWN, np.inf
     inverse = (vectors / eigenvalues) @ vectors.T / np.outer(scale, scale)
-    return params.correlated_pixels * inverse, float(eigenvalues[-1] / eigenvalues[0])
+    return inverse, float(eigenvalues[-1] / eigenvalues[0])
 
 
 def _correlation(problem: Problem, found: list[NormalEquations]) -> float:

@@ -62,3 +62,9 @@ class ViewSolver:
         found = kernels.normal_equations(*self._inputs, T, *self._image, gain, bias, *robust, *self._buffers, H, g)
         sigma = max(SIGMA_OF_MAD * found[1], params.min_sigma)
         return NormalEquations(H / sigma**2, g / sigma**2, self._residual, *found, sigma)
+
+    def piece_sums(self) -> Array:
+        """Return the sums (pieces, NUM_SUMS) of the pieces of the last comparison."""
+        sums = self._buffers[-1][: kernels.num_pieces(self.pixels.num_pixels)].copy()
+        sums[0] -= sums[1:].sum(axis=0)  # the first row holds the total
+        return sums

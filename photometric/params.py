@@ -33,4 +33,4 @@ class RegistrationParams:
     min_pixels: int = param(200, "visible pixels below which nothing is estimated", low=20)
     max_condition: float = param(1e9, "condition number of the scaled normal matrix above which texture is too low")
     max_mad: float = param(25.0, "median absolute deviation above which a result is refused", "grey level", low=0.0)
-    correlated_pixels: float = param(20.0, "pixels that count as one independent observation (covariance)", low=1.0)
+    correlated_pixels: float = param(20.0, "pixels that count as one, where it cannot be measured", low=1.0)
