@@ -60,6 +60,7 @@ class CycabSim(ManagedNode):
         mounts = [(mount.T_base_camera, mount.frame_id) for mount in self.simulator.mounts.values()]
         transforms = [conversions.se3_to_transform(T, now, BASE, name) for T, name in mounts]
         self.tf_static.publish(TFMessage(transforms=transforms))
+        self.has_told = False
         self.taught.publish(Bool(data=False))
         self.runner = Runner(self.simulator, self.lock_step, self.hand_out)
         self.runner.start()
@@ -86,7 +87,8 @@ class CycabSim(ManagedNode):
         self.report("simulation", level, text, time=now / SECOND, is_waiting_for_commands=self.lock_step.is_engaged)
         if missed:
             self.log.warning(text, every=10.0, key="missed")
-        if self.params.mode == "teach" and self.simulator.is_taught:
+        if self.simulator.is_taught and not self.has_told:
+            self.has_told = True
             self.taught.publish(Bool(data=True))
 
     def _publish_camera(self, now: int) -> None:

@@ -101,7 +101,7 @@ class Simulator:
     @property
     def is_taught(self) -> bool:
         """Whether the teaching drive has ended and the car stands."""
-        return self.driver.is_done and abs(self.vehicle.state.speed) < 1e-3
+        return self.params.mode == "teach" and self.driver.is_done and abs(self.vehicle.state.speed) < 1e-3
 
     def _start(self) -> VehicleState:
         start = self.params.start
