@@ -37,6 +37,12 @@ examples:
 """
 MAX_LATERAL = 0.25  # m, further is off the path (M15 section 6.4.3 stays within it)
 MIN_DRIVEN = 0.95  # share of the path that must be driven
+SIMULATION = {
+    "has_stamped_command": True,
+    "camera.width": 512,  # another kind of camera than that of the spheres, and quick to draw
+    "camera.height": 384,
+    "sphere.distance": 0.7,
+}
 TEACH_TOPICS = "/sphere /odom /ground_truth/odometry /tf_static"
 DRIVE_TOPICS = (
     "/pose /odometry /status /cmd_vel /tracking_error /path_follower/status /path_follower/trajectory "
@@ -71,7 +77,7 @@ class Demo:
     def __init__(self, output: Path, seed: int, path: str, domain: int | None) -> None:
         self.folder = new_folder(output)
         self.domain = 50 + os.getpid() % 50 if domain is None else domain
-        self.simulation = {"seed": seed, "path": path, "has_stamped_command": True}
+        self.simulation = SIMULATION | {"seed": seed, "path": path}
         simulator = Simulator(build(SimParams, self.simulation))
         self.length = simulator.path.length
         self.T_base_sphere = simulator.mounts["sphere"].T_base_camera
