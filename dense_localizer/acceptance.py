@@ -51,10 +51,14 @@ class Check:
         return Finding(self.reason, float(self.value), self.hard if self.margin < 0 else self.good, self.detail)
 
 
-def honest_covariance(alignment: Alignment, params: CovarianceParams) -> Array:
-    """Return the covariance (6, 6) with what the residuals cannot show: errors of the map and of the calibration."""
-    floor = np.repeat([params.map_sigma_m, params.map_sigma_rad], 3) ** 2
-    return params.inflation * alignment.covariance + np.diag(floor)
+def honest_covariance(alignment: Alignment, distance_m: float, params: CovarianceParams) -> Array:
+    """Return the covariance (6, 6) with what the residuals cannot show: errors of the map and of the calibration.
+
+    `distance_m` is that to the nearest reference: a wrong range or focal length moves the pose by a share of it. How
+    many pixels err together is measured by the alignment itself.
+    """
+    sigma_m = params.map_sigma_m + params.map_share * (distance_m if np.isfinite(distance_m) else 0.0)
+    return alignment.covariance + np.diag(np.repeat([sigma_m, params.map_sigma_rad], 3) ** 2)
 
 
 def innovation(alignment: Alignment, covariance: Array, prediction: Prediction) -> float:
@@ -69,13 +73,14 @@ def judge(
     distance_ratio: float,
     prediction: Prediction | None,
     params: AcceptanceParams,
+    max_mad: float = np.inf,
 ) -> Verdict:
     """Judge one alignment with its honest covariance; without a prediction (a start) every jump is allowed.
 
-    `distance_ratio` is the distance to the nearest reference by its median range.
+    `distance_ratio` is the distance to the nearest reference by its median range, `max_mad` the limit of the alignment.
     """
     if alignment.reason:
-        return refusal(_own_words(alignment, params))
+        return refusal(_own_words(alignment, params, max_mad))
     if not (np.all(np.isfinite(alignment.T_world_camera.matrix)) and np.all(np.isfinite(covariance))):
         return refusal(Finding(Reason.NO_CONVERGENCE, detail="the result is no number"))
     checks = _evidence(alignment, params) + _certainty(covariance, params)
@@ -94,17 +99,17 @@ def refusal(finding: Finding) -> Verdict:
     return Verdict(is_accepted=False, is_good=False, finding=finding, quality=0.0)
 
 
-def _own_words(alignment: Alignment, params: AcceptanceParams) -> Finding:
+def _own_words(alignment: Alignment, params: AcceptanceParams, max_mad: float) -> Finding:
     """Return the finding of an alignment that refuses itself, with the value that belongs to its reason."""
-    values = {
-        Reason.LOW_OVERLAP: (alignment.overlap, params.min_overlap),
-        Reason.LOW_TEXTURE: (alignment.num_pixels, params.min_pixels),
-        Reason.OUTLIERS: (alignment.inlier_share, params.min_inlier_share),
-        Reason.NO_CONVERGENCE: (alignment.iterations, alignment.iterations),
+    words = {
+        Reason.LOW_OVERLAP: (alignment.overlap, params.min_overlap, ""),
+        Reason.LOW_TEXTURE: (alignment.num_pixels, params.min_pixels, "pixels that fix the pose"),
+        Reason.OUTLIERS: (alignment.mad, max_mad, "median deviation in grey levels"),
+        Reason.NO_CONVERGENCE: (alignment.iterations, alignment.iterations, "iterations"),
     }
     reason = Reason(alignment.reason)
-    value, limit = values.get(reason, (0.0, 0.0))
-    return Finding(reason, float(value), float(limit))
+    value, limit, detail = words.get(reason, (0.0, 0.0, ""))
+    return Finding(reason, float(value), float(limit), detail)
 
 
 def _evidence(alignment: Alignment, params: AcceptanceParams) -> list[Check]:

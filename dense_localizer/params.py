@@ -28,8 +28,8 @@ class PriorParams:
 
     acceleration: float = param(5.0, "standard deviation, each axis", "m/s^2", low=0.01)
     angular_acceleration: float = param(10.0, "standard deviation, each axis", "rad/s^2", low=0.01)
-    start_speed: float = param(1.0, "standard deviation of the unknown speed after a start", "m/s", low=0.0)
-    start_turn_rate: float = param(0.5, "standard deviation of the unknown turn rate after a start", "rad/s", low=0.0)
+    start_speed: float = param(5.0, "standard deviation of the unknown speed after a start", "m/s", low=0.0)
+    start_turn_rate: float = param(1.0, "standard deviation of the unknown turn rate after a start", "rad/s", low=0.0)
     odometry_error: float = param(0.05, "error of odometry as share of the motion", low=0.0, high=1.0)
     use_rotation: bool = param(True, "measure the rotation between images before the alignment (M15 eq. 20)")
     moving_speed: float = param(0.05, "speed from which the camera counts as moving", "m/s", low=0.0)
@@ -57,8 +57,8 @@ class AcceptanceParams:
     min_pixels: int = param(500, "pixels in the alignment", low=6)
     min_inlier_share: float = param(0.4, "share of pixels that agree", low=0.0, high=1.0)
     good_inlier_share: float = param(0.5, "inlier share of a good alignment", low=0.0, high=1.0)
-    min_ncc: float = param(0.5, "normalised cross-correlation of image and references", low=-1.0, high=1.0)
-    good_ncc: float = param(0.7, "correlation of a good alignment", low=-1.0, high=1.0)
+    min_ncc: float = param(0.4, "normalised cross-correlation of image and references", low=-1.0, high=1.0)
+    good_ncc: float = param(0.5, "correlation of a good alignment", low=-1.0, high=1.0)
     max_gain: float = param(3.0, "factor of brightness to the map, either way", low=1.0)
     max_bias: float = param(80.0, "offset of brightness to the map", "grey level", low=0.0)
     max_sigma_m: float = param(0.1, "standard deviation of the position", "m", low=0.0)
@@ -72,9 +72,9 @@ class AcceptanceParams:
 class CovarianceParams:
     """From the alignment's covariance to an honest one (`acceptance.py`)."""
 
-    inflation: float = param(1.0, "factor of the alignment's covariance (measured by NEES)", low=0.0)
-    map_sigma_m: float = param(0.004, "error of the map's geometry, each axis", "m", low=0.0)
-    map_sigma_rad: float = param(0.002, "error of the map's attitude, each axis", "rad", low=0.0)
+    map_sigma_m: float = param(0.002, "error of the map's geometry, each axis", "m", low=0.0)
+    map_sigma_rad: float = param(0.0015, "error of the map's attitude, each axis", "rad", low=0.0)
+    map_share: float = param(0.01, "error of range and calibration, as share of the distance to the reference", low=0.0)
 
 
 @parameters
@@ -99,8 +99,8 @@ class StartParams:
     side_step_deg: float = param(15.0, "to either side of the heading of a partial sphere", "deg", low=0.0, high=90.0)
     num_aligned: int = param(60, "best guesses that are aligned coarsely", low=1)
     num_verified: int = param(4, "best coarse results that are verified at full resolution", low=1)
-    min_ncc: float = param(0.75, "correlation of a verified start", low=-1.0, high=1.0)
-    min_ncc_margin: float = param(0.05, "lead of the best place over another one", low=0.0, high=1.0)
+    min_ncc: float = param(0.5, "correlation of a verified start", low=-1.0, high=1.0)
+    min_ncc_margin: float = param(0.1, "lead of the best place over another one", low=0.0, high=1.0)
     same_place_m: float = param(0.3, "results closer than this are one place", "m", low=0.0)
     same_place_deg: float = param(10.0, "and turned by less than this", "deg", low=0.0)
     near_s: float = param(2.0, "time for which a given or lost pose is tried", "s", low=0.0)
@@ -113,6 +113,7 @@ class TrackingParams(RegistrationParams):
     """Registration at the rate of the camera: fewer pixels fix the pose as well."""
 
     max_pixels: int = param(20_000, "best pixels used at a level, all references together", low=100)
+    max_mad: float = param(40.0, "median absolute deviation above which a result is refused", "grey level", low=0.0)
 
 
 @parameters

@@ -51,8 +51,9 @@ def locate(
     if prediction is not None:
         registration = starting_at(first_level(prediction, choice, pyramid, params), registration)
     alignment = register(pyramid, choice.views, T_map_camera, registration)
-    covariance = honest_covariance(alignment, params.covariance)
-    verdict = judge(alignment, covariance, choice.distance_ratio, prediction, params.acceptance)
+    covariance = honest_covariance(alignment, choice.distance_m, params.covariance)
+    limits = params.acceptance, params.registration.max_mad
+    verdict = judge(alignment, covariance, choice.distance_ratio, prediction, *limits)
     return Place(alignment.T_world_camera, covariance, choice, verdict, alignment)
 
 

@@ -23,9 +23,9 @@ from sphere_mapping.graph import KeySphere, SphereGraph
 from sphere_mapping.sphere import Sphere
 
 NUM_DIGEST_LEVELS = 2  # the coarsest levels are kept of every sphere: for choosing and for the start
-
 MIN_KEPT = 10_000  # levels that would keep fewer pixels keep all
-NUM_DIGEST_POINTS = 1500  # at least as many points of the coarsest level tell what a sphere covers
+NUM_DIGEST_POINTS = 150  # about as many points of the coarsest level tell what a partial sphere covers
+RANGE_STEP = 8  # every eighth row and column are enough for the median range
 
 
 class SphereMap(Protocol):
@@ -87,50 +87,64 @@ class References:
         return self._map.graph.nearest(point_map, count)
 
     def choose(self, T_map_camera: SE3, camera: Camera) -> Choice:
-        """Return the references for an image taken near a pose."""
-        candidates = self.nearest(T_map_camera.translation, self._params.num_candidates)
-        T_camera_map = T_map_camera.inverse()
-        T_camera_sphere = [T_camera_map @ node.T_map_sphere for node in candidates]
-        overlaps = coverage([self.digest(node.id).points for node in candidates], T_camera_sphere, camera)
+        """Return the references for an image taken near a pose: the nearest of those that cover it."""
+        candidates, overlaps = self._candidates(T_map_camera, camera)
         best = float(np.max(overlaps, initial=0.0))
         needed = max(self._params.min_visible_share, self._params.relative_share * best)
-        is_whole = np.array([self.digest(node.id).camera.is_whole for node in candidates], np.bool_)
-        usable = np.flatnonzero((overlaps >= needed) | is_whole)
-        chosen = [candidates[index] for index in usable[: self._params.num_references]]
-        views = tuple(View(self.prepared(node.id), node.T_map_sphere) for node in chosen)
+        chosen = [candidates[index] for index in np.flatnonzero(overlaps >= needed)[: self._params.num_references]]
         if not chosen:
             return Choice((), (), best, np.inf, np.inf)
+        views = tuple(View(self.prepared(node.id), node.T_map_sphere) for node in chosen)
         distance = float(chosen[0].T_map_sphere.distance(T_map_camera)[0])
         return Choice(tuple(n.id for n in chosen), views, best, distance, self.digest(chosen[0].id).typical_range_m)
 
     def prepared(self, sphere_id: int) -> Reference:
-        """Return a reference with all levels, prepared now or before."""
+        """Return a reference with the salient pixels of all levels, prepared now or before."""
         if sphere_id not in self._prepared:
-            self._prepare(sphere_id)
+            reference = self._load(sphere_id)
+            levels = (salient(level, self._params.kept_share) for level in reference.levels)
+            self._prepared[sphere_id] = Reference(tuple(levels))
+            if len(self._prepared) > self._params.cache_size:
+                self._prepared.popitem(last=False)
         self._prepared.move_to_end(sphere_id)
         return self._prepared[sphere_id]
 
     def digest(self, sphere_id: int) -> Digest:
         """Return the small part of a sphere that is kept for good."""
         if sphere_id not in self._digests:
-            self._prepare(sphere_id)
+            self._load(sphere_id)
         return self._digests[sphere_id]
 
-    def _prepare(self, sphere_id: int) -> None:
+    def _candidates(self, T_map_camera: SE3, camera: Camera) -> tuple[list[KeySphere], NDArray[np.float64]]:
+        """Return the nearest key spheres and the share of the image that each covers, 1 for whole spheres."""
+        nodes = self.nearest(T_map_camera.translation, self._params.num_candidates)
+        first = nodes[: self._params.num_references]
+        if all(self.digest(node.id).camera.is_whole for node in first):
+            return first, np.ones(len(first))
+        digests = [self.digest(node.id) for node in nodes]
+        T_camera_map = T_map_camera.inverse()
+        T_camera_sphere = [T_camera_map @ node.T_map_sphere for node in nodes]
+        overlaps = coverage([digest.points for digest in digests], T_camera_sphere, camera)
+        return nodes, np.where([digest.camera.is_whole for digest in digests], 1.0, overlaps)
+
+    def _load(self, sphere_id: int) -> Reference:
+        """Read and prepare a sphere; its digest is kept."""
         sphere = self._map.load_sphere(sphere_id)
         reference = prepare_reference(sphere.grey, sphere.range_m, sphere.camera, self._registration)
-        self._prepared[sphere_id] = Reference(
-            tuple(salient(level, self._params.kept_share) for level in reference.levels)
-        )
-        while len(self._prepared) > self._params.cache_size:
-            self._prepared.popitem(last=False)
-        finite = sphere.range_m[::8, ::8]
-        finite = finite[np.isfinite(finite)]
-        typical = float(np.median(finite)) if finite.size else np.inf
-        coarse = Reference(reference.levels[-NUM_DIGEST_LEVELS:])
-        points = coarse.levels[-1].points
-        points = np.ascontiguousarray(points[:, :: max(1, points.shape[1] // NUM_DIGEST_POINTS)].T)
-        self._digests[sphere_id] = Digest(coarse, points, sphere.camera, typical)
+        if sphere_id not in self._digests:
+            self._digests[sphere_id] = digest_of(sphere, reference)
+        return reference
+
+
+def digest_of(sphere: Sphere, reference: Reference) -> Digest:
+    """Return what is kept of a sphere."""
+    ranges = sphere.range_m[::RANGE_STEP, ::RANGE_STEP]
+    ranges = ranges[np.isfinite(ranges)]
+    typical = float(np.median(ranges)) if ranges.size else np.inf
+    coarse = Reference(reference.levels[-NUM_DIGEST_LEVELS:])
+    points = coarse.levels[-1].points
+    points = np.ascontiguousarray(points[:, :: max(1, points.shape[1] // NUM_DIGEST_POINTS)].T)
+    return Digest(coarse, points, sphere.camera, typical)
 
 
 def salient(level: ReferenceLevel, share: float) -> ReferenceLevel:

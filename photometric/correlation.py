@@ -27,7 +27,7 @@ def correlated_pixels(solvers: Sequence[ViewSolver], found: Sequence[NormalEquat
     total = expected = 0.0
     for solver, view in zip(solvers, found, strict=True):
         pieces = solver.piece_sums()
-        if len(pieces) < MIN_PIECES:
+        if len(pieces) < MIN_PIECES or not np.all(np.isfinite(pieces)):
             continue
         H = np.zeros((kernels.NUM_COLUMNS + 1, kernels.NUM_COLUMNS + 1))
         H[UPPER] = pieces.sum(axis=0)[: UPPER[0].size]

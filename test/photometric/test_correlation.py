@@ -57,3 +57,12 @@ def test_the_covariance_grows_with_the_correlation(room, rng):
         image = (grey + 3.0 * noise / noise.std()).astype(np.float32)
         sigmas.append(np.trace(register(build_pyramid(image, CAMERA), views, SE3.identity()).covariance) ** 0.5)
     assert sigmas[1] > 2.0 * sigmas[0]
+
+
+def test_a_view_of_nothing_cannot_tell(room):
+    grey, range_m = room.render(CAMERA, SE3.identity())
+    views = [View(prepare_reference(grey, range_m, CAMERA, PARAMS), SE3.identity())]
+    pyramid = build_pyramid(grey, CAMERA, PARAMS.pyramid)
+    problem = Problem.choose_pixels(pyramid.levels[0], views, SE3.identity(), PARAMS)
+    behind = State.start(SE3.exp([0.0, 0.0, 0.0, 0.0, np.pi, 0.0]), 1)
+    assert correlated_pixels(problem.solvers, problem.compare(behind), 99.0) >= 1.0
