@@ -43,7 +43,7 @@ class KeySphereParams:
     max_mad_share: float = param(0.05, "MAD of the residual by 255, lambda of M15 eq. 12", low=0.0, high=1.0)
     min_overlap: float = param(0.6, "share of the reference still in view", low=0.0, high=1.0)
     min_inlier_share: float = param(0.5, "share of pixels that agree", low=0.0, high=1.0)
-    max_parallax: float = param(0.25, "distance from the reference, by the reference's median range", low=0.01)
+    max_parallax: float = param(0.2, "distance from the reference, by the reference's median range", low=0.01)
 
 
 @parameters
@@ -59,13 +59,21 @@ class LoopParams:
 
 
 @parameters
+class MappingRegistrationParams(RegistrationParams):
+    """Registration while mapping: offline, so that all pixels may speak."""
+
+    max_pixels: int = param(200_000, "best pixels used at a level, all references together", low=100)
+    min_ncc: float = param(0.3, "correlation of the aligned images below which a result is refused", low=-1.0, high=1.0)
+
+
+@parameters
 class MapperParams:
     """The mapper and all its steps (`mapper.py`)."""
 
     num_references: int = param(2, "key spheres that each sphere is aligned to (M15 eq. 8)", low=1, high=4)
     partial: PartialParams = group(PartialParams)
     stereo: StereoParams = group(StereoParams)
-    registration: RegistrationParams = group(RegistrationParams)
+    registration: MappingRegistrationParams = group(MappingRegistrationParams)
     key: KeySphereParams = group(KeySphereParams)
     loop: LoopParams = group(LoopParams)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -19,11 +19,13 @@ from photometric import (
     register,
     register_rotation,
 )
+from photometric.alignment import OUTLIERS
 from photometric.judgement import judge
 from photometric.overlap import image_overlap
 from photometric.problem import Problem, State
 from sphere_geometry import SE3
 from sphere_mapping.graph import Edge, KeySphere
+from sphere_mapping.params import MappingRegistrationParams
 from sphere_mapping.sphere import Sphere
 
 
@@ -46,8 +48,8 @@ class PreparedSphere:
 
     @cached_property
     def coverage(self) -> float:
-        """Share of its image that has a range: the overlap that it would have with itself."""
-        return 1.0 - float(np.isnan(self.sphere.range_m).mean())
+        """Overlap that it has with itself: the share of its image that has a range, as `align` counts it."""
+        return image_overlap(self.pyramid, [self.at(SE3.identity())], SE3.identity())
 
     @cached_property
     def median_range(self) -> float:
@@ -61,15 +63,21 @@ class PreparedSphere:
 
 
 def align(
-    current: PreparedSphere, references: Sequence[View], guesses: Iterable[SE3], params: RegistrationParams
+    current: PreparedSphere,
+    references: Sequence[View],
+    guesses: Iterable[SE3],
+    params: MappingRegistrationParams,
 ) -> Alignment:
     """Align a sphere with references, from one guess of T_world_sphere after the other until one converges.
 
-    Guesses are tried lazily, the most likely first; where none converges the result of the first is returned.
+    Guesses are tried lazily, the most likely first; where none converges the result of the first is returned. A
+    result whose images do not resemble each other, as when the lens is covered, is refused as OUTLIERS.
     """
     first: Alignment | None = None
     for T_world_sphere in guesses:
         alignment = register(current.pyramid, references, T_world_sphere, params)
+        if alignment.is_converged and alignment.ncc < params.min_ncc:
+            alignment = replace(alignment, reason=OUTLIERS)
         if alignment.is_converged:
             return alignment
         first = first or alignment

@@ -1,0 +1,124 @@
+import numpy as np
+import pytest
+from worlds import Room, optical
+
+from sphere_geometry import SE3, Pinhole
+from sphere_mapping import keyframes
+from sphere_mapping.mapper import Mapper
+from sphere_mapping.params import KeySphereParams, MapperParams
+from sphere_mapping.partial import sphere_from_rgbd
+from sphere_mapping.sphere import Sphere
+
+CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
+ROOM = Room()
+STEP = SE3.exp([0.05, 0.01, 0.0, 0.0, 0.005, 0.02])
+NUM_SPHERES = 12
+PERIOD_NS = 100_000_000
+
+
+def poses():
+    T_map_sphere = SE3.exp([-0.5, 0.2, 0.0, 0.0, 0.0, 0.3])
+    for _ in range(NUM_SPHERES):
+        yield T_map_sphere
+        T_map_sphere = T_map_sphere @ STEP
+
+
+def seen_from(T_room_sphere, number):
+    image, depth_m = ROOM.photograph(CAMERA, optical(T_room_sphere))
+    return sphere_from_rgbd(image, depth_m, CAMERA, stamp_ns=number * PERIOD_NS)
+
+
+@pytest.fixture(scope="module")
+def drive():
+    truth = list(poses())
+    return truth, [seen_from(T_room_sphere, number) for number, T_room_sphere in enumerate(truth)]
+
+
+def mapped(spheres, T_map_first, params=None, odometry=None):
+    mapper = Mapper(params, T_map_first)
+    updates = [mapper.add(sphere, odometry and odometry[k]) for k, sphere in enumerate(spheres)]
+    return mapper, updates
+
+
+def errors(updates, truth):
+    return np.array([T.distance(update.T_map_sphere) for T, update in zip(truth, updates, strict=True)])
+
+
+def test_a_drive_is_recovered_and_few_spheres_are_kept(drive):
+    truth, spheres = drive
+    mapper, updates = mapped(spheres, truth[0])
+    found = errors(updates, truth)
+    # ideal range and one grey level of rounding: a few millimetres in a room of 8 m
+    assert found[:, 0].max() < 0.005
+    assert found[:, 1].max() < np.radians(0.1)
+    assert updates[0].key_reason == keyframes.FIRST
+    assert 1 <= len(mapper.graph) <= NUM_SPHERES // 2
+    assert len(mapper.graph.edges) == len(mapper.graph) - 1
+
+
+def test_key_spheres_are_kept_as_observed(drive):
+    truth, spheres = drive
+    mapper, _ = mapped(spheres, truth[0], MapperParams(key=KeySphereParams(max_parallax=0.02)))
+    assert len(mapper.graph) > 2
+    by_stamp = {sphere.stamp_ns: sphere for sphere in spheres}
+    for node in mapper.graph:
+        assert node.sphere is by_stamp[node.stamp_ns]
+
+
+def test_the_trajectory_is_that_of_the_updates(drive):
+    truth, spheres = drive
+    mapper, updates = mapped(spheres, truth[0])
+    for (stamp, T_map_sphere), update in zip(mapper.trajectory(), updates, strict=True):
+        assert stamp == update.stamp_ns
+        np.testing.assert_allclose(T_map_sphere.matrix, update.T_map_sphere.matrix, atol=1e-9)
+
+
+def test_two_runs_give_the_same_bits(drive):
+    truth, spheres = drive
+    runs = [mapped(spheres[:5], truth[0])[1] for _ in range(2)]
+    for first, second in zip(*runs, strict=True):
+        np.testing.assert_array_equal(first.T_map_sphere.matrix, second.T_map_sphere.matrix)
+
+
+def test_odometry_carries_over_a_gap_that_velocity_does_not(drive):
+    truth, spheres = drive
+    T_odom_map = SE3.exp([3.0, 1.0, 0.0, 0.0, 0.0, -1.0])
+    odometry = [T_odom_map @ T for T in truth]
+    picked = [0, 1, 9, 10]
+    _, updates = mapped([spheres[k] for k in picked], truth[0], odometry=[odometry[k] for k in picked])
+    assert errors(updates, [truth[k] for k in picked])[:, 0].max() < 0.005
+
+
+def test_a_blank_sphere_is_not_placed_and_does_no_harm(drive):
+    truth, spheres = drive
+    blank = Sphere(np.full_like(spheres[0].image, 90), spheres[0].range_m, spheres[0].camera, 3 * PERIOD_NS)
+    mapper, updates = mapped([*spheres[:3], blank, *spheres[4:6]], truth[0])
+    assert updates[3].T_map_sphere is None
+    assert updates[3].alignment.reason
+    assert not updates[3].is_key
+    placed = [update for update in updates if update.T_map_sphere is not None]
+    assert errors(placed, [*truth[:3], *truth[4:6]])[:, 0].max() < 0.005
+    assert len(list(mapper.trajectory())) == 5
+
+
+def test_a_sphere_without_range_is_placed_but_explains_nothing(drive):
+    truth, spheres = drive
+    blind = Sphere(spheres[1].image, np.full_like(spheres[1].range_m, np.nan), spheres[1].camera, PERIOD_NS)
+    _, updates = mapped([spheres[0], blind, spheres[2]], truth[0])
+    assert errors(updates, truth[:3])[:, 0].max() < 0.005
+
+
+def test_closing_a_loop_brings_the_end_back_to_the_beginning(drive):
+    truth, _ = drive
+    params = MapperParams(key=KeySphereParams(max_parallax=0.01))  # 5 cm: every sphere is kept
+    there_and_back = [*range(6), *range(4, -1, -1)]
+    mapper, _ = mapped([seen_from(truth[k], n) for n, k in enumerate(there_and_back)], truth[0], params)
+    bent = {
+        node.id: node.T_map_sphere @ SE3.exp([0.004 * node.id, 0, 0, 0, 0, 0.001 * node.id]) for node in mapper.graph
+    }
+    mapper.graph = mapper.graph.with_poses(bent)
+    assert mapper.close_loops() > 0
+    assert any(edge.is_loop for edge in mapper.graph.edges)
+    last = mapper.graph[len(mapper.graph) - 1].T_map_sphere
+    assert last.distance(truth[0])[0] < 0.01  # it was bent by 40 mm
+    assert mapper.close_loops() == 0 or len(mapper.graph.edges) > len(mapper.graph)
