@@ -1,19 +1,21 @@
-"""The mapper on spheres as they come, or from a bag; `ros2 service call /save_map` writes the map.
+"""The mapper on live topics or on a bag; the service `save_map` writes the map.
 
-ros2 launch sphere_nav mapping.launch.py
-ros2 launch sphere_nav mapping.launch.py bag:=drive
+ros2 launch sphere_nav mapping.launch.py input:=rgbd bag:=drive
+ros2 service call /save_map sphere_nav_msgs/srv/SaveMap "{path: campus}"
 """
 
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument
 from launch.conditions import IfCondition
-from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution, PathJoinSubstitution
+from launch.substitutions import LaunchConfiguration, NotEqualsSubstitution, PathJoinSubstitution, PythonExpression
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 from launch_ros.substitutions import FindPackageShare
 
 CONFIG = [FindPackageShare("sphere_nav"), "config"]
+LAST_TOPIC = {"sphere": "sphere", "rgbd": "depth/image_raw", "stereo": "right/image_raw"}
 ARGUMENTS = {
+    "input": ("sphere", "what is mapped: sphere, rgbd or stereo"),
     "bag": ("", "bag to play; empty: live topics"),
     "rate": ("1.0", "speed of playing; 0: as fast as the mapper takes it"),
     "use_sim_time": ("false", "take the time from /clock"),
@@ -33,7 +35,10 @@ def generate_launch_description():
         package="sphere_nav",
         executable="sphere_mapper",
         output="screen",
-        parameters=[values["params"], {"use_sim_time": typed("use_sim_time", bool)}],
+        parameters=[
+            values["params"],
+            {"input": typed("input", str), "use_sim_time": typed("use_sim_time", bool)},
+        ],
     )
     player = Node(
         package="sphere_nav",
@@ -44,7 +49,7 @@ def generate_launch_description():
             {
                 "bag": typed("bag", str),
                 "rate": typed("rate", float),
-                "wait_for": "sphere",
+                "wait_for": PythonExpression([f"{LAST_TOPIC}['", values["input"], "']"]),
             }
         ],
     )
