@@ -5,9 +5,21 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.rgbd_data import Frame
-from photometric import Reference, RegistrationParams, View, build_pyramid, prepare_reference, register
+from photometric import (
+    PyramidParams,
+    Reference,
+    RegistrationParams,
+    View,
+    build_pyramid,
+    prepare_reference,
+    register,
+)
+from photometric.problem import Problem
 from sphere_geometry import SE3, Pinhole
 from sphere_geometry.camera import pixel_grid
+
+# Images of a Kinect are soft: half their size carries what can be aligned, and a tenth of a pixel is below their noise.
+SOFT_IMAGES = RegistrationParams(pyramid=PyramidParams(finest=1), max_pixels=20_000, min_step=0.1)
 
 
 class Ours:
@@ -17,12 +29,16 @@ class Ours:
 
     def __init__(self, camera: Pinhole, params: RegistrationParams | None = None) -> None:
         self.camera = camera
-        self.params = params or RegistrationParams()
+        self.params = params or SOFT_IMAGES
         self.range_by_depth = (1.0 / camera.unproject(pixel_grid(camera))[..., 2]).astype(np.float32)
 
     def prepare(self, frame: Frame) -> Reference:
-        """Turn depth into range along the ray and prepare all levels of the reference."""
-        return prepare_reference(frame.grey, frame.depth_m * self.range_by_depth, self.camera, self.params)
+        """Turn depth into range along the ray, prepare all levels of the reference and choose its pixels."""
+        params = self.params
+        reference = prepare_reference(frame.grey, frame.depth_m * self.range_by_depth, self.camera, params)
+        for level in build_pyramid(frame.grey, self.camera, params.pyramid).levels[params.pyramid.finest :]:
+            Problem.choose_pixels(level, [View(reference, SE3.identity())], SE3.identity(), params)
+        return reference
 
     def track(self, reference: Reference, frame: Frame) -> SE3 | None:
         """Build the pyramid of the current image and align it; its depth is not used."""

@@ -65,13 +65,13 @@ class Selection:
 
 @dataclass(frozen=True)
 class Reference:
-    """An augmented image (M15 section 2.1) on all levels, from fine to coarse."""
+    """An augmented image (M15 section 2.1) on all levels that are used, from fine to coarse."""
 
     levels: tuple[ReferenceLevel, ...]
 
     @property
     def camera(self) -> Camera:
-        """The camera at full size."""
+        """The camera of the finest level."""
         return self.levels[0].camera
 
 
@@ -98,6 +98,8 @@ def prepare_reference(
     for index, level in enumerate(pyramid.levels):
         if index:
             ranges = _halve_range(ranges, params.surface_ratio)
+        if index < min(params.pyramid.finest, len(pyramid.levels) - 1):
+            continue  # no image will be aligned that finely
         levels.append(prepare_level(level, ranges, params.far))
     return Reference(tuple(levels))
 
