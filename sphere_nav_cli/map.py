@@ -50,7 +50,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--anchor",
         choices=("first", "truth"),
         default="first",
-        help="first pose: identity, or its ground truth (first)",
+        help="map frame: the pose of the first sphere, or the ground truth's, fitted to all spheres (first)",
     )
     parser.add_argument("--input", choices=("auto", *TOPICS), default="auto", help="what is mapped (by the topics)")
     parser.add_argument("--no-loops", action="store_true", help="do not look for places seen twice")
@@ -77,9 +77,12 @@ def run(arguments: argparse.Namespace) -> int:
     loops = 0 if arguments.no_loops else drive.node.mapper.close_loops()
     truth = truth_of(arguments.bag)
     T_anchor_map = drive.anchor(truth) if truth is not None else None
-    if arguments.anchor == "truth" and T_anchor_map is None:
-        raise BagError(f"{arguments.bag}: {' or '.join(TRUTH_TOPICS)}: expected a pose of the first sphere, found none")
-    T_new_map = T_anchor_map if arguments.anchor == "truth" and T_anchor_map is not None else SE3.identity()
+    T_fitted_map = drive.fit(truth) if truth is not None else None
+    if arguments.anchor == "truth" and T_fitted_map is None:
+        raise BagError(
+            f"{arguments.bag}: {' or '.join(TRUTH_TOPICS)}: expected poses at the stamps of the spheres, found none"
+        )
+    T_new_map = T_fitted_map if arguments.anchor == "truth" and T_fitted_map is not None else SE3.identity()
     graph = moved(drive.node.mapper.graph, T_new_map)
     details = details_of(graph, drive.node.params.mapper, source=str(arguments.bag.name))
     with tqdm(total=len(graph), desc="save", unit="sphere", leave=False) as bar:
@@ -120,6 +123,17 @@ class MappedDrive:
         mine = self.trajectory(is_base=truth.is_base)
         at, known = truth.poses.at(mine.stamps_ns[:1], max_gap_ns=round(1e9))
         return at.T_map_body[0] @ mine.T_map_body[0].inverse() if known.any() else None
+
+    def fit(self, truth: Truth) -> SE3 | None:
+        """Return T_truth_map that fits all spheres best, so that no single true pose decides; None without truth."""
+        mine = self.trajectory(is_base=truth.is_base)
+        at, known = truth.poses.at(mine.stamps_ns, max_gap_ns=round(1e9))
+        if not known.any():
+            return None
+        theirs, ours = at.T_map_body[known], mine.T_map_body[known]
+        U, _, Vt = np.linalg.svd(np.sum(theirs.rotation @ np.swapaxes(ours.rotation, -1, -2), axis=0))
+        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+        return SE3.from_parts(R, np.mean(theirs.translation - ours.translation @ R.T, axis=0))
 
     def summary(self, loops: int, truth: Truth | None, T_truth_map: SE3 | None) -> list[str]:
         """Return what is printed."""
