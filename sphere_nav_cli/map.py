@@ -85,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
     T_new_map = T_fitted_map if arguments.anchor == "truth" and T_fitted_map is not None else SE3.identity()
     graph = moved(drive.node.mapper.graph, T_new_map)
     details = details_of(graph, drive.node.params.mapper, source=str(arguments.bag.name))
-    with tqdm(total=len(graph), desc="save", unit="sphere", leave=False) as bar:
+    with tqdm(total=len(graph), desc="save", unit="sphere", leave=False, disable=None) as bar:
         save_map(arguments.output, graph, details, is_overwriting=arguments.overwrite, progress=bar.update)
     if arguments.trajectory:
         write_tum(arguments.trajectory, drive.trajectory(is_base=False).moved(T_new_map))
@@ -165,7 +165,7 @@ def mapped(bag: BagReader, values: dict[str, Any]) -> MappedDrive:
     node = bus.add(SphereMapper, values)
     assert isinstance(node, SphereMapper)
     total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
-    with tqdm(total=total, desc="map", unit="message", leave=False) as bar:
+    with tqdm(total=total, desc="map", unit="message", leave=False, disable=None) as bar:
         for _ in replay(bag, bus, progress=bar.update):
             pass
     refused = [wanted for wanted in node.inputs if wanted.num_refused]

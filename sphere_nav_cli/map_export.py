@@ -57,7 +57,7 @@ def write_ply(reader: MapReader, path: Path, params: CloudParams) -> str:
     """Write the points of all key spheres; return what was written, in words."""
     kind = [("x", "<f4"), ("y", "<f4"), ("z", "<f4"), ("red", "u1"), ("green", "u1"), ("blue", "u1")]
     parts = []
-    for node in tqdm(list(reader.graph), desc="export", unit="sphere", leave=False):
+    for node in tqdm(list(reader.graph), desc="export", unit="sphere", leave=False, disable=None):
         points, values = points_of(replace(node, sphere=reader.load_sphere(node.id)), params)
         table = np.zeros(len(points), dtype=kind)
         for axis, name in enumerate("xyz"):

@@ -28,13 +28,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Check, or salvage."""
     if arguments.salvage:
-        with tqdm(desc="salvage", unit="message", leave=False) as bar:
+        with tqdm(desc="salvage", unit="message", leave=False, disable=None) as bar:
             kept = salvage_map(arguments.map, arguments.salvage, bar.update)
         print(f"{arguments.salvage}: {kept} key spheres saved")
         return 0
     with open_map(arguments.map) as reader:
         number = len(reader.graph)
-    with tqdm(total=number, desc="verify", unit="sphere", leave=False) as bar:
+    with tqdm(total=number, desc="verify", unit="sphere", leave=False, disable=None) as bar:
         problems = verify_map(arguments.map, bar.update)
     for problem in problems:
         print(problem)

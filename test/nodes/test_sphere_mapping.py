@@ -1,0 +1,235 @@
+"""The node sphere_mapper on an offline bus: every kind of input, what it tells, calls, refusals; and over real DDS."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "sphere_mapping"))
+
+import rclpy
+from recordings import CAMERA, FIRST, PERIOD_NS, T_BASE_CAMERA, mount, pose, rgbd, sphere, stamp, stereo
+from sphere_nav_msgs.msg import KeySphereGraph
+from sphere_nav_msgs.srv import SaveMap
+from std_srvs.srv import Trigger
+
+from node_kit import qos
+from node_kit.conversions import (
+    message_to_cloud,
+    message_to_graph,
+    odometry_to_se3,
+    path_to_poses,
+    se3_to_odometry,
+    transform_to_se3,
+)
+from node_kit.map_bag import open_map
+from node_kit.replay import OfflineBus
+from sphere_geometry import SE3
+from sphere_mapping.node import SphereMapper
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+class Bench:
+    """A node on an offline bus; `said` is all that it published, by topic."""
+
+    def __init__(self, **values):
+        self.bus = OfflineBus()
+        self.node = self.bus.add(SphereMapper, values)
+        self.said = {}
+        self.settle()
+
+    def send(self, *messages):
+        for topic, message in messages:
+            self.bus.publish(topic if topic.startswith("/") else "/" + topic, message)
+        self.settle()
+
+    def settle(self):
+        for item in self.bus.settle():
+            self.said.setdefault(item.topic, []).append(item.message)
+
+    def drive(self, source, numbers):
+        self.send(("/tf_static", mount()))
+        for number in numbers:
+            self.bus.now_ns = stamp(number)
+            self.send(*source(number))
+
+    def call(self, name, request=None):
+        answer = self.node.shell.call(name, request)
+        self.settle()
+        return answer
+
+    def refusal(self):
+        return "; ".join(wanted.last_refusal for wanted in self.node.inputs if wanted.num_refused)
+
+
+@pytest.mark.parametrize(
+    ("kind", "source", "tolerance"),
+    # ideal range: some millimetres; stereo of so small images in a room of 8 m: some centimetres
+    [("rgbd", rgbd, 0.005), ("sphere", sphere, 0.005), ("stereo", stereo, 0.05)],
+)
+def test_the_vehicle_is_told_where_it_is(kind, source, tolerance):
+    bench = Bench(input=kind)
+    bench.drive(source, range(5))
+    odometry = bench.said["/odometry"]
+    assert len(odometry) == 5
+    for number, message in enumerate(odometry):
+        assert (message.header.frame_id, message.child_frame_id) == ("map", "base_link")
+        truth = FIRST.inverse() @ pose(number) @ T_BASE_CAMERA.inverse()  # the map is the first camera's frame
+        assert odometry_to_se3(message)[0].distance(truth)[0] < tolerance
+    transform = bench.said["/tf"][-1].transforms[0]
+    assert (transform.header.frame_id, transform.child_frame_id) == ("map", "base_link")
+    assert transform_to_se3(transform.transform).distance(odometry_to_se3(odometry[-1])[0])[0] < 1e-6
+
+
+def test_graph_cloud_markers_and_path_are_told():
+    bench = Bench(input="rgbd", **{"mapper.key.max_parallax": 0.02})
+    bench.drive(rgbd, range(5))
+    graph = message_to_graph(bench.said["/graph"][-1])
+    assert len(graph) == len(bench.node.mapper.graph) > 1
+    assert len(graph.edges) == len(graph) - 1
+    assert len(bench.said["/graph/markers"][-1].markers[0].points) == len(graph)
+    cloud = message_to_cloud(bench.said["/map_cloud"][-1])
+    in_room = cloud @ FIRST.rotation.T + FIRST.translation
+    outside = np.max(np.abs(in_room) / (4.0, 3.0, 2.0), axis=1)
+    assert np.percentile(np.abs(outside - 1), 95) < 0.02  # all points lie on the walls
+    assert len(path_to_poses(bench.said["/path"][-1])) == 5
+
+
+def test_with_odometry_the_map_is_told_relative_to_it():
+    bench = Bench(input="rgbd")
+    T_odom_map = SE3.from_planar(3.0, -1.0, 0.7)
+    bench.send(("/tf_static", mount()))
+    for number in range(3):
+        T_odom_base = T_odom_map @ pose(number) @ T_BASE_CAMERA.inverse()
+        bench.send(("odom", se3_to_odometry(T_odom_base, np.zeros((6, 6)), stamp(number), ("odom", "base_link"))))
+        bench.send(*rgbd(number))
+    transform = bench.said["/tf"][-1].transforms[0]
+    assert (transform.header.frame_id, transform.child_frame_id) == ("map", "odom")
+    truth = FIRST.inverse() @ T_odom_map.inverse()
+    assert transform_to_se3(transform.transform).distance(truth)[0] < 0.01
+
+
+def test_the_map_is_saved_and_read_back(tmp_path):
+    bench = Bench(input="rgbd", map_folder=str(tmp_path))
+    assert "empty" in bench.call("save_map", SaveMap.Request(path="early")).message
+    bench.drive(rgbd, range(3))
+    answer = bench.call("save_map", SaveMap.Request(path="room"))
+    assert answer.success, answer.message
+    assert answer.num_spheres == len(bench.node.mapper.graph)
+    with open_map(tmp_path / "room") as reader:
+        kept = bench.node.mapper.graph[0].sphere
+        loaded = reader.load_sphere(0)
+        np.testing.assert_array_equal(loaded.image, kept.image)
+        np.testing.assert_allclose(loaded.range_m, kept.range_m, rtol=1.1e-4)
+        assert reader.parameters["key.max_mad_share"] == 0.05
+    assert not bench.call("save_map", SaveMap.Request(path="room")).success
+    assert bench.call("save_map", SaveMap.Request(path="room", overwrite=True)).success
+
+
+@pytest.mark.parametrize("path", ["", ".", "../elsewhere", "/tmp/elsewhere"])
+def test_nothing_is_written_outside_the_map_folder(path, tmp_path):
+    bench = Bench(input="rgbd", map_folder=str(tmp_path / "maps"))
+    bench.drive(rgbd, range(1))
+    answer = bench.call("save_map", SaveMap.Request(path=path, overwrite=True))
+    assert not answer.success
+    assert "expected a folder below" in answer.message
+    assert not (tmp_path / "elsewhere").exists()
+
+
+def test_close_loops_answers_with_the_number_found():
+    bench = Bench(input="rgbd", **{"mapper.key.max_parallax": 0.01})
+    assert bench.call("close_loops").message == "0 loops closed"
+    bench.drive(rgbd, range(5))
+    before = len(bench.said["/graph"])
+    answer = bench.call("close_loops", Trigger.Request())
+    assert answer.success
+    assert int(answer.message.split()[0]) == sum(edge.is_loop for edge in bench.node.mapper.graph.edges)
+    assert len(bench.said["/graph"]) == before + (answer.message != "0 loops closed")
+
+
+def changed(messages, topic, **fields):
+    for name, message in messages:
+        if name == topic:
+            for field, value in fields.items():
+                setattr(message, field, value)
+        yield name, message
+
+
+@pytest.mark.parametrize(
+    ("topic", "fields", "message"),
+    [
+        ("camera_info", {"k": [0.0] * 9}, "expected a calibrated camera, found focal length 0"),
+        ("camera_info", {"width": 320}, "expected 320 x 180 (camera_info), found 240 x 180"),
+        ("image_raw", {"encoding": "32FC1"}, "image_raw"),
+        ("depth/image_raw", {"encoding": "mono8"}, "expected 16UC1 or 32FC1, found 'mono8'"),
+    ],
+)
+def test_a_bad_image_is_refused_and_nothing_is_told(topic, fields, message):
+    bench = Bench(input="rgbd")
+    bench.send(*changed(rgbd(0), topic, **fields))
+    assert "/odometry" not in bench.said
+    assert bench.refusal()
+    if message != topic:
+        assert message in bench.refusal() or "data: expected" in bench.refusal()
+    bench.send(*rgbd(1))
+    assert len(bench.said["/odometry"]) == 1
+
+
+def test_a_nan_depth_gives_no_pose_that_is_nan():
+    bench = Bench(input="rgbd")
+    bench.drive(rgbd, range(1))
+    blind = [(topic, message) for topic, message in rgbd(1)]
+    blind[1][1].data = np.full(CAMERA.width * CAMERA.height, np.nan, np.float32).tobytes()
+    bench.send(*blind)
+    for message in bench.said["/odometry"]:
+        assert np.isfinite(odometry_to_se3(message)[0].matrix).all()
+        assert np.isfinite(message.pose.covariance).all()
+
+
+def test_without_mounts_the_camera_is_the_vehicle():
+    bench = Bench(input="rgbd")
+    bench.send(*rgbd(0))
+    np.testing.assert_allclose(odometry_to_se3(bench.said["/odometry"][0])[0].translation, 0.0, atol=1e-9)
+
+
+def test_a_clock_that_jumps_back_starts_new_pairs():
+    bench = Bench(input="rgbd")
+    bench.drive(rgbd, [5])
+    bench.node.clock_jumped()
+    bench.send(*rgbd(0))
+    assert len(bench.said["/odometry"]) == 2
+
+
+def test_the_node_maps_over_dds():
+    """A process of its own: images go in, the latched graph comes out, SIGINT ends it in order."""
+    code = "import sys; from sphere_mapping.node import main; sys.exit(main())"
+    words = [sys.executable, "-c", code, "--ros-args", "-p", "input:=rgbd"]
+    process = subprocess.Popen(words, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)})
+    rclpy.init()
+    try:
+        node = rclpy.create_node("tester")
+        graphs = []
+        node.create_subscription(KeySphereGraph, "graph", graphs.append, qos.LATCHED)
+        publishers = {topic: node.create_publisher(type(message), topic, qos.LARGE) for topic, message in rgbd(0)}
+        end = time.monotonic() + 60  # the first run compiles the kernels
+        number = 0
+        while time.monotonic() < end and not graphs:
+            for topic, message in rgbd(number % 3):
+                message.header.stamp.sec += number // 3
+                publishers[topic].publish(message)
+            number += 1
+            rclpy.spin_once(node, timeout_sec=PERIOD_NS / 1e9)
+        assert graphs, "no graph within a minute"
+        assert graphs[-1].vertices[0].pose.orientation.w == pytest.approx(1.0)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=5) == 0
+    finally:
+        process.kill()
+        rclpy.try_shutdown()
