@@ -95,9 +95,11 @@ class StartParams:
 
     automatic: bool = param(True, "search the whole map without being asked")
     period_s: float = param(0.5, "pause between two searches", "s", low=0.0)
-    heading_step_deg: float = param(30.0, "between headings tried in a whole sphere", "deg", low=1.0, high=180.0)
+    heading_step_deg: float = param(20.0, "between headings tried in a whole sphere", "deg", low=1.0, high=180.0)
     side_step_deg: float = param(15.0, "to either side of the heading of a partial sphere", "deg", low=0.0, high=90.0)
-    num_aligned: int = param(60, "best guesses that are aligned coarsely", low=1)
+    tilt_step_deg: float = param(12.0, "above and below the heading of a partial sphere", "deg", low=0.0, high=45.0)
+    forward_step: float = param(0.2, "before and behind the centre, as share of the range", low=0.0, high=1.0)
+    num_aligned: int = param(30, "best guesses that are aligned coarsely", low=1)
     num_verified: int = param(4, "best coarse results that are verified at full resolution", low=1)
     min_ncc: float = param(0.5, "correlation of a verified start", low=-1.0, high=1.0)
     min_ncc_margin: float = param(0.1, "lead of the best place over another one", low=0.0, high=1.0)

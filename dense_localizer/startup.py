@@ -1,13 +1,13 @@
 """The first pose, and the pose after a loss: guesses, coarse alignment, verification (M15 section 5.4).
 
-Every key sphere offers guesses: its own place, several headings. All are compared with the image as they are, the best
-are aligned at the coarsest levels, the best of those verified at full resolution with two references. A result that
+Every key sphere offers guesses: poses in and about its centre. All are compared with the image, the best are
+aligned at the coarsest levels, the best of those verified at full resolution with two references. A result that
 another place explains nearly as well is withheld.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,11 +15,14 @@ import numpy as np
 from dense_localizer.params import LocalizerParams, StartParams
 from dense_localizer.place import Place, locate
 from dense_localizer.reasons import FINE, Finding, Reason
-from dense_localizer.reference import NUM_DIGEST_LEVELS, References
+from dense_localizer.reference import NUM_DIGEST_LEVELS, Digest, References
+from dense_localizer.resemblance import resemblance
 from photometric import Pyramid, RegistrationParams, View, register
-from sphere_geometry import SE3, Spherical
+from sphere_geometry import SE3
 from sphere_mapping.graph import KeySphere
 from sphere_mapping.sphere import T_BODY_OPTICAL
+
+NUM_COMPARED = 600  # points of a sphere that are compared with the image
 
 
 @dataclass(frozen=True)
@@ -47,40 +50,38 @@ class Startup:
         self._params = params
 
     def search(self, pyramid: Pyramid) -> Start:
-        """Look at all key spheres."""
-        return self._find(pyramid, self._everywhere())
+        """Look at all key spheres, from many poses in each."""
+        guesses: list[Guess] = []
+        for node in self._references.nodes:
+            digest = self._references.digest(node.id)
+            guesses += self._compared(pyramid, node, outlooks(digest, self._params.start))
+        return self._find(pyramid, best(guesses, self._params.start.num_aligned))
 
     def search_near(self, pyramid: Pyramid, T_map_camera: SE3) -> Start:
-        """Look around a pose that was given, or lost."""
-        return self._find(pyramid, self._around(T_map_camera))
-
-    def _everywhere(self) -> Iterator[Guess]:
-        """Yield guesses at every key sphere: all around a whole one, at and beside the heading of a partial one."""
-        for node in self._references.nodes:
-            for T_sphere_camera in headings(self._references.digest(node.id).camera, self._params.start):
-                yield Guess(node, node.T_map_sphere @ T_sphere_camera)
-
-    def _around(self, T_map_camera: SE3) -> Iterator[Guess]:
-        """Yield the pose itself, and its attitude at the places of the key spheres nearby."""
+        """Look around a pose that was given, or lost: there, and with its attitude at the places of key spheres."""
+        guesses = []
         for node in self._references.nearest(T_map_camera.translation, self._params.start.num_near):
-            yield Guess(node, T_map_camera)
-            yield Guess(node, SE3.from_parts(T_map_camera.rotation, node.T_map_sphere.translation))
+            guesses.append(Guess(node, T_map_camera))
+            guesses.append(Guess(node, SE3.from_parts(T_map_camera.rotation, node.T_map_sphere.translation)))
+        return self._find(pyramid, guesses)
 
-    def _find(self, pyramid: Pyramid, guesses: Iterable[Guess]) -> Start:
-        seen = self._best(pyramid, guesses, num_iterations=0)
-        aligned = self._best(pyramid, seen, self._params.registration.max_iterations_coarse)
+    def _compared(self, pyramid: Pyramid, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
+        """Return a guess for each of several poses in a sphere, with how much the image resembles it there."""
+        level = self._references.digest(node.id).reference.levels[-1]
+        step = max(1, level.num_pixels // NUM_COMPARED)
+        points, intensity = level.points[:, ::step].T, level.intensity[::step]
+        scores = resemblance(points, intensity, T_sphere_camera.inverse(), pyramid.levels[-1])
+        rows = enumerate(scores.tolist())
+        return [Guess(node, node.T_map_sphere @ T_sphere_camera[index], score) for index, score in rows]
+
+    def _find(self, pyramid: Pyramid, guesses: Sequence[Guess]) -> Start:
+        aligned = best([self._aligned(pyramid, guess) for guess in guesses], len(guesses))
         places = (self._verify(pyramid, guess) for guess in self._distinct(aligned))
         return decide([place for place in places if place is not None], self._params.start)
 
-    def _best(self, pyramid: Pyramid, guesses: Iterable[Guess], num_iterations: int) -> list[Guess]:
-        """Return the guesses, aligned at the coarsest levels, that resemble the image most."""
-        num_levels = NUM_DIGEST_LEVELS if num_iterations else 1
-        params = coarse(self._params.registration, len(pyramid.levels) - num_levels, num_iterations)
-        scored = [self._scored(pyramid, guess, params) for guess in guesses]
-        scored.sort(key=lambda guess: -guess.ncc)  # stable: equal ones stay in the order of the map
-        return scored[: self._params.start.num_aligned]
-
-    def _scored(self, pyramid: Pyramid, guess: Guess, params: RegistrationParams) -> Guess:
+    def _aligned(self, pyramid: Pyramid, guess: Guess) -> Guess:
+        """Return a guess after alignment at the coarsest levels."""
+        params = coarse(self._params.registration, len(pyramid.levels) - NUM_DIGEST_LEVELS)
         view = View(self._references.digest(guess.node.id).reference, guess.node.T_map_sphere)
         found = register(pyramid, [view], guess.T_map_camera, params)
         score = found.ncc * np.sqrt(found.overlap) if found.overlap > 0 else -1.0
@@ -102,22 +103,40 @@ class Startup:
         return place if place.verdict.is_accepted else None
 
 
-def headings(camera: Spherical, params: StartParams) -> list[SE3]:
-    """Return attitudes of an upright camera that are worth trying in a sphere, as T_sphere_camera."""
+def best(guesses: Sequence[Guess], count: int) -> list[Guess]:
+    """Return the guesses that resemble the image most; equal ones stay in the order of the map."""
+    return sorted(guesses, key=lambda guess: -guess.ncc)[:count]
+
+
+def outlooks(digest: Digest, params: StartParams) -> SE3:
+    """Return poses of an upright camera that are worth trying in a sphere, a batch of T_sphere_camera.
+
+    All around in a whole sphere; in and beside the middle of a partial one; each at its centre and a step before and
+    behind it, by a share of the range.
+    """
+    camera = digest.camera
     centre = camera.unproject([(camera.width - 1) / 2, (camera.height - 1) / 2])
-    first, step = np.arctan2(centre[1], centre[0]), np.radians(params.side_step_deg)
-    angles = np.array([first, first - step, first + step])
-    elevation = float(np.arcsin(np.clip(centre[2], -1.0, 1.0)))
+    side, tilt = np.radians(params.side_step_deg), np.radians(params.tilt_step_deg)
     if camera.is_whole:
-        angles, elevation = np.radians(np.arange(0.0, 360.0, params.heading_step_deg)), 0.0
-    raised = SE3.exp([0, 0, 0, 0, -elevation, 0]) @ T_BODY_OPTICAL
-    return [SE3.exp([0, 0, 0, 0, 0, angle]) @ raised for angle in np.unique(angles)]
+        azimuths, elevations = np.radians(np.arange(0.0, 360.0, params.heading_step_deg)), np.zeros(1)
+    else:
+        azimuths = np.arctan2(centre[1], centre[0]) + side * np.arange(-2, 3)
+        elevations = np.arcsin(np.clip(centre[2], -1.0, 1.0)) + tilt * np.arange(-1, 2)
+    reach = params.forward_step * (digest.typical_range_m if np.isfinite(digest.typical_range_m) else 0.0)
+    azimuth, elevation, forward = (
+        axis.ravel() for axis in np.meshgrid(azimuths, elevations, reach * np.arange(-1, 2), indexing="ij")
+    )
+    zero = np.zeros_like(azimuth)
+    turned = SE3.exp(np.stack([zero, zero, zero, zero, zero, azimuth], axis=-1))
+    raised = SE3.exp(np.stack([zero, zero, zero, zero, -elevation, zero], axis=-1))
+    moved = SE3.from_parts(np.eye(3), np.stack([forward, zero, zero], axis=-1))
+    return turned @ raised @ moved @ T_BODY_OPTICAL
 
 
-def coarse(params: RegistrationParams, finest: int, num_iterations: int) -> RegistrationParams:
+def coarse(params: RegistrationParams, finest: int) -> RegistrationParams:
     """Return the parameters of an alignment that stops at the level `finest`."""
     pyramid = replace(params.pyramid, finest=max(0, finest))
-    return replace(params, pyramid=pyramid, max_iterations_coarse=num_iterations, max_iterations_fine=num_iterations)
+    return replace(params, pyramid=pyramid, max_iterations_fine=params.max_iterations_coarse)
 
 
 def is_same_place(a: SE3, b: SE3, params: StartParams) -> bool:

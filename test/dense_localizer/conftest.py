@@ -1,89 +1,13 @@
-"""A textured room with exact range, mapped by whole spheres on a line, and drives through it."""
+import sys
+from pathlib import Path
 
-from __future__ import annotations
-
-import numpy as np
 import pytest
 
-from dense_localizer.localizer import Localizer
-from dense_localizer.params import LocalizerParams
-from sphere_geometry import SE3, Fisheye, Pinhole, Spherical
-from sphere_geometry.camera import pixel_grid
-from sphere_mapping.graph import KeySphere, SphereGraph
-from sphere_mapping.sphere import T_BODY_OPTICAL, Sphere
-from typed_params import build
+sys.path.insert(0, str(Path(__file__).parent))  # dense_localizer_world.py, under importlib mode
 
-STEP_NS = 50_000_000  # 20 images a second
-PINHOLE = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
-FISHEYE = Fisheye(160, 120, 60.0, 60.0, 79.5, 59.5, (0.02, -0.01, 0.0, 0.0))
-# Ten numbers that differ from the defaults, because the images are sixteen times smaller than a camera's.
-SMALL_IMAGES = {"acceptance.min_pixels": 200, "registration.pyramid.num_levels": 4}
+from dense_localizer_world import MemoryMap, Room, make_map
 
-
-class Room:
-    """A box of half sides in metres; every wall carries waves of many lengths, grey levels 1..254."""
-
-    def __init__(self, half=(5.0, 3.0, 1.5), seed: int = 7) -> None:
-        rng = np.random.default_rng(seed)
-        directions = rng.normal(size=(30, 3))
-        self.half = np.array(half)
-        self.k = directions / np.linalg.norm(directions, axis=1, keepdims=True) * np.geomspace(1.0, 20.0, 30)[:, None]
-        self.phase = rng.uniform(0, 2 * np.pi, 30)
-        self.amplitude = 30.0 / np.linalg.norm(self.k, axis=1) ** 0.5
-
-    def render(self, camera, T_room_camera: SE3):
-        """Return the grey image (H, W) float64 and the range along the ray (H, W) in metres."""
-        rays = camera.unproject(pixel_grid(camera)) @ T_room_camera.rotation.T
-        origin = T_room_camera.translation
-        with np.errstate(divide="ignore", invalid="ignore"):
-            hits = (np.sign(rays) * self.half - origin) / rays
-        range_m = np.min(np.where(rays == 0, np.inf, hits), axis=-1)
-        points = origin + rays * range_m[..., None]
-        grey = 128.0 + np.sin(points @ self.k.T + self.phase) @ self.amplitude
-        return np.nan_to_num(np.clip(grey, 1.0, 254.0), nan=1.0), range_m
-
-    def photograph(self, camera, T_room_camera: SE3, seed: int, noise: float = 2.0):
-        """Return a noisy image (H, W) uint8."""
-        grey, _ = self.render(camera, T_room_camera)
-        return np.clip(np.rint(grey + np.random.default_rng(seed).normal(0, noise, grey.shape)), 0, 255).astype(np.uint8)
-
-    def sphere(self, T_room_sphere: SE3, camera: Spherical, seed: int = 0) -> Sphere:
-        """Return the augmented sphere at a place."""
-        _, range_m = self.render(camera, T_room_sphere)
-        image = np.maximum(self.photograph(camera, T_room_sphere, 1000 + seed), 1)
-        return Sphere(image, range_m.astype(np.float32), camera)
-
-
-class MemoryMap:
-    """A map that needs no file."""
-
-    def __init__(self, nodes) -> None:
-        self.graph = SphereGraph(nodes)
-        self.num_loaded = 0
-
-    def load_sphere(self, sphere_id: int) -> Sphere:
-        self.num_loaded += 1
-        sphere = self.graph[sphere_id].sphere
-        assert sphere is not None
-        return sphere
-
-
-def make_map(room: Room, places: list[SE3], camera: Spherical | None = None) -> MemoryMap:
-    """Return a map of the room with a sphere at every place."""
-    camera = camera or Spherical(512, 256)
-    return MemoryMap(KeySphere(i, 1 + i, T, room.sphere(T, camera, i)) for i, T in enumerate(places))
-
-
-def at(x: float, y: float = 0.0, yaw: float = 0.0, z: float = 0.0) -> SE3:
-    """Return the pose T_room_camera of a level camera looking along `yaw`."""
-    return SE3.from_parts(SE3.from_planar(0, 0, yaw).rotation, [x, y, z]) @ T_BODY_OPTICAL
-
-
-def drive(number: int, speed: float = 1.0) -> list[SE3]:
-    """Return poses along the row of spheres, with a gentle weave in y, heading and height."""
-    t = np.arange(number) * STEP_NS * 1e-9
-    rows = zip(-1.6 + speed * t, 0.15 * np.sin(2 * t), 0.2 * np.sin(1.5 * t), 0.05 * np.sin(3 * t), strict=True)
-    return [at(*row) for row in rows]
+from sphere_geometry import SE3
 
 
 @pytest.fixture(scope="session")
@@ -94,36 +18,3 @@ def room() -> Room:
 @pytest.fixture(scope="session")
 def room_map(room) -> MemoryMap:
     return make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0, 1.0, 2.0)])
-
-
-def make_localizer(sphere_map, **values) -> Localizer:
-    """Return a localiser; names of parameters have __ for dots."""
-    given = {name.replace("__", "."): value for name, value in values.items()}
-    return Localizer(build(LocalizerParams, SMALL_IMAGES | given), sphere_map)
-
-
-class Run:
-    """Feeds images to a localiser and keeps what it says."""
-
-    def __init__(self, room: Room, localizer: Localizer, camera=PINHOLE) -> None:
-        self.room, self.localizer, self.camera = room, localizer, camera
-        self.stamp_ns = 1_000_000_000
-        self.count = 0
-
-    def see(self, T_room_camera: SE3, edit=lambda image: image, step_ns: int = STEP_NS):
-        """Take an image at a pose, change it, localise it."""
-        self.count += 1
-        self.stamp_ns += step_ns
-        image = edit(self.room.photograph(self.camera, T_room_camera, self.count))
-        return self.localizer.update(image, self.camera, self.stamp_ns)
-
-    def follow(self, poses):
-        """Localise along poses; return the estimates."""
-        return [self.see(pose) for pose in poses]
-
-
-def error(estimate, truth: SE3) -> tuple[float, float]:
-    """Return metres and radians between an estimate and the truth."""
-    assert estimate.T_map_camera is not None
-    distance, angle = estimate.T_map_camera.distance(truth)
-    return float(distance), float(angle)
