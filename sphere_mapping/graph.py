@@ -48,7 +48,7 @@ class SphereGraph:
     def __init__(self, nodes: Iterable[KeySphere] = (), edges: Iterable[Edge] = ()) -> None:
         self._nodes: dict[int, KeySphere] = {}
         self._edges: list[Edge] = []
-        self._index: tuple[cKDTree, Array] | None = None
+        self._index: tuple[cKDTree, NDArray[np.int64]] | None = None
         for node in nodes:
             self.add(node)
         for edge in edges:

@@ -74,9 +74,12 @@ class Intake:
         baseline_m = conversions.stereo_baseline(right_info)
         if not isinstance(camera, Pinhole):
             raise ValueError(f"left/camera_info: expected a rectified pinhole camera, found {camera.model}")
-        pair = [self._image(images, f"{side}/image_raw", model) for side, model in (("left", camera), ("right", right))]
+        left_image = self._image(images, "left/image_raw", camera)
+        right_image = self._image(images, "right/image_raw", right)
         params = self._params.mapper
-        return sphere_from_stereo(*pair, camera, baseline_m, T_BODY_OPTICAL, stamp, params.stereo, params.partial)
+        return sphere_from_stereo(
+            left_image, right_image, camera, baseline_m, T_BODY_OPTICAL, stamp, params.stereo, params.partial
+        )
 
     def _image(self, images: dict[str, Image], topic: str, camera: Camera) -> Any:
         image = conversions.image_to_rgb(images[topic])

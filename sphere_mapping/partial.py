@@ -183,9 +183,11 @@ def _pixels_of(points_sphere: NDArray[np.float64], camera: Camera, T_sphere_came
     u, v = pixels[..., 0], pixels[..., 1]
     border = np.minimum(np.minimum(u, camera.width - 1 - u), np.minimum(v, camera.height - 1 - v)) + 0.5
     weight = np.where(visible, np.maximum(border, 1e-3), 0.0)
-    planes = (np.nan_to_num(plane, nan=-1e4) for plane in (u, v, weight))
-    u, v, weight = (np.ascontiguousarray(plane, dtype=np.float32) for plane in planes)
-    return u, v, weight
+    return _float32(u), _float32(v), _float32(weight)
+
+
+def _float32(values: NDArray[np.float64]) -> Plane:
+    return np.ascontiguousarray(np.nan_to_num(values, nan=-1e4), dtype=np.float32)
 
 
 @lru_cache(maxsize=16)

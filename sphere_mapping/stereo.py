@@ -21,6 +21,7 @@ from sphere_mapping.window import window_of
 
 Plane = NDArray[np.float32]
 
+HALF_DIFFERENCE, ONE = np.array([-0.5, 0.0, 0.5], np.float32), np.array([1.0], np.float32)
 SGBM_SCALE = 16.0  # the matcher's disparities are sixteenths of a pixel
 MAX_REFINEMENT = 1.0  # px; a block that wants to go farther from its match is not trusted
 
@@ -130,7 +131,7 @@ def _refine(left: Plane, right: Plane, disparity: Plane, params: StereoParams) -
 
 def _slope(image: Plane) -> Plane:
     """Return the derivative along the row in grey levels per pixel."""
-    return cv2.sepFilter2D(image, -1, np.float32([-0.5, 0, 0.5]), np.float32([1.0]))
+    return cv2.sepFilter2D(image, -1, HALF_DIFFERENCE, ONE)
 
 
 def _to_uint8(grey: Plane) -> Image:

@@ -32,6 +32,7 @@ from sphere_geometry import SE3
 from sphere_geometry.trajectory import read_tum
 from sphere_mapping.graph import Edge, KeySphere, SphereGraph
 from sphere_nav_cli import map as map_command
+from sphere_nav_cli import map_info, map_verify, register
 from sphere_nav_cli.main import main
 from sphere_nav_cli.map_export import g2o_text
 from sphere_nav_cli.sphere_source import sphere_of_bag
@@ -300,6 +301,12 @@ def test_one_instant_of_a_bag_is_read(bags):
     found = sphere_of_bag(bags["rgbd"], 3)
     assert found.stamp_ns == 1_300_000_000
     assert T_BASE_CAMERA is not None
+
+
+@pytest.mark.parametrize("command", [map_command, map_info, map_verify, register], ids=lambda command: command.__name__)
+def test_help_shows_examples(command):
+    assert "examples:" in command.HELP
+    assert "sphere_nav " in command.HELP
 
 
 def test_settings_are_read_as_yaml():
