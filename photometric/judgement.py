@@ -82,6 +82,8 @@ def _correlation(problem: Problem, found: list[NormalEquations]) -> float:
     reference, current = [], []
     for solver, view in zip(problem.solvers, found, strict=True):
         seen = ~np.isnan(view.residual)
+        if not seen.any():
+            continue
         intensity = solver.pixels.intensity[seen]
         reference.append((intensity - intensity.mean()) / view.sigma)
         warped = view.residual[seen] + intensity

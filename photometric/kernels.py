@@ -193,7 +193,8 @@ def _mean_gradient(n, r0, r1, r2, ax, ay, az, reference, visible, out):
     """One component of half the sum of the reference's gradient and the current one turned into its frame."""
     half = np.float32(0.5)
     for i in range(n):
-        out[i] = (half * visible[i]) * (reference[i] + (r0 * ax[i] + r1 * ay[i] + r2 * az[i]))
+        mean = half * (reference[i] + (r0 * ax[i] + r1 * ay[i] + r2 * az[i]))
+        out[i] = mean if visible[i] > 0 else np.float32(0.0)  # behind the camera `mean` is NaN
 
 
 @njit(**OPTIONS)

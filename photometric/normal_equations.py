@@ -61,7 +61,8 @@ class ViewSolver:
         robust = (params.huber, params.min_sigma)
         found = kernels.normal_equations(*self._inputs, T, *self._image, gain, bias, *robust, *self._buffers, H, g)
         sigma = max(SIGMA_OF_MAD * found[1], params.min_sigma)
-        return NormalEquations(H / sigma**2, g / sigma**2, self._residual, *found, sigma)
+        median, mad, num_visible, num_inliers = found
+        return NormalEquations(H / sigma**2, g / sigma**2, self._residual, median, mad, num_visible, num_inliers, sigma)
 
     def piece_sums(self) -> Array:
         """Return the sums (pieces, NUM_SUMS) of the pieces of the last comparison."""

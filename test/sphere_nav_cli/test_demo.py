@@ -1,0 +1,35 @@
+"""The demo's folder, verdict and table; the whole of it is run by `make demo`."""
+
+import numpy as np
+
+from sphere_nav_cli.demo import Demo, new_folder, table
+from sphere_nav_cli.driving.report import DriveErrors
+
+
+def verdict(tmp_path, lateral, share):
+    demo = Demo(tmp_path / "demo", 1, "straight", 46)
+    demo.end = "follower FINISHED"
+    path = np.zeros((3, 2))
+    return demo, demo.result(DriveErrors(path, path, np.arange(3.0), np.array(lateral), np.zeros(3), share), 7)
+
+
+def test_a_drive_on_the_path_to_its_end_has_followed(tmp_path):
+    demo, result = verdict(tmp_path, [0.02, -0.05, 0.01], 0.99)
+    assert result["has_followed"]
+    assert result["lateral_max_m"] == 0.05
+    assert "the drive followed" in table(result, demo.folder)
+
+
+def test_leaving_the_path_or_stopping_early_has_not(tmp_path):
+    assert not verdict(tmp_path, [0.0, 0.3, 0.0], 1.0)[1]["has_followed"]
+    demo, result = verdict(tmp_path, [0.0, 0.0, 0.0], 0.5)
+    assert not result["has_followed"]
+    assert "LEFT" in table(result, demo.folder)
+
+
+def test_the_last_result_is_kept(tmp_path):
+    (tmp_path / "demo").mkdir()
+    (tmp_path / "demo" / "mine").touch()
+    new_folder(tmp_path / "demo")
+    assert (tmp_path / "demo.1" / "mine").exists()
+    assert not any((tmp_path / "demo").iterdir())
