@@ -43,6 +43,7 @@ class ReferenceParams:
     num_candidates: int = param(12, "nearest key spheres looked at", low=1)
     min_visible_share: float = param(0.25, "share of the image that a reference must cover", low=0.0, high=1.0)
     relative_share: float = param(0.6, "the same, by the share that the best candidate covers", low=0.0, high=1.0)
+    reach: float = param(1.0, "distance of a second reference by its median range, farther ones are left", low=0.0)
     level_sigmas: float = param(2.0, "uncertainty of the prediction that the first level must cover", low=0.0)
     kept_share: float = param(0.25, "share of a key sphere's pixels kept, the most salient", low=0.01, high=0.5)
     cache_size: int = param(24, "prepared key spheres kept in memory", low=2)

@@ -82,16 +82,17 @@ class References:
         """All key spheres in the order of the graph."""
         return iter(self._map.graph)
 
-    def nearest(self, point_map: NDArray[np.float64], count: int) -> list[KeySphere]:
+    def nearest(self, point_map: NDArray[np.float64], count: int, max_distance_m: float = np.inf) -> list[KeySphere]:
         """Return the key spheres nearest to a point in the map, nearest first (M15 eq. 17)."""
-        return self._map.graph.nearest(point_map, count)
+        return self._map.graph.nearest(point_map, count, max_distance_m)
 
     def choose(self, T_map_camera: SE3, camera: Camera) -> Choice:
         """Return the references for an image taken near a pose: the nearest of those that cover it."""
         candidates, overlaps = self._candidates(T_map_camera, camera)
         best = float(np.max(overlaps, initial=0.0))
         needed = max(self._params.min_visible_share, self._params.relative_share * best)
-        chosen = [candidates[index] for index in np.flatnonzero(overlaps >= needed)[: self._params.num_references]]
+        usable = [candidates[index] for index in np.flatnonzero(overlaps >= needed)[: self._params.num_references]]
+        chosen = usable[:1] + [node for node in usable[1:] if self._is_within_reach(node, T_map_camera)]
         if not chosen:
             return Choice((), (), best, np.inf, np.inf)
         views = tuple(View(self.prepared(node.id), node.T_map_sphere) for node in chosen)
@@ -126,6 +127,11 @@ class References:
         T_camera_sphere = [T_camera_map @ node.T_map_sphere for node in nodes]
         overlaps = coverage([digest.points for digest in digests], T_camera_sphere, camera)
         return nodes, np.where([digest.camera.is_whole for digest in digests], 1.0, overlaps)
+
+    def _is_within_reach(self, node: KeySphere, T_map_camera: SE3) -> bool:
+        """Say whether a key sphere is near enough to be used beside a nearer one."""
+        distance, _ = node.T_map_sphere.distance(T_map_camera)
+        return bool(distance <= self._params.reach * self.digest(node.id).typical_range_m)
 
     def _load(self, sphere_id: int) -> Reference:
         """Read and prepare a sphere; its digest is kept."""

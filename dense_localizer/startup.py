@@ -60,7 +60,8 @@ class Startup:
     def search_near(self, pyramid: Pyramid, T_map_camera: SE3) -> Start:
         """Look around a pose that was given, or lost: there, and with its attitude at the places of key spheres."""
         guesses = []
-        for node in self._references.nearest(T_map_camera.translation, self._params.start.num_near):
+        limit = self._params.start.max_guess_distance_m
+        for node in self._references.nearest(T_map_camera.translation, self._params.start.num_near, limit):
             guesses.append(Guess(node, T_map_camera))
             guesses.append(Guess(node, SE3.from_parts(T_map_camera.rotation, node.T_map_sphere.translation)))
         return self._find(pyramid, guesses)

@@ -44,7 +44,7 @@ def test_two_references_do_not_jump_where_one_does(room):
     shifted = {k: SE3.from_planar(x, 0.004 * (-1) ** k, 0.0) for k, x in enumerate((-2.0, -1.0, 0.0, 1.0, 2.0))}
     wrong = make_map(room, places)
     wrong.graph = wrong.graph.with_poses(shifted)
-    truth = [at(-1.3 + 0.02 * k, 0.0, 0.3) for k in range(60)]
+    truth = [at(-1.3 + 0.03 * k, 0.0, 0.3) for k in range(40)]
     jumps = []
     for number in (1, 2):
         estimates = Run(room, make_localizer(wrong, reference__num_references=number)).follow(truth)

@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+from dense_localizer_world import PINHOLE, SMALL_IMAGES, at, make_map
+
+from dense_localizer.coverage import coverage
+from dense_localizer.params import LocalizerParams
+from dense_localizer.place import locate
+from dense_localizer.reference import References, salient
+from dense_localizer.resemblance import resemblance
+from dense_localizer.residual import residual_image
+from photometric import build_pyramid
+from sphere_geometry import SE3, Spherical
+from typed_params import build
+
+PARAMS = build(LocalizerParams, SMALL_IMAGES)
+WINDOW = Spherical(160, 96, 512.0, 176.0, 80.0)  # 112 degrees wide, looking forward
+
+
+def test_whole_spheres_are_chosen_by_distance_alone(room_map):
+    choice = References(room_map, PARAMS).choose(at(0.4, 0.0, 2.0), PINHOLE)
+    assert choice.ids == (2, 3)
+    assert choice.distance_m == pytest.approx(0.4)
+    assert 0.05 < choice.distance_ratio < 0.2  # walls at 3 m and more
+
+
+def test_a_partial_sphere_that_looks_elsewhere_is_passed_over(room):
+    places = [SE3.from_planar(0.0, 0.0, np.pi), SE3.from_planar(0.5, 0.0, 0.0), SE3.from_planar(1.0, 0.0, 0.1)]
+    references = References(make_map(room, places, WINDOW), PARAMS)
+    assert references.choose(at(0.1), PINHOLE).ids == (1, 2)
+    assert references.choose(at(0.1, 0.0, np.pi), PINHOLE).ids == (0,)
+
+
+def test_nothing_is_chosen_where_nothing_covers_the_view(room):
+    references = References(make_map(room, [SE3.identity()], WINDOW), PARAMS)
+    choice = references.choose(at(0.0, 0.0, np.pi), PINHOLE)
+    assert (choice.ids, choice.views) == ((), ())
+    place = locate(build_pyramid(np.zeros((120, 160), np.uint8), PINHOLE), references, at(0.0, 0.0, np.pi), PARAMS)
+    assert place.verdict.finding.reason == "LOW_OVERLAP"
+    assert not place.verdict.is_accepted
+
+
+def test_spheres_are_read_once_while_the_cache_holds_them(room):
+    sphere_map = make_map(room, [SE3.from_planar(0.3 * k, 0.0, 0.0) for k in range(4)], WINDOW)
+    references = References(sphere_map, build(LocalizerParams, SMALL_IMAGES | {"reference.cache_size": 2}))
+    for sphere_id in (0, 1, 0, 1):
+        references.prepared(sphere_id)
+    assert sphere_map.num_loaded == 2
+    references.prepared(2)  # the oldest, 0, makes room
+    references.prepared(1)
+    assert sphere_map.num_loaded == 3
+    references.prepared(0)
+    assert sphere_map.num_loaded == 4
+    references.digest(0)  # kept for good
+    assert sphere_map.num_loaded == 4
+
+
+def test_the_most_salient_pixels_are_kept(room_map):
+    sphere = room_map.graph[0].sphere
+    references = References(room_map, PARAMS)
+    level = references._load(0).levels[0]
+    kept = salient(level, 0.25)
+    assert kept.num_pixels == int(0.25 * level.num_pixels)
+    assert np.median(np.linalg.norm(kept.gradient, axis=0)) > np.median(np.linalg.norm(level.gradient, axis=0))
+    assert salient(references._load(0).levels[-1], 0.25).num_pixels == references._load(0).levels[-1].num_pixels
+    assert sphere.camera == references.digest(0).camera
+
+
+def test_coverage_counts_the_cells_that_points_reach():
+    points = PINHOLE.unproject(np.stack(np.meshgrid(np.arange(0, 80, 5), np.arange(0, 120, 5)), -1).reshape(-1, 2))
+    behind = -points
+    found = coverage([points, behind, points[:1]], [SE3.identity()] * 3, PINHOLE)
+    np.testing.assert_allclose(found, [0.5, 0.0, 1 / 48])  # the left half, nothing, one of 8 x 6 cells
+    assert coverage([], [], PINHOLE).shape == (0,)
+
+
+def test_an_image_resembles_its_own_sphere_most(room, room_map):
+    level = References(room_map, PARAMS).digest(2).reference.levels[-1]
+    image = build_pyramid(room.photograph(PINHOLE, at(0.0, 0.0, 0.7), 1), PINHOLE, PARAMS.registration.pyramid)
+    yaws = np.arange(0.0, 6.2, 0.1)
+    poses = SE3(np.stack([at(0.0, 0.0, yaw).matrix for yaw in yaws]))
+    score = resemblance(level.points.T, level.intensity, poses.inverse(), image.levels[-1])
+    assert yaws[np.argmax(score)] == pytest.approx(0.7, abs=0.05)
+    assert score.max() > 1.5 * np.sort(score)[-10]  # ten headings span the width of the peak
+    nothing = resemblance(level.points.T[:5], level.intensity[:5], poses.inverse(), image.levels[-1])
+    assert np.all(nothing == -1.0)
+
+
+def test_the_residual_is_grey_where_image_and_map_agree(room, room_map):
+    pose = at(0.1, 0.0, 0.3)
+    image = room.photograph(PINHOLE, pose, 2)
+    image[20:50, 30:60] = 250
+    pyramid = build_pyramid(image, PINHOLE, PARAMS.registration.pyramid)
+    picture = residual_image(image, PINHOLE, locate(pyramid, References(room_map, PARAMS), pose, PARAMS))
+    assert picture.shape == (120, 160)
+    assert np.median(np.abs(picture.astype(int) - 128)) <= 3
+    changed = picture[25:45, 35:55]
+    assert np.median(changed[changed != 128]) > 150  # half of what the white patch adds, where a pixel was kept
