@@ -29,6 +29,7 @@ def why_key_sphere(
     if alignment.inlier_share < params.min_inlier_share:
         return INLIERS
     distance, _ = SE3.identity().distance(T_reference_sphere)
-    if distance > params.max_parallax * reference.median_range:
+    max_parallax = params.max_parallax_whole if reference.is_whole else params.max_parallax
+    if distance > max_parallax * reference.median_range:
         return PARALLAX
     return NOT_YET

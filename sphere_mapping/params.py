@@ -44,6 +44,9 @@ class KeySphereParams:
     min_overlap: float = param(0.6, "share of the reference still in view", low=0.0, high=1.0)
     min_inlier_share: float = param(0.5, "share of pixels that agree", low=0.0, high=1.0)
     max_parallax: float = param(0.2, "distance from the reference, by the reference's median range", low=0.01)
+    max_parallax_whole: float = param(
+        1.0, "the same for a whole sphere, which sees the way it left as well as the way ahead", low=0.01
+    )
 
 
 @parameters

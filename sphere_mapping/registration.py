@@ -36,6 +36,11 @@ class PreparedSphere:
     sphere: Sphere
     params: RegistrationParams
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether it sees in every direction."""
+        return self.sphere.camera.is_whole
+
     @cached_property
     def pyramid(self) -> Pyramid:
         """Its image from fine to coarse, for the current side."""

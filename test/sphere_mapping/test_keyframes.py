@@ -14,6 +14,7 @@ from sphere_mapping.params import KeySphereParams
 class Reference:
     coverage: float = 0.8
     median_range: float = 5.0
+    is_whole: bool = False
 
 
 def alignment(mad=4.0, overlap=0.75, inlier_share=0.9):
@@ -43,3 +44,9 @@ def test_the_reason_for_a_key_sphere(found, distance, reason):
 
 def test_a_reference_that_is_far_everywhere_is_never_left_behind():
     assert why_key_sphere(alignment(), moved(100.0), Reference(median_range=np.inf), KeySphereParams()) == ""
+
+
+def test_a_whole_sphere_is_kept_for_longer():
+    whole = Reference(is_whole=True)
+    assert why_key_sphere(alignment(), moved(4.9), whole, KeySphereParams()) == keyframes.NOT_YET
+    assert why_key_sphere(alignment(), moved(5.1), whole, KeySphereParams()) == keyframes.PARALLAX

@@ -12,7 +12,7 @@ from sphere_nav_cli.driving.report import DriveErrors
 def test_both_pictures_hold_curves(tmp_path):
     s = np.linspace(0, 10, 60)
     path = np.stack([s, np.sin(s)], axis=-1)
-    errors = DriveErrors(path, path + [0, 0.05], s, 0.05 * np.ones(60), 0.01 * np.cos(s), 1.0)
+    errors = DriveErrors(path, path + np.array([0.0, 0.05]), s, 0.05 * np.ones(60), 0.01 * np.cos(s), 1.0)
     poses = Trajectory(np.arange(60) * 10**8, SE3(np.tile(np.eye(4), (60, 1, 1))))
     plot_top_view(tmp_path / "top.png", errors, path[::20])
     plot_errors(tmp_path / "errors.png", errors, poses)
