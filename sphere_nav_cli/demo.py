@@ -18,7 +18,7 @@ from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
 from node_kit.map_bag import open_map
 from sphere_geometry import SE3
-from sphere_geometry.trajectory import Trajectory, read_tum, write_tum
+from sphere_geometry.trajectory import read_tum
 from sphere_nav_cli.driving.plots import plot_errors, plot_top_view
 from sphere_nav_cli.driving.processes import Processes
 from sphere_nav_cli.driving.report import DriveErrors, drive_errors, read_poses, read_truth
@@ -78,9 +78,7 @@ class Demo:
         self.folder = new_folder(output)
         self.domain = 50 + os.getpid() % 50 if domain is None else domain
         self.simulation = SIMULATION | {"seed": seed, "path": path}
-        simulator = Simulator(build(SimParams, self.simulation))
-        self.length = simulator.path.length
-        self.T_base_sphere = simulator.mounts["sphere"].T_base_camera
+        self.length = Simulator(build(SimParams, self.simulation)).path.length
         self.seconds: dict[str, float] = {}
 
     @contextmanager
@@ -109,13 +107,9 @@ class Demo:
         from sphere_nav_cli.main import main
 
         teach, made = str(self.folder / "teach"), str(self.folder / "map")
-        taught = self.folder / "taught_spheres.tum"
         with self.stage("map"):
-            if main(["map", teach, "-o", made, "--trajectory", str(taught)]) != 0:
+            if main(["map", teach, "-o", made, "--taught", str(self.folder / "taught.tum")]) != 0:
                 raise RuntimeError("mapping failed")
-        spheres = read_tum(taught)
-        base = Trajectory(spheres.stamps_ns, spheres.T_map_body @ self.T_base_sphere.inverse())
-        write_tum(self.folder / "taught.tum", base)
 
     def drive(self) -> None:
         """Drive the path again: camera, localiser, follower, cmd_vel, over DDS in lock-step."""
@@ -169,14 +163,13 @@ class Demo:
         return 0 if result["has_followed"] else 1
 
     def anchor(self) -> SE3:
-        """Return T_world_map: the map's origin is the first sphere, where the teaching drive truly began."""
-        truth = read_truth(self.folder / "teach")
-        spheres = read_tum(self.folder / "taught_spheres.tum")
-        first = np.maximum(spheres.stamps_ns[:1], truth.stamps_ns[0])  # the car still stands when recording begins
+        """Return T_world_map: the map begins where the teaching drive truly began."""
+        truth, taught = read_truth(self.folder / "teach"), read_tum(self.folder / "taught.tum")
+        first = np.maximum(taught.stamps_ns[:1], truth.stamps_ns[0])  # the car still stands when recording begins
         at, known = truth.at(first)
         if not known.all():
             raise ValueError("teaching drive: expected a true pose of the first sphere, found none")
-        return at.T_map_body[0] @ self.T_base_sphere @ spheres.T_map_body[0].inverse()
+        return at.T_map_body[0] @ taught.T_map_body[0].inverse()
 
     def result(self, errors: DriveErrors, num_key_spheres: int) -> dict[str, Any]:
         """Return what result.json holds."""

@@ -37,6 +37,7 @@ The result is the same for every number of jobs.
 examples:
   sphere_nav map kitchen -o kitchen_map
   sphere_nav map kitchen -o kitchen_map --anchor truth --trajectory kitchen.tum
+  sphere_nav map campus_drive -o campus --taught campus.tum
   sphere_nav map drive -o drive_map --set mapper.key.min_overlap=0.5 --set mapper.stereo.num_disparities=96
 """
 
@@ -56,6 +57,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--no-loops", action="store_true", help="do not look for places seen twice")
     parser.add_argument("--jobs", type=_positive, default=2, metavar="N", help="threads (%(default)s)")
     parser.add_argument("--trajectory", type=Path, metavar="F", help="write the pose of every sphere (TUM)")
+    parser.add_argument("--taught", type=Path, metavar="F", help="write the vehicle's poses, for path_follower (TUM)")
     parser.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", dest="settings", help="parameter of sphere_mapper"
     )
@@ -89,6 +91,8 @@ def run(arguments: argparse.Namespace) -> int:
         save_map(arguments.output, graph, details, is_overwriting=arguments.overwrite, progress=bar.update)
     if arguments.trajectory:
         write_tum(arguments.trajectory, drive.trajectory(is_base=False).moved(T_new_map))
+    if arguments.taught:
+        write_tum(arguments.taught, drive.trajectory(is_base=True).moved(T_new_map))
     print(
         "\n".join([*drive.summary(loops, truth, T_anchor_map), f"map: {arguments.output}, {_size(arguments.output)}"])
     )
@@ -130,7 +134,7 @@ class MappedDrive:
         at, known = truth.poses.at(mine.stamps_ns, max_gap_ns=round(1e9))
         if not known.any():
             return None
-        theirs, ours = at.T_map_body[known], mine.T_map_body[known]
+        theirs, ours = at.T_map_body, mine.T_map_body[known]
         U, _, Vt = np.linalg.svd(np.sum(theirs.rotation @ np.swapaxes(ours.rotation, -1, -2), axis=0))
         R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
         return SE3.from_parts(R, np.mean(theirs.translation - ours.translation @ R.T, axis=0))

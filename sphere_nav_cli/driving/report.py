@@ -43,7 +43,7 @@ def drive_errors(teach: Path, drive: Path, T_world_map: SE3) -> DriveErrors:
     along, lateral = distances_from_path(driven.positions[:, :2], taught.positions[:, :2])
     estimate = read_poses(drive).moved(T_world_map)
     at, known = truth.at(estimate.stamps_ns, max_gap_ns=round(2e8))
-    found = absolute_errors(estimate[known], at[known], directions_of_motion(at[known]))
+    found = absolute_errors(estimate[known], at, directions_of_motion(at))
     length = float(taught.distances[-1])
     return DriveErrors(
         taught.positions[:, :2],
