@@ -87,7 +87,8 @@ class InputCheck:
 
     def _check_size(self, image: NDArray[Any], camera: Camera) -> Finding:
         if image.shape != (camera.height, camera.width):
-            detail = f"image is {image.shape[::-1]}, camera_info says ({camera.width}, {camera.height})"
+            expected, found = f"{camera.width} x {camera.height}", f"{image.shape[1]} x {image.shape[0]}"
+            detail = f"image size: expected {expected} (camera_info), found {found}"
             return Finding(Reason.BAD_INFO, float(image.shape[-1]), float(camera.width), detail)
         if self._camera is not None and self._camera != camera:
             return Finding(Reason.BAD_INFO, detail="camera_info changed while running; call reset to accept it")

@@ -67,14 +67,14 @@ class Localizer:
         pyramid = build_pyramid(image, camera, self.params.registration.pyramid) if report.is_good else None
         return self._step(Frame(stamp_ns, report.finding, pyramid, T_odom_camera))
 
-    def silence(self, now_ns: int) -> Status | None:
-        """Return what to say when no image has come for too long; the state itself follows stamps only."""
+    def silence(self, elapsed_s: float) -> Status | None:
+        """Return what to say so long after the last image, if that is too long; the state follows stamps only."""
         last_ns, limit = self._input.last_stamp_ns, self.params.input.timeout_s
-        if last_ns is None or (now_ns - last_ns) * 1e-9 <= limit:
+        if last_ns is None or elapsed_s <= limit:
             return None
-        state = State.LOST if self._states.is_following else self._states.state
-        finding = Finding(Reason.TIMEOUT, (now_ns - last_ns) * 1e-9, limit)
-        return status_of(state, now_ns, finding, self._prior.age(now_ns))
+        state, now_ns = self._states.state, last_ns + round(elapsed_s * 1e9)
+        finding = Finding(Reason.TIMEOUT, elapsed_s, limit)
+        return status_of(State.LOST if self._states.is_following else state, now_ns, finding, self._prior.age(now_ns))
 
     def _forget(self) -> None:
         self._prior.reset()

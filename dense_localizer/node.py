@@ -37,6 +37,7 @@ class DenseLocalizerNode(ManagedNode):
         self.localizer: Localizer | None = None
         if self.params.map:
             self.load_map(self.params.map)
+        self.arrival_ns = 0  # of the last image, on the node's clock
         self.outputs = Outputs(self)
         self.intake = Intake(self, self.params, self.on_image)
         self.listen("initialpose", PoseWithCovarianceStamped, self.on_initial_pose, qos.STATE, is_required=False)
@@ -51,6 +52,7 @@ class DenseLocalizerNode(ManagedNode):
     def clock_jumped(self) -> None:
         """Forget the stream; the pose is searched anew."""
         self.intake.odometry.clear()
+        self.arrival_ns = 0
         if self.localizer is not None:
             self.localizer.reset()
 
@@ -69,12 +71,20 @@ class DenseLocalizerNode(ManagedNode):
         self.localizer.relocalize(T_map_base @ self.intake.T_base_camera)
 
     def on_watch(self) -> None:
-        """Say so when images stay away."""
-        status = self.localizer.silence(self.now_ns()) if self.localizer is not None else None
+        """Say so when images stay away, by the node's clock: stamps may be those of a recording."""
+        elapsed_s = (self.now_ns() - self.arrival_ns) * 1e-9
+        status = self.localizer.silence(elapsed_s) if self.localizer is not None and self.arrival_ns else None
         if status is not None:
             self.outputs.tell(status)
 
     def on_image(self, message: Picture, fault: Finding) -> None:
+        """Answer one image."""
+        try:
+            self.answer(message, fault)
+        finally:
+            self.arrival_ns = self.now_ns()  # after the work: time spent here is no silence
+
+    def answer(self, message: Picture, fault: Finding) -> None:
         """Localise one image and publish the result, or at least the status."""
         started, stamp = time.perf_counter(), conversions.stamp_ns(message)
         camera = self.intake.camera

@@ -1,0 +1,353 @@
+"""The node dense_localizer: every image answered, frames and covariance, refusals and calls on an offline bus; DDS."""
+
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "dense_localizer"))
+
+import cv2
+import rclpy
+from dense_localizer_world import PINHOLE, SMALL_IMAGES, STEP_NS, Room, drive, make_map
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sphere_nav_msgs.msg import LocalizationStatus
+from sphere_nav_msgs.srv import LoadMap, Relocalize
+from std_srvs.srv import Trigger
+from tf2_msgs.msg import TFMessage
+
+from dense_localizer.node import DenseLocalizerNode
+from node_kit import qos
+from node_kit.conversions import (
+    array_to_image,
+    camera_to_info,
+    header,
+    odometry_to_se3,
+    pose_with_covariance_to_se3,
+    se3_to_odometry,
+    se3_to_pose_with_covariance,
+    se3_to_transform,
+    stamp_ns,
+    transform_to_se3,
+)
+from node_kit.map_bag import save_map
+from node_kit.replay import OfflineBus
+from sphere_geometry import SE3
+from sphere_mapping.sphere import T_BODY_OPTICAL
+
+ROOT = Path(__file__).resolve().parents[2]
+START_NS = 1_000_000_000
+# The camera looks 0.1 rad to the left, half a metre before the base and 0.2 m above it.
+T_BASE_CAMERA = SE3.from_parts(SE3.from_planar(0, 0, 0.1).rotation, [0.5, 0.0, 0.2]) @ T_BODY_OPTICAL
+OPTICAL = "camera_optical"
+MAX_M = 0.015  # as in test/dense_localizer/test_localizer.py
+
+
+@pytest.fixture(scope="module")
+def room():
+    return Room()
+
+
+@pytest.fixture(scope="module")
+def map_path(room, tmp_path_factory):
+    sphere_map = make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0, 1.0)])
+    return save_map(tmp_path_factory.mktemp("maps") / "room", sphere_map.graph)
+
+
+@pytest.fixture(scope="module")
+def pictures(room):
+    return [room.photograph(PINHOLE, pose, k) for k, pose in enumerate(drive(12))]
+
+
+def info_message(stamp, camera=PINHOLE):
+    return camera_to_info(camera, stamp, OPTICAL)
+
+
+def static_message():
+    return TFMessage(transforms=[se3_to_transform(T_BASE_CAMERA, START_NS, "base_link", OPTICAL)])
+
+
+class Bench:
+    """A node on an offline bus and the camera before it."""
+
+    def __init__(self, map_path="", *, is_calibrated=True, **values):
+        self.bus = OfflineBus()
+        given = {name.replace("__", "."): value for name, value in values.items()}
+        self.node = self.bus.add(DenseLocalizerNode, {"map": str(map_path)} | SMALL_IMAGES | given)
+        self.now = START_NS
+        if is_calibrated:
+            self.send("/tf_static", static_message())
+            self.send("/camera_info", info_message(self.now))
+
+    def send(self, topic, message):
+        self.bus.publish(topic, message)
+        return [record for record in self.bus.settle() if record.topic != topic]
+
+    def see(self, picture, encoding="mono8"):
+        """Send an image; return what the node said by topic."""
+        self.now += STEP_NS
+        said = list(self.bus.advance(self.now))
+        said += self.send("/image_raw", array_to_image(picture, self.now, OPTICAL, encoding))
+        return {record.topic: record.message for record in said}
+
+    def follow(self, pictures):
+        return [self.see(picture) for picture in pictures]
+
+
+def test_a_drive_gives_pose_odometry_transform_and_status(map_path, pictures):
+    bench = Bench(map_path)
+    answers = bench.follow(pictures)
+    for answer in answers[:3]:  # probation
+        assert set(answer) == {"/status", "/residual"}
+        assert answer["/status"].state == "PROBATION"
+    for k, answer in enumerate(answers[3:], start=3):
+        assert set(answer) == {"/pose", "/odometry", "/tf", "/status", "/residual"}
+        assert answer["/status"].state == "TRACKING"
+        stamp = START_NS + (k + 1) * STEP_NS
+        assert {stamp_ns(answer[topic]) for topic in ("/pose", "/odometry", "/status")} == {stamp}
+        assert (answer["/pose"].header.frame_id, answer["/odometry"].child_frame_id) == ("map", "base_link")
+        T_map_base, covariance = pose_with_covariance_to_se3(answer["/pose"], "map")
+        distance, _ = T_map_base.distance(drive(12)[k] @ T_BASE_CAMERA.inverse())
+        assert distance < MAX_M + 0.5 * 0.008  # the lever arm turns the attitude's error into a distance
+        assert np.all(np.linalg.eigvalsh(covariance) > 0)
+        transform = answer["/tf"].transforms[0]
+        assert (transform.header.frame_id, transform.child_frame_id) == ("map", "base_link")
+        np.testing.assert_allclose(transform_to_se3(transform.transform).matrix, T_map_base.matrix, atol=1e-12)
+    status = answers[-1]["/status"]
+    assert status.quality > 0.5
+    assert status.milliseconds > 0
+    assert len(status.references) == 2
+
+
+def test_the_twist_is_that_of_the_base(map_path, pictures):
+    answer = Bench(map_path).follow(pictures)[-1]
+    _, twist = odometry_to_se3(answer["/odometry"])
+    before, last = (pose @ T_BASE_CAMERA.inverse() for pose in drive(12)[-2:])
+    expected = (before.inverse() @ last).log() / (STEP_NS * 1e-9)
+    np.testing.assert_allclose(twist, expected, atol=2 * MAX_M / 0.05)  # two poses err, 0.05 s apart
+    assert answer["/odometry"].twist.covariance[0] > 0
+
+
+def test_with_odometry_the_transform_is_that_of_odom(map_path, pictures):
+    bench, T_map_odom = Bench(map_path), SE3.from_planar(3.0, 1.0, 0.7)
+    for k, picture in enumerate(pictures):
+        T_odom_base = T_map_odom.inverse() @ drive(12)[k] @ T_BASE_CAMERA.inverse()
+        message = se3_to_odometry(T_odom_base, np.eye(6), bench.now + STEP_NS, ("odom", "base_link"))
+        bench.send("/odom", message)
+        answer = bench.see(picture)
+    transform = answer["/tf"].transforms[0]
+    assert (transform.header.frame_id, transform.child_frame_id) == ("map", "odom")
+    assert stamp_ns(transform) == bench.now + 100_000_000  # tf_ahead
+    assert transform_to_se3(transform.transform).distance(T_map_odom)[0] < 5 * MAX_M  # odom is up to 5 m away
+
+
+@pytest.mark.parametrize("transport", ["rgb8", "compressed"])
+def test_colour_and_compressed_images_are_taken(map_path, pictures, transport):
+    is_raw = transport == "rgb8"
+    bench = Bench(map_path, transport="raw" if is_raw else "compressed")
+    for picture in pictures[:5]:
+        colour = np.repeat(picture[..., None], 3, axis=2)
+        if is_raw:
+            answer = bench.see(colour, "rgb8")
+        else:
+            bench.now += STEP_NS
+            data = cv2.imencode(".png", colour)[1].tobytes()
+            image = CompressedImage(header=header(bench.now, OPTICAL), format="png", data=data)
+            answer = {record.topic: record.message for record in bench.send("/image_raw/compressed", image)}
+    assert answer["/status"].state == "TRACKING"
+
+
+def test_images_wait_for_calibration_and_transform_and_none_is_lost(map_path, pictures):
+    bench = Bench(map_path, is_calibrated=False)
+    assert all("/status" not in answer for answer in bench.follow(pictures[:2]))
+    assert bench.send("/camera_info", info_message(START_NS)) == []  # the transform is missing yet
+    said = bench.send("/tf_static", static_message())
+    assert said == []
+    bench.now += STEP_NS
+    said = bench.send("/image_raw", array_to_image(pictures[2], bench.now, OPTICAL, "mono8"))
+    stamps = [stamp_ns(record.message) for record in said if record.topic == "/status"]
+    assert stamps == [START_NS + k * STEP_NS for k in (1, 2, 3)]  # all three, in order
+    assert bench.see(pictures[3])["/status"].state == "TRACKING"
+
+
+def test_an_image_that_waits_too_long_is_answered_with_the_reason(map_path, pictures):
+    bench = Bench(map_path, is_calibrated=False, max_waiting=2)
+    bench.send("/camera_info", info_message(START_NS))
+    answers = bench.follow(pictures[:4])
+    assert [answer["/status"].reason if "/status" in answer else "" for answer in answers] == [
+        "",
+        "",
+        *["TF_STALE"] * 2,
+    ]
+    assert OPTICAL in answers[-1]["/status"].remedy
+
+
+def test_without_a_map_every_image_says_so(pictures):
+    bench = Bench()
+    assert {answer["/status"].state for answer in bench.follow(pictures[:2])} == {"NO_MAP"}
+    assert set(bench.see(pictures[2])) == {"/status"}
+
+
+def test_calibration_that_is_none_is_named_and_nothing_is_published(map_path, pictures):
+    bench = Bench(map_path, is_calibrated=False)
+    bench.send("/tf_static", static_message())
+    bad = info_message(START_NS)
+    bad.k = [0.0] * 9
+    bench.send("/camera_info", bad)
+    answer = bench.see(pictures[0])
+    assert set(answer) == {"/status"}
+    assert answer["/status"].reason == "BAD_INFO"
+    assert "focal length 0" in answer["/status"].remedy
+
+
+def test_an_image_of_another_size_or_encoding_degrades_and_is_named(map_path, pictures):
+    bench = Bench(map_path)
+    bench.follow(pictures[:6])
+    small = bench.see(np.ascontiguousarray(pictures[6][:100, :100]))["/status"]
+    assert (small.state, small.reason, small.value, small.limit) == ("DEGRADED", "BAD_INFO", 100, 160)
+    bench.now += STEP_NS
+    broken = Image(header=header(bench.now, OPTICAL), encoding="nonsense", width=4, height=4, step=4, data=bytes(16))
+    status = next(r.message for r in bench.send("/image_raw", broken) if r.topic == "/status")
+    assert (status.state, status.reason) == ("DEGRADED", "BAD_INFO")
+
+
+def test_nothing_that_is_published_is_ever_nan(map_path, pictures):
+    bench = Bench(map_path)
+    for k, picture in enumerate(pictures):
+        for topic, message in bench.see(picture if k % 4 else np.zeros_like(picture)).items():
+            if topic == "/pose":
+                assert all(map(math.isfinite, message.pose.covariance))
+            if topic == "/status":
+                values = (message.value, message.limit, message.quality, message.mad, message.age)
+                assert all(map(math.isfinite, values))
+
+
+def test_a_silent_camera_is_told_by_the_clock(map_path, pictures):
+    bench = Bench(map_path)
+    bench.follow(pictures[:6])
+    said = [record.message for record in bench.bus.advance(bench.now + 1_000_000_000) if record.topic == "/status"]
+    assert (said[-1].state, said[-1].reason) == ("LOST", "TIMEOUT")
+    assert "camera" in said[-1].remedy
+
+
+def test_a_clock_that_jumps_back_forgets_the_pose(map_path, pictures):
+    bench = Bench(map_path)
+    bench.follow(pictures[:6])
+    bench.node.clock_jumped()
+    assert bench.see(pictures[6])["/status"].state == "PROBATION"
+
+
+def test_an_initial_pose_starts_the_search_and_a_wrong_one_is_refused(map_path, pictures):
+    bench = Bench(map_path, start__automatic=False)
+    assert bench.see(pictures[0])["/status"].state == "NOT_LOCALISED"
+    T_map_base = drive(1)[0] @ T_BASE_CAMERA.inverse()
+    for wrong in (
+        se3_to_pose_with_covariance(T_map_base, np.eye(6), START_NS, "odom"),
+        se3_to_pose_with_covariance(SE3.from_planar(90.0, 0, 0), np.eye(6), START_NS, "map"),
+    ):
+        bench.send("/initialpose", wrong)
+        assert bench.see(pictures[1])["/status"].state == "NOT_LOCALISED"
+    bench.send("/initialpose", se3_to_pose_with_covariance(T_map_base, np.eye(6), START_NS, "map"))
+    states = [answer["/status"].state for answer in bench.follow(pictures[2:8])]
+    assert states[-1] == "TRACKING"
+
+
+def test_relocalize_answers_with_the_pose_it_found(map_path, pictures):
+    bench = Bench(map_path, start__automatic=False)
+    call = bench.node.shell.call
+    assert "no image yet" in call("relocalize").message
+    bench.see(pictures[0])
+    answer = call("relocalize")
+    assert answer.success, answer.message
+    T_map_base, _ = pose_with_covariance_to_se3(answer.pose, "map")
+    assert T_map_base.distance(drive(1)[0] @ T_BASE_CAMERA.inverse())[0] < 2 * MAX_M
+    guess = se3_to_pose_with_covariance(SE3.from_planar(90.0, 0, 0), np.eye(6), START_NS, "map")
+    refused = call("relocalize", Relocalize.Request(has_guess=True, guess=guess))
+    assert not refused.success
+    assert "from a key sphere" in refused.message
+
+
+def test_another_map_is_loaded_and_a_bad_one_leaves_the_present_in_force(map_path, pictures, tmp_path):
+    bench = Bench()
+    call = bench.node.shell.call
+    answer = call("load_map", LoadMap.Request(path=str(map_path)))
+    assert answer.success, answer.message
+    assert answer.num_spheres == 4
+    assert bench.follow(pictures[:5])[-1]["/status"].state == "TRACKING"
+    refused = call("load_map", LoadMap.Request(path=str(tmp_path / "none")))
+    assert not refused.success
+    assert "none" in refused.message
+    assert bench.see(pictures[5])["/status"].state == "TRACKING"
+
+
+def test_reset_forgets_everything_but_the_map(map_path, pictures):
+    bench = Bench(map_path)
+    bench.follow(pictures[:5])
+    assert bench.node.shell.call("reset", Trigger.Request()).success
+    bench.send("/camera_info", info_message(START_NS))
+    assert bench.see(pictures[5])["/status"].state == "PROBATION"
+
+
+def test_a_map_that_is_not_there_refuses_to_start(tmp_path):
+    with pytest.raises((ValueError, OSError), match="none"):
+        Bench(tmp_path / "none")
+
+
+# --- over DDS
+@pytest.fixture
+def process(map_path):
+    code = "import sys; from dense_localizer.node import main; sys.exit(main())"
+    values = {"map": map_path, "every_image": "true"} | SMALL_IMAGES
+    arguments = ["--ros-args"]
+    for name, value in values.items():
+        arguments += ["-p", f"{name}:={value}"]
+    child = subprocess.Popen([sys.executable, "-c", code, *arguments], env=os.environ | {"PYTHONPATH": str(ROOT)})
+    yield child
+    child.kill()
+    child.wait(5.0)
+
+
+def test_over_dds_the_poses_are_those_of_the_replay(process, map_path, pictures):
+    expected = [answer["/pose"] for answer in Bench(map_path).follow(pictures) if "/pose" in answer]
+    rclpy.init()
+    node = rclpy.create_node("bench")
+    try:
+        poses, statuses = [], []
+        node.create_subscription(PoseWithCovarianceStamped, "pose", poses.append, qos.STATE)
+        node.create_subscription(LocalizationStatus, "status", statuses.append, qos.STATE)
+        images = node.create_publisher(Image, "image_raw", qos.LARGE)
+        infos = node.create_publisher(CameraInfo, "camera_info", qos.LARGE)
+        statics = node.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC)
+
+        def wait(is_done, seconds=60.0):  # the kernels may have to be compiled
+            deadline = time.monotonic() + seconds
+            while not is_done() and time.monotonic() < deadline:
+                rclpy.spin_once(node, timeout_sec=0.02)
+            assert is_done(), "expected an answer in time"
+
+        wait(lambda: images.get_subscription_count() and infos.get_subscription_count())
+        wait(lambda: node.count_publishers("status") and node.count_publishers("pose"))
+        statics.publish(static_message())
+        for k, picture in enumerate(pictures):
+            stamp = START_NS + (k + 1) * STEP_NS
+            infos.publish(info_message(stamp))
+            images.publish(array_to_image(picture, stamp, OPTICAL, "mono8"))
+            wait(lambda stamp=stamp: any(stamp_ns(status) == stamp for status in statuses))
+        wait(lambda: len(poses) == len(expected))
+        for found, wanted in zip(poses, expected, strict=True):
+            assert stamp_ns(found) == stamp_ns(wanted)
+            distance, _ = pose_with_covariance_to_se3(found)[0].distance(pose_with_covariance_to_se3(wanted)[0])
+            assert distance < 0.001  # promised; only the number of threads may differ
+        process.send_signal(signal.SIGINT)
+        assert process.wait(10.0) == 0
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
