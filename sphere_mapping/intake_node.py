@@ -31,7 +31,7 @@ class Intake:
     """Subscribes by `params.input`; hands every complete instant as a sphere to `on_sphere`."""
 
     def __init__(self, node: ManagedNode, params: SphereMapperParams, on_sphere: OnSphere) -> None:
-        self._params, self._on_sphere = params, on_sphere
+        self._params, self._deliver = params, on_sphere
         self._infos: dict[str, CameraInfo] = {}
         streams = [topic for topic in TOPICS[params.input] if topic.endswith("image_raw")]
         self.pairing: Pairing[Image] = Pairing(streams, round(params.slack_s * 1e9))
@@ -43,6 +43,12 @@ class Intake:
                 node.listen(topic, CameraInfo, partial(self._infos.__setitem__, topic), qos.SENSOR)
             else:
                 node.listen(topic, Image, partial(self._on_image, topic), qos.SENSOR)
+
+    def _on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool) -> None:
+        if not sphere.measured.any():
+            topic = next(name for name in reversed(TOPICS[self._params.input]) if "info" not in name)
+            raise ValueError(f"{topic}: range or depth: expected some measured pixels, found none")
+        self._deliver(sphere, frame_id, is_optical)
 
     def clear(self) -> None:
         """Forget half-complete instants: the clock jumped."""

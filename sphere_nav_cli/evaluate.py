@@ -180,6 +180,8 @@ def _statistics(values: np.ndarray) -> dict[str, float] | None:
 def _read(path: Path, topic: str | None, usual: tuple[str, ...]) -> Trajectory:
     if is_bag(path):
         return read_poses(path, (topic,) if topic else usual)
+    if not path.exists():
+        raise ValueError(f"{path}: expected a TUM file or a bag, found none")
     if topic:
         raise ValueError(f"{path}: expected a bag, as a topic ({topic}) is named, found a file of another kind")
     return read_tum(path)

@@ -16,6 +16,7 @@ from tqdm import tqdm
 
 from dense_localizer.node import DenseLocalizerNode
 from node_kit import conversions
+from node_kit.bag_error import BagError
 from node_kit.bag_reader import BagReader, Recorded
 from node_kit.bag_writer import BagWriter
 from node_kit.replay import OfflineBus, record, replay
@@ -31,6 +32,7 @@ examples:
   sphere_nav localize campus tour -o poses.tum --image /front/image_raw --info /front/camera_info
   sphere_nav localize campus tour -o poses.tum --initial-pose 1.0,2.5,0,0,0,0,1
 """
+BAD_INFO = "BAD_INFO"
 TOPICS = ("/pose", "/odometry", "/status", "/tf")
 
 
@@ -86,9 +88,23 @@ def localised(arguments: argparse.Namespace) -> Iterator[Recorded]:
         total = sum(bag.topics[topic].count for topic in bus.listeners if topic in bag.topics)
         bar = stack.enter_context(tqdm(total=total, desc="localize", unit="msg", disable=None))
         published = replay(bag, bus, progress=bar.update)
+        published = usable(published, arguments.source)
         if arguments.bag:
             published = record(published, stack.enter_context(BagWriter(arguments.bag)), bus)
         yield from published
+
+
+def usable(published: Iterator[Recorded], source: str) -> Iterator[Recorded]:
+    """Pass on what is published; BagError at the end where no image fitted its calibration."""
+    refusal, is_usable = "", False
+    for item in published:
+        if item.topic == "/status":
+            status = conversions.message_to_status(item.message)
+            is_usable |= status.reason != BAD_INFO
+            refusal = status.remedy
+        yield item
+    if refusal and not is_usable:
+        raise BagError(f"{source}: every image refused: {refusal}")
 
 
 def parameters(words: list[str]) -> dict[str, Any]:

@@ -8,9 +8,12 @@ from __future__ import annotations
 import argparse
 import importlib
 import importlib.util
+import logging
+import logging.handlers
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from types import ModuleType
 from typing import NamedTuple
 
@@ -73,7 +76,9 @@ def _dispatch(words: list[str]) -> int:
     commands = {command.name: command for command in available()}
     if words and words[0] in commands:
         module = importlib.import_module(f"sphere_nav_cli.{commands[words[0]].module}")
-        return int(module.run(_parser(words[0], module).parse_args(words[1:])) or 0)
+        arguments = _parser(words[0], module).parse_args(words[1:])
+        with _log_at_the_end():
+            return int(module.run(arguments) or 0)
     if not words or words[0] in ("-h", "--help", "help"):
         print(_overview(list(commands.values())))
         return 0 if words else 2
@@ -81,6 +86,22 @@ def _dispatch(words: list[str]) -> int:
         print(software())
         return 0
     raise ValueError(f"expected a command ({', '.join(commands)}), found {words[0]!r}")
+
+
+@contextmanager
+def _log_at_the_end() -> Iterator[None]:
+    """Keep what nodes of a replay log away from progress bars, and let the one line of an error stand alone."""
+    log = logging.getLogger("sphere_nav")
+    held = logging.handlers.MemoryHandler(100_000, flushLevel=logging.CRITICAL + 1, target=logging.StreamHandler())
+    log.addHandler(held)
+    try:
+        yield
+    except (ValueError, OSError):
+        held.buffer.clear()
+        raise
+    finally:
+        log.removeHandler(held)
+        held.close()
 
 
 def _parser(name: str, module: ModuleType) -> argparse.ArgumentParser:

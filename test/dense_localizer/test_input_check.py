@@ -57,7 +57,7 @@ def test_an_image_of_another_size_than_its_info_is_named(check):
     report = check.check(noise()[:, :60], CAMERA, SECOND, True)
     assert report.finding.reason is Reason.BAD_INFO
     assert (report.finding.value, report.finding.limit) == (60, 64)
-    assert "(60, 48)" in report.finding.remedy
+    assert "60 x 48" in report.finding.remedy
     assert "(64, 48)" in report.finding.remedy
 
 
