@@ -112,7 +112,8 @@ def _add_houses(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator) -
     )
     for at, length in rows:
         _add_row(mesh, at, length, deep, rng)
-    for _ in range(3):
+    has_yard = min(x1 - x0, y1 - y0) > 2 * (deep + 2)
+    for _ in range(3 if has_yard else 0):
         x, y = rng.uniform(x0 + deep + 2, x1 - deep - 2), rng.uniform(y0 + deep + 2, y1 - deep - 2)
         furniture.add_tree(mesh, placed(x, y, rng.uniform(0, 6.28), 0.13), rng)
 

@@ -117,3 +117,7 @@ def test_pavement_is_raised_and_marks_lie_on_the_road():
     marks = mesh.build().triangles
     assert 0.0 < marks[..., 2].min() <= marks[..., 2].max() < 0.01  # thin as paint, and never in one plane
     assert np.abs(marks[..., 1]).max() <= street.HALF_ROAD + 1e-6
+
+
+def test_narrow_blocks_have_no_yard_but_stand():
+    assert len(build_town.__wrapped__(7)[0].triangles) > 10_000  # its second block is less than two houses deep

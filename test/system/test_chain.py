@@ -1,0 +1,130 @@
+"""The whole chain on a drawn street: map, localise from colour alone, evaluate; offline, twice, and over DDS."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from node_kit.bags import BagReader
+from sphere_geometry import SE3
+from sphere_geometry.trajectory import read_tum
+from sphere_nav_cli.main import main
+from sphere_nav_cli.pose_bags import read_poses
+
+from .conftest import PERIOD, SECOND, STREET, Frames, write_bag
+
+ROOT = Path(__file__).resolve().parents[2]
+NUM_FRAMES = 16
+START_UP = 90.0  # s: imports and, on a fresh machine, kernels to compile
+REPLAY = 60.0  # s: a dozen small images
+
+
+def poses():
+    """A drive of 1.5 m along a street, 0.1 m and 0.3 degrees an image."""
+    return [SE3.exp([10.0 + 0.1 * i, 0.02 * i, 1.6, 0.0, 0.0, 0.005 * i]) for i in range(NUM_FRAMES)]
+
+
+def drive(street, frames: Frames, *, has_depth: bool):
+    messages = [frames.mount(SECOND)]
+    for i, T_map_base in enumerate(poses()):
+        stamp = SECOND + i * PERIOD
+        pixels, depth_m = street(T_map_base)
+        messages += [frames.truth(T_map_base, stamp), frames.info(stamp)]
+        messages += [frames.depth(depth_m, stamp)] if has_depth else []
+        messages += [frames.image(pixels, stamp)]
+    return messages
+
+
+@pytest.fixture(scope="session")
+def chain(street, tmp_path_factory):
+    """Folder with both recordings, the map and the poses of the second recording."""
+    folder, frames = tmp_path_factory.mktemp("chain"), Frames(STREET)
+    write_bag(folder / "taught", drive(street, frames, has_depth=True))
+    write_bag(folder / "driven", drive(street, frames, has_depth=False))
+    assert main(["map", str(folder / "taught"), "-o", str(folder / "map"), "--anchor", "truth"]) == 0
+    assert localize(folder, "poses.tum") == 0
+    return folder
+
+
+def localize(folder: Path, name: str) -> int:
+    return main(["localize", str(folder / "map"), str(folder / "driven"), "-o", str(folder / name)])
+
+
+def test_poses_are_near_the_truth(chain, capsys):
+    words = ["evaluate", str(chain / "poses.tum"), str(chain / "driven"), "--json", str(chain / "errors.json")]
+    assert main(words) == 0
+    errors = json.loads((chain / "errors.json").read_text())
+    # all but the images of the probation at the start
+    assert errors["coverage"] >= 0.6
+    # a pixel is 4 mrad: a tenth of it at 10 m is 4 mm; the map adds its own drift over 1.5 m, 1 % at most
+    assert errors["translation_m"]["median"] < 0.02
+    assert errors["translation_m"]["max"] < 0.05
+    # a quarter of a pixel
+    assert errors["rotation_deg"]["median"] < 0.06
+
+
+def test_localising_twice_gives_the_same_bits(chain):
+    assert localize(chain, "again.tum") == 0
+    assert (chain / "again.tum").read_bytes() == (chain / "poses.tum").read_bytes()
+
+
+@pytest.fixture
+def processes(monkeypatch):
+    """Start commands of this package on a domain of their own; end those still running by their id."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + (os.getpid() + 50) % 100))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
+    started = []
+
+    def start(code: str, *words: object) -> subprocess.Popen:
+        line = [sys.executable, "-c", f"import sys; {code}", *map(str, words)]
+        started.append(subprocess.Popen(line, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
+        return started[-1]
+
+    yield start
+    for process in started:
+        if process.poll() is None:
+            process.kill()
+        process.communicate(timeout=10)
+
+
+def stopped(process: subprocess.Popen) -> str:
+    """Ask a node to end, and return what it said; it must end well."""
+    process.terminate()
+    said, _ = process.communicate(timeout=20)
+    assert process.returncode == 0, said
+    return said
+
+
+def test_nodes_over_dds_give_the_same_poses(chain, processes, tmp_path):
+    node = "from dense_localizer.node import main; sys.exit(main())"
+    command = "from sphere_nav_cli.main import main; sys.exit(main())"
+    live = tmp_path / "live"
+    recorder = processes(command, "record", "-o", live, "/pose", "/status", "--use-sim-time")
+    settings = (f"map:={chain / 'map'}", "use_sim_time:=true", "every_image:=true")
+    localizer = processes(node, "--ros-args", *(word for setting in settings for word in ("-p", setting)))
+    player = processes(
+        command, "play", chain / "driven", "--clock", "--rate", 0, "--answer", "status", "--wait-for", "/image_raw"
+    )
+    said, _ = player.communicate(timeout=START_UP + REPLAY)
+    assert player.returncode == 0, said
+    time.sleep(1.0)  # the last small messages reach the recorder with the next heartbeat
+    said = stopped(localizer)
+    stopped(recorder)
+    with BagReader(live) as bag:
+        assert bag.topics["/status"].count == NUM_FRAMES, said
+    offline, online = read_tum(chain / "poses.tum"), read_poses(live, ("/pose",))
+    np.testing.assert_array_equal(online.stamps_ns, offline.stamps_ns)
+    # the same callbacks on the same bytes; the file has nine decimals
+    moved, turned = online.T_map_body.distance(offline.T_map_body)
+    assert np.max(moved) < 1e-3
+    assert np.max(turned) < 1e-4
