@@ -54,6 +54,11 @@ class Intake:
         """The camera on the base, optical axes; identity before it is known."""
         return self._T_base_camera or SE3.identity()
 
+    @property
+    def is_mounted(self) -> bool:
+        """Whether it is known where the camera is on the base."""
+        return self._T_base_camera is not None
+
     def T_odom_camera(self, stamp_ns: int) -> SE3 | None:
         """Return odometry of the camera at a stamp."""
         T_odom_base = self.odometry.at(stamp_ns)
@@ -90,9 +95,9 @@ class Intake:
         if self.camera is None:
             return self._fault
         base, frame = self._params.base_frame, self._params.camera_frame or message.header.frame_id
-        if self._T_base_camera is None and base and frame != base:
+        if self._T_base_camera is None:
             try:
-                self._T_base_camera = self._tf.lookup(base, frame)
+                self._T_base_camera = self._tf.lookup(base, frame) if base and frame != base else SE3.identity()
             except ValueError as error:
                 return Finding(Reason.TF_STALE, detail=str(error))
         return FINE

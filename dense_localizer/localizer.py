@@ -42,10 +42,7 @@ class Localizer:
         self._forget()
 
     def relocalize(self, T_map_camera: SE3 | None = None) -> Estimate | None:
-        """Search with the last image and those to come, near a pose or everywhere; None before the first image.
-
-        ValueError for a pose that is far off the map.
-        """
+        """Search with the last image and those to come, near a pose or everywhere; ValueError for one off the map."""
         self._search.ask(T_map_camera)
         self._states.search()
         stamp_ns = self._input.last_stamp_ns
@@ -144,10 +141,9 @@ class Localizer:
 
     def _estimate(self, stamp_ns: int, finding: Finding, place: Place | None = None) -> Estimate:
         status = self._status(stamp_ns, finding, place)
-        pose = self._prior.last
+        prior, pose = self._prior, self._prior.last
         if not self._states.is_trusted or pose is None:
             return Estimate(status, place=place)
-        prior = self._prior
         return Estimate(status, pose.T_map_camera, pose.covariance, prior.velocity, prior.velocity_covariance, place)
 
     def _status(self, stamp_ns: int, finding: Finding, place: Place | None = None) -> Status:

@@ -19,6 +19,7 @@ from node_kit.map_bag import MapReader, open_map
 from node_kit.node import ManagedNode
 from node_kit.run import run
 from photometric import warm_up
+from sphere_geometry import SE3
 
 WATCH_PERIOD = 0.25  # s between two looks at a silent camera
 
@@ -37,6 +38,7 @@ class DenseLocalizerNode(ManagedNode):
         self.localizer: Localizer | None = None
         if self.params.map:
             self.load_map(self.params.map)
+        self.given: SE3 | None = None  # initial pose of the base, until the camera's place on it is known
         self.arrival_ns = 0  # of the last image, on the node's clock
         self.outputs = Outputs(self)
         self.intake = Intake(self, self.params, self.on_image)
@@ -69,6 +71,7 @@ class DenseLocalizerNode(ManagedNode):
         if self.localizer is None:
             raise ValueError("initial pose: expected a map, found none: load one first")
         self.localizer.relocalize(T_map_base @ self.intake.T_base_camera)
+        self.given = None if self.intake.is_mounted else T_map_base  # once more when it is known where the camera is
 
     def on_watch(self) -> None:
         """Say so when images stay away, by the node's clock: stamps may be those of a recording."""
@@ -101,6 +104,9 @@ class DenseLocalizerNode(ManagedNode):
             fault = Finding(Reason.BAD_INFO, detail=str(error))
             self.outputs.tell(self.localizer.refuse(stamp, fault).status)
             raise
+        if self.given is not None:
+            self.localizer.relocalize(self.given @ self.intake.T_base_camera)
+            self.given = None
         estimate = self.localizer.update(image, camera, stamp, self.intake.T_odom_camera(stamp))
         self.outputs.publish(estimate, (time.perf_counter() - started) * 1e3)
         self.outputs.show(estimate, image, camera)

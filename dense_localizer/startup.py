@@ -101,7 +101,7 @@ class Startup:
     def _verify(self, pyramid: Pyramid, guess: Guess) -> Place | None:
         """Align at full resolution with the references of the guessed pose; None where the result is refused."""
         place = locate(pyramid, self._references, guess.T_map_camera, self._params)
-        return place if place.verdict.is_accepted else None
+        return place if place.verdict.is_good else None
 
 
 def best(guesses: Sequence[Guess], count: int) -> list[Guess]:

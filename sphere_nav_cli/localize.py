@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from numpy.typing import NDArray
 from tqdm import tqdm
 
 from dense_localizer.node import DenseLocalizerNode
@@ -21,10 +22,12 @@ from node_kit.bag_reader import BagReader, Recorded
 from node_kit.bag_writer import BagWriter
 from node_kit.replay import OfflineBus, record, replay
 from sphere_geometry import SE3
+from sphere_geometry.trajectory import Trajectory, write_tum
+from sphere_nav_cli.map import parsed
 
 HELP = """\
 Find the camera of a bag in a map, image by image, from colour alone. The poses of base_link in the states TRACKING and
-DEGRADED are written as a TUM file: stamp x y z qx qy qz qw.
+DEGRADED are written as a TUM file: stamp x y z qx qy qz qw; their covariances beside it into a .cov file.
 
 examples:
   sphere_nav localize kitchen drive2 -o poses.tum
@@ -51,7 +54,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--odom", default="odom", metavar="TOPIC", help="odometry, where there is any")
     parser.add_argument("--compressed", action="store_true", help="the images are on TOPIC/compressed")
     parser.add_argument(
-        "--param", action="append", default=[], metavar="NAME=VALUE", help="parameter of dense_localizer"
+        "--set", action="append", dest="settings", default=[], metavar="NAME=VALUE", help="parameter of dense_localizer"
     )
     parser.add_argument("--overwrite", action="store_true", help="replace the files that are there")
 
@@ -63,13 +66,14 @@ def run(arguments: argparse.Namespace) -> int:
         if path and path.exists() and not arguments.overwrite:
             raise ValueError(f"{path}: expected no such file, found one: --overwrite replaces it")
     summary = Summary()
-    lines = [line for item in localised(arguments) if (line := summary.take(item)) is not None]
-    output.write_text("".join(lines), encoding="utf-8")
+    for item in localised(arguments):
+        summary.take(item)
+    write_tum(output, summary.trajectory())
     result = summary.result()
     if arguments.json:
         Path(arguments.json).write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
     print(summary.text(result, output))
-    return 0 if lines else 1
+    return 0 if result["poses"] else 1
 
 
 def localised(arguments: argparse.Namespace) -> Iterator[Recorded]:
@@ -82,7 +86,7 @@ def localised(arguments: argparse.Namespace) -> Iterator[Recorded]:
         image = arguments.image + ("/compressed" if arguments.compressed else "")
         name = "image_raw/compressed" if arguments.compressed else "image_raw"
         remap = {name: image, "camera_info": arguments.info, "odom": arguments.odom}
-        node = bus.add(DenseLocalizerNode, values | parameters(arguments.param), remap)
+        node = bus.add(DenseLocalizerNode, values | parsed(arguments.settings), remap)
         if arguments.initial_pose:
             give_initial_pose(node, arguments.initial_pose)
         total = sum(bag.topics[topic].count for topic in bus.listeners if topic in bag.topics)
@@ -107,20 +111,6 @@ def usable(published: Iterator[Recorded], source: str) -> Iterator[Recorded]:
         raise BagError(f"{source}: every image refused: {refusal}")
 
 
-def parameters(words: list[str]) -> dict[str, Any]:
-    """Return NAME=VALUE as parameters by dotted name, values as JSON or plain words."""
-    values: dict[str, Any] = {}
-    for word in words:
-        name, equals, text = word.partition("=")
-        if not equals:
-            raise ValueError(f"--param: expected NAME=VALUE, found {word!r}")
-        try:
-            values[name] = json.loads(text)
-        except json.JSONDecodeError:
-            values[name] = text
-    return values
-
-
 def give_initial_pose(node: Any, text: str) -> None:
     """Hand the pose to the node as the topic initialpose would."""
     try:
@@ -137,16 +127,16 @@ def give_initial_pose(node: Any, text: str) -> None:
 
 
 class Summary:
-    """Counts what the node says."""
+    """Collects what the node says."""
 
     def __init__(self) -> None:
+        self.poses: list[tuple[int, SE3, NDArray[np.float64]]] = []
         self.states: Counter[str] = Counter()
         self.reasons: Counter[str] = Counter()
         self.milliseconds: list[float] = []
-        self.num_poses = 0
 
-    def take(self, item: Recorded) -> str | None:
-        """Take one message; return the line of the TUM file where it is a pose."""
+    def take(self, item: Recorded) -> None:
+        """Take one message."""
         if item.topic == "/status":
             status = conversions.message_to_status(item.message)
             self.states[status.state] += 1
@@ -154,20 +144,23 @@ class Summary:
                 self.reasons[status.reason] += 1
             if status.milliseconds > 0.0:
                 self.milliseconds.append(status.milliseconds)
-        if item.topic != "/pose":
-            return None
-        self.num_poses += 1
-        T_map_base, _ = conversions.pose_with_covariance_to_se3(item.message)
-        seconds, nanoseconds = divmod(conversions.stamp_ns(item.message), 1_000_000_000)
-        numbers = (*T_map_base.translation, *T_map_base.quaternion)
-        return f"{seconds}.{nanoseconds:09d} " + " ".join(f"{number:.9f}" for number in numbers) + "\n"
+        elif item.topic == "/pose":
+            pose = conversions.pose_with_covariance_to_se3(item.message)
+            self.poses.append((conversions.stamp_ns(item.message), *pose))
+
+    def trajectory(self) -> Trajectory:
+        """Return the poses with their covariances."""
+        stamps = np.array([stamp for stamp, _, _ in self.poses], dtype=np.int64)
+        matrices = np.array([pose.matrix for _, pose, _ in self.poses]).reshape(-1, 4, 4)
+        covariances = np.array([covariance for _, _, covariance in self.poses]).reshape(-1, 6, 6)
+        return Trajectory(stamps, SE3(matrices), covariances)
 
     def result(self) -> dict[str, Any]:
         """Return the figures."""
         times = np.array(self.milliseconds or [0.0])
         return {
             "images": sum(self.states.values()),
-            "poses": self.num_poses,
+            "poses": len(self.poses),
             "states": dict(self.states),
             "reasons": dict(self.reasons),
             "milliseconds": {"median": float(np.median(times)), "p99": float(np.percentile(times, 99))},

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from dense_localizer.estimate import Estimate
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from sphere_geometry import SE3, Fisheye, Pinhole, Spherical
@@ -113,7 +114,7 @@ class Run:
         return [self.see(pose) for pose in poses]
 
 
-def error(estimate, truth: SE3) -> tuple[float, float]:
+def error(estimate: Estimate, truth: SE3) -> tuple[float, float]:
     """Return metres and radians between an estimate and the truth."""
     assert estimate.T_map_camera is not None
     distance, angle = estimate.T_map_camera.distance(truth)

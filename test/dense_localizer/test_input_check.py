@@ -58,7 +58,7 @@ def test_an_image_of_another_size_than_its_info_is_named(check):
     assert report.finding.reason is Reason.BAD_INFO
     assert (report.finding.value, report.finding.limit) == (60, 64)
     assert "60 x 48" in report.finding.remedy
-    assert "(64, 48)" in report.finding.remedy
+    assert "64 x 48" in report.finding.remedy
 
 
 def test_a_camera_info_that_changes_is_refused(check):
