@@ -1,0 +1,39 @@
+"""What the end-to-end benchmark computes by itself; its rows are the commands."""
+
+import argparse
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from benchmarks import end_to_end
+from sphere_geometry import SE3, Pinhole
+from sphere_geometry.trajectory import Trajectory
+
+CAMERA = Pinhole(101, 101, 50.0, 50.0, 50.0, 50.0)  # sees x within +-z
+
+
+def test_share_of_points_in_the_image():
+    points = np.array([[0.0, 0, 2], [1.9, 0, 2], [2.1, 0, 2], [0, 0, -2]])
+    assert end_to_end.share_seen(CAMERA, points) == 0.5
+    assert end_to_end.share_seen(CAMERA, points[:0]) == 0.0
+
+
+def test_errors_are_distances_in_m():
+    stamps = np.arange(5, dtype=np.int64) * 10**9
+    moved = SE3.exp(np.array([[float(i), 0, 0, 0, 0, 0] for i in range(5)]))
+    truth = Trajectory(stamps, moved)
+    found = end_to_end.errors(Trajectory(stamps, SE3.exp([0, 0.03, 0.04, 0, 0, 0]) @ moved), truth)
+    np.testing.assert_allclose(found, 0.05)
+
+
+def test_absent_recordings_are_skipped_with_a_note(tmp_path):
+    report = end_to_end.run(argparse.Namespace(recordings=tmp_path, threads=1))
+    assert "no recordings" in report.skipped
+    assert sum("skipped, no folder" in note for note in report.notes) == 3
+
+
+def test_a_command_that_fails_is_named(tmp_path):
+    with pytest.raises(ValueError, match=r"sphere_nav map-info: expected status 0, found 2: .*absent"):
+        end_to_end.call("map-info", tmp_path / "absent")
