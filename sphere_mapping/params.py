@@ -32,8 +32,9 @@ class StereoParams:
     refine_radius: int = param(4, "half side of the block of the sub-pixel refinement", "px", low=1, high=20)
     refine_steps: int = param(3, "steps of the sub-pixel refinement", low=0, high=20)
     noise: float = param(3.0, "standard deviation of the images' noise", "grey level", low=0.1)
+    calibration_px: float = param(0.15, "standard deviation of disparity that rectification leaves", "px", low=0.0)
     min_disparity_px: float = param(1.0, "smaller disparities are not trusted", "px", low=0.0)
-    max_relative_std: float = param(0.05, "relative range error above which a pixel is not measured", low=0.001)
+    max_relative_std: float = param(0.015, "relative range error above which a pixel is not measured", low=0.001)
 
 
 @parameters
@@ -43,7 +44,7 @@ class KeySphereParams:
     max_mad_share: float = param(0.05, "MAD of the residual by 255, lambda of M15 eq. 12", low=0.0, high=1.0)
     min_overlap: float = param(0.6, "share of the reference still in view", low=0.0, high=1.0)
     min_inlier_share: float = param(0.5, "share of pixels that agree", low=0.0, high=1.0)
-    max_parallax: float = param(0.2, "distance from the reference, by the reference's median range", low=0.01)
+    max_parallax: float = param(0.12, "distance from the reference, by the reference's median range", low=0.01)
     max_parallax_whole: float = param(
         1.0, "the same for a whole sphere, which sees the way it left as well as the way ahead", low=0.01
     )

@@ -107,8 +107,9 @@ def _match_semi_globally(left: Image, right: Image, params: StereoParams) -> Pla
 def _refine(left: Plane, right: Plane, disparity: Plane, params: StereoParams) -> Disparity:
     """Align blocks of the left image with the right one along the row, starting from the matched disparity.
 
-    The shift of a block minimises the squared grey-level difference; with noise of variance s^2 in both images its
-    variance is 2 s^2 / sum of squared gradients.
+    The shift of a block minimises the squared grey-level difference beside a constant (cameras expose differently);
+    with noise of variance s^2 in both images its variance is 2 s^2 / sum of squared gradients. What the rectification
+    leaves comes on top.
     """
     known = ~np.isnan(disparity)
     refined = np.where(known, disparity, 0).astype(np.float32)
@@ -119,14 +120,27 @@ def _refine(left: Plane, right: Plane, disparity: Plane, params: StereoParams) -
     for _ in range(max(params.refine_steps, 1)):
         seen = cv2.remap(right, u - refined, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
         slope = 0.5 * (slope_left + cv2.remap(slope_right, u - refined, v, cv2.INTER_LINEAR))
-        slope[~known] = 0
-        curvature = cv2.boxFilter(slope * slope, -1, side, normalize=False)
-        step = cv2.boxFilter(slope * (seen - left), -1, side, normalize=False) / np.maximum(curvature, 1e-3)
+        step, curvature = _block_step(slope, seen - left, known, side)
         if params.refine_steps:
             refined += np.where(known, np.clip(step, -0.5, 0.5), 0).astype(np.float32)
-    std = params.noise * np.sqrt(2 / np.maximum(curvature, 1e-3))
+    std = np.sqrt(2 * params.noise**2 / np.maximum(curvature, 1e-3) + params.calibration_px**2).astype(np.float32)
     strayed = ~(np.abs(refined - disparity) <= MAX_REFINEMENT)
     return Disparity(np.where(strayed, np.nan, refined), np.where(strayed, np.nan, std))
+
+
+def _block_step(
+    slope: Plane, difference: Plane, known: NDArray[np.bool_], side: tuple[int, int]
+) -> tuple[Plane, Plane]:
+    """Return the shift that explains the differences of each block best beside a constant, and its curvature."""
+
+    def mean(values: Plane) -> Plane:
+        return cv2.boxFilter(np.where(known, values, 0), -1, side) * per_known
+
+    per_known = 1 / np.maximum(cv2.boxFilter(known.astype(np.float32), -1, side), 1e-3)
+    mean_slope, mean_difference = mean(slope), mean(difference)
+    curvature = mean(slope * slope) - mean_slope**2
+    step = (mean(slope * difference) - mean_slope * mean_difference) / np.maximum(curvature, 1e-3)
+    return step, curvature * (side[0] * side[1]) / per_known
 
 
 def _slope(image: Plane) -> Plane:

@@ -25,7 +25,7 @@ from sphere_mapping.partial import sphere_from_rgbd
 from sphere_mapping.sphere import T_BODY_OPTICAL
 
 CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
-BASELINE = 0.2
+BASELINE = 0.5
 ROOM = Room()
 STEP = SE3.exp([0.05, 0.01, 0.0, 0.0, 0.005, 0.02])
 FIRST = SE3.exp([-0.5, 0.2, 0.0, 0.0, 0.0, 0.3])

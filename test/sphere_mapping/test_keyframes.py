@@ -39,7 +39,8 @@ def moved(distance):
     ],
 )
 def test_the_reason_for_a_key_sphere(found, distance, reason):
-    assert why_key_sphere(found, moved(distance), Reference(), KeySphereParams()) == reason
+    params = KeySphereParams(max_parallax=0.2)
+    assert why_key_sphere(found, moved(distance), Reference(), params) == reason
 
 
 def test_a_reference_that_is_far_everywhere_is_never_left_behind():

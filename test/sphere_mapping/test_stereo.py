@@ -48,7 +48,7 @@ def test_refinement_brings_disparity_nearer_to_the_truth(pair):
 
 def test_the_deviation_is_of_the_size_of_the_error(pair):
     left, right, truth = pair
-    found = match(left, right, StereoParams(noise=NOISE))
+    found = match(left, right, StereoParams(noise=NOISE, calibration_px=0.0))
     ratio = np.abs(found.value - truth) / found.std
     # 0.67 if the model were perfect; interpolation and slant add to the noise
     assert 0.4 < np.nanmedian(ratio) < 2.5
@@ -74,8 +74,8 @@ def test_a_wall_without_texture_is_not_measured():
 
 def test_far_things_are_not_measured_but_uncertain_ones_neither(pair):
     left, right, _ = pair
-    depth_m, relative_std = depth_from_stereo(left, right, CAMERA, BASELINE, StereoParams(max_relative_std=0.004))
-    assert np.nanmax(relative_std[np.isfinite(depth_m)]) <= 0.004
+    depth_m, relative_std = depth_from_stereo(left, right, CAMERA, BASELINE, StereoParams(max_relative_std=0.009))
+    assert np.nanmax(relative_std[np.isfinite(depth_m)]) <= 0.009
     same, _ = depth_from_stereo(left, left, CAMERA, BASELINE, StereoParams())
     assert np.isnan(same).mean() > 0.99  # disparity 0
 
