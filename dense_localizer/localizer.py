@@ -17,7 +17,7 @@ from dense_localizer.motion_prior import MotionPrior, Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.place import Place, locate
 from dense_localizer.reasons import FINE, Finding, Reason
-from dense_localizer.reference import References, SphereMap
+from dense_localizer.reference import SphereMap, read_all
 from dense_localizer.search import Search
 from dense_localizer.status import State, StateMachine, Status, status_of
 from photometric import Pyramid, build_pyramid, register_rotation
@@ -29,7 +29,7 @@ class Localizer:
 
     def __init__(self, params: LocalizerParams, sphere_map: SphereMap) -> None:
         self.params = params
-        self._references = References(sphere_map, params)
+        self._references = read_all(sphere_map, params)
         self._input = InputCheck(params.input)
         self._prior = MotionPrior(params.prior)
         self._search = Search(self._references, params)

@@ -66,7 +66,7 @@ class AcceptanceParams:
     good_sigma_m: float = param(0.05, "standard deviation of the position of a good alignment", "m", low=0.0)
     max_sigma_rad: float = param(0.05, "standard deviation of the attitude", "rad", low=0.0)
     max_distance: float = param(1.0, "distance to the nearest reference by its median range", low=0.01)
-    max_innovation: float = param(6.0, "distance to the prediction", "standard deviations", low=0.1)
+    max_innovation: float = param(8.0, "distance to the prediction", "standard deviations", low=0.1)
 
 
 @parameters

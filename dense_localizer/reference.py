@@ -142,6 +142,14 @@ class References:
         return reference
 
 
+def read_all(sphere_map: SphereMap, params: LocalizerParams) -> References:
+    """Return the references of a map whose spheres have all been looked at, so that no image has to wait for that."""
+    references = References(sphere_map, params)
+    for node in references.nodes:
+        references.digest(node.id)
+    return references
+
+
 def digest_of(sphere: Sphere, reference: Reference) -> Digest:
     """Return what is kept of a sphere."""
     ranges = sphere.range_m[::RANGE_STEP, ::RANGE_STEP]
