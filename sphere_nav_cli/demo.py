@@ -37,6 +37,7 @@ examples:
 """
 MAX_LATERAL = 0.25  # m, further is off the path (M15 section 6.4.3 stays within it)
 MIN_DRIVEN = 0.95  # share of the path that must be driven
+BAR = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} m, {elapsed}, {remaining} left"
 SIMULATION = {
     "has_stamped_command": True,
     "camera.width": 512,  # another kind of camera than that of the spheres, and quick to draw
@@ -139,7 +140,7 @@ class Demo:
 
     def follow(self, watch: Watch, what: str, has_ended: Callable[[], bool]) -> None:
         """Show how far the car is until the drive has ended."""
-        with tqdm(total=round(self.length), desc=what, unit="m") as bar:
+        with tqdm(total=round(self.length), desc=what, bar_format=BAR, mininterval=0.5, disable=None) as bar:
             watch.wait(what, has_ended, is_moving=True, bar=bar)
 
     def processes(self, name: str) -> Processes:
