@@ -38,6 +38,7 @@ examples:
   sphere_nav map kitchen -o kitchen_map
   sphere_nav map kitchen -o kitchen_map --anchor truth --trajectory kitchen.tum
   sphere_nav map campus_drive -o campus --taught campus.tum
+  sphere_nav map drive -o drive_map --anchor survey
   sphere_nav map drive -o drive_map --set mapper.key.min_overlap=0.5 --set mapper.stereo.num_disparities=96
 """
 
@@ -49,9 +50,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--overwrite", action="store_true", help="replace a map that is there")
     parser.add_argument(
         "--anchor",
-        choices=("first", "truth"),
+        choices=("first", "truth", "survey"),
         default="first",
-        help="map frame: the pose of the first sphere, or the ground truth's, fitted to all spheres (first)",
+        help="first: the first pose is the origin; truth: the map, as it is, fitted to the truth; survey: every key "
+        "sphere where the truth has it, as after a surveyed drive (%(default)s)",
     )
     parser.add_argument("--input", choices=("auto", *TOPICS), default="auto", help="what is mapped (by the topics)")
     parser.add_argument("--no-loops", action="store_true", help="do not look for places seen twice")
@@ -80,12 +82,14 @@ def run(arguments: argparse.Namespace) -> int:
     truth = truth_of(arguments.bag)
     T_anchor_map = drive.anchor(truth) if truth is not None else None
     T_fitted_map = drive.fit(truth) if truth is not None else None
-    if arguments.anchor == "truth" and T_fitted_map is None:
+    if arguments.anchor != "first" and T_fitted_map is None:
         raise BagError(
             f"{arguments.bag}: {' or '.join(TRUTH_TOPICS)}: expected poses at the stamps of the spheres, found none"
         )
-    T_new_map = T_fitted_map if arguments.anchor == "truth" and T_fitted_map is not None else SE3.identity()
+    T_new_map = T_fitted_map if arguments.anchor != "first" and T_fitted_map is not None else SE3.identity()
     graph = moved(drive.node.mapper.graph, T_new_map)
+    if arguments.anchor == "survey" and truth is not None:
+        graph = surveyed(graph, truth, drive.node.T_base_sphere)
     details = details_of(graph, drive.node.params.mapper, source=str(arguments.bag.name))
     with tqdm(total=len(graph), desc="save", unit="sphere", leave=False, disable=None) as bar:
         save_map(arguments.output, graph, details, is_overwriting=arguments.overwrite, progress=bar.update)
@@ -187,6 +191,17 @@ def truth_of(path: Path) -> Truth | None:
 def moved(graph: SphereGraph, T_new_map: SE3) -> SphereGraph:
     """Return the graph in another map frame."""
     return graph.with_poses({node.id: T_new_map @ node.T_map_sphere for node in graph})
+
+
+def surveyed(graph: SphereGraph, truth: Truth, T_base_sphere: SE3) -> SphereGraph:
+    """Return the graph with every key sphere at its true pose, where that is known at its stamp."""
+    T_body_sphere = T_base_sphere if truth.is_base else SE3.identity()
+    poses = {}
+    for node in graph:
+        at, known = truth.poses.at([node.stamp_ns], max_gap_ns=round(1e9))
+        if known.all():
+            poses[node.id] = at.T_map_body[0] @ T_body_sphere
+    return graph.with_poses(poses)
 
 
 def parsed(settings: Sequence[str]) -> dict[str, Any]:

@@ -15,7 +15,9 @@ from recordings import (
     BASELINE,
     CAMERA,
     FIRST,
+    PERIOD_NS,
     ROOM,
+    START_NS,
     T_BASE_CAMERA,
     pose,
     rgbd,
@@ -76,6 +78,17 @@ def test_a_drive_is_mapped_from_every_kind_of_input(kind, limit, bags, tmp_path,
     with open_map(tmp_path / "m") as reader:
         first = reader.graph[0].T_map_sphere
     assert first.distance(FIRST)[0] < limit  # fitted to the truth of the camera, also where that of the base is told
+
+
+@pytest.mark.parametrize("kind", ["rgbd", "sphere"])
+def test_after_a_survey_every_key_sphere_is_where_the_truth_has_it(kind, bags, tmp_path):
+    words = ("--anchor", "survey", "--set", "mapper.key.max_parallax=0.02")
+    assert call("map", bags[kind], "-o", tmp_path / "m", *words) == 0
+    with open_map(tmp_path / "m") as reader:
+        assert len(reader.graph) > 1
+        for node in reader.graph:
+            number = (node.stamp_ns - START_NS) // PERIOD_NS
+            np.testing.assert_allclose(node.T_map_sphere.matrix, pose(number).matrix, atol=1e-9)
 
 
 def test_without_an_anchor_the_first_sphere_is_the_origin(bags, tmp_path):
