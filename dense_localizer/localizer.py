@@ -91,9 +91,9 @@ class Localizer:
         """Carry the pose from the last image to this one; the likeliest prediction first, others where it fails."""
         if frame.pyramid is None:
             return self._go_blind(frame, frame.finding)
-        first = None
-        for prediction in self._prior.predictions(frame.stamp_ns, frame.T_odom_camera, self._turn(frame.pyramid)):
-            place = locate(frame.pyramid, self._references, prediction.T_map_camera, self.params, prediction)
+        first, pyramid = None, frame.pyramid
+        for prediction in self._prior.predictions(frame.stamp_ns, frame.T_odom_camera, lambda: self._turn(pyramid)):
+            place = locate(pyramid, self._references, prediction.T_map_camera, self.params, prediction)
             if place.verdict.is_accepted:
                 return self._accept(frame, place, prediction)
             first = first or place

@@ -6,7 +6,7 @@ T_map_camera @ exp(xi). It grows from the last alignment on, also while images a
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -29,6 +29,7 @@ class Prediction:
     step_s: float = 0.0
     blind_s: float = 0.0
     defies_odometry: bool = False  # made without the odometry that was there
+    is_doubtful: bool = False  # made because a likelier one failed
 
     def finding(self, gap_s: float) -> Finding:
         """Return what makes a pose found from this prediction one to use with care."""
@@ -95,16 +96,22 @@ class MotionPrior:
         covariance = Ad @ aligned.covariance @ Ad.T + np.diag(self._growth(blind_s, T_odom_camera) ** 2)
         return Prediction(T_map_camera, covariance, stamp_ns, step_s, blind_s)
 
-    def predictions(self, stamp_ns: int, T_odom_camera: SE3 | None, T_before_now: SE3 | None) -> Iterator[Prediction]:
-        """Yield predictions, the likeliest first: by odometry or velocity, turned as measured, standing still."""
+    def predictions(
+        self, stamp_ns: int, T_odom_camera: SE3 | None, turn: Callable[[], SE3 | None]
+    ) -> Iterator[Prediction]:
+        """Yield predictions, the likeliest first: by odometry or velocity, turned as measured, standing still.
+
+        `turn` measures the rotation since the last image (M15 eq. 20); it is asked only if the first one fails.
+        """
         moved = self.predict(stamp_ns, T_odom_camera)
         yield moved
+        T_before_now = turn()
         if T_before_now is not None:
-            yield self.predict(stamp_ns, T_odom_camera, T_before_now)
+            yield replace(self.predict(stamp_ns, T_odom_camera, T_before_now), is_doubtful=True)
         if T_odom_camera is not None:
-            yield replace(self.predict(stamp_ns), defies_odometry=True)
+            yield replace(self.predict(stamp_ns), is_doubtful=True, defies_odometry=True)
         if self._held is not None and self.velocity is not None:
-            yield replace(moved, T_map_camera=self._held.T_map_camera)
+            yield replace(moved, T_map_camera=self._held.T_map_camera, is_doubtful=True)
 
     def pause_s(self, stamp_ns: int) -> float:
         """Return the seconds since the last image."""

@@ -44,7 +44,7 @@ class ReferenceParams:
     min_visible_share: float = param(0.25, "share of the image that a reference must cover", low=0.0, high=1.0)
     relative_share: float = param(0.6, "the same, by the share that the best candidate covers", low=0.0, high=1.0)
     reach: float = param(1.0, "distance of a second reference by its median range, farther ones are left", low=0.0)
-    level_sigmas: float = param(2.0, "uncertainty of the prediction that the first level must cover", low=0.0)
+    level_sigmas: float = param(1.0, "uncertainty of the prediction that the first level must cover", low=0.0)
     kept_share: float = param(0.25, "share of a key sphere's pixels kept, the most salient", low=0.01, high=0.5)
     cache_size: int = param(24, "prepared key spheres kept in memory", low=2)
 
@@ -116,6 +116,7 @@ class TrackingParams(RegistrationParams):
     """Registration at the rate of the camera: fewer pixels fix the pose as well."""
 
     max_pixels: int = param(20_000, "best pixels used at a level, all references together", low=100)
+    min_step: float = param(0.04, "image motion of an increment below which a level is done", "px", low=1e-6)
     max_mad: float = param(40.0, "median absolute deviation above which a result is refused", "grey level", low=0.0)
 
 

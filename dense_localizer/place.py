@@ -48,7 +48,7 @@ def locate(
         verdict = refusal(Finding(Reason.LOW_OVERLAP, choice.overlap, limit, detail))
         return Place(T_map_camera, UNKNOWN, choice, verdict)
     registration: RegistrationParams = params.registration
-    if prediction is not None:
+    if prediction is not None and not prediction.is_doubtful:
         registration = starting_at(first_level(prediction, choice, pyramid, params), registration)
     alignment = register(pyramid, choice.views, T_map_camera, registration)
     covariance = honest_covariance(alignment, choice.distance_m, params.covariance)

@@ -96,8 +96,8 @@ class References:
         if not chosen:
             return Choice((), (), best, np.inf, np.inf)
         views = tuple(View(self.prepared(node.id), node.T_map_sphere) for node in chosen)
-        distance = float(chosen[0].T_map_sphere.distance(T_map_camera)[0])
-        return Choice(tuple(n.id for n in chosen), views, best, distance, self.digest(chosen[0].id).typical_range_m)
+        distance, typical = distance_of(chosen[0], T_map_camera), self.digest(chosen[0].id).typical_range_m
+        return Choice(tuple(node.id for node in chosen), views, best, distance, typical)
 
     def prepared(self, sphere_id: int) -> Reference:
         """Return a reference with the salient pixels of all levels, prepared now or before."""
@@ -130,8 +130,7 @@ class References:
 
     def _is_within_reach(self, node: KeySphere, T_map_camera: SE3) -> bool:
         """Say whether a key sphere is near enough to be used beside a nearer one."""
-        distance, _ = node.T_map_sphere.distance(T_map_camera)
-        return bool(distance <= self._params.reach * self.digest(node.id).typical_range_m)
+        return distance_of(node, T_map_camera) <= self._params.reach * self.digest(node.id).typical_range_m
 
     def _load(self, sphere_id: int) -> Reference:
         """Read and prepare a sphere; its digest is kept."""
@@ -148,6 +147,11 @@ def read_all(sphere_map: SphereMap, params: LocalizerParams) -> References:
     for node in references.nodes:
         references.digest(node.id)
     return references
+
+
+def distance_of(node: KeySphere, T_map_camera: SE3) -> float:
+    """Return the metres between a key sphere and a camera."""
+    return float(np.linalg.norm(node.T_map_sphere.translation - T_map_camera.translation))
 
 
 def digest_of(sphere: Sphere, reference: Reference) -> Digest:

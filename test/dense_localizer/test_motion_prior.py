@@ -103,3 +103,25 @@ def test_a_measured_rotation_replaces_the_predicted_one():
 def test_a_prior_that_was_not_started_refuses():
     with pytest.raises(ValueError, match="started"):
         MotionPrior(PARAMS).predict(0)
+
+
+def test_other_predictions_follow_where_the_likeliest_fails():
+    prior, truth = moving()
+    prior.correct(truth[1], TIGHT, STEP_NS, T_odom_camera=SE3.identity())
+    asked = []
+
+    def turn():
+        asked.append(1)
+        return SE3.exp([0, 0, 0, 0.2, 0.1, 0])
+
+    predictions = prior.predictions(2 * STEP_NS, MOTION, turn)
+    likeliest = next(predictions)
+    assert_same(likeliest.T_map_camera, truth[2])
+    assert not likeliest.is_doubtful
+    assert asked == []
+    turned, by_velocity, standing = predictions
+    assert all(other.is_doubtful for other in (turned, by_velocity, standing))
+    assert by_velocity.finding(1.0).reason == "ODOM_STALE"
+    assert_same(standing.T_map_camera, truth[1])
+    assert likeliest.finding(1.0).reason == ""
+    assert likeliest.finding(0.05).reason == "GAP"
