@@ -21,7 +21,7 @@ from sphere_geometry import SE3
 from sphere_geometry.trajectory import read_tum
 from sphere_nav_cli.driving.plots import plot_errors, plot_top_view
 from sphere_nav_cli.driving.processes import Processes
-from sphere_nav_cli.driving.report import DriveErrors, drive_errors, read_poses, read_truth
+from sphere_nav_cli.driving.report import DriveErrors, drive_errors, read_estimate, read_truth
 from sphere_nav_cli.driving.watch import DriveFailed, Watch
 from typed_params import build
 
@@ -157,7 +157,7 @@ class Demo:
             with open_map(self.folder / "map") as made:
                 keys = np.stack([(T_world_map @ node.T_map_sphere).translation[:2] for node in made.graph])
             plot_top_view(self.folder / "top_view.png", errors, keys)
-            plot_errors(self.folder / "errors.png", errors, read_poses(self.folder / "drive"))
+            plot_errors(self.folder / "errors.png", errors, read_estimate(self.folder / "drive"))
         result = self.result(errors, len(keys))
         (self.folder / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
         print(table(result, self.folder))

@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from node_kit import conversions
-from node_kit.bags import BagReader
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import Trajectory
 from sphere_geometry.trajectory_error import absolute_errors, directions_of_motion
+from sphere_nav_cli.pose_bags import read_poses
 
 Array = NDArray[np.float64]
-TRUTH = "/ground_truth/odometry"
+TRUTH, ESTIMATE = "/ground_truth/odometry", "/pose"
 MOVING = 0.05  # m/s, slower is standing
 SPACING = 0.02  # m between the points of the taught path that distances are measured to
 
@@ -41,7 +40,7 @@ def drive_errors(teach: Path, drive: Path, T_world_map: SE3) -> DriveErrors:
     truth = read_truth(drive)
     driven = _moving(truth)
     along, lateral = distances_from_path(driven.positions[:, :2], taught.positions[:, :2])
-    estimate = read_poses(drive).moved(T_world_map)
+    estimate = read_estimate(drive).moved(T_world_map)
     at, known = truth.at(estimate.stamps_ns, max_gap_ns=round(2e8))
     found = absolute_errors(estimate[known], at, directions_of_motion(at))
     length = float(taught.distances[-1])
@@ -79,27 +78,12 @@ def distances_from_path(points: Array, path: Array) -> tuple[Array, Array]:
 
 def read_truth(bag: Path) -> Trajectory:
     """Return the true poses of the vehicle in a bag of the simulator."""
-    with BagReader(bag) as reader:
-        rows = [
-            (conversions.stamp_ns(one.message), conversions.odometry_to_se3(one.message)[0])
-            for one in reader.messages([TRUTH])
-        ]
-    return _trajectory(rows)
+    return read_poses(bag, (TRUTH,))
 
 
-def read_poses(bag: Path) -> Trajectory:
+def read_estimate(bag: Path) -> Trajectory:
     """Return the poses of the vehicle that the localiser published."""
-    with BagReader(bag) as reader:
-        rows = [
-            (conversions.stamp_ns(one.message), conversions.pose_with_covariance_to_se3(one.message)[0])
-            for one in reader.messages(["/pose"])
-        ]
-    return _trajectory(rows)
-
-
-def _trajectory(rows: list[tuple[int, SE3]]) -> Trajectory:
-    stamps, poses = zip(*rows, strict=True)
-    return Trajectory(np.array(stamps, dtype=np.int64), SE3(np.stack([pose.matrix for pose in poses])))
+    return read_poses(bag, (ESTIMATE,))
 
 
 def _moving(trajectory: Trajectory) -> Trajectory:
