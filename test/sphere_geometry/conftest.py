@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_geometry import SE3, Fisheye, Pinhole, Spherical
+from sphere_geometry import SE3, DoubleSphere, Fisheye, Pinhole, Spherical
 
 NORMS = {
     "ordinary": (0.1, 3.0),
@@ -17,6 +17,8 @@ CAMERAS = {
     "rational": Pinhole(1280, 960, 600.0, 605.0, 640.2, 470.1, (0.3, -0.05, 2e-4, 1e-4, 0.01, 0.6, -0.02, 0.02)),
     "fisheye": Fisheye(1280, 1024, 330.0, 329.0, 640.0, 510.0, (0.02, -0.005, 0.001, -0.0002)),
     "equidistant, all directions": Fisheye(1000, 1000, 150.0, 150.0, 499.5, 499.5),
+    "double sphere": DoubleSphere(1216, 1216, 225.0, 222.6, 610.8, 612.7, -0.28, 0.57),
+    "double sphere, long": DoubleSphere(1216, 1100, 451.0, 446.6, 615.5, 550.4, 0.46, 0.77),
     "sphere": Spherical(512, 256),
     "window": Spherical(200, 100, 512.0, 100.5, 60.25),
     "window over the seam": Spherical(200, 100, 512.0, 420.0, 80.0),  # columns 420 ... 511 and 0 ... 107

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_geometry import Fisheye, Pinhole, Spherical
+from sphere_geometry import DoubleSphere, Fisheye, Pinhole, Spherical
 from sphere_geometry.camera import pixel_grid
 
 
@@ -110,7 +110,7 @@ def test_image_border_is_half_a_pixel_beyond_the_outer_centres(camera):
     assert visible[0] == np.isfinite(rays[0]).all()
 
 
-@pytest.mark.parametrize("model", [Pinhole, Fisheye])
+@pytest.mark.parametrize("model", [Pinhole, Fisheye, DoubleSphere])
 @pytest.mark.parametrize("focal", [(0.0, 1.0), (1.0, -1.0), (np.nan, 1.0), (np.inf, 1.0)])
 def test_an_uncalibrated_camera_is_refused(model, focal):
     with pytest.raises(ValueError, match="focal length: expected positive"):
