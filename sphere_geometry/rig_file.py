@@ -1,4 +1,4 @@
-"""`rig.yaml`: a camera rig to read and to edit by hand; docs/sphere_stitcher.md shows one. Whatever is wrong is one line."""
+"""`rig.yaml`: a camera rig to read and to edit by hand. Whatever is wrong with it is told in one line."""
 
 from __future__ import annotations
 
