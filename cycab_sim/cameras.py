@@ -7,8 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cycab_sim.params import CameraParams, SphereParams, focal_length
-from sphere_geometry import SE3, Camera, Pinhole, Spherical
+from cycab_sim.lenses import make_lens
+from cycab_sim.params import CameraParams, SphereParams
+from sphere_geometry import SE3, Camera, Spherical
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # body axes of optical axes
 
@@ -43,14 +44,14 @@ class Frame:
 
 
 def forward_camera(params: CameraParams) -> Mount:
-    """Return the pinhole camera for driving."""
-    f = focal_length(params)
-    centre = ((params.width - 1) / 2, (params.height - 1) / 2)
-    camera = Pinhole(params.width, params.height, f, f, *centre, (params.k1, params.k2, 0.0, 0.0, 0.0))
+    """Return the camera for driving; the frame of a panorama has body axes."""
+    camera = make_lens(params, "camera")
     tilt = SE3.exp([0.0, 0.0, 0.0, 0.0, np.radians(params.pitch_deg), 0.0])
     place = SE3.from_parts(np.eye(3), [params.x, params.y, params.z])
-    T_base_camera = place @ tilt @ SE3.from_parts(OPTICAL, np.zeros(3))
-    return Mount("camera", "camera_optical", camera, T_base_camera, True, params.noise, params.shot_noise)
+    is_sphere = params.model == "panorama"
+    T_base_camera = place @ tilt @ SE3.from_parts(np.eye(3) if is_sphere else OPTICAL, np.zeros(3))
+    frame_id = "camera_link" if is_sphere else "camera_optical"
+    return Mount("camera", frame_id, camera, T_base_camera, True, params.noise, params.shot_noise)
 
 
 def roof_sphere(params: SphereParams) -> Mount:

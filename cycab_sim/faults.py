@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+import zlib
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+IMAGES = ("silent", "stuck", "noise", "bias", "intermittent", "exposure")
 KINDS = {
-    "camera": ("silent", "stuck", "noise", "bias", "intermittent", "exposure"),
-    "sphere": ("silent", "stuck", "noise", "bias", "intermittent", "exposure"),
+    "camera": IMAGES,
+    "sphere": IMAGES,
     "odom": ("silent", "stuck", "noise", "bias", "intermittent", "slip"),
     "speed": ("stuck", "bias"),
     "steering": ("stuck", "bias"),
@@ -33,10 +36,11 @@ class Fault:
 
 
 class Faults:
-    """The faults that were asked for."""
+    """The faults that were asked for; `cameras` are further outputs with images."""
 
-    def __init__(self) -> None:
+    def __init__(self, cameras: Iterable[str] = ()) -> None:
         self._faults: list[Fault] = []
+        self._kinds = KINDS | dict.fromkeys(cameras, IMAGES)
 
     def clear(self) -> None:
         """Forget all."""
@@ -44,10 +48,11 @@ class Faults:
 
     def add(self, target: str, kind: str, magnitude: float, start: float, duration: float, now_ns: int) -> None:
         """Add one; times in s, start 0: now, duration 0: until cleared. ValueError says what is not possible."""
-        if target not in KINDS:
-            raise ValueError(f"fault.target: expected one of {', '.join(KINDS)}, found {target!r}")
-        if kind not in KINDS[target]:
-            raise ValueError(f"fault.kind: expected one of {', '.join(KINDS[target])} for {target}, found {kind!r}")
+        kinds = self._kinds
+        if target not in kinds:
+            raise ValueError(f"fault.target: expected one of {', '.join(kinds)}, found {target!r}")
+        if kind not in kinds[target]:
+            raise ValueError(f"fault.kind: expected one of {', '.join(kinds[target])} for {target}, found {kind!r}")
         if not math.isfinite(magnitude) or (magnitude < 0.0 and kind != "bias"):
             raise ValueError(f"fault.magnitude: expected a finite number, at least 0, found {magnitude}")
         if kind in ("intermittent", "slip") and magnitude >= 1.0 + (kind == "intermittent"):
@@ -85,4 +90,4 @@ class Faults:
         if self.magnitude(target, "silent", now_ns) is not None:
             return True
         share = self.magnitude(target, "intermittent", now_ns)
-        return share is not None and float(np.random.default_rng([index, 31]).random()) < share
+        return share is not None and float(np.random.default_rng([index, zlib.crc32(target.encode())]).random()) < share

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 from geometry_msgs.msg import Twist, TwistStamped
-from nav_msgs.msg import Odometry
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CameraInfo, Image
-from sphere_nav_msgs.msg import AugmentedSphere, SimulationFault
+from sphere_nav_msgs.msg import SimulationFault
 from sphere_nav_msgs.srv import SetFault, Teleport
 from std_msgs.msg import Bool
-from tf2_msgs.msg import TFMessage
 
 from cycab_sim.faults import SECOND
 from cycab_sim.lock_step import LockStep
+from cycab_sim.outputs_node import Outputs
 from cycab_sim.params import SimParams
 from cycab_sim.runner import Runner
 from cycab_sim.simulator import Simulator
@@ -24,8 +21,6 @@ from cycab_sim.vehicle import Command
 from node_kit import conversions, qos
 from node_kit.node import OK, WARN, ManagedNode
 from node_kit.run import run
-
-WORLD, ODOM, BASE = "world", "odom", "base_link"
 
 
 class CycabSim(ManagedNode):
@@ -41,12 +36,7 @@ class CycabSim(ManagedNode):
         self.simulator = Simulator(self.params)
         self.lock_step = LockStep(self.params.clock)
         self.clock = self.announce("/clock", Clock)
-        self.image = self.announce("image_raw", Image, qos.LARGE)
-        self.info = self.announce("camera_info", CameraInfo)
-        self.sphere = self.announce("sphere", AugmentedSphere, qos.LARGE)
-        self.odom = self.announce("odom", Odometry)
-        self.truth = self.announce("ground_truth/odometry", Odometry)
-        self.tf_static = self.announce("/tf_static", TFMessage, qos.TF_STATIC)
+        self.outputs = Outputs(self, self.simulator)
         self.taught = self.announce("taught", Bool, qos.LATCHED)
         kind = TwistStamped if self.params.has_stamped_command else Twist
         self.listen("cmd_vel", kind, self.on_command, qos.COMMAND, is_required=False)
@@ -56,10 +46,7 @@ class CycabSim(ManagedNode):
 
     def activate(self) -> None:
         """Let time pass."""
-        now = self.simulator.time_ns
-        mounts = [(mount.T_base_camera, mount.frame_id) for mount in self.simulator.mounts.values()]
-        transforms = [conversions.se3_to_transform(T, now, BASE, name) for T, name in mounts]
-        self.tf_static.publish(TFMessage(transforms=transforms))
+        self.outputs.publish_statics()
         self.has_told = False
         self.taught.publish(Bool(data=False))
         self.runner = Runner(self.simulator, self.lock_step, self.hand_out)
@@ -78,7 +65,10 @@ class CycabSim(ManagedNode):
 
     def hand_out(self, name: str) -> None:
         """Publish one output at the present instant; called from the simulation's thread."""
-        getattr(self, f"_publish_{name}")(self.simulator.time_ns)
+        if name == "clock":
+            self._publish_clock(self.simulator.time_ns)
+        else:
+            self.outputs.publish(name)
 
     def _publish_clock(self, now: int) -> None:
         self.clock.publish(Clock(clock=conversions.ns_to_time(now)))
@@ -90,24 +80,6 @@ class CycabSim(ManagedNode):
         if self.simulator.is_taught and not self.has_told:
             self.has_told = True
             self.taught.publish(Bool(data=True))
-
-    def _publish_camera(self, now: int) -> None:
-        frame, mount = self.simulator.capture("camera"), self.simulator.mounts["camera"]
-        self.info.publish(conversions.camera_to_info(frame.camera, now, mount.frame_id))
-        self.image.publish(conversions.array_to_image(frame.image, now, mount.frame_id, "mono8"))
-
-    def _publish_sphere(self, now: int) -> None:
-        frame: Any = self.simulator.capture("sphere")  # has the fields of a Sphere
-        self.sphere.publish(conversions.sphere_to_message(frame, self.simulator.mounts["sphere"].frame_id))
-
-    def _publish_odom(self, now: int) -> None:
-        measured, vehicle = self.simulator.odometry, self.simulator.vehicle
-        wheels = np.array([measured.speed, 0.0, 0.0, 0.0, 0.0, measured.yaw_rate])
-        deviations = np.diag(np.square(measured.deviations))
-        self.odom.publish(conversions.se3_to_odometry(measured.T_odom_base, deviations, now, (ODOM, BASE), wheels))
-        twist = np.array([vehicle.state.speed, 0.0, 0.0, 0.0, 0.0, vehicle.yaw_rate])
-        T_world_base = vehicle.state.T_world_base
-        self.truth.publish(conversions.se3_to_odometry(T_world_base, np.zeros((6, 6)), now, (WORLD, BASE), twist))
 
     def on_teleport(self, request: Any, response: Any) -> Any:
         """Put the car elsewhere."""

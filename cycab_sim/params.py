@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from typed_params import group, param, parameters
 
 
@@ -67,15 +65,16 @@ class OdometryParams:
 
 @parameters
 class CameraParams:
-    """The camera for driving: one pinhole, looking forward."""
+    """The camera for driving, looking forward."""
 
     is_on: bool = param(True, "publish images")
+    model: str = param("pinhole", "lens; a panorama sees all around", choices=("pinhole", "fisheye", "panorama"))
     period: float = param(0.1, "time between two images", "s", low=0.001)
     width: int = param(640, "columns", "px", low=16, high=8192)
-    height: int = param(480, "rows", "px", low=16, high=8192)
-    view_deg: float = param(80.0, "horizontal field of view", "deg", low=10.0, high=150.0)
-    k1: float = param(-0.05, "radial distortion", low=-1.0, high=1.0)
-    k2: float = param(0.01, "radial distortion, second coefficient", low=-1.0, high=1.0)
+    height: int = param(480, "rows; a panorama keeps this many around its horizon", "px", low=16, high=8192)
+    view_deg: float = param(80.0, "horizontal field of view of a lens", "deg", low=10.0, high=280.0)
+    k1: float = param(-0.05, "radial distortion of a lens", low=-1.0, high=1.0)
+    k2: float = param(0.01, "radial distortion of a lens, second coefficient", low=-1.0, high=1.0)
     x: float = param(1.0, "place on the car, forward of the rear axle", "m")
     y: float = param(0.0, "place on the car, to the left", "m")
     z: float = param(1.6, "height above the ground", "m", low=0.05)
@@ -97,6 +96,31 @@ class SphereParams:
     z: float = param(1.8, "height above the ground", "m", low=0.05)
     noise: float = param(0.8, "standard deviation of the read-out noise", "grey level", low=0.0)
     shot_noise: float = param(0.006, "variance of the shot noise over the grey level", "grey level", low=0.0)
+
+
+@parameters
+class RigParams:
+    """Six cameras on the roof: three stereo pairs back to back one above the other, or a ring (M15 section 4.3)."""
+
+    kind: str = param("none", "arrangement of the cameras", choices=("none", "vertical", "ring"))
+    publish: str = param("teach", "when to publish images", choices=("teach", "always", "never"))
+    distance: float = param(0.5, "way between two captures; 0: by time", "m", low=0.0)
+    period: float = param(0.0, "time between two captures; 0: by way", "s", low=0.0)
+    model: str = param("fisheye", "lens", choices=("pinhole", "fisheye"))
+    width: int = param(544, "columns of each camera", "px", low=16, high=8192)
+    height: int = param(544, "rows of each camera", "px", low=16, high=8192)
+    view_deg: float = param(190.0, "horizontal field of view of each camera", "deg", low=30.0, high=280.0)
+    k1: float = param(-0.02, "radial distortion of the lens", low=-1.0, high=1.0)
+    k2: float = param(0.002, "radial distortion of the lens, second coefficient", low=-1.0, high=1.0)
+    baseline: float = param(0.3, "from each camera to the one below it, or to the next of the ring", "m", low=0.01)
+    radius: float = param(0.03, "from the mast of the vertical rig to its cameras", "m", low=0.0)
+    tolerance: float = param(1.0, "times 1 mm, 0.3 deg, 0.3 % of the focal length: where each is mounted", low=0.0)
+    x: float = param(0.4, "place of the upper cameras' middle on the car, forward of the rear axle", "m")
+    y: float = param(0.0, "place on the car, to the left", "m")
+    z: float = param(1.8, "height above the ground", "m", low=0.05)
+    noise: float = param(0.8, "standard deviation of the read-out noise", "grey level", low=0.0)
+    shot_noise: float = param(0.006, "variance of the shot noise over the grey level", "grey level", low=0.0)
+    file: str = param("", "write the rig's true description to this file at the start; empty: nowhere")
 
 
 @parameters
@@ -148,10 +172,6 @@ class SimParams:
     odometry: OdometryParams = group(OdometryParams)
     camera: CameraParams = group(CameraParams)
     sphere: SphereParams = group(SphereParams)
+    rig: RigParams = group(RigParams)
     light: LightParams = group(LightParams)
     render: RenderParams = group(RenderParams)
-
-
-def focal_length(params: CameraParams) -> float:
-    """Return the focal length in pixels of a camera without distortion."""
-    return 0.5 * params.width / math.tan(math.radians(params.view_deg) / 2)

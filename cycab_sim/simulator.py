@@ -2,8 +2,8 @@
 
     simulator = Simulator(SimParams(seed=3))
     while not done:
-        for name in simulator.take_due():           # "camera", "sphere", "odom"
-            frame = simulator.capture(name)         # or simulator.odometry, simulator.vehicle.state
+        for name in simulator.take_due():           # "camera", "sphere", "rig", "odom"
+            frame = simulator.capture(name)         # or simulator.capture_rig(), .odometry, .vehicle.state
         simulator.step(command, dt_ns)              # the car drives, time passes
 
 Time is integer nanoseconds and passes in `step` only; the same parameters and commands give the same bits again.
@@ -11,6 +11,7 @@ Time is integer nanoseconds and passes in `step` only; the same parameters and c
 
 from __future__ import annotations
 
+import zlib
 from dataclasses import replace
 
 import numpy as np
@@ -21,6 +22,7 @@ from cycab_sim.driver import Driver
 from cycab_sim.faults import SECOND, Faults
 from cycab_sim.params import OdometryParams, SimParams
 from cycab_sim.renderer import Renderer
+from cycab_sim.rigs import camera_names, make_rig, rig_mounts
 from cycab_sim.schedule import Schedule
 from cycab_sim.town import build_town, taught_path
 from cycab_sim.vehicle import Command, Vehicle, VehicleState, WheelOdometry
@@ -40,9 +42,10 @@ class Simulator:
         self.driver = Driver(self.path, self.params.teach, self.params.noise_seed)
         self.vehicle = Vehicle(self._start(), self.params.vehicle, self.params.actuation)
         self.odometry = WheelOdometry(self.params.odometry, self.params.noise_seed)
+        self.rig = make_rig(self.params.rig, self.params.seed)
         self.mounts = {mount.name: mount for mount in self._mounts()}
         self.schedule = Schedule(self.params)
-        self.faults = Faults()
+        self.faults = Faults(self.rig_names)
         self.time_ns = START_NS
         self._last: dict[str, Frame] = {}
         self._applied = Command()
@@ -66,18 +69,29 @@ class Simulator:
 
     def capture(self, name: str) -> Frame:
         """Return what the camera `name` sees now, noise and faults included."""
-        mount, index = self.mounts[name], max(self.schedule.count[name], 0)
+        mount, index = self.mounts[name], max(self.schedule.count["rig" if name in self.rig_names else name], 0)
         if self._fault(name, "stuck") is not None and name in self._last:
             return replace(self._last[name], stamp_ns=self.time_ns, index=index)
         exposure, more_noise = self._fault(name, "exposure"), self._fault(name, "noise") or 0.0
         gain = 1.0 if exposure is None else exposure**self.params.light.gamma  # a factor on grey levels
         T_world_camera = self.vehicle.state.T_world_base @ mount.T_base_camera
         levels, range_m = self.renderer.render(mount.camera, T_world_camera, mount.is_grey, gain)
-        seed = (self.params.noise_seed, index, len(name))
+        seed = (self.params.noise_seed, index, zlib.crc32(name.encode()))
         noise = float(np.hypot(mount.noise, more_noise))
         image = expose(levels, noise, mount.shot_noise, seed, self._fault(name, "bias") or 0.0)
         self._last[name] = Frame(image, range_m, mount.camera, self.time_ns, index)
         return self._last[name]
+
+    def capture_rig(self) -> dict[str, Frame]:
+        """Return what all cameras of the rig see at this instant, by name; without those withheld by a fault."""
+        index = self.schedule.count["rig"]
+        names = [name for name in self.rig_names if not self.faults.is_withheld(name, index, self.time_ns)]
+        return {name: self.capture(name) for name in names}
+
+    @property
+    def rig_names(self) -> tuple[str, ...]:
+        """Names of the rig's cameras."""
+        return camera_names(self.params.rig.kind)
 
     def render(
         self, camera: Camera, T_world_camera: SE3, is_grey: bool = False
@@ -110,7 +124,8 @@ class Simulator:
         return VehicleState(float(x), float(y), float(yaw + np.radians(start.yaw_deg)))
 
     def _mounts(self) -> tuple[Mount, ...]:
-        return forward_camera(self.params.camera), roof_sphere(self.params.sphere)
+        rig = rig_mounts(self.params.rig, self.rig)
+        return forward_camera(self.params.camera), roof_sphere(self.params.sphere), *rig
 
     def _fault(self, target: str, kind: str) -> float | None:
         return self.faults.magnitude(target, kind, self.time_ns)

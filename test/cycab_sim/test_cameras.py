@@ -14,10 +14,10 @@ def test_the_forward_camera_looks_forward_and_a_little_down():
     np.testing.assert_allclose(mount.T_base_camera.translation, [1.0, 0.0, 1.6])
 
 
-def test_the_field_of_view_is_the_one_asked_for():
-    mount = forward_camera(CameraParams(view_deg=80.0, k1=0.0, k2=0.0))
-    edges = mount.camera.unproject([[-0.5, 239.5], [639.5, 239.5]])
-    assert np.degrees(np.arccos(edges[0] @ edges[1])) == pytest.approx(80.0)
+def test_a_panorama_has_body_axes():
+    mount = forward_camera(CameraParams(model="panorama", width=720, height=360, pitch_deg=0.0))
+    np.testing.assert_allclose(mount.T_base_camera.rotation, np.eye(3), atol=1e-12)
+    assert mount.frame_id == "camera_link"
 
 
 def test_the_sphere_sees_everything_from_the_roof():

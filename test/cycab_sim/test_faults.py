@@ -35,6 +35,16 @@ def test_outputs_are_withheld_as_often_as_asked_for():
     assert all(faults.is_withheld("odom", index, 1) for index in range(5))
 
 
+def test_cameras_of_a_rig_have_faults_of_their_own():
+    faults = Faults(("front", "rear"))
+    faults.add("rear", "intermittent", 0.5, 0.0, 0.0, 0)
+    faults.add("front", "intermittent", 0.5, 0.0, 0.0, 0)
+    dropped = [[faults.is_withheld(name, index, 1) for index in range(400)] for name in ("front", "rear")]
+    assert np.mean(np.equal(*dropped)) == pytest.approx(0.5, abs=0.1)  # four standard errors: not the same images
+    with pytest.raises(ValueError, match=r"fault\.target: .*steering, front, rear, found 'left'"):
+        faults.add("left", "silent", 0.0, 0.0, 0.0, 0)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

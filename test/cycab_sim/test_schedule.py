@@ -1,6 +1,6 @@
 import pytest
 
-from cycab_sim.params import CameraParams, OdometryParams, SimParams, SphereParams
+from cycab_sim.params import CameraParams, OdometryParams, RigParams, SimParams, SphereParams
 from cycab_sim.schedule import Schedule
 
 MS = 1_000_000
@@ -20,7 +20,7 @@ def test_outputs_come_by_their_period_and_are_counted():
     found = due(schedule, 200)
     assert [t for t, name in found if name == "camera"] == [0, 100, 200]
     assert [t for t, name in found if name == "odom"] == [0, 50, 100, 150, 200]
-    assert schedule.count == {"odom": 4, "camera": 2, "sphere": -1}
+    assert schedule.count == {"odom": 4, "camera": 2, "sphere": -1, "rig": -1}
 
 
 def test_spheres_come_by_the_way_in_the_teaching_drive_only():
@@ -30,6 +30,16 @@ def test_spheres_come_by_the_way_in_the_teaching_drive_only():
     assert "sphere" not in [name for _, name in due(Schedule(SimParams(sphere=sphere)), 1000, way=0.02)]
     always = Schedule(SimParams(sphere=SphereParams(publish="always", period=0.4)))
     assert [t for t, name in due(always, 1000) if name == "sphere"] == [0, 400, 800]
+
+
+def test_the_rig_has_its_own_way_and_is_off_without_cameras():
+    rig, sphere = RigParams(kind="ring", distance=0.3), SphereParams(distance=0.5)
+    found = due(Schedule(SimParams(mode="teach", rig=rig, sphere=sphere)), 1000, way=0.02)
+    assert [t for t, name in found if name == "rig"] == [0, 150, 300, 450, 600, 750, 900]
+    assert [t for t, name in found if name == "sphere"] == [0, 250, 500, 750, 1000]
+    assert "rig" not in [name for _, name in due(Schedule(SimParams(mode="teach")), 500, way=0.02)]
+    with pytest.raises(ValueError, match=r"rig\.distance, rig\.period: expected one above 0"):
+        Schedule(SimParams(mode="teach", rig=RigParams(kind="ring", distance=0.0)))
 
 
 def test_a_sphere_without_period_and_distance_is_refused():

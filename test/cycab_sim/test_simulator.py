@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cycab_sim.params import CameraParams, StartParams
+from cycab_sim.params import CameraParams, RigParams, StartParams
 from cycab_sim.simulator import START_NS, Simulator
 from cycab_sim.vehicle import Command
 from sphere_geometry import SE3, Pinhole
@@ -137,3 +137,35 @@ def test_a_view_from_anywhere(simulator):
     assert image.shape == (48, 64, 3)
     assert image.dtype == np.uint8
     assert ranges.shape == (48, 64)
+
+
+@pytest.fixture(scope="module")
+def rig_simulator(small_params):
+    rig = RigParams(kind="vertical", width=64, height=64, publish="always")
+    return Simulator(replace(small_params, rig=rig, camera=CameraParams(is_on=False)))
+
+
+def test_all_cameras_of_the_rig_see_one_instant(rig_simulator):
+    assert "rig" in rig_simulator.take_due()
+    frames = rig_simulator.capture_rig()
+    assert list(frames) == list(rig_simulator.rig.names)
+    assert {frame.stamp_ns for frame in frames.values()} == {rig_simulator.time_ns}
+    assert all(frame.image.shape == (64, 64, 3) for frame in frames.values())
+    seen = frames["top_left"]
+    T_world_camera = rig_simulator.vehicle.state.T_world_base @ rig_simulator.mounts["top_left"].T_base_camera
+    ideal, _ = rig_simulator.render(seen.camera, T_world_camera)
+    assert np.median(np.abs(ideal.astype(float) - seen.image)) <= 2.0  # its noise
+
+
+def test_single_cameras_of_the_rig_drop_out_or_freeze(rig_simulator):
+    faults, now = rig_simulator.faults, rig_simulator.time_ns
+    before = rig_simulator.capture_rig()
+    faults.add("top_left", "silent", 0.0, 0.0, 0.0, now)
+    faults.add("bottom_front", "stuck", 0.0, 0.0, 0.0, now)
+    rig_simulator.teleport(10.0, -0.5, 1.0)
+    rig_simulator.step(Command(), STEP)
+    after = rig_simulator.capture_rig()
+    assert set(before) - set(after) == {"top_left"}
+    np.testing.assert_array_equal(after["bottom_front"].image, before["bottom_front"].image)
+    assert np.mean(after["top_front"].image == before["top_front"].image) < 0.5
+    faults.clear()

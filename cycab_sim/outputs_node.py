@@ -1,0 +1,85 @@
+"""What the simulator publishes: each output of `Simulator.take_due` as messages of the present instant."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import CameraInfo, Image
+from sphere_nav_msgs.msg import AugmentedSphere, SphereInfo
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+
+from cycab_sim.rigs import FRAME, rig_place, rig_text
+from cycab_sim.simulator import Frame, Simulator
+from node_kit import conversions, qos
+from node_kit.node import ManagedNode
+from sphere_geometry import Spherical
+
+WORLD, ODOM, BASE = "world", "odom", "base_link"
+
+
+class Outputs:
+    """Announces the topics of a simulator; `publish(name)` sends one output."""
+
+    def __init__(self, node: ManagedNode, simulator: Simulator) -> None:
+        self.simulator = simulator
+        is_sphere = isinstance(simulator.mounts["camera"].camera, Spherical)
+        self.image = node.announce("image_raw", Image, qos.LARGE)
+        self.info = node.announce(*(("sphere_info", SphereInfo) if is_sphere else ("camera_info", CameraInfo)))
+        self.sphere = node.announce("sphere", AugmentedSphere, qos.LARGE)
+        self.odom = node.announce("odom", Odometry)
+        self.truth = node.announce("ground_truth/odometry", Odometry)
+        self.tf_static = node.announce("/tf_static", TFMessage, qos.TF_STATIC)
+        self.rig_images = {n: node.announce(f"cameras/{n}/image_raw", Image, qos.LARGE) for n in simulator.rig_names}
+        self.rig_infos = {n: node.announce(f"cameras/{n}/camera_info", CameraInfo) for n in simulator.rig_names}
+        if simulator.rig is not None:
+            self.description = node.announce("rig_description", String, qos.LATCHED)
+
+    def publish_statics(self) -> None:
+        """Send what does not change: where everything is mounted, and the rig file."""
+        simulator, now = self.simulator, self.simulator.time_ns
+        places = [(mount.T_base_camera, mount.frame_id) for mount in simulator.mounts.values()]
+        if simulator.rig is not None:
+            places.append((rig_place(simulator.params.rig), FRAME))
+            self.description.publish(String(data=rig_text(simulator.rig, simulator.params.rig.file)))
+        transforms = [conversions.se3_to_transform(T, now, BASE, frame_id) for T, frame_id in places]
+        self.tf_static.publish(TFMessage(transforms=transforms))
+
+    def publish(self, name: str) -> None:
+        """Send one output."""
+        getattr(self, f"_publish_{name}")(self.simulator.time_ns)
+
+    def _publish_camera(self, now: int) -> None:
+        frame, frame_id = self.simulator.capture("camera"), self.simulator.mounts["camera"].frame_id
+        if isinstance(frame.camera, Spherical):
+            self.info.publish(conversions.camera_to_sphere_info(frame.camera, frame_id))
+        else:
+            self.info.publish(conversions.camera_to_info(frame.camera, now, frame_id))
+        self.image.publish(image_message(frame, frame_id))
+
+    def _publish_sphere(self, now: int) -> None:
+        frame: Any = self.simulator.capture("sphere")  # has the fields of a Sphere
+        self.sphere.publish(conversions.sphere_to_message(frame, self.simulator.mounts["sphere"].frame_id))
+
+    def _publish_rig(self, now: int) -> None:
+        for name, frame in self.simulator.capture_rig().items():
+            frame_id = self.simulator.mounts[name].frame_id
+            self.rig_infos[name].publish(conversions.camera_to_info(frame.camera, now, frame_id))
+            self.rig_images[name].publish(image_message(frame, frame_id))
+
+    def _publish_odom(self, now: int) -> None:
+        measured, vehicle = self.simulator.odometry, self.simulator.vehicle
+        wheels = np.array([measured.speed, 0.0, 0.0, 0.0, 0.0, measured.yaw_rate])
+        deviations = np.diag(np.square(measured.deviations))
+        self.odom.publish(conversions.se3_to_odometry(measured.T_odom_base, deviations, now, (ODOM, BASE), wheels))
+        twist = np.array([vehicle.state.speed, 0.0, 0.0, 0.0, 0.0, vehicle.yaw_rate])
+        T_world_base = vehicle.state.T_world_base
+        self.truth.publish(conversions.se3_to_odometry(T_world_base, np.zeros((6, 6)), now, (WORLD, BASE), twist))
+
+
+def image_message(frame: Frame, frame_id: str) -> Image:
+    """Return a grey or colour image."""
+    encoding = "mono8" if frame.image.ndim == 2 else "rgb8"
+    return conversions.array_to_image(frame.image, frame.stamp_ns, frame_id, encoding)

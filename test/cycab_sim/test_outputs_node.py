@@ -1,0 +1,78 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from cycab_sim.outputs_node import Outputs
+from cycab_sim.params import CameraParams, RigParams
+from cycab_sim.simulator import Simulator
+from node_kit.conversions import camera_from_info, image_to_array, message_to_sphere, stamp_ns, transform_to_se3
+from sphere_geometry.rig_file import read_rig
+
+
+class Catcher:
+    """Stands for a node: keeps what is published, by topic."""
+
+    def __init__(self):
+        self.sent, self.kinds = {}, {}
+
+    def announce(self, topic, kind, profile=None):
+        self.sent[topic], self.kinds[topic] = [], kind
+        return type("Topic", (), {"publish": staticmethod(self.sent[topic].append)})
+
+
+@pytest.fixture(scope="module")
+def simulator(small_params):
+    rig = RigParams(kind="ring", width=48, height=40, publish="always")
+    camera = CameraParams(model="panorama", width=96, height=32)
+    return Simulator(replace(small_params, rig=rig, camera=camera))
+
+
+def published(simulator, *names):
+    catcher = Catcher()
+    outputs = Outputs(catcher, simulator)
+    outputs.publish_statics()
+    for name in names:
+        outputs.publish(name)
+    return catcher
+
+
+def test_the_rig_publishes_one_instant_that_fits_its_description(simulator, tmp_path):
+    sent = published(simulator, "rig").sent
+    path = tmp_path / "rig.yaml"
+    path.write_text(sent["rig_description"][0].data)
+    rig = read_rig(path)
+    places = {t.child_frame_id: transform_to_se3(t.transform) for t in sent["/tf_static"][0].transforms}
+    for camera in rig.cameras:
+        (image,) = sent[f"cameras/{camera.name}/image_raw"]
+        (info,) = sent[f"cameras/{camera.name}/camera_info"]
+        assert stamp_ns(image) == stamp_ns(info) == simulator.time_ns
+        assert image_to_array(image).shape == (40, 48, 3)
+        assert camera_from_info(info) == camera.camera
+        T_rig_camera = places["rig_link"].inverse() @ places[image.header.frame_id]
+        np.testing.assert_allclose(T_rig_camera.matrix, camera.T_rig_camera.matrix, atol=1e-9)
+
+
+def test_a_camera_that_dropped_out_is_not_published(simulator):
+    simulator.faults.add("rear", "silent", 0.0, 0.0, 0.0, simulator.time_ns)
+    sent = published(simulator, "rig").sent
+    simulator.faults.clear()
+    assert [len(sent[f"cameras/{name}/image_raw"]) for name in simulator.rig_names] == [1, 1, 1, 0, 1, 1]
+
+
+def test_a_panorama_is_described_as_a_sphere(simulator):
+    sent = published(simulator, "camera", "sphere", "odom").sent
+    info, image = sent["sphere_info"][0], sent["image_raw"][0]
+    assert (info.width, info.height, info.full_width, info.offset_v) == (96, 32, 96.0, 8.0)
+    assert info.frame_id == image.header.frame_id == "camera_link"
+    assert image.encoding == "mono8"
+    assert message_to_sphere(sent["sphere"][0]).image.shape == (64, 128, 3)
+    assert len(sent["odom"]) == len(sent["ground_truth/odometry"]) == 1
+
+
+def test_without_a_rig_there_are_no_topics_of_one(small_params):
+    catcher = published(Simulator(small_params))
+    assert {topic for topic in catcher.sent if "cameras" in topic or "rig" in topic} == set()
+    assert "camera_info" in catcher.sent
