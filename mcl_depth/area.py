@@ -1,0 +1,93 @@
+"""Where the vehicle may be: places with ground beneath, free space around the camera, connected with each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.ndimage import label
+from scipy.spatial import cKDTree
+
+from mcl_depth.params import AreaParams
+
+Array = NDArray[np.float64]
+BODY = 0.3  # points this far above or below the camera are in its way, m
+MAX_CELLS = 50_000_000
+
+
+class Area:
+    """Squares of side `step`, given by their middles."""
+
+    def __init__(self, middles: Array, step: float) -> None:
+        """`middles` (K, 2) m; ValueError where there is none."""
+        if not len(middles):
+            raise ValueError("area: expected a place with ground and free space around the camera, found none")
+        self.middles, self.step = middles, step
+
+    def draw(self, count: int, rng: np.random.Generator) -> Array:
+        """Return positions (count, 2), evenly spread and yet random."""
+        places = (rng.random() + np.arange(count)) / count * len(self.middles)
+        chosen = self.middles[np.minimum(places.astype(np.int64), len(self.middles) - 1)]
+        return chosen + (rng.random((count, 2)) - 0.5) * self.step
+
+    def scattered(self, count: int) -> Array:
+        """Return at most `count` middles from all over, in an order that jumps about, (K, 2)."""
+        count = min(count, len(self.middles))
+        picks = np.linspace(0, len(self.middles) - 1, count).round().astype(np.int64)
+        return self.middles[np.random.default_rng(0).permutation(picks)]
+
+    def contains(self, positions: Array) -> NDArray[np.bool_]:
+        """Return which positions (N, 2) lie in one of the squares, or beside one."""
+        return cKDTree(self.middles).query(positions)[0] <= self.step
+
+
+def find_area(
+    points: NDArray[np.floating], heights: Callable[[Array], Array], params: AreaParams, box: ArrayLike | None = None
+) -> Area:
+    """Return the largest connected area; `points` (N, 3) are the map, `heights` the camera's height at (N, 2).
+
+    `box` (x0, y0, x1, y1) in m bounds it, beside the parameter `limits`.
+    """
+    low, high = points[:, :2].min(axis=0), points[:, :2].max(axis=0)
+    for bounds in (box, limits_of(params.limits)):
+        if bounds is not None:
+            corners = np.asarray(bounds, dtype=np.float64)
+            low, high = np.maximum(low, corners[:2]), np.minimum(high, corners[2:])
+    counts = np.maximum(np.ceil((high - low) / params.step), 0).astype(np.int64)
+    if counts.min() < 1 or counts.prod() > MAX_CELLS:
+        raise ValueError(f"area: expected 1 to {MAX_CELLS} squares of {params.step:g} m, found {counts.tolist()}")
+    axes = (low[i] + (np.arange(counts[i]) + 0.5) * params.step for i in range(2))
+    middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2).astype(np.float64)
+    free = _is_free(middles, points, heights, params.clearance).reshape(counts)
+    pieces, num_pieces = label(free)
+    if not num_pieces:
+        return Area(middles[:0], params.step)
+    largest = 1 + int(np.argmax(np.bincount(pieces.ravel())[1:]))
+    return Area(middles[(pieces == largest).ravel()], params.step)
+
+
+def limits_of(text: str) -> Array | None:
+    """Read x0,y0,x1,y1; ValueError where it is something else."""
+    if not text:
+        return None
+    try:
+        numbers = np.array([float(word) for word in text.split(",")])
+        if numbers.shape != (4,) or not np.all(numbers[:2] < numbers[2:]):
+            raise ValueError
+    except ValueError:
+        raise ValueError(f"area.limits: expected x0,y0,x1,y1 with x0 < x1, y0 < y1, found {text!r}") from None
+    return numbers
+
+
+def _is_free(
+    middles: Array, points: NDArray[np.floating], heights: Callable[[Array], Array], clearance: float
+) -> NDArray[np.bool_]:
+    """Return which of the middles (K, 2) have ground, and no point of the map beside the camera."""
+    free = np.isfinite(heights(middles))
+    above = points[:, 2] - heights(points[:, :2].astype(np.float64))
+    in_the_way = points[np.abs(above) < BODY][:, :2]
+    if len(in_the_way) and clearance > 0.0:
+        cells = np.unique(np.round(in_the_way / (0.25 * clearance)).astype(np.int64), axis=0) * (0.25 * clearance)
+        free &= cKDTree(cells).query(middles, distance_upper_bound=clearance)[0] >= clearance
+    return free

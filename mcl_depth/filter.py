@@ -1,0 +1,142 @@
+"""READ FIRST. One image after the other -> pose in a map without colour (N17 section III-C, algorithm 2).
+
+For each image: move the particles as odometry says, compare the image with the depth image at each particle (both
+caches), turn young particles to their best heading, weigh, find the places the belief is in, judge, resample, and
+spread some particles anew where the belief has lost its lead. Poses leave in TRACKING and DEGRADED only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mcl_depth.area import Area
+from mcl_depth.carrying import Carrier
+from mcl_depth.comparison import Features, num_alpha_for, visual_features
+from mcl_depth.depth_map import DepthMap
+from mcl_depth.estimate import Belief, Estimate, Look, covariance_of, pose_of
+from mcl_depth.hypotheses import find_hypotheses
+from mcl_depth.input_check import InputCheck
+from mcl_depth.level_view import level_view
+from mcl_depth.motion_model import MotionModel, sample
+from mcl_depth.orientation import adjusted, similarity_at
+from mcl_depth.params import FilterParams
+from mcl_depth.particles import Particles
+from mcl_depth.reasons import FINE, Finding, Reason
+from mcl_depth.recovery import Recovery
+from mcl_depth.resampling import resample
+from mcl_depth.similarity_cache import Comparison
+from mcl_depth.spreading import gathered, renewed, spread
+from mcl_depth.status import State, StateMachine, Status, judge, status_of
+from mcl_depth.weighting import weights
+from sphere_geometry import SE3
+
+Array = NDArray[np.float64]
+
+
+class Filter:
+    """One camera in one map."""
+
+    def __init__(self, params: FilterParams, depth_map: DepthMap, area: Area) -> None:
+        self.params, self.map, self.area = params, depth_map, area
+        self.num_headings = num_alpha_for(params.heading_step_deg)
+        self._input = InputCheck(params.input)
+        self._motion = MotionModel(params.motion)
+        self._carrier = Carrier(params.input)
+        self._recovery = Recovery(params.recovery, area.scattered(params.recovery.num_scouts))
+        self._states = StateMachine(params.state, is_automatic=params.automatic)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget pose, stream and losses; the random numbers begin anew."""
+        self._rng = np.random.default_rng(self.params.seed)
+        self._input.reset()
+        self._forget_motion()
+        self._recovery.reset()
+        self._states.reset()
+        self.particles = spread(self.area, self.params.resampling.num_particles, self._rng)
+
+    def search(self) -> None:
+        """Search the whole map with the images to come."""
+        self._states.search()
+        self._spread()
+
+    def start(self, T_map_sight: SE3, covariance: Array) -> None:
+        """Search around a pose with its local covariance (6, 6); ValueError for a place outside the area."""
+        self.particles = gathered(T_map_sight, covariance, self.area, self.params, self._rng)
+        self._states.search()
+        self._carrier.reset()
+        self._recovery.reset()
+
+    def refuse(self, stamp_ns: int, finding: Finding) -> Estimate:
+        """Take note of an image that cannot be used."""
+        if self._carrier.age(stamp_ns) > self.params.state.max_blind_s:
+            self._states.lose()
+        return Estimate(self._status(stamp_ns, finding))
+
+    def silence(self, elapsed_s: float) -> Status | None:
+        """Return what to say so long after the last image, if that is too long."""
+        last_ns, limit = self._input.last_stamp_ns, self.params.input.timeout_s
+        if last_ns is None or elapsed_s <= limit:
+            return None
+        state = State.LOST if self._states.is_following else self._states.state
+        finding = Finding(Reason.TIMEOUT, elapsed_s, limit)
+        return self._status(last_ns + round(elapsed_s * 1e9), finding, state)
+
+    def update(self, look: Look) -> Estimate:
+        """Localise one image."""
+        finding = self._input.check(look.image, look.camera, look.stamp_ns)
+        if self._input.is_new_time:
+            self._forget_motion()
+        if finding is not FINE:
+            return self.refuse(look.stamp_ns, finding)
+        if self._states.state is State.NOT_LOCALISED:
+            return Estimate(self._status(look.stamp_ns, FINE))
+        if self._carrier.is_near(look):
+            return self._estimate(look, FINE)  # nearly the same view tells nothing new
+        if self._states.needs_spreading:
+            self.search()
+        grey, is_seen = level_view(look.image, look.camera, look.rotation, self.map.camera)
+        return self._localise(look, visual_features(grey, self.params.comparison, is_seen))
+
+    def _localise(self, look: Look, visual: Features) -> Estimate:
+        """Return what an image makes of the belief (algorithm 2, lines 4 to 22)."""
+        p = self.params
+        step = self._motion.step(look.stamp_ns, look.T_odom_sight)
+        particles = self.particles.at(sample(self.particles.poses, step, self._rng))
+        comparison = Comparison(visual, self.map, self.num_headings, is_caching=p.cache.uses_similarities)
+        curves = comparison.curves(particles.poses)
+        particles = adjusted(particles, curves, p.adjustment, self._rng)
+        similarities = similarity_at(curves, particles.poses[:, 2])
+        particles = particles.weighted(weights(similarities, p.weight, particles.weights))
+        hypotheses = find_hypotheses(particles, p.hypothesis)
+        lead = self._recovery.observe(comparison, hypotheses[0].mean_of(similarities, particles))
+        verdict = judge(hypotheses, lead, step, p.state)
+        self._states.take(verdict)
+        self._carrier.take(hypotheses[0], look, is_confirmed=not verdict.is_bad)
+        survivors = resample(particles, p.resampling, self._rng)
+        share = self._recovery.share(is_following=self._states.is_following)
+        self.particles = renewed(survivors, self.area, share, self._rng)
+        return self._estimate(look, verdict.finding, Belief(tuple(hypotheses), particles, comparison, lead))
+
+    def _estimate(self, look: Look, finding: Finding, belief: Belief | None = None) -> Estimate:
+        """Return the likeliest place, moved to this image by odometry, if it may leave."""
+        status, best = self._status(look.stamp_ns, finding), self._carrier.best
+        if best is None or not self._states.is_trusted:
+            return Estimate(status, belief=belief)
+        pose = self._carrier.carried(look)
+        covariance = covariance_of(best.covariance, float(pose[2]), self.params.covariance)
+        return Estimate(status, pose_of(pose, self.map.height(pose)), covariance, belief)
+
+    def _spread(self) -> None:
+        self.particles = spread(self.area, self.params.resampling.num_particles, self._rng)
+        self._carrier.reset()
+        self._recovery.reset()
+
+    def _forget_motion(self) -> None:
+        self._motion.reset()
+        self._carrier.reset()
+
+    def _status(self, stamp_ns: int, finding: Finding, state: State | None = None) -> Status:
+        carrier = self._carrier
+        return status_of(state or self._states.state, stamp_ns, finding, carrier.quality, carrier.age(stamp_ns))

@@ -1,0 +1,58 @@
+"""Hypotheses of where the sight is: the camera's centre, with the levelled axes of the vehicle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Particles:
+    """A weighted set: `poses` (N, 3) are x, y in m and yaw in rad in the map; `weights` (N,) sum to 1."""
+
+    poses: Array
+    weights: Array
+    ages: NDArray[np.int64]  # (N,) images seen since the particle was spread
+
+    def __len__(self) -> int:
+        return len(self.poses)
+
+    @staticmethod
+    def alike(poses: Array, age: int = 0) -> Particles:
+        """Return particles of one weight."""
+        count = len(poses)
+        return Particles(poses, np.full(count, 1.0 / max(count, 1)), np.full(count, age, dtype=np.int64))
+
+    @property
+    def effective_size(self) -> float:
+        """1 / sum of squared weights: how many particles carry the belief."""
+        return float(1.0 / np.sum(self.weights**2))
+
+    def at(self, poses: Array) -> Particles:
+        """Return the same hypotheses elsewhere."""
+        return replace(self, poses=poses)
+
+    def weighted(self, weights: Array) -> Particles:
+        """Return the same particles, one image older, with weights scaled to sum 1."""
+        total = float(weights.sum())
+        share = weights / total if total > 0.0 else np.full(len(self), 1.0 / len(self))
+        return Particles(self.poses, share, self.ages + 1)
+
+    def chosen(self, indices: NDArray[np.int64]) -> Particles:
+        """Return copies of the particles with these indices, of one weight."""
+        return Particles(self.poses[indices], np.full(len(indices), 1.0 / len(indices)), self.ages[indices])
+
+    def with_some_at(self, indices: NDArray[np.int64], poses: Array) -> Particles:
+        """Return the set with new, unaged particles in the place of some."""
+        moved, ages = self.poses.copy(), self.ages.copy()
+        moved[indices], ages[indices] = poses, 0
+        return Particles(moved, self.weights, ages)
+
+
+def wrapped(angle: Array) -> Array:
+    """Return angles in rad in [-pi, pi)."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi

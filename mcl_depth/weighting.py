@@ -1,0 +1,48 @@
+"""From similarities to weights: w = s ** lambda with s scaled to at most 1 (N17 section III-C)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mcl_depth.params import WeightParams
+
+Array = NDArray[np.float64]
+SEARCH_STEPS = 24  # halvings of the interval of lambda: 1e-7 of it
+
+
+def scaled(similarities: Array, scaling: str) -> Array:
+    """Scale similarities (N,) by the largest (`maximum`), or from the smallest to the largest (`minmax`, the paper)."""
+    low = float(similarities.min()) if scaling == "minmax" else 0.0
+    high = float(similarities.max())
+    if not high > low:
+        return np.ones(len(similarities))
+    return np.clip((similarities - low) / (high - low), 0.0, 1.0)
+
+
+def weights(similarities: Array, params: WeightParams, prior: Array) -> Array:
+    """Return weights (N,) of sum 1: `prior` times s ** lambda; all alike where nothing distinguishes them.
+
+    `min_effective_share` > 0 lowers lambda for this image until so large a share of the particles carries the belief:
+    one picture alone may not decide between places that look alike.
+    """
+    logs = np.log(np.maximum(scaled(similarities, params.scaling), 1e-30))
+    exponent = params.exponent
+    wanted = params.min_effective_share * len(similarities)
+    if wanted > 0.0 and _effective(exponent * logs, prior) < wanted:
+        low, high = 0.0, exponent
+        for _ in range(SEARCH_STEPS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if _effective(middle * logs, prior) > wanted else (low, middle)
+        exponent = low
+    return _normalised(exponent * logs, prior)
+
+
+def _normalised(logs: Array, prior: Array) -> Array:
+    result = prior * np.exp(logs - logs.max())
+    total = float(result.sum())
+    return result / total if total > 0.0 else np.full(len(result), 1.0 / len(result))
+
+
+def _effective(logs: Array, prior: Array) -> float:
+    return float(1.0 / np.sum(_normalised(logs, prior) ** 2))
