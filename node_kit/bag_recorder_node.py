@@ -20,7 +20,7 @@ from node_kit.run import run
 from typed_params import param, parameters
 
 FLUSH_PERIOD = 1.0  # s
-LOOK_PERIOD = 0.5  # s
+LOOK_PERIOD = 0.2  # s; what is published before its topic is found is not recorded
 
 
 @parameters
@@ -35,7 +35,7 @@ class RecorderParams:
 
 
 class BagRecorder(ManagedNode):
-    """Looks for wanted topics twice a second; what is recorded survives a crash but for the last second."""
+    """Looks for wanted topics all the time; what is recorded survives a crash but for the last second."""
 
     NAME = "bag_recorder"
     PARAMS = RecorderParams
@@ -99,6 +99,7 @@ class BagRecorder(ManagedNode):
         write = partial(self._write, topic)
         profile = qos.adapted(offers, self.params.queue)
         self.recorded[topic] = self.listen(topic, message_type, write, profile, is_required=False, raw=True)
+        self.log.info(f"{topic}: recording")
 
     def _flush(self) -> None:
         self._attempt(self.bag.flush)

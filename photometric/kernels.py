@@ -696,7 +696,7 @@ def sort_columns(points, gradient, keys, order):
     equal keys in order of the pixels.
     """
     for j in prange(6):
-        _sort_column(j, points, gradient, keys[j], order[j], order.shape[1])
+        _sort_column(np.int64(j), points, gradient, keys[j], order[j], order.shape[1])
 
 
 @njit(**OPTIONS)

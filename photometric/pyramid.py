@@ -44,12 +44,13 @@ class Pyramid:
 def build_pyramid(image: Image, camera: Camera, params: PyramidParams | None = None) -> Pyramid:
     """Build the pyramid of a grey image (H, W), uint8 or float32; ValueError if it is not the camera's size.
 
-    Level 0 is the image itself, not a copy; the coarser ones are float32.
+    Level 0 is the image itself, copied only if it is read-only: kernels are compiled once more for such arrays. The
+    coarser ones are float32.
     """
     params = params or PyramidParams()
     check_image(image, camera)
     is_whole = isinstance(camera, Spherical) and camera.is_whole
-    levels = [_level(np.ascontiguousarray(image), camera, is_whole)]
+    levels = [_level(np.require(image, requirements=["C", "W"]), camera, is_whole)]
     while len(levels) < params.num_levels and _can_halve(levels[-1].camera, params.min_side):
         previous = levels[-1]
         levels.append(_level(_halve(previous), previous.camera.halved(), is_whole))

@@ -14,11 +14,13 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
+import photometric
 from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
 from node_kit.map_bag import open_map
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import read_tum
+from sphere_mapping import kernels
 from sphere_nav_cli.driving.plots import plot_errors, plot_top_view
 from sphere_nav_cli.driving.processes import Processes
 from sphere_nav_cli.driving.report import DriveErrors, drive_errors, read_estimate, read_truth
@@ -63,6 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Do the whole job, print the table of errors, write everything that was made."""
     demo = Demo(arguments.output, arguments.seed, arguments.path, arguments.domain)
     try:
+        demo.prepare()
         demo.teach()
         demo.map()
         demo.drive()
@@ -83,14 +86,20 @@ class Demo:
         self.seconds: dict[str, float] = {}
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
+    def stage(self, name: str, note: str = "") -> Iterator[None]:
         """Take the time of a stage."""
-        print(f"{name} ...", flush=True)
+        print(f"{name} ...{note}", flush=True)
         begun = time.monotonic()
         try:
             yield
         finally:
             self.seconds[name] = round(time.monotonic() - begun, 1)
+
+    def prepare(self) -> None:
+        """Compile what the nodes need, once on a machine: they would do it themselves, but silently and in parallel."""
+        with self.stage("prepare", " (compiling kernels takes two minutes, once on a machine)"):
+            photometric.warm_up()
+            kernels.warm_up()
 
     def teach(self) -> None:
         """Drive the path once by the simulator's driver, and record spheres."""

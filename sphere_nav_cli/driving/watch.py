@@ -20,7 +20,8 @@ from tqdm import tqdm
 from node_kit import qos
 from sphere_nav_cli.driving.processes import Processes
 
-STALL = 60.0  # s of wall time without motion of the car, or without a localisation, that end a drive
+STALL = 60.0  # s of wall time without motion of the car that end a drive
+START_UP = 240.0  # s of wall time for processes to start; a busy machine may have to compile kernels for minutes
 LOOK = 0.1  # s
 START_PATIENCE = 30.0  # s for the localiser to settle before the follower accepts the start
 
@@ -61,8 +62,9 @@ class Watch:
                 alive, last = time.monotonic(), self.travelled
             if bar is not None:
                 bar.update(max(0.0, min(self.travelled, bar.total) - bar.n))
-            if time.monotonic() - alive > STALL:
-                raise DriveFailed(f"{what}: nothing for {STALL:.0f} s; {self.describe()}")
+            patience = STALL if is_moving and self.travelled else START_UP
+            if time.monotonic() - alive > patience:
+                raise DriveFailed(f"{what}: nothing for {patience:.0f} s; {self.describe()}")
 
     def start_following(self) -> None:
         """Arm the path follower, again until it accepts; DriveFailed says why it refuses."""

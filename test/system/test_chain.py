@@ -6,6 +6,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -97,6 +98,19 @@ def processes(monkeypatch):
         process.communicate(timeout=10)
 
 
+def wait_until_said(process: subprocess.Popen, texts: list[str]) -> None:
+    """Read what a node logs until every text was in it; a node that ends or is silent for too long fails the test."""
+    timer = threading.Timer(START_UP, process.kill)
+    timer.start()
+    said = ""
+    for line in process.stdout:
+        said += line
+        if all(text in said for text in texts):
+            break
+    timer.cancel()
+    assert all(text in said for text in texts), said
+
+
 def stopped(process: subprocess.Popen) -> str:
     """Ask a node to end, and return what it said; it must end well."""
     process.terminate()
@@ -112,14 +126,14 @@ def test_nodes_over_dds_give_the_same_poses(chain, processes, tmp_path):
     recorder = processes(command, "record", "-o", live, "/pose", "/status", "--use-sim-time")
     settings = (f"map:={chain / 'map'}", "use_sim_time:=true", "every_image:=true")
     localizer = processes(node, "--ros-args", *(word for setting in settings for word in ("-p", setting)))
+    wait_until_said(recorder, ["/pose: recording", "/status: recording"])
     player = processes(
         command, "play", chain / "driven", "--clock", "--rate", 0, "--answer", "status", "--wait-for", "/image_raw"
     )
     said, _ = player.communicate(timeout=START_UP + REPLAY)
     assert player.returncode == 0, said
-    time.sleep(1.0)  # the last small messages reach the recorder with the next heartbeat
-    said = stopped(localizer)
-    stopped(recorder)
+    time.sleep(3.0)  # the last small messages reach the recorder with the next heartbeat
+    said = stopped(localizer) + stopped(recorder)
     with BagReader(live) as bag:
         assert bag.topics["/status"].count == NUM_FRAMES, said
     offline, online = read_tum(chain / "poses.tum"), read_poses(live, ("/pose",))
