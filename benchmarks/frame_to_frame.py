@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import time
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ DEFAULT_DATA = Path("../shared/data/rgbd/redkitchen")
 FAILURE_MM = 50.0
 OURS = "sphere_nav"
 NUM_WARM_UP = 2
+SETTLE = 0.5  # s for the threads of the method before to fall asleep
 SIZES = ("median mm", "p90 mm", "median °", "> 50 mm", "tracking ms", "new reference ms")
 COLUMNS = ("calibration", "k", "method", *SIZES)
 
@@ -122,12 +124,12 @@ def _measure(
     pairs = recording.pairs(gap, step)
     if not pairs:
         raise ValueError(f"{recording.folder}: expected more than {gap} frames for pairs {gap} apart, found fewer")
-    _warm_up(methods, _cut(recording.frame(pairs[0][0], calibration), max_depth_m))
-    for path_reference, path_current in tqdm(pairs, f"{calibration.name}, {gap} apart", leave=False, disable=None):
-        reference = _cut(recording.frame(path_reference, calibration), max_depth_m)
-        current = _cut(recording.frame(path_current, calibration), max_depth_m)
-        for method in methods:
-            _measure_pair(method, reference, current, figures[method.name])
+    frames = {path: _cut(recording.frame(path, calibration), max_depth_m) for path in dict.fromkeys(sum(pairs, ()))}
+    # one method after the other, as each would run on a vehicle: threads of one that still spin stall the next
+    for method in methods:
+        _warm_up(method, frames[pairs[0][0]])
+        for reference, current in tqdm(pairs, f"{calibration.name}, {gap} apart", leave=False, disable=None):
+            _measure_pair(method, frames[reference], frames[current], figures[method.name])
     return figures
 
 
@@ -135,10 +137,10 @@ def _cut(frame: Frame, max_depth_m: float) -> Frame:
     return replace(frame, depth_m=np.where(frame.depth_m <= max_depth_m, frame.depth_m, np.float32(np.nan)))
 
 
-def _warm_up(methods: list[Method], frame: Frame) -> None:
-    for method in methods:
-        for _ in range(NUM_WARM_UP):
-            method.track(method.prepare(frame), frame)
+def _warm_up(method: Method, frame: Frame) -> None:
+    time.sleep(SETTLE)
+    for _ in range(NUM_WARM_UP):
+        method.track(method.prepare(frame), frame)
 
 
 def _measure_pair(method: Method, reference: Frame, current: Frame, figures: Figures) -> None:
