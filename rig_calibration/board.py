@@ -1,0 +1,150 @@
+"""Boards: chessboards and ChArUco boards, their corners in metres, and the turns that leave a chessboard as it was."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+KINDS = ("chessboard", "charuco")
+KEYS = {"kind", "size", "square", "marker", "dictionary", "first_marker", "legacy"}
+
+
+@dataclass(frozen=True)
+class Board:
+    """A flat board. Its frame has x along a row of corners, y down the rows and z into the board.
+
+    `columns` and `rows` count inner corners, which are numbered row by row. `dictionary`, `first_marker`, `marker_m`
+    and `is_legacy` (patterns of OpenCV before 4.6) describe ChArUco boards.
+    """
+
+    name: str
+    columns: int
+    rows: int
+    square_m: float
+    kind: str = "chessboard"
+    marker_m: float = 0.0
+    dictionary: str = "DICT_4X4_250"
+    first_marker: int = 0
+    is_legacy: bool = False
+
+    def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"board {self.name!r}: kind: expected one of {', '.join(KINDS)}, found {self.kind!r}")
+        if min(self.columns, self.rows) < 3:
+            raise ValueError(
+                f"board {self.name!r}: size: expected at least 3x3 inner corners, found {self.columns}x{self.rows}"
+            )
+        if not (math.isfinite(self.square_m) and self.square_m > 0):
+            raise ValueError(f"board {self.name!r}: square: expected a positive length in m, found {self.square_m}")
+        if self.kind == "charuco" and not 0 < self.marker_m < self.square_m:
+            raise ValueError(
+                f"board {self.name!r}: marker: expected between 0 and the square ({self.square_m} m), "
+                f"found {self.marker_m}"
+            )
+
+    @property
+    def num_corners(self) -> int:
+        """Number of inner corners."""
+        return self.columns * self.rows
+
+    @property
+    def num_markers(self) -> int:
+        """Number of markers of a ChArUco board."""
+        return (self.columns + 1) * (self.rows + 1) // 2
+
+    @cached_property
+    def points(self) -> NDArray[np.float64]:
+        """Corners (columns * rows, 3) in the board frame, in metres."""
+        row, column = np.divmod(np.arange(self.num_corners), self.columns)
+        return self.square_m * np.stack([column, row, np.zeros_like(row)], axis=-1).astype(np.float64)
+
+    @cached_property
+    def turns(self) -> NDArray[np.intp]:
+        """Renumberings (K, N) of the corners that look the same: only the given one (K = 1) for most boards.
+
+        A chessboard with an even sum of columns and rows looks the same upside down, one with even and equal numbers
+        also after a quarter turn.
+        """
+        grid = np.arange(self.num_corners).reshape(self.rows, self.columns)
+        if self.kind == "charuco" or (self.columns + self.rows) % 2:
+            steps: tuple[int, ...] = (0,)
+        elif self.columns == self.rows and self.columns % 2 == 0:
+            steps = (0, 1, 2, 3)
+        else:
+            steps = (0, 2)
+        return np.stack([np.rot90(grid, step).ravel() for step in steps])
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Return columns and rows of '8x6'."""
+    words = text.lower().replace("×", "x").split("x")
+    if len(words) != 2 or not all(word.strip().isdecimal() for word in words):
+        raise ValueError(f"board: expected COLUMNSxROWS of inner corners such as 8x6, found {text!r}")
+    return int(words[0]), int(words[1])
+
+
+def read_boards(path: Path) -> tuple[Board, ...]:
+    """Read several boards: a mapping of names to kind, size, square and, for ChArUco, marker, dictionary, ..."""
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        raise ValueError(f"{path}: expected YAML, found {' '.join(str(error).split())}") from None
+    if not isinstance(content, dict) or not content:
+        raise ValueError(f"{path}: expected a mapping of board names, found {type(content).__name__}")
+    boards = tuple(_board(f"{path}: {name}", str(name), entry) for name, entry in content.items())
+    check_distinct(boards)
+    return boards
+
+
+def check_distinct(boards: tuple[Board, ...]) -> None:
+    """Raise ValueError where two boards would look alike to a camera."""
+    for index, first in enumerate(boards):
+        for second in boards[index + 1 :]:
+            if _look_alike(first, second):
+                raise ValueError(
+                    f"boards {first.name!r} and {second.name!r} look alike: expected chessboards of different size, "
+                    "or ChArUco boards with markers of their own (first_marker, dictionary)"
+                )
+
+
+def _look_alike(first: Board, second: Board) -> bool:
+    if first.kind != second.kind:
+        return False
+    if first.kind == "chessboard":
+        return {first.columns, first.rows} == {second.columns, second.rows}
+    if first.dictionary != second.dictionary:
+        return False
+    low, high = sorted((first, second), key=lambda board: board.first_marker)
+    return low.first_marker + low.num_markers > high.first_marker
+
+
+def _board(place: str, name: str, entry: Any) -> Board:
+    if not isinstance(entry, Mapping):
+        raise ValueError(f"{place}: expected size and square, found {entry!r}")
+    if unknown := set(entry) - KEYS:
+        raise ValueError(f"{place}: {sorted(unknown)[0]}: unknown key, expected {', '.join(sorted(KEYS))}")
+    if missing := {"size", "square"} - set(entry):
+        raise ValueError(f"{place}: {sorted(missing)[0]}: missing")
+    columns, rows = parse_size(str(entry["size"]))
+    try:
+        return Board(
+            name,
+            columns,
+            rows,
+            float(entry["square"]),
+            kind=str(entry.get("kind", "chessboard")),
+            marker_m=float(entry.get("marker", 0.0)),
+            dictionary=str(entry.get("dictionary", "DICT_4X4_250")),
+            first_marker=int(entry.get("first_marker", 0)),
+            is_legacy=bool(entry.get("legacy", False)),
+        )
+    except (TypeError, ValueError) as error:
+        raise ValueError(f"{place}: {error}") from None

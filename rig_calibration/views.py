@@ -1,0 +1,95 @@
+"""What was seen: one `View` for a board in an image, and all of them as rows for the adjustment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """The corners of one board in one image: their numbers (n,) on the board and where they are, (n, 2) pixels."""
+
+    camera: str
+    instant: str
+    board: str
+    corners: Indices
+    pixels: Array
+
+    @property
+    def label(self) -> str:
+        """Name for reports."""
+        return f"{self.camera}/{self.instant}/{self.board}"
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """Corners of all views one below the other, views of a camera next to each other.
+
+    Per view (V,): index of camera, instant and board. Per corner (N,): its view, its point (N, 3) in the board frame
+    and its pixel (N, 2).
+    """
+
+    camera: Indices
+    instant: Indices
+    board: Indices
+    counts: Indices
+    points: Array
+    pixels: Array
+
+    @property
+    def num_views(self) -> int:
+        """Number of views V."""
+        return len(self.camera)
+
+    @cached_property
+    def starts(self) -> Indices:
+        """First corner of every view, and the end (V + 1,)."""
+        return np.concatenate([[0], np.cumsum(self.counts)])
+
+    @cached_property
+    def view(self) -> Indices:
+        """Index of the view of every corner (N,)."""
+        return np.repeat(np.arange(self.num_views), self.counts)
+
+    @cached_property
+    def camera_slices(self) -> list[tuple[int, slice]]:
+        """Rows of the corners of each camera that has any."""
+        of_corner = self.camera[self.view]
+        found, first, count = np.unique(of_corner, return_index=True, return_counts=True)
+        return [(int(c), slice(int(a), int(a + n))) for c, a, n in zip(found, first, count, strict=True)]
+
+    def per_view_rms(self, residuals: Array, weights: Array) -> Array:
+        """Return the RMS (V,) of the residuals (N, 2) of corners with a weight; NaN for views without any."""
+        squared = np.sum(residuals**2, axis=-1)
+        total = np.bincount(self.view, weights * squared, minlength=self.num_views)
+        count = np.bincount(self.view, weights, minlength=self.num_views)
+        return np.sqrt(total / np.where(count > 0, count, np.nan))
+
+
+def observations(
+    camera: Sequence[int],
+    instant: Sequence[int],
+    board: Sequence[int],
+    points: Sequence[Array],
+    pixels: Sequence[Array],
+) -> Observations:
+    """Stack views given by their indices, points (n, 3) and pixels (n, 2); sorted by camera they must come."""
+    cameras = np.asarray(camera, dtype=np.intp)
+    if np.any(np.diff(cameras) < 0):
+        raise ValueError("observations: expected views sorted by camera")
+    return Observations(
+        cameras,
+        np.asarray(instant, dtype=np.intp),
+        np.asarray(board, dtype=np.intp),
+        np.array([len(pixel) for pixel in pixels], dtype=np.intp),
+        np.concatenate(points),
+        np.concatenate(pixels),
+    )
