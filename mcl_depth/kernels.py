@@ -75,12 +75,12 @@ def _is_outside(box, px, py, pz, limits, min_range, max_range):
 def _splat(u, v, r, half, across, out):
     """Draw one point of half width `half` rows, `across` columns at (u, v); the closest range stays."""
     H, W = out.shape
-    top, bottom = int(math.ceil(v - half)), int(math.floor(v + half))
+    top, bottom = math.ceil(v - half), math.floor(v + half)
     if bottom < top:
-        top = bottom = int(math.floor(v + np.float32(0.5)))
-    left, right = int(math.ceil(u - across)), int(math.floor(u + across))
+        top = bottom = math.floor(v + np.float32(0.5))
+    left, right = math.ceil(u - across), math.floor(u + across)
     if right < left:
-        left = right = int(math.floor(u + np.float32(0.5)))
+        left = right = math.floor(u + np.float32(0.5))
     for row in range(max(top, 0), min(bottom, H - 1) + 1):
         for column in range(left, right + 1):
             c = column + W if column < 0 else column - W if column >= W else column
@@ -492,3 +492,40 @@ def similarity_many(vx, vy, vm, seen, directions, magnitudes, scales, indices, n
                 _add_seen(seen[y], rows[2], sums)
         _joined(sums, share, is_normalised, out[i])
     return out
+
+
+# ---- files ------------------------------------------------------------------------------------------------------
+
+
+@njit(**OPTIONS)
+def decompress_lzf(data, out):
+    """Expand LZF data (N,) u1 into out (M,) u1; return the bytes written, -1 where the data make no sense."""
+    source, target = 0, 0
+    while source < len(data):
+        control = int(data[source])
+        source += 1
+        if control < 32:  # literal run
+            length = control + 1
+            if source + length > len(data) or target + length > len(out):
+                return -1
+            out[target : target + length] = data[source : source + length]
+            source += length
+            target += length
+            continue
+        length = control >> 5
+        if length == 7:
+            if source >= len(data):
+                return -1
+            length += int(data[source])
+            source += 1
+        if source >= len(data):
+            return -1
+        start = target - ((control & 31) << 8) - int(data[source]) - 1
+        source += 1
+        length += 2
+        if start < 0 or target + length > len(out):
+            return -1
+        for i in range(length):  # may overlap: one byte at a time
+            out[target + i] = out[start + i]
+        target += length
+    return target
