@@ -1,0 +1,112 @@
+"""Follow a path by motion direction alone (N17 section III-D): where is the next waypoint, seen from the vehicle?
+
+The pose is not tracked: for every image, depth images around the next waypoint alone are compared. The best of them
+tells on which side of the waypoint the vehicle is; the way back from there is the motion direction.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mcl_depth.orientation import peaks
+from mcl_depth.params import HomingParams
+from mcl_depth.particles import wrapped
+from mcl_depth.similarity_cache import Comparison
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Direction:
+    """The way to the next waypoint; angles in rad."""
+
+    in_map: float  # from the map's x axis
+    in_vehicle: float  # from where the vehicle heads, positive to the left
+    heading: float  # of the vehicle in the map, by the visual compass
+    waypoint: int
+    distance: float  # from the waypoint to the best sample around it, m
+    lead: float  # of the best sample over the others, standard deviations
+    is_finished: bool = False
+
+
+class Homing:
+    """Goes from waypoint to waypoint; `compare` gives the comparison of an image with the map."""
+
+    def __init__(self, path: Array, params: HomingParams, start: int = 0) -> None:
+        """`path` (N, 2) m; the vehicle is near waypoint `start` of the path resampled at `params.spacing`."""
+        self.waypoints = waypoints_of(path, params.spacing)
+        self._params = params
+        self._offsets = offsets(params)
+        self.restart(start)
+
+    def restart(self, waypoint: int = 0) -> None:
+        """Say that the vehicle is near a waypoint."""
+        self.next = min(waypoint, len(self.waypoints) - 1)
+        self.is_finished = False
+        self._places: deque[Array] = deque(maxlen=self._params.num_median)
+        self._num_passed = 0
+
+    def update(self, comparison: Comparison) -> Direction:
+        """Return the direction for one image: the median over the last few."""
+        samples = self.waypoints[self.next] + self._offsets
+        curves = comparison.curves(samples)
+        best_of = curves.max(axis=1).astype(np.float64)
+        best = int(np.argmax(best_of))
+        spread = float(best_of.std())
+        lead = float((best_of[best] - best_of.mean()) / spread) if spread > 0.0 else 0.0
+        self._places.append(samples[best])
+        self._pass(samples[best])
+        heading = float(peaks(curves[best : best + 1])[0])
+        in_map = self._median_direction()
+        distance = float(np.linalg.norm(self._offsets[best]))
+        in_vehicle = float(wrapped(np.array(in_map - heading)))
+        return Direction(in_map, in_vehicle, heading, self.next, distance, lead, self.is_finished)
+
+    def _pass(self, place: Array) -> None:
+        """Go on to the next waypoint when the vehicle has been at it, or beyond it, for some images in a row."""
+        waypoint, last = self.waypoints[self.next], len(self.waypoints) - 1
+        ahead = self._tangent(self.next)
+        offset = place - waypoint
+        is_there = float(np.linalg.norm(offset)) < self._params.reach or float(offset @ ahead) > 0.0
+        self._num_passed = self._num_passed + 1 if is_there else 0
+        if self._num_passed >= self._params.num_passed:
+            self.is_finished = self.is_finished or self.next == last
+            self.next, self._num_passed = min(self.next + 1, last), 0
+
+    def _median_direction(self) -> float:
+        """Return the median direction to the next waypoint from the last places; that of the path where they are it."""
+        ways = self.waypoints[self.next] - np.array(self._places)
+        at_it = np.linalg.norm(ways, axis=1) < 1e-6
+        ways[at_it] = self._tangent(self.next)
+        angles = np.arctan2(ways[:, 1], ways[:, 0])
+        middle = float(np.angle(np.exp(1j * angles).sum()))
+        return float(wrapped(np.array(middle + np.median(wrapped(angles - middle)))))
+
+    def _tangent(self, index: int) -> Array:
+        """Return the direction of the path at a waypoint, (2,) of unit length."""
+        before, after = max(index - 1, 0), min(index + 1, len(self.waypoints) - 1)
+        way = self.waypoints[after] - self.waypoints[before]
+        return way / max(float(np.linalg.norm(way)), 1e-9)
+
+
+def offsets(params: HomingParams) -> Array:
+    """Return the samples (K, 2) around a waypoint, the waypoint itself first."""
+    psi = np.arange(params.num_directions) * 2.0 * np.pi / params.num_directions
+    ring = np.stack([np.cos(psi), np.sin(psi)], axis=1)
+    rings = [params.distance_step * (k + 1) * ring for k in range(params.num_distances)]
+    return np.concatenate([np.zeros((1, 2)), *rings])
+
+
+def waypoints_of(path: Array, spacing: float) -> Array:
+    """Return points (M, 2) `spacing` m apart along a path (N, 2), its end included; ValueError for less than two."""
+    path = np.asarray(path, dtype=np.float64)
+    if path.ndim != 2 or path.shape[1] != 2 or len(path) < 2 or not np.all(np.isfinite(path)):
+        raise ValueError(f"path: expected at least two finite points (N, 2), found shape {path.shape}")
+    lengths = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    count = max(int(np.ceil(lengths[-1] / spacing)), 1)
+    at = np.linspace(0.0, lengths[-1], count + 1)
+    return np.stack([np.interp(at, lengths, path[:, axis]) for axis in range(2)], axis=1)

@@ -1,0 +1,36 @@
+"""A geometry made ready for the filter: depth images, ground, and the area where the vehicle may be."""
+
+from __future__ import annotations
+
+import hashlib
+
+from mcl_depth.area import Area, find_area
+from mcl_depth.cloud import Cloud
+from mcl_depth.depth_map import DepthMap
+from mcl_depth.filter import Filter
+from mcl_depth.ground import Ground
+from mcl_depth.mesh import TriangleMesh, sampled
+from mcl_depth.params import FilterParams
+from mcl_depth.synthesis import DepthSynthesizer
+
+SPACING = 0.15  # of the points that stand for a mesh in ground and area, m
+
+
+class Site:
+    """What of a map does not change while the filter runs."""
+
+    def __init__(self, geometry: Cloud | TriangleMesh, camera_height: float, params: FilterParams) -> None:
+        """`camera_height` m above the ground, unless the parameter of that name is set."""
+        points = sampled(geometry, SPACING).points if isinstance(geometry, TriangleMesh) else geometry.points
+        name = hashlib.sha256(points.tobytes()).hexdigest()
+        synthesizer = DepthSynthesizer(geometry, params.synthesis)
+        height = params.camera_height or camera_height
+        self.params = params
+        self.depth_map = DepthMap(synthesizer, Ground(points).heights, height, params, name)
+        self.area: Area = find_area(points, self.depth_map.heights, params.area)
+        if params.cache.is_prefilled:
+            self.depth_map.fill(self.area.middles)
+
+    def filter(self) -> Filter:
+        """Return a filter that knows nothing yet."""
+        return Filter(self.params, self.depth_map, self.area)
