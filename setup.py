@@ -20,6 +20,7 @@ EXECUTABLES = {
     "sphere_nav": "sphere_nav_cli.main",
     "sphere_mapper": "sphere_mapping.node",
     "dense_localizer": "dense_localizer.node",
+    "mcl_depth": "mcl_depth.node",
     "path_follower": "path_follower.node",
     "cycab_sim": "cycab_sim.node",
     "bag_recorder": "node_kit.bag_recorder_node",

@@ -93,7 +93,9 @@ def read_places(folder: Path) -> list[Place]:
             if image is None:
                 raise ValueError(f"{folder / 'images' / row['image']}: expected a picture")
             yaw = np.radians(90.0 + float(row["rotation_deg"]))  # the centre column looks along the local y axis
-            places.append(Place(np.ascontiguousarray(image[:, ::-1]), np.array([float(row["x_m"]), float(row["y_m"]), yaw])))
+            places.append(
+                Place(np.ascontiguousarray(image[:, ::-1]), np.array([float(row["x_m"]), float(row["y_m"]), yaw]))
+            )
     return places
 
 

@@ -9,7 +9,7 @@ from typing import Any, TypeAlias
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-from dense_localizer.odometry import OdometryBuffer
+from sphere_geometry.odometry import OdometryBuffer
 from dense_localizer.params import DenseLocalizerParams
 from dense_localizer.reasons import FINE, Finding, Reason
 from node_kit import conversions, qos

@@ -180,3 +180,19 @@ class FilterParams:
     state: StateParams = group(StateParams)
     covariance: CovarianceParams = group(CovarianceParams)
     input: InputParams = group(InputParams)
+
+
+@parameters
+class MclDepthParams(FilterParams):
+    """Everything that the node needs (`node.py`)."""
+
+    cloud: str = param("", "map: .ply, .pcd, .las, .npy, a floor plan .csv, or a folder of key spheres; empty: wait")
+    map_frame: str = param("map", "frame of the poses")
+    base_frame: str = param("base_link", "frame whose pose is published, on the ground")
+    camera_frame: str = param("", "frame of the camera; empty: the frame_id of the images")
+    every_image: bool = param(False, "reliable and deep image queue: a slow computer answers late but drops none")
+    odometry_max_age: float = param(0.2, "time for which odometry is carried on", "s", low=0.0)
+    roll_deg: float = param(0.0, "of the vehicle, where there is no imu", "deg", low=-45.0, high=45.0)
+    pitch_deg: float = param(0.0, "of the vehicle, where there is no imu", "deg", low=-45.0, high=45.0)
+    publish_tf: bool = param(True, "publish map -> odom where there is odometry, else map -> base_frame")
+    max_waiting: int = param(50, "images kept until calibration and the camera's transform have come", low=1)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from dense_localizer.odometry import OdometryBuffer
+from sphere_geometry.odometry import OdometryBuffer
 from sphere_geometry import SE3
 
 TWIST = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.5])
