@@ -17,6 +17,7 @@ BENCHMARKS = {
     "kernel_times": "benchmarks.kernel_times",
     "frame_to_frame": "benchmarks.frame_to_frame",
     "end_to_end": "benchmarks.end_to_end",
+    "mcl_panoramas": "benchmarks.mcl_panoramas",
     "mcl_walks": "benchmarks.mcl_walks",
 }
 

@@ -107,7 +107,9 @@ def _compressed(path: Path, body: bytes, header: _Header) -> NDArray[np.float64]
     plain = np.empty(size, np.uint8)
     written = kernels.decompress_lzf(np.frombuffer(body, np.uint8, packed, 8), plain)
     if written != size:
-        raise ValueError(f"{path}: body: expected {size} bytes after LZF, found {written if written >= 0 else 'damage'}")
+        raise ValueError(
+            f"{path}: body: expected {size} bytes after LZF, found {written if written >= 0 else 'damage'}"
+        )
     columns = []
     for axis in "xyz":
         kind, offset = header.row.fields[axis][:2]  # type: ignore[index]
