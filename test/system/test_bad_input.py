@@ -170,9 +170,13 @@ MAP_FAULTS = {
 
 
 @pytest.mark.parametrize("fault", MAP_FAULTS)
-@pytest.mark.parametrize("command", ["localize", "map-info"])
+@pytest.mark.parametrize("command", ["localize", "map-info", "map-export"])
 def test_no_readable_map(refusal, inputs, command, fault):
-    words = {"localize": [inputs / fault, inputs / "good", "-o", "out.tum"], "map-info": [inputs / fault]}
+    words = {
+        "localize": [inputs / fault, inputs / "good", "-o", "out.tum"],
+        "map-info": [inputs / fault],
+        "map-export": [inputs / fault, "-o", "out.ply"],
+    }
     holds(refusal(command, *words[command]), str(inputs / fault), *MAP_FAULTS[fault])
 
 
@@ -212,6 +216,11 @@ def test_import(refusal, tmp_path_factory):
 def test_play_without_the_topic(refusal, inputs):
     line = refusal("play", inputs / "good", "--topics", "/left/image_raw")
     holds(line, str(inputs / "good"), "expected topic /left/image_raw, found /camera_info")
+
+
+@pytest.mark.parametrize("fault", ["absent", "truncated", "no_depth", "no_focal_length"])
+def test_register_without_a_readable_reference(refusal, inputs, fault):
+    holds(refusal("register", inputs / fault, inputs / "good", "--json", "out.json"), str(inputs / fault), "expected")
 
 
 @pytest.mark.parametrize("command", ["import", "map", "localize"])
