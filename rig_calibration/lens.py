@@ -28,10 +28,11 @@ def lens_of(camera: Camera) -> Array:
 
 def camera_of(model: str, size: tuple[int, int], lens: Array, num_distortion: int) -> Camera:
     """Return the camera of a parameter vector; a pinhole keeps its first `num_distortion` coefficients."""
-    values = [float(value) for value in lens]
+    fx, fy, cx, cy, *k = (float(value) for value in lens)
+    width, height = size
     if model == "fisheye":
-        return Fisheye(*size, *values[:4], distortion=(values[4], values[5], values[6], values[7]))
-    return Pinhole(*size, *values[:4], distortion=tuple(values[4 : 4 + num_distortion]))
+        return Fisheye(width, height, fx, fy, cx, cy, (k[0], k[1], k[2], k[3]))
+    return Pinhole(width, height, fx, fy, cx, cy, tuple(k[:num_distortion]))
 
 
 def free_parameters(model: str, num_distortion: int) -> NDArray[np.bool_]:

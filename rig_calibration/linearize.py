@@ -1,7 +1,7 @@
 """Residuals of a state and their derivatives, as the normal equations of the adjustment.
 
-A corner P of board b, seen by camera c at instant i, lies at p = X_c^-1 R_i^-1 B_b P in the camera, with X = T_rig_camera,
-R = T_world_rig, B = T_world_board. With X exp(xi), R exp(xi) and B exp(xi):
+A corner P of board b, seen by camera c at instant i, lies at p = X_c^-1 R_i^-1 B_b P in the camera, with
+X = T_rig_camera, R = T_world_rig, B = T_world_board. With X exp(xi), R exp(xi) and B exp(xi):
 dp/d xi_X = [-I, [p]x],  dp/d xi_R = R_X^T [-I, [X p]x],  dp/d xi_B = R_cb [I, -[P]x].
 """
 
@@ -81,7 +81,7 @@ def normal_equations(problem: Problem, state: State, errors: Array, weights: Arr
         rows = slice(seen.starts[view], seen.starts[view + 1])
         own = J[rows].reshape(-1, NUM_COLUMNS)
         weighted = own * np.repeat(weights[rows], 2)[:, None]
-        _add_view(normal, problem, view, weighted.T @ own, weighted.T @ errors[rows].ravel())
+        _add_view(normal, problem, int(view), weighted.T @ own, weighted.T @ errors[rows].ravel())
     held = ~problem.is_free
     normal.shared[held], normal.mixed[held], normal.gradient[held] = 0.0, 0.0, 0.0
     normal.shared[:, held] = 0.0

@@ -16,7 +16,7 @@ from rig_calibration.views import Observations
 
 Array = NDArray[np.float64]
 
-NUM_ROUNDS = 3
+NUM_ROUNDS = 4
 MEDIAN_LENGTH = 1.1774  # median length of a residual whose two parts have a standard deviation of 1
 FLOOR_RATIO = 3.0  # a view is left out from this multiple of `min_residual_px` on, whatever the others are like
 
@@ -55,7 +55,8 @@ def adjust(
 
 def reject(seen: Observations, errors: Array, kept: Array, params: CalibrationParams) -> tuple[Array, dict[int, str]]:
     """Return which corners (N,) remain, and the views that are left out with the reason."""
-    remaining, dropped = kept.copy(), {}
+    remaining = kept.copy()
+    dropped: dict[int, str] = {}
     size = np.linalg.norm(np.nan_to_num(errors, nan=1e6), axis=-1)
     view_rms = seen.per_view_rms(np.nan_to_num(errors, nan=1e6), kept)
     for camera, rows in seen.camera_slices:
@@ -94,4 +95,4 @@ def _huber_px(problem: Problem, start: State, kept: Array, params: CalibrationPa
 
 
 def _rms(errors: Array, kept: Array) -> float:
-    return float(np.sqrt(np.sum(errors[kept > 0] ** 2) / max(np.count_nonzero(kept), 1)))
+    return float(np.sqrt(np.sum(errors[kept > 0] ** 2) / max(int(np.count_nonzero(kept)), 1)))

@@ -73,11 +73,12 @@ def rig_problem(
     num_distortion: int,
     seen: Observations,
     num_boards: int,
+    reference_board: int = 0,
 ) -> Problem:
-    """Return the whole problem; the first camera and the first board stay where they are, to hold rig and world."""
+    """Return the whole problem; the first camera and one board stay where they are, to hold rig and world."""
     lenses = [free_parameters(model, num_distortion) for model in models]
     cameras = [np.concatenate([lens, np.full(6, index > 0)]) for index, lens in enumerate(lenses)]
-    boards = [np.full(6, index > 0) for index in range(num_boards)]
+    boards = [np.full(6, index != reference_board) for index in range(num_boards)]
     return Problem(models, sizes, num_distortion, seen, np.concatenate([*cameras, *boards]))
 
 

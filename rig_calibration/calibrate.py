@@ -1,0 +1,145 @@
+"""READ FIRST: from views of boards to a rig, and what is known about how good it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig_calibration.assembly import assemble
+from rig_calibration.board import Board
+from rig_calibration.checks import check_joined, check_views
+from rig_calibration.intrinsics import SingleCamera, calibrate_camera
+from rig_calibration.observability import Spread, spread, warnings
+from rig_calibration.params import CalibrationParams
+from rig_calibration.rejection import adjust
+from rig_calibration.starting import Start, camera_observations, sightings, start_of_rig
+from rig_calibration.state import State
+from rig_calibration.validation import Validation, validate
+from rig_calibration.views import View
+from sphere_geometry import SE3, Camera
+from sphere_geometry.rig import Rig, RigCamera
+
+Array = NDArray[np.float64]
+Progress = Callable[[str], None]
+
+OPTICAL_IN_BODY = SE3.from_parts([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], np.zeros(3))
+
+
+@dataclass(frozen=True)
+class CameraSpec:
+    """A camera to calibrate: its model, its image size (width, height) and, where known, a camera to start from."""
+
+    name: str
+    model: str
+    size: tuple[int, int]
+    start: Camera | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """The adjusted rig with everything that the report tells about it. Arrays run over cameras in order of `specs`.
+
+    `dropped`: why views were left out, by their label.
+    """
+
+    specs: tuple[CameraSpec, ...]
+    boards: tuple[Board, ...]
+    start: Start
+    state: State
+    residuals: Array
+    kept: Array
+    dropped: dict[str, str]
+    spread: Spread
+    validation: Validation
+    warnings: list[str]
+
+    def camera(self, index: int) -> Camera:
+        """Return a camera as calibrated."""
+        return self.start.problem.camera(self.state, index)
+
+    @property
+    def rig(self) -> Rig:
+        """The rig, in the frame in which the first camera has the pose it was given."""
+        poses = self.state.T_rig_camera
+        return Rig(tuple(RigCamera(spec.name, self.camera(i), poses[i]) for i, spec in enumerate(self.specs)))
+
+
+def calibrate(
+    specs: Sequence[CameraSpec],
+    boards: Sequence[Board],
+    views: Sequence[View],
+    params: CalibrationParams,
+    T_rig_reference: SE3 = OPTICAL_IN_BODY,
+    *,
+    seed: int = 0,
+    progress: Progress = lambda _: None,
+) -> Calibration:
+    """Calibrate lenses and poses of all cameras; the first one stays at `T_rig_reference`.
+
+    ValueError, naming the camera, where one saw no board or is not joined to the first.
+    """
+    names = [spec.name for spec in specs]
+    check_views(names, boards, views, params)
+    singles, own_views, kept, dropped = _each_camera(specs, boards, views, params, progress)
+    progress("joining the cameras")
+    start = _joined(names, boards, own_views, kept, singles, T_rig_reference, params, seed)
+    adjusted = adjust(start.problem, start.state, start.kept, params, progress)
+    state = adjusted.solution.state
+    dropped |= {start.views[view].label: reason for view, reason in adjusted.dropped.items()}
+    progress("judging: parts of the images")
+    errors = adjusted.solution.residuals
+    found = spread(start.problem, state, errors, adjusted.kept)
+    checked = validate(start.problem, state, adjusted.kept, params)
+    notes = warnings(tuple(names), found, state.T_world_rig, params)
+    return Calibration(tuple(specs), tuple(boards), start, state, errors, adjusted.kept, dropped, found, checked, notes)
+
+
+def _each_camera(
+    specs: Sequence[CameraSpec],
+    boards: Sequence[Board],
+    views: Sequence[View],
+    params: CalibrationParams,
+    progress: Progress,
+) -> tuple[list[SingleCamera], list[tuple[View, SE3]], list[Array], dict[str, str]]:
+    """Calibrate every camera by itself; return the views that fit with their poses and weights, and the others."""
+    by_name = {board.name: board for board in boards}
+    singles, good, kept, dropped = [], [], [], {}
+    for spec in specs:
+        progress(f"camera {spec.name}")
+        own = [view for view in views if view.camera == spec.name and len(view.corners) >= params.min_corners]
+        seen = camera_observations(own, by_name)
+        try:
+            single = calibrate_camera(spec.model, spec.size, seen, params, spec.start)
+        except ValueError as error:
+            raise ValueError(f"camera {spec.name}: {error}") from None
+        singles.append(single)
+        weights = np.split(single.adjusted.kept, seen.starts[1:-1])
+        for index, (view, weight) in enumerate(zip(own, weights, strict=True)):
+            if np.any(weight > 0):
+                good.append((view, single.T_camera_board[index]))
+                kept.append(weight)
+            else:
+                dropped[view.label] = single.adjusted.dropped.get(index, "no corner fits")
+    return singles, good, kept, dropped
+
+
+def _joined(
+    names: Sequence[str],
+    boards: Sequence[Board],
+    own_views: Sequence[tuple[View, SE3]],
+    kept: Sequence[Array],
+    singles: Sequence[SingleCamera],
+    T_rig_reference: SE3,
+    params: CalibrationParams,
+    seed: int,
+) -> Start:
+    views = [view for view, _ in own_views]
+    poses = SE3(np.stack([T.matrix for _, T in own_views]))
+    instants = sorted({view.instant for view in views})
+    seen = sightings(views, poses, names, instants, boards)
+    found = assemble(seen, T_rig_reference, len(names), np.random.default_rng(seed))
+    check_joined(names, set(found.cameras))
+    return start_of_rig(found, views, kept, instants, boards, singles, params.num_distortion)
