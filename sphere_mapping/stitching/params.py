@@ -1,0 +1,113 @@
+"""Parameters of stitching and of its range. The rig is data (`rig.yaml`), not parameters."""
+
+from __future__ import annotations
+
+from typed_params import group, param, parameters
+
+
+@parameters
+class BlendParams:
+    """How the views are joined (`views.py`, `exposure.py`, `blending.py`)."""
+
+    num_bands: int = param(4, "bands of the Laplacian pyramid; the coarsest blends over 2^(n + 1) px", low=1, high=7)
+    distance_m: float = param(10.0, "range taken where none is known; 0: very far", "m", low=0.0)
+    has_gains: bool = param(True, "compensate exposure by the overlaps")
+    max_gain: float = param(3.0, "largest gain of a camera over another", low=1.0)
+    is_reprojected: bool = param(True, "move every pixel to the sphere's centre by its range")
+
+
+@parameters
+class MatchParams:
+    """Semi-global matching along the columns of two spheres, or of two views (`matching.py`)."""
+
+    match_width: int = param(
+        1024, "columns up to which a sphere is matched as it is; wider ones are halved", "px", low=64
+    )
+    max_disparity_deg: float = param(17.0, "largest disparity searched, an angle", "deg", low=1.0, high=60.0)
+    min_disparity_deg: float = param(-0.7, "smallest disparity searched, below 0 for what calibration leaves", "deg")
+    block_size: int = param(5, "side of the matched block, odd", "px", low=1, high=21)
+    smoothness: float = param(8.0, "penalty of a disparity step of 1, by block area", low=0.0)
+    jump_penalty: float = param(32.0, "penalty of a larger disparity step, by block area", low=0.0)
+    uniqueness: int = param(5, "margin of the best cost over the second", "%", low=0, high=100)
+    max_left_right_px: int = param(1, "disagreement allowed between both directions; -1: no check", "px", low=-1)
+    speckle_size: int = param(60, "smaller islands of disparity are removed; 0: none", "px", low=0)
+    speckle_range: int = param(2, "disparity step that separates islands", "px", low=1)
+    refine_radius: int = param(3, "half side of the block of the sub-pixel refinement", "px", low=1, high=20)
+    refine_steps: int = param(3, "steps of the sub-pixel refinement", low=1, high=20)
+    noise: float = param(2.5, "standard deviation of the images' noise", "grey level", low=0.1)
+    calibration_px: float = param(0.08, "standard deviation of disparity that calibration leaves", "px", low=0.0)
+    min_correlation: float = param(0.3, "correlation of the two blocks below which a pixel is not trusted", low=-1.0)
+    max_relative_std: float = param(0.08, "relative range error above which a pixel is not measured", low=0.001)
+    min_range_m: float = param(0.3, "nearest range trusted", "m", low=0.01)
+    far_m: float = param(120.0, "what is surely farther is known to be far (+Inf)", "m", low=1.0)
+
+
+@parameters
+class PairParams:
+    """Pairs of cameras that stand side by side (`pairs.py`)."""
+
+    max_between_deg: float = param(75.0, "largest angle between the axes of a pair", "deg", low=0.0, high=180.0)
+    half_width_deg: float = param(75.0, "half of the view of a pair across its baseline", "deg", low=5.0, high=180.0)
+    half_height_deg: float = param(62.0, "half of the view of a pair along its baseline", "deg", low=5.0, high=85.0)
+    min_baseline_m: float = param(0.02, "cameras closer to each other are no pair", "m", low=0.001)
+
+
+@parameters
+class FusionParams:
+    """Ranges of several sources in one sphere (`fusion.py`)."""
+
+    max_deviations: float = param(
+        3.0, "sources that differ by more do not see the same", "standard deviations", low=0.1
+    )
+    depth_noise: float = param(0.002, "standard deviation of an RGB-D camera's depth by its square", "1/m", low=0.0)
+    cloud_std_m: float = param(0.03, "standard deviation of a LiDAR's range", "m", low=0.001)
+    cloud_size_px: int = param(1, "half side of the patch that a LiDAR point covers", "px", low=0, high=10)
+
+
+@parameters
+class StitchParams:
+    """From the images of a rig to an augmented sphere (`stitcher.py`)."""
+
+    width: int = param(1024, "columns of the sphere, a multiple of 64; rows are half of it", "px", low=64, high=16384)
+    range: str = param(
+        "auto", "stereo: between the cameras; auto: where the rig has a baseline", choices=("auto", "stereo", "none")
+    )
+    blend: BlendParams = group(BlendParams)
+    match: MatchParams = group(MatchParams)
+    pairs: PairParams = group(PairParams)
+    fusion: FusionParams = group(FusionParams)
+
+
+@parameters
+class SynchroniserParams:
+    """Which images are one instant (`synchroniser.py`)."""
+
+    slack_s: float = param(0.005, "largest difference of the stamps of one instant", "s", low=0.0, high=1.0)
+    deadline_s: float = param(0.2, "time after an instant's first image at which it is closed", "s", low=0.001)
+    policy: str = param(
+        "omit",
+        "a camera missing at the deadline: its last image again, no image, no sphere",
+        choices=("hold", "omit", "fail"),
+    )
+    max_hold_s: float = param(0.5, "largest age of an image that is held", "s", low=0.0)
+    frozen_after: int = param(3, "equal images in a row, while other cameras change, that are a frozen camera", low=1)
+
+
+@parameters
+class SphereStitcherParams:
+    """The node `sphere_stitcher` (`stitcher_node.py`)."""
+
+    rig: str = param(
+        "",
+        "rig file; empty: the topic rig",
+    )
+    transport: str = param("raw", "image_raw, or image_raw/compressed", choices=("raw", "compressed"))
+    has_depth: bool = param(False, "the rig's cameras are RGB-D: depth/image_raw, registered to the image")
+    has_cloud: bool = param(False, "a LiDAR's cloud on the topic points, in the frame of the rig or by /tf")
+    rig_frame: str = param("rig_link", "frame of the rig")
+    sphere_frame: str = param("sphere_link", "frame of the sphere, told on /tf_static below that of the rig")
+    preview_width: int = param(1024, "columns of the preview", "px", low=64)
+    preview_quality: int = param(80, "JPEG quality of the preview", "%", low=1, high=100)
+    jobs: int = param(2, "threads", low=1, high=64)
+    sync: SynchroniserParams = group(SynchroniserParams)
+    stitch: StitchParams = group(StitchParams)

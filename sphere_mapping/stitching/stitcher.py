@@ -1,0 +1,155 @@
+"""READ FIRST. The images of a rig at one instant -> an augmented sphere (M15 section 4.3).
+
+Exposures are made equal; the cameras of the top level are joined to a sphere, those of the bottom level to another;
+disparity along their columns gives range; the image is joined once more, every pixel taken from where its point is
+seen. A rig of one level finds its range in pairs of neighbours. A camera that is missing leaves a hole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_geometry import SE3, Rig, Spherical
+from sphere_mapping.sphere import Sphere, check_image, continued
+from sphere_mapping.stitching.blending import blended
+from sphere_mapping.stitching.epipolar import centre_of, range_from_disparity, sphere_frame, to_common_centre
+from sphere_mapping.stitching.exposure import exposed, gains_of, overlaps_of
+from sphere_mapping.stitching.fusion import Ranged, fused, range_from_cloud
+from sphere_mapping.stitching.matching import match_columns
+from sphere_mapping.stitching.pairs import pairs_of, range_of_pair
+from sphere_mapping.stitching.params import StitchParams
+from sphere_mapping.stitching.views import Layout, Seat, border_of, layout_of
+
+Image = NDArray[np.uint8]
+MAX_LAYOUTS = 8  # sets of cameras whose tables are kept
+
+
+@dataclass(frozen=True, eq=False)
+class Stitched:
+    """The sphere of an instant; the bottom sphere where the rig has one; the cameras that were missing."""
+
+    sphere: Sphere
+    bottom: Image | None
+    missing: tuple[str, ...]
+    gains: dict[str, NDArray[np.float64]]
+
+
+class Stitcher:
+    """Holds the tables of a rig. `T_rig_sphere` is where its spheres are; `jobs` threads change nothing but time."""
+
+    def __init__(
+        self, rig: Rig, params: StitchParams | None = None, masks: Mapping[str, Image] | None = None, jobs: int = 1
+    ) -> None:
+        self.rig, self.params, self.jobs = rig, params or StitchParams(), jobs
+        if self.params.width % 64:
+            raise ValueError(f"stitch.width: expected a multiple of 64, found {self.params.width}")
+        self.whole = Spherical(self.params.width, self.params.width // 2)
+        self.T_rig_sphere, self.baseline_m = sphere_frame(rig)
+        masks = masks or {}
+        self._seats = {
+            part.name: Seat(
+                part.name,
+                part.camera,
+                self.T_rig_sphere.inverse() @ part.T_rig_camera,
+                border_of(part, masks.get(part.name)),
+            )
+            for part in rig.cameras
+        }
+        self._groups = {part.name: part.exposure_group or f"alone {part.name}" for part in rig.cameras}
+        blend = self.params.blend
+        self._overlaps = (
+            overlaps_of(list(self._seats.values()), self.whole, blend.distance_m) if blend.has_gains else []
+        )
+        self._layouts: dict[tuple[str, tuple[str, ...]], Layout] = {}
+        is_searched = self.params.range != "none" and not rig.is_vertical
+        self.pairs = pairs_of(rig, self._seats, self.params) if is_searched else []
+
+    def stitch(
+        self, images: Mapping[str, Image], stamp_ns: int = 0, points_rig: NDArray[np.floating] | None = None
+    ) -> Stitched:
+        """Return the sphere of one instant from the images by camera, all grey or all RGB; cameras may be missing.
+
+        points_rig (N, 3): a LiDAR's cloud of the instant in the frame of the rig.
+        """
+        found, gains = self._exposed(images)
+        greys = {
+            name: cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image for name, image in found.items()
+        }
+        sources, bottom = self._ranges(greys)
+        if points_rig is not None:
+            points_sphere = self.T_rig_sphere.inverse().apply(np.asarray(points_rig, dtype=np.float64))
+            sources.append(range_from_cloud(points_sphere, self.whole, self.params.fusion))
+        layout = self.layout("top" if self.rig.is_vertical else "", tuple(found))
+        nothing = np.full((self.whole.height, self.whole.width), np.nan, np.float32)
+        range_m, std_m = fused(sources, self.params.fusion) if sources else (nothing, nothing.copy())
+        image = blended(layout, found, self._inverse(range_m))
+        range_m[~layout.is_covered] = np.nan
+        std_m[~np.isfinite(range_m)] = np.nan
+        missing = tuple(name for name in self.rig.names if name not in found)
+        return Stitched(Sphere(image, range_m, self.whole, stamp_ns, std_m), bottom, missing, gains)
+
+    def layout(self, level: str, present: tuple[str, ...]) -> Layout:
+        """Return the views of a level's cameras that are present; ValueError if there are none."""
+        names = tuple(part.name for part in self.rig.at_level(level) if part.name in present)
+        if not names:
+            raise ValueError(f"rig {self.rig.name}: expected an image of a {level or 'rig'} camera, found none")
+        if (level, names) not in self._layouts:
+            if len(self._layouts) >= MAX_LAYOUTS:
+                del self._layouts[next(iter(self._layouts))]
+            seats = [self._seat_at(self._seats[name], level) for name in names]
+            blend = self.params.blend
+            self._layouts[level, names] = layout_of(seats, self.whole, blend.distance_m, blend.num_bands)
+        return self._layouts[level, names]
+
+    def _seat_at(self, seat: Seat, level: str) -> Seat:
+        """Return the seat as seen from the centre of its level."""
+        if level != "bottom":
+            return seat
+        centre = self.T_rig_sphere.inverse().apply(centre_of(self.rig.at_level("bottom"))[None])[0]
+        moved = SE3.from_parts(seat.T_sphere_camera.rotation, seat.T_sphere_camera.translation - centre)
+        return Seat(seat.name, seat.camera, moved, seat.border)
+
+    def _exposed(self, images: Mapping[str, Image]) -> tuple[dict[str, Image], dict[str, NDArray[np.float64]]]:
+        """Return the checked images with their exposures made equal, in the order of the rig, and the gains."""
+        if not images:
+            raise ValueError(f"rig {self.rig.name}: expected at least one image, found none")
+        for name, image in images.items():
+            check_image(image, self.rig.camera(name).camera, f"{name}: image")
+        kinds = {image.ndim for image in images.values()}
+        if len(kinds) > 1:
+            raise ValueError(f"rig {self.rig.name}: images: expected all grey or all RGB, found both")
+        ordered = {name: images[name] for name in self.rig.names if name in images}
+        gains = gains_of(ordered, self._overlaps, self._groups, self.params.blend.max_gain)
+        return {name: exposed(image, gains[name]) for name, image in ordered.items()}, gains
+
+    def _ranges(self, greys: dict[str, Image]) -> tuple[list[Ranged], Image | None]:
+        """Return what the cameras say about range, and the bottom sphere of a vertical rig."""
+        if self.params.range == "none":
+            return [], None
+        if not self.rig.is_vertical:
+            pairs = [pair for pair in self.pairs if pair.first in greys and pair.second in greys]
+            with ThreadPoolExecutor(self.jobs) as pool:
+                return list(pool.map(lambda pair: range_of_pair(pair, greys, self.whole, self.params, 1), pairs)), None
+        if not any(part.name in greys for part in self.rig.at_level("bottom")):
+            return [], None
+        layouts = [self.layout(level, tuple(greys)) for level in ("top", "bottom")]
+        with ThreadPoolExecutor(self.jobs) as pool:
+            top, bottom = pool.map(lambda layout: blended(layout, greys), layouts)
+        is_usable = layouts[0].is_covered & layouts[1].is_covered
+        disparity = match_columns(top, bottom, self.whole, self.params.match, is_usable, self.jobs)
+        ranged = range_from_disparity(disparity, self.whole, self.baseline_m, self.params.match)
+        return [to_common_centre(*ranged, layouts[0])], bottom
+
+    def _inverse(self, range_m: NDArray[np.float32]) -> NDArray[np.float32] | None:
+        """Return 1 / range everywhere, from the nearest known pixel where unknown; None where the image needs none."""
+        known = ~np.isnan(range_m)
+        if not self.params.blend.is_reprojected or not known.any():
+            return None
+        with np.errstate(divide="ignore"):
+            return continued((1.0 / range_m).astype(np.float32), known)

@@ -1,0 +1,236 @@
+"""Which pixel of which camera a pixel of the sphere is, computed once for every set of cameras that deliver.
+
+Each direction belongs to the camera that sees it farthest from its border; a band around that region, wide enough for
+the blending, is the camera's *block* of the sphere. Blocks are cut out modulo the columns, so nothing knows a seam.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_geometry import SE3, Camera, RigCamera, Spherical
+from sphere_geometry.camera import pixel_grid
+
+Plane = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+COARSE = 8  # every so many pixels while the blocks are looked for
+GRID_STEP = 8  # px of the sphere between the entries of a table by range
+INVERSE_LEVELS = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 2.0, 4.0], dtype=np.float32)  # 1/m
+OUTSIDE = -1
+
+
+@dataclass(frozen=True, eq=False)
+class Seat:
+    """A camera as it looks from the centre of a sphere: its model, its pose, how far each pixel is from the border.
+
+    border: (h, w) float32, angle in radians from a pixel to the nearest one without use (image border, mask, no ray).
+    """
+
+    name: str
+    camera: Camera
+    T_sphere_camera: SE3
+    border: Plane
+
+    def look(self, points: NDArray[np.float64]) -> tuple[Plane, Plane, Plane]:
+        """Return u, v and border (...,) where the camera sees points (..., 3) of the sphere's frame; 0: not at all."""
+        pixels, visible = self.camera.project(self.T_sphere_camera.inverse().apply(points))
+        u, v = (np.nan_to_num(pixels[..., k], nan=-1e4, posinf=-1e4, neginf=-1e4).astype(np.float32) for k in (0, 1))
+        flat = [np.ascontiguousarray(plane.reshape(len(points), -1)) for plane in (u, v)]
+        border = cv2.remap(self.border, *flat, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(u.shape)
+        return u, v, np.where(visible, np.maximum(border, 0.0), np.float32(0.0))
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rows and columns of a sphere; columns count on beyond the last one, which wraps around."""
+
+    row: int
+    column: int
+    height: int
+    width: int
+
+    def at(self, level: int) -> Block:
+        """Return the block in a pyramid level."""
+        return Block(self.row >> level, self.column >> level, self.height >> level, self.width >> level)
+
+    def cut(self, plane: NDArray) -> NDArray:
+        """Return a copy of what the block covers of a plane (H, W, ...)."""
+        columns = np.arange(self.column, self.column + self.width) % plane.shape[1]
+        return np.take(plane[self.row : self.row + self.height], columns, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One camera's part in a sphere: where its pixels are, and its weight in each band."""
+
+    seat: Seat
+    block: Block
+    table: tuple[NDArray, NDArray]  # fixed-point maps of cv2.remap at the common distance
+    weights: tuple[Plane, ...]  # a band each, the finest first
+    by_range: tuple[Plane, Plane]  # u, v (K, gh, gw) at every GRID_STEP-th pixel and each of INVERSE_LEVELS
+
+    @property
+    def name(self) -> str:
+        """Name of the camera."""
+        return self.seat.name
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """All views of a sphere; owner (H, W) int8 says which view shows a pixel, -1 none."""
+
+    whole: Spherical
+    views: tuple[View, ...]
+    owner: NDArray[np.int8]
+
+    @property
+    def is_covered(self) -> Flags:
+        """Which pixels (H, W) some camera sees."""
+        return self.owner != OUTSIDE
+
+    @property
+    def centres(self) -> Plane:
+        """Centres of the cameras (N, 3) in the frame of the sphere."""
+        centres = [view.seat.T_sphere_camera.translation for view in self.views]
+        return np.array(centres, dtype=np.float32).reshape(-1, 3)
+
+
+def border_of(part: RigCamera, mask: NDArray[np.uint8] | None) -> Plane:
+    """Return the angle (h, w) in radians from each pixel of a camera to the nearest one without use."""
+    usable = np.isfinite(part.camera.unproject(pixel_grid(part.camera))).all(axis=-1)
+    if mask is not None:
+        if mask.shape[:2] != usable.shape:
+            size = f"{part.camera.width} x {part.camera.height}"
+            raise ValueError(f"{part.name}: mask: expected {size}, found {mask.shape[1]} x {mask.shape[0]}")
+        usable &= (mask if mask.ndim == 2 else mask.max(axis=2)) > 0
+    padded = np.pad(usable, 1).astype(np.uint8)
+    distance = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1]
+    return np.maximum(distance - 0.5, 0.0).astype(np.float32) / np.float32(part.camera.pixels_per_radian)
+
+
+def layout_of(seats: Sequence[Seat], whole: Spherical, distance_m: float, num_bands: int) -> Layout:
+    """Return the views of the cameras in a sphere, taking everything at one distance (0: very far)."""
+    align, margin = 1 << num_bands, 4 << num_bands
+    coarse = _owners(seats, whole, distance_m, COARSE)
+    blocks = [block_around(coarse == k, whole, COARSE, margin, align) for k in range(len(seats))]
+    kept = [(seat, block) for seat, block in zip(seats, blocks, strict=True) if block is not None]
+    best = np.zeros((whole.height, whole.width), np.float32)
+    owner = np.full(best.shape, OUTSIDE, dtype=np.int8)
+    looks = []
+    for number, (seat, block) in enumerate(kept):
+        u, v, border = _look_at_distance(seat, whole, block, distance_m)
+        rows = slice(block.row, block.row + block.height)
+        columns = np.arange(block.column, block.column + min(block.width, whole.width)) % whole.width
+        border_once = border[:, : columns.size]
+        is_better = border_once > best[rows, columns]
+        best[rows, columns] = np.where(is_better, border_once, best[rows, columns])
+        owner[rows, columns] = np.where(is_better, np.int8(number), owner[rows, columns])
+        looks.append((u, v, border))
+    weights = _weights(owner, len(kept), num_bands)
+    views = []
+    for number, ((seat, block), look) in enumerate(zip(kept, looks, strict=True)):
+        own = tuple(_cut_once(plane, block.at(level)) for level, plane in enumerate(weights[number]))
+        views.append(View(seat, block, _table(*look), own, _by_range(seat, whole, block)))
+    return Layout(whole, tuple(views), owner)
+
+
+def block_around(is_wanted: Flags, whole: Spherical, step: int, margin: int, align: int) -> Block | None:
+    """Return the smallest aligned block with a margin around the wanted pixels, given at every step-th one."""
+    if not is_wanted.any():
+        return None
+    rows = np.flatnonzero(is_wanted.any(axis=1))
+    top = max((rows[0] * step - margin - step) // align * align, 0)
+    bottom = min(-(-((rows[-1] + 1) * step + margin + step) // align) * align, whole.height)
+    columns = np.flatnonzero(is_wanted.any(axis=0))
+    gaps = np.diff(np.append(columns, columns[0] + is_wanted.shape[1]))
+    widest = int(np.argmax(gaps))
+    first = int(columns[(widest + 1) % columns.size])
+    span = is_wanted.shape[1] - int(gaps[widest]) + 1
+    left = (first * step - margin - step) // align * align
+    right = -(-((first + span) * step + margin + step) // align) * align
+    width = min(right - left, whole.width + -(-2 * margin // align) * align)
+    return Block(int(top), int(left % whole.width), int(bottom - top), int(width))
+
+
+def rays_of(whole: Spherical, block: Block, step: int = 1) -> NDArray[np.float64]:
+    """Return unit rays of every step-th pixel of a block, one more at the end where step is above 1."""
+    extra = 1 if step > 1 else 0
+    v = block.row + step * np.arange(-(-block.height // step) + extra)
+    u = block.column + step * np.arange(-(-block.width // step) + extra)
+    return whole.unproject(np.stack(np.broadcast_arrays(u[None, :], v[:, None]), axis=-1).astype(np.float64))
+
+
+def _owners(seats: Sequence[Seat], whole: Spherical, distance_m: float, step: int) -> NDArray[np.int8]:
+    block = Block(0, 0, whole.height, whole.width)
+    rays = rays_of(whole, block, step)[: whole.height // step, : whole.width // step]
+    borders = np.stack([_see(seat, rays, distance_m)[2] for seat in seats])
+    owner = np.argmax(borders, axis=0).astype(np.int8)
+    return np.where(borders.max(axis=0) > 0, owner, np.int8(OUTSIDE))
+
+
+def _see(seat: Seat, rays: NDArray[np.float64], distance_m: float) -> tuple[Plane, Plane, Plane]:
+    far = 1e6 if distance_m == 0 else distance_m
+    return seat.look(rays * far)
+
+
+def _look_at_distance(seat: Seat, whole: Spherical, block: Block, distance_m: float) -> tuple[Plane, Plane, Plane]:
+    return _see(seat, rays_of(whole, block), distance_m)
+
+
+def _table(u: Plane, v: Plane, border: Plane) -> tuple[NDArray, NDArray]:
+    """Return fixed-point maps; what the camera does not see continues what it sees next to it."""
+    seen = border > 0
+    if seen.any() and not seen.all():
+        _, label = cv2.distanceTransformWithLabels(
+            (~seen).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+        )
+        place = np.zeros(int(label.max()) + 1, dtype=np.intp)
+        place[label[seen]] = np.flatnonzero(seen)
+        u, v = u.ravel()[place[label]], v.ravel()[place[label]]
+    return cv2.convertMaps(u, v, cv2.CV_16SC2)
+
+
+def _by_range(seat: Seat, whole: Spherical, block: Block) -> tuple[Plane, Plane]:
+    rays = rays_of(whole, block, GRID_STEP)
+    planes = [seat.look(rays / max(float(inverse), 1e-6))[:2] for inverse in INVERSE_LEVELS]
+    return np.stack([plane[0] for plane in planes]), np.stack([plane[1] for plane in planes])
+
+
+def _weights(owner: NDArray[np.int8], number: int, num_bands: int) -> list[list[Plane]]:
+    """Return the share (H >> l, W >> l) of each view in each band: its region, blurred; 1 in all where covered."""
+    pyramids = []
+    for k in range(number):
+        levels = [(owner == k).astype(np.float32)]
+        for _ in range(num_bands):
+            levels.append(halved_around(levels[-1]))
+        pyramids.append(levels)
+    for level in range(num_bands + 1):
+        total = np.sum([levels[level] for levels in pyramids], axis=0)
+        for levels in pyramids:
+            levels[level] = np.where(total > 1e-3, levels[level] / np.maximum(total, 1e-3), np.float32(0.0))
+    return pyramids
+
+
+def _cut_once(plane: Plane, block: Block) -> Plane:
+    """Return the block's part, 0 where its columns come a second time."""
+    part = np.ascontiguousarray(block.cut(plane))
+    part[:, plane.shape[1] :] = 0.0
+    return part
+
+
+def halved_around(plane: NDArray) -> NDArray:
+    """Return the next pyramid level of a whole sphere (H, W[, C]), whose columns wrap around."""
+    padded = cv2.copyMakeBorder(plane, 0, 0, 4, 4, cv2.BORDER_WRAP)
+    return cv2.pyrDown(padded)[:, 2:-2]
+
+
+def doubled_around(plane: NDArray) -> NDArray:
+    """Return a level of a whole sphere at the size of the next finer one."""
+    padded = cv2.copyMakeBorder(plane, 0, 0, 2, 2, cv2.BORDER_WRAP)
+    return cv2.pyrUp(padded)[:, 4:-4]
