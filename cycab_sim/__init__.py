@@ -4,3 +4,7 @@ READ FIRST `simulator.py`. The town is drawn from a seed (`town.py`, `building.p
 a `Mesh`; `texture/` gives it detail), `renderer.py` casts rays into it for any camera of sphere_geometry,
 `vehicle.py` moves the car, `cameras.py` says what is mounted on it, `driver.py` drives the taught path.
 """
+
+from cycab_sim.worlds import geometry_cloud
+
+__all__ = ["geometry_cloud"]

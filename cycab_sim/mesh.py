@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -37,7 +38,7 @@ class Mesh:
     """Triangles (T, 3, 3) f32 m, their normals (T, 3) f32 and surfaces (T,) i32, and one row per surface.
 
     frames (S, 3, 4) f32 world to surface (u along, v up, w out), kinds (S, 2) i32 material and seed,
-    params (S, 6) f32, colours (S, 2, 3) f32
+    params (S, 6) f32, colours (S, 2, 3) f32, is_clutter (S,) bool: what comes and goes, as parked cars
     """
 
     triangles: NDArray[np.float32]
@@ -47,6 +48,7 @@ class Mesh:
     kinds: NDArray[np.int32]
     params: NDArray[np.float32]
     colours: NDArray[np.float32]
+    is_clutter: NDArray[np.bool_]
 
 
 @dataclass
@@ -54,6 +56,9 @@ class MeshBuilder:
     """Collects flat panels and free triangles, all in one coordinate frame, and numbers their surfaces."""
 
     rng: np.random.Generator
+    is_clutter: bool = False  # whether what is added now comes and goes
+    height: Callable[[Array], Array] | None = None  # of the ground, m, at x (N,): everything stands on it
+    _clutter: list[bool] = field(default_factory=list)
     _triangles: list[Array] = field(default_factory=list)
     _surfaces: list[NDArray[np.int64]] = field(default_factory=list)
     _corners: list[Array] = field(default_factory=list)
@@ -89,7 +94,10 @@ class MeshBuilder:
 
     def build(self) -> Mesh:
         """Return everything collected as arrays."""
-        triangles = np.concatenate(self._triangles)
+        triangles, corners = np.concatenate(self._triangles), np.stack(self._corners)
+        if self.height is not None:
+            for points in (triangles, corners):
+                points[..., 2] += self.height(points[..., 0])
         edges = triangles[:, 1:] - triangles[:, :1]
         normals = np.cross(edges[:, 0], edges[:, 1])
         area = np.linalg.norm(normals, axis=1)
@@ -98,16 +106,18 @@ class MeshBuilder:
             triangles=triangles[keep].astype(np.float32),
             normals=(normals[keep] / area[keep, None]).astype(np.float32),
             surface_of=np.concatenate(self._surfaces)[keep].astype(np.int32),
-            frames=_frames(np.stack(self._corners)),
+            frames=_frames(corners),
             kinds=np.array([(f.kind, seed) for f, seed in self._finishes], np.int32),
             params=np.array(
                 [(*f.params, *(0.0,) * (NUM_PARAMS - len(f.params))) for f, _ in self._finishes], np.float32
             ),
             colours=np.array([(f.colour, f.second) for f, _ in self._finishes], np.float32),
+            is_clutter=np.array(self._clutter, bool),
         )
 
     def _new_surface(self, frame: Array, finish: Finish) -> None:
         self._corners.append(frame)
+        self._clutter.append(self.is_clutter)
         self._finishes.append((finish, int(self.rng.integers(1, 1 << 20))))
         self._count += 1
 

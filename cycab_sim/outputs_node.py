@@ -75,7 +75,7 @@ class Outputs:
         deviations = np.diag(np.square(measured.deviations))
         self.odom.publish(conversions.se3_to_odometry(measured.T_odom_base, deviations, now, (ODOM, BASE), wheels))
         twist = np.array([vehicle.state.speed, 0.0, 0.0, 0.0, 0.0, vehicle.yaw_rate])
-        T_world_base = vehicle.state.T_world_base
+        T_world_base = self.simulator.T_world_base
         self.truth.publish(conversions.se3_to_odometry(T_world_base, np.zeros((6, 6)), now, (WORLD, BASE), twist))
 
 

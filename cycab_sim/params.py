@@ -162,7 +162,10 @@ class SimParams:
     seed: int = param(1, "decides the town and every noise", low=0)
     noise_seed: int = param(1, "decides the noise only", low=0)
     mode: str = param("drive", "who drives: the topic cmd_vel, or the simulator itself", choices=("drive", "teach"))
-    path: str = param("two_turns", "path to start on and to teach", choices=("two_turns", "block", "straight"))
+    world: str = param("town", "where it drives", choices=("town", "corridor", "ramp"))
+    path: str = param(
+        "two_turns", "path to start on and to teach, in the town", choices=("two_turns", "block", "straight")
+    )
     has_stamped_command: bool = param(True, "cmd_vel is TwistStamped, not Twist")
     start: StartParams = group(StartParams)
     clock: ClockParams = group(ClockParams)

@@ -24,8 +24,8 @@ from cycab_sim.params import OdometryParams, SimParams
 from cycab_sim.renderer import Renderer
 from cycab_sim.rigs import camera_names, make_rig, rig_mounts
 from cycab_sim.schedule import Schedule
-from cycab_sim.town import build_town, taught_path
 from cycab_sim.vehicle import Command, Vehicle, VehicleState, WheelOdometry
+from cycab_sim.worlds import build_world
 from sphere_geometry import SE3, Camera
 
 START_NS = SECOND  # a stamp of 0 means 'no time' in ROS
@@ -36,9 +36,9 @@ class Simulator:
 
     def __init__(self, params: SimParams | None = None) -> None:
         self.params = params or SimParams()
-        mesh, self.plan = build_town(self.params.seed)
-        self.renderer = Renderer(mesh, self.params.render, self.params.light)
-        self.path = taught_path(self.plan, self.params.path)
+        self.world = build_world(self.params.world, self.params.seed, self.params.path)
+        self.renderer = Renderer(self.world.mesh, self.params.render, self.params.light)
+        self.path = self.world.path
         self.driver = Driver(self.path, self.params.teach, self.params.noise_seed)
         self.vehicle = Vehicle(self._start(), self.params.vehicle, self.params.actuation)
         self.odometry = WheelOdometry(self.params.odometry, self.params.noise_seed)
@@ -74,7 +74,7 @@ class Simulator:
             return replace(self._last[name], stamp_ns=self.time_ns, index=index)
         exposure, more_noise = self._fault(name, "exposure"), self._fault(name, "noise") or 0.0
         gain = 1.0 if exposure is None else exposure**self.params.light.gamma  # a factor on grey levels
-        T_world_camera = self.vehicle.state.T_world_base @ mount.T_base_camera
+        T_world_camera = self.T_world_base @ mount.T_base_camera
         levels, range_m = self.renderer.render(mount.camera, T_world_camera, mount.is_grey, gain)
         seed = (self.params.noise_seed, index, zlib.crc32(name.encode()))
         noise = float(np.hypot(mount.noise, more_noise))
@@ -87,6 +87,12 @@ class Simulator:
         index = self.schedule.count["rig"]
         names = [name for name in self.rig_names if not self.faults.is_withheld(name, index, self.time_ns)]
         return {name: self.capture(name) for name in names}
+
+    @property
+    def T_world_base(self) -> SE3:
+        """True pose of the car, its wheels on the ground."""
+        vehicle = self.params.vehicle
+        return self.world.ground.follow(self.vehicle.state.T_world_base, vehicle.wheelbase, vehicle.width)
 
     @property
     def rig_names(self) -> tuple[str, ...]:

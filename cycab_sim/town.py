@@ -157,7 +157,9 @@ def _furnish(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator) -> N
         while x < length - 7.5:  # x along the kerb, y < 0 is the road
             if rng.random() < 0.55:
                 flip = np.pi if rng.random() < 0.3 else 0.0
+                mesh.is_clutter = True
                 furniture.add_car(mesh, at @ placed(x, -1.05, flip + rng.normal(0.0, 0.02)), rng)
+                mesh.is_clutter = False
             x += rng.uniform(5.3, 7.5)
         for x in np.arange(rng.uniform(1.5, 4.0), length - 1.0, 4.5):
             _add_on_pavement(mesh, at @ placed(x + rng.uniform(-1.0, 1.0), 0.0, 0.0, KERB_HEIGHT), rng)
@@ -174,7 +176,9 @@ def _add_on_pavement(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> 
     elif kind < 0.55:
         furniture.add_tree(mesh, at @ placed(0.0, 0.75, rng.uniform(0, 6.28)), rng)
     elif kind < 0.70:
+        mesh.is_clutter = True
         furniture.add_box(mesh, at @ placed(0.0, PAVEMENT - 0.65, -np.pi / 2), rng)
+        mesh.is_clutter = False
     elif kind < 0.80:
         furniture.add_bench(mesh, at @ placed(0.0, PAVEMENT - 0.4, -np.pi / 2), rng)
     else:
