@@ -8,6 +8,7 @@ PACKAGES = (
     "typed_params",
     "sphere_geometry",
     "photometric",
+    "rig_calibration",
     "sphere_mapping",
     "dense_localizer",
     "mcl_depth",
@@ -18,6 +19,7 @@ PACKAGES = (
 )
 EXECUTABLES = {
     "sphere_nav": "sphere_nav_cli.main",
+    "sphere_stitcher": "sphere_mapping.stitcher_node",
     "sphere_mapper": "sphere_mapping.node",
     "dense_localizer": "dense_localizer.node",
     "mcl_depth": "mcl_depth.node",

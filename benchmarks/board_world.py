@@ -46,7 +46,9 @@ class BoardWorld:
         """Return the image (H, W): averaged over each pixel, blurred by the lens, with noise and a gradient of light."""
         part = self.rig.cameras[camera].camera
         shade = np.linspace(0.75, 1.1, part.width)[None] * np.linspace(1.05, 0.85, part.height)[:, None]
-        image = 90.0 + 25.0 * np.sin(np.arange(part.width) / 37.0)[None] * np.cos(np.arange(part.height) / 23.0)[:, None]
+        image = (
+            90.0 + 25.0 * np.sin(np.arange(part.width) / 37.0)[None] * np.cos(np.arange(part.height) / 23.0)[:, None]
+        )
         for number, board in enumerate(self.boards):
             _draw(image, part, self.rays[camera], board, self.T_camera_board(camera, instant, number))
         image = cv2.GaussianBlur(image * shade, (0, 0), BLUR_PX) + rng.normal(0.0, NOISE, image.shape)
@@ -110,9 +112,17 @@ def vertical_rig(size: tuple[int, int] = (960, 720)) -> Rig:
             yaw = 2.0 * np.pi * sector / 3.0
             turn = so3.exp([0.0, 0.0, yaw])
             camera = Pinhole(
-                width, height, focal, 1.002 * focal, 0.5 * width - 4.3, 0.5 * height + 3.1, (-0.02, 0.004, 1e-4, -2e-4, 0.0)
+                width,
+                height,
+                focal,
+                1.002 * focal,
+                0.5 * width - 4.3,
+                0.5 * height + 3.1,
+                (-0.02, 0.004, 1e-4, -2e-4, 0.0),
             )
-            T = SE3.from_parts(turn @ OPTICAL @ so3.exp([0.01, -0.02, 0.015 * sector]), turn @ [0.06, 0.0, 0.0] + [0, 0, up])
+            T = SE3.from_parts(
+                turn @ OPTICAL @ so3.exp([0.01, -0.02, 0.015 * sector]), turn @ [0.06, 0.0, 0.0] + [0, 0, up]
+            )
             cameras.append(RigCamera(f"{level}{sector}", camera, T))
     return Rig(tuple(cameras), "vertical")
 

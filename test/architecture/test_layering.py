@@ -14,6 +14,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "typed_params": set(),
     "sphere_geometry": {"typed_params"},
     "photometric": GEOMETRY,
+    "rig_calibration": GEOMETRY,
     "sphere_mapping": GEOMETRY | {"photometric"},
     "dense_localizer": GEOMETRY | {"photometric"} | MAP_TYPES,
     "mcl_depth": GEOMETRY,

@@ -12,6 +12,7 @@ PACKAGES = (
     "typed_params",
     "sphere_geometry",
     "photometric",
+    "rig_calibration",
     "sphere_mapping",
     "dense_localizer",
     "mcl_depth",
