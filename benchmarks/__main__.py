@@ -18,6 +18,7 @@ BENCHMARKS = {
     "frame_to_frame": "benchmarks.frame_to_frame",
     "end_to_end": "benchmarks.end_to_end",
     "mcl_panoramas": "benchmarks.mcl_panoramas",
+    "mcl_surround": "benchmarks.mcl_surround",
     "mcl_walks": "benchmarks.mcl_walks",
 }
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -112,8 +113,8 @@ def _wall(wall: Surface, holes: list[Surface]) -> Iterator[Floats]:
     cuts = [cut for hole in holes if (cut := _cut(wall, along, length, hole)) is not None]
     places = sorted({0.0, length, *(edge for cut in cuts for edge in cut[:2])})
     heights = sorted({wall.bottom, wall.top, *(edge for cut in cuts for edge in cut[2:])})
-    for s0, s1 in zip(places, places[1:], strict=False):
-        for z0, z1 in zip(heights, heights[1:], strict=False):
+    for s0, s1 in pairwise(places):
+        for z0, z1 in pairwise(heights):
             s, z = (s0 + s1) / 2, (z0 + z1) / 2
             if not any(cut[0] < s < cut[1] and cut[2] < z < cut[3] for cut in cuts):
                 a, b = wall.start + s0 * along, wall.start + s1 * along

@@ -20,7 +20,7 @@ def read_las(path: Path) -> NDArray[np.float64]:
         size = file.seek(0, 2)
         if not head.startswith(b"LASF") or len(head) < HEADER:
             raise ValueError(f"{path}: header: expected {HEADER} bytes from 'LASF', found {head[:8]!r}, {size} bytes")
-        start, form, length, count = _layout(path, head)
+        start, length, count = _layout(path, head)
         if start < HEADER or start + count * length > size:
             raise ValueError(f"{path}: points: expected {count} of {length} bytes from {start}, found {size} bytes")
         scale = np.array(struct.unpack_from("<3d", head, 131))
@@ -33,8 +33,8 @@ def read_las(path: Path) -> NDArray[np.float64]:
     return rows.view(row)["p"] * scale + offset
 
 
-def _layout(path: Path, head: bytes) -> tuple[int, int, int, int]:
-    """Return where the points start, their format, the bytes of each, and how many there are."""
+def _layout(path: Path, head: bytes) -> tuple[int, int, int]:
+    """Return where the points start, the bytes of each, and how many there are."""
     major, minor = head[24], head[25]
     if (major, minor) not in ((1, 0), (1, 1), (1, 2), (1, 3), (1, 4)):
         raise ValueError(f"{path}: version: expected 1.0 to 1.4, found {major}.{minor}")
@@ -46,4 +46,4 @@ def _layout(path: Path, head: bytes) -> tuple[int, int, int, int]:
         raise ValueError(f"{path}: point format: expected 0 to 10 of known length, found {form} of {length} bytes")
     if minor == 4 and len(head) == HEADER_14:
         count = struct.unpack_from("<Q", head, 247)[0] or count
-    return start, form, length, count
+    return start, length, count

@@ -63,14 +63,14 @@ def test_points_come_back(tmp_path: Path, name: str) -> None:
 @pytest.mark.parametrize("name", FILES)
 def test_a_truncated_file_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(FILES[name][:-14])
-    with pytest.raises(ValueError, match=f"{name}: .*expected.*found"):
+    with pytest.raises(ValueError, match=rf"{name}: .*expected.*found"):
         read_cloud(tmp_path / name)
 
 
 @pytest.mark.parametrize("name", ABSURD)
 def test_an_absurd_count_is_refused_before_memory_is_taken(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(ABSURD[name])
-    with pytest.raises(ValueError, match="expected.*found"):
+    with pytest.raises(ValueError, match=r"expected.*found"):
         read_cloud(tmp_path / name)
 
 
@@ -115,7 +115,10 @@ def test_thinning_keeps_one_point_a_cube() -> None:
 def test_a_floor_plan_has_its_door_cut_out(tmp_path: Path) -> None:
     corners = [(0, 0), (4, 0), (4, 3), (0, 3)]
     rows = ["kind,complete_room,x0_m,y0_m,x1_m,y1_m,z_bottom_m,z_top_m"]
-    rows += [f"wall,a,{x0},{y0},{x1},{y1},0,2.5" for (x0, y0), (x1, y1) in zip(corners, corners[1:] + corners[:1])]
+    rows += [
+        f"wall,a,{x0},{y0},{x1},{y1},0,2.5"
+        for (x0, y0), (x1, y1) in zip(corners, corners[1:] + corners[:1], strict=True)
+    ]
     (tmp_path / "plan.csv").write_text("\n".join([*rows, "door,a,4,1,4,2,0,2"]) + "\n")
     mesh = read_geometry(tmp_path / "plan.csv")
     found = DepthSynthesizer(mesh).synthesize((2.0, 1.5, 1.2))
