@@ -67,6 +67,10 @@ class DepthMap:
         """Return the height (N,) m of a camera above the ground at (N, 2); NaN where there is no ground."""
         return self._ground(positions[:, :2]) + self.camera_height
 
+    def has_ground(self, pose: Array) -> bool:
+        """Whether a pose (3,) is on the map."""
+        return bool(np.isfinite(self.heights(pose[None, :2])[0]))
+
     def height(self, pose: Array) -> float:
         """Return the height m of a camera at x, y of a pose (3,); that above height 0 where there is no ground."""
         height = float(self.heights(pose[None, :2])[0])

@@ -125,6 +125,8 @@ class Filter:
         if best is None or not self._states.is_trusted:
             return Estimate(status, belief=belief)
         pose = self._carrier.carried(look)
+        if not self.map.has_ground(pose):
+            return Estimate(status, belief=belief)
         covariance = covariance_of(best.covariance, float(pose[2]), self.params.covariance)
         return Estimate(status, pose_of(pose, self.map.height(pose)), covariance, belief)
 

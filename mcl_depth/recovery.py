@@ -32,6 +32,9 @@ class Recovery:
         """Take the similarity of the belief with an image; return the lead averaged over the last few images."""
         lead = self.lead(comparison, similarity)
         self._num_images += 1
+        if similarity <= 0.0:  # off the map: no need to ask others
+            self.fast = 0.0
+            return 0.0
         fast = max(self._params.fast_rate, 1.0 / self._num_images)
         slow = max(self._params.slow_rate, 1.0 / self._num_images)
         self.fast += fast * (lead - self.fast)

@@ -1,0 +1,122 @@
+"""The filter in a room: found from nowhere, lost without odometry gracefully, never a NaN."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mcl_depth.estimate import Look
+from mcl_depth.filter import Filter
+from mcl_depth.mesh import mesh_from_faces
+from mcl_depth.params import FilterParams
+from mcl_depth.site import Site
+from mcl_depth.status import State
+from sphere_geometry import SE3, Spherical
+from typed_params import build
+
+SETTINGS = {
+    "camera_height": 1.2,
+    "area.step": 0.25,
+    "resampling.num_particles": 400,
+    "resampling.min_particles": 200,
+    "synthesis.num_columns": 180,
+    "input.min_way": 0.05,
+}
+POSES = [np.array([-2.0 + 0.25 * k, -1.0 + 0.05 * k, 0.1]) for k in range(14)]
+
+
+def box(low, high):
+    x, y, z = zip(low, high, strict=True)
+    corners = np.array([[a, b, c] for a in x for b in y for c in z], float)
+    quads = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5))
+    return corners[[index for a, b, c, d in quads for index in (a, b, c, a, c, d)]]
+
+
+@pytest.fixture(scope="module")
+def site():
+    parts = [box((-3, -2, 0), (3, 2.5, 2.6)), box((1.0, 1.2, 0), (2.2, 2.5, 2.0)), box((-3, 1.6, 0), (-2, 2.5, 1.7))]
+    vertices = np.concatenate([*parts, box((2.2, -2, 0), (3, -1, 1.8))])
+    mesh = mesh_from_faces(vertices, np.arange(len(vertices)).reshape(-1, 3), "room")
+    return Site(mesh, 1.2, build(FilterParams, SETTINGS))
+
+
+def picture(site, pose):
+    """What a camera might see: the range of each surface as its brightness, which has the edges of the room."""
+    site_camera = site.depth_map.camera
+    position = np.array([[*pose[:2], 1.2]])
+    depth = site.depth_map._synthesizer.synthesize_many(position)[0]
+    shift = round(pose[2] / (2 * np.pi) * site_camera.width)
+    return np.roll(255.0 / (1.0 + np.nan_to_num(depth, nan=9.0)), shift, axis=1).astype(np.float32)
+
+
+def look(site, pose, number, odometry=True):
+    T_odom_sight = SE3.from_planar(*pose) if odometry else None
+    return Look(picture(site, pose), site.depth_map.camera, (number + 1) * 10**9, np.eye(3), T_odom_sight)
+
+
+def test_the_pose_is_found_from_nowhere_and_said_with_its_covariance(site):
+    filter_ = site.filter()
+    for number, pose in enumerate(POSES):
+        estimate = filter_.update(look(site, pose, number))
+    assert estimate.status.state is State.TRACKING
+    error = estimate.T_map_sight.translation[:2] - POSES[-1][:2]
+    assert np.hypot(*error) < 0.3  # the cache's cells are 0.35 m wide
+    assert abs(float(estimate.T_map_sight.yaw) - 0.1) < np.radians(6)  # half a step of 10 degrees, and a little
+    assert np.all(np.linalg.eigvalsh(estimate.covariance) > 0)
+
+
+def test_nothing_is_published_before_the_place_is_confirmed(site):
+    first = site.filter().update(look(site, POSES[0], 0))
+    assert first.T_map_sight is None
+    assert first.status.state in (State.SEARCHING, State.PROBATION)
+
+
+def test_the_same_images_give_the_same_bits(site):
+    beliefs = []
+    for _ in range(2):
+        filter_ = site.filter()
+        for number, pose in enumerate(POSES[:5]):
+            belief = filter_.update(look(site, pose, number)).belief
+        beliefs.append(belief.particles.poses)
+    np.testing.assert_array_equal(*beliefs)
+
+
+def test_odometry_that_leaps_is_not_believed(site):
+    filter_ = site.filter()
+    for number, pose in enumerate(POSES):
+        filter_.update(look(site, pose, number))
+    leap = POSES[-1] + [50.0, 0.0, 0.0]
+    image = picture(site, POSES[-1] + [0.1, 0.0, 0.0])
+    estimate = filter_.update(Look(image, site.depth_map.camera, 10**9 * 15, np.eye(3), SE3.from_planar(*leap)))
+    assert estimate.status.reason in ("JUMP_REJECTED", "NO_CONVERGENCE")
+    if estimate.T_map_sight is not None:
+        assert np.hypot(*(estimate.T_map_sight.translation[:2] - POSES[-1][:2])) < 1.0
+
+
+def test_without_odometry_no_pose_is_a_nan(site):
+    filter_ = site.filter()
+    for number, pose in enumerate(POSES):
+        estimate = filter_.update(look(site, pose, number, odometry=False))
+        assert estimate.T_map_sight is None or np.all(np.isfinite(estimate.T_map_sight.matrix))
+        assert np.all(np.isfinite(estimate.belief.particles.poses))
+
+
+def test_a_step_that_does_not_divide_the_circle_is_refused(site):
+    params = build(FilterParams, SETTINGS | {"heading_step_deg": 7.0})
+    with pytest.raises(ValueError, match="expected a divisor of 360"):
+        Filter(params, site.depth_map, site.area)
+
+
+def test_an_initial_pose_off_the_map_is_refused_with_its_distance(site):
+    with pytest.raises(ValueError, match="initial pose: .* m away"):
+        site.filter().start(SE3.from_planar(40.0, 0.0, 0.0), np.eye(6))
+
+
+def test_images_of_another_size_and_repeated_stamps_change_nothing(site):
+    filter_ = site.filter()
+    filter_.update(look(site, POSES[0], 0))
+    before = filter_.particles
+    wrong = Look(np.zeros((10, 10), np.uint8), Spherical(64, 32), 2 * 10**9, np.eye(3))
+    assert filter_.update(wrong).status.reason == "BAD_INFO"
+    assert filter_.update(look(site, POSES[0], 0)).status.reason == "BAD_STAMP"
+    assert filter_.particles is before

@@ -1,0 +1,133 @@
+"""Resampling, weights, headings, motion, hypotheses, cache and homing against what they should be in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mcl_depth.depth_cache import DepthCache
+from mcl_depth.features import FeatureStack
+from mcl_depth.homing import offsets, waypoints_of
+from mcl_depth.hypotheses import find_hypotheses
+from mcl_depth.motion_model import MotionModel, between, moved
+from mcl_depth.orientation import peaks, similarity_at
+from mcl_depth.params import (
+    HomingParams,
+    HypothesisParams,
+    MotionParams,
+    ResamplingParams,
+    WeightParams,
+)
+from mcl_depth.particles import Particles
+from mcl_depth.resampling import kld_count, low_variance_indices, resample
+from mcl_depth.weighting import weights
+from sphere_geometry import SE3
+
+
+def test_the_low_variance_sampler_takes_floor_or_ceil_of_each_share():
+    rng = np.random.default_rng(3)
+    shares = rng.dirichlet(np.ones(20))
+    for start in (0.0, 0.4, 0.99):
+        counts = np.bincount(low_variance_indices(shares, 500, start), minlength=20)
+        assert np.all(np.abs(counts - 500 * shares) < 1.0)
+        assert counts.sum() == 500
+
+
+def test_more_bins_need_more_particles_within_the_bounds():
+    params = ResamplingParams(num_particles=1000, min_particles=100)
+    counts = [kld_count(bins, params) for bins in (1, 10, 40, 10_000)]
+    assert counts == sorted(counts)
+    assert counts[0] == 100
+    assert counts[-1] == 1000
+
+
+def test_particles_that_all_count_are_not_resampled():
+    particles = Particles.alike(np.zeros((50, 3)))
+    assert resample(particles, ResamplingParams(), np.random.default_rng(0)) is particles
+
+
+def test_weights_follow_the_power_law_and_its_two_scalings():
+    s, prior = np.array([1.0, 2.0, 4.0]), np.full(3, 1 / 3)
+    by_maximum = weights(s, WeightParams(exponent=2.0), prior)
+    np.testing.assert_allclose(by_maximum, np.array([1, 4, 16]) / 21)
+    by_minmax = weights(s, WeightParams(exponent=2.0, scaling="minmax"), prior)
+    np.testing.assert_allclose(by_minmax, np.array([0, 1, 9]) / 10, atol=1e-12)
+
+
+def test_lambda_is_lowered_until_enough_particles_survive():
+    s, prior = np.linspace(0.5, 1.0, 100), np.full(100, 0.01)
+    sharp = weights(s, WeightParams(), prior)
+    soft = weights(s, WeightParams(min_effective_share=0.5), prior)
+    assert 1 / np.sum(sharp**2) < 50
+    assert 1 / np.sum(soft**2) == pytest.approx(50, rel=1e-3)
+
+
+def test_the_heading_of_a_parabola_is_found_between_the_steps():
+    true = np.radians([13.0, -171.0, 58.5])
+    grid = np.arange(36) * np.radians(10)
+    curves = np.cos(grid - true[:, None])
+    np.testing.assert_allclose(peaks(curves), true, atol=np.radians(0.1))
+    np.testing.assert_allclose(similarity_at(curves, grid[[3, 7, 35]]), np.diag(curves[:, [3, 7, 35]]))
+
+
+def test_between_undoes_moved():
+    before, motion = np.array([1.0, -2.0, 2.5]), np.array([0.7, 0.1, 0.9])
+    np.testing.assert_allclose(between(before, moved(before[None], motion)[0]), motion, atol=1e-12)
+
+
+def test_leaping_and_missing_odometry_leave_the_motion_unknown():
+    model = MotionModel(MotionParams())
+    model.step(10**9, SE3.identity())
+    assert model.step(2 * 10**9, SE3.from_planar(1.0, 0.0, 0.0)).is_known
+    leap = model.step(3 * 10**9, SE3.from_planar(80.0, 0.0, 0.0))
+    assert (leap.is_known, leap.jump) == (False, pytest.approx(79.0))
+    assert not model.step(4 * 10**9, None).is_known
+
+
+def test_two_heaps_of_particles_are_two_hypotheses():
+    rng = np.random.default_rng(5)
+    heaps = [rng.normal((x, 0.0, yaw), 0.05, (n, 3)) for x, yaw, n in ((0.0, 3.1, 60), (8.0, 0.0, 40))]
+    found = find_hypotheses(Particles.alike(np.concatenate(heaps)), HypothesisParams())
+    assert [item.weight for item in found] == pytest.approx([0.6, 0.4])
+    np.testing.assert_allclose(found[1].pose, [8.0, 0.0, 0.0], atol=0.05)
+    assert found[0].sigma_rad < 0.1  # the heap sits on the cut at pi
+
+
+def features(value, count=1):
+    stack = FeatureStack.empty(count, 4, 8)
+    stack.directions[:], stack.magnitudes[:], stack.scales[:] = value, value, value
+    return stack
+
+
+def test_the_cache_gives_away_what_was_not_used_for_longest_and_survives_on_disk(tmp_path):
+    cache = DepthCache(3 * features(0).nbytes, 4, 8)
+    for number in range(3):
+        cache.insert([(number, 0)], features(number))
+    cache.find([(0, 0)])
+    cache.insert([(9, 9)], features(9))
+    assert (1, 0) not in cache
+    assert cache.stack.scales[cache.find([(0, 0)])[0]] == 0.0
+    cache.save(tmp_path / "kept")
+    again = DepthCache(3 * features(0).nbytes, 4, 8)
+    assert again.load(tmp_path / "kept") == 3
+    assert again.stack.scales[again.find([(9, 9)])[0]] == 9.0
+
+
+def test_a_damaged_cache_is_refused_in_one_line(tmp_path):
+    (tmp_path / "kept").mkdir()
+    (tmp_path / "kept" / "cells.npy").write_bytes(b"nothing")
+    with pytest.raises(ValueError, match="expected a cache of depth features"):
+        DepthCache(1 << 20, 4, 8).load(tmp_path / "kept")
+
+
+def test_homing_samples_are_those_of_the_paper():
+    ring = offsets(HomingParams())
+    assert ring.shape == (33, 2)  # 16 directions at 1 m and 2 m, and the waypoint itself
+    np.testing.assert_allclose(np.linalg.norm(ring, axis=1), [0.0] + [1.0] * 16 + [2.0] * 16)
+
+
+def test_waypoints_are_evenly_spaced_and_a_path_needs_two_points():
+    points = waypoints_of(np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 3.0]]), 1.5)
+    np.testing.assert_allclose(points, [[0, 0], [1.5, 0], [3, 0], [3, 1.5], [3, 3]])
+    with pytest.raises(ValueError, match="at least two"):
+        waypoints_of(np.zeros((1, 2)), 1.0)
