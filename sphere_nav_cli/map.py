@@ -17,21 +17,24 @@ from node_kit.bags import BagError, BagReader
 from node_kit.map_bag import save_map
 from node_kit.replay import OfflineBus, replay, required_topics
 from sphere_geometry import SE3
+from sphere_geometry.rig_file import read_rig
 from sphere_geometry.trajectory import Trajectory, write_tum
 from sphere_mapping.graph import SphereGraph
 from sphere_mapping.intake_node import TOPICS
 from sphere_mapping.kernels import use_threads
 from sphere_mapping.node import SphereMapper
 from sphere_mapping.saving_node import details_of
+from sphere_mapping.stitcher_node import SphereStitcher
 from sphere_nav_cli.evaluate import TRUTH_TOPICS, judge
 from sphere_nav_cli.pose_bags import read_poses
-from sphere_nav_cli.sphere_source import found_input
+from sphere_nav_cli.sphere_source import CAMERAS, found_input
 
 HELP = """\
-Make a map of key spheres from a bag with spheres, RGB-D or rectified stereo images.
+Make a map of key spheres from a bag with spheres, RGB-D, rectified stereo images, or the cameras of a rig.
 
 Topics: sphere; or image_raw, camera_info, depth/image_raw (registered to the image); or left/image_raw,
-left/camera_info, right/image_raw, right/camera_info. The map frame is the pose of the first sphere (body axes).
+left/camera_info, right/image_raw, right/camera_info; or cameras/<name>/image_raw[/compressed] with --rig, which go
+through the node sphere_stitcher. The map frame is the pose of the first sphere (body axes).
 The result is the same for every number of jobs.
 
 examples:
@@ -39,6 +42,7 @@ examples:
   sphere_nav map kitchen -o kitchen_map --anchor truth --trajectory kitchen.tum
   sphere_nav map campus_drive -o campus --taught campus.tum
   sphere_nav map drive -o drive_map --anchor survey
+  sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048
   sphere_nav map drive -o drive_map --set mapper.key.min_overlap=0.5 --set mapper.stereo.num_disparities=96
 """
 
@@ -55,13 +59,19 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="first: the first pose is the origin; truth: the map, as it is, fitted to the truth; survey: every key "
         "sphere where the truth has it, as after a surveyed drive (%(default)s)",
     )
-    parser.add_argument("--input", choices=("auto", *TOPICS), default="auto", help="what is mapped (by the topics)")
+    parser.add_argument("--rig", type=Path, metavar="F", help="rig file, for a bag with the cameras of a rig")
+    parser.add_argument(
+        "--input", choices=("auto", *TOPICS, CAMERAS), default="auto", help="what is mapped (by the topics)"
+    )
     parser.add_argument("--no-loops", action="store_true", help="do not look for places seen twice")
     parser.add_argument("--jobs", type=_positive, default=2, metavar="N", help="threads (%(default)s)")
     parser.add_argument("--trajectory", type=Path, metavar="F", help="write the pose of every sphere (TUM)")
     parser.add_argument("--taught", type=Path, metavar="F", help="write the vehicle's poses, for path_follower (TUM)")
     parser.add_argument(
         "--set", action="append", default=[], metavar="NAME=VALUE", dest="settings", help="parameter of sphere_mapper"
+    )
+    parser.add_argument(
+        "--set-stitcher", action="append", default=[], metavar="NAME=VALUE", help="parameter of sphere_stitcher"
     )
 
 
@@ -73,7 +83,10 @@ def run(arguments: argparse.Namespace) -> int:
     values = parsed(arguments.settings)
     with BagReader(arguments.bag) as bag:
         values["input"] = found_input(bag) if arguments.input == "auto" else arguments.input
-        drive = mapped(bag, values)
+        stitcher = None
+        if values["input"] == CAMERAS:
+            values["input"], stitcher = "sphere", stitcher_values(bag, arguments)
+        drive = mapped(bag, values, stitcher)
     if not drive.node.mapper.tracks:
         raise BagError(
             f"{arguments.bag}: expected spheres to map, found none: {drive.refusal or 'no complete instant'}"
@@ -167,18 +180,36 @@ class MappedDrive:
         return lines
 
 
-def mapped(bag: BagReader, values: dict[str, Any]) -> MappedDrive:
-    """Play a bag to a mapper with parameters by dotted name, with a progress bar."""
+def mapped(bag: BagReader, values: dict[str, Any], stitcher: dict[str, Any] | None = None) -> MappedDrive:
+    """Play a bag to a mapper, behind a stitcher where its values are given, by dotted name; with a progress bar."""
     bus = OfflineBus(captured=set())
+    stitching = None if stitcher is None else bus.add(SphereStitcher, stitcher)
     node = bus.add(SphereMapper, values)
     assert isinstance(node, SphereMapper)
     total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
     with tqdm(total=total, desc="map", unit="message", leave=False, disable=None) as bar:
         for _ in replay(bag, bus, progress=bar.update):
             pass
-    refused = [wanted for wanted in node.inputs if wanted.num_refused]
-    refusal = "; ".join(f"{w.num_refused} of {w.topic}: {w.last_refusal}" for w in refused)
+        if isinstance(stitching, SphereStitcher):
+            stitching.finish_open()
+            for _ in bus.settle():
+                pass
+    inputs = [*node.inputs, *(stitching.inputs if stitching else ())]
+    refusal = "; ".join(f"{w.num_refused} of {w.topic}: {w.last_refusal}" for w in inputs if w.num_refused)
     return MappedDrive(node, node.num_lost, refusal)
+
+
+def stitcher_values(bag: BagReader, arguments: argparse.Namespace) -> dict[str, Any]:
+    """Return the parameters of the stitcher for a bag with cameras; BagError where bag and rig do not fit."""
+    if arguments.rig is None:
+        raise BagError(f"{bag.path}: expected --rig with the rig file of its cameras, found none")
+    names = read_rig(arguments.rig).names
+    have = {name.split("/")[2] for name, info in bag.topics.items() if name.startswith("/cameras/") and info.count}
+    if not have & set(names):
+        raise BagError(f"{bag.path}: cameras: expected {', '.join(names)} (rig file), found {', '.join(sorted(have))}")
+    is_raw = any(name.endswith("/image_raw") and name.startswith("/cameras/") for name in bag.topics)
+    values = parsed(arguments.set_stitcher)
+    return values | {"rig": str(arguments.rig), "transport": "raw" if is_raw else "compressed", "jobs": arguments.jobs}
 
 
 def truth_of(path: Path) -> Truth | None:

@@ -66,7 +66,10 @@ def sphere_of_bag(path: Path, number: int) -> Sphere:
     """Return the sphere of the instant with this number, counted from 0."""
     bus = OfflineBus(captured=set())
     with BagReader(path) as bag:
-        node: Any = bus.add(Collector, {"input": found_input(bag)})
+        kind = found_input(bag)
+        if kind == CAMERAS:
+            raise BagError(f"{path}: topics: expected spheres, RGB-D or stereo images, found the cameras of a rig")
+        node: Any = bus.add(Collector, {"input": kind})
 
         def stop_there(step: int) -> None:
             if node.count > number:
@@ -84,12 +87,17 @@ def sphere_of_bag(path: Path, number: int) -> Sphere:
     return node.last
 
 
+CAMERAS = "cameras"  # images of a rig, which the stitcher makes spheres of
+
+
 def found_input(bag: BagReader) -> str:
     """Return the kind of input whose topics the bag has."""
     have = {name for name, info in bag.topics.items() if info.count}
     for kind, topics in TOPICS.items():
         if all("/" + topic in have for topic in topics):
             return kind
+    if any(name.startswith("/cameras/") and "/image_raw" in name for name in have):
+        return CAMERAS
     wanted = "; or ".join(", ".join(topics) for topics in TOPICS.values())
     raise BagError(f"{bag.path}: topics: expected {wanted}; found {', '.join(sorted(have)) or 'none'}")
 

@@ -102,7 +102,6 @@ class SphereStitcherParams:
         "rig file; empty: the topic rig",
     )
     transport: str = param("raw", "image_raw, or image_raw/compressed", choices=("raw", "compressed"))
-    has_depth: bool = param(False, "the rig's cameras are RGB-D: depth/image_raw, registered to the image")
     has_cloud: bool = param(False, "a LiDAR's cloud on the topic points, in the frame of the rig or by /tf")
     rig_frame: str = param("rig_link", "frame of the rig")
     sphere_frame: str = param("sphere_link", "frame of the sphere, told on /tf_static below that of the rig")
