@@ -43,7 +43,7 @@ class BoardWorld:
         return T_world_camera.inverse() @ self.T_world_board[board]
 
     def render(self, camera: int, instant: int, rng: np.random.Generator) -> NDArray[np.uint8]:
-        """Return the image (H, W): averaged over each pixel, blurred by the lens, with noise and a gradient of light."""
+        """Return the image (H, W): averaged over each pixel, blurred by the lens, with noise and uneven light."""
         part = self.rig.cameras[camera].camera
         shade = np.linspace(0.75, 1.1, part.width)[None] * np.linspace(1.05, 0.85, part.height)[:, None]
         image = (
