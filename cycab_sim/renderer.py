@@ -17,6 +17,7 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from cycab_sim import kernels
+from cycab_sim.casting.embree import PacketScene, find_library
 from cycab_sim.mesh import Mesh
 from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.texture.painting import paint
@@ -49,6 +50,8 @@ class Renderer:
         self._scene = EmbreeScene(robust=True)
         self._keep = TriangleMesh(self._scene, mesh.triangles)
         self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds the tree, not thread-safe
+        library = find_library()
+        self._packets = PacketScene(library, mesh.triangles) if library is not None else None
         self._pool = ThreadPoolExecutor(max_workers=params.num_threads or os.cpu_count() or 1)
         self._lenses: OrderedDict[Camera, tuple[Floats, Floats]] = OrderedDict()
         self._light = light
@@ -92,11 +95,14 @@ class Renderer:
         return Hits(rays, triangles, ranges)
 
     def _cast(self, origin: NDArray[np.float64], rays: Floats, triangles: NDArray[np.int32], ranges: Floats) -> None:
-        starts = np.empty_like(rays)
-        starts[:] = origin
-        found = self._scene.run(starts, rays, query="INTERSECT", output=1)
-        triangles[:] = found["primID"]
-        ranges[:] = np.where(triangles == NO_HIT, np.inf, found["tfar"])
+        if self._packets is not None:
+            self._packets.cast(origin, rays, triangles, ranges)
+        else:
+            starts = np.empty_like(rays)
+            starts[:] = origin
+            found = self._scene.run(starts, rays, query="INTERSECT", output=1)
+            triangles[:] = found["primID"]
+            ranges[:] = np.where(triangles == NO_HIT, np.inf, found["tfar"])
         outside = np.isnan(rays[:, 0])
         if outside.any():
             triangles[outside], ranges[outside] = kernels.OUTSIDE, np.nan
