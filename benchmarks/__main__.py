@@ -17,6 +17,8 @@ BENCHMARKS = {
     "kernel_times": "benchmarks.kernel_times",
     "frame_to_frame": "benchmarks.frame_to_frame",
     "end_to_end": "benchmarks.end_to_end",
+    "rendering": "benchmarks.rendering",
+    "calibration": "benchmarks.calibration",
     "mcl_panoramas": "benchmarks.mcl_panoramas",
     "mcl_surround": "benchmarks.mcl_surround",
     "mcl_walks": "benchmarks.mcl_walks",
