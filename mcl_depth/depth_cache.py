@@ -8,6 +8,7 @@ import tempfile
 from collections import OrderedDict
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -68,7 +69,8 @@ class DepthCache:
         slots = np.fromiter(self._slots.values(), dtype=np.int64)
         kept = self.stack.take(slots)
         cells = np.array(list(self._slots), dtype=np.int64).reshape(-1, 2)
-        for name, array in zip(ARRAYS, (cells, kept.directions, kept.magnitudes, kept.scales), strict=True):
+        arrays: tuple[NDArray[Any], ...] = (cells, kept.directions, kept.magnitudes, kept.scales)
+        for name, array in zip(ARRAYS, arrays, strict=True):
             np.save(fresh / f"{name}.npy", array, allow_pickle=False)
         if folder.exists():
             shutil.rmtree(folder)

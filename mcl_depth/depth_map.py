@@ -120,13 +120,13 @@ class DepthMap:
         missing = np.flatnonzero(slots < 0)
         if not len(missing):
             return slots
-        middles = self._middles([cells[index] for index in missing])
+        middles = self._middles([cells[int(index)] for index in missing])
         has_ground = np.isfinite(middles[:, 2])
         missing, middles = missing[has_ground], middles[has_ground]
         for first in range(0, len(missing), self._params.cache.batch):
             part = slice(first, first + self._params.cache.batch)
             features = self._features(middles[part])
-            slots[missing[part]] = self.cache.insert([cells[index] for index in missing[part]], features)
+            slots[missing[part]] = self.cache.insert([cells[int(index)] for index in missing[part]], features)
         return slots
 
     def _features(self, positions: Array) -> FeatureStack:

@@ -88,6 +88,7 @@ class StateMachine:
 
     def __init__(self, params: StateParams, *, is_automatic: bool) -> None:
         self._params, self._first = params, State.SEARCHING if is_automatic else State.NOT_LOCALISED
+        self._num_good = self._num_bad = 0
         self.reset()
 
     @property
