@@ -1,0 +1,79 @@
+"""One camera: its lens comes back, false corners go, a disturbed solution settles where it was."""
+
+import numpy as np
+import pytest
+
+from rig_calibration.board import Board
+from rig_calibration.bundle import solve
+from rig_calibration.intrinsics import calibrate_camera
+from rig_calibration.observability import Spread, warnings
+from rig_calibration.params import CalibrationParams
+from rig_calibration.rejection import reject
+from rig_calibration.state import camera_problem, camera_state
+from rig_calibration.validation import camera_rms
+from rig_calibration.views import observations
+from sphere_geometry import SE3, Pinhole
+
+PARAMS = CalibrationParams()
+CAMERA = Pinhole(640, 480, 400.0, 402.0, 318.0, 243.0, (-0.2, 0.05, 1e-3, -5e-4, -0.01))
+BOARD = Board("b", 9, 6, 0.1)
+
+
+@pytest.fixture(scope="module")
+def seen():
+    rng = np.random.default_rng(1)
+    pixels = []
+    while len(pixels) < 15:
+        R = SE3.exp([0, 0, 0, *rng.normal(0.0, 0.4, 3)]).rotation
+        centre = np.array([*rng.normal(0.0, 0.3, 2), 1.0]) * rng.uniform(0.9, 1.6)
+        found, is_seen = CAMERA.project(SE3.from_parts(R, centre - R @ BOARD.points.mean(axis=0)).apply(BOARD.points))
+        if is_seen.all():
+            pixels.append(found + rng.normal(0.0, 0.1, found.shape))
+    return observations([0] * 15, range(15), [0] * 15, [BOARD.points] * 15, pixels)
+
+
+@pytest.fixture(scope="module")
+def single(seen):
+    return calibrate_camera("pinhole", (640, 480), seen, PARAMS)
+
+
+def test_lens_comes_back(single):
+    assert single.camera.fx == pytest.approx(CAMERA.fx, rel=0.005)  # 810 corners at 0.1 px
+    assert single.camera.cx == pytest.approx(CAMERA.cx, abs=2.0)
+
+
+def test_a_disturbed_solution_settles_where_it_was(seen, single):
+    problem = camera_problem("pinhole", (640, 480), 5, seen)
+    best = single.adjusted.solution
+    disturbed = best.state.moved(np.zeros(24), np.full((15, 6), 0.01))
+    again = solve(problem, disturbed, single.adjusted.kept)
+    assert again.is_converged
+    assert again.cost == pytest.approx(best.cost, rel=1e-6)
+    assert camera_rms(problem, again.residuals, np.ones(810))[0] < 0.15  # sqrt(2) times the noise, at most
+
+
+def test_a_false_corner_and_a_false_view_go(seen, single):
+    errors = single.adjusted.solution.residuals.copy()
+    errors[5] = 3.0
+    errors[seen.starts[2] : seen.starts[3]] += 2.0
+    kept, dropped = reject(seen, errors, np.ones(810), PARAMS)
+    assert kept[5] == 0.0
+    assert set(dropped) == {2}
+
+
+def test_an_open_axis_is_named_with_the_motion():
+    poses = np.zeros((1, 6, 6))
+    poses[0, 2, 2] = 0.3**2
+    found = Spread(0.1, np.zeros((1, 12, 12)), poses)
+    flat = SE3(np.stack([SE3.from_planar(x, 0.0, 0.1 * x).matrix for x in range(4)]))
+    first, last = warnings(("back",), found, flat, PARAMS)
+    assert first == "back: z (up) cannot be observed (standard deviation 300.0 mm)"
+    assert "0.0° pitch" in last
+
+
+def test_points_behind_the_camera_are_refused(seen):
+    state = camera_state(
+        np.array([400.0, 400, 320, 240, *np.zeros(8)]), SE3.exp(np.tile([0, 0, -3.0, 0, 0, 0], (15, 1)))
+    )
+    with pytest.raises(ValueError, match="in front of"):
+        solve(camera_problem("pinhole", (640, 480), 5, seen), state, np.ones(810))
