@@ -46,7 +46,7 @@ def cloud_from_points(points: ArrayLike, name: str = "cloud") -> Cloud:
     found = found[finite] if num_lost else found
     warnings = [f"{name}: {num_lost} of {len(finite)} points are not finite and are left out"] if num_lost else []
     low, high = found.min(axis=0), found.max(axis=0)
-    if np.abs([low, high]).max() > FAR_FROM_ORIGIN_M:
+    if np.abs([low, high]).max() > max(FAR_FROM_ORIGIN_M, 20.0 * float((high - low).max())):
         raise ValueError(
             f"{name}: points: expected coordinates within {FAR_FROM_ORIGIN_M:g} m of the origin, found"
             f" {np.abs([low, high]).max():.6g} (geographic coordinates, or not metres?)"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +43,6 @@ def heading(similarities: NDArray[np.float32]) -> Heading:
     return Heading(yaw, float(peak), float(rise / spread), float((peak - s[away].max()) / rise))
 
 
-def _wrapped(angles: NDArray[np.float64]) -> NDArray[np.float64]:
+def _wrapped(angles: NDArray[Any]) -> NDArray[Any]:
     """Return angles in (-pi, pi]."""
     return -((-angles + np.pi) % (2 * np.pi) - np.pi)

@@ -118,7 +118,7 @@ def stack_features(features: Sequence[Features]) -> FeatureStack:
     first = features[0]
     if any(item.shape != first.shape or item.is_normalised != first.is_normalised for item in features):
         raise ValueError("features: expected panoramas of one size and normalisation, found several")
-    stack = FeatureStack.empty(len(features), *first.shape, is_normalised=first.is_normalised)
+    stack = FeatureStack.empty(len(features), first.shape[0], first.shape[1], first.is_normalised)
     for i, item in enumerate(features):
         stack.scales[i] = kernels.encode(item.x, item.y, item.magnitude, stack.directions[i], stack.magnitudes[i])
     return stack

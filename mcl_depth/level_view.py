@@ -39,7 +39,9 @@ def level_view(
     for du in offsets:
         for dv in offsets:
             pixels, is_inside = camera.project(target.unproject(grid + np.array([du, dv])) @ rotation)
-            maps = np.nan_to_num(pixels, nan=-1e4).astype(np.float32) + np.float32([1.0 if around else 0.0, 0.0])
+            maps = np.nan_to_num(pixels, nan=-1e4).astype(np.float32) + np.array(
+                [1.0 if around else 0.0, 0.0], np.float32
+            )
             sample = cv2.remap(grey, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
             total += sample
             is_seen &= is_inside & np.all(np.isfinite(pixels), axis=-1)

@@ -1,0 +1,68 @@
+"""The smaller pieces of the image side, each by itself."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from mcl_depth.cloud import cloud_from_points
+from mcl_depth.compass import heading
+from mcl_depth.features import FeatureStack
+from mcl_depth.floor_plan import is_inside
+from mcl_depth.image_params import SynthesisParams
+from mcl_depth.las import read_las
+from mcl_depth.mesh import mesh_from_faces
+from mcl_depth.pcd import read_pcd
+from mcl_depth.ply import read_ply
+from mcl_depth.point_index import PointIndex
+from mcl_depth.ray_scene import RayScene
+from mcl_depth.synthesis import panorama_window
+
+PARAMS = SynthesisParams(num_columns=72)
+
+
+@pytest.mark.parametrize("read", [read_las, read_pcd, read_ply])
+def test_another_kind_of_file_is_refused(tmp_path: Path, read) -> None:
+    (tmp_path / "a").write_bytes(b"something else entirely")
+    with pytest.raises(ValueError, match=r"header: expected .*found"):
+        read(tmp_path / "a")
+
+
+def test_the_heading_lies_between_the_steps() -> None:
+    angles = np.arange(36) * np.radians(10)
+    found = heading(np.cos(angles - np.radians(43)).astype(np.float32))
+    assert abs(np.degrees(found.yaw) - 43) < 0.5  # a parabola is not quite a cosine
+
+
+def test_two_equal_answers_have_no_margin() -> None:
+    s = np.zeros(36, np.float32)
+    s[[3, 21]] = 1.0
+    assert heading(s).margin == 0.0
+
+
+def test_a_stack_gives_back_what_was_put() -> None:
+    stack, one = FeatureStack.empty(4, 3, 8), FeatureStack.empty(1, 3, 8)
+    one.directions[:], one.magnitudes[:], one.scales[:] = 7, 9, 0.5
+    stack.put(np.array([2]), one)
+    assert stack.take(np.array([2])).directions.max() == 7
+    assert stack.nbytes == 4 * (2 * 24 + 4)
+
+
+def test_inside_an_l_shaped_room() -> None:
+    ring = np.array([(0, 0), (4, 0), (4, 2), (2, 2), (2, 4), (0, 4)], float)
+    assert is_inside(np.array([(1, 3), (3, 1), (3, 3), (-1, 1)], float), ring).tolist() == [True, True, False, False]
+
+
+def test_one_point_and_one_triangle_lie_where_they_are() -> None:
+    camera = panorama_window(PARAMS)
+    place = np.zeros((1, 3))
+    points = PointIndex(cloud_from_points(np.array([[0.0, 5.0, 0.0]])), camera, PARAMS).ranges(place)[0]
+    corners = np.array([[-1.0, 5.0, -1.0], [1.0, 5.0, -1.0], [0.0, 5.0, 2.0]])
+    surface = RayScene(mesh_from_faces(corners, np.array([[0, 1, 2]]), "one"), camera, PARAMS).ranges(place)[0]
+    for found in (points, surface):
+        rows, columns = np.nonzero(np.isfinite(found))
+        assert abs(np.median(columns) - 17.5) <= 1.0  # 90 degrees to the left is a quarter of the way
+        assert abs(np.nanmin(found) - 5.0) < 0.02  # a pixel is 5 degrees wide
+        assert len(rows) >= 1
