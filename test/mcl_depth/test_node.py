@@ -1,0 +1,54 @@
+"""The node on a bus: what is answered without a cloud, without calibration, and with a cloud that cannot be read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from mcl_depth.node import MclDepthNode
+from node_kit import conversions
+from node_kit.replay import OfflineBus
+from sphere_geometry import Spherical
+
+SECOND = 10**9
+
+
+def picture(number):
+    rng = np.random.default_rng(number)
+    return conversions.array_to_image(
+        rng.integers(0, 255, (64, 128)).astype(np.uint8), number * SECOND, "base_link", "mono8"
+    )
+
+
+def statuses(bus):
+    return [item.message for item in bus.settle() if item.topic == "/status"]
+
+
+@pytest.fixture
+def room(tmp_path):
+    rng = np.random.default_rng(1)
+    side = rng.uniform((-4, -3, 0), (4, 3, 2.5), (20_000, 3))
+    face = rng.integers(0, 3, len(side))
+    side[face == 0, 0] = np.sign(side[face == 0, 0]) * 4
+    side[face == 1, 1] = np.sign(side[face == 1, 1]) * 3
+    side[face == 2, 2] = 0.0
+    np.save(tmp_path / "room.npy", side.astype(np.float32))
+    return tmp_path / "room.npy"
+
+
+def test_without_a_cloud_every_image_is_answered_by_no_map():
+    bus = OfflineBus()
+    bus.add(MclDepthNode)
+    bus.deliver("/sphere_info", conversions.camera_to_sphere_info(Spherical(128, 64), "base_link"))
+    bus.deliver("/image_raw", picture(1))
+    assert [status.state for status in statuses(bus)] == ["NO_MAP"]
+
+
+def test_images_without_calibration_are_answered_after_a_while(room):
+    bus = OfflineBus()
+    bus.add(MclDepthNode, {"cloud": str(room), "max_waiting": 2})
+    for number in range(1, 5):
+        bus.deliver("/image_raw", picture(number))
+    assert {status.reason for status in statuses(bus)} == {"BAD_INFO"}
