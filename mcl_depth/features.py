@@ -108,7 +108,7 @@ def depth_features_many(ranges_m: Image, params: ComparisonParams) -> FeatureSta
         raise ValueError(f"depth images: expected shape (M, H, W), found {ranges_m.shape}")
     ranges_m = np.ascontiguousarray(ranges_m, np.float32)
     parts = kernels.encode_depth_many(ranges_m, *_options(params))
-    return FeatureStack(*parts, is_normalised=params.normalisation == "both")
+    return FeatureStack(parts[0], parts[1], parts[2], params.normalisation == "both")
 
 
 def stack_features(features: Sequence[Features]) -> FeatureStack:
