@@ -16,11 +16,13 @@ from tqdm import tqdm
 
 import photometric
 from cycab_sim.params import SimParams
+from cycab_sim.rigs import camera_names
 from cycab_sim.simulator import Simulator
 from node_kit.map_bag import open_map
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import read_tum
 from sphere_mapping import kernels
+from sphere_mapping.stitching import kernels as stitching
 from sphere_nav_cli.driving.plots import plot_errors, plot_top_view
 from sphere_nav_cli.driving.processes import Processes
 from sphere_nav_cli.driving.report import DriveErrors, drive_errors, read_estimate, read_truth
@@ -28,8 +30,9 @@ from sphere_nav_cli.driving.watch import DriveFailed, Watch
 from typed_params import build
 
 HELP = """\
-Teach, map and drive: a simulated Cycab is driven once along a path with two 90 degree turns while spheres are
-recorded, the recording is mapped, and the car drives the path again by one camera and cmd_vel alone.
+Teach, map and drive: a simulated Cycab is driven once along a path with two 90 degree turns while the six cameras on
+its roof are recorded, their images are stitched to spheres with range by stereo and mapped, and the car drives the path
+again by one camera and cmd_vel alone.
 
 Writes maps, bags, plots and result.json below --output. Exit status 1 if the drive left the path.
 
@@ -44,9 +47,14 @@ SIMULATION = {
     "has_stamped_command": True,
     "camera.width": 512,  # another kind of camera than that of the spheres, and quick to draw
     "camera.height": 384,
-    "sphere.distance": 0.7,
+    "rig.kind": "vertical",  # three stereo pairs back to back (M15 section 4.3)
+    "rig.width": 416,
+    "rig.height": 416,
+    "rig.distance": 1.0,
+    "sphere.publish": "never",
 }
-TEACH_TOPICS = "/sphere /odom /ground_truth/odometry /tf_static"
+RIG_TOPICS = " ".join(f"/cameras/{name}/image_raw /cameras/{name}/camera_info" for name in camera_names("vertical"))
+TEACH_TOPICS = f"{RIG_TOPICS} /odom /ground_truth/odometry /tf_static"
 DRIVE_TOPICS = (
     "/pose /odometry /status /cmd_vel /tracking_error /path_follower/status /path_follower/trajectory "
     "/ground_truth/odometry /odom /camera_info /tf /tf_static /diagnostics"
@@ -100,14 +108,17 @@ class Demo:
         with self.stage("prepare", " (compiling kernels takes two minutes, once on a machine)"):
             photometric.warm_up()
             kernels.warm_up()
+            stitching.warm_up()
 
     def teach(self) -> None:
-        """Drive the path once by the simulator's driver, and record spheres."""
+        """Drive the path once by the simulator's driver, and record the cameras."""
         with self.stage("teach"), self.processes("teach") as processes, Watch(processes, self.domain) as watch:
             processes.start("bag_recorder", {"output": str(self.folder / "teach"), "topics": TEACH_TOPICS})
             processes.start(
                 "cycab_sim",
-                self.simulation | {"mode": "teach", "camera.is_on": False, "clock.real_time_factor": 0.0},
+                self.simulation
+                | {"mode": "teach", "camera.is_on": False, "clock.real_time_factor": 0.0}
+                | {"rig.file": str(self.folder / "rig.yaml")},
             )
             self.follow(watch, "teaching drive", lambda: watch.is_taught)
             processes.stop("bag_recorder")
@@ -117,8 +128,9 @@ class Demo:
         from sphere_nav_cli.main import main
 
         teach, made = str(self.folder / "teach"), str(self.folder / "map")
+        taught = str(self.folder / "taught.tum")
         with self.stage("map"):
-            if main(["map", teach, "-o", made, "--taught", str(self.folder / "taught.tum")]) != 0:
+            if main(["map", teach, "-o", made, "--rig", str(self.folder / "rig.yaml"), "--taught", taught]) != 0:
                 raise RuntimeError("mapping failed")
 
     def drive(self) -> None:
@@ -140,7 +152,7 @@ class Demo:
                     "use_sim_time": True,
                 },
             )
-            processes.start("cycab_sim", self.simulation | {"mode": "drive", "sphere.publish": "never"})
+            processes.start("cycab_sim", self.simulation | {"mode": "drive"})
             watch.wait("localisation", lambda: watch.localizer.startswith("TRACKING"), is_moving=False)
             watch.start_following()
             self.follow(watch, "drive by the camera", lambda: watch.follower.startswith(("FINISHED", "STOPPED")))

@@ -19,6 +19,8 @@ def fused(sources: Sequence[Ranged], params: FusionParams) -> Ranged:
     """Return the mean by inverse variance of what agrees with the surest source of each pixel."""
     if not sources:
         raise ValueError("range: expected at least one source, found none")
+    if len(sources) == 1:
+        return sources[0]
     ranges, stds = (np.stack([source[k] for source in sources]) for k in range(2))
     known = np.isfinite(ranges) & (stds > 0)
     relative = np.where(known, stds / np.where(known, ranges, 1.0), np.inf)

@@ -160,20 +160,23 @@ def triangulate(disparity, std, per_row, first_row, baseline, limits, range_m, r
     height, width = disparity.shape
     for v in range(height):
         above = (v + first_row + 0.5) * per_row
+        sine, cosine = np.sin(above), np.cos(above)
+        least = baseline * sine / far
         for u in range(width):
             range_m[v, u] = np.nan
             range_std_m[v, u] = np.nan
             delta, sigma = disparity[v, u] * per_row, std[v, u] * per_row
             if not (sigma < 1e3):
                 continue
-            below = above - delta
-            if delta + 2 * sigma < baseline * np.sin(above) / far:
+            if delta + 2 * sigma < least:
                 range_m[v, u] = np.inf
                 continue
-            if delta <= 0.0 or below <= 0.0:
+            if delta <= 0.0 or above <= delta:
                 continue
-            r = baseline * np.sin(below) / np.sin(delta)
-            relative = abs(np.cos(below) / np.sin(below) + np.cos(delta) / np.sin(delta)) * sigma
+            s, c = np.sin(delta), np.cos(delta)
+            sine_below, cosine_below = sine * c - cosine * s, cosine * c + sine * s
+            r = baseline * sine_below / s
+            relative = abs(cosine_below / sine_below + c / s) * sigma
             if r >= nearest and relative <= max_relative:
                 range_m[v, u] = r
                 range_std_m[v, u] = relative * r
@@ -204,6 +207,15 @@ def splat_with_std(u, v, range_m, std_m, half, wraps, nearest, nearest_std):
 
 
 @njit(cache=True, nogil=True)
+def small_angle(sine, cosine):
+    """Return the angle whose sine and cosine are in this proportion; a series where it is small."""
+    if cosine <= 0.0 or abs(sine) > 0.2 * cosine:
+        return np.arctan2(sine, cosine)
+    t = sine / cosine
+    return t * (1.0 - t * t * (1.0 / 3.0 - 0.2 * t * t))
+
+
+@njit(cache=True, nogil=True)
 def recentre(range_m, std_m, owner, offsets, columns, rows, new_range, new_std):
     """Move ranges (H, W) f32 seen from the cameras' own centres to the centre of the sphere.
 
@@ -230,10 +242,11 @@ def recentre(range_m, std_m, owner, offsets, columns, rows, new_range, new_std):
             along = ox * x + oy * y + oz * z
             reach = r + along  # of the point from the centre
             qx, qy, qz = reach * x - ox, reach * y - oy, reach * z - oz
-            across = np.hypot(qx, qy)
-            su = (0.5 - np.arctan2(qy, qx) / (2 * np.pi)) * width
-            sv = (0.5 - np.arctan2(qz, across) / np.pi) * height
-            column, row = int(np.floor(su)) % width, min(max(int(np.floor(sv)), 0), height - 1)
+            across = np.sqrt(qx * qx + qy * qy)
+            du = -small_angle(x * qy - y * qx, x * qx + y * qy) / (2 * np.pi) * width
+            dv = -small_angle(level * qz - z * across, level * across + z * qz) / np.pi * height
+            column = int(np.floor(u + du + 0.5)) % width
+            row = min(max(int(np.floor(v + dv + 0.5)), 0), height - 1)
             seen = range_m[row, column]
             if np.isfinite(seen):
                 new_range[v, u] = seen + along
