@@ -87,7 +87,7 @@ def stereo(data: Path, folder: Path, report: Report) -> None:
         call("import", "kitti", data, "-o", folder / name, "--frames", frames)
     call("map", folder / "all", "-o", folder / "all_map", "--anchor", "truth", "--trajectory", folder / "all.tum")
     call("map", folder / "even", "-o", folder / "map", "--anchor", "truth")
-    topics = ("--image", "left/image_raw", "--info", "left/camera_info", "--param", "is_rectified=true")
+    topics = ("--image", "left/image_raw", "--info", "left/camera_info")
     call("localize", folder / "map", folder / "odd", "-o", folder / "odd.tum", *topics)
     truth, odd = read_poses(folder / "all", TRUTH), read_tum(folder / "odd.tum")
     travelled = read_tum(folder / "all.tum")
@@ -124,7 +124,10 @@ def call(*words: object) -> None:
     """Run a command; ValueError with what it said where it fails."""
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
-        status = sphere_nav([str(word) for word in words])
+        try:
+            status = sphere_nav([str(word) for word in words])
+        except SystemExit as misuse:  # of argparse, which has written why
+            status = misuse.code or 0
     if status != 0:
         lines = said.getvalue().strip().splitlines() or [""]
         raise ValueError(f"sphere_nav {words[0]}: expected status 0, found {status}: {lines[-1]}")
