@@ -19,6 +19,7 @@ BENCHMARKS = {
     "end_to_end": "benchmarks.end_to_end",
     "rendering": "benchmarks.rendering",
     "calibration": "benchmarks.calibration",
+    "stitching": "benchmarks.stitching",
     "mcl_panoramas": "benchmarks.mcl_panoramas",
     "mcl_surround": "benchmarks.mcl_surround",
     "mcl_walks": "benchmarks.mcl_walks",

@@ -29,6 +29,7 @@ from sphere_nav_cli.evaluate import TRUTH_TOPICS, judge
 from sphere_nav_cli.pose_bags import read_poses
 from sphere_nav_cli.sphere_source import CAMERAS, found_input
 
+OFFLINE_DEADLINE_S = 10.0  # of recording time: a recording may hold images as late as they were drawn or written
 HELP = """\
 Make a map of key spheres from a bag with spheres, RGB-D, rectified stereo images, or the cameras of a rig.
 
@@ -208,7 +209,7 @@ def stitcher_values(bag: BagReader, arguments: argparse.Namespace) -> dict[str, 
     if not have & set(names):
         raise BagError(f"{bag.path}: cameras: expected {', '.join(names)} (rig file), found {', '.join(sorted(have))}")
     is_raw = any(name.endswith("/image_raw") and name.startswith("/cameras/") for name in bag.topics)
-    values = parsed(arguments.set_stitcher)
+    values = {"sync.deadline_s": OFFLINE_DEADLINE_S} | parsed(arguments.set_stitcher)
     return values | {"rig": str(arguments.rig), "transport": "raw" if is_raw else "compressed", "jobs": arguments.jobs}
 
 

@@ -72,7 +72,7 @@ def exposed(image: Image, gain: NDArray[np.float64]) -> Image:
     if np.all(np.abs(gain - 1.0) < 1e-3):
         return image
     levels = np.clip(np.rint(np.arange(256)[:, None] * gain), 0, 255).astype(np.uint8)
-    return cv2.LUT(image, levels if image.ndim == 3 else levels[:, 0]).reshape(image.shape)
+    return cv2.LUT(image, levels.reshape(1, 256, -1)).reshape(image.shape)
 
 
 def _solve(

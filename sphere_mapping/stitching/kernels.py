@@ -124,27 +124,31 @@ def compare_along_columns(top, bottom, disparity, terms):
 
 
 @njit(cache=True, nogil=True)
-def step_disparity(means, limit, area, disparity, curvature, noise):
-    """Move disparity (H, W) f32 by the step that explains each block best beside a constant, at most `limit` px.
+def step_disparity(means, limits, start, disparity, information, left):
+    """Move disparity (H, W) f32 to where its block beside a constant, and its match, make it most probable.
 
-    means (H, W, 6) f32: block means of the terms. curvature (H, W) f32: sum of squared slopes; noise (H, W) f32: mean
-    squared difference that is left.
+    means (H, W, 6) f32: block means of the terms; limits: largest step in px, pixels of a block, variance of a grey
+    level, variance of a match in px^2; start (H, W) f32: the match. information (H, W) f32: 1 / variance of the result;
+    left (H, W) f32: mean squared difference that is left, minus what is allowed to a block of its contrast, if above 0.
     """
+    limit, area, noise, prior = limits
     height, width = disparity.shape
     for v in range(height):
         for u in range(width):
             share = means[v, u, 0]
             if share < 0.2 or np.isnan(disparity[v, u]):
-                curvature[v, u] = 0.0
-                noise[v, u] = np.inf
+                information[v, u] = 0.0
+                left[v, u] = np.inf
                 continue
             s, e = means[v, u, 1] / share, means[v, u, 2] / share
             ss = means[v, u, 3] / share - s * s
             se = means[v, u, 4] / share - s * e
             ee = means[v, u, 5] / share - e * e
-            step = se / max(ss, np.float32(1e-3))
-            curvature[v, u] = ss * share * area
-            noise[v, u] = max(ee - step * se, np.float32(0.0))
+            seen = max(ss, np.float32(0.0)) * share * area / (2 * noise)
+            wanted = se / max(ss, np.float32(1e-3))
+            information[v, u] = seen + 1 / prior
+            step = (seen * wanted + (start[v, u] - disparity[v, u]) / prior) / information[v, u]
+            left[v, u] = max(ee - wanted * se, np.float32(0.0)) / (2 * noise + 2 * max(ss, np.float32(0.0)))
             disparity[v, u] += min(max(step, -limit), limit)
 
 
@@ -267,7 +271,7 @@ def warm_up() -> None:
     warp_by_range(grid, grid, levels, 2, plane, 0, 0, out, out.copy())
     terms = np.empty((4, 4, 6), np.float32)
     compare_along_columns(plane, plane, plane, terms)
-    step_disparity(terms, np.float32(0.5), np.float32(9.0), plane.copy(), out, out.copy())
+    step_disparity(terms, np.ones(4, np.float32), plane, plane.copy(), out, out.copy())
     triangulate(plane, plane, 0.1, 0.0, 0.3, (0.1, 0.1, 100.0), out, out.copy())
     line = np.zeros(1, np.float32)
     splat_with_std(line, line, line, line, 0, True, plane.copy(), plane.copy())

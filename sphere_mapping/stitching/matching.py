@@ -25,7 +25,7 @@ Image = NDArray[np.uint8]
 SGBM_SCALE = 16.0  # the matcher's disparities are sixteenths of a pixel
 AROUND = 48  # columns beyond the seam that the matcher sees, so that it knows no seam
 NUM_STRIPS = 2  # whatever the number of threads, so that the result does not depend on it
-STEP_LIMIT = np.float32(0.5)  # px, largest step of the refinement
+STEP_LIMIT = 0.5  # px, largest step of the refinement
 MAX_REFINEMENT = 1.6  # px; a block that wants to go farther from its match is not trusted
 SATURATION = 31  # preFilterCap of the matcher
 
@@ -104,19 +104,18 @@ def refine(
 
 def _refine_strip(top: Plane, bottom: Plane, start: Plane, params: MatchParams) -> tuple[Plane, Plane]:
     side = 2 * params.refine_radius + 1
-    refined, curvature, noise = start.copy(), np.empty_like(start), np.empty_like(start)
+    refined, information, left = start.copy(), np.empty_like(start), np.empty_like(start)
     terms = np.empty((*start.shape, 6), np.float32)
+    limits = np.array([STEP_LIMIT, side * side, params.noise**2, params.match_px**2], np.float32)
     for _ in range(params.refine_steps):
         compare_along_columns(top, bottom, refined, terms)
         means = cv2.boxFilter(terms, -1, (side, side), borderType=cv2.BORDER_REPLICATE)
-        step_disparity(means, STEP_LIMIT, np.float32(side * side), refined, curvature, noise)
+        step_disparity(means, limits, start, refined, information, left)
     inner = slice(params.refine_radius, -params.refine_radius)
-    refined, start, curvature, noise = (plane[:, inner] for plane in (refined, start, curvature, noise))
-    with np.errstate(invalid="ignore"):
-        contrast = curvature / (side * side)
-        variance = np.maximum(2 * params.noise**2, noise) / np.maximum(curvature, 1e-3) + params.calibration_px**2
-        bad = ~(np.abs(refined - start) <= MAX_REFINEMENT)
-        bad |= noise > 2 * params.noise**2 + (1 / max(params.min_correlation, 1e-3) - 1) * contrast
+    refined, start, information, left = (plane[:, inner] for plane in (refined, start, information, left))
+    with np.errstate(invalid="ignore", divide="ignore"):
+        bad = ~(np.abs(refined - start) <= MAX_REFINEMENT) | ~(left <= params.max_residual)
+        variance = np.maximum(left, 1.0) / information + params.calibration_px**2
     std = np.sqrt(variance).astype(np.float32)
     return np.where(bad, np.float32(np.nan), refined), np.where(bad, np.float32(np.nan), std)
 

@@ -13,6 +13,10 @@ class BlendParams:
     distance_m: float = param(10.0, "range taken where none is known; 0: very far", "m", low=0.0)
     has_gains: bool = param(True, "compensate exposure by the overlaps")
     max_gain: float = param(3.0, "largest gain of a camera over another", low=1.0)
+    num_passes: int = param(
+        1, "matches of a vertical rig; 2 where its levels' cameras look different ways", low=1, high=3
+    )
+    min_known: float = param(0.3, "share with range below which the image is not moved by it", low=0.0, high=1.0)
     is_reprojected: bool = param(True, "move every pixel to the sphere's centre by its range")
 
 
@@ -36,7 +40,8 @@ class MatchParams:
     refine_steps: int = param(2, "steps of the sub-pixel refinement", low=1, high=20)
     noise: float = param(2.5, "standard deviation of the images' noise", "grey level", low=0.1)
     calibration_px: float = param(0.08, "standard deviation of disparity that calibration leaves", "px", low=0.0)
-    min_correlation: float = param(0.3, "correlation of the two blocks below which a pixel is not trusted", low=-1.0)
+    match_px: float = param(0.3, "standard deviation of a match before the refinement", "px", low=0.01)
+    max_residual: float = param(4.0, "grey-level variance left in a block, by that of noise and contrast", low=0.1)
     max_relative_std: float = param(0.08, "relative range error above which a pixel is not measured", low=0.001)
     min_range_m: float = param(0.3, "nearest range trusted", "m", low=0.01)
     far_m: float = param(120.0, "what is surely farther is known to be far (+Inf)", "m", low=1.0)

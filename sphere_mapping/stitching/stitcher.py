@@ -18,7 +18,13 @@ from numpy.typing import NDArray
 from sphere_geometry import SE3, Rig, Spherical
 from sphere_mapping.sphere import Sphere, check_image, continued
 from sphere_mapping.stitching.blending import blended
-from sphere_mapping.stitching.epipolar import centre_of, range_from_disparity, sphere_frame, to_common_centre
+from sphere_mapping.stitching.epipolar import (
+    centre_of,
+    range_from_below,
+    range_from_disparity,
+    sphere_frame,
+    to_common_centre,
+)
 from sphere_mapping.stitching.exposure import exposed, gains_of, overlaps_of
 from sphere_mapping.stitching.fusion import Ranged, fused, range_from_cloud
 from sphere_mapping.stitching.matching import match_columns
@@ -78,9 +84,7 @@ class Stitcher:
         points_rig (N, 3): a LiDAR's cloud of the instant in the frame of the rig.
         """
         found, gains = self._exposed(images)
-        greys = {
-            name: cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image for name, image in found.items()
-        }
+        greys = {name: _grey(image) for name, image in found.items()}
         sources, bottom = self._ranges(greys)
         if points_rig is not None:
             points_sphere = self.T_rig_sphere.inverse().apply(np.asarray(points_rig, dtype=np.float64))
@@ -88,7 +92,7 @@ class Stitcher:
         layout = self.layout("top" if self.rig.is_vertical else "", tuple(found))
         nothing = np.full((self.whole.height, self.whole.width), np.nan, np.float32)
         range_m, std_m = fused(sources, self.params.fusion) if sources else (nothing, nothing.copy())
-        image = blended(layout, found, self._inverse(range_m))
+        image = blended(layout, found, self._inverse(range_m, layout))
         range_m[~layout.is_covered] = np.nan
         std_m[~np.isfinite(range_m)] = np.nan
         missing = tuple(name for name in self.rig.names if name not in found)
@@ -139,17 +143,49 @@ class Stitcher:
         if not any(part.name in greys for part in self.rig.at_level("bottom")):
             return [], None
         layouts = [self.layout(level, tuple(greys)) for level in ("top", "bottom")]
-        with ThreadPoolExecutor(self.jobs) as pool:
-            top, bottom = pool.map(lambda layout: blended(layout, greys), layouts)
+        top, bottom = self._levels(layouts, greys)
+        ranged = to_common_centre(*self._matched(layouts, top, bottom), layouts[0])
+        for _ in range(self.params.blend.num_passes - 1):
+            top, bottom = self._levels(layouts, greys, ranged[0])
+            ranged = self._matched(layouts, top, bottom)
+        return [ranged], bottom
+
+    def _matched(self, layouts: list[Layout], top: Image, bottom: Image) -> Ranged:
+        """Return range from the upper centre."""
         is_usable = layouts[0].is_covered & layouts[1].is_covered
         disparity = match_columns(top, bottom, self.whole, self.params.match, is_usable, self.jobs)
-        ranged = range_from_disparity(disparity, self.whole, self.baseline_m, self.params.match)
-        return [to_common_centre(*ranged, layouts[0])], bottom
+        return range_from_disparity(disparity, self.whole, self.baseline_m, self.params.match)
 
-    def _inverse(self, range_m: NDArray[np.float32]) -> NDArray[np.float32] | None:
-        """Return 1 / range everywhere, from the nearest known pixel where unknown; None where the image needs none."""
-        known = ~np.isnan(range_m)
-        if not self.params.blend.is_reprojected or not known.any():
+    def top_and_bottom(
+        self, images: Mapping[str, Image], range_m: NDArray[np.float32] | None = None
+    ) -> tuple[Image, Image]:
+        """Return the two grey spheres (H, W) that are matched, with range as their centres see them."""
+        found, _ = self._exposed(images)
+        greys = {name: _grey(image) for name, image in found.items()}
+        return self._levels([self.layout(level, tuple(greys)) for level in ("top", "bottom")], greys, range_m)
+
+    def _levels(
+        self, layouts: list[Layout], greys: Mapping[str, Image], range_m: NDArray[np.float32] | None = None
+    ) -> tuple[Image, Image]:
+        """Return both grey spheres: of a common distance, or of the range that the top one has."""
+        inverses: list[NDArray[np.float32] | None] = [None, None]
+        if range_m is not None and (inverse := self._inverse(range_m, layouts[0])) is not None:
+            below = range_from_below(1.0 / np.maximum(inverse, 1e-4), self.whole, self.baseline_m)
+            inverses = [inverse, self._inverse(below, layouts[1])]
+        with ThreadPoolExecutor(self.jobs) as pool:
+            top, bottom = pool.map(lambda pair: blended(pair[0], greys, pair[1]), zip(layouts, inverses, strict=True))
+        return top, bottom
+
+    def _inverse(self, range_m: NDArray[np.float32], layout: Layout) -> NDArray[np.float32] | None:
+        """Return 1 / range everywhere, from the nearest known pixel where unknown; None where too little is known."""
+        known, blend = ~np.isnan(range_m), self.params.blend
+        share = np.count_nonzero(known) / max(np.count_nonzero(layout.is_covered), 1)
+        if not blend.is_reprojected or not known.any() or share < blend.min_known:
             return None
         with np.errstate(divide="ignore"):
-            return continued((1.0 / range_m).astype(np.float32), known)
+            inverse = continued((1.0 / range_m).astype(np.float32), known)
+        return cv2.medianBlur(inverse, 5)
+
+
+def _grey(image: Image) -> Image:
+    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
