@@ -21,7 +21,6 @@ from mcl_depth.level_view import level_view
 from mcl_depth.motion_model import MotionModel, sample
 from mcl_depth.orientation import adjusted, similarity_at
 from mcl_depth.params import FilterParams
-from mcl_depth.particles import Particles
 from mcl_depth.reasons import FINE, Finding, Reason
 from mcl_depth.recovery import Recovery
 from mcl_depth.resampling import resample

@@ -35,7 +35,7 @@ class Ground:
         total, weight = np.zeros(len(positions)), np.zeros(len(positions))
         for dx in (0, 1):
             for dy in (0, 1):
-                cell = np.clip(first + (dx, dy), 0, limit)
+                cell = np.clip(first + np.array([dx, dy]), 0, limit)
                 value = self._heights[cell[:, 0], cell[:, 1]]
                 part = np.abs(1 - dx - share[:, 0]) * np.abs(1 - dy - share[:, 1])
                 known = np.isfinite(value)

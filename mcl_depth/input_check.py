@@ -1,4 +1,4 @@
-"""Is this image worth comparing? By stamps and pixels alone, so that a replay decides alike (FIELD 6.2: F2, F4, F5, F8)."""
+"""Is this image worth comparing? By stamps and pixels alone: a replay decides alike (FIELD 6.2: F2, F4, F5, F8)."""
 
 from __future__ import annotations
 

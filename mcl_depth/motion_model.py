@@ -87,5 +87,5 @@ class MotionModel:
     def _unknown(self, seconds: float, jump: float = 0.0) -> Step:
         p = self._params
         way = min(p.blind_speed * seconds, p.max_blind_step)
-        turn = min(np.radians(p.blind_turn_rate_deg) * seconds, np.pi / 4)
+        turn = min(p.blind_turn_rate * seconds, np.pi / 4)
         return Step(np.zeros(3), np.array([way, way, turn]), is_known=False, jump=jump)

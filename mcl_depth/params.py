@@ -19,7 +19,7 @@ class MotionParams:
     max_speed: float = param(10.0, "faster odometry is a leap and not believed", "m/s", low=0.1)
     max_leap: float = param(0.5, "way that is believed at any speed", "m", low=0.0)
     blind_speed: float = param(0.5, "standard deviation of the speed while odometry is missing", "m/s", low=0.0)
-    blind_turn_rate_deg: float = param(20.0, "the same of the turn rate", "deg/s", low=0.0)
+    blind_turn_rate: float = param(0.35, "the same of the turn rate", "rad/s", low=0.0)
     max_blind_step: float = param(1.0, "bound of the standard deviation of one blind step", "m", low=0.0)
 
 

@@ -108,7 +108,7 @@ def test_a_step_that_does_not_divide_the_circle_is_refused(site):
 
 
 def test_an_initial_pose_off_the_map_is_refused_with_its_distance(site):
-    with pytest.raises(ValueError, match="initial pose: .* m away"):
+    with pytest.raises(ValueError, match=r"initial pose: .* m away"):
         site.filter().start(SE3.from_planar(40.0, 0.0, 0.0), np.eye(6))
 
 
