@@ -14,6 +14,8 @@ KINDS = {
     "camera": IMAGES,
     "sphere": IMAGES,
     "odom": ("silent", "stuck", "noise", "bias", "intermittent", "slip"),
+    "imu": ("silent", "intermittent"),
+    "scan": ("silent", "intermittent"),
     "speed": ("stuck", "bias"),
     "steering": ("stuck", "bias"),
 }

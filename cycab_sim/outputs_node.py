@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Odometry
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, Imu, LaserScan
 from sphere_nav_msgs.msg import AugmentedSphere, SphereInfo
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
@@ -17,7 +17,7 @@ from node_kit import conversions, qos
 from node_kit.node import ManagedNode
 from sphere_geometry import Spherical
 
-WORLD, ODOM, BASE = "world", "odom", "base_link"
+WORLD, ODOM, BASE, IMU, SCAN = "world", "odom", "base_link", "imu_link", "scan_link"
 
 
 class Outputs:
@@ -34,6 +34,10 @@ class Outputs:
         self.tf_static = node.announce("/tf_static", TFMessage, qos.TF_STATIC)
         self.rig_images = {n: node.announce(f"cameras/{n}/image_raw", Image, qos.LARGE) for n in simulator.rig_names}
         self.rig_infos = {n: node.announce(f"cameras/{n}/camera_info", CameraInfo) for n in simulator.rig_names}
+        if simulator.params.imu.is_on:
+            self.imu = node.announce("imu", Imu)
+        if simulator.params.scan.is_on:
+            self.scan = node.announce("scan", LaserScan)
         if simulator.rig is not None:
             self.description = node.announce("rig_description", String, qos.LATCHED)
 
@@ -44,6 +48,10 @@ class Outputs:
         if simulator.rig is not None:
             places.append((rig_place(simulator.params.rig), FRAME))
             self.description.publish(String(data=rig_text(simulator.rig, simulator.params.rig.file)))
+        if simulator.params.imu.is_on:
+            places.append((simulator.imu.T_base_imu, IMU))
+        if simulator.params.scan.is_on:
+            places.append((simulator.scanner.T_base_scan, SCAN))
         transforms = [conversions.se3_to_transform(T, now, BASE, frame_id) for T, frame_id in places]
         self.tf_static.publish(TFMessage(transforms=transforms))
 
@@ -69,6 +77,25 @@ class Outputs:
             self.rig_infos[name].publish(conversions.camera_to_info(frame.camera, now, frame_id))
             self.rig_images[name].publish(image_message(frame, frame_id))
 
+    def _publish_imu(self, now: int) -> None:
+        reading, p = self.simulator.read_imu(), self.simulator.params.imu
+        message = Imu(header=conversions.header(now, IMU))
+        message.orientation = conversions.se3_to_pose(reading.T_world_imu).orientation
+        _set_xyz(message.linear_acceleration, reading.acceleration)
+        _set_xyz(message.angular_velocity, reading.angular_rate)
+        message.orientation_covariance = np.eye(3).ravel() * np.radians(p.orientation_noise_deg) ** 2
+        message.linear_acceleration_covariance = np.eye(3).ravel() * p.acceleration_noise**2
+        message.angular_velocity_covariance = np.eye(3).ravel() * p.rate_noise**2
+        self.imu.publish(message)
+
+    def _publish_scan(self, now: int) -> None:
+        angles, p = self.simulator.scanner.angles, self.simulator.params.scan
+        message = LaserScan(header=conversions.header(now, SCAN), ranges=self.simulator.scan().ranges.tolist())
+        message.angle_min, message.angle_max = float(angles[0]), float(angles[-1])
+        message.angle_increment, message.scan_time = float(angles[1] - angles[0]), p.period
+        message.range_min, message.range_max = p.min_range, p.max_range
+        self.scan.publish(message)
+
     def _publish_odom(self, now: int) -> None:
         measured, vehicle = self.simulator.odometry, self.simulator.vehicle
         wheels = np.array([measured.speed, 0.0, 0.0, 0.0, 0.0, measured.yaw_rate])
@@ -77,6 +104,10 @@ class Outputs:
         twist = np.array([vehicle.state.speed, 0.0, 0.0, 0.0, 0.0, vehicle.yaw_rate])
         T_world_base = self.simulator.T_world_base
         self.truth.publish(conversions.se3_to_odometry(T_world_base, np.zeros((6, 6)), now, (WORLD, BASE), twist))
+
+
+def _set_xyz(vector: Any, values: np.ndarray) -> None:
+    vector.x, vector.y, vector.z = map(float, values)
 
 
 def image_message(frame: Frame, frame_id: str) -> Image:

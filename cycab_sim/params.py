@@ -124,6 +124,41 @@ class RigParams:
 
 
 @parameters
+class ImuParams:
+    """An inertial sensor with the axes of the car; noise is that of one message."""
+
+    is_on: bool = param(False, "publish readings")
+    period: float = param(0.01, "time between two readings", "s", low=0.001)
+    x: float = param(0.4, "place on the car, forward of the rear axle", "m")
+    y: float = param(0.0, "place on the car, to the left", "m")
+    z: float = param(0.5, "height above the ground", "m")
+    acceleration_noise: float = param(0.03, "standard deviation of the acceleration", "m/s^2", low=0.0)
+    acceleration_bias: float = param(0.02, "standard deviation of its bias, drawn once an axis", "m/s^2", low=0.0)
+    acceleration_walk: float = param(0.0005, "growth of its bias in a second", "m/s^2/sqrt(s)", low=0.0)
+    rate_noise: float = param(0.002, "standard deviation of the angular rate", "rad/s", low=0.0)
+    rate_bias: float = param(0.001, "standard deviation of its bias, drawn once an axis", "rad/s", low=0.0)
+    rate_walk: float = param(0.00002, "growth of its bias in a second", "rad/s/sqrt(s)", low=0.0)
+    orientation_noise_deg: float = param(0.2, "standard deviation of the orientation", "deg", low=0.0)
+
+
+@parameters
+class ScanParams:
+    """A laser scanner in a plane parallel to the wheels' contact points; it does not see the car itself."""
+
+    is_on: bool = param(False, "publish scans")
+    period: float = param(0.1, "time between two scans", "s", low=0.001)
+    first_deg: float = param(-135.0, "direction of the first ray, positive to the left", "deg", low=-180.0, high=180.0)
+    last_deg: float = param(135.0, "direction of the last ray", "deg", low=-180.0, high=180.0)
+    num_rays: int = param(541, "rays of a scan", low=2, high=100000)
+    min_range: float = param(0.05, "shortest range", "m", low=0.0)
+    max_range: float = param(30.0, "longest range", "m", low=0.1)
+    noise: float = param(0.01, "standard deviation of the range", "m", low=0.0)
+    x: float = param(1.5, "place on the car, forward of the rear axle", "m")
+    y: float = param(0.0, "place on the car, to the left", "m")
+    z: float = param(0.6, "height above the ground", "m", low=0.02)
+
+
+@parameters
 class TeachParams:
     """The drive that the simulator does by itself, like a careful human."""
 
@@ -176,5 +211,7 @@ class SimParams:
     camera: CameraParams = group(CameraParams)
     sphere: SphereParams = group(SphereParams)
     rig: RigParams = group(RigParams)
+    imu: ImuParams = group(ImuParams)
+    scan: ScanParams = group(ScanParams)
     light: LightParams = group(LightParams)
     render: RenderParams = group(RenderParams)

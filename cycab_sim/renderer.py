@@ -81,6 +81,12 @@ class Renderer:
         ranges = hits.ranges.reshape(height, width)
         return image.reshape((height, width) if is_grey else (height, width, 3)), ranges
 
+    def measure(self, origin: NDArray[np.float64], rays: Floats) -> Floats:
+        """Return the range (N,) f32 m along unit rays (N, 3) f32 from a point (3,) f64 of the world; +Inf: sky."""
+        triangles, ranges = np.empty(len(rays), np.int32), np.empty(len(rays), np.float32)
+        self._cast(origin, rays, triangles, ranges)
+        return ranges
+
     def _look(self, origin: NDArray[np.float64], rays: Floats, cone: Floats, colour: Floats) -> Hits:
         """Cast rays (N, 3), write their radiance to colour (N, 3), return what they met."""
         triangles = np.empty(len(rays), np.int32)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from cycab_sim.faults import SECOND
 from cycab_sim.params import RigParams, SimParams, SphereParams
 
-NAMES = ("odom", "camera", "sphere", "rig")
+NAMES = ("odom", "imu", "scan", "camera", "sphere", "rig")
 
 
 class Schedule:
@@ -15,6 +15,7 @@ class Schedule:
         self._periods = {"odom": params.odometry.period}
         if params.camera.is_on:
             self._periods["camera"] = params.camera.period
+        self._periods |= {name: p.period for name, p in (("imu", params.imu), ("scan", params.scan)) if p.is_on}
         self._distances: dict[str, float] = {}
         self._plan("sphere", params.sphere, params.mode)
         if params.rig.kind != "none":

@@ -2,8 +2,8 @@
 
     simulator = Simulator(SimParams(seed=3))
     while not done:
-        for name in simulator.take_due():           # "camera", "sphere", "rig", "odom"
-            frame = simulator.capture(name)         # or simulator.capture_rig(), .odometry, .vehicle.state
+        for name in simulator.take_due():           # "camera", "sphere", "rig", "odom", "imu", "scan"
+            frame = simulator.capture(name)         # or simulator.capture_rig(), .read_imu(), .scan(), .odometry
         simulator.step(command, dt_ns)              # the car drives, time passes
 
 Time is integer nanoseconds and passes in `step` only; the same parameters and commands give the same bits again.
@@ -20,9 +20,11 @@ from numpy.typing import NDArray
 from cycab_sim.cameras import Frame, Mount, expose, forward_camera, roof_sphere
 from cycab_sim.driver import Driver
 from cycab_sim.faults import SECOND, Faults
+from cycab_sim.imu import Imu, ImuReading
 from cycab_sim.params import OdometryParams, SimParams
 from cycab_sim.renderer import Renderer
 from cycab_sim.rigs import camera_names, make_rig, rig_mounts
+from cycab_sim.scanner import Scan, Scanner
 from cycab_sim.schedule import Schedule
 from cycab_sim.vehicle import Command, Vehicle, VehicleState, WheelOdometry
 from cycab_sim.worlds import build_world
@@ -44,6 +46,8 @@ class Simulator:
         self.odometry = WheelOdometry(self.params.odometry, self.params.noise_seed)
         self.rig = make_rig(self.params.rig, self.params.seed)
         self.mounts = {mount.name: mount for mount in self._mounts()}
+        self.imu = Imu(self.params.imu, self.params.noise_seed)
+        self.scanner = Scanner(self.params.scan, self.params.noise_seed)
         self.schedule = Schedule(self.params)
         self.faults = Faults(self.rig_names)
         self.time_ns = START_NS
@@ -53,12 +57,14 @@ class Simulator:
     def step(self, command: Command, dt_ns: int) -> None:
         """Drive for `dt_ns` nanoseconds under a command."""
         command = self._with_actuator_faults(command)
-        before = self.vehicle.state
+        before, T_world_base = self.vehicle.state, self.T_world_base
         self.vehicle.step(command, dt_ns / SECOND)
         after = self.vehicle.state
         turned, seconds = after.yaw - before.yaw, dt_ns / SECOND
         wrong = self._with_odometry_faults()
         self.odometry.step((before.speed + after.speed) / 2, turned / seconds, seconds, wrong)
+        if self.params.imu.is_on:
+            self.imu.step(T_world_base, self.T_world_base, seconds)
         self.schedule.advance(abs(before.speed + after.speed) / 2 * seconds)
         self.time_ns += dt_ns
 
@@ -88,6 +94,16 @@ class Simulator:
         names = [name for name in self.rig_names if not self.faults.is_withheld(name, index, self.time_ns)]
         return {name: self.capture(name) for name in names}
 
+    def read_imu(self) -> ImuReading:
+        """Return what the IMU measures now; it follows the car where `imu.is_on`."""
+        return self.imu.read(self.T_world_base, max(self.schedule.count["imu"], 0), self.time_ns)
+
+    def scan(self) -> Scan:
+        """Return what the laser scanner measures now."""
+        return self.scanner.scan(
+            self.renderer.measure, self.T_world_base, max(self.schedule.count["scan"], 0), self.time_ns
+        )
+
     @property
     def T_world_base(self) -> SE3:
         """True pose of the car, its wheels on the ground."""
@@ -111,6 +127,7 @@ class Simulator:
         if not np.all(np.isfinite([x, y, yaw, speed])):
             raise ValueError(f"teleport: expected finite numbers, found {x}, {y}, {yaw}, {speed}")
         self.vehicle.state = VehicleState(x, y, yaw, speed, 0.0)
+        self.imu.forget()
 
     def teach_command(self) -> Command:
         """Return what the driver of the teaching drive does now: nothing at first, and at the end of the path."""

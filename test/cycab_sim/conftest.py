@@ -1,8 +1,11 @@
 """A town that is built once, a bare world with known answers, and what turns a camera into a question."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
+from cycab_sim import simulator as simulator_module
 from cycab_sim.cameras import OPTICAL
 from cycab_sim.finishes import ASPHALT, PLASTERS
 from cycab_sim.mesh import Finish, MeshBuilder
@@ -10,9 +13,18 @@ from cycab_sim.params import CameraParams, LightParams, RenderParams, SimParams,
 from cycab_sim.renderer import Renderer
 from cycab_sim.texture import kernels as materials
 from cycab_sim.town import build_town
+from cycab_sim.worlds import build_world
 from sphere_geometry import SE3
 
 SEED = 5
+
+
+@pytest.fixture(scope="session", autouse=True)
+def shared_worlds():
+    """Every simulator of these tests gets the same world of a seed: it is never changed, and a second to build."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(simulator_module, "build_world", cache(build_world))
+        yield
 
 
 @pytest.fixture(scope="session")

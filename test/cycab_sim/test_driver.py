@@ -6,6 +6,8 @@ from cycab_sim.params import ActuationParams, TeachParams, VehicleParams
 from cycab_sim.town import draw_plan, taught_path
 from cycab_sim.vehicle import Vehicle, VehicleState
 
+STEP = 0.04  # s
+
 
 def drive(name, params):
     path = taught_path(draw_plan(3), name)
@@ -14,7 +16,7 @@ def drive(name, params):
     vehicle = Vehicle(VehicleState(x, y, yaw), VehicleParams(), ActuationParams())
     states = [vehicle.state]
     while not (driver.is_done and vehicle.state.speed < 1e-3):
-        vehicle.step(driver.command(vehicle.state), 0.02)
+        vehicle.step(driver.command(vehicle.state), STEP)
         states.append(vehicle.state)
         assert len(states) < 20000
     return path, states
@@ -25,7 +27,7 @@ def test_the_driver_stays_on_the_path_and_stops_at_its_end(name):
     params = TeachParams(wander=0.05)
     path, states = drive(name, params)
     distance, offsets = 0.0, []
-    for state in states[::5]:
+    for state in states[::3]:
         distance = path.project(state.x, state.y, distance)
         x, y, _, _ = path.at(np.array(distance))
         offsets.append(np.hypot(state.x - x, state.y - y))
@@ -40,8 +42,8 @@ def test_the_drive_is_gentle():
     params = TeachParams()
     _, states = drive("two_turns", params)
     speed = np.array([state.speed for state in states])
-    yaw_rate = np.diff([state.yaw for state in states]) / 0.02
-    change = np.diff(speed) / 0.02
+    yaw_rate = np.diff([state.yaw for state in states]) / STEP
+    change = np.diff(speed) / STEP
     assert speed.max() == pytest.approx(params.speed, abs=0.02)
     assert np.abs(change).max() < 1.5  # the last decimetre, where the brakes lag behind the driver; else a third of it
     assert np.abs(yaw_rate * speed[1:]).max() < 1.5 * params.lateral_acceleration

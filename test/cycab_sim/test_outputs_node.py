@@ -6,9 +6,17 @@ import pytest
 pytest.importorskip("rclpy")
 
 from cycab_sim.outputs_node import Outputs
-from cycab_sim.params import CameraParams, RigParams
+from cycab_sim.params import CameraParams, ImuParams, RigParams, ScanParams
 from cycab_sim.simulator import Simulator
-from node_kit.conversions import camera_from_info, image_to_array, message_to_sphere, stamp_ns, transform_to_se3
+from cycab_sim.vehicle import Command
+from node_kit.conversions import (
+    camera_from_info,
+    image_to_array,
+    message_to_sphere,
+    stamp_ns,
+    transform_to_se3,
+)
+from node_kit.conversions.driving import scan_to_points
 from sphere_geometry.rig_file import read_rig
 
 
@@ -76,3 +84,21 @@ def test_without_a_rig_there_are_no_topics_of_one(small_params):
     catcher = published(Simulator(small_params))
     assert {topic for topic in catcher.sent if "cameras" in topic or "rig" in topic} == set()
     assert "camera_info" in catcher.sent
+    assert {"imu", "scan"} & set(catcher.sent) == set()  # off unless asked for
+
+
+def test_the_imu_and_the_scanner_are_published_in_their_frames(small_params):
+    params = replace(small_params, imu=ImuParams(is_on=True), scan=ScanParams(is_on=True, num_rays=91))
+    simulator = Simulator(params)
+    simulator.step(Command(), 10_000_000)
+    sent = published(simulator, "imu", "scan").sent
+    (imu,), (scan,) = sent["imu"], sent["scan"]
+    assert (imu.header.frame_id, scan.header.frame_id) == ("imu_link", "scan_link")
+    assert {t.child_frame_id for t in sent["/tf_static"][0].transforms} >= {"imu_link", "scan_link"}
+    assert stamp_ns(imu) == stamp_ns(scan) == simulator.time_ns
+    assert imu.linear_acceleration.z == pytest.approx(9.81, abs=0.2)
+    assert imu.linear_acceleration_covariance[0] == pytest.approx(0.03**2)
+    assert scan.angle_min + 90 * scan.angle_increment == pytest.approx(scan.angle_max)
+    points = scan_to_points(scan)
+    assert len(points) > 30  # a street
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), simulator.scan().ranges[np.isfinite(scan.ranges)])

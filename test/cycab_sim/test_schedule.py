@@ -1,6 +1,14 @@
 import pytest
 
-from cycab_sim.params import CameraParams, OdometryParams, RigParams, SimParams, SphereParams
+from cycab_sim.params import (
+    CameraParams,
+    ImuParams,
+    OdometryParams,
+    RigParams,
+    ScanParams,
+    SimParams,
+    SphereParams,
+)
 from cycab_sim.schedule import Schedule
 
 MS = 1_000_000
@@ -20,7 +28,7 @@ def test_outputs_come_by_their_period_and_are_counted():
     found = due(schedule, 200)
     assert [t for t, name in found if name == "camera"] == [0, 100, 200]
     assert [t for t, name in found if name == "odom"] == [0, 50, 100, 150, 200]
-    assert schedule.count == {"odom": 4, "camera": 2, "sphere": -1, "rig": -1}
+    assert schedule.count == {"odom": 4, "camera": 2, "imu": -1, "scan": -1, "sphere": -1, "rig": -1}
 
 
 def test_spheres_come_by_the_way_in_the_teaching_drive_only():
@@ -49,3 +57,10 @@ def test_a_sphere_without_period_and_distance_is_refused():
 
 def test_a_camera_that_is_off_is_never_due():
     assert {name for _, name in due(Schedule(SimParams(camera=CameraParams(is_on=False))), 500)} == {"odom"}
+
+
+def test_the_imu_and_the_scanner_have_their_rates_where_they_are_on():
+    params = SimParams(imu=ImuParams(is_on=True), scan=ScanParams(is_on=True))
+    found = due(Schedule(params), 200)
+    assert [t for t, name in found if name == "imu"] == list(range(0, 201, 10))
+    assert [t for t, name in found if name == "scan"] == [0, 100, 200]

@@ -18,7 +18,7 @@ from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, Image, Imu, LaserScan
 from sphere_nav_msgs.msg import AugmentedSphere, SimulationFault
 from sphere_nav_msgs.srv import SetFault, Teleport
 from tf2_msgs.msg import TFMessage
@@ -36,6 +36,8 @@ SMALL = {
     "sphere.publish": "always",
     "render.shadow_texel": 0.5,
     "clock.max_wait": 30.0,
+    "imu.is_on": True,
+    "scan.is_on": True,
 }
 TOPICS = {
     "image_raw": (Image, qos.LARGE),
@@ -43,6 +45,8 @@ TOPICS = {
     "sphere": (AugmentedSphere, qos.LARGE),
     "odom": (Odometry, qos.STATE),
     "ground_truth/odometry": (Odometry, qos.STATE),
+    "imu": (Imu, qos.STATE),
+    "scan": (LaserScan, qos.STATE),
     "/tf_static": (TFMessage, qos.TF_STATIC),
     "/clock": (Clock, qos.STATE),
 }
@@ -130,7 +134,7 @@ def test_image_calibration_and_frames_belong_together(driver):
     assert image_to_array(image).shape == (camera.height, camera.width) == (120, 160)
     assert info.header.frame_id == image.header.frame_id
     names = {t.child_frame_id: t.header.frame_id for t in driver.heard["/tf_static"][0].transforms}
-    assert names == {"camera_optical": "base_link", "sphere_link": "base_link"}
+    assert names == dict.fromkeys(("camera_optical", "sphere_link", "imu_link", "scan_link"), "base_link")
     sphere = message_to_sphere(driver.heard["sphere"][0])
     assert sphere.image.shape == (64, 128, 3)
     assert np.isinf(sphere.range_m).any()  # the sky
@@ -148,6 +152,15 @@ def test_the_truth_moves_as_commanded_and_the_wheels_nearly_so(driver):
     driven = float(np.linalg.norm(T_odom_base.translation))
     assert driven == pytest.approx(way, rel=0.05, abs=0.15)
     assert (truth.header.frame_id, wheels.header.frame_id, wheels.child_frame_id) == ("world", "odom", "base_link")
+
+
+def test_the_imu_comes_at_100_hz_and_scans_at_10(driver):
+    for topic, period in (("imu", 10_000_000), ("scan", 100_000_000)):
+        gaps = np.diff([stamp_ns(message) for message in driver.heard[topic]])
+        assert len(gaps) > 5
+        assert np.median(gaps) == period
+    assert np.mean([m.linear_acceleration.z for m in driver.heard["imu"]]) == pytest.approx(9.81, abs=0.2)
+    assert np.isfinite(driver.heard["scan"][-1].ranges).sum() > 100
 
 
 def test_a_stamp_of_another_clock_is_refused(driver):
