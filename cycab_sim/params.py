@@ -134,10 +134,10 @@ class ImuParams:
     z: float = param(0.5, "height above the ground", "m")
     acceleration_noise: float = param(0.03, "standard deviation of the acceleration", "m/s^2", low=0.0)
     acceleration_bias: float = param(0.02, "standard deviation of its bias, drawn once an axis", "m/s^2", low=0.0)
-    acceleration_walk: float = param(0.0005, "growth of its bias in a second", "m/s^2/sqrt(s)", low=0.0)
+    acceleration_walk: float = param(0.0005, "standard deviation of its random walk after 1 s", "m/s^2", low=0.0)
     rate_noise: float = param(0.002, "standard deviation of the angular rate", "rad/s", low=0.0)
     rate_bias: float = param(0.001, "standard deviation of its bias, drawn once an axis", "rad/s", low=0.0)
-    rate_walk: float = param(0.00002, "growth of its bias in a second", "rad/s/sqrt(s)", low=0.0)
+    rate_walk: float = param(0.00002, "standard deviation of its random walk after 1 s", "rad/s", low=0.0)
     orientation_noise_deg: float = param(0.2, "standard deviation of the orientation", "deg", low=0.0)
 
 
