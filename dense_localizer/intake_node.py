@@ -9,13 +9,13 @@ from typing import Any, TypeAlias
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-from sphere_geometry.odometry import OdometryBuffer
 from dense_localizer.params import DenseLocalizerParams
 from dense_localizer.reasons import FINE, Finding, Reason
 from node_kit import conversions, qos
 from node_kit.node import ManagedNode
 from node_kit.tf import TransformListener
 from sphere_geometry import SE3, Camera
+from sphere_geometry.odometry import OdometryBuffer
 
 DEEP = qos.QoSProfile(depth=1000, reliability=qos.RELIABLE, durability=qos.VOLATILE)
 

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from sphere_geometry.odometry import OdometryBuffer
 from sphere_geometry import SE3
+from sphere_geometry.odometry import OdometryBuffer
 
 TWIST = np.array([1.0, 0.0, 0.0, 0.0, 0.0, 0.5])
 STEP_NS = 20_000_000
