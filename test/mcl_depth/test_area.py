@@ -10,6 +10,7 @@ from mcl_depth.ground import Ground
 from mcl_depth.params import AreaParams
 
 PARAMS = AreaParams()
+UP = np.array([0.0, 0.0, 1.0])
 
 
 def floor(x0, x1, y0=0.0, y1=4.0, slope=0.0):
@@ -32,7 +33,7 @@ def test_the_ground_follows_a_slope_and_ends_with_the_map():
 def test_a_roof_is_not_the_ground_and_small_holes_are_closed():
     points = floor(0.0, 6.0)
     points = points[np.hypot(points[:, 0] - 3.0, points[:, 1] - 2.0) > 0.8]
-    heights = Ground(np.concatenate([points, points + [0.0, 0.0, 5.0]])).heights(np.array([[3.0, 2.0], [1.0, 1.0]]))
+    heights = Ground(np.concatenate([points, points + UP * 5.0])).heights(np.array([[3.0, 2.0], [1.0, 1.0]]))
     np.testing.assert_allclose(heights, 0.0, atol=1e-9)
 
 
@@ -53,13 +54,13 @@ def test_box_and_limits_both_bound_the_area():
 def test_limits_that_say_nothing_are_refused():
     assert limits_of("") is None
     for text in ("1,2,3", "1,2,a,4", "3,0,1,9"):
-        with pytest.raises(ValueError, match="area.limits: expected x0,y0,x1,y1"):
+        with pytest.raises(ValueError, match=r"area\.limits: expected x0,y0,x1,y1"):
             limits_of(text)
 
 
 def test_without_a_free_place_there_is_no_area():
     with pytest.raises(ValueError, match="expected a place with ground and free space"):
-        area_of(np.concatenate([floor(0.0, 3.0), floor(0.0, 3.0) + [0.0, 0.0, 1.2]]))
+        area_of(np.concatenate([floor(0.0, 3.0), floor(0.0, 3.0) + UP * 1.2]))
 
 
 def test_draws_are_spread_evenly_over_the_squares():

@@ -30,5 +30,5 @@ def test_an_attitude_is_read_where_there_is_one():
     unknown = imu(0.0, 0.0, 0.0, 1.0)
     unknown.orientation_covariance[0] = -1.0
     for message in (unknown, imu(0.0, 0.0, 0.0, 0.0), imu(float("nan"), 0.0, 0.0, 1.0)):
-        with pytest.raises(ValueError, match="imu.orientation: expected a unit quaternion"):
+        with pytest.raises(ValueError, match=r"imu\.orientation: expected a unit quaternion"):
             imu_attitude(message)
