@@ -45,6 +45,7 @@ def match_columns(
     halvings = max(int(np.ceil(np.log2(window.full_width / params.match_width))), 0)
     small = [_shrunk(image, halvings, window.is_whole) for image in (top, bottom)]
     coarse = match_semi_globally(small[0], small[1], window, params, jobs)
+    coarse[_at_jumps(coarse, params, is_whole=window.is_whole)] = np.nan
     for _ in range(halvings):
         coarse = 2 * np.repeat(np.repeat(coarse, 2, axis=0), 2, axis=1)
     coarse = coarse[: top.shape[0], : top.shape[1]]
@@ -118,6 +119,19 @@ def _refine_strip(top: Plane, bottom: Plane, start: Plane, params: MatchParams) 
         variance = np.maximum(left, 1.0) / information + params.calibration_px**2
     std = np.sqrt(variance).astype(np.float32)
     return np.where(bad, np.float32(np.nan), refined), np.where(bad, np.float32(np.nan), std)
+
+
+def _at_jumps(disparity: Plane, params: MatchParams, *, is_whole: bool) -> NDArray[np.bool_]:
+    """Return the pixels next to a jump of disparity: blocks there see two surfaces, the nearer one looks too large."""
+    radius = params.edge_px
+    if radius == 0:
+        return np.zeros(disparity.shape, np.bool_)
+    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    padded = cv2.copyMakeBorder(disparity, 0, 0, radius, radius, border)
+    known, kernel = ~np.isnan(padded), np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
+    high = cv2.dilate(np.where(known, padded, np.float32(-1e4)), kernel)[:, radius:-radius]
+    low = cv2.erode(np.where(known, padded, np.float32(1e4)), kernel)[:, radius:-radius]
+    return high - low > np.maximum(np.float32(params.jump_px), np.float32(params.jump_share) * high)
 
 
 def _matcher(params: MatchParams, first: int, count: int) -> cv2.StereoSGBM:

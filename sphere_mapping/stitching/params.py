@@ -36,6 +36,11 @@ class MatchParams:
     max_left_right_px: int = param(1, "disagreement allowed between both directions; -1: no check", "px", low=-1)
     speckle_size: int = param(60, "smaller islands of disparity are removed; 0: none", "px", low=0)
     speckle_range: int = param(2, "disparity step that separates islands", "px", low=1)
+    edge_px: int = param(2, "matches this near to a jump are not trusted; 0: all are", "px", low=0, high=20)
+    jump_px: float = param(
+        1.0, "least step of disparity, over the width of that neighbourhood, that is a jump", "px", low=0.1
+    )
+    jump_share: float = param(0.15, "least step of a jump by the disparity", low=0.01)
     refine_radius: int = param(3, "half side of the block of the sub-pixel refinement", "px", low=1, high=20)
     refine_steps: int = param(2, "steps of the sub-pixel refinement", low=1, high=20)
     noise: float = param(2.5, "standard deviation of the images' noise", "grey level", low=0.1)
