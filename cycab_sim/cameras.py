@@ -19,7 +19,8 @@ class Mount:
     """A camera on the car: its model, its place, its frame, whether it sees grey only, and its noise.
 
     T_base_camera maps camera coordinates (optical axes, body axes for a sphere) to the car's;
-    noise in grey levels, shot_noise as variance over the grey level.
+    noise in grey levels, shot_noise as variance over the grey level;
+    vignetting is the share of light lost in the corners.
     """
 
     name: str
@@ -29,6 +30,7 @@ class Mount:
     is_grey: bool
     noise: float
     shot_noise: float
+    vignetting: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +53,8 @@ def forward_camera(params: CameraParams) -> Mount:
     is_sphere = params.model == "panorama"
     T_base_camera = place @ tilt @ SE3.from_parts(np.eye(3) if is_sphere else OPTICAL, np.zeros(3))
     frame_id = "camera_link" if is_sphere else "camera_optical"
-    return Mount("camera", frame_id, camera, T_base_camera, True, params.noise, params.shot_noise)
+    noises = params.noise, params.shot_noise
+    return Mount("camera", frame_id, camera, T_base_camera, True, *noises, 0.0 if is_sphere else params.vignetting)
 
 
 def roof_sphere(params: SphereParams) -> Mount:
@@ -61,6 +64,15 @@ def roof_sphere(params: SphereParams) -> Mount:
     T_base_camera = SE3.from_parts(np.eye(3), [params.x, params.y, params.z])
     camera = Spherical(params.width, params.width // 2)
     return Mount("sphere", "sphere_link", camera, T_base_camera, False, params.noise, params.shot_noise)
+
+
+def vignette(camera: Camera, share: float, gamma: float) -> NDArray[np.float32]:
+    """Return factors (H, W) on grey levels: the light falls with the squared distance to the middle, to 1 - share."""
+    rows, columns = np.linspace(-1.0, 1.0, camera.height), np.linspace(-1.0, 1.0, camera.width)
+    height, width = float(camera.height), float(camera.width)
+    squares = ((rows * height) ** 2)[:, None] + ((columns * width) ** 2)[None]
+    light = 1.0 - share * squares / (height**2 + width**2)
+    return np.asarray(light ** (1.0 / gamma), dtype=np.float32)
 
 
 def expose(

@@ -79,6 +79,7 @@ class CameraParams:
     y: float = param(0.0, "place on the car, to the left", "m")
     z: float = param(1.6, "height above the ground", "m", low=0.05)
     pitch_deg: float = param(4.0, "looking down", "deg", low=-60.0, high=60.0)
+    vignetting: float = param(0.0, "share of the light lost in the corners of a lens", low=0.0, high=0.95)
     noise: float = param(1.2, "standard deviation of the read-out noise", "grey level", low=0.0)
     shot_noise: float = param(0.012, "variance of the shot noise over the grey level", "grey level", low=0.0)
 
@@ -118,6 +119,7 @@ class RigParams:
     x: float = param(0.4, "place of the upper cameras' middle on the car, forward of the rear axle", "m")
     y: float = param(0.0, "place on the car, to the left", "m")
     z: float = param(1.8, "height above the ground", "m", low=0.05)
+    vignetting: float = param(0.0, "share of the light lost in the corners of a lens", low=0.0, high=0.95)
     noise: float = param(0.8, "standard deviation of the read-out noise", "grey level", low=0.0)
     shot_noise: float = param(0.006, "variance of the shot noise over the grey level", "grey level", low=0.0)
     file: str = param("", "write the rig's true description to this file at the start; empty: nowhere")

@@ -45,7 +45,7 @@ def make_rig(params: RigParams, seed: int) -> Rig | None:
 def rig_mounts(params: RigParams, rig: Rig | None) -> tuple[Mount, ...]:
     """Return the cameras of a rig on the car."""
     T_base_rig = rig_place(params)
-    noises = params.noise, params.shot_noise
+    noises = params.noise, params.shot_noise, params.vignetting
     cameras = rig.cameras if rig else ()
     return tuple(
         Mount(c.name, f"{c.name}_optical", c.camera, T_base_rig @ c.T_rig_camera, False, *noises) for c in cameras

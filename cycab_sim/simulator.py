@@ -17,7 +17,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cycab_sim.cameras import Frame, Mount, expose, forward_camera, roof_sphere
+from cycab_sim.cameras import Frame, Mount, expose, forward_camera, roof_sphere, vignette
 from cycab_sim.driver import Driver
 from cycab_sim.faults import SECOND, Faults
 from cycab_sim.imu import Imu, ImuReading
@@ -82,6 +82,9 @@ class Simulator:
         gain = 1.0 if exposure is None else exposure**self.params.light.gamma  # a factor on grey levels
         T_world_camera = self.T_world_base @ mount.T_base_camera
         levels, range_m = self.renderer.render(mount.camera, T_world_camera, mount.is_grey, gain)
+        if mount.vignetting > 0.0:
+            fall = vignette(mount.camera, mount.vignetting, self.params.light.gamma)
+            levels = levels * (fall if mount.is_grey else fall[..., None])
         seed = (self.params.noise_seed, index, zlib.crc32(name.encode()))
         noise = float(np.hypot(mount.noise, more_noise))
         image = expose(levels, noise, mount.shot_noise, seed, self._fault(name, "bias") or 0.0)

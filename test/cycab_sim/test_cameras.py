@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
-from cycab_sim.cameras import expose, forward_camera, roof_sphere
+from cycab_sim.cameras import expose, forward_camera, roof_sphere, vignette
 from cycab_sim.params import CameraParams, SphereParams
+from sphere_geometry import Pinhole
 
 
 def test_the_forward_camera_looks_forward_and_a_little_down():
@@ -36,6 +37,16 @@ def test_noise_has_its_size_and_belongs_to_its_image():
     assert image.mean() == pytest.approx(120.0, abs=0.05)
     np.testing.assert_array_equal(image, expose(levels, 1.5, 0.02, (1, 7)))
     assert np.mean(image == expose(levels, 1.5, 0.02, (1, 8))) < 0.3
+
+
+def test_vignetting_takes_its_share_of_the_light_in_the_corners_and_none_in_the_middle():
+    fall = vignette(Pinhole(81, 61, 50.0, 50.0, 40.0, 30.0), 0.4, 2.2)
+    assert fall.shape == (61, 81)
+    assert fall[30, 40] == 1.0
+    assert fall[[0, 0, -1, -1], [0, -1, 0, -1]] ** 2.2 == pytest.approx([0.6] * 4, abs=1e-5)
+    assert fall[30, 0] > fall[0, 0]
+    assert forward_camera(CameraParams(vignetting=0.3)).vignetting == 0.3
+    assert forward_camera(CameraParams()).vignetting == 0.0
 
 
 def test_levels_stay_in_range_and_zero_is_kept_for_the_unseen():

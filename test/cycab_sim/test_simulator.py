@@ -90,6 +90,19 @@ def test_camera_faults_change_what_is_captured(small_params):
     assert "camera" not in [name for _ in range(30) for name in step_and_take(simulator)]
 
 
+def test_the_corners_of_an_image_are_darker_where_it_is_asked_for(small_params):
+    camera = replace(small_params.camera, noise=0.0, shot_noise=0.0)
+    plain, dark = (
+        Simulator(replace(small_params, camera=replace(camera, vignetting=share))).capture("camera").image.astype(float)
+        for share in (0.0, 0.5)
+    )
+    corners = np.zeros(plain.shape, bool)
+    corners[-4:, :4] = corners[-4:, -4:] = True
+    # half of the light, gamma 2.2; a few pixels off the corner, and whole levels
+    assert dark[corners].sum() / plain[corners].sum() == pytest.approx(0.5 ** (1 / 2.2), abs=0.03)
+    np.testing.assert_allclose(dark[58:62, 78:82], plain[58:62, 78:82], atol=1.0)
+
+
 def step_and_take(simulator):
     simulator.step(Command(), STEP)
     return simulator.take_due()
