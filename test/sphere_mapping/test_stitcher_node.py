@@ -1,0 +1,19 @@
+"""The node sphere_stitcher without a usable rig."""
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from node_kit.replay import OfflineBus
+from sphere_mapping.stitcher_node import SphereStitcher
+
+
+def test_without_a_rig_the_node_does_not_start():
+    with pytest.raises(ValueError, match="parameter rig: expected a rig file"):
+        OfflineBus().add(SphereStitcher)
+
+
+def test_a_rig_file_that_is_none_is_named(tmp_path):
+    (tmp_path / "rig.yaml").write_text("nothing: 1\n")
+    with pytest.raises(ValueError, match=r"rig\.yaml"):
+        OfflineBus().add(SphereStitcher, {"rig": str(tmp_path / "rig.yaml")})
