@@ -38,7 +38,8 @@ def adjust(
     progress: Callable[[str], None] = lambda _: None,
 ) -> Adjusted:
     """Adjust until no corner is rejected any more; corners that come with weight 0 stay out."""
-    seen, dropped = problem.seen, {}
+    seen = problem.seen
+    dropped: dict[int, str] = {}
     solution = solve(problem, start, kept, _huber_px(problem, start, kept, params), max_iterations=25)
     for number in range(NUM_ROUNDS):
         progress(f"adjusting, round {number + 1}: {_rms(solution.residuals, kept):.3f} px")

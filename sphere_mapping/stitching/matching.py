@@ -96,7 +96,8 @@ def refine(
     strips = [slice(k * length, min((k + 1) * length, coarse.shape[1]) + 2 * radius) for k in range(NUM_STRIPS)]
 
     def work(strip: slice) -> tuple[Plane, Plane]:
-        return _refine_strip(*(np.ascontiguousarray(plane[:, strip]) for plane in (*planes, start)), params)
+        above, below, first = (np.ascontiguousarray(plane[:, strip]) for plane in (*planes, start))
+        return _refine_strip(above, below, first, params)
 
     with ThreadPoolExecutor(jobs) as pool:
         parts = list(pool.map(work, strips))

@@ -170,7 +170,8 @@ class Stitcher:
         """Return both grey spheres: of a common distance, or of the range that the top one has."""
         inverses: list[NDArray[np.float32] | None] = [None, None]
         if range_m is not None and (inverse := self._inverse(range_m, layouts[0])) is not None:
-            below = range_from_below(1.0 / np.maximum(inverse, 1e-4), self.whole, self.baseline_m)
+            above = (1.0 / np.maximum(inverse, 1e-4)).astype(np.float32)
+            below = range_from_below(above, self.whole, self.baseline_m)
             inverses = [inverse, self._inverse(below, layouts[1])]
         with ThreadPoolExecutor(self.jobs) as pool:
             top, bottom = pool.map(lambda pair: blended(pair[0], greys, pair[1]), zip(layouts, inverses, strict=True))
@@ -179,7 +180,7 @@ class Stitcher:
     def _inverse(self, range_m: NDArray[np.float32], layout: Layout) -> NDArray[np.float32] | None:
         """Return 1 / range everywhere, from the nearest known pixel where unknown; None where too little is known."""
         known, blend = ~np.isnan(range_m), self.params.blend
-        share = np.count_nonzero(known) / max(np.count_nonzero(layout.is_covered), 1)
+        share = np.count_nonzero(known) / max(int(np.count_nonzero(layout.is_covered)), 1)
         if not blend.is_reprojected or not known.any() or share < blend.min_known:
             return None
         with np.errstate(divide="ignore"):
