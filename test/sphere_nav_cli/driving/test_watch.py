@@ -9,13 +9,15 @@ from sphere_nav_cli.driving.watch import DriveFailed, Watch
 DOMAIN = 48
 
 
-def test_a_drive_in_which_nothing_happens_fails_and_says_who_is_silent(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "STALL", 0.5)
+@pytest.mark.parametrize(("travelled", "patience"), [(0.0, "START_UP"), (3.0, "STALL")])
+def test_a_drive_in_which_nothing_happens_fails_and_says_who_is_silent(tmp_path, monkeypatch, travelled, patience):
+    monkeypatch.setattr(module, patience, 0.5)
     with (
         Processes(tmp_path, DOMAIN) as processes,
         Watch(processes, DOMAIN) as watch,
         pytest.raises(DriveFailed, match="drive: nothing for 0 s; localiser silent, follower silent"),
     ):
+        watch.travelled = travelled
         watch.wait("drive", lambda: False, is_moving=True)
 
 
