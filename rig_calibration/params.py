@@ -25,6 +25,3 @@ class CalibrationParams:
     max_rotation_std_deg: float = param(
         0.1, "standard deviation of a camera's rotation that is worth a warning", "deg", low=0.0
     )
-    min_coverage: float = param(
-        40.0, "part of the image with corners below which a warning is given", "%", low=0.0, high=100.0
-    )

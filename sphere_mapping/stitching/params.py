@@ -69,7 +69,6 @@ class FusionParams:
     max_deviations: float = param(
         3.0, "sources that differ by more do not see the same", "standard deviations", low=0.1
     )
-    depth_noise: float = param(0.002, "standard deviation of an RGB-D camera's depth by its square", "1/m", low=0.0)
     cloud_std_m: float = param(0.03, "standard deviation of a LiDAR's range", "m", low=0.001)
     cloud_size_px: int = param(1, "half side of the patch that a LiDAR point covers", "px", low=0, high=10)
 
@@ -80,7 +79,7 @@ class StitchParams:
 
     width: int = param(1024, "columns of the sphere, a multiple of 64; rows are half of it", "px", low=64, high=16384)
     range: str = param(
-        "auto", "stereo: between the cameras; auto: where the rig has a baseline", choices=("auto", "stereo", "none")
+        "stereo", "stereo: between cameras that have a baseline; none: image only", choices=("stereo", "none")
     )
     blend: BlendParams = group(BlendParams)
     match: MatchParams = group(MatchParams)
