@@ -15,11 +15,11 @@ from typing import Any, BinaryIO, Self
 import yaml
 from mcap.writer import CompressionType, Writer
 from rclpy.qos import QoSProfile
-from rclpy.serialization import serialize_message
 
 from node_kit import qos
 from node_kit.bag_error import BagError
 from node_kit.interfaces import schema_text, type_hash, type_name
+from node_kit.serialization import serialize_to_store
 
 CHUNK_SIZE = 1 << 20  # bytes before compression
 FLUSH_PERIOD = 1.0  # s of wall time: what a killed process can lose
@@ -99,7 +99,7 @@ class BagWriter:
     def write(self, topic: str, message: Any, stamp: int, *, published: int | None = None) -> None:
         """Write a message; `stamp` is when it was received, in ns, and what orders a replay."""
         self.add_topic(topic, type(message))
-        self.write_bytes(topic, serialize_message(message), stamp, published=published)
+        self.write_bytes(topic, serialize_to_store(message), stamp, published=published)
 
     def write_bytes(self, topic: str, data: bytes, stamp: int, *, published: int | None = None) -> None:
         """Write a serialized message on a topic that `add_topic` declared."""
