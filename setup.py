@@ -6,6 +6,7 @@ from setuptools import find_packages, setup
 
 PACKAGES = (
     "typed_params",
+    "localization_status",
     "sphere_geometry",
     "photometric",
     "rig_calibration",

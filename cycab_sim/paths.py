@@ -75,3 +75,21 @@ def turn(radius: float, degrees: float) -> Piece:
     """Return an arc of `radius` m to the left, or to the right for negative degrees."""
     angle = np.radians(degrees)
     return Piece(radius * abs(angle), float(np.sign(degrees)) / radius)
+
+
+def rounded(corners: Array, radius: float) -> Path:
+    """Return the closed path along a polygon (K, 2) m whose corners are arcs of `radius` m."""
+    legs = np.roll(corners, -1, axis=0) - corners
+    lengths, headings = np.linalg.norm(legs, axis=1), np.arctan2(legs[:, 1], legs[:, 0])
+    turns = (np.roll(headings, -1) - headings + np.pi) % (2 * np.pi) - np.pi  # at the end of each leg
+    cuts = radius * np.tan(np.abs(turns) / 2)
+    straight = lengths - cuts - np.roll(cuts, 1)
+    if straight.min() < 0.0:
+        raise ValueError(f"radius: expected arcs that fit between the corners, found {radius} m")
+    pieces = [
+        piece
+        for length, angle in zip(straight, turns, strict=True)
+        for piece in (Piece(float(length)), turn(radius, float(np.degrees(angle))))
+    ]
+    x, y = corners[0] + cuts[-1] * legs[0] / lengths[0]
+    return Path((float(x), float(y), float(headings[0])), tuple(pieces), is_closed=True)

@@ -10,7 +10,8 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from dense_localizer.params import DenseLocalizerParams
-from dense_localizer.reasons import FINE, Finding, Reason
+from dense_localizer.reasons import FINE, Finding
+from localization_status import Reason
 from node_kit import conversions, qos
 from node_kit.node import ManagedNode
 from node_kit.tf import TransformListener

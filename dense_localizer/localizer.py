@@ -1,8 +1,8 @@
 """READ FIRST. One image after the other -> pose of the camera in the map (M15 section 5).
 
-For each image: check it, predict where it was taken, choose references by distance alone (eq. 17), align with two of
-them at once (eq. 19), judge the result, update the state. Before the first pose, and after a loss, search instead.
-Poses leave this package only in the states TRACKING and DEGRADED. Decisions depend on images and stamps alone.
+For each image: check it, predict where it was taken, choose references by distance alone (eq. 17), align with two at
+once (eq. 19), judge the result, update the state; before the first pose and after a loss, search. Poses leave this
+package only in the states TRACKING and DEGRADED. Decisions depend on images and stamps alone.
 """
 
 from __future__ import annotations
@@ -16,10 +16,11 @@ from dense_localizer.input_check import InputCheck
 from dense_localizer.motion_prior import MotionPrior, Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.place import Place, locate
-from dense_localizer.reasons import FINE, Finding, Reason
+from dense_localizer.reasons import FINE, Finding
 from dense_localizer.reference import SphereMap, read_all
 from dense_localizer.search import Search
-from dense_localizer.status import State, StateMachine, Status, status_of
+from dense_localizer.status import StateMachine, status_of
+from localization_status import Reason, Status
 from photometric import Pyramid, build_pyramid, register_rotation
 from sphere_geometry import SE3, Camera
 
@@ -69,9 +70,8 @@ class Localizer:
         last_ns, limit = self._input.last_stamp_ns, self.params.input.timeout_s
         if last_ns is None or elapsed_s <= limit:
             return None
-        state, now_ns = self._states.state, last_ns + round(elapsed_s * 1e9)
-        finding = Finding(Reason.TIMEOUT, elapsed_s, limit)
-        return status_of(State.LOST if self._states.is_following else state, now_ns, finding, self._prior.age(now_ns))
+        now_ns, finding = last_ns + round(elapsed_s * 1e9), Finding(Reason.TIMEOUT, elapsed_s, limit)
+        return status_of(self._states.after_silence, now_ns, finding, self._prior.age(now_ns))
 
     def _forget(self) -> None:
         self._prior.reset()

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.params import PriorParams
-from dense_localizer.reasons import FINE, Finding, Reason
+from dense_localizer.reasons import FINE, Finding
+from localization_status import Reason
 from sphere_geometry import SE3
 
 Array = NDArray[np.float64]

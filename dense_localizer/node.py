@@ -12,8 +12,9 @@ from dense_localizer.intake_node import Intake, Picture
 from dense_localizer.localizer import Localizer
 from dense_localizer.outputs_node import Outputs
 from dense_localizer.params import DenseLocalizerParams
-from dense_localizer.reasons import Finding, Reason
-from dense_localizer.status import State, status_of
+from dense_localizer.reasons import Finding
+from dense_localizer.status import status_of
+from localization_status import Reason, State
 from node_kit import conversions, qos
 from node_kit.map_bag import MapReader, open_map
 from node_kit.node import ManagedNode

@@ -1,33 +1,9 @@
-"""Why a frame was not used, or used with care: a word, a number, its limit and what to do about it (docs: status)."""
+"""What to do about each reason that this localiser gives (docs: status)."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import StrEnum
-
-
-class Reason(StrEnum):
-    """One vocabulary for both localisers, that of LocalizationStatus.msg; the empty word: nothing is wrong."""
-
-    NONE = ""
-    GAP = "GAP"
-    TIMEOUT = "TIMEOUT"
-    FROZEN = "FROZEN"
-    BAD_STAMP = "BAD_STAMP"
-    BAD_INFO = "BAD_INFO"
-    TF_STALE = "TF_STALE"
-    LOW_OVERLAP = "LOW_OVERLAP"
-    LOW_TEXTURE = "LOW_TEXTURE"
-    LIGHT_CHANGE = "LIGHT_CHANGE"
-    OUTLIERS = "OUTLIERS"
-    NO_CONVERGENCE = "NO_CONVERGENCE"
-    JUMP_REJECTED = "JUMP_REJECTED"
-    AMBIGUOUS = "AMBIGUOUS"
-    OUTSIDE_REGION = "OUTSIDE_REGION"
-    MAP_ERROR = "MAP_ERROR"
-    ODOM_STALE = "ODOM_STALE"
-    OVERRUN = "OVERRUN"
-
+import localization_status
+from localization_status import Reason
 
 REMEDIES = {
     Reason.NONE: "",
@@ -51,20 +27,10 @@ REMEDIES = {
 }
 
 
-@dataclass(frozen=True)
-class Finding:
-    """One fact against a frame; `detail` names the field where the numbers alone do not."""
+class Finding(localization_status.Finding):
+    """One fact against an image, with this localiser's advice."""
 
-    reason: Reason
-    value: float = 0.0
-    limit: float = 0.0
-    detail: str = ""
-
-    @property
-    def remedy(self) -> str:
-        """One line on what to do, led by the detail."""
-        advice = REMEDIES[self.reason]
-        return f"{self.detail}; {advice}" if self.detail else advice
+    ADVICE = REMEDIES
 
 
 FINE = Finding(Reason.NONE)

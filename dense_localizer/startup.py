@@ -14,9 +14,10 @@ import numpy as np
 
 from dense_localizer.params import LocalizerParams, StartParams
 from dense_localizer.place import Place, locate
-from dense_localizer.reasons import FINE, Finding, Reason
+from dense_localizer.reasons import FINE, Finding
 from dense_localizer.reference import NUM_DIGEST_LEVELS, Digest, References
 from dense_localizer.resemblance import resemblance
+from localization_status import Reason
 from photometric import Pyramid, RegistrationParams, View, register
 from sphere_geometry import SE3
 from sphere_mapping.graph import KeySphere

@@ -2,49 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from enum import StrEnum
+from dataclasses import replace
 
 from dense_localizer.params import StateParams
 from dense_localizer.place import Place
 from dense_localizer.reasons import Finding
-
-
-class State(StrEnum):
-    """States in the order in which a start passes through them."""
-
-    UNCONFIGURED = "UNCONFIGURED"
-    NO_MAP = "NO_MAP"
-    NOT_LOCALISED = "NOT_LOCALISED"
-    SEARCHING = "SEARCHING"
-    PROBATION = "PROBATION"
-    TRACKING = "TRACKING"
-    DEGRADED = "DEGRADED"
-    LOST = "LOST"
-
-
-FOLLOWING = (State.PROBATION, State.TRACKING, State.DEGRADED)  # a pose is carried from frame to frame
-TRUSTED = (State.TRACKING, State.DEGRADED)  # the pose may leave this package
-
-
-@dataclass(frozen=True)
-class Status:
-    """The news of one image, field by field what the message LocalizationStatus carries."""
-
-    state: State
-    stamp_ns: int = 0
-    reason: str = ""
-    value: float = 0.0
-    limit: float = 0.0
-    remedy: str = ""
-    quality: float = 0.0  # 0 useless to 1 perfect
-    references: tuple[int, ...] = ()  # ids of the key spheres
-    overlap: float = 0.0  # share of the chosen pixels that the image sees
-    inlier_share: float = 0.0
-    mad: float = 0.0  # grey levels
-    iterations: int = 0
-    milliseconds: float = 0.0  # filled by whoever holds the watch
-    age: float = 0.0  # seconds since the last accepted alignment; 0 before the first
+from localization_status import FOLLOWING, TRUSTED, State, Status
 
 
 class StateMachine:
@@ -66,6 +29,11 @@ class StateMachine:
     def is_trusted(self) -> bool:
         """Whether the pose may be published."""
         return self.state in TRUSTED
+
+    @property
+    def after_silence(self) -> State:
+        """What to say of the pose when no image comes any more; the state itself waits for the next image."""
+        return State.LOST if self.is_following else self.state
 
     @property
     def probation_frames(self) -> int:
@@ -128,9 +96,8 @@ class StateMachine:
 
 def status_of(state: State, stamp_ns: int, finding: Finding, age: float, place: Place | None = None) -> Status:
     """Return the status with the evidence of an attempt to place the image, where there was one."""
-    status = Status(
-        state, stamp_ns, str(finding.reason), finding.value, finding.limit, finding.remedy, age=max(age, 0.0)
-    )
+    words = str(finding.reason), finding.value, finding.limit, finding.remedy
+    status = Status(state, *words, age=max(age, 0.0), stamp_ns=stamp_ns)
     if place is None or place.alignment is None:
         return status
     return replace(

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from localization_status import Status
 from mcl_depth.hypotheses import Hypothesis
 from mcl_depth.params import CovarianceParams
 from mcl_depth.particles import Particles
 from mcl_depth.similarity_cache import Comparison
-from mcl_depth.status import Status
 from sphere_geometry import SE3, Camera
 
 Array = NDArray[np.float64]

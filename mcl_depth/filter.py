@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from localization_status import Reason, State, Status
 from mcl_depth.area import Area
 from mcl_depth.carrying import Carrier
 from mcl_depth.comparison import Features, num_alpha_for, visual_features
@@ -21,12 +22,12 @@ from mcl_depth.level_view import level_view
 from mcl_depth.motion_model import MotionModel, sample
 from mcl_depth.orientation import adjusted, similarity_at
 from mcl_depth.params import FilterParams
-from mcl_depth.reasons import FINE, Finding, Reason
+from mcl_depth.reasons import FINE, Finding
 from mcl_depth.recovery import Recovery
 from mcl_depth.resampling import resample
 from mcl_depth.similarity_cache import Comparison
 from mcl_depth.spreading import gathered, renewed, spread
-from mcl_depth.status import State, StateMachine, Status, judge, status_of
+from mcl_depth.status import StateMachine, judge, status_of
 from mcl_depth.weighting import weights
 from sphere_geometry import SE3
 

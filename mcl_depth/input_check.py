@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from localization_status import Reason
 from mcl_depth.params import InputParams
-from mcl_depth.reasons import FINE, Finding, Reason
+from mcl_depth.reasons import FINE, Finding
 from sphere_geometry import Camera
 
 SAMPLE_STEP = 4  # every fourth pixel of every fourth row is enough for contrast and equality

@@ -10,8 +10,9 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image, Imu
 from sphere_nav_msgs.msg import SphereInfo
 
+from localization_status import Reason
 from mcl_depth.params import MclDepthParams
-from mcl_depth.reasons import FINE, Finding, Reason
+from mcl_depth.reasons import FINE, Finding
 from node_kit import conversions, qos
 from node_kit.conversions.particles import imu_attitude
 from node_kit.node import ManagedNode

@@ -11,6 +11,7 @@ from sensor_msgs.msg import Image
 from sphere_nav_msgs.msg import LocalizationStatus, ParticleCloud
 from std_srvs.srv import Empty
 
+from localization_status import TRUSTED, State, Status
 from mcl_depth.cloud import Cloud
 from mcl_depth.clouds_node import CloudCalls, read_map
 from mcl_depth.estimate import Estimate, Look, pose_of
@@ -21,7 +22,7 @@ from mcl_depth.orientation import peaks
 from mcl_depth.params import MclDepthParams
 from mcl_depth.reasons import FINE, Finding
 from mcl_depth.site import Site
-from mcl_depth.status import TRUSTED, State, Status, status_of
+from mcl_depth.status import status_of
 from node_kit import conversions, qos
 from node_kit.conversions.particles import particles_to_message
 from node_kit.node import ERROR, OK, WARN, ManagedNode

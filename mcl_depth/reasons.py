@@ -1,28 +1,9 @@
-"""Why the pose is not better than it is: a word of LocalizationStatus.msg, a number, its limit, what to do about it."""
+"""What to do about each reason that this localiser gives."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import StrEnum
-
-
-class Reason(StrEnum):
-    """The words of LocalizationStatus.msg that this localiser uses; the empty word: nothing is wrong."""
-
-    NONE = ""
-    TIMEOUT = "TIMEOUT"
-    FROZEN = "FROZEN"
-    BAD_STAMP = "BAD_STAMP"
-    BAD_INFO = "BAD_INFO"
-    TF_STALE = "TF_STALE"
-    LOW_TEXTURE = "LOW_TEXTURE"
-    OUTLIERS = "OUTLIERS"
-    NO_CONVERGENCE = "NO_CONVERGENCE"
-    JUMP_REJECTED = "JUMP_REJECTED"
-    AMBIGUOUS = "AMBIGUOUS"
-    MAP_ERROR = "MAP_ERROR"
-    ODOM_STALE = "ODOM_STALE"
-
+import localization_status
+from localization_status import Reason
 
 REMEDIES = {
     Reason.NONE: "",
@@ -41,20 +22,10 @@ REMEDIES = {
 }
 
 
-@dataclass(frozen=True)
-class Finding:
-    """A reason with its evidence."""
+class Finding(localization_status.Finding):
+    """One fact against an image, with this localiser's advice."""
 
-    reason: Reason
-    value: float = 0.0
-    limit: float = 0.0
-    detail: str = ""
-
-    @property
-    def remedy(self) -> str:
-        """One line on what to do, led by the detail."""
-        advice = REMEDIES[self.reason]
-        return f"{self.detail}; {advice}" if self.detail else advice
+    ADVICE = REMEDIES
 
 
 FINE = Finding(Reason.NONE)

@@ -4,51 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 
 import numpy as np
 
+from localization_status import FOLLOWING, TRUSTED, Reason, State, Status
 from mcl_depth.hypotheses import Hypothesis
 from mcl_depth.motion_model import Step
 from mcl_depth.params import StateParams
-from mcl_depth.reasons import FINE, Finding, Reason
-
-
-class State(StrEnum):
-    """The states of LocalizationStatus.msg in the order in which a start passes through them."""
-
-    UNCONFIGURED = "UNCONFIGURED"
-    NO_MAP = "NO_MAP"
-    NOT_LOCALISED = "NOT_LOCALISED"
-    SEARCHING = "SEARCHING"
-    PROBATION = "PROBATION"
-    TRACKING = "TRACKING"
-    DEGRADED = "DEGRADED"
-    LOST = "LOST"
-
-
-TRUSTED = (State.TRACKING, State.DEGRADED)  # the pose may leave this package
-FOLLOWING = (State.PROBATION, *TRUSTED)  # one place is held to be the right one
-
-
-@dataclass(frozen=True)
-class Status:
-    """The news of one image, field by field what LocalizationStatus carries; `quality` is the share of the belief."""
-
-    state: State
-    stamp_ns: int = 0
-    reason: str = ""
-    value: float = 0.0
-    limit: float = 0.0
-    remedy: str = ""
-    quality: float = 0.0
-    references: tuple[int, ...] = ()
-    overlap: float = 0.0
-    inlier_share: float = 0.0
-    mad: float = 0.0
-    iterations: int = 0
-    milliseconds: float = 0.0  # filled by whoever holds the watch
-    age: float = 0.0  # seconds since the last image that confirmed the pose; 0 before the first
+from mcl_depth.reasons import FINE, Finding
 
 
 @dataclass(frozen=True)
@@ -157,6 +120,6 @@ class StateMachine:
 
 
 def status_of(state: State, stamp_ns: int, finding: Finding, quality: float, age: float) -> Status:
-    """Return the status of a state with its finding."""
+    """Return the status of a state with its finding; `quality` is the share of the belief."""
     words = str(finding.reason), finding.value, finding.limit, finding.remedy
-    return Status(state, stamp_ns, *words, quality=quality, age=age)
+    return Status(state, *words, quality=quality, age=age, stamp_ns=stamp_ns)

@@ -20,12 +20,10 @@ from rig_calibration.state import State
 from rig_calibration.validation import Validation, validate
 from rig_calibration.views import View
 from sphere_geometry import SE3, Camera
-from sphere_geometry.rig import Rig, RigCamera
+from sphere_geometry.rig import T_BODY_OPTICAL, Rig, RigCamera
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]
-
-OPTICAL_IN_BODY = SE3.from_parts([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], np.zeros(3))
 
 
 @dataclass(frozen=True)
@@ -72,7 +70,7 @@ def calibrate(
     boards: Sequence[Board],
     views: Sequence[View],
     params: CalibrationParams,
-    T_rig_reference: SE3 = OPTICAL_IN_BODY,
+    T_rig_reference: SE3 = T_BODY_OPTICAL,
     *,
     seed: int = 0,
     progress: Progress = lambda _: None,

@@ -12,6 +12,8 @@ from sphere_geometry.se3 import SE3
 
 LEVELS = ("top", "bottom", "")
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")  # a camera's name is part of its topic
+T_BODY_OPTICAL = SE3.from_parts([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], np.zeros(3))
+"""A camera that looks along +x, level, at the origin of body axes."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,18 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-import yaml
-
 from sphere_geometry.camera import Camera
 from sphere_geometry.double_sphere import DoubleSphere
+from sphere_geometry.fields import check_centre, load_yaml, mapping, number, numbers, pose, read_text, short, size
 from sphere_geometry.fisheye import Fisheye
 from sphere_geometry.pinhole import Pinhole
 from sphere_geometry.rig import Rig, RigCamera
-from sphere_geometry.se3 import SE3
 
 FORMAT, FORMAT_VERSION = "sphere_nav_rig", 1
-ROTATION_TOLERANCE = 1e-4  # files are written with full precision; a hand's four digits still pass
 MODELS: dict[str, tuple[str, ...]] = {
     "pinhole": ("fx", "fy", "cx", "cy"),
     "fisheye": ("fx", "fy", "cx", "cy"),
@@ -48,14 +44,9 @@ HEADER = f"""\
 def read_rig(path: str | Path) -> Rig:
     """Return the rig of a file; ValueError with file, field, expected and found in one line if it is none."""
     path = Path(path)
-    if not path.is_file():
-        raise ValueError(f"{path}: expected a rig file, found {'a folder' if path.is_dir() else 'no such file'}")
+    found = load_yaml(path, read_text(path, "rig file"))
     try:
-        found = yaml.load(path.read_text(encoding="utf-8"), Loader=_StrictLoader)
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: expected YAML, found {' '.join(str(error).split())}") from None
-    try:
-        return _rig(_mapping(found, "rig", RIG_FIELDS), path.parent)
+        return _rig(mapping(found, "rig", RIG_FIELDS), path.parent)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from None
 
@@ -80,24 +71,13 @@ def write_rig(path: str | Path, rig: Rig, *, is_overwriting: bool = False) -> No
     part.replace(path)
 
 
-class _StrictLoader(yaml.SafeLoader):  # type: ignore[misc]
-    """Refuses a key that comes twice, which YAML would pass over."""
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        for key in keys:
-            if keys.count(key) > 1:
-                raise yaml.constructor.ConstructorError(None, None, f"{key!r} twice", node.start_mark)
-        return dict(super().construct_mapping(node, deep))
-
-
 def _rig(values: Mapping[str, Any], folder: Path) -> Rig:
     if values["format"] != FORMAT or values["format_version"] != FORMAT_VERSION:
         found = f"{values['format']} {values['format_version']}"
         raise ValueError(f"format, format_version: expected {FORMAT} {FORMAT_VERSION}, found {found}")
     cameras = values["cameras"]
     if not isinstance(cameras, dict) or not cameras:
-        raise ValueError(f"cameras: expected camera names with their fields, found {_short(cameras)}")
+        raise ValueError(f"cameras: expected camera names with their fields, found {short(cameras)}")
     if values["num_cameras"] != len(cameras):
         found = f"{len(cameras)} ({', '.join(str(name) for name in cameras)})"
         raise ValueError(f"cameras: expected {values['num_cameras']} (num_cameras), found {found}")
@@ -107,15 +87,15 @@ def _rig(values: Mapping[str, Any], folder: Path) -> Rig:
 
 def _camera(name: str, fields: Any, folder: Path) -> RigCamera:
     where = f"cameras.{name}"
-    values = _mapping(fields, where, CAMERA_FIELDS, OPTIONAL)
+    values = mapping(fields, where, CAMERA_FIELDS, OPTIONAL)
     mask = values.get("mask")
     if mask is not None and not (folder / str(mask)).is_file():
         raise ValueError(f"{where}.mask: expected an image file, found no {mask}")
-    pose = _pose(values["T_rig_camera"], f"{where}.T_rig_camera")
+    T_rig_camera = pose(values["T_rig_camera"], f"{where}.T_rig_camera")
     path = None if mask is None else str(folder / str(mask))
     group, level = str(values.get("exposure_group") or ""), str(values.get("level") or "")
     try:
-        return RigCamera(name, _model(values, where), pose, path, group, level)
+        return RigCamera(name, _model(values, where), T_rig_camera, path, group, level)
     except ValueError as error:
         text = str(error)
         raise ValueError(text if text.startswith(where) else f"{where}: {text}") from None
@@ -124,15 +104,12 @@ def _camera(name: str, fields: Any, folder: Path) -> RigCamera:
 def _model(values: Mapping[str, Any], where: str) -> Camera:
     name = values["model"]
     if name not in MODELS:
-        raise ValueError(f"{where}.model: expected {', '.join(MODELS)}, found {_short(name)}")
-    width, height = (_size(values[side], f"{where}.{side}") for side in ("width", "height"))
-    lens = _mapping(values["intrinsics"], f"{where}.intrinsics", MODELS[name])
-    fx, fy, cx, cy, *others = (_number(lens[key], f"{where}.intrinsics.{key}") for key in MODELS[name])
-    _check_centre(cx, cy, width, height, where)
-    found = values.get("distortion") or []
-    if not isinstance(found, list):
-        raise ValueError(f"{where}.distortion: expected a list of numbers, found {_short(found)}")
-    distortion = tuple(_number(value, f"{where}.distortion") for value in found)
+        raise ValueError(f"{where}.model: expected {', '.join(MODELS)}, found {short(name)}")
+    width, height = (size(values[side], f"{where}.{side}") for side in ("width", "height"))
+    lens = mapping(values["intrinsics"], f"{where}.intrinsics", MODELS[name])
+    fx, fy, cx, cy, *others = (number(lens[key], f"{where}.intrinsics.{key}") for key in MODELS[name])
+    check_centre((cx, cy), (width, height), f"{where}.intrinsics")
+    distortion = numbers(values.get("distortion") or [], f"{where}.distortion")
     if name == "pinhole":
         return Pinhole(width, height, fx, fy, cx, cy, distortion)
     if name == "fisheye":
@@ -143,54 +120,6 @@ def _model(values: Mapping[str, Any], where: str) -> Camera:
     if distortion:
         raise ValueError(f"{where}.distortion: expected none for double_sphere, found {len(distortion)} numbers")
     return DoubleSphere(width, height, fx, fy, cx, cy, *others)
-
-
-def _check_centre(cx: float, cy: float, width: int, height: int, where: str) -> None:
-    if not (0 <= cx < width and 0 <= cy < height):
-        expected = f"the centre inside the {width} x {height} image"
-        raise ValueError(f"{where}.intrinsics: expected {expected}, found cx {cx}, cy {cy}: of another image size?")
-
-
-def _pose(found: Any, where: str) -> SE3:
-    try:
-        matrix = np.array(found, dtype=np.float64)
-    except (ValueError, TypeError):
-        raise ValueError(f"{where}: expected 4 rows of 4 numbers, found {_short(found)}") from None
-    if matrix.shape != (4, 4):
-        raise ValueError(f"{where}: expected 4 rows of 4 numbers, found shape {matrix.shape}")
-    try:
-        return SE3.from_matrix(matrix, ROTATION_TOLERANCE)
-    except ValueError as error:
-        raise ValueError(f"{where}: {error}") from None
-
-
-def _mapping(found: Any, where: str, fields: tuple[str, ...], optional: tuple[str, ...] = ()) -> Mapping[str, Any]:
-    if not isinstance(found, dict):
-        raise ValueError(f"{where}: expected the fields {', '.join(fields)}, found {_short(found)}")
-    for field in fields:
-        if field not in found and field not in optional:
-            raise ValueError(f"{where}.{field}: expected a value, found none")
-    for field in found:
-        if field not in fields:
-            raise ValueError(f"{where}.{field}: expected only {', '.join(fields)}, found this field")
-    return found
-
-
-def _number(found: Any, where: str) -> float:
-    if isinstance(found, bool) or not isinstance(found, int | float) or not np.isfinite(found):
-        raise ValueError(f"{where}: expected a finite number, found {_short(found)}")
-    return float(found)
-
-
-def _size(found: Any, where: str) -> int:
-    if isinstance(found, bool) or not isinstance(found, int) or found < 1:
-        raise ValueError(f"{where}: expected a positive number of pixels, found {_short(found)}")
-    return found
-
-
-def _short(found: Any) -> str:
-    text = " ".join(repr(found).split())
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def _camera_lines(part: RigCamera, folder: Path) -> list[str]:

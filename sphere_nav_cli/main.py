@@ -33,6 +33,7 @@ class Command(NamedTuple):
 COMMANDS = (
     Command("import", "import_", "turn a recorded data set into a bag with our topics and its truth"),
     Command("calibrate", "calibrate", "find the parameters of a rig of cameras from images of a board"),
+    Command("rig-convert", "rig_convert", "turn a calibration of Kalibr, basalt or OpenCV into a rig file"),
     Command("register", "register", "align two spheres, RGB-D images or stereo pairs"),
     Command("optimize", "optimize", "optimise a pose graph"),
     Command("map", "map", "make a map of key spheres from a bag"),

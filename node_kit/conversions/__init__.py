@@ -45,10 +45,9 @@ from node_kit.conversions.spheres import (
     sphere_to_message,
 )
 from node_kit.conversions.stamps import header, ns_to_time, stamp_ns, time_to_ns
-from node_kit.conversions.status import StatusData, message_to_status, status_to_message
+from node_kit.conversions.status import message_to_status, status_to_message
 
 __all__ = [
-    "StatusData",
     "array_to_image",
     "camera_from_info",
     "camera_to_info",

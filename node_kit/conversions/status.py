@@ -4,38 +4,19 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
 from typing import Any
 
 from sphere_nav_msgs.msg import LocalizationStatus
 
-from node_kit.conversions.stamps import header
+from localization_status import State, Status
+from node_kit.conversions.stamps import header, stamp_ns
 
 FLOATS = ("value", "limit", "quality", "overlap", "inlier_share", "mad", "milliseconds", "age")
 WHOLE = ("iterations",)
 
 
-@dataclass(frozen=True)
-class StatusData:
-    """What a LocalizationStatus says, the common vocabulary of both localisers."""
-
-    state: str
-    reason: str = ""
-    value: float = 0.0
-    limit: float = 0.0
-    remedy: str = ""
-    quality: float = 0.0
-    references: tuple[int, ...] = ()
-    overlap: float = 0.0
-    inlier_share: float = 0.0
-    mad: float = 0.0
-    iterations: int = 0
-    milliseconds: float = 0.0
-    age: float = 0.0
-
-
 def status_to_message(status: Any, stamp: int, frame_id: str) -> LocalizationStatus:
-    """Return the message of anything with the fields of `StatusData`; state and reason are words or enums of words."""
+    """Return the message of anything with the fields of `Status`; state and reason are words or enums of words."""
     state, reason = _word(status.state), _word(status.reason)
     message = LocalizationStatus(header=header(stamp, frame_id), state=state, reason=reason)
     message.state_code = _code(state)
@@ -50,17 +31,18 @@ def status_to_message(status: Any, stamp: int, frame_id: str) -> LocalizationSta
     return message
 
 
-def message_to_status(message: LocalizationStatus) -> StatusData:
+def message_to_status(message: LocalizationStatus) -> Status:
     """Return what the message says; ValueError for a state that is not in the vocabulary."""
     _code(message.state)
     numbers: dict[str, Any] = {name: float(getattr(message, name)) for name in FLOATS}
     numbers |= {name: int(getattr(message, name)) for name in WHOLE}
-    return StatusData(
-        state=message.state,
+    return Status(
+        state=State(message.state),
         reason=message.reason,
         remedy=message.remedy,
         references=tuple(int(number) for number in message.references),
         **numbers,
+        stamp_ns=stamp_ns(message),
     )
 
 

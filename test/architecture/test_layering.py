@@ -12,15 +12,16 @@ MAP_TYPES = {"sphere_mapping.sphere", "sphere_mapping.graph", "sphere_mapping.ra
 GEOMETRY = {"typed_params", "sphere_geometry"}
 MAY_IMPORT: dict[str, set[str]] = {
     "typed_params": set(),
+    "localization_status": set(),
     "sphere_geometry": {"typed_params"},
     "photometric": GEOMETRY,
     "rig_calibration": GEOMETRY,
     "sphere_mapping": GEOMETRY | {"photometric"},
-    "dense_localizer": GEOMETRY | {"photometric"} | MAP_TYPES,
-    "mcl_depth": GEOMETRY,
+    "dense_localizer": GEOMETRY | {"localization_status", "photometric"} | MAP_TYPES,
+    "mcl_depth": GEOMETRY | {"localization_status"},
     "path_follower": GEOMETRY,
     "cycab_sim": GEOMETRY,
-    "node_kit": GEOMETRY | MAP_TYPES,
+    "node_kit": GEOMETRY | {"localization_status"} | MAP_TYPES,
     "sphere_nav_cli": set(PACKAGES),
 }
 ROS = {

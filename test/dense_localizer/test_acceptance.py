@@ -6,7 +6,8 @@ import pytest
 from dense_localizer.acceptance import Check, honest_covariance, innovation, judge
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams, CovarianceParams
-from dense_localizer.reasons import REMEDIES, Reason
+from dense_localizer.reasons import REMEDIES
+from localization_status import Reason
 from photometric import Alignment
 from sphere_geometry import SE3
 

@@ -3,10 +3,10 @@ import pytest
 from dense_localizer_world import PINHOLE, SMALL_IMAGES, MemoryMap, at, make_map
 
 from dense_localizer.params import LocalizerParams, StartParams
-from dense_localizer.reasons import Reason
 from dense_localizer.reference import Digest, References
 from dense_localizer.search import Search
 from dense_localizer.startup import Startup, decide, outlooks
+from localization_status import Reason
 from photometric import build_pyramid
 from sphere_geometry import SE3, Spherical
 from sphere_mapping.graph import KeySphere

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from localization_status import State
 from mcl_depth.estimate import Look
 from mcl_depth.filter import Filter
 from mcl_depth.mesh import mesh_from_faces
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
-from mcl_depth.status import State
 from sphere_geometry import SE3, Spherical
 from typed_params import build
 

@@ -23,9 +23,9 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
+from localization_status import State, Status
 from node_kit import qos
 from node_kit.conversions import (
-    StatusData,
     ns_to_time,
     poses_to_path,
     se3_to_odometry,
@@ -53,7 +53,7 @@ def pose_message(x, y, yaw, stamp, frame="map"):
 
 
 def status_message(state, stamp):
-    return status_to_message(StatusData(state), stamp, "map")
+    return status_to_message(Status(State(state)), stamp, "map")
 
 
 class Bench:
