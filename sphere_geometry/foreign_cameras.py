@@ -1,0 +1,89 @@
+"""What readers of other programs' files share: cameras with poses, and lenses that are ours by another name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sphere_geometry.camera import Camera
+from sphere_geometry.double_sphere import DoubleSphere
+from sphere_geometry.fields import check_centre, numbers, short, size
+from sphere_geometry.fisheye import Fisheye
+from sphere_geometry.pinhole import Pinhole
+from sphere_geometry.se3 import SE3
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignRig:
+    """Cameras with their poses `T_origin_camera`; the origin is the IMU if `is_by_imu`, else the first camera."""
+
+    names: tuple[str, ...]
+    cameras: tuple[Camera, ...]
+    T_origin_camera: tuple[SE3, ...]
+    is_by_imu: bool = False
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Focal lengths and centre in pixels, image size (width, height), and where in the file they stand."""
+
+    size: tuple[int, int]
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    where: str
+
+    def pinhole(self, distortion: tuple[float, ...] = ()) -> Camera:
+        """Return the camera with radial and tangential distortion k1 k2 p1 p2 [k3 [k4 k5 k6]]."""
+        return self._checked(Pinhole, distortion)
+
+    def fisheye(self, distortion: tuple[float, ...]) -> Camera:
+        """Return the camera of Kannala and Brandt."""
+        if len(distortion) != 4:
+            raise ValueError(f"{self.where}: distortion: expected 4 numbers, found {len(distortion)}")
+        return self._checked(Fisheye, distortion)
+
+    def double_sphere(self, xi: float, alpha: float) -> Camera:
+        """Return the camera of Usenko, Demmel and Cremers."""
+        return self._checked(DoubleSphere, xi, alpha)
+
+    def unified(self, alpha: float) -> Camera:
+        """Return the unified camera, x / (alpha d + (1 - alpha) z): a double sphere whose two spheres coincide."""
+        return self.double_sphere(0.0, alpha)
+
+    def mei(self, xi: float) -> Camera:
+        """Return Mei's camera, x / (z + xi d): the unified one, its focal lengths and xi written differently."""
+        scale = 1.0 + xi
+        if not scale > 0.0 or xi < 0.0:
+            raise ValueError(f"{self.where}: xi: expected at least 0, found {xi}")
+        lens = Lens(self.size, self.fx / scale, self.fy / scale, self.cx, self.cy, self.where)
+        return lens.unified(xi / scale)
+
+    def _checked(self, model: Any, *more: Any) -> Camera:
+        check_centre((self.cx, self.cy), self.size, self.where)
+        try:
+            camera: Camera = model(*self.size, self.fx, self.fy, self.cx, self.cy, *more)
+        except ValueError as error:
+            raise ValueError(f"{self.where}: {error}") from None
+        return camera
+
+
+def image_size(found: Any, where: str) -> tuple[int, int]:
+    """Return [width, height]."""
+    if not isinstance(found, list) or len(found) != 2:
+        raise ValueError(f"{where}: expected [width, height], found {short(found)}")
+    return size(found[0], where), size(found[1], where)
+
+
+def vector(values: Mapping[str, Any], name: str, where: str, count: int | None = None) -> tuple[float, ...]:
+    """Return a field of a camera that is a list of numbers; it may be left out where it may be empty."""
+    if name not in values and count is not None and count > 0:
+        raise ValueError(f"{where}.{name}: expected {count} numbers, found none")
+    return numbers(values.get(name) or [], f"{where}.{name}", count)
+
+
+def unsupported(found: Any, where: str, known: str) -> ValueError:
+    """Return the refusal of a model that has no equal here, by its name."""
+    return ValueError(f"{where}: expected {known}, found {short(found)}, which is not supported")

@@ -1,0 +1,67 @@
+"""Rigs in the files of other programs: Kalibr's camchain, basalt's calibration, OpenCV's FileStorage."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from sphere_geometry.basalt_file import is_basalt, read_basalt
+from sphere_geometry.foreign_cameras import ForeignRig
+from sphere_geometry.kalibr_file import is_kalibr, read_kalibr
+from sphere_geometry.opencv_file import is_opencv, load_opencv, read_opencv
+from sphere_geometry.rig import T_BODY_OPTICAL, Rig, RigCamera
+
+FRAMES = ("camera", "imu")
+FORMATS = ("kalibr", "basalt", "opencv")
+
+
+def read_foreign(
+    paths: Sequence[Path],
+    *,
+    file_format: str | None = None,
+    frame: str = "camera",
+    image_size: tuple[int, int] | None = None,
+    model: str | None = None,
+    unit_m: float = 1.0,
+) -> Rig:
+    """Return the rig of one file, or of the two of OpenCV's stereo sample; ValueError in one line if it is none.
+
+    frame: "camera" for a rig whose first camera looks level along +x, "imu" for the axes of the IMU as they are.
+    image_size (width, height), model (pinhole, fisheye) and unit_m, the length of the file's unit in metres, are what
+    OpenCV's files may not tell.
+    """
+    chosen = file_format or _format(paths)
+    if chosen != "opencv" and len(paths) > 1:
+        raise ValueError(f"{paths[1]}: expected one {chosen} file, found {len(paths)}")
+    if chosen == "opencv":
+        found = read_opencv(paths, image_size, model, unit_m)
+    else:
+        found = (read_kalibr if chosen == "kalibr" else read_basalt)(paths[0])
+    return _placed(found, frame, paths[0])
+
+
+def _format(paths: Sequence[Path]) -> str:
+    values = load_opencv(paths[0])
+    for name, is_it in (("kalibr", is_kalibr), ("basalt", is_basalt), ("opencv", is_opencv)):
+        if is_it(values):
+            return name
+    raise ValueError(
+        f"{paths[0]}: expected a Kalibr camchain (cam0: ...), a basalt calibration (value0: ...) or an OpenCV "
+        "calibration (camera_matrix, M1, R and T), found neither"
+    )
+
+
+def _placed(found: ForeignRig, frame: str, path: Path) -> Rig:
+    """Give the rig body axes: the first camera level and ahead, or the axes of the IMU as they are."""
+    if frame == "imu":
+        if not found.is_by_imu:
+            raise ValueError(f"{path}: expected poses relative to an IMU (--frame imu), found none")
+        poses = list(found.T_origin_camera)
+    else:
+        T_rig_origin = T_BODY_OPTICAL @ found.T_origin_camera[0].inverse()
+        poses = [T_rig_origin @ T for T in found.T_origin_camera]
+    parts = zip(found.names, found.cameras, poses, strict=True)
+    try:
+        return Rig(tuple(RigCamera(*part) for part in parts), path.stem)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
