@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,7 +18,7 @@ from sphere_geometry.rig import Rig, RigCamera
 
 Array = NDArray[np.float64]
 
-SUBSAMPLES = 4
+SUBSAMPLES = 32
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 BORDER_SQUARES = 1.0  # white paper around the outer squares
 BLUR_PX, NOISE = 0.7, 2.0
@@ -70,36 +71,94 @@ class BoardWorld:
 
 
 def _draw(image: Array, camera: Camera, rays: Array, board: Board, T_camera_board: SE3) -> None:
-    """Paint a chessboard; its plane's coordinates are linear within a pixel, so that their slopes give subsamples."""
+    """Paint a board; its plane's coordinates are linear within a pixel, so that their slopes give subsamples."""
     T = T_camera_board
     normal = T.rotation[:, 2]
     if normal @ T.translation <= 0.05:
         return  # seen from behind, or edge on
-    with np.errstate(divide="ignore", invalid="ignore"):
-        reach = (normal @ T.translation) / (rays @ normal)
-        plane = ((rays * reach[..., None] - T.translation) @ T.rotation[:, :2]) / board.square_m
-        plane[~(reach > 0)] = np.nan
-    margin = 1.0 + BORDER_SQUARES
-    low, high = -np.array([margin, margin]), np.array([board.columns, board.rows]) - 1.0 + margin
-    near = np.all((plane > low - 1.0) & (plane < high + 1.0), axis=-1)
-    if not near.any():
+    low, high = np.full(2, -1.0 - BORDER_SQUARES), np.array([board.columns, board.rows]) + BORDER_SQUARES
+    box = _box(camera, board, T, low, high)
+    if box is None:
         return
-    v, u = np.nonzero(near)
-    box = (slice(max(v.min() - 2, 0), v.max() + 3), slice(max(u.min() - 2, 0), u.max() + 3))
-    part = plane[box]
-    by_v, by_u = np.gradient(part, axis=(0, 1)) if min(part.shape[:2]) > 1 else (part * 0, part * 0)
-    offsets = (np.arange(SUBSAMPLES) + 0.5) / SUBSAMPLES - 0.5
-    level, cover = np.zeros(part.shape[:2]), np.zeros(part.shape[:2])
-    for dv in offsets:
-        for du in offsets:
-            xy = part + dv * by_v + du * by_u
-            is_on = np.all((xy > low) & (xy < high), axis=-1)
-            is_square = np.all((xy > -1.0) & (xy < high - BORDER_SQUARES), axis=-1)
-            is_dark = is_square & (np.floor(np.nan_to_num(xy)).sum(axis=-1) % 2 == 0)
-            level += np.where(is_on, np.where(is_dark, 35.0, 215.0), 0.0)
-            cover += is_on
-    share = cover / SUBSAMPLES**2
-    image[box] = level / SUBSAMPLES**2 + (1.0 - share) * image[box]
+    inner = rays[box]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        reach = (normal @ T.translation) / (inner @ normal)
+        plane = ((inner * reach[..., None] - T.translation) @ T.rotation[:, :2]) / board.square_m
+        plane[~(reach > 0)] = np.nan
+    by_v, by_u = np.gradient(plane, axis=(0, 1))
+    squares, paper = pattern(board), (low, high)
+    corners = [_levels(squares, plane + dv * by_v + du * by_u, paper) for du in (-0.55, 0.55) for dv in (-0.55, 0.55)]
+    level = _levels(squares, plane, paper)
+    is_edge = np.any(np.stack(corners) != level, axis=0)
+    xy, by_u, by_v = plane[is_edge], by_u[is_edge], by_v[is_edge]
+    parts = np.stack([_levels(squares, xy + dv * by_v + du * by_u, paper) for du, dv in _offsets()])
+    behind = image[box]
+    fine = np.where(parts >= 0, parts, behind[is_edge]).mean(axis=0)
+    image[box] = np.where(level >= 0, level, behind)
+    image[box][is_edge] = fine
+
+
+def _box(camera: Camera, board: Board, T: SE3, low: Array, high: Array) -> tuple[slice, slice] | None:
+    """Return rows and columns that hold the part of a board that is seen."""
+    x, y = (np.linspace(low[axis], high[axis], 60) * board.square_m for axis in (0, 1))
+    grid = np.stack([*np.meshgrid(x, y), np.zeros((60, 60))], axis=-1)
+    pixels, is_seen = camera.project(T.apply(grid))
+    if not is_seen.any():
+        return None
+    with np.errstate(invalid="ignore"):
+        step = np.nanmax(np.abs(np.diff(pixels, axis=0))) + np.nanmax(np.abs(np.diff(pixels, axis=1)))
+    margin = int(min(step, 100.0)) + 3
+    u, v = pixels[is_seen].T.astype(int)
+    rows = slice(max(v.min() - margin, 0), min(v.max() + margin, camera.height))
+    return rows, slice(max(u.min() - margin, 0), min(u.max() + margin, camera.width))
+
+
+def _offsets() -> Array:
+    """Return subsamples (n, 2) of a pixel that cut edges of any direction at n different places (R2 sequence)."""
+    golden = 1.32471795724474602596
+    number = np.arange(1, SUBSAMPLES + 1)[:, None]
+    spread: Array = (0.5 + number / golden ** np.array([1.0, 2.0])) % 1.0 - 0.5
+    return spread - spread.mean(axis=0)
+
+
+def pattern(board: Board) -> NDArray[np.bool_]:
+    """Return whether a module is dark: (rows + 1, columns + 1, n, n), n modules to the side of a square.
+
+    A ChArUco board has its markers in the white squares; `n` is that of the finest grid that all edges fall on.
+    """
+    row, column = np.indices((board.rows + 1, board.columns + 1))
+    is_dark = (row + column) % 2 == 0  # as OpenCV since 4.6: the outer corner square is dark
+    if board.kind != "charuco":
+        return is_dark[..., None, None]
+    dictionary = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, board.dictionary))
+    side = dictionary.markerSize + 2
+    margin = (board.square_m / board.marker_m - 1.0) * side / 2.0
+    if abs(margin - round(margin)) > 1e-6:
+        raise ValueError(f"board {board.name}: expected a margin of whole modules around its markers, found {margin}")
+    count = side + 2 * round(margin)
+    squares = np.repeat(np.repeat(is_dark[..., None, None], count, axis=-2), count, axis=-1)
+    inner = slice(round(margin), round(margin) + side)
+    for number, (y, x) in enumerate(np.argwhere(~is_dark)):
+        squares[y, x, inner, inner] = marker_image(dictionary, board.first_marker + number, side) < 128
+    return squares
+
+
+def _levels(squares: NDArray[np.bool_], xy: Array, paper: tuple[Array, Array]) -> Array:
+    """Return grey levels (...) of points (..., 2) in units of squares from the first corner, -1 beside the paper."""
+    xy = np.nan_to_num(xy, nan=-99.0)
+    square = np.floor(xy).astype(int)
+    module = np.minimum(((xy - square) * squares.shape[-1]).astype(int), squares.shape[-1] - 1)
+    x, y = square[..., 0] + 1, square[..., 1] + 1
+    is_square = (x >= 0) & (y >= 0) & (x < squares.shape[1]) & (y < squares.shape[0])
+    x, y = np.clip(x, 0, squares.shape[1] - 1), np.clip(y, 0, squares.shape[0] - 1)
+    level = np.where(is_square & squares[y, x, module[..., 1], module[..., 0]], 35.0, 215.0)
+    return np.where(np.all((xy > paper[0]) & (xy < paper[1]), axis=-1), level, -1.0)
+
+
+def marker_image(dictionary: Any, number: int, side: int) -> NDArray[np.uint8]:
+    """Return a marker (side, side), by the function's name of OpenCV since 4.7 or before."""
+    draw = getattr(cv2.aruco, "generateImageMarker", None) or cv2.aruco.drawMarker
+    return np.asarray(draw(dictionary, int(number), side))
 
 
 def vertical_rig(size: tuple[int, int] = (960, 720)) -> Rig:

@@ -18,9 +18,12 @@ from rig_calibration.hand_eye import hand_eye
 from sphere_geometry import SE3, so3
 
 Array = NDArray[np.float64]
+Key = tuple[str, int]  # "camera" or "board", and its index
 
 MIN_HAND_EYE = 4
+LOST = 0.1  # rad, or part of the distance, from which on a board is somewhere else: one such outvotes nobody
 MAX_CANDIDATES = 400
+NUM_SWEEPS, MIN_INSTANTS = 2, 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,6 +51,15 @@ class Assembly:
             grouped[sighting.instant].append(sighting)
         self.by_instant = dict(grouped)
 
+    def place(self, key: Key, pose: SE3) -> None:
+        """Take a pose for a camera or a board."""
+        (self.cameras if key[0] == "camera" else self.boards)[key[1]] = pose
+
+    def without(self, key: Key) -> Assembly:
+        """Return the same without the pose of a camera or a board."""
+        cameras = {c: T for c, T in self.cameras.items() if key != ("camera", c)}
+        return Assembly(self.sightings, cameras, {b: T for b, T in self.boards.items() if key != ("board", b)})
+
     def rig_poses(self, instant: int) -> list[SE3]:
         """Return candidates of `T_world_rig`, best first: those that explain the known sightings equally well."""
         known = [s for s in self.by_instant[instant] if s.camera in self.cameras and s.board in self.boards]
@@ -58,9 +70,19 @@ class Assembly:
         ]
         if len(known) < 2:
             return candidates
-        costs = [max(self._misfit(T, s) for s in known) for T in candidates]
+        costs = [sum(min(self._misfit(T, s), LOST) for s in known) for T in candidates]
         best = min(costs)
         return [candidates[i] for i in np.argsort(costs) if costs[i] <= 1.5 * best + 1e-6]
+
+    def cost(self) -> float:
+        """Return the sum of what the sightings are off, each at most `LOST`."""
+        total = 0.0
+        for instant, sightings in self.by_instant.items():
+            poses = self.rig_poses(instant)
+            known = [s for s in sightings if s.camera in self.cameras and s.board in self.boards]
+            total += LOST * (len(sightings) - len(known))
+            total += sum(min(self._misfit(poses[0], s), LOST) for s in known)
+        return total
 
     def _misfit(self, T_world_rig: SE3, sighting: Sighting) -> float:
         seen = T_world_rig @ self.cameras[sighting.camera] @ sighting.T_camera_board
@@ -79,42 +101,65 @@ def board_turns(board: Board) -> SE3:
 
 
 def assemble(sightings: list[Sighting], reference: SE3, num_cameras: int, rng: np.random.Generator) -> Assembly:
-    """Join everything to camera 0, whose `T_rig_camera` is `reference`; what cannot be joined stays out."""
-    found = Assembly(sightings)
-    own = [s.board for s in sightings if s.camera == 0]
-    if not own:
-        return found
-    found.cameras[0] = reference
-    found.boards[int(np.bincount(own).argmax())] = SE3.identity()
-    while _grow(found) or (len(found.cameras) < num_cameras and _join_by_motion(found, rng)):
-        pass
-    return found
+    """Join everything to camera 0, whose `T_rig_camera` is `reference`; what cannot be joined stays out.
+
+    The first step may rest on one instant and a false view there. So every board that camera 0 saw is tried as the
+    first one, and the assembly that most sightings agree with is taken.
+    """
+    own = np.bincount([s.board for s in sightings if s.camera == 0] or [0])
+    if not any(s.camera == 0 for s in sightings):
+        return Assembly(sightings)
+    tried = []
+    for board in np.argsort(-own)[: np.count_nonzero(own)]:
+        found = Assembly(sightings, {0: reference}, {int(board): SE3.identity()})
+        while _grow(found) or (len(found.cameras) < num_cameras and _join_by_motion(found, rng)):
+            pass
+        _settle(found, int(board))
+        tried.append(found)
+    return min(tried, key=lambda found: found.cost())
 
 
 def _grow(found: Assembly) -> bool:
-    """Add the camera or board that most instants join to what is known; return whether there was one."""
-    candidates: dict[tuple[str, int], list[SE3]] = defaultdict(list)
-    reach: dict[tuple[str, int], list[float]] = defaultdict(list)
+    """Add the camera or board that most instants agree about; return whether there was one."""
+    seen = _seen(found)
+    agreed = {key: _agreed(*instants) for key, instants in seen.items()}
+    if not agreed:
+        return False
+    key = max(agreed, key=lambda key: agreed[key][1])
+    found.place(key, agreed[key][0])
+    return True
+
+
+def _settle(found: Assembly, reference_board: int) -> None:
+    """Place every camera and board once more, by all instants; the first placing may have rested on a false view."""
+    for _ in range(NUM_SWEEPS):
+        for key in [*(("camera", c) for c in found.cameras), *(("board", b) for b in found.boards)]:
+            if key in (("camera", 0), ("board", reference_board)):
+                continue
+            kept = found.without(key)
+            instants = _seen(kept).get(key)
+            if instants is not None and len(instants[0]) >= MIN_INSTANTS:
+                found.place(key, _agreed(*instants)[0])
+
+
+def _seen(found: Assembly) -> dict[Key, tuple[list[SE3], float]]:
+    """Return, for cameras and boards that are not placed, where each instant puts them, and how far away they are."""
+    candidates: dict[Key, list[SE3]] = defaultdict(list)
+    reach: dict[Key, list[float]] = defaultdict(list)
     for instant, sightings in found.by_instant.items():
-        T_world_rigs = found.rig_poses(instant)
+        wanted = [s for s in sightings if (s.camera in found.cameras) != (s.board in found.boards)]
+        T_world_rigs = found.rig_poses(instant) if wanted else []
         if not T_world_rigs:
             continue
         rigs = SE3(np.stack([T.matrix for T in T_world_rigs]))
-        for s in sightings:
-            if s.camera not in found.cameras and s.board in found.boards:
+        for s in wanted:
+            if s.board in found.boards:
                 key, poses = ("camera", s.camera), _all(rigs.inverse() @ found.boards[s.board], s.T_camera_board, True)
-            elif s.camera in found.cameras and s.board not in found.boards:
-                key, poses = ("board", s.board), _all(rigs @ found.cameras[s.camera], s.T_camera_board, False)
             else:
-                continue
+                key, poses = ("board", s.board), _all(rigs @ found.cameras[s.camera], s.T_camera_board, False)
             candidates[key].append(poses)
             reach[key].append(_reach(s))
-    if not candidates:
-        return False
-    kind, index = max(candidates, key=lambda key: len(candidates[key]))
-    known = found.cameras if kind == "camera" else found.boards
-    known[index] = _agreed(candidates[(kind, index)], float(np.median(reach[(kind, index)])))
-    return True
+    return {key: (poses, float(np.median(reach[key]))) for key, poses in candidates.items()}
 
 
 def _join_by_motion(found: Assembly, rng: np.random.Generator) -> bool:
@@ -140,17 +185,29 @@ def _all(first: SE3, second: SE3, is_inverted: bool) -> SE3:
     return SE3((first.matrix[:, None] @ second.matrix).reshape(-1, 4, 4))
 
 
-def _agreed(candidates: list[SE3], reach: float) -> SE3:
-    """Return the candidate whose median distance to the nearest one of every instant is least, then their mean."""
+def _agreed(candidates: list[SE3], reach: float) -> tuple[SE3, int]:
+    """Return the mean of the candidates that most instants agree about, and how many instants these are."""
     pool = np.concatenate([T.matrix for T in candidates])
-    pool = pool[:: max(len(pool) // MAX_CANDIDATES, 1)]
-    costs = [np.median([np.min(_distance(T, SE3(matrix), reach)) for T in candidates]) for matrix in pool]
-    best = SE3(pool[int(np.argmin(costs))])
-    nearest = [T.matrix[int(np.argmin(_distance(T, best, reach)))] for T in candidates]
-    distances = np.array([float(_distance(SE3(matrix), best, reach)) for matrix in nearest])
-    close = np.stack(nearest)[distances <= 2.0 * np.median(distances) + 1e-9]
+    first = np.cumsum([0, *(len(T.matrix) for T in candidates[:-1])])
+    tried = pool[:: max(len(pool) // MAX_CANDIDATES, 1)]
+    apart = _apart(tried, pool, reach)
+    nearest = np.minimum.reduceat(apart, first, axis=1)  # (tried, instants)
+    best = int(np.argmin(np.sum(np.minimum(nearest, LOST), axis=1)))
+    chosen = [start + int(np.argmin(row)) for start, row in zip(first, np.split(apart[best], first[1:]), strict=True)]
+    distances = apart[best][chosen]
+    is_close = distances <= min(2.0 * float(np.median(distances)) + 1e-9, LOST)
+    close = pool[chosen][is_close if is_close.any() else distances == distances.min()]
     U, _, Vt = np.linalg.svd(close[:, :3, :3].mean(axis=0))
-    return SE3.from_parts(U @ Vt, np.median(close[:, :3, 3], axis=0))
+    mean = SE3.from_parts(U @ Vt, np.median(close[:, :3, 3], axis=0))
+    return mean, int(np.count_nonzero(distances <= LOST))
+
+
+def _apart(first: Array, second: Array, reach: float) -> Array:
+    """Return the distances (n, m) of `_distance` between poses (n, 4, 4) and (m, 4, 4)."""
+    trace = first[:, :3, :3].reshape(-1, 9) @ second[:, :3, :3].reshape(-1, 9).T
+    moved = np.linalg.norm(first[:, None, :3, 3] - second[None, :, :3, 3], axis=-1)
+    apart: Array = moved / reach + np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))
+    return apart
 
 
 def _distance(T: SE3, other: SE3, reach: float) -> Array:

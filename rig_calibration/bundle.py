@@ -51,7 +51,7 @@ def solve(
         while damping < MAX_DAMPING:
             trial = state.moved(*_step(problem, normal, damping))
             trial_errors = residuals(problem, trial)
-            trial_cost = _cost(trial_errors, weights, huber_px)
+            trial_cost = _cost(trial_errors, weights, huber_px) if np.all(trial.lenses[:, :2] > 0) else np.inf
             if trial_cost <= cost:
                 break
             damping *= 8.0

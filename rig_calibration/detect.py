@@ -1,58 +1,53 @@
-"""Corners of a board in a grey image: chessboards by two detectors, ChArUco boards by their markers."""
+"""Corners of boards in a grey image, numbered as on the board and refined to a fraction of a pixel."""
 
 from __future__ import annotations
 
-from functools import lru_cache
-from typing import Any
+from collections.abc import Iterable, Sequence
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_calibration import charuco, chessboard
 from rig_calibration.board import Board
 from rig_calibration.views import Array, Indices
 
 Grey = NDArray[np.uint8]
 
-SECTOR_FLAGS = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
-QUAD_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
 REFINEMENT = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
-MAX_HALF_WINDOW = 7
+MIN_HALF_WINDOW, MAX_HALF_WINDOW = 2, 7
+BLUR_PX = 0.5  # an edge that lies this far inside a window does not bend the corner
 MIN_SPACING_PX = 4.0  # below it neighbours blur into each other
 
 
 def detect(grey: Grey, board: Board) -> tuple[Indices, Array] | None:
     """Return numbers (n,) of the corners of a board and their pixels (n, 2), or None where it is not seen."""
-    return _charuco(grey, board) if board.kind == "charuco" else _chessboard(grey, board)
+    return detect_all(grey, (board,)).get(board.name)
 
 
-def _chessboard(grey: Grey, board: Board) -> tuple[Indices, Array] | None:
-    """Try the detector by quadrangles, which stands strong distortion, then the one by sectors, which stands blur."""
-    for finder in (_by_quads, _by_sectors):
-        corners = finder(grey, board)
-        if corners is None:
-            continue
-        corners = canonical(grey, board, corners)
+def detect_all(grey: Grey, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:
+    """Return numbers (n,) and pixels (n, 2) of the corners of each board that is seen, by its name.
+
+    A single chessboard is searched thoroughly; among several most are out of sight, and that would take minutes.
+    """
+    chessboards = [board for board in boards if board.kind == "chessboard"]
+    found = {}
+    for board, candidates in chessboard.candidates(grey, chessboards):
+        seen = _numbered(grey, board, candidates)
+        if seen is not None:
+            found[board.name] = seen
+    return found | _charuco_boards(grey, [board for board in boards if board.kind == "charuco"])
+
+
+def _numbered(grey: Grey, board: Board, candidates: Iterable[Array]) -> tuple[Indices, Array] | None:
+    """Return the first candidate that looks like a board, numbered as on the board, to a fraction of a pixel."""
+    for candidate in candidates:
+        corners = canonical(grey, board, candidate)
         spacing = _spacing(corners, board)
         if spacing >= MIN_SPACING_PX and _is_grid(corners, board):
-            return np.arange(board.num_corners), _refined(grey, corners, spacing)
+            half = int(np.clip(0.4 * spacing, MIN_HALF_WINDOW, MAX_HALF_WINDOW))
+            return np.arange(board.num_corners), _refined(grey, corners, half)
     return None
-
-
-def _by_quads(grey: Grey, board: Board) -> Array | None:
-    found, corners = cv2.findChessboardCorners(grey, (board.columns, board.rows), flags=QUAD_FLAGS)
-    return _as_corners(corners, board) if found else None
-
-
-def _by_sectors(grey: Grey, board: Board) -> Array | None:
-    found, corners = cv2.findChessboardCornersSB(grey, (board.columns, board.rows), flags=SECTOR_FLAGS)
-    return _as_corners(corners, board) if found else None
-
-
-def _as_corners(corners: Any, board: Board) -> Array | None:
-    """Return (N, 2), or None for a detector's answer of another size."""
-    found = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
-    return found if len(found) == board.num_corners else None
 
 
 def canonical(grey: Grey, board: Board, corners: Array) -> Array:
@@ -100,9 +95,8 @@ def _is_grid(corners: Array, board: Board) -> bool:
     return True
 
 
-def _refined(grey: Grey, corners: Array, spacing: float) -> Array:
-    """Return corners (N, 2) to a fraction of a pixel, with windows that no neighbour reaches into."""
-    half = int(np.clip(0.4 * spacing, 2, MAX_HALF_WINDOW))
+def _refined(grey: Grey, corners: Array, half: int) -> Array:
+    """Return corners (N, 2) to a fraction of a pixel, with windows of 2 * half + 1 pixels that hold no other edge."""
     found = corners.astype(np.float32).reshape(-1, 1, 2).copy()
     cv2.cornerSubPix(grey, found, (half, half), (-1, -1), REFINEMENT)
     refined = found.reshape(-1, 2).astype(np.float64)
@@ -110,14 +104,22 @@ def _refined(grey: Grey, corners: Array, spacing: float) -> Array:
     return np.where((moved < half)[:, None], refined, corners)
 
 
-def _charuco(grey: Grey, board: Board) -> tuple[Indices, Array] | None:
-    found, numbers, _, _ = _charuco_detector(board).detectBoard(grey)
-    if found is None or numbers is None or len(numbers) < 4:
-        return None
-    corners = np.asarray(found, dtype=np.float64).reshape(-1, 2)
-    order = np.asarray(numbers, dtype=np.intp).ravel()
-    spacing = _charuco_spacing(order, corners, board)
-    return order, _refined(grey, corners, spacing)
+def _charuco_boards(grey: Grey, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:
+    """Look for the markers of each dictionary once, then for the corners of each board among its own."""
+    found = {}
+    for name in dict.fromkeys(board.dictionary for board in boards):
+        same = [board for board in boards if board.dictionary == name]
+        for board in same:
+            charuco.check(board)
+        markers = charuco.find_markers(grey, name)
+        for board in same:
+            seen = charuco.find_corners(grey, board, markers)
+            if seen is not None:
+                numbers, corners = seen
+                gap = 0.5 * (1.0 - board.marker_m / board.square_m) * _charuco_spacing(numbers, corners, board)
+                half = int(np.clip(gap + BLUR_PX, MIN_HALF_WINDOW, MAX_HALF_WINDOW))
+                found[board.name] = numbers, _refined(grey, corners, half)
+    return found
 
 
 def _charuco_spacing(numbers: Indices, corners: Array, board: Board) -> float:
@@ -126,26 +128,3 @@ def _charuco_spacing(numbers: Indices, corners: Array, board: Board) -> float:
     between = np.linalg.norm(corners[:, None] - corners, axis=-1)
     squares = np.abs(places[:, None] - places).sum(axis=-1)
     return float(np.min(between[squares > 0] / squares[squares > 0]))
-
-
-@lru_cache
-def _charuco_detector(board: Board) -> Any:
-    number = getattr(cv2.aruco, board.dictionary, None)
-    if not isinstance(number, int):
-        raise ValueError(
-            f"board {board.name!r}: dictionary: expected a name such as DICT_4X4_250, found {board.dictionary!r}"
-        )
-    dictionary = cv2.aruco.getPredefinedDictionary(number)
-    available = len(dictionary.bytesList)
-    last = board.first_marker + board.num_markers
-    if last > available:
-        raise ValueError(
-            f"board {board.name!r}: dictionary: expected {last} markers for {board.columns}x{board.rows} corners, "
-            f"found {available} in {board.dictionary}"
-        )
-    ids = np.arange(board.first_marker, last)
-    pattern = cv2.aruco.CharucoBoard(
-        (board.columns + 1, board.rows + 1), board.square_m, board.marker_m, dictionary, ids
-    )
-    pattern.setLegacyPattern(board.is_legacy)
-    return cv2.aruco.CharucoDetector(pattern)

@@ -13,7 +13,7 @@ class CalibrationParams:
     huber_width: float = param(1.345, "residual beyond which its weight falls", "standard deviations", low=0.5)
     corner_limit: float = param(5.0, "residual beyond which a corner is left out", "standard deviations", low=2.0)
     view_ratio: float = param(
-        4.0, "RMS of a view, by the median of its camera, beyond which it is left out", "x", low=1.5
+        4.0, "median residual of a view, by that of its camera, beyond which it is left out", "x", low=1.5
     )
     min_residual_px: float = param(0.1, "residual below which no corner is left out", "px", low=0.0)
     min_corners: int = param(8, "corners that a view must have", low=6)

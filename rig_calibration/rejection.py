@@ -1,4 +1,4 @@
-"""Robust adjustment: Huber's weights first, then false corners and views out by their residuals, then plain squares."""
+"""Robust adjustment: Huber's weights first, then false corners and views out, again and again, then plain squares."""
 
 from __future__ import annotations
 
@@ -16,7 +16,8 @@ from rig_calibration.views import Observations
 
 Array = NDArray[np.float64]
 
-NUM_ROUNDS = 4
+MAX_ROUNDS = 8
+MIN_SHARE = 0.5  # of its corners that must fit for a view to count at all
 MEDIAN_LENGTH = 1.1774  # median length of a residual whose two parts have a standard deviation of 1
 FLOOR_RATIO = 3.0  # a view is left out from this multiple of `min_residual_px` on, whatever the others are like
 
@@ -37,16 +38,17 @@ def adjust(
     params: CalibrationParams,
     progress: Callable[[str], None] = lambda _: None,
 ) -> Adjusted:
-    """Adjust until no corner is rejected any more; corners that come with weight 0 stay out."""
+    """Adjust until the same corners are rejected; those that come with weight 0, and views once left out, stay out."""
     seen = problem.seen
     dropped: dict[int, str] = {}
+    allowed = kept
     solution = solve(problem, start, kept, _huber_px(problem, start, kept, params), max_iterations=25)
-    for number in range(NUM_ROUNDS):
+    for number in range(MAX_ROUNDS):
         progress(f"adjusting, round {number + 1}: {_rms(solution.residuals, kept):.3f} px")
-        remaining, found = reject(seen, solution.residuals, kept, params)
+        remaining, found = reject(seen, solution.residuals, allowed, params)
         dropped |= found
         is_settled = number > 0 and np.array_equal(remaining, kept)
-        kept = remaining
+        allowed, kept = _without(seen, allowed, dropped), remaining
         if is_settled:
             break
         huber_px = params.huber_width * noise_px(solution.residuals, kept)
@@ -55,23 +57,47 @@ def adjust(
 
 
 def reject(seen: Observations, errors: Array, kept: Array, params: CalibrationParams) -> tuple[Array, dict[int, str]]:
-    """Return which corners (N,) remain, and the views that are left out with the reason."""
+    """Return which corners (N,) remain, and the views that are left out with the reason.
+
+    A corner is judged by the scatter of its camera, from medians that half of all corners being false does not move.
+    A view is judged by its median corner, so that a few false ones cost no more than themselves. A false view pulls
+    the rig pose of its instant and with it the other views there: of one instant only the worst goes at a time.
+    """
     remaining = kept.copy()
-    dropped: dict[int, str] = {}
     size = np.linalg.norm(np.nan_to_num(errors, nan=1e6), axis=-1)
-    view_rms = seen.per_view_rms(np.nan_to_num(errors, nan=1e6), kept)
+    typical = view_medians(seen, size, kept)
+    excess, usual = np.zeros(seen.num_views), np.zeros(seen.num_views)
     for camera, rows in seen.camera_slices:
-        own = np.flatnonzero((seen.camera == camera) & np.isfinite(view_rms))
+        own = np.flatnonzero((seen.camera == camera) & np.isfinite(typical))
         if not own.size:
             continue
-        usual = float(np.median(view_rms[own]))
-        limit = max(params.view_ratio * usual, FLOOR_RATIO * params.min_residual_px)
-        for view in own[view_rms[own] > limit]:
-            remaining[seen.view == view] = 0.0
-            dropped[int(view)] = f"RMS {view_rms[view]:.2f} px, others of this camera {usual:.2f} px"
-        corner_limit = max(params.corner_limit * noise_px(errors[rows], remaining[rows]), params.min_residual_px)
-        remaining[rows] = np.where(size[rows] > corner_limit, 0.0, remaining[rows])
+        usual[own] = np.median(typical[own])
+        excess[own] = typical[own] / np.maximum(params.view_ratio * usual[own], FLOOR_RATIO * params.min_residual_px)
+        limit = max(params.corner_limit * noise_px(errors[rows], kept[rows]), params.min_residual_px)
+        is_false = (size[rows] > limit) & (excess[seen.view[rows]] <= 1.0)
+        remaining[rows] = np.where(is_false, 0.0, remaining[rows])
+    dropped = {}
+    for view in _worst_of_instants(seen, excess):
+        remaining[seen.view == view] = 0.0
+        dropped[view] = f"median residual {typical[view]:.2f} px, others of this camera {usual[view]:.2f} px"
     return _drop_poor(seen, remaining, kept, dropped, params)
+
+
+def view_medians(seen: Observations, size: Array, kept: Array) -> Array:
+    """Return the median (V,) of the lengths (N,) of the residuals of each view, NaN where no corner counts."""
+    slices = (slice(first, last) for first, last in zip(seen.starts[:-1], seen.starts[1:], strict=True))
+    found = [np.median(size[rows][kept[rows] > 0]) if np.any(kept[rows] > 0) else np.nan for rows in slices]
+    return np.array(found)
+
+
+def _worst_of_instants(seen: Observations, excess: Array) -> list[int]:
+    """Return the views over their limit, of each instant the one that is most."""
+    worst: dict[int, int] = {}
+    for view in np.flatnonzero(excess > 1.0):
+        instant = int(seen.instant[view])
+        if instant not in worst or excess[view] > excess[worst[instant]]:
+            worst[instant] = int(view)
+    return sorted(worst.values())
 
 
 def noise_px(errors: Array, kept: Array) -> float:
@@ -80,14 +106,20 @@ def noise_px(errors: Array, kept: Array) -> float:
     return max(float(np.median(size)) / MEDIAN_LENGTH, 1e-9) if size.size else 1e-9
 
 
+def _without(seen: Observations, allowed: Array, dropped: dict[int, str]) -> Array:
+    """Return the corners that may come back: all but those of the views that were left out."""
+    return np.where(np.isin(seen.view, list(dropped)), 0.0, allowed)
+
+
 def _drop_poor(
     seen: Observations, remaining: Array, kept: Array, dropped: dict[int, str], params: CalibrationParams
 ) -> tuple[Array, dict[int, str]]:
     count = np.bincount(seen.view, remaining, minlength=seen.num_views)
     before = np.bincount(seen.view, kept, minlength=seen.num_views)
-    for view in np.flatnonzero((count < params.min_corners) & (before > 0)):
+    least = np.maximum(params.min_corners, MIN_SHARE * seen.counts)
+    for view in np.flatnonzero((count < least) & (before > 0)):
         remaining[seen.view == view] = 0.0
-        dropped.setdefault(int(view), f"{count[view]:.0f} of {before[view]:.0f} corners fit")
+        dropped.setdefault(int(view), f"{count[view]:.0f} of {seen.counts[view]:.0f} corners fit")
     return remaining, dropped
 
 
