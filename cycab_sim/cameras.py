@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from cycab_sim.lenses import make_lens
-from cycab_sim.params import CameraParams, SphereParams
+from cycab_sim.params import CameraParams, ExposureParams, SphereParams
 from sphere_geometry import SE3, Camera, Spherical
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # body axes of optical axes
@@ -20,7 +20,7 @@ class Mount:
 
     T_base_camera maps camera coordinates (optical axes, body axes for a sphere) to the car's;
     noise in grey levels, shot_noise as variance over the grey level;
-    vignetting is the share of light lost in the corners.
+    vignetting is the share of light lost in the corners; cameras of one group have one exposure.
     """
 
     name: str
@@ -31,6 +31,8 @@ class Mount:
     noise: float
     shot_noise: float
     vignetting: float = 0.0
+    exposure: ExposureParams = field(default_factory=ExposureParams)
+    group: str = ""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +56,8 @@ def forward_camera(params: CameraParams) -> Mount:
     T_base_camera = place @ tilt @ SE3.from_parts(np.eye(3) if is_sphere else OPTICAL, np.zeros(3))
     frame_id = "camera_link" if is_sphere else "camera_optical"
     noises = params.noise, params.shot_noise
-    return Mount("camera", frame_id, camera, T_base_camera, True, *noises, 0.0 if is_sphere else params.vignetting)
+    fall = 0.0 if is_sphere else params.vignetting
+    return Mount("camera", frame_id, camera, T_base_camera, True, *noises, fall, params.exposure, "camera")
 
 
 def roof_sphere(params: SphereParams) -> Mount:
@@ -63,7 +66,7 @@ def roof_sphere(params: SphereParams) -> Mount:
         raise ValueError(f"sphere.width: expected an even number, found {params.width}")
     T_base_camera = SE3.from_parts(np.eye(3), [params.x, params.y, params.z])
     camera = Spherical(params.width, params.width // 2)
-    return Mount("sphere", "sphere_link", camera, T_base_camera, False, params.noise, params.shot_noise)
+    return Mount("sphere", "sphere_link", camera, T_base_camera, False, params.noise, params.shot_noise, group="sphere")
 
 
 def vignette(camera: Camera, share: float, gamma: float) -> NDArray[np.float32]:

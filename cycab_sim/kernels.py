@@ -6,8 +6,6 @@ from numba import njit
 
 OUTSIDE = -2  # no ray: the lens does not see there
 CONTRAST = 0.02  # edges weaker than this need no more rays: about one grey level
-AMBIENT = (0.34, 0.40, 0.52)
-SUN = (1.25, 1.15, 0.98)
 
 
 @njit(cache=True, nogil=True)
@@ -85,15 +83,19 @@ def _nearest_ray(rays, v, u, dv, du):
 
 
 @njit(cache=True, nogil=True)
-def light(origin, rays, ranges, triangles, cone, normals, sun, shadow, texel, corner, T_sun_world, colour):
+def light(origin, rays, ranges, triangles, cone, normals, lamps, shadow, texel, corner, T_sun_world, colour):
     """Turn reflectance into radiance in place, colour (N, 3) f32: sun with cast shadows and an overcast share of sky.
 
-    normals (T, 3) f32 unit, sun (3,) f64 unit vector towards the sun, shadow (K, K) f32 distance of the first
+    normals (T, 3) f32 unit; lamps: (unit vector (3,) f64 towards the sun, radiance (3,) of sun and of sky, factor on
+    the sky that is seen), see sky.py; shadow (K, K) f32 distance of the first
     thing hit by the sun's rays, texel m, corner (2,) m of its first texel, T_sun_world (3, 3): rows x, y, -sun
     """
+    sun, sun_colour, sky_colour, sky_gain = lamps
     for n in range(rays.shape[0]):
         t = triangles[n]
         if t < 0:
+            for c in range(3):
+                colour[n, c] *= sky_gain
             continue
         nx, ny, nz = normals[t, 0], normals[t, 1], normals[t, 2]
         if nx * rays[n, 0] + ny * rays[n, 1] + nz * rays[n, 2] > 0.0:
@@ -112,7 +114,7 @@ def light(origin, rays, ranges, triangles, cone, normals, sun, shadow, texel, co
             direct = lambert * _lit(shadow, a / texel, b / texel, depth - 0.5 * texel, ranges[n] * cone[n] / texel)
         sky = (0.62 + 0.38 * nz) * (0.55 + 0.45 * min(1.0, (z + 0.8) / 7.0))
         for c in range(3):
-            colour[n, c] *= SUN[c] * direct + AMBIENT[c] * sky
+            colour[n, c] *= sun_colour[c] * direct + sky_colour[c] * sky
 
 
 @njit(cache=True)
@@ -151,12 +153,15 @@ def merge_samples(samples, edges, n, colour):
 
 @njit(cache=True, nogil=True)
 def tone(colour, gain, curve, image):
-    """Write grey levels 0..255 f32, image (N, 3) RGB or (N, 1) luma, of radiance (N, 3) f32 by a curve (K,)."""
+    """Write grey levels 0..255 f32, image (N, 3) RGB or (N, 1) luma, of radiance (N, 3) f32 by a curve (K,).
+
+    gain (3,) f64: factors on red, green and blue
+    """
     last = curve.shape[0] - 1
     for n in range(colour.shape[0]):
         luma = 0.0
         for c in range(3):
-            x = min(max(gain * colour[n, c], 0.0), 1.0) * last
+            x = min(max(gain[c] * colour[n, c], 0.0), 1.0) * last
             k = min(int(x), last - 1)
             level = curve[k] + (x - k) * (curve[k + 1] - curve[k])
             luma += level * (0.299 if c == 0 else (0.587 if c == 1 else 0.114))

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -49,6 +49,14 @@ class Mesh:
     params: NDArray[np.float32]
     colours: NDArray[np.float32]
     is_clutter: NDArray[np.bool_]
+
+
+def joined(meshes: Sequence[Mesh]) -> Mesh:
+    """Return one mesh of several, triangles and surfaces one after the other."""
+    counts = np.cumsum([0] + [len(mesh.frames) for mesh in meshes])
+    columns = {item.name: [getattr(mesh, item.name) for mesh in meshes] for item in fields(Mesh)}
+    columns["surface_of"] = [s + np.int32(n) for s, n in zip(columns["surface_of"], counts[:-1], strict=True)]
+    return Mesh(**{name: np.concatenate(parts) for name, parts in columns.items()})
 
 
 @dataclass

@@ -14,6 +14,46 @@ class LightParams:
     has_shadows: bool = param(True, "whether things cast shadows")
     exposure: float = param(0.85, "factor from radiance to the range of the grey levels", low=0.0)
     gamma: float = param(2.2, "grey level = 255 radiance^(1/gamma)", low=0.2, high=5.0)
+    hour: float = param(
+        0.0, "solar time in hours that decides where the sun is; 0: the two angles do", low=0.0, high=24.0
+    )
+    hour_rate: float = param(0.0, "hours that pass in a second of simulated time", low=0.0, high=1.0)
+    clouds: float = param(0.0, "share of the sun's light that passing clouds take", low=0.0, high=1.0)
+    cloud_period: float = param(90.0, "time from cloud to cloud, about", "s", low=1.0)
+
+
+@parameters
+class ExposureParams:
+    """What a camera does to the brightness and colour of its images by itself."""
+
+    is_automatic: bool = param(False, "the exposure follows the mean grey level of the images")
+    target: float = param(115.0, "mean grey level that it aims at", "grey level", low=1.0, high=254.0)
+    delay: float = param(0.1, "from an image to the first exposure that heeds it", "s", low=0.0, high=10.0)
+    time_constant: float = param(0.4, "the exposure follows as a first-order lag", "s", low=0.0, high=100.0)
+    range: float = param(8.0, "largest factor of the automatic exposure, up and down", low=1.0, high=1000.0)
+    white_balance: float = param(0.0, "standard deviation of the share of red and blue", low=0.0, high=0.5)
+    white_balance_period: float = param(40.0, "time in which the white balance drifts", "s", low=0.1)
+    shutter: float = param(
+        0.0, "how long the shutter is open around the stamp; 0: no motion blur", "s", low=0.0, high=1.0
+    )
+    shutter_samples: int = param(6, "instants of which a blurred image is the mean", low=2, high=64)
+    dropout: float = param(0.0, "share of the images that are lost, at random", low=0.0, high=0.95)
+
+
+@parameters
+class TrafficParams:
+    """What moves through the streets of a town; where it is at an instant depends on the seed and the stamp alone."""
+
+    is_on: bool = param(False, "whether anything moves but the car")
+    cars: int = param(12, "moving cars", low=0, high=200)
+    trams: int = param(1, "trams of three sections", low=0, high=20)
+    bicycles: int = param(6, "cyclists", low=0, high=200)
+    pedestrians: int = param(40, "pedestrians", low=0, high=500)
+    car_speed: float = param(5.0, "mean speed of cars and trams", "m/s", low=0.0, high=20.0)
+    bicycle_speed: float = param(3.5, "mean speed of cyclists", "m/s", low=0.0, high=15.0)
+    walking_speed: float = param(1.3, "mean speed of pedestrians", "m/s", low=0.0, high=3.0)
+    seed: int = param(0, "decides who is under way, together with the seed of the town", low=0)
+    may_cross: bool = param(False, "traffic may cross the path; who would touch the car is not there")
 
 
 @parameters
@@ -82,6 +122,7 @@ class CameraParams:
     vignetting: float = param(0.0, "share of the light lost in the corners of a lens", low=0.0, high=0.95)
     noise: float = param(1.2, "standard deviation of the read-out noise", "grey level", low=0.0)
     shot_noise: float = param(0.012, "variance of the shot noise over the grey level", "grey level", low=0.0)
+    exposure: ExposureParams = group(ExposureParams)
 
 
 @parameters
@@ -122,7 +163,10 @@ class RigParams:
     vignetting: float = param(0.0, "share of the light lost in the corners of a lens", low=0.0, high=0.95)
     noise: float = param(0.8, "standard deviation of the read-out noise", "grey level", low=0.0)
     shot_noise: float = param(0.006, "variance of the shot noise over the grey level", "grey level", low=0.0)
+    exposure_group: str = param("rig", "who has one exposure", choices=("rig", "level", "camera"))
+    rolling_dropout: float = param(0.0, "each camera in turn is silent for so long; 0: none", "s", low=0.0)
     file: str = param("", "write the rig's true description to this file at the start; empty: nowhere")
+    exposure: ExposureParams = group(ExposureParams)
 
 
 @parameters
@@ -199,7 +243,7 @@ class SimParams:
     seed: int = param(1, "decides the town and every noise", low=0)
     noise_seed: int = param(1, "decides the noise only", low=0)
     mode: str = param("drive", "who drives: the topic cmd_vel, or the simulator itself", choices=("drive", "teach"))
-    world: str = param("town", "where it drives", choices=("town", "corridor", "ramp"))
+    world: str = param("town", "where it drives", choices=("town", "city", "corridor", "ramp"))
     path: str = param(
         "two_turns", "path to start on and to teach, in the town", choices=("two_turns", "block", "straight")
     )
@@ -216,4 +260,5 @@ class SimParams:
     imu: ImuParams = group(ImuParams)
     scan: ScanParams = group(ScanParams)
     light: LightParams = group(LightParams)
+    traffic: TrafficParams = group(TrafficParams)
     render: RenderParams = group(RenderParams)

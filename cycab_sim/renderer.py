@@ -9,18 +9,22 @@ from __future__ import annotations
 import os
 from collections import OrderedDict
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
 from embreex.rtcore_scene import EmbreeScene
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from cycab_sim import kernels
 from cycab_sim.casting.embree import PacketScene, find_library
 from cycab_sim.mesh import Mesh
 from cycab_sim.params import LightParams, RenderParams
+from cycab_sim.shadows import ShadowMap
+from cycab_sim.sky import Light, light_at
 from cycab_sim.texture.painting import paint
+from cycab_sim.traffic.scene import MovingScene
+from cycab_sim.traffic.traffic import Traffic
 from sphere_geometry import SE3, Camera
 from sphere_geometry.camera import pixel_grid
 
@@ -29,7 +33,8 @@ STRIP = 16384  # rays a thread works on at once
 CURVE_SIZE = 4096
 MAX_CAMERAS = 16  # lenses whose rays are kept
 NO_HIT = -1
-SHADOW_REACH = 400.0  # the sun's rays start this far away, m
+MAX_TEXELS = 4000  # of a side of the shadow map of a wide world
+SUN_STEP = np.radians(0.2)  # of the shadows of a sun that moves
 
 
 @dataclass(frozen=True)
@@ -42,30 +47,55 @@ class Hits:
 
 
 class Renderer:
-    """Draws a mesh from any camera; holds the ray caster, the shadow map and the rays of the cameras seen so far."""
+    """Draws a mesh from any camera; holds the ray caster, the shadow map and the rays of the cameras seen so far.
 
-    def __init__(self, mesh: Mesh, params: RenderParams, light: LightParams) -> None:
-        self.mesh = mesh
+    `traffic` moves, see `move`; shadows reach as far as the bounds (x0, y0, x1, y1) m, where they are given.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        params: RenderParams,
+        light: LightParams,
+        traffic: Traffic | None = None,
+        bounds: tuple[float, float, float, float] | None = None,
+    ) -> None:
         self.params = params
         self._scene = EmbreeScene(robust=True)
         self._keep = TriangleMesh(self._scene, mesh.triangles)
         self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds the tree, not thread-safe
         library = find_library()
         self._packets = PacketScene(library, mesh.triangles) if library is not None else None
+        self._moving = MovingScene(mesh, traffic, library) if traffic is not None else None
+        self.mesh = self._moving.mesh if self._moving is not None else mesh
         self._pool = ThreadPoolExecutor(max_workers=params.num_threads or os.cpu_count() or 1)
         self._lenses: OrderedDict[Camera, tuple[Floats, Floats]] = OrderedDict()
         self._light = light
         self._curve = (255.0 * np.linspace(0.0, 1.0, CURVE_SIZE) ** (1.0 / light.gamma)).astype(np.float32)
-        self._sun = sun_direction(light)
-        self._shadow_frame = _shadow_frame(self._sun)
-        self._shadow, self._corner = self._cast_shadows()
+        self._shadows = ShadowMap(self._scene, _reaching(params, bounds), light, _middle(mesh, bounds), self._pool)
+        self._now = light_at(light, 0.0, 0)
+
+    def illuminate(self, light: Light) -> None:
+        """Put the sun elsewhere, in another light; shadows follow where it has moved by more than SUN_STEP."""
+        self._now = light
+        if float(light.sun @ self._shadows.sun) < np.cos(SUN_STEP):
+            self._shadows.turn(light.sun)
+            if self._moving is not None:
+                self._shadows.draw(self._moving.triangles)
+
+    def move(self, T_world_part: NDArray[np.float64]) -> None:
+        """Put the traffic where it is now, T_world_part (P, 4, 4) of `Traffic.poses`."""
+        if self._moving is None:
+            raise ValueError("traffic: expected a renderer with traffic, found one without")
+        self._moving.move(T_world_part)
+        self._shadows.draw(self._moving.triangles)
 
     def render(
-        self, camera: Camera, T_world_camera: SE3, is_grey: bool = False, gain: float = 1.0
+        self, camera: Camera, T_world_camera: SE3, is_grey: bool = False, gain: ArrayLike = 1.0
     ) -> tuple[Floats, Floats]:
         """Return grey levels 0..255, (H, W, 3) RGB or (H, W) luma f32, and range along the ray (H, W) f32 m.
 
-        +Inf: sky. NaN, and level 0: outside the lens. `gain` multiplies the exposure.
+        +Inf: sky. NaN, and level 0: outside the lens. `gain`, one or (3,) for the colours, multiplies the exposure.
         """
         rays_camera, cone = self._lens(camera)
         height, width = camera.height, camera.width
@@ -76,7 +106,8 @@ class Renderer:
         if self.params.supersampling > 1:
             self._refine(origin, rays, cone.reshape(-1), hits, colour)
         image = np.empty((height * width, 1 if is_grey else 3), np.float32)
-        kernels.tone(colour, gain * self._light.exposure, self._curve, image)
+        gains = np.broadcast_to(np.asarray(gain, dtype=np.float64) * self._light.exposure, 3).copy()
+        kernels.tone(colour, gains, self._curve, image)
         image[hits.triangles == kernels.OUTSIDE] = 0.0
         ranges = hits.ranges.reshape(height, width)
         return image.reshape((height, width) if is_grey else (height, width, 3)), ranges
@@ -109,16 +140,19 @@ class Renderer:
             found = self._scene.run(starts, rays, query="INTERSECT", output=1)
             triangles[:] = found["primID"]
             ranges[:] = np.where(triangles == NO_HIT, np.inf, found["tfar"])
+        if self._moving is not None:
+            self._moving.cast_nearer(origin, rays, triangles, ranges)
         outside = np.isnan(rays[:, 0])
         if outside.any():
             triangles[outside], ranges[outside] = kernels.OUTSIDE, np.nan
 
     def _shade(self, origin: NDArray[np.float64], hits: Hits, cone: Floats, colour: Floats) -> None:
-        m = self.mesh
+        m, s, now = self.mesh, self._shadows, self._now
+        lamps = s.sun, now.sun_colour, now.sky_colour, now.sky_gain
         paint(m, origin, hits.rays, hits.ranges, hits.triangles, cone, colour)
         kernels.light(
             origin, hits.rays, hits.ranges, hits.triangles, cone, m.normals,
-            self._sun, self._shadow, self.params.shadow_texel, self._corner, self._shadow_frame, colour,
+            lamps, s.depths, s.texel, s.corner, s.T_sun_world, colour,
         )  # fmt: skip
 
     def _refine(self, origin: NDArray[np.float64], rays: Floats, cone: Floats, hits: Hits, colour: Floats) -> None:
@@ -146,37 +180,20 @@ class Renderer:
         self._lenses.move_to_end(camera)
         return self._lenses[camera]
 
-    def _cast_shadows(self) -> tuple[Floats, NDArray[np.float64]]:
-        """Return how far along the sun's rays the first surface lies, (K, K) f32 m, and the map's corner (2,) m."""
-        if not self._light.has_shadows:
-            return np.full((2, 2), np.inf, np.float32), np.zeros(2)
-        R, texel = self._shadow_frame, self.params.shadow_texel
-        size = int(self.params.shadow_extent / texel)
-        middle = R[:2] @ self._light_centre()
-        corner = middle - 0.5 * size * texel
-        depth = np.empty((size, size), np.float32)
-        columns = corner[0] + texel * np.arange(size)
-        direction = R[2:].astype(np.float32)
-        base = float(R[2] @ self._light_centre()) - SHADOW_REACH
 
-        def work(row: int) -> None:
-            local = np.stack([columns, np.full(size, corner[1] + texel * row), np.full(size, base)], axis=1)
-            starts = (local @ R).astype(np.float32)
-            far = self._scene.run(starts, np.repeat(direction, size, axis=0), query="DISTANCE")
-            depth[row] = base + far
-
-        list(self._pool.map(work, range(size)))
-        return depth, corner
-
-    def _light_centre(self) -> NDArray[np.float64]:
-        """Return the middle of the shadow map on the ground: the middle of the detailed part of the mesh."""
-        return np.median(self.mesh.triangles.reshape(-1, 3), axis=0).astype(np.float64) * (1.0, 1.0, 0.0)
+def _reaching(params: RenderParams, bounds: tuple[float, float, float, float] | None) -> RenderParams:
+    """Return parameters with which shadows reach as far as the bounds x0, y0, x1, y1 m, as finely as is possible."""
+    if bounds is None:
+        return params
+    extent = max(params.shadow_extent, float(np.hypot(bounds[2] - bounds[0], bounds[3] - bounds[1])))
+    return replace(params, shadow_extent=extent, shadow_texel=max(params.shadow_texel, extent / MAX_TEXELS))
 
 
-def sun_direction(light: LightParams) -> NDArray[np.float64]:
-    """Return the unit vector (3,) towards the sun."""
-    azimuth, elevation = np.radians([light.sun_azimuth_deg, light.sun_elevation_deg])
-    return np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
+def _middle(mesh: Mesh, bounds: tuple[float, float, float, float] | None) -> NDArray[np.float64]:
+    """Return the middle (3,) m on the ground of the bounds, or of the detailed part of a mesh."""
+    if bounds is not None:
+        return np.array([(bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2, 0.0])
+    return np.median(mesh.triangles.reshape(-1, 3), axis=0).astype(np.float64) * (1.0, 1.0, 0.0)
 
 
 def _spacing(rays: NDArray[np.float64]) -> Floats:
@@ -185,11 +202,3 @@ def _spacing(rays: NDArray[np.float64]) -> Floats:
     below = np.linalg.norm(np.diff(rays, axis=0), axis=-1)
     right, below = np.concatenate([right, right[:, -1:]], axis=1), np.concatenate([below, below[-1:]], axis=0)
     return np.fmax(right, below).astype(np.float32)
-
-
-def _shadow_frame(sun: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return rows x, y across the sun's rays and z along them, (3, 3)."""
-    x = np.cross([0.0, 0.0, 1.0], sun)
-    norm = np.linalg.norm(x)
-    x = x / norm if norm > 1e-6 else np.array([1.0, 0.0, 0.0])
-    return np.stack([x, np.cross(-sun, x), -sun])

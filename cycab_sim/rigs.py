@@ -45,10 +45,11 @@ def make_rig(params: RigParams, seed: int) -> Rig | None:
 def rig_mounts(params: RigParams, rig: Rig | None) -> tuple[Mount, ...]:
     """Return the cameras of a rig on the car."""
     T_base_rig = rig_place(params)
-    noises = params.noise, params.shot_noise, params.vignetting
+    noises = params.noise, params.shot_noise, params.vignetting, params.exposure
     cameras = rig.cameras if rig else ()
     return tuple(
-        Mount(c.name, f"{c.name}_optical", c.camera, T_base_rig @ c.T_rig_camera, False, *noises) for c in cameras
+        Mount(c.name, f"{c.name}_optical", c.camera, T_base_rig @ c.T_rig_camera, False, *noises, c.exposure_group)
+        for c in cameras
     )
 
 
@@ -83,4 +84,5 @@ def _make_camera(params: RigParams, name: str, rng: np.random.Generator) -> RigC
     lens = make_lens(params, "rig", float(1.0 + FOCAL * off[6]), (float(du), float(dv)))
     error = SE3.exp(off[:6] * ([LENGTH] * 3 + [ANGLE] * 3))
     level = name.partition("_")[0] if params.kind == "vertical" else ""
-    return RigCamera(name, lens, planned_pose(params, name) @ error, exposure_group="rig", level=level)
+    group = {"rig": "rig", "level": level or "rig", "camera": name}[params.exposure_group]
+    return RigCamera(name, lens, planned_pose(params, name) @ error, exposure_group=group, level=level)

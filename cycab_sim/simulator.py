@@ -19,18 +19,24 @@ from numpy.typing import NDArray
 
 from cycab_sim.cameras import Frame, Mount, expose, forward_camera, roof_sphere, vignette
 from cycab_sim.driver import Driver
+from cycab_sim.exposure import Exposure, averaged
 from cycab_sim.faults import SECOND, Faults
 from cycab_sim.imu import Imu, ImuReading
 from cycab_sim.params import OdometryParams, SimParams
+from cycab_sim.paths import arc
 from cycab_sim.renderer import Renderer
 from cycab_sim.rigs import camera_names, make_rig, rig_mounts
 from cycab_sim.scanner import Scan, Scanner
 from cycab_sim.schedule import Schedule
+from cycab_sim.sky import is_constant, light_at
+from cycab_sim.traffic.traffic import Traffic
 from cycab_sim.vehicle import Command, Vehicle, VehicleState, WheelOdometry
 from cycab_sim.worlds import build_world
 from sphere_geometry import SE3, Camera
 
 START_NS = SECOND  # a stamp of 0 means 'no time' in ROS
+CAR_POINTS = 8  # along the car, from which traffic keeps off
+CAMERA_ROOM = 0.3  # around a camera that is anywhere, m
 
 
 class Simulator:
@@ -39,7 +45,10 @@ class Simulator:
     def __init__(self, params: SimParams | None = None) -> None:
         self.params = params or SimParams()
         self.world = build_world(self.params.world, self.params.seed, self.params.path)
-        self.renderer = Renderer(self.world.mesh, self.params.render, self.params.light)
+        traffic = self.params.traffic
+        self.traffic = Traffic(self.world, traffic, self.params.seed) if traffic.is_on else None
+        bounds = self.world.bounds if self.world.is_wide else None
+        self.renderer = Renderer(self.world.mesh, self.params.render, self.params.light, self.traffic, bounds)
         self.path = self.world.path
         self.driver = Driver(self.path, self.params.teach, self.params.noise_seed)
         self.vehicle = Vehicle(self._start(), self.params.vehicle, self.params.actuation)
@@ -53,6 +62,12 @@ class Simulator:
         self.time_ns = START_NS
         self._last: dict[str, Frame] = {}
         self._applied = Command()
+        self._scene_of: tuple[int, VehicleState] | None = None
+        self._exposures = {
+            mount.group: Exposure(mount.exposure, self.params.light.gamma, (self.params.seed, 83, zlib.crc32(group)))
+            for mount in self.mounts.values()
+            for group in [mount.group.encode()]
+        }
 
     def step(self, command: Command, dt_ns: int) -> None:
         """Drive for `dt_ns` nanoseconds under a command."""
@@ -71,30 +86,45 @@ class Simulator:
     def take_due(self) -> list[str]:
         """Return the outputs that are due now, each once; outputs withheld by a fault are not among them."""
         due = self.schedule.take(self.time_ns - START_NS)
-        return [name for name in due if not self.faults.is_withheld(name, self.schedule.count[name], self.time_ns)]
+        return [name for name in due if not self._is_withheld(name, self.schedule.count[name])]
 
     def capture(self, name: str) -> Frame:
         """Return what the camera `name` sees now, noise and faults included."""
         mount, index = self.mounts[name], max(self.schedule.count["rig" if name in self.rig_names else name], 0)
         if self._fault(name, "stuck") is not None and name in self._last:
             return replace(self._last[name], stamp_ns=self.time_ns, index=index)
-        exposure, more_noise = self._fault(name, "exposure"), self._fault(name, "noise") or 0.0
-        gain = 1.0 if exposure is None else exposure**self.params.light.gamma  # a factor on grey levels
-        T_world_camera = self.T_world_base @ mount.T_base_camera
-        levels, range_m = self.renderer.render(mount.camera, T_world_camera, mount.is_grey, gain)
+        levels, range_m = self._look(mount)
         if mount.vignetting > 0.0:
             fall = vignette(mount.camera, mount.vignetting, self.params.light.gamma)
             levels = levels * (fall if mount.is_grey else fall[..., None])
+        self._exposures[mount.group].observe(self.time_ns, levels)
         seed = (self.params.noise_seed, index, zlib.crc32(name.encode()))
-        noise = float(np.hypot(mount.noise, more_noise))
+        noise = float(np.hypot(mount.noise, self._fault(name, "noise") or 0.0))
         image = expose(levels, noise, mount.shot_noise, seed, self._fault(name, "bias") or 0.0)
         self._last[name] = Frame(image, range_m, mount.camera, self.time_ns, index)
         return self._last[name]
 
+    def _look(self, mount: Mount) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return grey levels and ranges that a camera sees now, by its exposure; blurred while its shutter is open."""
+        gamma, p = self.params.light.gamma, mount.exposure
+        gain = self._exposures[mount.group].gains(self.time_ns)
+        exposure = self._fault(mount.name, "exposure")
+        if exposure is not None:
+            gain = gain * exposure**gamma  # a factor on grey levels
+
+        def draw(offset: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+            T_world_camera = self._set_scene(offset) @ mount.T_base_camera
+            return self.renderer.render(mount.camera, T_world_camera, mount.is_grey, gain)
+
+        levels, range_m = draw(0.0)
+        if p.shutter > 0.0:
+            levels = averaged(draw, p.shutter, p.shutter_samples, gamma)
+        return levels, range_m
+
     def capture_rig(self) -> dict[str, Frame]:
         """Return what all cameras of the rig see at this instant, by name; without those withheld by a fault."""
         index = self.schedule.count["rig"]
-        names = [name for name in self.rig_names if not self.faults.is_withheld(name, index, self.time_ns)]
+        names = [name for name in self.rig_names if not self._is_withheld(name, index)]
         return {name: self.capture(name) for name in names}
 
     def read_imu(self) -> ImuReading:
@@ -103,6 +133,7 @@ class Simulator:
 
     def scan(self) -> Scan:
         """Return what the laser scanner measures now."""
+        self._set_scene()
         return self.scanner.scan(
             self.renderer.measure, self.T_world_base, max(self.schedule.count["scan"], 0), self.time_ns
         )
@@ -113,6 +144,29 @@ class Simulator:
         vehicle = self.params.vehicle
         return self.world.ground.follow(self.vehicle.state.T_world_base, vehicle.wheelbase, vehicle.width)
 
+    def _set_scene(self, offset: float = 0.0) -> SE3:
+        """Put light and traffic as they are in `offset` s, nobody inside the car; return where the car is then."""
+        p, state = self.params.vehicle, self.vehicle.state
+        if offset:
+            x, y, yaw = arc((state.x, state.y, state.yaw), state.speed * offset, np.tan(state.steering) / p.wheelbase)
+            state = replace(state, x=float(x), y=float(y), yaw=float(yaw))
+        T_world_base = self.world.ground.follow(state.T_world_base, p.wheelbase, p.width)
+        moment = self.time_ns + round(offset * SECOND), state
+        if self._scene_of == moment:
+            return T_world_base
+        along = np.linspace(-p.rear, p.front, CAR_POINTS)
+        middle = T_world_base.apply(np.stack([along, 0.0 * along, 0.0 * along], axis=1))[:, :2]
+        self._place(moment[0], middle, p.width / 2)
+        self._scene_of = moment
+        return T_world_base
+
+    def _place(self, stamp_ns: int, clear: NDArray[np.float64], radius: float) -> None:
+        if not is_constant(self.params.light):
+            self.renderer.illuminate(light_at(self.params.light, stamp_ns / SECOND, self.params.seed))
+        if self.traffic is not None:
+            self.renderer.move(self.traffic.poses(stamp_ns, clear, radius))
+        self._scene_of = None
+
     @property
     def rig_names(self) -> tuple[str, ...]:
         """Names of the rig's cameras."""
@@ -121,7 +175,11 @@ class Simulator:
     def render(
         self, camera: Camera, T_world_camera: SE3, is_grey: bool = False
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-        """Return a perfect view from anywhere: image (H, W, 3) RGB or (H, W) grey u1 and range (H, W) f32 m."""
+        """Return a perfect view from anywhere, now: image (H, W, 3) RGB or (H, W) grey u1, range (H, W) f32 m.
+
+        Nobody of the traffic stands where the camera is.
+        """
+        self._place(self.time_ns, T_world_camera.translation[None, :2], CAMERA_ROOM)
         levels, range_m = self.renderer.render(camera, T_world_camera, is_grey)
         return expose(levels, 0.0, 0.0, ()), range_m
 
@@ -155,6 +213,18 @@ class Simulator:
 
     def _fault(self, target: str, kind: str) -> float | None:
         return self.faults.magnitude(target, kind, self.time_ns)
+
+    def _is_withheld(self, name: str, index: int) -> bool:
+        """Whether image or message number `index` is lost: by a fault, by chance, or as its camera's turn has come."""
+        if self.faults.is_withheld(name, index, self.time_ns):
+            return True
+        dropout = self.mounts[name].exposure.dropout if name in self.mounts else 0.0
+        seed = (self.params.noise_seed, 85, index, zlib.crc32(name.encode()))
+        if dropout > 0.0 and float(np.random.default_rng(seed).random()) < dropout:
+            return True
+        turn = round(self.params.rig.rolling_dropout * SECOND)
+        names = self.rig_names
+        return turn > 0 and name in names and names[self.time_ns // turn % len(names)] == name
 
     def _with_actuator_faults(self, command: Command) -> Command:
         is_stuck = self._fault("speed", "stuck") is not None, self._fault("steering", "stuck") is not None

@@ -35,42 +35,50 @@ def add_pavement(mesh: MeshBuilder, block: tuple[float, float, float, float]) ->
 
 
 def add_street(
-    mesh: MeshBuilder, at: Array, length: float, crossings: tuple[float, ...], rng: np.random.Generator
+    mesh: MeshBuilder,
+    at: Array,
+    length: float,
+    crossings: tuple[float, ...],
+    rng: np.random.Generator,
+    half: float = HALF_ROAD,
 ) -> None:
-    """Add marks, patches and covers; `at` places its start, x along the middle, crossings are at x = ... m."""
+    """Add marks, patches and covers; `at` places its start, x along the middle, crossings are at x = ... m.
+
+    `half` is the distance from the middle to the kerb, m.
+    """
     white = (0.60, 0.60, 0.57)
-    inner = HALF_ROAD + 0.6
+    inner = half + 0.6
     pieces = np.array([0.0, *(x for c in crossings for x in (c - inner - 3.5, c + inner + 3.5)), length]).reshape(-1, 2)
     for x0, x1 in pieces:
         if x1 - x0 > 3.0:
             dashes = Finish(k.MARKING, white, finishes.ASPHALT.colour, (0.15, 3.0, 0.5))
             mesh.panels(moved(_flat(x0, -0.06, x1, 0.06, 0.006), at), dashes)
             gutter = Finish(k.PAVING, (0.30, 0.29, 0.27), (0.12, 0.11, 0.10), (0.17, 0.5, 0.3, 0.012, 0.0))
-            for y in (-HALF_ROAD, HALF_ROAD - 0.3):
+            for y in (-half, half - 0.3):
                 mesh.panels(moved(_flat(x0 + 3, y, x1 - 3, y + 0.3, 0.004), at), gutter)
     stripes = Finish(k.MARKING, white, finishes.ASPHALT.colour, (0.15, 1.0, 0.5))
     for c in crossings:
         for x in (c - inner - 2.9, c + inner + 0.1):
             corners = [
-                [x + 2.8, -HALF_ROAD, 0.007],
-                [x + 2.8, HALF_ROAD, 0.007],
-                [x, HALF_ROAD, 0.007],
-                [x, -HALF_ROAD, 0.007],
+                [x + 2.8, -half, 0.007],
+                [x + 2.8, half, 0.007],
+                [x, half, 0.007],
+                [x, -half, 0.007],
             ]
             mesh.panels(moved(np.array([corners]), at), stripes)
-    _add_patches(mesh, at, length, rng)
+    _add_patches(mesh, at, length, rng, half)
 
 
-def _add_patches(mesh: MeshBuilder, at: Array, length: float, rng: np.random.Generator) -> None:
+def _add_patches(mesh: MeshBuilder, at: Array, length: float, rng: np.random.Generator, half: float) -> None:
     """Add repaired asphalt, cobbled strips and covers."""
     for _ in range(int(length / 5.0)):
-        x, y = rng.uniform(0.0, length), rng.uniform(-HALF_ROAD + 0.4, HALF_ROAD - 0.8)
+        x, y = rng.uniform(0.0, length), rng.uniform(-half + 0.4, half - 0.8)
         kind = rng.random()
         if kind < 0.55:
-            a, b = rng.uniform(0.8, 4.0), min(rng.uniform(0.6, 2.5), HALF_ROAD - 0.35 - y)
+            a, b = rng.uniform(0.8, 4.0), min(rng.uniform(0.6, 2.5), half - 0.35 - y)
             mesh.panels(moved(_flat(x, y, x + a, y + b, 0.0015 + 0.002 * rng.random()), at), finishes.TAR)
         elif kind < 0.7:
-            mesh.panels(moved(_flat(x, -HALF_ROAD + 0.3, x + 1.2, HALF_ROAD - 0.3, 0.0045), at), finishes.COBBLES)
+            mesh.panels(moved(_flat(x, -half + 0.3, x + 1.2, half - 0.3, 0.0045), at), finishes.COBBLES)
         else:
             cover = finishes.slats((0.10, 0.10, 0.105), 0.06)
             mesh.panels(moved(_flat(x, y, x + 0.7, y + 0.7, 0.0052), at), cover)

@@ -25,6 +25,7 @@ Rectangle = tuple[float, float, float, float]  # x0, y0, x1, y1
 OUTER = 34.0  # depth of the outer blocks, m
 LANE = 0.5  # taught paths keep this far to the right of the middle of the street, m
 TURN_RADIUS = 5.0
+STREETS = "ssss"  # south, north, east and west of a block: a street; or q a square, a an alley, l a lane
 TWO_TURNS_LENGTH = 100.0  # M15 section 6.4.3: 100 m with two turns of 90 degrees
 
 
@@ -87,21 +88,22 @@ def build_town(seed: int) -> tuple[Mesh, Plan]:
     add_ground(mesh, plan.bounds, rng)
     for block in plan.blocks():
         add_pavement(mesh, block)
-        _add_houses(mesh, block, rng)
-        _furnish(mesh, block, rng)
+        add_houses(mesh, block, rng)
+        furnish(mesh, block, rng)
     x0, y0, x1, y1 = plan.bounds
     for y in (0.0, plan.north):
         add_street(mesh, placed(x0, y, 0.0), x1 - x0, (-x0, plan.east - x0), rng)
     for x in (0.0, plan.east):
         add_street(mesh, placed(x, y0, np.pi / 2), y1 - y0, (-y0, plan.north - y0), rng)
     _close_views(mesh, plan, rng)
-    _add_skyline(mesh, plan, rng)
+    add_skyline(mesh, plan.bounds, rng)
     return mesh.build(), plan
 
 
-def _add_houses(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator) -> None:
-    """Line the four sides of a block with houses; the south and north rows take the corners."""
-    x0, y0, x1, y1 = (block[0] + PAVEMENT, block[1] + PAVEMENT, block[2] - PAVEMENT, block[3] - PAVEMENT)
+def add_houses(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator, sides: str = STREETS) -> None:
+    """Line the four sides of a block with houses; the south and north rows take the corners. `sides`: see STREETS."""
+    south, north, east, west = (0.0 if side == "l" else PAVEMENT for side in sides)
+    x0, y0, x1, y1 = (block[0] + west, block[1] + south, block[2] - east, block[3] - north)
     deep = 9.0
     mesh.panels([[x0, y0, 0.13], [x1, y0, 0.13], [x1, y1, 0.13], [x0, y1, 0.13]], finishes.SOIL)
     rows = (
@@ -111,14 +113,14 @@ def _add_houses(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator) -
         (placed(x0, y1 - deep, -np.pi / 2), y1 - y0 - 2 * deep),
     )
     for at, length in rows:
-        _add_row(mesh, at, length, deep, rng)
+        add_row(mesh, at, length, deep, rng)
     has_yard = min(x1 - x0, y1 - y0) > 2 * (deep + 2)
     for _ in range(3 if has_yard else 0):
         x, y = rng.uniform(x0 + deep + 2, x1 - deep - 2), rng.uniform(y0 + deep + 2, y1 - deep - 2)
         furniture.add_tree(mesh, placed(x, y, rng.uniform(0, 6.28), 0.13), rng)
 
 
-def _add_row(mesh: MeshBuilder, at: Array, length: float, deep: float, rng: np.random.Generator) -> None:
+def add_row(mesh: MeshBuilder, at: Array, length: float, deep: float, rng: np.random.Generator) -> None:
     """Fill a row of `length` m with houses; now and then a gate with a wall and a hedge."""
     at = at @ placed(0.0, 0.0, 0.0, KERB_HEIGHT)
     x, is_first = 0.0, True
@@ -143,18 +145,20 @@ def _add_garden(mesh: MeshBuilder, at: Array, width: float, rng: np.random.Gener
     furniture.add_tree(mesh, at @ placed(width / 2, 4.0, 0.0), rng)
 
 
-def _furnish(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator) -> None:
+def furnish(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator, sides: str = STREETS) -> None:
     """Put cars along the kerbs of a block and lamps, signs, trees, boxes and benches on its pavement."""
     x0, y0, x1, y1 = block
-    sides = (
+    kerbs = (
         (placed(x0, y0, 0.0), x1 - x0),
         (placed(x1, y1, np.pi), x1 - x0),
         (placed(x1, y0, np.pi / 2), y1 - y0),
         (placed(x0, y1, -np.pi / 2), y1 - y0),
     )
-    for at, length in sides:
+    for (at, length), side in zip(kerbs, sides, strict=True):
+        if side in "al":
+            continue
         x = rng.uniform(6.0, 9.0)
-        while x < length - 7.5:  # x along the kerb, y < 0 is the road
+        while x < length - 7.5 and side == "s":  # x along the kerb, y < 0 is the road
             if rng.random() < 0.55:
                 flip = np.pi if rng.random() < 0.3 else 0.0
                 mesh.is_clutter = True
@@ -162,10 +166,10 @@ def _furnish(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator) -> N
                 mesh.is_clutter = False
             x += rng.uniform(5.3, 7.5)
         for x in np.arange(rng.uniform(1.5, 4.0), length - 1.0, 4.5):
-            _add_on_pavement(mesh, at @ placed(x + rng.uniform(-1.0, 1.0), 0.0, 0.0, KERB_HEIGHT), rng)
+            add_on_pavement(mesh, at @ placed(x + rng.uniform(-1.0, 1.0), 0.0, 0.0, KERB_HEIGHT), rng)
 
 
-def _add_on_pavement(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
+def add_on_pavement(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
     """Put one thing on the pavement: by the kerb (x along it, y away from the road) or by the wall."""
     to_road = at @ placed(0.0, 0.35, -np.pi / 2)
     kind = rng.random()
@@ -201,9 +205,9 @@ def _close_views(mesh: MeshBuilder, plan: Plan, rng: np.random.Generator) -> Non
                 furniture.add_tree(mesh, at @ placed(x + rng.normal(0, 0.5), y, rng.uniform(0, 6)), rng)
 
 
-def _add_skyline(mesh: MeshBuilder, plan: Plan, rng: np.random.Generator) -> None:
+def add_skyline(mesh: MeshBuilder, bounds: Rectangle, rng: np.random.Generator) -> None:
     """Add towers all around, 40 to 140 m beyond the edge."""
-    x0, y0, x1, y1 = plan.bounds
+    x0, y0, x1, y1 = bounds
     for angle in np.linspace(0.0, 2 * np.pi, 28, endpoint=False) + rng.uniform(0, 0.2, 28):
         far = rng.uniform(40.0, 140.0)
         x = (x0 + x1) / 2 + np.cos(angle) * ((x1 - x0) / 2 * 1.3 + far)

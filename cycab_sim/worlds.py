@@ -1,4 +1,4 @@
-"""The worlds: a town; a corridor of 160 m where every bay looks like the next; a street with a ramp of 8 %.
+"""The worlds: a town; a city; a corridor of 160 m where every bay looks like the next; a street with a ramp of 8 %.
 
 `build_world` gives the mesh, the ground that the car follows and the taught path; `geometry_cloud` the bare geometry.
 """
@@ -14,13 +14,15 @@ from numpy.typing import NDArray
 
 from cycab_sim import finishes, furniture
 from cycab_sim.building import add_house
+from cycab_sim.city import BOUNDS, build_city, tour
 from cycab_sim.mesh import BOX_FACES, Mesh, MeshBuilder, placed
 from cycab_sim.paths import Path, Piece
 from cycab_sim.town import build_town, taught_path
+from cycab_sim.traffic.loops import Loop, city_loops, town_loops
 from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
-WORLDS = ("town", "corridor", "ramp")
+WORLDS = ("town", "city", "corridor", "ramp")
 CORRIDOR, BAY, HALF_WIDTH, STOREY = 160.0, 8.0, 1.7, 3.2  # m
 NICHE, NICHE_DEPTH = 1.6, 0.6  # one a bay on either side, m
 BREAKS = np.array([-200.0, 20.0, 60.0, 80.0, 120.0, 400.0])  # x of the ramp world's breaks, m
@@ -54,19 +56,23 @@ class Ground:
 
 @dataclass(frozen=True)
 class World:
-    """A mesh, the ground, the path, and the box x0, y0, x1, y1 m of its detailed part."""
+    """A mesh, the ground, the path, the box x0, y0, x1, y1 m of its detailed part, and where traffic goes."""
 
     mesh: Mesh
     ground: Ground
     path: Path
     bounds: tuple[float, float, float, float]
+    loops: tuple[Loop, ...] = ()
+    is_wide: bool = False  # shadows are needed wherever its bounds reach
 
 
 def build_world(world: str, seed: int, path: str = "two_turns") -> World:
     """Return a world of a seed; `path` names the town's path, the others have one only."""
     if world == "town":
         mesh, plan = build_town(seed)
-        return World(mesh, Ground(), taught_path(plan, path), plan.bounds)
+        return World(mesh, Ground(), taught_path(plan, path), plan.bounds, town_loops(plan))
+    if world == "city":
+        return World(build_city(seed), Ground(), tour(), BOUNDS, city_loops(), is_wide=True)
     if world == "corridor":
         path_along = Path((4.0, 0.0, 0.0), (Piece(CORRIDOR - 8.0),))
         return World(_build_corridor(seed), Ground(), path_along, (0.0, -4.0, CORRIDOR, 4.0))

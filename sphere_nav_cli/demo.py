@@ -39,6 +39,7 @@ Writes maps, bags, plots and result.json below --output. Exit status 1 if the dr
 examples:
   sphere_nav demo
   sphere_nav demo --seed 7 --path block --output out/seven
+  sphere_nav demo --path tour --traffic
 """
 MAX_LATERAL = 0.25  # m, further is off the path (M15 section 6.4.3 stays within it)
 MIN_DRIVEN = 0.95  # share of the path that must be driven
@@ -53,6 +54,14 @@ SIMULATION = {
     "rig.distance": 1.0,
     "sphere.publish": "never",
 }
+TOUR = {"world": "city", "teach.speed": 1.2}  # 490 m through streets, a square and a lane (M15 section 6.4.4)
+TRAFFIC = {"traffic.is_on": True, "traffic.cars": 20, "traffic.pedestrians": 80, "traffic.bicycles": 10}
+OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and a camera that heeds them
+    "traffic.seed": 1,
+    "light.clouds": 0.7,
+    "camera.exposure.is_automatic": True,
+    "camera.exposure.white_balance": 0.03,
+}
 RIG_TOPICS = " ".join(f"/cameras/{name}/image_raw /cameras/{name}/camera_info" for name in camera_names("vertical"))
 TEACH_TOPICS = f"{RIG_TOPICS} /odom /ground_truth/odometry /tf_static"
 DRIVE_TOPICS = (
@@ -65,13 +74,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("-o", "--output", type=Path, default=Path("out/demo"), metavar="DIR", help="(%(default)s)")
     parser.add_argument("--seed", type=int, default=1, help="decides the town and every noise (%(default)s)")
-    parser.add_argument("--path", default="two_turns", choices=("two_turns", "block", "straight"), help="(%(default)s)")
+    paths = ("two_turns", "block", "straight", "tour")
+    parser.add_argument("--path", default="two_turns", choices=paths, help="tour: 490 m of a city (%(default)s)")
+    parser.add_argument("--traffic", action="store_true", help="traffic; in the second drive also a change of light")
     parser.add_argument("--domain", type=int, default=None, metavar="N", help="ROS domain (one of 50 to 99 by the pid)")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Do the whole job, print the table of errors, write everything that was made."""
-    demo = Demo(arguments.output, arguments.seed, arguments.path, arguments.domain)
+    demo = Demo(arguments.output, arguments.seed, arguments.path, arguments.domain, arguments.traffic)
     try:
         demo.prepare()
         demo.teach()
@@ -86,10 +97,12 @@ def run(arguments: argparse.Namespace) -> int:
 class Demo:
     """One run: its folder, its domain, and how long each stage took."""
 
-    def __init__(self, output: Path, seed: int, path: str, domain: int | None) -> None:
+    def __init__(self, output: Path, seed: int, path: str, domain: int | None, has_traffic: bool = False) -> None:
         self.folder = new_folder(output)
         self.domain = 50 + os.getpid() % 50 if domain is None else domain
-        self.simulation = SIMULATION | {"seed": seed, "path": path}
+        place = TOUR if path == "tour" else {"path": path}
+        self.simulation = SIMULATION | {"seed": seed} | place | (TRAFFIC if has_traffic else {})
+        self.other_day = OTHER_DAY if has_traffic else {}
         self.length = Simulator(build(SimParams, self.simulation)).path.length
         self.seconds: dict[str, float] = {}
 
@@ -152,7 +165,7 @@ class Demo:
                     "use_sim_time": True,
                 },
             )
-            processes.start("cycab_sim", self.simulation | {"mode": "drive"})
+            processes.start("cycab_sim", self.simulation | self.other_day | {"mode": "drive"})
             watch.wait("localisation", lambda: watch.localizer.startswith("TRACKING"), is_moving=False)
             watch.start_following()
             self.follow(watch, "drive by the camera", lambda: watch.follower.startswith(("FINISHED", "STOPPED")))

@@ -27,10 +27,11 @@ class PacketFunction(types.WrapperAddressProtocol):
 
 
 @njit(cache=True, nogil=True)
-def cast(intersect, scene, arguments, origin, rays, triangles, ranges):
-    """Write the first triangle (N,) i32, -1: none, and its range (N,) f32, that rays (N, 3) f32 from a point meet.
+def cast(intersect, scene, arguments, origin, rays, first_number, triangles, ranges):
+    """Write the first triangle (N,) i32 and its range (N,) f32 that rays (N, 3) f32 from a point meet within a range.
 
-    intersect: `rtcIntersect8`; scene, arguments: addresses; origin (3,) m. Rays with NaN meet nothing.
+    intersect: `rtcIntersect8`; scene, arguments: addresses; origin (3,) m; first_number is added to the triangle's.
+    `ranges` comes in as how far to look; both stay as they are where nothing is met. Rays with NaN meet nothing.
     """
     store = np.empty((FIELDS + 3) * LANES, np.float32)
     skip = ((64 - (store.ctypes.data & 63)) & 63) // 4  # packets are aligned
@@ -48,10 +49,10 @@ def cast(intersect, scene, arguments, origin, rays, triangles, ranges):
             m = min(n, num - 1)
             for c in range(3):
                 floats[c, k], floats[DIRECTION + c, k] = origin[c], rays[m, c]
-            floats[3, k], floats[FAR, k] = 0.0, np.inf
+            floats[3, k], floats[FAR, k] = 0.0, ranges[m]
             words[MASK, k] = words[PRIMITIVE, k] = words[GEOMETRY, k] = NONE
         intersect(is_used.ctypes.data, scene, floats.ctypes.data, arguments)
         for k in range(min(LANES, num - first)):
-            has_hit = words[GEOMETRY, k] != NONE
-            triangles[first + k] = np.int32(words[PRIMITIVE, k]) if has_hit else -1
-            ranges[first + k] = floats[FAR, k] if has_hit else np.inf
+            if words[GEOMETRY, k] != NONE:
+                triangles[first + k] = first_number + np.int32(words[PRIMITIVE, k])
+                ranges[first + k] = floats[FAR, k]

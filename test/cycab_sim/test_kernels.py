@@ -38,8 +38,8 @@ def test_tone_is_the_curve_and_grey_its_luma(rng):
     curve = (255.0 * np.linspace(0, 1, 4096) ** (1 / 2.2)).astype(np.float32)
     light = rng.uniform(0.02, 1.4, (50, 3)).astype(np.float32)
     colour, grey = np.empty((50, 3), np.float32), np.empty((50, 1), np.float32)
-    kernels.tone(light, 0.8, curve, colour)
-    kernels.tone(light, 0.8, curve, grey)
+    kernels.tone(light, np.full(3, 0.8), curve, colour)
+    kernels.tone(light, np.full(3, 0.8), curve, grey)
     np.testing.assert_allclose(colour, 255.0 * np.minimum(0.8 * light, 1.0) ** (1 / 2.2), atol=0.05)
     np.testing.assert_allclose(grey[:, 0], colour @ [0.299, 0.587, 0.114], atol=1e-3)
 

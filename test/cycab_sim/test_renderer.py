@@ -6,7 +6,8 @@ import pytest
 
 from cycab_sim.cameras import OPTICAL
 from cycab_sim.params import LightParams, RenderParams
-from cycab_sim.renderer import Renderer, sun_direction
+from cycab_sim.renderer import Renderer
+from cycab_sim.sky import light_at
 from cycab_sim.town import taught_path
 from sphere_geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_geometry.camera import pixel_grid
@@ -91,7 +92,7 @@ def test_a_box_casts_its_shadow_away_from_the_sun(box_mesh):
         (u, v), _ = camera.project(down.inverse().apply(np.array([[x, y, 0.0]]))[0])
         return image[round(v) - 3 : round(v) + 4, round(u) - 3 : round(u) + 4].mean()
 
-    np.testing.assert_allclose(sun_direction(light), [np.sqrt(0.5), 0.0, np.sqrt(0.5)], atol=1e-12)
+    np.testing.assert_allclose(light_at(light, 0.0, 0).sun, [np.sqrt(0.5), 0.0, np.sqrt(0.5)], atol=1e-12)
     # the box is 3 m high and begins at x = 5: at 45 degrees its shadow ends at x = 2
     assert level(3.0, 0.0) < 0.75 * level(3.0, 2.0)
     assert level(2.5, 0.5) < 0.75 * level(1.3, 0.5)
