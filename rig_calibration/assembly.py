@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rig_calibration.board import Board
 from rig_calibration.hand_eye import hand_eye
-from sphere_geometry import SE3, so3
+from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
 Key = tuple[str, int]  # "camera" or "board", and its index
@@ -63,30 +63,33 @@ class Assembly:
     def rig_poses(self, instant: int) -> list[SE3]:
         """Return candidates of `T_world_rig`, best first: those that explain the known sightings equally well."""
         known = [s for s in self.by_instant[instant] if s.camera in self.cameras and s.board in self.boards]
-        candidates = [
-            SE3(matrix)
-            for s in known
-            for matrix in (self.boards[s.board] @ (self.cameras[s.camera] @ s.T_camera_board).inverse()).matrix
-        ]
-        if len(known) < 2:
-            return candidates
-        costs = [sum(min(self._misfit(T, s), LOST) for s in known) for T in candidates]
-        best = min(costs)
-        return [candidates[i] for i in np.argsort(costs) if costs[i] <= 1.5 * best + 1e-6]
+        if not known:
+            return []
+        placed = [self.boards[s.board] @ (self.cameras[s.camera] @ s.T_camera_board).inverse() for s in known]
+        candidates = np.concatenate([T.matrix for T in placed])
+        if len(known) > 1:
+            costs = np.sum([np.minimum(self._misfits(candidates, s), LOST) for s in known], axis=0)
+            order = np.argsort(costs, kind="stable")
+            candidates = candidates[order[costs[order] <= 1.5 * costs.min() + 1e-6]]
+        return [SE3(matrix) for matrix in candidates]
 
-    def cost(self) -> float:
-        """Return the sum of what the sightings are off, each at most `LOST`."""
-        total = 0.0
+    def num_lost(self) -> int:
+        """Return how many sightings are far from where they should be, or join nothing."""
+        count = 0
         for instant, sightings in self.by_instant.items():
             poses = self.rig_poses(instant)
             known = [s for s in sightings if s.camera in self.cameras and s.board in self.boards]
-            total += LOST * (len(sightings) - len(known))
-            total += sum(min(self._misfit(poses[0], s), LOST) for s in known)
-        return total
+            count += len(sightings) - len(known)
+            count += sum(float(self._misfits(poses[0].matrix[None], s)[0]) >= LOST for s in known)
+        return count
 
-    def _misfit(self, T_world_rig: SE3, sighting: Sighting) -> float:
-        seen = T_world_rig @ self.cameras[sighting.camera] @ sighting.T_camera_board
-        return float(np.min(_distance(seen, self.boards[sighting.board], _reach(sighting))))
+    def _misfits(self, T_world_rigs: Array, sighting: Sighting) -> Array:
+        """Return how far the board would be from where it is (n,), for rig poses (n, 4, 4), by its nearest turn."""
+        seen = (self.cameras[sighting.camera] @ sighting.T_camera_board).matrix
+        apart = _apart(
+            (T_world_rigs[:, None] @ seen).reshape(-1, 4, 4), self.boards[sighting.board].matrix[None], _reach(sighting)
+        )
+        return apart.reshape(len(T_world_rigs), -1).min(axis=1)
 
 
 def board_turns(board: Board) -> SE3:
@@ -109,14 +112,17 @@ def assemble(sightings: list[Sighting], reference: SE3, num_cameras: int, rng: n
     own = np.bincount([s.board for s in sightings if s.camera == 0] or [0])
     if not any(s.camera == 0 for s in sightings):
         return Assembly(sightings)
-    tried = []
+    tried: list[tuple[int, int, Assembly]] = []
     for board in np.argsort(-own)[: np.count_nonzero(own)]:
         found = Assembly(sightings, {0: reference}, {int(board): SE3.identity()})
         while _grow(found) or (len(found.cameras) < num_cameras and _join_by_motion(found, rng)):
             pass
-        _settle(found, int(board))
-        tried.append(found)
-    return min(tried, key=lambda found: found.cost())
+        if found.num_lost():
+            _settle(found, int(board))
+        tried.append((found.num_lost(), len(tried), found))
+        if not tried[-1][0]:
+            break
+    return min(tried)[2]
 
 
 def _grow(found: Assembly) -> bool:
@@ -203,18 +209,11 @@ def _agreed(candidates: list[SE3], reach: float) -> tuple[SE3, int]:
 
 
 def _apart(first: Array, second: Array, reach: float) -> Array:
-    """Return the distances (n, m) of `_distance` between poses (n, 4, 4) and (m, 4, 4)."""
+    """Return distances (n, m) between poses (n, 4, 4) and (m, 4, 4): by `reach`, plus the angle in radians."""
     trace = first[:, :3, :3].reshape(-1, 9) @ second[:, :3, :3].reshape(-1, 9).T
     moved = np.linalg.norm(first[:, None, :3, 3] - second[None, :, :3, 3], axis=-1)
     apart: Array = moved / reach + np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))
     return apart
-
-
-def _distance(T: SE3, other: SE3, reach: float) -> Array:
-    between = np.swapaxes(T.rotation, -1, -2) @ other.rotation
-    angle = np.linalg.norm(so3.log(between), axis=-1)
-    moved: Array = np.linalg.norm(T.translation - other.translation, axis=-1) / reach + angle
-    return moved
 
 
 def _reach(sighting: Sighting) -> float:

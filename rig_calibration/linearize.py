@@ -77,28 +77,32 @@ def normal_equations(problem: Problem, state: State, errors: Array, weights: Arr
         np.zeros(num_shared),
         np.zeros((num_poses, 6)),
     )
-    for view in np.flatnonzero(np.bincount(seen.view, weights, minlength=seen.num_views) > 0):
+    views = np.flatnonzero(np.bincount(seen.view, weights, minlength=seen.num_views) > 0)
+    H, gradient = np.empty((len(views), NUM_COLUMNS, NUM_COLUMNS)), np.empty((len(views), NUM_COLUMNS))
+    for index, view in enumerate(views):
         rows = slice(seen.starts[view], seen.starts[view + 1])
         own = J[rows].reshape(-1, NUM_COLUMNS)
-        weighted = own * np.repeat(weights[rows], 2)[:, None]
-        _add_view(normal, problem, int(view), weighted.T @ own, weighted.T @ errors[rows].ravel())
+        weighted = own.T * np.repeat(weights[rows], 2)
+        H[index], gradient[index] = weighted @ own, weighted @ errors[rows].ravel()
+    _add_views(normal, problem, views, H, gradient)
     held = ~problem.is_free
     normal.shared[held], normal.mixed[held], normal.gradient[held] = 0.0, 0.0, 0.0
     normal.shared[:, held] = 0.0
     return normal
 
 
-def _add_view(normal: Normal, problem: Problem, view: int, H: Array, gradient: Array) -> None:
+def _add_views(normal: Normal, problem: Problem, views: NDArray[np.intp], H: Array, gradient: Array) -> None:
+    """Add the products (V, 30, 30) and (V, 30) of views to the rows and columns of what they depend on."""
     seen = problem.seen
-    first_board = SHARED * len(problem.models)
-    camera = SHARED * seen.camera[view] + np.arange(SHARED)
-    columns = np.concatenate([camera, first_board + 6 * seen.board[view] + np.arange(6)])
-    pose, inner = seen.instant[view], len(columns)
-    normal.shared[np.ix_(columns, columns)] += H[:inner, :inner]
-    normal.mixed[columns, pose] += H[:inner, POSE]
-    normal.poses[pose] += H[POSE, POSE]
-    normal.gradient[columns] += gradient[:inner]
-    normal.pose_gradients[pose] += gradient[POSE]
+    camera = SHARED * seen.camera[views][:, None] + np.arange(SHARED)
+    board = SHARED * len(problem.models) + 6 * seen.board[views][:, None] + np.arange(6)
+    columns = np.concatenate([camera, board], axis=1)
+    pose, inner = seen.instant[views], columns.shape[1]
+    np.add.at(normal.shared, (columns[:, :, None], columns[:, None, :]), H[:, :inner, :inner])
+    np.add.at(normal.mixed, (columns, pose[:, None]), H[:, :inner, POSE])
+    np.add.at(normal.poses, pose, H[:, POSE, POSE])
+    np.add.at(normal.gradient, columns, gradient[:, :inner])
+    np.add.at(normal.pose_gradients, pose, gradient[:, POSE])
 
 
 def _T_camera_board(problem: Problem, state: State) -> SE3:
