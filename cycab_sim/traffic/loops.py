@@ -35,13 +35,15 @@ ROOM = 0.5  # that a pedestrian likes to have on either side, m
 class Loop:
     """A closed way (N, 2) m with a point each SPACING m, all at height z m, for one kind of traffic.
 
-    A loop that is crossing leads over the street between other loops: those on it may run into others.
+    A loop that is crossing leads over the street between other loops: those on it may run into others. Trams keep to
+    loops with rails.
     """
 
     kind: str
     points: Array
     z: float = 0.0
     is_crossing: bool = False
+    has_rails: bool = False
 
     @property
     def length(self) -> float:
@@ -72,7 +74,7 @@ def town_loops(plan: Plan) -> tuple[Loop, ...]:
     across = [_inset((zebra, y - over, e - zebra, y + over), 0.0) for y in (0.0, n)]
     across += [_inset((x - over, zebra, x + over, n - zebra), 0.0) for x in (0.0, e)]
     return (
-        *_loops("road", roads, 6.0),
+        *(replace(loop, has_rails=i == 0) for i, loop in enumerate(_loops("road", roads, 6.0))),
         *_loops("cycle", cycles, 3.4),
         *_loops("walk", walks, 0.8, KERB_HEIGHT),
         *(replace(loop, is_crossing=True) for loop in _loops("walk", across, 0.8, KERB_HEIGHT)),
@@ -98,7 +100,7 @@ def city_loops() -> tuple[Loop, ...]:
     walks = [_inset(area, d)[:: 1 if i % 2 else -1] for i, (area, d) in enumerate(areas)]
     return (
         *_loops("road", roads, 6.0),
-        *_loops("road", [list(city.TRAM)], city.TRAM_RADIUS),
+        *(replace(loop, has_rails=True) for loop in _loops("road", [list(city.TRAM)], city.TRAM_RADIUS)),
         *_loops("cycle", along, 6.0 - (b - a)),
         *_loops("cycle", cycles, 4.0),
         *_loops("walk", walks[: len(blocks)], 0.8, KERB_HEIGHT),

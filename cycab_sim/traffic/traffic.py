@@ -129,9 +129,10 @@ def _populate(loops: Sequence[Loop], params: TrafficParams, rng: np.random.Gener
     actors: list[Actor] = []
     for kind, count, make in makers:
         numbers = [i for i, loop in enumerate(loops) if loop.kind == kind]
-        trams = _spread(params.trams if kind == "road" else 0, numbers, loops)
+        railed = [i for i in numbers if loops[i].has_rails]
+        trams = dict(zip(railed, _spread(params.trams, railed, loops), strict=True))
         for i, share in zip(numbers, _spread(count, numbers, loops), strict=True):
-            some = [figures.make_tram] * trams[numbers.index(i)] + [make] * share
+            some = [figures.make_tram] * trams.get(i, 0) + [make] * share
             actors += _line_up(i, loops[i], some, rng)
     return actors
 
