@@ -40,6 +40,11 @@ class DepthCache:
         """Share of the look-ups that found something."""
         return self.num_hits / max(self.num_hits + self.num_misses, 1)
 
+    def clear(self) -> None:
+        """Forget all images and the counts."""
+        self._slots.clear()
+        self.num_hits = self.num_misses = 0
+
     def find(self, cells: Sequence[Cell]) -> NDArray[np.int64]:
         """Return the slots (N,) of cells, -1 where there is none; what is found counts as used now."""
         slots = np.full(len(cells), -1, dtype=np.int64)

@@ -17,6 +17,12 @@ class SynthesisParams:
     coarseness: float = param(1.0, "spacing of the points that are drawn, at most, by the width of a pixel", low=0.1)
     min_range_m: float = param(0.2, "range below which points are not drawn", "m", low=0.0)
     max_range_m: float = param(200.0, "range beyond which points are not drawn", "m", low=1.0)
+    drawing: str = param(
+        "auto",
+        "how points become surfaces: columns of voxels where they are dense, splats where they are single; auto: by"
+        " their density",
+        choices=("auto", "columns", "splats"),
+    )
 
 
 @parameters

@@ -210,8 +210,10 @@ def fill_unknown(image):
     _integrate(values, J)
     _integrate(known, K)
     for y in range(H):
+        radius = 1
         for x in range(W):
-            radius = 1
+            # nothing is known within half the radius that the unknown pixel before needed
+            radius = max(radius >> 2, 1) if math.isnan(image[y, x]) else 1
             while math.isnan(image[y, x]):
                 top, bottom = max(y - radius, 0), min(y + radius + 1, H)
                 n = _box_sum(K, top, bottom, x - radius, x + radius + 1)

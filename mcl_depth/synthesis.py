@@ -6,6 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from mcl_depth.cloud import Cloud
+from mcl_depth.columns.voxel_map import voxel_map
+from mcl_depth.columns.walker import Walker
 from mcl_depth.features import FeatureStack, depth_features_many
 from mcl_depth.image_params import ComparisonParams, SynthesisParams
 from mcl_depth.mesh import TriangleMesh
@@ -15,6 +17,7 @@ from sphere_geometry import Spherical
 
 Image = NDArray[np.float32]
 BATCH = 64  # panoramas in memory at once while their features are made
+MIN_DENSE_SHARE = 0.5  # of the voxels that must be pieces of surfaces for columns to show what splats show
 
 
 def panorama_window(params: SynthesisParams) -> Spherical:
@@ -36,11 +39,7 @@ class DepthSynthesizer:
     def __init__(self, geometry: Cloud | TriangleMesh, params: SynthesisParams | None = None) -> None:
         self.params = params or SynthesisParams()
         self.camera = panorama_window(self.params)
-        self._scene: PointIndex | RayScene
-        if isinstance(geometry, TriangleMesh):
-            self._scene = RayScene(geometry, self.camera, self.params)
-        else:
-            self._scene = PointIndex(geometry, self.camera, self.params)
+        self._scene = _scene(geometry, self.camera, self.params)
 
     def synthesize(self, position_map: ArrayLike) -> Image:
         """Return the range (H, W) in m around a place (3,) in the map; NaN where the map says nothing."""
@@ -62,3 +61,17 @@ class DepthSynthesizer:
             part = slice(first, first + BATCH)
             stack.put(part, depth_features_many(self.synthesize_many(positions[part]), params))
         return stack
+
+
+def _scene(
+    geometry: Cloud | TriangleMesh, camera: Spherical, params: SynthesisParams
+) -> Walker | PointIndex | RayScene:
+    """Return what draws a geometry: rays for surfaces, columns for dense points, splats for single ones."""
+    if isinstance(geometry, TriangleMesh):
+        return RayScene(geometry, camera, params)
+    if params.drawing != "splats" and len(geometry):
+        levels = Walker.num_levels(params.voxel_m, camera, params)
+        voxels = voxel_map(geometry, params.voxel_m, params.splat, levels)
+        if params.drawing == "columns" or voxels.dense_share >= MIN_DENSE_SHARE:
+            return Walker(voxels, camera, params)
+    return PointIndex(geometry, camera, params)
