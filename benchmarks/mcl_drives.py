@@ -1,0 +1,178 @@
+"""Drives through the simulator's worlds: images of any camera, truth, odometry and tilt; kept on disk between runs."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+import cycab_sim
+from cycab_sim.cameras import OPTICAL, expose
+from cycab_sim.lenses import panorama
+from cycab_sim.params import LightParams, RenderParams, TrafficParams, VehicleParams
+from cycab_sim.renderer import Renderer
+from cycab_sim.traffic.traffic import Traffic
+from cycab_sim.worlds import World, build_world
+from mcl_depth.estimate import Look
+from mcl_depth.motion_model import between, moved
+from sphere_geometry import SE3, Camera, Fisheye, Pinhole, so3
+
+Array = NDArray[np.float64]
+HEIGHT = 1.8  # of the camera above the ground, m
+BODY_AXES = SE3.from_parts(np.eye(3), [0.4, 0.0, HEIGHT])  # a panorama's axes are those of the vehicle
+OPTICAL_AXES = SE3.from_parts(OPTICAL, [0.4, 0.0, HEIGHT])
+UP_AXES = SE3.from_parts([[0, 1, 0], [-1, 0, 0], [0, 0, 1]], [0.4, 0.0, HEIGHT])  # looks at the zenith
+WAY_SHARE, TURN_DEG = 0.05, 1.0  # odometry: share of a step; for a way of one metre, growing with its square root
+TILT_DEG = 0.2  # of the IMU
+CLEAR = 1.2  # room around the camera that traffic leaves free, m
+READ_NOISE, SHOT_NOISE = 1.2, 0.012  # grey levels, as of the vehicle's camera
+LIGHTS = (  # azimuth, elevation, shadows, exposure
+    LightParams(),
+    LightParams(sun_azimuth_deg=95.0, sun_elevation_deg=20.0, exposure=0.7),
+    LightParams(sun_azimuth_deg=320.0, sun_elevation_deg=60.0, exposure=1.2),
+    LightParams(has_shadows=False, exposure=0.5),
+)
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A camera and where it sits on the vehicle."""
+
+    camera: Camera
+    T_base_camera: SE3
+
+
+PANORAMA = Lens(panorama(720, 192, "panorama"), BODY_AXES)  # 360 x 96 degrees, of which 85 are compared
+_FOCAL = 320.0 / np.tan(np.radians(50.0))
+PINHOLE_100 = Lens(Pinhole(640, 480, _FOCAL, _FOCAL, 319.5, 239.5), OPTICAL_AXES)
+_PER_RAD = 300.0 / np.radians(95.0)
+FISHEYE_190 = Lens(Fisheye(600, 600, _PER_RAD, _PER_RAD, 299.5, 299.5), OPTICAL_AXES)
+FISHEYE_UP = Lens(Fisheye(600, 600, _PER_RAD, _PER_RAD, 299.5, 299.5), UP_AXES)
+
+
+@dataclass(frozen=True, eq=False)
+class Drive:
+    """Images (K, H, W) u1, true poses of the base T_map_base (K,), odometry (K, 3) m, rad, and tilts (K, 3, 3)."""
+
+    images: NDArray[np.uint8]
+    lens: Lens
+    T_map_base: SE3
+    odometry: Array
+    tilts: Array  # R_level_base as the IMU has it
+
+    def __len__(self) -> int:
+        return len(self.images)
+
+    def look(self, index: int, *, has_imu: bool = True) -> Look:
+        """Return what the filter takes for one image."""
+        T_base_camera = self.lens.T_base_camera
+        tilt = self.tilts[index] if has_imu else np.eye(3)
+        T_base_sight = SE3.from_parts(np.eye(3), T_base_camera.translation)
+        T_odom_sight = SE3.from_planar(*(float(x) for x in self.odometry[index])) @ T_base_sight
+        rotation = tilt @ T_base_camera.rotation
+        return Look(self.images[index], self.lens.camera, (index + 1) * 10**9, rotation, T_odom_sight)
+
+    def truth(self, index: int) -> Array:
+        """Return x, y, yaw (3,) of the sight in the map."""
+        T_map_base = self.T_map_base[index]
+        place = (T_map_base @ self.lens.T_base_camera).translation
+        return np.array([place[0], place[1], float(T_map_base.yaw)])
+
+
+@dataclass(frozen=True)
+class Studio:
+    """A world of a seed in which drives are recorded; `folder` keeps what was recorded."""
+
+    world: str
+    seed: int
+    folder: Path
+
+    def record(self, line: Array, seed: int, lens: Lens = PANORAMA, light: LightParams = LIGHTS[0]) -> Drive:
+        """Return a drive along planar poses (K, 3) of the base; `seed` decides every noise."""
+        rng = np.random.default_rng([self.seed, seed, 71])
+        T_map_base = self._on_ground(line)
+        key = _key(self.world, self.seed, np.asarray(line).tobytes(), seed, lens, light)
+        images = kept(self.folder / f"{key}.npy", lambda: self._images(T_map_base, lens, light, seed))
+        return Drive(images, lens, T_map_base, _odometry(line, rng), _tilts(T_map_base, rng))
+
+    def built(self) -> World:
+        """Return the world."""
+        return build_world(self.world, self.seed, "block")
+
+    def _on_ground(self, line: Array) -> SE3:
+        ground, vehicle = self.built().ground, VehicleParams()
+        poses = [ground.follow(SE3.from_planar(*map(float, p)), vehicle.wheelbase, vehicle.width) for p in line]
+        return SE3.from_matrix(np.stack([pose.matrix for pose in poses]))
+
+    def _images(self, T_map_base: SE3, lens: Lens, light: LightParams, seed: int) -> NDArray[np.uint8]:
+        renderer, traffic = _renderer(self.world, self.seed, light)
+        images = []
+        for index in range(len(T_map_base.matrix)):
+            T_map_camera = T_map_base[index] @ lens.T_base_camera
+            if traffic is not None:
+                stamp = (seed * 1000 + index) * 10**9  # every drive at another time, an image a second
+                renderer.move(traffic.poses(stamp, T_map_camera.translation[None, :2], CLEAR))
+            levels, _ = renderer.render(lens.camera, T_map_camera, is_grey=True)
+            images.append(expose(levels, READ_NOISE, SHOT_NOISE, (self.seed, seed, index)))
+        return np.stack(images)
+
+
+@lru_cache(maxsize=2)
+def _renderer(world: str, seed: int, light: LightParams) -> tuple[Renderer, Traffic | None]:
+    """Return what draws a world, and who moves in it: cars, a tram, bicycles, pedestrians in the town's streets."""
+    built = build_world(world, seed, "block")
+    traffic = Traffic(built, TrafficParams(is_on=True, may_cross=True), seed) if built.loops else None
+    return Renderer(built.mesh, RenderParams(), light, traffic), traffic
+
+
+def _odometry(line: Array, rng: np.random.Generator) -> Array:
+    """Return the way as noisy wheels have it, from the origin."""
+    poses = [np.zeros(3)]
+    for before, after in pairwise(line):
+        motion = between(before[:3], after[:3])
+        motion[:2] *= 1.0 + WAY_SHARE * rng.standard_normal()
+        motion[2] += np.radians(TURN_DEG) * np.sqrt(np.hypot(motion[0], motion[1])) * rng.standard_normal()
+        poses.append(moved(poses[-1][None], motion)[0])
+    return np.array(poses)
+
+
+def _tilts(T_map_base: SE3, rng: np.random.Generator) -> Array:
+    """Return R_level_base (K, 3, 3) with the noise of an IMU."""
+    tilts = []
+    for rotation, yaw in zip(T_map_base.rotation, np.atleast_1d(T_map_base.yaw), strict=True):
+        noise = so3.exp(np.radians(TILT_DEG) * rng.standard_normal(3) * [1.0, 1.0, 0.0])
+        tilts.append(so3.exp(np.array([0.0, 0.0, -float(yaw)])) @ rotation @ noise)
+    return np.stack(tilts)
+
+
+def kept(path: Path, make: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+    """Return an array from its file; made and written where there is none."""
+    if path.exists():
+        return np.asarray(np.load(path, allow_pickle=False))
+    made = make()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    draft = path.with_suffix(".part.npy")
+    np.save(draft, made, allow_pickle=False)
+    draft.replace(path)
+    return made
+
+
+def _key(*parts: object) -> str:
+    """Return what all that decides a recording hashes to, the simulator's source included."""
+    key = hashlib.sha256(simulator_source())
+    for part in parts:
+        key.update(part if isinstance(part, bytes) else repr(part).encode())
+    return key.hexdigest()[:24]
+
+
+@lru_cache(maxsize=1)
+def simulator_source() -> bytes:
+    """Return all source of the simulator: recordings must not outlive it."""
+    folder = Path(cycab_sim.__file__).parent
+    return b"".join(path.read_bytes() for path in sorted(folder.rglob("*.py")))

@@ -1,0 +1,144 @@
+"""The simulator's worlds as clouds without colour, ready for the filter; cloud and depth features are kept on disk."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+import mcl_depth
+from benchmarks.mcl_drives import HEIGHT, Studio, kept, simulator_source
+from benchmarks.mcl_routes import limits
+from cycab_sim.town import Plan, draw_plan
+from cycab_sim.worlds import geometry_cloud
+from mcl_depth.area import find_area
+from mcl_depth.cloud import Cloud, cloud_from_points
+from mcl_depth.depth_map import DepthMap
+from mcl_depth.ground import Ground
+from mcl_depth.image_params import SynthesisParams
+from mcl_depth.params import FilterParams
+from mcl_depth.site import Site
+from mcl_depth.synthesis import DepthSynthesizer, panorama_window
+from typed_params import build
+
+Settings = dict[str, Any]
+SPACING = 0.2  # of the points of a cloud, m
+TABLE_I: Settings = {  # of N17, column ETHZ; lambda 20, alpha each 10 degrees and 85 degrees are the defaults
+    "cache.max_distance": 0.5,
+    "resampling.num_particles": 1000,
+    "cache.max_megabytes": 600,
+    "synthesis.voxel_m": SPACING,
+    "synthesis.num_columns": 180,  # 2 degrees a pixel: a quarter of the work
+    "comparison.lcn_radius_px": 5,
+    "comparison.is_sky_far": True,  # outdoors the skyline is the strongest edge
+}
+IMAGE_SIDE = (
+    "kernels.py",
+    "features.py",
+    "synthesis.py",
+    "point_index.py",
+    "image_params.py",
+    "ground.py",
+    "area.py",
+    "columns/kernels.py",
+    "columns/voxel_map.py",
+    "columns/walker.py",
+)
+
+
+def add_arguments(parser: argparse._ArgumentGroup) -> None:
+    """Declare what all benchmarks in the simulator share."""
+    parser.add_argument(
+        "--recordings", type=Path, default=None, help="folder of images and depth features (OUTPUT/mcl)"
+    )
+    parser.add_argument("--world-seed", type=int, default=11, help="seed of world, drives and filter (11)")
+
+
+def folder_of(options: argparse.Namespace) -> Path:
+    """Return where recordings are kept."""
+    return options.recordings if options.recordings is not None else options.output / "mcl"
+
+
+def studio(world: str, options: argparse.Namespace) -> Studio:
+    """Return the world in which drives are recorded."""
+    return Studio(world, options.world_seed, folder_of(options))
+
+
+def town_settings(plan: Plan, changes: Settings | None = None) -> Settings:
+    """Return parameters of table I for the 100 x 100 m around the middle of a town."""
+    box = ",".join(f"{value:.2f}" for value in limits(plan))
+    return TABLE_I | {"area.limits": box} | (changes or {})
+
+
+def town(options: argparse.Namespace, changes: Settings | None = None) -> tuple[Site, Plan]:
+    """Return the site of a town and its plan."""
+    plan = draw_plan(options.world_seed)
+    return site("town", options, town_settings(plan, changes)), plan
+
+
+class Prepared(Site):
+    """A site whose depth features are on disk: nothing is drawn before one is missing."""
+
+    def __init__(self, cloud: Cloud, params: FilterParams, name: str) -> None:
+        """`name` stands for the cloud in the cache on disk."""
+        self.params = params
+        heights = Ground(cloud.points).heights
+        self.depth_map = DepthMap(Later(cloud, params.synthesis), heights, HEIGHT, params, name)
+        self.area = find_area(cloud.points, self.depth_map.heights, params.area)
+        cells = np.unique(self.depth_map.cells(self.area.middles), axis=0)
+        if len(self.depth_map.cache) < 0.9 * min(len(cells), self.depth_map.cache.capacity):
+            self.depth_map.fill(self.area.middles)
+            self.depth_map.save()
+
+
+class Later:
+    """Draws panoramas of a cloud; takes the cloud apart when the first one is asked for."""
+
+    def __init__(self, cloud: Cloud, params: SynthesisParams) -> None:
+        self._cloud, self._params, self.camera = cloud, params, panorama_window(params)
+
+    @cached_property
+    def drawing(self) -> DepthSynthesizer:
+        """What draws."""
+        return DepthSynthesizer(self._cloud, self._params)
+
+    def synthesize_many(self, positions: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Return ranges (M, H, W) in m around places (M, 3)."""
+        return self.drawing.synthesize_many(positions)
+
+
+def site(world: str, options: argparse.Namespace, settings: Settings) -> Site:
+    """Return the site of a world, the depth features of all its places made."""
+    cache = {"cache.folder": str(folder_of(options) / f"depth_{_image_side()}")}
+    return Prepared(cloud(world, options), build(FilterParams, settings | cache), cloud_name(world, options))
+
+
+def cloud(world: str, options: argparse.Namespace) -> Cloud:
+    """Return the bare geometry of a world, without what comes and goes."""
+    path = folder_of(options) / f"cloud_{cloud_name(world, options)}.npy"
+
+    def make() -> NDArray[np.float32]:
+        return geometry_cloud(options.world_seed, SPACING, world).astype(np.float32)
+
+    return cloud_from_points(kept(path, make), world)
+
+
+def cloud_name(world: str, options: argparse.Namespace) -> str:
+    """Return what decides a cloud, hashed."""
+    return hashlib.sha256(simulator_source() + f"{world} {options.world_seed} {SPACING}".encode()).hexdigest()[:16]
+
+
+@lru_cache(maxsize=1)
+def _image_side() -> str:
+    """Return what the source that makes depth features hashes to: kept features must not outlive it."""
+    folder = Path(mcl_depth.__file__).parent
+    key = hashlib.sha256()
+    for name in IMAGE_SIDE:
+        path = folder / name
+        key.update(path.read_bytes() if path.exists() else b"")
+    return key.hexdigest()[:12]

@@ -1,0 +1,110 @@
+"""What the benchmarks of bare geometry in the simulator compute by themselves: ways, odometry, scores, curves."""
+
+import numpy as np
+import pytest
+
+from benchmarks import mcl_town, mcl_town_particles
+from benchmarks.mcl_drives import FISHEYE_UP, PANORAMA, Drive, Studio, kept
+from benchmarks.mcl_homing import Ride, ride_bounds
+from benchmarks.mcl_routes import MARGIN, MAX_OFFSET, SIDE, kidnapped_line, limits, sampled
+from benchmarks.mcl_trials import Trial
+from cycab_sim.town import draw_plan, taught_path
+from localization_status import State
+
+PLAN = draw_plan(4)
+
+
+def trial(metres, states):
+    count = len(metres)
+    zeros = np.zeros(count)
+    return Trial(tuple(states), ("",) * count, np.array(metres, float), zeros, zeros.astype(np.int64), zeros)
+
+
+def test_kidnapped_lines_follow_the_streets_inside_the_square():
+    x0, y0, x1, y1 = limits(PLAN)
+    assert x1 - x0 == y1 - y0 == SIDE
+    turned = 0
+    for seed in range(40):
+        line = kidnapped_line(PLAN, 20, 1.0, np.random.default_rng(seed))
+        assert np.all((line[:, 0] > x0 + MARGIN) & (line[:, 0] < x1 - MARGIN))
+        assert np.all((line[:, 1] > y0 + MARGIN) & (line[:, 1] < y1 - MARGIN))
+        chords = np.linalg.norm(np.diff(line[:, :2], axis=0), axis=1)
+        assert np.all((chords > 0.99) & (chords < 1.0 + 1e-9))  # an arc of 5 m: the chord of 1 m is 1.7 mm shorter
+        ends = line[[0, -1], :2]
+        aside = np.minimum(np.abs(ends[:, :1] - [0.0, PLAN.east]).min(axis=1),
+                           np.abs(ends[:, 1:] - [0.0, PLAN.north]).min(axis=1))  # fmt: skip
+        assert aside[0] <= MAX_OFFSET + 1e-9
+        turned += abs(line[-1, 2] - line[0, 2]) > 0.1
+    assert 5 < turned < 40  # two choices of three turn, where a crossing is near enough
+
+
+def test_a_loop_closes_after_the_wanted_number_of_images():
+    length = taught_path(PLAN, "block").length
+    step = mcl_town.loop_step(PLAN, 500)
+    rounds = 500 * step / length
+    assert rounds == pytest.approx(round(rounds))
+    assert 0.15 < step < 0.5
+    path = sampled(taught_path(PLAN, "block"), step, 501)
+    np.testing.assert_allclose(path[0, :2], path[-1, :2], atol=1e-6)
+
+
+def test_a_trial_counts_only_tracking_at_the_right_place():
+    follow = [State.SEARCHING, State.TRACKING, State.DEGRADED, State.TRACKING, State.TRACKING]
+    good = trial([9.0, 5.0, 0.2, 0.2, 0.1], follow)
+    assert good.has_converged
+    assert good.num_false == 1
+    assert good.first == 4
+    assert not trial([0.1, 0.1], [State.TRACKING, State.PROBATION]).has_converged
+    assert trial([0.1, 3.0], [State.TRACKING, State.TRACKING]).first == 0
+
+
+def test_the_needed_number_lies_between_the_points_of_the_curve():
+    needed = mcl_town_particles.needed
+    assert needed({100: 50.0, 400: 95.0, 800: 100.0}) == pytest.approx(100 * 4 ** (40 / 45))
+    assert needed({100: 95.0, 200: 100.0}) == 100.0
+    assert needed({100: 10.0, 200: 20.0}) == 400.0
+
+
+def test_a_ride_is_judged_by_its_distance_from_the_path():
+    path = sampled(taught_path(PLAN, "two_turns"), 0.5)[:, :2]
+    within, largest, median = ride_bounds(PLAN, 0.0, Ride(path + np.array([0.0, 0.3]), has_finished=True))
+    assert within.is_met
+    assert within.measured == pytest.approx(0.3, abs=0.05)
+    assert largest.measured <= 0.31
+    assert median.measured <= 0.31
+    assert not ride_bounds(PLAN, 0.0, Ride(path, has_finished=False))[0].is_met
+
+
+def test_odometry_and_tilt_of_a_drive_are_near_the_truth(tmp_path, monkeypatch):
+    monkeypatch.setattr(
+        Studio, "_images", lambda self, poses, lens, light, seed: np.zeros((len(poses.matrix), 2, 2), np.uint8)
+    )
+    line = np.column_stack([np.linspace(10.0, 50.0, 41), np.zeros(41), np.zeros(41)])
+    drive = Studio("ramp", 3, tmp_path).record(line, 5)
+    way = np.linalg.norm(drive.odometry[-1, :2])
+    assert 36.0 < way < 44.0
+    assert not np.isclose(way, 40.0, atol=1e-6)
+    pitch = np.arcsin(-drive.tilts[20][2, 0])  # x = 30 m, on the ramp
+    assert np.degrees(pitch) == pytest.approx(-np.degrees(np.arctan(0.08)), abs=1.0)  # noise 0.2 deg
+    again = Studio("ramp", 3, tmp_path).record(line, 5)
+    np.testing.assert_array_equal(drive.odometry, again.odometry)
+
+
+def test_what_is_kept_is_made_once(tmp_path):
+    calls = []
+    for _ in range(2):
+        found = kept(tmp_path / "a.npy", lambda: calls.append(1) or np.arange(3, dtype=np.uint8))
+    assert len(calls) == 1
+    assert found.tolist() == [0, 1, 2]
+
+
+def test_the_sight_heads_where_the_vehicle_does_whatever_the_camera():
+    from sphere_geometry import SE3
+
+    T_map_base = SE3.from_matrix(SE3.from_planar(1.0, 2.0, 0.5).matrix[None])
+    for lens in (PANORAMA, FISHEYE_UP):
+        drive = Drive(np.zeros((1, 2, 2), np.uint8), lens, T_map_base, np.zeros((1, 3)), np.eye(3)[None])
+        np.testing.assert_allclose(drive.truth(0), [1.0 + 0.4 * np.cos(0.5), 2.0 + 0.4 * np.sin(0.5), 0.5])
+    up = FISHEYE_UP.T_base_camera.rotation
+    np.testing.assert_allclose(up @ [0.0, 0.0, 1.0], [0.0, 0.0, 1.0])
+    assert np.linalg.det(up) == pytest.approx(1.0)
