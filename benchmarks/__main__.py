@@ -18,11 +18,20 @@ BENCHMARKS = {
     "frame_to_frame": "benchmarks.frame_to_frame",
     "end_to_end": "benchmarks.end_to_end",
     "rendering": "benchmarks.rendering",
+    "long_drive": "benchmarks.long_drive",
     "calibration": "benchmarks.calibration",
     "stitching": "benchmarks.stitching",
     "mcl_panoramas": "benchmarks.mcl_panoramas",
     "mcl_surround": "benchmarks.mcl_surround",
     "mcl_walks": "benchmarks.mcl_walks",
+    "mcl_town": "benchmarks.mcl_town",
+    "mcl_town_particles": "benchmarks.mcl_town_particles",
+    "mcl_town_caches": "benchmarks.mcl_town_caches",
+    "mcl_cameras": "benchmarks.mcl_cameras",
+    "mcl_ramp": "benchmarks.mcl_ramp",
+    "mcl_corridor": "benchmarks.mcl_corridor",
+    "mcl_homing": "benchmarks.mcl_homing",
+    "mcl_times": "benchmarks.mcl_times",
 }
 
 

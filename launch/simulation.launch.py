@@ -15,6 +15,8 @@ from launch_ros.substitutions import FindPackageShare
 ARGUMENTS = {
     "mode": ("drive", "who drives: drive (the topic cmd_vel) or teach (the simulator itself)"),
     "seed": ("1", "decides the town and every noise"),
+    "world": ("town", "where it drives: town, city, corridor or ramp"),
+    "traffic": ("false", "cars, a tram, cyclists and pedestrians in the streets"),
     "map": ("", "map to localise in; empty: the simulator alone"),
     "trajectory": ("", "file of the trajectory to follow"),
     "record": ("", "bag to record everything into; empty: none"),
@@ -42,6 +44,8 @@ def generate_launch_description():
             {
                 "mode": typed("mode", str),
                 "seed": typed("seed", int),
+                "world": typed("world", str),
+                "traffic.is_on": typed("traffic", bool),
                 "has_stamped_command": True,  # a command says which image it answers: lock-step
             },
         ],
