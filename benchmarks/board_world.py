@@ -47,7 +47,7 @@ class BoardWorld:
         """Return the image (H, W): averaged over each pixel, blurred by the lens, with noise and uneven light."""
         part = self.rig.cameras[camera].camera
         shade = np.linspace(0.75, 1.1, part.width)[None] * np.linspace(1.05, 0.85, part.height)[:, None]
-        image = (
+        image: Array = (
             90.0 + 25.0 * np.sin(np.arange(part.width) / 37.0)[None] * np.cos(np.arange(part.height) / 23.0)[:, None]
         )
         for number, board in enumerate(self.boards):
@@ -85,7 +85,7 @@ def _draw(image: Array, camera: Camera, rays: Array, board: Board, T_camera_boar
         reach = (normal @ T.translation) / (inner @ normal)
         plane = ((inner * reach[..., None] - T.translation) @ T.rotation[:, :2]) / board.square_m
         plane[~(reach > 0)] = np.nan
-    by_v, by_u = np.gradient(plane, axis=(0, 1))
+    by_v, by_u = np.gradient(plane, axis=0), np.gradient(plane, axis=1)
     squares, paper = pattern(board), (low, high)
     corners = [_levels(squares, plane + dv * by_v + du * by_u, paper) for du in (-0.55, 0.55) for dv in (-0.55, 0.55)]
     level = _levels(squares, plane, paper)
@@ -201,13 +201,20 @@ def ring_rig(size: tuple[int, int] = (960, 720)) -> Rig:
     return Rig(tuple(cameras), "ring")
 
 
-def boards_around(num_boards: int, distance_m: float, rng: np.random.Generator) -> tuple[tuple[Board, ...], SE3]:
-    """Return chessboards of different sizes on a circle around the origin, facing it, tilted a little."""
+def boards_around(
+    num_boards: int, distance_m: float, rng: np.random.Generator, kind: str = "chessboard"
+) -> tuple[tuple[Board, ...], SE3]:
+    """Return boards on a circle around the origin, facing it, tilted a little.
+
+    Chessboards differ in size, ChArUco boards of 8x6 corners in their markers (up to seven in DICT_4X4_250).
+    """
     sizes = [(9, 6), (8, 7), (10, 7), (9, 8), (11, 6), (10, 5)]
     boards, poses = [], []
     for number in range(num_boards):
-        columns, rows = sizes[number]
-        board = Board(f"board{number}", columns, rows, 0.12)
+        if kind == "charuco":
+            board = Board(f"board{number}", 8, 6, 0.12, kind, 0.09, first_marker=32 * number)
+        else:
+            board = Board(f"board{number}", *sizes[number], 0.12)
         turn = so3.exp([0.0, 0.0, 2.0 * np.pi * (number + 0.5) / num_boards])
         R = turn @ OPTICAL @ so3.exp(rng.normal(0.0, 0.15, 3))
         centre = turn @ [distance_m, 0.0, rng.uniform(-0.15, 0.15)]
@@ -221,7 +228,8 @@ def wandering(num_instants: int, rng: np.random.Generator, *, is_drive_only: boo
     poses = []
     for number in range(num_instants):
         if is_drive_only:
-            poses.append(SE3.from_planar(*rng.uniform(-0.5, 0.5, 2), rng.uniform(-0.2, 0.2)).matrix)
+            x, y = rng.uniform(-0.5, 0.5, 2)
+            poses.append(SE3.from_planar(x, y, rng.uniform(-0.2, 0.2)).matrix)
             continue
         yaw = 2.0 * np.pi * number / num_instants * 3.0 + rng.uniform(-0.2, 0.2)
         R = so3.exp([0.0, 0.0, yaw]) @ so3.exp([*rng.uniform(-0.35, 0.35, 2), 0.0])

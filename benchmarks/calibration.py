@@ -1,4 +1,4 @@
-"""Calibration beside OpenCV's, on the same corners in the same run."""
+"""Calibration beside OpenCV's on the same corners, and of rigs that are known (`calibration_worlds`)."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from benchmarks import calibration_worlds as worlds
 from benchmarks.report import Bound, Report, Table
 from rig_calibration.board import Board
 from rig_calibration.calibrate import CameraSpec, calibrate
@@ -16,7 +17,8 @@ from rig_calibration.detect import detect
 from rig_calibration.params import CalibrationParams
 from rig_calibration.views import View
 
-HELP = "rig calibration beside OpenCV's stereoCalibrate and fisheye.calibrate"
+HELP = "rig calibration beside OpenCV's, and of known rigs before projected and rendered boards"
+PARTS = ("real", "projected", "driven", "rendered")
 BOARD = Board("board", 9, 6, 0.1)
 KEEP_ALL = CalibrationParams(corner_limit=1e6, view_ratio=1e6)  # plain squares over the very corners of the peer
 
@@ -24,17 +26,37 @@ KEEP_ALL = CalibrationParams(corner_limit=1e6, view_ratio=1e6)  # plain squares 
 def add_arguments(group: argparse._ArgumentGroup) -> None:
     """Declare the arguments."""
     group.add_argument("--boards", type=Path, default=Path("../shared/data/checkerboard"), help="real board images")
+    group.add_argument(
+        "--calibration-parts", nargs="*", choices=PARTS, default=list(PARTS), help="parts to measure (all)"
+    )
+    group.add_argument(
+        "--calibration-seeds", type=int, default=10, help="of projected corners (10); a third of it rendered"
+    )
 
 
 def run(options: argparse.Namespace) -> Report:
-    """Measure both sets."""
+    """Measure the parts that were asked for."""
     report = Report("calibration")
-    if not options.boards.is_dir():
-        report.skipped = f"no folder {options.boards}"
-        return report
+    num_seeds = 2 if options.quick else options.calibration_seeds
+    if "real" in options.calibration_parts:
+        _real(report, options.boards)
+    if "projected" in options.calibration_parts:
+        worlds.projected(report, num_seeds)
+    if "driven" in options.calibration_parts:
+        worlds.driven(report)
+    if "rendered" in options.calibration_parts:
+        worlds.rendered(report, -(-num_seeds // 3), options.threads)
+    return report
+
+
+def _real(report: Report, folder: Path) -> None:
+    """Measure both recorded sets beside OpenCV."""
+    if not folder.is_dir():
+        report.notes.append(f"recorded boards: skipped, no folder {folder}")
+        return
     rows: list[tuple[str, ...]] = []
-    stereo = _views(options.boards / "opencv_stereo", ("left", "right"))
-    fisheye = _views(options.boards / "camodocal_fisheye", ("img",))
+    stereo = _views(folder / "opencv_stereo", ("left", "right"))
+    fisheye = _views(folder / "camodocal_fisheye", ("img",))
     for name, views, model, peer in (
         ("opencv_stereo", stereo, "pinhole", _stereo),
         ("camodocal_fisheye", fisheye, "fisheye", _fisheye),
@@ -48,7 +70,6 @@ def run(options: argparse.Namespace) -> Report:
         rows.append((name, f"{theirs:.5f}", f"{rms:.5f}", f"{len(ours.residuals)}", lens))
         report.bounds.append(Bound(f"{name}: RMS on the same corners by OpenCV's", 1.0001, rms / theirs, "x"))
     report.tables.append(Table("RMS in px, all corners", ("images", "OpenCV", "ours", "corners", "fx fy cx cy"), rows))
-    return report
 
 
 def _views(folder: Path, names: tuple[str, ...]) -> list[View]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import cv2
@@ -78,7 +77,6 @@ def _dictionary(name: str, board: str = "") -> Any:
     return cv2.aruco.getPredefinedDictionary(number)
 
 
-@lru_cache
 def _detector(board: Board) -> Any:
     """Return the detector of a board, by the classes of OpenCV since 4.7."""
     numbers = np.arange(board.first_marker, board.first_marker + board.num_markers)
@@ -89,7 +87,6 @@ def _detector(board: Board) -> Any:
     return cv2.aruco.CharucoDetector(pattern)
 
 
-@lru_cache
 def _old_pattern(board: Board) -> Any:
     """Return the board for the functions before 4.7; they number its markers from 0 and know one pattern only."""
     squares = (board.columns + 1, board.rows + 1)

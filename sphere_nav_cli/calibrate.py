@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 import glob
 import json
+import os
 import re
 from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import cv2
@@ -15,10 +17,10 @@ from tqdm import tqdm
 
 from rig_calibration.board import Board, parse_size, read_boards
 from rig_calibration.calibrate import CameraSpec, calibrate
-from rig_calibration.detect import detect
+from rig_calibration.detect import detect_all
 from rig_calibration.params import CalibrationParams
 from rig_calibration.report import as_mapping, draw
-from rig_calibration.views import View
+from rig_calibration.views import Array, Indices, View
 from sphere_geometry.rig_file import write_rig
 
 HELP = "lenses and poses of all cameras of a rig from images of boards"
@@ -31,6 +33,7 @@ examples:
 One folder, or one quoted glob, for each camera. Images of one instant have the same name, or the same number in it.
 A board counts inner corners. report.json and report.png are written beside the rig file.
 """
+MAX_THREADS = 8
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
 
 
@@ -65,7 +68,8 @@ def run(arguments: argparse.Namespace) -> int:
     for name, row in report["cameras"].items():
         held_out = row["held_out_rms_px"]
         print(f"{name}: RMS {row['rms_px']:.3f} px, held out {'-' if held_out is None else f'{held_out:.3f} px'}")
-    for line in [f"left out {name}: {why}" for name, why in found.dropped.items()] + found.warnings:
+    unseen = [f"{board.name}: seen in no image" for board in boards if board.name not in {v.board for v in views}]
+    for line in [f"left out {name}: {why}" for name, why in found.dropped.items()] + unseen + found.warnings:
         print(f"warning: {line}")
     return 0
 
@@ -101,22 +105,33 @@ def _instant(file: Path, is_by_name: bool) -> str:
 def _detect(
     cameras: dict[str, dict[str, Path]], boards: tuple[Board, ...]
 ) -> tuple[dict[str, tuple[int, int]], list[View]]:
+    """Look for the boards in all images, in threads: OpenCV works outside of Python's lock."""
+    work = [(name, instant, path) for name, files in cameras.items() for instant, path in files.items()]
     sizes: dict[str, tuple[int, int]] = {}
     views = []
-    work = [(name, instant, path) for name, files in cameras.items() for instant, path in files.items()]
-    for name, instant, path in tqdm(work, desc="looking for boards", unit="image", leave=False):
-        grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-        if grey is None:
-            raise ValueError(f"{path}: expected an image, found a file that cannot be read as one")
-        size = (grey.shape[1], grey.shape[0])
-        if sizes.setdefault(name, size) != size:
-            expected = "x".join(map(str, sizes[name]))
-            raise ValueError(f"{path}: expected {expected} as other images of {name}, found {size[0]}x{size[1]}")
-        for board in boards:
-            seen = detect(np.asarray(grey), board)
-            if seen is not None:
-                views.append(View(name, instant, board.name, *seen))
+    with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), MAX_THREADS)) as pool:
+        found = pool.map(lambda item: _seen(item[2], boards), work)
+        try:
+            for item, answer in zip(
+                work, tqdm(found, "looking for boards", len(work), False, unit="image"), strict=True
+            ):
+                (name, instant, path), (size, seen) = item, answer
+                if sizes.setdefault(name, size) != size:
+                    expected = "x".join(map(str, sizes[name]))
+                    told = f"expected {expected} as other images of {name}, found {size[0]}x{size[1]}"
+                    raise ValueError(f"{path}: {told}")
+                views += [View(name, instant, board, *corners) for board, corners in seen.items()]
+        finally:
+            pool.shutdown(cancel_futures=True)
     return sizes, views
+
+
+def _seen(path: Path, boards: tuple[Board, ...]) -> tuple[tuple[int, int], dict[str, tuple[Indices, Array]]]:
+    """Return the size (width, height) of an image and the corners of the boards in it."""
+    grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if grey is None:
+        raise ValueError(f"{path}: expected an image, found a file that cannot be read as one")
+    return (grey.shape[1], grey.shape[0]), detect_all(np.asarray(grey), boards)
 
 
 def _boards(arguments: argparse.Namespace) -> tuple[Board, ...]:
