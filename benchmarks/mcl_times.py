@@ -1,0 +1,172 @@
+"""Run times of mcl_depth in a town of 100 x 100 m: every step, the first global update, images after convergence."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from benchmarks.machine import describe, milliseconds, repeat
+from benchmarks.report import Bound, Report, Table
+from cycab_sim import geometry_cloud
+from cycab_sim.worlds import build_world
+from mcl_depth.cloud import Cloud, cloud_from_points
+from mcl_depth.comparison import depth_features_many, similarity_many, visual_features
+from mcl_depth.estimate import Estimate, Look
+from mcl_depth.filter import Filter
+from mcl_depth.mesh import TriangleMesh, mesh_from_faces
+from mcl_depth.params import FilterParams
+from mcl_depth.site import Site
+from mcl_depth.synthesis import DepthSynthesizer
+from sphere_geometry import SE3
+from typed_params import build
+
+HELP = "synthesis, features, comparison, first global update, image after convergence, what each cache saves"
+HEIGHT = 1.6  # m, of the camera
+SPACING = 0.1  # m, of the points of the cloud
+SIDE = 100.0  # m, of the town
+STEP = 0.3  # m driven between two images
+SETTINGS: dict[str, Any] = {"cache.max_distance": 0.5, "cache.max_megabytes": 1400}  # N17 table I, the rest by default
+VARIANTS: dict[str, dict[str, Any]] = {
+    "all caches": {},
+    "no similarity cache": {"cache.uses_similarities": False},
+    "no depth cache (as good as: 16 images)": {"cache.max_megabytes": 1},
+    "no orientation adjustment": {"adjustment.initial": 0.0},
+}
+Array = NDArray[np.float64]
+
+
+def add_arguments(parser: argparse._ArgumentGroup) -> None:
+    """Declare the arguments."""
+    parser.add_argument("--town-seed", type=int, default=3, help="seed of the town (3)")
+    parser.add_argument("--images", type=int, default=40, help="images of the drive after the first (40)")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Measure all of it."""
+    report = Report("mcl_times", notes=[describe(options.threads)])
+    mesh, box = town_mesh(options.town_seed)
+    cloud = cloud_from_points(geometry_cloud(options.town_seed, SPACING), "town")
+    limits = SETTINGS | {"area.limits": box}
+    built_ms, site = milliseconds(lambda: Site(cloud, HEIGHT, build(FilterParams, limits)))
+    count = 64 if options.quick else 256
+    places = some_places(site, count)
+    truth = DepthSynthesizer(mesh, site.params.synthesis).synthesize_many(places)
+    report.notes.append(f"{len(cloud)} points, made ready in {built_ms / 1e3:.1f} s, {len(site.area.middles)} squares")
+    report.tables.append(steps(site, cloud, places, truth, report, 3 if options.quick else 10))
+    report.tables.append(updates(site, cloud, mesh, limits, options, report))
+    return report
+
+
+def town_mesh(seed: int) -> tuple[TriangleMesh, str]:
+    """Return the surfaces that the cloud was taken of, and its middle 100 x 100 m as x0,y0,x1,y1."""
+    world = build_world("town", seed)
+    faces = world.mesh.triangles[~world.mesh.is_clutter[world.mesh.surface_of]].astype(np.float64)
+    x0, y0, x1, y1 = world.bounds
+    middle, half = np.array([x0 + x1, y0 + y1]) / 2, np.minimum([x1 - x0, y1 - y0], SIDE) / 2
+    mesh = mesh_from_faces(faces.reshape(-1, 3), np.arange(3 * len(faces)).reshape(-1, 3), "town")
+    return mesh, ",".join(f"{value:.2f}" for value in (*(middle - half), *(middle + half)))
+
+
+def some_places(site: Site, count: int) -> Array:
+    """Return positions (count, 3) of cameras all over the area."""
+    middles = site.area.scattered(count)
+    return np.column_stack([middles, site.depth_map.heights(middles)])
+
+
+def steps(site: Site, cloud: Cloud, places: Array, truth: NDArray[np.float32], report: Report, num_runs: int) -> Table:
+    """Time the steps for each panorama in a batch, and compare the ranges with those of the surfaces."""
+    rows: list[tuple[str, ...]] = []
+    for drawing in ("columns", "splats"):
+        synthesizer = DepthSynthesizer(cloud, replace(site.params.synthesis, drawing=drawing))
+        found = synthesizer.synthesize_many(places)
+        ms = repeat(lambda s=synthesizer: s.synthesize_many(places), num_runs, 1) / len(places)
+        rows.append((f"synthesis, {drawing}", f"{np.median(ms):.2f}", *accuracy(found, truth)))
+        if drawing == "columns":
+            report.bounds.append(Bound("synthesis of a panorama", 4.0, float(np.median(ms)), "ms"))
+    comparison = site.params.comparison
+    stack = depth_features_many(truth, comparison)
+    features_ms = repeat(lambda: depth_features_many(truth, comparison), num_runs, 1) / len(places)
+    rows.append(("features", f"{np.median(features_ms):.2f}", "", "", ""))
+    visual = visual_features(shaded(truth[0]), comparison)
+    for count in (36, 360):
+        ms = repeat(lambda n=count: similarity_many(visual, stack, n), num_runs, 1) / len(places)
+        rows.append((f"comparison, {count} headings", f"{np.median(ms):.2f}", "", "", ""))
+    head = ("for each panorama of a batch", "ms", "median range error", "wrong by > 10 %", "unknown, though there")
+    return Table(f"Steps, {truth.shape[2]} x {truth.shape[1]}, {len(places)} panoramas", head, rows)
+
+
+def accuracy(found: NDArray[np.float32], truth: NDArray[np.float32]) -> tuple[str, str, str]:
+    """Return median relative error of ranges, share of wrong ones, and share of rays that end nowhere."""
+    both = np.isfinite(found) & np.isfinite(truth)
+    error = np.abs(found[both] / truth[both] - 1.0)
+    holes = np.mean(np.isnan(found[np.isfinite(truth)]))
+    return f"{np.median(error):.2%}", f"{np.mean(error > 0.1):.2%}", f"{holes:.2%}"
+
+
+def shaded(range_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return grey levels of a range panorama: near is bright, with a little noise."""
+    noise = np.random.default_rng(1).normal(0.0, 3.0, range_m.shape)
+    return (255.0 / (1.0 + 0.1 * np.nan_to_num(range_m, nan=200.0)) + noise).astype(np.float32)
+
+
+def updates(
+    site: Site, cloud: Cloud, mesh: TriangleMesh, limits: dict[str, Any], options: argparse.Namespace, report: Report
+) -> Table:
+    """Time whole updates of the filter on a drive, with everything and without one thing at a time."""
+    exact = DepthSynthesizer(mesh, site.params.synthesis)
+    looks = drive(site, exact, 10 if options.quick else options.images)
+    rows: list[tuple[str, ...]] = []
+    for name, changes in tqdm(VARIANTS.items(), "drives", leave=False, disable=None):
+        tried = Site(cloud, HEIGHT, build(FilterParams, limits | changes)) if changes else site
+        tried.filter().update(looks[0])  # warm; its places are forgotten below
+        tried.depth_map.cache.clear()
+        cold, ms, last = timed(tried.filter(), looks)
+        cache, belief = tried.depth_map.cache, last.belief
+        assert belief is not None
+        settled = ms[len(ms) // 2 :]
+        rates = f"{cache.hit_rate:.0%}", f"{belief.comparison.hit_rate:.0%}"
+        times = f"{cold:.0f}", f"{np.median(settled):.1f}", f"{settled.max():.1f}"
+        rows.append((name, *times, *rates, str(len(belief.particles))))
+        if not changes:
+            report.bounds.append(Bound("first global update, 1000 particles", 2000.0, cold, "ms"))
+            report.bounds.append(Bound("image after convergence, median", 100.0, float(np.median(settled)), "ms"))
+    head = ("variant", "first [ms]", "later, median [ms]", "max [ms]", "depth hits", "similarity hits", "particles")
+    return Table("Updates: 1000 particles, 36 headings, nothing in the caches before", head, rows)
+
+
+def drive(site: Site, exact: DepthSynthesizer, num_images: int) -> list[Look]:
+    """Return images along a straight way through the area, odometry exact."""
+    middles = site.area.middles
+    way = STEP * np.arange(num_images + 1)
+    for start in site.area.scattered(200):
+        for heading in np.arange(0.0, 2 * np.pi, np.pi / 4):
+            xy = start + way[:, None] * [np.cos(heading), np.sin(heading)]
+            if np.all(np.min(np.linalg.norm(middles[:, None] - xy[:: len(xy) - 1], axis=2), axis=0) < 0.5) and np.all(
+                site.area.contains(xy)
+            ):
+                return [look(site, exact, place, heading, number) for number, place in enumerate(xy, 1)]
+    raise ValueError(f"area: expected a straight way of {way[-1]:.1f} m, found none")
+
+
+def look(site: Site, exact: DepthSynthesizer, place: Array, heading: float, number: int) -> Look:
+    """Return what a camera sees at a place (2,)."""
+    height = float(site.depth_map.heights(place[None])[0])
+    image = np.roll(shaded(exact.synthesize([*place, height])), round(heading / (2 * np.pi) * exact.camera.width), 1)
+    return Look(image, exact.camera, number * 10**9, np.eye(3), SE3.from_planar(*place, heading))
+
+
+def timed(tracked: Filter, looks: list[Look]) -> tuple[float, Array, Estimate]:
+    """Return the time in ms of the first image and of the others, and the last estimate."""
+    times, estimate = [], None
+    for item in looks:
+        started = time.perf_counter()
+        estimate = tracked.update(item)
+        times.append(1e3 * (time.perf_counter() - started))
+    assert estimate is not None
+    return times[0], np.array(times[1:]), estimate
