@@ -1,0 +1,61 @@
+"""Another localiser of the same vehicle: its poses are compared with ours, and taken as an offer where we have none.
+
+Both localisers publish `pose` in the same map; each listens to the other's on `other/pose` (remapped).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from numpy.typing import NDArray
+
+from node_kit import conversions, qos
+from node_kit.node import ERROR, OK, ManagedNode
+from sphere_geometry import SE3
+from sphere_geometry.agreement import Agreement, Difference
+
+OWN, OTHER = 0, 1
+REPORT = "agreement"
+MIN_PERIOD_NS = 1_000_000_000  # between two offers that are taken
+
+
+class Companion:
+    """Reports every comparison as the diagnostic `agreement`: ERROR beyond both covariances."""
+
+    def __init__(
+        self, node: ManagedNode, map_frame: str, is_wanted: Callable[[], bool], take: Callable[[SE3, Any], None]
+    ) -> None:
+        """`take(T_map_base, covariance)` starts a search while `is_wanted()`; ValueError: the offer cannot be used."""
+        self._node, self._frame = node, map_frame
+        self._is_wanted, self._take = is_wanted, take
+        self._agreement = Agreement()
+        self._offered_ns = 0
+        node.listen("other/pose", PoseWithCovarianceStamped, self.on_pose, qos.STATE, is_required=False)
+
+    def clear(self) -> None:
+        """Forget all poses, as after a jump of the clock."""
+        self._agreement.clear()
+        self._offered_ns = 0
+
+    def add_own(self, stamp_ns: int, T_map_base: SE3, covariance: NDArray[Any]) -> None:
+        """Take note of a pose that we publish."""
+        self._tell(self._agreement.add(OWN, stamp_ns, T_map_base, covariance))
+
+    def on_pose(self, message: PoseWithCovarianceStamped) -> None:
+        """Compare a pose of the other localiser with ours; search around it where we have none."""
+        T_map_base, covariance = conversions.pose_with_covariance_to_se3(message, self._frame)
+        stamp = conversions.stamp_ns(message)
+        self._tell(self._agreement.add(OTHER, stamp, T_map_base, covariance))
+        if self._is_wanted() and not 0 <= stamp - self._offered_ns < MIN_PERIOD_NS:
+            self._offered_ns = stamp
+            self._take(T_map_base, covariance)
+
+    def _tell(self, found: Difference | None) -> None:
+        if found is None:
+            return
+        level, values = (ERROR if found.is_contradiction else OK), {"metres": found.metres, "radians": found.radians}
+        if found.is_contradiction:
+            self._node.log.error(f"the other localiser contradicts: {found}", every=5.0, key=REPORT)
+        self._node.report(REPORT, level, str(found), distance=found.distance, **values)
