@@ -78,6 +78,31 @@ def follower_status_to_message(status: Any, stamp: int, frame_id: str) -> Follow
     )
 
 
+def guide_status_to_message(
+    advice: Any, way: tuple[float, float], min_lead: float, stamp: int, frame_id: str
+) -> FollowerStatus:
+    """Return whether the advice of `mcl_depth.homing` (None: there is none) may be followed; way gone and left in m."""
+    message = FollowerStatus(header=header(stamp, frame_id), progress=float(way[0]), distance_to_end=float(way[1]))
+    is_clear = advice is not None and advice.is_clear
+    state = FollowerStatus.FINISHED if is_clear and advice.is_finished else FollowerStatus.DRIVING
+    message.state = state if is_clear else FollowerStatus.STOPPED
+    message.state_code = int(getattr(FollowerStatus, f"CODE_{message.state}"))
+    message.is_armed = True
+    if not is_clear:
+        message.reason = FollowerStatus.NOT_LOCALISED
+        message.value, message.limit = float(advice.lead) if advice is not None else 0.0, float(min_lead)
+        message.remedy = "the places around the next waypoint look alike, or the image cannot be used"
+    return message
+
+
+def message_to_progress(message: FollowerStatus) -> tuple[str, tuple[float, float]]:
+    """Return state, and m gone and m left; ValueError for lengths that are no numbers."""
+    way = float(message.progress), float(message.distance_to_end)
+    if not np.isfinite(way).all():
+        raise ValueError(f"progress, distance_to_end: expected finite lengths, found {way[0]:g} and {way[1]:g} m")
+    return str(message.state), way
+
+
 def tracking_to_message(tracking: Any, stamp: int, frame_id: str) -> TrackingError:
     """Return the message of anything with the fields of `path_follower.command.TrackingError`."""
     errors, location = tracking.errors, tracking.location
