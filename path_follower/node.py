@@ -2,25 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from geometry_msgs.msg import Twist, TwistStamped
+from sphere_nav_msgs.msg import FollowerStatus, TrackingError
 
-from geometry_msgs.msg import PoseWithCovarianceStamped, Twist, TwistStamped
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import LaserScan
-from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus, TrackingError
-
-from node_kit import conversions, qos
+from node_kit import qos
 from node_kit.conversions import driving
 from node_kit.node import OK, WARN, ManagedNode
 from node_kit.run import run
-from node_kit.tf import TransformListener
 from path_follower.command import Command, Status
 from path_follower.follower import Follower
+from path_follower.homing import HomingFollower
+from path_follower.intake_node import Intake
 from path_follower.modes import State
 from path_follower.operator_node import OperatorCalls
 from path_follower.params import PathFollowerParams
-from path_follower.path import Pose2
-from path_follower.safety import DEGRADED, TRUSTED
 from path_follower.trajectory_node import TrajectoryIntake
 
 SILENT_PERIODS = 2.4  # without a pose before the timer takes over: never between the images of a 10 Hz camera
@@ -35,28 +30,23 @@ class PathFollowerNode(ManagedNode):
 
     def configure(self) -> None:
         """Open topics and services; load the trajectory file where one is set."""
-        p, self.follower = self.params, Follower(self.params)
+        p, is_homing = self.params, self.params.source == "homing"
+        self.follower = HomingFollower(p, p.homing) if is_homing else Follower(p)
         self.answered_ns, self.heard_ns, self.told = 0, 0, ""
         self.cmd_vel = self.announce("cmd_vel", TwistStamped if p.enable_stamped_cmd_vel else Twist, qos.COMMAND)
         has_ackermann = driving.AckermannDriveStamped is not None
         self.ackermann = has_ackermann and self.announce("ackermann_cmd", driving.AckermannDriveStamped, qos.COMMAND)
         self.tracking = self.announce("tracking_error", TrackingError)
         self.status = self.announce("path_follower/status", FollowerStatus)
-        self.tf = TransformListener(self)
-        if p.source == "pose":
-            self.listen("pose", PoseWithCovarianceStamped, self.on_pose, qos.STATE)
-        else:
-            self.listen("odometry", Odometry, self.on_odometry, qos.STATE)
-        needed = p.safety.is_status_required
-        self.listen("status", LocalizationStatus, self.on_status, qos.STATE, is_required=needed)
-        self.listen("scan", LaserScan, self.on_scan, qos.SENSOR, is_required=p.safety.is_scan_required)
+        self.intake = Intake(self)
         self.every(p.period, self.on_tick)
-        self.trajectories = TrajectoryIntake(self, self.follower)
+        self.trajectories = None if is_homing else TrajectoryIntake(self, self.follower)
         OperatorCalls(self, self.follower)
 
     def activate(self) -> None:
         """Show the trajectory that was loaded at the start."""
-        self.trajectories.show()
+        if self.trajectories is not None:
+            self.trajectories.show()
 
     def deactivate(self) -> None:
         """Leave the vehicle with a zero command."""
@@ -68,43 +58,11 @@ class PathFollowerNode(ManagedNode):
         self.follower.reset()
         self.answered_ns = self.heard_ns = 0
 
-    # --- poses, status, scan
-    def on_pose(self, message: PoseWithCovarianceStamped) -> None:
-        """Answer a pose of base_link in the map."""
-        self.answer(message, lambda: conversions.pose_with_covariance_to_se3(message, self.params.map_frame)[0])
-
-    def on_odometry(self, message: Odometry) -> None:
-        """Answer an odometry: pose of base_link in the map, and its speed."""
-        driving.check_frames(message, self.params.map_frame, self.params.base_frame)
-        T_map_base, twist = conversions.odometry_to_se3(message)
-        self.answer(message, lambda: T_map_base, float(twist[0]))
-
-    def answer(self, message: Any, convert: Any, speed: float | None = None) -> None:
-        """Update the follower with a pose and publish its command, with the stamp of the pose."""
-        stamp = conversions.stamp_ns(message)
-        try:
-            pose = Pose2.of(convert())
-        except ValueError:
-            self.follower.watch.is_pose_bad = True  # brake, whatever is wrong with it
-            raise
+    def hear(self, stamp: int) -> int:
+        """Remember that an input of this stamp is being answered; return the time to answer at."""
         self.answered_ns = max(self.answered_ns, stamp)
         self.heard_ns = max(self.now_ns(), stamp)  # the clock of a simulation may come later than what it stamps
-        self.publish(self.follower.update(pose, speed, stamp, now_ns=self.heard_ns), stamp)
-
-    def on_status(self, message: LocalizationStatus) -> None:
-        """Take the state of the localiser; without a pose to come for this image the answer is given here."""
-        status, stamp = conversions.message_to_status(message), conversions.stamp_ns(message)
-        now = max(self.now_ns(), stamp)
-        self.follower.watch.see_status(status.state, now)
-        if status.state not in (TRUSTED, DEGRADED) and stamp > self.answered_ns:
-            self.answered_ns, self.heard_ns = stamp, now
-            self.publish(self.follower.tick(now), stamp)
-
-    def on_scan(self, message: LaserScan) -> None:
-        """Take the obstacles of a scan, seen from base_link."""
-        T_base_scan = self.tf.lookup(self.params.base_frame, message.header.frame_id)
-        points = T_base_scan.apply(driving.scan_to_points(message))
-        self.follower.watch.see_scan(points[:, :2], self.now_ns())
+        return self.heard_ns
 
     def on_tick(self) -> None:
         """Keep a command alive while no pose comes; one that is still based on a pose carries its stamp."""

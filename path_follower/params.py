@@ -106,6 +106,17 @@ class SafetyParams:
 
 
 @parameters
+class HomingParams:
+    """Driving by direction (`homing.py`)."""
+
+    speed: float = param(0.6, "speed towards the next waypoint", "m/s", low=0.05)
+    look_ahead: float = param(2.5, "distance of the point on the direction that a circle leads to", "m", low=0.3)
+    max_angle: float = param(
+        1.2, "largest angle between heading and direction; beyond it stop", "rad", low=0.1, high=3.0
+    )
+
+
+@parameters
 class FollowerParams:
     """Everything that the algorithm needs."""
 
@@ -123,7 +134,12 @@ class PathFollowerParams(FollowerParams):
 
     map_frame: str = param("map", "frame of the poses and of the path")
     base_frame: str = param("base_link", "frame of the vehicle, at the rear axle's middle")
-    source: str = param("pose", "where the pose of the vehicle comes from", choices=("pose", "odometry"))
+    source: str = param(
+        "pose",
+        "what the vehicle drives by: its pose, an odometry in the map, or directions of mcl_depth (homing)",
+        choices=("pose", "odometry", "homing"),
+    )
+    homing: HomingParams = group(HomingParams)
     trajectory: str = param("", "file of the trajectory (.csv, .tum) to load at the start")
     enable_stamped_cmd_vel: bool = param(False, "cmd_vel is a TwistStamped, with the stamp of the pose it answers")
     is_quiet_when_idle: bool = param(False, "send no commands before the first start, so that others may drive")

@@ -1,0 +1,117 @@
+"""Drive by direction instead of a pose (N17 section III-D): turn towards the next waypoint, stop when in doubt.
+
+A direction is worth what a pose is worth: it has a stamp, it ages, and its source says whether it may be trusted. The
+guards are those of the follower; there is no path to leave, but a direction too far aside cannot be driven.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from path_follower.command import Command, Status
+from path_follower.follower import Follower
+from path_follower.params import FollowerParams, HomingParams
+from path_follower.path import Pose2, ReferencePath
+from path_follower.safety import DEGRADED, FINE, SWEEP_STEP, TRUSTED, Array, Reason, Verdict, stopping_distance
+from path_follower.vehicle import ORIGIN, Motion, drive
+
+
+class HomingFollower(Follower):
+    """Give it directions with `see`, time with `tick`; nothing moves before `start`."""
+
+    def __init__(self, params: FollowerParams | None = None, homing: HomingParams | None = None) -> None:
+        """Begin at standstill, not armed, not there yet."""
+        super().__init__(params)
+        self.homing = homing or HomingParams()
+        self.progress = self.distance_to_end = 0.0
+        self.is_there = False
+        self.mode.load()
+
+    @property
+    def direction(self) -> float | None:
+        """Angle in rad from the vehicle's heading to the next waypoint, positive to the left; None before any."""
+        return self.watch.pose.yaw if self.watch.pose is not None else None
+
+    def see(self, direction: float, stamp_ns: int) -> None:
+        """Take a direction in rad; one that is no number, or not newer, is not taken."""
+        self.watch.see_pose(Pose2(0.0, 0.0, direction), stamp_ns)
+
+    def see_source(self, *, is_trusted: bool, is_there: bool, way: tuple[float, float], now_ns: int) -> None:
+        """Take what the source of the directions says of them; `way`: m gone and m left along the path."""
+        self.watch.see_status(TRUSTED if is_trusted or is_there else "LOST", now_ns)
+        self.is_there = is_there
+        self.progress, self.distance_to_end = way
+
+    def tick(self, now_ns: int) -> Command:
+        """Return the command for now: judge, turn towards the direction, limit."""
+        inputs = self.watch.judge_inputs(now_ns)
+        self.mode.halt(inputs)
+        self.mode.halt(self._judge_way() if inputs is FINE else FINE)
+        if self.is_there and self.limiter.last.speed == 0.0:
+            self.mode.finish()
+        speed, curvature = self._steer(now_ns)
+        motion = self.limiter.limit(speed, curvature, now_ns, is_hard=self.mode.is_stopping_hard)
+        self.mode.settle(is_standing=motion.speed == 0.0, is_slow=self.watch.state == DEGRADED)
+        status = Status(self.mode.state, self.mode.verdict, self.progress, self.distance_to_end, self.mode.is_armed)
+        yaw_rate = motion.yaw_rate(self.params.vehicle.wheelbase)
+        return Command(now_ns, motion.speed, yaw_rate, motion.steering_angle, None, status)
+
+    def load(self, path: ReferencePath) -> None:
+        """Refuse: the path is that of who gives the directions."""
+        raise ValueError("path: expected none while driving by direction, found one: give it to mcl_depth")
+
+    def start(self, now_ns: int) -> str:
+        """Arm, if there is a direction that can be driven."""
+        if self.mode.is_driving:
+            return ""
+        verdict = self.watch.judge_inputs(now_ns)
+        verdict = self._judge_way() if verdict is FINE else verdict
+        if verdict is FINE and self.is_there:
+            verdict = Verdict(Reason.END_OF_PATH)
+        if verdict is FINE:
+            self.mode.arm()
+        return str(verdict)
+
+    def _judge_way(self) -> Verdict:
+        """Return whether the direction is too far aside, or something stands in the way."""
+        angle, limit = abs(self.direction or 0.0), self.homing.max_angle
+        if angle > limit:
+            return Verdict(Reason.OFF_PATH, angle, limit)
+        distance = stopping_distance(self.limiter.last.speed, self.params)
+        count = points_on_arc(self.watch.points, self.limiter.last.steering_angle, distance, self.params)
+        needed = self.params.safety.obstacle_points
+        return Verdict(Reason.OBSTACLE, float(count), float(needed)) if count >= needed else FINE
+
+    def _steer(self, now_ns: int) -> tuple[float, float | None]:
+        """Return speed and curvature of the circle that leads to a point ahead in the direction (pure pursuit).
+
+        What was turned since the direction was measured is taken off it.
+        """
+        if self.direction is None or not self.mode.is_driving:
+            return 0.0, None
+        age = min(max(now_ns - self.watch.pose_ns, 0) / 1e9, self.params.actuation.max_pose_age)
+        turned = self.limiter.last.yaw_rate(self.params.vehicle.wheelbase) * age
+        angle = min(max(self.direction - turned, -math.pi / 2), math.pi / 2)
+        curvature = 2.0 * math.sin(angle) / self.homing.look_ahead
+        slow = self.params.speed.slow if self.watch.state == DEGRADED else self.homing.speed
+        if self.is_there:
+            return 0.0, curvature
+        return max(min(self.homing.speed * math.cos(angle), slow), self.params.speed.creep), curvature
+
+
+def points_on_arc(points: Array, steering_angle: float, distance: float, params: FollowerParams) -> int:
+    """Count points (N, 2) of the vehicle's frame in the footprints of the next `distance` m with the wheel as it is."""
+    body, margin = params.vehicle, params.safety.obstacle_margin
+    half = body.width / 2.0
+    own = (points[:, 0] > -body.rear) & (points[:, 0] < body.front) & (np.abs(points[:, 1]) < half)
+    others = points[~own]
+    hit = np.zeros(len(others), dtype=bool)
+    for ahead in np.arange(SWEEP_STEP, distance + SWEEP_STEP, SWEEP_STEP):
+        there = drive(ORIGIN, Motion(1.0, steering_angle), body.wheelbase, float(ahead))
+        way = others - [there.x, there.y]
+        along = way @ [math.cos(there.yaw), math.sin(there.yaw)]
+        across = way @ [-math.sin(there.yaw), math.cos(there.yaw)]
+        hit |= (along > -body.rear - margin) & (along < body.front + margin) & (np.abs(across) < half + margin)
+    return int(hit.sum())

@@ -1,0 +1,157 @@
+"""Driving by direction alone: it turns to where it is told, and stops when it is not told, or not clearly."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from path_follower.homing import HomingFollower, points_on_arc
+from path_follower.params import FollowerParams, HomingParams
+from path_follower.path import Pose2
+from path_follower.safety import Reason
+from path_follower.vehicle import Motion, drive
+
+SECOND = 1_000_000_000
+STEP = SECOND // 10
+PARAMS = FollowerParams()
+
+
+class Car:
+    """An ideal car, and a source that points to a place."""
+
+    def __init__(self, pose=(0.0, 0.0, 0.0), goal=(8.0, 3.0), **homing):
+        self.pose, self.goal, self.now = Pose2(*pose), goal, SECOND
+        self.follower = HomingFollower(PARAMS, HomingParams(**homing))
+        self.command = None
+
+    def direction(self):
+        angle = math.atan2(self.goal[1] - self.pose.y, self.goal[0] - self.pose.x) - self.pose.yaw
+        return (angle + math.pi) % (2 * math.pi) - math.pi
+
+    @property
+    def left(self):
+        return math.hypot(self.goal[0] - self.pose.x, self.goal[1] - self.pose.y)
+
+    def step(self, *, is_trusted=True, is_silent=False):
+        self.now += STEP
+        if not is_silent:
+            is_there = self.left < 0.5
+            way = (1.0, self.left)
+            self.follower.see_source(is_trusted=is_trusted, is_there=is_there, way=way, now_ns=self.now)
+            if is_trusted:
+                self.follower.see(self.direction(), self.now)
+        self.command = self.follower.tick(self.now)
+        motion = Motion(self.command.speed, self.command.steering_angle)
+        self.pose = drive(self.pose, motion, PARAMS.vehicle.wheelbase, STEP / SECOND)
+        return self.command
+
+    def begin(self):
+        self.step()
+        assert self.follower.start(self.now) == ""
+        return self
+
+
+@pytest.mark.parametrize("goal", [(8.0, 0.0), (8.0, 3.0), (9.0, -5.0)])
+def test_it_drives_to_where_it_is_told_and_stands_there(goal):
+    car = Car(goal=goal).begin()
+    speeds = [car.step().speed for _ in range(400)]
+    assert car.left < 0.7  # it is there within 0.5 m, and brakes on
+    assert car.command.status.state == "FINISHED"
+    assert car.command.status.verdict.reason is Reason.END_OF_PATH
+    assert max(speeds) <= HomingParams().speed + 1e-9
+    assert car.command.speed == 0.0
+
+
+def test_nothing_moves_before_the_start():
+    car = Car()
+    assert {car.step().speed for _ in range(20)} == {0.0}
+    assert car.command.status.state == "IDLE"
+
+
+def test_without_a_direction_there_is_no_start():
+    follower = HomingFollower(PARAMS)
+    assert "POSE_TIMEOUT" in follower.start(SECOND)
+    assert follower.direction is None
+
+
+def test_a_source_that_falls_silent_stops_the_car_within_half_a_second():
+    car = Car().begin()
+    for _ in range(30):
+        car.step()
+    assert car.command.speed > 0.3
+    speeds = [car.step(is_silent=True).speed for _ in range(7)]
+    assert speeds[-1] == 0.0
+    assert speeds[-2] == 0.0  # 0.4 s of silence, 0.6 m/s at 4 m/s^2
+    assert car.command.status.verdict.reason is Reason.POSE_TIMEOUT
+    car.step()
+    assert car.command.speed == 0.0  # a direction alone does not set it in motion again
+    assert car.follower.start(car.now) == ""
+
+
+def test_an_unclear_direction_stops_the_car():
+    car = Car().begin()
+    for _ in range(30):
+        car.step()
+    for _ in range(4):
+        car.step(is_trusted=False)
+    assert (car.command.speed, car.command.status.verdict.reason) == (0.0, Reason.NOT_LOCALISED)
+
+
+def test_a_direction_too_far_aside_cannot_be_driven():
+    car = Car(goal=(-5.0, 1.0))
+    car.step()
+    assert "OFF_PATH" in car.follower.start(car.now)
+    car = Car().begin()
+    for _ in range(10):
+        car.step()
+    car.goal = (car.pose.x - 5.0, car.pose.y)
+    for _ in range(8):
+        car.step()
+    assert (car.command.speed, car.command.status.verdict.reason) == (0.0, Reason.OFF_PATH)
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_a_direction_that_is_no_number_stops_the_car(value):
+    car = Car().begin()
+    for _ in range(10):
+        car.step()
+    car.now += STEP
+    car.follower.see(value, car.now)
+    assert car.follower.tick(car.now).status.verdict.reason is Reason.BAD_POSE
+
+
+def test_an_obstacle_on_the_arc_stops_the_car_and_one_beside_it_does_not():
+    ahead = np.array([[2.2, 0.0], [2.2, 0.1], [2.2, -0.1]])
+    car = Car(goal=(20.0, 0.0)).begin()
+    for _ in range(30):
+        car.step()
+    car.follower.watch.see_scan(ahead + np.array([0.0, 3.0]), car.now)
+    assert car.step().speed > 0.3
+    car.follower.watch.see_scan(ahead, car.now)
+    for _ in range(4):
+        car.step()
+    assert (car.command.speed, car.command.status.verdict.reason) == (0.0, Reason.OBSTACLE)
+    beside = np.array([[3.0, 1.6], [3.0, 1.7]])
+    assert points_on_arc(beside, 0.0, 3.0, PARAMS) == 0
+    assert points_on_arc(beside, 0.4, 3.0, PARAMS) == 2  # the wheel is turned towards them
+
+
+def test_a_path_is_not_for_this_follower():
+    with pytest.raises(ValueError, match="give it to mcl_depth"):
+        HomingFollower(PARAMS).load(None)
+
+
+def test_pause_and_resume():
+    car = Car().begin()
+    for _ in range(20):
+        car.step()
+    assert car.follower.pause() == ""
+    for _ in range(20):
+        car.step()
+    assert (car.command.speed, car.command.status.state) == (0.0, "PAUSED")
+    assert car.follower.resume(car.now) == ""
+    for _ in range(20):
+        car.step()
+    assert car.command.speed > 0.3
