@@ -1,17 +1,28 @@
-"""Where the geometry comes from: a file, a map of our own, or the call load_cloud."""
+"""Where the geometry comes from: a file, a map of our own, the topic `cloud`, or the call load_cloud."""
 
 from __future__ import annotations
 
+import math
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.srv import LoadCloud
 
-from mcl_depth.cloud import Cloud, cloud_from_points
+from localization_status import Reason, State, Status
+from mcl_depth.cloud import Cloud, cloud_from_points, thinned
+from mcl_depth.filter import Filter
 from mcl_depth.geometry_files import read_geometry
 from mcl_depth.mesh import TriangleMesh
+from mcl_depth.params import MclDepthParams
+from mcl_depth.reasons import FINE, Finding
+from mcl_depth.site import Site
+from mcl_depth.status import status_of
+from node_kit import conversions, qos
+from node_kit.conversions.driving import check_frames
 from node_kit.map_bag import open_map
 
 if TYPE_CHECKING:
@@ -20,27 +31,76 @@ if TYPE_CHECKING:
 STEP = 2  # every second pixel of every second row of a sphere becomes a point
 
 
-class CloudCalls:
-    """The service load_cloud of a node."""
+class Clouds:
+    """The geometry in force, and the parameters that go with it. What cannot be used changes nothing."""
 
     def __init__(self, node: MclDepthNode) -> None:
+        """Read the file of the parameter; ValueError or OSError where it cannot be."""
         self._node = node
+        self.geometry: Cloud | TriangleMesh | None = None
+        self.params: MclDepthParams = node.params
+        self.fault = FINE  # nothing can be compared with the geometry
+        if node.params.cloud:
+            self.use(read_map(node.params.cloud))
         node.serve("load_cloud", LoadCloud, self.on_load_cloud)
+        node.listen("cloud", PointCloud2, self.on_cloud, qos.LATCHED, is_required=False, silence=0.0)
+
+    def use(self, geometry: Cloud | TriangleMesh, voxel_m: float = 0.0) -> None:
+        """Use another geometry, thinned to `voxel_m`, or as the parameter says where that is 0."""
+        synthesis = self._node.params.synthesis
+        voxel_m = voxel_m or synthesis.voxel_m
+        self.geometry, self.fault, self._node.filter = geometry, FINE, None  # the next image makes another filter
+        self.params = replace(self._node.params, synthesis=replace(synthesis, voxel_m=voxel_m))
+        for warning in geometry.warnings:
+            self._node.log.warning(warning)
+
+    def make_filter(self, camera_height: float) -> Filter | None:
+        """Return a filter for the geometry; None where there is none, or where it cannot be used: a fault to tell."""
+        if self.geometry is None or self.fault is not FINE:
+            return None
+        try:
+            return Site(self.geometry, camera_height, self.params).filter()
+        except ValueError as error:
+            detail = "; ".join([str(error), *self.geometry.warnings])
+            self.fault = Finding(Reason.MAP_ERROR, detail=detail)
+            self._node.log.error(detail)
+            return None
+
+    def status(self, stamp: int, fault: Finding) -> Status:
+        """Return what an image is answered with while there is no filter."""
+        if self.geometry is None or self.fault is not FINE:
+            return status_of(State.NO_MAP, stamp, self.fault, 0.0, 0.0)
+        return status_of(State.SEARCHING, stamp, fault, 0.0, 0.0)
+
+    @property
+    def num_points(self) -> int:
+        """Points after thinning; vertices of surfaces."""
+        if isinstance(self.geometry, TriangleMesh):
+            return len(self.geometry.vertices)
+        return len(thinned(self.geometry, self.params.synthesis.voxel_m)) if self.geometry is not None else 0
+
+    def on_cloud(self, message: PointCloud2) -> None:
+        """Use a cloud in the map's frame; ValueError for one of another frame, or without points."""
+        check_frames(message, self._node.params.map_frame)
+        self.use(cloud_from_points(conversions.message_to_cloud(message), "cloud"))
 
     def on_load_cloud(self, request: LoadCloud.Request, response: LoadCloud.Response) -> LoadCloud.Response:
         """Use another cloud; one that cannot be read leaves the present one in force."""
         started = time.perf_counter()
         try:
-            self._node.load(request.path)
+            if not (math.isfinite(request.voxel_size) and request.voxel_size >= 0.0):
+                raise ValueError(f"voxel_size: expected 0 m or more, found {request.voxel_size:g}")
+            self.use(read_map(request.path), request.voxel_size)
         except (ValueError, OSError) as error:
             response.message = " ".join(str(error).split())
             return response
-        geometry = self._node.geometry
-        assert geometry is not None
-        response.num_points = len(geometry.vertices if isinstance(geometry, TriangleMesh) else geometry.points)
-        for corner, values in zip((response.minimum, response.maximum), geometry.box, strict=True):
+        assert self.geometry is not None
+        response.num_points = self.num_points
+        for corner, values in zip((response.minimum, response.maximum), self.geometry.box, strict=True):
             corner.x, corner.y, corner.z = (float(value) for value in values)
         response.success, response.message = True, f"{response.num_points} points of {request.path}"
+        if self.geometry.warnings:
+            response.message += f"; {self.geometry.warnings[-1]}"
         response.seconds = time.perf_counter() - started
         return response
 

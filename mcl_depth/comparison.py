@@ -24,6 +24,7 @@ __all__ = [
     "FeatureStack",
     "Features",
     "Heading",
+    "check_headings",
     "depth_features",
     "depth_features_many",
     "heading",
@@ -43,6 +44,14 @@ def num_alpha_for(step_deg: float) -> int:
     if count < 1 or abs(count * step_deg - 360.0) > 1e-6:
         raise ValueError(f"alpha step: expected a divisor of 360 deg, found {step_deg:g} deg")
     return count
+
+
+def check_headings(step_deg: float, num_columns: int) -> None:
+    """Refuse a step between headings that is no whole number of columns of the panorama; ValueError."""
+    count = num_alpha_for(step_deg)
+    if num_columns % count:
+        column = 360.0 / num_columns
+        raise ValueError(f"alpha step: expected a multiple of a column, {column:g} deg, found {step_deg:g} deg")
 
 
 def similarity(visual: Features, depth: Features, num_alpha: int) -> Similarities:

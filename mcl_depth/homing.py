@@ -21,7 +21,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Direction:
+class Advice:
     """The way to the next waypoint; angles in rad."""
 
     in_map: float  # from the map's x axis
@@ -30,6 +30,7 @@ class Direction:
     waypoint: int
     distance: float  # from the waypoint to the best sample around it, m
     lead: float  # of the best sample over the others, standard deviations
+    is_clear: bool = True  # the last images agree, and their samples stand out
     is_finished: bool = False
 
 
@@ -48,9 +49,10 @@ class Homing:
         self.next = min(waypoint, len(self.waypoints) - 1)
         self.is_finished = False
         self._places: deque[Array] = deque(maxlen=self._params.num_median)
+        self._leads: deque[float] = deque(maxlen=self._params.num_median)
         self._num_passed = 0
 
-    def update(self, comparison: Comparison) -> Direction:
+    def update(self, comparison: Comparison) -> Advice:
         """Return the direction for one image: the median over the last few."""
         samples = self.waypoints[self.next] + self._offsets
         curves = comparison.curves(samples)
@@ -59,12 +61,24 @@ class Homing:
         spread = float(best_of.std())
         lead = float((best_of[best] - best_of.mean()) / spread) if spread > 0.0 else 0.0
         self._places.append(samples[best])
+        self._leads.append(lead)
         self._pass(samples[best])
         heading = float(peaks(curves[best : best + 1])[0])
         in_map = self._median_direction()
         distance = float(np.linalg.norm(self._offsets[best]))
         in_vehicle = float(wrapped(np.array(in_map - heading)))
-        return Direction(in_map, in_vehicle, heading, self.next, distance, lead, self.is_finished)
+        is_clear = float(np.median(self._leads)) >= self._params.min_lead
+        return Advice(in_map, in_vehicle, heading, self.next, distance, lead, is_clear, self.is_finished)
+
+    @property
+    def gone(self) -> float:
+        """Return the way in m from the beginning of the path to the last waypoint passed."""
+        return self._way[max(self.next - 1, 0)] if not self.is_finished else self._way[-1]
+
+    @property
+    def left(self) -> float:
+        """Return the way in m from the last waypoint passed to the end."""
+        return self._way[-1] - self.gone
 
     def _pass(self, place: Array) -> None:
         """Go on to the next waypoint when the vehicle has been at it, or beyond it, for some images in a row."""

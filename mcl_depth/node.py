@@ -3,32 +3,32 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from numpy.typing import NDArray
 from sensor_msgs.msg import Image
-from sphere_nav_msgs.msg import LocalizationStatus, ParticleCloud
 from std_srvs.srv import Empty
 
-from localization_status import TRUSTED, State, Status
-from mcl_depth.cloud import Cloud
-from mcl_depth.clouds_node import CloudCalls, read_map
-from mcl_depth.estimate import Estimate, Look, pose_of
+from localization_status import FOLLOWING
+from mcl_depth.clouds_node import Clouds
+from mcl_depth.comparison import check_headings
+from mcl_depth.estimate import Look
 from mcl_depth.filter import Filter
+from mcl_depth.homing_node import HomingGuide
 from mcl_depth.intake_node import Intake
-from mcl_depth.mesh import TriangleMesh
-from mcl_depth.orientation import peaks
+from mcl_depth.outputs_node import Outputs
 from mcl_depth.params import MclDepthParams
 from mcl_depth.reasons import FINE, Finding
-from mcl_depth.site import Site
-from mcl_depth.status import status_of
+from mcl_depth.views_node import Views
+from mcl_depth.warm_up import warm_up
 from node_kit import conversions, qos
-from node_kit.conversions.particles import particles_to_message
-from node_kit.node import ERROR, OK, WARN, ManagedNode
+from node_kit.companion import Companion
+from node_kit.node import ManagedNode
 from node_kit.run import run
-from node_kit.tf import TransformBroadcaster
 from sphere_geometry import SE3
+
+WATCH_PERIOD = 0.25  # s between two looks at a silent camera
 
 
 class MclDepthNode(ManagedNode):
@@ -40,99 +40,94 @@ class MclDepthNode(ManagedNode):
 
     def configure(self) -> None:
         """Open topics, services and the cloud."""
-        self.geometry: Cloud | TriangleMesh | None = None
+        check_headings(self.params.heading_step_deg, self.params.synthesis.num_columns)
+        warm_up(self.params)
         self.filter: Filter | None = None
-        if self.params.cloud:
-            self.load(self.params.cloud)
-        self.pose = self.announce("pose", PoseWithCovarianceStamped)
-        self.status = self.announce("status", LocalizationStatus)
-        self.particles = self.announce("particle_cloud", ParticleCloud, qos.SENSOR)
-        self.heading = self.announce("heading", PoseStamped)
-        self.depth = self.announce("synthesized_depth", Image, qos.LARGE)
-        self.tf = TransformBroadcaster(self)
+        self.given: tuple[SE3, NDArray[np.float64]] | None = None  # pose of the base that waits for the first image
+        self.clouds = Clouds(self)
+        self.outputs, self.views, self.guide = Outputs(self), Views(self), HomingGuide(self)
         self.intake = Intake(self, self.params, self.on_image)
         self.listen("initialpose", PoseWithCovarianceStamped, self.on_initial_pose, qos.STATE, is_required=False)
-        CloudCalls(self)
         self.serve("reinitialize_global_localization", Empty, self.on_reinitialize)
+        self.companion = Companion(self, self.params.map_frame, self.needs_help, self.start)
+        self.arrival_ns = 0  # of the last image, on the node's clock
+        self.every(WATCH_PERIOD, self.on_watch)
 
     def clock_jumped(self) -> None:
         """Forget the stream; the pose is searched anew."""
         self.intake.odometry.clear()
+        self.arrival_ns = 0
+        self.companion.clear()
         if self.filter is not None:
             self.filter.reset()
 
-    def load(self, path: str) -> None:
-        """Use another cloud; ValueError or OSError leaves the present one in force."""
-        self.geometry, self.filter = read_map(path), None
-        for warning in self.geometry.warnings:
-            self.log.warning(warning)
+    def on_watch(self) -> None:
+        """Say so when images stay away, by the node's clock: stamps may be those of a recording."""
+        elapsed_s = (self.now_ns() - self.arrival_ns) * 1e-9
+        status = self.filter.silence(elapsed_s) if self.filter is not None and self.arrival_ns else None
+        if status is not None:
+            self.outputs.tell(status)
 
     def on_image(self, message: Image, fault: Finding) -> None:
         """Answer one image."""
+        try:
+            self.answer(message, fault)
+        finally:
+            self.arrival_ns = self.now_ns()  # after the work: time spent here is no silence
+
+    def answer(self, message: Image, fault: Finding) -> None:
+        """Localise one image and publish the result, or at least the status."""
         started, stamp = time.perf_counter(), conversions.stamp_ns(message)
-        if self.geometry is None:
-            self.tell(status_of(State.NO_MAP, stamp, FINE, 0.0, 0.0))
-            return
         camera = self.intake.camera
-        if fault is not FINE or camera is None:
-            known = self.filter.refuse(stamp, fault).status if self.filter is not None else None
-            self.tell(known or status_of(State.SEARCHING, stamp, fault, 0.0, 0.0))
-            return
+        if fault is FINE and camera is not None and self.filter is None:
+            self.begin()
         if self.filter is None:
-            self.filter = Site(self.geometry, float(self.intake.T_base_sight.translation[2]), self.params).filter()
+            self.outputs.tell(self.clouds.status(stamp, fault))
+            return
+        if fault is not FINE or camera is None:
+            status = self.filter.refuse(stamp, fault).status
+            self.guide.answer(None, status, stamp)
+            self.outputs.tell(status)
+            return
         grey = conversions.image_to_grey(message)
         look = Look(grey, camera, stamp, self.intake.rotation(), self.intake.T_odom_sight(stamp))
         estimate = self.filter.update(look)
-        self.show(estimate, stamp)
-        self.publish(estimate, stamp)
-        self.tell(replace(estimate.status, milliseconds=(time.perf_counter() - started) * 1e3))
+        if estimate.belief is not None:
+            self.views.show(estimate.belief, self.filter, stamp)
+        self.guide.answer(estimate.belief, estimate.status, stamp)
+        self.outputs.publish(estimate, stamp, (time.perf_counter() - started) * 1e3)
 
-    def publish(self, estimate: Estimate, stamp: int) -> None:
-        """Publish the pose of the base and the transform, where the pose is trusted."""
-        if estimate.T_map_sight is None or estimate.covariance is None:
+    def begin(self) -> None:
+        """Make the filter, now that the camera's height is known; start where a pose was given before."""
+        self.filter = self.clouds.make_filter(float(self.intake.T_base_sight.translation[2]))
+        if self.filter is None or self.given is None:
             return
-        frame, T_sight_base = self.params.map_frame, self.intake.T_base_sight.inverse()
-        T_map_sight = SE3.from_parts(estimate.T_map_sight.rotation @ self.intake.tilt, estimate.T_map_sight.translation)
-        T_map_base = T_map_sight @ T_sight_base
-        covariance = conversions.moved_covariance(estimate.covariance, self.intake.T_base_sight)
-        self.pose.publish(conversions.se3_to_pose_with_covariance(T_map_base, covariance, stamp, frame))
-        T_odom_base = self.intake.odometry.at(stamp)
-        if self.params.publish_tf and T_odom_base is not None:
-            self.tf.send(T_map_base @ T_odom_base.inverse(), stamp, frame, self.intake.odom_frame)
-        elif self.params.publish_tf and not self.intake.odom_frame:
-            self.tf.send(T_map_base, stamp, frame, self.params.base_frame)
+        try:
+            self.start(*self.given)
+        except ValueError as error:  # it came before the map: search everywhere
+            self.log.error(f"initialpose: refused: {error}")
 
-    def show(self, estimate: Estimate, stamp: int) -> None:
-        """Publish particles, compass and depth image for who looks."""
-        belief, frame = estimate.belief, self.params.map_frame
-        if belief is None or self.filter is None:
-            return
-        cloud = belief.particles
-        self.particles.publish(particles_to_message(cloud.poses, cloud.weights, stamp, frame))
-        pose = np.array([*belief.best.pose[:2], peaks(belief.curve()[None])[0]])
-        T_map_heading = pose_of(pose, self.filter.map.height(pose))
-        self.heading.publish(conversions.se3_to_pose_stamped(T_map_heading, stamp, frame))
-        depth = self.filter.map.depth_at(pose) if self.depth.num_listeners else None
-        if depth is not None:
-            self.depth.publish(conversions.array_to_image(depth, stamp, frame, "32FC1"))
-
-    def tell(self, status: Status) -> None:
-        """Publish a status and report it, with the hit rates of the caches."""
-        self.status.publish(conversions.status_to_message(status, status.stamp_ns, self.params.map_frame))
-        level = OK if status.state is State.TRACKING else WARN if status.state in TRUSTED else ERROR
-        rate = self.filter.map.cache.hit_rate if self.filter is not None else 0.0
-        text = f"{status.state} {status.reason}: {status.remedy}" if status.reason else str(status.state)
-        self.report("localisation", level, text, quality=status.quality, age=status.age, depth_cache_hits=rate)
+    def needs_help(self) -> bool:
+        """Whether another localiser's pose is of use: there is a filter, and no pose."""
+        return self.filter is not None and self.outputs.state not in FOLLOWING
 
     def on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
-        """Search around a given pose of the base."""
-        T_map_base, covariance = conversions.pose_with_covariance_to_se3(message, self.params.map_frame)
+        """Search around a given pose of the base, at once or with the first image that can be compared."""
+        given = conversions.pose_with_covariance_to_se3(message, self.params.map_frame)
         if self.filter is None:
-            raise ValueError("initial pose: expected a cloud and an image before it, found none")
+            self.given = given
+        else:
+            self.start(*given)
+
+    def start(self, T_map_base: SE3, covariance: NDArray[np.float64]) -> None:
+        """Search around a pose of the base; ValueError for one off the map."""
+        self.given = None
+        assert self.filter is not None
         self.filter.start(T_map_base @ self.intake.T_base_sight, covariance)
 
     def on_reinitialize(self, request: Empty.Request, response: Empty.Response) -> Empty.Response:
         """Search everywhere."""
+        self.given = None
         if self.filter is not None:
             self.filter.search()
         return response

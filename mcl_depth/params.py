@@ -90,6 +90,7 @@ class RecoveryParams:
     fast_rate: float = param(0.3, "rate of the short-term average of the lead", low=0.0, high=1.0)
     max_share: float = param(0.3, "largest share of new particles for one image", low=0.0, high=1.0)
     lost_share: float = param(0.1, "share of new particles while the pose is not known", low=0.0, high=1.0)
+    tries: int = param(5, "positions looked at for each new particle; those that fit the image best live on", low=1)
 
 
 @parameters
@@ -153,6 +154,9 @@ class HomingParams:
     reach: float = param(0.6, "a waypoint closer than this is passed", "m", low=0.05)
     num_passed: int = param(2, "images in a row that must say so", low=1)
     spacing: float = param(1.5, "distance of the waypoints along the path", "m", low=0.1)
+    min_lead: float = param(
+        1.5, "lead of the best sample over the others of a clear direction", "standard deviations", low=0.0
+    )
 
 
 @parameters
@@ -194,5 +198,6 @@ class MclDepthParams(FilterParams):
     odometry_max_age: float = param(0.2, "time for which odometry is carried on", "s", low=0.0)
     roll_deg: float = param(0.0, "of the vehicle, where there is no imu", "deg", low=-45.0, high=45.0)
     pitch_deg: float = param(0.0, "of the vehicle, where there is no imu", "deg", low=-45.0, high=45.0)
+    homing: HomingParams = group(HomingParams)
     publish_tf: bool = param(True, "publish map -> odom where there is odometry, else map -> base_frame")
     max_waiting: int = param(50, "images kept until calibration and the camera's transform have come", low=1)

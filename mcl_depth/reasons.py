@@ -17,7 +17,7 @@ REMEDIES = {
     Reason.NO_CONVERGENCE: "the particles do not agree on one place yet: drive on",
     Reason.JUMP_REJECTED: "odometry leapt and was not believed: check the wheels and who resets odometry",
     Reason.AMBIGUOUS: "two places look alike: drive on until they differ, or give an initial pose",
-    Reason.MAP_ERROR: "the cloud cannot be used: see the message of load_cloud",
+    Reason.MAP_ERROR: "this cloud cannot be used: check its unit and its extent",
     Reason.ODOM_STALE: "odometry is missing: check the topic odom and its stamps",
 }
 

@@ -23,7 +23,19 @@ class Verdict:
 
 
 def judge(hypotheses: Sequence[Hypothesis], lead: float, step: Step, params: StateParams) -> Verdict:
-    """Judge the belief after an image; `lead` is how far its place stands out, in standard deviations of the map."""
+    """Judge the belief after an image; `lead` is how far its place stands out, in standard deviations of the map.
+
+    Where particles do not agree and odometry failed, odometry is the reason that is given.
+    """
+    verdict = _judge_belief(hypotheses, lead, params)
+    if verdict.finding.reason not in (Reason.NONE, Reason.NO_CONVERGENCE):
+        return verdict
+    if step.jump > 0.0:
+        return Verdict(Finding(Reason.JUMP_REJECTED, step.jump, 0.0), verdict.is_bad)
+    return verdict if step.is_known else Verdict(Finding(Reason.ODOM_STALE), verdict.is_bad)
+
+
+def _judge_belief(hypotheses: Sequence[Hypothesis], lead: float, params: StateParams) -> Verdict:
     best = hypotheses[0]
     second = hypotheses[1].weight if len(hypotheses) > 1 else 0.0
     limit_rad = np.radians(params.max_sigma_deg)
@@ -37,10 +49,6 @@ def judge(hypotheses: Sequence[Hypothesis], lead: float, step: Step, params: Sta
         return Verdict(Finding(Reason.NO_CONVERGENCE, best.sigma_rad, float(limit_rad), "spread in rad"), True)
     if lead < params.min_lead:
         return Verdict(Finding(Reason.OUTLIERS, lead, params.min_lead, "lead over the rest of the map"), True)
-    if step.jump > 0.0:
-        return Verdict(Finding(Reason.JUMP_REJECTED, step.jump, 0.0))
-    if not step.is_known:
-        return Verdict(Finding(Reason.ODOM_STALE))
     if best.sigma_m > params.good_sigma_m:
         return Verdict(Finding(Reason.NO_CONVERGENCE, best.sigma_m, params.good_sigma_m, "spread in m"))
     return Verdict()

@@ -22,7 +22,7 @@ from node_kit.replay import OfflineBus, record, replay
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import Trajectory, write_tum
 
-BAD_INFO = "BAD_INFO"
+UNUSABLE = ("BAD_INFO", "MAP_ERROR")  # reasons that no other image changes
 
 
 def add_arguments(parser: argparse.ArgumentParser, node: str) -> None:
@@ -74,12 +74,12 @@ def localised(
 
 
 def usable(published: Iterator[Recorded], source: str) -> Iterator[Recorded]:
-    """Pass on what is published; BagError at the end where no image fitted its calibration."""
+    """Pass on what is published; BagError at the end where no image could be compared: calibration or map are bad."""
     refusal, is_usable = "", False
     for item in published:
         if item.topic == "/status":
             status = conversions.message_to_status(item.message)
-            is_usable |= status.reason != BAD_INFO
+            is_usable |= status.reason not in UNUSABLE
             refusal = status.remedy
         yield item
     if refusal and not is_usable:

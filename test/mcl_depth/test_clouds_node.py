@@ -34,7 +34,8 @@ def test_a_cloud_is_answered_with_its_size(node, tmp_path):
     points = np.random.default_rng(1).uniform((-4, -3, 0), (4, 3, 2), (500, 3))
     np.save(tmp_path / "room.npy", points)
     answer = loaded(node, tmp_path / "room.npy")
-    assert (answer.success, answer.num_points) == (True, 500)
+    assert answer.success
+    assert 450 < answer.num_points <= 500  # single points in 140 000 voxels: few share one
     low, high = (np.array([corner.x, corner.y, corner.z]) for corner in (answer.minimum, answer.maximum))
     np.testing.assert_allclose([low, high], [points.min(axis=0), points.max(axis=0)], rtol=1e-6)
 
@@ -42,14 +43,14 @@ def test_a_cloud_is_answered_with_its_size(node, tmp_path):
 def test_a_cloud_that_cannot_be_read_leaves_the_present_one(node, tmp_path):
     np.save(tmp_path / "room.npy", np.random.default_rng(1).uniform(0, 4, (500, 3)))
     loaded(node, tmp_path / "room.npy")
-    before = node.geometry
+    before = node.clouds.geometry
     (tmp_path / "bad.ply").write_text("nothing")
     for name in ("bad.ply", "absent.ply", "room.xyz"):
         answer = loaded(node, tmp_path / name)
         assert not answer.success
         assert name in answer.message
         assert "\n" not in answer.message
-    assert node.geometry is before
+    assert node.clouds.geometry is before
 
 
 def test_the_spheres_of_a_map_are_points_where_they_stood(tmp_path):

@@ -1,0 +1,56 @@
+"""Motion directions along a path, published for path_follower (N17 section III-D)."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
+from sphere_nav_msgs.msg import FollowerStatus
+
+from localization_status import Status
+from mcl_depth.estimate import Belief
+from mcl_depth.homing import Advice, Homing
+from node_kit import conversions, qos
+from node_kit.conversions.driving import check_frames, guide_status_to_message
+from sphere_geometry import SE3
+
+if TYPE_CHECKING:
+    from mcl_depth.node import MclDepthNode
+
+
+class HomingGuide:
+    """Listens for a path; says for every image where its next waypoint lies, and whether that can be trusted."""
+
+    def __init__(self, node: MclDepthNode) -> None:
+        self._node, self._params = node, node.params.homing
+        self.homing: Homing | None = None
+        self._advice: Advice | None = None
+        self._direction = node.announce("homing/direction", PoseStamped)
+        self._status = node.announce("homing/status", FollowerStatus)
+        node.listen("reference_path", Path, self.on_path, qos.LATCHED, is_required=False, silence=0.0)
+
+    def on_path(self, message: Path) -> None:
+        """Take a path in the map; the vehicle is near its beginning. The same path again changes nothing."""
+        check_frames(message, self._node.params.map_frame)
+        points = np.array([T_map_base.translation[:2] for _, T_map_base in conversions.path_to_poses(message)])
+        homing = Homing(points.reshape(-1, 2), self._params)
+        if self.homing is None or not np.array_equal(homing.waypoints, self.homing.waypoints):
+            self.homing, self._advice = homing, None
+
+    def answer(self, belief: Belief | None, status: Status, stamp: int) -> None:
+        """Say what one image tells; an image like the last one (no belief, nothing wrong) tells the same."""
+        if self.homing is None:
+            return
+        if belief is not None:
+            self._advice = self.homing.update(belief.comparison)
+        elif status.reason:
+            self._advice = None
+        if self._advice is not None and self._advice.is_clear:
+            direction = SE3.from_planar(0.0, 0.0, self._advice.in_vehicle)
+            message = conversions.se3_to_pose_stamped(direction, stamp, self._node.params.base_frame)
+            self._direction.publish(message)
+        frame = self._node.params.map_frame
+        way = self.homing.gone, self.homing.left
+        self._status.publish(guide_status_to_message(self._advice, way, self._params.min_lead, stamp, frame))

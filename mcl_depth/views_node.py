@@ -1,0 +1,47 @@
+"""What the node shows for RViz and Foxglove: particles, compass, hypotheses, similarity curve, depth image."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import Image, LaserScan
+from sphere_nav_msgs.msg import ParticleCloud
+from visualization_msgs.msg import MarkerArray
+
+from mcl_depth.estimate import Belief, pose_of
+from mcl_depth.filter import Filter
+from mcl_depth.orientation import peaks
+from node_kit import conversions, qos
+from node_kit.conversions.beliefs import hypotheses_to_markers, similarities_to_scan
+from node_kit.conversions.particles import particles_to_message
+
+if TYPE_CHECKING:
+    from mcl_depth.node import MclDepthNode
+
+
+class Views:
+    """Publishes what an image made of the belief; what costs time only while someone looks."""
+
+    def __init__(self, node: MclDepthNode) -> None:
+        self._frame, self._base_frame = node.params.map_frame, node.params.base_frame
+        self._particles = node.announce("particle_cloud", ParticleCloud, qos.SENSOR)
+        self._heading = node.announce("heading", PoseStamped)
+        self._hypotheses = node.announce("hypotheses", MarkerArray)
+        self._similarity = node.announce("similarity", LaserScan)
+        self._depth = node.announce("synthesized_depth", Image, qos.LARGE)
+
+    def show(self, belief: Belief, filter_: Filter, stamp: int) -> None:
+        """Publish everything about one image."""
+        cloud, best, curve = belief.particles, belief.best.pose, belief.curve()
+        self._particles.publish(particles_to_message(cloud.poses, cloud.weights, stamp, self._frame))
+        heading = np.array([*best[:2], peaks(curve[None])[0]])
+        T_map_heading = pose_of(heading, filter_.map.height(best))
+        self._heading.publish(conversions.se3_to_pose_stamped(T_map_heading, stamp, self._frame))
+        heights = [filter_.map.height(item.pose) for item in belief.hypotheses]
+        self._hypotheses.publish(hypotheses_to_markers(belief.hypotheses, heights, stamp, self._frame))
+        self._similarity.publish(similarities_to_scan(curve, float(best[2]), stamp, self._base_frame))
+        depth = filter_.map.depth_at(best) if self._depth.num_listeners else None
+        if depth is not None:
+            self._depth.publish(conversions.array_to_image(depth, stamp, self._frame, "32FC1"))

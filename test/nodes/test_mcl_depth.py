@@ -1,0 +1,149 @@
+"""The node mcl_depth on an offline bus: clouds from everywhere, an early initial pose, what viewers see, help."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "mcl_depth"))
+
+from mcl_world import COLUMNS, SECOND, T_BASE_EYE, Bench, Eye, drive, room_points
+from sphere_nav_msgs.srv import LoadCloud
+
+from node_kit.conversions import cloud_to_message, pose_with_covariance_to_se3, se3_to_pose_with_covariance
+from node_kit.node import ERROR, OK
+from sphere_geometry import SE3
+
+NEAR_M, NEAR_RAD = 0.4, np.radians(8.0)  # cells of the cache are 0.35 m wide, headings are compared every 10 degrees
+
+
+@pytest.fixture(scope="module")
+def eye():
+    return Eye()
+
+
+@pytest.fixture(scope="module")
+def cloud(tmp_path_factory):
+    path = tmp_path_factory.mktemp("cloud") / "room.npy"
+    np.save(path, room_points())
+    return path
+
+
+def error(answer, truth):
+    T_map_base, _ = pose_with_covariance_to_se3(answer["/pose"], "map")
+    return T_map_base.distance(truth)
+
+
+def test_the_base_is_found_from_nowhere_in_a_cloud(eye, cloud):
+    bench = Bench(eye, cloud)
+    poses = drive()
+    answers = bench.follow(poses)
+    assert answers[-1]["/status"].state == "TRACKING"
+    metres, radians = error(answers[-1], poses[-1])
+    assert metres < NEAR_M
+    assert radians < NEAR_RAD
+
+
+def test_viewers_get_places_curve_particles_and_depth(eye, cloud):
+    bench = Bench(eye, cloud)
+    poses = drive()
+    answer = bench.follow(poses)[-1]
+    markers = answer["/hypotheses"].markers
+    assert markers[0].action == markers[0].DELETEALL
+    assert markers[1].ns == "places"
+    assert np.hypot(*(np.array([markers[1].pose.position.x, markers[1].pose.position.y])
+                      - (poses[-1] @ T_BASE_EYE).translation[:2])) < NEAR_M  # fmt: skip
+    scan = answer["/similarity"]
+    assert len(scan.ranges) == 36
+    assert scan.header.frame_id == "base_link"
+    peak = scan.angle_min + int(np.argmax(scan.ranges)) * scan.angle_increment
+    assert abs(peak) < np.radians(15.0)  # ahead: compass and pose agree to a step and a half
+    depth = answer["/synthesized_depth"]
+    assert (depth.encoding, depth.width) == ("32FC1", COLUMNS)
+    report = bench.node.reports["localisation"][2]
+    assert 0.0 < report["depth_cache_hits"] <= 1.0
+    assert 0.0 < report["similarity_cache_hits"] <= 1.0
+    assert report["depth_images"] > 10
+
+
+def test_an_initial_pose_before_the_first_image_waits_for_it(eye, cloud):
+    poses = drive()
+    bench = Bench(eye, cloud)
+    covariance = np.diag([0.2, 0.2, 0.1, 0.1, 0.1, 0.1]) ** 2
+    bench.send("/initialpose", se3_to_pose_with_covariance(poses[0], covariance, SECOND, "map"))
+    bench.see(poses[0])
+    eyes = bench.node.filter.particles.poses[:, :2]
+    away = np.linalg.norm(eyes - (poses[0] @ T_BASE_EYE).translation[:2], axis=1)
+    assert np.median(away) < 0.5  # they were gathered, not spread over 8 x 5.5 m
+    assert bench.node.given is None
+
+
+def test_an_early_initial_pose_off_the_map_is_refused_and_everything_is_searched(eye, cloud):
+    bench = Bench(eye, cloud)
+    bench.send("/initialpose", se3_to_pose_with_covariance(SE3.from_planar(50, 0, 0), np.eye(6), SECOND, "map"))
+    poses = drive()
+    answers = bench.follow(poses)
+    assert answers[0]["/status"].state != "NO_MAP"
+    assert answers[-1]["/status"].state == "TRACKING"
+
+
+def test_a_cloud_may_come_by_topic(eye):
+    bench = Bench(eye)
+    poses = drive()
+    assert bench.see(poses[0])["/status"].state == "NO_MAP"
+    points = np.concatenate([room_points(), [[np.nan, 0.0, 0.0]]])
+    bench.send("/cloud", cloud_to_message(points, SECOND, "map"))
+    answers = bench.follow(poses)
+    assert answers[-1]["/status"].state == "TRACKING"
+    assert error(answers[-1], poses[-1])[0] < NEAR_M
+    before = bench.node.clouds.geometry
+    told = next(item for item in bench.node.inputs if item.topic == "cloud")
+    bench.send("/cloud", cloud_to_message(points, SECOND, "odom"))
+    assert "header.frame_id: expected 'map', found 'odom'" in told.last_refusal
+    bench.send("/cloud", cloud_to_message(np.empty((0, 3)), SECOND, "map"))
+    assert "expected at least one finite point" in told.last_refusal
+    assert bench.node.clouds.geometry is before
+
+
+def test_the_voxel_size_of_a_call_is_honoured(eye, cloud):
+    call = Bench(eye).node.shell.call
+    counts = [call("load_cloud", LoadCloud.Request(path=str(cloud), voxel_size=s)).num_points for s in (0.0, 0.2, 0.4)]
+    assert counts[0] > 3 * counts[1] > 9 * counts[2] > 0  # surfaces: a quarter each time
+    refused = call("load_cloud", LoadCloud.Request(path=str(cloud), voxel_size=-1.0))
+    assert not refused.success
+    assert "voxel_size: expected 0 m or more, found -1" in refused.message
+
+
+def test_a_silent_camera_is_told_by_the_clock(eye, cloud):
+    bench = Bench(eye, cloud)
+    bench.follow(drive())
+    said = [record.message for record in bench.bus.advance(bench.now + 20 * SECOND) if record.topic == "/status"]
+    assert (said[-1].state, said[-1].reason) == ("LOST", "TIMEOUT")
+
+
+def test_another_localiser_that_contradicts_is_told(eye, cloud):
+    bench = Bench(eye, cloud)
+    poses = drive()
+    for number, pose in enumerate(poses):
+        bench.see(pose)
+        offset = SE3.from_planar(0.0, 3.0 if number >= 11 else 0.0, 0.0)
+        other = se3_to_pose_with_covariance(pose @ offset, 0.01 * np.eye(6), bench.now, "map")
+        bench.send("/other/pose", other)
+        if number == 10:
+            assert bench.node.reports["agreement"][0] == OK
+    level, text, values = bench.node.reports["agreement"]
+    assert level == ERROR
+    assert "standard deviations, limit 4.0" in text
+    assert values["metres"] == pytest.approx(3.0, abs=NEAR_M)
+
+
+def test_another_localiser_starts_the_search_where_it_is(eye, cloud):
+    bench = Bench(eye, cloud, automatic=False)
+    poses = drive()
+    assert bench.see(poses[0])["/status"].state == "NOT_LOCALISED"
+    bench.send("/other/pose", se3_to_pose_with_covariance(poses[0], 0.04 * np.eye(6), bench.now, "map"))
+    answers = bench.follow(poses[1:])
+    assert answers[-1]["/status"].state == "TRACKING"
+    assert error(answers[-1], poses[-1])[0] < NEAR_M
