@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 
+import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
+from numpy.typing import NDArray
 from sensor_msgs.msg import Image
 
 from dense_localizer.calls_node import OperatorCalls
@@ -14,8 +16,9 @@ from dense_localizer.outputs_node import Outputs
 from dense_localizer.params import DenseLocalizerParams
 from dense_localizer.reasons import Finding
 from dense_localizer.status import status_of
-from localization_status import Reason, State
+from localization_status import FOLLOWING, Reason, State
 from node_kit import conversions, qos
+from node_kit.companion import Companion
 from node_kit.map_bag import MapReader, open_map
 from node_kit.node import ManagedNode
 from node_kit.run import run
@@ -46,6 +49,7 @@ class DenseLocalizerNode(ManagedNode):
         self.listen("initialpose", PoseWithCovarianceStamped, self.on_initial_pose, qos.STATE, is_required=False)
         self.every(WATCH_PERIOD, self.on_watch)
         OperatorCalls(self)
+        self.companion = Companion(self, self.params.map_frame, self.needs_help, self.take_offer)
 
     def cleanup(self) -> None:
         """Close the map."""
@@ -56,6 +60,7 @@ class DenseLocalizerNode(ManagedNode):
         """Forget the stream; the pose is searched anew."""
         self.intake.odometry.clear()
         self.arrival_ns = 0
+        self.companion.clear()
         if self.localizer is not None:
             self.localizer.reset()
 
@@ -73,6 +78,17 @@ class DenseLocalizerNode(ManagedNode):
             raise ValueError("initial pose: expected a map, found none: load one first")
         self.localizer.relocalize(T_map_base @ self.intake.T_base_camera)
         self.given = None if self.intake.is_mounted else T_map_base  # once more when it is known where the camera is
+
+    def needs_help(self) -> bool:
+        """Whether another localiser's pose is of use: there is a map, and no pose."""
+        return self.localizer is not None and self.intake.is_mounted and self.outputs.state not in FOLLOWING
+
+    def take_offer(self, T_map_base: SE3, _: NDArray[np.float64]) -> None:
+        """Search around the pose that another localiser found; ValueError for one far off the map."""
+        assert self.localizer is not None
+        estimate = self.localizer.relocalize(T_map_base @ self.intake.T_base_camera)
+        if estimate is not None:
+            self.outputs.tell(estimate.status)
 
     def on_watch(self) -> None:
         """Say so when images stay away, by the node's clock: stamps may be those of a recording."""

@@ -37,6 +37,7 @@ class Outputs:
         self._residual = node.announce("residual", Image, qos.LARGE)
         self._tf = TransformBroadcaster(node)
         self._told = ""
+        self.state = State.UNCONFIGURED  # last told
 
     def publish(self, estimate: Estimate, milliseconds: float) -> None:
         """Publish what an image led to; the status comes last, so that who waits for it has the pose."""
@@ -53,6 +54,7 @@ class Outputs:
 
     def tell(self, status: Status) -> None:
         """Publish a status; report it to the diagnostics; log every change of state or reason."""
+        self.state = status.state
         self._status.publish(conversions.status_to_message(status, status.stamp_ns, self._node.params.map_frame))
         level = OK if status.state is State.TRACKING else WARN if status.state in TRUSTED else ERROR
         text = describe(status)
@@ -73,6 +75,7 @@ class Outputs:
             twist = T_base_camera.adjoint() @ estimate.velocity
             twist_covariance = conversions.moved_covariance(estimate.velocity_covariance, T_base_camera)
         frames = params.map_frame, params.base_frame or params.camera_frame
+        self._node.companion.add_own(stamp, T_map_base, in_base)
         self._pose.publish(conversions.se3_to_pose_with_covariance(T_map_base, in_base, stamp, params.map_frame))
         message = conversions.se3_to_odometry(T_map_base, in_base, stamp, frames, twist, twist_covariance)
         self._odometry.publish(message)
