@@ -41,6 +41,8 @@ class Homing:
         """`path` (N, 2) m; the vehicle is near waypoint `start` of the path resampled at `params.spacing`."""
         self.waypoints = waypoints_of(path, params.spacing)
         self._params = params
+        steps = np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1)
+        self._way = [float(value) for value in np.concatenate([[0.0], np.cumsum(steps)])]
         self._offsets = offsets(params)
         self.restart(start)
 
