@@ -26,7 +26,7 @@ from dense_localizer.params import LocalizerParams
 from path_follower.follower import Follower
 from path_follower.modes import State
 from path_follower.params import FollowerParams
-from path_follower.path import Pose2
+from path_follower.path import Location, Pose2
 from path_follower.taught import reference_path, taught_speeds
 from sphere_geometry import SE3
 from sphere_mapping.graph import SphereGraph
@@ -40,6 +40,8 @@ HELP = "490 m through a city with traffic, pedestrians and a change of light (ta
 STEP_NS = 10_000_000
 TEACH = {"mode": "teach", "camera.is_on": False, "sphere.distance": 1.0, "sphere.width": 1024}
 DRIVE = {"mode": "drive", "sphere.publish": "never", "camera.width": 512, "camera.height": 384, "camera.period": 0.2}
+HALTED = (State.STOPPING, State.STOPPED)
+MAX_EVENTS = 40  # that are reported
 MAX_SECONDS = 1000.0  # of simulated time, after which a drive is given up
 QUICK_WAY = 40.0  # m of the tour
 
@@ -66,12 +68,19 @@ class Taught:
 
 @dataclass
 class Driven:
-    """Where the car truly went (N, 2) m, what the localiser said how often, and how the follower ended."""
+    """Where the car truly went (N, 2) m, what the localiser said how often and first where, how the follower ended."""
 
     truth: Array
     states: Counter[str] = field(default_factory=Counter)
+    events: list[str] = field(default_factory=list)
     stops: int = 0
     end: str = ""
+
+    def note(self, said: str, location: Location | None) -> None:
+        """Count what the localiser says; keep where it says something it has not said just before."""
+        if not self.events or not self.events[-1].startswith(said):
+            self.events.append(f"{said} at {location.arc_length if location else 0.0:.1f} m")
+        self.states[said] += 1
 
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
@@ -92,6 +101,7 @@ def run(options: argparse.Namespace) -> Report:
         describe(options.threads),
         f"{length:.0f} m taught, {len(taught.graph)} key spheres, {taught.num_lost} spheres lost;"
         f" localiser {dict(driven.states)}; end {driven.end}",
+        "; ".join(driven.events[:MAX_EVENTS]),
     ]
     bounds = [
         Bound("490 m with traffic and a change of light, lateral RMSE", 6.0, 100 * rmse, "cm"),
@@ -138,7 +148,7 @@ def drive(simulator: Simulator, taught: Taught) -> Driven:
                 frame = simulator.capture("camera")
                 estimate = localizer.update(frame.image, frame.camera, now)
                 localized = str(estimate.status.state)
-                driven.states[localized] += 1
+                driven.note(f"{localized} {estimate.status.reason}", follower.location)
                 if estimate.T_map_camera is not None:
                     pose = Pose2.of(estimate.T_map_camera @ T_camera_base)
                     answer = follower.update(pose, simulator.odometry.speed, now, localized)
@@ -146,7 +156,7 @@ def drive(simulator: Simulator, taught: Taught) -> Driven:
                         follower.start(now)
                 else:
                     answer = follower.tick(now)
-                driven.stops += answer.status.state is State.STOPPING and state is not State.STOPPING
+                driven.stops += answer.status.state in HALTED and state not in HALTED
                 state, command = answer.status.state, Command(answer.speed, answer.yaw_rate)
                 show(follower.location.arc_length if follower.location else 0.0)
                 if state is State.STOPPED:
