@@ -28,6 +28,8 @@ SETTINGS: Settings = {  # of N17 table I, column Corridor
     "synthesis.elevation_max_deg": 25.5,
     "area.step": 0.25,
     "synthesis.voxel_m": mcl_sites.SPACING,
+    "synthesis.num_columns": 180,
+    "comparison.lcn_radius_px": 5,
     "area.limits": f"0.3,-2.5,{CORRIDOR - 0.3:.1f},2.5",
 }
 PLAIN: Settings = {  # algorithm 2 and nothing else

@@ -48,7 +48,7 @@ class Lens:
     T_base_camera: SE3
 
 
-PANORAMA = Lens(panorama(720, 192, "panorama"), BODY_AXES)  # 360 x 96 degrees, of which 85 are compared
+PANORAMA = Lens(panorama(360, 96, "panorama"), BODY_AXES)  # 96 degrees high, of which 85 are compared
 _FOCAL = 320.0 / np.tan(np.radians(50.0))
 PINHOLE_100 = Lens(Pinhole(640, 480, _FOCAL, _FOCAL, 319.5, 239.5), OPTICAL_AXES)
 _PER_RAD = 300.0 / np.radians(95.0)

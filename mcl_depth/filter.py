@@ -45,6 +45,7 @@ class Filter:
         self._carrier = Carrier(params.input)
         self._recovery = Recovery(params.recovery, area.scattered(params.recovery.num_scouts))
         self._states = StateMachine(params.state, is_automatic=params.automatic)
+        self._gap = area.step * np.sqrt(len(area.middles) / params.resampling.num_particles)  # between particles, m
         self.reset()
 
     def reset(self) -> None:
@@ -114,9 +115,9 @@ class Filter:
         verdict = judge(hypotheses, lead, step, p.state)
         self._states.take(verdict)
         self._carrier.take(hypotheses[0], look, is_confirmed=not verdict.is_bad)
-        survivors = resample(particles, p.resampling, self._rng)
+        survivors = resample(particles, p.resampling, self._rng, self._gap, p.adjustment.num_images)
         share = self._recovery.share(is_following=self._states.is_following)
-        self.particles = renewed(survivors, self.area, share, self._rng)
+        self.particles = renewed(survivors, self.area, share, comparison, p, self._rng)
         return self._estimate(look, verdict.finding, Belief(tuple(hypotheses), particles, comparison, lead))
 
     def _estimate(self, look: Look, finding: Finding, belief: Belief | None = None) -> Estimate:

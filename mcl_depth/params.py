@@ -59,7 +59,11 @@ class WeightParams:
     """From similarity to weight (`weighting.py`)."""
 
     exponent: float = param(20.0, "lambda of w = s ** lambda", low=0.0)
-    scaling: str = param("maximum", "s is divided by its maximum, or spread over 0 to 1", choices=("maximum", "minmax"))
+    scaling: str = param(
+        "maximum",
+        "s is divided by its maximum, the same after what chance gives is taken off, or s is spread over 0 to 1",
+        choices=("maximum", "chance", "minmax"),
+    )
     min_effective_share: float = param(
         0.0, "share of the particles that must survive one image; lambda is lowered for it", low=0.0, high=1.0
     )
@@ -75,6 +79,9 @@ class ResamplingParams:
     is_adaptive: bool = param(True, "fewer particles when the belief is narrow (KLD sampling)")
     kld_error: float = param(0.03, "largest error of the belief", low=0.001)
     kld_z: float = param(2.33, "quantile of the normal distribution for the probability of that error", low=0.0)
+    roughening: float = param(
+        0.3, "spread of the copies of young particles, by the distance of particles at the start", low=0.0
+    )
     bin_size: float = param(0.25, "bin of position", "m", low=0.01)
     bin_heading_deg: float = param(10.0, "bin of heading", "deg", low=0.5)
 

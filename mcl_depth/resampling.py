@@ -40,12 +40,27 @@ def kld_count(bins: int, params: ResamplingParams) -> int:
     return int(np.clip(np.ceil(needed), params.min_particles, params.num_particles))
 
 
-def resample(particles: Particles, params: ResamplingParams, rng: np.random.Generator) -> Particles:
-    """Draw anew where too few particles carry the belief (algorithm 2, line 22)."""
+def resample(
+    particles: Particles, params: ResamplingParams, rng: np.random.Generator, gap: float = 0.0, num_young: int = 0
+) -> Particles:
+    """Draw anew where too few particles carry the belief (algorithm 2, line 22).
+
+    `gap` m lay between the particles when they were spread; copies of those younger than `num_young` images fill it.
+    """
     if particles.effective_size > params.effective_share * len(particles):
         return particles
     draft = low_variance_indices(particles.weights, params.num_particles, rng.random())
-    if not params.is_adaptive:
-        return particles.chosen(draft)
-    count = kld_count(num_bins(particles.poses[draft], params), params)
-    return particles.chosen(low_variance_indices(particles.weights, count, rng.random()))
+    if params.is_adaptive:
+        count = kld_count(num_bins(particles.poses[draft], params), params)
+        draft = low_variance_indices(particles.weights, count, rng.random())
+    return _roughened(particles.chosen(draft), params.roughening * gap, num_young, rng)
+
+
+def _roughened(particles: Particles, sigma: float, num_young: int, rng: np.random.Generator) -> Particles:
+    """Return the set with a spread of `sigma` m given to the positions of young particles."""
+    is_young = particles.ages <= num_young
+    if sigma <= 0.0 or not is_young.any():
+        return particles
+    poses = particles.poses.copy()
+    poses[is_young, :2] += sigma * rng.standard_normal((int(is_young.sum()), 2))
+    return particles.at(poses)

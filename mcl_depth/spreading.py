@@ -7,8 +7,12 @@ from numpy.typing import NDArray
 
 from mcl_depth.area import Area
 from mcl_depth.motion_model import planar
+from mcl_depth.orientation import peaks
 from mcl_depth.params import FilterParams
 from mcl_depth.particles import Particles, wrapped
+from mcl_depth.resampling import low_variance_indices
+from mcl_depth.similarity_cache import Comparison
+from mcl_depth.weighting import weights
 from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
@@ -38,13 +42,28 @@ def gathered(
     return Particles.alike(poses, params.adjustment.num_images)
 
 
-def renewed(particles: Particles, area: Area, share: float, rng: np.random.Generator) -> Particles:
-    """Return the set with a share of its particles, drawn by lot, spread over the area."""
+def renewed(
+    particles: Particles,
+    area: Area,
+    share: float,
+    comparison: Comparison,
+    params: FilterParams,
+    rng: np.random.Generator,
+) -> Particles:
+    """Return the set with a share of its particles, drawn by lot, put where the image fits, anywhere in the area.
+
+    For each new particle some positions all over the area are looked at; those live on that fit best, by lot, as in
+    resampling, each with its best heading (mixture of proposals: Thrun, Burgard, Fox, section 8.3.5).
+    """
     count = int(share * len(particles))
     if not count:
         return particles
+    positions = area.draw(count * params.recovery.tries, rng)
+    curves = comparison.curves(positions)
+    fit = weights(curves.max(axis=1).astype(np.float64), params.weight, np.full(len(positions), 1.0 / len(positions)))
+    chosen = low_variance_indices(fit, count, rng.random())
     indices = rng.choice(len(particles), count, replace=False)
-    return particles.with_some_at(indices, _anywhere(area, count, rng))
+    return particles.with_some_at(indices, np.column_stack([positions[chosen], peaks(curves[chosen])]))
 
 
 def _anywhere(area: Area, count: int, rng: np.random.Generator) -> Array:

@@ -8,12 +8,16 @@ from numpy.typing import NDArray
 from mcl_depth.params import WeightParams
 
 Array = NDArray[np.float64]
+CHANCE = 4.0 / np.pi  # similarity of images that have nothing to do with each other: E|c| = 2 / pi, twice (eq. 2)
 SEARCH_STEPS = 24  # halvings of the interval of lambda: 1e-7 of it
 
 
 def scaled(similarities: Array, scaling: str) -> Array:
-    """Scale similarities (N,) by the largest (`maximum`), or from the smallest to the largest (`minmax`, the paper)."""
-    low = float(similarities.min()) if scaling == "minmax" else 0.0
+    """Scale similarities (N,) so that the largest is 1; 0 is nothing, what chance gives, or the smallest of them.
+
+    `maximum`: s / max(s). `chance`: what exceeds the similarity of unrelated images. `minmax`: N17.
+    """
+    low = {"maximum": 0.0, "chance": CHANCE, "minmax": float(similarities.min())}[scaling]
     high = float(similarities.max())
     if not high > low:
         return np.ones(len(similarities))

@@ -39,9 +39,25 @@ def test_particles_gather_as_the_covariance_says_in_the_axes_of_the_pose():
 
 def test_a_share_of_the_particles_is_renewed():
     particles = Particles.alike(np.tile([100.0, 100.0, 0.0], (200, 1)))
-    moved = renewed(particles, AREA, 0.25, np.random.default_rng(3)).poses[:, 0] < 50.0
+    alike = comparison_of([0.4])
+    moved = renewed(particles, AREA, 0.25, alike, PARAMS, np.random.default_rng(3)).poses[:, 0] < 50.0
     assert moved.sum() == 50
-    assert renewed(particles, AREA, 0.001, np.random.default_rng(3)) is particles
+    assert renewed(particles, AREA, 0.001, alike, PARAMS, np.random.default_rng(3)) is particles
+
+
+def test_new_particles_go_where_the_image_fits_with_the_heading_that_fits():
+    def curves(positions):
+        found = np.full((len(positions), 4), 0.3, np.float32)
+        found[:, 1] = np.where(positions[:, 0] < 2.0, 0.9, 0.5)  # a quarter turn fits best, and best in the west
+        return found
+
+    particles = Particles.alike(np.tile([100.0, 100.0, 0.0], (200, 1)))
+    there = renewed(particles, AREA, 0.25, SimpleNamespace(curves=curves), PARAMS, np.random.default_rng(3)).poses
+    new = there[there[:, 0] < 50.0]
+    assert len(new) == 50
+    assert np.mean(new[:, 0] < 2.0) > 0.95  # (5 / 9) ** 20: one in 100 000 elsewhere
+    assert np.mean(there[:, 0] > 50.0) == 0.75
+    np.testing.assert_allclose(new[:, 2], np.pi / 2, atol=0.1)
 
 
 def comparison_of(best):
