@@ -42,18 +42,22 @@ def fisheye_rig(folder: Path) -> tuple[Rig, dict[str, Image], dict[str, Image]]:
 
 
 def nuscenes(folder: Path) -> tuple[Rig, dict[str, Image], NDArray[np.float64]]:
-    """Return six cameras around a car, their images, and a LiDAR sweep (N, 3) in the frame of the car."""
+    """Return six cameras around a car, their images, and a LiDAR sweep (N, 3) in the frame of the car.
+
+    The car drives, and no two cameras expose at one time: each is where it was at its own stamp, in the frame that the
+    car had at the LiDAR's (up to 0.4 m from where it is mounted).
+    """
     values: Any = json.loads((folder / "calibration.json").read_text())
+    T_ego_lidar = SE3.from_matrix(values["lidar"]["lidar2ego"], 1e-3)
     cameras, images = [], {}
     for name, entry in values["cameras"].items():
         K, (width, height) = entry["K"], entry["size"]
-        pose = SE3.from_matrix(entry["cam2ego"], 1e-3)
+        pose = T_ego_lidar @ SE3.from_matrix(entry["lidar2cam_motion_compensated"], 1e-3).inverse()
         camera = Pinhole(width, height, K[0][0], K[1][1], K[0][2], K[1][2])
         cameras.append(RigCamera(name, camera, pose))
         images[name] = _rgb(folder / entry["file"])
-    lidar = values["lidar"]
-    points = np.fromfile(folder / lidar["file"], np.float32).reshape(-1, 5)[:, :3].astype(np.float64)
-    return Rig(tuple(cameras), "nuscenes"), images, SE3.from_matrix(lidar["lidar2ego"], 1e-3).apply(points)
+    points = np.fromfile(folder / values["lidar"]["file"], np.float32).reshape(-1, 5)[:, :3].astype(np.float64)
+    return Rig(tuple(cameras), "nuscenes"), images, T_ego_lidar.apply(points)
 
 
 def _rgb(path: Path) -> Image:

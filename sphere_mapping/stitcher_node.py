@@ -2,27 +2,28 @@
 
 from __future__ import annotations
 
-from functools import partial
+import tempfile
 from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
+from sensor_msgs.msg import CompressedImage
 from sphere_nav_msgs.msg import AugmentedSphere
+from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from node_kit import conversions, qos
-from node_kit.node import ERROR, OK, WARN, ManagedNode
+from node_kit.node import OK, WARN, ManagedNode
 from node_kit.run import run
 from sphere_geometry import Rig
 from sphere_geometry.rig_file import read_rig
+from sphere_mapping.rig_intake_node import RigInstant, RigIntake
 from sphere_mapping.stitching import kernels
 from sphere_mapping.stitching.params import SphereStitcherParams
+from sphere_mapping.stitching.rectification import Matches, rectified
 from sphere_mapping.stitching.stitcher import Stitcher
-from sphere_mapping.stitching.synchroniser import Instant, Synchroniser
-
-INFO_TOLERANCE = 1e-3  # relative; a camera_info that differs more is of another camera
+from sphere_mapping.stitching.views import masks_of
 
 
 class SphereStitcher(ManagedNode):
@@ -35,93 +36,103 @@ class SphereStitcher(ManagedNode):
 
     def configure(self) -> None:
         """Read the rig, compute its tables, open topics."""
-        p = self.params
-        if not p.rig:
-            raise ValueError("parameter rig: expected a rig file (rig.yaml), found none")
-        self.rig = read_rig(p.rig)
         kernels.warm_up()
-        self.stitcher = Stitcher(self.rig, p.stitch, masks_of(self.rig), p.jobs)
-        self.sync = Synchroniser(self.rig.names, p.sync)
-        self.points: NDArray[np.float32] | None = None
+        self.intake: RigIntake | None = None
         self.sphere = self.announce("sphere", AugmentedSphere, qos.LARGE)
         self.preview = self.announce("sphere/preview/compressed", CompressedImage, qos.SENSOR)
         self.tf_static = self.announce("/tf_static", TFMessage, qos.TF_STATIC)
-        is_raw = p.transport == "raw"
-        for name in self.rig.names:
-            topic = f"cameras/{name}/image_raw" + ("" if is_raw else "/compressed")
-            kind, profile = (Image, qos.LARGE) if is_raw else (CompressedImage, qos.SENSOR)
-            self.listen(topic, kind, partial(self.on_image, name), profile, is_required=False)
-            self.listen(f"cameras/{name}/camera_info", CameraInfo, partial(self.on_info, name), is_required=False)
-        if p.has_cloud:
-            self.listen("points", PointCloud2, self.on_points)
-        self.every(p.sync.deadline_s / 4, self.on_tick)
-        self.report("stitching", OK, "waiting for images")
+        if self.params.rig:
+            self.use(read_rig(self.params.rig))
+        else:
+            self.listen("rig_description", String, self.on_description, qos.LATCHED, silence=0.0)
 
     def activate(self) -> None:
         """Tell where the sphere is on the rig."""
+        if self.intake is not None:
+            self.tell_place()
+
+    def clock_jumped(self) -> None:
+        """Forget half-complete instants."""
+        if self.intake is not None:
+            self.intake.clear()
+
+    def on_description(self, message: String) -> None:
+        """Take the first rig file told."""
+        if self.intake is not None:
+            return
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "rig.yaml"
+            path.write_text(message.data, encoding="utf-8")
+            try:
+                rig = read_rig(path)
+            except ValueError as error:
+                raise ValueError(str(error).replace(str(path), "rig_description")) from None
+        self.use(rig)
+        self.tell_place()
+
+    def use(self, rig: Rig) -> None:
+        """Compute the tables of a rig, listen to its cameras."""
+        self.stitcher = Stitcher(rig, self.params.stitch, masks_of(rig), self.params.jobs)
+        self.unrectified: list[RigInstant] = []  # instants that wait until enough have come to correct the rig
+        self.matches: list[Matches] = []
+        self.has_turned = self.params.rectify.num_instants == 0
+        self.intake = RigIntake(self, rig, self.params, self.on_instant)
+        self.report("stitching", OK, "waiting for images")
+
+    def tell_place(self) -> None:
+        """Publish where the sphere is on the rig."""
         p, T_rig_sphere = self.params, self.stitcher.T_rig_sphere
         transform = conversions.se3_to_transform(T_rig_sphere, self.now_ns(), p.rig_frame, p.sphere_frame)
         self.tf_static.publish(TFMessage(transforms=[transform]))
 
-    def clock_jumped(self) -> None:
-        """Forget half-complete instants."""
-        self.sync.clear()
-
-    def on_info(self, name: str, message: CameraInfo) -> None:
-        """Refuse a camera whose own calibration is of another size or focal length than the rig's."""
-        ours, width = self.rig.camera(name).camera, int(message.width)
-        if (width, int(message.height)) != (ours.width, ours.height):
-            found = f"{width} x {message.height}"
-            raise ValueError(f"{name}: size: expected {ours.width} x {ours.height} (rig file), found {found}")
-        fx = float(ours.coefficients[0])
-        if message.k[0] and ours.model != "double_sphere" and abs(message.k[0] - fx) > INFO_TOLERANCE * fx:
-            raise ValueError(f"{name}: K[0]: expected {fx:.3f} (rig file), found {message.k[0]:.3f}")
-
-    def on_points(self, message: PointCloud2) -> None:
-        """Keep the newest cloud, in the frame of the rig."""
-        self.points = conversions.message_to_cloud(message)[0]
-
-    def on_image(self, name: str, message: Image | CompressedImage) -> None:
-        """Add a camera's image to its instant."""
-        is_raw = isinstance(message, Image)
-        image = conversions.image_to_rgb(message) if is_raw else conversions.compressed_to_array(message)
-        camera = self.rig.camera(name).camera
-        if image.shape[:2] != (camera.height, camera.width):
-            found = f"{image.shape[1]} x {image.shape[0]}"
-            raise ValueError(f"{name}: image size: expected {camera.width} x {camera.height} (rig file), found {found}")
-        for instant in self.sync.put(name, conversions.stamp_ns(message), image, self.now_ns()):
-            self.deliver(instant)
-
-    def on_tick(self) -> None:
-        """Close instants whose cameras are late."""
-        for instant in self.sync.take(self.now_ns()):
-            self.deliver(instant)
-
     def finish_open(self) -> None:
         """Stitch what is still open: the recording has ended."""
-        for instant in self.sync.flush():
+        if self.intake is not None:
+            self.intake.finish()
+            self.rectify()
+
+    def on_instant(self, instant: RigInstant) -> None:
+        """Stitch an instant, after the first ones have corrected the rig where that is asked for."""
+        if self.has_turned:
             self.deliver(instant)
-
-    def deliver(self, instant: Instant) -> None:
-        """Stitch an instant and publish its sphere; whatever lacks is told by name."""
-        self.tell_health()
-        for name, problem in instant.notes.items():
-            self.log.warning(f"camera {name}: {problem}", every=5.0, key=name)
-        if instant.is_failed or not instant.images:
-            self.log.error(f"no sphere at {instant.stamp_ns / 1e9:.3f} s: {', '.join(instant.notes)}", every=5.0)
             return
-        stitched = self.stitcher.stitch(instant.images, instant.stamp_ns, self.points)
-        sphere, frame = stitched.sphere, self.params.sphere_frame
-        self.sphere.publish(conversions.sphere_to_message(sphere, frame))
-        if self.preview.num_listeners:
-            self.preview.publish(self.previewed(sphere.image, instant.stamp_ns))
+        self.unrectified.append(instant)
+        if instant.images:
+            self.matches += self.stitcher.matches(instant.images, self.params.rectify)
+        if len(self.unrectified) >= self.params.rectify.num_instants:
+            self.rectify()
 
-    def tell_health(self) -> None:
-        """Report every camera."""
-        for name, health in self.sync.health.items():
-            level = OK if not health.problem else ERROR if health.problem.startswith("frozen") else WARN
-            values = {"images": health.num_images, "missing": health.num_missing, "refused": health.num_refused}
-            self.report(f"camera {name}", level, health.problem or "delivers", **values)
+    def rectify(self) -> None:
+        """Correct the rig by the matches so far; stitch what has waited for it."""
+        if self.has_turned:
+            return
+        self.has_turned = True
+        found = rectified(self.stitcher.rig, self.matches, self.params.rectify)
+        self.stitcher = Stitcher(found.rig, self.params.stitch, masks_of(found.rig), self.params.jobs)
+        self.tell_place()
+        worst = max(found.turned_deg, key=lambda name: found.turned_deg[name])
+        text = f"{worst} turned by {found.turned_deg[worst]:.2f} deg against the rig file, the others less"
+        is_off = found.turned_deg[worst] > self.params.rectify.warn_deg
+        self.report("rig", WARN if is_off else OK, text, before_deg=found.before_deg, after_deg=found.after_deg)
+        (self.log.warning if is_off else self.log.info)(f"rig: {text}")
+        for instant in self.unrectified:
+            self.deliver(instant)
+        self.unrectified.clear()
+
+    def deliver(self, instant: RigInstant) -> None:
+        """Stitch an instant and publish its sphere; whatever lacks is told by name."""
+        assert self.intake is not None
+        self.intake.report_health()
+        stamp, notes = instant.sync.stamp_ns, instant.sync.notes
+        for name, problem in notes.items():
+            self.log.warning(f"camera {name}: {problem}", every=5.0, key=name)
+        if instant.sync.is_failed or not instant.images:
+            self.log.error(f"no sphere at {stamp / 1e9:.3f} s: {', '.join(notes)}", every=5.0)
+            return
+        sphere = self.stitcher.stitch(instant.images, stamp, instant.points, instant.depths).sphere
+        self.sphere.publish(conversions.sphere_to_message(sphere, self.params.sphere_frame))
+        if self.preview.num_listeners:
+            self.preview.publish(self.previewed(sphere.image, stamp))
 
     def previewed(self, image: NDArray[np.uint8], stamp: int) -> CompressedImage:
         """Return a small JPEG of the sphere."""
@@ -130,18 +141,6 @@ class SphereStitcher(ManagedNode):
         small = cv2.cvtColor(small, cv2.COLOR_RGB2BGR) if small.ndim == 3 else small
         data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, self.params.preview_quality])[1].tobytes()
         return CompressedImage(header=conversions.header(stamp, self.params.sphere_frame), format="jpeg", data=data)
-
-
-def masks_of(rig: Rig) -> dict[str, NDArray[np.uint8]]:
-    """Read the masks of a rig's cameras."""
-    found = {}
-    for part in rig.cameras:
-        if part.mask is not None:
-            image = cv2.imdecode(np.fromfile(Path(part.mask), np.uint8), cv2.IMREAD_GRAYSCALE)
-            if image is None:
-                raise ValueError(f"{part.mask}: mask of {part.name}: expected an image, found none")
-            found[part.name] = image.astype(np.uint8)
-    return found
 
 
 def main() -> int:

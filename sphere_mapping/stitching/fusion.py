@@ -1,4 +1,4 @@
-"""Ranges of several sources in one sphere, joined by their variance; a LiDAR's cloud as a source."""
+"""Ranges of several sources in one sphere, joined by their variance; a LiDAR's cloud and RGB-D as sources."""
 
 from __future__ import annotations
 
@@ -8,33 +8,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_geometry import Spherical
-from sphere_mapping.stitching.kernels import splat_with_std
+from sphere_geometry.camera import pixel_grid
+from sphere_mapping.stitching.kernels import fuse, splat_with_std
 from sphere_mapping.stitching.params import FusionParams
+from sphere_mapping.stitching.views import Seat
 
 Plane = NDArray[np.float32]
 Ranged = tuple[Plane, Plane]  # range and its standard deviation (H, W) in m; NaN unknown, range +Inf known to be far
 
 
 def fused(sources: Sequence[Ranged], params: FusionParams) -> Ranged:
-    """Return the mean by inverse variance of what agrees with the surest source of each pixel."""
+    """Return the mean by inverse variance of what agrees with the surest source of each pixel.
+
+    Where others, about as sure, contradict it, nothing is known.
+    """
     if not sources:
         raise ValueError("range: expected at least one source, found none")
     if len(sources) == 1:
         return sources[0]
     ranges, stds = (np.stack([source[k] for source in sources]) for k in range(2))
-    known = np.isfinite(ranges) & (stds > 0)
-    relative = np.where(known, stds / np.where(known, ranges, 1.0), np.inf)
-    surest = np.argmin(relative, axis=0)[None]
-    best, best_std = (np.take_along_axis(planes, surest, axis=0) for planes in (ranges, stds))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        agrees = known & (np.abs(ranges - best) <= params.max_deviations * np.hypot(stds, best_std))
-        weights = np.where(agrees, 1.0 / np.square(stds), 0.0)
-        total = weights.sum(axis=0)
-        range_m = np.where(total > 0, np.sum(weights * np.where(agrees, ranges, 0.0), axis=0) / total, np.nan)
-        std_m = np.where(total > 0, 1.0 / np.sqrt(total), np.nan)
-    is_far = np.isinf(ranges).any(axis=0) & (total == 0)
-    range_m[is_far] = np.inf
-    return range_m.astype(np.float32), std_m.astype(np.float32)
+    range_m, std_m = np.empty_like(ranges[0]), np.empty_like(stds[0])
+    fuse(ranges, stds, params.max_deviations, params.contradiction, params.contradiction_share, range_m, std_m)
+    return range_m, std_m
 
 
 def range_from_cloud(points_sphere: NDArray[np.floating], whole: Spherical, params: FusionParams) -> Ranged:
@@ -43,6 +38,24 @@ def range_from_cloud(points_sphere: NDArray[np.floating], whole: Spherical, para
     points = points[np.all(np.isfinite(points), axis=1) & (np.abs(points).max(axis=1, initial=0.0) > 0)]
     stds = np.full(len(points), params.cloud_std_m, np.float32)
     return splatted(points, stds, whole, params.cloud_size_px)
+
+
+def range_from_depth(depth_m: NDArray[np.floating], seat: Seat, whole: Spherical, params: FusionParams) -> Ranged:
+    """Return the range that an RGB-D camera gives the sphere; depth_m (h, w) along its axis, NaN where unknown.
+
+    Every pixel covers as much of the sphere as its angle does. The deviation grows with the square of the depth, as
+    that of triangulation does.
+    """
+    known = (depth_m > 0) & (depth_m <= params.max_depth_m)
+    rays = seat.camera.unproject(pixel_grid(seat.camera)[known])
+    ahead = np.asarray(depth_m, dtype=np.float64)[known]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        along = np.where(rays[:, 2] > 0.05, 1.0 / rays[:, 2], np.nan)  # of the ray, by unit of depth
+    stds = (params.depth_std_m * ahead * ahead * along).astype(np.float32)
+    points = seat.T_sphere_camera.apply(rays * (ahead * along)[:, None])
+    fits = np.isfinite(points).all(axis=1)
+    finer = whole.pixels_per_radian / seat.camera.pixels_per_radian
+    return splatted(points[fits], stds[fits], whole, round(max(finer - 1.0, 0.0) / 2.0 + 0.25))
 
 
 def splatted(points: NDArray[np.float64], stds: Plane, whole: Spherical, half_px: int = 0) -> Ranged:

@@ -9,147 +9,207 @@ SCALE = 16.0  # pyramids are int16 with four bits below the point
 
 
 @njit(cache=True, nogil=True)
-def add_band(fine, coarse, weight, row, column, total):
-    """Add weight (h, w) f32 x (fine - coarse) (h, w, c) u8 to total (H, W, c) i16 at row, column; columns wrap."""
+def add_band(fine, coarse, weight, total):
+    """Add weight (h, w) f32 x (fine - coarse) (h, w, c) u8 to total (h, w, c) i16."""
     height, width, channels = fine.shape
-    whole = total.shape[1]
     for y in range(height):
         for x in range(width):
             share = weight[y, x] * SCALE
             if share == 0.0:
                 continue
-            at = (column + x) % whole
             for c in range(channels):
                 value = share * (np.float32(fine[y, x, c]) - np.float32(coarse[y, x, c]))
-                total[row + y, at, c] += np.int16(np.floor(value + 0.5))
+                total[y, x, c] += np.int16(np.floor(value + 0.5))
 
 
 @njit(cache=True, nogil=True)
-def to_levels(total, is_covered, image):
-    """Write total (H, W, c) i16 as grey levels 1...255 to image (H, W, c) u8; 0 where not covered."""
+def to_levels(total, image):
+    """Write total (H, W, c) i16 as grey levels 1...255 to image (H, W, c) u8."""
     height, width, channels = total.shape
     for y in range(height):
         for x in range(width):
             for c in range(channels):
                 value = np.floor(total[y, x, c] / SCALE + 0.5)
-                image[y, x, c] = np.uint8(min(max(value, 1.0), 255.0)) if is_covered[y, x] else np.uint8(0)
+                image[y, x, c] = np.uint8(min(max(value, 1.0), 255.0))
 
 
 @njit(cache=True, nogil=True)
-def warp_by_range(grid_u, grid_v, inverse_levels, step, inverse_range, row, column, u, v):
+def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, u, v):
     """Write camera pixels u, v (h, w) f32 of a block of a sphere whose inverse range (H, W) f32 is known everywhere.
 
-    grid_u, grid_v (K, gh, gw) f32: pixels at every step-th row and column of the block, at each of K inverse ranges.
-    Linear in all three.
+    grid (gh, gw, K, 2) f32: pixels at every step-th row and column of the block, at each of K inverse ranges. Linear
+    in all three.
     """
     height, width = u.shape
-    whole = inverse_range.shape[1]
-    last = inverse_levels.size - 2
+    whole, number = inverse_range.shape[1], inverse_levels.size
+    one = np.float32(1.0)
+    left, right = np.empty((number, 2), np.float32), np.empty((number, 2), np.float32)
+    per_interval = one / (inverse_levels[1:] - inverse_levels[:-1])
     for y in range(height):
         gy = y // step
         fy = np.float32(y - gy * step) / np.float32(step)
-        for x in range(width):
-            gx = x // step
-            fx = np.float32(x - gx * step) / np.float32(step)
-            w = inverse_range[row + y, (column + x) % whole]
-            k = 0
-            while k < last and w > inverse_levels[k + 1]:
+        for k in range(number):
+            for c in range(2):
+                left[k, c] = grid[gy, 0, k, c] + fy * (grid[gy + 1, 0, k, c] - grid[gy, 0, k, c])
+        at = column
+        for gx in range((width + step - 1) // step):
+            for k in range(number):
+                for c in range(2):
+                    right[k, c] = grid[gy, gx + 1, k, c] + fy * (grid[gy + 1, gx + 1, k, c] - grid[gy, gx + 1, k, c])
+            for i in range(min(step, width - gx * step)):
+                w = inverse_range[row + y, at]
+                at = at + 1 if at + 1 < whole else 0
+                k = 0
+                while k < number - 2 and w > inverse_levels[k + 1]:
+                    k += 1
+                fw = min((w - inverse_levels[k]) * per_interval[k], one)
+                fx = np.float32(i) / np.float32(step)
+                u0, v0 = left[k, 0] + fx * (right[k, 0] - left[k, 0]), left[k, 1] + fx * (right[k, 1] - left[k, 1])
                 k += 1
-            fw = min((w - inverse_levels[k]) / (inverse_levels[k + 1] - inverse_levels[k]), np.float32(1.0))
-            a, b, c, d = (1 - fy) * (1 - fx), (1 - fy) * fx, fy * (1 - fx), fy * fx
-            u0 = (
-                a * grid_u[k, gy, gx]
-                + b * grid_u[k, gy, gx + 1]
-                + c * grid_u[k, gy + 1, gx]
-                + d * grid_u[k, gy + 1, gx + 1]
-            )
-            v0 = (
-                a * grid_v[k, gy, gx]
-                + b * grid_v[k, gy, gx + 1]
-                + c * grid_v[k, gy + 1, gx]
-                + d * grid_v[k, gy + 1, gx + 1]
-            )
-            j = k + 1
-            u1 = (
-                a * grid_u[j, gy, gx]
-                + b * grid_u[j, gy, gx + 1]
-                + c * grid_u[j, gy + 1, gx]
-                + d * grid_u[j, gy + 1, gx + 1]
-            )
-            v1 = (
-                a * grid_v[j, gy, gx]
-                + b * grid_v[j, gy, gx + 1]
-                + c * grid_v[j, gy + 1, gx]
-                + d * grid_v[j, gy + 1, gx + 1]
-            )
-            u[y, x] = u0 + fw * (u1 - u0)
-            v[y, x] = v0 + fw * (v1 - v0)
+                u1, v1 = left[k, 0] + fx * (right[k, 0] - left[k, 0]), left[k, 1] + fx * (right[k, 1] - left[k, 1])
+                u[y, gx * step + i] = u0 + fw * (u1 - u0)
+                v[y, gx * step + i] = v0 + fw * (v1 - v0)
+            left, right = right, left
 
 
 @njit(cache=True, nogil=True)
-def compare_along_columns(top, bottom, disparity, terms):
-    """Write what one step of alignment needs to terms (H, W, 6) f32: 1, s, e, s^2, s e, of each known pixel; 0 else.
+def compare_row(top, bottom, disparity, v, terms):
+    """Write what one step of alignment needs to terms (6, W) i32: 1, s, e, s^2, s e, e^2 of row v; 0 where unknown.
 
-    e = bottom(v - d) - top(v) in grey levels, s = mean slope of both along the column, d the disparity (H, W) f32.
-    The last term is e^2.
+    top, bottom (H, W) u8; disparity (H, W) f32. e = bottom(v - d) - top(v), s = mean slope of both along the column,
+    bottom interpolated by cubic convolution; both in sixteenths of a grey level, so that sums are exact.
     """
     height, width = top.shape
-    for v in range(height):
-        for u in range(width):
-            d = disparity[v, u]
-            y = v - d
+    scale, half = np.float32(SCALE), np.float32(0.5)
+    for u in range(width):
+        y = v - disparity[v, u]
+        if not (y >= 1.0 and y < height - 2.0 and v >= 1 and v < height - 1):
             for k in range(6):
-                terms[v, u, k] = 0.0
-            if not (y >= 1.0 and y < height - 2.0 and v >= 1 and v < height - 1):
-                continue
-            y0 = int(np.floor(y))
-            f = np.float32(y - y0)
-            a, b = bottom[y0 - 1, u], bottom[y0, u]
-            c, e = bottom[y0 + 1, u], bottom[y0 + 2, u]
-            k1, k2, k3 = (
-                np.float32(0.5) * (c - a),
-                a - np.float32(2.5) * b + np.float32(2.0) * c - np.float32(0.5) * e,
-                np.float32(0.5) * (e - a) + np.float32(1.5) * (b - c),
-            )
-            value = b + f * (k1 + f * (k2 + f * k3))
-            slope = k1 + f * (np.float32(2.0) * k2 + f * np.float32(3.0) * k3)
-            s = np.float32(0.25) * (top[v + 1, u] - top[v - 1, u]) + np.float32(0.5) * slope
-            error = value - top[v, u]
-            terms[v, u, 0] = 1.0
-            terms[v, u, 1] = s
-            terms[v, u, 2] = error
-            terms[v, u, 3] = s * s
-            terms[v, u, 4] = s * error
-            terms[v, u, 5] = error * error
+                terms[k, u] = 0
+            continue
+        y0 = int(y)
+        f = np.float32(y - y0)
+        a, b = np.float32(bottom[y0 - 1, u]), np.float32(bottom[y0, u])
+        c, d = np.float32(bottom[y0 + 1, u]), np.float32(bottom[y0 + 2, u])
+        k1 = half * (c - a)
+        k2 = a - np.float32(2.5) * b + np.float32(2.0) * c - half * d
+        k3 = half * (d - a) + np.float32(1.5) * (b - c)
+        value = b + f * (k1 + f * (k2 + f * k3))
+        slope = k1 + f * (np.float32(2.0) * k2 + f * np.float32(3.0) * k3)
+        across = half * (np.float32(top[v + 1, u]) - np.float32(top[v - 1, u]))
+        s = np.int32(np.floor(half * (slope + across) * scale + half))
+        e = np.int32(np.floor((value - np.float32(top[v, u])) * scale + half))
+        terms[0, u] = 1
+        terms[1, u] = s
+        terms[2, u] = e
+        terms[3, u] = s * s
+        terms[4, u] = s * e
+        terms[5, u] = e * e
 
 
 @njit(cache=True, nogil=True)
-def step_disparity(means, limits, start, disparity, information, left):
-    """Move disparity (H, W) f32 to where its block beside a constant, and its match, make it most probable.
+def step_row(sums, radius, limits, start, disparity, information, left):
+    """Move disparity (W,) f32 to where its block beside a constant, and its match, make it most probable.
 
-    means (H, W, 6) f32: block means of the terms; limits: largest step in px, pixels of a block, variance of a grey
-    level, variance of a match in px^2; start (H, W) f32: the match. information (H, W) f32: 1 / variance of the result;
-    left (H, W) f32: mean squared difference that is left, minus what is allowed to a block of its contrast, if above 0.
+    sums (6, W) i32: of the terms over the rows of the block; limits: largest step in px, least pixels of a block,
+    variance of a grey level, variance of a match in px^2; start (W,) f32: the match. information (W,) f32: 1 / variance
+    of the result; left (W,) f32: mean squared difference that is left, over what noise and contrast allow.
     """
-    limit, area, noise, prior = limits
+    limit, least, noise, prior = limits
+    zero, one, per_level = np.float32(0.0), np.float32(1.0), np.float32(1.0 / SCALE)
+    per_square = per_level * per_level
+    width = disparity.size
+    n, a, b, c, d, f = 0, 0, 0, 0, 0, 0
+    for u in range(min(2 * radius, width)):
+        n, a, b = n + sums[0, u], a + sums[1, u], b + sums[2, u]
+        c, d, f = c + sums[3, u], d + sums[4, u], f + sums[5, u]
+    for u in range(radius, width - radius):
+        new, old = u + radius, u - radius
+        n, a, b = n + sums[0, new], a + sums[1, new], b + sums[2, new]
+        c, d, f = c + sums[3, new], d + sums[4, new], f + sums[5, new]
+        if n < least or np.isnan(disparity[u]):
+            information[u] = zero
+            left[u] = np.inf
+        else:
+            share = one / np.float32(n)
+            s, e = np.float32(a) * share * per_level, np.float32(b) * share * per_level
+            ss = max(np.float32(c) * share * per_square - s * s, zero)
+            se = np.float32(d) * share * per_square - s * e
+            ee = np.float32(f) * share * per_square - e * e
+            seen = ss * np.float32(n) * np.float32(0.5) / noise
+            wanted = se / max(ss, np.float32(1e-3))
+            information[u] = seen + one / prior
+            step = (seen * wanted + (start[u] - disparity[u]) / prior) / information[u]
+            left[u] = max(ee - wanted * se, zero) / (np.float32(2.0) * (noise + ss))
+            disparity[u] += min(max(step, -limit), limit)
+        n, a, b = n - sums[0, old], a - sums[1, old], b - sums[2, old]
+        c, d, f = c - sums[3, old], d - sums[4, old], f - sums[5, old]
+
+
+@njit(cache=True, nogil=True)
+def align_along_columns(top, bottom, start, limits, radius, disparity, information, left):
+    """Do one step of alignment of every block of (2 radius + 1)^2 px; arrays (H, W): u8 images, else f32.
+
+    A block's pixels keep the disparity they had before the step: a row's terms are computed before any row of its
+    block moves. The outer `radius` columns stay as they are.
+    """
+    height, width = top.shape
+    size = 2 * radius + 1
+    ring, fresh = np.zeros((size, 6, width), np.int32), np.zeros((6, width), np.int32)
+    sums = np.zeros((6, width), np.int32)
+    for v in range(height + radius):
+        oldest = ring[v % size]
+        if v < height:
+            compare_row(top, bottom, disparity, v, fresh)
+        else:
+            fresh[:] = 0
+        for k in range(6):
+            total, new, old = sums[k], fresh[k], oldest[k]
+            for u in range(width):
+                total[u] += new[u] - old[u]
+                old[u] = new[u]
+        row = v - radius
+        if row >= 0:
+            step_row(sums, radius, limits, start[row], disparity[row], information[row], left[row])
+
+
+@njit(cache=True, nogil=True)
+def smooth(disparity, radius, limit, share, between, out):
+    """Write the mean over 2 radius + 1 rows, then as many columns, of what differs little from the middle to out.
+
+    disparity, between, out (H, W) f32; limit px and share of the disparity: what is little. NaN stays NaN. A block's
+    step says nothing of what changes within the block: without this, such errors would stay and grow.
+    """
     height, width = disparity.shape
+    total, number, largest = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
+    one, zero = np.float32(1.0), np.float32(0.0)
+    for v in range(height):
+        middle = disparity[v]
+        for u in range(width):
+            total[u], number[u] = zero, zero
+            largest[u] = limit + share * abs(middle[u])
+        for j in range(max(v - radius, 0), min(v + radius + 1, height)):
+            line = disparity[j]
+            for u in range(width):
+                is_near = abs(line[u] - middle[u]) <= largest[u]
+                total[u] += line[u] if is_near else zero
+                number[u] += one if is_near else zero
+        for u in range(width):
+            between[v, u] = total[u] / number[u] if number[u] > zero else np.nan
     for v in range(height):
         for u in range(width):
-            share = means[v, u, 0]
-            if share < 0.2 or np.isnan(disparity[v, u]):
-                information[v, u] = 0.0
-                left[v, u] = np.inf
-                continue
-            s, e = means[v, u, 1] / share, means[v, u, 2] / share
-            ss = means[v, u, 3] / share - s * s
-            se = means[v, u, 4] / share - s * e
-            ee = means[v, u, 5] / share - e * e
-            seen = max(ss, np.float32(0.0)) * share * area / (2 * noise)
-            wanted = se / max(ss, np.float32(1e-3))
-            information[v, u] = seen + 1 / prior
-            step = (seen * wanted + (start[v, u] - disparity[v, u]) / prior) / information[v, u]
-            left[v, u] = max(ee - wanted * se, np.float32(0.0)) / (2 * noise + 2 * max(ss, np.float32(0.0)))
-            disparity[v, u] += min(max(step, -limit), limit)
+            total[u], number[u] = zero, zero
+            largest[u] = limit + share * abs(between[v, u])
+        for k in range(-radius, radius + 1):
+            first, size = max(-k, 0), width - abs(k)  # slices, so that no index can be negative
+            middle, beside = between[v, first : first + size], between[v, first + k : first + k + size]
+            sums, counts, most = total[first:], number[first:], largest[first:]
+            for u in range(size):
+                is_near = abs(beside[u] - middle[u]) <= most[u]
+                sums[u] += beside[u] if is_near else zero
+                counts[u] += one if is_near else zero
+        for u in range(width):
+            out[v, u] = total[u] / number[u] if number[u] > zero else np.nan
 
 
 @njit(cache=True, nogil=True)
@@ -157,8 +217,8 @@ def triangulate(disparity, std, per_row, first_row, baseline, limits, range_m, r
     """Write range along the ray from the upper centre, and its standard deviation, (H, W) f32 m.
 
     disparity, std (H, W) f32 px; per_row: radians of a row; limits: largest relative std, nearest range, far. A point
-    at colatitude a from above and b = a - disparity from below is at baseline sin(b) / sin(a - b). +Inf where it is
-    surely beyond `far`, NaN where it is not known well enough.
+    at colatitude a from above and b = a - d from below is at baseline sin(b) / sin(d) = baseline (sin(a) cot(d) -
+    cos(a)). +Inf where it is surely beyond `far`, NaN where it is not known well enough.
     """
     max_relative, nearest, far = limits
     height, width = disparity.shape
@@ -177,13 +237,22 @@ def triangulate(disparity, std, per_row, first_row, baseline, limits, range_m, r
                 continue
             if delta <= 0.0 or above <= delta:
                 continue
-            s, c = np.sin(delta), np.cos(delta)
-            sine_below, cosine_below = sine * c - cosine * s, cosine * c + sine * s
-            r = baseline * sine_below / s
-            relative = abs(cosine_below / sine_below + c / s) * sigma
+            cotangent = 1.0 / tangent(delta)
+            across = sine * cotangent - cosine  # sin(b) / sin(d)
+            relative = abs((cosine * cotangent + sine) / across + cotangent) * sigma  # (cot(b) + cot(d)) sigma
+            r = baseline * across
             if r >= nearest and relative <= max_relative:
                 range_m[v, u] = r
                 range_std_m[v, u] = relative * r
+
+
+@njit(cache=True, nogil=True)
+def tangent(angle):
+    """Return tan(angle); its series (relative error 1e-7) up to 0.35 rad."""
+    if angle > 0.35:
+        return np.tan(angle)
+    q = angle * angle
+    return angle * (1.0 + q * (1 / 3 + q * (2 / 15 + q * (17 / 315 + q * (62 / 2835 + q * (1382 / 155925))))))
 
 
 @njit(cache=True, nogil=True)
@@ -208,6 +277,74 @@ def splat_with_std(u, v, range_m, std_m, half, wraps, nearest, nearest_std):
                 if x >= 0 and x < width and range_m[i] < nearest[y, x]:
                     nearest[y, x] = range_m[i]
                     nearest_std[y, x] = std_m[i]
+
+
+@njit(cache=True, nogil=True)
+def splat_window(range_m, std_m, rays, pixels, offset, nearest, nearest_std):
+    """Write ranges (h, w) f32 seen from a place beside the centre of a sphere to its pixels, keeping the nearest.
+
+    rays (h, w, 3) f32: directions in the frame of the sphere; pixels (h, w, 2) f32: where the sphere (H, W) has these
+    directions; offset (3,) f32: the place, m. nearest (H, W) f32 starts as +Inf, nearest_std as NaN. Range is as from
+    the centre. A range covers the four pixels around its own.
+    """
+    height, width = nearest.shape
+    x0, y0, z0 = offset[0], offset[1], offset[2]
+    per_column, per_row = np.float32(width / (2 * np.pi)), np.float32(height / np.pi)
+    for i in range(range_m.shape[0]):
+        for j in range(range_m.shape[1]):
+            r = range_m[i, j]
+            if not (r < 1e9):
+                continue
+            x, y, z = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2]
+            px, py, pz = r * x + x0, r * y + y0, r * z + z0
+            level, across = np.sqrt(x * x + y * y), np.sqrt(px * px + py * py)
+            u = pixels[i, j, 0] - small_angle(x * py - y * px, x * px + y * py) * per_column
+            v = pixels[i, j, 1] - small_angle(level * pz - z * across, level * across + z * pz) * per_row
+            distance = np.sqrt(across * across + pz * pz)
+            column, row = int(np.floor(u)), int(np.floor(v))
+            for dy in range(2):
+                for dx in range(2):
+                    b, a = row + dy, (column + dx) % width
+                    if b >= 0 and b < height and distance < nearest[b, a]:
+                        nearest[b, a] = distance
+                        nearest_std[b, a] = std_m[i, j]
+
+
+@njit(cache=True, nogil=True)
+def fuse(ranges, stds, max_deviations, contradiction, share, range_m, std_m):
+    """Write the mean by inverse variance, and its deviation (H, W) f32, of what agrees with the surest of N sources.
+
+    ranges, stds (N, H, W) f32, NaN unknown, range +Inf far. Where a source that is not `contradiction` times less sure
+    than the surest one disagrees with it by more than max_deviations and this share of the range, nothing is known.
+    """
+    number, height, width = ranges.shape
+    for v in range(height):
+        for u in range(width):
+            best, least, is_far = -1, np.float32(np.inf), False
+            for k in range(number):
+                r = ranges[k, v, u]
+                if np.isinf(r):
+                    is_far = True
+                elif stds[k, v, u] > 0 and stds[k, v, u] < least * r:
+                    best, least = k, stds[k, v, u] / r
+            range_m[v, u] = np.inf if is_far and best < 0 else np.nan
+            std_m[v, u] = np.nan
+            if best < 0:
+                continue
+            r0, s0 = ranges[best, v, u], stds[best, v, u]
+            total, weighted, is_denied = 0.0, 0.0, False
+            for k in range(number):
+                r, s = ranges[k, v, u], stds[k, v, u]
+                if not (s > 0) or np.isinf(r):
+                    continue
+                if abs(r - r0) <= max_deviations * np.sqrt(s * s + s0 * s0):
+                    total += 1.0 / (s * s)
+                    weighted += r / (s * s)
+                elif s < contradiction * least * r and abs(r - r0) > share * r0:
+                    is_denied = True
+            if not is_denied:
+                range_m[v, u] = weighted / total
+                std_m[v, u] = 1.0 / np.sqrt(total)
 
 
 @njit(cache=True, nogil=True)
@@ -261,19 +398,22 @@ def warm_up() -> None:
     """Compile on tiny arrays, so that the first image does not wait."""
     byte, plane = np.zeros((4, 4, 1), np.uint8), np.ones((4, 4), np.float32)
     total = np.zeros((4, 4, 1), np.int16)
-    add_band(byte, byte, plane, 0, 0, total)
+    add_band(byte, byte, plane, total)
     colour, colour_total = np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4, 3), np.int16)
-    add_band(colour, colour, plane, 0, 0, colour_total)
+    add_band(colour, colour, plane, colour_total)
     for sums, image in ((total, byte), (colour_total, colour)):
-        to_levels(sums, np.ones((4, 4), np.bool_), image)
-    grid, out = np.zeros((2, 3, 3), np.float32), np.empty((4, 4), np.float32)
+        to_levels(sums, image)
+    grid, out = np.zeros((3, 3, 2, 2), np.float32), np.empty((4, 4), np.float32)
     levels = np.array([0.0, 1.0], np.float32)
-    warp_by_range(grid, grid, levels, 2, plane, 0, 0, out, out.copy())
-    terms = np.empty((4, 4, 6), np.float32)
-    compare_along_columns(plane, plane, plane, terms)
-    step_disparity(terms, np.ones(4, np.float32), plane, plane.copy(), out, out.copy())
+    warp_by_range(grid, levels, 2, plane, 0, 0, out, out.copy())
+    level = np.zeros((4, 4), np.uint8)
+    align_along_columns(level, level, plane, np.ones(4, np.float32), 1, plane.copy(), out, out.copy())
+    smooth(plane, 1, np.float32(1.0), np.float32(0.1), plane.copy(), out)
     triangulate(plane, plane, 0.1, 0.0, 0.3, (0.1, 0.1, 100.0), out, out.copy())
     line = np.zeros(1, np.float32)
     splat_with_std(line, line, line, line, 0, True, plane.copy(), plane.copy())
+    rays, pixels = np.ones((4, 4, 3), np.float32), np.zeros((4, 4, 2), np.float32)
+    splat_window(plane, plane, rays, pixels, np.zeros(3, np.float32), plane.copy(), plane.copy())
+    fuse(np.ones((1, 4, 4), np.float32), np.ones((1, 4, 4), np.float32), 3.0, 3.0, 0.1, out, out.copy())
     unit, owner = np.zeros((2, 4), np.float32), np.zeros((4, 4), np.int8)
     recentre(plane, plane, owner, np.zeros((1, 3), np.float32), unit, unit, out, out.copy())

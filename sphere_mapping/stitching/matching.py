@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_geometry import Spherical
-from sphere_mapping.stitching.kernels import compare_along_columns, step_disparity
+from sphere_mapping.stitching.kernels import align_along_columns, smooth
 from sphere_mapping.stitching.params import MatchParams
 
 Plane = NDArray[np.float32]
@@ -24,9 +24,12 @@ Image = NDArray[np.uint8]
 
 SGBM_SCALE = 16.0  # the matcher's disparities are sixteenths of a pixel
 AROUND = 48  # columns beyond the seam that the matcher sees, so that it knows no seam
-NUM_STRIPS = 2  # whatever the number of threads, so that the result does not depend on it
+NUM_STRIPS = 2  # of a whole sphere, whatever the number of threads, so that the result does not depend on it
+SMOOTH_LIMIT, SMOOTH_SHARE = 1.0, 0.03  # px, and by the disparity: neighbours that differ more are not averaged
 STEP_LIMIT = 0.5  # px, largest step of the refinement
+MIN_BLOCK_SHARE = 0.2  # of a block's pixels must have a match
 MAX_REFINEMENT = 1.6  # px; a block that wants to go farther from its match is not trusted
+UNKNOWN_PX = 1e4  # stands for unknown where the largest or least is looked for
 SATURATION = 31  # preFilterCap of the matcher
 
 
@@ -44,7 +47,7 @@ def match_columns(
     """Return the disparity (H, W) of the upper image; both are (H, W) grey, `is_usable` where both show something."""
     halvings = max(int(np.ceil(np.log2(window.full_width / params.match_width))), 0)
     small = [_shrunk(image, halvings, window.is_whole) for image in (top, bottom)]
-    coarse = match_semi_globally(small[0], small[1], window, params, jobs)
+    coarse = _smoothed_around(match_semi_globally(small[0], small[1], window, params, jobs), params, window.is_whole)
     coarse[_at_jumps(coarse, params, is_whole=window.is_whole)] = np.nan
     for _ in range(halvings):
         coarse = 2 * np.repeat(np.repeat(coarse, 2, axis=0), 2, axis=1)
@@ -64,15 +67,18 @@ def match_semi_globally(top: Image, bottom: Image, window: Spherical, params: Ma
     across = [np.ascontiguousarray(image.T) for image in (top, bottom)]  # columns become the matcher's rows
     border = cv2.BORDER_WRAP if window.is_whole else cv2.BORDER_REPLICATE
     margin = count + first
-    padded = [cv2.copyMakeBorder(image, AROUND, AROUND, 0, 0, border) for image in across]
+    around, number = (AROUND, NUM_STRIPS) if window.is_whole else (0, 1)
+    padded = [cv2.copyMakeBorder(image, around, around, 0, 0, border) for image in across]
     padded = [cv2.copyMakeBorder(image, 0, 0, max(margin, 0), max(-first, 0), cv2.BORDER_REPLICATE) for image in padded]
-    length = -(-across[0].shape[0] // NUM_STRIPS)
-    strips = [slice(k * length, min((k + 1) * length, across[0].shape[0]) + 2 * AROUND) for k in range(NUM_STRIPS)]
+    length, last = -(-across[0].shape[0] // number), across[0].shape[0]
+    strips = [slice(k * length, min((k + 1) * length, last) + 2 * around) for k in range(number)]
     with ThreadPoolExecutor(jobs) as pool:
         found = list(
             pool.map(lambda strip: _matcher(params, first, count).compute(padded[0][strip], padded[1][strip]), strips)
         )
-    raw = np.concatenate([part[AROUND:-AROUND] for part in found])[:, max(margin, 0) :][:, : across[0].shape[1]]
+    raw = np.concatenate([part[around : len(part) - around] for part in found])[:, max(margin, 0) :][
+        :, : across[0].shape[1]
+    ]
     disparity = raw.astype(np.float32) / np.float32(SGBM_SCALE)
     rows = np.arange(raw.shape[1], dtype=np.float32)
     disparity[(raw < SGBM_SCALE * first) | (rows - disparity < 0)] = np.nan  # no match, or beyond the pole
@@ -88,32 +94,30 @@ def refine(
     with noise of variance s^2 in both images its variance is 2 s^2 / sum of squared slopes. What the calibration leaves
     comes on top.
     """
-    radius = params.refine_radius
+    margin = params.refine_radius * (2 * params.refine_steps + 1)  # columns whose disparity a strip's own ones see
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
-    planes = [cv2.copyMakeBorder(image, 0, 0, radius, radius, border).astype(np.float32) for image in (top, bottom)]
-    start = cv2.copyMakeBorder(coarse, 0, 0, radius, radius, border)
+    planes = [cv2.copyMakeBorder(plane, 0, 0, margin, margin, border) for plane in (top, bottom, coarse)]
     length = -(-coarse.shape[1] // NUM_STRIPS)
-    strips = [slice(k * length, min((k + 1) * length, coarse.shape[1]) + 2 * radius) for k in range(NUM_STRIPS)]
+    strips = [slice(k * length, min((k + 1) * length, coarse.shape[1]) + 2 * margin) for k in range(NUM_STRIPS)]
 
     def work(strip: slice) -> tuple[Plane, Plane]:
-        above, below, first = (np.ascontiguousarray(plane[:, strip]) for plane in (*planes, start))
-        return _refine_strip(above, below, first, params)
+        above, below, start = (np.ascontiguousarray(plane[:, strip]) for plane in planes)
+        return _refine_strip(above, below, start, margin, params)
 
     with ThreadPoolExecutor(jobs) as pool:
         parts = list(pool.map(work, strips))
     return Disparity(*(np.concatenate([part[k] for part in parts], axis=1) for k in range(2)))
 
 
-def _refine_strip(top: Plane, bottom: Plane, start: Plane, params: MatchParams) -> tuple[Plane, Plane]:
-    side = 2 * params.refine_radius + 1
+def _refine_strip(top: Image, bottom: Image, start: Plane, margin: int, params: MatchParams) -> tuple[Plane, Plane]:
+    area = (2 * params.refine_radius + 1) ** 2
+    start, spare = _smoothed(start, np.empty_like(start), params), np.empty_like(start)
     refined, information, left = start.copy(), np.empty_like(start), np.empty_like(start)
-    terms = np.empty((*start.shape, 6), np.float32)
-    limits = np.array([STEP_LIMIT, side * side, params.noise**2, params.match_px**2], np.float32)
+    limits = np.array([STEP_LIMIT, MIN_BLOCK_SHARE * area, params.noise**2, params.match_px**2], np.float32)
     for _ in range(params.refine_steps):
-        compare_along_columns(top, bottom, refined, terms)
-        means = cv2.boxFilter(terms, -1, (side, side), borderType=cv2.BORDER_REPLICATE)
-        step_disparity(means, limits, start, refined, information, left)
-    inner = slice(params.refine_radius, -params.refine_radius)
+        align_along_columns(top, bottom, start, limits, params.refine_radius, refined, information, left)
+        refined = _smoothed(refined, spare, params)
+    inner = slice(margin, -margin)
     refined, start, information, left = (plane[:, inner] for plane in (refined, start, information, left))
     with np.errstate(invalid="ignore", divide="ignore"):
         bad = ~(np.abs(refined - start) <= MAX_REFINEMENT) | ~(left <= params.max_residual)
@@ -122,17 +126,40 @@ def _refine_strip(top: Plane, bottom: Plane, start: Plane, params: MatchParams) 
     return np.where(bad, np.float32(np.nan), refined), np.where(bad, np.float32(np.nan), std)
 
 
+def _smoothed(disparity: Plane, spare: Plane, params: MatchParams) -> Plane:
+    out = np.empty_like(disparity)
+    smooth(disparity, params.refine_radius, np.float32(SMOOTH_LIMIT), np.float32(SMOOTH_SHARE), spare, out)
+    return out
+
+
+def _smoothed_around(disparity: Plane, params: MatchParams, is_whole: bool) -> Plane:
+    """Return the disparity without the stairs that whole pixels make of slanted surfaces."""
+    margin = 2 * params.refine_radius
+    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    padded = cv2.copyMakeBorder(disparity, 0, 0, margin, margin, border)
+    return np.ascontiguousarray(_smoothed(padded, np.empty_like(padded), params)[:, margin:-margin])
+
+
 def _at_jumps(disparity: Plane, params: MatchParams, *, is_whole: bool) -> NDArray[np.bool_]:
-    """Return the pixels next to a jump of disparity: blocks there see two surfaces, the nearer one looks too large."""
+    """Return the pixels next to a jump of disparity: blocks there see two surfaces, the nearer one looks too large.
+
+    What a slanted surface changes by over the neighbourhood, at the least step from pixel to pixel in it, is no jump.
+    """
     radius = params.edge_px
     if radius == 0:
         return np.zeros(disparity.shape, np.bool_)
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
-    padded = cv2.copyMakeBorder(disparity, 0, 0, radius, radius, border)
+    padded = cv2.copyMakeBorder(disparity, 0, 0, radius + 1, radius + 1, border)
     known, kernel = ~np.isnan(padded), np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
-    high = cv2.dilate(np.where(known, padded, np.float32(-1e4)), kernel)[:, radius:-radius]
-    low = cv2.erode(np.where(known, padded, np.float32(1e4)), kernel)[:, radius:-radius]
-    return high - low > np.maximum(np.float32(params.jump_px), np.float32(params.jump_share) * high)
+    high = cv2.dilate(np.where(known, padded, np.float32(-UNKNOWN_PX)), kernel)
+    low = cv2.erode(np.where(known, padded, np.float32(UNKNOWN_PX)), kernel)
+    slant = np.zeros_like(padded)
+    for axis in range(2):
+        step = np.abs(np.diff(padded, axis=axis, append=np.nan))
+        least = cv2.erode(np.where(np.isnan(step), np.float32(UNKNOWN_PX), step), kernel)
+        slant += np.where(least < UNKNOWN_PX, 2 * radius * least, np.float32(0.0))
+    limit = np.maximum(np.float32(params.jump_px), np.float32(params.jump_share) * high) + slant
+    return (high - low > limit)[:, radius + 1 : -radius - 1]
 
 
 def _matcher(params: MatchParams, first: int, count: int) -> cv2.StereoSGBM:

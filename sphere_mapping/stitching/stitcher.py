@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_geometry import SE3, Rig, Spherical
-from sphere_mapping.sphere import Sphere, check_image, continued
+from sphere_mapping.sphere import Sphere, check_depth, check_image, continued
 from sphere_mapping.stitching.blending import blended
 from sphere_mapping.stitching.epipolar import (
     centre_of,
@@ -26,10 +26,11 @@ from sphere_mapping.stitching.epipolar import (
     to_common_centre,
 )
 from sphere_mapping.stitching.exposure import exposed, gains_of, overlaps_of
-from sphere_mapping.stitching.fusion import Ranged, fused, range_from_cloud
+from sphere_mapping.stitching.fusion import Ranged, fused, range_from_cloud, range_from_depth
 from sphere_mapping.stitching.matching import match_columns
 from sphere_mapping.stitching.pairs import pairs_of, range_of_pair
-from sphere_mapping.stitching.params import StitchParams
+from sphere_mapping.stitching.params import RectifyParams, StitchParams
+from sphere_mapping.stitching.rectification import Matches, matches_of
 from sphere_mapping.stitching.views import Layout, Seat, border_of, layout_of
 
 Image = NDArray[np.uint8]
@@ -53,8 +54,9 @@ class Stitcher:
         self, rig: Rig, params: StitchParams | None = None, masks: Mapping[str, Image] | None = None, jobs: int = 1
     ) -> None:
         self.rig, self.params, self.jobs = rig, params or StitchParams(), jobs
-        if self.params.width % 64:
-            raise ValueError(f"stitch.width: expected a multiple of 64, found {self.params.width}")
+        align = max(64, 2 << self.params.blend.num_bands)
+        if self.params.width % align:
+            raise ValueError(f"stitch.width: expected a multiple of {align}, found {self.params.width}")
         self.whole = Spherical(self.params.width, self.params.width // 2)
         self.T_rig_sphere, self.baseline_m = sphere_frame(rig)
         masks = masks or {}
@@ -74,29 +76,42 @@ class Stitcher:
         )
         self._layouts: dict[tuple[str, tuple[str, ...]], Layout] = {}
         is_searched = self.params.range != "none" and not rig.is_vertical
-        self.pairs = pairs_of(rig, self._seats, self.params) if is_searched else []
+        self.pairs = pairs_of(rig, self._seats, self.whole, self.params) if is_searched else []
 
     def stitch(
-        self, images: Mapping[str, Image], stamp_ns: int = 0, points_rig: NDArray[np.floating] | None = None
+        self,
+        images: Mapping[str, Image],
+        stamp_ns: int = 0,
+        points_rig: NDArray[np.floating] | None = None,
+        depths: Mapping[str, NDArray[np.floating]] | None = None,
     ) -> Stitched:
         """Return the sphere of one instant from the images by camera, all grey or all RGB; cameras may be missing.
 
-        points_rig (N, 3): a LiDAR's cloud of the instant in the frame of the rig.
+        points_rig (N, 3): a LiDAR's cloud of the instant in the frame of the rig. depths: of RGB-D cameras, (h, w) m
+        along the axis, registered to the image.
         """
         found, gains = self._exposed(images)
         greys = {name: _grey(image) for name, image in found.items()}
         sources, bottom = self._ranges(greys)
+        for name, depth_m in (depths or {}).items():
+            check_depth(depth_m, self.rig.camera(name).camera, f"{name}: depth")
+            sources.append(range_from_depth(depth_m, self._seats[name], self.whole, self.params.fusion))
         if points_rig is not None:
             points_sphere = self.T_rig_sphere.inverse().apply(np.asarray(points_rig, dtype=np.float64))
             sources.append(range_from_cloud(points_sphere, self.whole, self.params.fusion))
         layout = self.layout("top" if self.rig.is_vertical else "", tuple(found))
         nothing = np.full((self.whole.height, self.whole.width), np.nan, np.float32)
         range_m, std_m = fused(sources, self.params.fusion) if sources else (nothing, nothing.copy())
-        image = blended(layout, found, self._inverse(range_m, layout))
+        image = blended(layout, found, self.inverse_of(range_m, layout))
         range_m[~layout.is_covered] = np.nan
         std_m[~np.isfinite(range_m)] = np.nan
         missing = tuple(name for name in self.rig.names if name not in found)
         return Stitched(Sphere(image, range_m, self.whole, stamp_ns, std_m), bottom, missing, gains)
+
+    def matches(self, images: Mapping[str, Image], params: RectifyParams) -> list[Matches]:
+        """Return the features that cameras share at one instant, for `rectified`."""
+        greys = {name: _grey(image) for name, image in self._exposed(images)[0].items()}
+        return matches_of(list(self._seats.values()), greys, params)
 
     def layout(self, level: str, present: tuple[str, ...]) -> Layout:
         """Return the views of a level's cameras that are present; ValueError if there are none."""
@@ -169,15 +184,15 @@ class Stitcher:
     ) -> tuple[Image, Image]:
         """Return both grey spheres: of a common distance, or of the range that the top one has."""
         inverses: list[NDArray[np.float32] | None] = [None, None]
-        if range_m is not None and (inverse := self._inverse(range_m, layouts[0])) is not None:
+        if range_m is not None and (inverse := self.inverse_of(range_m, layouts[0])) is not None:
             above = (1.0 / np.maximum(inverse, 1e-4)).astype(np.float32)
             below = range_from_below(above, self.whole, self.baseline_m)
-            inverses = [inverse, self._inverse(below, layouts[1])]
+            inverses = [inverse, self.inverse_of(below, layouts[1])]
         with ThreadPoolExecutor(self.jobs) as pool:
             top, bottom = pool.map(lambda pair: blended(pair[0], greys, pair[1]), zip(layouts, inverses, strict=True))
         return top, bottom
 
-    def _inverse(self, range_m: NDArray[np.float32], layout: Layout) -> NDArray[np.float32] | None:
+    def inverse_of(self, range_m: NDArray[np.float32], layout: Layout) -> NDArray[np.float32] | None:
         """Return 1 / range everywhere, from the nearest known pixel where unknown; None where too little is known."""
         known, blend = ~np.isnan(range_m), self.params.blend
         share = np.count_nonzero(known) / max(int(np.count_nonzero(layout.is_covered)), 1)

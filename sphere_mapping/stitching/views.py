@@ -1,20 +1,23 @@
 """Which pixel of which camera a pixel of the sphere is, computed once for every set of cameras that deliver.
 
-Each direction belongs to the camera that sees it farthest from its border; a band around that region, wide enough for
-the blending, is the camera's *block* of the sphere. Blocks are cut out modulo the columns, so nothing knows a seam.
+Each direction belongs to the camera that sees it farthest from its border; that region and a band around it, wide
+enough for the blending, is the camera's *block* of the sphere. Blocks are cut out modulo the columns: nothing knows a
+seam.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_geometry import SE3, Camera, RigCamera, Spherical
+from sphere_geometry import SE3, Camera, Rig, RigCamera, Spherical
 from sphere_geometry.camera import pixel_grid
+from sphere_mapping.stitching.strips import OUTSIDE, Block, Strip, strips_of
 
 Plane = NDArray[np.float32]
 Flags = NDArray[np.bool_]
@@ -22,7 +25,6 @@ Flags = NDArray[np.bool_]
 COARSE = 8  # every so many pixels while the blocks are looked for
 GRID_STEP = 8  # px of the sphere between the entries of a table by range
 INVERSE_LEVELS = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 2.0, 4.0], dtype=np.float32)  # 1/m
-OUTSIDE = -1
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,34 +48,15 @@ class Seat:
         return u, v, np.where(visible, np.maximum(border, 0.0), np.float32(0.0))
 
 
-@dataclass(frozen=True)
-class Block:
-    """Rows and columns of a sphere; columns count on beyond the last one, which wraps around."""
-
-    row: int
-    column: int
-    height: int
-    width: int
-
-    def at(self, level: int) -> Block:
-        """Return the block in a pyramid level."""
-        return Block(self.row >> level, self.column >> level, self.height >> level, self.width >> level)
-
-    def cut(self, plane: NDArray) -> NDArray:
-        """Return a copy of what the block covers of a plane (H, W, ...)."""
-        columns = np.arange(self.column, self.column + self.width) % plane.shape[1]
-        return np.take(plane[self.row : self.row + self.height], columns, axis=1)
-
-
 @dataclass(frozen=True, eq=False)
 class View:
-    """One camera's part in a sphere: where its pixels are, and its weight in each band."""
+    """One camera's part in a sphere: where its pixels are, and which of the block's pixels it alone shows."""
 
     seat: Seat
     block: Block
     table: tuple[NDArray, NDArray]  # fixed-point maps of cv2.remap at the common distance
-    weights: tuple[Plane, ...]  # a band each, the finest first
-    by_range: tuple[Plane, Plane]  # u, v (K, gh, gw) at every GRID_STEP-th pixel and each of INVERSE_LEVELS
+    is_owned: NDArray[np.uint8]  # (h, w), 255 where the sphere shows this camera
+    by_range: Plane  # (gh, gw, K, 2): u, v at every GRID_STEP-th pixel and each of INVERSE_LEVELS
 
     @property
     def name(self) -> str:
@@ -83,11 +66,12 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """All views of a sphere; owner (H, W) int8 says which view shows a pixel, -1 none."""
+    """All views of a sphere; owner (H, W) int8 says which view shows a pixel, -1 none; strips are where views mix."""
 
     whole: Spherical
     views: tuple[View, ...]
     owner: NDArray[np.int8]
+    strips: tuple[Strip, ...]
 
     @property
     def is_covered(self) -> Flags:
@@ -99,6 +83,18 @@ class Layout:
         """Centres of the cameras (N, 3) in the frame of the sphere."""
         centres = [view.seat.T_sphere_camera.translation for view in self.views]
         return np.array(centres, dtype=np.float32).reshape(-1, 3)
+
+
+def masks_of(rig: Rig) -> dict[str, NDArray[np.uint8]]:
+    """Read the masks of a rig's cameras; ValueError for a file that is no image."""
+    found = {}
+    for part in rig.cameras:
+        if part.mask is not None:
+            image = cv2.imdecode(np.fromfile(Path(part.mask), np.uint8), cv2.IMREAD_GRAYSCALE)
+            if image is None:
+                raise ValueError(f"{part.mask}: mask of {part.name}: expected an image, found none")
+            found[part.name] = image.astype(np.uint8)
+    return found
 
 
 def border_of(part: RigCamera, mask: NDArray[np.uint8] | None) -> Plane:
@@ -132,12 +128,11 @@ def layout_of(seats: Sequence[Seat], whole: Spherical, distance_m: float, num_ba
         best[rows, columns] = np.where(is_better, border_once, best[rows, columns])
         owner[rows, columns] = np.where(is_better, np.int8(number), owner[rows, columns])
         looks.append((u, v, border))
-    weights = _weights(owner, len(kept), num_bands)
     views = []
     for number, ((seat, block), look) in enumerate(zip(kept, looks, strict=True)):
-        own = tuple(_cut_once(plane, block.at(level)) for level, plane in enumerate(weights[number]))
-        views.append(View(seat, block, _table(*look), own, _by_range(seat, whole, block)))
-    return Layout(whole, tuple(views), owner)
+        is_owned = _cut_once((owner == number).astype(np.uint8) * np.uint8(255), block)
+        views.append(View(seat, block, _table(*look), is_owned, _by_range(seat, whole, block)))
+    return Layout(whole, tuple(views), owner, strips_of(owner, len(kept), num_bands))
 
 
 def block_around(is_wanted: Flags, whole: Spherical, step: int, margin: int, align: int) -> Block | None:
@@ -196,41 +191,14 @@ def _table(u: Plane, v: Plane, border: Plane) -> tuple[NDArray, NDArray]:
     return cv2.convertMaps(u, v, cv2.CV_16SC2)
 
 
-def _by_range(seat: Seat, whole: Spherical, block: Block) -> tuple[Plane, Plane]:
+def _by_range(seat: Seat, whole: Spherical, block: Block) -> Plane:
     rays = rays_of(whole, block, GRID_STEP)
-    planes = [seat.look(rays / max(float(inverse), 1e-6))[:2] for inverse in INVERSE_LEVELS]
-    return np.stack([plane[0] for plane in planes]), np.stack([plane[1] for plane in planes])
+    planes = [np.stack(seat.look(rays / max(float(inverse), 1e-6))[:2], axis=-1) for inverse in INVERSE_LEVELS]
+    return np.ascontiguousarray(np.stack(planes, axis=2))
 
 
-def _weights(owner: NDArray[np.int8], number: int, num_bands: int) -> list[list[Plane]]:
-    """Return the share (H >> l, W >> l) of each view in each band: its region, blurred; 1 in all where covered."""
-    pyramids = []
-    for k in range(number):
-        levels = [(owner == k).astype(np.float32)]
-        for _ in range(num_bands):
-            levels.append(halved_around(levels[-1]))
-        pyramids.append(levels)
-    for level in range(num_bands + 1):
-        total = np.sum([levels[level] for levels in pyramids], axis=0)
-        for levels in pyramids:
-            levels[level] = np.where(total > 1e-3, levels[level] / np.maximum(total, 1e-3), np.float32(0.0))
-    return pyramids
-
-
-def _cut_once(plane: Plane, block: Block) -> Plane:
+def _cut_once(plane: NDArray[np.uint8], block: Block) -> NDArray[np.uint8]:
     """Return the block's part, 0 where its columns come a second time."""
     part = np.ascontiguousarray(block.cut(plane))
-    part[:, plane.shape[1] :] = 0.0
+    part[:, plane.shape[1] :] = 0
     return part
-
-
-def halved_around(plane: NDArray) -> NDArray:
-    """Return the next pyramid level of a whole sphere (H, W[, C]), whose columns wrap around."""
-    padded = cv2.copyMakeBorder(plane, 0, 0, 4, 4, cv2.BORDER_WRAP)
-    return cv2.pyrDown(padded)[:, 2:-2]
-
-
-def doubled_around(plane: NDArray) -> NDArray:
-    """Return a level of a whole sphere at the size of the next finer one."""
-    padded = cv2.copyMakeBorder(plane, 0, 0, 2, 2, cv2.BORDER_WRAP)
-    return cv2.pyrUp(padded)[:, 4:-4]

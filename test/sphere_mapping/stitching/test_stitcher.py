@@ -3,43 +3,13 @@
 import cv2
 import numpy as np
 import pytest
+from rig_world import LENS, OPTICAL, RADIUS, WIDTH, depth_of, seen, truth, vertical_rig
 
-from sphere_geometry import SE3, Fisheye, Rig, RigCamera, Spherical
-from sphere_geometry.camera import pixel_grid
-from sphere_mapping.stitching import blending, epipolar, exposure, fusion, kernels, matching, pairs, views  # noqa: F401
-from sphere_mapping.stitching.params import FusionParams, StitchParams
+from sphere_geometry import SE3, Rig, RigCamera
+from sphere_mapping.stitching import blending, epipolar, exposure, kernels, matching, pairs, views  # noqa: F401
+from sphere_mapping.stitching.params import StitchParams
 from sphere_mapping.stitching.stitcher import Stitcher
 from typed_params import build
-
-OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
-LENS = Fisheye(160, 160, 48.0, 48.0, 79.5, 79.5)
-RADIUS = 3.0  # m, of the sphere of texture
-WIDTH = 256
-
-
-def texture(points):
-    """Grey levels (...,) of directions: smooth, without period, the same for every camera."""
-    rays = points / np.linalg.norm(points, axis=-1, keepdims=True)
-    waves = np.random.default_rng(0).normal(size=(24, 3)) * 9
-    return 128 + 14 * np.sum(np.sin(rays @ waves.T + np.arange(24)), axis=-1)
-
-
-def seen(part):
-    """What a camera sees: its rays meet the sphere of texture around the rig's origin."""
-    rays = part.T_rig_camera.rotation @ np.nan_to_num(LENS.unproject(pixel_grid(LENS)), nan=0.5)[..., None]
-    rays, origin = rays[..., 0], part.T_rig_camera.translation
-    along = rays @ origin
-    reach = -along + np.sqrt(along**2 + RADIUS**2 * np.sum(rays * rays, axis=-1) - origin @ origin)
-    return np.clip(np.rint(texture(origin + reach[..., None] * rays)), 1, 255).astype(np.uint8)
-
-
-def vertical_rig():
-    parts = []
-    for level, z in (("top", 0.15), ("bottom", -0.15)):
-        for name, azimuth in (("front", 0.0), ("left", 2.1), ("right", -2.1)):
-            pose = SE3.from_planar(0.0, 0.0, azimuth) @ SE3.from_parts(OPTICAL, [0.02, 0.0, z])
-            parts.append(RigCamera(f"{level}_{name}", LENS, pose, exposure_group=f"{name}", level=level))
-    return Rig(tuple(parts))
 
 
 @pytest.fixture(scope="module")
@@ -51,14 +21,6 @@ def stitcher():
 @pytest.fixture(scope="module")
 def images(stitcher):
     return {part.name: seen(part) for part in stitcher.rig.cameras}
-
-
-def truth(stitcher):
-    rays = stitcher.whole.unproject(pixel_grid(stitcher.whole))
-    z = stitcher.T_rig_sphere.translation[2]
-    range_m = -rays[..., 2] * z + np.sqrt((rays[..., 2] * z) ** 2 + RADIUS**2 - z * z)
-    points = rays * range_m[..., None] + stitcher.T_rig_sphere.translation
-    return texture(points), range_m
 
 
 def test_image_and_range_are_those_of_the_scene(stitcher, images):
@@ -122,19 +84,31 @@ def test_two_cameras_side_by_side_give_range():
     assert np.nanmedian(np.abs(found.range_m[found.measured] - RADIUS)) / RADIUS < 0.03
 
 
-def test_ranges_are_fused_by_their_variance():
-    def plane(value):
-        return np.full((2, 2), value, np.float32)
+def test_depth_of_rgbd_cameras_is_a_source_of_range(stitcher, images):
+    """Without stereo the range is that of the cameras' own depth, everywhere a camera of the top level sees."""
+    own = Stitcher(stitcher.rig, build(StitchParams, {"width": WIDTH, "range": "none"}))
+    top = [part for part in stitcher.rig.cameras if part.level == "top"]
+    sphere = own.stitch(images, depths={part.name: depth_of(part) for part in top}).sphere
+    _, range_m = truth(own)
+    assert sphere.measured.mean() > 0.9  # the poles lie beside all three axes: depth along them says little there
+    relative = np.abs(sphere.range_m - range_m)[sphere.measured] / range_m[sphere.measured]
+    assert np.percentile(relative, 99) < 0.01  # a pixel of the camera is drawn over two of the sphere
 
-    near, nearly, other = (plane(10.0), plane(0.1)), (plane(10.2), plane(0.1)), (plane(20.0), plane(1.0))
-    range_m, std_m = fusion.fused([other, near, nearly], FusionParams())
-    np.testing.assert_allclose(range_m, 10.1, atol=1e-5)
-    np.testing.assert_allclose(std_m, 0.1 / np.sqrt(2), rtol=1e-5)
+
+def test_depth_sharpens_the_range_of_stereo(stitcher, images):
+    top = [part for part in stitcher.rig.cameras if part.level == "top"]
+    both = stitcher.stitch(images, depths={part.name: depth_of(part) for part in top}).sphere
+    _, range_m = truth(stitcher)
+    alone = stitcher.stitch(images).sphere
+    errors = [np.nanmedian(np.abs(sphere.range_m - range_m)) for sphere in (both, alone)]
+    assert errors[0] < 0.5 * errors[1]
 
 
-def test_the_nearest_point_of_a_cloud_hides_the_others():
-    whole = Spherical(64, 32)
-    range_m, _ = fusion.range_from_cloud(
-        np.array([[5.0, 0.0, 0.0], [9.0, 0.0, 0.0], [np.nan, 0, 0]]), whole, FusionParams()
-    )
-    assert np.nanmin(range_m) == np.nanmax(range_m) == 5.0
+def test_depth_of_a_wrong_size_is_refused_by_name(stitcher, images):
+    with pytest.raises(ValueError, match="top_left: depth: expected 160 x 160"):
+        stitcher.stitch(images, depths={"top_left": np.ones((4, 4), np.float32)})
+
+
+def test_a_width_that_the_bands_do_not_divide_is_refused(stitcher):
+    with pytest.raises(ValueError, match=r"stitch.width: expected a multiple of 64, found 100"):
+        Stitcher(stitcher.rig, build(StitchParams, {"width": 100}))

@@ -1,0 +1,140 @@
+"""Where views of a sphere mix: strips along the seams. Everywhere else a pixel is one camera's, to the grey level."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+Plane = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+OUTSIDE = -1  # owner of a pixel that no camera shows
+CAP = 128  # rows next to a pole, where seams spread over many columns, make strips of their own
+ALONE = 0.999  # share above which a view has a pixel to itself
+
+
+@dataclass(frozen=True)
+class Block:
+    """Rows and columns of a sphere; columns count on beyond the last one, which wraps around."""
+
+    row: int
+    column: int
+    height: int
+    width: int
+
+    def at(self, level: int) -> Block:
+        """Return the block in a pyramid level."""
+        return Block(self.row >> level, self.column >> level, self.height >> level, self.width >> level)
+
+    def cut(self, plane: NDArray) -> NDArray:
+        """Return a copy of what the block covers of a plane (H, W, ...)."""
+        columns = np.arange(self.column, self.column + self.width) % plane.shape[1]
+        return np.take(plane[self.row : self.row + self.height], columns, axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class Strip:
+    """A block of the sphere in which views mix; of it, `inner` (rows, columns of the block) is shown.
+
+    weights: by number of the view, its share (h >> l, w >> l) in each band, the finest first.
+    """
+
+    block: Block
+    inner: tuple[slice, slice]
+    weights: dict[int, tuple[Plane, ...]]
+
+
+def strips_of(owner: NDArray[np.int8], number: int, num_bands: int) -> tuple[Strip, ...]:
+    """Return the strips of a sphere whose pixels (H, W) belong to views 0 to number - 1."""
+    weights = _weights(owner, number, num_bands)
+    mixed = _mixed(weights)
+    margin = 4 << num_bands
+    found = []
+    for rows in _bands(owner.shape[0], 1 << num_bands):
+        for first, last in _runs(mixed[rows].any(axis=0), 2 * margin, 1 << num_bands):
+            block, inner = _with_margin(rows, first, last, owner.shape, margin)
+            shares = {
+                k: tuple(b.cut(w) for b, w in zip(_levels(block, num_bands), weights[k], strict=True)) for k in weights
+            }
+            found.append(Strip(block, inner, {k: own for k, own in shares.items() if any(w.any() for w in own)}))
+    return tuple(found)
+
+
+def _weights(owner: NDArray[np.int8], number: int, num_bands: int) -> dict[int, list[Plane]]:
+    """Return the share (H >> l, W >> l) of each view in each band: its region, blurred; 1 in all where covered."""
+    pyramids = {}
+    for k in range(number):
+        levels = [(owner == k).astype(np.float32)]
+        for _ in range(num_bands):
+            levels.append(_halved_around(levels[-1]))
+        pyramids[k] = levels
+    for level in range(num_bands + 1):
+        total = np.sum([levels[level] for levels in pyramids.values()], axis=0)
+        for levels in pyramids.values():
+            levels[level] = np.where(total > 1e-3, levels[level] / np.maximum(total, 1e-3), np.float32(0.0))
+    return pyramids
+
+
+def _mixed(weights: dict[int, list[Plane]]) -> Flags:
+    """Return the pixels (H, W) that more than one view has a share in, through any band."""
+    found: Flags | None = None
+    for level in reversed(range(len(weights[0]))):
+        highest = np.max([levels[level] for levels in weights.values()], axis=0)
+        here = (highest > 0) & (highest < ALONE)
+        if found is not None:
+            wide = np.repeat(np.repeat(found, 2, axis=0), 2, axis=1).astype(np.uint8)
+            padded = cv2.copyMakeBorder(wide, 0, 0, 2, 2, cv2.BORDER_WRAP)
+            here |= cv2.dilate(padded, np.ones((5, 5), np.uint8))[:, 2:-2][: here.shape[0], : here.shape[1]] > 0
+        found = here
+    assert found is not None
+    return found
+
+
+def _bands(height: int, align: int) -> Iterator[slice]:
+    """Yield the rows of the caps and of what is between."""
+    cap = min(CAP, height // 4) // align * align
+    edges = [0, cap, height - cap, height] if cap else [0, height]
+    for first, last in pairwise(edges):
+        yield slice(first, last)
+
+
+def _runs(columns: Flags, gap: int, align: int) -> list[tuple[int, int]]:
+    """Return first and last (beyond the last one the columns wrap around) of runs that are farther apart than gap."""
+    width = columns.size
+    at = np.flatnonzero(columns)
+    if at.size == 0:
+        return []
+    steps = np.diff(np.append(at, at[0] + width))
+    breaks = np.flatnonzero(steps > gap)
+    if breaks.size == 0:
+        return [(0, width)]
+    firsts, lasts = at[(breaks + 1) % at.size], at[np.roll(breaks, -1)]
+    found = []
+    for first, last in zip(firsts, lasts, strict=True):
+        begin, end = int(first) // align * align, -(-(int(last) + 1) // align) * align
+        found.append((begin, end if end > begin else end + width))
+    return found
+
+
+def _with_margin(
+    rows: slice, first: int, last: int, shape: tuple[int, ...], margin: int
+) -> tuple[Block, tuple[slice, slice]]:
+    top, bottom = max(rows.start - margin, 0), min(rows.stop + margin, shape[0])
+    side = margin if last - first == shape[1] else 0  # one view has a run's ends to itself; a whole round has none
+    block = Block(top, (first - side) % shape[1], bottom - top, last - first + 2 * side)
+    return block, (slice(rows.start - top, rows.stop - top), slice(side, side + last - first))
+
+
+def _levels(block: Block, num_bands: int) -> list[Block]:
+    return [block.at(level) for level in range(num_bands + 1)]
+
+
+def _halved_around(plane: NDArray) -> NDArray:
+    """Return the next pyramid level of a whole sphere (H, W), whose columns wrap around."""
+    padded = cv2.copyMakeBorder(plane, 0, 0, 4, 4, cv2.BORDER_WRAP)
+    return cv2.pyrDown(padded)[:, 2:-2]
