@@ -301,6 +301,34 @@ def test_a_map_that_is_not_there_refuses_to_start(tmp_path):
         Bench(tmp_path / "none")
 
 
+def test_the_pose_of_another_localiser_starts_the_search(map_path, pictures):
+    bench = Bench(map_path, start__automatic=False)
+    assert bench.see(pictures[0])["/status"].state == "NOT_LOCALISED"
+    T_map_base = drive(1)[0] @ T_BASE_CAMERA.inverse()
+    offered = T_map_base @ SE3.from_planar(0.1, -0.1, 0.03)  # as good as bare geometry knows it
+    bench.send("/other/pose", se3_to_pose_with_covariance(offered, 0.04 * np.eye(6), bench.now, "map"))
+    answers = bench.follow(pictures[1:7])
+    assert answers[-1]["/status"].state == "TRACKING"
+    T_map_base, _ = pose_with_covariance_to_se3(answers[-1]["/pose"], "map")
+    assert T_map_base.distance(drive(7)[6] @ T_BASE_CAMERA.inverse())[0] < 2 * MAX_M
+    assert "agreement" not in bench.node.reports  # it had no pose to compare then
+
+
+def test_another_localiser_that_contradicts_is_told_and_changes_nothing(map_path, pictures):
+    bench = Bench(map_path)
+    for k, picture in enumerate(pictures[:9]):
+        bench.see(picture)
+        T_map_base = drive(9)[k] @ T_BASE_CAMERA.inverse() @ SE3.from_planar(0.0, 0.05 if k < 8 else 2.0, 0.0)
+        bench.send("/other/pose", se3_to_pose_with_covariance(T_map_base, 0.01 * np.eye(6), bench.now, "map"))
+        if k == 7:
+            assert bench.node.reports["agreement"][0] == 0
+    level, text, values = bench.node.reports["agreement"]
+    assert level == 2
+    assert "limit 4.0" in text
+    assert values["metres"] == pytest.approx(2.0, abs=0.1)
+    assert bench.see(pictures[9])["/status"].state == "TRACKING"
+
+
 # --- over DDS
 @pytest.fixture
 def process(map_path):
