@@ -9,6 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
+from benchmarks import calibration_reference
 from benchmarks import calibration_worlds as worlds
 from benchmarks.report import Bound, Report, Table
 from rig_calibration.board import Board
@@ -69,6 +70,7 @@ def _real(report: Report, folder: Path) -> None:
         lens = ", ".join(np.array2string(ours.camera(i).coefficients[:4], precision=2) for i in range(len(specs)))
         rows.append((name, f"{theirs:.5f}", f"{rms:.5f}", f"{len(ours.residuals)}", lens))
         report.bounds.append(Bound(f"{name}: RMS on the same corners by OpenCV's", 1.0001, rms / theirs, "x"))
+    calibration_reference.compare(report, folder)
     report.tables.append(Table("RMS in px, all corners", ("images", "OpenCV", "ours", "corners", "fx fy cx cy"), rows))
 
 

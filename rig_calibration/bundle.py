@@ -106,6 +106,15 @@ def _step(problem: Problem, normal: Normal, damping: float) -> tuple[Array, Arra
         inner = reduced[np.ix_(free, free)]
         scale = 1.0 / np.sqrt(np.diag(normal.shared)[free])
         scaled = inner * scale * scale[:, None] + TINY * np.eye(len(free))
-        shared[free] = -scale * linalg.lstsq(scaled, scale * right[free], check_finite=False)[0]
+        shared[free] = -scale * _solved(scaled, scale * right[free])
     poses = -(solved[:, :, -1] + solved[:, :, :-1] @ shared)
     return shared, poses
+
+
+def _solved(matrix: Array, right: Array) -> Array:
+    """Solve by Cholesky, or by the smallest of all solutions where the images leave an axis open."""
+    try:
+        found: Array = linalg.cho_solve(linalg.cho_factor(matrix, check_finite=False), right, check_finite=False)
+    except linalg.LinAlgError:
+        found = linalg.lstsq(matrix, right, check_finite=False)[0]
+    return found

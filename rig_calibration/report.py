@@ -69,15 +69,18 @@ def draw(calibration: Calibration, path: Path) -> None:
     FigureCanvasAgg(figure)
     axes = figure.subplots(2, count, squeeze=False)
     limit = max(3.0 * calibration.spread.noise_px, 1e-3)
+    rms, covered = camera_rms(calibration.start.problem, calibration.residuals, calibration.kept), coverage(calibration)
     for index, rows in seen.camera_slices:
         spec, kept = calibration.specs[index], calibration.kept[rows] > 0
         pixels, errors = seen.pixels[rows], np.nan_to_num(calibration.residuals[rows])
         size = np.linalg.norm(errors, axis=-1)
-        axes[0, index].scatter(*pixels[kept].T, c=size[kept], s=2, vmin=0, vmax=limit)
+        points = axes[0, index].scatter(*pixels[kept].T, c=size[kept], s=2, vmin=0, vmax=limit)
         axes[0, index].plot(*pixels[~kept].T, "rx", ms=3)
-        axes[0, index].set(title=spec.name, xlim=(0, spec.size[0]), ylim=(spec.size[1], 0), aspect="equal")
+        title = f"{spec.name}\nRMS {rms[index]:.3f} px, {covered[index]:.0f} % covered"
+        axes[0, index].set(title=title, xlim=(0, spec.size[0]), ylim=(spec.size[1], 0), aspect="equal")
         axes[1, index].plot(*errors[kept].T, ".", ms=1.5)
         axes[1, index].set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal", xlabel="residual in px")
+    figure.colorbar(points, ax=list(axes[0]), label="residual in px", shrink=0.8)
     figure.savefig(path, dpi=110)
 
 
