@@ -36,6 +36,8 @@ TABLE_I: Settings = {  # of N17, column ETHZ; lambda 20, alpha each 10 degrees a
     "synthesis.num_columns": 180,  # 2 degrees a pixel: a quarter of the work
     "comparison.lcn_radius_px": 5,
     "comparison.is_sky_far": True,  # outdoors the skyline is the strongest edge
+    "weight.scaling": "chance",
+    "weight.min_effective_share": 0.1,  # one image decides nothing
 }
 IMAGE_SIDE = (
     "kernels.py",
@@ -54,14 +56,14 @@ IMAGE_SIDE = (
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
     """Declare what all benchmarks in the simulator share."""
     parser.add_argument(
-        "--recordings", type=Path, default=None, help="folder of images and depth features (OUTPUT/mcl)"
+        "--mcl-folder", type=Path, default=None, help="folder of images and depth features (OUTPUT/mcl)"
     )
     parser.add_argument("--world-seed", type=int, default=11, help="seed of world, drives and filter (11)")
 
 
 def folder_of(options: argparse.Namespace) -> Path:
     """Return where recordings are kept."""
-    return options.recordings if options.recordings is not None else options.output / "mcl"
+    return options.mcl_folder if options.mcl_folder is not None else options.output / "mcl"
 
 
 def studio(world: str, options: argparse.Namespace) -> Studio:
