@@ -14,6 +14,7 @@ from sphere_geometry import SE3, DoubleSphere, Pinhole, Rig, RigCamera
 from sphere_mapping.sphere import T_BODY_OPTICAL
 
 Image = NDArray[np.uint8]
+OWN_CAR = ((-1.5, -1.2, 0.0), (4.0, 1.2, 2.2))  # m: box around the car of nuscenes, whose own roof its LiDAR sees
 
 
 def room(folder: Path) -> tuple[Image, Image]:
@@ -57,7 +58,9 @@ def nuscenes(folder: Path) -> tuple[Rig, dict[str, Image], NDArray[np.float64]]:
         cameras.append(RigCamera(name, camera, pose))
         images[name] = _rgb(folder / entry["file"])
     points = np.fromfile(folder / values["lidar"]["file"], np.float32).reshape(-1, 5)[:, :3].astype(np.float64)
-    return Rig(tuple(cameras), "nuscenes"), images, T_ego_lidar.apply(points)
+    points = T_ego_lidar.apply(points)
+    is_own = np.all((points > OWN_CAR[0]) & (points < OWN_CAR[1]), axis=1)
+    return Rig(tuple(cameras), "nuscenes"), images, points[~is_own]
 
 
 def _rgb(path: Path) -> Image:

@@ -26,7 +26,7 @@ from sphere_mapping.sphere import Sphere, continued
 from sphere_mapping.stitching.epipolar import range_from_disparity
 from sphere_mapping.stitching.matching import match_columns
 from sphere_mapping.stitching.params import RectifyParams, StitchParams
-from sphere_mapping.stitching.rectification import rectified
+from sphere_mapping.stitching.rectification import Rectified, rectified
 from sphere_mapping.stitching.stitcher import Stitcher
 from typed_params import build
 
@@ -168,7 +168,7 @@ def _fisheye(folder: Path, options: argparse.Namespace) -> list[Bound]:
     stitcher = Stitcher(rig, params, masks, options.threads)
     bounds = _top_and_bottom("fisheye_rig, as its file says", stitcher, images, options)
     better = rectified(rig, stitcher.matches(images, RectifyParams()), RectifyParams())
-    name = f"fisheye_rig, corrected by {max(better.turned_deg.values()):.2f} deg at most"
+    name = f"fisheye_rig, corrected by {_most(better)} at most"
     stitcher = Stitcher(better.rig, params, masks, options.threads)
     sphere = stitcher.stitch(images).sphere
     write_sphere(options.stitch_pictures, "fisheye_rig", sphere)
@@ -195,22 +195,26 @@ def _top_and_bottom(
 
 
 def _nuscenes(folder: Path, options: argparse.Namespace) -> list[Bound]:
+    """As the file has it, and with the rig corrected by its own images; range by LiDAR."""
     rig, images, points_rig = nuscenes(folder)
-    stitcher = Stitcher(rig, build(StitchParams, {"width": 2048, "range": "none", "blend.distance_m": 20.0}), jobs=2)
-    found = stitcher.stitch(images, 0, points_rig)
-    write_sphere(options.stitch_pictures, "nuscenes", found.sphere)
-    grey = cv2.cvtColor(found.sphere.image, cv2.COLOR_RGB2GRAY)
-    flow = seam_flow(stitcher, images, "", found.sphere.range_m, 10.0)
-    return [
-        Bound(f"nuscenes: seams beyond 10 m, median of {_of(flow)}", 1.5, flow.median, "px"),
-        Bound(
-            "nuscenes: image gradient at range edges over elsewhere",
-            1.2,
-            edge_ratio(grey, found.sphere),
-            "x",
-            is_minimum=True,
-        ),
-    ]
+    params = build(StitchParams, {"width": 2048, "range": "none", "blend.distance_m": 20.0, "blend.min_known": 0.01})
+    stitcher = Stitcher(rig, params, jobs=options.threads)
+    better = rectified(rig, stitcher.matches(images, RectifyParams()), RectifyParams())
+    corrected = Stitcher(better.rig, params, jobs=options.threads)
+    bounds = []
+    for name, one in (("as its file says", stitcher), (f"corrected by {_most(better)} at most", corrected)):
+        sphere = one.stitch(images, 0, points_rig).sphere
+        flow = seam_flow(one, images, "", sphere.range_m, 10.0)
+        what = f"nuscenes, {name}: seams beyond 10 m, median of {_of(flow)}"
+        bounds.append(Bound(what, 1.5, flow.median, "px"))
+    write_sphere(options.stitch_pictures, "nuscenes", sphere)
+    ratio = edge_ratio(cv2.cvtColor(sphere.image, cv2.COLOR_RGB2GRAY), sphere)
+    what = "nuscenes: image gradient at range edges over elsewhere"
+    return [*bounds, Bound(what, 1.2, ratio, "x", is_minimum=True)]
+
+
+def _most(better: Rectified) -> str:
+    return f"{max(better.turned_deg.values()):.2f} deg"
 
 
 def _of(flow: Flow) -> str:

@@ -192,9 +192,16 @@ def _table(u: Plane, v: Plane, border: Plane) -> tuple[NDArray, NDArray]:
 
 
 def _by_range(seat: Seat, whole: Spherical, block: Block) -> Plane:
+    """Return u, v (gh, gw, K, 2) at each inverse range; out of the camera's sight the nearest range within holds."""
     rays = rays_of(whole, block, GRID_STEP)
-    planes = [np.stack(seat.look(rays / max(float(inverse), 1e-6))[:2], axis=-1) for inverse in INVERSE_LEVELS]
-    return np.ascontiguousarray(np.stack(planes, axis=2))
+    looks = [seat.look(rays / max(float(inverse), 1e-6)) for inverse in INVERSE_LEVELS]
+    grid = np.stack([np.stack(look[:2], axis=-1) for look in looks], axis=2)
+    is_seen = np.stack([look[2] > 0 for look in looks], axis=2)
+    last = len(looks) - 1
+    for k, before in [(k, k - 1) for k in range(1, last + 1)] + [(k, k + 1) for k in range(last - 1, -1, -1)]:
+        lacks = ~is_seen[:, :, k] & is_seen[:, :, before]
+        grid[:, :, k][lacks], is_seen[:, :, k][lacks] = grid[:, :, before][lacks], True
+    return np.ascontiguousarray(grid)
 
 
 def _cut_once(plane: NDArray[np.uint8], block: Block) -> NDArray[np.uint8]:

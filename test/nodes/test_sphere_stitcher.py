@@ -1,0 +1,295 @@
+"""The node sphere_stitcher: six cameras in, spheres out; late, missing and frozen cameras, depth, LiDAR; over DDS."""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "sphere_mapping"))
+
+import rclpy
+from rig_world import RADIUS, depth_of, seen, truth, vertical_rig
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sphere_nav_msgs.msg import AugmentedSphere
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+
+from node_kit import qos
+from node_kit.conversions import array_to_image, cloud_to_message, header, message_to_sphere, se3_to_transform
+from node_kit.replay import OfflineBus
+from sphere_geometry import SE3
+from sphere_geometry.rig_file import read_rig, write_rig
+from sphere_mapping.stitcher_node import SphereStitcher
+
+ROOT = Path(__file__).resolve().parents[2]
+MS = 1_000_000
+RIG = vertical_rig()
+IMAGES = [{part.name: seen(part, phase=0.02 * k) for part in RIG.cameras} for k in range(5)]
+SMALL = {"stitch.width": 256, "stitch.match.max_disparity_deg": 12.0, "sync.deadline_s": 0.2}
+
+
+@pytest.fixture
+def rig_path(tmp_path):
+    write_rig(tmp_path / "rig.yaml", RIG)
+    return str(tmp_path / "rig.yaml")
+
+
+class Bench:
+    """A node on an offline bus; `spheres` is what it published."""
+
+    def __init__(self, **values):
+        self.bus = OfflineBus()
+        self.node = self.bus.add(SphereStitcher, SMALL | values)
+        self.spheres, self.static = [], []
+        self.settle()
+
+    def settle(self):
+        for item in self.bus.settle():
+            if item.topic == "/sphere":
+                self.spheres.append(item.message)
+            elif item.topic == "/tf_static":
+                self.static += item.message.transforms
+
+    def send(self, topic, message):
+        self.bus.publish("/" + topic.lstrip("/"), message)
+        self.settle()
+
+    def pass_time(self, stamp):
+        for item in self.bus.advance(stamp):
+            if item.topic == "/sphere":
+                self.spheres.append(item.message)
+
+    def shoot(self, stamp, images, without=(), encode=None):
+        """Let time pass until the stamp, and send what the cameras see."""
+        self.pass_time(stamp)
+        for name, image in images.items():
+            if name in without:
+                continue
+            if encode is None:
+                self.send(f"cameras/{name}/image_raw", array_to_image(image, stamp, f"{name}_optical", "mono8"))
+            else:
+                data = cv2.imencode(encode, image)[1].tobytes()
+                message = CompressedImage(header=header(stamp, f"{name}_optical"), format=encode[1:], data=data)
+                self.send(f"cameras/{name}/image_raw/compressed", message)
+
+    def problems(self):
+        return {name: text for name, (level, text, _) in self.node.reports.items() if level}
+
+    def refusals(self):
+        return "; ".join(wanted.last_refusal for wanted in self.node.inputs if wanted.num_refused)
+
+
+def check_content(node, sphere, phase=0.0):
+    """The sphere shows the scene of a moment, at its range, within 45 degrees of the horizon."""
+    levels, range_m = truth(node.stitcher, phase)
+    middle = np.abs(np.arange(128) - 64) < 32
+    error = sphere.image.astype(float) - levels
+    assert np.sqrt(np.mean(error[middle] ** 2)) < 6  # two interpolations of a texture of 20 px period
+    known = sphere.measured & middle[:, None]
+    assert known.sum() > 0.7 * middle.sum() * 256
+    assert np.median(np.abs(sphere.range_m / range_m - 1)[known]) < 0.03
+
+
+@pytest.mark.parametrize(("transport", "encode"), [("raw", None), ("compressed", ".png"), ("compressed", ".jpg")])
+def test_six_cameras_become_a_sphere_of_what_they_see(rig_path, transport, encode):
+    bench = Bench(rig=rig_path, transport=transport)
+    bench.shoot(1000 * MS, IMAGES[0], encode=encode)
+    [message] = bench.spheres
+    assert message.header.frame_id == "rig_sphere_link"
+    assert (message.header.stamp.sec, message.header.stamp.nanosec) == (1, 0)
+    check_content(bench.node, message_to_sphere(message))
+    [transform] = bench.static
+    assert (transform.header.frame_id, transform.child_frame_id) == ("rig_link", "rig_sphere_link")
+    assert transform.transform.translation.z == pytest.approx(0.15)
+    assert bench.problems() == {}
+
+
+def test_the_rig_may_come_as_a_topic(rig_path):
+    bench = Bench()
+    bench.shoot(500 * MS, IMAGES[0])
+    assert bench.spheres == []
+    bench.send("rig_description", String(data="cameras: []"))
+    assert "rig_description: " in bench.refusals()
+    bench.send("rig_description", String(data=Path(rig_path).read_text()))
+    bench.shoot(1000 * MS, IMAGES[0])
+    assert len(bench.spheres) == 1
+
+
+def test_a_missing_camera_leaves_a_wedge_and_is_named(rig_path):
+    bench = Bench(rig=rig_path)
+    bench.shoot(1000 * MS, IMAGES[0], without=("top_left", "bottom_left"))
+    assert bench.spheres == []  # they may still come
+    bench.pass_time(1300 * MS)
+    [message] = bench.spheres
+    sphere = message_to_sphere(message)
+    hole = sphere.image == 0
+    assert 0.01 < hole.mean() < 0.5  # its neighbours see most of its part, too
+    assert np.isnan(sphere.range_m[hole]).all()
+    _, u = np.nonzero(hole)
+    azimuth = (0.5 - (u + 0.5) / 256) * 2 * np.pi
+    assert np.median(azimuth) == pytest.approx(2.1, abs=0.3)  # on the left, where they look
+    assert "no image within" in bench.problems()["camera top_left"]
+    assert "no image within" in bench.problems()["camera bottom_left"]
+
+
+@pytest.mark.parametrize(
+    ("policy", "num_spheres", "has_hole"), [("hold", 2, False), ("omit", 2, True), ("fail", 1, None)]
+)
+def test_a_late_camera_is_treated_by_the_policy(rig_path, policy, num_spheres, has_hole):
+    bench = Bench(rig=rig_path, **{"sync.policy": policy})
+    bench.shoot(1000 * MS, IMAGES[0])
+    bench.shoot(1100 * MS, IMAGES[1], without=("top_right",))
+    bench.pass_time(1400 * MS)
+    late = array_to_image(IMAGES[1]["top_right"], 1100 * MS, "top_right_optical", "mono8")
+    bench.send("cameras/top_right/image_raw", late)  # the instant is closed: refused, no second sphere of it
+    assert len(bench.spheres) == num_spheres
+    assert "top_right: stamp: expected after" in bench.refusals()
+    assert "no image within" in bench.problems()["camera top_right"]
+    if has_hole is not None:
+        assert (message_to_sphere(bench.spheres[-1]).image == 0).any() == has_hole
+    bench.shoot(1500 * MS, IMAGES[2])
+    assert bench.problems() == {}
+    assert len(bench.spheres) == num_spheres + 1
+
+
+def test_a_frozen_camera_is_left_out_by_name(rig_path):
+    bench = Bench(rig=rig_path, **{"sync.frozen_after": 2})
+    for k in range(4):
+        bench.shoot((1000 + 100 * k) * MS, IMAGES[k] | {"top_front": IMAGES[0]["top_front"]})
+    assert len(bench.spheres) == 4
+    assert bench.problems()["camera top_front"].startswith("frozen: the same image 4 times")
+    assert (message_to_sphere(bench.spheres[-1]).image == 0).mean() > 0.01
+
+
+def test_stamps_apart_beyond_the_limit_are_no_instant(rig_path):
+    bench = Bench(rig=rig_path, **{"sync.policy": "fail", "sync.slack_s": 0.005})
+    for number, (name, image) in enumerate(IMAGES[0].items()):
+        stamp = (1000 + 20 * number) * MS
+        bench.pass_time(stamp)
+        bench.send(f"cameras/{name}/image_raw", array_to_image(image, stamp, name, "mono8"))
+    bench.pass_time(2000 * MS)
+    assert bench.spheres == []
+    assert "no image within 0.005 s of the instant" in bench.problems()["camera top_front"]
+
+
+def test_images_of_another_size_or_lens_are_refused_by_name(rig_path):
+    bench = Bench(rig=rig_path)
+    bench.send("cameras/top_front/image_raw", array_to_image(np.ones((8, 8), np.uint8), MS, "x", "mono8"))
+    assert "top_front: image size: expected 160 x 160 (rig file), found 8 x 8" in bench.refusals()
+    bench.send("cameras/top_left/camera_info", CameraInfo(width=160, height=160, k=[50.0] + 8 * [0.0]))
+    assert "top_left: K[0]: expected 48.000 (rig file), found 50.000" in bench.refusals()
+
+
+def test_depth_of_the_cameras_is_used(rig_path):
+    bench = Bench(rig=rig_path, has_depth=True, **{"stitch.range": "none"})
+    bench.pass_time(1000 * MS)
+    for part in RIG.cameras:
+        depth = array_to_image(depth_of(part), 1000 * MS, f"{part.name}_optical", "32FC1")
+        bench.send(f"cameras/{part.name}/depth/image_raw", depth)
+    bench.shoot(1000 * MS, IMAGES[0])
+    sphere = message_to_sphere(bench.spheres[0])
+    _, range_m = truth(bench.node.stitcher)
+    assert sphere.measured.mean() > 0.9
+    assert np.median(np.abs(sphere.range_m / range_m - 1)[sphere.measured]) < 0.01
+
+
+T_RIG_LIDAR = SE3.from_planar(0.4, -0.2, 1.0) @ SE3.from_parts(np.eye(3), [0.0, 0.0, 0.3])
+
+
+def cloud_of_scene(bench, stamp):
+    """Points on the sphere of texture as a LiDAR on the rig gives them."""
+    rays = np.random.default_rng(2).normal(size=(20000, 3))
+    points = RADIUS * rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    return cloud_to_message(T_RIG_LIDAR.inverse().apply(points).astype(np.float32), stamp, "lidar")
+
+
+@pytest.mark.parametrize("way", ["tf", "mount"])
+def test_a_lidar_is_placed_by_tf_or_by_its_mount(rig_path, way):
+    mount = {"has_mount": True, "x": 0.4, "y": -0.2, "z": 0.3, "yaw_deg": float(np.degrees(1.0))}
+    values = {f"cloud.{name}": value for name, value in mount.items()} if way == "mount" else {}
+    bench = Bench(rig=rig_path, has_cloud=True, **{"stitch.range": "none"}, **values)
+    if way == "tf":
+        told = [
+            se3_to_transform(SE3.from_planar(1.0, 0.0, 0.0), MS, "base_link", "rig_link"),
+            se3_to_transform(SE3.from_planar(1.0, 0.0, 0.0) @ T_RIG_LIDAR, MS, "base_link", "lidar"),
+        ]
+        bench.send("/tf_static", TFMessage(transforms=told))
+    bench.shoot(1000 * MS, IMAGES[0])
+    assert bench.spheres == []  # a cloud of that time or later may still come
+    bench.send("points", cloud_of_scene(bench, 1010 * MS))
+    sphere = message_to_sphere(bench.spheres[0])
+    _, range_m = truth(bench.node.stitcher)
+    assert sphere.measured.mean() > 0.9
+    # of nine pixels that a point covers the nearest counts: the angle of a pixel and a half, 0.04 rad
+    assert np.median(np.abs(sphere.range_m / range_m - 1)[sphere.measured]) < 0.005
+
+
+def test_a_lidar_without_a_place_is_refused_and_spheres_go_on(rig_path):
+    bench = Bench(rig=rig_path, has_cloud=True)
+    bench.pass_time(1000 * MS)
+    bench.send("points", cloud_of_scene(bench, 1000 * MS))
+    assert "tf: frame lidar: expected one of" in bench.refusals()
+    assert "cloud.has_mount" in bench.refusals()
+    bench.shoot(1000 * MS, IMAGES[0])
+    bench.pass_time(1500 * MS)
+    assert len(bench.spheres) == 1
+    assert "no cloud within" in bench.problems()["points"]
+
+
+def test_the_first_instants_may_correct_the_rig(rig_path):
+    """Texture of 20 px gives few features: nothing is found, and every waiting instant is stitched as it is."""
+    bench = Bench(rig=rig_path, **{"rectify.num_instants": 2, "rectify.width": 256})
+    bench.shoot(1000 * MS, IMAGES[0])
+    assert bench.spheres == []
+    bench.shoot(1100 * MS, IMAGES[1])
+    assert len(bench.spheres) == 2
+    assert "against the rig file" in bench.node.reports["rig"][1]
+    bench.shoot(1200 * MS, IMAGES[2])
+    assert len(bench.spheres) == 3
+
+
+def test_a_clock_that_jumps_back_starts_anew(rig_path):
+    bench = Bench(rig=rig_path)
+    bench.shoot(5000 * MS, IMAGES[0])
+    bench.node.clock_jumped()
+    for name, image in IMAGES[1].items():
+        bench.send(f"cameras/{name}/image_raw", array_to_image(image, 1000 * MS, name, "mono8"))
+    assert len(bench.spheres) == 2
+
+
+def test_six_cameras_over_dds(rig_path):
+    """A process of its own: images go in, a sphere with the right content comes out, SIGINT ends it in order."""
+    code = "import sys; from sphere_mapping.stitcher_node import main; sys.exit(main())"
+    settings = [f"-p{name}:={value}" for name, value in (SMALL | {"rig": rig_path}).items()]
+    words = [sys.executable, "-c", code, "--ros-args", *(part for s in settings for part in ("-p", s[2:]))]
+    process = subprocess.Popen(words, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)})
+    rclpy.init()
+    try:
+        node = rclpy.create_node("tester")
+        spheres = []
+        node.create_subscription(AugmentedSphere, "sphere", spheres.append, qos.LARGE)
+        outputs = {name: node.create_publisher(Image, f"cameras/{name}/image_raw", qos.LARGE) for name in RIG.names}
+        end, number = time.monotonic() + 120, 0  # the first run compiles the kernels
+        while time.monotonic() < end and not spheres:
+            number += 1
+            for name, image in IMAGES[number % 5].items():
+                outputs[name].publish(array_to_image(image, (1000 + 100 * number) * MS, name, "mono8"))
+            rclpy.spin_once(node, timeout_sec=0.1)
+        assert spheres, "no sphere within two minutes"
+        sphere = message_to_sphere(spheres[0])
+        stamp = round((sphere.stamp_ns / MS - 1000) / 100)
+        bench = OfflineBus().add(SphereStitcher, SMALL | {"rig": rig_path})
+        check_content(bench, sphere, 0.02 * (stamp % 5))
+        assert read_rig(rig_path).names == RIG.names
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=10) == 0
+    finally:
+        process.kill()
+        rclpy.try_shutdown()
