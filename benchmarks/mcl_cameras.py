@@ -14,7 +14,7 @@ from benchmarks.mcl_trials import Trial, run_filter
 from benchmarks.report import Bound, Report, Table
 
 HELP = "MCL in the town with a 100 degree pinhole and 190 degree fisheye cameras, from nowhere"
-NUM_IMAGES = 40
+NUM_IMAGES = 30
 STEP = 1.0  # m
 LENSES: dict[str, Lens] = {
     "panorama": PANORAMA,

@@ -30,11 +30,14 @@ SETTINGS: Settings = {  # of N17 table I, column Corridor
     "synthesis.voxel_m": mcl_sites.SPACING,
     "synthesis.num_columns": 180,
     "comparison.lcn_radius_px": 5,
+    "weight.scaling": "chance",
+    "weight.min_effective_share": 0.1,
     "area.limits": f"0.3,-2.5,{CORRIDOR - 0.3:.1f},2.5",
 }
 PLAIN: Settings = {  # algorithm 2 and nothing else
     "weight.scaling": "minmax",
     "weight.min_effective_share": 0.0,
+    "resampling.roughening": 0.0,
     "recovery.is_active": False,
     "resampling.is_adaptive": False,
 }

@@ -49,11 +49,11 @@ class Lens:
 
 
 PANORAMA = Lens(panorama(360, 96, "panorama"), BODY_AXES)  # 96 degrees high, of which 85 are compared
-_FOCAL = 320.0 / np.tan(np.radians(50.0))
-PINHOLE_100 = Lens(Pinhole(640, 480, _FOCAL, _FOCAL, 319.5, 239.5), OPTICAL_AXES)
-_PER_RAD = 300.0 / np.radians(95.0)
-FISHEYE_190 = Lens(Fisheye(600, 600, _PER_RAD, _PER_RAD, 299.5, 299.5), OPTICAL_AXES)
-FISHEYE_UP = Lens(Fisheye(600, 600, _PER_RAD, _PER_RAD, 299.5, 299.5), UP_AXES)
+_FOCAL = 160.0 / np.tan(np.radians(50.0))
+PINHOLE_100 = Lens(Pinhole(320, 240, _FOCAL, _FOCAL, 159.5, 119.5), OPTICAL_AXES)
+_PER_RAD = 150.0 / np.radians(95.0)
+FISHEYE_190 = Lens(Fisheye(300, 300, _PER_RAD, _PER_RAD, 149.5, 149.5), OPTICAL_AXES)
+FISHEYE_UP = Lens(Fisheye(300, 300, _PER_RAD, _PER_RAD, 149.5, 149.5), UP_AXES)
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,7 +52,7 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """Measure the basin, then drive."""
-    site, plan = mcl_sites.town(options, SETTINGS)
+    site, plan = mcl_sites.town(options, SETTINGS, is_filled=False)
     report = Report("mcl_homing", notes=[describe(options.threads)])
     studio = mcl_sites.studio("town", options)
     count = 4 if options.quick else options.homing_waypoints

@@ -36,6 +36,7 @@ TABLE_I: Settings = {  # of N17, column ETHZ; lambda 20, alpha each 10 degrees a
     "synthesis.num_columns": 180,  # 2 degrees a pixel: a quarter of the work
     "comparison.lcn_radius_px": 5,
     "comparison.is_sky_far": True,  # outdoors the skyline is the strongest edge
+    "resampling.roughening": 0.3,
     "weight.scaling": "chance",
     "weight.min_effective_share": 0.1,  # one image decides nothing
 }
@@ -77,23 +78,23 @@ def town_settings(plan: Plan, changes: Settings | None = None) -> Settings:
     return TABLE_I | {"area.limits": box} | (changes or {})
 
 
-def town(options: argparse.Namespace, changes: Settings | None = None) -> tuple[Site, Plan]:
+def town(options: argparse.Namespace, changes: Settings | None = None, *, is_filled: bool = True) -> tuple[Site, Plan]:
     """Return the site of a town and its plan."""
     plan = draw_plan(options.world_seed)
-    return site("town", options, town_settings(plan, changes)), plan
+    return site("town", options, town_settings(plan, changes), is_filled=is_filled), plan
 
 
 class Prepared(Site):
     """A site whose depth features are on disk: nothing is drawn before one is missing."""
 
-    def __init__(self, cloud: Cloud, params: FilterParams, name: str) -> None:
-        """`name` stands for the cloud in the cache on disk."""
+    def __init__(self, cloud: Cloud, params: FilterParams, name: str, *, is_filled: bool = True) -> None:
+        """`name` stands for the cloud in the cache on disk; `is_filled`: all depth features are made now."""
         self.params = params
         heights = Ground(cloud.points).heights
         self.depth_map = DepthMap(Later(cloud, params.synthesis), heights, HEIGHT, params, name)
         self.area = find_area(cloud.points, self.depth_map.heights, params.area)
         cells = np.unique(self.depth_map.cells(self.area.middles), axis=0)
-        if len(self.depth_map.cache) < 0.9 * min(len(cells), self.depth_map.cache.capacity):
+        if is_filled and len(self.depth_map.cache) < 0.9 * min(len(cells), self.depth_map.cache.capacity):
             self.depth_map.fill(self.area.middles)
             self.depth_map.save()
 
@@ -114,10 +115,11 @@ class Later:
         return self.drawing.synthesize_many(positions)
 
 
-def site(world: str, options: argparse.Namespace, settings: Settings) -> Site:
-    """Return the site of a world, the depth features of all its places made."""
+def site(world: str, options: argparse.Namespace, settings: Settings, *, is_filled: bool = True) -> Site:
+    """Return the site of a world, with the depth features of all its places, or only with those kept on disk."""
     cache = {"cache.folder": str(folder_of(options) / f"depth_{_image_side()}")}
-    return Prepared(cloud(world, options), build(FilterParams, settings | cache), cloud_name(world, options))
+    params = build(FilterParams, settings | cache)
+    return Prepared(cloud(world, options), params, cloud_name(world, options), is_filled=is_filled)
 
 
 def cloud(world: str, options: argparse.Namespace) -> Cloud:

@@ -80,7 +80,7 @@ class ResamplingParams:
     kld_error: float = param(0.03, "largest error of the belief", low=0.001)
     kld_z: float = param(2.33, "quantile of the normal distribution for the probability of that error", low=0.0)
     roughening: float = param(
-        0.3, "spread of the copies of young particles, by the distance of particles at the start", low=0.0
+        0.15, "spread of the copies of young particles, by the distance of particles at the start", low=0.0
     )
     bin_size: float = param(0.25, "bin of position", "m", low=0.01)
     bin_heading_deg: float = param(10.0, "bin of heading", "deg", low=0.5)
