@@ -15,6 +15,9 @@ ARGUMENTS = {
     "image": ("image_raw", "topic of the camera's images"),
     "info": ("camera_info", "topic of the camera's calibration"),
     "odom": ("odom", "topic of the odometry"),
+    "namespace": ("", "of the node, where another localiser runs beside it"),
+    "other": ("other/pose", "topic of the pose of another localiser, which watches and helps"),
+    "path": ("reference_path", "topic of the path to be followed by direction"),
     "use_sim_time": ("false", "take the time from /clock"),
     "params": (PathJoinSubstitution([FindPackageShare("sphere_nav"), "config", "mcl_depth.yaml"]), "parameter file"),
 }
@@ -36,7 +39,14 @@ def generate_launch_description():
             values["params"],
             {"cloud": typed("cloud", str), "use_sim_time": typed("use_sim_time", bool)},
         ],
-        remappings=[("image_raw", values["image"]), ("camera_info", values["info"]), ("odom", values["odom"])],
+        namespace=values["namespace"],
+        remappings=[
+            ("image_raw", values["image"]),
+            ("camera_info", values["info"]),
+            ("odom", values["odom"]),
+            ("other/pose", values["other"]),
+            ("reference_path", values["path"]),
+        ],
     )
     declared = [DeclareLaunchArgument(n, default_value=d, description=t) for n, (d, t) in ARGUMENTS.items()]
     return LaunchDescription([*declared, node])
