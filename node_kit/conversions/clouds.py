@@ -9,7 +9,10 @@ from sensor_msgs.msg import PointCloud2, PointField
 from node_kit.conversions.images import to_bytes
 from node_kit.conversions.stamps import header
 
-KINDS = {PointField.FLOAT32: "f4", PointField.FLOAT64: "f8"}
+KINDS = {
+    PointField.INT8: "i1", PointField.UINT8: "u1", PointField.INT16: "i2", PointField.UINT16: "u2",
+    PointField.INT32: "i4", PointField.UINT32: "u4", PointField.FLOAT32: "f4", PointField.FLOAT64: "f8",
+}  # fmt: skip
 MAX_BYTES = 1 << 31
 
 
@@ -57,7 +60,7 @@ def message_to_cloud(message: PointCloud2) -> NDArray[np.float32]:
         field = fields.get(name)
         kind = KINDS.get(field.datatype) if field is not None else None
         if field is None or kind is None:
-            raise ValueError(f"cloud: expected a FLOAT32 or FLOAT64 field {name!r}, found {sorted(fields)}")
+            raise ValueError(f"cloud: expected a field of numbers {name!r}, found {sorted(fields)}")
         dtype = np.dtype(order + kind)
         if field.offset + dtype.itemsize > step:
             raise ValueError(f"cloud field {name}: expected to end within {step} bytes, found offset {field.offset}")

@@ -172,7 +172,7 @@ def test_a_cloud_by_topic_without_coordinates_is_refused(eye):
     message.fields[2].name = "intensity"
     bench.send("/cloud", message)
     assert bench.node.clouds.geometry is None
-    assert "field 'z'" in next(item.last_refusal for item in bench.node.inputs if item.topic == "cloud")
+    assert "field of numbers 'z'" in next(item.last_refusal for item in bench.node.inputs if item.topic == "cloud")
 
 
 @pytest.mark.parametrize("step", [7.0, 7.2, 50.0])
