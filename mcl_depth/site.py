@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 
 from mcl_depth.area import Area, find_area
@@ -22,14 +23,24 @@ class Site:
     def __init__(self, geometry: Cloud | TriangleMesh, camera_height: float, params: FilterParams) -> None:
         """`camera_height` m above the ground, unless the parameter of that name is set."""
         points = sampled(geometry, SPACING).points if isinstance(geometry, TriangleMesh) else geometry.points
-        name = hashlib.sha256(points.tobytes()).hexdigest()
-        synthesizer = DepthSynthesizer(geometry, params.synthesis)
-        height = params.camera_height or camera_height
+        self._name = hashlib.sha256(points.tobytes()).hexdigest()
+        self.synthesizer, self._ground = DepthSynthesizer(geometry, params.synthesis), Ground(points)
+        self._height = params.camera_height or camera_height
         self.params = params
-        self.depth_map = DepthMap(synthesizer, Ground(points).heights, height, params, name)
+        self.depth_map = self._depth_map()
         self.area: Area = find_area(points, self.depth_map.heights, params.area)
         if params.cache.is_prefilled:
             self.depth_map.fill(self.area.middles)
+
+    def under(self, params: FilterParams) -> Site:
+        """Return the same geometry and area, nothing in the caches; synthesis, area and height stay as they are."""
+        other = copy.copy(self)
+        other.params = params
+        other.depth_map = other._depth_map()
+        return other
+
+    def _depth_map(self) -> DepthMap:
+        return DepthMap(self.synthesizer, self._ground.heights, self._height, self.params, self._name)
 
     def filter(self) -> Filter:
         """Return a filter that knows nothing yet."""
