@@ -72,9 +72,11 @@ def test_an_open_shutter_means_the_light_and_not_the_levels():
 
 
 def test_a_moving_camera_blurs_along_its_way(small_params):
+    simulator = Simulator(small_params)
+    quiet = replace(simulator.mounts["camera"], noise=0.0, shot_noise=0.0)
+
     def detail(shutter, speed):
-        camera = replace(small_params.camera, noise=0.0, shot_noise=0.0, exposure=ExposureParams(shutter=shutter))
-        simulator = Simulator(replace(small_params, camera=camera))
+        simulator.mounts["camera"] = replace(quiet, exposure=ExposureParams(shutter=shutter))
         simulator.teleport(*simulator.path.at(np.array(40.0))[:3], speed)
         image = simulator.capture("camera").image.astype(float)
         return np.abs(np.diff(image[80:], axis=0)).mean()  # of the road, which passes below
@@ -86,14 +88,13 @@ def test_a_moving_camera_blurs_along_its_way(small_params):
 
 def test_images_are_lost_at_random_and_in_turn(small_params):
     camera = replace(small_params.camera, exposure=ExposureParams(dropout=0.4))
-    simulator = Simulator(replace(small_params, camera=camera))
+    rig = replace(small_params.rig, kind="vertical", width=32, height=32, publish="always", rolling_dropout=1.0)
+    simulator = Simulator(replace(small_params, camera=camera, rig=rig))
     taken = []
     for _ in range(400):
         taken += simulator.take_due()
         simulator.step(Command(), TENTH)
     assert taken.count("camera") == pytest.approx(240, abs=40)  # four standard deviations
-    rig = replace(small_params.rig, kind="vertical", width=32, height=32, publish="always", rolling_dropout=1.0)
-    simulator = Simulator(replace(small_params, rig=rig))
     missing = []
     for _ in range(6):
         missing += set(simulator.rig_names) - set(simulator.capture_rig())
