@@ -17,7 +17,7 @@ from tqdm import tqdm
 import photometric
 from cycab_sim.params import SimParams
 from cycab_sim.rigs import camera_names
-from cycab_sim.simulator import Simulator
+from cycab_sim.worlds import build_world
 from node_kit.map_bag import open_map
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import read_tum
@@ -103,7 +103,8 @@ class Demo:
         place = TOUR if path == "tour" else {"path": path}
         self.simulation = SIMULATION | {"seed": seed} | place | (TRAFFIC if has_traffic else {})
         self.other_day = OTHER_DAY if has_traffic else {}
-        self.length = Simulator(build(SimParams, self.simulation)).path.length
+        params = build(SimParams, self.simulation)
+        self.length = build_world(params.world, params.seed, params.path).path.length
         self.seconds: dict[str, float] = {}
 
     @contextmanager

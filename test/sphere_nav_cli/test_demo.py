@@ -33,3 +33,12 @@ def test_the_last_result_is_kept(tmp_path):
     new_folder(tmp_path / "demo")
     assert (tmp_path / "demo.1" / "mine").exists()
     assert not any((tmp_path / "demo").iterdir())
+
+
+def test_the_tour_is_long_and_meets_another_day(tmp_path):
+    demo = Demo(tmp_path / "demo", 1, "tour", 46, has_traffic=True)
+    assert round(demo.length) == 490
+    assert demo.simulation["world"] == "city"
+    assert demo.simulation["traffic.is_on"]
+    assert set(demo.other_day) & {"traffic.seed", "light.clouds"}
+    assert not Demo(tmp_path / "plain", 1, "straight", 46).other_day
