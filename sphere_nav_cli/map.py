@@ -196,8 +196,10 @@ def mapped(bag: BagReader, values: dict[str, Any], stitcher: dict[str, Any] | No
             for _ in bus.settle():
                 pass
     inputs = [*node.inputs, *(stitching.inputs if stitching else ())]
-    refusal = "; ".join(f"{w.num_refused} of {w.topic}: {w.last_refusal}" for w in inputs if w.num_refused)
-    return MappedDrive(node, node.num_lost, refusal)
+    reasons = [f"{w.num_refused} of {w.topic}: {w.last_refusal}" for w in inputs if w.num_refused]
+    if isinstance(stitching, SphereStitcher) and stitching.intake is not None:
+        reasons += stitching.intake.sync.problems()
+    return MappedDrive(node, node.num_lost, "; ".join(reasons))
 
 
 def stitcher_values(bag: BagReader, arguments: argparse.Namespace) -> dict[str, Any]:

@@ -92,6 +92,11 @@ class Synchroniser:
         self._open = []
         return found
 
+    def problems(self) -> list[str]:
+        """Return, in words, what the newest instant lacked, and how often that was so."""
+        found = [(name, health) for name, health in self.health.items() if health.problem]
+        return [f"{name}: {health.problem} ({health.num_missing} times)" for name, health in found]
+
     def _place(self, stamp_ns: int, now_ns: int) -> _Open:
         for one in self._open:
             if abs(one.stamp_ns - stamp_ns) <= self._slack_ns:

@@ -47,6 +47,7 @@ def test_a_late_camera_is_treated_by_the_policy_and_named(policy, names, fails):
     assert "no image within" in instant.notes["b"]
     assert instant.is_failed == fails
     assert sync.health["b"].num_missing == 1
+    assert [text.split(":")[0] for text in sync.problems()] == ["b"]
 
 
 def test_a_single_frozen_camera_is_left_out_by_name():
