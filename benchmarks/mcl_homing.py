@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -115,7 +114,7 @@ def compare(site: Site, image: NDArray[np.uint8], rotation: Array) -> Comparison
     return Comparison(visual, site.depth_map, num_alpha_for(site.params.heading_step_deg))
 
 
-def drive(site: Site, seed: int, left: float, told: Callable[[int], None] = lambda waypoint: None) -> Ride:
+def drive(site: Site, seed: int, left: float) -> Ride:
     """Drive the path of 100 m, starting `left` m beside it, steered by nothing but the direction to the waypoint."""
     camera = CameraParams(
         model="panorama", width=PANORAMA.camera.width, height=PANORAMA.camera.height, period=PERIOD,
@@ -130,7 +129,6 @@ def drive(site: Site, seed: int, left: float, told: Callable[[int], None] = lamb
             found = homing.update(compare(site, simulator.capture("camera").image, np.eye(3)))
             command = Command(SPEED, float(np.clip(GAIN * found.in_vehicle, -MAX_RATE, MAX_RATE)))
             places.append(simulator.T_world_base.translation[:2])
-            told(homing.next)
         simulator.step(command, SECOND // 100)
     return Ride(np.array(places), homing.is_finished)
 
