@@ -116,7 +116,8 @@ class Filter:
         self._states.take(verdict)
         self._carrier.take(hypotheses[0], look, is_confirmed=not verdict.is_bad)
         survivors = resample(particles, p.resampling, self._rng, self._gap, p.adjustment.num_images)
-        share = self._recovery.share(is_following=self._states.is_following)
+        is_new = bool(np.all(particles.ages == 1))  # all have just been spread: no more of the same
+        share = 0.0 if is_new else self._recovery.share(is_following=self._states.is_following)
         self.particles = renewed(survivors, self.area, share, comparison, p, self._rng)
         return self._estimate(look, verdict.finding, Belief(tuple(hypotheses), particles, comparison, lead))
 

@@ -10,6 +10,7 @@ from numba import njit, prange
 
 FAST = {"contract", "reassoc", "nsz", "arcp"}  # never nnan: NaN marks what the map does not know
 OPTIONS = {"cache": True, "fastmath": FAST, "error_model": "numpy", "nogil": True}
+INLINE = OPTIONS | {"inline": "always"}  # a call hands over each array in seven words
 
 BLOCK_BITS = 4  # a block is 2^4 x 2^4 columns
 BLOCK = 1 << BLOCK_BITS
@@ -27,7 +28,7 @@ DIRECTIONS = np.array([*_half, (1, 1, 1), (1, 1, -1), (1, -1, 1), (-1, 1, 1)], n
 # ---- building ---------------------------------------------------------------------------------------------------
 
 
-@njit(**OPTIONS)
+@njit(**INLINE)
 def _place(i, j):
     """Return the place of a cell in its block: patches of 4 x 4 cells lie together, in one line of the cache."""
     return (i & 12) << 4 | (j & 12) << 2 | (i & 3) << 2 | (j & 3)
@@ -172,7 +173,7 @@ def join_planes(moments, min_share):
 # ---- drawing ----------------------------------------------------------------------------------------------------
 
 
-@njit(**OPTIONS)
+@njit(**INLINE)
 def _meet(voxel, t0, t1, x, y, z, c, s, slope):
     """Return the horizontal distance in t0 to t1 at which a ray of a slope meets a voxel seen from x, y, z."""
     mx, my, mz = voxel[0] - x, voxel[1] - y, voxel[2] - z
@@ -181,7 +182,7 @@ def _meet(voxel, t0, t1, x, y, z, c, s, slope):
     return min(max(t, t0), t1)
 
 
-@njit(**OPTIONS)
+@njit(**INLINE)
 def _last_below(voxels, first, end, z):
     """Return the end of the voxels first:end whose lowest z is at most z; they rise."""
     while first < end:
@@ -193,7 +194,7 @@ def _last_below(voxels, first, end, z):
     return first
 
 
-@njit(**OPTIONS)
+@njit(**INLINE)
 def _draw_cell(voxels, first, end, t0, t1, x, y, z, c, s, slopes, rises, search, reach, span, column):
     """Fill what the voxels first:end of a cell, which a ray crosses from t0 to t1 (m), hide of a column (H,).
 
