@@ -199,7 +199,7 @@ def _nuscenes(folder: Path, options: argparse.Namespace) -> list[Bound]:
     rig, images, points_rig = nuscenes(folder)
     params = build(StitchParams, {"width": 2048, "range": "none", "blend.distance_m": 20.0, "blend.min_known": 0.01})
     stitcher = Stitcher(rig, params, jobs=options.threads)
-    better = rectified(rig, stitcher.matches(images, RectifyParams()), RectifyParams())
+    better = rectified(rig, stitcher.matches(images, RectifyParams(), points_rig), RectifyParams())
     corrected = Stitcher(better.rig, params, jobs=options.threads)
     bounds = []
     for name, one in (("as its file says", stitcher), (f"corrected by {_most(better)} at most", corrected)):

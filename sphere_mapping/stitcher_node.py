@@ -98,7 +98,7 @@ class SphereStitcher(ManagedNode):
             return
         self.unrectified.append(instant)
         if instant.images:
-            self.matches += self.stitcher.matches(instant.images, self.params.rectify)
+            self.matches += self.stitcher.matches(instant.images, self.params.rectify, instant.points)
         if len(self.unrectified) >= self.params.rectify.num_instants:
             self.rectify()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -30,6 +31,28 @@ def fused(sources: Sequence[Ranged], params: FusionParams) -> Ranged:
     range_m, std_m = np.empty_like(ranges[0]), np.empty_like(stds[0])
     fuse(ranges, stds, params.max_deviations, params.contradiction, params.contradiction_share, range_m, std_m)
     return range_m, std_m
+
+
+def filled(values: Plane, known: NDArray[np.bool_]) -> Plane:
+    """Return the values (H, W) of a whole sphere, unknown ones from known ones around them, however far; no seam.
+
+    Means of ever larger squares, interpolated: between the rings of a LiDAR an inverse range goes on as a plane's does.
+    """
+    if known.all() or not known.any():
+        return values
+    sums, weights = [np.where(known, values, np.float32(0.0))], [known.astype(np.float32)]
+    while weights[-1].min() == 0 and min(weights[-1].shape) >= 2:
+        size = (weights[-1].shape[1] // 2, weights[-1].shape[0] // 2)
+        sums.append(cv2.resize(sums[-1], size, interpolation=cv2.INTER_AREA))
+        weights.append(cv2.resize(weights[-1], size, interpolation=cv2.INTER_AREA))
+    coarse = sums[-1].sum() / weights[-1].sum()
+    found = np.where(weights[-1] > 0, sums[-1] / np.maximum(weights[-1], 1e-6), coarse).astype(np.float32)
+    for total, weight in zip(reversed(sums[:-1]), reversed(weights[:-1]), strict=True):
+        height, width = weight.shape
+        padded = cv2.copyMakeBorder(found, 0, 0, 2, 2, cv2.BORDER_WRAP)
+        finer = cv2.resize(padded, (2 * padded.shape[1], height))[:, 4 : 4 + width]
+        found = np.where(weight > 0, total / np.maximum(weight, np.float32(1e-6)), finer)
+    return found
 
 
 def range_from_cloud(points_sphere: NDArray[np.floating], whole: Spherical, params: FusionParams) -> Ranged:

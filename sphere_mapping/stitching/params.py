@@ -127,6 +127,7 @@ class RectifyParams:
     max_parallax_deg: float = param(12.0, "largest angle between the directions of a match", "deg", low=0.1, high=90.0)
     max_ratio: float = param(0.75, "distance of a match over that of the second best", low=0.1, high=1.0)
     from_border_deg: float = param(1.0, "features nearer to the border of an image are left out", "deg", low=0.0)
+    cloud_reach_deg: float = param(0.4, "a LiDAR's point this near to a feature tells its range", "deg", low=0.0)
     min_matches: int = param(15, "matches below which a pair of cameras says nothing", low=1)
 
 

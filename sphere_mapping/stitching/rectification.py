@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.spatial import cKDTree
 
 from sphere_geometry import SE3, Rig, RigCamera, Spherical
 from sphere_geometry.camera import pixel_grid
@@ -28,17 +29,19 @@ POLE_DEG = 35.0  # features nearer to a pole of the sphere are drawn too wide to
 NEAR_EPIPOLE = 0.2  # sine of the angle to the baseline below which a feature counts less
 LOSS_SCALES_DEG = (1.0, 0.4, 0.15, 0.06)  # the loss is narrowed step by step: at first half may be wrong matches
 NUM_VALUES = 6  # of a camera: turn (3) in rad, logarithm of the focal length, centre (2) in shares of it
+RANGE_SHARE = 0.1  # of a range: its deviation, a LiDAR's point not being quite where the feature is
 CONTRAST = 0.015  # of a feature, as SIFT counts it
 
 
 @dataclass(frozen=True, eq=False)
 class Matches:
-    """Pixels (N, 2) of two cameras that show the same."""
+    """Pixels (N, 2) of two cameras that show the same; how far it is from the first (N,) m, NaN where unknown."""
 
     first: str
     second: str
     pixels_first: Array
     pixels_second: Array
+    range_first: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,8 +58,14 @@ class Rectified:
     after_deg: float
 
 
-def matches_of(seats: Sequence[Seat], images: Mapping[str, Image], params: RectifyParams) -> list[Matches]:
-    """Return the features that pairs of cameras share in the grey images (h, w) of one instant."""
+def matches_of(
+    seats: Sequence[Seat], images: Mapping[str, Image], params: RectifyParams, points_sphere: Array | None = None
+) -> list[Matches]:
+    """Return the features that pairs of cameras share in the grey images (h, w) of one instant.
+
+    points_sphere (N, 3): a LiDAR's cloud; it tells how far features are.
+    """
+    places = {seat.name: seat for seat in seats}
     whole = Spherical(params.width, params.width // 2)
     rays = whole.unproject(pixel_grid(whole))
     found = {seat.name: _features(seat, images[seat.name], rays, params) for seat in seats if seat.name in images}
@@ -64,7 +73,9 @@ def matches_of(seats: Sequence[Seat], images: Mapping[str, Image], params: Recti
     for a, b in combinations(found, 2):
         pairs = _paired(found[a], found[b], params)
         if len(pairs[0]) >= params.min_matches:
-            matches.append(Matches(a, b, found[a][0][pairs[0]], found[b][0][pairs[1]]))
+            pixels = found[a][0][pairs[0]]
+            ranges = None if points_sphere is None else _range_at(pixels, places[a], points_sphere, params)
+            matches.append(Matches(a, b, pixels, found[b][0][pairs[1]], ranges))
     return matches
 
 
@@ -81,7 +92,8 @@ def rectified(rig: Rig, matches: Sequence[Matches], params: RectifyParams) -> Re
         scale = np.radians(scale_deg)
 
         def cost(now: Array, scale: float = scale) -> Array:
-            errors = np.abs(epipolar_errors(_corrected(rig, now), matches)) / scale
+            guess = _corrected(rig, now)
+            errors = np.concatenate([epipolar_errors(guess, matches), _errors_along(guess, matches, scale)]) / scale
             return np.concatenate([np.sqrt(np.log1p(np.square(errors))), now / prior])  # Cauchy's loss
 
         values = least_squares(cost, values, method="trf", x_scale=prior, max_nfev=20).x
@@ -91,6 +103,28 @@ def rectified(rig: Rig, matches: Sequence[Matches], params: RectifyParams) -> Re
     counts = {name: sum(len(m.pixels_first) for m in matches if name in (m.first, m.second)) for name in names}
     medians = [float(np.degrees(np.median(np.abs(errors)))) for errors in (before, after)]
     return Rectified(better, dict(zip(names, turned.tolist(), strict=True)), counts, *medians)
+
+
+def _errors_along(rig: Rig, matches: Sequence[Matches], scale: float) -> Array:
+    """Return the angle (N,) in rad of matches whose range is known off their place on the epipolar line.
+
+    Scaled down where the range, known to RANGE_SHARE of it, says less than `scale` about that place.
+    """
+    found = [np.zeros(0)]
+    for match in matches:
+        if match.range_first is None:
+            continue
+        first, second = rig.camera(match.first), rig.camera(match.second)
+        x = first.camera.unproject(match.pixels_first) @ first.T_rig_camera.rotation.T
+        y = second.camera.unproject(match.pixels_second) @ second.T_rig_camera.rotation.T
+        along = second.T_rig_camera.translation - first.T_rig_camera.translation
+        seen = x * match.range_first[:, None] - along
+        seen = seen / np.linalg.norm(seen, axis=1, keepdims=True)
+        normal = np.cross(along, seen)
+        normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+        parallax = np.linalg.norm(np.cross(x, seen), axis=1)
+        found.append(np.sum(np.cross(normal, seen) * y, axis=1) / np.hypot(1.0, RANGE_SHARE * parallax / scale))
+    return np.nan_to_num(np.concatenate(found))
 
 
 def epipolar_errors(rig: Rig, matches: Sequence[Matches]) -> Array:
@@ -139,6 +173,18 @@ def _features(seat: Seat, image: Image, rays: Array, params: RectifyParams) -> t
     pixels = [cv2.remap(plane, at, None, cv2.INTER_LINEAR)[:, 0] for plane in (u, v)]
     own = [cv2.remap(rays[..., k].astype(np.float32), at, None, cv2.INTER_LINEAR)[:, 0] for k in range(3)]
     return np.stack(pixels, axis=1).astype(np.float64), np.stack(own, axis=1).astype(np.float64), descriptors
+
+
+def _range_at(pixels: Array, seat: Seat, points_sphere: Array, params: RectifyParams) -> Array:
+    """Return the range (N,) of the cloud's point seen next to each pixel, NaN where none is near."""
+    points = seat.T_sphere_camera.inverse().apply(points_sphere)
+    at, visible = seat.camera.project(points)
+    if not visible.any():
+        return np.full(len(pixels), np.nan)
+    reach = np.radians(params.cloud_reach_deg) * seat.camera.pixels_per_radian
+    distance, nearest = cKDTree(at[visible]).query(pixels, distance_upper_bound=reach)
+    ranges = np.append(np.linalg.norm(points[visible], axis=1), np.nan)
+    return np.where(np.isfinite(distance), ranges[nearest], np.nan)
 
 
 def _paired(first: tuple, second: tuple, params: RectifyParams) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_geometry import SE3, Rig, Spherical
-from sphere_mapping.sphere import Sphere, check_depth, check_image, continued
+from sphere_mapping.sphere import Sphere, check_depth, check_image
 from sphere_mapping.stitching.blending import blended
 from sphere_mapping.stitching.epipolar import (
     centre_of,
@@ -26,7 +26,7 @@ from sphere_mapping.stitching.epipolar import (
     to_common_centre,
 )
 from sphere_mapping.stitching.exposure import exposed, gains_of, overlaps_of
-from sphere_mapping.stitching.fusion import Ranged, fused, range_from_cloud, range_from_depth
+from sphere_mapping.stitching.fusion import Ranged, filled, fused, range_from_cloud, range_from_depth
 from sphere_mapping.stitching.matching import match_columns
 from sphere_mapping.stitching.pairs import pairs_of, range_of_pair
 from sphere_mapping.stitching.params import RectifyParams, StitchParams
@@ -108,10 +108,13 @@ class Stitcher:
         missing = tuple(name for name in self.rig.names if name not in found)
         return Stitched(Sphere(image, range_m, self.whole, stamp_ns, std_m), bottom, missing, gains)
 
-    def matches(self, images: Mapping[str, Image], params: RectifyParams) -> list[Matches]:
-        """Return the features that cameras share at one instant, for `rectified`."""
+    def matches(
+        self, images: Mapping[str, Image], params: RectifyParams, points_rig: NDArray[np.floating] | None = None
+    ) -> list[Matches]:
+        """Return the features that cameras share at one instant, for `rectified`; points_rig as for `stitch`."""
         greys = {name: _grey(image) for name, image in self._exposed(images)[0].items()}
-        return matches_of(list(self._seats.values()), greys, params)
+        points = None if points_rig is None else self.T_rig_sphere.inverse().apply(np.asarray(points_rig, np.float64))
+        return matches_of(list(self._seats.values()), greys, params, points)
 
     def layout(self, level: str, present: tuple[str, ...]) -> Layout:
         """Return the views of a level's cameras that are present; ValueError if there are none."""
@@ -193,13 +196,13 @@ class Stitcher:
         return top, bottom
 
     def inverse_of(self, range_m: NDArray[np.float32], layout: Layout) -> NDArray[np.float32] | None:
-        """Return 1 / range everywhere, from the nearest known pixel where unknown; None where too little is known."""
+        """Return 1 / range everywhere, from known pixels around where unknown; None where too little is known."""
         known, blend = ~np.isnan(range_m), self.params.blend
         share = np.count_nonzero(known) / max(int(np.count_nonzero(layout.is_covered)), 1)
         if not blend.is_reprojected or not known.any() or share < blend.min_known:
             return None
         with np.errstate(divide="ignore"):
-            inverse = continued((1.0 / range_m).astype(np.float32), known)
+            inverse = filled((1.0 / range_m).astype(np.float32), known)
         return cv2.medianBlur(inverse, 5)
 
 

@@ -102,3 +102,28 @@ def test_features_that_two_cameras_share_are_found(rng):
     ]
     angles = np.degrees(np.arccos(np.clip(np.sum(rays[0] * rays[1], axis=1), -1, 1)))
     assert np.median(angles) < 0.2  # a third of a pixel of the sphere
+
+
+def test_known_ranges_tell_turns_that_epipolar_planes_do_not(rng):
+    """Two cameras side by side look the same way: a turn about the axis across both moves all along the lines."""
+    poses = [SE3.from_parts(OPTICAL, [0.0, y, 0.0]) for y in (0.25, -0.25)]
+    rig = Rig(tuple(RigCamera(name, LENS, pose) for name, pose in zip("ab", poses, strict=True)))
+    points = np.stack([rng.uniform(4, 12, 300), rng.uniform(-3, 3, 300), rng.uniform(-1, 1, 300)], axis=1)
+    seen = [part.T_rig_camera.inverse().apply(points) for part in rig.cameras]
+    pixels = [LENS.project(p)[0] + 0.1 * rng.normal(size=(300, 2)) for p in seen]
+    ranges = np.linalg.norm(seen[0], axis=1) * rng.normal(1.0, 0.05, 300)
+    ranges[::3] = np.nan
+    turned = replace(
+        rig,
+        cameras=(rig.cameras[0], replace(rig.cameras[1], T_rig_camera=poses[1] @ SE3.exp([0, 0, 0, 0, 0.01, 0]))),
+    )
+
+    def error_of(found):
+        now = found.rig.cameras[0].T_rig_camera.inverse() @ found.rig.cameras[1].T_rig_camera
+        there = found.rig.cameras[1].camera.project(now.inverse().apply(seen[0]))[0]
+        return np.median(np.linalg.norm(there - pixels[1], axis=1))
+
+    blind = rectified(turned, [Matches("a", "b", *pixels)], RectifyParams())
+    told = rectified(turned, [Matches("a", "b", *pixels, ranges)], RectifyParams())
+    assert error_of(blind) > 1.5  # 0.01 rad are 2.4 px
+    assert error_of(told) < 0.5
