@@ -28,6 +28,14 @@ def test_missing_images(capsys, tmp_path):
     assert "none: expected images, found none" in line
 
 
+def test_an_empty_folder(capsys, folder, tmp_path):
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    status, line = run(capsys, folder, empty, "--board", "8x6", "--square", "0.03", "-o", tmp_path / "rig.yaml")
+    assert status == 2
+    assert "empty: expected images, found none" in line
+
+
 def test_unreadable_image(capsys, folder, tmp_path):
     (folder / "1.png").write_text("no image")
     status, line = run(capsys, folder, "--board", "8x6", "--square", "0.03", "-o", tmp_path / "rig.yaml")
