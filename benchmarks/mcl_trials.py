@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from benchmarks.mcl_drives import Drive
 from localization_status import Reason, State
+from mcl_depth.area import Area
 from mcl_depth.comparison import Features
 from mcl_depth.depth_cache import Cell
 from mcl_depth.depth_map import DepthMap
@@ -21,6 +22,7 @@ from mcl_depth.filter import Filter
 from mcl_depth.params import FilterParams
 from mcl_depth.particles import wrapped
 from mcl_depth.site import Site
+from mcl_depth.spreading import spread
 from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
@@ -85,9 +87,15 @@ def run_filter(
     *,
     has_imu: bool = True,
     before_image: Callable[[], None] | None = None,
+    start_area: Area | None = None,
 ) -> Trial:
-    """Return what a filter that knows nothing says of the images of a drive; `before_image` is not timed."""
+    """Return what a filter says of the images of a drive; `before_image` is not timed.
+
+    It knows nothing, or that it is somewhere in `start_area`.
+    """
     filter_ = Filter(replace(params, seed=seed), site.depth_map, site.area)
+    if start_area is not None:
+        filter_.particles = spread(start_area, params.resampling.num_particles, np.random.default_rng(seed))
     found: list[tuple[Any, ...]] = []
     for index in range(len(drive)):
         if before_image is not None:

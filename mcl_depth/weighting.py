@@ -28,11 +28,14 @@ def weights(similarities: Array, params: WeightParams, prior: Array) -> Array:
     """Return weights (N,) of sum 1: `prior` times s ** lambda; all alike where nothing distinguishes them.
 
     `min_effective_share` > 0 lowers lambda for this image until so large a share of the particles carries the belief:
-    one picture alone may not decide between places that look alike.
+    one picture alone may not decide between places that look alike. Places off the map (s = 0) are not among them.
     """
+    is_possible = similarities > 0.0
+    if is_possible.any():
+        prior = np.where(is_possible, prior, 0.0)
     logs = np.log(np.maximum(scaled(similarities, params.scaling), 1e-30))
     exponent = params.exponent
-    wanted = params.min_effective_share * len(similarities)
+    wanted = params.min_effective_share * int(np.count_nonzero(is_possible))
     if wanted > 0.0 and _effective(exponent * logs, prior) < wanted:
         low, high = 0.0, exponent
         for _ in range(SEARCH_STEPS):
