@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import cv2
 import numpy as np
@@ -147,7 +148,8 @@ def _corrected(rig: Rig, values: Array) -> Rig:
 
 
 def _moved(part: RigCamera, own: Array) -> RigCamera:
-    camera, factor = part.camera, float(np.exp(own[3]))
+    camera: Any = part.camera  # pinhole, fisheye, double sphere: all have these four
+    factor = float(np.exp(own[3]))
     lens = {
         "fx": camera.fx * factor,
         "fy": camera.fy * factor,

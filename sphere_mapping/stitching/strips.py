@@ -56,7 +56,7 @@ def strips_of(owner: NDArray[np.int8], number: int, num_bands: int) -> tuple[Str
     margin = 4 << num_bands
     found = []
     for rows in _bands(owner.shape[0], 1 << num_bands):
-        for first, last in _runs(mixed[rows].any(axis=0), 2 * margin, 1 << num_bands):
+        for first, last in _runs(np.any(mixed[rows], axis=0), 2 * margin, 1 << num_bands):
             block, inner = _with_margin(rows, first, last, owner.shape, margin)
             shares = {
                 k: tuple(b.cut(w) for b, w in zip(_levels(block, num_bands), weights[k], strict=True)) for k in weights

@@ -5,13 +5,14 @@ from __future__ import annotations
 import zlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.stitching.params import SynchroniserParams
 
-Image = NDArray[np.uint8]
+Image = NDArray[Any]  # levels, or metres of a depth camera
 
 FINGERPRINT_STEP = 4  # every so many rows and columns of an image decide whether it is the last one again
 

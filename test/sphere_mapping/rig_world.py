@@ -58,3 +58,6 @@ def truth(stitcher, phase=0.0):
     range_m = -rays[..., 2] * z + np.sqrt((rays[..., 2] * z) ** 2 + RADIUS**2 - z * z)
     points = rays * range_m[..., None] + stitcher.T_rig_sphere.translation
     return texture(points, phase), range_m
+
+
+RIG_NAMES = vertical_rig().names
