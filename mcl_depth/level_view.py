@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -29,23 +31,39 @@ def level_view(
     while camera.pixels_per_radian > SHRINK * target.pixels_per_radian and not (grey.shape[0] % 2 or grey.shape[1] % 2):
         grey = cv2.resize(grey, (grey.shape[1] // 2, grey.shape[0] // 2), interpolation=cv2.INTER_AREA)
         camera = camera.halved()
-    grid = pixel_grid(target)
-    offsets = (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
-    total = np.zeros(grid.shape[:2], np.float32)
-    is_seen = np.ones(grid.shape[:2], np.bool_)
     around = isinstance(camera, Spherical) and camera.width == camera.full_width
     if around:  # one more column on either side, so that the seam is interpolated
         grey = np.hstack([grey[:, -1:], grey, grey[:, :1]])
-    for du in offsets:
-        for dv in offsets:
-            pixels, is_inside = camera.project(target.unproject(grid + np.array([du, dv])) @ rotation)
-            maps = np.nan_to_num(pixels, nan=-1e4).astype(np.float32) + np.array(
-                [1.0 if around else 0.0, 0.0], np.float32
-            )
-            sample = cv2.remap(grey, maps[..., 0], maps[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-            total += sample
-            is_seen &= is_inside & np.all(np.isfinite(pixels), axis=-1)
-    return np.where(is_seen, total / SAMPLES**2, np.float32(0.0)).astype(np.float32), is_seen
+    maps, is_seen = _maps(camera, np.asarray(rotation, np.float64).tobytes(), target)
+    total = np.zeros(is_seen.shape, np.float32)
+    shift = np.float32(1.0 if around else 0.0)
+    for u, v in maps:
+        total += cv2.remap(grey, u + shift, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.where(is_seen, total / SAMPLES**2, np.float32(0.0)).astype(np.float32), is_seen.copy()
+
+
+@lru_cache(maxsize=4)
+def _maps(camera: Camera, rotation: bytes, target: Spherical) -> tuple[list[tuple[Image, Image]], Mask]:
+    """Return where every sample of the panorama lies in the image, and which pixels (H, W) have all samples in it.
+
+    The same for every image of a camera that does not lean.
+    """
+    R_level_camera = np.frombuffer(rotation).reshape(3, 3)
+    is_seen = np.ones((target.height, target.width), np.bool_)
+    maps = []
+    for rays in _rays(target):
+        pixels, is_inside = camera.project(rays @ R_level_camera)
+        is_seen &= is_inside & np.all(np.isfinite(pixels), axis=-1)
+        sample = np.nan_to_num(pixels, nan=-1e4).astype(np.float32)
+        maps.append((np.ascontiguousarray(sample[..., 0]), np.ascontiguousarray(sample[..., 1])))
+    return maps, is_seen
+
+
+@lru_cache(maxsize=4)
+def _rays(target: Spherical) -> list[NDArray[np.float64]]:
+    """Return the rays (H, W, 3) of the samples of every pixel of a panorama."""
+    grid, offsets = pixel_grid(target), (np.arange(SAMPLES) + 0.5) / SAMPLES - 0.5
+    return [target.unproject(grid + np.array([du, dv])) for du in offsets for dv in offsets]
 
 
 def _grey(image: NDArray[np.generic]) -> Image:

@@ -95,6 +95,9 @@ class RecoveryParams:
     scouts_per_image: int = param(20, "of them for each image, in turn", low=2)
     slow_rate: float = param(0.05, "rate of the long-term average of the lead", low=0.0, high=1.0)
     fast_rate: float = param(0.3, "rate of the short-term average of the lead", low=0.0, high=1.0)
+    fall: float = param(
+        0.6, "new particles come while the short-term lead is below this share of the long-term one", low=0.05, high=1.0
+    )
     max_share: float = param(0.3, "largest share of new particles for one image", low=0.0, high=1.0)
     lost_share: float = param(0.1, "share of new particles while the pose is not known", low=0.0, high=1.0)
     tries: int = param(5, "positions looked at for each new particle; those that fit the image best live on", low=1)

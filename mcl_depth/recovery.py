@@ -62,4 +62,4 @@ class Recovery:
             return p.lost_share
         if self.slow <= 0.0:
             return 0.0
-        return float(np.clip(1.0 - self.fast / self.slow, 0.0, p.max_share))
+        return float(np.clip(1.0 - self.fast / (p.fall * self.slow), 0.0, p.max_share))
