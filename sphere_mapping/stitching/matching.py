@@ -23,7 +23,7 @@ Plane = NDArray[np.float32]
 Image = NDArray[np.uint8]
 
 SGBM_SCALE = 16.0  # the matcher's disparities are sixteenths of a pixel
-AROUND = 48  # columns beyond the seam that the matcher sees, so that it knows no seam
+AROUND = 32  # columns beyond the seam that the matcher sees, so that it knows no seam
 NUM_STRIPS = 2  # of a whole sphere, whatever the number of threads, so that the result does not depend on it
 SMOOTH_LIMIT, SMOOTH_SHARE = 1.0, 0.03  # px, and by the disparity: neighbours that differ more are not averaged
 STEP_LIMIT = 0.5  # px, largest step of the refinement

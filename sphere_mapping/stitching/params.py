@@ -27,7 +27,7 @@ class MatchParams:
     match_width: int = param(
         1024, "columns up to which a sphere is matched as it is; wider ones are halved", "px", low=64
     )
-    max_disparity_deg: float = param(17.0, "largest disparity searched, an angle", "deg", low=1.0, high=60.0)
+    max_disparity_deg: float = param(16.0, "largest disparity searched, an angle", "deg", low=1.0, high=60.0)
     min_disparity_deg: float = param(-0.7, "smallest disparity searched, below 0 for what calibration leaves", "deg")
     block_size: int = param(5, "side of the matched block, odd", "px", low=1, high=21)
     smoothness: float = param(8.0, "penalty of a disparity step of 1, by block area", low=0.0)
