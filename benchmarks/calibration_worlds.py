@@ -90,8 +90,8 @@ def projected(report: Report, num_seeds: int) -> None:
 
 
 def rendered(report: Report, num_seeds: int, num_workers: int) -> None:
-    """Images, through detection: chessboards before the vertical rig, ChArUco boards before the ring."""
-    for name, kind in (("vertical", "chessboard"), ("ring", "charuco")):
+    """Images, through detection."""
+    for name, kind in (("vertical", "charuco"), ("ring", "charuco"), ("vertical", "chessboard")):
         trials = [_rendered_trial(name, kind, seed, num_workers) for seed in range(num_seeds)]
         _add(report, trials, f"{name} rig, rendered {kind}s", is_nees_bound=False)
 

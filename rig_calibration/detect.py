@@ -42,12 +42,20 @@ def detect_all(grey: Grey, boards: Sequence[Board]) -> dict[str, tuple[Indices, 
 def _numbered(grey: Grey, board: Board, candidates: Iterable[Array]) -> tuple[Indices, Array] | None:
     """Return the first candidate that looks like a board, numbered as on the board, to a fraction of a pixel."""
     for candidate in candidates:
+        if not _is_inside(grey, candidate).all():  # cut by the border: what lies beyond is a guess of the detector
+            continue
         corners = canonical(grey, board, candidate)
         spacing = _spacing(corners, board)
         if spacing >= MIN_SPACING_PX and _is_grid(corners, board):
             half = int(np.clip(0.4 * spacing, MIN_HALF_WINDOW, MAX_HALF_WINDOW))
             return np.arange(board.num_corners), _refined(grey, corners, half)
     return None
+
+
+def _is_inside(grey: Grey, corners: Array) -> NDArray[np.bool_]:
+    """Return which corners (N, 2) lie in the image."""
+    inside: NDArray[np.bool_] = np.all((corners >= 0) & (corners <= (grey.shape[1] - 1, grey.shape[0] - 1)), axis=-1)
+    return inside
 
 
 def canonical(grey: Grey, board: Board, corners: Array) -> Array:
@@ -115,7 +123,10 @@ def _charuco_boards(grey: Grey, boards: Sequence[Board]) -> dict[str, tuple[Indi
         for board in same:
             seen = charuco.find_corners(grey, board, markers)
             if seen is not None:
-                numbers, corners = seen
+                is_inside = _is_inside(grey, seen[1])
+                numbers, corners = seen[0][is_inside], seen[1][is_inside]
+                if len(numbers) < charuco.MIN_CORNERS:
+                    continue
                 gap = 0.5 * (1.0 - board.marker_m / board.square_m) * _charuco_spacing(numbers, corners, board)
                 half = int(np.clip(gap + BLUR_PX, MIN_HALF_WINDOW, MAX_HALF_WINDOW))
                 found[board.name] = numbers, _refined(grey, corners, half)
