@@ -64,7 +64,11 @@ def run(options: argparse.Namespace) -> Report:
     report.tables.append(Table("Basin around a waypoint", head, rows))
     report.bounds.append(
         Bound(
-            f"offset 1 m: direction within {GOOD_DEG:g} deg", 80.0, 100.0 * np.mean(errors[1.0] <= GOOD_DEG), "%", True
+            f"offset 1 m: direction within {GOOD_DEG:g} deg",
+            80.0,
+            100.0 * float(np.mean(errors[1.0] <= GOOD_DEG)),
+            "%",
+            True,
         )
     )
     starts = (0.0,) if options.quick else (0.0, 1.0, -1.0)
