@@ -15,7 +15,7 @@ from benchmarks.report import Bound, Report, Table
 from typed_params import build, to_mapping
 
 HELP = "MCL in the town: share of kidnapped starts found by number of particles, headings adjusted or not"
-COUNTS = {"adjusted": (125, 250, 500, 1000, 2000), "not adjusted": (500, 1000, 2000, 4000, 8000)}
+COUNTS = {"adjusted": (30, 60, 125, 250, 500, 1000), "not adjusted": (125, 250, 500, 1000, 2000, 4000)}
 CHANGES = {"adjusted": {}, "not adjusted": {"adjustment.initial": 0.0}}
 LEVEL = 90.0  # share of the starts at which the needed numbers are compared, %
 Curves = dict[str, dict[int, float]]

@@ -53,7 +53,8 @@ def renewed(
     """Return the set with a share of its particles, drawn by lot, put where the image fits, anywhere in the area.
 
     For each new particle some positions all over the area are looked at; those live on that fit best, by lot, as in
-    resampling, each with its best heading (mixture of proposals: Thrun, Burgard, Fox, section 8.3.5).
+    resampling, each with its best heading, where headings are adjusted at all (mixture of proposals: Thrun, Burgard,
+    Fox, section 8.3.5).
     """
     count = int(share * len(particles))
     if not count:
@@ -63,7 +64,8 @@ def renewed(
     fit = weights(curves.max(axis=1).astype(np.float64), params.weight, np.full(len(positions), 1.0 / len(positions)))
     chosen = low_variance_indices(fit, count, rng.random())
     indices = rng.choice(len(particles), count, replace=False)
-    return particles.with_some_at(indices, np.column_stack([positions[chosen], peaks(curves[chosen])]))
+    headings = peaks(curves[chosen]) if params.adjustment.initial > 0.0 else rng.uniform(-np.pi, np.pi, count)
+    return particles.with_some_at(indices, np.column_stack([positions[chosen], headings]))
 
 
 def _anywhere(area: Area, count: int, rng: np.random.Generator) -> Array:
