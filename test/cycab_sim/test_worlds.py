@@ -42,7 +42,7 @@ def test_a_cloud_needs_a_spacing(spacing):
 
 
 def test_unknown_worlds_are_refused():
-    with pytest.raises(ValueError, match="world: expected one of town, corridor, ramp, found 'moon'"):
+    with pytest.raises(ValueError, match="world: expected one of town, city, corridor, ramp, found 'moon'"):
         build_world("moon", 1)
 
 
