@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -14,6 +13,7 @@ from benchmarks.machine import describe, milliseconds, repeat
 from benchmarks.report import Bound, Report, Table
 from benchmarks.room import render
 from photometric import PyramidParams, Reference, RegistrationParams, View, build_pyramid, prepare_reference, register
+from photometric.problem import Problem, State
 from sphere_geometry import SE3, Camera, Pinhole, Spherical
 
 HELP = "one iteration, pyramid, reference, whole localisation step"
@@ -27,8 +27,6 @@ REFERENCE_CAMERAS: dict[str, Camera] = {
 T_SPHERE_OPTICAL = SE3.from_parts([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])  # x forward from z forward
 NUM_PIXELS = 60_000
 START_ERROR = np.array([0.05, 0.05, 0.05, 0.01, 0.01, 0.01])  # of a localisation step: standard deviation, m and rad
-FEW, MANY = 10, 40  # iterations; the difference of two runs is free of all that is done once
-NO_STEP_IS_SMALL = 1e-6  # px
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -67,15 +65,19 @@ def _reference(camera: Camera) -> Reference:
 
 
 def _iteration_ms(image: NDArray[np.uint8], view: View, num_runs: int) -> NDArray[np.float64]:
-    """Return times (num_runs,) of one iteration on the full image alone, all 60 000 pixels in view."""
-    params = RegistrationParams(
-        pyramid=PyramidParams(num_levels=1), max_pixels=NUM_PIXELS, min_step=NO_STEP_IS_SMALL, max_iterations_fine=FEW
-    )
-    pyramid = build_pyramid(image, CAMERA, params.pyramid)
-    few = repeat(lambda: register(pyramid, [view], T_SPHERE_OPTICAL, params), num_runs)
-    longer = replace(params, max_iterations_fine=MANY)
-    many = repeat(lambda: register(pyramid, [view], T_SPHERE_OPTICAL, longer), num_runs)
-    return (many - np.median(few)) / (MANY - FEW)
+    """Return times (num_runs,) of one iteration on the full image, all 60 000 pixels in view, from pose to pose."""
+    params = RegistrationParams(pyramid=PyramidParams(num_levels=1), max_pixels=NUM_PIXELS)
+    level = build_pyramid(image, CAMERA, params.pyramid).levels[0]
+    problem = Problem.choose_pixels(level, [view], T_SPHERE_OPTICAL, params)
+    state = State.start(T_SPHERE_OPTICAL @ SE3.exp(START_ERROR), 1)
+    return repeat(lambda: _moved(problem, state), 10 * num_runs)
+
+
+def _moved(problem: Problem, state: State) -> State:
+    step = problem.step(state)
+    if step is None:
+        raise ValueError("one iteration: expected an increment, found none")
+    return state.moved(step)
 
 
 def _step_ms(image: NDArray[np.uint8], view: View, num_runs: int) -> NDArray[np.float64]:
