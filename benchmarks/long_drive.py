@@ -125,6 +125,7 @@ def teach(simulator: Simulator, way: float) -> Taught:
                 show(simulator.driver.distance)
             truth.append((simulator.vehicle.state.x, simulator.vehicle.state.y))
             simulator.step(simulator.teach_command(), STEP_NS)
+    mapper.keep_end()
     mapper.close_loops()
     stamps, poses = zip(*mapper.trajectory(), strict=True)
     T_map_base = SE3(np.stack([(pose @ T_base_sphere.inverse()).matrix for pose in poses]))

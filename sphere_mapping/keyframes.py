@@ -29,7 +29,12 @@ def why_key_sphere(
     if alignment.inlier_share < params.min_inlier_share:
         return INLIERS
     distance, _ = SE3.identity().distance(T_reference_sphere)
-    max_parallax = params.max_parallax_whole if reference.is_whole else params.max_parallax
-    if distance > max_parallax * reference.median_range:
+    if distance > reach(reference, params):
         return PARALLAX
     return NOT_YET
+
+
+def reach(reference: PreparedSphere, params: KeySphereParams) -> float:
+    """Return how far from a reference in m the next key sphere is at the latest."""
+    max_parallax = params.max_parallax_whole if reference.is_whole else params.max_parallax
+    return max_parallax * reference.median_range

@@ -72,6 +72,17 @@ class Mapper:
 
         return self._place(current, alignment.T_world_camera, odometry, alignment, self._why_key(alignment))
 
+    def keep_end(self) -> bool:
+        """Keep the last sphere, too, where the newest key sphere is half its reach away; return whether it was kept.
+
+        To be called at the end of a drive: beyond its last key sphere a map does not know the way.
+        """
+        if not self._references:
+            return False
+        key_id, reference = self._references[0]
+        distance, _ = self.graph[key_id].T_map_sphere.distance(self._prior.newest)
+        return bool(distance > 0.5 * keyframes.reach(reference, self.params.key)) and self._keep_last()
+
     def close_loops(self) -> int:
         """Find places seen twice, verify them by alignment, correct the graph; return how many were found."""
         found = close_loops(self.graph, self.params)

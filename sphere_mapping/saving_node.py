@@ -11,6 +11,7 @@ from sphere_nav_msgs.srv import SaveMap
 from node_kit.map_bag import MapDetails, save_map
 from node_kit.node import ManagedNode
 from sphere_mapping.graph import SphereGraph
+from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams, SphereMapperParams
 from typed_params import to_mapping
 
@@ -24,7 +25,9 @@ class MapSaver:
 
     def _on_save(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
         begin = time.monotonic()
-        graph: SphereGraph = self._node.mapper.graph  # type: ignore[attr-defined]
+        mapper: Mapper = self._node.mapper  # type: ignore[attr-defined]
+        mapper.keep_end()
+        graph = mapper.graph
         try:
             path = inside(Path(self._params.map_folder), request.path)
             path.parent.mkdir(parents=True, exist_ok=True)

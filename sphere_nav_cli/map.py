@@ -93,6 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
         raise BagError(
             f"{arguments.bag}: expected spheres to map, found none: {drive.refusal or 'no complete instant'}"
         )
+    drive.node.mapper.keep_end()
     loops = 0 if arguments.no_loops else drive.node.mapper.close_loops()
     truth = truth_of(arguments.bag)
     T_anchor_map = drive.anchor(truth) if truth is not None else None

@@ -56,6 +56,22 @@ def test_a_drive_is_recovered_and_few_spheres_are_kept(drive):
     assert len(mapper.graph.edges) == len(mapper.graph) - 1
 
 
+@pytest.mark.parametrize(("max_parallax", "is_kept"), [(0.12, True), (0.3, False)])
+def test_the_end_of_a_drive_is_kept_where_the_last_key_sphere_is_far(drive, max_parallax, is_kept):
+    truth, spheres = drive  # 0.56 m in a room whose median range is 4.8 m
+    mapper, updates = mapped(spheres, truth[0], MapperParams(key=KeySphereParams(max_parallax=max_parallax)))
+    assert [update.is_key for update in updates] == [True] + [False] * (NUM_SPHERES - 1)
+    assert mapper.keep_end() == is_kept
+    assert (len(mapper.graph), len(mapper.graph.edges)) == (1 + is_kept, int(is_kept))
+    if is_kept:
+        assert mapper.graph[1].T_map_sphere.distance(updates[-1].T_map_sphere)[0] < 1e-9
+    assert not mapper.keep_end()
+
+
+def test_nothing_is_kept_of_a_drive_without_spheres():
+    assert not Mapper().keep_end()
+
+
 def test_key_spheres_are_kept_as_observed(drive):
     truth, spheres = drive
     mapper, _ = mapped(spheres, truth[0], MapperParams(key=KeySphereParams(max_parallax=0.02)))

@@ -27,7 +27,9 @@ def test_colours_are_packed_as_rviz_reads_them(rng, shape):
     np.testing.assert_array_equal(message_to_cloud(message), points)
 
 
-@pytest.mark.parametrize(("order", "kind", "datatype"), [("<", "f8", 8), (">", "f4", 7), (">", "i2", 3), ("<", "u4", 6)])
+@pytest.mark.parametrize(
+    ("order", "kind", "datatype"), [("<", "f8", 8), (">", "f4", 7), (">", "i2", 3), ("<", "u4", 6)]
+)
 def test_another_layout(rng, order, kind, datatype):
     """Doubles, big-endian numbers, fields in another order, padding of points and rows, an ordered cloud."""
     size = int(kind[1])
