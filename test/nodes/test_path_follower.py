@@ -332,11 +332,21 @@ class Remote:
             rclpy.spin_once(self.node, timeout_sec=0.02)
         assert is_done(), "expected an answer in time"
 
-    def step(self):
+    def greet(self):
+        """Speak until the first command comes: what is sent before the node knows the sender is lost."""
+        deadline = time.monotonic() + 20.0
+        while not self.commands and time.monotonic() < deadline:
+            self.speak()
+            rclpy.spin_once(self.node, timeout_sec=0.5)
+
+    def speak(self):
         self.now += STEP
         self.clock.publish(Clock(clock=ns_to_time(self.now)))
         self.states.publish(status_message("TRACKING", self.now))
         self.poses.publish(pose_message(self.x, 0.0, 0.0, self.now))
+
+    def step(self):
+        self.speak()
         self.wait(lambda: self.commands and stamp_ns(self.commands[-1]) >= self.now)
         self.x += self.commands[-1].twist.linear.x * STEP / SECOND
 
@@ -349,6 +359,7 @@ def test_a_drive_over_dds_in_lock_step_and_a_clean_exit(process):
         publishers = (remote.clock, remote.poses, remote.states)
         remote.wait(lambda: all(publisher.get_subscription_count() for publisher in publishers))
         remote.wait(lambda: node.count_publishers("cmd_vel") and remote.start.service_is_ready())
+        remote.greet()
         for _ in range(5):  # pose and status come by topics of their own, in any order
             remote.step()
         answer = remote.start.call_async(Trigger.Request())
