@@ -174,6 +174,16 @@ def align_along_columns(top, bottom, start, limits, radius, disparity, informati
 
 
 @njit(cache=True, nogil=True)
+def _add_near(n, beside, middle, largest, total, number):
+    """Add and count those of n values that differ from the middle one by at most `largest`; NaN is never near."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    for u in range(n):
+        is_near = abs(beside[u] - middle[u]) <= largest[u]
+        total[u] += beside[u] if is_near else zero
+        number[u] += one if is_near else zero
+
+
+@njit(cache=True, nogil=True)
 def smooth(disparity, radius, limit, share, between, out):
     """Write the mean over 2 radius + 1 rows, then as many columns, of what differs little from the middle to out.
 
@@ -182,18 +192,14 @@ def smooth(disparity, radius, limit, share, between, out):
     """
     height, width = disparity.shape
     total, number, largest = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
-    one, zero = np.float32(1.0), np.float32(0.0)
+    zero = np.float32(0.0)
     for v in range(height):
         middle = disparity[v]
         for u in range(width):
             total[u], number[u] = zero, zero
             largest[u] = limit + share * abs(middle[u])
         for j in range(max(v - radius, 0), min(v + radius + 1, height)):
-            line = disparity[j]
-            for u in range(width):
-                is_near = abs(line[u] - middle[u]) <= largest[u]
-                total[u] += line[u] if is_near else zero
-                number[u] += one if is_near else zero
+            _add_near(width, disparity[j], middle, largest, total, number)
         for u in range(width):
             between[v, u] = total[u] / number[u] if number[u] > zero else np.nan
     for v in range(height):
@@ -203,11 +209,7 @@ def smooth(disparity, radius, limit, share, between, out):
         for k in range(-radius, radius + 1):
             first, size = max(-k, 0), width - abs(k)  # slices, so that no index can be negative
             middle, beside = between[v, first : first + size], between[v, first + k : first + k + size]
-            sums, counts, most = total[first:], number[first:], largest[first:]
-            for u in range(size):
-                is_near = abs(beside[u] - middle[u]) <= most[u]
-                sums[u] += beside[u] if is_near else zero
-                counts[u] += one if is_near else zero
+            _add_near(size, beside, middle, largest[first:], total[first:], number[first:])
         for u in range(width):
             out[v, u] = total[u] / number[u] if number[u] > zero else np.nan
 
