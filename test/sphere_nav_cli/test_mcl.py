@@ -1,12 +1,16 @@
 """`sphere_nav mcl`: panoramas of a furnished room against its bare walls, offline, from nowhere."""
 
 import json
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "mcl_depth"))
 
+from mcl_world import BOXES, COLUMNS, HEIGHT, SECOND, SETTINGS
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image
 from sphere_nav_msgs.msg import SphereInfo
@@ -23,24 +27,8 @@ from sphere_geometry import SE3
 from sphere_geometry.trajectory import read_tum
 from sphere_nav_cli.main import main
 
-SECOND = 10**9
-HEIGHT = 1.2
-COLUMNS = 180
-BOXES = (  # the room, furniture, and a doorway in the wall
-    ((-4, -2.5, 0), (4, 3, 2.6)),
-    ((1.0, 1.8, 0), (2.6, 3.0, 2.0)),
-    ((-4, 1.6, 0), (-3, 3.0, 1.7)),
-    ((3.0, -2.5, 0), (4, -1.2, 1.8)),
-    ((-1.0, -2.5, 0), (-0.1, -2.4, 2.1)),
-)
 YAWS = np.radians(2.0 * np.arange(12))  # whole columns of the panorama
 POSES = [SE3.from_planar(-2.4 + 0.3 * k, -0.9 + 0.03 * k * k, float(yaw)) for k, yaw in enumerate(YAWS)]
-SETTINGS = {
-    "area.step": 0.25,
-    "resampling.num_particles": 400,
-    "resampling.min_particles": 200,
-    "synthesis.num_columns": COLUMNS,
-}
 TUNED = [word for name, value in SETTINGS.items() for word in ("--set", f"{name}={value}")]
 
 
