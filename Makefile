@@ -4,7 +4,7 @@
 VENV := .venv
 STAMPS := $(VENV)/.stamps
 RUN := $(VENV)/bin
-PACKAGES := $(wildcard typed_params localization_status sphere_geometry photometric rig_calibration sphere_mapping \
+PACKAGES := $(wildcard typed_params sphere_geometry sphere_map photometric localization rig_calibration sphere_mapping \
 	dense_localizer mcl_depth path_follower cycab_sim node_kit sphere_nav_cli)
 SOURCES := $(sort $(shell find $(PACKAGES) -name '*.py') \
 	$(wildcard launch/*.launch.py config/*.yaml config/*.xml) setup.py setup.cfg package.xml resource/sphere_nav)

@@ -6,9 +6,10 @@ from setuptools import find_packages, setup
 
 PACKAGES = (
     "typed_params",
-    "localization_status",
     "sphere_geometry",
+    "sphere_map",
     "photometric",
+    "localization",
     "rig_calibration",
     "sphere_mapping",
     "dense_localizer",

@@ -20,7 +20,7 @@ from node_kit.conversions import camera_from_info, depth_to_metres, message_to_s
 from sphere_geometry import SE3, Camera
 from sphere_geometry.camera import pixel_grid
 from sphere_geometry.trajectory import Trajectory, read_tum
-from sphere_mapping.sphere import T_BODY_OPTICAL
+from sphere_map.sphere import T_BODY_OPTICAL
 from sphere_nav_cli.evaluate import judge
 from sphere_nav_cli.main import main as sphere_nav
 from sphere_nav_cli.pose_bags import read_poses

@@ -29,9 +29,9 @@ from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2
 from path_follower.taught import reference_path, taught_speeds
 from sphere_geometry import SE3
-from sphere_mapping.graph import SphereGraph
+from sphere_map.graph import SphereGraph
+from sphere_map.sphere import Sphere
 from sphere_mapping.mapper import Mapper
-from sphere_mapping.sphere import Sphere
 from sphere_nav_cli.demo import OTHER_DAY, TOUR, TRAFFIC
 from sphere_nav_cli.driving.report import distances_from_path
 from typed_params import build

@@ -14,7 +14,7 @@ from benchmarks.mcl_sites import Settings
 from benchmarks.mcl_trials import Trial, remembering, run_filter
 from benchmarks.report import Bound, Report, Table
 from cycab_sim.worlds import CORRIDOR
-from mcl_depth.area import Area
+from mcl_depth.geometry.area import Area
 from mcl_depth.params import FilterParams
 from typed_params import build
 

@@ -19,8 +19,8 @@ from cycab_sim.params import LightParams, RenderParams, TrafficParams, VehiclePa
 from cycab_sim.renderer import Renderer
 from cycab_sim.traffic.traffic import Traffic
 from cycab_sim.worlds import World, build_world
-from mcl_depth.estimate import Look
-from mcl_depth.motion_model import between, moved
+from mcl_depth.belief.estimate import Look
+from mcl_depth.belief.motion_model import between, moved
 from sphere_geometry import SE3, Camera, Fisheye, Pinhole, so3
 
 Array = NDArray[np.float64]

@@ -18,12 +18,12 @@ from cycab_sim.params import CameraParams, SimParams, StartParams
 from cycab_sim.simulator import Simulator
 from cycab_sim.town import Plan, taught_path
 from cycab_sim.vehicle import Command
-from mcl_depth.comparison import num_alpha_for, visual_features
+from mcl_depth.belief.particles import wrapped
 from mcl_depth.homing import Homing
-from mcl_depth.level_view import level_view
+from mcl_depth.likeness.comparison import num_alpha_for, visual_features
+from mcl_depth.likeness.level_view import level_view
+from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import HomingParams
-from mcl_depth.particles import wrapped
-from mcl_depth.similarity_cache import Comparison
 from mcl_depth.site import Site
 
 HELP = "homing: success by offset from the waypoint, and a path of 100 m driven by direction alone"

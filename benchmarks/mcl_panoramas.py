@@ -13,7 +13,11 @@ from numpy.typing import NDArray
 
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
-from mcl_depth.comparison import (
+from mcl_depth.geometry.files import read_geometry
+from mcl_depth.geometry.floor_plan import is_inside, rooms_of
+from mcl_depth.geometry.synthesis import DepthSynthesizer
+from mcl_depth.image_params import ComparisonParams, SynthesisParams
+from mcl_depth.likeness.comparison import (
     FeatureStack,
     depth_features_many,
     heading,
@@ -21,11 +25,7 @@ from mcl_depth.comparison import (
     similarity_many,
     visual_features,
 )
-from mcl_depth.floor_plan import is_inside, rooms_of
-from mcl_depth.geometry_files import read_geometry
-from mcl_depth.image_params import ComparisonParams, SynthesisParams
-from mcl_depth.level_view import level_view
-from mcl_depth.synthesis import DepthSynthesizer
+from mcl_depth.likeness.level_view import level_view
 from sphere_geometry import Spherical
 
 HELP = "real panoramas in a floor plan: compass at the true places, scan of all places"

@@ -16,14 +16,14 @@ from benchmarks.mcl_drives import HEIGHT, Studio, kept, simulator_source
 from benchmarks.mcl_routes import limits
 from cycab_sim.town import Plan, draw_plan
 from cycab_sim.worlds import geometry_cloud
-from mcl_depth.area import find_area
-from mcl_depth.cloud import Cloud, cloud_from_points
-from mcl_depth.depth_map import DepthMap
-from mcl_depth.ground import Ground
+from mcl_depth.geometry.area import find_area
+from mcl_depth.geometry.cloud import Cloud, cloud_from_points
+from mcl_depth.geometry.ground import Ground
+from mcl_depth.geometry.synthesis import DepthSynthesizer, panorama_window
 from mcl_depth.image_params import SynthesisParams
+from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
-from mcl_depth.synthesis import DepthSynthesizer, panorama_window
 from typed_params import build
 
 Settings = dict[str, Any]

@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report
-from mcl_depth.cloud import cloud_from_points
-from mcl_depth.comparison import depth_features_many, similarity_many, visual_features
+from mcl_depth.geometry.cloud import cloud_from_points
+from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.image_params import ComparisonParams, SynthesisParams
-from mcl_depth.level_view import level_view
-from mcl_depth.synthesis import DepthSynthesizer
+from mcl_depth.likeness.comparison import depth_features_many, similarity_many, visual_features
+from mcl_depth.likeness.level_view import level_view
 from sphere_geometry import Pinhole, Spherical
 
 HELP = "six surround cameras as one panorama in a LiDAR sweep, against the mirrored photographs"

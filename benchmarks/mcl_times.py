@@ -17,14 +17,14 @@ from benchmarks.machine import describe, milliseconds, repeat
 from benchmarks.report import Bound, Report, Table
 from cycab_sim import geometry_cloud
 from cycab_sim.worlds import build_world
-from mcl_depth.cloud import Cloud, cloud_from_points
-from mcl_depth.comparison import depth_features_many, similarity_many, visual_features
-from mcl_depth.estimate import Estimate, Look
+from mcl_depth.belief.estimate import Estimate, Look
 from mcl_depth.filter import Filter
-from mcl_depth.mesh import TriangleMesh, mesh_from_faces
+from mcl_depth.geometry.cloud import Cloud, cloud_from_points
+from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
+from mcl_depth.geometry.synthesis import DepthSynthesizer
+from mcl_depth.likeness.comparison import depth_features_many, similarity_many, visual_features
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
-from mcl_depth.synthesis import DepthSynthesizer
 from mcl_depth.warm_up import warm_up
 from sphere_geometry import SE3
 from sphere_geometry.camera import pixel_grid

@@ -15,7 +15,7 @@ from benchmarks.mcl_sites import Settings
 from benchmarks.mcl_town import kidnapped
 from benchmarks.mcl_trials import Trial, run_filter
 from benchmarks.report import Bound, Report, Table
-from mcl_depth.depth_cache import DepthCache
+from mcl_depth.likeness.depth_cache import DepthCache
 from mcl_depth.site import Site
 from typed_params import build, to_mapping
 

@@ -13,16 +13,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.mcl_drives import Drive
-from localization_status import Reason, State
-from mcl_depth.area import Area
-from mcl_depth.comparison import Features
-from mcl_depth.depth_cache import Cell
-from mcl_depth.depth_map import DepthMap
+from localization.status import Reason, State
+from mcl_depth.belief.particles import wrapped
+from mcl_depth.belief.spreading import spread
 from mcl_depth.filter import Filter
+from mcl_depth.geometry.area import Area
+from mcl_depth.likeness.comparison import Features
+from mcl_depth.likeness.depth_cache import Cell
+from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.params import FilterParams
-from mcl_depth.particles import wrapped
 from mcl_depth.site import Site
-from mcl_depth.spreading import spread
 from sphere_geometry import SE3
 
 Array = NDArray[np.float64]

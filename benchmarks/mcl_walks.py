@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from benchmarks.machine import describe
 from benchmarks.mcl_trials import remembering
 from benchmarks.report import Bound, Report, Table
-from mcl_depth.estimate import Look
+from mcl_depth.belief.estimate import Look
+from mcl_depth.belief.motion_model import between, moved
 from mcl_depth.filter import Filter
-from mcl_depth.geometry_files import read_geometry
-from mcl_depth.motion_model import between, moved
+from mcl_depth.geometry.files import read_geometry
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_geometry import SE3, Spherical

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_geometry.camera import pixel_grid
-from sphere_mapping.sphere import continued
-from sphere_mapping.stitching.blending import warped
-from sphere_mapping.stitching.stitcher import Stitcher
-from sphere_mapping.stitching.views import Layout, View
+from sphere_map.sphere import continued
+from sphere_mapping.acquisition.blending import warped
+from sphere_mapping.acquisition.stitcher import Stitcher
+from sphere_mapping.acquisition.views import Layout, View
 
 Image = NDArray[np.uint8]
 Flags = NDArray[np.bool_]

@@ -22,12 +22,12 @@ from cycab_sim.rigs import rig_place
 from cycab_sim.simulator import Simulator
 from sphere_geometry import SE3, Spherical
 from sphere_geometry.camera import pixel_grid
-from sphere_mapping.sphere import Sphere, continued
-from sphere_mapping.stitching.epipolar import range_from_disparity
-from sphere_mapping.stitching.matching import match_columns
-from sphere_mapping.stitching.params import RectifyParams, StitchParams
-from sphere_mapping.stitching.rectification import Rectified, rectified
-from sphere_mapping.stitching.stitcher import Stitcher
+from sphere_map.sphere import Sphere, continued
+from sphere_mapping.acquisition.epipolar import range_from_disparity
+from sphere_mapping.acquisition.matching import match_columns
+from sphere_mapping.acquisition.params import RectifyParams, StitchParams
+from sphere_mapping.acquisition.rectification import Rectified, rectified
+from sphere_mapping.acquisition.stitcher import Stitcher
 from typed_params import build
 
 HELP = "spheres stitched from rigs: range against the truth, seams, spheres per second"

@@ -9,7 +9,7 @@ from sphere_nav_msgs.srv import LoadMap, Relocalize
 from std_srvs.srv import Trigger
 
 from dense_localizer.outputs_node import describe
-from localization_status import FOLLOWING
+from localization.status import FOLLOWING
 from node_kit import conversions
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from dense_localizer.place import Place
 from dense_localizer.reasons import Finding
-from localization_status import Status
+from localization.status import Status
 from photometric import Pyramid
 from sphere_geometry import SE3
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from dense_localizer.params import InputParams
 from dense_localizer.reasons import FINE, Finding
-from localization_status import Reason
+from localization.status import Reason
 from sphere_geometry import Camera
 
 SAMPLE_STEP = 4  # every fourth pixel of every fourth row is enough for brightness, contrast and equality

@@ -11,7 +11,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from dense_localizer.params import DenseLocalizerParams
 from dense_localizer.reasons import FINE, Finding
-from localization_status import Reason
+from localization.status import Reason
 from node_kit import conversions, qos
 from node_kit.node import ManagedNode
 from node_kit.tf import TransformListener

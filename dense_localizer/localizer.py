@@ -20,7 +20,7 @@ from dense_localizer.reasons import FINE, Finding
 from dense_localizer.reference import SphereMap, read_all
 from dense_localizer.search import Search
 from dense_localizer.status import StateMachine, status_of
-from localization_status import Reason, Status
+from localization.status import Reason, Status
 from photometric import Pyramid, build_pyramid, register_rotation
 from sphere_geometry import SE3, Camera
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dense_localizer.params import PriorParams
 from dense_localizer.reasons import FINE, Finding
-from localization_status import Reason
+from localization.status import Reason
 from sphere_geometry import SE3
 
 Array = NDArray[np.float64]

@@ -16,7 +16,7 @@ from dense_localizer.outputs_node import Outputs
 from dense_localizer.params import DenseLocalizerParams
 from dense_localizer.reasons import Finding
 from dense_localizer.status import status_of
-from localization_status import FOLLOWING, Reason, State
+from localization.status import FOLLOWING, Reason, State
 from node_kit import conversions, qos
 from node_kit.companion import Companion
 from node_kit.map_bag import MapReader, open_map

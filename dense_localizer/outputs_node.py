@@ -14,7 +14,7 @@ from sphere_nav_msgs.msg import LocalizationStatus
 
 from dense_localizer.localizer import Estimate
 from dense_localizer.residual import residual_image
-from localization_status import TRUSTED, State, Status
+from localization.status import TRUSTED, State, Status
 from node_kit import conversions, qos
 from node_kit.node import ERROR, OK, WARN
 from node_kit.tf import TransformBroadcaster

@@ -12,7 +12,7 @@ from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.reasons import Finding
 from dense_localizer.reference import Choice, References
-from localization_status import Reason
+from localization.status import Reason
 from photometric import Alignment, Pyramid, RegistrationParams, register
 from sphere_geometry import SE3
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import localization_status
-from localization_status import Reason
+import localization.status
+from localization.status import Reason
 
 REMEDIES = {
     Reason.NONE: "",
@@ -27,7 +27,7 @@ REMEDIES = {
 }
 
 
-class Finding(localization_status.Finding):
+class Finding(localization.status.Finding):
     """One fact against an image, with this localiser's advice."""
 
     ADVICE = REMEDIES

@@ -19,8 +19,8 @@ from dense_localizer.params import LocalizerParams
 from photometric import Reference, View, prepare_reference
 from photometric.reference import ReferenceLevel
 from sphere_geometry import SE3, Camera, Spherical
-from sphere_mapping.graph import KeySphere, SphereGraph
-from sphere_mapping.sphere import Sphere
+from sphere_map.graph import KeySphere, SphereGraph
+from sphere_map.sphere import Sphere
 
 NUM_DIGEST_LEVELS = 2  # the coarsest levels are kept of every sphere: for choosing and for the start
 MIN_KEPT = 10_000  # levels that would keep fewer pixels keep all

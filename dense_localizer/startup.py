@@ -17,11 +17,11 @@ from dense_localizer.place import Place, locate
 from dense_localizer.reasons import FINE, Finding
 from dense_localizer.reference import NUM_DIGEST_LEVELS, Digest, References
 from dense_localizer.resemblance import resemblance
-from localization_status import Reason
+from localization.status import Reason
 from photometric import Pyramid, RegistrationParams, View, register
 from sphere_geometry import SE3
-from sphere_mapping.graph import KeySphere
-from sphere_mapping.sphere import T_BODY_OPTICAL
+from sphere_map.graph import KeySphere
+from sphere_map.sphere import T_BODY_OPTICAL
 
 NUM_COMPARED = 600  # points of a sphere that are compared with the image
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 from dense_localizer.params import StateParams
 from dense_localizer.place import Place
 from dense_localizer.reasons import Finding
-from localization_status import FOLLOWING, TRUSTED, State, Status
+from localization.status import FOLLOWING, TRUSTED, State, Status
 
 
 class StateMachine:

@@ -12,11 +12,11 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.srv import LoadCloud
 
-from localization_status import Reason, State, Status
-from mcl_depth.cloud import Cloud, cloud_from_points, thinned
+from localization.status import Reason, State, Status
 from mcl_depth.filter import Filter
-from mcl_depth.geometry_files import read_geometry
-from mcl_depth.mesh import TriangleMesh
+from mcl_depth.geometry.cloud import Cloud, cloud_from_points, thinned
+from mcl_depth.geometry.files import read_geometry
+from mcl_depth.geometry.mesh import TriangleMesh
 from mcl_depth.params import MclDepthParams
 from mcl_depth.reasons import FINE, Finding
 from mcl_depth.site import Site

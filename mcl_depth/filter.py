@@ -10,25 +10,25 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from localization_status import Reason, State, Status
-from mcl_depth.area import Area
-from mcl_depth.carrying import Carrier
-from mcl_depth.comparison import Features, num_alpha_for, visual_features
-from mcl_depth.depth_map import DepthMap
-from mcl_depth.estimate import Belief, Estimate, Look, covariance_of, pose_of
-from mcl_depth.hypotheses import find_hypotheses
+from localization.status import Reason, State, Status
+from mcl_depth.belief.dead_reckoning import Carrier
+from mcl_depth.belief.estimate import Belief, Estimate, Look, covariance_of, pose_of
+from mcl_depth.belief.hypotheses import find_hypotheses
+from mcl_depth.belief.motion_model import MotionModel, sample
+from mcl_depth.belief.orientation import adjusted, similarity_at
+from mcl_depth.belief.recovery import Recovery
+from mcl_depth.belief.resampling import resample
+from mcl_depth.belief.spreading import gathered, renewed, spread
+from mcl_depth.belief.weighting import weights
+from mcl_depth.geometry.area import Area
 from mcl_depth.input_check import InputCheck
-from mcl_depth.level_view import level_view
-from mcl_depth.motion_model import MotionModel, sample
-from mcl_depth.orientation import adjusted, similarity_at
+from mcl_depth.likeness.comparison import Features, num_alpha_for, visual_features
+from mcl_depth.likeness.depth_map import DepthMap
+from mcl_depth.likeness.level_view import level_view
+from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import FilterParams
 from mcl_depth.reasons import FINE, Finding
-from mcl_depth.recovery import Recovery
-from mcl_depth.resampling import resample
-from mcl_depth.similarity_cache import Comparison
-from mcl_depth.spreading import gathered, renewed, spread
 from mcl_depth.status import StateMachine, judge, status_of
-from mcl_depth.weighting import weights
 from sphere_geometry import SE3
 
 Array = NDArray[np.float64]

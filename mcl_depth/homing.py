@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.orientation import peaks
+from mcl_depth.belief.orientation import peaks
+from mcl_depth.belief.particles import wrapped
+from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import HomingParams
-from mcl_depth.particles import wrapped
-from mcl_depth.similarity_cache import Comparison
 
 Array = NDArray[np.float64]
 

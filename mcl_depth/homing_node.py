@@ -9,8 +9,8 @@ from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
 from sphere_nav_msgs.msg import FollowerStatus
 
-from localization_status import Status
-from mcl_depth.estimate import Belief
+from localization.status import Status
+from mcl_depth.belief.estimate import Belief
 from mcl_depth.homing import Advice, Homing
 from node_kit import conversions, qos
 from node_kit.conversions.driving import check_frames, guide_status_to_message

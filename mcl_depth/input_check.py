@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from localization_status import Reason
+from localization.status import Reason
 from mcl_depth.params import InputParams
 from mcl_depth.reasons import FINE, Finding
 from sphere_geometry import Camera

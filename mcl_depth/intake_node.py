@@ -10,7 +10,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image, Imu
 from sphere_nav_msgs.msg import SphereInfo
 
-from localization_status import Reason
+from localization.status import Reason
 from mcl_depth.params import MclDepthParams
 from mcl_depth.reasons import FINE, Finding
 from node_kit import conversions, qos

@@ -10,13 +10,13 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Image
 from std_srvs.srv import Empty
 
-from localization_status import FOLLOWING
+from localization.status import FOLLOWING
+from mcl_depth.belief.estimate import Look
 from mcl_depth.clouds_node import Clouds
-from mcl_depth.comparison import check_headings
-from mcl_depth.estimate import Look
 from mcl_depth.filter import Filter
 from mcl_depth.homing_node import HomingGuide
 from mcl_depth.intake_node import Intake
+from mcl_depth.likeness.comparison import check_headings
 from mcl_depth.outputs_node import Outputs
 from mcl_depth.params import MclDepthParams
 from mcl_depth.reasons import FINE, Finding

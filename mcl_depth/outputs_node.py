@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sphere_nav_msgs.msg import LocalizationStatus
 
-from localization_status import TRUSTED, State, Status
-from mcl_depth.estimate import Estimate
+from localization.status import TRUSTED, State, Status
+from mcl_depth.belief.estimate import Estimate
 from node_kit import conversions
 from node_kit.node import ERROR, OK, WARN
 from node_kit.tf import TransformBroadcaster

@@ -5,14 +5,14 @@ from __future__ import annotations
 import copy
 import hashlib
 
-from mcl_depth.area import Area, find_area
-from mcl_depth.cloud import Cloud
-from mcl_depth.depth_map import DepthMap
 from mcl_depth.filter import Filter
-from mcl_depth.ground import Ground
-from mcl_depth.mesh import TriangleMesh, sampled
+from mcl_depth.geometry.area import Area, find_area
+from mcl_depth.geometry.cloud import Cloud
+from mcl_depth.geometry.ground import Ground
+from mcl_depth.geometry.mesh import TriangleMesh, sampled
+from mcl_depth.geometry.synthesis import DepthSynthesizer
+from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.params import FilterParams
-from mcl_depth.synthesis import DepthSynthesizer
 
 SPACING = 0.15  # of the points that stand for a mesh in ground and area, m
 

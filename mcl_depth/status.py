@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from localization_status import FOLLOWING, TRUSTED, Reason, State, Status
-from mcl_depth.hypotheses import Hypothesis
-from mcl_depth.motion_model import Step
+from localization.status import FOLLOWING, TRUSTED, Reason, State, Status
+from mcl_depth.belief.hypotheses import Hypothesis
+from mcl_depth.belief.motion_model import Step
 from mcl_depth.params import StateParams
 from mcl_depth.reasons import FINE, Finding
 

@@ -10,9 +10,9 @@ from sensor_msgs.msg import Image, LaserScan
 from sphere_nav_msgs.msg import ParticleCloud
 from visualization_msgs.msg import MarkerArray
 
-from mcl_depth.estimate import Belief, pose_of
+from mcl_depth.belief.estimate import Belief, pose_of
+from mcl_depth.belief.orientation import peaks
 from mcl_depth.filter import Filter
-from mcl_depth.orientation import peaks
 from node_kit import conversions, qos
 from node_kit.conversions.beliefs import hypotheses_to_markers, similarities_to_scan
 from node_kit.conversions.particles import particles_to_message

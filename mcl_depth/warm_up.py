@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcl_depth.cloud import cloud_from_points
-from mcl_depth.comparison import depth_features_many, num_alpha_for, similarity_many, visual_features
+from mcl_depth.geometry.cloud import cloud_from_points
+from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.image_params import SynthesisParams
+from mcl_depth.likeness.comparison import depth_features_many, num_alpha_for, similarity_many, visual_features
 from mcl_depth.params import FilterParams
-from mcl_depth.synthesis import DepthSynthesizer
 
 
 def warm_up(params: FilterParams) -> None:

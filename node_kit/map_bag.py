@@ -27,8 +27,8 @@ from node_kit.bag_writer import BagWriter
 from node_kit.conversions import header, message_to_sphere, sphere_to_message
 from node_kit.conversions.graphs import graph_to_message, message_to_graph
 from node_kit.files import software
-from sphere_mapping.graph import KeySphere, SphereGraph
-from sphere_mapping.sphere import Sphere
+from sphere_map.graph import KeySphere, SphereGraph
+from sphere_map.sphere import Sphere
 
 FILE_NAME = "map.mcap"
 INFO, SPHERE, GRAPH = "/map/info", "/map/sphere", "/map/graph"

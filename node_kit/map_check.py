@@ -16,8 +16,8 @@ from node_kit.conversions import message_to_sphere
 from node_kit.conversions.graphs import message_to_graph
 from node_kit.map_bag import FILE_NAME, GRAPH, INFO, KINDS, SPHERE, MapDetails, Progress, open_map, save_map
 from node_kit.mcap_file import salvaged_messages
-from sphere_mapping.graph import SphereGraph
-from sphere_mapping.sphere import Sphere
+from sphere_map.graph import SphereGraph
+from sphere_map.sphere import Sphere
 
 
 def verify_map(path: str | Path, progress: Progress = lambda step: None) -> list[str]:

@@ -12,11 +12,11 @@ from sphere_nav_msgs.msg import AugmentedSphere
 from node_kit import conversions, qos
 from node_kit.node import ManagedNode
 from sphere_geometry import Camera, Pinhole
-from sphere_mapping.pairing import Pairing
+from sphere_map.sphere import T_BODY_OPTICAL, Sphere
+from sphere_mapping.acquisition.pairing import Pairing
+from sphere_mapping.acquisition.partial import sphere_from_rgbd
+from sphere_mapping.acquisition.stereo import sphere_from_stereo
 from sphere_mapping.params import SphereMapperParams
-from sphere_mapping.partial import sphere_from_rgbd
-from sphere_mapping.sphere import T_BODY_OPTICAL, Sphere
-from sphere_mapping.stereo import sphere_from_stereo
 
 OnSphere = Callable[[Sphere, str, bool], None]  # the sphere, the frame of its header, whether that is optical
 

@@ -11,14 +11,14 @@ from dataclasses import dataclass
 
 from photometric import Alignment
 from sphere_geometry import SE3
-from sphere_mapping import keyframes
-from sphere_mapping.graph import KeySphere, SphereGraph
-from sphere_mapping.keyframes import why_key_sphere
-from sphere_mapping.loop_closure import close_loops
-from sphere_mapping.motion import MotionPrior, Placed
+from sphere_map.graph import KeySphere, SphereGraph
+from sphere_map.sphere import Sphere
+from sphere_mapping.graph import keyframes
+from sphere_mapping.graph.keyframes import why_key_sphere
+from sphere_mapping.graph.loop_closure import close_loops
+from sphere_mapping.graph.motion import MotionPrior, Placed
+from sphere_mapping.graph.registration import PreparedSphere, align, edge_between, turned
 from sphere_mapping.params import MapperParams
-from sphere_mapping.registration import PreparedSphere, align, edge_between, turned
-from sphere_mapping.sphere import Sphere
 
 
 @dataclass(frozen=True, eq=False)

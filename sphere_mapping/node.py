@@ -15,13 +15,13 @@ from node_kit.run import run
 from node_kit.tf import TransformBroadcaster, TransformError, TransformListener, TransformTree
 from photometric.warm_up import warm_up
 from sphere_geometry import SE3
-from sphere_mapping import kernels
-from sphere_mapping.cloud import cloud_of
+from sphere_map.sphere import T_BODY_OPTICAL, Sphere
+from sphere_mapping.acquisition import kernels
+from sphere_mapping.graph.map_cloud import cloud_of
 from sphere_mapping.intake_node import Intake
 from sphere_mapping.mapper import Mapper, MapUpdate
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.saving_node import MapSaver
-from sphere_mapping.sphere import T_BODY_OPTICAL, Sphere
 
 ODOM = "odom"
 NO_COVARIANCE = SE3.identity().adjoint() * 0.0

@@ -15,9 +15,9 @@ from node_kit import conversions, qos
 from node_kit.node import ERROR, OK, WARN, ManagedNode
 from node_kit.tf import TransformError, TransformListener
 from sphere_geometry import SE3, Rig
-from sphere_mapping.stitching.clouds import Clouds, mount_of
-from sphere_mapping.stitching.params import SphereStitcherParams
-from sphere_mapping.stitching.synchroniser import Instant, Synchroniser
+from sphere_mapping.acquisition.clouds import Clouds, mount_of
+from sphere_mapping.acquisition.params import SphereStitcherParams
+from sphere_mapping.acquisition.synchroniser import Instant, Synchroniser
 
 INFO_TOLERANCE = 1e-3  # relative; a camera_info that differs more is of another camera
 DEPTH = "/depth"  # a camera's depth is a stream of its own: NAME/depth

@@ -10,7 +10,7 @@ from sphere_nav_msgs.srv import SaveMap
 
 from node_kit.map_bag import MapDetails, save_map
 from node_kit.node import ManagedNode
-from sphere_mapping.graph import SphereGraph
+from sphere_map.graph import SphereGraph
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams, SphereMapperParams
 from typed_params import to_mapping

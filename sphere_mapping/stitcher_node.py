@@ -18,12 +18,12 @@ from node_kit.node import OK, WARN, ManagedNode
 from node_kit.run import run
 from sphere_geometry import Rig
 from sphere_geometry.rig_file import read_rig
+from sphere_mapping.acquisition import kernels
+from sphere_mapping.acquisition.params import SphereStitcherParams
+from sphere_mapping.acquisition.rectification import Matches, rectified
+from sphere_mapping.acquisition.stitcher import Stitcher
+from sphere_mapping.acquisition.views import masks_of
 from sphere_mapping.rig_intake_node import RigInstant, RigIntake
-from sphere_mapping.stitching import kernels
-from sphere_mapping.stitching.params import SphereStitcherParams
-from sphere_mapping.stitching.rectification import Matches, rectified
-from sphere_mapping.stitching.stitcher import Stitcher
-from sphere_mapping.stitching.views import masks_of
 
 
 class SphereStitcher(ManagedNode):

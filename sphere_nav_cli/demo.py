@@ -21,8 +21,7 @@ from cycab_sim.worlds import build_world
 from node_kit.map_bag import open_map
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import read_tum
-from sphere_mapping import kernels
-from sphere_mapping.stitching import kernels as stitching
+from sphere_mapping.acquisition import kernels
 from sphere_nav_cli.driving.plots import plot_errors, plot_top_view
 from sphere_nav_cli.driving.processes import Processes
 from sphere_nav_cli.driving.report import DriveErrors, drive_errors, read_estimate, read_truth
@@ -122,7 +121,6 @@ class Demo:
         with self.stage("prepare", " (compiling kernels takes two minutes, once on a machine)"):
             photometric.warm_up()
             kernels.warm_up()
-            stitching.warm_up()
 
     def teach(self) -> None:
         """Drive the path once by the simulator's driver, and record the cameras."""

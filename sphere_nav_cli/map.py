@@ -19,9 +19,9 @@ from node_kit.replay import OfflineBus, replay, required_topics
 from sphere_geometry import SE3
 from sphere_geometry.rig_file import read_rig
 from sphere_geometry.trajectory import Trajectory, write_tum
-from sphere_mapping.graph import SphereGraph
+from sphere_map.graph import SphereGraph
+from sphere_mapping.acquisition.kernels import use_threads
 from sphere_mapping.intake_node import TOPICS
-from sphere_mapping.kernels import use_threads
 from sphere_mapping.node import SphereMapper
 from sphere_mapping.saving_node import details_of
 from sphere_mapping.stitcher_node import SphereStitcher

@@ -13,8 +13,8 @@ from tqdm import tqdm
 from node_kit.map_bag import MapReader, open_map
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import Trajectory, write_tum
-from sphere_mapping.cloud import points_of
-from sphere_mapping.graph import Edge, SphereGraph
+from sphere_map.graph import Edge, SphereGraph
+from sphere_mapping.graph.map_cloud import points_of
 from sphere_mapping.params import CloudParams
 
 HELP = """\

@@ -11,9 +11,9 @@ import numpy as np
 
 from photometric import Alignment
 from sphere_geometry import SE3
+from sphere_map.sphere import Sphere
+from sphere_mapping.graph.registration import PreparedSphere, align, residual_at, turned
 from sphere_mapping.params import MapperParams
-from sphere_mapping.registration import PreparedSphere, align, residual_at, turned
-from sphere_mapping.sphere import Sphere
 from sphere_nav_cli.sphere_source import Lens, read_sphere
 
 HELP = """\

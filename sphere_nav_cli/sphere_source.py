@@ -15,11 +15,11 @@ from node_kit.map_bag import FILE_NAME, open_map
 from node_kit.node import ManagedNode
 from node_kit.replay import OfflineBus, replay
 from sphere_geometry import Pinhole
+from sphere_map.sphere import T_BODY_OPTICAL, Sphere
+from sphere_mapping.acquisition.partial import sphere_from_rgbd
+from sphere_mapping.acquisition.stereo import sphere_from_stereo
 from sphere_mapping.intake_node import TOPICS, Intake
 from sphere_mapping.params import MapperParams, SphereMapperParams
-from sphere_mapping.partial import sphere_from_rgbd
-from sphere_mapping.sphere import T_BODY_OPTICAL, Sphere
-from sphere_mapping.stereo import sphere_from_stereo
 from sphere_nav_cli.importing.recording import read_image
 
 

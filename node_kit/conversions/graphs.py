@@ -12,7 +12,7 @@ from sphere_nav_msgs.msg import KeySphereEdge, KeySphereGraph, KeySphereVertex, 
 
 from node_kit.conversions.poses import from_ros_covariance, pose_to_se3, se3_to_pose, to_ros_covariance
 from node_kit.conversions.stamps import header, ns_to_time, time_to_ns
-from sphere_mapping.graph import Edge, KeySphere, SphereGraph
+from sphere_map.graph import Edge, KeySphere, SphereGraph
 
 MAX_ID = 2**32 - 1
 MAX_VARIANCE = 1e12  # of a direction that the edge says nothing about

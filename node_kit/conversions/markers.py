@@ -8,7 +8,7 @@ from visualization_msgs.msg import Marker, MarkerArray
 
 from node_kit.conversions.stamps import header
 from sphere_geometry import SE3
-from sphere_mapping.graph import Edge, SphereGraph
+from sphere_map.graph import Edge, SphereGraph
 
 BLUE = ColorRGBA(r=0.1, g=0.4, b=0.9, a=0.9)
 GREY = ColorRGBA(r=0.6, g=0.6, b=0.6, a=0.9)

@@ -15,8 +15,8 @@ from node_kit.conversions.encoded import encoded_size
 from node_kit.conversions.images import to_bytes
 from node_kit.conversions.stamps import header, stamp_ns
 from sphere_geometry import Spherical
-from sphere_mapping import range_codec
-from sphere_mapping.sphere import Sphere
+from sphere_map import range_codec
+from sphere_map.sphere import Sphere
 
 MAX_PIXELS = 1 << 27  # 16384 x 8192
 MAX_FULL_WIDTH = 1 << 16

@@ -8,7 +8,7 @@ from typing import Any
 
 from sphere_nav_msgs.msg import LocalizationStatus
 
-from localization_status import State, Status
+from localization.status import State, Status
 from node_kit.conversions.stamps import header, stamp_ns
 
 FLOATS = ("value", "limit", "quality", "overlap", "inlier_share", "mad", "milliseconds", "age")

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sphere_geometry import SE3, Camera
 from sphere_geometry.camera import pixel_grid
-from sphere_mapping.kernels import sample_inverse_depth, splat_nearest
+from sphere_mapping.acquisition.kernels import sample_inverse_depth, splat_nearest
 
 CORRECTIONS = 2  # steps along the ray after the warp, which is good to a pixel; the last one only confirms
 MAX_LEFT = 0.01  # relative; more is a surface that the first camera does not see from here

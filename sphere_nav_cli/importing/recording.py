@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from node_kit.conversions import se3_to_transform
 from sphere_geometry import SE3
-from sphere_mapping.sphere import T_BODY_OPTICAL
+from sphere_map.sphere import T_BODY_OPTICAL
 
 FIRST_STAMP_NS = 1_000_000_000  # of recordings that start at zero: stamp 0 means 'no stamp'
 MAP_FRAME, BASE_FRAME, CAMERA_FRAME, OPTICAL_FRAME = "map", "base_link", "camera_link", "camera_optical"

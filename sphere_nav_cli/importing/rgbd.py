@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from node_kit.conversions import array_to_image, camera_to_info, se3_to_pose_stamped
 from sphere_geometry import SE3, Pinhole
-from sphere_mapping.sphere import T_BODY_OPTICAL
+from sphere_map.sphere import T_BODY_OPTICAL
 from sphere_nav_cli.importing.depth_registration import DepthRegistration
 from sphere_nav_cli.importing.recording import (
     FIRST_STAMP_NS,

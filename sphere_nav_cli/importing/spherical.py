@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from node_kit.conversions import se3_to_pose_stamped, se3_to_transform, sphere_to_message
 from sphere_geometry import SE3, Pinhole, Spherical
-from sphere_mapping.partial import RgbdView, sphere_from_views
-from sphere_mapping.sphere import Sphere
+from sphere_map.sphere import Sphere
+from sphere_mapping.acquisition.partial import RgbdView, sphere_from_views
 from sphere_nav_cli.importing.recording import (
     BASE_FRAME,
     FIRST_STAMP_NS,

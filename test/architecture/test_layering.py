@@ -8,20 +8,20 @@ import pytest
 
 from architecture.tree import MODULES, PACKAGES, imports, is_node
 
-MAP_TYPES = {"sphere_mapping.sphere", "sphere_mapping.graph", "sphere_mapping.range_codec"}
 GEOMETRY = {"typed_params", "sphere_geometry"}
 MAY_IMPORT: dict[str, set[str]] = {
     "typed_params": set(),
-    "localization_status": set(),
     "sphere_geometry": {"typed_params"},
+    "sphere_map": GEOMETRY,
     "photometric": GEOMETRY,
+    "localization": GEOMETRY,
     "rig_calibration": GEOMETRY,
-    "sphere_mapping": GEOMETRY | {"photometric"},
-    "dense_localizer": GEOMETRY | {"localization_status", "photometric"} | MAP_TYPES,
-    "mcl_depth": GEOMETRY | {"localization_status"},
+    "sphere_mapping": GEOMETRY | {"photometric", "sphere_map"},
+    "dense_localizer": GEOMETRY | {"localization", "photometric", "sphere_map"},
+    "mcl_depth": GEOMETRY | {"localization"},
     "path_follower": GEOMETRY,
     "cycab_sim": GEOMETRY,
-    "node_kit": GEOMETRY | {"localization_status"} | MAP_TYPES,
+    "node_kit": GEOMETRY | {"localization", "sphere_map"},
     "sphere_nav_cli": set(PACKAGES),
 }
 ROS = {

@@ -10,9 +10,10 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = (
     "typed_params",
-    "localization_status",
     "sphere_geometry",
+    "sphere_map",
     "photometric",
+    "localization",
     "rig_calibration",
     "sphere_mapping",
     "dense_localizer",

@@ -9,7 +9,7 @@ from benchmarks.mcl_homing import Ride, ride_bounds
 from benchmarks.mcl_routes import MARGIN, MAX_OFFSET, SIDE, kidnapped_line, limits, sampled
 from benchmarks.mcl_trials import Trial
 from cycab_sim.town import draw_plan, taught_path
-from localization_status import State
+from localization.status import State
 
 PLAN = draw_plan(4)
 

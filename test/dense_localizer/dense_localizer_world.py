@@ -9,8 +9,8 @@ from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from sphere_geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_geometry.camera import pixel_grid
-from sphere_mapping.graph import KeySphere, SphereGraph
-from sphere_mapping.sphere import T_BODY_OPTICAL, Sphere
+from sphere_map.graph import KeySphere, SphereGraph
+from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 from typed_params import build
 
 STEP_NS = 50_000_000  # 20 images a second

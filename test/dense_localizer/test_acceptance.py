@@ -7,7 +7,7 @@ from dense_localizer.acceptance import Check, honest_covariance, innovation, jud
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams, CovarianceParams
 from dense_localizer.reasons import REMEDIES
-from localization_status import Reason
+from localization.status import Reason
 from photometric import Alignment
 from sphere_geometry import SE3
 

@@ -3,7 +3,7 @@ import pytest
 
 from dense_localizer.input_check import InputCheck
 from dense_localizer.params import InputParams
-from localization_status import Reason
+from localization.status import Reason
 from sphere_geometry import Pinhole
 
 CAMERA = Pinhole(64, 48, 50.0, 50.0, 31.5, 23.5)

@@ -12,7 +12,7 @@ from node_kit.conversions import array_to_image, camera_to_info, se3_to_odometry
 from node_kit.node import ManagedNode
 from node_kit.replay import OfflineBus
 from sphere_geometry import SE3
-from sphere_mapping.sphere import T_BODY_OPTICAL
+from sphere_map.sphere import T_BODY_OPTICAL
 from typed_params import build
 
 SECOND = 1_000_000_000

@@ -6,10 +6,10 @@ from dense_localizer.params import LocalizerParams, StartParams
 from dense_localizer.reference import Digest, References
 from dense_localizer.search import Search
 from dense_localizer.startup import Startup, decide, outlooks
-from localization_status import Reason
+from localization.status import Reason
 from photometric import build_pyramid
 from sphere_geometry import SE3, Spherical
-from sphere_mapping.graph import KeySphere
+from sphere_map.graph import KeySphere
 from typed_params import build
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)

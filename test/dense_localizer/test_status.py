@@ -2,7 +2,7 @@ import pytest
 
 from dense_localizer.params import StateParams
 from dense_localizer.status import StateMachine
-from localization_status import State
+from localization.status import State
 
 PARAMS = StateParams(probation_frames=3, max_probation_frames=8, recovery_frames=2, max_blind_s=0.5)
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from tf2_msgs.msg import TFMessage
 
+from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sampled
+from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.image_params import SynthesisParams
-from mcl_depth.mesh import TriangleMesh, mesh_from_faces, sampled
 from mcl_depth.node import MclDepthNode
-from mcl_depth.synthesis import DepthSynthesizer
 from node_kit.conversions import array_to_image, camera_to_sphere_info, se3_to_odometry, se3_to_transform
 from node_kit.replay import OfflineBus
 from sphere_geometry import SE3

@@ -9,14 +9,14 @@ pytest.importorskip("rclpy")
 
 from sphere_nav_msgs.srv import LoadCloud
 
-from mcl_depth.cloud import Cloud
 from mcl_depth.clouds_node import read_map
+from mcl_depth.geometry.cloud import Cloud
 from mcl_depth.node import MclDepthNode
 from node_kit.map_bag import save_map
 from node_kit.replay import OfflineBus
 from sphere_geometry import SE3, Spherical
-from sphere_mapping.graph import KeySphere, SphereGraph
-from sphere_mapping.sphere import Sphere
+from sphere_map.graph import KeySphere, SphereGraph
+from sphere_map.sphere import Sphere
 
 
 @pytest.fixture

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from localization_status import State
-from mcl_depth.estimate import Look
+from localization.status import State
+from mcl_depth.belief.estimate import Look
 from mcl_depth.filter import Filter
-from mcl_depth.mesh import mesh_from_faces
+from mcl_depth.geometry.mesh import mesh_from_faces
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_geometry import SE3, Spherical

@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.depth_cache import DepthCache
-from mcl_depth.features import FeatureStack
+from mcl_depth.belief.hypotheses import find_hypotheses
+from mcl_depth.belief.motion_model import MotionModel, between, moved
+from mcl_depth.belief.orientation import peaks, similarity_at
+from mcl_depth.belief.particles import Particles
+from mcl_depth.belief.resampling import kld_count, low_variance_indices, resample
+from mcl_depth.belief.weighting import weights
 from mcl_depth.homing import offsets, waypoints_of
-from mcl_depth.hypotheses import find_hypotheses
-from mcl_depth.motion_model import MotionModel, between, moved
-from mcl_depth.orientation import peaks, similarity_at
+from mcl_depth.likeness.depth_cache import DepthCache
+from mcl_depth.likeness.features import FeatureStack
 from mcl_depth.params import (
     HomingParams,
     HypothesisParams,
@@ -18,9 +21,6 @@ from mcl_depth.params import (
     ResamplingParams,
     WeightParams,
 )
-from mcl_depth.particles import Particles
-from mcl_depth.resampling import kld_count, low_variance_indices, resample
-from mcl_depth.weighting import weights
 from sphere_geometry import SE3
 
 

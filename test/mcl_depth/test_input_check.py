@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import mcl_depth
-from localization_status import Reason
+from localization.status import Reason
 from mcl_depth.input_check import InputCheck
 from mcl_depth.params import InputParams
 from mcl_depth.reasons import FINE, REMEDIES, Finding

@@ -10,7 +10,7 @@ pytest.importorskip("rclpy")
 from sensor_msgs.msg import Imu
 from tf2_msgs.msg import TFMessage
 
-from localization_status import Reason
+from localization.status import Reason
 from mcl_depth.node import MclDepthNode
 from mcl_depth.reasons import FINE
 from node_kit import conversions

@@ -7,8 +7,8 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from localization_status import State, Status
-from mcl_depth.estimate import Estimate
+from localization.status import State, Status
+from mcl_depth.belief.estimate import Estimate
 from mcl_depth.node import MclDepthNode
 from mcl_depth.outputs_node import Outputs
 from node_kit.conversions import pose_with_covariance_to_se3, se3_to_odometry, transform_to_se3

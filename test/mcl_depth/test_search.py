@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mcl_depth.belief.particles import Particles
+from mcl_depth.belief.resampling import resample
+from mcl_depth.belief.weighting import CHANCE, scaled, weights
 from mcl_depth.params import ResamplingParams, WeightParams
-from mcl_depth.particles import Particles
-from mcl_depth.resampling import resample
-from mcl_depth.weighting import CHANCE, scaled, weights
 
 PARAMS = ResamplingParams(num_particles=1000, is_adaptive=False, roughening=0.3)
 

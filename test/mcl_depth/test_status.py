@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from localization_status import Reason, State
-from mcl_depth.hypotheses import Hypothesis
-from mcl_depth.motion_model import Step
+from localization.status import Reason, State
+from mcl_depth.belief.hypotheses import Hypothesis
+from mcl_depth.belief.motion_model import Step
 from mcl_depth.params import StateParams
 from mcl_depth.reasons import FINE, Finding
 from mcl_depth.status import StateMachine, Verdict, judge, status_of

@@ -13,8 +13,8 @@ from std_msgs.msg import Header, String
 from node_kit import qos
 from node_kit.bags import BagWriter
 from sphere_geometry import SE3, Spherical
-from sphere_mapping.graph import Edge, KeySphere, SphereGraph
-from sphere_mapping.sphere import Sphere
+from sphere_map.graph import Edge, KeySphere, SphereGraph
+from sphere_map.sphere import Sphere
 
 START = 5_000_000_000
 STEP = 100_000_000

@@ -9,7 +9,7 @@ from sphere_nav_msgs.msg import MapInfo
 from node_kit.bags import BagError, BagReader, BagWriter
 from node_kit.conversions import graph_to_message, sphere_to_message
 from node_kit.map_bag import GRAPH, INFO, SPHERE, MapDetails, open_map, save_map
-from sphere_mapping.graph import SphereGraph
+from sphere_map.graph import SphereGraph
 
 DETAILS = MapDetails(map_id="yard", source="drive", parameters={"mapper.levels": 4}, rig="cameras: []")
 

@@ -41,7 +41,7 @@ from node_kit.conversions import (
 from node_kit.map_bag import save_map
 from node_kit.replay import OfflineBus
 from sphere_geometry import SE3
-from sphere_mapping.sphere import T_BODY_OPTICAL
+from sphere_map.sphere import T_BODY_OPTICAL
 
 ROOT = Path(__file__).resolve().parents[2]
 START_NS = 1_000_000_000

@@ -23,7 +23,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from localization_status import State, Status
+from localization.status import State, Status
 from node_kit import qos
 from node_kit.conversions import (
     ns_to_time,

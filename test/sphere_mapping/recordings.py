@@ -21,8 +21,8 @@ from node_kit.conversions import (
     sphere_to_message,
 )
 from sphere_geometry import SE3, Pinhole
-from sphere_mapping.partial import sphere_from_rgbd
-from sphere_mapping.sphere import T_BODY_OPTICAL
+from sphere_map.sphere import T_BODY_OPTICAL
+from sphere_mapping.acquisition.partial import sphere_from_rgbd
 
 CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
 BASELINE = 0.5

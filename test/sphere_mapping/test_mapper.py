@@ -3,11 +3,11 @@ import pytest
 from worlds import Room, optical
 
 from sphere_geometry import SE3, Pinhole
-from sphere_mapping import keyframes
+from sphere_map.sphere import Sphere
+from sphere_mapping.acquisition.partial import sphere_from_rgbd
+from sphere_mapping.graph import keyframes
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import KeySphereParams, MapperParams
-from sphere_mapping.partial import sphere_from_rgbd
-from sphere_mapping.sphere import Sphere
 
 CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
 ROOM = Room()

@@ -10,8 +10,8 @@ from rig_world import RIG_NAMES, vertical_rig
 from node_kit.conversions import array_to_image, cloud_to_message
 from node_kit.node import ERROR, OK, WARN, ManagedNode
 from node_kit.replay import OfflineBus
+from sphere_mapping.acquisition.params import SphereStitcherParams
 from sphere_mapping.rig_intake_node import RigIntake
-from sphere_mapping.stitching.params import SphereStitcherParams
 
 MS = 1_000_000
 

@@ -4,7 +4,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from sphere_geometry import SE3
-from sphere_mapping.graph import KeySphere, SphereGraph
+from sphere_map.graph import KeySphere, SphereGraph
 from sphere_mapping.params import MapperParams
 from sphere_mapping.saving_node import details_of, inside
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from sphere_geometry import SE3
 from sphere_geometry.camera import pixel_grid
-from sphere_mapping.sphere import T_BODY_OPTICAL
+from sphere_map.sphere import T_BODY_OPTICAL
 
 NUM_WAVES = 24
 

@@ -22,7 +22,7 @@ from node_kit.conversions import array_to_image, camera_to_info, se3_to_transfor
 from node_kit.map_bag import save_map
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import read_tum
-from sphere_mapping.sphere import T_BODY_OPTICAL
+from sphere_map.sphere import T_BODY_OPTICAL
 from sphere_nav_cli.localising import Summary
 from sphere_nav_cli.main import main
 

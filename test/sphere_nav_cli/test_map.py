@@ -32,7 +32,7 @@ from worlds import optical
 from node_kit.map_bag import open_map
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import read_tum
-from sphere_mapping.graph import Edge, KeySphere, SphereGraph
+from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_nav_cli import map as map_command
 from sphere_nav_cli import map_info, map_verify, register
 from sphere_nav_cli.main import main

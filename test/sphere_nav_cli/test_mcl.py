@@ -16,9 +16,9 @@ from sensor_msgs.msg import Image
 from sphere_nav_msgs.msg import SphereInfo
 from tf2_msgs.msg import TFMessage
 
-from mcl_depth.geometry_files import read_geometry
+from mcl_depth.geometry.files import read_geometry
+from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.image_params import SynthesisParams
-from mcl_depth.synthesis import DepthSynthesizer
 from node_kit import qos
 from node_kit.bag_reader import BagReader
 from node_kit.bag_writer import BagWriter

@@ -20,7 +20,7 @@ from node_kit import conversions, qos
 from node_kit.bags import BagWriter
 from sphere_geometry import SE3, Pinhole
 from sphere_geometry.camera import pixel_grid
-from sphere_mapping.sphere import T_BODY_OPTICAL
+from sphere_map.sphere import T_BODY_OPTICAL
 
 OPTICAL_FRAME, BASE, MAP = "camera_optical", "base_link", "map"
 SECOND, PERIOD = 1_000_000_000, 100_000_000

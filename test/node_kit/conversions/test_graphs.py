@@ -6,7 +6,7 @@ from sphere_nav_msgs.msg import KeySphereEdge
 
 from node_kit.conversions import graph_to_message, message_to_graph
 from sphere_geometry import SE3
-from sphere_mapping.graph import Edge, KeySphere, SphereGraph
+from sphere_map.graph import Edge, KeySphere, SphereGraph
 
 
 def test_a_graph_comes_back(sphere_graph):

@@ -2,7 +2,7 @@ import numpy as np
 
 from node_kit.conversions.markers import graph_to_markers
 from sphere_geometry import SE3
-from sphere_mapping.graph import Edge, KeySphere, SphereGraph
+from sphere_map.graph import Edge, KeySphere, SphereGraph
 
 
 def test_every_key_sphere_is_a_ball_and_every_edge_a_line_of_its_kind():

@@ -6,7 +6,7 @@ from sphere_nav_msgs.msg import AugmentedSphere
 
 from node_kit.conversions import message_to_sphere, sphere_info_to_camera, sphere_to_message
 from sphere_geometry import Spherical
-from sphere_mapping.sphere import Sphere
+from sphere_map.sphere import Sphere
 
 CAMERAS = [Spherical(64, 32), Spherical(24, 10, 64.0, -3.0, 8.0), Spherical(20, 8, 50.5, 3.25, 4.5)]
 

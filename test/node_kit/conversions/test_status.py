@@ -6,7 +6,7 @@ import math
 import pytest
 from sphere_nav_msgs.msg import LocalizationStatus
 
-from localization_status import Status
+from localization.status import Status
 from node_kit.conversions import message_to_status, status_to_message
 
 

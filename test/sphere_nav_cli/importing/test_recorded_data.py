@@ -7,7 +7,7 @@ from node_kit.bags import BagReader
 from node_kit.conversions import depth_to_metres, image_to_grey, message_to_sphere, pose_to_se3
 from sphere_geometry import SE3, Pinhole
 from sphere_geometry.camera import pixel_grid
-from sphere_mapping.sphere import T_BODY_OPTICAL
+from sphere_map.sphere import T_BODY_OPTICAL
 from sphere_nav_cli.importing.kitti import KittiRecording
 from sphere_nav_cli.importing.recording import body_from_optical
 from sphere_nav_cli.importing.rgbd import DepthCamera, open_seven_scenes, open_tum

@@ -1,0 +1,1 @@
+"""What both localisers share: states, reasons and the news of an image (`status.py`)."""

@@ -1,0 +1,79 @@
+"""What goes into the filter for one image, and what comes out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from localization.status import Status
+from mcl_depth.belief.hypotheses import Hypothesis
+from mcl_depth.belief.particles import Particles
+from mcl_depth.likeness.similarity_cache import Comparison
+from mcl_depth.params import CovarianceParams
+from sphere_geometry import SE3, Camera
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Look:
+    """One image. The sight is the camera's centre with the vehicle's axes, levelled: z up, x where the vehicle heads.
+
+    `rotation` (3, 3) turns camera axes into those of the sight; `T_odom_sight` is odometry at the stamp, or None.
+    """
+
+    image: NDArray[Any]  # grey (H, W)
+    camera: Camera
+    stamp_ns: int
+    rotation: Array
+    T_odom_sight: SE3 | None = None
+
+
+@dataclass(frozen=True)
+class Belief:
+    """What was found out with one image, for whoever wants to look at it."""
+
+    hypotheses: tuple[Hypothesis, ...]  # by falling weight
+    particles: Particles  # weighted, before resampling
+    comparison: Comparison
+    lead: float  # of the likeliest place over the rest of the map, standard deviations
+
+    @property
+    def best(self) -> Hypothesis:
+        """The likeliest place."""
+        return self.hypotheses[0]
+
+    def curve(self) -> NDArray[np.float32]:
+        """Return the similarities (A,) of all headings at the likeliest place."""
+        return self.comparison.curves(self.best.pose[None, :2])[0]
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The news of one image; without a trusted pose there is none, without a comparison there is no belief."""
+
+    status: Status
+    T_map_sight: SE3 | None = None
+    covariance: Array | None = None  # (6, 6) of xi = (v, omega) in T_map_sight @ exp(xi)
+    belief: Belief | None = None
+
+
+def pose_of(pose: Array, height: float) -> SE3:
+    """Return T_map_sight from x, y, yaw and the height of the camera in the map."""
+    planar = SE3.from_planar(*(float(value) for value in pose))
+    return SE3.from_parts(planar.rotation, [*planar.translation[:2], height])
+
+
+def covariance_of(covariance: Array, yaw: float, params: CovarianceParams) -> Array:
+    """Return the local covariance (6, 6) from that of x, y, yaw (3, 3) in the map's axes, with what particles omit."""
+    R = np.array([[np.cos(yaw), np.sin(yaw), 0.0], [-np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
+    local = R @ covariance @ R.T
+    full = np.zeros((6, 6))
+    used = np.ix_((0, 1, 5), (0, 1, 5))
+    full[used] = local
+    tilt, turn = np.radians(params.tilt_deg), np.radians(params.heading_deg)
+    sigmas = np.array([params.position, params.position, params.height, tilt, tilt, turn])
+    return full + np.diag(sigmas**2)

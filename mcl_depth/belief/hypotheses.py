@@ -1,0 +1,85 @@
+"""The belief in a few words: clusters of particles, each with a pose, a covariance and a weight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+
+from mcl_depth.belief.particles import Particles, wrapped
+from mcl_depth.params import HypothesisParams
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One place: x, y, yaw (3,) in the map, covariance (3, 3) in the map's axes, share of the belief."""
+
+    pose: Array
+    covariance: Array
+    weight: float
+    members: NDArray[np.int64]  # indices of its particles
+
+    @property
+    def sigma_m(self) -> float:
+        """Standard deviation of the position, the larger axis."""
+        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:2, :2])[-1]))
+
+    @property
+    def sigma_rad(self) -> float:
+        """Standard deviation of the heading."""
+        return float(np.sqrt(self.covariance[2, 2]))
+
+    def mean_of(self, values: Array, particles: Particles) -> float:
+        """Return the mean by weight of values (N,) over its particles."""
+        weights = particles.weights[self.members]
+        return float(weights @ values[self.members] / max(float(weights.sum()), 1e-300))
+
+
+def find_hypotheses(particles: Particles, params: HypothesisParams) -> list[Hypothesis]:
+    """Return the clusters by falling weight: particles in bins of position and heading that touch belong together."""
+    labels = _labels(particles.poses, params)
+    shares = np.bincount(labels, particles.weights)
+    order = np.argsort(-shares, kind="stable")[: params.max_hypotheses]
+    return [_hypothesis(particles, np.flatnonzero(labels == label)) for label in order]
+
+
+def is_same_place(one: Array, other: Array, params: HypothesisParams) -> bool:
+    """Whether two poses (3,) are within a bin of each other."""
+    near = float(np.hypot(*(one[:2] - other[:2]))) <= params.bin_size
+    return near and abs(float(wrapped(one[2] - other[2]))) <= np.radians(params.bin_heading_deg)
+
+
+def _labels(poses: Array, params: HypothesisParams) -> NDArray[np.int64]:
+    """Return the number (N,) of the cluster of each pose (N, 3)."""
+    turns = max(round(360.0 / params.bin_heading_deg), 1)
+    turn = np.floor(wrapped(poses[:, 2]) / (2.0 * np.pi) * turns).astype(np.int64) % turns
+    cells = np.floor(poses[:, :2] / params.bin_size).astype(np.int64)
+    bins, bin_of = np.unique(np.column_stack([cells, turn]), axis=0, return_inverse=True)
+    number = {tuple(key): index for index, key in enumerate(bins.tolist())}
+    pairs = [
+        (index, other)
+        for (x, y, k), index in number.items()
+        for dx in (-1, 0, 1)
+        for dy in (-1, 0, 1)
+        for dk in (-1, 0, 1)
+        if (other := number.get((x + dx, y + dy, (k + dk) % turns))) is not None
+    ]
+    rows, columns = np.array(pairs).T
+    links = coo_array((np.ones(len(pairs)), (rows, columns)), shape=(len(bins), len(bins)))
+    return connected_components(links, directed=False)[1][bin_of.ravel()].astype(np.int64)
+
+
+def _hypothesis(particles: Particles, members: NDArray[np.int64]) -> Hypothesis:
+    poses, weights = particles.poses[members], particles.weights[members]
+    total = float(weights.sum())
+    share = weights / total if total > 0.0 else np.full(len(members), 1.0 / len(members))
+    yaw = np.arctan2(share @ np.sin(poses[:, 2]), share @ np.cos(poses[:, 2]))
+    pose = np.array([*(share @ poses[:, :2]), yaw])
+    errors = poses - pose
+    errors[:, 2] = wrapped(errors[:, 2])
+    return Hypothesis(pose, (errors * share[:, None]).T @ errors, total, members)

@@ -1,0 +1,86 @@
+"""A point cloud as a map: checked, counted, thinned."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Points = NDArray[np.float32]
+
+LARGE_EXTENT_M = 5_000.0  # a map for a vehicle is smaller; millimetres look larger
+FAR_FROM_ORIGIN_M = 100_000.0  # beyond it float32 metres are coarser than a centimetre
+
+
+@dataclass(frozen=True)
+class Cloud:
+    """Points (N, 3) float32 in the map frame in metres, where they came from, and what is odd about them."""
+
+    points: Points
+    name: str = "cloud"
+    warnings: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    @property
+    def box(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Lowest and highest coordinates, (3,) each."""
+        return self.points.min(axis=0), self.points.max(axis=0)
+
+
+def cloud_from_points(points: ArrayLike, name: str = "cloud") -> Cloud:
+    """Check points (N, 3) in m: drop what is not finite, warn of an extent that looks like millimetres.
+
+    ValueError where nothing is left, or where coordinates are too large for float32.
+    """
+    found = np.asarray(points)
+    if found.ndim != 2 or found.shape[1] != 3:
+        raise ValueError(f"{name}: points: expected shape (N, 3), found {found.shape}")
+    finite = np.isfinite(found).all(axis=1)
+    num_lost = len(found) - int(finite.sum())
+    if num_lost == len(found):
+        raise ValueError(f"{name}: points: expected at least one finite point, found {len(found)} points, none finite")
+    found = found[finite] if num_lost else found
+    warnings = [f"{name}: {num_lost} of {len(finite)} points are not finite and are left out"] if num_lost else []
+    low, high = found.min(axis=0), found.max(axis=0)
+    if np.abs([low, high]).max() > max(FAR_FROM_ORIGIN_M, 20.0 * float((high - low).max())):
+        raise ValueError(
+            f"{name}: points: expected coordinates within {FAR_FROM_ORIGIN_M:g} m of the origin, found"
+            f" {np.abs([low, high]).max():.6g} (geographic coordinates, or not metres?)"
+        )
+    if np.median(np.abs(found - np.median(found, axis=0)), axis=0).max() > LARGE_EXTENT_M / 4:
+        extent = float((high - low).max())
+        warnings.append(f"{name}: extent {extent:.0f} m: expected metres, this looks like millimetres")
+    return Cloud(np.ascontiguousarray(found, np.float32), name, tuple(warnings))
+
+
+def thinned(cloud: Cloud, voxel_m: float, centre: ArrayLike | None = None, pixel_rad: float = np.radians(1.0)) -> Cloud:
+    """Keep the mean of the points of every cube of side `voxel_m`.
+
+    With `centre` (3,) the cubes grow with the distance from it, by powers of two, as far as they stay within a pixel
+    of `pixel_rad`.
+    """
+    if not voxel_m > 0:
+        raise ValueError(f"voxel: expected a side above 0 m, found {voxel_m:g}")
+    points = cloud.points.astype(np.float64)
+    level = np.zeros(len(points))
+    if centre is not None:
+        width = np.linalg.norm(points - np.asarray(centre, np.float64), axis=1) * pixel_rad
+        level = np.floor(np.log2(np.maximum(width / voxel_m, 1.0)))
+    cubes = np.floor((points - points.min(axis=0)) / (voxel_m * 2.0**level)[:, None]).astype(np.int64)
+    keys = np.ravel_multi_index((*cubes.T, level.astype(np.int64)), (*(cubes.max(axis=0) + 1), int(level.max()) + 1))
+    _, owner, counts = np.unique(keys, return_inverse=True, return_counts=True)
+    means = [np.bincount(owner, weights=column) / counts for column in points.T]
+    return Cloud(np.stack(means, axis=1).astype(np.float32), cloud.name, cloud.warnings)
+
+
+def read_cloud(path: str | Path) -> Cloud:
+    """Read .ply, .pcd, .las or .npy; a mesh is read as points on its faces. ValueError in one line if it cannot be."""
+    from mcl_depth.geometry.files import read_geometry
+    from mcl_depth.geometry.mesh import TriangleMesh, sampled
+
+    found = read_geometry(path)
+    return sampled(found) if isinstance(found, TriangleMesh) else found

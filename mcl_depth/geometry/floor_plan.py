@@ -1,0 +1,176 @@
+"""A floor plan as a map: rooms of walls with heights, doors and openings cut out.
+
+The file is a table with the columns kind, complete_room, x0_m, y0_m, x1_m, y1_m, z_bottom_m, z_top_m; lines that
+begin with # are remarks. The walls of a room that form a closed ring get a floor and a ceiling.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
+
+KINDS = ("wall", "door", "window", "opening")
+CUT = ("door", "opening")  # windows stay: what is behind them is not in the plan
+NUMBERS = ("x0_m", "y0_m", "x1_m", "y1_m", "z_bottom_m", "z_top_m")
+MAX_OFF_WALL = 0.15  # m between an opening and the wall that it belongs to
+MIN_SILL = 0.05  # m; a door that begins lower begins at the foot of the wall
+MIN_PIECE = 1e-3  # m
+SAME_CORNER = 0.02  # m
+MAX_SURFACES = 1_000_000
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Surface:
+    """An upright rectangle: foot from start to end (2,) in m, between two heights."""
+
+    kind: str
+    room: str
+    start: Floats
+    end: Floats
+    bottom: float
+    top: float
+
+
+def read_floor_plan(path: Path) -> TriangleMesh:
+    """Read a floor plan as a mesh."""
+    surfaces = list(_surfaces(path))
+    triangles = [corners for room in dict.fromkeys(item.room for item in surfaces) for corners in _room(surfaces, room)]
+    if not triangles:
+        raise ValueError(f"{path}: expected at least one wall, found none")
+    vertices = np.concatenate(triangles)
+    return mesh_from_faces(vertices, np.arange(len(vertices)).reshape(-1, 3), str(path))
+
+
+def rooms_of(path: Path) -> dict[str, list[Floats]]:
+    """Return the closed rings (N, 2) of wall corners in m of each room."""
+    surfaces = list(_surfaces(path))
+    names = dict.fromkeys(item.room for item in surfaces)
+    return {room: _rings([s for s in surfaces if s.room == room and s.kind == "wall"]) for room in names}
+
+
+def is_inside(places: Floats, ring: Floats) -> NDArray[np.bool_]:
+    """Return which places (N, 2) lie inside a ring (M, 2)."""
+    x, y = places[:, :1], places[:, 1:]
+    (x0, y0), (x1, y1) = ring.T, np.roll(ring, -1, axis=0).T
+    crosses = (y0 > y) != (y1 > y)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        is_right = x < (x1 - x0) * (y - y0) / (y1 - y0) + x0
+    return np.count_nonzero(crosses & is_right, axis=1) % 2 == 1
+
+
+def _surfaces(path: Path) -> Iterator[Surface]:
+    with path.open(newline="", encoding="utf-8", errors="replace") as file:
+        table = csv.DictReader(line for line in file if not line.startswith("#"))
+        if missing := [name for name in ("kind", "complete_room", *NUMBERS) if name not in (table.fieldnames or ())]:
+            raise ValueError(f"{path}: columns: expected {', '.join(missing)}, found {table.fieldnames}")
+        for number, row in enumerate(table, start=1):
+            if number > MAX_SURFACES:
+                raise ValueError(f"{path}: expected at most {MAX_SURFACES} surfaces, found more")
+            yield _surface(f"{path}: surface {number}", row)
+
+
+def _surface(where: str, row: dict[str, str]) -> Surface:
+    if row["kind"] not in KINDS:
+        raise ValueError(f"{where}: kind: expected one of {', '.join(KINDS)}, found {row['kind']!r}")
+    try:
+        x0, y0, x1, y1, bottom, top = (float(row[name]) for name in NUMBERS)
+    except (TypeError, ValueError):
+        raise ValueError(f"{where}: expected numbers, found {[row[name] for name in NUMBERS]}") from None
+    if not np.all(np.isfinite([x0, y0, x1, y1, bottom, top])) or top < bottom:
+        raise ValueError(f"{where}: expected finite numbers with z_top above z_bottom, found {bottom:g} to {top:g}")
+    return Surface(row["kind"], row["complete_room"], np.array([x0, y0]), np.array([x1, y1]), bottom, top)
+
+
+def _room(surfaces: list[Surface], room: str) -> Iterator[Floats]:
+    """Yield triangles (3, 3) of the walls, the floors and the ceilings of a room."""
+    own = [item for item in surfaces if item.room == room]
+    walls = [item for item in own if item.kind == "wall"]
+    holes = [item for item in own if item.kind in CUT]
+    for wall in walls:
+        yield from _wall(wall, holes)
+    for ring in _rings(walls):
+        for triangle in _triangles(ring):
+            for z in (min(wall.bottom for wall in walls), max(wall.top for wall in walls)):
+                yield np.column_stack([ring[triangle], np.full(3, z)])
+
+
+def _wall(wall: Surface, holes: list[Surface]) -> Iterator[Floats]:
+    """Yield the triangles of a wall without its holes, as a grid of rectangles between all their edges."""
+    length = float(np.linalg.norm(wall.end - wall.start))
+    if length < MIN_PIECE:
+        return
+    along = (wall.end - wall.start) / length
+    cuts = [cut for hole in holes if (cut := _cut(wall, along, length, hole)) is not None]
+    places = sorted({0.0, length, *(edge for cut in cuts for edge in cut[:2])})
+    heights = sorted({wall.bottom, wall.top, *(edge for cut in cuts for edge in cut[2:])})
+    for s0, s1 in pairwise(places):
+        for z0, z1 in pairwise(heights):
+            s, z = (s0 + s1) / 2, (z0 + z1) / 2
+            if not any(cut[0] < s < cut[1] and cut[2] < z < cut[3] for cut in cuts):
+                a, b = wall.start + s0 * along, wall.start + s1 * along
+                yield np.array([(*a, z0), (*b, z0), (*b, z1)])
+                yield np.array([(*a, z0), (*b, z1), (*a, z1)])
+
+
+def _cut(wall: Surface, along: Floats, length: float, hole: Surface) -> tuple[float, float, float, float] | None:
+    """Return where (from, to, bottom, top) a hole cuts a wall, None where it belongs to another one."""
+    across = np.array([-along[1], along[0]])
+    ends = np.stack([hole.start, hole.end]) - wall.start
+    if np.abs(ends @ across).max() > MAX_OFF_WALL:
+        return None
+    first, last = np.clip(np.sort(ends @ along), 0.0, length)
+    bottom = wall.bottom if hole.bottom - wall.bottom < MIN_SILL else hole.bottom
+    top = min(hole.top, wall.top)
+    return (float(first), float(last), bottom, top) if last - first > MIN_PIECE and top > bottom else None
+
+
+def _rings(walls: list[Surface]) -> list[Floats]:
+    """Return the closed rings (N, 2) that consecutive walls form."""
+    rings, open_ring = [], list[Surface]()
+    for wall in walls:
+        if open_ring and np.abs(open_ring[-1].end - wall.start).max() > SAME_CORNER:
+            open_ring = []
+        open_ring.append(wall)
+        if len(open_ring) > 2 and np.abs(wall.end - open_ring[0].start).max() <= SAME_CORNER:
+            rings.append(np.stack([item.start for item in open_ring]))
+            open_ring = []
+    return rings
+
+
+def _triangles(ring: Floats) -> list[list[int]]:
+    """Return the corners (3) of triangles that cover a simple polygon (N, 2), by cutting ears."""
+    x, y = ring.T
+    is_left = np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y) > 0
+    left = list(range(len(ring))) if is_left else list(range(len(ring)))[::-1]
+    found = []
+    while len(left) > 3:
+        ears = (i for i in range(len(left)) if _is_ear(ring, left, i))
+        i = next(ears, 0)  # a ring that crosses itself has none: cut anywhere
+        found.append([left[i - 1], left[i], left[(i + 1) % len(left)]])
+        del left[i]
+    return [*found, left]
+
+
+def _is_ear(ring: Floats, left: list[int], i: int) -> bool:
+    before, here, after = left[i - 1], left[i], left[(i + 1) % len(left)]
+    a, b, c = ring[before], ring[here], ring[after]
+    turn = _cross(b - a, c - b)
+    if turn <= 0:
+        return False
+    others = ring[[k for k in left if k not in (before, here, after)]]
+    sides = np.stack([_cross(q - p, others - p) for p, q in ((a, b), (b, c), (c, a))])
+    return not np.any(np.all(sides >= 0, axis=0))
+
+
+def _cross(p: Floats, q: Floats) -> Floats:
+    return p[..., 0] * q[..., 1] - p[..., 1] * q[..., 0]

@@ -1,0 +1,64 @@
+"""Surfaces as a map: triangles, or points on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mcl_depth.geometry.cloud import Cloud, cloud_from_points
+
+MAX_SAMPLES = 50_000_000
+
+
+@dataclass(frozen=True)
+class TriangleMesh:
+    """Vertices (V, 3) float32 in the map frame in metres, and triangles (T, 3) int32 of their indices."""
+
+    vertices: NDArray[np.float32]
+    triangles: NDArray[np.int32]
+    name: str = "mesh"
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def box(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Lowest and highest coordinates, (3,) each."""
+        return self.vertices.min(axis=0), self.vertices.max(axis=0)
+
+
+def mesh_from_faces(vertices: NDArray[np.floating], triangles: NDArray[np.integer], name: str) -> TriangleMesh:
+    """Check vertices and faces; faces with a vertex that is not finite, or without an area, are left out."""
+    vertices, triangles = np.asarray(vertices, np.float64), np.asarray(triangles, np.int64)
+    if len(triangles) == 0:
+        raise ValueError(f"{name}: faces: expected at least one triangle, found none")
+    if triangles.min() < 0 or triangles.max() >= len(vertices):
+        found = f"{triangles.min()} to {triangles.max()}"
+        raise ValueError(f"{name}: faces: expected indices 0 to {len(vertices) - 1}, found {found}")
+    corners = vertices[triangles]
+    area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    kept = np.isfinite(area) & (area > 0)
+    if not kept.any():
+        raise ValueError(f"{name}: faces: expected at least one with an area, found {len(kept)} without")
+    used, owner = np.unique(triangles[kept], return_inverse=True)
+    checked = cloud_from_points(vertices[used], name)
+    lost = int((~kept).sum())
+    notes = (f"{name}: {lost} of {len(kept)} faces have no finite area and are left out",) if lost else ()
+    return TriangleMesh(checked.points, owner.reshape(-1, 3).astype(np.int32), name, notes + checked.warnings)
+
+
+def sampled(mesh: TriangleMesh, spacing_m: float = 0.05, seed: int = 0) -> Cloud:
+    """Return points spread evenly over the faces, about one to every square of side `spacing_m`."""
+    corners = mesh.vertices[mesh.triangles].astype(np.float64)
+    along, across = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    area = 0.5 * np.linalg.norm(np.cross(along, across), axis=1)
+    count = int(np.ceil(area.sum() / spacing_m**2))
+    if count > MAX_SAMPLES:
+        raise ValueError(f"{mesh.name}: expected at most {MAX_SAMPLES} samples, found {count}: choose a wider spacing")
+    # stratified along the running sum of the areas, a low-discrepancy pair inside each triangle
+    rng = np.random.default_rng(seed)
+    places = (np.arange(count) + rng.random(count)) / count * area.sum()
+    face = np.minimum(np.searchsorted(np.cumsum(area), places), len(area) - 1)
+    root, b = np.sqrt(rng.random(count)), rng.random(count)
+    points = corners[face, 0] + (root * (1 - b))[:, None] * along[face] + (root * b)[:, None] * across[face]
+    return Cloud(points.astype(np.float32), mesh.name, mesh.warnings)

@@ -1,0 +1,77 @@
+"""What the map looks like from a place: the range along every ray of a level panorama (N17 section III-A)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from mcl_depth.geometry.cloud import Cloud
+from mcl_depth.geometry.columns.voxel_map import voxel_map
+from mcl_depth.geometry.columns.walker import Walker
+from mcl_depth.geometry.mesh import TriangleMesh
+from mcl_depth.geometry.point_index import PointIndex
+from mcl_depth.geometry.ray_scene import RayScene
+from mcl_depth.image_params import ComparisonParams, SynthesisParams
+from mcl_depth.likeness.features import FeatureStack, depth_features_many
+from sphere_geometry import Spherical
+
+Image = NDArray[np.float32]
+BATCH = 64  # panoramas in memory at once while their features are made
+MIN_DENSE_SHARE = 0.5  # of the voxels that must be pieces of surfaces for columns to show what splats show
+
+
+def panorama_window(params: SynthesisParams) -> Spherical:
+    """Return the window of the sphere, all around between two elevations, that is synthesised."""
+    low, high = params.elevation_min_deg, params.elevation_max_deg
+    full_height = params.num_columns / 2
+    height = round((high - low) / 180.0 * full_height)
+    if height < 3:
+        raise ValueError(f"elevations: expected a panorama of at least 3 rows, found {low:g} to {high:g} deg")
+    if params.num_columns % 2 == 0 and height == full_height:
+        return Spherical(params.num_columns, height)
+    top = (0.5 - high / 180.0) * full_height
+    return Spherical(params.num_columns, height, float(params.num_columns), 0.0, top)
+
+
+class DepthSynthesizer:
+    """Draws range panoramas of a cloud or a mesh; body axes parallel to the map's (yaw 0)."""
+
+    def __init__(self, geometry: Cloud | TriangleMesh, params: SynthesisParams | None = None) -> None:
+        self.params = params or SynthesisParams()
+        self.camera = panorama_window(self.params)
+        self._scene = _scene(geometry, self.camera, self.params)
+
+    def synthesize(self, position_map: ArrayLike) -> Image:
+        """Return the range (H, W) in m around a place (3,) in the map; NaN where the map says nothing."""
+        return self.synthesize_many(np.asarray(position_map, np.float64)[None])[0]
+
+    def synthesize_many(self, positions_map: ArrayLike) -> Image:
+        """Return ranges (M, H, W) in m around places (M, 3); in parallel."""
+        positions = np.asarray(positions_map, np.float64)
+        if positions.ndim != 2 or positions.shape[1] != 3 or not np.all(np.isfinite(positions)):
+            raise ValueError(f"positions: expected finite (M, 3), found shape {positions.shape}")
+        return self._scene.ranges(positions)
+
+    def features_many(self, positions_map: ArrayLike, params: ComparisonParams) -> FeatureStack:
+        """Return the features of the panoramas at places (M, 3), a few panoramas in memory at a time."""
+        positions = np.asarray(positions_map, np.float64)
+        size = (self.camera.height, self.camera.width)
+        stack = FeatureStack.empty(len(positions), *size, is_normalised=params.normalisation == "both")
+        for first in range(0, len(positions), BATCH):
+            part = slice(first, first + BATCH)
+            stack.put(part, depth_features_many(self.synthesize_many(positions[part]), params))
+        return stack
+
+
+def _scene(
+    geometry: Cloud | TriangleMesh, camera: Spherical, params: SynthesisParams
+) -> Walker | PointIndex | RayScene:
+    """Return what draws a geometry: rays for surfaces, columns for dense points, splats for single ones."""
+    if isinstance(geometry, TriangleMesh):
+        return RayScene(geometry, camera, params)
+    if params.drawing != "splats" and len(geometry):
+        levels = Walker.num_levels(params.voxel_m, camera, params)
+        voxels = voxel_map(geometry, params.voxel_m, params.splat, levels)
+        if params.drawing == "columns" or voxels.dense_share >= MIN_DENSE_SHARE:
+            return Walker(voxels, camera, params)
+    return PointIndex(geometry, camera, params)

@@ -1,0 +1,91 @@
+"""How well a visual panorama fits a depth panorama, for all headings at once (N17 eq. 2).
+
+With c the cosine between the gradients of a pixel, the first term of eq. 2 is |c| |Gv| and the second |c| |Gd|:
+s = sum |c| (|Gv| + |Gd|). A pixel without a gradient in one of the images counts nothing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mcl_depth.likeness import kernels
+from mcl_depth.likeness.compass import Heading, heading
+from mcl_depth.likeness.features import (
+    Features,
+    FeatureStack,
+    depth_features,
+    depth_features_many,
+    stack_features,
+    visual_features,
+)
+
+__all__ = [
+    "FeatureStack",
+    "Features",
+    "Heading",
+    "check_headings",
+    "depth_features",
+    "depth_features_many",
+    "heading",
+    "num_alpha_for",
+    "similarity",
+    "similarity_many",
+    "stack_features",
+    "visual_features",
+]
+
+Similarities = NDArray[np.float32]
+
+
+def num_alpha_for(step_deg: float) -> int:
+    """Return how many headings a step makes; ValueError where it does not divide 360 degrees."""
+    count = round(360.0 / step_deg) if step_deg > 0 else 0
+    if count < 1 or abs(count * step_deg - 360.0) > 1e-6:
+        raise ValueError(f"alpha step: expected a divisor of 360 deg, found {step_deg:g} deg")
+    return count
+
+
+def check_headings(step_deg: float, num_columns: int) -> None:
+    """Refuse a step between headings that is no whole number of columns of the panorama; ValueError."""
+    count = num_alpha_for(step_deg)
+    if num_columns % count:
+        column = 360.0 / num_columns
+        raise ValueError(f"alpha step: expected a multiple of a column, {column:g} deg, found {step_deg:g} deg")
+
+
+def similarity(visual: Features, depth: Features, num_alpha: int) -> Similarities:
+    """Return eq. 2 for all headings, (num_alpha,).
+
+    s[i] belongs to the heading alpha_i = i * 2 pi / num_alpha of the camera in the map: the angle, to the left, from
+    the map's x axis to the camera's forward axis (centre column). What the map shows at column u then appears at
+    column u + alpha_i * W / 2 pi of the image.
+    """
+    _check(visual, depth.shape, num_alpha)
+    arrays = (visual.x, visual.y, visual.magnitude, _seen(visual))
+    return kernels.similarity(*arrays, depth.x, depth.y, depth.magnitude, num_alpha, depth.is_normalised)
+
+
+def similarity_many(
+    visual: Features, stack: FeatureStack, num_alpha: int, indices: NDArray[np.integer] | None = None
+) -> Similarities:
+    """Return eq. 2 for M panoramas of a stack (all, or those of `indices`) and all headings, (M, num_alpha)."""
+    _check(visual, stack.directions.shape[1:], num_alpha)
+    chosen = np.arange(len(stack)) if indices is None else np.asarray(indices, np.int64)
+    if chosen.size and (chosen.min() < 0 or chosen.max() >= len(stack)):
+        raise ValueError(f"indices: expected 0 to {len(stack) - 1}, found {chosen.min()} to {chosen.max()}")
+    arrays = (visual.x, visual.y, visual.magnitude, _seen(visual))
+    coded = (stack.directions, stack.magnitudes, stack.scales)
+    return kernels.similarity_many(*arrays, *coded, chosen.astype(np.int64), num_alpha, stack.is_normalised)
+
+
+def _seen(visual: Features) -> NDArray[np.float32]:
+    """Return 1 where a pixel is seen, (H, W); an empty array where all are."""
+    return np.zeros((0, 0), np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
+
+
+def _check(visual: Features, shape: tuple[int, ...], num_alpha: int) -> None:
+    if visual.shape != tuple(shape):
+        raise ValueError(f"depth image: expected the size of the visual image {visual.shape}, found {tuple(shape)}")
+    if num_alpha < 1 or visual.shape[1] % num_alpha:
+        raise ValueError(f"num_alpha: expected a divisor of the {visual.shape[1]} columns, found {num_alpha}")

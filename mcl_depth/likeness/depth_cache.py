@@ -1,0 +1,98 @@
+"""Features of synthesised depth images by position (algorithm 2, D_cache): a bounded memory, kept on disk if wanted."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections import OrderedDict
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mcl_depth.likeness.comparison import FeatureStack
+
+Cell = tuple[int, int]
+ARRAYS = ("cells", "directions", "magnitudes", "scales")
+
+
+class DepthCache:
+    """Slots of one stack of features; the least recently used is given away when all are taken."""
+
+    def __init__(self, max_bytes: int, height: int, width: int, is_normalised: bool = True) -> None:
+        one = FeatureStack.empty(1, height, width, is_normalised).nbytes
+        self.capacity = max(max_bytes // one, 1)
+        self.stack = FeatureStack.empty(self.capacity, height, width, is_normalised)  # memory is taken when written to
+        self.num_hits, self.num_misses = 0, 0
+        self._slots: OrderedDict[Cell, int] = OrderedDict()
+
+    def __len__(self) -> int:
+        return len(self._slots)
+
+    def __contains__(self, cell: Cell) -> bool:
+        return cell in self._slots
+
+    @property
+    def hit_rate(self) -> float:
+        """Share of the look-ups that found something."""
+        return self.num_hits / max(self.num_hits + self.num_misses, 1)
+
+    def clear(self) -> None:
+        """Forget all images and the counts."""
+        self._slots.clear()
+        self.num_hits = self.num_misses = 0
+
+    def find(self, cells: Sequence[Cell]) -> NDArray[np.int64]:
+        """Return the slots (N,) of cells, -1 where there is none; what is found counts as used now."""
+        slots = np.full(len(cells), -1, dtype=np.int64)
+        for index, cell in enumerate(cells):
+            slot = self._slots.get(cell)
+            if slot is not None:
+                slots[index] = slot
+                self._slots.move_to_end(cell)
+        found = int(np.count_nonzero(slots >= 0))
+        self.num_hits, self.num_misses = self.num_hits + found, self.num_misses + len(cells) - found
+        return slots
+
+    def insert(self, cells: Sequence[Cell], features: FeatureStack) -> NDArray[np.int64]:
+        """Keep features of new cells, at most `capacity` of them at once; return their slots (N,)."""
+        slots = np.empty(len(cells), dtype=np.int64)
+        for index, cell in enumerate(cells):
+            is_full = len(self._slots) >= self.capacity
+            slots[index] = self._slots.popitem(last=False)[1] if is_full else len(self._slots)
+            self._slots[cell] = int(slots[index])
+        self.stack.put(slots, features)
+        return slots
+
+    def save(self, folder: Path) -> None:
+        """Write everything into a folder, which is made beside and renamed; the last one to write wins."""
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
+        slots = np.fromiter(self._slots.values(), dtype=np.int64)
+        kept = self.stack.take(slots)
+        cells = np.array(list(self._slots), dtype=np.int64).reshape(-1, 2)
+        arrays: tuple[NDArray[Any], ...] = (cells, kept.directions, kept.magnitudes, kept.scales)
+        for name, array in zip(ARRAYS, arrays, strict=True):
+            np.save(fresh / f"{name}.npy", array, allow_pickle=False)
+        if folder.exists():
+            shutil.rmtree(folder)
+        os.replace(fresh, folder)
+
+    def load(self, folder: Path) -> int:
+        """Read what `save` wrote, as much as fits; return how many images that are. A damaged folder is ValueError."""
+        if not folder.is_dir():
+            return 0
+        try:
+            cells, *parts = (np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False) for name in ARRAYS)
+        except (OSError, ValueError, EOFError) as error:
+            raise ValueError(f"{folder}: expected a cache of depth features: {' '.join(str(error).split())}") from None
+        expected = (len(cells), *self.stack.directions.shape[1:])
+        if parts[0].shape != expected or parts[1].shape != expected or parts[2].shape != expected[:1]:
+            raise ValueError(f"{folder}: expected {expected} features, found {parts[0].shape} and {parts[1].shape}")
+        last = slice(max(len(cells) - self.capacity, 0), len(cells))
+        kept = FeatureStack(parts[0][last], parts[1][last], parts[2][last], self.stack.is_normalised)
+        self.insert([(int(x), int(y)) for x, y in cells[last]], kept)
+        return len(kept)

@@ -1,0 +1,139 @@
+"""The map as the filter sees it: depth features at any position, made when first needed (algorithm 2, lines 10 to 16).
+
+Positions fall into square cells whose corners are `cache.max_distance` from the middle, where the depth image is
+made. So what a particle sees depends on its own position alone, not on which particle came first.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mcl_depth.likeness.comparison import Features, FeatureStack, depth_features_many, similarity_many
+from mcl_depth.likeness.depth_cache import Cell, DepthCache
+from mcl_depth.params import FilterParams
+from sphere_geometry import Spherical
+
+Array = NDArray[np.float64]
+
+
+class Synthesizer(Protocol):
+    """Makes depth panoramas (`synthesis.DepthSynthesizer`)."""
+
+    @property
+    def camera(self) -> Spherical:
+        """Window of the sphere that the panoramas show."""
+        ...
+
+    def synthesize_many(self, positions: Array) -> NDArray[np.float32]:
+        """Return range along the ray in m (M, H, W) at positions (M, 3), heading 0; NaN where nothing is known."""
+        ...
+
+
+Heights = Callable[[Array], Array]  # (N, 2) m -> height of the ground (N,) m, NaN where there is none
+
+
+class DepthMap:
+    """Depth features by position, with their cache."""
+
+    def __init__(
+        self, synthesizer: Synthesizer, ground: Heights, camera_height: float, params: FilterParams, name: str = ""
+    ) -> None:
+        """`name` identifies the geometry for the cache on disk; the empty name keeps nothing there."""
+        self._synthesizer, self._ground, self._params = synthesizer, ground, params
+        self.camera_height = camera_height
+        self.edge = params.cache.max_distance * np.sqrt(2.0)
+        camera, is_normalised = synthesizer.camera, params.comparison.normalisation == "both"
+        self.cache = DepthCache(params.cache.max_megabytes << 20, camera.height, camera.width, is_normalised)
+        self._folder = Path(params.cache.folder) / self._key(name) if params.cache.folder and name else None
+        if self._folder is not None:
+            self.cache.load(self._folder)
+
+    @property
+    def camera(self) -> Spherical:
+        """Window of the sphere in which images are compared."""
+        return self._synthesizer.camera
+
+    def cells(self, positions: Array) -> NDArray[np.int64]:
+        """Return the cells (N, 2) of positions (N, 2)."""
+        return np.floor(positions[:, :2] / self.edge).astype(np.int64)
+
+    def heights(self, positions: Array) -> Array:
+        """Return the height (N,) m of a camera above the ground at (N, 2); NaN where there is no ground."""
+        return self._ground(positions[:, :2]) + self.camera_height
+
+    def has_ground(self, pose: Array) -> bool:
+        """Whether a pose (3,) is on the map."""
+        return bool(np.isfinite(self.heights(pose[None, :2])[0]))
+
+    def height(self, pose: Array) -> float:
+        """Return the height m of a camera at x, y of a pose (3,); that above height 0 where there is no ground."""
+        height = float(self.heights(pose[None, :2])[0])
+        return height if np.isfinite(height) else self.camera_height
+
+    def depth_at(self, position: Array) -> NDArray[np.float32] | None:
+        """Return the range panorama (H, W) that stands for a position (2,), to be looked at; None without ground."""
+        middles = self._middles([(int(x), int(y)) for x, y in self.cells(position[None, :2])])
+        return None if np.isnan(middles[0, 2]) else self._synthesizer.synthesize_many(middles)[0]
+
+    def similarities(self, visual: Features, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
+        """Return the similarity (N, num_headings) of an image with the depth images of cells; 0 without ground."""
+        curves = np.zeros((len(cells), num_headings), dtype=np.float32)
+        for first in range(0, len(cells), self.cache.capacity):
+            slots = self._slots(cells[first : first + self.cache.capacity])
+            known = np.flatnonzero(slots >= 0)
+            if len(known):
+                found = similarity_many(visual, self.cache.stack, num_headings, slots[known])
+                curves[first + known] = np.nan_to_num(found)
+        return curves
+
+    def prepare(self, cells: Sequence[Cell]) -> None:
+        """Make the depth images of different cells, at most as many as the cache holds."""
+        self._slots(cells)
+
+    def fill(self, positions: Array, progress: Callable[[int], None] = lambda step: None) -> None:
+        """Make the depth images of positions (N, 2) in advance, as many as the cache holds."""
+        cells = [(int(x), int(y)) for x, y in np.unique(self.cells(positions), axis=0)[: self.cache.capacity]]
+        for first in range(0, len(cells), self._params.cache.batch):
+            part = cells[first : first + self._params.cache.batch]
+            self.prepare(part)
+            progress(len(part))
+
+    def save(self) -> None:
+        """Keep the depth features on disk, where a folder is set."""
+        if self._folder is not None:
+            self.cache.save(self._folder)
+
+    def _middles(self, cells: Sequence[Cell]) -> Array:
+        """Return the camera positions (N, 3) that stand for cells."""
+        xy = (np.asarray(cells, dtype=np.float64).reshape(-1, 2) + 0.5) * self.edge
+        return np.column_stack([xy, self.heights(xy)])
+
+    def _slots(self, cells: Sequence[Cell]) -> NDArray[np.int64]:
+        """Return the slots (N,) of cells in the cache, their images made where missing; -1 without ground."""
+        slots = self.cache.find(cells)
+        missing = np.flatnonzero(slots < 0)
+        if not len(missing):
+            return slots
+        middles = self._middles([cells[int(index)] for index in missing])
+        has_ground = np.isfinite(middles[:, 2])
+        missing, middles = missing[has_ground], middles[has_ground]
+        for first in range(0, len(missing), self._params.cache.batch):
+            part = slice(first, first + self._params.cache.batch)
+            features = self._features(middles[part])
+            slots[missing[part]] = self.cache.insert([cells[int(index)] for index in missing[part]], features)
+        return slots
+
+    def _features(self, positions: Array) -> FeatureStack:
+        return depth_features_many(self._synthesizer.synthesize_many(positions), self._params.comparison)
+
+    def _key(self, name: str) -> str:
+        """Return what everything that the features depend on hashes to."""
+        p = self._params
+        text = f"{name} {p.synthesis} {p.comparison} {self.edge:.9f} {self.camera_height:.9f} {self.camera}"
+        return hashlib.sha256(text.encode()).hexdigest()[:24]

@@ -1,0 +1,373 @@
+"""The inner loops of likeness: LCN, gradients, eq. 2. Plain arrays in and out.
+
+Panoramas are (H, W) float32 whose columns wrap around; nothing here may show a seam.
+"""
+
+import math
+import os
+
+import numpy as np
+from numba import njit, prange
+
+from mcl_depth.geometry.kernels import arctangent2
+
+# Threads that spin while they wait stall every other process of a small vehicle computer; read when a kernel starts.
+os.environ.setdefault("OMP_WAIT_POLICY", "passive")
+
+FAST = {"contract", "reassoc", "nsz", "arcp"}  # never nnan: NaN marks what the map does not know
+OPTIONS = {"cache": True, "fastmath": FAST, "error_model": "numpy", "nogil": True}
+
+RANGE, LOG, INVERSE = 0, 1, 2
+NO_DIRECTION = 255  # code of a pixel without a gradient
+NUM_DIRECTIONS = 255  # codes of the half circle
+MIN_GRADIENT = np.float32(1e-4)  # Sobel sums below this are rounding noise
+MIN_RANGE = np.float32(1e-3)
+BLOCK = 256  # points projected at once
+MAX_STACK = 4096
+MAX_SPLAT = 12.0  # px, half width of the largest drawn point
+PI = np.float32(math.pi)
+HALF_PI = np.float32(math.pi / 2)
+
+_angles = (np.arange(256) * (math.pi / NUM_DIRECTIONS)).astype(np.float32)
+COSINES = np.where(np.arange(256) == NO_DIRECTION, 0, np.cos(_angles)).astype(np.float32)
+SINES = np.where(np.arange(256) == NO_DIRECTION, 0, np.sin(_angles)).astype(np.float32)
+SQUARES = ((np.arange(256) / 255.0) ** 2).astype(np.float32)
+
+
+
+# ---- NaN interpolation and LCN (algorithm 1) --------------------------------------------------------------------
+
+
+@njit(**OPTIONS)
+def _integrate(image, J):
+    """Write the integral image of image (H, W) to J (H + 1, W + 1) f8."""
+    H, W = image.shape
+    J[0, :] = 0.0
+    for y in range(H):
+        total = 0.0
+        J[y + 1, 0] = 0.0
+        for x in range(W):
+            total += image[y, x]
+            J[y + 1, x + 1] = J[y, x + 1] + total
+
+
+@njit(**OPTIONS)
+def _box_sum(J, top, bottom, left, right):
+    """Return the sum over rows top:bottom and columns left:right, which may reach around the seam."""
+    W = J.shape[1] - 1
+    if right - left >= W:
+        return J[bottom, W] - J[top, W]
+    total = 0.0
+    if left < 0:
+        total = J[bottom, W] - J[top, W] - J[bottom, W + left] + J[top, W + left]
+        left = 0
+    elif right > W:
+        total = J[bottom, right - W] - J[top, right - W]
+        right = W
+    return total + J[bottom, right] - J[top, right] - J[bottom, left] + J[top, left]
+
+
+@njit(**OPTIONS)
+def fill_unknown(image):
+    """Replace NaN in image (H, W) by the mean of the smallest box around the pixel, of radius 2^n, that knows any."""
+    H, W = image.shape
+    known = np.empty((H, W), np.float32)
+    num_known = 0
+    for y in range(H):
+        for x in range(W):
+            is_known = not math.isnan(image[y, x])
+            known[y, x] = np.float32(1.0) if is_known else np.float32(0.0)
+            num_known += is_known
+    if num_known in (0, H * W):
+        if num_known == 0:
+            image[:] = np.float32(0.0)
+        return
+    values = np.where(known > 0, image, np.float32(0.0))
+    J, K = np.empty((H + 1, W + 1)), np.empty((H + 1, W + 1))
+    _integrate(values, J)
+    _integrate(known, K)
+    for y in range(H):
+        radius = 1
+        for x in range(W):
+            # nothing is known within half the radius that the unknown pixel before needed
+            radius = max(radius >> 2, 1) if math.isnan(image[y, x]) else 1
+            while math.isnan(image[y, x]):
+                top, bottom = max(y - radius, 0), min(y + radius + 1, H)
+                n = _box_sum(K, top, bottom, x - radius, x + radius + 1)
+                if n > 0.5:
+                    image[y, x] = _box_sum(J, top, bottom, x - radius, x + radius + 1) / n
+                radius *= 2
+
+
+@njit(**OPTIONS)
+def normalise_contrast(image, k, min_sigma):
+    """Return (D - m) / sigma of every pixel's (2k + 1)^2 neighbourhood (eq. 1); image (H, W) without NaN."""
+    H, W = image.shape
+    J, J2 = np.empty((H + 1, W + 1)), np.empty((H + 1, W + 1))
+    _integrate(image, J)
+    _integrate(image * image, J2)
+    out = np.empty((H, W), np.float32)
+    columns = min(2 * k + 1, W)
+    for y in range(H):
+        top, bottom = max(y - k, 0), min(y + k + 1, H)
+        by_n = 1.0 / ((bottom - top) * columns)
+        for x in range(W):
+            if k <= x < W - k:
+                left, right = x - k, x + k + 1
+                total = J[bottom, right] - J[top, right] - J[bottom, left] + J[top, left]
+                squares = J2[bottom, right] - J2[top, right] - J2[bottom, left] + J2[top, left]
+            else:
+                total = _box_sum(J, top, bottom, x - k, x + k + 1)
+                squares = _box_sum(J2, top, bottom, x - k, x + k + 1)
+            mean = total * by_n
+            sigma = math.sqrt(max(squares * by_n - mean * mean, 0.0))
+            out[y, x] = (image[y, x] - mean) / max(sigma, min_sigma)
+    return out
+
+
+# ---- gradients --------------------------------------------------------------------------------------------------
+
+
+@njit(**OPTIONS)
+def _blur(image):
+    """Return image (H, W) after one pass of the binomial filter 1 2 1 in both directions."""
+    H, W = image.shape
+    rows = np.empty_like(image)
+    out = np.empty_like(image)
+    quarter, half = np.float32(0.25), np.float32(0.5)
+    for y in range(H):
+        for x in range(W):
+            left, right = image[y, x - 1 if x > 0 else W - 1], image[y, x + 1 if x < W - 1 else 0]
+            rows[y, x] = half * image[y, x] + quarter * (left + right)
+    for y in range(H):
+        above, below = rows[max(y - 1, 0)], rows[min(y + 1, H - 1)]
+        for x in range(W):
+            out[y, x] = half * rows[y, x] + quarter * (above[x] + below[x])
+    return out
+
+
+@njit(**OPTIONS)
+def _sobel(image, gx, gy):
+    """Write horizontal and vertical Sobel sums of image (H, W); the outer rows repeat, the columns wrap."""
+    H, W = image.shape
+    two = np.float32(2.0)
+    for y in range(H):
+        a, b, c = image[max(y - 1, 0)], image[y], image[min(y + 1, H - 1)]
+        for x in range(1, W - 1):
+            gx[y, x] = a[x + 1] - a[x - 1] + two * (b[x + 1] - b[x - 1]) + c[x + 1] - c[x - 1]
+            gy[y, x] = c[x - 1] - a[x - 1] + two * (c[x] - a[x]) + c[x + 1] - a[x + 1]
+        for x in (0, W - 1):
+            p, q = x - 1 if x > 0 else W - 1, x + 1 if x < W - 1 else 0
+            gx[y, x] = a[q] - a[p] + two * (b[q] - b[p]) + c[q] - c[p]
+            gy[y, x] = c[p] - a[p] + two * (c[x] - a[x]) + c[q] - a[q]
+
+
+@njit(**OPTIONS)
+def _to_unit(x, y, magnitude, is_normalised):
+    """Turn gradients x, y (H, W) into directions in place, write magnitudes, which sum to 1 if asked to."""
+    total = 0.0
+    H, W = x.shape
+    for v in range(H):
+        part = np.float32(0.0)
+        for u in range(W):
+            m = math.sqrt(x[v, u] * x[v, u] + y[v, u] * y[v, u])
+            inverse = np.float32(1.0) / m if m > MIN_GRADIENT else np.float32(0.0)
+            m = m if m > MIN_GRADIENT else np.float32(0.0)
+            x[v, u] *= inverse
+            y[v, u] *= inverse
+            magnitude[v, u] = m
+            part += m
+        total += part
+    if is_normalised and total > 0:
+        scale = np.float32(1.0 / total)
+        for v in range(H):
+            for u in range(W):
+                magnitude[v, u] *= scale
+
+
+@njit(**OPTIONS)
+def visual_gradients(grey, seen, num_blurs):
+    """Return direction x, y, magnitude (H, W) f4 summing to 1, and which pixels (H, W) saw all that they used."""
+    H, W = grey.shape
+    inner = seen
+    for _ in range(num_blurs + 1):
+        outer, inner = inner, np.empty((H, W), np.bool_)
+        for y in range(H):
+            for x in range(W):
+                whole = True
+                for row in range(max(y - 1, 0), min(y + 1, H - 1) + 1):
+                    for column in range(x - 1, x + 2):
+                        c = column + W if column < 0 else column - W if column >= W else column
+                        whole = whole and outer[row, c]
+                inner[y, x] = whole
+    for _ in range(num_blurs):
+        grey = _blur(grey)
+    gx, gy, magnitude = np.empty((H, W), np.float32), np.empty((H, W), np.float32), np.empty((H, W), np.float32)
+    _sobel(grey, gx, gy)
+    for y in range(H):
+        for x in range(W):
+            if not inner[y, x]:
+                gx[y, x], gy[y, x] = np.float32(0.0), np.float32(0.0)
+    _to_unit(gx, gy, magnitude, True)
+    return gx, gy, magnitude, inner
+
+
+@njit(**OPTIONS)
+def _rescale(range_m, scale, sky_far, far):
+    """Return a copy of range_m (H, W) as range, logarithm or inverse; +Inf, and unknown sky if asked, are far."""
+    H, W = range_m.shape
+    out = np.empty((H, W), np.float32)
+    in_sky = np.full(W, sky_far)
+    for y in range(H):
+        for x in range(W):
+            r = range_m[y, x]
+            if math.isnan(r):
+                r = far if in_sky[x] else r
+            else:
+                in_sky[x] = False
+                r = min(max(r, MIN_RANGE), far)
+            if scale == LOG:
+                r = math.log(r)
+            elif scale == INVERSE:
+                r = np.float32(1.0) / r
+            out[y, x] = r
+    return out
+
+
+@njit(**OPTIONS)
+def depth_gradients(range_m, scale, sky_far, far, k, min_sigma, num_blurs, is_normalised):
+    """Return direction x, y and magnitude (H, W) f4 of a range panorama (H, W) f4 in m."""
+    image = _rescale(range_m, scale, sky_far, np.float32(far))
+    fill_unknown(image)
+    if k > 0:
+        image = normalise_contrast(image, k, min_sigma)
+    for _ in range(num_blurs):
+        image = _blur(image)
+    gx, gy, magnitude = np.empty_like(image), np.empty_like(image), np.empty_like(image)
+    _sobel(image, gx, gy)
+    _to_unit(gx, gy, magnitude, is_normalised)
+    return gx, gy, magnitude
+
+
+@njit(**OPTIONS)
+def encode(x, y, magnitude, directions, magnitudes):
+    """Write features (H, W) in bytes; return the scale of the magnitudes."""
+    H, W = x.shape
+    largest = np.float32(0.0)
+    for v in range(H):
+        for u in range(W):
+            largest = max(largest, magnitude[v, u])
+    inverse = np.float32(1.0) / largest if largest > 0 else np.float32(0.0)
+    by_step = np.float32(NUM_DIRECTIONS / math.pi)
+    half = np.float32(0.5)
+    for v in range(H):
+        for u in range(W):
+            angle = arctangent2(y[v, u], x[v, u])
+            code = int((angle + PI if angle < 0 else angle) * by_step + half)
+            code = code - NUM_DIRECTIONS if code >= NUM_DIRECTIONS else code
+            has_none = x[v, u] == 0 and y[v, u] == 0
+            directions[v, u] = np.uint8(NO_DIRECTION if has_none else code)
+            magnitudes[v, u] = np.uint8(np.float32(255.0) * math.sqrt(magnitude[v, u] * inverse) + half)
+    return largest
+
+
+@njit(parallel=True, **OPTIONS)
+def encode_depth_many(ranges_m, scale, sky_far, far, k, min_sigma, num_blurs, is_normalised):
+    """Return directions, magnitudes (M, H, W) u1 and scales (M,) f4 of range panoramas (M, H, W) f4 in m."""
+    directions, magnitudes = np.empty(ranges_m.shape, np.uint8), np.empty(ranges_m.shape, np.uint8)
+    scales = np.empty(len(ranges_m), np.float32)
+    for i in prange(len(ranges_m)):
+        x, y, m = depth_gradients(ranges_m[i], scale, sky_far, far, k, min_sigma, num_blurs, is_normalised)
+        scales[i] = encode(x, y, m, directions[i], magnitudes[i])
+    return directions, magnitudes, scales
+
+
+# ---- eq. 2 ------------------------------------------------------------------------------------------------------
+
+
+@njit(**OPTIONS)
+def _add_row(vx, vy, vm, dx, dy, dm, sums):
+    """Add the terms of eq. 2 of one row for all rotations; v (W,), d (2W,) repeated, sums (num_alpha, 3)."""
+    W = len(vx)
+    num_alpha = len(sums)
+    for i in range(num_alpha):
+        offset = W - i * (W // num_alpha)
+        x, y, m = dx[offset : offset + W], dy[offset : offset + W], dm[offset : offset + W]
+        visual, depth = np.float32(0.0), np.float32(0.0)
+        for u in range(W):
+            c = abs(vx[u] * x[u] + vy[u] * y[u])
+            visual += c * vm[u]
+            depth += c * m[u]
+        sums[i, 0] += visual
+        sums[i, 1] += depth
+
+
+@njit(**OPTIONS)
+def _add_seen(seen, dm, sums):
+    """Add up the depth gradients that are in view for all rotations; seen (W,), dm (2W,)."""
+    W = len(seen)
+    num_alpha = len(sums)
+    for i in range(num_alpha):
+        offset = W - i * (W // num_alpha)
+        m = dm[offset : offset + W]
+        total = np.float32(0.0)
+        for u in range(W):
+            total += seen[u] * m[u]
+        sums[i, 2] += total
+
+
+@njit(**OPTIONS)
+def _joined(sums, share, is_normalised, out):
+    """Write s (num_alpha,) from sums (num_alpha, 3).
+
+    Where both magnitudes are to sum to 1 and the view is partial, those of the depth gradients in view do; a view
+    with fewer of them than half of its share of the picture is taken to have that many.
+    """
+    for i in range(len(sums)):
+        weight = 1.0
+        if is_normalised and share < 1.0:
+            weight = 1.0 / max(sums[i, 2], 0.5 * share)
+        out[i] = sums[i, 0] + weight * sums[i, 1]
+
+
+@njit(**OPTIONS)
+def similarity(vx, vy, vm, seen, dx, dy, dm, num_alpha, is_normalised):
+    """Return eq. 2 (num_alpha,) f4 of visual and depth features (H, W) f4; seen (H, W) f4, or empty for all."""
+    H, W = vx.shape
+    sums = np.zeros((num_alpha, 3))
+    rows = np.empty((3, 2 * W), np.float32)
+    for y in range(H):
+        for half in range(2):
+            for x in range(W):
+                rows[0, half * W + x] = dx[y, x]
+                rows[1, half * W + x] = dy[y, x]
+                rows[2, half * W + x] = dm[y, x]
+        _add_row(vx[y], vy[y], vm[y], rows[0], rows[1], rows[2], sums)
+        if seen.size > 0:
+            _add_seen(seen[y], rows[2], sums)
+    out = np.empty(num_alpha, np.float32)
+    _joined(sums, seen.mean() if seen.size > 0 else 1.0, is_normalised, out)
+    return out
+
+
+@njit(parallel=True, **OPTIONS)
+def similarity_many(vx, vy, vm, seen, directions, magnitudes, scales, indices, num_alpha, is_normalised):
+    """Return eq. 2 (M, num_alpha) f4 for the coded panoramas (N, H, W) of indices (M,)."""
+    H, W = vx.shape
+    out = np.empty((len(indices), num_alpha), np.float32)
+    share = seen.mean() if seen.size > 0 else 1.0
+    for i in prange(len(indices)):
+        j = indices[i]
+        sums = np.zeros((num_alpha, 3))
+        rows = np.empty((3, 2 * W), np.float32)
+        for y in range(H):
+            for x in range(W):
+                direction, m = directions[j, y, x], scales[j] * SQUARES[magnitudes[j, y, x]]
+                rows[0, x] = rows[0, W + x] = COSINES[direction]
+                rows[1, x] = rows[1, W + x] = SINES[direction]
+                rows[2, x] = rows[2, W + x] = m
+            _add_row(vx[y], vy[y], vm[y], rows[0], rows[1], rows[2], sums)
+            if seen.size > 0:
+                _add_seen(seen[y], rows[2], sums)
+        _joined(sums, share, is_normalised, out[i])
+    return out

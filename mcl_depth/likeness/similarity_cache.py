@@ -1,0 +1,50 @@
+"""Similarities of one visual image with the depth images it was compared with (algorithm 2, S_cache)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mcl_depth.likeness.comparison import Features
+from mcl_depth.likeness.depth_map import DepthMap
+
+Array = NDArray[np.float64]
+
+
+class Comparison:
+    """One visual image against the map; a place is compared once, however many particles are there."""
+
+    def __init__(self, visual: Features, depth_map: DepthMap, num_headings: int, *, is_caching: bool = True) -> None:
+        self._visual, self._map, self._num_headings = visual, depth_map, num_headings
+        self._is_caching = is_caching
+        self._rows: dict[tuple[int, int], int] = {}
+        self._curves = np.empty((0, num_headings), dtype=np.float32)
+        self.num_asked, self.num_compared = 0, 0
+
+    @property
+    def hit_rate(self) -> float:
+        """Share of the questions that needed no comparison."""
+        return 1.0 - self.num_compared / max(self.num_asked, 1)
+
+    def curves(self, positions: Array) -> NDArray[np.float32]:
+        """Return the similarities (N, A) of all headings at positions (N, 2) in m; 0 where the map has no ground."""
+        cells = self._map.cells(positions)
+        self.num_asked += len(cells)
+        unique, place = np.unique(cells, axis=0, return_inverse=True)
+        keys = [(int(x), int(y)) for x, y in unique]
+        if not self._is_caching:
+            self.num_compared += len(cells)
+            self._map.prepare(keys)
+            return self._map.similarities(self._visual, [keys[index] for index in place.ravel()], self._num_headings)
+        missing = [key for key in keys if key not in self._rows]
+        if missing:
+            self._compare(missing)
+        rows = np.array([self._rows[key] for key in keys], dtype=np.int64)
+        return self._curves[rows[place.ravel()]]
+
+    def _compare(self, cells: list[tuple[int, int]]) -> None:
+        self.num_compared += len(cells)
+        for cell in cells:
+            self._rows[cell] = len(self._rows)
+        found = self._map.similarities(self._visual, cells, self._num_headings)
+        self._curves = np.concatenate([self._curves, found])

@@ -1,0 +1,131 @@
+"""The map: key spheres at poses, joined by measured motions (M15 eq. 10)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.spatial import cKDTree
+
+from sphere_geometry import SE3
+from sphere_map.sphere import Sphere
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class KeySphere:
+    """A vertex: where a sphere was taken. `sphere` is None where only the pose is in memory."""
+
+    id: int
+    stamp_ns: int
+    T_map_sphere: SE3
+    sphere: Sphere | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Edge:
+    """A measured motion between two vertices; information (6, 6) is that of xi in T_a_b @ exp(xi), xi = (v, omega)."""
+
+    a: int
+    b: int
+    T_a_b: SE3
+    information: Array
+    is_loop: bool = False
+
+    def __post_init__(self) -> None:
+        if self.information.shape != (6, 6) or not np.all(np.isfinite(self.information)):
+            raise ValueError(
+                f"edge {self.a}-{self.b} information: expected finite 6 x 6, found {self.information.shape}"
+            )
+
+
+class SphereGraph:
+    """Key spheres in order of insertion, and edges between them."""
+
+    def __init__(self, nodes: Iterable[KeySphere] = (), edges: Iterable[Edge] = ()) -> None:
+        self._nodes: dict[int, KeySphere] = {}
+        self._edges: list[Edge] = []
+        self._index: tuple[cKDTree, NDArray[np.int64]] | None = None
+        for node in nodes:
+            self.add(node)
+        for edge in edges:
+            self.connect(edge)
+
+    @property
+    def nodes(self) -> Mapping[int, KeySphere]:
+        """The key spheres by id."""
+        return self._nodes
+
+    @property
+    def edges(self) -> tuple[Edge, ...]:
+        """The edges in order of insertion."""
+        return tuple(self._edges)
+
+    def __len__(self) -> int:
+        return len(self._nodes)
+
+    def __iter__(self) -> Iterator[KeySphere]:
+        return iter(self._nodes.values())
+
+    def __getitem__(self, node_id: int) -> KeySphere:
+        if node_id not in self._nodes:
+            raise ValueError(f"key sphere: expected one of {len(self)} in the graph, found {node_id}")
+        return self._nodes[node_id]
+
+    def add(self, node: KeySphere) -> None:
+        """Add a key sphere; ValueError if its id is taken or its pose not finite."""
+        if node.id in self._nodes:
+            raise ValueError(f"key sphere: expected a new id, found {node.id} again")
+        if not np.all(np.isfinite(node.T_map_sphere.matrix)):
+            raise ValueError(f"key sphere {node.id} pose: expected finite numbers, found {node.T_map_sphere.matrix}")
+        self._nodes[node.id] = node
+        self._index = None
+
+    def connect(self, edge: Edge) -> None:
+        """Add an edge; ValueError unless both ends are in the graph and differ."""
+        if edge.a == edge.b:
+            raise ValueError(f"edge: expected two key spheres, found {edge.a} twice")
+        for end in (edge.a, edge.b):
+            if end not in self._nodes:
+                raise ValueError(f"edge {edge.a}-{edge.b}: expected both ends in the graph, found no {end}")
+        self._edges.append(edge)
+
+    def nearest(self, point: ArrayLike, count: int = 1, max_distance_m: float = np.inf) -> list[KeySphere]:
+        """Return up to `count` key spheres by distance (eq. 17) from a point (3,) of the map, equal ones by id."""
+        if not self._nodes:
+            return []
+        tree, ids = self._positions()
+        near = tree.query(
+            np.asarray(point, dtype=np.float64), k=min(count, len(self)), distance_upper_bound=max_distance_m
+        )
+        distances, rows = np.atleast_1d(near[0]), np.atleast_1d(near[1])
+        found = np.isfinite(distances)
+        # the tree returns any of several at the same distance: take them all, then the smallest ids
+        if found.all() and len(self) > count:
+            rows = np.array(sorted(tree.query_ball_point(point, np.nextafter(distances[-1], np.inf))))
+            distances = np.linalg.norm(tree.data[rows] - point, axis=1)
+            found = np.ones(rows.size, dtype=np.bool_)
+        order = np.lexsort((ids[rows[found]], distances[found]))[:count]
+        return [self._nodes[int(ids[row])] for row in rows[found][order]]
+
+    def near(self, point: ArrayLike, distance_m: float) -> list[KeySphere]:
+        """Return all key spheres within a distance of a point (3,) of the map, by id."""
+        if not self._nodes:
+            return []
+        tree, ids = self._positions()
+        return [self._nodes[node_id] for node_id in sorted(ids[tree.query_ball_point(point, distance_m)].tolist())]
+
+    def with_poses(self, poses: Mapping[int, SE3]) -> SphereGraph:
+        """Return the same graph with other poses T_map_sphere of some key spheres."""
+        nodes = (replace(node, T_map_sphere=poses.get(node.id, node.T_map_sphere)) for node in self)
+        return SphereGraph(nodes, self._edges)
+
+    def _positions(self) -> tuple[cKDTree, NDArray[np.int64]]:
+        """Return the search tree over positions and the id of each; made anew after the graph grew."""
+        if self._index is None:
+            ids = np.array(list(self._nodes), dtype=np.int64)
+            self._index = cKDTree(np.array([node.T_map_sphere.translation for node in self])), ids
+        return self._index

@@ -1,0 +1,85 @@
+"""The frame of the sphere in the rig, rectified so that epipolar lines are columns, and range from disparity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_geometry import SE3, Rig, RigCamera, Spherical
+from sphere_mapping.acquisition.kernels import recentre, splat_with_std, triangulate
+from sphere_mapping.acquisition.matching import Disparity
+from sphere_mapping.acquisition.params import MatchParams
+from sphere_mapping.acquisition.views import Layout
+
+Plane = NDArray[np.float32]
+
+MIN_BASELINE_M = 0.01
+
+
+def centre_of(cameras: Sequence[RigCamera]) -> NDArray[np.float64]:
+    """Return the mean of the cameras' centres (3,) in the frame of the rig."""
+    return np.mean([camera.T_rig_camera.translation for camera in cameras], axis=0)
+
+
+def sphere_frame(rig: Rig) -> tuple[SE3, float]:
+    """Return T_rig_sphere and the vertical baseline in m, 0 for a rig of one level.
+
+    A vertical rig's sphere lies in the middle of its top cameras; its z axis points there from the middle of the bottom
+    ones, so that a point has the same column in both spheres. Its x axis is the rig's, as nearly as possible.
+    """
+    if not rig.is_vertical:
+        return SE3.from_parts(np.eye(3), centre_of(rig.cameras)), 0.0
+    top, bottom = centre_of(rig.at_level("top")), centre_of(rig.at_level("bottom"))
+    baseline_m = float(np.linalg.norm(top - bottom))
+    if baseline_m < MIN_BASELINE_M:
+        raise ValueError(f"rig {rig.name}: expected levels at least {MIN_BASELINE_M} m apart, found {baseline_m:.4f} m")
+    if top[2] <= bottom[2]:
+        raise ValueError(
+            f"rig {rig.name}: level: expected top above bottom along z, found {top[2]:.3f}, {bottom[2]:.3f}"
+        )
+    return SE3.from_parts(upright((top - bottom) / baseline_m, np.array([1.0, 0.0, 0.0])), top), baseline_m
+
+
+def upright(z: NDArray[np.float64], forward: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation whose z axis is the unit vector z and whose x axis is nearest to `forward`."""
+    x = forward - z * (z @ forward)
+    x = x / np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def range_from_disparity(
+    disparity: Disparity, window: Spherical, baseline_m: float, params: MatchParams
+) -> tuple[Plane, Plane]:
+    """Return range along the ray from the upper centre and its deviation (H, W) in m, NaN where not trusted."""
+    range_m, std_m = np.empty_like(disparity.value), np.empty_like(disparity.value)
+    limits = (params.max_relative_std, params.min_range_m, params.far_m)
+    per_row = 2 * np.pi / window.full_width
+    triangulate(disparity.value, disparity.std, per_row, window.offset_v, baseline_m, limits, range_m, std_m)
+    return range_m, std_m
+
+
+def range_from_below(range_m: Plane, whole: Spherical, baseline_m: float) -> Plane:
+    """Return the range (H, W) that the lower centre sees of what the upper one sees; NaN where that hides it."""
+    v, u = np.mgrid[0 : whole.height, 0 : whole.width].astype(np.float32)
+    above = (v + 0.5) * np.float32(np.pi / whole.height)
+    height, level = range_m * np.cos(above) + np.float32(baseline_m), range_m * np.sin(above)
+    row = np.arctan2(level, height) * np.float32(whole.height / np.pi) - np.float32(0.5)
+    below, ignored = np.full_like(range_m, np.inf), np.empty_like(range_m)
+    distance = np.hypot(level, height)
+    splat_with_std(u.ravel(), row.ravel(), distance.ravel(), distance.ravel(), 0, True, below, ignored)
+    below[np.isinf(below)] = np.nan
+    return below
+
+
+def to_common_centre(range_m: Plane, std_m: Plane, layout: Layout) -> tuple[Plane, Plane]:
+    """Return range and deviation (H, W) as from the sphere's centre; before, each pixel's camera was taken for it."""
+    height, width = range_m.shape
+    azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
+    elevation = (0.5 - (np.arange(height) + 0.5) / height) * np.pi
+    columns = np.stack([np.sin(azimuth), np.cos(azimuth)]).astype(np.float32)
+    rows = np.stack([np.sin(elevation), np.cos(elevation)]).astype(np.float32)
+    moved, moved_std = np.empty_like(range_m), np.empty_like(std_m)
+    recentre(range_m, std_m, layout.owner, layout.centres, columns, rows, moved, moved_std)
+    return moved, moved_std

@@ -1,0 +1,112 @@
+"""The gain of each exposure group and colour, so that cameras agree where they see the same."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_geometry import Spherical
+from sphere_mapping.acquisition.views import Block, Seat, rays_of
+
+Image = NDArray[np.uint8]
+
+SHRINK = 4  # grey levels are compared in images this much smaller: parallax and noise matter less
+GRID = 12  # px of the sphere between directions that are compared
+FROM_BORDER = 0.03  # rad from the border of both cameras
+DARKEST, BRIGHTEST = 10, 245  # grey levels between which exposures are compared
+MIN_SHARED = 50  # directions from which on two cameras are compared
+STEADINESS = 1e-3  # weight of 'no change' against one comparison, so that lone cameras are determined
+
+
+@dataclass(frozen=True, eq=False)
+class Overlap:
+    """Pixels (N,) of the shrunk images in which two cameras see the same directions."""
+
+    first: str
+    second: str
+    rows: tuple[NDArray[np.intp], NDArray[np.intp]]
+    columns: tuple[NDArray[np.intp], NDArray[np.intp]]
+
+
+def overlaps_of(seats: Sequence[Seat], whole: Spherical, distance_m: float) -> list[Overlap]:
+    """Return where pairs of cameras overlap."""
+    rays = rays_of(whole, Block(0, 0, whole.height, whole.width), GRID) * (distance_m or 1e6)
+    looks = {seat.name: seat.look(rays) for seat in seats}
+    found = []
+    for a, b in combinations(seats, 2):
+        both = (looks[a.name][2] > FROM_BORDER) & (looks[b.name][2] > FROM_BORDER)
+        if np.count_nonzero(both) < MIN_SHARED:
+            continue
+        places = [_places(seat, *looks[seat.name][:2], both) for seat in (a, b)]
+        found.append(Overlap(a.name, b.name, (places[0][0], places[1][0]), (places[0][1], places[1][1])))
+    return found
+
+
+def gains_of(
+    images: Mapping[str, Image], overlaps: Sequence[Overlap], groups: Mapping[str, str], max_gain: float
+) -> dict[str, NDArray[np.float64]]:
+    """Return the factor (channels,) of each camera; the geometric mean of all groups is 1.
+
+    Cameras of one group share a factor. The logarithms solve a least-squares problem with the median ratio of every
+    overlapping pair of groups.
+    """
+    names = sorted({groups[name] for name in images})
+    channels = 1 if next(iter(images.values())).ndim == 2 else 3
+    logs = np.zeros((len(names), channels))
+    pairs = [pair for pair in overlaps if {pair.first, pair.second} <= set(images)]
+    pairs = [pair for pair in pairs if groups[pair.first] != groups[pair.second]]
+    if pairs:
+        small = {name: _small(images[name]) for pair in pairs for name in (pair.first, pair.second)}
+        logs = _solve(pairs, small, names, groups, channels)
+    factors = np.exp(np.clip(logs - logs.mean(axis=0), -np.log(max_gain), np.log(max_gain)))
+    return {name: factors[names.index(groups[name])] for name in images}
+
+
+def exposed(image: Image, gain: NDArray[np.float64]) -> Image:
+    """Return the image times its gain."""
+    if np.all(np.abs(gain - 1.0) < 1e-3):
+        return image
+    levels = np.clip(np.rint(np.arange(256)[:, None] * gain), 0, 255).astype(np.uint8)
+    return cv2.LUT(image, levels.reshape(1, 256, -1)).reshape(image.shape)
+
+
+def _solve(
+    pairs: Sequence[Overlap], small: Mapping[str, NDArray], names: list[str], groups: Mapping[str, str], channels: int
+) -> NDArray[np.float64]:
+    rows, ratios = [], []
+    for pair in pairs:
+        ratio = _log_ratio(pair, small[pair.first], small[pair.second])
+        if ratio is not None:
+            row = np.zeros(len(names))
+            row[names.index(groups[pair.first])], row[names.index(groups[pair.second])] = 1.0, -1.0
+            rows.append(row)
+            ratios.append(-ratio)
+    A = np.vstack([*rows, STEADINESS * np.eye(len(names))])
+    b = np.vstack([*ratios, np.zeros((len(names), channels))])
+    return np.linalg.lstsq(A, b, rcond=None)[0]
+
+
+def _log_ratio(pair: Overlap, first: NDArray, second: NDArray) -> NDArray[np.float64] | None:
+    """Return the logarithm (channels,) of the median ratio of grey levels, None where too little can be compared."""
+    a, b = first[pair.rows[0], pair.columns[0]], second[pair.rows[1], pair.columns[1]]
+    fits = np.all((a > DARKEST) & (a < BRIGHTEST) & (b > DARKEST) & (b < BRIGHTEST), axis=1)
+    if np.count_nonzero(fits) < MIN_SHARED:
+        return None
+    return np.median(np.log(a[fits] / b[fits]), axis=0)
+
+
+def _small(image: Image) -> NDArray[np.float64]:
+    size = (max(image.shape[1] // SHRINK, 1), max(image.shape[0] // SHRINK, 1))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.float64)
+    return small if small.ndim == 3 else small[:, :, None]
+
+
+def _places(seat: Seat, u: NDArray, v: NDArray, both: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    sizes = max(seat.camera.height // SHRINK, 1), max(seat.camera.width // SHRINK, 1)
+    row, column = ((plane[both] / SHRINK).astype(np.intp) for plane in (v, u))
+    return np.clip(row, 0, sizes[0] - 1), np.clip(column, 0, sizes[1] - 1)

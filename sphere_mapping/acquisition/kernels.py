@@ -1,0 +1,476 @@
+"""Loops over the pixels of spheres. Plain arrays in, plain arrays out; the callers check shapes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import config, njit, prange, set_num_threads
+
+SCALE = 16.0  # pyramids are int16 with four bits below the point
+
+
+@njit(cache=True, nogil=True)
+def add_band(fine, coarse, weight, total):
+    """Add weight (h, w) f32 x (fine - coarse) (h, w, c) u8 to total (h, w, c) i16."""
+    height, width, channels = fine.shape
+    for y in range(height):
+        for x in range(width):
+            share = weight[y, x] * SCALE
+            if share == 0.0:
+                continue
+            for c in range(channels):
+                value = share * (np.float32(fine[y, x, c]) - np.float32(coarse[y, x, c]))
+                total[y, x, c] += np.int16(np.floor(value + 0.5))
+
+
+@njit(cache=True, nogil=True)
+def to_levels(total, image):
+    """Write total (H, W, c) i16 as grey levels 1...255 to image (H, W, c) u8."""
+    height, width, channels = total.shape
+    for y in range(height):
+        for x in range(width):
+            for c in range(channels):
+                value = np.floor(total[y, x, c] / SCALE + 0.5)
+                image[y, x, c] = np.uint8(min(max(value, 1.0), 255.0))
+
+
+@njit(cache=True, nogil=True)
+def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, u, v):
+    """Write camera pixels u, v (h, w) f32 of a block of a sphere whose inverse range (H, W) f32 is known everywhere.
+
+    grid (gh, gw, K, 2) f32: pixels at every step-th row and column of the block, at each of K inverse ranges. Linear
+    in all three.
+    """
+    height, width = u.shape
+    whole, number = inverse_range.shape[1], inverse_levels.size
+    one = np.float32(1.0)
+    left, right = np.empty((number, 2), np.float32), np.empty((number, 2), np.float32)
+    per_interval = one / (inverse_levels[1:] - inverse_levels[:-1])
+    for y in range(height):
+        gy = y // step
+        fy = np.float32(y - gy * step) / np.float32(step)
+        for k in range(number):
+            for c in range(2):
+                left[k, c] = grid[gy, 0, k, c] + fy * (grid[gy + 1, 0, k, c] - grid[gy, 0, k, c])
+        at = column
+        for gx in range((width + step - 1) // step):
+            for k in range(number):
+                for c in range(2):
+                    right[k, c] = grid[gy, gx + 1, k, c] + fy * (grid[gy + 1, gx + 1, k, c] - grid[gy, gx + 1, k, c])
+            for i in range(min(step, width - gx * step)):
+                w = inverse_range[row + y, at]
+                at = at + 1 if at + 1 < whole else 0
+                k = 0
+                while k < number - 2 and w > inverse_levels[k + 1]:
+                    k += 1
+                fw = min((w - inverse_levels[k]) * per_interval[k], one)
+                fx = np.float32(i) / np.float32(step)
+                u0, v0 = left[k, 0] + fx * (right[k, 0] - left[k, 0]), left[k, 1] + fx * (right[k, 1] - left[k, 1])
+                k += 1
+                u1, v1 = left[k, 0] + fx * (right[k, 0] - left[k, 0]), left[k, 1] + fx * (right[k, 1] - left[k, 1])
+                u[y, gx * step + i] = u0 + fw * (u1 - u0)
+                v[y, gx * step + i] = v0 + fw * (v1 - v0)
+            left, right = right, left
+
+
+@njit(cache=True, nogil=True)
+def compare_row(top, bottom, disparity, v, terms):
+    """Write what one step of alignment needs to terms (6, W) i32: 1, s, e, s^2, s e, e^2 of row v; 0 where unknown.
+
+    top, bottom (H, W) u8; disparity (H, W) f32. e = bottom(v - d) - top(v), s = mean slope of both along the column,
+    bottom interpolated by cubic convolution; both in sixteenths of a grey level, so that sums are exact.
+    """
+    height, width = top.shape
+    scale, half = np.float32(SCALE), np.float32(0.5)
+    for u in range(width):
+        y = v - disparity[v, u]
+        if not (y >= 1.0 and y < height - 2.0 and v >= 1 and v < height - 1):
+            for k in range(6):
+                terms[k, u] = 0
+            continue
+        y0 = int(y)
+        f = np.float32(y - y0)
+        a, b = np.float32(bottom[y0 - 1, u]), np.float32(bottom[y0, u])
+        c, d = np.float32(bottom[y0 + 1, u]), np.float32(bottom[y0 + 2, u])
+        k1 = half * (c - a)
+        k2 = a - np.float32(2.5) * b + np.float32(2.0) * c - half * d
+        k3 = half * (d - a) + np.float32(1.5) * (b - c)
+        value = b + f * (k1 + f * (k2 + f * k3))
+        slope = k1 + f * (np.float32(2.0) * k2 + f * np.float32(3.0) * k3)
+        across = half * (np.float32(top[v + 1, u]) - np.float32(top[v - 1, u]))
+        s = np.int32(np.floor(half * (slope + across) * scale + half))
+        e = np.int32(np.floor((value - np.float32(top[v, u])) * scale + half))
+        terms[0, u] = 1
+        terms[1, u] = s
+        terms[2, u] = e
+        terms[3, u] = s * s
+        terms[4, u] = s * e
+        terms[5, u] = e * e
+
+
+@njit(cache=True, nogil=True)
+def step_row(sums, radius, limits, start, disparity, information, left):
+    """Move disparity (W,) f32 to where its block beside a constant, and its match, make it most probable.
+
+    sums (6, W) i32: of the terms over the rows of the block; limits: largest step in px, least pixels of a block,
+    variance of a grey level, variance of a match in px^2; start (W,) f32: the match. information (W,) f32: 1 / variance
+    of the result; left (W,) f32: mean squared difference that is left, over what noise and contrast allow.
+    """
+    limit, least, noise, prior = limits
+    zero, one, per_level = np.float32(0.0), np.float32(1.0), np.float32(1.0 / SCALE)
+    per_square = per_level * per_level
+    width = disparity.size
+    n, a, b, c, d, f = 0, 0, 0, 0, 0, 0
+    for u in range(min(2 * radius, width)):
+        n, a, b = n + sums[0, u], a + sums[1, u], b + sums[2, u]
+        c, d, f = c + sums[3, u], d + sums[4, u], f + sums[5, u]
+    for u in range(radius, width - radius):
+        new, old = u + radius, u - radius
+        n, a, b = n + sums[0, new], a + sums[1, new], b + sums[2, new]
+        c, d, f = c + sums[3, new], d + sums[4, new], f + sums[5, new]
+        if n < least or np.isnan(disparity[u]):
+            information[u] = zero
+            left[u] = np.inf
+        else:
+            share = one / np.float32(n)
+            s, e = np.float32(a) * share * per_level, np.float32(b) * share * per_level
+            ss = max(np.float32(c) * share * per_square - s * s, zero)
+            se = np.float32(d) * share * per_square - s * e
+            ee = np.float32(f) * share * per_square - e * e
+            seen = ss * np.float32(n) * np.float32(0.5) / noise
+            wanted = se / max(ss, np.float32(1e-3))
+            information[u] = seen + one / prior
+            step = (seen * wanted + (start[u] - disparity[u]) / prior) / information[u]
+            left[u] = max(ee - wanted * se, zero) / (np.float32(2.0) * (noise + ss))
+            disparity[u] += min(max(step, -limit), limit)
+        n, a, b = n - sums[0, old], a - sums[1, old], b - sums[2, old]
+        c, d, f = c - sums[3, old], d - sums[4, old], f - sums[5, old]
+
+
+@njit(cache=True, nogil=True)
+def align_along_columns(top, bottom, start, limits, radius, disparity, information, left):
+    """Do one step of alignment of every block of (2 radius + 1)^2 px; arrays (H, W): u8 images, else f32.
+
+    A block's pixels keep the disparity they had before the step: a row's terms are computed before any row of its
+    block moves. The outer `radius` columns stay as they are.
+    """
+    height, width = top.shape
+    size = 2 * radius + 1
+    ring, fresh = np.zeros((size, 6, width), np.int32), np.zeros((6, width), np.int32)
+    sums = np.zeros((6, width), np.int32)
+    for v in range(height + radius):
+        oldest = ring[v % size]
+        if v < height:
+            compare_row(top, bottom, disparity, v, fresh)
+        else:
+            fresh[:] = 0
+        for k in range(6):
+            total, new, old = sums[k], fresh[k], oldest[k]
+            for u in range(width):
+                total[u] += new[u] - old[u]
+                old[u] = new[u]
+        row = v - radius
+        if row >= 0:
+            step_row(sums, radius, limits, start[row], disparity[row], information[row], left[row])
+
+
+@njit(cache=True, nogil=True)
+def _add_near(n, beside, middle, largest, total, number):
+    """Add and count those of n values that differ from the middle one by at most `largest`; NaN is never near."""
+    one, zero = np.float32(1.0), np.float32(0.0)
+    for u in range(n):
+        is_near = abs(beside[u] - middle[u]) <= largest[u]
+        total[u] += beside[u] if is_near else zero
+        number[u] += one if is_near else zero
+
+
+@njit(cache=True, nogil=True)
+def smooth(disparity, radius, limit, share, between, out):
+    """Write the mean over 2 radius + 1 rows, then as many columns, of what differs little from the middle to out.
+
+    disparity, between, out (H, W) f32; limit px and share of the disparity: what is little. NaN stays NaN. A block's
+    step says nothing of what changes within the block: without this, such errors would stay and grow.
+    """
+    height, width = disparity.shape
+    total, number, largest = np.empty(width, np.float32), np.empty(width, np.float32), np.empty(width, np.float32)
+    zero = np.float32(0.0)
+    for v in range(height):
+        middle = disparity[v]
+        for u in range(width):
+            total[u], number[u] = zero, zero
+            largest[u] = limit + share * abs(middle[u])
+        for j in range(max(v - radius, 0), min(v + radius + 1, height)):
+            _add_near(width, disparity[j], middle, largest, total, number)
+        for u in range(width):
+            between[v, u] = total[u] / number[u] if number[u] > zero else np.nan
+    for v in range(height):
+        for u in range(width):
+            total[u], number[u] = zero, zero
+            largest[u] = limit + share * abs(between[v, u])
+        for k in range(-radius, radius + 1):
+            first, size = max(-k, 0), width - abs(k)  # slices, so that no index can be negative
+            middle, beside = between[v, first : first + size], between[v, first + k : first + k + size]
+            _add_near(size, beside, middle, largest[first:], total[first:], number[first:])
+        for u in range(width):
+            out[v, u] = total[u] / number[u] if number[u] > zero else np.nan
+
+
+@njit(cache=True, nogil=True)
+def triangulate(disparity, std, per_row, first_row, baseline, limits, range_m, range_std_m):
+    """Write range along the ray from the upper centre, and its standard deviation, (H, W) f32 m.
+
+    disparity, std (H, W) f32 px; per_row: radians of a row; limits: largest relative std, nearest range, far. A point
+    at colatitude a from above and b = a - d from below is at baseline sin(b) / sin(d) = baseline (sin(a) cot(d) -
+    cos(a)). +Inf where it is surely beyond `far`, NaN where it is not known well enough.
+    """
+    max_relative, nearest, far = limits
+    height, width = disparity.shape
+    for v in range(height):
+        above = (v + first_row + 0.5) * per_row
+        sine, cosine = np.sin(above), np.cos(above)
+        least = baseline * sine / far
+        for u in range(width):
+            range_m[v, u] = np.nan
+            range_std_m[v, u] = np.nan
+            delta, sigma = disparity[v, u] * per_row, std[v, u] * per_row
+            if not (sigma < 1e3):
+                continue
+            if delta + 2 * sigma < least:
+                range_m[v, u] = np.inf
+                continue
+            if delta <= 0.0 or above <= delta:
+                continue
+            cotangent = 1.0 / tangent(delta)
+            across = sine * cotangent - cosine  # sin(b) / sin(d)
+            relative = abs((cosine * cotangent + sine) / across + cotangent) * sigma  # (cot(b) + cot(d)) sigma
+            r = baseline * across
+            if r >= nearest and relative <= max_relative:
+                range_m[v, u] = r
+                range_std_m[v, u] = relative * r
+
+
+@njit(cache=True, nogil=True)
+def tangent(angle):
+    """Return tan(angle); its series (relative error 1e-7) up to 0.35 rad."""
+    if angle > 0.35:
+        return np.tan(angle)
+    q = angle * angle
+    return angle * (1.0 + q * (1 / 3 + q * (2 / 15 + q * (17 / 315 + q * (62 / 2835 + q * (1382 / 155925))))))
+
+
+@njit(cache=True, nogil=True)
+def splat_with_std(u, v, range_m, std_m, half, wraps, nearest, nearest_std):
+    """Write ranges (N,) f32 and their std to the pixels around (u, v) of nearest (H, W) f32, keeping the nearest.
+
+    nearest starts as +Inf, nearest_std as NaN. Without `half` the four pixels around, else (2 half + 1)^2.
+    """
+    height, width = nearest.shape
+    for i in range(u.size):
+        if np.isnan(u[i]) or np.isnan(v[i]) or np.isnan(range_m[i]):
+            continue
+        if half > 0:
+            x0, y0, size = int(np.floor(u[i] + 0.5)) - half, int(np.floor(v[i] + 0.5)) - half, 2 * half + 1
+        else:
+            x0, y0, size = int(np.floor(u[i])), int(np.floor(v[i])), 2
+        for y in range(max(y0, 0), min(y0 + size, height)):
+            for dx in range(size):
+                x = x0 + dx
+                if wraps:
+                    x = x % width
+                if x >= 0 and x < width and range_m[i] < nearest[y, x]:
+                    nearest[y, x] = range_m[i]
+                    nearest_std[y, x] = std_m[i]
+
+
+@njit(cache=True, nogil=True)
+def splat_window(range_m, std_m, rays, pixels, offset, nearest, nearest_std):
+    """Write ranges (h, w) f32 seen from a place beside the centre of a sphere to its pixels, keeping the nearest.
+
+    rays (h, w, 3) f32: directions in the frame of the sphere; pixels (h, w, 2) f32: where the sphere (H, W) has these
+    directions; offset (3,) f32: the place, m. nearest (H, W) f32 starts as +Inf, nearest_std as NaN. Range is as from
+    the centre. A range covers the four pixels around its own.
+    """
+    height, width = nearest.shape
+    x0, y0, z0 = offset[0], offset[1], offset[2]
+    per_column, per_row = np.float32(width / (2 * np.pi)), np.float32(height / np.pi)
+    for i in range(range_m.shape[0]):
+        for j in range(range_m.shape[1]):
+            r = range_m[i, j]
+            if not (r < 1e9):
+                continue
+            x, y, z = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2]
+            px, py, pz = r * x + x0, r * y + y0, r * z + z0
+            level, across = np.sqrt(x * x + y * y), np.sqrt(px * px + py * py)
+            u = pixels[i, j, 0] - small_angle(x * py - y * px, x * px + y * py) * per_column
+            v = pixels[i, j, 1] - small_angle(level * pz - z * across, level * across + z * pz) * per_row
+            distance = np.sqrt(across * across + pz * pz)
+            column, row = int(np.floor(u)), int(np.floor(v))
+            for dy in range(2):
+                for dx in range(2):
+                    b, a = row + dy, (column + dx) % width
+                    if b >= 0 and b < height and distance < nearest[b, a]:
+                        nearest[b, a] = distance
+                        nearest_std[b, a] = std_m[i, j]
+
+
+@njit(cache=True, nogil=True)
+def fuse(ranges, stds, max_deviations, contradiction, share, range_m, std_m):
+    """Write the mean by inverse variance, and its deviation (H, W) f32, of what agrees with the surest of N sources.
+
+    ranges, stds (N, H, W) f32, NaN unknown, range +Inf far. Where a source that is not `contradiction` times less sure
+    than the surest one disagrees with it by more than max_deviations and this share of the range, nothing is known.
+    """
+    number, height, width = ranges.shape
+    for v in range(height):
+        for u in range(width):
+            best, least, is_far = -1, np.float32(np.inf), False
+            for k in range(number):
+                r = ranges[k, v, u]
+                if np.isinf(r):
+                    is_far = True
+                elif stds[k, v, u] > 0 and stds[k, v, u] < least * r:
+                    best, least = k, stds[k, v, u] / r
+            range_m[v, u] = np.inf if is_far and best < 0 else np.nan
+            std_m[v, u] = np.nan
+            if best < 0:
+                continue
+            r0, s0 = ranges[best, v, u], stds[best, v, u]
+            total, weighted, is_denied = 0.0, 0.0, False
+            for k in range(number):
+                r, s = ranges[k, v, u], stds[k, v, u]
+                if not (s > 0) or np.isinf(r):
+                    continue
+                if abs(r - r0) <= max_deviations * np.sqrt(s * s + s0 * s0):
+                    total += 1.0 / (s * s)
+                    weighted += r / (s * s)
+                elif s < contradiction * least * r and abs(r - r0) > share * r0:
+                    is_denied = True
+            if not is_denied:
+                range_m[v, u] = weighted / total
+                std_m[v, u] = 1.0 / np.sqrt(total)
+
+
+@njit(cache=True, nogil=True)
+def small_angle(sine, cosine):
+    """Return the angle whose sine and cosine are in this proportion; a series where it is small."""
+    if cosine <= 0.0 or abs(sine) > 0.2 * cosine:
+        return np.arctan2(sine, cosine)
+    t = sine / cosine
+    return t * (1.0 - t * t * (1.0 / 3.0 - 0.2 * t * t))
+
+
+@njit(cache=True, nogil=True)
+def recentre(range_m, std_m, owner, offsets, columns, rows, new_range, new_std):
+    """Move ranges (H, W) f32 seen from the cameras' own centres to the centre of the sphere.
+
+    owner (H, W) i1: which camera shows a pixel, -1 none; offsets (N, 3) f32: its centre in the sphere's frame; columns
+    (2, W), rows (2, H): sine and cosine of the azimuth of each column and of the elevation of each row. A pixel takes
+    the range of the pixel in which its point is seen.
+    """
+    height, width = range_m.shape
+    for v in range(height):
+        z, level = rows[0, v], rows[1, v]
+        for u in range(width):
+            new_range[v, u] = np.nan
+            new_std[v, u] = np.nan
+            camera = owner[v, u]
+            if camera < 0:
+                continue
+            r = range_m[v, u]
+            if np.isnan(r) or np.isinf(r):
+                new_range[v, u] = r
+                new_std[v, u] = std_m[v, u]
+                continue
+            x, y = level * columns[1, u], level * columns[0, u]
+            ox, oy, oz = offsets[camera, 0], offsets[camera, 1], offsets[camera, 2]
+            along = ox * x + oy * y + oz * z
+            reach = r + along  # of the point from the centre
+            qx, qy, qz = reach * x - ox, reach * y - oy, reach * z - oz
+            across = np.sqrt(qx * qx + qy * qy)
+            du = -small_angle(x * qy - y * qx, x * qx + y * qy) / (2 * np.pi) * width
+            dv = -small_angle(level * qz - z * across, level * across + z * qz) / np.pi * height
+            column = int(np.floor(u + du + 0.5)) % width
+            row = min(max(int(np.floor(v + dv + 0.5)), 0), height - 1)
+            seen = range_m[row, column]
+            if np.isfinite(seen):
+                new_range[v, u] = seen + along
+                new_std[v, u] = std_m[row, column]
+
+
+@njit(cache=True, nogil=True, parallel=True)
+def sample_inverse_depth(inverse, u, v, max_step, sampled):
+    """Sample inverse (H, W) f32 at pixels u, v (N,) f32 into sampled (N,) f32, never mixing across a depth edge.
+
+    Bilinear where the four neighbours are measured and differ by at most max_step of the largest (exact on a plane,
+    whose inverse depth is linear in a pinhole's pixels), the nearest pixel elsewhere, NaN outside.
+    """
+    height, width = inverse.shape
+    for i in prange(u.size):
+        x, y = u[i], v[i]
+        if not (x >= -0.5 and x < width - 0.5 and y >= -0.5 and y < height - 0.5):
+            sampled[i] = np.nan
+            continue
+        x0 = min(max(int(np.floor(x)), 0), max(width - 2, 0))
+        y0 = min(max(int(np.floor(y)), 0), max(height - 2, 0))
+        x1, y1 = min(x0 + 1, width - 1), min(y0 + 1, height - 1)
+        a, b, c, d = inverse[y0, x0], inverse[y0, x1], inverse[y1, x0], inverse[y1, x1]
+        largest = max(max(a, b), max(c, d))
+        spread = largest - min(min(a, b), min(c, d))
+        is_measured = not (np.isnan(a) or np.isnan(b) or np.isnan(c) or np.isnan(d))
+        if is_measured and spread <= max_step * largest:
+            fx, fy = min(max(x - x0, 0.0), 1.0), min(max(y - y0, 0.0), 1.0)
+            sampled[i] = (a * (1 - fx) + b * fx) * (1 - fy) + (c * (1 - fx) + d * fx) * fy
+        else:
+            sampled[i] = inverse[min(int(y + 0.5), height - 1), min(int(x + 0.5), width - 1)]
+
+
+@njit(cache=True, nogil=True)
+def splat_nearest(u, v, range_m, wraps, image):
+    """Write each range (N,) f32 to the four pixels of image (H, W) f32 around (u, v), keeping the nearest of all.
+
+    image starts as +Inf where nothing is known. wraps joins the last column to the first.
+    """
+    height, width = image.shape
+    for i in range(u.size):
+        if np.isnan(u[i]) or np.isnan(v[i]) or np.isnan(range_m[i]):
+            continue
+        x0, y0 = int(np.floor(u[i])), int(np.floor(v[i]))
+        for y in range(max(y0, 0), min(y0 + 2, height)):
+            for dx in range(2):
+                x = x0 + dx
+                if wraps:
+                    x = x % width
+                if x >= 0 and x < width and range_m[i] < image[y, x]:
+                    image[y, x] = range_m[i]
+
+
+def use_threads(number: int) -> None:
+    """Let parallel kernels run on up to `number` threads; results do not depend on it."""
+    set_num_threads(max(1, min(number, config.NUMBA_NUM_THREADS)))
+
+
+def warm_up() -> None:
+    """Compile on tiny arrays, so that the first image does not wait."""
+    byte, plane = np.zeros((4, 4, 1), np.uint8), np.ones((4, 4), np.float32)
+    total = np.zeros((4, 4, 1), np.int16)
+    add_band(byte, byte, plane, total)
+    colour, colour_total = np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4, 3), np.int16)
+    add_band(colour, colour, plane, colour_total)
+    for sums, image in ((total, byte), (colour_total, colour)):
+        to_levels(sums, image)
+    grid, out = np.zeros((3, 3, 2, 2), np.float32), np.empty((4, 4), np.float32)
+    levels = np.array([0.0, 1.0], np.float32)
+    warp_by_range(grid, levels, 2, plane, 0, 0, out, out.copy())
+    level = np.zeros((4, 4), np.uint8)
+    align_along_columns(level, level, plane, np.ones(4, np.float32), 1, plane.copy(), out, out.copy())
+    smooth(plane, 1, np.float32(1.0), np.float32(0.1), plane.copy(), out)
+    triangulate(plane, plane, 0.1, 0.0, 0.3, (0.1, 0.1, 100.0), out, out.copy())
+    line = np.zeros(1, np.float32)
+    splat_with_std(line, line, line, line, 0, True, plane.copy(), plane.copy())
+    rays, pixels = np.ones((4, 4, 3), np.float32), np.zeros((4, 4, 2), np.float32)
+    splat_window(plane, plane, rays, pixels, np.zeros(3, np.float32), plane.copy(), plane.copy())
+    fuse(np.ones((1, 4, 4), np.float32), np.ones((1, 4, 4), np.float32), 3.0, 3.0, 0.1, out, out.copy())
+    unit, owner = np.zeros((2, 4), np.float32), np.zeros((4, 4), np.int8)
+    recentre(plane, plane, owner, np.zeros((1, 3), np.float32), unit, unit, out, out.copy())
+    small, pixel = np.ones((2, 2), np.float32), np.zeros(1, np.float32)
+    sample_inverse_depth(small, pixel, pixel, 0.1, np.empty(1, np.float32))
+    splat_nearest(pixel, pixel, pixel, False, small)

@@ -1,0 +1,216 @@
+"""One or several cameras with range -> a (partial) sphere: image and range in a window of the sphere.
+
+The image is interpolated with care, because alignment lives on grey levels; range is never mixed across a depth edge.
+A camera at the centre of the sphere is a pure resampling whose table is made once. A camera beside it is moved there
+by its range: the points are splatted with a z-buffer, then corrected along each ray.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_geometry import SE3, Camera, Spherical
+from sphere_geometry.camera import pixel_grid
+from sphere_map.sphere import T_BODY_OPTICAL, Image, Range, Sphere, check_depth, check_image, continued
+from sphere_mapping.acquisition.joining import Patch, join
+from sphere_mapping.acquisition.kernels import sample_inverse_depth, splat_nearest
+from sphere_mapping.acquisition.window import full_width_for, magnification, window_of
+from sphere_mapping.params import PartialParams
+
+Plane = NDArray[np.float32]
+
+MAX_MAGNIFICATION = 1.5  # beyond, the image is sampled more finely than the window and averaged
+MAX_SUPERSAMPLING = 4
+RANGE_CORRECTIONS = 3  # steps along the ray; each removes the parallax error by an order or two
+WITHOUT_RANGE_M = 1e3  # taken for colour where no range is known at all
+MAX_CORRECTION_LEFT = 0.01  # relative; more is a surface that this direction does not see
+
+
+@dataclass(frozen=True, eq=False)
+class RgbdView:
+    """What one RGB-D camera saw: image (H, W[, 3]) uint8, depth along z (H', W') in metres, NaN or <= 0 unknown.
+
+    depth_camera and T_sphere_depth differ from the image's where depth is not registered to the image.
+    """
+
+    image: Image
+    depth_m: NDArray[np.floating]
+    camera: Camera
+    T_sphere_camera: SE3 = T_BODY_OPTICAL
+    depth_camera: Camera | None = None
+    T_sphere_depth: SE3 | None = None
+
+    def __post_init__(self) -> None:
+        check_image(self.image, self.camera)
+        check_depth(self.depth_m, self.depth_camera or self.camera)
+
+
+def sphere_from_rgbd(
+    image: Image,
+    depth_m: NDArray[np.floating],
+    camera: Camera,
+    T_sphere_camera: SE3 = T_BODY_OPTICAL,
+    stamp_ns: int = 0,
+    params: PartialParams | None = None,
+) -> Sphere:
+    """Return the partial sphere of one RGB-D image whose depth (metres along z) is registered to its colour."""
+    return sphere_from_views([RgbdView(image, depth_m, camera, T_sphere_camera)], stamp_ns, params)
+
+
+def sphere_from_views(views: Sequence[RgbdView], stamp_ns: int = 0, params: PartialParams | None = None) -> Sphere:
+    """Return the sphere of one or several RGB-D cameras at one instant."""
+    params = params or PartialParams()
+    full_width = full_width_of([view.camera for view in views], params)
+    windows = [window_of(view.camera, view.T_sphere_camera, full_width, params.num_levels) for view in views]
+    planes = [_resampled(view, window, params) for view, window in zip(views, windows, strict=True)]
+    if len(planes) == 1:
+        return Sphere(planes[0][0], planes[0][1], windows[0], stamp_ns)
+    whole = Spherical(full_width, full_width // 2)
+    patches = [Patch(*plane, window) for plane, window in zip(planes, windows, strict=True)]
+    return Sphere(*join(patches, whole), whole, stamp_ns)
+
+
+def full_width_of(cameras: Sequence[Camera], params: PartialParams) -> int:
+    """Return the columns of a whole sphere as fine as the finest of the cameras, times `resolution`."""
+    if not cameras:
+        raise ValueError("sphere: expected at least one camera, found none")
+    finest = max(camera.pixels_per_radian for camera in cameras)
+    return full_width_for(finest * params.resolution, params.num_levels)
+
+
+def _resampled(view: RgbdView, window: Spherical, params: PartialParams) -> tuple[Image, Range, Plane]:
+    """Return image, range and weight (distance to the image's border, 0 where not seen) of one view in the window."""
+    depth_camera = view.depth_camera or view.camera
+    T_sphere_depth = view.T_sphere_depth or view.T_sphere_camera
+    range_m = resample_range(view.depth_m, depth_camera, T_sphere_depth, window, params)
+    image, weight = resample_image(view.image, view.camera, view.T_sphere_camera, window, range_m)
+    return image, np.where(weight > 0, range_m, np.float32(np.nan)), weight
+
+
+def resample_image(
+    image: Image, camera: Camera, T_sphere_camera: SE3, window: Spherical, range_m: Range
+) -> tuple[Image, Plane]:
+    """Return the image (height, width[, 3]) in the window and each pixel's distance to the image border, 0 outside."""
+    if np.any(T_sphere_camera.translation):
+        everywhere = np.nan_to_num(continued(range_m, np.isfinite(range_m)), nan=WITHOUT_RANGE_M)
+        points = window.unproject(pixel_grid(window)) * everywhere[..., None]
+        u, v, weight = _pixels_of(points, camera, T_sphere_camera)
+        sampled = cv2.remap(image, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    else:
+        u, v, weight, steps = _image_table(camera, T_sphere_camera.rotation.tobytes(), window)
+        sampled = cv2.remap(image, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        if steps > 1:
+            sampled = cv2.resize(sampled, (window.width, window.height), interpolation=cv2.INTER_AREA)
+    seen = weight > 0
+    return np.maximum(sampled, 1) * (seen if sampled.ndim == 2 else seen[..., None]), weight
+
+
+def resample_range(
+    depth_m: NDArray[np.floating], camera: Camera, T_sphere_camera: SE3, window: Spherical, params: PartialParams
+) -> Range:
+    """Return the range along the rays (height, width) of the window from depth along the camera's z axis."""
+    inverse = inverse_depth(depth_m)
+    if np.any(T_sphere_camera.translation):
+        range_m = _moved_range(inverse, camera, T_sphere_camera, window, params)
+    else:
+        u, v, _, z_of_ray = _ray_table(camera, T_sphere_camera.rotation.tobytes(), window)
+        with np.errstate(divide="ignore"):
+            range_m = 1.0 / (_sampled(inverse, u, v, params) * z_of_ray)
+    outside = (range_m < params.min_range_m) | ((range_m > params.max_range_m) & np.isfinite(range_m))
+    range_m[outside] = np.nan
+    return range_m.astype(np.float32)
+
+
+def resample_nearest(values: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Plane:
+    """Return values (H, W) of a camera at the centre of the sphere in the window, the nearest pixel's; NaN outside."""
+    u, v, weight, _ = _ray_table(camera, T_sphere_camera.rotation.tobytes(), window)
+    sampled = cv2.remap(values, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+    return np.where(weight > 0, sampled, np.float32(np.nan))
+
+
+def inverse_depth(depth_m: NDArray[np.floating]) -> Plane:
+    """Return 1 / depth; +Inf (known to be far) becomes 0; NaN, -Inf, zero and negative depth become NaN."""
+    depth = np.asarray(depth_m, dtype=np.float32)
+    return np.divide(1.0, depth, out=np.full(depth.shape, np.nan, dtype=np.float32), where=depth > 0)
+
+
+def _moved_range(
+    inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical, params: PartialParams
+) -> Range:
+    """Return the range seen from the centre of the sphere by a camera beside it."""
+    range_m = _splatted(inverse, camera, T_sphere_camera, window)
+    rays = window.unproject(pixel_grid(window))
+    z_of_ray = rays @ T_sphere_camera.rotation[:, 2]
+    z_of_centre = float(T_sphere_camera.inverse().translation[2])
+    step = np.full(range_m.shape, np.nan)
+    for _ in range(RANGE_CORRECTIONS):
+        u, v, _ = _pixels_of(rays * range_m[..., None], camera, T_sphere_camera)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z_seen = 1.0 / _sampled(inverse, u, v, params)
+            step = (z_seen - (range_m * z_of_ray + z_of_centre)) / np.maximum(z_of_ray, 0.1)
+        range_m = range_m + step
+    return np.where((np.abs(step) < MAX_CORRECTION_LEFT * range_m), range_m, np.nan)
+
+
+def _splatted(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> NDArray[np.float64]:
+    """Return the range (height, width) of the camera's points in the window to about a pixel, NaN where none falls."""
+    rays = camera.unproject(pixel_grid(camera))
+    with np.errstate(divide="ignore"):
+        points_camera = rays / (rays[..., 2] * inverse)[..., None]
+    points = T_sphere_camera.apply(points_camera[np.all(np.isfinite(points_camera), axis=2)])
+    pixels, _ = window.project(points)
+    nearest = np.full((window.height, window.width), np.inf, dtype=np.float32)
+    u, v = np.ascontiguousarray(pixels.T, dtype=np.float32)
+    splat_nearest(u, v, np.linalg.norm(points, axis=1).astype(np.float32), window.is_whole, nearest)
+    return np.where(np.isinf(nearest), np.nan, nearest.astype(np.float64))
+
+
+def _sampled(inverse: Plane, u: Plane, v: Plane, params: PartialParams) -> Plane:
+    sampled = np.empty(u.size, dtype=np.float32)
+    sample_inverse_depth(inverse, u.ravel(), v.ravel(), params.max_depth_step, sampled)
+    return sampled.reshape(u.shape)
+
+
+def _pixels_of(points_sphere: NDArray[np.float64], camera: Camera, T_sphere_camera: SE3) -> tuple[Plane, Plane, Plane]:
+    """Return u, v and the distance to the image's border in pixels (0 outside) of points (H, W, 3)."""
+    pixels, visible = camera.project(T_sphere_camera.inverse().apply(points_sphere))
+    u, v = pixels[..., 0], pixels[..., 1]
+    border = np.minimum(np.minimum(u, camera.width - 1 - u), np.minimum(v, camera.height - 1 - v)) + 0.5
+    weight = np.where(visible, np.maximum(border, 1e-3), 0.0)
+    return _float32(u), _float32(v), _float32(weight)
+
+
+def _float32(values: NDArray[np.float64]) -> Plane:
+    return np.ascontiguousarray(np.nan_to_num(values, nan=-1e4), dtype=np.float32)
+
+
+@lru_cache(maxsize=16)
+def _ray_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Plane, Plane, Plane, Plane]:
+    """Return u, v, weight and the z of the unit ray in the camera frame, for each window pixel (same centre)."""
+    T_sphere_camera = SE3.from_parts(np.frombuffer(rotation).reshape(3, 3), np.zeros(3))
+    rays = window.unproject(pixel_grid(window))
+    z_of_ray = rays @ T_sphere_camera.rotation[:, 2]
+    return *_pixels_of(rays, camera, T_sphere_camera), z_of_ray.astype(np.float32)
+
+
+@lru_cache(maxsize=16)
+def _image_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Plane, Plane, Plane, int]:
+    """Return the sampling positions, finer than the window where the camera is finer, and the number of steps."""
+    steps = int(np.clip(np.ceil(magnification(camera, window) / MAX_MAGNIFICATION), 1, MAX_SUPERSAMPLING))
+    _, _, weight, _ = _ray_table(camera, rotation, window)
+    finer = replace(
+        window,
+        width=window.width * steps,
+        height=window.height * steps,
+        full_width=window.full_width * steps,
+        offset_u=window.offset_u * steps,
+        offset_v=window.offset_v * steps,
+    )
+    u, v, _, _ = _ray_table(camera, rotation, finer)
+    return u, v, weight, steps

@@ -1,0 +1,207 @@
+"""What a rig's own images say about its calibration: small corrections, so that epipolar lines are columns indeed.
+
+Features that two cameras see must lie in one plane with both centres. The rotations, focal lengths and principal points
+that make them do so best, and differ least from the rig file by the file's own uncertainty, are found by robust least
+squares (M15 section 4.3.1, step 3). Centres stay: at their baselines the images say next to nothing about them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial import cKDTree
+
+from sphere_geometry import SE3, Rig, RigCamera, Spherical
+from sphere_geometry.camera import pixel_grid
+from sphere_mapping.acquisition.params import RectifyParams
+from sphere_mapping.acquisition.views import Seat
+
+Image = NDArray[np.uint8]
+Array = NDArray[np.float64]
+
+POLE_DEG = 35.0  # features nearer to a pole of the sphere are drawn too wide to be compared
+NEAR_EPIPOLE = 0.2  # sine of the angle to the baseline below which a feature counts less
+LOSS_SCALES_DEG = (1.0, 0.4, 0.15, 0.06)  # the loss is narrowed step by step: at first half may be wrong matches
+NUM_VALUES = 6  # of a camera: turn (3) in rad, logarithm of the focal length, centre (2) in shares of it
+RANGE_SHARE = 0.1  # of a range: its deviation, a LiDAR's point not being quite where the feature is
+CONTRAST = 0.015  # of a feature, as SIFT counts it
+
+
+@dataclass(frozen=True, eq=False)
+class Matches:
+    """Pixels (N, 2) of two cameras that show the same; how far it is from the first (N,) m, NaN where unknown."""
+
+    first: str
+    second: str
+    pixels_first: Array
+    pixels_second: Array
+    range_first: Array | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Rectified:
+    """The corrected rig; by camera, by how much it was turned (deg) and from how many matches that is known.
+
+    before_deg, after_deg: median angle between matches and their epipolar planes.
+    """
+
+    rig: Rig
+    turned_deg: dict[str, float]
+    num_matches: dict[str, int]
+    before_deg: float
+    after_deg: float
+
+
+def matches_of(
+    seats: Sequence[Seat], images: Mapping[str, Image], params: RectifyParams, points_sphere: Array | None = None
+) -> list[Matches]:
+    """Return the features that pairs of cameras share in the grey images (h, w) of one instant.
+
+    points_sphere (N, 3): a LiDAR's cloud; it tells how far features are.
+    """
+    places = {seat.name: seat for seat in seats}
+    whole = Spherical(params.width, params.width // 2)
+    rays = whole.unproject(pixel_grid(whole))
+    found = {seat.name: _features(seat, images[seat.name], rays, params) for seat in seats if seat.name in images}
+    matches = []
+    for a, b in combinations(found, 2):
+        pairs = _paired(found[a], found[b], params)
+        if len(pairs[0]) >= params.min_matches:
+            pixels = found[a][0][pairs[0]]
+            ranges = None if points_sphere is None else _range_at(pixels, places[a], points_sphere, params)
+            matches.append(Matches(a, b, pixels, found[b][0][pairs[1]], ranges))
+    return matches
+
+
+def rectified(rig: Rig, matches: Sequence[Matches], params: RectifyParams) -> Rectified:
+    """Return the rig corrected by matches of one or several instants."""
+    names = [part.name for part in rig.cameras]
+    values = np.zeros(NUM_VALUES * len(names))
+    turn, centre = np.radians(params.turn_deg), params.centre_share
+    prior = np.tile([turn, turn, turn, params.focal_share, centre, centre], len(names))
+    before = epipolar_errors(rig, matches)
+    if not matches:
+        return Rectified(rig, dict.fromkeys(names, 0.0), dict.fromkeys(names, 0), float("nan"), float("nan"))
+    for scale_deg in LOSS_SCALES_DEG:
+        scale = np.radians(scale_deg)
+
+        def cost(now: Array, scale: float = scale) -> Array:
+            guess = _corrected(rig, now)
+            errors = np.concatenate([epipolar_errors(guess, matches), _errors_along(guess, matches, scale)]) / scale
+            return np.concatenate([np.sqrt(np.log1p(np.square(errors))), now / prior])  # Cauchy's loss
+
+        values = least_squares(cost, values, method="trf", x_scale=prior, max_nfev=20).x
+    better = _corrected(rig, values)
+    after = epipolar_errors(better, matches)
+    turned = np.degrees(np.linalg.norm(values.reshape(-1, NUM_VALUES)[:, :3], axis=1))
+    counts = {name: sum(len(m.pixels_first) for m in matches if name in (m.first, m.second)) for name in names}
+    medians = [float(np.degrees(np.median(np.abs(errors)))) for errors in (before, after)]
+    return Rectified(better, dict(zip(names, turned.tolist(), strict=True)), counts, *medians)
+
+
+def _errors_along(rig: Rig, matches: Sequence[Matches], scale: float) -> Array:
+    """Return the angle (N,) in rad of matches whose range is known off their place on the epipolar line.
+
+    Scaled down where the range, known to RANGE_SHARE of it, says less than `scale` about that place.
+    """
+    found = [np.zeros(0)]
+    for match in matches:
+        if match.range_first is None:
+            continue
+        first, second = rig.camera(match.first), rig.camera(match.second)
+        x = first.camera.unproject(match.pixels_first) @ first.T_rig_camera.rotation.T
+        y = second.camera.unproject(match.pixels_second) @ second.T_rig_camera.rotation.T
+        along = second.T_rig_camera.translation - first.T_rig_camera.translation
+        seen = x * match.range_first[:, None] - along
+        seen = seen / np.linalg.norm(seen, axis=1, keepdims=True)
+        normal = np.cross(along, seen)
+        normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+        parallax = np.linalg.norm(np.cross(x, seen), axis=1)
+        found.append(np.sum(np.cross(normal, seen) * y, axis=1) / np.hypot(1.0, RANGE_SHARE * parallax / scale))
+    return np.nan_to_num(np.concatenate(found))
+
+
+def epipolar_errors(rig: Rig, matches: Sequence[Matches]) -> Array:
+    """Return the signed angle (N,) in rad of all matches off their epipolar planes; smaller near the baseline."""
+    found = [np.zeros(0)]
+    for match in matches:
+        first, second = rig.camera(match.first), rig.camera(match.second)
+        x = first.camera.unproject(match.pixels_first) @ first.T_rig_camera.rotation.T
+        y = second.camera.unproject(match.pixels_second) @ second.T_rig_camera.rotation.T
+        along = second.T_rig_camera.translation - first.T_rig_camera.translation
+        along = along / np.linalg.norm(along)
+        across = np.linalg.norm(np.cross(along, x), axis=1)
+        found.append(np.sum(np.cross(along, x) * y, axis=1) / np.maximum(across, NEAR_EPIPOLE))
+    return np.nan_to_num(np.concatenate(found))
+
+
+def _corrected(rig: Rig, values: Array) -> Rig:
+    parts = [_moved(part, own) for part, own in zip(rig.cameras, values.reshape(-1, NUM_VALUES), strict=True)]
+    return replace(rig, cameras=tuple(parts))
+
+
+def _moved(part: RigCamera, own: Array) -> RigCamera:
+    camera: Any = part.camera  # pinhole, fisheye, double sphere: all have these four
+    factor = float(np.exp(own[3]))
+    lens = {
+        "fx": camera.fx * factor,
+        "fy": camera.fy * factor,
+        "cx": camera.cx + camera.fx * float(own[4]),
+        "cy": camera.cy + camera.fy * float(own[5]),
+    }
+    turn = SE3.exp(np.concatenate([np.zeros(3), own[:3]]))
+    return replace(part, camera=replace(camera, **lens), T_rig_camera=part.T_rig_camera @ turn)
+
+
+def _features(seat: Seat, image: Image, rays: Array, params: RectifyParams) -> tuple[Array, Array, NDArray[np.float32]]:
+    """Return pixels of the camera, rays of the sphere and descriptors of features, seen from very far."""
+    height = len(rays)
+    u, v, border = seat.look(rays * 1e6)
+    seen = (border > np.radians(params.from_border_deg)).astype(np.uint8)
+    pole = round(height * POLE_DEG / 180.0)
+    seen[:pole], seen[height - pole :] = 0, 0
+    view = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    points, descriptors = cv2.SIFT_create(params.num_features, contrastThreshold=CONTRAST).detectAndCompute(view, seen)
+    if descriptors is None:
+        return np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 128), np.float32)
+    at = np.array([point.pt for point in points], np.float32)[:, None]
+    pixels = [cv2.remap(plane, at, None, cv2.INTER_LINEAR)[:, 0] for plane in (u, v)]
+    own = [cv2.remap(rays[..., k].astype(np.float32), at, None, cv2.INTER_LINEAR)[:, 0] for k in range(3)]
+    return np.stack(pixels, axis=1).astype(np.float64), np.stack(own, axis=1).astype(np.float64), descriptors
+
+
+def _range_at(pixels: Array, seat: Seat, points_sphere: Array, params: RectifyParams) -> Array:
+    """Return the range (N,) of the cloud's point seen next to each pixel, NaN where none is near."""
+    points = seat.T_sphere_camera.inverse().apply(points_sphere)
+    at, visible = seat.camera.project(points)
+    if not visible.any():
+        return np.full(len(pixels), np.nan)
+    reach = np.radians(params.cloud_reach_deg) * seat.camera.pixels_per_radian
+    distance, nearest = cKDTree(at[visible]).query(pixels, distance_upper_bound=reach)
+    ranges = np.append(np.linalg.norm(points[visible], axis=1), np.nan)
+    return np.where(np.isfinite(distance), ranges[nearest], np.nan)
+
+
+def _paired(first: tuple, second: tuple, params: RectifyParams) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return indices (N,) of features that choose each other, clearly, and not too far apart on the sphere."""
+    nothing = np.zeros(0, np.intp), np.zeros(0, np.intp)
+    if len(first[0]) < 2 or len(second[0]) < 2:
+        return nothing
+    a, b = first[2], second[2]
+    squares = np.sum(a * a, axis=1)[:, None] + np.sum(b * b, axis=1)[None] - 2 * a @ b.T
+    distance = np.sqrt(np.maximum(squares, 0.0))
+    is_far = first[1].astype(np.float32) @ second[1].T.astype(np.float32) < np.cos(np.radians(params.max_parallax_deg))
+    distance[is_far] = np.inf
+    two = np.partition(distance, 1, axis=1)[:, :2]
+    best = np.argmin(distance, axis=1)
+    is_mutual = np.argmin(distance, axis=0)[best] == np.arange(len(best))
+    with np.errstate(invalid="ignore"):
+        chosen = is_mutual & np.isfinite(two[:, 0]) & (two[:, 0] < params.max_ratio * two[:, 1])
+    return np.flatnonzero(chosen), best[chosen]

@@ -1,0 +1,40 @@
+"""When a sphere becomes a key sphere: as late as possible, to drift as little as possible (M15 section 3.5.1)."""
+
+from __future__ import annotations
+
+from photometric import Alignment
+from sphere_geometry import SE3
+from sphere_mapping.graph.registration import PreparedSphere
+from sphere_mapping.params import KeySphereParams
+
+MAX_GREY = 255.0
+
+NOT_YET, FIRST, MAD, OVERLAP, INLIERS, PARALLAX, LAST_GOOD = (
+    "", "FIRST", "MAD", "OVERLAP", "INLIERS", "PARALLAX", "LAST_GOOD"
+)  # fmt: skip
+
+
+def why_key_sphere(
+    alignment: Alignment, T_reference_sphere: SE3, reference: PreparedSphere, params: KeySphereParams
+) -> str:
+    """Return why a sphere aligned with a reference must become the next one, or `NOT_YET`.
+
+    Eq. 12 on whole spheres; a partial sphere also loses sight of its reference, and one that drives into its view
+    sees everything larger long before the residual says so. Overlap is counted of what has a range and could overlap.
+    """
+    if alignment.mad > params.max_mad_share * MAX_GREY:
+        return MAD
+    if alignment.overlap < params.min_overlap * reference.coverage:
+        return OVERLAP
+    if alignment.inlier_share < params.min_inlier_share:
+        return INLIERS
+    distance, _ = SE3.identity().distance(T_reference_sphere)
+    if distance > reach(reference, params):
+        return PARALLAX
+    return NOT_YET
+
+
+def reach(reference: PreparedSphere, params: KeySphereParams) -> float:
+    """Return how far from a reference in m the next key sphere is at the latest."""
+    max_parallax = params.max_parallax_whole if reference.is_whole else params.max_parallax
+    return max_parallax * reference.median_range

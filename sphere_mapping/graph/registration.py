@@ -1,0 +1,113 @@
+"""Sphere against spheres: dense visual odometry (M15 section 3.5, eq. 11)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from photometric import (
+    Alignment,
+    Pyramid,
+    Reference,
+    RegistrationParams,
+    View,
+    build_pyramid,
+    prepare_reference,
+    register,
+    register_rotation,
+)
+from photometric.alignment import OUTLIERS
+from photometric.judgement import judge
+from photometric.overlap import image_overlap
+from photometric.problem import Problem, State
+from sphere_geometry import SE3
+from sphere_map.graph import Edge, KeySphere
+from sphere_map.sphere import Sphere
+from sphere_mapping.params import MappingRegistrationParams
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedSphere:
+    """A sphere with what alignment needs of it, made at first use and kept."""
+
+    sphere: Sphere
+    params: RegistrationParams
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether it sees in every direction."""
+        return self.sphere.camera.is_whole
+
+    @cached_property
+    def pyramid(self) -> Pyramid:
+        """Its image from fine to coarse, for the current side."""
+        return build_pyramid(self.sphere.grey, self.sphere.camera, self.params.pyramid)
+
+    @cached_property
+    def reference(self) -> Reference:
+        """Its salient pixels with range, for the reference side."""
+        return prepare_reference(self.sphere.grey, self.sphere.range_m, self.sphere.camera, self.params)
+
+    @cached_property
+    def coverage(self) -> float:
+        """Overlap that it has with itself: the share of its image that has a range, as `align` counts it."""
+        return image_overlap(self.pyramid, [self.at(SE3.identity())], SE3.identity())
+
+    @cached_property
+    def median_range(self) -> float:
+        """Median of its finite ranges in metres; +Inf where it has none."""
+        finite = self.sphere.range_m[self.sphere.measured]
+        return float(np.median(finite)) if finite.size else np.inf
+
+    def at(self, T_world_sphere: SE3) -> View:
+        """Return it as a reference at a pose."""
+        return View(self.reference, T_world_sphere)
+
+
+def align(
+    current: PreparedSphere,
+    references: Sequence[View],
+    guesses: Iterable[SE3],
+    params: MappingRegistrationParams,
+) -> Alignment:
+    """Align a sphere with references, from one guess of T_world_sphere after the other until one converges.
+
+    Guesses are tried lazily, the most likely first; where none converges the result of the first is returned. A
+    result whose images do not resemble each other, as when the lens is covered, is refused as OUTLIERS.
+    """
+    first: Alignment | None = None
+    for T_world_sphere in guesses:
+        alignment = register(current.pyramid, references, T_world_sphere, params)
+        if alignment.is_converged and alignment.ncc < params.min_ncc:
+            alignment = replace(alignment, reason=OUTLIERS)
+        if alignment.is_converged:
+            return alignment
+        first = first or alignment
+    if first is None:
+        raise ValueError("registration: expected at least one guess, found none")
+    return first
+
+
+def turned(now: PreparedSphere, before: PreparedSphere, T_world_before: SE3, params: RegistrationParams) -> SE3:
+    """Return the guess of T_world_now by the rotation between two images alone (eq. 20)."""
+    if now.sphere.camera != before.sphere.camera:
+        return T_world_before
+    return T_world_before @ register_rotation(now.pyramid, before.pyramid, params)
+
+
+def edge_between(reference: KeySphere, node: KeySphere, alignment: Alignment, is_loop: bool = False) -> Edge:
+    """Return the edge that an alignment of `node` with `reference` measured; its covariance is local to `node`."""
+    T_reference_node = reference.T_map_sphere.inverse() @ alignment.T_world_camera
+    information = np.linalg.inv(alignment.covariance)
+    return Edge(reference.id, node.id, T_reference_node, (information + information.T) / 2, is_loop)
+
+
+def residual_at(current: PreparedSphere, reference: View, T_world_sphere: SE3, params: RegistrationParams) -> Alignment:
+    """Return what `align` would report at a pose without moving it: MAD, overlap, correlation."""
+    state = State.start(T_world_sphere, 1)
+    problem = Problem.choose_pixels(current.pyramid.levels[0], [reference], T_world_sphere, params)
+    overlap = image_overlap(current.pyramid, [reference], T_world_sphere)
+    return judge(problem, state, 0, 0.0, overlap, params)

@@ -1,0 +1,51 @@
+"""Depth panoramas of a room, as cloud and as mesh, against its closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mcl_depth.geometry.cloud import cloud_from_points
+from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sampled
+from mcl_depth.geometry.synthesis import DepthSynthesizer, panorama_window
+from mcl_depth.image_params import SynthesisParams
+from sphere_geometry.camera import pixel_grid
+
+PARAMS = SynthesisParams(num_columns=72)
+HALF = np.array([4.0, 3.0, 1.5])
+
+
+def room() -> TriangleMesh:
+    corners = np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]) * HALF
+    quads = [(0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), (1, 3, 7, 5)]
+    faces = [face for a, b, c, d in quads for face in ((a, b, c), (a, c, d))]
+    return mesh_from_faces(corners, np.array(faces), "room")
+
+
+def expected(place: np.ndarray) -> np.ndarray:
+    camera = panorama_window(PARAMS)
+    rays = camera.unproject(pixel_grid(camera))
+    return np.min(np.where(rays > 0, HALF - place, HALF + place) / np.maximum(np.abs(rays), 1e-12), axis=-1)
+
+
+def test_a_mesh_is_drawn_exactly() -> None:
+    place = np.array([1.0, -0.5, 0.2])
+    found = DepthSynthesizer(room(), PARAMS).synthesize(place)
+    np.testing.assert_allclose(found, expected(place), rtol=1e-4)  # float32 rays
+
+
+def test_a_cloud_is_drawn_like_the_room_it_covers() -> None:
+    place = np.array([1.0, -0.5, 0.2])
+    found = DepthSynthesizer(sampled(room(), 0.04), PARAMS).synthesize(place)
+    error = np.abs(found / expected(place) - 1)
+    assert np.isfinite(found).all()  # splats close the surfaces
+    assert np.median(error) < 0.05  # a pixel is 5 degrees wide
+    assert np.mean(error > 0.3) < 0.02  # nothing is seen through a wall
+
+
+def test_far_tiles_are_drawn_from_coarser_copies_where_they_lie() -> None:
+    rng = np.random.default_rng(1)
+    wall = np.column_stack([np.full(40_000, 30.0), rng.uniform(-20, 20, 40_000), rng.uniform(-5, 5, 40_000)])
+    found = DepthSynthesizer(cloud_from_points(wall), PARAMS).synthesize((0.0, 0.0, 0.0))
+    middle = found[found.shape[0] // 2]
+    assert abs(float(middle[36]) - 30.0) < 0.3  # forward is the centre column, the wall is 30 m away
+    assert np.isnan(middle[0])  # behind there is nothing

@@ -1,0 +1,132 @@
+"""Features and eq. 2 against a slow, literal transcription of the paper."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mcl_depth.image_params import ComparisonParams
+from mcl_depth.likeness import kernels
+from mcl_depth.likeness.comparison import (
+    depth_features,
+    depth_features_many,
+    heading,
+    num_alpha_for,
+    similarity,
+    similarity_many,
+    stack_features,
+    visual_features,
+)
+
+H, W = 12, 36
+PARAMS = ComparisonParams(lcn_radius_px=3)
+
+
+def literal_lcn(D: np.ndarray, k: int) -> np.ndarray:
+    """Eq. 1, pixel by pixel; columns wrap, rows end."""
+    out = np.empty_like(D)
+    for y in range(H):
+        for x in range(W):
+            rows = slice(max(y - k, 0), y + k + 1)
+            window = D[rows][:, np.arange(x - k, x + k + 1) % W]
+            out[y, x] = (D[y, x] - window.mean()) / window.std()
+    return out
+
+
+def literal_sobel(D: np.ndarray) -> np.ndarray:
+    """Gradients (H, W, 2)."""
+    padded = np.pad(np.pad(D, ((1, 1), (0, 0)), "edge"), ((0, 0), (1, 1)), "wrap")
+    kernel = np.array([[-1.0, 0, 1], [-2, 0, 2], [-1, 0, 1]])
+    windows = np.lib.stride_tricks.sliding_window_view(padded, (3, 3))
+    return np.stack([np.sum(windows * kernel, axis=(2, 3)), np.sum(windows * kernel.T, axis=(2, 3))], axis=-1)
+
+
+def literal_similarity(Gv: np.ndarray, Gd: np.ndarray) -> float:
+    """Eq. 2 as it stands."""
+    dot = np.sum(Gv * Gd, axis=-1, keepdims=True)
+    on_depth = np.linalg.norm(dot / np.sum(Gd**2, axis=-1, keepdims=True) * Gd, axis=-1)
+    on_visual = np.linalg.norm(dot / np.sum(Gv**2, axis=-1, keepdims=True) * Gv, axis=-1)
+    return float(on_depth.sum() + on_visual.sum())
+
+
+def normalised(G: np.ndarray) -> np.ndarray:
+    return G / np.linalg.norm(G, axis=-1).sum()
+
+
+@pytest.fixture
+def images(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """A grey panorama and a range panorama, unrelated."""
+    return (255 * rng.random((H, W))).astype(np.float32), (1 + 9 * rng.random((H, W))).astype(np.float32)
+
+
+@pytest.mark.parametrize("normalisation", ["both", "literal"])
+def test_similarity_is_equation_2_for_every_rotation(images, normalisation) -> None:
+    grey, range_m = images
+    params = ComparisonParams(lcn_radius_px=3, normalisation=normalisation)
+    found = similarity(visual_features(grey, params), depth_features(range_m, params), 12)
+    Gv, Gd = normalised(literal_sobel(grey.astype(float))), literal_sobel(literal_lcn(range_m.astype(float), 3))
+    Gd = normalised(Gd) if normalisation == "both" else Gd
+    expected = [literal_similarity(Gv, np.roll(Gd, i * W // 12, axis=1)) for i in range(12)]
+    np.testing.assert_allclose(found, expected, rtol=1e-4)  # float32 sums
+
+
+def test_coded_features_give_the_same_similarity(images) -> None:
+    grey, range_m = images
+    visual, depth = visual_features(grey, PARAMS), depth_features(range_m, PARAMS)
+    one = similarity(visual, depth, 12)
+    coded = similarity_many(visual, stack_features([depth]), 12)[0]
+    many = similarity_many(visual, depth_features_many(np.stack([range_m, range_m]), PARAMS), 12, np.array([1]))[0]
+    np.testing.assert_allclose(coded, one, rtol=5e-3)  # half a step of 0.7 degrees and 1 % of magnitude, averaged
+    np.testing.assert_array_equal(many, coded)
+
+
+def test_a_turned_camera_has_the_heading_of_the_turn(images) -> None:
+    _, range_m = images
+    grey = np.roll(range_m, 9, axis=1)  # the camera turned to the left sees everything farther right
+    found = heading(similarity(visual_features(grey, ComparisonParams()), depth_features(range_m, PARAMS), W))
+    assert abs(found.yaw - np.pi / 2) < np.radians(10)  # one step
+    assert found.margin > 0.3  # noise has no second answer
+
+
+@pytest.mark.parametrize("shift", [1, 5, 17])
+def test_no_seam_shows(images, shift) -> None:
+    grey, range_m = images
+    range_m[3:6, [0, 1, W - 1]] = np.nan
+    for make in (lambda image: visual_features(image, PARAMS), lambda image: depth_features(image, PARAMS)):
+        image = grey if make(grey) is None else range_m
+        image = np.where(np.isfinite(image), image, np.nan).astype(np.float32)
+        rolled, plain = make(np.roll(image, shift, axis=1)), make(image)
+        np.testing.assert_allclose(rolled.magnitude, np.roll(plain.magnitude, shift, axis=1), atol=1e-5)
+
+
+def test_unknown_pixels_become_the_mean_around_them() -> None:
+    image = np.full((H, W), 2.0, np.float32)
+    image[:, :4], image[5, 0] = 4.0, np.nan
+    kernels.fill_unknown(image)
+    np.testing.assert_allclose(image[5, 0], (5 * 4.0 + 3 * 2.0) / 8, rtol=1e-6)  # three of eight lie across the seam
+
+
+def test_an_empty_view_says_nothing() -> None:
+    nothing = depth_features(np.full((H, W), np.nan, np.float32), PARAMS)
+    assert nothing.magnitude.max() == 0.0
+
+
+def test_unseen_pixels_count_nothing(images) -> None:
+    grey, range_m = images
+    is_seen = np.zeros((H, W), bool)
+    is_seen[:, 8:30] = True
+    other = np.where(is_seen, grey, 255 - grey).astype(np.float32)
+    depth = depth_features(range_m, PARAMS)
+    one, two = (similarity(visual_features(image, PARAMS, is_seen), depth, 12) for image in (grey, other))
+    np.testing.assert_array_equal(one, two)
+
+
+@pytest.mark.parametrize(("step", "count"), [(1.0, 360), (10.0, 36), (22.5, 16)])
+def test_a_step_that_divides_the_circle(step, count) -> None:
+    assert num_alpha_for(step) == count
+
+
+@pytest.mark.parametrize("step", [7.0, 0.0, -10.0, 400.0])
+def test_a_step_that_does_not_divide_the_circle_is_refused(step) -> None:
+    with pytest.raises(ValueError, match="alpha step: expected a divisor of 360 deg"):
+        num_alpha_for(step)

@@ -1,0 +1,102 @@
+"""Depth images by position: which are made, how often, and what the comparison answers."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mcl_depth.geometry.synthesis import panorama_window
+from mcl_depth.image_params import SynthesisParams
+from mcl_depth.likeness.comparison import visual_features
+from mcl_depth.likeness.depth_map import DepthMap
+from mcl_depth.likeness.similarity_cache import Comparison
+from mcl_depth.params import CacheParams, FilterParams
+
+CAMERA = panorama_window(SynthesisParams(num_columns=72))
+HEADINGS = 36
+
+
+class Synthesizer:
+    """Random ranges that depend on the place, and a note of what was asked."""
+
+    camera = CAMERA
+
+    def __init__(self):
+        self.asked = []
+
+    def synthesize_many(self, positions):
+        self.asked.append(np.array(positions))
+        seeds = [abs(hash(tuple(np.round(place * 1000).astype(int).tolist()))) for place in positions]
+        size = (CAMERA.height, CAMERA.width)
+        return np.stack([np.random.default_rng(seed).uniform(1, 9, size) for seed in seeds]).astype(np.float32)
+
+
+def ground(positions):
+    return np.where(positions[:, 0] < 5.0, 0.3, np.nan)
+
+
+def made(**cache):
+    synthesizer = Synthesizer()
+    return synthesizer, DepthMap(synthesizer, ground, 1.2, FilterParams(cache=CacheParams(**cache)), "rooms")
+
+
+@pytest.fixture
+def visual():
+    grey = np.random.default_rng(7).uniform(0, 255, (CAMERA.height, CAMERA.width)).astype(np.float32)
+    return visual_features(grey, FilterParams().comparison)
+
+
+def test_a_position_is_at_most_max_distance_from_its_depth_image():
+    synthesizer, depth_map = made(max_distance=0.25)
+    places = np.random.default_rng(1).uniform(-4, 4, (200, 2))
+    for place in places:
+        depth_map.depth_at(place)
+    middles = np.concatenate(synthesizer.asked)
+    assert np.linalg.norm(middles[:, :2] - places, axis=1).max() <= 0.25
+    np.testing.assert_allclose(middles[:, 2], 1.5)
+    assert depth_map.depth_at(np.array([9.0, 0.0])) is None
+
+
+def test_positions_without_ground_are_similar_to_nothing(visual):
+    _, depth_map = made()
+    cells = [(0, 0), (100, 0)]
+    curves = depth_map.similarities(visual, cells, HEADINGS)
+    assert curves.shape == (2, HEADINGS)
+    assert curves[0].min() > 0.0
+    assert curves[1].max() == 0.0
+    assert np.isnan(depth_map.heights(np.array([[9.0, 0.0]]))[0])
+    assert not depth_map.has_ground(np.array([9.0, 0.0, 0.0]))
+
+
+def test_filling_in_advance_leaves_nothing_to_be_made(visual):
+    synthesizer, depth_map = made(batch=4)
+    places = np.random.default_rng(2).uniform(-2, 2, (30, 2))
+    steps = []
+    depth_map.fill(places, steps.append)
+    before = sum(map(len, synthesizer.asked))
+    assert sum(steps) == before == len(np.unique(depth_map.cells(places), axis=0))
+    depth_map.similarities(visual, [(int(x), int(y)) for x, y in depth_map.cells(places)], HEADINGS)
+    assert sum(map(len, synthesizer.asked)) == before
+
+
+def test_features_come_back_from_disk_only_for_the_same_settings(tmp_path, visual):
+    _, first = made(folder=str(tmp_path))
+    expected = first.similarities(visual, [(0, 0)], HEADINGS)
+    first.save()
+    synthesizer, again = made(folder=str(tmp_path))
+    np.testing.assert_array_equal(again.similarities(visual, [(0, 0)], HEADINGS), expected)
+    assert synthesizer.asked == []
+    other, differs = made(folder=str(tmp_path), max_distance=0.5)
+    differs.similarities(visual, [(0, 0)], HEADINGS)
+    assert len(other.asked) == 1
+
+
+def test_a_place_is_compared_once_and_the_answers_do_not_depend_on_it(visual):
+    _, depth_map = made()
+    places = np.random.default_rng(3).uniform(-0.5, 0.5, (60, 2))
+    cached, plain = (Comparison(visual, depth_map, HEADINGS, is_caching=flag) for flag in (True, False))
+    for part in (places[:40], places[20:]):
+        np.testing.assert_array_equal(cached.curves(part), plain.curves(part))
+    assert plain.num_compared == 80
+    assert cached.num_compared == len(np.unique(depth_map.cells(places), axis=0))
+    assert cached.hit_rate == pytest.approx(1.0 - cached.num_compared / 80)

@@ -1,0 +1,59 @@
+import numpy as np
+
+from sphere_geometry import SE3
+from sphere_mapping.graph.motion import MAX_EXTRAPOLATION, MotionPrior, Placed
+
+STEP = SE3.exp([0.3, 0.0, 0.05, 0.0, 0.02, 0.1])
+
+
+def close(a, b):
+    np.testing.assert_allclose(a.matrix, b.matrix, atol=1e-12)
+
+
+def moving(odometry=(None, None)):
+    prior = MotionPrior()
+    prior.put(Placed(0, SE3.identity(), odometry[0]))
+    prior.put(Placed(100, STEP, odometry[1]))
+    return prior
+
+
+def test_nothing_is_known_before_the_first_sphere():
+    close(MotionPrior().predict(5), SE3.identity())
+
+
+def test_one_sphere_stays_where_it_is():
+    prior = MotionPrior()
+    prior.put(Placed(0, STEP))
+    close(prior.predict(100), STEP)
+
+
+def test_velocity_is_carried_on_in_proportion_to_time():
+    close(moving().predict(200), STEP @ STEP)
+    close(moving().predict(150), STEP @ SE3.exp(STEP.log() / 2))
+
+
+def test_a_long_gap_is_not_extrapolated_without_end():
+    close(moving().predict(100_000), STEP @ SE3.exp(STEP.log() * MAX_EXTRAPOLATION))
+
+
+def test_a_stamp_of_the_past_or_repeated_gives_the_last_pose():
+    close(moving().predict(50), STEP)
+    same = MotionPrior()
+    same.put(Placed(7, SE3.identity()))
+    same.put(Placed(7, STEP))
+    close(same.predict(8), STEP)
+
+
+def test_odometry_goes_before_velocity_whatever_its_frame():
+    T_odom_map = SE3.exp([5.0, 2.0, 0.0, 0.0, 0.0, 1.0])
+    turn = SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, 0.5])
+    prior = moving((T_odom_map, T_odom_map @ STEP))
+    close(prior.predict(200, T_odom_map @ STEP @ turn), STEP @ turn)
+    close(moving().predict(200, T_odom_map), STEP @ STEP)  # not heard before: cannot be used
+
+
+def test_a_correction_of_the_map_moves_the_prediction_with_it():
+    prior, T_new_old = moving(), SE3.exp([1.0, 0.0, 0.0, 0.0, 0.0, 0.3])
+    prior.move(T_new_old)
+    close(prior.predict(200), T_new_old @ STEP @ STEP)
+    close(prior.newest, T_new_old @ STEP)

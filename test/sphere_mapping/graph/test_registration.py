@@ -1,0 +1,115 @@
+import numpy as np
+import pytest
+from worlds import Room, optical
+
+from photometric.alignment import OUTLIERS
+from sphere_geometry import SE3, Pinhole, Spherical
+from sphere_geometry.camera import pixel_grid
+from sphere_map.graph import KeySphere
+from sphere_map.sphere import Sphere
+from sphere_mapping.acquisition.partial import sphere_from_rgbd
+from sphere_mapping.graph.registration import PreparedSphere, align, edge_between, residual_at, turned
+from sphere_mapping.params import MappingRegistrationParams
+
+PARAMS = MappingRegistrationParams()
+CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
+ROOM = Room()
+AT = SE3.exp([-0.5, 0.2, 0.0, 0.0, 0.0, 0.3])
+MOTION = SE3.exp([0.06, -0.03, 0.02, 0.01, -0.02, 0.03])
+
+
+def partial(T_room_sphere):
+    return PreparedSphere(sphere_from_rgbd(*ROOM.photograph(CAMERA, optical(T_room_sphere)), CAMERA), PARAMS)
+
+
+def whole(T_room_sphere):
+    camera = Spherical(512, 256)
+    rays = camera.unproject(pixel_grid(camera)) @ T_room_sphere.rotation.T
+    grey, range_m = ROOM.look(T_room_sphere.translation, rays)
+    image = np.clip(np.rint(grey), 1, 255).astype(np.uint8)
+    return PreparedSphere(Sphere(image, range_m.astype(np.float32), camera), PARAMS)
+
+
+@pytest.mark.parametrize(("make", "scale"), [(partial, 1.0), (whole, 4.0)], ids=["partial", "whole"])
+def test_a_motion_is_recovered_from_identity(make, scale):
+    motion = SE3.exp(MOTION.log() * scale)
+    found = align(make(AT @ motion), [make(AT).at(AT)], [AT], PARAMS)
+    distance, angle = (AT @ motion).distance(found.T_world_camera)
+    assert found.is_converged
+    assert distance < 0.003  # ideal range; grey levels rounded
+    assert angle < np.radians(0.05)
+
+
+def test_the_residual_at_the_truth_is_far_below_that_at_the_guess():
+    current, view = partial(AT @ MOTION), partial(AT).at(AT)
+    before, after = residual_at(current, view, AT, PARAMS), residual_at(current, view, AT @ MOTION, PARAMS)
+    assert after.mad < 0.3 * before.mad
+    assert after.ncc > 0.95 > before.ncc
+
+
+def test_a_second_guess_is_tried_only_where_the_first_fails():
+    current, view = partial(AT @ MOTION), partial(AT).at(AT)
+    asked = []
+
+    def guesses(first):
+        for T_world_sphere in (first, AT):
+            asked.append(T_world_sphere)
+            yield T_world_sphere
+
+    assert align(current, [view], guesses(AT), PARAMS).is_converged
+    assert len(asked) == 1
+    behind = AT @ SE3.exp([0, 0, 0, 0, 0, np.pi])
+    assert align(current, [view], guesses(behind), PARAMS).is_converged
+    assert len(asked) == 3
+
+
+def test_no_guess_is_misuse():
+    with pytest.raises(ValueError, match="expected at least one guess"):
+        align(partial(AT), [partial(AT).at(AT)], [], PARAMS)
+
+
+def test_a_covered_lens_is_refused():
+    sphere = partial(AT).sphere
+    covered = PreparedSphere(Sphere(np.full_like(sphere.image, 90), sphere.range_m, sphere.camera), PARAMS)
+    found = align(covered, [partial(AT).at(AT)], [AT], PARAMS)
+    assert not found.is_converged
+    strict = MappingRegistrationParams(min_ncc=1.0)
+    assert align(partial(AT @ MOTION), [partial(AT).at(AT)], [AT], strict).reason == OUTLIERS
+
+
+def test_a_turn_is_guessed_from_the_images_alone():
+    turn = SE3.exp([0, 0, 0, 0.02, -0.03, 0.12])
+    guess = turned(partial(AT @ turn), partial(AT), AT, PARAMS)
+    assert (AT @ turn).distance(guess)[1] < 0.02
+    other = whole(AT)
+    assert turned(other, partial(AT), AT, PARAMS) is AT  # another camera: nothing to compare
+
+
+def test_coverage_is_the_overlap_with_itself():
+    prepared = partial(AT)
+    found = align(prepared, [prepared.at(AT)], [AT], PARAMS)
+    assert prepared.coverage == pytest.approx(found.overlap, abs=0.01)
+    half = prepared.sphere.range_m.copy()
+    half[:, : half.shape[1] // 2] = np.nan
+    seen = PreparedSphere(Sphere(prepared.sphere.image, half, prepared.sphere.camera), PARAMS)
+    assert seen.coverage == pytest.approx(prepared.coverage / 2, rel=0.15)  # counted in cells of some pixels
+
+
+def test_median_range_ignores_what_is_not_finite():
+    sphere = partial(AT).sphere
+    range_m = sphere.range_m.copy()
+    range_m[::2] = np.nan
+    range_m[1::4] = np.inf
+    expected = np.median(range_m[np.isfinite(range_m)])
+    assert PreparedSphere(Sphere(sphere.image, range_m, sphere.camera), PARAMS).median_range == expected
+    none = Sphere(sphere.image, np.full_like(range_m, np.nan), sphere.camera)
+    assert PreparedSphere(none, PARAMS).median_range == np.inf
+
+
+def test_the_edge_is_the_measured_motion_with_the_inverse_covariance():
+    current, reference = partial(AT @ MOTION), partial(AT)
+    found = align(current, [reference.at(AT)], [AT], PARAMS)
+    edge = edge_between(KeySphere(3, 0, AT), KeySphere(7, 1, AT @ MOTION), found)
+    assert (edge.a, edge.b, edge.is_loop) == (3, 7, False)
+    assert edge.T_a_b.distance(MOTION)[0] < 0.003
+    np.testing.assert_allclose(edge.information @ found.covariance, np.eye(6), atol=1e-6)
