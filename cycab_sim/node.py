@@ -35,13 +35,13 @@ class CycabSim(ManagedNode):
         """Build the town, wire topics and services."""
         self.simulator = Simulator(self.params)
         self.lock_step = LockStep(self.params.clock)
-        self.clock = self.announce("/clock", Clock)
+        self.clock = self.add_publisher("/clock", Clock)
         self.outputs = Outputs(self, self.simulator)
-        self.taught = self.announce("taught", Bool, qos.LATCHED)
+        self.taught = self.add_publisher("taught", Bool, qos.LATCHED)
         kind = TwistStamped if self.params.has_stamped_command else Twist
-        self.listen("cmd_vel", kind, self.on_command, qos.COMMAND, is_required=False)
-        self.serve("teleport", Teleport, self.on_teleport)
-        self.serve("set_fault", SetFault, self.on_set_fault)
+        self.add_subscription("cmd_vel", kind, self.on_command, qos.COMMAND, is_required=False)
+        self.add_service("teleport", Teleport, self.on_teleport)
+        self.add_service("set_fault", SetFault, self.on_set_fault)
         self.report("simulation", OK, "ready")
 
     def activate(self) -> None:

@@ -26,20 +26,22 @@ class Outputs:
     def __init__(self, node: ManagedNode, simulator: Simulator) -> None:
         self.simulator = simulator
         is_sphere = isinstance(simulator.mounts["camera"].camera, Spherical)
-        self.image = node.announce("image_raw", Image, qos.LARGE)
-        self.info = node.announce(*(("sphere_info", SphereInfo) if is_sphere else ("camera_info", CameraInfo)))
-        self.sphere = node.announce("sphere", AugmentedSphere, qos.LARGE)
-        self.odom = node.announce("odom", Odometry)
-        self.truth = node.announce("ground_truth/odometry", Odometry)
-        self.tf_static = node.announce("/tf_static", TFMessage, qos.TF_STATIC)
-        self.rig_images = {n: node.announce(f"cameras/{n}/image_raw", Image, qos.LARGE) for n in simulator.rig_names}
-        self.rig_infos = {n: node.announce(f"cameras/{n}/camera_info", CameraInfo) for n in simulator.rig_names}
+        self.image = node.add_publisher("image_raw", Image, qos.LARGE)
+        self.info = node.add_publisher(*(("sphere_info", SphereInfo) if is_sphere else ("camera_info", CameraInfo)))
+        self.sphere = node.add_publisher("sphere", AugmentedSphere, qos.LARGE)
+        self.odom = node.add_publisher("odom", Odometry)
+        self.truth = node.add_publisher("ground_truth/odometry", Odometry)
+        self.tf_static = node.add_publisher("/tf_static", TFMessage, qos.TF_STATIC)
+        self.rig_images = {
+            n: node.add_publisher(f"cameras/{n}/image_raw", Image, qos.LARGE) for n in simulator.rig_names
+        }
+        self.rig_infos = {n: node.add_publisher(f"cameras/{n}/camera_info", CameraInfo) for n in simulator.rig_names}
         if simulator.params.imu.is_on:
-            self.imu = node.announce("imu", Imu)
+            self.imu = node.add_publisher("imu", Imu)
         if simulator.params.scan.is_on:
-            self.scan = node.announce("scan", LaserScan)
+            self.scan = node.add_publisher("scan", LaserScan)
         if simulator.rig is not None:
-            self.description = node.announce("rig_description", String, qos.LATCHED)
+            self.description = node.add_publisher("rig_description", String, qos.LATCHED)
 
     def publish_statics(self) -> None:
         """Send what does not change: where everything is mounted, and the rig file."""

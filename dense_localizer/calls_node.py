@@ -21,9 +21,9 @@ class OperatorCalls:
 
     def __init__(self, node: DenseLocalizerNode) -> None:
         self._node = node
-        node.serve("load_map", LoadMap, self.on_load_map)
-        node.serve("relocalize", Relocalize, self.on_relocalize)
-        node.serve("reset", Trigger, self.on_reset)
+        node.add_service("load_map", LoadMap, self.on_load_map)
+        node.add_service("relocalize", Relocalize, self.on_relocalize)
+        node.add_service("reset", Trigger, self.on_reset)
 
     def on_load_map(self, request: LoadMap.Request, response: LoadMap.Response) -> LoadMap.Response:
         """Use another map; a map that cannot be read leaves the present one in force."""

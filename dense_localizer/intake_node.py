@@ -36,13 +36,13 @@ class Intake:
         self._tf = TransformListener(node)
         self.forget_camera()
         profile = DEEP if params.every_image else qos.SENSOR
-        node.listen("camera_info", CameraInfo, self._on_info, profile)
+        node.add_subscription("camera_info", CameraInfo, self._on_info, profile)
         if params.transport == "raw":
-            node.listen("image_raw", Image, self._on_image, profile)
+            node.add_subscription("image_raw", Image, self._on_image, profile)
         else:
-            node.listen("image_raw/compressed", CompressedImage, self._on_image, profile)
+            node.add_subscription("image_raw/compressed", CompressedImage, self._on_image, profile)
         if params.use_odometry:
-            node.listen("odom", Odometry, self._on_odometry, qos.SENSOR, is_required=False)
+            node.add_subscription("odom", Odometry, self._on_odometry, qos.SENSOR, is_required=False)
 
     def forget_camera(self) -> None:
         """Take the next calibration and transform for new ones."""

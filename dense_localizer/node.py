@@ -46,8 +46,10 @@ class DenseLocalizerNode(ManagedNode):
         self.arrival_ns = 0  # of the last image, on the node's clock
         self.outputs = Outputs(self)
         self.intake = Intake(self, self.params, self.on_image)
-        self.listen("initialpose", PoseWithCovarianceStamped, self.on_initial_pose, qos.STATE, is_required=False)
-        self.every(WATCH_PERIOD, self.on_watch)
+        self.add_subscription(
+            "initialpose", PoseWithCovarianceStamped, self.on_initial_pose, qos.STATE, is_required=False
+        )
+        self.add_timer(WATCH_PERIOD, self.on_watch)
         OperatorCalls(self)
         self.companion = Companion(self, self.params.map_frame, self.needs_help, self.take_offer)
 

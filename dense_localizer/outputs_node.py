@@ -31,10 +31,10 @@ class Outputs:
 
     def __init__(self, node: DenseLocalizerNode) -> None:
         self._node = node
-        self._pose = node.announce("pose", PoseWithCovarianceStamped, qos.STATE)
-        self._odometry = node.announce("odometry", Odometry, qos.STATE)
-        self._status = node.announce("status", LocalizationStatus, qos.STATE)
-        self._residual = node.announce("residual", Image, qos.LARGE)
+        self._pose = node.add_publisher("pose", PoseWithCovarianceStamped, qos.STATE)
+        self._odometry = node.add_publisher("odometry", Odometry, qos.STATE)
+        self._status = node.add_publisher("status", LocalizationStatus, qos.STATE)
+        self._residual = node.add_publisher("residual", Image, qos.LARGE)
         self._tf = TransformBroadcaster(node)
         self._told = ""
         self.state = State.UNCONFIGURED  # last told
@@ -47,7 +47,7 @@ class Outputs:
 
     def show(self, estimate: Estimate, image: NDArray[Any], camera: Camera) -> None:
         """Publish the residual image, if anyone looks."""
-        if estimate.place is not None and self._residual.num_listeners:
+        if estimate.place is not None and self._residual.num_subscriptions:
             picture = residual_image(image, camera, estimate.place)
             stamp, frame = estimate.status.stamp_ns, self._node.params.camera_frame
             self._residual.publish(conversions.array_to_image(picture, stamp, frame, "mono8"))

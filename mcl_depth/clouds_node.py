@@ -42,8 +42,8 @@ class Clouds:
         self.fault = FINE  # nothing can be compared with the geometry
         if node.params.cloud:
             self.use(read_map(node.params.cloud))
-        node.serve("load_cloud", LoadCloud, self.on_load_cloud)
-        node.listen("cloud", PointCloud2, self.on_cloud, qos.LATCHED, is_required=False, silence=0.0)
+        node.add_service("load_cloud", LoadCloud, self.on_load_cloud)
+        node.add_subscription("cloud", PointCloud2, self.on_cloud, qos.LATCHED, is_required=False, silence=0.0)
 
     def use(self, geometry: Cloud | TriangleMesh, voxel_m: float = 0.0) -> None:
         """Use another geometry, thinned to `voxel_m`, or as the parameter says where that is 0."""

@@ -27,9 +27,9 @@ class HomingGuide:
         self._node, self._params = node, node.params.homing
         self.homing: Homing | None = None
         self._advice: Advice | None = None
-        self._direction = node.announce("homing/direction", PoseStamped)
-        self._status = node.announce("homing/status", FollowerStatus)
-        node.listen("reference_path", Path, self.on_path, qos.LATCHED, is_required=False, silence=0.0)
+        self._direction = node.add_publisher("homing/direction", PoseStamped)
+        self._status = node.add_publisher("homing/status", FollowerStatus)
+        node.add_subscription("reference_path", Path, self.on_path, qos.LATCHED, is_required=False, silence=0.0)
 
     def on_path(self, message: Path) -> None:
         """Take a path in the map; the vehicle is near its beginning. The same path again changes nothing."""

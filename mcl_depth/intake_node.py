@@ -36,11 +36,11 @@ class Intake:
         self.tilt = so3.exp([0.0, pitch, 0.0]) @ so3.exp([roll, 0.0, 0.0])  # (3, 3), from the base to level axes
         self._waiting: deque[Image] = deque()
         profile = DEEP if params.every_image else qos.SENSOR
-        node.listen("camera_info", CameraInfo, self._on_camera_info, profile, is_required=False)
-        node.listen("sphere_info", SphereInfo, self._on_sphere_info, profile, is_required=False)
-        node.listen("image_raw", Image, self._on_image, profile)
-        node.listen("odom", Odometry, self._on_odometry, qos.SENSOR, is_required=False)
-        node.listen("imu", Imu, self._on_imu, qos.SENSOR, is_required=False)
+        node.add_subscription("camera_info", CameraInfo, self._on_camera_info, profile, is_required=False)
+        node.add_subscription("sphere_info", SphereInfo, self._on_sphere_info, profile, is_required=False)
+        node.add_subscription("image_raw", Image, self._on_image, profile)
+        node.add_subscription("odom", Odometry, self._on_odometry, qos.SENSOR, is_required=False)
+        node.add_subscription("imu", Imu, self._on_imu, qos.SENSOR, is_required=False)
 
     @property
     def T_base_sight(self) -> SE3:

@@ -47,11 +47,13 @@ class MclDepthNode(ManagedNode):
         self.clouds = Clouds(self)
         self.outputs, self.views, self.guide = Outputs(self), Views(self), HomingGuide(self)
         self.intake = Intake(self, self.params, self.on_image)
-        self.listen("initialpose", PoseWithCovarianceStamped, self.on_initial_pose, qos.STATE, is_required=False)
-        self.serve("reinitialize_global_localization", Empty, self.on_reinitialize)
+        self.add_subscription(
+            "initialpose", PoseWithCovarianceStamped, self.on_initial_pose, qos.STATE, is_required=False
+        )
+        self.add_service("reinitialize_global_localization", Empty, self.on_reinitialize)
         self.companion = Companion(self, self.params.map_frame, self.needs_help, self.start)
         self.arrival_ns = 0  # of the last image, on the node's clock
-        self.every(WATCH_PERIOD, self.on_watch)
+        self.add_timer(WATCH_PERIOD, self.on_watch)
 
     def clock_jumped(self) -> None:
         """Forget the stream; the pose is searched anew."""

@@ -24,8 +24,8 @@ class Outputs:
 
     def __init__(self, node: MclDepthNode) -> None:
         self._node = node
-        self._pose = node.announce("pose", PoseWithCovarianceStamped)
-        self._status = node.announce("status", LocalizationStatus)
+        self._pose = node.add_publisher("pose", PoseWithCovarianceStamped)
+        self._status = node.add_publisher("status", LocalizationStatus)
         self._tf = TransformBroadcaster(node)
         self.state = State.UNCONFIGURED  # last told
 

@@ -26,11 +26,11 @@ class Views:
 
     def __init__(self, node: MclDepthNode) -> None:
         self._frame, self._base_frame = node.params.map_frame, node.params.base_frame
-        self._particles = node.announce("particle_cloud", ParticleCloud, qos.SENSOR)
-        self._heading = node.announce("heading", PoseStamped)
-        self._hypotheses = node.announce("hypotheses", MarkerArray)
-        self._similarity = node.announce("similarity", LaserScan)
-        self._depth = node.announce("synthesized_depth", Image, qos.LARGE)
+        self._particles = node.add_publisher("particle_cloud", ParticleCloud, qos.SENSOR)
+        self._heading = node.add_publisher("heading", PoseStamped)
+        self._hypotheses = node.add_publisher("hypotheses", MarkerArray)
+        self._similarity = node.add_publisher("similarity", LaserScan)
+        self._depth = node.add_publisher("synthesized_depth", Image, qos.LARGE)
 
     def show(self, belief: Belief, filter_: Filter, stamp: int) -> None:
         """Publish everything about one image."""
@@ -42,6 +42,6 @@ class Views:
         heights = [filter_.map.height(item.pose) for item in belief.hypotheses]
         self._hypotheses.publish(hypotheses_to_markers(belief.hypotheses, heights, stamp, self._frame))
         self._similarity.publish(similarities_to_scan(curve, float(best[2]), stamp, self._base_frame))
-        depth = filter_.map.depth_at(best) if self._depth.num_listeners else None
+        depth = filter_.map.depth_at(best) if self._depth.num_subscriptions else None
         if depth is not None:
             self._depth.publish(conversions.array_to_image(depth, stamp, self._frame, "32FC1"))

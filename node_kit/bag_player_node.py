@@ -15,7 +15,7 @@ from node_kit import qos
 from node_kit.bags import BagReader, Recorded, TopicInfo
 from node_kit.conversions import ns_to_time
 from node_kit.interfaces import message_class
-from node_kit.live import LiveOutput, LiveShell
+from node_kit.live import LivePublisher, LiveShell
 from node_kit.node import OK, WARN, ManagedNode
 from node_kit.playback import Answers, Playback, is_latched
 from node_kit.run import run
@@ -65,17 +65,17 @@ class BagPlayer(ManagedNode):
             raise ValueError(f"start: expected at most {length:.3f} s ({self.params.bag}), found {self.params.start}")
         self.playback = Playback(self.bag, list(chosen), start_ns + round(self.params.start * 1e9), self.params.rate)
         self.outputs = {name: self._output(info) for name, info in chosen.items()}
-        self.clock = self.announce("/clock", Clock, qos.STATE) if self.params.clock else None
+        self.clock = self.add_publisher("/clock", Clock, qos.STATE) if self.params.clock else None
         self.clock_told = 0.0
         self.answers: Answers | None = None
         if self.params.answer_topic:
             self.answers, self.asking = Answers(self.params.answer_timeout), self._played(self.params.answered_topic)
-            self.every(0.2, self._find_answers, is_wall=True)
+            self.add_timer(0.2, self._find_answers, is_wall=True)
         self.wait_for = {self._played(name) for name in self.params.wait_for.split()}
         self.is_paused, self.begin_at = self.params.paused, 0.0
-        self.serve("pause", Trigger, lambda request, response: self._set_paused(True, response))
-        self.serve("resume", Trigger, lambda request, response: self._set_paused(False, response))
-        self.every(TICK, self._tick, is_wall=True)
+        self.add_service("pause", Trigger, lambda request, response: self._set_paused(True, response))
+        self.add_service("resume", Trigger, lambda request, response: self._set_paused(False, response))
+        self.add_timer(TICK, self._tick, is_wall=True)
 
     def activate(self) -> None:
         """Tell latched topics at once: late listeners still get them."""
@@ -100,12 +100,12 @@ class BagPlayer(ManagedNode):
             raise ValueError(f"{self.params.bag}: expected topics whose types are installed, found none")
         return chosen
 
-    def _output(self, info: TopicInfo) -> LiveOutput:
+    def _output(self, info: TopicInfo) -> LivePublisher:
         is_paced = self.params.rate > 0
         depth = 10 if is_paced else 1000  # as fast as possible, small messages pile up before they are acknowledged
         durability = qos.TRANSIENT_LOCAL if is_latched(info) else qos.VOLATILE
         profile = QoSProfile(depth=depth, reliability=qos.RELIABLE, durability=durability)
-        return cast("LiveOutput", self.announce(info.name, message_class(info.type), profile))
+        return cast("LivePublisher", self.add_publisher(info.name, message_class(info.type), profile))
 
     def _played(self, topic: str) -> str:
         name = self.bag.require(topic).name
@@ -119,7 +119,9 @@ class BagPlayer(ManagedNode):
         topic = ros.resolve_topic_name(self.params.answer_topic)
         kinds = [info.topic_type for info in ros.get_publishers_info_by_topic(topic)]
         if self.answers is not None and kinds and not self.inputs:
-            self.listen(topic, message_class(kinds[0]), self.answers.hear, qos.STATE, raw=True, is_required=False)
+            self.add_subscription(
+                topic, message_class(kinds[0]), self.answers.hear, qos.STATE, raw=True, is_required=False
+            )
 
     # --- playing
     def _tick(self) -> None:
@@ -153,7 +155,7 @@ class BagPlayer(ManagedNode):
             self.clock.publish(Clock(clock=ns_to_time(self.playback.present_ns())))
 
     def _lacks_listeners(self) -> bool:
-        absent = sorted(name for name in self.wait_for if self.outputs[name].num_listeners == 0)
+        absent = sorted(name for name in self.wait_for if self.outputs[name].num_subscriptions == 0)
         text = f"waiting for a listener of {', '.join(absent)}" if absent else "playing"
         if self.answers is not None and not self.inputs:
             text = f"waiting for a publisher of {self.params.answer_topic}"

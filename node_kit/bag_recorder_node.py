@@ -11,12 +11,12 @@ from rclpy.qos import QoSProfile
 
 from node_kit import qos
 from node_kit.bags import BagWriter
-from node_kit.inputs import Input
 from node_kit.interfaces import message_class
 from node_kit.live import LiveShell
 from node_kit.node import OK, WARN, ManagedNode
 from node_kit.recording_sets import NAMES, belongs
 from node_kit.run import run
+from node_kit.subscription import Subscription
 from typed_params import param, parameters
 
 FLUSH_PERIOD = 1.0  # s
@@ -49,10 +49,10 @@ class BagRecorder(ManagedNode):
             raise ValueError("topics, topic_set: expected something to record, found neither")
         self.ros = cast("LiveShell", self.shell)
         self.bag = BagWriter(self.params.output, is_compressed=self.params.compressed)
-        self.recorded: dict[str, Input] = {}
+        self.recorded: dict[str, Subscription] = {}
         self.wanted = {self.ros.resolve_topic_name(name) for name in self.params.topics.split()}
-        self.every(LOOK_PERIOD, self._look, is_wall=True)
-        self.every(FLUSH_PERIOD, self._flush, is_wall=True)
+        self.add_timer(LOOK_PERIOD, self._look, is_wall=True)
+        self.add_timer(FLUSH_PERIOD, self._flush, is_wall=True)
         self.log.info(f"recording into {self.bag.partial}, named {self.bag.path} when it is complete")
 
     def activate(self) -> None:
@@ -95,10 +95,10 @@ class BagRecorder(ManagedNode):
             self.log.error(f"{topic}: cannot be recorded: {error}", every=60.0)
             return
         if present is not None:
-            self.forget(present)
+            self.remove_subscription(present)
         write = partial(self._write, topic)
         profile = qos.adapted(offers, self.params.queue)
-        self.recorded[topic] = self.listen(topic, message_type, write, profile, is_required=False, raw=True)
+        self.recorded[topic] = self.add_subscription(topic, message_type, write, profile, is_required=False, raw=True)
         self.log.info(f"{topic}: recording")
 
     def _flush(self) -> None:

@@ -32,7 +32,7 @@ class Companion:
         self._is_wanted, self._take = is_wanted, take
         self._agreement = Agreement()
         self._offered_ns = 0
-        node.listen("other/pose", PoseWithCovarianceStamped, self.on_pose, qos.STATE, is_required=False)
+        node.add_subscription("other/pose", PoseWithCovarianceStamped, self.on_pose, qos.STATE, is_required=False)
 
     def clear(self) -> None:
         """Forget all poses, as after a jump of the clock."""

@@ -16,8 +16,8 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from node_kit import parameters, qos
-from node_kit.inputs import Input
 from node_kit.node import ERROR, OK, WARN, Log, ManagedNode
+from node_kit.subscription import Subscription
 from node_kit.throttle import ThrottledLog
 from typed_params import param
 from typed_params import parameters as params_class
@@ -33,7 +33,7 @@ class ShellParams:
     autostart: bool = param(True, "configure and activate at once instead of waiting for a lifecycle manager")
 
 
-class LiveOutput:
+class LivePublisher:
     """A publisher that is silent while its node is inactive."""
 
     def __init__(self, shell: LiveShell, publisher: Publisher) -> None:
@@ -45,7 +45,7 @@ class LiveOutput:
             self._publisher.publish(message)
 
     @property
-    def num_listeners(self) -> int:
+    def num_subscriptions(self) -> int:
         """Number of matched subscriptions."""
         return self._publisher.get_subscription_count()
 
@@ -154,7 +154,7 @@ class LiveShell(LifecycleNode):
         """Return the time of the ROS clock in nanoseconds."""
         return self.get_clock().now().nanoseconds
 
-    def add_input(self, wanted: Input) -> None:
+    def add_subscription(self, wanted: Subscription) -> None:
         """Subscribe; messages are dropped while the node is inactive."""
 
         def deliver(message: Any) -> None:
@@ -168,19 +168,19 @@ class LiveShell(LifecycleNode):
         )
         self._entities.append(lambda: self.destroy_subscription(wanted.handle))
 
-    def add_output(self, topic: str, kind: type[Any], profile: QoSProfile) -> LiveOutput:
+    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile) -> LivePublisher:
         """Make a publisher that follows the lifecycle."""
         options = QoSOverridingOptions.with_default_policies()
         publisher = self.create_publisher(kind, topic, copy(profile), qos_overriding_options=options)
         self._entities.append(lambda: self.destroy_publisher(publisher))
-        return LiveOutput(self, publisher)
+        return LivePublisher(self, publisher)
 
     def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Make a service; it answers while the node is inactive, too."""
         service = self.create_service(kind, name, handler)
         self._entities.append(lambda: self.destroy_service(service))
 
-    def remove_input(self, wanted: Input) -> None:
+    def remove_subscription(self, wanted: Subscription) -> None:
         """Unsubscribe."""
         self.destroy_subscription(wanted.handle)
 

@@ -10,10 +10,10 @@ A `ManagedNode` is the same object live (rclpy and DDS beneath it, `live.py`) an
 
         def configure(self) -> None:                # open files, allocate, wire; ValueError refuses to start
             self.lamp = Lamp(self.params.lamp)
-            self.state = self.announce("state", Bool, qos.STATE)
-            self.listen("image_raw", Image, self.on_image, qos.SENSOR)
-            self.serve("reset", Trigger, self.on_reset)
-            self.every(0.5, self.on_tick)           # seconds of the node's clock
+            self.state = self.add_publisher("state", Bool, qos.STATE)
+            self.add_subscription("image_raw", Image, self.on_image, qos.SENSOR)
+            self.add_service("reset", Trigger, self.on_reset)
+            self.add_timer(0.5, self.on_tick)           # seconds of the node's clock
 
         def on_image(self, message: Image) -> None: # ValueError: the message is refused, counted and explained
             self.state.publish(Bool(data=self.lamp.see(image_to_array(message))))
@@ -32,7 +32,7 @@ from typing import Any, ClassVar, Protocol
 from rclpy.qos import QoSProfile
 
 from node_kit import qos
-from node_kit.inputs import Input
+from node_kit.subscription import Subscription
 from typed_params import parameters
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3  # levels of diagnostic_msgs/DiagnosticStatus
@@ -56,14 +56,14 @@ class Log(Protocol):
         """Say what does not work."""
 
 
-class Output(Protocol):
+class Publisher(Protocol):
     """A topic that this node publishes."""
 
     def publish(self, message: Any) -> None:
         """Send a message; nothing is sent while the node is inactive."""
 
     @property
-    def num_listeners(self) -> int:
+    def num_subscriptions(self) -> int:
         """Number of subscriptions, to skip work that nobody asked for; 1 in a replay that captures the topic."""
         ...
 
@@ -79,10 +79,10 @@ class Shell(Protocol):
     def now_ns(self) -> int:
         """Return the time of the node's clock; simulated or recorded time where that is used."""
 
-    def add_input(self, wanted: Input) -> None:
+    def add_subscription(self, wanted: Subscription) -> None:
         """Start to deliver messages."""
 
-    def add_output(self, topic: str, kind: type[Any], profile: QoSProfile) -> Output:
+    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile) -> Publisher:
         """Open a topic for publishing."""
 
     def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
@@ -91,7 +91,7 @@ class Shell(Protocol):
     def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool) -> None:
         """Call back regularly."""
 
-    def remove_input(self, wanted: Input) -> None:
+    def remove_subscription(self, wanted: Subscription) -> None:
         """Stop to deliver messages."""
 
     def finish(self, status: int) -> None:
@@ -110,13 +110,13 @@ class ManagedNode:
         """`shell` is given by `run` (live) or by `replay` (offline); the parameters are read and checked here."""
         self.shell = shell
         self.log = shell.log
-        self.inputs: list[Input] = []
+        self.inputs: list[Subscription] = []
         self.reports: dict[str, tuple[int, str, dict[str, Any]]] = {}
         self.params = shell.read_parameters(self.PARAMS)
 
     # --- what a subclass overrides
     def configure(self) -> None:
-        """Open files, allocate, warm up kernels, `listen` and `announce`. ValueError or OSError refuses to start."""
+        """Open files and topics, allocate, warm up kernels. ValueError or OSError refuses to start."""
 
     def activate(self) -> None:
         """Begin to work: callbacks come from now on."""
@@ -131,7 +131,7 @@ class ManagedNode:
         """Forget everything with a stamp: the clock went backwards, as when a bag starts again."""
 
     # --- what a subclass calls
-    def listen(
+    def add_subscription(
         self,
         topic: str,
         kind: type[Any],
@@ -141,32 +141,34 @@ class ManagedNode:
         is_required: bool = True,
         silence: float = 2.0,
         raw: bool = False,
-    ) -> Input:
+    ) -> Subscription:
         """Subscribe. A required topic is explained while it is absent, or silent for more than `silence` seconds.
 
         `silence=0` accepts any pause after the first message (latched topics). `raw`: the callback gets bytes.
         """
-        wanted = Input(topic, kind, callback, profile, is_required=is_required, silence=silence, raw=raw, log=self.log)
+        wanted = Subscription(
+            topic, kind, callback, profile, is_required=is_required, silence=silence, raw=raw, log=self.log
+        )
         self.inputs.append(wanted)
-        self.shell.add_input(wanted)
+        self.shell.add_subscription(wanted)
         return wanted
 
-    def announce(self, topic: str, kind: type[Any], profile: QoSProfile = qos.STATE) -> Output:
+    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile = qos.STATE) -> Publisher:
         """Publish on a topic."""
-        return self.shell.add_output(topic, kind, profile)
+        return self.shell.add_publisher(topic, kind, profile)
 
-    def serve(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
+    def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Offer a service; `handler(request, response)` returns the response."""
         self.shell.add_service(name, kind, handler)
 
-    def every(self, seconds: float, callback: Callable[[], None], *, is_wall: bool = False) -> None:
+    def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool = False) -> None:
         """Call back every so many seconds of the node's clock, or of the wall's."""
         self.shell.add_timer(seconds, callback, is_wall=is_wall)
 
-    def forget(self, wanted: Input) -> None:
+    def remove_subscription(self, wanted: Subscription) -> None:
         """Unsubscribe."""
         self.inputs.remove(wanted)
-        self.shell.remove_input(wanted)
+        self.shell.remove_subscription(wanted)
 
     def finish(self, status: int = 0) -> None:
         """Ask for the end of the process: the work is done (0), or cannot be done (1)."""

@@ -24,14 +24,14 @@ from rclpy.serialization import deserialize_message, serialize_message
 
 from node_kit.bag_reader import BagReader, Recorded
 from node_kit.bag_writer import BagWriter, absolute
-from node_kit.inputs import Input
 from node_kit.node import Log, ManagedNode
 from node_kit.playback import is_latched
+from node_kit.subscription import Subscription
 from node_kit.throttle import ThrottledLog
 from typed_params import build
 
 
-class OfflineOutput:
+class OfflinePublisher:
     """What a node publishes on goes to the bus."""
 
     def __init__(self, bus: OfflineBus, topic: str) -> None:
@@ -42,7 +42,7 @@ class OfflineOutput:
         self._bus.publish(self._topic, message)
 
     @property
-    def num_listeners(self) -> int:
+    def num_subscriptions(self) -> int:
         """Number of listeners on the bus; one more where the topic is captured."""
         return len(self._bus.listeners.get(self._topic, ())) + self._bus.is_captured(self._topic)
 
@@ -63,20 +63,20 @@ class OfflineShell:
         """Return the time of the recording."""
         return self._bus.now_ns
 
-    def add_input(self, wanted: Input) -> None:
+    def add_subscription(self, wanted: Subscription) -> None:
         """Listen on the bus."""
         self._bus.listeners.setdefault(self._name(wanted.topic), []).append(wanted)
 
-    def add_output(self, topic: str, kind: type[Any], profile: QoSProfile) -> OfflineOutput:
+    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile) -> OfflinePublisher:
         """Publish on the bus."""
         self._bus.profiles[self._name(topic)] = profile
-        return OfflineOutput(self._bus, self._name(topic))
+        return OfflinePublisher(self._bus, self._name(topic))
 
     def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Keep a service for `call`."""
         self.services[name] = (kind, handler)
 
-    def remove_input(self, wanted: Input) -> None:
+    def remove_subscription(self, wanted: Subscription) -> None:
         """Stop to listen."""
         self._bus.listeners[self._name(wanted.topic)].remove(wanted)
 
@@ -102,7 +102,7 @@ class OfflineBus:
     def __init__(self, captured: set[str] | None = None) -> None:
         """`captured`: topics that `replay` yields; None: all."""
         self.now_ns = 0
-        self.listeners: dict[str, list[Input]] = {}
+        self.listeners: dict[str, list[Subscription]] = {}
         self.profiles: dict[str, QoSProfile] = {}
         self.nodes: list[ManagedNode] = []
         self._captured = None if captured is None else {absolute(topic) for topic in captured}

@@ -121,8 +121,10 @@ class TransformListener:
 
     def __init__(self, node: ManagedNode, *, is_required: bool = False) -> None:
         self.tree = TransformTree()
-        node.listen("/tf", TFMessage, self._on_moving, qos.TF, is_required=False)
-        node.listen("/tf_static", TFMessage, self._on_static, qos.TF_STATIC, is_required=is_required, silence=0.0)
+        node.add_subscription("/tf", TFMessage, self._on_moving, qos.TF, is_required=False)
+        node.add_subscription(
+            "/tf_static", TFMessage, self._on_static, qos.TF_STATIC, is_required=is_required, silence=0.0
+        )
 
     def lookup(self, target: str, source: str, stamp: int | None = None) -> SE3:
         """Return T_target_source; TransformError says why not."""
@@ -142,7 +144,7 @@ class TransformBroadcaster:
 
     def __init__(self, node: ManagedNode, *, is_static: bool = False) -> None:
         topic, profile = ("/tf_static", qos.LATCHED) if is_static else ("/tf", qos.TF)
-        self._output = node.announce(topic, TFMessage, profile)
+        self._output = node.add_publisher(topic, TFMessage, profile)
         self._is_static = is_static
         self._told: dict[str, TransformStamped] = {}
 

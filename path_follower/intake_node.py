@@ -28,16 +28,16 @@ class Intake:
         self.node, p = node, node.params
         self.tf = TransformListener(node)
         if isinstance(node.follower, HomingFollower):
-            node.listen("homing/direction", PoseStamped, self.on_direction, qos.STATE)
-            node.listen("homing/status", FollowerStatus, self.on_source, qos.STATE)
+            node.add_subscription("homing/direction", PoseStamped, self.on_direction, qos.STATE)
+            node.add_subscription("homing/status", FollowerStatus, self.on_source, qos.STATE)
         else:
             if p.source == "pose":
-                node.listen("pose", PoseWithCovarianceStamped, self.on_pose, qos.STATE)
+                node.add_subscription("pose", PoseWithCovarianceStamped, self.on_pose, qos.STATE)
             else:
-                node.listen("odometry", Odometry, self.on_odometry, qos.STATE)
+                node.add_subscription("odometry", Odometry, self.on_odometry, qos.STATE)
             needed = p.safety.is_status_required
-            node.listen("status", LocalizationStatus, self.on_status, qos.STATE, is_required=needed)
-        node.listen("scan", LaserScan, self.on_scan, qos.SENSOR, is_required=p.safety.is_scan_required)
+            node.add_subscription("status", LocalizationStatus, self.on_status, qos.STATE, is_required=needed)
+        node.add_subscription("scan", LaserScan, self.on_scan, qos.SENSOR, is_required=p.safety.is_scan_required)
 
     def on_pose(self, message: PoseWithCovarianceStamped) -> None:
         """Answer a pose of base_link in the map."""

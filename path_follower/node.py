@@ -33,13 +33,15 @@ class PathFollowerNode(ManagedNode):
         p, is_homing = self.params, self.params.source == "homing"
         self.follower = HomingFollower(p, p.homing) if is_homing else Follower(p)
         self.answered_ns, self.heard_ns, self.told = 0, 0, ""
-        self.cmd_vel = self.announce("cmd_vel", TwistStamped if p.enable_stamped_cmd_vel else Twist, qos.COMMAND)
+        self.cmd_vel = self.add_publisher("cmd_vel", TwistStamped if p.enable_stamped_cmd_vel else Twist, qos.COMMAND)
         has_ackermann = driving.AckermannDriveStamped is not None
-        self.ackermann = has_ackermann and self.announce("ackermann_cmd", driving.AckermannDriveStamped, qos.COMMAND)
-        self.tracking = self.announce("tracking_error", TrackingError)
-        self.status = self.announce("path_follower/status", FollowerStatus)
+        self.ackermann = has_ackermann and self.add_publisher(
+            "ackermann_cmd", driving.AckermannDriveStamped, qos.COMMAND
+        )
+        self.tracking = self.add_publisher("tracking_error", TrackingError)
+        self.status = self.add_publisher("path_follower/status", FollowerStatus)
         self.intake = Intake(self)
-        self.every(p.period, self.on_tick)
+        self.add_timer(p.period, self.on_tick)
         self.trajectories = None if is_homing else TrajectoryIntake(self, self.follower)
         OperatorCalls(self, self.follower)
 

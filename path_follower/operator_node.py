@@ -16,11 +16,11 @@ class OperatorCalls:
     def __init__(self, node: ManagedNode, follower: Follower) -> None:
         """Serve and listen."""
         self.node, self.follower = node, follower
-        node.serve("start", Trigger, self.on_start)
-        node.serve("stop", Trigger, self.on_stop)
-        node.serve("pause", Trigger, self.on_pause)
-        node.serve("resume", Trigger, self.on_resume)
-        node.listen("emergency_stop", Bool, self.on_emergency, qos.STATE, is_required=False)
+        node.add_service("start", Trigger, self.on_start)
+        node.add_service("stop", Trigger, self.on_stop)
+        node.add_service("pause", Trigger, self.on_pause)
+        node.add_service("resume", Trigger, self.on_resume)
+        node.add_subscription("emergency_stop", Bool, self.on_emergency, qos.STATE, is_required=False)
 
     def on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Arm."""

@@ -25,10 +25,12 @@ class TrajectoryIntake:
         self.node, self.follower = node, follower
         self.params: PathFollowerParams = node.params
         self.points = np.empty((0, 2))
-        self.shown = node.announce("path_follower/trajectory", ReferenceTrajectory, qos.LATCHED)
-        node.listen("reference_path", Path, self.on_path, qos.LATCHED, is_required=False)
-        node.listen("reference_trajectory", ReferenceTrajectory, self.on_trajectory, qos.LATCHED, is_required=False)
-        node.serve("load_trajectory", LoadTrajectory, self.on_load)
+        self.shown = node.add_publisher("path_follower/trajectory", ReferenceTrajectory, qos.LATCHED)
+        node.add_subscription("reference_path", Path, self.on_path, qos.LATCHED, is_required=False)
+        node.add_subscription(
+            "reference_trajectory", ReferenceTrajectory, self.on_trajectory, qos.LATCHED, is_required=False
+        )
+        node.add_service("load_trajectory", LoadTrajectory, self.on_load)
         if self.params.trajectory:
             self.follower.load(read_path(self.params.trajectory, self.params))
 

@@ -36,13 +36,13 @@ class Intake:
         streams = [topic for topic in TOPICS[params.input] if topic.endswith("image_raw")]
         self.pairing: Pairing[Image] = Pairing(streams, round(params.slack_s * 1e9))
         if params.input == "sphere":
-            node.listen("sphere", AugmentedSphere, self._on_ready_sphere, qos.LARGE)
+            node.add_subscription("sphere", AugmentedSphere, self._on_ready_sphere, qos.LARGE)
             return
         for topic in TOPICS[params.input]:
             if topic.endswith("camera_info"):
-                node.listen(topic, CameraInfo, partial(self._infos.__setitem__, topic), qos.SENSOR)
+                node.add_subscription(topic, CameraInfo, partial(self._infos.__setitem__, topic), qos.SENSOR)
             else:
-                node.listen(topic, Image, partial(self._on_image, topic), qos.SENSOR)
+                node.add_subscription(topic, Image, partial(self._on_image, topic), qos.SENSOR)
 
     def _on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool) -> None:
         if not sphere.measured.any():

@@ -41,15 +41,15 @@ class SphereMapper(ManagedNode):
         kernels.warm_up()
         self.mapper = Mapper(self.params.mapper)
         self.num_lost, self.T_base_sphere, self.odometry_heard = 0, SE3.identity(), TransformTree()
-        self.graph = self.announce("graph", KeySphereGraph, qos.LATCHED)
-        self.markers = self.announce("graph/markers", MarkerArray, qos.LATCHED)
-        self.cloud = self.announce("map_cloud", PointCloud2, qos.LATCHED)
-        self.odometry = self.announce("odometry", Odometry)
-        self.path = self.announce("path", Path)
+        self.graph = self.add_publisher("graph", KeySphereGraph, qos.LATCHED)
+        self.markers = self.add_publisher("graph/markers", MarkerArray, qos.LATCHED)
+        self.cloud = self.add_publisher("map_cloud", PointCloud2, qos.LATCHED)
+        self.odometry = self.add_publisher("odometry", Odometry)
+        self.path = self.add_publisher("path", Path)
         self.tf_out, self.tf = TransformBroadcaster(self), TransformListener(self)
         self.intake = Intake(self, self.params, self.on_sphere)
-        self.listen("odom", Odometry, self.on_odom, qos.SENSOR, is_required=False)
-        self.serve("close_loops", Trigger, self.on_close_loops)
+        self.add_subscription("odom", Odometry, self.on_odom, qos.SENSOR, is_required=False)
+        self.add_service("close_loops", Trigger, self.on_close_loops)
         MapSaver(self, self.params)
         self.report("mapping", OK, "waiting for the first sphere")
 
@@ -119,9 +119,9 @@ class SphereMapper(ManagedNode):
         """Publish the graph, and what is to be looked at only where someone looks."""
         graph, frame = self.mapper.graph, self.params.map_frame
         self.graph.publish(conversions.graph_to_message(graph, frame))
-        if self.markers.num_listeners:
+        if self.markers.num_subscriptions:
             self.markers.publish(graph_to_markers(graph, stamp, frame))
-        if self.cloud.num_listeners:
+        if self.cloud.num_subscriptions:
             points, values = cloud_of(graph, self.params.cloud)
             self.cloud.publish(conversions.cloud_to_message(points, stamp, frame, values))
 

@@ -48,14 +48,18 @@ class RigIntake:
         for name in rig.names:
             topic = f"cameras/{name}/image_raw" + ("" if is_raw else "/compressed")
             kind, profile = (Image, qos.LARGE) if is_raw else (CompressedImage, qos.SENSOR)
-            node.listen(topic, kind, partial(self._on_image, name), profile, is_required=False)
-            node.listen(f"cameras/{name}/camera_info", CameraInfo, partial(self._on_info, name), is_required=False)
+            node.add_subscription(topic, kind, partial(self._on_image, name), profile, is_required=False)
+            node.add_subscription(
+                f"cameras/{name}/camera_info", CameraInfo, partial(self._on_info, name), is_required=False
+            )
             if params.has_depth:
-                node.listen(f"cameras/{name}/depth/image_raw", Image, partial(self._on_depth, name), is_required=False)
+                node.add_subscription(
+                    f"cameras/{name}/depth/image_raw", Image, partial(self._on_depth, name), is_required=False
+                )
         if params.has_cloud:
             self._tf = TransformListener(node)
-            node.listen("points", PointCloud2, self._on_points)
-        node.every(params.sync.deadline_s / 4, self._on_tick)
+            node.add_subscription("points", PointCloud2, self._on_points)
+        node.add_timer(params.sync.deadline_s / 4, self._on_tick)
 
     def clear(self) -> None:
         """Forget everything with a stamp: the clock jumped."""

@@ -21,7 +21,7 @@ class MapSaver:
 
     def __init__(self, node: ManagedNode, params: SphereMapperParams) -> None:
         self._node, self._params = node, params
-        node.serve("save_map", SaveMap, self._on_save)
+        node.add_service("save_map", SaveMap, self._on_save)
 
     def _on_save(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
         begin = time.monotonic()

@@ -38,13 +38,13 @@ class SphereStitcher(ManagedNode):
         """Read the rig, compute its tables, open topics."""
         kernels.warm_up()
         self.intake: RigIntake | None = None
-        self.sphere = self.announce("sphere", AugmentedSphere, qos.LARGE)
-        self.preview = self.announce("sphere/preview/compressed", CompressedImage, qos.SENSOR)
-        self.tf_static = self.announce("/tf_static", TFMessage, qos.TF_STATIC)
+        self.sphere = self.add_publisher("sphere", AugmentedSphere, qos.LARGE)
+        self.preview = self.add_publisher("sphere/preview/compressed", CompressedImage, qos.SENSOR)
+        self.tf_static = self.add_publisher("/tf_static", TFMessage, qos.TF_STATIC)
         if self.params.rig:
             self.use(read_rig(self.params.rig))
         else:
-            self.listen("rig_description", String, self.on_description, qos.LATCHED, silence=0.0)
+            self.add_subscription("rig_description", String, self.on_description, qos.LATCHED, silence=0.0)
 
     def activate(self) -> None:
         """Tell where the sphere is on the rig."""
@@ -131,7 +131,7 @@ class SphereStitcher(ManagedNode):
             return
         sphere = self.stitcher.stitch(instant.images, stamp, instant.points, instant.depths).sphere
         self.sphere.publish(conversions.sphere_to_message(sphere, self.params.sphere_frame))
-        if self.preview.num_listeners:
+        if self.preview.num_subscriptions:
             self.preview.publish(self.previewed(sphere.image, stamp))
 
     def previewed(self, image: NDArray[np.uint8], stamp: int) -> CompressedImage:

@@ -26,7 +26,7 @@ class Catcher:
     def __init__(self):
         self.sent, self.kinds = {}, {}
 
-    def announce(self, topic, kind, profile=None):
+    def add_publisher(self, topic, kind, profile=None):
         self.sent[topic], self.kinds[topic] = [], kind
         return type("Topic", (), {"publish": staticmethod(self.sent[topic].append)})
 

@@ -38,11 +38,11 @@ class Doubler(ManagedNode):
         if self.params.file != "good":
             raise ValueError("file: expected good, found bad")
         self.jumps, self.ticks, self.is_clean = 0, 0, False
-        self.output = self.announce("doubled", Int32, qos.LATCHED)
-        self.listen("number", Int32, self.on_number, qos.STATE)
-        self.listen("latched", String, lambda message: None, qos.LATCHED, silence=0.0)
-        self.serve("reset", Trigger, self.on_reset)
-        self.every(0.05, self.on_tick)
+        self.output = self.add_publisher("doubled", Int32, qos.LATCHED)
+        self.add_subscription("number", Int32, self.on_number, qos.STATE)
+        self.add_subscription("latched", String, lambda message: None, qos.LATCHED, silence=0.0)
+        self.add_service("reset", Trigger, self.on_reset)
+        self.add_timer(0.05, self.on_tick)
 
     def cleanup(self):
         self.is_clean = True

@@ -22,9 +22,9 @@ def test_a_node_needs_to_override_nothing():
 def test_what_is_forgotten_is_not_heard(make_bag):
     bus, heard = OfflineBus(), []
     node = bus.add(Plain)
-    wanted = node.listen("text", String, heard.append)
+    wanted = node.add_subscription("text", String, heard.append)
     bus.deliver("/text", String(data="a"))
-    node.forget(wanted)
+    node.remove_subscription(wanted)
     bus.deliver("/text", String(data="b"))
     assert [message.data for message in heard] == ["a"]
     assert node.inputs == []
@@ -40,8 +40,8 @@ def test_reports_are_kept_by_name():
 def test_a_raw_listener_gets_bytes():
     bus, heard = OfflineBus(), []
     node = bus.add(Plain)
-    node.listen("text", String, heard.append, raw=True)
-    node.announce("text", String).publish(String(data="a"))
+    node.add_subscription("text", String, heard.append, raw=True)
+    node.add_publisher("text", String).publish(String(data="a"))
     list(bus.settle())
     assert [type(data) for data in heard] == [bytes]
 
@@ -49,9 +49,9 @@ def test_a_raw_listener_gets_bytes():
 def test_an_output_knows_its_listeners():
     bus = OfflineBus(captured=set())
     node = bus.add(Plain)
-    output = node.announce("text", String)
-    assert output.num_listeners == 0
-    node.listen("text", String, lambda message: None)
-    assert output.num_listeners == 1
+    output = node.add_publisher("text", String)
+    assert output.num_subscriptions == 0
+    node.add_subscription("text", String, lambda message: None)
+    assert output.num_subscriptions == 1
     with pytest.raises(ValueError, match="unknown parameter"):
         bus.add(Plain, {"speed": 1.0})

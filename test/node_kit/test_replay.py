@@ -25,11 +25,11 @@ class Echo(ManagedNode):
 
     def configure(self):
         self.heard, self.ticks, self.closed = [], [], False
-        self.output = self.announce("echo", String, qos.LATCHED)
-        self.listen("text", String, self.on_text)
-        self.listen("optional", String, self.on_text, is_required=False)
-        self.every(self.params.period, lambda: self.ticks.append(self.now_ns()))
-        self.serve("count", Trigger, self.on_count)
+        self.output = self.add_publisher("echo", String, qos.LATCHED)
+        self.add_subscription("text", String, self.on_text)
+        self.add_subscription("optional", String, self.on_text, is_required=False)
+        self.add_timer(self.params.period, lambda: self.ticks.append(self.now_ns()))
+        self.add_service("count", Trigger, self.on_count)
 
     def cleanup(self):
         self.closed = True
@@ -49,9 +49,9 @@ class Counter(ManagedNode):
     NAME = "counter"
 
     def configure(self):
-        self.output = self.announce("count", Header)
+        self.output = self.add_publisher("count", Header)
         self.num = 0
-        self.listen("echo", String, self.on_echo)
+        self.add_subscription("echo", String, self.on_echo)
 
     def on_echo(self, message):
         self.num += 1
@@ -142,7 +142,7 @@ def test_services_answer_and_the_end_is_orderly(make_bag):
 def test_latched_topics_hold_from_before_the_start(make_bag):
     bus, heard = OfflineBus(), []
     node = bus.add(Echo)
-    node.listen("latched", String, heard.append)
+    node.add_subscription("latched", String, heard.append)
     with BagReader(make_bag()) as bag:
         texts = [item.message.data for item in replay(bag, bus, start_ns=8_800_000_000)]
     assert [message.data for message in heard] == ["once"]

@@ -34,7 +34,7 @@ class Napper(ManagedNode):
         if self.params.file != "good":
             raise ValueError(f"{self.params.file}: field x: expected 1, found 2")
         if self.params.file == "good":
-            self.every(0.01, self.tick, is_wall=True)
+            self.add_timer(0.01, self.tick, is_wall=True)
         self.is_told = False
 
     def tick(self):

@@ -14,7 +14,7 @@ from node_kit.interfaces import type_name
 
 
 @dataclass
-class Input:
+class Subscription:
     """One subscription of a node; `deliver` is what DDS or a replay calls."""
 
     topic: str

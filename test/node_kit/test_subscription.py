@@ -5,7 +5,7 @@ from types import SimpleNamespace
 from std_msgs.msg import Int32, String
 
 from node_kit import qos
-from node_kit.inputs import Input
+from node_kit.subscription import Subscription
 
 
 class Log:
@@ -17,7 +17,7 @@ class Log:
 
 
 def make(callback=lambda message: None, **options):
-    return Input("number", Int32, callback, qos.LATCHED, log=Log(), **options)
+    return Subscription("number", Int32, callback, qos.LATCHED, log=Log(), **options)
 
 
 def publisher(kind="std_msgs/msg/Int32", profile=qos.LATCHED):
