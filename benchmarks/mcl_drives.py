@@ -19,8 +19,8 @@ from cycab_sim.params import LightParams, RenderParams, TrafficParams, VehiclePa
 from cycab_sim.renderer import Renderer
 from cycab_sim.traffic.traffic import Traffic
 from cycab_sim.worlds import World, build_world
-from mcl_depth.belief.estimate import Look
-from mcl_depth.belief.motion_model import between, moved
+from mcl_depth.belief.estimate import Observation
+from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from sphere_geometry import SE3, Camera, Fisheye, Pinhole, so3
 
 Array = NDArray[np.float64]
@@ -69,17 +69,17 @@ class Drive:
     def __len__(self) -> int:
         return len(self.images)
 
-    def look(self, index: int, *, has_imu: bool = True) -> Look:
+    def observation(self, index: int, *, has_imu: bool = True) -> Observation:
         """Return what the filter takes for one image."""
         T_base_camera = self.lens.T_base_camera
         tilt = self.tilts[index] if has_imu else np.eye(3)
-        T_base_sight = SE3.from_parts(np.eye(3), T_base_camera.translation)
-        T_odom_sight = SE3.from_planar(*(float(x) for x in self.odometry[index])) @ T_base_sight
+        T_base_level = SE3.from_parts(np.eye(3), T_base_camera.translation)
+        T_odom_level = SE3.from_planar(*(float(x) for x in self.odometry[index])) @ T_base_level
         rotation = tilt @ T_base_camera.rotation
-        return Look(self.images[index], self.lens.camera, (index + 1) * 10**9, rotation, T_odom_sight)
+        return Observation(self.images[index], self.lens.camera, (index + 1) * 10**9, rotation, T_odom_level)
 
     def truth(self, index: int) -> Array:
-        """Return x, y, yaw (3,) of the sight in the map."""
+        """Return x, y, yaw (3,) of the level camera in the map."""
         T_map_base = self.T_map_base[index]
         place = (T_map_base @ self.lens.T_base_camera).translation
         return np.array([place[0], place[1], float(T_map_base.yaw)])
@@ -135,10 +135,10 @@ def _odometry(line: Array, rng: np.random.Generator) -> Array:
     """Return the way as noisy wheels have it, from the origin."""
     poses = [np.zeros(3)]
     for before, after in pairwise(line):
-        motion = between(before[:3], after[:3])
+        motion = relative_motion(before[:3], after[:3])
         motion[:2] *= 1.0 + WAY_SHARE * rng.standard_normal()
         motion[2] += np.radians(TURN_DEG) * np.sqrt(np.hypot(motion[0], motion[1])) * rng.standard_normal()
-        poses.append(moved(poses[-1][None], motion)[0])
+        poses.append(compose_planar(poses[-1][None], motion)[0])
     return np.array(poses)
 
 

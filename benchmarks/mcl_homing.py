@@ -18,7 +18,7 @@ from cycab_sim.params import CameraParams, SimParams, StartParams
 from cycab_sim.simulator import Simulator
 from cycab_sim.town import Plan, taught_path
 from cycab_sim.vehicle import Command
-from mcl_depth.belief.particles import wrapped
+from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.homing import Homing
 from mcl_depth.likeness.comparison import num_alpha_for, visual_features
 from mcl_depth.likeness.level_view import level_view
@@ -94,12 +94,12 @@ def basin(site: Site, studio: Studio, plan: Plan, count: int) -> dict[float, Arr
         line = np.array(poses)
         shown = studio.record(line, 1000 + number)
         for index, radius in enumerate(radii):
-            look, truth = shown.look(index), shown.truth(index)
+            observation, truth = shown.observation(index), shown.truth(index)
             homing = Homing(_around(waypoint), replace(HomingParams(), num_median=1), start=1)
             goal = homing.waypoints[1]
-            found = homing.update(compare(site, look.image, look.rotation))
+            found = homing.update(compare(site, observation.image, observation.rotation))
             true = np.arctan2(*(goal - truth[:2])[::-1])
-            errors[radius].append(abs(float(np.degrees(wrapped(np.array(found.in_map - true))))))
+            errors[radius].append(abs(float(np.degrees(wrap_angle(np.array(found.in_map - true))))))
     return {radius: np.array(values) for radius, values in errors.items()}
 
 

@@ -17,7 +17,7 @@ from benchmarks.machine import describe, milliseconds, repeat
 from benchmarks.report import Bound, Report, Table
 from cycab_sim import geometry_cloud
 from cycab_sim.worlds import build_world
-from mcl_depth.belief.estimate import Estimate, Look
+from mcl_depth.belief.estimate import Estimate, Observation
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
@@ -162,13 +162,13 @@ def updates(
 ) -> Table:
     """Time whole updates of the filter on a drive, with everything and without one thing at a time."""
     exact = DepthSynthesizer(mesh, site.params.synthesis)
-    looks = drive(site, exact, 20 if options.quick else options.images)
+    observations = drive(site, exact, 20 if options.quick else options.images)
     rows: list[tuple[str, ...]] = []
     warm_up(site.params)
     chosen = dict(list(VARIANTS.items())[:1]) if options.quick else VARIANTS
     for name, changes in tqdm(chosen.items(), "drives", leave=False, disable=None):
         tried = site.under(build(FilterParams, limits | changes))
-        cold, ms, last = timed(tried.filter(), looks if "no depth" not in name else looks[:SLOW])
+        cold, ms, last = timed(tried.filter(), observations if "no depth" not in name else observations[:SLOW])
         cache, belief = tried.depth_map.cache, last.belief
         assert belief is not None
         settled, used = np.median(ms[len(ms) // 2 :], axis=0)
@@ -195,7 +195,7 @@ def updates(
     )
 
 
-def drive(site: Site, exact: DepthSynthesizer, num_images: int) -> list[Look]:
+def drive(site: Site, exact: DepthSynthesizer, num_images: int) -> list[Observation]:
     """Return images along a straight way through the area, odometry exact."""
     middles = site.area.middles
     way = STEP * np.arange(num_images + 1)
@@ -205,30 +205,30 @@ def drive(site: Site, exact: DepthSynthesizer, num_images: int) -> list[Look]:
             if np.all(np.min(np.linalg.norm(middles[:, None] - xy[:: len(xy) - 1], axis=2), axis=0) < 0.5) and np.all(
                 site.area.contains(xy)
             ):
-                return [look(site, exact, place, heading, number) for number, place in enumerate(xy, 1)]
+                return [observe(site, exact, place, heading, number) for number, place in enumerate(xy, 1)]
     raise ValueError(f"area: expected a straight way of {way[-1]:.1f} m, found none")
 
 
-def look(site: Site, exact: DepthSynthesizer, place: Array, heading: float, number: int) -> Look:
+def observe(site: Site, exact: DepthSynthesizer, place: Array, heading: float, number: int) -> Observation:
     """Return what a camera sees at a place (2,)."""
     height = float(site.depth_map.heights(place[None])[0])
     image = np.roll(shaded(exact.synthesize([*place, height])), round(heading / (2 * np.pi) * exact.camera.width), 1)
-    T_odom_sight = SE3.from_planar(float(place[0]), float(place[1]), heading)
-    return Look(image, exact.camera, number * 10**9, np.eye(3), T_odom_sight)
+    T_odom_level = SE3.from_planar(float(place[0]), float(place[1]), heading)
+    return Observation(image, exact.camera, number * 10**9, np.eye(3), T_odom_level)
 
 
-def timed(tracked: Filter, looks: list[Look]) -> tuple[Array, Array, Estimate]:
+def timed(tracked: Filter, observations: list[Observation]) -> tuple[Array, Array, Estimate]:
     """Return times (2,) in ms, by clock and of the processor, of the first image, and (N, 2) of those near the truth.
 
     The last estimate comes with them.
     """
-    T_map_sight = looks[0].T_odom_sight  # here odometry is the truth
-    assert T_map_sight is not None
+    T_map_level = observations[0].T_odom_level  # here odometry is the truth
+    assert T_map_level is not None
     times = []
-    for item in looks:
+    for item in observations:
         used = time.process_time()
         ms, estimate = milliseconds(partial(tracked.update, item))
         times.append((ms, 1e3 * (time.process_time() - used)))
-        if item is looks[0]:
-            tracked.start(T_map_sight, np.diag([0.3, 0.3, 0.1, 0.05, 0.05, 0.1]) ** 2)
+        if item is observations[0]:
+            tracked.start(T_map_level, np.diag([0.3, 0.3, 0.1, 0.05, 0.05, 0.1]) ** 2)
     return np.array(times[0]), np.array(times[1:]), estimate

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from benchmarks.mcl_drives import Drive
 from localization.status import Reason, State
-from mcl_depth.belief.particles import wrapped
-from mcl_depth.belief.spreading import spread
+from mcl_depth.belief.particles import wrap_angle
+from mcl_depth.belief.sampling import sample_uniform
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import Area
 from mcl_depth.likeness.comparison import Features
@@ -95,17 +95,17 @@ def run_filter(
     """
     filter_ = Filter(replace(params, seed=seed), site.depth_map, site.area)
     if start_area is not None:
-        filter_.particles = spread(start_area, params.resampling.num_particles, np.random.default_rng(seed))
+        filter_.particles = sample_uniform(start_area, params.resampling.num_particles, np.random.default_rng(seed))
     found: list[tuple[Any, ...]] = []
     for index in range(len(drive)):
         if before_image is not None:
             before_image()
         started = time.perf_counter()
-        estimate = filter_.update(drive.look(index, has_imu=has_imu))
+        estimate = filter_.update(drive.observation(index, has_imu=has_imu))
         elapsed = 1e3 * (time.perf_counter() - started)
         pose, status = place_of(estimate), estimate.status
         error = pose - drive.truth(index)
-        degrees = abs(float(np.degrees(wrapped(error[2]))))
+        degrees = abs(float(np.degrees(wrap_angle(error[2]))))
         found.append((status.state, str(status.reason), np.hypot(*error[:2]), degrees, len(filter_.particles), elapsed))
     states, reasons, metres, degrees_, counts, times = zip(*found, strict=True)
     return Trial(states, reasons, np.array(metres), np.array(degrees_), np.array(counts), np.array(times))
@@ -113,9 +113,9 @@ def run_filter(
 
 def place_of(estimate: Any) -> Array:
     """Return x, y, yaw (3,) of what leaves the filter, else of its likeliest place, else NaN."""
-    if estimate.T_map_sight is not None:
-        T_map_sight: SE3 = estimate.T_map_sight
-        return np.array([*T_map_sight.translation[:2], float(T_map_sight.yaw)])
+    if estimate.T_map_level is not None:
+        T_map_level: SE3 = estimate.T_map_level
+        return np.array([*T_map_level.translation[:2], float(T_map_level.yaw)])
     if estimate.belief is not None:
         return np.asarray(estimate.belief.best.pose)
     return np.full(3, np.nan)

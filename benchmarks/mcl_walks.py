@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from benchmarks.machine import describe
 from benchmarks.mcl_trials import remembering
 from benchmarks.report import Bound, Report, Table
-from mcl_depth.belief.estimate import Look
-from mcl_depth.belief.motion_model import between, moved
+from mcl_depth.belief.estimate import Observation
+from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.params import FilterParams
@@ -63,10 +63,10 @@ class Variant:
 
 
 VARIANTS = (
-    Variant("s / max(s), headings adjusted on the first two images", {}, 85.0),
+    Variant("s / max(s), headings adjust_headings on the first two images", {}, 85.0),
     Variant("min-max (the paper)", {"weight.scaling": "minmax"}),
-    Variant("headings adjusted on every image", {"adjustment.later": 1.0}),
-    Variant("headings never adjusted", {"adjustment.initial": 0.0}),
+    Variant("headings adjust_headings on every image", {"adjustment.later": 1.0}),
+    Variant("headings never adjust_headings", {"adjustment.initial": 0.0}),
     Variant("control: without images", {}, 50.0, is_blind=True, must_fail=True),
 )
 
@@ -119,7 +119,7 @@ def _figures(errors: Array) -> tuple[str, ...]:
 
 
 def read_places(folder: Path) -> list[Place]:
-    """Read the panoramas; the pose of the sight follows from the plan's conventions.
+    """Read the panoramas; the pose of the level camera follows from the plan's conventions.
 
     Its azimuth grows to the right, so the plan is a mirror image of the home: the pictures are mirrored, too.
     """
@@ -146,15 +146,17 @@ def walk(
     pose, true = odometry, before
     for index, number in enumerate(route(places, start, length)):
         true = places[number].pose
-        motion = between(before, true)
+        motion = relative_motion(before, true)
         motion[:2] *= 1.0 + 0.05 * rng.standard_normal()
         motion[2] += np.radians(3.0) * rng.standard_normal() * (index > 0)
-        odometry, before = moved(odometry[None], motion)[0], true
+        odometry, before = compose_planar(odometry[None], motion)[0], true
         image = places[number].image
         if is_blind:
             image = np.random.default_rng([number, 7]).integers(0, 255, image.shape).astype(np.uint8)
-        look = Look(image, Spherical(1024, 512), (index + 1) * 10**9, np.eye(3), SE3.from_planar(*odometry))
-        belief = filter_.update(look).belief
+        observation = Observation(
+            image, Spherical(1024, 512), (index + 1) * 10**9, np.eye(3), SE3.from_planar(*odometry)
+        )
+        belief = filter_.update(observation).belief
         assert belief is not None
         pose = belief.best.pose
     return float(np.hypot(*(pose - true)[:2])), abs(float((pose[2] - true[2] + np.pi) % (2 * np.pi) - np.pi))

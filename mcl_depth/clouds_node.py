@@ -14,7 +14,7 @@ from sphere_nav_msgs.srv import LoadCloud
 
 from localization.status import Reason, State, Status
 from mcl_depth.filter import Filter
-from mcl_depth.geometry.cloud import Cloud, cloud_from_points, thinned
+from mcl_depth.geometry.cloud import Cloud, cloud_from_points, thin_cloud
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.mesh import TriangleMesh
 from mcl_depth.params import MclDepthParams
@@ -77,7 +77,7 @@ class Clouds:
         """Points after thinning; vertices of surfaces."""
         if isinstance(self.geometry, TriangleMesh):
             return len(self.geometry.vertices)
-        return len(thinned(self.geometry, self.params.synthesis.voxel_m)) if self.geometry is not None else 0
+        return len(thin_cloud(self.geometry, self.params.synthesis.voxel_m)) if self.geometry is not None else 0
 
     def on_cloud(self, message: PointCloud2) -> None:
         """Use a cloud in the map's frame; ValueError for one of another frame, or without points."""

@@ -11,15 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from localization.status import Reason, State, Status
-from mcl_depth.belief.dead_reckoning import Carrier
-from mcl_depth.belief.estimate import Belief, Estimate, Look, covariance_of, pose_of
+from mcl_depth.belief.dead_reckoning import DeadReckoning
+from mcl_depth.belief.estimate import Belief, Estimate, Observation, covariance_of, pose_of
 from mcl_depth.belief.hypotheses import find_hypotheses
-from mcl_depth.belief.motion_model import MotionModel, sample
-from mcl_depth.belief.orientation import adjusted, similarity_at
+from mcl_depth.belief.motion_model import MotionModel, sample_motion
+from mcl_depth.belief.orientation import adjust_headings, interpolate_similarity
 from mcl_depth.belief.recovery import Recovery
 from mcl_depth.belief.resampling import resample
-from mcl_depth.belief.spreading import gathered, renewed, spread
-from mcl_depth.belief.weighting import weights
+from mcl_depth.belief.sampling import inject_random, sample_gaussian, sample_uniform
+from mcl_depth.belief.weighting import compute_weights
 from mcl_depth.geometry.area import Area
 from mcl_depth.input_check import InputCheck
 from mcl_depth.likeness.comparison import Features, num_alpha_for, visual_features
@@ -42,7 +42,7 @@ class Filter:
         self.num_headings = num_alpha_for(params.heading_step_deg)
         self._input = InputCheck(params.input)
         self._motion = MotionModel(params.motion)
-        self._carrier = Carrier(params.input)
+        self._reckoning = DeadReckoning(params.input)
         self._recovery = Recovery(params.recovery, area.scattered(params.recovery.num_scouts))
         self._states = StateMachine(params.state, is_automatic=params.automatic)
         self._gap = area.step * np.sqrt(len(area.middles) / params.resampling.num_particles)  # between particles, m
@@ -55,23 +55,23 @@ class Filter:
         self._forget_motion()
         self._recovery.reset()
         self._states.reset()
-        self.particles = spread(self.area, self.params.resampling.num_particles, self._rng)
+        self.particles = sample_uniform(self.area, self.params.resampling.num_particles, self._rng)
 
     def search(self) -> None:
         """Search the whole map with the images to come."""
         self._states.search()
         self._spread()
 
-    def start(self, T_map_sight: SE3, covariance: Array) -> None:
+    def start(self, T_map_level: SE3, covariance: Array) -> None:
         """Search around a pose with its local covariance (6, 6); ValueError for a place outside the area."""
-        self.particles = gathered(T_map_sight, covariance, self.area, self.params, self._rng)
+        self.particles = sample_gaussian(T_map_level, covariance, self.area, self.params, self._rng)
         self._states.search()
-        self._carrier.reset()
+        self._reckoning.reset()
         self._recovery.reset()
 
     def refuse(self, stamp_ns: int, finding: Finding) -> Estimate:
         """Take note of an image that cannot be used."""
-        if self._carrier.age(stamp_ns) > self.params.state.max_blind_s:
+        if self._reckoning.age(stamp_ns) > self.params.state.max_blind_s:
             self._states.lose()
         return Estimate(self._status(stamp_ns, finding))
 
@@ -84,63 +84,63 @@ class Filter:
         finding = Finding(Reason.TIMEOUT, elapsed_s, limit)
         return self._status(last_ns + round(elapsed_s * 1e9), finding, state)
 
-    def update(self, look: Look) -> Estimate:
+    def update(self, observation: Observation) -> Estimate:
         """Localise one image."""
-        finding = self._input.check(look.image, look.camera, look.stamp_ns)
+        finding = self._input.check(observation.image, observation.camera, observation.stamp_ns)
         if self._input.is_new_time:
             self._forget_motion()
         if finding is not FINE:
-            return self.refuse(look.stamp_ns, finding)
+            return self.refuse(observation.stamp_ns, finding)
         if self._states.state is State.NOT_LOCALISED:
-            return Estimate(self._status(look.stamp_ns, FINE))
-        if self._carrier.is_near(look):
-            return self._estimate(look, FINE)  # nearly the same view tells nothing new
+            return Estimate(self._status(observation.stamp_ns, FINE))
+        if self._reckoning.is_near(observation):
+            return self._estimate(observation, FINE)  # nearly the same view tells nothing new
         if self._states.needs_spreading:
             self.search()
-        grey, is_seen = level_view(look.image, look.camera, look.rotation, self.map.camera)
-        return self._localise(look, visual_features(grey, self.params.comparison, is_seen))
+        grey, is_seen = level_view(observation.image, observation.camera, observation.rotation, self.map.camera)
+        return self._localise(observation, visual_features(grey, self.params.comparison, is_seen))
 
-    def _localise(self, look: Look, visual: Features) -> Estimate:
+    def _localise(self, observation: Observation, visual: Features) -> Estimate:
         """Return what an image makes of the belief (algorithm 2, lines 4 to 22)."""
         p = self.params
-        step = self._motion.step(look.stamp_ns, look.T_odom_sight)
-        particles = self.particles.at(sample(self.particles.poses, step, self._rng))
+        step = self._motion.step(observation.stamp_ns, observation.T_odom_level)
+        particles = self.particles.with_poses(sample_motion(self.particles.poses, step, self._rng))
         comparison = Comparison(visual, self.map, self.num_headings, is_caching=p.cache.uses_similarities)
         curves = comparison.curves(particles.poses)
-        particles = adjusted(particles, curves, p.adjustment, self._rng)
-        similarities = similarity_at(curves, particles.poses[:, 2])
-        particles = particles.weighted(weights(similarities, p.weight, particles.weights))
+        particles = adjust_headings(particles, curves, p.adjustment, self._rng)
+        similarities = interpolate_similarity(curves, particles.poses[:, 2])
+        particles = particles.reweight(compute_weights(similarities, p.weight, particles.weights))
         hypotheses = find_hypotheses(particles, p.hypothesis)
         lead = self._recovery.observe(comparison, hypotheses[0].mean_of(similarities, particles))
         verdict = judge(hypotheses, lead, step, p.state)
         self._states.take(verdict)
-        self._carrier.take(hypotheses[0], look, is_confirmed=not verdict.is_bad)
+        self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)
         survivors = resample(particles, p.resampling, self._rng, self._gap, p.adjustment.num_images)
         is_new = bool(np.all(particles.ages == 1))  # all have just been spread: no more of the same
         share = 0.0 if is_new else self._recovery.share(is_following=self._states.is_following)
-        self.particles = renewed(survivors, self.area, share, comparison, p, self._rng)
-        return self._estimate(look, verdict.finding, Belief(tuple(hypotheses), particles, comparison, lead))
+        self.particles = inject_random(survivors, self.area, share, comparison, p, self._rng)
+        return self._estimate(observation, verdict.finding, Belief(tuple(hypotheses), particles, comparison, lead))
 
-    def _estimate(self, look: Look, finding: Finding, belief: Belief | None = None) -> Estimate:
+    def _estimate(self, observation: Observation, finding: Finding, belief: Belief | None = None) -> Estimate:
         """Return the likeliest place, moved to this image by odometry, if it may leave."""
-        status, best = self._status(look.stamp_ns, finding), self._carrier.best
+        status, best = self._status(observation.stamp_ns, finding), self._reckoning.best
         if best is None or not self._states.is_trusted:
             return Estimate(status, belief=belief)
-        pose = self._carrier.carried(look)
+        pose = self._reckoning.propagate(observation)
         if not self.map.has_ground(pose):
             return Estimate(status, belief=belief)
         covariance = covariance_of(best.covariance, float(pose[2]), self.params.covariance)
         return Estimate(status, pose_of(pose, self.map.height(pose)), covariance, belief)
 
     def _spread(self) -> None:
-        self.particles = spread(self.area, self.params.resampling.num_particles, self._rng)
-        self._carrier.reset()
+        self.particles = sample_uniform(self.area, self.params.resampling.num_particles, self._rng)
+        self._reckoning.reset()
         self._recovery.reset()
 
     def _forget_motion(self) -> None:
         self._motion.reset()
-        self._carrier.reset()
+        self._reckoning.reset()
 
     def _status(self, stamp_ns: int, finding: Finding, state: State | None = None) -> Status:
-        carrier = self._carrier
-        return status_of(state or self._states.state, stamp_ns, finding, carrier.quality, carrier.age(stamp_ns))
+        reckoning = self._reckoning
+        return status_of(state or self._states.state, stamp_ns, finding, reckoning.quality, reckoning.age(stamp_ns))

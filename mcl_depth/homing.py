@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.belief.orientation import peaks
-from mcl_depth.belief.particles import wrapped
+from mcl_depth.belief.orientation import best_headings
+from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import HomingParams
 
@@ -65,10 +65,10 @@ class Homing:
         self._places.append(samples[best])
         self._leads.append(lead)
         self._pass(samples[best])
-        heading = float(peaks(curves[best : best + 1])[0])
+        heading = float(best_headings(curves[best : best + 1])[0])
         in_map = self._median_direction()
         distance = float(np.linalg.norm(self._offsets[best]))
-        in_vehicle = float(wrapped(np.array(in_map - heading)))
+        in_vehicle = float(wrap_angle(np.array(in_map - heading)))
         is_clear = float(np.median(self._leads)) >= self._params.min_lead
         return Advice(in_map, in_vehicle, heading, self.next, distance, lead, is_clear, self.is_finished)
 
@@ -100,7 +100,7 @@ class Homing:
         ways[at_it] = self._tangent(self.next)
         angles = np.arctan2(ways[:, 1], ways[:, 0])
         middle = float(np.angle(np.exp(1j * angles).sum()))
-        return float(wrapped(np.array(middle + np.median(wrapped(angles - middle)))))
+        return float(wrap_angle(np.array(middle + np.median(wrap_angle(angles - middle)))))
 
     def _tangent(self, index: int) -> Array:
         """Return the direction of the path at a waypoint, (2,) of unit length."""

@@ -43,7 +43,7 @@ class Intake:
         node.add_subscription("imu", Imu, self._on_imu, qos.SENSOR, is_required=False)
 
     @property
-    def T_base_sight(self) -> SE3:
+    def T_base_level(self) -> SE3:
         """The camera's centre with the axes of the base."""
         assert self.T_base_camera is not None
         return SE3.from_parts(np.eye(3), self.T_base_camera.translation)
@@ -54,10 +54,10 @@ class Intake:
         rotation: np.ndarray = self.tilt @ self.T_base_camera.rotation
         return rotation
 
-    def T_odom_sight(self, stamp_ns: int) -> SE3 | None:
-        """Return odometry of the sight at a stamp."""
+    def T_odom_level(self, stamp_ns: int) -> SE3 | None:
+        """Return odometry of the level camera at a stamp."""
         T_odom_base = self.odometry.at(stamp_ns)
-        return T_odom_base @ self.T_base_sight if T_odom_base is not None else None
+        return T_odom_base @ self.T_base_level if T_odom_base is not None else None
 
     def _on_camera_info(self, message: CameraInfo) -> None:
         try:

@@ -11,7 +11,7 @@ from sensor_msgs.msg import Image
 from std_srvs.srv import Empty
 
 from localization.status import FOLLOWING
-from mcl_depth.belief.estimate import Look
+from mcl_depth.belief.estimate import Observation
 from mcl_depth.clouds_node import Clouds
 from mcl_depth.filter import Filter
 from mcl_depth.homing_node import HomingGuide
@@ -92,8 +92,8 @@ class MclDepthNode(ManagedNode):
             self.outputs.tell(status)
             return
         grey = conversions.image_to_grey(message)
-        look = Look(grey, camera, stamp, self.intake.rotation(), self.intake.T_odom_sight(stamp))
-        estimate = self.filter.update(look)
+        observation = Observation(grey, camera, stamp, self.intake.rotation(), self.intake.T_odom_level(stamp))
+        estimate = self.filter.update(observation)
         if estimate.belief is not None:
             self.views.show(estimate.belief, self.filter, stamp)
         self.guide.answer(estimate.belief, estimate.status, stamp)
@@ -101,7 +101,7 @@ class MclDepthNode(ManagedNode):
 
     def begin(self) -> None:
         """Make the filter, now that the camera's height is known; start where a pose was given before."""
-        self.filter = self.clouds.make_filter(float(self.intake.T_base_sight.translation[2]))
+        self.filter = self.clouds.make_filter(float(self.intake.T_base_level.translation[2]))
         if self.filter is None or self.given is None:
             return
         try:
@@ -125,7 +125,7 @@ class MclDepthNode(ManagedNode):
         """Search around a pose of the base; ValueError for one off the map."""
         self.given = None
         assert self.filter is not None
-        self.filter.start(T_map_base @ self.intake.T_base_sight, covariance)
+        self.filter.start(T_map_base @ self.intake.T_base_level, covariance)
 
     def on_reinitialize(self, request: Empty.Request, response: Empty.Response) -> Empty.Response:
         """Search everywhere."""

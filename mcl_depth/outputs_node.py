@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class Outputs:
-    """Converts estimates of the sight to messages about the base. What is not trusted is not published."""
+    """Converts estimates of the level camera to messages about the base. What is not trusted is not published."""
 
     def __init__(self, node: MclDepthNode) -> None:
         self._node = node
@@ -50,12 +50,12 @@ class Outputs:
 
     def _publish_pose(self, estimate: Estimate, stamp: int) -> None:
         """Publish the pose of the base and the transform, where the pose is trusted."""
-        if estimate.T_map_sight is None or estimate.covariance is None:
+        if estimate.T_map_level is None or estimate.covariance is None:
             return
         intake, params = self._node.intake, self._node.params
-        T_map_sight = SE3.from_parts(estimate.T_map_sight.rotation @ intake.tilt, estimate.T_map_sight.translation)
-        T_map_base = T_map_sight @ intake.T_base_sight.inverse()
-        covariance = conversions.moved_covariance(estimate.covariance, intake.T_base_sight)
+        T_map_level = SE3.from_parts(estimate.T_map_level.rotation @ intake.tilt, estimate.T_map_level.translation)
+        T_map_base = T_map_level @ intake.T_base_level.inverse()
+        covariance = conversions.moved_covariance(estimate.covariance, intake.T_base_level)
         frame = params.map_frame
         self._node.companion.add_own(stamp, T_map_base, covariance)
         self._pose.publish(conversions.se3_to_pose_with_covariance(T_map_base, covariance, stamp, frame))

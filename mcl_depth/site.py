@@ -9,7 +9,7 @@ from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import Area, find_area
 from mcl_depth.geometry.cloud import Cloud
 from mcl_depth.geometry.ground import Ground
-from mcl_depth.geometry.mesh import TriangleMesh, sampled
+from mcl_depth.geometry.mesh import TriangleMesh, sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.params import FilterParams
@@ -22,7 +22,7 @@ class Site:
 
     def __init__(self, geometry: Cloud | TriangleMesh, camera_height: float, params: FilterParams) -> None:
         """`camera_height` m above the ground, unless the parameter of that name is set."""
-        points = sampled(geometry, SPACING).points if isinstance(geometry, TriangleMesh) else geometry.points
+        points = sample_surface(geometry, SPACING).points if isinstance(geometry, TriangleMesh) else geometry.points
         self._name = hashlib.sha256(points.tobytes()).hexdigest()
         self.synthesizer, self._ground = DepthSynthesizer(geometry, params.synthesis), Ground(points)
         self._height = params.camera_height or camera_height

@@ -11,7 +11,7 @@ from sphere_nav_msgs.msg import ParticleCloud
 from visualization_msgs.msg import MarkerArray
 
 from mcl_depth.belief.estimate import Belief, pose_of
-from mcl_depth.belief.orientation import peaks
+from mcl_depth.belief.orientation import best_headings
 from mcl_depth.filter import Filter
 from node_kit import conversions, qos
 from node_kit.conversions.beliefs import hypotheses_to_markers, similarities_to_scan
@@ -36,7 +36,7 @@ class Views:
         """Publish everything about one image."""
         cloud, best, curve = belief.particles, belief.best.pose, belief.curve()
         self._particles.publish(particles_to_message(cloud.poses, cloud.weights, stamp, self._frame))
-        heading = np.array([*best[:2], peaks(curve[None])[0]])
+        heading = np.array([*best[:2], best_headings(curve[None])[0]])
         T_map_heading = pose_of(heading, filter_.map.height(best))
         self._heading.publish(conversions.se3_to_pose_stamped(T_map_heading, stamp, self._frame))
         heights = [filter_.map.height(item.pose) for item in belief.hypotheses]

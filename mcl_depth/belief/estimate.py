@@ -19,17 +19,17 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Look:
-    """One image. The sight is the camera's centre with the vehicle's axes, levelled: z up, x where the vehicle heads.
+class Observation:
+    """One image. Frame `level`: the camera's centre with the vehicle's axes, levelled: z up, x where it heads.
 
-    `rotation` (3, 3) turns camera axes into those of the sight; `T_odom_sight` is odometry at the stamp, or None.
+    `rotation` (3, 3) turns camera axes into those of `level`; `T_odom_level` is odometry at the stamp, or None.
     """
 
     image: NDArray[Any]  # grey (H, W)
     camera: Camera
     stamp_ns: int
     rotation: Array
-    T_odom_sight: SE3 | None = None
+    T_odom_level: SE3 | None = None
 
 
 @dataclass(frozen=True)
@@ -56,13 +56,13 @@ class Estimate:
     """The news of one image; without a trusted pose there is none, without a comparison there is no belief."""
 
     status: Status
-    T_map_sight: SE3 | None = None
-    covariance: Array | None = None  # (6, 6) of xi = (v, omega) in T_map_sight @ exp(xi)
+    T_map_level: SE3 | None = None
+    covariance: Array | None = None  # (6, 6) of xi = (v, omega) in T_map_level @ exp(xi)
     belief: Belief | None = None
 
 
 def pose_of(pose: Array, height: float) -> SE3:
-    """Return T_map_sight from x, y, yaw and the height of the camera in the map."""
+    """Return T_map_level from x, y, yaw and the height of the camera in the map."""
     planar = SE3.from_planar(*(float(value) for value in pose))
     return SE3.from_parts(planar.rotation, [*planar.translation[:2], height])
 

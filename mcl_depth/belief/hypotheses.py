@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from mcl_depth.belief.particles import Particles, wrapped
+from mcl_depth.belief.particles import Particles, wrap_angle
 from mcl_depth.params import HypothesisParams
 
 Array = NDArray[np.float64]
@@ -51,13 +51,13 @@ def find_hypotheses(particles: Particles, params: HypothesisParams) -> list[Hypo
 def is_same_place(one: Array, other: Array, params: HypothesisParams) -> bool:
     """Whether two poses (3,) are within a bin of each other."""
     near = float(np.hypot(*(one[:2] - other[:2]))) <= params.bin_size
-    return near and abs(float(wrapped(one[2] - other[2]))) <= np.radians(params.bin_heading_deg)
+    return near and abs(float(wrap_angle(one[2] - other[2]))) <= np.radians(params.bin_heading_deg)
 
 
 def _labels(poses: Array, params: HypothesisParams) -> NDArray[np.int64]:
     """Return the number (N,) of the cluster of each pose (N, 3)."""
     turns = max(round(360.0 / params.bin_heading_deg), 1)
-    turn = np.floor(wrapped(poses[:, 2]) / (2.0 * np.pi) * turns).astype(np.int64) % turns
+    turn = np.floor(wrap_angle(poses[:, 2]) / (2.0 * np.pi) * turns).astype(np.int64) % turns
     cells = np.floor(poses[:, :2] / params.bin_size).astype(np.int64)
     bins, bin_of = np.unique(np.column_stack([cells, turn]), axis=0, return_inverse=True)
     number = {tuple(key): index for index, key in enumerate(bins.tolist())}
@@ -81,5 +81,5 @@ def _hypothesis(particles: Particles, members: NDArray[np.int64]) -> Hypothesis:
     yaw = np.arctan2(share @ np.sin(poses[:, 2]), share @ np.cos(poses[:, 2]))
     pose = np.array([*(share @ poses[:, :2]), yaw])
     errors = poses - pose
-    errors[:, 2] = wrapped(errors[:, 2])
+    errors[:, 2] = wrap_angle(errors[:, 2])
     return Hypothesis(pose, (errors * share[:, None]).T @ errors, total, members)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.belief.particles import wrapped
+from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.params import MotionParams
 from sphere_geometry import SE3
 
@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Step:
-    """Motion (3,) of the sight in its own axes: forward m, left m, yaw rad, and standard deviations (3,) of it."""
+    """Motion (3,) of `level` in its own axes: forward m, left m, yaw rad, and standard deviations (3,) of it."""
 
     motion: Array
     sigmas: Array
@@ -24,30 +24,30 @@ class Step:
     jump: float = 0.0  # m that odometry leapt, where it was not believed
 
 
-def planar(pose: SE3) -> Array:
+def planar_pose(pose: SE3) -> Array:
     """Return x, y, yaw (3,) of a pose."""
     return np.array([*pose.translation[:2], float(pose.yaw)])
 
 
-def between(before: Array, after: Array) -> Array:
+def relative_motion(before: Array, after: Array) -> Array:
     """Return the motion (3,) from one planar pose to another in the axes of the first."""
     cosine, sine = np.cos(before[2]), np.sin(before[2])
     dx, dy = after[:2] - before[:2]
-    return np.array([cosine * dx + sine * dy, cosine * dy - sine * dx, float(wrapped(after[2] - before[2]))])
+    return np.array([cosine * dx + sine * dy, cosine * dy - sine * dx, float(wrap_angle(after[2] - before[2]))])
 
 
-def moved(poses: Array, motions: Array) -> Array:
+def compose_planar(poses: Array, motions: Array) -> Array:
     """Return planar poses (N, 3) after motions (N, 3) or (3,), each in the axes of its pose."""
     forward, left, turn = np.moveaxis(np.broadcast_to(motions, poses.shape), -1, 0)
     cosine, sine = np.cos(poses[:, 2]), np.sin(poses[:, 2])
     x = poses[:, 0] + cosine * forward - sine * left
     y = poses[:, 1] + sine * forward + cosine * left
-    return np.stack([x, y, wrapped(poses[:, 2] + turn)], axis=1)
+    return np.stack([x, y, wrap_angle(poses[:, 2] + turn)], axis=1)
 
 
-def sample(poses: Array, step: Step, rng: np.random.Generator) -> Array:
+def sample_motion(poses: Array, step: Step, rng: np.random.Generator) -> Array:
     """Return poses (N, 3) after a step, each with an error of its own (algorithm 2, line 6)."""
-    return moved(poses, step.motion + step.sigmas * rng.standard_normal(poses.shape))
+    return compose_planar(poses, step.motion + step.sigmas * rng.standard_normal(poses.shape))
 
 
 class MotionModel:
@@ -61,15 +61,15 @@ class MotionModel:
         """Forget the last image."""
         self._last: tuple[int, SE3 | None] | None = None
 
-    def step(self, stamp_ns: int, T_odom_sight: SE3 | None) -> Step:
+    def step(self, stamp_ns: int, T_odom_level: SE3 | None) -> Step:
         """Return the motion since the last call; unknown where odometry is missing, or leaps."""
-        before, self._last = self._last, (stamp_ns, T_odom_sight)
+        before, self._last = self._last, (stamp_ns, T_odom_level)
         if before is None:
-            return Step(np.zeros(3), np.zeros(3), is_known=T_odom_sight is not None)
+            return Step(np.zeros(3), np.zeros(3), is_known=T_odom_level is not None)
         seconds = max((stamp_ns - before[0]) * 1e-9, 0.0)
-        if before[1] is None or T_odom_sight is None:
+        if before[1] is None or T_odom_level is None:
             return self._unknown(seconds)
-        motion = between(planar(before[1]), planar(T_odom_sight))
+        motion = relative_motion(planar_pose(before[1]), planar_pose(T_odom_level))
         way = float(np.hypot(motion[0], motion[1]))
         if not way <= self._params.max_speed * seconds + self._params.max_leap:
             return self._unknown(seconds, jump=way if np.isfinite(way) else 1e9)

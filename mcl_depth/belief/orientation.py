@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.belief.particles import Particles, wrapped
+from mcl_depth.belief.particles import Particles, wrap_angle
 from mcl_depth.params import AdjustmentParams
 
 Array = NDArray[np.float64]
 
 
-def peaks(curves: NDArray[np.floating]) -> Array:
+def best_headings(curves: NDArray[np.floating]) -> Array:
     """Return the best heading (N,) rad of curves (N, A), between the steps by a parabola through three of them."""
     count = curves.shape[1]
     best = np.argmax(curves, axis=1)
@@ -19,10 +19,10 @@ def peaks(curves: NDArray[np.floating]) -> Array:
     before, at, after = (curves[rows, (best + shift) % count].astype(np.float64) for shift in (-1, 0, 1))
     bend = before - 2.0 * at + after
     offset = np.where(bend < 0.0, 0.5 * (before - after) / np.where(bend < 0.0, bend, 1.0), 0.0)
-    return wrapped((best + np.clip(offset, -0.5, 0.5)) * (2.0 * np.pi / count))
+    return wrap_angle((best + np.clip(offset, -0.5, 0.5)) * (2.0 * np.pi / count))
 
 
-def similarity_at(curves: NDArray[np.floating], headings: Array) -> Array:
+def interpolate_similarity(curves: NDArray[np.floating], headings: Array) -> Array:
     """Return the similarity (N,) at headings (N,) rad, linear between the steps of curves (N, A)."""
     count = curves.shape[1]
     place = (headings / (2.0 * np.pi) * count) % count
@@ -32,7 +32,7 @@ def similarity_at(curves: NDArray[np.floating], headings: Array) -> Array:
     return (1.0 - share) * curves[rows, first] + share * curves[rows, (first + 1) % count]
 
 
-def adjusted(
+def adjust_headings(
     particles: Particles, curves: NDArray[np.floating], params: AdjustmentParams, rng: np.random.Generator
 ) -> Particles:
     """Turn particles towards their best heading (algorithm 2, line 19): young ones by `initial`, old ones by `later`.
@@ -44,5 +44,5 @@ def adjusted(
         return particles
     poses = particles.poses.copy()
     spread = np.radians(params.spread_deg) * rng.standard_normal(len(particles))
-    poses[:, 2] = wrapped(poses[:, 2] + strength * (wrapped(peaks(curves) - poses[:, 2]) + spread))
-    return particles.at(poses)
+    poses[:, 2] = wrap_angle(poses[:, 2] + strength * (wrap_angle(best_headings(curves) - poses[:, 2]) + spread))
+    return particles.with_poses(poses)

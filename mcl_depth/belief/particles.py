@@ -1,4 +1,4 @@
-"""Hypotheses of where the sight is: the camera's centre, with the levelled axes of the vehicle."""
+"""Hypotheses of where `level` is: the camera's centre, with the levelled axes of the vehicle."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class Particles:
         return len(self.poses)
 
     @staticmethod
-    def alike(poses: Array, age: int = 0) -> Particles:
+    def of_equal_weight(poses: Array, age: int = 0) -> Particles:
         """Return particles of one weight."""
         count = len(poses)
         return Particles(poses, np.full(count, 1.0 / max(count, 1)), np.full(count, age, dtype=np.int64))
@@ -32,27 +32,27 @@ class Particles:
         """1 / sum of squared weights: how many particles carry the belief."""
         return float(1.0 / np.sum(self.weights**2))
 
-    def at(self, poses: Array) -> Particles:
+    def with_poses(self, poses: Array) -> Particles:
         """Return the same hypotheses elsewhere."""
         return replace(self, poses=poses)
 
-    def weighted(self, weights: Array) -> Particles:
+    def reweight(self, weights: Array) -> Particles:
         """Return the same particles, one image older, with weights scaled to sum 1."""
         total = float(weights.sum())
         share = weights / total if total > 0.0 else np.full(len(self), 1.0 / len(self))
         return Particles(self.poses, share, self.ages + 1)
 
-    def chosen(self, indices: NDArray[np.int64]) -> Particles:
+    def select(self, indices: NDArray[np.int64]) -> Particles:
         """Return copies of the particles with these indices, of one weight."""
         return Particles(self.poses[indices], np.full(len(indices), 1.0 / len(indices)), self.ages[indices])
 
-    def with_some_at(self, indices: NDArray[np.int64], poses: Array) -> Particles:
+    def replace_some(self, indices: NDArray[np.int64], poses: Array) -> Particles:
         """Return the set with new, unaged particles in the place of some."""
         moved, ages = self.poses.copy(), self.ages.copy()
         moved[indices], ages[indices] = poses, 0
         return Particles(moved, self.weights, ages)
 
 
-def wrapped(angle: Array) -> Array:
+def wrap_angle(angle: Array) -> Array:
     """Return angles in rad in [-pi, pi)."""
     return (angle + np.pi) % (2.0 * np.pi) - np.pi

@@ -21,13 +21,13 @@ def low_variance_indices(weights: NDArray[np.float64], count: int, start: float)
     return np.minimum(np.searchsorted(edges, comb, side="right"), len(weights) - 1).astype(np.int64)
 
 
-def num_bins(poses: NDArray[np.float64], params: ResamplingParams) -> int:
+def count_bins(poses: NDArray[np.float64], params: ResamplingParams) -> int:
     """Return how many bins of position and heading poses (N, 3) fill."""
     widths = np.array([params.bin_size, params.bin_size, np.radians(params.bin_heading_deg)])
     return len(np.unique(np.floor(poses / widths).astype(np.int64), axis=0))
 
 
-def kld_count(bins: int, params: ResamplingParams) -> int:
+def required_particles(bins: int, params: ResamplingParams) -> int:
     """Return how many particles keep the error of the belief below `kld_error` with probability `kld_quantile`.
 
     Fox 2003, eq. 12 (Wilson-Hilferty), bounded by the parameters.
@@ -51,16 +51,16 @@ def resample(
         return particles
     draft = low_variance_indices(particles.weights, params.num_particles, rng.random())
     if params.is_adaptive:
-        count = kld_count(num_bins(particles.poses[draft], params), params)
+        count = required_particles(count_bins(particles.poses[draft], params), params)
         draft = low_variance_indices(particles.weights, count, rng.random())
-    return _roughened(particles.chosen(draft), params.roughening * gap, num_young, rng)
+    return _roughen(particles.select(draft), params.roughening * gap, num_young, rng)
 
 
-def _roughened(particles: Particles, sigma: float, num_young: int, rng: np.random.Generator) -> Particles:
+def _roughen(particles: Particles, sigma: float, num_young: int, rng: np.random.Generator) -> Particles:
     """Return the set with a spread of `sigma` m given to the positions of young particles."""
     is_young = particles.ages <= num_young
     if sigma <= 0.0 or not is_young.any():
         return particles
     poses = particles.poses.copy()
     poses[is_young, :2] += sigma * rng.standard_normal((int(is_young.sum()), 2))
-    return particles.at(poses)
+    return particles.with_poses(poses)

@@ -1,4 +1,4 @@
-"""From similarities to weights: w = s ** lambda with s scaled to at most 1 (N17 section III-C)."""
+"""From similarities to weights: w = s ** lambda with s scale_similarities to at most 1 (N17 section III-C)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ CHANCE = 4.0 / np.pi  # similarity of images that have nothing to do with each o
 SEARCH_STEPS = 24  # halvings of the interval of lambda: 1e-7 of it
 
 
-def scaled(similarities: Array, scaling: str) -> Array:
+def scale_similarities(similarities: Array, scaling: str) -> Array:
     """Scale similarities (N,) so that the largest is 1; 0 is nothing, what chance gives, or the smallest of them.
 
     `maximum`: s / max(s). `chance`: what exceeds the similarity of unrelated images. `minmax`: N17.
@@ -24,7 +24,7 @@ def scaled(similarities: Array, scaling: str) -> Array:
     return np.clip((similarities - low) / (high - low), 0.0, 1.0)
 
 
-def weights(similarities: Array, params: WeightParams, prior: Array) -> Array:
+def compute_weights(similarities: Array, params: WeightParams, prior: Array) -> Array:
     """Return weights (N,) of sum 1: `prior` times s ** lambda; all alike where nothing distinguishes them.
 
     `min_effective_share` > 0 lowers lambda for this image until so large a share of the particles carries the belief:
@@ -33,7 +33,7 @@ def weights(similarities: Array, params: WeightParams, prior: Array) -> Array:
     is_possible = similarities > 0.0
     if is_possible.any():
         prior = np.where(is_possible, prior, 0.0)
-    logs = np.log(np.maximum(scaled(similarities, params.scaling), 1e-30))
+    logs = np.log(np.maximum(scale_similarities(similarities, params.scaling), 1e-30))
     exponent = params.exponent
     wanted = params.min_effective_share * int(np.count_nonzero(is_possible))
     if wanted > 0.0 and _effective(exponent * logs, prior) < wanted:

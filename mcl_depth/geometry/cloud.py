@@ -57,7 +57,9 @@ def cloud_from_points(points: ArrayLike, name: str = "cloud") -> Cloud:
     return Cloud(np.ascontiguousarray(found, np.float32), name, tuple(warnings))
 
 
-def thinned(cloud: Cloud, voxel_m: float, centre: ArrayLike | None = None, pixel_rad: float = np.radians(1.0)) -> Cloud:
+def thin_cloud(
+    cloud: Cloud, voxel_m: float, centre: ArrayLike | None = None, pixel_rad: float = np.radians(1.0)
+) -> Cloud:
     """Keep the mean of the points of every cube of side `voxel_m`.
 
     With `centre` (3,) the cubes grow with the distance from it, by powers of two, as far as they stay within a pixel
@@ -80,7 +82,7 @@ def thinned(cloud: Cloud, voxel_m: float, centre: ArrayLike | None = None, pixel
 def read_cloud(path: str | Path) -> Cloud:
     """Read .ply, .pcd, .las or .npy; a mesh is read as points on its faces. ValueError in one line if it cannot be."""
     from mcl_depth.geometry.files import read_geometry
-    from mcl_depth.geometry.mesh import TriangleMesh, sampled
+    from mcl_depth.geometry.mesh import TriangleMesh, sample_surface
 
     found = read_geometry(path)
-    return sampled(found) if isinstance(found, TriangleMesh) else found
+    return sample_surface(found) if isinstance(found, TriangleMesh) else found

@@ -47,7 +47,7 @@ def mesh_from_faces(vertices: NDArray[np.floating], triangles: NDArray[np.intege
     return TriangleMesh(checked.points, owner.reshape(-1, 3).astype(np.int32), name, notes + checked.warnings)
 
 
-def sampled(mesh: TriangleMesh, spacing_m: float = 0.05, seed: int = 0) -> Cloud:
+def sample_surface(mesh: TriangleMesh, spacing_m: float = 0.05, seed: int = 0) -> Cloud:
     """Return points spread evenly over the faces, about one to every square of side `spacing_m`."""
     corners = mesh.vertices[mesh.triangles].astype(np.float64)
     along, across = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]

@@ -34,7 +34,6 @@ SINES = np.where(np.arange(256) == NO_DIRECTION, 0, np.sin(_angles)).astype(np.f
 SQUARES = ((np.arange(256) / 255.0) ** 2).astype(np.float32)
 
 
-
 # ---- NaN interpolation and LCN (algorithm 1) --------------------------------------------------------------------
 
 

@@ -98,7 +98,7 @@ def test_what_is_kept_is_made_once(tmp_path):
     assert found.tolist() == [0, 1, 2]
 
 
-def test_the_sight_heads_where_the_vehicle_does_whatever_the_camera():
+def test_the_level_camera_heads_where_the_vehicle_does_whatever_the_camera():
     from sphere_geometry import SE3
 
     T_map_base = SE3.from_matrix(SE3.from_planar(1.0, 2.0, 0.5).matrix[None])

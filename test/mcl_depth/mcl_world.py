@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from tf2_msgs.msg import TFMessage
 
-from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sampled
+from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.image_params import SynthesisParams
 from mcl_depth.node import MclDepthNode
@@ -45,7 +45,7 @@ def room() -> TriangleMesh:
 
 def room_points(spacing=0.05) -> np.ndarray:
     """Return points of the surfaces."""
-    return sampled(room(), spacing).points
+    return sample_surface(room(), spacing).points
 
 
 def drive(count=12) -> list[SE3]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from localization.status import State
-from mcl_depth.belief.estimate import Look
+from mcl_depth.belief.estimate import Observation
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.mesh import mesh_from_faces
 from mcl_depth.params import FilterParams
@@ -49,25 +49,25 @@ def picture(site, pose):
     return np.roll(255.0 / (1.0 + np.nan_to_num(depth, nan=9.0)), shift, axis=1).astype(np.float32)
 
 
-def look(site, pose, number, odometry=True):
-    T_odom_sight = SE3.from_planar(*pose) if odometry else None
-    return Look(picture(site, pose), site.depth_map.camera, (number + 1) * 10**9, np.eye(3), T_odom_sight)
+def observe(site, pose, number, odometry=True):
+    T_odom_level = SE3.from_planar(*pose) if odometry else None
+    return Observation(picture(site, pose), site.depth_map.camera, (number + 1) * 10**9, np.eye(3), T_odom_level)
 
 
 def test_the_pose_is_found_from_nowhere_and_said_with_its_covariance(site):
     filter_ = site.filter()
     for number, pose in enumerate(POSES):
-        estimate = filter_.update(look(site, pose, number))
+        estimate = filter_.update(observe(site, pose, number))
     assert estimate.status.state is State.TRACKING
-    error = estimate.T_map_sight.translation[:2] - POSES[-1][:2]
+    error = estimate.T_map_level.translation[:2] - POSES[-1][:2]
     assert np.hypot(*error) < 0.3  # the cache's cells are 0.35 m wide
-    assert abs(float(estimate.T_map_sight.yaw) - 0.1) < np.radians(6)  # half a step of 10 degrees, and a little
+    assert abs(float(estimate.T_map_level.yaw) - 0.1) < np.radians(6)  # half a step of 10 degrees, and a little
     assert np.all(np.linalg.eigvalsh(estimate.covariance) > 0)
 
 
 def test_nothing_is_published_before_the_place_is_confirmed(site):
-    first = site.filter().update(look(site, POSES[0], 0))
-    assert first.T_map_sight is None
+    first = site.filter().update(observe(site, POSES[0], 0))
+    assert first.T_map_level is None
     assert first.status.state in (State.SEARCHING, State.PROBATION)
 
 
@@ -76,7 +76,7 @@ def test_the_same_images_give_the_same_bits(site):
     for _ in range(2):
         filter_ = site.filter()
         for number, pose in enumerate(POSES[:5]):
-            belief = filter_.update(look(site, pose, number)).belief
+            belief = filter_.update(observe(site, pose, number)).belief
         beliefs.append(belief.particles.poses)
     np.testing.assert_array_equal(*beliefs)
 
@@ -84,20 +84,20 @@ def test_the_same_images_give_the_same_bits(site):
 def test_odometry_that_leaps_is_not_believed(site):
     filter_ = site.filter()
     for number, pose in enumerate(POSES):
-        filter_.update(look(site, pose, number))
+        filter_.update(observe(site, pose, number))
     leap = POSES[-1] + [50.0, 0.0, 0.0]
     image = picture(site, POSES[-1] + [0.1, 0.0, 0.0])
-    estimate = filter_.update(Look(image, site.depth_map.camera, 10**9 * 15, np.eye(3), SE3.from_planar(*leap)))
+    estimate = filter_.update(Observation(image, site.depth_map.camera, 10**9 * 15, np.eye(3), SE3.from_planar(*leap)))
     assert estimate.status.reason in ("JUMP_REJECTED", "NO_CONVERGENCE")
-    if estimate.T_map_sight is not None:
-        assert np.hypot(*(estimate.T_map_sight.translation[:2] - POSES[-1][:2])) < 1.0
+    if estimate.T_map_level is not None:
+        assert np.hypot(*(estimate.T_map_level.translation[:2] - POSES[-1][:2])) < 1.0
 
 
 def test_without_odometry_no_pose_is_a_nan(site):
     filter_ = site.filter()
     for number, pose in enumerate(POSES):
-        estimate = filter_.update(look(site, pose, number, odometry=False))
-        assert estimate.T_map_sight is None or np.all(np.isfinite(estimate.T_map_sight.matrix))
+        estimate = filter_.update(observe(site, pose, number, odometry=False))
+        assert estimate.T_map_level is None or np.all(np.isfinite(estimate.T_map_level.matrix))
         assert np.all(np.isfinite(estimate.belief.particles.poses))
 
 
@@ -114,9 +114,9 @@ def test_an_initial_pose_off_the_map_is_refused_with_its_distance(site):
 
 def test_images_of_another_size_and_repeated_stamps_change_nothing(site):
     filter_ = site.filter()
-    filter_.update(look(site, POSES[0], 0))
+    filter_.update(observe(site, POSES[0], 0))
     before = filter_.particles
-    wrong = Look(np.zeros((10, 10), np.uint8), Spherical(64, 32), 2 * 10**9, np.eye(3))
+    wrong = Observation(np.zeros((10, 10), np.uint8), Spherical(64, 32), 2 * 10**9, np.eye(3))
     assert filter_.update(wrong).status.reason == "BAD_INFO"
-    assert filter_.update(look(site, POSES[0], 0)).status.reason == "BAD_STAMP"
+    assert filter_.update(observe(site, POSES[0], 0)).status.reason == "BAD_STAMP"
     assert filter_.particles is before

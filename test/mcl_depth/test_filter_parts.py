@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from mcl_depth.belief.hypotheses import find_hypotheses
-from mcl_depth.belief.motion_model import MotionModel, between, moved
-from mcl_depth.belief.orientation import peaks, similarity_at
+from mcl_depth.belief.motion_model import MotionModel, compose_planar, relative_motion
+from mcl_depth.belief.orientation import best_headings, interpolate_similarity
 from mcl_depth.belief.particles import Particles
-from mcl_depth.belief.resampling import kld_count, low_variance_indices, resample
-from mcl_depth.belief.weighting import weights
+from mcl_depth.belief.resampling import low_variance_indices, required_particles, resample
+from mcl_depth.belief.weighting import compute_weights
 from mcl_depth.homing import offsets, waypoints_of
 from mcl_depth.likeness.depth_cache import DepthCache
 from mcl_depth.likeness.features import FeatureStack
@@ -35,29 +35,29 @@ def test_the_low_variance_sampler_takes_floor_or_ceil_of_each_share():
 
 def test_more_bins_need_more_particles_within_the_bounds():
     params = ResamplingParams(num_particles=1000, min_particles=100)
-    counts = [kld_count(bins, params) for bins in (1, 10, 40, 10_000)]
+    counts = [required_particles(bins, params) for bins in (1, 10, 40, 10_000)]
     assert counts == sorted(counts)
     assert counts[0] == 100
     assert counts[-1] == 1000
 
 
 def test_particles_that_all_count_are_not_resampled():
-    particles = Particles.alike(np.zeros((50, 3)))
+    particles = Particles.of_equal_weight(np.zeros((50, 3)))
     assert resample(particles, ResamplingParams(), np.random.default_rng(0)) is particles
 
 
 def test_weights_follow_the_power_law_and_its_two_scalings():
     s, prior = np.array([1.0, 2.0, 4.0]), np.full(3, 1 / 3)
-    by_maximum = weights(s, WeightParams(exponent=2.0), prior)
+    by_maximum = compute_weights(s, WeightParams(exponent=2.0), prior)
     np.testing.assert_allclose(by_maximum, np.array([1, 4, 16]) / 21)
-    by_minmax = weights(s, WeightParams(exponent=2.0, scaling="minmax"), prior)
+    by_minmax = compute_weights(s, WeightParams(exponent=2.0, scaling="minmax"), prior)
     np.testing.assert_allclose(by_minmax, np.array([0, 1, 9]) / 10, atol=1e-12)
 
 
 def test_lambda_is_lowered_until_enough_particles_survive():
     s, prior = np.linspace(0.5, 1.0, 100), np.full(100, 0.01)
-    sharp = weights(s, WeightParams(), prior)
-    soft = weights(s, WeightParams(min_effective_share=0.5), prior)
+    sharp = compute_weights(s, WeightParams(), prior)
+    soft = compute_weights(s, WeightParams(min_effective_share=0.5), prior)
     assert 1 / np.sum(sharp**2) < 50
     assert 1 / np.sum(soft**2) == pytest.approx(50, rel=1e-3)
 
@@ -66,13 +66,13 @@ def test_the_heading_of_a_parabola_is_found_between_the_steps():
     true = np.radians([13.0, -171.0, 58.5])
     grid = np.arange(36) * np.radians(10)
     curves = np.cos(grid - true[:, None])
-    np.testing.assert_allclose(peaks(curves), true, atol=np.radians(0.1))
-    np.testing.assert_allclose(similarity_at(curves, grid[[3, 7, 35]]), np.diag(curves[:, [3, 7, 35]]))
+    np.testing.assert_allclose(best_headings(curves), true, atol=np.radians(0.1))
+    np.testing.assert_allclose(interpolate_similarity(curves, grid[[3, 7, 35]]), np.diag(curves[:, [3, 7, 35]]))
 
 
 def test_between_undoes_moved():
     before, motion = np.array([1.0, -2.0, 2.5]), np.array([0.7, 0.1, 0.9])
-    np.testing.assert_allclose(between(before, moved(before[None], motion)[0]), motion, atol=1e-12)
+    np.testing.assert_allclose(relative_motion(before, compose_planar(before[None], motion)[0]), motion, atol=1e-12)
 
 
 def test_leaping_and_missing_odometry_leave_the_motion_unknown():
@@ -87,7 +87,7 @@ def test_leaping_and_missing_odometry_leave_the_motion_unknown():
 def test_two_heaps_of_particles_are_two_hypotheses():
     rng = np.random.default_rng(5)
     heaps = [rng.normal((x, 0.0, yaw), 0.05, (n, 3)) for x, yaw, n in ((0.0, 3.1, 60), (8.0, 0.0, 40))]
-    found = find_hypotheses(Particles.alike(np.concatenate(heaps)), HypothesisParams())
+    found = find_hypotheses(Particles.of_equal_weight(np.concatenate(heaps)), HypothesisParams())
     assert [item.weight for item in found] == pytest.approx([0.6, 0.4])
     np.testing.assert_allclose(found[1].pose, [8.0, 0.0, 0.0], atol=0.05)
     assert found[0].sigma_rad < 0.1  # the heap sits on the cut at pi

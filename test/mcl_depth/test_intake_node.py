@@ -51,7 +51,7 @@ def test_images_wait_for_calibration_and_transform_and_come_in_order():
     world.mount()
     world.image(3)
     assert world.delivered == [(second * SECOND, FINE) for second in (1, 2, 3)]
-    np.testing.assert_allclose(world.intake.T_base_sight.matrix, SE3.from_parts(np.eye(3), MOUNT.translation).matrix)
+    np.testing.assert_allclose(world.intake.T_base_level.matrix, SE3.from_parts(np.eye(3), MOUNT.translation).matrix)
     np.testing.assert_allclose(world.intake.rotation(), MOUNT.rotation, atol=1e-12)
 
 
@@ -82,6 +82,6 @@ def test_odometry_is_that_of_the_camera_and_stale_after_a_while():
     T_odom_base = SE3.from_planar(2.0, 3.0, np.pi / 2)
     message = conversions.se3_to_odometry(T_odom_base, 1e-4 * np.eye(6), SECOND, ("odom", "base_link"))
     world.bus.deliver("/odom", message)
-    np.testing.assert_allclose(world.intake.T_odom_sight(SECOND).translation, [2.0, 3.5, 1.4], atol=1e-9)
-    assert world.intake.T_odom_sight(5 * SECOND) is None
+    np.testing.assert_allclose(world.intake.T_odom_level(SECOND).translation, [2.0, 3.5, 1.4], atol=1e-9)
+    assert world.intake.T_odom_level(5 * SECOND) is None
     assert world.intake.odom_frame == "odom"

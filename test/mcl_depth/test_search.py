@@ -7,7 +7,7 @@ import pytest
 
 from mcl_depth.belief.particles import Particles
 from mcl_depth.belief.resampling import resample
-from mcl_depth.belief.weighting import CHANCE, scaled, weights
+from mcl_depth.belief.weighting import CHANCE, compute_weights, scale_similarities
 from mcl_depth.params import ResamplingParams, WeightParams
 
 PARAMS = ResamplingParams(num_particles=1000, is_adaptive=False, roughening=0.3)
@@ -41,13 +41,13 @@ def test_chance_is_what_unrelated_gradients_give():
 
 def test_what_is_not_better_than_chance_has_no_weight():
     s = np.array([CHANCE - 0.1, CHANCE, CHANCE + 0.05, CHANCE + 0.1])
-    np.testing.assert_allclose(scaled(s, "chance"), [0.0, 0.0, 0.5, 1.0])
-    found = weights(s, WeightParams(scaling="chance", exponent=2.0), np.full(4, 0.25))
+    np.testing.assert_allclose(scale_similarities(s, "chance"), [0.0, 0.0, 0.5, 1.0])
+    found = compute_weights(s, WeightParams(scaling="chance", exponent=2.0), np.full(4, 0.25))
     np.testing.assert_allclose(found, [0.0, 0.0, 0.2, 0.8], atol=1e-12)
 
 
 def test_what_has_left_the_map_dies_however_little_one_image_may_decide():
     s = np.array([0.0, 0.0, 0.0, 1.40, 1.41])
-    found = weights(s, WeightParams(min_effective_share=0.8), np.full(5, 0.2))
+    found = compute_weights(s, WeightParams(min_effective_share=0.8), np.full(5, 0.2))
     np.testing.assert_array_equal(found[:3], 0.0)
     assert 1.0 / np.sum(found**2) > 0.8 * 2  # of the two that are left

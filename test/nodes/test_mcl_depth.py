@@ -76,7 +76,7 @@ def test_an_initial_pose_before_the_first_image_waits_for_it(eye, cloud):
     bench.see(poses[0])
     eyes = bench.node.filter.particles.poses[:, :2]
     away = np.linalg.norm(eyes - (poses[0] @ T_BASE_EYE).translation[:2], axis=1)
-    assert np.median(away) < 0.5  # they were gathered, not spread over 8 x 5.5 m
+    assert np.median(away) < 0.5  # they were sample_gaussian, not spread over 8 x 5.5 m
     assert bench.node.given is None
 
 

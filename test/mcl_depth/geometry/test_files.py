@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mcl_depth.geometry.cloud import cloud_from_points, read_cloud, thinned
+from mcl_depth.geometry.cloud import cloud_from_points, read_cloud, thin_cloud
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.mesh import TriangleMesh
 from mcl_depth.geometry.synthesis import DepthSynthesizer
@@ -109,7 +109,7 @@ def test_millimetres_are_suspected() -> None:
 
 def test_thinning_keeps_one_point_a_cube() -> None:
     grid = np.stack(np.meshgrid(*[np.arange(8) * 0.1] * 3), axis=-1).reshape(-1, 3) + 0.01
-    assert len(thinned(cloud_from_points(grid), 0.2)) == 4**3
+    assert len(thin_cloud(cloud_from_points(grid), 0.2)) == 4**3
 
 
 def test_a_floor_plan_has_its_door_cut_out(tmp_path: Path) -> None:

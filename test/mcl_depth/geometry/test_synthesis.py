@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mcl_depth.geometry.cloud import cloud_from_points
-from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sampled
+from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer, panorama_window
 from mcl_depth.image_params import SynthesisParams
 from sphere_geometry.camera import pixel_grid
@@ -35,7 +35,7 @@ def test_a_mesh_is_drawn_exactly() -> None:
 
 def test_a_cloud_is_drawn_like_the_room_it_covers() -> None:
     place = np.array([1.0, -0.5, 0.2])
-    found = DepthSynthesizer(sampled(room(), 0.04), PARAMS).synthesize(place)
+    found = DepthSynthesizer(sample_surface(room(), 0.04), PARAMS).synthesize(place)
     error = np.abs(found / expected(place) - 1)
     assert np.isfinite(found).all()  # splats close the surfaces
     assert np.median(error) < 0.05  # a pixel is 5 degrees wide

@@ -8,7 +8,7 @@ import pytest
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.columns.voxel_map import VoxelMap, voxel_map
 from mcl_depth.geometry.columns.walker import Walker
-from mcl_depth.geometry.mesh import mesh_from_faces, sampled
+from mcl_depth.geometry.mesh import mesh_from_faces, sample_surface
 from mcl_depth.geometry.ray_scene import RayScene
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.image_params import SynthesisParams
@@ -49,7 +49,7 @@ def walker(cloud, params=PARAMS, window=CAMERA):
 def test_a_town_is_drawn_as_rays_see_it() -> None:
     mesh = town()
     places = np.array([[0.0, 0.0, 1.6], [-14.0, -3.0, 1.6], [20.0, 12.0, 1.6]])
-    found = walker(sampled(mesh, 0.06)).ranges(places)
+    found = walker(sample_surface(mesh, 0.06)).ranges(places)
     exact = RayScene(mesh, CAMERA, PARAMS).ranges(places)
     both = np.isfinite(found) & np.isfinite(exact)
     error = np.abs(found[both] / exact[both] - 1.0)
@@ -74,7 +74,7 @@ def test_voxels_that_no_point_fell_into_are_closed() -> None:
 
 
 def test_places_beside_the_map_see_it_and_nothing_else() -> None:
-    cloud = sampled(boxes(((0, 0, 0), (4, 4, 3))), 0.05)
+    cloud = sample_surface(boxes(((0, 0, 0), (4, 4, 3))), 0.05)
     found = walker(cloud).ranges(np.array([[-10.0, 2.0, 1.5], [2.0, 2.0, 1.5]]))
     middle = found[:, CAMERA.height // 2]
     forward = CAMERA.width // 2
@@ -85,7 +85,7 @@ def test_places_beside_the_map_see_it_and_nothing_else() -> None:
 
 
 def test_ranges_have_their_limits() -> None:
-    cloud = sampled(boxes(((-6, -6, 0), (6, 6, 3))), 0.05)
+    cloud = sample_surface(boxes(((-6, -6, 0), (6, 6, 3))), 0.05)
     params = SynthesisParams(num_columns=180, min_range_m=0.5, max_range_m=6.5)
     found = walker(cloud, params).ranges(np.array([[0.0, 0.0, 1.5]]))[0]
     assert np.nanmin(found) >= 0.5

@@ -7,12 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mcl_depth.belief.dead_reckoning import Carrier
-from mcl_depth.belief.estimate import Look
+from mcl_depth.belief.dead_reckoning import DeadReckoning
+from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.particles import Particles
 from mcl_depth.belief.recovery import Recovery
-from mcl_depth.belief.spreading import gathered, renewed, spread
+from mcl_depth.belief.sampling import inject_random, sample_gaussian, sample_uniform
 from mcl_depth.geometry.area import Area
 from mcl_depth.params import FilterParams, InputParams, RecoveryParams, ResamplingParams
 from sphere_geometry import SE3, Spherical
@@ -22,7 +22,7 @@ PARAMS = FilterParams(resampling=ResamplingParams(num_particles=2000))
 
 
 def test_particles_are_spread_over_all_places_and_headings():
-    poses = spread(AREA, 600, np.random.default_rng(1)).poses
+    poses = sample_uniform(AREA, 600, np.random.default_rng(1)).poses
     assert np.all(AREA.contains(poses[:, :2]))
     counts, _ = np.histogram(poses[:, 2], bins=6, range=(-np.pi, np.pi))
     assert counts.min() > 60  # 100 expected; 4 standard deviations are 37
@@ -30,7 +30,9 @@ def test_particles_are_spread_over_all_places_and_headings():
 
 def test_particles_gather_as_the_covariance_says_in_the_axes_of_the_pose():
     covariance = np.diag([0.5, 0.1, 0.1, 0.1, 0.1, 0.2]) ** 2
-    particles = gathered(SE3.from_planar(4.0, 3.0, np.pi / 2), covariance, AREA, PARAMS, np.random.default_rng(2))
+    particles = sample_gaussian(
+        SE3.from_planar(4.0, 3.0, np.pi / 2), covariance, AREA, PARAMS, np.random.default_rng(2)
+    )
     np.testing.assert_allclose(particles.poses.mean(axis=0), [4.0, 3.0, np.pi / 2], atol=0.05)
     along, across = particles.poses[:, 1].std(), particles.poses[:, 0].std()  # forward is the map's y
     assert along == pytest.approx(np.hypot(0.5, 0.1), rel=0.1)
@@ -38,11 +40,11 @@ def test_particles_gather_as_the_covariance_says_in_the_axes_of_the_pose():
 
 
 def test_a_share_of_the_particles_is_renewed():
-    particles = Particles.alike(np.tile([100.0, 100.0, 0.0], (200, 1)))
+    particles = Particles.of_equal_weight(np.tile([100.0, 100.0, 0.0], (200, 1)))
     alike = comparison_of([0.4])
-    moved = renewed(particles, AREA, 0.25, alike, PARAMS, np.random.default_rng(3)).poses[:, 0] < 50.0
+    moved = inject_random(particles, AREA, 0.25, alike, PARAMS, np.random.default_rng(3)).poses[:, 0] < 50.0
     assert moved.sum() == 50
-    assert renewed(particles, AREA, 0.001, alike, PARAMS, np.random.default_rng(3)) is particles
+    assert inject_random(particles, AREA, 0.001, alike, PARAMS, np.random.default_rng(3)) is particles
 
 
 def test_new_particles_go_where_the_image_fits_with_the_heading_that_fits():
@@ -51,8 +53,8 @@ def test_new_particles_go_where_the_image_fits_with_the_heading_that_fits():
         found[:, 1] = np.where(positions[:, 0] < 2.0, 0.9, 0.5)  # a quarter turn fits best, and best in the west
         return found
 
-    particles = Particles.alike(np.tile([100.0, 100.0, 0.0], (200, 1)))
-    there = renewed(particles, AREA, 0.25, SimpleNamespace(curves=curves), PARAMS, np.random.default_rng(3)).poses
+    particles = Particles.of_equal_weight(np.tile([100.0, 100.0, 0.0], (200, 1)))
+    there = inject_random(particles, AREA, 0.25, SimpleNamespace(curves=curves), PARAMS, np.random.default_rng(3)).poses
     new = there[there[:, 0] < 50.0]
     assert len(new) == 50
     assert np.mean(new[:, 0] < 2.0) > 0.95  # (5 / 9) ** 20: one in 100 000 elsewhere
@@ -81,27 +83,27 @@ def test_a_falling_lead_asks_for_particles_and_a_steady_one_for_none():
     assert recovery.share(is_following=True) == RecoveryParams().max_share
 
 
-def look(x, second, odometry=True):
+def observe(x, second, odometry=True):
     T = SE3.from_planar(x, 0.0, 0.0) if odometry else None
-    return Look(np.zeros((8, 16), np.uint8), Spherical(16, 8), second * 10**9, np.eye(3), T)
+    return Observation(np.zeros((8, 16), np.uint8), Spherical(16, 8), second * 10**9, np.eye(3), T)
 
 
 def test_a_place_is_carried_on_by_odometry_in_its_own_heading():
-    carrier = Carrier(InputParams(min_way=0.2))
+    reckoning = DeadReckoning(InputParams(min_way=0.2))
     best = Hypothesis(np.array([5.0, 5.0, np.pi / 2]), np.eye(3), 0.9, np.arange(1))
-    carrier.take(best, look(1.0, 1), is_confirmed=True)
-    np.testing.assert_allclose(carrier.carried(look(3.0, 2)), [5.0, 7.0, np.pi / 2], atol=1e-12)
-    np.testing.assert_allclose(carrier.carried(look(3.0, 2, odometry=False)), best.pose)
-    assert carrier.is_near(look(1.1, 2))
-    assert not carrier.is_near(look(1.3, 2))
-    assert not carrier.is_near(look(1.0, 2, odometry=False))
+    reckoning.update(best, observe(1.0, 1), is_confirmed=True)
+    np.testing.assert_allclose(reckoning.propagate(observe(3.0, 2)), [5.0, 7.0, np.pi / 2], atol=1e-12)
+    np.testing.assert_allclose(reckoning.propagate(observe(3.0, 2, odometry=False)), best.pose)
+    assert reckoning.is_near(observe(1.1, 2))
+    assert not reckoning.is_near(observe(1.3, 2))
+    assert not reckoning.is_near(observe(1.0, 2, odometry=False))
 
 
 def test_age_counts_from_the_image_that_confirmed_the_place():
-    carrier = Carrier(InputParams())
+    reckoning = DeadReckoning(InputParams())
     best = Hypothesis(np.zeros(3), np.eye(3), 0.9, np.arange(1))
-    carrier.take(best, look(0.0, 1), is_confirmed=True)
-    carrier.take(best, look(1.0, 3), is_confirmed=False)
-    assert carrier.age(4 * 10**9) == pytest.approx(3.0)
-    carrier.reset()
-    assert (carrier.best, carrier.quality) == (None, 0.0)
+    reckoning.update(best, observe(0.0, 1), is_confirmed=True)
+    reckoning.update(best, observe(1.0, 3), is_confirmed=False)
+    assert reckoning.age(4 * 10**9) == pytest.approx(3.0)
+    reckoning.reset()
+    assert (reckoning.best, reckoning.quality) == (None, 0.0)

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.belief.motion_model import planar
-from mcl_depth.belief.orientation import peaks
-from mcl_depth.belief.particles import Particles, wrapped
+from mcl_depth.belief.motion_model import planar_pose
+from mcl_depth.belief.orientation import best_headings
+from mcl_depth.belief.particles import Particles, wrap_angle
 from mcl_depth.belief.resampling import low_variance_indices
-from mcl_depth.belief.weighting import weights
+from mcl_depth.belief.weighting import compute_weights
 from mcl_depth.geometry.area import Area
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import FilterParams
@@ -19,16 +19,16 @@ Array = NDArray[np.float64]
 MIN_SIGMA_M, MIN_SIGMA_RAD = 0.1, np.radians(2.0)  # of a pose that is given as if it were exact
 
 
-def spread(area: Area, count: int, rng: np.random.Generator) -> Particles:
+def sample_uniform(area: Area, count: int, rng: np.random.Generator) -> Particles:
     """Return particles all over the area, of any heading (algorithm 2, line 1)."""
-    return Particles.alike(_anywhere(area, count, rng))
+    return Particles.of_equal_weight(_anywhere(area, count, rng))
 
 
-def gathered(
-    T_map_sight: SE3, covariance: Array, area: Area, params: FilterParams, rng: np.random.Generator
+def sample_gaussian(
+    T_map_level: SE3, covariance: Array, area: Area, params: FilterParams, rng: np.random.Generator
 ) -> Particles:
     """Return particles around a pose with local covariance (6, 6); they keep their own headings."""
-    pose = planar(T_map_sight)
+    pose = planar_pose(T_map_level)
     if not area.contains(pose[None, :2])[0]:
         nearest = float(np.min(np.linalg.norm(area.middles - pose[:2], axis=1)))
         raise ValueError(
@@ -38,11 +38,11 @@ def gathered(
     R = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     local = covariance[np.ix_((0, 1, 5), (0, 1, 5))] + np.diag([MIN_SIGMA_M, MIN_SIGMA_M, MIN_SIGMA_RAD]) ** 2
     poses = rng.multivariate_normal(pose, R @ local @ R.T, params.resampling.num_particles, method="cholesky")
-    poses[:, 2] = wrapped(poses[:, 2])
-    return Particles.alike(poses, params.adjustment.num_images)
+    poses[:, 2] = wrap_angle(poses[:, 2])
+    return Particles.of_equal_weight(poses, params.adjustment.num_images)
 
 
-def renewed(
+def inject_random(
     particles: Particles,
     area: Area,
     share: float,
@@ -61,11 +61,13 @@ def renewed(
         return particles
     positions = area.draw(count * params.recovery.tries, rng)
     curves = comparison.curves(positions)
-    fit = weights(curves.max(axis=1).astype(np.float64), params.weight, np.full(len(positions), 1.0 / len(positions)))
+    fit = compute_weights(
+        curves.max(axis=1).astype(np.float64), params.weight, np.full(len(positions), 1.0 / len(positions))
+    )
     chosen = low_variance_indices(fit, count, rng.random())
     indices = rng.choice(len(particles), count, replace=False)
-    headings = peaks(curves[chosen]) if params.adjustment.initial > 0.0 else rng.uniform(-np.pi, np.pi, count)
-    return particles.with_some_at(indices, np.column_stack([positions[chosen], headings]))
+    headings = best_headings(curves[chosen]) if params.adjustment.initial > 0.0 else rng.uniform(-np.pi, np.pi, count)
+    return particles.replace_some(indices, np.column_stack([positions[chosen], headings]))
 
 
 def _anywhere(area: Area, count: int, rng: np.random.Generator) -> Array:
