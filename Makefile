@@ -4,8 +4,7 @@
 VENV := .venv
 STAMPS := $(VENV)/.stamps
 RUN := $(VENV)/bin
-PACKAGES := $(wildcard typed_params sphere_geometry sphere_map photometric localization rig_calibration sphere_mapping \
-	dense_localizer mcl_depth path_follower cycab_sim node_kit sphere_nav_cli)
+PACKAGES := $(shell sed -n '/^PACKAGES = (/,/^)/s/^ *"\(.*\)",$$/\1/p' setup.py)
 SOURCES := $(sort $(shell find $(PACKAGES) -name '*.py') \
 	$(wildcard launch/*.launch.py config/*.yaml config/*.xml) setup.py setup.cfg package.xml resource/sphere_nav)
 
@@ -22,7 +21,7 @@ demo: env
 	$(RUN)/sphere_nav demo $(ARGS)
 
 test: env
-	$(RUN)/python -m pytest $(ARGS)
+	$(RUN)/pytest $(ARGS)
 
 bench: env
 	$(RUN)/python -m benchmarks $(ARGS)
@@ -30,11 +29,11 @@ bench: env
 check: env
 	$(RUN)/ruff check .
 	$(RUN)/mypy $(PACKAGES)
-	$(RUN)/python -m pytest -q test/architecture test/config
+	$(RUN)/pytest -q test/architecture test/config test/installation
 	scripts/check_colcon.sh
 
 # config/*.yaml and docs/parameters.md from the parameters classes
-docs: $(STAMPS)/wheels
+docs: env
 	$(RUN)/python docs/generate.py
 
 clean:

@@ -18,8 +18,9 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from node_kit.files import share_file
-from node_kit.live import LiveShell
+from node_kit.live import LiveShell, ShellParams
 from node_kit.node import ManagedNode
+from typed_params.render import to_yaml
 
 PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"  # Fast DDS 2.14 reads this one only
 PATIENCE = 1.7  # s from the signal to the end of the process, whatever a callback is doing
@@ -37,6 +38,10 @@ def run(
     `values` are parameters by dotted name that go before those of the command line; `prepare` sees the node before it
     is configured.
     """
+    words = sys.argv[1:] if args is None else args
+    if "--help" in words or "-h" in words:
+        sys.stdout.write(help_text(node_class))
+        return 0
     if node_class.LARGE_MESSAGES:
         use_large_segment()
     with until_signal() as stopped:
@@ -47,6 +52,14 @@ def run(
             return 0
         finally:
             rclpy.try_shutdown()
+
+
+def help_text(node_class: type[ManagedNode]) -> str:
+    """Return what a node says of itself: its purpose, its command line, its parameters."""
+    usage = f"usage: {node_class.NAME} [--ros-args [-p NAME:=VALUE] [-r FROM:=TO] [--params-file FILE] ...]"
+    purpose = sys.modules[node_class.__module__].__doc__ or ""
+    parameters = to_yaml(ShellParams, node_class.PARAMS)
+    return f"{usage}\n\n{purpose.strip()}\n\nIts parameters, as --params-file takes them:\n\n{parameters}"
 
 
 def use_large_segment() -> None:

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import importlib
-import importlib.util
 import logging
 import logging.handlers
 import os
@@ -35,14 +34,12 @@ COMMANDS = (
     Command("calibrate", "calibrate", "find the parameters of a rig of cameras from images of a board"),
     Command("rig-convert", "rig_convert", "turn a calibration of Kalibr, basalt or OpenCV into a rig file"),
     Command("register", "register", "align two spheres, RGB-D images or stereo pairs"),
-    Command("optimize", "optimize", "optimise a pose graph"),
     Command("map", "map", "make a map of key spheres from a bag"),
     Command("localize", "localize", "find the camera of a bag in a map"),
     Command("mcl", "mcl", "find the camera of a bag in a point cloud"),
     Command("map-info", "map_info", "tell what is in a map"),
     Command("map-verify", "map_verify", "check every sphere of a map, salvage a damaged one"),
     Command("map-export", "map_export", "write a map as point cloud, graph or trajectory"),
-    Command("view", "view", "move through a map in a web browser"),
     Command("evaluate", "evaluate", "compare estimated poses with the truth"),
     Command("verify-bag", "verify_bag", "check every message of a bag, salvage a damaged one"),
     Command("record", "record", "record topics into a bag"),
@@ -68,20 +65,15 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 2
 
 
-def available() -> list[Command]:
-    """Return the commands whose module is there, in the order of the table."""
-    return [command for command in COMMANDS if importlib.util.find_spec(f"sphere_nav_cli.{command.module}")]
-
-
 def _dispatch(words: list[str]) -> int:
-    commands = {command.name: command for command in available()}
+    commands = {command.name: command for command in COMMANDS}
     if words and words[0] in commands:
         module = importlib.import_module(f"sphere_nav_cli.{commands[words[0]].module}")
         arguments = _parser(words[0], module).parse_args(words[1:])
         with _log_at_the_end():
             return int(module.run(arguments) or 0)
     if not words or words[0] in ("-h", "--help", "help"):
-        print(_overview(list(commands.values())))
+        print(_overview())
         return 0 if words else 2
     if words[0] == "--version":
         print(software())
@@ -116,10 +108,10 @@ def _parser(name: str, module: ModuleType) -> argparse.ArgumentParser:
     return parser
 
 
-def _overview(commands: list[Command]) -> str:
+def _overview() -> str:
     lines = ["usage: sphere_nav COMMAND ...", "", "Teach a vehicle a place once, then drive there by one camera.", ""]
-    width = max(len(command.name) for command in commands)
-    lines += [f"  {command.name:<{width}}  {command.summary}" for command in commands]
+    width = max(len(command.name) for command in COMMANDS)
+    lines += [f"  {command.name:<{width}}  {command.summary}" for command in COMMANDS]
     lines += [
         "",
         "'sphere_nav COMMAND --help' explains a command and gives examples. Exit status: 0 done, 1 failed,",

@@ -21,7 +21,7 @@ def main() -> int:
         cls = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
         parser.error(f"{arguments.cls}: expected module:Class of a parameters class, found {error}")
-    sys.stdout.write(to_markdown(cls) if arguments.markdown else to_yaml(cls, arguments.node))
+    sys.stdout.write(to_markdown(cls) if arguments.markdown else to_yaml(cls, node=arguments.node))
     return 0
 
 

@@ -7,11 +7,11 @@ import json
 from typed_params import Leaf, leaves
 
 
-def to_yaml(cls: type, node: str = "/**") -> str:
-    """Return a ROS 2 parameter file with every default, its meaning as comment above it."""
+def to_yaml(*classes: type, node: str = "/**") -> str:
+    """Return a ROS 2 parameter file with every default of the classes, its meaning as comment above it."""
     lines = [f"{node}:", "  ros__parameters:"]
     open_groups: list[str] = []
-    for leaf in leaves(cls):
+    for leaf in (leaf for cls in classes for leaf in leaves(cls)):
         *groups, name = leaf.name.split(".")
         for depth, part in enumerate(groups):
             if open_groups[: depth + 1] != groups[: depth + 1]:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import ast
 from pathlib import Path
 
-import pytest
-
 from architecture.tree import MODULES, ROOT, is_node, parse
 
 MAX_MODULE, MAX_PAGE, MAX_LAUNCH = 300, 150, 80  # a page: what must be read in one go
@@ -30,20 +28,23 @@ def body_lines(function: Function) -> int:
     return (function.end_lineno or function.lineno) - function.lineno + 1 - docstring
 
 
-@pytest.mark.parametrize("module", MODULES, ids=str)
-def test_a_module_is_short(module: Path) -> None:
+def max_lines(module: Path) -> int:
     is_page = is_node(module) or module.name in READ_FIRST
-    limit = MAX_PAGE if is_page else MAX_KERNELS if module.name == "kernels.py" else MAX_MODULE
-    assert num_lines(module) <= limit
+    return MAX_PAGE if is_page else MAX_KERNELS if module.name == "kernels.py" else MAX_MODULE
 
 
-@pytest.mark.parametrize("module", MODULES, ids=str)
-def test_a_function_is_short(module: Path) -> None:
-    limit = MAX_KERNEL if module.name == "kernels.py" else MAX_FUNCTION
-    functions = [node for node in ast.walk(parse(module)) if isinstance(node, Function)]
-    assert {function.name: n for function in functions if (n := body_lines(function)) > limit} == {}
+def test_modules_are_short() -> None:
+    assert [f"{module}: {n}" for module in MODULES if (n := num_lines(module)) > max_lines(module)] == []
 
 
-@pytest.mark.parametrize("launch_file", LAUNCH_FILES, ids=str)
-def test_a_launch_file_is_short(launch_file: Path) -> None:
-    assert num_lines(launch_file) <= MAX_LAUNCH
+def test_functions_are_short() -> None:
+    long = []
+    for module in MODULES:
+        limit = MAX_KERNEL if module.name == "kernels.py" else MAX_FUNCTION
+        functions = [node for node in ast.walk(parse(module)) if isinstance(node, Function)]
+        long += [f"{module}: {function.name} {n}" for function in functions if (n := body_lines(function)) > limit]
+    assert long == []
+
+
+def test_launch_files_are_short() -> None:
+    assert [f"{file}: {n}" for file in LAUNCH_FILES if (n := num_lines(file)) > MAX_LAUNCH] == []

@@ -9,7 +9,7 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 from architecture.test_layering import ROS
-from architecture.tree import MODULES, PACKAGES, ROOT, imports
+from architecture.tree import EXECUTABLES, MODULES, PACKAGES, ROOT, imports
 
 # import name -> wheel, key of rosdep
 THIRD_PARTY = {
@@ -44,19 +44,6 @@ def manifest_keys(manifest: Path) -> set[str]:
     return {str(item.text) for item in ET.parse(manifest).getroot() if item.tag.endswith("depend")}
 
 
-def executables() -> dict[str, str]:
-    tree = ast.parse((ROOT / "setup.py").read_text(encoding="utf-8"))
-    values = {
-        node.targets[0].id: ast.literal_eval(node.value)
-        for node in tree.body
-        if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)
-    }
-    assert set(values["PACKAGES"]) == set(PACKAGES)
-    found = values["EXECUTABLES"]
-    assert isinstance(found, dict)
-    return found
-
-
 def test_every_import_is_known() -> None:
     assert imported() - set(THIRD_PARTY) - KNOWN_TO_ROS == set()
 
@@ -80,7 +67,7 @@ def test_the_manifest_names_every_ros_package_in_use() -> None:
 
 
 def test_every_executable_has_its_main() -> None:
-    for module in executables().values():
+    for module in EXECUTABLES.values():
         path = ROOT / (module.replace(".", "/") + ".py")
         body = ast.parse(path.read_text(encoding="utf-8")).body
         assert "main" in [item.name for item in body if isinstance(item, ast.FunctionDef)], f"{module}: no main()"

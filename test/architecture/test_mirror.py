@@ -6,8 +6,6 @@ import ast
 from functools import cache
 from pathlib import Path
 
-import pytest
-
 from architecture.tree import MODULES, ROOT
 
 TESTED_ELSEWHERE = {
@@ -36,9 +34,12 @@ def imported_by_tests(package: str) -> set[str]:
     return names
 
 
-@pytest.mark.parametrize("module", MODULES, ids=str)
-def test_a_module_has_its_test(module: Path) -> None:
+def is_tested(module: Path) -> bool:
     expected = Path(TESTED_ELSEWHERE.get(module.name, mirror(module)))
     dotted = ".".join(module.with_suffix("").parts)
-    is_tested = (ROOT / expected).is_file() or dotted in imported_by_tests(module.parts[0])
-    assert is_tested, f"{module}: expected {expected}, or a test of {module.parts[0]} that imports {dotted}"
+    return (ROOT / expected).is_file() or dotted in imported_by_tests(module.parts[0])
+
+
+def test_modules_have_their_test() -> None:
+    """Either the file that mirrors a module, or a test of its package that imports it."""
+    assert [f"{module}: no {mirror(module)}" for module in MODULES if not is_tested(module)] == []

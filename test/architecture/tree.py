@@ -1,28 +1,26 @@
-"""The project's own modules, as the architecture tests see them."""
+"""The project's own modules, in the checkout and as they are installed."""
 
 from __future__ import annotations
 
 import ast
+import importlib.util
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
-PACKAGES = (
-    "typed_params",
-    "sphere_geometry",
-    "sphere_map",
-    "photometric",
-    "localization",
-    "rig_calibration",
-    "sphere_mapping",
-    "dense_localizer",
-    "mcl_depth",
-    "path_follower",
-    "cycab_sim",
-    "node_kit",
-    "sphere_nav_cli",
-)
+
+
+def setup_constants() -> dict[str, Any]:
+    """Return the constants of setup.py by name: what is installed stands there, once."""
+    body = ast.parse((ROOT / "setup.py").read_text(encoding="utf-8")).body
+    assignments = [node for node in body if isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Name)]
+    return {node.targets[0].id: ast.literal_eval(node.value) for node in assignments}
+
+
+PACKAGES: tuple[str, ...] = setup_constants()["PACKAGES"]
+EXECUTABLES: dict[str, str] = setup_constants()["EXECUTABLES"]
 MODULES = sorted(path.relative_to(ROOT) for name in PACKAGES for path in (ROOT / name).rglob("*.py"))
 
 
@@ -45,3 +43,20 @@ def imports(module: Path) -> Iterator[str]:
 def is_node(module: Path) -> bool:
     """Whether a module is the ROS shell of its package."""
     return module.name.endswith("node.py") and module.parts[0] != "node_kit"
+
+
+def installed(package: str) -> Path | None:
+    """Return the folder that a package is imported from."""
+    spec = importlib.util.find_spec(package)
+    return Path(spec.origin).parent if spec and spec.origin else None
+
+
+def differences() -> list[str]:
+    """Return what the installation lacks or holds in another version than the checkout."""
+    found = []
+    for module in MODULES:
+        folder = installed(module.parts[0])
+        copy = folder.parent / module if folder else None
+        if copy is None or not copy.is_file() or copy.read_bytes() != (ROOT / module).read_bytes():
+            found.append(str(module))
+    return found

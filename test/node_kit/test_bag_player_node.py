@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,7 +25,6 @@ from node_kit.bags import BagReader, BagWriter, salvage, verify_bag
 from node_kit.conversions import array_to_image, stamp_ns
 from node_kit.live import LiveShell
 
-ROOT = Path(__file__).resolve().parents[2]
 PATIENCE = 40.0  # s; a process starts in half a second, on a busy machine in ten
 START, STEP = 7_000_000_000, 50_000_000
 
@@ -38,7 +36,7 @@ def start():
     def begin(node, **values):
         words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
         command = [sys.executable, "-m", f"node_kit.{node}_node", "--ros-args", *words]
-        process = subprocess.Popen(command, cwd=ROOT, text=True, stderr=subprocess.PIPE)
+        process = subprocess.Popen(command, text=True, stderr=subprocess.PIPE)
         processes.append(process)
         return process
 

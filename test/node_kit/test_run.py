@@ -1,15 +1,14 @@
 """A node as a process: exit status, one line for what is wrong, and an orderly end within two seconds."""
 
-import os
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[2]
+from node_kit.files import share_file
+
 PATIENCE = 30.0  # s until a process has started on a busy machine
 LIMIT = 2.0  # s from the signal to the end of the process
 
@@ -60,8 +59,7 @@ def start(tmp_path):
     def begin(*values):
         words = [word for value in values for word in ("-p", value)]
         command = [sys.executable, str(tmp_path / "napper.py"), *(["--ros-args", *words] if words else [])]
-        environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-        process = subprocess.Popen(command, env=environment, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        process = subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         processes.append(process)
         return process
 
@@ -121,7 +119,7 @@ def test_what_cannot_start_says_why_in_one_line(start, value, line):
 
 
 def test_the_users_profile_is_kept(start, monkeypatch, tmp_path):
-    profile = ROOT / "config" / "fastdds_large.xml"
+    profile = share_file("config/fastdds_large.xml")
     mine = tmp_path / "mine.xml"
     mine.write_text(profile.read_text())
     monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(mine))

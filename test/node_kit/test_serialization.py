@@ -3,7 +3,6 @@
 import os
 import subprocess
 import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -31,11 +30,10 @@ for data in (serialize_to_store(message), bytes(serialize_message(message))):
 @pytest.fixture(scope="module")
 def outputs() -> list[list[str]]:
     """The bytes of one message by `serialize_to_store` and by rclpy, from memory filled in two ways."""
-    root = Path(__file__).parents[2]
     return [
         subprocess.run(
             [sys.executable, "-c", PROGRAM],
-            env={**os.environ, "MALLOC_PERTURB_": filling, "PYTHONPATH": str(root)},
+            env={**os.environ, "MALLOC_PERTURB_": filling},
             capture_output=True,
             check=True,
             text=True,

@@ -6,7 +6,6 @@ import subprocess
 import sys
 import time
 from collections import defaultdict
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,7 +25,6 @@ from tf2_msgs.msg import TFMessage
 from node_kit import qos
 from node_kit.conversions import camera_from_info, image_to_array, message_to_sphere, odometry_to_se3, stamp_ns
 
-ROOT = Path(__file__).resolve().parents[2]
 START_LIMIT = 120.0  # s; kernels may have to be compiled first
 SMALL = {
     "seed": 5,
@@ -93,7 +91,7 @@ class Driver:
 def process():
     arguments = [item for name, value in SMALL.items() for item in ("-p", f"{name}:={value}")]
     command = [sys.executable, "-c", "from cycab_sim.node import main; raise SystemExit(main())", "--ros-args"]
-    with subprocess.Popen([*command, *arguments], cwd=ROOT, stderr=subprocess.PIPE, text=True) as running:
+    with subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE, text=True) as running:
         yield running
         if running.poll() is None:
             running.kill()

@@ -1,7 +1,6 @@
 """The node dense_localizer: every image answered, frames and covariance, refusals and calls on an offline bus; DDS."""
 
 import math
-import os
 import signal
 import subprocess
 import sys
@@ -43,7 +42,6 @@ from node_kit.replay import OfflineBus
 from sphere_geometry import SE3
 from sphere_map.sphere import T_BODY_OPTICAL
 
-ROOT = Path(__file__).resolve().parents[2]
 START_NS = 1_000_000_000
 # The camera looks 0.1 rad to the left, half a metre before the base and 0.2 m above it.
 T_BASE_CAMERA = SE3.from_parts(SE3.from_planar(0, 0, 0.1).rotation, [0.5, 0.0, 0.2]) @ T_BODY_OPTICAL
@@ -337,7 +335,7 @@ def process(map_path):
     arguments = ["--ros-args"]
     for name, value in values.items():
         arguments += ["-p", f"{name}:={value}"]
-    child = subprocess.Popen([sys.executable, "-c", code, *arguments], env=os.environ | {"PYTHONPATH": str(ROOT)})
+    child = subprocess.Popen([sys.executable, "-c", code, *arguments])
     yield child
     child.kill()
     child.wait(5.0)

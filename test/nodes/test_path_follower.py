@@ -1,12 +1,10 @@
 """The node path_follower: every pose answered, stops, calls and refusals on an offline bus; a drive over real DDS."""
 
 import math
-import os
 import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -40,7 +38,6 @@ from sphere_geometry import SE3
 
 SECOND = 1_000_000_000
 STEP = SECOND // 20
-ROOT = Path(__file__).resolve().parents[2]
 COVARIANCE = 1e-4 * np.eye(6)
 
 
@@ -306,8 +303,7 @@ def process(tmp_path):
     code = "import sys; from path_follower.node import main; sys.exit(main())"
     arguments = ["--ros-args", "-p", "enable_stamped_cmd_vel:=true", "-p", "use_sim_time:=true"]
     arguments += ["-p", f"trajectory:={tmp_path / 'path.csv'}"]
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
-    child = subprocess.Popen([sys.executable, "-c", code, *arguments], env=environment)
+    child = subprocess.Popen([sys.executable, "-c", code, *arguments])
     yield child
     child.kill()
     child.wait(5.0)

@@ -1,6 +1,5 @@
 """The node sphere_mapper on an offline bus: every kind of input, what it tells, calls, refusals; and over real DDS."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -32,8 +31,6 @@ from node_kit.map_bag import open_map
 from node_kit.replay import OfflineBus
 from sphere_geometry import SE3
 from sphere_mapping.node import SphereMapper
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 class Bench:
@@ -211,7 +208,7 @@ def test_the_node_maps_over_dds():
     """A process of its own: images go in, the latched graph comes out, SIGINT ends it in order."""
     code = "import sys; from sphere_mapping.node import main; sys.exit(main())"
     words = [sys.executable, "-c", code, "--ros-args", "-p", "input:=rgbd"]
-    process = subprocess.Popen(words, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)})
+    process = subprocess.Popen(words)
     rclpy.init()
     try:
         node = rclpy.create_node("tester")

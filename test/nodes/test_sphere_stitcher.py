@@ -1,6 +1,5 @@
 """The node sphere_stitcher: six cameras in, spheres out; late, missing and frozen cameras, depth, LiDAR; over DDS."""
 
-import os
 import signal
 import subprocess
 import sys
@@ -28,7 +27,6 @@ from sphere_geometry import SE3
 from sphere_geometry.rig_file import read_rig, write_rig
 from sphere_mapping.stitcher_node import SphereStitcher
 
-ROOT = Path(__file__).resolve().parents[2]
 MS = 1_000_000
 RIG = vertical_rig()
 IMAGES = [{part.name: seen(part, phase=0.02 * k) for part in RIG.cameras} for k in range(5)]
@@ -269,7 +267,7 @@ def test_six_cameras_over_dds(rig_path):
     code = "import sys; from sphere_mapping.stitcher_node import main; sys.exit(main())"
     settings = [f"-p{name}:={value}" for name, value in (SMALL | {"rig": rig_path}).items()]
     words = [sys.executable, "-c", code, "--ros-args", *(part for s in settings for part in ("-p", s[2:]))]
-    process = subprocess.Popen(words, cwd=ROOT, env=os.environ | {"PYTHONPATH": str(ROOT)})
+    process = subprocess.Popen(words)
     rclpy.init()
     try:
         node = rclpy.create_node("tester")

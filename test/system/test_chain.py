@@ -23,7 +23,6 @@ from sphere_nav_cli.pose_bags import read_poses
 
 from .conftest import PERIOD, SECOND, STREET, Frames, write_bag
 
-ROOT = Path(__file__).resolve().parents[2]
 NUM_FRAMES = 16
 START_UP = 90.0  # s: imports and, on a fresh machine, kernels to compile
 REPLAY = 60.0  # s: a dozen small images
@@ -83,12 +82,11 @@ def processes(monkeypatch):
     """Start commands of this package on a domain of their own; end those still running by their id."""
     monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + (os.getpid() + 50) % 100))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")]))
     started = []
 
     def start(code: str, *words: object) -> subprocess.Popen:
         line = [sys.executable, "-c", f"import sys; {code}", *map(str, words)]
-        started.append(subprocess.Popen(line, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
+        started.append(subprocess.Popen(line, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
         return started[-1]
 
     yield start

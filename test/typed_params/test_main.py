@@ -17,7 +17,7 @@ def run(arguments: list[str], monkeypatch: pytest.MonkeyPatch) -> int:
 
 def test_the_command_prints_the_file(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["photometric.params:RegistrationParams", "--node", "some_node"], monkeypatch) == 0
-    assert capsys.readouterr().out == to_yaml(RegistrationParams, "some_node")
+    assert capsys.readouterr().out == to_yaml(RegistrationParams, node="some_node")
 
 
 def test_the_command_prints_the_table(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

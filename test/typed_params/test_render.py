@@ -33,7 +33,7 @@ def flatten(tree: dict[str, object], prefix: str = "") -> dict[str, object]:
 
 
 def test_the_yaml_file_holds_every_default_with_its_type() -> None:
-    tree = yaml.safe_load(to_yaml(Whole, "some_node"))
+    tree = yaml.safe_load(to_yaml(Whole, node="some_node"))
     values = flatten(tree["some_node"]["ros__parameters"])
     assert values == to_mapping(Whole())
     # rclpy refuses an integer for a float parameter, so floats must be written as floats
