@@ -21,9 +21,12 @@ from typing import Any
 
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import CompressedImage, Image
 
 from node_kit.bag_reader import BagReader, Recorded
 from node_kit.bag_writer import BagWriter, absolute
+from node_kit.conversions import decompress
+from node_kit.interfaces import type_name
 from node_kit.node import Log, ManagedNode
 from node_kit.playback import is_latched
 from node_kit.subscription import Subscription
@@ -186,7 +189,10 @@ def replay(
     for topic, stamp, data in chain(_latched_before(bag, topics, start_ns), bag.raw(topics, start_ns, end_ns)):
         yield from bus.advance(stamp)
         for wanted in bus.listeners[topic]:
-            wanted.deliver(data if wanted.raw else bag.decode(topic, data, wanted.kind))
+            if not wanted.raw and is_compressed(bag, topic, wanted.kind):
+                deliver_decompressed(wanted, bag.decode(topic, data, CompressedImage))
+            else:
+                wanted.deliver(data if wanted.raw else bag.decode(topic, data, wanted.kind))
         yield from bus.settle()
         progress(1)
 
@@ -203,8 +209,24 @@ def required_topics(bag: BagReader, bus: OfflineBus) -> list[str]:
     for topic, inputs in bus.listeners.items():
         for wanted in inputs:
             if (wanted.is_required and topic not in published) or topic in bag.topics:
-                bag.require(topic, None if topic not in bag.topics else wanted.kind)
+                is_readable = topic not in bag.topics or is_compressed(bag, topic, wanted.kind)
+                bag.require(topic, None if is_readable else wanted.kind)
     return [topic for topic in bus.listeners if topic in bag.topics]
+
+
+def is_compressed(bag: BagReader, topic: str, kind: type[Any]) -> bool:
+    """Whether images are wanted from a topic where the bag has compressed ones."""
+    return kind is Image and bag.topics[topic].type == type_name(CompressedImage)
+
+
+def deliver_decompressed(wanted: Subscription, message: CompressedImage) -> None:
+    """Hand on the Image behind a compressed one; one that is damaged counts as refused, as it would live."""
+    try:
+        image = decompress(message)
+    except ValueError as error:
+        wanted.refuse(str(error))
+        return
+    wanted.deliver(image)
 
 
 def record(published: Iterator[Recorded], bag: BagWriter, bus: OfflineBus) -> Iterator[Recorded]:

@@ -38,9 +38,13 @@ class Subscription:
         try:
             self.callback(message)
         except ValueError as error:
-            self.num_refused += 1
-            self.last_refusal = str(error)
-            self.log.error(f"{self.topic}: refused: {error}", every=5.0, key=f"refused {self.topic}")
+            self.refuse(str(error))
+
+    def refuse(self, reason: str) -> None:
+        """Count a message that could not be used, and say why."""
+        self.num_refused += 1
+        self.last_refusal = reason
+        self.log.error(f"{self.topic}: refused: {reason}", every=5.0, key=f"refused {self.topic}")
 
     @property
     def silent_for(self) -> float:

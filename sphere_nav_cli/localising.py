@@ -19,8 +19,10 @@ from node_kit.bag_error import BagError
 from node_kit.bag_reader import BagReader, Recorded
 from node_kit.bag_writer import BagWriter
 from node_kit.replay import OfflineBus, record, replay
+from node_kit.streams import SPHERE_INFO
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import Trajectory, write_tum
+from sphere_nav_cli import topics
 
 UNUSABLE = ("BAD_INFO", "MAP_ERROR")  # reasons that no other image changes
 
@@ -30,9 +32,7 @@ def add_arguments(parser: argparse.ArgumentParser, node: str) -> None:
     parser.add_argument("-o", "--output", required=True, metavar="TUM", help="file of poses to write")
     parser.add_argument("--bag", metavar="OUT", help="also write what the node publishes into a bag")
     parser.add_argument("--json", metavar="FILE", help="also write the summary as JSON")
-    parser.add_argument("--image", default="image_raw", metavar="TOPIC", help="images (default: %(default)s)")
-    parser.add_argument("--info", default="camera_info", metavar="TOPIC", help="calibration (default: %(default)s)")
-    parser.add_argument("--odom", default="odom", metavar="TOPIC", help="odometry (default: %(default)s)")
+    topics.add_options(parser, ("image", "info", "odom", "imu"))
     parser.add_argument(
         "--set", action="append", dest="settings", default=[], metavar="NAME=VALUE", help=f"parameter of {node}"
     )
@@ -57,20 +57,29 @@ def write_poses(arguments: argparse.Namespace, published: Iterator[Recorded]) ->
 
 
 def localised(
-    arguments: argparse.Namespace, topics: tuple[str, ...], add_node: Callable[[OfflineBus], object]
+    arguments: argparse.Namespace,
+    published_topics: tuple[str, ...],
+    add_node: Callable[[OfflineBus, dict[str, str]], object],
 ) -> Iterator[Recorded]:
-    """Yield what the node that `add_node` puts on the bus publishes on `topics` while the bag is replayed."""
+    """Yield what the node that `add_node` puts on the bus, with its topics renamed, publishes while the bag plays."""
     with ExitStack() as stack:
         bag = stack.enter_context(BagReader(arguments.source))
-        bus = OfflineBus(captured=set(topics))
+        bus = OfflineBus(captured=set(published_topics))
         stack.callback(bus.close)
-        add_node(bus)
+        add_node(bus, find_topics(bag, arguments))
         total = sum(bag.topics[topic].count for topic in bus.listeners if topic in bag.topics)
         bar = stack.enter_context(tqdm(total=total, desc="localise", unit="msg", disable=None))
         published = usable(replay(bag, bus, progress=bar.update), arguments.source)
         if arguments.bag:
             published = record(published, stack.enter_context(BagWriter(arguments.bag)), bus)
         yield from published
+
+
+def find_topics(bag: BagReader, arguments: argparse.Namespace) -> dict[str, str]:
+    """Return the bag's topic for each that a localiser hears; a bag with spheres has sphere_info for camera_info."""
+    has_sphere = any(info.type == SPHERE_INFO and info.count for info in bag.topics.values())
+    wanted = ("image_raw",) if has_sphere and not arguments.info else ("image_raw", "camera_info")
+    return topics.find_topics(bag, wanted, topics.chosen_topics(arguments))
 
 
 def usable(published: Iterator[Recorded], source: str) -> Iterator[Recorded]:

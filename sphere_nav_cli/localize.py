@@ -36,17 +36,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--initial-pose", metavar="x,y,z,qx,qy,qz,qw", help="pose of base_link in the map to start near"
     )
-    parser.add_argument("--compressed", action="store_true", help="the images are on TOPIC/compressed")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Localise every image; 1 if none could be localised."""
 
-    def add_node(bus: OfflineBus) -> None:
-        end = "/compressed" if arguments.compressed else ""
-        values = {"map": arguments.map, "transport": "compressed" if arguments.compressed else "raw"}
-        remap = {"image_raw" + end: arguments.image + end, "camera_info": arguments.info, "odom": arguments.odom}
-        node = bus.add(DenseLocalizerNode, values | parsed(arguments.settings), remap)
+    def add_node(bus: OfflineBus, remap: dict[str, str]) -> None:
+        node = bus.add(DenseLocalizerNode, {"map": arguments.map} | parsed(arguments.settings), remap)
         if arguments.initial_pose:
             give_initial_pose(node, arguments.initial_pose)
 

@@ -25,23 +25,25 @@ from sphere_mapping.intake_node import TOPICS
 from sphere_mapping.node import SphereMapper
 from sphere_mapping.saving_node import details_of
 from sphere_mapping.stitcher_node import SphereStitcher
+from sphere_nav_cli import topics
 from sphere_nav_cli.evaluate import TRUTH_TOPICS, judge
 from sphere_nav_cli.pose_bags import read_poses
-from sphere_nav_cli.sphere_source import CAMERAS, found_input
+from sphere_nav_cli.sphere_source import CAMERAS, find_input
 
 OFFLINE_DEADLINE_S = 10.0  # of recording time: a recording may hold images as late as they were drawn or written
 HELP = """\
 Make a map of key spheres from a bag with spheres, RGB-D, rectified stereo images, or the cameras of a rig.
 
-Topics: sphere; or image_raw, camera_info, depth/image_raw (registered to the image); or left/image_raw,
-left/camera_info, right/image_raw, right/camera_info; or cameras/<name>/image_raw[/compressed] with --rig, which go
-through the node sphere_stitcher. The map frame is the pose of the first sphere (body axes).
-The result is the same for every number of jobs.
+The bag holds spheres; or images, camera_info and depth; or a rectified stereo pair with both camera_info; or, with
+--rig, the cameras of a rig, which go through the node sphere_stitcher. Topics of any names are found by type, name,
+frame and size (`sphere_nav inspect BAG` shows how), or named by options. The map frame is the pose of the first sphere
+(body axes). The result is the same for every number of jobs.
 
 examples:
   sphere_nav map kitchen -o kitchen_map
   sphere_nav map kitchen -o kitchen_map --anchor truth --trajectory kitchen.tum
   sphere_nav map campus_drive -o campus --taught campus.tum
+  sphere_nav map recording -o hall --image /camera/color/image_raw --depth /camera/aligned_depth_to_color/image_raw
   sphere_nav map drive -o drive_map --anchor survey
   sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048
   sphere_nav map six_cameras -o drive_map --rig old_rig.yaml --set-stitcher rectify.num_instants=5
@@ -65,6 +67,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--input", choices=("auto", *TOPICS, CAMERAS), default="auto", help="what is mapped (by the topics)"
     )
+    topics.add_options(
+        parser,
+        ("image", "info", "depth", "depth_info", "left", "left_info", "right", "right_info", "odom"),
+        has_rig=True,
+    )
     parser.add_argument("--no-loops", action="store_true", help="do not look for places seen twice")
     parser.add_argument("--jobs", type=_positive, default=2, metavar="N", help="threads (%(default)s)")
     parser.add_argument("--trajectory", type=Path, metavar="F", help="write the pose of every sphere (TUM)")
@@ -84,11 +91,15 @@ def run(arguments: argparse.Namespace) -> int:
     _use_threads(arguments.jobs)
     values = parsed(arguments.settings)
     with BagReader(arguments.bag) as bag:
-        values["input"] = found_input(bag) if arguments.input == "auto" else arguments.input
-        stitcher = None
-        if values["input"] == CAMERAS:
-            values["input"], stitcher = "sphere", stitcher_values(bag, arguments)
-        drive = mapped(bag, values, stitcher)
+        chosen = topics.chosen_topics(arguments)
+        kind = (
+            find_input(bag, chosen, has_rig=arguments.rig is not None) if arguments.input == "auto" else arguments.input
+        )
+        values["input"] = "sphere" if kind == CAMERAS else kind
+        if kind == CAMERAS:
+            drive = mapped(bag, values, {}, stitcher_values(bag, chosen, arguments))
+        else:
+            drive = mapped(bag, values, topics.find_topics(bag, TOPICS[kind], chosen))
     if not drive.node.mapper.tracks:
         raise BagError(
             f"{arguments.bag}: expected spheres to map, found none: {drive.refusal or 'no complete instant'}"
@@ -183,11 +194,14 @@ class MappedDrive:
         return lines
 
 
-def mapped(bag: BagReader, values: dict[str, Any], stitcher: dict[str, Any] | None = None) -> MappedDrive:
-    """Play a bag to a mapper, behind a stitcher where its values are given, by dotted name; with a progress bar."""
+Node = tuple[dict[str, Any], dict[str, str]]  # values of parameters by dotted name, topics of the bag by ours
+
+
+def mapped(bag: BagReader, values: dict[str, Any], remap: dict[str, str], stitcher: Node | None = None) -> MappedDrive:
+    """Play a bag to a mapper, behind a stitcher where that is given; with a progress bar."""
     bus = OfflineBus(captured=set())
-    stitching = None if stitcher is None else bus.add(SphereStitcher, stitcher)
-    node = bus.add(SphereMapper, values)
+    stitching = None if stitcher is None else bus.add(SphereStitcher, *stitcher)
+    node = bus.add(SphereMapper, values, remap)
     assert isinstance(node, SphereMapper)
     total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
     with tqdm(total=total, desc="map", unit="message", leave=False, disable=None) as bar:
@@ -204,17 +218,13 @@ def mapped(bag: BagReader, values: dict[str, Any], stitcher: dict[str, Any] | No
     return MappedDrive(node, node.num_lost, "; ".join(reasons))
 
 
-def stitcher_values(bag: BagReader, arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return the parameters of the stitcher for a bag with cameras; BagError where bag and rig do not fit."""
+def stitcher_values(bag: BagReader, chosen: dict[str, str], arguments: argparse.Namespace) -> Node:
+    """Return parameters and topics of the stitcher for a bag with cameras; BagError where bag and rig do not fit."""
     if arguments.rig is None:
         raise BagError(f"{bag.path}: expected --rig with the rig file of its cameras, found none")
-    names = read_rig(arguments.rig).names
-    have = {name.split("/")[2] for name, info in bag.topics.items() if name.startswith("/cameras/") and info.count}
-    if not have & set(names):
-        raise BagError(f"{bag.path}: cameras: expected {', '.join(names)} (rig file), found {', '.join(sorted(have))}")
-    is_raw = any(name.endswith("/image_raw") and name.startswith("/cameras/") for name in bag.topics)
+    remap = topics.find_rig_topics(bag, read_rig(arguments.rig).names, chosen)
     values = {"sync.deadline_s": OFFLINE_DEADLINE_S} | parsed(arguments.set_stitcher)
-    return values | {"rig": str(arguments.rig), "transport": "raw" if is_raw else "compressed", "jobs": arguments.jobs}
+    return values | {"rig": str(arguments.rig), "transport": "raw", "jobs": arguments.jobs}, remap
 
 
 def truth_of(path: Path) -> Truth | None:

@@ -30,8 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Localise every image; 1 if none could be localised."""
 
-    def add_node(bus: OfflineBus) -> None:
-        remap = {"image_raw": arguments.image, "camera_info": arguments.info, "odom": arguments.odom}
+    def add_node(bus: OfflineBus, remap: dict[str, str]) -> None:
         bus.add(MclDepthNode, {"cloud": arguments.cloud} | parsed(arguments.settings), remap)
 
     return localising.write_poses(arguments, localising.localised(arguments, TOPICS, add_node))

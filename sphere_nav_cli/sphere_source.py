@@ -20,6 +20,7 @@ from sphere_mapping.acquisition.partial import sphere_from_rgbd
 from sphere_mapping.acquisition.stereo import sphere_from_stereo
 from sphere_mapping.intake_node import TOPICS, Intake
 from sphere_mapping.params import MapperParams, SphereMapperParams
+from sphere_nav_cli import topics
 from sphere_nav_cli.importing.recording import read_image
 
 
@@ -66,10 +67,10 @@ def sphere_of_bag(path: Path, number: int) -> Sphere:
     """Return the sphere of the instant with this number, counted from 0."""
     bus = OfflineBus(captured=set())
     with BagReader(path) as bag:
-        kind = found_input(bag)
+        kind = find_input(bag)
         if kind == CAMERAS:
             raise BagError(f"{path}: topics: expected spheres, RGB-D or stereo images, found the cameras of a rig")
-        node: Any = bus.add(Collector, {"input": kind})
+        node: Any = bus.add(Collector, {"input": kind}, topics.find_topics(bag, TOPICS[kind], {}))
 
         def stop_there(step: int) -> None:
             if node.count > number:
@@ -90,16 +91,15 @@ def sphere_of_bag(path: Path, number: int) -> Sphere:
 CAMERAS = "cameras"  # images of a rig, which the stitcher makes spheres of
 
 
-def found_input(bag: BagReader) -> str:
-    """Return the kind of input whose topics the bag has."""
+def find_input(bag: BagReader, chosen: dict[str, str] | None = None, *, has_rig: bool = False) -> str:
+    """Return the kind of input a bag has: by our names of topics, else by types, frames and names; BagError: none."""
     have = {name for name, info in bag.topics.items() if info.count}
-    for kind, topics in TOPICS.items():
-        if all("/" + topic in have for topic in topics):
+    for kind, wanted in TOPICS.items():
+        if not chosen and not has_rig and all("/" + topic in have for topic in wanted):
             return kind
     if any(name.startswith("/cameras/") and "/image_raw" in name for name in have):
         return CAMERAS
-    wanted = "; or ".join(", ".join(topics) for topics in TOPICS.values())
-    raise BagError(f"{bag.path}: topics: expected {wanted}; found {', '.join(sorted(have)) or 'none'}")
+    return topics.guess_kind(bag, chosen or {}, has_rig=has_rig)
 
 
 def _from_files(first: Path, second: Path, lens: Lens, params: MapperParams) -> Sphere:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import array
+import struct
 from typing import Any
 
 import cv2
@@ -21,6 +22,14 @@ ENCODINGS: dict[str, tuple[type, int]] = {
     "8UC3": (np.uint8, 3),
     "rgba8": (np.uint8, 4),
     "bgra8": (np.uint8, 4),
+    "yuv422": (np.uint8, 2),
+    "uyvy": (np.uint8, 2),
+    "yuv422_yuy2": (np.uint8, 2),
+    "yuyv": (np.uint8, 2),
+    "bayer_rggb8": (np.uint8, 1),
+    "bayer_bggr8": (np.uint8, 1),
+    "bayer_gbrg8": (np.uint8, 1),
+    "bayer_grbg8": (np.uint8, 1),
     "mono16": (np.uint16, 1),
     "16UC1": (np.uint16, 1),
     "32FC1": (np.float32, 1),
@@ -30,7 +39,16 @@ TO_RGB = {
     "8UC3": cv2.COLOR_BGR2RGB,  # what OpenCV means by three channels
     "rgba8": cv2.COLOR_RGBA2RGB,
     "bgra8": cv2.COLOR_BGRA2RGB,
+    "yuv422": cv2.COLOR_YUV2RGB_UYVY,
+    "uyvy": cv2.COLOR_YUV2RGB_UYVY,
+    "yuv422_yuy2": cv2.COLOR_YUV2RGB_YUY2,
+    "yuyv": cv2.COLOR_YUV2RGB_YUY2,
+    "bayer_rggb8": cv2.COLOR_BayerBG2RGB,  # OpenCV names a pattern by the second row's second and third pixel
+    "bayer_bggr8": cv2.COLOR_BayerRG2RGB,
+    "bayer_gbrg8": cv2.COLOR_BayerGR2RGB,
+    "bayer_grbg8": cv2.COLOR_BayerGB2RGB,
 }
+COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")  # of image_transport's compressedDepth: kind, two parameters
 MILLIMETRES_INVALID = (0, 65535)
 MAX_PIXELS = 1 << 28
 
@@ -107,9 +125,7 @@ def depth_to_metres(message: Image) -> Floats:
 def compressed_to_array(message: CompressedImage) -> Bytes:
     """Decode JPEG or PNG to (H, W, 3) RGB or (H, W) grey, uint8."""
     data = np.frombuffer(message.data, np.uint8)
-    width, height = encoded_size(bytes(data[:65536]))
-    if not 0 < width * height <= MAX_PIXELS:
-        raise ValueError(f"image size: expected 1 to {MAX_PIXELS} pixels, found {width} x {height}")
+    _check_encoded_size(bytes(data[:65536]))
     pixels = cv2.imdecode(data, cv2.IMREAD_ANYCOLOR)
     if pixels is None:
         raise ValueError(f"data: expected an image ({message.format!r}), found {len(data)} bytes that do not decode")
@@ -124,8 +140,63 @@ def compressed_to_image(message: CompressedImage) -> Image:
     return image
 
 
+def compressed_depth_to_image(message: CompressedImage) -> Image:
+    """Return the depth Image (16UC1 in mm, or 32FC1 in m) behind image_transport's compressedDepth (PNG).
+
+    32FC1 is stored as a / depth + b in 16 bits, with a and b in front of the PNG; 0 is unknown.
+    """
+    encoding = message.format.split(";")[0].strip()
+    if encoding not in ("16UC1", "32FC1") or "rvl" in message.format.lower():
+        raise ValueError(
+            f"format of compressed depth: expected '16UC1 or 32FC1; compressedDepth png', found {message.format!r}"
+        )
+    data = bytes(message.data)
+    if len(data) <= COMPRESSED_DEPTH_HEADER.size:
+        raise ValueError(f"data: expected a header of 12 bytes and a PNG, found {len(data)} bytes")
+    _, scale, offset = COMPRESSED_DEPTH_HEADER.unpack_from(data)
+    _check_encoded_size(data[COMPRESSED_DEPTH_HEADER.size :])
+    pixels = cv2.imdecode(np.frombuffer(data, np.uint8, offset=COMPRESSED_DEPTH_HEADER.size), cv2.IMREAD_UNCHANGED)
+    if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 2:
+        raise ValueError(f"data: expected a PNG of 16 bits, found {len(data)} bytes that are none")
+    if encoding == "32FC1":
+        known = pixels > 0
+        metres = np.full(pixels.shape, np.nan, np.float32)
+        metres[known] = np.float32(scale) / (pixels[known].astype(np.float32) - np.float32(offset))
+        pixels = metres
+    image = array_to_image(pixels, 0, "", encoding)
+    image.header = message.header
+    return image
+
+
+def decompress(message: CompressedImage) -> Image:
+    """Return the Image behind a compressed one: colours, grey levels, or depth."""
+    if "compressedDepth" in message.format:
+        return compressed_depth_to_image(message)
+    if message.format.split(";")[0].strip() in ("16UC1", "mono16"):
+        return _compressed_16_bit(message)
+    return compressed_to_image(message)
+
+
 def to_bytes(pixels: NDArray[Any]) -> array.array[int]:
     """Return the memory of an array as messages take it fast: never assign an ndarray to a message."""
     data = array.array("B")
     data.frombytes(pixels.tobytes())
     return data
+
+
+def _compressed_16_bit(message: CompressedImage) -> Image:
+    """Return the Image of a 16-bit PNG on a topic `/compressed`."""
+    data = np.frombuffer(message.data, np.uint8)
+    _check_encoded_size(bytes(data[:65536]))
+    pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
+    if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 2:
+        raise ValueError(f"data: expected a PNG of 16 bits ({message.format!r}), found {len(data)} bytes that are none")
+    image = array_to_image(pixels, 0, "", message.format.split(";")[0].strip())
+    image.header = message.header
+    return image
+
+
+def _check_encoded_size(data: bytes) -> None:
+    width, height = encoded_size(data)
+    if not 0 < width * height <= MAX_PIXELS:
+        raise ValueError(f"image size: expected 1 to {MAX_PIXELS} pixels, found {width} x {height}")

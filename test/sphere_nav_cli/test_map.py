@@ -118,8 +118,8 @@ def test_a_map_that_is_there_is_not_overwritten_unasked(bags, room_map, tmp_path
     ("words", "message"),
     [
         (["none"], "none"),
-        (["bare"], "topics: expected sphere; or image_raw"),
-        (["rgbd", "--input", "stereo"], "left/image_raw"),
+        (["bare"], "topics: no spheres; expected images (--image)"),
+        (["rgbd", "--input", "stereo"], "topics: expected a left and a right camera (--left, --right)"),
         (["rgbd", "--set", "mapper.nothing=1"], "mapper.nothing: unknown parameter"),
         (["rgbd", "--set", "mapper.num_references=9"], "expected 1 to 4, found 9"),
         (["rgbd", "--set", "word"], "--set: expected NAME=VALUE, found 'word'"),

@@ -1,6 +1,7 @@
 """Images: every encoding, padding, byte order, and what is refused."""
 
 import array
+import struct
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ from node_kit.conversions import (
     array_to_image,
     compressed_to_array,
     compressed_to_image,
+    decompress,
     depth_to_metres,
     image_to_array,
     image_to_grey,
@@ -51,7 +53,7 @@ def test_padding_and_byte_order_are_honoured(rng, encoding):
 @pytest.mark.parametrize(
     ("fields", "reason"),
     [
-        ({"encoding": "yuv422"}, "encoding: expected one of mono8, .* found 'yuv422'"),
+        ({"encoding": "yuv444"}, "encoding: expected one of mono8, .* found 'yuv444'"),
         ({"step": 6}, r"step: expected at least 7 \(7 pixels of mono8\), found 6"),
         ({"width": 8}, "step: expected at least 8"),
         ({"height": 6}, r"data: expected 42 bytes \(6 rows of 7\), found 35"),
@@ -131,3 +133,58 @@ def test_compressed_data_that_is_no_image():
     huge = data[:16] + (1 << 30).to_bytes(4, "big") * 2 + data[24:]
     with pytest.raises(ValueError, match="image size: expected 1 to"):
         compressed_to_array(CompressedImage(format="png", data=array.array("B", huge)))
+
+
+BAYER = {"rggb": ("RG", "GB"), "bggr": ("BG", "GR"), "gbrg": ("GB", "RG"), "grbg": ("GR", "BG")}
+
+
+@pytest.mark.parametrize("pattern", BAYER)
+def test_a_mosaic_of_one_colour_is_that_colour(pattern):
+    colour = {"R": 200, "G": 120, "B": 40}
+    pixels = np.empty((8, 10), np.uint8)
+    for row in range(2):
+        for column in range(2):
+            pixels[row::2, column::2] = colour[BAYER[pattern][row][column]]
+    rgb = image_to_rgb(array_to_image(pixels, 1, "c", f"bayer_{pattern}8"))
+    np.testing.assert_array_equal(rgb[2:-2, 2:-2], np.broadcast_to([200, 120, 40], (4, 6, 3)))
+
+
+@pytest.mark.parametrize(("encoding", "order"), [("yuv422", (1, 0)), ("uyvy", (1, 0)), ("yuyv", (0, 1))])
+def test_the_luminance_of_packed_yuv_is_the_grey_level(encoding, order):
+    levels = np.arange(16, 236, 10, dtype=np.uint8)[None, :].repeat(4, axis=0)
+    pixels = np.full((*levels.shape, 2), 128, np.uint8)
+    pixels[..., order.index(0)] = levels
+    rgb = image_to_rgb(array_to_image(pixels, 1, "c", encoding))
+    assert rgb.shape == (*levels.shape, 3)
+    expected = (levels.astype(float) - 16) * 255 / 219  # BT.601, limited range
+    np.testing.assert_allclose(rgb[..., 1], expected, atol=2.0)
+
+
+@pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
+def test_compressed_depth_is_read_as_image_transport_writes_it(encoding):
+    metres = np.linspace(0.5, 6.0, 60, dtype=np.float32).reshape(6, 10)
+    metres[0, 0] = np.nan
+    scale, offset = 700.0, 20.0
+    if encoding == "16UC1":
+        stored = np.nan_to_num(metres * 1000, nan=0).round().astype(np.uint16)
+    else:
+        stored = np.nan_to_num(scale / metres + offset, nan=0).round().astype(np.uint16)
+    data = struct.pack("<iff", 0, scale, offset) + cv2.imencode(".png", stored)[1].tobytes()
+    message = CompressedImage(format=f"{encoding}; compressedDepth png", data=data)
+    found = depth_to_metres(decompress(message))
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(metres))
+    np.testing.assert_allclose(found[~np.isnan(found)], metres[~np.isnan(metres)], rtol=6e-3)
+
+
+@pytest.mark.parametrize(
+    ("format_", "data"),
+    [
+        ("16UC1; compressedDepth rvl", b"x" * 40),
+        ("16UC1; compressedDepth png", b"x" * 4),
+        ("16UC1; compressedDepth png", bytes(12) + b"\x89PNG\r\n\x1a\n" + bytes(40)),
+        ("8UC1; compressedDepth png", bytes(40)),
+    ],
+)
+def test_compressed_depth_of_another_kind_is_refused(format_, data):
+    with pytest.raises(ValueError, match="expected"):
+        decompress(CompressedImage(format=format_, data=data))

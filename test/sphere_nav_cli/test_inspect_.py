@@ -1,0 +1,133 @@
+"""A recording of another writer, with a driver's names: inspect tells the command, which makes the same map."""
+
+from __future__ import annotations
+
+import json
+import shlex
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "sphere_mapping"))
+
+from rclpy.serialization import serialize_message
+from recordings import rgbd, stereo, write_bag
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from sensor_msgs.msg import CompressedImage, Image
+
+from node_kit.bag_reader import BagReader
+from node_kit.conversions import image_to_array, image_to_rgb
+from node_kit.map_bag import open_map
+from sphere_nav_cli.main import main
+
+REALSENSE = {
+    "/image_raw": "/camera/camera/color/image_raw",
+    "/camera_info": "/camera/camera/color/camera_info",
+    "/depth/image_raw": "/camera/camera/aligned_depth_to_color/image_raw",
+    "/tf_static": "/tf_static",
+}
+ZED = {
+    "/left/image_raw": "/zed/zed_node/left/image_rect_color",
+    "/left/camera_info": "/zed/zed_node/left/camera_info",
+    "/right/image_raw": "/zed/zed_node/right/image_rect_color",
+    "/right/camera_info": "/zed/zed_node/right/camera_info",
+    "/tf_static": "/tf_static",
+}
+
+
+def copy_bag(source, target, names, change=lambda topic, message: message):
+    """Write a bag's messages under other names by another writer, as recorders before type hashes did."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with BagReader(source) as bag, Writer(target, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {}
+        for topic, stamp, message in bag.messages(names):
+            changed = change(names[topic], message)
+            kind = type(changed)
+            name = names[topic] + {CompressedImage: "/compressed"}.get(kind, "")
+            if name not in connections:
+                type_name = f"{kind.__module__.split('.')[0]}/msg/{kind.__name__}"
+                connections[name] = writer.add_connection(name, type_name, typestore=store)
+            writer.write(connections[name], stamp, bytes(serialize_message(changed)))
+    return target
+
+
+def call(*words):
+    return main([str(word) for word in words])
+
+
+def poses_of(path):
+    with open_map(path) as reader:
+        return np.stack([node.T_map_sphere.matrix for node in reader.graph])
+
+
+@pytest.fixture(scope="module")
+def own(tmp_path_factory):
+    return {"rgbd": write_bag(tmp_path_factory.mktemp("own") / "rgbd", rgbd, numbers=range(4)),
+            "stereo": write_bag(tmp_path_factory.mktemp("own") / "stereo", stereo, numbers=range(3))}  # fmt: skip
+
+
+def as_jpeg(topic, message):
+    if not isinstance(message, Image) or "depth" in topic:
+        return message
+    data = cv2.imencode(".png", cv2.cvtColor(image_to_rgb(message), cv2.COLOR_RGB2BGR))[1].tobytes()
+    return CompressedImage(header=message.header, format="rgb8; png compressed bgr8", data=data)
+
+
+def as_millimetres(topic, message):
+    if not isinstance(message, Image) or "depth" not in topic:
+        return message
+    metres = image_to_array(message)
+    pixels = np.nan_to_num(np.rint(metres * 1e3), nan=0, posinf=0).astype(np.uint16)
+    header = {"header": message.header, "height": message.height, "width": message.width}
+    return Image(**header, encoding="16UC1", step=2 * message.width, data=pixels.tobytes())
+
+
+@pytest.mark.parametrize(
+    ("kind", "names", "change", "limit"),
+    [
+        ("rgbd", REALSENSE, lambda topic, message: message, 1e-9),
+        ("rgbd", REALSENSE, as_jpeg, 1e-9),
+        ("rgbd", REALSENSE, as_millimetres, 1e-3),
+        ("stereo", ZED, lambda topic, message: message, 1e-9),
+    ],
+    ids=["realsense", "compressed", "16UC1", "zed"],
+)
+def test_the_command_that_inspect_tells_makes_the_same_map(
+    kind, names, change, limit, own, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.chdir(tmp_path)
+    copy_bag(own[kind], tmp_path / "foreign", names, change)
+    assert call("inspect", "foreign", "--json", "offer.json") == 0
+    said = capsys.readouterr().out
+    offer = next(job for job in json.loads(Path("offer.json").read_text())["jobs"] if job["job"] == "map")
+    assert shlex.join(offer["command"]) in said
+    assert call(*offer["command"][1:]) == 0
+    assert call("map", own[kind], "-o", "own_map") == 0
+    np.testing.assert_allclose(poses_of("foreign_map"), poses_of("own_map"), atol=limit)
+
+
+def test_a_bag_without_images_is_good_for_nothing_and_says_why(own, tmp_path, capsys):
+    copy_bag(own["rgbd"], tmp_path / "bare", {"/tf_static": "/tf_static"})
+    assert call("inspect", tmp_path / "bare") == 1
+    assert "map: expected images (--image)" in capsys.readouterr().out
+
+
+def test_a_damaged_compressed_image_is_refused_and_the_next_one_used(own, tmp_path, capsys):
+    number = iter(range(100))
+
+    def damage(topic, message):
+        changed = as_jpeg(topic, message)
+        if isinstance(changed, CompressedImage) and next(number) == 1:
+            changed.data = bytes(changed.data[:60])
+        return changed
+
+    bag = copy_bag(own["rgbd"], tmp_path / "damaged", REALSENSE, damage)
+    assert call("map", bag, "-o", tmp_path / "m") == 0
+    said = capsys.readouterr().out
+    assert "3 spheres placed" in said
+    assert "refused: 1 of image_raw" in said
