@@ -9,8 +9,7 @@ from numpy.typing import NDArray
 
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams, CovarianceParams
-from dense_localizer.reasons import FINE, Finding
-from localization.status import Reason
+from localization.status import FINE, Finding, Reason
 from photometric import Alignment
 
 Array = NDArray[np.float64]

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from sphere_nav_msgs.srv import LoadMap, Relocalize
 from std_srvs.srv import Trigger
 
-from dense_localizer.outputs_node import describe
-from localization.status import FOLLOWING
+from localization.status import FOLLOWING, describe
 from node_kit import conversions
 
 if TYPE_CHECKING:

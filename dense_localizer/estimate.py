@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+import localization.status
 from dense_localizer.place import Place
-from dense_localizer.reasons import Finding
-from localization.status import Status
+from dense_localizer.reasons import REMEDIES
+from localization.status import Finding, State, Status
 from photometric import Pyramid
 from sphere_geometry import SE3
 
@@ -38,3 +39,19 @@ class Estimate:
     velocity: NDArray[np.float64] | None = None
     velocity_covariance: NDArray[np.float64] | None = None
     place: Place | None = None
+
+
+def status_of(state: State, stamp_ns: int, finding: Finding, age: float = 0.0, place: Place | None = None) -> Status:
+    """Return the status with the evidence of an attempt to place the image, where there was one."""
+    status = localization.status.status_of(state, stamp_ns, finding, REMEDIES, age=age)
+    if place is None or place.alignment is None:
+        return status
+    return replace(
+        status,
+        quality=place.verdict.quality,
+        references=place.choice.ids,
+        overlap=place.alignment.overlap,
+        inlier_share=place.alignment.inlier_share,
+        mad=place.alignment.mad,
+        iterations=place.alignment.iterations,
+    )

@@ -10,8 +10,7 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
 from dense_localizer.params import DenseLocalizerParams
-from dense_localizer.reasons import FINE, Finding
-from localization.status import Reason
+from localization.status import FINE, Finding, Reason
 from node_kit import conversions, qos
 from node_kit.node import ManagedNode
 from node_kit.tf import TransformListener
@@ -30,7 +29,7 @@ class Intake:
         self, node: ManagedNode, params: DenseLocalizerParams, deliver: Callable[[Picture, Finding], None]
     ) -> None:
         self._params, self._deliver = params, deliver
-        self.odometry = OdometryBuffer(params.odometry_max_age)
+        self.odometry = OdometryBuffer(0.2)
         self.odom_frame = ""
         self._waiting: deque[Picture] = deque()
         self._tf = TransformListener(node)

@@ -11,16 +11,13 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from dense_localizer.estimate import Estimate, Frame
-from dense_localizer.input_check import InputCheck
+from dense_localizer.estimate import Estimate, Frame, status_of
 from dense_localizer.motion_prior import MotionPrior, Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.place import Place, locate
-from dense_localizer.reasons import FINE, Finding
 from dense_localizer.reference import SphereMap, read_all
 from dense_localizer.search import Search
-from dense_localizer.status import StateMachine, status_of
-from localization.status import Reason, Status
+from localization import FINE, Finding, InputCheck, Reason, StateMachine, Status
 from photometric import Pyramid, build_pyramid, register_rotation
 from sphere_geometry import SE3, Camera
 
@@ -57,7 +54,7 @@ class Localizer:
 
     def update(self, image: NDArray[Any], camera: Camera, stamp_ns: int, T_odom_camera: SE3 | None = None) -> Estimate:
         """Localise one grey image (H, W); `T_odom_camera` is odometry at its stamp, where there is any."""
-        report = self._input.check(image, camera, stamp_ns, self._prior.is_moving)
+        report = self._input.check(image, camera, stamp_ns, is_moving=self._prior.is_moving)
         if report.finding.reason is Reason.BAD_STAMP:
             return Estimate(self._status(stamp_ns, report.finding))
         if report.is_clock_jump:
@@ -109,16 +106,18 @@ class Localizer:
         """Go on from a good alignment; good as it is, what preceded it may ask for care."""
         finding = place.verdict.finding
         if finding.reason is Reason.NONE:
-            finding = prediction.finding(self.params.input.gap_s)
+            finding = prediction.finding()
         self._prior.correct(place.T_map_camera, place.covariance, frame.stamp_ns, frame.T_odom_camera)
-        self._states.align(finding.reason is Reason.NONE, prediction.step_s)
+        self._states.confirm(frame.stamp_ns, is_good=finding.reason is Reason.NONE)
         return self._estimate(frame.stamp_ns, finding, place)
 
     def _go_blind(self, frame: Frame, finding: Finding, place: Place | None = None) -> Estimate:
         """Go on from the prediction, for a while."""
         prediction = self._prior.predict(frame.stamp_ns, frame.T_odom_camera)
         self._prior.hold(prediction, frame.T_odom_camera)
-        self._states.refuse(prediction.blind_s, prediction.sigma_m <= self.params.state.max_blind_sigma_m)
+        limits = self.params.state
+        is_certain = prediction.sigma_m <= limits.max_blind_sigma_m
+        self._states.refuse(is_lost=prediction.blind_s > limits.max_blind_s or not is_certain)
         if not self._states.is_following:
             self._search.lost(prediction.T_map_camera)
         return self._estimate(frame.stamp_ns, finding, place)
@@ -136,7 +135,7 @@ class Localizer:
             self._prior.start(found.place.T_map_camera, found.place.covariance, frame.stamp_ns, frame.T_odom_camera)
             self._search.forget()
             self._states.start()
-            self._states.align(found.place.verdict.is_good)
+            self._states.confirm(frame.stamp_ns, is_good=found.place.verdict.is_good)
         return self._estimate(frame.stamp_ns, found.finding, found.place)
 
     def _estimate(self, stamp_ns: int, finding: Finding, place: Place | None = None) -> Estimate:

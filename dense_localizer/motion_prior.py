@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.params import PriorParams
-from dense_localizer.reasons import FINE, Finding
-from localization.status import Reason
+from localization.status import FINE, Finding, Reason
 from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
+GAP_S = 0.3  # a longer pause between images is a gap
 
 
 @dataclass(frozen=True)
@@ -32,11 +32,11 @@ class Prediction:
     defies_odometry: bool = False  # made without the odometry that was there
     is_doubtful: bool = False  # made because a likelier one failed
 
-    def finding(self, gap_s: float) -> Finding:
+    def finding(self) -> Finding:
         """Return what makes a pose found from this prediction one to use with care."""
         if self.defies_odometry:
             return Finding(Reason.ODOM_STALE, detail="odometry disagrees with the images")
-        return Finding(Reason.GAP, self.step_s, gap_s) if self.step_s > gap_s else FINE
+        return Finding(Reason.GAP, self.step_s, GAP_S) if self.step_s > GAP_S else FINE
 
     @property
     def sigma_m(self) -> float:

@@ -14,9 +14,7 @@ from dense_localizer.intake_node import Intake, Picture
 from dense_localizer.localizer import Localizer
 from dense_localizer.outputs_node import Outputs
 from dense_localizer.params import DenseLocalizerParams
-from dense_localizer.reasons import Finding
-from dense_localizer.status import status_of
-from localization.status import FOLLOWING, Reason, State
+from localization.status import FOLLOWING, Finding, Reason, State, status_of
 from node_kit import conversions, qos
 from node_kit.companion import Companion
 from node_kit.map_bag import MapReader, open_map
@@ -111,7 +109,7 @@ class DenseLocalizerNode(ManagedNode):
         started, stamp = time.perf_counter(), conversions.stamp_ns(message)
         camera = self.intake.camera
         if self.localizer is None:
-            self.outputs.tell(status_of(State.NO_MAP, stamp, fault, 0.0))
+            self.outputs.tell(status_of(State.NO_MAP, stamp, fault))
             return
         if camera is None or fault.reason is not Reason.NONE:
             self.outputs.tell(self.localizer.refuse(stamp, fault).status)

@@ -14,7 +14,7 @@ from sphere_nav_msgs.msg import LocalizationStatus
 
 from dense_localizer.localizer import Estimate
 from dense_localizer.residual import residual_image
-from localization.status import TRUSTED, State, Status
+from localization.status import TRUSTED, State, Status, describe
 from node_kit import conversions, qos
 from node_kit.node import ERROR, OK, WARN
 from node_kit.tf import TransformBroadcaster
@@ -90,12 +90,5 @@ class Outputs:
             return
         T_odom_base = intake.odometry.at(stamp)
         if T_odom_base is not None:
-            ahead = stamp + int(self._node.params.tf_ahead * 1e9)
+            ahead = stamp + int(1e8)
             self._tf.send(T_map_base @ T_odom_base.inverse(), ahead, frames[0], intake.odom_frame)
-
-
-def describe(status: Status) -> str:
-    """Return a status in one line."""
-    if not status.reason:
-        return str(status.state)
-    return f"{status.state}: {status.reason} ({status.value:.3g}, limit {status.limit:.3g}): {status.remedy}"

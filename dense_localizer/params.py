@@ -2,24 +2,10 @@
 
 from __future__ import annotations
 
+import localization.params
+from localization.params import InputParams, NodeParams
 from photometric import RegistrationParams
 from typed_params import group, param, parameters
-
-
-@parameters
-class InputParams:
-    """Which images are worth aligning (`input_check.py`)."""
-
-    dark_level: float = param(6.0, "pixels up to here count as black", "grey level", low=0.0, high=255.0)
-    bright_level: float = param(250.0, "pixels from here on count as saturated", "grey level", low=0.0, high=255.0)
-    max_clipped_share: float = param(0.9, "share of black, or of saturated, pixels", low=0.0, high=1.0)
-    min_contrast: float = param(3.0, "standard deviation of the image", "grey level", low=0.0)
-    frozen_frames: int = param(3, "identical images in a row after which the camera counts as frozen", low=1)
-    allow_still: bool = param(False, "identical images are no fault while standing still (noise-free simulation)")
-    max_leap_s: float = param(10.0, "step between stamps that is taken for a fault", "s", low=0.1)
-    clock_jump_frames: int = param(3, "images in a row that make a leap of the stamps a new time", low=2)
-    gap_s: float = param(0.3, "pause between images that is reported as a gap", "s", low=0.01)
-    timeout_s: float = param(0.5, "silence after which the pose is not current any more", "s", low=0.01)
 
 
 @parameters
@@ -79,22 +65,16 @@ class CovarianceParams:
 
 
 @parameters
-class StateParams:
-    """When a pose is trusted (`status.py`)."""
+class StateParams(localization.params.StateParams):
+    """When a pose is trusted (`localizer.py`)."""
 
-    probation_frames: int = param(4, "good frames in a row before a pose is trusted; doubled by each loss", low=1)
-    max_probation_frames: int = param(64, "bound of the doubling", low=1)
-    recovery_frames: int = param(2, "good frames in a row from DEGRADED to TRACKING", low=1)
-    max_blind_s: float = param(0.5, "time without alignment until LOST", "s", low=0.0)
     max_blind_sigma_m: float = param(0.5, "standard deviation of the predicted position until LOST", "m", low=0.0)
-    forgive_s: float = param(60.0, "time of tracking after which one loss is forgotten", "s", low=0.0)
 
 
 @parameters
 class StartParams:
     """How the first pose is found (`startup.py`, M15 section 5.4)."""
 
-    automatic: bool = param(True, "search the whole map without being asked")
     period_s: float = param(0.5, "pause between two searches", "s", low=0.0)
     heading_step_deg: float = param(20.0, "between headings tried in a whole sphere", "deg", low=1.0, high=180.0)
     side_step_deg: float = param(15.0, "to either side of the heading of a partial sphere", "deg", low=0.0, high=90.0)
@@ -124,6 +104,7 @@ class TrackingParams(RegistrationParams):
 class LocalizerParams:
     """The localiser and all its steps (`localizer.py`)."""
 
+    automatic: bool = param(True, "search the whole map without being asked")
     input: InputParams = group(InputParams)
     prior: PriorParams = group(PriorParams)
     reference: ReferenceParams = group(ReferenceParams)
@@ -135,18 +116,7 @@ class LocalizerParams:
 
 
 @parameters
-class DenseLocalizerParams(LocalizerParams):
+class DenseLocalizerParams(LocalizerParams, NodeParams):
     """Everything that the node needs (`node.py`)."""
 
     map: str = param("", "map to localise in; empty: wait for the call load_map")
-    map_frame: str = param("map", "frame of the poses")
-    base_frame: str = param("base_link", "frame whose pose is published")
-    camera_frame: str = param("", "optical frame of the camera; empty: the frame_id of the images")
-    transport: str = param("raw", "images come on image_raw, or on image_raw/compressed", choices=("raw", "compressed"))
-    is_rectified: bool = param(False, "images are rectified: use P of camera_info instead of K and D")
-    every_image: bool = param(False, "reliable and deep image queue: a slow computer answers late but drops none")
-    use_odometry: bool = param(True, "predict by the topic odom where it is published")
-    odometry_max_age: float = param(0.2, "time for which odometry is carried on", "s", low=0.0)
-    publish_tf: bool = param(True, "publish map -> odom where there is odometry, else map -> base_frame")
-    tf_ahead: float = param(0.1, "how far map -> odom is stamped ahead, so that look-ups need not wait", "s", low=0.0)
-    max_waiting: int = param(50, "images kept until camera_info and the camera's transform have come", low=1)

@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 from dense_localizer.acceptance import Verdict, honest_covariance, judge, refusal
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
-from dense_localizer.reasons import Finding
 from dense_localizer.reference import Choice, References
-from localization.status import Reason
+from localization.status import Finding, Reason
 from photometric import Alignment, Pyramid, RegistrationParams, register
 from sphere_geometry import SE3
 

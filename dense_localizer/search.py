@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from dense_localizer.params import LocalizerParams
-from dense_localizer.reasons import FINE
 from dense_localizer.reference import References
 from dense_localizer.startup import Start, Startup
+from localization.status import FINE
 from photometric import Pyramid
 from sphere_geometry import SE3
 
@@ -17,14 +17,14 @@ class Search:
 
     def __init__(self, references: References, params: LocalizerParams) -> None:
         self._references = references
-        self._params = params.start
+        self._params, self._is_automatic = params.start, params.automatic
         self._startup = Startup(references, params)
         self.forget()
 
     @property
     def is_wanted(self) -> bool:
         """Whether anything will be looked for."""
-        return self._params.automatic or self._is_asked or self._T_map_guess is not None
+        return self._is_automatic or self._is_asked or self._T_map_guess is not None
 
     def forget(self) -> None:
         """Nothing is asked for, nothing is known of the past."""
@@ -49,7 +49,7 @@ class Search:
     def find(self, pyramid: Pyramid, stamp_ns: int) -> Start:
         """Search with one image what is due; between two searches the last finding stands."""
         start = self._find_near(pyramid, stamp_ns)
-        is_due = stamp_ns >= self._next_ns and (self._params.automatic or self._is_asked)
+        is_due = stamp_ns >= self._next_ns and (self._is_automatic or self._is_asked)
         if start.place is None and is_due:
             self._next_ns = stamp_ns + int(self._params.period_s * 1e9)
             start = self._startup.search(pyramid)

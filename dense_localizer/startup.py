@@ -14,10 +14,9 @@ import numpy as np
 
 from dense_localizer.params import LocalizerParams, StartParams
 from dense_localizer.place import Place, locate
-from dense_localizer.reasons import FINE, Finding
 from dense_localizer.reference import NUM_DIGEST_LEVELS, Digest, References
 from dense_localizer.resemblance import resemblance
-from localization.status import Reason
+from localization.status import FINE, Finding, Reason
 from photometric import Pyramid, RegistrationParams, View, register
 from sphere_geometry import SE3
 from sphere_map.graph import KeySphere

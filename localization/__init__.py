@@ -1,1 +1,11 @@
-"""What both localisers share: states, reasons and the news of an image (`status.py`)."""
+"""What both localisers share, without ROS.
+
+`status.py` has the words (states, reasons, findings), `input_check.py` says which images are worth a look,
+`state_machine.py` when a pose may be trusted, `params.py` the parameters of all that; the shell is in `node_kit`.
+"""
+
+from localization.input_check import InputCheck
+from localization.state_machine import StateMachine
+from localization.status import FINE, Finding, Reason, State, Status
+
+__all__ = ["FINE", "Finding", "InputCheck", "Reason", "State", "StateMachine", "Status"]

@@ -1,8 +1,8 @@
 """What a localiser says about itself: the one vocabulary of both localisers, word by word LocalizationStatus.msg.
 
-A `Status` is the news of one image: a state, and where it is not the best one a reason with its evidence. Each
-localiser gives the reasons its own advice: the same word asks for other remedies in a map of images and in bare
-geometry.
+A `Status` is the news of one image: a state, and where it is not the best one a reason with its evidence. What to do
+about a fault of the input is the same for both (`INPUT_REMEDIES`); for the other reasons each localiser has its own
+advice: the same word asks for other remedies in a map of images and in bare geometry.
 """
 
 from __future__ import annotations
@@ -10,9 +10,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import ClassVar
 
-__all__ = ["FOLLOWING", "TRUSTED", "Finding", "Reason", "State", "Status"]
+__all__ = [
+    "FINE", "FOLLOWING", "INPUT_REMEDIES", "TRUSTED", "Finding", "Reason", "State", "Status", "describe", "status_of",
+]  # fmt: skip
 
 
 class State(StrEnum):
@@ -55,24 +56,39 @@ class Reason(StrEnum):
     OVERRUN = "OVERRUN"
 
 
+INPUT_REMEDIES = {
+    Reason.NONE: "",
+    Reason.GAP: "images are missing: check the camera's rate, its QoS and the load of the computer",
+    Reason.TIMEOUT: "no image arrives: check that the camera runs, the topic name and its QoS",
+    Reason.FROZEN: "the camera repeats one image: restart its driver (a noise-free simulator: input.allow_still)",
+    Reason.BAD_STAMP: "stamps must be set, grow, and be of this computer's time: check the camera driver's clock",
+    Reason.BAD_INFO: "camera_info does not fit the image: calibrate, or publish the info of this resolution",
+    Reason.TF_STALE: "publish the transform from the base to the camera on /tf_static",
+    Reason.LOW_TEXTURE: "too little to see: check exposure, lens and light",
+    Reason.OVERRUN: "images come faster than they are answered: lower the camera's rate",
+}
+
+
 @dataclass(frozen=True)
 class Finding:
     """One fact against an image: a reason, a number and its limit; `detail` names what the number is where needed.
 
-    A localiser derives its own class with `ADVICE`: what to do about each reason that it gives.
+    `advice` takes the place of what is usually to be done about the reason.
     """
 
     reason: Reason
     value: float = 0.0
     limit: float = 0.0
     detail: str = ""
-    ADVICE: ClassVar[Mapping[Reason, str]] = {Reason.NONE: ""}
+    advice: str = ""
 
-    @property
-    def remedy(self) -> str:
-        """One line on what to do, led by the detail."""
-        advice = self.ADVICE[self.reason]
+    def remedy(self, remedies: Mapping[Reason, str]) -> str:
+        """Return one line on what to do, led by the detail."""
+        advice = self.advice or remedies[self.reason]
         return f"{self.detail}; {advice}" if self.detail else advice
+
+
+FINE = Finding(Reason.NONE)
 
 
 @dataclass(frozen=True)
@@ -93,3 +109,24 @@ class Status:
     milliseconds: float = 0.0  # filled by whoever holds the watch
     age: float = 0.0  # seconds since the last image that confirmed the pose; 0 before the first
     stamp_ns: int = 0
+
+
+def status_of(
+    state: State,
+    stamp_ns: int,
+    finding: Finding,
+    remedies: Mapping[Reason, str] = INPUT_REMEDIES,
+    *,
+    quality: float = 0.0,
+    age: float = 0.0,
+) -> Status:
+    """Return the status of a state with its finding, put into words by `remedies`."""
+    words = str(finding.reason), finding.value, finding.limit, finding.remedy(remedies)
+    return Status(state, *words, quality=quality, age=max(age, 0.0), stamp_ns=stamp_ns)
+
+
+def describe(status: Status) -> str:
+    """Return a status in one line."""
+    if not status.reason:
+        return str(status.state)
+    return f"{status.state}: {status.reason} ({status.value:.3g}, limit {status.limit:.3g}): {status.remedy}"

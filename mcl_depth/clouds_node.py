@@ -12,15 +12,14 @@ import numpy as np
 from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.srv import LoadCloud
 
-from localization.status import Reason, State, Status
+from localization.status import FINE, Finding, Reason, State, Status, status_of
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points, thin_cloud
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.mesh import TriangleMesh
 from mcl_depth.params import MclDepthParams
-from mcl_depth.reasons import FINE, Finding
+from mcl_depth.reasons import REMEDIES
 from mcl_depth.site import Site
-from mcl_depth.status import status_of
 from node_kit import conversions, qos
 from node_kit.conversions.driving import check_frames
 from node_kit.map_bag import open_map
@@ -69,8 +68,8 @@ class Clouds:
     def status(self, stamp: int, fault: Finding) -> Status:
         """Return what an image is answered with while there is no filter."""
         if self.geometry is None or self.fault is not FINE:
-            return status_of(State.NO_MAP, stamp, self.fault, 0.0, 0.0)
-        return status_of(State.SEARCHING, stamp, fault, 0.0, 0.0)
+            return status_of(State.NO_MAP, stamp, self.fault, REMEDIES)
+        return status_of(State.SEARCHING, stamp, fault, REMEDIES)
 
     @property
     def num_points(self) -> int:

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from localization.status import Reason, State, Status
+from localization import FINE, Finding, InputCheck, Reason, State, StateMachine, Status
+from localization.status import status_of
 from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.estimate import Belief, Estimate, Observation, covariance_of, pose_of
 from mcl_depth.belief.hypotheses import find_hypotheses
@@ -21,14 +22,13 @@ from mcl_depth.belief.resampling import resample
 from mcl_depth.belief.sampling import inject_random, sample_gaussian, sample_uniform
 from mcl_depth.belief.weighting import compute_weights
 from mcl_depth.geometry.area import Area
-from mcl_depth.input_check import InputCheck
 from mcl_depth.likeness.comparison import Features, num_alpha_for, visual_features
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.level_view import level_view
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import FilterParams
-from mcl_depth.reasons import FINE, Finding
-from mcl_depth.status import StateMachine, judge, status_of
+from mcl_depth.reasons import REMEDIES
+from mcl_depth.status import count, is_in_vain, judge
 from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
@@ -44,7 +44,7 @@ class Filter:
         self._motion = MotionModel(params.motion)
         self._reckoning = DeadReckoning(params.input)
         self._recovery = Recovery(params.recovery, area.scattered(params.recovery.num_scouts))
-        self._states = StateMachine(params.state, is_automatic=params.automatic)
+        self._states = StateMachine(params.state)
         self._gap = area.step * np.sqrt(len(area.middles) / params.resampling.num_particles)  # between particles, m
         self.reset()
 
@@ -55,6 +55,8 @@ class Filter:
         self._forget_motion()
         self._recovery.reset()
         self._states.reset()
+        if self.params.automatic:
+            self._states.search()
         self.particles = sample_uniform(self.area, self.params.resampling.num_particles, self._rng)
 
     def search(self) -> None:
@@ -71,7 +73,7 @@ class Filter:
 
     def refuse(self, stamp_ns: int, finding: Finding) -> Estimate:
         """Take note of an image that cannot be used."""
-        if self._reckoning.age(stamp_ns) > self.params.state.max_blind_s:
+        if self._states.is_following and self._reckoning.age(stamp_ns) > self.params.state.max_blind_s:
             self._states.lose()
         return Estimate(self._status(stamp_ns, finding))
 
@@ -80,22 +82,21 @@ class Filter:
         last_ns, limit = self._input.last_stamp_ns, self.params.input.timeout_s
         if last_ns is None or elapsed_s <= limit:
             return None
-        state = State.LOST if self._states.is_following else self._states.state
         finding = Finding(Reason.TIMEOUT, elapsed_s, limit)
-        return self._status(last_ns + round(elapsed_s * 1e9), finding, state)
+        return self._status(last_ns + round(elapsed_s * 1e9), finding, self._states.after_silence)
 
     def update(self, observation: Observation) -> Estimate:
         """Localise one image."""
-        finding = self._input.check(observation.image, observation.camera, observation.stamp_ns)
-        if self._input.is_new_time:
+        report = self._input.check(observation.image, observation.camera, observation.stamp_ns)
+        if report.is_clock_jump:
             self._forget_motion()
-        if finding is not FINE:
-            return self.refuse(observation.stamp_ns, finding)
+        if not report.is_good:
+            return self.refuse(observation.stamp_ns, report.finding)
         if self._states.state is State.NOT_LOCALISED:
             return Estimate(self._status(observation.stamp_ns, FINE))
         if self._reckoning.is_near(observation):
             return self._estimate(observation, FINE)  # nearly the same view tells nothing new
-        if self._states.needs_spreading:
+        if is_in_vain(self._states, self.params.state):
             self.search()
         grey, is_seen = level_view(observation.image, observation.camera, observation.rotation, self.map.camera)
         return self._localise(observation, visual_features(grey, self.params.comparison, is_seen))
@@ -113,7 +114,7 @@ class Filter:
         hypotheses = find_hypotheses(particles, p.hypothesis)
         lead = self._recovery.observe(comparison, hypotheses[0].mean_of(similarities, particles))
         verdict = judge(hypotheses, lead, step, p.state)
-        self._states.take(verdict)
+        count(self._states, verdict, observation.stamp_ns, p.state)
         self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)
         survivors = resample(particles, p.resampling, self._rng, self._gap, p.adjustment.num_images)
         is_new = bool(np.all(particles.ages == 1))  # all have just been spread: no more of the same
@@ -143,4 +144,5 @@ class Filter:
 
     def _status(self, stamp_ns: int, finding: Finding, state: State | None = None) -> Status:
         reckoning = self._reckoning
-        return status_of(state or self._states.state, stamp_ns, finding, reckoning.quality, reckoning.age(stamp_ns))
+        words = state or self._states.state, stamp_ns, finding, REMEDIES
+        return status_of(*words, quality=reckoning.quality, age=reckoning.age(stamp_ns))

@@ -10,9 +10,8 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image, Imu
 from sphere_nav_msgs.msg import SphereInfo
 
-from localization.status import Reason
+from localization.status import FINE, Finding, Reason
 from mcl_depth.params import MclDepthParams
-from mcl_depth.reasons import FINE, Finding
 from node_kit import conversions, qos
 from node_kit.conversions.particles import imu_attitude
 from node_kit.node import ManagedNode
@@ -28,7 +27,7 @@ class Intake:
 
     def __init__(self, node: ManagedNode, params: MclDepthParams, deliver: Callable[[Image, Finding], None]) -> None:
         self._params, self._deliver, self._tf = params, deliver, TransformListener(node)
-        self.odometry, self.odom_frame = OdometryBuffer(params.odometry_max_age), ""
+        self.odometry, self.odom_frame = OdometryBuffer(0.2), ""
         self.camera: Camera | None = None
         self.T_base_camera: SE3 | None = None
         self._fault = Finding(Reason.BAD_INFO, detail="no camera_info or sphere_info yet")

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import Image
 from std_srvs.srv import Empty
 
-from localization.status import FOLLOWING
+from localization.status import FINE, FOLLOWING, Finding
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.clouds_node import Clouds
 from mcl_depth.filter import Filter
@@ -19,7 +19,6 @@ from mcl_depth.intake_node import Intake
 from mcl_depth.likeness.comparison import check_headings
 from mcl_depth.outputs_node import Outputs
 from mcl_depth.params import MclDepthParams
-from mcl_depth.reasons import FINE, Finding
 from mcl_depth.views_node import Views
 from mcl_depth.warm_up import warm_up
 from node_kit import conversions, qos

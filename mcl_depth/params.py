@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import localization.params
+from localization.params import NodeParams
 from mcl_depth.image_params import ComparisonParams, SynthesisParams
 from typed_params import group, param, parameters
 
@@ -113,7 +115,7 @@ class HypothesisParams:
 
 
 @parameters
-class StateParams:
+class StateParams(localization.params.StateParams):
     """When the pose is trusted (`status.py`)."""
 
     min_weight: float = param(0.8, "share of the belief in one place before it is trusted", low=0.0, high=1.0)
@@ -123,7 +125,6 @@ class StateParams:
     max_sigma_deg: float = param(15.0, "standard deviation of a trusted heading", "deg", low=0.0)
     min_lead: float = param(1.0, "lead over the rest of the map of a trusted place", "standard deviations", low=0.0)
     probation_images: int = param(3, "good images in a row before a place is trusted; doubled by each loss", low=1)
-    max_probation_images: int = param(24, "bound of the doubling", low=1)
     lost_images: int = param(6, "bad images in a row until the pose is LOST", low=1)
     max_blind_s: float = param(2.0, "time without a usable image until the pose is LOST", "s", low=0.0)
     patience: int = param(20, "images of search after which all particles are spread anew", low=1)
@@ -140,14 +141,9 @@ class CovarianceParams:
 
 
 @parameters
-class InputParams:
-    """Which images are used (`input_check.py`)."""
+class InputParams(localization.params.InputParams):
+    """Which images are used (`localization/input_check.py`), and which of them are compared."""
 
-    max_leap_s: float = param(10.0, "step between stamps that is taken for a fault", "s", low=0.1)
-    clock_jump_images: int = param(3, "images in a row that make a leap of the stamps a new time", low=2)
-    min_contrast: float = param(3.0, "standard deviation of the image", "grey level", low=0.0)
-    frozen_images: int = param(5, "identical images in a row after which the camera counts as frozen", low=1)
-    allow_still: bool = param(False, "identical images are no fault (noise-free simulation, standing still)")
     timeout_s: float = param(2.0, "silence after which the pose is not current any more", "s", low=0.01)
     min_way: float = param(0.1, "images closer than this to the last one used only carry the pose on", "m", low=0.0)
     min_turn_deg: float = param(3.0, "unless turned by this", "deg", low=0.0)
@@ -197,17 +193,10 @@ class FilterParams:
 
 
 @parameters
-class MclDepthParams(FilterParams):
+class MclDepthParams(FilterParams, NodeParams):
     """Everything that the node needs (`node.py`)."""
 
     cloud: str = param("", "map: .ply, .pcd, .las, .npy, a floor plan .csv, or a folder of key spheres; empty: wait")
-    map_frame: str = param("map", "frame of the poses")
-    base_frame: str = param("base_link", "frame whose pose is published, on the ground")
-    camera_frame: str = param("", "frame of the camera; empty: the frame_id of the images")
-    every_image: bool = param(False, "reliable and deep image queue: a slow computer answers late but drops none")
-    odometry_max_age: float = param(0.2, "time for which odometry is carried on", "s", low=0.0)
     roll_deg: float = param(0.0, "of the vehicle, where there is no imu", "deg", low=-45.0, high=45.0)
     pitch_deg: float = param(0.0, "of the vehicle, where there is no imu", "deg", low=-45.0, high=45.0)
     homing: HomingParams = group(HomingParams)
-    publish_tf: bool = param(True, "publish map -> odom where there is odometry, else map -> base_frame")
-    max_waiting: int = param(50, "images kept until calibration and the camera's transform have come", low=1)

@@ -166,7 +166,7 @@ def test_looking_out_of_the_map_is_lost_not_guessed(room, room_map):
 
 
 def test_an_operator_gives_the_pose(room, room_map):
-    run = Run(room, make_localizer(room_map, start__automatic=False))
+    run = Run(room, make_localizer(room_map, automatic=False))
     assert run.see(at(0.3)).status.state is State.NOT_LOCALISED
     found = run.localizer.relocalize(at(0.35, 0.05, 0.05))
     assert found.status.state is State.PROBATION

@@ -5,8 +5,8 @@ pytest.importorskip("rclpy")
 
 from dense_localizer.estimate import Estimate
 from dense_localizer.node import DenseLocalizerNode
-from dense_localizer.outputs_node import Outputs, describe
-from localization.status import State, Status
+from dense_localizer.outputs_node import Outputs
+from localization.status import State, Status, describe
 from node_kit.conversions import pose_with_covariance_to_se3
 from node_kit.node import ERROR, OK, WARN
 from node_kit.replay import OfflineBus

@@ -42,7 +42,7 @@ def test_another_room_resembles_nothing(room, room_map):
     start = Startup(References(room_map, PARAMS), PARAMS).search(pyramid)
     assert start.place is None
     assert start.finding.reason is Reason.LOW_OVERLAP
-    assert "resembles" in start.finding.remedy
+    assert "resembles" in start.finding.detail
 
 
 def test_two_rooms_that_look_alike_are_ambiguous(room):

@@ -10,9 +10,8 @@ pytest.importorskip("rclpy")
 from sensor_msgs.msg import Imu
 from tf2_msgs.msg import TFMessage
 
-from localization.status import Reason
+from localization.status import FINE, Reason
 from mcl_depth.node import MclDepthNode
-from mcl_depth.reasons import FINE
 from node_kit import conversions
 from node_kit.replay import OfflineBus
 from sphere_geometry import SE3, Spherical, so3

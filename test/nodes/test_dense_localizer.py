@@ -244,7 +244,7 @@ def test_a_clock_that_jumps_back_forgets_the_pose(map_path, pictures):
 
 
 def test_an_initial_pose_starts_the_search_and_a_wrong_one_is_refused(map_path, pictures):
-    bench = Bench(map_path, start__automatic=False)
+    bench = Bench(map_path, automatic=False)
     assert bench.see(pictures[0])["/status"].state == "NOT_LOCALISED"
     T_map_base = drive(1)[0] @ T_BASE_CAMERA.inverse()
     for wrong in (
@@ -259,7 +259,7 @@ def test_an_initial_pose_starts_the_search_and_a_wrong_one_is_refused(map_path, 
 
 
 def test_relocalize_answers_with_the_pose_it_found(map_path, pictures):
-    bench = Bench(map_path, start__automatic=False)
+    bench = Bench(map_path, automatic=False)
     call = bench.node.shell.call
     assert "no image yet" in call("relocalize").message
     bench.see(pictures[0])
@@ -300,7 +300,7 @@ def test_a_map_that_is_not_there_refuses_to_start(tmp_path):
 
 
 def test_the_pose_of_another_localiser_starts_the_search(map_path, pictures):
-    bench = Bench(map_path, start__automatic=False)
+    bench = Bench(map_path, automatic=False)
     assert bench.see(pictures[0])["/status"].state == "NOT_LOCALISED"
     T_map_base = drive(1)[0] @ T_BASE_CAMERA.inverse()
     offered = T_map_base @ SE3.from_planar(0.1, -0.1, 0.03)  # as good as bare geometry knows it

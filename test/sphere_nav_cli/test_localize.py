@@ -83,12 +83,12 @@ def test_two_runs_write_the_same_bytes(recorded, tmp_path):
 def test_an_initial_pose_takes_the_place_of_the_search(recorded, tmp_path):
     T_map_base = drive(1)[0] @ T_BODY_OPTICAL.inverse()
     numbers = ",".join(f"{number:.4f}" for number in (*T_map_base.translation, *T_map_base.quaternion))
-    given = ("--set", "start.automatic=false", f"--initial-pose={numbers}")
+    given = ("--set", "automatic=false", f"--initial-pose={numbers}")
     assert localize(recorded, tmp_path / "poses.tum", *given) == 0
 
 
 def test_no_pose_at_all_is_a_failure(recorded, tmp_path):
-    assert localize(recorded, tmp_path / "poses.tum", "--set", "start.automatic=false") == 1
+    assert localize(recorded, tmp_path / "poses.tum", "--set", "automatic=false") == 1
 
 
 @pytest.mark.parametrize(
@@ -96,7 +96,7 @@ def test_no_pose_at_all_is_a_failure(recorded, tmp_path):
     [
         (["--initial-pose=1,2,3"], "--initial-pose: expected x,y,z,qx,qy,qz,qw, found '1,2,3'"),
         (["--initial-pose=90,0,0,0,0,0,1"], "initial pose: expected at most 10 m from a key sphere, found 90.0 m"),
-        (["--set", "start.automatic"], "--set: expected NAME=VALUE, found 'start.automatic'"),
+        (["--set", "automatic"], "--set: expected NAME=VALUE, found 'automatic'"),
         (["--set", "start.speed=3"], "start.speed: unknown parameter"),
         (["--image", "/front/image_raw"], "expected topic /front/image_raw"),
     ],

@@ -1,4 +1,4 @@
-"""Is this image worth aligning? Everything that can be said before looking at the map (FIELD 6.2: F2, F4, F5, F8, F9).
+"""Is this image worth a look? Everything that can be said before the map is asked (FIELD 6.2: F2, F4, F5, F8, F9).
 
 Decisions depend on stamps and pixels only, never on a clock of the computer, so that a replay repeats them.
 """
@@ -11,29 +11,31 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dense_localizer.params import InputParams
-from dense_localizer.reasons import FINE, Finding
-from localization.status import Reason
+from localization.params import InputParams
+from localization.status import FINE, Finding, Reason
 from sphere_geometry import Camera
 
 SAMPLE_STEP = 4  # every fourth pixel of every fourth row is enough for brightness, contrast and equality
+DARK_LEVEL, BRIGHT_LEVEL = 6.0, 250.0  # grey levels up to, and from, which a pixel counts as clipped
+MAX_CLIPPED_SHARE = 0.9
+CLOCK_JUMP_IMAGES = 3  # in a row make a leap of the stamps a new time
 
 
 @dataclass(frozen=True)
 class InputReport:
-    """What the checks say; after a `clock_jump` everything remembered is to be forgotten."""
+    """What the checks say; after a `clock_jump` everything with a stamp is to be forgotten."""
 
     finding: Finding = FINE
     is_clock_jump: bool = False
 
     @property
     def is_good(self) -> bool:
-        """Whether the image may be aligned."""
+        """Whether the image may be used."""
         return self.finding.reason is Reason.NONE
 
 
 class InputCheck:
-    """Checks of one camera's stream, in order: stamp, size, numbers, light, freshness."""
+    """Checks of one camera's stream, in order: stamp, size, calibration, numbers, light, freshness."""
 
     def __init__(self, params: InputParams) -> None:
         self._params = params
@@ -47,18 +49,18 @@ class InputCheck:
         self._last_sample: NDArray[Any] | None = None
         self._num_repeats = 0
 
-    def check(self, image: NDArray[Any], camera: Camera, stamp_ns: int, is_moving: bool) -> InputReport:
-        """Judge a grey image (H, W); `is_moving` says whether the camera moved when last seen."""
+    def check(self, image: NDArray[Any], camera: Camera, stamp_ns: int, *, is_moving: bool = False) -> InputReport:
+        """Judge a grey image (H, W); `is_moving` says whether the camera is known to have moved when last seen."""
         finding, is_clock_jump = self._check_stamp(stamp_ns)
         if finding.reason is not Reason.NONE:
             return InputReport(finding)
         if is_clock_jump:
             self.reset()
         self.last_stamp_ns = stamp_ns
-        finding = self._check_size(image, camera)
+        finding = self._check_camera(image, camera)
         if finding.reason is Reason.NONE:
             sample = image[::SAMPLE_STEP, ::SAMPLE_STEP]
-            finding = self._first_finding(image, sample, is_moving)
+            finding = self._check_pixels(image, sample, is_moving)
         return InputReport(finding, is_clock_jump)
 
     def _check_stamp(self, stamp_ns: int) -> tuple[Finding, bool]:
@@ -84,11 +86,11 @@ class InputCheck:
         if pending and not 0 < (stamp_ns - pending[-1]) * 1e-9 <= self._params.max_leap_s:
             pending.clear()
         pending.append(stamp_ns)
-        return len(pending) >= self._params.clock_jump_frames
+        return len(pending) >= CLOCK_JUMP_IMAGES
 
-    def _check_size(self, image: NDArray[Any], camera: Camera) -> Finding:
+    def _check_camera(self, image: NDArray[Any], camera: Camera) -> Finding:
         if image.shape != (camera.height, camera.width):
-            expected, found = f"{camera.width} x {camera.height}", f"{image.shape[1]} x {image.shape[0]}"
+            expected, found = f"{camera.width} x {camera.height}", f"{image.shape[-1]} x {image.shape[0]}"
             detail = f"image size: expected {expected} (camera_info), found {found}"
             return Finding(Reason.BAD_INFO, float(image.shape[-1]), float(camera.width), detail)
         if self._camera is not None and self._camera != camera:
@@ -96,7 +98,7 @@ class InputCheck:
         self._camera = camera
         return FINE
 
-    def _first_finding(self, image: NDArray[Any], sample: NDArray[Any], is_moving: bool) -> Finding:
+    def _check_pixels(self, image: NDArray[Any], sample: NDArray[Any], is_moving: bool) -> Finding:
         if image.dtype.kind == "f" and not np.isfinite(np.sum(image)):
             num_bad = int(np.sum(~np.isfinite(image)))
             return Finding(Reason.LOW_TEXTURE, num_bad, 0.0, "pixels that are no numbers")
@@ -104,22 +106,19 @@ class InputCheck:
         return finding if finding.reason is not Reason.NONE else self._check_frozen(sample, is_moving)
 
     def _check_light(self, sample: NDArray[Any]) -> Finding:
-        params = self._params
-        dark, bright = np.mean(sample <= params.dark_level), np.mean(sample >= params.bright_level)
+        dark, bright = np.mean(sample <= DARK_LEVEL), np.mean(sample >= BRIGHT_LEVEL)
         for share, word in ((dark, "black"), (bright, "saturated")):
-            if share > params.max_clipped_share:
-                return Finding(Reason.LOW_TEXTURE, float(share), params.max_clipped_share, f"image is {word}")
-        contrast = float(np.std(sample))
-        if contrast < params.min_contrast:
-            return Finding(Reason.LOW_TEXTURE, contrast, params.min_contrast, "image has no contrast")
-        return FINE
+            if share > MAX_CLIPPED_SHARE:
+                return Finding(Reason.LOW_TEXTURE, float(share), MAX_CLIPPED_SHARE, f"image is {word}")
+        contrast, limit = float(np.std(sample)), self._params.min_contrast
+        return Finding(Reason.LOW_TEXTURE, contrast, limit, "image has no contrast") if contrast < limit else FINE
 
     def _check_frozen(self, sample: NDArray[Any], is_moving: bool) -> Finding:
         is_repeat = self._last_sample is not None and np.array_equal(sample, self._last_sample)
         self._num_repeats = self._num_repeats + 1 if is_repeat else 0
         if not is_repeat:
             self._last_sample = sample.copy()
-        limit = self._params.frozen_frames
+        limit = self._params.frozen_images
         if self._num_repeats >= limit and (is_moving or not self._params.allow_still):
             return Finding(Reason.FROZEN, self._num_repeats, limit, "identical images with new stamps")
         return FINE
