@@ -89,21 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.output.exists() and not arguments.overwrite:
         raise BagError(f"{arguments.output}: expected no such file or folder, found one: --overwrite replaces a map")
     _use_threads(arguments.jobs)
-    values = parsed(arguments.settings)
-    with BagReader(arguments.bag) as bag:
-        chosen = topics.chosen_topics(arguments)
-        kind = (
-            find_input(bag, chosen, has_rig=arguments.rig is not None) if arguments.input == "auto" else arguments.input
-        )
-        values["input"] = "sphere" if kind == CAMERAS else kind
-        if kind == CAMERAS:
-            drive = mapped(bag, values, {}, stitcher_values(bag, chosen, arguments))
-        else:
-            drive = mapped(bag, values, topics.find_topics(bag, TOPICS[kind], chosen))
-    if not drive.node.mapper.tracks:
-        raise BagError(
-            f"{arguments.bag}: expected spheres to map, found none: {drive.refusal or 'no complete instant'}"
-        )
+    drive = map_drive(arguments)
     drive.node.mapper.keep_end()
     loops = 0 if arguments.no_loops else drive.node.mapper.close_loops()
     truth = truth_of(arguments.bag)
@@ -192,6 +178,24 @@ class MappedDrive:
         )
         lines.append(f"drift at the end: {1e3 * end:.1f} mm in {length:.2f} m ({100 * end / max(length, 1e-9):.2f} %)")
         return lines
+
+
+def map_drive(arguments: argparse.Namespace) -> MappedDrive:
+    """Return the bag mapped from what it holds; BagError where no sphere comes of it."""
+    chosen, values = topics.chosen_topics(arguments), parsed(arguments.settings)
+    with BagReader(arguments.bag) as bag:
+        kind = arguments.input
+        if kind == "auto":
+            kind = find_input(bag, chosen, has_rig=arguments.rig is not None)
+        if kind == CAMERAS:
+            drive = mapped(bag, values | {"input": "sphere"}, {}, stitcher_values(bag, chosen, arguments))
+        else:
+            drive = mapped(bag, values | {"input": kind}, topics.find_topics(bag, TOPICS[kind], chosen))
+    if not drive.node.mapper.tracks:
+        raise BagError(
+            f"{arguments.bag}: expected spheres to map, found none: {drive.refusal or 'no complete instant'}"
+        )
+    return drive
 
 
 Node = tuple[dict[str, Any], dict[str, str]]  # values of parameters by dotted name, topics of the bag by ours

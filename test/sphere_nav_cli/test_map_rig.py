@@ -135,7 +135,7 @@ def test_a_bag_of_other_cameras_is_one_line(scene, capsys):
     parts = tuple(dataclasses.replace(part, name=f"roof_{part.name}") for part in rig.cameras)
     write_rig(scene / "other.yaml", dataclasses.replace(rig, cameras=parts))
     assert call("map", scene / "bag", "-o", scene / "m", "--rig", scene / "other.yaml") == 2
-    assert "cameras: expected roof_top_front" in capsys.readouterr().err
+    assert "topics: expected images of roof_top_front" in capsys.readouterr().err
 
 
 def test_without_a_rig_file_it_says_so(scene, capsys):
