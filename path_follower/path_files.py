@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from path_follower.params import FollowerParams
 from path_follower.path import ReferencePath
 from path_follower.taught import MAX_POINTS, reference_path, taught_speeds
+from sphere_geometry.fields import number
+from sphere_geometry.files import read_text
 from sphere_geometry.trajectory import read_tum
 
 Array = NDArray[np.float64]
@@ -67,17 +69,16 @@ def _read_csv(file: Path) -> tuple[Array, Array | None, Array | None]:
     """Return points, headings and speeds; columns by the names of a header line, else x, y[, yaw[, speed]]."""
     order: list[str] = []
     rows: list[list[float]] = []
-    with file.open(encoding="utf-8", errors="replace") as lines:
-        for number, line in enumerate(lines, 1):
-            words = [word.strip() for word in line.lstrip("# ").strip().split(",")]
-            is_header = not rows and any(word[:1].isalpha() and word.lower() not in ("nan", "inf") for word in words)
-            if is_header:
-                order = _order(words) or order
-            elif line.strip() and not line.startswith("#"):
-                rows.append(_row(file, number, words, order or list(USUAL_ORDER[: len(words)])))
-                if len(rows) > MAX_POINTS or len(rows[-1]) != len(rows[0]):
-                    limit = f"{len(rows[0])} columns and at most {MAX_POINTS} points"
-                    raise ValueError(f"{file}:{number}: expected {limit}, found {len(rows[-1])} and {len(rows)}")
+    for line, text in enumerate(read_text(file, "file of points", errors="replace").split("\n"), 1):
+        words = [word.strip() for word in text.lstrip("# ").strip().split(",")]
+        is_header = not rows and any(word[:1].isalpha() and word.lower() not in ("nan", "inf") for word in words)
+        if is_header:
+            order = _order(words) or order
+        elif text.strip() and not text.startswith("#"):
+            rows.append(_row(f"{file}:{line}", words, order or list(USUAL_ORDER[: len(words)])))
+            if len(rows) > MAX_POINTS or len(rows[-1]) != len(rows[0]):
+                limit = f"{len(rows[0])} columns and at most {MAX_POINTS} points"
+                raise ValueError(f"{file}:{line}: expected {limit}, found {len(rows[-1])} and {len(rows)}")
     if not rows:
         raise ValueError(f"{file}: expected points, found none")
     order = order or list(USUAL_ORDER[: len(rows[0])])
@@ -93,16 +94,8 @@ def _order(names: list[str]) -> list[str]:
     return order if "x" in order and "y" in order else []
 
 
-def _row(file: Path, number: int, words: list[str], order: list[str]) -> list[float]:
+def _row(where: str, words: list[str], order: list[str]) -> list[float]:
+    """Return the numbers of the columns that are used, NaN for the others."""
     if len(words) < max(2, len(order)):
-        raise ValueError(f"{file}:{number}: expected {max(2, len(order))} columns, found {len(words)}")
-    values = []
-    for field, word in zip(order, words, strict=False):
-        try:
-            value = float(word)
-        except ValueError:
-            value = math.nan
-        if field and not math.isfinite(value):
-            raise ValueError(f"{file}:{number}: {field}: expected a finite number, found {word!r}")
-        values.append(value)
-    return values
+        raise ValueError(f"{where}: expected {max(2, len(order))} columns, found {len(words)}")
+    return [number(word, f"{where}: {field}") if field else math.nan for field, word in zip(order, words, strict=False)]

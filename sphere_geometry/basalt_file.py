@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 
 from sphere_geometry.camera import Camera
-from sphere_geometry.fields import number, read_text, required, short
+from sphere_geometry.fields import MAX_FILE_BYTES, number, required, short
+from sphere_geometry.files import read_text
 from sphere_geometry.foreign_cameras import ForeignRig, Lens, image_size, unsupported
 from sphere_geometry.se3 import SE3
 
@@ -34,7 +35,7 @@ def is_basalt(values: Any) -> bool:
 
 def read_basalt(path: Path) -> ForeignRig:
     """Return the cameras of a calibration of basalt; `T_imu_cam` points as ours do."""
-    text = read_text(path, "basalt calibration")
+    text = read_text(path, "basalt calibration", MAX_FILE_BYTES)
     try:
         values = json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -68,7 +69,7 @@ def _rig(values: Any) -> ForeignRig:
 def _camera(entry: Any, resolution: Any, index: int) -> Camera:
     where = f"value0.intrinsics[{index}]"
     kind = required(entry, where, ("camera_type", "intrinsics"))["camera_type"]
-    if kind not in FURTHER:
+    if not isinstance(kind, str) or kind not in FURTHER:
         raise unsupported(kind, f"{where}.camera_type", ", ".join(FURTHER))
     fields = (*CENTRE, *FURTHER[kind])
     given = required(entry["intrinsics"], f"{where}.intrinsics", fields)

@@ -9,6 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 
+MAX_SIDE = 1 << 16  # px
+MAX_PIXELS = 1 << 26
+MAX_LENGTH = 1e7  # px; of a focal length, and of the centre of a window far from the axis
+
 
 class Camera(Protocol):
     """A central camera: pixels (u, v) to rays and back. Pixel centres are integers, arrays are [v, u]."""
@@ -69,12 +73,15 @@ def inside(pixels: Array, camera: Camera) -> NDArray[np.bool_]:
 
 
 def check_size(width: int, height: int) -> None:
-    """Raise ValueError unless the image has at least one pixel."""
-    if width < 1 or height < 1:
-        raise ValueError(f"camera size: expected at least 1 x 1, found {width} x {height}")
+    """Raise ValueError unless the image has at least one pixel, and no more than memory holds."""
+    if not (1 <= width <= MAX_SIDE and 1 <= height <= MAX_SIDE and width * height <= MAX_PIXELS):
+        limits = f"at least 1 x 1, sides up to {MAX_SIDE}, {MAX_PIXELS} pixels in all"
+        raise ValueError(f"camera size: expected {limits}, found {width} x {height}")
 
 
-def check_focal_length(fx: float, fy: float) -> None:
-    """Raise ValueError unless both focal lengths are positive; K = 0 is how ROS says 'uncalibrated'."""
-    if not (np.isfinite(fx) and np.isfinite(fy) and fx > 0 and fy > 0):
+def check_lens(fx: float, fy: float, cx: float, cy: float) -> None:
+    """Raise ValueError unless both focal lengths are positive and the centre is finite; K = 0 says 'uncalibrated'."""
+    if not (0 < fx <= MAX_LENGTH and 0 < fy <= MAX_LENGTH):
         raise ValueError(f"focal length: expected positive fx, fy (calibrated camera), found {fx}, {fy}")
+    if not (abs(cx) <= MAX_LENGTH and abs(cy) <= MAX_LENGTH):
+        raise ValueError(f"centre: expected finite cx, cy within {MAX_LENGTH:g} px, found {cx}, {cy}")

@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sphere_geometry.camera import Array, check_focal_length, check_size, inside
+from sphere_geometry.camera import Array, check_lens, check_size, inside
 
 MIN_DIVISOR = 1e-12
 
@@ -34,7 +34,7 @@ class DoubleSphere:
 
     def __post_init__(self) -> None:
         check_size(self.width, self.height)
-        check_focal_length(self.fx, self.fy)
+        check_lens(self.fx, self.fy, self.cx, self.cy)
         if not (-1.0 < self.xi <= 1.0 and 0.0 <= self.alpha <= 1.0):
             raise ValueError(
                 f"double sphere: expected -1 < xi <= 1 and 0 <= alpha <= 1, found xi {self.xi}, alpha {self.alpha}"

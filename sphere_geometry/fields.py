@@ -2,53 +2,25 @@
 
 from __future__ import annotations
 
+import math
 import reprlib
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal, InvalidOperation
 from typing import Any
 
 import numpy as np
-import yaml
 
+from sphere_geometry.camera import MAX_SIDE
 from sphere_geometry.se3 import SE3
 
 ROTATION_TOLERANCE = 1e-4  # files are written with full precision; a hand's four digits still pass
-MAX_FILE_BYTES = 16 << 20  # a calibration takes some kilobytes
+MAX_FILE_BYTES = 1 << 20  # a calibration takes some kilobytes
+MAX_NUMBER = 1e15  # of any length, angle, coefficient or variance that makes sense
+MAX_DIGITS = 64  # characters of a number
+MAX_SECONDS = 2**31  # what a ROS stamp holds
 
 _REPR = reprlib.Repr()
 _REPR.maxstring = _REPR.maxother = _REPR.maxlong = 60
-
-
-class StrictLoader(yaml.SafeLoader):  # type: ignore[misc]
-    """Refuses a key that comes twice, which YAML would pass over."""
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        """Return the mapping of a node; ConstructorError where a key comes twice."""
-        keys = [self.construct_object(key, deep=True) for key, _ in node.value]
-        for key in keys:
-            if keys.count(key) > 1:
-                raise yaml.constructor.ConstructorError(None, None, f"{key!r} twice", node.start_mark)
-        return dict(super().construct_mapping(node, deep))
-
-
-def read_text(path: Path, what: str) -> str:
-    """Return the text of a file; `what` names the kind of file that was expected."""
-    if not path.is_file():
-        raise ValueError(f"{path}: expected a {what}, found {'a folder' if path.is_dir() else 'no such file'}")
-    if (num_bytes := path.stat().st_size) > MAX_FILE_BYTES:
-        raise ValueError(f"{path}: expected a {what} of at most {MAX_FILE_BYTES} bytes, found {num_bytes}")
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: expected text, found {' '.join(str(error).split())}") from None
-
-
-def load_yaml(path: Path, text: str, loader: type[StrictLoader] = StrictLoader) -> Any:
-    """Return the values of a YAML text; ValueError in one line, with the file's name, where it is none."""
-    try:
-        return yaml.load(text, Loader=loader)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: expected YAML, found {' '.join(str(error).split())}") from None
 
 
 def mapping(found: Any, where: str, fields: Sequence[str], optional: Sequence[str] = ()) -> Mapping[str, Any]:
@@ -72,11 +44,17 @@ def required(found: Any, where: str, fields: Sequence[str]) -> Mapping[str, Any]
 
 
 def number(found: Any, where: str) -> float:
-    """Return a finite number."""
-    value = _parsed(found)
-    if isinstance(value, bool) or not isinstance(value, int | float) or not np.isfinite(value):
-        raise ValueError(f"{where}: expected a finite number, found {short(found)}")
-    return float(value)
+    """Return a finite number within `MAX_NUMBER`; text such as `1e-05`, no number in YAML 1.1, is one."""
+    try:
+        if isinstance(found, bool) or not isinstance(found, int | float | str) or len(str(found)) > MAX_DIGITS:
+            raise ValueError
+        value = float(found)
+    except (ValueError, OverflowError):
+        value = math.nan
+    if not abs(value) <= MAX_NUMBER:
+        limit = f" up to {MAX_NUMBER:g}" if math.isfinite(value) else ""
+        raise ValueError(f"{where}: expected a finite number{limit}, found {short(found)}")
+    return value
 
 
 def numbers(found: Any, where: str, count: int | None = None) -> tuple[float, ...]:
@@ -88,22 +66,40 @@ def numbers(found: Any, where: str, count: int | None = None) -> tuple[float, ..
     return tuple(number(value, where) for value in found)
 
 
+def stamp_ns(word: str, where: str) -> int:
+    """Return seconds since 1970, written in decimal, as nanoseconds without loss; a float64 would not hold them."""
+    try:
+        seconds = Decimal(word if len(word) <= MAX_DIGITS else "nan")
+    except InvalidOperation:
+        seconds = Decimal("nan")
+    if not seconds.is_finite():
+        raise ValueError(f"{where}: expected a finite number, found {short(word)}")
+    if not 0 <= seconds < MAX_SECONDS:
+        hint = " (nanoseconds?)" if seconds > 0 else ""
+        raise ValueError(f"{where}: expected seconds from 0 to 2^31, found {short(word)}{hint}")
+    return int((seconds * 10**9).to_integral_value())
+
+
+def choice(found: Any, where: str, names: Iterable[str]) -> str:
+    """Return one of these names."""
+    known = tuple(names)
+    if not isinstance(found, str) or found not in known:
+        raise ValueError(f"{where}: expected {', '.join(known)}, found {short(found)}")
+    return found
+
+
 def size(found: Any, where: str) -> int:
     """Return a number of pixels."""
-    if isinstance(found, bool) or not isinstance(found, int) or found < 1:
-        raise ValueError(f"{where}: expected a positive number of pixels, found {short(found)}")
+    if isinstance(found, bool) or not isinstance(found, int) or not 1 <= found <= MAX_SIDE:
+        raise ValueError(f"{where}: expected a positive number of pixels, at most {MAX_SIDE}, found {short(found)}")
     return found
 
 
 def pose(found: Any, where: str) -> SE3:
     """Return the motion of 4 rows of 4 numbers, a rotation within `ROTATION_TOLERANCE`."""
-    rows = [[_parsed(value) for value in row] if isinstance(row, list) else row for row in _as_list(found)]
-    try:
-        matrix = np.array(rows, dtype=np.float64)
-    except (ValueError, TypeError):
-        raise ValueError(f"{where}: expected 4 rows of 4 numbers, found {short(found)}") from None
-    if matrix.shape != (4, 4):
-        raise ValueError(f"{where}: expected 4 rows of 4 numbers, found shape {matrix.shape}")
+    if not isinstance(found, list) or len(found) != 4:
+        raise ValueError(f"{where}: expected 4 rows of 4 numbers, found {short(found)}")
+    matrix = np.array([numbers(row, where, 4) for row in found])
     try:
         return SE3.from_matrix(matrix, ROTATION_TOLERANCE)
     except ValueError as error:
@@ -122,15 +118,3 @@ def short(found: Any) -> str:
     """Return a value as text of one short line, whatever its size."""
     text = " ".join(_REPR.repr(found).split())
     return text if len(text) <= 60 else text[:57] + "..."
-
-
-def _as_list(found: Any) -> list[Any]:
-    return found if isinstance(found, list) else [found]
-
-
-def _parsed(value: Any) -> Any:
-    """Return text such as `1e-05`, which YAML 1.1 does not take for a number, as the number it is."""
-    try:
-        return float(value) if isinstance(value, str) else value
-    except ValueError:
-        return value

@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sphere_geometry.camera import Array, check_focal_length, check_size, inside
+from sphere_geometry.camera import Array, check_lens, check_size, inside
 
 NEWTON_STEPS = 12
 MIN_SINE = 1e-9
@@ -30,7 +30,7 @@ class Fisheye:
 
     def __post_init__(self) -> None:
         check_size(self.width, self.height)
-        check_focal_length(self.fx, self.fy)
+        check_lens(self.fx, self.fy, self.cx, self.cy)
         if len(self.distortion) != 4 or not np.all(np.isfinite(self.distortion)):
             raise ValueError(f"distortion: expected 4 finite numbers, found {self.distortion}")
 

@@ -10,12 +10,14 @@ from typing import Any
 import numpy as np
 
 from sphere_geometry.camera import Camera
-from sphere_geometry.fields import load_yaml, pose, read_text, required, short
+from sphere_geometry.fields import MAX_FILE_BYTES, pose, required, short
+from sphere_geometry.files import read_text
 from sphere_geometry.foreign_cameras import ForeignRig, Lens, image_size, unsupported, vector
 from sphere_geometry.opencv_file import without_directive
 from sphere_geometry.se3 import SE3
+from sphere_geometry.yaml_text import load_yaml
 
-NAME = re.compile(r"cam(\d+)")
+NAME = re.compile(r"cam([0-9]{1,3})")
 NUM_INTRINSICS = {"pinhole": 4, "omni": 5, "ds": 6}  # fu fv pu pv, behind xi (omni) or xi alpha (ds)
 NUM_DISTORTION = {"radtan": 4, "equidistant": 4, "none": 0}
 KNOWN = "pinhole with radtan, equidistant or none, ds with none, omni with none"
@@ -33,7 +35,7 @@ def read_kalibr(path: Path) -> ForeignRig:
     `T_cn_cnm1` takes points of camera n - 1 to camera n, `T_cam_imu` points of the IMU to the camera; both point the
     other way than ours do.
     """
-    values = load_yaml(path, without_directive(read_text(path, "Kalibr camchain")))
+    values = load_yaml(path, without_directive(read_text(path, "Kalibr camchain", MAX_FILE_BYTES)))
     try:
         return _rig(values)
     except ValueError as error:
@@ -55,10 +57,11 @@ def _rig(values: Any) -> ForeignRig:
 
 def _camera(name: str, entry: Mapping[str, Any]) -> Camera:
     model, distortion = entry["camera_model"], entry.get("distortion_model") or "none"
-    if model not in NUM_INTRINSICS:
+    if not isinstance(model, str) or model not in NUM_INTRINSICS:
         raise unsupported(model, f"{name}.camera_model", KNOWN)
-    if distortion not in NUM_DISTORTION or (model != "pinhole" and distortion != "none"):
-        raise unsupported(f"{model} with {distortion}", f"{name}.distortion_model", KNOWN)
+    is_known = isinstance(distortion, str) and distortion in NUM_DISTORTION
+    if not is_known or (model != "pinhole" and distortion != "none"):
+        raise unsupported(f"{model} with {distortion!s:.40}", f"{name}.distortion_model", KNOWN)
     numbers = vector(entry, "intrinsics", name, NUM_INTRINSICS[model])
     k = vector(entry, "distortion_coeffs", name, NUM_DISTORTION[distortion])
     size = image_size(entry["resolution"], f"{name}.resolution")

@@ -14,10 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_geometry.camera import Camera
-from sphere_geometry.fields import ROTATION_TOLERANCE, StrictLoader, load_yaml, number, read_text, short, size
+from sphere_geometry.fields import MAX_FILE_BYTES, ROTATION_TOLERANCE, number, short, size
+from sphere_geometry.files import read_text
 from sphere_geometry.foreign_cameras import ForeignRig, Lens, unsupported
 from sphere_geometry.rig import NAME
 from sphere_geometry.se3 import SE3
+from sphere_geometry.yaml_text import StrictLoader, load_yaml
 
 Array = NDArray[np.float64]
 Values = Mapping[str, Any]
@@ -51,7 +53,7 @@ def without_directive(text: str) -> str:
 
 def load_opencv(path: Path) -> Any:
     """Return the values of a FileStorage in YAML, or of any other YAML or JSON."""
-    text = read_text(path, "calibration file")
+    text = read_text(path, "calibration file", MAX_FILE_BYTES)
     if text.lstrip().startswith("<"):
         raise ValueError(f"{path}: expected YAML or JSON, found XML (FileStorage writes YAML to names in .yml)")
     return load_yaml(path, without_directive(text).replace("\t", " "), OpenCvLoader)

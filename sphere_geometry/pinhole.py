@@ -9,7 +9,7 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sphere_geometry.camera import Array, check_focal_length, check_size, inside
+from sphere_geometry.camera import Array, check_lens, check_size, inside
 
 NUM_DISTORTION = 8  # k1 k2 p1 p2 k3 k4 k5 k6, the order of OpenCV and ROS
 NEWTON_STEPS = 12
@@ -31,7 +31,7 @@ class Pinhole:
 
     def __post_init__(self) -> None:
         check_size(self.width, self.height)
-        check_focal_length(self.fx, self.fy)
+        check_lens(self.fx, self.fy, self.cx, self.cy)
         if len(self.distortion) > NUM_DISTORTION or not np.all(np.isfinite(self.distortion)):
             raise ValueError(f"distortion: expected up to {NUM_DISTORTION} finite numbers, found {self.distortion}")
 

@@ -8,10 +8,12 @@ from typing import Any
 
 from sphere_geometry.camera import Camera
 from sphere_geometry.double_sphere import DoubleSphere
-from sphere_geometry.fields import check_centre, load_yaml, mapping, number, numbers, pose, read_text, short, size
+from sphere_geometry.fields import MAX_FILE_BYTES, check_centre, choice, mapping, number, numbers, pose, short, size
+from sphere_geometry.files import read_text
 from sphere_geometry.fisheye import Fisheye
 from sphere_geometry.pinhole import Pinhole
 from sphere_geometry.rig import Rig, RigCamera
+from sphere_geometry.yaml_text import load_yaml
 
 FORMAT, FORMAT_VERSION = "sphere_nav_rig", 1
 MODELS: dict[str, tuple[str, ...]] = {
@@ -44,7 +46,7 @@ HEADER = f"""\
 def read_rig(path: str | Path) -> Rig:
     """Return the rig of a file; ValueError with file, field, expected and found in one line if it is none."""
     path = Path(path)
-    found = load_yaml(path, read_text(path, "rig file"))
+    found = load_yaml(path, read_text(path, "rig file", MAX_FILE_BYTES))
     try:
         return _rig(mapping(found, "rig", RIG_FIELDS), path.parent)
     except ValueError as error:
@@ -73,14 +75,14 @@ def write_rig(path: str | Path, rig: Rig, *, is_overwriting: bool = False) -> No
 
 def _rig(values: Mapping[str, Any], folder: Path) -> Rig:
     if values["format"] != FORMAT or values["format_version"] != FORMAT_VERSION:
-        found = f"{values['format']} {values['format_version']}"
+        found = f"{values['format']!s:.40} {values['format_version']!s:.40}"
         raise ValueError(f"format, format_version: expected {FORMAT} {FORMAT_VERSION}, found {found}")
     cameras = values["cameras"]
     if not isinstance(cameras, dict) or not cameras:
         raise ValueError(f"cameras: expected camera names with their fields, found {short(cameras)}")
     if values["num_cameras"] != len(cameras):
-        found = f"{len(cameras)} ({', '.join(str(name) for name in cameras)})"
-        raise ValueError(f"cameras: expected {values['num_cameras']} (num_cameras), found {found}")
+        found = f"{len(cameras)} ({', '.join(f'{name!s:.40}' for name in list(cameras)[:20])})"
+        raise ValueError(f"cameras: expected {short(values['num_cameras'])} (num_cameras), found {found}")
     parts = tuple(_camera(str(name), fields, folder) for name, fields in cameras.items())
     return Rig(parts, str(values["name"]), str(values["version"]))
 
@@ -102,9 +104,7 @@ def _camera(name: str, fields: Any, folder: Path) -> RigCamera:
 
 
 def _model(values: Mapping[str, Any], where: str) -> Camera:
-    name = values["model"]
-    if name not in MODELS:
-        raise ValueError(f"{where}.model: expected {', '.join(MODELS)}, found {short(name)}")
+    name = choice(values["model"], f"{where}.model", MODELS)
     width, height = (size(values[side], f"{where}.{side}") for side in ("width", "height"))
     lens = mapping(values["intrinsics"], f"{where}.intrinsics", MODELS[name])
     fx, fy, cx, cy, *others = (number(lens[key], f"{where}.intrinsics.{key}") for key in MODELS[name])

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from decimal import Decimal, InvalidOperation
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sphere_geometry import so3
+from sphere_geometry.fields import number, stamp_ns
+from sphere_geometry.files import read_text
 from sphere_geometry.se3 import SE3
 
 Array = NDArray[np.float64]
@@ -148,7 +149,7 @@ def _write(path: Path, fields: tuple[str, ...], stamps_ns: Stamps, values: Array
 
 def _read_covariances(path: Path, stamps_ns: Stamps) -> Array | None:
     beside = path.with_suffix(".cov")
-    if beside == path or not beside.is_file():
+    if beside == path or not beside.exists():
         return None
     rows = list(_rows(beside, COVARIANCE_FIELDS))
     found = [stamp for _, stamp, _ in rows]
@@ -161,24 +162,11 @@ def _read_covariances(path: Path, stamps_ns: Stamps) -> Array | None:
 
 def _rows(path: Path, fields: tuple[str, ...]) -> Iterator[tuple[int, int, list[float]]]:
     """Yield line number, stamp in nanoseconds and the other numbers of every line that is not a comment."""
-    with path.open(encoding="utf-8", errors="replace") as file:
-        for line, text in enumerate(file, 1):
-            words = text.replace(",", " ").split()
-            if not words or words[0].startswith("#"):
-                continue
-            if len(words) != len(fields):
-                raise ValueError(
-                    f"{path}:{line}: expected {len(fields)} columns ({' '.join(fields)}), found {len(words)}"
-                )
-            numbers = [_number(path, line, field, word) for field, word in zip(fields, words, strict=True)]
-            yield line, int((numbers[0] * 10**9).to_integral_value()), [float(number) for number in numbers[1:]]
-
-
-def _number(path: Path, line: int, field: str, word: str) -> Decimal:
-    try:
-        number = Decimal(word)  # exact: seconds since 1970 with nanoseconds do not fit a float64
-    except InvalidOperation:
-        number = Decimal("nan")
-    if not number.is_finite():
-        raise ValueError(f"{path}:{line}: {field}: expected a finite number, found {word!r}")
-    return number
+    for line, text in enumerate(read_text(path, "file of poses", errors="replace").split("\n"), 1):
+        words = text.replace(",", " ").split()
+        if not words or words[0].startswith("#"):
+            continue
+        if len(words) != len(fields):
+            raise ValueError(f"{path}:{line}: expected {len(fields)} columns ({' '.join(fields)}), found {len(words)}")
+        values = [number(word, f"{path}:{line}: {field}") for field, word in zip(fields[1:], words[1:], strict=True)]
+        yield line, stamp_ns(words[0], f"{path}:{line}: stamp"), values

@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage, Image
 
-from node_kit.conversions.encoded import encoded_size
+from node_kit.conversions.encoded import decode_file
 from node_kit.conversions.stamps import header
+from sphere_geometry.camera import MAX_PIXELS
 
 ENCODINGS: dict[str, tuple[type, int]] = {
     "mono8": (np.uint8, 1),
@@ -50,7 +51,6 @@ TO_RGB = {
 }
 COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")  # of image_transport's compressedDepth: kind, two parameters
 MILLIMETRES_INVALID = (0, 65535)
-MAX_PIXELS = 1 << 28
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float32]
@@ -122,19 +122,15 @@ def depth_to_metres(message: Image) -> Floats:
     return np.where(pixels > 0, pixels, np.float32(np.nan))
 
 
-def compressed_to_array(message: CompressedImage) -> Bytes:
-    """Decode JPEG or PNG to (H, W, 3) RGB or (H, W) grey, uint8."""
-    data = np.frombuffer(message.data, np.uint8)
-    _check_encoded_size(bytes(data[:65536]))
-    pixels = cv2.imdecode(data, cv2.IMREAD_ANYCOLOR)
-    if pixels is None:
-        raise ValueError(f"data: expected an image ({message.format!r}), found {len(data)} bytes that do not decode")
+def compressed_to_array(message: CompressedImage, size: tuple[int, int] | None = None) -> Bytes:
+    """Decode JPEG or PNG to (H, W, 3) RGB or (H, W) grey, uint8; before that its size (width, height) is compared."""
+    pixels = decode_file(message.data, MAX_PIXELS, cv2.IMREAD_ANYCOLOR, size)
     return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB) if pixels.ndim == 3 else pixels
 
 
-def compressed_to_image(message: CompressedImage) -> Image:
-    """Return the Image (rgb8 or mono8) that was compressed."""
-    pixels = compressed_to_array(message)
+def compressed_to_image(message: CompressedImage, size: tuple[int, int] | None = None) -> Image:
+    """Return the Image (rgb8 or mono8) that was compressed; `size` as of `compressed_to_array`."""
+    pixels = compressed_to_array(message, size)
     image = array_to_image(pixels, 0, "", "rgb8" if pixels.ndim == 3 else "mono8")
     image.header = message.header
     return image
@@ -154,12 +150,11 @@ def compressed_depth_to_image(message: CompressedImage) -> Image:
     if len(data) <= COMPRESSED_DEPTH_HEADER.size:
         raise ValueError(f"data: expected a header of 12 bytes and a PNG, found {len(data)} bytes")
     _, scale, offset = COMPRESSED_DEPTH_HEADER.unpack_from(data)
-    _check_encoded_size(data[COMPRESSED_DEPTH_HEADER.size :])
-    pixels = cv2.imdecode(np.frombuffer(data, np.uint8, offset=COMPRESSED_DEPTH_HEADER.size), cv2.IMREAD_UNCHANGED)
-    if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 2:
-        raise ValueError(f"data: expected a PNG of 16 bits, found {len(data)} bytes that are none")
+    pixels: Any = _decode_16_bit(data[COMPRESSED_DEPTH_HEADER.size :])
     if encoding == "32FC1":
-        known = pixels > 0
+        if not np.isfinite([scale, offset]).all():
+            raise ValueError(f"data: expected finite depth parameters, found {scale}, {offset}")
+        known = (pixels > 0) & (pixels != offset)
         metres = np.full(pixels.shape, np.nan, np.float32)
         metres[known] = np.float32(scale) / (pixels[known].astype(np.float32) - np.float32(offset))
         pixels = metres
@@ -186,17 +181,13 @@ def to_bytes(pixels: NDArray[Any]) -> array.array[int]:
 
 def _compressed_16_bit(message: CompressedImage) -> Image:
     """Return the Image of a 16-bit PNG on a topic `/compressed`."""
-    data = np.frombuffer(message.data, np.uint8)
-    _check_encoded_size(bytes(data[:65536]))
-    pixels = cv2.imdecode(data, cv2.IMREAD_UNCHANGED)
-    if pixels is None or pixels.dtype != np.uint16 or pixels.ndim != 2:
-        raise ValueError(f"data: expected a PNG of 16 bits ({message.format!r}), found {len(data)} bytes that are none")
-    image = array_to_image(pixels, 0, "", message.format.split(";")[0].strip())
+    image = array_to_image(_decode_16_bit(message.data), 0, "", message.format.split(";")[0].strip())
     image.header = message.header
     return image
 
 
-def _check_encoded_size(data: bytes) -> None:
-    width, height = encoded_size(data)
-    if not 0 < width * height <= MAX_PIXELS:
-        raise ValueError(f"image size: expected 1 to {MAX_PIXELS} pixels, found {width} x {height}")
+def _decode_16_bit(data: Any) -> NDArray[np.uint16]:
+    pixels = decode_file(data, MAX_PIXELS, cv2.IMREAD_UNCHANGED)
+    if pixels.dtype != np.uint16 or pixels.ndim != 2:
+        raise ValueError(f"data: expected a PNG of one channel of 16 bits, found {pixels.shape} {pixels.dtype}")
+    return pixels

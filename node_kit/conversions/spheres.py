@@ -11,14 +11,14 @@ import zstandard
 from numpy.typing import NDArray
 from sphere_nav_msgs.msg import AugmentedSphere, SphereInfo
 
-from node_kit.conversions.encoded import encoded_size
+from node_kit.conversions.encoded import decode_file
 from node_kit.conversions.images import to_bytes
 from node_kit.conversions.stamps import header, stamp_ns
 from sphere_geometry import Spherical
 from sphere_map import range_codec
 from sphere_map.sphere import Sphere
 
-MAX_PIXELS = 1 << 27  # 16384 x 8192
+MAX_PIXELS = 1 << 25  # 8192 x 4096
 MAX_FULL_WIDTH = 1 << 16
 PNG_LEVEL = 1  # of cv2; higher levels cost much time for little size
 JPEG_QUALITY = 95
@@ -158,12 +158,10 @@ def _decoded_range(data: Any, encoding: str, shape: tuple[int, int], name: str) 
 
 
 def _decoded_file(raw: NDArray[np.uint8], shape: tuple[int, int], name: str) -> NDArray[Any]:
-    width, height = encoded_size(raw[:65536].tobytes())
-    if (height, width) != shape:
-        raise ValueError(f"{name}: expected {shape[1]} x {shape[0]} (info), found a file of {width} x {height}")
-    pixels = cv2.imdecode(raw, cv2.IMREAD_UNCHANGED)
-    if pixels is None:
-        raise ValueError(f"{name}: expected an image file, found {raw.size} bytes that do not decode")
+    try:
+        pixels = decode_file(raw, MAX_PIXELS, cv2.IMREAD_UNCHANGED, shape[::-1], "info")
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
     return np.ascontiguousarray(pixels[:, :, ::-1]) if pixels.ndim == 3 else pixels
 
 

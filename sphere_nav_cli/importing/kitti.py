@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 
 from node_kit.conversions import array_to_image, camera_to_info, se3_to_pose_stamped
 from sphere_geometry import SE3, Pinhole
+from sphere_geometry.fields import number as number_of
+from sphere_geometry.files import read_text
 from sphere_map.sphere import T_BODY_OPTICAL
 from sphere_nav_cli.importing.recording import (
     FIRST_STAMP_NS,
@@ -20,7 +22,6 @@ from sphere_nav_cli.importing.recording import (
     camera_transforms,
     read_image,
     read_numbers,
-    read_text,
     require_folder,
 )
 
@@ -94,15 +95,12 @@ def _image_folders(folder: Path) -> tuple[Path, Path]:
 
 def _projection(path: Path, number: int) -> NDArray[np.float64]:
     """Return P<number> (3, 4) from lines 'P0: ...', or from the line of that number where they carry no names."""
-    lines = [line.split() for line in read_text(path).splitlines() if line.strip()]
+    lines = [line.split() for line in read_text(path, "calibration of KITTI").split("\n") if line.strip()]
     named = {words[0].rstrip(":"): words[1:] for words in lines if words[0].endswith(":")}
     words = named.get(f"P{number}") if named else lines[number] if number < len(lines) else None
     if words is None or len(words) != 12:
         raise ValueError(f"{path}: P{number}: expected 12 numbers, found {len(words or ())}")
-    try:
-        return np.array([float(word) for word in words]).reshape(3, 4)
-    except ValueError as error:
-        raise ValueError(f"{path}: P{number}: expected numbers: {error}") from None
+    return np.array([number_of(word, f"{path}: P{number}") for word in words]).reshape(3, 4)
 
 
 def _optional(path: Path, columns: int, last: int) -> NDArray[np.float64] | None:

@@ -12,11 +12,17 @@ from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 
 from node_kit.conversions import se3_to_transform
+from node_kit.conversions.encoded import decode_file
 from sphere_geometry import SE3
+from sphere_geometry.camera import MAX_PIXELS
+from sphere_geometry.fields import number
+from sphere_geometry.files import read_bytes, read_text
+from sphere_geometry.trajectory import NORM_TOLERANCE
 from sphere_map.sphere import T_BODY_OPTICAL
 
 FIRST_STAMP_NS = 1_000_000_000  # of recordings that start at zero: stamp 0 means 'no stamp'
 MAP_FRAME, BASE_FRAME, CAMERA_FRAME, OPTICAL_FRAME = "map", "base_link", "camera_link", "camera_optical"
+MAX_IMAGE_BYTES = 1 << 28
 
 
 class Recording(Protocol):
@@ -57,30 +63,22 @@ def read_image(path: Path) -> NDArray[Any]:
 
 def read_depth(path: Path) -> NDArray[np.uint16]:
     """Return a 16-bit image (H, W)."""
-    return _decoded(path, cv2.IMREAD_UNCHANGED, np.uint16)
+    pixels = _decoded(path, cv2.IMREAD_UNCHANGED, np.uint16)
+    if pixels.ndim != 2:
+        raise ValueError(f"{path}: expected one channel, found {pixels.shape[2]}")
+    return pixels
 
 
 def read_numbers(path: Path, columns: int) -> NDArray[np.float64]:
     """Return the table (N, columns) of a text file; `#` begins a comment."""
-    lines = [line.split("#")[0].replace(",", " ").split() for line in read_text(path).splitlines()]
-    try:
-        table = [[float(word) for word in words] for words in lines if words]
-    except ValueError as error:
-        raise ValueError(f"{path}: expected numbers: {error}") from None
-    for number, row in enumerate(table, start=1):
-        if len(row) != columns:
-            raise ValueError(f"{path}: row {number}: expected {columns} numbers, found {len(row)}")
+    table = []
+    for line, text in enumerate(read_text(path, "table of numbers").split("\n"), start=1):
+        words = text.split("#")[0].replace(",", " ").split()
+        if words and len(words) != columns:
+            raise ValueError(f"{path}:{line}: expected {columns} numbers, found {len(words)}")
+        if words:
+            table.append([number(word, f"{path}:{line}") for word in words])
     return np.array(table, dtype=np.float64).reshape(-1, columns)
-
-
-def read_text(path: Path) -> str:
-    """Return the text of a file."""
-    try:
-        return path.read_text()
-    except FileNotFoundError:
-        raise ValueError(f"{path}: expected a file, found none") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: expected a text file: {error}") from None
 
 
 def read_pose(path: Path) -> SE3:
@@ -94,6 +92,13 @@ def read_pose(path: Path) -> SE3:
         raise ValueError(f"{path}: {error}") from None
 
 
+def pose_of_row(row: NDArray[np.float64], where: Path) -> SE3:
+    """Return the pose of x y z qx qy qz qw (7,)."""
+    if abs(np.linalg.norm(row[3:]) - 1.0) > NORM_TOLERANCE:
+        raise ValueError(f"{where}: expected unit quaternions, found {row[3:].tolist()}")
+    return SE3.from_quaternion(row[3:], row[:3])
+
+
 def require_folder(path: Path) -> Path:
     """Return the folder; ValueError if there is none."""
     if not path.is_dir():
@@ -102,11 +107,11 @@ def require_folder(path: Path) -> Path:
 
 
 def _decoded(path: Path, mode: int, kind: type) -> NDArray[Any]:
-    if not path.is_file():
-        raise ValueError(f"{path}: expected an image file, found none")
-    pixels = cv2.imdecode(np.fromfile(path, np.uint8), mode)
-    if pixels is None:
-        raise ValueError(f"{path}: expected an image, found {path.stat().st_size} bytes that do not decode")
+    data = read_bytes(path, "PNG or JPEG image", MAX_IMAGE_BYTES)
+    try:
+        pixels = decode_file(data, MAX_PIXELS, mode)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None
     if pixels.dtype != kind:
         raise ValueError(f"{path}: expected {np.dtype(kind)} pixels, found {pixels.dtype}")
     return pixels

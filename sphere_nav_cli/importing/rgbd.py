@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 
 from node_kit.conversions import array_to_image, camera_to_info, se3_to_pose_stamped
 from sphere_geometry import SE3, Pinhole
+from sphere_geometry.fields import stamp_ns
+from sphere_geometry.files import read_text
+from sphere_geometry.trajectory import Trajectory, read_tum
 from sphere_map.sphere import T_BODY_OPTICAL
 from sphere_nav_cli.importing.depth_registration import DepthRegistration
 from sphere_nav_cli.importing.recording import (
@@ -22,6 +25,7 @@ from sphere_nav_cli.importing.recording import (
     OPTICAL_FRAME,
     body_from_optical,
     camera_transforms,
+    pose_of_row,
     read_depth,
     read_image,
     read_numbers,
@@ -32,7 +36,7 @@ from sphere_nav_cli.importing.recording import (
 KINECT_HZ = 30.0
 MILLIMETRES = 1000.0  # depth units per m
 FAR = 65535  # invalid in 7-Scenes
-MAX_GAP_S = 0.02  # between the stamps of one instant in a TUM recording
+MAX_GAP_NS = 20_000_000  # between the stamps of one instant in a TUM recording
 
 
 @dataclass(frozen=True)
@@ -157,50 +161,43 @@ def open_tum(folder: Path, camera: Pinhole, depth_units: float) -> RgbdRecording
 def _tum_pair(folder: Path) -> list[Frame]:
     frames = []
     for number, name in enumerate(("prev", "curr")):
-        pose = read_numbers(folder / f"pose_{name}.txt", 7)[0]
+        file = folder / f"pose_{name}.txt"
+        rows = read_numbers(file, 7)
+        if len(rows) != 1:
+            raise ValueError(f"{file}: expected one pose, found {len(rows)}")
         stamp = FIRST_STAMP_NS + round(number * 1e9 / KINECT_HZ)
-        T_world_optical = SE3.from_quaternion(pose[3:], pose[:3])
+        T_world_optical = pose_of_row(rows[0], file)
         frames.append(Frame(stamp, folder / f"img_{name}.png", folder / f"dep_{name}.png", T_world_optical))
     return frames
 
 
 def _tum_sequence(folder: Path) -> list[Frame]:
     images, depths = _listed(folder / "rgb.txt"), _listed(folder / "depth.txt")
-    truth = read_numbers(folder / "groundtruth.txt", 8) if (folder / "groundtruth.txt").is_file() else np.empty((0, 8))
-    depth_stamps = np.array([stamp for stamp, _ in depths])
+    truth = read_tum(folder / "groundtruth.txt") if (folder / "groundtruth.txt").exists() else None
+    depth_stamps = np.array([stamp for stamp, _ in depths], dtype=np.int64)
     frames = []
     for stamp, image in images:
         nearest = int(np.argmin(np.abs(depth_stamps - stamp)))
-        if abs(depth_stamps[nearest] - stamp) <= MAX_GAP_S:
-            pose = _pose_at(truth, stamp)
-            frames.append(Frame(round(stamp * 1e9), folder / image, folder / depths[nearest][1], pose))
+        if abs(int(depth_stamps[nearest]) - stamp) <= MAX_GAP_NS:
+            pose = None if truth is None else _pose_at(truth, stamp)
+            frames.append(Frame(stamp, folder / image, folder / depths[nearest][1], pose))
     if not frames:
-        raise ValueError(f"{folder / 'depth.txt'}: expected stamps within {MAX_GAP_S} s of rgb.txt, found none")
+        raise ValueError(f"{folder / 'depth.txt'}: expected stamps within {MAX_GAP_NS} ns of rgb.txt, found none")
     return frames
 
 
-def _pose_at(truth: NDArray[np.float64], stamp: float) -> SE3 | None:
+def _pose_at(truth: Trajectory, stamp: int) -> SE3 | None:
     """Return the pose between the two rows around the stamp, None where they are too far away."""
-    after = int(np.searchsorted(truth[:, 0], stamp))
-    before, after = max(after - 1, 0), min(after, len(truth) - 1)
-    if len(truth) == 0 or max(abs(truth[before, 0] - stamp), abs(truth[after, 0] - stamp)) > MAX_GAP_S:
-        return None
-    first, second = (SE3.from_quaternion(row[4:], row[1:4]) for row in (truth[before], truth[after]))
-    gap = truth[after, 0] - truth[before, 0]
-    share = (stamp - truth[before, 0]) / gap if gap > 0 else 0.0
-    return first @ SE3.exp(share * (first.inverse() @ second).log())
+    found, _ = truth.at([stamp], max_gap_ns=2 * MAX_GAP_NS)
+    return found.T_map_body[0] if len(found) else None
 
 
-def _listed(path: Path) -> list[tuple[float, str]]:
-    from sphere_nav_cli.importing.recording import read_text
-
-    rows = [line.split() for line in read_text(path).splitlines() if line.strip() and not line.startswith("#")]
+def _listed(path: Path) -> list[tuple[int, str]]:
+    lines = read_text(path, "list of images").split("\n")
+    rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
     if not rows or any(len(row) != 2 for row in rows):
         raise ValueError(f"{path}: expected lines 'stamp file', found {len(rows)} lines")
-    try:
-        return [(float(stamp), name) for stamp, name in rows]
-    except ValueError as error:
-        raise ValueError(f"{path}: expected a stamp: {error}") from None
+    return [(stamp_ns(stamp, f"{path}: stamp"), name) for stamp, name in rows]
 
 
 def _is(beside: Path, name: str) -> bool:

@@ -20,6 +20,7 @@ from sphere_nav_cli.importing.recording import (
     BASE_FRAME,
     FIRST_STAMP_NS,
     MAP_FRAME,
+    pose_of_row,
     read_depth,
     read_image,
     read_numbers,
@@ -77,7 +78,7 @@ class RingRecording(SphereRecording):
         views = []
         for number, T_body_sensor in enumerate(self.T_body_sensor, start=1):
             depth = read_depth(name / f"depth_{number}.png").astype(np.float32) / 1000
-            colour = cv2.cvtColor(read_image(name / f"rgb_{number}.png"), cv2.COLOR_BGR2RGB)
+            colour = _rgb(name / f"rgb_{number}.png")
             views.append(RgbdView(colour, np.where(depth > 0, depth, np.nan), SENSOR, T_body_sensor))
         return sphere_from_views(views, stamp)
 
@@ -92,13 +93,13 @@ class EquirectangularRecording(SphereRecording):
             rows = read_numbers(folder / "poses.tum", 8)
             if len(rows) != len(names):
                 raise ValueError(f"{folder / 'poses.tum'}: expected {len(names)} rows, one an image, found {len(rows)}")
-            poses = {name: SE3.from_quaternion(row[4:], row[1:4]) for name, row in zip(names, rows, strict=True)}
+            file = folder / "poses.tum"
+            poses = {name: pose_of_row(row[1:], file) for name, row in zip(names, rows, strict=True)}
         super().__init__(names, poses, "poses.tum" if poses else "")
 
     def sphere(self, name: Path, stamp: int) -> Sphere:
         """Read one sphere."""
-        image = read_image(name)
-        image = cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if image.ndim == 3 else image
+        image = _rgb(name)
         file = name.with_name(name.stem.replace("image_", "range_", 1) + ".png")
         range_mm = read_depth(file)
         if range_mm.shape != image.shape[:2]:
@@ -120,12 +121,18 @@ def open_spherical(folder: Path) -> SphereRecording:
 def _gicp_poses(folder: Path, names: list[Path]) -> tuple[dict[Path, SE3], str]:
     """Return the poses of two spheres from gicp_T_<first>_<second>.txt, relative to the first."""
     for path in sorted(folder.glob("gicp_T_*_*.txt")):
-        first, second = path.stem.removeprefix("gicp_T_").split("_")
+        first, _, second = path.stem.removeprefix("gicp_T_").partition("_")
         found = {name.name.replace("_", ""): name for name in names}
         if first in found and second in found:
             T_first_second = T_BODY_RIG @ read_pose(path) @ T_BODY_RIG.inverse()
             return {found[first]: SE3.identity(), found[second]: T_first_second}, path.name
     return {}, ""
+
+
+def _rgb(path: Path) -> NDArray[np.uint8]:
+    """Return a grey (H, W) or RGB (H, W, 3) image."""
+    image = read_image(path)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if image.ndim == 3 else image
 
 
 def _metres(range_mm: NDArray[np.uint16]) -> NDArray[np.float32]:

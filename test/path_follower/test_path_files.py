@@ -75,5 +75,11 @@ def test_a_wrong_file_is_refused_with_file_line_and_field(tmp_path, text, messag
 def test_other_files_are_refused(tmp_path):
     with pytest.raises(ValueError, match=r"expected a \.csv or \.tum file, found \.pkl"):
         read_path(tmp_path / "path.pkl", PARAMS)
-    with pytest.raises(FileNotFoundError):
+    with pytest.raises(ValueError, match=r"none\.csv: expected a file of points, found no such file"):
         read_path(tmp_path / "none.csv", PARAMS)
+
+
+def test_stamps_in_nanoseconds_are_named(tmp_path):
+    (tmp_path / "ns.tum").write_text("1700000000000000000 0 0 0 0 0 0 1\n1700000001000000000 1 0 0 0 0 0 1\n")
+    with pytest.raises(ValueError, match=r"ns\.tum:1: stamp: expected seconds from 0 to 2\^31, .* \(nanoseconds\?\)"):
+        read_path(tmp_path / "ns.tum", PARAMS)

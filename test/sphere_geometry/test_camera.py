@@ -121,5 +121,5 @@ def test_an_uncalibrated_camera_is_refused(model, focal):
     "make", [lambda w, h: Pinhole(w, h, 1, 1, 0, 0), lambda w, h: Fisheye(w, h, 1, 1, 0, 0), Spherical]
 )
 def test_an_empty_image_is_refused(make):
-    with pytest.raises(ValueError, match="camera size: expected at least 1 x 1, found 0 x 4"):
+    with pytest.raises(ValueError, match=r"camera size: expected at least 1 x 1, .* found 0 x 4"):
         make(0, 4)

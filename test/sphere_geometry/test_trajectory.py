@@ -70,8 +70,8 @@ def test_a_wrong_file_is_refused_with_file_line_and_field(tmp_path, text, messag
     assert "\n" not in str(caught.value)
 
 
-def test_an_absent_file_is_an_os_error(tmp_path):
-    with pytest.raises(FileNotFoundError):
+def test_an_absent_file_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"none\.tum: expected a file of poses, found no such file"):
         read_tum(tmp_path / "none.tum")
 
 

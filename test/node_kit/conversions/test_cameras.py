@@ -53,6 +53,11 @@ def changed(**fields):
         ({"distortion_model": "equidistant"}, "D: expected 4 coefficients of equidistant, found 5"),
         ({"d": [0.1] * 6}, "D: expected at most 5 coefficients of plumb_bob, found 6"),
         ({"width": 0}, "front: camera size: expected at least 1 x 1"),
+        ({"width": 2**32 - 1}, "front: camera size: .* found 4294967295 x 4"),
+        ({"width": 65536, "height": 65536}, "front: camera size: .* found 65536 x 65536"),
+        ({"k": [5.0, 0.0, float("nan"), 0.0, 5.0, 3.0, 0.0, 0.0, 1.0]}, "front: centre: expected finite cx, cy"),
+        ({"k": [5.0, 0.0, 3.0, 0.0, 5.0, float("inf"), 0.0, 0.0, 1.0]}, "front: centre: expected finite cx, cy"),
+        ({"k": [1e300, 0.0, 3.0, 0.0, 5.0, 3.0, 0.0, 0.0, 1.0]}, "front: focal length: expected positive"),
     ],
 )
 def test_what_cannot_be_a_camera_is_refused(fields, reason):

@@ -188,3 +188,10 @@ def test_compressed_depth_is_read_as_image_transport_writes_it(encoding):
 def test_compressed_depth_of_another_kind_is_refused(format_, data):
     with pytest.raises(ValueError, match="expected"):
         decompress(CompressedImage(format=format_, data=data))
+
+
+def test_a_picture_of_another_size_than_its_camera_is_not_decoded():
+    data = cv2.imencode(".jpg", np.zeros((8000, 8000), np.uint8))[1].tobytes()
+    message = CompressedImage(data=array.array("B", data))
+    with pytest.raises(ValueError, match=r"image size: expected 640 x 480 \(camera_info\), found 8000 x 8000"):
+        compressed_to_image(message, (640, 480))

@@ -96,7 +96,7 @@ def test_a_message_that_contradicts_itself_is_refused(rng, change, reason):
 def test_a_picture_file_of_another_size_is_refused(rng):
     message = sphere_to_message(make(rng), "s", image_encoding="png")
     message.image = sphere_to_message(make(rng, CAMERAS[0]), "s", image_encoding="png").image
-    with pytest.raises(ValueError, match=r"image: expected 24 x 10 \(info\), found a file of 64 x 32"):
+    with pytest.raises(ValueError, match=r"image: image size: expected 24 x 10 \(info\), found 64 x 32"):
         message_to_sphere(message)
 
 
