@@ -169,7 +169,7 @@ def test_damaged_files_are_named(seven_scenes, kitti, capsys, tmp_path):
     (seven_scenes / "frame-000001.pose.txt").write_text("1 0 0\n")
     assert "pose.txt:1: expected 4 numbers, found 3" in fails(capsys, tmp_path, "seven_scenes", seven_scenes)
     (kitti / "poses.txt").write_text("1 2 3\n")
-    assert "poses.txt: row 1: expected 12 numbers, found 3" in fails(capsys, tmp_path, "kitti", kitti)
+    assert "poses.txt:1: expected 12 numbers, found 3" in fails(capsys, tmp_path, "kitti", kitti)
     (kitti / "poses.txt").unlink()
     (kitti / "times.txt").write_text("0.0\n")
     assert "times.txt: expected at least 3 rows (image 000002), found 1" in fails(capsys, tmp_path, "kitti", kitti)
