@@ -116,5 +116,7 @@ def check_centre(centre: tuple[float, float], image_size: tuple[int, int], where
 
 def short(found: Any) -> str:
     """Return a value as text of one short line, whatever its size."""
+    if isinstance(found, int) and found.bit_length() > MAX_DIGITS * 4:
+        return f"an integer of {found.bit_length()} bits"  # Python does not write those of more than 4300 digits
     text = " ".join(_REPR.repr(found).split())
     return text if len(text) <= 60 else text[:57] + "..."

@@ -11,7 +11,9 @@ def test_a_number_however_it_is_written(found):
 
 
 @pytest.mark.parametrize(
-    "found", ["nan", "inf", "-inf", "", "1_0e999", "one", None, True, [1], {}, 10**400, -(10**5000), 1e16, "9" * 100]
+    "found",
+    ["nan", "inf", "-inf", "", "1_0e999", "one", None, True, [1], {}, 10**400, -(10**5000), 1e16, "9" * 100],
+    ids=range(14),
 )
 def test_what_is_no_number_is_one_short_line(found):
     with pytest.raises(ValueError, match="x: expected a finite number") as caught:
@@ -46,7 +48,9 @@ def test_a_stamp_keeps_its_nanoseconds():
     assert stamp_ns("1e-9", "x") == 1
 
 
-@pytest.mark.parametrize("word", ["1e999999999", "-1", "nan", "inf", "one", "2147483648", "1" * 10_000, "sNaN"])
+@pytest.mark.parametrize(
+    "word", ["1e999999999", "-1", "nan", "inf", "one", "2147483648", "1" * 10_000, "sNaN"], ids=range(8)
+)
 def test_a_stamp_that_no_clock_gives(word):
     with pytest.raises(ValueError, match="x: expected"):
         stamp_ns(word, "x")
