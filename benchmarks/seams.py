@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sphere_geometry.camera import pixel_grid
 from sphere_map.sphere import continued
-from sphere_mapping.acquisition.blending import warped
+from sphere_mapping.acquisition.blending import warp_view
 from sphere_mapping.acquisition.stitcher import Stitcher
 from sphere_mapping.acquisition.views import Layout, View
 
@@ -121,9 +121,9 @@ def _on_sphere(
     plane, seen = np.zeros((whole.height, whole.width), np.uint8), np.zeros((whole.height, whole.width), np.uint8)
     columns = np.arange(view.block.column, view.block.column + min(view.block.width, whole.width)) % whole.width
     rows = slice(view.block.row, view.block.row + view.block.height)
-    plane[rows, columns] = warped(view, grey, inverse)[:, : columns.size]
+    plane[rows, columns] = warp_view(view, grey, inverse)[:, : columns.size]
     rays = whole.unproject(pixel_grid(whole))[rows][:, columns]
-    seen[rows, columns] = view.seat.look(rays * 20.0)[2] > FROM_BORDER
+    seen[rows, columns] = view.rig_view.project(rays * 20.0)[2] > FROM_BORDER
     return plane, cv2.erode(seen, np.ones((WINDOW, WINDOW), np.uint8)) > 0
 
 

@@ -2,20 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any
 
+from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from sphere_nav_msgs.msg import AugmentedSphere
 
 from node_kit import conversions, qos
-from node_kit.node import ManagedNode
 from sphere_geometry import Camera, Pinhole
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
-from sphere_mapping.acquisition.pairing import Pairing
+from sphere_mapping.acquisition.params import SynchroniserParams
 from sphere_mapping.acquisition.partial import sphere_from_rgbd
 from sphere_mapping.acquisition.stereo import sphere_from_stereo
+from sphere_mapping.acquisition.synchroniser import Instant, Synchroniser
 from sphere_mapping.params import SphereMapperParams
 
 OnSphere = Callable[[Sphere, str, bool], None]  # the sphere, the frame of its header, whether that is optical
@@ -25,24 +26,32 @@ TOPICS: dict[str, tuple[str, ...]] = {
     "rgbd": ("image_raw", "camera_info", "depth/image_raw"),
     "stereo": ("left/image_raw", "left/camera_info", "right/image_raw", "right/camera_info"),
 }
+WAIT_S = 1.0  # of stamps, not of a clock: after it an image goes without its counterpart
 
 
 class Intake:
-    """Subscribes by `params.input`; hands every complete instant as a sphere to `on_sphere`."""
+    """Converts messages by `params.input`; hands every complete instant as a sphere to `on_sphere`."""
 
-    def __init__(self, node: ManagedNode, params: SphereMapperParams, on_sphere: OnSphere) -> None:
+    def __init__(self, params: SphereMapperParams, on_sphere: OnSphere) -> None:
         self._params, self._deliver = params, on_sphere
         self._infos: dict[str, CameraInfo] = {}
+        self._frame_id = ""
         streams = [topic for topic in TOPICS[params.input] if topic.endswith("image_raw")]
-        self.pairing: Pairing[Image] = Pairing(streams, round(params.slack_s * 1e9))
-        if params.input == "sphere":
-            node.add_subscription("sphere", AugmentedSphere, self._on_ready_sphere, qos.LARGE)
-            return
-        for topic in TOPICS[params.input]:
-            if topic.endswith("camera_info"):
-                node.add_subscription(topic, CameraInfo, partial(self._infos.__setitem__, topic), qos.SENSOR)
+        self._sync = Synchroniser(streams, SynchroniserParams(slack_s=params.slack_s, deadline_s=WAIT_S, policy="fail"))
+
+    def subscriptions(self) -> Iterator[tuple[str, type[Any], Callable[[Any], None], QoSProfile]]:
+        """Yield topic, kind of message, callback and QoS of everything to subscribe."""
+        for topic in TOPICS[self._params.input]:
+            if topic == "sphere":
+                yield topic, AugmentedSphere, self._on_ready_sphere, qos.LARGE
+            elif topic.endswith("camera_info"):
+                yield topic, CameraInfo, partial(self._infos.__setitem__, topic), qos.SENSOR
             else:
-                node.add_subscription(topic, Image, partial(self._on_image, topic), qos.SENSOR)
+                yield topic, Image, partial(self._on_image, topic), qos.SENSOR
+
+    def clear(self) -> None:
+        """Forget half-complete instants: the clock jumped."""
+        self._sync.clear()
 
     def _on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool) -> None:
         if not sphere.measured.any():
@@ -50,45 +59,39 @@ class Intake:
             raise ValueError(f"{topic}: range or depth: expected some measured pixels, found none")
         self._deliver(sphere, frame_id, is_optical)
 
-    def clear(self) -> None:
-        """Forget half-complete instants: the clock jumped."""
-        self.pairing.clear()
-
     def _on_ready_sphere(self, message: AugmentedSphere) -> None:
         self._on_sphere(conversions.message_to_sphere(message), message.header.frame_id, False)
 
     def _on_image(self, topic: str, message: Image) -> None:
-        complete = self.pairing.put(topic, conversions.stamp_ns(message), message)
-        if complete is None:
-            return
-        stamp, images = complete
+        convert = conversions.depth_to_metres if topic.startswith("depth") else conversions.image_to_rgb
+        stamp = conversions.stamp_ns(message)
+        if topic == TOPICS[self._params.input][0]:
+            self._frame_id = message.header.frame_id
         make = self._rgbd if self._params.input == "rgbd" else self._stereo
-        frame_id = next(iter(images.values())).header.frame_id
-        self._on_sphere(make(stamp, images), frame_id, True)
+        for instant in self._sync.put(topic, stamp, convert(message), stamp):
+            if not instant.is_failed:
+                self._on_sphere(make(instant), self._frame_id, True)
 
-    def _rgbd(self, stamp: int, images: dict[str, Image]) -> Sphere:
+    def _rgbd(self, instant: Instant) -> Sphere:
         camera = conversions.camera_from_info(self._info("camera_info"))
-        image = self._image(images, "image_raw", camera)
-        depth_m = conversions.depth_to_metres(images["depth/image_raw"])
-        conversions.check_image_size(camera, depth_m.shape[1], depth_m.shape[0])
-        return sphere_from_rgbd(image, depth_m, camera, T_BODY_OPTICAL, stamp, self._params.mapper.partial)
+        image, depth_m = (self._sized(instant, topic, camera) for topic in ("image_raw", "depth/image_raw"))
+        partial_params = self._params.mapper.partial
+        return sphere_from_rgbd(image, depth_m, camera, T_BODY_OPTICAL, instant.stamp_ns, partial_params)
 
-    def _stereo(self, stamp: int, images: dict[str, Image]) -> Sphere:
+    def _stereo(self, instant: Instant) -> Sphere:
         right_info = self._info("right/camera_info")
         camera = conversions.camera_from_info(self._info("left/camera_info"), is_rectified=True)
         right = conversions.camera_from_info(right_info, is_rectified=True)
         baseline_m = conversions.stereo_baseline(right_info)
         if not isinstance(camera, Pinhole):
             raise ValueError(f"left/camera_info: expected a rectified pinhole camera, found {camera.model}")
-        left_image = self._image(images, "left/image_raw", camera)
-        right_image = self._image(images, "right/image_raw", right)
-        params = self._params.mapper
-        return sphere_from_stereo(
-            left_image, right_image, camera, baseline_m, T_BODY_OPTICAL, stamp, params.stereo, params.partial
-        )
+        images = self._sized(instant, "left/image_raw", camera), self._sized(instant, "right/image_raw", right)
+        p = self._params.mapper
+        return sphere_from_stereo(*images, camera, baseline_m, T_BODY_OPTICAL, instant.stamp_ns, p.stereo, p.partial)
 
-    def _image(self, images: dict[str, Image], topic: str, camera: Camera) -> Any:
-        image = conversions.image_to_rgb(images[topic])
+    def _sized(self, instant: Instant, topic: str, camera: Camera) -> Any:
+        """Return an image or depth of the instant, of the camera's size."""
+        image = instant.images[topic]
         conversions.check_image_size(camera, image.shape[1], image.shape[0])
         return image
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import KeySphereGraph
+from sphere_nav_msgs.srv import SaveMap
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
@@ -21,9 +22,10 @@ from sphere_mapping.graph.map_cloud import cloud_of
 from sphere_mapping.intake_node import Intake
 from sphere_mapping.mapper import Mapper, MapUpdate
 from sphere_mapping.params import SphereMapperParams
-from sphere_mapping.saving_node import MapSaver
+from sphere_mapping.saving_node import save
 
 ODOM = "odom"
+PATH_STEP = 10  # every how many spheres the path is told
 NO_COVARIANCE = SE3.identity().adjoint() * 0.0
 
 
@@ -47,10 +49,12 @@ class SphereMapper(ManagedNode):
         self.odometry = self.add_publisher("odometry", Odometry)
         self.path = self.add_publisher("path", Path)
         self.tf_out, self.tf = TransformBroadcaster(self), TransformListener(self)
-        self.intake = Intake(self, self.params, self.on_sphere)
+        self.intake = Intake(self.params, self.on_sphere)
+        for subscription in self.intake.subscriptions():
+            self.add_subscription(*subscription)
         self.add_subscription("odom", Odometry, self.on_odom, qos.SENSOR, is_required=False)
         self.add_service("close_loops", Trigger, self.on_close_loops)
-        MapSaver(self, self.params)
+        self.add_service("save_map", SaveMap, self.on_save)
         self.report("mapping", OK, "waiting for the first sphere")
 
     def clock_jumped(self) -> None:
@@ -66,7 +70,7 @@ class SphereMapper(ManagedNode):
 
     def on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool) -> None:
         """Map a sphere, tell what changed."""
-        T_base_frame = self.mounted(frame_id)
+        T_base_frame = self.mount_of(frame_id)
         self.T_base_sphere = T_base_frame @ T_BODY_OPTICAL.inverse() if is_optical else T_base_frame
         T_odom_base = self.odometry_at(sphere.stamp_ns)
         update = self.mapper.add(sphere, T_odom_base and T_odom_base @ self.T_base_sphere)
@@ -81,7 +85,7 @@ class SphereMapper(ManagedNode):
             self.log.info(f"key sphere {len(self.mapper.graph) - 1}: {update.key_reason}")
             self.tell_map(sphere.stamp_ns)
 
-    def mounted(self, frame_id: str) -> SE3:
+    def mount_of(self, frame_id: str) -> SE3:
         """Return T_base_frame as /tf says; a vehicle whose mounts are not known is its camera."""
         try:
             return self.tf.lookup(self.params.base_frame, frame_id)
@@ -108,7 +112,7 @@ class SphereMapper(ManagedNode):
         else:
             self.tf_out.send(T_map_base @ T_odom_base.inverse(), stamp, p.map_frame, ODOM)
         number = len(self.mapper.tracks)
-        if number % p.path_step == 1 or update.is_key:
+        if number % PATH_STEP == 1 or update.is_key:
             T_sphere_base = self.T_base_sphere.inverse()
             poses = ((ns, T_map_track @ T_sphere_base) for ns, T_map_track in self.mapper.trajectory())
             self.path.publish(conversions.poses_to_path(poses, stamp, p.map_frame))
@@ -124,6 +128,10 @@ class SphereMapper(ManagedNode):
         if self.cloud.num_subscriptions:
             points, values = cloud_of(graph, self.params.cloud)
             self.cloud.publish(conversions.cloud_to_message(points, stamp, frame, values))
+
+    def on_save(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
+        """Write the map."""
+        return save(self.mapper, self.params, request, response)
 
     def on_close_loops(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Correct the map by the places seen twice."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from photometric import RegistrationParams
+from sphere_mapping.acquisition.params import MatchParams
 from typed_params import group, param, parameters
 
 
@@ -12,28 +13,18 @@ class PartialParams:
 
     resolution: float = param(1.0, "sphere pixels for each pixel at the centre of the camera", low=0.1, high=4.0)
     num_levels: int = param(5, "pyramid levels that the window's sides are aligned to", low=1, high=8)
-    max_depth_step: float = param(0.04, "relative step of depth between neighbours taken as an edge", low=0.0, high=1.0)
     min_range_m: float = param(0.1, "nearest range trusted", "m", low=0.01)
     max_range_m: float = param(10_000.0, "farthest range trusted, beyond is not measured", "m", low=0.01)
 
 
 @parameters
-class StereoParams:
-    """From a rectified pair to range (`stereo.py`)."""
+class StereoParams(MatchParams):
+    """From a rectified pair to range (`stereo.py`): a drive needs few pixels, but sure ones."""
 
-    num_disparities: int = param(128, "disparities searched", "px", low=16, high=1024)
-    block_size: int = param(5, "side of the matched block", "px", low=1, high=21)
-    smoothness: float = param(8.0, "penalty of a disparity step of 1, by block area and channel", low=0.0)
-    jump_penalty: float = param(32.0, "penalty of a larger disparity step, by block area and channel", low=0.0)
-    max_left_right_px: int = param(1, "disagreement allowed between left and right matches", "px", low=0)
-    uniqueness: int = param(5, "margin of the best cost over the second", "%", low=0, high=100)
-    speckle_size: int = param(100, "smaller islands of disparity are removed", "px", low=0)
-    speckle_range: int = param(2, "disparity step that separates islands", "px", low=1)
-    refine_radius: int = param(4, "half side of the block of the sub-pixel refinement", "px", low=1, high=20)
-    refine_steps: int = param(3, "steps of the sub-pixel refinement", low=0, high=20)
-    noise: float = param(3.0, "standard deviation of the images' noise", "grey level", low=0.1)
+    match_width: int = param(
+        1280, "columns up to which a pair is matched as it is; wider ones are halved", "px", low=64
+    )
     calibration_px: float = param(0.15, "standard deviation of disparity that rectification leaves", "px", low=0.0)
-    min_disparity_px: float = param(1.0, "smaller disparities are not trusted", "px", low=0.0)
     max_relative_std: float = param(0.015, "relative range error above which a pixel is not measured", low=0.001)
 
 
@@ -58,8 +49,6 @@ class LoopParams:
     min_steps: int = param(3, "key spheres between two that are compared", low=2)
     max_mad_share: float = param(0.05, "residual MAD by 255 of a true loop", low=0.0, high=1.0)
     min_overlap: float = param(0.3, "share of the reference in view of a true loop", low=0.0, high=1.0)
-    max_disagreement_m: float = param(0.05, "distance between the alignments both ways", "m", low=0.0)
-    max_disagreement_rad: float = param(0.02, "angle between the alignments both ways", "rad", low=0.0)
 
 
 @parameters
@@ -100,6 +89,5 @@ class SphereMapperParams:
     map_frame: str = param("map", "frame of the map")
     base_frame: str = param("base_link", "frame of the vehicle, whose pose is told")
     map_folder: str = param("maps", "folder below which save_map writes")
-    path_step: int = param(10, "every how many spheres the path is told", low=1)
     mapper: MapperParams = group(MapperParams)
     cloud: CloudParams = group(CloudParams)

@@ -16,14 +16,17 @@ from tf2_msgs.msg import TFMessage
 from node_kit import conversions, qos
 from node_kit.node import OK, WARN, ManagedNode
 from node_kit.run import run
+from node_kit.tf import TransformListener, TransformTree
 from sphere_geometry import Rig
 from sphere_geometry.rig_file import read_rig
 from sphere_mapping.acquisition import kernels
 from sphere_mapping.acquisition.params import SphereStitcherParams
-from sphere_mapping.acquisition.rectification import Matches, rectified
+from sphere_mapping.acquisition.rectification import rectified
 from sphere_mapping.acquisition.stitcher import Stitcher
 from sphere_mapping.acquisition.views import masks_of
 from sphere_mapping.rig_intake_node import RigInstant, RigIntake
+
+PREVIEW_WIDTH, PREVIEW_QUALITY = 1024, 80  # columns; of JPEG
 
 
 class SphereStitcher(ManagedNode):
@@ -57,7 +60,7 @@ class SphereStitcher(ManagedNode):
             self.intake.clear()
 
     def on_description(self, message: String) -> None:
-        """Take the first rig file told."""
+        """Use the first rig file told."""
         if self.intake is not None:
             return
         with tempfile.TemporaryDirectory() as folder:
@@ -73,10 +76,16 @@ class SphereStitcher(ManagedNode):
     def use(self, rig: Rig) -> None:
         """Compute the tables of a rig, listen to its cameras."""
         self.stitcher = Stitcher(rig, self.params.stitch, masks_of(rig), self.params.jobs)
-        self.unrectified: list[RigInstant] = []  # instants that wait until enough have come to correct the rig
-        self.matches: list[Matches] = []
-        self.has_turned = self.params.rectify.num_instants == 0
-        self.intake = RigIntake(self, rig, self.params, self.on_instant)
+        self.is_rectified = self.params.rectify.num_instants == 0
+        tf = TransformListener(self) if self.params.has_cloud else None
+        lookup = tf.lookup if tf else TransformTree().lookup
+        self.intake = RigIntake(rig, self.params, self.now_ns, lookup, self.on_instants)
+        for topic, kind, callback, profile in self.intake.subscriptions():
+            self.add_subscription(topic, kind, callback, profile, is_required=topic == "points")
+        if self.stitcher.warning:
+            self.log.warning(self.stitcher.warning)
+            self.report("range", WARN, self.stitcher.warning)
+        self.add_timer(self.params.sync.deadline_s / 4, self.intake.close_late)
         self.report("stitching", OK, "waiting for images")
 
     def tell_place(self) -> None:
@@ -89,40 +98,33 @@ class SphereStitcher(ManagedNode):
         """Stitch what is still open: the recording has ended."""
         if self.intake is not None:
             self.intake.finish()
-            self.rectify()
 
-    def on_instant(self, instant: RigInstant) -> None:
-        """Stitch an instant, after the first ones have corrected the rig where that is asked for."""
-        if self.has_turned:
+    def on_instants(self, instants: list[RigInstant]) -> None:
+        """Stitch instants, after the first ones have corrected the rig where that is asked for."""
+        if not self.is_rectified:
+            self.rectify(instants)
+        for instant in instants:
             self.deliver(instant)
-            return
-        self.unrectified.append(instant)
-        if instant.images:
-            self.matches += self.stitcher.matches(instant.images, self.params.rectify, instant.points)
-        if len(self.unrectified) >= self.params.rectify.num_instants:
-            self.rectify()
 
-    def rectify(self) -> None:
-        """Correct the rig by the matches so far; stitch what has waited for it."""
-        if self.has_turned:
-            return
-        self.has_turned = True
-        found = rectified(self.stitcher.rig, self.matches, self.params.rectify)
+    def rectify(self, instants: list[RigInstant]) -> None:
+        """Correct the rig by what its cameras share."""
+        self.is_rectified, p = True, self.params.rectify
+        seen = [instant for instant in instants if instant.images]
+        matches = [match for one in seen for match in self.stitcher.matches(one.images, p, one.points)]
+        found = rectified(self.stitcher.rig, matches, p)
         self.stitcher = Stitcher(found.rig, self.params.stitch, masks_of(found.rig), self.params.jobs)
         self.tell_place()
         worst = max(found.turned_deg, key=lambda name: found.turned_deg[name])
         text = f"{worst} turned by {found.turned_deg[worst]:.2f} deg against the rig file, the others less"
-        is_off = found.turned_deg[worst] > self.params.rectify.warn_deg
+        is_off = found.turned_deg[worst] > p.warn_deg
         self.report("rig", WARN if is_off else OK, text, before_deg=found.before_deg, after_deg=found.after_deg)
         (self.log.warning if is_off else self.log.info)(f"rig: {text}")
-        for instant in self.unrectified:
-            self.deliver(instant)
-        self.unrectified.clear()
 
     def deliver(self, instant: RigInstant) -> None:
         """Stitch an instant and publish its sphere; whatever lacks is told by name."""
         assert self.intake is not None
-        self.intake.report_health()
+        for what, level, why, values in self.intake.health():
+            self.report(what, level, why, **values)
         stamp, notes = instant.sync.stamp_ns, instant.sync.notes
         for name, problem in notes.items():
             self.log.warning(f"camera {name}: {problem}", every=5.0, key=name)
@@ -132,14 +134,14 @@ class SphereStitcher(ManagedNode):
         sphere = self.stitcher.stitch(instant.images, stamp, instant.points, instant.depths).sphere
         self.sphere.publish(conversions.sphere_to_message(sphere, self.params.sphere_frame))
         if self.preview.num_subscriptions:
-            self.preview.publish(self.previewed(sphere.image, stamp))
+            self.preview.publish(self.draw_preview(sphere.image, stamp))
 
-    def previewed(self, image: NDArray[np.uint8], stamp: int) -> CompressedImage:
+    def draw_preview(self, image: NDArray[np.uint8], stamp: int) -> CompressedImage:
         """Return a small JPEG of the sphere."""
-        width = min(self.params.preview_width, image.shape[1])
+        width = min(PREVIEW_WIDTH, image.shape[1])
         small = cv2.resize(image, (width, width // 2), interpolation=cv2.INTER_AREA)
         small = cv2.cvtColor(small, cv2.COLOR_RGB2BGR) if small.ndim == 3 else small
-        data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, self.params.preview_quality])[1].tobytes()
+        data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, PREVIEW_QUALITY])[1].tobytes()
         return CompressedImage(header=conversions.header(stamp, self.params.sphere_frame), format="jpeg", data=data)
 
 

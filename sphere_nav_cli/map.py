@@ -47,7 +47,7 @@ examples:
   sphere_nav map drive -o drive_map --anchor survey
   sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048
   sphere_nav map six_cameras -o drive_map --rig old_rig.yaml --set-stitcher rectify.num_instants=5
-  sphere_nav map drive -o drive_map --set mapper.key.min_overlap=0.5 --set mapper.stereo.num_disparities=96
+  sphere_nav map drive -o drive_map --set mapper.key.min_overlap=0.5 --set mapper.stereo.nearest_m=2
 """
 
 

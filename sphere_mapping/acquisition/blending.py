@@ -21,7 +21,7 @@ Image = NDArray[np.uint8]
 Plane = NDArray[np.float32]
 
 
-def blended(layout: Layout, images: Mapping[str, Image], inverse_range: Plane | None = None) -> Image:
+def blend(layout: Layout, images: Mapping[str, Image], inverse_range: Plane | None = None) -> Image:
     """Return the image (H, W[, 3]) of the sphere, 1 to 255, and 0 where no camera sees.
 
     images: by camera, all grey or all RGB. inverse_range (H, W) 1/m, known everywhere: each pixel is taken from where
@@ -29,7 +29,7 @@ def blended(layout: Layout, images: Mapping[str, Image], inverse_range: Plane | 
     """
     whole, colours = layout.whole, images[layout.views[0].name].shape[2:]
     image = np.zeros((whole.height, whole.width, *colours), np.uint8)
-    parts = [warped(view, images[view.name], inverse_range) for view in layout.views]
+    parts = [warp_view(view, images[view.name], inverse_range) for view in layout.views]
     for view, part in zip(layout.views, parts, strict=True):
         _put(image, part, view.block, view.is_owned)
     for strip in layout.strips:
@@ -45,7 +45,7 @@ def blended(layout: Layout, images: Mapping[str, Image], inverse_range: Plane | 
     return image
 
 
-def warped(view: View, image: Image, inverse_range: Plane | None = None) -> Image:
+def warp_view(view: View, image: Image, inverse_range: Plane | None = None) -> Image:
     """Return the part (h, w[, 3]) of a camera's image in its block of the sphere, 1 to 255."""
     if inverse_range is None:
         part = cv2.remap(image, *view.table, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -9,13 +9,16 @@ from numpy.typing import NDArray
 
 from sphere_geometry import SE3, Rig, RigCamera, Spherical
 from sphere_mapping.acquisition.kernels import recentre, splat_with_std, triangulate
-from sphere_mapping.acquisition.matching import Disparity
+from sphere_mapping.acquisition.matching import Disparity, Search
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.views import Layout
 
 Plane = NDArray[np.float32]
 
 MIN_BASELINE_M = 0.01
+MIN_RANGE_SHARE = 0.9  # of the nearest range wanted: what is nearer is not trusted
+MAX_SINE = 0.9  # of the largest disparity
+BELOW_ZERO_DEG = 0.7  # disparities searched below 0, for what calibration leaves
 
 
 def centre_of(cameras: Sequence[RigCamera]) -> NDArray[np.float64]:
@@ -49,12 +52,19 @@ def upright(z: NDArray[np.float64], forward: NDArray[np.float64]) -> NDArray[np.
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
+def search_of(window: Spherical, baseline_m: float, params: MatchParams) -> Search:
+    """Return the disparities, in px, of everything from the nearest range wanted to beyond all."""
+    largest = np.arcsin(min(baseline_m / params.nearest_m, MAX_SINE))
+    per_radian = window.full_width / (2 * np.pi)
+    return Search(-BELOW_ZERO_DEG * window.full_width / 360.0, float(largest) * per_radian, window.is_whole)
+
+
 def range_from_disparity(
     disparity: Disparity, window: Spherical, baseline_m: float, params: MatchParams
 ) -> tuple[Plane, Plane]:
     """Return range along the ray from the upper centre and its deviation (H, W) in m, NaN where not trusted."""
     range_m, std_m = np.empty_like(disparity.value), np.empty_like(disparity.value)
-    limits = (params.max_relative_std, params.min_range_m, params.far_m)
+    limits = (params.max_relative_std, MIN_RANGE_SHARE * params.nearest_m, params.far_m)
     per_row = 2 * np.pi / window.full_width
     triangulate(disparity.value, disparity.std, per_row, window.offset_v, baseline_m, limits, range_m, std_m)
     return range_m, std_m

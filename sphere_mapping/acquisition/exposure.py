@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_geometry import Spherical
-from sphere_mapping.acquisition.views import Block, Seat, rays_of
+from sphere_mapping.acquisition.views import Block, RigView, rays_of
 
 Image = NDArray[np.uint8]
 
@@ -33,16 +33,16 @@ class Overlap:
     columns: tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
-def overlaps_of(seats: Sequence[Seat], whole: Spherical, distance_m: float) -> list[Overlap]:
+def overlaps_of(rig_views: Sequence[RigView], whole: Spherical, distance_m: float) -> list[Overlap]:
     """Return where pairs of cameras overlap."""
     rays = rays_of(whole, Block(0, 0, whole.height, whole.width), GRID) * (distance_m or 1e6)
-    looks = {seat.name: seat.look(rays) for seat in seats}
+    seen = {rig_view.name: rig_view.project(rays) for rig_view in rig_views}
     found = []
-    for a, b in combinations(seats, 2):
-        both = (looks[a.name][2] > FROM_BORDER) & (looks[b.name][2] > FROM_BORDER)
+    for a, b in combinations(rig_views, 2):
+        both = (seen[a.name][2] > FROM_BORDER) & (seen[b.name][2] > FROM_BORDER)
         if np.count_nonzero(both) < MIN_SHARED:
             continue
-        places = [_places(seat, *looks[seat.name][:2], both) for seat in (a, b)]
+        places = [_places(rig_view, *seen[rig_view.name][:2], both) for rig_view in (a, b)]
         found.append(Overlap(a.name, b.name, (places[0][0], places[1][0]), (places[0][1], places[1][1])))
     return found
 
@@ -57,17 +57,22 @@ def gains_of(
     """
     names = sorted({groups[name] for name in images})
     channels = 1 if next(iter(images.values())).ndim == 2 else 3
-    logs = np.zeros((len(names), channels))
-    pairs = [pair for pair in overlaps if {pair.first, pair.second} <= set(images)]
-    pairs = [pair for pair in pairs if groups[pair.first] != groups[pair.second]]
-    if pairs:
-        small = {name: _small(images[name]) for pair in pairs for name in (pair.first, pair.second)}
-        logs = _solve(pairs, small, names, groups, channels)
-    factors = np.exp(np.clip(logs - logs.mean(axis=0), -np.log(max_gain), np.log(max_gain)))
+    ratios = []
+    small = {name: _small(image) for name, image in images.items()} if overlaps else {}
+    for pair in overlaps:
+        if {pair.first, pair.second} <= set(images) and groups[pair.first] != groups[pair.second]:
+            levels = (
+                small[pair.first][pair.rows[0], pair.columns[0]],
+                small[pair.second][pair.rows[1], pair.columns[1]],
+            )
+            if (ratio := log_ratio(*levels)) is not None:
+                ratios.append((names.index(groups[pair.first]), names.index(groups[pair.second]), ratio))
+    logs = log_gains(ratios, len(names), channels)
+    factors = np.exp(np.clip(logs, -np.log(max_gain), np.log(max_gain)))
     return {name: factors[names.index(groups[name])] for name in images}
 
 
-def exposed(image: Image, gain: NDArray[np.float64]) -> Image:
+def apply_gain(image: Image, gain: NDArray[np.float64]) -> Image:
     """Return the image times its gain."""
     if np.all(np.abs(gain - 1.0) < 1e-3):
         return image
@@ -75,29 +80,29 @@ def exposed(image: Image, gain: NDArray[np.float64]) -> Image:
     return cv2.LUT(image, levels.reshape(1, 256, -1)).reshape(image.shape)
 
 
-def _solve(
-    pairs: Sequence[Overlap], small: Mapping[str, NDArray], names: list[str], groups: Mapping[str, str], channels: int
+def log_gains(
+    ratios: Sequence[tuple[int, int, NDArray[np.float64]]], number: int, channels: int
 ) -> NDArray[np.float64]:
-    rows, ratios = [], []
-    for pair in pairs:
-        ratio = _log_ratio(pair, small[pair.first], small[pair.second])
-        if ratio is not None:
-            row = np.zeros(len(names))
-            row[names.index(groups[pair.first])], row[names.index(groups[pair.second])] = 1.0, -1.0
-            rows.append(row)
-            ratios.append(-ratio)
-    A = np.vstack([*rows, STEADINESS * np.eye(len(names))])
-    b = np.vstack([*ratios, np.zeros((len(names), channels))])
-    return np.linalg.lstsq(A, b, rcond=None)[0]
+    """Return the logarithms (number, channels), mean 0, of the factors that make what was compared agree best.
+
+    ratios: numbers of two images and the logarithm (channels,) of the ratio of the first one's levels to the second's.
+    """
+    rows, values = [STEADINESS * np.eye(number)], [np.zeros((number, channels))]
+    for first, second, ratio in ratios:
+        row = np.zeros((1, number))
+        row[0, first], row[0, second] = 1.0, -1.0
+        rows.append(row)
+        values.append(-ratio[None])
+    logs = np.linalg.lstsq(np.vstack(rows), np.vstack(values), rcond=None)[0]
+    return logs - logs.mean(axis=0)
 
 
-def _log_ratio(pair: Overlap, first: NDArray, second: NDArray) -> NDArray[np.float64] | None:
-    """Return the logarithm (channels,) of the median ratio of grey levels, None where too little can be compared."""
-    a, b = first[pair.rows[0], pair.columns[0]], second[pair.rows[1], pair.columns[1]]
-    fits = np.all((a > DARKEST) & (a < BRIGHTEST) & (b > DARKEST) & (b < BRIGHTEST), axis=1)
+def log_ratio(first: NDArray, second: NDArray) -> NDArray[np.float64] | None:
+    """Return the logarithm (channels,) of the median ratio of levels (N, channels), None where too little compares."""
+    fits = np.all((first > DARKEST) & (first < BRIGHTEST) & (second > DARKEST) & (second < BRIGHTEST), axis=1)
     if np.count_nonzero(fits) < MIN_SHARED:
         return None
-    return np.median(np.log(a[fits] / b[fits]), axis=0)
+    return np.median(np.log(first[fits] / second[fits]), axis=0)
 
 
 def _small(image: Image) -> NDArray[np.float64]:
@@ -106,7 +111,9 @@ def _small(image: Image) -> NDArray[np.float64]:
     return small if small.ndim == 3 else small[:, :, None]
 
 
-def _places(seat: Seat, u: NDArray, v: NDArray, both: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    sizes = max(seat.camera.height // SHRINK, 1), max(seat.camera.width // SHRINK, 1)
+def _places(
+    rig_view: RigView, u: NDArray, v: NDArray, both: NDArray[np.bool_]
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    sizes = max(rig_view.camera.height // SHRINK, 1), max(rig_view.camera.width // SHRINK, 1)
     row, column = ((plane[both] / SHRINK).astype(np.intp) for plane in (v, u))
     return np.clip(row, 0, sizes[0] - 1), np.clip(column, 0, sizes[1] - 1)

@@ -12,13 +12,17 @@ from sphere_geometry import Spherical
 from sphere_geometry.camera import pixel_grid
 from sphere_mapping.acquisition.kernels import fuse, splat_with_std
 from sphere_mapping.acquisition.params import FusionParams
-from sphere_mapping.acquisition.views import Seat
+from sphere_mapping.acquisition.views import RigView
 
 Plane = NDArray[np.float32]
+MAX_DEVIATIONS = 3.0  # sources that differ by more do not see the same
+CONTRADICTION = 3.0  # a source up to so much less sure than the surest, that differs, makes a pixel unknown,
+CONTRADICTION_SHARE = 0.05  # if it differs by this share of the range at least
+
 Ranged = tuple[Plane, Plane]  # range and its standard deviation (H, W) in m; NaN unknown, range +Inf known to be far
 
 
-def fused(sources: Sequence[Ranged], params: FusionParams) -> Ranged:
+def fuse_sources(sources: Sequence[Ranged]) -> Ranged:
     """Return the mean by inverse variance of what agrees with the surest source of each pixel.
 
     Where others, about as sure, contradict it, nothing is known.
@@ -29,11 +33,11 @@ def fused(sources: Sequence[Ranged], params: FusionParams) -> Ranged:
         return sources[0]
     ranges, stds = (np.stack([source[k] for source in sources]) for k in range(2))
     range_m, std_m = np.empty_like(ranges[0]), np.empty_like(stds[0])
-    fuse(ranges, stds, params.max_deviations, params.contradiction, params.contradiction_share, range_m, std_m)
+    fuse(ranges, stds, MAX_DEVIATIONS, CONTRADICTION, CONTRADICTION_SHARE, range_m, std_m)
     return range_m, std_m
 
 
-def filled(values: Plane, known: NDArray[np.bool_]) -> Plane:
+def fill(values: Plane, known: NDArray[np.bool_]) -> Plane:
     """Return the values (H, W) of a whole sphere, unknown ones from known ones around them, however far; no seam.
 
     Means of ever larger squares, interpolated: between the rings of a LiDAR an inverse range goes on as a plane's does.
@@ -60,28 +64,30 @@ def range_from_cloud(points_sphere: NDArray[np.floating], whole: Spherical, para
     points = np.asarray(points_sphere, dtype=np.float64)
     points = points[np.all(np.isfinite(points), axis=1) & (np.abs(points).max(axis=1, initial=0.0) > 0)]
     stds = np.full(len(points), params.cloud_std_m, np.float32)
-    return splatted(points, stds, whole, params.cloud_size_px)
+    return splat(points, stds, whole, params.cloud_size_px)
 
 
-def range_from_depth(depth_m: NDArray[np.floating], seat: Seat, whole: Spherical, params: FusionParams) -> Ranged:
+def range_from_depth(
+    depth_m: NDArray[np.floating], rig_view: RigView, whole: Spherical, params: FusionParams
+) -> Ranged:
     """Return the range that an RGB-D camera gives the sphere; depth_m (h, w) along its axis, NaN where unknown.
 
     Every pixel covers as much of the sphere as its angle does. The deviation grows with the square of the depth, as
     that of triangulation does.
     """
     known = (depth_m > 0) & (depth_m <= params.max_depth_m)
-    rays = seat.camera.unproject(pixel_grid(seat.camera)[known])
+    rays = rig_view.camera.unproject(pixel_grid(rig_view.camera)[known])
     ahead = np.asarray(depth_m, dtype=np.float64)[known]
     with np.errstate(invalid="ignore", divide="ignore"):
         along = np.where(rays[:, 2] > 0.05, 1.0 / rays[:, 2], np.nan)  # of the ray, by unit of depth
     stds = (params.depth_std_m * ahead * ahead * along).astype(np.float32)
-    points = seat.T_sphere_camera.apply(rays * (ahead * along)[:, None])
+    points = rig_view.T_sphere_camera.apply(rays * (ahead * along)[:, None])
     fits = np.isfinite(points).all(axis=1)
-    finer = whole.pixels_per_radian / seat.camera.pixels_per_radian
-    return splatted(points[fits], stds[fits], whole, round(max(finer - 1.0, 0.0) / 2.0 + 0.25))
+    finer = whole.pixels_per_radian / rig_view.camera.pixels_per_radian
+    return splat(points[fits], stds[fits], whole, round(max(finer - 1.0, 0.0) / 2.0 + 0.25))
 
 
-def splatted(points: NDArray[np.float64], stds: Plane, whole: Spherical, half_px: int = 0) -> Ranged:
+def splat(points: NDArray[np.float64], stds: Plane, whole: Spherical, half_px: int = 0) -> Ranged:
     """Return the nearest range at each pixel of a sphere, of points (N, 3) in its frame."""
     nearest = np.full((whole.height, whole.width), np.inf, np.float32)
     nearest_std = np.full(nearest.shape, np.nan, np.float32)

@@ -11,13 +11,11 @@ from numpy.typing import NDArray
 
 from sphere_geometry import Spherical
 from sphere_map.sphere import Image, Range, to_grey
+from sphere_mapping.acquisition.exposure import log_gains, log_ratio
 
 Plane = NDArray[np.float32]
 
 FEATHER_PX = 16.0  # width of the band over which a view fades out at its border
-DARKEST, BRIGHTEST = 10.0, 245.0  # grey levels between which exposures are compared
-MIN_SHARED = 200  # pixels from which on two views are compared
-STEADINESS = 1e-3  # weight of 'no change' against one comparison, so that lone views are determined
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,38 +56,25 @@ def join(patches: Sequence[Patch], whole: Spherical) -> tuple[Image, Range]:
 
 
 def exposure_gains(patches: Sequence[Patch], whole: Spherical) -> NDArray[np.float32]:
-    """Return the factor (N,) of each view that makes overlapping views agree best, geometric mean 1.
-
-    The logarithms of the factors solve a linear least-squares problem with the median ratio of every overlapping pair.
-    """
+    """Return the factor (N,) of each view that makes overlapping views agree best, geometric mean 1."""
     greys = [_on_sphere(patch, whole) for patch in patches]
-    rows, ratios = [], []
+    ratios = []
     for i, j in combinations(range(len(patches)), 2):
-        ratio = _log_ratio(greys[i], greys[j])
-        if ratio is not None:
-            row = np.zeros(len(patches))
-            row[i], row[j] = 1.0, -1.0
-            rows.append(row)
-            ratios.append(-ratio)
-    A = np.vstack([*rows, STEADINESS * np.eye(len(patches))])
-    b = np.concatenate([ratios, np.zeros(len(patches))])
-    logs = np.linalg.lstsq(A, b, rcond=None)[0]
-    return np.exp(logs - logs.mean()).astype(np.float32)
+        if (ratio := _log_ratio(greys[i], greys[j])) is not None:
+            ratios.append((i, j, ratio))
+    return np.exp(log_gains(ratios, len(patches), 1)[:, 0]).astype(np.float32)
 
 
 def _on_sphere(patch: Patch, whole: Spherical) -> dict[str, NDArray]:
-    """Return the index (M,) of the usable pixels of a view in the whole sphere, in order, and their grey levels."""
-    grey = to_grey(patch.image)
-    usable = (patch.weight > 1) & (grey > DARKEST) & (grey < BRIGHTEST)
+    """Return the index (M,) of the pixels of a view in the whole sphere, in order, and their grey levels."""
+    usable = patch.weight > 1
     rows, columns = patch.place(whole)
     index = (rows * whole.width + columns)[usable]
     order = np.argsort(index)
-    return {"index": index[order], "grey": grey[usable][order]}
+    return {"index": index[order], "grey": to_grey(patch.image)[usable][order].astype(np.float64)}
 
 
-def _log_ratio(a: dict[str, NDArray], b: dict[str, NDArray]) -> float | None:
-    """Return the logarithm of the median ratio of grey levels a / b where both see, None where that is too little."""
+def _log_ratio(a: dict[str, NDArray], b: dict[str, NDArray]) -> NDArray[np.float64] | None:
+    """Return the logarithm (1,) of the median ratio of grey levels a / b where both see."""
     _, in_a, in_b = np.intersect1d(a["index"], b["index"], assume_unique=True, return_indices=True)
-    if in_a.size < MIN_SHARED:
-        return None
-    return float(np.median(np.log(a["grey"][in_a] / b["grey"][in_b])))
+    return log_ratio(a["grey"][in_a][:, None], b["grey"][in_b][:, None])

@@ -6,6 +6,8 @@ import numpy as np
 from numba import config, njit, prange, set_num_threads
 
 SCALE = 16.0  # pyramids are int16 with four bits below the point
+NUM_DISPARITIES = 48  # searched at each level: a constant, so that the loops over them become vectors
+COST_CAP = 200  # quarter grey levels: the largest difference of two pixels that counts
 
 
 @njit(cache=True, nogil=True)
@@ -70,6 +72,59 @@ def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, u, v):
                 u[y, gx * step + i] = u0 + fw * (u1 - u0)
                 v[y, gx * step + i] = v0 + fw * (v1 - v0)
             left, right = right, left
+
+
+@njit(cache=True, nogil=True)
+def cost_ratio(top, bottom, disparity, first, radius, ratio):
+    """Write the least cost of a block elsewhere over its cost at the disparity to ratio (W, H) f32; NaN unknown.
+
+    top (W + 2 radius, H) i16: columns one after the other. bottom (W + 2 radius, H + NUM_DISPARITIES - 1) i16: alike,
+    from the lowest row upwards, continued so that row v - first of the image is at H - 1 - v. disparity (W, H) f32.
+    The cost of a block of (2 radius + 1)^2 px is the sum of absolute differences up to COST_CAP; disparities from
+    `first` on are compared, those within two of the given one not being elsewhere. 9 x 9 px stay within int16.
+    """
+    width, height = ratio.shape
+    cap, large = np.int16(COST_CAP), np.int16(32767)
+    sums, block = np.zeros((height, NUM_DISPARITIES), np.int16), np.zeros(NUM_DISPARITIES, np.int16)
+    far = np.zeros((NUM_DISPARITIES, NUM_DISPARITIES), np.int16)  # the largest number within two of the diagonal
+    for k in range(NUM_DISPARITIES):
+        far[k, max(k - 2, 0) : k + 3] = large
+    for u in range(-2 * radius, width):
+        new, old = u + 2 * radius, u - 1
+        for v in range(height):
+            begin = height - 1 - v
+            level, row = top[new, v], sums[v]
+            for k in range(NUM_DISPARITIES):
+                row[k] += min(abs(np.int16(level - bottom[new, begin + k])), cap)
+            if old >= 0:
+                level = top[old, v]
+                for k in range(NUM_DISPARITIES):
+                    less = np.int16(level - bottom[old, begin + k])
+                    row[k] -= min(max(less, np.int16(-less)), cap)
+        if u < 0:
+            continue
+        block[:] = 0
+        for v in range(-radius, radius):
+            row = sums[max(v, 0)]
+            for k in range(NUM_DISPARITIES):
+                block[k] += row[k]
+        for v in range(height):
+            row, last = sums[min(v + radius, height - 1)], sums[max(v - radius, 0)]
+            for k in range(NUM_DISPARITIES):
+                block[k] += row[k]
+            d = disparity[u, v]
+            ratio[u, v] = np.nan
+            if not np.isnan(d):
+                at = min(max(int(np.floor(d + np.float32(0.5))) - first, 0), NUM_DISPARITIES - 1)
+                here, elsewhere = large, large
+                for k in range(max(at - 1, 0), min(at + 2, NUM_DISPARITIES)):
+                    here = min(here, block[k])
+                away = far[at]
+                for k in range(NUM_DISPARITIES):
+                    elsewhere = min(elsewhere, np.int16(block[k] | away[k]))
+                ratio[u, v] = np.float32(elsewhere) / max(np.float32(here), np.float32(1.0))
+            for k in range(NUM_DISPARITIES):
+                block[k] -= last[k]
 
 
 @njit(cache=True, nogil=True)
@@ -462,6 +517,8 @@ def warm_up() -> None:
     warp_by_range(grid, levels, 2, plane, 0, 0, out, out.copy())
     level = np.zeros((4, 4), np.uint8)
     align_along_columns(level, level, plane, np.ones(4, np.float32), 1, plane.copy(), out, out.copy())
+    above, below = np.zeros((6, 8), np.int16), np.zeros((6, 7 + NUM_DISPARITIES), np.int16)
+    cost_ratio(above, below, np.zeros((4, 8), np.float32), -1, 1, np.empty((4, 8), np.float32))
     smooth(plane, 1, np.float32(1.0), np.float32(0.1), plane.copy(), out)
     triangulate(plane, plane, 0.1, 0.0, 0.3, (0.1, 0.1, 100.0), out, out.copy())
     line = np.zeros(1, np.float32)

@@ -6,7 +6,7 @@ then has the same column in both.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import cv2
@@ -15,14 +15,20 @@ from numpy.typing import NDArray
 
 from sphere_geometry import SE3, Rig, RigCamera, Spherical
 from sphere_geometry.camera import pixel_grid
-from sphere_mapping.acquisition.epipolar import range_from_disparity, upright
+from sphere_mapping.acquisition.epipolar import range_from_disparity, search_of, upright
 from sphere_mapping.acquisition.fusion import Ranged
 from sphere_mapping.acquisition.kernels import splat_window
 from sphere_mapping.acquisition.matching import match_columns
 from sphere_mapping.acquisition.params import StitchParams
-from sphere_mapping.acquisition.views import Seat
+from sphere_mapping.acquisition.views import RigView
 
 Image = NDArray[np.uint8]
+
+HALF_WIDTH_DEG, HALF_HEIGHT_DEG = 75.0, 50.0  # half of the view of a pair across and along its baseline
+EDGE_PX = 4  # as the matching's own, and one more: what one pair leaves out another one may see
+MIN_BASELINE_M = 0.02  # cameras closer to each other are no pair
+MIN_SHARED = 0.03  # of all directions, seen by both cameras of a pair
+FEW, FAR_M = Spherical(128, 64), 1e6  # directions at which views are compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,33 +46,57 @@ class Pair:
     pixels: NDArray[np.float32]  # (h, w, 2), where the sphere has them
 
 
-def pairs_of(rig: Rig, seats: dict[str, Seat], whole: Spherical, params: StitchParams) -> list[Pair]:
-    """Return the pairs of neighbours of a rig of one level that see enough in common."""
+def pairs_of(rig: Rig, rig_views: dict[str, RigView], whole: Spherical, params: StitchParams) -> list[Pair]:
+    """Return the pairs of cameras of a rig of one level that stand apart and see enough in common."""
     found = []
     for a, b in combinations(rig.cameras, 2):
-        axes = a.T_rig_camera.rotation[:, 2], b.T_rig_camera.rotation[:, 2]
-        between = np.degrees(np.arccos(np.clip(axes[0] @ axes[1], -1.0, 1.0)))
         apart = float(np.linalg.norm(a.T_rig_camera.translation - b.T_rig_camera.translation))
-        if between <= params.pairs.max_between_deg and apart >= params.pairs.min_baseline_m:
-            pair = _pair(a, b, seats, params, whole)
+        if apart >= MIN_BASELINE_M and shared_view(rig_views[a.name], rig_views[b.name]) >= MIN_SHARED:
+            pair = _pair(a, b, rig_views, params, whole)
             if pair.is_usable.any():
                 found.append(pair)
     return found
 
 
-def _pair(a: RigCamera, b: RigCamera, seats: dict[str, Seat], params: StitchParams, whole: Spherical) -> Pair:
-    T_sphere_a, T_sphere_b = seats[a.name].T_sphere_camera, seats[b.name].T_sphere_camera
+def why_no_pair(rig: Rig, rig_views: dict[str, RigView]) -> str:
+    """Return in words why `pairs_of` finds none: the pair that comes nearest, and what it lacks."""
+    if len(rig.cameras) < 2:
+        return f"rig {rig.name}: no range from stereo: expected two cameras, found {len(rig.cameras)}"
+    views = combinations(rig.cameras, 2)
+    shares = {(a.name, b.name): shared_view(rig_views[a.name], rig_views[b.name]) for a, b in views}
+    best = max(shares, key=lambda names: shares[names])
+    a, b = (rig.camera(name) for name in best)
+    apart = float(np.linalg.norm(a.T_rig_camera.translation - b.T_rig_camera.translation))
+    if shares[best] < MIN_SHARED:
+        lack = (
+            f"{MIN_SHARED:.0%} of the sphere seen by two cameras, found {shares[best]:.1%} at most ({a.name}, {b.name})"
+        )
+    else:
+        lack = f"centres {MIN_BASELINE_M} m apart, found {apart:.3f} m ({a.name}, {b.name})"
+    return f"rig {rig.name}: no range from stereo: expected {lack}"
+
+
+def shared_view(a: RigView, b: RigView) -> float:
+    """Return the share of all directions that both cameras see."""
+    rays = FEW.unproject(pixel_grid(FEW))
+    weight = np.hypot(rays[..., 0], rays[..., 1])  # columns are narrower towards the poles
+    both = (a.project(rays * FAR_M)[2] > 0) & (b.project(rays * FAR_M)[2] > 0)
+    return float(weight[both].sum() / weight.sum())
+
+
+def _pair(a: RigCamera, b: RigCamera, rig_views: dict[str, RigView], params: StitchParams, whole: Spherical) -> Pair:
+    T_sphere_a, T_sphere_b = rig_views[a.name].T_sphere_camera, rig_views[b.name].T_sphere_camera
     along = T_sphere_a.translation - T_sphere_b.translation
     baseline_m = float(np.linalg.norm(along))
     R = upright(along / baseline_m, T_sphere_a.rotation[:, 2] + T_sphere_b.rotation[:, 2])
     window = _window(params)
     rays = window.unproject(pixel_grid(window))
-    looks = []
-    for T_sphere_camera, seat in ((T_sphere_a, seats[a.name]), (T_sphere_b, seats[b.name])):
+    seen = []
+    for T_sphere_camera, rig_view in ((T_sphere_a, rig_views[a.name]), (T_sphere_b, rig_views[b.name])):
         turned = SE3.from_parts(R.T @ T_sphere_camera.rotation, np.zeros(3))
-        looks.append(Seat(seat.name, seat.camera, turned, seat.border).look(rays))
-    tables = [cv2.convertMaps(look[0], look[1], cv2.CV_16SC2) for look in looks]
-    is_usable = (looks[0][2] > 0) & (looks[1][2] > 0)
+        seen.append(RigView(rig_view.name, rig_view.camera, turned, rig_view.border).project(rays))
+    tables = [cv2.convertMaps(part[0], part[1], cv2.CV_16SC2) for part in seen]
+    is_usable = (seen[0][2] > 0) & (seen[1][2] > 0)
     T_sphere_pair = SE3.from_parts(R, T_sphere_a.translation)
     rays_sphere = rays @ R.T
     return Pair(
@@ -88,8 +118,8 @@ def range_of_pair(pair: Pair, images: dict[str, Image], whole: Spherical, params
         cv2.remap(images[name], *table, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         for name, table in zip((pair.first, pair.second), pair.tables, strict=True)
     )
-    match = replace(params.match, edge_px=params.pairs.edge_px if params.match.edge_px else 0)
-    disparity = match_columns(top, bottom, pair.window, match, pair.is_usable, jobs)
+    search = search_of(pair.window, pair.baseline_m, params.match)
+    disparity = match_columns(top, bottom, search, params.match, pair.is_usable, jobs, EDGE_PX)
     range_m, std_m = range_from_disparity(disparity, pair.window, pair.baseline_m, params.match)
     nearest = np.full((whole.height, whole.width), np.inf, np.float32)
     nearest_std = np.full(nearest.shape, np.nan, np.float32)
@@ -101,7 +131,7 @@ def range_of_pair(pair: Pair, images: dict[str, Image], whole: Spherical, params
 
 def _window(params: StitchParams) -> Spherical:
     per_degree = params.width / 360.0
-    half_u = 8 * round(params.pairs.half_width_deg * per_degree / 8)
-    half_v = 8 * round(params.pairs.half_height_deg * per_degree / 8)
+    half_u = 8 * round(HALF_WIDTH_DEG * per_degree / 8)
+    half_v = 8 * round(HALF_HEIGHT_DEG * per_degree / 8)
     offset = (params.width / 2 - half_u, params.width / 4 - half_v)
     return Spherical(2 * half_u, 2 * half_v, float(params.width), *offset)

@@ -29,6 +29,7 @@ MAX_MAGNIFICATION = 1.5  # beyond, the image is sampled more finely than the win
 MAX_SUPERSAMPLING = 4
 RANGE_CORRECTIONS = 3  # steps along the ray; each removes the parallax error by an order or two
 WITHOUT_RANGE_M = 1e3  # taken for colour where no range is known at all
+MAX_DEPTH_STEP = 0.04  # relative step of depth between neighbours that is an edge
 MAX_CORRECTION_LEFT = 0.01  # relative; more is a surface that this direction does not see
 
 
@@ -117,11 +118,11 @@ def resample_range(
     """Return the range along the rays (height, width) of the window from depth along the camera's z axis."""
     inverse = inverse_depth(depth_m)
     if np.any(T_sphere_camera.translation):
-        range_m = _moved_range(inverse, camera, T_sphere_camera, window, params)
+        range_m = _moved_range(inverse, camera, T_sphere_camera, window)
     else:
         u, v, _, z_of_ray = _ray_table(camera, T_sphere_camera.rotation.tobytes(), window)
         with np.errstate(divide="ignore"):
-            range_m = 1.0 / (_sampled(inverse, u, v, params) * z_of_ray)
+            range_m = 1.0 / (_sampled(inverse, u, v) * z_of_ray)
     outside = (range_m < params.min_range_m) | ((range_m > params.max_range_m) & np.isfinite(range_m))
     range_m[outside] = np.nan
     return range_m.astype(np.float32)
@@ -140,9 +141,7 @@ def inverse_depth(depth_m: NDArray[np.floating]) -> Plane:
     return np.divide(1.0, depth, out=np.full(depth.shape, np.nan, dtype=np.float32), where=depth > 0)
 
 
-def _moved_range(
-    inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical, params: PartialParams
-) -> Range:
+def _moved_range(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Range:
     """Return the range seen from the centre of the sphere by a camera beside it."""
     range_m = _splatted(inverse, camera, T_sphere_camera, window)
     rays = window.unproject(pixel_grid(window))
@@ -152,7 +151,7 @@ def _moved_range(
     for _ in range(RANGE_CORRECTIONS):
         u, v, _ = _pixels_of(rays * range_m[..., None], camera, T_sphere_camera)
         with np.errstate(divide="ignore", invalid="ignore"):
-            z_seen = 1.0 / _sampled(inverse, u, v, params)
+            z_seen = 1.0 / _sampled(inverse, u, v)
             step = (z_seen - (range_m * z_of_ray + z_of_centre)) / np.maximum(z_of_ray, 0.1)
         range_m = range_m + step
     return np.where((np.abs(step) < MAX_CORRECTION_LEFT * range_m), range_m, np.nan)
@@ -171,9 +170,9 @@ def _splatted(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Sphe
     return np.where(np.isinf(nearest), np.nan, nearest.astype(np.float64))
 
 
-def _sampled(inverse: Plane, u: Plane, v: Plane, params: PartialParams) -> Plane:
+def _sampled(inverse: Plane, u: Plane, v: Plane) -> Plane:
     sampled = np.empty(u.size, dtype=np.float32)
-    sample_inverse_depth(inverse, u.ravel(), v.ravel(), params.max_depth_step, sampled)
+    sample_inverse_depth(inverse, u.ravel(), v.ravel(), MAX_DEPTH_STEP, sampled)
     return sampled.reshape(u.shape)
 
 

@@ -21,7 +21,7 @@ from scipy.spatial import cKDTree
 from sphere_geometry import SE3, Rig, RigCamera, Spherical
 from sphere_geometry.camera import pixel_grid
 from sphere_mapping.acquisition.params import RectifyParams
-from sphere_mapping.acquisition.views import Seat
+from sphere_mapping.acquisition.views import RigView
 
 Image = NDArray[np.uint8]
 Array = NDArray[np.float64]
@@ -31,6 +31,13 @@ NEAR_EPIPOLE = 0.2  # sine of the angle to the baseline below which a feature co
 LOSS_SCALES_DEG = (1.0, 0.4, 0.15, 0.06)  # the loss is narrowed step by step: at first half may be wrong matches
 NUM_VALUES = 6  # of a camera: turn (3) in rad, logarithm of the focal length, centre (2) in shares of it
 RANGE_SHARE = 0.1  # of a range: its deviation, a LiDAR's point not being quite where the feature is
+NUM_FEATURES = 5000  # of a camera, at most
+MAX_PARALLAX_DEG = 12.0  # largest angle between the directions of a match
+MAX_RATIO = 0.75  # distance of a match over that of the second best
+FROM_BORDER_DEG = 1.0  # features nearer to the border of an image are left out
+CLOUD_REACH_DEG = 0.4  # a LiDAR's point this near to a feature tells its range
+MIN_MATCHES = 15  # below which a pair of cameras says nothing
+FOCAL_SHARE, CENTRE_SHARE = 0.003, 0.005  # deviations of focal length and principal point, by the focal length
 CONTRAST = 0.015  # of a feature, as SIFT counts it
 
 
@@ -60,20 +67,24 @@ class Rectified:
 
 
 def matches_of(
-    seats: Sequence[Seat], images: Mapping[str, Image], params: RectifyParams, points_sphere: Array | None = None
+    rig_views: Sequence[RigView], images: Mapping[str, Image], params: RectifyParams, points_sphere: Array | None = None
 ) -> list[Matches]:
     """Return the features that pairs of cameras share in the grey images (h, w) of one instant.
 
     points_sphere (N, 3): a LiDAR's cloud; it tells how far features are.
     """
-    places = {seat.name: seat for seat in seats}
+    places = {rig_view.name: rig_view for rig_view in rig_views}
     whole = Spherical(params.width, params.width // 2)
     rays = whole.unproject(pixel_grid(whole))
-    found = {seat.name: _features(seat, images[seat.name], rays, params) for seat in seats if seat.name in images}
+    found = {
+        rig_view.name: _features(rig_view, images[rig_view.name], rays, params)
+        for rig_view in rig_views
+        if rig_view.name in images
+    }
     matches = []
     for a, b in combinations(found, 2):
         pairs = _paired(found[a], found[b], params)
-        if len(pairs[0]) >= params.min_matches:
+        if len(pairs[0]) >= MIN_MATCHES:
             pixels = found[a][0][pairs[0]]
             ranges = None if points_sphere is None else _range_at(pixels, places[a], points_sphere, params)
             matches.append(Matches(a, b, pixels, found[b][0][pairs[1]], ranges))
@@ -84,8 +95,8 @@ def rectified(rig: Rig, matches: Sequence[Matches], params: RectifyParams) -> Re
     """Return the rig corrected by matches of one or several instants."""
     names = [part.name for part in rig.cameras]
     values = np.zeros(NUM_VALUES * len(names))
-    turn, centre = np.radians(params.turn_deg), params.centre_share
-    prior = np.tile([turn, turn, turn, params.focal_share, centre, centre], len(names))
+    turn = np.radians(params.turn_deg)
+    prior = np.tile([turn, turn, turn, FOCAL_SHARE, CENTRE_SHARE, CENTRE_SHARE], len(names))
     before = epipolar_errors(rig, matches)
     if not matches:
         return Rectified(rig, dict.fromkeys(names, 0.0), dict.fromkeys(names, 0), float("nan"), float("nan"))
@@ -160,15 +171,17 @@ def _moved(part: RigCamera, own: Array) -> RigCamera:
     return replace(part, camera=replace(camera, **lens), T_rig_camera=part.T_rig_camera @ turn)
 
 
-def _features(seat: Seat, image: Image, rays: Array, params: RectifyParams) -> tuple[Array, Array, NDArray[np.float32]]:
+def _features(
+    rig_view: RigView, image: Image, rays: Array, params: RectifyParams
+) -> tuple[Array, Array, NDArray[np.float32]]:
     """Return pixels of the camera, rays of the sphere and descriptors of features, seen from very far."""
     height = len(rays)
-    u, v, border = seat.look(rays * 1e6)
-    seen = (border > np.radians(params.from_border_deg)).astype(np.uint8)
+    u, v, border = rig_view.project(rays * 1e6)
+    seen = (border > np.radians(FROM_BORDER_DEG)).astype(np.uint8)
     pole = round(height * POLE_DEG / 180.0)
     seen[:pole], seen[height - pole :] = 0, 0
     view = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    points, descriptors = cv2.SIFT_create(params.num_features, contrastThreshold=CONTRAST).detectAndCompute(view, seen)
+    points, descriptors = cv2.SIFT_create(NUM_FEATURES, contrastThreshold=CONTRAST).detectAndCompute(view, seen)
     if descriptors is None:
         return np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 128), np.float32)
     at = np.array([point.pt for point in points], np.float32)[:, None]
@@ -177,13 +190,13 @@ def _features(seat: Seat, image: Image, rays: Array, params: RectifyParams) -> t
     return np.stack(pixels, axis=1).astype(np.float64), np.stack(own, axis=1).astype(np.float64), descriptors
 
 
-def _range_at(pixels: Array, seat: Seat, points_sphere: Array, params: RectifyParams) -> Array:
+def _range_at(pixels: Array, rig_view: RigView, points_sphere: Array, params: RectifyParams) -> Array:
     """Return the range (N,) of the cloud's point seen next to each pixel, NaN where none is near."""
-    points = seat.T_sphere_camera.inverse().apply(points_sphere)
-    at, visible = seat.camera.project(points)
+    points = rig_view.T_sphere_camera.inverse().apply(points_sphere)
+    at, visible = rig_view.camera.project(points)
     if not visible.any():
         return np.full(len(pixels), np.nan)
-    reach = np.radians(params.cloud_reach_deg) * seat.camera.pixels_per_radian
+    reach = np.radians(CLOUD_REACH_DEG) * rig_view.camera.pixels_per_radian
     distance, nearest = cKDTree(at[visible]).query(pixels, distance_upper_bound=reach)
     ranges = np.append(np.linalg.norm(points[visible], axis=1), np.nan)
     return np.where(np.isfinite(distance), ranges[nearest], np.nan)
@@ -197,11 +210,11 @@ def _paired(first: tuple, second: tuple, params: RectifyParams) -> tuple[NDArray
     a, b = first[2], second[2]
     squares = np.sum(a * a, axis=1)[:, None] + np.sum(b * b, axis=1)[None] - 2 * a @ b.T
     distance = np.sqrt(np.maximum(squares, 0.0))
-    is_far = first[1].astype(np.float32) @ second[1].T.astype(np.float32) < np.cos(np.radians(params.max_parallax_deg))
+    is_far = first[1].astype(np.float32) @ second[1].T.astype(np.float32) < np.cos(np.radians(MAX_PARALLAX_DEG))
     distance[is_far] = np.inf
     two = np.partition(distance, 1, axis=1)[:, :2]
     best = np.argmin(distance, axis=1)
     is_mutual = np.argmin(distance, axis=0)[best] == np.arange(len(best))
     with np.errstate(invalid="ignore"):
-        chosen = is_mutual & np.isfinite(two[:, 0]) & (two[:, 0] < params.max_ratio * two[:, 1])
+        chosen = is_mutual & np.isfinite(two[:, 0]) & (two[:, 0] < MAX_RATIO * two[:, 1])
     return np.flatnonzero(chosen), best[chosen]

@@ -17,21 +17,22 @@ from numpy.typing import NDArray
 
 from sphere_geometry import SE3, Rig, Spherical
 from sphere_map.sphere import Sphere, check_depth, check_image
-from sphere_mapping.acquisition.blending import blended
+from sphere_mapping.acquisition.blending import blend
 from sphere_mapping.acquisition.epipolar import (
     centre_of,
     range_from_below,
     range_from_disparity,
+    search_of,
     sphere_frame,
     to_common_centre,
 )
-from sphere_mapping.acquisition.exposure import exposed, gains_of, overlaps_of
-from sphere_mapping.acquisition.fusion import Ranged, filled, fused, range_from_cloud, range_from_depth
+from sphere_mapping.acquisition.exposure import apply_gain, gains_of, overlaps_of
+from sphere_mapping.acquisition.fusion import Ranged, fill, fuse_sources, range_from_cloud, range_from_depth
 from sphere_mapping.acquisition.matching import match_columns
-from sphere_mapping.acquisition.pairs import pairs_of, range_of_pair
+from sphere_mapping.acquisition.pairs import pairs_of, range_of_pair, why_no_pair
 from sphere_mapping.acquisition.params import RectifyParams, StitchParams
 from sphere_mapping.acquisition.rectification import Matches, matches_of
-from sphere_mapping.acquisition.views import Layout, Seat, border_of, layout_of
+from sphere_mapping.acquisition.views import Layout, RigView, border_of, layout_of
 
 Image = NDArray[np.uint8]
 MAX_LAYOUTS = 8  # sets of cameras whose tables are kept
@@ -48,7 +49,10 @@ class Stitched:
 
 
 class Stitcher:
-    """Holds the tables of a rig. `T_rig_sphere` is where its spheres are; `jobs` threads change nothing but time."""
+    """Holds the tables of a rig. `T_rig_sphere` is where its spheres are; `jobs` threads change nothing but time.
+
+    `warning`: why there will be no range from stereo, empty where there will be.
+    """
 
     def __init__(
         self, rig: Rig, params: StitchParams | None = None, masks: Mapping[str, Image] | None = None, jobs: int = 1
@@ -60,8 +64,8 @@ class Stitcher:
         self.whole = Spherical(self.params.width, self.params.width // 2)
         self.T_rig_sphere, self.baseline_m = sphere_frame(rig)
         masks = masks or {}
-        self._seats = {
-            part.name: Seat(
+        self._rig_views = {
+            part.name: RigView(
                 part.name,
                 part.camera,
                 self.T_rig_sphere.inverse() @ part.T_rig_camera,
@@ -72,11 +76,12 @@ class Stitcher:
         self._groups = {part.name: part.exposure_group or f"alone {part.name}" for part in rig.cameras}
         blend = self.params.blend
         self._overlaps = (
-            overlaps_of(list(self._seats.values()), self.whole, blend.distance_m) if blend.has_gains else []
+            overlaps_of(list(self._rig_views.values()), self.whole, blend.distance_m) if blend.has_gains else []
         )
         self._layouts: dict[tuple[str, tuple[str, ...]], Layout] = {}
         is_searched = self.params.range != "none" and not rig.is_vertical
-        self.pairs = pairs_of(rig, self._seats, self.whole, self.params) if is_searched else []
+        self.pairs = pairs_of(rig, self._rig_views, self.whole, self.params) if is_searched else []
+        self.warning = why_no_pair(rig, self._rig_views) if is_searched and not self.pairs else ""
 
     def stitch(
         self,
@@ -90,19 +95,19 @@ class Stitcher:
         points_rig (N, 3): a LiDAR's cloud of the instant in the frame of the rig. depths: of RGB-D cameras, (h, w) m
         along the axis, registered to the image.
         """
-        found, gains = self._exposed(images)
+        found, gains = self._equalize(images)
         greys = {name: _grey(image) for name, image in found.items()}
         sources, bottom = self._ranges(greys)
         for name, depth_m in (depths or {}).items():
             check_depth(depth_m, self.rig.camera(name).camera, f"{name}: depth")
-            sources.append(range_from_depth(depth_m, self._seats[name], self.whole, self.params.fusion))
+            sources.append(range_from_depth(depth_m, self._rig_views[name], self.whole, self.params.fusion))
         if points_rig is not None:
             points_sphere = self.T_rig_sphere.inverse().apply(np.asarray(points_rig, dtype=np.float64))
             sources.append(range_from_cloud(points_sphere, self.whole, self.params.fusion))
         layout = self.layout("top" if self.rig.is_vertical else "", tuple(found))
         nothing = np.full((self.whole.height, self.whole.width), np.nan, np.float32)
-        range_m, std_m = fused(sources, self.params.fusion) if sources else (nothing, nothing.copy())
-        image = blended(layout, found, self.inverse_of(range_m, layout))
+        range_m, std_m = fuse_sources(sources) if sources else (nothing, nothing.copy())
+        image = blend(layout, found, self.inverse_of(range_m, layout))
         range_m[~layout.is_covered] = np.nan
         std_m[~np.isfinite(range_m)] = np.nan
         missing = tuple(name for name in self.rig.names if name not in found)
@@ -112,9 +117,9 @@ class Stitcher:
         self, images: Mapping[str, Image], params: RectifyParams, points_rig: NDArray[np.floating] | None = None
     ) -> list[Matches]:
         """Return the features that cameras share at one instant, for `rectified`; points_rig as for `stitch`."""
-        greys = {name: _grey(image) for name, image in self._exposed(images)[0].items()}
+        greys = {name: _grey(image) for name, image in self._equalize(images)[0].items()}
         points = None if points_rig is None else self.T_rig_sphere.inverse().apply(np.asarray(points_rig, np.float64))
-        return matches_of(list(self._seats.values()), greys, params, points)
+        return matches_of(list(self._rig_views.values()), greys, params, points)
 
     def layout(self, level: str, present: tuple[str, ...]) -> Layout:
         """Return the views of a level's cameras that are present; ValueError if there are none."""
@@ -124,20 +129,20 @@ class Stitcher:
         if (level, names) not in self._layouts:
             if len(self._layouts) >= MAX_LAYOUTS:
                 del self._layouts[next(iter(self._layouts))]
-            seats = [self._seat_at(self._seats[name], level) for name in names]
+            rig_views = [self._view_at(self._rig_views[name], level) for name in names]
             blend = self.params.blend
-            self._layouts[level, names] = layout_of(seats, self.whole, blend.distance_m, blend.num_bands)
+            self._layouts[level, names] = layout_of(rig_views, self.whole, blend.distance_m, blend.num_bands)
         return self._layouts[level, names]
 
-    def _seat_at(self, seat: Seat, level: str) -> Seat:
-        """Return the seat as seen from the centre of its level."""
+    def _view_at(self, rig_view: RigView, level: str) -> RigView:
+        """Return the rig_view as seen from the centre of its level."""
         if level != "bottom":
-            return seat
+            return rig_view
         centre = self.T_rig_sphere.inverse().apply(centre_of(self.rig.at_level("bottom"))[None])[0]
-        moved = SE3.from_parts(seat.T_sphere_camera.rotation, seat.T_sphere_camera.translation - centre)
-        return Seat(seat.name, seat.camera, moved, seat.border)
+        moved = SE3.from_parts(rig_view.T_sphere_camera.rotation, rig_view.T_sphere_camera.translation - centre)
+        return RigView(rig_view.name, rig_view.camera, moved, rig_view.border)
 
-    def _exposed(self, images: Mapping[str, Image]) -> tuple[dict[str, Image], dict[str, NDArray[np.float64]]]:
+    def _equalize(self, images: Mapping[str, Image]) -> tuple[dict[str, Image], dict[str, NDArray[np.float64]]]:
         """Return the checked images with their exposures made equal, in the order of the rig, and the gains."""
         if not images:
             raise ValueError(f"rig {self.rig.name}: expected at least one image, found none")
@@ -148,7 +153,7 @@ class Stitcher:
             raise ValueError(f"rig {self.rig.name}: images: expected all grey or all RGB, found both")
         ordered = {name: images[name] for name in self.rig.names if name in images}
         gains = gains_of(ordered, self._overlaps, self._groups, self.params.blend.max_gain)
-        return {name: exposed(image, gains[name]) for name, image in ordered.items()}, gains
+        return {name: apply_gain(image, gains[name]) for name, image in ordered.items()}, gains
 
     def _ranges(self, greys: dict[str, Image]) -> tuple[list[Ranged], Image | None]:
         """Return what the cameras say about range, and the bottom sphere of a vertical rig."""
@@ -171,14 +176,15 @@ class Stitcher:
     def _matched(self, layouts: list[Layout], top: Image, bottom: Image) -> Ranged:
         """Return range from the upper centre."""
         is_usable = layouts[0].is_covered & layouts[1].is_covered
-        disparity = match_columns(top, bottom, self.whole, self.params.match, is_usable, self.jobs)
+        search = search_of(self.whole, self.baseline_m, self.params.match)
+        disparity = match_columns(top, bottom, search, self.params.match, is_usable, self.jobs)
         return range_from_disparity(disparity, self.whole, self.baseline_m, self.params.match)
 
     def top_and_bottom(
         self, images: Mapping[str, Image], range_m: NDArray[np.float32] | None = None
     ) -> tuple[Image, Image]:
         """Return the two grey spheres (H, W) that are matched, with range as their centres see them."""
-        found, _ = self._exposed(images)
+        found, _ = self._equalize(images)
         greys = {name: _grey(image) for name, image in found.items()}
         return self._levels([self.layout(level, tuple(greys)) for level in ("top", "bottom")], greys, range_m)
 
@@ -192,17 +198,17 @@ class Stitcher:
             below = range_from_below(above, self.whole, self.baseline_m)
             inverses = [inverse, self.inverse_of(below, layouts[1])]
         with ThreadPoolExecutor(self.jobs) as pool:
-            top, bottom = pool.map(lambda pair: blended(pair[0], greys, pair[1]), zip(layouts, inverses, strict=True))
+            top, bottom = pool.map(lambda pair: blend(pair[0], greys, pair[1]), zip(layouts, inverses, strict=True))
         return top, bottom
 
     def inverse_of(self, range_m: NDArray[np.float32], layout: Layout) -> NDArray[np.float32] | None:
         """Return 1 / range everywhere, from known pixels around where unknown; None where too little is known."""
-        known, blend = ~np.isnan(range_m), self.params.blend
+        known = ~np.isnan(range_m)
         share = np.count_nonzero(known) / max(int(np.count_nonzero(layout.is_covered)), 1)
-        if not blend.is_reprojected or not known.any() or share < blend.min_known:
+        if not known.any() or share < self.params.blend.min_known:
             return None
         with np.errstate(divide="ignore"):
-            inverse = filled((1.0 / range_m).astype(np.float32), known)
+            inverse = fill((1.0 / range_m).astype(np.float32), known)
         return cv2.medianBlur(inverse, 5)
 
 

@@ -1,9 +1,14 @@
-"""Which images are one instant, until when a late camera is waited for, and which cameras can be trusted."""
+"""Which images are one instant, until when a late one is waited for, and which cameras can be trusted.
+
+The one queue of a set of streams: whatever an instant waits for (other cameras, depth, a LiDAR's cloud, the instants
+that correct the rig), it waits for here.
+"""
 
 from __future__ import annotations
 
 import zlib
-from collections.abc import Sequence
+from bisect import insort
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,6 +20,8 @@ from sphere_mapping.acquisition.params import SynchroniserParams
 Image = NDArray[Any]  # levels, or metres of a depth camera
 
 FINGERPRINT_STEP = 4  # every so many rows and columns of an image decide whether it is the last one again
+MAX_HOLD_NS = 500_000_000  # largest age of an image that is held for a late one
+FROZEN_AFTER = 3  # equal images in a row, while other cameras change, that are a frozen camera
 
 
 @dataclass
@@ -31,7 +38,10 @@ class CameraHealth:
 
 @dataclass(frozen=True, eq=False)
 class Instant:
-    """Images by camera that belong together; `notes` says which cameras lack or are held, and why."""
+    """Images by camera that belong together; `notes` says which cameras lack or are held, and why.
+
+    The stamp is that of the first camera, in the order of the names, that has an image.
+    """
 
     stamp_ns: int
     images: dict[str, Image]
@@ -44,15 +54,27 @@ class _Open:
     stamp_ns: int
     opened_ns: int
     images: dict[str, Image] = field(default_factory=dict)
+    stamps: dict[str, int] = field(default_factory=dict)
 
 
 class Synchroniser:
-    """Takes images one by one, with the time of arrival; hands out instants in order, each once."""
+    """Receives images one by one, with the time of arrival; hands out instants in order, each once.
 
-    def __init__(self, names: Sequence[str], params: SynchroniserParams) -> None:
+    An instant is complete when all streams have it and `is_ready` says so of its stamp. The first `num_first` instants
+    are handed out together.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        params: SynchroniserParams,
+        is_ready: Callable[[int], bool] = lambda stamp_ns: True,
+        num_first: int = 0,
+    ) -> None:
         self.names, self.params = tuple(names), params
         self.health = {name: CameraHealth() for name in names}
         self._slack_ns, self._deadline_ns = round(params.slack_s * 1e9), round(params.deadline_s * 1e9)
+        self._is_ready, self._num_first = is_ready, num_first
         self.clear()
 
     def clear(self) -> None:
@@ -73,42 +95,40 @@ class Synchroniser:
         if stamp_ns <= self._closed_ns + self._slack_ns:
             health.num_refused += 1
             raise ValueError(f"{name}: stamp: expected after {self._closed_ns} (closed without it), found {stamp_ns}")
-        self._place(stamp_ns, now_ns).images[name] = image
-        return self.take(now_ns)
+        one = self._place(name, stamp_ns, now_ns)
+        one.images[name], one.stamps[name] = image, stamp_ns
+        return self.pop(now_ns)
 
-    def take(self, now_ns: int) -> list[Instant]:
-        """Return the instants that are complete or late by now; what is older than a complete one goes with it."""
-        done = []
-        while self._open:
-            is_complete = [len(one.images) == len(self.names) for one in self._open]
-            is_late = now_ns - self._open[0].opened_ns >= self._deadline_ns
-            if not (any(is_complete) or is_late):
-                break
-            done.append(self._close(self._open.pop(0)))
-        return done
+    def pop(self, now_ns: int) -> list[Instant]:
+        """Remove and return the instants complete or late by now; what is older than a complete one goes with it."""
+        number = 0
+        for k, one in enumerate(self._open):
+            if len(one.images) == len(self.names) and self._is_ready(one.stamp_ns):
+                number = k + 1
+        while number < len(self._open) and now_ns - self._open[number].opened_ns >= self._deadline_ns:
+            number += 1
+        return self._close_first(number) if number >= max(self._num_first, 1) else []
 
     def flush(self) -> list[Instant]:
-        """Return what is still open, in order: the recording has ended."""
-        found = [self._close(one) for one in self._open]
-        self._open = []
-        return found
+        """Remove and return all instants, in order: the recording has ended."""
+        return self._close_first(len(self._open))
 
-    def problems(self) -> list[str]:
-        """Return, in words, what the newest instant lacked, and how often that was so."""
-        found = [(name, health) for name, health in self.health.items() if health.problem]
-        return [f"{name}: {health.problem} ({health.num_missing} times)" for name, health in found]
+    def _close_first(self, number: int) -> list[Instant]:
+        closing, self._open, self._num_first = self._open[:number], self._open[number:], 0
+        return [self._close(one) for one in closing]
 
-    def _place(self, stamp_ns: int, now_ns: int) -> _Open:
-        for one in self._open:
-            if abs(one.stamp_ns - stamp_ns) <= self._slack_ns:
-                return one
-        self._open.append(_Open(stamp_ns, now_ns))
-        self._open.sort(key=lambda one: one.stamp_ns)
-        return next(one for one in self._open if one.stamp_ns == stamp_ns)
+    def _place(self, name: str, stamp_ns: int, now_ns: int) -> _Open:
+        """Return the open instant nearest to a stamp that has no image of this stream yet, a new one where none is."""
+        free = [one for one in self._open if name not in one.images and abs(one.stamp_ns - stamp_ns) <= self._slack_ns]
+        if free:
+            return min(free, key=lambda one: abs(one.stamp_ns - stamp_ns))
+        fresh = _Open(stamp_ns, now_ns)
+        insort(self._open, fresh, key=lambda one: one.stamp_ns)
+        return fresh
 
     def _note(self, name: str, stamp_ns: int, image: Image) -> None:
         health, print_now = self.health[name], fingerprint(image)
-        is_repeat = name in self._last and self._last[name][2] == print_now
+        is_repeat = image.dtype == np.uint8 and name in self._last and self._last[name][2] == print_now
         health.num_repeats = health.num_repeats + 1 if is_repeat else 0
         health.num_images, health.last_stamp_ns = health.num_images + 1, stamp_ns
         self._last[name] = (stamp_ns, image, print_now)
@@ -130,14 +150,15 @@ class Synchroniser:
                 notes[name] = problem
                 self.health[name].num_missing += 1
             self.health[name].problem = problem
-        return Instant(one.stamp_ns, images, notes, bool(notes) and self.params.policy == "fail")
+        stamp_ns = next(one.stamps[name] for name in self.names if name in one.stamps)
+        return Instant(stamp_ns, images, notes, bool(notes) and self.params.policy == "fail")
 
     def _may_hold(self, name: str, stamp_ns: int) -> bool:
-        return name in self._last and abs(stamp_ns - self._last[name][0]) <= self.params.max_hold_s * 1e9
+        return name in self._last and abs(stamp_ns - self._last[name][0]) <= MAX_HOLD_NS
 
     def _frozen(self) -> set[str]:
         """Return cameras whose image has not changed for long while others' has."""
-        stuck = {name for name, health in self.health.items() if health.num_repeats >= self.params.frozen_after}
+        stuck = {name for name, health in self.health.items() if health.num_repeats >= FROZEN_AFTER}
         return stuck if len(stuck) < len([n for n in self.names if self.health[n].num_images]) else set()
 
 

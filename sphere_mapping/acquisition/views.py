@@ -28,8 +28,8 @@ INVERSE_LEVELS = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 2.0, 4.0],
 
 
 @dataclass(frozen=True, eq=False)
-class Seat:
-    """A camera as it looks from the centre of a sphere: its model, its pose, how far each pixel is from the border.
+class RigView:
+    """A camera as it seen from the centre of a sphere: its model, its pose, how far each pixel is from the border.
 
     border: (h, w) float32, angle in radians from a pixel to the nearest one without use (image border, mask, no ray).
     """
@@ -39,7 +39,7 @@ class Seat:
     T_sphere_camera: SE3
     border: Plane
 
-    def look(self, points: NDArray[np.float64]) -> tuple[Plane, Plane, Plane]:
+    def project(self, points: NDArray[np.float64]) -> tuple[Plane, Plane, Plane]:
         """Return u, v and border (...,) where the camera sees points (..., 3) of the sphere's frame; 0: not at all."""
         pixels, visible = self.camera.project(self.T_sphere_camera.inverse().apply(points))
         u, v = (np.nan_to_num(pixels[..., k], nan=-1e4, posinf=-1e4, neginf=-1e4).astype(np.float32) for k in (0, 1))
@@ -52,7 +52,7 @@ class Seat:
 class View:
     """One camera's part in a sphere: where its pixels are, and which of the block's pixels it alone shows."""
 
-    seat: Seat
+    rig_view: RigView
     block: Block
     table: tuple[NDArray, NDArray]  # fixed-point maps of cv2.remap at the common distance
     is_owned: NDArray[np.uint8]  # (h, w), 255 where the sphere shows this camera
@@ -61,7 +61,7 @@ class View:
     @property
     def name(self) -> str:
         """Name of the camera."""
-        return self.seat.name
+        return self.rig_view.name
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,7 +81,7 @@ class Layout:
     @property
     def centres(self) -> Plane:
         """Centres of the cameras (N, 3) in the frame of the sphere."""
-        centres = [view.seat.T_sphere_camera.translation for view in self.views]
+        centres = [view.rig_view.T_sphere_camera.translation for view in self.views]
         return np.array(centres, dtype=np.float32).reshape(-1, 3)
 
 
@@ -110,28 +110,28 @@ def border_of(part: RigCamera, mask: NDArray[np.uint8] | None) -> Plane:
     return np.maximum(distance - 0.5, 0.0).astype(np.float32) / np.float32(part.camera.pixels_per_radian)
 
 
-def layout_of(seats: Sequence[Seat], whole: Spherical, distance_m: float, num_bands: int) -> Layout:
+def layout_of(rig_views: Sequence[RigView], whole: Spherical, distance_m: float, num_bands: int) -> Layout:
     """Return the views of the cameras in a sphere, taking everything at one distance (0: very far)."""
     align, margin = 1 << num_bands, 4 << num_bands
-    coarse = _owners(seats, whole, distance_m, COARSE)
-    blocks = [block_around(coarse == k, whole, COARSE, margin, align) for k in range(len(seats))]
-    kept = [(seat, block) for seat, block in zip(seats, blocks, strict=True) if block is not None]
+    coarse = _owners(rig_views, whole, distance_m, COARSE)
+    blocks = [block_around(coarse == k, whole, COARSE, margin, align) for k in range(len(rig_views))]
+    kept = [(rig_view, block) for rig_view, block in zip(rig_views, blocks, strict=True) if block is not None]
     best = np.zeros((whole.height, whole.width), np.float32)
     owner = np.full(best.shape, OUTSIDE, dtype=np.int8)
-    looks = []
-    for number, (seat, block) in enumerate(kept):
-        u, v, border = _look_at_distance(seat, whole, block, distance_m)
+    seen = []
+    for number, (rig_view, block) in enumerate(kept):
+        u, v, border = _project_at(rig_view, whole, block, distance_m)
         rows = slice(block.row, block.row + block.height)
         columns = np.arange(block.column, block.column + min(block.width, whole.width)) % whole.width
         border_once = border[:, : columns.size]
         is_better = border_once > best[rows, columns]
         best[rows, columns] = np.where(is_better, border_once, best[rows, columns])
         owner[rows, columns] = np.where(is_better, np.int8(number), owner[rows, columns])
-        looks.append((u, v, border))
+        seen.append((u, v, border))
     views = []
-    for number, ((seat, block), look) in enumerate(zip(kept, looks, strict=True)):
+    for number, ((rig_view, block), projected) in enumerate(zip(kept, seen, strict=True)):
         is_owned = _cut_once((owner == number).astype(np.uint8) * np.uint8(255), block)
-        views.append(View(seat, block, _table(*look), is_owned, _by_range(seat, whole, block)))
+        views.append(View(rig_view, block, _table(*projected), is_owned, _by_range(rig_view, whole, block)))
     return Layout(whole, tuple(views), owner, strips_of(owner, len(kept), num_bands))
 
 
@@ -161,21 +161,21 @@ def rays_of(whole: Spherical, block: Block, step: int = 1) -> NDArray[np.float64
     return whole.unproject(np.stack(np.broadcast_arrays(u[None, :], v[:, None]), axis=-1).astype(np.float64))
 
 
-def _owners(seats: Sequence[Seat], whole: Spherical, distance_m: float, step: int) -> NDArray[np.int8]:
+def _owners(rig_views: Sequence[RigView], whole: Spherical, distance_m: float, step: int) -> NDArray[np.int8]:
     block = Block(0, 0, whole.height, whole.width)
     rays = rays_of(whole, block, step)[: whole.height // step, : whole.width // step]
-    borders = np.stack([_see(seat, rays, distance_m)[2] for seat in seats])
+    borders = np.stack([_see(rig_view, rays, distance_m)[2] for rig_view in rig_views])
     owner = np.argmax(borders, axis=0).astype(np.int8)
     return np.where(borders.max(axis=0) > 0, owner, np.int8(OUTSIDE))
 
 
-def _see(seat: Seat, rays: NDArray[np.float64], distance_m: float) -> tuple[Plane, Plane, Plane]:
+def _see(rig_view: RigView, rays: NDArray[np.float64], distance_m: float) -> tuple[Plane, Plane, Plane]:
     far = 1e6 if distance_m == 0 else distance_m
-    return seat.look(rays * far)
+    return rig_view.project(rays * far)
 
 
-def _look_at_distance(seat: Seat, whole: Spherical, block: Block, distance_m: float) -> tuple[Plane, Plane, Plane]:
-    return _see(seat, rays_of(whole, block), distance_m)
+def _project_at(rig_view: RigView, whole: Spherical, block: Block, distance_m: float) -> tuple[Plane, Plane, Plane]:
+    return _see(rig_view, rays_of(whole, block), distance_m)
 
 
 def _table(u: Plane, v: Plane, border: Plane) -> tuple[NDArray, NDArray]:
@@ -191,13 +191,13 @@ def _table(u: Plane, v: Plane, border: Plane) -> tuple[NDArray, NDArray]:
     return cv2.convertMaps(u, v, cv2.CV_16SC2)
 
 
-def _by_range(seat: Seat, whole: Spherical, block: Block) -> Plane:
+def _by_range(rig_view: RigView, whole: Spherical, block: Block) -> Plane:
     """Return u, v (gh, gw, K, 2) at each inverse range; out of the camera's sight the nearest range within holds."""
     rays = rays_of(whole, block, GRID_STEP)
-    looks = [seat.look(rays / max(float(inverse), 1e-6)) for inverse in INVERSE_LEVELS]
-    grid = np.stack([np.stack(look[:2], axis=-1) for look in looks], axis=2)
-    is_seen = np.stack([look[2] > 0 for look in looks], axis=2)
-    last = len(looks) - 1
+    seen = [rig_view.project(rays / max(float(inverse), 1e-6)) for inverse in INVERSE_LEVELS]
+    grid = np.stack([np.stack(part[:2], axis=-1) for part in seen], axis=2)
+    is_seen = np.stack([part[2] > 0 for part in seen], axis=2)
+    last = len(seen) - 1
     for k, before in [(k, k - 1) for k in range(1, last + 1)] + [(k, k + 1) for k in range(last - 1, -1, -1)]:
         lacks = ~is_seen[:, :, k] & is_seen[:, :, before]
         grid[:, :, k][lacks], is_seen[:, :, k][lacks] = grid[:, :, before][lacks], True

@@ -16,6 +16,8 @@ from sphere_mapping.graph.pose_graph import optimize
 from sphere_mapping.graph.registration import PreparedSphere, align, edge_between
 from sphere_mapping.params import LoopParams, MapperParams
 
+MAX_DISAGREEMENT_M, MAX_DISAGREEMENT_RAD = 0.05, 0.02  # between the alignments both ways
+
 
 @dataclass(frozen=True, eq=False)
 class ClosedLoops:
@@ -59,7 +61,7 @@ def verify(
     if not _is_good(back, prepared[newer.id].coverage, params.loop):
         return None
     distance, angle = back.T_world_camera.distance(older.T_map_sphere)
-    if distance > params.loop.max_disagreement_m or angle > params.loop.max_disagreement_rad:
+    if distance > MAX_DISAGREEMENT_M or angle > MAX_DISAGREEMENT_RAD:
         return None
     return edge_between(older, newer, forward, is_loop=True)
 

@@ -30,7 +30,7 @@ from sphere_mapping.stitcher_node import SphereStitcher
 MS = 1_000_000
 RIG = vertical_rig()
 IMAGES = [{part.name: seen(part, phase=0.02 * k) for part in RIG.cameras} for k in range(5)]
-SMALL = {"stitch.width": 256, "stitch.match.max_disparity_deg": 12.0, "sync.deadline_s": 0.2}
+SMALL = {"stitch.width": 256, "sync.deadline_s": 0.2}
 
 
 @pytest.fixture
@@ -158,11 +158,11 @@ def test_a_late_camera_is_treated_by_the_policy(rig_path, policy, num_spheres, h
 
 
 def test_a_frozen_camera_is_left_out_by_name(rig_path):
-    bench = Bench(rig=rig_path, **{"sync.frozen_after": 2})
-    for k in range(4):
+    bench = Bench(rig=rig_path)
+    for k in range(5):
         bench.shoot((1000 + 100 * k) * MS, IMAGES[k] | {"top_front": IMAGES[0]["top_front"]})
-    assert len(bench.spheres) == 4
-    assert bench.problems()["camera top_front"].startswith("frozen: the same image 4 times")
+    assert len(bench.spheres) == 5
+    assert bench.problems()["camera top_front"].startswith("frozen: the same image 5 times")
     assert (message_to_sphere(bench.spheres[-1]).image == 0).mean() > 0.01
 
 
@@ -180,7 +180,7 @@ def test_stamps_apart_beyond_the_limit_are_no_instant(rig_path):
 def test_images_of_another_size_or_lens_are_refused_by_name(rig_path):
     bench = Bench(rig=rig_path)
     bench.send("cameras/top_front/image_raw", array_to_image(np.ones((8, 8), np.uint8), MS, "x", "mono8"))
-    assert "top_front: image size: expected 160 x 160 (rig file), found 8 x 8" in bench.refusals()
+    assert "top_front: image size: expected 160 x 160 uint8, grey or RGB, found 8 x 8" in bench.refusals()
     bench.send("cameras/top_left/camera_info", CameraInfo(width=160, height=160, k=[50.0] + 8 * [0.0]))
     assert "top_left: K[0]: expected 48.000 (rig file), found 50.000" in bench.refusals()
 

@@ -15,7 +15,9 @@ class Catcher(ManagedNode):
 
     def configure(self):
         self.caught = []
-        self.intake = Intake(self, self.params, lambda *what: self.caught.append(what))
+        self.intake = Intake(self.params, lambda *what: self.caught.append(what))
+        for subscription in self.intake.subscriptions():
+            self.add_subscription(*subscription)
 
 
 def caught(kind, *messages):

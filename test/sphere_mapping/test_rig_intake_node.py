@@ -10,6 +10,7 @@ from rig_world import RIG_NAMES, vertical_rig
 from node_kit.conversions import array_to_image, cloud_to_message
 from node_kit.node import ERROR, OK, WARN, ManagedNode
 from node_kit.replay import OfflineBus
+from node_kit.tf import TransformTree
 from sphere_mapping.acquisition.params import SphereStitcherParams
 from sphere_mapping.rig_intake_node import RigIntake
 
@@ -24,7 +25,11 @@ class Keeper(ManagedNode):
 
     def configure(self):
         self.instants = []
-        self.intake = RigIntake(self, vertical_rig(), self.params, self.instants.append)
+        lookup = TransformTree().lookup
+        self.intake = RigIntake(vertical_rig(), self.params, self.now_ns, lookup, self.instants.extend)
+        for subscription in self.intake.subscriptions():
+            self.add_subscription(*subscription)
+        self.add_timer(0.05, self.intake.close_late)
 
 
 def send(bus, topic, message):
@@ -57,22 +62,22 @@ def test_an_instant_waits_for_a_cloud_that_is_not_older_but_not_for_ever():
     wait(bus, 1600 * MS)
     assert len(node.instants) == 2
     assert node.instants[1].points is None
-    assert node.reports["points"][0] == WARN
+    assert {what: level for what, level, *_ in node.intake.health()}["points"] == WARN
 
 
 def test_every_camera_is_reported():
     bus = OfflineBus()
-    node = bus.add(Keeper, {"sync.frozen_after": 2})
-    for number in range(4):
+    node = bus.add(Keeper)
+    for number in range(5):
         stamp = (1000 + 100 * number) * MS
         wait(bus, stamp)
         shoot(bus, stamp, level=20 * number, names=RIG_NAMES[2:])
         shoot(bus, stamp, names=RIG_NAMES[:1])  # always the same; the second one is missing
     wait(bus, 2000 * MS)
-    node.intake.report_health()
-    levels = [node.reports[f"camera {name}"][0] for name in RIG_NAMES[:3]]
+    found = {what: level for what, level, *_ in node.intake.health()}
+    levels = [found[f"camera {name}"] for name in RIG_NAMES[:3]]
     assert levels == [ERROR, WARN, OK]
-    assert len(node.instants) == 4
+    assert len(node.instants) == 5
     assert set(node.instants[-1].images) == set(RIG_NAMES[2:])
 
 
@@ -83,3 +88,12 @@ def test_what_is_open_at_the_end_is_handed_out():
     assert node.instants == []
     node.intake.finish()
     assert set(node.instants[0].images) == set(RIG_NAMES[:2])
+
+
+def test_the_first_instants_come_together_when_they_are_to_correct_the_rig():
+    bus = OfflineBus()
+    node = bus.add(Keeper, {"rectify.num_instants": 3})
+    for number in range(4):
+        assert len(node.instants) == (0 if number < 3 else 3)
+        shoot(bus, (1000 + 100 * number) * MS, level=20 * number)
+    assert [instant.sync.stamp_ns for instant in node.instants] == [1000 * MS, 1100 * MS, 1200 * MS, 1300 * MS]

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from sphere_geometry import SE3, Pinhole, Spherical
-from sphere_mapping.acquisition.fusion import filled, fused, range_from_cloud, range_from_depth
+from sphere_mapping.acquisition.fusion import fill, fuse_sources, range_from_cloud, range_from_depth
 from sphere_mapping.acquisition.params import FusionParams
-from sphere_mapping.acquisition.views import Seat
+from sphere_mapping.acquisition.views import RigView
 from typed_params import build
 
 WHOLE = Spherical(64, 32)
@@ -19,25 +19,25 @@ def plane(value):
 
 def test_what_agrees_is_weighed_by_its_variance():
     near, nearly, other = (plane(10.0), plane(0.1)), (plane(10.2), plane(0.1)), (plane(20.0), plane(1.0))
-    range_m, std_m = fused([other, near, nearly], FusionParams())
+    range_m, std_m = fuse_sources([other, near, nearly])
     np.testing.assert_allclose(range_m, 10.1, atol=1e-5)
     np.testing.assert_allclose(std_m, 0.1 / np.sqrt(2), rtol=1e-5)
 
 
 def test_a_surer_source_counts_more():
-    range_m, _ = fused([(plane(10.0), plane(0.1)), (plane(10.3), plane(0.2))], FusionParams())
+    range_m, _ = fuse_sources([(plane(10.0), plane(0.1)), (plane(10.3), plane(0.2))])
     np.testing.assert_allclose(range_m, 10.06, atol=1e-5)
 
 
 def test_far_holds_only_where_nothing_is_measured():
     far = (plane(np.inf), plane(np.nan))
-    np.testing.assert_array_equal(fused([far, (plane(np.nan), plane(np.nan))], FusionParams())[0], np.inf)
-    np.testing.assert_allclose(fused([far, (plane(5.0), plane(0.1))], FusionParams())[0], 5.0)
+    np.testing.assert_array_equal(fuse_sources([far, (plane(np.nan), plane(np.nan))])[0], np.inf)
+    np.testing.assert_allclose(fuse_sources([far, (plane(5.0), plane(0.1))])[0], 5.0)
 
 
 def test_without_a_source_it_is_refused():
     with pytest.raises(ValueError, match="range: expected at least one source"):
-        fused([], FusionParams())
+        fuse_sources([])
 
 
 def test_the_nearest_point_of_a_cloud_hides_the_others():
@@ -49,9 +49,9 @@ def test_the_nearest_point_of_a_cloud_hides_the_others():
 def test_depth_along_the_axis_becomes_range_along_the_ray():
     """A wall 2 m before the camera: the range grows to the sides, the deviation with the square of the depth."""
     optical = SE3.from_parts([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]], np.zeros(3))
-    seat = Seat("a", LENS, optical, np.ones((40, 60), np.float32))
+    rig_view = RigView("a", LENS, optical, np.ones((40, 60), np.float32))
     params = build(FusionParams, {"depth_std_m": 0.01, "max_depth_m": 5.0})
-    range_m, std_m = range_from_depth(np.full((40, 60), 2.0, np.float32), seat, WHOLE, params)
+    range_m, std_m = range_from_depth(np.full((40, 60), 2.0, np.float32), rig_view, WHOLE, params)
     middle = np.isfinite(range_m)
     assert middle[16, 26:38].all()
     assert not middle[:, :20].any()
@@ -60,7 +60,7 @@ def test_depth_along_the_axis_becomes_range_along_the_ray():
     # a pixel of the sphere is 5.6 degrees wide and the nearest point counts: up to half a pixel of slope
     np.testing.assert_allclose(range_m[middle], 2.0 / rays[:, 0], rtol=0.1)
     np.testing.assert_allclose(std_m[middle], 0.01 * 4.0 * range_m[middle] / 2.0, rtol=0.02)
-    beyond = range_from_depth(np.full((40, 60), 6.0, np.float32), seat, WHOLE, params)[0]
+    beyond = range_from_depth(np.full((40, 60), 6.0, np.float32), rig_view, WHOLE, params)[0]
     assert np.isnan(beyond).all()
 
 
@@ -69,7 +69,7 @@ def test_gaps_are_filled_as_a_slope_goes_on():
     rows = np.arange(128, dtype=np.float32)[:, None] * np.ones((1, 256), np.float32) / 128
     known = np.zeros(rows.shape, np.bool_)
     known[4::8] = True
-    found = filled(np.where(known, rows, np.float32(np.nan)), known)
+    found = fill(np.where(known, rows, np.float32(np.nan)), known)
     np.testing.assert_array_equal(found[known], rows[known])
     assert np.abs(found - rows)[16:-16].max() < 4.1 / 128  # no worse than the nearest ring
     assert np.abs(found - rows)[16:-16].mean() < 1.3 / 128  # and clearly better on average than its 2 rows
@@ -79,12 +79,12 @@ def test_filling_goes_on_around_the_seam():
     values = np.cos(np.linspace(0, 2 * np.pi, 256, endpoint=False)) * np.ones((128, 1))
     known = np.zeros((128, 256), np.bool_)
     known[:, 10:246] = True
-    found = filled(values.astype(np.float32), known)
+    found = fill(values.astype(np.float32), known)
     assert np.abs(found[:, 0] - found[:, -1]).max() < 0.01
     assert np.abs(found - values).max() < 0.06  # 20 columns of a cosine are off its chord by 0.03
 
 
 def test_without_gaps_or_without_anything_nothing_is_filled():
     values = np.ones((4, 8), np.float32)
-    assert filled(values, np.ones((4, 8), np.bool_)) is values
-    assert filled(values, np.zeros((4, 8), np.bool_)) is values
+    assert fill(values, np.ones((4, 8), np.bool_)) is values
+    assert fill(values, np.zeros((4, 8), np.bool_)) is values

@@ -9,7 +9,7 @@ from rig_world import BASELINE, OPTICAL
 from sphere_geometry import SE3, Fisheye, Rig, RigCamera
 from sphere_mapping.acquisition.params import RectifyParams
 from sphere_mapping.acquisition.rectification import Matches, epipolar_errors, matches_of, rectified
-from sphere_mapping.acquisition.views import Seat
+from sphere_mapping.acquisition.views import RigView
 from typed_params import build
 
 LENS = Fisheye(800, 800, 240.0, 240.0, 399.5, 399.5)
@@ -29,11 +29,11 @@ def matches_in(rig, rng, num_wrong=0):
     """Points all around, 2 to 12 m away, seen by pairs of cameras with noise; some matches are wrong."""
     rays = rng.normal(size=(1500, 3)) * (1, 1, 0.5)
     points = rays / np.linalg.norm(rays, axis=1, keepdims=True) * rng.uniform(2, 12, (1500, 1))
-    looks = {part.name: part.camera.project(part.T_rig_camera.inverse().apply(points)) for part in rig.cameras}
+    seen = {part.name: part.camera.project(part.T_rig_camera.inverse().apply(points)) for part in rig.cameras}
     found = []
     for a, b in (("a", "b"), ("a", "c"), ("b", "d"), ("c", "d"), ("a", "d")):
-        both = np.flatnonzero(looks[a][1] & looks[b][1])[:300]
-        first, second = (looks[name][0][both] + NOISE_PX * rng.normal(size=(both.size, 2)) for name in (a, b))
+        both = np.flatnonzero(seen[a][1] & seen[b][1])[:300]
+        first, second = (seen[name][0][both] + NOISE_PX * rng.normal(size=(both.size, 2)) for name in (a, b))
         second[:num_wrong] += rng.normal(size=(num_wrong, 2)) * 40
         found.append(Matches(a, b, first, second))
     return found
@@ -85,20 +85,20 @@ def test_without_matches_nothing_changes():
 
 def test_features_that_two_cameras_share_are_found(rng):
     """A far textured world: matches lie in the same direction from both."""
-    params = build(RectifyParams, {"width": 512, "num_features": 400})
+    params = build(RectifyParams, {"width": 512})
     rig = make_rig()
     world = rng.normal(size=(40, 3)) * 25
-    seats, images = [], {}
+    rig_views, images = [], {}
     for part in rig.cameras[:2]:
         rays = np.nan_to_num(LENS.unproject(np.stack(np.meshgrid(*[np.arange(800.0)] * 2), axis=-1)))
         levels = np.sum(np.sin(rays @ part.T_rig_camera.rotation.T @ world.T + np.arange(40)), axis=-1)
         images[part.name] = np.clip(128 + 12 * levels, 1, 255).astype(np.uint8)
-        seats.append(Seat(part.name, LENS, part.T_rig_camera, np.ones((800, 800), np.float32)))
-    [match] = matches_of(seats, images, params)
+        rig_views.append(RigView(part.name, LENS, part.T_rig_camera, np.ones((800, 800), np.float32)))
+    [match] = matches_of(rig_views, images, params)
     assert len(match.pixels_first) > 50
     rays = [
-        LENS.unproject(pixels) @ seat.T_sphere_camera.rotation.T
-        for seat, pixels in zip(seats, (match.pixels_first, match.pixels_second), strict=True)
+        LENS.unproject(pixels) @ rig_view.T_sphere_camera.rotation.T
+        for rig_view, pixels in zip(rig_views, (match.pixels_first, match.pixels_second), strict=True)
     ]
     angles = np.degrees(np.arccos(np.clip(np.sum(rays[0] * rays[1], axis=1), -1, 1)))
     assert np.median(angles) < 0.2  # a third of a pixel of the sphere

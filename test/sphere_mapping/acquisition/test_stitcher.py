@@ -15,7 +15,7 @@ from typed_params import build
 @pytest.fixture(scope="module")
 def stitcher():
     kernels.warm_up()
-    return Stitcher(vertical_rig(), build(StitchParams, {"width": WIDTH, "match.max_disparity_deg": 12.0}))
+    return Stitcher(vertical_rig(), build(StitchParams, {"width": WIDTH}))
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_wrong_images_are_refused_by_name(stitcher, images):
 def test_two_cameras_side_by_side_give_range():
     poses = [SE3.from_parts(OPTICAL, [0.0, y, 0.0]) for y in (0.15, -0.15)]
     rig = Rig(tuple(RigCamera(name, LENS, pose) for name, pose in zip("ab", poses, strict=True)))
-    stitcher = Stitcher(rig, build(StitchParams, {"width": WIDTH, "match.max_disparity_deg": 12.0}))
+    stitcher = Stitcher(rig, build(StitchParams, {"width": WIDTH}))
     assert [(pair.first, pair.second) for pair in stitcher.pairs] == [("a", "b")]
     found = stitcher.stitch({part.name: seen(part) for part in rig.cameras}).sphere
     assert found.measured.mean() > 0.2
