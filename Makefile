@@ -1,4 +1,4 @@
-# make env | demo | test | bench | check | docs | clean; what they do stands in README.md.
+# make env | demo | test | bench | bench-report | check | docs | clean; what they do stands in README.md.
 # Every step leaves a stamp in .venv/.stamps, so nothing is done twice.
 
 VENV := .venv
@@ -12,7 +12,7 @@ SOURCES := $(sort $(shell find $(PACKAGES) -name '*.py') \
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH VIRTUAL_ENV
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: env demo test bench check docs clean FORCE
+.PHONY: env demo test bench bench-report check docs clean FORCE
 .DELETE_ON_ERROR:
 
 env: $(STAMPS)/sphere_nav
@@ -25,6 +25,10 @@ test: env
 
 bench: env
 	$(RUN)/python -m benchmarks $(ARGS)
+
+# docs/results.md from out/bench/*.json
+bench-report: $(STAMPS)/wheels
+	$(RUN)/python -m benchmarks.results
 
 check: env
 	$(RUN)/ruff check .

@@ -1,1 +1,1 @@
-"""Benchmarks: `python -m benchmarks [NAME ...]` prints the tables of docs/results.md as this machine measures them."""
+"""Benchmarks: `python -m benchmarks [NAME ...]` prints the rows of docs/results.md as this machine measures them."""

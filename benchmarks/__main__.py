@@ -10,7 +10,7 @@ import traceback
 from pathlib import Path
 from types import ModuleType
 
-from benchmarks.machine import num_cores, set_threads
+from benchmarks.machine import describe, num_cores, set_threads
 from benchmarks.report import Report
 
 BENCHMARKS = {
@@ -43,6 +43,8 @@ def main() -> int:
     options.names = options.names or list(BENCHMARKS)
     if unknown := [name for name in options.names if name not in BENCHMARKS]:
         parser.error(f"NAME: expected one of {', '.join(BENCHMARKS)}, found {unknown[0]}")
+    if options.json and len(options.names) != 1:
+        parser.error(f"--json: expected one benchmark, found {len(options.names)}")
     set_threads(options.threads)
     return max([_run_one(name, modules[name], options) for name in options.names])
 
@@ -64,6 +66,7 @@ def _parser(modules: dict[str, ModuleType]) -> argparse.ArgumentParser:
         help="threads for every library (2, as on the reference machine)",
     )
     parser.add_argument("--output", type=Path, default=Path("out/bench"), help="folder of the JSON files (out/bench)")
+    parser.add_argument("--json", type=Path, metavar="F", help="file for the JSON of one benchmark (OUTPUT/NAME.json)")
     for name, module in modules.items():
         module.add_arguments(parser.add_argument_group(name))
     return parser
@@ -80,10 +83,18 @@ def _run_one(name: str, module: ModuleType, options: argparse.Namespace) -> int:
         traceback.print_exc()
         return 1
     print(report.markdown(), end="\n\n", flush=True)
-    options.output.mkdir(parents=True, exist_ok=True)
-    path = options.output / f"{name}.json"
-    path.write_text(json.dumps(report.as_mapping(), indent=1) + "\n", encoding="utf-8")
+    path = options.json or options.output / f"{name}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    found = report.as_mapping(_command(name), describe(options.threads))
+    path.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
     return 0
+
+
+def _command(name: str) -> str:
+    """Return the command line that measures one benchmark as it was measured now."""
+    others = set(BENCHMARKS) - {name}
+    words = [word for word in sys.argv[1:] if word not in others]
+    return " ".join(["python -m benchmarks", *([] if name in words else [name]), *words])
 
 
 if __name__ == "__main__":

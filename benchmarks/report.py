@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import asdict, dataclass, field
+from datetime import date
 from typing import Any
+
+ROW = ("what", "bound", "measured", "mark")
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,13 @@ class Bound:
             return False
         return self.measured >= self.bound if self.is_minimum else self.measured <= self.bound
 
+    @property
+    def cells(self) -> tuple[str, str, str, str]:
+        """Return what, bound, measured and mark as they are printed."""
+        sign, mark = "≥" if self.is_minimum else "≤", "ok" if self.is_met else "RED"
+        bound, measured = f"{sign} {self.bound:.4g} {self.unit}", f"{self.measured:.4g} {self.unit}"
+        return self.what, bound.strip(), measured.strip(), mark
+
 
 @dataclass
 class Report:
@@ -61,23 +71,14 @@ class Report:
             return f"## {self.name}\n\nSkipped: {self.skipped}"
         parts = [table.markdown() for table in self.tables]
         if self.bounds:
-            parts.append(bounds_table(self.bounds).markdown())
+            rows: list[tuple[str, ...]] = [bound.cells for bound in self.bounds]
+            parts.append(Table("Bounds", ROW, rows).markdown())
         return "\n\n".join([f"## {self.name}", *self.notes, *parts])
 
-    def as_mapping(self) -> dict[str, Any]:
-        """Return plain values for JSON."""
-        return {**asdict(self), "bounds": [asdict(bound) | {"is_met": bound.is_met} for bound in self.bounds]}
-
-
-def bounds_table(bounds: list[Bound]) -> Table:
-    """Set bounds beside what was measured, with 'ok' or 'RED'."""
-    rows: list[tuple[str, ...]] = [
-        (
-            b.what,
-            f"{'≥' if b.is_minimum else '≤'} {b.bound:.4g} {b.unit}",
-            f"{b.measured:.4g} {b.unit}",
-            "ok" if b.is_met else "RED",
-        )
-        for b in bounds
-    ]
-    return Table("Bounds", ("what", "bound", "measured", "mark"), rows)
+    def as_mapping(self, command: str, machine: str) -> dict[str, Any]:
+        """Return plain values for JSON; a row says what, bound, measured, mark and the command that measured it."""
+        rows = [dict(zip(ROW, bound.cells, strict=True)) | {"command": command} for bound in self.bounds]
+        values = [asdict(bound) for bound in self.bounds]
+        head = {"name": self.name, "machine": machine, "date": date.today().isoformat(), "rows": rows}
+        tables = [asdict(table) for table in self.tables]
+        return head | {"bounds": values, "tables": tables, "notes": self.notes, "skipped": self.skipped}

@@ -1,18 +1,13 @@
-import sys
-from pathlib import Path
-
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parent))  # dense_localizer_world.py, under importlib mode
-
-from dense_localizer_world import MemoryMap, Room, make_map
-
 from sphere_geometry import SE3
+from worlds.localizer import MemoryMap, make_map
+from worlds.room import Room, wide_room
 
 
 @pytest.fixture(scope="session")
 def room() -> Room:
-    return Room()
+    return wide_room()
 
 
 @pytest.fixture(scope="session")

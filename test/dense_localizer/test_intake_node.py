@@ -3,7 +3,6 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from dense_localizer_world import PINHOLE
 from tf2_msgs.msg import TFMessage
 
 from dense_localizer.intake_node import Intake
@@ -14,6 +13,7 @@ from node_kit.replay import OfflineBus
 from sphere_geometry import SE3
 from sphere_map.sphere import T_BODY_OPTICAL
 from typed_params import build
+from worlds.localizer import PINHOLE
 
 SECOND = 1_000_000_000
 PICTURE = np.zeros((120, 160), np.uint8)

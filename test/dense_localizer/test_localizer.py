@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from dense_localizer_world import FISHEYE, PINHOLE, STEP_NS, Run, at, drive, error, make_localizer, make_map
 
 from localization.status import State
 from sphere_geometry import SE3
+from worlds.localizer import FISHEYE, PINHOLE, STEP_NS, Run, at, drive, error, make_localizer, make_map
 
 # Noise of 2 grey levels, pixels of 1/110 rad at 3 m: alignments err by 2 to 4 mm, 1 to 2 mrad; three sigma: 12, 6.
 MAX_M, MAX_RAD = 0.015, 0.008

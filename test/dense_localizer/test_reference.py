@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from dense_localizer_world import PINHOLE, SMALL_IMAGES, at, make_map
 
 from dense_localizer.coverage import coverage
 from dense_localizer.params import LocalizerParams
@@ -11,6 +10,7 @@ from dense_localizer.residual import residual_image
 from photometric import build_pyramid
 from sphere_geometry import SE3, Spherical
 from typed_params import build
+from worlds.localizer import PINHOLE, SMALL_IMAGES, at, make_map
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)
 WINDOW = Spherical(160, 96, 512.0, 176.0, 80.0)  # 112 degrees wide, looking forward

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from dense_localizer_world import PINHOLE, SMALL_IMAGES, MemoryMap, at, make_map
 
 from dense_localizer.params import LocalizerParams, StartParams
 from dense_localizer.reference import Digest, References
@@ -11,6 +10,7 @@ from photometric import build_pyramid
 from sphere_geometry import SE3, Spherical
 from sphere_map.graph import KeySphere
 from typed_params import build
+from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, make_map
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)
 

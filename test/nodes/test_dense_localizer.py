@@ -5,17 +5,14 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "dense_localizer"))
 
 import cv2
 import rclpy
-from dense_localizer_world import PINHOLE, SMALL_IMAGES, STEP_NS, Room, drive, make_map
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sphere_nav_msgs.msg import LocalizationStatus
@@ -41,6 +38,8 @@ from node_kit.map_bag import save_map
 from node_kit.replay import OfflineBus
 from sphere_geometry import SE3
 from sphere_map.sphere import T_BODY_OPTICAL
+from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
+from worlds.room import wide_room
 
 START_NS = 1_000_000_000
 # The camera looks 0.1 rad to the left, half a metre before the base and 0.2 m above it.
@@ -51,7 +50,7 @@ MAX_M = 0.015  # as in test/dense_localizer/test_localizer.py
 
 @pytest.fixture(scope="module")
 def room():
-    return Room()
+    return wide_room()
 
 
 @pytest.fixture(scope="module")

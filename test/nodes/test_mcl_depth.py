@@ -1,20 +1,16 @@
 """The node mcl_depth on an offline bus: clouds from everywhere, an early initial pose, what viewers see, help."""
 
-import sys
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "mcl_depth"))
 
-from mcl_world import COLUMNS, SECOND, T_BASE_EYE, Bench, Eye, drive, room_points
 from sphere_nav_msgs.srv import LoadCloud
 
 from node_kit.conversions import cloud_to_message, pose_with_covariance_to_se3, se3_to_pose_with_covariance
 from node_kit.node import ERROR, OK
 from sphere_geometry import SE3
+from worlds.mcl import COLUMNS, SECOND, T_BASE_EYE, Bench, Eye, drive, room_points
 
 NEAR_M, NEAR_RAD = 0.4, np.radians(8.0)  # cells of the cache are 0.35 m wide, headings are compared every 10 degrees
 

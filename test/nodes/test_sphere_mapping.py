@@ -4,16 +4,13 @@ import signal
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "sphere_mapping"))
 
 import rclpy
-from recordings import CAMERA, FIRST, PERIOD_NS, T_BASE_CAMERA, mount, pose, rgbd, sphere, stamp, stereo
 from sphere_nav_msgs.msg import KeySphereGraph
 from sphere_nav_msgs.srv import SaveMap
 from std_srvs.srv import Trigger
@@ -31,6 +28,7 @@ from node_kit.map_bag import open_map
 from node_kit.replay import OfflineBus
 from sphere_geometry import SE3
 from sphere_mapping.node import SphereMapper
+from worlds.recordings import CAMERA, FIRST, PERIOD_NS, T_BASE_CAMERA, mount, pose, rgbd, sphere, stamp, stereo
 
 
 class Bench:

@@ -11,10 +11,8 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "sphere_mapping"))
 
 import rclpy
-from rig_world import RADIUS, depth_of, seen, truth, vertical_rig
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sphere_nav_msgs.msg import AugmentedSphere
 from std_msgs.msg import String
@@ -26,6 +24,7 @@ from node_kit.replay import OfflineBus
 from sphere_geometry import SE3
 from sphere_geometry.rig_file import read_rig, write_rig
 from sphere_mapping.stitcher_node import SphereStitcher
+from worlds.rig import RADIUS, depth_of, seen, truth, vertical_rig
 
 MS = 1_000_000
 RIG = vertical_rig()

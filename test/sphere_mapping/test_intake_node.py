@@ -2,12 +2,11 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from recordings import rgbd, sphere, stereo
-
 from node_kit.node import ManagedNode
 from node_kit.replay import OfflineBus
 from sphere_mapping.intake_node import TOPICS, Intake
 from sphere_mapping.params import SphereMapperParams
+from worlds.recordings import rgbd, sphere, stereo
 
 
 class Catcher(ManagedNode):

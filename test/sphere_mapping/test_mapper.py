@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from worlds import Room, optical
 
 from sphere_geometry import SE3, Pinhole
 from sphere_map.sphere import Sphere
@@ -8,9 +7,10 @@ from sphere_mapping.acquisition.partial import sphere_from_rgbd
 from sphere_mapping.graph import keyframes
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import KeySphereParams, MapperParams
+from worlds.room import optical, sharp_room
 
 CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
-ROOM = Room()
+ROOM = sharp_room()
 STEP = SE3.exp([0.05, 0.01, 0.0, 0.0, 0.005, 0.02])
 NUM_SPHERES = 12
 PERIOD_NS = 100_000_000
@@ -24,7 +24,7 @@ def poses():
 
 
 def seen_from(T_room_sphere, number):
-    image, depth_m = ROOM.photograph(CAMERA, optical(T_room_sphere))
+    image, depth_m = ROOM.rgbd(CAMERA, optical(T_room_sphere))
     return sphere_from_rgbd(image, depth_m, CAMERA, stamp_ns=number * PERIOD_NS)
 
 

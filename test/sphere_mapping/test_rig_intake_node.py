@@ -5,14 +5,13 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from rig_world import RIG_NAMES, vertical_rig
-
 from node_kit.conversions import array_to_image, cloud_to_message
 from node_kit.node import ERROR, OK, WARN, ManagedNode
 from node_kit.replay import OfflineBus
 from node_kit.tf import TransformTree
 from sphere_mapping.acquisition.params import SphereStitcherParams
 from sphere_mapping.rig_intake_node import RigIntake
+from worlds.rig import RIG_NAMES, vertical_rig
 
 MS = 1_000_000
 

@@ -1,16 +1,12 @@
 """`sphere_nav localize`: a bag against a map, offline."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "dense_localizer"))
 
-from dense_localizer_world import PINHOLE, SMALL_IMAGES, STEP_NS, Room, drive, make_map
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import CameraInfo, Image
 from tf2_msgs.msg import TFMessage
@@ -25,6 +21,8 @@ from sphere_geometry.trajectory import read_tum
 from sphere_map.sphere import T_BODY_OPTICAL
 from sphere_nav_cli.localising import Summary
 from sphere_nav_cli.main import main
+from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
+from worlds.room import wide_room
 
 START_NS = 1_000_000_000
 NUM_IMAGES = 8
@@ -34,7 +32,7 @@ TUNED = [word for name, value in SMALL_IMAGES.items() for word in ("--set", f"{n
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     """A map of the room and a bag of a drive through it."""
-    folder, room = tmp_path_factory.mktemp("localize"), Room()
+    folder, room = tmp_path_factory.mktemp("localize"), wide_room()
     sphere_map = make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0)])
     save_map(folder / "map", sphere_map.graph)
     with BagWriter(folder / "bag") as bag:

@@ -1,17 +1,23 @@
 """`sphere_nav map` and what reads its maps: map-info, map-verify, map-export, register."""
 
 import json
-import sys
-from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "sphere_mapping"))
 
-from recordings import (
+from node_kit.map_bag import open_map
+from sphere_geometry import SE3
+from sphere_geometry.trajectory import read_tum
+from sphere_map.graph import Edge, KeySphere, SphereGraph
+from sphere_nav_cli import map as map_command
+from sphere_nav_cli import map_info, map_verify, register
+from sphere_nav_cli.main import main
+from sphere_nav_cli.map_export import g2o_text
+from sphere_nav_cli.sphere_source import sphere_of_bag
+from worlds.recordings import (
     BASELINE,
     CAMERA,
     FIRST,
@@ -27,17 +33,7 @@ from recordings import (
     truth_of_base,
     write_bag,
 )
-from worlds import optical
-
-from node_kit.map_bag import open_map
-from sphere_geometry import SE3
-from sphere_geometry.trajectory import read_tum
-from sphere_map.graph import Edge, KeySphere, SphereGraph
-from sphere_nav_cli import map as map_command
-from sphere_nav_cli import map_info, map_verify, register
-from sphere_nav_cli.main import main
-from sphere_nav_cli.map_export import g2o_text
-from sphere_nav_cli.sphere_source import sphere_of_bag
+from worlds.room import optical
 
 NUM_FRAMES = 6
 
@@ -259,8 +255,8 @@ def test_two_key_spheres_of_a_map_are_registered(room_map, capsys):
 
 
 def files(folder, number):
-    image, depth_m = ROOM.photograph(CAMERA, optical(pose(number)))
-    right, _ = ROOM.photograph(CAMERA, optical(pose(number)) @ SE3.from_parts(np.eye(3), [BASELINE, 0, 0]))
+    image, depth_m = ROOM.rgbd(CAMERA, optical(pose(number)))
+    right, _ = ROOM.rgbd(CAMERA, optical(pose(number)) @ SE3.from_parts(np.eye(3), [BASELINE, 0, 0]))
     cv2.imwrite(str(folder / f"i{number}.png"), image)
     cv2.imwrite(str(folder / f"r{number}.png"), right)
     cv2.imwrite(str(folder / f"d{number}.png"), np.rint(depth_m * 1000).astype(np.uint16))

@@ -1,18 +1,14 @@
 """`sphere_nav map --rig`: a bag with the images of six cameras becomes a map; what does not fit is one line."""
 
 import dataclasses
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 
 pytest.importorskip("rclpy")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "sphere_mapping"))
 
 from nav_msgs.msg import Odometry
-from rig_world import seen, vertical_rig
 from sensor_msgs.msg import Image
 from tf2_msgs.msg import TFMessage
 
@@ -26,6 +22,7 @@ from node_kit.map_bag import open_map
 from sphere_geometry.rig_file import write_rig
 from sphere_nav_cli.main import main
 from typed_params import build
+from worlds.rig import seen, vertical_rig
 
 START, STEP = 1_000_000_000, 100_000_000
 SETTINGS = ("--set-stitcher", "stitch.width=256", "--set-stitcher", "stitch.match.max_disparity_deg=12.0")

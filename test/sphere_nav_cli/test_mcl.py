@@ -1,16 +1,12 @@
 """`sphere_nav mcl`: panoramas of a furnished room against its bare walls, offline, from nowhere."""
 
 import json
-import sys
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "mcl_depth"))
 
-from mcl_world import BOXES, COLUMNS, HEIGHT, SECOND, SETTINGS
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Image
 from sphere_nav_msgs.msg import SphereInfo
@@ -26,6 +22,7 @@ from node_kit.conversions import array_to_image, camera_to_sphere_info, se3_to_o
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import read_tum
 from sphere_nav_cli.main import main
+from worlds.mcl import BOXES, COLUMNS, HEIGHT, SECOND, SETTINGS
 
 YAWS = np.radians(2.0 * np.arange(12))  # whole columns of the panorama
 POSES = [SE3.from_planar(-2.4 + 0.3 * k, -0.9 + 0.03 * k * k, float(yaw)) for k, yaw in enumerate(YAWS)]

@@ -1,21 +1,21 @@
 import numpy as np
 import pytest
-from worlds import Room, optical
 
 from sphere_geometry import SE3, Fisheye, Pinhole
 from sphere_geometry.camera import pixel_grid
 from sphere_map.sphere import T_BODY_OPTICAL
 from sphere_mapping.acquisition.partial import RgbdView, inverse_depth, sphere_from_rgbd, sphere_from_views
 from sphere_mapping.params import PartialParams
+from worlds.room import optical, sharp_room
 
 PINHOLE = Pinhole(320, 240, 260.0, 258.0, 161.0, 118.0)
-ROOM = Room()
+ROOM = sharp_room()
 AT = SE3.exp([0.3, -0.2, 0.1, 0.05, -0.1, 0.4])  # oblique to all walls
 
 
 def truth_in(sphere, T_room_sphere):
     rays = sphere.camera.unproject(pixel_grid(sphere.camera)) @ T_room_sphere.rotation.T
-    return ROOM.look(T_room_sphere.translation, rays)
+    return ROOM.cast(T_room_sphere.translation, rays)
 
 
 @pytest.mark.parametrize(
@@ -28,7 +28,7 @@ def truth_in(sphere, T_room_sphere):
     ids=["pinhole", "distorted", "fisheye"],
 )
 def test_range_and_grey_level_are_those_of_the_room(camera):
-    image, depth_m = ROOM.photograph(camera, optical(AT))
+    image, depth_m = ROOM.rgbd(camera, optical(AT))
     sphere = sphere_from_rgbd(image, depth_m, camera, stamp_ns=5)
     grey, range_m = truth_in(sphere, AT)
     seen = sphere.is_seen
@@ -43,7 +43,7 @@ def test_range_and_grey_level_are_those_of_the_room(camera):
 
 
 def test_what_the_camera_does_not_see_is_nan_and_unlit():
-    image, depth_m = ROOM.photograph(PINHOLE, optical(AT))
+    image, depth_m = ROOM.rgbd(PINHOLE, optical(AT))
     sphere = sphere_from_rgbd(image, depth_m, PINHOLE)
     inside = PINHOLE.project(T_BODY_OPTICAL.inverse().apply(sphere.camera.unproject(pixel_grid(sphere.camera))))[1]
     np.testing.assert_array_equal(sphere.is_seen, inside)
@@ -61,7 +61,7 @@ def test_range_is_never_mixed_across_a_depth_edge():
 
 
 def test_unknown_depth_stays_unknown_and_far_stays_far():
-    image, depth_m = ROOM.photograph(PINHOLE, optical(AT))
+    image, depth_m = ROOM.rgbd(PINHOLE, optical(AT))
     depth_m[40:80, 50:90] = np.nan
     depth_m[40:80, 100:140] = 0.0
     depth_m[40:80, 150:190] = -1.0
@@ -83,7 +83,7 @@ def test_unknown_depth_stays_unknown_and_far_stays_far():
 
 def test_a_camera_beside_the_centre_sees_the_range_from_the_centre():
     T_sphere_camera = SE3.from_parts(np.eye(3), [0.06, 0.02, -0.03]) @ T_BODY_OPTICAL
-    image, depth_m = ROOM.photograph(PINHOLE, AT @ T_sphere_camera)
+    image, depth_m = ROOM.rgbd(PINHOLE, AT @ T_sphere_camera)
     sphere = sphere_from_rgbd(image, depth_m, PINHOLE, T_sphere_camera)
     grey, range_m = truth_in(sphere, AT)
     error = np.abs(sphere.range_m / range_m - 1)[sphere.measured]
@@ -95,8 +95,8 @@ def test_a_camera_beside_the_centre_sees_the_range_from_the_centre():
 def test_depth_from_a_camera_beside_the_colour_camera_is_moved_to_it():
     T_sphere_depth = SE3.from_parts(np.eye(3), [0.0, 0.025, 0.0]) @ T_BODY_OPTICAL
     depth_camera = Pinhole(320, 240, 292.0, 292.0, 160.0, 120.0)
-    image, _ = ROOM.photograph(PINHOLE, optical(AT))
-    _, depth_m = ROOM.photograph(depth_camera, AT @ T_sphere_depth)
+    image, _ = ROOM.rgbd(PINHOLE, optical(AT))
+    _, depth_m = ROOM.rgbd(depth_camera, AT @ T_sphere_depth)
     view = RgbdView(image, depth_m, PINHOLE, T_BODY_OPTICAL, depth_camera, T_sphere_depth)
     sphere = sphere_from_views([view])
     _, range_m = truth_in(sphere, AT)
@@ -110,7 +110,7 @@ def test_a_ring_of_cameras_is_one_sphere_without_a_seam():
         T_sphere_camera = (
             SE3.from_planar(0, 0, 2 * np.pi * k / 6) @ SE3.from_parts(np.eye(3), [0.05, 0, 0]) @ T_BODY_OPTICAL
         )
-        views.append(RgbdView(*ROOM.photograph(PINHOLE, AT @ T_sphere_camera), PINHOLE, T_sphere_camera))
+        views.append(RgbdView(*ROOM.rgbd(PINHOLE, AT @ T_sphere_camera), PINHOLE, T_sphere_camera))
     sphere = sphere_from_views(views)
     assert sphere.camera.is_whole
     grey, range_m = truth_in(sphere, AT)
@@ -143,7 +143,7 @@ def test_a_range_outside_the_trusted_span_is_not_measured():
 
 
 def test_the_same_image_gives_the_same_bits():
-    image, depth_m = ROOM.photograph(PINHOLE, optical(AT))
+    image, depth_m = ROOM.rgbd(PINHOLE, optical(AT))
     first, second = (sphere_from_rgbd(image, depth_m, PINHOLE) for _ in range(2))
     np.testing.assert_array_equal(first.image, second.image)
     np.testing.assert_array_equal(first.range_m, second.range_m)

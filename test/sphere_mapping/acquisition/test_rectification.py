@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from rig_world import BASELINE, OPTICAL
 
 from sphere_geometry import SE3, Fisheye, Rig, RigCamera
 from sphere_mapping.acquisition.params import RectifyParams
 from sphere_mapping.acquisition.rectification import Matches, epipolar_errors, matches_of, rectified
 from sphere_mapping.acquisition.views import RigView
 from typed_params import build
+from worlds.rig import BASELINE, OPTICAL
 
 LENS = Fisheye(800, 800, 240.0, 240.0, 399.5, 399.5)
 NOISE_PX = 0.3

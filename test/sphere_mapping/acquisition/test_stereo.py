@@ -1,15 +1,15 @@
 import numpy as np
 import pytest
-from worlds import Room, optical
 
 from sphere_geometry import SE3, Pinhole
 from sphere_geometry.camera import pixel_grid
 from sphere_mapping.acquisition.stereo import depth_from_stereo, match, search_of, sphere_from_stereo
 from sphere_mapping.params import StereoParams
+from worlds.room import optical, sharp_room
 
 CAMERA = Pinhole(400, 260, 300.0, 300.0, 200.0, 130.0)
 BASELINE = 0.3
-ROOM = Room((6, 4, 3), shortest=0.1)
+ROOM = sharp_room((6, 4, 3), shortest=0.1)
 AT = SE3.exp([0.3, -0.2, 0.1, 0.05, -0.1, 0.4])
 NOISE = 2.0
 SEARCH = search_of(CAMERA, BASELINE, StereoParams())
@@ -21,7 +21,7 @@ def pair():
     rng = np.random.default_rng(0)
 
     def noisy(T_room_camera):
-        image, depth_m = ROOM.photograph(CAMERA, T_room_camera)
+        image, depth_m = ROOM.rgbd(CAMERA, T_room_camera)
         return np.clip(image + rng.normal(0, NOISE, image.shape), 1, 255).astype(np.uint8), depth_m
 
     left, depth_m = noisy(optical(AT))
@@ -50,7 +50,7 @@ def test_the_sphere_has_the_range_of_the_room(pair):
     left, right, _ = pair
     sphere = sphere_from_stereo(left, right, CAMERA, BASELINE, stamp_ns=9)
     rays = sphere.camera.unproject(pixel_grid(sphere.camera)) @ AT.rotation.T
-    _, range_m = ROOM.look(AT.translation, rays)
+    _, range_m = ROOM.cast(AT.translation, rays)
     error = np.abs(sphere.range_m / range_m - 1)[sphere.measured]
     assert sphere.stamp_ns == 9
     assert sphere.measured.mean() > 0.6

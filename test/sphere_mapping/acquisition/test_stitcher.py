@@ -3,13 +3,13 @@
 import cv2
 import numpy as np
 import pytest
-from rig_world import LENS, OPTICAL, RADIUS, WIDTH, depth_of, seen, truth, vertical_rig
 
 from sphere_geometry import SE3, Rig, RigCamera
 from sphere_mapping.acquisition import blending, epipolar, exposure, kernels, matching, pairs, views  # noqa: F401
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.stitcher import Stitcher
 from typed_params import build
+from worlds.rig import LENS, OPTICAL, RADIUS, WIDTH, depth_of, seen, truth, vertical_rig
 
 
 @pytest.fixture(scope="module")

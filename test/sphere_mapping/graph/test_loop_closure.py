@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from worlds import Room, optical
 
 from sphere_geometry import SE3, Pinhole
 from sphere_map.graph import Edge, KeySphere, SphereGraph
@@ -8,6 +7,7 @@ from sphere_mapping.acquisition.partial import sphere_from_rgbd
 from sphere_mapping.graph.loop_closure import candidates, close_loops, verify
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import LoopParams, MapperParams
+from worlds.room import optical, sharp_room
 
 CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
 AT = SE3.exp([-0.5, 0.2, 0.0, 0.0, 0.0, 0.3])
@@ -15,7 +15,7 @@ PARAMS = MapperParams()
 
 
 def sphere(T_room_sphere, seed=7):
-    return sphere_from_rgbd(*Room(seed=seed).photograph(CAMERA, optical(T_room_sphere)), CAMERA)
+    return sphere_from_rgbd(*sharp_room(seed=seed).rgbd(CAMERA, optical(T_room_sphere)), CAMERA)
 
 
 def chain(*steps):

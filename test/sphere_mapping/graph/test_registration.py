@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from worlds import Room, optical
 
 from photometric.alignment import OUTLIERS
 from sphere_geometry import SE3, Pinhole, Spherical
@@ -10,22 +9,23 @@ from sphere_map.sphere import Sphere
 from sphere_mapping.acquisition.partial import sphere_from_rgbd
 from sphere_mapping.graph.registration import PreparedSphere, align, edge_between, residual_at, turned
 from sphere_mapping.params import MappingRegistrationParams
+from worlds.room import optical, sharp_room
 
 PARAMS = MappingRegistrationParams()
 CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
-ROOM = Room()
+ROOM = sharp_room()
 AT = SE3.exp([-0.5, 0.2, 0.0, 0.0, 0.0, 0.3])
 MOTION = SE3.exp([0.06, -0.03, 0.02, 0.01, -0.02, 0.03])
 
 
 def partial(T_room_sphere):
-    return PreparedSphere(sphere_from_rgbd(*ROOM.photograph(CAMERA, optical(T_room_sphere)), CAMERA), PARAMS)
+    return PreparedSphere(sphere_from_rgbd(*ROOM.rgbd(CAMERA, optical(T_room_sphere)), CAMERA), PARAMS)
 
 
 def whole(T_room_sphere):
     camera = Spherical(512, 256)
     rays = camera.unproject(pixel_grid(camera)) @ T_room_sphere.rotation.T
-    grey, range_m = ROOM.look(T_room_sphere.translation, rays)
+    grey, range_m = ROOM.cast(T_room_sphere.translation, rays)
     image = np.clip(np.rint(grey), 1, 255).astype(np.uint8)
     return PreparedSphere(Sphere(image, range_m.astype(np.float32), camera), PARAMS)
 

@@ -8,52 +8,16 @@ from dense_localizer.estimate import Estimate
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from sphere_geometry import SE3, Fisheye, Pinhole, Spherical
-from sphere_geometry.camera import pixel_grid
 from sphere_map.graph import KeySphere, SphereGraph
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 from typed_params import build
+from worlds.room import Room
 
 STEP_NS = 50_000_000  # 20 images a second
 PINHOLE = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
 FISHEYE = Fisheye(160, 120, 60.0, 60.0, 79.5, 59.5, (0.02, -0.01, 0.0, 0.0))
 # The images are sixteen times smaller than a camera's.
 SMALL_IMAGES = {"acceptance.min_pixels": 200, "registration.pyramid.num_levels": 4}
-
-
-class Room:
-    """A box of half sides in metres; every wall carries waves of many lengths, grey levels 1..254."""
-
-    def __init__(self, half=(5.0, 3.0, 1.5), seed: int = 7) -> None:
-        rng = np.random.default_rng(seed)
-        directions = rng.normal(size=(30, 3))
-        self.half = np.array(half)
-        self.k = directions / np.linalg.norm(directions, axis=1, keepdims=True) * np.geomspace(1.0, 20.0, 30)[:, None]
-        self.phase = rng.uniform(0, 2 * np.pi, 30)
-        self.amplitude = 30.0 / np.linalg.norm(self.k, axis=1) ** 0.5
-
-    def render(self, camera, T_room_camera: SE3):
-        """Return the grey image (H, W) float64 and the range along the ray (H, W) in metres."""
-        rays = camera.unproject(pixel_grid(camera)) @ T_room_camera.rotation.T
-        origin = T_room_camera.translation
-        with np.errstate(divide="ignore", invalid="ignore"):
-            hits = (np.sign(rays) * self.half - origin) / rays
-        range_m = np.min(np.where(rays == 0, np.inf, hits), axis=-1)
-        points = origin + rays * range_m[..., None]
-        grey = 128.0 + np.sin(points @ self.k.T + self.phase) @ self.amplitude
-        return np.nan_to_num(np.clip(grey, 1.0, 254.0), nan=1.0), range_m
-
-    def photograph(self, camera, T_room_camera: SE3, seed: int, noise: float = 2.0):
-        """Return a noisy image (H, W) uint8."""
-        grey, _ = self.render(camera, T_room_camera)
-        return np.clip(np.rint(grey + np.random.default_rng(seed).normal(0, noise, grey.shape)), 0, 255).astype(
-            np.uint8
-        )
-
-    def sphere(self, T_room_sphere: SE3, camera: Spherical, seed: int = 0) -> Sphere:
-        """Return the augmented sphere at a place."""
-        _, range_m = self.render(camera, T_room_sphere)
-        image = np.maximum(self.photograph(camera, T_room_sphere, 1000 + seed), 1)
-        return Sphere(image, range_m.astype(np.float32), camera)
 
 
 class MemoryMap:

@@ -8,7 +8,6 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import CameraInfo, Image
 from sphere_nav_msgs.msg import AugmentedSphere
 from tf2_msgs.msg import TFMessage
-from worlds import Room, optical
 
 from node_kit import qos
 from node_kit.bags import BagWriter
@@ -23,10 +22,11 @@ from node_kit.conversions import (
 from sphere_geometry import SE3, Pinhole
 from sphere_map.sphere import T_BODY_OPTICAL
 from sphere_mapping.acquisition.partial import sphere_from_rgbd
+from worlds.room import optical, sharp_room
 
 CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
 BASELINE = 0.5
-ROOM = Room()
+ROOM = sharp_room()
 STEP = SE3.exp([0.05, 0.01, 0.0, 0.0, 0.005, 0.02])
 FIRST = SE3.exp([-0.5, 0.2, 0.0, 0.0, 0.0, 0.3])
 T_BASE_CAMERA = SE3.from_parts(np.eye(3), [0.4, 0.0, 1.1])
@@ -66,7 +66,7 @@ def mount(sphere_frame="sphere_link"):
 
 def rgbd(number):
     """Yield topic and message of one instant of an RGB-D camera."""
-    image, depth_m = ROOM.photograph(CAMERA, optical(pose(number)))
+    image, depth_m = ROOM.rgbd(CAMERA, optical(pose(number)))
     yield "camera_info", camera_to_info(CAMERA, stamp(number), FRAME)
     yield "depth/image_raw", array_to_image(depth_m, stamp(number), FRAME, "32FC1")
     yield "image_raw", array_to_image(image, stamp(number), FRAME, "mono8")
@@ -74,8 +74,8 @@ def rgbd(number):
 
 def stereo(number):
     """Yield topic and message of one instant of a rectified pair."""
-    left, _ = ROOM.photograph(CAMERA, optical(pose(number)))
-    right, _ = ROOM.photograph(CAMERA, optical(pose(number)) @ SE3.from_parts(np.eye(3), [BASELINE, 0, 0]))
+    left, _ = ROOM.rgbd(CAMERA, optical(pose(number)))
+    right, _ = ROOM.rgbd(CAMERA, optical(pose(number)) @ SE3.from_parts(np.eye(3), [BASELINE, 0, 0]))
     yield "left/camera_info", camera_to_info(CAMERA, stamp(number), FRAME)
     yield "right/camera_info", camera_to_info(CAMERA, stamp(number), FRAME, baseline=BASELINE)
     yield "left/image_raw", array_to_image(left, stamp(number), FRAME, "mono8")
@@ -84,7 +84,7 @@ def stereo(number):
 
 def sphere(number):
     """Yield topic and message of one instant of a camera that gives spheres."""
-    image, depth_m = ROOM.photograph(CAMERA, optical(pose(number)))
+    image, depth_m = ROOM.rgbd(CAMERA, optical(pose(number)))
     yield "sphere", sphere_to_message(sphere_from_rgbd(image, depth_m, CAMERA, stamp_ns=stamp(number)), "sphere_link")
 
 

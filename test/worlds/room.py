@@ -1,0 +1,71 @@
+"""A box room whose walls carry waves of many lengths: grey level and range of any ray in closed form."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sphere_geometry import SE3, Camera, Spherical
+from sphere_geometry.camera import pixel_grid
+from sphere_map.sphere import T_BODY_OPTICAL, Sphere
+
+
+class Room:
+    """Seen from inside: `half` its half sides in m; `wave_numbers` from, to, and how many of its texture, in rad/m."""
+
+    def __init__(self, half=(4.0, 3.0, 1.5), wave_numbers=(1.5, 25.0, 40), gain=25.0, slope=0.5, seed: int = 7) -> None:
+        rng = np.random.default_rng(seed)
+        size = np.geomspace(*wave_numbers)
+        directions = rng.normal(size=(len(size), 3))
+        self.half = np.array(half)
+        self.k = directions / np.linalg.norm(directions, axis=1, keepdims=True) * size[:, None]
+        self.phase = rng.uniform(0, 2 * np.pi, len(size))
+        self.amplitude = gain / size**slope
+
+    def grey(self, points):
+        """Return grey levels 1..254 of points (..., 3)."""
+        return np.clip(128.0 + np.sin(points @ self.k.T + self.phase) @ self.amplitude, 1.0, 254.0)
+
+    def cast(self, origin, rays):
+        """Return grey level and range (m) of unit rays (..., 3) from a point inside; NaN where a ray is NaN."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            hits = (np.sign(rays) * self.half - origin) / rays
+        range_m = np.min(np.where(rays == 0, np.inf, hits), axis=-1)
+        return self.grey(origin + rays * range_m[..., None]), range_m
+
+    def render(self, camera: Camera, T_room_camera: SE3):
+        """Return the grey image (H, W) float32, 0 where the camera sees nothing, and the range (H, W) float32 in m."""
+        rays = camera.unproject(pixel_grid(camera)) @ T_room_camera.rotation.T
+        grey, range_m = self.cast(T_room_camera.translation, rays)
+        return np.nan_to_num(grey).astype(np.float32), range_m.astype(np.float32)
+
+    def photograph(self, camera: Camera, T_room_camera: SE3, seed: int = 0, noise: float = 2.0):
+        """Return an image (H, W) uint8, with noise in grey levels."""
+        grey, _ = self.render(camera, T_room_camera)
+        noisy = grey + np.random.default_rng(seed).normal(0, noise, grey.shape) if noise else grey
+        return np.clip(np.rint(noisy), 1, 255).astype(np.uint8)
+
+    def rgbd(self, camera: Camera, T_room_camera: SE3):
+        """Return an image (H, W) uint8 and the depth along z (H, W) float32 in m."""
+        _, range_m = self.render(camera, T_room_camera)
+        depth_m = range_m * camera.unproject(pixel_grid(camera))[..., 2]
+        return self.photograph(camera, T_room_camera, noise=0.0), depth_m.astype(np.float32)
+
+    def sphere(self, T_room_sphere: SE3, camera: Spherical, seed: int = 0) -> Sphere:
+        """Return the augmented sphere at a place."""
+        _, range_m = self.render(camera, T_room_sphere)
+        return Sphere(self.photograph(camera, T_room_sphere, 1000 + seed), range_m, camera)
+
+
+def wide_room() -> Room:
+    """Return a room for drives, of larger patterns."""
+    return Room((5.0, 3.0, 1.5), (1.0, 20.0, 30), gain=30.0)
+
+
+def sharp_room(half=(4.0, 3.0, 2.0), shortest: float = 0.25, seed: int = 7) -> Room:
+    """Return a room whose patterns, the `shortest` m long, are all as strong: for matching and small images."""
+    return Room(half, (2 * np.pi / shortest, 2 * np.pi / 2.5, 24), gain=9.0, slope=0.0, seed=seed)
+
+
+def optical(T_room_body: SE3) -> SE3:
+    """Return the pose of a camera that looks along the body's x axis."""
+    return T_room_body @ T_BODY_OPTICAL
