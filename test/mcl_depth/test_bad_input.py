@@ -24,8 +24,7 @@ from node_kit.conversions import (
 )
 from sphere_geometry import SE3
 from sphere_nav_cli.main import main
-
-from .mcl_world import SECOND, SETTINGS, T_BASE_EYE, T_ODOM_MAP, Bench, Eye, drive, room_points
+from worlds.mcl import SECOND, SETTINGS, T_BASE_EYE, T_ODOM_MAP, Bench, Eye, drive, room_points
 
 CLOUDS = {
     "empty": (np.empty((0, 3)), "expected at least one finite point, found 0 points"),

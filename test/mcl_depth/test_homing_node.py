@@ -15,8 +15,7 @@ from path_follower.path import Pose2
 from path_follower.vehicle import Motion
 from path_follower.vehicle import drive as driven
 from sphere_geometry import SE3
-
-from .mcl_world import SECOND, Bench, Eye, room_points
+from worlds.mcl import SECOND, Bench, Eye, room_points
 
 PATH = [SE3.from_planar(x, -1.0 + 0.1 * (x + 2.4) ** 2, 0.0) for x in np.arange(-2.6, 1.4, 0.2)]
 EYE = np.array([0.2, 0.0])  # roughly: before the base

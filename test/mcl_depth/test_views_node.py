@@ -9,8 +9,7 @@ pytest.importorskip("rclpy")
 
 from mcl_depth.views_node import Views
 from node_kit.replay import OfflineBus
-
-from .mcl_world import Bench, Eye, drive, room_points
+from worlds.mcl import Bench, Eye, drive, room_points
 
 TOPICS = {"/particle_cloud", "/heading", "/hypotheses", "/similarity", "/synthesized_depth"}
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shlex
-import sys
 from pathlib import Path
 
 import cv2
@@ -12,10 +11,8 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
-sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "sphere_mapping"))
 
 from rclpy.serialization import serialize_message
-from recordings import rgbd, stereo, write_bag
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import CompressedImage, Image
@@ -24,6 +21,7 @@ from node_kit.bag_reader import BagReader
 from node_kit.conversions import image_to_array, image_to_rgb
 from node_kit.map_bag import open_map
 from sphere_nav_cli.main import main
+from worlds.recordings import rgbd, stereo, write_bag
 
 REALSENSE = {
     "/image_raw": "/camera/camera/color/image_raw",
