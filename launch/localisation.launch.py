@@ -1,7 +1,7 @@
 """The localiser in a map; with `drive:=true` also the path follower, which moves only after the call `start`.
 
 ros2 launch sphere_nav localisation.launch.py map:=$HOME/maps/campus image:=/front/image_raw info:=/front/camera_info
-ros2 service call /start std_srvs/srv/Trigger
+ros2 service call /path_follower/start std_srvs/srv/Trigger
 """
 
 from launch import LaunchDescription

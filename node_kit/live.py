@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import traceback
 from collections.abc import Callable
 from copy import copy
@@ -153,6 +154,19 @@ class LiveShell(LifecycleNode):
     def now_ns(self) -> int:
         """Return the time of the ROS clock in nanoseconds."""
         return self.get_clock().now().nanoseconds
+
+    def steady_ns(self) -> int:
+        """Return the time of the monotonic clock in nanoseconds."""
+        return time.monotonic_ns()
+
+    def own_ns(self) -> int:
+        """Return monotonic time, or the time of /clock where `use_sim_time` is set."""
+        return self.now_ns() if self.get_parameter("use_sim_time").value else self.steady_ns()
+
+    def publishers_of(self, topic: str) -> list[str]:
+        """Return the full names of the nodes that publish on a topic."""
+        infos = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
+        return sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
 
     def add_subscription(self, wanted: Subscription) -> None:
         """Subscribe; messages are dropped while the node is inactive."""

@@ -62,6 +62,10 @@ class Publisher(Protocol):
     def publish(self, message: Any) -> None:
         """Send a message; nothing is sent while the node is inactive."""
 
+    def wait_for_acknowledgement(self, seconds: float) -> bool:
+        """Wait until every reliable subscription has all messages; False when the time is over."""
+        ...
+
     @property
     def num_subscriptions(self) -> int:
         """Number of subscriptions, to skip work that nobody asked for; 1 in a replay that captures the topic."""
@@ -78,6 +82,15 @@ class Shell(Protocol):
 
     def now_ns(self) -> int:
         """Return the time of the node's clock; simulated or recorded time where that is used."""
+
+    def steady_ns(self) -> int:
+        """Return the time of a clock that nobody can set."""
+
+    def own_ns(self) -> int:
+        """Return the time by which silence is judged: steady, or that of /clock where time is simulated."""
+
+    def publishers_of(self, topic: str) -> list[str]:
+        """Return the full names of the nodes that publish on a topic, as far as known."""
 
     def add_subscription(self, wanted: Subscription) -> None:
         """Start to deliver messages."""
@@ -177,6 +190,21 @@ class ManagedNode:
     def now_ns(self) -> int:
         """Return the node's time in nanoseconds; 0 while a simulated clock has not been heard."""
         return self.shell.now_ns()
+
+    def steady_ns(self) -> int:
+        """Return nanoseconds of a clock that nobody can set."""
+        return self.shell.steady_ns()
+
+    def own_ns(self) -> int:
+        """Return nanoseconds of a clock that no stamp and no time server moves, by which silence is judged.
+
+        It is steady time, or the time of /clock where that is used: then `steady_ns` tells whether /clock stands.
+        """
+        return self.shell.own_ns()
+
+    def publishers_of(self, topic: str) -> list[str]:
+        """Return the full names of the nodes that publish on a topic, each as often as it does; none in a replay."""
+        return self.shell.publishers_of(topic)
 
     def report(self, name: str, level: int, message: str, **values: Any) -> None:
         """Set the diagnostic entry `name`: OK, WARN, ERROR or STALE, one line, and named values."""

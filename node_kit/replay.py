@@ -44,6 +44,10 @@ class OfflinePublisher:
         """Hand a message to the bus."""
         self._bus.publish(self._topic, message)
 
+    def wait_for_acknowledgement(self, seconds: float) -> bool:
+        """Return at once: the bus loses nothing."""
+        return True
+
     @property
     def num_subscriptions(self) -> int:
         """Number of listeners on the bus; one more where the topic is captured."""
@@ -56,6 +60,7 @@ class OfflineShell:
     def __init__(self, bus: OfflineBus, name: str, values: Mapping[str, Any], remap: Mapping[str, str]) -> None:
         self._bus, self._values, self._remap = bus, values, remap
         self.log: Log = ThrottledLog(logging.getLogger(f"sphere_nav.{name}"), clock=lambda: bus.now_ns / 1e9)
+        self._node_name = name
         self.services: dict[str, tuple[type[Any], Callable[[Any, Any], Any]]] = {}
 
     def read_parameters(self, cls: type[Any]) -> Any:
@@ -65,6 +70,18 @@ class OfflineShell:
     def now_ns(self) -> int:
         """Return the time of the recording."""
         return self._bus.now_ns
+
+    def steady_ns(self) -> int:
+        """Return the time of the recording: there is no other."""
+        return self._bus.now_ns
+
+    def own_ns(self) -> int:
+        """Return the time of the recording."""
+        return self._bus.now_ns
+
+    def publishers_of(self, topic: str) -> list[str]:
+        """Return none: a bag does not say who published."""
+        return []
 
     def add_subscription(self, wanted: Subscription) -> None:
         """Listen on the bus."""
@@ -77,7 +94,7 @@ class OfflineShell:
 
     def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Keep a service for `call`."""
-        self.services[name] = (kind, handler)
+        self.services[name.removeprefix("~/")] = (kind, handler)
 
     def remove_subscription(self, wanted: Subscription) -> None:
         """Stop to listen."""
@@ -96,7 +113,8 @@ class OfflineShell:
         return handler(kind.Request() if request is None else request, kind.Response())
 
     def _name(self, topic: str) -> str:
-        return absolute(self._remap.get(topic, topic))
+        name = self._remap.get(topic, topic)
+        return absolute(name.replace("~", f"/{self._node_name}", 1) if name.startswith("~/") else name)
 
 
 class OfflineBus:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from path_follower.modes import Mode, State
 from path_follower.path import Location, ReferencePath, ReferencePoint
-from path_follower.safety import Verdict
+from path_follower.reasons import Verdict
 from path_follower.steering import Errors
 
 

@@ -2,31 +2,21 @@
 
 from __future__ import annotations
 
-from path_follower.command import Command, TrackingError, status_of
-from path_follower.modes import Mode, State
-from path_follower.params import FollowerParams
-from path_follower.path import Location, Pose2, ReferencePath
-from path_follower.safety import FINE, Reason, Verdict, Watch
-from path_follower.speed import bounded_speed, speed_law
+from dataclasses import replace
+
+from path_follower.arming import Arming
+from path_follower.command import Command, Status, TrackingError, status_of
+from path_follower.modes import State
+from path_follower.path import Pose2
+from path_follower.reasons import FINE, Reason, Verdict
+from path_follower.safety import SEARCH_WINDOW, TRUSTED
+from path_follower.speed import GOAL_TOLERANCE, bounded_speed, speed_law
 from path_follower.steering import curvature_law, errors_of
-from path_follower.vehicle import Limiter, Predictor
+from path_follower.vehicle import Motion, braked
 
 
-class Follower:
+class Follower(Arming):
     """Give it poses with `update`, time without poses with `tick`; nothing moves before `start`."""
-
-    def __init__(self, params: FollowerParams | None = None, path: ReferencePath | None = None) -> None:
-        """Begin at standstill, not armed."""
-        self.params = params or FollowerParams()
-        self.watch = Watch(self.params)
-        self.mode = Mode()
-        self.limiter = Limiter(self.params.vehicle)
-        self.predictor = Predictor(self.params.vehicle, self.params.actuation)
-        self.path: ReferencePath | None = None
-        self.location: Location | None = None
-        self.measured_speed: float | None = None
-        if path is not None:
-            self.load(path)
 
     # --- one step
     def update(
@@ -36,7 +26,7 @@ class Follower:
         now_ns = max(stamp_ns, self.limiter.last_ns or stamp_ns) if now_ns is None else now_ns
         if localization_state:
             self.watch.see_status(localization_state, now_ns)
-        if self.watch.see_pose(Pose2(*pose), stamp_ns):
+        if self.watch.see_pose(Pose2(*pose), min(stamp_ns, now_ns)):
             self.measured_speed = speed
         return self.tick(now_ns)
 
@@ -44,22 +34,38 @@ class Follower:
         """Return the command for now: locate, predict, form the errors, judge, apply the law, limit."""
         tracking = self._track(now_ns)
         inputs = self.watch.judge_inputs(now_ns)
-        self._judge(inputs, tracking)
+        self._follow_verdict(self._judge(inputs, tracking), now_ns)
         self._finish_segment(tracking)
         speed, curvature = self._law(tracking if inputs is FINE else None)
         motion = self.limiter.limit(speed, curvature, now_ns, is_hard=self.mode.is_stopping_hard)
         self.predictor.remember(now_ns, motion)
         self.mode.settle(is_standing=motion.speed == 0.0, is_slow=self.watch.is_slow)
-        status = status_of(self.mode, self.path, self.location)
+        return self._command(now_ns, motion, tracking, self._status())
+
+    def hold(self, now_ns: int, seconds: float) -> Command:
+        """Return the command of a stop that began `seconds` ago because the clock stands; nothing is remembered.
+
+        Where the clock stands, so does the vehicle that it belongs to: when it goes on, so does the drive.
+        """
+        motion = braked(self.limiter.last, self.params.vehicle.stop_deceleration * seconds)
+        verdict = Verdict(Reason.CLOCK_STOPPED, detail="/clock stands", advice="drives on when the clock does")
+        state = State.STOPPING if motion.speed else State.STOPPED
+        status = self._status() if self.mode.is_at_rest else replace(self._status(), state=state, verdict=verdict)
+        return self._command(now_ns, motion, None, status)
+
+    def _command(self, now_ns: int, motion: Motion, tracking: TrackingError | None, status: Status) -> Command:
         yaw_rate = motion.yaw_rate(self.params.vehicle.wheelbase)
         return Command(now_ns, motion.speed, yaw_rate, motion.steering_angle, tracking, status)
+
+    def _status(self) -> Status:
+        return status_of(self.mode, self.path, self.location)
 
     def _track(self, now_ns: int) -> TrackingError | None:
         """Project onto the closest edge, predict, and compare with the virtual vehicle (eq. 22 to 24)."""
         path, pose = self.path, self.watch.pose
         if path is None or pose is None or self.location is None or self.mode.is_at_rest:
             return None
-        window = self.params.path.search_window + 0.5 * abs(self.predictor.motion.speed)
+        window = SEARCH_WINDOW + 0.5 * abs(self.predictor.motion.speed)
         self.location = path.advance(pose, self.location, window)
         predicted = self.predictor.predict(pose, self.watch.pose_ns, now_ns, self.measured_speed)
         ahead = path.advance(predicted, self.location, window)
@@ -67,19 +73,28 @@ class Follower:
         remaining = path.end_of(ahead.segment) - ahead.arc_length
         return TrackingError(errors_of(predicted, virtual), virtual, self.location, remaining)
 
-    def _judge(self, inputs: Verdict, tracking: TrackingError | None) -> None:
-        """Stop for the first reason found."""
-        self.mode.halt(inputs)
-        if inputs is FINE and tracking is not None and self.path is not None:
-            self.mode.halt(self.watch.judge_place(tracking.location))
-            self.mode.halt(self.watch.judge_way(self.path, tracking.location, self.limiter.last.speed))
+    def _judge(self, inputs: Verdict, tracking: TrackingError | None) -> Verdict:
+        """Return the first reason against motion."""
+        if inputs is not FINE or tracking is None or self.path is None:
+            return inputs
+        place = self.watch.judge_place(tracking.location)
+        return self.watch.judge_way(self.path, tracking.location, self.limiter.last.speed) if place is FINE else place
+
+    def _follow_verdict(self, verdict: Verdict, now_ns: int) -> None:
+        """Stop for a reason, or end a stop whose reason has gone, by the rule `safety.resume`."""
+        self.mode.halt(verdict)
+        is_tracking = self.watch.state == TRUSTED
+        if self.resumption.is_due(self.mode, now_ns, is_fine=verdict is FINE, is_tracking=is_tracking):
+            if self.mode.state is State.STOPPED:
+                self.start(now_ns)
+            self.mode.go_on()
 
     def _finish_segment(self, tracking: TrackingError | None) -> None:
         """Standing at the end of a segment: go on behind the cusp, or be finished."""
         if tracking is None or self.path is None or not self.mode.is_driving:
             return
         is_standing = self.limiter.last.speed == 0.0 and self.predictor.is_standing
-        if is_standing and tracking.remaining <= self.params.safety.goal_tolerance:
+        if is_standing and tracking.remaining <= GOAL_TOLERANCE:
             following = tracking.location.segment + 1
             if following < len(self.path.segments):
                 self.location = self.path.begin_of(following)
@@ -97,54 +112,3 @@ class Follower:
         is_starting = self.limiter.is_starting(curvature)
         slow = self.params.speed.slow if self.watch.is_slow else self.params.vehicle.max_speed
         return bounded_speed(speed, tracking, self.params, slow=slow, is_starting=is_starting), curvature
-
-    # --- the operator; what is refused says why in one line, what is done returns an empty one
-    def load(self, path: ReferencePath) -> None:
-        """Take a path, in standstill and disarmed; ValueError otherwise."""
-        if self.mode.is_armed or self.mode.state is State.STOPPING:
-            raise ValueError(
-                f"path: expected a follower that stands, disarmed, found {self.mode.state}: call stop first"
-            )
-        self.path, self.location = path, None
-        self.mode.load()
-
-    def start(self, now_ns: int) -> str:
-        """Arm, where the vehicle stands on the path: after a stop at the place reached, else at the closest."""
-        if self.path is None or self.mode.state is State.STOPPING:
-            return "no path is loaded" if self.path is None else "the vehicle is still braking"
-        if self.mode.is_driving:
-            return ""
-        verdict, place = self.watch.judge_inputs(now_ns), None
-        if verdict is FINE:
-            verdict, place = self.watch.find_start(self.path, None if self.mode.has_ended else self.location)
-        if verdict is not FINE or place is None:
-            return str(verdict)
-        self.location = place
-        self.mode.arm()
-        return ""
-
-    def stop(self) -> None:
-        """Brake and disarm."""
-        self.mode.halt(Verdict(Reason.OPERATOR))
-
-    def pause(self) -> str:
-        """Brake and stand until `resume`."""
-        self.mode.pause()
-        return "" if self.mode.state is State.PAUSED else f"nothing to pause: {self.mode.state}"
-
-    def resume(self, now_ns: int) -> str:
-        """Go on after a pause."""
-        if self.mode.state is not State.PAUSED:
-            return f"nothing to resume: {self.mode.state}"
-        return self.start(now_ns)
-
-    def emergency(self, *, is_pressed: bool) -> None:
-        """Brake hard and disarm; a release alone moves nothing."""
-        self.watch.is_emergency = is_pressed
-
-    def reset(self) -> None:
-        """Forget everything with a stamp, as after a jump of the clock; brake if in motion."""
-        self.watch.reset()
-        self.predictor.reset()
-        self.limiter.last_ns = None
-        self.mode.halt(Verdict(Reason.POSE_TIMEOUT))

@@ -8,14 +8,16 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from path_follower.command import Command, Status
 from path_follower.follower import Follower
+from path_follower.obstacles import MIN_POINTS, points_on_arc, stopping_distance
 from path_follower.params import FollowerParams, HomingParams
 from path_follower.path import Pose2, ReferencePath
-from path_follower.safety import DEGRADED, FINE, SWEEP_STEP, TRUSTED, Array, Reason, Verdict, stopping_distance
-from path_follower.vehicle import ORIGIN, Motion, drive
+from path_follower.reasons import FINE, Reason, Verdict
+from path_follower.safety import DEGRADED, TRUSTED
+from path_follower.vehicle import MAX_POSE_AGE
+
+MAX_ANGLE = 1.2  # rad between heading and direction beyond which it cannot be driven
 
 
 class HomingFollower(Follower):
@@ -34,9 +36,9 @@ class HomingFollower(Follower):
         """Angle in rad from the vehicle's heading to the next waypoint, positive to the left; None before any."""
         return self.watch.pose.yaw if self.watch.pose is not None else None
 
-    def see(self, direction: float, stamp_ns: int) -> None:
-        """Take a direction in rad; one that is no number, or not newer, is not taken."""
-        self.watch.see_pose(Pose2(0.0, 0.0, direction), stamp_ns)
+    def see(self, direction: float, time_ns: int) -> None:
+        """Accept a direction in rad; one that is no number, or not newer, changes nothing."""
+        self.watch.see_pose(Pose2(0.0, 0.0, direction), time_ns)
 
     def see_source(self, *, is_trusted: bool, is_there: bool, way: tuple[float, float], now_ns: int) -> None:
         """Take what the source of the directions says of them; `way`: m gone and m left along the path."""
@@ -47,16 +49,16 @@ class HomingFollower(Follower):
     def tick(self, now_ns: int) -> Command:
         """Return the command for now: judge, turn towards the direction, limit."""
         inputs = self.watch.judge_inputs(now_ns)
-        self.mode.halt(inputs)
-        self.mode.halt(self._judge_way() if inputs is FINE else FINE)
+        self._follow_verdict(self._judge_way() if inputs is FINE else inputs, now_ns)
         if self.is_there and self.limiter.last.speed == 0.0:
             self.mode.finish()
         speed, curvature = self._steer(now_ns)
         motion = self.limiter.limit(speed, curvature, now_ns, is_hard=self.mode.is_stopping_hard)
         self.mode.settle(is_standing=motion.speed == 0.0, is_slow=self.watch.state == DEGRADED)
-        status = Status(self.mode.state, self.mode.verdict, self.progress, self.distance_to_end, self.mode.is_armed)
-        yaw_rate = motion.yaw_rate(self.params.vehicle.wheelbase)
-        return Command(now_ns, motion.speed, yaw_rate, motion.steering_angle, None, status)
+        return self._command(now_ns, motion, None, self._status())
+
+    def _status(self) -> Status:
+        return Status(self.mode.state, self.mode.verdict, self.progress, self.distance_to_end, self.mode.is_armed)
 
     def load(self, path: ReferencePath) -> None:
         """Refuse: the path is that of who gives the directions."""
@@ -76,13 +78,12 @@ class HomingFollower(Follower):
 
     def _judge_way(self) -> Verdict:
         """Return whether the direction is too far aside, or something stands in the way."""
-        angle, limit = abs(self.direction or 0.0), self.homing.max_angle
-        if angle > limit:
-            return Verdict(Reason.OFF_PATH, angle, limit)
+        angle = abs(self.direction or 0.0)
+        if angle > MAX_ANGLE:
+            return Verdict(Reason.OFF_PATH, angle, MAX_ANGLE)
         distance = stopping_distance(self.limiter.last.speed, self.params)
         count = points_on_arc(self.watch.points, self.limiter.last.steering_angle, distance, self.params)
-        needed = self.params.safety.obstacle_points
-        return Verdict(Reason.OBSTACLE, float(count), float(needed)) if count >= needed else FINE
+        return Verdict(Reason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
 
     def _steer(self, now_ns: int) -> tuple[float, float | None]:
         """Return speed and curvature of the circle that leads to a point ahead in the direction (pure pursuit).
@@ -91,7 +92,7 @@ class HomingFollower(Follower):
         """
         if self.direction is None or not self.mode.is_driving:
             return 0.0, None
-        age = min(max(now_ns - self.watch.pose_ns, 0) / 1e9, self.params.actuation.max_pose_age)
+        age = min(max(now_ns - self.watch.pose_ns, 0) / 1e9, MAX_POSE_AGE)
         turned = self.limiter.last.yaw_rate(self.params.vehicle.wheelbase) * age
         angle = min(max(self.direction - turned, -math.pi / 2), math.pi / 2)
         curvature = 2.0 * math.sin(angle) / self.homing.look_ahead
@@ -99,19 +100,3 @@ class HomingFollower(Follower):
         if self.is_there:
             return 0.0, curvature
         return max(min(self.homing.speed * math.cos(angle), slow), self.params.speed.creep), curvature
-
-
-def points_on_arc(points: Array, steering_angle: float, distance: float, params: FollowerParams) -> int:
-    """Count points (N, 2) of the vehicle's frame in the footprints of the next `distance` m with the wheel as it is."""
-    body, margin = params.vehicle, params.safety.obstacle_margin
-    half = body.width / 2.0
-    own = (points[:, 0] > -body.rear) & (points[:, 0] < body.front) & (np.abs(points[:, 1]) < half)
-    others = points[~own]
-    hit = np.zeros(len(others), dtype=bool)
-    for ahead in np.arange(SWEEP_STEP, distance + SWEEP_STEP, SWEEP_STEP):
-        there = drive(ORIGIN, Motion(1.0, steering_angle), body.wheelbase, float(ahead))
-        way = others - [there.x, there.y]
-        along = way @ [math.cos(there.yaw), math.sin(there.yaw)]
-        across = way @ [-math.sin(there.yaw), math.cos(there.yaw)]
-        hit |= (along > -body.rear - margin) & (along < body.front + margin) & (np.abs(across) < half + margin)
-    return int(hit.sum())

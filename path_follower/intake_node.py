@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
@@ -11,83 +12,124 @@ from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
 
 from node_kit import conversions, qos
 from node_kit.conversions import driving
+from node_kit.node import ManagedNode
 from node_kit.tf import TransformListener
+from path_follower.clocks import Times
+from path_follower.follower import Follower
 from path_follower.homing import HomingFollower
 from path_follower.modes import State
 from path_follower.path import Pose2
 from path_follower.safety import DEGRADED, TRUSTED
 
-if TYPE_CHECKING:
-    from path_follower.node import PathFollowerNode
+Answer = Callable[[int], None]  # publish the command that answers a message of this stamp
 
 
-class Intake:
-    """Gives the follower what it needs, and lets the node answer."""
+class Answered:
+    """The newest stamp that was answered: a status without a pose is answered itself, where none is to come."""
 
-    def __init__(self, node: PathFollowerNode) -> None:
-        self.node, p = node, node.params
-        self.tf = TransformListener(node)
-        if isinstance(node.follower, HomingFollower):
-            node.add_subscription("homing/direction", PoseStamped, self.on_direction, qos.STATE)
-            node.add_subscription("homing/status", FollowerStatus, self.on_source, qos.STATE)
+    def __init__(self, times: Times, answer: Answer) -> None:
+        self.stamp_ns = 0
+        self.times, self._answer = times, answer
+
+    def answer(self, stamp_ns: int) -> None:
+        """Answer a message."""
+        self.stamp_ns = max(self.stamp_ns, stamp_ns)
+        self._answer(stamp_ns)
+
+    def answer_bad_news(self, stamp_ns: int) -> None:
+        """Answer a message after which no pose is to come, if it is the first of its stamp, whatever that is."""
+        stamp_ns -= max(self.times.lead(stamp_ns), 0)
+        if stamp_ns > self.stamp_ns:
+            self.answer(stamp_ns)
+
+
+class PoseIntake:
+    """Poses of base_link in the map, or an odometry there, and the state of the localiser."""
+
+    def __init__(self, node: ManagedNode, follower: Follower, answered: Answered) -> None:
+        self._watch, self._follower, self._answered, self._params = follower.watch, follower, answered, node.params
+        if node.params.source == "pose":
+            self.topic = node.add_subscription("pose", PoseWithCovarianceStamped, self.on_pose, qos.STATE).topic
         else:
-            if p.source == "pose":
-                node.add_subscription("pose", PoseWithCovarianceStamped, self.on_pose, qos.STATE)
-            else:
-                node.add_subscription("odometry", Odometry, self.on_odometry, qos.STATE)
-            needed = p.safety.is_status_required
-            node.add_subscription("status", LocalizationStatus, self.on_status, qos.STATE, is_required=needed)
-        node.add_subscription("scan", LaserScan, self.on_scan, qos.SENSOR, is_required=p.safety.is_scan_required)
+            self.topic = node.add_subscription("odometry", Odometry, self.on_odometry, qos.STATE).topic
+        needed = node.params.safety.is_status_required
+        node.add_subscription("status", LocalizationStatus, self.on_status, qos.STATE, is_required=needed)
 
     def on_pose(self, message: PoseWithCovarianceStamped) -> None:
-        """Answer a pose of base_link in the map."""
-        self.answer(message, lambda: conversions.pose_with_covariance_to_se3(message, self.node.params.map_frame)[0])
+        """Answer a pose."""
+        self._accept(message, lambda: conversions.pose_with_covariance_to_se3(message, self._params.map_frame)[0])
 
     def on_odometry(self, message: Odometry) -> None:
-        """Answer an odometry: pose of base_link in the map, and its speed."""
-        driving.check_frames(message, self.node.params.map_frame, self.node.params.base_frame)
-        T_map_base, twist = conversions.odometry_to_se3(message)
-        self.answer(message, lambda: T_map_base, float(twist[0]))
+        """Answer an odometry: pose and speed."""
 
-    def answer(self, message: Any, convert: Any, speed: float | None = None) -> None:
-        """Update the follower with a pose and publish its command, with the stamp of the pose."""
-        node, stamp = self.node, conversions.stamp_ns(message)
+        def convert() -> Any:
+            driving.check_frames(message, self._params.map_frame, self._params.base_frame)
+            return conversions.odometry_to_se3(message)[0]
+
+        self._accept(message, convert, float(message.twist.twist.linear.x))
+
+    def _accept(self, message: Any, convert: Callable[[], Any], speed: float | None = None) -> None:
+        """Hand a pose on and answer it; ValueError for one that cannot be used, which stops the vehicle."""
+        stamp, is_bad = conversions.stamp_ns(message), True
         try:
-            pose = Pose2.of(convert())
-        except ValueError:
-            node.follower.watch.is_pose_bad = True  # brake, whatever is wrong with it
+            pose, is_bad = Pose2.of(convert()), False
+            time = self._answered.times.of(stamp)
+        except ValueError as error:
+            self._watch.refuse_pose(str(error), is_bad=is_bad)
             raise
-        node.publish(node.follower.update(pose, speed, stamp, now_ns=node.hear(stamp)), stamp)
+        if self._watch.see_pose(pose, time):
+            self._follower.measured_speed = speed
+        self._answered.answer(stamp)
 
     def on_status(self, message: LocalizationStatus) -> None:
-        """Take the state of the localiser; without a pose to come for this image the answer is given here."""
-        node, status, stamp = self.node, conversions.message_to_status(message), conversions.stamp_ns(message)
-        now = max(node.now_ns(), stamp)
-        node.follower.watch.see_status(status.state, now)
-        if status.state not in (TRUSTED, DEGRADED) and stamp > node.answered_ns:
-            node.publish(node.follower.tick(node.hear(stamp)), stamp)
+        """Hand on the state of the localiser; bad news counts at once, good news by its stamp."""
+        status, times = conversions.message_to_status(message), self._answered.times
+        stamp = conversions.stamp_ns(message)
+        is_good = status.state in (TRUSTED, DEGRADED)
+        time = times.of(stamp) if is_good else times.now()
+        self._watch.see_status(status.state, time, status.reason, status.age)
+        if not is_good:
+            self._answered.answer_bad_news(stamp)
+
+
+class DirectionIntake:
+    """Directions of mcl_depth, seen from base_link, and whether they may be followed."""
+
+    def __init__(self, node: ManagedNode, follower: HomingFollower, answered: Answered) -> None:
+        self._follower, self._answered, self._frame = follower, answered, node.params.base_frame
+        self.topic = node.add_subscription("homing/direction", PoseStamped, self.on_direction, qos.STATE).topic
+        node.add_subscription("homing/status", FollowerStatus, self.on_source, qos.STATE)
 
     def on_direction(self, message: PoseStamped) -> None:
-        """Answer a direction: x of the pose, seen from base_link."""
-        node, stamp = self.node, conversions.stamp_ns(message)
-        assert isinstance(node.follower, HomingFollower)
-        driving.check_frames(message, node.params.base_frame)
-        node.follower.see(float(conversions.pose_to_se3(message.pose).yaw), stamp)
-        node.publish(node.follower.tick(node.hear(stamp)), stamp)
+        """Answer a direction: x of the pose."""
+        stamp = conversions.stamp_ns(message)
+        driving.check_frames(message, self._frame)
+        yaw = float(conversions.pose_to_se3(message.pose).yaw)
+        self._follower.see(yaw, self._answered.times.of(stamp))
+        self._answered.answer(stamp)
 
     def on_source(self, message: FollowerStatus) -> None:
-        """Take whether the directions may be followed; where none is to come the answer is given here."""
-        node, stamp = self.node, conversions.stamp_ns(message)
+        """Hand on whether the directions may be followed."""
+        stamp, times = conversions.stamp_ns(message), self._answered.times
         state, way = driving.message_to_progress(message)
-        assert isinstance(node.follower, HomingFollower)
         is_trusted, is_there = state == State.DRIVING, state == State.FINISHED
-        now = max(node.now_ns(), stamp)
-        node.follower.see_source(is_trusted=is_trusted, is_there=is_there, way=way, now_ns=now)
-        if not is_trusted and stamp > node.answered_ns:
-            node.publish(node.follower.tick(node.hear(stamp)), stamp)
+        time = times.of(stamp) if is_trusted or is_there else times.now()
+        self._follower.see_source(is_trusted=is_trusted, is_there=is_there, way=way, now_ns=time)
+        if not is_trusted:
+            self._answered.answer_bad_news(stamp)
+
+
+class ScanIntake:
+    """Obstacles, seen from base_link."""
+
+    def __init__(self, node: ManagedNode, follower: Follower, times: Times) -> None:
+        self._watch, self._times, self._frame = follower.watch, times, node.params.base_frame
+        self._tf = TransformListener(node)
+        is_required = node.params.safety.is_scan_required
+        node.add_subscription("scan", LaserScan, self.on_scan, qos.SENSOR, is_required=is_required)
 
     def on_scan(self, message: LaserScan) -> None:
-        """Take the obstacles of a scan, seen from base_link."""
-        T_base_scan = self.tf.lookup(self.node.params.base_frame, message.header.frame_id)
-        points = T_base_scan.apply(driving.scan_to_points(message))
-        self.node.follower.watch.see_scan(points[:, :2], self.node.now_ns())
+        """Hand on the points of a scan."""
+        time = self._times.of(conversions.stamp_ns(message))
+        T_base_scan = self._tf.lookup(self._frame, message.header.frame_id)
+        self._watch.see_scan(T_base_scan.apply(driving.scan_to_points(message))[:, :2], time)

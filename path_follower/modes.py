@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import enum
 
-from path_follower.safety import FINE, Reason, Verdict
+from path_follower.reasons import FINE, Reason, Verdict
 
 
 class State(enum.StrEnum):
@@ -20,11 +20,12 @@ class State(enum.StrEnum):
     FINISHED = "FINISHED"
 
 
+SLOWLY = Verdict(Reason.LOCALISATION_DEGRADED, advice="driving slowly until the localiser is TRACKING again")
 ARMED = (State.DRIVING, State.SLOW, State.PAUSED)
 
 
 class Mode:
-    """State and the verdict that led to it. Every stop disarms: only `arm` sets the vehicle in motion again."""
+    """State and the verdict that led to it. Every stop disarms: after it only `arm` or `go_on` drives."""
 
     def __init__(self) -> None:
         """Begin without a path."""
@@ -64,6 +65,16 @@ class Mode:
         """Drive from standstill."""
         self.state, self.verdict = State.DRIVING, FINE
 
+    def go_on(self) -> None:
+        """Drive on, because what was missing has come back before standstill."""
+        if self.state is State.STOPPING:
+            self.state, self.verdict = State.DRIVING, FINE
+
+    def stand(self, verdict: Verdict) -> None:
+        """Be at standstill and disarmed at once: what the vehicle did meanwhile is not known."""
+        if not self.is_at_rest:
+            self.state, self.verdict = State.STOPPED, verdict
+
     def pause(self) -> None:
         """Stand, armed."""
         if self.is_driving:
@@ -87,4 +98,4 @@ class Mode:
             self.state = State.STOPPED
         elif self.is_driving:
             self.state = State.SLOW if is_slow else State.DRIVING
-            self.verdict = Verdict(Reason.LOCALISATION_DEGRADED) if is_slow else FINE
+            self.verdict = SLOWLY if is_slow else FINE

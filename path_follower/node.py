@@ -4,21 +4,27 @@ from __future__ import annotations
 
 from geometry_msgs.msg import Twist, TwistStamped
 from sphere_nav_msgs.msg import FollowerStatus, TrackingError
+from std_msgs.msg import UInt64
 
 from node_kit import qos
 from node_kit.conversions import driving
-from node_kit.node import OK, WARN, ManagedNode
+from node_kit.node import ERROR, OK, WARN, ManagedNode
 from node_kit.run import run
+from path_follower.clocks import MAX_LEAD_NS, MAX_STANDSTILL, ClockWatch, Times
 from path_follower.command import Command, Status
 from path_follower.follower import Follower
 from path_follower.homing import HomingFollower
-from path_follower.intake_node import Intake
+from path_follower.intake_node import Answered, DirectionIntake, PoseIntake, ScanIntake
 from path_follower.modes import State
 from path_follower.operator_node import OperatorCalls
 from path_follower.params import PathFollowerParams
+from path_follower.reasons import Reason, Verdict
 from path_follower.trajectory_node import TrajectoryIntake
 
-SILENT_PERIODS = 2.4  # without a pose before the timer takes over: never between the images of a 10 Hz camera
+TICK = 0.025  # s of steady time between two looks at the clocks
+SILENCE = 0.12  # s without an answer before the ticks command: never between the images of a 10 Hz camera
+SOURCE_PERIOD = 0.1  # s between two counts of who publishes the pose
+ACKNOWLEDGE = 0.5  # s to wait for all that receive commands to have the last one
 
 
 class PathFollowerNode(ManagedNode):
@@ -30,20 +36,30 @@ class PathFollowerNode(ManagedNode):
 
     def configure(self) -> None:
         """Open topics and services; load the trajectory file where one is set."""
-        p, is_homing = self.params, self.params.source == "homing"
-        self.follower = HomingFollower(p, p.homing) if is_homing else Follower(p)
-        self.answered_ns, self.heard_ns, self.told = 0, 0, ""
+        p = self.params
+        self.times, self.clock_watch = Times(self.now_ns, self.own_ns), ClockWatch()
+        self.answered, self.heard_ns, self.told = Answered(self.times, self.answer), 0, ""
         self.cmd_vel = self.add_publisher("cmd_vel", TwistStamped if p.enable_stamped_cmd_vel else Twist, qos.COMMAND)
         has_ackermann = driving.AckermannDriveStamped is not None
         self.ackermann = has_ackermann and self.add_publisher(
             "ackermann_cmd", driving.AckermannDriveStamped, qos.COMMAND
         )
         self.tracking = self.add_publisher("tracking_error", TrackingError)
-        self.status = self.add_publisher("path_follower/status", FollowerStatus)
-        self.intake = Intake(self)
-        self.add_timer(p.period, self.on_tick)
-        self.trajectories = None if is_homing else TrajectoryIntake(self, self.follower)
+        self.status = self.add_publisher("~/status", FollowerStatus)
+        self.heartbeat, self.beats = self.add_publisher("~/heartbeat", UInt64, qos.COMMAND), 0
+        self.trajectories: TrajectoryIntake | None = None
+        if p.source == "homing":
+            homing = HomingFollower(p, p.homing)
+            self.follower: Follower = homing
+            self.intake: PoseIntake | DirectionIntake = DirectionIntake(self, homing, self.answered)
+        else:
+            self.follower = Follower(p)
+            self.intake = PoseIntake(self, self.follower, self.answered)
+            self.trajectories = TrajectoryIntake(self, self.follower)
+        ScanIntake(self, self.follower, self.times)
         OperatorCalls(self, self.follower)
+        self.add_timer(TICK, self.on_tick, is_wall=True)
+        self.add_timer(SOURCE_PERIOD, self.on_sources, is_wall=True)
 
     def activate(self) -> None:
         """Show the trajectory that was loaded at the start."""
@@ -51,27 +67,45 @@ class PathFollowerNode(ManagedNode):
             self.trajectories.show()
 
     def deactivate(self) -> None:
-        """Leave the vehicle with a zero command."""
-        self.follower.stop()
+        """Leave the vehicle with a zero command that everybody has who receives commands."""
+        self.follower.stand(Verdict(Reason.OPERATOR))
         self.cmd_vel.publish(self.twist(0.0, 0.0, self.now_ns()))
+        if not self.cmd_vel.wait_for_acknowledgement(ACKNOWLEDGE):
+            self.log.warning("cmd_vel: the last command, zero, was not acknowledged by all who receive it")
 
     def clock_jumped(self) -> None:
         """Forget stamps; brake."""
         self.follower.reset()
-        self.answered_ns = self.heard_ns = 0
+        self.answered.stamp_ns = self.heard_ns = 0
 
-    def hear(self, stamp: int) -> int:
-        """Remember that an input of this stamp is being answered; return the time to answer at."""
-        self.answered_ns = max(self.answered_ns, stamp)
-        self.heard_ns = max(self.now_ns(), stamp)  # the clock of a simulation may come later than what it stamps
-        return self.heard_ns
+    # --- time
+    def answer(self, stamp: int) -> None:
+        """Publish the command that answers a message of this stamp."""
+        self.heard_ns = self.times.now()
+        lead = min(max(self.times.lead(stamp), 0), MAX_LEAD_NS)  # /clock may come later than what it stamps
+        self.publish(self.follower.tick(self.heard_ns + lead), stamp)
 
     def on_tick(self) -> None:
-        """Keep a command alive while no pose comes; one that is still based on a pose carries its stamp."""
-        now = self.now_ns()
-        if now - self.heard_ns > SILENT_PERIODS * 1e9 * self.params.period:
-            is_based = now - self.answered_ns <= 1e9 * self.params.safety.max_pose_silence
-            self.publish(self.follower.tick(now), self.answered_ns if is_based else now)
+        """Keep a command alive while nothing else does, and stop when time does."""
+        self.beats += 1
+        self.heartbeat.publish(UInt64(data=self.beats))
+        clock, watch, now = self.now_ns(), self.clock_watch, self.times.now()
+        watch.observe(clock, self.steady_ns())
+        if watch.is_over and not self.follower.mode.is_at_rest:
+            self.follower.stand(Verdict(Reason.CLOCK_STOPPED, watch.stood, MAX_STANDSTILL))
+        is_based = clock - self.answered.stamp_ns <= 1e9 * self.params.safety.max_pose_silence
+        stamp = self.answered.stamp_ns if is_based else clock
+        if watch.is_standing:
+            self.publish(self.follower.hold(now, watch.stood - MAX_STANDSTILL), stamp)
+        elif now - self.heard_ns > 1e9 * SILENCE or self.follower.mode.state is State.STOPPING:
+            self.publish(self.follower.tick(now), stamp)
+
+    def on_sources(self) -> None:
+        """Look who publishes what the vehicle is driven by: more than one cannot be followed."""
+        names = self.publishers_of(self.intake.topic)
+        self.follower.watch.sources = names
+        level = ERROR if len(names) > 1 else OK
+        self.report("source", level, f"{self.intake.topic}: {', '.join(names) or 'no publisher'}")
 
     # --- commands
     def publish(self, command: Command, stamp: int) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
@@ -14,37 +16,25 @@ class OperatorCalls:
     """Services, each answered by what was done or why not, and the topic `emergency_stop`."""
 
     def __init__(self, node: ManagedNode, follower: Follower) -> None:
-        """Serve and listen."""
-        self.node, self.follower = node, follower
-        node.add_service("start", Trigger, self.on_start)
-        node.add_service("stop", Trigger, self.on_stop)
-        node.add_service("pause", Trigger, self.on_pause)
-        node.add_service("resume", Trigger, self.on_resume)
-        node.add_subscription("emergency_stop", Bool, self.on_emergency, qos.STATE, is_required=False)
-
-    def on_start(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Arm."""
-        return answered(response, self.follower.start(self.node.now_ns()))
-
-    def on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Brake and disarm."""
-        self.follower.stop()
-        return answered(response, "")
-
-    def on_pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Brake and wait for `resume`."""
-        return answered(response, self.follower.pause())
-
-    def on_resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Go on after a pause."""
-        return answered(response, self.follower.resume(self.node.now_ns()))
+        """Offer the services, subscribe to the emergency stop."""
+        self._follower = follower
+        node.add_service("~/start", Trigger, answering(lambda: follower.start(node.own_ns())))
+        node.add_service("~/stop", Trigger, answering(follower.stop))
+        node.add_service("~/pause", Trigger, answering(follower.pause))
+        node.add_service("~/resume", Trigger, answering(lambda: follower.resume(node.own_ns())))
+        node.add_subscription("emergency_stop", Bool, self.on_emergency, qos.STATE, is_required=False, silence=0.0)
 
     def on_emergency(self, message: Bool) -> None:
         """Press or release the emergency stop."""
-        self.follower.emergency(is_pressed=message.data)
+        self._follower.emergency(is_pressed=message.data)
 
 
-def answered(response: Trigger.Response, refusal: str) -> Trigger.Response:
-    """Fill the answer of a Trigger: done, or refused and why."""
-    response.success, response.message = not refusal, refusal
-    return response
+def answering(action: Callable[[], str]) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:
+    """Return the handler of a Trigger that calls `action`: an empty answer means done, any other says why not."""
+
+    def handle(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.message = action()
+        response.success = not response.message
+        return response
+
+    return handle

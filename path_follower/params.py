@@ -37,20 +37,13 @@ class ActuationParams:
     dead_time: float = param(0.0, "from a command to the first reaction of the car", "s", low=0.0, high=1.0)
     steering_lag: float = param(0.2, "time constant of the steering, first order", "s", low=0.0, high=2.0)
     speed_lag: float = param(0.2, "time constant of the speed, first order", "s", low=0.0, high=2.0)
-    max_pose_age: float = param(0.5, "largest age of a pose that is predicted to the present", "s", low=0.0, high=2.0)
 
 
 @parameters
 class PathParams:
     """How a taught or given path becomes a reference trajectory."""
 
-    spacing: float = param(0.1, "distance of the points of the trajectory", "m", low=0.01, high=1.0)
-    min_spacing: float = param(0.2, "given points closer than this are averaged", "m", low=0.01)
     smoothing_length: float = param(2.0, "bends shorter than this wavelength are taken as noise", "m", low=0.0)
-    cusp_hysteresis: float = param(0.15, "way backwards that makes a change of direction", "m", low=0.01)
-    search_window: float = param(
-        2.0, "the place on the path is looked for this far ahead of the last one", "m", low=0.2
-    )
     is_closed: bool = param(False, "the last point leads on to the first: drive round and round")
     is_reverse_allowed: bool = param(True, "drive backwards where the heading of the points says so")
 
@@ -61,12 +54,10 @@ class SpeedParams:
 
     cruise: float = param(1.4, "speed where nothing asks for less", "m/s", low=0.05)
     is_as_taught: bool = param(True, "not faster than the taught drive, where it has stamps")
-    min_taught: float = param(0.3, "taught speeds below this are raised to it (the teacher stood)", "m/s", low=0.0)
     lateral_acceleration: float = param(1.0, "largest lateral acceleration in bends", "m/s^2", low=0.01)
     slow: float = param(0.5, "largest speed while the localisation is DEGRADED", "m/s", low=0.0)
     creep: float = param(0.1, "speed of the last steps and while the wheels turn at a start", "m/s", low=0.01)
     k_x: float = param(0.8, "gain of the longitudinal error", "1/m", low=0.0)
-    epsilon: float = param(0.1, "keeps the longitudinal gain alive where U* is 0", "m/s", low=0.0)
 
 
 @parameters
@@ -77,32 +68,31 @@ class SteeringParams:
         0.81, "gain of the lateral error: the square of the natural frequency along the way", "1/m^2", low=0.0
     )
     k_psi: float = param(1.8, "gain of the heading error: twice damping times natural frequency", "1/m", low=0.0)
-    max_bandwidth: float = param(1.6, "natural frequency in time is kept below this at high speed", "rad/s", low=0.1)
     distance: float = param(0.0, "virtual vehicle ahead of the predicted position (d of M15)", "m", low=0.0)
-    max_heading_error: float = param(
-        1.0, "heading errors beyond are cut, where tan grows without bound", "rad", low=0.1, high=1.5
-    )
 
 
 @parameters
 class SafetyParams:
-    """When to stop. Every stop must be armed again by the call `start`."""
+    """When to stop, and when a stop may end by itself; otherwise only the call `start` drives."""
 
     max_pose_silence: float = param(
-        0.4, "longest time without a pose; age of the newest pose by its stamp", "s", low=0.01
+        0.4, "longest time without a pose: by its arrival, and by its stamp where that is older", "s", low=0.01
     )
+    max_blind_time: float = param(0.35, "longest drive on predicted poses that no image confirms", "s", low=0.0)
     max_status_silence: float = param(1.5, "longest time without a status of the localiser", "s", low=0.01)
     is_status_required: bool = param(True, "stop unless the localiser says TRACKING or DEGRADED")
     max_degraded_time: float = param(10.0, "longest drive in DEGRADED", "s", low=0.0)
-    max_distance: float = param(1.0, "largest distance from the path", "m", low=0.01)
+    resume: str = param(
+        "moving",
+        "what ends a stop for missing poses, status or scans besides the call start: nothing, their return before "
+        "standstill, or also two seconds of TRACKING after it",
+        choices=("never", "moving", "standing"),
+    )
+    max_distance: float = param(1.0, "largest distance from the path, also at a start", "m", low=0.01)
     max_heading_error: float = param(1.0, "largest difference to the heading of the path", "rad", low=0.1, high=3.2)
-    max_start_distance: float = param(1.0, "largest distance from the path at a start", "m", low=0.01)
-    goal_tolerance: float = param(0.05, "a segment is finished this close to its end", "m", low=0.001)
     is_scan_required: bool = param(False, "stop if no scan comes")
-    max_scan_silence: float = param(0.5, "longest time without a scan, once there was one", "s", low=0.01)
+    max_scan_silence: float = param(0.4, "longest time without a scan, once there was one", "s", low=0.01)
     obstacle_margin: float = param(0.15, "added to every side of the body", "m", low=0.0)
-    obstacle_reaction: float = param(0.3, "time until the brakes act, for the stopping distance", "s", low=0.0)
-    obstacle_points: int = param(2, "points of a scan in the way that make an obstacle", low=1)
 
 
 @parameters
@@ -111,9 +101,6 @@ class HomingParams:
 
     speed: float = param(0.6, "speed towards the next waypoint", "m/s", low=0.05)
     look_ahead: float = param(2.5, "distance of the point on the direction that a circle leads to", "m", low=0.3)
-    max_angle: float = param(
-        1.2, "largest angle between heading and direction; beyond it stop", "rad", low=0.1, high=3.0
-    )
 
 
 @parameters
@@ -143,4 +130,3 @@ class PathFollowerParams(FollowerParams):
     trajectory: str = param("", "file of the trajectory (.csv, .tum) to load at the start")
     enable_stamped_cmd_vel: bool = param(False, "cmd_vel is a TwistStamped, with the stamp of the pose it answers")
     is_quiet_when_idle: bool = param(False, "send no commands before the first start, so that others may drive")
-    period: float = param(0.05, "time between two commands while no pose comes", "s", low=0.005, high=0.5)

@@ -13,6 +13,8 @@ from path_follower.params import PathParams
 
 Array = NDArray[np.float64]
 
+SPACING = 0.1  # m between the points of a trajectory
+MIN_SPACING = 0.2  # m; given points closer than this are averaged
 MAX_BEND = 0.6  # rad between chords; points that bend more are corners, not samples of a smooth curve
 THIRD_DIFFERENCE = (-1.0, 3.0, -3.0, 1.0)
 
@@ -30,18 +32,18 @@ class Curve(NamedTuple):
 def smooth_curve(points: Array, params: PathParams, *, is_closed: bool) -> Curve:
     """Return the smooth curve along points (N, 2), N >= 2, that are all different from their neighbours.
 
-    Steps: dense points are averaged over `min_spacing`; a spline gives equal spacing; a low-pass filter removes
+    Steps: dense points are averaged over `MIN_SPACING`; a spline gives equal spacing; a low-pass filter removes
     bends below `smoothing_length`; a spline through the result gives tangent and curvature.
     """
-    coarse = _averaged(points, params.min_spacing)
+    coarse = _averaged(points, MIN_SPACING)
     if is_closed:
-        coarse = _closed(coarse, params.min_spacing)
-    even = _resampled(coarse, params.spacing, is_closed=is_closed)
+        coarse = _closed(coarse, MIN_SPACING)
+    even = _resampled(coarse, SPACING, is_closed=is_closed)
     if params.smoothing_length > 0:
         filtered = _filtered_closed if is_closed else _filtered_open
         step = float(np.median(np.linalg.norm(np.diff(even, axis=0), axis=-1)))
         even = filtered(even, cutoff_weight(params.smoothing_length, step))
-    return _measured(even, params.spacing, is_closed=is_closed)
+    return _measured(even, SPACING, is_closed=is_closed)
 
 
 def cutoff_weight(wavelength: float, spacing: float) -> float:

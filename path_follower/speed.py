@@ -11,10 +11,13 @@ from path_follower.path import ReferencePoint
 
 Array = NDArray[np.float64]
 
+EPSILON = 0.1  # m/s, keeps the longitudinal gain alive where U* is 0
+GOAL_TOLERANCE = 0.05  # m before its end a segment is finished
+
 
 def speed_law(reference: ReferencePoint, e_x: float, params: SpeedParams) -> float:
     """Return U = U* - k_x (|U*| + epsilon) e_x (eq. 25) in m/s, never against the direction of the segment."""
-    speed = reference.speed - params.k_x * (abs(reference.speed) + params.epsilon) * e_x
+    speed = reference.speed - params.k_x * (abs(reference.speed) + EPSILON) * e_x
     return reference.direction * max(0.0, reference.direction * speed)
 
 
@@ -23,7 +26,7 @@ def bounded_speed(
 ) -> float:
     """Return the speed with its bounds: at most `slow`, creeping at a start and in the last steps of a segment."""
     direction = tracking.reference.direction
-    if tracking.remaining <= params.safety.goal_tolerance:
+    if tracking.remaining <= GOAL_TOLERANCE:
         return 0.0
     largest = min(slow, params.speed.creep) if is_starting else slow
     return direction * min(max(direction * speed, params.speed.creep), largest)

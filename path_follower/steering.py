@@ -7,7 +7,7 @@ car gives d e_y / ds = sin(e_psi), s being the way driven. To first order
 
 The defaults, w = 0.9 1/m and z = 1, halve an offset within 1.9 m without overshoot. The poles belong to the way, not to
 time, so that the vehicle moves on the same curve at every speed; but delays belong to time. What prediction leaves
-over, a tenth of a second or two, is harmless as long as w |U| stays below a few rad/s, hence `max_bandwidth`: above
+over, a tenth of a second or two, is harmless as long as w |U| stays below a few rad/s, hence `MAX_BANDWIDTH`: above
 that speed k_y and k_psi are scaled by f^2 and f, which keeps z.
 
 Backwards the car gives d e_y / ds = -sin(e_psi) for s > 0, so that the lateral term must change its sign to keep both
@@ -26,6 +26,9 @@ from dataclasses import dataclass
 
 from path_follower.params import SteeringParams
 from path_follower.path import Pose2, ReferencePoint, wrap
+
+MAX_BANDWIDTH = 1.6  # rad/s; the natural frequency in time is kept below it at high speed
+MAX_HEADING_ERROR = 1.0  # rad; errors beyond are cut, where tan grows without bound
 
 
 @dataclass(frozen=True)
@@ -48,10 +51,10 @@ def curvature_law(reference: ReferencePoint, errors: Errors, params: SteeringPar
     """Return the curvature in 1/m that eq. 25 asks for: yaw rate over U*, which also exists where U* is 0.
 
     U* times it is yaw rate = yaw rate* - k_y U* e_y - k_psi |U*| tan(e_psi). The wheel follows the curvature, so that a
-    vehicle that is slower than U* drives the same curve. `speed` m/s is the actual one, for `max_bandwidth`.
+    vehicle that is slower than U* drives the same curve. `speed` m/s is the actual one, for `MAX_BANDWIDTH`.
     """
     frequency = math.sqrt(params.k_y) * abs(speed)
-    factor = min(1.0, params.max_bandwidth / frequency) if frequency > 0 else 1.0
-    yaw = min(max(errors.yaw, -params.max_heading_error), params.max_heading_error)
+    factor = min(1.0, MAX_BANDWIDTH / frequency) if frequency > 0 else 1.0
+    yaw = min(max(errors.yaw, -MAX_HEADING_ERROR), MAX_HEADING_ERROR)
     lateral = params.k_y * factor**2 * errors.lateral
     return reference.curvature - lateral - reference.direction * params.k_psi * factor * math.tan(yaw)

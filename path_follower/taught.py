@@ -14,6 +14,8 @@ Array = NDArray[np.float64]
 
 MAX_POINTS = 1_000_000
 MIN_LENGTH, MAX_LENGTH = 0.2, 1e5  # m
+CUSP_HYSTERESIS = 0.15  # m of way backwards that make a change of direction
+MIN_TAUGHT = 0.3  # m/s; slower taught speeds are raised to it: the teacher stood
 MAX_SIDEWAYS = np.radians(60.0)  # a car does not move across its heading
 
 
@@ -34,7 +36,7 @@ def reference_path(
     """
     xy, headings, speeds = _checked(points, yaw, speed)
     is_closed = is_closed or path.is_closed
-    parts = _split(xy, headings, path.cusp_hysteresis) if headings is not None else [(0, len(xy) - 1, 1)]
+    parts = _split(xy, headings, CUSP_HYSTERESIS) if headings is not None else [(0, len(xy) - 1, 1)]
     if is_closed and len(parts) > 1:
         raise ValueError(f"path: expected no change of direction on a closed path, found {len(parts) - 1}")
     if not path.is_reverse_allowed and any(direction < 0 for _, _, direction in parts):
@@ -140,7 +142,7 @@ def _bound(xy: Array, speeds: Array, part: tuple[int, int, int], curve: Curve, d
     if not driving.is_as_taught or not known.any():
         return np.full(len(curve.way), np.inf)
     share = _share(xy[first : last + 1])[known] * curve.way[-1]
-    taught: Array = np.maximum(np.interp(curve.way, share, speeds[first : last + 1][known]), driving.min_taught)
+    taught: Array = np.maximum(np.interp(curve.way, share, speeds[first : last + 1][known]), MIN_TAUGHT)
     return taught
 
 

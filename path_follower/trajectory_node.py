@@ -21,21 +21,21 @@ class TrajectoryIntake:
     """Gives trajectories to the follower and shows the one in force. What cannot be read changes nothing."""
 
     def __init__(self, node: ManagedNode, follower: Follower) -> None:
-        """Listen, serve, and load the file where one is set."""
-        self.node, self.follower = node, follower
+        """Open topics and the service; load the file where one is set."""
+        self.follower, self.log, self._now_ns = follower, node.log, node.now_ns
         self.params: PathFollowerParams = node.params
         self.points = np.empty((0, 2))
-        self.shown = node.add_publisher("path_follower/trajectory", ReferenceTrajectory, qos.LATCHED)
+        self.shown = node.add_publisher("~/trajectory", ReferenceTrajectory, qos.LATCHED)
         node.add_subscription("reference_path", Path, self.on_path, qos.LATCHED, is_required=False)
         node.add_subscription(
             "reference_trajectory", ReferenceTrajectory, self.on_trajectory, qos.LATCHED, is_required=False
         )
-        node.add_service("load_trajectory", LoadTrajectory, self.on_load)
+        node.add_service("~/load_trajectory", LoadTrajectory, self.on_load)
         if self.params.trajectory:
             self.follower.load(read_path(self.params.trajectory, self.params))
 
     def on_path(self, message: Path) -> None:
-        """Take a nav_msgs/Path; the same path again changes nothing. Increasing stamps give the taught speed."""
+        """Use a nav_msgs/Path; the same path again changes nothing. Increasing stamps give the taught speed."""
         driving.check_frames(message, self.params.map_frame)
         poses = conversions.path_to_poses(message)
         points = np.array([T_map_base.translation[:2] for _, T_map_base in poses]).reshape(-1, 2)
@@ -44,20 +44,20 @@ class TrajectoryIntake:
         stamps = np.array([stamp for stamp, _ in poses], dtype=np.int64)
         speeds = taught_speeds(points, stamps) if len(points) > 1 and np.all(np.diff(stamps) > 0) else None
         yaw = np.array([float(T_map_base.yaw) for _, T_map_base in poses])
-        self.take(make_path(points, yaw, speeds, self.params))
+        self.use(make_path(points, yaw, speeds, self.params))
         self.points = points
 
     def on_trajectory(self, message: ReferenceTrajectory) -> None:
-        """Take a reference trajectory."""
+        """Use a reference trajectory."""
         driving.check_frames(message, self.params.map_frame)
         points, yaw, speeds = driving.message_to_trajectory(message)
-        self.take(make_path(points, yaw, speeds, self.params, is_closed=message.is_closed))
+        self.use(make_path(points, yaw, speeds, self.params, is_closed=message.is_closed))
 
     def on_load(self, request: LoadTrajectory.Request, response: LoadTrajectory.Response) -> LoadTrajectory.Response:
         """Load a file; one that cannot be read leaves the present trajectory in force."""
         try:
             path = read_path(request.path, self.params)
-            self.take(path)
+            self.use(path)
         except (ValueError, OSError) as error:
             response.success, response.message = False, str(error)
             return response
@@ -65,7 +65,7 @@ class TrajectoryIntake:
         response.length, response.is_closed = path.length, path.is_closed
         return response
 
-    def take(self, path: ReferencePath) -> None:
+    def use(self, path: ReferencePath) -> None:
         """Hand a trajectory to the follower, and show it."""
         self.follower.load(path)
         self.show()
@@ -75,10 +75,10 @@ class TrajectoryIntake:
         path = self.follower.path
         if path is None:
             return
-        self.shown.publish(driving.trajectory_to_message(path, self.node.now_ns(), self.params.map_frame))
+        self.shown.publish(driving.trajectory_to_message(path, self._now_ns(), self.params.map_frame))
         sharpest, possible = path.max_curvature, self.params.vehicle.max_curvature
         text = f"trajectory of {path.length:.1f} m, sharpest bend of {1 / max(sharpest, 1e-9):.1f} m radius"
         if sharpest > possible:
-            self.node.log.warning(f"{text}: the car cannot turn tighter than {1 / possible:.1f} m")
+            self.log.warning(f"{text}: the car cannot turn tighter than {1 / possible:.1f} m")
         else:
-            self.node.log.info(text)
+            self.log.info(text)

@@ -13,6 +13,7 @@ HISTORY_NS = 3_000_000_000
 STANDING = 0.03  # m/s
 TURNED = 0.1  # rad between wheel and wish within which a start may speed up
 STEP = 0.02  # s of the prediction
+MAX_POSE_AGE = 0.5  # s that a pose is predicted to the present
 MAX_STEP_NS = 200_000_000  # time between commands that counts for their limits
 
 
@@ -41,6 +42,11 @@ def drive(pose: Pose2, motion: Motion, wheelbase: float, seconds: float) -> Pose
     return Pose2(pose.x + chord * math.cos(middle), pose.y + chord * math.sin(middle), pose.yaw + turn)
 
 
+def braked(motion: Motion, loss: float) -> Motion:
+    """Return a motion that is slower by `loss` m/s, at most to standstill, the wheel as it is."""
+    return Motion(math.copysign(max(0.0, abs(motion.speed) - loss), motion.speed), motion.steering_angle)
+
+
 class Limiter:
     """Lets no command through that breaks a limit of the car. Holds the last one, from which changes are counted."""
 
@@ -57,6 +63,8 @@ class Limiter:
         At standstill the wheels do not turn; a change of direction passes through standstill.
         """
         limits = self.params
+        if self.last_ns is not None and now_ns < self.last_ns:
+            self.last_ns = now_ns  # a stamp had run ahead: what follows must not wait for it
         seconds = 0.0 if self.last_ns is None else min(max(now_ns - self.last_ns, 0), MAX_STEP_NS) / 1e9
         deceleration = limits.stop_deceleration if is_hard else limits.max_deceleration
         wanted = self.last.steering_angle if curvature is None else self._angle(curvature)
@@ -68,6 +76,10 @@ class Limiter:
             angle = min(max(wanted, angle - step), angle + step)
         self.last, self.last_ns = Motion(new_speed, angle), now_ns
         return self.last
+
+    def stand(self) -> None:
+        """Begin again at standstill, the wheels as they are."""
+        self.last = Motion(0.0, self.last.steering_angle)
 
     def is_starting(self, curvature: float) -> bool:
         """Return whether the vehicle sets off from standstill and its wheels do not yet stand as a curvature asks."""
@@ -128,7 +140,7 @@ class Predictor:
         `speed` m/s is the measured one at the stamp, where there is one; else that of the model.
         """
         wanted = max(0, now_ns - stamp_ns) / 1e9
-        age_ns = round(min(wanted, self.actuation.max_pose_age) * 1e9)
+        age_ns = round(min(wanted, MAX_POSE_AGE) * 1e9)
         state = self._state_at(now_ns - age_ns)
         if speed is not None and math.isfinite(speed):
             state = Motion(speed, state.steering_angle)

@@ -50,7 +50,7 @@ class Watch:
         subscribe(Bool, "taught", self._on_taught, qos.LATCHED)
         subscribe(LocalizationStatus, "status", self._on_localizer, qos.STATE)
         subscribe(FollowerStatus, "path_follower/status", self._on_follower, qos.STATE)
-        self._start = self.node.create_client(Trigger, "start")
+        self._start = self.node.create_client(Trigger, "path_follower/start")
 
     def wait(self, what: str, holds: Callable[[], bool], is_moving: bool, bar: tqdm[Any] | None = None) -> None:
         """Spin until `holds`; DriveFailed when nothing happens for long: the car stands though it should move."""

@@ -12,7 +12,7 @@ import pytest
 from path_follower.modes import State
 from path_follower.params import ActuationParams, FollowerParams, PathParams, SpeedParams, SteeringParams, VehicleParams
 from path_follower.path_files import read_path
-from path_follower.safety import Reason
+from path_follower.reasons import Reason
 
 QUARTER = math.pi / 2
 

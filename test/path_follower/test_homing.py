@@ -7,10 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from path_follower.homing import HomingFollower, points_on_arc
+from path_follower.homing import HomingFollower
+from path_follower.obstacles import points_on_arc
 from path_follower.params import FollowerParams, HomingParams
 from path_follower.path import Pose2
-from path_follower.safety import Reason
+from path_follower.reasons import Reason
 from path_follower.vehicle import Motion, drive
 
 SECOND = 1_000_000_000

@@ -10,7 +10,7 @@ from std_srvs.srv import Trigger
 from node_kit.replay import OfflineBus
 from path_follower.modes import State
 from path_follower.node import PathFollowerNode
-from path_follower.operator_node import answered
+from path_follower.operator_node import answering
 from path_follower.path import Pose2
 
 SECOND = 1_000_000_000
@@ -47,5 +47,5 @@ def test_the_emergency_stop_is_handed_on(node):
 
 @pytest.mark.parametrize(("refusal", "success"), [("", True), ("no", False)])
 def test_an_empty_refusal_is_success(refusal, success):
-    response = answered(Trigger.Response(), refusal)
+    response = answering(lambda: refusal)(Trigger.Request(), Trigger.Response())
     assert (response.success, response.message) == (success, refusal)

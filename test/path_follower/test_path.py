@@ -7,6 +7,7 @@ import pytest
 
 from path_follower.params import FollowerParams, PathParams
 from path_follower.path import Pose2, wrap
+from path_follower.smoothing import SPACING
 
 PARAMS = FollowerParams()
 
@@ -24,7 +25,7 @@ def test_progress_never_goes_back_and_never_jumps(kit):
     path = kit.make_path([(0, 0), (30, 0)], PARAMS)
     foot = path.advance(Pose2(5, 0, 0), path.begin_of(0), 10.0)
     assert path.advance(Pose2(4.5, 0, 0), foot, 2.0).arc_length == foot.arc_length
-    assert path.advance(Pose2(20, 0, 0), foot, 2.0).arc_length <= foot.arc_length + 2.0 + PARAMS.path.spacing
+    assert path.advance(Pose2(20, 0, 0), foot, 2.0).arc_length <= foot.arc_length + 2.0 + SPACING
 
 
 def test_at_a_crossing_the_foot_stays_on_its_branch(kit):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from path_follower.params import PathParams
-from path_follower.smoothing import cutoff_weight, smooth_curve
+from path_follower.smoothing import MIN_SPACING, SPACING, cutoff_weight, smooth_curve
 
 PARAMS = PathParams()
 
@@ -24,7 +24,7 @@ def test_a_circle_keeps_its_radius(radius, spacing):
     np.testing.assert_allclose(curve.bend[inner], 1 / radius, rtol=0.01)
     # Averages over the 0.2 m of a bin lie inside by 0.2^2 / 24 / radius at most.
     np.testing.assert_allclose(np.hypot(curve.x, curve.y - radius), radius, atol=0.003)
-    assert np.ptp(np.diff(curve.way)) < 0.02 * PARAMS.spacing
+    assert np.ptp(np.diff(curve.way)) < 0.02 * SPACING
 
 
 def test_noise_of_two_centimetres_does_not_reach_the_curvature():
@@ -38,10 +38,9 @@ def test_noise_of_two_centimetres_does_not_reach_the_curvature():
 
 @pytest.mark.parametrize(("wavelength", "gain"), [(2.0, 0.5), (20.0, 1.0), (0.7, 0.0)])
 def test_the_filter_halves_bends_of_the_smoothing_length(wavelength, gain):
-    x = np.arange(0, 60, 0.1)
+    x = np.arange(0, 60, MIN_SPACING + 1e-9)  # wide enough not to be averaged
     wave = 1e-3 * np.sin(2 * np.pi * x / wavelength)
-    params = PathParams(min_spacing=0.05)
-    curve = smooth_curve(np.stack([x, wave], axis=-1), params, is_closed=False)
+    curve = smooth_curve(np.stack([x, wave], axis=-1), PARAMS, is_closed=False)
     inner = (curve.x > 10) & (curve.x < 50)
     found = np.sqrt(2) * np.std(curve.y[inner]) / 1e-3
     assert found == pytest.approx(gain, abs=0.03)

@@ -19,10 +19,21 @@ def reference(speed, direction=1):
     return ReferencePoint(0, 0, 0, speed, 0, 0, 0, direction)
 
 
-@pytest.mark.parametrize("e_x", [-0.5, 0.0, 0.2])
-def test_equation_25_for_the_speed(e_x):
-    expected = 1.4 - SPEED.k_x * (1.4 + SPEED.epsilon) * e_x
-    assert speed_law(reference(1.4), e_x, SPEED) == pytest.approx(expected)
+@pytest.mark.parametrize(
+    ("ahead", "speed"),
+    [(0.0, 1.4), (0.5, 0.8), (-0.5, 2.0)],  # by hand: 0.8 (1.4 + 0.1) = 1.2 m/s a metre of error
+)
+def test_a_vehicle_that_is_ahead_is_slower_by_what_equation_25_says(ahead, speed):
+    assert speed_law(reference(1.4), ahead, SPEED) == pytest.approx(speed)
+
+
+def test_the_longitudinal_error_falls_by_a_factor_e_within_the_time_that_the_gain_says():
+    virtual, vehicle, step = 0.0, 0.5, 0.001
+    seconds = 1 / 1.2  # error' = -k_x (U* + epsilon) error
+    for _ in range(round(seconds / step)):
+        vehicle += speed_law(reference(1.4), vehicle - virtual, SPEED) * step
+        virtual += 1.4 * step
+    assert vehicle - virtual == pytest.approx(0.5 / math.e, rel=1e-3)
 
 
 def test_backwards_the_law_mirrors():
@@ -32,7 +43,7 @@ def test_backwards_the_law_mirrors():
 def test_the_law_never_drives_against_the_direction_and_lives_at_zero_speed():
     assert speed_law(reference(0.5), 10.0, SPEED) == 0.0
     assert speed_law(reference(-0.5, -1), -10.0, SPEED) == 0.0
-    assert speed_law(reference(0.0), -0.5, SPEED) == pytest.approx(SPEED.k_x * SPEED.epsilon * 0.5)
+    assert speed_law(reference(0.0), -0.5, SPEED) == pytest.approx(0.04)  # it creeps to where it should stand
 
 
 def test_bends_are_slow_by_lateral_acceleration():

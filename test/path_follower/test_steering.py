@@ -7,7 +7,7 @@ import pytest
 
 from path_follower.params import SteeringParams
 from path_follower.path import Pose2, ReferencePoint
-from path_follower.steering import Errors, curvature_law, errors_of
+from path_follower.steering import MAX_BANDWIDTH, Errors, curvature_law, errors_of
 
 PARAMS = SteeringParams()
 
@@ -61,7 +61,7 @@ def test_the_bandwidth_in_time_is_bounded_and_keeps_the_damping():
     omega = math.sqrt(PARAMS.k_y)
     lateral = -curvature_law(reference(fast), Errors(0, 1.0, 0), PARAMS, fast)
     heading = -curvature_law(reference(fast), Errors(0, 0, 1e-6), PARAMS, fast) / 1e-6
-    assert math.sqrt(lateral) * fast == pytest.approx(PARAMS.max_bandwidth)
+    assert math.sqrt(lateral) * fast == pytest.approx(MAX_BANDWIDTH)
     assert heading / (2 * math.sqrt(lateral)) == pytest.approx(PARAMS.k_psi / (2 * omega), rel=1e-6)
     assert -curvature_law(reference(slow), Errors(0, 1.0, 0), PARAMS, slow) == pytest.approx(PARAMS.k_y)
 

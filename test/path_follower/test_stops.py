@@ -10,7 +10,7 @@ from path_follower.follower import Follower
 from path_follower.modes import State
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
-from path_follower.safety import Reason
+from path_follower.reasons import Reason
 
 SECOND = 1_000_000_000
 PARAMS = FollowerParams()
@@ -63,7 +63,7 @@ def test_a_localiser_one_second_late_stops_by_the_age_of_its_poses(kit, straight
     assert drive.final.state is State.FINISHED
     follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
     follower.update(Pose2(0, 0, 0), None, SECOND, "TRACKING", now_ns=2 * SECOND)
-    assert follower.start(2 * SECOND).startswith("POSE_TIMEOUT: found 1, limit 0.4")
+    assert follower.start(2 * SECOND).startswith("POSE_TIMEOUT: found 1 s, limit 0.4")
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])

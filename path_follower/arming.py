@@ -1,0 +1,86 @@
+"""What the operator may ask of a follower, and what it holds: every answer is one line, empty where it was done."""
+
+from __future__ import annotations
+
+from path_follower.modes import Mode, State
+from path_follower.params import FollowerParams
+from path_follower.path import Location, ReferencePath
+from path_follower.reasons import FINE, Reason, Verdict
+from path_follower.resume import Resumption
+from path_follower.safety import Watch
+from path_follower.vehicle import Limiter, Predictor
+
+
+class Arming:
+    """A path, a place on it, and whether the vehicle may move; nothing moves before `start`."""
+
+    def __init__(self, params: FollowerParams | None = None, path: ReferencePath | None = None) -> None:
+        """Begin at standstill, not armed."""
+        self.params = params or FollowerParams()
+        self.watch = Watch(self.params)
+        self.mode = Mode()
+        self.resumption = Resumption(self.params.safety.resume)
+        self.limiter = Limiter(self.params.vehicle)
+        self.predictor = Predictor(self.params.vehicle, self.params.actuation)
+        self.path: ReferencePath | None = None
+        self.location: Location | None = None
+        self.measured_speed: float | None = None
+        if path is not None:
+            self.load(path)
+
+    def load(self, path: ReferencePath) -> None:
+        """Take a path, in standstill and disarmed; ValueError otherwise."""
+        if self.mode.is_armed or self.mode.state is State.STOPPING:
+            raise ValueError(
+                f"path: expected a follower that stands, disarmed, found {self.mode.state}: call stop first"
+            )
+        self.path, self.location = path, None
+        self.mode.load()
+
+    def start(self, now_ns: int) -> str:
+        """Arm, where the vehicle stands on the path: after a stop at the place reached, else at the closest."""
+        if self.path is None or self.mode.state is State.STOPPING:
+            return "no path is loaded" if self.path is None else "the vehicle is still braking"
+        if self.mode.is_driving:
+            return ""
+        verdict, place = self.watch.judge_inputs(now_ns), None
+        if verdict is FINE:
+            verdict, place = self.watch.find_start(self.path, None if self.mode.has_ended else self.location)
+        if verdict is not FINE or place is None:
+            return str(verdict)
+        self.location = place
+        self.mode.arm()
+        return ""
+
+    def stop(self) -> str:
+        """Brake and disarm; never refused."""
+        self.mode.halt(Verdict(Reason.OPERATOR))
+        return ""
+
+    def pause(self) -> str:
+        """Brake and stand until `resume`."""
+        self.mode.pause()
+        return "" if self.mode.state is State.PAUSED else f"nothing to pause: {self.mode.state}"
+
+    def resume(self, now_ns: int) -> str:
+        """Go on after a pause."""
+        if self.mode.state is not State.PAUSED:
+            return f"nothing to resume: {self.mode.state}"
+        return self.start(now_ns)
+
+    def emergency(self, *, is_pressed: bool) -> None:
+        """Brake hard and disarm; a release alone moves nothing."""
+        self.watch.is_emergency = is_pressed
+
+    def stand(self, verdict: Verdict) -> None:
+        """Be disarmed, at zero command: the vehicle is left alone, or what it did meanwhile is not known."""
+        self.limiter.stand()
+        self.predictor.reset()
+        self.mode.stand(verdict)
+
+    def reset(self) -> None:
+        """Forget everything with a stamp, as after a jump of the clock; brake if in motion."""
+        self.watch.reset()
+        self.predictor.reset()
+        self.limiter.last_ns = None
+        self.mode.halt(Verdict(Reason.CLOCK_STOPPED, detail="the clock went backwards"))

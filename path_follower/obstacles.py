@@ -1,0 +1,74 @@
+"""What stands in the way: points of a scan in the footprint that the vehicle sweeps until it could stand."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from path_follower.params import FollowerParams
+from path_follower.path import Location, Pose2, ReferencePath
+from path_follower.vehicle import ORIGIN, Motion, drive
+
+Array = NDArray[np.float64]
+
+SWEEP_STEP = 0.2  # m between the footprints that are checked
+REACTION = 0.3  # s until the brakes act
+MIN_POINTS = 2  # points of a scan that make an obstacle
+
+
+def stopping_distance(speed: float, params: FollowerParams) -> float:
+    """Return the way in m until the vehicle stands at ordinary deceleration, reaction and one step included."""
+    v = abs(speed)
+    return v * REACTION + v * v / (2.0 * params.vehicle.max_deceleration) + SWEEP_STEP
+
+
+def points_in_way(
+    points: Array, pose: Pose2, path: ReferencePath, location: Location, distance: float, params: FollowerParams
+) -> int:
+    """Count points (N, 2) of the vehicle's frame in the footprints along the next `distance` m of the path.
+
+    The footprints keep the present offset from the path. Points on the body itself are its own.
+    """
+    here = path.at(location.arc_length, location.segment)
+    end = path.end_of(location.segment)
+    places = []
+    for ahead in _steps(distance):
+        there = path.at(min(location.arc_length + ahead, end), location.segment)
+        x, y, turn = _seen_from(here.x, here.y, here.yaw, there.x, there.y, there.yaw)
+        heading = here.yaw - pose.yaw  # the path's direction in the vehicle's frame
+        cosine, sine = math.cos(heading), math.sin(heading)
+        places.append(Pose2(cosine * x - sine * y, sine * x + cosine * y, heading + turn))
+    return _count(points, places, params)
+
+
+def points_on_arc(points: Array, steering_angle: float, distance: float, params: FollowerParams) -> int:
+    """Count points (N, 2) of the vehicle's frame in the footprints of the next `distance` m with the wheel as it is."""
+    motion, wheelbase = Motion(1.0, steering_angle), params.vehicle.wheelbase
+    return _count(points, (drive(ORIGIN, motion, wheelbase, float(ahead)) for ahead in _steps(distance)), params)
+
+
+def _steps(distance: float) -> Array:
+    return np.arange(SWEEP_STEP, distance + SWEEP_STEP, SWEEP_STEP)
+
+
+def _count(points: Array, places: Iterable[Pose2], params: FollowerParams) -> int:
+    body, margin = params.vehicle, params.safety.obstacle_margin
+    half = body.width / 2.0
+    own = (points[:, 0] > -body.rear) & (points[:, 0] < body.front) & (np.abs(points[:, 1]) < half)
+    others = points[~own]
+    hit = np.zeros(len(others), dtype=bool)
+    for place in places:
+        way = others - [place.x, place.y]
+        along = way @ [math.cos(place.yaw), math.sin(place.yaw)]
+        across = way @ [-math.sin(place.yaw), math.cos(place.yaw)]
+        hit |= (along > -body.rear - margin) & (along < body.front + margin) & (np.abs(across) < half + margin)
+    return int(hit.sum())
+
+
+def _seen_from(x0: float, y0: float, yaw0: float, x: float, y: float, yaw: float) -> tuple[float, float, float]:
+    cosine, sine = math.cos(yaw0), math.sin(yaw0)
+    dx, dy = x - x0, y - y0
+    return cosine * dx + sine * dy, -sine * dx + cosine * dy, yaw - yaw0

@@ -1,0 +1,81 @@
+"""Why the vehicle does not drive: a reason, what was measured for it, and what to do about it, in one line."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+
+
+class Reason(enum.StrEnum):
+    """The words of FollowerStatus."""
+
+    NONE = ""
+    OPERATOR = "OPERATOR"
+    NOT_LOCALISED = "NOT_LOCALISED"
+    LOCALISATION_DEGRADED = "LOCALISATION_DEGRADED"
+    POSE_TIMEOUT = "POSE_TIMEOUT"
+    POSE_SOURCE = "POSE_SOURCE"
+    STATUS_TIMEOUT = "STATUS_TIMEOUT"
+    BAD_POSE = "BAD_POSE"
+    OFF_PATH = "OFF_PATH"
+    OBSTACLE = "OBSTACLE"
+    SCAN_TIMEOUT = "SCAN_TIMEOUT"
+    CLOCK_STOPPED = "CLOCK_STOPPED"
+    EMERGENCY_STOP = "EMERGENCY_STOP"
+    END_OF_PATH = "END_OF_PATH"
+
+
+REMEDIES = {
+    Reason.NONE: "",
+    Reason.OPERATOR: "call start",
+    Reason.NOT_LOCALISED: "wait for TRACKING or call relocalize of the localiser, then call start",
+    Reason.LOCALISATION_DEGRADED: "wait for TRACKING, then call start",
+    Reason.POSE_TIMEOUT: "check the localiser, the topic of the pose and the clocks, then call start",
+    Reason.POSE_SOURCE: "end all publishers of the pose but one, then call start",
+    Reason.STATUS_TIMEOUT: "check the localiser and the topic of its status, then call start",
+    Reason.BAD_POSE: "check the frame and the values of the pose, then call start",
+    Reason.OFF_PATH: "bring the vehicle onto the path, heading along it, then call start",
+    Reason.OBSTACLE: "clear the way, then call start",
+    Reason.SCAN_TIMEOUT: "check the scanner and its topic, then call start",
+    Reason.CLOCK_STOPPED: "check who publishes /clock, then call start",
+    Reason.EMERGENCY_STOP: "release the emergency stop, then call start",
+    Reason.END_OF_PATH: "load a path or bring the vehicle to its beginning, then call start",
+}
+GENTLE = (Reason.NONE, Reason.OPERATOR, Reason.END_OF_PATH)
+MISSING = (Reason.POSE_TIMEOUT, Reason.STATUS_TIMEOUT, Reason.SCAN_TIMEOUT, Reason.NOT_LOCALISED)
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """A reason, what was measured for it and the limit it broke, in the same unit; `detail` says what was found."""
+
+    reason: Reason
+    value: float = 0.0
+    limit: float = 0.0
+    detail: str = ""
+    advice: str = ""  # in place of the usual remedy
+
+    def __str__(self) -> str:
+        """Everything in one line; empty if all is fine."""
+        if self.reason is Reason.NONE:
+            return ""
+        found = self.detail or (f"found {self.value:.3g}, limit {self.limit:.3g}" if self.limit else "")
+        return f"{self.reason}: {found}: {self.remedy}" if found else f"{self.reason}: {self.remedy}"
+
+    @property
+    def remedy(self) -> str:
+        """One line that says what to do."""
+        return self.advice or REMEDIES[self.reason]
+
+    @property
+    def is_gentle(self) -> bool:
+        """Whether the ordinary deceleration is enough."""
+        return self.reason in GENTLE
+
+    @property
+    def may_pass(self) -> bool:
+        """Whether something was only missing, so that its return may end the stop."""
+        return self.reason in MISSING
+
+
+FINE = Verdict(Reason.NONE)

@@ -1,0 +1,51 @@
+"""What is held between two commands, and what the operator may ask."""
+
+import pytest
+
+from path_follower.arming import Arming
+from path_follower.follower import Follower
+from path_follower.modes import State
+from path_follower.params import FollowerParams
+from path_follower.reasons import Reason, Verdict
+
+SECOND = 1_000_000_000
+PARAMS = FollowerParams()
+
+
+@pytest.fixture
+def driving(kit):
+    points = kit.course((40, 0))
+    follower = Follower(PARAMS, kit.make_path(points[:, :2], PARAMS, points[:, 2]))
+    drive = kit.run(follower, (0, 0, 0), seconds=6.0)
+    assert drive.commands[-1].speed > 1.0
+    return follower, drive.poses[-1], drive.commands[-1].stamp_ns
+
+
+def test_a_vehicle_that_is_left_alone_is_at_zero_command_and_does_not_ramp_when_it_is_taken_up_again(driving):
+    follower, pose, now = driving
+    follower.stand(Verdict(Reason.OPERATOR))
+    assert follower.update(pose, None, now + SECOND // 20, "TRACKING").speed == 0.0
+    assert (follower.mode.state, follower.mode.is_armed) == (State.STOPPED, False)
+
+
+def test_after_standing_a_start_goes_on_at_the_place(driving):
+    follower, pose, now = driving
+    place = follower.location.arc_length
+    follower.stand(Verdict(Reason.OPERATOR))
+    follower.update(pose, None, now + SECOND // 20, "TRACKING")
+    assert follower.start(now + SECOND // 20) == ""
+    assert follower.location.arc_length == pytest.approx(place, abs=0.5)
+
+
+def test_a_path_is_loaded_only_at_rest(driving, kit):
+    follower, _, _ = driving
+    other = kit.make_path([(0, 0), (3, 0)], PARAMS)
+    with pytest.raises(ValueError, match="found DRIVING: call stop first"):
+        follower.load(other)
+    follower.stand(Verdict(Reason.OPERATOR))
+    follower.load(other)
+    assert follower.mode.state is State.IDLE
+
+
+def test_nothing_is_armed_without_a_path():
+    assert Arming(PARAMS).start(SECOND) == "no path is loaded"

@@ -1,0 +1,66 @@
+"""The footprint that the vehicle sweeps until it could stand, and the points in it."""
+
+
+import numpy as np
+import pytest
+
+from path_follower.obstacles import REACTION, points_in_way, stopping_distance
+from path_follower.params import FollowerParams
+from path_follower.path import Pose2
+
+PARAMS = FollowerParams()
+HALF = PARAMS.vehicle.width / 2 + PARAMS.safety.obstacle_margin
+HERE = Pose2(10, 0, 0)
+FRONT = PARAMS.vehicle.front + PARAMS.safety.obstacle_margin
+
+
+@pytest.fixture
+def straight(kit):
+    return kit.make_path([(0, 0), (40, 0)], PARAMS)
+
+
+def count(path, points, pose=HERE, distance=2.0):
+    location = path.advance(pose, path.locate(pose, 1.0), 1.0)
+    return points_in_way(np.array(points, dtype=float), pose, path, location, distance, PARAMS)
+
+
+def test_the_swept_footprint_ends_where_the_vehicle_would_stand(straight):
+    assert count(straight, [(FRONT + 1.9, 0.0)]) == 1
+    assert count(straight, [(FRONT + 2.3, 0.0)]) == 0
+    assert count(straight, [(2.0, HALF - 0.02), (2.0, HALF + 0.02), (2.0, -HALF + 0.02)]) == 2
+
+
+def test_the_vehicle_does_not_see_itself(straight):
+    assert count(straight, [(1.5, 0.0), (-0.3, 0.5)]) == 0
+
+
+def test_what_is_behind_does_not_matter_forward(straight):
+    assert count(straight, [(-1.0, 0.0)]) == 0
+
+
+def test_the_footprint_bends_with_the_path(kit):
+    ring = kit.course((20, 1 / 5))
+    path = kit.make_path(ring[:, :2], PARAMS, ring[:, 2])
+    pose = Pose2(*ring[100])
+    inside, outside = [(3.5, 2.0)], [(4.8, -1.0)]  # 4.8 m straight ahead the vehicle never comes
+    assert count(path, inside, pose, 3.0) == 1
+    assert count(path, outside, pose, 3.0) == 0
+
+
+def test_backwards_the_rear_sweeps(kit):
+    back = kit.course((-20, 0))
+    path = kit.make_path(back[:, :2], PARAMS, back[:, 2])
+    pose = Pose2(-5, 0, 0)
+    assert count(path, [(-2.0, 0.0)], pose) == 1
+    assert count(path, [(3.0, 0.0)], pose) == 0
+
+
+def test_an_offset_from_the_path_moves_the_footprint_with_the_vehicle(straight):
+    beside = Pose2(10, 0.5, 0)
+    assert count(straight, [(3.0, 0.6)], beside) == 1
+    assert count(straight, [(3.0, -0.8)], beside) == 0  # on the path, but not where the vehicle goes
+
+
+def test_the_stopping_distance_grows_with_the_square_of_the_speed():
+    one, two = (stopping_distance(v, PARAMS) - stopping_distance(0, PARAMS) for v in (1.0, 2.0))
+    assert two - 2 * REACTION == pytest.approx(4 * (one - REACTION))
