@@ -19,6 +19,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "dense_localizer": GEOMETRY | {"localization", "photometric", "sphere_map"},
     "mcl_depth": GEOMETRY | {"localization"},
     "path_follower": GEOMETRY,
+    "command_guard": {"typed_params"},
     "cycab_sim": GEOMETRY,
     "node_kit": GEOMETRY | {"localization", "sphere_map"},
     "sphere_nav_cli": set(PACKAGES),

@@ -1,0 +1,70 @@
+"""The node command_guard on an offline bus: commands pass while they come, and while their sender beats."""
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from geometry_msgs.msg import Twist
+from std_msgs.msg import Bool, UInt64
+
+from command_guard.node import CommandGuard
+from node_kit.replay import OfflineBus
+
+STEP = 50_000_000
+
+
+class Bench:
+    def __init__(self):
+        self.bus = OfflineBus()
+        self.node = self.bus.add(CommandGuard)
+        self.now, self.beats = 10**9, 0
+
+    def run(self, count, speed=None, beats=True):
+        """Return the speeds that the base gets."""
+        said = []
+        for _ in range(count):
+            self.now += STEP
+            said += self.bus.advance(self.now)
+            if speed is not None:
+                twist = Twist()
+                twist.linear.x = speed
+                self.bus.deliver("/cmd_vel_in", twist)
+            if beats:
+                self.beats += 1
+                self.bus.deliver("/path_follower/heartbeat", UInt64(data=self.beats))
+        return [item.message.linear.x for item in said if item.topic == "/cmd_vel"]
+
+
+@pytest.fixture
+def driving():
+    bench = Bench()
+    bench.run(5, 0.0)
+    assert bench.run(40, 1.0)[-1] == 1.0
+    return bench
+
+
+def test_a_silent_sender_ends_in_zero_and_the_reason_is_told(driving):
+    speeds = driving.run(12)  # 0.6 s
+    assert speeds[-1] == 0.0
+    assert driving.node.reports["guard"][1] == "stopped: no command for more than 0.25 s"
+
+
+def test_a_sender_without_a_heartbeat_ends_in_zero(driving):
+    assert driving.run(12, 1.0, beats=False)[-1] == 0.0
+
+
+def test_the_emergency_stop_ends_in_zero(driving):
+    driving.bus.deliver("/emergency_stop", Bool(data=True))
+    assert driving.run(8, 1.0)[-1] == 0.0
+
+
+def test_numbers_that_are_none_are_refused(driving):
+    driving.run(1, float("nan"))
+    told = next(item for item in driving.node.inputs if item.topic == "cmd_vel_in")
+    assert "expected finite numbers" in told.last_refusal
+
+
+def test_deactivation_leaves_a_zero_command(driving):
+    driving.node.deactivate()
+    last = [item for item in driving.bus.settle() if item.topic == "/cmd_vel"][-1]
+    assert last.message.linear.x == 0.0
