@@ -11,10 +11,10 @@ from sensor_msgs.msg import CameraInfo, Image
 from sphere_nav_msgs.msg import AugmentedSphere
 
 from node_kit import conversions, qos
-from sphere_geometry import Camera, Pinhole
+from sphere_geometry import SE3, Camera, Pinhole
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 from sphere_mapping.acquisition.params import SynchroniserParams
-from sphere_mapping.acquisition.partial import sphere_from_rgbd
+from sphere_mapping.acquisition.partial import RgbdView, sphere_from_views
 from sphere_mapping.acquisition.stereo import sphere_from_stereo
 from sphere_mapping.acquisition.synchroniser import Instant, Synchroniser
 from sphere_mapping.params import SphereMapperParams
@@ -26,14 +26,18 @@ TOPICS: dict[str, tuple[str, ...]] = {
     "rgbd": ("image_raw", "camera_info", "depth/image_raw"),
     "stereo": ("left/image_raw", "left/camera_info", "right/image_raw", "right/camera_info"),
 }
+DEPTH_INFO = "depth/camera_info"  # only where depth is another camera's than the images
 WAIT_S = 1.0  # of stamps, not of a clock: after it an image goes without its counterpart
 
 
 class Intake:
-    """Converts messages by `params.input`; hands every complete instant as a sphere to `on_sphere`."""
+    """Converts messages by `params.input`; hands every complete instant as a sphere to `on_sphere`.
 
-    def __init__(self, params: SphereMapperParams, on_sphere: OnSphere) -> None:
-        self._params, self._deliver = params, on_sphere
+    `lookup(target, source)` tells T_target_source of two frames, as /tf_static has it, or raises ValueError.
+    """
+
+    def __init__(self, params: SphereMapperParams, on_sphere: OnSphere, lookup: Callable[[str, str], SE3]) -> None:
+        self._params, self._deliver, self._lookup = params, on_sphere, lookup
         self._infos: dict[str, CameraInfo] = {}
         self._frame_id = ""
         streams = [topic for topic in TOPICS[params.input] if topic.endswith("image_raw")]
@@ -48,6 +52,10 @@ class Intake:
                 yield topic, CameraInfo, partial(self._infos.__setitem__, topic), qos.SENSOR
             else:
                 yield topic, Image, partial(self._on_image, topic), qos.SENSOR
+
+    def on_depth_info(self, message: CameraInfo) -> None:
+        """Remember the camera of depth that is not registered to the images."""
+        self._infos[DEPTH_INFO] = message
 
     def clear(self) -> None:
         """Forget half-complete instants: the clock jumped."""
@@ -74,9 +82,22 @@ class Intake:
 
     def _rgbd(self, instant: Instant) -> Sphere:
         camera = conversions.camera_from_info(self._info("camera_info"))
-        image, depth_m = (self._sized(instant, topic, camera) for topic in ("image_raw", "depth/image_raw"))
-        partial_params = self._params.mapper.partial
-        return sphere_from_rgbd(image, depth_m, camera, T_BODY_OPTICAL, instant.stamp_ns, partial_params)
+        image = self._sized(instant, "image_raw", camera)
+        depth_camera, T_image_depth = self._depth_camera(camera)
+        depth_m = self._sized(instant, "depth/image_raw", depth_camera)
+        T_sphere_depth = T_BODY_OPTICAL @ T_image_depth
+        view = RgbdView(image, depth_m, camera, T_BODY_OPTICAL, depth_camera, T_sphere_depth)
+        return sphere_from_views([view], instant.stamp_ns, self._params.mapper.partial)
+
+    def _depth_camera(self, camera: Camera) -> tuple[Camera, SE3]:
+        """Return whose depth it is and where: the images' own camera unless another calibration has come."""
+        info = self._infos.get(DEPTH_INFO)
+        if info is None:
+            return camera, SE3.identity()
+        frame_id = info.header.frame_id
+        is_beside = frame_id not in ("", self._frame_id)
+        T_image_depth = self._lookup(self._frame_id, frame_id) if is_beside else SE3.identity()
+        return conversions.camera_from_info(info), T_image_depth
 
     def _stereo(self, instant: Instant) -> Sphere:
         right_info = self._info("right/camera_info")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from nav_msgs.msg import Odometry, Path
-from sensor_msgs.msg import PointCloud2
+from sensor_msgs.msg import CameraInfo, PointCloud2
 from sphere_nav_msgs.msg import KeySphereGraph
 from sphere_nav_msgs.srv import SaveMap
 from std_srvs.srv import Trigger
@@ -19,7 +19,7 @@ from sphere_geometry import SE3
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 from sphere_mapping.acquisition import kernels
 from sphere_mapping.graph.map_cloud import cloud_of
-from sphere_mapping.intake_node import Intake
+from sphere_mapping.intake_node import DEPTH_INFO, Intake
 from sphere_mapping.mapper import Mapper, MapUpdate
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.saving_node import save
@@ -49,9 +49,11 @@ class SphereMapper(ManagedNode):
         self.odometry = self.add_publisher("odometry", Odometry)
         self.path = self.add_publisher("path", Path)
         self.tf_out, self.tf = TransformBroadcaster(self), TransformListener(self)
-        self.intake = Intake(self.params, self.on_sphere)
+        self.intake = Intake(self.params, self.on_sphere, self.tf.lookup)
         for subscription in self.intake.subscriptions():
             self.add_subscription(*subscription)
+        if self.params.input == "rgbd":
+            self.add_subscription(DEPTH_INFO, CameraInfo, self.intake.on_depth_info, qos.SENSOR, is_required=False)
         self.add_subscription("odom", Odometry, self.on_odom, qos.SENSOR, is_required=False)
         self.add_service("close_loops", Trigger, self.on_close_loops)
         self.add_service("save_map", SaveMap, self.on_save)

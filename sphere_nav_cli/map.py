@@ -190,7 +190,9 @@ def map_drive(arguments: argparse.Namespace) -> MappedDrive:
         if kind == CAMERAS:
             drive = mapped(bag, values | {"input": "sphere"}, {}, stitcher_values(bag, chosen, arguments))
         else:
-            drive = mapped(bag, values | {"input": kind}, topics.find_topics(bag, TOPICS[kind], chosen))
+            found = topics.find_topics(bag, TOPICS[kind], chosen)
+            slack_s = topics.pairing_slack(bag, found[TOPICS[kind][0]])
+            drive = mapped(bag, {"slack_s": slack_s} | values | {"input": kind}, found)
     if not drive.node.mapper.tracks:
         raise BagError(
             f"{arguments.bag}: expected spheres to map, found none: {drive.refusal or 'no complete instant'}"
@@ -218,7 +220,9 @@ def mapped(bag: BagReader, values: dict[str, Any], remap: dict[str, str], stitch
     inputs = [*node.inputs, *(stitching.inputs if stitching else ())]
     reasons = [f"{w.num_refused} of {w.topic}: {w.last_refusal}" for w in inputs if w.num_refused]
     if isinstance(stitching, SphereStitcher) and stitching.intake is not None:
-        reasons += stitching.intake.sync.problems()
+        for name, health in stitching.intake.sync.health.items():
+            if health.problem:
+                reasons.append(f"{name}: {health.problem} ({health.num_missing} times)")
     return MappedDrive(node, node.num_lost, "; ".join(reasons))
 
 

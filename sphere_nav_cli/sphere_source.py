@@ -9,16 +9,18 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from sensor_msgs.msg import CameraInfo
 
 from node_kit.bags import BagError, BagReader
 from node_kit.map_bag import FILE_NAME, open_map
 from node_kit.node import ManagedNode
 from node_kit.replay import OfflineBus, replay
+from node_kit.tf import TransformListener
 from sphere_geometry import Pinhole
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 from sphere_mapping.acquisition.partial import sphere_from_rgbd
 from sphere_mapping.acquisition.stereo import sphere_from_stereo
-from sphere_mapping.intake_node import TOPICS, Intake
+from sphere_mapping.intake_node import DEPTH_INFO, TOPICS, Intake
 from sphere_mapping.params import MapperParams, SphereMapperParams
 from sphere_nav_cli import topics
 from sphere_nav_cli.importing.recording import read_image
@@ -57,7 +59,11 @@ class Collector(ManagedNode):
         """Listen."""
         self.last: Sphere | None = None
         self.count = 0
-        Intake(self, self.params, self._on_sphere)
+        intake = Intake(self.params, self._on_sphere, TransformListener(self, is_required=False).lookup)
+        for subscription in intake.subscriptions():
+            self.add_subscription(*subscription)
+        if self.params.input == "rgbd":
+            self.add_subscription(DEPTH_INFO, CameraInfo, intake.on_depth_info, is_required=False)
 
     def _on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool) -> None:
         self.last, self.count = sphere, self.count + 1

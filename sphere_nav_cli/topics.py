@@ -23,6 +23,7 @@ OPTIONS = {
     "odom": ("odom", "odometry"),
     "imu": ("imu", "inertial measurements"),
 }
+MIN_SLACK_S, MAX_SLACK_S = 0.005, 0.02  # what a moving camera can bear
 KINDS = {"rgbd": RGBD, "stereo": STEREO}
 
 
@@ -75,6 +76,12 @@ def find_rig_topics(bag: BagReader, names: Iterable[str], chosen: dict[str, str]
         expected = f"images of {', '.join(names)} (rig file; or --camera NAME=TOPIC)"
         raise BagError(f"{bag.path}: topics: expected {expected}, found {have}")
     return topics
+
+
+def pairing_slack(bag: BagReader, topic: str) -> float:
+    """Return how far apart in s the stamps of one instant may be: a third of the period, as drivers jitter."""
+    rate_hz = next(stream.rate_hz for stream in read_streams(bag) if stream.topic == absolute(topic))
+    return min(max(0.33 / max(rate_hz, 1e-3), MIN_SLACK_S), MAX_SLACK_S)
 
 
 def guess_kind(bag: BagReader, chosen: dict[str, str], *, has_rig: bool) -> str:

@@ -2,11 +2,24 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+import numpy as np
+from sensor_msgs.msg import CameraInfo
+
+from node_kit.conversions import array_to_image, camera_to_info
 from node_kit.node import ManagedNode
 from node_kit.replay import OfflineBus
-from sphere_mapping.intake_node import TOPICS, Intake
+from sphere_geometry import SE3, Pinhole
+from sphere_mapping.intake_node import DEPTH_INFO, TOPICS, Intake
 from sphere_mapping.params import SphereMapperParams
-from worlds.recordings import rgbd, sphere, stereo
+from worlds.recordings import FRAME, ROOM, optical, pose, rgbd, sphere, stamp, stereo
+
+T_IMAGE_DEPTH = SE3.exp([-0.05, 0.01, 0.0, 0.0, 0.02, 0.01])
+DEPTH_CAMERA = Pinhole(200, 150, 170.0, 172.0, 98.0, 77.0)
+
+
+def lookup(target, source):
+    assert (target, source) == (FRAME, "depth_optical")
+    return T_IMAGE_DEPTH
 
 
 class Catcher(ManagedNode):
@@ -14,9 +27,10 @@ class Catcher(ManagedNode):
 
     def configure(self):
         self.caught = []
-        self.intake = Intake(self.params, lambda *what: self.caught.append(what))
+        self.intake = Intake(self.params, lambda *what: self.caught.append(what), lookup)
         for subscription in self.intake.subscriptions():
             self.add_subscription(*subscription)
+        self.add_subscription(DEPTH_INFO, CameraInfo, self.intake.on_depth_info, is_required=False)
 
 
 def caught(kind, *messages):
@@ -42,7 +56,7 @@ def test_every_kind_gives_spheres_with_stamp_and_frame(kind, source, frame_id, i
     assert found.stamp_ns == 1_300_000_000
     assert (frame, optical) == (frame_id, is_optical)
     assert found.measured.mean() > 0.5
-    assert {wanted.topic for wanted in node.inputs} == set(TOPICS[kind])
+    assert {wanted.topic for wanted in node.inputs} == {*TOPICS[kind], DEPTH_INFO}
 
 
 def test_an_image_before_its_camera_info_is_refused():
@@ -69,3 +83,17 @@ def test_half_an_instant_waits_and_is_forgotten_when_the_clock_jumps():
         if wanted.topic in ("image_raw", "depth/image_raw"):
             wanted.deliver(first["image_raw"] if wanted.topic == "image_raw" else second["depth/image_raw"])
     assert node.caught == []
+
+
+def test_depth_of_a_camera_beside_gives_the_same_range():
+    ((whole, *_),) = caught("rgbd", *rgbd(0)).caught
+    messages = dict(rgbd(0))
+    _, depth_m = ROOM.rgbd(DEPTH_CAMERA, optical(pose(0)) @ T_IMAGE_DEPTH)
+    messages["depth/image_raw"] = array_to_image(depth_m, stamp(0), "depth_optical", "32FC1")
+    info = (DEPTH_INFO, camera_to_info(DEPTH_CAMERA, stamp(0), "depth_optical"))
+    ((sphere_beside, *_),) = caught("rgbd", info, *messages.items()).caught
+    both = whole.measured & sphere_beside.measured
+    assert both.sum() > 0.7 * whole.measured.sum()
+    errors = np.abs(sphere_beside.range_m[both] / whole.range_m[both] - 1)
+    assert np.median(errors) < 1e-3
+    assert np.mean(errors > 0.02) < 0.02  # at edges, which the two cameras see from different places

@@ -16,12 +16,14 @@ from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import CompressedImage, Image
+from tf2_msgs.msg import TFMessage
 
 from node_kit.bag_reader import BagReader
-from node_kit.conversions import image_to_array, image_to_rgb
+from node_kit.conversions import array_to_image, camera_to_info, image_to_array, image_to_rgb, se3_to_transform
 from node_kit.map_bag import open_map
+from sphere_geometry import SE3, Pinhole
 from sphere_nav_cli.main import main
-from worlds.recordings import rgbd, stereo, write_bag
+from worlds.recordings import FRAME, ROOM, optical, pose, rgbd, stamp, stereo, write_bag
 
 REALSENSE = {
     "/image_raw": "/camera/camera/color/image_raw",
@@ -54,6 +56,23 @@ def copy_bag(source, target, names, change=lambda topic, message: message):
     return target
 
 
+T_IMAGE_DEPTH = SE3.exp([-0.03, 0.005, 0.0, 0.0, 0.01, 0.0])  # of a depth camera beside the colour camera
+DEPTH_CAMERA = Pinhole(212, 160, 190.0, 191.0, 104.0, 81.0)
+DEPTH_FRAME = "camera_depth_optical"
+
+
+def unregistered(number):
+    """Yield an RGB-D camera's messages; depth is the depth camera's own, in mm, 4 ms late."""
+    late = stamp(number) + 4_000_000
+    yield from ((topic, message) for topic, message in rgbd(number) if topic != "depth/image_raw")
+    _, metres = ROOM.rgbd(DEPTH_CAMERA, optical(pose(number)) @ T_IMAGE_DEPTH)
+    pixels = np.nan_to_num(np.rint(metres * 1e3), nan=0, posinf=0).astype(np.uint16)
+    yield "depth/image_raw", array_to_image(pixels, late, DEPTH_FRAME, "16UC1")
+    yield "depth/camera_info", camera_to_info(DEPTH_CAMERA, late, DEPTH_FRAME)
+    lens = se3_to_transform(T_IMAGE_DEPTH, stamp(number), FRAME, DEPTH_FRAME)
+    yield "tf_static", TFMessage(transforms=[lens])
+
+
 def call(*words):
     return main([str(word) for word in words])
 
@@ -67,6 +86,22 @@ def poses_of(path):
 def own(tmp_path_factory):
     return {"rgbd": write_bag(tmp_path_factory.mktemp("own") / "rgbd", rgbd, numbers=range(4)),
             "stereo": write_bag(tmp_path_factory.mktemp("own") / "stereo", stereo, numbers=range(3))}  # fmt: skip
+
+
+def test_depth_of_its_own_camera_is_registered_while_mapping(own, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    source = write_bag(tmp_path / "source", unregistered, numbers=range(4))
+    names = REALSENSE | {
+        "/depth/image_raw": "/camera/camera/depth/image_rect_raw",
+        "/depth/camera_info": "/camera/camera/depth/camera_info",
+    }
+    copy_bag(source, tmp_path / "foreign", names)
+    assert call("inspect", "foreign") == 0
+    said = capsys.readouterr().out
+    assert "--depth-info /camera/camera/depth/camera_info" in said
+    assert call("map", "foreign", "-o", "foreign_map") == 0
+    assert call("map", own["rgbd"], "-o", "own_map") == 0
+    np.testing.assert_allclose(poses_of("foreign_map"), poses_of("own_map"), atol=1e-3)
 
 
 def as_jpeg(topic, message):

@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from geometry_msgs.msg import PoseStamped
-from nav_msgs.msg import Odometry
-from sensor_msgs.msg import CameraInfo, Image
-from sphere_nav_msgs.msg import AugmentedSphere
 from tf2_msgs.msg import TFMessage
 
 from node_kit import qos
@@ -32,20 +28,6 @@ FIRST = SE3.exp([-0.5, 0.2, 0.0, 0.0, 0.0, 0.3])
 T_BASE_CAMERA = SE3.from_parts(np.eye(3), [0.4, 0.0, 1.1])
 FRAME = "camera_optical"
 START_NS, PERIOD_NS = 1_000_000_000, 100_000_000
-KINDS = {
-    "image_raw": Image,
-    "depth/image_raw": Image,
-    "camera_info": CameraInfo,
-    "left/image_raw": Image,
-    "left/camera_info": CameraInfo,
-    "right/image_raw": Image,
-    "right/camera_info": CameraInfo,
-    "sphere": AugmentedSphere,
-    "odom": Odometry,
-    "ground_truth/pose": PoseStamped,
-    "ground_truth/odometry": Odometry,
-    "/tf_static": TFMessage,
-}
 
 
 def pose(number):
@@ -106,6 +88,6 @@ def write_bag(path, *sources, numbers=range(8), with_mount=True):
         for number in numbers:
             for source in sources:
                 for topic, message in source(number):
-                    bag.add_topic(topic, KINDS[topic], qos.STATE)
+                    bag.add_topic(topic, type(message), qos.STATE)
                     bag.write(topic, message, stamp(number))
     return path
