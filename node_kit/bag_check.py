@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-
-from mcap.records import Channel, Message
 
 from node_kit import qos
 from node_kit.bag_error import BagError
 from node_kit.bag_reader import BagReader, TopicInfo
 from node_kit.bag_writer import BagWriter
 from node_kit.interfaces import message_class
-from node_kit.mcap_file import readable_part, salvaged_messages
+from node_kit.mcap_salvage import Salvage, readable_part
 
 Progress = Callable[[int], None]
 
@@ -59,7 +57,7 @@ def verify_bag(path: str | Path, progress: Progress = lambda step: None) -> BagR
 
 
 def salvage(source: str | Path, target: str | Path, progress: Progress = lambda step: None) -> int:
-    """Copy the messages of the whole chunks of a damaged bag into a new bag; return their number."""
+    """Copy what is whole of a damaged bag into a new bag; return the number of messages."""
     source = Path(source)
     files = [source] if source.is_file() else sorted(source.glob("*.mcap"))
     if not files:
@@ -68,28 +66,19 @@ def salvage(source: str | Path, target: str | Path, progress: Progress = lambda 
         raise BagError(f"{source}: expected a whole chunk to salvage, found none")
     with BagWriter(target) as bag:
         for file in files:
-            for channel, kind, message in _readable(file):
-                offers = qos.from_yaml(channel.metadata.get("offered_qos_profiles", ""))
-                bag.add_topic(channel.topic, kind, *offers)
-                bag.write_bytes(channel.topic, message.data, message.log_time, published=message.publish_time)
-                progress(1)
+            for channel, schema, message in Salvage(file).messages():
+                if bag.type_of(channel.topic) in ("", schema.name):  # two types on one topic: the first one is kept
+                    offers = qos.from_yaml(channel.metadata.get("offered_qos_profiles", ""))
+                    bag.add_topic(channel.topic, schema.name, *offers, schema=schema)
+                    bag.write_bytes(channel.topic, message.data, message.log_time, published=message.publish_time)
+                    progress(1)
         bag.annotate("salvaged_from", os.fspath(source))
         count = bag.num_messages
-    reread = verify_bag(target).num_messages
+    with BagReader(target, is_empty_allowed=True) as bag_read:
+        reread = sum(1 for _ in bag_read.raw())
     if reread != count:
         raise BagError(f"{target}: expected {count} salvaged messages, found {reread}")
     return count
-
-
-def _readable(file: Path) -> Iterator[tuple[Channel, str, Message]]:
-    channels: dict[int, Channel] = {}
-    schemas: dict[int, Any] = {}
-    try:
-        for message, _ in salvaged_messages(file, channels, schemas):
-            channel = channels[message.channel_id]
-            yield channel, schemas[channel.schema_id].name, message
-    except BagError:
-        return
 
 
 def _class_or_problem(info: TopicInfo, report: BagReport) -> type[Any] | None:

@@ -9,7 +9,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, NamedTuple, Self
 
-import yaml
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
@@ -18,6 +17,11 @@ from node_kit.bag_error import BagError
 from node_kit.bag_writer import absolute
 from node_kit.interfaces import message_class, type_hash, type_name
 from node_kit.mcap_file import McapFile
+from sphere_geometry.fields import choice, required, short
+from sphere_geometry.files import read_text
+from sphere_geometry.yaml_text import load_yaml
+
+MAX_METADATA = 1 << 20  # bytes
 
 
 class Recorded(NamedTuple):
@@ -102,11 +106,7 @@ class BagReader:
 
     def decode(self, topic: str, data: bytes, kind: type[Any]) -> Any:
         """Deserialize one message; BagError if the bytes are not of that type."""
-        try:
-            return deserialize_message(data, kind)
-        except Exception as error:  # the type support raises whatever it likes
-            expected = f"{self.path}: {topic}: expected {type_name(kind)}"
-            raise BagError(f"{expected}, found {len(data)} bytes that are none: {error}") from None
+        return decode(data, kind, f"{self.path}: {topic}")
 
     def close(self) -> None:
         """Close the files."""
@@ -153,11 +153,17 @@ class BagReader:
         return topics
 
 
-def _topic_info(name: str, kind: str, metadata: dict[str, str]) -> TopicInfo:
+def decode(data: bytes, kind: type[Any], where: str) -> Any:
+    """Deserialize one message; BagError if the bytes are not of that type."""
     try:
-        profiles = qos.from_yaml(metadata.get("offered_qos_profiles", ""))
-    except yaml.YAMLError:
-        profiles = []
+        return deserialize_message(data, kind)
+    except Exception as error:  # the type support raises whatever it likes
+        found = f"{len(data)} bytes that are none: {' '.join(str(error).split())}"
+        raise BagError(f"{where}: expected {type_name(kind)}, found {found}") from None
+
+
+def _topic_info(name: str, kind: str, metadata: dict[str, str]) -> TopicInfo:
+    profiles = qos.from_yaml(metadata.get("offered_qos_profiles", ""))
     return TopicInfo(name, kind, 0, profiles, metadata.get("topic_type_hash", ""))
 
 
@@ -200,10 +206,14 @@ def _listed_files(metadata: Path) -> list[Path] | None:
     if not metadata.is_file():
         return None
     try:
-        information = yaml.safe_load(metadata.read_text())["rosbag2_bagfile_information"]
-        storage, names = information["storage_identifier"], information["relative_file_paths"]
-    except (yaml.YAMLError, KeyError, TypeError, UnicodeDecodeError) as error:
-        raise BagError(f"{metadata}: expected rosbag2_bagfile_information, found {type(error).__name__}") from None
-    if storage != "mcap":
-        raise BagError(f"{metadata}: storage_identifier: expected mcap, found {storage!r}")
-    return [metadata.parent / Path(str(name)).name for name in names]
+        text = read_text(metadata, "description of a bag", MAX_METADATA)
+        found = required(load_yaml(metadata, text), f"{metadata}", ["rosbag2_bagfile_information"])
+        fields = ["storage_identifier", "relative_file_paths"]
+        information = required(found["rosbag2_bagfile_information"], f"{metadata}: rosbag2_bagfile_information", fields)
+        choice(information["storage_identifier"], f"{metadata}: storage_identifier", ["mcap"])
+    except ValueError as error:
+        raise BagError(str(error)) from None
+    names = information["relative_file_paths"]
+    if not isinstance(names, list) or not all(isinstance(name, str) and Path(name).name for name in names):
+        raise BagError(f"{metadata}: relative_file_paths: expected names of files, found {short(names)}")
+    return [metadata.parent / Path(name).name for name in names]

@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Any, BinaryIO, Self
 
 import yaml
+from mcap.records import Schema
 from mcap.writer import CompressionType, Writer
 from rclpy.qos import QoSProfile
 
@@ -25,6 +26,7 @@ CHUNK_SIZE = 1 << 20  # bytes before compression
 FLUSH_PERIOD = 1.0  # s of wall time: what a killed process can lose
 DISTRIBUTION = "jazzy"
 PARTIAL = ".partial"
+METADATA = "metadata.yaml"
 
 
 @dataclass
@@ -80,8 +82,11 @@ class BagWriter:
         self._clock, self._last_flush = clock, clock()
         self._is_open = True
 
-    def add_topic(self, topic: str, kind: type[Any] | str, *profiles: QoSProfile) -> None:
-        """Declare a topic (made absolute), its type and the QoS that its publishers offer."""
+    def add_topic(self, topic: str, kind: type[Any] | str, *profiles: QoSProfile, schema: Schema | None = None) -> None:
+        """Declare a topic (made absolute), its type and the QoS that its publishers offer.
+
+        `schema`: the definition where the type may not be installed here.
+        """
         name = absolute(topic)
         kind_name = kind if isinstance(kind, str) else type_name(kind)
         if name in self._topics:
@@ -89,12 +94,17 @@ class BagWriter:
                 raise BagError(f"{self.path}: {name}: expected {self._topics[name].type}, found {kind_name}")
             return
         if kind_name not in self._schemas:
-            text = schema_text(kind_name).encode()
-            self._schemas[kind_name] = self._mcap.register_schema(kind_name, "ros2msg", text)
+            encoding, text = (schema.encoding, schema.data) if schema else ("ros2msg", schema_text(kind_name).encode())
+            self._schemas[kind_name] = self._mcap.register_schema(kind_name, encoding, text)
         offers = list(profiles) or [qos.STATE]
         details = {"offered_qos_profiles": qos.to_yaml(offers), "topic_type_hash": type_hash(kind_name)}
         channel = self._mcap.register_channel(name, "cdr", self._schemas[kind_name], details)
         self._topics[name] = _Topic(name, kind_name, channel, offers)
+
+    def type_of(self, topic: str) -> str:
+        """Return the type of a topic that was declared, else an empty string."""
+        entry = self._topics.get(absolute(topic))
+        return entry.type if entry else ""
 
     def write(self, topic: str, message: Any, stamp: int, *, published: int | None = None) -> None:
         """Write a message; `stamp` is when it was received, in ns, and what orders a replay."""
@@ -147,7 +157,7 @@ class BagWriter:
         self._mcap.add_metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(description, sort_keys=False)})
         self._mcap.finish()
         _sync_and_close(self._file)
-        with (self.partial / "metadata.yaml").open("wb") as metadata:
+        with (self.partial / METADATA).open("wb") as metadata:
             metadata.write(text.encode())
             _sync_and_close(metadata)
 

@@ -27,6 +27,8 @@ def type_name(kind: type[Any]) -> str:
 def message_class(name: str) -> type[Any]:
     """Return the class of `package/msg/Type`; ValueError where the package is not installed."""
     package, folder, kind = _parts(name)
+    if _share(package, f"{folder}/{kind}.msg") is None:  # a name in a file must not import whatever it likes
+        raise ValueError(f"{name}: message type is not installed here")
     try:
         found: type[Any] = getattr(import_module(f"{package}.{folder}"), kind)
     except (ImportError, AttributeError):

@@ -8,7 +8,6 @@ Everything is checked before it is believed: format version, sizes, checksums, t
 from __future__ import annotations
 
 import dataclasses
-import shutil
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -23,10 +22,12 @@ from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
 from node_kit import qos
 from node_kit.bag_error import BagError
 from node_kit.bag_reader import BagReader
-from node_kit.bag_writer import BagWriter
+from node_kit.bag_writer import METADATA, BagWriter
 from node_kit.conversions import header, message_to_sphere, sphere_to_message
 from node_kit.conversions.graphs import graph_to_message, message_to_graph
 from node_kit.files import software
+from sphere_geometry.fields import short
+from sphere_geometry.yaml_text import load_yaml
 from sphere_map.graph import KeySphere, SphereGraph
 from sphere_map.sphere import Sphere
 
@@ -86,7 +87,7 @@ def save_map(
         bag.end_chunk()
         last = max(node.stamp_ns for node in nodes)
         bag.write(GRAPH, _graph_message(graph, details), last)
-    return _replaced(target, path) if target != path else path
+    return _replace(target, path) if target != path else path
 
 
 def open_map(path: str | Path) -> MapReader:
@@ -179,11 +180,11 @@ class MapReader:
 
     def _read_parameters(self) -> dict[str, Any]:
         try:
-            values = yaml.safe_load(self.info.parameters) or {}
-        except yaml.YAMLError:
-            values = None
+            values = load_yaml(f"{self.path}: parameters", self.info.parameters) or {}
+        except ValueError as error:
+            raise BagError(str(error)) from None
         if not isinstance(values, dict):
-            raise BagError(f"{self.path}: parameters: expected YAML of names and values, found something else")
+            raise BagError(f"{self.path}: parameters: expected YAML of names and values, found {short(values)}")
         return values
 
     def _find_spheres(self) -> dict[int, ChunkIndex]:
@@ -232,11 +233,12 @@ def _length(nodes: list[KeySphere]) -> float:
     return float(sum(first.T_map_sphere.distance(second.T_map_sphere)[0] for first, second in steps))
 
 
-def _replaced(new: Path, path: Path) -> Path:
-    """Put a complete map in the place of an old one."""
-    old = path.with_name(f"{path.name}.old")
-    shutil.rmtree(old, ignore_errors=True)
-    path.rename(old)
-    new.rename(path)
-    shutil.rmtree(old, ignore_errors=True)
+def _replace(new: Path, path: Path) -> Path:
+    """Put a complete map in the place of an old one; other files in its folder stay.
+
+    Each file takes the place of the old one at once, the map first: whatever happens in between, there is a whole map.
+    """
+    for name in (FILE_NAME, METADATA):
+        (new / name).replace(path / name)
+    new.rmdir()
     return path

@@ -7,15 +7,16 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import yaml
-from rclpy.serialization import deserialize_message
 from sphere_nav_msgs.msg import KeySphereGraph, MapInfo
 
 from node_kit.bag_error import BagError
+from node_kit.bag_reader import decode
 from node_kit.conversions import message_to_sphere
 from node_kit.conversions.graphs import message_to_graph
+from node_kit.interfaces import type_name
 from node_kit.map_bag import FILE_NAME, GRAPH, INFO, KINDS, SPHERE, MapDetails, Progress, open_map, save_map
-from node_kit.mcap_file import salvaged_messages
+from node_kit.mcap_salvage import Salvage
+from sphere_geometry.yaml_text import load_yaml
 from sphere_map.graph import SphereGraph
 from sphere_map.sphere import Sphere
 
@@ -45,33 +46,48 @@ def salvage_map(source: str | Path, target: str | Path, progress: Progress = lam
     source = Path(source)
     file = source / FILE_NAME if source.is_dir() else source
     spheres, graphs, infos = _readable(file, progress)
-    if not infos or infos[0].format_version != MapInfo.FORMAT_VERSION:
-        raise BagError(f"{file}: expected a readable MapInfo of format {MapInfo.FORMAT_VERSION}, found none")
+    if not spheres and not graphs:
+        raise BagError(f"{file}: expected readable parts of a map of format {MapInfo.FORMAT_VERSION}, found none")
     if not graphs:
         raise BagError(f"{file}: {len(spheres)} key spheres are readable, but not the graph that says where they are")
-    whole = message_to_graph(graphs[-1])
+    message, whole = graphs[-1]
     nodes = [replace(node, sphere=spheres[node.id]) for node in whole if node.id in spheres]
     kept = {node.id for node in nodes}
     edges = [edge for edge in whole.edges if edge.a in kept and edge.b in kept]
-    info = infos[0]
-    details = MapDetails(
-        info.map_id, info.software, info.source, yaml.safe_load(info.parameters) or {}, info.rig, info.header.frame_id
-    )
+    details = MapDetails(message.map_id, message.software, frame_id=message.header.frame_id)
+    if infos:
+        info = infos[0]
+        details = replace(details, source=info.source, parameters=_parameters(info), rig=info.rig)
     save_map(target, SphereGraph(nodes, edges), details)
     return len(nodes)
 
 
-def _readable(file: Path, progress: Progress) -> tuple[dict[int, Sphere], list[KeySphereGraph], list[MapInfo]]:
-    channels: dict[int, Any] = {}
-    found: dict[str, list[Any]] = {topic: [] for topic in KINDS}
-    with suppress(BagError):  # what is damaged is left out
-        for message, _ in salvaged_messages(file, channels):
-            topic = channels[message.channel_id].topic
-            if topic in KINDS:
-                found[topic].append(deserialize_message(message.data, KINDS[topic]))
-                progress(1)
+Found = tuple[dict[int, Sphere], list[tuple[KeySphereGraph, SphereGraph]], list[MapInfo]]
+
+
+def _readable(file: Path, progress: Progress) -> Found:
+    """Return the spheres by id, the graphs as messages and as they are, and the infos that are whole."""
     spheres: dict[int, Sphere] = {}
-    for item in found[SPHERE]:
-        with suppress(ValueError):
-            spheres[int(item.id)] = message_to_sphere(item)
-    return spheres, found[GRAPH], found[INFO]
+    graphs: list[tuple[KeySphereGraph, SphereGraph]] = []
+    infos: list[MapInfo] = []
+    for channel, schema, record in Salvage(file).messages():
+        if channel.topic not in KINDS or schema.name != type_name(KINDS[channel.topic]):
+            continue
+        with suppress(BagError, ValueError):  # what is damaged is left out
+            message = decode(record.data, KINDS[channel.topic], str(file))
+            if channel.topic == SPHERE:
+                spheres[int(message.id)] = message_to_sphere(message)
+            elif message.format_version == MapInfo.FORMAT_VERSION and channel.topic == GRAPH:
+                graphs.append((message, message_to_graph(message)))
+            elif message.format_version == MapInfo.FORMAT_VERSION and channel.topic == INFO:
+                infos.append(message)
+        progress(1)
+    return spheres, graphs, infos
+
+
+def _parameters(info: MapInfo) -> dict[str, Any]:
+    try:
+        found = load_yaml("parameters", info.parameters)
+    except ValueError:
+        return {}
+    return found if isinstance(found, dict) else {}

@@ -8,6 +8,8 @@ import yaml
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
+from sphere_geometry.yaml_text import load_yaml
+
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
 VOLATILE, TRANSIENT_LOCAL = DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL
 
@@ -87,8 +89,11 @@ def to_yaml(profiles: list[QoSProfile]) -> str:
 
 def from_yaml(text: str) -> list[QoSProfile]:
     """Read `offered_qos_profiles`, with names (version 9) or numbers (older); unknown values become the defaults."""
-    entries = yaml.safe_load(text) if text.strip() else []
-    return [_from_entry(entry) for entry in entries or [] if isinstance(entry, dict)]
+    try:
+        entries = load_yaml("offered_qos_profiles", text) if text.strip() else []
+    except ValueError:
+        return []  # what a publisher once offered decides nothing that matters more than the messages
+    return [_from_entry(entry) for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
 
 
 def _from_entry(entry: dict[str, Any]) -> QoSProfile:

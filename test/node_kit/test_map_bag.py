@@ -1,5 +1,10 @@
 """A map comes back as it was saved; anything else is refused with its reason."""
 
+import os
+import shutil
+import signal
+import time
+
 import numpy as np
 import pytest
 from mcap.writer import Writer
@@ -67,6 +72,37 @@ def test_an_old_map_stays_until_the_new_one_is_complete(saved, sphere_graph):
     save_map(saved, other, is_overwriting=True)
     assert len(open_map(saved).graph) == 2
     assert [path.name for path in saved.parent.iterdir()] == ["map"]
+
+
+def test_nothing_but_the_map_is_replaced(saved, sphere_graph):
+    (saved / "notes.txt").write_text("dear")
+    neighbour = save_map(saved.with_name("map.old"), sphere_graph)
+    before = (neighbour / "map.mcap").read_bytes()
+    save_map(saved, SphereGraph([node for node in sphere_graph if node.id != 12]), is_overwriting=True)
+    assert len(open_map(saved).graph) == 2
+    assert (saved / "notes.txt").read_text() == "dear"
+    assert (neighbour / "map.mcap").read_bytes() == before
+    assert sorted(path.name for path in saved.parent.iterdir()) == ["map", "map.old"]
+    assert sorted(path.name for path in saved.iterdir()) == ["map.mcap", "metadata.yaml", "notes.txt"]
+
+
+def test_a_process_killed_while_it_saves_leaves_a_whole_map(saved, sphere_graph, rng):
+    small = SphereGraph([node for node in sphere_graph if node.id != 12])
+    for number in range(10):
+        child = os.fork()
+        if child == 0:
+            try:
+                for graph in [small, sphere_graph] * 1000:
+                    save_map(saved, graph, is_overwriting=True)
+            finally:
+                os._exit(1)
+        time.sleep(0.02 + 0.05 * rng.random())
+        os.kill(child, signal.SIGKILL)
+        assert os.WIFSIGNALED(os.waitpid(child, 0)[1]), "it was still saving"
+        with open_map(saved) as reader:
+            assert len(reader.load_all()) in (2, 3), number
+        for left in saved.parent.glob("map.new*"):  # what a message asks the user to look at
+            shutil.rmtree(left)
 
 
 def test_a_folder_that_is_no_map_is_never_replaced(sphere_graph, tmp_path):

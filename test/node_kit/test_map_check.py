@@ -57,7 +57,37 @@ def test_a_map_cut_while_it_was_written_keeps_its_whole_spheres(saved, sphere_gr
         assert verify_map(tmp_path / f"saved{number}") == []
 
 
+def test_one_flipped_bit_costs_one_sphere_at_most(saved, sphere_graph, tmp_path, rng):
+    data = (saved / "map.mcap").read_bytes()
+    chunks = sphere_chunks(saved)
+    heads = [index.chunk_start_offset + n for index in chunks for n in range(0, 60, 7)]
+    for place in sorted({*heads, *range(0, len(data), 400), *rng.integers(0, len(data), 30).tolist()}):
+        flipped = bytearray(data)
+        flipped[place] ^= 1 << int(rng.integers(8))
+        (tmp_path / "flipped.mcap").write_bytes(flipped)
+        hit = [i for i, c in enumerate(chunks) if 45 <= place - c.chunk_start_offset < c.chunk_length]
+        target = tmp_path / f"saved{place}"
+        num_saved = salvage_map(tmp_path / "flipped.mcap", target)
+        assert num_saved >= 3 - len(hit), place
+        with open_map(target) as reader:
+            for node in reader.load_all():
+                expected = sphere_graph[node.id]
+                np.testing.assert_array_equal(node.sphere.image, expected.sphere.image)
+                np.testing.assert_allclose(node.T_map_sphere.matrix, expected.T_map_sphere.matrix, atol=1e-12)
+
+
+def test_a_map_without_its_info_is_salvaged_by_its_graph(saved, tmp_path):
+    first = min(sphere_chunks(saved), key=lambda index: index.chunk_start_offset).chunk_start_offset
+    data = bytearray((saved / "map.mcap").read_bytes())
+    data[first // 2] ^= 1  # in the chunk of MapInfo and of the first graph
+    (saved / "map.mcap").write_bytes(data)
+    with pytest.raises(BagError):
+        open_map(saved)
+    assert salvage_map(saved, tmp_path / "saved") == 3
+    assert verify_map(tmp_path / "saved") == []
+
+
 def test_a_map_cut_before_its_graph_is_refused(saved, tmp_path):
     (tmp_path / "cut.mcap").write_bytes((saved / "map.mcap").read_bytes()[:200])
-    with pytest.raises(BagError, match="expected a readable MapInfo"):
+    with pytest.raises(BagError, match="expected readable parts of a map of format"):
         salvage_map(tmp_path / "cut.mcap", tmp_path / "saved")

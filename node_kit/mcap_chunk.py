@@ -1,0 +1,143 @@
+"""Records of an MCAP file: every size is checked against the file and our limits before anything is allocated."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from collections.abc import Iterator
+from io import BytesIO
+from typing import Any, BinaryIO, NamedTuple
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, ChunkIndex, Message, Schema, Statistics
+
+from node_kit.bag_error import BagError
+
+MAX_CHUNK = 1 << 28  # bytes after decompression; one message of a chunk is the least that is read at once
+MAX_RECORDS = 1 << 20  # in one chunk
+PREFIX = struct.Struct("<BQ")  # opcode and length of a record
+CHUNK_HEAD = struct.Struct("<QQQII")  # first and last time, size after decompression, CRC, length of the name
+MESSAGE_HEAD = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
+MAX_NAME = 8  # characters of the name of a compression
+READERS: dict[int, Any] = {
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.STATISTICS: Statistics,
+    Opcode.CHUNK_INDEX: ChunkIndex,
+}
+
+Record = Schema | Channel | Statistics | ChunkIndex | Message
+
+
+class ChunkRecord(NamedTuple):
+    """A chunk in a file: where it begins and ends, and where its data lie."""
+
+    begin: int
+    end: int
+    start_ns: int
+    end_ns: int
+    plain_size: int
+    crc: int
+    compression: str
+    data_begin: int
+
+
+def read_at(stream: BinaryIO, place: int, num_bytes: int) -> bytes:
+    """Return so many bytes from a place; BagError where the file ends before."""
+    stream.seek(place)
+    found = stream.read(num_bytes)
+    if len(found) != num_bytes:
+        raise BagError(f"byte {place}: expected {num_bytes} bytes, found {len(found)}")
+    return found
+
+
+def chunk_at(stream: BinaryIO, place: int, size: int) -> ChunkRecord:
+    """Return the chunk record at a place of a file of `size` bytes; BagError if there is none."""
+    opcode, length = PREFIX.unpack(read_at(stream, place, PREFIX.size))
+    end = place + PREFIX.size + length
+    if opcode != Opcode.CHUNK or end > size:
+        raise BagError(f"byte {place}: expected a chunk within {size} bytes, found record {opcode} of {length} bytes")
+    head = read_at(stream, place + PREFIX.size, CHUNK_HEAD.size)
+    start_ns, end_ns, plain_size, crc, name_size = CHUNK_HEAD.unpack(head)
+    if name_size > MAX_NAME:
+        raise BagError(f"chunk at byte {place}: compression: expected a name, found one of {name_size} characters")
+    rest = read_at(stream, place + PREFIX.size + CHUNK_HEAD.size, name_size + 8)
+    data_begin = place + PREFIX.size + CHUNK_HEAD.size + name_size + 8
+    data_size = int.from_bytes(rest[name_size:], "little")
+    if data_begin + data_size != end:
+        raise BagError(f"chunk at byte {place}: expected data up to byte {end}, found {data_size} bytes")
+    name = rest[:name_size].decode("ascii", "replace")
+    return ChunkRecord(place, end, start_ns, end_ns, plain_size, crc, name, data_begin)
+
+
+def records_of_chunk(stream: BinaryIO, chunk: ChunkRecord) -> bytes:
+    """Return the decompressed, verified records of a chunk; BagError if it is damaged or its size is absurd."""
+    where, expected = f"chunk at byte {chunk.begin}", chunk.plain_size
+    if max(expected, chunk.end - chunk.data_begin) > MAX_CHUNK:
+        raise BagError(f"{where}: expected at most {MAX_CHUNK} bytes, found {expected}")
+    plain = decompressed(read_at(stream, chunk.data_begin, chunk.end - chunk.data_begin), chunk.compression, expected)
+    if len(plain) != expected:
+        raise BagError(f"{where}: expected {expected} bytes after decompression, found {len(plain)}")
+    if chunk.crc and (found := zlib.crc32(plain)) != chunk.crc:
+        raise BagError(f"{where}: checksum: expected {chunk.crc:08x}, found {found:08x}")
+    return plain
+
+
+def decompressed(data: bytes, compression: str, max_size: int) -> bytes:
+    """Return what was compressed; BagError for damage, an unknown method, or more than `max_size` bytes."""
+    try:
+        if compression == "zstd":
+            told = zstandard.frame_content_size(data)
+            if told > max_size:
+                raise BagError(f"expected at most {max_size} bytes after decompression, found {told}")
+            return zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK).decompress(data, max_output_size=max_size + 1)
+        if compression == "lz4":
+            from lz4.frame import LZ4FrameFile  # rare
+
+            with LZ4FrameFile(BytesIO(data)) as file:
+                return bytes(file.read(max_size + 1))
+    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
+        raise BagError(f"expected {compression} data, found damage: {' '.join(str(error).split())}") from None
+    if compression:
+        raise BagError(f"compression: expected zstd, lz4 or none, found {compression!r}")
+    return data
+
+
+def parsed(plain: bytes) -> Iterator[Record]:
+    """Yield schemas, channels, messages, statistics and chunk indexes; other records are passed over."""
+    place, num_records = 0, 0
+    while place < len(plain):
+        num_records += 1
+        if num_records > MAX_RECORDS:
+            raise BagError(f"chunk: expected at most {MAX_RECORDS} records, found more")
+        if place + PREFIX.size > len(plain):
+            raise BagError(f"record at byte {place}: expected {PREFIX.size} bytes, found {len(plain) - place}")
+        opcode, length = PREFIX.unpack_from(plain, place)
+        begin, place = place + PREFIX.size, place + PREFIX.size + length
+        if place > len(plain):
+            raise BagError(f"record at byte {begin}: expected at most {len(plain) - begin} bytes, found {length}")
+        if opcode == Opcode.MESSAGE:
+            yield message_from(plain[begin:place])
+        elif opcode in READERS:
+            yield definition_from(opcode, plain[begin:place])
+
+
+def message_from(content: bytes) -> Message:
+    """Return a message record from its bytes."""
+    if len(content) < MESSAGE_HEAD.size:
+        raise BagError(f"message: expected at least {MESSAGE_HEAD.size} bytes, found {len(content)}")
+    channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(content)
+    return Message(channel, log_time, content[MESSAGE_HEAD.size :], publish_time, sequence)
+
+
+def definition_from(opcode: int, content: bytes) -> Schema | Channel | Statistics | ChunkIndex:
+    """Return a record of the summary, or a definition, from its bytes."""
+    kind = READERS[opcode]
+    try:
+        found: Schema | Channel | Statistics | ChunkIndex = kind.read(ReadDataStream(BytesIO(content)))
+    except (McapError, struct.error, UnicodeDecodeError) as error:
+        raise BagError(f"{kind.__name__}: expected a whole record, found {type(error).__name__}") from None
+    return found
