@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 import localization.status
 from dense_localizer.place import Place
 from dense_localizer.reasons import REMEDIES
+from localization.base_estimate import BaseEstimate
 from localization.status import Finding, State, Status
 from photometric import Pyramid
 from sphere_geometry import SE3
@@ -39,6 +40,22 @@ class Estimate:
     velocity: NDArray[np.float64] | None = None
     velocity_covariance: NDArray[np.float64] | None = None
     place: Place | None = None
+
+    def at_place(self) -> Estimate:
+        """Return it with the pose of the attempt behind it, trusted or not."""
+        if self.place is None:
+            return self
+        return replace(self, T_map_camera=self.place.T_map_camera, covariance=self.place.covariance)
+
+    def to_base(self, T_base_camera: SE3) -> BaseEstimate:
+        """Return what it says about the base."""
+        if self.T_map_camera is None or self.covariance is None:
+            return BaseEstimate(self.status)
+        Ad = T_base_camera.adjoint()
+        pose = self.status, self.T_map_camera @ T_base_camera.inverse(), Ad @ self.covariance @ Ad.T
+        if self.velocity is None or self.velocity_covariance is None:
+            return BaseEstimate(*pose)
+        return BaseEstimate(*pose, Ad @ self.velocity, Ad @ self.velocity_covariance @ Ad.T)
 
 
 def status_of(state: State, stamp_ns: int, finding: Finding, age: float = 0.0, place: Place | None = None) -> Status:

@@ -49,26 +49,27 @@ class Localizer:
         return self._start(Frame(stamp_ns, FINE, self._before, None))
 
     def refuse(self, stamp_ns: int, finding: Finding) -> Estimate:
-        """Take note of an image that cannot even be read."""
+        """Take note of an image that cannot even be read; a stamp that is none moves nothing."""
+        if finding.reason is Reason.BAD_STAMP:
+            return Estimate(self._status(stamp_ns, finding))
         return self._step(Frame(stamp_ns, finding, None, None))
 
     def update(self, image: NDArray[Any], camera: Camera, stamp_ns: int, T_odom_camera: SE3 | None = None) -> Estimate:
         """Localise one grey image (H, W); `T_odom_camera` is odometry at its stamp, where there is any."""
         report = self._input.check(image, camera, stamp_ns, is_moving=self._prior.is_moving)
         if report.finding.reason is Reason.BAD_STAMP:
-            return Estimate(self._status(stamp_ns, report.finding))
+            return self.refuse(stamp_ns, report.finding)
         if report.is_clock_jump:
             self._forget()
         pyramid = build_pyramid(image, camera, self.params.registration.pyramid) if report.is_good else None
         return self._step(Frame(stamp_ns, report.finding, pyramid, T_odom_camera))
 
-    def silence(self, elapsed_s: float) -> Status | None:
-        """Return what to say so long after the last image, if that is too long; the state follows stamps only."""
-        last_ns, limit = self._input.last_stamp_ns, self.params.input.timeout_s
-        if last_ns is None or elapsed_s <= limit:
+    def silence(self, elapsed_s: float, finding: Finding = FINE) -> Status | None:
+        """Return what to say so long after the last usable image, if that is too long; the state follows stamps."""
+        silence = self._input.find_silence(elapsed_s, finding)
+        if silence is None:
             return None
-        now_ns, finding = last_ns + round(elapsed_s * 1e9), Finding(Reason.TIMEOUT, elapsed_s, limit)
-        return status_of(self._states.after_silence, now_ns, finding, self._prior.age(now_ns))
+        return status_of(self._states.after_silence, *silence, self._prior.age(silence[0]))
 
     def _forget(self) -> None:
         self._prior.reset()

@@ -26,8 +26,13 @@ def node_classes() -> Iterator[type[ManagedNode]]:
     for path in sorted(ROOT.glob("*/*node.py")):
         module = importlib.import_module(f"{path.parent.name}.{path.stem}")
         classes = [item for item in vars(module).values() if isinstance(item, type) and issubclass(item, ManagedNode)]
-        found += [item for item in classes if item.__module__ == module.__name__ and item is not ManagedNode]
+        found += [item for item in classes if item.__module__ == module.__name__ and is_node(item)]
     yield from sorted(found, key=lambda item: item.NAME)
+
+
+def is_node(item: type) -> bool:
+    """Whether a class is a node of its own, not what others derive from."""
+    return "NAME" in vars(item) and item is not ManagedNode
 
 
 def yaml_file(node: type[ManagedNode]) -> str:

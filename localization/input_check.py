@@ -63,6 +63,16 @@ class InputCheck:
             finding = self._check_pixels(image, sample, is_moving)
         return InputReport(finding, is_clock_jump)
 
+    def find_silence(self, elapsed_s: float, finding: Finding = FINE) -> tuple[int, Finding] | None:
+        """Return the present stamp and what to say so long after the last usable image, if that is too long.
+
+        `finding` says why the images since then could not be used; without one none has come.
+        """
+        if self.last_stamp_ns is None or elapsed_s <= self._params.timeout_s:
+            return None
+        timeout = Finding(Reason.TIMEOUT, elapsed_s, self._params.timeout_s)
+        return self.last_stamp_ns + round(elapsed_s * 1e9), timeout if finding.reason is Reason.NONE else finding
+
     def _check_stamp(self, stamp_ns: int) -> tuple[Finding, bool]:
         """Refuse zero, repeated, backward and leaping stamps, until several in a row agree on the new time."""
         last = self.last_stamp_ns

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 from sensor_msgs.msg import PointCloud2
@@ -22,10 +22,8 @@ from mcl_depth.reasons import REMEDIES
 from mcl_depth.site import Site
 from node_kit import conversions, qos
 from node_kit.conversions.driving import check_frames
+from node_kit.endpoints import Endpoints
 from node_kit.map_bag import open_map
-
-if TYPE_CHECKING:
-    from mcl_depth.node import MclDepthNode
 
 STEP = 2  # every second pixel of every second row of a sphere becomes a point
 
@@ -33,25 +31,26 @@ STEP = 2  # every second pixel of every second row of a sphere becomes a point
 class Clouds:
     """The geometry in force, and the parameters that go with it. What cannot be used changes nothing."""
 
-    def __init__(self, node: MclDepthNode) -> None:
-        """Read the file of the parameter; ValueError or OSError where it cannot be."""
-        self._node = node
+    def __init__(self, endpoints: Endpoints, params: MclDepthParams, on_change: Callable[[], None]) -> None:
+        """Read the file of the parameter; ValueError or OSError where it cannot be. `on_change`: use another filter."""
+        self._log, self._on_change, self._declared = endpoints.log, on_change, params
         self.geometry: Cloud | TriangleMesh | None = None
-        self.params: MclDepthParams = node.params
+        self.params = params  # with the spacing of the last call
         self.fault = FINE  # nothing can be compared with the geometry
-        if node.params.cloud:
-            self.use(read_map(node.params.cloud))
-        node.add_service("load_cloud", LoadCloud, self.on_load_cloud)
-        node.add_subscription("cloud", PointCloud2, self.on_cloud, qos.LATCHED, is_required=False, silence=0.0)
+        if params.cloud:
+            self.use(read_map(params.cloud))
+        endpoints.add_service("~/load_cloud", LoadCloud, self.on_load_cloud)
+        endpoints.add_subscription("cloud", PointCloud2, self.on_cloud, qos.LATCHED, is_required=False, silence=0.0)
 
     def use(self, geometry: Cloud | TriangleMesh, voxel_m: float = 0.0) -> None:
         """Use another geometry, thinned to `voxel_m`, or as the parameter says where that is 0."""
-        synthesis = self._node.params.synthesis
+        synthesis = self._declared.synthesis
         voxel_m = voxel_m or synthesis.voxel_m
-        self.geometry, self.fault, self._node.filter = geometry, FINE, None  # the next image makes another filter
-        self.params = replace(self._node.params, synthesis=replace(synthesis, voxel_m=voxel_m))
+        self.geometry, self.fault = geometry, FINE
+        self.params = replace(self._declared, synthesis=replace(synthesis, voxel_m=voxel_m))
+        self._on_change()
         for warning in geometry.warnings:
-            self._node.log.warning(warning)
+            self._log.warning(warning)
 
     def make_filter(self, camera_height: float) -> Filter | None:
         """Return a filter for the geometry; None where there is none, or where it cannot be used: a fault to tell."""
@@ -62,7 +61,7 @@ class Clouds:
         except ValueError as error:
             detail = "; ".join([str(error), *self.geometry.warnings])
             self.fault = Finding(Reason.MAP_ERROR, detail=detail)
-            self._node.log.error(detail)
+            self._log.error(detail)
             return None
 
     def status(self, stamp: int, fault: Finding) -> Status:
@@ -80,7 +79,7 @@ class Clouds:
 
     def on_cloud(self, message: PointCloud2) -> None:
         """Use a cloud in the map's frame; ValueError for one of another frame, or without points."""
-        check_frames(message, self._node.params.map_frame)
+        check_frames(message, self._declared.map_frame)
         self.use(cloud_from_points(conversions.message_to_cloud(message), "cloud"))
 
     def on_load_cloud(self, request: LoadCloud.Request, response: LoadCloud.Response) -> LoadCloud.Response:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from localization import FINE, Finding, InputCheck, Reason, State, StateMachine, Status
+from localization import FINE, Finding, InputCheck, State, StateMachine, Status
 from localization.status import status_of
 from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.estimate import Belief, Estimate, Observation, covariance_of, pose_of
@@ -77,13 +77,10 @@ class Filter:
             self._states.lose()
         return Estimate(self._status(stamp_ns, finding))
 
-    def silence(self, elapsed_s: float) -> Status | None:
-        """Return what to say so long after the last image, if that is too long."""
-        last_ns, limit = self._input.last_stamp_ns, self.params.input.timeout_s
-        if last_ns is None or elapsed_s <= limit:
-            return None
-        finding = Finding(Reason.TIMEOUT, elapsed_s, limit)
-        return self._status(last_ns + round(elapsed_s * 1e9), finding, self._states.after_silence)
+    def silence(self, elapsed_s: float, finding: Finding = FINE) -> Status | None:
+        """Return what to say so long after the last usable image, if that is too long."""
+        silence = self._input.find_silence(elapsed_s, finding)
+        return self._status(*silence, self._states.after_silence) if silence is not None else None
 
     def update(self, observation: Observation) -> Estimate:
         """Localise one image."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from nav_msgs.msg import Path
@@ -12,28 +10,27 @@ from sphere_nav_msgs.msg import FollowerStatus
 from localization.status import Status
 from mcl_depth.belief.estimate import Belief
 from mcl_depth.homing import Advice, Homing
+from mcl_depth.params import MclDepthParams
 from node_kit import conversions, qos
 from node_kit.conversions.driving import check_frames, guide_status_to_message
+from node_kit.endpoints import Endpoints
 from sphere_geometry import SE3
-
-if TYPE_CHECKING:
-    from mcl_depth.node import MclDepthNode
 
 
 class HomingGuide:
     """Listens for a path; says for every image where its next waypoint lies, and whether that can be trusted."""
 
-    def __init__(self, node: MclDepthNode) -> None:
-        self._node, self._params = node, node.params.homing
+    def __init__(self, endpoints: Endpoints, params: MclDepthParams) -> None:
+        self._frame, self._base_frame, self._params = params.map_frame, params.base_frame, params.homing
         self.homing: Homing | None = None
         self._advice: Advice | None = None
-        self._direction = node.add_publisher("homing/direction", PoseStamped)
-        self._status = node.add_publisher("homing/status", FollowerStatus)
-        node.add_subscription("reference_path", Path, self.on_path, qos.LATCHED, is_required=False, silence=0.0)
+        self._direction = endpoints.add_publisher("homing/direction", PoseStamped)
+        self._status = endpoints.add_publisher("homing/status", FollowerStatus)
+        endpoints.add_subscription("reference_path", Path, self.on_path, qos.LATCHED, is_required=False, silence=0.0)
 
     def on_path(self, message: Path) -> None:
         """Take a path in the map; the vehicle is near its beginning. The same path again changes nothing."""
-        check_frames(message, self._node.params.map_frame)
+        check_frames(message, self._frame)
         points = np.array([T_map_base.translation[:2] for _, T_map_base in conversions.path_to_poses(message)])
         homing = Homing(points.reshape(-1, 2), self._params)
         if self.homing is None or not np.array_equal(homing.waypoints, self.homing.waypoints):
@@ -49,8 +46,7 @@ class HomingGuide:
             self._advice = None
         if self._advice is not None and self._advice.is_clear:
             direction = SE3.from_planar(0.0, 0.0, self._advice.in_vehicle)
-            message = conversions.se3_to_pose_stamped(direction, stamp, self._node.params.base_frame)
+            message = conversions.se3_to_pose_stamped(direction, stamp, self._base_frame)
             self._direction.publish(message)
-        frame = self._node.params.map_frame
         way = self.homing.gone, self.homing.left
-        self._status.publish(guide_status_to_message(self._advice, way, self._params.min_lead, stamp, frame))
+        self._status.publish(guide_status_to_message(self._advice, way, self._params.min_lead, stamp, self._frame))

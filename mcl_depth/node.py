@@ -1,137 +1,136 @@
-"""The node `mcl_depth`: panoramas in, pose, particles and status out. Every image is answered by a status."""
+"""The node `mcl_depth`: the localiser in bare geometry (node_kit/localizer_node.py is around it)."""
 
 from __future__ import annotations
 
-import time
-
 import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped
 from numpy.typing import NDArray
-from sensor_msgs.msg import Image
 from std_srvs.srv import Empty
 
-from localization.status import FINE, FOLLOWING, Finding
-from mcl_depth.belief.estimate import Observation
+from localization.base_estimate import BaseEstimate
+from localization.status import FINE, Finding, Status
+from mcl_depth.attitude_node import Attitude
+from mcl_depth.belief.estimate import Belief, Estimate, Observation
 from mcl_depth.clouds_node import Clouds
 from mcl_depth.filter import Filter
 from mcl_depth.homing_node import HomingGuide
-from mcl_depth.intake_node import Intake
 from mcl_depth.likeness.comparison import check_headings
-from mcl_depth.outputs_node import Outputs
 from mcl_depth.params import MclDepthParams
 from mcl_depth.views_node import Views
 from mcl_depth.warm_up import warm_up
-from node_kit import conversions, qos
-from node_kit.companion import Companion
-from node_kit.node import ManagedNode
+from node_kit.camera_intake import Picture
+from node_kit.localizer_node import LocalizerNode
 from node_kit.run import run
 from sphere_geometry import SE3
 
-WATCH_PERIOD = 0.25  # s between two looks at a silent camera
+Array = NDArray[np.float64]
 
 
-class MclDepthNode(ManagedNode):
+class MclDepthNode(LocalizerNode):
     """Converts, asks the filter, converts back."""
 
     NAME = "mcl_depth"
     PARAMS = MclDepthParams
+    HAS_SPHERE_INFO = True
     params: MclDepthParams
 
     def configure(self) -> None:
         """Open topics, services and the cloud."""
-        check_headings(self.params.heading_step_deg, self.params.synthesis.num_columns)
-        warm_up(self.params)
+        p, endpoints = self.params, self.endpoints
+        check_headings(p.heading_step_deg, p.synthesis.num_columns)
+        warm_up(p)
         self.filter: Filter | None = None
-        self.given: tuple[SE3, NDArray[np.float64]] | None = None  # pose of the base that waits for the first image
-        self.clouds = Clouds(self)
-        self.outputs, self.views, self.guide = Outputs(self), Views(self), HomingGuide(self)
-        self.intake = Intake(self, self.params, self.on_image)
-        self.add_subscription(
-            "initialpose", PoseWithCovarianceStamped, self.on_initial_pose, qos.STATE, is_required=False
-        )
-        self.add_service("reinitialize_global_localization", Empty, self.on_reinitialize)
-        self.companion = Companion(self, self.params.map_frame, self.needs_help, self.start)
-        self.arrival_ns = 0  # of the last image, on the node's clock
-        self.add_timer(WATCH_PERIOD, self.on_watch)
+        self.belief: Belief | None = None  # of the last image that was compared
+        self.clouds = Clouds(endpoints, p, self.drop_filter)
+        self.attitude = Attitude(endpoints, p.roll_deg, p.pitch_deg)
+        self.views, self.guide = Views(endpoints, p.map_frame, p.base_frame), HomingGuide(endpoints, p)
+        super().configure()
+        self.add_service("~/reinitialize_global_localization", Empty, self.on_reinitialize)
 
-    def clock_jumped(self) -> None:
-        """Forget the stream; the pose is searched anew."""
-        self.intake.odometry.clear()
-        self.arrival_ns = 0
-        self.companion.clear()
+    def cleanup(self) -> None:
+        """Give the memory back."""
+        self.drop_filter()
+
+    def drop_filter(self) -> None:
+        """Use another geometry from the next image on."""
+        self.filter = self.belief = None
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether there is a filter: a cloud, and a camera whose height is known."""
+        return self.filter is not None
+
+    def prepare(self, picture: Picture) -> None:
+        """Make the filter, now that the camera's height is known."""
+        if self.filter is None:
+            self.filter = self.clouds.make_filter(float(picture.T_base_camera.translation[2]))
+
+    def localize(self, picture: Picture) -> BaseEstimate:
+        """Localise one image; show what it made of the belief."""
+        stamp, T_base_level, tilt = picture.stamp_ns, level(picture.T_base_camera), self.attitude.tilt
+        if self.filter is None:
+            return BaseEstimate(self.refuse(stamp, FINE))
+        T_odom_level = picture.T_odom_base and picture.T_odom_base @ T_base_level
+        rotation = tilt @ picture.T_base_camera.rotation
+        estimate = self.filter.update(Observation(picture.image, picture.camera, stamp, rotation, T_odom_level))
+        if estimate.belief is not None:
+            self.belief = estimate.belief
+            self.views.show(estimate.belief, self.filter, stamp)
+        self.guide.answer(estimate.belief, estimate.status, stamp)
+        return to_base(estimate, T_base_level, tilt)
+
+    def refuse(self, stamp_ns: int, finding: Finding) -> Status:
+        """Return the status of an image that cannot be used."""
+        if self.filter is None:
+            return self.clouds.status(stamp_ns, finding)
+        status = self.filter.refuse(stamp_ns, finding).status
+        self.guide.answer(None, status, stamp_ns)
+        return status
+
+    def silence(self, elapsed_s: float, finding: Finding) -> Status | None:
+        """Return what to say of a silent camera."""
+        return self.filter.silence(elapsed_s, finding) if self.filter is not None else None
+
+    def relocalize(self, given: tuple[SE3, Array] | None) -> BaseEstimate | None:
+        """Search around a pose of the base, or everywhere, with the images to come."""
+        if self.filter is not None and given is None:
+            self.filter.search()
+        elif self.filter is not None and given is not None:
+            T_map_base, covariance = given
+            self.filter.start(T_map_base @ level(self.intake.T_base_camera), covariance)
+        return None
+
+    def forget(self) -> None:
+        """Forget pose and stream."""
         if self.filter is not None:
             self.filter.reset()
 
-    def on_watch(self) -> None:
-        """Say so when images stay away, by the node's clock: stamps may be those of a recording."""
-        elapsed_s = (self.now_ns() - self.arrival_ns) * 1e-9
-        status = self.filter.silence(elapsed_s) if self.filter is not None and self.arrival_ns else None
-        if status is not None:
-            self.outputs.tell(status)
-
-    def on_image(self, message: Image, fault: Finding) -> None:
-        """Answer one image."""
-        try:
-            self.answer(message, fault)
-        finally:
-            self.arrival_ns = self.now_ns()  # after the work: time spent here is no silence
-
-    def answer(self, message: Image, fault: Finding) -> None:
-        """Localise one image and publish the result, or at least the status."""
-        started, stamp = time.perf_counter(), conversions.stamp_ns(message)
-        camera = self.intake.camera
-        if fault is FINE and camera is not None and self.filter is None:
-            self.begin()
-        if self.filter is None:
-            self.outputs.tell(self.clouds.status(stamp, fault))
-            return
-        if fault is not FINE or camera is None:
-            status = self.filter.refuse(stamp, fault).status
-            self.guide.answer(None, status, stamp)
-            self.outputs.tell(status)
-            return
-        grey = conversions.image_to_grey(message)
-        observation = Observation(grey, camera, stamp, self.intake.rotation(), self.intake.T_odom_level(stamp))
-        estimate = self.filter.update(observation)
-        if estimate.belief is not None:
-            self.views.show(estimate.belief, self.filter, stamp)
-        self.guide.answer(estimate.belief, estimate.status, stamp)
-        self.outputs.publish(estimate, stamp, (time.perf_counter() - started) * 1e3)
-
-    def begin(self) -> None:
-        """Make the filter, now that the camera's height is known; start where a pose was given before."""
-        self.filter = self.clouds.make_filter(float(self.intake.T_base_level.translation[2]))
-        if self.filter is None or self.given is None:
-            return
-        try:
-            self.start(*self.given)
-        except ValueError as error:  # it came before the map: search everywhere
-            self.log.error(f"initialpose: refused: {error}")
-
-    def needs_help(self) -> bool:
-        """Whether another localiser's pose is of use: there is a filter, and no pose."""
-        return self.filter is not None and self.outputs.state not in FOLLOWING
-
-    def on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
-        """Search around a given pose of the base, at once or with the first image that can be compared."""
-        given = conversions.pose_with_covariance_to_se3(message, self.params.map_frame)
-        if self.filter is None:
-            self.given = given
-        else:
-            self.start(*given)
-
-    def start(self, T_map_base: SE3, covariance: NDArray[np.float64]) -> None:
-        """Search around a pose of the base; ValueError for one off the map."""
-        self.given = None
-        assert self.filter is not None
-        self.filter.start(T_map_base @ self.intake.T_base_level, covariance)
+    def values(self) -> dict[str, float]:
+        """Return more numbers for the diagnostics, with the hit rates of the caches."""
+        values = super().values()
+        if self.filter is not None:
+            cache = self.filter.map.cache
+            values |= {"depth_cache_hits": cache.hit_rate, "depth_images": len(cache)}
+        return values | ({"similarity_cache_hits": self.belief.comparison.hit_rate} if self.belief else {})
 
     def on_reinitialize(self, request: Empty.Request, response: Empty.Response) -> Empty.Response:
         """Search everywhere."""
         self.given = None
-        if self.filter is not None:
-            self.filter.search()
+        self.relocalize(None)
         return response
+
+
+def level(T_base_camera: SE3) -> SE3:
+    """Return T_base_level: the camera's centre with the axes of the base."""
+    return SE3.from_parts(np.eye(3), T_base_camera.translation)
+
+
+def to_base(estimate: Estimate, T_base_level: SE3, tilt: Array) -> BaseEstimate:
+    """Return what an estimate of the levelled camera says about the base."""
+    pose = estimate.T_map_level
+    if pose is None or estimate.covariance is None:
+        return BaseEstimate(estimate.status)
+    Ad, T_map_level = T_base_level.adjoint(), SE3.from_parts(pose.rotation @ tilt, pose.translation)
+    return BaseEstimate(estimate.status, T_map_level @ T_base_level.inverse(), Ad @ estimate.covariance @ Ad.T)
 
 
 def main() -> int:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Image, LaserScan
@@ -16,21 +14,19 @@ from mcl_depth.filter import Filter
 from node_kit import conversions, qos
 from node_kit.conversions.beliefs import hypotheses_to_markers, similarities_to_scan
 from node_kit.conversions.particles import particles_to_message
-
-if TYPE_CHECKING:
-    from mcl_depth.node import MclDepthNode
+from node_kit.endpoints import Endpoints
 
 
 class Views:
     """Publishes what an image made of the belief; what costs time only while someone looks."""
 
-    def __init__(self, node: MclDepthNode) -> None:
-        self._frame, self._base_frame = node.params.map_frame, node.params.base_frame
-        self._particles = node.add_publisher("particle_cloud", ParticleCloud, qos.SENSOR)
-        self._heading = node.add_publisher("heading", PoseStamped)
-        self._hypotheses = node.add_publisher("hypotheses", MarkerArray)
-        self._similarity = node.add_publisher("similarity", LaserScan)
-        self._depth = node.add_publisher("synthesized_depth", Image, qos.LARGE)
+    def __init__(self, endpoints: Endpoints, map_frame: str, base_frame: str) -> None:
+        self._frame, self._base_frame = map_frame, base_frame
+        self._particles = endpoints.add_publisher("particle_cloud", ParticleCloud, qos.SENSOR)
+        self._heading = endpoints.add_publisher("heading", PoseStamped)
+        self._hypotheses = endpoints.add_publisher("hypotheses", MarkerArray)
+        self._similarity = endpoints.add_publisher("similarity", LaserScan)
+        self._depth = endpoints.add_publisher("synthesized_depth", Image, qos.LARGE)
 
     def show(self, belief: Belief, filter_: Filter, stamp: int) -> None:
         """Publish everything about one image."""

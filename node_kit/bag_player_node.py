@@ -73,8 +73,8 @@ class BagPlayer(ManagedNode):
             self.add_timer(0.2, self._find_answers, is_wall=True)
         self.wait_for = {self._played(name) for name in self.params.wait_for.split()}
         self.is_paused, self.begin_at = self.params.paused, 0.0
-        self.add_service("pause", Trigger, lambda request, response: self._set_paused(True, response))
-        self.add_service("resume", Trigger, lambda request, response: self._set_paused(False, response))
+        self.add_service("~/pause", Trigger, lambda request, response: self._set_paused(True, response))
+        self.add_service("~/resume", Trigger, lambda request, response: self._set_paused(False, response))
         self.add_timer(TICK, self._tick, is_wall=True)
 
     def activate(self) -> None:

@@ -25,6 +25,7 @@ from typed_params import parameters as params_class
 
 HEALTH_PERIOD = 1.0  # s
 EXPLAIN_PERIOD = 10.0  # s between two equal explanations in the log
+MAX_REFUSED = 4  # messages in a row that are refused without an alarm
 
 
 @params_class
@@ -106,9 +107,12 @@ class LiveShell(LifecycleNode):
         return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Inactive to active."""
+        """Inactive to active; what was latched meanwhile is delivered."""
         self.is_active = True
-        return self._attempt(self.node.activate)
+        result = self._attempt(self.node.activate)
+        for wanted in self.node.inputs if result == TransitionCallbackReturn.SUCCESS else ():
+            wanted.deliver_kept()
+        return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Active to inactive."""
@@ -169,16 +173,24 @@ class LiveShell(LifecycleNode):
         return sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
 
     def add_subscription(self, wanted: Subscription) -> None:
-        """Subscribe; messages are dropped while the node is inactive."""
+        """Subscribe; while the node is inactive messages are dropped, latched ones kept until it is active."""
 
-        def deliver(message: Any) -> None:
+        def deliver(message: Any, info: dict[str, Any]) -> None:
             if self.is_active:
+                wanted.count(info["publication_sequence_number"], self.count_publishers(wanted.handle.topic_name))
                 wanted.deliver(message)
+            else:
+                wanted.keep(message)
 
         wanted.profile = copy(wanted.profile)  # rclpy writes overrides (qos_overrides.*) into it
         options = QoSOverridingOptions.with_default_policies()
         wanted.handle = self.create_subscription(
-            wanted.kind, wanted.topic, deliver, wanted.profile, raw=wanted.raw, qos_overriding_options=options
+            wanted.kind,
+            wanted.topic,
+            deliver,  # type: ignore[arg-type]  # rclpy passes the message's info to callbacks with two parameters
+            wanted.profile,
+            raw=wanted.raw,
+            qos_overriding_options=options,
         )
         self._entities.append(lambda: self.destroy_subscription(wanted.handle))
 
@@ -190,7 +202,7 @@ class LiveShell(LifecycleNode):
         return LivePublisher(self, publisher)
 
     def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
-        """Make a service; it answers while the node is inactive, too."""
+        """Make a service, `~/name` below the node's own name; it answers while the node is inactive, too."""
         service = self.create_service(kind, name, handler)
         self._entities.append(lambda: self.destroy_service(service))
 
@@ -219,8 +231,7 @@ class LiveShell(LifecycleNode):
     def _release(self) -> None:
         while self._entities:
             self._entities.pop()()
-        self.node.inputs.clear()
-        self.node.reports.clear()
+        self.node.endpoints.clear()
 
     def _on_jump(self, jump: object) -> None:
         if self.is_configured:
@@ -250,9 +261,12 @@ class LiveShell(LifecycleNode):
                 topic = wanted.handle.topic_name
                 level, text = WARN, wanted.explain(topic, self.get_publishers_info_by_topic(topic))
                 self.log.warning(text, every=EXPLAIN_PERIOD, key=f"waiting {topic}")
-            elif wanted.num_refused and wanted.num_refused == wanted.num_received:
-                level, text = ERROR, f"every message refused: {wanted.last_refusal}"
-            values = {"received": wanted.num_received, "refused": wanted.num_refused}
+            elif wanted.num_refused_in_row > (MAX_REFUSED if wanted.num_refused < wanted.num_received else 0):
+                level, text = ERROR, f"last {wanted.num_refused_in_row} messages refused: {wanted.last_refusal}"
+            elif wanted.num_lost_lately:
+                level, text = WARN, f"{wanted.num_lost_lately} messages lost in the last second"
+            values = {"received": wanted.num_received, "refused": wanted.num_refused, "lost": wanted.num_lost}
+            wanted.num_lost_lately = 0
             statuses.append(self._status(f"input {wanted.topic}", level, text, values))
         return statuses
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from rclpy.qos import QoSProfile
@@ -27,9 +27,14 @@ class Subscription:
     log: Any = None
     num_received: int = 0
     num_refused: int = 0
+    num_refused_in_row: int = 0
+    num_lost: int = 0  # published, but never delivered: a queue overflowed, or the network dropped them
+    num_lost_lately: int = 0
     last_refusal: str = ""
     last_arrival: float = 0.0  # time.monotonic()
     handle: Any = None  # the rclpy subscription, where there is one
+    kept: list[Any] = field(default_factory=list)  # latched messages of the time before the node was active
+    last_number: int = 0
 
     def deliver(self, message: Any) -> None:
         """Hand a message to the node. ValueError means: refused; the node goes on with the next one."""
@@ -37,14 +42,36 @@ class Subscription:
         self.last_arrival = time.monotonic()
         try:
             self.callback(message)
+            self.num_refused_in_row = 0
         except ValueError as error:
             self.refuse(str(error))
 
     def refuse(self, reason: str) -> None:
         """Count a message that could not be used, and say why."""
         self.num_refused += 1
+        self.num_refused_in_row += 1
         self.last_refusal = reason
         self.log.error(f"{self.topic}: refused: {reason}", every=5.0, key=f"refused {self.topic}")
+
+    def keep(self, message: Any) -> None:
+        """Keep a latched message until the node is active: nobody will send it again."""
+        if self.profile.durability == qos.TRANSIENT_LOCAL:
+            self.kept = [*self.kept, message][-max(self.profile.depth, 1) :]
+
+    def deliver_kept(self) -> None:
+        """Hand on what was kept."""
+        kept, self.kept = self.kept, []
+        for message in kept:
+            self.deliver(message)
+
+    def count(self, number: int | None, num_publishers: int) -> None:
+        """Count what was lost before the message of this sequence number; one publisher numbers without gaps."""
+        if number is None:
+            return
+        if num_publishers == 1 and 0 < self.last_number < number:
+            self.num_lost += number - self.last_number - 1
+            self.num_lost_lately += number - self.last_number - 1
+        self.last_number = number
 
     @property
     def silent_for(self) -> float:

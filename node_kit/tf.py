@@ -12,7 +12,7 @@ from tf2_msgs.msg import TFMessage
 
 from node_kit import qos
 from node_kit.conversions import se3_to_transform, stamp_ns, transform_to_se3
-from node_kit.node import ManagedNode
+from node_kit.endpoints import Endpoints
 from sphere_geometry import SE3
 
 MEMORY_NS = 10_000_000_000
@@ -74,6 +74,20 @@ class TransformTree:
         while stamp - history[0][0] > self._memory_ns:
             history.popleft()
 
+    def root(self, frame: str) -> str:
+        """Return the frame above all others of a frame's tree: itself where none is known."""
+        return self._chain(frame)[-1]
+
+    def is_moving(self, frame: str) -> bool:
+        """Whether a frame moves in its root: not all that lies between is static."""
+        return any(child not in self._static for child in self._chain(frame)[:-1])
+
+    def _chain(self, frame: str) -> list[str]:
+        chain = [frame]
+        while chain[-1] in self._parents and len(chain) < MAX_DEPTH:
+            chain.append(self._parents[chain[-1]])
+        return chain
+
     def _climb(self, frame: str, ancestor: str, stamp: int | None) -> SE3:
         """Return T_ancestor_frame."""
         pose = SE3.identity()
@@ -107,22 +121,22 @@ class TransformTree:
             raise TransformError(
                 f"tf: frame {frame}: expected one of {', '.join(frames) or '(none heard)'}, found none"
             )
-        chain = [frame]
-        while chain[-1] in self._parents and len(chain) < MAX_DEPTH:
-            chain.append(self._parents[chain[-1]])
-        return chain
+        return self._chain(frame)
 
     def _hint(self, frame: str) -> str:
         return f"{frame} is below {self._ancestors(frame)[-1]}"
 
 
 class TransformListener:
-    """A tree that hears `/tf` and `/tf_static` through a node; `tree.lookup` is what to ask."""
+    """A tree that hears `/tf` and `/tf_static`; `lookup` is what to ask.
 
-    def __init__(self, node: ManagedNode, *, is_required: bool = False) -> None:
-        self.tree = TransformTree()
-        node.add_subscription("/tf", TFMessage, self._on_moving, qos.TF, is_required=False)
-        node.add_subscription(
+    What is below the frame `ignored` is not heard: a node that publishes it would hear itself.
+    """
+
+    def __init__(self, endpoints: Endpoints, *, is_required: bool = False, ignored: str = "") -> None:
+        self.tree, self._ignored = TransformTree(), ignored
+        endpoints.add_subscription("/tf", TFMessage, self._on_moving, qos.TF, is_required=False)
+        endpoints.add_subscription(
             "/tf_static", TFMessage, self._on_static, qos.TF_STATIC, is_required=is_required, silence=0.0
         )
 
@@ -131,20 +145,30 @@ class TransformListener:
         return self.tree.lookup(target, source, stamp)
 
     def _on_moving(self, message: TFMessage) -> None:
-        for transform in message.transforms:
-            self.tree.add(transform)
+        self._add(message, is_static=False)
 
     def _on_static(self, message: TFMessage) -> None:
+        self._add(message, is_static=True)
+
+    def _add(self, message: TFMessage, *, is_static: bool) -> None:
+        """Add all that can be used; ValueError says what could not be."""
+        refusals = []
         for transform in message.transforms:
-            self.tree.add(transform, is_static=True)
+            try:
+                if not self._ignored or transform.header.frame_id.lstrip("/") != self._ignored:
+                    self.tree.add(transform, is_static=is_static)
+            except ValueError as error:
+                refusals.append(str(error))
+        if refusals:
+            raise ValueError("; ".join(refusals))
 
 
 class TransformBroadcaster:
     """Tells `/tf`, or `/tf_static` if `is_static`: there every message repeats all transforms told so far."""
 
-    def __init__(self, node: ManagedNode, *, is_static: bool = False) -> None:
+    def __init__(self, endpoints: Endpoints, *, is_static: bool = False) -> None:
         topic, profile = ("/tf_static", qos.LATCHED) if is_static else ("/tf", qos.TF)
-        self._output = node.add_publisher(topic, TFMessage, profile)
+        self._output = endpoints.add_publisher(topic, TFMessage, profile)
         self._is_static = is_static
         self._told: dict[str, TransformStamped] = {}
 

@@ -124,7 +124,7 @@ class ScanIntake:
 
     def __init__(self, node: ManagedNode, follower: Follower, times: Times) -> None:
         self._watch, self._times, self._frame = follower.watch, times, node.params.base_frame
-        self._tf = TransformListener(node)
+        self._tf = TransformListener(node.endpoints)
         is_required = node.params.safety.is_scan_required
         node.add_subscription("scan", LaserScan, self.on_scan, qos.SENSOR, is_required=is_required)
 

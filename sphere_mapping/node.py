@@ -48,15 +48,15 @@ class SphereMapper(ManagedNode):
         self.cloud = self.add_publisher("map_cloud", PointCloud2, qos.LATCHED)
         self.odometry = self.add_publisher("odometry", Odometry)
         self.path = self.add_publisher("path", Path)
-        self.tf_out, self.tf = TransformBroadcaster(self), TransformListener(self)
+        self.tf_out, self.tf = TransformBroadcaster(self.endpoints), TransformListener(self.endpoints)
         self.intake = Intake(self.params, self.on_sphere, self.tf.lookup)
         for subscription in self.intake.subscriptions():
             self.add_subscription(*subscription)
         if self.params.input == "rgbd":
             self.add_subscription(DEPTH_INFO, CameraInfo, self.intake.on_depth_info, qos.SENSOR, is_required=False)
         self.add_subscription("odom", Odometry, self.on_odom, qos.SENSOR, is_required=False)
-        self.add_service("close_loops", Trigger, self.on_close_loops)
-        self.add_service("save_map", SaveMap, self.on_save)
+        self.add_service("~/close_loops", Trigger, self.on_close_loops)
+        self.add_service("~/save_map", SaveMap, self.on_save)
         self.report("mapping", OK, "waiting for the first sphere")
 
     def clock_jumped(self) -> None:

@@ -77,7 +77,7 @@ class SphereStitcher(ManagedNode):
         """Compute the tables of a rig, listen to its cameras."""
         self.stitcher = Stitcher(rig, self.params.stitch, masks_of(rig), self.params.jobs)
         self.is_rectified = self.params.rectify.num_instants == 0
-        tf = TransformListener(self) if self.params.has_cloud else None
+        tf = TransformListener(self.endpoints) if self.params.has_cloud else None
         lookup = tf.lookup if tf else TransformTree().lookup
         self.intake = RigIntake(rig, self.params, self.now_ns, lookup, self.on_instants)
         for topic, kind, callback, profile in self.intake.subscriptions():

@@ -59,7 +59,7 @@ class Collector(ManagedNode):
         """Listen."""
         self.last: Sphere | None = None
         self.count = 0
-        intake = Intake(self.params, self._on_sphere, TransformListener(self, is_required=False).lookup)
+        intake = Intake(self.params, self._on_sphere, TransformListener(self.endpoints, is_required=False).lookup)
         for subscription in intake.subscriptions():
             self.add_subscription(*subscription)
         if self.params.input == "rgbd":

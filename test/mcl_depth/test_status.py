@@ -10,6 +10,7 @@ from localization.status import Finding, Reason, State
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.params import StateParams
+from mcl_depth.reasons import REMEDIES
 from mcl_depth.status import Verdict, count, is_in_vain, judge
 
 P = StateParams(probation_images=2, lost_images=3, patience=4)
@@ -38,6 +39,7 @@ def place(weight=0.95, sigma_m=0.1, sigma_rad=0.02):
 )
 def test_a_belief_is_judged(hypotheses, lead, step, reason, is_bad):
     verdict = judge(hypotheses, lead, step, P)
+    assert verdict.finding.reason in REMEDIES
     assert (verdict.finding.reason, verdict.is_bad) == (reason, is_bad)
 
 

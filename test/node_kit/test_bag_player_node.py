@@ -164,7 +164,7 @@ def test_paused_with_an_offset_latched_topics_are_there(start, drive, desk):
     player = start("bag_player", bag=drive, paused="true", start=1.0, topics="'/stamp /latched'", rate=0.0)
     desk.until(lambda: latched == ["once"])
     assert stamps == []
-    client = desk.node.create_client(Trigger, "resume")
+    client = desk.node.create_client(Trigger, "bag_player/resume")
     desk.until(client.service_is_ready)
     desk.until(lambda: desk.node.count_publishers("/stamp") == 1)
     future = client.call_async(Trigger.Request())

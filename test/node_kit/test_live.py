@@ -41,7 +41,7 @@ class Doubler(ManagedNode):
         self.output = self.add_publisher("doubled", Int32, qos.LATCHED)
         self.add_subscription("number", Int32, self.on_number, qos.STATE)
         self.add_subscription("latched", String, lambda message: None, qos.LATCHED, silence=0.0)
-        self.add_service("reset", Trigger, self.on_reset)
+        self.add_service("~/reset", Trigger, self.on_reset)
         self.add_timer(0.05, self.on_tick)
 
     def cleanup(self):
@@ -192,7 +192,7 @@ def test_the_lifecycle_is_that_of_ros(make_desk):
 def test_a_service_answers(make_desk):
     desk = make_desk()
     desk.shell.start()
-    client = desk.peer.create_client(Trigger, "reset")
+    client = desk.peer.create_client(Trigger, "doubler/reset")
     desk.until(client.service_is_ready)
     future = client.call_async(Trigger.Request())
     desk.until(future.done)

@@ -88,14 +88,15 @@ class Teller(ManagedNode):
     NAME = "teller"
 
     def configure(self):
-        self.moving, self.fixed = TransformBroadcaster(self), TransformBroadcaster(self, is_static=True)
+        self.moving = TransformBroadcaster(self.endpoints)
+        self.fixed = TransformBroadcaster(self.endpoints, is_static=True)
 
 
 class Hearer(ManagedNode):
     NAME = "hearer"
 
     def configure(self):
-        self.tf = TransformListener(self)
+        self.tf = TransformListener(self.endpoints)
 
 
 def test_what_is_told_is_heard(make_bag):

@@ -260,7 +260,7 @@ def test_an_initial_pose_starts_the_search_and_a_wrong_one_is_refused(map_path, 
 def test_relocalize_answers_with_the_pose_it_found(map_path, pictures):
     bench = Bench(map_path, automatic=False)
     call = bench.node.shell.call
-    assert "no image yet" in call("relocalize").message
+    assert "next image" in call("relocalize").message
     bench.see(pictures[0])
     answer = call("relocalize")
     assert answer.success, answer.message

@@ -5,9 +5,9 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from node_kit.companion import Companion
 from node_kit.conversions import se3_to_pose_with_covariance
 from node_kit.node import ERROR, OK, ManagedNode
+from node_kit.peer_localizer import PeerLocalizer
 from node_kit.replay import OfflineBus
 from sphere_geometry import SE3
 
@@ -16,13 +16,13 @@ CERTAIN = 0.01 * np.eye(6)
 
 
 class Lonely(ManagedNode):
-    """Has a pose or not, and a companion."""
+    """Has a pose or not, and a peer."""
 
     NAME = "lonely"
 
     def configure(self):
         self.offers, self.has_pose = [], True
-        self.companion = Companion(self, "map", lambda: not self.has_pose, self.take)
+        self.peer = PeerLocalizer(self.endpoints, "map", lambda: not self.has_pose, self.take)
 
     def take(self, T_map_base, covariance):
         if T_map_base.translation[0] > 90.0:
@@ -45,9 +45,9 @@ def other(bus, x, stamp, frame="map"):
 def test_agreement_is_reported_and_contradiction_too(bus):
     node = other(bus, 0.1, SECOND)
     assert node.reports == {}
-    node.companion.add_own(SECOND, SE3.identity(), CERTAIN)
+    node.peer.add_own(SECOND, SE3.identity(), CERTAIN)
     assert node.reports["agreement"][0] == OK
-    node.companion.add_own(2 * SECOND, SE3.identity(), CERTAIN)
+    node.peer.add_own(2 * SECOND, SE3.identity(), CERTAIN)
     other(bus, 2.0, 2 * SECOND)
     level, text, values = node.reports["agreement"]
     assert level == ERROR
@@ -76,6 +76,6 @@ def test_what_cannot_be_used_is_refused_in_words(bus):
 
 def test_a_jump_of_the_clock_forgets_it_all(bus):
     node = other(bus, 0.0, 9 * SECOND)
-    node.companion.clear()
-    node.companion.add_own(9 * SECOND, SE3.identity(), CERTAIN)
+    node.peer.clear()
+    node.peer.add_own(9 * SECOND, SE3.identity(), CERTAIN)
     assert node.reports == {}

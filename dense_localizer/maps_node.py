@@ -1,0 +1,54 @@
+"""The map in force, and the call that loads another one."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+from sphere_nav_msgs.srv import LoadMap
+
+from node_kit.endpoints import Endpoints
+from node_kit.map_bag import MapReader, open_map
+
+
+class Maps:
+    """Holds one open map. What cannot be read leaves the present one in force."""
+
+    def __init__(self, endpoints: Endpoints, use: Callable[[MapReader], None]) -> None:
+        """`use(reader)` is called with every map that was opened; ValueError refuses it."""
+        self._use = use
+        self.reader: MapReader | None = None
+        endpoints.add_service("~/load_map", LoadMap, self.on_load_map)
+
+    def open(self, path: str) -> MapReader:
+        """Use another map; ValueError or OSError for one that cannot be read."""
+        reader, before = open_map(path), self.reader
+        try:
+            self._use(reader)
+        except BaseException:
+            reader.close()
+            raise
+        self.reader = reader
+        if before is not None:
+            before.close()
+        return reader
+
+    def close(self) -> None:
+        """Close the map."""
+        if self.reader is not None:
+            self.reader.close()
+        self.reader = None
+
+    def on_load_map(self, request: LoadMap.Request, response: LoadMap.Response) -> LoadMap.Response:
+        """Use another map, and say what is in it."""
+        started = time.perf_counter()
+        try:
+            reader = self.open(request.path)
+        except (ValueError, OSError) as error:
+            response.message = " ".join(str(error).split())
+            return response
+        response.success, response.map_id = True, str(reader.info.map_id)
+        response.num_spheres, response.num_edges = len(reader.graph), len(reader.graph.edges)
+        response.seconds = time.perf_counter() - started
+        response.message = f"{response.num_spheres} key spheres of {request.path}"
+        return response
