@@ -21,6 +21,7 @@ BENCHMARKS = {
     "long_drive": "benchmarks.long_drive",
     "calibration": "benchmarks.calibration",
     "stitching": "benchmarks.stitching",
+    "range_honesty": "benchmarks.range_honesty",
     "mcl_panoramas": "benchmarks.mcl_panoramas",
     "mcl_surround": "benchmarks.mcl_surround",
     "mcl_walks": "benchmarks.mcl_walks",

@@ -12,8 +12,6 @@ class PartialParams:
     """From one camera's view to a window of the sphere (`partial.py`)."""
 
     resolution: float = param(1.0, "sphere pixels for each pixel at the centre of the camera", low=0.1, high=4.0)
-    num_levels: int = param(5, "pyramid levels that the window's sides are aligned to", low=1, high=8)
-    min_range_m: float = param(0.1, "nearest range trusted", "m", low=0.01)
     max_range_m: float = param(10_000.0, "farthest range trusted, beyond is not measured", "m", low=0.01)
 
 
@@ -21,9 +19,6 @@ class PartialParams:
 class StereoParams(MatchParams):
     """From a rectified pair to range (`stereo.py`): a drive needs few pixels, but sure ones."""
 
-    match_width: int = param(
-        1280, "columns up to which a pair is matched as it is; wider ones are halved", "px", low=64
-    )
     calibration_px: float = param(0.15, "standard deviation of disparity that rectification leaves", "px", low=0.0)
     max_relative_std: float = param(0.015, "relative range error above which a pixel is not measured", low=0.001)
 
@@ -34,7 +29,6 @@ class KeySphereParams:
 
     max_mad_share: float = param(0.05, "MAD of the residual by 255, lambda of M15 eq. 12", low=0.0, high=1.0)
     min_overlap: float = param(0.6, "share of the reference still in view", low=0.0, high=1.0)
-    min_inlier_share: float = param(0.5, "share of pixels that agree", low=0.0, high=1.0)
     max_parallax: float = param(0.12, "distance from the reference, by the reference's median range", low=0.01)
     max_parallax_whole: float = param(
         1.0, "the same for a whole sphere, which sees the way it left as well as the way ahead", low=0.01
@@ -47,8 +41,6 @@ class LoopParams:
 
     max_distance_m: float = param(1.0, "distance up to which two key spheres are compared", "m", low=0.0)
     min_steps: int = param(3, "key spheres between two that are compared", low=2)
-    max_mad_share: float = param(0.05, "residual MAD by 255 of a true loop", low=0.0, high=1.0)
-    min_overlap: float = param(0.3, "share of the reference in view of a true loop", low=0.0, high=1.0)
 
 
 @parameters

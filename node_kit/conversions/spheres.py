@@ -24,6 +24,12 @@ PNG_LEVEL = 1  # of cv2; higher levels cost much time for little size
 JPEG_QUALITY = 95
 ZSTD_LEVEL = 3
 COLOUR = (AugmentedSphere.RGB8, AugmentedSphere.BGR8)
+DEVIATION_OF_RANGE = {
+    AugmentedSphere.RANGE_32FC1: AugmentedSphere.RANGE_32FC1,
+    AugmentedSphere.RANGE_LOG16: AugmentedSphere.RATIO8,
+    AugmentedSphere.RANGE_LOG16_PNG: AugmentedSphere.RATIO8_PNG,
+    AugmentedSphere.RANGE_LOG16_ZSTD: AugmentedSphere.RATIO8_ZSTD,
+}
 
 
 def sphere_to_message(
@@ -43,8 +49,8 @@ def sphere_to_message(
     message.image_encoding, message.image = image_encoding, _encoded_image(sphere.image, image_encoding)
     message.range_encoding, message.range = range_encoding, _encoded_range(sphere.range_m, range_encoding)
     if sphere.range_std_m is not None:
-        message.range_deviation_encoding = range_encoding
-        message.range_deviation = _encoded_range(sphere.range_std_m, range_encoding)
+        message.range_deviation_encoding = DEVIATION_OF_RANGE[range_encoding]
+        message.range_deviation = _encoded_deviation(sphere, message.range_deviation_encoding)
     return message
 
 
@@ -52,16 +58,10 @@ def message_to_sphere(message: AugmentedSphere) -> Sphere:
     """Return the sphere; every size is checked before anything is allocated. Colour images are RGB."""
     camera = sphere_info_to_camera(message.info)
     shape = (camera.height, camera.width)
-    deviation = None
-    if message.range_deviation_encoding:
-        deviation = _decoded_range(message.range_deviation, message.range_deviation_encoding, shape, "range_deviation")
-    return Sphere(
-        _decoded_image(message.image, message.image_encoding, shape),
-        _decoded_range(message.range, message.range_encoding, shape, "range"),
-        camera,
-        stamp_ns(message),
-        deviation,
-    )
+    image = _decoded_image(message.image, message.image_encoding, shape)
+    range_m = _decoded_range(message.range, message.range_encoding, shape)
+    deviation = _decoded_deviation(message, range_m) if message.range_deviation_encoding else None
+    return Sphere(image, range_m, camera, stamp_ns(message), deviation)
 
 
 def camera_to_sphere_info(camera: Spherical, frame_id: str) -> SphereInfo:
@@ -129,32 +129,62 @@ def _decoded_image(data: Any, encoding: str, shape: tuple[int, int]) -> NDArray[
 def _encoded_range(range_m: NDArray[np.float32], encoding: str) -> Any:
     if encoding == AugmentedSphere.RANGE_32FC1:
         return to_bytes(np.asarray(range_m, dtype="<f4"))
-    codes = range_codec.encode(range_m).astype("<u2")
-    if encoding == AugmentedSphere.RANGE_LOG16:
-        return to_bytes(codes)
-    if encoding == AugmentedSphere.RANGE_LOG16_ZSTD:
+    if encoding not in DEVIATION_OF_RANGE:
+        raise ValueError(f"range_encoding: expected {', '.join(DEVIATION_OF_RANGE)}, found {encoding!r}")
+    return _compressed(range_codec.encode(range_m).astype("<u2"), encoding)
+
+
+def _encoded_deviation(sphere: Sphere, encoding: str) -> Any:
+    assert sphere.range_std_m is not None
+    if encoding == AugmentedSphere.RANGE_32FC1:
+        return to_bytes(np.asarray(sphere.range_std_m, dtype="<f4"))
+    return _compressed(range_codec.encode_deviation(sphere.range_std_m, sphere.range_m), encoding)
+
+
+def _compressed(codes: NDArray[Any], encoding: str) -> Any:
+    if encoding.endswith("zstd"):
         return zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(codes.tobytes())
-    if encoding == AugmentedSphere.RANGE_LOG16_PNG:
+    if encoding.endswith("png"):
         return to_bytes(cv2.imencode(".png", codes, [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL])[1])
-    raise ValueError(f"range_encoding: expected 32FC1, log16, log16_png or log16_zstd, found {encoding!r}")
+    return to_bytes(codes)
 
 
-def _decoded_range(data: Any, encoding: str, shape: tuple[int, int], name: str) -> NDArray[np.float32]:
+def _decoded_range(data: Any, encoding: str, shape: tuple[int, int]) -> NDArray[np.float32]:
     if not encoding:
         return np.full(shape, np.nan, np.float32)
     if encoding == AugmentedSphere.RANGE_32FC1:
-        _check_bytes(len(data), 4 * math.prod(shape), name)
-        range_m = np.frombuffer(data, "<f4").reshape(shape).astype(np.float32)
-        return np.where(range_m > 0, range_m, np.float32(np.nan))
-    if encoding == AugmentedSphere.RANGE_LOG16_PNG:
-        codes = _decoded_file(np.frombuffer(data, np.uint8), shape, name)
-        return range_codec.decode(codes)
-    if encoding == AugmentedSphere.RANGE_LOG16_ZSTD:
-        data = _decompressed(bytes(data), 2 * math.prod(shape), name)
-    elif encoding != AugmentedSphere.RANGE_LOG16:
-        raise ValueError(f"{name}_encoding: expected 32FC1, log16, log16_png or log16_zstd, found {encoding!r}")
-    _check_bytes(len(data), 2 * math.prod(shape), name)
-    return range_codec.decode(np.frombuffer(data, "<u2").astype(np.uint16, copy=False).reshape(shape))
+        return _decoded_floats(data, shape, "range")
+    if encoding not in DEVIATION_OF_RANGE:
+        raise ValueError(f"range_encoding: expected {', '.join(DEVIATION_OF_RANGE)}, found {encoding!r}")
+    return range_codec.decode(_decoded_codes(data, encoding, shape, "<u2", "range").astype(np.uint16, copy=False))
+
+
+def _decoded_deviation(message: AugmentedSphere, range_m: NDArray[np.float32]) -> NDArray[np.float32]:
+    data, encoding, name = message.range_deviation, message.range_deviation_encoding, "range_deviation"
+    if encoding == AugmentedSphere.RANGE_32FC1:
+        return _decoded_floats(data, range_m.shape, name)
+    if encoding not in DEVIATION_OF_RANGE.values():
+        raise ValueError(f"{name}_encoding: expected {', '.join(DEVIATION_OF_RANGE.values())}, found {encoding!r}")
+    codes = _decoded_codes(data, encoding, (range_m.shape[0], range_m.shape[1]), "u1", name).astype(
+        np.uint8, copy=False
+    )
+    return range_codec.decode_deviation(codes, range_m)
+
+
+def _decoded_floats(data: Any, shape: tuple[int, ...], name: str) -> NDArray[np.float32]:
+    _check_bytes(len(data), 4 * math.prod(shape), name)
+    values = np.frombuffer(data, "<f4").reshape(shape).astype(np.float32)
+    return np.where(values > 0, values, np.float32(np.nan))
+
+
+def _decoded_codes(data: Any, encoding: str, shape: tuple[int, int], dtype: str, name: str) -> NDArray[Any]:
+    if encoding.endswith("png"):
+        return _decoded_file(np.frombuffer(data, np.uint8), shape, name)
+    size = math.prod(shape) * np.dtype(dtype).itemsize
+    if encoding.endswith("zstd"):
+        data = _decompressed(bytes(data), size, name)
+    _check_bytes(len(data), size, name)
+    return np.frombuffer(data, dtype).reshape(shape)
 
 
 def _decoded_file(raw: NDArray[np.uint8], shape: tuple[int, int], name: str) -> NDArray[Any]:

@@ -16,6 +16,7 @@ from sphere_mapping.acquisition.views import Layout
 Plane = NDArray[np.float32]
 
 MIN_BASELINE_M = 0.01
+FAR_M = 120.0  # what is surely farther is known to be far
 MIN_RANGE_SHARE = 0.9  # of the nearest range wanted: what is nearer is not trusted
 MAX_SINE = 0.9  # of the largest disparity
 BELOW_ZERO_DEG = 0.7  # disparities searched below 0, for what calibration leaves
@@ -64,7 +65,7 @@ def range_from_disparity(
 ) -> tuple[Plane, Plane]:
     """Return range along the ray from the upper centre and its deviation (H, W) in m, NaN where not trusted."""
     range_m, std_m = np.empty_like(disparity.value), np.empty_like(disparity.value)
-    limits = (params.max_relative_std, MIN_RANGE_SHARE * params.nearest_m, params.far_m)
+    limits = (params.max_relative_std, MIN_RANGE_SHARE * params.nearest_m, FAR_M)
     per_row = 2 * np.pi / window.full_width
     triangulate(disparity.value, disparity.std, per_row, window.offset_v, baseline_m, limits, range_m, std_m)
     return range_m, std_m

@@ -23,6 +23,7 @@ from sphere_mapping.acquisition.params import MatchParams
 Plane = NDArray[np.float32]
 Image = NDArray[np.uint8]
 
+MAX_WIDTH = 1280  # columns up to which images are matched as they are; wider ones are halved
 BLOCK_SIZE = 5  # px, side of the matched block
 SMOOTHNESS, JUMP_PENALTY = 8 * BLOCK_SIZE**2, 32 * BLOCK_SIZE**2  # of a step of disparity by 1, of a larger one
 UNIQUENESS = 5  # %, margin of the best smoothed cost over the second
@@ -79,7 +80,7 @@ def match_columns(
     edge_px: int = EDGE_PX,
 ) -> Disparity:
     """Return the disparity (H, W) of the upper image; both are (H, W) grey, `is_usable` where both show something."""
-    halvings = max(int(np.ceil(np.log2(top.shape[1] / params.match_width))), 0)
+    halvings = max(int(np.ceil(np.log2(top.shape[1] / MAX_WIDTH))), 0)
     coarse = _match_levels(top, bottom, search, halvings, jobs)
     coarse = _smoothed_around(coarse, search.is_whole)
     coarse[_at_jumps(coarse, edge_px, is_whole=search.is_whole)] = np.nan

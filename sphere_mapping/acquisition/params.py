@@ -23,11 +23,7 @@ class BlendParams:
 class MatchParams:
     """Semi-global matching of two images whose epipolar lines are columns (`matching.py`)."""
 
-    match_width: int = param(
-        1024, "columns up to which images are matched as they are; wider ones are halved", "px", low=64
-    )
     nearest_m: float = param(0.5, "nearest range looked for", "m", low=0.01)
-    far_m: float = param(120.0, "what is surely farther is known to be far (+Inf)", "m", low=1.0)
     noise: float = param(2.5, "standard deviation of the images' noise", "grey level", low=0.1)
     calibration_px: float = param(0.08, "standard deviation of disparity that calibration leaves", "px", low=0.0)
     max_relative_std: float = param(0.08, "relative range error above which a pixel is not measured", low=0.001)

@@ -25,6 +25,7 @@ from sphere_mapping.params import PartialParams
 
 Plane = NDArray[np.float32]
 
+MIN_RANGE_M = 0.1  # what is nearer is not trusted
 MAX_MAGNIFICATION = 1.5  # beyond, the image is sampled more finely than the window and averaged
 MAX_SUPERSAMPLING = 4
 RANGE_CORRECTIONS = 3  # steps along the ray; each removes the parallax error by an order or two
@@ -68,7 +69,7 @@ def sphere_from_views(views: Sequence[RgbdView], stamp_ns: int = 0, params: Part
     """Return the sphere of one or several RGB-D cameras at one instant."""
     params = params or PartialParams()
     full_width = full_width_of([view.camera for view in views], params)
-    windows = [window_of(view.camera, view.T_sphere_camera, full_width, params.num_levels) for view in views]
+    windows = [window_of(view.camera, view.T_sphere_camera, full_width) for view in views]
     planes = [_resampled(view, window, params) for view, window in zip(views, windows, strict=True)]
     if len(planes) == 1:
         return Sphere(planes[0][0], planes[0][1], windows[0], stamp_ns)
@@ -82,7 +83,7 @@ def full_width_of(cameras: Sequence[Camera], params: PartialParams) -> int:
     if not cameras:
         raise ValueError("sphere: expected at least one camera, found none")
     finest = max(camera.pixels_per_radian for camera in cameras)
-    return full_width_for(finest * params.resolution, params.num_levels)
+    return full_width_for(finest * params.resolution)
 
 
 def _resampled(view: RgbdView, window: Spherical, params: PartialParams) -> tuple[Image, Range, Plane]:
@@ -123,7 +124,7 @@ def resample_range(
         u, v, _, z_of_ray = _ray_table(camera, T_sphere_camera.rotation.tobytes(), window)
         with np.errstate(divide="ignore"):
             range_m = 1.0 / (_sampled(inverse, u, v) * z_of_ray)
-    outside = (range_m < params.min_range_m) | ((range_m > params.max_range_m) & np.isfinite(range_m))
+    outside = (range_m < MIN_RANGE_M) | ((range_m > params.max_range_m) & np.isfinite(range_m))
     range_m[outside] = np.nan
     return range_m.astype(np.float32)
 

@@ -33,7 +33,7 @@ def sphere_from_stereo(
     """Return the partial sphere of a rectified pair; the right camera is `baseline_m` to the right of the left one."""
     params, partial = params or StereoParams(), partial or PartialParams()
     depth_m, relative_std = depth_from_stereo(left, right, camera, baseline_m, params)
-    window = window_of(camera, T_sphere_camera, full_width_of([camera], partial), partial.num_levels)
+    window = window_of(camera, T_sphere_camera, full_width_of([camera], partial))
     range_m = resample_range(depth_m, camera, T_sphere_camera, window, partial)
     image, weight = resample_image(left, camera, T_sphere_camera, window, range_m)
     range_m[weight == 0] = np.nan

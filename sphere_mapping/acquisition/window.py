@@ -7,17 +7,18 @@ from numpy.typing import NDArray
 
 from sphere_geometry import SE3, Camera, Spherical
 
+NUM_LEVELS = 5  # of pyramids, that the sides of a window are aligned to
 GRID_STEPS = 64  # rays a side from which the outline of the view is found
 MIN_BLIND_ARC = np.radians(20.0)  # a view whose largest gap in azimuth is smaller is stored as a whole sphere
 
 
-def full_width_for(pixels_per_radian: float, num_levels: int) -> int:
-    """Return the columns of the whole sphere of at least this resolution that `num_levels` pyramid levels divide."""
-    multiple = 2**num_levels  # the height, half of it, must still be divisible num_levels - 1 times
+def full_width_for(pixels_per_radian: float) -> int:
+    """Return the columns of the whole sphere of at least this resolution that NUM_LEVELS pyramid levels divide."""
+    multiple = 2**NUM_LEVELS  # the height, half of it, must still be divisible NUM_LEVELS - 1 times
     return int(np.ceil(2 * np.pi * pixels_per_radian / multiple)) * multiple
 
 
-def window_of(camera: Camera, T_sphere_camera: SE3, full_width: int, num_levels: int) -> Spherical:
+def window_of(camera: Camera, T_sphere_camera: SE3, full_width: int) -> Spherical:
     """Return the smallest window, aligned to the coarsest level, that holds the view of the camera.
 
     The position of the camera beside the centre of the sphere is neglected. A view all around is a whole sphere.
@@ -26,7 +27,7 @@ def window_of(camera: Camera, T_sphere_camera: SE3, full_width: int, num_levels:
     first, span = _arc(np.arctan2(rays[:, 1], rays[:, 0]))
     if span > 2 * np.pi - MIN_BLIND_ARC or _sees_a_pole(camera, T_sphere_camera):
         return Spherical(full_width, full_width // 2)
-    block = 2 ** (num_levels - 1)
+    block = 2 ** (NUM_LEVELS - 1)
     scale = full_width / (2 * np.pi)
     elevation = np.arcsin(np.clip(rays[:, 2], -1.0, 1.0))
     # pixel edges: column u spans [u, u + 1) of (1/2 - azimuth / 2 pi) W

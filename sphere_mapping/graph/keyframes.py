@@ -8,6 +8,7 @@ from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import KeySphereParams
 
 MAX_GREY = 255.0
+MIN_INLIER_SHARE = 0.5  # of pixels that agree
 
 NOT_YET, FIRST, MAD, OVERLAP, INLIERS, PARALLAX, LAST_GOOD = (
     "", "FIRST", "MAD", "OVERLAP", "INLIERS", "PARALLAX", "LAST_GOOD"
@@ -26,7 +27,7 @@ def why_key_sphere(
         return MAD
     if alignment.overlap < params.min_overlap * reference.coverage:
         return OVERLAP
-    if alignment.inlier_share < params.min_inlier_share:
+    if alignment.inlier_share < MIN_INLIER_SHARE:
         return INLIERS
     distance, _ = SE3.identity().distance(T_reference_sphere)
     if distance > reach(reference, params):

@@ -16,6 +16,7 @@ from sphere_mapping.graph.pose_graph import optimize
 from sphere_mapping.graph.registration import PreparedSphere, align, edge_between
 from sphere_mapping.params import LoopParams, MapperParams
 
+MAX_MAD_SHARE, MIN_OVERLAP = 0.05, 0.3  # of a true loop: residual MAD by 255, share of the reference in view
 MAX_DISAGREEMENT_M, MAX_DISAGREEMENT_RAD = 0.05, 0.02  # between the alignments both ways
 
 
@@ -55,10 +56,10 @@ def verify(
 ) -> Edge | None:
     """Align both ways from the poses in the graph; return the edge if both are good and agree, else None."""
     forward = _aligned(prepared[newer.id], prepared[older.id], older.T_map_sphere, newer.T_map_sphere, params)
-    if not _is_good(forward, prepared[older.id].coverage, params.loop):
+    if not _is_good(forward, prepared[older.id].coverage):
         return None
     back = _aligned(prepared[older.id], prepared[newer.id], forward.T_world_camera, older.T_map_sphere, params)
-    if not _is_good(back, prepared[newer.id].coverage, params.loop):
+    if not _is_good(back, prepared[newer.id].coverage):
         return None
     distance, angle = back.T_world_camera.distance(older.T_map_sphere)
     if distance > MAX_DISAGREEMENT_M or angle > MAX_DISAGREEMENT_RAD:
@@ -72,9 +73,9 @@ def _aligned(
     return align(current, [reference.at(T_map_reference)], [T_map_guess], params.registration)
 
 
-def _is_good(alignment: Alignment, coverage: float, params: LoopParams) -> bool:
+def _is_good(alignment: Alignment, coverage: float) -> bool:
     return (
         alignment.is_converged
-        and alignment.mad <= params.max_mad_share * MAX_GREY
-        and alignment.overlap >= params.min_overlap * coverage
+        and alignment.mad <= MAX_MAD_SHARE * MAX_GREY
+        and alignment.overlap >= MIN_OVERLAP * coverage
     )

@@ -148,8 +148,8 @@ def with_field(wanted, **fields):
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        (with_field(INFO, format_version=9), "format_version: expected 1, found 9"),
-        (with_field(GRAPH, format_version=2), "graph format_version: expected 1, found 2"),
+        (with_field(INFO, format_version=9), "format_version: expected 2, found 9"),
+        (with_field(GRAPH, format_version=1), "graph format_version: expected 2, found 1"),
         (with_field(INFO, num_spheres=4_000_000_000), "num_spheres: expected at most 10000000, found 4000000000"),
         (with_field(INFO, num_spheres=4), r"graph: expected 4 vertices \(info\), found 3"),
         (with_field(INFO, parameters="a: ["), "parameters: expected YAML"),
@@ -214,7 +214,7 @@ def test_a_map_without_index_is_refused(sphere_graph, tmp_path):
     """Such a file has no chunk to read one sphere from."""
     nodes = list(sphere_graph)
     messages = [
-        (INFO, MapInfo(format_version=1, num_spheres=3)),
+        (INFO, MapInfo(format_version=MapInfo.FORMAT_VERSION, num_spheres=3)),
         *((SPHERE, sphere_to_message(node.sphere, "sphere_link", node.id)) for node in nodes),
         (GRAPH, graph_to_message(sphere_graph, "map")),
     ]

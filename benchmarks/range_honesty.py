@@ -1,0 +1,186 @@
+"""Range is measured or not known: errors by the deviation claimed, where there is texture and where there is none."""
+
+from __future__ import annotations
+
+import argparse
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.machine import describe
+from benchmarks.range_worlds import CLASSES, Scene, make_scene
+from benchmarks.real_rigs import room
+from benchmarks.report import Bound, Report, Table
+from sphere_geometry import Spherical
+from sphere_geometry.camera import pixel_grid
+from sphere_mapping.acquisition.epipolar import range_from_disparity, search_of
+from sphere_mapping.acquisition.matching import match_columns
+from sphere_mapping.acquisition.params import MatchParams, StitchParams
+from sphere_mapping.acquisition.stitcher import Stitcher
+from typed_params import build
+
+HELP = "range against the truth in rooms with bare, unlit and repetitive walls; noise; planes of real pairs"
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "spherical_stereo"
+KINDS = ("vertical", "ring")
+FAR_M = 30.0
+REAL_BASELINE_M = 0.2
+NEAR_PLANE = 0.05  # of the distance: points nearer to a plane than this belong to it
+Plane = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Honesty:
+    """Counts over measured pixels (n), and over all that have a range (there)."""
+
+    there: int
+    n: int
+    beyond_3_sigma: int
+    beyond_10_percent: int
+    within_10_percent: int
+    squares: float  # of errors by their deviation, those beyond 5 left out
+    num_squares: int
+
+    def __add__(self, other: Honesty) -> Honesty:
+        return Honesty(*(a + b for a, b in zip(vars(self).values(), vars(other).values(), strict=True)))
+
+
+def add_arguments(parser: argparse._ArgumentGroup) -> None:
+    """Say which rooms are seen, how finely, and where the real pairs are."""
+    parser.add_argument("--seeds", type=int, nargs="+", default=[11, 12, 13, 14], help="rooms (%(default)s)")
+    parser.add_argument("--range-width", type=int, default=1024, help="columns of the spheres (%(default)s)")
+    parser.add_argument("--range-data", type=Path, default=DATA, metavar="DIR", help="real pairs (%(default)s)")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Measure rooms by both rigs, noise, and planes of real pairs."""
+    seeds = options.seeds[:1] if options.quick else options.seeds
+    bounds, tables = [], []
+    for kind in KINDS:
+        found = _rooms(kind, seeds, options)
+        tables.append(_table(kind, found))
+        whole = sum(found[1:], found[0])
+        bounds += [
+            Bound(f"{kind}: measured pixels off by more than 3 sigma", 0.02, whole.beyond_3_sigma / whole.n, ""),
+            Bound(f"{kind}: measured pixels off by more than 10 %", 0.03, whole.beyond_10_percent / whole.n, ""),
+            Bound(f"{kind}: rms of errors by their sigma", 1.3, float(np.sqrt(whole.squares / whole.num_squares)), ""),
+            Bound(f"{kind}: textured, measured right", 0.5, found[0].within_10_percent / found[0].there, "", True),
+        ]
+    bounds += [Bound(f"noise, blurred by {blur} px: measured", 0.01, _noise(blur), "") for blur in (0.0, 0.7, 1.5)]
+    bounds += _planes(options.range_data)
+    return Report("range_honesty", tables, bounds, [describe(options.threads), f"rooms {seeds}"])
+
+
+def _rooms(kind: str, seeds: list[int], options: argparse.Namespace) -> list[Honesty]:
+    """Return the counts by class of surface, over all rooms."""
+    total = [Honesty(0, 0, 0, 0, 0, 0.0, 0)] * len(CLASSES)
+    for seed in seeds:
+        scene = make_scene(seed, kind, options.range_width)
+        total = [a + b for a, b in zip(total, _counts(scene, options), strict=True)]
+    return total
+
+
+def _counts(scene: Scene, options: argparse.Namespace) -> list[Honesty]:
+    stitcher = Stitcher(scene.rig, build(StitchParams, {"width": options.range_width}), jobs=options.threads)
+    sphere = stitcher.stitch(scene.images).sphere
+    assert sphere.range_std_m is not None
+    truth, kind = scene.truth(stitcher.whole, stitcher.T_rig_sphere)
+    is_there = np.isfinite(truth) & (truth < FAR_M) & (sphere.image > 0).any(axis=-1)
+    return [honesty(sphere.range_m, sphere.range_std_m, truth, is_there & (kind == k)) for k in range(len(CLASSES))]
+
+
+def honesty(range_m: Plane, std_m: Plane, truth: Plane, keep: NDArray[np.bool_]) -> Honesty:
+    """Return the counts of the pixels to keep; what is told to be far is wrong where something near is there."""
+    known = keep & ~np.isnan(range_m)
+    error = np.abs(range_m[known] - truth[known])
+    relative = error / truth[known]
+    with np.errstate(invalid="ignore"):
+        by_sigma = np.where(np.isinf(range_m[known]), np.inf, error / std_m[known])
+    regular = by_sigma[by_sigma < 5]
+    return Honesty(
+        int(keep.sum()),
+        int(known.sum()),
+        int((by_sigma > 3).sum()),
+        int((relative > 0.1).sum()),
+        int((relative <= 0.1).sum()),
+        float(np.sum(regular**2)),
+        int(regular.size),
+    )
+
+
+def _table(kind: str, found: list[Honesty]) -> Table:
+    rows = []
+    for name, one in zip(CLASSES, found, strict=True):
+        n = max(one.n, 1)
+        shares = (one.n / max(one.there, 1), one.within_10_percent / max(one.there, 1), one.beyond_3_sigma / n)
+        wrong = (one.beyond_10_percent / n, one.n / max(sum(other.n for other in found), 1))
+        rows.append((name, *(f"{100 * share:.1f}" for share in (*shares, *wrong))))
+    columns = ("surface", "measured %", "right %", "beyond 3 sigma, % of measured", "off by 10 %", "share of measured")
+    return Table(f"Rooms seen by a {kind} rig", columns, rows)
+
+
+def _noise(blur: float) -> float:
+    """Return the share of pixels that two images of independent noise have a range for."""
+    rng = np.random.default_rng(0)
+    images = []
+    for _ in range(2):
+        image = rng.normal(0, 1, (512, 1024)).astype(np.float32)
+        image = cv2.GaussianBlur(image, (0, 0), blur) if blur else image
+        images.append(np.clip(128 + 30 * image / image.std(), 0, 255).astype(np.uint8))
+    range_m, _ = match_pair(images[0], images[1], 0.2)
+    return float(1 - np.isnan(range_m).mean())
+
+
+def match_pair(top: NDArray[np.uint8], bottom: NDArray[np.uint8], baseline_m: float) -> tuple[Plane, Plane]:
+    """Return range and deviation (H, W) of two whole grey spheres, one above the other."""
+    whole, params = Spherical(top.shape[1], top.shape[0]), MatchParams()
+    everywhere = np.ones(top.shape, np.bool_)
+    disparity = match_columns(top, bottom, search_of(whole, baseline_m, params), params, everywhere)
+    return range_from_disparity(disparity, whole, baseline_m, params)
+
+
+def _planes(data: Path) -> list[Bound]:
+    """Fit planes to what is below and around of the real pairs; tell how flat they are."""
+    bounds = []
+    for name in ("real_room", "rendered_mp3d"):
+        if not (data / name).is_dir():
+            continue
+        top, bottom = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in room(data / name))
+        range_m, _ = match_pair(top, bottom, REAL_BASELINE_M)
+        whole = Spherical(top.shape[1], top.shape[0])
+        rays = whole.unproject(pixel_grid(whole))
+        known = np.isfinite(range_m)
+        bounds.append(Bound(f"{name}: measured", 0.4, float(known.mean()), "", is_minimum=True))
+        for what, keep in (("floor", rays[..., 2] < -0.35), ("walls", np.abs(rays[..., 2]) < 0.3)):
+            points = rays[known & keep] * range_m[known & keep][:, None]
+            flatness, share = _flatness(points, 1 if what == "floor" else 4)
+            bounds.append(Bound(f"{name}: {what}, rms off the plane by distance ({share:.0%})", 0.01, flatness, ""))
+    return bounds
+
+
+def _flatness(points: NDArray[np.float64], number: int) -> tuple[float, float]:
+    """Return the rms distance of points (N, 3) from the largest planes, by their range, and what share these hold."""
+    rng, errors, total = np.random.default_rng(1), [], len(points)
+    for _ in range(number):
+        if len(points) < 0.05 * total:
+            break
+        best = np.zeros(len(points), np.bool_)
+        for _ in range(300):
+            three = points[rng.integers(len(points), size=3)]
+            normal = np.cross(three[1] - three[0], three[2] - three[0])
+            normal = normal / max(float(np.linalg.norm(normal)), 1e-12)
+            off = np.abs((points - three[0]) @ normal) / np.linalg.norm(points, axis=1)
+            if np.count_nonzero(off < NEAR_PLANE / 3) > np.count_nonzero(best):
+                best = off < NEAR_PLANE / 3
+        weights = 1 / np.linalg.norm(points, axis=1)
+        for _ in range(3):
+            middle = np.average(points[best], axis=0, weights=weights[best])
+            normal = np.linalg.svd((points[best] - middle) * weights[best, None], full_matrices=False)[2][2]
+            off = np.abs((points - middle) @ normal) * weights
+            best = off < NEAR_PLANE
+        errors.append(off[best])
+        points = points[~best]
+    found = np.concatenate(errors)
+    return float(np.sqrt(np.mean(found**2))), found.size / total
