@@ -48,7 +48,12 @@ def test_a_deviation_comes_along(rng):
     plain = make(rng)
     sphere = Sphere(plain.image, plain.range_m, plain.camera, 1, np.full_like(plain.range_m, 0.25))
     found = message_to_sphere(sphere_to_message(sphere, "s"))
-    np.testing.assert_allclose(found.range_std_m, sphere.range_std_m, rtol=1.1e-4)
+    expected = np.where(plain.measured, np.clip(0.25, 1e-4 * plain.range_m, plain.range_m), np.nan)
+    np.testing.assert_allclose(found.range_std_m, expected, rtol=0.019)  # half a step of 3.7 %, and that of the range
+    old = sphere_to_message(sphere, "s")
+    old.range_deviation_encoding, old.range_deviation = old.range_encoding, old.range
+    with pytest.raises(ValueError, match="range_deviation_encoding: expected 32FC1, ratio8, .*, found 'log16'"):
+        message_to_sphere(old)
     assert message_to_sphere(sphere_to_message(plain, "s")).range_std_m is None
 
 
