@@ -52,7 +52,7 @@ def test_a_deviation_comes_along(rng):
     np.testing.assert_allclose(found.range_std_m, expected, rtol=0.019)  # half a step of 3.7 %, and that of the range
     old = sphere_to_message(sphere, "s")
     old.range_deviation_encoding, old.range_deviation = old.range_encoding, old.range
-    with pytest.raises(ValueError, match="range_deviation_encoding: expected 32FC1, ratio8, .*, found 'log16'"):
+    with pytest.raises(ValueError, match=r"range_deviation_encoding: expected 32FC1, ratio8, .*, found 'log16'"):
         message_to_sphere(old)
     assert message_to_sphere(sphere_to_message(plain, "s")).range_std_m is None
 
