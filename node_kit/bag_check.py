@@ -10,10 +10,11 @@ from typing import Any
 
 from node_kit import qos
 from node_kit.bag_error import BagError
-from node_kit.bag_reader import BagReader, TopicInfo
+from node_kit.bag_reader import BagReader
 from node_kit.bag_writer import BagWriter
 from node_kit.interfaces import message_class
 from node_kit.mcap_salvage import Salvage, readable_part
+from node_kit.recorded import TopicInfo
 
 Progress = Callable[[int], None]
 

@@ -1,46 +1,27 @@
-"""Read a rosbag2 bag of MCAP files: a folder, or a lone .mcap file."""
+"""Read a bag: a rosbag2 folder or a lone file; MCAP by ourselves, other storages through `foreign_bag.py`."""
 
 from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import Any, NamedTuple, Self
+from typing import Any, Self
 
-from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
 from node_kit import qos
 from node_kit.bag_error import BagError
 from node_kit.bag_writer import absolute
+from node_kit.foreign_bag import ForeignBag, is_foreign
 from node_kit.interfaces import message_class, type_hash, type_name
 from node_kit.mcap_file import McapFile
+from node_kit.recorded import Recorded, TopicInfo
 from sphere_geometry.fields import choice, required, short
 from sphere_geometry.files import read_text
 from sphere_geometry.yaml_text import load_yaml
 
 MAX_METADATA = 1 << 20  # bytes
-
-
-class Recorded(NamedTuple):
-    """One message of a bag: absolute topic, time of recording in ns, and the message (or its bytes)."""
-
-    topic: str
-    stamp_ns: int
-    message: Any
-
-
-@dataclass
-class TopicInfo:
-    """What a bag says about one of its topics."""
-
-    name: str
-    type: str
-    count: int
-    profiles: list[QoSProfile]
-    hash: str
 
 
 class BagReader:
@@ -55,10 +36,14 @@ class BagReader:
     def __init__(self, path: str | Path, *, is_empty_allowed: bool = False) -> None:
         self.path = Path(path)
         self.files: list[McapFile] = []
+        self._foreign: ForeignBag | None = None
         try:
-            for name in _mcap_files(self.path):
-                self.files.append(McapFile(name))
-            self.topics = self._read_topics()
+            information = _information(self.path / "metadata.yaml")
+            if is_foreign(self.path, information):
+                self._foreign = ForeignBag(self.path)
+            else:
+                self.files += [McapFile(name) for name in _mcap_files(self.path, information)]
+            self.topics = self._foreign.topics if self._foreign else self._read_topics()
             if not is_empty_allowed and self.num_messages == 0:
                 raise BagError(f"{self.path}: expected messages, found an empty bag")
         except BaseException:
@@ -73,6 +58,8 @@ class BagReader:
     @property
     def time_range(self) -> tuple[int, int]:
         """Time of the first and of the last message in ns; (0, 0) for an empty bag."""
+        if self._foreign is not None:
+            return self._foreign.time_range or (0, 0)
         spans = [span for span in (_span(file) for file in self.files) if span is not None]
         return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else (0, 0)
 
@@ -91,6 +78,9 @@ class BagReader:
     ) -> Iterator[Recorded]:
         """Yield serialized messages in order of time; all topics, or those named."""
         names = None if topics is None else {absolute(topic) for topic in topics}
+        if self._foreign is not None:
+            yield from self._foreign.raw(names, start_ns, end_ns)
+            return
         streams = [self._raw_of(file, names, start_ns, end_ns) for file in self.files]
         yield from streams[0] if len(streams) == 1 else heapq.merge(*streams, key=lambda item: item.stamp_ns)
 
@@ -112,6 +102,8 @@ class BagReader:
         """Close the files."""
         for file in self.files:
             file.close()
+        if self._foreign is not None:
+            self._foreign.close()
 
     def __enter__(self) -> Self:
         return self
@@ -185,15 +177,17 @@ def _span(file: McapFile) -> tuple[int, int] | None:
     return (min(stamps), max(stamps)) if stamps else None
 
 
-def _mcap_files(path: Path) -> list[Path]:
+def _mcap_files(path: Path, information: dict[str, Any] | None) -> list[Path]:
     if not path.exists():
         partial = path.with_name(path.name + ".partial")
         hint = f", found {partial} of an interrupted run" if partial.exists() else ", found none"
-        raise BagError(f"{path}: expected a bag (a folder or an .mcap file){hint}")
+        raise BagError(f"{path}: expected a bag (a folder, or a file .mcap, .db3 or .bag){hint}")
     if path.is_file():
         return [path]
-    listed = _listed_files(path / "metadata.yaml")
-    files = listed if listed is not None else sorted(path.glob("*.mcap"))
+    if information is None:
+        files = sorted(path.glob("*.mcap"))
+    else:
+        files = [path / Path(name).name for name in information["relative_file_paths"]]
     if not files:
         raise BagError(f"{path}: expected metadata.yaml or .mcap files, found neither")
     for file in files:
@@ -202,7 +196,8 @@ def _mcap_files(path: Path) -> list[Path]:
     return files
 
 
-def _listed_files(metadata: Path) -> list[Path] | None:
+def _information(metadata: Path) -> dict[str, Any] | None:
+    """Return what metadata.yaml says of a bag, checked as far as it is used; None where there is none."""
     if not metadata.is_file():
         return None
     try:
@@ -210,10 +205,10 @@ def _listed_files(metadata: Path) -> list[Path] | None:
         found = required(load_yaml(metadata, text), f"{metadata}", ["rosbag2_bagfile_information"])
         fields = ["storage_identifier", "relative_file_paths"]
         information = required(found["rosbag2_bagfile_information"], f"{metadata}: rosbag2_bagfile_information", fields)
-        choice(information["storage_identifier"], f"{metadata}: storage_identifier", ["mcap"])
+        choice(information["storage_identifier"], f"{metadata}: storage_identifier", ["mcap", "sqlite3"])
     except ValueError as error:
         raise BagError(str(error)) from None
     names = information["relative_file_paths"]
     if not isinstance(names, list) or not all(isinstance(name, str) and Path(name).name for name in names):
         raise BagError(f"{metadata}: relative_file_paths: expected names of files, found {short(names)}")
-    return [metadata.parent / Path(name).name for name in names]
+    return dict(information)

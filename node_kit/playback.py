@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 
 from node_kit import qos
-from node_kit.bag_reader import BagReader, Recorded, TopicInfo
+from node_kit.bag_reader import BagReader
+from node_kit.recorded import Recorded, TopicInfo
 
 Clock = Callable[[], float]
 

@@ -23,12 +23,13 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import CompressedImage, Image
 
-from node_kit.bag_reader import BagReader, Recorded
+from node_kit.bag_reader import BagReader
 from node_kit.bag_writer import BagWriter, absolute
 from node_kit.conversions import decompress
 from node_kit.interfaces import type_name
 from node_kit.node import Log, ManagedNode
 from node_kit.playback import is_latched
+from node_kit.recorded import Recorded
 from node_kit.subscription import Subscription
 from node_kit.throttle import ThrottledLog
 from typed_params import build

@@ -11,8 +11,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from node_kit.bag_error import BagError
-from node_kit.bag_reader import BagReader, TopicInfo
+from node_kit.bag_reader import BagReader
 from node_kit.bag_writer import absolute
+from node_kit.recorded import TopicInfo
 
 IMAGE, COMPRESSED, CAMERA_INFO = (
     "sensor_msgs/msg/Image",

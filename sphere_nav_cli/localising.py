@@ -16,8 +16,9 @@ from tqdm import tqdm
 
 from node_kit import conversions
 from node_kit.bag_error import BagError
-from node_kit.bag_reader import BagReader, Recorded
+from node_kit.bag_reader import BagReader
 from node_kit.bag_writer import BagWriter
+from node_kit.recorded import Recorded
 from node_kit.replay import OfflineBus, record, replay
 from node_kit.streams import SPHERE_INFO
 from sphere_geometry import SE3

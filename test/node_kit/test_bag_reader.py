@@ -69,7 +69,7 @@ def test_a_real_bag_reads(shared_data):
 
 
 def test_an_absent_bag(tmp_path):
-    with pytest.raises(BagError, match=r"nothing: expected a bag \(a folder or an \.mcap file\), found none") as error:
+    with pytest.raises(BagError, match=r"nothing: expected a bag \(a folder, or a file \.mcap, \.db3 or \.bag\), found none") as error:
         BagReader(tmp_path / "nothing")
     assert one_line(error)
     BagWriter(tmp_path / "cut")
@@ -97,9 +97,9 @@ def test_a_file_of_another_kind(tmp_path):
 def test_metadata_that_is_wrong(make_bag):
     path = make_bag()
     (path / "metadata.yaml").write_text(
-        "rosbag2_bagfile_information: {storage_identifier: sqlite3, relative_file_paths: []}"
+        "rosbag2_bagfile_information: {storage_identifier: leveldb, relative_file_paths: []}"
     )
-    with pytest.raises(BagError, match="storage_identifier: expected mcap, found 'sqlite3'"):
+    with pytest.raises(BagError, match="storage_identifier: expected mcap, sqlite3, found 'leveldb'"):
         BagReader(path)
     (path / "metadata.yaml").write_text("a: [")
     with pytest.raises(BagError, match=r"metadata\.yaml: expected YAML"):

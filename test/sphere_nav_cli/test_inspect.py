@@ -40,10 +40,10 @@ ZED = {
 }
 
 
-def copy_bag(source, target, names, change=lambda topic, message: message):
+def copy_bag(source, target, names, change=lambda topic, message: message, storage=StoragePlugin.MCAP):
     """Write a bag's messages under other names by another writer, as recorders before type hashes did."""
     store = get_typestore(Stores.ROS2_JAZZY)
-    with BagReader(source) as bag, Writer(target, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with BagReader(source) as bag, Writer(target, version=9, storage_plugin=storage) as writer:
         connections = {}
         for topic, stamp, message in bag.messages(names):
             changed = change(names[topic], message)
@@ -95,7 +95,7 @@ def test_depth_of_its_own_camera_is_registered_while_mapping(own, tmp_path, monk
         "/depth/image_raw": "/camera/camera/depth/image_rect_raw",
         "/depth/camera_info": "/camera/camera/depth/camera_info",
     }
-    copy_bag(source, tmp_path / "foreign", names)
+    copy_bag(source, tmp_path / "foreign", names, storage=StoragePlugin.SQLITE3)
     assert call("inspect", "foreign") == 0
     said = capsys.readouterr().out
     assert "--depth-info /camera/camera/depth/camera_info" in said
