@@ -69,7 +69,8 @@ def test_a_real_bag_reads(shared_data):
 
 
 def test_an_absent_bag(tmp_path):
-    with pytest.raises(BagError, match=r"nothing: expected a bag \(a folder, or a file \.mcap, \.db3 or \.bag\), found none") as error:
+    expected = r"nothing: expected a bag \(a folder, or a file \.mcap, \.db3 or \.bag\), found none"
+    with pytest.raises(BagError, match=expected) as error:
         BagReader(tmp_path / "nothing")
     assert one_line(error)
     BagWriter(tmp_path / "cut")
