@@ -5,7 +5,7 @@ time, `register` aligns them.
 """
 
 from photometric.alignment import Alignment
-from photometric.esm import register
+from photometric.esm import evaluate, register
 from photometric.params import PyramidParams, RegistrationParams
 from photometric.pyramid import Pyramid, build_pyramid
 from photometric.reference import Reference, View, prepare_reference
@@ -20,6 +20,7 @@ __all__ = [
     "RegistrationParams",
     "View",
     "build_pyramid",
+    "evaluate",
     "prepare_reference",
     "register",
     "register_rotation",

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from photometric import kernels
-from photometric.normal_equations import NormalEquations, ViewSolver
+from photometric.descent import kernels
+from photometric.iteration.kernels import NUM_COLUMNS
+from photometric.problem import Comparison
 
-Array = NDArray[np.float64]
 MIN_PIECES = 2  # of a view; fewer do not scatter
-FIRST_OF_ROW = np.cumsum([0, *range(kernels.NUM_COLUMNS + 1, 1, -1)])  # of the rows of the upper triangle in the sums
-UPPER = np.triu_indices(kernels.NUM_COLUMNS + 1)
 
 
-def correlated_pixels(solvers: Sequence[ViewSolver], found: Sequence[NormalEquations], otherwise: float) -> float:
+def correlated_pixels(found: Sequence[Comparison], otherwise: float) -> float:
     """Return the number of pixels that err together, 1 where all residuals are independent.
 
     The pixels of a view are summed in pieces of scan order. Were residuals independent, the gradient g of a piece would
@@ -25,16 +22,8 @@ def correlated_pixels(solvers: Sequence[ViewSolver], found: Sequence[NormalEquat
     cluster-robust covariance). `otherwise` is returned where there are too few pieces.
     """
     total = expected = 0.0
-    for solver, view in zip(solvers, found, strict=True):
-        pieces = solver.piece_sums()
-        if len(pieces) < MIN_PIECES or not np.all(np.isfinite(pieces)):
-            continue
-        H = np.zeros((kernels.NUM_COLUMNS + 1, kernels.NUM_COLUMNS + 1))
-        H[UPPER] = pieces.sum(axis=0)[: UPPER[0].size]
-        H = (H + np.triu(H, 1).T)[:-1, :-1]
-        g = pieces[:, FIRST_OF_ROW[1:] - 1]
-        scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
-        solved = np.linalg.lstsq(H * np.outer(scale, scale), (g * scale).T, rcond=None)[0]
-        total += float(np.sum((g * scale).T * solved)) / view.sigma**2
-        expected += kernels.NUM_COLUMNS * (1.0 - 1.0 / len(pieces))
+    for view in found:
+        if len(view.pieces) >= MIN_PIECES and np.all(np.isfinite(view.pieces)):
+            total += kernels.scatter(view.pieces, view.sigma)
+            expected += NUM_COLUMNS * (1.0 - 1.0 / len(view.pieces))
     return max(1.0, total / expected) if expected else otherwise

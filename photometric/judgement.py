@@ -2,58 +2,71 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from photometric import alignment
 from photometric.alignment import Alignment
 from photometric.correlation import correlated_pixels
-from photometric.normal_equations import NormalEquations
+from photometric.descent import kernels
 from photometric.params import RegistrationParams
-from photometric.problem import Problem, State
+from photometric.problem import Comparison, Descent, Problem, State
 
 Array = NDArray[np.float64]
 UNKNOWN = np.diag(np.full(6, np.inf))
 STUCK = 25.0  # still moving this many times `min_step` at the end is no convergence
 
 
-def judge(
-    problem: Problem, state: State, iterations: int, motion: float, overlap: float, params: RegistrationParams
-) -> Alignment:
-    """Compare once more at the end and say what was found; `motion` is the last increment in pixels."""
+def judge(problem: Problem, descent: Descent, iterations: int, overlap: float, params: RegistrationParams) -> Alignment:
+    """Compare once more at the end of the last descent and say what was found, after so many iterations in all."""
+    state = descent.state
     found = problem.compare(state)
     num_pixels = sum(view.num_visible for view in found)
     if num_pixels < params.min_pixels or overlap < params.min_overlap:
         return _refused(state, alignment.LOW_OVERLAP, iterations, num_pixels, overlap)
-    mad = float(np.average([view.mad for view in found], weights=[view.num_visible for view in found]))
-    H, _ = problem.joint(found)
-    covariance, condition = _covariance(H)
-    correlation = correlated_pixels(problem.solvers, found, params.correlated_pixels)
+    mad = sum(view.mad * view.num_visible for view in found) / num_pixels
+    covariance, condition = _covariance(normal_matrix(found, has_light=params.illumination))
     reason = alignment.GOOD
     if condition > params.max_condition:
         reason = alignment.LOW_TEXTURE
-    elif motion > STUCK * params.min_step:
+    elif descent.motion > STUCK * params.min_step:
         reason = alignment.NO_CONVERGENCE
     elif mad > params.max_mad:
         reason = alignment.OUTLIERS
+    if reason != alignment.LOW_TEXTURE:
+        covariance = covariance * correlated_pixels(found, params.correlated_pixels)
     return Alignment(
         T_world_camera=state.T_world_camera,
-        covariance=covariance * correlation if reason != alignment.LOW_TEXTURE else UNKNOWN,
+        covariance=covariance if reason != alignment.LOW_TEXTURE else UNKNOWN,
         reason=reason,
         iterations=iterations,
         num_pixels=num_pixels,
         overlap=overlap,
         inlier_share=sum(view.num_inliers for view in found) / num_pixels,
         mad=mad,
-        ncc=_correlation(problem, found),
-        gains=state.gains,
-        biases=state.biases,
+        ncc=_correlation(found, state),
+        gains=tuple(state.light[:, 0].tolist()),
+        biases=tuple(state.light[:, 1].tolist()),
     )
 
 
+def normal_matrix(found: Sequence[Comparison], *, has_light: bool) -> Array:
+    """Return H over (xi, gain 1, bias 1, ...) of the compared views together (M15 eq. 19, 31)."""
+    n = 6 + 2 * len(found) if has_light else 6
+    H, g, h, q = np.zeros((n, n)), np.zeros(n), np.empty((8, 8)), np.empty(8)
+    for index, view in enumerate(found):
+        kernels.unpack(view.pieces.sum(axis=0), h, q)
+        kernels.to_camera_tangent(view.T_camera_reference, h, q)
+        kernels.join(index, h, q, view.sigma, has_light, H, g)
+    return H
+
+
 def _refused(state: State, reason: str, iterations: int, num_pixels: int, overlap: float) -> Alignment:
+    gains, biases = tuple(state.light[:, 0].tolist()), tuple(state.light[:, 1].tolist())
     return Alignment(
-        state.T_world_camera, UNKNOWN, reason, iterations, num_pixels, overlap, 0.0, 0.0, 0.0, state.gains, state.biases
+        state.T_world_camera, UNKNOWN, reason, iterations, num_pixels, overlap, 0.0, 0.0, 0.0, gains, biases
     )
 
 
@@ -74,20 +87,19 @@ def _covariance(H: Array) -> tuple[Array, float]:
     return inverse, float(eigenvalues[-1] / eigenvalues[0])
 
 
-def _correlation(problem: Problem, found: list[NormalEquations]) -> float:
+def _correlation(found: Sequence[Comparison], state: State) -> float:
     """Return the normalised cross correlation of reference and warped image over all visible pixels (M15 5.4).
 
     Views count as they do in the alignment, by the inverse of their residual's deviation.
     """
-    reference, current = [], []
-    for solver, view in zip(problem.solvers, found, strict=True):
-        seen = ~np.isnan(view.residual)
-        if not seen.any():
+    covariance = variance_reference = variance_warped = 0.0
+    for view, gain in zip(found, state.light[:, 0].tolist(), strict=True):
+        if not view.num_visible:
             continue
-        intensity = solver.pixels.intensity[seen]
-        reference.append((intensity - intensity.mean()) / view.sigma)
-        warped = view.residual[seen] + intensity
-        current.append((warped - warped.mean()) / view.sigma)
-    a, b = np.concatenate(reference), np.concatenate(current)
-    norm = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return float(a @ b) / norm if norm > 0 else 0.0
+        reference, current, product, square_reference, square_current = view.correlation.tolist()
+        mean, weight = current / view.num_visible, 1.0 / view.sigma**2
+        covariance += weight * gain * (product - reference * mean)
+        variance_reference += weight * (square_reference - reference**2 / view.num_visible)
+        variance_warped += weight * gain**2 * (square_current - current * mean)
+    norm = variance_reference * variance_warped
+    return covariance / float(np.sqrt(norm)) if norm > 0 else 0.0

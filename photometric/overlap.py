@@ -8,9 +8,10 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from photometric import kernels
+from photometric.projection import kernel_motion, view_cone
 from photometric.pyramid import Pyramid
 from photometric.reference import View
-from photometric.selection import level_like
 from sphere_geometry import SE3, Camera
 from sphere_geometry.camera import pixel_grid
 
@@ -20,15 +21,16 @@ CELL = 3  # pixels of the coarsest level: wide enough that a covered cell catche
 def image_overlap(pyramid: Pyramid, views: Sequence[View], T_world_camera: SE3) -> float:
     """Return the share (0..1) of the image, in cells of the coarsest level, where some reference has range."""
     level = pyramid.levels[-1]
-    cells = _cells_with_rays(level.camera)
+    camera = level.camera
+    cells = _cells_with_rays(camera)
     covered = np.zeros_like(cells)
+    T_camera_world = T_world_camera.inverse()
+    image = (level.kernel_camera, view_cone(camera), camera.width, camera.height, CELL, covered)
     for view in views:
-        points = level_like(view.reference, level).points
-        T_camera_reference = T_world_camera.inverse() @ view.T_world_reference
-        pixels, visible = level.camera.project(T_camera_reference.apply(points.T))
-        u, v = np.round(pixels[visible]).astype(np.int64).T // CELL
-        covered[np.clip(v, 0, cells.shape[0] - 1), np.clip(u, 0, cells.shape[1] - 1)] = True
-    return float(np.sum(covered & cells)) / max(float(np.sum(cells)), 1.0)
+        pixels = view.reference.level_like(camera)
+        T = kernel_motion((T_camera_world @ view.T_world_reference).matrix)
+        kernels.cover(pixels.points, pixels.bounds, T, *image)
+    return np.count_nonzero(covered & cells) / max(np.count_nonzero(cells), 1)
 
 
 @lru_cache(maxsize=16)

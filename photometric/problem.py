@@ -2,61 +2,68 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dposv
 
-from photometric.normal_equations import NormalEquations, ViewSolver
+from photometric.descent import kernels
 from photometric.params import RegistrationParams
-from photometric.pyramid import Level
-from photometric.reference import View
-from photometric.selection import choose, level_like
+from photometric.pyramid import NO_FLOATS, Level
+from photometric.reference import Selection, View
+from photometric.selection import choose
 from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
-GAIN_LIMITS = (0.1, 10.0)
-LIGHT_PRIOR = 1e-9 * np.eye(2)  # keeps gain and bias defined on an even image
-
-
-@dataclass(frozen=True)
-class Step:
-    """An increment: xi (6,) of the pose, and for each view what is added to its gain and bias."""
-
-    xi: Array
-    gains: Array
-    biases: Array
+MAX_VIEWS = kernels.MAX_VIEWS
 
 
 @dataclass(frozen=True)
 class State:
-    """What is estimated."""
+    """What is estimated: the pose, and a gain and bias (num_views, 2) that map grey levels to each reference's."""
 
     T_world_camera: SE3
-    gains: tuple[float, ...]
-    biases: tuple[float, ...]
+    light: Array
 
     @staticmethod
     def start(T_world_camera: SE3, num_views: int) -> State:
         """Return the first guess: the given pose, the same light."""
-        return State(T_world_camera, (1.0,) * num_views, (0.0,) * num_views)
+        return State(T_world_camera, np.tile([1.0, 0.0], (num_views, 1)))
 
-    def moved(self, step: Step) -> State:
-        """Return the state after an increment (M15 eq. 7)."""
-        low, high = GAIN_LIMITS
-        gains = tuple(min(max(gain + d, low), high) for gain, d in zip(self.gains, step.gains.tolist(), strict=True))
-        biases = tuple(bias + d for bias, d in zip(self.biases, step.biases.tolist(), strict=True))
-        return State(self.T_world_camera @ SE3.exp(step.xi), gains, biases)
+
+@dataclass(frozen=True)
+class Descent:
+    """Where one level ended; `motion` is the last increment in pixels of the level."""
+
+    state: State
+    iterations: int
+    motion: float
+    is_determined: bool  # the image fixed every increment
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """One view at a state: grey levels, and the sums (NUM_SUMS,) of each piece of its pixels.
+
+    `correlation` is (sum of reference, of current, of their product, of both squares) over the visible pixels.
+    """
+
+    T_camera_reference: Array
+    median: float
+    mad: float
+    sigma: float
+    num_visible: int
+    num_inliers: int
+    correlation: Array
+    pieces: Array
 
 
 @dataclass(frozen=True)
 class Problem:
     """The views of one level with their chosen pixels."""
 
-    solvers: tuple[ViewSolver, ...]
+    selections: tuple[Selection, ...]
     T_world_reference: tuple[SE3, ...]
     level: Level
     params: RegistrationParams
@@ -65,73 +72,59 @@ class Problem:
     def choose_pixels(level: Level, views: Sequence[View], T_world_camera: SE3, params: RegistrationParams) -> Problem:
         """Pick the most salient pixels that the camera sees from the guessed pose, s(.) of M15 eq. 16."""
         share = params.max_pixels // len(views)
-        solvers = []
-        for view in views:
-            pixels = level_like(view.reference, level)
-            T_camera_reference = T_world_camera.inverse() @ view.T_world_reference
-            solvers.append(ViewSolver(choose(pixels, T_camera_reference, level, share), level))
-        return Problem(tuple(solvers), tuple(view.T_world_reference for view in views), level, params)
+        T_camera_world = T_world_camera.inverse()
+        selections = (
+            choose(view.reference.level_like(level.camera), T_camera_world @ view.T_world_reference, level, share)
+            for view in views
+        )
+        return Problem(tuple(selections), tuple(view.T_world_reference for view in views), level, params)
 
-    def compare(self, state: State) -> list[NormalEquations]:
-        """Compare the image with every view at a state."""
-        rows = zip(self.solvers, self.T_camera_reference(state), state.gains, state.biases, strict=True)
-        return [solver.compare(T, gain, bias, self.params) for solver, T, gain, bias in rows]
+    def descend(self, state: State, limit: int, is_rotation: bool = False) -> Descent:
+        """Iterate until the increment moves the image less than `min_step` (M15 eq. 6-7), `limit` times at most."""
+        T_world_camera, light = state.T_world_camera.matrix[:3].copy(), np.ones((MAX_VIEWS, 2))
+        light[: len(state.light)] = state.light
+        params = self.params
+        depth = min(selection.typical_range for selection in self.selections)
+        stop = (params.min_step, self.level.camera.pixels_per_radian, depth, float(params.min_pixels))
+        iterations, motion, is_determined = kernels.descend(
+            *self._views, *self._image, T_world_camera, light, self._robust, stop, limit, is_rotation
+        )
+        pose = np.concatenate([T_world_camera, [[0.0, 0.0, 0.0, 1.0]]])
+        return Descent(State(SE3(pose), light[: len(state.light)]), iterations, motion, is_determined)
 
-    def T_camera_reference(self, state: State) -> list[SE3]:
-        """Return where each reference is in the camera frame."""
+    def linearise(self, state: State) -> tuple[Array, Array, int]:
+        """Return H, g over (xi, gain 1, bias 1, ...) with H x = -g, and the number of visible pixels (eq. 6, 31-35)."""
+        T_world_camera = np.ascontiguousarray(state.T_world_camera.matrix[:3])
+        H, g, visible = kernels.linearise(*self._views, *self._image, T_world_camera, state.light, *self._robust)
+        return H, g, int(visible)
+
+    def compare(self, state: State) -> list[Comparison]:
+        """Compare the image with every view at a state, each pixel once more."""
         T_camera_world = state.T_world_camera.inverse()
-        return [T_camera_world @ T_world_reference for T_world_reference in self.T_world_reference]
+        facts, found = np.empty(kernels.NUM_FACTS), []
+        for selection, T_world_reference, (gain, bias) in zip(
+            self.selections, self.T_world_reference, state.light.tolist(), strict=True
+        ):
+            T = np.ascontiguousarray((T_camera_world @ T_world_reference).matrix[:3])
+            pieces = np.empty((kernels.NUM_PIECES, kernels.NUM_SUMS))
+            robust = (self.params.huber, self.params.min_sigma)
+            count = kernels.examine(selection.blocks, T, *self._image, gain, bias, *robust, facts, pieces)
+            median, mad, num_visible, num_inliers, *correlation = facts.tolist()
+            sigma = max(kernels.SIGMA_OF_MAD * mad, self.params.min_sigma)
+            counts = int(num_visible), int(num_inliers)
+            found.append(Comparison(T, median, mad, sigma, *counts, np.array(correlation), pieces[:count]))
+        return found
 
-    def step(self, state: State, rotation_only: bool = False) -> Step | None:
-        """Return the Gauss-Newton increment (M15 eq. 6, 20), or None where the image does not determine it."""
-        found = self.compare(state)
-        if sum(view.num_visible for view in found) < self.params.min_pixels:
-            return None
-        H, g = self.joint(found)
-        x = np.zeros_like(g)
-        first = 3 if rotation_only else 0
-        solution = _solve(H[first:, first:], g[first:])
-        if solution is None:
-            return None
-        x[first:] = solution
-        number = len(self.solvers)
-        if not self.params.illumination:
-            return Step(x, np.zeros(number), np.zeros(number))
-        return Step(x[:6], x[6::2], x[7::2])
+    @property
+    def _views(self) -> tuple[tuple[NDArray[np.float32], ...], int, Array]:
+        blocks = [selection.blocks for selection in self.selections]
+        T_world_reference = np.stack([T.matrix[:3] for T in self.T_world_reference])
+        return (*blocks, *[NO_FLOATS] * (MAX_VIEWS - len(blocks))), len(blocks), T_world_reference
 
-    def joint(self, found: list[NormalEquations]) -> tuple[Array, Array]:
-        """Stack the views into one system over (xi, gain 1, bias 1, gain 2, bias 2, ...) (M15 eq. 19, 31).
+    @property
+    def _image(self) -> tuple[object, object]:
+        return self.level.kernel_camera, self.level.samples
 
-        Unlike in the paper each view counts by the inverse variance of its residuals, so that a distant reference
-        with much occlusion steadies the result without pulling it.
-        """
-        size = 6 + 2 * len(found) if self.params.illumination else 6
-        H, g = np.zeros((size, size)), np.zeros(size)
-        for index, view in enumerate(found):
-            H[:6, :6] += view.H[:6, :6]
-            g[:6] += view.g[:6]
-            if self.params.illumination:
-                light = slice(6 + 2 * index, 8 + 2 * index)
-                H[light, light] = view.H[6:, 6:] + LIGHT_PRIOR
-                H[:6, light] = view.H[:6, 6:]
-                H[light, :6] = view.H[6:, :6]
-                g[light] = view.g[6:]
-        return H, g
-
-    def image_motion(self, step: Step) -> float:
-        """Return how far an increment moves the image, in pixels of this level: rotation plus parallax."""
-        depth = min(solver.pixels.typical_range for solver in self.solvers)
-        x, y, z, a, b, c = step.xi.tolist()
-        angle = math.hypot(a, b, c) + math.hypot(x, y, z) / depth
-        return angle * self.level.camera.pixels_per_radian
-
-
-def _solve(H: Array, g: Array) -> Array | None:
-    """Return -H^-1 g by Cholesky of the scaled matrix, or None where H is not positive definite."""
-    diagonal = np.diagonal(H)
-    if not np.all(np.isfinite(H)) or diagonal.min() <= 0:
-        return None
-    scale = 1.0 / np.sqrt(diagonal)
-    _, x, failed = dposv(H * np.outer(scale, scale), scale * g)
-    solution: Array = -scale * x
-    return None if failed or not np.all(np.isfinite(solution)) else solution
+    @property
+    def _robust(self) -> tuple[float, float, bool]:
+        return self.params.huber, self.params.min_sigma, self.params.illumination

@@ -3,16 +3,29 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photometric import kernels
 from photometric.params import PyramidParams
+from photometric.projection import KernelCamera, kernel_camera
 from sphere_geometry import Camera, Spherical
 
 Image = NDArray[Any]
+NO_BYTES, NO_FLOATS = np.zeros(0, np.uint8), np.zeros(0, np.float32)
+
+
+class Samples(NamedTuple):
+    """An image as kernels load it: flat, bytes or floats, the other empty; width with the padding."""
+
+    bytes: NDArray[np.uint8]
+    floats: NDArray[np.float32]
+    width: int
+    height: int
+    pad: int
 
 
 @dataclass(frozen=True)
@@ -22,6 +35,19 @@ class Level:
     image: Image
     camera: Camera
     pad: int
+
+    @cached_property
+    def samples(self) -> Samples:
+        """The image as kernels take it."""
+        flat, (height, width) = self.image.reshape(-1), self.image.shape
+        if flat.dtype == np.uint8:
+            return Samples(flat, NO_FLOATS, width, height, self.pad)
+        return Samples(NO_BYTES, flat, width, height, self.pad)
+
+    @property
+    def kernel_camera(self) -> KernelCamera:
+        """The camera as kernels take it."""
+        return kernel_camera(self.camera)
 
 
 @dataclass(frozen=True)
@@ -44,16 +70,16 @@ class Pyramid:
 def build_pyramid(image: Image, camera: Camera, params: PyramidParams | None = None) -> Pyramid:
     """Build the pyramid of a grey image (H, W), uint8 or float32; ValueError if it is not the camera's size.
 
-    Level 0 is the image itself, copied only if it is read-only: kernels are compiled once more for such arrays. The
-    coarser ones are float32.
+    Level 0 is the image itself, copied only if it is read-only: kernels would be compiled once more for such arrays.
+    The coarser ones are float32.
     """
     params = params or PyramidParams()
     check_image(image, camera)
-    is_whole = isinstance(camera, Spherical) and camera.is_whole
-    levels = [_level(np.require(image, requirements=["C", "W"]), camera, is_whole)]
-    while len(levels) < params.num_levels and _can_halve(levels[-1].camera, params.min_side):
-        previous = levels[-1]
-        levels.append(_level(_halve(previous), previous.camera.halved(), is_whole))
+    cameras = level_cameras(camera, params.num_levels, params.min_side)
+    pad = int(isinstance(camera, Spherical) and camera.is_whole)
+    levels = [Level(_pad(np.require(image, requirements=["C", "W"]), pad), camera, pad)]
+    for smaller in cameras[1:]:
+        levels.append(Level(_pad(_halve(levels[-1]), pad), smaller, pad))
     return Pyramid(tuple(levels))
 
 
@@ -67,22 +93,29 @@ def check_image(image: Image, camera: Camera) -> None:
         raise ValueError("image: expected finite grey levels, found NaN or Inf")
 
 
+@lru_cache(maxsize=64)
+def level_cameras(camera: Camera, num_levels: int, min_side: int) -> tuple[Camera, ...]:
+    """Return the cameras of all levels, from fine to coarse."""
+    cameras = [camera]
+    while len(cameras) < num_levels and _can_halve(cameras[-1], min_side):
+        cameras.append(cameras[-1].halved())
+    return tuple(cameras)
+
+
 def _can_halve(camera: Camera, min_side: int) -> bool:
     if isinstance(camera, Spherical) and camera.is_whole and (camera.width % 4 or camera.height % 2):
         return False
     return min(camera.width, camera.height) // 2 >= min_side
 
 
-def _level(image: Image, camera: Camera, is_whole: bool) -> Level:
-    if not is_whole:
-        return Level(image, camera, 0)
-    return Level(np.concatenate([image[:, -1:], image, image[:, :1]], axis=1), camera, 1)
+def _pad(image: Image, pad: int) -> Image:
+    return np.concatenate([image[:, -pad:], image, image[:, :pad]], axis=1) if pad else image
 
 
 def _halve(level: Level) -> Image:
-    image = level.image
-    if level.pad:  # the kernel reaches one column beyond both ends: halve two more, cut them off again
+    image, pad = level.image, level.pad
+    if pad:  # the kernel reaches one column beyond both ends: halve two more, cut them off again
         image = np.concatenate([image[:, -3:-2], image, image[:, 2:3]], axis=1)
     out = np.empty((image.shape[0] // 2, image.shape[1] // 2), np.float32)
-    kernels.halve(image, out)
-    return np.ascontiguousarray(out[:, level.pad : out.shape[1] - level.pad])
+    (kernels.halve_bytes if image.dtype == np.uint8 else kernels.halve)(image, out)
+    return np.ascontiguousarray(out[:, pad : out.shape[1] - pad]) if pad else out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 
@@ -9,27 +10,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photometric import kernels
+from photometric.iteration.kernels import SIDE
 from photometric.params import RegistrationParams
+from photometric.projection import Floats
 from photometric.pyramid import Image, Level, build_pyramid
 from photometric.saliency import saliency_rank
-from photometric.scratch import scratch
 from sphere_geometry import SE3, Camera, Spherical
 from sphere_geometry.camera import pixel_grid
 
-Floats = NDArray[np.float32]
+TILE = 32  # px: pixels are kept tile by tile, so that a block of them lies together
 
 
 @dataclass(frozen=True)
 class ReferenceLevel:
-    """The pixels of one level that have a range, in scan order, as the kernels take them.
+    """The pixels of one level that have a range, tile by tile, as the kernels take them.
 
     points (3, N) m, intensity (N,) grey levels, gradient (3, N) grey levels per metre, all in the reference frame.
+    `known_rank` (N,) is their saliency order where it was computed before.
     """
 
     camera: Camera
     points: Floats
     intensity: Floats
     gradient: Floats
+    known_rank: NDArray[np.int32] | None = None
     selections: dict[tuple[Camera, int], Selection] = field(default_factory=dict, repr=False, compare=False)
 
     @property
@@ -40,27 +44,33 @@ class ReferenceLevel:
     @cached_property
     def rank(self) -> NDArray[np.int32]:
         """Place (N,) of each pixel in the saliency order, 0 first; sorted when first asked for, its better half."""
+        if self.known_rank is not None:
+            return self.known_rank
         return saliency_rank(self.points, self.gradient, limit=self.num_pixels // 2)
 
     @cached_property
-    def typical_range(self) -> float:
-        """Harmonic mean range in metres: what one metre of motion does to the image on average."""
-        inverse = np.mean(1.0 / np.sqrt(np.einsum("ij,ij->j", self.points, self.points))) if self.num_pixels else 1.0
-        return float(1.0 / inverse)
+    def bounds(self) -> Floats:
+        """Centre and radius (M, 4) in m of the sphere around each `SIDE` pixels."""
+        bounds = np.empty((-(-self.num_pixels // SIDE), 4), np.float32)
+        kernels.bound_blocks(self.points, bounds)
+        return bounds
 
-    def take(self, index: NDArray[np.int64]) -> ReferenceLevel:
-        """Return the level reduced to some of its pixels."""
+    def most_salient(self, number: int) -> ReferenceLevel:
+        """Return the level reduced to the best pixels of the saliency order (M15 section 3.6), at most half of all."""
+        index = np.flatnonzero(self.rank < number)
         points = np.ascontiguousarray(self.points[:, index])
         gradient = np.ascontiguousarray(self.gradient[:, index])
-        return ReferenceLevel(self.camera, points, self.intensity[index], gradient)
+        return ReferenceLevel(self.camera, points, self.intensity[index], gradient, self.rank[index])
 
 
 @dataclass(frozen=True)
 class Selection:
-    """Pixels chosen for a camera at a pose."""
+    """Pixels chosen for a camera at a pose: blocks for the kernels, their number, their harmonic mean range in m."""
 
     T_camera_reference: SE3
-    pixels: ReferenceLevel
+    blocks: Floats
+    num_pixels: int
+    typical_range: float
 
 
 @dataclass(frozen=True)
@@ -73,6 +83,11 @@ class Reference:
     def camera(self) -> Camera:
         """The camera of the finest level."""
         return self.levels[0].camera
+
+    def level_like(self, camera: Camera) -> ReferenceLevel:
+        """Return the level whose angular resolution is nearest to a camera's."""
+        index = round(math.log2(self.camera.pixels_per_radian / camera.pixels_per_radian))
+        return self.levels[min(max(index, 0), len(self.levels) - 1)]
 
 
 @dataclass(frozen=True)
@@ -92,7 +107,7 @@ def prepare_reference(
     """
     params = params or RegistrationParams()
     check_range(range_m, camera)
-    pyramid = build_pyramid(image, camera, params.pyramid)
+    pyramid = build_pyramid(image.astype(np.float32, copy=False), camera, params.pyramid)
     ranges = np.ascontiguousarray(range_m, dtype=np.float32)
     levels = []
     for index, level in enumerate(pyramid.levels):
@@ -119,6 +134,14 @@ def rays_of(camera: Camera) -> Floats:
     return np.ascontiguousarray(rays.reshape(-1, 3).T)
 
 
+@lru_cache(maxsize=16)
+def tile_order(height: int, width: int) -> NDArray[np.int64]:
+    """Return the indices (H W,) of all pixels, tile by tile."""
+    v, u = np.mgrid[0:height, 0:width]
+    tile = (v // TILE * -(-width // TILE) + u // TILE).reshape(-1)
+    return np.argsort(tile, kind="stable")
+
+
 def _halve_range(range_m: Floats, surface_ratio: float) -> Floats:
     out = np.empty((range_m.shape[0] // 2, range_m.shape[1] // 2), np.float32)
     kernels.halve_range(range_m, np.float32(surface_ratio), out)
@@ -134,20 +157,12 @@ def prepare_level(level: Level, range_m: Floats, far: float) -> ReferenceLevel:
     rays = rays_of(level.camera)
     if not isinstance(level.camera, Spherical):
         usable &= ~np.isnan(rays[0]).reshape(usable.shape)
-    index = np.flatnonzero(usable)
+    order = tile_order(*usable.shape)
+    index = order[usable.reshape(-1)[order]]
     points = np.empty((3, index.size), np.float32)
     gradient = np.empty((3, index.size), np.float32)
     intensity = np.empty(index.size, np.float32)
-    model, coefficients = kernel_camera(level.camera)
-    kernels.reference_points(
-        index, rays, range_m.reshape(-1), np.float32(far), level.image, level.pad, model, coefficients,
-        scratch(), points, intensity, gradient,
-    )  # fmt: skip
+    image = level.image.astype(np.float32, copy=False)
+    inputs = (index, rays, range_m.reshape(-1), np.float32(far), image, level.pad, level.kernel_camera)
+    kernels.reference_points(*inputs, points, intensity, gradient)
     return ReferenceLevel(level.camera, points, intensity, gradient)
-
-
-def kernel_camera(camera: Camera) -> tuple[int, Floats]:
-    """Return the model number and the coefficients (13,) float32 that the kernels take."""
-    coefficients = np.zeros(13, np.float32)
-    coefficients[: camera.coefficients.size] = camera.coefficients
-    return kernels.MODELS[camera.model], coefficients

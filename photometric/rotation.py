@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
-from photometric.normal_equations import ViewSolver
 from photometric.params import RegistrationParams
 from photometric.problem import Problem, State
 from photometric.pyramid import Pyramid
-from photometric.reference import prepare_level
+from photometric.reference import Reference, View, prepare_level
 from sphere_geometry import SE3
 
 MAX_ITERATIONS = 10  # M15 section 6.1
@@ -25,13 +22,7 @@ def register_rotation(now: Pyramid, before: Pyramid, params: RegistrationParams 
     level = now.levels[-1]
     everywhere_far = np.full((level.camera.height, level.camera.width), np.inf, np.float32)
     pixels = prepare_level(before.levels[-1], everywhere_far, params.far)
-    problem = Problem((ViewSolver(pixels, level),), (SE3.identity(),), level, params)
-    state = State.start(SE3.identity(), 1)
-    for _ in range(MAX_ITERATIONS):
-        step = problem.step(state, rotation_only=True)
-        if step is None:
-            return SE3.identity()
-        state = state.moved(replace(step, xi=np.concatenate([np.zeros(3), step.xi[3:]])))
-        if problem.image_motion(step) < params.min_step:
-            break
-    return state.T_world_camera
+    view = View(Reference((pixels,)), SE3.identity())
+    problem = Problem.choose_pixels(level, [view], SE3.identity(), params)
+    descent = problem.descend(State.start(SE3.identity(), 1), MAX_ITERATIONS, is_rotation=True)
+    return descent.state.T_world_camera if descent.is_determined else SE3.identity()

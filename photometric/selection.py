@@ -2,56 +2,47 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 from numpy.typing import NDArray
 
 from photometric import kernels
+from photometric.iteration.kernels import BLOCK, SIDE
+from photometric.projection import kernel_motion, view_cone
 from photometric.pyramid import Level
-from photometric.reference import Reference, ReferenceLevel, Selection, kernel_camera
-from photometric.scratch import scratch
+from photometric.reference import ReferenceLevel, Selection
 from sphere_geometry import SE3
 
-MAX_SHIFT = 0.02  # of the image's width: a selection is used again while the image has moved less than this
+MAX_SHIFT = 0.1  # of the image's width: a selection is used again while the image has moved less than this
 
 
-def level_like(reference: Reference, level: Level) -> ReferenceLevel:
-    """Return the level of the reference whose angular resolution is nearest to the image's."""
-    finest = reference.camera.pixels_per_radian
-    index = round(math.log2(finest / level.camera.pixels_per_radian))
-    return reference.levels[min(max(index, 0), len(reference.levels) - 1)]
-
-
-def choose(pixels: ReferenceLevel, T_camera_reference: SE3, level: Level, number: int) -> ReferenceLevel:
+def choose(pixels: ReferenceLevel, T_camera_reference: SE3, level: Level, number: int) -> Selection:
     """Return `select`, or the last selection for this camera where it still holds: images of a stream move little."""
     key = (level.camera, number)
     last = pixels.selections.get(key)
     if last is None or _image_shift(last, T_camera_reference, level) > MAX_SHIFT * level.camera.width:
-        last = Selection(T_camera_reference, select(pixels, T_camera_reference, level, number))
-        pixels.selections[key] = last
-    return last.pixels
+        last = pixels.selections[key] = select(pixels, T_camera_reference, level, number)
+    return last
 
 
-def select(pixels: ReferenceLevel, T_camera_reference: SE3, level: Level, number: int) -> ReferenceLevel:
-    """Return the `number` most salient pixels that project into the image, in scan order."""
-    seen = visible(pixels, T_camera_reference, level)
-    if np.count_nonzero(seen) <= number:
-        return pixels.take(np.flatnonzero(seen))
-    return pixels.take(kernels.best_of(seen, pixels.rank, number))
+def select(pixels: ReferenceLevel, T_camera_reference: SE3, level: Level, number: int) -> Selection:
+    """Return the `number` most salient pixels that project into the image, in the order of the reference."""
+    chosen = visible(pixels, T_camera_reference, level)
+    if chosen.size > number:
+        chosen = kernels.best_of(chosen, pixels.rank, number)
+    blocks = np.empty(-(-chosen.size // SIDE) * BLOCK, np.float32)
+    inverse = kernels.fill_blocks(pixels.points, pixels.intensity, pixels.gradient, chosen, blocks)
+    return Selection(T_camera_reference, blocks, chosen.size, 1.0 / inverse)
 
 
-def visible(pixels: ReferenceLevel, T_camera_reference: SE3, level: Level) -> NDArray[np.bool_]:
-    """Return which pixels (N,) of a reference project into the image of a level."""
-    model, coefficients = kernel_camera(level.camera)
-    seen = np.empty(pixels.num_pixels, np.bool_)
-    T = np.ascontiguousarray(T_camera_reference.matrix[:3], dtype=np.float32)
-    size = (level.camera.width, level.camera.height)
-    kernels.find_visible(pixels.points, T, model, coefficients, *size, scratch(), seen)
-    return seen
+def visible(pixels: ReferenceLevel, T_camera_reference: SE3, level: Level) -> NDArray[np.int32]:
+    """Return the indices of the pixels of a reference that project into the image of a level."""
+    camera, T = level.camera, kernel_motion(T_camera_reference.matrix)
+    seen = np.empty(pixels.num_pixels, np.int32)
+    args = (T, level.kernel_camera, view_cone(camera), camera.width, camera.height)
+    return seen[: kernels.find_visible(pixels.points, pixels.bounds, *args, seen)]
 
 
 def _image_shift(last: Selection, T_camera_reference: SE3, level: Level) -> float:
     """Return how far the image has moved since a selection, in pixels."""
     distance, angle = last.T_camera_reference.distance(T_camera_reference)
-    return float(angle + distance / last.pixels.typical_range) * level.camera.pixels_per_radian
+    return float(angle + distance / last.typical_range) * level.camera.pixels_per_radian

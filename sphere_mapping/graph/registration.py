@@ -15,14 +15,13 @@ from photometric import (
     RegistrationParams,
     View,
     build_pyramid,
+    evaluate,
     prepare_reference,
     register,
     register_rotation,
 )
 from photometric.alignment import OUTLIERS
-from photometric.judgement import judge
 from photometric.overlap import image_overlap
-from photometric.problem import Problem, State
 from sphere_geometry import SE3
 from sphere_map.graph import Edge, KeySphere
 from sphere_map.sphere import Sphere
@@ -107,7 +106,4 @@ def edge_between(reference: KeySphere, node: KeySphere, alignment: Alignment, is
 
 def residual_at(current: PreparedSphere, reference: View, T_world_sphere: SE3, params: RegistrationParams) -> Alignment:
     """Return what `align` would report at a pose without moving it: MAD, overlap, correlation."""
-    state = State.start(T_world_sphere, 1)
-    problem = Problem.choose_pixels(current.pyramid.levels[0], [reference], T_world_sphere, params)
-    overlap = image_overlap(current.pyramid, [reference], T_world_sphere)
-    return judge(problem, state, 0, 0.0, overlap, params)
+    return evaluate(current.pyramid, [reference], T_world_sphere, params)

@@ -5,7 +5,7 @@ import pytest
 
 from photometric import RegistrationParams, View, build_pyramid, prepare_reference
 from photometric.judgement import judge
-from photometric.problem import Problem, State
+from photometric.problem import Descent, Problem, State
 from sphere_geometry import SE3, Pinhole
 
 CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
@@ -19,7 +19,7 @@ def judged(room, params=None, motion=0.0, overlap=1.0, noise=0.0):
     seen = image + np.random.default_rng(3).normal(size=image.shape).astype(np.float32) * np.float32(noise)
     level = build_pyramid(seen, CAMERA, params.pyramid).levels[0]
     problem = Problem.choose_pixels(level, [view], T_ROOM_CAMERA, params)
-    return judge(problem, State.start(T_ROOM_CAMERA, 1), 5, motion, overlap, params)
+    return judge(problem, Descent(State.start(T_ROOM_CAMERA, 1), 5, motion, True), 5, overlap, params)
 
 
 def test_a_good_end_is_good(room):
@@ -49,3 +49,11 @@ def test_every_cause_has_its_name(room, reason, arguments):
     found = judged(room, **arguments)
     assert found.reason == reason
     assert not found.is_converged
+
+
+def test_the_correlation_is_that_of_the_pixels(room):
+    """Of noise and image: ncc^2 is the share of the variance that the image explains."""
+    found = judged(room, noise=20.0)
+    image, _ = room.render(CAMERA, T_ROOM_CAMERA)
+    variance = float(np.var(image))
+    assert found.ncc == pytest.approx(np.sqrt(variance / (variance + 20.0**2)), abs=0.02)

@@ -1,0 +1,1 @@
+"""Passes until the pose stands still, and the comparison that judges it."""

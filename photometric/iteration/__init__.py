@@ -1,0 +1,1 @@
+"""One pass over the pixels of a reference: warp, compare, weigh, sum."""
