@@ -41,7 +41,7 @@ docs: env
 	$(RUN)/python docs/generate.py
 
 clean:
-	rm -rf $(VENV) build *.egg-info .numba_cache
+	rm -rf $(VENV) build *.egg-info
 
 # An environment cannot be moved: one that was made elsewhere is made anew.
 ifneq ($(wildcard $(STAMPS)/python),)

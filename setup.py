@@ -6,6 +6,7 @@ from setuptools import find_packages, setup
 
 PACKAGES = (
     "typed_params",
+    "kernel_cache",
     "sphere_geometry",
     "sphere_map",
     "photometric",

@@ -2,7 +2,7 @@
 
 import math
 
-from numba import njit
+from kernel_cache.kernels import njit
 
 OUTSIDE = -2  # no ray: the lens does not see there
 CONTRAST = 0.02  # edges weaker than this need no more rays: about one grey level

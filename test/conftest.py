@@ -1,42 +1,17 @@
-"""What every test shares: the installed packages, numba's cache, a ROS domain, seeded generators, recorded data."""
+"""What every test shares: the installed packages, a ROS domain, seeded generators, recorded data."""
 
 from __future__ import annotations
 
-import hashlib
 import importlib.util
 import os
-import shutil
 import sys
 import tempfile
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from architecture.tree import ROOT, differences
-
-STALE_AFTER_S = 7 * 24 * 3600.0
-
-
-def kernel_cache() -> Path:
-    """Return a cache folder for exactly these kernels.
-
-    numba does not see edits in a jitted callee of another file, so a cache must not outlive any kernel's source;
-    compiling anew in every session would take minutes.
-    """
-    key = hashlib.sha256(sys.version.encode())
-    for path in sorted(ROOT.glob("*/**/kernels.py")):
-        if "site-packages" not in path.parts and "build" not in path.parts:
-            key.update(path.read_bytes())
-    base = Path(os.environ.get("NUMBA_CACHE_DIR") or ROOT / ".numba_cache")
-    cache = base / f"test_{key.hexdigest()[:16]}"
-    cache.mkdir(parents=True, exist_ok=True)
-    os.utime(cache)
-    for other in base.glob("test_*"):
-        if time.time() - other.stat().st_mtime > STALE_AFTER_S:
-            shutil.rmtree(other, ignore_errors=True)
-    return cache
 
 
 def import_benchmarks() -> None:
@@ -51,11 +26,10 @@ def import_benchmarks() -> None:
 sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != ROOT]
 import_benchmarks()
 
-# All of it before numba or rclpy is imported; the processes that tests start inherit it.
+# All of it before rclpy is imported; the processes that tests start inherit it.
 _log_folder = tempfile.TemporaryDirectory(prefix="sphere_nav_test_log_")
 os.environ |= {
     "PYTHONSAFEPATH": "1",
-    "NUMBA_CACHE_DIR": str(kernel_cache()),
     "MPLBACKEND": "Agg",
     "ROS_LOG_DIR": _log_folder.name,
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",

@@ -2,7 +2,9 @@
 
 import numba.experimental.function_type  # noqa: F401  makes a library's functions arguments of kernels
 import numpy as np
-from numba import njit, types
+from numba import types
+
+from kernel_cache.kernels import njit
 
 LANES = 8
 FIELDS = 24  # of a packet, each of eight 32-bit numbers; the last two are more than it has

@@ -9,7 +9,8 @@ pulses, by damped octaves for noise. So two cameras at different distances agree
 import math
 
 import numpy as np
-from numba import njit
+
+from kernel_cache.kernels import njit
 
 MASK = 0xFFFFFFFF
 STEP_I, STEP_J, STEP_K, STEP_SEED = 0x1B873593, 0x2545F491, 0x19660D3B, 0x3C6EF35F

@@ -6,9 +6,8 @@ Points are in the frame of their surface: u along, v up, w out, in metres; p[0] 
 
 import math
 
-from numba import njit
-
 from cycab_sim.noise.kernels import cells, fbm2, fbm3, hashed, joints, line, noise2, pulse, within
+from kernel_cache.kernels import njit
 
 ASPHALT, PAVING, BRICK, PLASTER, STONE, WINDOW, ROOF, WOOD, SIGN = 0, 1, 2, 3, 4, 5, 6, 7, 8
 METAL, MARKING, SOIL, BARK, FOLIAGE, SLATS, FACADE = 9, 10, 11, 12, 13, 14, 15

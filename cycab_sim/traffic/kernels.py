@@ -3,7 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
+
+from kernel_cache.kernels import njit
 
 FRINGE = 0.4  # a triangle darkens texels this far beyond its edges, texels: thin things keep their shadow
 FLAT = 1e-9  # a triangle narrower than this, seen from the sun, casts no shadow, texel^2

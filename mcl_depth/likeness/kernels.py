@@ -7,15 +7,13 @@ import math
 import os
 
 import numpy as np
-from numba import njit, prange
 
+from kernel_cache.kernels import OPTIONS, njit, prange
 from mcl_depth.geometry.kernels import arctangent2
 
 # Threads that spin while they wait stall every other process of a small vehicle computer; read when a kernel starts.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
-FAST = {"contract", "reassoc", "nsz", "arcp"}  # never nnan: NaN marks what the map does not know
-OPTIONS = {"cache": True, "fastmath": FAST, "error_model": "numpy", "nogil": True}
 
 RANGE, LOG, INVERSE = 0, 1, 2
 NO_DIRECTION = 255  # code of a pixel without a gradient

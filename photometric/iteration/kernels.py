@@ -119,7 +119,8 @@ def _project_fisheye(k, r):
         sine = max(np.float32(math.sqrt(x * x + y * y)), MIN_SINE)
         by_sine, by_square = ONE / sine, ONE / (sine * sine + z * z)
         angle = arctangent2(sine, z)
-        r[SEEN + i] = ONE if known & (angle <= max_angle) else ZERO
+        seen = known & (angle <= max_angle) & ((sine > MIN_SINE) | (z > ZERO))  # straight behind is a whole circle
+        r[SEEN + i] = ONE if seen else ZERO
         a2 = angle * angle
         radius = angle * (ONE + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
         slope = ONE + a2 * (THREE * k1 + a2 * (FIVE * k2 + a2 * (SEVEN * k3 + a2 * NINE * k4)))
@@ -165,7 +166,7 @@ def _project_double_sphere(k, r):
         shifted = xi * distance + z
         second = max(np.float32(math.sqrt(x * x + y * y + shifted * shifted)), MIN_SINE)
         divisor = alpha * second + beta * shifted
-        seen = known & (shifted > min_cosine * second) & (divisor > MIN_DEPTH * second)
+        seen = known & (distance > MIN_SINE) & (shifted > min_cosine * second) & (divisor > MIN_DEPTH * second)
         w = ONE / (divisor if seen else ONE)
         r[SEEN + i] = ONE if seen else ZERO
         xn, yn = x * w, y * w

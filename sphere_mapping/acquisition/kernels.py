@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import config, njit, prange, set_num_threads
+from numba import config, set_num_threads
+
+from kernel_cache.kernels import njit, prange
 
 SCALE = 16.0  # pyramids are int16 with four bits below the point
 NUM_DISPARITIES = 48  # searched at each level: a constant, so that the loops over them become vectors

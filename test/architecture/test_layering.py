@@ -8,19 +8,21 @@ from pathlib import Path
 from architecture.tree import MODULES, PACKAGES, imports, is_node
 
 GEOMETRY = {"typed_params", "sphere_geometry"}
+COMPILED = GEOMETRY | {"kernel_cache"}
 MAY_IMPORT: dict[str, set[str]] = {
     "typed_params": set(),
+    "kernel_cache": set(),
     "sphere_geometry": {"typed_params"},
     "sphere_map": GEOMETRY,
-    "photometric": GEOMETRY,
+    "photometric": COMPILED,
     "localization": GEOMETRY,
     "rig_calibration": GEOMETRY,
-    "sphere_mapping": GEOMETRY | {"photometric", "sphere_map"},
+    "sphere_mapping": COMPILED | {"photometric", "sphere_map"},
     "dense_localizer": GEOMETRY | {"localization", "photometric", "sphere_map"},
-    "mcl_depth": GEOMETRY | {"localization"},
+    "mcl_depth": COMPILED | {"localization"},
     "path_follower": GEOMETRY,
     "command_guard": {"typed_params"},
-    "cycab_sim": GEOMETRY,
+    "cycab_sim": COMPILED,
     "node_kit": GEOMETRY | {"localization", "sphere_map"},
     "sphere_nav_cli": set(PACKAGES),
 }

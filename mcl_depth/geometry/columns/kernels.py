@@ -6,10 +6,9 @@ A voxel is a row (8,) f4: mean x, y, z, lowest and highest z, unit normal (zero 
 import math
 
 import numpy as np
-from numba import njit, prange
 
-FAST = {"contract", "reassoc", "nsz", "arcp"}  # never nnan: NaN marks what the map does not know
-OPTIONS = {"cache": True, "fastmath": FAST, "error_model": "numpy", "nogil": True}
+from kernel_cache.kernels import OPTIONS, njit, prange
+
 INLINE = OPTIONS | {"inline": "always"}  # a call hands over each array in seven words
 
 BLOCK_BITS = 4  # a block is 2^4 x 2^4 columns

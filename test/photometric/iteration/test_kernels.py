@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from photometric.blocks import Case, points_before, rows
 from photometric.iteration import kernels
 from photometric.projection import kernel_camera
 from photometric.robust import huber_weights, median_and_mad
 from sphere_geometry import Fisheye, Pinhole, Spherical
 from sphere_geometry.double_sphere import DoubleSphere
+from worlds.blocks import Case, points_before, rows
 
 CAMERAS = [
     Pinhole(64, 48, 50.0, 52.0, 31.0, 24.5),
