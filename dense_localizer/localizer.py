@@ -15,7 +15,7 @@ from dense_localizer.estimate import Estimate, Frame, status_of
 from dense_localizer.motion_prior import MotionPrior, Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.place import Place, locate
-from dense_localizer.reference import SphereMap, read_all
+from dense_localizer.reference import References, SphereMap
 from dense_localizer.search import Search
 from localization import FINE, Finding, InputCheck, Reason, StateMachine, Status
 from photometric import Pyramid, build_pyramid, register_rotation
@@ -27,10 +27,10 @@ class Localizer:
 
     def __init__(self, params: LocalizerParams, sphere_map: SphereMap) -> None:
         self.params = params
-        self._references = read_all(sphere_map, params)
+        self.references = References(sphere_map, params)
         self._input = InputCheck(params.input)
         self._prior = MotionPrior(params.prior)
-        self._search = Search(self._references, params)
+        self._search = Search(self.references, params)
         self._states = StateMachine(params.state)
         self._before: Pyramid | None = None
 
@@ -91,7 +91,7 @@ class Localizer:
             return self._go_blind(frame, frame.finding)
         first, pyramid = None, frame.pyramid
         for prediction in self._prior.predictions(frame.stamp_ns, frame.T_odom_camera, lambda: self._turn(pyramid)):
-            place = locate(pyramid, self._references, prediction.T_map_camera, self.params, prediction)
+            place = locate(pyramid, self.references, prediction.T_map_camera, self.params, prediction)
             if place.verdict.is_accepted:
                 return self._accept(frame, place, prediction)
             first = first or place
@@ -109,6 +109,7 @@ class Localizer:
         if finding.reason is Reason.NONE:
             finding = prediction.finding()
         self._prior.correct(place.T_map_camera, place.covariance, frame.stamp_ns, frame.T_odom_camera)
+        self.references.look_ahead(place.T_map_camera, self._prior.velocity)
         self._states.confirm(frame.stamp_ns, is_good=finding.reason is Reason.NONE)
         return self._estimate(frame.stamp_ns, finding, place)
 

@@ -43,12 +43,16 @@ class DenseLocalizerNode(LocalizerNode):
 
     def cleanup(self) -> None:
         """Close the map."""
+        if self.localizer is not None:
+            self.localizer.references.close()
         self.maps.close()
         self.localizer = None
 
     def use_map(self, reader: MapReader) -> None:
         """Localise in a map from now on."""
-        self.localizer = Localizer(self.params, reader)
+        before, self.localizer = self.localizer, Localizer(self.params, reader)
+        if before is not None:
+            before.references.close()
 
     @property
     def is_ready(self) -> bool:

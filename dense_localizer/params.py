@@ -93,9 +93,8 @@ class StartParams:
 
 @parameters
 class TrackingParams(RegistrationParams):
-    """Registration at the rate of the camera: fewer pixels fix the pose as well."""
+    """Registration at the rate of the camera."""
 
-    max_pixels: int = param(20_000, "best pixels used at a level, all references together", low=100)
     min_step: float = param(0.04, "image motion of an increment below which a level is done", "px", low=1e-6)
     max_mad: float = param(40.0, "median absolute deviation above which a result is refused", "grey level", low=0.0)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,7 @@ def first_level(prediction: Prediction, choice: Choice, pyramid: Pyramid, params
     return max(0, int(np.ceil(np.log2(max(pixels, 1.0)))))
 
 
+@cache
 def starting_at(level: int, params: RegistrationParams) -> RegistrationParams:
     """Return the parameters of an alignment that begins at a level."""
     return replace(params, pyramid=replace(params.pyramid, coarsest=min(level, params.pyramid.coarsest)))

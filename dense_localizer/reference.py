@@ -6,9 +6,9 @@ look elsewhere; it is passed over where it covers clearly less of the image than
 
 from __future__ import annotations
 
-from collections import OrderedDict
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from functools import cache
 from typing import Protocol
 
 import numpy as np
@@ -16,16 +16,19 @@ from numpy.typing import NDArray
 
 from dense_localizer.coverage import coverage
 from dense_localizer.params import LocalizerParams
-from photometric import Reference, View, prepare_reference
+from dense_localizer.preparation import Preparation
+from photometric import Reference, RegistrationParams, View, prepare_reference
 from photometric.reference import ReferenceLevel
 from sphere_geometry import SE3, Camera, Spherical
 from sphere_map.graph import KeySphere, SphereGraph
 from sphere_map.sphere import Sphere
 
-NUM_DIGEST_LEVELS = 2  # the coarsest levels are kept of every sphere: for choosing and for the start
+NUM_COARSE_LEVELS = 2  # are kept of every sphere: for choosing and for the start
 MIN_KEPT = 10_000  # levels that would keep fewer pixels keep all
-NUM_DIGEST_POINTS = 150  # about as many points of the coarsest level tell what a partial sphere covers
-RANGE_STEP = 8  # every eighth row and column are enough for the median range
+NUM_POINTS = 150  # about as many points of the coarsest level tell what a partial sphere covers
+NUM_AHEAD = 4  # key spheres prepared around where the camera will be
+AHEAD_S = 1.0  # s, when it will be there
+AHEAD_STEP_M = 0.2  # motion after which one looks ahead anew
 
 
 class SphereMap(Protocol):
@@ -40,10 +43,14 @@ class SphereMap(Protocol):
         """Return one key sphere with its pictures; ValueError or OSError where it cannot be read."""
         ...
 
+    def coarse_spheres(self) -> Mapping[int, Sphere]:
+        """Return all key spheres small (`sphere_map.coarse`); ValueError or OSError where they cannot be read."""
+        ...
+
 
 @dataclass(frozen=True)
-class Digest:
-    """What is kept of every sphere: its coarsest levels, a few points (N, 3) m, its window, its median range in m."""
+class CoarseReference:
+    """What is kept of every sphere: coarse levels, a few points (N, 3) m, its window, its median range in m."""
 
     reference: Reference
     points: NDArray[np.float32]
@@ -72,10 +79,15 @@ class References:
 
     def __init__(self, sphere_map: SphereMap, params: LocalizerParams) -> None:
         self._map = sphere_map
-        self._registration = params.registration
-        self._params = params.reference
-        self._prepared: OrderedDict[int, Reference] = OrderedDict()
-        self._digests: dict[int, Digest] = {}
+        self._registration, self._params = params.registration, params.reference
+        spheres = sphere_map.coarse_spheres()
+        self.coarse = {node.id: coarse_reference(spheres[node.id], params.registration) for node in sphere_map.graph}
+        self._preparation = Preparation(self._prepare, params.reference.cache_size)
+        self._looked_ahead: NDArray[np.float64] | None = None
+
+    def close(self) -> None:
+        """End what is being prepared; nothing can be chosen any more."""
+        self._preparation.close()
 
     @property
     def nodes(self) -> Iterator[KeySphere]:
@@ -95,58 +107,39 @@ class References:
         chosen = usable[:1] + [node for node in usable[1:] if self._is_within_reach(node, T_map_camera)]
         if not chosen:
             return Choice((), (), best, np.inf, np.inf)
-        views = tuple(View(self.prepared(node.id), node.T_map_sphere) for node in chosen)
-        distance, typical = distance_of(chosen[0], T_map_camera), self.digest(chosen[0].id).typical_range_m
+        views = tuple(View(self._preparation.get(node.id), node.T_map_sphere) for node in chosen)
+        distance, typical = distance_of(chosen[0], T_map_camera), self.coarse[chosen[0].id].typical_range_m
         return Choice(tuple(node.id for node in chosen), views, best, distance, typical)
 
-    def prepared(self, sphere_id: int) -> Reference:
-        """Return a reference with the salient pixels of all levels, prepared now or before."""
-        if sphere_id not in self._prepared:
-            reference = self._load(sphere_id)
-            levels = (salient(level, self._params.kept_share) for level in reference.levels)
-            self._prepared[sphere_id] = Reference(tuple(levels))
-            if len(self._prepared) > self._params.cache_size:
-                self._prepared.popitem(last=False)
-        self._prepared.move_to_end(sphere_id)
-        return self._prepared[sphere_id]
-
-    def digest(self, sphere_id: int) -> Digest:
-        """Return the small part of a sphere that is kept for good."""
-        if sphere_id not in self._digests:
-            self._load(sphere_id)
-        return self._digests[sphere_id]
+    def look_ahead(self, T_map_camera: SE3, velocity: NDArray[np.float64] | None) -> None:
+        """Have the key spheres prepared that a camera of some velocity (6,) will need; return at once."""
+        step = np.zeros(6) if velocity is None else velocity * AHEAD_S
+        point = (T_map_camera @ SE3.exp(step)).translation
+        if self._looked_ahead is None or np.linalg.norm(point - self._looked_ahead) > AHEAD_STEP_M:
+            self._looked_ahead = point
+            self._preparation.begin(node.id for node in self.nearest(point, NUM_AHEAD))
 
     def _candidates(self, T_map_camera: SE3, camera: Camera) -> tuple[list[KeySphere], NDArray[np.float64]]:
         """Return the nearest key spheres and the share of the image that each covers, 1 for whole spheres."""
         nodes = self.nearest(T_map_camera.translation, self._params.num_candidates)
         first = nodes[: self._params.num_references]
-        if all(self.digest(node.id).camera.is_whole for node in first):
+        if all(self.coarse[node.id].camera.is_whole for node in first):
             return first, np.ones(len(first))
-        digests = [self.digest(node.id) for node in nodes]
+        coarse = [self.coarse[node.id] for node in nodes]
         T_camera_map = T_map_camera.inverse()
         T_camera_sphere = [T_camera_map @ node.T_map_sphere for node in nodes]
-        overlaps = coverage([digest.points for digest in digests], T_camera_sphere, camera)
-        return nodes, np.where([digest.camera.is_whole for digest in digests], 1.0, overlaps)
+        overlaps = coverage([one.points for one in coarse], T_camera_sphere, camera)
+        return nodes, np.where([one.camera.is_whole for one in coarse], 1.0, overlaps)
 
     def _is_within_reach(self, node: KeySphere, T_map_camera: SE3) -> bool:
         """Say whether a key sphere is near enough to be used beside a nearer one."""
-        return distance_of(node, T_map_camera) <= self._params.reach * self.digest(node.id).typical_range_m
+        return distance_of(node, T_map_camera) <= self._params.reach * self.coarse[node.id].typical_range_m
 
-    def _load(self, sphere_id: int) -> Reference:
-        """Read and prepare a sphere; its digest is kept."""
+    def _prepare(self, sphere_id: int) -> Reference:
+        """Read a sphere, prepare it and keep the salient pixels of its levels, sorted."""
         sphere = self._map.load_sphere(sphere_id)
         reference = prepare_reference(sphere.grey, sphere.range_m, sphere.camera, self._registration)
-        if sphere_id not in self._digests:
-            self._digests[sphere_id] = digest_of(sphere, reference)
-        return reference
-
-
-def read_all(sphere_map: SphereMap, params: LocalizerParams) -> References:
-    """Return the references of a map whose spheres have all been looked at, so that no image has to wait for that."""
-    references = References(sphere_map, params)
-    for node in references.nodes:
-        references.digest(node.id)
-    return references
+        return Reference(tuple(salient(level, self._params.kept_share) for level in reference.levels))
 
 
 def distance_of(node: KeySphere, T_map_camera: SE3) -> float:
@@ -154,18 +147,25 @@ def distance_of(node: KeySphere, T_map_camera: SE3) -> float:
     return float(np.linalg.norm(node.T_map_sphere.translation - T_map_camera.translation))
 
 
-def digest_of(sphere: Sphere, reference: Reference) -> Digest:
-    """Return what is kept of a sphere."""
-    ranges = sphere.range_m[::RANGE_STEP, ::RANGE_STEP]
-    ranges = ranges[np.isfinite(ranges)]
-    typical = float(np.median(ranges)) if ranges.size else np.inf
-    coarse = Reference(reference.levels[-NUM_DIGEST_LEVELS:])
-    points = coarse.levels[-1].points
-    points = np.ascontiguousarray(points[:, :: max(1, points.shape[1] // NUM_DIGEST_POINTS)].T)
-    return Digest(coarse, points, sphere.camera, typical)
+def coarse_reference(sphere: Sphere, params: RegistrationParams) -> CoarseReference:
+    """Return what is kept of a sphere that is small already."""
+    finite = sphere.range_m[np.isfinite(sphere.range_m)]
+    typical = float(np.median(finite)) if finite.size else np.inf
+    reference = prepare_reference(sphere.grey, sphere.range_m, sphere.camera, coarse_params(params))
+    points = reference.levels[-1].points
+    points = np.ascontiguousarray(points[:, :: max(1, points.shape[1] // NUM_POINTS)].T)
+    return CoarseReference(reference, points, sphere.camera, typical)
+
+
+@cache
+def coarse_params(params: RegistrationParams) -> RegistrationParams:
+    """Return the parameters with as many levels as small spheres have."""
+    return replace(params, pyramid=replace(params.pyramid, num_levels=NUM_COARSE_LEVELS, finest=0))
 
 
 def salient(level: ReferenceLevel, share: float) -> ReferenceLevel:
-    """Return a level reduced to its more salient pixels (M15 section 3.6), so that choosing among them is quick."""
+    """Return a level reduced to its more salient pixels (M15 section 3.6), ready for a choice among them."""
     number = int(share * level.num_pixels)
-    return level.take(np.flatnonzero(level.rank < number)) if number >= MIN_KEPT else level
+    kept = level.most_salient(number) if number >= MIN_KEPT else level
+    kept.complete()
+    return kept

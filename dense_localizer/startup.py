@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
 from dense_localizer.params import LocalizerParams, StartParams
 from dense_localizer.place import Place, locate
-from dense_localizer.reference import NUM_DIGEST_LEVELS, Digest, References
+from dense_localizer.reference import NUM_COARSE_LEVELS, CoarseReference, References
 from dense_localizer.resemblance import resemblance
 from localization.status import FINE, Finding, Reason
 from photometric import Pyramid, RegistrationParams, View, register
@@ -53,8 +54,8 @@ class Startup:
         """Look at all key spheres, from many poses in each."""
         guesses: list[Guess] = []
         for node in self._references.nodes:
-            digest = self._references.digest(node.id)
-            guesses += self._compared(pyramid, node, outlooks(digest, self._params.start))
+            poses = candidate_poses(self._references.coarse[node.id], self._params.start)
+            guesses += self._compare(pyramid, node, poses)
         return self._find(pyramid, best(guesses, self._params.start.num_aligned))
 
     def search_near(self, pyramid: Pyramid, T_map_camera: SE3) -> Start:
@@ -66,9 +67,9 @@ class Startup:
             guesses.append(Guess(node, SE3.from_parts(T_map_camera.rotation, node.T_map_sphere.translation)))
         return self._find(pyramid, guesses)
 
-    def _compared(self, pyramid: Pyramid, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
+    def _compare(self, pyramid: Pyramid, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
         """Return a guess for each of several poses in a sphere, with how much the image resembles it there."""
-        level = self._references.digest(node.id).reference.levels[-1]
+        level = self._references.coarse[node.id].reference.levels[-1]
         step = max(1, level.num_pixels // NUM_COMPARED)
         points, intensity = level.points[:, ::step].T, level.intensity[::step]
         scores = resemblance(points, intensity, T_sphere_camera.inverse(), pyramid.levels[-1])
@@ -76,14 +77,14 @@ class Startup:
         return [Guess(node, node.T_map_sphere @ T_sphere_camera[index], score) for index, score in rows]
 
     def _find(self, pyramid: Pyramid, guesses: Sequence[Guess]) -> Start:
-        aligned = best([self._aligned(pyramid, guess) for guess in guesses], len(guesses))
+        aligned = best([self._align(pyramid, guess) for guess in guesses], len(guesses))
         places = (self._verify(pyramid, guess) for guess in self._distinct(aligned))
         return decide([place for place in places if place is not None], self._params.start)
 
-    def _aligned(self, pyramid: Pyramid, guess: Guess) -> Guess:
+    def _align(self, pyramid: Pyramid, guess: Guess) -> Guess:
         """Return a guess after alignment at the coarsest levels."""
-        params = coarse(self._params.registration, len(pyramid.levels) - NUM_DIGEST_LEVELS)
-        view = View(self._references.digest(guess.node.id).reference, guess.node.T_map_sphere)
+        params = coarse(self._params.registration, len(pyramid.levels) - NUM_COARSE_LEVELS)
+        view = View(self._references.coarse[guess.node.id].reference, guess.node.T_map_sphere)
         found = register(pyramid, [view], guess.T_map_camera, params)
         score = found.ncc * np.sqrt(found.overlap) if found.overlap > 0 else -1.0
         return Guess(guess.node, found.T_world_camera, float(score))
@@ -109,13 +110,13 @@ def best(guesses: Sequence[Guess], count: int) -> list[Guess]:
     return sorted(guesses, key=lambda guess: -guess.ncc)[:count]
 
 
-def outlooks(digest: Digest, params: StartParams) -> SE3:
+def candidate_poses(coarse: CoarseReference, params: StartParams) -> SE3:
     """Return poses of an upright camera that are worth trying in a sphere, a batch of T_sphere_camera.
 
     All around in a whole sphere; in and beside the middle of a partial one; each at its centre and a step before and
     behind it, by a share of the range.
     """
-    camera = digest.camera
+    camera = coarse.camera
     centre = camera.unproject([(camera.width - 1) / 2, (camera.height - 1) / 2])
     side, tilt = np.radians(params.side_step_deg), np.radians(params.tilt_step_deg)
     if camera.is_whole:
@@ -123,7 +124,7 @@ def outlooks(digest: Digest, params: StartParams) -> SE3:
     else:
         azimuths = np.arctan2(centre[1], centre[0]) + side * np.arange(-2, 3)
         elevations = np.arcsin(np.clip(centre[2], -1.0, 1.0)) + tilt * np.arange(-1, 2)
-    reach = params.forward_step * (digest.typical_range_m if np.isfinite(digest.typical_range_m) else 0.0)
+    reach = params.forward_step * (coarse.typical_range_m if np.isfinite(coarse.typical_range_m) else 0.0)
     azimuth, elevation, forward = (
         axis.ravel() for axis in np.meshgrid(azimuths, elevations, reach * np.arange(-1, 2), indexing="ij")
     )
@@ -134,6 +135,7 @@ def outlooks(digest: Digest, params: StartParams) -> SE3:
     return turned @ raised @ moved @ T_BODY_OPTICAL
 
 
+@cache
 def coarse(params: RegistrationParams, finest: int) -> RegistrationParams:
     """Return the parameters of an alignment that stops at the level `finest`."""
     pyramid = replace(params.pyramid, finest=max(0, finest))

@@ -1,7 +1,8 @@
 """A map is a bag: one chunk a key sphere, so that one sphere is one read.
 
 A map is a folder with `map.mcap` and `metadata.yaml`. Topics: `/map/info` (MapInfo, first), `/map/sphere`
-(AugmentedSphere, in order of id), `/map/graph` (KeySphereGraph, before the spheres and after them; the last one holds).
+(AugmentedSphere, in order of id), `/map/coarse_sphere` (all of them small, in one chunk, for a start),
+`/map/graph` (KeySphereGraph, before the spheres and after them; the last one holds).
 Everything is checked before it is believed: format version, sizes, checksums, that every vertex has its sphere.
 """
 
@@ -28,12 +29,13 @@ from node_kit.conversions.graphs import graph_to_message, message_to_graph
 from node_kit.files import software
 from sphere_geometry.fields import short
 from sphere_geometry.yaml_text import load_yaml
+from sphere_map.coarse import coarse_sphere
 from sphere_map.graph import KeySphere, SphereGraph
 from sphere_map.sphere import Sphere
 
 FILE_NAME = "map.mcap"
-INFO, SPHERE, GRAPH = "/map/info", "/map/sphere", "/map/graph"
-KINDS: dict[str, type[Any]] = {INFO: MapInfo, SPHERE: AugmentedSphere, GRAPH: KeySphereGraph}
+INFO, SPHERE, GRAPH, COARSE = "/map/info", "/map/sphere", "/map/graph", "/map/coarse_sphere"
+KINDS: dict[str, type[Any]] = {INFO: MapInfo, SPHERE: AugmentedSphere, GRAPH: KeySphereGraph, COARSE: AugmentedSphere}
 MAP_FRAME, SPHERE_FRAME = "map", "sphere_link"
 ONE_CHUNK = 1 << 40  # bytes: chunks end where we say
 MAX_SPHERES = 10_000_000
@@ -70,7 +72,7 @@ def save_map(
     if path.exists() and (not is_overwriting or not (path / FILE_NAME).is_file()):
         raise BagError(f"{path}: expected no such file or folder, found one: nothing is overwritten")
     target = path.with_name(f"{path.name}.new") if path.exists() else path
-    nodes = sorted(graph, key=lambda node: node.id)
+    nodes, coarse = sorted(graph, key=lambda node: node.id), []
     with BagWriter(target, file_name=FILE_NAME, chunk_size=ONE_CHUNK) as bag:
         for topic, kind in KINDS.items():
             bag.add_topic(topic, kind, qos.LATCHED)
@@ -83,7 +85,11 @@ def save_map(
                 raise BagError(f"{path}: key sphere {node.id}: expected its picture in memory, found none")
             message = sphere_to_message(sphere, SPHERE_FRAME, node.id, image_encoding=image_encoding)
             bag.write(SPHERE, message, node.stamp_ns)
+            coarse.append(sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, node.id))
             progress(1)
+        bag.end_chunk()
+        for node, message in zip(nodes, coarse, strict=True):
+            bag.write(COARSE, message, node.stamp_ns)
         bag.end_chunk()
         last = max(node.stamp_ns for node in nodes)
         bag.write(GRAPH, _graph_message(graph, details), last)
@@ -133,6 +139,23 @@ class MapReader:
         except ValueError as error:
             raise BagError(f"{self.path}: key sphere {sphere_id}: {error}") from None
         return sphere
+
+    def coarse_spheres(self) -> dict[int, Sphere]:
+        """Read all key spheres small, in one read; made from the spheres themselves where a map has none.
+
+        BagError if one is missing or damaged.
+        """
+        if not self._bag.topics.get(COARSE):
+            return {node.id: coarse_sphere(self.load_sphere(node.id)) for node in self.graph}
+        found = {}
+        for _, _, message in self._bag.messages([COARSE]):
+            try:
+                found[int(message.id)] = message_to_sphere(message)
+            except ValueError as error:
+                raise BagError(f"{self.path}: coarse sphere {message.id}: {error}") from None
+        if found.keys() != self.graph.nodes.keys():
+            raise BagError(f"{self.path}: coarse spheres: expected one for each of {len(self.graph)} key spheres")
+        return found
 
     def load_all(self, progress: Progress = lambda step: None) -> SphereGraph:
         """Return the graph with every picture in memory."""

@@ -30,7 +30,7 @@ def image_overlap(pyramid: Pyramid, views: Sequence[View], T_world_camera: SE3) 
         pixels = view.reference.level_like(camera)
         T = kernel_motion((T_camera_world @ view.T_world_reference).matrix)
         kernels.cover(pixels.points, pixels.bounds, T, *image)
-    return np.count_nonzero(covered & cells) / max(np.count_nonzero(cells), 1)
+    return float(np.sum(covered & cells)) / max(float(np.sum(cells)), 1.0)
 
 
 @lru_cache(maxsize=16)

@@ -55,6 +55,10 @@ class ReferenceLevel:
         kernels.bound_blocks(self.points, bounds)
         return bounds
 
+    def complete(self) -> None:
+        """Compute now what is otherwise computed when first asked for."""
+        _ = self.rank, self.bounds
+
     def most_salient(self, number: int) -> ReferenceLevel:
         """Return the level reduced to the best pixels of the saliency order (M15 section 3.6), at most half of all."""
         index = np.flatnonzero(self.rank < number)

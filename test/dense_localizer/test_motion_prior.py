@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -121,7 +123,7 @@ def test_other_predictions_follow_where_the_likeliest_fails():
     assert asked == []
     turned, by_velocity, standing = predictions
     assert all(other.is_doubtful for other in (turned, by_velocity, standing))
-    assert by_velocity.finding(1.0).reason == "ODOM_STALE"
+    assert by_velocity.finding().reason == "ODOM_STALE"
     assert_same(standing.T_map_camera, truth[1])
-    assert likeliest.finding(1.0).reason == ""
-    assert likeliest.finding(0.05).reason == "GAP"
+    assert likeliest.finding().reason == ""
+    assert replace(likeliest, step_s=0.5).finding().reason == "GAP"

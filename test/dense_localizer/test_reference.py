@@ -7,7 +7,7 @@ from dense_localizer.place import locate
 from dense_localizer.reference import References, salient
 from dense_localizer.resemblance import resemblance
 from dense_localizer.residual import residual_image
-from photometric import build_pyramid
+from photometric import build_pyramid, prepare_reference
 from sphere_geometry import SE3, Spherical
 from typed_params import build
 from worlds.localizer import PINHOLE, SMALL_IMAGES, at, make_map
@@ -39,30 +39,39 @@ def test_nothing_is_chosen_where_nothing_covers_the_view(room):
     assert not place.verdict.is_accepted
 
 
-def test_spheres_are_read_once_while_the_cache_holds_them(room):
+def test_only_what_is_chosen_is_read(room):
     sphere_map = make_map(room, [SE3.from_planar(0.3 * k, 0.0, 0.0) for k in range(4)], WINDOW)
-    references = References(sphere_map, build(LocalizerParams, SMALL_IMAGES | {"reference.cache_size": 2}))
-    for sphere_id in (0, 1, 0, 1):
-        references.prepared(sphere_id)
+    references = References(sphere_map, PARAMS)
+    assert sphere_map.num_loaded == 0
+    assert references.choose(at(0.05), PINHOLE).ids == (0, 1)
     assert sphere_map.num_loaded == 2
-    references.prepared(2)  # the oldest, 0, makes room
-    references.prepared(1)
-    assert sphere_map.num_loaded == 3
-    references.prepared(0)
-    assert sphere_map.num_loaded == 4
-    references.digest(0)  # kept for good
-    assert sphere_map.num_loaded == 4
+
+
+def test_what_lies_ahead_is_prepared_before_it_is_needed(room):
+    sphere_map = make_map(room, [SE3.from_planar(0.5 * k, 0.0, 0.0) for k in range(8)])
+    references = References(sphere_map, PARAMS)
+    velocity = np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0])  # along the optical axis
+    references.look_ahead(at(0.0), velocity)
+    references.look_ahead(at(0.05), velocity)  # too near to look again
+    references.close()  # when all is done
+    assert sphere_map.num_loaded <= 4
+    references = References(sphere_map, PARAMS)
+    references.look_ahead(at(0.0), velocity)
+    before = [references._preparation.get(k) for k in (2, 3, 4, 5)]  # around x = 2
+    number = sphere_map.num_loaded
+    choice = references.choose(at(2.0), PINHOLE)
+    assert sphere_map.num_loaded == number
+    assert {id(view.reference) for view in choice.views} <= {id(one) for one in before}
 
 
 def test_the_most_salient_pixels_are_kept(room_map):
     sphere = room_map.graph[0].sphere
-    references = References(room_map, PARAMS)
-    level = references._load(0).levels[0]
+    level = prepare_reference(sphere.grey, sphere.range_m, sphere.camera, PARAMS.registration).levels[0]
     kept = salient(level, 0.25)
     assert kept.num_pixels == int(0.25 * level.num_pixels)
+    assert sorted(kept.rank) == list(range(kept.num_pixels))
     assert np.median(np.linalg.norm(kept.gradient, axis=0)) > np.median(np.linalg.norm(level.gradient, axis=0))
-    assert salient(references._load(0).levels[-1], 0.25).num_pixels == references._load(0).levels[-1].num_pixels
-    assert sphere.camera == references.digest(0).camera
+    assert salient(level, 0.01).num_pixels == level.num_pixels  # too few to be worth it
 
 
 def test_coverage_counts_the_cells_that_points_reach():
@@ -74,7 +83,7 @@ def test_coverage_counts_the_cells_that_points_reach():
 
 
 def test_an_image_resembles_its_own_sphere_most(room, room_map):
-    level = References(room_map, PARAMS).digest(2).reference.levels[-1]
+    level = References(room_map, PARAMS).coarse[2].reference.levels[-1]
     image = build_pyramid(room.photograph(PINHOLE, at(0.0, 0.0, 0.7), 1), PINHOLE, PARAMS.registration.pyramid)
     yaws = np.arange(0.0, 6.2, 0.1)
     poses = SE3(np.stack([at(0.0, 0.0, yaw).matrix for yaw in yaws]))

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from dense_localizer.params import LocalizerParams, StartParams
-from dense_localizer.reference import Digest, References
+from dense_localizer.reference import CoarseReference, References
 from dense_localizer.search import Search
-from dense_localizer.startup import Startup, decide, outlooks
+from dense_localizer.startup import Startup, candidate_poses, decide
 from localization.status import Reason
 from photometric import build_pyramid
 from sphere_geometry import SE3, Spherical
@@ -67,14 +67,16 @@ def test_no_place_is_no_start():
     assert decide([], StartParams()).finding.reason is Reason.LOW_OVERLAP
 
 
-def test_outlooks_go_all_around_a_whole_sphere_and_about_the_middle_of_a_part(room, room_map):
+def test_candidate_poses_go_all_around_a_whole_sphere_and_about_the_middle_of_a_part(room, room_map):
     params = StartParams(heading_step_deg=30.0)
-    digest = References(room_map, PARAMS).digest(0)
-    whole = outlooks(digest, params)
+    coarse = References(room_map, PARAMS).coarse[0]
+    whole = candidate_poses(coarse, params)
     assert whole.matrix.shape == (36, 4, 4)  # 12 headings, 3 places
     forward = np.unique(np.round(whole.rotation[:, :, 2], 6), axis=0)
     assert len(forward) == 12
-    part = outlooks(Digest(digest.reference, digest.points, Spherical(100, 60, 512.0, 0.0, 98.0), 3.0), params)
+    part = candidate_poses(
+        CoarseReference(coarse.reference, coarse.points, Spherical(100, 60, 512.0, 0.0, 98.0), 3.0), params
+    )
     assert part.matrix.shape == (45, 4, 4)  # 5 x 3 directions, 3 places
     middle = Spherical(100, 60, 512.0, 0.0, 98.0).unproject([49.5, 29.5])
     assert np.any(np.all(np.isclose(part.rotation[:, :, 2], middle, atol=1e-9), axis=1))

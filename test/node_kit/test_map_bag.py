@@ -13,7 +13,8 @@ from sphere_nav_msgs.msg import MapInfo
 
 from node_kit.bags import BagError, BagReader, BagWriter
 from node_kit.conversions import graph_to_message, sphere_to_message
-from node_kit.map_bag import GRAPH, INFO, SPHERE, MapDetails, open_map, save_map
+from node_kit.map_bag import COARSE, GRAPH, INFO, SPHERE, MapDetails, open_map, save_map
+from sphere_map.coarse import coarse_sphere
 from sphere_map.graph import SphereGraph
 
 DETAILS = MapDetails(map_id="yard", source="drive", parameters={"mapper.levels": 4}, rig="cameras: []")
@@ -47,12 +48,22 @@ def test_a_map_comes_back(saved, sphere_graph):
 
 def test_a_map_is_a_bag_with_one_chunk_a_sphere(saved):
     with BagReader(saved) as bag:
-        assert {name: info.count for name, info in bag.topics.items()} == {INFO: 1, SPHERE: 3, GRAPH: 2}
+        assert {name: info.count for name, info in bag.topics.items()} == {INFO: 1, SPHERE: 3, COARSE: 3, GRAPH: 2}
         file = bag.files[0]
         channel = next(c.id for c in file.summary.channels.values() if c.topic == SPHERE)
         of_spheres = [index for index in file.summary.chunk_indexes if channel in index.message_index_offsets]
         assert len(of_spheres) == 3
         assert all(len(file.chunk(index)) == 1 for index in of_spheres)
+
+
+def test_all_spheres_are_read_small_at_once(saved, sphere_graph):
+    with open_map(saved) as reader:
+        found = reader.coarse_spheres()
+    assert list(found) == [node.id for node in sphere_graph]
+    for node in sphere_graph:
+        expected = coarse_sphere(node.sphere)
+        np.testing.assert_array_equal(found[node.id].image, expected.image)
+        np.testing.assert_allclose(found[node.id].range_m, expected.range_m, rtol=1.1e-4)
 
 
 def test_two_savings_are_the_same_bytes(sphere_graph, tmp_path):

@@ -8,6 +8,7 @@ from dense_localizer.estimate import Estimate
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from sphere_geometry import SE3, Fisheye, Pinhole, Spherical
+from sphere_map.coarse import coarse_sphere
 from sphere_map.graph import KeySphere, SphereGraph
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 from typed_params import build
@@ -32,6 +33,9 @@ class MemoryMap:
         sphere = self.graph[sphere_id].sphere
         assert sphere is not None
         return sphere
+
+    def coarse_spheres(self) -> dict[int, Sphere]:
+        return {node.id: coarse_sphere(node.sphere) for node in self.graph if node.sphere is not None}
 
 
 def make_map(room: Room, places: list[SE3], camera: Spherical | None = None) -> MemoryMap:
