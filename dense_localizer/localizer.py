@@ -117,9 +117,8 @@ class Localizer:
         """Go on from the prediction, for a while."""
         prediction = self._prior.predict(frame.stamp_ns, frame.T_odom_camera)
         self._prior.hold(prediction, frame.T_odom_camera)
-        limits = self.params.state
-        is_certain = prediction.sigma_m <= limits.max_blind_sigma_m
-        self._states.refuse(is_lost=prediction.blind_s > limits.max_blind_s or not is_certain)
+        limits, sigma_m = self.params.state, prediction.sigma_m
+        self._states.refuse(is_lost=prediction.blind_s > limits.max_blind_s or sigma_m > limits.max_blind_sigma_m)
         if not self._states.is_following:
             self._search.lost(prediction.T_map_camera)
         return self._estimate(frame.stamp_ns, finding, place)
