@@ -9,13 +9,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-IMAGES = ("silent", "stuck", "noise", "bias", "intermittent", "exposure")
+IMAGES = ("silent", "stuck", "noise", "bias", "intermittent", "exposure", "delayed")
+MAX_DELAY = 10.0  # s
 KINDS = {
     "camera": IMAGES,
     "sphere": IMAGES,
-    "odom": ("silent", "stuck", "noise", "bias", "intermittent", "slip"),
-    "imu": ("silent", "intermittent"),
-    "scan": ("silent", "intermittent"),
+    "odom": ("silent", "stuck", "noise", "bias", "intermittent", "slip", "delayed"),
+    "imu": ("silent", "intermittent", "delayed"),
+    "scan": ("silent", "intermittent", "delayed"),
     "speed": ("stuck", "bias"),
     "steering": ("stuck", "bias"),
 }
@@ -59,6 +60,8 @@ class Faults:
             raise ValueError(f"fault.magnitude: expected a finite number, at least 0, found {magnitude}")
         if kind in ("intermittent", "slip") and magnitude >= 1.0 + (kind == "intermittent"):
             raise ValueError(f"fault.magnitude: expected a share below 1, found {magnitude}")
+        if kind == "delayed" and magnitude > MAX_DELAY:
+            raise ValueError(f"fault.magnitude: expected at most {MAX_DELAY:g} s, found {magnitude}")
         if not (math.isfinite(start) and start >= 0.0 and math.isfinite(duration) and duration >= 0.0):
             raise ValueError(f"fault.start, duration: expected at least 0 s, found {start}, {duration}")
         begin = int(start * SECOND) if start > 0.0 else now_ns

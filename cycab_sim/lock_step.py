@@ -12,6 +12,7 @@ from cycab_sim.faults import SECOND
 from cycab_sim.params import ClockParams
 from cycab_sim.vehicle import Command
 
+COMMAND_TIMEOUT = round(0.25 * SECOND)  # simulated time without a command after which the car brakes by itself
 MAX_LEAD = SECOND  # a stamp further ahead of simulated time comes from another clock
 
 
@@ -19,15 +20,17 @@ class LockStep:
     """Holds time after an image until a command with its stamp, or a later one, has come.
 
     Before the first command, and after one has failed to come within the limit, nothing is waited for: the next
-    command starts it again.
+    command starts it again. Commands age by their arrival, as in a drive-by-wire, not by what is stamped on them; a
+    camera that is slower than the time-out holds them for longer while its images set the pace.
     """
 
-    def __init__(self, params: ClockParams) -> None:
+    def __init__(self, params: ClockParams, camera_period: float = 0.0) -> None:
         self.params = params
+        self._hold_ns = round(1.5 * camera_period * SECOND) if params.is_lock_step else 0
         self.is_engaged = False
         self.num_missed = 0
         self._command = Command()
-        self._stamp_ns = 0
+        self._stamp_ns = self._arrived_ns = 0
         self._arrived = threading.Condition()
 
     def offer(self, command: Command, stamp_ns: int, now_ns: int) -> None:
@@ -39,7 +42,7 @@ class LockStep:
             raise ValueError(f"cmd_vel.header.stamp: expected simulated time, now {now:.2f} s, found {found:.2f} s")
         with self._arrived:
             if stamp_ns >= self._stamp_ns:
-                self._command, self._stamp_ns = command, stamp_ns
+                self._command, self._stamp_ns, self._arrived_ns = command, stamp_ns, now_ns
             self.is_engaged = True
             self._arrived.notify_all()
 
@@ -63,7 +66,7 @@ class LockStep:
             self._arrived.notify_all()
 
     def command(self, now_ns: int) -> Command:
-        """Return the command in force; a stop once it is too old."""
+        """Return the command in force; a stop once none has come for too long."""
         with self._arrived:
-            is_old = now_ns - self._stamp_ns > self.params.command_timeout * SECOND
-            return Command() if is_old else self._command
+            timeout = max(COMMAND_TIMEOUT, self._hold_ns if self.is_engaged else 0)
+            return Command() if now_ns - self._arrived_ns > timeout else self._command

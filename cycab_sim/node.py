@@ -32,24 +32,25 @@ class CycabSim(ManagedNode):
     params: SimParams
 
     def configure(self) -> None:
-        """Build the town, wire topics and services."""
+        """Build the world, open topics and services."""
+        self.log.info(f"building the {self.params.world}; the first image may compile kernels for a minute")
         self.simulator = Simulator(self.params)
-        self.lock_step = LockStep(self.params.clock)
+        self.lock_step = LockStep(self.params.clock, self.params.camera.period)
+        self.runner = Runner(self.simulator, self.lock_step, self.hand_out)
         self.clock = self.add_publisher("/clock", Clock)
         self.outputs = Outputs(self, self.simulator)
         self.taught = self.add_publisher("taught", Bool, qos.LATCHED)
         kind = TwistStamped if self.params.has_stamped_command else Twist
         self.add_subscription("cmd_vel", kind, self.on_command, qos.COMMAND, is_required=False)
-        self.add_service("teleport", Teleport, self.on_teleport)
-        self.add_service("set_fault", SetFault, self.on_set_fault)
+        self.add_service("~/teleport", Teleport, self.on_teleport)
+        self.add_service("~/set_fault", SetFault, self.on_set_fault)
         self.report("simulation", OK, "ready")
 
     def activate(self) -> None:
         """Let time pass."""
         self.outputs.publish_statics()
-        self.has_told = False
+        self.has_told = self.has_shown = False
         self.taught.publish(Bool(data=False))
-        self.runner = Runner(self.simulator, self.lock_step, self.hand_out)
         self.runner.start()
 
     def deactivate(self) -> None:
@@ -63,12 +64,17 @@ class CycabSim(ManagedNode):
         twist = message.twist if self.params.has_stamped_command else message
         self.lock_step.offer(Command(twist.linear.x, twist.angular.z), stamp or now, now)
 
-    def hand_out(self, name: str) -> None:
-        """Publish one output at the present instant; called from the simulation's thread."""
+    def hand_out(self, name: str) -> int | None:
+        """Publish one output at the present instant, in the simulation's thread; return the stamp of an image sent."""
         if name == "clock":
             self._publish_clock(self.simulator.time_ns)
-        else:
-            self.outputs.publish(name)
+            return self.outputs.publish_late()
+        begun = self.steady_ns()
+        stamp = self.outputs.publish(name)
+        if not self.has_shown and name in ("camera", "sphere", "rig"):
+            self.has_shown = True
+            self.log.info(f"the first image took {(self.steady_ns() - begun) / SECOND:.1f} s; time passes")
+        return stamp
 
     def _publish_clock(self, now: int) -> None:
         self.clock.publish(Clock(clock=conversions.ns_to_time(now)))

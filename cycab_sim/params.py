@@ -223,7 +223,6 @@ class ClockParams:
     step: float = param(0.01, "simulated time of one step", "s", low=0.001, high=0.1)
     is_lock_step: bool = param(True, "after an image wait for a command with its stamp or a later one")
     max_wait: float = param(3.0, "wall time to wait for a command; then the clock runs on", "s", low=0.0)
-    command_timeout: float = param(0.5, "simulated age of a command after which the car brakes", "s", low=0.0)
     real_time_factor: float = param(1.0, "simulated over wall time where nothing waits; 0: no limit", low=0.0)
 
 

@@ -15,29 +15,34 @@ MAX_LAG = 0.2  # wall time that is caught up after a slow image, s; more is forg
 
 
 class Runner:
-    """Runs a simulator until it is stopped. `hand_out(name)` is called for each output that is due, time at rest.
+    """Runs a simulator until it is stopped, and again.
 
+    `hand_out(name)` is called for each output that is due, time at rest; it returns the stamp of the image that a
+    command is to answer, or None.
     Hold `lock` to look at the simulator, or to change it, from another thread.
     """
 
-    def __init__(self, simulator: Simulator, lock_step: LockStep, hand_out: Callable[[str], None]) -> None:
+    def __init__(self, simulator: Simulator, lock_step: LockStep, hand_out: Callable[[str], int | None]) -> None:
         self.simulator = simulator
         self.lock_step = lock_step
         self.lock = threading.Lock()
         self._hand_out = hand_out
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
+        self._thread: threading.Thread | None = None
         self._due_wall = time.monotonic()
 
     def start(self) -> None:
         """Begin."""
+        self._stop.clear()
+        self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
         """End after the current step."""
         self._stop.set()
         self.lock_step.release()
-        self._thread.join(timeout=5.0)
+        if self._thread is not None:
+            self._thread.join(timeout=5.0)
 
     def _run(self) -> None:
         while not self._stop.is_set():
@@ -48,11 +53,10 @@ class Runner:
         """Do one step: hand out what is due, wait for the command that answers an image, drive."""
         simulator = self.simulator
         with self.lock:
-            due = simulator.take_due()
-            for name in ("clock", *due):
-                self._hand_out(name)
-        if "camera" in due and simulator.params.mode == "drive":
-            self.lock_step.wait(simulator.time_ns)
+            images = [self._hand_out(name) for name in ("clock", *simulator.take_due())]
+        stamps = [stamp for stamp in images if stamp is not None]
+        if stamps and simulator.params.mode == "drive":
+            self.lock_step.wait(max(stamps))
         with self.lock:
             simulator.step(self._command(), round(simulator.params.clock.step * SECOND))
 

@@ -53,5 +53,9 @@ def generate_launch_description():
             }
         ],
     )
-    declared = [DeclareLaunchArgument(n, default_value=d, description=t) for n, (d, t) in ARGUMENTS.items()]
+    allowed = {"input": list(LAST_TOPIC)}
+    declared = [
+        DeclareLaunchArgument(n, default_value=d, description=t, choices=allowed.get(n))
+        for n, (d, t) in ARGUMENTS.items()
+    ]
     return LaunchDescription([*declared, mapper, player])

@@ -57,6 +57,8 @@ class BagPlayer(ManagedNode):
 
     def configure(self) -> None:
         """Open the bag and its topics."""
+        if not self.params.bag:
+            raise ValueError("bag: expected a folder or an .mcap file to play, found none")
         self.bag = BagReader(self.params.bag)
         chosen = self._chosen()
         start_ns, end_ns = self.bag.time_range

@@ -52,6 +52,7 @@ def test_cameras_of_a_rig_have_faults_of_their_own():
         (("camera", "slip", 0.1, 0.0, 0.0), r"fault\.kind: expected one of silent, .* for camera, found 'slip'"),
         (("camera", "noise", float("nan"), 0.0, 0.0), r"fault\.magnitude: expected a finite number"),
         (("camera", "noise", -1.0, 0.0, 0.0), r"fault\.magnitude: expected a finite number, at least 0"),
+        (("camera", "delayed", 11.0, 0.0, 0.0), r"fault\.magnitude: expected at most 10 s, found 11.0"),
         (("odom", "slip", 1.0, 0.0, 0.0), r"fault\.magnitude: expected a share below 1, found 1.0"),
         (("odom", "bias", -1.0, -2.0, 0.0), r"fault\.start, duration: expected at least 0 s"),
     ],

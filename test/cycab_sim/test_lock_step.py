@@ -30,13 +30,13 @@ def test_time_stands_until_the_command_that_answers_the_image():
 
 
 def test_a_command_that_does_not_come_is_counted_and_the_car_stops():
-    lock_step = LockStep(ClockParams(max_wait=0.02, command_timeout=0.5))
+    lock_step = LockStep(ClockParams(max_wait=0.02))
     lock_step.offer(GO, 1 * SECOND, 1 * SECOND)
     assert not lock_step.wait(2 * SECOND)
     assert lock_step.num_missed == 1
     assert lock_step.wait(3 * SECOND)  # it does not wait again until a command comes
-    assert lock_step.command(int(1.4 * SECOND)) == GO
-    assert lock_step.command(int(1.6 * SECOND)) == Command()
+    assert lock_step.command(int(1.25 * SECOND)) == GO
+    assert lock_step.command(int(1.26 * SECOND)) == Command()
     lock_step.offer(GO, 3 * SECOND, 3 * SECOND)
     assert lock_step.is_engaged
 
@@ -73,3 +73,20 @@ def test_commands_that_are_no_numbers_are_refused(command):
 def test_stamps_of_another_clock_are_refused():
     with pytest.raises(ValueError, match=r"cmd_vel\.header\.stamp: expected simulated time, now 3\.00 s"):
         LockStep(ClockParams()).offer(GO, 1_700_000_000 * SECOND, 3 * SECOND)
+
+
+@pytest.mark.parametrize("stamp", [0, SECOND // 2, int(1.9 * SECOND)])
+def test_a_command_ages_by_its_arrival_whatever_is_stamped_on_it(stamp):
+    lock_step = LockStep(ClockParams(is_lock_step=False))
+    lock_step.offer(GO, stamp, SECOND)
+    assert lock_step.command(int(1.25 * SECOND)) == GO
+    assert lock_step.command(int(1.26 * SECOND)) == Command()
+
+
+def test_a_slow_camera_holds_its_command_while_its_images_set_the_pace():
+    lock_step = LockStep(ClockParams(max_wait=0.02), camera_period=0.5)
+    lock_step.offer(GO, SECOND, SECOND)
+    assert lock_step.command(int(1.5 * SECOND)) == GO
+    assert lock_step.command(int(1.8 * SECOND)) == Command()
+    lock_step.wait(int(1.5 * SECOND))  # in vain: nobody answers any more
+    assert lock_step.command(int(1.5 * SECOND)) == Command()

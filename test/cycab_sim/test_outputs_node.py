@@ -102,3 +102,33 @@ def test_the_imu_and_the_scanner_are_published_in_their_frames(small_params):
     points = scan_to_points(scan)
     assert len(points) > 30  # a street
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), simulator.scan().ranges[np.isfinite(scan.ranges)])
+
+
+def test_delayed_outputs_come_later_with_their_stamps_and_in_order(small_params):
+    simulator = Simulator(small_params)
+    catcher = Catcher()
+    outputs = Outputs(catcher, simulator)
+    simulator.faults.add("camera", "delayed", 0.25, 0.0, 0.0, simulator.time_ns)
+    simulator.faults.add("odom", "delayed", 0.1, 0.0, 0.0, simulator.time_ns)
+    begun, arrivals, answered = simulator.time_ns, [], []
+    for _ in range(70):
+        answered.append(outputs.publish_late())
+        arrivals += [simulator.time_ns] * (len(catcher.sent["image_raw"]) - len(arrivals))
+        for name in simulator.take_due():
+            assert name != "camera" or outputs.publish(name) is None  # nothing to wait for yet
+            if name == "odom":
+                outputs.publish(name)
+        simulator.step(Command(), 10_000_000)
+    stamps = [stamp_ns(message) for message in catcher.sent["image_raw"]]
+    assert stamps == [begun + 100_000_000 * k for k in range(5)]
+    assert [stamp for stamp in answered if stamp is not None] == stamps
+    assert [arrival - stamp for arrival, stamp in zip(arrivals, stamps, strict=True)] == [250_000_000] * 5
+    assert stamp_ns(catcher.sent["odom"][-1]) == simulator.time_ns - 120_000_000  # the last step at which one was due
+    assert len(catcher.sent["odom"]) == len(catcher.sent["/tf"])
+
+
+def test_odometry_is_a_transform_too(simulator):
+    sent = published(simulator, "odom").sent
+    (transform,) = sent["/tf"][0].transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("odom", "base_link")
+    assert transform.transform.translation.x == sent["odom"][0].pose.pose.position.x

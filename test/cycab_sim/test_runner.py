@@ -1,4 +1,5 @@
 import threading
+import time
 from dataclasses import replace
 
 from cycab_sim.lock_step import LockStep
@@ -25,6 +26,8 @@ def test_commands_that_answer_images_set_the_pace(small_params):
                 done.set()
             now = simulator.time_ns
             threading.Timer(0.005, lambda: lock_step.offer(Command(1.0), now, now)).start()
+            return now
+        return None
 
     clock = ClockParams(max_wait=30.0, real_time_factor=1.0)
     runner, simulator, lock_step = make(small_params, clock, hand_out)
@@ -58,3 +61,16 @@ def test_a_real_time_factor_slows_time_down(small_params):
     runner.stop()
     # 0.5 s at half speed: 25 steps, 10 more by the lag that may be caught up; slow machines do fewer
     assert 0 < ticks.count("clock") <= 40
+
+
+def test_a_runner_runs_again_after_a_stop(small_params):
+    clock = ClockParams(real_time_factor=0.0)
+    runner, simulator, _ = make(small_params, clock, lambda name: None)
+    for _ in range(3):
+        before = simulator.time_ns
+        runner.start()
+        end = time.monotonic() + 20.0
+        while simulator.time_ns == before and time.monotonic() < end:
+            time.sleep(0.001)
+        runner.stop()
+        assert simulator.time_ns > before

@@ -22,8 +22,10 @@ from sphere_nav_msgs.msg import AugmentedSphere, SimulationFault
 from sphere_nav_msgs.srv import SetFault, Teleport
 from tf2_msgs.msg import TFMessage
 
+from cycab_sim.node import CycabSim
 from node_kit import qos
 from node_kit.conversions import camera_from_info, image_to_array, message_to_sphere, odometry_to_se3, stamp_ns
+from node_kit.replay import OfflineBus, OfflineShell
 
 START_LIMIT = 120.0  # s; kernels may have to be compiled first
 SMALL = {
@@ -172,25 +174,44 @@ def test_a_stamp_of_another_clock_is_refused(driver):
 
 def test_services_answer(driver):
     fault = SimulationFault(target="sphere", kind="silent")
-    answer = driver.call("set_fault", SetFault, SetFault.Request(fault=fault))
+    answer = driver.call("cycab_sim/set_fault", SetFault, SetFault.Request(fault=fault))
     assert answer.success
     assert [(item.target, item.kind) for item in answer.active] == [("sphere", "silent")]
-    refused = driver.call("set_fault", SetFault, SetFault.Request(fault=SimulationFault(target="x", kind="silent")))
+    refused = driver.call(
+        "cycab_sim/set_fault", SetFault, SetFault.Request(fault=SimulationFault(target="x", kind="silent"))
+    )
     assert not refused.success
     assert refused.message.startswith("fault.target: expected one of camera")
-    assert driver.call("set_fault", SetFault, SetFault.Request(clear=True)).active == []
+    assert driver.call("cycab_sim/set_fault", SetFault, SetFault.Request(clear=True)).active == []
     request = Teleport.Request(speed=0.0)
     request.pose.position.x, request.pose.position.y, request.pose.orientation.w = 20.0, -0.5, 1.0
-    assert driver.call("teleport", Teleport, request).success
+    assert driver.call("cycab_sim/teleport", Teleport, request).success
     count = len(driver.heard["ground_truth/odometry"])
     assert driver.spin_until(lambda: len(driver.heard["ground_truth/odometry"]) > count + 1, 30.0)
     T_world_base, _ = odometry_to_se3(driver.heard["ground_truth/odometry"][-1])
     assert T_world_base.translation[0] == pytest.approx(20.0, abs=0.5)
     request.pose.orientation.w = 0.0
-    assert "quaternion" in driver.call("teleport", Teleport, request).message
+    assert "quaternion" in driver.call("cycab_sim/teleport", Teleport, request).message
 
 
 def test_it_ends_in_order(driver, process):
     process.send_signal(signal.SIGINT)
     assert process.wait(timeout=10.0) == 0
     assert "Traceback" not in process.stderr.read()
+
+
+def test_an_inactive_simulator_answers_calls_and_runs_again_after_each_activation():
+    bus = OfflineBus()
+    node = CycabSim(OfflineShell(bus, "cycab_sim", {"camera.is_on": False, "clock.real_time_factor": 0.0}, {}))
+    node.configure()
+    request = SetFault.Request(fault=SimulationFault(target="odom", kind="silent"))
+    assert node.shell.call("set_fault", request).success
+    for _ in range(3):
+        before = node.simulator.time_ns
+        node.activate()
+        end = time.monotonic() + 20.0
+        while node.simulator.time_ns == before and time.monotonic() < end:
+            time.sleep(0.001)
+        node.deactivate()
+        assert node.simulator.time_ns > before
+        assert node.shell.call("set_fault", SetFault.Request(clear=True)).success
