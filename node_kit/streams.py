@@ -100,7 +100,7 @@ def find_inputs(
     elif "left/image_raw" in wanted:
         found = _find_stereo(streams, found)
     elif "image_raw" in wanted and "image_raw" not in found:
-        found["image_raw"] = _only(_pictures(streams), "images", "--image").topic
+        found["image_raw"] = _only(_pictures(streams), "images (image_raw)", "--image").topic
     if "camera_info" in wanted and "camera_info" not in found:
         found["camera_info"] = info_of(by_name[found["image_raw"]], streams, "--info").topic
     return {name: found[name] for name in (*wanted, *(set(found) - set(wanted)))}
@@ -226,7 +226,7 @@ def _only_pair(pairs: Sequence[tuple[Stream, Stream]], options: str = "--image, 
 
 def _only(streams: Sequence[Stream], what: str, option: str) -> Stream:
     if len(streams) != 1:
-        raise BagError(f"topics: expected one topic with {what}, found {_names(streams)}; choose by {option}")
+        raise BagError(f"topics: expected one topic with {what}, found {_names(streams)}; choose it by {option}")
     return streams[0]
 
 

@@ -12,6 +12,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from node_kit.bag_error import BagError
 from node_kit.bag_reader import BagReader
+from node_kit.recorded import TopicInfo
 
 IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
 START_NS, STEP_NS, NUM = 5_000_000_000, 100_000_000, 6
@@ -76,6 +77,7 @@ KINDS = ["sqlite", "lone", "sqlite file", "sqlite message", "mcap file", "mcap m
 @pytest.mark.parametrize("bag", KINDS, indirect=True)
 def test_every_storage_gives_the_same_messages(bag):
     with BagReader(bag) as reader:
+        assert all(isinstance(info, TopicInfo) for info in reader.topics.values())
         assert {name: (info.type, info.count) for name, info in reader.topics.items()} == {
             "/a/image": (IMAGE, NUM),
             "/a/camera_info": (INFO, NUM),
