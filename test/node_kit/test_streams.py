@@ -115,7 +115,7 @@ def test_what_the_user_names_holds():
         (ALIGNED, RGBD, {}, "expected images (--image)"),
         (COLOUR, RGBD, {}, "expected depth images (--depth)"),
         (COLOUR, STEREO, {}, "expected a left and a right camera (--left, --right)"),
-        ([*COLOUR, *INFRA], ("image_raw",), {}, "expected one topic with images (image_raw), found /camera/camera/color"),
+        ([*COLOUR, *INFRA], ("image_raw",), {}, "one topic with images (image_raw), found /camera/camera/color"),
         (COLOUR, ("image_raw",), {"image_raw": "/none"}, "image_raw: expected topic /none, found /camera"),
         ([COLOUR[0]], ("image_raw", "camera_info"), {}, "camera_info of /camera/camera/color/image_raw, found none"),
     ],
