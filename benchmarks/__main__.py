@@ -22,6 +22,7 @@ BENCHMARKS = {
     "calibration": "benchmarks.calibration",
     "stitching": "benchmarks.stitching",
     "range_honesty": "benchmarks.range_honesty",
+    "pose_graphs": "benchmarks.pose_graphs",
     "mcl_panoramas": "benchmarks.mcl_panoramas",
     "mcl_surround": "benchmarks.mcl_surround",
     "mcl_walks": "benchmarks.mcl_walks",

@@ -12,7 +12,7 @@ from photometric import Alignment
 from sphere_geometry import SE3
 from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_mapping.graph.keyframes import MAX_GREY
-from sphere_mapping.graph.pose_graph import optimize
+from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.registration import PreparedSphere, align, edge_between
 from sphere_mapping.params import LoopParams, MapperParams
 
@@ -39,7 +39,7 @@ def close_loops(graph: SphereGraph, params: MapperParams) -> ClosedLoops:
                 loops.append(loop)
     if not loops:
         return ClosedLoops(graph, 0)
-    return ClosedLoops(optimize(SphereGraph(graph, [*graph.edges, *loops])).graph, len(loops))
+    return ClosedLoops(optimize_map(SphereGraph(graph, [*graph.edges, *loops])).graph, len(loops))
 
 
 def candidates(graph: SphereGraph, params: LoopParams) -> Iterator[tuple[KeySphere, KeySphere]]:

@@ -1,60 +1,83 @@
-"""Correction of all poses so that every measured motion fits as well as it can (M15 section 3.5.2), by GTSAM."""
+"""Poses joined by measured motions, as arrays: what is optimised, whether it came from a map or from a file."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
-import gtsam
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 
 from sphere_geometry import SE3
-from sphere_map.graph import Edge, SphereGraph
+from sphere_map.graph import SphereGraph
 
-ANGLE_FIRST = [3, 4, 5, 0, 1, 2]  # our (v, omega) in GTSAM's order (omega, v)
-ANCHOR_SIGMA = 1e-6  # the first pose stays where it is
-ROBUST_WIDTH = 2.0  # standard deviations beyond which a loop edge loses weight (Huber)
+Array = NDArray[np.float64]
+TANGENT_SIZE = {2: 3, 3: 6}  # (v, omega) in the plane and in space
 
 
 @dataclass(frozen=True, eq=False)
-class Optimized:
-    """The corrected graph, and half the weighted sum of squares before and after."""
+class PoseGraph:
+    """N poses and M motions between them, in the plane (d = 2) or in space (d = 3).
 
-    graph: SphereGraph
-    error_before: float
-    error_after: float
+    ids: (N,) names of the poses.
+    poses: (N, d + 1, d + 1) T_map_i, where an optimisation starts.
+    ends: (M, 2) rows a, b of the poses that an edge joins.
+    motions: (M, d + 1, d + 1) T_a_b as measured.
+    information: (M, p, p) of xi in T_a_b exp(xi), xi = (v, omega); p = 3 in the plane, 6 in space.
+    is_robust: (M,) edges that lose weight where they fit badly.
+    """
+
+    ids: NDArray[np.int64]
+    poses: Array
+    ends: NDArray[np.int64]
+    motions: Array
+    information: Array
+    is_robust: NDArray[np.bool_]
+
+    @property
+    def dimension(self) -> int:
+        """2 in the plane, 3 in space."""
+        return self.poses.shape[-1] - 1
+
+    @cached_property
+    def anchors(self) -> NDArray[np.int64]:
+        """Rows (C,) of the first pose of every connected part: they stay where they are."""
+        a, b = self.ends.T
+        joined = coo_array((np.ones(len(a)), (a, b)), shape=(len(self.ids), len(self.ids)))
+        _, parts = connected_components(joined, directed=False)
+        return np.unique(parts, return_index=True)[1].astype(np.int64)
+
+    @cached_property
+    def precisions(self) -> tuple[Array, Array]:
+        """Isotropic precision (M,) of each edge's rotation (kappa) and of its translation (tau).
+
+        Rosen et al., SE-Sync (IJRR 2019), as its authors read these files: the matrices' nearest isotropic ones.
+        """
+        d = self.dimension
+        translation, rotation = self.information[:, :d, :d], self.information[:, d:, d:]
+        tau = d / np.trace(np.linalg.inv(translation), axis1=1, axis2=2)
+        if d == 2:
+            return rotation[:, 0, 0], tau
+        return 1.5 / np.trace(np.linalg.inv(rotation), axis1=1, axis2=2), tau
 
 
-def optimize(graph: SphereGraph, max_iterations: int = 100) -> Optimized:
-    """Return the graph at the poses that fit its edges best; the first key sphere stays, loop edges are robust."""
-    if not graph.edges:
-        return Optimized(graph, 0.0, 0.0)
-    factors, start = gtsam.NonlinearFactorGraph(), gtsam.Values()
-    for node in graph:
-        start.insert(node.id, _pose3(node.T_map_sphere))
-    first = next(iter(graph))
-    anchor = gtsam.noiseModel.Isotropic.Sigma(6, ANCHOR_SIGMA)
-    factors.add(gtsam.PriorFactorPose3(first.id, _pose3(first.T_map_sphere), anchor))
-    for edge in graph.edges:
-        factors.add(gtsam.BetweenFactorPose3(edge.a, edge.b, _pose3(edge.T_a_b), _noise(edge)))
-    settings = gtsam.LevenbergMarquardtParams()
-    settings.setMaxIterations(max_iterations)
-    optimizer = gtsam.LevenbergMarquardtOptimizer(factors, start, settings)
-    result = optimizer.optimize()
-    poses = {node.id: SE3.from_matrix(result.atPose3(node.id).matrix()) for node in graph}
-    return Optimized(graph.with_poses(poses), factors.error(start), factors.error(result))
+def from_spheres(graph: SphereGraph) -> PoseGraph:
+    """Return the key spheres and edges of a map as arrays; loop edges are robust."""
+    row = {node.id: k for k, node in enumerate(graph)}
+    edges = graph.edges
+    return PoseGraph(
+        np.array(list(row), dtype=np.int64),
+        np.array([node.T_map_sphere.matrix for node in graph]),
+        np.array([(row[edge.a], row[edge.b]) for edge in edges], dtype=np.int64),
+        np.array([edge.T_a_b.matrix for edge in edges]),
+        np.array([edge.information for edge in edges]),
+        np.array([edge.is_loop for edge in edges]),
+    )
 
 
-def _noise(edge: Edge) -> gtsam.noiseModel.Base:
-    noise = gtsam.noiseModel.Gaussian.Information(_angle_first(edge.information))
-    if not edge.is_loop:
-        return noise
-    return gtsam.noiseModel.Robust.Create(gtsam.noiseModel.mEstimator.Huber.Create(ROBUST_WIDTH), noise)
-
-
-def _angle_first(information: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.ascontiguousarray(information[np.ix_(ANGLE_FIRST, ANGLE_FIRST)])
-
-
-def _pose3(T: SE3) -> gtsam.Pose3:
-    return gtsam.Pose3(T.matrix)
+def to_spheres(graph: SphereGraph, poses: Array) -> SphereGraph:
+    """Return the map with its key spheres at other poses (N, 4, 4), in the graph's order."""
+    matrices = SE3.from_matrix(poses)
+    return graph.with_poses({node.id: matrices[k] for k, node in enumerate(graph)})

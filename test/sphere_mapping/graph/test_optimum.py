@@ -1,8 +1,14 @@
+from dataclasses import replace
+
 import numpy as np
+import pytest
+from cylinder_world import cylinder
 
 from sphere_geometry import SE3
 from sphere_map.graph import Edge, KeySphere, SphereGraph
-from sphere_mapping.graph.pose_graph import optimize
+from sphere_mapping.graph.chordal import spanning_poses
+from sphere_mapping.graph.factors import descend, factors_of
+from sphere_mapping.graph.optimum import MAX_ITERATIONS, optimize, optimize_map
 
 STEP = SE3.exp([1.0, 0.0, 0.05, 0.0, 0.05, 0.5])
 
@@ -23,8 +29,8 @@ def ring(noise=0.0, seed=0):
 
 def test_consistent_edges_change_nothing():
     _, graph = ring()
-    found = optimize(graph)
-    assert found.error_after < 1e-9
+    found = optimize_map(graph)
+    assert found.optimum.chi2_after < 1e-9
     for node in found.graph:
         np.testing.assert_allclose(node.T_map_sphere.matrix, graph[node.id].T_map_sphere.matrix, atol=1e-8)
 
@@ -33,9 +39,9 @@ def test_a_loop_takes_most_of_the_drift_away_and_the_first_pose_stays():
     truth, graph = ring(noise=0.02)
     before = graph[11].T_map_sphere.distance(truth[11])[0]
     graph.connect(Edge(0, 11, truth[0].inverse() @ truth[11], np.eye(6) * 1e6, is_loop=True))
-    found = optimize(graph)
+    found = optimize_map(graph)
     assert found.graph[11].T_map_sphere.distance(truth[11])[0] < 0.3 * before
-    assert found.error_after < found.error_before
+    assert found.optimum.chi2_after < found.optimum.chi2_before
     np.testing.assert_allclose(found.graph[0].T_map_sphere.matrix, np.eye(4), atol=1e-5)
 
 
@@ -44,7 +50,7 @@ def test_a_wrong_loop_among_good_ones_is_outvoted():
     for a in range(4):
         graph.connect(Edge(a, a + 8, truth[a].inverse() @ truth[a + 8], np.eye(6) * 1e4, is_loop=True))
     graph.connect(Edge(1, 10, SE3.exp([3.0, 0, 0, 0, 0, 1.0]), np.eye(6) * 1e4, is_loop=True))
-    found = optimize(graph)
+    found = optimize_map(graph)
     worst = max(found.graph[k].T_map_sphere.distance(truth[k])[0] for k in range(12))
     assert worst < 0.15  # with a square cost the wrong edge of 3 m bends the graph by half a metre
 
@@ -54,9 +60,47 @@ def test_the_order_of_the_tangent_is_kept():
     graph = SphereGraph([KeySphere(0, 0, SE3.identity()), KeySphere(1, 1, SE3.identity())])
     graph.connect(Edge(0, 1, SE3.exp([1.0, 1.0, 0, 0, 0, 0]), np.diag([1e6, 1, 1e3, 1e3, 1e3, 1e3])))
     graph.connect(Edge(0, 1, SE3.exp([2.0, 2.0, 0, 0, 0, 0]), np.diag([1, 1e6, 1e3, 1e3, 1e3, 1e3])))
-    np.testing.assert_allclose(optimize(graph).graph[1].T_map_sphere.translation, [1.0, 2.0, 0.0], atol=1e-4)
+    np.testing.assert_allclose(optimize_map(graph).graph[1].T_map_sphere.translation, [1.0, 2.0, 0.0], atol=1e-4)
 
 
 def test_a_graph_without_edges_is_returned_as_it_is():
     graph = SphereGraph([KeySphere(0, 0, STEP)])
-    assert optimize(graph).graph is graph
+    assert optimize_map(graph).graph is graph
+
+
+def test_a_start_that_ends_in_a_wrong_valley_is_left_for_the_chordal_one():
+    _, graph = cylinder(20, 12, (0.3, 0.15), seed=3)
+    rng = np.random.default_rng(0)
+    turns = SE3.exp(rng.normal(size=(len(graph.ids), 6)) * [9, 9, 9, 2, 2, 2]).matrix
+    hopeless = replace(graph, poses=turns)
+    stuck, found = descend(factors_of(graph), graph, turns, MAX_ITERATIONS), optimize(hopeless)
+    assert stuck is None or stuck.chi2 > 1.5 * found.chi2_after
+    num_measured, num_unknown = 6 * len(graph.ends), 6 * (len(graph.ids) - 1)
+    assert found.chi2_after == pytest.approx(num_measured - num_unknown, rel=0.15)  # 3 sigma of chi2 is 0.14
+    assert found.doubt == ""
+
+
+@pytest.mark.parametrize("planar", [False, True])
+def test_the_optimum_does_not_depend_on_the_start(planar):
+    _, graph = cylinder(4, 10, (0.1, 0.05), planar=planar)
+    a, b = optimize(graph), optimize(replace(graph, poses=spanning_poses(graph)))
+    assert a.chi2_after == pytest.approx(b.chi2_after, rel=1e-6)
+
+
+def test_noise_beyond_what_can_be_certified_is_told():
+    _, graph = cylinder(12, 12, (0.5, 1.2), seed=1)
+    assert "a better optimum may exist" in optimize(graph).doubt
+
+
+def test_parts_that_nothing_joins_are_solved_each_for_itself():
+    _, graph = cylinder(3, 6, (0.1, 0.05))
+    cut = replace(
+        graph,
+        ends=graph.ends[keep := (graph.ends < 9).all(axis=1) | (graph.ends >= 9).all(axis=1)],
+        motions=graph.motions[keep],
+        information=graph.information[keep],
+        is_robust=graph.is_robust[keep],
+    )
+    found = optimize(cut)
+    np.testing.assert_allclose(found.poses[[0, 9]], graph.poses[[0, 9]], atol=1e-5)
+    assert found.doubt == ""

@@ -1,0 +1,103 @@
+"""A pose graph as factors of GTSAM, and its least-squares problem solved by Levenberg-Marquardt."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import gtsam
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
+
+Array = NDArray[np.float64]
+
+ANGLE_FIRST = [3, 4, 5, 0, 1, 2]  # our (v, omega) in GTSAM's order of space (omega, v); in the plane they agree
+ANCHOR_SIGMA = 1e-6  # anchors stay where they are
+ROBUST_WIDTH = 2.0  # standard deviations beyond which a robust edge loses weight (Huber)
+RELATIVE_TOLERANCE = 1e-8  # of the error, between two iterations; GTSAM's 1e-5 stops before a slow descent is done
+
+
+class Solution(NamedTuple):
+    """Where a descent ended: poses (N, d + 1, d + 1), the weighted sum of squares there, and its steps."""
+
+    poses: Array
+    chi2: float
+    iterations: int
+
+
+class Kind(NamedTuple):
+    """GTSAM's classes for the plane or for space."""
+
+    pose: Callable[..., Any]
+    at: Callable[[gtsam.Values, int], Any]
+    prior: Callable[..., Any]
+    between: Callable[..., Any]
+
+
+KINDS = {
+    2: Kind(
+        lambda T: gtsam.Pose2(T[0, 2], T[1, 2], np.arctan2(T[1, 0], T[0, 0])),
+        gtsam.Values.atPose2,
+        gtsam.PriorFactorPose2,
+        gtsam.BetweenFactorPose2,
+    ),
+    3: Kind(
+        gtsam.Pose3,
+        gtsam.Values.atPose3,
+        gtsam.PriorFactorPose3,
+        gtsam.BetweenFactorPose3,
+    ),
+}
+
+
+def factors_of(graph: PoseGraph) -> gtsam.NonlinearFactorGraph:
+    """Return an edge's error as log(T_measured^-1 T_a^-1 T_b) with its full information matrix."""
+    kind, factors = KINDS[graph.dimension], gtsam.NonlinearFactorGraph()
+    order = ANGLE_FIRST if graph.dimension == 3 else [0, 1, 2]
+    huber = gtsam.noiseModel.mEstimator.Huber.Create(ROBUST_WIDTH)
+    for (a, b), motion, information, is_robust in zip(
+        graph.ends, graph.motions, graph.information, graph.is_robust, strict=True
+    ):
+        noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Information(
+            np.ascontiguousarray(information[np.ix_(order, order)])
+        )
+        noise = gtsam.noiseModel.Robust.Create(huber, noise) if is_robust else noise
+        factors.add(kind.between(int(a), int(b), kind.pose(motion), noise))
+    return factors
+
+
+def chi2_of(factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array) -> float:
+    """Return the weighted sum of squares at some poses; GTSAM's error is half of it."""
+    return float(2.0 * factors.error(_values(graph, poses)))
+
+
+def descend(
+    factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array, max_iterations: int
+) -> Solution | None:
+    """Return where Levenberg-Marquardt ends from these poses, None where it breaks down."""
+    kind, size = KINDS[graph.dimension], TANGENT_SIZE[graph.dimension]
+    anchored = gtsam.NonlinearFactorGraph(factors)
+    noise = gtsam.noiseModel.Isotropic.Sigma(size, ANCHOR_SIGMA)
+    for row in graph.anchors:
+        anchored.add(kind.prior(int(row), kind.pose(poses[row]), noise))
+    settings = gtsam.LevenbergMarquardtParams()
+    settings.setMaxIterations(max_iterations)
+    settings.setRelativeErrorTol(RELATIVE_TOLERANCE)
+    settings.setAbsoluteErrorTol(0.0)
+    try:
+        optimizer = gtsam.LevenbergMarquardtOptimizer(anchored, _values(graph, poses), settings)
+        values = optimizer.optimize()
+    except RuntimeError:  # an indeterminate system: the start was hopeless
+        return None
+    found = np.array([kind.at(values, row).matrix() for row in range(len(poses))])
+    chi2 = float(2.0 * factors.error(values))
+    return Solution(found, chi2, int(optimizer.iterations())) if np.isfinite(chi2) else None
+
+
+def _values(graph: PoseGraph, poses: Array) -> gtsam.Values:
+    values, kind = gtsam.Values(), KINDS[graph.dimension]
+    for row, pose in enumerate(poses):
+        values.insert(row, kind.pose(pose))
+    return values

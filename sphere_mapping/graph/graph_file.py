@@ -1,0 +1,182 @@
+"""Pose graphs as text: g2o (VERTEX_SE2, VERTEX_SE3:QUAT and their edges) and TORO (VERTEX2, VERTEX3 and theirs).
+
+Information is read as GTSAM and SE-Sync read it, of translation and rotation vector, so that chi2 compares with
+published figures; g2o's own error is the quaternion's vector, half the angle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_geometry import SE3, so3
+from sphere_mapping.graph.chordal import spanning_poses
+from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
+
+Array = NDArray[np.float64]
+
+MAX_FILE_BYTES = 1 << 30
+IGNORED = ("FIX", "PARAMS_", "EQUIV", "#")  # a fixed vertex is one choice of frame among equals
+TORO_PLANE = ((0, 0), (0, 1), (1, 1), (2, 2), (0, 2), (1, 2))  # TORO's order in the plane, not row by row
+
+
+class Layout(NamedTuple):
+    """How a kind of line gives a pose: the dimension, how many numbers, how to read them, order of the information."""
+
+    dimension: int
+    num_pose: int
+    to_pose: Callable[[Array], Array]
+    information: tuple[tuple[int, int], ...]
+
+
+@dataclass
+class _Lines:
+    """What was read so far; dimension 0 until the first pose."""
+
+    dimension: int = 0
+    poses: dict[int, Array] = field(default_factory=dict)
+    ends: list[tuple[int, int]] = field(default_factory=list)
+    motions: list[Array] = field(default_factory=list)
+    information: list[Array] = field(default_factory=list)
+    places: list[str] = field(default_factory=list)
+
+
+def read_graph(path: Path) -> PoseGraph:
+    """Return the graph of a file; poses chained along its edges where it has no vertices. ValueError by line."""
+    if not path.is_file():
+        raise ValueError(f"{path}: expected a g2o or TORO file, found {_kind(path)}")
+    if (num_bytes := path.stat().st_size) > MAX_FILE_BYTES:
+        raise ValueError(f"{path}: expected a pose graph of at most {MAX_FILE_BYTES} bytes, found {num_bytes}")
+    found = _Lines()
+    with path.open(encoding="ascii", errors="replace") as file:
+        for number, line in enumerate(file, 1):
+            try:
+                _read_line(line.split(), f"{path}:{number}", found)
+            except ValueError as error:
+                raise ValueError(f"{path}:{number}: {error}") from None
+    if not found.ends:
+        raise ValueError(f"{path}: expected edges (EDGE_SE3:QUAT, EDGE_SE2, EDGE3 or EDGE2), found none")
+    return _assembled(found)
+
+
+def write_g2o(path: Path, graph: PoseGraph) -> None:
+    """Write vertices and edges."""
+    kind, numbers = ("SE2", _planar) if graph.dimension == 2 else ("SE3:QUAT", _spatial)
+    upper = np.triu_indices(TANGENT_SIZE[graph.dimension])
+    lines = [f"VERTEX_{kind} {name} {_text(numbers(T))}" for name, T in zip(graph.ids, graph.poses, strict=True)]
+    for (a, b), T, information in zip(graph.ends, graph.motions, graph.information, strict=True):
+        lines.append(f"EDGE_{kind} {graph.ids[a]} {graph.ids[b]} {_text(numbers(T))} {_text(information[upper])}")
+    path.write_text("\n".join(lines) + "\n", encoding="ascii")
+
+
+def _read_line(words: list[str], place: str, found: _Lines) -> None:
+    if not words or words[0].startswith(IGNORED):
+        return
+    kind, _, name = words[0].partition("_") if "_" in words[0] else (words[0][:-1], "", words[0][-1:])
+    layout = LAYOUTS.get(name)
+    if layout is None or kind not in ("VERTEX", "EDGE"):
+        raise ValueError(f"expected VERTEX or EDGE of {', '.join(LAYOUTS)}, found {words[0][:40]}")
+    if found.dimension not in (0, layout.dimension):
+        raise ValueError(f"expected poses of {found.dimension} dimensions as before, found {words[0]}")
+    found.dimension = layout.dimension
+    num_ends = 1 if kind == "VERTEX" else 2
+    num_values = layout.num_pose + (len(layout.information) if kind == "EDGE" else 0)
+    if len(words) != 1 + num_ends + num_values:
+        raise ValueError(f"{words[0]}: expected {num_ends + num_values} numbers, found {len(words) - 1}")
+    ends = tuple(_id(word) for word in words[1 : 1 + num_ends])
+    values = np.array([float(word) for word in words[1 + num_ends :]])
+    if not np.all(np.isfinite(values)):
+        raise ValueError(f"{words[0]}: expected finite numbers, found {words[1 + num_ends :]}")
+    pose = layout.to_pose(values[: layout.num_pose])
+    if kind == "VERTEX":
+        if ends[0] in found.poses:
+            raise ValueError(f"expected every vertex once, found {ends[0]} again")
+        found.poses[ends[0]] = pose
+        return
+    if ends[0] == ends[1]:
+        raise ValueError(f"expected an edge between two vertices, found {ends[0]} twice")
+    found.ends.append((ends[0], ends[1]))
+    found.motions.append(pose)
+    found.information.append(_information(values[layout.num_pose :], layout))
+    found.places.append(place)
+
+
+def _assembled(found: _Lines) -> PoseGraph:
+    ids = sorted(found.poses or {end for ends in found.ends for end in ends})
+    row = {name: k for k, name in enumerate(ids)}
+    for ends, place in zip(found.ends, found.places, strict=True):
+        for end in ends:
+            if end not in row:
+                raise ValueError(f"{place}: expected an edge between vertices of the file, found no vertex {end}")
+    size = found.dimension + 1
+    graph = PoseGraph(
+        np.array(ids, dtype=np.int64),
+        np.array([found.poses[name] for name in ids]) if found.poses else np.tile(np.eye(size), (len(ids), 1, 1)),
+        np.array([(row[a], row[b]) for a, b in found.ends], dtype=np.int64),
+        np.array(found.motions),
+        np.array(found.information),
+        np.zeros(len(found.ends), dtype=np.bool_),
+    )
+    return graph if found.poses else replace(graph, poses=spanning_poses(graph))
+
+
+def _kind(path: Path) -> str:
+    return "a folder" if path.is_dir() else "no such file"
+
+
+def _id(word: str) -> int:
+    if not word.isdigit() or int(word) >= 1 << 63:
+        raise ValueError(f"expected the number of a vertex, found {word[:40]!r}")
+    return int(word)
+
+
+def _information(values: Array, layout: Layout) -> Array:
+    size = TANGENT_SIZE[layout.dimension]
+    information = np.zeros((size, size))
+    for (i, j), value in zip(layout.information, values, strict=True):
+        information[i, j] = information[j, i] = value
+    lowest = float(np.linalg.eigvalsh(information)[0])
+    if lowest <= 0:
+        raise ValueError(f"expected a positive definite information matrix, found an eigenvalue of {lowest:.3g}")
+    return information
+
+
+def _from_planar(values: Array) -> Array:
+    x, y, angle = values
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.array([[cosine, -sine, x], [sine, cosine, y], [0.0, 0.0, 1.0]])
+
+
+def _from_euler(values: Array) -> Array:
+    """Read x y z roll pitch yaw: turned by yaw about z, then pitch about the new y, then roll about the new x."""
+    roll, pitch, yaw = np.eye(3) * values[3:, None]
+    return SE3.from_parts(so3.exp(yaw) @ so3.exp(pitch) @ so3.exp(roll), values[:3]).matrix
+
+
+def _planar(T: Array) -> Array:
+    return np.array([T[0, 2], T[1, 2], np.arctan2(T[1, 0], T[0, 0])])
+
+
+def _spatial(T: Array) -> Array:
+    return np.concatenate([T[:3, 3], SE3(T).quaternion])
+
+
+def _text(values: Array) -> str:
+    return " ".join(f"{value:.12g}" for value in values)
+
+
+def _upper(size: int) -> tuple[tuple[int, int], ...]:
+    return tuple((i, j) for i in range(size) for j in range(i, size))
+
+
+LAYOUTS = {
+    "SE2": Layout(2, 3, _from_planar, _upper(3)),
+    "SE3:QUAT": Layout(3, 7, lambda values: SE3.from_quaternion(values[3:], values[:3]).matrix, _upper(6)),
+    "2": Layout(2, 3, _from_planar, TORO_PLANE),
+    "3": Layout(3, 6, _from_euler, _upper(6)),
+}

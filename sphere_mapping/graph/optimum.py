@@ -1,0 +1,104 @@
+"""READ FIRST: all poses corrected so that every measured motion fits as well as it can (M15 section 3.5.2).
+
+Levenberg-Marquardt ends in whatever valley it starts in. So it starts from the chordal solution, which needs no guess,
+and a certificate says whether a better optimum can exist; only where it says nothing the given poses are tried, too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_map.graph import SphereGraph
+from sphere_mapping.graph.certificate import TOLERANCE, ChordalOptimum, certify
+from sphere_mapping.graph.chordal import chordal_poses
+from sphere_mapping.graph.factors import Solution, chi2_of, descend, factors_of
+from sphere_mapping.graph.pose_graph import PoseGraph, from_spheres, to_spheres
+
+Array = NDArray[np.float64]
+
+MAX_ITERATIONS = 100
+SAME = 1e-9  # relative difference of two descents that ended in one place
+GIVEN, CHORDAL, CERTIFIED = "given", "chordal", "certified"
+
+
+@dataclass(frozen=True, eq=False)
+class Optimum:
+    """Poses (N, d + 1, d + 1) that fit best, and what is known about them.
+
+    chi2_before, chi2_after: weighted sum of squares at the given poses and at these.
+    start: where the descent that won began; solutions: where each of them ended.
+    certificate: of the chordal cost nearby; None where nobody asked.
+    """
+
+    poses: Array
+    chi2_before: float
+    chi2_after: float
+    iterations: int
+    start: str
+    solutions: dict[str, Solution]
+    certificate: ChordalOptimum | None = None
+
+    @property
+    def doubt(self) -> str:
+        """Why a better optimum may exist, in words; empty where none is expected."""
+        if self.certificate is not None:
+            return "" if self.certificate.is_global else "no certificate: a better optimum may exist"
+        away = [name for name, found in self.solutions.items() if found.chi2 > self.chi2_after * (1 + TOLERANCE)]
+        return f"the {away[0]} start ended at {self.solutions[away[0]].chi2:.6g}" if away else ""
+
+
+@dataclass(frozen=True, eq=False)
+class CorrectedMap:
+    """The map at its corrected poses, and how they were found (None for a map without edges)."""
+
+    graph: SphereGraph
+    optimum: Optimum | None
+
+
+def optimize_map(graph: SphereGraph) -> CorrectedMap:
+    """Return the map at the poses that fit its edges best; the first key sphere stays, loop edges are robust.
+
+    Both starts are tried: wrong loops spoil the chordal one, which is not robust, and drift spoils the given one.
+    """
+    if not graph.edges:
+        return CorrectedMap(graph, None)
+    problem = from_spheres(graph)
+    factors = factors_of(problem)
+    starts = {GIVEN: problem.poses, CHORDAL: chordal_poses(problem)}
+    solutions = {name: descend(factors, problem, poses, MAX_ITERATIONS) for name, poses in starts.items()}
+    optimum = _best(solutions, chi2_of(factors, problem, problem.poses))
+    return CorrectedMap(to_spheres(graph, optimum.poses), optimum)
+
+
+def optimize(graph: PoseGraph) -> Optimum:
+    """Return the best optimum found and its certificate; ValueError where every descent broke down.
+
+    The certificate is one of the chordal cost with isotropic precisions, not of chi2 itself: from its optimum a last
+    descent leads to the optimum of chi2 next to it.
+    """
+    factors = factors_of(graph)
+    chi2_before = chi2_of(factors, graph, graph.poses)
+    first = chordal_poses(graph)
+    chordal = descend(factors, graph, first, MAX_ITERATIONS)
+    solutions = {CHORDAL: chordal}
+    certificate = certify(graph, first if chordal is None else chordal.poses)
+    solutions[CERTIFIED] = descend(factors, graph, certificate.poses, MAX_ITERATIONS)
+    if not certificate.is_global:
+        solutions[GIVEN] = given = descend(factors, graph, graph.poses, MAX_ITERATIONS)
+        if given is not None:
+            certificate = min(certificate, certify(graph, given.poses), key=lambda it: (not it.is_global, it.cost))
+    return _best(solutions, chi2_before, certificate)
+
+
+def _best(
+    solutions: dict[str, Solution | None], chi2_before: float, certificate: ChordalOptimum | None = None
+) -> Optimum:
+    found = {name: solution for name, solution in solutions.items() if solution is not None}
+    if not found:
+        raise ValueError("pose graph: expected edges that determine all poses, found a system without a solution")
+    lowest = min(solution.chi2 for solution in found.values())
+    start, best = next(item for item in found.items() if item[1].chi2 <= lowest * (1 + SAME))
+    return Optimum(best.poses, chi2_before, best.chi2, best.iterations, start, found, certificate)
