@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from pathlib import Path
 
-from benchmarks.machine import describe
 from benchmarks.pose_graph_worlds import sphere, torus
 from benchmarks.report import Bound, Report, Table
 from sphere_mapping.graph.factors import descend, factors_of
@@ -32,15 +30,12 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
     """Declare the arguments."""
     parser.add_argument("--graphs", type=Path, default=FOLDER, metavar="DIR", help="published graphs (%(default)s)")
     parser.add_argument("--graph-seeds", type=int, nargs="+", default=[1, 2, 3], help="of made graphs (1 2 3)")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="also write the report there")
 
 
 def run(options: argparse.Namespace) -> Report:
     """Optimise all of them."""
-    report = Report("pose_graphs", notes=[describe(options.threads)])
+    report = Report("pose_graphs")
     report.tables += [_published(options.graphs, report), _made(options, report)]
-    if options.json is not None:
-        options.json.write_text(json.dumps(report.as_mapping(), indent=1) + "\n", encoding="utf-8")
     return report
 
 

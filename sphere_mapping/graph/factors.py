@@ -60,9 +60,8 @@ def factors_of(graph: PoseGraph) -> gtsam.NonlinearFactorGraph:
     for (a, b), motion, information, is_robust in zip(
         graph.ends, graph.motions, graph.information, graph.is_robust, strict=True
     ):
-        noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Information(
-            np.ascontiguousarray(information[np.ix_(order, order)])
-        )
+        ordered = np.ascontiguousarray(information[np.ix_(order, order)])
+        noise: gtsam.noiseModel.Base = gtsam.noiseModel.Gaussian.Information(ordered)
         noise = gtsam.noiseModel.Robust.Create(huber, noise) if is_robust else noise
         factors.add(kind.between(int(a), int(b), kind.pose(motion), noise))
     return factors

@@ -2,11 +2,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cylinder_world import cylinder
 
 from sphere_mapping.graph.certificate import certify
 from sphere_mapping.graph.chordal import as_rows, chordal_poses, quadratic_form
 from sphere_mapping.graph.factors import descend, factors_of
+from worlds.cylinder import cylinder
 
 
 def cost(graph, poses):

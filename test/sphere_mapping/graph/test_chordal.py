@@ -2,10 +2,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cylinder_world import cylinder
 
 from sphere_geometry import so3
 from sphere_mapping.graph.chordal import as_rows, chordal_poses, nearest_rotations, quadratic_form, spanning_poses
+from worlds.cylinder import cylinder
 
 
 @pytest.mark.parametrize("planar", [False, True])

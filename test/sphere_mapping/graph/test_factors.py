@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
-from cylinder_world import cylinder
 
 from sphere_geometry import SE3
 from sphere_mapping.graph.factors import chi2_of, descend, factors_of
+from worlds.cylinder import cylinder
 
 
 def test_chi2_is_the_weighted_sum_of_logarithms():

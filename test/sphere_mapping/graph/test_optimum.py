@@ -2,13 +2,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from cylinder_world import cylinder
 
 from sphere_geometry import SE3
 from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_mapping.graph.chordal import spanning_poses
 from sphere_mapping.graph.factors import descend, factors_of
 from sphere_mapping.graph.optimum import MAX_ITERATIONS, optimize, optimize_map
+from worlds.cylinder import cylinder
 
 STEP = SE3.exp([1.0, 0.0, 0.05, 0.0, 0.05, 0.5])
 
