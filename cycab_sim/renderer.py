@@ -7,6 +7,7 @@ two threads share; the result does not depend on the number of threads.
 from __future__ import annotations
 
 import os
+import threading
 from collections import OrderedDict
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
@@ -69,6 +70,7 @@ class Renderer:
         self._moving = MovingScene(mesh, traffic, library) if traffic is not None else None
         self.mesh = self._moving.mesh if self._moving is not None else mesh
         self._pool = ThreadPoolExecutor(max_workers=params.num_threads or os.cpu_count() or 1)
+        self._lock = threading.Lock()  # of the lenses: cameras are drawn side by side
         self._lenses: OrderedDict[Camera, tuple[Floats, Floats]] = OrderedDict()
         self._light = light
         self._curve = (255.0 * np.linspace(0.0, 1.0, CURVE_SIZE) ** (1.0 / light.gamma)).astype(np.float32)
@@ -172,13 +174,14 @@ class Renderer:
 
     def _lens(self, camera: Camera) -> tuple[Floats, Floats]:
         """Return the unit rays (H, W, 3) of a camera and the angle (H, W) between neighbouring rays."""
-        if camera not in self._lenses:
-            rays = camera.unproject(pixel_grid(camera))
-            self._lenses[camera] = (rays.astype(np.float32), _spacing(rays))
-            if len(self._lenses) > MAX_CAMERAS:
-                self._lenses.popitem(last=False)
-        self._lenses.move_to_end(camera)
-        return self._lenses[camera]
+        with self._lock:
+            if camera not in self._lenses:
+                rays = camera.unproject(pixel_grid(camera))
+                self._lenses[camera] = (rays.astype(np.float32), _spacing(rays))
+                if len(self._lenses) > MAX_CAMERAS:
+                    self._lenses.popitem(last=False)
+            self._lenses.move_to_end(camera)
+            return self._lenses[camera]
 
 
 def _reaching(params: RenderParams, bounds: tuple[float, float, float, float] | None) -> RenderParams:

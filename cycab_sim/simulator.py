@@ -12,6 +12,7 @@ Time is integer nanoseconds and passes in `step` only; the same parameters and c
 from __future__ import annotations
 
 import zlib
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -37,6 +38,9 @@ from sphere_geometry import SE3, Camera
 START_NS = SECOND  # a stamp of 0 means 'no time' in ROS
 CAR_POINTS = 8  # along the car, from which traffic keeps off
 CAMERA_ROOM = 0.3  # around a camera that is anywhere, m
+CAMERAS_AT_ONCE = 2  # of a rig
+
+Levels = NDArray[np.float32]  # of grey or colour, or ranges
 
 
 class Simulator:
@@ -88,12 +92,12 @@ class Simulator:
         due = self.schedule.take(self.time_ns - START_NS)
         return [name for name in due if not self._is_withheld(name, self.schedule.count[name])]
 
-    def capture(self, name: str) -> Frame:
-        """Return what the camera `name` sees now, noise and faults included."""
+    def capture(self, name: str, drawn: tuple[Levels, Levels] | None = None) -> Frame:
+        """Return what the camera `name` sees now, noise and faults included; `drawn`: what `_look` has returned."""
         mount, index = self.mounts[name], max(self.schedule.count["rig" if name in self.rig_names else name], 0)
         if self._fault(name, "stuck") is not None and name in self._last:
             return replace(self._last[name], stamp_ns=self.time_ns, index=index)
-        levels, range_m = self._look(mount)
+        levels, range_m = drawn or self._look(mount)
         if mount.vignetting > 0.0:
             fall = vignette(mount.camera, mount.vignetting, self.params.light.gamma)
             levels = levels * (fall if mount.is_grey else fall[..., None])
@@ -104,7 +108,7 @@ class Simulator:
         self._last[name] = Frame(image, range_m, mount.camera, self.time_ns, index)
         return self._last[name]
 
-    def _look(self, mount: Mount) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def _look(self, mount: Mount) -> tuple[Levels, Levels]:
         """Return grey levels and ranges that a camera sees now, by its exposure; blurred while its shutter is open."""
         gamma, p = self.params.light.gamma, mount.exposure
         gain = self._exposures[mount.group].gains(self.time_ns)
@@ -112,7 +116,7 @@ class Simulator:
         if exposure is not None:
             gain = gain * exposure**gamma  # a factor on grey levels
 
-        def draw(offset: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        def draw(offset: float) -> tuple[Levels, Levels]:
             T_world_camera = self._set_scene(offset) @ mount.T_base_camera
             return self.renderer.render(mount.camera, T_world_camera, mount.is_grey, gain)
 
@@ -125,7 +129,15 @@ class Simulator:
         """Return what all cameras of the rig see at this instant, by name; without those withheld by a fault."""
         index = self.schedule.count["rig"]
         names = [name for name in self.rig_names if not self._is_withheld(name, index)]
-        return {name: self.capture(name) for name in names}
+        if self.params.rig.exposure.shutter > 0.0:  # a shutter that is open moves the scene
+            return {name: self.capture(name) for name in names}
+        self._set_scene()
+        mounts = [self.mounts[name] for name in names]
+        for mount in mounts:
+            self._exposures[mount.group].gains(self.time_ns)  # moves on with time, once: not in the threads
+        with ThreadPoolExecutor(CAMERAS_AT_ONCE) as pool:  # what one leaves of the cores, another one takes
+            drawn = pool.map(self._look, mounts)
+            return {name: self.capture(name, levels) for name, levels in zip(names, drawn, strict=True)}
 
     def read_imu(self) -> ImuReading:
         """Return what the IMU measures now; it follows the car where `imu.is_on`."""
