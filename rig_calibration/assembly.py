@@ -127,8 +127,8 @@ def assemble(sightings: list[Sighting], reference: SE3, num_cameras: int, rng: n
 
 def _grow(found: Assembly) -> bool:
     """Add the camera or board that most instants agree about; return whether there was one."""
-    seen = _seen(found)
-    agreed = {key: _agreed(*instants) for key, instants in seen.items()}
+    seen = _propose(found)
+    agreed = {key: _majority(*instants) for key, instants in seen.items()}
     if not agreed:
         return False
     key = max(agreed, key=lambda key: agreed[key][1])
@@ -143,12 +143,12 @@ def _settle(found: Assembly, reference_board: int) -> None:
             if key in (("camera", 0), ("board", reference_board)):
                 continue
             kept = found.without(key)
-            instants = _seen(kept).get(key)
+            instants = _propose(kept).get(key)
             if instants is not None and len(instants[0]) >= MIN_INSTANTS:
-                found.place(key, _agreed(*instants)[0])
+                found.place(key, _majority(*instants)[0])
 
 
-def _seen(found: Assembly) -> dict[Key, tuple[list[SE3], float]]:
+def _propose(found: Assembly) -> dict[Key, tuple[list[SE3], float]]:
     """Return, for cameras and boards that are not placed, where each instant puts them, and how far away they are."""
     candidates: dict[Key, list[SE3]] = defaultdict(list)
     reach: dict[Key, list[float]] = defaultdict(list)
@@ -191,7 +191,7 @@ def _all(first: SE3, second: SE3, is_inverted: bool) -> SE3:
     return SE3((first.matrix[:, None] @ second.matrix).reshape(-1, 4, 4))
 
 
-def _agreed(candidates: list[SE3], reach: float) -> tuple[SE3, int]:
+def _majority(candidates: list[SE3], reach: float) -> tuple[SE3, int]:
     """Return the mean of the candidates that most instants agree about, and how many instants these are."""
     pool = np.concatenate([T.matrix for T in candidates])
     first = np.cumsum([0, *(len(T.matrix) for T in candidates[:-1])])

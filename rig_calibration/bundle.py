@@ -106,12 +106,12 @@ def _step(problem: Problem, normal: Normal, damping: float) -> tuple[Array, Arra
         inner = reduced[np.ix_(free, free)]
         scale = 1.0 / np.sqrt(np.diag(normal.shared)[free])
         scaled = inner * scale * scale[:, None] + TINY * np.eye(len(free))
-        shared[free] = -scale * _solved(scaled, scale * right[free])
+        shared[free] = -scale * _solve(scaled, scale * right[free])
     poses = -(solved[:, :, -1] + solved[:, :, :-1] @ shared)
     return shared, poses
 
 
-def _solved(matrix: Array, right: Array) -> Array:
+def _solve(matrix: Array, right: Array) -> Array:
     """Solve by Cholesky, or by the smallest of all solutions where the images leave an axis open."""
     try:
         found: Array = linalg.cho_solve(linalg.cho_factor(matrix, check_finite=False), right, check_finite=False)

@@ -83,7 +83,7 @@ def calibrate(
     check_views(names, boards, views, params)
     singles, own_views, kept, dropped = _each_camera(specs, boards, views, params, progress)
     progress("joining the cameras")
-    start = _joined(names, boards, own_views, kept, singles, T_rig_reference, params, seed)
+    start = _join(names, boards, own_views, kept, singles, T_rig_reference, params, seed)
     adjusted = adjust(start.problem, start.state, start.kept, params, progress)
     state = adjusted.solution.state
     dropped |= {start.views[view].label: reason for view, reason in adjusted.dropped.items()}
@@ -124,7 +124,7 @@ def _each_camera(
     return singles, good, kept, dropped
 
 
-def _joined(
+def _join(
     names: Sequence[str],
     boards: Sequence[Board],
     own_views: Sequence[tuple[View, SE3]],

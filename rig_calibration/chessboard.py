@@ -28,7 +28,7 @@ def candidates(grey: Grey, boards: Sequence[Board]) -> Iterator[tuple[Board, Ite
     elif boards:
         is_halved = min(grey.shape) >= HALVED_FROM
         small = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) if is_halved else grey
-        swept = _swept(np.asarray(small), boards)
+        swept = _sweep(np.asarray(small), boards)
         for board in boards:
             found = _quick(np.asarray(small), board, swept)
             yield board, ((2.0 * corners + 0.5 if is_halved else corners) for corners in found)
@@ -51,7 +51,7 @@ def _quick(grey: Grey, board: Board, swept: Sequence[Array]) -> Iterator[Array]:
     yield from _as_corners(cv2.findChessboardCorners(grey, (board.columns, board.rows), flags=QUAD_FLAGS), board)
 
 
-def _swept(grey: Grey, boards: Sequence[Board]) -> list[Array]:
+def _sweep(grey: Grey, boards: Sequence[Board]) -> list[Array]:
     """Return all grids (rows, columns, 2) of an image, of whatever size, each wiped out before the next search."""
     image, grids = grey.copy(), []
     least = min(min(board.columns, board.rows) for board in boards)

@@ -33,13 +33,13 @@ def detect_all(grey: Grey, boards: Sequence[Board]) -> dict[str, tuple[Indices, 
     chessboards = [board for board in boards if board.kind == "chessboard"]
     found = {}
     for board, candidates in chessboard.candidates(grey, chessboards):
-        seen = _numbered(grey, board, candidates)
+        seen = _number(grey, board, candidates)
         if seen is not None:
             found[board.name] = seen
     return found | _charuco_boards(grey, [board for board in boards if board.kind == "charuco"])
 
 
-def _numbered(grey: Grey, board: Board, candidates: Iterable[Array]) -> tuple[Indices, Array] | None:
+def _number(grey: Grey, board: Board, candidates: Iterable[Array]) -> tuple[Indices, Array] | None:
     """Return the first candidate that looks like a board, numbered as on the board, to a fraction of a pixel."""
     for candidate in candidates:
         if not _is_inside(grey, candidate).all():  # cut by the border: what lies beyond is a guess of the detector
@@ -48,7 +48,7 @@ def _numbered(grey: Grey, board: Board, candidates: Iterable[Array]) -> tuple[In
         spacing = _spacing(corners, board)
         if spacing >= MIN_SPACING_PX and _is_grid(corners, board):
             half = int(np.clip(0.4 * spacing, MIN_HALF_WINDOW, MAX_HALF_WINDOW))
-            return np.arange(board.num_corners), _refined(grey, corners, half)
+            return np.arange(board.num_corners), _refine(grey, corners, half)
     return None
 
 
@@ -103,7 +103,7 @@ def _is_grid(corners: Array, board: Board) -> bool:
     return True
 
 
-def _refined(grey: Grey, corners: Array, half: int) -> Array:
+def _refine(grey: Grey, corners: Array, half: int) -> Array:
     """Return corners (N, 2) to a fraction of a pixel, with windows of 2 * half + 1 pixels that hold no other edge."""
     found = corners.astype(np.float32).reshape(-1, 1, 2).copy()
     cv2.cornerSubPix(grey, found, (half, half), (-1, -1), REFINEMENT)
@@ -129,7 +129,7 @@ def _charuco_boards(grey: Grey, boards: Sequence[Board]) -> dict[str, tuple[Indi
                     continue
                 gap = 0.5 * (1.0 - board.marker_m / board.square_m) * _charuco_spacing(numbers, corners, board)
                 half = int(np.clip(gap + BLUR_PX, MIN_HALF_WINDOW, MAX_HALF_WINDOW))
-                found[board.name] = numbers, _refined(grey, corners, half)
+                found[board.name] = numbers, _refine(grey, corners, half)
     return found
 
 

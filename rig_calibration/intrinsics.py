@@ -48,7 +48,7 @@ def calibrate_camera(
     if not good:
         raise ValueError(f"expected views that a {model} camera explains, found none of {seen.num_views}")
     best = min(good, key=lambda state: noise_px(residuals(problem, state), kept))
-    better = _turned_where_better(problem, adjust(problem, best, kept, params).solution.state)
+    better = _flip_where_better(problem, adjust(problem, best, kept, params).solution.state)
     adjusted = adjust(problem, better, kept, params)
     state = adjusted.solution.state
     return SingleCamera(problem.camera(state, 0), state.T_world_rig.inverse(), adjusted)
@@ -100,7 +100,7 @@ def _try(problem: Problem, lens: Array, kept: Array, params: CalibrationParams) 
     return solve(problem, state, kept, huber_px, max_iterations=15).state
 
 
-def _turned_where_better(problem: Problem, state: State) -> State:
+def _flip_where_better(problem: Problem, state: State) -> State:
     """Give each view the other pose of its board where that one fits better after a few steps."""
     seen = problem.seen
     T_camera_board = state.T_world_rig.inverse()

@@ -111,11 +111,11 @@ def _by_camera(covariance: Array, T_rig_camera: SE3, noise: float) -> Spread:
         first = SHARED * camera
         lenses.append(covariance[first : first + NUM_LENS, first : first + NUM_LENS])
         rows = slice(first + NUM_LENS, first + SHARED)
-        poses.append(_turned(covariance[rows, rows], R))
+        poses.append(_rotate_covariance(covariance[rows, rows], R))
     return Spread(noise, np.stack(lenses), np.stack(poses))
 
 
-def _turned(covariance: Array, R: Array) -> Array:
+def _rotate_covariance(covariance: Array, R: Array) -> Array:
     """Turn a covariance (6, 6) into other axes; an open axis stays open along all axes it has a part of."""
     both = np.zeros((6, 6))
     both[:3, :3] = both[3:, 3:] = R

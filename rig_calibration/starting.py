@@ -76,7 +76,7 @@ def start_of_rig(
     turned, weights, rows = [], [], []
     for view, weight, s in zip(views, kept, found.sightings, strict=True):
         if s.instant in poses and s.board in found.boards:
-            turned.append(_turned(view, s, found, poses[s.instant], boards[s.board]))
+            turned.append(_turn_view(view, s, found, poses[s.instant], boards[s.board]))
             weights.append(weight)
             rows.append((s.camera, order.index(s.instant), s.board))
     by_name = {board.name: board for board in boards}
@@ -97,7 +97,7 @@ def start_of_rig(
     return Start(tuple(turned), tuple(instants[i] for i in order), problem, state, weights_all)
 
 
-def _turned(view: View, sighting: Sighting, found: Assembly, T_world_rig: SE3, board: Board) -> View:
+def _turn_view(view: View, sighting: Sighting, found: Assembly, T_world_rig: SE3, board: Board) -> View:
     """Number the corners by the turn of the board that fits where board, camera and rig are."""
     expected = (T_world_rig @ found.cameras[sighting.camera]).inverse() @ found.boards[sighting.board]
     off = np.linalg.norm(sighting.T_camera_board.matrix - expected.matrix, axis=(-2, -1))

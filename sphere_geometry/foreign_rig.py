@@ -37,7 +37,7 @@ def read_foreign(
         found = read_opencv(paths, image_size, model, unit_m)
     else:
         found = (read_kalibr if chosen == "kalibr" else read_basalt)(paths[0])
-    return _placed(found, frame, paths[0])
+    return _place(found, frame, paths[0])
 
 
 def _format(paths: Sequence[Path]) -> str:
@@ -51,7 +51,7 @@ def _format(paths: Sequence[Path]) -> str:
     )
 
 
-def _placed(found: ForeignRig, frame: str, path: Path) -> Rig:
+def _place(found: ForeignRig, frame: str, path: Path) -> Rig:
     """Give the rig body axes: the first camera level and ahead, or the axes of the IMU as they are."""
     if frame == "imu":
         if not found.is_by_imu:
