@@ -56,7 +56,8 @@ def merge(kept: list[Row], found: list[dict[str, Any]]) -> list[Row]:
 def rows_of(entry: dict[str, Any]) -> list[Row]:
     """Return the rows of one benchmark's JSON."""
     machine = entry["machine"].split(";")[0]
-    return [tuple(str((row | entry | {"machine": machine})[name]) for name in COLUMNS) for row in entry["rows"]]
+    found = [entry | row | {"machine": machine, "command": f"`{row['command']}`"} for row in entry["rows"]]
+    return [tuple(str(row[name]) for name in COLUMNS) for row in found]
 
 
 def benchmark_of(row: Row) -> str:
