@@ -1,5 +1,6 @@
-"""The mapper on live topics or on a bag; the service `save_map` writes the map.
+"""The mapper on live topics or on a bag, with the stitcher before it where a rig is named; `save_map` writes the map.
 
+ros2 launch sphere_nav mapping.launch.py rig:=rig.yaml
 ros2 launch sphere_nav mapping.launch.py input:=rgbd bag:=drive
 ros2 service call /save_map sphere_nav_msgs/srv/SaveMap "{path: campus}"
 """
@@ -16,6 +17,7 @@ CONFIG = [FindPackageShare("sphere_nav"), "config"]
 LAST_TOPIC = {"sphere": "sphere", "rgbd": "depth/image_raw", "stereo": "right/image_raw"}
 ARGUMENTS = {
     "input": ("sphere", "what is mapped: sphere, rgbd or stereo"),
+    "rig": ("", "rig file of six cameras, whose images the stitcher makes spheres of; empty: no stitcher"),
     "bag": ("", "bag to play; empty: live topics"),
     "rate": ("1.0", "speed of playing; 0: as fast as the mapper takes it"),
     "use_sim_time": ("false", "take the time from /clock"),
@@ -40,6 +42,13 @@ def generate_launch_description():
             {"input": typed("input", str), "use_sim_time": typed("use_sim_time", bool)},
         ],
     )
+    stitcher = Node(
+        package="sphere_nav",
+        executable="sphere_stitcher",
+        output="screen",
+        condition=IfCondition(NotEqualsSubstitution(values["rig"], "")),
+        parameters=[{"rig": typed("rig", str), "use_sim_time": typed("use_sim_time", bool)}],
+    )
     player = Node(
         package="sphere_nav",
         executable="bag_player",
@@ -58,4 +67,4 @@ def generate_launch_description():
         DeclareLaunchArgument(n, default_value=d, description=t, choices=allowed.get(n))
         for n, (d, t) in ARGUMENTS.items()
     ]
-    return LaunchDescription([*declared, mapper, player])
+    return LaunchDescription([*declared, stitcher, mapper, player])
