@@ -110,7 +110,7 @@ def _detect(
     sizes: dict[str, tuple[int, int]] = {}
     views = []
     with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), MAX_THREADS)) as pool:
-        found = pool.map(lambda item: _seen(item[2], boards), work)
+        found = pool.map(lambda item: _find_boards(item[2], boards), work)
         try:
             for item, answer in zip(
                 work, tqdm(found, "looking for boards", len(work), False, unit="image"), strict=True
@@ -126,7 +126,7 @@ def _detect(
     return sizes, views
 
 
-def _seen(path: Path, boards: tuple[Board, ...]) -> tuple[tuple[int, int], dict[str, tuple[Indices, Array]]]:
+def _find_boards(path: Path, boards: tuple[Board, ...]) -> tuple[tuple[int, int], dict[str, tuple[Indices, Array]]]:
     """Return the size (width, height) of an image and the corners of the boards in it."""
     grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
     if grey is None:

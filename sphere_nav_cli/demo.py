@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,14 +15,12 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-import photometric
 from cycab_sim.params import SimParams
 from cycab_sim.rigs import camera_names
 from cycab_sim.worlds import build_world
 from node_kit.map_bag import open_map
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import read_tum
-from sphere_mapping.acquisition import kernels
 from sphere_nav_cli.driving.plots import plot_errors, plot_top_view
 from sphere_nav_cli.driving.processes import Processes
 from sphere_nav_cli.driving.report import DriveErrors, drive_errors, read_estimate, read_truth
@@ -31,9 +30,9 @@ from typed_params import build
 HELP = """\
 Teach, map and drive: a simulated Cycab is driven once along a path with two 90 degree turns while the six cameras on
 its roof are recorded, their images are stitched to spheres with range by stereo and mapped, and the car drives the path
-again by one camera and cmd_vel alone.
+again by one camera and cmd_vel alone: on another day, with other cars and people about, and clouds before the sun.
 
-Writes maps, bags, plots and result.json below --output. Exit status 1 if the drive left the path.
+Writes maps, bags, plots and result.json below --output. Exit status 1 if the drive left the path or did not finish it.
 
 examples:
   sphere_nav demo
@@ -45,6 +44,8 @@ MIN_DRIVEN = 0.95  # share of the path that must be driven
 BAR = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} m, {elapsed}, {remaining} left"
 SIMULATION = {
     "has_stamped_command": True,
+    "clock.step": 0.02,
+    "camera.period": 0.2,
     "camera.width": 512,  # another kind of camera than that of the spheres, and quick to draw
     "camera.height": 384,
     "rig.kind": "vertical",  # three stereo pairs back to back (M15 section 4.3)
@@ -52,15 +53,17 @@ SIMULATION = {
     "rig.height": 416,
     "rig.distance": 1.0,
     "sphere.publish": "never",
+    "traffic.is_on": True,
 }
 TOUR = {"world": "city", "teach.speed": 1.2}  # 490 m through streets, a square and a lane (M15 section 6.4.4)
-TRAFFIC = {"traffic.is_on": True, "traffic.cars": 20, "traffic.pedestrians": 80, "traffic.bicycles": 10}
+BUSY = {"traffic.cars": 20, "traffic.pedestrians": 80, "traffic.bicycles": 10}
 OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and a camera that heeds them
     "traffic.seed": 1,
     "light.clouds": 0.7,
     "camera.exposure.is_automatic": True,
     "camera.exposure.white_balance": 0.03,
 }
+WARM_UP = "import photometric; photometric.warm_up(); from sphere_mapping.acquisition import kernels; kernels.warm_up()"
 RIG_TOPICS = " ".join(f"/cameras/{name}/image_raw /cameras/{name}/camera_info" for name in camera_names("vertical"))
 TEACH_TOPICS = f"{RIG_TOPICS} /odom /ground_truth/odometry /tf_static"
 DRIVE_TOPICS = (
@@ -75,15 +78,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=1, help="decides the town and every noise (%(default)s)")
     paths = ("two_turns", "block", "straight", "tour")
     parser.add_argument("--path", default="two_turns", choices=paths, help="tour: 490 m of a city (%(default)s)")
-    parser.add_argument("--traffic", action="store_true", help="traffic; in the second drive also a change of light")
+    parser.add_argument("--traffic", action="store_true", help="twice as much of it")
     parser.add_argument("--domain", type=int, default=None, metavar="N", help="ROS domain (one of 50 to 99 by the pid)")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Do the whole job, print the table of errors, write everything that was made."""
-    demo = Demo(arguments.output, arguments.seed, arguments.path, arguments.domain, arguments.traffic)
+    demo = Demo(arguments.output, arguments.seed, arguments.path, arguments.domain, is_busy=arguments.traffic)
     try:
-        demo.prepare()
         demo.teach()
         demo.map()
         demo.drive()
@@ -96,35 +98,31 @@ def run(arguments: argparse.Namespace) -> int:
 class Demo:
     """One run: its folder, its domain, and how long each stage took."""
 
-    def __init__(self, output: Path, seed: int, path: str, domain: int | None, has_traffic: bool = False) -> None:
+    def __init__(self, output: Path, seed: int, path: str, domain: int | None, is_busy: bool = False) -> None:
         self.folder = new_folder(output)
         self.domain = 50 + os.getpid() % 50 if domain is None else domain
         place = TOUR if path == "tour" else {"path": path}
-        self.simulation = SIMULATION | {"seed": seed} | place | (TRAFFIC if has_traffic else {})
-        self.other_day = OTHER_DAY if has_traffic else {}
+        self.simulation = SIMULATION | {"seed": seed} | place | (BUSY if is_busy else {})
         params = build(SimParams, self.simulation)
         self.length = build_world(params.world, params.seed, params.path).path.length
         self.seconds: dict[str, float] = {}
+        self.cpu_seconds: dict[str, float] = {}
 
     @contextmanager
-    def stage(self, name: str, note: str = "") -> Iterator[None]:
-        """Take the time of a stage."""
-        print(f"{name} ...{note}", flush=True)
-        begun = time.monotonic()
+    def stage(self, name: str) -> Iterator[None]:
+        """Measure the time of a stage, and that of the processors in this process and its children."""
+        print(f"{name} ...", flush=True)
+        begun, cpu = time.monotonic(), cpu_seconds()
         try:
             yield
         finally:
             self.seconds[name] = round(time.monotonic() - begun, 1)
-
-    def prepare(self) -> None:
-        """Compile what the nodes need, once on a machine: they would do it themselves, but silently and in parallel."""
-        with self.stage("prepare", " (compiling kernels takes two minutes, once on a machine)"):
-            photometric.warm_up()
-            kernels.warm_up()
+            self.cpu_seconds[name] = round(cpu_seconds() - cpu, 1)
 
     def teach(self) -> None:
-        """Drive the path once by the simulator's driver, and record the cameras."""
+        """Drive the path once by the simulator's driver and record the cameras; compile what comes later beside."""
         with self.stage("teach"), self.processes("teach") as processes, Watch(processes, self.domain) as watch:
+            processes.run("warm_up", WARM_UP)
             processes.start("bag_recorder", {"output": str(self.folder / "teach"), "topics": TEACH_TOPICS})
             processes.start(
                 "cycab_sim",
@@ -134,6 +132,7 @@ class Demo:
             )
             self.follow(watch, "teaching drive", lambda: watch.is_taught)
             processes.stop("bag_recorder")
+            processes.wait("warm_up")
 
     def map(self) -> None:
         """Make the map from the recording, by the command that a user types."""
@@ -164,10 +163,11 @@ class Demo:
                     "use_sim_time": True,
                 },
             )
-            processes.start("cycab_sim", self.simulation | self.other_day | {"mode": "drive"})
+            processes.start("cycab_sim", self.simulation | OTHER_DAY | {"mode": "drive"})
             watch.wait("localisation", lambda: watch.localizer.startswith("TRACKING"), is_moving=False)
             watch.start_following()
             self.follow(watch, "drive by the camera", lambda: watch.follower.startswith(("FINISHED", "STOPPED")))
+            self.has_finished = watch.follower.startswith("FINISHED")
             self.end = watch.describe()
             processes.stop("bag_recorder")
 
@@ -213,13 +213,21 @@ class Demo:
             "lateral_max_m": worst,
             "longitudinal_rmse_m": rms(errors.longitudinal),
             "share_driven": errors.share_driven,
-            "has_followed": worst <= MAX_LATERAL and errors.share_driven >= MIN_DRIVEN,
+            "has_finished": self.has_finished,
+            "has_followed": self.has_finished and worst <= MAX_LATERAL and errors.share_driven >= MIN_DRIVEN,
             "end": self.end,
             "length_m": self.length,
             "num_key_spheres": num_key_spheres,
             "seed": self.simulation["seed"],
             "seconds": self.seconds,
+            "cpu_seconds": self.cpu_seconds,
         }
+
+
+def cpu_seconds() -> float:
+    """Return the processor time of this process and of all children that have ended, s."""
+    own, children = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    return own.ru_utime + own.ru_stime + children.ru_utime + children.ru_stime
 
 
 def rms(values: np.ndarray) -> float:
@@ -229,7 +237,11 @@ def rms(values: np.ndarray) -> float:
 
 def table(result: dict[str, Any], folder: Path) -> str:
     """Return the table that is printed."""
-    stages = ", ".join(f"{name} {seconds:.0f} s" for name, seconds in result["seconds"].items())
+    cpu = result["cpu_seconds"]
+    stages = ", ".join(f"{name} {seconds:.0f} s (CPU {cpu[name]:.0f})" for name, seconds in result["seconds"].items())
+    verdict = "the drive followed the taught path to its end"
+    if not result["has_followed"]:
+        verdict = "THE DRIVE LEFT THE TAUGHT PATH" if result["has_finished"] else "THE DRIVE DID NOT FINISH"
     return "\n".join(
         [
             f"driven               {100 * result['share_driven']:.1f} % of {result['length_m']:.0f} m",
@@ -240,7 +252,7 @@ def table(result: dict[str, Any], folder: Path) -> str:
             f"time                 {stages}",
             f"end                  {result['end']}",
             f"plots, map and bags  {folder}",
-            "the drive followed the taught path" if result["has_followed"] else "THE DRIVE LEFT THE TAUGHT PATH",
+            verdict,
         ]
     )
 

@@ -31,6 +31,7 @@ camera or of the sphere, in the frame map. The optical frames are in /tf_static.
 
 examples:
   sphere_nav import seven_scenes redkitchen/seq-01 -o kitchen --frames 0:120
+  sphere_nav import seven_scenes redkitchen/seq-01 -o kitchen --poses colmap_poses --truth-camera colour
   sphere_nav import kitti sequences/06 -o drive
   sphere_nav import kitti sequences/06 -o every_second --frames 0:51:2
 """
@@ -65,6 +66,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         choices=("depth", "colour"),
         default="depth",
         help="whose poses the data set gives (%(default)s)",
+    )
+    kinect.add_argument(
+        "--poses", type=Path, metavar="DIR", help="folder of other frame-*.pose.txt (that of the images)"
     )
     kinect.add_argument(
         "--registered", action="store_true", help="take colour and depth as one camera of --depth-focal"
@@ -109,6 +113,7 @@ def open_recording(arguments: argparse.Namespace) -> Recording:
         camera,
         None if arguments.registered else depth_camera,
         is_truth_of_depth=is_truth_of_depth,
+        poses=arguments.poses,
     )
 
 

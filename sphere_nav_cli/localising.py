@@ -57,7 +57,7 @@ def write_poses(arguments: argparse.Namespace, published: Iterator[Recorded]) ->
     return 0 if result["poses"] else 1
 
 
-def localised(
+def replay_localizer(
     arguments: argparse.Namespace,
     published_topics: tuple[str, ...],
     add_node: Callable[[OfflineBus, dict[str, str]], object],

@@ -62,7 +62,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         if os.environ.get(DEBUG_VARIABLE) == "1":
             raise
-        print(f"sphere_nav{_named(words)}: {_one_line(error)}", file=sys.stderr)
+        print(f"sphere_nav{_command_name(words)}: {_one_line(error)}", file=sys.stderr)
         return 2
 
 
@@ -121,7 +121,7 @@ def _overview() -> str:
     return "\n".join(lines)
 
 
-def _named(words: list[str]) -> str:
+def _command_name(words: list[str]) -> str:
     return f" {words[0]}" if words and any(words[0] == command.name for command in COMMANDS) else ""
 
 

@@ -100,9 +100,9 @@ def run(arguments: argparse.Namespace) -> int:
             f"{arguments.bag}: {' or '.join(TRUTH_TOPICS)}: expected poses at the stamps of the spheres, found none"
         )
     T_new_map = T_fitted_map if arguments.anchor != "first" and T_fitted_map is not None else SE3.identity()
-    graph = moved(drive.node.mapper.graph, T_new_map)
+    graph = transform_graph(drive.node.mapper.graph, T_new_map)
     if arguments.anchor == "survey" and truth is not None:
-        graph = surveyed(graph, truth, drive.node.T_base_sphere)
+        graph = move_to_truth(graph, truth, drive.node.T_base_sphere)
     details = details_of(graph, drive.node.params.mapper, source=str(arguments.bag.name))
     with tqdm(total=len(graph), desc="save", unit="sphere", leave=False, disable=None) as bar:
         save_map(arguments.output, graph, details, is_overwriting=arguments.overwrite, progress=bar.update)
@@ -182,17 +182,17 @@ class MappedDrive:
 
 def map_drive(arguments: argparse.Namespace) -> MappedDrive:
     """Return the bag mapped from what it holds; BagError where no sphere comes of it."""
-    chosen, values = topics.chosen_topics(arguments), parsed(arguments.settings)
+    chosen, values = topics.chosen_topics(arguments), parse_settings(arguments.settings)
     with BagReader(arguments.bag) as bag:
         kind = arguments.input
         if kind == "auto":
             kind = find_input(bag, chosen, has_rig=arguments.rig is not None)
         if kind == CAMERAS:
-            drive = mapped(bag, values | {"input": "sphere"}, {}, stitcher_values(bag, chosen, arguments))
+            drive = replay_mapper(bag, values | {"input": "sphere"}, {}, stitcher_values(bag, chosen, arguments))
         else:
             found = topics.find_topics(bag, TOPICS[kind], chosen)
             slack_s = topics.pairing_slack(bag, found[TOPICS[kind][0]])
-            drive = mapped(bag, {"slack_s": slack_s} | values | {"input": kind}, found)
+            drive = replay_mapper(bag, {"slack_s": slack_s} | values | {"input": kind}, found)
     if not drive.node.mapper.tracks:
         raise BagError(
             f"{arguments.bag}: expected spheres to map, found none: {drive.refusal or 'no complete instant'}"
@@ -203,7 +203,9 @@ def map_drive(arguments: argparse.Namespace) -> MappedDrive:
 Node = tuple[dict[str, Any], dict[str, str]]  # values of parameters by dotted name, topics of the bag by ours
 
 
-def mapped(bag: BagReader, values: dict[str, Any], remap: dict[str, str], stitcher: Node | None = None) -> MappedDrive:
+def replay_mapper(
+    bag: BagReader, values: dict[str, Any], remap: dict[str, str], stitcher: Node | None = None
+) -> MappedDrive:
     """Play a bag to a mapper, behind a stitcher where that is given; with a progress bar."""
     bus = OfflineBus(captured=set())
     stitching = None if stitcher is None else bus.add(SphereStitcher, *stitcher)
@@ -231,7 +233,7 @@ def stitcher_values(bag: BagReader, chosen: dict[str, str], arguments: argparse.
     if arguments.rig is None:
         raise BagError(f"{bag.path}: expected --rig with the rig file of its cameras, found none")
     remap = topics.find_rig_topics(bag, read_rig(arguments.rig).names, chosen)
-    values = {"sync.deadline_s": OFFLINE_DEADLINE_S} | parsed(arguments.set_stitcher)
+    values = {"sync.deadline_s": OFFLINE_DEADLINE_S} | parse_settings(arguments.set_stitcher)
     return values | {"rig": str(arguments.rig), "transport": "raw", "jobs": arguments.jobs}, remap
 
 
@@ -242,12 +244,12 @@ def truth_of(path: Path) -> Truth | None:
     return Truth(read_poses(path, (topics[0],)), is_base=topics[0].endswith("odometry")) if topics else None
 
 
-def moved(graph: SphereGraph, T_new_map: SE3) -> SphereGraph:
+def transform_graph(graph: SphereGraph, T_new_map: SE3) -> SphereGraph:
     """Return the graph in another map frame."""
     return graph.with_poses({node.id: T_new_map @ node.T_map_sphere for node in graph})
 
 
-def surveyed(graph: SphereGraph, truth: Truth, T_base_sphere: SE3) -> SphereGraph:
+def move_to_truth(graph: SphereGraph, truth: Truth, T_base_sphere: SE3) -> SphereGraph:
     """Return the graph with every key sphere at its true pose, where that is known at its stamp."""
     T_body_sphere = T_base_sphere if truth.is_base else SE3.identity()
     poses = {}
@@ -258,7 +260,7 @@ def surveyed(graph: SphereGraph, truth: Truth, T_base_sphere: SE3) -> SphereGrap
     return graph.with_poses(poses)
 
 
-def parsed(settings: Sequence[str]) -> dict[str, Any]:
+def parse_settings(settings: Sequence[str]) -> dict[str, Any]:
     """Return parameters from words NAME=VALUE; values as in YAML."""
     values = {}
     for word in settings:

@@ -30,7 +30,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read the head of the map and one sphere; print."""
     with open_map(arguments.map) as reader:
-        values = described(reader)
+        values = describe(reader)
         parameters = reader.parameters if arguments.parameters else {}
     if arguments.json:
         print(json.dumps(values | ({"parameters": parameters} if arguments.parameters else {}), indent=2))
@@ -43,7 +43,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def described(reader: MapReader) -> dict[str, Any]:
+def describe(reader: MapReader) -> dict[str, Any]:
     """Return the facts about a map by name."""
     graph, info = reader.graph, reader.info
     nodes = sorted(graph, key=lambda node: node.id)

@@ -7,7 +7,7 @@ import argparse
 from mcl_depth.node import MclDepthNode
 from node_kit.replay import OfflineBus
 from sphere_nav_cli import localising
-from sphere_nav_cli.map import parsed
+from sphere_nav_cli.map import parse_settings
 
 HELP = """\
 Find the camera of a bag in bare geometry, from nowhere. CLOUD is .ply, .pcd, .las, .npy, a floor plan .csv, or a map
@@ -31,6 +31,6 @@ def run(arguments: argparse.Namespace) -> int:
     """Localise every image; 1 if none could be localised."""
 
     def add_node(bus: OfflineBus, remap: dict[str, str]) -> None:
-        bus.add(MclDepthNode, {"cloud": arguments.cloud} | parsed(arguments.settings), remap)
+        bus.add(MclDepthNode, {"cloud": arguments.cloud} | parse_settings(arguments.settings), remap)
 
-    return localising.write_poses(arguments, localising.localised(arguments, TOPICS, add_node))
+    return localising.write_poses(arguments, localising.replay_localizer(arguments, TOPICS, add_node))

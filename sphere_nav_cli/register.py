@@ -50,14 +50,14 @@ def run(arguments: argparse.Namespace) -> int:
     a, b = (read_sphere(word, lens, params) for word in (arguments.a, arguments.b))
     guess = arguments.guess
     T_a_b = SE3.from_quaternion(guess[3:], guess[:3]) if guess else SE3.identity()
-    text = json.dumps(registered(a, b, T_a_b, params), indent=2)
+    text = json.dumps(register(a, b, T_a_b, params), indent=2)
     print(text)
     if arguments.json:
         arguments.json.write_text(text + "\n", encoding="utf-8")
     return 0 if json.loads(text)["is_converged"] else 1
 
 
-def registered(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParams) -> dict[str, Any]:
+def register(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParams) -> dict[str, Any]:
     """Return the alignment of b with a, and the residual at the guess, as plain values."""
     reference, current = (PreparedSphere(sphere, params.registration) for sphere in (a, b))
     view = reference.at(SE3.identity())

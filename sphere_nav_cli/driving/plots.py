@@ -13,18 +13,40 @@ from sphere_nav_cli.driving.report import DriveErrors
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
+EXAGGERATION = 50  # of the distance between two paths that no eye could tell apart
+
 
 def plot_top_view(path: Path, errors: DriveErrors, key_spheres: np.ndarray) -> None:
-    """Draw the taught and the driven path and the key spheres (K, 2) from above, metres."""
+    """Draw the taught path, the driven one beside it and the key spheres (K, 2) from above, metres.
+
+    The driven path is `EXAGGERATION` times as far from the taught one as the car truly was.
+    """
     figure, axes = plt.subplots(figsize=(8, 8))
-    axes.plot(*errors.taught.T, "-", color="0.6", linewidth=5, label="taught (truth)")
-    axes.plot(*errors.driven.T, "-", color="tab:red", linewidth=1.2, label="driven by the camera (truth)")
+    axes.plot(*errors.taught.T, "-", color="0.6", linewidth=3, label="taught (truth)")
+    label = f"driven by the camera (truth), its distance from the taught path × {EXAGGERATION}"
+    axes.plot(*exaggerate(errors, EXAGGERATION).T, "-", color="tab:red", linewidth=1.2, label=label)
     axes.plot(*key_spheres.T, "o", color="tab:blue", markersize=4, label=f"{len(key_spheres)} key spheres")
     axes.plot(*errors.driven[0], "^", color="black", markersize=9, label="start")
-    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title="Taught and driven path")
+    worst = 100 * np.abs(errors.lateral).max()
+    title = f"Taught and driven path, at most {worst:.1f} cm apart"
+    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title=title)
     axes.grid(alpha=0.3)
     axes.legend()
     _save(figure, path)
+
+
+def exaggerate(errors: DriveErrors, factor: float) -> np.ndarray:
+    """Return the driven positions (N, 2) with their distance from the taught path multiplied."""
+    steps = np.hypot(*np.diff(errors.taught, axis=0).T)
+    along = np.concatenate([[0.0], np.cumsum(steps)])
+    ahead = np.gradient(errors.taught, axis=0)
+    place, direction = (
+        np.stack([np.interp(errors.along, along, values[:, axis]) for axis in (0, 1)], axis=-1)
+        for values in (errors.taught, ahead)
+    )
+    direction /= np.maximum(np.linalg.norm(direction, axis=1, keepdims=True), 1e-12)
+    left = np.stack([-direction[:, 1], direction[:, 0]], axis=-1)
+    return place + factor * errors.lateral[:, None] * left
 
 
 def plot_errors(path: Path, errors: DriveErrors, poses: Trajectory) -> None:

@@ -1,4 +1,4 @@
-"""The nodes of a drive as processes of their own, in a ROS domain of their own."""
+"""The nodes of a drive as processes of their own, in a ROS domain of their own; they end with this process."""
 
 from __future__ import annotations
 
@@ -19,7 +19,9 @@ MODULES = {
     "path_follower": "path_follower.node",
     "bag_recorder": "node_kit.bag_recorder_node",
 }
-START = "import sys; from {module} import main; sys.exit(main())"
+# However this process ends, the kernel of Linux then tells its children to (PR_SET_PDEATHSIG is 1).
+FOLLOW_PARENT = "import ctypes, signal, sys; ctypes.CDLL(None).prctl(1, signal.SIGTERM)"
+NODE = "from {module} import main; sys.exit(main())"
 PATIENCE = 30.0  # s for a node to end after SIGINT: a recorder completes its bag first
 
 
@@ -38,10 +40,14 @@ class Processes:
         """Start a node with parameters by dotted name; they are kept in a file beside what it prints."""
         parameters = self.folder / f"{node}.yaml"
         parameters.write_text(yaml.safe_dump({node: {"ros__parameters": dict(values)}}), encoding="utf-8")
-        command = [sys.executable, "-c", START.format(module=MODULES[node]), "--ros-args", "--params-file"]
-        with (self.folder / f"{node}.log").open("wb") as log:
-            self._running[node] = subprocess.Popen(
-                [*command, str(parameters)],
+        self.run(node, NODE.format(module=MODULES[node]), "--ros-args", "--params-file", str(parameters))
+
+    def run(self, name: str, code: str, *words: str) -> None:
+        """Run Python code as a process; what it imports is what is installed (-P), not what lies in this folder."""
+        command = [sys.executable, "-P", "-c", f"{FOLLOW_PARENT}; {code}", *words]
+        with (self.folder / f"{name}.log").open("wb") as log:
+            self._running[name] = subprocess.Popen(
+                command,
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 stdin=subprocess.DEVNULL,
@@ -50,10 +56,18 @@ class Processes:
             )
 
     def check(self) -> None:
-        """Raise RuntimeError if a node has ended by itself; the message shows what it said last."""
-        for node, process in self._running.items():
-            if process.poll() is not None:
-                raise RuntimeError(f"{node} ended with status {process.returncode}: {self.last_words(node)}")
+        """Raise RuntimeError if a node has ended by itself, or code has failed; the message shows what it said last."""
+        for name, process in self._running.items():
+            status = process.poll()
+            if status or (status == 0 and name in MODULES):
+                raise RuntimeError(f"{name} ended with status {status}: {self.last_words(name)}")
+
+    def wait(self, name: str) -> None:
+        """Wait for a process that ends by itself; RuntimeError with what it said last if that was no good end."""
+        status = self._running[name].wait()
+        if status:
+            raise RuntimeError(f"{name} ended with status {status}: {self.last_words(name)}")
+        del self._running[name]
 
     def last_words(self, node: str) -> str:
         """Return the last line that a node printed."""

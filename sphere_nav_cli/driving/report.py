@@ -36,9 +36,9 @@ class DriveErrors:
 
 def drive_errors(teach: Path, drive: Path, T_world_map: SE3) -> DriveErrors:
     """Compare the drive with the teaching drive; `T_world_map` ties the map to the simulator's world."""
-    taught = _moving(read_truth(teach))
+    taught = _crop_to_motion(read_truth(teach))
     truth = read_truth(drive)
-    driven = _moving(truth)
+    driven = _crop_to_motion(truth)
     along, lateral = distances_from_path(driven.positions[:, :2], taught.positions[:, :2])
     estimate = read_estimate(drive).moved(T_world_map)
     at, known = truth.at(estimate.stamps_ns, max_gap_ns=round(2e8))
@@ -86,7 +86,7 @@ def read_estimate(bag: Path) -> Trajectory:
     return read_poses(bag, (ESTIMATE,))
 
 
-def _moving(trajectory: Trajectory) -> Trajectory:
+def _crop_to_motion(trajectory: Trajectory) -> Trajectory:
     """Return the part between the first and the last motion."""
     steps = np.linalg.norm(np.diff(trajectory.positions, axis=0), axis=1)
     seconds = np.diff(trajectory.stamps_ns) / 1e9

@@ -18,10 +18,11 @@ from std_srvs.srv import Trigger
 from tqdm import tqdm
 
 from node_kit import qos
+from node_kit.conversions import stamp_ns
 from sphere_nav_cli.driving.processes import Processes
 
-STALL = 60.0  # s of wall time without motion of the car that end a drive
-START_UP = 240.0  # s of wall time for processes to start; a busy machine may have to compile kernels for minutes
+STALL = 30.0  # s of simulated time without motion of the car that end a drive
+START_UP = 240.0  # s of wall time without news; a busy machine may have to compile kernels for minutes
 LOOK = 0.1  # s
 START_PATIENCE = 30.0  # s for the localiser to settle before the follower accepts the start
 
@@ -40,7 +41,7 @@ class Watch:
         self.node = rclpy.create_node("demo_watch", context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.executor.add_node(self.node)
-        self.travelled = 0.0
+        self.travelled, self.now_ns = 0.0, 0
         self.position: np.ndarray | None = None
         self.is_taught = False
         self.localizer, self.follower = "", ""
@@ -53,18 +54,21 @@ class Watch:
         self._start = self.node.create_client(Trigger, "path_follower/start")
 
     def wait(self, what: str, holds: Callable[[], bool], is_moving: bool, bar: tqdm[Any] | None = None) -> None:
-        """Spin until `holds`; DriveFailed when nothing happens for long: the car stands though it should move."""
-        alive, last = time.monotonic(), self.travelled
+        """Spin until `holds`; DriveFailed when nothing happens for long, or the car stands though it should move."""
+        alive, last, moved_ns, heard_ns = time.monotonic(), self.travelled, self.now_ns, self.now_ns
         while not holds():
             self.executor.spin_once(timeout_sec=LOOK)
             self.processes.check()
-            if is_moving and self.travelled > last + 0.05:
-                alive, last = time.monotonic(), self.travelled
+            if is_moving and self.now_ns > heard_ns:
+                alive, heard_ns = time.monotonic(), self.now_ns
+            if self.travelled > last + 0.05 or not moved_ns:
+                last, moved_ns = self.travelled, self.now_ns
             if bar is not None:
                 bar.update(max(0.0, min(self.travelled, bar.total) - bar.n))
-            patience = STALL if is_moving and self.travelled else START_UP
-            if time.monotonic() - alive > patience:
-                raise DriveFailed(f"{what}: nothing for {patience:.0f} s; {self.describe()}")
+            if is_moving and self.now_ns - moved_ns > STALL * 1e9:
+                raise DriveFailed(f"{what}: the car stands for {STALL:.0f} s; {self.describe()}")
+            if time.monotonic() - alive > START_UP:
+                raise DriveFailed(f"{what}: nothing for {START_UP:.0f} s; {self.describe()}")
 
     def start_following(self) -> None:
         """Arm the path follower, again until it accepts; DriveFailed says why it refuses."""
@@ -93,7 +97,7 @@ class Watch:
         return ", ".join(state for state in states if state)
 
     def _on_truth(self, message: Odometry) -> None:
-        place = message.pose.pose.position
+        place, self.now_ns = message.pose.pose.position, stamp_ns(message)
         position = np.array([place.x, place.y])
         if self.position is not None:
             self.travelled += float(np.linalg.norm(position - self.position))

@@ -58,12 +58,12 @@ def camera_transforms(stamp: int, cameras: dict[str, SE3]) -> list[TransformStam
 
 def read_image(path: Path) -> NDArray[Any]:
     """Return an 8-bit image (H, W) grey or (H, W, 3) BGR."""
-    return _decoded(path, cv2.IMREAD_ANYCOLOR, np.uint8)
+    return _decode(path, cv2.IMREAD_ANYCOLOR, np.uint8)
 
 
 def read_depth(path: Path) -> NDArray[np.uint16]:
     """Return a 16-bit image (H, W)."""
-    pixels = _decoded(path, cv2.IMREAD_UNCHANGED, np.uint16)
+    pixels = _decode(path, cv2.IMREAD_UNCHANGED, np.uint16)
     if pixels.ndim != 2:
         raise ValueError(f"{path}: expected one channel, found {pixels.shape[2]}")
     return pixels
@@ -106,7 +106,7 @@ def require_folder(path: Path) -> Path:
     return path
 
 
-def _decoded(path: Path, mode: int, kind: type) -> NDArray[Any]:
+def _decode(path: Path, mode: int, kind: type) -> NDArray[Any]:
     data = read_bytes(path, "PNG or JPEG image", MAX_IMAGE_BYTES)
     try:
         pixels = decode_file(data, MAX_PIXELS, mode)

@@ -119,9 +119,17 @@ class RgbdRecording:
 
 
 def open_seven_scenes(
-    folder: Path, camera: Pinhole, depth_camera: DepthCamera | None, *, is_truth_of_depth: bool
+    folder: Path,
+    camera: Pinhole,
+    depth_camera: DepthCamera | None,
+    *,
+    is_truth_of_depth: bool,
+    poses: Path | None = None,
 ) -> RgbdRecording:
-    """Open frame-%06d.{color.png|jpg, depth.png, pose.txt}; depth in mm, 0 and 65535 invalid; poses camera -> world."""
+    """Open frame-%06d.{color.png|jpg, depth.png, pose.txt}; depth in mm, 0 and 65535 invalid; poses camera -> world.
+
+    `poses` is a folder with other pose.txt than those beside the images.
+    """
     depths = sorted(require_folder(folder).glob("frame-*.depth.png"))
     if not depths:
         raise ValueError(f"{folder}: expected files frame-000000.depth.png and on, found none")
@@ -137,7 +145,7 @@ def open_seven_scenes(
         if colour is None:
             raise ValueError(f"{folder / name}.color.png: expected a file (or .color.jpg), found none")
         stamp = FIRST_STAMP_NS + round(_number(depth, name) * 1e9 / KINECT_HZ)
-        T_world_camera = read_pose(depth.with_name(name + ".pose.txt"))
+        T_world_camera = read_pose((poses or folder) / f"{name}.pose.txt")
         frames.append(Frame(stamp, colour, depth, T_world_camera @ T_depth_colour))
     return RgbdRecording(
         frames, camera, MILLIMETRES, depth_camera, is_world_optical=True, truth_name="frame-*.pose.txt"
@@ -172,7 +180,7 @@ def _tum_pair(folder: Path) -> list[Frame]:
 
 
 def _tum_sequence(folder: Path) -> list[Frame]:
-    images, depths = _listed(folder / "rgb.txt"), _listed(folder / "depth.txt")
+    images, depths = _read_list(folder / "rgb.txt"), _read_list(folder / "depth.txt")
     truth = read_tum(folder / "groundtruth.txt") if (folder / "groundtruth.txt").exists() else None
     depth_stamps = np.array([stamp for stamp, _ in depths], dtype=np.int64)
     frames = []
@@ -192,7 +200,7 @@ def _pose_at(truth: Trajectory, stamp: int) -> SE3 | None:
     return found.T_map_body[0] if len(found) else None
 
 
-def _listed(path: Path) -> list[tuple[int, str]]:
+def _read_list(path: Path) -> list[tuple[int, str]]:
     lines = read_text(path, "list of images").split("\n")
     rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
     if not rows or any(len(row) != 2 for row in rows):

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from sphere_nav_cli.demo import Demo, new_folder, table
+from sphere_nav_cli.demo import OTHER_DAY, Demo, new_folder, table
 from sphere_nav_cli.driving.report import DriveErrors
 
 
-def verdict(tmp_path, lateral, share):
+def verdict(tmp_path, lateral, share, has_finished=True):
     demo = Demo(tmp_path / "demo", 1, "straight", 46)
-    demo.end = "follower FINISHED"
+    demo.end, demo.has_finished = "follower FINISHED", has_finished
     path = np.zeros((3, 2))
     return demo, demo.result(DriveErrors(path, path, np.arange(3.0), np.array(lateral), np.zeros(3), share), 7)
 
@@ -27,6 +27,12 @@ def test_leaving_the_path_or_stopping_early_has_not(tmp_path):
     assert "LEFT" in table(result, demo.folder)
 
 
+def test_a_drive_that_did_not_finish_is_not_good(tmp_path):
+    demo, result = verdict(tmp_path, [0.0, 0.01, 0.0], 0.99, has_finished=False)
+    assert not result["has_followed"]
+    assert "DID NOT FINISH" in table(result, demo.folder)
+
+
 def test_the_last_result_is_kept(tmp_path):
     (tmp_path / "demo").mkdir()
     (tmp_path / "demo" / "mine").touch()
@@ -36,9 +42,11 @@ def test_the_last_result_is_kept(tmp_path):
 
 
 def test_the_tour_is_long_and_meets_another_day(tmp_path):
-    demo = Demo(tmp_path / "demo", 1, "tour", 46, has_traffic=True)
+    demo = Demo(tmp_path / "demo", 1, "tour", 46, is_busy=True)
     assert round(demo.length) == 490
     assert demo.simulation["world"] == "city"
+    assert demo.simulation["traffic.cars"] > Demo(tmp_path / "plain", 1, "straight", 46).simulation.get(
+        "traffic.cars", 12
+    )
     assert demo.simulation["traffic.is_on"]
-    assert set(demo.other_day) & {"traffic.seed", "light.clouds"}
-    assert not Demo(tmp_path / "plain", 1, "straight", 46).other_day
+    assert {"traffic.seed", "light.clouds"} <= set(OTHER_DAY)

@@ -86,6 +86,17 @@ def test_seven_scenes_taken_as_registered(imported, seven_scenes):
     np.testing.assert_allclose(pose_to_se3(topics["/ground_truth/pose"][2].pose).translation, [0, -0.2, 0], atol=1e-9)
 
 
+def test_other_poses_than_those_beside_the_images(imported, seven_scenes, tmp_path):
+    (tmp_path / "better").mkdir()
+    for path in seven_scenes.glob("*.pose.txt"):
+        pose = np.loadtxt(path)
+        pose[0, 3] += 7.0
+        np.savetxt(tmp_path / "better" / path.name, pose)
+    topics = imported("seven_scenes", seven_scenes, "--truth-camera", "colour", "--poses", tmp_path / "better")
+    found = pose_to_se3(topics["/ground_truth/pose"][2].pose).translation
+    np.testing.assert_allclose(found, [0, -7.2, 0], atol=1e-9)  # optical x is body -y
+
+
 def test_poses_of_the_colour_camera_are_taken_as_they_are(imported, seven_scenes):
     topics = imported("seven_scenes", seven_scenes, "--truth-camera", "colour")
     np.testing.assert_allclose(pose_to_se3(topics["/ground_truth/pose"][2].pose).translation, [0, -0.2, 0], atol=1e-9)

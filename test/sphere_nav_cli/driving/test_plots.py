@@ -5,7 +5,7 @@ import numpy as np
 
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import Trajectory
-from sphere_nav_cli.driving.plots import plot_errors, plot_top_view
+from sphere_nav_cli.driving.plots import exaggerate, plot_errors, plot_top_view
 from sphere_nav_cli.driving.report import DriveErrors
 
 
@@ -20,3 +20,10 @@ def test_both_pictures_hold_curves(tmp_path):
         picture = cv2.imread(str(tmp_path / name))
         coloured = np.ptp(picture.astype(int), axis=-1) > 60
         assert coloured.sum() > 200
+
+
+def test_distances_from_the_path_are_exaggerated_to_their_side():
+    path = np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [2.0, 1.0], [2.0, 2.0]])
+    along, lateral = np.array([0.5, 1.0, 3.5]), np.array([0.01, -0.02, 0.01])
+    drawn = exaggerate(DriveErrors(path, path, along, lateral, np.zeros(3), 1.0), 50.0)
+    np.testing.assert_allclose(drawn, [[0.5, 0.5], [1.0, -1.0], [1.5, 1.5]], atol=1e-12)  # left, right, left
