@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sphere_nav_cli.demo import OTHER_DAY, Demo, new_folder, table
+from sphere_nav_cli.demo import OTHER_DAY, Demo, has_ended, new_folder, table
 from sphere_nav_cli.driving.report import DriveErrors
 
 
@@ -31,6 +31,13 @@ def test_a_drive_that_did_not_finish_is_not_good(tmp_path):
     demo, result = verdict(tmp_path, [0.0, 0.01, 0.0], 0.99, has_finished=False)
     assert not result["has_followed"]
     assert "DID NOT FINISH" in table(result, demo.folder)
+
+
+def test_a_clock_that_was_held_up_is_no_end():
+    assert has_ended("FINISHED END_OF_PATH")
+    assert has_ended("STOPPED NOT_LOCALISED")
+    assert not has_ended("STOPPED CLOCK_STOPPED")
+    assert not has_ended("DRIVING")
 
 
 def test_the_last_result_is_kept(tmp_path):
