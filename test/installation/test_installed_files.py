@@ -9,7 +9,7 @@ from pathlib import Path
 
 from architecture.tree import MODULES, PACKAGES, ROOT, differences, installed
 
-NOT_INSTALLED = {"benchmarks", "docs", "launch", "test"}  # folders of the root with Python files that are no package
+NOT_INSTALLED = {"benchmarks", "docs", "launch", "scripts", "test"}  # of the root, with Python files, but no packages
 
 
 def visible_python_files() -> set[Path]:
