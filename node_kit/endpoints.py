@@ -11,6 +11,7 @@ from typing import Any, Protocol
 from rclpy.qos import QoSProfile
 
 from node_kit import qos
+from node_kit.service import answer_always
 from node_kit.subscription import Subscription
 
 OK, WARN, ERROR, STALE = 0, 1, 2, 3  # levels of diagnostic_msgs/DiagnosticStatus
@@ -126,8 +127,8 @@ class Endpoints:
         return self._shell.add_publisher(topic, kind, profile)
 
     def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
-        """Offer a service, `~/name`; `handler(request, response)` returns the response."""
-        self._shell.add_service(name, kind, handler)
+        """Offer a service, `~/name`; `handler(request, response)` returns the response; errors become one line."""
+        self._shell.add_service(name, kind, answer_always(handler, name, self.log.error))
 
     def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool = False) -> None:
         """Call back every so many seconds of the node's clock, or of the wall's."""

@@ -17,6 +17,7 @@ from types import ModuleType
 from typing import NamedTuple
 
 from node_kit.files import software
+from node_kit.service import one_line
 
 DEBUG_VARIABLE = "SPHERE_NAV_DEBUG"
 
@@ -62,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     except (ValueError, OSError) as error:
         if os.environ.get(DEBUG_VARIABLE) == "1":
             raise
-        print(f"sphere_nav{_command_name(words)}: {_one_line(error)}", file=sys.stderr)
+        print(f"sphere_nav{_command_name(words)}: {one_line(error)}", file=sys.stderr)
         return 2
 
 
@@ -123,13 +124,6 @@ def _overview() -> str:
 
 def _command_name(words: list[str]) -> str:
     return f" {words[0]}" if words and any(words[0] == command.name for command in COMMANDS) else ""
-
-
-def _one_line(error: Exception) -> str:
-    if isinstance(error, OSError) and error.strerror:
-        place = f"{error.filename}: " if error.filename else ""
-        return f"{place}{error.strerror}"
-    return " ".join(str(error).split()) or type(error).__name__
 
 
 if __name__ == "__main__":

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 Points = NDArray[np.float32]
 
 LARGE_EXTENT_M = 5_000.0  # a map for a vehicle is smaller; millimetres look larger
+MAX_COORDINATE_M = 1e7  # the size of the Earth
 FAR_FROM_ORIGIN_M = 100_000.0  # beyond it float32 metres are coarser than a centimetre
 
 
@@ -46,7 +47,7 @@ def cloud_from_points(points: ArrayLike, name: str = "cloud") -> Cloud:
     found = found[finite] if num_lost else found
     warnings = [f"{name}: {num_lost} of {len(finite)} points are not finite and are left out"] if num_lost else []
     low, high = found.min(axis=0), found.max(axis=0)
-    if np.abs([low, high]).max() > max(FAR_FROM_ORIGIN_M, 20.0 * float((high - low).max())):
+    if max(-low.min(), high.max()) > min(max(FAR_FROM_ORIGIN_M, 20.0 * float((high - low).max())), MAX_COORDINATE_M):
         raise ValueError(
             f"{name}: points: expected coordinates within {FAR_FROM_ORIGIN_M:g} m of the origin, found"
             f" {np.abs([low, high]).max():.6g} (geographic coordinates, or not metres?)"

@@ -13,17 +13,21 @@ from mcl_depth.geometry.las import read_las
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
 from mcl_depth.geometry.pcd import read_pcd
 from mcl_depth.geometry.ply import read_ply
+from sphere_geometry.files import open_file
 
+NPY_MAGIC = b"\x93NUMPY"
+MAX_BYTES = 1 << 32
 ENDINGS = (".ply", ".pcd", ".las", ".npy", ".csv")
 
 
 def read_geometry(path: str | Path) -> Cloud | TriangleMesh:
     """Read .ply (points, or a mesh where there are faces), .pcd, .las, .npy (N, 3+), or a floor plan .csv.
 
-    ValueError in one line where the file is damaged, absurd, empty or of another kind; OSError where it is not there.
+    ValueError in one line where the file is damaged, absurd, empty, of another kind, or not there.
     """
     path = Path(path)
     name = str(path)
+    open_file(path, f"map ({', '.join(ENDINGS)})", MAX_BYTES).close()  # no FIFO, no device
     match path.suffix.lower():
         case ".ply":
             points, triangles = read_ply(path)
@@ -41,12 +45,14 @@ def read_geometry(path: str | Path) -> Cloud | TriangleMesh:
 
 
 def _read_npy(path: Path) -> NDArray[np.floating]:
-    with path.open("rb") as file:  # a missing file is an OSError of its own
-        file.read(1)
+    with path.open("rb") as file:
+        if file.read(len(NPY_MAGIC)) != NPY_MAGIC:  # np.load opens zip archives, too
+            raise ValueError(f"{path}: expected an array (N, 3), found a file that is none")
     try:
         found = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
-        raise ValueError(f"{path}: expected an array (N, 3), found a file that is none ({error})") from None
+    except (ValueError, EOFError, OSError, OverflowError, TypeError) as error:  # of its header
+        text = " ".join(str(error).split())[:200]
+        raise ValueError(f"{path}: expected an array (N, 3), found a file that is none ({text})") from None
     if found.dtype.names is not None and {"x", "y", "z"} <= set(found.dtype.names):
         return np.stack([found[axis].ravel() for axis in "xyz"], axis=1)
     if found.ndim != 2 or found.shape[1] < 3 or found.dtype.kind not in "fiu":

@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
+from sphere_geometry.fields import number, short
+from sphere_geometry.files import read_text
 
 KINDS = ("wall", "door", "window", "opening")
 CUT = ("door", "opening")  # windows stay: what is behind them is not in the plan
@@ -24,7 +26,7 @@ MAX_OFF_WALL = 0.15  # m between an opening and the wall that it belongs to
 MIN_SILL = 0.05  # m; a door that begins lower begins at the foot of the wall
 MIN_PIECE = 1e-3  # m
 SAME_CORNER = 0.02  # m
-MAX_SURFACES = 1_000_000
+MAX_SURFACES = 20_000  # a hundred buildings; doors are compared with the walls of their room
 
 Floats = NDArray[np.float64]
 
@@ -69,26 +71,26 @@ def is_inside(places: Floats, ring: Floats) -> NDArray[np.bool_]:
 
 
 def _surfaces(path: Path) -> Iterator[Surface]:
-    with path.open(newline="", encoding="utf-8", errors="replace") as file:
-        table = csv.DictReader(line for line in file if not line.startswith("#"))
+    lines = read_text(path, "floor plan", errors="replace").split("\n")
+    table = csv.DictReader(line for line in lines if not line.startswith("#"))
+    try:
         if missing := [name for name in ("kind", "complete_room", *NUMBERS) if name not in (table.fieldnames or ())]:
-            raise ValueError(f"{path}: columns: expected {', '.join(missing)}, found {table.fieldnames}")
-        for number, row in enumerate(table, start=1):
-            if number > MAX_SURFACES:
+            raise ValueError(f"{path}: columns: expected {', '.join(missing)}, found {short(table.fieldnames)}")
+        for count, row in enumerate(table, start=1):
+            if count > MAX_SURFACES:
                 raise ValueError(f"{path}: expected at most {MAX_SURFACES} surfaces, found more")
-            yield _surface(f"{path}: surface {number}", row)
+            yield _surface(f"{path}: surface {count}", row)
+    except csv.Error as error:
+        raise ValueError(f"{path}: expected a table, found {error}") from None
 
 
 def _surface(where: str, row: dict[str, str]) -> Surface:
     if row["kind"] not in KINDS:
-        raise ValueError(f"{where}: kind: expected one of {', '.join(KINDS)}, found {row['kind']!r}")
-    try:
-        x0, y0, x1, y1, bottom, top = (float(row[name]) for name in NUMBERS)
-    except (TypeError, ValueError):
-        raise ValueError(f"{where}: expected numbers, found {[row[name] for name in NUMBERS]}") from None
-    if not np.all(np.isfinite([x0, y0, x1, y1, bottom, top])) or top < bottom:
-        raise ValueError(f"{where}: expected finite numbers with z_top above z_bottom, found {bottom:g} to {top:g}")
-    return Surface(row["kind"], row["complete_room"], np.array([x0, y0]), np.array([x1, y1]), bottom, top)
+        raise ValueError(f"{where}: kind: expected one of {', '.join(KINDS)}, found {short(row['kind'])}")
+    x0, y0, x1, y1, bottom, top = (number(row[name], f"{where}: {name}") for name in NUMBERS)
+    if top < bottom:
+        raise ValueError(f"{where}: expected z_top above z_bottom, found {bottom:g} to {top:g}")
+    return Surface(row["kind"], row["complete_room"] or "", np.array([x0, y0]), np.array([x1, y1]), bottom, top)
 
 
 def _room(surfaces: list[Surface], room: str) -> Iterator[Floats]:

@@ -86,9 +86,11 @@ def _ascii(path: Path, body: bytes, elements: list[Element]) -> _Rows:
                 table = np.array(b" ".join(part).split(), np.float64).reshape(item.count, len(item.scalars))
                 found.points = list(table.T)
             elif item.name == "face" and item.lists and not item.scalars:
-                polygons = [[int(word) for word in line.split()] for line in part]
-                found.triangles = _fans([row[1 : 1 + row[0]] for row in polygons])
-        except (ValueError, IndexError) as error:
+                rows = [[int(word) for word in line.split()] for line in part]
+                if any(not row or row[0] != len(row) - 1 or row[0] > MAX_FACE for row in rows):
+                    raise ValueError("a face with another number of corners than it says")
+                found.triangles = _fans([row[1:] for row in rows])
+        except (ValueError, OverflowError) as error:
             raise ValueError(f"{path}: {item.name}: expected {item.count} rows of numbers, found {error}") from None
     return found
 

@@ -25,6 +25,7 @@ THIRD_PARTY = {
     "scipy": ("scipy", "python3-scipy"),
     "tqdm": ("tqdm", "python3-tqdm"),
     "yaml": ("pyyaml", "python3-yaml"),
+    "lz4": ("lz4", "python3-lz4"),
     "zstandard": ("zstandard", "python3-zstandard"),
 }
 KNOWN_TO_ROS = ROS | {"ament_index_python", "launch", "launch_ros"}

@@ -21,6 +21,7 @@ HEIGHT_BITS = 20
 TOLERANCE = 0.35  # two points this far off a plane, by the size of a voxel, still belong to it
 NOISE = 0.15  # half height of a level voxel by its size
 NUM_CLOSINGS = 2  # a gap may be two voxels wide
+MAX_BLOCKS = 1 << 25  # of columns, in the rectangle around the cloud
 MIN_SHARE = 0.8  # of the normals of a coarse voxel that must agree for it to be a plane
 
 
@@ -67,6 +68,9 @@ def voxel_map(cloud: Cloud, size: float, splat: float, num_levels: int) -> Voxel
     if float(extent.max()) / size >= 2**HEIGHT_BITS:
         limit = 2**HEIGHT_BITS * size
         raise ValueError(f"{cloud.name}: expected an extent below {limit:g} m, found {extent.max():g} m")
+    if (num_blocks := float(np.prod(np.ceil(extent[:2] / (size * 2**kernels.BLOCK_BITS))))) > MAX_BLOCKS:
+        found = f"{extent[0]:.0f} x {extent[1]:.0f} m ({num_blocks:.0f})"
+        raise ValueError(f"{cloud.name}: expected at most {MAX_BLOCKS} blocks of columns of {size:g} m, found {found}")
     level, dense_share = _finest(cloud.points.astype(np.float64) - corner, size, splat)
     levels = [level]
     while len(levels) < num_levels:

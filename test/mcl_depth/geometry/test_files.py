@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import struct
 from pathlib import Path
 
@@ -125,3 +126,34 @@ def test_a_floor_plan_has_its_door_cut_out(tmp_path: Path) -> None:
     row = found[found.shape[0] // 2]
     assert np.isnan(row[180])  # through the door
     np.testing.assert_allclose(row[[0, 90]], [2.0, 1.5], atol=0.01)
+
+
+def test_what_is_no_regular_file_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "fifo.ply")
+    (tmp_path / "endless.npy").symlink_to("/dev/zero")
+    for name, found in (("fifo.ply", "a FIFO"), ("endless.npy", "no regular file"), ("none.pcd", "no such file")):
+        with pytest.raises(ValueError, match=f"{name}: expected a map .*, found {found}"):
+            read_geometry(tmp_path / name)
+
+
+def test_an_archive_is_no_array(tmp_path):
+    with (tmp_path / "zip.npy").open("wb") as file:
+        np.savez(file, points=np.zeros((4, 3)))
+    with pytest.raises(ValueError, match=r"zip\.npy: expected an array \(N, 3\), found a file that is none"):
+        read_geometry(tmp_path / "zip.npy")
+
+
+def test_faces_that_lie_about_their_corners(tmp_path):
+    head = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "element face 1\nproperty list uchar int i\nend_header\n0 0 0\n1 0 0\n0 1 0\n"
+    for face in ("4 0 1 2", "2 0 1 2", "-1 0 1 2", "3 0 1 99999999999999999999"):
+        (tmp_path / "lie.ply").write_text(head + face + "\n")
+        with pytest.raises(ValueError, match=r"lie\.ply"):
+            read_geometry(tmp_path / "lie.ply")
+
+
+def test_points_beyond_any_place_on_earth(tmp_path):
+    for far in (1e8, 1e30, 1e300):
+        np.save(tmp_path / "far.npy", np.array([[0.0, 0.0, 0.0], [far, 0.0, 0.0], [0.0, -far, 0.0]]))
+        with pytest.raises(ValueError, match="expected coordinates within"):
+            read_geometry(tmp_path / "far.npy")

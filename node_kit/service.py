@@ -1,0 +1,40 @@
+"""A service answers every request: with success, or with one line, and the node goes on with what it has."""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable
+from typing import Any
+
+Handler = Callable[[Any, Any], Any]
+
+
+def answer_always(handler: Handler, name: str, report: Callable[[str], None]) -> Handler:
+    """Return the handler with every exception turned into `success: false` and one line.
+
+    ValueError and OSError say what is wrong with the request. Anything else is a mistake of ours: `report` gets where
+    it came from, too, for whoever mends it. A response without those fields is returned empty.
+    """
+
+    def answer(request: Any, response: Any) -> Any:
+        try:
+            return handler(request, response)
+        except Exception as error:
+            refused = type(response)()
+            if hasattr(refused, "success"):
+                refused.success, refused.message = False, one_line(error)
+            is_ours = not isinstance(error, ValueError | OSError)
+            report(f"{name}: {traceback.format_exc().rstrip() if is_ours else one_line(error)}")
+            return refused
+
+    return answer
+
+
+def one_line(error: BaseException) -> str:
+    """Return what an error says in one line, a file's name included, or its kind where it says nothing."""
+    if isinstance(error, OSError) and error.strerror:
+        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    text = " ".join(str(error).split())
+    if isinstance(error, ValueError | OSError) and text:
+        return text
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
