@@ -77,3 +77,22 @@ def test_ros_stays_in_the_shell() -> None:
 def test_numba_stays_in_the_kernels() -> None:
     others = [module for module in MODULES if module.name != "kernels.py"]
     assert found_in(others, lambda _, name: name.split(".")[0] == "numba") == []
+
+
+def test_no_import_runs_in_a_circle() -> None:
+    """When modules are loaded; an import within a function comes later."""
+    names = {".".join(module.with_suffix("").parts).removesuffix(".__init__"): module for module in MODULES}
+    graph = {name: imported_modules(name, module, names) for name, module in names.items()}
+    while ends := {name for name, below in graph.items() if not below or not any(name in it for it in graph.values())}:
+        graph = {name: below - ends for name, below in graph.items() if name not in ends}
+    assert {name: sorted(below) for name, below in graph.items()} == {}
+
+
+def imported_modules(name: str, module: Path, names: dict[str, Path]) -> set[str]:
+    """Return the modules of the project that a module imports; not the packages it lies in, which index it."""
+    below = {found if found in names else found.rpartition(".")[0] for found in imports(module, is_at_load=True)}
+    return {found for found in below if found in names and not name.startswith(f"{found}.") and found != name}
+
+
+def test_no_guard_hides_an_import() -> None:
+    assert found_in(MODULES, lambda _, name: name == "typing.TYPE_CHECKING") == []

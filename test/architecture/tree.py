@@ -30,9 +30,9 @@ def parse(module: Path) -> ast.Module:
     return ast.parse((ROOT / module).read_text(encoding="utf-8"))
 
 
-def imports(module: Path) -> Iterator[str]:
-    """Yield the dotted name of everything a module imports, `from a.b import c` as `a.b.c`."""
-    for node in ast.walk(parse(module)):
+def imports(module: Path, *, is_at_load: bool = False) -> Iterator[str]:
+    """Yield the dotted name of everything a module imports, `from a.b import c` as `a.b.c`; or only at load."""
+    for node in parse(module).body if is_at_load else ast.walk(parse(module)):
         if isinstance(node, ast.Import):
             yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
