@@ -15,6 +15,7 @@ from benchmarks.report import Report
 
 BENCHMARKS = {
     "kernel_times": "benchmarks.kernel_times",
+    "localizer_times": "benchmarks.localizer_times",
     "frame_to_frame": "benchmarks.frame_to_frame",
     "end_to_end": "benchmarks.end_to_end",
     "rendering": "benchmarks.rendering",

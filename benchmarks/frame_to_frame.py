@@ -164,7 +164,7 @@ def _bounds(figures: dict[str, Figures], calibration: str, gap: int) -> list[Bou
         tracking = min(found.tracking_ms for found in others.values())
         whole = min(found.new_reference_ms for found in others.values())
         bounds += [
-            Bound(f"tracking, fastest peer by ours, {where}", 5.0, tracking / ours.tracking_ms, "x", is_minimum=True),
+            Bound(f"tracking, fastest peer by ours, {where}", 10.0, tracking / ours.tracking_ms, "x", is_minimum=True),
             Bound(
                 f"new reference, fastest peer by ours, {where}",
                 1.0,

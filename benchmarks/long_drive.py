@@ -29,6 +29,7 @@ from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2
 from path_follower.taught import reference_path, taught_speeds
 from sphere_geometry import SE3
+from sphere_map.coarse import coarse_sphere
 from sphere_map.graph import SphereGraph
 from sphere_map.sphere import Sphere
 from sphere_mapping.mapper import Mapper
@@ -57,6 +58,10 @@ class Taught:
     poses: SE3
     truth: Array
     num_lost: int
+
+    def coarse_spheres(self) -> dict[int, Sphere]:
+        """Return all key spheres small."""
+        return {node.id: coarse_sphere(node.sphere) for node in self.graph if node.sphere is not None}
 
     def load_sphere(self, sphere_id: int) -> Sphere:
         """Return a key sphere."""

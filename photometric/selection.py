@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -43,6 +45,8 @@ def visible(pixels: ReferenceLevel, T_camera_reference: SE3, level: Level) -> ND
 
 
 def _image_shift(last: Selection, T_camera_reference: SE3, level: Level) -> float:
-    """Return how far the image has moved since a selection, in pixels."""
-    distance, angle = last.T_camera_reference.distance(T_camera_reference)
-    return float(angle + distance / last.typical_range) * level.camera.pixels_per_radian
+    """Return how far the image has moved since a selection, in pixels: the chord of the turn, and the parallax."""
+    off = T_camera_reference.matrix - last.T_camera_reference.matrix
+    turn = math.sqrt(0.5 * float(np.vdot(off[:3, :3], off[:3, :3])))
+    distance = math.sqrt(float(np.vdot(off[:3, 3], off[:3, 3])))
+    return (turn + distance / last.typical_range) * level.camera.pixels_per_radian

@@ -41,7 +41,8 @@ class SE3:
         """Join a rotation (..., 3, 3) and a translation (..., 3) in metres."""
         t = np.asarray(translation, dtype=np.float64)
         R = np.asarray(rotation, dtype=np.float64)
-        matrix = np.zeros((*np.broadcast_shapes(t.shape[:-1], R.shape[:-2]), 4, 4))
+        is_single = t.ndim == 1 and R.ndim == 2  # the usual case, without the time that broadcasting takes
+        matrix = np.zeros((4, 4) if is_single else (*np.broadcast_shapes(t.shape[:-1], R.shape[:-2]), 4, 4))
         matrix[..., :3, :3], matrix[..., :3, 3], matrix[..., 3, 3] = R, t, 1.0
         return SE3(matrix)
 
@@ -99,8 +100,11 @@ class SE3:
 
     def inverse(self) -> SE3:
         """Return the motion back: `T_a_b.inverse()` is `T_b_a`."""
-        Rt = np.swapaxes(self.rotation, -1, -2)
-        return SE3.from_parts(Rt, -(Rt @ self.translation[..., None])[..., 0])
+        matrix = np.zeros(self.matrix.shape)
+        matrix[..., :3, :3] = Rt = np.swapaxes(self.rotation, -1, -2)
+        matrix[..., :3, 3:] = -(Rt @ self.matrix[..., :3, 3:])
+        matrix[..., 3, 3] = 1.0
+        return SE3(matrix)
 
     def apply(self, points: ArrayLike) -> Array:
         """Map points (..., N, 3) in b to points in a."""

@@ -1,0 +1,29 @@
+"""Compile the kernels of all packages once, so that no node waits: `python -m sphere_nav_cli.warm_up`.
+
+An installation ends with it; where the kernels are compiled already it takes seconds.
+"""
+
+from __future__ import annotations
+
+import sys
+
+import photometric
+from kernel_cache.folder import cache_folder, remove_old
+from mcl_depth.params import FilterParams
+from mcl_depth.warm_up import warm_up as warm_up_mcl
+from sphere_mapping.acquisition import kernels as acquisition
+
+
+def main() -> int:
+    """Compile what is not compiled yet."""
+    if not cache_folder().is_dir():
+        print(f"compiling kernels into {cache_folder()}, a minute or two", file=sys.stderr)
+    photometric.warm_up()
+    acquisition.warm_up()
+    warm_up_mcl(FilterParams())
+    remove_old()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
