@@ -35,6 +35,7 @@ BENCHMARKS = {
     "mcl_corridor": "benchmarks.mcl_corridor",
     "mcl_homing": "benchmarks.mcl_homing",
     "mcl_times": "benchmarks.mcl_times",
+    "fuzz": "benchmarks.fuzz",
 }
 
 

@@ -70,13 +70,6 @@ class Clouds:
             return status_of(State.NO_MAP, stamp, self.fault, REMEDIES)
         return status_of(State.SEARCHING, stamp, fault, REMEDIES)
 
-    @property
-    def num_points(self) -> int:
-        """Points after thinning; vertices of surfaces."""
-        if isinstance(self.geometry, TriangleMesh):
-            return len(self.geometry.vertices)
-        return len(thin_cloud(self.geometry, self.params.synthesis.voxel_m)) if self.geometry is not None else 0
-
     def on_cloud(self, message: PointCloud2) -> None:
         """Use a cloud in the map's frame; ValueError for one of another frame, or without points."""
         check_frames(message, self._declared.map_frame)
@@ -88,12 +81,15 @@ class Clouds:
         try:
             if not (math.isfinite(request.voxel_size) and request.voxel_size >= 0.0):
                 raise ValueError(f"voxel_size: expected 0 m or more, found {request.voxel_size:g}")
-            self.use(read_map(request.path), request.voxel_size)
+            geometry = read_map(request.path)
+            voxel_m = request.voxel_size or self._declared.synthesis.voxel_m
+            num_points = count_points(geometry, voxel_m)  # before it is in force: thinning may refuse it
+            self.use(geometry, request.voxel_size)
         except (ValueError, OSError) as error:
             response.message = " ".join(str(error).split())
             return response
         assert self.geometry is not None
-        response.num_points = self.num_points
+        response.num_points = num_points
         for corner, values in zip((response.minimum, response.maximum), self.geometry.box, strict=True):
             corner.x, corner.y, corner.z = (float(value) for value in values)
         response.success, response.message = True, f"{response.num_points} points of {request.path}"
@@ -101,6 +97,11 @@ class Clouds:
             response.message += f"; {self.geometry.warnings[-1]}"
         response.seconds = time.perf_counter() - started
         return response
+
+
+def count_points(geometry: Cloud | TriangleMesh, voxel_m: float) -> int:
+    """Return the number of points after thinning; of vertices of surfaces."""
+    return len(geometry.vertices) if isinstance(geometry, TriangleMesh) else len(thin_cloud(geometry, voxel_m))
 
 
 def read_map(path: str) -> Cloud | TriangleMesh:

@@ -77,9 +77,9 @@ def _readable(file: Path, progress: Progress) -> Found:
             message = decode(record.data, KINDS[channel.topic], str(file))
             if channel.topic == SPHERE:
                 spheres[int(message.id)] = message_to_sphere(message)
-            elif message.format_version == MapInfo.FORMAT_VERSION and channel.topic == GRAPH:
+            elif channel.topic == GRAPH and message.format_version == MapInfo.FORMAT_VERSION:
                 graphs.append((message, message_to_graph(message)))
-            elif message.format_version == MapInfo.FORMAT_VERSION and channel.topic == INFO:
+            elif channel.topic == INFO and message.format_version == MapInfo.FORMAT_VERSION:
                 infos.append(message)
         progress(1)
     return spheres, graphs, infos

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,7 +51,7 @@ def _read_npy(path: Path) -> NDArray[np.floating]:
             raise ValueError(f"{path}: expected an array (N, 3), found a file that is none")
     try:
         found = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError, OSError, OverflowError, TypeError) as error:  # of its header
+    except (ValueError, EOFError, OSError, OverflowError, TypeError, SyntaxError, TokenError) as error:  # of its header
         text = " ".join(str(error).split())[:200]
         raise ValueError(f"{path}: expected an array (N, 3), found a file that is none ({text})") from None
     if found.dtype.names is not None and {"x", "y", "z"} <= set(found.dtype.names):

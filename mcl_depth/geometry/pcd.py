@@ -58,7 +58,7 @@ def _header(path: Path, data: bytes) -> _Header:
         count = int(words["POINTS"][0]) if "POINTS" in words else int(words["WIDTH"][0]) * int(words["HEIGHT"][0])
         (form,) = words["DATA"]
     except (KeyError, ValueError, IndexError) as error:
-        raise ValueError(f"{path}: header: expected FIELDS, SIZE, TYPE, POINTS and DATA, found {error}") from None
+        raise ValueError(f"{path}: header: expected FIELDS, SIZE, TYPE, POINTS and DATA, found {error!s:.80}") from None
     if not {"x", "y", "z"} <= set(fields) or not len(fields) == len(kinds) == len(sizes) == len(repeats):
         raise ValueError(f"{path}: FIELDS: expected x, y, z, each with SIZE and TYPE, found {' '.join(fields)}")
     if form not in ("ascii", "binary", "binary_compressed"):
@@ -92,7 +92,7 @@ def _ascii(path: Path, body: bytes, header: _Header) -> NDArray[np.float64]:
     try:
         table = np.array(b" ".join(lines[: header.count]).split(), np.float64).reshape(header.count, sum(columns))
     except ValueError as error:
-        raise ValueError(f"{path}: rows: expected {sum(columns)} numbers in each, found {error}") from None
+        raise ValueError(f"{path}: rows: expected {sum(columns)} numbers in each, found {error!s:.80}") from None
     return table[:, where]
 
 

@@ -91,7 +91,7 @@ def _ascii(path: Path, body: bytes, elements: list[Element]) -> _Rows:
                     raise ValueError("a face with another number of corners than it says")
                 found.triangles = _fans([row[1:] for row in rows])
         except (ValueError, OverflowError) as error:
-            raise ValueError(f"{path}: {item.name}: expected {item.count} rows of numbers, found {error}") from None
+            raise ValueError(f"{path}: {item.name}: expected {item.count} rows, found {error!s:.60}") from None
     return found
 
 

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from node_kit.conversions.stamps import header, stamp_ns
 from sphere_geometry import SE3
+from sphere_geometry.fields import MAX_NUMBER
 
 Array = NDArray[np.float64]
 NORM_TOLERANCE = 0.01  # a quaternion from a message may be rounded, not arbitrary
@@ -151,7 +152,7 @@ def path_to_poses(message: Path) -> list[tuple[int, SE3]]:
 def _to_se3(position: Point | Vector3, orientation: Quaternion, name: str) -> SE3:
     t = point_to_array(position)
     q = np.array([orientation.x, orientation.y, orientation.z, orientation.w])
-    if not np.all(np.isfinite(t)):
+    if not np.all(np.abs(t) <= MAX_NUMBER):
         raise ValueError(f"{name}.position: expected finite numbers, found {t.tolist()}")
     if not abs(np.linalg.norm(q) - 1.0) < NORM_TOLERANCE:
         raise ValueError(f"{name}.orientation: expected a unit quaternion, found {q.tolist()}")

@@ -1,0 +1,241 @@
+"""What is fuzzed: every reader of files, every conversion of messages, the services that open files."""
+
+from __future__ import annotations
+
+import zlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rclpy.serialization import serialize_message
+from sphere_nav_msgs.srv import LoadCloud, LoadMap, LoadTrajectory
+
+from benchmarks.fuzz_mutations import mutate_bytes, mutate_message
+from benchmarks.fuzz_samples import Samples
+from dense_localizer.node import DenseLocalizerNode
+from mcl_depth.geometry.files import read_geometry
+from mcl_depth.node import MclDepthNode
+from node_kit import conversions
+from node_kit.bag_reader import BagReader, decode
+from node_kit.conversions import driving
+from node_kit.map_bag import open_map
+from node_kit.map_check import salvage_map
+from node_kit.mcap_salvage import Salvage
+from node_kit.node import ManagedNode
+from node_kit.replay import OfflineBus
+from path_follower.node import PathFollowerNode
+from path_follower.params import FollowerParams
+from path_follower.path_files import read_path
+from sphere_geometry.foreign_rig import read_foreign
+from sphere_geometry.rig_file import read_rig
+from sphere_geometry.trajectory import read_tum
+from sphere_nav_cli.importing import recording
+
+CONVERSIONS: dict[str, tuple[Callable[[Any], Any], ...]] = {
+    "Image": (conversions.image_to_rgb, conversions.image_to_grey, conversions.depth_to_metres),
+    "CompressedImage": (conversions.decompress, conversions.compressed_to_array),
+    "CameraInfo": (conversions.camera_from_info, conversions.stereo_baseline),
+    "PointCloud2": (conversions.message_to_cloud,),
+    "AugmentedSphere": (conversions.message_to_sphere,),
+    "KeySphereGraph": (conversions.message_to_graph,),
+    "Path": (conversions.path_to_poses,),
+    "PoseWithCovarianceStamped": (conversions.pose_with_covariance_to_se3,),
+    "Odometry": (conversions.odometry_to_se3,),
+    "ReferenceTrajectory": (driving.message_to_trajectory,),
+    "LaserScan": (driving.scan_to_points,),
+}
+
+
+@dataclass(frozen=True)
+class Target:
+    """One reader: `attempt` makes an input and tries it; ValueError or OSError refuse, AssertionError is a mistake."""
+
+    name: str
+    attempt: Callable[[np.random.Generator, Path], None]
+    weight: float = 1.0  # share of the inputs; less for what takes long
+
+    @property
+    def key(self) -> int:
+        """A number of its own for the seed."""
+        return zlib.crc32(self.name.encode())
+
+
+def make_targets(folder: Path) -> list[Target]:
+    """Return all targets; valid samples are made in a folder first."""
+    samples = Samples(folder)
+    return [*_text_targets(samples), *_geometry_targets(samples), *_bag_targets(samples), *_message_targets(samples),
+            *_service_targets(samples)]  # fmt: skip
+
+
+def _file_target(name: str, sample: Path, read: Callable[[Path], Any], weight: float = 1.0) -> Target:
+    data = sample.read_bytes()
+
+    def attempt(rng: np.random.Generator, folder: Path) -> None:
+        path = folder / f"wrong{sample.suffix}"
+        path.write_bytes(mutate_bytes(data, rng))
+        check(read(path))
+
+    return Target(name, attempt, weight)
+
+
+def check(found: Any) -> None:
+    """Raise AssertionError where what was accepted holds absurd numbers; NaN and infinity have a meaning in ranges."""
+    if isinstance(found, dict):
+        found = list(found.values())
+    if isinstance(found, list | tuple):
+        for item in found[:50]:
+            check(item)
+        return
+    for name in ("matrix", "points", "positions", "vertices", "coefficients", "x", "y"):
+        values = getattr(found, name, None)
+        if isinstance(values, np.ndarray) and not callable(values):
+            limit = np.nanmax(np.abs(values), initial=0.0) if name != "coefficients" else 0.0
+            assert limit <= 1e15, f"accepted numbers up to {limit:g} in {type(found).__name__}.{name}"
+            assert name == "coefficients" or np.all(np.isfinite(values)), f"accepted {name} that are not finite"
+
+
+def _text_targets(samples: Samples) -> list[Target]:
+    params = FollowerParams()
+    readers: dict[str, tuple[Path, Callable[[Path], Any]]] = {
+        "rig": (samples.rig, lambda path: [camera.camera for camera in read_rig(path).cameras]),
+        "kalibr": (samples.kalibr, lambda path: read_foreign([path]).cameras),
+        "opencv": (samples.opencv, lambda path: read_foreign([path]).cameras),
+        "basalt": (samples.basalt, lambda path: read_foreign([path]).cameras),
+        "tum": (samples.tum, read_tum),
+        "path tum": (samples.tum, lambda path: read_path(path, params)),
+        "path csv": (samples.path_csv, lambda path: read_path(path, params)),
+        "table": (samples.table, lambda path: recording.read_numbers(path, 4)),
+        "pose": (samples.table, recording.read_pose),
+        "image png": (samples.png, recording.read_image),
+        "image jpg": (samples.jpg, recording.read_image),
+        "depth png": (samples.depth, recording.read_depth),
+    }
+    return [_file_target(name, *pair) for name, pair in readers.items()]
+
+
+def _geometry_targets(samples: Samples) -> list[Target]:
+    return [_file_target(f"geometry {path.stem}{path.suffix}", path, read_geometry) for path in samples.geometry]
+
+
+def _bag_targets(samples: Samples) -> list[Target]:
+    messages, spheres = set(_messages(samples.bag)), samples.spheres
+
+    def read_bag(path: Path) -> None:
+        with BagReader(path, is_empty_allowed=True) as bag:
+            found = [(topic, stamp, bytes(data)) for topic, stamp, data in bag.raw()]
+        assert set(found) <= messages, "accepted messages that were never written"
+
+    def read_salvage(path: Path) -> None:
+        found = [(channel.topic, item.log_time, item.data) for channel, _, item in Salvage(path).messages()]
+        assert set(found) <= messages, "salvaged messages that were never written"
+
+    def read_map(path: Path) -> None:
+        with open_map(path) as reader:
+            _check_spheres(reader.load_all(), spheres)
+
+    def read_salvaged_map(path: Path) -> None:
+        target = path.with_name(f"saved{abs(hash(path.read_bytes()))}")
+        salvage_map(path, target)
+        with open_map(target) as reader:
+            _check_spheres(reader.load_all(), spheres)
+        for file in target.iterdir():
+            file.unlink()
+        target.rmdir()
+
+    def read_metadata(rng: np.random.Generator, folder: Path) -> None:
+        (folder / "wrong_bag").mkdir(exist_ok=True)
+        (folder / "wrong_bag" / samples.bag.name).write_bytes(samples.bag.read_bytes())
+        (folder / "wrong_bag" / "metadata.yaml").write_bytes(mutate_bytes(samples.metadata.read_bytes(), rng))
+        read_bag(folder / "wrong_bag")
+
+    return [
+        _file_target("bag", samples.bag, read_bag),
+        _file_target("bag, salvage", samples.bag, read_salvage),
+        _file_target("bag, plain", samples.plain_bag, lambda path: list(_messages(path))),
+        Target("bag, metadata", read_metadata),
+        _file_target("map", samples.map / "map.mcap", read_map),
+        _file_target("map, salvage", samples.map / "map.mcap", read_salvaged_map, 0.3),
+    ]
+
+
+def _messages(path: Path) -> Iterable[tuple[str, int, bytes]]:
+    with BagReader(path, is_empty_allowed=True) as bag:
+        for topic, stamp, data in bag.raw():
+            yield topic, stamp, bytes(data)
+
+
+def _check_spheres(graph: Iterable[Any], spheres: dict[int, Any]) -> None:
+    for node in graph:
+        assert node.id in spheres, f"accepted a key sphere {node.id} that was never written"
+        assert np.array_equal(node.sphere.image, spheres[node.id].image), "accepted another picture"
+
+
+def _message_targets(samples: Samples) -> list[Target]:
+    targets = []
+    for message in samples.messages:
+        kind = type(message)
+        targets.append(Target(f"message {kind.__name__} {samples.label(message)}".strip(), _converting(message)))
+        targets.append(Target(f"bytes {kind.__name__} {samples.label(message)}".strip(), _decoding(message)))
+    return targets
+
+
+def _converting(message: Any) -> Callable[[np.random.Generator, Path], None]:
+    def attempt(rng: np.random.Generator, folder: Path) -> None:
+        wrong = mutate_message(message, rng)
+        _convert(wrong)
+
+    return attempt
+
+
+def _decoding(message: Any) -> Callable[[np.random.Generator, Path], None]:
+    data = serialize_message(message)
+
+    def attempt(rng: np.random.Generator, folder: Path) -> None:
+        _convert(decode(mutate_bytes(data, rng), type(message), "message"))
+
+    return attempt
+
+
+def _convert(message: Any) -> None:
+    """Try every conversion of a message; where all refuse, so does this."""
+    refusals = []
+    readers = CONVERSIONS[type(message).__name__]
+    for convert in readers:
+        try:
+            check(convert(message))
+        except ValueError as error:
+            refusals.append(error)
+    if len(refusals) == len(readers):
+        raise refusals[0]
+
+
+def _service_targets(samples: Samples) -> list[Target]:
+    follower, mcl, dense = (OfflineBus().add(kind) for kind in (PathFollowerNode, MclDepthNode, DenseLocalizerNode))
+    targets = [
+        _service_target(follower, "load_trajectory", LoadTrajectory, path, lambda: follower.trajectories.follower.path)
+        for path in (samples.tum, samples.path_csv)
+    ]
+    targets += [_service_target(mcl, "load_cloud", LoadCloud, p, lambda: mcl.clouds.geometry) for p in samples.geometry]
+    sample = samples.map / "map.mcap"
+    targets.append(_service_target(dense, "load_map", LoadMap, sample, lambda: dense.maps.reader, 0.3))
+    return targets
+
+
+def _service_target(
+    node: ManagedNode, name: str, kind: Any, sample: Path, in_force: Callable[[], Any], weight: float = 0.5
+) -> Target:
+    service = next(full for full in node.shell.services if full.split("/")[-1] == name)  # type: ignore[attr-defined]
+    data = sample.read_bytes()
+
+    def attempt(rng: np.random.Generator, folder: Path) -> None:
+        path, before = folder / f"called{sample.suffix}", in_force()
+        path.write_bytes(mutate_bytes(data, rng))
+        answer = node.shell.call(service, kind.Request(path=str(path)))  # type: ignore[attr-defined]
+        if not answer.success:
+            assert in_force() is before, "a refused request changed what is in force"
+            assert "Error:" not in answer.message, f"no refusal but a mistake: {answer.message}"
+            raise ValueError(answer.message)
+
+    return Target(f"service {name} {sample.stem}{sample.suffix}", attempt, weight)
