@@ -18,6 +18,7 @@ BENCHMARKS = {
     "localizer_times": "benchmarks.localizer_times",
     "frame_to_frame": "benchmarks.frame_to_frame",
     "end_to_end": "benchmarks.end_to_end",
+    "faults": "benchmarks.faults",
     "rendering": "benchmarks.rendering",
     "long_drive": "benchmarks.long_drive",
     "calibration": "benchmarks.calibration",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from typed_params import group, param, parameters
 
 
@@ -13,7 +15,6 @@ class LightParams:
     sun_elevation_deg: float = param(43.0, "height of the sun above the horizon", "deg", low=3.0, high=90.0)
     has_shadows: bool = param(True, "whether things cast shadows")
     exposure: float = param(0.85, "factor from radiance to the range of the grey levels", low=0.0)
-    gamma: float = param(2.2, "grey level = 255 radiance^(1/gamma)", low=0.2, high=5.0)
     hour: float = param(
         0.0, "solar time in hours that decides where the sun is; 0: the two angles do", low=0.0, high=24.0
     )
@@ -21,23 +22,26 @@ class LightParams:
     clouds: float = param(0.0, "share of the sun's light that passing clouds take", low=0.0, high=1.0)
     cloud_period: float = param(90.0, "time from cloud to cloud, about", "s", low=1.0)
 
+    gamma: ClassVar[float] = 2.2  # grey level = 255 radiance^(1/gamma)
+
 
 @parameters
 class ExposureParams:
     """What a camera does to the brightness and colour of its images by itself."""
 
     is_automatic: bool = param(False, "the exposure follows the mean grey level of the images")
-    target: float = param(115.0, "mean grey level that it aims at", "grey level", low=1.0, high=254.0)
     delay: float = param(0.1, "from an image to the first exposure that heeds it", "s", low=0.0, high=10.0)
     time_constant: float = param(0.4, "the exposure follows as a first-order lag", "s", low=0.0, high=100.0)
-    range: float = param(8.0, "largest factor of the automatic exposure, up and down", low=1.0, high=1000.0)
     white_balance: float = param(0.0, "standard deviation of the share of red and blue", low=0.0, high=0.5)
     white_balance_period: float = param(40.0, "time in which the white balance drifts", "s", low=0.1)
     shutter: float = param(
         0.0, "how long the shutter is open around the stamp; 0: no motion blur", "s", low=0.0, high=1.0
     )
-    shutter_samples: int = param(6, "instants of which a blurred image is the mean", low=2, high=64)
     dropout: float = param(0.0, "share of the images that are lost, at random", low=0.0, high=0.95)
+
+    target: ClassVar[float] = 115.0  # mean grey level that it aims at, grey level
+    range: ClassVar[float] = 8.0  # largest factor of the automatic exposure, up and down
+    shutter_samples: ClassVar[int] = 6  # instants of which a blurred image is the mean
 
 
 @parameters
@@ -46,14 +50,15 @@ class TrafficParams:
 
     is_on: bool = param(False, "whether anything moves but the car")
     cars: int = param(12, "moving cars", low=0, high=200)
-    trams: int = param(1, "trams of three sections", low=0, high=20)
     bicycles: int = param(6, "cyclists", low=0, high=200)
     pedestrians: int = param(40, "pedestrians", low=0, high=500)
-    car_speed: float = param(5.0, "mean speed of cars and trams", "m/s", low=0.0, high=20.0)
-    bicycle_speed: float = param(3.5, "mean speed of cyclists", "m/s", low=0.0, high=15.0)
-    walking_speed: float = param(1.3, "mean speed of pedestrians", "m/s", low=0.0, high=3.0)
     seed: int = param(0, "decides who is under way, together with the seed of the town", low=0)
     may_cross: bool = param(False, "traffic may cross the path; who would touch the car is not there")
+
+    car_speed: ClassVar[float] = 5.0  # mean speed of cars and trams, m/s
+    bicycle_speed: ClassVar[float] = 3.5  # mean speed of cyclists, m/s
+    walking_speed: ClassVar[float] = 1.3  # mean speed of pedestrians, m/s
+    trams: ClassVar[int] = 1  # trams of three sections
 
 
 @parameters
@@ -74,12 +79,13 @@ class VehicleParams:
     front: float = param(1.55, "from the rear axle to the front end of the body", "m", low=0.0)
     rear: float = param(0.35, "from the rear axle to the rear end of the body", "m", low=0.0)
     width: float = param(1.2, "width of the body", "m", low=0.05)
-    max_speed: float = param(5.0, "largest speed forward", "m/s", low=0.0)
-    max_reverse_speed: float = param(2.0, "largest speed in reverse", "m/s", low=0.0)
-    max_acceleration: float = param(1.5, "largest gain of speed", "m/s^2", low=0.01)
-    max_deceleration: float = param(4.0, "largest loss of speed", "m/s^2", low=0.01)
     max_steering_angle: float = param(0.45, "largest angle of the (virtual) front wheel", "rad", low=0.01, high=1.4)
     max_steering_rate: float = param(0.7, "largest rate of the steering angle", "rad/s", low=0.01)
+
+    max_reverse_speed: ClassVar[float] = 2.0  # largest speed in reverse, m/s
+    max_acceleration: ClassVar[float] = 1.5  # largest gain of speed, m/s^2
+    max_deceleration: ClassVar[float] = 4.0  # largest loss of speed, m/s^2
+    max_speed: ClassVar[float] = 5.0  # largest speed forward, m/s
 
 
 @parameters
@@ -116,13 +122,14 @@ class CameraParams:
     k1: float = param(-0.05, "radial distortion of a lens", low=-1.0, high=1.0)
     k2: float = param(0.01, "radial distortion of a lens, second coefficient", low=-1.0, high=1.0)
     x: float = param(1.0, "place on the car, forward of the rear axle", "m")
-    y: float = param(0.0, "place on the car, to the left", "m")
     z: float = param(1.6, "height above the ground", "m", low=0.05)
     pitch_deg: float = param(4.0, "looking down", "deg", low=-60.0, high=60.0)
     vignetting: float = param(0.0, "share of the light lost in the corners of a lens", low=0.0, high=0.95)
     noise: float = param(1.2, "standard deviation of the read-out noise", "grey level", low=0.0)
     shot_noise: float = param(0.012, "variance of the shot noise over the grey level", "grey level", low=0.0)
     exposure: ExposureParams = group(ExposureParams)
+
+    y: ClassVar[float] = 0.0  # place on the car, to the left, m
 
 
 @parameters
@@ -133,11 +140,12 @@ class SphereParams:
     distance: float = param(0.5, "way between two spheres; 0: by time", "m", low=0.0)
     period: float = param(0.0, "time between two spheres; 0: by way", "s", low=0.0)
     width: int = param(1024, "columns of the whole sphere, twice the rows", "px", low=32, high=8192)
-    x: float = param(0.4, "place on the car, forward of the rear axle", "m")
-    y: float = param(0.0, "place on the car, to the left", "m")
-    z: float = param(1.8, "height above the ground", "m", low=0.05)
-    noise: float = param(0.8, "standard deviation of the read-out noise", "grey level", low=0.0)
-    shot_noise: float = param(0.006, "variance of the shot noise over the grey level", "grey level", low=0.0)
+
+    x: ClassVar[float] = 0.4  # place on the car, forward of the rear axle, m
+    y: ClassVar[float] = 0.0  # place on the car, to the left, m
+    z: ClassVar[float] = 1.8  # height above the ground, m
+    noise: ClassVar[float] = 0.8  # standard deviation of the read-out noise, grey level
+    shot_noise: ClassVar[float] = 0.006  # variance of the shot noise over the grey level, grey level
 
 
 @parameters
@@ -147,26 +155,27 @@ class RigParams:
     kind: str = param("none", "arrangement of the cameras", choices=("none", "vertical", "ring"))
     publish: str = param("teach", "when to publish images", choices=("teach", "always", "never"))
     distance: float = param(0.5, "way between two captures; 0: by time", "m", low=0.0)
-    period: float = param(0.0, "time between two captures; 0: by way", "s", low=0.0)
     model: str = param("fisheye", "lens", choices=("pinhole", "fisheye"))
     width: int = param(544, "columns of each camera", "px", low=16, high=8192)
     height: int = param(544, "rows of each camera", "px", low=16, high=8192)
     view_deg: float = param(190.0, "horizontal field of view of each camera", "deg", low=30.0, high=280.0)
-    k1: float = param(-0.02, "radial distortion of the lens", low=-1.0, high=1.0)
-    k2: float = param(0.002, "radial distortion of the lens, second coefficient", low=-1.0, high=1.0)
     baseline: float = param(0.3, "from each camera to the one below it, or to the next of the ring", "m", low=0.01)
-    radius: float = param(0.03, "from the mast of the vertical rig to its cameras", "m", low=0.0)
     tolerance: float = param(1.0, "times 1 mm, 0.3 deg, 0.3 % of the focal length: where each is mounted", low=0.0)
     x: float = param(0.4, "place of the upper cameras' middle on the car, forward of the rear axle", "m")
-    y: float = param(0.0, "place on the car, to the left", "m")
     z: float = param(1.8, "height above the ground", "m", low=0.05)
     vignetting: float = param(0.0, "share of the light lost in the corners of a lens", low=0.0, high=0.95)
-    noise: float = param(0.8, "standard deviation of the read-out noise", "grey level", low=0.0)
-    shot_noise: float = param(0.006, "variance of the shot noise over the grey level", "grey level", low=0.0)
     exposure_group: str = param("rig", "who has one exposure", choices=("rig", "level", "camera"))
     rolling_dropout: float = param(0.0, "each camera in turn is silent for so long; 0: none", "s", low=0.0)
     file: str = param("", "write the rig's true description to this file at the start; empty: nowhere")
     exposure: ExposureParams = group(ExposureParams)
+
+    y: ClassVar[float] = 0.0  # place on the car, to the left, m
+    radius: ClassVar[float] = 0.03  # from the mast of the vertical rig to its cameras, m
+    shot_noise: ClassVar[float] = 0.006  # variance of the shot noise over the grey level, grey level
+    noise: ClassVar[float] = 0.8  # standard deviation of the read-out noise, grey level
+    k1: ClassVar[float] = -0.02  # radial distortion of the lens
+    k2: ClassVar[float] = 0.002  # radial distortion of the lens, second coefficient
+    period: ClassVar[float] = 0.0  # time between two captures; 0: by way, s
 
 
 @parameters
@@ -174,10 +183,6 @@ class ImuParams:
     """An inertial sensor with the axes of the car; noise is that of one message."""
 
     is_on: bool = param(False, "publish readings")
-    period: float = param(0.01, "time between two readings", "s", low=0.001)
-    x: float = param(0.4, "place on the car, forward of the rear axle", "m")
-    y: float = param(0.0, "place on the car, to the left", "m")
-    z: float = param(0.5, "height above the ground", "m")
     acceleration_noise: float = param(0.03, "standard deviation of the acceleration", "m/s^2", low=0.0)
     acceleration_bias: float = param(0.02, "standard deviation of its bias, drawn once an axis", "m/s^2", low=0.0)
     acceleration_walk: float = param(0.0005, "standard deviation of its random walk after 1 s", "m/s^2", low=0.0)
@@ -186,44 +191,52 @@ class ImuParams:
     rate_walk: float = param(0.00002, "standard deviation of its random walk after 1 s", "rad/s", low=0.0)
     orientation_noise_deg: float = param(0.2, "standard deviation of the orientation", "deg", low=0.0)
 
+    x: ClassVar[float] = 0.4  # place on the car, forward of the rear axle, m
+    y: ClassVar[float] = 0.0  # place on the car, to the left, m
+    z: ClassVar[float] = 0.5  # height above the ground, m
+    period: ClassVar[float] = 0.01  # time between two readings, s
+
 
 @parameters
 class ScanParams:
     """A laser scanner in a plane parallel to the wheels' contact points; it does not see the car itself."""
 
     is_on: bool = param(False, "publish scans")
-    period: float = param(0.1, "time between two scans", "s", low=0.001)
     first_deg: float = param(-135.0, "direction of the first ray, positive to the left", "deg", low=-180.0, high=180.0)
     last_deg: float = param(135.0, "direction of the last ray", "deg", low=-180.0, high=180.0)
     num_rays: int = param(541, "rays of a scan", low=2, high=100000)
-    min_range: float = param(0.05, "shortest range", "m", low=0.0)
     max_range: float = param(30.0, "longest range", "m", low=0.1)
     noise: float = param(0.01, "standard deviation of the range", "m", low=0.0)
     x: float = param(1.5, "place on the car, forward of the rear axle", "m")
-    y: float = param(0.0, "place on the car, to the left", "m")
     z: float = param(0.6, "height above the ground", "m", low=0.02)
+
+    y: ClassVar[float] = 0.0  # place on the car, to the left, m
+    min_range: ClassVar[float] = 0.05  # shortest range, m
+    period: ClassVar[float] = 0.1  # time between two scans, s
 
 
 @parameters
 class TeachParams:
     """The drive that the simulator does by itself, like a careful human."""
 
-    delay: float = param(2.0, "simulated time before the car starts, for recorders to be ready", "s", low=0.0)
     speed: float = param(1.4, "speed on straight road", "m/s", low=0.05)
-    acceleration: float = param(0.5, "gain and loss of speed", "m/s^2", low=0.05)
-    lateral_acceleration: float = param(0.35, "largest lateral acceleration in bends", "m/s^2", low=0.01)
     wander: float = param(0.05, "largest distance from the planned path on purpose", "m", low=0.0, high=1.0)
-    look_ahead: float = param(1.2, "the driver steers towards the path this far ahead", "m", low=0.2)
+
+    delay: ClassVar[float] = 2.0  # simulated time before the car starts, for recorders to be ready, s
+    look_ahead: ClassVar[float] = 1.2  # the driver steers towards the path this far ahead, m
+    acceleration: ClassVar[float] = 0.5  # gain and loss of speed, m/s^2
+    lateral_acceleration: ClassVar[float] = 0.35  # largest lateral acceleration in bends, m/s^2
 
 
 @parameters
 class ClockParams:
     """How simulated time passes."""
 
-    step: float = param(0.01, "simulated time of one step", "s", low=0.001, high=0.1)
     is_lock_step: bool = param(True, "after an image wait for a command with its stamp or a later one")
     max_wait: float = param(3.0, "wall time to wait for a command; then the clock runs on", "s", low=0.0)
     real_time_factor: float = param(1.0, "simulated over wall time where nothing waits; 0: no limit", low=0.0)
+
+    step: ClassVar[float] = 0.01  # simulated time of one step, s
 
 
 @parameters

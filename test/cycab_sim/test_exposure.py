@@ -9,7 +9,7 @@ from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import Command
 
 GAMMA, TENTH = 2.2, 100_000_000
-AUTOMATIC = ExposureParams(is_automatic=True, target=115.0, delay=0.2, time_constant=0.5)
+AUTOMATIC = ExposureParams(is_automatic=True, delay=0.2, time_constant=0.5)
 
 
 def grey(radiance, gain):
@@ -42,8 +42,9 @@ def test_the_exposure_comes_to_its_target_after_its_delay():
     assert levels[99] == pytest.approx(115.0, abs=1.0)
 
 
-def test_the_range_of_the_exposure_ends_somewhere():
-    levels = run(Exposure(replace(AUTOMATIC, range=2.0), GAMMA, (1, 2)), [0.001] * 60)
+def test_the_range_of_the_exposure_ends_somewhere(monkeypatch):
+    monkeypatch.setattr(ExposureParams, "range", 2.0)
+    levels = run(Exposure(AUTOMATIC, GAMMA, (1, 2)), [0.001] * 60)
     assert levels[-1] == pytest.approx(grey(0.001, 2.0)[0, 0], rel=1e-2)
 
 

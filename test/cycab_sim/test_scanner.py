@@ -53,10 +53,11 @@ def test_noise_has_the_size_asked_for_and_depends_on_the_scan(measure):
     assert not np.array_equal(first, later)
 
 
-def test_out_of_reach_is_infinite_and_too_close_negative(measure):
+def test_out_of_reach_is_infinite_and_too_close_negative(measure, monkeypatch):
     far = Scanner(replace(EXACT, max_range=4.9), 1).scan(measure, SE3.identity(), 0, 0)
     assert np.all(np.isposinf(far.ranges))
-    near = Scanner(replace(EXACT, min_range=5.05), 1).scan(measure, SE3.identity(), 0, 0)
+    monkeypatch.setattr(ScanParams, "min_range", 5.05)
+    near = Scanner(EXACT, 1).scan(measure, SE3.identity(), 0, 0)
     assert np.isneginf(near.ranges[90])
 
 

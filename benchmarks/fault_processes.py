@@ -1,0 +1,117 @@
+"""Follower processes that are ended by a signal while they drive: did the vehicle see zero, and when?
+
+A small process imports the node once and forks a follower for each signal, so that hundreds take minutes.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+FORK = """
+import os, sys
+import path_follower.node, node_kit.run
+for line in sys.stdin:
+    pid = os.fork()
+    if pid == 0:
+        os._exit(node_kit.run.run(path_follower.node.PathFollowerNode, line.split()))
+    print(pid, flush=True)
+    print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
+"""
+PATIENCE = 30.0  # s for a follower to come up and drive
+AFTER = 0.3  # s after the end of the process in which a last command may still arrive
+
+
+def signalled(name: str, count: int) -> tuple[int, float]:
+    """Send the signal to `count` driving followers; return how many left the vehicle at zero, and the slowest in s."""
+    import rclpy
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "path.csv"
+        path.write_text("\n".join(f"{x},0" for x in range(80)), encoding="utf-8")
+        with subprocess.Popen([sys.executable, "-P", "-c", FORK], stdin=-1, stdout=-1, text=True) as nursery:
+            rclpy.init()
+            try:
+                vehicle = _Vehicle(nursery, f"--ros-args -p trajectory:={path} --log-level fatal")
+                delays = [vehicle.end_by(getattr(signal, name)) for _ in range(count)]
+            finally:
+                rclpy.try_shutdown()
+                assert nursery.stdin is not None
+                nursery.stdin.close()
+    return sum(np.isfinite(delays)), max(delays)
+
+
+class _Vehicle:
+    """Publishes poses, obeys commands, remembers when the last one came."""
+
+    def __init__(self, nursery: subprocess.Popen[str], arguments: str) -> None:
+        import rclpy
+        from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+        from sphere_nav_msgs.msg import LocalizationStatus
+        from std_srvs.srv import Trigger
+
+        from node_kit import qos
+
+        self.nursery, self.arguments = nursery, arguments
+        self.node = rclpy.create_node("vehicle")
+        self.node.create_subscription(Twist, "cmd_vel", self._obey, qos.COMMAND)
+        self.poses = self.node.create_publisher(PoseWithCovarianceStamped, "pose", qos.STATE)
+        self.states = self.node.create_publisher(LocalizationStatus, "status", qos.STATE)
+        self.start, self.request = self.node.create_client(Trigger, "path_follower/start"), Trigger.Request()
+        self.x = self.speed = self.arrival = 0.0
+
+    def _obey(self, message: object) -> None:
+        self.speed, self.arrival = message.linear.x, time.monotonic()  # type: ignore[attr-defined]
+
+    def end_by(self, number: int) -> float:
+        """Let a follower drive, send it the signal; return the time until zero, infinite where the last was not."""
+        stdin, stdout = self.nursery.stdin, self.nursery.stdout
+        assert stdin is not None
+        assert stdout is not None
+        stdin.write(self.arguments + "\n")
+        stdin.flush()
+        pid = int(stdout.readline())
+        self.x = self.speed = 0.0
+        self._drive_up()
+        sent = time.monotonic()
+        os.kill(pid, number)
+        while not (self.speed == 0.0 and time.monotonic() - sent > AFTER) and time.monotonic() - sent < 2.0 + AFTER:
+            self._spin(0.01)
+        stdout.readline()  # the process has ended
+        self._spin(AFTER)
+        return self.arrival - sent if self.speed == 0.0 else float("inf")
+
+    def _drive_up(self) -> None:
+        end, answer = time.monotonic() + PATIENCE, None
+        while self.speed < 0.3:
+            if time.monotonic() > end:
+                raise RuntimeError("path_follower: expected it to drive, found it standing")
+            self._speak()
+            self._spin(0.04)
+            if answer is None or (answer.done() and not answer.result().success):
+                answer = self.start.call_async(self.request) if self.start.service_is_ready() else None
+
+    def _speak(self) -> None:
+        from localization.status import State, Status
+        from node_kit.conversions import se3_to_pose_with_covariance, status_to_message
+        from sphere_geometry import SE3
+
+        stamp = self.node.get_clock().now().nanoseconds
+        self.x += self.speed * 0.04
+        self.states.publish(status_to_message(Status(State.TRACKING), stamp, "map"))
+        pose = SE3.from_planar(self.x, 0.0, 0.0)
+        self.poses.publish(se3_to_pose_with_covariance(pose, 1e-4 * np.eye(6), stamp, "map"))
+
+    def _spin(self, seconds: float) -> None:
+        import rclpy
+
+        end = time.monotonic() + seconds
+        while (left := end - time.monotonic()) > 0:
+            rclpy.spin_once(self.node, timeout_sec=left)
