@@ -8,8 +8,10 @@ from numba import config, set_num_threads
 from kernel_cache.kernels import njit, prange
 
 SCALE = 16.0  # pyramids are int16 with four bits below the point
+ONE_SURFACE = 1.1  # ratio of ranges around a pixel up to which they are of one surface
 NUM_DISPARITIES = 48  # searched at each level: a constant, so that the loops over them become vectors
 COST_CAP = 200  # quarter grey levels: the largest difference of two pixels that counts
+COST_NOISE = 4  # quarter grey levels: added to every difference, so that noise decides nothing
 
 
 @njit(cache=True, nogil=True)
@@ -77,16 +79,19 @@ def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, u, v):
 
 
 @njit(cache=True, nogil=True)
-def cost_ratio(top, bottom, disparity, first, radius, ratio):
+def cost_ratio(top, low, high, disparity, first, radius, ratio):
     """Write the least cost of a block elsewhere over its cost at the disparity to ratio (W, H) f32; NaN unknown.
 
-    top (W + 2 radius, H) i16: columns one after the other. bottom (W + 2 radius, H + NUM_DISPARITIES - 1) i16: alike,
-    from the lowest row upwards, continued so that row v - first of the image is at H - 1 - v. disparity (W, H) f32.
-    The cost of a block of (2 radius + 1)^2 px is the sum of absolute differences up to COST_CAP; disparities from
-    `first` on are compared, those within two of the given one not being elsewhere. 9 x 9 px stay within int16.
+    top (W + 2 radius, H) i16: columns one after the other. low, high (W + 2 radius, H + NUM_DISPARITIES - 1) i16: the
+    least and largest level of the lower image half a pixel up and down, alike, from the lowest row upwards, continued
+    so that row v - first of the image is at H - 1 - v. disparity (W, H) f32. The cost of a block of (2 radius + 1)^2 px
+    is the sum of how far levels are outside of these (Birchfield and Tomasi 1998: no disparity gains by where it falls
+    between pixels), up to COST_CAP, and of COST_NOISE; disparities from `first` on are compared, those within two of
+    the given one not being elsewhere. 9 x 9 px stay within int16.
     """
     width, height = ratio.shape
-    cap, large = np.int16(COST_CAP), np.int16(32767)
+    zero, cap, large = np.int16(0), np.int16(COST_CAP), np.int16(32767)
+    floor = np.float32(COST_NOISE * (2 * radius + 1) ** 2)
     sums, block = np.zeros((height, NUM_DISPARITIES), np.int16), np.zeros(NUM_DISPARITIES, np.int16)
     far = np.zeros((NUM_DISPARITIES, NUM_DISPARITIES), np.int16)  # the largest number within two of the diagonal
     for k in range(NUM_DISPARITIES):
@@ -97,12 +102,13 @@ def cost_ratio(top, bottom, disparity, first, radius, ratio):
             begin = height - 1 - v
             level, row = top[new, v], sums[v]
             for k in range(NUM_DISPARITIES):
-                row[k] += min(abs(np.int16(level - bottom[new, begin + k])), cap)
+                above = max(np.int16(level - high[new, begin + k]), np.int16(low[new, begin + k] - level))
+                row[k] += min(max(above, zero), cap)
             if old >= 0:
                 level = top[old, v]
                 for k in range(NUM_DISPARITIES):
-                    less = np.int16(level - bottom[old, begin + k])
-                    row[k] -= min(max(less, np.int16(-less)), cap)
+                    above = max(np.int16(level - high[old, begin + k]), np.int16(low[old, begin + k] - level))
+                    row[k] -= min(max(above, zero), cap)
         if u < 0:
             continue
         block[:] = 0
@@ -124,7 +130,7 @@ def cost_ratio(top, bottom, disparity, first, radius, ratio):
                 away = far[at]
                 for k in range(NUM_DISPARITIES):
                     elsewhere = min(elsewhere, np.int16(block[k] | away[k]))
-                ratio[u, v] = np.float32(elsewhere) / max(np.float32(here), np.float32(1.0))
+                ratio[u, v] = (np.float32(elsewhere) + floor) / (np.float32(here) + floor)
             for k in range(NUM_DISPARITIES):
                 block[k] -= last[k]
 
@@ -170,7 +176,8 @@ def step_row(sums, radius, limits, start, disparity, information, left):
 
     sums (6, W) i32: of the terms over the rows of the block; limits: largest step in px, least pixels of a block,
     variance of a grey level, variance of a match in px^2; start (W,) f32: the match. information (W,) f32: 1 / variance
-    of the result; left (W,) f32: mean squared difference that is left, over what noise and contrast allow.
+    of the result by the slopes and by what is left, not by the match; left (W,) f32: mean squared difference that is
+    left, over what noise and contrast allow.
     """
     limit, least, noise, prior = limits
     zero, one, per_level = np.float32(0.0), np.float32(1.0), np.float32(1.0 / SCALE)
@@ -195,9 +202,10 @@ def step_row(sums, radius, limits, start, disparity, information, left):
             ee = np.float32(f) * share * per_square - e * e
             seen = ss * np.float32(n) * np.float32(0.5) / noise
             wanted = se / max(ss, np.float32(1e-3))
-            information[u] = seen + one / prior
-            step = (seen * wanted + (start[u] - disparity[u]) / prior) / information[u]
-            left[u] = max(ee - wanted * se, zero) / (np.float32(2.0) * (noise + ss))
+            step = (seen * wanted + (start[u] - disparity[u]) / prior) / (seen + one / prior)
+            residual = max(ee - wanted * se, zero) * np.float32(0.5)
+            left[u] = residual / (noise + ss)
+            information[u] = ss * np.float32(n) * np.float32(0.5) / max(residual, noise)
             disparity[u] += min(max(step, -limit), limit)
         n, a, b = n - sums[0, old], a - sums[1, old], b - sums[2, old]
         c, d, f = c - sums[3, old], d - sums[4, old], f - sums[5, old]
@@ -339,16 +347,19 @@ def splat_with_std(u, v, range_m, std_m, half, wraps, nearest, nearest_std):
 
 
 @njit(cache=True, nogil=True)
-def splat_window(range_m, std_m, rays, pixels, offset, nearest, nearest_std):
-    """Write ranges (h, w) f32 seen from a place beside the centre of a sphere to its pixels, keeping the nearest.
+def splat_window(range_m, std_m, rays, pixels, offset, nearest, sums):
+    """Add ranges (h, w) f32 seen from a place beside the centre of a sphere to sums (4, H, W) f32 of its pixels.
 
     rays (h, w, 3) f32: directions in the frame of the sphere; pixels (h, w, 2) f32: where the sphere (H, W) has these
-    directions; offset (3,) f32: the place, m. nearest (H, W) f32 starts as +Inf, nearest_std as NaN. Range is as from
-    the centre. A range covers the four pixels around its own.
+    directions; offset (3,) f32: the place, m. Range is as from the centre. A range counts in the four pixels around
+    its own, the more the nearer. Called first with `sums` of one row, it lowers nearest (H, W) f32, which starts as
+    +Inf; then it adds what is not behind it: weight, and weighted range, std by range, and square beyond
+    the nearest.
     """
     height, width = nearest.shape
     x0, y0, z0 = offset[0], offset[1], offset[2]
     per_column, per_row = np.float32(width / (2 * np.pi)), np.float32(height / np.pi)
+    is_first = sums.shape[0] == 1
     for i in range(range_m.shape[0]):
         for j in range(range_m.shape[1]):
             r = range_m[i, j]
@@ -364,9 +375,16 @@ def splat_window(range_m, std_m, rays, pixels, offset, nearest, nearest_std):
             for dy in range(2):
                 for dx in range(2):
                     b, a = row + dy, (column + dx) % width
-                    if b >= 0 and b < height and distance < nearest[b, a]:
-                        nearest[b, a] = distance
-                        nearest_std[b, a] = std_m[i, j]
+                    if b < 0 or b >= height:
+                        continue
+                    if is_first:
+                        nearest[b, a] = min(nearest[b, a], distance)
+                    elif distance <= nearest[b, a] * ONE_SURFACE:
+                        weight = (1.0 - abs(u - column - dx)) * (1.0 - abs(v - b)) + np.float32(1e-3)
+                        sums[0, b, a] += weight
+                        sums[1, b, a] += weight * distance
+                        sums[2, b, a] += weight * std_m[i, j] / r
+                        sums[3, b, a] += weight * (distance - nearest[b, a]) ** 2
 
 
 @njit(cache=True, nogil=True)
@@ -520,13 +538,13 @@ def warm_up() -> None:
     level = np.zeros((4, 4), np.uint8)
     align_along_columns(level, level, plane, np.ones(4, np.float32), 1, plane.copy(), out, out.copy())
     above, below = np.zeros((6, 8), np.int16), np.zeros((6, 7 + NUM_DISPARITIES), np.int16)
-    cost_ratio(above, below, np.zeros((4, 8), np.float32), -1, 1, np.empty((4, 8), np.float32))
+    cost_ratio(above, below, below, np.zeros((4, 8), np.float32), -1, 1, np.empty((4, 8), np.float32))
     smooth(plane, 1, np.float32(1.0), np.float32(0.1), plane.copy(), out)
     triangulate(plane, plane, 0.1, 0.0, 0.3, (0.1, 0.1, 100.0), out, out.copy())
     line = np.zeros(1, np.float32)
     splat_with_std(line, line, line, line, 0, True, plane.copy(), plane.copy())
     rays, pixels = np.ones((4, 4, 3), np.float32), np.zeros((4, 4, 2), np.float32)
-    splat_window(plane, plane, rays, pixels, np.zeros(3, np.float32), plane.copy(), plane.copy())
+    splat_window(plane, plane, rays, pixels, np.zeros(3, np.float32), plane.copy(), np.zeros((1, 4, 4), np.float32))
     fuse(np.ones((1, 4, 4), np.float32), np.ones((1, 4, 4), np.float32), 3.0, 3.0, 0.1, out, out.copy())
     unit, owner = np.zeros((2, 4), np.float32), np.zeros((4, 4), np.int8)
     recentre(plane, plane, owner, np.zeros((1, 3), np.float32), unit, unit, out, out.copy())

@@ -17,38 +17,27 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.kernels import NUM_DISPARITIES, align_along_columns, cost_ratio, smooth
+from sphere_mapping.acquisition.kernels import NUM_DISPARITIES, align_along_columns, smooth
 from sphere_mapping.acquisition.params import MatchParams
-
-Plane = NDArray[np.float32]
-Image = NDArray[np.uint8]
+from sphere_mapping.acquisition.semi_global import NUM_STRIPS, Image, Plane, find_clear_matches, is_clear
 
 MAX_WIDTH = 1280  # columns up to which images are matched as they are; wider ones are halved
-BLOCK_SIZE = 5  # px, side of the matched block
-SMOOTHNESS, JUMP_PENALTY = 8 * BLOCK_SIZE**2, 32 * BLOCK_SIZE**2  # of a step of disparity by 1, of a larger one
-UNIQUENESS = 5  # %, margin of the best smoothed cost over the second
-MAX_LEFT_RIGHT_PX = 1  # disagreement allowed between both directions
-SPECKLE_SIZE, SPECKLE_RANGE = 60, 2  # px: smaller islands of disparity, separated by larger steps, are removed
-SATURATION = 31  # preFilterCap of the matcher
-SGBM_SCALE = 16.0  # the matcher's disparities are sixteenths of a pixel
-AROUND = 32  # columns beyond the seam that the matcher sees, so that it knows no seam
-NUM_STRIPS = 2  # of a whole sphere, whatever the number of threads, so that the result does not depend on it
 
 MIN_SIDE = 64  # px, of the coarsest level
 BEYOND_PX = 3  # disparities this near to the largest of a level are left to the next coarser one
 
-COST_RADIUS = 4  # px, half side of the block whose cost is compared over all disparities
-COST_MEAN = 9  # px, side of the square whose mean grey level is taken away before
-MIN_COST_RATIO = 1.35  # of the least cost elsewhere to that of the match
+MIN_COARSE_RATIO = 1.2  # of the least cost elsewhere to that of a match, seen at coarser levels
 
 EDGE_PX = 3  # matches this near to a jump are not trusted
 JUMP_PX, JUMP_SHARE = 0.6, 0.1  # least step of disparity over that neighbourhood that is a jump: px, by the disparity
+UNKNOWN_SIDE, FROM_UNKNOWN = 7, 2  # px: side of an unknown region that counts, and how far one keeps off it
 REFINE_RADIUS, REFINE_STEPS = 3, 2  # half side in px of the blocks that are aligned, and how often
 STEP_LIMIT = 0.5  # px, largest step of the refinement
 MATCH_PX = 0.3  # standard deviation of a match: holds the refinement where there is little texture
 MIN_BLOCK_SHARE = 0.2  # of a block's pixels must have a match
 MAX_REFINEMENT = 1.6  # px; a block that wants to go farther from its match is not trusted
 MAX_RESIDUAL = 1.0  # grey-level variance left in a block, by that of noise and contrast
+STD_FACTOR = 1.3  # errors of neighbours are not independent: of the deviation that the residual alone gives
 SMOOTH_LIMIT, SMOOTH_SHARE = 1.0, 0.03  # px, and by the disparity: neighbours that differ more are not averaged
 UNKNOWN_PX = 1e4  # stands for unknown where the largest or least is looked for
 
@@ -83,7 +72,9 @@ def match_columns(
     halvings = max(int(np.ceil(np.log2(top.shape[1] / MAX_WIDTH))), 0)
     coarse = _match_levels(top, bottom, search, halvings, jobs)
     coarse = _smoothed_around(coarse, search.is_whole)
-    coarse[_at_jumps(coarse, edge_px, is_whole=search.is_whole)] = np.nan
+    coarse[_at_jumps(coarse, edge_px, is_whole=search.is_whole) | _at_unknown(coarse, is_whole=search.is_whole)] = (
+        np.nan
+    )
     for _ in range(halvings):
         coarse = _double(coarse)
     coarse = _fit(coarse, top.shape)
@@ -92,72 +83,37 @@ def match_columns(
 
 
 def _match_levels(top: Image, bottom: Image, search: Search, halvings: int, jobs: int) -> Plane:
-    """Return the disparity at a level: what it can reach itself, and what is nearer from coarser levels."""
-    images = [top, bottom]
-    for _ in range(halvings):
-        images = [_halve(image, search.is_whole) for image in images]
-    scale = 2.0**-halvings
-    first = int(np.floor(search.first_px * scale))
-    last = first + NUM_DISPARITIES - 1
-    found = match_semi_globally(images[0], images[1], first, is_whole=search.is_whole, jobs=jobs)
-    is_reached = search.last_px * scale <= last or min(images[0].shape) < 2 * MIN_SIDE
-    found = _with_clear_cost(images[0], images[1], found, first, is_whole=search.is_whole, jobs=jobs)
-    if is_reached:
-        return found
-    nearer = _fit(_double(_match_levels(top, bottom, search, halvings + 1, jobs)), found.shape)
-    is_beyond = nearer > last - BEYOND_PX
-    return np.where(is_beyond, nearer, found)
+    """Return the disparity at a level: what it can reach itself, and what is nearer from coarser levels.
+
+    A level sees a part of all disparities, in which what is repeated may seem clear: the coarser ones, which see all,
+    must find it clear, too.
+    """
+    levels = [[top, bottom]]
+    while len(levels) <= halvings or not _is_reached(search, len(levels) - 1, levels[-1][0]):
+        levels.append([_halve(image, search.is_whole) for image in levels[-1]])
+    levels = levels[halvings:]
+    firsts = [int(np.floor(search.first_px / 2 ** (halvings + k))) for k in range(len(levels))]
+    found = np.full((1, 1), np.nan, np.float32)
+    for k in reversed(range(len(levels))):
+        own = find_clear_matches(levels[k][0], levels[k][1], firsts[k], is_whole=search.is_whole, jobs=jobs)
+        nearer = _fit(_double(found), own.shape)
+        coarser = own
+        for n in range(k + 1, len(levels)):
+            coarser = _fit(coarser[::2, ::2] / np.float32(2), levels[n][0].shape)
+            is_sure = is_clear(
+                levels[n][0], levels[n][1], coarser, firsts[n], MIN_COARSE_RATIO, is_whole=search.is_whole, jobs=jobs
+            )
+            coarser = np.where(is_sure, coarser, np.float32(np.nan))
+            unsure = np.repeat(np.repeat(~is_sure, 2 ** (n - k), axis=0), 2 ** (n - k), axis=1)
+            own[_fit(unsure.astype(np.float32), own.shape) > 0] = np.nan
+        found = np.where(nearer > firsts[k] + NUM_DISPARITIES - 1 - BEYOND_PX, nearer, own)
+    return found
 
 
-def _with_clear_cost(top: Image, bottom: Image, disparity: Plane, first: int, *, is_whole: bool, jobs: int) -> Plane:
-    """Return the disparity (H, W) without what is not clearly the best of all disparities searched."""
-    margin, height = COST_RADIUS, disparity.shape[0]
-    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
-    above, below = (
-        cv2.copyMakeBorder(_without_mean(image, is_whole), 0, 0, margin, margin, border) for image in (top, bottom)
-    )
-    rows = np.clip(np.arange(height - 1 - first, -first - NUM_DISPARITIES, -1), 0, height - 1)
-    above, below, start = (np.ascontiguousarray(plane.T) for plane in (above, below[rows], disparity))
-    ratio = np.empty_like(start)
-    length = -(-len(start) // NUM_STRIPS)
-
-    def work(begin: int) -> None:
-        end = min(begin + length, len(start))
-        wide = slice(begin, end + 2 * margin)
-        cost_ratio(above[wide], below[wide], start[begin:end], first, margin, ratio[begin:end])
-
-    with ThreadPoolExecutor(jobs) as pool:
-        list(pool.map(work, range(0, len(start), length)))
-    ratio = ratio.T
-    return np.where(ratio >= MIN_COST_RATIO, disparity, np.float32(np.nan))
-
-
-def _without_mean(image: Image, is_whole: bool) -> NDArray[np.int16]:
-    """Return four times the grey levels (H, W) less the mean around them: exposure differs from camera to camera."""
-    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
-    padded = cv2.copyMakeBorder(image, 0, 0, COST_MEAN, COST_MEAN, border).astype(np.int16) * 4
-    less = padded - cv2.blur(padded, (COST_MEAN, COST_MEAN))
-    return less[:, COST_MEAN:-COST_MEAN]
-
-
-def match_semi_globally(top: Image, bottom: Image, first: int, *, is_whole: bool, jobs: int = 1) -> Plane:
-    """Return the checked disparity (H, W), NaN where both directions disagree, on islands and without a clear best."""
-    across = [np.ascontiguousarray(image.T) for image in (top, bottom)]  # columns become the matcher's rows
-    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
-    margin = NUM_DISPARITIES + first
-    around, number = (AROUND, NUM_STRIPS) if is_whole else (0, 1)
-    padded = [cv2.copyMakeBorder(image, around, around, 0, 0, border) for image in across]
-    padded = [cv2.copyMakeBorder(image, 0, 0, max(margin, 0), max(-first, 0), cv2.BORDER_REPLICATE) for image in padded]
-    length, last = -(-across[0].shape[0] // number), across[0].shape[0]
-    strips = [slice(k * length, min((k + 1) * length, last) + 2 * around) for k in range(number)]
-    with ThreadPoolExecutor(jobs) as pool:
-        found = list(pool.map(lambda strip: _matcher(first).compute(padded[0][strip], padded[1][strip]), strips))
-    raw = np.concatenate([part[around : len(part) - around] for part in found])
-    raw = raw[:, max(margin, 0) :][:, : across[0].shape[1]]
-    disparity = raw.astype(np.float32) / np.float32(SGBM_SCALE)
-    rows = np.arange(raw.shape[1], dtype=np.float32)
-    disparity[(raw < SGBM_SCALE * first) | (rows - disparity < 0)] = np.nan  # no match, or beyond the pole
-    return np.ascontiguousarray(disparity.T)
+def _is_reached(search: Search, halvings: int, image: Image) -> bool:
+    """Return whether a level sees all disparities, or is too small for another one below it."""
+    last = int(np.floor(search.first_px / 2**halvings)) + NUM_DISPARITIES - 1
+    return search.last_px / 2**halvings <= last or min(image.shape) < 2 * MIN_SIDE
 
 
 def refine(
@@ -193,12 +149,25 @@ def _refine_strip(top: Image, bottom: Image, start: Plane, margin: int, params: 
         align_along_columns(top, bottom, start, limits, REFINE_RADIUS, refined, information, left)
         refined = _smoothed(refined, spare)
     inner = slice(margin, -margin)
+    per_slope = _slope_across(top)[:, inner]
     refined, start, information, left = (plane[:, inner] for plane in (refined, start, information, left))
     with np.errstate(invalid="ignore", divide="ignore"):
         bad = ~(np.abs(refined - start) <= MAX_REFINEMENT) | ~(left <= MAX_RESIDUAL)
-        variance = np.maximum(left, 1.0) / information + params.calibration_px**2
+        variance = STD_FACTOR**2 / information + params.calibration_px**2 * (1 + per_slope)
     std = np.sqrt(variance).astype(np.float32)
     return np.where(bad, np.float32(np.nan), refined), np.where(bad, np.float32(np.nan), std)
+
+
+def _slope_across(image: Image) -> Plane:
+    """Return the mean squared slope across the columns of each block, by that along them.
+
+    Calibration leaves as much across as along: on a line that runs nearly along the column it becomes disparity.
+    """
+    side = (2 * REFINE_RADIUS + 1,) * 2
+    across, along = (
+        cv2.boxFilter(np.square(cv2.Sobel(image, cv2.CV_32F, *axis, ksize=3)), -1, side) for axis in ((1, 0), (0, 1))
+    )
+    return across / np.maximum(along, np.float32(1.0))
 
 
 def _smoothed(disparity: Plane, spare: Plane) -> Plane:
@@ -234,20 +203,15 @@ def _at_jumps(disparity: Plane, radius: int, *, is_whole: bool) -> NDArray[np.bo
     return (high - low > limit)[:, radius + 1 : -radius - 1]
 
 
-def _matcher(first: int) -> cv2.StereoSGBM:
-    return cv2.StereoSGBM_create(
-        minDisparity=first,
-        numDisparities=NUM_DISPARITIES,
-        blockSize=BLOCK_SIZE,
-        P1=SMOOTHNESS,
-        P2=JUMP_PENALTY,
-        disp12MaxDiff=MAX_LEFT_RIGHT_PX,
-        preFilterCap=SATURATION,
-        uniquenessRatio=UNIQUENESS,
-        speckleWindowSize=SPECKLE_SIZE,
-        speckleRange=SPECKLE_RANGE,
-        mode=cv2.STEREO_SGBM_MODE_SGBM,  # one thread, so the same bits every time
-    )
+def _at_unknown(disparity: Plane, *, is_whole: bool) -> NDArray[np.bool_]:
+    """Return the pixels next to a large unknown region: their blocks may see the border of what is before it."""
+    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    margin = UNKNOWN_SIDE
+    unknown = cv2.copyMakeBorder(np.isnan(disparity).astype(np.uint8), 0, 0, margin, margin, border)
+    square = np.ones((UNKNOWN_SIDE, UNKNOWN_SIDE), np.uint8)
+    large = cv2.morphologyEx(unknown, cv2.MORPH_OPEN, square)
+    near = cv2.dilate(large, np.ones((2 * FROM_UNKNOWN + 1, 2 * FROM_UNKNOWN + 1), np.uint8))
+    return near[:, margin:-margin] > 0
 
 
 def _halve(image: Image, is_whole: bool) -> Image:

@@ -122,11 +122,14 @@ def range_of_pair(pair: Pair, images: dict[str, Image], whole: Spherical, params
     disparity = match_columns(top, bottom, search, params.match, pair.is_usable, jobs, EDGE_PX)
     range_m, std_m = range_from_disparity(disparity, pair.window, pair.baseline_m, params.match)
     nearest = np.full((whole.height, whole.width), np.inf, np.float32)
-    nearest_std = np.full(nearest.shape, np.nan, np.float32)
+    sums = np.zeros((4, *nearest.shape), np.float32)
     offset = pair.T_sphere_pair.translation.astype(np.float32)
-    splat_window(range_m, std_m, pair.rays, pair.pixels, offset, nearest, nearest_std)
-    nearest[np.isinf(nearest)] = np.nan
-    return nearest, nearest_std
+    for number in (1, 4):  # which surface is the nearest, then its mean
+        splat_window(range_m, std_m, pair.rays, pair.pixels, offset, nearest, sums[:number])
+    weight = np.where(sums[0] > 0, sums[0], np.float32(np.nan))
+    mean, relative_std = sums[1] / weight, sums[2] / weight
+    spread = np.maximum(sums[3] / weight - (mean - nearest) ** 2, 0)  # of a slanted surface within a pixel
+    return mean, np.sqrt((mean * relative_std) ** 2 + spread)
 
 
 def _window(params: StitchParams) -> Spherical:

@@ -10,6 +10,7 @@ from sphere_geometry import SE3, Pinhole
 from sphere_map.sphere import T_BODY_OPTICAL, Image, Sphere, check_image
 from sphere_mapping.acquisition.matching import Disparity, Search, match_columns
 from sphere_mapping.acquisition.partial import full_width_of, resample_image, resample_nearest, resample_range
+from sphere_mapping.acquisition.plausibility import check_order
 from sphere_mapping.acquisition.window import window_of
 from sphere_mapping.params import PartialParams, StereoParams
 
@@ -61,6 +62,7 @@ def depth_from_stereo(
 def match(left: Image, right: Image, search: Search, params: StereoParams) -> Disparity:
     """Return the disparity of every pixel of the left image of a rectified pair (H, W[, 3]) uint8."""
     top, bottom = (np.ascontiguousarray(_grey(image).T) for image in (left, right))  # rows become columns
+    check_order(top, bottom, ("left", "right"), is_whole=False)
     found = match_columns(top, bottom, search, params, np.ones(top.shape, np.bool_))
     return Disparity(np.ascontiguousarray(found.value.T), np.ascontiguousarray(found.std.T))
 

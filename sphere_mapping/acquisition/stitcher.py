@@ -31,6 +31,7 @@ from sphere_mapping.acquisition.fusion import Ranged, fill, fuse_sources, range_
 from sphere_mapping.acquisition.matching import match_columns
 from sphere_mapping.acquisition.pairs import pairs_of, range_of_pair, why_no_pair
 from sphere_mapping.acquisition.params import RectifyParams, StitchParams
+from sphere_mapping.acquisition.plausibility import check_order
 from sphere_mapping.acquisition.rectification import Matches, matches_of
 from sphere_mapping.acquisition.views import Layout, RigView, border_of, layout_of
 
@@ -78,6 +79,7 @@ class Stitcher:
         self._overlaps = (
             overlaps_of(list(self._rig_views.values()), self.whole, blend.distance_m) if blend.has_gains else []
         )
+        self._has_order = False
         self._layouts: dict[tuple[str, tuple[str, ...]], Layout] = {}
         is_searched = self.params.range != "none" and not rig.is_vertical
         self.pairs = pairs_of(rig, self._rig_views, self.whole, self.params) if is_searched else []
@@ -175,6 +177,9 @@ class Stitcher:
 
     def _matched(self, layouts: list[Layout], top: Image, bottom: Image) -> Ranged:
         """Return range from the upper centre."""
+        if not self._has_order:  # once is enough: the cameras stay where they are
+            check_order(top, bottom, ("top", "bottom"), is_whole=True)
+            self._has_order = True
         is_usable = layouts[0].is_covered & layouts[1].is_covered
         search = search_of(self.whole, self.baseline_m, self.params.match)
         disparity = match_columns(top, bottom, search, self.params.match, is_usable, self.jobs)

@@ -1,0 +1,110 @@
+"""Matches along columns at one level: semi-global (Hirschmueller 2008), and clearly the best of all that is searched.
+
+Smoothness carries a match far into what has no texture or is repeated; so the cost of the match's own block, without
+any smoothness, is compared with that of all other disparities.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.acquisition.kernels import NUM_DISPARITIES, cost_ratio
+
+Plane = NDArray[np.float32]
+Image = NDArray[np.uint8]
+
+BLOCK_SIZE = 5  # px, side of the matched block
+SMOOTHNESS, JUMP_PENALTY = 8 * BLOCK_SIZE**2, 32 * BLOCK_SIZE**2  # of a step of disparity by 1, of a larger one
+UNIQUENESS = 5  # %, margin of the best smoothed cost over the second
+MAX_LEFT_RIGHT_PX = 1  # disagreement allowed between both directions
+SPECKLE_SIZE, SPECKLE_RANGE = 60, 2  # px: smaller islands of disparity, separated by larger steps, are removed
+SATURATION = 31  # preFilterCap of the matcher
+SGBM_SCALE = 16.0  # the matcher's disparities are sixteenths of a pixel
+AROUND = 32  # columns beyond the seam that the matcher sees, so that it knows no seam
+NUM_STRIPS = 2  # of a whole sphere, whatever the number of threads, so that the result does not depend on it
+
+COST_RADIUS = 4  # px, half side of the block whose cost is compared over all disparities
+COST_MEAN = 9  # px, side of the square whose mean grey level is taken away before
+MIN_COST_RATIO = 1.2  # of the least cost elsewhere to that of the match
+
+
+def find_clear_matches(top: Image, bottom: Image, first: int, *, is_whole: bool, jobs: int = 1) -> Plane:
+    """Return the disparity (H, W) from `first` on, NaN where no match is clearly the best of those searched."""
+    found = match_semi_globally(top, bottom, first, is_whole=is_whole, jobs=jobs)
+    found[~is_clear(top, bottom, found, first, MIN_COST_RATIO, is_whole=is_whole, jobs=jobs)] = np.nan
+    return found
+
+
+def is_clear(
+    top: Image, bottom: Image, disparity: Plane, first: int, least_ratio: float, *, is_whole: bool, jobs: int
+) -> NDArray[np.bool_]:
+    """Return where the disparity (H, W) is clearly the best of all that a level sees."""
+    margin, height = COST_RADIUS, disparity.shape[0]
+    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    levels = [_without_mean(image, is_whole) for image in (top, bottom)]
+    up, down = (cv2.addWeighted(levels[1], 0.5, np.roll(levels[1], step, axis=0), 0.5, 0) for step in (1, -1))
+    low, high = np.minimum(np.minimum(up, down), levels[1]), np.maximum(np.maximum(up, down), levels[1])
+    planes = [cv2.copyMakeBorder(plane, 0, 0, margin, margin, border) for plane in (levels[0], low, high)]
+    rows = np.clip(np.arange(height - 1 - first, -first - NUM_DISPARITIES, -1), 0, height - 1)
+    above, least, largest = (np.ascontiguousarray(plane.T) for plane in (planes[0], planes[1][rows], planes[2][rows]))
+    start = np.ascontiguousarray(disparity.T)
+    ratio = np.empty_like(start)
+    length = -(-len(start) // NUM_STRIPS)
+
+    def work(begin: int) -> None:
+        end = min(begin + length, len(start))
+        wide = slice(begin, end + 2 * margin)
+        cost_ratio(above[wide], least[wide], largest[wide], start[begin:end], first, margin, ratio[begin:end])
+
+    with ThreadPoolExecutor(jobs) as pool:
+        list(pool.map(work, range(0, len(start), length)))
+    ratio = ratio.T
+    return ratio >= least_ratio
+
+
+def match_semi_globally(top: Image, bottom: Image, first: int, *, is_whole: bool, jobs: int = 1) -> Plane:
+    """Return the checked disparity (H, W), NaN where both directions disagree, on islands and without a clear best."""
+    across = [np.ascontiguousarray(image.T) for image in (top, bottom)]  # columns become the matcher's rows
+    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    margin = NUM_DISPARITIES + first
+    around, number = (AROUND, NUM_STRIPS) if is_whole else (0, 1)
+    padded = [cv2.copyMakeBorder(image, around, around, 0, 0, border) for image in across]
+    padded = [cv2.copyMakeBorder(image, 0, 0, max(margin, 0), max(-first, 0), cv2.BORDER_REPLICATE) for image in padded]
+    length, last = -(-across[0].shape[0] // number), across[0].shape[0]
+    strips = [slice(k * length, min((k + 1) * length, last) + 2 * around) for k in range(number)]
+    with ThreadPoolExecutor(jobs) as pool:
+        found = list(pool.map(lambda strip: _matcher(first).compute(padded[0][strip], padded[1][strip]), strips))
+    raw = np.concatenate([part[around : len(part) - around] for part in found])
+    raw = raw[:, max(margin, 0) :][:, : across[0].shape[1]]
+    disparity = raw.astype(np.float32) / np.float32(SGBM_SCALE)
+    rows = np.arange(raw.shape[1], dtype=np.float32)
+    disparity[(raw < SGBM_SCALE * first) | (rows - disparity < 0)] = np.nan  # no match, or beyond the pole
+    return np.ascontiguousarray(disparity.T)
+
+
+def _without_mean(image: Image, is_whole: bool) -> NDArray[np.int16]:
+    """Return four times the grey levels (H, W) less the mean around them: exposure differs from camera to camera."""
+    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    padded = cv2.copyMakeBorder(image, 0, 0, COST_MEAN, COST_MEAN, border).astype(np.int16) * 4
+    less = padded - cv2.blur(padded, (COST_MEAN, COST_MEAN))
+    return less[:, COST_MEAN:-COST_MEAN]
+
+
+def _matcher(first: int) -> cv2.StereoSGBM:
+    return cv2.StereoSGBM_create(
+        minDisparity=first,
+        numDisparities=NUM_DISPARITIES,
+        blockSize=BLOCK_SIZE,
+        P1=SMOOTHNESS,
+        P2=JUMP_PENALTY,
+        disp12MaxDiff=MAX_LEFT_RIGHT_PX,
+        preFilterCap=SATURATION,
+        uniquenessRatio=UNIQUENESS,
+        speckleWindowSize=SPECKLE_SIZE,
+        speckleRange=SPECKLE_RANGE,
+        mode=cv2.STEREO_SGBM_MODE_SGBM,  # one thread, so the same bits every time
+    )
