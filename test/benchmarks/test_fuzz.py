@@ -1,0 +1,59 @@
+"""The fuzzer sees crashes, hangs and gigabytes."""
+
+import ctypes
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from benchmarks import fuzz
+from benchmarks.fuzz_mutations import mutate_bytes, mutate_message
+from benchmarks.fuzz_targets import Target
+from node_kit.conversions import poses_to_path
+from sphere_geometry import SE3
+
+
+def failures(attempt, folder, count=20):
+    (outcome,) = fuzz.fuzz([Target("sample", attempt)], folder, 1, count)
+    assert outcome.num_inputs == count
+    return outcome
+
+
+def test_what_goes_wrong_is_told_with_its_input(tmp_path, monkeypatch):
+    monkeypatch.setattr(fuzz, "SECONDS", 0.5)
+
+    def attempt(rng, folder):
+        match int(rng.integers(40)):
+            case 0:
+                ctypes.string_at(0)
+            case 1:
+                time.sleep(5)
+            case 2:
+                np.ones(1 << 29)
+            case 3:
+                raise KeyError("oops")
+            case 4:
+                raise ValueError("two\nlines")
+            case n if n < 20:
+                raise ValueError("refused")
+
+    found = failures(attempt, tmp_path, 200)
+    text = "\n".join(found.failures)
+    for expected in ("SIGSEGV", "no end after", "MemoryError", "KeyError at test_fuzz.py", "expected one line"):
+        assert expected in text
+    assert found.num_accepted + found.num_refused > 100
+    again = failures(attempt, tmp_path, 200)
+    assert again.failures == found.failures  # the same seed, the same inputs
+
+
+def test_mutations_change_something_and_repeat(rng):
+    data = bytes(range(200))
+    assert sum(mutate_bytes(data, rng) != data for _ in range(100)) > 90
+    path = poses_to_path([(i, SE3.identity()) for i in range(3)], 1, "map")
+    before = str(path)
+    changed = [str(mutate_message(path, np.random.default_rng(i))) for i in range(50)]
+    assert changed == [str(mutate_message(path, np.random.default_rng(i))) for i in range(50)]
+    assert len(set(changed)) > 30
+    assert str(path) == before
