@@ -38,7 +38,7 @@ class CycabSim(ManagedNode):
         self.lock_step = LockStep(self.params.clock, self.params.camera.period)
         self.runner = Runner(self.simulator, self.lock_step, self.hand_out)
         self.clock = self.add_publisher("/clock", Clock)
-        self.outputs = Outputs(self, self.simulator)
+        self.outputs = Outputs(self.endpoints, self.simulator)
         self.taught = self.add_publisher("taught", Bool, qos.LATCHED)
         kind = TwistStamped if self.params.has_stamped_command else Twist
         self.add_subscription("cmd_vel", kind, self.on_command, qos.COMMAND, is_required=False)

@@ -16,7 +16,7 @@ from cycab_sim.faults import SECOND
 from cycab_sim.rigs import FRAME, rig_place, rig_text
 from cycab_sim.simulator import Frame, Simulator
 from node_kit import conversions, qos
-from node_kit.node import ManagedNode, Publisher
+from node_kit.endpoints import Endpoints, Publisher
 from sphere_geometry import Spherical
 
 WORLD, ODOM, BASE, IMU, SCAN = "world", "odom", "base_link", "imu_link", "scan_link"
@@ -25,28 +25,26 @@ WORLD, ODOM, BASE, IMU, SCAN = "world", "odom", "base_link", "imu_link", "scan_l
 class Outputs:
     """The topics of a simulator; `publish(name)` sends one output, later where a fault delays it."""
 
-    def __init__(self, node: ManagedNode, simulator: Simulator) -> None:
-        self.simulator = simulator
+    def __init__(self, endpoints: Endpoints, simulator: Simulator) -> None:
+        self.simulator, add = simulator, endpoints.add_publisher
         self._late: list[tuple[int, int, str, Publisher, Any]] = []
         self._num_late = 0
-        self.tf = node.add_publisher("/tf", TFMessage, qos.TF)
+        self.tf = add("/tf", TFMessage, qos.TF)
         is_sphere = isinstance(simulator.mounts["camera"].camera, Spherical)
-        self.image = node.add_publisher("image_raw", Image, qos.LARGE)
-        self.info = node.add_publisher(*(("sphere_info", SphereInfo) if is_sphere else ("camera_info", CameraInfo)))
-        self.sphere = node.add_publisher("sphere", AugmentedSphere, qos.LARGE)
-        self.odom = node.add_publisher("odom", Odometry)
-        self.truth = node.add_publisher("ground_truth/odometry", Odometry)
-        self.tf_static = node.add_publisher("/tf_static", TFMessage, qos.TF_STATIC)
-        self.rig_images = {
-            n: node.add_publisher(f"cameras/{n}/image_raw", Image, qos.LARGE) for n in simulator.rig_names
-        }
-        self.rig_infos = {n: node.add_publisher(f"cameras/{n}/camera_info", CameraInfo) for n in simulator.rig_names}
+        self.image = add("image_raw", Image, qos.LARGE)
+        self.info = add(*(("sphere_info", SphereInfo) if is_sphere else ("camera_info", CameraInfo)))
+        self.sphere = add("sphere", AugmentedSphere, qos.LARGE)
+        self.odom = add("odom", Odometry)
+        self.truth = add("ground_truth/odometry", Odometry)
+        self.tf_static = add("/tf_static", TFMessage, qos.TF_STATIC)
+        self.rig_images = {n: add(f"cameras/{n}/image_raw", Image, qos.LARGE) for n in simulator.rig_names}
+        self.rig_infos = {n: add(f"cameras/{n}/camera_info", CameraInfo) for n in simulator.rig_names}
         if simulator.params.imu.is_on:
-            self.imu = node.add_publisher("imu", Imu)
+            self.imu = add("imu", Imu)
         if simulator.params.scan.is_on:
-            self.scan = node.add_publisher("scan", LaserScan)
+            self.scan = add("scan", LaserScan)
         if simulator.rig is not None:
-            self.description = node.add_publisher("rig_description", String, qos.LATCHED)
+            self.description = add("rig_description", String, qos.LATCHED)
 
     def publish_statics(self) -> None:
         """Send what does not change: where everything is mounted, and the rig file."""

@@ -13,6 +13,9 @@ from localization.status import FINE, Finding, Reason
 from photometric import Alignment
 
 Array = NDArray[np.float64]
+GOOD_OVERLAP = 0.25
+MIN_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5  # share of pixels that agree
+MAX_SIGMA_RAD = 0.05  # standard deviation of the attitude; half of it is good
 
 
 @dataclass(frozen=True)
@@ -117,9 +120,9 @@ def _evidence(alignment: Alignment, params: AcceptanceParams) -> list[Check]:
     gain = max((max(g, 1.0 / g) if g > 0 else np.inf for g in alignment.gains), default=1.0)
     bias = max((abs(b) for b in alignment.biases), default=0.0)
     return [
-        Check(Reason.LOW_OVERLAP, alignment.overlap, params.min_overlap, params.good_overlap),
+        Check(Reason.LOW_OVERLAP, alignment.overlap, params.min_overlap, GOOD_OVERLAP),
         Check(Reason.LOW_TEXTURE, alignment.num_pixels, params.min_pixels, params.min_pixels, "pixels aligned"),
-        Check(Reason.OUTLIERS, alignment.inlier_share, params.min_inlier_share, params.good_inlier_share),
+        Check(Reason.OUTLIERS, alignment.inlier_share, MIN_INLIER_SHARE, GOOD_INLIER_SHARE),
         Check(Reason.OUTLIERS, alignment.ncc, params.min_ncc, params.good_ncc, "correlation with the map"),
         Check(Reason.LIGHT_CHANGE, gain, params.max_gain, 0.7 * params.max_gain, "gain"),
         Check(Reason.LIGHT_CHANGE, bias, params.max_bias, 0.7 * params.max_bias, "bias"),
@@ -131,6 +134,6 @@ def _certainty(covariance: Array, params: AcceptanceParams) -> list[Check]:
     sigma_m = np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1])
     sigma_rad = np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1])
     return [
-        Check(Reason.LOW_TEXTURE, sigma_m, params.max_sigma_m, params.good_sigma_m, "uncertain position"),
-        Check(Reason.LOW_TEXTURE, sigma_rad, params.max_sigma_rad, 0.5 * params.max_sigma_rad, "uncertain attitude"),
+        Check(Reason.LOW_TEXTURE, sigma_m, params.max_sigma_m, 0.5 * params.max_sigma_m, "uncertain position"),
+        Check(Reason.LOW_TEXTURE, sigma_rad, MAX_SIGMA_RAD, 0.5 * MAX_SIGMA_RAD, "uncertain attitude"),
     ]

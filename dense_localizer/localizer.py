@@ -99,7 +99,7 @@ class Localizer:
 
     def _turn(self, pyramid: Pyramid) -> SE3 | None:
         """Return the rotation since the last image, measured at the coarsest level (eq. 20)."""
-        if self._before is None or not self.params.prior.use_rotation:
+        if self._before is None:
             return None
         return register_rotation(pyramid, self._before, self.params.registration)
 
@@ -117,8 +117,8 @@ class Localizer:
         """Go on from the prediction, for a while."""
         prediction = self._prior.predict(frame.stamp_ns, frame.T_odom_camera)
         self._prior.hold(prediction, frame.T_odom_camera)
-        limits, sigma_m = self.params.state, prediction.sigma_m
-        self._states.refuse(is_lost=prediction.blind_s > limits.max_blind_s or sigma_m > limits.max_blind_sigma_m)
+        is_blind = prediction.blind_s > self.params.state.max_blind_s
+        self._states.refuse(is_lost=is_blind or not prediction.is_certain)
         if not self._states.is_following:
             self._search.lost(prediction.T_map_camera)
         return self._estimate(frame.stamp_ns, finding, place)

@@ -18,6 +18,9 @@ from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
 GAP_S = 0.3  # a longer pause between images is a gap
+MAX_SIGMA_M = 0.5  # standard deviation of a predicted position, until the pose is LOST
+MOVING_SPEED = 0.05  # m/s, from which the camera counts as moving
+START_SPEED, START_TURN_RATE = 5.0, 1.0  # m/s, rad/s: standard deviations of what is not known after a start
 
 
 @dataclass(frozen=True)
@@ -37,6 +40,11 @@ class Prediction:
         if self.defies_odometry:
             return Finding(Reason.ODOM_STALE, detail="odometry disagrees with the images")
         return Finding(Reason.GAP, self.step_s, GAP_S) if self.step_s > GAP_S else FINE
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether the position is known well enough to go on from."""
+        return self.sigma_m <= MAX_SIGMA_M
 
     @property
     def sigma_m(self) -> float:
@@ -68,7 +76,7 @@ class MotionPrior:
     @property
     def is_moving(self) -> bool:
         """Whether the camera moved when last aligned; true where nothing is known."""
-        return self.velocity is None or float(np.linalg.norm(self.velocity[:3])) > self._params.moving_speed
+        return self.velocity is None or float(np.linalg.norm(self.velocity[:3])) > MOVING_SPEED
 
     def age(self, stamp_ns: int) -> float:
         """Return the seconds since the last alignment, 0 before the first."""
@@ -143,6 +151,6 @@ class MotionPrior:
         if T_odom_camera is not None and self._T_odom_aligned is not None:
             distance, angle = self._T_odom_aligned.distance(T_odom_camera)
             return params.odometry_error * np.repeat([distance, angle], 3)
-        speed = np.zeros(2) if self.velocity is not None else np.array([params.start_speed, params.start_turn_rate])
+        speed = np.zeros(2) if self.velocity is not None else np.array([START_SPEED, START_TURN_RATE])
         acceleration = np.array([params.acceleration, params.angular_acceleration])
         return np.repeat(speed * blind_s + 0.5 * acceleration * blind_s**2, 3)

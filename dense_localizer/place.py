@@ -11,11 +11,12 @@ from numpy.typing import NDArray
 from dense_localizer.acceptance import Verdict, honest_covariance, judge, refusal
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
-from dense_localizer.reference import Choice, References
+from dense_localizer.reference import MIN_VISIBLE_SHARE, Choice, References
 from localization.status import Finding, Reason
 from photometric import Alignment, Pyramid, RegistrationParams, register
 from sphere_geometry import SE3
 
+LEVEL_SIGMAS = 1.0  # uncertainty of the prediction that the first level must cover
 UNKNOWN = np.diag(np.full(6, np.inf))
 
 
@@ -45,7 +46,7 @@ def locate(
     """Place an image from a first guess of its pose (M15 eq. 17-19); every jump is allowed without a prediction."""
     choice = references.choose(T_map_camera, pyramid.levels[0].camera)
     if not choice.views:
-        limit, detail = params.reference.min_visible_share, "no key sphere covers the view"
+        limit, detail = MIN_VISIBLE_SHARE, "no key sphere covers the view"
         verdict = refusal(Finding(Reason.LOW_OVERLAP, choice.overlap, limit, detail))
         return Place(T_map_camera, UNKNOWN, choice, verdict)
     registration: RegistrationParams = params.registration
@@ -62,7 +63,7 @@ def first_level(prediction: Prediction, choice: Choice, pyramid: Pyramid, params
     """Return the coarsest level needed: the one at which the uncertainty of the prediction is about a pixel."""
     deviation = np.sqrt(np.diagonal(prediction.covariance))
     angle = np.max(deviation[3:]) + np.max(deviation[:3]) / choice.typical_range_m
-    pixels = params.reference.level_sigmas * angle * pyramid.levels[0].camera.pixels_per_radian
+    pixels = LEVEL_SIGMAS * angle * pyramid.levels[0].camera.pixels_per_radian
     return max(0, int(np.ceil(np.log2(max(pixels, 1.0)))))
 
 

@@ -23,6 +23,11 @@ from sphere_geometry import SE3, Camera, Spherical
 from sphere_map.graph import KeySphere, SphereGraph
 from sphere_map.sphere import Sphere
 
+NUM_CANDIDATES = 12  # nearest key spheres looked at
+MIN_VISIBLE_SHARE = 0.25  # of the image, that a reference must cover
+RELATIVE_SHARE = 0.6  # the same, of what the best candidate covers
+REACH = 1.0  # distance of a second reference by its median range; farther ones are left
+KEPT_SHARE = 0.25  # of a key sphere's pixels, the most salient
 NUM_COARSE_LEVELS = 2  # are kept of every sphere: for choosing and for the start
 MIN_KEPT = 10_000  # levels that would keep fewer pixels keep all
 NUM_POINTS = 150  # about as many points of the coarsest level tell what a partial sphere covers
@@ -102,7 +107,7 @@ class References:
         """Return the references for an image taken near a pose: the nearest of those that cover it."""
         candidates, overlaps = self._candidates(T_map_camera, camera)
         best = float(np.max(overlaps, initial=0.0))
-        needed = max(self._params.min_visible_share, self._params.relative_share * best)
+        needed = max(MIN_VISIBLE_SHARE, RELATIVE_SHARE * best)
         usable = [candidates[index] for index in np.flatnonzero(overlaps >= needed)[: self._params.num_references]]
         chosen = usable[:1] + [node for node in usable[1:] if self._is_within_reach(node, T_map_camera)]
         if not chosen:
@@ -121,7 +126,7 @@ class References:
 
     def _candidates(self, T_map_camera: SE3, camera: Camera) -> tuple[list[KeySphere], NDArray[np.float64]]:
         """Return the nearest key spheres and the share of the image that each covers, 1 for whole spheres."""
-        nodes = self.nearest(T_map_camera.translation, self._params.num_candidates)
+        nodes = self.nearest(T_map_camera.translation, NUM_CANDIDATES)
         first = nodes[: self._params.num_references]
         if all(self.coarse[node.id].camera.is_whole for node in first):
             return first, np.ones(len(first))
@@ -133,13 +138,13 @@ class References:
 
     def _is_within_reach(self, node: KeySphere, T_map_camera: SE3) -> bool:
         """Say whether a key sphere is near enough to be used beside a nearer one."""
-        return distance_of(node, T_map_camera) <= self._params.reach * self.coarse[node.id].typical_range_m
+        return distance_of(node, T_map_camera) <= REACH * self.coarse[node.id].typical_range_m
 
     def _prepare(self, sphere_id: int) -> Reference:
         """Read a sphere, prepare it and keep the salient pixels of its levels, sorted."""
         sphere = self._map.load_sphere(sphere_id)
         reference = prepare_reference(sphere.grey, sphere.range_m, sphere.camera, self._registration)
-        return Reference(tuple(salient(level, self._params.kept_share) for level in reference.levels))
+        return Reference(tuple(salient(level, KEPT_SHARE) for level in reference.levels))
 
 
 def distance_of(node: KeySphere, T_map_camera: SE3) -> float:

@@ -11,6 +11,9 @@ from localization.status import FINE
 from photometric import Pyramid
 from sphere_geometry import SE3
 
+PERIOD_S = 0.5  # between two searches of the whole map
+NEAR_S = 2.0  # for which a given or lost pose is tried
+
 
 class Search:
     """The searches of one map, timed by image stamps."""
@@ -51,7 +54,7 @@ class Search:
         start = self._find_near(pyramid, stamp_ns)
         is_due = stamp_ns >= self._next_ns and (self._is_automatic or self._is_asked)
         if start.place is None and is_due:
-            self._next_ns = stamp_ns + int(self._params.period_s * 1e9)
+            self._next_ns = stamp_ns + int(PERIOD_S * 1e9)
             start = self._startup.search(pyramid)
         self._finding = start.finding
         return start
@@ -60,7 +63,7 @@ class Search:
         if self._T_map_guess is None:
             return Start(None, self._finding)
         if self._guess_until_ns is None:
-            self._guess_until_ns = stamp_ns + int(self._params.near_s * 1e9)
+            self._guess_until_ns = stamp_ns + int(NEAR_S * 1e9)
         if stamp_ns > self._guess_until_ns:
             self._T_map_guess = None
             return Start(None, self._finding)

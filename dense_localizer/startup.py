@@ -23,6 +23,11 @@ from sphere_geometry import SE3
 from sphere_map.graph import KeySphere
 from sphere_map.sphere import T_BODY_OPTICAL
 
+SIDE_STEP_DEG, TILT_STEP_DEG = 15.0, 12.0  # to the sides of, above and below the heading of a partial sphere
+FORWARD_STEP = 0.2  # before and behind the centre, as share of the range
+NUM_ALIGNED, NUM_VERIFIED = 30, 4  # best guesses that are aligned coarsely, and of them at full resolution
+NUM_NEAR = 6  # key spheres around a given or lost pose that are tried
+SAME_PLACE_M, SAME_PLACE_DEG = 0.3, 10.0  # results closer and turned by less than this are one place
 NUM_COMPARED = 600  # points of a sphere that are compared with the image
 
 
@@ -56,13 +61,13 @@ class Startup:
         for node in self._references.nodes:
             poses = candidate_poses(self._references.coarse[node.id], self._params.start)
             guesses += self._compare(pyramid, node, poses)
-        return self._find(pyramid, best(guesses, self._params.start.num_aligned))
+        return self._find(pyramid, best(guesses, NUM_ALIGNED))
 
     def search_near(self, pyramid: Pyramid, T_map_camera: SE3) -> Start:
         """Look around a pose that was given, or lost: there, and with its attitude at the places of key spheres."""
         guesses = []
         limit = self._params.start.max_guess_distance_m
-        for node in self._references.nearest(T_map_camera.translation, self._params.start.num_near, limit):
+        for node in self._references.nearest(T_map_camera.translation, NUM_NEAR, limit):
             guesses.append(Guess(node, T_map_camera))
             guesses.append(Guess(node, SE3.from_parts(T_map_camera.rotation, node.T_map_sphere.translation)))
         return self._find(pyramid, guesses)
@@ -93,9 +98,9 @@ class Startup:
         """Return the first few guesses that are different places."""
         kept: list[Guess] = []
         for guess in guesses:
-            if len(kept) == self._params.start.num_verified:
+            if len(kept) == NUM_VERIFIED:
                 break
-            if not any(is_same_place(guess.T_map_camera, other.T_map_camera, self._params.start) for other in kept):
+            if not any(is_same_place(guess.T_map_camera, other.T_map_camera) for other in kept):
                 kept.append(guess)
         return kept
 
@@ -118,13 +123,13 @@ def candidate_poses(coarse: CoarseReference, params: StartParams) -> SE3:
     """
     camera = coarse.camera
     centre = camera.unproject([(camera.width - 1) / 2, (camera.height - 1) / 2])
-    side, tilt = np.radians(params.side_step_deg), np.radians(params.tilt_step_deg)
+    side, tilt = np.radians(SIDE_STEP_DEG), np.radians(TILT_STEP_DEG)
     if camera.is_whole:
         azimuths, elevations = np.radians(np.arange(0.0, 360.0, params.heading_step_deg)), np.zeros(1)
     else:
         azimuths = np.arctan2(centre[1], centre[0]) + side * np.arange(-2, 3)
         elevations = np.arcsin(np.clip(centre[2], -1.0, 1.0)) + tilt * np.arange(-1, 2)
-    reach = params.forward_step * (coarse.typical_range_m if np.isfinite(coarse.typical_range_m) else 0.0)
+    reach = FORWARD_STEP * (coarse.typical_range_m if np.isfinite(coarse.typical_range_m) else 0.0)
     azimuth, elevation, forward = (
         axis.ravel() for axis in np.meshgrid(azimuths, elevations, reach * np.arange(-1, 2), indexing="ij")
     )
@@ -142,10 +147,10 @@ def coarse(params: RegistrationParams, finest: int) -> RegistrationParams:
     return replace(params, pyramid=pyramid, max_iterations_fine=params.max_iterations_coarse)
 
 
-def is_same_place(a: SE3, b: SE3, params: StartParams) -> bool:
+def is_same_place(a: SE3, b: SE3) -> bool:
     """Say whether two poses are one place."""
     distance, angle = a.distance(b)
-    return bool(distance < params.same_place_m and angle < np.radians(params.same_place_deg))
+    return bool(distance < SAME_PLACE_M and angle < np.radians(SAME_PLACE_DEG))
 
 
 def decide(places: Sequence[Place], params: StartParams) -> Start:
@@ -155,7 +160,7 @@ def decide(places: Sequence[Place], params: StartParams) -> Start:
     if best_ncc < params.min_ncc:
         return Start(None, Finding(Reason.LOW_OVERLAP, best_ncc, params.min_ncc, "no key sphere resembles the view"))
     best = ranked[0].T_map_camera
-    others = [place for place in ranked if not is_same_place(best, place.T_map_camera, params)]
+    others = [place for place in ranked if not is_same_place(best, place.T_map_camera)]
     if others and best_ncc - others[0].ncc < params.min_ncc_margin:
         return Start(None, Finding(Reason.AMBIGUOUS, best_ncc - others[0].ncc, params.min_ncc_margin))
     return Start(ranked[0])

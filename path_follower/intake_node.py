@@ -12,12 +12,13 @@ from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
 
 from node_kit import conversions, qos
 from node_kit.conversions import driving
-from node_kit.node import ManagedNode
+from node_kit.endpoints import Endpoints
 from node_kit.tf import TransformListener
 from path_follower.clocks import Times
 from path_follower.follower import Follower
 from path_follower.homing import HomingFollower
 from path_follower.modes import State
+from path_follower.params import PathFollowerParams
 from path_follower.path import Pose2
 from path_follower.safety import DEGRADED, TRUSTED
 
@@ -46,14 +47,16 @@ class Answered:
 class PoseIntake:
     """Poses of base_link in the map, or an odometry there, and the state of the localiser."""
 
-    def __init__(self, node: ManagedNode, follower: Follower, answered: Answered) -> None:
-        self._watch, self._follower, self._answered, self._params = follower.watch, follower, answered, node.params
-        if node.params.source == "pose":
-            self.topic = node.add_subscription("pose", PoseWithCovarianceStamped, self.on_pose, qos.STATE).topic
+    def __init__(
+        self, endpoints: Endpoints, params: PathFollowerParams, follower: Follower, answered: Answered
+    ) -> None:
+        self._watch, self._follower, self._answered, self._params = follower.watch, follower, answered, params
+        if params.source == "pose":
+            self.topic = endpoints.add_subscription("pose", PoseWithCovarianceStamped, self.on_pose, qos.STATE).topic
         else:
-            self.topic = node.add_subscription("odometry", Odometry, self.on_odometry, qos.STATE).topic
-        needed = node.params.safety.is_status_required
-        node.add_subscription("status", LocalizationStatus, self.on_status, qos.STATE, is_required=needed)
+            self.topic = endpoints.add_subscription("odometry", Odometry, self.on_odometry, qos.STATE).topic
+        needed = params.safety.is_status_required
+        endpoints.add_subscription("status", LocalizationStatus, self.on_status, qos.STATE, is_required=needed)
 
     def on_pose(self, message: PoseWithCovarianceStamped) -> None:
         """Answer a pose."""
@@ -95,10 +98,12 @@ class PoseIntake:
 class DirectionIntake:
     """Directions of mcl_depth, seen from base_link, and whether they may be followed."""
 
-    def __init__(self, node: ManagedNode, follower: HomingFollower, answered: Answered) -> None:
-        self._follower, self._answered, self._frame = follower, answered, node.params.base_frame
-        self.topic = node.add_subscription("homing/direction", PoseStamped, self.on_direction, qos.STATE).topic
-        node.add_subscription("homing/status", FollowerStatus, self.on_source, qos.STATE)
+    def __init__(
+        self, endpoints: Endpoints, params: PathFollowerParams, follower: HomingFollower, answered: Answered
+    ) -> None:
+        self._follower, self._answered, self._frame = follower, answered, params.base_frame
+        self.topic = endpoints.add_subscription("homing/direction", PoseStamped, self.on_direction, qos.STATE).topic
+        endpoints.add_subscription("homing/status", FollowerStatus, self.on_source, qos.STATE)
 
     def on_direction(self, message: PoseStamped) -> None:
         """Answer a direction: x of the pose."""
@@ -122,11 +127,11 @@ class DirectionIntake:
 class ScanIntake:
     """Obstacles, seen from base_link."""
 
-    def __init__(self, node: ManagedNode, follower: Follower, times: Times) -> None:
-        self._watch, self._times, self._frame = follower.watch, times, node.params.base_frame
-        self._tf = TransformListener(node.endpoints)
-        is_required = node.params.safety.is_scan_required
-        node.add_subscription("scan", LaserScan, self.on_scan, qos.SENSOR, is_required=is_required)
+    def __init__(self, endpoints: Endpoints, params: PathFollowerParams, follower: Follower, times: Times) -> None:
+        self._watch, self._times, self._frame = follower.watch, times, params.base_frame
+        self._tf = TransformListener(endpoints)
+        is_required = params.safety.is_scan_required
+        endpoints.add_subscription("scan", LaserScan, self.on_scan, qos.SENSOR, is_required=is_required)
 
     def on_scan(self, message: LaserScan) -> None:
         """Hand on the points of a scan."""

@@ -51,13 +51,13 @@ class PathFollowerNode(ManagedNode):
         if p.source == "homing":
             homing = HomingFollower(p, p.homing)
             self.follower: Follower = homing
-            self.intake: PoseIntake | DirectionIntake = DirectionIntake(self, homing, self.answered)
+            self.intake: PoseIntake | DirectionIntake = DirectionIntake(self.endpoints, p, homing, self.answered)
         else:
             self.follower = Follower(p)
-            self.intake = PoseIntake(self, self.follower, self.answered)
-            self.trajectories = TrajectoryIntake(self, self.follower)
-        ScanIntake(self, self.follower, self.times)
-        OperatorCalls(self, self.follower)
+            self.intake = PoseIntake(self.endpoints, p, self.follower, self.answered)
+            self.trajectories = TrajectoryIntake(self.endpoints, p, self.follower)
+        ScanIntake(self.endpoints, p, self.follower, self.times)
+        OperatorCalls(self.endpoints, self.follower)
         self.add_timer(TICK, self.on_tick, is_wall=True)
         self.add_timer(SOURCE_PERIOD, self.on_sources, is_wall=True)
 

@@ -8,21 +8,21 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from node_kit import qos
-from node_kit.node import ManagedNode
+from node_kit.endpoints import Endpoints
 from path_follower.follower import Follower
 
 
 class OperatorCalls:
     """Services, each answered by what was done or why not, and the topic `emergency_stop`."""
 
-    def __init__(self, node: ManagedNode, follower: Follower) -> None:
+    def __init__(self, endpoints: Endpoints, follower: Follower) -> None:
         """Offer the services, subscribe to the emergency stop."""
         self._follower = follower
-        node.add_service("~/start", Trigger, answering(lambda: follower.start(node.own_ns())))
-        node.add_service("~/stop", Trigger, answering(follower.stop))
-        node.add_service("~/pause", Trigger, answering(follower.pause))
-        node.add_service("~/resume", Trigger, answering(lambda: follower.resume(node.own_ns())))
-        node.add_subscription("emergency_stop", Bool, self.on_emergency, qos.STATE, is_required=False, silence=0.0)
+        endpoints.add_service("~/start", Trigger, answering(lambda: follower.start(endpoints.own_ns())))
+        endpoints.add_service("~/stop", Trigger, answering(follower.stop))
+        endpoints.add_service("~/pause", Trigger, answering(follower.pause))
+        endpoints.add_service("~/resume", Trigger, answering(lambda: follower.resume(endpoints.own_ns())))
+        endpoints.add_subscription("emergency_stop", Bool, self.on_emergency, qos.STATE, is_required=False, silence=0.0)
 
     def on_emergency(self, message: Bool) -> None:
         """Press or release the emergency stop."""

@@ -9,7 +9,7 @@ from sphere_nav_msgs.srv import LoadTrajectory
 
 from node_kit import conversions, qos
 from node_kit.conversions import driving
-from node_kit.node import ManagedNode
+from node_kit.endpoints import Endpoints
 from path_follower.follower import Follower
 from path_follower.params import PathFollowerParams
 from path_follower.path import ReferencePath
@@ -20,17 +20,17 @@ from path_follower.taught import taught_speeds
 class TrajectoryIntake:
     """Gives trajectories to the follower and shows the one in force. What cannot be read changes nothing."""
 
-    def __init__(self, node: ManagedNode, follower: Follower) -> None:
+    def __init__(self, endpoints: Endpoints, params: PathFollowerParams, follower: Follower) -> None:
         """Open topics and the service; load the file where one is set."""
-        self.follower, self.log, self._now_ns = follower, node.log, node.now_ns
-        self.params: PathFollowerParams = node.params
+        self.follower, self.log, self._now_ns = follower, endpoints.log, endpoints.now_ns
+        self.params = params
         self.points = np.empty((0, 2))
-        self.shown = node.add_publisher("~/trajectory", ReferenceTrajectory, qos.LATCHED)
-        node.add_subscription("reference_path", Path, self.on_path, qos.LATCHED, is_required=False)
-        node.add_subscription(
+        self.shown = endpoints.add_publisher("~/trajectory", ReferenceTrajectory, qos.LATCHED)
+        endpoints.add_subscription("reference_path", Path, self.on_path, qos.LATCHED, is_required=False)
+        endpoints.add_subscription(
             "reference_trajectory", ReferenceTrajectory, self.on_trajectory, qos.LATCHED, is_required=False
         )
-        node.add_service("~/load_trajectory", LoadTrajectory, self.on_load)
+        endpoints.add_service("~/load_trajectory", LoadTrajectory, self.on_load)
         if self.params.trajectory:
             self.follower.load(read_path(self.params.trajectory, self.params))
 

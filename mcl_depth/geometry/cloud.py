@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -78,12 +77,3 @@ def thin_cloud(
     _, owner, counts = np.unique(keys, return_inverse=True, return_counts=True)
     means = [np.bincount(owner, weights=column) / counts for column in points.T]
     return Cloud(np.stack(means, axis=1).astype(np.float32), cloud.name, cloud.warnings)
-
-
-def read_cloud(path: str | Path) -> Cloud:
-    """Read .ply, .pcd, .las or .npy; a mesh is read as points on its faces. ValueError in one line if it cannot be."""
-    from mcl_depth.geometry.files import read_geometry
-    from mcl_depth.geometry.mesh import TriangleMesh, sample_surface
-
-    found = read_geometry(path)
-    return sample_surface(found) if isinstance(found, TriangleMesh) else found

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from localization.status import State
+from localization.status import TRUSTED, State
 from sphere_geometry import SE3
 from worlds.localizer import FISHEYE, PINHOLE, STEP_NS, Run, at, drive, error, make_localizer, make_map
 
@@ -15,6 +15,12 @@ def started(room, room_map, camera=PINHOLE, **values) -> Run:
     last = run.follow(drive(10))[-1]
     assert last.status.state is State.TRACKING
     return run
+
+
+def assert_near(estimate, truth, factor=1.0):
+    metres, radians = error(estimate, truth)
+    assert metres < factor * MAX_M
+    assert radians < factor * MAX_RAD
 
 
 @pytest.mark.parametrize("camera", [PINHOLE, FISHEYE], ids=lambda camera: camera.model)
@@ -72,7 +78,7 @@ def test_a_kidnapped_camera_is_lost_then_found_again(room, room_map):
         estimate = run.see(pose)
         states.append(estimate.status.state)
         if estimate.status.state is State.TRACKING:
-            assert error(estimate, pose) < (MAX_M, MAX_RAD)
+            assert_near(estimate, pose)
     num_blind = states.index(State.LOST)
     assert num_blind * STEP_NS <= 0.5e9 + STEP_NS  # state.max_blind_s, and the image at which it is noticed
     assert State.TRACKING not in states[:num_blind]
@@ -91,7 +97,7 @@ def test_a_blackout_degrades_and_the_covariance_grows_until_the_light_is_back(ro
         assert error(estimate, pose)[0] < 3 * sigma + MAX_M
     after = run.follow(truth[18:])
     assert [estimate.status.state for estimate in after[1:]] == [State.TRACKING] * 5
-    assert error(after[-1], truth[-1]) < (MAX_M, MAX_RAD)
+    assert_near(after[-1], truth[-1])
 
 
 def test_half_the_view_hidden_does_not_move_the_pose(room, room_map):
@@ -104,9 +110,9 @@ def test_half_the_view_hidden_does_not_move_the_pose(room, room_map):
 
     estimates = [run.see(pose, hide) for pose in truth[12:]]
     for estimate, pose in zip(estimates, truth[12:], strict=True):
-        if estimate.status.state is State.TRACKING:
-            assert error(estimate, pose) < (3 * MAX_M, 3 * MAX_RAD)  # half the pixels, and Huber bounds the rest
-        assert estimate.T_map_camera is None or error(estimate, pose)[0] < 0.15
+        assert estimate.status.state in TRUSTED
+        assert_near(estimate, pose, 10)  # half the pixels, and what moves with the camera pulls the rest
+        assert estimate.status.state is not State.TRACKING or error(estimate, pose)[0] < 3 * MAX_M
 
 
 def test_a_step_of_exposure_is_a_gain_and_a_bias(room, room_map):
@@ -115,7 +121,7 @@ def test_a_step_of_exposure_is_a_gain_and_a_bias(room, room_map):
     estimates = [run.see(pose, lambda image: (0.6 * image + 20).astype(np.uint8)) for pose in truth[10:]]
     for estimate, pose in zip(estimates, truth[10:], strict=True):
         assert estimate.status.state is State.TRACKING
-        assert error(estimate, pose) < (1.5 * MAX_M, 1.5 * MAX_RAD)  # less contrast, coarser steps of grey
+        assert_near(estimate, pose, 1.5)  # less contrast, coarser steps of grey
 
 
 def test_dropped_images_are_survived_and_a_long_gap_is_named(room, room_map):
@@ -125,7 +131,7 @@ def test_dropped_images_are_survived_and_a_long_gap_is_named(room, room_map):
     assert {estimate.status.state for estimate in every_third} == {State.TRACKING}
     after_gap = run.see(truth[32], step_ns=8 * STEP_NS)
     assert (after_gap.status.state, after_gap.status.reason) == (State.DEGRADED, "GAP")
-    assert error(after_gap, truth[32]) < (MAX_M, MAX_RAD)
+    assert_near(after_gap, truth[32])
 
 
 def test_silence_loses_the_pose_and_is_told_without_an_image(room, room_map):
@@ -189,7 +195,7 @@ def test_odometry_carries_the_pose_through_the_dark(room, room_map):
     for k, pose in enumerate(truth):
         image = room.photograph(PINHOLE, pose, k) if k < 12 else np.zeros((120, 160), np.uint8)
         estimate = localizer.update(image, PINHOLE, stamp + k * STEP_NS, T_odom_map @ pose)
-    assert error(estimate, truth[-1]) < (MAX_M, MAX_RAD)
+    assert_near(estimate, truth[-1])
     assert estimate.status.state is State.DEGRADED
 
 
@@ -202,4 +208,4 @@ def test_odometry_that_stands_still_is_overruled_and_named(room, room_map):
         if k == 10:
             assert estimate.status.state is State.TRACKING
     assert (estimate.status.state, estimate.status.reason) == (State.DEGRADED, "ODOM_STALE")
-    assert error(estimate, truth[-1]) < (MAX_M, MAX_RAD)
+    assert_near(estimate, truth[-1])

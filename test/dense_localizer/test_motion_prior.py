@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dense_localizer.motion_prior import MotionPrior
+from dense_localizer.motion_prior import START_SPEED, MotionPrior
 from dense_localizer.params import PriorParams
 from sphere_geometry import SE3
 
@@ -48,7 +48,7 @@ def test_a_start_stands_still_and_is_unsure():
     prior.start(poses(1)[0], TIGHT, 0)
     prediction = prior.predict(STEP_NS)
     assert_same(prediction.T_map_camera, poses(1)[0])
-    moved = PARAMS.start_speed * 0.1
+    moved = START_SPEED * 0.1
     assert np.sqrt(prediction.covariance[0, 0]) >= moved
     assert prior.is_moving
 

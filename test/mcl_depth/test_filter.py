@@ -93,11 +93,24 @@ def test_odometry_that_leaps_is_not_believed(site):
         assert np.hypot(*(estimate.T_map_level.translation[:2] - POSES[-1][:2])) < 1.0
 
 
-def test_without_odometry_no_pose_is_a_nan(site):
+def test_odometry_that_ends_is_named_and_the_pose_stays_for_a_while(site):
     filter_ = site.filter()
     for number, pose in enumerate(POSES):
+        filter_.update(observe(site, pose, number))
+    blind = [filter_.update(observe(site, POSES[-1], len(POSES) + k, odometry=False)) for k in range(3)]
+    assert blind[0].T_map_level is not None
+    for estimate in blind:
+        assert (estimate.status.state is State.TRACKING, bool(estimate.status.reason)) == (False, True)
+        if estimate.T_map_level is not None:
+            assert np.hypot(*(estimate.T_map_level.translation[:2] - POSES[-1][:2])) < 1.0
+
+
+def test_without_odometry_nothing_is_claimed_and_no_particle_is_a_nan(site):
+    filter_ = site.filter()
+    for number, pose in enumerate(POSES[:4]):
         estimate = filter_.update(observe(site, pose, number, odometry=False))
-        assert estimate.T_map_level is None or np.all(np.isfinite(estimate.T_map_level.matrix))
+        assert (estimate.status.state, estimate.status.reason) == (State.SEARCHING, "ODOM_STALE")
+        assert estimate.T_map_level is None
         assert np.all(np.isfinite(estimate.belief.particles.poses))
 
 

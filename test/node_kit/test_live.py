@@ -133,7 +133,7 @@ def test_what_is_refused_is_told(make_desk):
     desk = make_desk()
     desk.shell.start()
     desk.send(-1)
-    desk.until(lambda: "every message refused" in desk.text("input number"))
+    desk.until(lambda: "last 1 messages refused" in desk.text("input number"))
     assert "number: expected 0 or more, found -1" in desk.text("input number")
     assert desk.statuses["doubler: input number"].level == DiagnosticStatus.ERROR
     assert desk.doubled == []
@@ -243,3 +243,36 @@ def test_qos_can_be_overridden(make_desk):
     infos = desk.peer.get_subscriptions_info_by_topic("/number")
     assert infos[0].qos_profile.reliability == qos.BEST_EFFORT
     assert qos.STATE.reliability == qos.RELIABLE  # the shared profile is as it was
+
+
+def test_what_is_latched_between_configure_and_activate_is_not_lost(make_desk):
+    desk = make_desk(autostart=False)
+    desk.shell.start()
+    desk.shell.trigger_configure()
+    latched = desk.peer.create_publisher(String, "latched", qos.LATCHED)
+    wanted = next(item for item in desk.node.inputs if item.topic == "latched")
+    for word in ("first", "last"):
+        latched.publish(String(data=word))
+    desk.send(1)
+    pause = time.monotonic() + 3.0
+    desk.until(lambda: wanted.kept and time.monotonic() > pause)
+    assert (wanted.num_received, desk.doubled) == (0, [])
+    desk.shell.trigger_activate()
+    assert (wanted.num_received, wanted.kept) == (1, [])  # depth 1: the last one holds
+    desk.send(2)
+    desk.until(lambda: desk.doubled == [4])  # what is not latched and came too early is gone
+
+
+def test_messages_that_a_queue_could_not_hold_are_counted(make_desk):
+    desk = make_desk()
+    desk.shell.start()
+    desk.send(1)
+    desk.until(lambda: desk.doubled == [2])
+    for _ in range(25):
+        desk.numbers.publish(Int32(data=1))  # into a queue of ten that nobody empties
+    time.sleep(0.5)
+    desk.until(lambda: len(desk.doubled) >= 11)
+    wanted = next(item for item in desk.node.inputs if item.topic == "number")
+    desk.until(lambda: wanted.num_received + wanted.num_lost == 26)
+    assert wanted.num_lost > 0
+    desk.until(lambda: "messages lost in the last second" in desk.text("input number"))

@@ -67,3 +67,35 @@ def test_the_explanation_names_the_cause():
     wanted.deliver(String())
     wanted.last_arrival -= 3.0
     assert wanted.explain("/number", [publisher()]) == f"{name}: 1 publisher, no message for 3.0 s"
+
+
+def test_gaps_in_the_numbers_of_one_publisher_are_losses():
+    wanted = make()
+    for number in (7, 8, 12, 1, 2):  # four, then the publisher starts again
+        wanted.count(number, num_publishers=1)
+    assert wanted.num_lost == 3
+    wanted.count(50, num_publishers=2)  # two count for themselves
+    wanted.count(None, num_publishers=1)
+    assert wanted.num_lost == 3
+
+
+def test_only_what_is_latched_is_kept_and_only_as_much_as_the_queue_holds():
+    latched, volatile = make(), Subscription("number", Int32, print, qos.STATE, log=Log())
+    for number in range(3):
+        latched.keep(Int32(data=number))
+        volatile.keep(Int32(data=number))
+    assert (latched.kept, volatile.kept) == ([Int32(data=2)], [])
+    latched.deliver_kept()
+    assert (latched.num_received, latched.kept) == (1, [])
+
+
+def test_refusals_in_a_row_end_with_a_message_that_is_accepted():
+    def callback(message):
+        if message.data < 0:
+            raise ValueError("negative")
+
+    wanted, found = make(callback), []
+    for number in (-1, -1, 1, -1):
+        wanted.deliver(Int32(data=number))
+        found.append(wanted.num_refused_in_row)
+    assert found == [1, 2, 0, 1]

@@ -18,7 +18,7 @@ STEP_NS = 50_000_000  # 20 images a second
 PINHOLE = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
 FISHEYE = Fisheye(160, 120, 60.0, 60.0, 79.5, 59.5, (0.02, -0.01, 0.0, 0.0))
 # The images are sixteen times smaller than a camera's.
-SMALL_IMAGES = {"acceptance.min_pixels": 200, "registration.pyramid.num_levels": 4}
+SMALL_IMAGES = {"acceptance.min_pixels": 200, "alignment.num_levels": 4}
 
 
 class MemoryMap:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mcl_depth.geometry.cloud import cloud_from_points, read_cloud, thin_cloud
+from mcl_depth.geometry.cloud import cloud_from_points, thin_cloud
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.mesh import TriangleMesh
 from mcl_depth.geometry.synthesis import DepthSynthesizer
@@ -58,21 +58,21 @@ ABSURD = {"a.ply": ply("binary_little_endian", 10**12), "a.pcd": pcd("binary", 1
 @pytest.mark.parametrize("name", FILES)
 def test_points_come_back(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(FILES[name])
-    np.testing.assert_allclose(read_cloud(tmp_path / name).points, POINTS, atol=1e-6)
+    np.testing.assert_allclose(read_geometry(tmp_path / name).points, POINTS, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", FILES)
 def test_a_truncated_file_is_refused(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(FILES[name][:-14])
     with pytest.raises(ValueError, match=rf"{name}: .*expected.*found"):
-        read_cloud(tmp_path / name)
+        read_geometry(tmp_path / name)
 
 
 @pytest.mark.parametrize("name", ABSURD)
 def test_an_absurd_count_is_refused_before_memory_is_taken(tmp_path: Path, name: str) -> None:
     (tmp_path / name).write_bytes(ABSURD[name])
     with pytest.raises(ValueError, match=r"expected.*found"):
-        read_cloud(tmp_path / name)
+        read_geometry(tmp_path / name)
 
 
 @pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])
@@ -85,10 +85,10 @@ def test_a_ply_with_faces_is_a_mesh(tmp_path: Path, form: str) -> None:
 
 def test_arrays(tmp_path: Path) -> None:
     np.save(tmp_path / "a.npy", POINTS)
-    np.testing.assert_allclose(read_cloud(tmp_path / "a.npy").points, POINTS)
+    np.testing.assert_allclose(read_geometry(tmp_path / "a.npy").points, POINTS)
     np.save(tmp_path / "b.npy", POINTS[:, :2])
     with pytest.raises(ValueError, match="expected numbers of shape"):
-        read_cloud(tmp_path / "b.npy")
+        read_geometry(tmp_path / "b.npy")
 
 
 def test_points_that_are_not_finite_are_counted() -> None:

@@ -1,0 +1,32 @@
+"""A part of a node receives values and callbacks, never the node."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+from architecture.tree import MODULES, parse
+
+NODE_BASES = {"ManagedNode", "LocalizerNode"}
+
+
+def node_parameters(module: Path) -> Iterator[str]:
+    """Yield the parameters of classes and functions that a node is given to, by name or by annotation."""
+    for item in ast.walk(parse(module)):
+        if isinstance(item, ast.FunctionDef):
+            arguments = [*item.args.posonlyargs, *item.args.args, *item.args.kwonlyargs]
+            for argument in arguments:
+                kind = ast.unparse(argument.annotation) if argument.annotation else ""
+                if kind in NODE_BASES or (kind.endswith("Node") and kind != "Node"):
+                    yield f"{item.name}({argument.arg}: {kind})"
+
+
+def is_part(module: Path) -> bool:
+    """Whether a module is a part of a node; what carries nodes out (`run`, `live`, `replay`) is none."""
+    is_shell = module.parts[0] == "node_kit" and module.stem in ("run", "live", "replay", "node")
+    return module.parts[0] != "sphere_nav_cli" and not is_shell
+
+
+def test_no_part_is_given_its_node() -> None:
+    assert [f"{module}: {text}" for module in filter(is_part, MODULES) for text in node_parameters(module)] == []
