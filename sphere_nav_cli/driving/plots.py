@@ -29,7 +29,7 @@ def plot_top_view(path: Path, errors: DriveErrors, key_spheres: np.ndarray) -> N
     axes.plot(*errors.driven[0], "^", color="black", markersize=9, label="start")
     worst = 100 * np.abs(errors.lateral).max()
     title = f"Taught and driven path, at most {worst:.1f} cm apart"
-    axes.set(aspect="equal", xlabel="x [m]", ylabel="y [m]", title=title)
+    axes.set(aspect="equal", adjustable="datalim", xlabel="x [m]", ylabel="y [m]", title=title)
     axes.grid(alpha=0.3)
     axes.legend()
     _save(figure, path)
