@@ -33,7 +33,7 @@ from sphere_map.coarse import coarse_sphere
 from sphere_map.graph import SphereGraph
 from sphere_map.sphere import Sphere
 from sphere_mapping.mapper import Mapper
-from sphere_nav_cli.demo import OTHER_DAY, TOUR, TRAFFIC
+from sphere_nav_cli.demo import BUSY, OTHER_DAY, TOUR
 from sphere_nav_cli.driving.report import distances_from_path
 from typed_params import build
 
@@ -96,7 +96,7 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
 def run(options: argparse.Namespace) -> Report:
     """Teach, drive, compare."""
     way = QUICK_WAY if options.quick else np.inf
-    common = {"seed": options.tour_seed} | TOUR | TRAFFIC
+    common = {"seed": options.tour_seed} | TOUR | BUSY | {"traffic.is_on": True}
     taught = teach(Simulator(build(SimParams, common | TEACH)), way)
     driven = drive(Simulator(build(SimParams, common | OTHER_DAY | DRIVE)), taught)
     along, lateral = distances_from_path(driven.truth, taught.truth)
