@@ -29,8 +29,7 @@ BENCHMARKS = {
     "mcl_surround": "benchmarks.mcl_surround",
     "mcl_walks": "benchmarks.mcl_walks",
     "mcl_town": "benchmarks.mcl_town",
-    "mcl_town_particles": "benchmarks.mcl_town_particles",
-    "mcl_town_caches": "benchmarks.mcl_town_caches",
+    "mcl_wrong_map": "benchmarks.mcl_wrong_map",
     "mcl_cameras": "benchmarks.mcl_cameras",
     "mcl_ramp": "benchmarks.mcl_ramp",
     "mcl_corridor": "benchmarks.mcl_corridor",
@@ -72,6 +71,7 @@ def _parser(modules: dict[str, ModuleType]) -> argparse.ArgumentParser:
     )
     parser.add_argument("--output", type=Path, default=Path("out/bench"), help="folder of the JSON files (out/bench)")
     parser.add_argument("--json", type=Path, metavar="F", help="file for the JSON of one benchmark (OUTPUT/NAME.json)")
+    parser.add_argument("--starts", type=int, metavar="N", help="drives from anywhere (each mcl benchmark has its own)")
     for name, module in modules.items():
         module.add_arguments(parser.add_argument_group(name))
     return parser

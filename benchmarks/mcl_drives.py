@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,7 +152,7 @@ def _tilts(T_map_base: SE3, rng: np.random.Generator) -> Array:
     return np.stack(tilts)
 
 
-def kept(path: Path, make: Callable[[], NDArray[np.uint8]]) -> NDArray[np.uint8]:
+def kept(path: Path, make: Callable[[], NDArray[Any]]) -> NDArray[Any]:
     """Return an array from its file; made and written where there is none."""
     if path.exists():
         return np.asarray(np.load(path, allow_pickle=False))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -95,7 +95,7 @@ def basin(site: Site, studio: Studio, plan: Plan, count: int) -> dict[float, Arr
         shown = studio.record(line, 1000 + number)
         for index, radius in enumerate(radii):
             observation, truth = shown.observation(index), shown.truth(index)
-            homing = Homing(_around(waypoint), replace(HomingParams(), num_median=1), start=1)
+            homing = Homing(_around(waypoint), HomingParams(), start=1)  # its first answer: no median yet
             goal = homing.waypoints[1]
             found = homing.update(compare(site, observation.image, observation.rotation))
             true = np.arctan2(*(goal - truth[:2])[::-1])
@@ -114,7 +114,7 @@ def _around(waypoint: Array) -> Array:
 def compare(site: Site, image: NDArray[np.uint8], rotation: Array) -> Comparison:
     """Return the comparison of an image of the panorama with the map."""
     grey, is_seen = level_view(image, PANORAMA.camera, rotation, site.depth_map.camera)
-    visual = visual_features(grey, site.params.comparison, is_seen)
+    visual = visual_features(grey, is_seen)
     return Comparison(visual, site.depth_map, num_alpha_for(site.params.heading_step_deg))
 
 

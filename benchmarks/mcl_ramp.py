@@ -21,7 +21,7 @@ BEGIN, END = 0.0, 128.0  # of the drives along x, m
 RAMPS = ((20.0, 60.0), (80.0, 120.0))  # m
 EDGE = 2.0  # around the kinks that belongs to neither, m
 OFFSETS = (-0.5, 0.6, -1.2, 1.0, -0.8, 0.2)  # of the drives from the middle of the street, m
-SETTINGS: Settings = mcl_sites.TABLE_I | {"area.limits": "-18,-18,146,18"}
+SETTINGS: Settings = {"area.limits": "-18,-18,146,18"}
 
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:

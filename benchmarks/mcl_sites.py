@@ -23,35 +23,12 @@ from mcl_depth.geometry.synthesis import DepthSynthesizer, panorama_window
 from mcl_depth.image_params import SynthesisParams
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.params import FilterParams
+from mcl_depth.presets import apply_preset
 from mcl_depth.site import Site
 from typed_params import build
 
 Settings = dict[str, Any]
 SPACING = 0.2  # of the points of a cloud, m
-TABLE_I: Settings = {  # of N17, column ETHZ; lambda 20, alpha each 10 degrees and 85 degrees are the defaults
-    "cache.max_distance": 0.5,
-    "resampling.num_particles": 1000,
-    "cache.max_megabytes": 600,
-    "synthesis.voxel_m": SPACING,
-    "synthesis.num_columns": 180,  # 2 degrees a pixel: a quarter of the work
-    "comparison.lcn_radius_px": 5,
-    "comparison.is_sky_far": True,  # outdoors the skyline is the strongest edge
-    "resampling.roughening": 0.3,
-    "weight.scaling": "chance",
-    "weight.min_effective_share": 0.1,  # one image decides nothing
-}
-IMAGE_SIDE = (
-    "kernels.py",
-    "features.py",
-    "synthesis.py",
-    "point_index.py",
-    "image_params.py",
-    "ground.py",
-    "area.py",
-    "columns/kernels.py",
-    "columns/voxel_map.py",
-    "columns/walker.py",
-)
 
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
@@ -73,9 +50,9 @@ def studio(world: str, options: argparse.Namespace) -> Studio:
 
 
 def town_settings(plan: Plan, changes: Settings | None = None) -> Settings:
-    """Return parameters of table I for the 100 x 100 m around the middle of a town."""
+    """Return what a user gives for the 100 x 100 m around the middle of a town; all else is the preset's."""
     box = ",".join(f"{value:.2f}" for value in limits(plan))
-    return TABLE_I | {"area.limits": box} | (changes or {})
+    return {"area.limits": box} | (changes or {})
 
 
 def town(options: argparse.Namespace, changes: Settings | None = None, *, is_filled: bool = True) -> tuple[Site, Plan]:
@@ -93,10 +70,8 @@ class Prepared(Site):
         heights = Ground(cloud.points).heights
         self.depth_map = DepthMap(Later(cloud, params.synthesis), heights, HEIGHT, params, name)
         self.area = find_area(cloud.points, self.depth_map.heights, params.area)
-        cells = np.unique(self.depth_map.cells(self.area.middles), axis=0)
-        if is_filled and len(self.depth_map.cache) < 0.9 * min(len(cells), self.depth_map.cache.capacity):
-            self.depth_map.fill(self.area.middles)
-            self.depth_map.save()
+        if is_filled:
+            self.prepare()
 
 
 class Later:
@@ -118,8 +93,9 @@ class Later:
 def site(world: str, options: argparse.Namespace, settings: Settings, *, is_filled: bool = True) -> Site:
     """Return the site of a world, with the depth features of all its places, or only with those kept on disk."""
     cache = {"cache.folder": str(folder_of(options) / f"depth_{_image_side()}")}
-    params = build(FilterParams, settings | cache)
-    return Prepared(cloud(world, options), params, cloud_name(world, options), is_filled=is_filled)
+    bare = cloud(world, options)
+    params = apply_preset(build(FilterParams, settings | cache), bare.box)
+    return Prepared(bare, params, cloud_name(world, options), is_filled=is_filled)
 
 
 def cloud(world: str, options: argparse.Namespace) -> Cloud:
@@ -142,7 +118,7 @@ def _image_side() -> str:
     """Return what the source that makes depth features hashes to: kept features must not outlive it."""
     folder = Path(mcl_depth.__file__).parent
     key = hashlib.sha256()
-    for name in IMAGE_SIDE:
-        path = folder / name
-        key.update(path.read_bytes() if path.exists() else b"")
+    for part in ("geometry", "likeness"):
+        for path in sorted((folder / part).rglob("*.py")):
+            key.update(path.read_bytes())
     return key.hexdigest()[:12]

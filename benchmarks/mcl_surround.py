@@ -47,7 +47,7 @@ def run(options: argparse.Namespace) -> Report:
         synthesizer.synthesize_many(centre + np.column_stack([offsets, np.zeros(len(offsets))])), comparison
     )
     for name, image, seen in (("", grey, is_seen), ("mirrored, must fail: ", grey[:, ::-1], is_seen[:, ::-1])):
-        s = similarity_many(visual_features(image, comparison, seen), stack, NUM_COLUMNS)
+        s = similarity_many(visual_features(image, seen), stack, NUM_COLUMNS)
         turns = np.degrees(np.angle(np.exp(2j * np.pi * np.arange(NUM_COLUMNS) / NUM_COLUMNS)))
         s = np.where(np.abs(turns) <= TURN, s, -np.inf)
         place, turn = np.unravel_index(np.argmax(s), s.shape)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -110,7 +109,7 @@ def steps(site: Site, cloud: Cloud, places: Array, truth: NDArray[np.float32], r
     for drawing in ("columns",) if num_runs < MANY else ("columns", "splats"):
         synthesizer = site.synthesizer
         if drawing == "splats":
-            synthesizer = DepthSynthesizer(cloud, replace(site.params.synthesis, drawing=drawing))
+            synthesizer = DepthSynthesizer(cloud, site.params.synthesis, drawing)
         found = synthesizer.synthesize_many(places)
         ms, cpu = timed_batch(partial(synthesizer.synthesize_many, places), num_runs, len(places))
         rows.append((f"synthesis, {drawing}", f"{np.median(ms):.2f}", f"{cpu:.2f}", *accuracy(found, truth)))
@@ -120,7 +119,7 @@ def steps(site: Site, cloud: Cloud, places: Array, truth: NDArray[np.float32], r
     stack = depth_features_many(truth, comparison)
     ms, cpu = timed_batch(partial(depth_features_many, truth, comparison), num_runs, len(places))
     rows.append(("features", f"{np.median(ms):.2f}", f"{cpu:.2f}", "", "", ""))
-    visual = visual_features(shaded(truth[0]), comparison)
+    visual = visual_features(shaded(truth[0]))
     for count in (36, 360):
         ms, cpu = timed_batch(partial(similarity_many, visual, stack, count), num_runs, len(places))
         rows.append((f"comparison, {count} headings", f"{np.median(ms):.2f}", f"{cpu:.2f}", "", "", ""))

@@ -17,19 +17,19 @@ from cycab_sim.town import Plan, taught_path
 
 HELP = "MCL in a town of 100 x 100 m without colour: kidnapped starts, a loop of 500 images"
 NUM_IMAGES = 20
+NUM_STARTS = 100
 STEP = 1.0  # between the images of a kidnapped start, m
 
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
     """Declare the arguments."""
     mcl_sites.add_arguments(parser)
-    parser.add_argument("--starts", type=int, default=100, help="kidnapped starts (100)")
     parser.add_argument("--loop-images", type=int, default=500, help="images of the loop (500)")
 
 
 def run(options: argparse.Namespace) -> Report:
     """Start everywhere, then drive round the block."""
-    num_starts, num_loop = (20, 100) if options.quick else (options.starts, options.loop_images)
+    num_starts, num_loop = (20, 100) if options.quick else (options.starts or NUM_STARTS, options.loop_images)
     site, plan = mcl_sites.town(options)
     studio = mcl_sites.studio("town", options)
     drives = kidnapped(studio, plan, num_starts)

@@ -39,6 +39,7 @@ class Trial:
     degrees: Array
     counts: NDArray[np.int64]
     milliseconds: Array
+    p_chance: Array
 
     @property
     def is_right(self) -> NDArray[np.bool_]:
@@ -106,9 +107,21 @@ def run_filter(
         pose, status = place_of(estimate), estimate.status
         error = pose - drive.truth(index)
         degrees = abs(float(np.degrees(wrap_angle(error[2]))))
-        found.append((status.state, str(status.reason), np.hypot(*error[:2]), degrees, len(filter_.particles), elapsed))
-    states, reasons, metres, degrees_, counts, times = zip(*found, strict=True)
-    return Trial(states, reasons, np.array(metres), np.array(degrees_), np.array(counts), np.array(times))
+        found.append(
+            (
+                status.state,
+                str(status.reason),
+                np.hypot(*error[:2]),
+                degrees,
+                len(filter_.particles),
+                elapsed,
+                status.p_chance,
+            )
+        )
+    states, reasons, metres, degrees_, counts, times, chances = zip(*found, strict=True)
+    return Trial(
+        states, reasons, np.array(metres), np.array(degrees_), np.array(counts), np.array(times), np.array(chances)
+    )
 
 
 def place_of(estimate: Any) -> Array:

@@ -18,6 +18,7 @@ ARGUMENTS = {
     "namespace": ("", "of the node, where another localiser runs beside it"),
     "other": ("other/pose", "topic of the pose of another localiser, which watches and helps"),
     "path": ("reference_path", "topic of the path to be followed by direction"),
+    "preset": ("auto", "surroundings: indoor, outdoor, or auto: by the cloud"),
     "use_sim_time": ("false", "take the time from /clock"),
     "params": (PathJoinSubstitution([FindPackageShare("sphere_nav"), "config", "mcl_depth.yaml"]), "parameter file"),
 }
@@ -37,7 +38,8 @@ def generate_launch_description():
         output="screen",
         parameters=[
             values["params"],
-            {"cloud": typed("cloud", str), "use_sim_time": typed("use_sim_time", bool)},
+            {"cloud": typed("cloud", str), "preset": typed("preset", str)},
+            {"use_sim_time": typed("use_sim_time", bool)},
         ],
         namespace=values["namespace"],
         remappings=[

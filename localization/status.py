@@ -101,6 +101,7 @@ class Status:
     limit: float = 0.0
     remedy: str = ""
     quality: float = 0.0  # 0 useless to 1 perfect
+    p_chance: float = 1.0  # probability that chance would look like this place; 1 where it was not tested
     references: tuple[int, ...] = ()  # ids of the key spheres
     overlap: float = 0.0  # share of the chosen pixels that the image sees
     inlier_share: float = 0.0
@@ -118,11 +119,12 @@ def status_of(
     remedies: Mapping[Reason, str] = INPUT_REMEDIES,
     *,
     quality: float = 0.0,
+    p_chance: float = 1.0,
     age: float = 0.0,
 ) -> Status:
     """Return the status of a state with its finding, put into words by `remedies`."""
     words = str(finding.reason), finding.value, finding.limit, finding.remedy(remedies)
-    return Status(state, *words, quality=quality, age=max(age, 0.0), stamp_ns=stamp_ns)
+    return Status(state, *words, quality=quality, p_chance=p_chance, age=max(age, 0.0), stamp_ns=stamp_ns)
 
 
 def describe(status: Status) -> str:

@@ -1,8 +1,9 @@
 """READ FIRST. One image after the other -> pose in a map without colour (N17 section III-C, algorithm 2).
 
 For each image: move the particles as odometry says, compare the image with the depth image at each particle (both
-caches), turn young particles to their best heading, weigh, find the places the belief is in, judge, resample, and
-spread some particles anew where the belief has lost its lead. Poses leave in TRACKING and DEGRADED only.
+caches), turn young particles to their best heading, weigh, find the places the belief is in, ask whether the place may
+be chance, judge, resample, and put new particles where the evidence of the last images points. Poses leave in TRACKING
+and DEGRADED only.
 """
 
 from __future__ import annotations
@@ -14,12 +15,14 @@ from localization import FINE, Finding, InputCheck, State, StateMachine, Status
 from localization.status import status_of
 from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.estimate import Belief, Estimate, Observation, covariance_of, pose_of
+from mcl_depth.belief.evidence import Evidence, SurveyGrid
 from mcl_depth.belief.hypotheses import find_hypotheses
+from mcl_depth.belief.lineage import Lineage
 from mcl_depth.belief.motion_model import MotionModel, sample_motion
 from mcl_depth.belief.orientation import adjust_headings, interpolate_similarity
-from mcl_depth.belief.recovery import Recovery
+from mcl_depth.belief.particles import Particles
 from mcl_depth.belief.resampling import resample
-from mcl_depth.belief.sampling import inject_random, sample_gaussian, sample_uniform
+from mcl_depth.belief.sampling import inject_at_places, sample_gaussian, sample_uniform
 from mcl_depth.belief.weighting import compute_weights
 from mcl_depth.geometry.area import Area
 from mcl_depth.likeness.comparison import Features, num_alpha_for, visual_features
@@ -28,7 +31,7 @@ from mcl_depth.likeness.level_view import level_view
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import FilterParams
 from mcl_depth.reasons import REMEDIES
-from mcl_depth.status import count, is_in_vain, judge
+from mcl_depth.status import count, judge
 from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
@@ -42,9 +45,11 @@ class Filter:
         self.num_headings = num_alpha_for(params.heading_step_deg)
         self._input = InputCheck(params.input)
         self._motion = MotionModel(params.motion)
-        self._reckoning = DeadReckoning(params.input)
-        self._recovery = Recovery(params.recovery, area.scattered(params.recovery.num_scouts))
+        self._reckoning = DeadReckoning(params.input, params.motion)
+        self._evidence = Evidence(SurveyGrid(depth_map, area.middles))
         self._states = StateMachine(params.state)
+        self.lineage = Lineage()
+        self.particles: Particles
         self._gap = area.step * np.sqrt(len(area.middles) / params.resampling.num_particles)  # between particles, m
         self.reset()
 
@@ -52,24 +57,22 @@ class Filter:
         """Forget pose, stream and losses; the random numbers begin anew."""
         self._rng = np.random.default_rng(self.params.seed)
         self._input.reset()
-        self._forget_motion()
-        self._recovery.reset()
+        self._motion.reset()
         self._states.reset()
         if self.params.automatic:
             self._states.search()
-        self.particles = sample_uniform(self.area, self.params.resampling.num_particles, self._rng)
+        self._begin(sample_uniform(self.area, self.params.resampling.num_particles, self._rng))
 
     def search(self) -> None:
         """Search the whole map with the images to come."""
         self._states.search()
-        self._spread()
+        self._begin(sample_uniform(self.area, self.params.resampling.num_particles, self._rng))
 
     def start(self, T_map_level: SE3, covariance: Array) -> None:
         """Search around a pose with its local covariance (6, 6); ValueError for a place outside the area."""
-        self.particles = sample_gaussian(T_map_level, covariance, self.area, self.params, self._rng)
+        count = self.params.resampling.num_particles
+        self._begin(sample_gaussian(T_map_level, covariance, self.area, count, self._rng))
         self._states.search()
-        self._reckoning.reset()
-        self._recovery.reset()
 
     def refuse(self, stamp_ns: int, finding: Finding) -> Estimate:
         """Take note of an image that cannot be used."""
@@ -86,60 +89,62 @@ class Filter:
         """Localise one image."""
         report = self._input.check(observation.image, observation.camera, observation.stamp_ns)
         if report.is_clock_jump:
-            self._forget_motion()
+            self._motion.reset()
+            self._begin(self.particles)
         if not report.is_good:
             return self.refuse(observation.stamp_ns, report.finding)
         if self._states.state is State.NOT_LOCALISED:
             return Estimate(self._status(observation.stamp_ns, FINE))
         if self._reckoning.is_near(observation):
             return self._estimate(observation, FINE)  # nearly the same view tells nothing new
-        if is_in_vain(self._states, self.params.state):
+        if self._states.state is State.LOST:
             self.search()
         grey, is_seen = level_view(observation.image, observation.camera, observation.rotation, self.map.camera)
-        return self._localise(observation, visual_features(grey, self.params.comparison, is_seen))
+        return self._localise(observation, visual_features(grey, is_seen))
 
     def _localise(self, observation: Observation, visual: Features) -> Estimate:
         """Return what an image makes of the belief (algorithm 2, lines 4 to 22)."""
         p = self.params
-        step = self._motion.step(observation.stamp_ns, observation.T_odom_level)
+        odometry = observation.T_odom_level
+        step = self._motion.step(observation.stamp_ns, odometry)
         particles = self.particles.with_poses(sample_motion(self.particles.poses, step, self._rng))
-        comparison = Comparison(visual, self.map, self.num_headings, is_caching=p.cache.uses_similarities)
+        comparison = Comparison(visual, self.map, self.num_headings)
         curves = comparison.curves(particles.poses)
-        particles = adjust_headings(particles, curves, p.adjustment, self._rng)
+        particles = adjust_headings(particles, curves, self._rng)
         similarities = interpolate_similarity(curves, particles.poses[:, 2])
-        particles = particles.reweight(compute_weights(similarities, p.weight, particles.weights))
-        hypotheses = find_hypotheses(particles, p.hypothesis)
-        lead = self._recovery.observe(comparison, hypotheses[0].mean_of(similarities, particles))
-        verdict = judge(hypotheses, lead, step, p.state)
-        count(self._states, verdict, observation.stamp_ns, p.state)
+        particles = particles.reweight(compute_weights(similarities, particles.weights))
+        hypotheses = find_hypotheses(particles)
+        proof = self._evidence.prove(comparison, hypotheses[0].pose, odometry, is_held=self._states.is_trusted)
+        verdict = judge(hypotheses, proof, step, p.state.max_chance)
+        count(self._states, verdict, observation.stamp_ns)
+        particles = self.lineage.add(observation.stamp_ns, particles)
         self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)
-        survivors = resample(particles, p.resampling, self._rng, self._gap, p.adjustment.num_images)
-        is_new = bool(np.all(particles.ages == 1))  # all have just been spread: no more of the same
-        share = 0.0 if is_new else self._recovery.share(is_following=self._states.is_following)
-        self.particles = inject_random(survivors, self.area, share, comparison, p, self._rng)
-        return self._estimate(observation, verdict.finding, Belief(tuple(hypotheses), particles, comparison, lead))
+        self._p_chance = proof.p_chance
+        self.particles = resample(particles, p.resampling.num_particles, self._rng, self._gap)
+        if proof.survey is not None and not self._states.is_following:
+            self.particles = inject_at_places(self.particles, proof.survey, self._rng)
+        belief = Belief(tuple(hypotheses), particles, comparison, proof.p_chance)
+        return self._estimate(observation, verdict.finding, belief)
 
     def _estimate(self, observation: Observation, finding: Finding, belief: Belief | None = None) -> Estimate:
         """Return the likeliest place, moved to this image by odometry, if it may leave."""
-        status, best = self._status(observation.stamp_ns, finding), self._reckoning.best
-        if best is None or not self._states.is_trusted:
+        status = self._status(observation.stamp_ns, finding)
+        if self._reckoning.best is None or not self._states.is_trusted:
             return Estimate(status, belief=belief)
-        pose = self._reckoning.propagate(observation)
+        pose, covariance = self._reckoning.propagate(observation)
         if not self.map.has_ground(pose):
             return Estimate(status, belief=belief)
-        covariance = covariance_of(best.covariance, float(pose[2]), self.params.covariance)
-        return Estimate(status, pose_of(pose, self.map.height(pose)), covariance, belief)
+        T_map_level = pose_of(pose, self.map.height(pose))
+        return Estimate(status, T_map_level, covariance_of(covariance, float(pose[2])), belief)
 
-    def _spread(self) -> None:
-        self.particles = sample_uniform(self.area, self.params.resampling.num_particles, self._rng)
+    def _begin(self, particles: Particles) -> None:
+        """Begin with other particles; nothing is known of earlier images."""
+        self.particles, self._p_chance = particles, 1.0
+        self.lineage.clear()
         self._reckoning.reset()
-        self._recovery.reset()
-
-    def _forget_motion(self) -> None:
-        self._motion.reset()
-        self._reckoning.reset()
+        self._evidence.reset()
 
     def _status(self, stamp_ns: int, finding: Finding, state: State | None = None) -> Status:
         reckoning = self._reckoning
         words = state or self._states.state, stamp_ns, finding, REMEDIES
-        return status_of(*words, quality=reckoning.quality, age=reckoning.age(stamp_ns))
+        return status_of(*words, quality=reckoning.quality, p_chance=self._p_chance, age=reckoning.age(stamp_ns))

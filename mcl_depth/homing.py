@@ -18,6 +18,12 @@ from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import HomingParams
 
 Array = NDArray[np.float64]
+NUM_DIRECTIONS = 16  # psi around the waypoint (N17 table I)
+DISTANCES = (1.0, 2.0)  # d around the waypoint, m
+NUM_MEDIAN = 5  # images in the median of the direction
+REACH = 0.6  # a waypoint closer than this is passed, m
+NUM_PASSED = 2  # images in a row that must say so
+MIN_LEAD = 1.5  # of the best sample over the others for a clear direction, standard deviations
 
 
 @dataclass(frozen=True)
@@ -40,18 +46,17 @@ class Homing:
     def __init__(self, path: Array, params: HomingParams, start: int = 0) -> None:
         """`path` (N, 2) m; the vehicle is near waypoint `start` of the path resampled at `params.spacing`."""
         self.waypoints = waypoints_of(path, params.spacing)
-        self._params = params
         steps = np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1)
         self._way = [float(value) for value in np.concatenate([[0.0], np.cumsum(steps)])]
-        self._offsets = offsets(params)
+        self._offsets = sample_offsets()
         self.restart(start)
 
     def restart(self, waypoint: int = 0) -> None:
         """Say that the vehicle is near a waypoint."""
         self.next = min(waypoint, len(self.waypoints) - 1)
         self.is_finished = False
-        self._places: deque[Array] = deque(maxlen=self._params.num_median)
-        self._leads: deque[float] = deque(maxlen=self._params.num_median)
+        self._places: deque[Array] = deque(maxlen=NUM_MEDIAN)
+        self._leads: deque[float] = deque(maxlen=NUM_MEDIAN)
         self._num_passed = 0
 
     def update(self, comparison: Comparison) -> Advice:
@@ -69,7 +74,7 @@ class Homing:
         in_map = self._median_direction()
         distance = float(np.linalg.norm(self._offsets[best]))
         in_vehicle = float(wrap_angle(np.array(in_map - heading)))
-        is_clear = float(np.median(self._leads)) >= self._params.min_lead
+        is_clear = float(np.median(self._leads)) >= MIN_LEAD
         return Advice(in_map, in_vehicle, heading, self.next, distance, lead, is_clear, self.is_finished)
 
     @property
@@ -87,9 +92,9 @@ class Homing:
         waypoint, last = self.waypoints[self.next], len(self.waypoints) - 1
         ahead = self._tangent(self.next)
         offset = place - waypoint
-        is_there = float(np.linalg.norm(offset)) < self._params.reach or float(offset @ ahead) > 0.0
+        is_there = float(np.linalg.norm(offset)) < REACH or float(offset @ ahead) > 0.0
         self._num_passed = self._num_passed + 1 if is_there else 0
-        if self._num_passed >= self._params.num_passed:
+        if self._num_passed >= NUM_PASSED:
             self.is_finished = self.is_finished or self.next == last
             self.next, self._num_passed = min(self.next + 1, last), 0
 
@@ -109,12 +114,11 @@ class Homing:
         return way / max(float(np.linalg.norm(way)), 1e-9)
 
 
-def offsets(params: HomingParams) -> Array:
+def sample_offsets() -> Array:
     """Return the samples (K, 2) around a waypoint, the waypoint itself first."""
-    psi = np.arange(params.num_directions) * 2.0 * np.pi / params.num_directions
+    psi = np.arange(NUM_DIRECTIONS) * 2.0 * np.pi / NUM_DIRECTIONS
     ring = np.stack([np.cos(psi), np.sin(psi)], axis=1)
-    rings = [params.distance_step * (k + 1) * ring for k in range(params.num_distances)]
-    return np.concatenate([np.zeros((1, 2)), *rings])
+    return np.concatenate([np.zeros((1, 2)), *(distance * ring for distance in DISTANCES)])
 
 
 def waypoints_of(path: Array, spacing: float) -> Array:

@@ -9,7 +9,7 @@ from sphere_nav_msgs.msg import FollowerStatus
 
 from localization.status import Status
 from mcl_depth.belief.estimate import Belief
-from mcl_depth.homing import Advice, Homing
+from mcl_depth.homing import MIN_LEAD, Advice, Homing
 from mcl_depth.params import MclDepthParams
 from node_kit import conversions, qos
 from node_kit.conversions.driving import check_frames, guide_status_to_message
@@ -49,4 +49,4 @@ class HomingGuide:
             message = conversions.se3_to_pose_stamped(direction, stamp, self._base_frame)
             self._direction.publish(message)
         way = self.homing.gone, self.homing.left
-        self._status.publish(guide_status_to_message(self._advice, way, self._params.min_lead, stamp, self._frame))
+        self._status.publish(guide_status_to_message(self._advice, way, MIN_LEAD, stamp, self._frame))

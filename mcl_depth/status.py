@@ -9,9 +9,16 @@ import numpy as np
 
 from localization.state_machine import StateMachine
 from localization.status import FINE, Finding, Reason, State
+from mcl_depth.belief.evidence import Proof
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
-from mcl_depth.params import StateParams
+
+MIN_WEIGHT = 0.8  # share of the belief in one place before it is trusted
+AMBIGUOUS_SHARE = 0.4  # a second place counts from this share of the first
+MAX_SIGMA_M, GOOD_SIGMA_M = 0.6, 0.4  # standard deviations of a trusted and of a good position
+MAX_SIGMA_RAD = float(np.radians(15.0))
+SMALL_MAP_CHANCE = 0.16  # one sigma of random places: in a room or two no rate of false alarms can be stated
+LOST_IMAGES = 6  # bad images in a row until the pose is lost
 
 
 @dataclass(frozen=True)
@@ -22,12 +29,12 @@ class Verdict:
     is_bad: bool = False
 
 
-def judge(hypotheses: Sequence[Hypothesis], lead: float, step: Step, params: StateParams) -> Verdict:
-    """Judge the belief after an image; `lead` is how far its place stands out, in standard deviations of the map.
+def judge(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max_chance: float) -> Verdict:
+    """Judge the belief after an image.
 
     Where particles do not agree and odometry failed, odometry is the reason that is given.
     """
-    verdict = _judge_belief(hypotheses, lead, params)
+    verdict = _judge_belief(hypotheses, proof, max_chance)
     if verdict.finding.reason not in (Reason.NONE, Reason.NO_CONVERGENCE):
         return verdict
     if step.jump > 0.0:
@@ -35,26 +42,31 @@ def judge(hypotheses: Sequence[Hypothesis], lead: float, step: Step, params: Sta
     return verdict if step.is_known else Verdict(Finding(Reason.ODOM_STALE), verdict.is_bad)
 
 
-def _judge_belief(hypotheses: Sequence[Hypothesis], lead: float, params: StateParams) -> Verdict:
+def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: float) -> Verdict:
     best = hypotheses[0]
     second = hypotheses[1].weight if len(hypotheses) > 1 else 0.0
-    limit_rad = np.radians(params.max_sigma_deg)
-    if second >= params.ambiguous_share * best.weight:
-        return Verdict(Finding(Reason.AMBIGUOUS, second / best.weight, params.ambiguous_share), is_bad=True)
-    if best.weight < params.min_weight:
-        return Verdict(Finding(Reason.NO_CONVERGENCE, best.weight, params.min_weight, "belief in one place"), True)
-    if best.sigma_m > params.max_sigma_m:
-        return Verdict(Finding(Reason.NO_CONVERGENCE, best.sigma_m, params.max_sigma_m, "spread in m"), True)
-    if best.sigma_rad > limit_rad:
-        return Verdict(Finding(Reason.NO_CONVERGENCE, best.sigma_rad, float(limit_rad), "spread in rad"), True)
-    if lead < params.min_lead:
-        return Verdict(Finding(Reason.OUTLIERS, lead, params.min_lead, "lead over the rest of the map"), True)
-    if best.sigma_m > params.good_sigma_m:
-        return Verdict(Finding(Reason.NO_CONVERGENCE, best.sigma_m, params.good_sigma_m, "spread in m"))
+    limit = float(np.sqrt(max_chance)) if proof.is_held else max_chance
+    limit = max(limit, SMALL_MAP_CHANCE) if proof.is_small else limit
+    if second >= AMBIGUOUS_SHARE * best.weight:
+        return Verdict(Finding(Reason.AMBIGUOUS, second / best.weight, AMBIGUOUS_SHARE), is_bad=True)
+    if best.weight < MIN_WEIGHT:
+        return Verdict(Finding(Reason.NO_CONVERGENCE, best.weight, MIN_WEIGHT, "belief in one place"), True)
+    if best.sigma_m > MAX_SIGMA_M:
+        return Verdict(Finding(Reason.NO_CONVERGENCE, best.sigma_m, MAX_SIGMA_M, "spread in m"), True)
+    if best.sigma_rad > MAX_SIGMA_RAD:
+        return Verdict(Finding(Reason.NO_CONVERGENCE, best.sigma_rad, MAX_SIGMA_RAD, "spread in rad"), True)
+    if not proof.agrees:
+        detail = "another place fits the last images better"
+        return Verdict(Finding(Reason.AMBIGUOUS, proof.p_chance, limit, detail), is_bad=True)
+    if proof.p_chance >= limit:
+        detail = "probability that the place is chance"
+        return Verdict(Finding(Reason.OUTLIERS, proof.p_chance, limit, detail), is_bad=True)
+    if best.sigma_m > GOOD_SIGMA_M:
+        return Verdict(Finding(Reason.NO_CONVERGENCE, best.sigma_m, GOOD_SIGMA_M, "spread in m"))
     return Verdict()
 
 
-def count(states: StateMachine, verdict: Verdict, stamp_ns: int, params: StateParams) -> None:
+def count(states: StateMachine, verdict: Verdict, stamp_ns: int) -> None:
     """Let the state follow from the verdict on one image; a place on probation that is refused was none."""
     if not verdict.is_bad:
         if not states.is_following:
@@ -63,9 +75,4 @@ def count(states: StateMachine, verdict: Verdict, stamp_ns: int, params: StatePa
         return
     if states.state in (State.PROBATION, State.LOST):
         states.search()
-    states.refuse(is_lost=states.num_refused + 1 >= params.lost_images)
-
-
-def is_in_vain(states: StateMachine, params: StateParams) -> bool:
-    """Whether the search is to begin anew: just lost, or without success for too long."""
-    return states.state is State.LOST or (not states.is_following and states.num_refused >= params.patience)
+    states.refuse(is_lost=states.num_refused + 1 >= LOST_IMAGES)

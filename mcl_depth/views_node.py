@@ -1,9 +1,10 @@
-"""What the node shows for RViz and Foxglove: particles, compass, hypotheses, similarity curve, depth image."""
+"""What the node shows for RViz and Foxglove: particles, compass, hypotheses, similarities, trajectory, depth image."""
 
 from __future__ import annotations
 
 import numpy as np
 from geometry_msgs.msg import PoseStamped
+from nav_msgs.msg import Path
 from sensor_msgs.msg import Image, LaserScan
 from sphere_nav_msgs.msg import ParticleCloud
 from visualization_msgs.msg import MarkerArray
@@ -26,6 +27,7 @@ class Views:
         self._heading = endpoints.add_publisher("heading", PoseStamped)
         self._hypotheses = endpoints.add_publisher("hypotheses", MarkerArray)
         self._similarity = endpoints.add_publisher("similarity", LaserScan)
+        self._trajectory = endpoints.add_publisher("trajectory", Path)
         self._depth = endpoints.add_publisher("synthesized_depth", Image, qos.LARGE)
 
     def show(self, belief: Belief, filter_: Filter, stamp: int) -> None:
@@ -38,6 +40,9 @@ class Views:
         heights = [filter_.map.height(item.pose) for item in belief.hypotheses]
         self._hypotheses.publish(hypotheses_to_markers(belief.hypotheses, heights, stamp, self._frame))
         self._similarity.publish(similarities_to_scan(curve, float(best[2]), stamp, self._base_frame))
+        if self._trajectory.num_subscriptions:
+            poses = ((at, pose_of(pose, filter_.map.height(pose))) for at, pose in filter_.lineage.trajectory())
+            self._trajectory.publish(conversions.poses_to_path(poses, stamp, self._frame))
         depth = filter_.map.depth_at(best) if self._depth.num_subscriptions else None
         if depth is not None:
             self._depth.publish(conversions.array_to_image(depth, stamp, self._frame, "32FC1"))

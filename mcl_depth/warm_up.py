@@ -18,9 +18,9 @@ def warm_up(params: FilterParams) -> None:
     cloud = cloud_from_points(rng.uniform(-1.0, 1.0, (200, 3)))
     for drawing in ("columns", "splats"):
         columns = num_headings * -(-64 // num_headings)
-        synthesizer = DepthSynthesizer(cloud, SynthesisParams(num_columns=columns, drawing=drawing))
+        synthesizer = DepthSynthesizer(cloud, SynthesisParams(num_columns=columns), drawing)
         ranges = synthesizer.synthesize_many(np.zeros((2, 3)))
     grey = rng.uniform(0, 255, ranges.shape[1:]).astype(np.float32)
     for is_seen in (None, grey > 10.0):
-        visual = visual_features(grey, params.comparison, is_seen)
+        visual = visual_features(grey, is_seen)
         similarity_many(visual, depth_features_many(ranges, params.comparison), num_headings)

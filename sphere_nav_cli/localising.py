@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from localization.status import Reason
 from node_kit import conversions
 from node_kit.bag_error import BagError
 from node_kit.bag_reader import BagReader
@@ -109,6 +110,8 @@ class Summary:
         """Take one message."""
         if item.topic == "/status":
             status = conversions.message_to_status(item.message)
+            if status.reason == Reason.TIMEOUT:  # between images that are far apart; no answer to one
+                return
             self.states[status.state] += 1
             if status.reason:
                 self.reasons[status.reason] += 1

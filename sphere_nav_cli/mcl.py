@@ -5,25 +5,29 @@ from __future__ import annotations
 import argparse
 
 from mcl_depth.node import MclDepthNode
+from mcl_depth.presets import PRESETS
 from node_kit.replay import OfflineBus
 from sphere_nav_cli import localising
 from sphere_nav_cli.map import parse_settings
 
 HELP = """\
-Find the camera of a bag in bare geometry, from nowhere. CLOUD is .ply, .pcd, .las, .npy, a floor plan .csv, or a map
-made by `sphere_nav map`. The poses of base_link in the states TRACKING and DEGRADED are written as a TUM file.
+Find the camera of a bag in bare geometry, from nowhere. CLOUD is .ply, .pcd, .las, .laz, .npy, a floor plan .csv, or a
+map made by `sphere_nav map`. The poses of base_link in the states TRACKING and DEGRADED are written as a TUM file.
 
 examples:
   sphere_nav mcl town.ply drive -o poses.tum
+  sphere_nav mcl tile.laz drive --preset outdoor -o poses.tum
   sphere_nav mcl campus drive2 -o poses.tum --bag result --set resampling.num_particles=2000
 """
-TOPICS = ("/pose", "/status", "/tf", "/particle_cloud", "/heading")
+MAX_LEAP_S = 3600.0  # between images of a recording, which may be far apart
+TOPICS = ("/pose", "/status", "/tf", "/particle_cloud", "/heading", "/trajectory")
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("cloud", metavar="CLOUD", help="geometry to localise in")
     parser.add_argument("source", metavar="BAG", help="bag with images, camera_info or sphere_info, and odometry")
+    parser.add_argument("--preset", choices=("auto", *PRESETS), default="auto", help="surroundings (by the cloud)")
     localising.add_arguments(parser, "mcl_depth")
 
 
@@ -31,6 +35,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Localise every image; 1 if none could be localised."""
 
     def add_node(bus: OfflineBus, remap: dict[str, str]) -> None:
-        bus.add(MclDepthNode, {"cloud": arguments.cloud} | parse_settings(arguments.settings), remap)
+        given = {"cloud": arguments.cloud, "preset": arguments.preset, "input.max_leap_s": MAX_LEAP_S}
+        bus.add(MclDepthNode, given | parse_settings(arguments.settings), remap)
 
     return localising.write_poses(arguments, localising.replay_localizer(arguments, TOPICS, add_node))

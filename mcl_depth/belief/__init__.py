@@ -1,1 +1,1 @@
-"""Where the camera may be: particles, weights, hypotheses, recovery (N17 section III-C, algorithm 2)."""
+"""Where the camera may be: particles, weights, hypotheses, evidence (N17 section III-C, algorithm 2)."""

@@ -1,4 +1,4 @@
-"""The last place found, carried on by odometry between the images that are compared with the map."""
+"""The last place that an image confirmed, propagated by odometry until the next one does."""
 
 from __future__ import annotations
 
@@ -8,43 +8,51 @@ from numpy.typing import NDArray
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import compose_planar, planar_pose, relative_motion
-from mcl_depth.params import InputParams
+from mcl_depth.params import InputParams, MotionParams
 
 Array = NDArray[np.float64]
+MIN_TURN = np.radians(3.0)  # an image turned by this tells something new, wherever it was taken
 
 
 class DeadReckoning:
-    """Remembers the likeliest place, and what odometry said there."""
+    """Remembers the confirmed place and what odometry said there; a doubtful image changes neither."""
 
-    def __init__(self, params: InputParams) -> None:
-        self._params = params
+    def __init__(self, params: InputParams, motion: MotionParams) -> None:
+        self._params, self._noise = params, motion
         self.reset()
 
     def reset(self) -> None:
         """Forget the place."""
         self.best: Hypothesis | None = None
-        self._odometry: Array | None = None
+        self._confirmed_at: Array | None = None  # odometry
+        self._compared_at: Array | None = None
         self._confirmed_ns = 0
 
     def update(self, best: Hypothesis, observation: Observation, *, is_confirmed: bool) -> None:
-        """Remember where an image was taken; `is_confirmed`: it fits there."""
-        self.best = best
-        self._odometry = planar_pose(observation.T_odom_level) if observation.T_odom_level is not None else None
-        self._confirmed_ns = observation.stamp_ns if is_confirmed else self._confirmed_ns
+        """Take note of an image that was compared; the place counts where the image confirms it."""
+        T_odom_level = observation.T_odom_level
+        self._compared_at = planar_pose(T_odom_level) if T_odom_level is not None else None
+        if is_confirmed:
+            self.best, self._confirmed_at, self._confirmed_ns = best, self._compared_at, observation.stamp_ns
 
     def is_near(self, observation: Observation) -> bool:
         """Whether an image is from nearly the place and heading of the last one: it would tell nothing new."""
-        motion = self._motion(observation)
+        motion = _motion(self._compared_at, observation)
         if motion is None:
             return False
-        is_turned = abs(motion[2]) >= np.radians(self._params.min_turn_deg)
-        return not is_turned and float(np.hypot(motion[0], motion[1])) < self._params.min_way
+        return abs(motion[2]) < MIN_TURN and float(np.hypot(motion[0], motion[1])) < self._params.min_way
 
-    def propagate(self, observation: Observation) -> Array:
-        """Return x, y, yaw (3,) at an image: that of the last one, moved by odometry."""
+    def propagate(self, observation: Observation) -> tuple[Array, Array]:
+        """Return x, y, yaw (3,) at an image and their covariance (3, 3), which grows on the way."""
         assert self.best is not None
-        motion = self._motion(observation)
-        return compose_planar(self.best.pose[None], motion)[0] if motion is not None else self.best.pose
+        motion = _motion(self._confirmed_at, observation)
+        if motion is None:
+            return self.best.pose, self.best.covariance
+        way = float(np.hypot(motion[0], motion[1]))
+        turn = np.radians(self._noise.drift_deg) * np.sqrt(way)
+        side = self._noise.way_share * way + 0.5 * turn * way
+        growth = np.diag(np.array([side, side, turn]) ** 2)
+        return compose_planar(self.best.pose[None], motion)[0], self.best.covariance + growth
 
     @property
     def quality(self) -> float:
@@ -55,7 +63,8 @@ class DeadReckoning:
         """Return seconds since an image confirmed the place; 0 before the first."""
         return max((stamp_ns - self._confirmed_ns) * 1e-9, 0.0) if self._confirmed_ns else 0.0
 
-    def _motion(self, observation: Observation) -> Array | None:
-        if self.best is None or self._odometry is None or observation.T_odom_level is None:
-            return None
-        return relative_motion(self._odometry, planar_pose(observation.T_odom_level))
+
+def _motion(before: Array | None, observation: Observation) -> Array | None:
+    if before is None or observation.T_odom_level is None:
+        return None
+    return relative_motion(before, planar_pose(observation.T_odom_level))

@@ -12,10 +12,11 @@ from localization.status import Status
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.particles import Particles
 from mcl_depth.likeness.similarity_cache import Comparison
-from mcl_depth.params import CovarianceParams
 from sphere_geometry import SE3, Camera
 
 Array = NDArray[np.float64]
+MAP_M, HEADING = 0.10, np.radians(1.0)  # errors that particles do not tell: of map and synthesis, and of the heading
+HEIGHT_M, TILT = 0.10, np.radians(1.0)  # of the height above the ground, and of roll and pitch
 
 
 @dataclass(frozen=True)
@@ -39,7 +40,7 @@ class Belief:
     hypotheses: tuple[Hypothesis, ...]  # by falling weight
     particles: Particles  # weighted, before resampling
     comparison: Comparison
-    lead: float  # of the likeliest place over the rest of the map, standard deviations
+    p_chance: float  # that the likeliest place is chance
 
     @property
     def best(self) -> Hypothesis:
@@ -67,13 +68,11 @@ def pose_of(pose: Array, height: float) -> SE3:
     return SE3.from_parts(planar.rotation, [*planar.translation[:2], height])
 
 
-def covariance_of(covariance: Array, yaw: float, params: CovarianceParams) -> Array:
+def covariance_of(covariance: Array, yaw: float) -> Array:
     """Return the local covariance (6, 6) from that of x, y, yaw (3, 3) in the map's axes, with what particles omit."""
     R = np.array([[np.cos(yaw), np.sin(yaw), 0.0], [-np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
     local = R @ covariance @ R.T
     full = np.zeros((6, 6))
     used = np.ix_((0, 1, 5), (0, 1, 5))
     full[used] = local
-    tilt, turn = np.radians(params.tilt_deg), np.radians(params.heading_deg)
-    sigmas = np.array([params.position, params.position, params.height, tilt, tilt, turn])
-    return full + np.diag(sigmas**2)
+    return full + np.diag(np.array([MAP_M, MAP_M, HEIGHT_M, TILT, TILT, HEADING]) ** 2)

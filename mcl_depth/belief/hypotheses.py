@@ -10,9 +10,10 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mcl_depth.belief.particles import Particles, wrap_angle
-from mcl_depth.params import HypothesisParams
 
 Array = NDArray[np.float64]
+BIN_M, NUM_TURNS = 0.75, 12  # particles in bins of position and heading that touch are of one place
+MAX_HYPOTHESES = 5
 
 
 @dataclass(frozen=True)
@@ -40,25 +41,18 @@ class Hypothesis:
         return float(weights @ values[self.members] / max(float(weights.sum()), 1e-300))
 
 
-def find_hypotheses(particles: Particles, params: HypothesisParams) -> list[Hypothesis]:
+def find_hypotheses(particles: Particles) -> list[Hypothesis]:
     """Return the clusters by falling weight: particles in bins of position and heading that touch belong together."""
-    labels = _labels(particles.poses, params)
+    labels = _labels(particles.poses)
     shares = np.bincount(labels, particles.weights)
-    order = np.argsort(-shares, kind="stable")[: params.max_hypotheses]
+    order = np.argsort(-shares, kind="stable")[:MAX_HYPOTHESES]
     return [_hypothesis(particles, np.flatnonzero(labels == label)) for label in order]
 
 
-def is_same_place(one: Array, other: Array, params: HypothesisParams) -> bool:
-    """Whether two poses (3,) are within a bin of each other."""
-    near = float(np.hypot(*(one[:2] - other[:2]))) <= params.bin_size
-    return near and abs(float(wrap_angle(one[2] - other[2]))) <= np.radians(params.bin_heading_deg)
-
-
-def _labels(poses: Array, params: HypothesisParams) -> NDArray[np.int64]:
+def _labels(poses: Array) -> NDArray[np.int64]:
     """Return the number (N,) of the cluster of each pose (N, 3)."""
-    turns = max(round(360.0 / params.bin_heading_deg), 1)
-    turn = np.floor(wrap_angle(poses[:, 2]) / (2.0 * np.pi) * turns).astype(np.int64) % turns
-    cells = np.floor(poses[:, :2] / params.bin_size).astype(np.int64)
+    turn = np.floor(wrap_angle(poses[:, 2]) / (2.0 * np.pi) * NUM_TURNS).astype(np.int64) % NUM_TURNS
+    cells = np.floor(poses[:, :2] / BIN_M).astype(np.int64)
     bins, bin_of = np.unique(np.column_stack([cells, turn]), axis=0, return_inverse=True)
     number = {tuple(key): index for index, key in enumerate(bins.tolist())}
     pairs = [
@@ -67,7 +61,7 @@ def _labels(poses: Array, params: HypothesisParams) -> NDArray[np.int64]:
         for dx in (-1, 0, 1)
         for dy in (-1, 0, 1)
         for dk in (-1, 0, 1)
-        if (other := number.get((x + dx, y + dy, (k + dk) % turns))) is not None
+        if (other := number.get((x + dx, y + dy, (k + dk) % NUM_TURNS))) is not None
     ]
     rows, columns = np.array(pairs).T
     links = coo_array((np.ones(len(pairs)), (rows, columns)), shape=(len(bins), len(bins)))

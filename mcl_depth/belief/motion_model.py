@@ -50,6 +50,14 @@ def sample_motion(poses: Array, step: Step, rng: np.random.Generator) -> Array:
     return compose_planar(poses, step.motion + step.sigmas * rng.standard_normal(poses.shape))
 
 
+SIDE_SHARE = 0.6  # error across the way by that along it
+TURN_SHARE = 0.05  # standard deviation of a turn, as share of it
+MIN_SIGMA = np.radians(0.5)  # of the heading for each image
+MAX_LEAP = 0.5  # m, believed at any speed
+BLIND_SPEED, BLIND_TURN_RATE = 0.5, 0.35  # standard deviations of speed, m/s, and turn rate, rad/s, without odometry
+MAX_BLIND_STEP = 1.0  # m
+
+
 class MotionModel:
     """Remembers odometry at the last image; says what happened since."""
 
@@ -71,21 +79,18 @@ class MotionModel:
             return self._unknown(seconds)
         motion = relative_motion(planar_pose(before[1]), planar_pose(T_odom_level))
         way = float(np.hypot(motion[0], motion[1]))
-        if not way <= self._params.max_speed * seconds + self._params.max_leap:
+        if not way <= self._params.max_speed * seconds + MAX_LEAP:
             return self._unknown(seconds, jump=way if np.isfinite(way) else 1e9)
         return Step(motion, self._sigmas(way, abs(float(motion[2]))))
 
     def _sigmas(self, way: float, turn: float) -> Array:
         p = self._params
         along = np.hypot(p.way_share * way, p.min_sigma)
-        across = np.hypot(p.side_share * way, p.min_sigma)
-        heading = np.sqrt(
-            (p.turn_share * turn) ** 2 + (np.radians(p.drift_deg) ** 2 * way) + np.radians(p.min_sigma_deg) ** 2
-        )
-        return np.array([along, across, heading])
+        across = np.hypot(SIDE_SHARE * p.way_share * way, p.min_sigma)
+        drift = np.radians(p.drift_deg) ** 2 * way
+        return np.array([along, across, np.sqrt((TURN_SHARE * turn) ** 2 + drift + MIN_SIGMA**2)])
 
     def _unknown(self, seconds: float, jump: float = 0.0) -> Step:
-        p = self._params
-        way = min(p.blind_speed * seconds, p.max_blind_step)
-        turn = min(p.blind_turn_rate * seconds, np.pi / 4)
+        way = min(BLIND_SPEED * seconds, MAX_BLIND_STEP)
+        turn = min(BLIND_TURN_RATE * seconds, np.pi / 4)
         return Step(np.zeros(3), np.array([way, way, turn]), is_known=False, jump=jump)

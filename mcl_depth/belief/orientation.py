@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.belief.particles import Particles, wrap_angle
-from mcl_depth.params import AdjustmentParams
 
 Array = NDArray[np.float64]
+NUM_YOUNG = 2  # images after which a particle keeps its own heading
+SPREAD = np.radians(3.0)  # standard deviation left in an assigned heading
 
 
 def best_headings(curves: NDArray[np.floating]) -> Array:
@@ -32,17 +33,12 @@ def interpolate_similarity(curves: NDArray[np.floating], headings: Array) -> Arr
     return (1.0 - share) * curves[rows, first] + share * curves[rows, (first + 1) % count]
 
 
-def adjust_headings(
-    particles: Particles, curves: NDArray[np.floating], params: AdjustmentParams, rng: np.random.Generator
-) -> Particles:
-    """Turn particles towards their best heading (algorithm 2, line 19): young ones by `initial`, old ones by `later`.
-
-    A strength of 1 assigns the best heading; less fuses it with the particle's own. The result keeps a small spread.
-    """
-    strength = np.where(particles.ages < params.num_images, params.initial, params.later)
-    if not np.any(strength > 0.0):
+def adjust_headings(particles: Particles, curves: NDArray[np.floating], rng: np.random.Generator) -> Particles:
+    """Turn young particles to their best heading, which keeps a small spread (algorithm 2, line 19)."""
+    is_young = particles.ages < NUM_YOUNG
+    if not is_young.any():
         return particles
     poses = particles.poses.copy()
-    spread = np.radians(params.spread_deg) * rng.standard_normal(len(particles))
-    poses[:, 2] = wrap_angle(poses[:, 2] + strength * (wrap_angle(best_headings(curves) - poses[:, 2]) + spread))
+    spread = SPREAD * rng.standard_normal(len(particles))
+    poses[:, 2] = np.where(is_young, wrap_angle(best_headings(curves) + spread), poses[:, 2])
     return particles.with_poses(poses)

@@ -9,7 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 Points = NDArray[np.float32]
 
-LARGE_EXTENT_M = 5_000.0  # a map for a vehicle is smaller; millimetres look larger
+LARGE_EXTENT_M = 1_000.0  # a wider cloud is asked whether its points lie as close as those of a map
+MIN_POINTS = 100  # that tell how close points lie
+MAX_LONELY = 0.5  # share of the points of a map that are alone in their cubic metre
 MAX_COORDINATE_M = 1e7  # the size of the Earth
 FAR_FROM_ORIGIN_M = 100_000.0  # beyond it float32 metres are coarser than a centimetre
 
@@ -32,7 +34,7 @@ class Cloud:
 
 
 def cloud_from_points(points: ArrayLike, name: str = "cloud") -> Cloud:
-    """Check points (N, 3) in m: drop what is not finite, warn of an extent that looks like millimetres.
+    """Check points (N, 3) in m: drop what is not finite, refuse what looks like millimetres.
 
     ValueError where nothing is left, or where coordinates are too large for float32.
     """
@@ -51,10 +53,20 @@ def cloud_from_points(points: ArrayLike, name: str = "cloud") -> Cloud:
             f"{name}: points: expected coordinates within {FAR_FROM_ORIGIN_M:g} m of the origin, found"
             f" {np.abs([low, high]).max():.6g} (geographic coordinates, or not metres?)"
         )
-    if np.median(np.abs(found - np.median(found, axis=0)), axis=0).max() > LARGE_EXTENT_M / 4:
-        extent = float((high - low).max())
-        warnings.append(f"{name}: extent {extent:.0f} m: expected metres, this looks like millimetres")
+    extent = float((high - low).max())
+    if len(found) >= MIN_POINTS and extent > LARGE_EXTENT_M and (share := _lonely_share(found - low)) > MAX_LONELY:
+        raise ValueError(
+            f"{name}: points: expected metres, found an extent of {extent:.0f} m with {share:.0%} of the points farther"
+            " than a metre from all others: this looks like millimetres"
+        )
     return Cloud(np.ascontiguousarray(found, np.float32), name, tuple(warnings))
+
+
+def _lonely_share(points: NDArray[np.floating]) -> float:
+    """Return the share of points (N, 3), all positive, that are alone in their cube of a metre."""
+    cells = np.floor(points).astype(np.uint64)
+    keys = (cells[:, 0] << np.uint64(42)) ^ (cells[:, 1] << np.uint64(21)) ^ cells[:, 2]
+    return float(np.count_nonzero(np.unique(keys, return_counts=True)[1] == 1)) / len(points)
 
 
 def thin_cloud(

@@ -18,11 +18,11 @@ from sphere_geometry.files import open_file
 
 NPY_MAGIC = b"\x93NUMPY"
 MAX_BYTES = 1 << 32
-ENDINGS = (".ply", ".pcd", ".las", ".npy", ".csv")
+ENDINGS = (".ply", ".pcd", ".las", ".laz", ".npy", ".csv")
 
 
 def read_geometry(path: str | Path) -> Cloud | TriangleMesh:
-    """Read .ply (points, or a mesh where there are faces), .pcd, .las, .npy (N, 3+), or a floor plan .csv.
+    """Read .ply (points, or a mesh where there are faces), .pcd, .las, .laz, .npy (N, 3+), or a floor plan .csv.
 
     ValueError in one line where the file is damaged, absurd, empty, of another kind, or not there.
     """
@@ -35,7 +35,7 @@ def read_geometry(path: str | Path) -> Cloud | TriangleMesh:
             return mesh_from_faces(points, triangles, name) if len(triangles) else cloud_from_points(points, name)
         case ".pcd":
             return cloud_from_points(read_pcd(path), name)
-        case ".las":
+        case ".las" | ".laz":
             return cloud_from_points(read_las(path), name)
         case ".npy":
             return cloud_from_points(_read_npy(path), name)

@@ -1,49 +1,49 @@
-"""ASPRS .las 1.0 to 1.4, uncompressed, every point format."""
+"""ASPRS .las and .laz of every version and point format (laspy, lazrs)."""
 
 from __future__ import annotations
 
-import struct
 from pathlib import Path
 
+import laspy
 import numpy as np
 from numpy.typing import NDArray
 
-SMALLEST = (20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67)  # bytes of a point of formats 0 to 10
-HEADER = 227  # bytes of the header of 1.0 to 1.2
-HEADER_14 = 375
+CHUNK = 1_000_000  # points unpacked at once
+MAX_PACKING = 100  # LAZ packs a point into no less than this share of its bytes
 
 
 def read_las(path: Path) -> NDArray[np.float64]:
     """Return points (N, 3) float64 in the coordinates of the file."""
+    size = path.stat().st_size
     with path.open("rb") as file:
-        head = file.read(HEADER_14)
-        size = file.seek(0, 2)
-        if not head.startswith(b"LASF") or len(head) < HEADER:
-            raise ValueError(f"{path}: header: expected {HEADER} bytes from 'LASF', found {head[:8]!r}, {size} bytes")
-        start, length, count = _layout(path, head)
-        if start < HEADER or start + count * length > size:
-            raise ValueError(f"{path}: points: expected {count} of {length} bytes from {start}, found {size} bytes")
-        scale = np.array(struct.unpack_from("<3d", head, 131))
-        offset = np.array(struct.unpack_from("<3d", head, 155))
-        if not (np.all(np.isfinite(scale)) and np.all(scale != 0) and np.all(np.isfinite(offset))):
-            raise ValueError(f"{path}: scale and offset: expected finite numbers, found {scale} and {offset}")
-        file.seek(start)
-        rows = np.frombuffer(file.read(count * length), np.dtype((np.void, length)), count)
-    row = np.dtype({"names": ["p"], "formats": [("<i4", 3)], "offsets": [0], "itemsize": length})
-    return rows.view(row)["p"] * scale + offset
+        start = file.read(4)
+        if start != b"LASF":
+            raise ValueError(f"{path}: header: expected 'LASF', found {start!r}")
+    try:
+        with laspy.open(path) as reader:
+            header = reader.header
+            _check_header(path, header, size)
+            parts = [np.column_stack([part.x, part.y, part.z]) for part in reader.chunk_iterator(CHUNK)]
+    except (laspy.LaspyException, OSError, ValueError, RuntimeError, OverflowError, IndexError, KeyError) as error:
+        text = " ".join(str(error).split())
+        raise ValueError(
+            text if text.startswith(str(path)) else f"{path}: expected a whole file, found {text}"
+        ) from None
+    except BaseException as error:  # lazrs is Rust: what it does not expect is a panic, which is no Exception
+        if isinstance(error, (KeyboardInterrupt, SystemExit)):
+            raise
+        raise ValueError(f"{path}: points: expected LAZ, found damage") from None
+    points = np.concatenate(parts) if parts else np.zeros((0, 3))
+    if len(points) != header.point_count:
+        raise ValueError(f"{path}: points: expected {header.point_count}, found {len(points)}")
+    return points.astype(np.float64)
 
 
-def _layout(path: Path, head: bytes) -> tuple[int, int, int]:
-    """Return where the points start, the bytes of each, and how many there are."""
-    major, minor = head[24], head[25]
-    if (major, minor) not in ((1, 0), (1, 1), (1, 2), (1, 3), (1, 4)):
-        raise ValueError(f"{path}: version: expected 1.0 to 1.4, found {major}.{minor}")
-    (start,) = struct.unpack_from("<I", head, 96)
-    form, length, count = struct.unpack_from("<BHI", head, 104)
-    if form & 0xC0:
-        raise ValueError(f"{path}: point format: expected uncompressed points, found LAZ (convert with 'laszip')")
-    if form >= len(SMALLEST) or length < SMALLEST[form]:
-        raise ValueError(f"{path}: point format: expected 0 to 10 of known length, found {form} of {length} bytes")
-    if minor == 4 and len(head) == HEADER_14:
-        count = struct.unpack_from("<Q", head, 247)[0] or count
-    return start, length, count
+def _check_header(path: Path, header: laspy.LasHeader, size: int) -> None:
+    """Refuse sizes that the file cannot have, before anything is allocated."""
+    least = header.point_count * header.point_format.size // (MAX_PACKING if header.are_points_compressed else 1)
+    if header.offset_to_point_data + least > size:
+        raise ValueError(f"{path}: points: expected {header.point_count}, found a file of {size} bytes")
+    numbers = np.concatenate([header.scales, header.offsets])
+    if not np.all(np.isfinite(numbers)) or np.any(header.scales == 0.0):
+        raise ValueError(f"{path}: scale and offset: expected finite numbers, found {header.scales}, {header.offsets}")

@@ -20,6 +20,10 @@ TILE_BITS = 4  # a tile is 2^4 voxels wide
 MAX_BITS = 20  # of a voxel index; three of them make one int64
 MAX_ROOTS = 8  # copies are made until so few tiles hold everything
 
+COARSENESS = 1.0  # spacing of the points that are drawn, at most, by the width of a pixel
+MIN_RANGE = 0.2  # m, below which nothing is drawn
+SPLAT = 1.5  # width of a drawn point by the spacing of the points, so that surfaces close
+
 
 class PointIndex:
     """A cloud in levels; level l has voxels of voxel_m 2^l."""
@@ -42,7 +46,7 @@ class PointIndex:
         limits = np.tan(np.radians(np.clip([params.elevation_min_deg, params.elevation_max_deg], -89.9, 89.9)))
         return kernels.draw_many(
             positions_map, self._points, self._tiles, self._boxes, self._voxels, self._num_roots,
-            window, limits, params.coarseness, params.splat, params.min_range_m, params.max_range_m,
+            window, limits, COARSENESS, SPLAT, MIN_RANGE, params.max_range_m,
             np.empty((len(positions_map), camera.height, camera.width), np.float32),
         )  # fmt: skip
 

@@ -34,12 +34,17 @@ def panorama_window(params: SynthesisParams) -> Spherical:
 
 
 class DepthSynthesizer:
-    """Draws range panoramas of a cloud or a mesh; body axes parallel to the map's (yaw 0)."""
+    """Draws range panoramas of a cloud or a mesh; body axes parallel to the map's (yaw 0).
 
-    def __init__(self, geometry: Cloud | TriangleMesh, params: SynthesisParams | None = None) -> None:
+    Dense points are drawn as columns of voxels, single ones as splats; `drawing` (columns, splats) insists on one.
+    """
+
+    def __init__(
+        self, geometry: Cloud | TriangleMesh, params: SynthesisParams | None = None, drawing: str = "auto"
+    ) -> None:
         self.params = params or SynthesisParams()
         self.camera = panorama_window(self.params)
-        self._scene = _scene(geometry, self.camera, self.params)
+        self._scene = _scene(geometry, self.camera, self.params, drawing)
 
     def synthesize(self, position_map: ArrayLike) -> Image:
         """Return the range (H, W) in m around a place (3,) in the map; NaN where the map says nothing."""
@@ -56,7 +61,7 @@ class DepthSynthesizer:
         """Return the features of the panoramas at places (M, 3), a few panoramas in memory at a time."""
         positions = np.asarray(positions_map, np.float64)
         size = (self.camera.height, self.camera.width)
-        stack = FeatureStack.empty(len(positions), *size, is_normalised=params.normalisation == "both")
+        stack = FeatureStack.empty(len(positions), *size)
         for first in range(0, len(positions), BATCH):
             part = slice(first, first + BATCH)
             stack.put(part, depth_features_many(self.synthesize_many(positions[part]), params))
@@ -64,14 +69,14 @@ class DepthSynthesizer:
 
 
 def _scene(
-    geometry: Cloud | TriangleMesh, camera: Spherical, params: SynthesisParams
+    geometry: Cloud | TriangleMesh, camera: Spherical, params: SynthesisParams, drawing: str
 ) -> Walker | PointIndex | RayScene:
     """Return what draws a geometry: rays for surfaces, columns for dense points, splats for single ones."""
     if isinstance(geometry, TriangleMesh):
         return RayScene(geometry, camera, params)
-    if params.drawing != "splats" and len(geometry):
+    if drawing != "splats" and len(geometry):
         levels = Walker.num_levels(params.voxel_m, camera, params)
-        voxels = voxel_map(geometry, params.voxel_m, params.splat, levels)
-        if params.drawing == "columns" or voxels.dense_share >= MIN_DENSE_SHARE:
+        voxels = voxel_map(geometry, params.voxel_m, levels)
+        if drawing == "columns" or voxels.dense_share >= MIN_DENSE_SHARE:
             return Walker(voxels, camera, params)
     return PointIndex(geometry, camera, params)

@@ -63,7 +63,7 @@ def similarity(visual: Features, depth: Features, num_alpha: int) -> Similaritie
     """
     _check(visual, depth.shape, num_alpha)
     arrays = (visual.x, visual.y, visual.magnitude, _seen(visual))
-    return kernels.similarity(*arrays, depth.x, depth.y, depth.magnitude, num_alpha, depth.is_normalised)
+    return kernels.similarity(*arrays, depth.x, depth.y, depth.magnitude, num_alpha)
 
 
 def similarity_many(
@@ -76,7 +76,7 @@ def similarity_many(
         raise ValueError(f"indices: expected 0 to {len(stack) - 1}, found {chosen.min()} to {chosen.max()}")
     arrays = (visual.x, visual.y, visual.magnitude, _seen(visual))
     coded = (stack.directions, stack.magnitudes, stack.scales)
-    return kernels.similarity_many(*arrays, *coded, chosen.astype(np.int64), num_alpha, stack.is_normalised)
+    return kernels.similarity_many(*arrays, *coded, chosen.astype(np.int64), num_alpha)
 
 
 def _seen(visual: Features) -> NDArray[np.float32]:

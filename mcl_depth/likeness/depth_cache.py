@@ -22,10 +22,10 @@ ARRAYS = ("cells", "directions", "magnitudes", "scales")
 class DepthCache:
     """Slots of one stack of features; the least recently used is given away when all are taken."""
 
-    def __init__(self, max_bytes: int, height: int, width: int, is_normalised: bool = True) -> None:
-        one = FeatureStack.empty(1, height, width, is_normalised).nbytes
+    def __init__(self, max_bytes: int, height: int, width: int) -> None:
+        one = FeatureStack.empty(1, height, width).nbytes
         self.capacity = max(max_bytes // one, 1)
-        self.stack = FeatureStack.empty(self.capacity, height, width, is_normalised)  # memory is taken when written to
+        self.stack = FeatureStack.empty(self.capacity, height, width)  # memory is taken when written to
         self.num_hits, self.num_misses = 0, 0
         self._slots: OrderedDict[Cell, int] = OrderedDict()
 
@@ -93,6 +93,6 @@ class DepthCache:
         if parts[0].shape != expected or parts[1].shape != expected or parts[2].shape != expected[:1]:
             raise ValueError(f"{folder}: expected {expected} features, found {parts[0].shape} and {parts[1].shape}")
         last = slice(max(len(cells) - self.capacity, 0), len(cells))
-        kept = FeatureStack(parts[0][last], parts[1][last], parts[2][last], self.stack.is_normalised)
+        kept = FeatureStack(parts[0][last], parts[1][last], parts[2][last])
         self.insert([(int(x), int(y)) for x, y in cells[last]], kept)
         return len(kept)

@@ -35,6 +35,7 @@ class Synthesizer(Protocol):
         ...
 
 
+BATCH = 64  # depth images made at once
 Heights = Callable[[Array], Array]  # (N, 2) m -> height of the ground (N,) m, NaN where there is none
 
 
@@ -48,8 +49,8 @@ class DepthMap:
         self._synthesizer, self._ground, self._params = synthesizer, ground, params
         self.camera_height = camera_height
         self.edge = params.cache.max_distance * np.sqrt(2.0)
-        camera, is_normalised = synthesizer.camera, params.comparison.normalisation == "both"
-        self.cache = DepthCache(params.cache.max_megabytes << 20, camera.height, camera.width, is_normalised)
+        camera = synthesizer.camera
+        self.cache = DepthCache(params.cache.max_megabytes << 20, camera.height, camera.width)
         self._folder = Path(params.cache.folder) / self._key(name) if params.cache.folder and name else None
         if self._folder is not None:
             self.cache.load(self._folder)
@@ -92,17 +93,16 @@ class DepthMap:
                 curves[first + known] = np.nan_to_num(found)
         return curves
 
-    def prepare(self, cells: Sequence[Cell]) -> None:
-        """Make the depth images of different cells, at most as many as the cache holds."""
-        self._slots(cells)
-
-    def fill(self, positions: Array, progress: Callable[[int], None] = lambda step: None) -> None:
-        """Make the depth images of positions (N, 2) in advance, as many as the cache holds."""
-        cells = [(int(x), int(y)) for x, y in np.unique(self.cells(positions), axis=0)[: self.cache.capacity]]
-        for first in range(0, len(cells), self._params.cache.batch):
-            part = cells[first : first + self._params.cache.batch]
-            self.prepare(part)
+    def fill(self, positions: Array, progress: Callable[[int], None] = lambda step: None) -> int:
+        """Make the missing depth images of positions (N, 2), as many as the cache holds; return how many that were."""
+        unique = np.unique(self.cells(positions), axis=0)[: self.cache.capacity]
+        cells = [cell for x, y in unique if (cell := (int(x), int(y))) not in self.cache]
+        num_made = 0
+        for first in range(0, len(cells), BATCH):
+            part = cells[first : first + BATCH]
+            num_made += int(np.count_nonzero(self._slots(part) >= 0))
             progress(len(part))
+        return num_made
 
     def save(self) -> None:
         """Keep the depth features on disk, where a folder is set."""
@@ -123,8 +123,8 @@ class DepthMap:
         middles = self._middles([cells[int(index)] for index in missing])
         has_ground = np.isfinite(middles[:, 2])
         missing, middles = missing[has_ground], middles[has_ground]
-        for first in range(0, len(missing), self._params.cache.batch):
-            part = slice(first, first + self._params.cache.batch)
+        for first in range(0, len(missing), BATCH):
+            part = slice(first, first + BATCH)
             features = self._features(middles[part])
             slots[missing[part]] = self.cache.insert([cells[int(index)] for index in missing[part]], features)
         return slots

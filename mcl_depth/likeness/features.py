@@ -15,7 +15,9 @@ from mcl_depth.likeness import kernels
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-SCALES = {"range": kernels.RANGE, "log": kernels.LOG, "inverse": kernels.INVERSE}
+LCN_SHARE = 1 / 36  # radius k of the local contrast normalisation by the width of a panorama: 10 degrees
+MIN_SIGMA = 1e-3  # m, smallest standard deviation that contrast is divided by
+FAR_M = 100.0  # range given to what is far
 
 
 @dataclass(frozen=True)
@@ -23,15 +25,13 @@ class Features:
     """Sobel gradients of one panorama; all arrays (H, W) float32, columns wrap around.
 
     x, y: unit direction of the gradient, (0, 0) where there is none or where the pixel is not seen.
-    magnitude: its length after normalisation. is_seen: None where every pixel is seen.
-    is_normalised: whether the magnitudes sum to 1.
+    magnitude: its length; all of a panorama sum to 1. is_seen: None where every pixel is seen.
     """
 
     x: Image
     y: Image
     magnitude: Image
     is_seen: Mask | None = None
-    is_normalised: bool = True
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -51,13 +51,12 @@ class FeatureStack:
     directions: NDArray[np.uint8]
     magnitudes: NDArray[np.uint8]
     scales: NDArray[np.float32]
-    is_normalised: bool = True
 
     @classmethod
-    def empty(cls, capacity: int, height: int, width: int, is_normalised: bool = True) -> Self:
+    def empty(cls, capacity: int, height: int, width: int) -> Self:
         """Return room for `capacity` panoramas, to be filled by `put`."""
         shape = (capacity, height, width)
-        return cls(np.empty(shape, np.uint8), np.empty(shape, np.uint8), np.empty(capacity, np.float32), is_normalised)
+        return cls(np.empty(shape, np.uint8), np.empty(shape, np.uint8), np.empty(capacity, np.float32))
 
     def __len__(self) -> int:
         return len(self.scales)
@@ -70,7 +69,7 @@ class FeatureStack:
     def take(self, indices: NDArray[np.integer] | slice) -> Self:
         """Return the panoramas of some indices."""
         parts = (self.directions[indices], self.magnitudes[indices], self.scales[indices])
-        return type(self)(*parts, self.is_normalised)
+        return type(self)(*parts)
 
     def put(self, indices: NDArray[np.integer] | slice, other: FeatureStack) -> None:
         """Overwrite some panoramas by others."""
@@ -79,7 +78,7 @@ class FeatureStack:
         self.scales[indices] = other.scales
 
 
-def visual_features(grey: Image, params: ComparisonParams, is_seen: Mask | None = None) -> Features:
+def visual_features(grey: Image, is_seen: Mask | None = None) -> Features:
     """Return the gradients of a level panorama (H, W) of grey levels, magnitudes summing to 1.
 
     Pixels outside `is_seen` (H, W), and those whose gradient would touch one, count nothing.
@@ -91,15 +90,15 @@ def visual_features(grey: Image, params: ComparisonParams, is_seen: Mask | None 
         is_seen = None
     seen = np.ones(grey.shape, np.bool_) if is_seen is None else np.ascontiguousarray(is_seen)
     seen = seen & np.isfinite(grey)
-    x, y, magnitude, inner = kernels.visual_gradients(np.where(seen, grey, np.float32(0)), seen, params.num_blurs)
+    x, y, magnitude, inner = kernels.visual_gradients(np.where(seen, grey, np.float32(0)), seen)
     return Features(x, y, magnitude, None if inner.all() else inner)
 
 
 def depth_features(range_m: Image, params: ComparisonParams) -> Features:
     """Return the gradients of a range panorama (H, W) in m after NaN interpolation and LCN (eq. 1, algorithm 1)."""
     range_m = _panorama(range_m, "depth image")
-    x, y, magnitude = kernels.depth_gradients(range_m, *_options(params))
-    return Features(x, y, magnitude, is_normalised=params.normalisation == "both")
+    x, y, magnitude = kernels.depth_gradients(range_m, *_options(params, range_m.shape[1]))
+    return Features(x, y, magnitude)
 
 
 def depth_features_many(ranges_m: Image, params: ComparisonParams) -> FeatureStack:
@@ -107,34 +106,26 @@ def depth_features_many(ranges_m: Image, params: ComparisonParams) -> FeatureSta
     if ranges_m.ndim != 3:
         raise ValueError(f"depth images: expected shape (M, H, W), found {ranges_m.shape}")
     ranges_m = np.ascontiguousarray(ranges_m, np.float32)
-    parts = kernels.encode_depth_many(ranges_m, *_options(params))
-    return FeatureStack(parts[0], parts[1], parts[2], params.normalisation == "both")
+    parts = kernels.encode_depth_many(ranges_m, *_options(params, ranges_m.shape[2]))
+    return FeatureStack(parts[0], parts[1], parts[2])
 
 
 def stack_features(features: Sequence[Features]) -> FeatureStack:
-    """Return depth features of the same size and normalisation as a stack."""
+    """Return depth features of the same size as a stack."""
     if not features:
         raise ValueError("features: expected at least one panorama, found none")
     first = features[0]
-    if any(item.shape != first.shape or item.is_normalised != first.is_normalised for item in features):
-        raise ValueError("features: expected panoramas of one size and normalisation, found several")
-    stack = FeatureStack.empty(len(features), first.shape[0], first.shape[1], first.is_normalised)
+    if any(item.shape != first.shape for item in features):
+        raise ValueError("features: expected panoramas of one size, found several")
+    stack = FeatureStack.empty(len(features), first.shape[0], first.shape[1])
     for i, item in enumerate(features):
         stack.scales[i] = kernels.encode(item.x, item.y, item.magnitude, stack.directions[i], stack.magnitudes[i])
     return stack
 
 
-def _options(params: ComparisonParams) -> tuple[int, bool, float, int, float, int, bool]:
+def _options(params: ComparisonParams, width: int) -> tuple[bool, float, int, float]:
     """Return what the kernels of depth images take, in their order."""
-    return (
-        SCALES[params.depth_scale],
-        params.is_sky_far,
-        params.far_m,
-        params.lcn_radius_px,
-        params.min_sigma,
-        params.num_blurs,
-        params.normalisation == "both",
-    )
+    return params.is_sky_far, FAR_M, max(round(LCN_SHARE * width), 1), MIN_SIGMA
 
 
 def _panorama(image: Image, what: str) -> Image:

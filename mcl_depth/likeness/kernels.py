@@ -15,14 +15,10 @@ from mcl_depth.geometry.kernels import arctangent2
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 
-RANGE, LOG, INVERSE = 0, 1, 2
 NO_DIRECTION = 255  # code of a pixel without a gradient
 NUM_DIRECTIONS = 255  # codes of the half circle
 MIN_GRADIENT = np.float32(1e-4)  # Sobel sums below this are rounding noise
 MIN_RANGE = np.float32(1e-3)
-BLOCK = 256  # points projected at once
-MAX_STACK = 4096
-MAX_SPLAT = 12.0  # px, half width of the largest drawn point
 PI = np.float32(math.pi)
 HALF_PI = np.float32(math.pi / 2)
 
@@ -126,24 +122,6 @@ def normalise_contrast(image, k, min_sigma):
 
 
 @njit(**OPTIONS)
-def _blur(image):
-    """Return image (H, W) after one pass of the binomial filter 1 2 1 in both directions."""
-    H, W = image.shape
-    rows = np.empty_like(image)
-    out = np.empty_like(image)
-    quarter, half = np.float32(0.25), np.float32(0.5)
-    for y in range(H):
-        for x in range(W):
-            left, right = image[y, x - 1 if x > 0 else W - 1], image[y, x + 1 if x < W - 1 else 0]
-            rows[y, x] = half * image[y, x] + quarter * (left + right)
-    for y in range(H):
-        above, below = rows[max(y - 1, 0)], rows[min(y + 1, H - 1)]
-        for x in range(W):
-            out[y, x] = half * rows[y, x] + quarter * (above[x] + below[x])
-    return out
-
-
-@njit(**OPTIONS)
 def _sobel(image, gx, gy):
     """Write horizontal and vertical Sobel sums of image (H, W); the outer rows repeat, the columns wrap."""
     H, W = image.shape
@@ -160,8 +138,8 @@ def _sobel(image, gx, gy):
 
 
 @njit(**OPTIONS)
-def _to_unit(x, y, magnitude, is_normalised):
-    """Turn gradients x, y (H, W) into directions in place, write magnitudes, which sum to 1 if asked to."""
+def _to_unit(x, y, magnitude):
+    """Turn gradients x, y (H, W) into directions in place, write magnitudes, which sum to 1."""
     total = 0.0
     H, W = x.shape
     for v in range(H):
@@ -175,7 +153,7 @@ def _to_unit(x, y, magnitude, is_normalised):
             magnitude[v, u] = m
             part += m
         total += part
-    if is_normalised and total > 0:
+    if total > 0:
         scale = np.float32(1.0 / total)
         for v in range(H):
             for u in range(W):
@@ -183,35 +161,31 @@ def _to_unit(x, y, magnitude, is_normalised):
 
 
 @njit(**OPTIONS)
-def visual_gradients(grey, seen, num_blurs):
+def visual_gradients(grey, seen):
     """Return direction x, y, magnitude (H, W) f4 summing to 1, and which pixels (H, W) saw all that they used."""
     H, W = grey.shape
-    inner = seen
-    for _ in range(num_blurs + 1):
-        outer, inner = inner, np.empty((H, W), np.bool_)
-        for y in range(H):
-            for x in range(W):
-                whole = True
-                for row in range(max(y - 1, 0), min(y + 1, H - 1) + 1):
-                    for column in range(x - 1, x + 2):
-                        c = column + W if column < 0 else column - W if column >= W else column
-                        whole = whole and outer[row, c]
-                inner[y, x] = whole
-    for _ in range(num_blurs):
-        grey = _blur(grey)
+    inner = np.empty((H, W), np.bool_)
+    for y in range(H):
+        for x in range(W):
+            whole = True
+            for row in range(max(y - 1, 0), min(y + 1, H - 1) + 1):
+                for column in range(x - 1, x + 2):
+                    c = column + W if column < 0 else column - W if column >= W else column
+                    whole = whole and seen[row, c]
+            inner[y, x] = whole
     gx, gy, magnitude = np.empty((H, W), np.float32), np.empty((H, W), np.float32), np.empty((H, W), np.float32)
     _sobel(grey, gx, gy)
     for y in range(H):
         for x in range(W):
             if not inner[y, x]:
                 gx[y, x], gy[y, x] = np.float32(0.0), np.float32(0.0)
-    _to_unit(gx, gy, magnitude, True)
+    _to_unit(gx, gy, magnitude)
     return gx, gy, magnitude, inner
 
 
 @njit(**OPTIONS)
-def _rescale(range_m, scale, sky_far, far):
-    """Return a copy of range_m (H, W) as range, logarithm or inverse; +Inf, and unknown sky if asked, are far."""
+def _bound(range_m, sky_far, far):
+    """Return a copy of range_m (H, W) within its limits; +Inf, and unknown sky if asked, are far."""
     H, W = range_m.shape
     out = np.empty((H, W), np.float32)
     in_sky = np.full(W, sky_far)
@@ -223,26 +197,19 @@ def _rescale(range_m, scale, sky_far, far):
             else:
                 in_sky[x] = False
                 r = min(max(r, MIN_RANGE), far)
-            if scale == LOG:
-                r = math.log(r)
-            elif scale == INVERSE:
-                r = np.float32(1.0) / r
             out[y, x] = r
     return out
 
 
 @njit(**OPTIONS)
-def depth_gradients(range_m, scale, sky_far, far, k, min_sigma, num_blurs, is_normalised):
+def depth_gradients(range_m, sky_far, far, k, min_sigma):
     """Return direction x, y and magnitude (H, W) f4 of a range panorama (H, W) f4 in m."""
-    image = _rescale(range_m, scale, sky_far, np.float32(far))
+    image = _bound(range_m, sky_far, np.float32(far))
     fill_unknown(image)
-    if k > 0:
-        image = normalise_contrast(image, k, min_sigma)
-    for _ in range(num_blurs):
-        image = _blur(image)
+    image = normalise_contrast(image, k, min_sigma)
     gx, gy, magnitude = np.empty_like(image), np.empty_like(image), np.empty_like(image)
     _sobel(image, gx, gy)
-    _to_unit(gx, gy, magnitude, is_normalised)
+    _to_unit(gx, gy, magnitude)
     return gx, gy, magnitude
 
 
@@ -269,12 +236,12 @@ def encode(x, y, magnitude, directions, magnitudes):
 
 
 @njit(parallel=True, **OPTIONS)
-def encode_depth_many(ranges_m, scale, sky_far, far, k, min_sigma, num_blurs, is_normalised):
+def encode_depth_many(ranges_m, sky_far, far, k, min_sigma):
     """Return directions, magnitudes (M, H, W) u1 and scales (M,) f4 of range panoramas (M, H, W) f4 in m."""
     directions, magnitudes = np.empty(ranges_m.shape, np.uint8), np.empty(ranges_m.shape, np.uint8)
     scales = np.empty(len(ranges_m), np.float32)
     for i in prange(len(ranges_m)):
-        x, y, m = depth_gradients(ranges_m[i], scale, sky_far, far, k, min_sigma, num_blurs, is_normalised)
+        x, y, m = depth_gradients(ranges_m[i], sky_far, far, k, min_sigma)
         scales[i] = encode(x, y, m, directions[i], magnitudes[i])
     return directions, magnitudes, scales
 
@@ -314,21 +281,21 @@ def _add_seen(seen, dm, sums):
 
 
 @njit(**OPTIONS)
-def _joined(sums, share, is_normalised, out):
+def _join_terms(sums, share, out):
     """Write s (num_alpha,) from sums (num_alpha, 3).
 
-    Where both magnitudes are to sum to 1 and the view is partial, those of the depth gradients in view do; a view
+    Both magnitudes are to sum to 1: where the view is partial, those of the depth gradients in view do; a view
     with fewer of them than half of its share of the picture is taken to have that many.
     """
     for i in range(len(sums)):
         weight = 1.0
-        if is_normalised and share < 1.0:
+        if share < 1.0:
             weight = 1.0 / max(sums[i, 2], 0.5 * share)
         out[i] = sums[i, 0] + weight * sums[i, 1]
 
 
 @njit(**OPTIONS)
-def similarity(vx, vy, vm, seen, dx, dy, dm, num_alpha, is_normalised):
+def similarity(vx, vy, vm, seen, dx, dy, dm, num_alpha):
     """Return eq. 2 (num_alpha,) f4 of visual and depth features (H, W) f4; seen (H, W) f4, or empty for all."""
     H, W = vx.shape
     sums = np.zeros((num_alpha, 3))
@@ -343,12 +310,12 @@ def similarity(vx, vy, vm, seen, dx, dy, dm, num_alpha, is_normalised):
         if seen.size > 0:
             _add_seen(seen[y], rows[2], sums)
     out = np.empty(num_alpha, np.float32)
-    _joined(sums, seen.mean() if seen.size > 0 else 1.0, is_normalised, out)
+    _join_terms(sums, seen.mean() if seen.size > 0 else 1.0, out)
     return out
 
 
 @njit(parallel=True, **OPTIONS)
-def similarity_many(vx, vy, vm, seen, directions, magnitudes, scales, indices, num_alpha, is_normalised):
+def similarity_many(vx, vy, vm, seen, directions, magnitudes, scales, indices, num_alpha):
     """Return eq. 2 (M, num_alpha) f4 for the coded panoramas (N, H, W) of indices (M,)."""
     H, W = vx.shape
     out = np.empty((len(indices), num_alpha), np.float32)
@@ -366,5 +333,5 @@ def similarity_many(vx, vy, vm, seen, directions, magnitudes, scales, indices, n
             _add_row(vx[y], vy[y], vm[y], rows[0], rows[1], rows[2], sums)
             if seen.size > 0:
                 _add_seen(seen[y], rows[2], sums)
-        _joined(sums, share, is_normalised, out[i])
+        _join_terms(sums, share, out[i])
     return out

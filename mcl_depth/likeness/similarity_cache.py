@@ -14,9 +14,8 @@ Array = NDArray[np.float64]
 class Comparison:
     """One visual image against the map; a place is compared once, however many particles are there."""
 
-    def __init__(self, visual: Features, depth_map: DepthMap, num_headings: int, *, is_caching: bool = True) -> None:
+    def __init__(self, visual: Features, depth_map: DepthMap, num_headings: int) -> None:
         self._visual, self._map, self._num_headings = visual, depth_map, num_headings
-        self._is_caching = is_caching
         self._rows: dict[tuple[int, int], int] = {}
         self._curves = np.empty((0, num_headings), dtype=np.float32)
         self.num_asked, self.num_compared = 0, 0
@@ -32,10 +31,6 @@ class Comparison:
         self.num_asked += len(cells)
         unique, place = np.unique(cells, axis=0, return_inverse=True)
         keys = [(int(x), int(y)) for x, y in unique]
-        if not self._is_caching:
-            self.num_compared += len(cells)
-            self._map.prepare(keys)
-            return self._map.similarities(self._visual, [keys[index] for index in place.ravel()], self._num_headings)
         missing = [key for key in keys if key not in self._rows]
         if missing:
             self._compare(missing)

@@ -11,7 +11,7 @@ from sphere_nav_msgs.msg import LocalizationStatus
 from localization.status import State, Status
 from node_kit.conversions.stamps import header, stamp_ns
 
-FLOATS = ("value", "limit", "quality", "overlap", "inlier_share", "mad", "milliseconds", "age")
+FLOATS = ("value", "limit", "quality", "p_chance", "overlap", "inlier_share", "mad", "milliseconds", "age")
 WHOLE = ("iterations",)
 
 

@@ -17,6 +17,7 @@ THIRD_PARTY = {
     "embreex": ("embreex", "python3-embreex-pip"),
     "gtsam": ("gtsam", "python3-gtsam-pip"),
     "healpix": ("healpix", "python3-healpix-pip"),
+    "laspy": ("laspy", "python3-laspy-pip"),
     "matplotlib": ("matplotlib", "python3-matplotlib"),
     "mcap": ("mcap", "python3-mcap-pip"),
     "numba": ("numba", "python3-numba"),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks import mcl_town, mcl_town_particles
+from benchmarks import mcl_town
 from benchmarks.mcl_drives import FISHEYE_UP, PANORAMA, Drive, Studio, kept
 from benchmarks.mcl_homing import Ride, ride_bounds
 from benchmarks.mcl_routes import MARGIN, MAX_OFFSET, SIDE, kidnapped_line, limits, sampled
@@ -17,7 +17,7 @@ PLAN = draw_plan(4)
 def trial(metres, states):
     count = len(metres)
     zeros = np.zeros(count)
-    return Trial(tuple(states), ("",) * count, np.array(metres, float), zeros, zeros.astype(np.int64), zeros)
+    return Trial(tuple(states), ("",) * count, np.array(metres, float), zeros, zeros.astype(np.int64), zeros, zeros)
 
 
 def test_kidnapped_lines_follow_the_streets_inside_the_square():
@@ -56,13 +56,6 @@ def test_a_trial_counts_only_tracking_at_the_right_place():
     assert good.first == 4
     assert not trial([0.1, 0.1], [State.TRACKING, State.PROBATION]).has_converged
     assert trial([0.1, 3.0], [State.TRACKING, State.TRACKING]).first == 0
-
-
-def test_the_needed_number_lies_between_the_points_of_the_curve():
-    needed = mcl_town_particles.needed
-    assert needed({100: 50.0, 400: 95.0, 800: 100.0}) == pytest.approx(100 * 4 ** (40 / 45))
-    assert needed({100: 95.0, 200: 100.0}) == 100.0
-    assert needed({100: 10.0, 200: 20.0}) == 400.0
 
 
 def test_a_ride_is_judged_by_its_distance_from_the_path():

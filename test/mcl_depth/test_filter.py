@@ -18,8 +18,6 @@ SETTINGS = {
     "camera_height": 1.2,
     "area.step": 0.25,
     "resampling.num_particles": 400,
-    "resampling.min_particles": 200,
-    "synthesis.num_columns": 180,
     "input.min_way": 0.05,
 }
 POSES = [np.array([-2.0 + 0.25 * k, -1.0 + 0.05 * k, 0.1]) for k in range(14)]
@@ -88,7 +86,7 @@ def test_odometry_that_leaps_is_not_believed(site):
     leap = POSES[-1] + [50.0, 0.0, 0.0]
     image = picture(site, POSES[-1] + [0.1, 0.0, 0.0])
     estimate = filter_.update(Observation(image, site.depth_map.camera, 10**9 * 15, np.eye(3), SE3.from_planar(*leap)))
-    assert estimate.status.reason in ("JUMP_REJECTED", "NO_CONVERGENCE")
+    assert estimate.status.reason in ("JUMP_REJECTED", "NO_CONVERGENCE", "OUTLIERS")
     if estimate.T_map_level is not None:
         assert np.hypot(*(estimate.T_map_level.translation[:2] - POSES[-1][:2])) < 1.0
 

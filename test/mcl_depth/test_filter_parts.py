@@ -9,18 +9,12 @@ from mcl_depth.belief.hypotheses import find_hypotheses
 from mcl_depth.belief.motion_model import MotionModel, compose_planar, relative_motion
 from mcl_depth.belief.orientation import best_headings, interpolate_similarity
 from mcl_depth.belief.particles import Particles
-from mcl_depth.belief.resampling import low_variance_indices, required_particles, resample
-from mcl_depth.belief.weighting import compute_weights
-from mcl_depth.homing import offsets, waypoints_of
+from mcl_depth.belief.resampling import MIN_PARTICLES, low_variance_indices, required_particles, resample
+from mcl_depth.belief.weighting import CHANCE, compute_weights
+from mcl_depth.homing import sample_offsets, waypoints_of
 from mcl_depth.likeness.depth_cache import DepthCache
 from mcl_depth.likeness.features import FeatureStack
-from mcl_depth.params import (
-    HomingParams,
-    HypothesisParams,
-    MotionParams,
-    ResamplingParams,
-    WeightParams,
-)
+from mcl_depth.params import MotionParams
 from sphere_geometry import SE3
 
 
@@ -34,30 +28,27 @@ def test_the_low_variance_sampler_takes_floor_or_ceil_of_each_share():
 
 
 def test_more_bins_need_more_particles_within_the_bounds():
-    params = ResamplingParams(num_particles=1000, min_particles=100)
-    counts = [required_particles(bins, params) for bins in (1, 10, 40, 10_000)]
+    counts = [required_particles(bins, 1000) for bins in (1, 10, 40, 10_000)]
     assert counts == sorted(counts)
-    assert counts[0] == 100
+    assert counts[0] == MIN_PARTICLES
     assert counts[-1] == 1000
 
 
 def test_particles_that_all_count_are_not_resampled():
     particles = Particles.of_equal_weight(np.zeros((50, 3)))
-    assert resample(particles, ResamplingParams(), np.random.default_rng(0)) is particles
+    assert resample(particles, 50, np.random.default_rng(0)) is particles
 
 
-def test_weights_follow_the_power_law_and_its_two_scalings():
-    s, prior = np.array([1.0, 2.0, 4.0]), np.full(3, 1 / 3)
-    by_maximum = compute_weights(s, WeightParams(exponent=2.0), prior)
-    np.testing.assert_allclose(by_maximum, np.array([1, 4, 16]) / 21)
-    by_minmax = compute_weights(s, WeightParams(exponent=2.0, scaling="minmax"), prior)
-    np.testing.assert_allclose(by_minmax, np.array([0, 1, 9]) / 10, atol=1e-12)
+def test_weights_follow_the_power_law_above_chance():
+    s, prior = CHANCE + np.array([0.1, 0.2, 0.4]), np.full(3, 1 / 3)
+    found = compute_weights(s, prior, exponent=2.0, min_effective_share=0.0)
+    np.testing.assert_allclose(found, np.array([1, 4, 16]) / 21)
 
 
 def test_lambda_is_lowered_until_enough_particles_survive():
-    s, prior = np.linspace(0.5, 1.0, 100), np.full(100, 0.01)
-    sharp = compute_weights(s, WeightParams(), prior)
-    soft = compute_weights(s, WeightParams(min_effective_share=0.5), prior)
+    s, prior = CHANCE + np.linspace(0.05, 0.1, 100), np.full(100, 0.01)
+    sharp = compute_weights(s, prior, min_effective_share=0.0)
+    soft = compute_weights(s, prior, min_effective_share=0.5)
     assert 1 / np.sum(sharp**2) < 50
     assert 1 / np.sum(soft**2) == pytest.approx(50, rel=1e-3)
 
@@ -87,7 +78,7 @@ def test_leaping_and_missing_odometry_leave_the_motion_unknown():
 def test_two_heaps_of_particles_are_two_hypotheses():
     rng = np.random.default_rng(5)
     heaps = [rng.normal((x, 0.0, yaw), 0.05, (n, 3)) for x, yaw, n in ((0.0, 3.1, 60), (8.0, 0.0, 40))]
-    found = find_hypotheses(Particles.of_equal_weight(np.concatenate(heaps)), HypothesisParams())
+    found = find_hypotheses(Particles.of_equal_weight(np.concatenate(heaps)))
     assert [item.weight for item in found] == pytest.approx([0.6, 0.4])
     np.testing.assert_allclose(found[1].pose, [8.0, 0.0, 0.0], atol=0.05)
     assert found[0].sigma_rad < 0.1  # the heap sits on the cut at pi
@@ -121,7 +112,7 @@ def test_a_damaged_cache_is_refused_in_one_line(tmp_path):
 
 
 def test_homing_samples_are_those_of_the_paper():
-    ring = offsets(HomingParams())
+    ring = sample_offsets()
     assert ring.shape == (33, 2)  # 16 directions at 1 m and 2 m, and the waypoint itself
     np.testing.assert_allclose(np.linalg.norm(ring, axis=1), [0.0] + [1.0] * 16 + [2.0] * 16)
 

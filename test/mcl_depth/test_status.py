@@ -7,13 +7,16 @@ import pytest
 
 from localization.state_machine import StateMachine
 from localization.status import Finding, Reason, State
+from mcl_depth.belief.evidence import Proof
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.params import StateParams
 from mcl_depth.reasons import REMEDIES
-from mcl_depth.status import Verdict, count, is_in_vain, judge
+from mcl_depth.status import LOST_IMAGES, Verdict, count, judge
 
-P = StateParams(probation_images=2, lost_images=3, patience=4)
+P = StateParams(probation_images=2)
+SURE, CHANCE, ELSEWHERE = Proof(1e-5), Proof(0.2), Proof(1e-5, agrees=False)
+HELD = Proof(1e-2, is_held=True)
 DRIVEN = Step(np.zeros(3), np.zeros(3))
 CAREFUL, BAD = Verdict(Finding(Reason.ODOM_STALE)), Verdict(Finding(Reason.AMBIGUOUS), is_bad=True)
 
@@ -24,21 +27,27 @@ def place(weight=0.95, sigma_m=0.1, sigma_rad=0.02):
 
 
 @pytest.mark.parametrize(
-    ("hypotheses", "lead", "step", "reason", "is_bad"),
+    ("hypotheses", "proof", "step", "reason", "is_bad"),
     [
-        ([place()], 3.0, DRIVEN, Reason.NONE, False),
-        ([place(0.5), place(0.3)], 3.0, DRIVEN, Reason.AMBIGUOUS, True),
-        ([place(0.7)], 3.0, DRIVEN, Reason.NO_CONVERGENCE, True),
-        ([place(sigma_m=0.7)], 3.0, DRIVEN, Reason.NO_CONVERGENCE, True),
-        ([place(sigma_rad=0.5)], 3.0, DRIVEN, Reason.NO_CONVERGENCE, True),
-        ([place()], 0.5, DRIVEN, Reason.OUTLIERS, True),
-        ([place()], 3.0, Step(np.zeros(3), np.zeros(3), jump=4.0), Reason.JUMP_REJECTED, False),
-        ([place()], 3.0, Step(np.zeros(3), np.zeros(3), is_known=False), Reason.ODOM_STALE, False),
-        ([place(sigma_m=0.5)], 3.0, DRIVEN, Reason.NO_CONVERGENCE, False),
+        ([place()], SURE, DRIVEN, Reason.NONE, False),
+        ([place(0.5), place(0.3)], SURE, DRIVEN, Reason.AMBIGUOUS, True),
+        ([place(0.7)], SURE, DRIVEN, Reason.NO_CONVERGENCE, True),
+        ([place(sigma_m=0.7)], SURE, DRIVEN, Reason.NO_CONVERGENCE, True),
+        ([place(sigma_rad=0.5)], SURE, DRIVEN, Reason.NO_CONVERGENCE, True),
+        ([place()], CHANCE, DRIVEN, Reason.OUTLIERS, True),
+        ([place()], Proof(1e-2), DRIVEN, Reason.OUTLIERS, True),
+        ([place()], Proof(0.1, is_small=True), DRIVEN, Reason.NONE, False),
+        ([place()], Proof(0.2, is_small=True), DRIVEN, Reason.OUTLIERS, True),
+        ([place()], HELD, DRIVEN, Reason.NONE, False),
+        ([place()], Proof(0.2, is_held=True), DRIVEN, Reason.OUTLIERS, True),
+        ([place()], ELSEWHERE, DRIVEN, Reason.AMBIGUOUS, True),
+        ([place()], SURE, Step(np.zeros(3), np.zeros(3), jump=4.0), Reason.JUMP_REJECTED, False),
+        ([place()], SURE, Step(np.zeros(3), np.zeros(3), is_known=False), Reason.ODOM_STALE, False),
+        ([place(sigma_m=0.5)], SURE, DRIVEN, Reason.NO_CONVERGENCE, False),
     ],
 )
-def test_a_belief_is_judged(hypotheses, lead, step, reason, is_bad):
-    verdict = judge(hypotheses, lead, step, P)
+def test_a_belief_is_judged(hypotheses, proof, step, reason, is_bad):
+    verdict = judge(hypotheses, proof, step, 1e-3)
     assert verdict.finding.reason in REMEDIES
     assert (verdict.finding.reason, verdict.is_bad) == (reason, is_bad)
 
@@ -52,7 +61,7 @@ def searching() -> StateMachine:
 def states_of(machine, verdicts):
     found = []
     for number, verdict in enumerate(verdicts):
-        count(machine, verdict, number * 10**8, P)
+        count(machine, verdict, number * 10**8)
         found.append(machine.state)
     return found
 
@@ -68,16 +77,5 @@ def test_trust_is_lowered_by_care_and_lost_by_bad_images_in_a_row():
     machine = searching()
     states_of(machine, [Verdict()] * 2)
     assert states_of(machine, [CAREFUL, Verdict(), Verdict()]) == [State.DEGRADED, State.DEGRADED, State.TRACKING]
-    assert states_of(machine, [BAD] * 3) == [State.DEGRADED, State.DEGRADED, State.LOST]
+    assert states_of(machine, [BAD] * LOST_IMAGES) == [State.DEGRADED] * (LOST_IMAGES - 1) + [State.LOST]
     assert machine.num_losses == 1
-    assert is_in_vain(machine, P)
-
-
-def test_a_search_in_vain_begins_anew():
-    machine, found = searching(), []
-    for _ in range(4):
-        states_of(machine, [BAD])
-        found.append(is_in_vain(machine, P))
-    assert found == [False, False, False, True]
-    machine.search()
-    assert not is_in_vain(machine, P)

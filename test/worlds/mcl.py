@@ -26,7 +26,6 @@ BOXES = (  # the room, furniture, and a doorway in the wall
 SETTINGS = {
     "area.step": 0.25,
     "resampling.num_particles": 400,
-    "resampling.min_particles": 200,
     "synthesis.num_columns": COLUMNS,
 }
 T_BASE_EYE = SE3.from_parts(np.eye(3), np.array([0.2, 0.0, HEIGHT]))

@@ -18,6 +18,7 @@ Floats = NDArray[np.float64]
 Cells = NDArray[np.int32]
 
 HEIGHT_BITS = 20
+SPLAT = 1.5  # height of a single point by the size of a voxel, so that surfaces close
 TOLERANCE = 0.35  # two points this far off a plane, by the size of a voxel, still belong to it
 NOISE = 0.15  # half height of a level voxel by its size
 NUM_CLOSINGS = 2  # a gap may be two voxels wide
@@ -61,7 +62,7 @@ class VoxelMap:
     dense_share: float  # of the voxels whose neighbourhood is a surface
 
 
-def voxel_map(cloud: Cloud, size: float, splat: float, num_levels: int) -> VoxelMap:
+def voxel_map(cloud: Cloud, size: float, num_levels: int) -> VoxelMap:
     """Return the columns of a cloud; ValueError where it is too wide for voxels of `size` m."""
     corner, high = (bound.astype(np.float64) for bound in cloud.box)
     extent = high - corner
@@ -71,14 +72,14 @@ def voxel_map(cloud: Cloud, size: float, splat: float, num_levels: int) -> Voxel
     if (num_blocks := float(np.prod(np.ceil(extent[:2] / (size * 2**kernels.BLOCK_BITS))))) > MAX_BLOCKS:
         found = f"{extent[0]:.0f} x {extent[1]:.0f} m ({num_blocks:.0f})"
         raise ValueError(f"{cloud.name}: expected at most {MAX_BLOCKS} blocks of columns of {size:g} m, found {found}")
-    level, dense_share = _finest(cloud.points.astype(np.float64) - corner, size, splat)
+    level, dense_share = _finest(cloud.points.astype(np.float64) - corner, size)
     levels = [level]
     while len(levels) < num_levels:
         levels.append(_coarser(levels[-1]))
     return VoxelMap(levels, corner, extent, dense_share)
 
 
-def _finest(points: Floats, size: float, splat: float) -> tuple[Level, float]:
+def _finest(points: Floats, size: float) -> tuple[Level, float]:
     """Return the level of the cloud itself, and the share of its voxels that are a surface."""
     cells, order, first = _sorted(np.floor(points / size).astype(np.int32))
     counts = np.diff(np.append(first, len(points)))
@@ -87,7 +88,7 @@ def _finest(points: Floats, size: float, splat: float) -> tuple[Level, float]:
     normals, is_dense = kernels.fit_planes(means, cells, grid.blocks, grid.starts, size)
     for _ in range(NUM_CLOSINGS):
         cells, means, normals = _closed(cells, means, normals, _grid(cells), size)
-    voxels = np.hstack([means, _heights(means, normals, size, splat), normals])
+    voxels = np.hstack([means, _heights(means, normals, size), normals])
     return Level(size, cells, voxels, np.ones(len(cells), np.int64), _grid(cells)), float(is_dense.mean())
 
 
@@ -105,11 +106,11 @@ def _closed(cells: Cells, means: Floats, normals: Floats, grid: Grid, size: floa
     return cells, means[order][first], normals[order][first]
 
 
-def _heights(means: Floats, normals: Floats, size: float, splat: float) -> Floats:
+def _heights(means: Floats, normals: Floats, size: float) -> Floats:
     """Return lowest and highest z (V, 2) of the piece of the plane that a voxel stands for."""
     flat = np.abs(normals[:, :2]).sum(axis=1)
     upright = np.abs(normals[:, 2])
-    half = np.full(len(means), 0.5 * splat * size)
+    half = np.full(len(means), 0.5 * SPLAT * size)
     is_plane = flat + upright > 0.0
     half[is_plane] = np.minimum(half[is_plane], 0.5 * size * (flat / np.maximum(upright, 1e-9))[is_plane])
     half = np.maximum(half, NOISE * size)

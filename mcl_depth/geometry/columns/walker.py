@@ -16,6 +16,7 @@ from sphere_geometry import Spherical
 
 Image = NDArray[np.float32]
 CELL = 1.5  # largest width of a cell by that of a pixel
+MIN_RANGE = 0.2  # m, below which nothing is drawn
 MAX_ELEVATION = np.radians(89.9)  # of a row, so that its slope is finite
 
 
@@ -24,8 +25,8 @@ class Walker:
 
     def __init__(self, voxels: VoxelMap, camera: Spherical, params: SynthesisParams) -> None:
         self._camera, self._corner = camera, voxels.corner
-        self._pixel = np.float32(CELL * params.coarseness * 2.0 * np.pi / camera.full_width)
-        self._reach = np.array([params.min_range_m, params.max_range_m], np.float32)
+        self._pixel = np.float32(CELL * 2.0 * np.pi / camera.full_width)
+        self._reach = np.array([MIN_RANGE, params.max_range_m], np.float32)
         self._extent = (voxels.extent + voxels.levels[0].size).astype(np.float32)  # the last cells are whole, too
         self._lay_out(voxels)
         self._aim()
@@ -33,7 +34,7 @@ class Walker:
     @staticmethod
     def num_levels(size: float, camera: Spherical, params: SynthesisParams) -> int:
         """Return how many levels a walk as far as the maximum range uses."""
-        pixel = CELL * params.coarseness * 2.0 * np.pi / camera.full_width
+        pixel = CELL * 2.0 * np.pi / camera.full_width
         return max(int(np.ceil(np.log2(params.max_range_m * pixel / size))), 1)
 
     def ranges(self, positions_map: NDArray[np.float64]) -> Image:

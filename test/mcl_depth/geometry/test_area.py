@@ -46,7 +46,7 @@ def test_a_wall_keeps_its_distance_and_cuts_off_the_smaller_part():
 
 
 def test_box_and_limits_both_bound_the_area():
-    area = area_of(floor(0.0, 8.0), AreaParams(limits="1,1,7,3"), box=(2.0, 0.0, 9.0, 9.0))
+    area = area_of(floor(0.0, 8.0), AreaParams(step=0.5, limits="1,1,7,3"), box=(2.0, 0.0, 9.0, 9.0))
     low, high = area.middles.min(axis=0), area.middles.max(axis=0)
     np.testing.assert_allclose([*low, *high], [2.25, 1.25, 6.75, 2.75])
 

@@ -6,6 +6,7 @@ import os
 import struct
 from pathlib import Path
 
+import laspy
 import numpy as np
 import pytest
 
@@ -42,7 +43,7 @@ def pcd(form: str, count: int = 3) -> bytes:
 def las(count: int = 3) -> bytes:
     head = bytearray(227)
     head[:4], head[24:26] = b"LASF", bytes([1, 2])
-    struct.pack_into("<I", head, 96, 227)
+    struct.pack_into("<HI", head, 94, 227, 227)
     struct.pack_into("<BHI", head, 104, 0, 20, count)
     struct.pack_into("<6d", head, 131, 0.01, 0.01, 0.01, 0.0, 0.0, 0.0)
     return bytes(head) + b"".join(struct.pack("<3i8x", *map(int, np.rint(row * 100))) for row in POINTS)
@@ -102,10 +103,28 @@ def test_an_empty_cloud_is_refused() -> None:
         cloud_from_points(np.zeros((0, 3)))
 
 
-def test_millimetres_are_suspected() -> None:
-    room = np.random.default_rng(0).uniform(-4000, 4000, (500, 3))
-    assert "millimetres" in cloud_from_points(room).warnings[0]
+def test_millimetres_are_refused_and_a_wide_map_is_not() -> None:
+    rng = np.random.default_rng(0)
+    room = rng.uniform(-4000, 4000, (500, 3))
+    with pytest.raises(ValueError, match="looks like millimetres"):
+        cloud_from_points(room)
     assert cloud_from_points(room / 1000).warnings == ()
+    road = rng.uniform((0, 0, 0), (3000, 2, 0.1), (60_000, 3))  # ten points a square metre
+    assert len(cloud_from_points(road)) == 60_000
+
+
+def test_a_packed_tile_is_read_and_one_that_is_cut_short_is_refused(tmp_path: Path) -> None:
+    points = np.random.default_rng(1).uniform(-50, 50, (2000, 3))
+    header = laspy.LasHeader(point_format=6, version="1.4")
+    header.scales = np.full(3, 0.001)
+    tile = laspy.LasData(header)
+    tile.x, tile.y, tile.z = points.T
+    tile.write(tmp_path / "a.laz")
+    np.testing.assert_allclose(read_geometry(tmp_path / "a.laz").points, points, atol=1e-3)
+    data = (tmp_path / "a.laz").read_bytes()
+    (tmp_path / "b.laz").write_bytes(data[: len(data) // 2])
+    with pytest.raises(ValueError, match=r"b\.laz: .*expected"):
+        read_geometry(tmp_path / "b.laz")
 
 
 def test_thinning_keeps_one_point_a_cube() -> None:
@@ -124,8 +143,8 @@ def test_a_floor_plan_has_its_door_cut_out(tmp_path: Path) -> None:
     mesh = read_geometry(tmp_path / "plan.csv")
     found = DepthSynthesizer(mesh).synthesize((2.0, 1.5, 1.2))
     row = found[found.shape[0] // 2]
-    assert np.isnan(row[180])  # through the door
-    np.testing.assert_allclose(row[[0, 90]], [2.0, 1.5], atol=0.01)
+    assert np.isnan(row[90])  # through the door
+    np.testing.assert_allclose(row[[0, 45]], [2.0, 1.5], atol=0.01)
 
 
 def test_what_is_no_regular_file_is_refused_at_once(tmp_path):

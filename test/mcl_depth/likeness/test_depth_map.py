@@ -43,7 +43,7 @@ def made(**cache):
 @pytest.fixture
 def visual():
     grey = np.random.default_rng(7).uniform(0, 255, (CAMERA.height, CAMERA.width)).astype(np.float32)
-    return visual_features(grey, FilterParams().comparison)
+    return visual_features(grey)
 
 
 def test_a_position_is_at_most_max_distance_from_its_depth_image():
@@ -69,7 +69,7 @@ def test_positions_without_ground_are_similar_to_nothing(visual):
 
 
 def test_filling_in_advance_leaves_nothing_to_be_made(visual):
-    synthesizer, depth_map = made(batch=4)
+    synthesizer, depth_map = made()
     places = np.random.default_rng(2).uniform(-2, 2, (30, 2))
     steps = []
     depth_map.fill(places, steps.append)
@@ -94,9 +94,9 @@ def test_features_come_back_from_disk_only_for_the_same_settings(tmp_path, visua
 def test_a_place_is_compared_once_and_the_answers_do_not_depend_on_it(visual):
     _, depth_map = made()
     places = np.random.default_rng(3).uniform(-0.5, 0.5, (60, 2))
-    cached, plain = (Comparison(visual, depth_map, HEADINGS, is_caching=flag) for flag in (True, False))
+    cached = Comparison(visual, depth_map, HEADINGS)
     for part in (places[:40], places[20:]):
-        np.testing.assert_array_equal(cached.curves(part), plain.curves(part))
-    assert plain.num_compared == 80
+        cells = [(int(x), int(y)) for x, y in depth_map.cells(part)]
+        np.testing.assert_array_equal(cached.curves(part), depth_map.similarities(visual, cells, HEADINGS))
     assert cached.num_compared == len(np.unique(depth_map.cells(places), axis=0))
     assert cached.hit_rate == pytest.approx(1.0 - cached.num_compared / 80)

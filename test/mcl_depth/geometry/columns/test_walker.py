@@ -7,7 +7,7 @@ import pytest
 
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.columns.voxel_map import VoxelMap, voxel_map
-from mcl_depth.geometry.columns.walker import Walker
+from mcl_depth.geometry.columns.walker import MIN_RANGE, Walker
 from mcl_depth.geometry.mesh import mesh_from_faces, sample_surface
 from mcl_depth.geometry.ray_scene import RayScene
 from mcl_depth.geometry.synthesis import panorama_window
@@ -43,7 +43,7 @@ def town():
 
 def walker(cloud, params=PARAMS, window=CAMERA):
     levels = Walker.num_levels(params.voxel_m, window, params)
-    return Walker(voxel_map(cloud, params.voxel_m, params.splat, levels), window, params)
+    return Walker(voxel_map(cloud, params.voxel_m, levels), window, params)
 
 
 def test_a_town_is_drawn_as_rays_see_it() -> None:
@@ -86,9 +86,9 @@ def test_places_beside_the_map_see_it_and_nothing_else() -> None:
 
 def test_ranges_have_their_limits() -> None:
     cloud = sample_surface(boxes(((-6, -6, 0), (6, 6, 3))), 0.05)
-    params = SynthesisParams(num_columns=180, min_range_m=0.5, max_range_m=6.5)
+    params = SynthesisParams(num_columns=180, max_range_m=6.5)
     found = walker(cloud, params).ranges(np.array([[0.0, 0.0, 1.5]]))[0]
-    assert np.nanmin(found) >= 0.5
+    assert np.nanmin(found) >= MIN_RANGE
     assert np.nanmax(found) <= 6.5
     assert np.isnan(found[CAMERA.height // 2]).any()  # the corners are 8.5 m away
 
@@ -100,7 +100,7 @@ def test_the_walk_meets_what_a_slow_one_meets(place: tuple[float, float, float])
     points = np.concatenate([floor, others])
     params = SynthesisParams(num_columns=90, voxel_m=0.2, max_range_m=5.0)
     window = panorama_window(params)
-    one_level = voxel_map(cloud_from_points(points), 0.2, params.splat, 1)
+    one_level = voxel_map(cloud_from_points(points), 0.2, 1)
     found = Walker(one_level, window, params).ranges(np.array([place]))[0]
     expected = slow_walk(one_level, np.array(place), window, params)
     assert np.mean(np.isnan(found) == np.isnan(expected)) > 0.995  # float32 on the edge of a cell
@@ -126,7 +126,7 @@ def slow_walk(voxels: VoxelMap, place: np.ndarray, window, params: SynthesisPara
             mean, normal = level.voxels[v, :3] - eye, level.voxels[v, 5:]
             t = normal @ mean / (normal @ ray) if abs(normal @ ray) > 1e-6 else mean[:2] @ ray[:2]
             distance = np.clip(t, t0[v], t1[v]) * np.linalg.norm(ray)
-            if params.min_range_m <= distance <= params.max_range_m:
+            if MIN_RANGE <= distance <= params.max_range_m:
                 out[row, column] = distance
                 break
     return out

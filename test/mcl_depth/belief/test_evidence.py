@@ -1,0 +1,149 @@
+"""The test for chance: exact where nothing is there to be found, sharp where the true place is among the rest."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mcl_depth.belief.evidence import (
+    APART,
+    APART_HEADINGS,
+    OFF_MAP,
+    Evidence,
+    SurveyGrid,
+    chance_of_lead,
+    chance_of_mean_lead,
+    find_maxima,
+    sum_along,
+)
+from mcl_depth.belief.motion_model import compose_planar, relative_motion
+
+EDGE, SIDE, NUM_HEADINGS = 0.5, 40, 36
+
+
+def grid_of(side=SIDE, capacity=10**6):
+    axis = (np.arange(side) + 0.5) * EDGE
+    middles = np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
+    cells = SimpleNamespace(
+        edge=EDGE, cache=SimpleNamespace(capacity=capacity), cells=lambda xy: np.floor(xy / EDGE).astype(np.int64)
+    )
+    return SurveyGrid(cells, middles)
+
+
+class Images:
+    """Noise that fits every place by chance, and one place by `signal` standard deviations more."""
+
+    def __init__(self, grid, seed, pose=None, signal=0.0):
+        self._grid, self._pose, self._signal = grid, pose, signal
+        self._curves = np.random.default_rng(seed).normal(1.3, 0.02, (len(grid.positions), NUM_HEADINGS))
+        if pose is not None:
+            nearest = np.argmin(np.linalg.norm(grid.positions - pose[:2], axis=1))
+            heading = round(pose[2] / (2 * np.pi) * NUM_HEADINGS) % NUM_HEADINGS
+            self._curves[nearest, heading] += 0.02 * signal
+
+    def curves(self, positions):
+        index = [np.argmin(np.linalg.norm(self._grid.positions - place, axis=1)) for place in positions[:, :2]]
+        return self._curves[index].astype(np.float32) if len(positions) < 200 else self._curves.astype(np.float32)
+
+
+def test_the_lead_of_an_exponential_tail_has_a_uniform_p():
+    rng = np.random.default_rng(4)
+    found = np.array([chance_of_lead(np.sort(rng.exponential(3.0, 40))[::-1])[0] for _ in range(4000)])
+    for level in (0.5, 0.1, 0.01):
+        share = np.mean(found < level)
+        assert share == pytest.approx(level, abs=4 * np.sqrt(level / 4000))  # four standard errors
+
+
+def test_a_rival_as_good_as_the_best_makes_it_chance():
+    assert chance_of_lead(np.array([9.0, 9.0, 1.0, 0.8, 0.7, 0.5]))[0] == 1.0
+    assert chance_of_lead(np.array([9.0, 1.0, 0.9, 0.8, 0.7, 0.5]))[0] < 1e-2
+    assert chance_of_lead(np.array([9.0, 1.0]))[0] == 1.0  # too small a map to tell
+
+
+def test_a_random_place_leads_by_three_sigma_once_in_741_times():
+    assert 1 / chance_of_mean_lead(3.0) == pytest.approx(740.8, rel=1e-3)
+
+
+def drive(count):
+    """Poses on a bend and odometry of them from another origin."""
+    poses = [np.array([6.0, 5.0, 0.4])]
+    for _ in range(count - 1):
+        poses.append(compose_planar(poses[-1][None], np.array([1.0, 0.0, 0.08]))[0])
+    origin = np.array([30.0, -4.0, -2.0])
+    return poses, [compose_planar(origin[None], relative_motion(poses[0], pose))[0] for pose in poses]
+
+
+def test_the_place_is_found_along_odometry_and_is_not_chance():
+    grid = grid_of()
+    evidence, (poses, odometry) = Evidence(grid), drive(8)
+    found = [
+        evidence.survey(Images(grid, seed, pose, 4.0), before)
+        for seed, (pose, before) in enumerate(zip(poses, odometry, strict=True))
+    ]
+    assert found[0].p_chance > 1e-3  # one image of four sigma among 57,600 poses proves nothing
+    assert found[-1].p_chance < 1e-3
+    assert found[-1].agrees_with(poses[-1])
+    assert not found[-1].agrees_with(poses[-1] + [2.0, 0.0, 0.0])
+    assert not found[-1].agrees_with(poses[-1] + [0.0, 0.0, 1.0])
+
+
+def test_images_of_another_place_are_chance():
+    grid = grid_of()
+    _, odometry = drive(6)
+    found = []
+    for trial in range(12):
+        evidence = Evidence(grid)
+        for number, before in enumerate(odometry):
+            survey = evidence.survey(Images(grid, 100 * trial + number), before)
+        found.append(survey.p_chance)
+    assert min(found) > 1e-3  # twelve draws of a uniform one: once in 83 times
+    assert max(found) > 0.3
+
+
+def test_without_odometry_every_image_stands_alone():
+    grid, evidence = grid_of(), Evidence(grid_of())
+    first = evidence.survey(Images(grid, 1), None)
+    evidence.survey(Images(grid, 2), None)
+    again = evidence.survey(Images(grid, 1), None)
+    assert again.p_chance == first.p_chance
+
+
+def test_fields_are_summed_where_odometry_says_and_off_the_map_counts_against():
+    grid = grid_of(12)
+    field = np.zeros((NUM_HEADINGS, 12, 12), np.float32)
+    field[0, 3, 5] = 6.0
+    total = sum_along([(field, np.zeros(3)), (np.zeros_like(field), np.array([2 * EDGE, 0.0, 0.0]))], grid)
+    assert total[0, 5, 5] == 3.0  # two cells ahead
+    assert total[0, 0, 5] == 0.5 * OFF_MAP
+    turned = sum_along([(field, np.zeros(3)), (np.zeros_like(field), np.array([0.0, 0.0, np.pi / 2]))], grid)
+    assert turned[9, 3, 5] == 3.0
+
+
+def test_maxima_are_apart_and_two_headings_at_one_place_are_two():
+    field = np.random.default_rng(5).normal(0.0, 0.01, (NUM_HEADINGS, SIDE, SIDE)).astype(np.float32)
+    field[4, 10, 10], field[5, 11, 10], field[22, 10, 10] = 3.0, 2.9, 2.5
+    places, values = find_maxima(field, np.ones((SIDE, SIDE), np.bool_))
+    np.testing.assert_array_equal(places[:2], [[4, 10, 10], [22, 10, 10]])
+    assert values[2] < 0.1
+    off, turn = np.abs(places[1:, 1:] - places[0, 1:]).max(axis=1), np.abs(places[1:, 0] - places[0, 0])
+    assert np.all((off > APART) | (np.minimum(turn, NUM_HEADINGS - turn) > APART_HEADINGS))
+
+
+def test_a_large_map_is_compared_at_every_second_cell():
+    grid = grid_of(SIDE, capacity=600)
+    assert len(grid.positions) <= 480
+    assert grid.edge == 2 * EDGE
+    np.testing.assert_allclose(
+        grid.poses_of(np.array([[0, 0, 0]]), NUM_HEADINGS)[0, :2], [EDGE, EDGE], atol=1e-9
+    )  # the middle of four cells
+
+
+def test_a_followed_place_is_held_against_random_ones():
+    grid = grid_of()
+    evidence, pose = Evidence(grid), np.array([6.0, 5.0, 0.0])
+    leads = [evidence.lead(Images(grid, seed, pose, 9.0), pose) for seed in range(5)]
+    assert leads[-1] > 5.0
+    evidence.reset()
+    assert evidence.lead(Images(grid, 7), pose) < 2.0
