@@ -240,7 +240,8 @@ def _stream(bag: BagReader, info: TopicInfo, seconds: float) -> Stream:
     if info.type not in (IMAGE, COMPRESSED, CAMERA_INFO, SPHERE_INFO, SPHERE, ODOMETRY, IMU, CLOUD):
         return stream
     message = next(bag.messages([info.name])).message
-    return replace(stream, frame_id=message.header.frame_id, **_details(message, info.type))
+    frame = message.frame_id if info.type == SPHERE_INFO else message.header.frame_id  # SphereInfo has no header
+    return replace(stream, frame_id=frame, **_details(message, info.type))
 
 
 def _details(message: Any, kind: str) -> dict[str, Any]:

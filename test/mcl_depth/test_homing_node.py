@@ -131,7 +131,6 @@ def test_the_path_is_followed_to_its_end_by_directions_alone(eye, cloud):
 FOLLOWER = {
     "homing.speed": 0.4,
     "homing.look_ahead": 1.2,
-    "homing.max_angle": 2.0,
     "safety.max_pose_silence": 1.5,
     "vehicle.max_acceleration": 5.0,
     "vehicle.max_steering_rate": 3.0,
