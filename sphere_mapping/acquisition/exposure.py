@@ -19,6 +19,8 @@ SHRINK = 4  # grey levels are compared in images this much smaller: parallax and
 GRID = 12  # px of the sphere between directions that are compared
 FROM_BORDER = 0.03  # rad from the border of both cameras
 DARKEST, BRIGHTEST = 10, 245  # grey levels between which exposures are compared
+LIKE_ANGLE = 0.06  # rad by which the angles from both axes may differ: there the falloff of like lenses cancels
+MAX_WHITE_BALANCE = 1.15  # largest factor of a colour over the mean of its camera's colours
 MIN_SHARED = 50  # directions from which on two cameras are compared
 STEADINESS = 1e-3  # weight of 'no change' against one comparison, so that lone cameras are determined
 
@@ -34,14 +36,21 @@ class Overlap:
 
 
 def overlaps_of(rig_views: Sequence[RigView], whole: Spherical, distance_m: float) -> list[Overlap]:
-    """Return where pairs of cameras overlap."""
+    """Return where pairs of cameras overlap; only where both look from like angles, if that is enough to compare.
+
+    A lens darkens towards its rim. Where one camera sees by its middle what the other sees by its rim, the ratio of
+    their levels is that of the lenses, not of the exposures.
+    """
     rays = rays_of(whole, Block(0, 0, whole.height, whole.width), GRID) * (distance_m or 1e6)
     seen = {rig_view.name: rig_view.project(rays) for rig_view in rig_views}
+    angles = {rig_view.name: _angles(rig_view, rays) for rig_view in rig_views}
     found = []
     for a, b in combinations(rig_views, 2):
         both = (seen[a.name][2] > FROM_BORDER) & (seen[b.name][2] > FROM_BORDER)
         if np.count_nonzero(both) < MIN_SHARED:
             continue
+        alike = both & (np.abs(angles[a.name] - angles[b.name]) < LIKE_ANGLE)
+        both = alike if np.count_nonzero(alike) >= MIN_SHARED else both
         places = [_places(rig_view, *seen[rig_view.name][:2], both) for rig_view in (a, b)]
         found.append(Overlap(a.name, b.name, (places[0][0], places[1][0]), (places[0][1], places[1][1])))
     return found
@@ -52,8 +61,8 @@ def gains_of(
 ) -> dict[str, NDArray[np.float64]]:
     """Return the factor (channels,) of each camera; the geometric mean of all groups is 1.
 
-    Cameras of one group share a factor. The logarithms solve a least-squares problem with the median ratio of every
-    overlapping pair of groups.
+    Cameras of one group share a factor; its colours differ by `MAX_WHITE_BALANCE` at most. The logarithms solve a
+    least-squares problem with the median ratio of every overlapping pair of groups.
     """
     names = sorted({groups[name] for name in images})
     channels = 1 if next(iter(images.values())).ndim == 2 else 3
@@ -68,7 +77,9 @@ def gains_of(
             if (ratio := log_ratio(*levels)) is not None:
                 ratios.append((names.index(groups[pair.first]), names.index(groups[pair.second]), ratio))
     logs = log_gains(ratios, len(names), channels)
-    factors = np.exp(np.clip(logs, -np.log(max_gain), np.log(max_gain)))
+    grey = logs.mean(axis=1, keepdims=True)
+    colour = np.clip(logs - grey, -np.log(MAX_WHITE_BALANCE), np.log(MAX_WHITE_BALANCE))
+    factors = np.exp(np.clip(grey, -np.log(max_gain), np.log(max_gain)) + colour)
     return {name: factors[names.index(groups[name])] for name in images}
 
 
@@ -103,6 +114,12 @@ def log_ratio(first: NDArray, second: NDArray) -> NDArray[np.float64] | None:
     if np.count_nonzero(fits) < MIN_SHARED:
         return None
     return np.median(np.log(first[fits] / second[fits]), axis=0)
+
+
+def _angles(rig_view: RigView, points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the angle (...,) in radians between the optical axis and points (..., 3) of the sphere's frame."""
+    seen = rig_view.T_sphere_camera.inverse().apply(points)
+    return np.arctan2(np.linalg.norm(seen[..., :2], axis=-1), seen[..., 2])
 
 
 def _small(image: Image) -> NDArray[np.float64]:
