@@ -101,7 +101,6 @@ class Status:
     limit: float = 0.0
     remedy: str = ""
     quality: float = 0.0  # 0 useless to 1 perfect
-    p_chance: float = 1.0  # probability that chance would look like this place; 1 where it was not tested
     references: tuple[int, ...] = ()  # ids of the key spheres
     overlap: float = 0.0  # share of the chosen pixels that the image sees
     inlier_share: float = 0.0
@@ -110,6 +109,7 @@ class Status:
     milliseconds: float = 0.0  # filled by whoever holds the watch
     age: float = 0.0  # seconds since the last image that confirmed the pose; 0 before the first
     stamp_ns: int = 0
+    p_chance: float = 1.0  # probability that chance would look like this place; 1 where it was not tested
 
 
 def status_of(

@@ -19,9 +19,9 @@ from mcl_depth.params import HomingParams
 
 Array = NDArray[np.float64]
 NUM_DIRECTIONS = 16  # psi around the waypoint (N17 table I)
-DISTANCES = (1.0, 2.0)  # d around the waypoint, m
+NUM_DISTANCES = 2  # d around the waypoint, beside zero
 NUM_MEDIAN = 5  # images in the median of the direction
-REACH = 0.6  # a waypoint closer than this is passed, m
+REACH = 0.6  # a waypoint closer than this, by the step of the distances, is passed
 NUM_PASSED = 2  # images in a row that must say so
 MIN_LEAD = 1.5  # of the best sample over the others for a clear direction, standard deviations
 
@@ -48,7 +48,8 @@ class Homing:
         self.waypoints = waypoints_of(path, params.spacing)
         steps = np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1)
         self._way = [float(value) for value in np.concatenate([[0.0], np.cumsum(steps)])]
-        self._offsets = sample_offsets()
+        self._params = params
+        self._offsets = sample_offsets(params.distance_step)
         self.restart(start)
 
     def restart(self, waypoint: int = 0) -> None:
@@ -92,7 +93,7 @@ class Homing:
         waypoint, last = self.waypoints[self.next], len(self.waypoints) - 1
         ahead = self._tangent(self.next)
         offset = place - waypoint
-        is_there = float(np.linalg.norm(offset)) < REACH or float(offset @ ahead) > 0.0
+        is_there = float(np.linalg.norm(offset)) < REACH * self._params.distance_step or float(offset @ ahead) > 0.0
         self._num_passed = self._num_passed + 1 if is_there else 0
         if self._num_passed >= NUM_PASSED:
             self.is_finished = self.is_finished or self.next == last
@@ -114,11 +115,11 @@ class Homing:
         return way / max(float(np.linalg.norm(way)), 1e-9)
 
 
-def sample_offsets() -> Array:
+def sample_offsets(step: float) -> Array:
     """Return the samples (K, 2) around a waypoint, the waypoint itself first."""
     psi = np.arange(NUM_DIRECTIONS) * 2.0 * np.pi / NUM_DIRECTIONS
     ring = np.stack([np.cos(psi), np.sin(psi)], axis=1)
-    return np.concatenate([np.zeros((1, 2)), *(distance * ring for distance in DISTANCES)])
+    return np.concatenate([np.zeros((1, 2)), *(step * (k + 1) * ring for k in range(NUM_DISTANCES))])
 
 
 def waypoints_of(path: Array, spacing: float) -> Array:

@@ -63,6 +63,7 @@ class InputParams(localization.params.InputParams):
 class HomingParams:
     """Motion direction towards the next waypoint (`homing.py`, N17 section III-D)."""
 
+    distance_step: float = param(1.0, "of the samples around a waypoint: d is once and twice that", "m", low=0.05)
     spacing: float = param(1.5, "distance of the waypoints along the path", "m", low=0.1)
 
 

@@ -36,6 +36,7 @@ NUM_MAXIMA = 40  # of the map that make its tail
 OFF_MAP = np.float32(-1.0)  # evidence, in standard deviations, of a place where nobody can have been
 MIN_CELLS = 400  # of a map with enough maxima to tell chance by; a room or two has less
 MAX_CELLS = 20_000  # compared with one image; of a larger map every second, third ... cell
+FEW_IMAGES = 4  # that count in a small map
 NUM_REFERENCES = 100  # places that a followed pose is compared with, for each image in turn
 
 
@@ -108,22 +109,22 @@ class Evidence:
     def __init__(self, grid: SurveyGrid) -> None:
         self._grid = grid
         self._order = np.random.default_rng(0).permutation(len(grid.positions))
+        self._is_small = len(grid.positions) < MIN_CELLS
         self.reset()
 
     def reset(self) -> None:
         """Forget all images."""
         self._fields: deque[tuple[Field, Array]] = deque(maxlen=WINDOW)
-        self._leads: deque[float] = deque(maxlen=WINDOW)
+        self._leads: deque[float] = deque(maxlen=FEW_IMAGES if self._is_small else WINDOW)
         self._first = 0
 
     def prove(self, comparison: Comparison, pose: Array, T_odom_level: SE3 | None, *, is_held: bool) -> Proof:
         """Ask how often chance would look like a pose (3,): the best of the map, or, once it is held, a random one."""
         lead = self.lead(comparison, pose)
-        is_small = len(self._grid.positions) < MIN_CELLS
         if is_held:
-            return Proof(chance_of_mean_lead(lead), is_held=True, is_small=is_small)
+            return Proof(chance_of_mean_lead(lead), is_held=True, is_small=self._is_small)
         survey = self.survey(comparison, planar_pose(T_odom_level) if T_odom_level is not None else None)
-        if is_small:
+        if self._is_small:
             return Proof(chance_of_mean_lead(lead), is_small=True, survey=survey)
         return Proof(survey.p_chance, survey.agrees_with(pose), survey=survey)
 
@@ -143,13 +144,15 @@ class Evidence:
     def lead(self, comparison: Comparison, pose: Array) -> float:
         """Add an image to those that a followed pose (3,) stood out in; return its mean lead over random places.
 
-        In standard deviations of their best headings; the places change from image to image.
+        In standard deviations of their best headings; the places change from image to image. In a small map all of
+        them see the same walls: there similarities count as they are, and only the last few images.
         """
+        contrast = np.asarray if self._is_small else _contrast
         count = min(NUM_REFERENCES, len(self._order))
         chosen = self._order[(self._first + np.arange(count)) % len(self._order)]
         self._first += count
-        others = _contrast(comparison.curves(self._grid.positions[chosen])).max(axis=1)
-        own = _contrast(comparison.curves(pose[None, :2]))[0]
+        others = contrast(comparison.curves(self._grid.positions[chosen])).max(axis=1)
+        own = contrast(comparison.curves(pose[None, :2]))[0]
         heading = round(float(pose[2]) / (2.0 * np.pi) * len(own))
         best = max(float(own[(heading + step) % len(own)]) for step in (-1, 0, 1))
         self._leads.append((best - float(others.mean())) / max(float(others.std()), 1e-6))

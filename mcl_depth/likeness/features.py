@@ -15,7 +15,8 @@ from mcl_depth.likeness import kernels
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
-LCN_SHARE = 1 / 36  # radius k of the local contrast normalisation by the width of a panorama: 10 degrees
+LCN_SHARE = 1 / 18  # radius k of the local contrast normalisation by the width of a panorama: 20 degrees
+LCN_SHARE_OUTDOORS = 1 / 36  # where the sky is far, what is seen is, too, and small
 MIN_SIGMA = 1e-3  # m, smallest standard deviation that contrast is divided by
 FAR_M = 100.0  # range given to what is far
 
@@ -125,7 +126,8 @@ def stack_features(features: Sequence[Features]) -> FeatureStack:
 
 def _options(params: ComparisonParams, width: int) -> tuple[bool, float, int, float]:
     """Return what the kernels of depth images take, in their order."""
-    return params.is_sky_far, FAR_M, max(round(LCN_SHARE * width), 1), MIN_SIGMA
+    share = LCN_SHARE_OUTDOORS if params.is_sky_far else LCN_SHARE
+    return params.is_sky_far, FAR_M, max(round(share * width), 1), MIN_SIGMA
 
 
 def _panorama(image: Image, what: str) -> Image:

@@ -112,7 +112,7 @@ def test_a_damaged_cache_is_refused_in_one_line(tmp_path):
 
 
 def test_homing_samples_are_those_of_the_paper():
-    ring = sample_offsets()
+    ring = sample_offsets(1.0)
     assert ring.shape == (33, 2)  # 16 directions at 1 m and 2 m, and the waypoint itself
     np.testing.assert_allclose(np.linalg.norm(ring, axis=1), [0.0] + [1.0] * 16 + [2.0] * 16)
 

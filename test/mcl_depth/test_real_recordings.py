@@ -19,13 +19,13 @@ from mcl_depth.likeness.comparison import depth_features_many, heading, similari
 def errors(shared_data):
     """Errors of the visual compass in degrees at the true places, every degree and every ten."""
     folder, params = shared_data / "panoramas_in_floor_plan", ComparisonParams()
-    synthesizer = DepthSynthesizer(read_geometry(folder / "surfaces.csv"), SynthesisParams())
+    synthesizer = DepthSynthesizer(read_geometry(folder / "surfaces.csv"), SynthesisParams(num_columns=360))
     shots = read_shots(folder, synthesizer.camera)
     there = depth_features_many(synthesizer.synthesize_many(np.stack([shot.place for shot in shots])), params)
     found = {}
     for count in (360, 36):
         off = [
-            heading(similarity_many(visual_features(shot.grey, params), there, count, np.array([i]))[0]).yaw - shot.yaw
+            heading(similarity_many(visual_features(shot.grey), there, count, np.array([i]))[0]).yaw - shot.yaw
             for i, shot in enumerate(shots)
         ]
         found[count] = np.abs(np.degrees(np.angle(np.exp(1j * np.array(off)))))

@@ -20,7 +20,7 @@ from mcl_depth.likeness.comparison import (
 
 H, W = 12, 36
 PARAMS = ComparisonParams()
-RADIUS = 1  # 10 degrees
+RADIUS = 2  # 20 degrees
 
 
 def literal_lcn(D: np.ndarray, k: int) -> np.ndarray:
