@@ -26,6 +26,7 @@ for line in sys.stdin:
     print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
 """
 PATIENCE = 30.0  # s for a follower to come up and drive
+ANSWER = 1.0  # s to wait for the answer of a call
 AFTER = 0.3  # s after the end of the process in which a last command may still arrive
 
 
@@ -79,7 +80,11 @@ class _Vehicle:
         stdin.flush()
         pid = int(stdout.readline())
         self.x = self.speed = 0.0
-        self._drive_up()
+        try:
+            self._drive_up()
+        except RuntimeError:
+            os.kill(pid, signal.SIGKILL)
+            raise
         sent = time.monotonic()
         os.kill(pid, number)
         while not (self.speed == 0.0 and time.monotonic() - sent > AFTER) and time.monotonic() - sent < 2.0 + AFTER:
@@ -89,14 +94,16 @@ class _Vehicle:
         return self.arrival - sent if self.speed == 0.0 else float("inf")
 
     def _drive_up(self) -> None:
-        end, answer = time.monotonic() + PATIENCE, None
+        end, answer, asked = time.monotonic() + PATIENCE, None, 0.0
         while self.speed < 0.3:
             if time.monotonic() > end:
                 raise RuntimeError("path_follower: expected it to drive, found it standing")
             self._speak()
             self._spin(0.04)
-            if answer is None or (answer.done() and not answer.result().success):
-                answer = self.start.call_async(self.request) if self.start.service_is_ready() else None
+            is_late = time.monotonic() - asked > ANSWER  # asked a follower that has ended
+            is_refused = answer is not None and answer.done() and not answer.result().success
+            if self.start.service_is_ready() and (answer is None or is_late or is_refused):
+                answer, asked = self.start.call_async(self.request), time.monotonic()
 
     def _speak(self) -> None:
         from localization.status import State, Status
