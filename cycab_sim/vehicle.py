@@ -57,7 +57,7 @@ class Vehicle:
     def step(self, command: Command, seconds: float) -> None:
         """Drive for `seconds`: the actuators move, then an arc at their mean."""
         before = self.state
-        wanted = self._delayed(command, seconds)
+        wanted = self._delay(command, seconds)
         speed = self._follow_speed(wanted.speed, seconds)
         steering = self._follow_steering(self._steering_for(wanted), seconds)
         mean_speed, mean_steering = (before.speed + speed) / 2, (before.steering + steering) / 2
@@ -65,7 +65,7 @@ class Vehicle:
         x, y, yaw = arc((before.x, before.y, before.yaw), mean_speed * seconds, curvature)
         self.state = VehicleState(float(x), float(y), float(yaw), speed, steering)
 
-    def _delayed(self, command: Command, seconds: float) -> Command:
+    def _delay(self, command: Command, seconds: float) -> Command:
         """Return the command that was given one dead time ago."""
         self._pending.append((self._now, command))
         self._now += seconds
@@ -77,7 +77,7 @@ class Vehicle:
     def _follow_speed(self, wanted: float, seconds: float) -> float:
         p, now = self.params, self.state.speed
         goal = min(max(wanted, -p.max_reverse_speed), p.max_speed)
-        change = _lagged(goal - now, self.actuation.speed_lag, seconds)
+        change = _lag(goal - now, self.actuation.speed_lag, seconds)
         limit = p.max_acceleration if change * now >= 0.0 and abs(goal) > abs(now) else p.max_deceleration
         speed = now + min(max(change, -limit * seconds), limit * seconds)
         return 0.0 if speed * now < 0.0 else speed  # a change of direction begins at a standstill
@@ -90,7 +90,7 @@ class Vehicle:
         return min(max(angle, -self.params.max_steering_angle), self.params.max_steering_angle)
 
     def _follow_steering(self, wanted: float, seconds: float) -> float:
-        change = _lagged(wanted - self.state.steering, self.actuation.steering_lag, seconds)
+        change = _lag(wanted - self.state.steering, self.actuation.steering_lag, seconds)
         limit = self.params.max_steering_rate * seconds
         return self.state.steering + min(max(change, -limit), limit)
 
@@ -132,6 +132,6 @@ class WheelOdometry:
         return np.array([along, along + turn * self.way / 2, 1e-3, 1e-3, 1e-3, turn])
 
 
-def _lagged(difference: float, time_constant: float, seconds: float) -> float:
+def _lag(difference: float, time_constant: float, seconds: float) -> float:
     """Return the change of a first-order lag over `seconds`: exact for a constant input."""
     return difference if time_constant <= 0.0 else difference * -math.expm1(-seconds / time_constant)

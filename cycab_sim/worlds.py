@@ -95,16 +95,14 @@ def geometry_cloud(
     x0, y0, x1, y1 = built.bounds
     faces = built.mesh.triangles.astype(np.float64)
     keep = has_clutter | ~built.mesh.is_clutter[built.mesh.surface_of]
-    points = _sampled(faces[keep], spacing, np.random.default_rng([seed, 51]), (x0, y0, x1, y1))
+    points = _sample(faces[keep], spacing, np.random.default_rng([seed, 51]), (x0, y0, x1, y1))
     cells = np.floor(points / spacing).astype(np.int64)
     low, size = cells.min(axis=0), np.ptp(cells, axis=0) + 1
     codes = np.ravel_multi_index(tuple((cells - low).T), tuple(size))
     return np.ascontiguousarray(points[np.sort(np.unique(codes, return_index=True)[1])])
 
 
-def _sampled(
-    faces: Array, spacing: float, rng: np.random.Generator, bounds: tuple[float, float, float, float]
-) -> Array:
+def _sample(faces: Array, spacing: float, rng: np.random.Generator, bounds: tuple[float, float, float, float]) -> Array:
     """Return random points on triangles (T, 3, 3) inside the bounds, two for each cell of `spacing`^2."""
     x0, y0, x1, y1 = bounds
     m = CLOUD_MARGIN

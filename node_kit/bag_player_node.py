@@ -60,7 +60,7 @@ class BagPlayer(ManagedNode):
         if not self.params.bag:
             raise ValueError("bag: expected a folder or an .mcap file to play, found none")
         self.bag = BagReader(self.params.bag)
-        chosen = self._chosen()
+        chosen = self._choose()
         start_ns, end_ns = self.bag.time_range
         if start_ns + self.params.start * 1e9 > end_ns:
             length = (end_ns - start_ns) / 1e9
@@ -71,9 +71,9 @@ class BagPlayer(ManagedNode):
         self.clock_told = 0.0
         self.answers: Answers | None = None
         if self.params.answer_topic:
-            self.answers, self.asking = Answers(self.params.answer_timeout), self._played(self.params.answered_topic)
+            self.answers, self.asking = Answers(self.params.answer_timeout), self._play(self.params.answered_topic)
             self.add_timer(0.2, self._find_answers, is_wall=True)
-        self.wait_for = {self._played(name) for name in self.params.wait_for.split()}
+        self.wait_for = {self._play(name) for name in self.params.wait_for.split()}
         self.is_paused, self.begin_at = self.params.paused, 0.0
         self.add_service("~/pause", Trigger, lambda request, response: self._set_paused(True, response))
         self.add_service("~/resume", Trigger, lambda request, response: self._set_paused(False, response))
@@ -89,7 +89,7 @@ class BagPlayer(ManagedNode):
         self.bag.close()
 
     # --- topics
-    def _chosen(self) -> dict[str, TopicInfo]:
+    def _choose(self) -> dict[str, TopicInfo]:
         names = [self.bag.require(name).name for name in self.params.topics.split()]
         chosen = {}
         for name in names or [name for name, info in self.bag.topics.items() if info.count and name != "/clock"]:
@@ -109,7 +109,7 @@ class BagPlayer(ManagedNode):
         profile = QoSProfile(depth=depth, reliability=qos.RELIABLE, durability=durability)
         return cast("LivePublisher", self.add_publisher(info.name, message_class(info.type), profile))
 
-    def _played(self, topic: str) -> str:
+    def _play(self, topic: str) -> str:
         name = self.bag.require(topic).name
         if name not in self.outputs:
             raise ValueError(f"{topic}: expected a topic that is played ({', '.join(self.outputs)})")

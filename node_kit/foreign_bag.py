@@ -46,10 +46,10 @@ class ForeignBag:
             _check_sqlite(path)
         for file in sorted(path.glob(f"*{SQLITE}")) if path.is_dir() else ():
             _check_sqlite(file)
-        self._reader: Any = self._guarded(lambda: Ros1Reader(path) if path.suffix == ROS1 else Ros2Reader(path))
-        self._guarded(self._reader.open)
+        self._reader: Any = self._guard(lambda: Ros1Reader(path) if path.suffix == ROS1 else Ros2Reader(path))
+        self._guard(self._reader.open)
         self._is_open = True
-        self.topics = self._guarded(self._read_topics)
+        self.topics = self._guard(self._read_topics)
 
     @property
     def time_range(self) -> tuple[int, int] | None:
@@ -64,9 +64,9 @@ class ForeignBag:
         if not wanted:
             return
         stop = None if end_ns is None else end_ns + 1
-        messages = self._guarded(lambda: self._reader.messages(wanted, start=start_ns, stop=stop))
+        messages = self._guard(lambda: self._reader.messages(wanted, start=start_ns, stop=stop))
         while True:
-            found = self._guarded(lambda: next(messages, None))
+            found = self._guard(lambda: next(messages, None))
             if found is None:
                 return
             connection, stamp_ns, data = found
@@ -75,7 +75,7 @@ class ForeignBag:
                     f"{self._path}: {connection.topic}: expected at most {MAX_MESSAGE} bytes, found {len(data)}"
                 )
             if self._path.suffix == ROS1:
-                data = self._guarded(partial(self._convert, connection.msgtype, data))
+                data = self._guard(partial(self._convert, connection.msgtype, data))
             yield Recorded(_topic_of(connection), int(stamp_ns), bytes(data))
 
     def close(self) -> None:
@@ -93,7 +93,7 @@ class ForeignBag:
             known.count += int(connection.msgcount)
         return topics
 
-    def _guarded(self, call: Callable[[], Any]) -> Any:
+    def _guard(self, call: Callable[[], Any]) -> Any:
         """Return what a call into the library returns; whatever it raises about a damaged bag becomes BagError."""
         try:
             return call()

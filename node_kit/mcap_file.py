@@ -38,7 +38,7 @@ class McapFile:
             self.summary = self._read_summary()
         except BagError as error:
             self.stream.close()
-            raise self._named(error) from None
+            raise self._name(error) from None
         except BaseException:
             self.stream.close()
             raise
@@ -53,18 +53,18 @@ class McapFile:
         """Yield the messages of some channels from `start_ns` to `end_ns`, both included, in order of log time."""
         stamps = (0 if start_ns is None else start_ns, 2**64 if end_ns is None else end_ns)
         try:
-            yield from self._ordered(channels, *stamps)
+            yield from self._sort(channels, *stamps)
         except BagError as error:
-            raise self._named(error) from None
+            raise self._name(error) from None
 
     def chunk(self, index: ChunkIndex) -> list[tuple[Channel, Message]]:
         """Return the messages of one chunk in the order of the file; BagError if it is damaged."""
         try:
             return list(self._chunk(index.chunk_start_offset))
         except BagError as error:
-            raise self._named(error) from None
+            raise self._name(error) from None
 
-    def _ordered(self, channels: set[int] | None, start: int, end: int) -> Iterator[tuple[Channel, Message]]:
+    def _sort(self, channels: set[int] | None, start: int, end: int) -> Iterator[tuple[Channel, Message]]:
         indexes = {index.chunk_start_offset: index for index in self.summary.chunk_indexes}
         queue: list[tuple[int, int, int, Any]] = [
             (index.message_start_time, offset, -1, index)
@@ -133,7 +133,7 @@ class McapFile:
             summary, self._loose = scan(self.stream, self.size)  # some writers do without
         return summary
 
-    def _named(self, error: BagError) -> BagError:
+    def _name(self, error: BagError) -> BagError:
         text = str(error)
         return error if text.startswith(str(self.path)) else BagError(f"{self.path}: {text}")
 

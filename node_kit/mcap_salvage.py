@@ -113,7 +113,7 @@ class Salvage:
             chunk = find_chunk(data, place) if not is_record or SHAPE_BUT_OPCODE.match(data, place) else None
             if chunk is not None:
                 self.place = place = chunk.end
-                yield from self._verified(data, chunk)
+                yield from self._verify(data, chunk)
             elif opcode == Opcode.DATA_END and length == 4:
                 return
             elif is_record:
@@ -126,7 +126,7 @@ class Salvage:
                 found = SHAPE.search(data, place + 1)
                 place = found.start() if found else len(data)
 
-    def _verified(self, data: mmap.mmap, chunk: ChunkRecord) -> Iterator[bytes]:
+    def _verify(self, data: mmap.mmap, chunk: ChunkRecord) -> Iterator[bytes]:
         try:
             plain = decompressed(bytes(data[chunk.data_begin : chunk.end]), chunk.compression, MAX_CHUNK)
         except BagError as error:

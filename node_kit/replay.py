@@ -257,6 +257,6 @@ def record(published: Iterator[Recorded], bag: BagWriter, bus: OfflineBus) -> It
         yield item
 
 
-def copied(message: Any) -> Any:
+def copy_message(message: Any) -> Any:
     """Return an independent copy of a message, as a listener behind DDS would get."""
     return deserialize_message(serialize_message(message), type(message))

@@ -35,15 +35,15 @@ def smooth_curve(points: Array, params: PathParams, *, is_closed: bool) -> Curve
     Steps: dense points are averaged over `MIN_SPACING`; a spline gives equal spacing; a low-pass filter removes
     bends below `smoothing_length`; a spline through the result gives tangent and curvature.
     """
-    coarse = _averaged(points, MIN_SPACING)
+    coarse = _average(points, MIN_SPACING)
     if is_closed:
-        coarse = _closed(coarse, MIN_SPACING)
-    even = _resampled(coarse, SPACING, is_closed=is_closed)
+        coarse = _close(coarse, MIN_SPACING)
+    even = _resample(coarse, SPACING, is_closed=is_closed)
     if params.smoothing_length > 0:
-        filtered = _filtered_closed if is_closed else _filtered_open
+        filtered = _filter_closed if is_closed else _filter_open
         step = float(np.median(np.linalg.norm(np.diff(even, axis=0), axis=-1)))
         even = filtered(even, cutoff_weight(params.smoothing_length, step))
-    return _measured(even, SPACING, is_closed=is_closed)
+    return _measure(even, SPACING, is_closed=is_closed)
 
 
 def cutoff_weight(wavelength: float, spacing: float) -> float:
@@ -55,7 +55,7 @@ def cutoff_weight(wavelength: float, spacing: float) -> float:
     return float((2.0 * np.sin(np.pi * spacing / max(wavelength, 2.0 * spacing))) ** -6)
 
 
-def _averaged(points: Array, spacing: float) -> Array:
+def _average(points: Array, spacing: float) -> Array:
     """Average runs of points (N, 2) that stay within `spacing` of the first of the run; both ends stay as they are."""
     bins, run = [], [points[0]]
     for point in points[1:]:
@@ -68,14 +68,14 @@ def _averaged(points: Array, spacing: float) -> Array:
     return np.array([points[0], *inner, points[-1]]) if len(bins) > 1 else points[[0, -1]]
 
 
-def _closed(points: Array, spacing: float) -> Array:
+def _close(points: Array, spacing: float) -> Array:
     """Repeat the first point at the end, in place of a last one that nearly closes the ring."""
     while len(points) > 3 and np.hypot(*(points[-1] - points[0])) < spacing:
         points = points[:-1]
     return np.concatenate([points, points[:1]])
 
 
-def _resampled(points: Array, spacing: float, *, is_closed: bool) -> Array:
+def _resample(points: Array, spacing: float, *, is_closed: bool) -> Array:
     chords = np.diff(points, axis=0)
     lengths = np.hypot(*chords.T)
     keep = np.concatenate([[True], lengths > 1e-9])
@@ -97,7 +97,7 @@ def _spline(way: Array, points: Array, is_closed: bool) -> CubicSpline:
     return CubicSpline(way, points, bc_type=kind)
 
 
-def _filtered_open(points: Array, weight: float) -> Array:
+def _filter_open(points: Array, weight: float) -> Array:
     """Minimise |p - q|^2 + weight |third difference of q|^2."""
     count = len(points)
     if count < 5:
@@ -111,7 +111,7 @@ def _filtered_open(points: Array, weight: float) -> Array:
     return np.asarray(solveh_banded(D, points))
 
 
-def _filtered_closed(points: Array, weight: float) -> Array:
+def _filter_closed(points: Array, weight: float) -> Array:
     ring = points[:-1]
     angle = 2.0 * np.pi * np.fft.rfftfreq(len(ring))
     gain = 1.0 / (1.0 + weight * (2.0 * np.sin(angle / 2.0)) ** 6)
@@ -119,7 +119,7 @@ def _filtered_closed(points: Array, weight: float) -> Array:
     return np.concatenate([smooth, smooth[:1]])
 
 
-def _measured(points: Array, spacing: float, *, is_closed: bool) -> Curve:
+def _measure(points: Array, spacing: float, *, is_closed: bool) -> Curve:
     lengths = np.hypot(*np.diff(points, axis=0).T)
     way = np.concatenate([[0.0], np.cumsum(np.maximum(lengths, 1e-9))])
     spline = _spline(way, points, is_closed)

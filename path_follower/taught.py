@@ -34,7 +34,7 @@ def reference_path(
     Headings say where the vehicle drove backwards; without them everything is forward. Speeds are upper bounds;
     NaN where unknown. ValueError for what cannot be driven.
     """
-    xy, headings, speeds = _checked(points, yaw, speed)
+    xy, headings, speeds = _check(points, yaw, speed)
     is_closed = is_closed or path.is_closed
     parts = _split(xy, headings, CUSP_HYSTERESIS) if headings is not None else [(0, len(xy) - 1, 1)]
     if is_closed and len(parts) > 1:
@@ -46,7 +46,7 @@ def reference_path(
         if headings is not None:
             _check_heading(xy[first : last + 1], headings[first : last + 1], curve, direction)
     bounds = [_bound(xy, speeds, part, curve, driving) for part, curve in zip(parts, curves, strict=True)]
-    return _joined(curves, [direction for _, _, direction in parts], bounds, driving, vehicle, is_closed)
+    return _join(curves, [direction for _, _, direction in parts], bounds, driving, vehicle, is_closed)
 
 
 def taught_speeds(points: Array, stamps_ns: NDArray[np.int64], way: float = 0.5) -> Array:
@@ -59,7 +59,7 @@ def taught_speeds(points: Array, stamps_ns: NDArray[np.int64], way: float = 0.5)
     return speeds
 
 
-def _checked(points: ArrayLike, yaw: ArrayLike | None, speed: ArrayLike | None) -> tuple[Array, Array | None, Array]:
+def _check(points: ArrayLike, yaw: ArrayLike | None, speed: ArrayLike | None) -> tuple[Array, Array | None, Array]:
     xy = np.asarray(points, dtype=np.float64)
     if xy.ndim != 2 or xy.shape[-1] != 2 or not 2 <= len(xy) <= MAX_POINTS:
         raise ValueError(f"path: expected 2 to {MAX_POINTS} points (x, y), found shape {xy.shape}")
@@ -146,7 +146,7 @@ def _bound(xy: Array, speeds: Array, part: tuple[int, int, int], curve: Curve, d
     return taught
 
 
-def _joined(
+def _join(
     curves: list[Curve],
     directions: list[int],
     bounds: list[Array],

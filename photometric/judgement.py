@@ -25,7 +25,7 @@ def judge(problem: Problem, descent: Descent, iterations: int, overlap: float, p
     found = problem.compare(state)
     num_pixels = sum(view.num_visible for view in found)
     if num_pixels < params.min_pixels or overlap < params.min_overlap:
-        return _refused(state, alignment.LOW_OVERLAP, iterations, num_pixels, overlap)
+        return _refuse(state, alignment.LOW_OVERLAP, iterations, num_pixels, overlap)
     mad = sum(view.mad * view.num_visible for view in found) / num_pixels
     covariance, condition = _covariance(normal_matrix(found, has_light=params.illumination))
     reason = alignment.GOOD
@@ -63,7 +63,7 @@ def normal_matrix(found: Sequence[Comparison], *, has_light: bool) -> Array:
     return H
 
 
-def _refused(state: State, reason: str, iterations: int, num_pixels: int, overlap: float) -> Alignment:
+def _refuse(state: State, reason: str, iterations: int, num_pixels: int, overlap: float) -> Alignment:
     gains, biases = tuple(state.light[:, 0].tolist()), tuple(state.light[:, 1].tolist())
     return Alignment(
         state.T_world_camera, UNKNOWN, reason, iterations, num_pixels, overlap, 0.0, 0.0, 0.0, gains, biases

@@ -98,7 +98,7 @@ def level_cameras(camera: Camera, num_levels: int, min_side: int) -> tuple[Camer
     """Return the cameras of all levels, from fine to coarse."""
     cameras = [camera]
     while len(cameras) < num_levels and _can_halve(cameras[-1], min_side):
-        cameras.append(cameras[-1].halved())
+        cameras.append(cameras[-1].halve())
     return tuple(cameras)
 
 

@@ -32,7 +32,7 @@ def validate(problem: Problem, state: State, kept: Array, params: CalibrationPar
     """Repeat the calibration on parts of the instants."""
     number = np.arange(len(state.T_world_rig.matrix))
     is_held = number % params.held_out_every == params.held_out_every - 1
-    held_out = _held_out(problem, state, kept, is_held, params)
+    held_out = _hold_out(problem, state, kept, is_held, params)
     halves = [_part(problem, state, kept, number % 2 == half, params) for half in (0, 1)]
     return Validation(held_out, _difference(halves[0], halves[1], len(problem.models)))
 
@@ -47,7 +47,7 @@ def camera_rms(problem: Problem, errors: Array, kept: Array) -> Array:
     return found
 
 
-def _held_out(
+def _hold_out(
     problem: Problem, state: State, kept: Array, is_held: NDArray[np.bool_], params: CalibrationParams
 ) -> Array:
     """Calibrate without some instants, then find only where the rig was at these."""

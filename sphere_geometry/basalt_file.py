@@ -12,7 +12,7 @@ import numpy as np
 from sphere_geometry.camera import Camera
 from sphere_geometry.fields import MAX_FILE_BYTES, number, required, short
 from sphere_geometry.files import read_text
-from sphere_geometry.foreign_cameras import ForeignRig, Lens, image_size, unsupported
+from sphere_geometry.foreign_cameras import ForeignRig, Lens, image_size, refuse_model
 from sphere_geometry.se3 import SE3
 
 FIELDS = ("T_imu_cam", "intrinsics", "resolution")
@@ -70,7 +70,7 @@ def _camera(entry: Any, resolution: Any, index: int) -> Camera:
     where = f"value0.intrinsics[{index}]"
     kind = required(entry, where, ("camera_type", "intrinsics"))["camera_type"]
     if not isinstance(kind, str) or kind not in FURTHER:
-        raise unsupported(kind, f"{where}.camera_type", ", ".join(FURTHER))
+        raise refuse_model(kind, f"{where}.camera_type", ", ".join(FURTHER))
     fields = (*CENTRE, *FURTHER[kind])
     given = required(entry["intrinsics"], f"{where}.intrinsics", fields)
     fx, fy, cx, cy, *more = (number(given[field], f"{where}.intrinsics.{field}") for field in fields)
@@ -78,7 +78,7 @@ def _camera(entry: Any, resolution: Any, index: int) -> Camera:
     if kind == "ds":
         return lens.double_sphere(*more)
     if kind == "ucm":
-        return lens.unified(*more)
+        return lens.to_unified(*more)
     return lens.fisheye(tuple(more)) if kind == "kb4" else lens.pinhole(tuple(more))
 
 

@@ -55,7 +55,7 @@ class Camera(Protocol):
         """Return the derivative (..., 2, 3) of the pixel by the point, in pixels per metre."""
         ...
 
-    def halved(self) -> Self:
+    def halve(self) -> Self:
         """Return the camera of the next pyramid level, whose pixel (u, v) covers 2 x 2 pixels of this one."""
         ...
 

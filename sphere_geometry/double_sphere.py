@@ -90,7 +90,7 @@ class DoubleSphere:
         J[..., 1, 1] += 1 / divisor
         return np.diag([self.fx, self.fy]) @ J
 
-    def halved(self) -> Self:
+    def halve(self) -> Self:
         """Return the camera of the next pyramid level."""
         cx, cy = (self.cx + 0.5) / 2 - 0.5, (self.cy + 0.5) / 2 - 0.5
         size = (self.width // 2, self.height // 2)

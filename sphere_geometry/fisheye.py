@@ -97,7 +97,7 @@ class Fisheye:
         J[..., 0, 2], J[..., 1, 2] = by_z * cx, by_z * cy
         return np.diag([self.fx, self.fy]) @ J
 
-    def halved(self) -> Self:
+    def halve(self) -> Self:
         """Return the camera of the next pyramid level."""
         cx, cy = (self.cx + 0.5) / 2 - 0.5, (self.cy + 0.5) / 2 - 0.5
         return type(self)(self.width // 2, self.height // 2, self.fx / 2, self.fy / 2, cx, cy, self.distortion)

@@ -37,19 +37,19 @@ class Lens:
 
     def pinhole(self, distortion: tuple[float, ...] = ()) -> Camera:
         """Return the camera with radial and tangential distortion k1 k2 p1 p2 [k3 [k4 k5 k6]]."""
-        return self._checked(Pinhole, distortion)
+        return self._check(Pinhole, distortion)
 
     def fisheye(self, distortion: tuple[float, ...]) -> Camera:
         """Return the camera of Kannala and Brandt."""
         if len(distortion) != 4:
             raise ValueError(f"{self.where}: distortion: expected 4 numbers, found {len(distortion)}")
-        return self._checked(Fisheye, distortion)
+        return self._check(Fisheye, distortion)
 
     def double_sphere(self, xi: float, alpha: float) -> Camera:
         """Return the camera of Usenko, Demmel and Cremers."""
-        return self._checked(DoubleSphere, xi, alpha)
+        return self._check(DoubleSphere, xi, alpha)
 
-    def unified(self, alpha: float) -> Camera:
+    def to_unified(self, alpha: float) -> Camera:
         """Return the unified camera, x / (alpha d + (1 - alpha) z): a double sphere whose two spheres coincide."""
         return self.double_sphere(0.0, alpha)
 
@@ -59,9 +59,9 @@ class Lens:
         if not scale > 0.0 or xi < 0.0:
             raise ValueError(f"{self.where}: xi: expected at least 0, found {xi}")
         lens = Lens(self.size, self.fx / scale, self.fy / scale, self.cx, self.cy, self.where)
-        return lens.unified(xi / scale)
+        return lens.to_unified(xi / scale)
 
-    def _checked(self, model: Any, *more: Any) -> Camera:
+    def _check(self, model: Any, *more: Any) -> Camera:
         check_centre((self.cx, self.cy), self.size, self.where)
         try:
             camera: Camera = model(*self.size, self.fx, self.fy, self.cx, self.cy, *more)
@@ -84,6 +84,6 @@ def vector(values: Mapping[str, Any], name: str, where: str, count: int | None =
     return numbers(values.get(name) or [], f"{where}.{name}", count)
 
 
-def unsupported(found: Any, where: str, known: str) -> ValueError:
+def refuse_model(found: Any, where: str, known: str) -> ValueError:
     """Return the refusal of a model that has no equal here, by its name."""
     return ValueError(f"{where}: expected {known}, found {short(found)}, which is not supported")

@@ -12,7 +12,7 @@ import numpy as np
 from sphere_geometry.camera import Camera
 from sphere_geometry.fields import MAX_FILE_BYTES, pose, required, short
 from sphere_geometry.files import read_text
-from sphere_geometry.foreign_cameras import ForeignRig, Lens, image_size, unsupported, vector
+from sphere_geometry.foreign_cameras import ForeignRig, Lens, image_size, refuse_model, vector
 from sphere_geometry.opencv_file import without_directive
 from sphere_geometry.se3 import SE3
 from sphere_geometry.yaml_text import load_yaml
@@ -58,10 +58,10 @@ def _rig(values: Any) -> ForeignRig:
 def _camera(name: str, entry: Mapping[str, Any]) -> Camera:
     model, distortion = entry["camera_model"], entry.get("distortion_model") or "none"
     if not isinstance(model, str) or model not in NUM_INTRINSICS:
-        raise unsupported(model, f"{name}.camera_model", KNOWN)
+        raise refuse_model(model, f"{name}.camera_model", KNOWN)
     is_known = isinstance(distortion, str) and distortion in NUM_DISTORTION
     if not is_known or (model != "pinhole" and distortion != "none"):
-        raise unsupported(f"{model} with {distortion!s:.40}", f"{name}.distortion_model", KNOWN)
+        raise refuse_model(f"{model} with {distortion!s:.40}", f"{name}.distortion_model", KNOWN)
     numbers = vector(entry, "intrinsics", name, NUM_INTRINSICS[model])
     k = vector(entry, "distortion_coeffs", name, NUM_DISTORTION[distortion])
     size = image_size(entry["resolution"], f"{name}.resolution")

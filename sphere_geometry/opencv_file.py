@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sphere_geometry.camera import Camera
 from sphere_geometry.fields import MAX_FILE_BYTES, ROTATION_TOLERANCE, number, short, size
 from sphere_geometry.files import read_text
-from sphere_geometry.foreign_cameras import ForeignRig, Lens, unsupported
+from sphere_geometry.foreign_cameras import ForeignRig, Lens, refuse_model
 from sphere_geometry.rig import NAME
 from sphere_geometry.se3 import SE3
 from sphere_geometry.yaml_text import StrictLoader, load_yaml
@@ -117,7 +117,7 @@ def _model(values: Values, given: str | None) -> str:
     if told in FISHEYE_MODELS:
         return "fisheye"
     if told not in PINHOLE_MODELS:
-        raise unsupported(told, "distortion_model", ", ".join((*PINHOLE_MODELS, *FISHEYE_MODELS)))
+        raise refuse_model(told, "distortion_model", ", ".join((*PINHOLE_MODELS, *FISHEYE_MODELS)))
     return "pinhole"
 
 
@@ -136,7 +136,7 @@ def _camera(values: Values, suffix: str, image_size: tuple[int, int], model: str
     if len(k) not in NUM_PINHOLE:
         raise ValueError(f"distortion{suffix}: expected 4, 5, 8, 12 or 14 numbers, found {len(k)}")
     if any(k[8:]):
-        raise unsupported("thin prism or tilted sensor", f"distortion{suffix}", "k1 k2 p1 p2 k3 k4 k5 k6")
+        raise refuse_model("thin prism or tilted sensor", f"distortion{suffix}", "k1 k2 p1 p2 k3 k4 k5 k6")
     return lens.pinhole(k[:8])
 
 

@@ -97,7 +97,7 @@ class Pinhole:
         J_perspective[..., :, 2] = -xy * inverse_z[..., None]
         return np.diag([self.fx, self.fy]) @ self._J_distort(xy) @ J_perspective
 
-    def halved(self) -> Self:
+    def halve(self) -> Self:
         """Return the camera of the next pyramid level."""
         return type(self)(
             self.width // 2,

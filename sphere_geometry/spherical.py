@@ -94,7 +94,7 @@ class Spherical:
         J[..., 1, 2] = -by_elevation * horizontal2
         return J
 
-    def halved(self) -> Self:
+    def halve(self) -> Self:
         """Return the sphere of the next pyramid level; a whole sphere must have even sides."""
         if self.is_whole and (self.width % 2 or self.height % 2):
             raise ValueError(f"sphere pyramid: expected even sides, found {self.width} x {self.height}")

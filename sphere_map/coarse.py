@@ -17,7 +17,7 @@ def coarse_sphere(sphere: Sphere) -> Sphere:
     """Return the grey sphere, halved as often as no side gets shorter than `MIN_SIDE`."""
     camera, factor = sphere.camera, 1
     while _can_halve(camera):
-        camera, factor = camera.halved(), 2 * factor
+        camera, factor = camera.halve(), 2 * factor
     height, width = camera.height * factor, camera.width * factor
     grey = cv2.resize(sphere.grey[:height, :width], (camera.width, camera.height), interpolation=cv2.INTER_AREA)
     image: Image = np.clip(np.rint(grey), UNSEEN + 1, 255).astype(np.uint8)

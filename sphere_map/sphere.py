@@ -93,23 +93,23 @@ def check_image(image: NDArray[Any], camera: Any, name: str = "image") -> None:
     expected = f"{camera.width} x {camera.height} uint8, grey or RGB"
     is_grey_or_rgb = image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)
     if image.dtype != np.uint8 or not is_grey_or_rgb or image.shape[:2] != (camera.height, camera.width):
-        raise ValueError(f"{name}: expected {expected}, found {_described(image)}")
+        raise ValueError(f"{name}: expected {expected}, found {_describe(image)}")
 
 
 def check_depth(depth_m: NDArray[Any], camera: Any, name: str = "depth") -> None:
     """Raise ValueError unless the depth is a floating-point image in metres of the camera's size."""
     if not np.issubdtype(depth_m.dtype, np.floating) or depth_m.shape != (camera.height, camera.width):
-        raise ValueError(f"{name}: expected {camera.width} x {camera.height} metres, found {_described(depth_m)}")
+        raise ValueError(f"{name}: expected {camera.width} x {camera.height} metres, found {_describe(depth_m)}")
 
 
 def _check_plane(values: NDArray[Any], camera: Spherical, name: str) -> None:
     if values.dtype != np.float32 or values.shape != (camera.height, camera.width):
-        raise ValueError(f"{name}: expected {camera.width} x {camera.height} float32, found {_described(values)}")
+        raise ValueError(f"{name}: expected {camera.width} x {camera.height} float32, found {_describe(values)}")
     smallest = np.fmin.reduce(values, axis=None)
     if smallest <= 0:
         raise ValueError(f"{name}: expected positive metres, NaN or +Inf, found {smallest}")
 
 
-def _described(values: NDArray[Any]) -> str:
+def _describe(values: NDArray[Any]) -> str:
     sides = " x ".join(str(side) for side in (*values.shape[1::-1], *values.shape[2:]))
     return f"{sides or 'a scalar'} {values.dtype}"

@@ -82,9 +82,9 @@ class Intake:
 
     def _rgbd(self, instant: Instant) -> Sphere:
         camera = conversions.camera_from_info(self._info("camera_info"))
-        image = self._sized(instant, "image_raw", camera)
+        image = self._image_of_size(instant, "image_raw", camera)
         depth_camera, T_image_depth = self._depth_camera(camera)
-        depth_m = self._sized(instant, "depth/image_raw", depth_camera)
+        depth_m = self._image_of_size(instant, "depth/image_raw", depth_camera)
         T_sphere_depth = T_BODY_OPTICAL @ T_image_depth
         view = RgbdView(image, depth_m, camera, T_BODY_OPTICAL, depth_camera, T_sphere_depth)
         return sphere_from_views([view], instant.stamp_ns, self._params.mapper.partial)
@@ -106,11 +106,14 @@ class Intake:
         baseline_m = conversions.stereo_baseline(right_info)
         if not isinstance(camera, Pinhole):
             raise ValueError(f"left/camera_info: expected a rectified pinhole camera, found {camera.model}")
-        images = self._sized(instant, "left/image_raw", camera), self._sized(instant, "right/image_raw", right)
+        images = (
+            self._image_of_size(instant, "left/image_raw", camera),
+            self._image_of_size(instant, "right/image_raw", right),
+        )
         p = self._params.mapper
         return sphere_from_stereo(*images, camera, baseline_m, T_BODY_OPTICAL, instant.stamp_ns, p.stereo, p.partial)
 
-    def _sized(self, instant: Instant, topic: str, camera: Camera) -> Any:
+    def _image_of_size(self, instant: Instant, topic: str, camera: Camera) -> Any:
         """Return an image or depth of the instant, of the camera's size."""
         image = instant.images[topic]
         conversions.check_image_size(camera, image.shape[1], image.shape[0])

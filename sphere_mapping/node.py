@@ -106,7 +106,7 @@ class SphereMapper(ManagedNode):
         """Publish where the vehicle is, with the stamp of the sphere."""
         p, stamp, found = self.params, update.stamp_ns, update.alignment
         T_map_base = T_map_sphere @ self.T_base_sphere.inverse()
-        covariance = conversions.moved_covariance(found.covariance if found else NO_COVARIANCE, self.T_base_sphere)
+        covariance = conversions.move_covariance(found.covariance if found else NO_COVARIANCE, self.T_base_sphere)
         frames = (p.map_frame, p.base_frame)
         self.odometry.publish(conversions.se3_to_odometry(T_map_base, covariance, stamp, frames))
         if T_odom_base is None:

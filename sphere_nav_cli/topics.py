@@ -57,7 +57,7 @@ def chosen_topics(arguments: argparse.Namespace) -> dict[str, str]:
 def find_topics(bag: BagReader, wanted: Iterable[str], chosen: dict[str, str]) -> dict[str, str]:
     """Return the bag's topic for every one of ours; odometry where there is any."""
     streams = read_streams(bag)
-    with _named(bag):
+    with _name_bag(bag):
         found = find_inputs(streams, wanted, chosen)
     odometry = find_odometry(streams)
     return ({"odom": odometry} if odometry else {}) | found
@@ -69,7 +69,7 @@ def find_rig_topics(bag: BagReader, names: Iterable[str], chosen: dict[str, str]
     named = {ours.split("/")[1] for ours in chosen if ours.startswith("cameras/")}
     found = find_rig(streams, [name for name in names if name not in named])
     topics = {f"cameras/{name}/image_raw": topic for name, topic in found.items()}
-    with _named(bag):
+    with _name_bag(bag):
         topics |= find_inputs(streams, (), chosen)
     if not topics:
         have = ", ".join(stream.topic for stream in streams if stream.is_image) or "none"
@@ -113,7 +113,7 @@ def options_of(topics: dict[str, str]) -> list[str]:
 
 
 @contextmanager
-def _named(bag: BagReader) -> Iterator[None]:
+def _name_bag(bag: BagReader) -> Iterator[None]:
     """Lead what is said of the topics with the bag they are of."""
     try:
         yield

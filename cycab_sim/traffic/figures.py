@@ -102,7 +102,7 @@ def make_cyclist(rng: np.random.Generator) -> Figure:
             ([0.40, -0.26, 1.02], [0.04, 0.52, 0.04]), ([-0.27, -0.09, 0.92], [0.26, 0.18, 0.06]),
         ):  # fmt: skip
             mesh.box(low, size, paint)
-        lean = placed(-0.12, 0.0, 0.0, 0.08) @ _pitched(0.35, (0.0, 0.0, 0.88))
+        lean = placed(-0.12, 0.0, 0.0, 0.08) @ _pitch(0.35, (0.0, 0.0, 0.88))
         _add_body(mesh, lean, 1.0, cloth, trousers, skin, rng)
         for side in (-1.0, 1.0):
             mesh.box([0.08, 0.22 * side - 0.05, 1.06], [0.36, 0.09, 0.09], cloth)
@@ -129,7 +129,7 @@ def _cloth(colour: Colour) -> Finish:
     return Finish(k.SOIL, colour, finishes.darker(colour, 0.55), (0.16,))
 
 
-def _pitched(angle: float, pivot: tuple[float, float, float]) -> Array:
+def _pitch(angle: float, pivot: tuple[float, float, float]) -> Array:
     """Return the matrix (4, 4) of a turn about y through a pivot; positive leans forward."""
     c, s = np.cos(angle), np.sin(angle)
     turn = np.array([[c, 0, s, 0], [0, 1, 0, 0], [-s, 0, c, 0], [0, 0, 0, 1]])
@@ -178,7 +178,7 @@ def _add_spoked_wheel(mesh: MeshBuilder, x: float) -> None:
     ]  # fmt: skip
     mesh.solid(np.concatenate(quads)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3), finishes.RUBBER, centre)
     for turn in np.arange(4) * np.pi / 4:
-        at = _pitched(turn, (x, 0.0, WHEEL))
+        at = _pitch(turn, (x, 0.0, WHEEL))
         mesh.box([x - WHEEL + 0.03, -0.006, WHEEL - 0.006], [2 * WHEEL - 0.06, 0.012, 0.012], finishes.METAL, at)
 
 

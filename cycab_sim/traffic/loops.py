@@ -120,13 +120,13 @@ def free_loops(loops: Iterable[Loop], path: Path, may_cross: bool) -> list[Loop]
     return [loop for loop in loops if may_cross or (not loop.is_crossing and is_free(loop))]
 
 
-def walked_around(loops: Iterable[Loop], mesh: Mesh) -> list[Loop]:
+def walk_around(loops: Iterable[Loop], mesh: Mesh) -> list[Loop]:
     """Return the loops with walks led around what stands on the pavement."""
     loops = list(loops)
     every = np.concatenate([loop.points for loop in loops] or [np.zeros((1, 2))])
     corner = every.min(axis=0) - MARGIN
     grid = _room(mesh, corner, np.ptp(every, axis=0) + 2 * MARGIN)
-    return [_led_around(loop, grid, corner) if loop.kind == "walk" else loop for loop in loops]
+    return [_lead_around(loop, grid, corner) if loop.kind == "walk" else loop for loop in loops]
 
 
 def _loops(kind: str, corners: list[list[tuple[float, float]]], radius: float, z: float = 0.0) -> list[Loop]:
@@ -150,7 +150,7 @@ def _room(mesh: Mesh, corner: Array, size: Array) -> NDArray[np.float32]:
     return np.asarray(cv2.distanceTransform(grid, cv2.DIST_L2, 5) * CELL, dtype=np.float32)
 
 
-def _led_around(loop: Loop, room: NDArray[np.float32], corner: Array) -> Loop:
+def _lead_around(loop: Loop, room: NDArray[np.float32], corner: Array) -> Loop:
     """Return a loop whose points step aside for obstacles: the cheapest smooth line, by dynamic programming."""
     ahead = np.roll(loop.points, -1, axis=0) - np.roll(loop.points, 1, axis=0)
     left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1) / np.linalg.norm(ahead, axis=1, keepdims=True)

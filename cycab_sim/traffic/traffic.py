@@ -15,7 +15,7 @@ from cycab_sim.mesh import Mesh, joined
 from cycab_sim.params import TrafficParams
 from cycab_sim.traffic import figures
 from cycab_sim.traffic.figures import Figure, Part
-from cycab_sim.traffic.loops import Loop, free_loops, walked_around
+from cycab_sim.traffic.loops import Loop, free_loops, walk_around
 from cycab_sim.worlds import World
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ class Traffic:
         if not world.loops:
             raise ValueError("traffic.is_on: expected a world with streets (town), found one without")
         rng = np.random.default_rng([seed, params.seed, 71])
-        self.loops = walked_around(free_loops(world.loops, world.path, params.may_cross), world.mesh)
+        self.loops = walk_around(free_loops(world.loops, world.path, params.may_cross), world.mesh)
         self._paces = np.array([_pace(loop, params, rng) for loop in self.loops])
         self.actors = _populate(self.loops, params, rng)
         parts = [(a, part) for a, actor in enumerate(self.actors) for part in actor.figure.parts]

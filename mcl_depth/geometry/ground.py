@@ -24,7 +24,7 @@ class Ground:
             raise ValueError(f"ground: expected at most {MAX_SQUARES} squares of {step:g} m, found {shape.tolist()}")
         lowest = np.full(shape, np.inf)
         np.minimum.at(lowest, (cells[:, 0], cells[:, 1]), points[:, 2])
-        self._heights = _filled(lowest, step)
+        self._heights = _fill(lowest, step)
 
     def heights(self, positions: Array) -> Array:
         """Return the height (N,) m of the ground at (N, 2), bilinear; NaN where the map has no ground."""
@@ -46,7 +46,7 @@ class Ground:
             return np.where((weight > 1e-3) & ~outside, total / weight, np.nan)
 
 
-def _filled(lowest: Array, step: float) -> Array:
+def _fill(lowest: Array, step: float) -> Array:
     """Return the grid with holes filled from the nearest square within reach; the rest NaN."""
     is_empty = ~np.isfinite(lowest)
     distance, nearest = distance_transform_edt(is_empty, return_indices=True)

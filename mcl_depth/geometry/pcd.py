@@ -34,10 +34,10 @@ def read_pcd(path: Path) -> NDArray[np.float64]:
         case "ascii":
             return _ascii(path, body, header)
         case "binary":
-            table = np.frombuffer(_checked(path, body, header), header.row, header.count)
+            table = np.frombuffer(_check(path, body, header), header.row, header.count)
             return np.stack([table[axis].astype(np.float64) for axis in "xyz"], axis=1)
         case _:
-            return _compressed(path, body, header)
+            return _decompress(path, body, header)
 
 
 def _header(path: Path, data: bytes) -> _Header:
@@ -76,7 +76,7 @@ def _header(path: Path, data: bytes) -> _Header:
     return _Header(fields, np.dtype(parts), count, form, start)
 
 
-def _checked(path: Path, body: bytes, header: _Header) -> bytes:
+def _check(path: Path, body: bytes, header: _Header) -> bytes:
     expected = header.count * header.row.itemsize
     if len(body) < expected:
         raise ValueError(f"{path}: POINTS: expected {header.count} points in {expected} bytes, found {len(body)} bytes")
@@ -96,7 +96,7 @@ def _ascii(path: Path, body: bytes, header: _Header) -> NDArray[np.float64]:
     return table[:, where]
 
 
-def _compressed(path: Path, body: bytes, header: _Header) -> NDArray[np.float64]:
+def _decompress(path: Path, body: bytes, header: _Header) -> NDArray[np.float64]:
     if len(body) < 8:
         raise ValueError(f"{path}: body: expected two sizes, found {len(body)} bytes")
     packed, size = (int(n) for n in np.frombuffer(body, "<u4", 2))

@@ -59,7 +59,7 @@ class PointIndex:
             levels.append(_tiles_of(points, codes))
             if len(levels[-1][3]) <= MAX_ROOTS or len(levels) > MAX_BITS - TILE_BITS:
                 break
-            points, counts, codes = _merged(points, counts, codes >> 3)
+            points, counts, codes = _merge(points, counts, codes >> 3)
         levels.reverse()  # coarse first: the roots lead
         self._num_roots = len(levels[0][3])
         self._points = np.concatenate([level[0] for level in levels]).astype(np.float32)
@@ -67,7 +67,7 @@ class PointIndex:
         self._voxels = np.concatenate(
             [np.full(len(level[3]), voxel * 2.0 ** (len(levels) - 1 - i)) for i, level in enumerate(levels)]
         ).astype(np.float32)
-        self._tiles = _linked([level[1] for level in levels], [level[3] for level in levels])
+        self._tiles = _link([level[1] for level in levels], [level[3] for level in levels])
 
 
 def _finest(cloud: Cloud, voxel: float) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
@@ -81,10 +81,10 @@ def _finest(cloud: Cloud, voxel: float) -> tuple[NDArray[np.float64], NDArray[np
     index = np.floor((points - low) / voxel).astype(np.int64)
     codes = _spread(index[:, 0]) | _spread(index[:, 1]) << 1 | _spread(index[:, 2]) << 2
     order = np.argsort(codes, kind="stable")
-    return _merged(points[order], np.ones(len(points), np.int64), codes[order])
+    return _merge(points[order], np.ones(len(points), np.int64), codes[order])
 
 
-def _merged(
+def _merge(
     points: NDArray[np.float64], counts: NDArray[np.int64], codes: NDArray[np.int64]
 ) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
     """Join the points of equal, sorted codes to their mean."""
@@ -104,7 +104,7 @@ def _tiles_of(
     return points, np.append(first, len(points)), boxes, owner[first]
 
 
-def _linked(firsts: list[NDArray[np.int64]], codes: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+def _link(firsts: list[NDArray[np.int64]], codes: list[NDArray[np.int64]]) -> NDArray[np.int64]:
     """Return (first point, end point, first child, end child) of every tile (T, 4); levels coarse first."""
     tiles = []
     point_base = 0

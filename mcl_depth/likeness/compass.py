@@ -35,14 +35,14 @@ def heading(similarities: NDArray[np.float32]) -> Heading:
     before, peak, after = s[best - 1], s[best], s[(best + 1) % s.size]
     curvature = before - 2 * peak + after
     between = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
-    away = np.abs(_wrapped((np.arange(s.size) - best) * step)) > max(APART, 1.5 * step)
+    away = np.abs(_wrap((np.arange(s.size) - best) * step)) > max(APART, 1.5 * step)
     rise, spread = peak - s.mean(), s.std()
     if rise <= 0 or not away.any():
-        return Heading(float(_wrapped(np.array(best * step))), float(peak), 0.0, 0.0)
-    yaw = float(_wrapped(np.array((best + between) * step)))
+        return Heading(float(_wrap(np.array(best * step))), float(peak), 0.0, 0.0)
+    yaw = float(_wrap(np.array((best + between) * step)))
     return Heading(yaw, float(peak), float(rise / spread), float((peak - s[away].max()) / rise))
 
 
-def _wrapped(angles: NDArray[Any]) -> NDArray[Any]:
+def _wrap(angles: NDArray[Any]) -> NDArray[Any]:
     """Return angles in (-pi, pi]."""
     return -((-angles + np.pi) % (2 * np.pi) - np.pi)

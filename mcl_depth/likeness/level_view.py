@@ -30,7 +30,7 @@ def level_view(
     grey = _grey(image)
     while camera.pixels_per_radian > SHRINK * target.pixels_per_radian and not (grey.shape[0] % 2 or grey.shape[1] % 2):
         grey = cv2.resize(grey, (grey.shape[1] // 2, grey.shape[0] // 2), interpolation=cv2.INTER_AREA)
-        camera = camera.halved()
+        camera = camera.halve()
     around = isinstance(camera, Spherical) and camera.width == camera.full_width
     if around:  # one more column on either side, so that the seam is interpolated
         grey = np.hstack([grey[:, -1:], grey, grey[:, :1]])

@@ -24,7 +24,7 @@ from node_kit.conversions.images import (
 )
 from node_kit.conversions.poses import (
     from_ros_covariance,
-    moved_covariance,
+    move_covariance,
     odometry_to_se3,
     path_to_poses,
     point_to_array,
@@ -69,7 +69,7 @@ __all__ = [
     "message_to_graph",
     "message_to_sphere",
     "message_to_status",
-    "moved_covariance",
+    "move_covariance",
     "ns_to_time",
     "odometry_to_se3",
     "path_to_poses",

@@ -81,7 +81,7 @@ def from_ros_covariance(numbers: ArrayLike, T_frame_body: SE3) -> Array:
     return axes.T @ (0.5 * (fixed + fixed.T)) @ axes
 
 
-def moved_covariance(covariance: ArrayLike, T_new_old: SE3) -> Array:
+def move_covariance(covariance: ArrayLike, T_new_old: SE3) -> Array:
     """Return the local covariance of T_frame_new from that of T_frame_old, both fixed to one body."""
     adjoint = T_new_old.adjoint()
     return adjoint @ np.asarray(covariance, dtype=np.float64) @ adjoint.T

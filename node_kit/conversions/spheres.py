@@ -46,11 +46,11 @@ def sphere_to_message(
         header=header(sphere.stamp_ns, frame_id), info=camera_to_sphere_info(sphere.camera, frame_id)
     )
     message.id = int(sphere_id)
-    message.image_encoding, message.image = image_encoding, _encoded_image(sphere.image, image_encoding)
-    message.range_encoding, message.range = range_encoding, _encoded_range(sphere.range_m, range_encoding)
+    message.image_encoding, message.image = image_encoding, _encode_image(sphere.image, image_encoding)
+    message.range_encoding, message.range = range_encoding, _encode_range(sphere.range_m, range_encoding)
     if sphere.range_std_m is not None:
         message.range_deviation_encoding = DEVIATION_OF_RANGE[range_encoding]
-        message.range_deviation = _encoded_deviation(sphere, message.range_deviation_encoding)
+        message.range_deviation = _encode_deviation(sphere, message.range_deviation_encoding)
     return message
 
 
@@ -58,9 +58,9 @@ def message_to_sphere(message: AugmentedSphere) -> Sphere:
     """Return the sphere; every size is checked before anything is allocated. Colour images are RGB."""
     camera = sphere_info_to_camera(message.info)
     shape = (camera.height, camera.width)
-    image = _decoded_image(message.image, message.image_encoding, shape)
-    range_m = _decoded_range(message.range, message.range_encoding, shape)
-    deviation = _decoded_deviation(message, range_m) if message.range_deviation_encoding else None
+    image = _decode_image(message.image, message.image_encoding, shape)
+    range_m = _decode_range(message.range, message.range_encoding, shape)
+    deviation = _decode_deviation(message, range_m) if message.range_deviation_encoding else None
     return Sphere(image, range_m, camera, stamp_ns(message), deviation)
 
 
@@ -98,7 +98,7 @@ def sphere_info_to_camera(info: SphereInfo) -> Spherical:
     return Spherical(width, height, full[0], offset_u, offset_v)
 
 
-def _encoded_image(image: NDArray[np.uint8], encoding: str) -> Any:
+def _encode_image(image: NDArray[np.uint8], encoding: str) -> Any:
     is_colour = image.ndim == 3
     if (encoding == AugmentedSphere.RGB8 and is_colour) or (encoding == AugmentedSphere.MONO8 and not is_colour):
         return to_bytes(image)
@@ -114,10 +114,10 @@ def _encoded_image(image: NDArray[np.uint8], encoding: str) -> Any:
     return to_bytes(cv2.imencode(suffix, image[:, :, ::-1] if is_colour else image, settings)[1])
 
 
-def _decoded_image(data: Any, encoding: str, shape: tuple[int, int]) -> NDArray[np.uint8]:
+def _decode_image(data: Any, encoding: str, shape: tuple[int, int]) -> NDArray[np.uint8]:
     raw = np.frombuffer(data, np.uint8)
     if encoding in (AugmentedSphere.PNG, AugmentedSphere.JPEG):
-        return _decoded_file(raw, shape, "image")
+        return _decode_file(raw, shape, "image")
     if encoding not in (AugmentedSphere.MONO8, *COLOUR):
         raise ValueError(f"image_encoding: expected mono8, rgb8, bgr8, png or jpeg, found {encoding!r}")
     full_shape = (*shape, 3) if encoding in COLOUR else shape
@@ -126,22 +126,22 @@ def _decoded_image(data: Any, encoding: str, shape: tuple[int, int]) -> NDArray[
     return np.ascontiguousarray(image[:, :, ::-1]) if encoding == AugmentedSphere.BGR8 else image
 
 
-def _encoded_range(range_m: NDArray[np.float32], encoding: str) -> Any:
+def _encode_range(range_m: NDArray[np.float32], encoding: str) -> Any:
     if encoding == AugmentedSphere.RANGE_32FC1:
         return to_bytes(np.asarray(range_m, dtype="<f4"))
     if encoding not in DEVIATION_OF_RANGE:
         raise ValueError(f"range_encoding: expected {', '.join(DEVIATION_OF_RANGE)}, found {encoding!r}")
-    return _compressed(range_codec.encode(range_m).astype("<u2"), encoding)
+    return _compress(range_codec.encode(range_m).astype("<u2"), encoding)
 
 
-def _encoded_deviation(sphere: Sphere, encoding: str) -> Any:
+def _encode_deviation(sphere: Sphere, encoding: str) -> Any:
     assert sphere.range_std_m is not None
     if encoding == AugmentedSphere.RANGE_32FC1:
         return to_bytes(np.asarray(sphere.range_std_m, dtype="<f4"))
-    return _compressed(range_codec.encode_deviation(sphere.range_std_m, sphere.range_m), encoding)
+    return _compress(range_codec.encode_deviation(sphere.range_std_m, sphere.range_m), encoding)
 
 
-def _compressed(codes: NDArray[Any], encoding: str) -> Any:
+def _compress(codes: NDArray[Any], encoding: str) -> Any:
     if encoding.endswith("zstd"):
         return zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(codes.tobytes())
     if encoding.endswith("png"):
@@ -149,45 +149,43 @@ def _compressed(codes: NDArray[Any], encoding: str) -> Any:
     return to_bytes(codes)
 
 
-def _decoded_range(data: Any, encoding: str, shape: tuple[int, int]) -> NDArray[np.float32]:
+def _decode_range(data: Any, encoding: str, shape: tuple[int, int]) -> NDArray[np.float32]:
     if not encoding:
         return np.full(shape, np.nan, np.float32)
     if encoding == AugmentedSphere.RANGE_32FC1:
-        return _decoded_floats(data, shape, "range")
+        return _decode_floats(data, shape, "range")
     if encoding not in DEVIATION_OF_RANGE:
         raise ValueError(f"range_encoding: expected {', '.join(DEVIATION_OF_RANGE)}, found {encoding!r}")
-    return range_codec.decode(_decoded_codes(data, encoding, shape, "<u2", "range").astype(np.uint16, copy=False))
+    return range_codec.decode(_decode_codes(data, encoding, shape, "<u2", "range").astype(np.uint16, copy=False))
 
 
-def _decoded_deviation(message: AugmentedSphere, range_m: NDArray[np.float32]) -> NDArray[np.float32]:
+def _decode_deviation(message: AugmentedSphere, range_m: NDArray[np.float32]) -> NDArray[np.float32]:
     data, encoding, name = message.range_deviation, message.range_deviation_encoding, "range_deviation"
     if encoding == AugmentedSphere.RANGE_32FC1:
-        return _decoded_floats(data, range_m.shape, name)
+        return _decode_floats(data, range_m.shape, name)
     if encoding not in DEVIATION_OF_RANGE.values():
         raise ValueError(f"{name}_encoding: expected {', '.join(DEVIATION_OF_RANGE.values())}, found {encoding!r}")
-    codes = _decoded_codes(data, encoding, (range_m.shape[0], range_m.shape[1]), "u1", name).astype(
-        np.uint8, copy=False
-    )
+    codes = _decode_codes(data, encoding, (range_m.shape[0], range_m.shape[1]), "u1", name).astype(np.uint8, copy=False)
     return range_codec.decode_deviation(codes, range_m)
 
 
-def _decoded_floats(data: Any, shape: tuple[int, ...], name: str) -> NDArray[np.float32]:
+def _decode_floats(data: Any, shape: tuple[int, ...], name: str) -> NDArray[np.float32]:
     _check_bytes(len(data), 4 * math.prod(shape), name)
     values = np.frombuffer(data, "<f4").reshape(shape).astype(np.float32)
     return np.where(values > 0, values, np.float32(np.nan))
 
 
-def _decoded_codes(data: Any, encoding: str, shape: tuple[int, int], dtype: str, name: str) -> NDArray[Any]:
+def _decode_codes(data: Any, encoding: str, shape: tuple[int, int], dtype: str, name: str) -> NDArray[Any]:
     if encoding.endswith("png"):
-        return _decoded_file(np.frombuffer(data, np.uint8), shape, name)
+        return _decode_file(np.frombuffer(data, np.uint8), shape, name)
     size = math.prod(shape) * np.dtype(dtype).itemsize
     if encoding.endswith("zstd"):
-        data = _decompressed(bytes(data), size, name)
+        data = _decompress(bytes(data), size, name)
     _check_bytes(len(data), size, name)
     return np.frombuffer(data, dtype).reshape(shape)
 
 
-def _decoded_file(raw: NDArray[np.uint8], shape: tuple[int, int], name: str) -> NDArray[Any]:
+def _decode_file(raw: NDArray[np.uint8], shape: tuple[int, int], name: str) -> NDArray[Any]:
     try:
         pixels = decode_file(raw, MAX_PIXELS, cv2.IMREAD_UNCHANGED, shape[::-1], "info")
     except ValueError as error:
@@ -195,7 +193,7 @@ def _decoded_file(raw: NDArray[np.uint8], shape: tuple[int, int], name: str) -> 
     return np.ascontiguousarray(pixels[:, :, ::-1]) if pixels.ndim == 3 else pixels
 
 
-def _decompressed(data: bytes, size: int, name: str) -> bytes:
+def _decompress(data: bytes, size: int, name: str) -> bytes:
     try:
         found = zstandard.frame_content_size(data)
         if found not in (size, -1):  # -1: not told

@@ -41,7 +41,7 @@ def blend(layout: Layout, images: Mapping[str, Image], inverse_range: Plane | No
             columns.stop - columns.start,
         )
         is_covered = block.cut(layout.is_covered).astype(np.uint8)
-        _put(image, np.ascontiguousarray(_joined(strip, layout, parts)[strip.inner]), block, is_covered)
+        _put(image, np.ascontiguousarray(_join(strip, layout, parts)[strip.inner]), block, is_covered)
     return image
 
 
@@ -67,7 +67,7 @@ def _put(image: Image, part: Image, block: Block, mask: NDArray[np.uint8]) -> No
             cv2.copyTo(part[:, columns], mask[:, columns], image[rows, place : place + size])
 
 
-def _joined(strip: Strip, layout: Layout, parts: Sequence[Image]) -> Image:
+def _join(strip: Strip, layout: Layout, parts: Sequence[Image]) -> Image:
     """Return the mixed image (h, w[, 3]) of a strip's block."""
     is_grey = parts[0].ndim == 2
     block, num_bands = strip.block, len(next(iter(strip.weights.values()))) - 1

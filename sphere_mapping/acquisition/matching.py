@@ -71,7 +71,7 @@ def match_columns(
     """Return the disparity (H, W) of the upper image; both are (H, W) grey, `is_usable` where both show something."""
     halvings = max(int(np.ceil(np.log2(top.shape[1] / MAX_WIDTH))), 0)
     coarse = _match_levels(top, bottom, search, halvings, jobs)
-    coarse = _smoothed_around(coarse, search.is_whole)
+    coarse = _smooth_around(coarse, search.is_whole)
     coarse[_at_jumps(coarse, edge_px, is_whole=search.is_whole) | _at_unknown(coarse, is_whole=search.is_whole)] = (
         np.nan
     )
@@ -142,12 +142,12 @@ def refine(
 
 def _refine_strip(top: Image, bottom: Image, start: Plane, margin: int, params: MatchParams) -> tuple[Plane, Plane]:
     area = (2 * REFINE_RADIUS + 1) ** 2
-    start, spare = _smoothed(start, np.empty_like(start)), np.empty_like(start)
+    start, spare = _smooth(start, np.empty_like(start)), np.empty_like(start)
     refined, information, left = start.copy(), np.empty_like(start), np.empty_like(start)
     limits = np.array([STEP_LIMIT, MIN_BLOCK_SHARE * area, params.noise**2, MATCH_PX**2], np.float32)
     for _ in range(REFINE_STEPS):
         align_along_columns(top, bottom, start, limits, REFINE_RADIUS, refined, information, left)
-        refined = _smoothed(refined, spare)
+        refined = _smooth(refined, spare)
     inner = slice(margin, -margin)
     per_slope = _slope_across(top)[:, inner]
     refined, start, information, left = (plane[:, inner] for plane in (refined, start, information, left))
@@ -170,18 +170,18 @@ def _slope_across(image: Image) -> Plane:
     return across / np.maximum(along, np.float32(1.0))
 
 
-def _smoothed(disparity: Plane, spare: Plane) -> Plane:
+def _smooth(disparity: Plane, spare: Plane) -> Plane:
     out = np.empty_like(disparity)
     smooth(disparity, REFINE_RADIUS, np.float32(SMOOTH_LIMIT), np.float32(SMOOTH_SHARE), spare, out)
     return out
 
 
-def _smoothed_around(disparity: Plane, is_whole: bool) -> Plane:
+def _smooth_around(disparity: Plane, is_whole: bool) -> Plane:
     """Return the disparity without the stairs that whole pixels make of slanted surfaces."""
     margin = 2 * REFINE_RADIUS
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
     padded = cv2.copyMakeBorder(disparity, 0, 0, margin, margin, border)
-    return np.ascontiguousarray(_smoothed(padded, np.empty_like(padded))[:, margin:-margin])
+    return np.ascontiguousarray(_smooth(padded, np.empty_like(padded))[:, margin:-margin])
 
 
 def _at_jumps(disparity: Plane, radius: int, *, is_whole: bool) -> NDArray[np.bool_]:

@@ -70,7 +70,7 @@ def sphere_from_views(views: Sequence[RgbdView], stamp_ns: int = 0, params: Part
     params = params or PartialParams()
     full_width = full_width_of([view.camera for view in views], params)
     windows = [window_of(view.camera, view.T_sphere_camera, full_width) for view in views]
-    planes = [_resampled(view, window, params) for view, window in zip(views, windows, strict=True)]
+    planes = [_resample(view, window, params) for view, window in zip(views, windows, strict=True)]
     if len(planes) == 1:
         return Sphere(planes[0][0], planes[0][1], windows[0], stamp_ns)
     whole = Spherical(full_width, full_width // 2)
@@ -86,7 +86,7 @@ def full_width_of(cameras: Sequence[Camera], params: PartialParams) -> int:
     return full_width_for(finest * params.resolution)
 
 
-def _resampled(view: RgbdView, window: Spherical, params: PartialParams) -> tuple[Image, Range, Plane]:
+def _resample(view: RgbdView, window: Spherical, params: PartialParams) -> tuple[Image, Range, Plane]:
     """Return image, range and weight (distance to the image's border, 0 where not seen) of one view in the window."""
     depth_camera = view.depth_camera or view.camera
     T_sphere_depth = view.T_sphere_depth or view.T_sphere_camera
@@ -119,11 +119,11 @@ def resample_range(
     """Return the range along the rays (height, width) of the window from depth along the camera's z axis."""
     inverse = inverse_depth(depth_m)
     if np.any(T_sphere_camera.translation):
-        range_m = _moved_range(inverse, camera, T_sphere_camera, window)
+        range_m = _move_range(inverse, camera, T_sphere_camera, window)
     else:
         u, v, _, z_of_ray = _ray_table(camera, T_sphere_camera.rotation.tobytes(), window)
         with np.errstate(divide="ignore"):
-            range_m = 1.0 / (_sampled(inverse, u, v) * z_of_ray)
+            range_m = 1.0 / (_sample(inverse, u, v) * z_of_ray)
     outside = (range_m < MIN_RANGE_M) | ((range_m > params.max_range_m) & np.isfinite(range_m))
     range_m[outside] = np.nan
     return range_m.astype(np.float32)
@@ -142,9 +142,9 @@ def inverse_depth(depth_m: NDArray[np.floating]) -> Plane:
     return np.divide(1.0, depth, out=np.full(depth.shape, np.nan, dtype=np.float32), where=depth > 0)
 
 
-def _moved_range(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Range:
+def _move_range(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Range:
     """Return the range seen from the centre of the sphere by a camera beside it."""
-    range_m = _splatted(inverse, camera, T_sphere_camera, window)
+    range_m = _splat(inverse, camera, T_sphere_camera, window)
     rays = window.unproject(pixel_grid(window))
     z_of_ray = rays @ T_sphere_camera.rotation[:, 2]
     z_of_centre = float(T_sphere_camera.inverse().translation[2])
@@ -152,13 +152,13 @@ def _moved_range(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: S
     for _ in range(RANGE_CORRECTIONS):
         u, v, _ = _pixels_of(rays * range_m[..., None], camera, T_sphere_camera)
         with np.errstate(divide="ignore", invalid="ignore"):
-            z_seen = 1.0 / _sampled(inverse, u, v)
+            z_seen = 1.0 / _sample(inverse, u, v)
             step = (z_seen - (range_m * z_of_ray + z_of_centre)) / np.maximum(z_of_ray, 0.1)
         range_m = range_m + step
     return np.where((np.abs(step) < MAX_CORRECTION_LEFT * range_m), range_m, np.nan)
 
 
-def _splatted(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> NDArray[np.float64]:
+def _splat(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> NDArray[np.float64]:
     """Return the range (height, width) of the camera's points in the window to about a pixel, NaN where none falls."""
     rays = camera.unproject(pixel_grid(camera))
     with np.errstate(divide="ignore"):
@@ -171,7 +171,7 @@ def _splatted(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Sphe
     return np.where(np.isinf(nearest), np.nan, nearest.astype(np.float64))
 
 
-def _sampled(inverse: Plane, u: Plane, v: Plane) -> Plane:
+def _sample(inverse: Plane, u: Plane, v: Plane) -> Plane:
     sampled = np.empty(u.size, dtype=np.float32)
     sample_inverse_depth(inverse, u.ravel(), v.ravel(), MAX_DEPTH_STEP, sampled)
     return sampled.reshape(u.shape)

@@ -83,7 +83,7 @@ def matches_of(
     }
     matches = []
     for a, b in combinations(found, 2):
-        pairs = _paired(found[a], found[b], params)
+        pairs = _pair(found[a], found[b], params)
         if len(pairs[0]) >= MIN_MATCHES:
             pixels = found[a][0][pairs[0]]
             ranges = None if points_sphere is None else _range_at(pixels, places[a], points_sphere, params)
@@ -104,12 +104,12 @@ def rectified(rig: Rig, matches: Sequence[Matches], params: RectifyParams) -> Re
         scale = np.radians(scale_deg)
 
         def cost(now: Array, scale: float = scale) -> Array:
-            guess = _corrected(rig, now)
+            guess = _correct(rig, now)
             errors = np.concatenate([epipolar_errors(guess, matches), _errors_along(guess, matches, scale)]) / scale
             return np.concatenate([np.sqrt(np.log1p(np.square(errors))), now / prior])  # Cauchy's loss
 
         values = least_squares(cost, values, method="trf", x_scale=prior, max_nfev=20).x
-    better = _corrected(rig, values)
+    better = _correct(rig, values)
     after = epipolar_errors(better, matches)
     turned = np.degrees(np.linalg.norm(values.reshape(-1, NUM_VALUES)[:, :3], axis=1))
     counts = {name: sum(len(m.pixels_first) for m in matches if name in (m.first, m.second)) for name in names}
@@ -153,12 +153,12 @@ def epipolar_errors(rig: Rig, matches: Sequence[Matches]) -> Array:
     return np.nan_to_num(np.concatenate(found))
 
 
-def _corrected(rig: Rig, values: Array) -> Rig:
-    parts = [_moved(part, own) for part, own in zip(rig.cameras, values.reshape(-1, NUM_VALUES), strict=True)]
+def _correct(rig: Rig, values: Array) -> Rig:
+    parts = [_move(part, own) for part, own in zip(rig.cameras, values.reshape(-1, NUM_VALUES), strict=True)]
     return replace(rig, cameras=tuple(parts))
 
 
-def _moved(part: RigCamera, own: Array) -> RigCamera:
+def _move(part: RigCamera, own: Array) -> RigCamera:
     camera: Any = part.camera  # pinhole, fisheye, double sphere: all have these four
     factor = float(np.exp(own[3]))
     lens = {
@@ -202,7 +202,7 @@ def _range_at(pixels: Array, rig_view: RigView, points_sphere: Array, params: Re
     return np.where(np.isfinite(distance), ranges[nearest], np.nan)
 
 
-def _paired(first: tuple, second: tuple, params: RectifyParams) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _pair(first: tuple, second: tuple, params: RectifyParams) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return indices (N,) of features that choose each other, clearly, and not too far apart on the sphere."""
     nothing = np.zeros(0, np.intp), np.zeros(0, np.intp)
     if len(first[0]) < 2 or len(second[0]) < 2:

@@ -169,13 +169,13 @@ class Stitcher:
             return [], None
         layouts = [self.layout(level, tuple(greys)) for level in ("top", "bottom")]
         top, bottom = self._levels(layouts, greys)
-        ranged = to_common_centre(*self._matched(layouts, top, bottom), layouts[0])
+        ranged = to_common_centre(*self._match(layouts, top, bottom), layouts[0])
         for _ in range(self.params.blend.num_passes - 1):
             top, bottom = self._levels(layouts, greys, ranged[0])
-            ranged = self._matched(layouts, top, bottom)
+            ranged = self._match(layouts, top, bottom)
         return [ranged], bottom
 
-    def _matched(self, layouts: list[Layout], top: Image, bottom: Image) -> Ranged:
+    def _match(self, layouts: list[Layout], top: Image, bottom: Image) -> Ranged:
         """Return range from the upper centre."""
         if not self._has_order:  # once is enough: the cameras stay where they are
             check_order(top, bottom, ("top", "bottom"), is_whole=True)

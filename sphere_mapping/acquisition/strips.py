@@ -52,7 +52,7 @@ class Strip:
 def strips_of(owner: NDArray[np.int8], number: int, num_bands: int) -> tuple[Strip, ...]:
     """Return the strips of a sphere whose pixels (H, W) belong to views 0 to number - 1."""
     weights = _weights(owner, number, num_bands)
-    mixed = _mixed(weights)
+    mixed = _mix(weights)
     margin = 4 << num_bands
     found = []
     for rows in _bands(owner.shape[0], 1 << num_bands):
@@ -71,7 +71,7 @@ def _weights(owner: NDArray[np.int8], number: int, num_bands: int) -> dict[int, 
     for k in range(number):
         levels = [(owner == k).astype(np.float32)]
         for _ in range(num_bands):
-            levels.append(_halved_around(levels[-1]))
+            levels.append(_halve_around(levels[-1]))
         pyramids[k] = levels
     for level in range(num_bands + 1):
         total = np.sum([levels[level] for levels in pyramids.values()], axis=0)
@@ -80,7 +80,7 @@ def _weights(owner: NDArray[np.int8], number: int, num_bands: int) -> dict[int, 
     return pyramids
 
 
-def _mixed(weights: dict[int, list[Plane]]) -> Flags:
+def _mix(weights: dict[int, list[Plane]]) -> Flags:
     """Return the pixels (H, W) that more than one view has a share in, through any band."""
     found: Flags | None = None
     for level in reversed(range(len(weights[0]))):
@@ -134,7 +134,7 @@ def _levels(block: Block, num_bands: int) -> list[Block]:
     return [block.at(level) for level in range(num_bands + 1)]
 
 
-def _halved_around(plane: NDArray) -> NDArray:
+def _halve_around(plane: NDArray) -> NDArray:
     """Return the next pyramid level of a whole sphere (H, W), whose columns wrap around."""
     padded = cv2.copyMakeBorder(plane, 0, 0, 4, 4, cv2.BORDER_WRAP)
     return cv2.pyrDown(padded)[:, 2:-2]

@@ -61,7 +61,7 @@ def read_graph(path: Path) -> PoseGraph:
                 raise ValueError(f"{path}:{number}: {error}") from None
     if not found.ends:
         raise ValueError(f"{path}: expected edges (EDGE_SE3:QUAT, EDGE_SE2, EDGE3 or EDGE2), found none")
-    return _assembled(found)
+    return _assemble(found)
 
 
 def write_g2o(path: Path, graph: PoseGraph) -> None:
@@ -106,7 +106,7 @@ def _read_line(words: list[str], place: str, found: _Lines) -> None:
     found.places.append(place)
 
 
-def _assembled(found: _Lines) -> PoseGraph:
+def _assemble(found: _Lines) -> PoseGraph:
     ids = sorted(found.poses or {end for ends in found.ends for end in ends})
     row = {name: k for k, name in enumerate(ids)}
     for ends, place in zip(found.ends, found.places, strict=True):

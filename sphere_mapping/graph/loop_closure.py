@@ -55,10 +55,10 @@ def verify(
     older: KeySphere, newer: KeySphere, prepared: dict[int, PreparedSphere], params: MapperParams
 ) -> Edge | None:
     """Align both ways from the poses in the graph; return the edge if both are good and agree, else None."""
-    forward = _aligned(prepared[newer.id], prepared[older.id], older.T_map_sphere, newer.T_map_sphere, params)
+    forward = _align(prepared[newer.id], prepared[older.id], older.T_map_sphere, newer.T_map_sphere, params)
     if not _is_good(forward, prepared[older.id].coverage):
         return None
-    back = _aligned(prepared[older.id], prepared[newer.id], forward.T_world_camera, older.T_map_sphere, params)
+    back = _align(prepared[older.id], prepared[newer.id], forward.T_world_camera, older.T_map_sphere, params)
     if not _is_good(back, prepared[newer.id].coverage):
         return None
     distance, angle = back.T_world_camera.distance(older.T_map_sphere)
@@ -67,7 +67,7 @@ def verify(
     return edge_between(older, newer, forward, is_loop=True)
 
 
-def _aligned(
+def _align(
     current: PreparedSphere, reference: PreparedSphere, T_map_reference: SE3, T_map_guess: SE3, params: MapperParams
 ) -> Alignment:
     return align(current, [reference.at(T_map_reference)], [T_map_guess], params.registration)

@@ -47,9 +47,9 @@ class MotionPrior:
             return SE3.identity()
         if T_odom_sphere is not None and self.last.T_odom_sphere is not None:
             return self.last.T_map_sphere @ self.last.T_odom_sphere.inverse() @ T_odom_sphere
-        return self.newest @ self._carried_on(stamp_ns)
+        return self.newest @ self._extrapolate(stamp_ns)
 
-    def _carried_on(self, stamp_ns: int) -> SE3:
+    def _extrapolate(self, stamp_ns: int) -> SE3:
         """Return the motion since the last sphere at constant velocity."""
         if self.last is None or self.before is None or self.last.stamp_ns <= self.before.stamp_ns:
             return SE3.identity()

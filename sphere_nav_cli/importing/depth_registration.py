@@ -35,19 +35,19 @@ class DepthRegistration:
         """Return the depth (H, W) of `target` in m, NaN where there is none."""
         with np.errstate(divide="ignore"):
             inverse = np.where(depth_m > 0, np.float32(1) / depth_m, np.float32(np.nan)).astype(np.float32)
-        warped = self._warped(inverse).ravel()
+        warped = self._warp(inverse).ravel()
         found = np.flatnonzero(np.isfinite(warped))
         depth, step = warped[found].astype(np.float64), np.zeros(found.size)
         origin, rays = self._to_camera[0], self._to_camera[1][found]
         for _ in range(CORRECTIONS):
             points = rays * depth[:, None] + origin
-            step = (self._measured(inverse, points) - points[:, 2]) / rays[:, 2]
+            step = (self._measure(inverse, points) - points[:, 2]) / rays[:, 2]
             depth = depth + step
         registered = np.full(warped.size, np.nan, np.float32)
         registered[found] = np.where(np.abs(step) < MAX_LEFT * depth, depth, np.nan)
         return registered.reshape(self._target.height, self._target.width)
 
-    def _warped(self, inverse: Depth) -> Depth:
+    def _warp(self, inverse: Depth) -> Depth:
         """Return the depth of `target` to about a pixel, +Inf where nothing falls."""
         measured = np.flatnonzero(np.isfinite(inverse))
         origin, rays = self._to_target
@@ -58,7 +58,7 @@ class DepthRegistration:
         splat_nearest(u, v, points[:, 2].astype(np.float32), False, nearest)
         return nearest
 
-    def _measured(self, inverse: Depth, points: Array) -> Array:
+    def _measure(self, inverse: Depth, points: Array) -> Array:
         """Return the depth that `camera` measured in the direction of points (N, 3)."""
         pixels, _ = self._camera.project(points)
         u, v = np.ascontiguousarray(np.nan_to_num(pixels, nan=-1e4).T, dtype=np.float32)

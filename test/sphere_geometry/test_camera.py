@@ -71,7 +71,7 @@ def test_pixels_per_radian_is_the_resolution_at_the_axis(camera):
 
 
 def test_halved_camera_sees_the_same_direction_at_the_middle_of_four_pixels(camera, pixels):
-    half = camera.halved()
+    half = camera.halve()
     assert (half.width, half.height) == (camera.width // 2, camera.height // 2)
     inner = pixels[(pixels[:, 0] < 2 * half.width - 0.5) & (pixels[:, 1] < 2 * half.height - 0.5)]
     np.testing.assert_allclose(half.unproject((inner + 0.5) / 2 - 0.5), camera.unproject(inner), atol=1e-9)

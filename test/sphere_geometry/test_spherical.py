@@ -53,10 +53,10 @@ def test_a_window_does_not_see_what_is_outside():
 
 
 def test_halving_keeps_a_window_inside_the_same_sphere():
-    half = Spherical(200, 100, 512.0, 421.0, 81.0).halved()
+    half = Spherical(200, 100, 512.0, 421.0, 81.0).halve()
     assert (half.full_width, half.offset_u, half.offset_v) == (256.0, 210.5, 40.5)
     assert not half.is_whole
-    assert SPHERE.halved().is_whole
+    assert SPHERE.halve().is_whole
 
 
 @pytest.mark.parametrize("arguments", [(512, 512), (200, 100, 100.0), (4, 2, np.nan), (4, 2, 8.0, np.inf)])
@@ -67,7 +67,7 @@ def test_impossible_spheres_are_refused(arguments):
 
 def test_a_whole_sphere_with_odd_sides_cannot_be_halved():
     with pytest.raises(ValueError, match="expected even sides, found 6 x 3"):
-        Spherical(6, 3).halved()
+        Spherical(6, 3).halve()
 
 
 def test_the_derivative_stays_finite_at_the_poles():

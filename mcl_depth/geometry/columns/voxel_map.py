@@ -81,18 +81,18 @@ def voxel_map(cloud: Cloud, size: float, num_levels: int) -> VoxelMap:
 
 def _finest(points: Floats, size: float) -> tuple[Level, float]:
     """Return the level of the cloud itself, and the share of its voxels that are a surface."""
-    cells, order, first = _sorted(np.floor(points / size).astype(np.int32))
+    cells, order, first = _sort(np.floor(points / size).astype(np.int32))
     counts = np.diff(np.append(first, len(points)))
     means = np.add.reduceat(points[order], first) / counts[:, None]
     grid = _grid(cells)
     normals, is_dense = kernels.fit_planes(means, cells, grid.blocks, grid.starts, size)
     for _ in range(NUM_CLOSINGS):
-        cells, means, normals = _closed(cells, means, normals, _grid(cells), size)
+        cells, means, normals = _close_gaps(cells, means, normals, _grid(cells), size)
     voxels = np.hstack([means, _heights(means, normals, size), normals])
     return Level(size, cells, voxels, np.ones(len(cells), np.int64), _grid(cells)), float(is_dense.mean())
 
 
-def _closed(cells: Cells, means: Floats, normals: Floats, grid: Grid, size: float) -> tuple[Cells, Floats, Floats]:
+def _close_gaps(cells: Cells, means: Floats, normals: Floats, grid: Grid, size: float) -> tuple[Cells, Floats, Floats]:
     """Return cells, means and normals with the gaps in planes filled from both sides."""
     far = kernels.find_gaps(means, normals, cells, grid.blocks, grid.starts, size, TOLERANCE)
     near, direction = np.nonzero(far >= 0)
@@ -102,7 +102,7 @@ def _closed(cells: Cells, means: Floats, normals: Floats, grid: Grid, size: floa
     cells = np.concatenate([cells, new_cells[inside]])
     means = np.concatenate([means, 0.5 * (means[near] + means[other])[inside]])
     normals = np.concatenate([normals, normals[near][inside]])
-    cells, order, first = _sorted(cells)  # stable: what was there stays
+    cells, order, first = _sort(cells)  # stable: what was there stays
     return cells, means[order][first], normals[order][first]
 
 
@@ -119,7 +119,7 @@ def _heights(means: Floats, normals: Floats, size: float) -> Floats:
 
 def _coarser(fine: Level) -> Level:
     """Return the level of twice the size."""
-    cells, order, first = _sorted(fine.cells >> 1)
+    cells, order, first = _sort(fine.cells >> 1)
     voxels, weights = fine.voxels[order], fine.counts[order]
     counts = np.add.reduceat(weights, first)
     means = np.add.reduceat(voxels[:, :3] * weights[:, None], first) / counts[:, None]
@@ -131,7 +131,7 @@ def _coarser(fine: Level) -> Level:
     return Level(2.0 * fine.size, cells, joined, counts, _grid(cells))
 
 
-def _sorted(cells: Cells) -> tuple[Cells, NDArray[np.int64], NDArray[np.int64]]:
+def _sort(cells: Cells) -> tuple[Cells, NDArray[np.int64], NDArray[np.int64]]:
     """Return the different cells by block, column and height, the order of all, and the first of each among it."""
     keys = (_column_keys(cells) << HEIGHT_BITS) | cells[:, 2]
     order = np.argsort(keys, kind="stable")

@@ -5,7 +5,7 @@ from cycab_sim.finishes import METAL
 from cycab_sim.mesh import MeshBuilder
 from cycab_sim.paths import Path, Piece, rounded
 from cycab_sim.town import draw_plan, taught_path
-from cycab_sim.traffic.loops import CLEAR, SPACING, WIDTHS, Loop, free_loops, town_loops, walked_around
+from cycab_sim.traffic.loops import CLEAR, SPACING, WIDTHS, Loop, free_loops, town_loops, walk_around
 
 PLAN = draw_plan(5)
 
@@ -48,7 +48,7 @@ def test_a_walk_leads_around_a_lamp():
     x = np.arange(0.0, 20.0, SPACING)
     back = np.stack([x[::-1], np.full(len(x), 5.0)], axis=1)
     straight = Loop("walk", np.concatenate([np.stack([x, 0.0 * x], axis=1), back]))
-    led = walked_around([straight], mesh.build())[0]
+    led = walk_around([straight], mesh.build())[0]
     assert np.linalg.norm(led.points - [10.0, 0.0], axis=1).min() > 0.45
     np.testing.assert_allclose(led.points[15:25], straight.points[15:25], atol=0.15)  # x = 4 to 6 m
 

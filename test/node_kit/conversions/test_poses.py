@@ -6,7 +6,7 @@ from geometry_msgs.msg import Pose
 
 from node_kit.conversions import (
     from_ros_covariance,
-    moved_covariance,
+    move_covariance,
     odometry_to_se3,
     path_to_poses,
     pose_to_se3,
@@ -72,7 +72,7 @@ def test_a_covariance_moves_with_the_body(rng, covariance):
     T_map_base = POSE @ T_base_camera.inverse()
     samples = POSE @ SE3.exp(xi) @ T_base_camera.inverse()
     local = (T_map_base.inverse() @ samples).log()
-    found = moved_covariance(covariance, T_base_camera)
+    found = move_covariance(covariance, T_base_camera)
     scale = np.sqrt(np.outer(np.diag(found), np.diag(found)))
     np.testing.assert_allclose(np.cov(local.T) / scale, found / scale, atol=0.04)
 

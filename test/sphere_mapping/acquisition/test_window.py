@@ -35,7 +35,7 @@ def test_every_pyramid_level_keeps_the_directions_of_the_window():
     for _ in range(NUM_LEVELS - 1):
         assert level.width % 2 == 0
         assert level.height % 2 == 0
-        level = level.halved()
+        level = level.halve()
     corner = np.array([-0.5, -0.5])
     np.testing.assert_allclose(level.unproject(corner), window.unproject(corner), atol=1e-12)
 
