@@ -70,7 +70,7 @@ def focal_length(params: LensParams) -> float:
     half = math.radians(params.view_deg) / 2
     r = math.tan(half) if params.model == "pinhole" else half
     radius = r * (1.0 + r * r * (params.k1 + r * r * params.k2))
-    return 0.5 * params.width / max(radius, 1e-9)
+    return 0.5 * params.width / max(radius, 1e-2)  # a lens that folds back is refused by its limit
 
 
 def panorama(width: int, height: int, name: str) -> Spherical:

@@ -44,7 +44,6 @@ MIN_DRIVEN = 0.95  # share of the path that must be driven
 BAR = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} m, {elapsed}, {remaining} left"
 SIMULATION = {
     "has_stamped_command": True,
-    "clock.step": 0.02,
     "camera.period": 0.2,
     "camera.width": 512,  # another kind of camera than that of the spheres, and quick to draw
     "camera.height": 384,

@@ -35,6 +35,7 @@ COMMANDS = (
     Command("calibrate", "calibrate", "find the parameters of a rig of cameras from images of a board"),
     Command("rig-convert", "rig_convert", "turn a calibration of Kalibr, basalt or OpenCV into a rig file"),
     Command("register", "register", "align two spheres, RGB-D images or stereo pairs"),
+    Command("optimize", "optimize", "optimise a pose graph"),
     Command("inspect", "inspect_", "tell what a bag offers, and what to type"),
     Command("map", "map", "make a map of key spheres from a bag"),
     Command("localize", "localize", "find the camera of a bag in a map"),

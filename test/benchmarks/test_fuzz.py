@@ -22,14 +22,14 @@ def failures(attempt, folder, count=20):
 
 
 def test_what_goes_wrong_is_told_with_its_input(tmp_path, monkeypatch):
-    monkeypatch.setattr(fuzz, "SECONDS", 0.5)
+    monkeypatch.setattr(fuzz, "SECONDS", 2.0)
 
     def attempt(rng, folder):
         match int(rng.integers(40)):
             case 0:
                 ctypes.string_at(0)
             case 1:
-                time.sleep(5)
+                time.sleep(8)
             case 2:
                 np.ones(1 << 29)
             case 3:

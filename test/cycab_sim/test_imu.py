@@ -36,8 +36,9 @@ def test_at_rest_it_feels_gravity_only(small_params):
         np.testing.assert_allclose(reading.angular_rate, 0.0, atol=1e-12)
 
 
-def test_in_a_turn_it_measures_the_rate_and_the_pull_towards_the_centre(small_params):
-    simulator = make(small_params, replace(NO_ERRORS, x=0.0))
+def test_in_a_turn_it_measures_the_rate_and_the_pull_towards_the_centre(small_params, monkeypatch):
+    monkeypatch.setattr(ImuParams, "x", 0.0)
+    simulator = make(small_params, NO_ERRORS)
     reading = drive(simulator, 500, Command(1.5, 0.3))[-1]  # 25 time constants
     assert simulator.vehicle.yaw_rate == pytest.approx(0.3, abs=1e-3)
     np.testing.assert_allclose(reading.angular_rate, [0.0, 0.0, simulator.vehicle.yaw_rate], atol=1e-6)
@@ -45,8 +46,9 @@ def test_in_a_turn_it_measures_the_rate_and_the_pull_towards_the_centre(small_pa
     np.testing.assert_allclose(reading.acceleration, [0.0, 1.5 * 0.3, GRAVITY], atol=3e-3)
 
 
-def test_far_from_the_axle_a_turn_pulls_backwards(small_params):
-    reading = drive(make(small_params, replace(NO_ERRORS, x=1.0)), 500, Command(1.5, 0.3))[-1]
+def test_far_from_the_axle_a_turn_pulls_backwards(small_params, monkeypatch):
+    monkeypatch.setattr(ImuParams, "x", 1.0)
+    reading = drive(make(small_params, NO_ERRORS), 500, Command(1.5, 0.3))[-1]
     assert reading.acceleration[0] == pytest.approx(-(0.3**2), abs=3e-3)
 
 

@@ -289,7 +289,7 @@ def test_a_command_between_poses_carries_the_stamp_of_the_last_one(bench):
 
 
 def test_a_missing_trajectory_file_refuses_to_start(tmp_path):
-    with pytest.raises(OSError, match=r"none\.csv"):
+    with pytest.raises(ValueError, match=r"none\.csv: expected a file of points, found no such file"):
         Bench(trajectory=str(tmp_path / "none.csv"))
 
 

@@ -319,4 +319,4 @@ def test_help_shows_examples(command):
 
 
 def test_settings_are_read_as_yaml():
-    assert map_command.parsed(["a.b=3", "c=true", "d=x"]) == {"a.b": 3, "c": True, "d": "x"}
+    assert map_command.parse_settings(["a.b=3", "c=true", "d=x"]) == {"a.b": 3, "c": True, "d": "x"}

@@ -1,5 +1,7 @@
 """`sphere_nav rig-convert`: a rig file or one line."""
 
+from copy import deepcopy
+
 import pytest
 import yaml
 
@@ -13,7 +15,7 @@ LEFT_OF = [[1, 0, 0, 0.2], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]  # points m
 @pytest.fixture
 def camchain(tmp_path):
     path = tmp_path / "camchain.yaml"
-    path.write_text(yaml.safe_dump({"cam0": CAM, "cam1": CAM | {"T_cn_cnm1": LEFT_OF}}))
+    path.write_text(yaml.safe_dump({"cam0": CAM, "cam1": deepcopy(CAM) | {"T_cn_cnm1": LEFT_OF}}))
     return path
 
 
