@@ -13,6 +13,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 import rclpy
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.executors import SingleThreadedExecutor
@@ -20,6 +22,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, Imu, LaserScan
 from sphere_nav_msgs.msg import AugmentedSphere, SimulationFault
 from sphere_nav_msgs.srv import SetFault, Teleport
+from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
 from cycab_sim.node import CycabSim
@@ -49,6 +52,7 @@ TOPICS = {
     "scan": (LaserScan, qos.STATE),
     "/tf_static": (TFMessage, qos.TF_STATIC),
     "/clock": (Clock, qos.STATE),
+    "/diagnostics": (DiagnosticArray, qos.STATE),
 }
 
 
@@ -69,11 +73,33 @@ class Driver:
         def keep(message):
             self.heard[topic].append(message)
             if topic == "image_raw" and self.is_answering:
-                answer = TwistStamped(header=message.header)
-                answer.twist.linear.x = 1.0
-                self.commands.publish(answer)
+                self.command(message.header)
 
         return keep
+
+    def command(self, header, speed=1.0):
+        message = TwistStamped(header=header)
+        message.twist.linear.x = speed
+        self.commands.publish(message)
+
+    def stand(self):
+        """Leave an image unanswered, so that time stands and no command is under way; return the number of images."""
+        self.is_answering = False
+        count = len(self.heard["image_raw"])
+        assert self.spin_until(lambda: len(self.heard["image_raw"]) > count, 30.0)
+        self.spin_until(lambda: False, 0.5)
+        return len(self.heard["image_raw"])
+
+    def go_on(self):
+        """Answer again, from the last image on."""
+        self.is_answering = True
+        self.command(self.heard["image_raw"][-1].header)
+
+    def num_refused(self):
+        """Return how many commands the simulator has refused, by its newest diagnostics."""
+        told = [status for array in self.heard["/diagnostics"] for status in array.status]
+        told = [status for status in told if status.name == "cycab_sim: input cmd_vel"]
+        return int({item.key: item.value for item in told[-1].values}["refused"]) if told else 0
 
     def spin_until(self, condition, seconds):
         end = time.monotonic() + seconds
@@ -112,15 +138,10 @@ def driver(process):
 
 def test_time_passes_with_the_commands_only(driver, process):
     assert driver.spin_until(lambda: len(driver.heard["image_raw"]) >= 15, 60.0)
-    driver.is_answering = False
-    driver.spin_until(lambda: False, 0.5)
-    before = len(driver.heard["image_raw"])
+    before = driver.stand()
     driver.spin_until(lambda: False, 0.7)
     assert len(driver.heard["image_raw"]) == before  # no command, no time
-    driver.is_answering = True
-    last = TwistStamped(header=driver.heard["image_raw"][-1].header)
-    last.twist.linear.x = 1.0
-    driver.commands.publish(last)
+    driver.go_on()
     assert driver.spin_until(lambda: len(driver.heard["image_raw"]) > before + 3, 30.0)
     stamps = np.array([stamp_ns(message) for message in driver.heard["image_raw"]])
     assert set(np.diff(stamps)) == {100_000_000}
@@ -163,12 +184,15 @@ def test_the_imu_comes_at_100_hz_and_scans_at_10(driver):
     assert np.isfinite(driver.heard["scan"][-1].ranges).sum() > 100
 
 
-def test_a_stamp_of_another_clock_is_refused(driver):
-    foreign = TwistStamped()
-    foreign.header.stamp.sec = 1_700_000_000
-    foreign.twist.linear.x = math.nan
-    driver.commands.publish(foreign)
-    count = len(driver.heard["image_raw"])
+def test_a_stamp_of_another_clock_and_numbers_that_are_none_are_refused(driver):
+    count = driver.stand()
+    foreign = Header(stamp=Time(sec=1_700_000_000))
+    for header, speed in ((foreign, 1.0), (driver.heard["image_raw"][-1].header, math.nan)):
+        before = driver.num_refused()
+        driver.command(header, speed)
+        assert driver.spin_until(lambda before=before: driver.num_refused() > before, 30.0)
+    assert len(driver.heard["image_raw"]) == count  # neither lets time pass
+    driver.go_on()
     assert driver.spin_until(lambda: len(driver.heard["image_raw"]) > count + 2, 30.0)  # and the drive goes on
 
 
