@@ -97,8 +97,8 @@ def test_the_base_is_found_from_nowhere(recorded, tmp_path, capsys):
     assert (summary["images"], summary["poses"]) == (len(POSES), len(found))
     assert f"{len(POSES)} images" in capsys.readouterr().out
     with BagReader(tmp_path / "out") as bag:
-        assert bag.topics["/status"].count == len(POSES)
-        assert bag.topics["/tf"].count == bag.topics["/pose"].count == len(found)
+        assert bag.topics["/status"].count >= len(POSES)  # silence is told between images, too
+        assert bag.topics["/tf"].count >= bag.topics["/pose"].count == len(found)  # told at a pace of its own
 
 
 def test_a_poses_file_that_is_there_is_kept(recorded, tmp_path, capsys):
