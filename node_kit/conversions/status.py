@@ -25,7 +25,8 @@ def status_to_message(status: Any, stamp: int, frame_id: str) -> LocalizationSta
     message.references = [int(number) for number in status.references]
     for name in FLOATS:
         number = float(getattr(status, name))
-        setattr(message, name, number if math.isfinite(number) else 0.0)
+        worst = 1.0 if name == "p_chance" else 0.0
+        setattr(message, name, number if math.isfinite(number) else worst)
     for name in WHOLE:
         setattr(message, name, int(getattr(status, name)))
     return message
