@@ -14,21 +14,12 @@ from kernel_cache.kernels import OPTIONS, njit, prange
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")
 
 
-RANGE, LOG, INVERSE = 0, 1, 2
-NO_DIRECTION = 255  # code of a pixel without a gradient
-NUM_DIRECTIONS = 255  # codes of the half circle
-MIN_GRADIENT = np.float32(1e-4)  # Sobel sums below this are rounding noise
 MIN_RANGE = np.float32(1e-3)
 BLOCK = 256  # points projected at once
 MAX_STACK = 4096
 MAX_SPLAT = 12.0  # px, half width of the largest drawn point
 PI = np.float32(math.pi)
 HALF_PI = np.float32(math.pi / 2)
-
-_angles = (np.arange(256) * (math.pi / NUM_DIRECTIONS)).astype(np.float32)
-COSINES = np.where(np.arange(256) == NO_DIRECTION, 0, np.cos(_angles)).astype(np.float32)
-SINES = np.where(np.arange(256) == NO_DIRECTION, 0, np.sin(_angles)).astype(np.float32)
-SQUARES = ((np.arange(256) / 255.0) ** 2).astype(np.float32)
 
 
 @njit(**OPTIONS)

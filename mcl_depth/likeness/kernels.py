@@ -20,7 +20,6 @@ NUM_DIRECTIONS = 255  # codes of the half circle
 MIN_GRADIENT = np.float32(1e-4)  # Sobel sums below this are rounding noise
 MIN_RANGE = np.float32(1e-3)
 PI = np.float32(math.pi)
-HALF_PI = np.float32(math.pi / 2)
 
 _angles = (np.arange(256) * (math.pi / NUM_DIRECTIONS)).astype(np.float32)
 COSINES = np.where(np.arange(256) == NO_DIRECTION, 0, np.cos(_angles)).astype(np.float32)
