@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from dense_localizer.params import PriorParams
 from localization.status import FINE, Finding, Reason
-from sphere_geometry import SE3
+from sphere_geometry import SE3, FrameMotion
 
 Array = NDArray[np.float64]
 GAP_S = 0.3  # a longer pause between images is a gap
@@ -34,12 +34,19 @@ class Prediction:
     blind_s: float = 0.0
     defies_odometry: bool = False  # made without the odometry that was there
     is_doubtful: bool = False  # made because a likelier one failed
+    T_map_aligned: SE3 | None = None  # pose of the last alignment
 
     def finding(self) -> Finding:
         """Return what makes a pose found from this prediction one to use with care."""
         if self.defies_odometry:
             return Finding(Reason.ODOM_STALE, detail="odometry disagrees with the images")
         return Finding(Reason.GAP, self.step_s, GAP_S) if self.step_s > GAP_S else FINE
+
+    def frame_motion(self, readout_s: float) -> FrameMotion | None:
+        """Return the motion within the frame by that since the last alignment; None for a global shutter."""
+        if self.T_map_aligned is None or readout_s == 0.0 or self.blind_s <= 0.0:
+            return None
+        return FrameMotion(self.T_map_aligned, readout_s / self.blind_s)
 
     @property
     def is_certain(self) -> bool:
@@ -103,7 +110,7 @@ class MotionPrior:
         T_map_camera = held.T_map_camera @ T_held_now
         Ad = (T_map_camera.inverse() @ aligned.T_map_camera).adjoint()
         covariance = Ad @ aligned.covariance @ Ad.T + np.diag(self._growth(blind_s, T_odom_camera) ** 2)
-        return Prediction(T_map_camera, covariance, stamp_ns, step_s, blind_s)
+        return Prediction(T_map_camera, covariance, stamp_ns, step_s, blind_s, T_map_aligned=aligned.T_map_camera)
 
     def predictions(
         self, stamp_ns: int, T_odom_camera: SE3 | None, turn: Callable[[], SE3 | None]

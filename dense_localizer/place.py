@@ -52,7 +52,8 @@ def locate(
     registration: RegistrationParams = params.registration
     if prediction is not None and not prediction.is_doubtful:
         registration = starting_at(first_level(prediction, choice, pyramid, params), registration)
-    alignment = register(pyramid, choice.views, T_map_camera, registration)
+    motion = prediction.frame_motion(params.camera.readout) if prediction is not None else None
+    alignment = register(pyramid, choice.views, T_map_camera, registration, motion)
     covariance = honest_covariance(alignment, choice.distance_m, params.covariance)
     limits = params.acceptance, params.registration.max_mad
     verdict = judge(alignment, covariance, choice.distance_ratio, prediction, *limits)

@@ -15,7 +15,7 @@ from photometric.params import RegistrationParams
 from photometric.problem import MAX_VIEWS, Descent, Problem, State
 from photometric.pyramid import Pyramid
 from photometric.reference import View
-from sphere_geometry import SE3
+from sphere_geometry import SE3, FrameMotion
 
 
 def register(
@@ -23,19 +23,22 @@ def register(
     views: Sequence[View],
     T_world_camera: SE3,
     params: RegistrationParams | None = None,
+    motion: FrameMotion | None = None,
 ) -> Alignment:
     """Align an image with references that it overlaps, from a first guess of its pose (eq. 4-8, 18-19, 30-35).
 
-    Several references are aligned at once and share `max_pixels` (section 5.1.3). Raises ValueError without views, and
-    for more than `MAX_VIEWS`.
+    Several references are aligned at once and share `max_pixels` (section 5.1.3). `motion` is that within a frame of a
+    rolling shutter; it follows the pose from level to level, and once more at the finest. Raises ValueError without
+    views, and for more than `MAX_VIEWS`.
     """
     params = params or RegistrationParams()
     _check(views)
     state, iterations = State.start(T_world_camera, len(views)), 0
     coarsest = min(params.pyramid.coarsest, len(pyramid.levels) - 1)
     finest = min(params.pyramid.finest, coarsest)
-    for index in range(coarsest, finest - 1, -1):
-        problem = Problem.choose_pixels(pyramid.levels[index], views, state.T_world_camera, params)
+    indices = [*range(coarsest, finest - 1, -1), *([finest] if motion is not None else [])]
+    for index in indices:
+        problem = Problem.choose_pixels(pyramid.levels[index], views, state.T_world_camera, params, motion)
         limit = params.max_iterations_fine if index == finest else params.max_iterations_coarse
         descent = problem.descend(state, limit)
         state, iterations = descent.state, iterations + descent.iterations

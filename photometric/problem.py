@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 
 from photometric.descent import kernels
 from photometric.params import RegistrationParams
+from photometric.projection import KernelCamera, rolling
 from photometric.pyramid import NO_FLOATS, Level
 from photometric.reference import Selection, View
 from photometric.selection import choose
-from sphere_geometry import SE3
+from sphere_geometry import SE3, FrameMotion
 
 Array = NDArray[np.float64]
 MAX_VIEWS = kernels.MAX_VIEWS
@@ -61,15 +62,22 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Problem:
-    """The views of one level with their chosen pixels."""
+    """The views of one level with their chosen pixels; the camera as it moved within the frame, as far as is known."""
 
     selections: tuple[Selection, ...]
     T_world_reference: tuple[SE3, ...]
     level: Level
     params: RegistrationParams
+    kernel_camera: KernelCamera
 
     @staticmethod
-    def choose_pixels(level: Level, views: Sequence[View], T_world_camera: SE3, params: RegistrationParams) -> Problem:
+    def choose_pixels(
+        level: Level,
+        views: Sequence[View],
+        T_world_camera: SE3,
+        params: RegistrationParams,
+        motion: FrameMotion | None = None,
+    ) -> Problem:
         """Pick the most salient pixels that the camera sees from the guessed pose, s(.) of M15 eq. 16."""
         share = params.max_pixels // len(views)
         T_camera_world = T_world_camera.inverse()
@@ -77,7 +85,8 @@ class Problem:
             choose(view.reference.level_like(level.camera), T_camera_world @ view.T_world_reference, level, share)
             for view in views
         )
-        return Problem(tuple(selections), tuple(view.T_world_reference for view in views), level, params)
+        camera = level.kernel_camera if motion is None else rolling(level.camera, motion.twist(T_world_camera))
+        return Problem(tuple(selections), tuple(view.T_world_reference for view in views), level, params, camera)
 
     def descend(self, state: State, limit: int, is_rotation: bool = False) -> Descent:
         """Iterate until the increment moves the image less than `min_step` (M15 eq. 6-7), `limit` times at most."""
@@ -123,7 +132,7 @@ class Problem:
 
     @property
     def _image(self) -> tuple[object, object]:
-        return self.level.kernel_camera, self.level.samples
+        return self.kernel_camera, self.level.samples
 
     @property
     def _robust(self) -> tuple[float, float, bool]:

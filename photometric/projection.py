@@ -12,7 +12,7 @@ from photometric.iteration import kernels
 from sphere_geometry import Camera, Spherical
 
 Floats = NDArray[np.float32]
-KernelCamera: TypeAlias = tuple[int, Floats]
+KernelCamera: TypeAlias = tuple[int, Floats, Floats]
 
 MODELS = {
     "pinhole": kernels.PINHOLE,
@@ -22,15 +22,22 @@ MODELS = {
 }
 GRID = 33  # rows and columns of pixels that show what a camera sees
 MARGIN = np.radians(3.0)  # of the cone: rays bend between two of those pixels
+GLOBAL_SHUTTER = np.zeros(8, np.float32)
 EVERYWHERE = np.array([0.0, 0.0, 1.0, np.pi], np.float32)
 
 
 @lru_cache(maxsize=64)
 def kernel_camera(camera: Camera) -> KernelCamera:
-    """Return the model number and the coefficients (13,) float32 that the kernels take."""
+    """Return model number, coefficients (13,) and shutter (8,), a global one, float32, as the kernels take them."""
     coefficients = np.zeros(kernels.NUM_COEFFICIENTS, np.float32)
     coefficients[: camera.coefficients.size] = camera.coefficients
-    return MODELS[camera.model], coefficients
+    return MODELS[camera.model], coefficients, GLOBAL_SHUTTER
+
+
+def rolling(camera: Camera, twist: NDArray[np.float64]) -> KernelCamera:
+    """Return the camera for kernels with the motion (6,) (v, omega) within its readout (sphere_geometry/shutter.py)."""
+    model, coefficients, _ = kernel_camera(camera)
+    return model, coefficients, np.array([*twist, 0.5 * (camera.height - 1), camera.height], np.float32)
 
 
 @lru_cache(maxsize=64)

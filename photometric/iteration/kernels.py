@@ -195,6 +195,26 @@ def project(model, k, r):
 
 
 @njit(**OPTIONS)
+def _roll(shutter, r):
+    """Move pixels by the motion of the camera between the middle row and their own, to first order.
+
+    shutter (8,): twist (v, omega) within the readout, middle row, rows (sphere_geometry/shutter.py). A point p moves
+    by -s (v + omega x p), its row from V to V - s dv; s is the share of that row.
+    """
+    vx, vy, vz, wx, wy, wz = shutter[0], shutter[1], shutter[2], shutter[3], shutter[4], shutter[5]
+    middle, rows = shutter[6], shutter[7]
+    for i in range(SIDE):
+        seen = r[SEEN + i] > ZERO
+        x, y, z = (r[X + i] if seen else ZERO), (r[Y + i] if seen else ZERO), (r[Z + i] if seen else ZERO)
+        qx, qy, qz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+        du = r[J0 + i] * qx + r[J1 + i] * qy + r[J2 + i] * qz
+        dv = r[J3 + i] * qx + r[J4 + i] * qy + r[J5 + i] * qz
+        share = (r[V + i] - middle) / max(rows + dv, HALF * rows)
+        r[U + i] -= share * du
+        r[V + i] -= share * dv
+
+
+@njit(**OPTIONS)
 def _address(image, r, places):
     """Place of the upper left of the four pixels around (U, V), and how far beyond it; SEEN only within the image."""
     last_u, last_v = np.float32(image.width - 1), np.float32(image.height - 1)
@@ -223,6 +243,8 @@ def locate(T, camera, image, d, r, places):
     """Warp a block and load the four grey levels around each of its pixels."""
     transform(T, d, r)
     project(camera[0], camera[1], r)
+    if camera[2][7] > ZERO:
+        _roll(camera[2], r)
     _address(image, r, places)
     if image.bytes.size:  # one kernel for both kinds of image: only the loads differ
         _gather(image.bytes, np.uint64(image.width), places, r)

@@ -77,6 +77,11 @@ class Run:
         image = edit(self.room.photograph(self.camera, T_room_camera, self.count))
         return self.localizer.update(image, self.camera, self.stamp_ns)
 
+    def sweep(self, before: SE3, now: SE3, readout_s: float):
+        """Take an image with a rolling shutter while the camera moves as since the last image; localise it."""
+        twist = (before.inverse() @ now).log() * readout_s / (STEP_NS * 1e-9)
+        return self.see(now, lambda _: np.rint(self.room.render_rolling(self.camera, now, twist)).astype(np.uint8))
+
     def follow(self, poses):
         """Localise along poses; return the estimates."""
         return [self.see(pose) for pose in poses]

@@ -6,6 +6,7 @@ import numpy as np
 
 from sphere_geometry import SE3, Camera, Spherical
 from sphere_geometry.camera import pixel_grid
+from sphere_geometry.shutter import row_share
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 
 
@@ -37,6 +38,15 @@ class Room:
         rays = camera.unproject(pixel_grid(camera)) @ T_room_camera.rotation.T
         grey, range_m = self.cast(T_room_camera.translation, rays)
         return np.nan_to_num(grey).astype(np.float32), range_m.astype(np.float32)
+
+    def render_rolling(self, camera: Camera, T_room_camera: SE3, twist):
+        """Return the grey image (H, W) float32 of a rolling shutter; the pose is that of the middle row."""
+        rays = camera.unproject(pixel_grid(camera))
+        rows = SE3.exp(row_share(np.arange(camera.height), camera.height)[:, None] * np.asarray(twist))
+        T = SE3(T_room_camera.matrix @ rows.matrix)
+        rays_room = np.einsum("vij,vuj->vui", T.rotation, rays)
+        grey, _ = self.cast(T.translation[:, None, :], rays_room)
+        return np.nan_to_num(grey).astype(np.float32)
 
     def photograph(self, camera: Camera, T_room_camera: SE3, seed: int = 0, noise: float = 2.0):
         """Return an image (H, W) uint8, with noise in grey levels."""

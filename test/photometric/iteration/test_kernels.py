@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from photometric.iteration import kernels
-from photometric.projection import kernel_camera
+from photometric.projection import kernel_camera, rolling
 from photometric.robust import huber_weights, median_and_mad
 from sphere_geometry import Fisheye, Pinhole, Spherical
 from sphere_geometry.double_sphere import DoubleSphere
+from sphere_geometry.shutter import project_rolling
 from worlds.blocks import Case, points_before, rows
 
 CAMERAS = [
@@ -28,7 +29,7 @@ def project(camera, points):
     scratch = r.reshape(-1, kernels.SIDE)
     scratch[:3] = np.nan
     scratch[:3, : len(points)] = np.asarray(points).T
-    kernels.project(*kernel_camera(camera), r)
+    kernels.project(*kernel_camera(camera)[:2], r)
     first = kernels.J0 // kernels.SIDE
     pixels = scratch[[kernels.U // kernels.SIDE, kernels.V // kernels.SIDE]].T
     J, seen = scratch[first : first + 6].T.reshape(-1, 2, 3), scratch[kernels.SEEN // kernels.SIDE] > 0
@@ -135,3 +136,21 @@ def test_the_scale_is_the_median_and_mad_of_the_residuals(rng):
 
 def test_median_and_mad_of_nothing_are_zero():
     assert kernels.median_and_mad(np.zeros(kernels.NUM_BINS, np.int32)) == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("camera", CAMERAS[:5], ids=NAMES[:5])
+def test_rows_of_a_rolling_shutter_are_moved_to_their_time(camera, rng):
+    case = Case(rng, camera)
+    r, places = np.empty(kernels.SCRATCH, np.float32), np.empty(kernels.SIDE, np.int32)
+    twist = np.array([0.02, -0.01, 0.03, 0.01, -0.015, 0.01])
+    block = case.blocks[: kernels.BLOCK]
+    T, _, image = case.arguments
+    kernels.locate(T, rolling(camera, twist), image, block, r, places)
+    scratch = r.reshape(-1, kernels.SIDE)
+    seen = scratch[kernels.SEEN // kernels.SIDE] > 0
+    found = scratch[[kernels.U // kernels.SIDE, kernels.V // kernels.SIDE]].T[seen]
+    points = case.T.apply(rows(block, kernels.BLOCK)[:3].T[seen].astype(np.float64))
+    expected, _ = project_rolling(camera, points, twist)
+    moved = np.linalg.norm(expected - camera.project(points)[0], axis=1)
+    assert np.percentile(moved, 90) > 0.15
+    assert np.percentile(np.linalg.norm(found - expected, axis=1), 90) < 0.01  # first order: half of (s twist)^2 f
