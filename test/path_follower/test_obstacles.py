@@ -1,6 +1,5 @@
 """The footprint that the vehicle sweeps until it could stand, and the points in it."""
 
-
 import numpy as np
 import pytest
 
