@@ -18,10 +18,10 @@ from node_kit.tf import TransformError
 from sphere_geometry import SE3, Rig
 from sphere_map.sphere import check_depth, check_image
 from sphere_mapping.acquisition.clouds import Clouds, mount_of
+from sphere_mapping.acquisition.lens_check import check_info
 from sphere_mapping.acquisition.params import SphereStitcherParams
 from sphere_mapping.acquisition.synchroniser import Instant, Synchroniser
 
-INFO_TOLERANCE = 1e-3  # relative; a camera_info that differs more is of another camera
 DEPTH = "/depth"  # a camera's depth is a stream of its own: NAME/depth
 
 Finding = tuple[str, int, str, dict[str, int]]  # what, level, why, numbers: for the diagnostics
@@ -95,14 +95,9 @@ class RigIntake:
             yield "points", WARN if problem else OK, problem or "delivers", {}
 
     def _on_info(self, name: str, message: CameraInfo) -> None:
-        """Refuse a camera whose own calibration is of another size or focal length than the rig's."""
-        ours = self.rig.camera(name).camera
-        if (message.width, message.height) != (ours.width, ours.height):
-            found = f"found {message.width} x {message.height}"
-            raise ValueError(f"{name}: size: expected {ours.width} x {ours.height} (rig file), {found}")
-        fx = float(ours.coefficients[0])
-        if message.k[0] and ours.model != "double_sphere" and abs(message.k[0] - fx) > INFO_TOLERANCE * fx:
-            raise ValueError(f"{name}: K[0]: expected {fx:.3f} (rig file), found {message.k[0]:.3f}")
+        """Refuse a camera whose own calibration is of another size, focal length or lens than the rig's."""
+        if message.k[0]:  # 0: not calibrated
+            check_info(name, self.rig.camera(name).camera, conversions.camera_from_info(message))
 
     def _on_image(self, name: str, message: Image | CompressedImage) -> None:
         is_raw = isinstance(message, Image)

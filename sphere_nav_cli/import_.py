@@ -14,6 +14,7 @@ from node_kit import qos
 from node_kit.bags import BagWriter
 from sphere_geometry import SE3, Pinhole
 from sphere_nav_cli.importing.kitti import KittiRecording
+from sphere_nav_cli.importing.layouts import describe, guess_format
 from sphere_nav_cli.importing.recording import Recording
 from sphere_nav_cli.importing.rgbd import DepthCamera, open_seven_scenes, open_tum
 from sphere_nav_cli.importing.spherical import open_spherical
@@ -84,7 +85,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the bag."""
-    recording = open_recording(arguments)
+    try:
+        recording = open_recording(arguments)
+    except ValueError as error:
+        known = guess_format(arguments.folder) == arguments.format
+        raise ValueError("; ".join(filter(None, [str(error), "" if known else describe(arguments.folder)]))) from None
     indices = range(recording.num_frames)[arguments.frames]
     if not indices:
         raise ValueError(f"--frames: expected frames within 0:{recording.num_frames}, found none")

@@ -28,6 +28,7 @@ from sphere_mapping.acquisition.epipolar import (
 )
 from sphere_mapping.acquisition.exposure import apply_gain, gains_of, overlaps_of
 from sphere_mapping.acquisition.fusion import Ranged, fill, fuse_sources, range_from_cloud, range_from_depth
+from sphere_mapping.acquisition.lens_check import check_lenses
 from sphere_mapping.acquisition.matching import match_columns
 from sphere_mapping.acquisition.pairs import pairs_of, range_of_pair, why_no_pair
 from sphere_mapping.acquisition.params import RectifyParams, StitchParams
@@ -79,7 +80,7 @@ class Stitcher:
         self._overlaps = (
             overlaps_of(list(self._rig_views.values()), self.whole, blend.distance_m) if blend.has_gains else []
         )
-        self._has_order = False
+        self._has_order, self._has_lenses = False, False
         self._layouts: dict[tuple[str, tuple[str, ...]], Layout] = {}
         is_searched = self.params.range != "none" and not rig.is_vertical
         self.pairs = pairs_of(rig, self._rig_views, self.whole, self.params) if is_searched else []
@@ -99,6 +100,9 @@ class Stitcher:
         """
         found, gains = self._equalize(images)
         greys = {name: _grey(image) for name, image in found.items()}
+        if not self._has_lenses and self.params.range != "none":  # once is enough: lenses do not change
+            check_lenses(self.rig, greys)
+            self._has_lenses = True
         sources, bottom = self._ranges(greys)
         for name, depth_m in (depths or {}).items():
             check_depth(depth_m, self.rig.camera(name).camera, f"{name}: depth")

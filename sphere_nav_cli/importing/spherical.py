@@ -111,7 +111,7 @@ class EquirectangularRecording(SphereRecording):
 
 def open_spherical(folder: Path) -> SphereRecording:
     """Open either layout, whichever is there."""
-    if any(require_folder(folder).glob("image_*")):
+    if any(require_folder(folder).glob("image_*.*")):
         return EquirectangularRecording(folder)
     if not any(folder.glob("sphere_*")):
         raise ValueError(f"{folder}: expected folders sphere_* with Extrinsics, or files image_*.png, found neither")

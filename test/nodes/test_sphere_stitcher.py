@@ -180,8 +180,13 @@ def test_images_of_another_size_or_lens_are_refused_by_name(rig_path):
     bench = Bench(rig=rig_path)
     bench.send("cameras/top_front/image_raw", array_to_image(np.ones((8, 8), np.uint8), MS, "x", "mono8"))
     assert "top_front: image size: expected 160 x 160 uint8, grey or RGB, found 8 x 8" in bench.refusals()
-    bench.send("cameras/top_left/camera_info", CameraInfo(width=160, height=160, k=[50.0] + 8 * [0.0]))
+    K = [50.0, 0.0, 79.5, 0.0, 50.0, 79.5, 0.0, 0.0, 1.0]
+    bench.send("cameras/top_left/camera_info", CameraInfo(width=160, height=160, k=K))
     assert "top_left: K[0]: expected 48.000 (rig file), found 50.000" in bench.refusals()
+    K[0] = K[4] = 48.0
+    bent = CameraInfo(width=160, height=160, k=K, distortion_model="plumb_bob", d=[-0.3, 0.05, 0.0, 0.0, 0.0])
+    bench.send("cameras/top_right/camera_info", bent)
+    assert "top_right: lens: expected fisheye (rig file), found pinhole whose rays differ by" in bench.refusals()
 
 
 def test_depth_of_the_cameras_is_used(rig_path):
