@@ -20,12 +20,12 @@ from tqdm import tqdm
 from benchmarks.fuzz_targets import Target, make_targets
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
+from node_kit.service import one_line
 
 HELP = "wrong inputs for every reader, conversion and service (--seed, --count): no crash, no hang, no gigabyte"
 BATCH = 400  # inputs a child
 SECONDS = 10  # for one input
 MEMORY = 1 << 30  # bytes that a child may ask for beyond what it starts with
-MAX_LINE = 2000  # characters of a refusal
 STATE = struct.Struct("<qqqq")  # next input, accepted, refused, failures
 
 
@@ -59,7 +59,7 @@ def run(options: argparse.Namespace) -> Report:
 def fuzz(targets: list[Target], folder: Path, seed: int, count: int) -> list[Outcome]:
     """Return the outcomes of `count` inputs; the same seed gives the same inputs."""
     weights = np.array([target.weight for target in targets])
-    shares = np.maximum(1, np.round(count * weights / weights.sum())).astype(int)
+    shares = np.ceil(count * weights / weights.sum()).astype(int)
     outcomes = []
     for target, share in zip(tqdm(targets, unit="target", disable=None), shares.tolist(), strict=True):
         outcome, started = Outcome(target.name), time.monotonic()
@@ -113,10 +113,9 @@ def _try_inputs(target: Target, folder: Path, seed: int, state: mmap.mmap, end: 
             accepted += 1
         except (ValueError, OSError) as error:
             refused += 1
-            text = str(error)
-            if "\n" in text or len(text) > MAX_LINE:
+            if "\n" in str(error):
                 failed += 1
-                os.write(log, f"{target.name}, input {number}: expected one line, found {text[:80]!r}\n".encode())
+                os.write(log, f"{target.name}, input {number}: expected one line, found {one_line(error)!r}\n".encode())
         except BaseException as error:
             failed += 1
             place = traceback.extract_tb(error.__traceback__)[-1]

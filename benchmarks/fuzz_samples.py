@@ -11,6 +11,10 @@ import numpy as np
 from mcap.writer import Writer
 from nav_msgs.msg import Odometry
 from rclpy.serialization import serialize_message
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
+from rosbags.rosbag2 import Writer as Ros2Writer
+from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import CompressedImage, LaserScan
 from sphere_nav_msgs.msg import AugmentedSphere, ReferencePoint, ReferenceTrajectory
 from std_msgs.msg import Header, String
@@ -91,6 +95,7 @@ class Samples:
         self.spheres: dict[int, Sphere] = {}
         self.map = self._map()
         self.bag, self.metadata, self.plain_bag = self._bag()
+        self.foreign_bags = self._foreign_bags()
         self.messages = self._messages()
 
     def label(self, message: Any) -> str:
@@ -174,6 +179,25 @@ class Samples:
                 writer.add_message(channel, number, serialize_message(String(data=str(number))), number)
             writer.finish()
         return self.folder / "bag" / "bag_0.mcap", self.folder / "bag" / "metadata.yaml", self.folder / "plain.mcap"
+
+    def _foreign_bags(self) -> list[Path]:
+        """Return files that another library wrote: sqlite3, messages packed in MCAP, ROS 1."""
+        kind, texts = "std_msgs/msg/String", [self.rng.bytes(20).hex() for _ in range(20)]
+        ros2, ros1 = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)
+        for name, storage in (("sqlite", StoragePlugin.SQLITE3), ("packed", StoragePlugin.MCAP)):
+            writer = Ros2Writer(self.folder / name, version=9, storage_plugin=storage)
+            if name == "packed":
+                writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+            with writer:
+                connection = writer.add_connection("/text", kind, typestore=ros2)
+                for number, text in enumerate(texts):
+                    writer.write(connection, number, ros2.serialize_cdr(ros2.types[kind](text), kind))
+        with Ros1Writer(self.folder / "one.bag") as old:
+            link = old.add_connection("/text", kind, typestore=ros1)
+            for number, text in enumerate(texts):
+                old.write(link, number, ros1.serialize_ros1(ros1.types[kind](text), kind))
+        folders = (self.folder / "sqlite").glob("*.db3"), (self.folder / "packed").glob("*.mcap")
+        return [*(next(found) for found in folders), self.folder / "one.bag"]
 
     def _messages(self) -> list[Any]:
         grey = np.ascontiguousarray(self.picture[:, :, 0])

@@ -25,6 +25,7 @@ from node_kit.map_check import salvage_map
 from node_kit.mcap_salvage import Salvage
 from node_kit.node import ManagedNode
 from node_kit.replay import OfflineBus
+from node_kit.streams import read_streams
 from path_follower.node import PathFollowerNode
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_path
@@ -121,6 +122,7 @@ def _geometry_targets(samples: Samples) -> list[Target]:
 
 def _bag_targets(samples: Samples) -> list[Target]:
     messages, spheres = set(_messages(samples.bag)), samples.spheres
+    sqlite, packed, ros1 = samples.foreign_bags
 
     def read_bag(path: Path) -> None:
         with BagReader(path, is_empty_allowed=True) as bag:
@@ -144,6 +146,21 @@ def _bag_targets(samples: Samples) -> list[Target]:
             file.unlink()
         target.rmdir()
 
+    def read_foreign_bag(path: Path) -> None:
+        with BagReader(path, is_empty_allowed=True) as bag:
+            read_streams(bag)
+            list(bag.raw())
+
+    def read_packed(rng: np.random.Generator, folder: Path) -> None:
+        (folder / "wrong_packed").mkdir(exist_ok=True)
+        described = packed.with_name("metadata.yaml").read_bytes()
+        is_file = rng.random() < 0.7
+        data = packed.read_bytes()
+        (folder / "wrong_packed" / packed.name).write_bytes(mutate_bytes(data, rng) if is_file else data)
+        described = described if is_file else mutate_bytes(described, rng)
+        (folder / "wrong_packed" / "metadata.yaml").write_bytes(described)
+        read_foreign_bag(folder / "wrong_packed")
+
     def read_metadata(rng: np.random.Generator, folder: Path) -> None:
         (folder / "wrong_bag").mkdir(exist_ok=True)
         (folder / "wrong_bag" / samples.bag.name).write_bytes(samples.bag.read_bytes())
@@ -155,6 +172,9 @@ def _bag_targets(samples: Samples) -> list[Target]:
         _file_target("bag, salvage", samples.bag, read_salvage),
         _file_target("bag, plain", samples.plain_bag, lambda path: list(_messages(path))),
         Target("bag, metadata", read_metadata),
+        _file_target("bag, sqlite3", sqlite, read_foreign_bag, 0.5),
+        Target("bag, packed messages", read_packed, 0.5),
+        _file_target("bag, ROS 1", ros1, read_foreign_bag, 0.5),
         _file_target("map", samples.map / "map.mcap", read_map),
         _file_target("map, salvage", samples.map / "map.mcap", read_salvaged_map, 0.3),
     ]

@@ -24,8 +24,8 @@ def resemblance(
     """
     pixels, is_visible = level.camera.project(T_camera_sphere.apply(points.astype(np.float64)))
     u, v = (np.nan_to_num(axis) for axis in np.moveaxis(pixels, -1, 0))
-    column = np.clip(np.rint(u).astype(np.int64), 0, level.camera.width - 1) + level.pad
-    row = np.clip(np.rint(v).astype(np.int64), 0, level.camera.height - 1)
+    column = np.clip(np.rint(u), 0, level.camera.width - 1).astype(np.int64) + level.pad
+    row = np.clip(np.rint(v), 0, level.camera.height - 1).astype(np.int64)
     seen = np.where(is_visible, level.image[row, column], 0.0)
     known = np.where(is_visible, intensity, 0.0)
     count = np.count_nonzero(is_visible, axis=1)

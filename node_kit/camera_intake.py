@@ -15,14 +15,12 @@ from localization.params import NodeParams
 from localization.status import FINE, Finding, Reason
 from node_kit import conversions, qos
 from node_kit.arrival import MAX_AHEAD_NS, ahead_s
-from node_kit.conversions.encoded import encoded_size
 from node_kit.endpoints import Endpoints
 from node_kit.odometry_input import OdometryInput
 from node_kit.tf import TransformListener
 from sphere_geometry import SE3, Camera
 
 DEEP = qos.QoSProfile(depth=1000, reliability=qos.RELIABLE, durability=qos.VOLATILE)
-HEADER_BYTES = 65536  # of an encoded image, that tell its size
 ENCODINGS = "publish a usual encoding: mono8, mono16, rgb8, bgr8, rgba8, bgra8, or a PNG or JPEG"
 
 AnyImage: TypeAlias = Image | CompressedImage
@@ -170,11 +168,8 @@ class CameraIntake:
         assert self.camera is not None
         if isinstance(message, Image):
             return conversions.image_to_grey(message)
-        size = encoded_size(bytes(message.data[:HEADER_BYTES]))
-        if size != (self.camera.width, self.camera.height):
-            expected = f"{self.camera.width} x {self.camera.height}"
-            raise ValueError(f"image size: expected {expected} (camera_info), found {size[0]} x {size[1]}")
-        return conversions.image_to_grey(conversions.compressed_to_image(message))
+        size = self.camera.width, self.camera.height
+        return conversions.image_to_grey(conversions.compressed_to_image(message, size))
 
     def _refuse(self, stamp: int, finding: Finding) -> None:
         """Answer an image that is of no use, and count it as refused."""

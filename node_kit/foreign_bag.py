@@ -5,6 +5,8 @@ What ROS 1 recorded becomes the ROS 2 message of the same name: the header loses
 
 from __future__ import annotations
 
+import io
+import os
 import sqlite3
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -46,7 +48,7 @@ class ForeignBag:
             _check_sqlite(path)
         for file in sorted(path.glob(f"*{SQLITE}")) if path.is_dir() else ():
             _check_sqlite(file)
-        self._reader: Any = self._guard(lambda: Ros1Reader(path) if path.suffix == ROS1 else Ros2Reader(path))
+        self._reader: Any = self._guard(lambda: (Ros1Reader if path.suffix == ROS1 else Ros2Reader)(_BoundedPath(path)))
         self._guard(self._reader.open)
         self._is_open = True
         self.topics = self._guard(self._read_topics)
@@ -102,6 +104,24 @@ class ForeignBag:
         except Exception as error:
             text = " ".join(str(error).split()) or type(error).__name__
             raise BagError(f"{self._path}: expected a readable bag, found: {text[:200]}") from None
+
+
+class _BoundedFile(io.BufferedReader):
+    """A file that never asks for memory beyond its end, whatever size is written in it."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Return up to `size` bytes, all where it is negative."""
+        if size is not None and size > io.DEFAULT_BUFFER_SIZE:
+            size = max(0, min(size, os.fstat(self.fileno()).st_size - self.tell()))
+        return super().read(size)
+
+
+class _BoundedPath(type(Path())):  # type: ignore[misc]  # PosixPath: the library opens what it is given by `open`
+    """A path that opens bounded files."""
+
+    def open(self, mode: str = "r", *args: Any, **options: Any) -> Any:
+        """Open as Path does."""
+        return _BoundedFile(io.FileIO(self)) if mode == "rb" else super().open(mode, *args, **options)
 
 
 class _Converter:

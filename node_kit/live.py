@@ -18,6 +18,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from node_kit import parameters, qos
 from node_kit.node import ERROR, OK, WARN, Log, ManagedNode
+from node_kit.service import one_line
 from node_kit.subscription import Subscription
 from node_kit.throttle import ThrottledLog
 from typed_params import param
@@ -98,7 +99,7 @@ class LiveShell(LifecycleNode):
             self.node.params = self.read_parameters(self.node.PARAMS)
             self.node.configure()
         except (ValueError, OSError) as error:
-            self.log.error(f"cannot start: {error}")
+            self.log.error(f"cannot start: {one_line(error)}")
             self._release()
             return TransitionCallbackReturn.FAILURE
         except Exception:

@@ -30,6 +30,7 @@ from node_kit.interfaces import type_name
 from node_kit.node import Log, ManagedNode
 from node_kit.playback import is_latched
 from node_kit.recorded import Recorded
+from node_kit.service import one_line
 from node_kit.subscription import Subscription
 from node_kit.throttle import ThrottledLog
 from typed_params import build
@@ -243,7 +244,7 @@ def deliver_decompressed(wanted: Subscription, message: CompressedImage) -> None
     try:
         image = decompress(message)
     except ValueError as error:
-        wanted.refuse(str(error))
+        wanted.refuse(one_line(error))
         return
     wanted.deliver(image)
 

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 Handler = Callable[[Any, Any], Any]
+MAX_LINE = 600  # characters: what was found may be a whole file
 
 
 def answer_always(handler: Handler, name: str, report: Callable[[str], None]) -> Handler:
@@ -31,10 +32,13 @@ def answer_always(handler: Handler, name: str, report: Callable[[str], None]) ->
 
 
 def one_line(error: BaseException) -> str:
-    """Return what an error says in one line, a file's name included, or its kind where it says nothing."""
-    if isinstance(error, OSError) and error.strerror:
-        return f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    """Return what an error says in one line, a file's name included, or its kind where it says nothing.
+
+    All that is refused is told through here: by services, inputs of nodes, commands. A long line loses its middle.
+    """
     text = " ".join(str(error).split())
-    if isinstance(error, ValueError | OSError) and text:
-        return text
-    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+    if isinstance(error, OSError) and error.strerror:
+        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+    elif not (isinstance(error, ValueError | OSError) and text):
+        text = f"{type(error).__name__}: {text}" if text else type(error).__name__
+    return text if len(text) <= MAX_LINE else f"{text[: MAX_LINE // 2]} ... {text[-MAX_LINE // 4 :]}"

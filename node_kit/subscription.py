@@ -11,6 +11,7 @@ from rclpy.qos import QoSProfile
 
 from node_kit import qos
 from node_kit.interfaces import type_name
+from node_kit.service import one_line
 
 
 @dataclass
@@ -44,7 +45,7 @@ class Subscription:
             self.callback(message)
             self.num_refused_in_row = 0
         except ValueError as error:
-            self.refuse(str(error))
+            self.refuse(one_line(error))
 
     def refuse(self, reason: str) -> None:
         """Count a message that could not be used, and say why."""

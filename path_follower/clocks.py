@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 MAX_LEAD_NS = 100_000_000  # that a stamp may be ahead of the clock; more is a wrong clock
-MAX_STANDSTILL = 0.4  # s of steady time without an advance of the node's clock
-MAX_LEAP_NS = 200_000_000  # that a clock may have advanced unseen; more, and the vehicle moved meanwhile
-GIVE_UP = 5.0  # s of standstill after which the drive is over
+MAX_STANDSTILL = 0.4  # s of steady time without an advance of the node's clock: the ramp to zero begins
+MAX_LOOK = 0.1  # s between two looks that count: in a longer gap this process stood, not the clock
 
 
 class Times:
@@ -35,20 +34,23 @@ class Times:
 
 
 class ClockWatch:
-    """Compares the node's clock, which may be simulated, with steady time."""
+    """Compares the node's clock, which may be simulated, with steady time.
 
-    def __init__(self) -> None:
-        self._clock_ns, self._advanced_ns = 0, 0
+    Where a simulator's clock stands, so does its vehicle, however slow the machine: that is a pause. What a clock that
+    goes on later has left out is silence like any other, and judged as such.
+    """
+
+    def __init__(self, give_up: float) -> None:
+        """`give_up`: s of standstill after which it is no pause any more."""
+        self._give_up = give_up
+        self._clock_ns, self._seen_ns = 0, 0
         self.stood = 0.0  # s of steady time since the clock advanced
-        self.has_leapt = False  # the clock stood, then went on from a much later time
 
     def observe(self, clock_ns: int, steady_ns: int) -> None:
         """Look at both clocks."""
-        was_standing = self.stood > MAX_STANDSTILL
-        if clock_ns != self._clock_ns:
-            self.has_leapt = was_standing and clock_ns - self._clock_ns > MAX_LEAP_NS
-            self._clock_ns, self._advanced_ns = clock_ns, steady_ns
-        self.stood = (steady_ns - self._advanced_ns) / 1e9 if self._clock_ns else 0.0
+        passed = min((steady_ns - self._seen_ns) / 1e9, MAX_LOOK)
+        self.stood = self.stood + passed if clock_ns == self._clock_ns != 0 else 0.0
+        self._clock_ns, self._seen_ns = clock_ns, steady_ns
 
     @property
     def is_standing(self) -> bool:
@@ -57,5 +59,5 @@ class ClockWatch:
 
     @property
     def is_over(self) -> bool:
-        """Whether what stood so long, or leapt, cannot be a pause of the vehicle's world."""
-        return self.stood > GIVE_UP or self.has_leapt
+        """Whether what stood so long ends the drive."""
+        return self.stood > max(self._give_up, MAX_STANDSTILL)

@@ -37,7 +37,8 @@ class PathFollowerNode(ManagedNode):
     def configure(self) -> None:
         """Open topics and services; load the trajectory file where one is set."""
         p = self.params
-        self.times, self.clock_watch = Times(self.now_ns, self.own_ns), ClockWatch()
+        self.times = Times(self.now_ns, self.own_ns)
+        self.clock_watch = ClockWatch(p.safety.max_clock_pause)
         self.answered, self.heard_ns, self.told = Answered(self.times, self.answer), 0, ""
         self.cmd_vel = self.add_publisher("cmd_vel", TwistStamped if p.enable_stamped_cmd_vel else Twist, qos.COMMAND)
         has_ackermann = driving.AckermannDriveStamped is not None
@@ -92,7 +93,7 @@ class PathFollowerNode(ManagedNode):
         clock, watch, now = self.now_ns(), self.clock_watch, self.times.now()
         watch.observe(clock, self.steady_ns())
         if watch.is_over and not self.follower.mode.is_at_rest:
-            self.follower.stand(Verdict(Reason.CLOCK_STOPPED, watch.stood, MAX_STANDSTILL))
+            self.follower.stand(Verdict(Reason.CLOCK_STOPPED, watch.stood, self.params.safety.max_clock_pause))
         is_based = clock - self.answered.stamp_ns <= 1e9 * self.params.safety.max_pose_silence
         stamp = self.answered.stamp_ns if is_based else clock
         if watch.is_standing:

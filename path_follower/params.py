@@ -88,6 +88,13 @@ class SafetyParams:
         "standstill, or also two seconds of TRACKING after it",
         choices=("never", "moving", "standing"),
     )
+    max_clock_pause: float = param(
+        10.0,
+        "with use_sim_time: wall time that /clock may stand, at zero command, and the drive still go on with it; a "
+        "simulator in lock-step on a loaded machine may need more",
+        "s",
+        low=0.0,
+    )
     max_distance: float = param(1.0, "largest distance from the path, also at a start", "m", low=0.01)
     max_heading_error: float = param(1.0, "largest difference to the heading of the path", "rad", low=0.1, high=3.2)
     is_scan_required: bool = param(False, "stop if no scan comes")

@@ -1,4 +1,4 @@
-"""YAML from outside: no aliases, no merge keys, no key twice, bounded in size and depth before anything is built."""
+"""YAML from outside: no key twice, bounded in size and depth, aliases written out, before anything is built."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ import yaml
 
 MAX_TEXT = 1 << 20  # characters
 MAX_DEPTH = 32
+MAX_REPEATED = 1 << 14  # values that aliases stand for, all together
 MAX_WORD = 4096  # characters without quotes; the sexagesimal numbers of YAML 1.1 take time by the square of theirs
+
+MERGE = "tag:yaml.org,2002:merge"
 
 Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -19,9 +22,10 @@ class StrictLoader(Base):  # type: ignore[misc]
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
         """Return the mapping of a node; ConstructorError where a key comes twice."""
-        found = super().construct_mapping(node, deep=True)
-        if len(found) < len(node.value):
-            keys = [self.construct_object(key, deep=True) for key, _ in node.value]
+        own = [key for key, _ in node.value if key.tag != MERGE]  # those it merges, it may override
+        found = super().construct_mapping(node, deep=True)  # refuses keys that cannot be compared
+        keys = [self.construct_object(key, deep=True) for key in own]
+        if len(set(keys)) < len(keys):
             twice = next(key for key in keys if keys.count(key) > 1)
             raise yaml.constructor.ConstructorError(None, None, f"{twice!r} twice", node.start_mark)
         return dict(found)
@@ -39,19 +43,37 @@ def load_yaml(where: Path | str, text: str, loader: type[StrictLoader] = StrictL
 
 
 def _check_events(text: str) -> None:
-    depth = 0
+    sizes: dict[str, tuple[int, int]] = {}  # values and levels of what has an anchor
+    opened: list[tuple[str | None, list[int]]] = [(None, [0, 0])]  # anchor; values and levels so far
+    repeated = 0
     for event in yaml.parse(text, Loader=Base):
-        line = event.start_mark.line + 1
-        if isinstance(event, yaml.AliasEvent):
-            raise ValueError(f"line {line}: an alias (*{event.anchor}), which is not read")
+        line, size = event.start_mark.line + 1, (1, 0)
         if isinstance(event, yaml.CollectionStartEvent):
-            depth += 1
-            if depth > MAX_DEPTH:
-                raise ValueError(f"line {line}: more than {MAX_DEPTH} levels")
+            opened.append((event.anchor, [1, 0]))
+            _check_depth(len(opened) - 1, line)
+            continue
+        if isinstance(event, yaml.AliasEvent):
+            if event.anchor not in sizes:
+                raise ValueError(f"line {line}: an alias (*{event.anchor}) of nothing that is whole before it")
+            size = sizes[event.anchor]
+            _check_depth(len(opened) - 1 + size[1], line)
+            repeated += size[0]
+            if repeated > MAX_REPEATED:
+                raise ValueError(f"line {line}: aliases that stand for more than {MAX_REPEATED} values")
         elif isinstance(event, yaml.CollectionEndEvent):
-            depth -= 1
-        elif isinstance(event, yaml.ScalarEvent) and not event.style:
-            if len(event.value) > MAX_WORD:
+            anchor, (values, levels) = opened.pop()
+            size = values, levels + 1
+            sizes |= {anchor: size} if anchor else {}
+        elif isinstance(event, yaml.ScalarEvent):
+            if not event.style and len(event.value) > MAX_WORD:
                 raise ValueError(f"line {line}: a word of {len(event.value)} characters")
-            if event.value == "<<":
-                raise ValueError(f"line {line}: a merge key (<<), which is not read")
+            sizes |= {event.anchor: size} if event.anchor else {}
+        else:
+            continue
+        inside = opened[-1][1]
+        inside[0], inside[1] = inside[0] + size[0], max(inside[1], size[1])
+
+
+def _check_depth(depth: int, line: int) -> None:
+    if depth > MAX_DEPTH:
+        raise ValueError(f"line {line}: more than {MAX_DEPTH} levels")

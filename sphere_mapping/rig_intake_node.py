@@ -100,9 +100,12 @@ class RigIntake:
             check_info(name, self.rig.camera(name).camera, conversions.camera_from_info(message))
 
     def _on_image(self, name: str, message: Image | CompressedImage) -> None:
-        is_raw = isinstance(message, Image)
-        image = conversions.image_to_rgb(message) if is_raw else conversions.compressed_to_array(message)
-        check_image(image, self.rig.camera(name).camera, f"{name}: image size")
+        camera = self.rig.camera(name).camera
+        if isinstance(message, Image):
+            image = conversions.image_to_rgb(message)
+        else:
+            image = conversions.compressed_to_array(message, (camera.width, camera.height), "rig file")
+        check_image(image, camera, f"{name}: image size")
         self._put(name, message, image)
 
     def _on_depth(self, name: str, message: Image) -> None:

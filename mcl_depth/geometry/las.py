@@ -9,6 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 CHUNK = 1_000_000  # points unpacked at once
+HEADER = 375  # bytes of the longest header, that of version 1.4
+RECORDS = ((100, 54), (243, 60))  # where a header counts its variable records, and the least bytes of one
 MAX_PACKING = 100  # LAZ packs a point into no less than this share of its bytes
 
 
@@ -16,9 +18,10 @@ def read_las(path: Path) -> NDArray[np.float64]:
     """Return points (N, 3) float64 in the coordinates of the file."""
     size = path.stat().st_size
     with path.open("rb") as file:
-        start = file.read(4)
-        if start != b"LASF":
-            raise ValueError(f"{path}: header: expected 'LASF', found {start!r}")
+        start = file.read(HEADER)
+        if start[:4] != b"LASF":
+            raise ValueError(f"{path}: header: expected 'LASF', found {start[:4]!r}")
+        _check_records(path, start, size)
     try:
         with laspy.open(path) as reader:
             header = reader.header
@@ -37,6 +40,15 @@ def read_las(path: Path) -> NDArray[np.float64]:
     if len(points) != header.point_count:
         raise ValueError(f"{path}: points: expected {header.point_count}, found {len(points)}")
     return points.astype(np.float64)
+
+
+def _check_records(path: Path, start: bytes, size: int) -> None:
+    """Refuse more variable records than the file has room for; laspy would read them one by one, beyond its end."""
+    is_extended = start[24:26] >= bytes([1, 4])
+    for place, least in RECORDS if is_extended else RECORDS[:1]:
+        count = int.from_bytes(start[place : place + 4], "little")
+        if count * least > size:
+            raise ValueError(f"{path}: variable records: expected at most {size // least}, found {count}")
 
 
 def _check_header(path: Path, header: laspy.LasHeader, size: int) -> None:

@@ -122,9 +122,11 @@ def depth_to_metres(message: Image) -> Floats:
     return np.where(pixels > 0, pixels, np.float32(np.nan))
 
 
-def compressed_to_array(message: CompressedImage, size: tuple[int, int] | None = None) -> Bytes:
+def compressed_to_array(
+    message: CompressedImage, size: tuple[int, int] | None = None, size_name: str = "camera_info"
+) -> Bytes:
     """Decode JPEG or PNG to (H, W, 3) RGB or (H, W) grey, uint8; before that its size (width, height) is compared."""
-    pixels = decode_file(message.data, MAX_PIXELS, cv2.IMREAD_ANYCOLOR, size)
+    pixels = decode_file(message.data, MAX_PIXELS, cv2.IMREAD_ANYCOLOR, size, size_name)
     return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB) if pixels.ndim == 3 else pixels
 
 

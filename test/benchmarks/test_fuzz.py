@@ -1,4 +1,4 @@
-"""The fuzzer sees crashes, hangs and gigabytes."""
+"""The fuzzer sees crashes, hangs and gigabytes; a short run over everything finds none."""
 
 import ctypes
 import time
@@ -10,7 +10,7 @@ pytest.importorskip("rclpy")
 
 from benchmarks import fuzz
 from benchmarks.fuzz_mutations import mutate_bytes, mutate_message
-from benchmarks.fuzz_targets import Target
+from benchmarks.fuzz_targets import Target, make_targets
 from node_kit.conversions import poses_to_path
 from sphere_geometry import SE3
 
@@ -22,14 +22,14 @@ def failures(attempt, folder, count=20):
 
 
 def test_what_goes_wrong_is_told_with_its_input(tmp_path, monkeypatch):
-    monkeypatch.setattr(fuzz, "SECONDS", 2.0)
+    monkeypatch.setattr(fuzz, "SECONDS", 1.0)
 
     def attempt(rng, folder):
         match int(rng.integers(40)):
             case 0:
                 ctypes.string_at(0)
             case 1:
-                time.sleep(8)
+                time.sleep(4)
             case 2:
                 np.ones(1 << 29)
             case 3:
@@ -57,3 +57,11 @@ def test_mutations_change_something_and_repeat(rng):
     assert changed == [str(mutate_message(path, np.random.default_rng(i))) for i in range(50)]
     assert len(set(changed)) > 30
     assert str(path) == before
+
+
+def test_a_short_run_over_everything(tmp_path):
+    outcomes = fuzz.fuzz(make_targets(tmp_path), tmp_path, seed=11, count=700)
+    assert len(outcomes) > 60
+    assert [failure for outcome in outcomes for failure in outcome.failures] == []
+    assert sum(outcome.num_refused for outcome in outcomes) > 300
+    assert sum(outcome.num_accepted for outcome in outcomes) > 100

@@ -51,3 +51,10 @@ def test_an_answer_passes():
 
 def test_an_error_without_words_says_its_name():
     assert one_line(ValueError()) == "ValueError"
+
+
+def test_a_line_is_short_whatever_was_found():
+    text = one_line(ValueError("x.yaml: expected a number, found " + "x" * 100_000 + ", see the docs"))
+    assert len(text) < 1000
+    assert text.startswith("x.yaml: expected a number, found xx")
+    assert text.endswith("see the docs")

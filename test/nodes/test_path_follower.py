@@ -364,7 +364,12 @@ def test_a_drive_over_dds_in_lock_step_and_a_clean_exit(process):
         answer = remote.start.call_async(Trigger.Request())
         remote.wait(answer.done)
         assert answer.result().success, answer.result().message
-        for _ in range(200):
+        for _ in range(30):
+            remote.step()
+        assert remote.commands[-1].twist.linear.x > 0.2
+        remote.wait(lambda: remote.commands[-1].twist.linear.x == 0.0, 5.0)  # the clock stands: zero by the wall
+        remote.wait(lambda: "CLOCK_STOPPED" in (remote.statuses[-1].state, remote.statuses[-1].reason))
+        for _ in range(170):  # it goes on, and with it a vehicle that stood as long
             remote.step()
         remote.wait(lambda: remote.statuses[-1].state == "FINISHED")
         assert remote.x == pytest.approx(3.0, abs=0.06)  # the tolerance of the goal

@@ -2,9 +2,10 @@
 
 import pytest
 
-from path_follower.clocks import GIVE_UP, MAX_STANDSTILL, ClockWatch, Times
+from path_follower.clocks import MAX_STANDSTILL, ClockWatch, Times
 
 SECOND = 1_000_000_000
+GIVE_UP = 5.0
 
 
 def times(clock, own):
@@ -28,20 +29,20 @@ def stand(watch, clock, begin, seconds):
 
 
 def test_a_clock_that_advances_is_not_standing():
-    watch = ClockWatch()
+    watch = ClockWatch(GIVE_UP)
     for k in range(1, 100):
         watch.observe(k * SECOND // 10, k * SECOND // 10)
         assert not watch.is_standing
 
 
 def test_before_the_first_time_nothing_stands():
-    watch = ClockWatch()
+    watch = ClockWatch(GIVE_UP)
     stand(watch, 0, SECOND, 10.0)
     assert not watch.is_standing
 
 
 def test_a_clock_that_stands_is_noticed_and_after_long_it_is_over():
-    watch = ClockWatch()
+    watch = ClockWatch(GIVE_UP)
     now = stand(watch, 5 * SECOND, SECOND, MAX_STANDSTILL - 0.05)
     assert not watch.is_standing
     now = stand(watch, 5 * SECOND, now, 0.1)
@@ -51,10 +52,18 @@ def test_a_clock_that_stands_is_noticed_and_after_long_it_is_over():
     assert watch.is_over
 
 
-def test_a_clock_that_goes_on_where_it_stood_was_a_pause_and_one_that_leaps_was_not():
-    for leap, is_over in ((SECOND // 10, False), (SECOND, True)):
-        watch = ClockWatch()
+def test_a_clock_that_goes_on_was_a_pause_whatever_it_leaps():
+    for leap in (SECOND // 10, SECOND):
+        watch = ClockWatch(GIVE_UP)
         now = stand(watch, 5 * SECOND, SECOND, 2.0)
+        assert watch.is_standing
         watch.observe(5 * SECOND + leap, now + 1)
         assert not watch.is_standing
-        assert watch.is_over == is_over
+        assert not watch.is_over
+
+
+def test_a_process_that_was_not_served_did_not_see_the_clock_stand():
+    watch = ClockWatch(GIVE_UP)
+    for k in range(1, 4):  # three looks, 2 s apart, /clock in the queue each time
+        watch.observe(5 * SECOND, 2 * k * SECOND)
+    assert not watch.is_standing

@@ -11,11 +11,32 @@ def test_values_are_read():
     assert load_yaml("x", "a: 1\nb: [1.5, two]\nc: {d: null}") == {"a": 1, "b": [1.5, "two"], "c": {"d": None}}
 
 
+def test_aliases_and_merge_keys_are_written_out():
+    text = "near: &near {gain: 1.0, names: &n [a, b]}\nfar:\n  <<: *near\n  gain: 2.0\nlist: [*n, *n]"
+    assert load_yaml("x", text) == {
+        "near": {"gain": 1.0, "names": ["a", "b"]},
+        "far": {"gain": 2.0, "names": ["a", "b"]},
+        "list": [["a", "b"], ["a", "b"]],
+    }
+
+
+def bomb(first, form, width=10, levels=8):
+    """Return a text whose values say ten times those before."""
+    lines = [f"a0: &a0 {first}"]
+    for n in range(levels):
+        lines.append(f"a{n + 1}: &a{n + 1} " + form.format(", ".join([f"*a{n}"] * width)))
+    return "\n".join(lines)
+
+
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("a: &a [1]\nb: *a", "x: expected YAML, found line 2: an alias"),
-        ("a: {b: 1}\nc:\n  <<: {b: 2}", "line 3: a merge key"),
+        ("a: &a [1, *a]", r"line 1: an alias \(\*a\) of nothing that is whole"),
+        ("b: *a", r"line 1: an alias \(\*a\) of nothing"),
+        (bomb("[1]", "[{}]"), "aliases that stand for more than 16384 values"),
+        (bomb("{k: 1}", "{{<<: [{}]}}"), "aliases that stand for more than 16384 values"),
+        (bomb("[1]", "[{}]", width=1, levels=40), "more than 32 levels"),
+        ("a: {b: 1}\nc:\n  <<: {b: 2}\n  d: 1\n  d: 2", "'d' twice"),
         ("a: 1\na: 2", "'a' twice"),
         ("? [1, 2]\n: 3", "unhashable"),
         ("[" * 100_000, "more than 32 levels"),

@@ -40,10 +40,11 @@ def pcd(form: str, count: int = 3) -> bytes:
     return f"{head}DATA {form}\n".encode() + rows
 
 
-def las(count: int = 3) -> bytes:
+def las(count: int = 3, records: int = 0) -> bytes:
     head = bytearray(227)
     head[:4], head[24:26] = b"LASF", bytes([1, 2])
     struct.pack_into("<HI", head, 94, 227, 227)
+    struct.pack_into("<I", head, 100, records)
     struct.pack_into("<BHI", head, 104, 0, 20, count)
     struct.pack_into("<6d", head, 131, 0.01, 0.01, 0.01, 0.0, 0.0, 0.0)
     return bytes(head) + b"".join(struct.pack("<3i8x", *map(int, np.rint(row * 100))) for row in POINTS)
@@ -53,7 +54,12 @@ FILES = {
     "a.ply": ply("ascii"), "b.ply": ply("binary_little_endian"), "c.ply": ply("binary_big_endian"),
     "a.pcd": pcd("ascii"), "b.pcd": pcd("binary"), "c.pcd": pcd("binary_compressed"), "a.las": las(),
 }  # fmt: skip
-ABSURD = {"a.ply": ply("binary_little_endian", 10**12), "a.pcd": pcd("binary", 10**12), "b.las": las(10**9)}
+ABSURD = {
+    "a.ply": ply("binary_little_endian", 10**12),
+    "a.pcd": pcd("binary", 10**12),
+    "b.las": las(10**9),
+    "c.las": las(records=10**7),
+}
 
 
 @pytest.mark.parametrize("name", FILES)
