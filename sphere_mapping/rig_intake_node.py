@@ -100,17 +100,16 @@ class RigIntake:
             check_info(name, self.rig.camera(name).camera, conversions.camera_from_info(message))
 
     def _on_image(self, name: str, message: Image | CompressedImage) -> None:
-        camera = self.rig.camera(name).camera
-        if isinstance(message, Image):
-            image = conversions.image_to_rgb(message)
-        else:
-            image = conversions.compressed_to_array(message, (camera.width, camera.height), "rig file")
-        check_image(image, camera, f"{name}: image size")
+        is_raw, ours = isinstance(message, Image), self.rig.camera(name).camera
+        size = ours.width, ours.height
+        image = conversions.image_to_rgb(message) if is_raw else conversions.compressed_to_array(message, size, name)
+        check_image(image, ours, f"{name}: image size")
         self._put(name, message, image)
 
     def _on_depth(self, name: str, message: Image) -> None:
-        depth_m = conversions.depth_to_metres(message)
-        check_depth(depth_m, self.rig.camera(name).camera, f"{name}: depth size")
+        check_depth(
+            depth_m := conversions.depth_to_metres(message), self.rig.camera(name).camera, f"{name}: depth size"
+        )
         self._put(name + DEPTH, message, depth_m)
 
     def _on_points(self, message: PointCloud2) -> None:
