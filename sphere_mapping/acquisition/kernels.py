@@ -79,6 +79,35 @@ def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, u, v):
 
 
 @njit(cache=True, nogil=True)
+def _change_costs(level, low, high, costs, sign):
+    """Add sign x the costs of one pixel of this level against low, high (NUM_DISPARITIES,) i16 to costs, alike."""
+    zero, cap = np.int16(0), np.int16(COST_CAP)
+    for k in range(NUM_DISPARITIES):
+        outside = max(np.int16(level - high[k]), np.int16(low[k] - level))
+        costs[k] += sign * min(max(outside, zero), cap)
+
+
+@njit(cache=True, nogil=True)
+def _least_costs(block, at, spare):
+    """Return the least of block (NUM_DISPARITIES,) i16 within one of `at`, and the least of those not within two."""
+    large = np.int16(32767)
+    here = large
+    for k in range(max(at - 1, 0), min(at + 2, NUM_DISPARITIES)):
+        here = min(here, block[k])
+    for k in range(NUM_DISPARITIES):
+        spare[k] = block[k]
+    for k in range(max(at - 2, 0), min(at + 3, NUM_DISPARITIES)):
+        spare[k] = large
+    size = NUM_DISPARITIES  # halves against halves: in vectors, as one least number would not be found
+    while size > 3:
+        size //= 2
+        upper = spare[size : 2 * size]
+        for k in range(size):
+            spare[k] = min(spare[k], upper[k])
+    return here, min(spare[0], min(spare[1], spare[2]))
+
+
+@njit(cache=True, nogil=True)
 def cost_ratio(top, low, high, disparity, first, radius, ratio):
     """Write the least cost of a block elsewhere over its cost at the disparity to ratio (W, H) f32; NaN unknown.
 
@@ -90,25 +119,16 @@ def cost_ratio(top, low, high, disparity, first, radius, ratio):
     the given one not being elsewhere. 9 x 9 px stay within int16.
     """
     width, height = ratio.shape
-    zero, cap, large = np.int16(0), np.int16(COST_CAP), np.int16(32767)
     floor = np.float32(COST_NOISE * (2 * radius + 1) ** 2)
     sums, block = np.zeros((height, NUM_DISPARITIES), np.int16), np.zeros(NUM_DISPARITIES, np.int16)
-    far = np.zeros((NUM_DISPARITIES, NUM_DISPARITIES), np.int16)  # the largest number within two of the diagonal
-    for k in range(NUM_DISPARITIES):
-        far[k, max(k - 2, 0) : k + 3] = large
+    least = np.empty_like(block)
     for u in range(-2 * radius, width):
-        new, old = u + 2 * radius, u - 1
-        for v in range(height):
-            begin = height - 1 - v
-            level, row = top[new, v], sums[v]
-            for k in range(NUM_DISPARITIES):
-                above = max(np.int16(level - high[new, begin + k]), np.int16(low[new, begin + k] - level))
-                row[k] += min(max(above, zero), cap)
-            if old >= 0:
-                level = top[old, v]
-                for k in range(NUM_DISPARITIES):
-                    above = max(np.int16(level - high[old, begin + k]), np.int16(low[old, begin + k] - level))
-                    row[k] -= min(max(above, zero), cap)
+        for v in range(height):  # slices of constant length: no index that could be negative, so vectors
+            seen = slice(height - 1 - v, height - 1 - v + NUM_DISPARITIES)
+            new, row = u + 2 * radius, sums[v]
+            _change_costs(top[new, v], low[new, seen], high[new, seen], row, np.int16(1))
+            if u > 0:
+                _change_costs(top[u - 1, v], low[u - 1, seen], high[u - 1, seen], row, np.int16(-1))
         if u < 0:
             continue
         block[:] = 0
@@ -124,12 +144,7 @@ def cost_ratio(top, low, high, disparity, first, radius, ratio):
             ratio[u, v] = np.nan
             if not np.isnan(d):
                 at = min(max(int(np.floor(d + np.float32(0.5))) - first, 0), NUM_DISPARITIES - 1)
-                here, elsewhere = large, large
-                for k in range(max(at - 1, 0), min(at + 2, NUM_DISPARITIES)):
-                    here = min(here, block[k])
-                away = far[at]
-                for k in range(NUM_DISPARITIES):
-                    elsewhere = min(elsewhere, np.int16(block[k] | away[k]))
+                here, elsewhere = _least_costs(block, at, least)
                 ratio[u, v] = (np.float32(elsewhere) + floor) / (np.float32(here) + floor)
             for k in range(NUM_DISPARITIES):
                 block[k] -= last[k]
