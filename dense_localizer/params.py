@@ -7,19 +7,10 @@ from functools import cached_property
 from localization.params import InputParams, NodeParams, StateParams
 from photometric import RegistrationParams
 from photometric.params import PyramidParams
-from sphere_geometry.shutter import MAX_READOUT_S
+from sphere_geometry.shutter import CameraParams
 from typed_params import group, param, parameters
 
 MIN_STEP_PX = 0.04  # image motion of an increment below which a level is done: fine enough at the rate of a camera
-
-
-@parameters
-class CameraParams:
-    """What camera_info does not tell of the camera."""
-
-    readout: float = param(
-        0.0, "time from reading the first row to the last, rolling shutter; 0: global", "s", low=0.0, high=MAX_READOUT_S
-    )
 
 
 @parameters

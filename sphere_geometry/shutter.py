@@ -14,9 +14,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from sphere_geometry.camera import Array, Camera, inside
 from sphere_geometry.se3 import SE3
+from typed_params import param, parameters
 
 ROW_STEPS = 6  # each divides the error of the row by the rows of a readout over the image motion within it
 MAX_READOUT_S = 0.2
+
+
+@parameters
+class CameraParams:
+    """What camera_info does not tell of a camera."""
+
+    readout: float = param(
+        0.0, "time from reading the first row to the last, rolling shutter; 0: global", "s", low=0.0, high=MAX_READOUT_S
+    )
 
 
 @dataclass(frozen=True)
@@ -52,4 +62,5 @@ def project_rolling(camera: Camera, points: ArrayLike, twist: ArrayLike) -> tupl
 def _moved_back(points: Array, share: Array, twist: ArrayLike) -> Array:
     """Return points (N, 3) of the middle row in the cameras of other rows."""
     T_middle_row = SE3.exp(share[:, None] * np.asarray(twist, dtype=np.float64))
-    return np.einsum("nji,nj->ni", T_middle_row.rotation, points - T_middle_row.translation)
+    moved: Array = np.einsum("nji,nj->ni", T_middle_row.rotation, points - T_middle_row.translation)
+    return moved

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, Image
 from sphere_nav_msgs.msg import AugmentedSphere
@@ -17,9 +20,11 @@ from sphere_mapping.acquisition.params import SynchroniserParams
 from sphere_mapping.acquisition.partial import RgbdView, sphere_from_views
 from sphere_mapping.acquisition.stereo import sphere_from_stereo
 from sphere_mapping.acquisition.synchroniser import Instant, Synchroniser
+from sphere_mapping.graph.unrolling import Unroll
 from sphere_mapping.params import SphereMapperParams
 
-OnSphere = Callable[[Sphere, str, bool], None]  # the sphere, the frame of its header, whether that is optical
+# The sphere, the frame of its header, whether that is optical, and how to make it anew by the velocity of the camera.
+OnSphere = Callable[[Sphere, str, bool, Unroll | None], None]
 
 TOPICS: dict[str, tuple[str, ...]] = {
     "sphere": ("sphere",),
@@ -61,11 +66,11 @@ class Intake:
         """Forget half-complete instants: the clock jumped."""
         self._sync.clear()
 
-    def _on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool) -> None:
+    def _on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool, unroll: Unroll | None = None) -> None:
         if not sphere.measured.any():
             topic = next(name for name in reversed(TOPICS[self._params.input]) if "info" not in name)
             raise ValueError(f"{topic}: range or depth: expected some measured pixels, found none")
-        self._deliver(sphere, frame_id, is_optical)
+        self._deliver(sphere, frame_id, is_optical, unroll)
 
     def _on_ready_sphere(self, message: AugmentedSphere) -> None:
         self._on_sphere(conversions.message_to_sphere(message), message.header.frame_id, False)
@@ -78,16 +83,23 @@ class Intake:
         make = self._rgbd if self._params.input == "rgbd" else self._stereo
         for instant in self._sync.put(topic, stamp, convert(message), stamp):
             if not instant.is_failed:
-                self._on_sphere(make(instant), self._frame_id, True)
+                self._on_sphere(*make(instant))
 
-    def _rgbd(self, instant: Instant) -> Sphere:
+    def _rgbd(self, instant: Instant) -> tuple[Sphere, str, bool, Unroll | None]:
         camera = conversions.camera_from_info(self._info("camera_info"))
         image = self._image_of_size(instant, "image_raw", camera)
         depth_camera, T_image_depth = self._depth_camera(camera)
         depth_m = self._image_of_size(instant, "depth/image_raw", depth_camera)
-        T_sphere_depth = T_BODY_OPTICAL @ T_image_depth
-        view = RgbdView(image, depth_m, camera, T_BODY_OPTICAL, depth_camera, T_sphere_depth)
-        return sphere_from_views([view], instant.stamp_ns, self._params.mapper.partial)
+        is_registered = depth_camera == camera and not np.any(T_image_depth.log())
+        beside = {} if is_registered else _beside(depth_camera, T_image_depth)
+        view, readout = RgbdView(image, depth_m, camera, **beside), self._params.camera.readout
+
+        def unroll(velocity: NDArray[np.float64]) -> Sphere:
+            moving = replace(view, twist=velocity * readout)
+            return sphere_from_views([moving], instant.stamp_ns, self._params.mapper.partial)
+
+        sphere = sphere_from_views([view], instant.stamp_ns, self._params.mapper.partial)
+        return sphere, self._frame_id, True, unroll if readout else None
 
     def _depth_camera(self, camera: Camera) -> tuple[Camera, SE3]:
         """Return whose depth it is and where: the images' own camera unless another calibration has come."""
@@ -99,7 +111,7 @@ class Intake:
         T_image_depth = self._lookup(self._frame_id, frame_id) if is_beside else SE3.identity()
         return conversions.camera_from_info(info), T_image_depth
 
-    def _stereo(self, instant: Instant) -> Sphere:
+    def _stereo(self, instant: Instant) -> tuple[Sphere, str, bool]:
         right_info = self._info("right/camera_info")
         camera = conversions.camera_from_info(self._info("left/camera_info"), is_rectified=True)
         right = conversions.camera_from_info(right_info, is_rectified=True)
@@ -111,7 +123,8 @@ class Intake:
             self._image_of_size(instant, "right/image_raw", right),
         )
         p = self._params.mapper
-        return sphere_from_stereo(*images, camera, baseline_m, T_BODY_OPTICAL, instant.stamp_ns, p.stereo, p.partial)
+        sphere = sphere_from_stereo(*images, camera, baseline_m, T_BODY_OPTICAL, instant.stamp_ns, p.stereo, p.partial)
+        return sphere, self._frame_id, True
 
     def _image_of_size(self, instant: Instant, topic: str, camera: Camera) -> Any:
         """Return an image or depth of the instant, of the camera's size."""
@@ -123,3 +136,8 @@ class Intake:
         if topic not in self._infos:
             raise ValueError(f"{topic}: expected before the first image, found none yet")
         return self._infos[topic]
+
+
+def _beside(depth_camera: Camera, T_image_depth: SE3) -> dict[str, Any]:
+    """Return what a view needs to know of depth that is not registered to its image."""
+    return {"depth_camera": depth_camera, "T_sphere_depth": T_BODY_OPTICAL @ T_image_depth}

@@ -7,7 +7,7 @@ reference no longer explains it, and report. The sphere itself is kept as observ
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import replace
 
 from photometric import Alignment
 from sphere_geometry import SE3
@@ -17,32 +17,10 @@ from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.keyframes import why_key_sphere
 from sphere_mapping.graph.loop_closure import close_loops
 from sphere_mapping.graph.motion import MotionPrior, Placed
+from sphere_mapping.graph.progress import MapUpdate, Track
 from sphere_mapping.graph.registration import PreparedSphere, align, edge_between, turned
+from sphere_mapping.graph.unrolling import Unroll, align_unrolled
 from sphere_mapping.params import MapperParams
-
-
-@dataclass(frozen=True, eq=False)
-class MapUpdate:
-    """What one sphere changed. T_map_sphere is None where the sphere could not be placed; `alignment` says why."""
-
-    stamp_ns: int
-    T_map_sphere: SE3 | None
-    alignment: Alignment | None = None
-    key_reason: str = keyframes.NOT_YET
-
-    @property
-    def is_key(self) -> bool:
-        """Whether the sphere became a key sphere."""
-        return self.key_reason != keyframes.NOT_YET
-
-
-@dataclass(frozen=True, eq=False)
-class Track:
-    """A placed sphere by its reference, so that its pose follows when the graph is corrected."""
-
-    stamp_ns: int
-    key_id: int
-    T_key_sphere: SE3
 
 
 class Mapper:
@@ -55,18 +33,23 @@ class Mapper:
         self._T_map_first = T_map_first or SE3.identity()
         self._prior = MotionPrior()
         self._last: PreparedSphere | None = None
+        self._bent: Unroll | None = None  # the first sphere, until it is known how the camera moved
         self._last_alignment: Alignment | None = None
         self._references: list[tuple[int, PreparedSphere]] = []  # the newest first
 
-    def add(self, sphere: Sphere, odometry: SE3 | None = None) -> MapUpdate:
-        """Place one sphere; `odometry` is its pose T_odom_sphere where a vehicle offers one."""
+    def add(self, sphere: Sphere, odometry: SE3 | None = None, unroll: Unroll | None = None) -> MapUpdate:
+        """Place one sphere; `odometry` is its pose T_odom_sphere where a vehicle offers one.
+
+        `unroll` makes the sphere of a rolling shutter anew by the camera's velocity.
+        """
         current = PreparedSphere(sphere, self.params.registration)
         if self._last is None:
+            self._bent = unroll
             return self._place(current, self._T_map_first, odometry, None, keyframes.FIRST)
 
-        alignment = self._align(current, self._last, odometry)
+        current, alignment = self._align_moving(current, odometry, unroll)
         if not alignment.is_converged and self._keep_last():
-            alignment = self._align(current, self._last, odometry)
+            current, alignment = self._align_moving(current, odometry, unroll)
         if not alignment.is_converged:
             return MapUpdate(sphere.stamp_ns, None, alignment)
 
@@ -98,14 +81,36 @@ class Mapper:
         for track in self.tracks:
             yield track.stamp_ns, self.graph[track.key_id].T_map_sphere @ track.T_key_sphere
 
-    def _align(self, current: PreparedSphere, last: PreparedSphere, odometry: SE3 | None) -> Alignment:
-        references = [prepared.at(self.graph[key_id].T_map_sphere) for key_id, prepared in self._references]
-        return align(current, references, self._guesses(current, last, odometry), self.params.registration)
+    def _align_moving(
+        self, current: PreparedSphere, odometry: SE3 | None, unroll: Unroll | None
+    ) -> tuple[PreparedSphere, Alignment]:
+        if unroll is None:
+            return current, self._align(current, odometry)
+        if self._bent is not None:
+            self._straighten_first(current, odometry, self._bent)
+        params = self.params.registration
+        return align_unrolled(
+            unroll, current.sphere.stamp_ns, self._prior, params, lambda made: self._align(made, odometry)
+        )
 
-    def _guesses(self, current: PreparedSphere, last: PreparedSphere, odometry: SE3 | None) -> Iterator[SE3]:
+    def _straighten_first(self, current: PreparedSphere, odometry: SE3 | None, bent: Unroll) -> None:
+        """Make the first sphere anew by its motion to the second: as long as both are bent alike, it shows rightly."""
+        alignment = self._align(current, odometry)
+        if alignment.is_converged:
+            first = bent(self._prior.velocity_to(alignment.T_world_camera, current.sphere.stamp_ns))
+            self.graph = SphereGraph([replace(self.graph[0], sphere=first)])
+            self._last, self._bent = PreparedSphere(first, self.params.registration), None
+            self._references = [(0, self._last)]
+
+    def _align(self, current: PreparedSphere, odometry: SE3 | None) -> Alignment:
+        references = [prepared.at(self.graph[key_id].T_map_sphere) for key_id, prepared in self._references]
+        return align(current, references, self._guesses(current, odometry), self.params.registration)
+
+    def _guesses(self, current: PreparedSphere, odometry: SE3 | None) -> Iterator[SE3]:
         """Yield where the sphere may be: by its motion, by the turn of its image (eq. 20), where the last one was."""
         yield self._prior.predict(current.sphere.stamp_ns, odometry)
-        yield turned(current, last, self._prior.newest, self.params.registration)
+        assert self._last is not None
+        yield turned(current, self._last, self._prior.newest, self.params.registration)
         yield self._prior.newest
 
     def _why_key(self, alignment: Alignment) -> str:

@@ -19,6 +19,7 @@ from sphere_geometry import SE3
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 from sphere_mapping.acquisition import kernels
 from sphere_mapping.graph.map_cloud import cloud_of
+from sphere_mapping.graph.unrolling import Unroll
 from sphere_mapping.intake_node import DEPTH_INFO, Intake
 from sphere_mapping.mapper import Mapper, MapUpdate
 from sphere_mapping.params import SphereMapperParams
@@ -70,12 +71,12 @@ class SphereMapper(ManagedNode):
         stamp = conversions.stamp_ns(message)
         self.odometry_heard.add(conversions.se3_to_transform(T_odom_base, stamp, ODOM, self.params.base_frame))
 
-    def on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool) -> None:
+    def on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool, unroll: Unroll | None = None) -> None:
         """Map a sphere, tell what changed."""
         T_base_frame = self.mount_of(frame_id)
         self.T_base_sphere = T_base_frame @ T_BODY_OPTICAL.inverse() if is_optical else T_base_frame
         T_odom_base = self.odometry_at(sphere.stamp_ns)
-        update = self.mapper.add(sphere, T_odom_base and T_odom_base @ self.T_base_sphere)
+        update = self.mapper.add(sphere, T_odom_base and T_odom_base @ self.T_base_sphere, unroll)
         if update.T_map_sphere is None:
             self.num_lost += 1
             reason = update.alignment.reason if update.alignment else ""

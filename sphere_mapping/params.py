@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from photometric import RegistrationParams
+from sphere_geometry.shutter import CameraParams
 from sphere_mapping.acquisition.params import MatchParams
 from typed_params import group, param, parameters
 
@@ -81,5 +82,6 @@ class SphereMapperParams:
     map_frame: str = param("map", "frame of the map")
     base_frame: str = param("base_link", "frame of the vehicle, whose pose is told")
     map_folder: str = param("maps", "folder below which save_map writes")
+    camera: CameraParams = group(CameraParams)
     mapper: MapperParams = group(MapperParams)
     cloud: CloudParams = group(CloudParams)

@@ -65,7 +65,7 @@ class Collector(ManagedNode):
         if self.params.input == "rgbd":
             self.add_subscription(DEPTH_INFO, CameraInfo, intake.on_depth_info, is_required=False)
 
-    def _on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool) -> None:
+    def _on_sphere(self, sphere: Sphere, *_: object) -> None:
         self.last, self.count = sphere, self.count + 1
 
 

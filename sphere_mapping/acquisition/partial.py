@@ -20,6 +20,7 @@ from sphere_geometry.camera import pixel_grid
 from sphere_map.sphere import T_BODY_OPTICAL, Image, Range, Sphere, check_depth, check_image, continued
 from sphere_mapping.acquisition.joining import Patch, join
 from sphere_mapping.acquisition.kernels import sample_inverse_depth, splat_nearest
+from sphere_mapping.acquisition.rolling import roll
 from sphere_mapping.acquisition.window import full_width_for, magnification, window_of
 from sphere_mapping.params import PartialParams
 
@@ -38,7 +39,8 @@ MAX_CORRECTION_LEFT = 0.01  # relative; more is a surface that this direction do
 class RgbdView:
     """What one RGB-D camera saw: image (H, W[, 3]) uint8, depth along z (H', W') in metres, NaN or <= 0 unknown.
 
-    depth_camera and T_sphere_depth differ from the image's where depth is not registered to the image.
+    depth_camera and T_sphere_depth differ from the image's where depth is not registered to the image. twist (6,)
+    is the motion (v, omega) of the sphere while all rows of image and depth were read; both must be one camera's, then.
     """
 
     image: Image
@@ -47,8 +49,11 @@ class RgbdView:
     T_sphere_camera: SE3 = T_BODY_OPTICAL
     depth_camera: Camera | None = None
     T_sphere_depth: SE3 | None = None
+    twist: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
+        if self.twist is not None and (self.depth_camera is not None or np.any(self.T_sphere_camera.translation)):
+            raise ValueError("rolling shutter: expected depth registered to the image, found that of another camera")
         check_image(self.image, self.camera)
         check_depth(self.depth_m, self.depth_camera or self.camera)
 
@@ -88,11 +93,31 @@ def full_width_of(cameras: Sequence[Camera], params: PartialParams) -> int:
 
 def _resample(view: RgbdView, window: Spherical, params: PartialParams) -> tuple[Image, Range, Plane]:
     """Return image, range and weight (distance to the image's border, 0 where not seen) of one view in the window."""
+    if view.twist is not None:
+        return _resample_rolling(view, window, view.twist, params)
     depth_camera = view.depth_camera or view.camera
     T_sphere_depth = view.T_sphere_depth or view.T_sphere_camera
     range_m = resample_range(view.depth_m, depth_camera, T_sphere_depth, window, params)
     image, weight = resample_image(view.image, view.camera, view.T_sphere_camera, window, range_m)
     return image, np.where(weight > 0, range_m, np.float32(np.nan)), weight
+
+
+def _resample_rolling(
+    view: RgbdView, window: Spherical, twist: NDArray[np.float64], params: PartialParams
+) -> tuple[Image, Range, Plane]:
+    """Do as `_resample` for a camera that moved while it was read; its depth tells how far each row is off."""
+    camera, rotation = view.camera, view.T_sphere_camera.rotation.tobytes()
+    inverse = inverse_depth(view.depth_m)
+    u, v, weight, z_of_ray = _ray_table(camera, rotation, window)
+    near = _sample(inverse, u, v) * z_of_ray
+    near = continued(near, np.isfinite(near))
+    rows = roll(u, v, camera, view.T_sphere_camera, window, twist, np.nan_to_num(near))
+    with np.errstate(divide="ignore"):
+        range_m = 1.0 / (_sample(inverse, rows.u, rows.v) * rows.z_of_ray) + rows.further
+    seen = (weight > 0) & (rows.u >= 0) & (rows.u <= camera.width - 1) & (rows.v >= 0) & (rows.v <= camera.height - 1)
+    sampled = cv2.remap(view.image, rows.u, rows.v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    image = np.maximum(sampled, 1) * (seen if sampled.ndim == 2 else seen[..., None])
+    return image, np.where(seen, _trusted(range_m, params), np.float32(np.nan)), np.where(seen, weight, np.float32(0.0))
 
 
 def resample_image(
@@ -124,9 +149,12 @@ def resample_range(
         u, v, _, z_of_ray = _ray_table(camera, T_sphere_camera.rotation.tobytes(), window)
         with np.errstate(divide="ignore"):
             range_m = 1.0 / (_sample(inverse, u, v) * z_of_ray)
+    return _trusted(range_m, params)
+
+
+def _trusted(range_m: NDArray[np.floating], params: PartialParams) -> Range:
     outside = (range_m < MIN_RANGE_M) | ((range_m > params.max_range_m) & np.isfinite(range_m))
-    range_m[outside] = np.nan
-    return range_m.astype(np.float32)
+    return np.where(outside, np.nan, range_m).astype(np.float32)
 
 
 def resample_nearest(values: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Plane:

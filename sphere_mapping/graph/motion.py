@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sphere_geometry import SE3
 
 MAX_EXTRAPOLATION = 5.0  # intervals of the past motion; farther ahead nobody knows
@@ -48,6 +51,19 @@ class MotionPrior:
         if T_odom_sphere is not None and self.last.T_odom_sphere is not None:
             return self.last.T_map_sphere @ self.last.T_odom_sphere.inverse() @ T_odom_sphere
         return self.newest @ self._extrapolate(stamp_ns)
+
+    def velocity(self) -> NDArray[np.float64]:
+        """Return the velocity (6,) (v, omega) per second between the last two spheres, zero where there are none."""
+        if self.last is None or self.before is None or self.last.stamp_ns <= self.before.stamp_ns:
+            return np.zeros(6)
+        moved = self.before.T_map_sphere.inverse() @ self.last.T_map_sphere
+        return moved.log() / ((self.last.stamp_ns - self.before.stamp_ns) * 1e-9)
+
+    def velocity_to(self, T_map_sphere: SE3, stamp_ns: int) -> NDArray[np.float64]:
+        """Return the velocity (6,) from the last sphere to a pose at a stamp; zero before the first."""
+        if self.last is None or stamp_ns <= self.last.stamp_ns:
+            return np.zeros(6)
+        return (self.newest.inverse() @ T_map_sphere).log() / ((stamp_ns - self.last.stamp_ns) * 1e-9)
 
     def _extrapolate(self, stamp_ns: int) -> SE3:
         """Return the motion since the last sphere at constant velocity."""

@@ -52,7 +52,7 @@ def caught(kind, *messages):
 )
 def test_every_kind_gives_spheres_with_stamp_and_frame(kind, source, frame_id, is_optical):
     node = caught(kind, *source(3))
-    ((found, frame, optical),) = node.caught
+    ((found, frame, optical, _),) = node.caught
     assert found.stamp_ns == 1_300_000_000
     assert (frame, optical) == (frame_id, is_optical)
     assert found.measured.mean() > 0.4

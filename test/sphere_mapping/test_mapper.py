@@ -1,9 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from sphere_geometry import SE3, Pinhole
-from sphere_map.sphere import Sphere
-from sphere_mapping.acquisition.partial import sphere_from_rgbd
+from sphere_geometry.camera import pixel_grid
+from sphere_map.sphere import T_BODY_OPTICAL, Sphere
+from sphere_mapping.acquisition.partial import RgbdView, sphere_from_rgbd, sphere_from_views
 from sphere_mapping.graph import keyframes
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import KeySphereParams, MapperParams
@@ -143,3 +146,37 @@ def test_closing_a_loop_brings_the_end_back_to_the_beginning(drive):
     assert again[: len(joined)] == joined
     assert len(set(again)) == len(again)
     assert mapper.graph[len(mapper.graph) - 1].T_map_sphere.distance(truth[0])[0] < 0.01
+
+
+READOUT_S = 0.068
+
+
+def test_the_spheres_of_a_rolling_shutter_are_straightened_by_the_motion_that_is_found():
+    turn = SE3.exp([0.04, 0.0, 0.0, 0.0, 0.01, np.radians(1.2)])
+    truth = [SE3.exp([-0.5, 0.2, 0.0, 0.0, 0.0, 0.3])]
+    for _ in range(9):
+        truth.append(truth[-1] @ turn)
+    twist = (T_BODY_OPTICAL.inverse() @ turn @ T_BODY_OPTICAL).log() * READOUT_S / (PERIOD_NS * 1e-9)
+    found = {}
+    for name, is_rolling, is_known in (("global", 0, 0), ("known", 1, 1), ("unknown", 1, 0)):
+        mapper, errors = Mapper(None, truth[0]), []
+        for number, T_room_sphere in enumerate(truth):
+            view = rgbd_view(T_room_sphere, twist * is_rolling)
+            sphere = sphere_from_views([view], number * PERIOD_NS)
+            update = mapper.add(sphere, None, unroll_of(view, number * PERIOD_NS) if is_known else None)
+            errors.append(truth[number].distance(update.T_map_sphere))
+        found[name] = np.median(errors[4:], axis=0)
+    # The first sphere is straightened when the second tells how the camera moved.
+    assert np.all(found["known"] < 1.3 * found["global"] + (0.002, 0.0007))
+    assert np.all(found["unknown"] > 2.0 * found["known"])
+
+
+def rgbd_view(T_room_sphere, twist):
+    grey = ROOM.render_rolling(CAMERA, optical(T_room_sphere), twist)
+    range_m = ROOM.range_rolling(CAMERA, optical(T_room_sphere), twist)
+    depth_m = (range_m * CAMERA.unproject(pixel_grid(CAMERA))[..., 2]).astype(np.float32)
+    return RgbdView(np.rint(grey).astype(np.uint8), depth_m, CAMERA)
+
+
+def unroll_of(view, stamp_ns):
+    return lambda velocity: sphere_from_views([replace(view, twist=velocity * READOUT_S)], stamp_ns)

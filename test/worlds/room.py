@@ -41,12 +41,17 @@ class Room:
 
     def render_rolling(self, camera: Camera, T_room_camera: SE3, twist):
         """Return the grey image (H, W) float32 of a rolling shutter; the pose is that of the middle row."""
+        return np.nan_to_num(self._cast_rows(camera, T_room_camera, twist)[0]).astype(np.float32)
+
+    def range_rolling(self, camera: Camera, T_room_camera: SE3, twist):
+        """Return the range (H, W) float32 in m, each row's from where the camera was then."""
+        return self._cast_rows(camera, T_room_camera, twist)[1].astype(np.float32)
+
+    def _cast_rows(self, camera: Camera, T_room_camera: SE3, twist):
         rays = camera.unproject(pixel_grid(camera))
         rows = SE3.exp(row_share(np.arange(camera.height), camera.height)[:, None] * np.asarray(twist))
         T = SE3(T_room_camera.matrix @ rows.matrix)
-        rays_room = np.einsum("vij,vuj->vui", T.rotation, rays)
-        grey, _ = self.cast(T.translation[:, None, :], rays_room)
-        return np.nan_to_num(grey).astype(np.float32)
+        return self.cast(T.translation[:, None, :], np.einsum("vij,vuj->vui", T.rotation, rays))
 
     def photograph(self, camera: Camera, T_room_camera: SE3, seed: int = 0, noise: float = 2.0):
         """Return an image (H, W) uint8, with noise in grey levels."""
