@@ -1,8 +1,12 @@
-"""Is this alignment the pose? Every check gives reason, value and limit; one failed check refuses the result."""
+"""Is this alignment the pose? Every check gives reason, value and limit; one failed check refuses the result.
+
+What decides is evidence: does the image resemble the map, do the pixels agree, is the pose determined, is it where it
+can be. A change of light or the distance to a key sphere is none, however large: it may only be named as the cause.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +19,8 @@ from photometric import Alignment
 Array = NDArray[np.float64]
 GOOD_OVERLAP = 0.25
 MIN_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5  # share of pixels that agree
+NOTABLE_GAIN, NOTABLE_BIAS = 2.0, 50.0  # of the light, either way, and grey levels: the likely cause of outliers
+NOTABLE_DISTANCE = 0.7  # distance to the nearest reference by its median range: the same
 MAX_SIGMA_RAD = 0.05  # standard deviation of the attitude; half of it is good
 
 
@@ -87,14 +93,14 @@ def judge(
     if not (np.all(np.isfinite(alignment.T_world_camera.matrix)) and np.all(np.isfinite(covariance))):
         return refusal(Finding(Reason.NO_CONVERGENCE, detail="the result is no number"))
     checks = _evidence(alignment, params) + _certainty(covariance, params)
-    checks.append(Check(Reason.OUTSIDE_REGION, distance_ratio, params.max_distance, 0.7 * params.max_distance))
     if prediction is not None:
         limit = params.max_innovation
         distance = innovation(alignment, covariance, prediction)
         checks.append(Check(Reason.JUMP_REJECTED, distance, limit, 0.7 * limit, "standard deviations from prediction"))
     worst = min(checks, key=lambda check: check.margin)
     is_accepted, is_good = worst.margin >= 0.0, worst.margin >= 0.5
-    return Verdict(is_accepted, is_good, FINE if is_good else worst.finding, max(0.0, worst.margin))
+    finding = FINE if is_good else _with_cause(worst.finding, alignment, distance_ratio)
+    return Verdict(is_accepted, is_good, finding, max(0.0, worst.margin))
 
 
 def refusal(finding: Finding) -> Verdict:
@@ -117,16 +123,27 @@ def _own_words(alignment: Alignment, params: AcceptanceParams, max_mad: float) -
 
 def _evidence(alignment: Alignment, params: AcceptanceParams) -> list[Check]:
     """What the images say."""
-    gain = max((max(g, 1.0 / g) if g > 0 else np.inf for g in alignment.gains), default=1.0)
-    bias = max((abs(b) for b in alignment.biases), default=0.0)
     return [
         Check(Reason.LOW_OVERLAP, alignment.overlap, params.min_overlap, GOOD_OVERLAP),
         Check(Reason.LOW_TEXTURE, alignment.num_pixels, params.min_pixels, params.min_pixels, "pixels aligned"),
         Check(Reason.OUTLIERS, alignment.inlier_share, MIN_INLIER_SHARE, GOOD_INLIER_SHARE),
         Check(Reason.OUTLIERS, alignment.ncc, params.min_ncc, params.good_ncc, "correlation with the map"),
-        Check(Reason.LIGHT_CHANGE, gain, params.max_gain, 0.7 * params.max_gain, "gain"),
-        Check(Reason.LIGHT_CHANGE, bias, params.max_bias, 0.7 * params.max_bias, "bias"),
     ]
+
+
+def _with_cause(finding: Finding, alignment: Alignment, distance_ratio: float) -> Finding:
+    """Return the finding; that of outliers by their likely cause, with the value that was judged."""
+    gain = max((max(g, 1.0 / g) if g > 0 else np.inf for g in alignment.gains), default=1.0)
+    bias = max((abs(b) for b in alignment.biases), default=0.0)
+    if finding.reason is not Reason.OUTLIERS:
+        return finding
+    if gain > NOTABLE_GAIN or bias > NOTABLE_BIAS:
+        detail = f"{finding.detail}; gain {gain:.2g}, bias {bias:.0f} grey levels".removeprefix("; ")
+        return replace(finding, reason=Reason.LIGHT_CHANGE, detail=detail)
+    if distance_ratio > NOTABLE_DISTANCE:
+        detail = f"{finding.detail}; {distance_ratio:.2g} of the range away from the key sphere".removeprefix("; ")
+        return replace(finding, reason=Reason.OUTSIDE_REGION, detail=detail)
+    return finding
 
 
 def _certainty(covariance: Array, params: AcceptanceParams) -> list[Check]:

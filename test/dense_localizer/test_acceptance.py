@@ -47,10 +47,9 @@ def test_a_good_alignment_is_accepted_without_a_word():
         ({"inlier_share": 0.3}, "OUTLIERS"),
         ({"ncc": 0.3}, "OUTLIERS"),
         ({"ncc": np.nan}, "OUTLIERS"),
-        ({"gains": (1.0, 3.5)}, "LIGHT_CHANGE"),
-        ({"gains": (0.2, 1.0)}, "LIGHT_CHANGE"),
-        ({"gains": (0.0, 1.0)}, "LIGHT_CHANGE"),
-        ({"biases": (-90.0, 0.0)}, "LIGHT_CHANGE"),
+        ({"ncc": 0.3, "gains": (1.0, 3.5)}, "LIGHT_CHANGE"),
+        ({"ncc": 0.3, "gains": (0.2, 1.0)}, "LIGHT_CHANGE"),
+        ({"inlier_share": 0.3, "biases": (-90.0, 0.0)}, "LIGHT_CHANGE"),
         ({"T_world_camera": SE3(np.full((4, 4), np.nan))}, "NO_CONVERGENCE"),
         ({"T_world_camera": SE3.exp([0.1, 0, 0, 0, 0, 0])}, "JUMP_REJECTED"),
         ({"reason": "LOW_OVERLAP"}, "LOW_OVERLAP"),
@@ -74,10 +73,19 @@ def test_an_uncertain_pose_is_refused():
     assert not judged(GOOD, covariance=np.full((6, 6), np.inf)).is_accepted
 
 
-def test_too_far_from_every_sphere_is_outside_the_region():
-    verdict = judged(GOOD, distance_ratio=1.2)
+@pytest.mark.parametrize("change", [{"gains": (4.0, 5.0)}, {"gains": (0.2, 0.2)}, {"biases": (-120.0, 90.0)}], ids=str)
+def test_no_change_of_light_alone_makes_a_pose_doubtful(change):
+    assert judged(replace(GOOD, **change)).is_good
+
+
+def test_no_distance_alone_makes_a_pose_doubtful():
+    assert judged(GOOD, distance_ratio=3.0).is_good
+
+
+def test_outliers_far_from_every_sphere_are_outside_the_region():
+    verdict = judged(replace(GOOD, ncc=0.3), distance_ratio=1.2)
     assert (verdict.is_accepted, verdict.finding.reason) == (False, "OUTSIDE_REGION")
-    assert (verdict.finding.value, verdict.finding.limit) == (1.2, PARAMS.max_distance)
+    assert (verdict.finding.value, verdict.finding.limit) == (0.3, PARAMS.min_ncc)
 
 
 def test_between_the_limits_a_pose_is_used_with_care():
