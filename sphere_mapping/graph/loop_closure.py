@@ -1,81 +1,182 @@
-"""Places seen twice: proposed by distance, verified by dense alignment both ways, then the graph is corrected.
+"""Places seen twice: found by appearance, placed by features, verified by dense alignment both ways (M15 3.5.2).
 
-Thin form of M15 section 3.5.2: retrieval by appearance comes with whole spheres; the verification stays.
+A candidate's first pose comes from features matched with the older sphere's, so that it may be turned any way, as on
+the way back or at a crossing. What places that look alike would suggest is refused by where the graph can be at all:
+the way between the two spheres has drifted by some per cent, not by a house.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
-from photometric import Alignment
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import csr_array
+from scipy.sparse.csgraph import dijkstra
+
 from sphere_geometry import SE3
+from sphere_map.appearance.index import AppearanceIndex
+from sphere_map.appearance.pose import find_pose
 from sphere_map.graph import Edge, KeySphere, SphereGraph
-from sphere_mapping.graph.keyframes import MAX_GREY
+from sphere_map.sphere import Sphere
+from sphere_mapping.graph.both_ways import MIN_INLIERS, measure
 from sphere_mapping.graph.optimum import optimize_map
-from sphere_mapping.graph.registration import PreparedSphere, align, edge_between
+from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import LoopParams, MapperParams
 
-MAX_MAD_SHARE, MIN_OVERLAP = 0.05, 0.3  # of a true loop: residual MAD by 255, share of the reference in view
-MAX_DISAGREEMENT_M, MAX_DISAGREEMENT_RAD = 0.05, 0.02  # between the alignments both ways
+NUM_ALIKE = 4  # key spheres whose features are compared with a new one's
+SAME_PLACE_M = 1.0  # suggestions farther apart than this are of different places
+MIN_LEAD = 1.5  # inliers of the best place by those of the next one; else both could be meant
+DRIFT, DRIFT_RAD = 0.02, 0.003  # standard deviation of the graph, by the metres on the way between two spheres
+START_M, START_RAD, GATE = 0.1, 0.02, 3.0  # the same of no way at all; standard deviations that are believed
+
+Load = Callable[[int], Sphere]
 
 
-@dataclass(frozen=True, eq=False)
-class ClosedLoops:
-    """The corrected graph, loop edges included, and how many were added."""
+@dataclass(frozen=True)
+class Candidate:
+    """An older key sphere, where the newer one would be in its frame, and how many features say so."""
 
-    graph: SphereGraph
-    num_loops: int
+    older: int
+    T_older_newer: SE3
+    num_inliers: int
 
 
-def close_loops(graph: SphereGraph, params: MapperParams) -> ClosedLoops:
-    """Return the graph with every verified loop among spheres in memory; the same graph where there is none."""
-    prepared = {node.id: PreparedSphere(node.sphere, params.registration) for node in graph if node.sphere is not None}
-    loops = []
-    for older, newer in candidates(graph, params.loop):
-        if older.id in prepared and newer.id in prepared:
-            loop = verify(older, newer, prepared, params)
-            if loop is not None:
+class LoopCloser:
+    """Finds the loops of one growing graph; `load` returns key spheres by id, `index` holds what they look like."""
+
+    def __init__(self, params: MapperParams, load: Load) -> None:
+        self._params, self._load = params, load
+        self.index = AppearanceIndex()
+
+    def look(self, graph: SphereGraph, newer: PreparedSphere, newer_id: int) -> Edge | None:
+        """Take note of a new key sphere; return the loop edge to the best older one, if any holds."""
+        if newer_id not in self.index.features:
+            self.index.add(newer_id, newer.features)
+        candidate = self._candidate(graph, newer_id)
+        if candidate is None:
+            return None
+        return self._verify(candidate, newer_id, newer)
+
+    def close(self, graph: SphereGraph) -> list[Edge]:
+        """Return every verified loop that the graph lacks, by appearance and among spheres that are believed near."""
+        loops, made = [], dict[int, PreparedSphere]()
+        joined = joined_pairs(graph)
+        for node in list(graph):
+            newer = self._prepared(node.id)
+            loop = self.look(graph, newer, node.id)
+            if loop is not None and (loop.a, loop.b) not in joined:
                 loops.append(loop)
-    if not loops:
-        return ClosedLoops(graph, 0)
-    return ClosedLoops(optimize_map(SphereGraph(graph, [*graph.edges, *loops])).graph, len(loops))
+                joined.add((loop.a, loop.b))
+        for older, newer_node in near_pairs(graph, self._params.loop, joined):
+            for one in (older, newer_node):
+                made.setdefault(one.id, self._prepared(one.id))
+            guess = older.T_map_sphere.inverse() @ newer_node.T_map_sphere
+            motion = measure(made[older.id], made[newer_node.id], guess, self._params.registration)
+            if motion is not None:
+                loops.append(motion.edge(older.id, newer_node.id, is_loop=True))
+        return loops
+
+    def _prepared(self, sphere_id: int) -> PreparedSphere:
+        return PreparedSphere(self._load(sphere_id), self._params.registration)
+
+    def _candidate(self, graph: SphereGraph, newer_id: int) -> Candidate | None:
+        """Return the only place that looks like a sphere and where the graph can be; None without, or of several."""
+        recent = range(newer_id - self._params.loop.min_steps + 1, newer_id + 1)
+        features = self.index.features[newer_id]
+        found = []
+        for alike in self.index.find(features, NUM_ALIKE, without=[*recent, *neighbours(graph, newer_id)]):
+            if alike.sphere_id > newer_id:
+                continue
+            pose = find_pose(features, self.index.features[alike.sphere_id])
+            if pose is not None and pose.num_inliers >= MIN_INLIERS:
+                found.append(Candidate(alike.sphere_id, pose.T_sphere_camera, pose.num_inliers))
+        return choose(graph, newer_id, found) if found else None
+
+    def _verify(self, candidate: Candidate, newer_id: int, newer: PreparedSphere) -> Edge | None:
+        older = self._prepared(candidate.older)
+        motion = measure(older, newer, candidate.T_older_newer, self._params.registration)
+        return motion.edge(candidate.older, newer_id, is_loop=True) if motion is not None else None
 
 
-def candidates(graph: SphereGraph, params: LoopParams) -> Iterator[tuple[KeySphere, KeySphere]]:
+def in_memory(node: KeySphere) -> Sphere:
+    """Return the picture of a key sphere; ValueError where it is not in memory."""
+    if node.sphere is None:
+        raise ValueError(f"key sphere {node.id}: expected its picture in memory, found none")
+    return node.sphere
+
+
+def choose(graph: SphereGraph, newer_id: int, found: list[Candidate]) -> Candidate | None:
+    """Return the best of the candidates that drift allows; None where another place has nearly as many features."""
+    ways = lengths_from(graph, newer_id)
+    possible = sorted(
+        (one for one in found if is_possible(graph, newer_id, one, ways)), key=lambda one: -one.num_inliers
+    )
+    if not possible:
+        return None
+    best, *others = possible
+    at = place_of(graph, best).translation
+    for other in others:
+        is_elsewhere = np.linalg.norm(place_of(graph, other).translation - at) > _spread(ways, best, other)
+        if is_elsewhere and other.num_inliers * MIN_LEAD > best.num_inliers:
+            return None
+    return best
+
+
+def is_possible(graph: SphereGraph, newer_id: int, one: Candidate, ways: dict[int, float]) -> bool:
+    """Say whether the graph can have drifted by as much as a candidate asks for."""
+    way = ways.get(one.older, np.inf)
+    distance, angle = place_of(graph, one).distance(graph[newer_id].T_map_sphere)
+    return bool(distance <= GATE * (START_M + DRIFT * way) and angle <= GATE * (START_RAD + DRIFT_RAD * way))
+
+
+def place_of(graph: SphereGraph, one: Candidate) -> SE3:
+    """Return where a candidate says that the new sphere is in the map."""
+    return graph[one.older].T_map_sphere @ one.T_older_newer
+
+
+def lengths_from(graph: SphereGraph, sphere_id: int) -> dict[int, float]:
+    """Return the metres along edges from a key sphere to every other one that it is connected with."""
+    row = {node.id: index for index, node in enumerate(graph)}
+    edges = graph.edges
+    if not edges:
+        return {sphere_id: 0.0}
+    ends = np.array([(row[edge.a], row[edge.b]) for edge in edges])
+    metres = np.array([max(float(np.linalg.norm(edge.T_a_b.translation)), 1e-6) for edge in edges])
+    first = np.unique(ends, axis=0, return_index=True)[1]  # of several edges between two spheres one is enough
+    matrix = csr_array((metres[first], tuple(ends[first].T)), shape=(len(row), len(row)))
+    found: NDArray[np.float64] = dijkstra(matrix, directed=False, indices=row[sphere_id])
+    return {node_id: float(found[index]) for node_id, index in row.items() if np.isfinite(found[index])}
+
+
+def neighbours(graph: SphereGraph, sphere_id: int) -> Iterator[int]:
+    """Yield the key spheres that an edge joins with one."""
+    for edge in graph.edges:
+        if sphere_id in (edge.a, edge.b):
+            yield edge.a if edge.b == sphere_id else edge.b
+
+
+def joined_pairs(graph: SphereGraph) -> set[tuple[int, int]]:
+    """Return the pairs (smaller id, larger id) that edges join."""
+    return {(min(edge.a, edge.b), max(edge.a, edge.b)) for edge in graph.edges}
+
+
+def near_pairs(
+    graph: SphereGraph, params: LoopParams, joined: set[tuple[int, int]]
+) -> Iterator[tuple[KeySphere, KeySphere]]:
     """Yield pairs (older, newer) that are near each other but far apart in the sequence, and not yet joined."""
-    joined = {(min(edge.a, edge.b), max(edge.a, edge.b)) for edge in graph.edges}
     for newer in graph:
         for older in graph.near(newer.T_map_sphere.translation, params.max_distance_m):
             if older.id <= newer.id - params.min_steps and (older.id, newer.id) not in joined:
                 yield older, newer
 
 
-def verify(
-    older: KeySphere, newer: KeySphere, prepared: dict[int, PreparedSphere], params: MapperParams
-) -> Edge | None:
-    """Align both ways from the poses in the graph; return the edge if both are good and agree, else None."""
-    forward = _align(prepared[newer.id], prepared[older.id], older.T_map_sphere, newer.T_map_sphere, params)
-    if not _is_good(forward, prepared[older.id].coverage):
-        return None
-    back = _align(prepared[older.id], prepared[newer.id], forward.T_world_camera, older.T_map_sphere, params)
-    if not _is_good(back, prepared[newer.id].coverage):
-        return None
-    distance, angle = back.T_world_camera.distance(older.T_map_sphere)
-    if distance > MAX_DISAGREEMENT_M or angle > MAX_DISAGREEMENT_RAD:
-        return None
-    return edge_between(older, newer, forward, is_loop=True)
+def with_loops(graph: SphereGraph, loops: list[Edge]) -> SphereGraph:
+    """Return the graph with loop edges added, at the poses that fit all edges best."""
+    return optimize_map(SphereGraph(graph, [*graph.edges, *loops])).graph if loops else graph
 
 
-def _align(
-    current: PreparedSphere, reference: PreparedSphere, T_map_reference: SE3, T_map_guess: SE3, params: MapperParams
-) -> Alignment:
-    return align(current, [reference.at(T_map_reference)], [T_map_guess], params.registration)
-
-
-def _is_good(alignment: Alignment, coverage: float) -> bool:
-    return (
-        alignment.is_converged
-        and alignment.mad <= MAX_MAD_SHARE * MAX_GREY
-        and alignment.overlap >= MIN_OVERLAP * coverage
-    )
+def _spread(ways: dict[int, float], best: Candidate, other: Candidate) -> float:
+    """Return how far apart two suggestions of one place may lie: the graph between their spheres has drifted, too."""
+    return SAME_PLACE_M + DRIFT * abs(ways.get(best.older, 0.0) - ways.get(other.older, 0.0))

@@ -10,6 +10,30 @@ from numpy.typing import NDArray
 from sphere_geometry import SE3
 
 MAX_EXTRAPOLATION = 5.0  # intervals of the past motion; farther ahead nobody knows
+ACCELERATION, TURN_ACCELERATION = 5.0, 10.0  # m/s^2, rad/s^2: standard deviations of what a vehicle or a hand does
+ODOMETRY_SHARE = 0.1  # standard deviation of odometry by the motion
+FLOOR_M, FLOOR_RAD = 0.05, 0.03  # of every expectation
+GATE = 4.0  # standard deviations that an alignment may be away: 1 in 16,000, were they Gaussian
+SHARP_M, SHARP_RAD = 0.2, 0.1  # standard deviations above which being expected proves nothing
+
+
+@dataclass(frozen=True, eq=False)
+class Expectation:
+    """Where a sphere should be by what was known before it was seen, with standard deviations; +Inf: anywhere."""
+
+    T_map_sphere: SE3
+    sigma_m: float
+    sigma_rad: float
+
+    def allows(self, T_map_sphere: SE3) -> bool:
+        """Say whether a pose lies within the gate."""
+        distance, angle = self.T_map_sphere.distance(T_map_sphere)
+        return bool(distance <= GATE * self.sigma_m and angle <= GATE * self.sigma_rad)
+
+    @property
+    def is_sharp(self) -> bool:
+        """Whether it could tell a wrong alignment from a right one."""
+        return self.sigma_m <= SHARP_M and self.sigma_rad <= SHARP_RAD
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,6 +88,22 @@ class MotionPrior:
         if self.last is None or stamp_ns <= self.last.stamp_ns:
             return np.zeros(6)
         return (self.newest.inverse() @ T_map_sphere).log() / ((stamp_ns - self.last.stamp_ns) * 1e-9)
+
+    def expect(self, stamp_ns: int, T_odom_sphere: SE3 | None = None) -> Expectation:
+        """Return the expected pose and how far off it may be: by odometry, by velocity, or not at all."""
+        guess = self.predict(stamp_ns, T_odom_sphere)
+        if self.last is None or (self.before is None and not self._has_odometry(T_odom_sphere)):
+            return Expectation(guess, np.inf, np.inf)
+        if self._has_odometry(T_odom_sphere):
+            distance, angle = self.last.T_map_sphere.distance(guess)
+            growth = ODOMETRY_SHARE * float(distance), ODOMETRY_SHARE * float(angle)
+        else:
+            elapsed_s = (stamp_ns - self.last.stamp_ns) * 1e-9
+            growth = 0.5 * ACCELERATION * elapsed_s**2, 0.5 * TURN_ACCELERATION * elapsed_s**2
+        return Expectation(guess, FLOOR_M + growth[0], FLOOR_RAD + growth[1])
+
+    def _has_odometry(self, T_odom_sphere: SE3 | None) -> bool:
+        return T_odom_sphere is not None and self.last is not None and self.last.T_odom_sphere is not None
 
     def _extrapolate(self, stamp_ns: int) -> SE3:
         """Return the motion since the last sphere at constant velocity."""

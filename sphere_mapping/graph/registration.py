@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,10 +20,10 @@ from photometric import (
     register,
     register_rotation,
 )
-from photometric.alignment import OUTLIERS
+from photometric.alignment import GOOD, OUTLIERS
 from photometric.overlap import image_overlap
 from sphere_geometry import SE3
-from sphere_map.graph import Edge, KeySphere
+from sphere_map.appearance.features import Features, features_of_sphere
 from sphere_map.sphere import Sphere
 from sphere_mapping.params import MappingRegistrationParams
 
@@ -56,6 +56,11 @@ class PreparedSphere:
         return image_overlap(self.pyramid, [self.at(SE3.identity())], SE3.identity())
 
     @cached_property
+    def features(self) -> Features:
+        """Its local features, by which it is recognised."""
+        return features_of_sphere(self.sphere)
+
+    @cached_property
     def median_range(self) -> float:
         """Median of its finite ranges in metres; +Inf where it has none."""
         finite = self.sphere.range_m[self.sphere.measured]
@@ -71,17 +76,21 @@ def align(
     references: Sequence[View],
     guesses: Iterable[SE3],
     params: MappingRegistrationParams,
+    doubt: Callable[[Alignment], str] = lambda _: GOOD,
 ) -> Alignment:
     """Align a sphere with references, from one guess of T_world_sphere after the other until one converges.
 
     Guesses are tried lazily, the most likely first; where none converges the result of the first is returned. A
-    result whose images do not resemble each other, as when the lens is covered, is refused as OUTLIERS.
+    result whose images do not resemble each other, as when the lens is covered, is refused as OUTLIERS; one that
+    looks good is refused for the reason that `doubt` gives, if any.
     """
     first: Alignment | None = None
     for T_world_sphere in guesses:
         alignment = register(current.pyramid, references, T_world_sphere, params)
         if alignment.is_converged and alignment.ncc < params.min_ncc:
             alignment = replace(alignment, reason=OUTLIERS)
+        if alignment.is_converged:
+            alignment = replace(alignment, reason=doubt(alignment))
         if alignment.is_converged:
             return alignment
         first = first or alignment
@@ -95,13 +104,6 @@ def turned(now: PreparedSphere, before: PreparedSphere, T_world_before: SE3, par
     if now.sphere.camera != before.sphere.camera:
         return T_world_before
     return T_world_before @ register_rotation(now.pyramid, before.pyramid, params)
-
-
-def edge_between(reference: KeySphere, node: KeySphere, alignment: Alignment, is_loop: bool = False) -> Edge:
-    """Return the edge that an alignment of `node` with `reference` measured; its covariance is local to `node`."""
-    T_reference_node = reference.T_map_sphere.inverse() @ alignment.T_world_camera
-    information = np.linalg.inv(alignment.covariance)
-    return Edge(reference.id, node.id, T_reference_node, (information + information.T) / 2, is_loop)
 
 
 def residual_at(current: PreparedSphere, reference: View, T_world_sphere: SE3, params: RegistrationParams) -> Alignment:

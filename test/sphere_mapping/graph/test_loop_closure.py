@@ -1,70 +1,124 @@
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
-from sphere_geometry import SE3, Pinhole
+from sphere_geometry import SE3, Pinhole, Spherical
 from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_mapping.acquisition.partial import sphere_from_rgbd
-from sphere_mapping.graph.loop_closure import candidates, close_loops, verify
+from sphere_mapping.graph.loop_closure import (
+    Candidate,
+    LoopCloser,
+    choose,
+    in_memory,
+    joined_pairs,
+    lengths_from,
+    near_pairs,
+    with_loops,
+)
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import LoopParams, MapperParams
 from worlds.room import optical, sharp_room
 
-CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
-AT = SE3.exp([-0.5, 0.2, 0.0, 0.0, 0.0, 0.3])
-PARAMS = MapperParams()
-
-
-def sphere(T_room_sphere, seed=7):
-    return sphere_from_rgbd(*sharp_room(seed=seed).rgbd(CAMERA, optical(T_room_sphere)), CAMERA)
+PARAMS = MapperParams(loop=LoopParams(min_steps=2))
+LENS = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
+CAMERA = Spherical(256, 128)
+HERE = SE3.exp([-0.5, 0.2, 0.0, 0.0, 0.0, 0.3])
 
 
 def chain(*steps):
     nodes = [KeySphere(k, k, SE3.from_parts(np.eye(3), [x, 0.0, 0.0])) for k, x in enumerate(steps)]
-    edges = [Edge(k, k + 1, SE3.identity(), np.eye(6)) for k in range(len(nodes) - 1)]
+    edges = [Edge(a.id, b.id, a.T_map_sphere.inverse() @ b.T_map_sphere, np.eye(6)) for a, b in pairwise(nodes)]
     return SphereGraph(nodes, edges)
 
 
-def test_candidates_are_near_in_space_far_in_sequence_and_not_joined():
-    graph = chain(0.0, 2.0, 4.0, 2.1, 0.1)
-    found = [(older.id, newer.id) for older, newer in candidates(graph, LoopParams(min_steps=2))]
-    assert found == [(1, 3), (0, 4)]
-    graph.connect(Edge(0, 4, SE3.identity(), np.eye(6), is_loop=True))
-    assert [(a.id, b.id) for a, b in candidates(graph, LoopParams(min_steps=2))] == [(1, 3)]
-    assert not list(candidates(graph, LoopParams(min_steps=4)))
+def revisit(T_room_newer, T_believed, make=lambda T, n: sharp_room().sphere(T, CAMERA, n)):
+    """A graph that saw a place, went 20 m on through two other rooms, and comes back; with its closer."""
+    rooms = [make(HERE, 0), *(sharp_room(seed=90 + n).sphere(HERE, CAMERA, n) for n in (1, 2)), make(T_room_newer, 3)]
+    T = [HERE, HERE @ SE3.from_planar(7, 0, 0), HERE @ SE3.from_planar(3, 5, 0), T_believed]
+    nodes = [KeySphere(k, k, pose, sphere) for k, (pose, sphere) in enumerate(zip(T, rooms, strict=True))]
+    edges = [Edge(k, k + 1, T[k].inverse() @ T[k + 1], np.eye(6)) for k in range(3)]
+    graph = SphereGraph(nodes, edges)
+    return graph, LoopCloser(PARAMS, lambda sphere_id: in_memory(graph[sphere_id]))
 
 
-def pair(newer_sphere, T_believed):
-    nodes = KeySphere(0, 0, AT), KeySphere(5, 5, T_believed)
-    prepared = {
-        0: PreparedSphere(sphere(AT), PARAMS.registration),
-        5: PreparedSphere(newer_sphere, PARAMS.registration),
-    }
-    return *nodes, prepared
+def look(graph, closer):
+    return [closer.look(graph, PreparedSphere(node.sphere, PARAMS.registration), node.id) for node in graph]
 
 
-def test_a_true_loop_is_measured_from_a_drifted_pose():
+@pytest.mark.parametrize("turn", [0.05, np.pi / 2, np.pi], ids=["same way", "crossing", "opposite"])
+def test_a_place_is_recognised_whatever_the_heading(turn):
+    motion = SE3.exp([0.25, 0.2, 0.0, 0.0, 0.01, 0.0]) @ SE3.exp([0, 0, 0, 0, 0, turn])
+    graph, closer = revisit(HERE @ motion, HERE @ motion @ SE3.exp([0.3, -0.3, 0, 0, 0, 0.05]))  # drifted
+    *earlier, loop = look(graph, closer)
+    assert earlier == [None, None, None]
+    assert (loop.a, loop.b, loop.is_loop) == (0, 3, True)
+    distance, angle = loop.T_a_b.distance(motion)
+    assert distance < 0.01
+    assert angle < np.radians(0.3)
+    closed = with_loops(graph, [loop])
+    before, after = (float(one[3].T_map_sphere.distance(HERE @ motion)[0]) for one in (graph, closed))
+    assert after < 0.3 * before
+    assert closer.close(closed) == []  # what is joined is not joined again
+
+
+def test_a_place_where_the_graph_cannot_be_is_no_loop():
+    motion = SE3.exp([0.25, 0.2, 0.0, 0.0, 0.01, 0.0])
+    graph, closer = revisit(HERE @ motion, HERE @ SE3.from_planar(6.0, 0.0, 0.0))  # 3 sigma of 20 m are 1.5 m
+    assert look(graph, closer)[3] is None
+
+
+def test_partial_spheres_close_loops_too():
+    def window(T_room_sphere, number):
+        return replace(sphere_from_rgbd(*sharp_room().rgbd(LENS, optical(T_room_sphere)), LENS), stamp_ns=number)
+
     motion = SE3.exp([0.05, 0.02, 0.0, 0.0, 0.01, 0.02])
-    older, newer, prepared = pair(sphere(AT @ motion), AT @ motion @ SE3.exp([0.05, -0.04, 0.02, 0, 0, 0.03]))
-    edge = verify(older, newer, prepared, PARAMS)
-    assert edge is not None
-    assert edge.is_loop
-    assert edge.T_a_b.distance(motion)[0] < 0.005
+    graph, closer = revisit(HERE @ motion, HERE @ motion @ SE3.exp([0.15, -0.1, 0.02, 0, 0, 0.03]), window)
+    loop = look(graph, closer)[3] or closer.close(graph)[0]
+    assert loop.T_a_b.distance(motion)[0] < 0.005
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_another_place_at_the_same_position_is_no_loop(seed):
-    older, newer, prepared = pair(sphere(AT, seed=seed), AT)  # the same walls with another texture
-    assert verify(older, newer, prepared, PARAMS) is None
+    def other(T, number):
+        return sharp_room(seed=seed if number else 7).sphere(T, CAMERA, number)  # the same walls, another texture
+
+    graph, closer = revisit(HERE, HERE, other)
+    assert look(graph, closer)[3] is None
+    assert closer.close(graph) == []
 
 
-def test_a_view_into_another_direction_is_no_loop():
-    away = AT @ SE3.exp([0, 0, 0, 0, 0, np.pi])
-    older, newer, prepared = pair(sphere(away), away)
-    assert verify(older, newer, prepared, PARAMS) is None
+def test_of_two_places_alike_none_is_taken_unless_drift_tells_them_apart():
+    graph = chain(0.0, 8.0, 16.0, 24.0, 16.5)
+    here, there = Candidate(2, SE3.from_planar(0.5, 0, 0), 60), Candidate(1, SE3.from_planar(0.5, 0, 0), 55)
+    assert choose(graph, 4, [here, there]) == here  # 8 m are more than 3 sigma of 31 m
+    far = chain(*np.linspace(0, 800, 101).tolist(), 16.5)  # after 1,600 m both could be
+    assert choose(far, 101, [here, there]) is None
+    assert choose(far, 101, [here, replace(there, num_inliers=20)]) == here
+    assert choose(far, 101, []) is None
 
 
-def test_spheres_that_are_not_in_memory_are_left_alone():
+def test_ways_are_measured_along_edges():
+    graph = chain(0.0, 2.0, 4.0, 2.1)
+    assert lengths_from(graph, 3) == pytest.approx({0: 5.9, 1: 3.9, 2: 1.9, 3: 0.0})
+    graph.connect(Edge(0, 3, SE3.from_planar(0.5, 0, 0), np.eye(6), is_loop=True))
+    assert lengths_from(graph, 3)[0] == pytest.approx(0.5)
+    assert lengths_from(chain(1.0), 0) == {0: 0.0}
+
+
+def test_believed_near_means_near_in_space_far_in_sequence_and_not_joined():
     graph = chain(0.0, 2.0, 4.0, 2.1, 0.1)
-    found = close_loops(graph, PARAMS)
-    assert found.num_loops == 0
-    assert found.graph is graph
+
+    def found(min_steps):
+        return [(a.id, b.id) for a, b in near_pairs(graph, LoopParams(min_steps=min_steps), joined_pairs(graph))]
+
+    assert found(2) == [(1, 3), (0, 4)]
+    graph.connect(Edge(0, 4, SE3.identity(), np.eye(6), is_loop=True))
+    assert found(2) == [(1, 3)]
+    assert found(4) == []
+
+
+def test_a_sphere_that_is_not_in_memory_is_told():
+    with pytest.raises(ValueError, match="key sphere 0: expected its picture"):
+        in_memory(chain(0.0)[0])

@@ -4,10 +4,9 @@ import pytest
 from photometric.alignment import OUTLIERS
 from sphere_geometry import SE3, Pinhole, Spherical
 from sphere_geometry.camera import pixel_grid
-from sphere_map.graph import KeySphere
 from sphere_map.sphere import Sphere
 from sphere_mapping.acquisition.partial import sphere_from_rgbd
-from sphere_mapping.graph.registration import PreparedSphere, align, edge_between, residual_at, turned
+from sphere_mapping.graph.registration import PreparedSphere, align, residual_at, turned
 from sphere_mapping.params import MappingRegistrationParams
 from worlds.room import optical, sharp_room
 
@@ -104,12 +103,3 @@ def test_median_range_ignores_what_is_not_finite():
     assert PreparedSphere(Sphere(sphere.image, range_m, sphere.camera), PARAMS).median_range == expected
     none = Sphere(sphere.image, np.full_like(range_m, np.nan), sphere.camera)
     assert PreparedSphere(none, PARAMS).median_range == np.inf
-
-
-def test_the_edge_is_the_measured_motion_with_the_inverse_covariance():
-    current, reference = partial(AT @ MOTION), partial(AT)
-    found = align(current, [reference.at(AT)], [AT], PARAMS)
-    edge = edge_between(KeySphere(3, 0, AT), KeySphere(7, 1, AT @ MOTION), found)
-    assert (edge.a, edge.b, edge.is_loop) == (3, 7, False)
-    assert edge.T_a_b.distance(MOTION)[0] < 0.003
-    np.testing.assert_allclose(edge.information @ found.covariance, np.eye(6), atol=1e-6)

@@ -1,0 +1,80 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sphere_geometry import SE3, Spherical
+from sphere_map.appearance.pose import FeaturePose
+from sphere_mapping.graph.both_ways import MAX_APART_M, agree, confirm, is_denied, measure
+from sphere_mapping.graph.registration import PreparedSphere, align
+from sphere_mapping.params import MappingRegistrationParams
+from worlds.room import sharp_room
+
+PARAMS = MappingRegistrationParams()
+CAMERA = Spherical(256, 128)
+ROOM = sharp_room()
+HERE = SE3.exp([0.5, -0.4, 0.0, 0.0, 0.0, 0.3])
+MOTION = SE3.exp([0.3, -0.2, 0.05, 0.0, 0.02, 0.1])
+A = PreparedSphere(ROOM.sphere(HERE, CAMERA, 1), PARAMS)
+B = PreparedSphere(ROOM.sphere(HERE @ MOTION, CAMERA, 2), PARAMS)
+
+
+def test_a_motion_is_measured_with_an_honest_covariance():
+    found = measure(A, B, SE3.exp([0.25, -0.1, 0.0, 0.0, 0.0, 0.12]), PARAMS)
+    assert found is not None
+    error = (MOTION.inverse() @ found.T_a_b).log()
+    assert np.linalg.norm(error[:3]) < 0.01
+    assert np.linalg.norm(error[3:]) < np.radians(0.2)
+    np.testing.assert_allclose(found.covariance, found.covariance.T)
+    assert error @ np.linalg.solve(found.covariance, error) < 16.8  # chi2 of 6, 99 %
+    edge = found.edge(3, 7, is_loop=True)
+    assert (edge.a, edge.b, edge.is_loop) == (3, 7, True)
+    np.testing.assert_allclose(edge.information @ found.covariance, np.eye(6), atol=1e-6)
+
+
+def test_no_pair_with_a_wrong_first_guess_is_accepted_wrongly(rng):
+    num_accepted = 0
+    for _ in range(25):
+        direction, axis = rng.normal(size=(2, 3))
+        off = np.concatenate(
+            [
+                direction / np.linalg.norm(direction) * rng.uniform(0, 5),
+                axis / np.linalg.norm(axis) * rng.uniform(0, np.pi / 2),
+            ]
+        )
+        found = measure(A, B, MOTION @ SE3.exp(off), PARAMS)
+        if found is not None:
+            num_accepted += 1
+            distance, angle = found.T_a_b.distance(MOTION)
+            assert distance < 0.1
+            assert angle < np.radians(1.0)
+    assert num_accepted > 0
+
+
+def test_two_ways_that_disagree_are_no_motion_and_widen_it_where_they_nearly_agree():
+    forward = align(B, [A.at(SE3.identity())], [MOTION], PARAMS)
+    exact = replace(forward, T_world_camera=forward.T_world_camera.inverse())
+    shifted = [replace(exact, T_world_camera=exact.T_world_camera @ SE3.exp([x, 0, 0, 0, 0, 0])) for x in (0.03, 0.2)]
+    assert agree(forward, shifted[1]) is None
+    sure, unsure = agree(forward, exact), agree(forward, shifted[0])
+    assert sure is not None
+    assert unsure is not None
+    assert np.trace(unsure.covariance[:3, :3]) > 2 * np.trace(sure.covariance[:3, :3])
+    assert 0.01 < unsure.T_a_b.distance(sure.T_a_b)[0] < MAX_APART_M / 2  # half way
+
+
+def test_another_room_confirms_nothing():
+    other = PreparedSphere(sharp_room(seed=5).sphere(HERE @ MOTION, CAMERA), PARAMS)
+    forward = align(B, [A.at(SE3.identity())], [MOTION], PARAMS)
+    assert confirm(A, B, forward, PARAMS) is not None
+    assert confirm(A, other, forward, PARAMS) is None
+    assert measure(A, other, MOTION, PARAMS) is None
+
+
+@pytest.mark.parametrize(("num_inliers", "is_wrong"), [(4, False), (60, True)])
+def test_features_are_heard_only_where_there_are_enough(num_inliers, is_wrong):
+    found = measure(A, B, MOTION, PARAMS)
+    assert found is not None
+    elsewhere = FeaturePose(SE3.identity(), num_inliers, 80)
+    assert is_denied(found, elsewhere) == is_wrong
+    assert not is_denied(found, None)

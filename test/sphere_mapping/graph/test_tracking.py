@@ -1,0 +1,82 @@
+import numpy as np
+import pytest
+
+from sphere_geometry import SE3, Spherical
+from sphere_map.graph import KeySphere, SphereGraph
+from sphere_mapping.graph.registration import PreparedSphere
+from sphere_mapping.graph.tracking import INNOVATION, ONE_WAY, Tracker
+from sphere_mapping.params import MapperParams
+from worlds.room import sharp_room
+
+PARAMS = MapperParams()
+CAMERA = Spherical(256, 128)
+ROOM = sharp_room()
+PERIOD_NS = 100_000_000
+STEP = SE3.exp([0.1, 0.0, 0.0, 0.0, 0.0, 0.03])
+POSES = [SE3.identity(), STEP, STEP @ STEP, STEP @ STEP @ STEP]
+
+
+def prepared(T_room_sphere, number, room=ROOM):
+    sphere = room.sphere(T_room_sphere, CAMERA, number)
+    object.__setattr__(sphere, "stamp_ns", number * PERIOD_NS)
+    return PreparedSphere(sphere, PARAMS.registration)
+
+
+def started(num_placed):
+    """A tracker that placed the first spheres where they are; the first is the reference."""
+    tracker, graph = Tracker(PARAMS), SphereGraph()
+    for number in range(num_placed):
+        tracker.put(prepared(POSES[number], number), POSES[number], None, None)
+        if number == 0:
+            tracker.refer_to(0)
+            graph.add(KeySphere(0, 0, POSES[0]))
+    return tracker, graph
+
+
+@pytest.mark.parametrize("num_placed", [1, 3])
+def test_the_next_sphere_is_placed_with_and_without_a_velocity(num_placed):
+    tracker, graph = started(num_placed)
+    found = tracker.align(prepared(POSES[num_placed], num_placed), None, graph)
+    assert found.is_converged
+    assert found.T_world_camera.distance(POSES[num_placed])[0] < 0.005
+
+
+def test_a_jump_that_no_vehicle_makes_is_refused_however_well_it_fits():
+    tracker, graph = started(2)
+    far = POSES[1] @ SE3.exp([0.9, 0, 0, 0, 0, 0])
+    assert tracker.align(prepared(far, 2), None, graph).reason == INNOVATION
+    late = tracker.align(prepared(far, 20), None, graph)  # in two seconds it could
+    assert late.is_converged
+    assert late.T_world_camera.distance(far)[0] < 0.01
+
+
+def test_odometry_allows_what_velocity_does_not_and_forbids_the_rest():
+    T_odom_map = SE3.from_planar(3.0, 1.0, -1.0)
+    tracker, graph = started(1)
+    tracker.put(prepared(POSES[0], 0), POSES[0], T_odom_map, None)
+    far = SE3.exp([0.8, 0, 0, 0, 0, 0])
+    assert tracker.align(prepared(far, 1), T_odom_map @ far, graph).is_converged
+    assert tracker.align(prepared(far, 1), T_odom_map, graph).reason == INNOVATION
+
+
+def test_a_sphere_whose_way_back_disagrees_is_refused_where_nothing_sharp_was_expected():
+    tracker, graph = started(1)
+    current = prepared(STEP, 1)
+    wrong = np.where(current.sphere.measured, 3.0 * current.sphere.range_m, np.nan).astype(np.float32)
+    object.__setattr__(current.sphere, "range_m", wrong)  # its image is right, its range is not
+    assert tracker.align(current, None, graph).reason == ONE_WAY
+
+
+def test_an_edge_that_one_way_measured_alone_is_wide():
+    tracker, graph = started(1)
+    assert tracker.edge_to(KeySphere(1, 0, STEP), graph) is None  # the first sphere was aligned with nothing
+    informations = []
+    for scale in (1.0, 3.0):
+        current = prepared(STEP, 1)
+        alignment = tracker.align(prepared(STEP, 1), None, graph)
+        object.__setattr__(current.sphere, "range_m", (scale * current.sphere.range_m).astype(np.float32))
+        tracker.put(current, STEP, None, alignment)
+        edge = tracker.edge_to(KeySphere(1, 0, STEP), graph)
+        assert edge.T_a_b.distance(STEP)[0] < 0.005
+        informations.append(np.trace(edge.information))
+    assert informations[1] < 0.2 * informations[0]
