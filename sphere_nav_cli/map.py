@@ -91,7 +91,9 @@ def run(arguments: argparse.Namespace) -> int:
     _use_threads(arguments.jobs)
     drive = map_drive(arguments)
     drive.node.mapper.keep_end()
-    loops = 0 if arguments.no_loops else drive.node.mapper.close_loops()
+    if not arguments.no_loops:
+        drive.node.mapper.close_loops()
+    loops = drive.node.mapper.num_loops
     truth = truth_of(arguments.bag)
     T_anchor_map = drive.anchor(truth) if truth is not None else None
     T_fitted_map = drive.fit(truth) if truth is not None else None
@@ -182,7 +184,8 @@ class MappedDrive:
 
 def map_drive(arguments: argparse.Namespace) -> MappedDrive:
     """Return the bag mapped from what it holds; BagError where no sphere comes of it."""
-    chosen, values = topics.chosen_topics(arguments), parse_settings(arguments.settings)
+    chosen = topics.chosen_topics(arguments)
+    values = {"mapper.loop.automatic": not arguments.no_loops} | parse_settings(arguments.settings)
     with BagReader(arguments.bag) as bag:
         kind = arguments.input
         if kind == "auto":

@@ -139,7 +139,7 @@ def test_nothing_is_written_outside_the_map_folder(path, tmp_path):
 
 
 def test_close_loops_answers_with_the_number_found():
-    bench = Bench(input="rgbd", **{"mapper.key.max_parallax": 0.01})
+    bench = Bench(input="rgbd", **{"mapper.key.max_parallax": 0.01, "mapper.loop.automatic": False})
     assert bench.call("close_loops").message == "0 loops closed"
     bench.drive(rgbd, range(5))
     before = len(bench.said["/graph"])
