@@ -41,6 +41,19 @@ class Tracker:
 
         return align(current, references, self._guesses(current, expected), self._params.registration, doubt)
 
+    def align_moving(
+        self, current: PreparedSphere, odometry: SE3 | None, unroll: Unroll | None, graph: SphereGraph
+    ) -> tuple[PreparedSphere, Alignment]:
+        """Return a sphere, straightened by its motion if it is of a rolling shutter, and its alignment."""
+        if unroll is None:
+            return current, self.align(current, odometry, graph)
+        stamp_ns, params = current.sphere.stamp_ns, self._params.registration
+        return align_unrolled(unroll, stamp_ns, self.prior, params, lambda made: self.align(made, odometry, graph))
+
+    def replace_last(self, straight: PreparedSphere) -> None:
+        """Put another picture in the place of the last sphere, the only reference."""
+        self.last, self.references = straight, [(self.references[0][0], straight)]
+
     def put(
         self, current: PreparedSphere, T_map_sphere: SE3, odometry: SE3 | None, alignment: Alignment | None
     ) -> None:
