@@ -47,6 +47,7 @@ setup(
         ("share/sphere_nav", ["package.xml"]),
         ("share/sphere_nav/launch", sorted(glob("launch/*.launch.py"))),
         ("share/sphere_nav/config", sorted(glob("config/*.yaml") + glob("config/*.xml"))),
+        ("share/sphere_nav/config/cameras", sorted(glob("config/cameras/*.yaml"))),
     ],
     python_requires=">=3.11",
     install_requires=["setuptools"],  # the rest: package.xml for rosdep, requirements.txt for wheels

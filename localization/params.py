@@ -31,6 +31,8 @@ class NodeParams:
     map_frame: str = param("map", "frame of the poses")
     base_frame: str = param("base_link", "frame whose pose is published")
     camera_frame: str = param("", "optical frame of the camera; empty: the frame_id of the images")
+    mounting: str = param("", "camera on base_frame, x,y,z,roll,pitch,yaw (m, rad) or a YAML; empty: by /tf_static")
+    driver: str = param("", "camera driver whose topics are heard: a name in config/cameras, or a file of that form")
     transport: str = param("raw", "images come on image_raw, or on image_raw/compressed", choices=("raw", "compressed"))
     is_rectified: bool = param(False, "images are rectified: use P of camera_info instead of K and D")
     every_image: bool = param(False, "reliable and deep image queue: a slow computer answers late but drops none")

@@ -13,7 +13,7 @@ from rclpy.serialization import deserialize_message
 from node_kit import qos
 from node_kit.bag_error import BagError
 from node_kit.bag_writer import absolute
-from node_kit.foreign_bag import ForeignBag, is_foreign
+from node_kit.foreign_bag import ForeignBag, is_foreign, lone_file
 from node_kit.interfaces import message_class, type_hash, type_name
 from node_kit.mcap_file import McapFile
 from node_kit.recorded import Recorded, TopicInfo
@@ -39,8 +39,9 @@ class BagReader:
         self._foreign: ForeignBag | None = None
         try:
             information = _information(self.path / "metadata.yaml")
-            if is_foreign(self.path, information):
-                self._foreign = ForeignBag(self.path)
+            source = lone_file(self.path) if information is None else self.path
+            if is_foreign(source, information):
+                self._foreign = ForeignBag(source)
             else:
                 self.files += [McapFile(name) for name in _mcap_files(self.path, information)]
             self.topics = self._foreign.topics if self._foreign else self._read_topics()

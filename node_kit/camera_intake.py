@@ -16,9 +16,11 @@ from localization.status import FINE, Finding, Reason
 from node_kit import conversions, qos
 from node_kit.arrival import MAX_AHEAD_NS, ahead_s
 from node_kit.endpoints import Endpoints
+from node_kit.mounting import read_mounting
 from node_kit.odometry_input import OdometryInput
 from node_kit.tf import TransformListener
 from sphere_geometry import SE3, Camera
+from sphere_map.sphere import T_BODY_OPTICAL
 
 DEEP = qos.QoSProfile(depth=1000, reliability=qos.RELIABLE, durability=qos.VOLATILE)
 ENCODINGS = "publish a usual encoding: mono8, mono16, rgb8, bgr8, rgba8, bgra8, or a PNG or JPEG"
@@ -54,6 +56,7 @@ class CameraIntake:
         self._on_picture, self._on_refusal = on_picture, on_refusal
         self._waiting: deque[AnyImage] = deque()
         self._tf = TransformListener(endpoints, ignored=params.map_frame)
+        self._mounting = read_mounting(params.mounting)
         self.odometry = OdometryInput(endpoints, self._tf.tree, params.base_frame, is_used=params.use_odometry)
         self.forget_camera()
         profile = DEEP if params.every_image else qos.SENSOR
@@ -135,6 +138,8 @@ class CameraIntake:
         if self.camera is None:
             return self._fault
         base, frame = self._params.base_frame, self._params.camera_frame or message.header.frame_id
+        if self._T_base_camera is None and self._mounting is not None:
+            self._T_base_camera = self._mounting @ T_BODY_OPTICAL
         if self._T_base_camera is None:
             try:
                 self._T_base_camera = self._tf.lookup(base, frame) if base and frame != base else SE3.identity()

@@ -14,6 +14,7 @@ from node_kit import qos
 from node_kit.service import answer_always
 from node_kit.subscription import Subscription
 
+COMPRESSED, COMPRESSED_DEPTH = "/compressed", "/compressedDepth"  # topics of image_transport
 OK, WARN, ERROR, STALE = 0, 1, 2, 3  # levels of diagnostic_msgs/DiagnosticStatus
 
 
@@ -91,6 +92,7 @@ class Endpoints:
     def __init__(self, shell: Shell) -> None:
         self._shell = shell
         self.log = shell.log
+        self.driver_topics: dict[str, str] = {}  # of a camera's driver, by ours
         self.inputs: list[Subscription] = []
         self.reports: dict[str, tuple[int, str, dict[str, Any]]] = {}
 
@@ -118,6 +120,9 @@ class Endpoints:
         wanted = Subscription(
             topic, kind, callback, profile, is_required=is_required, silence=silence, raw=raw, log=self.log
         )
+        base = topic.removesuffix(COMPRESSED).removesuffix(COMPRESSED_DEPTH)
+        if base in self.driver_topics:
+            wanted.source = self.driver_topics[base] + topic[len(base) :]
         self.inputs.append(wanted)
         self._shell.add_subscription(wanted)
         return wanted

@@ -38,6 +38,12 @@ def is_foreign(path: Path, description: dict[str, Any] | None) -> bool:
     return information.get("storage_identifier") == "sqlite3" or mode != "none"
 
 
+def lone_file(path: Path) -> Path:
+    """Return the one database or ROS 1 bag in a folder without metadata.yaml, else the path itself."""
+    files = [file for file in path.iterdir() if file.suffix in (SQLITE, ROS1)] if path.is_dir() else []
+    return files[0] if len(files) == 1 else path
+
+
 class ForeignBag:
     """An open bag: its topics, and its messages as CDR of ROS 2. BagError, in one line, for what cannot be read."""
 

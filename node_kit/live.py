@@ -187,13 +187,18 @@ class LiveShell(LifecycleNode):
         options = QoSOverridingOptions.with_default_policies()
         wanted.handle = self.create_subscription(
             wanted.kind,
-            wanted.topic,
+            self._source_of(wanted),
             deliver,  # type: ignore[arg-type]  # rclpy passes the message's info to callbacks with two parameters
             wanted.profile,
             raw=wanted.raw,
             qos_overriding_options=options,
         )
         self._entities.append(lambda: self.destroy_subscription(wanted.handle))
+
+    def _source_of(self, wanted: Subscription) -> str:
+        """Return the topic to subscribe to: a driver's, unless the user has remapped ours."""
+        is_remapped = self.resolve_topic_name(wanted.topic) != self.resolve_topic_name(wanted.topic, only_expand=True)
+        return wanted.topic if is_remapped or not wanted.source else wanted.source
 
     def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile) -> LivePublisher:
         """Make a publisher that follows the lifecycle."""

@@ -28,6 +28,7 @@ from __future__ import annotations
 
 from typing import Any, ClassVar
 
+from node_kit.drivers import names_of
 from node_kit.endpoints import ERROR, OK, STALE, WARN, Endpoints, Log, Publisher, Shell
 from typed_params import parameters
 
@@ -59,6 +60,7 @@ class ManagedNode:
         self.publishers_of = endpoints.publishers_of
         self.inputs, self.reports = endpoints.inputs, endpoints.reports
         self.params = shell.read_parameters(self.PARAMS)
+        endpoints.driver_topics = names_of(getattr(self.params, "driver", ""))
 
     # --- what a subclass overrides
     def configure(self) -> None:

@@ -87,7 +87,7 @@ class OfflineShell:
 
     def add_subscription(self, wanted: Subscription) -> None:
         """Listen on the bus."""
-        self._bus.listeners.setdefault(self._name(wanted.topic), []).append(wanted)
+        self._bus.listeners.setdefault(self._source_of(wanted), []).append(wanted)
 
     def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile) -> OfflinePublisher:
         """Publish on the bus."""
@@ -100,7 +100,7 @@ class OfflineShell:
 
     def remove_subscription(self, wanted: Subscription) -> None:
         """Stop to listen."""
-        self._bus.listeners[self._name(wanted.topic)].remove(wanted)
+        self._bus.listeners[self._source_of(wanted)].remove(wanted)
 
     def finish(self, status: int) -> None:
         """Do nothing: a replay ends with its bag."""
@@ -113,6 +113,10 @@ class OfflineShell:
         """Call a service of the node as a client would, and return its response."""
         kind, handler = self.services[name]
         return handler(kind.Request() if request is None else request, kind.Response())
+
+    def _source_of(self, wanted: Subscription) -> str:
+        is_remapped = wanted.topic in self._remap or not wanted.source
+        return self._name(wanted.topic if is_remapped else wanted.source)
 
     def _name(self, topic: str) -> str:
         name = self._remap.get(topic, topic)

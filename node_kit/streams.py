@@ -6,6 +6,7 @@ topic that a job of ours needs the bag's topic for it, and BagError, naming what
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -27,6 +28,7 @@ DEPTH_ENCODINGS = ("16UC1", "32FC1")
 TRANSPORTS = ("/compressed", "/compressedDepth")
 TRUTH_WORDS = ("ground_truth", "groundtruth", "truth")
 SIDES = (("left", "right"), ("infra1", "infra2"), ("cam0", "cam1"))
+INFRARED = ("ir", "infra", "infra1", "infra2")  # names of cameras whose light a projector makes
 
 RGBD = ("image_raw", "camera_info", "depth/image_raw")
 STEREO = ("left/image_raw", "left/camera_info", "right/image_raw", "right/camera_info")
@@ -64,6 +66,11 @@ class Stream:
         return self.is_image and not self.is_depth
 
     @property
+    def is_grey(self) -> bool:
+        """Whether it is known to be without colour."""
+        return self.encoding.startswith(("mono", "8UC1"))
+
+    @property
     def base(self) -> str:
         """The topic without the ending of its transport."""
         return next((self.topic.removesuffix(end) for end in TRANSPORTS if self.topic.endswith(end)), self.topic)
@@ -92,7 +99,9 @@ def find_inputs(
     found = {name: absolute(topic) for name, topic in (chosen or {}).items()}
     for name, topic in found.items():
         if topic not in by_name:
-            raise BagError(f"{name}: expected topic {topic}, found {', '.join(by_name) or 'none'}")
+            near = difflib.get_close_matches(topic, by_name, n=1)
+            found_there = f"no such one (is {near[0]} meant?)" if near else ", ".join(by_name) or "none"
+            raise BagError(f"{name}: expected topic {topic}, found {found_there}")
     wanted = tuple(wanted)
     found = {name: absolute(name) for name in wanted if absolute(name) in by_name} | found
     if "depth/image_raw" in wanted:
@@ -100,7 +109,7 @@ def find_inputs(
     elif "left/image_raw" in wanted:
         found = _find_stereo(streams, found)
     elif "image_raw" in wanted and "image_raw" not in found:
-        found["image_raw"] = _only(_pictures(streams), "images (image_raw)", "--image").topic
+        found["image_raw"] = _only(_views(streams), "images (image_raw)", "--image").topic
     if "camera_info" in wanted and "camera_info" not in found:
         found["camera_info"] = info_of(by_name[found["image_raw"]], streams, "--info").topic
     return {name: found[name] for name in (*wanted, *(set(found) - set(wanted)))}
@@ -146,7 +155,7 @@ def find_rig(streams: Sequence[Stream], names: Sequence[str]) -> dict[str, str]:
 def _find_rgbd(streams: Sequence[Stream], found: dict[str, str]) -> dict[str, str]:
     """Prefer depth that is registered to the image, then the image with most frames."""
     by_name = {stream.topic: stream for stream in streams}
-    images = [by_name[found["image_raw"]]] if "image_raw" in found else _pictures(streams)
+    images = [by_name[found["image_raw"]]] if "image_raw" in found else _views(streams)
     depths = (
         [by_name[found["depth/image_raw"]]]
         if "depth/image_raw" in found
@@ -192,6 +201,23 @@ def _pictures(streams: Iterable[Stream]) -> list[Stream]:
     return _without_twins(stream for stream in streams if stream.is_picture)
 
 
+def _views(streams: Sequence[Stream]) -> list[Stream]:
+    """Return one topic for each camera that sees the world's own light, the left one of a pair.
+
+    A driver tells a camera's images under several names: the one with colour counts, the first where all have it.
+    """
+    pictures = _pictures(streams)
+    bases = {picture.base for picture in pictures}
+    coloured = [p for p in pictures if not set(p.base.split("/")) & set(INFRARED)] or pictures
+    lefts = [
+        p for p in coloured if not any(b in p.base and p.base.replace(b, a) in bases for a, b in SIDES)
+    ] or coloured
+    best: dict[tuple[str, tuple[int, int]], Stream] = {}
+    for view in sorted(lefts, key=lambda stream: (stream.is_grey, stream.topic)):
+        best.setdefault((view.frame_id or view.topic, view.size), view)
+    return list(best.values())
+
+
 def _without_twins(streams: Iterable[Stream]) -> list[Stream]:
     """Leave out the compressed copy of a raw topic."""
     best: dict[str, Stream] = {}
@@ -216,7 +242,7 @@ def _by_namespace(pairs: Sequence[tuple[Stream, Stream]]) -> list[tuple[Stream, 
 def _only_pair(pairs: Sequence[tuple[Stream, Stream]], options: str = "--image, --depth") -> tuple[Stream, Stream]:
     most = max(min(a.count, b.count) for a, b in pairs)
     left = [(a, b) for a, b in pairs if 2 * min(a.count, b.count) > most]
-    colour = [(a, b) for a, b in left if not a.encoding.startswith(("mono", "8UC1"))]
+    colour = [(a, b) for a, b in left if not a.is_grey]
     left = colour or left
     if len(left) > 1:
         offered = "; ".join(f"{a.topic} with {b.topic}" for a, b in left)

@@ -58,6 +58,10 @@ class TransformTree:
             )
         return self._climb(target, common, stamp).inverse() @ self._climb(source, common, stamp)
 
+    def is_connected(self, target: str, source: str) -> bool:
+        """Whether two frames are of one tree, or are one."""
+        return target == source or self.root(target) == self.root(source)
+
     def clear(self) -> None:
         """Forget everything that moves: the clock jumped."""
         self._moving.clear()

@@ -52,6 +52,12 @@ class SE3:
         return SE3.from_parts(so3.from_quaternion(xyzw), translation)
 
     @staticmethod
+    def from_angles(roll: float, pitch: float, yaw: float, translation: ArrayLike) -> SE3:
+        """Return the pose turned about the fixed axes x, then y, then z (rad), as static_transform_publisher has it."""
+        x, y, z = so3.exp([roll, 0.0, 0.0]), so3.exp([0.0, pitch, 0.0]), so3.exp([0.0, 0.0, yaw])
+        return SE3.from_parts(z @ y @ x, translation)
+
+    @staticmethod
     def from_planar(x: float, y: float, yaw: float) -> SE3:
         """Return the pose of a vehicle on flat ground, yaw in radians about +z."""
         return SE3.from_parts(so3.exp([0.0, 0.0, yaw]), [x, y, 0.0])

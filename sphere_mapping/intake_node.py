@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
-from sensor_msgs.msg import CameraInfo, Image
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sphere_nav_msgs.msg import AugmentedSphere
 
 from node_kit import conversions, qos
+from node_kit.drivers import read_driver
+from node_kit.endpoints import COMPRESSED, COMPRESSED_DEPTH
 from sphere_geometry import SE3, Camera, Pinhole
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 from sphere_mapping.acquisition.params import SynchroniserParams
@@ -33,6 +35,16 @@ TOPICS: dict[str, tuple[str, ...]] = {
 }
 DEPTH_INFO = "depth/camera_info"  # only where depth is another camera's than the images
 WAIT_S = 1.0  # of stamps, not of a clock: after it an image goes without its counterpart
+
+
+def with_driver_input(params: SphereMapperParams) -> SphereMapperParams:
+    """Return the parameters with the input that the driver gives; ValueError for a driver without range."""
+    if not params.driver or params.input != "sphere":
+        return params
+    driver = read_driver(params.driver)
+    if driver.input not in TOPICS:
+        raise ValueError(f"driver: expected one with depth or two cameras, found {driver.name}: {driver.title}")
+    return replace(params, input=driver.input)
 
 
 class Intake:
@@ -55,8 +67,11 @@ class Intake:
                 yield topic, AugmentedSphere, self._on_ready_sphere, qos.LARGE
             elif topic.endswith("camera_info"):
                 yield topic, CameraInfo, partial(self._infos.__setitem__, topic), qos.SENSOR
-            else:
+            elif self._params.transport == "raw":
                 yield topic, Image, partial(self._on_image, topic), qos.SENSOR
+            else:
+                name = topic + (COMPRESSED_DEPTH if topic.startswith("depth") else COMPRESSED)
+                yield name, CompressedImage, partial(self._on_compressed, topic), qos.SENSOR
 
     def on_depth_info(self, message: CameraInfo) -> None:
         """Remember the camera of depth that is not registered to the images."""
@@ -74,6 +89,9 @@ class Intake:
 
     def _on_ready_sphere(self, message: AugmentedSphere) -> None:
         self._on_sphere(conversions.message_to_sphere(message), message.header.frame_id, False)
+
+    def _on_compressed(self, topic: str, message: CompressedImage) -> None:
+        self._on_image(topic, conversions.decompress(message))
 
     def _on_image(self, topic: str, message: Image) -> None:
         convert = conversions.depth_to_metres if topic.startswith("depth") else conversions.image_to_rgb

@@ -11,6 +11,7 @@ from visualization_msgs.msg import MarkerArray
 
 from node_kit import conversions, qos
 from node_kit.conversions.markers import graph_to_markers
+from node_kit.mounting import read_mounting
 from node_kit.node import OK, WARN, ManagedNode
 from node_kit.run import run
 from node_kit.tf import TransformBroadcaster, TransformError, TransformListener, TransformTree
@@ -20,7 +21,7 @@ from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 from sphere_mapping.acquisition import kernels
 from sphere_mapping.graph.map_cloud import cloud_of
 from sphere_mapping.graph.unrolling import Unroll
-from sphere_mapping.intake_node import DEPTH_INFO, Intake
+from sphere_mapping.intake_node import DEPTH_INFO, Intake, with_driver_input
 from sphere_mapping.mapper import Mapper, MapUpdate
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.saving_node import save
@@ -42,13 +43,13 @@ class SphereMapper(ManagedNode):
         """Compile the kernels, open topics and services."""
         warm_up()
         kernels.warm_up()
-        self.mapper = Mapper(self.params.mapper)
+        self.params = with_driver_input(self.params)
+        self.mapper, self.mounting = Mapper(self.params.mapper), read_mounting(self.params.mounting)
         self.num_lost, self.T_base_sphere, self.odometry_heard = 0, SE3.identity(), TransformTree()
         self.graph = self.add_publisher("graph", KeySphereGraph, qos.LATCHED)
         self.markers = self.add_publisher("graph/markers", MarkerArray, qos.LATCHED)
         self.cloud = self.add_publisher("map_cloud", PointCloud2, qos.LATCHED)
-        self.odometry = self.add_publisher("odometry", Odometry)
-        self.path = self.add_publisher("path", Path)
+        self.odometry, self.path = self.add_publisher("odometry", Odometry), self.add_publisher("path", Path)
         self.tf_out, self.tf = TransformBroadcaster(self.endpoints), TransformListener(self.endpoints)
         self.intake = Intake(self.params, self.on_sphere, self.tf.lookup)
         for subscription in self.intake.subscriptions():
@@ -73,8 +74,7 @@ class SphereMapper(ManagedNode):
 
     def on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool, unroll: Unroll | None = None) -> None:
         """Map a sphere, tell what changed."""
-        T_base_frame = self.mount_of(frame_id)
-        self.T_base_sphere = T_base_frame @ T_BODY_OPTICAL.inverse() if is_optical else T_base_frame
+        self.T_base_sphere = self.mounting or self.mount_of(frame_id, is_optical)
         T_odom_base = self.odometry_at(sphere.stamp_ns)
         update = self.mapper.add(sphere, T_odom_base and T_odom_base @ self.T_base_sphere, unroll)
         if update.T_map_sphere is None:
@@ -88,10 +88,11 @@ class SphereMapper(ManagedNode):
             self.log.info(f"key sphere {len(self.mapper.graph) - 1}: {update.key_reason}")
             self.tell_map(sphere.stamp_ns)
 
-    def mount_of(self, frame_id: str) -> SE3:
-        """Return T_base_frame as /tf says; a vehicle whose mounts are not known is its camera."""
+    def mount_of(self, frame_id: str, is_optical: bool) -> SE3:
+        """Return T_base_sphere as /tf says; a vehicle whose mounts are not known is its camera."""
         try:
-            return self.tf.lookup(self.params.base_frame, frame_id)
+            T_base_frame = self.tf.lookup(self.params.base_frame, frame_id)
+            return T_base_frame @ T_BODY_OPTICAL.inverse() if is_optical else T_base_frame
         except TransformError as error:
             self.log.warning(f"taking {frame_id} as {self.params.base_frame}: {error}", every=30.0, key="mount")
             return SE3.identity()
@@ -114,13 +115,12 @@ class SphereMapper(ManagedNode):
             self.tf_out.send(T_map_base, stamp, *frames)
         else:
             self.tf_out.send(T_map_base @ T_odom_base.inverse(), stamp, p.map_frame, ODOM)
-        number = len(self.mapper.tracks)
+        number, T_sphere_base = len(self.mapper.tracks), self.T_base_sphere.inverse()
         if number % PATH_STEP == 1 or update.is_key:
-            T_sphere_base = self.T_base_sphere.inverse()
             poses = ((ns, T_map_track @ T_sphere_base) for ns, T_map_track in self.mapper.trajectory())
             self.path.publish(conversions.poses_to_path(poses, stamp, p.map_frame))
-        mad = found.mad if found else 0.0
-        self.report("mapping", OK, "mapping", spheres=number, key_spheres=len(self.mapper.graph), mad=mad)
+        num_keys, mad = len(self.mapper.graph), found.mad if found else 0.0
+        self.report("mapping", OK, "mapping", spheres=number, key_spheres=num_keys, mad=mad)
 
     def tell_map(self, stamp: int) -> None:
         """Publish the graph, and what is to be looked at only where someone looks."""
@@ -129,8 +129,8 @@ class SphereMapper(ManagedNode):
         if self.markers.num_subscriptions:
             self.markers.publish(graph_to_markers(graph, stamp, frame))
         if self.cloud.num_subscriptions:
-            points, values = cloud_of(graph, self.params.cloud)
-            self.cloud.publish(conversions.cloud_to_message(points, stamp, frame, values))
+            points, grey = cloud_of(graph, self.params.cloud)
+            self.cloud.publish(conversions.cloud_to_message(points, stamp, frame, grey))
 
     def on_save(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
         """Write the map."""

@@ -11,8 +11,9 @@ from pathlib import Path
 
 from node_kit.bag_error import BagError
 from node_kit.bag_reader import BagReader
-from node_kit.streams import CLOUD, RGBD, SPHERE, SPHERE_INFO, STEREO, Stream, find_inputs, find_odometry, read_streams
-from sphere_nav_cli.topics import options_of
+from node_kit.mounting import read_mounting
+from node_kit.streams import CLOUD, RGBD, SPHERE, SPHERE_INFO, STEREO, Stream, find_odometry, read_streams
+from sphere_nav_cli import topics
 
 HELP = """\
 Tell what a bag offers: its topics with type, rate, frame and size; then for mapping, localising and mcl what is
@@ -21,6 +22,7 @@ missing, or the command to type. Topics may have any names.
 examples:
   sphere_nav inspect drive
   sphere_nav inspect recording.mcap --json offer.json
+  sphere_nav inspect recording.db3 --driver zed --mounting 0.4,0,1.1,0,0,0
 """
 MIN_RIG_CAMERAS = 3
 
@@ -29,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("bag", type=Path, metavar="BAG", help="a recording")
     parser.add_argument("--json", type=Path, metavar="F", help="also write it as JSON")
+    topics.add_options(parser)
 
 
 @dataclass
@@ -46,9 +49,15 @@ def run(arguments: argparse.Namespace) -> int:
     with BagReader(arguments.bag) as bag:
         streams = read_streams(bag)
         first, last = bag.time_range
-    offers = find_offers(streams, arguments.bag)
+        chosen = topics.choose_topics(bag, arguments)
+        mounting = mounting_lines(bag, streams, arguments.mounting)
+    offers = find_offers(streams, arguments.bag, chosen)
+    if arguments.mounting:
+        for offer in offers:
+            offer.command += ["--mounting", arguments.mounting] if offer.command else []
     print(f"{arguments.bag}: {(last - first) * 1e-9:.1f} s, {sum(stream.count for stream in streams)} messages")
     print("\n".join(table(streams)))
+    print("\n".join([*driver_lines(streams), *mounting]))
     for offer in offers:
         print(f"\n{offer.job}: {offer.note or 'ready'}" if offer.command else f"\n{offer.job}: {offer.missing}")
         if offer.command:
@@ -57,6 +66,33 @@ def run(arguments: argparse.Namespace) -> int:
         content = {"topics": [asdict(stream) for stream in streams], "jobs": [asdict(offer) for offer in offers]}
         arguments.json.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
     return 0 if any(offer.command for offer in offers) else 1
+
+
+def driver_lines(streams: Sequence[Stream]) -> list[str]:
+    """Return which drivers are known by their topics, and what they publish otherwise than usual."""
+    by_name, lines = {stream.topic: stream for stream in streams}, []
+    for driver in topics.find_drivers(streams):
+        lines.append(f"driver: {driver.title}: --driver {driver.name}")
+        for ours, theirs in driver.find(by_name).items():
+            usual, found = driver.encodings.get(ours, ()), by_name[theirs].encoding
+            if usual and found not in usual and "compressed" not in found:
+                lines.append(f"  {theirs}: usually {' or '.join(usual)}, here {found}")
+    return lines
+
+
+def mounting_lines(bag: BagReader, streams: Sequence[Stream], given: str) -> list[str]:
+    """Return for each camera whether it is known where it sits on the vehicle; ValueError for a wrong mounting."""
+    if read_mounting(given) is not None:
+        return [f"mounting: {given}, for {topics.BASE_FRAME} and the camera"]
+    tree, lines = topics.read_frames(bag), []
+    for frame in dict.fromkeys(stream.frame_id for stream in streams if stream.is_picture and stream.frame_id):
+        try:
+            x, y, z = tree.lookup(topics.BASE_FRAME, frame).translation
+        except ValueError:
+            lines.append(f"mounting: {frame}: not told by /tf_static: it is taken as the vehicle; else --mounting")
+        else:
+            lines.append(f"mounting: {frame}: x {x:.3f}, y {y:.3f}, z {z:.3f} m on {topics.BASE_FRAME} by /tf_static")
+    return lines
 
 
 def table(streams: Sequence[Stream]) -> list[str]:
@@ -70,48 +106,50 @@ def table(streams: Sequence[Stream]) -> list[str]:
     return ["  ".join(f"{cell:<{width}}" for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
 
-def find_offers(streams: Sequence[Stream], bag: Path) -> list[Offer]:
-    """Return what can be done with a bag: map, localise, mcl."""
-    return [_mapping(streams, bag), _localising(streams, bag), _monte_carlo(streams, bag)]
+def find_offers(streams: Sequence[Stream], bag: Path, chosen: dict[str, str]) -> list[Offer]:
+    """Return what can be done with a bag, some of whose topics are named: map, localise, mcl."""
+    return [job(streams, bag, chosen) for job in (_mapping, _localising, _monte_carlo)]
 
 
-def _mapping(streams: Sequence[Stream], bag: Path) -> Offer:
+def _mapping(streams: Sequence[Stream], bag: Path, chosen: dict[str, str]) -> Offer:
     command = ["sphere_nav", "map", str(bag), "-o", f"{bag.stem}_map"]
     if any(stream.type == SPHERE for stream in streams):
         return Offer("map", command, note="from spheres")
     reasons = []
     for wanted, note in ((RGBD, "from colour and depth"), (STEREO, "from a rectified stereo pair")):
         try:
-            topics = find_inputs(streams, wanted)
+            found = topics.find_wanted(streams, wanted, _of_kind(chosen, wanted))
         except BagError as error:
             reasons.append(str(error).removeprefix("topics: "))
             continue
-        if "depth/camera_info" in topics:
+        if "depth/camera_info" in found:
             note += ", depth registered to the images by both calibrations and /tf_static"
-        return Offer("map", command + options_of(topics), note=note)
-    cameras = [stream for stream in streams if stream.is_picture and "/left" not in stream.topic]
-    if len({camera.base for camera in cameras}) >= MIN_RIG_CAMERAS:
+        return Offer("map", command + topics.options_of(found), note=note)
+    cameras = [stream for stream in streams if stream.is_picture]
+    has_depth = any(stream.is_depth for stream in streams)
+    if not has_depth and len({camera.frame_id or camera.base for camera in cameras}) >= MIN_RIG_CAMERAS:
         names = [f"--camera=NAME={camera.topic}" for camera in cameras]
         note = "from the cameras of a rig, with its calibration (sphere_nav calibrate, or rig-convert)"
         return Offer("map", [*command, "--rig", "rig.yaml", *names], note=note)
     return Offer("map", missing="; ".join(reasons))
 
 
-def _localising(streams: Sequence[Stream], bag: Path) -> Offer:
+def _localising(streams: Sequence[Stream], bag: Path, chosen: dict[str, str]) -> Offer:
     try:
-        topics = find_inputs(streams, ("image_raw", "camera_info"))
+        found = topics.find_wanted(streams, ("image_raw", "camera_info"), _of_kind(chosen, ("image_raw",)))
     except BagError as error:
         return Offer("localize", missing=str(error).removeprefix("topics: "))
     odometry = find_odometry(streams)
-    topics |= {"odom": odometry} if odometry else {}
+    found = ({"odom": odometry} if odometry else {}) | found
     command = ["sphere_nav", "localize", "MAP", str(bag), "-o", f"{bag.stem}.tum"]
-    return Offer("localize", command + options_of(topics), note="ready, with odometry" if odometry else "")
+    return Offer("localize", command + topics.options_of(found), note="ready, with odometry" if odometry else "")
 
 
-def _monte_carlo(streams: Sequence[Stream], bag: Path) -> Offer:
+def _monte_carlo(streams: Sequence[Stream], bag: Path, chosen: dict[str, str]) -> Offer:
     has_sphere = any(stream.type == SPHERE_INFO for stream in streams)
     try:
-        topics = find_inputs(streams, ("image_raw",) if has_sphere else ("image_raw", "camera_info"))
+        wanted = ("image_raw",) if has_sphere else ("image_raw", "camera_info")
+        found = topics.find_wanted(streams, wanted, _of_kind(chosen, wanted))
     except BagError as error:
         return Offer("mcl", missing=str(error).removeprefix("topics: "))
     odometry = find_odometry(streams)
@@ -120,4 +158,10 @@ def _monte_carlo(streams: Sequence[Stream], bag: Path) -> Offer:
     clouds = [stream.topic for stream in streams if stream.type == CLOUD]
     note = f"ready; the bag has point clouds, too ({', '.join(clouds)})" if clouds else ""
     command = ["sphere_nav", "mcl", "CLOUD", str(bag), "-o", f"{bag.stem}.tum"]
-    return Offer("mcl", command + options_of(topics | {"odom": odometry}), note=note)
+    return Offer("mcl", command + topics.options_of({"odom": odometry} | found), note=note)
+
+
+def _of_kind(chosen: dict[str, str], wanted: Sequence[str]) -> dict[str, str]:
+    """Return what is named of the cameras that a job wants, and odometry."""
+    words = {topic.split("/")[0] for topic in wanted} | {"camera_info", "odom", "imu"}
+    return {ours: topic for ours, topic in chosen.items() if ours.split("/")[0] in words}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -25,6 +26,7 @@ from node_kit.streams import SPHERE_INFO
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import Trajectory, write_tum
 from sphere_nav_cli import topics
+from sphere_nav_cli.settings import parse_settings
 
 UNUSABLE = ("BAD_INFO", "MAP_ERROR")  # reasons that no other image changes
 
@@ -34,7 +36,7 @@ def add_arguments(parser: argparse.ArgumentParser, node: str) -> None:
     parser.add_argument("-o", "--output", required=True, metavar="TUM", help="file of poses to write")
     parser.add_argument("--bag", metavar="OUT", help="also write what the node publishes into a bag")
     parser.add_argument("--json", metavar="FILE", help="also write the summary as JSON")
-    topics.add_options(parser, ("image", "info", "odom", "imu"))
+    topics.add_options(parser)
     parser.add_argument(
         "--set", action="append", dest="settings", default=[], metavar="NAME=VALUE", help=f"parameter of {node}"
     )
@@ -61,14 +63,15 @@ def write_poses(arguments: argparse.Namespace, published: Iterator[Recorded]) ->
 def replay_localizer(
     arguments: argparse.Namespace,
     published_topics: tuple[str, ...],
-    add_node: Callable[[OfflineBus, dict[str, str]], object],
+    add_node: Callable[[OfflineBus, dict[str, str], str], object],
 ) -> Iterator[Recorded]:
-    """Yield what the node that `add_node` puts on the bus, with its topics renamed, publishes while the bag plays."""
+    """Yield what a node publishes while the bag plays; `add_node` puts it on the bus, given topics and mounting."""
     with ExitStack() as stack:
         bag = stack.enter_context(BagReader(arguments.source))
         bus = OfflineBus(captured=set(published_topics))
         stack.callback(bus.close)
-        add_node(bus, find_topics(bag, arguments))
+        remap = find_topics(bag, arguments)
+        add_node(bus, remap, arguments.mounting or note_mounting(bag, remap["image_raw"], arguments))
         total = sum(bag.topics[topic].count for topic in bus.listeners if topic in bag.topics)
         bar = stack.enter_context(tqdm(total=total, desc="localise", unit="msg", disable=None))
         published = usable(replay(bag, bus, progress=bar.update), arguments.source)
@@ -81,18 +84,32 @@ def find_topics(bag: BagReader, arguments: argparse.Namespace) -> dict[str, str]
     """Return the bag's topic for each that a localiser hears; a bag with spheres has sphere_info for camera_info."""
     has_sphere = any(info.type == SPHERE_INFO and info.count for info in bag.topics.values())
     wanted = ("image_raw",) if has_sphere and not arguments.info else ("image_raw", "camera_info")
-    return topics.find_topics(bag, wanted, topics.chosen_topics(arguments))
+    return topics.find_topics(bag, wanted, topics.choose_topics(bag, arguments))
+
+
+def note_mounting(bag: BagReader, image: str, arguments: argparse.Namespace) -> str:
+    """Return the mounting to take, and say so where the bag does not tell it."""
+    mounting = topics.mounting_of(bag, image, parse_settings(arguments.settings))
+    if mounting:
+        base, text = topics.BASE_FRAME, "the camera is taken as the vehicle; --mounting tells otherwise"
+        logging.getLogger("sphere_nav.mounting").warning("%s: not above the camera on /tf_static: %s", base, text)
+    return mounting
 
 
 def usable(published: Iterator[Recorded], source: str) -> Iterator[Recorded]:
     """Pass on what is published; BagError at the end where no image could be compared: calibration or map are bad."""
-    refusal, is_usable = "", False
+    refusal, is_usable, is_answered = "", False, False
     for item in published:
         if item.topic == "/status":
+            is_answered = True
             status = conversions.message_to_status(item.message)
             is_usable |= status.reason not in UNUSABLE
             refusal = status.remedy
         yield item
+    if not is_answered:
+        raise BagError(
+            f"{source}: no image answered: expected a camera_info of each image's camera, found none in time"
+        )
     if refusal and not is_usable:
         raise BagError(f"{source}: every image refused: {refusal}")
 

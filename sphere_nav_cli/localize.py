@@ -13,7 +13,7 @@ from node_kit import conversions
 from node_kit.replay import OfflineBus
 from sphere_geometry import SE3
 from sphere_nav_cli import localising
-from sphere_nav_cli.map import parse_settings
+from sphere_nav_cli.settings import parse_settings
 
 HELP = """\
 Find the camera of a bag in a map, image by image, from colour alone. The poses of base_link in the states TRACKING and
@@ -41,8 +41,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Localise every image; 1 if none could be localised."""
 
-    def add_node(bus: OfflineBus, remap: dict[str, str]) -> None:
-        node = bus.add(DenseLocalizerNode, {"map": arguments.map} | parse_settings(arguments.settings), remap)
+    def add_node(bus: OfflineBus, remap: dict[str, str], mounting: str) -> None:
+        node = bus.add(
+            DenseLocalizerNode,
+            {"map": arguments.map, "mounting": mounting} | parse_settings(arguments.settings),
+            remap,
+        )
         if arguments.initial_pose:
             give_initial_pose(node, arguments.initial_pose)
 

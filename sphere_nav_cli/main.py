@@ -88,7 +88,9 @@ def _dispatch(words: list[str]) -> int:
 def _log_at_the_end() -> Iterator[None]:
     """Keep what nodes of a replay log away from progress bars, and let the one line of an error stand alone."""
     log = logging.getLogger("sphere_nav")
-    held = logging.handlers.MemoryHandler(100_000, flushLevel=logging.CRITICAL + 1, target=logging.StreamHandler())
+    shown = logging.StreamHandler()
+    shown.setFormatter(logging.Formatter("%(name)s: %(message)s"))
+    held = logging.handlers.MemoryHandler(100_000, flushLevel=logging.CRITICAL + 1, target=shown)
     log.addHandler(held)
     try:
         yield

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
-import yaml
 from tqdm import tqdm
 
 from node_kit.bags import BagError, BagReader
@@ -28,6 +26,7 @@ from sphere_mapping.stitcher_node import SphereStitcher
 from sphere_nav_cli import topics
 from sphere_nav_cli.evaluate import TRUTH_TOPICS, judge
 from sphere_nav_cli.pose_bags import read_poses
+from sphere_nav_cli.settings import parse_settings
 from sphere_nav_cli.sphere_source import CAMERAS, find_input
 
 OFFLINE_DEADLINE_S = 10.0  # of recording time: a recording may hold images as late as they were drawn or written
@@ -67,11 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--input", choices=("auto", *TOPICS, CAMERAS), default="auto", help="what is mapped (by the topics)"
     )
-    topics.add_options(
-        parser,
-        ("image", "info", "depth", "depth_info", "left", "left_info", "right", "right_info", "odom"),
-        has_rig=True,
-    )
+    topics.add_options(parser)
     parser.add_argument("--no-loops", action="store_true", help="do not look for places seen twice")
     parser.add_argument("--jobs", type=_positive, default=2, metavar="N", help="threads (%(default)s)")
     parser.add_argument("--trajectory", type=Path, metavar="F", help="write the pose of every sphere (TUM)")
@@ -184,9 +179,10 @@ class MappedDrive:
 
 def map_drive(arguments: argparse.Namespace) -> MappedDrive:
     """Return the bag mapped from what it holds; BagError where no sphere comes of it."""
-    chosen = topics.chosen_topics(arguments)
-    values = {"mapper.loop.automatic": not arguments.no_loops} | parse_settings(arguments.settings)
+    given = {"mapper.loop.automatic": not arguments.no_loops, "mounting": arguments.mounting}
+    values = given | parse_settings(arguments.settings)
     with BagReader(arguments.bag) as bag:
+        chosen = topics.choose_topics(bag, arguments)
         kind = arguments.input
         if kind == "auto":
             kind = find_input(bag, chosen, has_rig=arguments.rig is not None)
@@ -261,17 +257,6 @@ def move_to_truth(graph: SphereGraph, truth: Truth, T_base_sphere: SE3) -> Spher
         if known.all():
             poses[node.id] = at.T_map_body[0] @ T_body_sphere
     return graph.with_poses(poses)
-
-
-def parse_settings(settings: Sequence[str]) -> dict[str, Any]:
-    """Return parameters from words NAME=VALUE; values as in YAML."""
-    values = {}
-    for word in settings:
-        name, separator, text = word.partition("=")
-        if not separator:
-            raise ValueError(f"--set: expected NAME=VALUE, found {word!r}")
-        values[name] = yaml.safe_load(text)
-    return values
 
 
 def _use_threads(number: int) -> None:

@@ -8,7 +8,7 @@ from mcl_depth.node import MclDepthNode
 from mcl_depth.presets import PRESETS
 from node_kit.replay import OfflineBus
 from sphere_nav_cli import localising
-from sphere_nav_cli.map import parse_settings
+from sphere_nav_cli.settings import parse_settings
 
 HELP = """\
 Find the camera of a bag in bare geometry, from nowhere. CLOUD is .ply, .pcd, .las, .laz, .npy, a floor plan .csv, or a
@@ -34,8 +34,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Localise every image; 1 if none could be localised."""
 
-    def add_node(bus: OfflineBus, remap: dict[str, str]) -> None:
+    def add_node(bus: OfflineBus, remap: dict[str, str], mounting: str) -> None:
         given = {"cloud": arguments.cloud, "preset": arguments.preset, "input.max_leap_s": MAX_LEAP_S}
+        given["mounting"] = mounting
         bus.add(MclDepthNode, given | parse_settings(arguments.settings), remap)
 
     return localising.write_poses(arguments, localising.replay_localizer(arguments, TOPICS, add_node))

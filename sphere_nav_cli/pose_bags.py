@@ -22,6 +22,7 @@ def _odometry(message: Odometry) -> tuple[SE3, np.ndarray]:
     return T_map_body, from_ros_covariance(message.pose.covariance, T_map_body)
 
 
+BAG_SUFFIXES = (".mcap", ".db3", ".bag")
 Reading = Callable[[Any], tuple[SE3, np.ndarray | None]]
 READINGS: dict[str, Reading] = {
     type_name(PoseStamped): lambda message: (pose_to_se3(message.pose), None),
@@ -31,8 +32,8 @@ READINGS: dict[str, Reading] = {
 
 
 def is_bag(path: Path) -> bool:
-    """Return whether a path looks like a bag: a folder, or an .mcap file."""
-    return path.is_dir() or path.suffix == ".mcap"
+    """Return whether a path looks like a bag: a folder, or a file of one."""
+    return path.is_dir() or path.suffix in BAG_SUFFIXES
 
 
 def read_poses(path: Path, topics: tuple[str, ...]) -> Trajectory:

@@ -14,6 +14,7 @@ from sphere_geometry import SE3
 from sphere_map.sphere import Sphere
 from sphere_mapping.graph.registration import PreparedSphere, align, residual_at, turned
 from sphere_mapping.params import MapperParams
+from sphere_nav_cli import topics
 from sphere_nav_cli.sphere_source import Lens, read_sphere
 
 HELP = """\
@@ -25,6 +26,7 @@ y left, z up. Exit status 1 where the alignment is refused; the JSON says why.
 
 examples:
   sphere_nav register kitchen:0 kitchen:10
+  sphere_nav register recording:0 recording:10 --driver realsense
   sphere_nav register color0.png,depth0.png color9.png,depth9.png --camera 525,525,319.5,239.5 --depth-units 5000
   sphere_nav register l0.png,r0.png l1.png,r1.png --camera 707.09,707.09,601.89,183.11 --baseline 0.537
 """
@@ -41,13 +43,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--guess", type=numbers(7), metavar="X,Y,Z,QX,QY,QZ,QW", help="first guess of T_a_b (identity)")
     parser.add_argument("--json", type=Path, metavar="F", help="write to this file too")
+    topics.add_options(parser, has_cameras=False)
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Read both, align, print."""
     params = MapperParams()
     lens = Lens(arguments.camera, arguments.baseline, arguments.depth_units)
-    a, b = (read_sphere(word, lens, params) for word in (arguments.a, arguments.b))
+    a, b = (
+        read_sphere(word, lens, params, lambda bag: topics.choose_topics(bag, arguments))
+        for word in (arguments.a, arguments.b)
+    )
     guess = arguments.guess
     T_a_b = SE3.from_quaternion(guess[3:], guess[:3]) if guess else SE3.identity()
     text = json.dumps(register(a, b, T_a_b, params), indent=2)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,7 +36,10 @@ class Lens:
     depth_units: float = 1000.0
 
 
-def read_sphere(word: str, lens: Lens, params: MapperParams) -> Sphere:
+Choose = Callable[[BagReader], dict[str, str]]  # the topics that the user named, by ours
+
+
+def read_sphere(word: str, lens: Lens, params: MapperParams, choose: Choose = lambda bag: {}) -> Sphere:
     """Return the sphere that a word names: PATH:NUMBER, IMAGE,DEPTH or LEFT,RIGHT."""
     if "," in word:
         return _from_files(*_two(word), lens, params)
@@ -45,7 +49,7 @@ def read_sphere(word: str, lens: Lens, params: MapperParams) -> Sphere:
     if (Path(path) / FILE_NAME).is_file():
         with open_map(path) as reader:
             return reader.load_sphere(int(number))
-    return sphere_of_bag(Path(path), int(number))
+    return sphere_of_bag(Path(path), int(number), choose)
 
 
 class Collector(ManagedNode):
@@ -69,14 +73,17 @@ class Collector(ManagedNode):
         self.last, self.count = sphere, self.count + 1
 
 
-def sphere_of_bag(path: Path, number: int) -> Sphere:
+def sphere_of_bag(path: Path, number: int, choose: Choose = lambda bag: {}) -> Sphere:
     """Return the sphere of the instant with this number, counted from 0."""
     bus = OfflineBus(captured=set())
     with BagReader(path) as bag:
-        kind = find_input(bag)
+        chosen = choose(bag)
+        kind = find_input(bag, chosen)
         if kind == CAMERAS:
             raise BagError(f"{path}: topics: expected spheres, RGB-D or stereo images, found the cameras of a rig")
-        node: Any = bus.add(Collector, {"input": kind}, topics.find_topics(bag, TOPICS[kind], {}))
+        found = topics.find_topics(bag, TOPICS[kind], chosen)
+        slack_s = topics.pairing_slack(bag, found[TOPICS[kind][0]])
+        node: Any = bus.add(Collector, {"input": kind, "slack_s": slack_s}, found)
 
         def stop_there(step: int) -> None:
             if node.count > number:

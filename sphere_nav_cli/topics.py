@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from itertools import islice
+from typing import Any
 
 from node_kit.bag_error import BagError
 from node_kit.bag_reader import BagReader
 from node_kit.bag_writer import absolute
-from node_kit.streams import RGBD, STEREO, find_inputs, find_odometry, find_rig, read_streams
+from node_kit.drivers import INPUTS, Driver, driver_names, read_driver
+from node_kit.streams import RGBD, STEREO, Stream, find_inputs, find_odometry, find_rig, read_streams
+from node_kit.tf import TransformTree
 
 OPTIONS = {
     "image": ("image_raw", "images"),
@@ -24,21 +28,30 @@ OPTIONS = {
     "imu": ("imu", "inertial measurements"),
 }
 MIN_SLACK_S, MAX_SLACK_S = 0.005, 0.02  # what a moving camera can bear
+BASE_FRAME, TF_TOPIC, TF_STATIC_TOPIC = "base_link", "/tf", "/tf_static"
+CAMERA_IS_VEHICLE = "0,0,0,0,0,0"  # a mounting
+NUM_TF_MESSAGES = 1000  # that are looked at for the frames there are
 KINDS = {"rgbd": RGBD, "stereo": STEREO}
 
 
-def add_options(parser: argparse.ArgumentParser, names: Iterable[str], *, has_rig: bool = False) -> None:
-    """Declare the options of OPTIONS that a command knows; `has_rig` adds --camera."""
-    group = parser.add_argument_group("topics, found by type, name, frame and size where they are not given")
-    for name in names:
-        _, meaning = OPTIONS[name]
+def add_options(parser: argparse.ArgumentParser, *, has_cameras: bool = True) -> None:
+    """Declare what every command that uses the topics of a bag takes; without --camera where that means a lens."""
+    group = parser.add_argument_group("topics, found by driver, type, name, frame and size where they are not given")
+    for name, (_, meaning) in OPTIONS.items():
         group.add_argument(f"--{name.replace('_', '-')}", metavar="TOPIC", help=meaning)
-    if has_rig:
+    if has_cameras:
         group.add_argument(
-            "--camera", action="append", default=[], metavar="NAME=TOPIC", help="images of a camera of the rig file"
+            "--camera", action="append", default=[], metavar="NAME=TOPIC", help="images of a camera of a rig"
         )
     group.add_argument(
         "--remap", action="append", default=[], metavar="OURS:=THEIRS", help="any other topic, as in ROS"
+    )
+    group.add_argument("--driver", metavar="NAME", help=f"preset of names: {', '.join(driver_names())}; or a file")
+    group.add_argument(
+        "--mounting",
+        metavar="x,y,z,roll,pitch,yaw",
+        default="",
+        help="camera (x ahead, y left, z up) on base_link in m and rad, or a YAML file; else by /tf_static",
     )
 
 
@@ -46,7 +59,8 @@ def chosen_topics(arguments: argparse.Namespace) -> dict[str, str]:
     """Return what the user named: our topic -> the bag's. ValueError for words that are no pair."""
     chosen = {ours: getattr(arguments, name) for name, (ours, _) in OPTIONS.items() if getattr(arguments, name, None)}
     for option, separator in (("camera", "="), ("remap", ":=")):
-        for word in getattr(arguments, option, []):
+        words = getattr(arguments, option, None)
+        for word in words if isinstance(words, list) else ():
             ours, found, theirs = word.partition(separator)
             if not (found and ours and theirs):
                 raise ValueError(f"--{option}: expected A{separator}B, found {word!r}")
@@ -54,11 +68,52 @@ def chosen_topics(arguments: argparse.Namespace) -> dict[str, str]:
     return chosen
 
 
+def choose_topics(bag: BagReader, arguments: argparse.Namespace) -> dict[str, str]:
+    """Return what the user named, and what the driver that he named calls the rest."""
+    chosen = chosen_topics(arguments)
+    return driver_topics(bag, arguments.driver) | chosen if arguments.driver else chosen
+
+
+def driver_topics(bag: BagReader, name: str) -> dict[str, str]:
+    """Return the topics of a driver, below the one namespace where the bag has them; BagError: none, or several."""
+    driver, have = read_driver(name), sorted(topic for topic, info in bag.topics.items() if info.count)
+    roots = driver.roots(have)
+    if not roots:
+        missing = ", ".join(driver.missing(have))
+        raise BagError(f"{bag.path}: driver {driver.name}: expected {missing}, found {', '.join(have) or 'none'}")
+    if len(roots) > 1:
+        cameras = ", ".join(f"/{root}" for root in roots)
+        raise BagError(f"{bag.path}: driver {driver.name}: expected one camera, found {cameras}: name topics (--image)")
+    return driver.find(have, roots[0])
+
+
+def find_drivers(streams: Sequence[Stream]) -> list[Driver]:
+    """Return the presets whose topics are all there under their usual names, those with registered depth first."""
+    have = [stream.topic for stream in streams]
+    drivers = [read_driver(name) for name in driver_names()]
+    found = [driver for driver in drivers if driver.root and not driver.missing(have)]
+    return sorted(found, key=lambda d: (INPUTS.index(d.input), "depth/camera_info" in d.topics, d.name))
+
+
+def find_wanted(streams: Sequence[Stream], wanted: Iterable[str], chosen: dict[str, str]) -> dict[str, str]:
+    """Return the bag's topic for each of ours: as the user named it, as a driver is known to, or as it is found."""
+    wanted = tuple(wanted)
+    if not chosen:
+        have = [stream.topic for stream in streams]
+        named = (driver.find(have) for driver in find_drivers(streams) if set(wanted) <= set(driver.topics))
+        chosen = {ours: topic for ours, topic in next(named, {}).items() if ours.split("/")[0] in _first_words(wanted)}
+    return find_inputs(streams, wanted, chosen)
+
+
+def _first_words(topics: Iterable[str]) -> set[str]:
+    return {topic.split("/")[0] for topic in topics}
+
+
 def find_topics(bag: BagReader, wanted: Iterable[str], chosen: dict[str, str]) -> dict[str, str]:
     """Return the bag's topic for every one of ours; odometry where there is any."""
     streams = read_streams(bag)
     with _name_bag(bag):
-        found = find_inputs(streams, wanted, chosen)
+        found = find_wanted(streams, wanted, chosen)
     odometry = find_odometry(streams)
     return ({"odom": odometry} if odometry else {}) | found
 
@@ -78,6 +133,25 @@ def find_rig_topics(bag: BagReader, names: Iterable[str], chosen: dict[str, str]
     return topics
 
 
+def mounting_of(bag: BagReader, image: str, settings: dict[str, Any]) -> str:
+    """Return no mounting where the bag tells it, else that the camera is the vehicle."""
+    frame = next((s.frame_id for s in read_streams(bag) if s.topic == absolute(image)), "")
+    base, frame = str(settings.get("base_frame", BASE_FRAME)), str(settings.get("camera_frame") or frame)
+    return "" if not base or read_frames(bag).is_connected(base, frame) else CAMERA_IS_VEHICLE
+
+
+def read_frames(bag: BagReader) -> TransformTree:
+    """Return the frames of a bag: those that stand still, and as the first moving ones are."""
+    tree = TransformTree()
+    for topic, kind in ((TF_STATIC_TOPIC, True), (TF_TOPIC, False)):
+        found = bag.messages([topic]) if topic in bag.topics else ()
+        for _, _, message in islice(found, NUM_TF_MESSAGES):
+            for transform in message.transforms:
+                with suppress(ValueError):
+                    tree.add(transform, is_static=kind)
+    return tree
+
+
 def pairing_slack(bag: BagReader, topic: str) -> float:
     """Return how far apart in s the stamps of one instant may be: a third of the period, as drivers jitter."""
     rate_hz = next(stream.rate_hz for stream in read_streams(bag) if stream.topic == absolute(topic))
@@ -94,12 +168,12 @@ def guess_kind(bag: BagReader, chosen: dict[str, str], *, has_rig: bool) -> str:
     streams, reasons = read_streams(bag), []
     for kind, topics in KINDS.items():
         try:
-            find_inputs(streams, topics, chosen)
+            find_wanted(streams, topics, chosen)
         except BagError as error:
             reasons.append(str(error).removeprefix("topics: "))
         else:
             return kind
-    raise BagError(f"{bag.path}: topics: no spheres; {'; '.join(reasons)}")
+    raise BagError(f"{bag.path}: topics: no spheres; {'; '.join(dict.fromkeys(reasons))}")
 
 
 def options_of(topics: dict[str, str]) -> list[str]:

@@ -43,5 +43,4 @@ class Clouds:
 def mount_of(params: CloudParams) -> SE3:
     """Return T_rig_points of the parameters: turned about x, then y, then z, all of the rig."""
     roll, pitch, yaw = np.radians([params.roll_deg, params.pitch_deg, params.yaw_deg])
-    x, y, z = (SE3.exp([0.0, 0.0, 0.0, *axis]) for axis in ((roll, 0.0, 0.0), (0.0, pitch, 0.0), (0.0, 0.0, yaw)))
-    return SE3.from_parts((z @ y @ x).rotation, [params.x, params.y, params.z])
+    return SE3.from_angles(roll, pitch, yaw, [params.x, params.y, params.z])

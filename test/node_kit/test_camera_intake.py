@@ -101,6 +101,14 @@ def test_no_transform_is_needed_where_the_camera_is_the_base(values):
     np.testing.assert_array_equal(gate.pictures[0].T_base_camera.matrix, np.eye(4))
 
 
+def test_a_mounting_takes_the_place_of_tf():
+    gate = Gate(mounting="1,2,3,0,0,0")
+    gate.info()
+    gate.image(1)
+    T_base_camera = gate.pictures[0].T_base_camera
+    np.testing.assert_allclose(T_base_camera.apply([0.0, 0.0, 1.0])[0], [2.0, 2.0, 3.0], atol=1e-12)  # looks ahead
+
+
 def test_a_refused_calibration_answers_at_once_until_it_is_forgotten():
     gate = Gate()
     gate.info(focal=0.0)

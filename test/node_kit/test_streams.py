@@ -115,7 +115,12 @@ def test_what_the_user_names_holds():
         (ALIGNED, RGBD, {}, "expected images (--image)"),
         (COLOUR, RGBD, {}, "expected depth images (--depth)"),
         (COLOUR, STEREO, {}, "expected a left and a right camera (--left, --right)"),
-        ([*COLOUR, *INFRA], ("image_raw",), {}, "one topic with images (image_raw), found /camera/camera/color"),
+        (
+            [*COLOUR, image("/rear/image_raw", frame="rear")],
+            ("image_raw",),
+            {},
+            "one topic with images (image_raw), found /camera/camera/color",
+        ),
         (COLOUR, ("image_raw",), {"image_raw": "/none"}, "image_raw: expected topic /none, found /camera"),
         ([COLOUR[0]], ("image_raw", "camera_info"), {}, "camera_info of /camera/camera/color/image_raw, found none"),
     ],
@@ -154,3 +159,27 @@ def test_cameras_of_a_rig_are_found_by_their_names():
         "cam_front": "/cam_front/image_raw",
         "rear": "/cam_rear/image_raw",
     }
+
+
+def test_an_infrared_image_is_not_taken_for_a_picture_though_depth_is_registered_to_it():
+    rgb = [image("/rgb/image_raw", "bgra8", "rgb"), info("/rgb/camera_info", "rgb")]
+    depth = [image("/depth/image_raw", "16UC1", "ir"), info("/depth/camera_info", "ir")]
+    infrared = [image("/ir/image_raw", "mono16", "ir"), info("/ir/camera_info", "ir")]
+    found = find_inputs([*depth, *infrared, *rgb], RGBD)
+    assert (found["image_raw"], found["depth/camera_info"]) == ("/rgb/image_raw", "/depth/camera_info")
+
+
+def test_one_camera_under_several_names_counts_once_with_colour_and_the_left_of_a_pair():
+    zed = [image(f"/zed/{side}/image_rect_color", "bgra8", f"{side[0]}_optical") for side in ("left", "right")]
+    zed += [
+        image("/zed/rgb/image_rect_color", "bgra8", "l_optical"),
+        image("/zed/rgb/image_rect_gray", "mono8", "l_optical"),
+    ]
+    infos = [info(f"/zed/{side}/camera_info", f"{side[0]}_optical") for side in ("left", "right")]
+    found = find_inputs([*zed, *infos], ("image_raw", "camera_info"))
+    assert found == {"image_raw": "/zed/left/image_rect_color", "camera_info": "/zed/left/camera_info"}
+
+
+def test_a_misspelt_topic_is_told_the_one_that_is_meant():
+    with pytest.raises(BagError, match=r"is /camera/camera/color/image_raw meant"):
+        find_inputs(COLOUR, ("image_raw",), {"image_raw": "/camera/camera/colour/image_raw"})

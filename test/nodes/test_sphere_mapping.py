@@ -192,6 +192,22 @@ def test_without_mounts_the_camera_is_the_vehicle():
     bench = Bench(input="rgbd")
     bench.send(*rgbd(0))
     np.testing.assert_allclose(odometry_to_se3(bench.said["/odometry"][0])[0].translation, 0.0, atol=1e-9)
+    bench.send(*rgbd(3))
+    told = odometry_to_se3(bench.said["/odometry"][-1])[0]
+    distance, angle = told.distance(pose(0).inverse() @ pose(3))  # x ahead, as of a vehicle
+    assert distance < 0.005
+    assert angle < 0.005
+
+
+def test_a_mounting_takes_the_place_of_tf():
+    bench = Bench(input="rgbd", mounting="0.4,0,1.1,0,0,0.2")
+    T_base_camera = SE3.from_angles(0.0, 0.0, 0.2, [0.4, 0.0, 1.1])
+    bench.drive(rgbd, [0, 3])  # /tf_static says otherwise
+    told = [odometry_to_se3(message)[0] for message in bench.said["/odometry"]]
+    assert told[0].distance(T_base_camera.inverse()) == pytest.approx((0.0, 0.0), abs=1e-9)
+    distance, angle = told[1].distance(pose(0).inverse() @ pose(3) @ T_base_camera.inverse())
+    assert distance < 0.005
+    assert angle < 0.005
 
 
 def test_a_clock_that_jumps_back_starts_new_pairs():

@@ -2,14 +2,15 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+import cv2
 import numpy as np
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-from node_kit.conversions import array_to_image, camera_to_info
+from node_kit.conversions import array_to_image, camera_to_info, image_to_array
 from node_kit.node import ManagedNode
 from node_kit.replay import OfflineBus
 from sphere_geometry import SE3, Pinhole
-from sphere_mapping.intake_node import DEPTH_INFO, TOPICS, Intake
+from sphere_mapping.intake_node import DEPTH_INFO, TOPICS, Intake, with_driver_input
 from sphere_mapping.params import SphereMapperParams
 from worlds.recordings import FRAME, ROOM, optical, pose, rgbd, sphere, stamp, stereo
 
@@ -33,9 +34,9 @@ class Catcher(ManagedNode):
         self.add_subscription(DEPTH_INFO, CameraInfo, self.intake.on_depth_info, is_required=False)
 
 
-def caught(kind, *messages):
+def caught(kind, *messages, **values):
     bus = OfflineBus()
-    node = bus.add(Catcher, {"input": kind})
+    node = bus.add(Catcher, {"input": kind} | values)
     for topic, message in messages:
         bus.publish("/" + topic, message)
     list(bus.settle())
@@ -97,3 +98,44 @@ def test_depth_of_a_camera_beside_gives_the_same_range():
     errors = np.abs(sphere_beside.range_m[both] / whole.range_m[both] - 1)
     assert np.median(errors) < 1e-3
     assert np.mean(errors > 0.02) < 0.02  # at edges, which the two cameras see from different places
+
+
+def compress(topic, message):
+    """Return topic and message as image_transport sends them."""
+    if not isinstance(message, Image):
+        return topic, message
+    pixels = image_to_array(message)
+    if not topic.startswith("depth"):
+        data = cv2.imencode(".png", pixels)[1].tobytes()
+        return f"{topic}/compressed", CompressedImage(header=message.header, format="mono8; png compressed", data=data)
+    millimetres = np.nan_to_num(np.rint(pixels * 1e3), nan=0.0, posinf=0.0).astype(np.uint16)
+    data = bytes(12) + cv2.imencode(".png", millimetres)[1].tobytes()
+    message = CompressedImage(header=message.header, format="16UC1; compressedDepth png", data=data)
+    return f"{topic}/compressedDepth", message
+
+
+@pytest.mark.parametrize(("kind", "source"), [("rgbd", rgbd), ("stereo", stereo)])
+def test_compressed_images_give_the_sphere_of_raw_ones(kind, source):
+    ((raw, _, _),) = caught(kind, *source(3)).caught
+    node = caught(kind, *(compress(*item) for item in source(3)), transport="compressed")
+    ((found, frame, _),) = node.caught
+    assert frame == FRAME
+    np.testing.assert_array_equal(found.image, raw.image)
+    both = found.measured & raw.measured
+    assert both.sum() > 0.99 * raw.measured.sum()
+    np.testing.assert_allclose(found.range_m[both], raw.range_m[both], atol=2e-3)
+
+
+def test_a_damaged_compressed_image_is_refused_and_counted():
+    topic, message = compress("image_raw", next(m for t, m in rgbd(3) if t == "image_raw"))
+    message.data = bytes(message.data[:50])
+    node = caught("rgbd", (topic, message), transport="compressed")
+    assert [wanted.num_refused for wanted in node.inputs if wanted.topic == topic] == [1]
+
+
+def test_a_driver_decides_the_input_unless_it_has_no_range():
+    assert with_driver_input(SphereMapperParams(driver="zed_stereo")).input == "stereo"
+    assert with_driver_input(SphereMapperParams(driver="zed_stereo", input="rgbd")).input == "rgbd"
+    assert with_driver_input(SphereMapperParams()).input == "sphere"
+    with pytest.raises(ValueError, match="expected one with depth or two cameras, found usb_cam"):
+        with_driver_input(SphereMapperParams(driver="usb_cam"))

@@ -22,6 +22,7 @@ from node_kit.bag_reader import BagReader
 from node_kit.conversions import array_to_image, camera_to_info, image_to_array, image_to_rgb, se3_to_transform
 from node_kit.map_bag import open_map
 from sphere_geometry import SE3, Pinhole
+from sphere_geometry.trajectory import read_tum
 from sphere_nav_cli.main import main
 from worlds.recordings import FRAME, ROOM, optical, pose, rgbd, stamp, stereo, write_bag
 
@@ -164,3 +165,43 @@ def test_a_damaged_compressed_image_is_refused_and_the_next_one_used(own, tmp_pa
     said = capsys.readouterr().out
     assert "3 spheres placed" in said
     assert "refused: 1 of image_raw" in said
+
+
+def test_inspect_tells_driver_mounting_and_encoding_and_takes_what_is_named(own, tmp_path, capsys):
+    bag = copy_bag(own["rgbd"], tmp_path / "foreign", REALSENSE, storage=StoragePlugin.SQLITE3)
+    assert call("inspect", bag) == 0
+    said = capsys.readouterr().out
+    assert "--driver realsense" in said
+    assert "/camera/camera/color/image_raw: usually rgb8 or bgr8, here mono8" in said
+    assert f"mounting: {FRAME}: x 0.400, y 0.000, z 1.100 m on base_link by /tf_static" in said
+    assert call("inspect", bag, "--mounting", "1,0,0,0,0,0", "--info", REALSENSE["/camera_info"]) == 0
+    assert "--mounting 1,0,0,0,0,0" in capsys.readouterr().out
+    assert call("inspect", bag, "--driver", "zed") == 2
+    assert "driver zed: expected /zed/zed_node/rgb/color/rect/image" in capsys.readouterr().err
+
+
+def test_a_driver_a_mounting_and_no_frames_at_all_map_and_localise(own, tmp_path, capsys):
+    """A folder with a database alone, a camera called otherwise, no /tf_static: nothing but the options tells it."""
+    names = {
+        ours: theirs.replace("/camera/camera", "/front") for ours, theirs in REALSENSE.items() if ours != "/tf_static"
+    }
+    bag = copy_bag(own["rgbd"], tmp_path / "foreign", names, storage=StoragePlugin.SQLITE3)
+    (bag / "metadata.yaml").unlink()
+    words = ("--driver", "realsense", "--mounting", "0.4,0,1.1,0,0,0")
+    assert call("map", bag, "-o", tmp_path / "m", "--taught", tmp_path / "taught.tum", *words) == 0
+    assert call("map", own["rgbd"], "-o", tmp_path / "own", "--taught", tmp_path / "own.tum") == 0
+    assert (tmp_path / "taught.tum").read_text() == (tmp_path / "own.tum").read_text()
+    capsys.readouterr()
+    assert call("localize", tmp_path / "m", bag, "-o", tmp_path / "p.tum", "--driver", "realsense") == 0
+    assert "camera is taken as the vehicle" in capsys.readouterr().err
+    assert call("localize", tmp_path / "m", bag, "-o", tmp_path / "q.tum", *words) == 0
+    assert "taken as the vehicle" not in capsys.readouterr().err
+    ours, mounted = (read_tum(tmp_path / name).T_map_body for name in ("p.tum", "q.tum"))
+    camera = mounted @ SE3.from_parts(np.eye(3), [0.4, 0.0, 1.1])
+    np.testing.assert_allclose(camera.translation, ours.translation, atol=1e-6)
+
+
+def test_register_takes_the_topics_of_a_driver(own, tmp_path, capsys):
+    bag = copy_bag(own["rgbd"], tmp_path / "foreign", REALSENSE)
+    assert call("register", f"{bag}:0", f"{bag}:1", "--driver", "realsense") == 0
+    assert json.loads(capsys.readouterr().out)["is_converged"]
