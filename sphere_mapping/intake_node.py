@@ -14,7 +14,6 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sphere_nav_msgs.msg import AugmentedSphere
 
 from node_kit import conversions, qos
-from node_kit.drivers import read_driver
 from node_kit.endpoints import COMPRESSED, COMPRESSED_DEPTH
 from sphere_geometry import SE3, Camera, Pinhole
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
@@ -35,16 +34,6 @@ TOPICS: dict[str, tuple[str, ...]] = {
 }
 DEPTH_INFO = "depth/camera_info"  # only where depth is another camera's than the images
 WAIT_S = 1.0  # of stamps, not of a clock: after it an image goes without its counterpart
-
-
-def with_driver_input(params: SphereMapperParams) -> SphereMapperParams:
-    """Return the parameters with the input that the driver gives; ValueError for a driver without range."""
-    if not params.driver or params.input != "sphere":
-        return params
-    driver = read_driver(params.driver)
-    if driver.input not in TOPICS:
-        raise ValueError(f"driver: expected one with depth or two cameras, found {driver.name}: {driver.title}")
-    return replace(params, input=driver.input)
 
 
 class Intake:

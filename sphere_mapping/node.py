@@ -19,9 +19,10 @@ from photometric.warm_up import warm_up
 from sphere_geometry import SE3
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 from sphere_mapping.acquisition import kernels
+from sphere_mapping.driver_node import with_driver_input
 from sphere_mapping.graph.map_cloud import cloud_of
 from sphere_mapping.graph.unrolling import Unroll
-from sphere_mapping.intake_node import DEPTH_INFO, Intake, with_driver_input
+from sphere_mapping.intake_node import DEPTH_INFO, Intake
 from sphere_mapping.mapper import Mapper, MapUpdate
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.saving_node import save
@@ -109,18 +110,15 @@ class SphereMapper(ManagedNode):
         p, stamp, found = self.params, update.stamp_ns, update.alignment
         T_map_base = T_map_sphere @ self.T_base_sphere.inverse()
         covariance = conversions.move_covariance(found.covariance if found else NO_COVARIANCE, self.T_base_sphere)
-        frames = (p.map_frame, p.base_frame)
-        self.odometry.publish(conversions.se3_to_odometry(T_map_base, covariance, stamp, frames))
-        if T_odom_base is None:
-            self.tf_out.send(T_map_base, stamp, *frames)
-        else:
-            self.tf_out.send(T_map_base @ T_odom_base.inverse(), stamp, p.map_frame, ODOM)
+        self.odometry.publish(conversions.se3_to_odometry(T_map_base, covariance, stamp, (p.map_frame, p.base_frame)))
+        T_base_child = T_odom_base.inverse() if T_odom_base else SE3.identity()
+        self.tf_out.send(T_map_base @ T_base_child, stamp, p.map_frame, ODOM if T_odom_base else p.base_frame)
         number, T_sphere_base = len(self.mapper.tracks), self.T_base_sphere.inverse()
         if number % PATH_STEP == 1 or update.is_key:
             poses = ((ns, T_map_track @ T_sphere_base) for ns, T_map_track in self.mapper.trajectory())
             self.path.publish(conversions.poses_to_path(poses, stamp, p.map_frame))
-        num_keys, mad = len(self.mapper.graph), found.mad if found else 0.0
-        self.report("mapping", OK, "mapping", spheres=number, key_spheres=num_keys, mad=mad)
+        values = {"spheres": number, "key_spheres": len(self.mapper.graph), "mad": found.mad if found else 0.0}
+        self.report("mapping", OK, "mapping", **values)
 
     def tell_map(self, stamp: int) -> None:
         """Publish the graph, and what is to be looked at only where someone looks."""

@@ -10,7 +10,8 @@ from node_kit.conversions import array_to_image, camera_to_info, image_to_array
 from node_kit.node import ManagedNode
 from node_kit.replay import OfflineBus
 from sphere_geometry import SE3, Pinhole
-from sphere_mapping.intake_node import DEPTH_INFO, TOPICS, Intake, with_driver_input
+from sphere_mapping.driver_node import with_driver_input
+from sphere_mapping.intake_node import DEPTH_INFO, TOPICS, Intake
 from sphere_mapping.params import SphereMapperParams
 from worlds.recordings import FRAME, ROOM, optical, pose, rgbd, sphere, stamp, stereo
 
@@ -116,9 +117,9 @@ def compress(topic, message):
 
 @pytest.mark.parametrize(("kind", "source"), [("rgbd", rgbd), ("stereo", stereo)])
 def test_compressed_images_give_the_sphere_of_raw_ones(kind, source):
-    ((raw, _, _),) = caught(kind, *source(3)).caught
+    ((raw, *_),) = caught(kind, *source(3)).caught
     node = caught(kind, *(compress(*item) for item in source(3)), transport="compressed")
-    ((found, frame, _),) = node.caught
+    ((found, frame, *_),) = node.caught
     assert frame == FRAME
     np.testing.assert_array_equal(found.image, raw.image)
     both = found.measured & raw.measured
