@@ -10,6 +10,8 @@ import math
 
 from command_guard.params import GuardParams
 
+WAITING = "waits for a zero command before it lets others through"
+
 
 class Guard:
     """Call `pass_on` regularly; what it returns is for the base."""
@@ -37,8 +39,10 @@ class Guard:
     def pass_on(self, now: float) -> tuple[float, float]:
         """Return the speed m/s and yaw rate rad/s for now."""
         p, fault = self.params, self._fault(now)
-        is_rearmed = not self.reason or self._wanted[0] == 0.0
-        self.reason = fault or ("" if is_rearmed else self.reason)
+        if fault:
+            self.reason = fault
+        elif self.reason:
+            self.reason = "" if self._wanted[0] == 0.0 else WAITING
         seconds = min(max(now - self._passed_at, 0.0), 0.1)
         self._passed_at = now
         speed, yaw_rate = (0.0, 0.0) if self.reason else self._wanted

@@ -16,7 +16,7 @@ def camera_from_info(info: CameraInfo, *, is_rectified: bool = False) -> Pinhole
 
     A region of interest moves the centre; binning by b takes u to (u + 1/2) / b - 1/2, as pixels are summed.
     """
-    name = info.header.frame_id or "camera_info"
+    name = " ".join(info.header.frame_id.split()) or "camera_info"
     matrix = (
         (info.p[0], info.p[5], info.p[2], info.p[6]) if is_rectified else (info.k[0], info.k[4], info.k[2], info.k[5])
     )
@@ -26,7 +26,9 @@ def camera_from_info(info: CameraInfo, *, is_rectified: bool = False) -> Pinhole
             f"{name}: {'P' if is_rectified else 'K'}[0]: expected a calibrated camera, found focal length 0"
         )
     if not is_rectified and (info.k[1] != 0.0 or info.k[8] != 1.0):
-        raise ValueError(f"{name}: K: expected no skew and a last row 0 0 1, found {list(info.k)}")
+        raise ValueError(
+            f"{name}: K: expected no skew and a last row 0 0 1, found {[float(value) for value in info.k]}"
+        )
     roi, bin_x, bin_y = info.roi, max(int(info.binning_x), 1), max(int(info.binning_y), 1)
     width, height = int(roi.width or info.width) // bin_x, int(roi.height or info.height) // bin_y
     cx, cy = cx - roi.x_offset, cy - roi.y_offset

@@ -49,6 +49,7 @@ TO_RGB = {
     "bayer_gbrg8": cv2.COLOR_BayerGR2RGB,
     "bayer_grbg8": cv2.COLOR_BayerGB2RGB,
 }
+IN_PAIRS = ("yuv422", "uyvy", "yuv422_yuy2", "yuyv")  # two pixels share a colour
 COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")  # of image_transport's compressedDepth: kind, two parameters
 MILLIMETRES_INVALID = (0, 65535)
 
@@ -101,6 +102,8 @@ def image_to_rgb(message: Image) -> Bytes:
         return (pixels >> 8).astype(np.uint8)
     if pixels.dtype != np.uint8:
         raise ValueError(f"encoding: expected a grey or colour image, found {message.encoding!r}")
+    if message.encoding in IN_PAIRS and pixels.shape[1] % 2:
+        raise ValueError(f"width: expected an even number of pixels of {message.encoding}, found {pixels.shape[1]}")
     return cv2.cvtColor(pixels, TO_RGB[message.encoding]) if message.encoding in TO_RGB else pixels
 
 

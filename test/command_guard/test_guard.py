@@ -48,7 +48,7 @@ def test_nothing_passes_before_a_zero_command():
     bench = Bench()
     bench.run(1.0)
     assert max(bench.speeds) == 0.0
-    assert bench.guard.reason == "no command yet"
+    assert bench.guard.reason == "waits for a zero command before it lets others through"
 
 
 def test_a_sender_that_falls_silent_stops_within_deadline_and_ramp(driving):

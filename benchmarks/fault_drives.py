@@ -1,0 +1,204 @@
+"""A drive by images in one process: simulated street and car, `dense_localizer` and `path_follower` on a bus.
+
+Time is simulated and stamped, so that a drive does not depend on the speed of the machine; no DDS. The map is of ideal
+spheres 1.5 m apart; the camera gives 10 images a second, which are answered 50 ms later.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
+from tf2_msgs.msg import TFMessage
+
+from cycab_sim.params import ActuationParams, SimParams, VehicleParams
+from cycab_sim.simulator import Simulator
+from cycab_sim.vehicle import Command, Vehicle, VehicleState
+from dense_localizer.node import DenseLocalizerNode
+from node_kit import conversions
+from node_kit.map_bag import MapDetails, save_map
+from node_kit.replay import OfflineBus
+from path_follower.node import PathFollowerNode
+from sphere_geometry import SE3
+from sphere_map.graph import Edge, KeySphere, SphereGraph
+from sphere_map.sphere import Sphere
+from typed_params import build
+
+SECOND, STEP_NS, PERIOD_NS, LATENCY_NS, ODOM_NS = 1_000_000_000, 10_000_000, 100_000_000, 50_000_000, 20_000_000
+STREET = {"path": "straight", "camera.width": 320, "camera.height": 240, "sphere.width": 768, "render.supersampling": 1}
+SPACING = 1.5  # m between key spheres
+BEFORE = 2.0  # m of map behind the place where drives begin
+NOISE = 1.2  # grey levels
+FRAME = "camera_optical"
+Messages = list[tuple[str, Any]]  # topic and message
+Gray = NDArray[np.uint8]
+
+
+class Course:
+    """A street with its map, and what was drawn of it already."""
+
+    def __init__(self, folder: Path, seed: int = 1) -> None:
+        self.simulator = Simulator(build(SimParams, STREET | {"seed": seed}))
+        self.path = self.simulator.path
+        mounts = self.simulator.mounts
+        self.camera, self.T_base_camera = mounts["camera"].camera, mounts["camera"].T_base_camera
+        self.length = self.path.length - BEFORE
+        self.map = self._make_map(folder / "map", mounts["sphere"])
+        self.drawn: dict[tuple[float, ...], Gray] = {}
+
+    def pose(self, along: float, left: float = 0.0, turned: float = 0.0) -> tuple[float, float, float]:
+        """Return x, y, yaw of the base at a distance along the path."""
+        x, y, yaw, _ = map(float, self.path.at(np.array(along + BEFORE)))
+        return x - left * np.sin(yaw), y + left * np.cos(yaw), yaw + turned
+
+    def look(self, x: float, y: float, yaw: float, is_kept: bool) -> Gray:
+        """Return what the camera sees, without noise; `is_kept`: other drives will see the same."""
+        key = (x, y, yaw)
+        if key not in self.drawn:
+            T_world_camera = SE3.from_planar(x, y, yaw) @ self.T_base_camera
+            image, _ = self.simulator.render(self.camera, T_world_camera, is_grey=True)
+            if not is_kept:
+                return image
+            self.drawn[key] = image
+        return self.drawn[key]
+
+    def _make_map(self, folder: Path, mount: Any) -> Path:
+        nodes: list[KeySphere] = []
+        for number, along in enumerate(np.arange(-BEFORE, self.length, SPACING)):
+            T_map_sphere = SE3.from_planar(*self.pose(float(along))) @ mount.T_base_camera
+            image, range_m = self.simulator.render(mount.camera, T_map_sphere)
+            stamp = (number + 1) * SECOND
+            nodes.append(KeySphere(number, stamp, T_map_sphere, Sphere(image, range_m, mount.camera, stamp)))
+        edges = [
+            Edge(a.id, b.id, a.T_map_sphere.inverse() @ b.T_map_sphere, 1e4 * np.eye(6)) for a, b in pairwise(nodes)
+        ]
+        return save_map(folder, SphereGraph(nodes, edges), MapDetails("street"))
+
+
+@dataclass
+class Gauge:
+    """What a drive has shown: commands (time, speed), stops, the way driven and the largest distance from the path."""
+
+    commands: list[tuple[int, float]]
+    num_stops: int = 0
+    way: float = 0.0
+    aside: float = 0.0
+
+
+class Drive:
+    """One drive along a course; faults change `images`, called with every image and what belongs to it."""
+
+    def __init__(self, course: Course, seed: int, *, has_odometry: bool = False) -> None:
+        self.course, self.seed, self.has_odometry = course, seed, has_odometry
+        self.rng = np.random.default_rng(seed)
+        self.bus = OfflineBus()
+        self.localizer: Any = self.bus.add(DenseLocalizerNode, {"map": str(course.map), "every_image": True})
+        self.follower: Any = self.bus.add(PathFollowerNode, {"enable_stamped_cmd_vel": True})
+        self.vehicle = Vehicle(VehicleState(*course.pose(0.0)), VehicleParams(), ActuationParams())
+        self.command, self.now, self.num_images = Command(), SECOND, 0
+        self.odometry = Odometer()
+        self.images: Callable[[Messages], Messages] | None = None
+        self.latency_ns = LATENCY_NS
+        self.pending: list[tuple[int, str, Any]] = []
+        self.gauge = Gauge([])
+        path = [(0, SE3.from_planar(*course.pose(float(s)))) for s in np.arange(0.0, course.length - 1.0, 0.5)]
+        list(self.bus.advance(self.now))
+        mount = conversions.se3_to_transform(course.T_base_camera, self.now, "base_link", FRAME)
+        self.bus.deliver("/tf_static", TFMessage(transforms=[mount]))
+        self.bus.deliver("/reference_path", conversions.poses_to_path(path, self.now, "map"))
+
+    def close(self) -> None:
+        """Close the map."""
+        self.bus.close()
+
+    def start(self) -> str:
+        """Arm; return why not."""
+        answer = self.follower.shell.call("start")
+        return "" if answer.success else str(answer.message).partition(":")[0]
+
+    def teleport(self, along: float, left: float = 0.0, turned: float = 0.0) -> None:
+        """Put the car elsewhere on the course, at its speed."""
+        speed = self.vehicle.state.speed
+        self.vehicle.state = VehicleState(*self.course.pose(along, left, turned), speed, 0.0)
+
+    @property
+    def along(self) -> float:
+        """Where the car is along the path, m."""
+        x, y, yaw = self.course.pose(0.0)
+        return float((self.vehicle.state.x - x) * np.cos(yaw) + (self.vehicle.state.y - y) * np.sin(yaw))
+
+    def run(self, seconds: float) -> None:
+        """Let time pass."""
+        end = self.now + round(seconds * SECOND)
+        while self.now < end:
+            self._sense()
+            said = list(self.bus.advance(self.now))
+            due = [item for item in self.pending if item[0] <= self.now]
+            self.pending = [item for item in self.pending if item[0] > self.now]
+            for _, topic, message in due:
+                self.bus.deliver(topic, message)
+                said += self.bus.settle()
+            for item in said:
+                if item.topic == "/cmd_vel":
+                    self._obey(item.message.twist)
+            self._move()
+            self.now += STEP_NS
+
+    def _sense(self) -> None:
+        if self.now % PERIOD_NS == 0:
+            self.num_images += 1
+            messages = self.see()
+            messages = messages if self.images is None else self.images(messages)
+            self.pending += [(self.now + self.latency_ns, *item) for item in messages]
+        if self.has_odometry and self.now % ODOM_NS == 0:
+            self.pending.append((self.now, "/odom", self.odometry.message(self.now)))
+
+    def see(self) -> Messages:
+        """Return an image of now with its calibration."""
+        state = self.vehicle.state
+        view = self.course.look(state.x, state.y, state.yaw, is_kept=self.images is None)
+        noise = np.random.default_rng([self.seed, self.num_images]).normal(0.0, NOISE, view.shape)
+        image = np.clip(np.rint(view + noise), 0, 255).astype(np.uint8)
+        info = conversions.camera_to_info(self.course.camera, self.now, FRAME)
+        return [("/camera_info", info), ("/image_raw", conversions.array_to_image(image, self.now, FRAME, "mono8"))]
+
+    def _obey(self, twist: Any) -> None:
+        speed = float(twist.linear.x)
+        self.gauge.num_stops += speed == 0.0 and self.command.speed != 0.0
+        self.command = Command(speed, float(twist.angular.z))
+        self.gauge.commands.append((self.now, speed))
+
+    def _move(self) -> None:
+        self.vehicle.step(self.command, STEP_NS / SECOND)
+        self.odometry.step(self.vehicle, STEP_NS / SECOND)
+        state, (x, y, yaw) = self.vehicle.state, self.course.pose(0.0)
+        self.gauge.way += abs(state.speed) * STEP_NS / SECOND
+        aside = abs((state.y - y) * np.cos(yaw) - (state.x - x) * np.sin(yaw))
+        self.gauge.aside = max(self.gauge.aside, float(aside))
+
+
+class Odometer:
+    """Wheel odometry; a fault sets `factor` (of its motion) or `is_frozen` (its last message goes on)."""
+
+    def __init__(self) -> None:
+        self.T_odom_base, self.speed, self.yaw_rate = SE3.identity(), 0.0, 0.0
+        self.factor, self.is_frozen = 1.0, False
+
+    def step(self, vehicle: Vehicle, seconds: float) -> None:
+        """Follow the wheels."""
+        if self.is_frozen:
+            return
+        self.speed, self.yaw_rate = self.factor * vehicle.state.speed, self.factor * vehicle.yaw_rate
+        step = SE3.from_planar(self.speed * seconds, 0.0, self.yaw_rate * seconds)
+        self.T_odom_base = self.T_odom_base @ step
+
+    def message(self, now: int) -> Odometry:
+        """Return what is published now."""
+        twist = np.array([self.speed, 0.0, 0.0, 0.0, 0.0, self.yaw_rate])
+        return conversions.se3_to_odometry(self.T_odom_base, 1e-4 * np.eye(6), now, ("odom", "base_link"), twist)

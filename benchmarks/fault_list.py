@@ -1,0 +1,222 @@
+"""The faults of a drive: what is done to its images, to its odometry, or to its nodes."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from std_msgs.msg import Bool
+
+from benchmarks.fault_drives import PERIOD_NS, SECOND, Drive, Messages
+from node_kit import conversions
+from sphere_geometry import SE3
+
+Images = Callable[[Drive, Messages, float], Messages]  # the drive, an image with its calibration, s since the fault
+Pixels = Callable[[np.ndarray, np.random.Generator], np.ndarray]
+
+
+@dataclass
+class Fault:
+    """`stops`: the vehicle must stop, or must drive on; None: either, as it is localised or not."""
+
+    number: str
+    name: str
+    images: Images = lambda drive, messages, age: messages
+    begin: Callable[[Drive], None] = lambda drive: None
+    end: Callable[[Drive], None] = lambda drive: None
+    stops: bool | None = True
+    has_odometry: bool = False
+    is_moved: bool = False  # the car is put elsewhere: its way from the path says nothing
+
+
+def _none(drive: Drive, messages: Messages, age: float) -> Messages:
+    return []
+
+
+def _every(n: int, is_lost: bool) -> Images:
+    """Lose every n-th image, or all but those."""
+    return lambda drive, messages, age: [] if (drive.now // PERIOD_NS % n == 0) == is_lost else messages
+
+
+def _until(seconds: float, change: Images) -> Images:
+    return lambda drive, messages, age: change(drive, messages, age) if age <= seconds else messages
+
+
+def _stamped(offset: Callable[[int], int]) -> Images:
+    def change(drive: Drive, messages: Messages, age: float) -> Messages:
+        for _, message in messages:
+            message.header.stamp = conversions.ns_to_time(max(offset(drive.now), 0))
+        return messages
+
+    return change
+
+
+def _pixels(change: Pixels) -> Images:
+    def apply(drive: Drive, messages: Messages, age: float) -> Messages:
+        ((_, info), (topic, image)) = messages
+        grey = change(conversions.image_to_grey(image).copy(), drive.rng)
+        wrong = conversions.array_to_image(np.clip(grey, 0, 255).astype(np.uint8), 1, image.header.frame_id, "mono8")
+        wrong.header = image.header
+        return [("/camera_info", info), (topic, wrong)]
+
+    return apply
+
+
+def _frozen() -> Images:
+    kept: list[Any] = []
+
+    def change(drive: Drive, messages: Messages, age: float) -> Messages:
+        kept[:] = kept if age > 0.1 and kept else [copy.copy(messages[1][1])]
+        again = copy.copy(kept[0])
+        again.header = messages[1][1].header
+        return [messages[0], ("/image_raw", again)]
+
+    return change
+
+
+def _info(change: Callable[[Any], None]) -> Images:
+    def apply(drive: Drive, messages: Messages, age: float) -> Messages:
+        change(messages[0][1])
+        return messages
+
+    return apply
+
+
+def _set(name: str, value: Any) -> Callable[[Any], None]:
+    return lambda info: setattr(info, name, value)
+
+
+def _longer(info: Any) -> None:
+    info.k = info.k * np.array([1.3, 1, 1, 1, 1.3, 1, 1, 1, 1])
+
+
+def _other_frame(index: int) -> Images:
+    def change(drive: Drive, messages: Messages, age: float) -> Messages:
+        messages[index][1].header.frame_id = "other_camera"
+        return messages
+
+    return change
+
+
+def _covered(share: float) -> Pixels:
+    def cover(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+        image[:, : round(share * image.shape[1])] = 30 + 3 * rng.normal(size=(image.shape[0], 1))
+        return image
+
+    return cover
+
+
+def _noise(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    return image + 80.0 * rng.normal(size=image.shape)
+
+
+def _smear(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    middle = slice(image.shape[1] // 4, 3 * image.shape[1] // 4)
+    image[:, middle] = cv2.GaussianBlur(image, (0, 0), 8.0)[:, middle]
+    return image
+
+
+def _mute(drive: Drive) -> None:
+    """The localiser's process is gone."""
+    drive.localizer.outputs.publish = drive.localizer.outputs.tell = lambda *args, **values: None
+
+
+def _speak(drive: Drive) -> None:
+    for name in ("publish", "tell"):
+        drive.localizer.outputs.__dict__.pop(name, None)
+
+
+def _publishers(*names: str) -> Callable[[Drive], None]:
+    def set_them(drive: Drive) -> None:
+        drive.follower.publishers_of = lambda topic: list(names)
+
+    return set_them
+
+
+def _late(nanoseconds: int) -> Callable[[Drive], None]:
+    def set_it(drive: Drive) -> None:
+        drive.latency_ns = nanoseconds
+
+    return set_it
+
+
+def _no_number(drive: Drive, messages: Messages, age: float) -> Messages:
+    """Somebody else's poses in between; what the localiser says goes on."""
+    pose = conversions.se3_to_pose_with_covariance(SE3.identity(), 1e-4 * np.eye(6), drive.now, "map")
+    pose.pose.pose.position.x = math.nan
+    return [*messages, ("/pose", pose)]
+
+
+def _initial_poses(drive: Drive) -> None:
+    """Poses to start from: 500 m off the map, not a number, of another frame."""
+    for frame, x in (("map", 500.0), ("map", math.nan), ("odom", 0.0)):
+        given = conversions.se3_to_pose_with_covariance(SE3.identity(), 0.1 * np.eye(6), drive.now, frame)
+        given.pose.pose.position.x = x
+        drive.bus.deliver("/initialpose", given)
+
+
+def _clock_back(drive: Drive) -> None:
+    drive.localizer.clock_jumped()
+    drive.follower.clock_jumped()
+
+
+def _press(is_pressed: bool) -> Callable[[Drive], None]:
+    return lambda drive: drive.bus.deliver("/emergency_stop", Bool(data=is_pressed))
+
+
+def _teleport(along: float, left: float = 0.0, turned: float = 0.0) -> Callable[[Drive], None]:
+    return lambda drive: drive.teleport(drive.along + along, left, turned)
+
+
+def _odometry(name: str, value: float) -> Callable[[Drive], None]:
+    return lambda drive: setattr(drive.odometry, name, value)
+
+
+HOUR = 3600 * SECOND
+FAULTS = (
+    Fault("F1", "every third image lost", _every(3, is_lost=True), stops=False),
+    Fault("F1", "the rate halved", _every(2, is_lost=True), stops=False),
+    Fault("F1", "three images lost", _until(0.3, _none), stops=False),
+    Fault("F1", "ten images lost", _until(1.0, _none)),
+    Fault("F2", "camera frozen: the same pixels, new stamps", _frozen()),
+    Fault("F3, F16", "camera silent", _none),
+    Fault("F4", "each image twice", lambda d, m, age: [*m, *m], stops=False),
+    Fault("F4", "one image stamped one hour ahead", _until(0.1, _stamped(lambda now: now + HOUR)), stops=False),
+    Fault("F4", "stamps one hour ahead", _stamped(lambda now: now + HOUR)),
+    Fault("F4", "stamps 5 s ahead", _stamped(lambda now: now + 5 * SECOND)),
+    Fault("F4", "stamps 5 s back", _stamped(lambda now: now - 5 * SECOND)),
+    Fault("F4", "stamps of zero", _stamped(lambda now: 0)),
+    Fault("F5", "clock goes backwards", begin=_clock_back),
+    Fault("F7", "poses that are no numbers", _no_number),
+    Fault("F8", "camera_info of another size", _info(_set("width", 640))),
+    Fault("F8", "camera_info without focal length", _info(_set("k", np.zeros(9)))),
+    Fault("F8", "camera_info with a focal length of 1.3 times", _info(_longer)),
+    Fault("F8", "camera_info of another frame", _other_frame(0)),
+    Fault("F8", "images of another frame", _other_frame(1)),
+    Fault("F9", "black", _pixels(lambda image, rng: 0 * image)),
+    Fault("F9", "saturated", _pixels(lambda image, rng: 0 * image + 255)),
+    Fault("F9", "noise of 80 grey levels", _pixels(_noise), stops=None),
+    Fault("F9", "out of focus", _pixels(lambda image, rng: cv2.GaussianBlur(image, (0, 0), 12.0)), stops=None),
+    Fault("F9", "half smeared", _pixels(_smear), stops=None),
+    Fault("F9", "exposure of 1.6 times", _pixels(lambda image, rng: 1.6 * image), stops=None),
+    Fault("F10", "half covered", _pixels(_covered(0.5)), stops=None),
+    Fault("F10", "nine tenths covered", _pixels(_covered(0.9))),
+    Fault("F11", "kidnapped 5 m ahead", begin=_teleport(5.0), is_moved=True),
+    Fault("F11", "kidnapped 15 m ahead", begin=_teleport(15.0), is_moved=True),
+    Fault("F11", "turned by 180 degrees", begin=_teleport(0.0, 0.0, math.pi), is_moved=True),
+    Fault("F12", "initial poses off the map, no number, of another frame", begin=_initial_poses, stops=False),
+    Fault("F15", "localiser killed", begin=_mute, end=_speak),
+    Fault("F15", "a second publisher of the pose", begin=_publishers("/dense_localizer", "/other"),
+          end=_publishers("/dense_localizer")),
+    Fault("F16", "images 0.1 s late", begin=_late(100_000_000), stops=False),
+    Fault("F16", "images one second late", begin=_late(SECOND), end=_late(50_000_000)),
+    Fault("F19", "odometry frozen at its last motion", begin=_odometry("is_frozen", True), stops=None,
+          has_odometry=True),
+    Fault("F19", "odometry of the wrong sign", begin=_odometry("factor", -1.0), stops=None, has_odometry=True),
+    Fault("F24", "emergency stop", begin=_press(True), end=_press(False)),
+)  # fmt: skip
