@@ -1,7 +1,7 @@
 """A drive by images in one process: simulated street and car, `dense_localizer` and `path_follower` on a bus.
 
 Time is simulated and stamped, so that a drive does not depend on the speed of the machine; no DDS. The map is of ideal
-spheres 1.5 m apart; the camera gives 10 images a second, which are answered 50 ms later.
+spheres 1.5 m apart; the camera gives 10 images a second, which arrive 50 ms later.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ STREET = {"path": "straight", "camera.width": 320, "camera.height": 240, "sphere
 SPACING = 1.5  # m between key spheres
 BEFORE = 2.0  # m of map behind the place where drives begin
 NOISE = 1.2  # grey levels
+GRID = (0.002, 0.002, 0.001)  # m, m, rad
 FRAME = "camera_optical"
 Messages = list[tuple[str, Any]]  # topic and message
 Gray = NDArray[np.uint8]
@@ -50,22 +51,20 @@ class Course:
         self.camera, self.T_base_camera = mounts["camera"].camera, mounts["camera"].T_base_camera
         self.length = self.path.length - BEFORE
         self.map = self._make_map(folder / "map", mounts["sphere"])
-        self.drawn: dict[tuple[float, ...], Gray] = {}
+        self.drawn: dict[tuple[int, ...], Gray] = {}
 
     def pose(self, along: float, left: float = 0.0, turned: float = 0.0) -> tuple[float, float, float]:
         """Return x, y, yaw of the base at a distance along the path."""
         x, y, yaw, _ = map(float, self.path.at(np.array(along + BEFORE)))
         return x - left * np.sin(yaw), y + left * np.cos(yaw), yaw + turned
 
-    def look(self, x: float, y: float, yaw: float, is_kept: bool) -> Gray:
-        """Return what the camera sees, without noise; `is_kept`: other drives will see the same."""
-        key = (x, y, yaw)
+    def look(self, x: float, y: float, yaw: float) -> Gray:
+        """Return what the camera sees, without noise: from a place rounded to `GRID`, as drives see much the same."""
+        key = tuple(round(value / step) for value, step in zip((x, y, yaw), GRID, strict=True))
         if key not in self.drawn:
+            x, y, yaw = (number * step for number, step in zip(key, GRID, strict=True))
             T_world_camera = SE3.from_planar(x, y, yaw) @ self.T_base_camera
-            image, _ = self.simulator.render(self.camera, T_world_camera, is_grey=True)
-            if not is_kept:
-                return image
-            self.drawn[key] = image
+            self.drawn[key], _ = self.simulator.render(self.camera, T_world_camera, is_grey=True)
         return self.drawn[key]
 
     def _make_map(self, folder: Path, mount: Any) -> Path:
@@ -162,7 +161,7 @@ class Drive:
     def see(self) -> Messages:
         """Return an image of now with its calibration."""
         state = self.vehicle.state
-        view = self.course.look(state.x, state.y, state.yaw, is_kept=self.images is None)
+        view = self.course.look(state.x, state.y, state.yaw)
         noise = np.random.default_rng([self.seed, self.num_images]).normal(0.0, NOISE, view.shape)
         image = np.clip(np.rint(view + noise), 0, 255).astype(np.uint8)
         info = conversions.camera_to_info(self.course.camera, self.now, FRAME)

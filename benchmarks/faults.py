@@ -113,7 +113,7 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
     """Declare the arguments."""
     parser.add_argument("--fault-runs", type=int, default=5, help="drives of each fault (%(default)s)")
     parser.add_argument("--fault-hours", type=float, default=2.0, help="simulated hours of driving (%(default)s)")
-    parser.add_argument("--fault-laps", type=int, default=20, help="drives of 26 m by images without a fault")
+    parser.add_argument("--fault-laps", type=int, default=10, help="drives of 24 m by images without a fault (10)")
     parser.add_argument("--fault-signals", type=int, default=200, help="SIGINTs, and SIGTERMs (%(default)s)")
     parser.add_argument("--fault-page", type=Path, help="write the tables to this page (docs/faults.md)")
 

@@ -47,6 +47,7 @@ COMMANDS = (
     Command("verify-bag", "verify_bag", "check every message of a bag, salvage a damaged one"),
     Command("record", "record", "record topics into a bag"),
     Command("play", "play", "publish the messages of a bag"),
+    Command("up", "up", "start nodes that belong together, as ros2 launch does"),
     Command("demo", "demo", "teach, map and drive a loop in the simulator"),
 )
 

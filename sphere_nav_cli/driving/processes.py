@@ -14,15 +14,30 @@ from typing import Any, Self
 import yaml
 
 MODULES = {
-    "cycab_sim": "cycab_sim.node",
+    "sphere_stitcher": "sphere_mapping.stitcher_node",
+    "sphere_mapper": "sphere_mapping.node",
     "dense_localizer": "dense_localizer.node",
+    "mcl_depth": "mcl_depth.node",
     "path_follower": "path_follower.node",
+    "command_guard": "command_guard.node",
+    "cycab_sim": "cycab_sim.node",
     "bag_recorder": "node_kit.bag_recorder_node",
+    "bag_player": "node_kit.bag_player_node",
 }
 # However this process ends, the kernel of Linux then tells its children to (PR_SET_PDEATHSIG is 1).
 FOLLOW_PARENT = "import ctypes, signal, sys; ctypes.CDLL(None).prctl(1, signal.SIGTERM)"
 NODE = "from {module} import main; sys.exit(main())"
 PATIENCE = 30.0  # s for a node to end after SIGINT: a recorder completes its bag first
+
+
+def node_command(node: str, *words: str) -> list[str]:
+    """Return the command of a node that ends with this process."""
+    return python_command(NODE.format(module=MODULES[node]), *words)
+
+
+def python_command(code: str, *words: str) -> list[str]:
+    """Return the command of Python code; what it imports is what is installed (-P), not what lies in this folder."""
+    return [sys.executable, "-P", "-c", f"{FOLLOW_PARENT}; {code}", *words]
 
 
 class Processes:
@@ -43,8 +58,8 @@ class Processes:
         self.run(node, NODE.format(module=MODULES[node]), "--ros-args", "--params-file", str(parameters))
 
     def run(self, name: str, code: str, *words: str) -> None:
-        """Run Python code as a process; what it imports is what is installed (-P), not what lies in this folder."""
-        command = [sys.executable, "-P", "-c", f"{FOLLOW_PARENT}; {code}", *words]
+        """Run Python code as a process."""
+        command = python_command(code, *words)
         with (self.folder / f"{name}.log").open("wb") as log:
             self._running[name] = subprocess.Popen(
                 command,
