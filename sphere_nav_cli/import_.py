@@ -7,6 +7,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 from tf2_msgs.msg import TFMessage
 from tqdm import tqdm
 
@@ -38,9 +39,10 @@ examples:
 """
 FORMATS = ("seven_scenes", "tum", "kitti", "spherical")
 KINECT_SIZE = (640, 480)
-KINECT_CENTRE = (320.0, 240.0)
-COLOUR_FOCAL_LENGTH, DEPTH_FOCAL_LENGTH = 525.0, 585.0
+SEVEN_SCENES_CAMERA = (525.0, 525.0, 320.0, 240.0)
+SEVEN_SCENES_DEPTH = (585.0, 585.0, 320.0, 240.0)
 TUM_CAMERA = (525.0, 525.0, 319.5, 239.5)
+LENS = "FX,FY,CX,CY[,K1,K2,P1,P2,K3,K4,K5,K6]"
 TUM_UNITS = 5000.0
 
 
@@ -52,15 +54,30 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--frames", type=frame_range, default=slice(None), metavar="A:B[:STEP]", help="B is not included"
     )
+    _add_camera_arguments(parser)
+
+
+def _add_camera_arguments(parser: argparse.ArgumentParser) -> None:
+    rgbd = parser.add_argument_group("seven_scenes, tum")
+    rgbd.add_argument(
+        "--camera",
+        type=numbers(4, 12),
+        metavar=LENS,
+        help="colour camera, px (seven_scenes 525,525,320,240; tum 525,525,319.5,239.5)",
+    )
     kinect = parser.add_argument_group("seven_scenes", "Its depth is not registered to its colour.")
-    kinect.add_argument("--colour-focal", type=float, default=COLOUR_FOCAL_LENGTH, metavar="PX", help="%(default)s")
-    kinect.add_argument("--depth-focal", type=float, default=DEPTH_FOCAL_LENGTH, metavar="PX", help="%(default)s")
+    kinect.add_argument(
+        "--depth-camera", type=numbers(4, 12), default=SEVEN_SCENES_DEPTH, metavar=LENS, help="px; 585,585,320,240"
+    )
     kinect.add_argument(
         "--offset",
         type=numbers(3),
         default=(-0.025, 0.0, 0.0),
         metavar="X,Y,Z",
-        help="m; X_colour = X_depth + offset (-0.025,0,0)",
+        help="m; X_colour = rotation X_depth + offset (-0.025,0,0)",
+    )
+    kinect.add_argument(
+        "--rotation", type=numbers(3), default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="rotation vector in deg (0,0,0)"
     )
     kinect.add_argument(
         "--truth-camera",
@@ -71,13 +88,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     kinect.add_argument(
         "--poses", type=Path, metavar="DIR", help="folder of other frame-*.pose.txt (that of the images)"
     )
-    kinect.add_argument(
-        "--registered", action="store_true", help="take colour and depth as one camera of --depth-focal"
-    )
+    kinect.add_argument("--registered", action="store_true", help="take colour and depth as one camera, --depth-camera")
     tum = parser.add_argument_group("tum")
-    tum.add_argument(
-        "--camera", type=numbers(4), default=TUM_CAMERA, metavar="FX,FY,CX,CY", help="px; 525,525,319.5,239.5"
-    )
     tum.add_argument(
         "--depth-units", type=float, default=TUM_UNITS, metavar="N", help="depth units per m (%(default)s)"
     )
@@ -108,10 +120,14 @@ def open_recording(arguments: argparse.Namespace) -> Recording:
     if arguments.format == "spherical":
         return open_spherical(arguments.folder)
     if arguments.format == "tum":
-        return open_tum(arguments.folder, Pinhole(*KINECT_SIZE, *arguments.camera), arguments.depth_units)
-    depth_camera = DepthCamera(arguments.depth_focal, SE3.exp((*arguments.offset, 0.0, 0.0, 0.0)))
-    focal_length = arguments.depth_focal if arguments.registered else arguments.colour_focal
-    camera = Pinhole(*KINECT_SIZE, focal_length, focal_length, *KINECT_CENTRE)
+        return open_tum(arguments.folder, kinect_camera(arguments.camera or TUM_CAMERA), arguments.depth_units)
+    rotation = SE3.exp((0.0, 0.0, 0.0, *np.radians(arguments.rotation))).rotation
+    depth_camera = DepthCamera(
+        kinect_camera(arguments.depth_camera), SE3.from_parts(rotation, np.array(arguments.offset))
+    )
+    camera = kinect_camera(arguments.camera or SEVEN_SCENES_CAMERA)
+    if arguments.registered:
+        camera = depth_camera.camera
     is_truth_of_depth = arguments.truth_camera == "depth"
     return open_seven_scenes(
         arguments.folder,
@@ -120,6 +136,12 @@ def open_recording(arguments: argparse.Namespace) -> Recording:
         is_truth_of_depth=is_truth_of_depth,
         poses=arguments.poses,
     )
+
+
+def kinect_camera(lens: tuple[float, ...]) -> Pinhole:
+    """Return a camera of a Kinect by its lens: fx, fy, cx, cy and the distortion."""
+    fx, fy, cx, cy, *distortion = lens
+    return Pinhole(*KINECT_SIZE, fx, fy, cx, cy, tuple(distortion))
 
 
 def write_frames(bag: BagWriter, recording: Recording, indices: Sequence[int]) -> None:
@@ -144,10 +166,10 @@ def frame_range(text: str) -> slice:
 
 
 class numbers:
-    """So many numbers, separated by commas."""
+    """So many numbers, separated by commas; or from `count` to `most`."""
 
-    def __init__(self, count: int) -> None:
-        self.count = count
+    def __init__(self, count: int, most: int = 0) -> None:
+        self.count, self.most = count, max(count, most)
 
     def __call__(self, text: str) -> tuple[float, ...]:
         """Read them."""
@@ -155,6 +177,7 @@ class numbers:
             values = tuple(float(word) for word in text.split(","))
         except ValueError:
             values = ()
-        if len(values) != self.count:
-            raise argparse.ArgumentTypeError(f"expected {self.count} numbers separated by commas, found {text!r}")
+        if not self.count <= len(values) <= self.most:
+            count = f"{self.count}" if self.most == self.count else f"{self.count} to {self.most}"
+            raise argparse.ArgumentTypeError(f"expected {count} numbers separated by commas, found {text!r}")
         return values

@@ -39,6 +39,7 @@ COMMANDS = (
     Command("inspect", "inspect_", "tell what a bag offers, and what to type"),
     Command("map", "map", "make a map of key spheres from a bag"),
     Command("localize", "localize", "find the camera of a bag in a map"),
+    Command("refine-camera", "refine_camera", "find lens and readout time of a camera by a drive in a map"),
     Command("mcl", "mcl", "find the camera of a bag in a point cloud"),
     Command("map-info", "map_info", "tell what is in a map"),
     Command("map-verify", "map_verify", "check every sphere of a map, salvage a damaged one"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -51,9 +51,9 @@ class Frame:
 
 @dataclass(frozen=True)
 class DepthCamera:
-    """The depth camera of a Kinect: its focal length in pixels and where the colour camera sees its points."""
+    """The depth camera of a Kinect: its own lens, and where the colour camera sees its points."""
 
-    focal_length: float
+    camera: Pinhole
     T_colour_depth: SE3
 
 
@@ -98,7 +98,7 @@ class RgbdRecording:
 
     def _depth(self, path: Path) -> NDArray[np.float32]:
         units = read_depth(path)
-        self._check_size(path, units)
+        self._check_size(path, units)  # of Kinects both have the same
         depth = units.astype(np.float32) / np.float32(self.depth_units)
         depth[(units == 0) | (units == FAR)] = np.nan
         if self.depth_camera is None:
@@ -108,9 +108,7 @@ class RgbdRecording:
     @cached_property
     def _registration(self) -> DepthRegistration:
         assert self.depth_camera is not None
-        focal_length = self.depth_camera.focal_length
-        depth_camera = replace(self.camera, fx=focal_length, fy=focal_length)
-        return DepthRegistration(depth_camera, self.camera, self.depth_camera.T_colour_depth)
+        return DepthRegistration(self.depth_camera.camera, self.camera, self.depth_camera.T_colour_depth)
 
     def _check_size(self, path: Path, pixels: NDArray[Any]) -> None:
         expected, found = (self.camera.width, self.camera.height), pixels.shape[1::-1]

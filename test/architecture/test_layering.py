@@ -16,7 +16,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sphere_map": GEOMETRY,
     "photometric": COMPILED,
     "localization": GEOMETRY,
-    "rig_calibration": GEOMETRY,
+    "rig_calibration": GEOMETRY | {"photometric"},
     "sphere_mapping": COMPILED | {"photometric", "sphere_map"},
     "dense_localizer": GEOMETRY | {"localization", "photometric", "sphere_map"},
     "mcl_depth": COMPILED | {"localization"},

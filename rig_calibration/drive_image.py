@@ -1,0 +1,120 @@
+"""One image of a drive in a map: its residuals and their derivatives by lens, readout, pose and light."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rig_calibration.drive_lens import Lens
+from sphere_geometry import SE3
+from sphere_geometry.shutter import project_rolling, row_share
+
+Array = NDArray[np.float64]
+Plane = NDArray[np.float32]
+
+OWN = 8  # pose (v, omega), gain, bias: what each image has of its own
+HUBER, SIGMA_OF_MAD = 1.345, 1.4826  # M15 eq. 34, 35
+MIN_SIGMA = 0.5  # grey levels
+MIN_PIXELS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class LevelData:
+    """One level: image (H, W) float32, points (N, 3) m of the map that it should show, their grey levels (N,)."""
+
+    image: Plane
+    points_map: Array
+    grey: Array
+
+
+@dataclass(frozen=True, eq=False)
+class DriveImage:
+    """An image from full size to coarse, where it was taken, and the camera's velocity (6,) (v, omega) per second."""
+
+    levels: tuple[LevelData, ...]
+    T_map_camera: SE3
+    velocity: Array
+
+
+@dataclass(frozen=True)
+class ImageState:
+    """What is estimated of one image; gain and bias map its grey levels to the map's."""
+
+    T_map_camera: SE3
+    gain: float = 1.0
+    bias: float = 0.0
+
+    def moved(self, step: Array) -> ImageState:
+        """Return the state after a step (8,)."""
+        return ImageState(self.T_map_camera @ SE3.exp(step[:6]), self.gain + step[6], self.bias + step[7])
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """H (P + 8, P + 8) and g of one image by the inverse variance of its residuals, sigma in grey levels."""
+
+    H: Array
+    g: Array
+    num_pixels: int
+    sigma: float
+
+
+def linearize(image: DriveImage, state: ImageState, lens: Lens, level: int) -> Part:
+    """Return the robust normal equations of one image over lens, readout, pose, gain and bias."""
+    residual, J = differentiate(image, state, lens, level)
+    num_columns = J.shape[1]
+    if len(residual) < MIN_PIXELS:  # says nothing
+        return Part(np.zeros((num_columns, num_columns)), np.zeros(num_columns), 0, MIN_SIGMA)
+    off = np.abs(residual - np.median(residual))
+    sigma = max(SIGMA_OF_MAD * float(np.median(off)), MIN_SIGMA)
+    weight = np.minimum(1.0, HUBER * sigma / np.maximum(off, 1e-12)) / sigma**2
+    weighted = J * weight[:, None]
+    return Part(weighted.T @ J, weighted.T @ residual, len(residual), sigma)
+
+
+def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) -> tuple[Array, Array]:
+    """Return the residuals (N,) of the pixels in view and their derivative (N, P + 8)."""
+    data, camera = image.levels[level], lens.level(level)
+    points = state.T_map_camera.inverse().apply(data.points_map)
+    pixels, _ = project_rolling(camera, points, lens.readout * image.velocity)
+    u, v = pixels.T
+    with np.errstate(invalid="ignore"):
+        seen = (u >= 1) & (v >= 1) & (u <= camera.width - 2) & (v <= camera.height - 2)
+    points, pixels = points[seen], pixels[seen]
+    current, gradient = sample(data.image, pixels)
+    J_point = camera.J_project(points)
+    motion = np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -_cross(points)], axis=2)  # v + w x p
+    J_motion = -J_point @ motion
+    share = row_share(pixels[:, 1], camera.height)
+    J_shared = lens.J_lens(points, level)
+    J_shared[:, :, -1] = share[:, None] * (J_motion @ image.velocity)
+    by_pixel = state.gain * gradient
+    columns = (
+        np.einsum("ni,nip->np", by_pixel, J_shared),
+        np.einsum("ni,nip->np", by_pixel, J_motion),
+        current[:, None],
+        np.ones((len(points), 1)),
+    )
+    return state.gain * current + state.bias - data.grey[seen], np.concatenate(columns, axis=1)
+
+
+def sample(image: Plane, pixels: Array) -> tuple[Array, Array]:
+    """Return grey levels (N,) and their gradient (N, 2) at pixels (N, 2), bilinear."""
+    u, v = (np.ascontiguousarray(x, np.float32).reshape(-1, 1) for x in pixels.T)
+
+    def at(du: float, dv: float) -> Array:
+        sampled = cv2.remap(image, u + np.float32(du), v + np.float32(dv), cv2.INTER_LINEAR)
+        return np.asarray(sampled, np.float64).reshape(-1)
+
+    gradient = np.stack([at(0.5, 0.0) - at(-0.5, 0.0), at(0.0, 0.5) - at(0.0, -0.5)], axis=-1)
+    return at(0.0, 0.0), gradient
+
+
+def _cross(p: Array) -> Array:
+    """Return the matrices (N, 3, 3) of the cross product p x."""
+    out = np.zeros((len(p), 3, 3))
+    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -p[:, 2], p[:, 1], -p[:, 0]
+    return out - np.swapaxes(out, 1, 2)
