@@ -30,6 +30,8 @@ from dense_localizer.params import LocalizerParams
 from dense_localizer.reference import References
 from localization import InputCheck
 from sphere_geometry import SE3, Pinhole, Spherical
+from sphere_map.appearance.features import features_of_sphere
+from sphere_map.appearance.index import AppearanceIndex
 from sphere_map.coarse import coarse_sphere
 from sphere_map.graph import KeySphere, SphereGraph
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
@@ -65,6 +67,13 @@ class RoomMap:
         sphere = self.graph[sphere_id].sphere
         assert sphere is not None
         return Sphere(sphere.image, sphere.range_m, sphere.camera, sphere.stamp_ns)
+
+    def appearance(self) -> AppearanceIndex:
+        """Return what they look like."""
+        index = AppearanceIndex()
+        for node in self.graph:
+            index.add(node.id, features_of_sphere(self.load_sphere(node.id)))
+        return index
 
     def coarse_spheres(self) -> Mapping[int, Sphere]:
         """Return all spheres small."""

@@ -29,6 +29,8 @@ from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2
 from path_follower.taught import reference_path, taught_speeds
 from sphere_geometry import SE3
+from sphere_map.appearance.features import features_of_sphere
+from sphere_map.appearance.index import AppearanceIndex
 from sphere_map.coarse import coarse_sphere
 from sphere_map.graph import SphereGraph
 from sphere_map.sphere import Sphere
@@ -58,6 +60,13 @@ class Taught:
     poses: SE3
     truth: Array
     num_lost: int
+
+    def appearance(self) -> AppearanceIndex:
+        """Return what they look like."""
+        index = AppearanceIndex()
+        for node in self.graph:
+            index.add(node.id, features_of_sphere(self.load_sphere(node.id)))
+        return index
 
     def coarse_spheres(self) -> dict[int, Sphere]:
         """Return all key spheres small."""

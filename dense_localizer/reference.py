@@ -17,9 +17,11 @@ from numpy.typing import NDArray
 from dense_localizer.coverage import coverage
 from dense_localizer.params import LocalizerParams
 from dense_localizer.preparation import Preparation
+from dense_localizer.recognition import NUM_ALIKE
 from photometric import Reference, RegistrationParams, View, prepare_reference
 from photometric.reference import ReferenceLevel
 from sphere_geometry import SE3, Camera, Spherical
+from sphere_map.appearance.index import AppearanceIndex
 from sphere_map.graph import KeySphere, SphereGraph
 from sphere_map.sphere import Sphere
 
@@ -50,6 +52,10 @@ class SphereMap(Protocol):
 
     def coarse_spheres(self) -> Mapping[int, Sphere]:
         """Return all key spheres small (`sphere_map.coarse`); ValueError or OSError where they cannot be read."""
+        ...
+
+    def appearance(self) -> AppearanceIndex:
+        """Return what the key spheres look like, empty where that is not known; ValueError or OSError for damage."""
         ...
 
 
@@ -86,6 +92,8 @@ class References:
         self._map = sphere_map
         self._registration, self._params = params.registration, params.reference
         spheres = sphere_map.coarse_spheres()
+        is_large = len(sphere_map.graph) > NUM_ALIKE
+        self.appearance = sphere_map.appearance() if is_large else AppearanceIndex()  # a small map is looked at whole
         self.coarse = {node.id: coarse_reference(spheres[node.id], params.registration) for node in sphere_map.graph}
         self._preparation = Preparation(self._prepare, params.reference.cache_size)
         self._looked_ahead: NDArray[np.float64] | None = None
@@ -93,6 +101,10 @@ class References:
     def close(self) -> None:
         """End what is being prepared; nothing can be chosen any more."""
         self._preparation.close()
+
+    def node(self, sphere_id: int) -> KeySphere:
+        """Return a key sphere by its id."""
+        return self._map.graph[sphere_id]
 
     @property
     def nodes(self) -> Iterator[KeySphere]:

@@ -1,8 +1,9 @@
 """The first pose, and the pose after a loss: guesses, coarse alignment, verification (M15 section 5.4).
 
-Every key sphere offers guesses: poses in and about its centre. All are compared with the image, the best are
-aligned at the coarsest levels, the best of those verified at full resolution with two references. A result that
-another place explains nearly as well is withheld.
+The key spheres that look like the image (all of a small map) offer guesses: poses in and about their centres, and
+where features place the image. All are compared with the image, the best are aligned at the coarsest levels, the best
+of those verified at full resolution with two references. A result that another place explains nearly as well is
+withheld.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ import numpy as np
 
 from dense_localizer.params import LocalizerParams, StartParams
 from dense_localizer.place import Place, locate
+from dense_localizer.recognition import NUM_ALIKE, Recognition
 from dense_localizer.reference import NUM_COARSE_LEVELS, CoarseReference, References
 from dense_localizer.resemblance import resemblance
 from localization.status import FINE, Finding, Reason
@@ -56,12 +58,20 @@ class Startup:
         self._params = params
 
     def search(self, pyramid: Pyramid) -> Start:
-        """Look at all key spheres, from many poses in each."""
+        """Look at the key spheres that look like the image, where features place it and from many poses in each."""
+        nodes, placed = list(self._references.nodes), list[Guess]()
+        index = self._references.appearance
+        if len(index) > NUM_ALIKE:
+            recognition = Recognition(index, pyramid)
+            nodes = [self._references.node(one.sphere_id) for one in recognition.alike]
+            for sphere_id, T_sphere_camera in recognition.poses():
+                node = self._references.node(sphere_id)
+                placed.append(Guess(node, node.T_map_sphere @ T_sphere_camera))
         guesses: list[Guess] = []
-        for node in self._references.nodes:
+        for node in nodes:
             poses = candidate_poses(self._references.coarse[node.id], self._params.start)
             guesses += self._compare(pyramid, node, poses)
-        return self._find(pyramid, best(guesses, NUM_ALIGNED))
+        return self._find(pyramid, placed + best(guesses, NUM_ALIGNED - len(placed)))
 
     def search_near(self, pyramid: Pyramid, T_map_camera: SE3) -> Start:
         """Look around a pose that was given, or lost: there, and with its attitude at the places of key spheres."""

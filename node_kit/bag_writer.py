@@ -131,6 +131,11 @@ class BagWriter:
             self._mcap.flush()
         self._last_flush = self._clock()
 
+    @property
+    def position(self) -> int:
+        """Bytes of the file so far; where the next chunk begins after `end_chunk`."""
+        return self._file.tell()
+
     def annotate(self, key: str, value: str) -> None:
         """Add a word to the bag's `custom_data`."""
         self._span.custom[key] = value

@@ -1,99 +1,66 @@
 """A map is a bag: one chunk a key sphere, so that one sphere is one read.
 
-A map is a folder with `map.mcap` and `metadata.yaml`. Topics: `/map/info` (MapInfo, first), `/map/sphere`
-(AugmentedSphere, in order of id), `/map/coarse_sphere` (all of them small, in one chunk, for a start),
-`/map/graph` (KeySphereGraph, before the spheres and after them; the last one holds).
+A map is a folder with `map.mcap` and `metadata.yaml`. Topics: `/map/info` (MapInfo, the last one holds), `/map/sphere`
+(AugmentedSphere, in order of id), `/map/coarse_sphere` and `/map/features` (all of them small, and what they look
+like, PointCloud2 in order of id, in one chunk each, for a start),
+`/map/graph` (KeySphereGraph, the last one holds), and `/map/growth` of what was written as it grew.
 Everything is checked before it is believed: format version, sizes, checksums, that every vertex has its sphere.
 """
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-import yaml
 from mcap.records import ChunkIndex
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
 
-from node_kit import qos
 from node_kit.bag_error import BagError
 from node_kit.bag_reader import BagReader
-from node_kit.bag_writer import METADATA, BagWriter
-from node_kit.conversions import header, message_to_sphere, sphere_to_message
-from node_kit.conversions.graphs import graph_to_message, message_to_graph
-from node_kit.files import software
+from node_kit.conversions import message_to_sphere
+from node_kit.conversions.features import message_to_features
+from node_kit.conversions.graphs import message_to_graph
+from node_kit.map_writer import (
+    COARSE,
+    FEATURES,
+    FILE_NAME,
+    GRAPH,
+    GROWTH,
+    INFO,
+    KINDS,
+    SPHERE,
+    MapDetails,
+    MapWriter,
+    Progress,
+    save_map,
+)
 from sphere_geometry.fields import short
 from sphere_geometry.yaml_text import load_yaml
+from sphere_map.appearance.index import AppearanceIndex
 from sphere_map.coarse import coarse_sphere
-from sphere_map.graph import KeySphere, SphereGraph
+from sphere_map.graph import SphereGraph
 from sphere_map.sphere import Sphere
 
-FILE_NAME = "map.mcap"
-INFO, SPHERE, GRAPH, COARSE = "/map/info", "/map/sphere", "/map/graph", "/map/coarse_sphere"
-KINDS: dict[str, type[Any]] = {INFO: MapInfo, SPHERE: AugmentedSphere, GRAPH: KeySphereGraph, COARSE: AugmentedSphere}
-MAP_FRAME, SPHERE_FRAME = "map", "sphere_link"
-ONE_CHUNK = 1 << 40  # bytes: chunks end where we say
+__all__ = [
+    "COARSE",
+    "FEATURES",
+    "FILE_NAME",
+    "GRAPH",
+    "GROWTH",
+    "INFO",
+    "KINDS",
+    "SPHERE",
+    "MapDetails",
+    "MapReader",
+    "MapWriter",
+    "Progress",
+    "open_map",
+    "save_map",
+]
+
 MAX_SPHERES = 10_000_000
-
-Progress = Callable[[int], None]
-
-
-@dataclass(frozen=True)
-class MapDetails:
-    """What a map says about itself."""
-
-    map_id: str = ""
-    software: str = dataclasses.field(default_factory=software)
-    source: str = ""
-    parameters: Mapping[str, Any] | None = None
-    rig: str = ""
-    frame_id: str = MAP_FRAME
-
-
-def save_map(
-    path: str | Path,
-    graph: SphereGraph,
-    details: MapDetails | None = None,
-    *,
-    load_sphere: Callable[[int], Sphere] | None = None,
-    is_overwriting: bool = False,
-    image_encoding: str = AugmentedSphere.PNG,
-    progress: Progress = lambda step: None,
-) -> Path:
-    """Write a map; it appears under its name only when it is complete. `load_sphere` gives spheres not in memory."""
-    details, path = details or MapDetails(), Path(path)
-    if not len(graph):
-        raise BagError(f"{path}: expected a graph with key spheres, found an empty one")
-    if path.exists() and (not is_overwriting or not (path / FILE_NAME).is_file()):
-        raise BagError(f"{path}: expected no such file or folder, found one: nothing is overwritten")
-    target = path.with_name(f"{path.name}.new") if path.exists() else path
-    nodes, coarse = sorted(graph, key=lambda node: node.id), []
-    with BagWriter(target, file_name=FILE_NAME, chunk_size=ONE_CHUNK) as bag:
-        for topic, kind in KINDS.items():
-            bag.add_topic(topic, kind, qos.LATCHED)
-        bag.write(INFO, _info(graph, details), nodes[0].stamp_ns)
-        bag.write(GRAPH, _graph_message(graph, details), nodes[0].stamp_ns)  # so that a torn file can be salvaged
-        for node in nodes:
-            bag.end_chunk()
-            sphere = node.sphere or (load_sphere(node.id) if load_sphere else None)
-            if sphere is None:
-                raise BagError(f"{path}: key sphere {node.id}: expected its picture in memory, found none")
-            message = sphere_to_message(sphere, SPHERE_FRAME, node.id, image_encoding=image_encoding)
-            bag.write(SPHERE, message, node.stamp_ns)
-            coarse.append(sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, node.id))
-            progress(1)
-        bag.end_chunk()
-        for node, message in zip(nodes, coarse, strict=True):
-            bag.write(COARSE, message, node.stamp_ns)
-        bag.end_chunk()
-        last = max(node.stamp_ns for node in nodes)
-        bag.write(GRAPH, _graph_message(graph, details), last)
-    return _replace(target, path) if target != path else path
 
 
 def open_map(path: str | Path) -> MapReader:
@@ -157,6 +124,21 @@ class MapReader:
             raise BagError(f"{self.path}: coarse spheres: expected one for each of {len(self.graph)} key spheres")
         return found
 
+    def appearance(self) -> AppearanceIndex:
+        """Read what all key spheres look like, in one read; empty where a map does not say. BagError for damage."""
+        index = AppearanceIndex()
+        if not self._bag.topics.get(FEATURES):
+            return index
+        ids = sorted(self.graph.nodes)
+        if self._bag.topics[FEATURES].count != len(ids):
+            raise BagError(f"{self.path}: features: expected those of each of {len(ids)} key spheres, found others")
+        for sphere_id, (_, _, message) in zip(ids, self._bag.messages([FEATURES]), strict=True):
+            try:
+                index.add(sphere_id, *message_to_features(message))
+            except ValueError as error:
+                raise BagError(f"{self.path}: features of key sphere {sphere_id}: {error}") from None
+        return index
+
     def load_all(self, progress: Progress = lambda step: None) -> SphereGraph:
         """Return the graph with every picture in memory."""
         nodes = []
@@ -177,7 +159,7 @@ class MapReader:
 
     def _read_info(self) -> MapInfo:
         self._bag.require(INFO, MapInfo)
-        info: MapInfo = next(self._bag.messages([INFO])).message
+        info: MapInfo = list(self._bag.messages([INFO]))[-1].message
         if info.format_version != MapInfo.FORMAT_VERSION:
             found = info.format_version
             raise BagError(f"{self.path}: format_version: expected {MapInfo.FORMAT_VERSION}, found {found}")
@@ -230,38 +212,3 @@ class MapReader:
             raise BagError(f"{self.path}: chunk {index.chunk_start_offset}: expected one sphere, found {len(found)}")
         message: AugmentedSphere = self._bag.decode(SPHERE, found[0].data, AugmentedSphere)
         return message
-
-
-def _info(graph: SphereGraph, details: MapDetails) -> MapInfo:
-    nodes = sorted(graph, key=lambda node: node.id)
-    return MapInfo(
-        header=header(nodes[0].stamp_ns, details.frame_id),
-        map_id=details.map_id,
-        format_version=MapInfo.FORMAT_VERSION,
-        software=details.software,
-        source=details.source,
-        parameters=yaml.safe_dump(dict(details.parameters or {}), sort_keys=False),
-        rig=details.rig,
-        num_spheres=len(nodes),
-        length=_length(nodes),
-    )
-
-
-def _graph_message(graph: SphereGraph, details: MapDetails) -> KeySphereGraph:
-    return graph_to_message(graph, details.frame_id, map_id=details.map_id, software=details.software)
-
-
-def _length(nodes: list[KeySphere]) -> float:
-    steps = pairwise(nodes)
-    return float(sum(first.T_map_sphere.distance(second.T_map_sphere)[0] for first, second in steps))
-
-
-def _replace(new: Path, path: Path) -> Path:
-    """Put a complete map in the place of an old one; other files in its folder stay.
-
-    Each file takes the place of the old one at once, the map first: whatever happens in between, there is a whole map.
-    """
-    for name in (FILE_NAME, METADATA):
-        (new / name).replace(path / name)
-    new.rmdir()
-    return path

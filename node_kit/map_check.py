@@ -14,7 +14,7 @@ from node_kit.bag_reader import decode
 from node_kit.conversions import message_to_sphere
 from node_kit.conversions.graphs import message_to_graph
 from node_kit.interfaces import type_name
-from node_kit.map_bag import FILE_NAME, GRAPH, INFO, KINDS, SPHERE, MapDetails, Progress, open_map, save_map
+from node_kit.map_bag import FILE_NAME, GRAPH, GROWTH, INFO, KINDS, SPHERE, MapDetails, Progress, open_map, save_map
 from node_kit.mcap_salvage import Salvage
 from sphere_geometry.yaml_text import load_yaml
 from sphere_map.graph import SphereGraph
@@ -50,13 +50,13 @@ def salvage_map(source: str | Path, target: str | Path, progress: Progress = lam
         raise BagError(f"{file}: expected readable parts of a map of format {MapInfo.FORMAT_VERSION}, found none")
     if not graphs:
         raise BagError(f"{file}: {len(spheres)} key spheres are readable, but not the graph that says where they are")
-    message, whole = graphs[-1]
+    message, whole = graphs[-1]  # grown since the last whole one
     nodes = [replace(node, sphere=spheres[node.id]) for node in whole if node.id in spheres]
     kept = {node.id for node in nodes}
     edges = [edge for edge in whole.edges if edge.a in kept and edge.b in kept]
     details = MapDetails(message.map_id, message.software, frame_id=message.header.frame_id)
     if infos:
-        info = infos[0]
+        info = infos[-1]
         details = replace(details, source=info.source, parameters=_parameters(info), rig=info.rig)
     save_map(target, SphereGraph(nodes, edges), details)
     return len(nodes)
@@ -77,12 +77,22 @@ def _readable(file: Path, progress: Progress) -> Found:
             message = decode(record.data, KINDS[channel.topic], str(file))
             if channel.topic == SPHERE:
                 spheres[int(message.id)] = message_to_sphere(message)
+            elif channel.topic == GROWTH and message.format_version == MapInfo.FORMAT_VERSION:
+                graphs.append((message, grown(graphs[-1][1] if graphs else SphereGraph(), message_to_graph(message))))
             elif channel.topic == GRAPH and message.format_version == MapInfo.FORMAT_VERSION:
                 graphs.append((message, message_to_graph(message)))
             elif channel.topic == INFO and message.format_version == MapInfo.FORMAT_VERSION:
                 infos.append(message)
         progress(1)
     return spheres, graphs, infos
+
+
+def grown(graph: SphereGraph, growth: SphereGraph) -> SphereGraph:
+    """Return a graph with the key sphere that came last and its edges; the others of `growth` are their older ends."""
+    new = [node for node in [max(growth, key=lambda node: node.id)] if node.id not in graph.nodes]
+    known = graph.nodes.keys() | {node.id for node in new}
+    edges = [edge for edge in growth.edges if edge.a in known and edge.b in known] if new else []
+    return SphereGraph([*graph, *new], [*graph.edges, *edges])
 
 
 def _parameters(info: MapInfo) -> dict[str, Any]:

@@ -25,7 +25,7 @@ def save(
         path = path_below(Path(params.map_folder), request.path)
         path.parent.mkdir(parents=True, exist_ok=True)
         details = details_of(mapper.graph, params.mapper, frame_id=params.map_frame)
-        save_map(path, mapper.graph, details, is_overwriting=request.overwrite)
+        save_map(path, mapper.graph, details, appearance=mapper.appearance, is_overwriting=request.overwrite)
     except (ValueError, OSError) as error:
         response.success, response.message = False, str(error)
         return response

@@ -102,7 +102,8 @@ def run(arguments: argparse.Namespace) -> int:
         graph = move_to_truth(graph, truth, drive.node.T_base_sphere)
     details = details_of(graph, drive.node.params.mapper, source=str(arguments.bag.name))
     with tqdm(total=len(graph), desc="save", unit="sphere", leave=False, disable=None) as bar:
-        save_map(arguments.output, graph, details, is_overwriting=arguments.overwrite, progress=bar.update)
+        known = {"appearance": drive.node.mapper.appearance, "is_overwriting": arguments.overwrite}
+        save_map(arguments.output, graph, details, **known, progress=bar.update)
     if arguments.trajectory:
         write_tum(arguments.trajectory, drive.trajectory(is_base=False).moved(T_new_map))
     if arguments.taught:

@@ -54,7 +54,9 @@ def find_pose(query: Features, known: Features, seed: int = 0) -> FeaturePose | 
     rays, points = query.rays[pairs[:, 0]].astype(np.float64), known.points[pairs[:, 1]].astype(np.float64)
     rng = np.random.default_rng(seed)
     best, best_inliers = None, np.zeros(len(pairs), np.bool_)
-    for _ in range(NUM_TRIALS):
+    for trial in range(NUM_TRIALS):
+        if trial >= _enough(best_inliers):
+            break
         three = rng.choice(len(pairs), 3, replace=False)
         for T_camera_sphere in _solve_three(rays[three], points[three]):
             inliers = _angles(T_camera_sphere, rays, points) < MAX_ANGLE
@@ -68,6 +70,12 @@ def find_pose(query: Features, known: Features, seed: int = 0) -> FeaturePose | 
         if best_inliers.sum() < 4:
             return None
     return FeaturePose(best.inverse(), int(best_inliers.sum()), len(pairs))
+
+
+def _enough(inliers: NDArray[np.bool_]) -> float:
+    """Return the trials after which three right matches were drawn with 99.9 %, were the inliers all right ones."""
+    share = float(inliers.mean()) ** 3
+    return np.log(1e-3) / np.log(1.0 - share) if 0.0 < share < 1.0 else (1.0 if share else np.inf)
 
 
 def _solve_three(rays: Array, points: Array) -> list[SE3]:

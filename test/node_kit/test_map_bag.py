@@ -13,7 +13,7 @@ from sphere_nav_msgs.msg import MapInfo
 
 from node_kit.bags import BagError, BagReader, BagWriter
 from node_kit.conversions import graph_to_message, sphere_to_message
-from node_kit.map_bag import COARSE, GRAPH, INFO, SPHERE, MapDetails, open_map, save_map
+from node_kit.map_bag import COARSE, FEATURES, GRAPH, GROWTH, INFO, SPHERE, MapDetails, open_map, save_map
 from sphere_map.coarse import coarse_sphere
 from sphere_map.graph import SphereGraph
 
@@ -48,7 +48,8 @@ def test_a_map_comes_back(saved, sphere_graph):
 
 def test_a_map_is_a_bag_with_one_chunk_a_sphere(saved):
     with BagReader(saved) as bag:
-        assert {name: info.count for name, info in bag.topics.items()} == {INFO: 1, SPHERE: 3, COARSE: 3, GRAPH: 2}
+        counts = {INFO: 2, SPHERE: 3, COARSE: 3, FEATURES: 3, GRAPH: 2, GROWTH: 0}
+        assert {name: info.count for name, info in bag.topics.items()} == counts
         file = bag.files[0]
         channel = next(c.id for c in file.summary.channels.values() if c.topic == SPHERE)
         of_spheres = [index for index in file.summary.chunk_indexes if channel in index.message_index_offsets]

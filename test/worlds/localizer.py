@@ -8,6 +8,8 @@ from dense_localizer.estimate import Estimate
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from sphere_geometry import SE3, Fisheye, Pinhole, Spherical
+from sphere_map.appearance.features import features_of_sphere
+from sphere_map.appearance.index import AppearanceIndex
 from sphere_map.coarse import coarse_sphere
 from sphere_map.graph import KeySphere, SphereGraph
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
@@ -33,6 +35,12 @@ class MemoryMap:
         sphere = self.graph[sphere_id].sphere
         assert sphere is not None
         return sphere
+
+    def appearance(self) -> AppearanceIndex:
+        index = AppearanceIndex()
+        for node in self.graph:
+            index.add(node.id, features_of_sphere(node.sphere))
+        return index
 
     def coarse_spheres(self) -> dict[int, Sphere]:
         return {node.id: coarse_sphere(node.sphere) for node in self.graph if node.sphere is not None}

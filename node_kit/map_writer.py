@@ -1,0 +1,235 @@
+"""Write a map: all at once, or one key sphere after the other as they are kept.
+
+What `node_kit.map_bag` reads. While a map grows, `/map/growth` says of every sphere where it was when it was kept, so
+that a process killed at any moment leaves a map that `salvage_map` mends, its last whole sphere included.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import yaml
+from mcap.records import Message
+from sensor_msgs.msg import PointCloud2
+from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
+
+from node_kit import qos
+from node_kit.bag_error import BagError
+from node_kit.bag_reader import decode
+from node_kit.bag_writer import METADATA, BagWriter
+from node_kit.conversions import header, message_to_sphere, sphere_to_message
+from node_kit.conversions.features import features_to_message
+from node_kit.conversions.graphs import graph_to_message
+from node_kit.files import software
+from node_kit.mcap_chunk import chunk_at, parsed, records_of_chunk
+from sphere_map.appearance.features import features_of_sphere
+from sphere_map.appearance.index import AppearanceIndex
+from sphere_map.coarse import coarse_sphere
+from sphere_map.graph import Edge, KeySphere, SphereGraph
+from sphere_map.sphere import Sphere
+
+FILE_NAME = "map.mcap"
+INFO, SPHERE, GRAPH = "/map/info", "/map/sphere", "/map/graph"
+COARSE, FEATURES, GROWTH = "/map/coarse_sphere", "/map/features", "/map/growth"
+KINDS: dict[str, type[Any]] = {
+    INFO: MapInfo,
+    SPHERE: AugmentedSphere,
+    GRAPH: KeySphereGraph,
+    COARSE: AugmentedSphere,
+    FEATURES: PointCloud2,
+    GROWTH: KeySphereGraph,
+}
+MAP_FRAME, SPHERE_FRAME = "map", "sphere_link"
+ONE_CHUNK = 1 << 40  # bytes: chunks end where we say
+MORE = 1.2  # growth of a graph after which it is written whole again
+
+Progress = Callable[[int], None]
+
+
+@dataclass(frozen=True)
+class MapDetails:
+    """What a map says about itself."""
+
+    map_id: str = ""
+    software: str = dataclasses.field(default_factory=software)
+    source: str = ""
+    parameters: Mapping[str, Any] | None = None
+    rig: str = ""
+    frame_id: str = MAP_FRAME
+
+
+class MapWriter:
+    """A map being written; until `finish` it is the folder `<path>.partial`, which `salvage_map` can read.
+
+    Key spheres are added in order of their ids; each is in the system's hands when `add` returns, and can be read back.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        details: MapDetails | None = None,
+        *,
+        is_overwriting: bool = False,
+        image_encoding: str = AugmentedSphere.PNG,
+    ) -> None:
+        self.path, self.details = Path(path), details or MapDetails()
+        self._encoding = image_encoding
+        self._places: dict[int, int] = {}  # of the chunk of each sphere
+        self._coarse: list[tuple[int, AugmentedSphere]] = []  # with stamps
+        self._told: set[int] = set()  # vertices of the last whole graph
+        check_free(self.path, is_overwriting=is_overwriting)
+        target = self.path.with_name(f"{self.path.name}.new") if self.path.exists() else self.path
+        self._bag = BagWriter(target, file_name=FILE_NAME, chunk_size=ONE_CHUNK)
+        for topic, kind in KINDS.items():
+            self._bag.add_topic(topic, kind, qos.LATCHED)
+
+    def add(self, node: KeySphere, edges: Sequence[Edge], sphere: Sphere) -> None:
+        """Write a key sphere and the edges that it came with."""
+        self._begin(SphereGraph([node]))
+        self._write_sphere(node, sphere)
+        if node.id in self._told:
+            return
+        ends = [KeySphere(end, 0, node.T_map_sphere) for edge in edges for end in (edge.a, edge.b) if end != node.id]
+        growth = SphereGraph({end.id: end for end in [node, *ends]}.values(), edges)
+        self._bag.write(GROWTH, _graph_message(growth, self.details), node.stamp_ns)
+        self._bag.end_chunk()
+
+    def tell(self, graph: SphereGraph) -> None:
+        """Write the graph as it is after a correction; not each time, or the file would be mostly graphs."""
+        if len(graph) >= len(self._told) * MORE:
+            self._begin(graph)
+            self._told = set(graph.nodes)
+            self._bag.write(GRAPH, _graph_message(graph, self.details), max(node.stamp_ns for node in graph))
+            self._bag.end_chunk()
+
+    def load(self, sphere_id: int) -> Sphere:
+        """Read a key sphere back; BagError where it was not added."""
+        if sphere_id not in self._places:
+            raise BagError(f"{self.path}: key sphere {sphere_id}: expected one that was written, found none")
+        with (self._bag.partial / FILE_NAME).open("rb") as file:
+            size = file.seek(0, 2)
+            records = list(parsed(records_of_chunk(file, chunk_at(file, self._places[sphere_id], size))))
+        data = next(record.data for record in records if isinstance(record, Message))
+        return message_to_sphere(decode(data, AugmentedSphere, str(self.path)))
+
+    def finish(
+        self, graph: SphereGraph, details: MapDetails | None = None, appearance: AppearanceIndex | None = None
+    ) -> Path:
+        """Complete the map with the graph that holds; it has the spheres that were added. Return its path."""
+        self.details = details or self.details
+        nodes = sorted(graph, key=lambda node: node.id)
+        if [node.id for node in nodes] != list(self._places):
+            raise BagError(f"{self.path}: graph: expected the {len(self._places)} key spheres written, found others")
+        for stamp, message in self._coarse:
+            self._bag.write(COARSE, message, stamp)
+        self._bag.end_chunk()
+        self._write_features(nodes, appearance)
+        self._bag.end_chunk()
+        last = max(node.stamp_ns for node in nodes)
+        self._bag.write(INFO, _info(graph, self.details), last)
+        self._bag.write(GRAPH, _graph_message(graph, self.details), last)
+        target = self._bag.close()
+        return _replace(target, self.path) if target != self.path else self.path
+
+    def discard(self) -> None:
+        """Remove what was written."""
+        self._bag.discard()
+
+    def _begin(self, graph: SphereGraph) -> None:
+        if not self._bag.num_messages:
+            self._bag.write(INFO, _info(graph, self.details), min(node.stamp_ns for node in graph))
+
+    def _write_sphere(self, node: KeySphere, sphere: Sphere) -> None:
+        self._bag.end_chunk()
+        self._places[node.id] = self._bag.position
+        message = sphere_to_message(sphere, SPHERE_FRAME, node.id, image_encoding=self._encoding)
+        self._bag.write(SPHERE, message, node.stamp_ns)
+        self._coarse.append((node.stamp_ns, sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, node.id)))
+        self._bag.end_chunk()
+
+    def _write_features(self, nodes: Sequence[KeySphere], appearance: AppearanceIndex | None) -> None:
+        known = appearance.features if appearance is not None else {}
+        index = AppearanceIndex()
+        for node in nodes:
+            index.add(node.id, known.get(node.id) or features_of_sphere(self.load(node.id)))
+            features, words = index.features[node.id], index.words[node.id]
+            message = features_to_message(features, words, node.stamp_ns, SPHERE_FRAME)
+            self._bag.write(FEATURES, message, node.stamp_ns)
+
+
+def save_map(
+    path: str | Path,
+    graph: SphereGraph,
+    details: MapDetails | None = None,
+    *,
+    load_sphere: Callable[[int], Sphere] | None = None,
+    appearance: AppearanceIndex | None = None,
+    is_overwriting: bool = False,
+    image_encoding: str = AugmentedSphere.PNG,
+    progress: Progress = lambda step: None,
+) -> Path:
+    """Write a map; it appears under its name only when it is complete.
+
+    `load_sphere` gives spheres that are not in memory, `appearance` what some of them look like where that is known.
+    """
+    if not len(graph):
+        raise BagError(f"{path}: expected a graph with key spheres, found an empty one")
+    writer = MapWriter(path, details, is_overwriting=is_overwriting, image_encoding=image_encoding)
+    try:
+        writer.tell(graph)  # so that a torn file can be salvaged
+        for node in sorted(graph, key=lambda node: node.id):
+            sphere = node.sphere or (load_sphere(node.id) if load_sphere else None)
+            if sphere is None:
+                raise BagError(f"{path}: key sphere {node.id}: expected its picture in memory, found none")
+            writer.add(node, [], sphere)
+            progress(1)
+        return writer.finish(graph, appearance=appearance)
+    except BaseException:
+        writer.discard()
+        raise
+
+
+def check_free(path: Path, *, is_overwriting: bool) -> None:
+    """Raise BagError where something is in the place of a map that may not be replaced."""
+    if path.exists() and (not is_overwriting or not (path / FILE_NAME).is_file()):
+        raise BagError(f"{path}: expected no such file or folder, found one: nothing is overwritten")
+
+
+def _info(graph: SphereGraph, details: MapDetails) -> MapInfo:
+    nodes = sorted(graph, key=lambda node: node.id)
+    return MapInfo(
+        header=header(nodes[0].stamp_ns, details.frame_id),
+        map_id=details.map_id,
+        format_version=MapInfo.FORMAT_VERSION,
+        software=details.software,
+        source=details.source,
+        parameters=yaml.safe_dump(dict(details.parameters or {}), sort_keys=False),
+        rig=details.rig,
+        num_spheres=len(nodes),
+        length=_length(nodes),
+    )
+
+
+def _graph_message(graph: SphereGraph, details: MapDetails) -> KeySphereGraph:
+    return graph_to_message(graph, details.frame_id, map_id=details.map_id, software=details.software)
+
+
+def _length(nodes: list[KeySphere]) -> float:
+    steps = pairwise(nodes)
+    return float(sum(first.T_map_sphere.distance(second.T_map_sphere)[0] for first, second in steps))
+
+
+def _replace(new: Path, path: Path) -> Path:
+    """Put a complete map in the place of an old one; other files in its folder stay.
+
+    Each file takes the place of the old one at once, the map first: whatever happens in between, there is a whole map.
+    """
+    for name in (FILE_NAME, METADATA):
+        (new / name).replace(path / name)
+    new.rmdir()
+    return path

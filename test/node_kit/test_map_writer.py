@@ -1,0 +1,130 @@
+"""A map that is written as it grows is whole at its end, and can be mended whenever the process dies."""
+
+import os
+import shutil
+import signal
+import time
+
+import numpy as np
+import pytest
+
+from node_kit.bags import BagError
+from node_kit.map_bag import FILE_NAME, SPHERE, MapDetails, MapWriter, open_map, save_map
+from node_kit.map_check import salvage_map, verify_map
+from node_kit.mcap_salvage import Salvage
+from sphere_geometry import SE3
+from sphere_map.graph import SphereGraph
+
+DETAILS = MapDetails(map_id="yard", source="drive", parameters={"mapper.levels": 4}, rig="cameras: []")
+
+
+def topics_of(file):
+    return [channel.topic for channel, _, _ in Salvage(file).messages()]
+
+
+def grow(writer, graph):
+    """Write key spheres as they are kept, each with the edges to those before."""
+    known = set()
+    for node in sorted(graph, key=lambda node: node.id):
+        known.add(node.id)
+        writer.add(
+            node,
+            [edge for edge in graph.edges if node.id in (edge.a, edge.b) and {edge.a, edge.b} <= known],
+            node.sphere,
+        )
+
+
+def test_a_grown_map_is_the_map(sphere_graph, tmp_path):
+    writer = MapWriter(tmp_path / "map", DETAILS)
+    grow(writer, sphere_graph)
+    for node in sphere_graph:
+        np.testing.assert_array_equal(writer.load(node.id).image, node.sphere.image)
+    moved = sphere_graph.with_poses({node.id: SE3.from_planar(1, 2, 3) @ node.T_map_sphere for node in sphere_graph})
+    assert writer.finish(moved) == tmp_path / "map"
+    whole = save_map(tmp_path / "whole", moved, DETAILS)
+    with open_map(tmp_path / "map") as found, open_map(whole) as expected:
+        assert found.info == expected.info
+        for node in expected.load_all():
+            assert found.graph[node.id].T_map_sphere.distance(node.T_map_sphere)[0] < 1e-9
+            np.testing.assert_array_equal(found.load_sphere(node.id).range_m, node.sphere.range_m)
+        assert [(e.a, e.b) for e in found.graph.edges] == [(e.a, e.b) for e in expected.graph.edges]
+        assert found.appearance().words.keys() == expected.appearance().words.keys()
+    assert verify_map(tmp_path / "map") == []
+    assert [path.name for path in tmp_path.iterdir() if "partial" in path.name] == []
+
+
+def test_what_was_not_added_cannot_be_read_and_the_graph_must_fit(sphere_graph, tmp_path):
+    writer = MapWriter(tmp_path / "map")
+    grow(writer, sphere_graph)
+    with pytest.raises(BagError, match="key sphere 99: expected one that was written"):
+        writer.load(99)
+    with pytest.raises(BagError, match="expected the 3 key spheres written"):
+        writer.finish(SphereGraph([node for node in sphere_graph if node.id != 12]))
+    writer.discard()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_existing_map_is_replaced_only_by_a_complete_one(sphere_graph, tmp_path):
+    path = save_map(tmp_path / "map", sphere_graph)
+    with pytest.raises(BagError, match="nothing is overwritten"):
+        MapWriter(path)
+    writer = MapWriter(path, is_overwriting=True)
+    grow(writer, sphere_graph)
+    assert len(open_map(path).graph) == 3
+    assert writer.finish(sphere_graph) == path
+    assert [entry.name for entry in tmp_path.iterdir()] == ["map"]
+
+
+@pytest.mark.parametrize("num_kept", [1, 2, 3])
+def test_a_torn_map_is_mended_up_to_its_last_sphere(sphere_graph, tmp_path, num_kept):
+    writer = MapWriter(tmp_path / "map", DETAILS)
+    kept = sorted(sphere_graph, key=lambda node: node.id)[:num_kept]
+    ids = {node.id for node in kept}
+    grow(writer, SphereGraph(kept, [edge for edge in sphere_graph.edges if {edge.a, edge.b} <= ids]))
+    assert salvage_map(tmp_path / "map.partial", tmp_path / "mended") == num_kept
+    with open_map(tmp_path / "mended") as found:
+        assert found.parameters == {"mapper.levels": 4}
+        for node in kept:
+            assert found.graph[node.id].T_map_sphere.distance(node.T_map_sphere)[0] < 1e-9
+        edges = [(e.a, e.b) for e in sphere_graph.edges if {e.a, e.b} <= ids]
+        assert sorted((e.a, e.b) for e in found.graph.edges) == sorted(edges)
+    writer.discard()
+
+
+def test_a_correction_that_was_told_is_what_is_mended(sphere_graph, tmp_path):
+    writer = MapWriter(tmp_path / "map")
+    grow(writer, sphere_graph)
+    moved = sphere_graph.with_poses({node.id: SE3.from_planar(1, 2, 3) @ node.T_map_sphere for node in sphere_graph})
+    writer.tell(moved)
+    assert salvage_map(tmp_path / "map.partial", tmp_path / "mended") == 3
+    with open_map(tmp_path / "mended") as found:
+        for node in moved:
+            assert found.graph[node.id].T_map_sphere.distance(node.T_map_sphere)[0] < 1e-9
+    writer.discard()
+
+
+def test_a_process_killed_while_its_map_grows_leaves_one_that_can_be_mended(sphere_graph, tmp_path, rng):
+    for number in range(10):
+        child = os.fork()
+        if child == 0:
+            try:
+                writer = MapWriter(tmp_path / "map")
+                grow(writer, sphere_graph)
+                time.sleep(5.0)
+            finally:
+                os._exit(1)
+        file = tmp_path / "map.partial" / FILE_NAME
+        while not file.exists() or file.stat().st_size < 1000:
+            time.sleep(0.001)
+        time.sleep(0.03 * rng.random())
+        os.kill(child, signal.SIGKILL)
+        assert os.WIFSIGNALED(os.waitpid(child, 0)[1])
+        mended = tmp_path / f"mended_{number}"
+        num_whole = sum(topic == SPHERE for topic in topics_of(file))
+        if num_whole == 0:
+            with pytest.raises(BagError, match=r"expected readable parts|not the graph"):
+                salvage_map(file.parent, mended)
+        else:
+            assert salvage_map(file.parent, mended) >= num_whole - 1  # killed between a sphere and its place
+            assert verify_map(mended) == []
+        shutil.rmtree(tmp_path / "map.partial")
