@@ -12,6 +12,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
+from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -21,7 +22,7 @@ from node_kit.node import ERROR, OK, WARN, Log, ManagedNode
 from node_kit.service import one_line
 from node_kit.subscription import Subscription
 from node_kit.throttle import ThrottledLog
-from typed_params import param
+from typed_params import leaves, param
 from typed_params import parameters as params_class
 
 HEALTH_PERIOD = 1.0  # s
@@ -69,6 +70,7 @@ class LiveShell(LifecycleNode):
         self._entities: list[Callable[[], object]] = []
         parameters.declare(self, ShellParams, lambda: "decided when the process starts")
         parameters.declare(self, node_class.PARAMS, self._why_fixed)
+        self.add_post_set_parameters_callback(self._tune)
         for line in parameters.unknown_overrides(self):
             self.log.warning(line)
         self.node = node_class(self)
@@ -229,6 +231,12 @@ class LiveShell(LifecycleNode):
 
         timer = self.create_timer(seconds, tick, clock=self._steady if is_wall else self.get_clock())
         self._entities.append(lambda: self.destroy_timer(timer))
+
+    def _tune(self, changes: list[Parameter]) -> None:
+        """Hand on live parameters that were changed; the others are read when the node is configured."""
+        live = {leaf.name for leaf in leaves(self.node.PARAMS) if leaf.is_live} if self.is_configured else set()
+        if any(change.name in live for change in changes):
+            self.node.tune(self.read_parameters(self.node.PARAMS))
 
     # --- health
     def _why_fixed(self) -> str:

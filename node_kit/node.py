@@ -78,6 +78,10 @@ class ManagedNode:
     def clock_jumped(self) -> None:
         """Forget everything with a stamp: the clock went backwards, as when a bag starts again."""
 
+    def tune(self, params: Any) -> None:
+        """Go on with other values of the live parameters."""
+        self.params = params
+
     def finish(self, status: int = 0) -> None:
         """Ask for the end of the process: the work is done (0), or cannot be done (1)."""
         self.shell.finish(status)

@@ -20,7 +20,7 @@ MAX_INTEGER = 2**63 - 1
 def declare(node: Node, cls: type[Any], why_fixed: Callable[[], str] = lambda: "") -> None:
     """Declare every value of `cls`; an override out of range raises ValueError naming parameter, expected and found.
 
-    `why_fixed` is asked when somebody sets a parameter of `cls` later: a reason refuses the change, "" allows it.
+    `why_fixed` is asked when somebody later sets a parameter that is not live: a reason refuses it, "" allows it.
     """
     known = {leaf.name: leaf for leaf in leaves(cls)}
     for name, leaf in known.items():
@@ -35,8 +35,9 @@ def declare(node: Node, cls: type[Any], why_fixed: Callable[[], str] = lambda: "
                 known[change.name].check(change.value)
         except ValueError as error:
             return SetParametersResult(successful=False, reason=str(error))
-        reason = why_fixed() if ours else ""
-        return SetParametersResult(successful=not reason, reason=f"{ours[0].name}: {reason}" if reason else "")
+        fixed = [change.name for change in ours if not known[change.name].is_live]
+        reason = why_fixed() if fixed else ""
+        return SetParametersResult(successful=not reason, reason=f"{fixed[0]}: {reason}" if reason else "")
 
     node.add_on_set_parameters_callback(judge)
 

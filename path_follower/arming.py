@@ -37,6 +37,12 @@ class Arming:
         self.path, self.location = path, None
         self.mode.load()
 
+    def tune(self, params: FollowerParams) -> None:
+        """Go on with other values of the live parameters, also while driving."""
+        self.params = self.watch.params = params
+        if self.path is not None:
+            self.path = self.path.at_cruise(max(params.speed.cruise, params.speed.creep))
+
     def start(self, now_ns: int) -> str:
         """Arm, where the vehicle stands on the path: after a stop at the place reached, else at the closest."""
         if self.path is None or self.mode.state is State.STOPPING:

@@ -41,10 +41,8 @@ class PathFollowerNode(ManagedNode):
         self.clock_watch = ClockWatch(p.safety.max_clock_pause)
         self.answered, self.heard_ns, self.told = Answered(self.times, self.answer), 0, ""
         self.cmd_vel = self.add_publisher("cmd_vel", TwistStamped if p.enable_stamped_cmd_vel else Twist, qos.COMMAND)
-        has_ackermann = driving.AckermannDriveStamped is not None
-        self.ackermann = has_ackermann and self.add_publisher(
-            "ackermann_cmd", driving.AckermannDriveStamped, qos.COMMAND
-        )
+        ackermann = driving.AckermannDriveStamped
+        self.ackermann = ackermann and self.add_publisher("ackermann_cmd", ackermann, qos.COMMAND)
         self.tracking = self.add_publisher("tracking_error", TrackingError)
         self.status = self.add_publisher("~/status", FollowerStatus)
         self.heartbeat, self.beats = self.add_publisher("~/heartbeat", UInt64, qos.COMMAND), 0
@@ -73,6 +71,13 @@ class PathFollowerNode(ManagedNode):
         self.cmd_vel.publish(self.twist(0.0, 0.0, self.now_ns()))
         if not self.cmd_vel.wait_for_acknowledgement(ACKNOWLEDGE):
             self.log.warning("cmd_vel: the last command, zero, was not acknowledged by all who receive it")
+
+    def tune(self, params: PathFollowerParams) -> None:
+        """Drive on with another cruise speed and other limits."""
+        self.params = params
+        self.follower.tune(params)
+        if self.trajectories is not None:
+            self.trajectories.tune(params)
 
     def clock_jumped(self) -> None:
         """Forget stamps; brake."""

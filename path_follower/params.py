@@ -52,10 +52,10 @@ class PathParams:
 class SpeedParams:
     """The speeds U* along the trajectory, and the longitudinal part of the law (M15 eq. 25)."""
 
-    cruise: float = param(1.4, "speed where nothing asks for less", "m/s", low=0.05)
+    cruise: float = param(1.4, "speed where nothing asks for less", "m/s", low=0.05, is_live=True)
     is_as_taught: bool = param(True, "not faster than the taught drive, where it has stamps")
     lateral_acceleration: float = param(1.0, "largest lateral acceleration in bends", "m/s^2", low=0.01)
-    slow: float = param(0.5, "largest speed while the localisation is DEGRADED", "m/s", low=0.0)
+    slow: float = param(0.5, "largest speed while the localisation is DEGRADED", "m/s", low=0.0, is_live=True)
     creep: float = param(0.1, "speed of the last steps and while the wheels turn at a start", "m/s", low=0.01)
     k_x: float = param(0.8, "gain of the longitudinal error", "1/m", low=0.0)
 
@@ -81,7 +81,7 @@ class SafetyParams:
     max_blind_time: float = param(0.35, "longest drive on predicted poses that no image confirms", "s", low=0.0)
     max_status_silence: float = param(1.5, "longest time without a status of the localiser", "s", low=0.01)
     is_status_required: bool = param(True, "stop unless the localiser says TRACKING or DEGRADED")
-    max_degraded_time: float = param(10.0, "longest drive in DEGRADED", "s", low=0.0)
+    max_degraded_time: float = param(10.0, "longest drive in DEGRADED", "s", low=0.0, is_live=True)
     resume: str = param(
         "moving",
         "what ends a stop for missing poses, status or scans besides the call start: nothing, their return before "
@@ -95,11 +95,13 @@ class SafetyParams:
         "s",
         low=0.0,
     )
-    max_distance: float = param(1.0, "largest distance from the path, also at a start", "m", low=0.01)
-    max_heading_error: float = param(1.0, "largest difference to the heading of the path", "rad", low=0.1, high=3.2)
+    max_distance: float = param(1.0, "largest distance from the path, also at a start", "m", low=0.01, is_live=True)
+    max_heading_error: float = param(
+        1.0, "largest difference to the heading of the path", "rad", low=0.1, high=3.2, is_live=True
+    )
     is_scan_required: bool = param(False, "stop if no scan comes")
     max_scan_silence: float = param(0.4, "longest time without a scan, once there was one", "s", low=0.01)
-    obstacle_margin: float = param(0.15, "added to every side of the body", "m", low=0.0)
+    obstacle_margin: float = param(0.15, "added to every side of the body", "m", low=0.0, is_live=True)
 
 
 @parameters

@@ -81,6 +81,7 @@ class ReferencePath:
     speed: Array
     segments: tuple[Segment, ...]
     is_closed: bool = False
+    possible: Array | None = None  # speed (N,) if nothing but the cruise speed were another one; None: `speed`
 
     @property
     def length(self) -> float:
@@ -94,6 +95,11 @@ class ReferencePath:
 
     def __len__(self) -> int:
         return len(self.x)
+
+    def at_cruise(self, cruise: float) -> ReferencePath:
+        """Return the path with another cruise speed: what is braked and sped up for stays as it is below it."""
+        possible = self.speed if self.possible is None else self.possible
+        return replace(self, speed=np.clip(possible, -cruise, cruise), possible=possible)
 
     def end_of(self, segment: int) -> float:
         """Return the arc length at which a segment ends; infinite for a closed path."""

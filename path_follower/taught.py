@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -154,11 +156,11 @@ def _join(
     vehicle: VehicleParams,
     is_closed: bool,
 ) -> ReferencePath:
-    segments, speeds, begin, start = [], [], 0, 0.0
-    ways = []
+    segments, speeds, ways, begin, start = [], [], [], 0, 0.0
+    unhurried = replace(driving, cruise=vehicle.max_speed)
     for curve, direction, bound in zip(curves, directions, bounds, strict=True):
         segments.append(Segment(begin, begin + len(curve.way) - 1, direction))
-        limits = np.minimum(bound, speed_limits(curve.way, curve.bend, driving, vehicle))
+        limits = np.minimum(bound, speed_limits(curve.way, curve.bend, unhurried, vehicle))
         speeds.append(direction * speed_profile(curve.way, limits, vehicle, is_closed=is_closed))
         ways.append(start + curve.way)
         begin, start = begin + len(curve.way), start + float(curve.way[-1])
@@ -166,7 +168,7 @@ def _join(
         curve.tangent + (np.pi if direction < 0 else 0.0) for curve, direction in zip(curves, directions, strict=True)
     ]
     bend = [direction * curve.bend for curve, direction in zip(curves, directions, strict=True)]
-    return ReferencePath(
+    path = ReferencePath(
         x=np.concatenate([curve.x for curve in curves]),
         y=np.concatenate([curve.y for curve in curves]),
         yaw=np.concatenate(yaw),
@@ -176,3 +178,4 @@ def _join(
         segments=tuple(segments),
         is_closed=is_closed,
     )
+    return path.at_cruise(max(driving.cruise, driving.creep))

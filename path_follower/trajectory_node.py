@@ -34,6 +34,11 @@ class TrajectoryIntake:
         if self.params.trajectory:
             self.follower.load(read_path(self.params.trajectory, self.params))
 
+    def tune(self, params: PathFollowerParams) -> None:
+        """Make trajectories with other values from now on, and show the one in force."""
+        self.params = params
+        self.show()
+
     def on_path(self, message: Path) -> None:
         """Use a nav_msgs/Path; the same path again changes nothing. Increasing stamps give the taught speed."""
         driving.check_frames(message, self.params.map_frame)

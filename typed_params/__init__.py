@@ -26,9 +26,13 @@ def param(
     low: float | None = None,
     high: float | None = None,
     choices: tuple[str, ...] = (),
+    is_live: bool = False,
 ) -> Any:
-    """Declare one value; `low` and `high` are inclusive, `unit` is empty for pure numbers and words."""
-    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices}
+    """Declare one value; `low` and `high` are inclusive, `unit` is empty for pure numbers and words.
+
+    `is_live`: it may change while the node works.
+    """
+    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices, "is_live": is_live}
     return dataclasses.field(default=default, metadata=metadata)
 
 
@@ -61,6 +65,7 @@ class Leaf:
     low: float | None
     high: float | None
     choices: tuple[str, ...]
+    is_live: bool
 
     def check(self, value: Any) -> None:
         """Raise ValueError naming the parameter, what is expected and what was found."""
@@ -88,7 +93,7 @@ class Leaf:
 
     def meaning(self) -> str:
         """Return the meaning with unit and range, as `ros2 param describe` shows it."""
-        details = [text for text in (self.unit, self.range_text()) if text]
+        details = [text for text in (self.unit, self.range_text(), "live" if self.is_live else "") if text]
         return f"{self.doc} [{'; '.join(details)}]" if details else self.doc
 
 

@@ -27,7 +27,8 @@ def to_markdown(cls: type) -> str:
     rows = ["| parameter | default | unit | allowed | meaning |", "| --- | --- | --- | --- | --- |"]
     for leaf in leaves(cls):
         default = _literal(leaf)
-        rows.append(f"| `{leaf.name}` | {default} | {leaf.unit} | {leaf.range_text()} | {leaf.doc} |")
+        doc = f"{leaf.doc} (live)" if leaf.is_live else leaf.doc
+        rows.append(f"| `{leaf.name}` | {default} | {leaf.unit} | {leaf.range_text()} | {doc} |")
     return "\n".join(rows) + "\n"
 
 

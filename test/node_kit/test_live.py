@@ -25,7 +25,7 @@ PATIENCE = 15.0  # s; discovery takes a fraction of one, on a busy machine sever
 @parameters
 class DoublerParams:
     factor: int = param(2, "what a number is multiplied by", low=1, high=9)
-    gain: float = param(0.5, "another factor", low=0.0)
+    gain: float = param(0.5, "another factor", low=0.0, is_live=True)
     file: str = param("good", "file to open")
 
 
@@ -218,6 +218,19 @@ def test_parameters_are_fixed_while_the_node_is_configured(make_desk):
     assert desk.shell.set_parameters([Parameter("factor", value=4)])[0].successful
     desk.shell.start()
     assert desk.node.params.factor == 4
+
+
+def test_live_parameters_change_while_the_node_works(make_desk):
+    desk = make_desk()
+    desk.shell.start()
+    assert desk.shell.set_parameters([Parameter("gain", value=0.75)])[0].successful
+    assert desk.node.params.gain == 0.75
+    result = desk.shell.set_parameters([Parameter("gain", value=-1.0)])[0]
+    assert not result.successful
+    assert "gain" in result.reason
+    result = desk.shell.set_parameters_atomically([Parameter("gain", value=1.0), Parameter("factor", value=5)])
+    assert result.reason.startswith("factor: fixed")
+    assert desk.node.params.gain == 0.75
 
 
 def test_simulated_time_is_honoured_and_a_jump_back_is_told(make_desk):

@@ -35,7 +35,9 @@ from node_kit.conversions import (
 )
 from node_kit.replay import OfflineBus
 from path_follower.node import PathFollowerNode
+from path_follower.params import PathFollowerParams
 from sphere_geometry import SE3
+from typed_params import build
 
 SECOND = 1_000_000_000
 STEP = SECOND // 20
@@ -297,6 +299,19 @@ def test_deactivation_leaves_a_zero_command(bench):
     drive_until(bench, 3.0)
     bench.node.deactivate()
     assert bench.last(list(bench.bus.settle()), "/cmd_vel").twist.linear.x == 0.0
+
+
+def test_cruise_speed_and_limits_change_while_driving(bench):
+    drive_until(bench, 4.0)
+    for cruise in (0.5, 1.8):
+        bench.node.tune(build(PathFollowerParams, {"speed.cruise": cruise, "enable_stamped_cmd_vel": True}))
+        for _ in range(50):
+            said = bench.step()
+        assert bench.last(said, "/cmd_vel").twist.linear.x == pytest.approx(cruise, abs=0.1)
+    bench.node.tune(build(PathFollowerParams, {"safety.max_distance": 0.1, "enable_stamped_cmd_vel": True}))
+    bench.y += 0.3
+    said = bench.step()
+    assert bench.last(said, "/path_follower/status").reason == "OFF_PATH"
 
 
 # --- over DDS

@@ -115,3 +115,12 @@ def test_the_taught_speed_is_an_upper_bound_unless_switched_off(kit):
     assert kit.make_path(poses[:, :2], free, poses[:, 2], slow).speed.max() == pytest.approx(1.4)
     standing = np.zeros(len(poses))
     assert kit.make_path(poses[:, :2], PARAMS, poses[:, 2], standing).speed.max() == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize("cruise", [0.3, 0.9, 1.7, 5.0])
+def test_another_cruise_speed_is_as_if_it_had_been_there_from_the_start(kit, cruise):
+    poses = kit.course((6, 0), (-4, 0.2), (5, -0.2))
+    made = kit.make_path(poses[:, :2], FollowerParams(speed=SpeedParams(cruise=cruise)), poses[:, 2])
+    changed = kit.make_path(poses[:, :2], FollowerParams(speed=SpeedParams(cruise=0.5)), poses[:, 2]).at_cruise(cruise)
+    np.testing.assert_allclose(changed.speed, made.speed, atol=1e-12)
+    assert np.abs(made.speed).max() <= cruise
