@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -103,11 +102,15 @@ def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) 
 
 def sample(image: Plane, pixels: Array) -> tuple[Array, Array]:
     """Return grey levels (N,) and their gradient (N, 2) at pixels (N, 2), bilinear."""
-    u, v = (np.ascontiguousarray(x, np.float32).reshape(-1, 1) for x in pixels.T)
+    height, width = image.shape
 
     def at(du: float, dv: float) -> Array:
-        sampled = cv2.remap(image, u + np.float32(du), v + np.float32(dv), cv2.INTER_LINEAR)
-        return np.asarray(sampled, np.float64).reshape(-1)
+        u, v = np.clip(pixels[:, 0] + du, 0.0, width - 1.001), np.clip(pixels[:, 1] + dv, 0.0, height - 1.001)
+        column, row = u.astype(np.int64), v.astype(np.int64)
+        u, v = u - column, v - row  # cv2.remap knows no finer steps than 1/32 px
+        top = image[row, column] * (1.0 - u) + image[row, column + 1] * u
+        bottom = image[row + 1, column] * (1.0 - u) + image[row + 1, column + 1] * u
+        return np.asarray(top * (1.0 - v) + bottom * v)
 
     gradient = np.stack([at(0.5, 0.0) - at(-0.5, 0.0), at(0.0, 0.5) - at(0.0, -0.5)], axis=-1)
     return at(0.0, 0.0), gradient

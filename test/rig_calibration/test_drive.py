@@ -75,17 +75,16 @@ def test_residuals_have_the_derivatives_that_are_told(world):
     (image,) = drive(world, PINHOLE, PINHOLE, 1)
     lens, state = Lens.of(PINHOLE, READOUT_S), ImageState(image.T_map_camera, 1.1, -3.0)
     smooth = np.add.outer(np.arange(180.0), 2.0 * np.arange(240.0)).astype(np.float32)  # bilinear is exact
-    image = replace(image, levels=(replace(image.levels[0], image=smooth),))
+    pixels, _ = PINHOLE.project(image.T_map_camera.inverse().apply(image.levels[0].points_map))
+    inner = np.all((pixels > 15) & (pixels < (225, 165)), axis=1)  # stay in view
+    points_map, grey = image.levels[0].points_map[inner], image.levels[0].grey[inner]
+    image = replace(image, levels=(replace(image.levels[0], image=smooth, points_map=points_map, grey=grey),))
     residual, J = differentiate(image, state, lens, 0)
-    compared, sizes = 0, np.array([*1e-3 * lens.prior_sigma, *np.full(6, 1e-4), 1e-3, 1e-2])
+    sizes = np.array([*1e-3 * lens.prior_sigma, *np.full(6, 1e-4), 1e-3, 1e-2])
     for k, size in enumerate(sizes):
         step = np.zeros(len(sizes))
         step[k] = size
         moved, _ = differentiate(image, state.moved(step[-OWN:]), lens.moved(step[:-OWN]), 0)
-        if len(moved) == len(residual):  # no pixel left the image
-            numeric = (moved - residual) / size
-            scale = np.abs(J[:, k]).max() + 1e-9
-            compared += 1
-            # That a shift of the rows changes their time is left out: some per cent at this readout.
-            assert np.percentile(np.abs(numeric - J[:, k]), 95) < 0.06 * scale
-    assert compared > 12
+        numeric, scale = (moved - residual) / size, np.abs(J[:, k]).max() + 1e-9
+        # That a shift of the rows changes their time is left out: some per cent at this readout.
+        assert np.percentile(np.abs(numeric - J[:, k]), 95) < 0.06 * scale
