@@ -6,7 +6,7 @@ STAMPS := $(VENV)/.stamps
 RUN := $(VENV)/bin
 PACKAGES := $(shell sed -n '/^PACKAGES = (/,/^)/s/^ *"\(.*\)",$$/\1/p' setup.py)
 SOURCES := $(sort $(shell find $(PACKAGES) -name '*.py') \
-	$(wildcard launch/*.launch.py config/*.yaml config/cameras/*.yaml config/*.xml) setup.py setup.cfg package.xml resource/sphere_nav)
+	$(wildcard launch/*.launch.py config/*.* config/cameras/*.yaml) setup.py setup.cfg package.xml resource/sphere_nav)
 
 # Neither a sourced ROS 2 installation nor another environment of wheels may leak into this one.
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH VIRTUAL_ENV

@@ -46,7 +46,7 @@ setup(
         ("share/ament_index/resource_index/packages", ["resource/sphere_nav"]),
         ("share/sphere_nav", ["package.xml"]),
         ("share/sphere_nav/launch", sorted(glob("launch/*.launch.py"))),
-        ("share/sphere_nav/config", sorted(glob("config/*.yaml") + glob("config/*.xml"))),
+        ("share/sphere_nav/config", sorted(glob("config/*.*"))),
         ("share/sphere_nav/config/cameras", sorted(glob("config/cameras/*.yaml"))),
     ],
     python_requires=">=3.11",

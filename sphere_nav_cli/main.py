@@ -45,6 +45,7 @@ COMMANDS = (
     Command("map-verify", "map_verify", "check every sphere of a map, salvage a damaged one"),
     Command("map-export", "map_export", "write a map as point cloud, graph or trajectory"),
     Command("evaluate", "evaluate", "compare estimated poses with the truth"),
+    Command("plot", "plot", "draw what a localiser said: path, errors, states, timings"),
     Command("verify-bag", "verify_bag", "check every message of a bag, salvage a damaged one"),
     Command("record", "record", "record topics into a bag"),
     Command("play", "play", "publish the messages of a bag"),

@@ -46,6 +46,6 @@ def test_the_installation_holds_every_module_and_no_other() -> None:
 
 def test_data_files_are_installed() -> None:
     share = Path(sysconfig.get_path("data")) / "share" / "sphere_nav"
-    for pattern in ("launch/*.launch.py", "config/*.yaml", "config/*.xml", "package.xml"):
+    for pattern in ("launch/*.launch.py", "config/*.*", "config/cameras/*.yaml", "package.xml"):
         for path in ROOT.glob(pattern):
             assert (share / path.relative_to(ROOT)).read_bytes() == path.read_bytes()
