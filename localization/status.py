@@ -63,7 +63,7 @@ INPUT_REMEDIES = {
     Reason.FROZEN: "the camera repeats one image: restart its driver (a noise-free simulator: input.allow_still)",
     Reason.BAD_STAMP: "stamps must be set, grow, and be of this computer's time: check the camera driver's clock",
     Reason.BAD_INFO: "camera_info does not fit the image: calibrate, or publish the info of this resolution",
-    Reason.TF_STALE: "publish the transform from the base to the camera on /tf_static",
+    Reason.TF_STALE: "publish the transform from the base to the camera on /tf_static, or set mounting",
     Reason.LOW_TEXTURE: "too little to see: check exposure, lens and light",
     Reason.OVERRUN: "images come faster than they are answered: lower the camera's rate",
 }
