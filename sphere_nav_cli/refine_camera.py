@@ -72,7 +72,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--images", type=int, default=40, metavar="N", help="images that are compared (%(default)s)")
     parser.add_argument("--readout", type=float, default=0.0, metavar="S", help="where to start, s (%(default)s)")
     parser.add_argument("--overwrite", action="store_true", help="replace the file that is there")
-    topics.add_options(parser, ("image", "info"))
+    topics.add_options(parser)
     parser.add_argument(
         "--set", action="append", dest="settings", default=[], metavar="NAME=VALUE", help="parameter of dense_localizer"
     )
@@ -102,7 +102,7 @@ class Drive:
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._arguments = arguments
         with BagReader(arguments.source) as bag:
-            chosen = topics.chosen_topics(arguments)
+            chosen = topics.choose_topics(bag, arguments)
             self._topics = topics.find_topics(bag, ("image_raw", "camera_info"), chosen)
             info = next(iter(bag.messages([self._topics["camera_info"]]))).message
         self.camera, self.frame_id = camera_from_info(info), str(info.header.frame_id)

@@ -41,7 +41,14 @@ def test_what_is_told_is_what_is_understood():
     assert chosen_topics(parse(*words)) == {"image_raw": "/a", "cameras/x/image_raw": "/y"}
 
 
-READERS = {"inspect", "map", "localize", "mcl", "register"}  # commands that use topics of a bag by their meaning
+READERS = {"inspect", "map", "localize", "mcl", "register", "refine-camera"}  # they use topics by their meaning
+    "inspect",
+    "map",
+    "localize",
+    "mcl",
+    "register",
+    "refine-camera",
+}  # commands that use topics of a bag by their meaning
 
 
 def options_of_command(name):

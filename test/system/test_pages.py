@@ -16,14 +16,16 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from architecture.tree import EXECUTABLES
-from config.test_launch_files import BY_NAME, LAUNCH_FILES
+from config.test_yaml_matches_params import NODES
 from node_kit.live import ShellParams
 from sphere_geometry.rig_file import write_rig
+from sphere_nav_cli.compositions import COMPOSITIONS
 from sphere_nav_cli.main import COMMANDS, main
 from typed_params import leaves
 from worlds.recordings import CAMERA, FRAME, ROOM, optical, pose, stamp
 from worlds.rig import seen, vertical_rig
 
+BY_NAME = {node.NAME: node for node in NODES}
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = ("your_recording", "your_camera", "your_rig", "on_a_vehicle", "something_is_wrong")
 STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -163,9 +165,8 @@ def check_parameters(words):
 
 
 def check_arguments(words):
-    (path,) = [path for path in LAUNCH_FILES if path.name == words[3]]
-    text = path.read_text(encoding="utf-8")
-    assert [word for word in words[4:] if f'"{word.split(":=")[0]}"' not in text] == []
+    known = COMPOSITIONS[words[3].removesuffix(".launch.py")].arguments
+    assert {word.split(":=")[0] for word in words[4:]} - set(known) == set()
 
 
 def test_links_of_the_pages_lead_somewhere():
