@@ -42,13 +42,6 @@ def test_what_is_told_is_what_is_understood():
 
 
 READERS = {"inspect", "map", "localize", "mcl", "register", "refine-camera"}  # they use topics by their meaning
-    "inspect",
-    "map",
-    "localize",
-    "mcl",
-    "register",
-    "refine-camera",
-}  # commands that use topics of a bag by their meaning
 
 
 def options_of_command(name):
