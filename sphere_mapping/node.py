@@ -11,10 +11,12 @@ from visualization_msgs.msg import MarkerArray
 
 from node_kit import conversions, qos
 from node_kit.conversions.markers import graph_to_markers
+from node_kit.map_transform import MapTransform
 from node_kit.mounting import read_mounting
 from node_kit.node import OK, WARN, ManagedNode
+from node_kit.odometry_input import OdometryInput
 from node_kit.run import run
-from node_kit.tf import TransformBroadcaster, TransformError, TransformListener, TransformTree
+from node_kit.tf import TransformError, TransformListener
 from photometric.warm_up import warm_up
 from sphere_geometry import SE3
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
@@ -27,7 +29,6 @@ from sphere_mapping.mapper import Mapper, MapUpdate
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.saving_node import save
 
-ODOM = "odom"
 PATH_STEP = 10  # every how many spheres the path is told
 NO_COVARIANCE = SE3.identity().adjoint() * 0.0
 
@@ -46,18 +47,20 @@ class SphereMapper(ManagedNode):
         kernels.warm_up()
         self.params = with_driver_input(self.params)
         self.mapper, self.mounting = Mapper(self.params.mapper), read_mounting(self.params.mounting)
-        self.num_lost, self.T_base_sphere, self.odometry_heard = 0, SE3.identity(), TransformTree()
+        self.num_lost, self.T_base_sphere = 0, SE3.identity()
         self.graph = self.add_publisher("graph", KeySphereGraph, qos.LATCHED)
         self.markers = self.add_publisher("graph/markers", MarkerArray, qos.LATCHED)
         self.cloud = self.add_publisher("map_cloud", PointCloud2, qos.LATCHED)
         self.odometry, self.path = self.add_publisher("odometry", Odometry), self.add_publisher("path", Path)
-        self.tf_out, self.tf = TransformBroadcaster(self.endpoints), TransformListener(self.endpoints)
+        map_frame, base_frame = self.params.map_frame, self.params.base_frame
+        self.tf = TransformListener(self.endpoints, ignored=map_frame)
+        self.odom = OdometryInput(self.endpoints, self.tf.tree, base_frame, is_used=True)
+        self.transform = MapTransform(self.endpoints, self.odom, map_frame, base_frame)
         self.intake = Intake(self.params, self.on_sphere, self.tf.lookup)
         for subscription in self.intake.subscriptions():
             self.add_subscription(*subscription)
         if self.params.input == "rgbd":
             self.add_subscription(DEPTH_INFO, CameraInfo, self.intake.on_depth_info, qos.SENSOR, is_required=False)
-        self.add_subscription("odom", Odometry, self.on_odom, qos.SENSOR, is_required=False)
         self.add_service("~/close_loops", Trigger, self.on_close_loops)
         self.add_service("~/save_map", SaveMap, self.on_save)
         self.report("mapping", OK, "waiting for the first sphere")
@@ -65,18 +68,13 @@ class SphereMapper(ManagedNode):
     def clock_jumped(self) -> None:
         """Forget what has a stamp; the map stays."""
         self.intake.clear()
-        self.odometry_heard.clear()
-
-    def on_odom(self, message: Odometry) -> None:
-        """Remember where the wheels say that the vehicle is."""
-        T_odom_base, _ = conversions.odometry_to_se3(message)
-        stamp = conversions.stamp_ns(message)
-        self.odometry_heard.add(conversions.se3_to_transform(T_odom_base, stamp, ODOM, self.params.base_frame))
+        self.odom.clear()
+        self.transform.clear()
 
     def on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool, unroll: Unroll | None = None) -> None:
         """Map a sphere, tell what changed."""
         self.T_base_sphere = self.mounting or self.mount_of(frame_id, is_optical)
-        T_odom_base = self.odometry_at(sphere.stamp_ns)
+        T_odom_base = self.odom.at(sphere.stamp_ns)
         update = self.mapper.add(sphere, T_odom_base and T_odom_base @ self.T_base_sphere, unroll)
         if update.T_map_sphere is None:
             self.num_lost += 1
@@ -84,7 +82,7 @@ class SphereMapper(ManagedNode):
             self.report("mapping", WARN, f"sphere not placed: {reason}", key_spheres=len(self.mapper.graph))
             self.log.warning(f"sphere at {sphere.stamp_ns / 1e9:.3f} s not placed: {reason}", every=1.0, key=reason)
             return
-        self.tell_pose(update, update.T_map_sphere, T_odom_base)
+        self.tell_pose(update, update.T_map_sphere)
         if update.is_key:
             self.log.info(f"key sphere {len(self.mapper.graph) - 1}: {update.key_reason}")
             self.tell_map(sphere.stamp_ns)
@@ -98,21 +96,13 @@ class SphereMapper(ManagedNode):
             self.log.warning(f"taking {frame_id} as {self.params.base_frame}: {error}", every=30.0, key="mount")
             return SE3.identity()
 
-    def odometry_at(self, stamp: int) -> SE3 | None:
-        """Return T_odom_base at a stamp, None where no odometry surrounds it."""
-        try:
-            return self.odometry_heard.lookup(ODOM, self.params.base_frame, stamp)
-        except TransformError:
-            return None
-
-    def tell_pose(self, update: MapUpdate, T_map_sphere: SE3, T_odom_base: SE3 | None) -> None:
+    def tell_pose(self, update: MapUpdate, T_map_sphere: SE3) -> None:
         """Publish where the vehicle is, with the stamp of the sphere."""
         p, stamp, found = self.params, update.stamp_ns, update.alignment
         T_map_base = T_map_sphere @ self.T_base_sphere.inverse()
         covariance = conversions.move_covariance(found.covariance if found else NO_COVARIANCE, self.T_base_sphere)
         self.odometry.publish(conversions.se3_to_odometry(T_map_base, covariance, stamp, (p.map_frame, p.base_frame)))
-        T_base_child = T_odom_base.inverse() if T_odom_base else SE3.identity()
-        self.tf_out.send(T_map_base @ T_base_child, stamp, p.map_frame, ODOM if T_odom_base else p.base_frame)
+        self.transform.update(T_map_base, stamp)
         number, T_sphere_base = len(self.mapper.tracks), self.T_base_sphere.inverse()
         if number % PATH_STEP == 1 or update.is_key:
             poses = ((ns, T_map_track @ T_sphere_base) for ns, T_map_track in self.mapper.trajectory())

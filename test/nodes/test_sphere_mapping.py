@@ -28,7 +28,7 @@ from node_kit.map_bag import open_map
 from node_kit.replay import OfflineBus
 from sphere_geometry import SE3
 from sphere_mapping.node import SphereMapper
-from worlds.recordings import CAMERA, FIRST, PERIOD_NS, T_BASE_CAMERA, mount, pose, rgbd, sphere, stamp, stereo
+from worlds.recordings import CAMERA, FIRST, PERIOD_NS, STEP, T_BASE_CAMERA, mount, pose, rgbd, sphere, stamp, stereo
 
 
 class Bench:
@@ -109,6 +109,27 @@ def test_with_odometry_the_map_is_told_relative_to_it():
     assert (transform.header.frame_id, transform.child_frame_id) == ("map", "odom")
     truth = FIRST.inverse() @ T_odom_map.inverse()
     assert transform_to_se3(transform.transform).distance(truth)[0] < 0.01
+
+
+def test_odometry_is_used_that_comes_before_its_sphere_and_there_is_one_parent_only():
+    bench = Bench(input="rgbd")
+    used, add = [], bench.node.mapper.add
+    bench.node.mapper.add = lambda sphere, odometry, unroll: used.append(odometry) or add(sphere, odometry, unroll)
+    bench.send(("/tf_static", mount()))
+    speed = np.concatenate([STEP.log()[:3], STEP.log()[3:]]) / (PERIOD_NS * 1e-9)
+    late = 30_000_000  # the newest odometry is older than the sphere, as when both arrive in time
+    for number in range(6):
+        if number != 3:  # one message is lost
+            T = FIRST.inverse() @ pose(number - late / PERIOD_NS)
+            T_odom_base, twist = T @ T_BASE_CAMERA.inverse(), T_BASE_CAMERA.adjoint() @ speed
+            message = se3_to_odometry(T_odom_base, np.zeros((6, 6)), stamp(number) - late, ("odom", "base_link"), twist)
+            bench.send(("odom", message))
+        bench.send(*rgbd(number))
+    assert all(T is not None for T in used)
+    for number, T_odom_sphere in enumerate(used):
+        assert T_odom_sphere.distance(FIRST.inverse() @ pose(number))[0] < 1e-3
+    parents = {(t.header.frame_id, t.child_frame_id) for said in bench.said["/tf"] for t in said.transforms}
+    assert parents == {("map", "odom")}
 
 
 def test_the_map_is_saved_and_read_back(tmp_path):
