@@ -139,6 +139,10 @@ class MapReader:
                 raise BagError(f"{self.path}: features of key sphere {sphere_id}: {error}") from None
         return index
 
+    def read_growth(self) -> int:
+        """Read what was noted while the map grew, which nothing but its salvage needs; return how much. BagError."""
+        return sum(1 for _ in self._bag.messages([GROWTH])) if self._bag.topics.get(GROWTH) else 0
+
     def load_all(self, progress: Progress = lambda step: None) -> SphereGraph:
         """Return the graph with every picture in memory."""
         nodes = []

@@ -22,9 +22,14 @@ from sphere_map.sphere import Sphere
 
 
 def verify_map(path: str | Path, progress: Progress = lambda step: None) -> list[str]:
-    """Read every key sphere of a map; return the problems, one a line. BagError if it cannot be opened."""
+    """Read all that is in a map; return the problems, one a line. BagError if it cannot be opened."""
     problems = []
     with open_map(path) as reader:
+        for read in (reader.coarse_spheres, reader.appearance, reader.read_growth):
+            try:
+                read()
+            except BagError as error:
+                problems.append(str(error))
         for node in reader.graph:
             try:
                 sphere = reader.load_sphere(node.id)

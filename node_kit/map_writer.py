@@ -21,7 +21,7 @@ from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
 from node_kit import qos
 from node_kit.bag_error import BagError
 from node_kit.bag_reader import decode
-from node_kit.bag_writer import METADATA, BagWriter
+from node_kit.bag_writer import METADATA, PARTIAL, BagWriter
 from node_kit.conversions import header, message_to_sphere, sphere_to_message
 from node_kit.conversions.features import features_to_message
 from node_kit.conversions.graphs import graph_to_message
@@ -84,6 +84,9 @@ class MapWriter:
         self._told: set[int] = set()  # vertices of the last whole graph
         check_free(self.path, is_overwriting=is_overwriting)
         target = self.path.with_name(f"{self.path.name}.new") if self.path.exists() else self.path
+        if (left := target.with_name(target.name + PARTIAL)).exists():
+            remedy = f"'sphere_nav map-verify {left} --salvage OUT' mends it, or delete it"
+            raise BagError(f"{left}: the remains of an interrupted run: {remedy}")
         self._bag = BagWriter(target, file_name=FILE_NAME, chunk_size=ONE_CHUNK)
         for topic, kind in KINDS.items():
             self._bag.add_topic(topic, kind, qos.LATCHED)

@@ -84,6 +84,10 @@ class SphereGraph:
         self._nodes[node.id] = node
         self._index = None
 
+    def forget_sphere(self, node_id: int) -> None:
+        """Drop the picture of a key sphere from memory; its pose stays."""
+        self._nodes[node_id] = replace(self[node_id], sphere=None)
+
     def connect(self, edge: Edge) -> None:
         """Add an edge; ValueError unless both ends are in the graph and differ."""
         if edge.a == edge.b:

@@ -17,9 +17,10 @@ from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_map.sphere import Sphere
 from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.keyframes import why_key_sphere
-from sphere_mapping.graph.loop_closure import LoopCloser, in_memory, with_loops
+from sphere_mapping.graph.loop_closure import LoopCloser, with_loops
 from sphere_mapping.graph.progress import MapUpdate, Track
 from sphere_mapping.graph.registration import PreparedSphere
+from sphere_mapping.graph.store import Pictures, SphereStore
 from sphere_mapping.graph.tracking import Tracker
 from sphere_mapping.graph.unrolling import Unroll
 from sphere_mapping.params import MapperParams
@@ -28,7 +29,9 @@ from sphere_mapping.params import MapperParams
 class Mapper:
     """Builds `graph` and `tracks` from spheres; `T_map_first` is the pose of the first one, the origin of the map."""
 
-    def __init__(self, params: MapperParams | None = None, T_map_first: SE3 | None = None) -> None:
+    def __init__(
+        self, params: MapperParams | None = None, T_map_first: SE3 | None = None, store: SphereStore | None = None
+    ) -> None:
         self.params = params or MapperParams()
         self.graph = SphereGraph()
         self.tracks: list[Track] = []
@@ -36,6 +39,7 @@ class Mapper:
         self._T_map_first = T_map_first or SE3.identity()
         self._tracker = Tracker(self.params)
         self._bent: Unroll | None = None  # the first sphere, until it is known how the camera moved
+        self._pictures = Pictures(store)
         self._loops = LoopCloser(self.params, self._load)
 
     @property
@@ -129,9 +133,10 @@ class Mapper:
         if edge is not None:
             self.graph.connect(edge)
         self._tracker.refer_to(node_id)
-        loop = self._loops.look(self.graph, current, node_id) if self.params.loop.automatic else None
-        if loop is not None:
+        if self.params.loop.automatic and (loop := self._loops.look(self.graph, current, node_id)):
             self._correct([loop])
+        if self._bent is None:
+            self._pictures.settle(self.graph)
 
     def _correct(self, loops: list[Edge]) -> None:
         """Add loop edges, and move everything to where all edges fit best."""
@@ -139,6 +144,7 @@ class Mapper:
         before, self.graph = self.graph, with_loops(self.graph, loops)
         self._tracker.prior.move(self.graph[newest].T_map_sphere @ before[newest].T_map_sphere.inverse())
         self.num_loops += len(loops)
+        self._pictures.correct(self.graph)
 
     def _load(self, sphere_id: int) -> Sphere:
-        return in_memory(self.graph[sphere_id])
+        return self._pictures.load(self.graph[sphere_id])

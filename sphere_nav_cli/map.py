@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +12,16 @@ import numpy as np
 from tqdm import tqdm
 
 from node_kit.bags import BagError, BagReader
-from node_kit.map_bag import save_map
+from node_kit.map_bag import MapDetails, MapWriter
 from node_kit.replay import OfflineBus, replay, required_topics
 from sphere_geometry import SE3
 from sphere_geometry.rig_file import read_rig
 from sphere_geometry.trajectory import Trajectory, write_tum
 from sphere_map.graph import SphereGraph
 from sphere_mapping.acquisition.kernels import use_threads
+from sphere_mapping.graph.store import SphereStore
 from sphere_mapping.intake_node import TOPICS
+from sphere_mapping.mapper import Mapper
 from sphere_mapping.node import SphereMapper
 from sphere_mapping.saving_node import details_of
 from sphere_mapping.stitcher_node import SphereStitcher
@@ -80,11 +82,20 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Map, close loops, compare with the truth, save."""
+    """Map what the bag holds; each key sphere is written as it is kept."""
     if arguments.output.exists() and not arguments.overwrite:
         raise BagError(f"{arguments.output}: expected no such file or folder, found one: --overwrite replaces a map")
     _use_threads(arguments.jobs)
-    drive = map_drive(arguments)
+    writer = MapWriter(arguments.output, start_of(arguments), is_overwriting=arguments.overwrite)
+    try:
+        return finish(arguments, map_drive(arguments, writer), writer)
+    except (ValueError, OSError):  # an interrupted run leaves what it has, for `map-verify --salvage`
+        writer.discard()
+        raise
+
+
+def finish(arguments: argparse.Namespace, drive: MappedDrive, writer: MapWriter) -> int:
+    """Close loops, compare with the truth, complete the map."""
     drive.node.mapper.keep_end()
     if not arguments.no_loops:
         drive.node.mapper.close_loops()
@@ -101,9 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.anchor == "survey" and truth is not None:
         graph = move_to_truth(graph, truth, drive.node.T_base_sphere)
     details = details_of(graph, drive.node.params.mapper, source=str(arguments.bag.name))
-    with tqdm(total=len(graph), desc="save", unit="sphere", leave=False, disable=None) as bar:
-        known = {"appearance": drive.node.mapper.appearance, "is_overwriting": arguments.overwrite}
-        save_map(arguments.output, graph, details, **known, progress=bar.update)
+    writer.finish(graph, replace(details, rig=rig_text(arguments)), drive.node.mapper.appearance)
     if arguments.trajectory:
         write_tum(arguments.trajectory, drive.trajectory(is_base=False).moved(T_new_map))
     if arguments.taught:
@@ -178,7 +187,17 @@ class MappedDrive:
         return lines
 
 
-def map_drive(arguments: argparse.Namespace) -> MappedDrive:
+def start_of(arguments: argparse.Namespace) -> MapDetails:
+    """Return what the map says of itself until it is complete."""
+    return MapDetails(source=str(arguments.bag.name), rig=rig_text(arguments))
+
+
+def rig_text(arguments: argparse.Namespace) -> str:
+    """Return the rig file as it is, empty without one."""
+    return arguments.rig.read_text(encoding="utf-8") if arguments.rig else ""
+
+
+def map_drive(arguments: argparse.Namespace, store: SphereStore) -> MappedDrive:
     """Return the bag mapped from what it holds; BagError where no sphere comes of it."""
     given = {"mapper.loop.automatic": not arguments.no_loops, "mounting": arguments.mounting}
     values = given | parse_settings(arguments.settings)
@@ -188,11 +207,12 @@ def map_drive(arguments: argparse.Namespace) -> MappedDrive:
         if kind == "auto":
             kind = find_input(bag, chosen, has_rig=arguments.rig is not None)
         if kind == CAMERAS:
-            drive = replay_mapper(bag, values | {"input": "sphere"}, {}, stitcher_values(bag, chosen, arguments))
+            stitcher = stitcher_values(bag, chosen, arguments)
+            drive = replay_mapper(bag, store, values | {"input": "sphere"}, {}, stitcher)
         else:
             found = topics.find_topics(bag, TOPICS[kind], chosen)
             slack_s = topics.pairing_slack(bag, found[TOPICS[kind][0]])
-            drive = replay_mapper(bag, {"slack_s": slack_s} | values | {"input": kind}, found)
+            drive = replay_mapper(bag, store, {"slack_s": slack_s} | values | {"input": kind}, found)
     if not drive.node.mapper.tracks:
         raise BagError(
             f"{arguments.bag}: expected spheres to map, found none: {drive.refusal or 'no complete instant'}"
@@ -204,13 +224,14 @@ Node = tuple[dict[str, Any], dict[str, str]]  # values of parameters by dotted n
 
 
 def replay_mapper(
-    bag: BagReader, values: dict[str, Any], remap: dict[str, str], stitcher: Node | None = None
+    bag: BagReader, store: SphereStore, values: dict[str, Any], remap: dict[str, str], stitcher: Node | None = None
 ) -> MappedDrive:
     """Play a bag to a mapper, behind a stitcher where that is given; with a progress bar."""
     bus = OfflineBus(captured=set())
     stitching = None if stitcher is None else bus.add(SphereStitcher, *stitcher)
     node = bus.add(SphereMapper, values, remap)
     assert isinstance(node, SphereMapper)
+    node.mapper = Mapper(node.params.mapper, store=store)
     total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
     with tqdm(total=total, desc="map", unit="message", leave=False, disable=None) as bar:
         for _ in replay(bag, bus, progress=bar.update):

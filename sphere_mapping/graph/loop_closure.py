@@ -100,13 +100,6 @@ class LoopCloser:
         return motion.edge(candidate.older, newer_id, is_loop=True) if motion is not None else None
 
 
-def in_memory(node: KeySphere) -> Sphere:
-    """Return the picture of a key sphere; ValueError where it is not in memory."""
-    if node.sphere is None:
-        raise ValueError(f"key sphere {node.id}: expected its picture in memory, found none")
-    return node.sphere
-
-
 def choose(graph: SphereGraph, newer_id: int, found: list[Candidate]) -> Candidate | None:
     """Return the best of the candidates that drift allows; None where another place has nearly as many features."""
     ways = lengths_from(graph, newer_id)

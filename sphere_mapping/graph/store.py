@@ -1,0 +1,57 @@
+"""Where the pictures of key spheres are: in the graph, or written away as they are kept, so that memory stays small."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from sphere_map.graph import Edge, KeySphere, SphereGraph
+from sphere_map.sphere import Sphere
+
+
+class SphereStore(Protocol):
+    """Takes key spheres in order of their ids and gives them back."""
+
+    def add(self, node: KeySphere, edges: Sequence[Edge], sphere: Sphere) -> None:
+        """Keep a key sphere and the edges that it came with."""
+        ...
+
+    def tell(self, graph: SphereGraph) -> None:
+        """Take note of a corrected graph."""
+        ...
+
+    def load(self, sphere_id: int) -> Sphere:
+        """Return a key sphere that was added; ValueError or OSError where it cannot be read."""
+        ...
+
+
+class Pictures:
+    """The pictures of one growing graph; without a store they stay in it."""
+
+    def __init__(self, store: SphereStore | None = None) -> None:
+        self._store = store
+        self._num_stored = 0
+
+    def settle(self, graph: SphereGraph) -> None:
+        """Hand over what is not stored yet, and forget it."""
+        if self._store is None:
+            return
+        for node in list(graph)[self._num_stored :]:
+            if node.sphere is not None:
+                edges = [edge for edge in graph.edges if node.id == max(edge.a, edge.b)]
+                self._store.add(node, edges, node.sphere)
+                graph.forget_sphere(node.id)
+        self._num_stored = len(graph)
+
+    def correct(self, graph: SphereGraph) -> None:
+        """Take note of a corrected graph."""
+        if self._store is not None:
+            self._store.tell(graph)
+
+    def load(self, node: KeySphere) -> Sphere:
+        """Return the picture of a key sphere; ValueError where nobody has it."""
+        if node.sphere is not None:
+            return node.sphere
+        if self._store is None:
+            raise ValueError(f"key sphere {node.id}: expected its picture in memory, found none")
+        return self._store.load(node.id)
