@@ -1,0 +1,120 @@
+"""The tree of frames of each composition: whole, one root, one parent each; with odometry on /tf, and without."""
+
+from collections import defaultdict
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from tf2_msgs.msg import TFMessage
+
+from command_guard.node import CommandGuard
+from cycab_sim.outputs_node import Outputs
+from cycab_sim.params import SimParams
+from cycab_sim.simulator import Simulator
+from dense_localizer.node import DenseLocalizerNode
+from node_kit.conversions import array_to_image, camera_to_info, se3_to_odometry, se3_to_transform
+from node_kit.map_bag import save_map
+from node_kit.node import ManagedNode
+from node_kit.replay import OfflineBus
+from path_follower.node import PathFollowerNode
+from sphere_geometry import SE3
+from sphere_map.sphere import T_BODY_OPTICAL
+from sphere_mapping.node import SphereMapper
+from sphere_nav_cli.compositions import COMPOSITIONS
+from typed_params import build
+from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
+from worlds.recordings import mount, sphere
+from worlds.room import wide_room
+
+START_NS, OPTICAL, ROOM = 1_000_000_000, "camera_optical", wide_room()
+NODES = {"dense_localizer": DenseLocalizerNode, "path_follower": PathFollowerNode, "command_guard": CommandGuard}
+NODES |= {"sphere_mapper": SphereMapper}
+
+
+class Simulated(ManagedNode):
+    """What cycab_sim says of its frames, without its images."""
+
+    NAME = "cycab_sim"
+
+    def configure(self):
+        self.outputs = Outputs(self.endpoints, Simulator(build(SimParams, {"world": "corridor", "imu.is_on": True})))
+
+    def say(self):
+        self.outputs.publish_statics()
+        self.outputs.publish("odom")
+
+
+def start(name, namespace="", **given):
+    """Return a bus with those nodes of a composition that need no process of their own."""
+    composition = COMPOSITIONS[name]
+    given |= {"namespace": namespace}
+    bus, small = OfflineBus(), {"dense_localizer": SMALL_IMAGES}
+    for item in composition.starts({key: value for key, value in given.items() if key in composition.arguments}):
+        if item.node in NODES:
+            values = {key: value for key, value in item.parameters.items() if key != "use_sim_time"}
+            bus.add(NODES[item.node], values | small.get(item.node, {}), item.topics)
+    return bus
+
+
+def send(bus, topic, message):
+    bus.publish(topic, message)
+    return list(bus.settle())
+
+
+def edges(said, topics=("/tf", "/tf_static")):
+    """Return the parents of each frame that was told."""
+    parents = defaultdict(set)
+    for item in said:
+        for transform in item.message.transforms if item.topic in topics else ():
+            parents[transform.child_frame_id].add(transform.header.frame_id)
+    return dict(parents)
+
+
+def check(parents, root, *leaves):
+    """Assert one parent each, and that every leaf hangs on the root."""
+    assert {child: found for child, found in parents.items() if len(found) != 1} == {}
+    assert set().union(*parents.values()) - parents.keys() == {root}
+    for frame in leaves:
+        while frame != root:
+            (frame,) = parents[frame]
+
+
+@pytest.fixture(scope="module")
+def map_path(tmp_path_factory):
+    made = make_map(ROOM, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0, 1.0)])
+    return str(save_map(tmp_path_factory.mktemp("maps") / "room", made.graph))
+
+
+@pytest.mark.parametrize("has_odometry", [True, False])
+@pytest.mark.parametrize("name", ["localisation", "navigation", "nav2", "replay", "simulation"])
+def test_a_camera_in_a_map(map_path, name, has_odometry):
+    bus = start(name, map=map_path, bag="drive", guard="true")
+    camera = se3_to_transform(T_BODY_OPTICAL, START_NS, "base_link", OPTICAL)
+    said = send(bus, "/tf_static", TFMessage(transforms=[camera]))
+    for k, pose in enumerate(drive(8)):
+        now = START_NS + (k + 1) * STEP_NS
+        said += bus.advance(now)
+        if has_odometry:
+            T_odom_base = pose @ T_BODY_OPTICAL.inverse()
+            said += send(bus, "/odom", se3_to_odometry(T_odom_base, np.eye(6), now, ("odom", "base_link"), np.zeros(6)))
+            moved = se3_to_transform(T_odom_base, now, "odom", "base_link")
+            said += send(bus, "/tf", TFMessage(transforms=[moved]))
+        said += send(bus, "/camera_info", camera_to_info(PINHOLE, now, OPTICAL))
+        said += send(bus, "/image_raw", array_to_image(ROOM.photograph(PINHOLE, pose, k), now, OPTICAL, "mono8"))
+    check(edges(said), "map", OPTICAL, *(["odom"] if has_odometry else []))
+
+
+def test_a_map_in_the_making():
+    bus, said = start("mapping"), []
+    for topic, message in [("tf_static", mount()), *(pair for number in range(4) for pair in sphere(number))]:
+        said += send(bus, f"/{topic}", message)
+    check(edges(said), "map", "sphere_link", "base_link")
+
+
+def test_the_simulator_moves_its_base_and_holds_its_sensors():
+    bus = OfflineBus()
+    node = bus.add(Simulated)
+    node.say()
+    check(edges(list(bus.settle())), "odom", "base_link", "imu_link")
