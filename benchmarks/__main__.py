@@ -36,6 +36,7 @@ BENCHMARKS = {
     "mcl_homing": "benchmarks.mcl_homing",
     "mcl_times": "benchmarks.mcl_times",
     "fuzz": "benchmarks.fuzz",
+    "intake_rate": "benchmarks.intake_rate",
 }
 
 
