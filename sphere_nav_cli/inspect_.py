@@ -13,6 +13,7 @@ from node_kit.bag_error import BagError
 from node_kit.bag_reader import BagReader
 from node_kit.mounting import read_mounting
 from node_kit.streams import CLOUD, RGBD, SPHERE, SPHERE_INFO, STEREO, Stream, find_odometry, read_streams
+from node_kit.tf import TransformTree
 from sphere_nav_cli import topics
 
 HELP = """\
@@ -50,8 +51,10 @@ def run(arguments: argparse.Namespace) -> int:
         streams = read_streams(bag)
         first, last = bag.time_range
         chosen = topics.choose_topics(bag, arguments)
-        mounting = mounting_lines(bag, streams, arguments.mounting)
+        frames = topics.read_frames(bag)
+    mounting = mounting_lines(frames, streams, arguments.mounting)
     offers = find_offers(streams, arguments.bag, chosen)
+    check_registration(offers, streams, frames)
     if arguments.mounting:
         for offer in offers:
             offer.command += ["--mounting", arguments.mounting] if offer.command else []
@@ -80,14 +83,29 @@ def driver_lines(streams: Sequence[Stream]) -> list[str]:
     return lines
 
 
-def mounting_lines(bag: BagReader, streams: Sequence[Stream], given: str) -> list[str]:
+def check_registration(offers: Sequence[Offer], streams: Sequence[Stream], frames: TransformTree) -> None:
+    """Withdraw the offer to register depth where nobody tells how its camera sits beside the other."""
+    by_name = {stream.topic: stream for stream in streams}
+    for offer in offers:
+        if "--depth-info" in offer.command:
+            words = dict(zip(offer.command, offer.command[1:], strict=False))
+            image = by_name[words.get("--info", "/camera_info")].frame_id
+            depth = by_name[words["--depth-info"]].frame_id
+            if not frames.is_connected(image, depth):
+                offer.command = []
+                offer.missing = (
+                    f"expected {depth} and {image} on /tf_static, found no way: record it, or registered depth"
+                )
+
+
+def mounting_lines(frames: TransformTree, streams: Sequence[Stream], given: str) -> list[str]:
     """Return for each camera whether it is known where it sits on the vehicle; ValueError for a wrong mounting."""
     if read_mounting(given) is not None:
         return [f"mounting: {given}, for {topics.BASE_FRAME} and the camera"]
-    tree, lines = topics.read_frames(bag), []
+    lines = []
     for frame in dict.fromkeys(stream.frame_id for stream in streams if stream.is_picture and stream.frame_id):
         try:
-            x, y, z = tree.lookup(topics.BASE_FRAME, frame).translation
+            x, y, z = frames.lookup(topics.BASE_FRAME, frame).translation
         except ValueError:
             lines.append(f"mounting: {frame}: not told by /tf_static: it is taken as the vehicle; else --mounting")
         else:

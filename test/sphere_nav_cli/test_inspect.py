@@ -105,6 +105,19 @@ def test_depth_of_its_own_camera_is_registered_while_mapping(own, tmp_path, monk
     np.testing.assert_allclose(poses_of("foreign_map"), poses_of("own_map"), atol=1e-3)
 
 
+def test_depth_of_its_own_camera_without_frames_is_no_offer(tmp_path, capsys):
+    source = write_bag(tmp_path / "source", unregistered, numbers=range(2))
+    names = REALSENSE | {
+        "/depth/image_raw": "/camera/camera/depth/image_rect_raw",
+        "/depth/camera_info": "/camera/camera/depth/camera_info",
+    }
+    copy_bag(source, tmp_path / "foreign", {ours: theirs for ours, theirs in names.items() if ours != "/tf_static"})
+    call("inspect", tmp_path / "foreign")
+    said = capsys.readouterr().out
+    assert f"map: expected {DEPTH_FRAME} and {FRAME} on /tf_static, found no way" in said
+    assert "sphere_nav map" not in said
+
+
 def as_jpeg(topic, message):
     if not isinstance(message, Image) or "depth" in topic:
         return message
