@@ -19,6 +19,7 @@ BENCHMARKS = {
     "frame_to_frame": "benchmarks.frame_to_frame",
     "end_to_end": "benchmarks.end_to_end",
     "faults": "benchmarks.faults",
+    "localizer_faults": "benchmarks.localizer_faults",
     "rendering": "benchmarks.rendering",
     "long_drive": "benchmarks.long_drive",
     "calibration": "benchmarks.calibration",
