@@ -1,4 +1,4 @@
-"""What the mapper listens to: spheres, or the images of an RGB-D or of a rectified stereo camera."""
+"""What the mapper listens to: spheres, or the images of an RGB-D or of a stereo camera."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from sphere_nav_msgs.msg import AugmentedSphere
 
 from node_kit import conversions, qos
 from node_kit.endpoints import COMPRESSED, COMPRESSED_DEPTH
-from sphere_geometry import SE3, Camera, Pinhole
+from sphere_geometry import SE3, Camera
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 from sphere_mapping.acquisition.params import SynchroniserParams
 from sphere_mapping.acquisition.partial import RgbdView, sphere_from_views
-from sphere_mapping.acquisition.stereo import sphere_from_stereo
 from sphere_mapping.acquisition.synchroniser import Instant, Synchroniser
 from sphere_mapping.graph.unrolling import Unroll
 from sphere_mapping.params import SphereMapperParams
+from sphere_mapping.stereo_intake_node import OnPair, Report, StereoIntake, report_nothing
 
 # The sphere, the frame of its header, whether that is optical, and how to make it anew by the velocity of the camera.
 OnSphere = Callable[[Sphere, str, bool, Unroll | None], None]
@@ -39,11 +39,20 @@ WAIT_S = 1.0  # of stamps, not of a clock: after it an image goes without its co
 class Intake:
     """Converts messages by `params.input`; hands every complete instant as a sphere to `on_sphere`.
 
-    `lookup(target, source)` tells T_target_source of two frames, as /tf_static has it, or raises ValueError.
+    `lookup(target, source)` tells T_target_source of two frames, as /tf_static has it, or raises ValueError. `report`
+    and `on_pair` are those of a StereoIntake.
     """
 
-    def __init__(self, params: SphereMapperParams, on_sphere: OnSphere, lookup: Callable[[str, str], SE3]) -> None:
+    def __init__(
+        self,
+        params: SphereMapperParams,
+        on_sphere: OnSphere,
+        lookup: Callable[[str, str], SE3],
+        report: Report = report_nothing,
+        on_pair: OnPair | None = None,
+    ) -> None:
         self._params, self._deliver, self._lookup = params, on_sphere, lookup
+        self.stereo = StereoIntake(params.mapper, lookup, report, on_pair)
         self._infos: dict[str, CameraInfo] = {}
         self._frame_id = ""
         streams = [topic for topic in TOPICS[params.input] if topic.endswith("image_raw")]
@@ -89,8 +98,8 @@ class Intake:
             self._frame_id = message.header.frame_id
         make = self._rgbd if self._params.input == "rgbd" else self._stereo
         for instant in self._sync.put(topic, stamp, convert(message), stamp):
-            if not instant.is_failed:
-                self._on_sphere(*make(instant))
+            if not instant.is_failed and (made := make(instant)) is not None:
+                self._on_sphere(*made)
 
     def _rgbd(self, instant: Instant) -> tuple[Sphere, str, bool, Unroll | None]:
         camera = conversions.camera_from_info(self._info("camera_info"))
@@ -118,20 +127,10 @@ class Intake:
         T_image_depth = self._lookup(self._frame_id, frame_id) if is_beside else SE3.identity()
         return conversions.camera_from_info(info), T_image_depth
 
-    def _stereo(self, instant: Instant) -> tuple[Sphere, str, bool]:
-        right_info = self._info("right/camera_info")
-        camera = conversions.camera_from_info(self._info("left/camera_info"), is_rectified=True)
-        right = conversions.camera_from_info(right_info, is_rectified=True)
-        baseline_m = conversions.stereo_baseline(right_info)
-        if not isinstance(camera, Pinhole):
-            raise ValueError(f"left/camera_info: expected a rectified pinhole camera, found {camera.model}")
-        images = (
-            self._image_of_size(instant, "left/image_raw", camera),
-            self._image_of_size(instant, "right/image_raw", right),
-        )
-        p = self._params.mapper
-        sphere = sphere_from_stereo(*images, camera, baseline_m, T_BODY_OPTICAL, instant.stamp_ns, p.stereo, p.partial)
-        return sphere, self._frame_id, True
+    def _stereo(self, instant: Instant) -> tuple[Sphere, str, bool] | None:
+        left, right = (self._info(f"{side}/camera_info") for side in ("left", "right"))
+        sphere = self.stereo.make(instant, left, right)
+        return None if sphere is None else (sphere, self._frame_id, True)
 
     def _image_of_size(self, instant: Instant, topic: str, camera: Camera) -> Any:
         """Return an image or depth of the instant, of the camera's size."""

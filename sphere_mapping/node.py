@@ -56,7 +56,7 @@ class SphereMapper(ManagedNode):
         self.tf = TransformListener(self.endpoints, ignored=map_frame)
         self.odom = OdometryInput(self.endpoints, self.tf.tree, base_frame, is_used=True)
         self.transform = MapTransform(self.endpoints, self.odom, map_frame, base_frame)
-        self.intake = Intake(self.params, self.on_sphere, self.tf.lookup)
+        self.intake = Intake(self.params, self.on_sphere, self.tf.lookup, self.report)
         for subscription in self.intake.subscriptions():
             self.add_subscription(*subscription)
         if self.params.input == "rgbd":

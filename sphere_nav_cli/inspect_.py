@@ -134,7 +134,7 @@ def _mapping(streams: Sequence[Stream], bag: Path, chosen: dict[str, str]) -> Of
     if any(stream.type == SPHERE for stream in streams):
         return Offer("map", command, note="from spheres")
     reasons = []
-    for wanted, note in ((RGBD, "from colour and depth"), (STEREO, "from a rectified stereo pair")):
+    for wanted, note in ((RGBD, "from colour and depth"), (STEREO, "from a stereo pair")):
         try:
             found = topics.find_wanted(streams, wanted, _of_kind(chosen, wanted))
         except BagError as error:

@@ -19,6 +19,7 @@ from sphere_geometry.rig_file import read_rig
 from sphere_geometry.trajectory import Trajectory, write_tum
 from sphere_map.graph import SphereGraph
 from sphere_mapping.acquisition.kernels import use_threads
+from sphere_mapping.acquisition.stereo_field import StereoField
 from sphere_mapping.graph.store import SphereStore
 from sphere_mapping.intake_node import TOPICS
 from sphere_mapping.mapper import Mapper
@@ -30,12 +31,14 @@ from sphere_nav_cli.evaluate import TRUTH_TOPICS, judge
 from sphere_nav_cli.pose_bags import read_poses
 from sphere_nav_cli.settings import parse_settings
 from sphere_nav_cli.sphere_source import CAMERAS, find_input
+from sphere_nav_cli.stereo_drive import find_field
 
 OFFLINE_DEADLINE_S = 10.0  # of recording time: a recording may hold images as late as they were drawn or written
 HELP = """\
-Make a map of key spheres from a bag with spheres, RGB-D, rectified stereo images, or the cameras of a rig.
+Make a map of key spheres from a bag with spheres, RGB-D, stereo images, or the cameras of a rig.
 
-The bag holds spheres; or images, camera_info and depth; or a rectified stereo pair with both camera_info; or, with
+The bag holds spheres; or images, camera_info and depth; or a stereo pair with both camera_info (raw images are
+rectified by D, R and P or by /tf_static; what the images themselves show to be off is told and corrected); or, with
 --rig, the cameras of a rig, which go through the node sphere_stitcher. Topics of any names are found by type, name,
 frame and size (`sphere_nav inspect BAG` shows how), or named by options. The map frame is the pose of the first sphere
 (body axes). The result is the same for every number of jobs.
@@ -138,6 +141,7 @@ class MappedDrive:
     node: SphereMapper
     num_lost: int = 0
     refusal: str = ""
+    stereo: str = ""  # what was found of the pair
 
     def trajectory(self, *, is_base: bool) -> Trajectory:
         """Return the pose of every placed sphere, or that of the vehicle, as the corrected graph has it."""
@@ -171,6 +175,8 @@ class MappedDrive:
             f"{len(placed)} spheres placed, {self.num_lost} lost, {len(mapper.graph)} kept, {loops} loops closed, "
             f"{placed.distances[-1]:.2f} m"
         ]
+        if self.stereo:
+            lines.insert(0, self.stereo)
         if self.refusal:
             lines.append(f"refused: {self.refusal}")
         if truth is None or T_truth_map is None:
@@ -212,7 +218,10 @@ def map_drive(arguments: argparse.Namespace, store: SphereStore) -> MappedDrive:
         else:
             found = topics.find_topics(bag, TOPICS[kind], chosen)
             slack_s = topics.pairing_slack(bag, found[TOPICS[kind][0]])
-            drive = replay_mapper(bag, store, {"slack_s": slack_s} | values | {"input": kind}, found)
+            values = {"slack_s": slack_s} | values | {"input": kind}
+            stereo = find_field(bag, values, found) if kind == "stereo" else None
+            drive = replay_mapper(bag, store, values, found, correction=stereo and stereo[0])
+            drive.stereo = stereo[1] if stereo else ""
     if not drive.node.mapper.tracks:
         raise BagError(
             f"{arguments.bag}: expected spheres to map, found none: {drive.refusal or 'no complete instant'}"
@@ -224,14 +233,21 @@ Node = tuple[dict[str, Any], dict[str, str]]  # values of parameters by dotted n
 
 
 def replay_mapper(
-    bag: BagReader, store: SphereStore, values: dict[str, Any], remap: dict[str, str], stitcher: Node | None = None
+    bag: BagReader,
+    store: SphereStore,
+    values: dict[str, Any],
+    remap: dict[str, str],
+    stitcher: Node | None = None,
+    correction: StereoField | None = None,
 ) -> MappedDrive:
-    """Play a bag to a mapper, behind a stitcher where that is given; with a progress bar."""
+    """Play a bag to a mapper, behind a stitcher where that is given, or with a stereo pair's correction."""
     bus = OfflineBus(captured=set())
     stitching = None if stitcher is None else bus.add(SphereStitcher, *stitcher)
     node = bus.add(SphereMapper, values, remap)
     assert isinstance(node, SphereMapper)
     node.mapper = Mapper(node.params.mapper, store=store)
+    if correction is not None:
+        node.intake.stereo.correct(correction)
     total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
     with tqdm(total=total, desc="map", unit="message", leave=False, disable=None) as bar:
         for _ in replay(bag, bus, progress=bar.update):

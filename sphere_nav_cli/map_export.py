@@ -28,7 +28,6 @@ examples:
   sphere_nav map-export kitchen_map -o kitchen.ply --step 4
   sphere_nav map-export kitchen_map -o kitchen.g2o
 """
-G2O_PER_RADIAN = 0.5  # g2o's error is (translation, vector of the quaternion), half the angle
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -81,7 +80,7 @@ def write_g2o(reader: MapReader, path: Path, _: CloudParams) -> str:
 
 
 def g2o_text(graph: SphereGraph) -> str:
-    """Return the graph as g2o: information of (translation, quaternion vector), upper triangle."""
+    """Return the graph as g2o: information of (translation, rotation vector), as `optimize` and GTSAM read it."""
     nodes = sorted(graph, key=lambda node: node.id)
     lines = [f"VERTEX_SE3:QUAT {node.id} {_numbers(node.T_map_sphere)}" for node in nodes]
     return "\n".join(lines + [_edge(edge) for edge in graph.edges]) + "\n"
@@ -96,9 +95,7 @@ def write_trajectory(reader: MapReader, path: Path, _: CloudParams) -> str:
 
 
 def _edge(edge: Edge) -> str:
-    scale = np.array([1.0] * 3 + [1.0 / G2O_PER_RADIAN] * 3)
-    information = edge.information * np.outer(scale, scale)
-    triangle = " ".join(f"{value:.9g}" for value in information[np.triu_indices(6)])
+    triangle = " ".join(f"{value:.9g}" for value in edge.information[np.triu_indices(6)])
     return f"EDGE_SE3:QUAT {edge.a} {edge.b} {_numbers(edge.T_a_b)} {triangle}"
 
 

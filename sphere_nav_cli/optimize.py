@@ -19,7 +19,8 @@ Optimise a pose graph: g2o (VERTEX_SE3:QUAT, VERTEX_SE2) or TORO (VERTEX3, VERTE
 
 The descent starts from the chordal solution, not from the file's poses, however bad these are. chi2 is the sum of
 e' Information e over all edges, e = log(T_measured^-1 T_a^-1 T_b). A certificate tells whether a better optimum can
-exist; where there is none, a warning says so. The first vertex of each connected part stays where it is.
+exist; where there is none, a warning says so. The vertex that FIX names, else the first, of each connected part stays
+where it is.
 
 examples:
   sphere_nav optimize sphere2500.g2o -o optimised.g2o

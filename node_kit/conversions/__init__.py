@@ -8,6 +8,8 @@ from node_kit.conversions.cameras import (
     camera_from_info,
     camera_to_info,
     check_image_size,
+    has_baseline,
+    rectification_of,
     stereo_baseline,
 )
 from node_kit.conversions.clouds import cloud_to_message, message_to_cloud
@@ -61,6 +63,7 @@ __all__ = [
     "depth_to_metres",
     "from_ros_covariance",
     "graph_to_message",
+    "has_baseline",
     "header",
     "image_to_array",
     "image_to_grey",
@@ -77,6 +80,7 @@ __all__ = [
     "pose_to_se3",
     "pose_with_covariance_to_se3",
     "poses_to_path",
+    "rectification_of",
     "se3_to_odometry",
     "se3_to_pose",
     "se3_to_pose_stamped",

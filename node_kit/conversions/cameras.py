@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo
 
 from node_kit.conversions.stamps import header
 from sphere_geometry import Camera, Fisheye, Pinhole
 
+ROTATION_TOLERANCE = 1e-3
 FISHEYE = "equidistant"
 PINHOLES = {"plumb_bob": 5, "rational_polynomial": 8}  # name -> number of coefficients
 
@@ -59,6 +62,21 @@ def camera_to_info(camera: Camera, stamp: int, frame_id: str, *, baseline: float
         r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
         p=[fx, 0.0, cx, -fx * baseline if baseline else 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
     )
+
+
+def rectification_of(info: CameraInfo) -> NDArray[np.float64]:
+    """Return R (3, 3), from the axes of the raw camera to those of the rectified one; zeros are told as no turn."""
+    R = np.array(info.r, dtype=np.float64).reshape(3, 3)
+    if not R.any():
+        return np.eye(3)
+    if not np.allclose(R @ R.T, np.eye(3), atol=ROTATION_TOLERANCE) or np.linalg.det(R) < 0:
+        raise ValueError(f"{info.header.frame_id or 'camera_info'}: R: expected a rotation, found {list(info.r)}")
+    return R
+
+
+def has_baseline(right: CameraInfo) -> bool:
+    """Return whether a right CameraInfo tells the rectified pair: P[3] = -fx * baseline."""
+    return bool(right.p[0] > 0.0 and right.p[3] < 0.0)
 
 
 def stereo_baseline(right: CameraInfo) -> float:

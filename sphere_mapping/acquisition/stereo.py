@@ -30,10 +30,17 @@ def sphere_from_stereo(
     stamp_ns: int = 0,
     params: StereoParams | None = None,
     partial: PartialParams | None = None,
+    is_seen: NDArray[np.bool_] | None = None,
 ) -> Sphere:
-    """Return the partial sphere of a rectified pair; the right camera is `baseline_m` to the right of the left one."""
+    """Return the partial sphere of a rectified pair; the right camera is `baseline_m` to the right of the left one.
+
+    is_seen (H, W): where the left image shows something; None: everywhere.
+    """
     params, partial = params or StereoParams(), partial or PartialParams()
     depth_m, relative_std = depth_from_stereo(left, right, camera, baseline_m, params)
+    if is_seen is not None:
+        depth_m[~is_seen] = np.nan
+        left = np.where(is_seen if left.ndim == 2 else is_seen[..., None], left, 0).astype(np.uint8)
     window = window_of(camera, T_sphere_camera, full_width_of([camera], partial))
     range_m = resample_range(depth_m, camera, T_sphere_camera, window, partial)
     image, weight = resample_image(left, camera, T_sphere_camera, window, range_m)

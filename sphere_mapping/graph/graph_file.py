@@ -1,7 +1,8 @@
 """Pose graphs as text: g2o (VERTEX_SE2, VERTEX_SE3:QUAT and their edges) and TORO (VERTEX2, VERTEX3 and theirs).
 
 Information is read as GTSAM and SE-Sync read it, of translation and rotation vector, so that chi2 compares with
-published figures; g2o's own error is the quaternion's vector, half the angle.
+published figures, and written so; g2o's own error is the quaternion's vector, half the angle. FIX names a vertex
+that stays.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 Array = NDArray[np.float64]
 
 MAX_FILE_BYTES = 1 << 30
-IGNORED = ("FIX", "PARAMS_", "EQUIV", "#")  # a fixed vertex is one choice of frame among equals
+IGNORED = ("PARAMS_", "EQUIV", "#")
 TORO_PLANE = ((0, 0), (0, 1), (1, 1), (2, 2), (0, 2), (1, 2))  # TORO's order in the plane, not row by row
 
 
@@ -44,6 +45,7 @@ class _Lines:
     motions: list[Array] = field(default_factory=list)
     information: list[Array] = field(default_factory=list)
     places: list[str] = field(default_factory=list)
+    fixed: dict[int, str] = field(default_factory=dict)  # vertex -> file and line
 
 
 def read_graph(path: Path) -> PoseGraph:
@@ -69,6 +71,7 @@ def write_g2o(path: Path, graph: PoseGraph) -> None:
     kind, numbers = ("SE2", _planar) if graph.dimension == 2 else ("SE3:QUAT", _spatial)
     upper = np.triu_indices(TANGENT_SIZE[graph.dimension])
     lines = [f"VERTEX_{kind} {name} {_text(numbers(T))}" for name, T in zip(graph.ids, graph.poses, strict=True)]
+    lines += [f"FIX {graph.ids[row]}" for row in graph.fixed]
     for (a, b), T, information in zip(graph.ends, graph.motions, graph.information, strict=True):
         lines.append(f"EDGE_{kind} {graph.ids[a]} {graph.ids[b]} {_text(numbers(T))} {_text(information[upper])}")
     path.write_text("\n".join(lines) + "\n", encoding="ascii")
@@ -76,6 +79,9 @@ def write_g2o(path: Path, graph: PoseGraph) -> None:
 
 def _read_line(words: list[str], place: str, found: _Lines) -> None:
     if not words or words[0].startswith(IGNORED):
+        return
+    if words[0] == "FIX":
+        found.fixed |= dict.fromkeys(map(_id, words[1:]), place)
         return
     kind, _, name = words[0].partition("_") if "_" in words[0] else (words[0][:-1], "", words[0][-1:])
     layout = LAYOUTS.get(name)
@@ -113,6 +119,9 @@ def _assemble(found: _Lines) -> PoseGraph:
         for end in ends:
             if end not in row:
                 raise ValueError(f"{place}: expected an edge between vertices of the file, found no vertex {end}")
+    for name, place in found.fixed.items():
+        if name not in row:
+            raise ValueError(f"{place}: FIX: expected a vertex of the file, found no vertex {name}")
     size = found.dimension + 1
     graph = PoseGraph(
         np.array(ids, dtype=np.int64),
@@ -121,6 +130,7 @@ def _assemble(found: _Lines) -> PoseGraph:
         np.array(found.motions),
         np.array(found.information),
         np.zeros(len(found.ends), dtype=np.bool_),
+        tuple(sorted(row[name] for name in found.fixed)),
     )
     return graph if found.poses else replace(graph, poses=spanning_poses(graph))
 

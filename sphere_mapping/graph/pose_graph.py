@@ -27,6 +27,7 @@ class PoseGraph:
     motions: (M, d + 1, d + 1) T_a_b as measured.
     information: (M, p, p) of xi in T_a_b exp(xi), xi = (v, omega); p = 3 in the plane, 6 in space.
     is_robust: (M,) edges that lose weight where they fit badly.
+    fixed: rows of poses that stay where they are, at most one of every connected part.
     """
 
     ids: NDArray[np.int64]
@@ -35,6 +36,7 @@ class PoseGraph:
     motions: Array
     information: Array
     is_robust: NDArray[np.bool_]
+    fixed: tuple[int, ...] = ()
 
     @property
     def dimension(self) -> int:
@@ -43,11 +45,17 @@ class PoseGraph:
 
     @cached_property
     def anchors(self) -> NDArray[np.int64]:
-        """Rows (C,) of the first pose of every connected part: they stay where they are."""
+        """Rows (C,) of the poses that stay where they are: the fixed one of every connected part, else its first."""
         a, b = self.ends.T
         joined = coo_array((np.ones(len(a)), (a, b)), shape=(len(self.ids), len(self.ids)))
         _, parts = connected_components(joined, directed=False)
-        return np.unique(parts, return_index=True)[1].astype(np.int64)
+        rows = np.unique(parts, return_index=True)[1].astype(np.int64)
+        for row in self.fixed:
+            if rows[parts[row]] in self.fixed and rows[parts[row]] < row:
+                both = f"{self.ids[rows[parts[row]]]} and {self.ids[row]}"
+                raise ValueError(f"FIX: expected one vertex of a connected part, found {both}: joined by edges")
+            rows[parts[row]] = row
+        return rows
 
     @cached_property
     def precisions(self) -> tuple[Array, Array]:

@@ -5,6 +5,7 @@ import pytest
 
 from sphere_geometry import SE3, so3
 from sphere_mapping.graph.graph_file import read_graph, write_g2o
+from sphere_mapping.graph.optimum import optimize
 from worlds.cylinder import cylinder
 
 EDGE2 = "EDGE_SE2 0 1 1 0 0.1 4 1 0 9 0 16"
@@ -74,3 +75,23 @@ def test_no_file_and_a_folder_are_refused(tmp_path):
         read_graph(tmp_path / "none.g2o")
     with pytest.raises(ValueError, match="found a folder"):
         read_graph(tmp_path)
+
+
+def test_a_fixed_vertex_stays_and_is_written_again(tmp_path):
+    vertices = ["VERTEX_SE2 0 5 5 1", "VERTEX_SE2 1 2 1 0.3"]
+    found = read_graph(saved(tmp_path, *vertices, "FIX 1", EDGE2))
+    assert found.anchors.tolist() == [1]
+    result = optimize(found).poses
+    np.testing.assert_allclose(result[1], found.poses[1], atol=1e-9)
+    np.testing.assert_allclose(result[0] @ found.motions[0], found.poses[1], atol=1e-6)
+    write_g2o(tmp_path / "again.g2o", found)
+    assert read_graph(tmp_path / "again.g2o").fixed == (1,)
+    assert read_graph(saved(tmp_path, *vertices, EDGE2)).anchors.tolist() == [0]
+
+
+@pytest.mark.parametrize(
+    ("names", "message"), [("0 1", "FIX: expected one vertex .* found 0 and 1"), ("7", "FIX: .* 7")]
+)
+def test_fixed_vertices_that_cannot_all_stay_are_refused(tmp_path, names, message):
+    with pytest.raises(ValueError, match=message):
+        optimize(read_graph(saved(tmp_path, "VERTEX_SE2 0 0 0 0", "VERTEX_SE2 1 1 0 0.1", f"FIX {names}", EDGE2)))

@@ -1,0 +1,186 @@
+"""Offset and bow of a pair's disparity from a drive, without truth: a point's range must agree with itself.
+
+Corners are followed through a few instants in both images. Motions of the left camera, inverse depths of the corners
+and the two numbers of the disparity that explain all pixels best are found by robust least squares (a small bundle
+adjustment; the depths are eliminated, Triggs et al. 2000 section 6.1). The scale of the world is the baseline's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sphere_geometry import SE3, Pinhole
+from sphere_mapping.acquisition.stereo_field import (
+    NUM_COLUMNS,
+    Array,
+    Image,
+    basis_of_columns,
+    corners_of,
+    follow,
+    tangents,
+)
+
+NUM_VIEWS = 4  # instants that a corner is followed through
+MIN_DISPARITY_PX = 2.0
+MAX_OFF_ROW_PX = 1.5
+MIN_TRACKS = 40  # of a window
+NUM_STEPS = 15
+LOSS_PX = 0.15  # scale of Cauchy's loss on a corner's pixels
+PRIOR_PX = 3.0  # standard deviation of offset and bow before anything is seen
+DEPENDENCE = 3.0  # errors of corners of one window are not independent: of the deviations that the residual gives
+FLOOR_PX = np.array([0.06, 0.15])  # deviations that no number of corners lowers: patches shorten what they follow
+SIGNIFICANCE = 13.8  # chi2 of two numbers that chance exceeds once in a thousand
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """Corners (N) seen in K consecutive instants: left (K, N, 2) and right columns (K, N); rows of both agree."""
+
+    left: Array
+    right_u: Array
+
+
+@dataclass(frozen=True, eq=False)
+class ColumnFit:
+    """Offset and bow (2,) of the disparity in px, as measured, their covariance, and the number of corners."""
+
+    columns: Array
+    covariance: Array
+    num_tracks: int
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether chance would hardly give this."""
+        return float(self.columns @ np.linalg.solve(self.covariance, self.columns)) > SIGNIFICANCE
+
+
+def follow_window(lefts: Sequence[Image], rights: Sequence[Image]) -> Window | None:
+    """Return the corners seen in all grey images of consecutive instants, None where they are too few."""
+    points = corners_of(lefts[0])
+    keep = np.ones(len(points), np.bool_)
+    at, columns = [points], []
+    for k in range(len(lefts)):
+        if k:
+            now, found = follow(lefts[k - 1], lefts[k], at[-1])
+            at.append(now)
+            keep &= found
+        there, found = follow(lefts[k], rights[k], at[-1])
+        disparity = at[-1][:, 0] - there[:, 0]
+        keep &= found & (disparity > MIN_DISPARITY_PX) & (np.abs(at[-1] - there)[:, 1] < MAX_OFF_ROW_PX)
+        columns.append(there[:, 0])
+    if np.count_nonzero(keep) < MIN_TRACKS:
+        return None
+    return Window(np.stack(at)[:, keep], np.stack(columns)[:, keep])
+
+
+def fit_columns(camera: Pinhole, baseline_m: float, windows: Sequence[Window]) -> ColumnFit | None:
+    """Return offset and bow of the disparity, None without windows."""
+    if not windows:
+        return None
+    states = [_State(camera, baseline_m, window) for window in windows]
+    columns: Array = np.zeros(NUM_COLUMNS)
+    normal = prior = np.eye(NUM_COLUMNS) / PRIOR_PX**2
+    for step in range(NUM_STEPS):
+        scale = LOSS_PX * max(8.0 / 2**step, 1.0)
+        reduced = [state.reduce(columns, scale) for state in states]
+        normal = prior + sum(part.H for part in reduced)
+        change = np.asarray(np.linalg.solve(normal, sum(part.b for part in reduced) - prior @ columns), np.float64)
+        columns = columns + change
+        for state, part in zip(states, reduced, strict=True):
+            state.move(part, change)
+    variance = sum(state.squares for state in states) / max(sum(state.freedom for state in states), 1.0)
+    covariance = np.asarray(np.linalg.inv(normal) * (max(variance, 1e-6) * DEPENDENCE**2), np.float64)
+    covariance = covariance + np.diag(FLOOR_PX**2)
+    return ColumnFit(columns, covariance, sum(state.window.left.shape[1] for state in states))
+
+
+@dataclass(frozen=True, eq=False)
+class _Reduced:
+    """Normal equations of the two numbers of one window, and what gives back its motions and depths."""
+
+    H: Array  # (2, 2)
+    b: Array  # (2,)
+    poses: tuple[Array, Array]  # solved for the motions: (6 (K - 1),) and (6 (K - 1), 2) by the two numbers
+    depths: tuple[Array, Array, Array]  # (N,), (N, 6 (K - 1)), (N, 2)
+
+
+class _State:
+    """Motions T_view_first and inverse depths of one window."""
+
+    def __init__(self, camera: Pinhole, baseline_m: float, window: Window) -> None:
+        self.camera, self.baseline_m, self.window = camera, baseline_m, window
+        x, y = tangents(camera, window.left[0])
+        self.rays = np.stack([x, y, np.ones_like(x)], axis=-1)
+        self.inverse = (window.left[0, :, 0] - window.right_u[0]) / (camera.fx * baseline_m)
+        self.T_view_first = [SE3.identity()] * len(window.left)
+        self.squares = self.freedom = 0.0
+
+    def reduce(self, columns: Array, scale: float) -> _Reduced:
+        """Linearise all pixels, eliminate depths, then motions."""
+        r, J_columns, J_inverse, J_poses = self._linearize(columns)
+        num, size = r.shape[1], J_poses.shape[-1]
+        weight = 1.0 / (1.0 + np.sum(r * r, axis=(0, 2)) / (r.shape[0] * scale**2))  # (N,), of the whole corner
+        self.squares = float(np.sum(weight * np.sum(r * r, axis=(0, 2))))
+        self.freedom = float(np.sum(weight)) * (3 * r.shape[0] - 3) - size
+        J = np.concatenate([J_columns, J_poses], axis=-1)  # (K, N, 3, 2 + 6 (K - 1))
+        W = weight[:, None]
+        D = weight * np.sum(J_inverse**2, axis=(0, 2)) + 1e-9
+        E = W * np.einsum("kni,knij->nj", J_inverse, J)
+        g = weight * np.einsum("kni,kni->n", J_inverse, r)
+        H = np.einsum("n,knij,knil->jl", weight, J, J) - (E / D[:, None]).T @ E
+        b = -np.einsum("n,knij,kni->j", weight, J, r) + E.T @ (g / D)
+        n = NUM_COLUMNS
+        poses = np.linalg.solve(H[n:, n:] + 1e-9 * np.eye(size), np.column_stack([b[n:], H[n:, :n]]))
+        depths = (-g / D, E[:, n:] / D[:, None], E[:, :n] / D[:, None])
+        assert len(depths[0]) == num
+        return _Reduced(
+            H[:n, :n] - H[:n, n:] @ poses[:, 1:], b[:n] - H[:n, n:] @ poses[:, 0], (poses[:, 0], poses[:, 1:]), depths
+        )
+
+    def move(self, part: _Reduced, change: Array) -> None:
+        """Take the step that belongs to a change of the two numbers."""
+        motion = part.poses[0] - part.poses[1] @ change
+        self.inverse = self.inverse + part.depths[0] - part.depths[1] @ motion - part.depths[2] @ change
+        self.inverse = np.maximum(self.inverse, 1e-4)
+        for k in range(1, len(self.T_view_first)):
+            self.T_view_first[k] = SE3.exp(motion[6 * (k - 1) : 6 * k]) @ self.T_view_first[k]
+
+    def _linearize(self, columns: Array) -> tuple[Array, Array, Array, Array]:
+        """Return residuals (K, N, 3) of u, v and the right u, and their derivatives by columns, depth, motions."""
+        camera, K = self.camera, len(self.T_view_first)
+        shape = (K, len(self.rays), 3)
+        r, J_inverse = np.zeros(shape), np.zeros(shape)
+        J_columns, J_poses = np.zeros((*shape, NUM_COLUMNS)), np.zeros((*shape, 6 * (K - 1)))
+        for k, T in enumerate(self.T_view_first):
+            p = self.rays @ T.rotation.T + T.translation * self.inverse[:, None]  # point by its inverse depth
+            z = np.maximum(p[:, 2], 1e-3)
+            x, y = p[:, 0] / z, p[:, 1] / z
+            right_x = (p[:, 0] - self.baseline_m * self.inverse) / z
+            basis = basis_of_columns(right_x)
+            slope = camera.fx + 2 * columns[1] * right_x  # of the right column by its tangent
+            r[k, :, 0] = camera.fx * x + camera.cx - self.window.left[k, :, 0]
+            r[k, :, 1] = camera.fy * y + camera.cy - self.window.left[k, :, 1]
+            r[k, :, 2] = camera.fx * right_x + camera.cx + basis @ columns - self.window.right_u[k]
+            by_point = np.zeros((len(z), 3, 3))
+            by_point[:, 0, 0] = camera.fx / z
+            by_point[:, 0, 2] = -camera.fx * x / z
+            by_point[:, 1, 1] = camera.fy / z
+            by_point[:, 1, 2] = -camera.fy * y / z
+            by_point[:, 2, 0] = slope / z
+            by_point[:, 2, 2] = -slope * right_x / z
+            J_inverse[k] = by_point @ T.translation
+            J_inverse[k, :, 2] -= slope * self.baseline_m / z
+            J_columns[k, :, 2] = basis
+            if k:
+                J_poses[k, :, :, 6 * k - 6 : 6 * k - 3] = by_point * self.inverse[:, None, None]
+                J_poses[k, :, :, 6 * k - 3 : 6 * k] = -by_point @ _skew(p)
+        return r, J_columns, J_inverse, J_poses
+
+
+def _skew(p: Array) -> Array:
+    out = np.zeros((len(p), 3, 3))
+    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -p[:, 2], p[:, 1], -p[:, 0]
+    return out - np.swapaxes(out, 1, 2)
