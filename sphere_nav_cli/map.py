@@ -17,7 +17,6 @@ from node_kit.replay import OfflineBus, replay, required_topics
 from sphere_geometry import SE3
 from sphere_geometry.rig_file import read_rig
 from sphere_geometry.trajectory import Trajectory, write_tum
-from sphere_map.graph import SphereGraph
 from sphere_mapping.acquisition.kernels import use_threads
 from sphere_mapping.acquisition.stereo_field import StereoField
 from sphere_mapping.graph.store import SphereStore
@@ -28,7 +27,7 @@ from sphere_mapping.saving_node import details_of
 from sphere_mapping.stitcher_node import SphereStitcher
 from sphere_nav_cli import topics
 from sphere_nav_cli.evaluate import TRUTH_TOPICS, judge
-from sphere_nav_cli.pose_bags import read_poses
+from sphere_nav_cli.map_truth import Truth, move_to_truth, transform_graph, truth_of
 from sphere_nav_cli.settings import parse_settings
 from sphere_nav_cli.sphere_source import CAMERAS, find_input
 from sphere_nav_cli.stereo_drive import find_field
@@ -124,14 +123,6 @@ def finish(arguments: argparse.Namespace, drive: MappedDrive, writer: MapWriter)
         "\n".join([*drive.summary(loops, truth, T_anchor_map), f"map: {arguments.output}, {_size(arguments.output)}"])
     )
     return 0
-
-
-@dataclass(frozen=True, eq=False)
-class Truth:
-    """True poses; `is_base` where they are the vehicle's, not the camera's."""
-
-    poses: Trajectory
-    is_base: bool
 
 
 @dataclass(eq=False)
@@ -272,29 +263,6 @@ def stitcher_values(bag: BagReader, chosen: dict[str, str], arguments: argparse.
     remap = topics.find_rig_topics(bag, read_rig(arguments.rig).names, chosen)
     values = {"sync.deadline_s": OFFLINE_DEADLINE_S} | parse_settings(arguments.set_stitcher)
     return values | {"rig": str(arguments.rig), "transport": "raw", "jobs": arguments.jobs}, remap
-
-
-def truth_of(path: Path) -> Truth | None:
-    """Return the true poses of a bag, None where it has none."""
-    with BagReader(path) as bag:
-        topics = [topic for topic in TRUTH_TOPICS if "/" + topic in bag.topics and bag.topics["/" + topic].count]
-    return Truth(read_poses(path, (topics[0],)), is_base=topics[0].endswith("odometry")) if topics else None
-
-
-def transform_graph(graph: SphereGraph, T_new_map: SE3) -> SphereGraph:
-    """Return the graph in another map frame."""
-    return graph.with_poses({node.id: T_new_map @ node.T_map_sphere for node in graph})
-
-
-def move_to_truth(graph: SphereGraph, truth: Truth, T_base_sphere: SE3) -> SphereGraph:
-    """Return the graph with every key sphere at its true pose, where that is known at its stamp."""
-    T_body_sphere = T_base_sphere if truth.is_base else SE3.identity()
-    poses = {}
-    for node in graph:
-        at, known = truth.poses.at([node.stamp_ns], max_gap_ns=round(1e9))
-        if known.all():
-            poses[node.id] = at.T_map_body[0] @ T_body_sphere
-    return graph.with_poses(poses)
 
 
 def _use_threads(number: int) -> None:
