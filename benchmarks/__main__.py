@@ -26,6 +26,7 @@ BENCHMARKS = {
     "stitching": "benchmarks.stitching",
     "range_honesty": "benchmarks.range_honesty",
     "pose_graphs": "benchmarks.pose_graphs",
+    "pair_registration": "benchmarks.pair_registration",
     "mcl_panoramas": "benchmarks.mcl_panoramas",
     "mcl_surround": "benchmarks.mcl_surround",
     "mcl_walks": "benchmarks.mcl_walks",

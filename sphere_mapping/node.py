@@ -47,7 +47,7 @@ class SphereMapper(ManagedNode):
         kernels.warm_up()
         self.params = with_driver_input(self.params)
         self.mapper, self.mounting = Mapper(self.params.mapper), read_mounting(self.params.mounting)
-        self.num_lost, self.T_base_sphere = 0, SE3.identity()
+        self.num_lost, self.num_changes, self.T_base_sphere = 0, 0, SE3.identity()
         self.graph = self.add_publisher("graph", KeySphereGraph, qos.LATCHED)
         self.markers = self.add_publisher("graph/markers", MarkerArray, qos.LATCHED)
         self.cloud = self.add_publisher("map_cloud", PointCloud2, qos.LATCHED)
@@ -113,7 +113,8 @@ class SphereMapper(ManagedNode):
     def tell_map(self, stamp: int) -> None:
         """Publish the graph, and what is to be looked at only where someone looks."""
         graph, frame = self.mapper.graph, self.params.map_frame
-        self.graph.publish(conversions.graph_to_message(graph, frame))
+        self.num_changes += 1
+        self.graph.publish(conversions.graph_to_message(graph, frame, version=self.num_changes))
         if self.markers.num_subscriptions:
             self.markers.publish(graph_to_markers(graph, stamp, frame))
         if self.cloud.num_subscriptions:

@@ -23,6 +23,7 @@ Write a map in a format that other tools read; the suffix of the output says whi
   .ply  point cloud with colours, map frame, metres (binary)
   .g2o  pose graph, VERTEX_SE3:QUAT and EDGE_SE3:QUAT
   .tum  pose of every key sphere: stamp x y z qx qy qz qw
+  .kitti  the same without stamps: the first three rows of T_map_sphere
 
 examples:
   sphere_nav map-export kitchen_map -o kitchen.ply --step 4
@@ -94,6 +95,13 @@ def write_trajectory(reader: MapReader, path: Path, _: CloudParams) -> str:
     return f"{len(nodes)} poses"
 
 
+def write_kitti(reader: MapReader, path: Path, _: CloudParams) -> str:
+    """Write the poses of the key spheres by stamp, a line of 12 numbers each."""
+    nodes = sorted(reader.graph, key=lambda node: node.stamp_ns)
+    np.savetxt(path, [node.T_map_sphere.matrix[:3].ravel() for node in nodes], fmt="%.9g")
+    return f"{len(nodes)} poses"
+
+
 def _edge(edge: Edge) -> str:
     triangle = " ".join(f"{value:.9g}" for value in edge.information[np.triu_indices(6)])
     return f"EDGE_SE3:QUAT {edge.a} {edge.b} {_numbers(edge.T_a_b)} {triangle}"
@@ -107,4 +115,5 @@ WRITERS: dict[str, Callable[[MapReader, Path, CloudParams], str]] = {
     ".ply": write_ply,
     ".g2o": write_g2o,
     ".tum": write_trajectory,
+    ".kitti": write_kitti,
 }

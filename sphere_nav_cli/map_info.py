@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from node_kit.map_bag import MapReader, open_map
 
@@ -62,6 +63,7 @@ def describe(reader: MapReader) -> dict[str, Any]:
         "loops": sum(edge.is_loop for edge in graph.edges),
         "length_m": round(float(info.length), 3),
         "extent_m": [round(float(side), 3) for side in np.ptp(positions, axis=0)],
+        "spacing_m": spacing(positions),
         "first_stamp_s": nodes[0].stamp_ns / 1e9,
         "last_stamp_s": nodes[-1].stamp_ns / 1e9,
         "sphere_size": [sphere.camera.width, sphere.camera.height],
@@ -70,4 +72,12 @@ def describe(reader: MapReader) -> dict[str, Any]:
         "measured_share": round(float(sphere.measured.mean()), 3),
         "megabytes": round(size / 1e6, 1),
         "megabytes_per_sphere": round(size / 1e6 / len(graph), 2),
+        "megabytes_per_metre": round(size / 1e6 / info.length, 3) if info.length > 0 else None,
+        "rig": bool(info.rig),
     }
+
+
+def spacing(positions: NDArray[np.float64]) -> list[float]:
+    """Return the smallest, the median and the largest distance in m from a key sphere to the next one."""
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    return [round(float(value), 3) for value in np.quantile(steps, [0.0, 0.5, 1.0])] if steps.size else []

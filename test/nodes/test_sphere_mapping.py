@@ -89,6 +89,7 @@ def test_graph_cloud_markers_and_path_are_told():
     graph = message_to_graph(bench.said["/graph"][-1])
     assert len(graph) == len(bench.node.mapper.graph) > 1
     assert len(graph.edges) == len(graph) - 1
+    assert [message.version for message in bench.said["/graph"]] == list(range(1, len(bench.said["/graph"]) + 1))
     assert len(bench.said["/graph/markers"][-1].markers[0].points) == len(graph)
     cloud = message_to_cloud(bench.said["/map_cloud"][-1])
     in_room = cloud @ FIRST.rotation.T + FIRST.translation

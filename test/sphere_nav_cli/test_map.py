@@ -160,6 +160,9 @@ def test_map_info_tells_what_is_there(room_map, capsys):
         assert found["key_spheres"] == len(reader.graph) > 1
     assert found["parameters"]["key.max_parallax"] == 0.02
     assert found["measured_share"] > 0.6
+    assert len(found["spacing_m"]) == 3
+    assert 0 < found["spacing_m"][0] <= found["spacing_m"][1] <= found["spacing_m"][2] < found["length_m"]
+    assert found["megabytes_per_metre"] > 0
     assert call("map-info", room_map) == 0
     assert "key_spheres" in capsys.readouterr().out
 
@@ -202,10 +205,12 @@ def test_exported_points_lie_on_the_walls(room_map, tmp_path):
 
 
 def test_exported_trajectory_and_graph(room_map, tmp_path):
-    for suffix in ("tum", "g2o"):
+    for suffix in ("tum", "g2o", "kitti"):
         assert call("map-export", room_map, "-o", tmp_path / f"room.{suffix}") == 0
     with open_map(room_map) as reader:
         graph = reader.graph
+    expected = [node.T_map_sphere.matrix[:3].ravel() for node in graph]
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "room.kitti"), expected, atol=1e-6)
     assert len(read_tum(tmp_path / "room.tum")) == len(graph)
     lines = (tmp_path / "room.g2o").read_text().splitlines()
     assert sum(line.startswith("VERTEX_SE3:QUAT") for line in lines) == len(graph)
