@@ -11,6 +11,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
+from node_kit.drivers import names_of, read_driver
+
 Values = Mapping[str, str]
 ABSOLUTE = ("/tf", "/tf_static", "/clock")  # would be shared by all vehicles of a domain
 MAPPER_TOPICS = {"sphere": "sphere", "rgbd": "depth/image_raw", "stereo": "right/image_raw"}
@@ -121,13 +123,22 @@ def _mcl(values: Values) -> list[Start]:
 
 def _mapping(values: Values) -> list[Start]:
     kind = values["input"]
+    if values["driver"] and kind == "sphere":
+        kind = read_driver(values["driver"]).input
+        if kind not in MAPPER_TOPICS:
+            raise ValueError(f"driver: expected one with depth or two cameras, found {values['driver']}")
     mapper = {"input": kind, "driver": values["driver"]}
     starts = [_node(values, "sphere_mapper", mapper, {"odom": values["odom"]})]
     if values["rig"]:
         starts.insert(0, _node(values, "sphere_stitcher", {"rig": values["rig"]}))
     if values["bag"]:
-        starts.append(_player(values, "" if values["rig"] else MAPPER_TOPICS[kind]))
+        starts.append(_player(values, "" if values["rig"] else _heard(values, MAPPER_TOPICS[kind])))
     return starts
+
+
+def _heard(values: Values, topic: str) -> str:
+    """Return a camera's topic as the driver calls it, unless it is renamed."""
+    return names_of(values["driver"]).get(topic, topic)
 
 
 def _player(values: Values, wait_for: str) -> Start:
@@ -138,7 +149,7 @@ def _player(values: Values, wait_for: str) -> Start:
 
 
 def _replay(values: Values) -> list[Start]:
-    return [*_recorder(values), _localizer(values), _player(values, values["image"])]
+    return [*_recorder(values), _localizer(values), _player(values, _heard(values, values["image"]))]
 
 
 def _recorder(values: Values) -> list[Start]:

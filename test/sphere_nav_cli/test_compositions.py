@@ -139,3 +139,15 @@ def test_examples_of_launch_files_name_arguments() -> None:
         for command in re.findall(r"\.launch\.py (\S.*)", ast.get_docstring(ast.parse(path.read_text())) or ""):
             words = re.findall(r"(\w+):=", command)
             assert set(words) <= set(COMPOSITIONS[name_of(path)].arguments), f"{path.name}: {command}"
+
+
+def test_the_player_waits_for_what_the_driver_calls_the_images() -> None:
+    mapper, player = starts("mapping", driver="zed4", rig="", bag="drive")
+    assert (mapper.parameters["input"], player.parameters["wait_for"]) == (
+        "rgbd",
+        "zed/zed_node/depth/depth_registered",
+    )
+    player = starts("replay", driver="zed4")[-1]
+    assert player.parameters["wait_for"] == "zed/zed_node/rgb/image_rect_color"
+    player = starts("replay", driver="zed4", image="/front/image")[-1]
+    assert player.parameters["wait_for"] == "/front/image"
