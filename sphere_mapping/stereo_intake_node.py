@@ -13,7 +13,6 @@ from node_kit.node import OK, WARN
 from sphere_geometry import SE3, Pinhole
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 from sphere_mapping.acquisition.stereo import sphere_from_stereo
-from sphere_mapping.acquisition.stereo_field import StereoField
 from sphere_mapping.acquisition.stereo_pair import PairGeometry, StereoPair, geometry_of
 from sphere_mapping.acquisition.synchroniser import Instant
 from sphere_mapping.params import MapperParams
@@ -41,17 +40,15 @@ class StereoIntake:
     ) -> None:
         self._params, self._lookup, self._report, self._on_pair = params, lookup, report, on_pair
         self._pair: StereoPair | None = None
-        self._correction: StereoField | None = None
 
-    def correct(self, correction: StereoField) -> None:
-        """Correct images by what is known of the pair, not by their own rows."""
-        self._correction, self._pair = correction, None
+    def use(self, pair: StereoPair) -> None:
+        """Rectify by what is known of the pair, not by its calibration and its own rows."""
+        self._pair = pair
 
     def make(self, instant: Instant, left_info: CameraInfo, right_info: CameraInfo) -> Sphere | None:
         """Return the sphere of an instant; None where `on_pair` takes its images."""
         if self._pair is None:
-            self._pair = open_pair(left_info, right_info, self._lookup)
-            self._pair.correction = self._correction
+            self._pair = StereoPair(open_pair(left_info, right_info, self._lookup))
         pair = self._pair
         images = [instant.images[topic] for topic in IMAGES]
         for image, lens in zip(images, (pair.geometry.left, pair.geometry.right), strict=True):
@@ -67,13 +64,13 @@ class StereoIntake:
         return sphere_from_stereo(left, right, *place, instant.stamp_ns, p.stereo, p.partial, pair.is_seen)
 
 
-def open_pair(left: CameraInfo, right: CameraInfo, lookup: Callable[[str, str], SE3]) -> StereoPair:
-    """Return the pair of two calibrations; ValueError where they and /tf do not tell how it is to be rectified.
+def open_pair(left: CameraInfo, right: CameraInfo, lookup: Callable[[str, str], SE3]) -> PairGeometry:
+    """Return the geometry of two calibrations; ValueError where they and /tf do not tell how it is to be rectified.
 
     `lookup(target, source)` tells T_target_source of two frames, as /tf_static has it, or raises ValueError.
     """
     if conversions.has_baseline(right) and left.p[0] > 0.0:
-        return StereoPair(_by_projections(left, right))
+        return _by_projections(left, right)
     frames = left.header.frame_id, right.header.frame_id
     try:
         if not all(frames) or frames[0] == frames[1]:
@@ -84,9 +81,7 @@ def open_pair(left: CameraInfo, right: CameraInfo, lookup: Callable[[str, str], 
             f"{RIGHT}: P[3]: expected -fx * baseline < 0, or a transform between the frames of both cameras, "
             f"found {right.p[3]}, and {error}"
         ) from None
-    return StereoPair(
-        geometry_of(conversions.camera_from_info(left), conversions.camera_from_info(right), T_left_right)
-    )
+    return geometry_of(conversions.camera_from_info(left), conversions.camera_from_info(right), T_left_right)
 
 
 def _by_projections(left: CameraInfo, right: CameraInfo) -> PairGeometry:

@@ -18,7 +18,7 @@ from sphere_geometry import SE3
 from sphere_geometry.rig_file import read_rig
 from sphere_geometry.trajectory import Trajectory, write_tum
 from sphere_mapping.acquisition.kernels import use_threads
-from sphere_mapping.acquisition.stereo_field import StereoField
+from sphere_mapping.acquisition.stereo_pair import StereoPair
 from sphere_mapping.graph.store import SphereStore
 from sphere_mapping.intake_node import TOPICS
 from sphere_mapping.mapper import Mapper
@@ -211,7 +211,7 @@ def map_drive(arguments: argparse.Namespace, store: SphereStore) -> MappedDrive:
             slack_s = topics.pairing_slack(bag, found[TOPICS[kind][0]])
             values = {"slack_s": slack_s} | values | {"input": kind}
             stereo = find_field(bag, values, found) if kind == "stereo" else None
-            drive = replay_mapper(bag, store, values, found, correction=stereo and stereo[0])
+            drive = replay_mapper(bag, store, values, found, pair=stereo and stereo[0])
             drive.stereo = stereo[1] if stereo else ""
     if not drive.node.mapper.tracks:
         raise BagError(
@@ -229,7 +229,7 @@ def replay_mapper(
     values: dict[str, Any],
     remap: dict[str, str],
     stitcher: Node | None = None,
-    correction: StereoField | None = None,
+    pair: StereoPair | None = None,
 ) -> MappedDrive:
     """Play a bag to a mapper, behind a stitcher where that is given, or with a stereo pair's correction."""
     bus = OfflineBus(captured=set())
@@ -237,8 +237,8 @@ def replay_mapper(
     node = bus.add(SphereMapper, values, remap)
     assert isinstance(node, SphereMapper)
     node.mapper = Mapper(node.params.mapper, store=store)
-    if correction is not None:
-        node.intake.stereo.correct(correction)
+    if pair is not None:
+        node.intake.stereo.use(pair)
     total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
     with tqdm(total=total, desc="map", unit="message", leave=False, disable=None) as bar:
         for _ in replay(bag, bus, progress=bar.update):

@@ -52,8 +52,8 @@ class PairFollower(ManagedNode):
             self._open = []
 
 
-def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) -> tuple[StereoField, str] | None:
-    """Return what corrects the pair of a drive, and that in words; None where nothing can be said."""
+def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) -> tuple[StereoPair, str] | None:
+    """Return the pair of a drive with its correction, and that in words; None where nothing can be said."""
     bus = OfflineBus(captured=set())
     node = bus.add(PairFollower, values, remap)
     assert isinstance(node, PairFollower)
@@ -74,7 +74,8 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
         tuple(rows.rows) if rows is not None and rows.is_significant else StereoField().rows,
         tuple(found.columns) if found is not None and is_bent else StereoField().columns,
     )
-    return correction, f"stereo: {words}; {describe(found) if is_bent and found else 'disparity as told'}"
+    pair = StereoPair(geometry, correction, rows)
+    return pair, f"stereo: {words}; {describe(found) if is_bent and found else 'disparity as told'}"
 
 
 def describe(found: ColumnFit) -> str:

@@ -9,9 +9,11 @@ from sensor_msgs.msg import CameraInfo
 
 from node_kit.conversions import camera_to_info
 from sphere_geometry import SE3, Pinhole
-from sphere_mapping.acquisition.stereo_field import RowFit
-from sphere_mapping.acquisition.stereo_pair import geometry_of
-from sphere_mapping.stereo_intake_node import judge_rows, open_pair
+from sphere_mapping.acquisition.stereo_field import RowFit, StereoField
+from sphere_mapping.acquisition.stereo_pair import StereoPair, geometry_of, rectified_pair
+from sphere_mapping.acquisition.synchroniser import Instant
+from sphere_mapping.params import MapperParams
+from sphere_mapping.stereo_intake_node import StereoIntake, judge_rows, open_pair, report_nothing
 
 RAW = Pinhole(320, 240, 250.0, 251.0, 160.0, 119.0, (-0.2, 0.03, 0.0, 0.0, 0.0))
 T_LEFT_RIGHT = SE3.exp([0.2, 0.01, 0.0, 0.01, 0.02, 0.01])
@@ -37,8 +39,8 @@ def unknown(target, source):
 
 def test_projections_and_a_transform_tell_the_same_pair():
     pairs = [
-        open_pair(*infos(is_told=True), unknown).geometry,
-        open_pair(*infos(is_told=False), lambda *_: T_LEFT_RIGHT).geometry,
+        open_pair(*infos(is_told=True), unknown),
+        open_pair(*infos(is_told=False), lambda *_: T_LEFT_RIGHT),
     ]
     for name in ("left", "right", "camera"):
         assert np.allclose(getattr(pairs[0], name).coefficients, getattr(pairs[1], name).coefficients)
@@ -49,9 +51,9 @@ def test_projections_and_a_transform_tell_the_same_pair():
 
 def test_a_rectified_pair_is_taken_as_it_is():
     camera = Pinhole(320, 240, 250.0, 250.0, 160.0, 119.0)
-    pair = open_pair(camera_to_info(camera, 1, "l"), camera_to_info(camera, 1, "l", baseline=0.3), unknown)
-    assert pair.geometry.is_rectified
-    assert pair.geometry.baseline_m == pytest.approx(0.3)
+    geometry = open_pair(camera_to_info(camera, 1, "l"), camera_to_info(camera, 1, "l", baseline=0.3), unknown)
+    assert geometry.is_rectified
+    assert geometry.baseline_m == pytest.approx(0.3)
 
 
 def test_what_is_lacking_is_named():
@@ -74,10 +76,23 @@ def test_what_is_lacking_is_named():
 
 
 def test_rows_beyond_the_calibration_are_warned_of():
-    pair = open_pair(*infos(is_told=True), unknown)
+    pair = StereoPair(open_pair(*infos(is_told=True), unknown))
     assert judge_rows(pair, 0.15)[1] == "rows as told"
     pair.fit = RowFit(np.array([0.1, 0, 0, 0, 0, 0]), np.eye(6), 0.1, 0.05, 300)
     assert judge_rows(pair, 0.15) == (0, "rows off by 0.10 px, corrected by 300 corners to 0.05 px")
     level, text = judge_rows(pair, 0.05)
     assert level > 0
     assert "expected 0.05 px (stereo.calibration_px)" in text
+
+
+def test_a_known_pair_corrects_the_images_from_the_first_on():
+    camera, caught = Pinhole(320, 240, 250.0, 250.0, 160.0, 119.0), []
+    told = camera_to_info(camera, 1, "l"), camera_to_info(camera, 1, "l", baseline=0.3)
+    image = np.tile(np.arange(240, dtype=np.uint8)[:, None], (1, 320))
+    instant = Instant(1, {"left/image_raw": image, "right/image_raw": image}, {})
+    intake = StereoIntake(MapperParams(), unknown, report_nothing, lambda *seen: caught.append(seen))
+    intake.use(StereoPair(rectified_pair(camera, 0.3), StereoField(rows=(3.0, 0, 0, 0, 0, 0))))
+    assert intake.make(instant, *told) is None
+    left, right, _ = caught[0]
+    np.testing.assert_array_equal(left, image)
+    np.testing.assert_array_equal(right[10:200], image[10:200] + 3)  # what belongs at a row is three rows below

@@ -12,8 +12,8 @@ from worlds.recordings import stereo, write_bag
 def test_a_right_pair_is_left_alone(tmp_path):
     write_bag(tmp_path / "bag", stereo, numbers=range(5))
     with BagReader(tmp_path / "bag") as bag:
-        correction, words = find_field(bag, {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]})
-    assert not any(correction.columns)
+        pair, words = find_field(bag, {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]})
+    assert not any(pair.correction.columns)
     assert words.startswith("stereo: rows off by 0.")
     assert words.endswith("disparity as told")
 
