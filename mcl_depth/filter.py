@@ -1,9 +1,8 @@
 """READ FIRST. One image after the other -> pose in a map without colour (N17 section III-C, algorithm 2).
 
-For each image: move the particles as odometry says, compare the image with the depth image at each particle (both
-caches), turn young particles to their best heading, weigh, find the places the belief is in, ask whether the place may
-be chance, judge, resample, and put new particles where the evidence of the last images points. Poses leave in TRACKING
-and DEGRADED only.
+For each image: move the particles by odometry, compare the image with the depth image at each particle (both caches),
+turn young particles to their best heading, weigh, find the places of the belief, ask whether the place may be chance,
+judge, resample, and put new particles where the evidence points. Poses leave in TRACKING and DEGRADED only.
 """
 
 from __future__ import annotations
@@ -15,7 +14,7 @@ from localization import FINE, Finding, InputCheck, State, StateMachine, Status
 from localization.status import status_of
 from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.estimate import Belief, Estimate, Observation, covariance_of, pose_of
-from mcl_depth.belief.evidence import Evidence, SurveyGrid
+from mcl_depth.belief.evidence import Evidence
 from mcl_depth.belief.hypotheses import find_hypotheses
 from mcl_depth.belief.lineage import Lineage
 from mcl_depth.belief.motion_model import MotionModel, sample_motion
@@ -23,6 +22,7 @@ from mcl_depth.belief.orientation import adjust_headings, interpolate_similarity
 from mcl_depth.belief.particles import Particles
 from mcl_depth.belief.resampling import resample
 from mcl_depth.belief.sampling import inject_at_places, sample_gaussian, sample_uniform
+from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.belief.weighting import compute_weights
 from mcl_depth.geometry.area import Area
 from mcl_depth.likeness.comparison import Features, num_alpha_for, visual_features

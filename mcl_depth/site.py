@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import hashlib
 
-from mcl_depth.belief.evidence import SurveyGrid
+from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import Area, find_area
 from mcl_depth.geometry.cloud import Cloud
@@ -39,6 +39,7 @@ class Site:
         positions = SurveyGrid(self.depth_map, self.area.middles).positions
         if self.depth_map.fill(positions):
             self.depth_map.save()
+        self.depth_map.matched_filter(positions)
 
     def under(self, params: FilterParams) -> Site:
         """Return the same geometry and area, nothing in the caches; synthesis, area and height stay as they are."""

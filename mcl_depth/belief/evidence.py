@@ -1,12 +1,13 @@
 """Is the place chance? The joint evidence of the last images for every cell and heading of the map.
 
 A belief looks healthy in a map that it is not in: some place always fits best, and particles gather there. What tells
-is how well the rest of the map fits the same images. So each image is compared with every cell (eq. 2), and the last
-`WINDOW` of these fields are summed along odometry. The best place of the map is then held against the map's own other
-maxima. If the images had nothing to do with the map, all of them would be draws of one extreme-value (Gumbel) tail,
-which falls exponentially: the gaps between its largest values, times their rank, are independent and of one
-exponential distribution (Renyi 1953), so the lead of the first over the second, by the mean of the other gaps, is F(2,
-2 n) distributed. That is `p_chance`, exact for any scale of the tail; a rival as good as the best makes it 1.
+is how well the rest of the map fits the same images. So each image is compared with every cell
+(`likeness/matched_filter.py`, or eq. 2 where it shows a part of the sphere), and these fields are summed along odometry
+(`joint_evidence.py`). The best place of the map is then held against the map's own other maxima. If the images had
+nothing to do with the map, all of them would be draws of one extreme-value (Gumbel) tail, which falls exponentially:
+the gaps between its largest values, times their rank, are independent and of one exponential distribution (Renyi 1953),
+so the lead of the first over the second, by the mean of the other gaps, is F(2, 2 n) distributed. That is `p_chance`,
+exact for any scale of the tail; a rival as good as the best makes it 1.
 """
 
 from __future__ import annotations
@@ -16,27 +17,27 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import maximum_filter, uniform_filter
+from scipy.ndimage import uniform_filter
 from scipy.special import erfc
 
-from mcl_depth.belief.motion_model import planar_pose, relative_motion
+from mcl_depth.belief.joint_evidence import Field, JointEvidence
+from mcl_depth.belief.kernels import is_maximum
+from mcl_depth.belief.motion_model import planar_pose
 from mcl_depth.belief.particles import wrap_angle
-from mcl_depth.likeness.depth_map import DepthMap
+from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.likeness.similarity_cache import Comparison
 from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
-Field = NDArray[np.float32]  # (A, X, Y) by heading and cell
 
-WINDOW = 30  # images that are summed
 LOCAL = 11  # cells across the neighbourhood whose mean is taken off: along a street all places look alike
 PEAK, PEAK_HEADINGS = 2, 2  # cells and steps of headings around a maximum that are lower
 APART, APART_HEADINGS = 4, 3  # cells and steps from the best place to a rival: what is nearer is the same place
 NUM_MAXIMA = 40  # of the map that make its tail
 OFF_MAP = np.float32(-1.0)  # evidence, in standard deviations, of a place where nobody can have been
-MIN_CELLS = 400  # of a map with enough maxima to tell chance by; a room or two has less
-MAX_CELLS = 20_000  # compared with one image; of a larger map every second, third ... cell
-FEW_IMAGES = 4  # that count in a small map
+MIN_MAXIMA = 8  # of a map that can tell chance by them
+SMALL = 400  # cells: a map of fewer is surveyed with every image, also while a place is held
+WATCH = 5  # images by which a held place stands or falls
 NUM_REFERENCES = 100  # places that a followed pose is compared with, for each image in turn
 
 
@@ -64,43 +65,13 @@ class Survey:
 class Proof:
     """How often chance would look like the belief's place, and whether that is the best place of the map.
 
-    `is_held`: of a place that was proven before, and is only to be kept; then there is no `survey` of the map.
-    `is_small`: of a map with too few places to tell chance by; `p_chance` is that of a random place.
+    `is_held`: of a place that was proven before, and is only to be kept; then there may be no `survey` of the map.
     """
 
     p_chance: float
     agrees: bool = True
     is_held: bool = False
-    is_small: bool = False
     survey: Survey | None = None
-
-
-class SurveyGrid:
-    """The cells of a map that are compared with every image: all of them, or a coarser grid of a large map."""
-
-    def __init__(self, depth_map: DepthMap, middles: Array) -> None:
-        """`middles` (K, 2) m of the area; at most `MAX_CELLS` cells, and no more than the depth cache holds."""
-        cells = np.unique(depth_map.cells(middles), axis=0)
-        limit = min(MAX_CELLS, max(int(0.8 * depth_map.cache.capacity), 1))
-        stride = 1
-        while len(np.unique(cells // stride, axis=0)) > limit:
-            stride += 1
-        coarse, first = np.unique(cells // stride, axis=0, return_index=True)
-        middle_cells = coarse * stride + stride // 2
-        is_there = np.isin(_keys(middle_cells), _keys(cells))
-        chosen = np.where(is_there[:, None], middle_cells, cells[first])
-        self.edge = depth_map.edge * stride
-        self.positions = (chosen + 0.5) * depth_map.edge  # (K, 2) m, compared
-        self._low = coarse.min(axis=0)
-        self.index = coarse - self._low  # (K, 2)
-        self.shape = tuple(int(n) for n in self.index.max(axis=0) + 1)
-        self.mask = np.zeros(self.shape, np.bool_)
-        self.mask[tuple(self.index.T)] = True
-
-    def poses_of(self, places: NDArray[np.int64], num_headings: int) -> Array:
-        """Return the poses (N, 3) of elements (N, 3) of a field: heading, x, y."""
-        xy = (places[:, 1:] + self._low + 0.5) * self.edge
-        return np.column_stack([xy, wrap_angle(2.0 * np.pi * places[:, 0] / num_headings)])
 
 
 class Evidence:
@@ -109,32 +80,27 @@ class Evidence:
     def __init__(self, grid: SurveyGrid) -> None:
         self._grid = grid
         self._order = np.random.default_rng(0).permutation(len(grid.positions))
-        self._is_small = len(grid.positions) < MIN_CELLS
+        self._joint = JointEvidence(grid.edge)
         self.reset()
 
     def reset(self) -> None:
         """Forget all images."""
-        self._fields: deque[tuple[Field, Array]] = deque(maxlen=WINDOW)
-        self._leads: deque[float] = deque(maxlen=FEW_IMAGES if self._is_small else WINDOW)
+        self._joint.reset()
+        self._leads: deque[float] = deque(maxlen=WATCH)
         self._first = 0
 
     def prove(self, comparison: Comparison, pose: Array, T_odom_level: SE3 | None, *, is_held: bool) -> Proof:
         """Ask how often chance would look like a pose (3,): the best of the map, or, once it is held, a random one."""
         lead = self.lead(comparison, pose)
-        if is_held:
-            return Proof(chance_of_mean_lead(lead), is_held=True, is_small=self._is_small)
+        if is_held and len(self._order) >= SMALL:
+            return Proof(chance_of_mean_lead(lead), is_held=True)
         survey = self.survey(comparison, planar_pose(T_odom_level) if T_odom_level is not None else None)
-        if self._is_small:
-            return Proof(chance_of_mean_lead(lead), is_small=True, survey=survey)
-        return Proof(survey.p_chance, survey.agrees_with(pose), survey=survey)
+        return Proof(survey.p_chance, survey.agrees_with(pose), is_held=is_held, survey=survey)
 
     def survey(self, comparison: Comparison, odometry: Array | None) -> Survey:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""
-        field = standardise(comparison.curves(self._grid.positions), self._grid)
-        if odometry is None:
-            self._fields.clear()
-        self._fields.append((field, odometry if odometry is not None else np.zeros(3)))
-        joint = sum_along(list(self._fields), self._grid)
+        field = standardise(comparison.survey(self._grid.positions), self._grid)
+        joint = self._joint.add(field, odometry)
         places, values = find_maxima(joint, self._grid.mask)
         p_chance, scale = chance_of_lead(values)
         shares = np.exp((values - values[0]) / max(scale, 1e-6))
@@ -144,15 +110,13 @@ class Evidence:
     def lead(self, comparison: Comparison, pose: Array) -> float:
         """Add an image to those that a followed pose (3,) stood out in; return its mean lead over random places.
 
-        In standard deviations of their best headings; the places change from image to image. In a small map all of
-        them see the same walls: there similarities count as they are, and only the last few images.
+        In standard deviations of their best headings; the places change from image to image.
         """
-        contrast = np.asarray if self._is_small else _contrast
         count = min(NUM_REFERENCES, len(self._order))
         chosen = self._order[(self._first + np.arange(count)) % len(self._order)]
         self._first += count
-        others = contrast(comparison.curves(self._grid.positions[chosen])).max(axis=1)
-        own = contrast(comparison.curves(pose[None, :2]))[0]
+        others = _contrast(comparison.curves(self._grid.positions[chosen])).max(axis=1)
+        own = _contrast(comparison.curves(pose[None, :2]))[0]
         heading = round(float(pose[2]) / (2.0 * np.pi) * len(own))
         best = max(float(own[(heading + step) % len(own)]) for step in (-1, 0, 1))
         self._leads.append((best - float(others.mean())) / max(float(others.std()), 1e-6))
@@ -176,32 +140,13 @@ def standardise(curves: NDArray[np.float32], grid: SurveyGrid) -> Field:
     return np.where(grid.mask, field, OFF_MAP).astype(np.float32)
 
 
-def sum_along(fields: list[tuple[Field, Array]], grid: SurveyGrid) -> Field:
-    """Return the mean of fields for each pose at the last image, earlier ones taken where odometry says it was."""
-    last = fields[-1][1]
-    num_headings = len(fields[-1][0])
-    total = np.zeros_like(fields[-1][0])
-    for field, odometry in fields:
-        forward, left, turn = relative_motion(last, odometry)
-        steps = round(float(turn) / (2.0 * np.pi) * num_headings)
-        for heading in range(num_headings):
-            angle = 2.0 * np.pi * heading / num_headings
-            cosine, sine = np.cos(angle), np.sin(angle)
-            shift = (cosine * forward - sine * left) / grid.edge, (sine * forward + cosine * left) / grid.edge
-            _add_shifted(total[heading], field[(heading + steps) % num_headings], round(shift[0]), round(shift[1]))
-    return total / np.float32(len(fields))
-
-
 def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:
     """Return the local maxima (N, 3) of a field by falling value, as heading, x, y, and their values (N,).
 
     Those around the first belong to it and are left out.
     """
-    size = (2 * PEAK_HEADINGS + 1, 2 * PEAK + 1, 2 * PEAK + 1)
-    inside = np.where(mask, joint, -np.inf)
-    top = maximum_filter(inside, size, mode=("wrap", "constant", "constant"), cval=-np.inf)
-    places = np.argwhere((inside == top) & mask)
-    values = inside[tuple(places.T)].astype(np.float64)
+    places = np.argwhere(is_maximum(joint, mask, PEAK_HEADINGS, PEAK))
+    values = joint[tuple(places.T)].astype(np.float64)
     order = np.argsort(-values, kind="stable")
     places, values = places[order], values[order]
     off = np.abs(places - places[0])
@@ -215,9 +160,10 @@ def chance_of_lead(values: Array) -> tuple[float, float]:
     """Return the probability that the first of falling values (N,) leads so far by chance, and the tail's scale.
 
     With gaps d_i = v_i - v_(i+1), the i * d_i are independent and exponential in an exponential tail; p = P(F > f)
-    for f = d_1 by the mean of the others, F(2, 2 n): p = (1 + d_1 / sum of the others) ** -n.
+    for f = d_1 by the mean of the others, F(2, 2 n): p = (1 + d_1 / sum of the others) ** -n. Fewer than `MIN_MAXIMA`
+    others tell nothing: 1.
     """
-    if len(values) < 3:
+    if len(values) < MIN_MAXIMA + 1:
         return 1.0, 1.0
     gaps = np.arange(1, len(values)) * -np.diff(values)
     rest = float(gaps[1:].sum())
@@ -234,17 +180,3 @@ def _contrast(curves: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return similarities (K, A) less the mean of their headings: some places fit any image better than others."""
     contrast: NDArray[np.float32] = curves - curves.mean(axis=1, keepdims=True)
     return contrast
-
-
-def _add_shifted(total: Field, field: Field, dx: int, dy: int) -> None:
-    """Add field[x + dx, y + dy] to total[x, y], `OFF_MAP` where that is outside."""
-    width, height = total.shape
-    total += OFF_MAP
-    if abs(dx) >= width or abs(dy) >= height:
-        return
-    x0, x1, y0, y1 = max(-dx, 0), width - max(dx, 0), max(-dy, 0), height - max(dy, 0)
-    total[x0:x1, y0:y1] += field[x0 + dx : x1 + dx, y0 + dy : y1 + dy] - OFF_MAP
-
-
-def _keys(cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    return (cells[:, 0] << 32) ^ (cells[:, 1] & 0xFFFFFFFF)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.likeness.comparison import Features, FeatureStack, depth_features_many, similarity_many
 from mcl_depth.likeness.depth_cache import Cell, DepthCache
+from mcl_depth.likeness.matched_filter import MatchedFilter
 from mcl_depth.params import FilterParams
 from sphere_geometry import Spherical
 
@@ -51,6 +52,7 @@ class DepthMap:
         self.edge = params.cache.max_distance * np.sqrt(2.0)
         camera = synthesizer.camera
         self.cache = DepthCache(params.cache.max_megabytes << 20, camera.height, camera.width)
+        self._matched: tuple[bytes, MatchedFilter] | None = None
         self._folder = Path(params.cache.folder) / self._key(name) if params.cache.folder and name else None
         if self._folder is not None:
             self.cache.load(self._folder)
@@ -92,6 +94,14 @@ class DepthMap:
                 found = similarity_many(visual, self.cache.stack, num_headings, slots[known])
                 curves[first + known] = np.nan_to_num(found)
         return curves
+
+    def matched_filter(self, positions: Array) -> MatchedFilter:
+        """Return what compares an image with all cells of positions (N, 2) at once; that of the last call is kept."""
+        key = positions.tobytes()
+        if self._matched is None or self._matched[0] != key:
+            cells = [(int(x), int(y)) for x, y in self.cells(positions)]
+            self._matched = key, MatchedFilter.of(self.cache.stack, self._slots(cells))
+        return self._matched[1]
 
     def fill(self, positions: Array, progress: Callable[[int], None] = lambda step: None) -> int:
         """Make the missing depth images of positions (N, 2), as many as the cache holds; return how many that were."""

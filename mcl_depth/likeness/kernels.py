@@ -334,3 +334,29 @@ def similarity_many(vx, vy, vm, seen, directions, magnitudes, scales, indices, n
                 _add_seen(seen[y], rows[2], sums)
         _join_terms(sums, share, out[i])
     return out
+
+
+# ---- matched filter ---------------------------------------------------------------------------------------------
+
+
+@njit(parallel=True, **OPTIONS)
+def correlate_codes(codes, weights):
+    """Return sum of weights (F, P) c8 times the conjugate of codes (F, N, 2 P) i1, real, then imaginary: (F, N) c8."""
+    F, N, size = codes.shape
+    half = size // 2
+    out = np.empty((F, N), np.complex64)
+    for f in prange(F):
+        real, imaginary = np.empty(size, np.float32), np.empty(size, np.float32)
+        for i in range(half):
+            w = weights[f, i]
+            real[i], real[half + i] = w.real, w.imag
+            imaginary[i], imaginary[half + i] = w.imag, -w.real
+        for n in range(N):
+            row = codes[f, n]
+            a, b = np.float32(0.0), np.float32(0.0)
+            for i in range(size):
+                value = np.float32(row[i])
+                a += value * real[i]
+                b += value * imaginary[i]
+            out[f, n] = complex(a, b)
+    return out

@@ -1,0 +1,68 @@
+"""The evidence of all images so far for every heading and cell of a map, summed along odometry.
+
+A pose of the map is moved by odometry from image to image, and what the images say of it is added up. Only whole
+cells and steps of headings are moved; what is left of the way is remembered for each heading, so nothing is rounded
+twice. Odometry errs: every second image a pose may also come from a neighbouring cell or heading, at a cost. That is
+the algorithm of Viterbi (1967) on the grid: each element holds the evidence of the best way that ends there.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mcl_depth.belief.kernels import relax, shift_headings
+from mcl_depth.belief.motion_model import relative_motion
+
+Array = NDArray[np.float64]
+Field = NDArray[np.float32]  # (A, X, Y) by heading and cell
+
+FORGETTING = np.float32(0.97)  # of what was known, with every image: some thirty images count
+COST = np.float32(1.0)  # of a step to the next cell or heading, in standard deviations of a field
+STEP_EVERY = 2  # images
+UNKNOWN = np.float32(0.0)  # evidence of a place that was off the map
+
+
+class JointEvidence:
+    """The sum, as of the last image."""
+
+    def __init__(self, edge: float) -> None:
+        """`edge` m is that of a cell."""
+        self._edge = edge
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget all images."""
+        self.total: Field | None = None
+        self._num_images = 0
+        self._last = np.zeros(3)  # odometry
+
+    def add(self, field: Field, odometry: Array | None) -> Field:
+        """Add the field of an image taken at `odometry` (3,); return the sum. Without odometry it stands alone."""
+        if self.total is None or odometry is None:
+            self.total, self._num_images = field.copy(), 1
+            self._rests, self._turn = np.zeros((len(field), 2)), 0.0
+        else:
+            self.total = FORGETTING * self._propagate(self.total, relative_motion(self._last, odometry)) + field
+            self._num_images += 1
+        self._last = odometry if odometry is not None else np.zeros(3)
+        return self.total
+
+    def _propagate(self, total: Field, motion: Array) -> Field:
+        """Return the sum for the poses after a motion (3,) in the vehicle's axes."""
+        step = 2.0 * np.pi / len(total)
+        angles = step * np.arange(len(total)) + self._turn
+        cosines, sines = np.cos(angles), np.sin(angles)
+        self._rests[:, 0] += cosines * motion[0] - sines * motion[1]
+        self._rests[:, 1] += sines * motion[0] + cosines * motion[1]
+        shifts = np.round(self._rests / self._edge).astype(np.int64)
+        turn = round((self._turn + float(motion[2])) / step)
+        self._turn += float(motion[2]) - turn * step
+        self._rests = np.roll(self._rests - shifts * self._edge, turn, axis=0)
+        moved = np.empty_like(total)
+        shift_headings(total, shifts, turn, UNKNOWN, moved)
+        if self._num_images % STEP_EVERY:
+            return moved
+        relaxed = np.empty_like(total)
+        relax(moved, COST, relaxed)
+        return relaxed

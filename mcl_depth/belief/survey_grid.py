@@ -1,0 +1,44 @@
+"""The cells of a map that every image is compared with while no place is held."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mcl_depth.belief.particles import wrap_angle
+from mcl_depth.likeness.depth_map import DepthMap
+
+Array = NDArray[np.float64]
+MAX_CELLS = 20_000  # compared with one image; of a larger map every second, third ... cell
+
+
+class SurveyGrid:
+    """The cells of a map that are compared with every image: all of them, or a coarser grid of a large map."""
+
+    def __init__(self, depth_map: DepthMap, middles: Array) -> None:
+        """`middles` (K, 2) m of the area; at most `MAX_CELLS` cells, and no more than the depth cache holds."""
+        cells = np.unique(depth_map.cells(middles), axis=0)
+        limit = min(MAX_CELLS, max(int(0.8 * depth_map.cache.capacity), 1))
+        stride = 1
+        while len(np.unique(cells // stride, axis=0)) > limit:
+            stride += 1
+        coarse, first = np.unique(cells // stride, axis=0, return_index=True)
+        middle_cells = coarse * stride + stride // 2
+        is_there = np.isin(_keys(middle_cells), _keys(cells))
+        chosen = np.where(is_there[:, None], middle_cells, cells[first])
+        self.edge = depth_map.edge * stride
+        self.positions = (chosen + 0.5) * depth_map.edge  # (K, 2) m, compared
+        self._low = coarse.min(axis=0)
+        self.index = coarse - self._low  # (K, 2)
+        self.shape = tuple(int(n) for n in self.index.max(axis=0) + 1)
+        self.mask = np.zeros(self.shape, np.bool_)
+        self.mask[tuple(self.index.T)] = True
+
+    def poses_of(self, places: NDArray[np.int64], num_headings: int) -> Array:
+        """Return the poses (N, 3) of elements (N, 3) of a field: heading, x, y."""
+        xy = (places[:, 1:] + self._low + 0.5) * self.edge
+        return np.column_stack([xy, wrap_angle(2.0 * np.pi * places[:, 0] / num_headings)])
+
+
+def _keys(cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    return (cells[:, 0] << 32) ^ (cells[:, 1] & 0xFFFFFFFF)
