@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from mcl_depth.belief.evidence import find_maxima
+from mcl_depth.belief.joint_evidence import STEP_EVERY, JointEvidence
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.image_params import SynthesisParams
 from mcl_depth.likeness.comparison import depth_features_many, num_alpha_for, similarity_many, visual_features
+from mcl_depth.likeness.matched_filter import MatchedFilter
 from mcl_depth.params import FilterParams
 
 
@@ -21,6 +24,11 @@ def warm_up(params: FilterParams) -> None:
         synthesizer = DepthSynthesizer(cloud, SynthesisParams(num_columns=columns), drawing)
         ranges = synthesizer.synthesize_many(np.zeros((2, 3)))
     grey = rng.uniform(0, 255, ranges.shape[1:]).astype(np.float32)
+    stack = depth_features_many(ranges, params.comparison)
     for is_seen in (None, grey > 10.0):
-        visual = visual_features(grey, is_seen)
-        similarity_many(visual, depth_features_many(ranges, params.comparison), num_headings)
+        similarity_many(visual_features(grey, is_seen), stack, num_headings)
+    MatchedFilter.of(stack, np.arange(len(stack))).curves(visual_features(grey), num_headings)
+    joint, mask = JointEvidence(1.0), np.ones((8, 8), np.bool_)
+    for _ in range(1 + STEP_EVERY):
+        total = joint.add(np.zeros((num_headings, 8, 8), np.float32), np.zeros(3))
+    find_maxima(total, mask)

@@ -36,8 +36,8 @@ APART, APART_HEADINGS = 4, 3  # cells and steps from the best place to a rival: 
 NUM_MAXIMA = 40  # of the map that make its tail
 OFF_MAP = np.float32(-1.0)  # evidence, in standard deviations, of a place where nobody can have been
 MIN_MAXIMA = 8  # of a map that can tell chance by them
-SMALL = 400  # cells: a map of fewer is surveyed with every image, also while a place is held
-WATCH = 5  # images by which a held place stands or falls
+MIN_CELLS = 400  # of a map whose tail tells a place within a few images; in a room or two it takes dozens
+WATCH, FEW_IMAGES = 5, 4  # images by which a held place stands or falls; the same in a small map
 NUM_REFERENCES = 100  # places that a followed pose is compared with, for each image in turn
 
 
@@ -65,12 +65,14 @@ class Survey:
 class Proof:
     """How often chance would look like the belief's place, and whether that is the best place of the map.
 
-    `is_held`: of a place that was proven before, and is only to be kept; then there may be no `survey` of the map.
+    `is_held`: of a place that was proven before, and is only to be kept; then there is no `survey` of the map.
+    `is_small`: of a map with too few places to tell chance by soon; `p_chance` is that of a random place.
     """
 
     p_chance: float
     agrees: bool = True
     is_held: bool = False
+    is_small: bool = False
     survey: Survey | None = None
 
 
@@ -80,22 +82,25 @@ class Evidence:
     def __init__(self, grid: SurveyGrid) -> None:
         self._grid = grid
         self._order = np.random.default_rng(0).permutation(len(grid.positions))
+        self._is_small = len(grid.positions) < MIN_CELLS
         self._joint = JointEvidence(grid.edge)
         self.reset()
 
     def reset(self) -> None:
         """Forget all images."""
         self._joint.reset()
-        self._leads: deque[float] = deque(maxlen=WATCH)
+        self._leads: deque[float] = deque(maxlen=FEW_IMAGES if self._is_small else WATCH)
         self._first = 0
 
     def prove(self, comparison: Comparison, pose: Array, T_odom_level: SE3 | None, *, is_held: bool) -> Proof:
         """Ask how often chance would look like a pose (3,): the best of the map, or, once it is held, a random one."""
         lead = self.lead(comparison, pose)
-        if is_held and len(self._order) >= SMALL:
-            return Proof(chance_of_mean_lead(lead), is_held=True)
+        if is_held:
+            return Proof(chance_of_mean_lead(lead), is_held=True, is_small=self._is_small)
         survey = self.survey(comparison, planar_pose(T_odom_level) if T_odom_level is not None else None)
-        return Proof(survey.p_chance, survey.agrees_with(pose), is_held=is_held, survey=survey)
+        if self._is_small:
+            return Proof(chance_of_mean_lead(lead), is_small=True, survey=survey)
+        return Proof(survey.p_chance, survey.agrees_with(pose), survey=survey)
 
     def survey(self, comparison: Comparison, odometry: Array | None) -> Survey:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""
@@ -110,13 +115,15 @@ class Evidence:
     def lead(self, comparison: Comparison, pose: Array) -> float:
         """Add an image to those that a followed pose (3,) stood out in; return its mean lead over random places.
 
-        In standard deviations of their best headings; the places change from image to image.
+        In standard deviations of their best headings; the places change from image to image. In a small map all of
+        them see the same walls: there similarities count as they are.
         """
+        contrast = np.asarray if self._is_small else _contrast
         count = min(NUM_REFERENCES, len(self._order))
         chosen = self._order[(self._first + np.arange(count)) % len(self._order)]
         self._first += count
-        others = _contrast(comparison.curves(self._grid.positions[chosen])).max(axis=1)
-        own = _contrast(comparison.curves(pose[None, :2]))[0]
+        others = contrast(comparison.curves(self._grid.positions[chosen])).max(axis=1)
+        own = contrast(comparison.curves(pose[None, :2]))[0]
         heading = round(float(pose[2]) / (2.0 * np.pi) * len(own))
         best = max(float(own[(heading + step) % len(own)]) for step in (-1, 0, 1))
         self._leads.append((best - float(others.mean())) / max(float(others.std()), 1e-6))

@@ -10,15 +10,14 @@ import pytest
 from mcl_depth.belief.evidence import (
     APART,
     APART_HEADINGS,
-    OFF_MAP,
     Evidence,
-    SurveyGrid,
     chance_of_lead,
     chance_of_mean_lead,
     find_maxima,
-    sum_along,
 )
+from mcl_depth.belief.joint_evidence import FORGETTING, JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
+from mcl_depth.belief.survey_grid import SurveyGrid
 
 EDGE, SIDE, NUM_HEADINGS = 0.5, 40, 36
 
@@ -45,7 +44,10 @@ class Images:
 
     def curves(self, positions):
         index = [np.argmin(np.linalg.norm(self._grid.positions - place, axis=1)) for place in positions[:, :2]]
-        return self._curves[index].astype(np.float32) if len(positions) < 200 else self._curves.astype(np.float32)
+        return self._curves[index].astype(np.float32)
+
+    def survey(self, positions):
+        return self._curves.astype(np.float32)
 
 
 def test_the_lead_of_an_exponential_tail_has_a_uniform_p():
@@ -57,9 +59,10 @@ def test_the_lead_of_an_exponential_tail_has_a_uniform_p():
 
 
 def test_a_rival_as_good_as_the_best_makes_it_chance():
-    assert chance_of_lead(np.array([9.0, 9.0, 1.0, 0.8, 0.7, 0.5]))[0] == 1.0
-    assert chance_of_lead(np.array([9.0, 1.0, 0.9, 0.8, 0.7, 0.5]))[0] < 1e-2
-    assert chance_of_lead(np.array([9.0, 1.0]))[0] == 1.0  # too small a map to tell
+    tail = [1.0, 0.9, 0.85, 0.8, 0.75, 0.7, 0.65, 0.6, 0.55, 0.5]
+    assert chance_of_lead(np.array([9.0, 9.0, *tail]))[0] == 1.0
+    assert chance_of_lead(np.array([9.0, *tail]))[0] < 1e-3
+    assert chance_of_lead(np.array([9.0, *tail[:4]]))[0] == 1.0  # too small a map to tell
 
 
 def test_a_random_place_leads_by_three_sigma_once_in_741_times():
@@ -110,15 +113,44 @@ def test_without_odometry_every_image_stands_alone():
     assert again.p_chance == first.p_chance
 
 
-def test_fields_are_summed_where_odometry_says_and_off_the_map_counts_against():
-    grid = grid_of(12)
+def joint_of(field, motions):
+    """The sum after an image of `field` and images that say nothing, each after one of the motions."""
+    joint, pose = JointEvidence(EDGE), np.array([3.0, -1.0, 0.7])
+    total = joint.add(field, pose)
+    for motion in motions:
+        pose = compose_planar(pose[None], np.array(motion))[0]
+        total = joint.add(np.zeros_like(field), pose)
+    return total
+
+
+def peak_of(field):
+    return tuple(int(i) for i in np.unravel_index(np.argmax(field), field.shape))
+
+
+def test_evidence_moves_with_odometry():
     field = np.zeros((NUM_HEADINGS, 12, 12), np.float32)
     field[0, 3, 5] = 6.0
-    total = sum_along([(field, np.zeros(3)), (np.zeros_like(field), np.array([2 * EDGE, 0.0, 0.0]))], grid)
-    assert total[0, 5, 5] == 3.0  # two cells ahead
-    assert total[0, 0, 5] == 0.5 * OFF_MAP
-    turned = sum_along([(field, np.zeros(3)), (np.zeros_like(field), np.array([0.0, 0.0, np.pi / 2]))], grid)
-    assert turned[9, 3, 5] == 3.0
+    total = joint_of(field, [(2 * EDGE, 0.0, 0.0)])
+    assert peak_of(total) == (0, 5, 5)  # two cells ahead
+    assert total.max() == pytest.approx(6.0 * FORGETTING)
+    assert peak_of(joint_of(field, [(0.0, 0.0, np.pi / 2)])) == (9, 3, 5)
+    assert joint_of(field, [(20 * EDGE, 0.0, 0.0)]).max() == 0.0  # off the map
+
+
+def test_parts_of_a_cell_and_of_a_heading_are_not_lost():
+    field = np.zeros((NUM_HEADINGS, 12, 12), np.float32)
+    field[0, 3, 5] = 60.0
+    assert peak_of(joint_of(field, [(0.3 * EDGE, 0.0, 0.0)] * 10)) == (0, 6, 5)
+    assert peak_of(joint_of(field, [(0.0, 0.0, np.radians(3.0))] * 10))[0] == 3
+
+
+def test_odometry_may_err_by_a_cell_and_a_heading():
+    field = np.zeros((NUM_HEADINGS, 12, 12), np.float32)
+    field[0, 3, 5] = 6.0
+    total = joint_of(field, [(0.0, 0.0, 0.0)] * 2)  # the second step relaxes
+    assert total[0, 4, 5] == total[1, 3, 5] == pytest.approx(FORGETTING * (6.0 * FORGETTING - 1.0))
+    assert total[1, 4, 5] == pytest.approx(FORGETTING * (6.0 * FORGETTING - 2.0))
+    assert total[2, 3, 5] == 0.0
 
 
 def test_maxima_are_apart_and_two_headings_at_one_place_are_two():
