@@ -30,6 +30,7 @@ SAME_PLACE_M = 1.0  # suggestions farther apart than this are of different place
 MIN_LEAD = 1.5  # inliers of the best place by those of the next one; else both could be meant
 DRIFT, DRIFT_RAD = 0.02, 0.003  # standard deviation of the graph, by the metres on the way between two spheres
 START_M, START_RAD, GATE = 0.1, 0.02, 3.0  # the same of no way at all; standard deviations that are believed
+MIN_DETOUR = 4.0  # way between two spheres by their distance; along a shorter one the chain is the better measure
 
 Load = Callable[[int], Sphere]
 
@@ -109,6 +110,8 @@ def choose(graph: SphereGraph, newer_id: int, found: list[Candidate]) -> Candida
     if not possible:
         return None
     best, *others = possible
+    if not is_return(ways.get(best.older, np.inf), best.T_older_newer):
+        return None
     at = place_of(graph, best).translation
     for other in others:
         is_elsewhere = np.linalg.norm(place_of(graph, other).translation - at) > _spread(ways, best, other)
@@ -122,6 +125,11 @@ def is_possible(graph: SphereGraph, newer_id: int, one: Candidate, ways: dict[in
     way = ways.get(one.older, np.inf)
     distance, angle = place_of(graph, one).distance(graph[newer_id].T_map_sphere)
     return bool(distance <= GATE * (START_M + DRIFT * way) and angle <= GATE * (START_RAD + DRIFT_RAD * way))
+
+
+def is_return(way: float, T_older_newer: SE3) -> bool:
+    """Say whether a way came back: an edge errs by its length, a chain by its way, so of going on neither gains."""
+    return bool(way >= MIN_DETOUR * float(np.linalg.norm(T_older_newer.translation)))
 
 
 def place_of(graph: SphereGraph, one: Candidate) -> SE3:
@@ -158,10 +166,13 @@ def joined_pairs(graph: SphereGraph) -> set[tuple[int, int]]:
 def near_pairs(
     graph: SphereGraph, params: LoopParams, joined: set[tuple[int, int]]
 ) -> Iterator[tuple[KeySphere, KeySphere]]:
-    """Yield pairs (older, newer) that are near each other but far apart in the sequence, and not yet joined."""
+    """Yield pairs (older, newer) near each other, far apart on the way and in the sequence, and not yet joined."""
     for newer in graph:
+        ways = lengths_from(graph, newer.id)
         for older in graph.near(newer.T_map_sphere.translation, params.max_distance_m):
-            if older.id <= newer.id - params.min_steps and (older.id, newer.id) not in joined:
+            if older.id > newer.id - params.min_steps or (older.id, newer.id) in joined:
+                continue
+            if is_return(ways.get(older.id, np.inf), older.T_map_sphere.inverse() @ newer.T_map_sphere):
                 yield older, newer
 
 

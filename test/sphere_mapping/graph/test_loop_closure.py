@@ -98,6 +98,14 @@ def test_of_two_places_alike_none_is_taken_unless_drift_tells_them_apart():
     assert choose(far, 101, []) is None
 
 
+def test_going_on_is_no_loop():
+    graph = chain(0.0, 0.3, 0.6, 0.9)
+    assert choose(graph, 3, [Candidate(0, SE3.from_planar(0.9, 0, 0), 60)]) is None  # the way is as long as the edge
+    back = chain(0.0, 0.9, 0.1)
+    assert choose(back, 2, [Candidate(0, SE3.from_planar(0.1, 0, 0), 60)]) is not None
+    assert list(near_pairs(graph, LoopParams(min_steps=2), joined_pairs(graph))) == []
+
+
 def test_ways_are_measured_along_edges():
     graph = chain(0.0, 2.0, 4.0, 2.1)
     assert lengths_from(graph, 3) == pytest.approx({0: 5.9, 1: 3.9, 2: 1.9, 3: 0.0})
