@@ -11,14 +11,15 @@ from cycab_sim.lock_step import LockStep
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import Command
 
+CLOCK_PERIOD = SECOND // 50  # simulated time after which it is told though nothing else is due
 MAX_LAG = 0.2  # wall time that is caught up after a slow image, s; more is forgotten
 
 
 class Runner:
     """Runs a simulator until it is stopped, and again.
 
-    `hand_out(name)` is called for each output that is due, time at rest; it returns the stamp of the image that a
-    command is to answer, or None.
+    `hand_out(name)` is called for each output that is due, "clock" before the others, time at rest; it returns
+    the stamp of the image that a command is to answer, or None.
     Hold `lock` to look at the simulator, or to change it, from another thread.
     """
 
@@ -30,6 +31,7 @@ class Runner:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self._due_wall = time.monotonic()
+        self._told_ns = 0
 
     def start(self) -> None:
         """Begin."""
@@ -53,7 +55,10 @@ class Runner:
         """Do one step: hand out what is due, wait for the command that answers an image, drive."""
         simulator = self.simulator
         with self.lock:
-            images = [self._hand_out(name) for name in ("clock", *simulator.take_due())]
+            due = simulator.take_due()
+            if due or simulator.time_ns >= self._told_ns + CLOCK_PERIOD:
+                due, self._told_ns = ["clock", *due], simulator.time_ns
+            images = [self._hand_out(name) for name in due]
         stamps = [stamp for stamp in images if stamp is not None]
         if stamps and simulator.params.mode == "drive":
             self.lock_step.wait(max(stamps))

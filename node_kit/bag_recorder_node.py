@@ -21,6 +21,7 @@ from typed_params import param, parameters
 
 FLUSH_PERIOD = 1.0  # s
 LOOK_PERIOD = 0.2  # s; what is published before its topic is found is not recorded
+CHECK_PERIOD = 1.0  # s between two looks at the QoS of topics that are recorded already
 
 
 @parameters
@@ -50,6 +51,7 @@ class BagRecorder(ManagedNode):
         self.ros = cast("LiveShell", self.shell)
         self.bag = BagWriter(self.params.output, is_compressed=self.params.compressed)
         self.recorded: dict[str, Subscription] = {}
+        self.checked_ns = 0
         self.wanted = {self.ros.resolve_topic_name(name) for name in self.params.topics.split()}
         self.add_timer(LOOK_PERIOD, self._look, is_wall=True)
         self.add_timer(FLUSH_PERIOD, self._flush, is_wall=True)
@@ -72,8 +74,12 @@ class BagRecorder(ManagedNode):
             self.log.info(f"{path}: {self.bag.num_messages} messages on {len(self.recorded)} topics")
 
     def _look(self) -> None:
-        """Subscribe to wanted topics that have a publisher; again if their QoS changed."""
+        """Subscribe to wanted topics that have a publisher; now and then see whether the QoS of others changed."""
+        is_check = self.steady_ns() >= self.checked_ns + CHECK_PERIOD * 1e9
+        self.checked_ns = self.steady_ns() if is_check else self.checked_ns
         for topic, kinds in self.ros.get_topic_names_and_types():
+            if topic in self.recorded and not is_check:
+                continue
             if topic in self.wanted or any(belongs(topic, kind, self.params.topic_set) for kind in kinds):
                 offers = [info.qos_profile for info in self.ros.get_publishers_info_by_topic(topic)]
                 if offers:

@@ -5,9 +5,6 @@ from __future__ import annotations
 import tempfile
 from pathlib import Path
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage
 from sphere_nav_msgs.msg import AugmentedSphere
 from std_msgs.msg import String
@@ -19,14 +16,14 @@ from node_kit.run import run
 from node_kit.tf import TransformListener, TransformTree
 from sphere_geometry import Rig
 from sphere_geometry.rig_file import read_rig
+from sphere_map.sphere import Sphere
 from sphere_mapping.acquisition import kernels
 from sphere_mapping.acquisition.params import SphereStitcherParams
 from sphere_mapping.acquisition.rectification import rectified
 from sphere_mapping.acquisition.stitcher import Stitcher
 from sphere_mapping.acquisition.views import masks_of
+from sphere_mapping.preview_node import draw_preview
 from sphere_mapping.rig_intake_node import RigInstant, RigIntake
-
-PREVIEW_WIDTH, PREVIEW_QUALITY = 1024, 80  # columns; of JPEG
 
 
 class SphereStitcher(ManagedNode):
@@ -131,18 +128,18 @@ class SphereStitcher(ManagedNode):
         if instant.sync.is_failed or not instant.images:
             self.log.error(f"no sphere at {stamp / 1e9:.3f} s: {', '.join(notes)}", every=5.0)
             return
-        sphere = self.stitcher.stitch(instant.images, stamp, instant.points, instant.depths).sphere
+        self.stitch(instant)
+
+    def stitch(self, instant: RigInstant) -> None:
+        """Make the sphere of an instant and publish it."""
+        stitched = self.stitcher.stitch(instant.images, instant.sync.stamp_ns, instant.points, instant.depths)
+        self.publish(stitched.sphere)
+
+    def publish(self, sphere: Sphere) -> None:
+        """Tell a sphere, and show it where someone looks."""
         self.sphere.publish(conversions.sphere_to_message(sphere, self.params.sphere_frame))
         if self.preview.num_subscriptions:
-            self.preview.publish(self.draw_preview(sphere.image, stamp))
-
-    def draw_preview(self, image: NDArray[np.uint8], stamp: int) -> CompressedImage:
-        """Return a small JPEG of the sphere."""
-        width = min(PREVIEW_WIDTH, image.shape[1])
-        small = cv2.resize(image, (width, width // 2), interpolation=cv2.INTER_AREA)
-        small = cv2.cvtColor(small, cv2.COLOR_RGB2BGR) if small.ndim == 3 else small
-        data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, PREVIEW_QUALITY])[1].tobytes()
-        return CompressedImage(header=conversions.header(stamp, self.params.sphere_frame), format="jpeg", data=data)
+            self.preview.publish(draw_preview(sphere, self.params.sphere_frame))
 
 
 def main() -> int:

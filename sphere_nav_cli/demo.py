@@ -45,12 +45,13 @@ BAR = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} m, {elapsed}, {
 SIMULATION = {
     "has_stamped_command": True,
     "camera.period": 0.2,
-    "camera.width": 512,  # another kind of camera than that of the spheres, and quick to draw
-    "camera.height": 384,
+    "camera.width": 448,  # another kind of camera than that of the spheres, and quick to draw
+    "camera.height": 336,
+    "odometry.period": 0.05,
     "rig.kind": "vertical",  # three stereo pairs back to back (M15 section 4.3)
     "rig.width": 416,
     "rig.height": 416,
-    "rig.distance": 1.0,
+    "rig.distance": 1.5,
     "sphere.publish": "never",
     "traffic.is_on": True,
 }

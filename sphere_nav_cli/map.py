@@ -24,13 +24,13 @@ from sphere_mapping.intake_node import TOPICS
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.node import SphereMapper
 from sphere_mapping.saving_node import details_of
-from sphere_mapping.stitcher_node import SphereStitcher
 from sphere_nav_cli import topics
 from sphere_nav_cli.evaluate import TRUTH_TOPICS, judge
 from sphere_nav_cli.map_truth import Truth, move_to_truth, transform_graph, truth_of
 from sphere_nav_cli.settings import parse_settings
 from sphere_nav_cli.sphere_source import CAMERAS, find_input
 from sphere_nav_cli.stereo_drive import find_field
+from sphere_nav_cli.stitcher_ahead import StitcherAhead
 
 OFFLINE_DEADLINE_S = 10.0  # of recording time: a recording may hold images as late as they were drawn or written
 HELP = """\
@@ -233,7 +233,7 @@ def replay_mapper(
 ) -> MappedDrive:
     """Play a bag to a mapper, behind a stitcher where that is given, or with a stereo pair's correction."""
     bus = OfflineBus(captured=set())
-    stitching = None if stitcher is None else bus.add(SphereStitcher, *stitcher)
+    stitching = None if stitcher is None else bus.add(StitcherAhead, *stitcher)
     node = bus.add(SphereMapper, values, remap)
     assert isinstance(node, SphereMapper)
     node.mapper = Mapper(node.params.mapper, store=store)
@@ -243,13 +243,14 @@ def replay_mapper(
     with tqdm(total=total, desc="map", unit="message", leave=False, disable=None) as bar:
         for _ in replay(bag, bus, progress=bar.update):
             pass
-        if isinstance(stitching, SphereStitcher):
+        if isinstance(stitching, StitcherAhead):
             stitching.finish_open()
+            stitching.publish_last()
             for _ in bus.settle():
                 pass
     inputs = [*node.inputs, *(stitching.inputs if stitching else ())]
     reasons = [f"{w.num_refused} of {w.topic}: {w.last_refusal}" for w in inputs if w.num_refused]
-    if isinstance(stitching, SphereStitcher) and stitching.intake is not None:
+    if isinstance(stitching, StitcherAhead) and stitching.intake is not None:
         for name, health in stitching.intake.sync.health.items():
             if health.problem:
                 reasons.append(f"{name}: {health.problem} ({health.num_missing} times)")
