@@ -16,6 +16,7 @@ from localization.status import FINE, Finding, Reason
 from sphere_geometry import Camera
 
 SAMPLE_STEP = 4  # every fourth pixel of every fourth row is enough for brightness, contrast and equality
+LEVELS = np.arange(256.0)  # of bytes
 DARK_LEVEL, BRIGHT_LEVEL = 6.0, 250.0  # grey levels up to, and from, which a pixel counts as clipped
 MAX_CLIPPED_SHARE = 0.9
 CLOCK_JUMP_IMAGES = 3  # in a row make a leap of the stamps a new time
@@ -59,7 +60,7 @@ class InputCheck:
         self.last_stamp_ns = stamp_ns
         finding = self._check_camera(image, camera)
         if finding.reason is Reason.NONE:
-            sample = image[::SAMPLE_STEP, ::SAMPLE_STEP]
+            sample = np.ascontiguousarray(image[::SAMPLE_STEP, ::SAMPLE_STEP])
             finding = self._check_pixels(image, sample, is_moving)
         return InputReport(finding, is_clock_jump)
 
@@ -116,19 +117,30 @@ class InputCheck:
         return finding if finding.reason is not Reason.NONE else self._check_frozen(sample, is_moving)
 
     def _check_light(self, sample: NDArray[Any]) -> Finding:
-        dark, bright = np.mean(sample <= DARK_LEVEL), np.mean(sample >= BRIGHT_LEVEL)
+        levels, counts = _count_levels(sample)
+        dark, bright = (
+            float(counts[part].sum()) / sample.size for part in (levels <= DARK_LEVEL, levels >= BRIGHT_LEVEL)
+        )
         for share, word in ((dark, "black"), (bright, "saturated")):
             if share > MAX_CLIPPED_SHARE:
-                return Finding(Reason.LOW_TEXTURE, float(share), MAX_CLIPPED_SHARE, f"image is {word}")
-        contrast, limit = float(np.std(sample)), self._params.min_contrast
+                return Finding(Reason.LOW_TEXTURE, share, MAX_CLIPPED_SHARE, f"image is {word}")
+        mean = float(levels @ counts) / sample.size
+        contrast, limit = float(np.sqrt((levels - mean) ** 2 @ counts / sample.size)), self._params.min_contrast
         return Finding(Reason.LOW_TEXTURE, contrast, limit, "image has no contrast") if contrast < limit else FINE
 
     def _check_frozen(self, sample: NDArray[Any], is_moving: bool) -> Finding:
         is_repeat = self._last_sample is not None and np.array_equal(sample, self._last_sample)
         self._num_repeats = self._num_repeats + 1 if is_repeat else 0
         if not is_repeat:
-            self._last_sample = sample.copy()
+            self._last_sample = sample
         limit = self._params.frozen_images
         if self._num_repeats >= limit and (is_moving or not self._params.allow_still):
             return Finding(Reason.FROZEN, self._num_repeats, limit, "identical images with new stamps")
         return FINE
+
+
+def _count_levels(sample: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return grey levels (K,) and how often a sample has each: 256 of bytes, all of its own otherwise."""
+    if sample.dtype != np.uint8:
+        return sample.ravel().astype(np.float64), np.ones(sample.size)
+    return LEVELS, np.bincount(sample.ravel(), minlength=LEVELS.size).astype(np.float64)

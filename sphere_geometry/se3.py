@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,11 +69,15 @@ class SE3:
         xi = np.asarray(tangent, dtype=np.float64)
         v, omega = xi[..., :3], xi[..., 3:]
         R, V = so3.exp_and_left_jacobian(omega)
+        if xi.ndim == 1:
+            return SE3.from_parts(R, V @ v)
         return SE3.from_parts(R, (V @ v[..., None])[..., 0])
 
     def log(self) -> Array:
         """Return the tangent vector (..., 6) = (v, omega), the inverse of `exp`."""
         omega = so3.log(self.rotation)
+        if omega.ndim == 1:
+            return np.concatenate([so3.inverse_left_jacobian_times(omega, self.translation), omega])
         v = np.linalg.solve(so3.left_jacobian(omega), self.translation[..., None])[..., 0]
         return np.concatenate([v, omega], axis=-1)
 
@@ -106,6 +111,18 @@ class SE3:
 
     def inverse(self) -> SE3:
         """Return the motion back: `T_a_b.inverse()` is `T_b_a`."""
+        if self.matrix.ndim == 2:  # the usual case: floats are faster than arrays this small
+            (a, b, c, x), (d, e, f, y), (g, h, i, z), last = self.matrix.tolist()
+            return SE3(
+                np.array(
+                    [
+                        [a, d, g, -(a * x + d * y + g * z)],
+                        [b, e, h, -(b * x + e * y + h * z)],
+                        [c, f, i, -(c * x + f * y + i * z)],
+                        last,
+                    ]
+                )
+            )
         matrix = np.zeros(self.matrix.shape)
         matrix[..., :3, :3] = Rt = np.swapaxes(self.rotation, -1, -2)
         matrix[..., :3, 3:] = -(Rt @ self.matrix[..., :3, 3:])
@@ -127,5 +144,9 @@ class SE3:
     def distance(self, other: SE3) -> tuple[Array, Array]:
         """Return how far apart two poses are: metres between origins, radians between axes."""
         between = self.inverse() @ other
+        if between.matrix.ndim == 2:
+            lengths = (math.hypot(*v.tolist()) for v in (between.translation, so3.log(between.rotation)))
+            metres, radians = map(np.float64, lengths)
+            return metres, radians
         angle = np.linalg.norm(so3.log(between.rotation), axis=-1)
         return np.linalg.norm(between.translation, axis=-1), angle

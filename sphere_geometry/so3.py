@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -36,6 +38,8 @@ def left_jacobian(rotation_vector: ArrayLike) -> Array:
 def exp_and_left_jacobian(rotation_vector: ArrayLike) -> tuple[Array, Array]:
     """Return `exp` and `left_jacobian` together, which share all of their work."""
     omega = np.asarray(rotation_vector, dtype=np.float64)
+    if omega.ndim == 1:
+        return _exp_of_one(*omega.tolist())
     a, b, c = _series(np.sqrt(np.einsum("...i,...i->...", omega, omega)))
     K = hat(omega)
     KK = K @ K
@@ -45,6 +49,8 @@ def exp_and_left_jacobian(rotation_vector: ArrayLike) -> tuple[Array, Array]:
 
 def log(rotation: ArrayLike) -> Array:
     """Return the rotation vector (..., 3) of (..., 3, 3), of norm at most pi, also near pi."""
+    if np.ndim(rotation) == 2:
+        return np.array(_log_of_one(*np.asarray(rotation, dtype=np.float64).ravel().tolist()))
     xyz, w = np.split(to_quaternion(rotation), [3], axis=-1)
     sine = np.linalg.norm(xyz, axis=-1, keepdims=True)
     angle = 2.0 * np.arctan2(sine, w)
@@ -85,6 +91,72 @@ def from_quaternion(xyzw: ArrayLike) -> Array:
     K = hat(vector)
     R: Array = np.eye(3) + 2.0 * (w[..., None, None] * K + K @ K)
     return R
+
+
+def inverse_left_jacobian_times(rotation_vector: Array, vector: Array) -> Array:
+    """Return V^-1 v (3,) of one rotation vector (3,) and one vector (3,)."""
+    (x, y, z), (p, q, r) = rotation_vector.tolist(), vector.tolist()
+    square = x * x + y * y + z * z
+    if square < SMALL_ANGLE**2:
+        k = 1.0 / 12.0 + square / 720.0
+    else:
+        angle = math.sqrt(square)
+        k = (1.0 - 0.5 * angle * math.cos(0.5 * angle) / math.sin(0.5 * angle)) / square
+    a, b, c = y * r - z * q, z * p - x * r, x * q - y * p  # omega x v
+    return np.array(
+        [
+            p - 0.5 * a + k * (y * c - z * b),
+            q - 0.5 * b + k * (z * a - x * c),
+            r - 0.5 * c + k * (x * b - y * a),
+        ]
+    )
+
+
+# One motion at a time is what tracking needs hundreds of times an image: arithmetic on floats is ten times faster than
+# NumPy is on arrays this small.
+
+
+def _exp_of_one(x: float, y: float, z: float) -> tuple[Array, Array]:
+    square = x * x + y * y + z * z
+    if square < SMALL_ANGLE**2:
+        a, b, c = 1.0 - square / 6.0, 0.5 - square / 24.0, 1.0 / 6.0 - square / 120.0
+    else:
+        angle = math.sqrt(square)
+        half = math.sin(0.5 * angle) / angle
+        sine = math.sin(angle)
+        a, b, c = sine / angle, 2.0 * half * half, (angle - sine) / (square * angle)
+    xx, yy, zz, xy, xz, yz = x * x, y * y, z * z, x * y, x * z, y * z
+    first, second = (
+        np.array(
+            [
+                [1.0 - n * (yy + zz), n * xy - m * z, n * xz + m * y],
+                [n * xy + m * z, 1.0 - n * (xx + zz), n * yz - m * x],
+                [n * xz - m * y, n * yz + m * x, 1.0 - n * (xx + yy)],
+            ]
+        )
+        for m, n in ((a, b), (b, c))
+    )
+    return first, second
+
+
+def _log_of_one(
+    m00: float, m01: float, m02: float, m10: float, m11: float, m12: float, m20: float, m21: float, m22: float
+) -> tuple[float, float, float]:
+    squares = 1 + m00 - m11 - m22, 1 - m00 + m11 - m22, 1 - m00 - m11 + m22, 1 + m00 + m11 + m22
+    best = squares.index(max(squares))  # rows as in `to_quaternion`
+    if best == 0:
+        x, y, z, w = squares[0], m10 + m01, m20 + m02, m21 - m12
+    elif best == 1:
+        x, y, z, w = m10 + m01, squares[1], m21 + m12, m02 - m20
+    elif best == 2:
+        x, y, z, w = m20 + m02, m21 + m12, squares[2], m10 - m01
+    else:
+        x, y, z, w = m21 - m12, m02 - m20, m10 - m01, squares[3]
+    norm = math.copysign(math.sqrt(x * x + y * y + z * z + w * w), w if w else 1.0)
+    x, y, z, w = x / norm, y / norm, z / norm, w / norm
+    sine = math.sqrt(x * x + y * y + z * z)
+    factor = 2.0 if sine < 1e-12 else 2.0 * math.atan2(sine, w) / sine
+    return factor * x, factor * y, factor * z
 
 
 def _series(angle: Array) -> tuple[Array, Array, Array]:
