@@ -16,6 +16,8 @@ from benchmarks.report import Report
 BENCHMARKS = {
     "kernel_times": "benchmarks.kernel_times",
     "localizer_times": "benchmarks.localizer_times",
+    "localizer_start": "benchmarks.localizer_start",
+    "localizer_rate": "benchmarks.localizer_rate",
     "frame_to_frame": "benchmarks.frame_to_frame",
     "end_to_end": "benchmarks.end_to_end",
     "faults": "benchmarks.faults",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -145,8 +146,8 @@ class SE3:
         """Return how far apart two poses are: metres between origins, radians between axes."""
         between = self.inverse() @ other
         if between.matrix.ndim == 2:
-            lengths = (math.hypot(*v.tolist()) for v in (between.translation, so3.log(between.rotation)))
-            metres, radians = map(np.float64, lengths)
-            return metres, radians
+            vectors = between.translation, so3.log(between.rotation)
+            found: Any = tuple(np.float64(math.hypot(*vector.tolist())) for vector in vectors)
+            return found  # type: ignore[no-any-return]
         angle = np.linalg.norm(so3.log(between.rotation), axis=-1)
         return np.linalg.norm(between.translation, axis=-1), angle
