@@ -19,7 +19,7 @@ from dense_localizer.params import LocalizerParams
 from dense_localizer.preparation import Preparation
 from dense_localizer.recognition import NUM_ALIKE
 from photometric import Reference, RegistrationParams, View, prepare_reference
-from photometric.reference import ReferenceLevel
+from photometric.reference import ReferenceLevel, check_range
 from sphere_geometry import SE3, Camera, Spherical
 from sphere_map.appearance.index import AppearanceIndex
 from sphere_map.graph import KeySphere, SphereGraph
@@ -69,6 +69,23 @@ class CoarseReference:
     typical_range_m: float
 
 
+class CoarseReferences(dict[int, CoarseReference]):
+    """Small key spheres by id, each prepared when it is first asked for: a start in a large map asks for few.
+
+    ValueError for a sphere whose ranges are zero or negative, at once.
+    """
+
+    def __init__(self, spheres: Mapping[int, Sphere], params: RegistrationParams) -> None:
+        super().__init__()
+        for sphere in spheres.values():
+            check_range(sphere.range_m, sphere.camera)
+        self._spheres, self._params = spheres, params
+
+    def __missing__(self, sphere_id: int) -> CoarseReference:
+        made = self[sphere_id] = coarse_reference(self._spheres[sphere_id], self._params)
+        return made
+
+
 @dataclass(frozen=True)
 class Choice:
     """The references of one image; range and distance are those of the nearest."""
@@ -91,10 +108,9 @@ class References:
     def __init__(self, sphere_map: SphereMap, params: LocalizerParams) -> None:
         self._map = sphere_map
         self._registration, self._params = params.registration, params.reference
-        spheres = sphere_map.coarse_spheres()
         is_large = len(sphere_map.graph) > NUM_ALIKE
         self.appearance = sphere_map.appearance() if is_large else AppearanceIndex()  # a small map is looked at whole
-        self.coarse = {node.id: coarse_reference(spheres[node.id], params.registration) for node in sphere_map.graph}
+        self.coarse = CoarseReferences(sphere_map.coarse_spheres(), params.registration)
         self._preparation = Preparation(self._prepare, params.reference.cache_size)
         self._looked_ahead: NDArray[np.float64] | None = None
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import poisson
+from scipy.special import pdtrc
 
 from sphere_map.appearance.dictionary import Dictionary
 from sphere_map.appearance.features import Features
@@ -80,8 +80,8 @@ class AppearanceIndex:
         peaks = np.sum([np.roll(votes, shift, axis=1) for shift in shifts], axis=0)
         best = np.argmax(peaks, axis=1)
         height = peaks[np.arange(len(best)), best]
-        log_chance = poisson.logsf(height - 1, np.maximum(number * WINDOW / NUM_BINS, 1e-9))
-        log_chance = log_chance + np.log(NUM_BINS * len(self._ids))
+        chance = pdtrc(height - 1, np.maximum(number * WINDOW / NUM_BINS, 1e-9))  # Poisson: as many or more
+        log_chance = np.log(np.maximum(chance, np.finfo(np.float64).tiny)) + np.log(NUM_BINS * len(self._ids))
         hidden = set(without)
         order = np.lexsort((np.arange(len(best)), -height, log_chance))
         rows = [row for row in order.tolist() if self._ids[row] not in hidden and height[row] > 0][:count]
