@@ -9,7 +9,7 @@ from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 from sphere_mapping.acquisition.partial import RgbdView, sphere_from_rgbd, sphere_from_views
 from sphere_mapping.graph import keyframes
 from sphere_mapping.mapper import Mapper
-from sphere_mapping.params import KeySphereParams, MapperParams
+from sphere_mapping.params import KeySphereParams, LoopParams, MapperParams
 from worlds.room import optical, sharp_room
 
 CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
@@ -129,7 +129,8 @@ def test_a_sphere_without_range_is_placed_but_explains_nothing(drive):
 
 def test_closing_a_loop_brings_the_end_back_to_the_beginning(drive):
     truth, _ = drive
-    params = MapperParams(key=KeySphereParams(max_parallax=0.01))  # 5 cm: every sphere is kept
+    key = KeySphereParams(max_parallax=0.01)  # 5 cm: every sphere is kept
+    params = MapperParams(key=key, loop=LoopParams(automatic=False))
     there_and_back = [*range(6), *range(4, -1, -1)]
     mapper, _ = mapped([seen_from(truth[k], n) for n, k in enumerate(there_and_back)], truth[0], params)
     bent = {

@@ -228,7 +228,7 @@ def test_g2o_information_is_what_optimize_reads(tmp_path):
 
 def test_an_unknown_suffix_is_refused(room_map, tmp_path, capsys):
     assert call("map-export", room_map, "-o", tmp_path / "room.xyz") == 2
-    assert "expected a suffix of .ply, .g2o, .tum, found '.xyz'" in capsys.readouterr().err
+    assert "expected a suffix of .ply, .g2o, .tum, .kitti, found '.xyz'" in capsys.readouterr().err
 
 
 def registered(capsys, *words):
