@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from photometric.robust import SIGMA_OF_MAD, huber_weights, median_and_mad
 from rig_calibration.drive_lens import Lens
 from sphere_geometry import SE3
 from sphere_geometry.shutter import project_rolling, row_share
@@ -15,7 +16,7 @@ Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
 
 OWN = 8  # pose (v, omega), gain, bias: what each image has of its own
-HUBER, SIGMA_OF_MAD = 1.345, 1.4826  # M15 eq. 34, 35
+HUBER = 1.345  # standard deviations, M15 eq. 34
 MIN_SIGMA = 0.5  # grey levels
 MIN_PIXELS = 100
 
@@ -67,9 +68,9 @@ def linearize(image: DriveImage, state: ImageState, lens: Lens, level: int) -> P
     num_columns = J.shape[1]
     if len(residual) < MIN_PIXELS:  # says nothing
         return Part(np.zeros((num_columns, num_columns)), np.zeros(num_columns), 0, MIN_SIGMA)
-    off = np.abs(residual - np.median(residual))
-    sigma = max(SIGMA_OF_MAD * float(np.median(off)), MIN_SIGMA)
-    weight = np.minimum(1.0, HUBER * sigma / np.maximum(off, 1e-12)) / sigma**2
+    median, mad = median_and_mad(residual)
+    sigma = max(SIGMA_OF_MAD * mad, MIN_SIGMA)
+    weight = huber_weights(residual, median, HUBER * sigma) / sigma**2
     weighted = J * weight[:, None]
     return Part(weighted.T @ J, weighted.T @ residual, len(residual), sigma)
 

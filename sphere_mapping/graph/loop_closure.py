@@ -168,10 +168,13 @@ def near_pairs(
 ) -> Iterator[tuple[KeySphere, KeySphere]]:
     """Yield pairs (older, newer) near each other, far apart on the way and in the sequence, and not yet joined."""
     for newer in graph:
-        ways = lengths_from(graph, newer.id)
-        for older in graph.near(newer.T_map_sphere.translation, params.max_distance_m):
-            if older.id > newer.id - params.min_steps or (older.id, newer.id) in joined:
-                continue
+        found = [
+            older
+            for older in graph.near(newer.T_map_sphere.translation, params.max_distance_m)
+            if older.id <= newer.id - params.min_steps and (older.id, newer.id) not in joined
+        ]
+        ways = lengths_from(graph, newer.id) if found else {}
+        for older in found:
             if is_return(ways.get(older.id, np.inf), older.T_map_sphere.inverse() @ newer.T_map_sphere):
                 yield older, newer
 

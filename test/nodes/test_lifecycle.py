@@ -87,23 +87,29 @@ def num_entities(shell):
     return sum(len(list(items)) for items in (shell.subscriptions, shell.publishers, shell.services, shell.timers))
 
 
-@pytest.mark.parametrize("node_class", [DenseLocalizerNode, MclDepthNode], ids=lambda item: item.NAME)
-def test_a_hundred_lifecycles_leave_nothing_behind(executor, node_class):
-    shell, peer = LiveShell(node_class), Peer(executor)
+def run_cycles(executor, shell, works, num_cycles, every):
+    """Live through whole lifecycles; in every so many, and in the last, the node must work. Nothing may be left."""
     executor.add_node(shell)
     handles, entities = [], []
-    for cycle in range(CYCLES):
+    for cycle in range(num_cycles):
         steps = [shell.trigger_configure(), shell.trigger_activate()]
-        if cycle % SETTLED == 0 or cycle == CYCLES - 1:
-            assert peer.show() == {"NO_MAP"}
+        if cycle % every == 0 or cycle == num_cycles - 1:
+            assert works()
         steps += [shell.trigger_deactivate(), shell.trigger_cleanup()]
         assert set(steps) == {TransitionCallbackReturn.SUCCESS}
         executor.spin_once(timeout_sec=0.0)
         handles.append(len(os.listdir("/proc/self/fd")))
         entities.append(num_entities(shell))
     assert len(set(entities)) == 1
-    assert max(handles[SETTLED:]) <= handles[SETTLED] + 1  # one: a discovery of that moment
+    settled = min(SETTLED, num_cycles // 2)
+    assert max(handles[settled:]) <= handles[settled] + 1  # one: a discovery of that moment
     shell.destroy_node()
+
+
+@pytest.mark.parametrize("node_class", [DenseLocalizerNode, MclDepthNode], ids=lambda item: item.NAME)
+def test_a_hundred_lifecycles_leave_nothing_behind(executor, node_class):
+    shell, peer = LiveShell(node_class), Peer(executor)
+    run_cycles(executor, shell, lambda: peer.show() == {"NO_MAP"}, CYCLES, SETTLED)
     peer.node.destroy_node()
 
 
@@ -186,21 +192,7 @@ class Remote:
 def test_many_lifecycles_leave_nothing_behind(executor, tmp_path, case):
     overrides = [Parameter(name, value=value) for name, value in case.values(tmp_path).items()]
     shell, remote = LiveShell(case.node_class, parameter_overrides=overrides), Remote(executor, case)
-    executor.add_node(shell)
-    handles, entities = [], []
-    for cycle in range(case.cycles):
-        steps = [shell.trigger_configure(), shell.trigger_activate()]
-        if cycle % (case.cycles // 2) == 0 or cycle == case.cycles - 1:
-            assert remote.is_answered()
-        steps += [shell.trigger_deactivate(), shell.trigger_cleanup()]
-        assert set(steps) == {TransitionCallbackReturn.SUCCESS}
-        executor.spin_once(timeout_sec=0.0)
-        handles.append(len(os.listdir("/proc/self/fd")))
-        entities.append(num_entities(shell))
-    assert len(set(entities)) == 1
-    settled = min(SETTLED, case.cycles // 2)
-    assert max(handles[settled:]) <= handles[settled] + 1
-    shell.destroy_node()
+    run_cycles(executor, shell, remote.is_answered, case.cycles, case.cycles // 2)
     remote.node.destroy_node()
 
 
