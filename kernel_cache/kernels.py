@@ -2,8 +2,8 @@
 
 By itself numba keeps what it compiled by the place and time of each source file, and looks at that file alone: edits
 of a function called in another file go unseen, and two copies of the project compile everything twice. Here one
-folder belongs to the text of all kernels together: kernels may call each other across files, and every process that
-has the same text finds them compiled.
+folder belongs to the text of all kernels of a package and of those they call: kernels may call each other across
+files, and every process that has the same text finds them compiled.
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ class TextLocator:
 
     def __init__(self, function: FunctionType, path: Path) -> None:
         self._line = function.__code__.co_firstlineno
-        self._folder = cache_folder() / name_of(path)
+        name = name_of(path)
+        self._folder = cache_folder(name.split(".")[0]) / name
 
     def ensure_cache_path(self) -> None:
         """Make the folder; OSError where it cannot be written."""

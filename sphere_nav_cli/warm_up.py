@@ -8,7 +8,7 @@ from __future__ import annotations
 import sys
 
 import photometric
-from kernel_cache.folder import cache_folder, remove_old
+from kernel_cache.folder import PACKAGES, cache_folder, cache_root, remove_old
 from mcl_depth.params import FilterParams
 from mcl_depth.warm_up import warm_up as warm_up_mcl
 from sphere_mapping.acquisition import kernels as acquisition
@@ -16,8 +16,8 @@ from sphere_mapping.acquisition import kernels as acquisition
 
 def main() -> int:
     """Compile what is not compiled yet."""
-    if not cache_folder().is_dir():
-        print(f"compiling kernels into {cache_folder()}, a minute or two", file=sys.stderr)
+    if not all(cache_folder(package).is_dir() for package in PACKAGES):
+        print(f"compiling kernels into {cache_root()}, a minute or two", file=sys.stderr)
     photometric.warm_up()
     acquisition.warm_up()
     warm_up_mcl(FilterParams())

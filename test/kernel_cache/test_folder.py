@@ -1,4 +1,4 @@
-"""One folder for each text of all kernels."""
+"""One folder for each text of a package's kernels."""
 
 import subprocess
 import sys
@@ -22,9 +22,9 @@ def copy(tmp_path, monkeypatch):
     folder.cache_folder.cache_clear()
 
 
-def present():
+def present(package):
     folder.cache_folder.cache_clear()
-    return folder.cache_folder()
+    return folder.cache_folder(package)
 
 
 def test_every_package_with_kernels_is_known():
@@ -39,17 +39,25 @@ def installed_packages():
     return {path.parts[0] for path in files("sphere_nav") or () if path.name == "__init__.py"}
 
 
-def test_an_edit_of_any_kernel_means_another_folder(copy):
-    before = present()
+def test_an_edit_means_another_folder_for_that_package_only(copy):
+    before = present("mcl_depth"), present("photometric")
     (copy / "mcl_depth" / "likeness" / "kernels.py").write_text("# edited\n")
-    assert present() != before
+    assert present("mcl_depth") != before[0]
+    assert present("photometric") == before[1]
+
+
+def test_an_edit_of_a_called_package_means_another_folder(copy):
+    (copy / "mcl_depth" / "likeness" / "kernels.py").write_text("from photometric.kernels import warp\n")
+    before = present("mcl_depth")
+    (copy / "photometric" / "kernels.py").write_text("# edited\n")
+    assert present("mcl_depth") != before
 
 
 def test_the_same_text_elsewhere_has_the_same_folder(copy, tmp_path, monkeypatch):
-    before = present()
+    before = present("photometric")
     (tmp_path / "at").rename(tmp_path / "moved")
     monkeypatch.setattr(folder, "ROOT", tmp_path / "moved")
-    assert present() == before
+    assert present("photometric") == before
 
 
 def test_only_kernels_of_the_project_are_named(copy):
@@ -59,11 +67,11 @@ def test_only_kernels_of_the_project_are_named(copy):
 
 
 def test_the_oldest_texts_are_removed(copy):
-    root = present().parent
-    for number in range(12):
+    root = present("photometric").parent
+    for number in range(20):
         (root / f"old{number}").mkdir(parents=True)
     gone = folder.remove_old()
-    assert len(gone) == 12 - (folder.NUM_KEPT - 1)
+    assert len(gone) == 20 - (folder.NUM_KEPT - 1)
     assert not any(path.exists() for path in gone)
 
 
