@@ -19,9 +19,20 @@ from std_srvs.srv import Trigger
 
 from localization.base_estimate import BaseEstimate
 from localization.params import NodeParams
-from localization.status import FINE, FOLLOWING, INPUT_REMEDIES, Finding, Reason, Status, describe
+from localization.status import (
+    FINE,
+    FOLLOWING,
+    INPUT_REMEDIES,
+    Finding,
+    Reason,
+    State,
+    Status,
+    describe,
+    status_of,
+)
 from node_kit import conversions, qos
 from node_kit.camera_intake import CameraIntake, Picture
+from node_kit.clock_watch import ClockWatch
 from node_kit.node import ManagedNode
 from node_kit.peer_localizer import PeerLocalizer
 from node_kit.pose_outputs import PoseOutputs
@@ -29,7 +40,9 @@ from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
 WATCH_PERIOD = 0.25  # s between two looks at a silent camera
+STANDSTILL = 1.0  # s without an advance of /clock before it is said
 NUM_COUNTED = 20  # images over which losses are counted
+CLOCK_STANDS = "/clock stands still", "start the simulator or the player again; the pose goes on with its time"
 MAX_LOST_SHARE = 0.2  # of the images, before it is said
 
 
@@ -88,6 +101,7 @@ class LocalizerNode(ManagedNode):
         self.peer = PeerLocalizer(self.endpoints, self.params.map_frame, self.needs_help, self.on_offer)
         self.add_service("~/relocalize", Relocalize, self.on_relocalize)
         self.add_service("~/reset", Trigger, self.on_reset)
+        self.clock_watch = ClockWatch(patience=STANDSTILL, max_look=2 * WATCH_PERIOD)
         self.add_timer(WATCH_PERIOD, self.on_watch, is_wall=True)
 
     def clock_jumped(self) -> None:
@@ -147,10 +161,21 @@ class LocalizerNode(ManagedNode):
 
     # --- silence
     def on_watch(self) -> None:
-        """Say so when images stay away, or none of them can be used."""
-        status = self.find_silence()
+        """Say so when images stay away, or none of them can be used, or time itself stands still."""
+        self.clock_watch.observe(self.own_ns(), self.steady_ns())
+        status = self.find_silence() or self.find_standstill()
         if status is not None:
             self.outputs.tell(status, **self.values())
+
+    def find_standstill(self) -> Status | None:
+        """Return what to say of a clock that stands: the pose is kept, since its vehicle stands, too."""
+        if not self.clock_watch.is_standing:
+            return None
+        told = self.outputs.state
+        state = {State.UNCONFIGURED: State.NOT_LOCALISED, State.TRACKING: State.DEGRADED}.get(told, told)
+        return status_of(
+            state, self.now_ns(), Finding(Reason.TIMEOUT, self.clock_watch.stood, STANDSTILL, *CLOCK_STANDS)
+        )
 
     def find_silence(self) -> Status | None:
         """Return what to say of the time since the last usable image, judged by arrival, which no stamp moves."""

@@ -7,10 +7,11 @@ from sphere_nav_msgs.msg import FollowerStatus, TrackingError
 from std_msgs.msg import UInt64
 
 from node_kit import qos
+from node_kit.clock_watch import ClockWatch
 from node_kit.conversions import driving
 from node_kit.node import ERROR, OK, WARN, ManagedNode
 from node_kit.run import run
-from path_follower.clocks import MAX_LEAD_NS, MAX_STANDSTILL, ClockWatch, Times
+from path_follower.clocks import MAX_LEAD_NS, Times
 from path_follower.command import Command, Status
 from path_follower.follower import Follower
 from path_follower.homing import HomingFollower
@@ -102,7 +103,7 @@ class PathFollowerNode(ManagedNode):
         is_based = clock - self.answered.stamp_ns <= 1e9 * self.params.safety.max_pose_silence
         stamp = self.answered.stamp_ns if is_based else clock
         if watch.is_standing:
-            self.publish(self.follower.hold(now, watch.stood - MAX_STANDSTILL), stamp)
+            self.publish(self.follower.hold(now, watch.pause), stamp)
         elif now - self.heard_ns > 1e9 * SILENCE or self.follower.mode.state is State.STOPPING:
             self.publish(self.follower.tick(now), stamp)
 
@@ -110,8 +111,9 @@ class PathFollowerNode(ManagedNode):
         """Look who publishes what the vehicle is driven by: more than one cannot be followed."""
         names = self.publishers_of(self.intake.topic)
         self.follower.watch.sources = names
-        level = ERROR if len(names) > 1 else OK
-        self.report("source", level, f"{self.intake.topic}: {', '.join(names) or 'no publisher'}")
+        self.report(
+            "source", ERROR if len(names) > 1 else OK, f"{self.intake.topic}: {', '.join(names) or 'no publisher'}"
+        )
 
     # --- commands
     def publish(self, command: Command, stamp: int) -> None:

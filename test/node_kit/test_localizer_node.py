@@ -1,5 +1,6 @@
 """The shell of a localiser around one that says what it is told: answers, silence, stamps, poses given, losses."""
 
+import time
 from dataclasses import replace
 
 import numpy as np
@@ -7,14 +8,21 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, Image
+from sphere_nav_msgs.msg import LocalizationStatus
 from sphere_nav_msgs.srv import Relocalize
 
 from localization import FINE, InputCheck, Reason, State
 from localization.base_estimate import BaseEstimate
 from localization.params import InputParams, NodeParams
 from localization.status import status_of
-from node_kit.conversions import array_to_image, camera_to_info, se3_to_pose_with_covariance, stamp_ns
-from node_kit.localizer_node import NUM_COUNTED, LocalizerNode
+from node_kit.conversions import array_to_image, camera_to_info, ns_to_time, se3_to_pose_with_covariance, stamp_ns
+from node_kit.live import LiveShell
+from node_kit.localizer_node import NUM_COUNTED, STANDSTILL, LocalizerNode
 from node_kit.replay import OfflineBus
 from sphere_geometry import SE3, Pinhole
 
@@ -190,3 +198,48 @@ def test_reset_accepts_another_camera_and_a_jump_of_the_clock_another_time():
     bench.node.clock_jumped()
     assert bench.wait(5 * SECOND) == []  # no image yet: nothing is silent
     assert bench.see(bench.now - 50 * SECOND, "other")["/status"].reason == Reason.NONE
+
+
+# --- over DDS
+def test_a_clock_that_stands_is_told_by_the_wall_and_the_pose_goes_on_with_it(ros):
+    overrides = [Parameter("use_sim_time", value=True), Parameter("base_frame", value="")]
+    shell, peer, statuses = LiveShell(Parrot, parameter_overrides=overrides), Node("peer"), []
+    executor = SingleThreadedExecutor()
+    executor.add_node(shell)
+    executor.add_node(peer)
+    clock, infos = peer.create_publisher(Clock, "/clock", 10), peer.create_publisher(CameraInfo, "camera_info", 10)
+    images = peer.create_publisher(Image, "image_raw", 10)
+    peer.create_subscription(LocalizationStatus, "status", statuses.append, 10)
+    shell.start()
+
+    def until(is_done):
+        end = time.monotonic() + 15.0
+        while not is_done():
+            assert time.monotonic() < end, "nothing came in time"
+            executor.spin_once(timeout_sec=0.02)
+
+    def see(number):
+        """Let the clock show a time, and an image of it."""
+        pixels = np.random.default_rng(number).integers(20, 230, (48, 64)).astype(np.uint8)
+        stamp = number * STEP
+        clock.publish(Clock(clock=ns_to_time(stamp)))
+        infos.publish(camera_to_info(CAMERA, stamp, "camera"))
+        images.publish(array_to_image(pixels, stamp, "camera", "mono8"))
+        until(lambda: any(stamp_ns(status) == stamp for status in statuses))
+        return statuses[-1]
+
+    until(lambda: clock.get_subscription_count() and infos.get_subscription_count() and images.get_subscription_count())
+    until(lambda: statuses or peer.count_publishers("status"))
+    assert see(51).state == "TRACKING"
+    statuses.clear()
+    until(lambda: statuses)
+    told = statuses[-1]
+    assert (told.state, told.reason, stamp_ns(told)) == ("DEGRADED", "TIMEOUT", 51 * STEP)
+    assert told.value > told.limit == STANDSTILL
+    assert "/clock stands still" in told.remedy
+    assert "/clock stands still" in shell.node.reports["localisation"][1]
+    answer = see(52)
+    assert (answer.state, answer.reason) == ("TRACKING", "")
+    executor.shutdown()
+    shell.destroy_node()
+    peer.destroy_node()
