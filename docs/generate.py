@@ -46,7 +46,7 @@ sphere_nav plot result -o result.png
 ## The localiser
 
 Motion is allowed in `TRACKING` (full) and `DEGRADED` (slow, for a while).
-With `use_sim_time`, a `/clock` that stands for a second of wall time is told as `TIMEOUT`, and the pose goes on with it.
+With `use_sim_time`, a `/clock` that stands for a second of wall time is told as `TIMEOUT`; the pose goes on with it.
 """
 FOLLOWER = """\
 ## The follower
