@@ -124,11 +124,12 @@ class Renderer:
         """Cast rays (N, 3), write their radiance to colour (N, 3), return what they met."""
         triangles = np.empty(len(rays), np.int32)
         ranges = np.empty(len(rays), np.float32)
+        depths = self._shadows.depths
 
         def work(first: int) -> None:
             part = slice(first, first + STRIP)
             self._cast(origin, rays[part], triangles[part], ranges[part])
-            self._shade(origin, Hits(rays[part], triangles[part], ranges[part]), cone[part], colour[part])
+            self._shade(origin, Hits(rays[part], triangles[part], ranges[part]), cone[part], depths, colour[part])
 
         list(self._pool.map(work, range(0, len(rays), STRIP)))
         return Hits(rays, triangles, ranges)
@@ -148,13 +149,13 @@ class Renderer:
         if outside.any():
             triangles[outside], ranges[outside] = kernels.OUTSIDE, np.nan
 
-    def _shade(self, origin: NDArray[np.float64], hits: Hits, cone: Floats, colour: Floats) -> None:
+    def _shade(self, origin: NDArray[np.float64], hits: Hits, cone: Floats, depths: Floats, colour: Floats) -> None:
         m, s, now = self.mesh, self._shadows, self._now
         lamps = s.sun, now.sun_colour, now.sky_colour, now.sky_gain
         paint(m, origin, hits.rays, hits.ranges, hits.triangles, cone, colour)
         kernels.light(
             origin, hits.rays, hits.ranges, hits.triangles, cone, m.normals,
-            lamps, s.depths, s.texel, s.corner, s.T_sun_world, colour,
+            lamps, depths, s.texel, s.corner, s.T_sun_world, colour,
         )  # fmt: skip
 
     def _refine(self, origin: NDArray[np.float64], rays: Floats, cone: Floats, hits: Hits, colour: Floats) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from threading import Lock
 
 import numpy as np
 from embreex.rtcore_scene import EmbreeScene
@@ -32,6 +33,7 @@ class ShadowMap:
         self._size = int(params.shadow_extent / self.texel) if light.has_shadows else 2
         self._scene, self._centre, self._pool = scene, centre, pool
         self._windows = np.zeros((0, 4), np.int32)
+        self._lock = Lock()
         self.turn(light_at(light, 0.0, 0).sun)
 
     def turn(self, sun: Array) -> None:
@@ -39,19 +41,35 @@ class ShadowMap:
         self.sun = sun
         self.T_sun_world = _shadow_frame(sun)
         self.corner = self.T_sun_world[:2] @ self._centre - 0.5 * self._size * self.texel * self.has_shadows
-        self._still = self._cast() if self.has_shadows else np.full((2, 2), np.inf, np.float32)
-        self.depths = self._still
+        self._still: Floats | None = None if self.has_shadows else np.full((2, 2), np.inf, np.float32)
+        self._drawn: Floats | None = None
         self._windows = np.zeros((0, 4), np.int32)
+
+    @property
+    def still(self) -> Floats:
+        """Depths without what moves; cast when they are asked for, since a world without pictures needs none.
+
+        Not to be asked for first from within the pool, whose threads cast them.
+        """
+        with self._lock:
+            if self._still is None:
+                self._still = self._cast()
+            return self._still
+
+    @property
+    def depths(self) -> Floats:
+        """Depths with what was drawn."""
+        return self.still if self._drawn is None else self._drawn
 
     def draw(self, triangles: Floats) -> None:
         """Draw what moves, triangles (T, 3, 3) f32 m of the world, instead of what was drawn before."""
         if not self.has_shadows:
             return
-        if self.depths is self._still:
-            self.depths = self._still.copy()
-        kernels.erase_shadows(self._windows, self._still, self.depths)
+        if self._drawn is None:
+            self._drawn = self.still.copy()
+        kernels.erase_shadows(self._windows, self.still, self._drawn)
         self._windows = np.empty((len(triangles), 4), np.int32)
-        kernels.cast_shadows(triangles, self.T_sun_world, self.corner, self.texel, self._windows, self.depths)
+        kernels.cast_shadows(triangles, self.T_sun_world, self.corner, self.texel, self._windows, self._drawn)
 
     def _cast(self) -> Floats:
         R, texel, size, corner = self.T_sun_world, self.texel, self._size, self.corner

@@ -6,8 +6,7 @@ from geometry_msgs.msg import Twist, TwistStamped
 from sphere_nav_msgs.msg import FollowerStatus, TrackingError
 from std_msgs.msg import UInt64
 
-from node_kit import qos
-from node_kit.clock_watch import ClockWatch
+from node_kit import clock_watch, qos
 from node_kit.conversions import driving
 from node_kit.node import ERROR, OK, WARN, ManagedNode
 from node_kit.run import run
@@ -39,7 +38,7 @@ class PathFollowerNode(ManagedNode):
         """Open topics and services; load the trajectory file where one is set."""
         p = self.params
         self.times = Times(self.now_ns, self.own_ns)
-        self.clock_watch = ClockWatch(p.safety.max_clock_pause)
+        self.clock_watch = clock_watch.ClockWatch(p.safety.max_clock_pause)
         self.answered, self.heard_ns, self.told = Answered(self.times, self.answer), 0, ""
         self.cmd_vel = self.add_publisher("cmd_vel", TwistStamped if p.enable_stamped_cmd_vel else Twist, qos.COMMAND)
         ackermann = driving.AckermannDriveStamped
@@ -111,9 +110,8 @@ class PathFollowerNode(ManagedNode):
         """Look who publishes what the vehicle is driven by: more than one cannot be followed."""
         names = self.publishers_of(self.intake.topic)
         self.follower.watch.sources = names
-        self.report(
-            "source", ERROR if len(names) > 1 else OK, f"{self.intake.topic}: {', '.join(names) or 'no publisher'}"
-        )
+        text = f"{self.intake.topic}: {', '.join(names) or 'no publisher'}"
+        self.report("source", ERROR if len(names) > 1 else OK, text)
 
     # --- commands
     def publish(self, command: Command, stamp: int) -> None:

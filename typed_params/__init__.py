@@ -7,6 +7,7 @@ ROS declaration (node_kit), the YAML in `config/` and the table in `docs/paramet
 from __future__ import annotations
 
 import dataclasses
+import functools
 import math
 import typing
 from collections.abc import Iterator, Mapping
@@ -99,7 +100,7 @@ class Leaf:
 
 def leaves(cls: type) -> Iterator[Leaf]:
     """Yield every value of a parameters class, nested groups included, in order of declaration."""
-    hints = typing.get_type_hints(cls)
+    hints = _hints(cls)
     for item in dataclasses.fields(cls):
         if dataclasses.is_dataclass(hints[item.name]):
             for leaf in leaves(hints[item.name]):
@@ -129,8 +130,14 @@ def to_mapping(instance: Any) -> dict[str, Any]:
     return values
 
 
+@functools.cache
+def _hints(cls: type) -> dict[str, Any]:
+    """Return the types of the fields; resolving their words takes longer than all else here."""
+    return typing.get_type_hints(cls)
+
+
 def _own_leaves(cls: type, only: str) -> Iterator[Leaf]:
-    hints = typing.get_type_hints(cls)
+    hints = _hints(cls)
     for item in dataclasses.fields(cls):
         kind = hints[item.name]
         if kind in SCALARS and only in ("", item.name):
@@ -138,7 +145,7 @@ def _own_leaves(cls: type, only: str) -> Iterator[Leaf]:
 
 
 def _construct(cls: type[C], values: Mapping[str, Any], prefix: str) -> C:
-    hints = typing.get_type_hints(cls)
+    hints = _hints(cls)
     arguments: dict[str, Any] = {}
     for item in dataclasses.fields(cls):  # type: ignore[arg-type]
         name = prefix + item.name
