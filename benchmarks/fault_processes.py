@@ -21,6 +21,7 @@ import path_follower.node, node_kit.run
 for line in sys.stdin:
     pid = os.fork()
     if pid == 0:
+        os.dup2(2, 1)  # what the middleware prints is not taken for a pid
         os._exit(node_kit.run.run(path_follower.node.PathFollowerNode, line.split()))
     print(pid, flush=True)
     print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
