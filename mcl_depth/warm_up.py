@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from mcl_depth.belief.evidence import find_maxima
@@ -14,6 +16,7 @@ from mcl_depth.likeness.matched_filter import MatchedFilter
 from mcl_depth.params import FilterParams
 
 
+@cache
 def warm_up(params: FilterParams) -> None:
     """Run every kernel once on a few points, as the parameters ask for."""
     num_headings = num_alpha_for(params.heading_step_deg)

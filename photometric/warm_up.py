@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from photometric.esm import register
@@ -14,6 +16,7 @@ from sphere_geometry import SE3, Spherical
 CAMERA = Spherical(64, 32)
 
 
+@cache
 def warm_up() -> None:
     """Run the whole registration once, for both kinds of image; some seconds, or nothing where the cache has it."""
     params = RegistrationParams(pyramid=PyramidParams(num_levels=2, min_side=8))

@@ -131,7 +131,7 @@ def to_mapping(instance: Any) -> dict[str, Any]:
 
 
 @functools.cache
-def _hints(cls: type) -> dict[str, Any]:
+def _hints(cls: Any) -> dict[str, Any]:
     """Return the types of the fields; resolving their words takes longer than all else here."""
     return typing.get_type_hints(cls)
 

@@ -1,0 +1,166 @@
+"""Every node with what it takes to make it work: parameters, inputs, and the topic that shows that it works."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from geometry_msgs.msg import Twist
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, LocalizationStatus
+from std_msgs.msg import String, UInt64
+
+from command_guard.node import CommandGuard
+from cycab_sim.node import CycabSim
+from cycab_sim.params import RigParams
+from cycab_sim.rigs import make_rig
+from dense_localizer.node import DenseLocalizerNode
+from mcl_depth.node import MclDepthNode
+from node_kit import qos
+from node_kit.bag_player_node import BagPlayer
+from node_kit.bag_recorder_node import BagRecorder
+from node_kit.bag_writer import BagWriter
+from node_kit.conversions import array_to_image, camera_to_info, sphere_to_message
+from node_kit.live import LiveShell
+from path_follower.node import PathFollowerNode
+from sphere_geometry import Pinhole, Rig, Spherical
+from sphere_geometry.rig_file import write_rig
+from sphere_map.sphere import Sphere
+from sphere_mapping.node import SphereMapper
+from sphere_mapping.stitcher_node import SphereStitcher
+
+CAMERA = Pinhole(16, 12, 10.0, 10.0, 7.5, 5.5)
+NOISE = np.random.default_rng(0)
+PIXELS = NOISE.integers(20, 230, (12, 16)).astype(np.uint8)
+LEVELS = NOISE.integers(20, 230, (64, 128, 3)).astype(np.uint8)
+RANGES = np.full((64, 128), 5.0, np.float32)
+PATIENCE = 20.0  # s for an answer; discovery takes a fraction of one, on a busy machine several
+
+
+class Case(NamedTuple):
+    """A node, its parameters, what to send it, the topic that shows that it works (none: its own count)."""
+
+    node_class: Any
+    topic: str
+    kind: Any
+    profile: Any = qos.STATE
+    values: Callable[[Path], dict[str, Any]] = lambda folder: {}
+    sends: Callable[[], dict[str, Any]] = dict
+
+
+def view() -> dict[str, Any]:
+    """Return an image of now with its calibration."""
+    stamp = time.time_ns()
+    image = array_to_image(PIXELS, stamp, "base_link", "mono8")
+    return {"camera_info": camera_to_info(CAMERA, stamp, "base_link"), "image_raw": image}
+
+
+@cache
+def rig() -> Rig:
+    """Return a rig of six small cameras."""
+    made = make_rig(RigParams(kind="vertical", width=160, height=160), 0)
+    if made is None:
+        raise ValueError("rig: expected cameras, found none")
+    return made
+
+
+def pictures() -> dict[str, Any]:
+    """Return an image of now of each camera of the rig: of one grey, where no feature can contradict the lenses."""
+    stamp = time.time_ns()
+    return {
+        f"cameras/{part.name}/image_raw": array_to_image(
+            np.full((part.camera.height, part.camera.width), 128, np.uint8), stamp, part.name, "mono8"
+        )
+        for part in rig().cameras
+    }
+
+
+def sphere() -> dict[str, Any]:
+    """Return a sphere of now."""
+    made = Sphere(LEVELS, RANGES, Spherical(128, 64), time.time_ns())
+    return {"sphere": sphere_to_message(made, "sphere_link")}
+
+
+def bag_in(folder: Path) -> dict[str, Any]:
+    """Return the parameters of a player that plays a short bag again and again."""
+    if not (folder / "bag").exists():
+        with BagWriter(folder / "bag") as bag:
+            for number in range(50):
+                bag.write("text", String(data=str(number)), number * 10_000_000)
+    return {"bag": str(folder / "bag"), "loop": True}
+
+
+def rig_in(folder: Path) -> dict[str, Any]:
+    """Return the parameters of a stitcher."""
+    if not (folder / "rig.yaml").exists():
+        write_rig(folder / "rig.yaml", rig())
+    return {"rig": str(folder / "rig.yaml"), "stitch.width": 128}
+
+
+def next_in(folder: Path) -> dict[str, Any]:
+    """Return the parameters of a recorder that writes where nothing is yet."""
+    return {"topics": "text", "output": str(folder / str(len(list(folder.iterdir()))))}
+
+
+CASES = (
+    Case(DenseLocalizerNode, "status", LocalizationStatus, sends=view),
+    Case(MclDepthNode, "status", LocalizationStatus, sends=view),
+    Case(PathFollowerNode, "path_follower/heartbeat", UInt64, qos.COMMAND),
+    Case(CommandGuard, "cmd_vel", Twist, qos.COMMAND),
+    Case(BagPlayer, "text", String, values=bag_in),
+    Case(BagRecorder, "", None, values=next_in, sends=lambda: {"text": String(data="hello")}),
+    Case(SphereMapper, "graph", KeySphereGraph, qos.LATCHED, sends=sphere),
+    Case(SphereStitcher, "sphere", AugmentedSphere, qos.LARGE, rig_in, pictures),
+    Case(CycabSim, "/clock", Clock, values=lambda folder: {"world": "corridor", "camera.is_on": False}),
+)
+
+
+class Bench:
+    """A node beside one that sends what it takes and hears what it gives."""
+
+    def __init__(self, executor: Any, case: Case, folder: Path) -> None:
+        self.executor, self.case, self.folder, self.num_heard = executor, case, folder, 0
+        self.shell = LiveShell(case.node_class, parameter_overrides=self._values())
+        self.peer = Node("peer")
+        for node in (self.shell, self.peer):
+            executor.add_node(node)
+        if case.topic:
+            self.peer.create_subscription(case.kind, case.topic, self.hear, case.profile)
+        self.publishers: dict[str, Any] = {}
+
+    def _values(self) -> list[Parameter]:
+        return [Parameter(name, value=value) for name, value in self.case.values(self.folder).items()]
+
+    def renew(self) -> None:
+        """Set the parameters of the next lifecycle."""
+        if not all(result.successful for result in self.shell.set_parameters(self._values())):
+            raise ValueError("parameters: refused while the node is unconfigured")
+
+    def hear(self, message: Any) -> None:
+        """Count what the node gives."""
+        self.num_heard += 1
+
+    def works(self) -> bool:
+        """Whether the node gives anything in time."""
+        self.num_heard, end = 0, time.monotonic() + PATIENCE
+        while not self.num_heard and time.monotonic() < end:
+            for topic, message in self.case.sends().items():
+                if topic not in self.publishers:
+                    self.publishers[topic] = self.peer.create_publisher(type(message), topic, qos.LARGE)
+                self.publishers[topic].publish(message)
+            for _ in range(5):
+                self.executor.spin_once(timeout_sec=0.01)
+            if not self.case.topic:
+                self.num_heard = self.shell.node.bag.num_messages
+        return self.num_heard > 0
+
+    def close(self) -> None:
+        """Give both nodes back."""
+        self.shell.destroy_node()
+        self.peer.destroy_node()
