@@ -10,6 +10,7 @@ PACKAGES = (
     "sphere_geometry",
     "sphere_map",
     "photometric",
+    "view_synthesis",
     "localization",
     "rig_calibration",
     "sphere_mapping",

@@ -30,6 +30,7 @@ BENCHMARKS = {
     "range_honesty": "benchmarks.range_honesty",
     "pose_graphs": "benchmarks.pose_graphs",
     "pair_registration": "benchmarks.pair_registration",
+    "view_synthesis": "benchmarks.view_synthesis",
     "mcl_panoramas": "benchmarks.mcl_panoramas",
     "mcl_surround": "benchmarks.mcl_surround",
     "mcl_walks": "benchmarks.mcl_walks",

@@ -10,7 +10,7 @@ from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
-PACKAGES = ("cycab_sim", "kernel_cache", "mcl_depth", "photometric", "sphere_mapping")
+PACKAGES = ("cycab_sim", "kernel_cache", "mcl_depth", "photometric", "sphere_mapping", "view_synthesis")
 NUM_KEPT = 16  # texts of a package whose compiled kernels are kept: other environments, the last edits
 
 

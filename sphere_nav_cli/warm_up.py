@@ -12,6 +12,7 @@ from kernel_cache.folder import PACKAGES, cache_folder, cache_root, remove_old
 from mcl_depth.params import FilterParams
 from mcl_depth.warm_up import warm_up as warm_up_mcl
 from sphere_mapping.acquisition import kernels as acquisition
+from view_synthesis.warm_up import warm_up as warm_up_view
 
 
 def main() -> int:
@@ -21,6 +22,7 @@ def main() -> int:
     photometric.warm_up()
     acquisition.warm_up()
     warm_up_mcl(FilterParams())
+    warm_up_view()
     remove_old()
     return 0
 

@@ -15,6 +15,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "sphere_geometry": {"typed_params"},
     "sphere_map": GEOMETRY,
     "photometric": COMPILED,
+    "view_synthesis": COMPILED | {"photometric", "sphere_map"},
     "localization": GEOMETRY,
     "rig_calibration": GEOMETRY | {"photometric"},
     "sphere_mapping": COMPILED | {"photometric", "sphere_map"},
