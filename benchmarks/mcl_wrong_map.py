@@ -6,10 +6,10 @@ import argparse
 from collections.abc import Sequence
 
 import numpy as np
+from tqdm import tqdm
 
 from benchmarks import mcl_sites
 from benchmarks.machine import describe
-from benchmarks.mcl_drives import Drive
 from benchmarks.mcl_routes import kidnapped_line, limits
 from benchmarks.mcl_town import NUM_IMAGES, STEP, kidnapped
 from benchmarks.mcl_trials import NEAR_DEG, NEAR_M, Trial, run_filter
@@ -21,39 +21,74 @@ NUM_STARTS = 24
 MAX_CLAIMS = 0.5  # of the starts, %
 FOUND = 95.0  # of the starts in the right map, %
 KEPT = 0.5  # of the town that is the map, where the images are from the other part
+HEAD = (
+    "pair",
+    "starts",
+    "images",
+    "ever TRACKING",
+    "wrongly",
+    "smallest p_chance, median",
+    "smallest of all",
+    "ms, median",
+)
 
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
     """Declare the arguments."""
-    parser.add_argument("--map-seed", type=int, default=11, help="seed of the town whose cloud is the map (11)")
-    parser.add_argument("--images-seed", type=int, default=12, help="seed of the town of the images; the same: right")
+    parser.add_argument(
+        "--map-seed", type=_seeds, default=(11,), help="seed of the town whose cloud is the map, or a,b,c (11)"
+    )
+    parser.add_argument(
+        "--images-seed",
+        type=_seeds,
+        default=(12,),
+        help="seed of the town of the images, for each map; the same: right",
+    )
     parser.add_argument("--off-map", action="store_true", help="half of the town is the map, images of the other half")
 
 
 def run(options: argparse.Namespace) -> Report:
-    """Start everywhere; count what is claimed."""
+    """Start everywhere in each pair of map and images; count what is claimed."""
+    pairs = _pairs(options.map_seed, options.images_seed)
     num_starts = 6 if options.quick else options.starts or NUM_STARTS
-    plan, changes = draw_plan(options.map_seed), {}
-    x0, y0, x1, y1 = limits(plan)
-    if options.off_map:
-        changes = {"area.limits": f"{x0:.2f},{y0:.2f},{x0 + KEPT * (x1 - x0):.2f},{y1:.2f}"}
-    map_options = argparse.Namespace(**vars(options) | {"world_seed": options.map_seed})
-    image_options = argparse.Namespace(**vars(options) | {"world_seed": options.images_seed})
-    site = mcl_sites.site("town", map_options, mcl_sites.town_settings(plan, changes))
-    studio = mcl_sites.studio("town", image_options)
-    if options.off_map:
-        drives = [
-            studio.record(line, 500 + n)
-            for n, line in enumerate(_beside(draw_plan(options.images_seed), x0 + KEPT * (x1 - x0), num_starts))
-        ]
-    else:
-        drives = kidnapped(studio, draw_plan(options.images_seed), num_starts)
-    is_right = options.map_seed == options.images_seed and not options.off_map
-    trials = [run_filter(site, drive, site.params, seed) for seed, drive in enumerate(drives)]
-    report = Report("mcl_wrong_map", notes=[describe(options.threads), _note(options)])
-    report.bounds += _right_bounds(trials) if is_right else _wrong_bounds(trials)
-    report.tables.append(_table(trials, drives))
+    report, rows = Report("mcl_wrong_map", notes=[describe(options.threads)]), []
+    right: list[Trial] = []
+    wrong: list[Trial] = []
+    for map_seed, images_seed in tqdm(pairs, "pairs of towns", leave=False, disable=None):
+        trials = _trials(options, map_seed, images_seed, num_starts)
+        (right if map_seed == images_seed and not options.off_map else wrong).extend(trials)
+        rows.append((_note(map_seed, images_seed, options.off_map), *_figures(trials)))
+    report.bounds += (_right_bounds(right) if right else []) + (_wrong_bounds(wrong) if wrong else [])
+    report.tables.append(Table("What was claimed", HEAD, rows))
     return report
+
+
+def _seeds(text: str) -> tuple[int, ...]:
+    return tuple(int(word) for word in text.split(","))
+
+
+def _pairs(maps: Sequence[int], images: Sequence[int]) -> list[tuple[int, int]]:
+    if len(maps) != len(images):
+        raise ValueError(f"--images-seed: expected {len(maps)} seeds, one for each map, found {len(images)}")
+    return list(zip(maps, images, strict=True))
+
+
+def _trials(options: argparse.Namespace, map_seed: int, images_seed: int, count: int) -> list[Trial]:
+    """Return what the filter says of `count` drives through one town in the map of another, or of the same."""
+    plan, changes = draw_plan(map_seed), {}
+    x0, y0, x1, y1 = limits(plan)
+    edge = x0 + KEPT * (x1 - x0)
+    if options.off_map:
+        changes = {"area.limits": f"{x0:.2f},{y0:.2f},{edge:.2f},{y1:.2f}"}
+    map_options = argparse.Namespace(**vars(options) | {"world_seed": map_seed})
+    image_options = argparse.Namespace(**vars(options) | {"world_seed": images_seed})
+    site = mcl_sites.site("town", map_options, mcl_sites.town_settings(plan, changes))
+    studio, images_plan = mcl_sites.studio("town", image_options), draw_plan(images_seed)
+    if options.off_map:
+        drives = [studio.record(line, 500 + n) for n, line in enumerate(_beside(images_plan, edge, count))]
+    else:
+        drives = kidnapped(studio, images_plan, count)
+    return [run_filter(site, drive, site.params, seed) for seed, drive in enumerate(drives)]
 
 
 def _beside(plan: Plan, edge: float, count: int) -> list[np.ndarray]:
@@ -68,42 +103,33 @@ def _beside(plan: Plan, edge: float, count: int) -> list[np.ndarray]:
 
 
 def _right_bounds(trials: Sequence[Trial]) -> list[Bound]:
+    count = len(trials)
     found = 100.0 * float(np.mean([trial.has_converged for trial in trials]))
     false = float(sum(trial.num_false > 0 for trial in trials))
     return [
-        Bound(f"right map: TRACKING at the right place at image {NUM_IMAGES}", FOUND, found, "%", True),
-        Bound(f"starts with TRACKING beyond {NEAR_M:g} m or {NEAR_DEG:g} deg", 0.0, false, ""),
+        Bound(f"right map, {count} starts: TRACKING at the right place at image {NUM_IMAGES}", FOUND, found, "%", True),
+        Bound(f"right map: starts with TRACKING beyond {NEAR_M:g} m or {NEAR_DEG:g} deg", 0.0, false, ""),
     ]
 
 
 def _wrong_bounds(trials: Sequence[Trial]) -> list[Bound]:
     claimed = 100.0 * float(np.mean([trial.is_tracking.any() for trial in trials]))
-    return [Bound("starts with TRACKING anywhere, where none can be right", MAX_CLAIMS, claimed, "%")]
+    return [Bound(f"wrong map, {len(trials)} starts: TRACKING anywhere", MAX_CLAIMS, claimed, "%")]
 
 
-def _table(trials: Sequence[Trial], drives: Sequence[Drive]) -> Table:
-    head = (
-        "starts",
-        "images",
-        "ever TRACKING",
-        "wrongly",
-        "smallest p_chance, median",
-        "smallest of all",
-        "ms, median",
-    )
+def _figures(trials: Sequence[Trial]) -> tuple[str, ...]:
     smallest = [float(trial.p_chance.min()) for trial in trials]
-    row = (
+    return (
         str(len(trials)),
-        str(sum(len(drive) for drive in drives)),
+        str(sum(len(trial.states) for trial in trials)),
         str(sum(trial.is_tracking.any() for trial in trials)),
         str(sum(trial.num_false > 0 for trial in trials)),
         f"{np.median(smallest):.1e}",
         f"{min(smallest):.1e}",
         f"{np.median(np.concatenate([trial.milliseconds for trial in trials])):.0f}",
     )
-    return Table("What was claimed", head, [row])
 
 
-def _note(options: argparse.Namespace) -> str:
-    place = "the other half of the town" if options.off_map else f"images of town {options.images_seed}"
-    return f"map of town {options.map_seed}, {place}"
+def _note(map_seed: int, images_seed: int, is_off_map: bool) -> str:
+    images = f"images of town {images_seed}" if map_seed != images_seed else "its own images"
+    return f"map {map_seed}, " + (f"half of it; {images}, the other half" if is_off_map else images)
