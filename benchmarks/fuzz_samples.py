@@ -30,6 +30,7 @@ from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_map.sphere import Sphere
 
 SECOND = 1_000_000_000
+FOREIGN_FILES = (("sqlite", "db3"), ("packed", "mcap"), ("file", "zstd"))
 CAMERA = Pinhole(32, 24, 30.0, 31.0, 15.5, 11.5, (0.1, -0.05, 0.001, 0.002, 0.01))
 K = [[400.0, 0.0, 320.0], [0.0, 410.0, 240.0], [0.0, 0.0, 1.0]]
 KALIBR = """cam0:
@@ -181,23 +182,34 @@ class Samples:
         return self.folder / "bag" / "bag_0.mcap", self.folder / "bag" / "metadata.yaml", self.folder / "plain.mcap"
 
     def _foreign_bags(self) -> list[Path]:
-        """Return files that another library wrote: sqlite3, messages packed in MCAP, ROS 1."""
+        """Return files that another library wrote: sqlite3, messages packed in MCAP, a packed file, ROS 1 in chunks."""
         kind, texts = "std_msgs/msg/String", [self.rng.bytes(20).hex() for _ in range(20)]
-        ros2, ros1 = get_typestore(Stores.ROS2_JAZZY), get_typestore(Stores.ROS1_NOETIC)
-        for name, storage in (("sqlite", StoragePlugin.SQLITE3), ("packed", StoragePlugin.MCAP)):
+        ros2 = get_typestore(Stores.ROS2_JAZZY)
+        kinds = (("sqlite", StoragePlugin.SQLITE3), ("packed", StoragePlugin.MCAP), ("file", StoragePlugin.SQLITE3))
+        modes = {"packed": CompressionMode.MESSAGE, "file": CompressionMode.FILE}
+        for name, storage in kinds:
             writer = Ros2Writer(self.folder / name, version=9, storage_plugin=storage)
-            if name == "packed":
-                writer.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
+            if name in modes:
+                writer.set_compression(modes[name], CompressionFormat.ZSTD)
             with writer:
                 connection = writer.add_connection("/text", kind, typestore=ros2)
                 for number, text in enumerate(texts):
                     writer.write(connection, number, ros2.serialize_cdr(ros2.types[kind](text), kind))
-        with Ros1Writer(self.folder / "one.bag") as old:
+        chunked = [self._ros1_bag(name, texts) for name in ("", "bz2", "lz4")]
+        folders = [(self.folder / name).glob(f"*.{end}") for name, end in FOREIGN_FILES]
+        return [*(next(found) for found in folders), *chunked]
+
+    def _ros1_bag(self, method: str, texts: list[str]) -> Path:
+        kind, ros1 = "std_msgs/msg/String", get_typestore(Stores.ROS1_NOETIC)
+        path = self.folder / f"one{method}.bag"
+        old = Ros1Writer(path)
+        if method:
+            old.set_compression(Ros1Writer.CompressionFormat[method.upper()])
+        with old:
             link = old.add_connection("/text", kind, typestore=ros1)
             for number, text in enumerate(texts):
                 old.write(link, number, ros1.serialize_ros1(ros1.types[kind](text), kind))
-        folders = (self.folder / "sqlite").glob("*.db3"), (self.folder / "packed").glob("*.mcap")
-        return [*(next(found) for found in folders), self.folder / "one.bag"]
+        return path
 
     def _messages(self) -> list[Any]:
         grey = np.ascontiguousarray(self.picture[:, :, 0])

@@ -5,10 +5,12 @@ from __future__ import annotations
 import zlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import zstandard
 from rclpy.serialization import serialize_message
 from sphere_nav_msgs.srv import LoadCloud, LoadMap, LoadTrajectory
 
@@ -122,7 +124,7 @@ def _geometry_targets(samples: Samples) -> list[Target]:
 
 def _bag_targets(samples: Samples) -> list[Target]:
     messages, spheres = set(_messages(samples.bag)), samples.spheres
-    sqlite, packed, ros1 = samples.foreign_bags
+    sqlite, packed, file, *ros1 = samples.foreign_bags
 
     def read_bag(path: Path) -> None:
         with BagReader(path, is_empty_allowed=True) as bag:
@@ -151,15 +153,19 @@ def _bag_targets(samples: Samples) -> list[Target]:
             read_streams(bag)
             list(bag.raw())
 
-    def read_packed(rng: np.random.Generator, folder: Path) -> None:
-        (folder / "wrong_packed").mkdir(exist_ok=True)
-        described = packed.with_name("metadata.yaml").read_bytes()
+    def read_folder(given: Path, rng: np.random.Generator, folder: Path) -> None:
+        wrong = folder / f"wrong_{given.parent.name}"
+        wrong.mkdir(exist_ok=True)
+        data, described = given.read_bytes(), given.with_name("metadata.yaml").read_bytes()
         is_file = rng.random() < 0.7
-        data = packed.read_bytes()
-        (folder / "wrong_packed" / packed.name).write_bytes(mutate_bytes(data, rng) if is_file else data)
-        described = described if is_file else mutate_bytes(described, rng)
-        (folder / "wrong_packed" / "metadata.yaml").write_bytes(described)
-        read_foreign_bag(folder / "wrong_packed")
+        if is_file and given is file and rng.random() < 0.5:  # what is packed is wrong, or has no end
+            plain = zstandard.ZstdDecompressor().stream_reader(data).read()
+            data = _bomb() if rng.random() < 0.01 else zstandard.compress(mutate_bytes(plain, rng))
+        elif is_file:
+            data = mutate_bytes(data, rng)
+        (wrong / given.name).write_bytes(data)
+        (wrong / "metadata.yaml").write_bytes(described if is_file else mutate_bytes(described, rng))
+        read_foreign_bag(wrong)
 
     def read_metadata(rng: np.random.Generator, folder: Path) -> None:
         (folder / "wrong_bag").mkdir(exist_ok=True)
@@ -173,11 +179,18 @@ def _bag_targets(samples: Samples) -> list[Target]:
         _file_target("bag, plain", samples.plain_bag, lambda path: list(_messages(path))),
         Target("bag, metadata", read_metadata),
         _file_target("bag, sqlite3", sqlite, read_foreign_bag, 0.5),
-        Target("bag, packed messages", read_packed, 0.5),
-        _file_target("bag, ROS 1", ros1, read_foreign_bag, 0.5),
+        Target("bag, packed messages", partial(read_folder, packed), 0.5),
+        Target("bag, packed file", partial(read_folder, file), 0.5),
+        *(_file_target(f"bag, ROS 1 {path.stem}", path, read_foreign_bag, 0.5) for path in ros1),
         _file_target("map", samples.map / "map.mcap", read_map),
         _file_target("map, salvage", samples.map / "map.mcap", read_salvaged_map, 0.3),
     ]
+
+
+@cache
+def _bomb() -> bytes:
+    """Return gigabytes of zeros, packed without telling how many."""
+    return zstandard.ZstdCompressor(write_content_size=False).compress(bytes(1 << 24)) * 200
 
 
 def _messages(path: Path) -> Iterable[tuple[str, int, bytes]]:

@@ -41,7 +41,7 @@ class BagReader:
             information = _information(self.path / "metadata.yaml")
             source = lone_file(self.path) if information is None else self.path
             if is_foreign(source, information):
-                self._foreign = ForeignBag(source)
+                self._foreign = ForeignBag(source, information or {})
             else:
                 self.files += [McapFile(name) for name in _mcap_files(self.path, information)]
             self.topics = self._foreign.topics if self._foreign else self._read_topics()

@@ -17,16 +17,28 @@ from rclpy.qos import QoSProfile
 from rosbags.convert.converter import migrate_bytes
 from rosbags.interfaces import Connection, QosDurability
 from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag1.reader import decompressors as ROS1_METHODS
 from rosbags.rosbag2 import Reader as Ros2Reader
+from rosbags.rosbag2.storage_mcap import DECOMPRESSORS as MCAP_METHODS
 from rosbags.typesys import Stores, get_typestore
 
 from node_kit import qos
 from node_kit.bag_error import BagError
+from node_kit.mcap_chunk import MAX_CHUNK
+from node_kit.plain_view import PlainView, compression_of
 from node_kit.recorded import Recorded, TopicInfo
+from node_kit.unpack import unpack
 
 SQLITE, ROS1 = ".db3", ".bag"
 MAX_MESSAGE = 1 << 28  # bytes; the largest image that conversions accept
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
+
+
+def _unpack_chunk(method: str) -> Callable[[bytes, int], bytes]:
+    return lambda data, size: unpack(data, method, min(size, MAX_CHUNK))
+
+
+MCAP_METHODS |= {method: _unpack_chunk(method) for method in ("zstd", "lz4")}  # the library's own know no limit
 
 
 def is_foreign(path: Path, description: dict[str, Any] | None) -> bool:
@@ -34,8 +46,7 @@ def is_foreign(path: Path, description: dict[str, Any] | None) -> bool:
     if path.suffix in (SQLITE, ROS1):
         return True
     information = description or {}
-    mode = str(information.get("compression_mode") or "none").lower()
-    return information.get("storage_identifier") == "sqlite3" or mode != "none"
+    return information.get("storage_identifier") == "sqlite3" or compression_of(information) != "none"
 
 
 def lone_file(path: Path) -> Path:
@@ -47,17 +58,28 @@ def lone_file(path: Path) -> Path:
 class ForeignBag:
     """An open bag: its topics, and its messages as CDR of ROS 2. BagError, in one line, for what cannot be read."""
 
-    def __init__(self, path: Path) -> None:
-        self._path, self._convert = path, _Converter()
-        self._is_open = False
-        if path.suffix == SQLITE:
-            _check_sqlite(path)
-        for file in sorted(path.glob(f"*{SQLITE}")) if path.is_dir() else ():
+    def __init__(self, path: Path, description: dict[str, Any]) -> None:
+        """`description` is what metadata.yaml says of a folder, where there is one."""
+        self._path, self._convert, self._is_open = path, _Converter(), False
+        self._compression = compression_of(description)
+        self._view = PlainView(path, description) if self._compression != "none" else None
+        try:
+            self._open(self._view.path if self._view else path)
+            self.topics = self._guard(self._read_topics)
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self, path: Path) -> None:
+        for file in sorted(path.glob(f"*{SQLITE}")) if path.is_dir() else [path] * (path.suffix == SQLITE):
             _check_sqlite(file)
-        self._reader: Any = self._guard(lambda: (Ros1Reader if path.suffix == ROS1 else Ros2Reader)(_BoundedPath(path)))
+        reader = Ros1Reader if path.suffix == ROS1 else Ros2Reader
+        self._reader: Any = self._guard(lambda: reader(_BoundedPath(path)))
         self._guard(self._reader.open)
         self._is_open = True
-        self.topics = self._guard(self._read_topics)
+        if path.suffix == ROS1:
+            chunks = self._reader.chunks
+            self._reader.chunks = {place: _bound_chunk(chunk) for place, chunk in chunks.items()}
 
     @property
     def time_range(self) -> tuple[int, int] | None:
@@ -78,6 +100,8 @@ class ForeignBag:
             if found is None:
                 return
             connection, stamp_ns, data = found
+            if self._compression == "message":
+                data = self._guard(partial(unpack, bytes(data), "zstd", MAX_MESSAGE))
             if len(data) > MAX_MESSAGE:
                 raise BagError(
                     f"{self._path}: {connection.topic}: expected at most {MAX_MESSAGE} bytes, found {len(data)}"
@@ -91,6 +115,8 @@ class ForeignBag:
         if self._is_open:
             self._reader.close()
             self._is_open = False
+        if self._view is not None:
+            self._view.close()
 
     def _read_topics(self) -> dict[str, TopicInfo]:
         topics: dict[str, TopicInfo] = {}
@@ -128,6 +154,12 @@ class _BoundedPath(type(Path())):  # type: ignore[misc]  # PosixPath: the librar
     def open(self, mode: str = "r", *args: Any, **options: Any) -> Any:
         """Open as Path does."""
         return _BoundedFile(io.FileIO(self)) if mode == "rb" else super().open(mode, *args, **options)
+
+
+def _bound_chunk(chunk: Any) -> Any:
+    """Return a chunk of a ROS 1 bag that is not unpacked beyond the limit."""
+    name = next(name for name, method in ROS1_METHODS.items() if method is chunk.decompressor)
+    return chunk._replace(decompressor=lambda data: unpack(data, "" if name == "none" else name, MAX_CHUNK))
 
 
 class _Converter:

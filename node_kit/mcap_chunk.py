@@ -8,13 +8,13 @@ from collections.abc import Iterator
 from io import BytesIO
 from typing import Any, BinaryIO, NamedTuple
 
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Message, Schema, Statistics
 
 from node_kit.bag_error import BagError
+from node_kit.unpack import unpack
 
 MAX_CHUNK = 1 << 28  # bytes after decompression; one message of a chunk is the least that is read at once
 MAX_RECORDS = 1 << 20  # in one chunk
@@ -78,32 +78,12 @@ def records_of_chunk(stream: BinaryIO, chunk: ChunkRecord) -> bytes:
     where, expected = f"chunk at byte {chunk.begin}", chunk.plain_size
     if max(expected, chunk.end - chunk.data_begin) > MAX_CHUNK:
         raise BagError(f"{where}: expected at most {MAX_CHUNK} bytes, found {expected}")
-    plain = decompressed(read_at(stream, chunk.data_begin, chunk.end - chunk.data_begin), chunk.compression, expected)
+    plain = unpack(read_at(stream, chunk.data_begin, chunk.end - chunk.data_begin), chunk.compression, expected)
     if len(plain) != expected:
         raise BagError(f"{where}: expected {expected} bytes after decompression, found {len(plain)}")
     if chunk.crc and (found := zlib.crc32(plain)) != chunk.crc:
         raise BagError(f"{where}: checksum: expected {chunk.crc:08x}, found {found:08x}")
     return plain
-
-
-def decompressed(data: bytes, compression: str, max_size: int) -> bytes:
-    """Return what was compressed; BagError for damage, an unknown method, or more than `max_size` bytes."""
-    try:
-        if compression == "zstd":
-            told = zstandard.frame_content_size(data)
-            if told > max_size:
-                raise BagError(f"expected at most {max_size} bytes after decompression, found {told}")
-            return zstandard.ZstdDecompressor(max_window_size=MAX_CHUNK).decompress(data, max_output_size=max_size + 1)
-        if compression == "lz4":
-            from lz4.frame import LZ4FrameFile  # rare
-
-            with LZ4FrameFile(BytesIO(data)) as file:
-                return bytes(file.read(max_size + 1))
-    except (zstandard.ZstdError, RuntimeError, EOFError) as error:
-        raise BagError(f"expected {compression} data, found damage: {' '.join(str(error).split())}") from None
-    if compression:
-        raise BagError(f"compression: expected zstd, lz4 or none, found {compression!r}")
-    return data
 
 
 def parsed(plain: bytes) -> Iterator[Record]:

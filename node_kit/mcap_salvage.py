@@ -20,8 +20,9 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema
 
 from node_kit.bag_error import BagError
-from node_kit.mcap_chunk import CHUNK_HEAD, MAX_CHUNK, PREFIX, ChunkRecord, decompressed, parsed
+from node_kit.mcap_chunk import CHUNK_HEAD, MAX_CHUNK, PREFIX, ChunkRecord, parsed
 from node_kit.mcap_summary import MAGIC, read_summary
+from node_kit.unpack import unpack
 from sphere_geometry.files import open_file
 
 MAX_FILE = 1 << 50
@@ -128,7 +129,7 @@ class Salvage:
 
     def _verify(self, data: mmap.mmap, chunk: ChunkRecord) -> Iterator[bytes]:
         try:
-            plain = decompressed(bytes(data[chunk.data_begin : chunk.end]), chunk.compression, MAX_CHUNK)
+            plain = unpack(bytes(data[chunk.data_begin : chunk.end]), chunk.compression, MAX_CHUNK)
         except BagError as error:
             self._note(f"chunk at byte {chunk.begin}: {error}")
             return

@@ -145,7 +145,7 @@ def _own_leaves(cls: type, only: str) -> Iterator[Leaf]:
 
 
 def _construct(cls: type[C], values: Mapping[str, Any], prefix: str) -> C:
-    hints = _hints(cls)
+    hints = _hints(cls)  # type: ignore[arg-type]
     arguments: dict[str, Any] = {}
     for item in dataclasses.fields(cls):  # type: ignore[arg-type]
         name = prefix + item.name

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import re
+import tempfile
+import tracemalloc
+
 import numpy as np
 import pytest
+import zstandard
 from rclpy.serialization import deserialize_message
 from rosbags.rosbag1 import Writer as Ros1Writer
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -12,6 +17,7 @@ from sensor_msgs.msg import CameraInfo, Image
 
 from node_kit.bag_error import BagError
 from node_kit.bag_reader import BagReader
+from node_kit.mcap_chunk import MAX_CHUNK
 from node_kit.recorded import TopicInfo
 
 IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
@@ -117,3 +123,60 @@ def test_another_file_of_that_name_is_refused(name, tmp_path):
     (tmp_path / name).write_bytes(b"something else" * 1000)
     with pytest.raises(BagError, match=name):
         BagReader(tmp_path / name)
+
+
+# --- bombs: 300 MB of zeros, of which a file holds some KB
+BOMB = bytes(300 << 20)
+
+
+def refuses(bag, limit=MAX_CHUNK):
+    """Return the line that refuses a bag; reading it takes no such memory."""
+    tracemalloc.start()
+    try:
+        with pytest.raises(BagError) as caught, BagReader(bag) as reader:
+            list(reader.raw())
+        assert tracemalloc.get_traced_memory()[1] < 3 * limit
+    finally:
+        tracemalloc.stop()
+    assert "\n" not in str(caught.value)
+    assert "drive" in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def test_a_message_that_unpacks_without_end_is_refused(tmp_path, storage, is_told):
+    packed = zstandard.ZstdCompressor(write_content_size=is_told).compress(BOMB)
+    bag = tmp_path / "drive"
+    with Writer(bag, version=9, storage_plugin=storage) as writer:
+        store = get_typestore(Stores.ROS2_JAZZY)
+        writer.write(writer.add_connection("/a/image", IMAGE, typestore=store), 1, packed)
+    described = (bag / "metadata.yaml").read_text()
+    described = re.sub(r"compression_format: .*", "compression_format: zstd", described)
+    (bag / "metadata.yaml").write_text(re.sub(r"compression_mode: .*", "compression_mode: MESSAGE", described))
+    assert ("expected at most 268435456 bytes" if is_told else "damage") in refuses(bag)
+
+
+def test_a_file_that_unpacks_without_end_is_refused_and_nothing_stays(tmp_path, monkeypatch):
+    bag = write_ros2(tmp_path / "drive", StoragePlugin.SQLITE3, CompressionMode.FILE)
+    monkeypatch.setattr("node_kit.unpack.MAX_WINDOW", 1 << 23)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    (file,) = bag.glob("*.zstd")
+    file.write_bytes(zstandard.ZstdCompressor(write_content_size=False).compress(BOMB))
+    assert "expected at most" in refuses(bag)
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+@pytest.mark.parametrize("method", ["bz2", "lz4"])
+def test_a_chunk_of_ros1_that_unpacks_without_end_is_refused(tmp_path, monkeypatch, method):
+    monkeypatch.setattr("node_kit.foreign_bag.MAX_CHUNK", 1 << 22)
+    store, bag = get_typestore(Stores.ROS1_NOETIC), tmp_path / "drive.bag"
+    writer = Ros1Writer(bag)
+    writer.set_compression(getattr(Ros1Writer.CompressionFormat, method.upper()))
+    with writer:
+        connection = writer.add_connection("/text", "std_msgs/msg/String", typestore=store)
+        text = store.types["std_msgs/msg/String"]("0" * (1 << 24))
+        writer.write(connection, 1, store.serialize_ros1(text, "std_msgs/msg/String"))
+    assert bag.stat().st_size < 1 << 20
+    assert "expected at most 4194304 bytes" in refuses(bag, 1 << 22)

@@ -10,7 +10,7 @@ import zstandard
 from mcap.writer import Writer
 
 from node_kit.bags import BagError, BagReader
-from node_kit.mcap_chunk import MAX_CHUNK, MAX_RECORDS, decompressed, parsed
+from node_kit.mcap_chunk import MAX_CHUNK, MAX_RECORDS, parsed
 from node_kit.mcap_salvage import Salvage
 
 HUGE = 1 << 30
@@ -99,11 +99,3 @@ def test_records_that_do_not_fit():
     with pytest.raises(BagError, match=f"expected at most {MAX_RECORDS} records"):
         for _ in parsed(message * (MAX_RECORDS + 1)):
             pass
-
-
-def test_a_method_that_nobody_knows():
-    with pytest.raises(BagError, match="compression: expected zstd, lz4 or none, found 'brotli'"):
-        decompressed(b"", "brotli", 10)
-    for method in ("zstd", "lz4"):
-        with pytest.raises(BagError, match=f"expected {method} data, found damage"):
-            decompressed(b"not that", method, 10)

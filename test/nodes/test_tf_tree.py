@@ -14,7 +14,15 @@ from cycab_sim.outputs_node import Outputs
 from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
 from dense_localizer.node import DenseLocalizerNode
-from node_kit.conversions import array_to_image, camera_to_info, se3_to_odometry, se3_to_transform
+from mcl_depth.node import MclDepthNode
+from node_kit.conversions import (
+    array_to_image,
+    camera_to_info,
+    camera_to_sphere_info,
+    se3_to_odometry,
+    se3_to_pose_with_covariance,
+    se3_to_transform,
+)
 from node_kit.map_bag import save_map
 from node_kit.node import ManagedNode
 from node_kit.replay import OfflineBus
@@ -25,12 +33,16 @@ from sphere_mapping.node import SphereMapper
 from sphere_nav_cli.compositions import COMPOSITIONS
 from typed_params import build
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
+from worlds.mcl import SETTINGS, T_BASE_EYE, T_ODOM_MAP, Eye, room_points
+from worlds.mcl import drive as around_the_room
 from worlds.recordings import mount, sphere
 from worlds.room import wide_room
 
 START_NS, OPTICAL, ROOM = 1_000_000_000, "camera_optical", wide_room()
 NODES = {"dense_localizer": DenseLocalizerNode, "path_follower": PathFollowerNode, "command_guard": CommandGuard}
-NODES |= {"sphere_mapper": SphereMapper}
+NODES |= {"sphere_mapper": SphereMapper, "mcl_depth": MclDepthNode}
+SMALL = {"dense_localizer": SMALL_IMAGES, "mcl_depth": SETTINGS}
+CAMERA_COMPOSITIONS = ("localisation", "navigation", "nav2", "replay", "simulation")
 
 
 class Simulated(ManagedNode):
@@ -50,11 +62,11 @@ def start(name, namespace="", **given):
     """Return a bus with those nodes of a composition that need no process of their own."""
     composition = COMPOSITIONS[name]
     given |= {"namespace": namespace}
-    bus, small = OfflineBus(), {"dense_localizer": SMALL_IMAGES}
+    bus = OfflineBus()
     for item in composition.starts({key: value for key, value in given.items() if key in composition.arguments}):
         if item.node in NODES:
             values = {key: value for key, value in item.parameters.items() if key != "use_sim_time"}
-            bus.add(NODES[item.node], values | small.get(item.node, {}), item.topics)
+            bus.add(NODES[item.node], values | SMALL.get(item.node, {}), item.topics)
     return bus
 
 
@@ -88,7 +100,7 @@ def map_path(tmp_path_factory):
 
 
 @pytest.mark.parametrize("has_odometry", [True, False])
-@pytest.mark.parametrize("name", ["localisation", "navigation", "nav2", "replay", "simulation"])
+@pytest.mark.parametrize("name", CAMERA_COMPOSITIONS)
 def test_a_camera_in_a_map(map_path, name, has_odometry):
     bus = start(name, map=map_path, bag="drive", guard="true")
     camera = se3_to_transform(T_BODY_OPTICAL, START_NS, "base_link", OPTICAL)
@@ -104,6 +116,29 @@ def test_a_camera_in_a_map(map_path, name, has_odometry):
         said += send(bus, "/camera_info", camera_to_info(PINHOLE, now, OPTICAL))
         said += send(bus, "/image_raw", array_to_image(ROOM.photograph(PINHOLE, pose, k), now, OPTICAL, "mono8"))
     check(edges(said), "map", OPTICAL, *(["odom"] if has_odometry else []))
+
+
+def test_a_camera_in_bare_geometry(tmp_path):
+    np.save(tmp_path / "room.npy", room_points())
+    eye = Eye()
+    bus = start("mcl", cloud=str(tmp_path / "room.npy"))
+    said = send(bus, "/tf_static", TFMessage(transforms=[se3_to_transform(T_BASE_EYE, START_NS, "base_link", "eye")]))
+    said += send(bus, "/sphere_info", camera_to_sphere_info(eye.camera, "eye"))
+    start_pose = se3_to_pose_with_covariance(around_the_room(1)[0], 0.01 * np.eye(6), START_NS, "map")
+    said += send(bus, "/initialpose", start_pose)
+    for k, T_map_base in enumerate(around_the_room(8)):
+        now = START_NS + (k + 1) * 10**9
+        said += bus.advance(now)
+        T_odom_base = T_ODOM_MAP @ T_map_base
+        said += send(bus, "/odom", se3_to_odometry(T_odom_base, 1e-4 * np.eye(6), now, ("odom", "base_link")))
+        moved = se3_to_transform(T_odom_base, now, "odom", "base_link")
+        said += send(bus, "/tf", TFMessage(transforms=[moved]))
+        said += send(bus, "/image_raw", array_to_image(eye.picture(T_map_base), now, "eye", "mono8"))
+    check(edges(said), "map", "eye", "odom")
+
+
+def test_every_composition_is_looked_at():
+    assert set(COMPOSITIONS) == {*CAMERA_COMPOSITIONS, "mcl", "mapping"}
 
 
 def test_a_map_in_the_making():
