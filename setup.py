@@ -52,7 +52,8 @@ setup(
     ],
     python_requires=">=3.11",
     install_requires=["setuptools"],  # the rest: package.xml for rosdep, requirements.txt for wheels
-    extras_require={"test": ["pytest"]},  # without it colcon runs unittest, finds nothing and reports success
+    # without pytest colcon runs unittest, finds nothing and reports success
+    extras_require={"test": ["pytest"], "view": ["viser>=1.0,<2"]},
     zip_safe=False,
     entry_points={"console_scripts": [f"{name} = {module}:main" for name, module in EXECUTABLES.items()]},
 )

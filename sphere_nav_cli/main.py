@@ -44,6 +44,7 @@ COMMANDS = (
     Command("map-info", "map_info", "tell what is in a map"),
     Command("map-verify", "map_verify", "check every sphere of a map, salvage a damaged one"),
     Command("map-export", "map_export", "write a map as point cloud, graph or trajectory"),
+    Command("view", "view", "look around in a map, in a web browser"),
     Command("evaluate", "evaluate", "compare estimated poses with the truth"),
     Command("plot", "plot", "draw what a localiser said: path, errors, states, timings"),
     Command("verify-bag", "verify_bag", "check every message of a bag, salvage a damaged one"),

@@ -11,14 +11,12 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from sensor_msgs.msg import CompressedImage
 from tqdm import tqdm
 
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from node_kit import conversions
-from node_kit.bag_reader import BagReader
-from node_kit.conversions import camera_from_info, camera_to_info
+from node_kit.conversions import camera_to_info
 from node_kit.map_bag import MapReader, open_map
 from photometric import build_pyramid
 from rig_calibration.drive import RefinedCamera, refine_camera
@@ -28,6 +26,7 @@ from rig_calibration.drive_pixels import collect
 from sphere_geometry import SE3, Camera
 from sphere_nav_cli import topics
 from sphere_nav_cli.map import parse_settings
+from sphere_nav_cli.recorded_camera import RecordedCamera
 from typed_params import build
 
 HELP = """\
@@ -101,11 +100,8 @@ class Drive:
 
     def __init__(self, arguments: argparse.Namespace) -> None:
         self._arguments = arguments
-        with BagReader(arguments.source) as bag:
-            chosen = topics.choose_topics(bag, arguments)
-            self._topics = topics.find_topics(bag, ("image_raw", "camera_info"), chosen)
-            info = next(iter(bag.messages([self._topics["camera_info"]]))).message
-        self.camera, self.frame_id = camera_from_info(info), str(info.header.frame_id)
+        self._recorded = RecordedCamera(arguments.source, arguments)
+        self.camera, self.frame_id = self._recorded.camera, self._recorded.frame_id
 
     def refine(self, sphere_map: MapReader, lens: Lens) -> RefinedCamera:
         """Localise the drive with a lens, then refine the lens by images spread over it."""
@@ -144,12 +140,8 @@ class Drive:
                 yield collect(pyramid, choice.views[0], T_map_camera, velocity)
 
     def _images(self) -> Iterator[tuple[int, NDArray[Any]]]:
-        with BagReader(self._arguments.source) as bag:
-            for item in bag.messages([self._topics["image_raw"]]):
-                message = item.message
-                if isinstance(message, CompressedImage):
-                    message = conversions.compressed_to_image(message)
-                yield conversions.stamp_ns(message), conversions.image_to_grey(message)
+        for stamp, message in self._recorded.messages():
+            yield stamp, conversions.image_to_grey(message)
 
 
 def text_of(found: RefinedCamera, frame_id: str) -> str:

@@ -20,9 +20,15 @@ ZERO, ONE, HALF = np.float32(0.0), np.float32(1.0), np.float32(0.5)
 
 @njit(**OPTIONS)
 def _breaks(before, a, b, after, share, floor):
-    """Say whether a surface ends between neighbours a and b: they differ, and neither continues the other's slope."""
+    """Say whether a surface ends between neighbours a and b.
+
+    It goes on where they differ little, by no more than one of its slopes beside (a crease), or as one continues.
+    """
     small = max(floor, share * max(a, b))
     if not abs(a - b) > small:
+        return False
+    sign = ONE if b > a else -ONE
+    if abs(a - b) <= max(sign * (a - before), sign * (after - b)) + small:
         return False
     return not (abs(a + a - before - b) <= small or abs(b + b - after - a) <= small)
 

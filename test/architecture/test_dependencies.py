@@ -29,6 +29,7 @@ THIRD_PARTY = {
     "lz4": ("lz4", "python3-lz4"),
     "zstandard": ("zstandard", "python3-zstandard"),
 }
+OPTIONAL = {"viser"}  # imported where it is used, which says what to install; no part of the environment
 KNOWN_TO_ROS = ROS | {"ament_index_python", "launch", "launch_ros"}
 
 
@@ -47,7 +48,9 @@ def manifest_keys(manifest: Path) -> set[str]:
 
 
 def test_every_import_is_known() -> None:
-    assert imported() - set(THIRD_PARTY) - KNOWN_TO_ROS == set()
+    assert imported() - set(THIRD_PARTY) - KNOWN_TO_ROS == OPTIONAL
+    at_load = {name.split(".")[0] for module in MODULES for name in imports(module, is_at_load=True)}
+    assert at_load & OPTIONAL == set()
 
 
 def test_every_wheel_is_pinned() -> None:

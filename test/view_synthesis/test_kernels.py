@@ -28,6 +28,13 @@ def test_a_whole_sphere_has_no_border_left_and_right():
     assert breaks_of(row, wraps=False)[0].tolist() == [0, 0, 1, 0]
 
 
+def test_a_crease_is_none_and_a_thin_thing_has_two():
+    crease = np.array([0.5, 0.5, 0.5, 0.45, 0.38, 0.31, 0.24])
+    assert not breaks_of(np.tile(crease, (3, 1)))[1].any()
+    thin = np.array([0.5, 0.5, 0.5, 1.0, 0.5, 0.5, 0.5])
+    assert breaks_of(np.tile(thin, (3, 1)))[1].tolist() == [0, 0, 1, 1, 0, 0, 0]
+
+
 @pytest.mark.parametrize("wraps", [False, True])
 def test_quads_cover_what_has_no_break_once(wraps, rng):
     nearness = np.full((20, 40), 0.5, F)

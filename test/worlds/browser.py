@@ -1,0 +1,77 @@
+"""Chromium without a window, driven by its own protocol (Chrome DevTools)."""
+
+from __future__ import annotations
+
+import base64
+import json
+import shutil
+import subprocess
+import tempfile
+import time
+import urllib.request
+
+import cv2
+import numpy as np
+
+WAIT_S = 60.0
+SOFTWARE_GL = ("--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist")
+
+
+def find_browser():
+    """Return the program, None where there is none."""
+    names = ("chromium", "chromium-browser", "google-chrome")
+    return next((path for path in map(shutil.which, names) if path), None)
+
+
+class Browser:
+    """One page of one size."""
+
+    def __init__(self, program, width=1000, height=700):
+        from websockets.sync.client import connect
+
+        self._folder = tempfile.TemporaryDirectory(prefix="browser_", ignore_cleanup_errors=True)
+        options = ["--headless=new", "--no-sandbox", "--remote-debugging-port=0", f"--window-size={width},{height}"]
+        words = [program, *options, *SOFTWARE_GL, f"--user-data-dir={self._folder.name}", "about:blank"]
+        self._process = subprocess.Popen(words, stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+        try:
+            line = next(line for line in self._process.stderr if "DevTools listening" in line)
+            port = line.split(":")[-1].split("/")[0]
+            pages = json.load(urllib.request.urlopen(f"http://127.0.0.1:{port}/json", timeout=WAIT_S))
+            page = next(page for page in pages if page["type"] == "page")
+            self._socket = connect(page["webSocketDebuggerUrl"], max_size=None)
+        except BaseException:
+            self._end()
+            raise
+        self._number = 0
+
+    def call(self, method, **parameters):
+        """Ask the browser for something and return what it answers."""
+        self._number += 1
+        self._socket.send(json.dumps({"id": self._number, "method": method, "params": parameters}))
+        while True:
+            answer = json.loads(self._socket.recv(timeout=WAIT_S))
+            if answer.get("id") == self._number:
+                return answer["result"]
+
+    def screenshot(self):
+        """Return what the page shows (H, W, 3) RGB."""
+        data = base64.b64decode(self.call("Page.captureScreenshot", format="png")["data"])
+        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
+
+    def hold_key(self, key, seconds):
+        """Hold a letter down."""
+        code = {"key": key, "code": f"Key{key.upper()}", "windowsVirtualKeyCode": ord(key.upper())}
+        self.call("Input.dispatchKeyEvent", type="keyDown", **code)
+        time.sleep(seconds)
+        self.call("Input.dispatchKeyEvent", type="keyUp", **code)
+
+    def close(self):
+        """End it."""
+        self._socket.close()
+        self._end()
+
+    def _end(self):
+        self._process.terminate()
+        self._process.wait(WAIT_S)
+        self._process.stderr.close()
+        self._folder.cleanup()
