@@ -3,11 +3,13 @@
 import json
 
 import cv2
+import laspy
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 
+from mcl_depth.geometry.ply import read_ply
 from node_kit.map_bag import open_map
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import read_tum
@@ -196,12 +198,47 @@ def test_exported_points_lie_on_the_walls(room_map, tmp_path):
     assert call("map-export", room_map, "-o", tmp_path / "room.ply", "--step", 8) == 0
     data = (tmp_path / "room.ply").read_bytes()
     head, _, body = data.partition(b"end_header\n")
-    kind = [("xyz", "<f4", 3), ("rgb", "u1", 3)]
+    kind = [("xyz", "<f4", 3), ("normal", "<f4", 3), ("rgb", "u1", 3)]
     points = np.frombuffer(body, kind)
     assert f"element vertex {len(points)}".encode() in head
     assert len(points) > 300
     on_wall = np.max(np.abs(points["xyz"]) / ROOM.half, axis=1)  # the map frame is that of the truth, the room's
     assert np.percentile(np.abs(on_wall - 1), 95) < 0.02
+    wall = np.argmax(np.abs(points["xyz"]) / ROOM.half, axis=1)
+    inward = -np.take_along_axis(points["normal"] * np.sign(points["xyz"]), wall[:, None], axis=1)[:, 0]
+    assert np.median(inward) > 0.99
+    read, _ = read_ply(tmp_path / "room.ply")  # the reader of mcl_depth
+    np.testing.assert_array_equal(read.astype(np.float32), points["xyz"])
+
+
+def test_exported_laz_is_the_same_cloud(room_map, tmp_path):
+    for suffix in ("ply", "laz"):
+        assert call("map-export", room_map, "-o", tmp_path / f"room.{suffix}", "--step", 8) == 0
+    expected, _ = read_ply(tmp_path / "room.ply")
+    las = laspy.read(tmp_path / "room.laz")
+    assert las.header.are_points_compressed
+    np.testing.assert_allclose(las.xyz, expected, atol=6e-4)
+    normals = np.stack([las["NormalX"], las["NormalY"], las["NormalZ"]], axis=1)
+    assert np.median(np.linalg.norm(normals, axis=1)) == pytest.approx(1.0, abs=1e-5)
+    assert np.asarray(las.red).max() > 255
+
+
+def test_exported_geojson_lies_where_the_datum_says(room_map, tmp_path, capsys):
+    output = tmp_path / "room.geojson"
+    assert call("map-export", room_map, "-o", output) == 2
+    assert "--datum" in capsys.readouterr().err
+    assert call("map-export", room_map, "-o", output, "--datum", "43.6,7.07,90") == 0
+    with open_map(room_map) as reader:
+        graph = reader.graph
+    features = json.loads(output.read_text())["features"]
+    points = [one for one in features if one["geometry"]["type"] == "Point"]
+    assert [one["properties"]["id"] for one in points] == sorted(graph.nodes)
+    assert len(features) == len(graph) + len(graph.edges)
+    x, y, z = graph[0].T_map_sphere.translation  # x to the east, y to the north
+    longitude, latitude, height = points[0]["geometry"]["coordinates"]
+    assert (longitude - 7.07) * 80744 == pytest.approx(x, abs=0.01)  # metres a degree at 43.6 N, from tables of WGS 84
+    assert (latitude - 43.6) * 111107 == pytest.approx(y, abs=0.01)
+    assert height == pytest.approx(z, abs=0.01)
 
 
 def test_exported_trajectory_and_graph(room_map, tmp_path):
@@ -228,7 +265,7 @@ def test_g2o_information_is_what_optimize_reads(tmp_path):
 
 def test_an_unknown_suffix_is_refused(room_map, tmp_path, capsys):
     assert call("map-export", room_map, "-o", tmp_path / "room.xyz") == 2
-    assert "expected a suffix of .ply, .g2o, .tum, .kitti, found '.xyz'" in capsys.readouterr().err
+    assert "expected a suffix of .ply, .laz, .g2o, .tum, .kitti, .geojson, found '.xyz'" in capsys.readouterr().err
 
 
 def registered(capsys, *words):
