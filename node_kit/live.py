@@ -11,6 +11,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
@@ -18,7 +19,8 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from node_kit import parameters, qos
-from node_kit.node import ERROR, OK, WARN, Log, ManagedNode
+from node_kit.health import EXPLAIN_PERIOD, examine, unserved
+from node_kit.node import OK, WARN, Log, ManagedNode
 from node_kit.service import one_line
 from node_kit.subscription import Subscription
 from node_kit.throttle import ThrottledLog
@@ -26,8 +28,6 @@ from typed_params import leaves, param
 from typed_params import parameters as params_class
 
 HEALTH_PERIOD = 1.0  # s
-EXPLAIN_PERIOD = 10.0  # s between two equal explanations in the log
-MAX_REFUSED = 4  # messages in a row that are refused without an alarm
 
 
 @params_class
@@ -68,6 +68,7 @@ class LiveShell(LifecycleNode):
         self.is_configured = False
         self.on_finish: Callable[[int], None] = lambda status: None
         self._entities: list[Callable[[], object]] = []
+        self._own_publishers: list[Publisher] = []
         parameters.declare(self, ShellParams, lambda: "decided when the process starts")
         parameters.declare(self, node_class.PARAMS, self._why_fixed)
         self.add_post_set_parameters_callback(self._tune)
@@ -176,7 +177,11 @@ class LiveShell(LifecycleNode):
         return sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
 
     def add_subscription(self, wanted: Subscription) -> None:
-        """Subscribe; while the node is inactive messages are dropped, latched ones kept until it is active."""
+        """Subscribe; while the node is inactive messages are dropped, latched ones kept until it is active.
+
+        rclpy's own warnings of what DDS does not connect are off: they cost the executor more than all the rest
+        together, two waitables a topic in every wait. `_tell_health` says the same once a second.
+        """
 
         def deliver(message: Any, info: dict[str, Any]) -> None:
             if self.is_active:
@@ -193,6 +198,7 @@ class LiveShell(LifecycleNode):
             deliver,  # type: ignore[arg-type]  # rclpy passes the message's info to callbacks with two parameters
             wanted.profile,
             raw=wanted.raw,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             qos_overriding_options=options,
         )
         self._entities.append(lambda: self.destroy_subscription(wanted.handle))
@@ -205,7 +211,14 @@ class LiveShell(LifecycleNode):
     def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile) -> LivePublisher:
         """Make a publisher that follows the lifecycle."""
         options = QoSOverridingOptions.with_default_policies()
-        publisher = self.create_publisher(kind, topic, copy(profile), qos_overriding_options=options)
+        publisher = self.create_publisher(
+            kind,
+            topic,
+            copy(profile),
+            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+            qos_overriding_options=options,
+        )
+        self._own_publishers.append(publisher)
         self._entities.append(lambda: self.destroy_publisher(publisher))
         return LivePublisher(self, publisher)
 
@@ -245,6 +258,7 @@ class LiveShell(LifecycleNode):
     def _release(self) -> None:
         while self._entities:
             self._entities.pop()()
+        self._own_publishers.clear()
         self.node.endpoints.clear()
 
     def _on_jump(self, jump: object) -> None:
@@ -253,6 +267,8 @@ class LiveShell(LifecycleNode):
             self.node.clock_jumped()
 
     def _tell_health(self) -> None:
+        for line in unserved(self, self._own_publishers):
+            self.log.warning(line, every=EXPLAIN_PERIOD)
         statuses = [self._life(), *self._lacks(), *self._reported()]
         array = DiagnosticArray(status=statuses)
         array.header.stamp = self.get_clock().now().to_msg()
@@ -268,21 +284,8 @@ class LiveShell(LifecycleNode):
         return self._status("lifecycle", OK if self.is_active else WARN, label, {"state": label})
 
     def _lacks(self) -> list[DiagnosticStatus]:
-        statuses = []
-        for wanted in self.node.inputs if self.is_active else ():
-            level, text = OK, "receiving" if wanted.num_received else "optional, nothing received"
-            if wanted.is_missing:
-                topic = wanted.handle.topic_name
-                level, text = WARN, wanted.explain(topic, self.get_publishers_info_by_topic(topic))
-                self.log.warning(text, every=EXPLAIN_PERIOD, key=f"waiting {topic}")
-            elif wanted.num_refused_in_row > (MAX_REFUSED if wanted.num_refused < wanted.num_received else 0):
-                level, text = ERROR, f"last {wanted.num_refused_in_row} messages refused: {wanted.last_refusal}"
-            elif wanted.num_lost_lately:
-                level, text = WARN, f"{wanted.num_lost_lately} messages lost in the last second"
-            values = {"received": wanted.num_received, "refused": wanted.num_refused, "lost": wanted.num_lost}
-            wanted.num_lost_lately = 0
-            statuses.append(self._status(f"input {wanted.topic}", level, text, values))
-        return statuses
+        inputs = self.node.inputs if self.is_active else ()
+        return [self._status(f"input {wanted.topic}", *examine(self, wanted)) for wanted in inputs]
 
     def _reported(self) -> list[DiagnosticStatus]:
         return [self._status(name, *entry) for name, entry in self.node.reports.items()]

@@ -87,19 +87,27 @@ class Subscription:
             return False
         return self.num_received == 0 or (self.silence > 0 and self.silent_for > self.silence)
 
+    def incompatible(self, publishers: Sequence[Any]) -> str:
+        """Return which of the publishers DDS does not connect, and why; empty where there is none."""
+        kind = type_name(self.kind)
+        for info in publishers:
+            who = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
+            if info.topic_type != kind:
+                return f"{who} publishes {info.topic_type} there"
+            reason = qos.mismatch(info.qos_profile, self.profile)
+            if reason:
+                return f"{who} is incompatible: {reason}"
+        return ""
+
     def explain(self, topic: str, publishers: Sequence[Any]) -> str:
         """Return why nothing comes, given the resolved name and rclpy's TopicEndpointInfo of all publishers."""
         kind = type_name(self.kind)
         wanted = f"{topic} ({kind}; {qos.describe(self.profile)})"
         if not publishers:
             return f"waiting for {wanted}: no publisher"
-        for info in publishers:
-            who = f"{info.node_namespace.rstrip('/')}/{info.node_name}"
-            if info.topic_type != kind:
-                return f"waiting for {wanted}: {who} publishes {info.topic_type} there"
-            reason = qos.mismatch(info.qos_profile, self.profile)
-            if reason:
-                return f"waiting for {wanted}: {who} is incompatible: {reason}"
+        reason = self.incompatible(publishers)
+        if reason:
+            return f"waiting for {wanted}: {reason}"
         count = f"{len(publishers)} publisher{'s' if len(publishers) > 1 else ''}"
         if self.num_received == 0:
             return f"waiting for {wanted}: {count}, no message yet"

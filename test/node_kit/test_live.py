@@ -40,6 +40,7 @@ class Doubler(ManagedNode):
         self.jumps, self.ticks, self.is_clean = 0, 0, False
         self.output = self.add_publisher("doubled", Int32, qos.LATCHED)
         self.add_subscription("number", Int32, self.on_number, qos.STATE)
+        self.add_subscription("hint", Int32, lambda message: None, qos.STATE, is_required=False)
         self.add_subscription("latched", String, lambda message: None, qos.LATCHED, silence=0.0)
         self.add_service("~/reset", Trigger, self.on_reset)
         self.add_timer(0.05, self.on_tick)
@@ -158,6 +159,16 @@ def test_what_is_missing_is_explained(make_desk):
     desk.until(lambda: desk.text("input latched") == "receiving")
     desk.send(1)
     desk.until(lambda: "no message for" in desk.text("input number"))  # after 2 s of silence
+
+
+def test_an_optional_input_that_cannot_be_connected_is_named(make_desk):
+    desk = make_desk()
+    desk.shell.start()
+    assert len(list(desk.shell.waitables)) <= 4  # of rclpy's own publishers: none for a topic of the node
+    desk.peer.create_publisher(Int32, "hint", 10)
+    desk.until(lambda: desk.text("input hint") == "optional, nothing received")
+    desk.peer.create_publisher(Int32, "hint", qos.SENSOR)
+    desk.until(lambda: "/peer is incompatible: it offers best effort, asked is reliable" in desk.text("input hint"))
 
 
 def test_the_lifecycle_is_that_of_ros(make_desk):
