@@ -257,7 +257,8 @@ def find_visible(points, bounds, T, camera, cone, width, height, seen):
         number = min(SIDE, n - first)
         d[PZ : PZ + SIDE] = np.float32(np.nan)
         for j in range(3):
-            d[j * SIDE : j * SIDE + number] = points[j, first : first + number]
+            for i in range(number):
+                d[j * SIDE + i] = points[j, first + i]
         transform(T, d, r)
         project(camera[0], camera[1], r)
         for i in range(number):
@@ -328,7 +329,8 @@ def cover(points, bounds, T, camera, cone, width, height, side, covered):
         number = min(SIDE, n - first)
         d[PZ : PZ + SIDE] = np.float32(np.nan)
         for j in range(3):
-            d[j * SIDE : j * SIDE + number] = points[j, first : first + number]
+            for i in range(number):
+                d[j * SIDE + i] = points[j, first + i]
         transform(T, d, r)
         project(camera[0], camera[1], r)
         for i in range(number):

@@ -1,6 +1,7 @@
 """Passes at one level of the pyramid until the pose stands still, and the comparison that judges it.
 
-Poses are (3, 4) f64. The blocks of the references come as a tuple of `MAX_VIEWS` flat arrays, empty ones at the end.
+Poses are (3, 4) f64. Arrays are filled number by number: the check of shapes in `a[:] = b` brings numba's texts along,
+five seconds to compile. The blocks of the references come as a tuple of `MAX_VIEWS` flat arrays, empty ones at the end.
 """
 
 import math
@@ -33,6 +34,7 @@ SIGMA_OF_MAD = 1.4826  # 1 / Phi^-1(0.75), normal distribution (eq. 35)
 MIN_GAIN, MAX_GAIN = 0.1, 10.0
 LIGHT_PRIOR = 1e-9  # keeps gain and bias defined on an even image
 RIDGE, TINY = 1e-9, 1e-300  # an even image fixes nothing, but pulls nowhere either
+START = np.int64(0)  # a plain 0 is a type of its own: numba would compile what it is handed to once more
 NUM_FACTS = 9
 MEDIAN, MAD, NUM_VISIBLE, NUM_INLIERS, SUM_REFERENCE, SUM_CURRENT, PRODUCT, SQUARE_REFERENCE, SQUARE_CURRENT = range(9)
 
@@ -83,17 +85,20 @@ def exponential(xi):
 
 
 @njit(**OPTIONS)
-def solve(H, g):
-    """Return -H^-1 g by Cholesky of the scaled matrix, and whether H is positive definite."""
-    n = g.size
+def solve(H, g, first):
+    """Return -H^-1 g by Cholesky of the scaled matrix, and whether H is positive definite.
+
+    The rows and columns before `first` are left out.
+    """
+    n = g.size - first
     s, L, x = np.empty(n), np.zeros((n, n)), np.zeros(n)
     for i in range(n):
-        if not (H[i, i] > 0 and H[i, i] < np.inf):
+        if not (H[first + i, first + i] > 0 and H[first + i, first + i] < np.inf):
             return x, False
-        s[i] = 1 / math.sqrt(H[i, i])
+        s[i] = 1 / math.sqrt(H[first + i, first + i])
     for i in range(n):
         for j in range(i + 1):
-            t = H[i, j] * s[i] * s[j]
+            t = H[first + i, first + j] * s[i] * s[j]
             for k in range(j):
                 t -= L[i, k] * L[j, k]
             if i != j:
@@ -103,7 +108,7 @@ def solve(H, g):
             else:
                 return x, False
     for i in range(n):
-        t = -g[i] * s[i]
+        t = -g[first + i] * s[i]
         for k in range(i):
             t -= L[i, k] * x[k]
         x[i] = t / L[i, i]
@@ -157,7 +162,8 @@ def to_camera_tangent(T, H, g):
             q[i] += A[k, i] * g[k]
             for j in range(8):
                 H[i, j] += A[k, i] * HA[k, j]
-    g[:] = q
+    for i in range(8):
+        g[i] = q[i]
 
 
 @njit(**OPTIONS)
@@ -203,7 +209,7 @@ def linearise(blocks, num_views, T_world_reference, camera, image, T_world_camer
         sigma = max(SIGMA_OF_MAD * mad, min_sigma)
         sums[:] = 0.0
         width = np.float32(huber * sigma)
-        accumulate(blocks[v], 0, number, T32, camera, image, gain, bias, np.float32(median), width, r, places, sums)
+        accumulate(blocks[v], START, number, T32, camera, image, gain, bias, np.float32(median), width, r, places, sums)
         visible += sums[VISIBLE]
         unpack(sums, h, q)
         to_camera_tangent(T, h, q)
@@ -232,11 +238,15 @@ def descend(
         )
         if visible < min_pixels:
             return iteration, motion, False
-        x, is_found = solve(H[first:, first:], g[first:])
+        x, is_found = solve(H, g, first)
         if not is_found:
             return iteration, motion, False
-        xi[first:] = x[: 6 - first]
-        T_world_camera[:] = compose(T_world_camera, exponential(xi))
+        for i in range(first, 6):
+            xi[i] = x[i - first]
+        pose = compose(T_world_camera, exponential(xi))
+        for i in range(3):
+            for j in range(4):
+                T_world_camera[i, j] = pose[i, j]
         if has_light:
             for v in range(num_views):
                 light[v, 0] = min(max(light[v, 0] + x[6 - first + 2 * v], MIN_GAIN), MAX_GAIN)
@@ -305,11 +315,13 @@ def scatter(pieces, sigma):
     H, g, h, total = np.zeros((8, 8)), np.empty((pieces.shape[0], 8)), np.empty((8, 8)), 0.0
     for p in range(pieces.shape[0]):
         unpack(pieces[p], h, g[p])
-        H += h
+        for i in range(8):
+            for j in range(8):
+                H[i, j] += h[i, j]
     for i in range(8):
         H[i, i] += RIDGE * H[i, i] + TINY
     for p in range(pieces.shape[0]):
-        x, is_found = solve(H, g[p])
+        x, is_found = solve(H, g[p], START)
         if is_found:
             for i in range(8):
                 total -= g[p, i] * x[i]
