@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import describe
+from benchmarks.player import play_images
 from benchmarks.report import Bound, Report, Table
 
 HELP = "45 Hz at 800 x 600 into the mapper over DDS, raw and compressed: what is lost is counted"
@@ -128,20 +129,9 @@ def play(transport: str, seconds: str) -> None:
     info = node.create_publisher(CameraInfo, "camera_info", qos.STATE)
     kind = Image if transport == "raw" else CompressedImage
     outputs = [node.create_publisher(kind, topic, qos.LARGE) for topic in TOPICS[transport]]
-    while not all(output.get_subscription_count() for output in (*outputs, info)):
-        time.sleep(0.1)
     camera = Pinhole(WIDTH, HEIGHT, 600.0, 600.0, WIDTH / 2 - 0.5, HEIGHT / 2 - 0.5)
     periods = [1 / RATE] * round(RATE * float(seconds)) + [TAIL_PERIOD] * TAIL
-    due, late = time.monotonic(), 0.0
-    for period in periods:
-        late = max(late, time.monotonic() - due)
-        time.sleep(max(0.0, due - time.monotonic()))
-        stamp = time.time_ns()
-        info.publish(camera_to_info(camera, stamp, "camera"))
-        for output, message in zip(outputs, messages, strict=True):
-            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
-            output.publish(message)
-        due += period
-    time.sleep(1.0)
-    sys.stdout.write(json.dumps({"sent": len(periods), "late_s": late}))
+    info_first = (info, lambda stamp: camera_to_info(camera, stamp, "camera"))
+    stamps, late = play_images(periods, info_first, outputs, lambda number: messages)
+    sys.stdout.write(json.dumps({"sent": len(stamps), "late_s": late}))
     rclpy.try_shutdown()

@@ -20,6 +20,7 @@ from tqdm import tqdm
 
 from benchmarks.localizer_times import CAMERA, SPHERE
 from benchmarks.machine import describe
+from benchmarks.player import play_images
 from benchmarks.report import Bound, Report, Table
 from benchmarks.room import render
 from node_kit.map_bag import save_map
@@ -140,21 +141,13 @@ def play(folder: str, seconds: str) -> None:
     images = np.load(Path(folder) / "images.npy")
     rclpy.init()
     node = rclpy.create_node("player")
-    publish_info = node.create_publisher(CameraInfo, "camera_info", qos.STATE).publish
-    publish_image = node.create_publisher(Image, "image_raw", qos.LARGE)
-    while not publish_image.get_subscription_count():
-        time.sleep(0.1)
-    time.sleep(1.0)
+    info = node.create_publisher(CameraInfo, "camera_info", qos.STATE)
+    output = node.create_publisher(Image, "image_raw", qos.LARGE)
     messages = [array_to_image(image, 0, "camera", "mono8") for image in images]
-    stamps, due = [], time.monotonic()
-    for number in range(SETTLE + round(RATE * float(seconds))):
-        due += 1.0 / (SETTLE_RATE if number < SETTLE else RATE)
-        time.sleep(max(0.0, due - time.monotonic()))
-        message, stamp = messages[max(number - SETTLE, 0) % len(messages)], time.time_ns()
-        message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
-        publish_info(camera_to_info(CAMERA, stamp, "camera"))
-        publish_image.publish(message)
-        stamps.append(stamp)
-    time.sleep(1.0)
+    periods = [1.0 / SETTLE_RATE] * SETTLE + [1.0 / RATE] * round(RATE * float(seconds))
+    info_first = (info, lambda stamp: camera_to_info(CAMERA, stamp, "camera"))
+    stamps, _ = play_images(
+        periods, info_first, [output], lambda number: [messages[max(number - SETTLE, 0) % len(messages)]]
+    )
     sys.stdout.write("".join(f"{stamp}\n" for stamp in stamps[SETTLE:]))
     rclpy.try_shutdown()

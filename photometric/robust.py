@@ -5,8 +5,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-SIGMA_OF_MAD = 1.4826  # 1 / Phi^-1(0.75), normal distribution (eq. 35)
-
 
 def median_and_mad(residual: NDArray[np.floating]) -> tuple[float, float]:
     """Return median and median absolute deviation of the residuals that are not NaN (eq. 12)."""

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photometric.robust import SIGMA_OF_MAD, huber_weights, median_and_mad
+from photometric.descent.kernels import SIGMA_OF_MAD
+from photometric.robust import huber_weights, median_and_mad
 from rig_calibration.drive_lens import Lens
 from sphere_geometry import SE3
 from sphere_geometry.shutter import project_rolling, row_share

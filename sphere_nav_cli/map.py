@@ -240,14 +240,18 @@ def replay_mapper(
     if pair is not None:
         node.intake.stereo.use(pair)
     total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
-    with tqdm(total=total, desc="map", unit="message", leave=False, disable=None) as bar:
-        for _ in replay(bag, bus, progress=bar.update):
-            pass
-        if isinstance(stitching, StitcherAhead):
-            stitching.finish_open()
-            stitching.publish_last()
-            for _ in bus.settle():
+    try:
+        with tqdm(total=total, desc="map", unit="message", leave=False, disable=None) as bar:
+            for _ in replay(bag, bus, progress=bar.update):
                 pass
+            if isinstance(stitching, StitcherAhead):
+                stitching.finish_open()
+                stitching.publish_last()
+                for _ in bus.settle():
+                    pass
+    finally:
+        if stitching is not None:
+            stitching.cleanup()
     inputs = [*node.inputs, *(stitching.inputs if stitching else ())]
     reasons = [f"{w.num_refused} of {w.topic}: {w.last_refusal}" for w in inputs if w.num_refused]
     if isinstance(stitching, StitcherAhead) and stitching.intake is not None:

@@ -21,6 +21,11 @@ class StitcherAhead(SphereStitcher):
         self.pool, self.coming = ThreadPoolExecutor(1), deque[Future[Stitched]]()
         super().configure()
 
+    def cleanup(self) -> None:
+        """Close the thread; what it has not begun is not stitched any more."""
+        self.pool.shutdown(cancel_futures=True)
+        super().cleanup()
+
     def stitch(self, instant: RigInstant) -> None:
         """Publish the sphere of the instant before, begin this one."""
         self.publish_last()

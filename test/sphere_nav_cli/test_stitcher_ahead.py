@@ -41,3 +41,11 @@ def test_what_cannot_be_stitched_is_told_where_its_sphere_is_due():
     with pytest.raises(ValueError, match="top_left"):
         node.publish_last()
     assert published == []
+
+
+def test_its_thread_ends_with_it():
+    node, _ = make(lambda images, stamp, points, depths: SimpleNamespace(sphere=stamp))
+    node.stitch(instant(1))
+    node.cleanup()
+    with pytest.raises(RuntimeError, match="after shutdown"):
+        node.stitch(instant(2))
