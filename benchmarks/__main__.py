@@ -36,6 +36,7 @@ BENCHMARKS = {
     "mcl_walks": "benchmarks.mcl_walks",
     "mcl_town": "benchmarks.mcl_town",
     "mcl_wrong_map": "benchmarks.mcl_wrong_map",
+    "mcl_kidnap": "benchmarks.mcl_kidnap",
     "mcl_cameras": "benchmarks.mcl_cameras",
     "mcl_ramp": "benchmarks.mcl_ramp",
     "mcl_corridor": "benchmarks.mcl_corridor",

@@ -46,7 +46,7 @@ class Filter:
         self._input = InputCheck(params.input)
         self._motion = MotionModel(params.motion)
         self._reckoning = DeadReckoning(params.input, params.motion)
-        self._evidence = Evidence(SurveyGrid(depth_map, area.middles))
+        self._evidence = Evidence(SurveyGrid(depth_map, area.middles), params.state.max_chance)
         self._states = StateMachine(params.state)
         self.lineage = Lineage()
         self.particles: Particles

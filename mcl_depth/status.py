@@ -18,6 +18,7 @@ AMBIGUOUS_SHARE = 0.4  # a second place counts from this share of the first
 MAX_SIGMA_M, GOOD_SIGMA_M = 0.6, 0.4  # standard deviations of a trusted and of a good position
 MAX_SIGMA_RAD = float(np.radians(15.0))
 SMALL_MAP_CHANCE = 0.16  # one sigma of random places: in a room or two no rate of false alarms can be stated
+EVEN_ODDS = 0.5  # a held place is bad once it is more probably gone than there
 LOST_IMAGES = 6  # bad images in a row until the pose is lost
 
 
@@ -45,8 +46,7 @@ def judge(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max_chance
 def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: float) -> Verdict:
     best = hypotheses[0]
     second = hypotheses[1].weight if len(hypotheses) > 1 else 0.0
-    limit = float(np.sqrt(max_chance)) if proof.is_held else max_chance
-    limit = max(limit, SMALL_MAP_CHANCE) if proof.is_small else limit
+    limit = max(max_chance, SMALL_MAP_CHANCE) if proof.is_small else EVEN_ODDS if proof.is_held else max_chance
     if second >= AMBIGUOUS_SHARE * best.weight:
         return Verdict(Finding(Reason.AMBIGUOUS, second / best.weight, AMBIGUOUS_SHARE), is_bad=True)
     if best.weight < MIN_WEIGHT:

@@ -25,6 +25,7 @@ from mcl_depth.belief.kernels import is_maximum
 from mcl_depth.belief.motion_model import planar_pose
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.belief.survey_grid import SurveyGrid
+from mcl_depth.belief.watch import Watch, excess
 from mcl_depth.likeness.similarity_cache import Comparison
 from sphere_geometry import SE3
 
@@ -37,8 +38,9 @@ NUM_MAXIMA = 40  # of the map that make its tail
 OFF_MAP = np.float32(-1.0)  # evidence, in standard deviations, of a place where nobody can have been
 MIN_MAXIMA = 8  # of a map that can tell chance by them
 MIN_CELLS = 400  # of a map whose tail tells a place within a few images; in a room or two it takes dozens
-WATCH, FEW_IMAGES = 5, 4  # images by which a held place stands or falls; the same in a small map
-NUM_REFERENCES = 100  # places that a followed pose is compared with, for each image in turn
+FEW_IMAGES = 4  # by which a place of a small map stands or falls
+NUM_REFERENCES = 100  # places that it is compared with, for each image in turn
+MIN_PATCH = 20  # cells around a held place by which it can be watched
 
 
 @dataclass(frozen=True)
@@ -79,28 +81,45 @@ class Proof:
 class Evidence:
     """Remembers the fields of the last images; sums them, and tests the best place of the map."""
 
-    def __init__(self, grid: SurveyGrid) -> None:
-        self._grid = grid
+    def __init__(self, grid: SurveyGrid, max_chance: float) -> None:
+        """`max_chance`: a place that was accepted is chance so often."""
+        self._grid, self._max_chance = grid, max_chance
         self._order = np.random.default_rng(0).permutation(len(grid.positions))
         self._is_small = len(grid.positions) < MIN_CELLS
-        self._joint = JointEvidence(grid.edge)
+        self._joint, self._watch = JointEvidence(grid.edge), Watch()
         self.reset()
 
     def reset(self) -> None:
         """Forget all images."""
         self._joint.reset()
-        self._leads: deque[float] = deque(maxlen=FEW_IMAGES if self._is_small else WATCH)
+        self._watch.reset()
+        self._leads: deque[float] = deque(maxlen=FEW_IMAGES)
         self._first = 0
 
     def prove(self, comparison: Comparison, pose: Array, T_odom_level: SE3 | None, *, is_held: bool) -> Proof:
-        """Ask how often chance would look like a pose (3,): the best of the map, or, once it is held, a random one."""
-        lead = self.lead(comparison, pose)
+        """Ask how often chance would look like a pose (3,): as the best of the map, or, once it is held, by itself."""
+        if is_held and not self._is_small:
+            return Proof(self.watch(comparison, pose), is_held=True)
+        lead = self.lead(comparison, pose) if self._is_small else 0.0
         if is_held:
-            return Proof(chance_of_mean_lead(lead), is_held=True, is_small=self._is_small)
+            return Proof(chance_of_mean_lead(lead), is_held=True, is_small=True)
+        self._watch.reset()
         survey = self.survey(comparison, planar_pose(T_odom_level) if T_odom_level is not None else None)
         if self._is_small:
             return Proof(chance_of_mean_lead(lead), is_small=True, survey=survey)
         return Proof(survey.p_chance, survey.agrees_with(pose), survey=survey)
+
+    def watch(self, comparison: Comparison, pose: Array) -> float:
+        """Add an image to those that a held pose (3,) was seen by; return how probably it is not the right one."""
+        rows = self._grid.rows_around(pose, LOCAL // 2)
+        is_there = rows >= 0
+        if is_there[LOCAL // 2, LOCAL // 2] and np.count_nonzero(is_there) >= MIN_PATCH:
+            curves = _contrast(comparison.survey(self._grid.positions, rows[is_there]))
+            num_headings = curves.shape[1]
+            patch = np.full((num_headings, *rows.shape), np.nan, np.float32)
+            patch[:, is_there] = curves.T
+            self._watch.add(excess(patch, round(float(pose[2]) / (2.0 * np.pi) * num_headings) % num_headings))
+        return self._watch.p_chance(self._max_chance)
 
     def survey(self, comparison: Comparison, odometry: Array | None) -> Survey:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""
@@ -116,14 +135,13 @@ class Evidence:
         """Add an image to those that a followed pose (3,) stood out in; return its mean lead over random places.
 
         In standard deviations of their best headings; the places change from image to image. In a small map all of
-        them see the same walls: there similarities count as they are.
+        them see the same walls: similarities count as they are.
         """
-        contrast = np.asarray if self._is_small else _contrast
         count = min(NUM_REFERENCES, len(self._order))
         chosen = self._order[(self._first + np.arange(count)) % len(self._order)]
         self._first += count
-        others = contrast(comparison.curves(self._grid.positions[chosen])).max(axis=1)
-        own = contrast(comparison.curves(pose[None, :2]))[0]
+        others = comparison.curves(self._grid.positions[chosen]).max(axis=1)
+        own = comparison.curves(pose[None, :2])[0]
         heading = round(float(pose[2]) / (2.0 * np.pi) * len(own))
         best = max(float(own[(heading + step) % len(own)]) for step in (-1, 0, 1))
         self._leads.append((best - float(others.mean())) / max(float(others.std()), 1e-6))

@@ -33,6 +33,18 @@ class SurveyGrid:
         self.shape = tuple(int(n) for n in self.index.max(axis=0) + 1)
         self.mask = np.zeros(self.shape, np.bool_)
         self.mask[tuple(self.index.T)] = True
+        self._rows = np.full(self.shape, -1)
+        self._rows[tuple(self.index.T)] = np.arange(len(self.positions))
+
+    def rows_around(self, pose: Array, reach: int) -> NDArray[np.int64]:
+        """Return which positions lie within `reach` cells of a pose (3,), (2 reach + 1, 2 reach + 1); -1: none."""
+        rows = np.full((2 * reach + 1, 2 * reach + 1), -1)
+        first = np.floor(pose[:2] / self.edge).astype(np.int64) - self._low - reach
+        low, high = np.maximum(first, 0), np.minimum(first + 2 * reach + 1, self.shape)
+        if np.all(low < high):
+            to = tuple(slice(a, b) for a, b in zip(low - first, high - first, strict=True))
+            rows[to] = self._rows[low[0] : high[0], low[1] : high[1]]
+        return rows
 
     def poses_of(self, places: NDArray[np.int64], num_headings: int) -> Array:
         """Return the poses (N, 3) of elements (N, 3) of a field: heading, x, y."""

@@ -70,11 +70,15 @@ class MatchedFilter:
         codes[:, slots < 0] = 0
         return cls(codes, scales, inverses, stack.directions.shape[2])
 
-    def curves(self, visual: Features, num_headings: int) -> Curves:
-        """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2."""
+    def curves(self, visual: Features, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
+        """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.
+
+        `rows`: of some cells only.
+        """
         spectra = _spectra(_pictures_of(visual))
         weights = (self.inverses @ spectra[..., None])[..., 0] * self.scales
-        return _at_headings(kernels.correlate_codes(self.codes, weights.astype(np.complex64)), num_headings)
+        codes = self.codes if rows is None else np.ascontiguousarray(self.codes[:, rows])
+        return _at_headings(kernels.correlate_codes(codes, weights.astype(np.complex64)), num_headings)
 
 
 def _whitening(spectra: Spectra) -> tuple[Spectra, NDArray[np.float32]]:

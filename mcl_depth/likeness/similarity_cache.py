@@ -37,14 +37,14 @@ class Comparison:
         rows = np.array([self._rows[key] for key in keys], dtype=np.int64)
         return self._curves[rows[place.ravel()]]
 
-    def survey(self, positions: Array) -> NDArray[np.float32]:
-        """Return how well the image fits at positions (N, 2) in m, (N, A), in units of its own.
+    def survey(self, positions: Array, rows: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
+        """Return how well the image fits at positions (N, 2) in m, or some rows of them, (N, A), in units of its own.
 
         A panorama is compared by the map's matched filter; a part of the sphere by eq. 2.
         """
         if self._visual.is_seen is not None:
-            return self.curves(positions)
-        return self._map.matched_filter(positions).curves(self._visual, self._num_headings)
+            return self.curves(positions if rows is None else positions[rows])
+        return self._map.matched_filter(positions).curves(self._visual, self._num_headings, rows)
 
     def _compare(self, cells: list[tuple[int, int]]) -> None:
         self.num_compared += len(cells)

@@ -19,7 +19,7 @@ from mcl_depth.belief.joint_evidence import FORGETTING, JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
 
-EDGE, SIDE, NUM_HEADINGS = 0.5, 40, 36
+EDGE, SIDE, NUM_HEADINGS, RATE = 0.5, 40, 36, 1e-3
 
 
 def grid_of(side=SIDE, capacity=10**6):
@@ -46,8 +46,8 @@ class Images:
         index = [np.argmin(np.linalg.norm(self._grid.positions - place, axis=1)) for place in positions[:, :2]]
         return self._curves[index].astype(np.float32)
 
-    def survey(self, positions):
-        return self._curves.astype(np.float32)
+    def survey(self, positions, rows=None):
+        return self._curves[slice(None) if rows is None else rows].astype(np.float32)
 
 
 def test_the_lead_of_an_exponential_tail_has_a_uniform_p():
@@ -80,7 +80,7 @@ def drive(count):
 
 def test_the_place_is_found_along_odometry_and_is_not_chance():
     grid = grid_of()
-    evidence, (poses, odometry) = Evidence(grid), drive(8)
+    evidence, (poses, odometry) = Evidence(grid, RATE), drive(8)
     found = [
         evidence.survey(Images(grid, seed, pose, 4.0), before)
         for seed, (pose, before) in enumerate(zip(poses, odometry, strict=True))
@@ -97,7 +97,7 @@ def test_images_of_another_place_are_chance():
     _, odometry = drive(6)
     found = []
     for trial in range(12):
-        evidence = Evidence(grid)
+        evidence = Evidence(grid, RATE)
         for number, before in enumerate(odometry):
             survey = evidence.survey(Images(grid, 100 * trial + number), before)
         found.append(survey.p_chance)
@@ -106,7 +106,7 @@ def test_images_of_another_place_are_chance():
 
 
 def test_without_odometry_every_image_stands_alone():
-    grid, evidence = grid_of(), Evidence(grid_of())
+    grid, evidence = grid_of(), Evidence(grid_of(), RATE)
     first = evidence.survey(Images(grid, 1), None)
     evidence.survey(Images(grid, 2), None)
     again = evidence.survey(Images(grid, 1), None)
@@ -172,10 +172,37 @@ def test_a_large_map_is_compared_at_every_second_cell():
     )  # the middle of four cells
 
 
-def test_a_followed_place_is_held_against_random_ones():
-    grid = grid_of()
-    evidence, pose = Evidence(grid), np.array([6.0, 5.0, 0.0])
+def test_a_place_of_a_small_map_leads_random_ones():
+    grid = grid_of(15)
+    evidence, pose = Evidence(grid, RATE), np.array([4.0, 3.0, 0.0])
     leads = [evidence.lead(Images(grid, seed, pose, 9.0), pose) for seed in range(5)]
     assert leads[-1] > 5.0
     evidence.reset()
     assert evidence.lead(Images(grid, 7), pose) < 2.0
+
+
+def test_a_held_place_is_doubted_soon_after_the_vehicle_was_carried_off():
+    grid = grid_of()
+    evidence, pose, away = Evidence(grid, RATE), np.array([6.0, 5.0, 0.0]), np.array([15.0, 12.0, 2.0])
+
+    def doubts(seeds, place):
+        return [evidence.prove(Images(grid, s, place, 9.0), pose, None, is_held=True).p_chance for s in seeds]
+
+    assert max(doubts(range(40), pose)) < 0.5
+    assert np.argmax(np.array(doubts(range(40, 50), away)) > 0.5) in range(2, 5)  # the third to the fifth image
+
+
+@pytest.mark.parametrize("pose", [[0.1, 0.1, 0.0], [19.9, 10.0, 3.0], [-4.0, 10.0, 0.0], [30.0, 30.0, 0.0]])
+def test_a_place_at_the_edge_or_off_the_map_is_watched_by_what_is_there(pose):
+    grid = grid_of()
+    rows = grid.rows_around(np.array(pose), 5)
+    middle = np.floor(np.array(pose[:2]) / EDGE)
+    for offset in np.ndindex(11, 11):
+        position = (middle + np.array(offset) - 5 + 0.5) * EDGE
+        is_inside = np.all((position > 0) & (position < SIDE * EDGE))
+        row = rows[offset]
+        assert (row >= 0) == is_inside
+        if is_inside:
+            np.testing.assert_allclose(grid.positions[row], position)
+    proof = Evidence(grid, RATE).prove(Images(grid, 3), np.array(pose), None, is_held=True)
+    assert 0.0 <= proof.p_chance < 0.5

@@ -1,0 +1,71 @@
+"""Is a held place still the right one? A sequential test, image by image, of how far it stands out of its surroundings.
+
+A vehicle that is carried off, or a place that was chance, shows in the images to come: the held place fits them no
+better than any. Each image gives a figure of merit, `excess`, in standard deviations of what other headings reach:
+about zero at a random place, and around its own mean as long as the place is right. The cumulative sum of the log
+likelihood ratio of these two (Page 1954) is the quickest test of such a change; while nothing changes, it passes
+log(1 / rate) less than once in 1 / rate images (Lorden 1971).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Patch = NDArray[np.float32]
+
+CELLS, HEADINGS = 1, 1  # around the held place that count as that place
+OTHER_HEADINGS = 3  # steps from its heading on which others begin
+MEMORY = 0.9  # of the mean and the variance of a place that is right, with every image
+FIRST_MEAN, FIRST_SIGMA = 4.0, 1.5  # of a right place, before any image was seen there; standard deviations
+MIN_MEAN, MIN_SIGMA = 2.0, 1.0  # of a right place
+MAX_EXCESS = 8.0  # that counts: what stands out further says nothing more
+MAX_STEP = 3.0  # of the log likelihood ratio: no two images end a place at the default rate
+
+
+def excess(patch: Patch, heading: int) -> float:
+    """Return how far the middle of a patch (A, n, n) stands out at a heading: against all other headings there.
+
+    patch: what an image makes of the headings and cells around a place, NaN where there is no cell. What a heading has
+    in all cells of the patch is taken off, and the best of neighbouring cells and headings counts.
+    """
+    local = patch - np.nanmean(patch, axis=(1, 2), keepdims=True)
+    middle = patch.shape[1] // 2
+    near = slice(middle - CELLS, middle + CELLS + 1)
+    best = np.nan_to_num(local, nan=-np.inf)[:, near, near].max(axis=(1, 2))
+    best = np.max([np.roll(best, step) for step in range(-HEADINGS, HEADINGS + 1)], axis=0)
+    steps = np.abs(np.arange(len(best)) - heading)
+    others = best[np.minimum(steps, len(best) - steps) > OTHER_HEADINGS]
+    return float((best[heading] - others.mean()) / max(float(others.std()), 1e-9))
+
+
+class Watch:
+    """The cumulative sum for a held place."""
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin with another place."""
+        self.log_ratio = 0.0  # of the likelihood of a random place to that of the right one
+        self._mean, self._variance = FIRST_MEAN, FIRST_SIGMA**2
+
+    def add(self, value: float) -> None:
+        """Add the excess that an image gives."""
+        value = min(value, MAX_EXCESS)
+        step = float(np.clip(self._log_ratio_of(value), -MAX_STEP, MAX_STEP))
+        if step < 0.0:
+            off = value - self._mean
+            self._mean = max(self._mean + (1.0 - MEMORY) * off, MIN_MEAN)
+            self._variance = max(MEMORY * self._variance + (1.0 - MEMORY) * off**2, MIN_SIGMA**2)
+        self.log_ratio = max(self.log_ratio + step, 0.0)
+
+    def p_chance(self, prior: float) -> float:
+        """Return the probability that the place is not the right one (any more), from that before the first image."""
+        odds = prior / max(1.0 - prior, 1e-12) * np.exp(min(self.log_ratio, 50.0))
+        return float(odds / (1.0 + odds))
+
+    def _log_ratio_of(self, value: float) -> float:
+        """Return log N(value; 0, sigma) - log N(value; mean, sigma)."""
+        return 0.5 * self._mean * (self._mean - 2.0 * value) / self._variance

@@ -1,0 +1,78 @@
+"""The sequential test of a held place: quiet while it is right, quick when it is not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mcl_depth.belief.watch import Watch, excess
+
+RATE, NUM_HEADINGS, SIDE = 1e-3, 36, 11
+
+
+def patch_of(seed, heading=None, height=0.0):
+    patch = np.random.default_rng(seed).normal(0.0, 1.0, (NUM_HEADINGS, SIDE, SIDE)).astype(np.float32)
+    if heading is not None:
+        patch[heading, SIDE // 2, SIDE // 2] += height
+    return patch
+
+
+def test_a_random_place_stands_out_by_a_standard_deviation_about_zero():
+    found = np.array([excess(patch_of(seed), seed % NUM_HEADINGS) for seed in range(600)])
+    assert found.mean() == pytest.approx(0.0, abs=0.2)
+    assert found.std() == pytest.approx(1.0, abs=0.25)
+
+
+def test_what_stands_out_at_the_heading_is_found_beside_cells_that_are_missing():
+    patch = patch_of(1, 35, 9.0)
+    assert excess(patch, 35) > 5.0
+    assert excess(patch, 0) > 5.0  # the next heading, across the seam
+    assert abs(excess(patch, 12)) < 3.0
+    patch[:, :4] = np.nan
+    assert excess(patch, 35) > 5.0
+
+
+def test_what_all_cells_have_in_common_at_a_heading_counts_nothing():
+    patch = patch_of(2)
+    raised = patch.copy()
+    raised[7] += 30.0
+    assert excess(raised, 7) == pytest.approx(excess(patch, 7), abs=1e-3)
+
+
+@pytest.mark.parametrize(("mean", "sigma"), [(4.0, 1.0), (6.0, 2.0), (3.0, 1.2)])
+def test_a_right_place_is_refused_less_often_than_the_rate(mean, sigma):
+    rng, alarms, count = np.random.default_rng(3), 0, 0
+    for _ in range(60):
+        watch = Watch()
+        for value in rng.normal(mean, sigma, 300):
+            watch.add(float(value))
+            count += 1
+            if watch.p_chance(RATE) > 0.5:
+                alarms += 1
+                watch.reset()
+    assert alarms <= RATE * count
+
+
+@pytest.mark.parametrize(("mean", "sigma", "soon"), [(4.0, 1.0, 4), (6.0, 2.0, 5)])
+def test_a_place_that_is_no_more_is_refused_within_a_few_images(mean, sigma, soon):
+    rng, delays = np.random.default_rng(4), []
+    for _ in range(200):
+        watch = Watch()
+        for value in rng.normal(mean, sigma, 30):
+            watch.add(float(value))
+        delay = 0
+        while watch.p_chance(RATE) <= 0.5:
+            watch.add(float(rng.normal()))
+            delay += 1
+        delays.append(delay)
+    assert min(delays) >= 2  # none ends a place by itself
+    assert np.median(delays) <= soon
+
+
+def test_another_place_begins_at_the_prior():
+    watch = Watch()
+    for _ in range(5):
+        watch.add(0.0)
+    assert watch.p_chance(RATE) > 0.5
+    watch.reset()
+    assert watch.p_chance(RATE) == pytest.approx(RATE)
