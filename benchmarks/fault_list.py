@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import copy
 import math
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import cv2
 import numpy as np
+from sphere_nav_msgs.srv import LoadMap
 from std_msgs.msg import Bool
+from tf2_msgs.msg import TFMessage
 
-from benchmarks.fault_drives import PERIOD_NS, SECOND, Drive, Messages
+from benchmarks.fault_drives import FRAME, PERIOD_NS, SECOND, Drive, Messages
 from node_kit import conversions
+from node_kit.map_bag import FILE_NAME
 from sphere_geometry import SE3
 
 Images = Callable[[Drive, Messages, float], Messages]  # the drive, an image with its calibration, s since the fault
@@ -160,6 +164,36 @@ def _initial_poses(drive: Drive) -> None:
         drive.bus.deliver("/initialpose", given)
 
 
+def _damaged_maps(drive: Drive) -> None:
+    """Ask the localiser for maps that cannot be: cut off, without anything, not there; the one in force stays."""
+    data = (drive.course.map / FILE_NAME).read_bytes()
+    for number, content in enumerate((data[: len(data) // 3], b"", None)):
+        folder = drive.course.map.with_name(f"damaged{number}")
+        if content is not None:
+            shutil.copytree(drive.course.map, folder, dirs_exist_ok=True)
+            (folder / FILE_NAME).write_bytes(content)
+        if drive.localizer.shell.call("load_map", LoadMap.Request(path=str(folder))).success:
+            raise RuntimeError(f"load_map {folder.name}: expected a refusal, found success")
+
+
+def _wrong_transforms(drive: Drive) -> None:
+    """Another parent of the camera, and a place that is no number."""
+    for parent, x in (("other_link", 0.0), ("base_link", math.nan)):
+        wrong = conversions.se3_to_transform(SE3.identity(), drive.now, parent, FRAME)
+        wrong.transform.translation.x = x
+        drive.bus.deliver("/tf_static", TFMessage(transforms=[wrong]))
+
+
+def _wrong_paths(drive: Drive) -> None:
+    """Paths of no point, of one, of none that is a number, of another frame."""
+    for frame, xs in (("map", ()), ("map", (0.0,)), ("map", (math.nan, math.nan)), ("odom", (0.0, 9.0))):
+        poses = [(number, SE3.from_planar(float(number), 0.0, 0.0)) for number in range(len(xs))]
+        path = conversions.poses_to_path(poses, drive.now, frame)
+        for pose, x in zip(path.poses, xs, strict=True):
+            pose.pose.position.x = x
+        drive.bus.deliver("/reference_path", path)
+
+
 def _clock_back(drive: Drive) -> None:
     drive.localizer.clock_jumped()
     drive.follower.clock_jumped()
@@ -210,13 +244,16 @@ FAULTS = (
     Fault("F11", "kidnapped 15 m ahead", begin=_teleport(15.0), is_moved=True),
     Fault("F11", "turned by 180 degrees", begin=_teleport(0.0, 0.0, math.pi), is_moved=True),
     Fault("F12", "initial poses off the map, no number, of another frame", begin=_initial_poses, stops=False),
+    Fault("F13", "maps to load: cut off, empty, not there", begin=_damaged_maps, stops=False),
     Fault("F15", "localiser killed", begin=_mute, end=_speak),
     Fault("F15", "a second publisher of the pose", begin=_publishers("/dense_localizer", "/other"),
           end=_publishers("/dense_localizer")),
     Fault("F16", "images 0.1 s late", begin=_late(100_000_000), stops=False),
     Fault("F16", "images one second late", begin=_late(SECOND), end=_late(50_000_000)),
+    Fault("F18", "the camera's frame with another parent, and no number", begin=_wrong_transforms, stops=False),
     Fault("F19", "odometry frozen at its last motion", begin=_odometry("is_frozen", True), stops=None,
           has_odometry=True),
     Fault("F19", "odometry of the wrong sign", begin=_odometry("factor", -1.0), stops=None, has_odometry=True),
+    Fault("F22", "paths of no point, one, no number, another frame", begin=_wrong_paths, stops=False),
     Fault("F24", "emergency stop", begin=_press(True), end=_press(False)),
 )  # fmt: skip

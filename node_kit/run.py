@@ -13,6 +13,7 @@ from typing import Any
 
 import rclpy
 from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
@@ -20,6 +21,7 @@ from rclpy.task import Future
 from node_kit.files import share_file
 from node_kit.live import LiveShell, ShellParams
 from node_kit.node import ManagedNode
+from node_kit.service import one_line
 from typed_params.render import to_yaml
 
 PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"  # Fast DDS 2.14 reads this one only
@@ -45,11 +47,14 @@ def run(
     if node_class.LARGE_MESSAGES:
         use_large_segment()
     with until_signal() as stopped:
-        rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
         try:
+            rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
             return _serve(node_class, stopped, values or {}, prepare)
         except ExternalShutdownException:
             return 0
+        except rclpy_implementation.RCLError as error:  # of the command line, or of the middleware: security, domain
+            sys.stderr.write(f"{node_class.NAME}: cannot start: {one_line(error)}\n")
+            return 2
         finally:
             rclpy.try_shutdown()
 

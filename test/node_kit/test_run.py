@@ -56,8 +56,8 @@ def start(tmp_path):
     (tmp_path / "napper.py").write_text(NODE)
     processes = []
 
-    def begin(*values):
-        words = [word for value in values for word in ("-p", value)]
+    def begin(*values, enclave=""):
+        words = [word for value in values for word in ("-p", value)] + ["--enclave", enclave] * bool(enclave)
         command = [sys.executable, str(tmp_path / "napper.py"), *(["--ros-args", *words] if words else [])]
         process = subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         processes.append(process)
@@ -126,3 +126,33 @@ def test_the_users_profile_is_kept(start, monkeypatch, tmp_path):
     process = start("is_done:=true")
     out, _ = process.communicate(timeout=PATIENCE)
     assert out.startswith(f"ready {mine}")
+
+
+# --- SROS2
+def enclave(folder, names):
+    """Make the files of an enclave, as `ros2 security create_enclave` names them, and say what finds them."""
+    (folder / "enclaves" / "vehicle").mkdir(parents=True)
+    for name in names:
+        (folder / "enclaves" / "vehicle" / name).write_text("no key")
+    return {"ROS_SECURITY_KEYSTORE": str(folder), "ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
+
+
+FILES = ["identity_ca.cert.pem", "cert.pem", "key.pem", "permissions_ca.cert.pem", "governance.p7s", "permissions.p7s"]
+
+
+def test_a_node_takes_an_enclave_and_runs_without_security(start):
+    process = start("is_done:=true", enclave="/vehicle")
+    out, _ = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, out.splitlines()[-1]) == (0, "clean")
+
+
+@pytest.mark.parametrize("names", [[], FILES[:3], FILES], ids=["no files", "half of them", "no keys in them"])
+def test_enforced_security_is_never_left_out_and_the_reason_is_one_line(start, monkeypatch, tmp_path, names):
+    for name, value in enclave(tmp_path / "keystore", names).items():
+        monkeypatch.setenv(name, value)
+    process = start("is_done:=true", enclave="/vehicle")
+    out, err = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, out) == (2, "")
+    assert "Traceback" not in err
+    assert "napper: cannot start: " in err.splitlines()[-1]
+    assert "secur" in err.splitlines()[-1].lower()
