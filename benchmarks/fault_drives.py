@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,7 @@ SPACING = 1.5  # m between key spheres
 BEFORE = 2.0  # m of map behind the place where drives begin
 NOISE = 1.2  # grey levels
 GRID = (0.002, 0.002, 0.001)  # m, m, rad
+LAP_GRID = (0.01, 0.01, 0.002)  # for many drives: most of what they see was drawn before
 FRAME = "camera_optical"
 Messages = list[tuple[str, Any]]  # topic and message
 Gray = NDArray[np.uint8]
@@ -51,6 +53,7 @@ class Course:
         self.camera, self.T_base_camera = mounts["camera"].camera, mounts["camera"].T_base_camera
         self.length = self.path.length - BEFORE
         self.map = self._make_map(folder / "map", mounts["sphere"])
+        self.grid = GRID
         self.drawn: dict[tuple[int, ...], Gray] = {}
 
     def pose(self, along: float, left: float = 0.0, turned: float = 0.0) -> tuple[float, float, float]:
@@ -58,11 +61,15 @@ class Course:
         x, y, yaw, _ = map(float, self.path.at(np.array(along + BEFORE)))
         return x - left * np.sin(yaw), y + left * np.cos(yaw), yaw + turned
 
+    def see_coarsely(self) -> None:
+        """Draw views for many drives from now on."""
+        self.grid, self.drawn = LAP_GRID, {}
+
     def look(self, x: float, y: float, yaw: float) -> Gray:
-        """Return what the camera sees, without noise: from a place rounded to `GRID`, as drives see much the same."""
-        key = tuple(round(value / step) for value, step in zip((x, y, yaw), GRID, strict=True))
+        """Return what the camera sees, without noise: from a place rounded to `grid`, as drives see much the same."""
+        key = tuple(round(value / step) for value, step in zip((x, y, yaw), self.grid, strict=True))
         if key not in self.drawn:
-            x, y, yaw = (number * step for number, step in zip(key, GRID, strict=True))
+            x, y, yaw = (number * step for number, step in zip(key, self.grid, strict=True))
             T_world_camera = SE3.from_planar(x, y, yaw) @ self.T_base_camera
             self.drawn[key], _ = self.simulator.render(self.camera, T_world_camera, is_grey=True)
         return self.drawn[key]
@@ -98,6 +105,7 @@ class Drive:
         self.rng = np.random.default_rng(seed)
         self.bus = OfflineBus()
         self.localizer: Any = self.bus.add(DenseLocalizerNode, {"map": str(course.map), "every_image": True})
+        self.localizer.residual = SimpleNamespace(num_subscriptions=0)  # nobody looks at it
         self.follower: Any = self.bus.add(PathFollowerNode, {"enable_stamped_cmd_vel": True})
         self.vehicle = Vehicle(VehicleState(*course.pose(0.0)), VehicleParams(), ActuationParams())
         self.command, self.now, self.num_images = Command(), SECOND, 0

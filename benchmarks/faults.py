@@ -138,7 +138,9 @@ def add_arguments(parser: argparse._ArgumentGroup) -> None:
     """Declare the arguments."""
     parser.add_argument("--fault-runs", type=int, default=5, help="drives of each fault (%(default)s)")
     parser.add_argument("--fault-hours", type=float, default=2.0, help="simulated hours of driving (%(default)s)")
-    parser.add_argument("--fault-laps", type=int, default=10, help="drives of 24 m by images without a fault (10)")
+    parser.add_argument(
+        "--fault-laps", type=int, default=75, help="drives of 23 m by images without a fault (75: 20 min)"
+    )
     parser.add_argument("--fault-signals", type=int, default=200, help="SIGINTs, and SIGTERMs (%(default)s)")
     parser.add_argument("--fault-page", type=Path, help="write the tables to this page (docs/faults.md)")
 
@@ -189,7 +191,8 @@ def _outcomes(course: Course, runs: int) -> Iterator[Outcome]:
 def _laps(course: Course, count: int) -> list[Bound]:
     """Drive to the end of the course with a tenth of the images lost."""
     num_stops, way, seconds = 0, 0.0, 0.0
-    for seed in range(count):
+    course.see_coarsely()
+    for seed in tqdm(range(count), unit="lap", disable=None):
         drive = Drive(course, 2000 + seed)
         _drive_off(drive)
         lost = np.random.default_rng(seed)
