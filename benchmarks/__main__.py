@@ -31,6 +31,7 @@ BENCHMARKS = {
     "pose_graphs": "benchmarks.pose_graphs",
     "pair_registration": "benchmarks.pair_registration",
     "view_synthesis": "benchmarks.view_synthesis",
+    "region": "benchmarks.region",
     "mcl_panoramas": "benchmarks.mcl_panoramas",
     "mcl_surround": "benchmarks.mcl_surround",
     "mcl_walks": "benchmarks.mcl_walks",

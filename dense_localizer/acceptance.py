@@ -20,7 +20,7 @@ Array = NDArray[np.float64]
 GOOD_OVERLAP = 0.25
 MIN_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5  # share of pixels that agree
 NOTABLE_GAIN, NOTABLE_BIAS = 2.0, 50.0  # of the light, either way, and grey levels: the likely cause of outliers
-NOTABLE_DISTANCE = 0.7  # distance to the nearest reference by its median range: the same
+NOTABLE_DISTANCE = 1.0  # distance to the nearest reference by the radius of its region: the same
 MAX_SIGMA_RAD = 0.05  # standard deviation of the attitude; half of it is good
 
 
@@ -86,7 +86,8 @@ def judge(
 ) -> Verdict:
     """Judge one alignment with its honest covariance; without a prediction (a start) every jump is allowed.
 
-    `distance_ratio` is the distance to the nearest reference by its median range, `max_mad` the limit of the alignment.
+    `distance_ratio` is the distance to the nearest reference by the radius of its region, `max_mad` the limit of the
+    alignment.
     """
     if alignment.reason:
         return refusal(_own_words(alignment, params, max_mad))
@@ -141,7 +142,7 @@ def _with_cause(finding: Finding, alignment: Alignment, distance_ratio: float) -
         detail = f"{finding.detail}; gain {gain:.2g}, bias {bias:.0f} grey levels".removeprefix("; ")
         return replace(finding, reason=Reason.LIGHT_CHANGE, detail=detail)
     if distance_ratio > NOTABLE_DISTANCE:
-        detail = f"{finding.detail}; {distance_ratio:.2g} of the range away from the key sphere".removeprefix("; ")
+        detail = f"{finding.detail}; {distance_ratio:.2g} times the region of the key sphere away".removeprefix("; ")
         return replace(finding, reason=Reason.OUTSIDE_REGION, detail=detail)
     return finding
 

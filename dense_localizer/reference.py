@@ -28,7 +28,7 @@ from sphere_map.sphere import Sphere
 NUM_CANDIDATES = 12  # nearest key spheres looked at
 MIN_VISIBLE_SHARE = 0.25  # of the image, that a reference must cover
 RELATIVE_SHARE = 0.6  # the same, of what the best candidate covers
-REACH = 1.0  # distance of a second reference by its median range; farther ones are left
+UNKNOWN_REACH = 1.0  # region of a key sphere by its median range, where a map does not tell it
 KEPT_SHARE = 0.25  # of a key sphere's pixels, the most salient
 NUM_COARSE_LEVELS = 2  # are kept of every sphere: for choosing and for the start
 MIN_KEPT = 10_000  # levels that would keep fewer pixels keep all
@@ -88,18 +88,19 @@ class CoarseReferences(dict[int, CoarseReference]):
 
 @dataclass(frozen=True)
 class Choice:
-    """The references of one image; range and distance are those of the nearest."""
+    """The references of one image; range, region and distance are those of the nearest."""
 
     ids: tuple[int, ...]
     views: tuple[View, ...]
     overlap: float  # of the best covering one, 0..1
     distance_m: float
     typical_range_m: float
+    region_m: float
 
     @property
     def distance_ratio(self) -> float:
-        """Distance to the nearest by its median range: 0 at its centre, 1 as far away as what it sees."""
-        return self.distance_m / self.typical_range_m
+        """Distance to the nearest by the radius of its region: 0 at its centre, 1 at the border."""
+        return self.distance_m / self.region_m
 
 
 class References:
@@ -139,10 +140,10 @@ class References:
         usable = [candidates[index] for index in np.flatnonzero(overlaps >= needed)[: self._params.num_references]]
         chosen = usable[:1] + [node for node in usable[1:] if self._is_within_reach(node, T_map_camera)]
         if not chosen:
-            return Choice((), (), best, np.inf, np.inf)
+            return Choice((), (), best, np.inf, np.inf, np.inf)
         views = tuple(View(self._preparation.get(node.id), node.T_map_sphere) for node in chosen)
         distance, typical = distance_of(chosen[0], T_map_camera), self.coarse[chosen[0].id].typical_range_m
-        return Choice(tuple(node.id for node in chosen), views, best, distance, typical)
+        return Choice(tuple(node.id for node in chosen), views, best, distance, typical, self._region(chosen[0]))
 
     def look_ahead(self, T_map_camera: SE3, velocity: NDArray[np.float64] | None) -> None:
         """Have the key spheres prepared that a camera of some velocity (6,) will need; return at once."""
@@ -166,7 +167,11 @@ class References:
 
     def _is_within_reach(self, node: KeySphere, T_map_camera: SE3) -> bool:
         """Say whether a key sphere is near enough to be used beside a nearer one."""
-        return distance_of(node, T_map_camera) <= REACH * self.coarse[node.id].typical_range_m
+        return distance_of(node, T_map_camera) <= self._region(node)
+
+    def _region(self, node: KeySphere) -> float:
+        """Return how far in m a key sphere serves."""
+        return node.region_radius_m or UNKNOWN_REACH * self.coarse[node.id].typical_range_m
 
     def _prepare(self, sphere_id: int) -> Reference:
         """Read a sphere, prepare it and keep the salient pixels of its levels, sorted."""

@@ -17,12 +17,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class KeySphere:
-    """A vertex: where a sphere was taken. `sphere` is None where only the pose is in memory."""
+    """A vertex: where a sphere was taken. `sphere` is None where only the pose is in memory.
+
+    region_radius_m: up to where a camera can be localised by it; 0 where that is not known.
+    """
 
     id: int
     stamp_ns: int
     T_map_sphere: SE3
     sphere: Sphere | None = None
+    region_radius_m: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)

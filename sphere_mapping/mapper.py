@@ -127,7 +127,7 @@ class Mapper:
         """Add the last sphere as key sphere, joined to its reference and to where the place was seen before."""
         current, node_id = self._tracker.last, len(self.graph)
         assert current is not None
-        node = KeySphere(node_id, current.sphere.stamp_ns, self._tracker.prior.newest, current.sphere)
+        node = KeySphere(node_id, current.sphere.stamp_ns, self._tracker.prior.newest, current.sphere, current.region_m)
         self.graph.add(node)
         edge = self._tracker.edge_to(node, self.graph)
         if edge is not None:

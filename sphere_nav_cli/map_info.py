@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from node_kit.map_bag import MapReader, open_map
 
@@ -64,6 +64,7 @@ def describe(reader: MapReader) -> dict[str, Any]:
         "length_m": round(float(info.length), 3),
         "extent_m": [round(float(side), 3) for side in np.ptp(positions, axis=0)],
         "spacing_m": spacing(positions),
+        "region_radius_m": quantiles([node.region_radius_m for node in nodes if node.region_radius_m > 0]),
         "first_stamp_s": nodes[0].stamp_ns / 1e9,
         "last_stamp_s": nodes[-1].stamp_ns / 1e9,
         "sphere_size": [sphere.camera.width, sphere.camera.height],
@@ -79,5 +80,10 @@ def describe(reader: MapReader) -> dict[str, Any]:
 
 def spacing(positions: NDArray[np.float64]) -> list[float]:
     """Return the smallest, the median and the largest distance in m from a key sphere to the next one."""
-    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    return [round(float(value), 3) for value in np.quantile(steps, [0.0, 0.5, 1.0])] if steps.size else []
+    return quantiles(np.linalg.norm(np.diff(positions, axis=0), axis=1))
+
+
+def quantiles(values: ArrayLike) -> list[float]:
+    """Return the smallest, the median and the largest of some values, rounded; nothing of none."""
+    numbers = np.asarray(values, dtype=np.float64)
+    return [round(float(value), 3) for value in np.quantile(numbers, [0.0, 0.5, 1.0])] if numbers.size else []

@@ -36,17 +36,22 @@ def graph_to_message(
 
 def message_to_graph(message: KeySphereGraph) -> SphereGraph:
     """Return the graph, its key spheres without pictures; ValueError for a repeated id, an edge to nowhere, a NaN."""
-    nodes = [
-        KeySphere(int(vertex.id), time_to_ns(vertex.stamp), pose_to_se3(vertex.pose, f"vertex {vertex.id} pose"))
-        for vertex in message.vertices
-    ]
-    return SphereGraph(nodes, [_from_edge(edge) for edge in message.edges])
+    return SphereGraph(map(_from_vertex, message.vertices), [_from_edge(edge) for edge in message.edges])
 
 
 def _vertex(node: KeySphere) -> KeySphereVertex:
     if not 0 <= node.id <= MAX_ID:
         raise ValueError(f"key sphere id: expected 0 to {MAX_ID}, found {node.id}")
-    return KeySphereVertex(id=node.id, stamp=ns_to_time(node.stamp_ns), pose=se3_to_pose(node.T_map_sphere))
+    pose = se3_to_pose(node.T_map_sphere)
+    return KeySphereVertex(id=node.id, stamp=ns_to_time(node.stamp_ns), pose=pose, region_radius=node.region_radius_m)
+
+
+def _from_vertex(vertex: KeySphereVertex) -> KeySphere:
+    name, radius = f"vertex {vertex.id}", float(vertex.region_radius)
+    if not 0.0 <= radius < np.inf:
+        raise ValueError(f"{name} region_radius: expected metres, or 0 for not known, found {radius}")
+    pose = pose_to_se3(vertex.pose, f"{name} pose")
+    return KeySphere(int(vertex.id), time_to_ns(vertex.stamp), pose, region_radius_m=radius)
 
 
 def _edge(edge: Edge) -> KeySphereEdge:

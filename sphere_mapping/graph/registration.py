@@ -26,6 +26,7 @@ from sphere_geometry import SE3
 from sphere_map.appearance.features import Features, features_of_sphere
 from sphere_map.sphere import Sphere
 from sphere_mapping.params import MappingRegistrationParams
+from view_synthesis.region import region_radius
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +55,11 @@ class PreparedSphere:
     def coverage(self) -> float:
         """Overlap that it has with itself: the share of its image that has a range, as `align` counts it."""
         return image_overlap(self.pyramid, [self.at(SE3.identity())], SE3.identity())
+
+    @cached_property
+    def region_m(self) -> float:
+        """How far a camera can be localised by it; 0 without range."""
+        return region_radius(self.sphere)
 
     @cached_property
     def features(self) -> Features:

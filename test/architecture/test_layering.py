@@ -18,7 +18,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "view_synthesis": COMPILED | {"photometric", "sphere_map"},
     "localization": GEOMETRY,
     "rig_calibration": GEOMETRY | {"photometric"},
-    "sphere_mapping": COMPILED | {"photometric", "sphere_map"},
+    "sphere_mapping": COMPILED | {"photometric", "sphere_map", "view_synthesis"},
     "dense_localizer": GEOMETRY | {"localization", "photometric", "sphere_map"},
     "mcl_depth": COMPILED | {"localization"},
     "path_follower": GEOMETRY,

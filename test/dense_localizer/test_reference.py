@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -10,7 +12,7 @@ from dense_localizer.residual import residual_image
 from photometric import build_pyramid, prepare_reference
 from sphere_geometry import SE3, Spherical
 from typed_params import build
-from worlds.localizer import PINHOLE, SMALL_IMAGES, at, make_map
+from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, make_map
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)
 WINDOW = Spherical(160, 96, 512.0, 176.0, 80.0)  # 112 degrees wide, looking forward
@@ -21,6 +23,16 @@ def test_whole_spheres_are_chosen_by_distance_alone(room_map):
     assert choice.ids == (2, 3)
     assert choice.distance_m == pytest.approx(0.4)
     assert 0.05 < choice.distance_ratio < 0.2  # walls at 3 m and more
+
+
+@pytest.mark.parametrize(("region_m", "ids"), [(0.7, (2, 3)), (0.5, (2,)), (0.0, (2, 3))])
+def test_a_second_reference_serves_within_its_region(room_map, region_m, ids):
+    """The second one is 0.6 m away; a region of 0 is not known, and the ranges stand in for it."""
+    nodes = [replace(node, region_radius_m=region_m) for node in room_map.graph]
+    choice = References(MemoryMap(nodes), PARAMS).choose(at(0.4, 0.0, 2.0), PINHOLE)
+    assert choice.ids == ids
+    if region_m:
+        assert choice.distance_ratio == pytest.approx(0.4 / region_m)
 
 
 def test_a_partial_sphere_that_looks_elsewhere_is_passed_over(room):

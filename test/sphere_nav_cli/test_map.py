@@ -165,6 +165,8 @@ def test_map_info_tells_what_is_there(room_map, capsys):
     assert len(found["spacing_m"]) == 3
     assert 0 < found["spacing_m"][0] <= found["spacing_m"][1] <= found["spacing_m"][2] < found["length_m"]
     assert found["megabytes_per_metre"] > 0
+    smallest, median, largest = found["region_radius_m"]
+    assert 0.3 < smallest <= median <= largest < 20.0  # of a room whose walls are 1.5 to 4 m away
     assert call("map-info", room_map) == 0
     assert "key_spheres" in capsys.readouterr().out
 

@@ -23,6 +23,16 @@ def test_a_graph_comes_back(sphere_graph):
         np.testing.assert_allclose(after.information, before.information, rtol=1e-6)
 
 
+def test_the_region_of_a_key_sphere_comes_back_and_must_be_metres():
+    graph = SphereGraph([KeySphere(1, 0, SE3.identity(), region_radius_m=7.5), KeySphere(2, 0, SE3.identity())])
+    message = graph_to_message(graph, "map")
+    assert [node.region_radius_m for node in message_to_graph(message)] == [7.5, 0.0]
+    for wrong in (-1.0, float("nan"), float("inf")):
+        message.vertices[0].region_radius = wrong
+        with pytest.raises(ValueError, match="vertex 1 region_radius"):
+            message_to_graph(message)
+
+
 def test_the_covariance_of_an_edge_is_about_the_fixed_axes_of_its_first_sphere():
     """A turn by 90 degrees makes what is certain along x of the second sphere certain along y of the first."""
     T_a_b = SE3.from_planar(1.0, 0.0, np.pi / 2)
