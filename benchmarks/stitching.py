@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from benchmarks.machine import describe
 from benchmarks.real_rigs import fisheye_rig, nuscenes, room
 from benchmarks.report import Bound, Report, Table
+from benchmarks.seam_light import light_step
 from benchmarks.seams import Flow, column_shift, seam_flow
 from benchmarks.sphere_pictures import write_cloud, write_sphere
 from cycab_sim.params import SimParams
@@ -173,6 +174,7 @@ def _fisheye(folder: Path, options: argparse.Namespace) -> list[Bound]:
     return [
         *bounds,
         *_top_and_bottom(name, stitcher, images, options),
+        *_light("fisheye_rig", stitcher, images, "top", 0.03, 0.02),
         Bound("fisheye_rig: with range within 45 deg of the horizon", 0.5, measured, "", is_minimum=True),
     ]
 
@@ -202,10 +204,25 @@ def _nuscenes(folder: Path, options: argparse.Namespace) -> list[Bound]:
         flow = seam_flow(one, images, "", sphere.range_m, 10.0)
         what = f"nuscenes, {name}: seams beyond 10 m, median of {_of(flow)}"
         bounds.append(Bound(what, 1.5, flow.median, "px"))
+    bounds += _light("nuscenes", corrected, images, "", 0.12, 0.10)
     write_sphere(options.stitch_pictures, "nuscenes", sphere)
     ratio = edge_ratio(cv2.cvtColor(sphere.image, cv2.COLOR_RGB2GRAY), sphere)
     what = "nuscenes: image gradient at range edges over elsewhere"
     return [*bounds, Bound(what, 1.2, ratio, "x", is_minimum=True)]
+
+
+def _light(
+    name: str, stitcher: Stitcher, images: Mapping[str, Image], level: str, median: float, worst: float
+) -> list[Bound]:
+    """Return the steps of light across all seams, once made equal; what they were is told."""
+    before = light_step(stitcher, images, level)
+    after = light_step(stitcher, stitcher.equalize(images)[0], level)
+    seams = f"{after.num_seams} seam{'s' * (after.num_seams > 1)}, as recorded"
+    return [
+        Bound(f"{name}: light across {seams} {before.median:.3f}, median of all pixels", median, after.median, ""),
+        Bound(f"{name}: light across {seams} {before.worst:.3f}, worst seam's median", worst, after.worst, ""),
+        Bound(f"{name}: colours apart at {seams} {before.colour:.3f}, worst seam", 0.06, after.colour, ""),
+    ]
 
 
 def _most(better: Rectified) -> str:

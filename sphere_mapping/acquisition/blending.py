@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.feathering import feather
 from sphere_mapping.acquisition.kernels import SCALE, add_band, to_levels, warp_by_range
 from sphere_mapping.acquisition.strips import Block, Strip
 from sphere_mapping.acquisition.views import GRID_STEP, INVERSE_LEVELS, Layout, View
@@ -30,6 +31,7 @@ def blend(layout: Layout, images: Mapping[str, Image], inverse_range: Plane | No
     whole, colours = layout.whole, images[layout.views[0].name].shape[2:]
     image = np.zeros((whole.height, whole.width, *colours), np.uint8)
     parts = [warp_view(view, images[view.name], inverse_range) for view in layout.views]
+    parts = feather(parts, [view.block for view in layout.views], layout.seams, layout.step)
     for view, part in zip(layout.views, parts, strict=True):
         _put(image, part, view.block, view.is_owned)
     for strip in layout.strips:

@@ -7,11 +7,11 @@ from typed_params import group, param, parameters
 
 @parameters
 class BlendParams:
-    """How the views are joined (`views.py`, `exposure.py`, `blending.py`)."""
+    """How the views are joined (`views.py`, `light.py`, `blending.py`)."""
 
     num_bands: int = param(4, "bands of the Laplacian pyramid; the coarsest blends over 2^(n + 1) px", low=1, high=7)
     distance_m: float = param(10.0, "range taken where none is known; 0: very far", "m", low=0.0)
-    has_gains: bool = param(True, "compensate exposure by the overlaps")
+    has_gains: bool = param(True, "make falloff of lenses, exposure and white balance equal by the overlaps")
     max_gain: float = param(3.0, "largest gain of a camera over another", low=1.0)
     num_passes: int = param(
         1, "matches of a vertical rig; 2 where its levels' cameras look different ways", low=1, high=3

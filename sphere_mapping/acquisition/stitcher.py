@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -26,9 +26,9 @@ from sphere_mapping.acquisition.epipolar import (
     sphere_frame,
     to_common_centre,
 )
-from sphere_mapping.acquisition.exposure import apply_gain, gains_of, overlaps_of
 from sphere_mapping.acquisition.fusion import Ranged, fill, fuse_sources, range_from_cloud, range_from_depth
 from sphere_mapping.acquisition.lens_check import check_lenses
+from sphere_mapping.acquisition.light import Light
 from sphere_mapping.acquisition.matching import match_columns
 from sphere_mapping.acquisition.pairs import pairs_of, range_of_pair, why_no_pair
 from sphere_mapping.acquisition.params import RectifyParams, StitchParams
@@ -75,11 +75,9 @@ class Stitcher:
             )
             for part in rig.cameras
         }
-        self._groups = {part.name: part.exposure_group or f"alone {part.name}" for part in rig.cameras}
-        blend = self.params.blend
-        self._overlaps = (
-            overlaps_of(list(self._rig_views.values()), self.whole, blend.distance_m) if blend.has_gains else []
-        )
+        groups = {part.name: part.exposure_group or f"alone {part.name}" for part in rig.cameras}
+        blend, views = self.params.blend, list(self._rig_views.values())
+        self._light = Light(views, groups, blend.distance_m, blend.max_gain) if blend.has_gains else None
         self._has_order, self._has_lenses = False, False
         self._layouts: dict[tuple[str, tuple[str, ...]], Layout] = {}
         is_searched = self.params.range != "none" and not rig.is_vertical
@@ -98,7 +96,7 @@ class Stitcher:
         points_rig (N, 3): a LiDAR's cloud of the instant in the frame of the rig. depths: of RGB-D cameras, (h, w) m
         along the axis, registered to the image.
         """
-        found, gains = self._equalize(images)
+        found, gains = self.equalize(images)
         greys = {name: _grey(image) for name, image in found.items()}
         if not self._has_lenses and self.params.range != "none":  # once is enough: lenses do not change
             check_lenses(self.rig, greys)
@@ -123,7 +121,7 @@ class Stitcher:
         self, images: Mapping[str, Image], params: RectifyParams, points_rig: NDArray[np.floating] | None = None
     ) -> list[Matches]:
         """Return the features that cameras share at one instant, for `rectified`; points_rig as for `stitch`."""
-        greys = {name: _grey(image) for name, image in self._equalize(images)[0].items()}
+        greys = {name: _grey(image) for name, image in self.equalize(images)[0].items()}
         points = None if points_rig is None else self.T_rig_sphere.inverse().apply(np.asarray(points_rig, np.float64))
         return matches_of(list(self._rig_views.values()), greys, params, points)
 
@@ -137,7 +135,8 @@ class Stitcher:
                 del self._layouts[next(iter(self._layouts))]
             rig_views = [self._view_at(self._rig_views[name], level) for name in names]
             blend = self.params.blend
-            self._layouts[level, names] = layout_of(rig_views, self.whole, blend.distance_m, blend.num_bands)
+            layout = layout_of(rig_views, self.whole, blend.distance_m, blend.num_bands)
+            self._layouts[level, names] = layout if blend.has_gains else replace(layout, seams=())
         return self._layouts[level, names]
 
     def _view_at(self, rig_view: RigView, level: str) -> RigView:
@@ -148,7 +147,7 @@ class Stitcher:
         moved = SE3.from_parts(rig_view.T_sphere_camera.rotation, rig_view.T_sphere_camera.translation - centre)
         return RigView(rig_view.name, rig_view.camera, moved, rig_view.border)
 
-    def _equalize(self, images: Mapping[str, Image]) -> tuple[dict[str, Image], dict[str, NDArray[np.float64]]]:
+    def equalize(self, images: Mapping[str, Image]) -> tuple[dict[str, Image], dict[str, NDArray[np.float64]]]:
         """Return the checked images with their exposures made equal, in the order of the rig, and the gains."""
         if not images:
             raise ValueError(f"rig {self.rig.name}: expected at least one image, found none")
@@ -158,8 +157,9 @@ class Stitcher:
         if len(kinds) > 1:
             raise ValueError(f"rig {self.rig.name}: images: expected all grey or all RGB, found both")
         ordered = {name: images[name] for name in self.rig.names if name in images}
-        gains = gains_of(ordered, self._overlaps, self._groups, self.params.blend.max_gain)
-        return {name: apply_gain(image, gains[name]) for name, image in ordered.items()}, gains
+        if self._light is None:
+            return ordered, {name: np.ones(1) for name in ordered}
+        return self._light.balance(ordered)
 
     def _ranges(self, greys: dict[str, Image]) -> tuple[list[Ranged], Image | None]:
         """Return what the cameras say about range, and the bottom sphere of a vertical rig."""
@@ -193,7 +193,7 @@ class Stitcher:
         self, images: Mapping[str, Image], range_m: NDArray[np.float32] | None = None
     ) -> tuple[Image, Image]:
         """Return the two grey spheres (H, W) that are matched, with range as their centres see them."""
-        found, _ = self._equalize(images)
+        found, _ = self.equalize(images)
         greys = {name: _grey(image) for name, image in found.items()}
         return self._levels([self.layout(level, tuple(greys)) for level in ("top", "bottom")], greys, range_m)
 

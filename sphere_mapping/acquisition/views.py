@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 
 from sphere_geometry import SE3, Camera, Rig, RigCamera, Spherical
 from sphere_geometry.camera import pixel_grid
+from sphere_mapping.acquisition.feathering import Seam, seams_of
 from sphere_mapping.acquisition.strips import OUTSIDE, Block, Strip, strips_of
 
 Plane = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 COARSE = 8  # every so many pixels while the blocks are looked for
+FROM_BORDER = 0.02  # rad from a camera's border, where views are compared along the seams
 GRID_STEP = 8  # px of the sphere between the entries of a table by range
 INVERSE_LEVELS = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 2.0, 4.0], dtype=np.float32)  # 1/m
 
@@ -72,6 +74,8 @@ class Layout:
     views: tuple[View, ...]
     owner: NDArray[np.int8]
     strips: tuple[Strip, ...]
+    seams: tuple[Seam, ...]
+    step: int  # px of the sphere between directions where views are compared along the seams
 
     @property
     def is_covered(self) -> Flags:
@@ -132,7 +136,8 @@ def layout_of(rig_views: Sequence[RigView], whole: Spherical, distance_m: float,
     for number, ((rig_view, block), projected) in enumerate(zip(kept, seen, strict=True)):
         is_owned = _cut_once((owner == number).astype(np.uint8) * np.uint8(255), block)
         views.append(View(rig_view, block, _table(*projected), is_owned, _by_range(rig_view, whole, block)))
-    return Layout(whole, tuple(views), owner, strips_of(owner, len(kept), num_bands))
+    seams = seams_of(owner, [_seen_at(view.rig_view, whole, align, distance_m) for view in views], align)
+    return Layout(whole, tuple(views), owner, strips_of(owner, len(kept), num_bands), seams, align)
 
 
 def block_around(is_wanted: Flags, whole: Spherical, step: int, margin: int, align: int) -> Block | None:
@@ -159,6 +164,13 @@ def rays_of(whole: Spherical, block: Block, step: int = 1) -> NDArray[np.float64
     v = block.row + step * np.arange(-(-block.height // step) + extra)
     u = block.column + step * np.arange(-(-block.width // step) + extra)
     return whole.unproject(np.stack(np.broadcast_arrays(u[None, :], v[:, None]), axis=-1).astype(np.float64))
+
+
+def _seen_at(rig_view: RigView, whole: Spherical, step: int, distance_m: float) -> Flags:
+    """Return which blocks (H / step, W / step) of step x step pixels a camera sees by their middle."""
+    middle = Block(step // 2, step // 2, whole.height - step // 2, whole.width - step // 2)
+    rays = rays_of(whole, middle, step)[: whole.height // step, : whole.width // step]
+    return _see(rig_view, rays, distance_m)[2] > FROM_BORDER
 
 
 def _owners(rig_views: Sequence[RigView], whole: Spherical, distance_m: float, step: int) -> NDArray[np.int8]:
