@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_calibration.agreement import disagreements
 from rig_calibration.assembly import assemble
 from rig_calibration.board import Board
 from rig_calibration.checks import check_joined, check_views
@@ -17,7 +18,7 @@ from rig_calibration.params import CalibrationParams
 from rig_calibration.rejection import adjust
 from rig_calibration.starting import Start, camera_observations, sightings, start_of_rig
 from rig_calibration.state import State
-from rig_calibration.validation import Validation, validate
+from rig_calibration.validation import Validation, camera_rms, validate
 from rig_calibration.views import View
 from sphere_geometry import SE3, Camera
 from sphere_geometry.rig import T_BODY_OPTICAL, Rig, RigCamera
@@ -92,6 +93,7 @@ def calibrate(
     found = spread(start.problem, state, errors, adjusted.kept)
     checked = validate(start.problem, state, adjusted.kept, params)
     notes = warnings(tuple(names), found, state.T_world_rig, params)
+    notes += disagreements(names, singles, state.lenses, camera_rms(start.problem, errors, adjusted.kept))
     return Calibration(tuple(specs), tuple(boards), start, state, errors, adjusted.kept, dropped, found, checked, notes)
 
 

@@ -11,6 +11,7 @@ from rig_calibration.board_pose import board_pose, other_pose
 from rig_calibration.bundle import solve
 from rig_calibration.lens import camera_of, lens_of
 from rig_calibration.linearize import residuals
+from rig_calibration.observability import spread
 from rig_calibration.params import CalibrationParams
 from rig_calibration.rejection import Adjusted, adjust, noise_px
 from rig_calibration.state import Problem, State, camera_problem, camera_state
@@ -25,11 +26,22 @@ NUM_TRIALS = 3
 
 @dataclass(frozen=True, eq=False)
 class SingleCamera:
-    """One camera calibrated by itself: `T_camera_board` (V,) of all its views, and which corners (N,) fit."""
+    """One camera calibrated by itself: `T_camera_board` (V,) of all its views, and which corners (N,) fit.
+
+    lens (12,) with its covariance (12, 12) and the RMS residual: what the images of this camera alone say.
+    """
 
     camera: Camera
     T_camera_board: SE3
     adjusted: Adjusted
+    lens: Array
+    lens_covariance: Array
+    rms_px: float
+
+    @property
+    def num_views(self) -> int:
+        """Views of the board."""
+        return len(self.T_camera_board.matrix)
 
 
 def calibrate_camera(
@@ -51,7 +63,12 @@ def calibrate_camera(
     better = _flip_where_better(problem, adjust(problem, best, kept, params).solution.state)
     adjusted = adjust(problem, better, kept, params)
     state = adjusted.solution.state
-    return SingleCamera(problem.camera(state, 0), state.T_world_rig.inverse(), adjusted)
+    errors, is_kept = adjusted.solution.residuals, adjusted.kept > 0
+    covariance = spread(problem, state, errors, adjusted.kept).lenses[0]
+    rms_px = float(np.sqrt(np.sum(errors[is_kept] ** 2) / max(int(np.count_nonzero(is_kept)), 1)))
+    return SingleCamera(
+        problem.camera(state, 0), state.T_world_rig.inverse(), adjusted, state.lenses[0], covariance, rms_px
+    )
 
 
 def view_poses(camera: Camera, seen: Observations) -> SE3:

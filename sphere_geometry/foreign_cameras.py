@@ -6,22 +6,32 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from sphere_geometry.camera import Camera
 from sphere_geometry.double_sphere import DoubleSphere
 from sphere_geometry.fields import check_centre, numbers, short, size
 from sphere_geometry.fisheye import Fisheye
+from sphere_geometry.lens_fit import LensFit, fit_lens, grid_of
 from sphere_geometry.pinhole import Pinhole
 from sphere_geometry.se3 import SE3
+
+WIDEST_DEG = 100.0  # from the axis: farther, a calibration is seldom known
 
 
 @dataclass(frozen=True, eq=False)
 class ForeignRig:
-    """Cameras with their poses `T_origin_camera`; the origin is the IMU if `is_by_imu`, else the first camera."""
+    """Cameras with their poses `T_origin_camera`; the origin is the IMU if `is_by_imu`, else the first camera.
+
+    fits: of cameras whose model is none of ours, how near ours comes; None of the others. topics: where files tell.
+    """
 
     names: tuple[str, ...]
     cameras: tuple[Camera, ...]
     T_origin_camera: tuple[SE3, ...]
     is_by_imu: bool = False
+    fits: tuple[LensFit | None, ...] = ()
+    topics: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -60,6 +70,21 @@ class Lens:
             raise ValueError(f"{self.where}: xi: expected at least 0, found {xi}")
         lens = Lens(self.size, self.fx / scale, self.fy / scale, self.cx, self.cy, self.where)
         return lens.to_unified(xi / scale)
+
+    def mei_with_distortion(self, xi: float, distortion: tuple[float, ...]) -> LensFit:
+        """Return what comes nearest to Mei's camera, x / (z + xi d), with pinhole distortion behind it."""
+        self.mei(xi)
+        pixels = grid_of(self.size)
+        plane = Pinhole(*self.size, self.fx, self.fy, self.cx, self.cy, distortion).unproject(pixels)
+        plane = plane[:, :2] / plane[:, 2:]
+        r2 = np.sum(plane * plane, axis=1)
+        root = 1.0 + (1.0 - xi * xi) * r2
+        factor = (xi + np.sqrt(np.maximum(root, 0.0))) / (1.0 + r2)
+        rays = np.concatenate([factor[:, None] * plane, (factor - xi)[:, None]], axis=1)
+        known = (root > 0) & np.all(np.isfinite(rays), axis=1) & (rays[:, 2] > np.cos(np.radians(WIDEST_DEG)))
+        if np.count_nonzero(known) < len(pixels) // 4:
+            raise ValueError(f"{self.where}: expected a lens with rays of the image's pixels, found hardly any")
+        return fit_lens(rays[known], pixels[known], self.size, self.fx / (1.0 + xi), self.where)
 
     def _check(self, model: Any, *more: Any) -> Camera:
         check_centre((self.cx, self.cy), self.size, self.where)

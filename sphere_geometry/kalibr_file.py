@@ -13,6 +13,7 @@ from sphere_geometry.camera import Camera
 from sphere_geometry.fields import MAX_FILE_BYTES, pose, required, short
 from sphere_geometry.files import read_text
 from sphere_geometry.foreign_cameras import ForeignRig, Lens, image_size, refuse_model, vector
+from sphere_geometry.lens_fit import LensFit
 from sphere_geometry.opencv_file import without_directive
 from sphere_geometry.se3 import SE3
 from sphere_geometry.yaml_text import load_yaml
@@ -20,7 +21,7 @@ from sphere_geometry.yaml_text import load_yaml
 NAME = re.compile(r"cam([0-9]{1,3})")
 NUM_INTRINSICS = {"pinhole": 4, "omni": 5, "ds": 6}  # fu fv pu pv, behind xi (omni) or xi alpha (ds)
 NUM_DISTORTION = {"radtan": 4, "equidistant": 4, "none": 0}
-KNOWN = "pinhole with radtan, equidistant or none, ds with none, omni with none"
+KNOWN = "pinhole with radtan, equidistant or none, ds with none, omni with none or radtan"
 AGREEMENT = 1e-3  # m and rad between a pose by the chain and the same by the IMU
 
 
@@ -49,18 +50,21 @@ def _rig(values: Any) -> ForeignRig:
     if names != [f"cam{number}" for number in range(len(names))]:
         raise ValueError(f"camchain: expected cam0 to cam{len(names) - 1}, found {', '.join(names)}")
     entries = [required(values[name], name, ("camera_model", "intrinsics", "resolution")) for name in names]
-    cameras = tuple(_camera(name, entry) for name, entry in zip(names, entries, strict=True))
+    found = [_camera(name, entry) for name, entry in zip(names, entries, strict=True)]
+    fits = tuple(lens if isinstance(lens, LensFit) else None for lens in found)
+    cameras = tuple(lens.camera if isinstance(lens, LensFit) else lens for lens in found)
     by_imu = [_by_imu(name, entry) for name, entry in zip(names, entries, strict=True)]
     poses, is_by_imu = _poses(names, entries, by_imu)
-    return ForeignRig(tuple(names), cameras, tuple(poses), is_by_imu)
+    topics = tuple(str(entry.get("rostopic") or "") for entry in entries)
+    return ForeignRig(tuple(names), cameras, tuple(poses), is_by_imu, fits, topics)
 
 
-def _camera(name: str, entry: Mapping[str, Any]) -> Camera:
+def _camera(name: str, entry: Mapping[str, Any]) -> Camera | LensFit:
     model, distortion = entry["camera_model"], entry.get("distortion_model") or "none"
     if not isinstance(model, str) or model not in NUM_INTRINSICS:
         raise refuse_model(model, f"{name}.camera_model", KNOWN)
     is_known = isinstance(distortion, str) and distortion in NUM_DISTORTION
-    if not is_known or (model != "pinhole" and distortion != "none"):
+    if not is_known or (model != "pinhole" and distortion != "none" and (model, distortion) != ("omni", "radtan")):
         raise refuse_model(f"{model} with {distortion!s:.40}", f"{name}.distortion_model", KNOWN)
     numbers = vector(entry, "intrinsics", name, NUM_INTRINSICS[model])
     k = vector(entry, "distortion_coeffs", name, NUM_DISTORTION[distortion])
@@ -70,7 +74,7 @@ def _camera(name: str, entry: Mapping[str, Any]) -> Camera:
     if model == "ds":
         return lens.double_sphere(*numbers[:2])
     if model == "omni":
-        return lens.mei(numbers[0])
+        return lens.mei(numbers[0]) if not any(k) else lens.mei_with_distortion(numbers[0], k)
     return lens.fisheye(k) if distortion == "equidistant" else lens.pinhole(k)
 
 

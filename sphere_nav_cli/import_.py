@@ -14,6 +14,7 @@ from tqdm import tqdm
 from node_kit import qos
 from node_kit.bags import BagWriter
 from sphere_geometry import SE3, Pinhole
+from sphere_nav_cli.importing.images import open_images
 from sphere_nav_cli.importing.kitti import KittiRecording
 from sphere_nav_cli.importing.layouts import describe, guess_format
 from sphere_nav_cli.importing.recording import Recording
@@ -27,6 +28,11 @@ Turn a recorded data set into an MCAP bag with our topics.
   tum           TUM RGB-D: the same; a sequence with rgb.txt, or a pair img_prev.png, img_curr.png, ...
   kitti         KITTI odometry: left/image_raw, left/camera_info, right/image_raw, right/camera_info
   spherical     rgbd360 rings of eight sensors, or equirectangular image_*.png with range_*.png: sphere
+  images        image files or videos. Of a rig (--rig; each camera a folder or video of its name):
+                cameras/<name>/image_raw. Of one camera (--camera, or a rig file of one): image_raw. Of a stereo pair
+                left, right: left/image_raw, right/image_raw; rectified with --camera and --baseline, raw with a rig
+                file of left and right. Equirectangular pairs top, bottom (--baseline): sphere.
+                Names that are times since 1970 are stamps.
 
 The true poses go to ground_truth/pose: body axes (x forward, y left, z up) of the camera of image_raw, of the left
 camera or of the sphere, in the frame map. The optical frames are in /tf_static.
@@ -36,8 +42,11 @@ examples:
   sphere_nav import seven_scenes redkitchen/seq-01 -o kitchen --poses colmap_poses --truth-camera colour
   sphere_nav import kitti sequences/06 -o drive
   sphere_nav import kitti sequences/06 -o every_second --frames 0:51:2
+  sphere_nav import images six_folders -o drive --rig rig.yaml --fps 15
+  sphere_nav import images pair -o drive --camera 707.1,707.1,601.9,183.1 --baseline 0.537
+  sphere_nav import images panoramas -o spheres --baseline 0.2
 """
-FORMATS = ("seven_scenes", "tum", "kitti", "spherical")
+FORMATS = ("seven_scenes", "tum", "kitti", "spherical", "images")
 KINECT_SIZE = (640, 480)
 SEVEN_SCENES_CAMERA = (525.0, 525.0, 320.0, 240.0)
 SEVEN_SCENES_DEPTH = (585.0, 585.0, 320.0, 240.0)
@@ -58,13 +67,17 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def _add_camera_arguments(parser: argparse.ArgumentParser) -> None:
-    rgbd = parser.add_argument_group("seven_scenes, tum")
+    rgbd = parser.add_argument_group("seven_scenes, tum, images")
     rgbd.add_argument(
         "--camera",
         type=numbers(4, 12),
         metavar=LENS,
-        help="colour camera, px (seven_scenes 525,525,320,240; tum 525,525,319.5,239.5)",
+        help="(colour) camera, px (seven_scenes 525,525,320,240; tum 525,525,319.5,239.5)",
     )
+    images = parser.add_argument_group("images")
+    images.add_argument("--rig", type=Path, metavar="FILE", help="rig file of the cameras")
+    images.add_argument("--baseline", type=float, metavar="M", help="m between left and right, or top and bottom")
+    images.add_argument("--fps", type=float, metavar="N", help="images a second without stamps (a video's own; 10)")
     kinect = parser.add_argument_group("seven_scenes", "Its depth is not registered to its colour.")
     kinect.add_argument(
         "--depth-camera", type=numbers(4, 12), default=SEVEN_SCENES_DEPTH, metavar=LENS, help="px; 585,585,320,240"
@@ -117,6 +130,8 @@ def open_recording(arguments: argparse.Namespace) -> Recording:
     """Open the data set that the arguments name."""
     if arguments.format == "kitti":
         return KittiRecording(arguments.folder)
+    if arguments.format == "images":
+        return open_images(arguments.folder, arguments.rig, arguments.camera, arguments.baseline, arguments.fps)
     if arguments.format == "spherical":
         return open_spherical(arguments.folder)
     if arguments.format == "tum":

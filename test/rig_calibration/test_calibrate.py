@@ -1,5 +1,7 @@
 """A known rig comes back from views of boards; every kind of bad input is told by name."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -157,3 +159,21 @@ def test_rendered_corners_are_found_to_a_tenth_of_a_pixel(world):
             off.append(min(np.sqrt(np.mean(np.sum((seen[1] - one) ** 2, axis=-1))) for one in truth))
     assert len(off) >= 2
     assert max(off) < 0.2  # noise of 2 grey levels and squares of some 15 px
+
+
+def test_a_right_rig_agrees_with_its_single_cameras(calibrated):
+    assert not any("not the same camera" in line for line in calibrated[0].warnings)
+
+
+def test_images_that_were_not_taken_at_one_time_are_warned_of(world, calibrated):
+    """The second camera's images are of moments at which the rig stood elsewhere, by 3 mm and 0.2 degrees."""
+    _, _, specs, _ = calibrated
+    rng = np.random.default_rng(8)
+    shaken = SE3.exp(rng.normal(0.0, 0.003, (len(world.T_world_rig.matrix), 6)))
+    late = dataclasses.replace(world, T_world_rig=world.T_world_rig @ shaken)
+    views = [view for view in world.views(0.1, rng) if view.camera == "cam0"]
+    views += [view for view in late.views(0.1, rng) if view.camera == "cam1"]
+    found = calibrate(specs, world.boards, views, PARAMS, world.rig.cameras[0].T_rig_camera)
+    lines = [line for line in found.warnings if "by itself and with the others it is not the same camera" in line]
+    assert lines
+    assert found.warnings[-1].startswith("were the images of each instant taken at one time")

@@ -1,0 +1,54 @@
+"""Whether the joint adjustment says of every camera what its own images say: if not, instants were none.
+
+Where images that are taken for one instant were not taken at one, the rig cannot be rigid in the adjustment, and lenses
+or residuals bear it. Either test raises a false alarm once in a thousand calibrations of a camera: a lens by chi2 (the
+joint estimate is the better one, so their difference varies less than the single one), residuals by F.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, f
+
+from rig_calibration.intrinsics import SingleCamera
+
+Array = NDArray[np.float64]
+
+FALSE_ALARM = 1e-3
+ERRORS_OF_VIEW = 6  # independent ones: neighbouring corners of a view err alike
+REMEDY = "were the images of each instant taken at one time, with board and rig at rest?"
+
+
+def disagreements(names: Sequence[str], singles: Sequence[SingleCamera], lenses: Array, rms_px: Array) -> list[str]:
+    """Return a line for every camera whose joint lens (C, 12) or RMS residual (C,) disagrees with its own."""
+    if len(names) < 2:
+        return []
+    lines = []
+    for name, single, lens, rms in zip(names, singles, lenses, rms_px, strict=True):
+        found = []
+        number = ERRORS_OF_VIEW * max(single.num_views, 1)
+        if rms**2 > single.rms_px**2 * f.isf(FALSE_ALARM, number, number):
+            found.append(f"residuals of {rms:.2f} px in place of {single.rms_px:.2f}")
+        if (chance := lens_chance(single, lens)) < FALSE_ALARM:
+            std = np.sqrt(np.diag(single.lens_covariance))
+            change = lens - single.lens
+            worst = int(np.argmax(np.abs(change[:4]) / np.maximum(std[:4], 1e-12)))
+            what = ("fx", "fy", "cx", "cy")[worst]
+            found.append(f"{what} moved by {change[worst]:+.2f} px of σ {std[worst]:.2f} (chance {chance:.1g})")
+        if found:
+            lines.append(f"{name}: by itself and with the others it is not the same camera: {'; '.join(found)}")
+    return [*lines, REMEDY] if lines else []
+
+
+def lens_chance(single: SingleCamera, lens: Array) -> float:
+    """Return how often chance alone would move a lens (12,) so far from the camera's own."""
+    free = np.diag(single.lens_covariance) > 0
+    scale = np.sqrt(np.diag(single.lens_covariance)[free])
+    change = (lens - single.lens)[free] / scale
+    correlation = single.lens_covariance[np.ix_(free, free)] / scale / scale[:, None]
+    if not np.all(np.isfinite(correlation)):
+        return 1.0
+    return float(chi2.sf(change @ np.linalg.solve(correlation, change), int(free.sum())))
