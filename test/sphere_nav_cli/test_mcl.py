@@ -58,7 +58,11 @@ def pictures(path):
 @pytest.fixture(scope="module")
 def recorded(tmp_path_factory):
     """A room and a bag of a drive through it."""
-    folder = tmp_path_factory.mktemp("mcl")
+    return record(tmp_path_factory.mktemp("mcl"), 1)
+
+
+def record(folder, seconds):
+    """Write the room and a bag with an image every so many seconds."""
     write_room(folder / "room.ply")
     with BagWriter(folder / "bag") as bag:
         bag.add_topic("/tf_static", TFMessage, qos.TF_STATIC)
@@ -68,7 +72,7 @@ def recorded(tmp_path_factory):
         bag.write("/tf_static", TFMessage(transforms=[se3_to_transform(mount, SECOND, "base_link", "eye")]), SECOND)
         T_odom_map = SE3.from_planar(3.0, 1.0, 2.0)
         for number, ((camera, image), pose) in enumerate(zip(pictures(folder / "room.ply"), POSES, strict=True), 1):
-            stamp = number * SECOND
+            stamp = number * seconds * SECOND
             T_odom_base = T_odom_map @ base(pose)
             bag.write("/sphere_info", camera_to_sphere_info(camera, "eye"), stamp)
             bag.write("/odom", se3_to_odometry(T_odom_base, 1e-4 * np.eye(6), stamp, ("odom", "base_link")), stamp)
@@ -99,6 +103,17 @@ def test_the_base_is_found_from_nowhere(recorded, tmp_path, capsys):
     with BagReader(tmp_path / "out") as bag:
         assert bag.topics["/status"].count >= len(POSES)  # silence is told between images, too
         assert bag.topics["/tf"].count >= bag.topics["/pose"].count == len(found)  # told at a pace of its own
+
+
+def test_images_eight_seconds_apart_are_located_too(tmp_path, capsys):
+    assert locate(record(tmp_path, 8), tmp_path / "poses.tum", "--json", tmp_path / "s.json") == 0
+    found = read_tum(tmp_path / "poses.tum")
+    assert len(found) >= 3
+    for stamp, pose in zip(found.stamps_ns, found.T_map_body, strict=True):
+        assert pose.distance(base(POSES[int(stamp) // (8 * SECOND) - 1]))[0] < 0.4
+    summary = json.loads((tmp_path / "s.json").read_text())
+    assert (summary["images"], summary["poses"]) == (len(POSES), len(found))  # silence is no image
+    assert f"{len(POSES)} images" in capsys.readouterr().out
 
 
 def test_a_poses_file_that_is_there_is_kept(recorded, tmp_path, capsys):
