@@ -104,6 +104,16 @@ def _calibration(world: World, pose: SE3, _: int) -> Image:
     return world.see(pose, replace(CAMERA, fx=0.8 * CAMERA.fx, fy=0.8 * CAMERA.fy))
 
 
+def _repeated(world: World, pose: SE3, _: int) -> Image:
+    """Return a view of one third of the image three times, as of like windows in a row."""
+    third = CAMERA.width // 3
+    return np.ascontiguousarray(np.tile(world.see(pose)[:, third : 2 * third], (1, 3)))
+
+
+def _nothing(world: World, pose: SE3, _: int) -> Image:
+    return world.see(pose)
+
+
 def _delayed(world: World, pose: SE3, index: int) -> Image:
     return world.see(_pose((index - 10) * PERIOD_NS * 1e-9))
 
@@ -118,7 +128,10 @@ FAULTS: dict[str, Fault] = {
     "kidnapped": _kidnapped,
     "focal length 20 % off": _calibration,
     "images 0.5 s late": _delayed,
+    "repeated texture": _repeated,
+    "wrong start": _nothing,
 }
+WRONG_START_M, WRONG_START_RAD = 1.5, np.radians(30.0)  # an initial pose is off by as much at most, each axis
 
 
 @dataclass
@@ -188,6 +201,9 @@ class Run:
         self.found.injected[name] += 1
         told_after = np.nan
         wrong = False
+        if name == "wrong start":
+            off = self.world.rng.uniform(-1.0, 1.0, 6) * np.repeat([WRONG_START_M, WRONG_START_RAD], 3)
+            self.localizer.relocalize(self._last @ SE3.exp(off))
         for k in range(FAULT_IMAGES):
             state, metres, radians, _ = self.step(FAULTS[name])
             wrong |= self._is_undetected(state, metres, radians)
@@ -210,7 +226,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(options: argparse.Namespace) -> Report:
     """Inject failures, then drive without."""
-    number, km = (16, 0.02) if options.quick else (options.injections, options.nominal_km)
+    number, km = (len(FAULTS), 0.02) if options.quick else (options.injections, options.nominal_km)
     drive = Run(World(options.world_seed))
     for name in tqdm(list(_kinds(number)), "failures", leave=False, disable=None):
         drive.settle()

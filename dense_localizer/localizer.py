@@ -11,6 +11,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
+from dense_localizer.doubts import Doubts
 from dense_localizer.estimate import Estimate, Frame, status_of
 from dense_localizer.motion_prior import MotionPrior, Prediction
 from dense_localizer.params import LocalizerParams
@@ -32,6 +33,7 @@ class Localizer:
         self._prior = MotionPrior(params.prior)
         self._search = Search(self.references, params)
         self._states = StateMachine(params.state)
+        self._doubts = Doubts(self.references, params)
         self._before: Pyramid | None = None
 
     def reset(self) -> None:
@@ -42,11 +44,10 @@ class Localizer:
     def relocalize(self, T_map_camera: SE3 | None = None) -> Estimate | None:
         """Search with the last image and those to come, near a pose or everywhere; ValueError for one off the map."""
         self._search.ask(T_map_camera)
+        self._doubts.forget()
         self._states.search()
-        stamp_ns = self._input.last_stamp_ns
-        if stamp_ns is None or self._before is None:
-            return None
-        return self._start(Frame(stamp_ns, FINE, self._before, None))
+        stamp_ns, image = self._input.last_stamp_ns, self._before
+        return self._start(Frame(stamp_ns, FINE, image, None)) if stamp_ns is not None and image is not None else None
 
     def refuse(self, stamp_ns: int, finding: Finding) -> Estimate:
         """Take note of an image that cannot even be read; a stamp that is none moves nothing."""
@@ -67,17 +68,17 @@ class Localizer:
     def silence(self, elapsed_s: float, finding: Finding = FINE) -> Status | None:
         """Return what to say so long after the last usable image, if that is too long; the state follows stamps."""
         silence = self._input.find_silence(elapsed_s, finding)
-        if silence is None:
-            return None
-        return status_of(self._states.after_silence, *silence, self._prior.age(silence[0]))
+        return silence and status_of(self._states.after_silence, *silence, self._prior.age(silence[0]))
 
     def _forget(self) -> None:
         self._prior.reset()
         self._search.forget()
+        self._doubts.forget()
         self._states.reset()
         self._before = None
 
     def _step(self, frame: Frame) -> Estimate:
+        self._doubts.drive(frame, self._states.state)
         if self._states.is_following and self._prior.pause_s(frame.stamp_ns) > self.params.input.timeout_s:
             self._states.lose()  # nobody knows what happened meanwhile
             self._search.lost(self._prior.predict(frame.stamp_ns, frame.T_odom_camera).T_map_camera)
@@ -89,9 +90,9 @@ class Localizer:
         """Carry the pose from the last image to this one; the likeliest prediction first, others where it fails."""
         if frame.pyramid is None:
             return self._go_blind(frame, frame.finding)
-        first, pyramid = None, frame.pyramid
+        first, pyramid, is_thorough = None, frame.pyramid, self._doubts.is_due(self._states.state)
         for prediction in self._prior.predictions(frame.stamp_ns, frame.T_odom_camera, lambda: self._turn(pyramid)):
-            place = locate(pyramid, self.references, prediction.T_map_camera, self.params, prediction)
+            place = locate(pyramid, self.references, self.params, prediction.T_map_camera, prediction, is_thorough)
             if place.verdict.is_accepted:
                 return self._accept(frame, place, prediction)
             first = first or place
@@ -99,15 +100,11 @@ class Localizer:
 
     def _turn(self, pyramid: Pyramid) -> SE3 | None:
         """Return the rotation since the last image, measured at the coarsest level (eq. 20)."""
-        if self._before is None:
-            return None
-        return register_rotation(pyramid, self._before, self.params.registration)
+        return self._before and register_rotation(pyramid, self._before, self.params.registration)
 
     def _accept(self, frame: Frame, place: Place, prediction: Prediction) -> Estimate:
         """Go on from a good alignment; good as it is, what preceded it may ask for care."""
-        finding = place.verdict.finding
-        if finding.reason is Reason.NONE:
-            finding = prediction.finding()
+        finding = self._doubts.find(frame, place, prediction)
         self._prior.correct(place.T_map_camera, place.covariance, frame.stamp_ns, frame.T_odom_camera)
         self.references.look_ahead(place.T_map_camera, self._prior.velocity)
         self._states.confirm(frame.stamp_ns, is_good=finding.reason is Reason.NONE)
@@ -135,14 +132,14 @@ class Localizer:
         if found.place is not None:
             self._prior.start(found.place.T_map_camera, found.place.covariance, frame.stamp_ns, frame.T_odom_camera)
             self._search.forget()
+            self._doubts.begin(frame, found.place)
             self._states.start()
             self._states.confirm(frame.stamp_ns, is_good=found.place.verdict.is_good)
         return self._estimate(frame.stamp_ns, found.finding, found.place)
 
     def _estimate(self, stamp_ns: int, finding: Finding, place: Place | None = None) -> Estimate:
-        status = self._status(stamp_ns, finding, place)
-        prior, pose = self._prior, self._prior.last
-        if not self._states.is_trusted or pose is None:
+        status, prior, pose = self._status(stamp_ns, finding, place), self._prior, self._prior.last
+        if pose is None or not self._states.is_trusted:
             return Estimate(status, place=place)
         return Estimate(status, pose.T_map_camera, pose.covariance, prior.velocity, prior.velocity_covariance, place)
 

@@ -55,11 +55,10 @@ class AcceptanceParams:
 
 @parameters
 class CovarianceParams:
-    """From the alignment's covariance to an honest one (`acceptance.py`)."""
+    """What is assumed of the map's errors until its key spheres have been compared (`map_error.py`)."""
 
     map_sigma_m: float = param(0.002, "error of the map's geometry, each axis", "m", low=0.0)
     map_sigma_rad: float = param(0.0015, "error of the map's attitude, each axis", "rad", low=0.0)
-    map_share: float = param(0.01, "error of range and calibration, as share of the distance to the reference", low=0.0)
 
 
 @parameters

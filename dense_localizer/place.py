@@ -8,13 +8,14 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dense_localizer.acceptance import Verdict, honest_covariance, judge, refusal
+from dense_localizer.acceptance import Verdict, judge, refusal
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.reference import MIN_VISIBLE_SHARE, Choice, References
 from localization.status import Finding, Reason
 from photometric import Alignment, Pyramid, RegistrationParams, register
-from sphere_geometry import SE3
+from photometric.structure import find_structure
+from sphere_geometry import SE3, FrameMotion
 
 LEVEL_SIGMAS = 1.0  # uncertainty of the prediction that the first level must cover
 UNKNOWN = np.diag(np.full(6, np.inf))
@@ -29,6 +30,7 @@ class Place:
     choice: Choice
     verdict: Verdict
     alignment: Alignment | None = None
+    motion: FrameMotion | None = None  # within the frame
 
     @property
     def ncc(self) -> float:
@@ -39,11 +41,15 @@ class Place:
 def locate(
     pyramid: Pyramid,
     references: References,
-    T_map_camera: SE3,
     params: LocalizerParams,
+    T_map_camera: SE3,
     prediction: Prediction | None = None,
+    is_thorough: bool = True,
 ) -> Place:
-    """Place an image from a first guess of its pose (M15 eq. 17-19); every jump is allowed without a prediction."""
+    """Place an image from a first guess of its pose (M15 eq. 17-19); every jump is allowed without a prediction.
+
+    Where `is_thorough` the structure of the residuals is looked at, too.
+    """
     choice = references.choose(T_map_camera, pyramid.levels[0].camera)
     if not choice.views:
         limit, detail = MIN_VISIBLE_SHARE, "no key sphere covers the view"
@@ -54,10 +60,19 @@ def locate(
         registration = starting_at(first_level(prediction, choice, pyramid, params), registration)
     motion = prediction.frame_motion(params.camera.readout) if prediction is not None else None
     alignment = register(pyramid, choice.views, T_map_camera, registration, motion)
-    covariance = honest_covariance(alignment, choice.distance_m, params.covariance)
+    structure = None
+    if is_thorough and alignment.is_converged:
+        structure = find_structure(pyramid, choice.views, alignment, registration, motion)
+    covariance = alignment.covariance + _map_covariance(references, choice, alignment.T_world_camera)
     limits = params.acceptance, params.registration.max_mad
-    verdict = judge(alignment, covariance, choice.distance_ratio, prediction, *limits)
-    return Place(alignment.T_world_camera, covariance, choice, verdict, alignment)
+    verdict = judge(alignment, covariance, choice.distance_ratio, prediction, *limits, structure)
+    return Place(alignment.T_world_camera, covariance, choice, verdict, alignment, motion)
+
+
+def _map_covariance(references: References, choice: Choice, T_map_camera: SE3) -> NDArray[np.float64]:
+    """Return the covariance (6, 6) of a pose by the errors of the map."""
+    T_map_sphere = choice.views[0].T_world_reference
+    return references.error.covariance(choice.ids[0], T_map_sphere.inverse() @ T_map_camera)
 
 
 def first_level(prediction: Prediction, choice: Choice, pyramid: Pyramid, params: LocalizerParams) -> int:

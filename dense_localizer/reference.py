@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.coverage import coverage
+from dense_localizer.map_error import MapError
 from dense_localizer.params import LocalizerParams
 from dense_localizer.preparation import Preparation
 from dense_localizer.recognition import NUM_ALIKE
@@ -112,6 +113,7 @@ class References:
         is_large = len(sphere_map.graph) > NUM_ALIKE
         self.appearance = sphere_map.appearance() if is_large else AppearanceIndex()  # a small map is looked at whole
         self.coarse = CoarseReferences(sphere_map.coarse_spheres(), params.registration)
+        self.error = MapError(sphere_map.graph, params.covariance)
         self._preparation = Preparation(self._prepare, params.reference.cache_size)
         self._looked_ahead: NDArray[np.float64] | None = None
 

@@ -116,7 +116,7 @@ class Startup:
 
     def _verify(self, pyramid: Pyramid, guess: Guess) -> Place | None:
         """Align at full resolution with the references of the guessed pose; None where the result is refused."""
-        place = locate(pyramid, self._references, guess.T_map_camera, self._params)
+        place = locate(pyramid, self._references, self._params, guess.T_map_camera)
         return place if place.verdict.is_good else None
 
 

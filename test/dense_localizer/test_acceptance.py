@@ -3,12 +3,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dense_localizer.acceptance import Check, honest_covariance, innovation, judge
+from dense_localizer.acceptance import Check, innovation, judge
 from dense_localizer.motion_prior import Prediction
-from dense_localizer.params import AcceptanceParams, CovarianceParams
+from dense_localizer.params import AcceptanceParams
 from dense_localizer.reasons import REMEDIES
 from localization.status import Reason
 from photometric import Alignment
+from photometric.structure import Structure
 from sphere_geometry import SE3
 
 PARAMS = AcceptanceParams()
@@ -29,8 +30,8 @@ GOOD = Alignment(
 HERE = Prediction(SE3.identity(), TIGHT, 0)
 
 
-def judged(alignment, covariance=TIGHT, distance_ratio=0.1, prediction=HERE):
-    return judge(alignment, covariance, distance_ratio, prediction, PARAMS)
+def judged(alignment, covariance=TIGHT, distance_ratio=0.1, prediction=HERE, structure=None):
+    return judge(alignment, covariance, distance_ratio, prediction, PARAMS, structure=structure)
 
 
 def test_a_good_alignment_is_accepted_without_a_word():
@@ -110,11 +111,17 @@ def test_a_check_without_a_range_of_care_is_a_plain_bound():
     assert Check(Reason.LOW_TEXTURE, 4.9, 5.0, 5.0).margin < 0
 
 
-def test_errors_of_the_map_widen_the_covariance_with_distance():
-    params = CovarianceParams(map_sigma_m=0.003, map_sigma_rad=0.001, map_share=0.01)
-    for distance, sigma in ((0.0, 0.003), (1.0, 0.013), (np.inf, 0.003)):
-        variance = np.diagonal(honest_covariance(GOOD, distance, params))
-        np.testing.assert_allclose(variance, [1e-6 + sigma**2] * 3 + [1e-7 + 1e-6] * 3)
+def test_gradients_that_do_not_agree_refuse_what_grey_levels_confirm():
+    assert not judged(GOOD, structure=Structure(0.13)).is_accepted
+    assert judged(GOOD, structure=Structure(0.3)).is_good
+
+
+def test_a_stretch_counts_by_what_it_surely_exceeds():
+    wrong = judged(GOOD, structure=Structure(0.9, stretch=-0.12, stretch_sigma=0.01))
+    assert not wrong.is_accepted
+    assert wrong.finding.reason is Reason.BAD_INFO
+    assert "smaller" in wrong.finding.detail
+    assert judged(GOOD, structure=Structure(0.9, stretch=-0.12, stretch_sigma=0.04)).is_good
 
 
 def test_every_reason_has_its_remedy():

@@ -35,13 +35,14 @@ def test_a_drive_is_followed_from_the_first_image_on(room, room_map, camera):
 
 
 def test_the_covariance_is_honest(room, room_map):
-    exact = {"covariance__map_sigma_m": 0.0, "covariance__map_sigma_rad": 0.0, "covariance__map_share": 0.0}
+    exact = {"covariance__map_sigma_m": 0.0, "covariance__map_sigma_rad": 0.0}
     run, truth = Run(room, make_localizer(room_map, **exact)), drive(63)
     nees = []
     for estimate, pose in zip(run.follow(truth)[3:], truth[3:], strict=True):
         xi = (estimate.T_map_camera.inverse() @ pose).log()
         nees.append(xi @ np.linalg.solve(estimate.covariance, xi))
-    assert 3.0 < np.mean(nees) < 12.0  # 6 degrees of freedom, half to double: 60 images fix the mean to 10 %
+    # 6 degrees of freedom, half to double; what key spheres disagree by chance is never negative and widens it a little
+    assert 2.5 < np.mean(nees) < 12.0
 
 
 def test_two_references_do_not_jump_where_one_does(room):

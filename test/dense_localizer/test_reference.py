@@ -46,7 +46,7 @@ def test_nothing_is_chosen_where_nothing_covers_the_view(room):
     references = References(make_map(room, [SE3.identity()], WINDOW), PARAMS)
     choice = references.choose(at(0.0, 0.0, np.pi), PINHOLE)
     assert (choice.ids, choice.views) == ((), ())
-    place = locate(build_pyramid(np.zeros((120, 160), np.uint8), PINHOLE), references, at(0.0, 0.0, np.pi), PARAMS)
+    place = locate(build_pyramid(np.zeros((120, 160), np.uint8), PINHOLE), references, PARAMS, at(0.0, 0.0, np.pi))
     assert place.verdict.finding.reason == "LOW_OVERLAP"
     assert not place.verdict.is_accepted
 
@@ -111,7 +111,7 @@ def test_the_residual_is_grey_where_image_and_map_agree(room, room_map):
     image = room.photograph(PINHOLE, pose, 2)
     image[20:50, 30:60] = 250
     pyramid = build_pyramid(image, PINHOLE, PARAMS.registration.pyramid)
-    picture = residual_image(image, PINHOLE, locate(pyramid, References(room_map, PARAMS), pose, PARAMS))
+    picture = residual_image(image, PINHOLE, locate(pyramid, References(room_map, PARAMS), PARAMS, pose))
     assert picture.shape == (120, 160)
     assert np.median(np.abs(picture.astype(int) - 128)) <= 3
     changed = picture[25:45, 35:55]

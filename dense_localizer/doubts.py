@@ -1,0 +1,61 @@
+"""What is asked of poses that look right: not of each image, but of all while the pose is not trusted.
+
+Does odometry agree (`odometry_check.py`), what do the residuals look like (`photometric/structure.py`), do the
+references agree (`map_error.py`)?
+"""
+
+from __future__ import annotations
+
+from dense_localizer.estimate import Frame
+from dense_localizer.motion_prior import Prediction
+from dense_localizer.odometry_check import OdometryCheck, Sample
+from dense_localizer.params import LocalizerParams
+from dense_localizer.place import Place
+from dense_localizer.reference import References
+from localization.status import FINE, Finding, Reason, State
+
+PERIOD = 10  # images in TRACKING, of which one is looked at closely
+MAP_PHASE = PERIOD // 2  # and another one placed by each reference alone: never both at once
+
+
+class Doubts:
+    """Keeps what earlier images told."""
+
+    def __init__(self, references: References, params: LocalizerParams) -> None:
+        self._error, self._registration = references.error, params.registration
+        self._odometry = OdometryCheck(params.prior.odometry_error)
+        self._count = 0
+
+    def forget(self) -> None:
+        """Another stream, or an operator has said where the camera is; what is known of the map stays."""
+        self._odometry.forget()
+        self._count = 0
+
+    def drive(self, frame: Frame, state: State) -> None:
+        """Take note of odometry, whatever becomes of the image; `state` is what the image before has led to."""
+        self._odometry.drive(frame.T_odom_camera, is_trusted=state is State.TRACKING)
+
+    def is_due(self, state: State) -> bool:
+        """Whether the next image is looked at closely."""
+        return state is not State.TRACKING or self._count % PERIOD == 0
+
+    def begin(self, frame: Frame, place: Place) -> None:
+        """Take note of a place that a search has found."""
+        sample = _sample(frame, place)
+        if sample is not None:
+            self._odometry.begin(sample)
+
+    def find(self, frame: Frame, place: Place, prediction: Prediction) -> Finding:
+        """Return what there is against an image that was placed: by itself, by what preceded it, by odometry."""
+        self._count += 1
+        if self._count % PERIOD == MAP_PHASE and frame.pyramid is not None and place.alignment is not None:
+            self._error.observe(frame.pyramid, place.choice.views, place.alignment, self._registration, place.motion)
+        sample = _sample(frame, place)
+        findings = place.verdict.finding, prediction.finding(), self._odometry.find(sample) if sample else FINE
+        return next((finding for finding in findings if finding.reason is not Reason.NONE), FINE)
+
+
+def _sample(frame: Frame, place: Place) -> Sample | None:
+    if frame.T_odom_camera is None:
+        return None
+    return Sample(frame.stamp_ns, place.T_map_camera, place.covariance, frame.T_odom_camera)

@@ -1,0 +1,86 @@
+"""How wrong the map is around the camera, by evidence: what its edges admit, and how its key spheres disagree.
+
+The residuals of one alignment cannot show an error that all pixels of a key sphere share: of its range, of its pose. A
+second key sphere can. Now and then one reference alone is asked where it would place the image; the distance from the
+pose by both is an observation of their errors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dense_localizer.params import CovarianceParams
+from photometric import Alignment, Pyramid, RegistrationParams, View, register
+from sphere_geometry import SE3, FrameMotion
+from sphere_map.graph import SphereGraph
+
+Array = NDArray[np.float64]
+KEPT = 0.9  # of the weight of what was observed, from one observation to the next
+# Mean squares by which observations and edges are multiplied. Chosen on the first half of real hand-held images.
+SHARED = 2.0  # references err together, too
+EDGE = 2.0
+
+
+class MapError:
+    """What is known of one map's errors."""
+
+    def __init__(self, graph: SphereGraph, params: CovarianceParams) -> None:
+        self._sum = np.repeat([params.map_sigma_m, params.map_sigma_rad], 3) ** 2  # weighs as one observation
+        self._weight = 1.0
+        self._of_edges = edge_covariances(graph)
+        self._count = 0
+
+    def covariance(self, sphere_id: int, T_sphere_camera: SE3) -> Array:
+        """Return the covariance (6, 6) of xi in T_map_camera exp(xi) by the map, seen from a key sphere."""
+        observed = np.diag(np.maximum(SHARED * self._sum / self._weight, 0.0))
+        edge = self._of_edges.get(sphere_id)
+        if edge is None:
+            return observed
+        R = np.kron(np.eye(2), T_sphere_camera.rotation)
+        return observed + EDGE * R.T @ edge @ R
+
+    def observe(
+        self,
+        pyramid: Pyramid,
+        views: tuple[View, ...],
+        both: Alignment,
+        params: RegistrationParams,
+        motion: FrameMotion | None = None,
+    ) -> None:
+        """Place an image by one of two references alone, each in turn; `both` is the alignment with the two."""
+        if len(views) < 2:
+            return
+        self._count += 1
+        alone = register(pyramid, [views[self._count % 2]], both.T_world_camera, fine_only(params), motion)
+        if alone.is_converged:
+            xi = (both.T_world_camera.inverse() @ alone.T_world_camera).log()
+            self.add(xi, np.diagonal(both.covariance))
+
+    def add(self, xi: Array, noise: Array) -> None:
+        """Add an observed disagreement (6,) with the variance (6,) that the noise of the image gives it anyway."""
+        self._sum = KEPT * self._sum + xi**2 - noise
+        self._weight = KEPT * self._weight + 1.0
+
+
+def edge_covariances(graph: SphereGraph) -> dict[int, Array]:
+    """Return for each key sphere that has edges the mean covariance (6, 6) of those edges, its own axes."""
+    found: dict[int, list[Array]] = {}
+    for edge in graph.edges:
+        try:
+            covariance: Array = np.linalg.inv(edge.information).astype(np.float64)
+        except np.linalg.LinAlgError:
+            continue
+        for end in (edge.a, edge.b):
+            found.setdefault(end, []).append(covariance)
+    return {end: np.mean(covariances, axis=0) for end, covariances in found.items()}
+
+
+@cache
+def fine_only(params: RegistrationParams) -> RegistrationParams:
+    """Return the parameters of an alignment with one of two references that begins where both ended."""
+    pyramid = replace(params.pyramid, coarsest=params.pyramid.finest + 1)
+    return replace(params, pyramid=pyramid, max_pixels=params.max_pixels // 2)

@@ -1,0 +1,163 @@
+"""What the residuals say beyond the pose: do the gradients agree, and would another lens explain the image better?
+
+Grey levels of smooth surfaces correlate by chance wherever a fit may slide; their gradients do not. A wrong lens leaves
+residuals that point to the centre of the image or away from it. Both are asked of a few thousand pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photometric.alignment import Alignment
+from photometric.iteration.kernels import BLOCK, SIDE
+from photometric.params import RegistrationParams
+from photometric.pyramid import Level, Pyramid
+from photometric.reference import View
+from photometric.robust import SIGMA_OF_MAD, huber_weights, median_and_mad
+from photometric.selection import choose
+from sphere_geometry import SE3, FrameMotion, Spherical
+
+Array = NDArray[np.float64]
+NUM_PIXELS = 2048  # looked at, all references together
+NUM_PIECES = 24  # of the pixels in scan order: pixels of a piece may err together
+MIN_PIXELS = 100
+RIDGE, TINY = 1e-9, 1e-12
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What the residuals of an alignment look like.
+
+    agreement is the mean cosine -1...1 between the gradients of image and references. stretch is by how much the image
+    is larger about its centre than the lens says, as a share, with its standard deviation; 0 and infinite where no lens
+    is known (whole spheres) or too little is seen.
+    """
+
+    agreement: float
+    stretch: float = 0.0
+    stretch_sigma: float = np.inf
+
+
+@dataclass(frozen=True)
+class _Sample:
+    """Pixels of one view: points (N, 3) m in the camera, image gradients by the point (N, 3) in both images, residuals.
+
+    by_stretch (N,) is the derivative of the residual by the stretch, current (N,) the grey level of the image.
+    """
+
+    points: Array
+    of_reference: Array
+    of_image: Array
+    by_stretch: Array
+    current: Array
+    residual: Array
+
+
+def find_structure(
+    pyramid: Pyramid,
+    views: Sequence[View],
+    alignment: Alignment,
+    params: RegistrationParams,
+    motion: FrameMotion | None = None,
+) -> Structure:
+    """Look at an alignment of `register` with the same arguments; what it says of too few pixels is nothing."""
+    level = pyramid.levels[min(params.pyramid.finest, len(pyramid.levels) - 1)]
+    twist = motion.twist(alignment.T_world_camera) if motion is not None else None
+    T_camera_world = alignment.T_world_camera.inverse()
+    samples = []
+    for view, gain, bias in zip(views, alignment.gains, alignment.biases, strict=True):
+        T_camera_reference = T_camera_world @ view.T_world_reference
+        pixels = view.reference.level_like(level.camera)
+        selection = choose(pixels, T_camera_reference, level, params.max_pixels // len(views))
+        step = max(1, len(views) * selection.num_pixels // NUM_PIXELS)
+        some = selection.blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, :, ::step].astype(np.float64)
+        rows = some.transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)
+        samples.append(_sample(rows, T_camera_reference, level, (gain, bias), twist))
+    samples = [sample for sample in samples if len(sample.residual) >= MIN_PIXELS]
+    if not samples:
+        return Structure(0.0)
+    return Structure(_agreement(samples), *_stretch(samples, params, has_lens=not isinstance(level.camera, Spherical)))
+
+
+def _sample(
+    rows: Array, T_camera_reference: SE3, level: Level, light: tuple[float, float], twist: Array | None
+) -> _Sample:
+    """Warp points of a reference, rows (7, N) of x, y, z, grey level and gradient, into the image."""
+    known = ~np.isnan(rows[2])
+    points = T_camera_reference.apply(rows[:3, known].T)
+    uv, is_visible = level.camera.project(points)
+    J = level.camera.J_project(points)
+    if twist is not None:
+        flow = np.einsum("nij,nj->ni", J, twist[:3] + np.cross(twist[3:], points))
+        share = (uv[:, 1] - 0.5 * (level.camera.height - 1)) / level.camera.height
+        uv = uv - share[:, None] * flow
+    uv[:, 0] += level.pad
+    height, width = level.image.shape
+    inside = is_visible & np.all((uv >= 0) & (uv < [width - 1, height - 1]), axis=1)
+    points, uv, J = points[inside], uv[inside], J[inside]
+    grey, gradient = _interpolate(level.image, uv)
+    centre = np.array([0.5 * (width - 1), 0.5 * (height - 1)])
+    gain, bias = light
+    return _Sample(
+        points,
+        rows[4:7, known].T[inside] @ T_camera_reference.rotation.T,
+        gain * np.einsum("ni,nij->nj", gradient, J),
+        gain * np.einsum("ni,ni->n", gradient, uv - centre),
+        grey,
+        gain * grey + bias - rows[3, known][inside],
+    )
+
+
+def _interpolate(image: NDArray[np.generic], uv: Array) -> tuple[Array, Array]:
+    """Return grey levels (N,) and gradients (N, 2) of an image at pixels (N, 2), all inside."""
+    column, row = uv.T.astype(np.int64)
+    a, b = image[row, column].astype(float), image[row, column + 1].astype(float)
+    c, d = image[row + 1, column].astype(float), image[row + 1, column + 1].astype(float)
+    du, dv = uv[:, 0] - column, uv[:, 1] - row
+    top, bottom = a + du * (b - a), c + du * (d - c)
+    return top + dv * (bottom - top), np.stack([b - a + dv * (d - c - b + a), bottom - top], axis=1)
+
+
+def _agreement(samples: Sequence[_Sample]) -> float:
+    """Return the mean cosine between the gradients, each pixel by how strong it is in the reference.
+
+    By direction alone in the image: what covers a part of the view counts by its share, not by its contrast.
+    """
+    agreeing = total = 0.0
+    for sample in samples:
+        length = np.sqrt(np.einsum("ni,ni->n", sample.points, sample.points))
+        in_reference, in_image = (np.sqrt(np.einsum("ni,ni->n", g, g)) for g in (sample.of_reference, sample.of_image))
+        cosine = np.einsum("ni,ni->n", sample.of_reference, sample.of_image) / np.maximum(in_reference * in_image, TINY)
+        agreeing += float(np.sum(length * in_reference * cosine))
+        total += float(np.sum(length * in_reference))
+    return agreeing / max(total, TINY)
+
+
+def _stretch(samples: Sequence[_Sample], params: RegistrationParams, *, has_lens: bool) -> tuple[float, float]:
+    """Return the stretch and its standard deviation, estimated with pose and light; pieces tell how pixels scatter."""
+    if not has_lens:
+        return 0.0, np.inf
+    size = 7 + 2 * len(samples)
+    H, scores = np.zeros((size, size)), []
+    for index, sample in enumerate(samples):
+        median, mad = median_and_mad(sample.residual)
+        sigma = max(SIGMA_OF_MAD * mad, params.min_sigma)
+        weight = huber_weights(sample.residual, median, params.huber * sigma) / sigma**2
+        J = np.zeros((len(sample.residual), size))
+        J[:, :3], J[:, 3:6] = -sample.of_image, np.cross(sample.of_image, sample.points)
+        J[:, 6] = sample.by_stretch
+        J[:, 7 + 2 * index], J[:, 8 + 2 * index] = sample.current, 1.0
+        weighted = weight[:, None] * J
+        H += weighted.T @ J
+        parts = np.array_split(weighted * sample.residual[:, None], NUM_PIECES)
+        scores += [part.sum(axis=0) for part in parts]
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
+    inverse = np.linalg.inv(H * np.outer(scale, scale) + RIDGE * np.eye(size)) * np.outer(scale, scale)
+    pulls = np.array(scores) @ inverse  # of each piece on every unknown
+    step = -pulls.sum(axis=0)
+    scatter = np.sum((pulls[:, 6] - pulls[:, 6].mean()) ** 2)
+    return float(step[6]), float(np.sqrt(scatter))

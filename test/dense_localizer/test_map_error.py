@@ -1,0 +1,54 @@
+import numpy as np
+import pytest
+
+from dense_localizer.map_error import EDGE, SHARED, MapError
+from dense_localizer.params import CovarianceParams
+from sphere_geometry import SE3
+from sphere_map.graph import Edge, KeySphere, SphereGraph
+
+PARAMS = CovarianceParams(map_sigma_m=0.002, map_sigma_rad=0.001)
+NOISE = np.repeat([0.001, 0.0005], 3) ** 2
+
+
+def test_what_is_assumed_gives_way_to_what_is_seen():
+    error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(1)
+    at_first = np.sqrt(np.diagonal(error.covariance(0, SE3.identity())) / SHARED)
+    np.testing.assert_allclose(at_first, np.repeat([0.002, 0.001], 3))
+    sigma = np.repeat([0.01, 0.003], 3)
+    seen = []
+    for _ in range(400):
+        error.add(rng.normal(size=6) * np.hypot(sigma, np.sqrt(NOISE)), NOISE)
+        seen.append(np.diagonal(error.covariance(0, SE3.identity())) / SHARED)
+    np.testing.assert_allclose(np.sqrt(np.mean(seen[50:], axis=0)), sigma, rtol=0.15)
+
+
+def test_an_exact_map_leaves_the_noise_of_the_image():
+    error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(2)
+    for _ in range(100):
+        error.add(rng.normal(size=6) * np.sqrt(NOISE), NOISE)
+    assert np.all(np.diagonal(error.covariance(0, SE3.identity())) < 2 * SHARED * NOISE)
+    assert np.all(np.diagonal(error.covariance(0, SE3.identity())) >= 0)
+
+
+def test_edges_tell_their_errors_in_the_axes_of_the_camera():
+    nodes = [KeySphere(i, i, SE3.from_planar(i, 0, 0)) for i in range(3)]
+    variance = np.array([1e-4, 4e-6, 1e-6, 1e-6, 1e-6, 4e-6])
+    edge = Edge(0, 1, SE3.from_planar(1, 0, 0), np.diag(1 / variance))
+    error = MapError(SphereGraph(nodes, [edge]), CovarianceParams(map_sigma_m=0.0, map_sigma_rad=0.0))
+    T_sphere_camera = SE3.from_planar(0.3, 0.1, np.pi / 2)
+    expected = EDGE * variance[[1, 0, 2, 4, 3, 5]]
+    np.testing.assert_allclose(np.diagonal(error.covariance(0, T_sphere_camera)), expected, rtol=1e-9)
+    assert not error.covariance(2, T_sphere_camera).any()
+
+
+@pytest.mark.parametrize("shift_m", [0.0, 0.02])
+def test_misplaced_key_spheres_widen_the_covariance(room, shift_m):
+    from worlds.localizer import Run, at, make_localizer, make_map
+
+    places = [SE3.from_planar(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)]
+    wrong = make_map(room, places)
+    wrong.graph = wrong.graph.with_poses({1: SE3.from_planar(0.0, shift_m, 0.0)})
+    run = Run(room, make_localizer(wrong))
+    estimates = run.follow([at(-0.9 + 0.02 * k, 0.0, 0.3) for k in range(60)])
+    sigma = np.sqrt(np.max(np.diagonal(estimates[-1].covariance)[:3]))
+    assert (sigma > 0.006) == (shift_m > 0.0)
