@@ -31,6 +31,7 @@ from sphere_nav_cli.settings import parse_settings
 from sphere_nav_cli.sphere_source import CAMERAS, find_input
 from sphere_nav_cli.stereo_drive import find_field
 from sphere_nav_cli.stitcher_ahead import StitcherAhead
+from sphere_nav_cli.survey import check_survey
 
 OFFLINE_DEADLINE_S = 10.0  # of recording time: a recording may hold images as late as they were drawn or written
 HELP = """\
@@ -111,17 +112,19 @@ def finish(arguments: argparse.Namespace, drive: MappedDrive, writer: MapWriter)
         )
     T_new_map = T_fitted_map if arguments.anchor != "first" and T_fitted_map is not None else SE3.identity()
     graph = transform_graph(drive.node.mapper.graph, T_new_map)
+    warnings: list[str] = []
     if arguments.anchor == "survey" and truth is not None:
-        graph = move_to_truth(graph, truth, drive.node.T_base_sphere)
+        surveyed = move_to_truth(graph, truth, drive.node.T_base_sphere)
+        warnings = check_survey(graph, surveyed, str(arguments.bag))
+        graph = surveyed
     details = details_of(graph, drive.node.params.mapper, source=str(arguments.bag.name))
     writer.finish(graph, replace(details, rig=rig_text(arguments)), drive.node.mapper.appearance)
     if arguments.trajectory:
         write_tum(arguments.trajectory, drive.trajectory(is_base=False).moved(T_new_map))
     if arguments.taught:
         write_tum(arguments.taught, drive.trajectory(is_base=True).moved(T_new_map))
-    print(
-        "\n".join([*drive.summary(loops, truth, T_anchor_map), f"map: {arguments.output}, {_size(arguments.output)}"])
-    )
+    told = f"map: {arguments.output}, {_size(arguments.output)}"
+    print("\n".join([*drive.summary(loops, truth, T_anchor_map), *warnings, told]))
     return 0
 
 
