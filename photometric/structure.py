@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photometric.alignment import Alignment
+from photometric.descent.kernels import SIGMA_OF_MAD
 from photometric.iteration.kernels import BLOCK, SIDE
 from photometric.params import RegistrationParams
 from photometric.pyramid import Level, Pyramid
 from photometric.reference import View
-from photometric.robust import SIGMA_OF_MAD, huber_weights, median_and_mad
+from photometric.robust import huber_weights, median_and_mad
 from photometric.selection import choose
 from sphere_geometry import SE3, FrameMotion, Spherical
 
