@@ -105,7 +105,7 @@ class Localizer:
     def _accept(self, frame: Frame, place: Place, prediction: Prediction) -> Estimate:
         """Go on from a good alignment; good as it is, what preceded it may ask for care."""
         finding = self._doubts.find(frame, place, prediction)
-        self._prior.correct(place.T_map_camera, place.covariance, frame.stamp_ns, frame.T_odom_camera)
+        self._prior.correct(place.T_map_camera, place.covariance, frame.stamp_ns, frame.T_odom_camera, place.noise)
         self.references.look_ahead(place.T_map_camera, self._prior.velocity)
         self._states.confirm(frame.stamp_ns, is_good=finding.reason is Reason.NONE)
         return self._estimate(frame.stamp_ns, finding, place)

@@ -70,6 +70,7 @@ class MotionPrior:
         """Know nothing."""
         self.velocity: Array | None = None  # (6,) (v, omega) in the camera frame, per second
         self.velocity_covariance: Array | None = None  # (6, 6)
+        self._noise: Array = np.zeros((6, 6))  # of the last alignment
         self._held: Prediction | None = None  # pose at the last image, aligned or predicted
         self._aligned: Prediction | None = None  # pose at the last alignment
         self._T_odom_aligned: SE3 | None = None
@@ -92,6 +93,7 @@ class MotionPrior:
     def start(self, T_map_camera: SE3, covariance: Array, stamp_ns: int, T_odom_camera: SE3 | None = None) -> None:
         """Begin at a found pose, with unknown velocity."""
         self.velocity = self.velocity_covariance = None
+        self._noise = covariance
         self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
         self._T_odom_held = self._T_odom_aligned = T_odom_camera
 
@@ -137,13 +139,26 @@ class MotionPrior:
         """Go on from the prediction: the image could not be aligned."""
         self._held, self._T_odom_held = prediction, T_odom_camera
 
-    def correct(self, T_map_camera: SE3, covariance: Array, stamp_ns: int, T_odom_camera: SE3 | None = None) -> None:
-        """Go on from an accepted alignment; its motion since the one before is the new velocity."""
+    def correct(
+        self,
+        T_map_camera: SE3,
+        covariance: Array,
+        stamp_ns: int,
+        T_odom_camera: SE3 | None = None,
+        noise: Array | None = None,
+    ) -> None:
+        """Go on from an accepted alignment; its motion since the one before is the new velocity.
+
+        `noise` (6, 6) is the part of the covariance that is new with each image: an error of the map that two images
+        in a row share moves no velocity. None: all of it.
+        """
+        noise = covariance if noise is None else noise
         before = self._aligned
         if before is not None and stamp_ns > before.stamp_ns:
             elapsed_s = (stamp_ns - before.stamp_ns) * 1e-9
             self.velocity = (before.T_map_camera.inverse() @ T_map_camera).log() / elapsed_s
-            self.velocity_covariance = (before.covariance + covariance) / elapsed_s**2
+            self.velocity_covariance = (self._noise + noise) / elapsed_s**2
+        self._noise = noise
         self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
         self._T_odom_held = self._T_odom_aligned = T_odom_camera
 

@@ -33,6 +33,11 @@ class Place:
     motion: FrameMotion | None = None  # within the frame
 
     @property
+    def noise(self) -> NDArray[np.float64]:
+        """The part (6, 6) of the covariance that the image brings, not the map."""
+        return self.alignment.covariance if self.alignment is not None else self.covariance
+
+    @property
     def ncc(self) -> float:
         """How well the references explain the image, -1...1."""
         return self.alignment.ncc if self.alignment is not None else -1.0

@@ -127,3 +127,11 @@ def test_other_predictions_follow_where_the_likeliest_fails():
     assert_same(standing.T_map_camera, truth[1])
     assert likeliest.finding().reason == ""
     assert replace(likeliest, step_s=0.5).finding().reason == "GAP"
+
+
+def test_an_error_that_two_images_share_moves_no_velocity():
+    prior, noise = MotionPrior(PARAMS), 1e-6 * np.eye(6)
+    prior.start(SE3.identity(), TIGHT, 0)
+    for k in (1, 2):
+        prior.correct(SE3.identity(), 1e-2 * np.eye(6), k * STEP_NS, noise=noise)
+    np.testing.assert_allclose(prior.velocity_covariance, 2 * noise / (STEP_NS * 1e-9) ** 2)
