@@ -21,7 +21,7 @@ from worlds.room import Room
 
 PLACES = [SE3.from_planar(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)]
 CENTRE = slice(200, 500), slice(50, 550)  # rows and columns of the window that no panel covers
-WAIT_S = 60.0
+WAIT_S = 120.0
 
 
 def wait_for(condition):
