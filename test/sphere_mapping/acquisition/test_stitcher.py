@@ -111,3 +111,12 @@ def test_depth_of_a_wrong_size_is_refused_by_name(stitcher, images):
 def test_a_width_that_the_bands_do_not_divide_is_refused(stitcher):
     with pytest.raises(ValueError, match=r"stitch.width: expected a multiple of 64, found 100"):
         Stitcher(stitcher.rig, build(StitchParams, {"width": 100}))
+
+
+def test_exchanged_levels_are_refused_by_name(stitcher, images):
+    other = {"top": "bottom", "bottom": "top"}
+    exchanged = {
+        f"{other[level]}_{side}": image for name, image in images.items() for level, _, side in [name.partition("_")]
+    }
+    with pytest.raises(ValueError, match=r"top and bottom image: .* with the images exchanged"):
+        Stitcher(stitcher.rig, stitcher.params).stitch(exchanged)
