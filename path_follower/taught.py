@@ -16,6 +16,7 @@ Array = NDArray[np.float64]
 
 MAX_POINTS = 1_000_000
 MIN_LENGTH, MAX_LENGTH = 0.2, 1e5  # m
+MAX_GAP = 1e3  # m between two points; more is a slip of a decimal, and would be filled every 0.1 m
 CUSP_HYSTERESIS = 0.15  # m of way backwards that make a change of direction
 MIN_TAUGHT = 0.3  # m/s; slower taught speeds are raised to it: the teacher stood
 MAX_SIDEWAYS = np.radians(60.0)  # a car does not move across its heading
@@ -73,7 +74,11 @@ def _check(points: ArrayLike, yaw: ArrayLike | None, speed: ArrayLike | None) ->
             raise ValueError(f"path: point {bad}: {name}: expected finite numbers, found {values[bad].tolist()}")
     if speeds.shape != (len(xy),) or (headings is not None and headings.shape != (len(xy),)):
         raise ValueError(f"path: expected {len(xy)} headings and speeds")
-    length = float(np.sum(np.hypot(*np.diff(xy, axis=0).T)))
+    gaps = np.hypot(*np.diff(xy, axis=0).T)
+    if gaps.max() > MAX_GAP:
+        far = int(np.argmax(gaps)) + 1
+        raise ValueError(f"path: point {far}: expected at most {MAX_GAP:.0f} m from the last, found {gaps.max():.4g} m")
+    length = float(np.sum(gaps))
     if not MIN_LENGTH <= length <= MAX_LENGTH:
         raise ValueError(f"path: expected a length of {MIN_LENGTH} to {MAX_LENGTH:.0f} m, found {length:.3g} m")
     is_constant = headings is not None and np.ptp(headings) < 1e-6
