@@ -57,7 +57,8 @@ def search_of(window: Spherical, baseline_m: float, params: MatchParams) -> Sear
     """Return the disparities, in px, of everything from the nearest range wanted to beyond all."""
     largest = np.arcsin(min(baseline_m / params.nearest_m, MAX_SINE))
     per_radian = window.full_width / (2 * np.pi)
-    return Search(-BELOW_ZERO_DEG * window.full_width / 360.0, float(largest) * per_radian, window.is_whole)
+    first_px = -BELOW_ZERO_DEG * window.full_width / 360.0
+    return Search(first_px, float(largest) * per_radian, window.is_whole, window.full_width)
 
 
 def range_from_disparity(

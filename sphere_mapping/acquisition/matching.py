@@ -21,7 +21,7 @@ from sphere_mapping.acquisition.kernels import NUM_DISPARITIES, align_along_colu
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.semi_global import NUM_STRIPS, Image, Plane, find_clear_matches, is_clear
 
-MAX_WIDTH = 1280  # columns up to which images are matched as they are; wider ones are halved
+MAX_WIDTH = 1280  # columns, of the whole sphere, up to which images are matched as they are; wider ones are halved
 
 MIN_SIDE = 64  # px, of the coarsest level
 BEYOND_PX = 3  # disparities this near to the largest of a level are left to the next coarser one
@@ -44,11 +44,15 @@ UNKNOWN_PX = 1e4  # stands for unknown where the largest or least is looked for
 
 @dataclass(frozen=True)
 class Search:
-    """The least and the largest disparity looked for, px at full size; is_whole: the columns wrap around."""
+    """The least and the largest disparity looked for, px at full size; is_whole: the columns wrap around.
+
+    full_width: columns of the whole sphere that the images are windows of; 0: they are no part of one.
+    """
 
     first_px: float
     last_px: float
     is_whole: bool = False
+    full_width: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +73,7 @@ def match_columns(
     edge_px: int = EDGE_PX,
 ) -> Disparity:
     """Return the disparity (H, W) of the upper image; both are (H, W) grey, `is_usable` where both show something."""
-    halvings = max(int(np.ceil(np.log2(top.shape[1] / MAX_WIDTH))), 0)
+    halvings = max(int(np.ceil(np.log2((search.full_width or top.shape[1]) / MAX_WIDTH))), 0)
     coarse = _match_levels(top, bottom, search, halvings, jobs)
     coarse = _smooth_around(coarse, search.is_whole)
     coarse[_at_jumps(coarse, edge_px, is_whole=search.is_whole) | _at_unknown(coarse, is_whole=search.is_whole)] = (

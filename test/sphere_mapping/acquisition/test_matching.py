@@ -4,6 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
+from sphere_mapping.acquisition import matching
 from sphere_mapping.acquisition.matching import Search, match_columns
 from sphere_mapping.acquisition.params import MatchParams
 
@@ -30,6 +31,24 @@ def test_every_disparity_of_the_search_is_found_whichever_level_it_needs(shift):
     known = np.isfinite(inner)
     assert known.mean() > 0.5
     assert np.abs(inner[known] - shift).max() < 0.5
+
+
+def test_a_window_is_matched_as_coarsely_as_its_whole_sphere(monkeypatch):
+    sizes, find = [], matching.find_clear_matches
+
+    def note(top, *values, **options):
+        sizes.append(top.shape)
+        return find(top, *values, **options)
+
+    monkeypatch.setattr(matching, "find_clear_matches", note)
+    top = np.clip(texture(0, blur=4.0), 1, 255).astype(np.uint8)
+    search = Search(-2.0, 60.0, full_width=1.5 * matching.MAX_WIDTH)
+    found = match_columns(top, np.roll(top, -20, axis=0), search, MatchParams(), np.ones(SHAPE, np.bool_)).value
+    assert max(sizes) == (SHAPE[0] // 2, SHAPE[1] // 2)
+    inner = found[100:-60, 30:-30]
+    known = np.isfinite(inner)
+    assert known.mean() > 0.5
+    assert np.abs(inner[known] - 20).max() < 0.5  # refined at full size
 
 
 def test_a_surface_nearer_than_the_search_is_not_measured():
