@@ -27,6 +27,7 @@ BENCHMARKS = {
     "long_drive": "benchmarks.long_drive",
     "calibration": "benchmarks.calibration",
     "stitching": "benchmarks.stitching",
+    "mapping_times": "benchmarks.mapping_times",
     "range_honesty": "benchmarks.range_honesty",
     "pose_graphs": "benchmarks.pose_graphs",
     "pair_registration": "benchmarks.pair_registration",
