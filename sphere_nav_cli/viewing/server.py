@@ -1,7 +1,7 @@
 """The page: graph and key spheres in a browser, before what a camera would see; mouse and WASD move it.
 
 The browser draws the graph and says where its camera is; for each browser a thread here draws the view from there and
-sends it as the background. viser is imported when the page is made: it is no part of the environment.
+sends it as the background. viser is imported when the page is made: a vehicle needs none.
 """
 
 from __future__ import annotations
