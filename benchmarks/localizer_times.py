@@ -170,7 +170,7 @@ def _cores(number: int) -> Iterator[None]:
 
 
 def _table(times: Times, cores: int) -> Table:
-    rows = [("whole, CPU", *_cells(times.cpu)), ("whole, wall", *_cells(times.wall))]
+    rows: list[tuple[str, ...]] = [("whole, CPU", *_cells(times.cpu)), ("whole, wall", *_cells(times.wall))]
     rows += [(name, *_cells(stage)) for name, stage in times.stages.items()]
     title = f"{cores} core{'s' if cores > 1 else ''}, {len(times.cpu) - SETTLE} images of 800 x 600, ms"
     return Table(title, ("stage", "median", "p99"), rows)

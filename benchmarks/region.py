@@ -16,10 +16,11 @@ from benchmarks.report import Bound, Report, Table
 from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.renderer import Renderer
 from cycab_sim.worlds import build_world
-from dense_localizer.acceptance import honest_covariance, judge
+from dense_localizer.acceptance import judge
 from dense_localizer.params import LocalizerParams
 from dense_localizer.reference import KEPT_SHARE, salient
 from photometric import Reference, View, build_pyramid, prepare_reference, register
+from photometric.structure import find_structure
 from sphere_geometry import SE3, Pinhole, Spherical
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 from view_synthesis.region import region_radii
@@ -104,7 +105,7 @@ def try_sphere(sphere: Sphere, T: SE3, renderer: Renderer, rng: np.random.Genera
         turn = SE3.exp([0, 0, 0, 0, 0, rng.uniform(-np.pi, np.pi)])
         T_camera = T @ SE3.from_parts(np.eye(3), direction * distance) @ turn @ T_BODY_OPTICAL
         there = radii[round(azimuth / (2 * np.pi) * len(radii)) % len(radii)]
-        has_worked = localise(renderer, view, T_camera, float(distance), rng)
+        has_worked = localise(renderer, view, T_camera, rng)
         trials.append(Trial(float(distance), float(there), float(np.median(radii)), has_worked))
     return trials
 
@@ -115,7 +116,7 @@ def free_way(renderer: Renderer, T: SE3, direction: NDArray[np.float64]) -> floa
     return float(min(renderer.measure(T.translation - [0, 0, down], ray)[0] for down in (0.0, HEIGHT_M - LOW_M)))
 
 
-def localise(renderer: Renderer, view: View, T_camera: SE3, distance: float, rng: np.random.Generator) -> bool:
+def localise(renderer: Renderer, view: View, T_camera: SE3, rng: np.random.Generator) -> bool:
     """Say whether an image taken at a pose is aligned to one sphere alone, accepted, and right."""
     levels, _ = renderer.render(CAMERA, T_camera, is_grey=True)
     pyramid = build_pyramid(noisy(levels, rng), CAMERA, PARAMS.registration.pyramid)
@@ -124,8 +125,9 @@ def localise(renderer: Renderer, view: View, T_camera: SE3, distance: float, rng
         [shift / np.linalg.norm(shift) * GUESS_M, turn / np.linalg.norm(turn) * np.radians(GUESS_DEG)]
     )
     alignment = register(pyramid, [view], T_camera @ SE3.exp(guess), PARAMS.registration)
-    covariance = honest_covariance(alignment, distance, PARAMS.covariance)
-    verdict = judge(alignment, covariance, 0.0, None, PARAMS.acceptance, PARAMS.registration.max_mad)
+    structure = find_structure(pyramid, [view], alignment, PARAMS.registration) if alignment.is_converged else None
+    limits = PARAMS.acceptance, PARAMS.registration.max_mad
+    verdict = judge(alignment, alignment.covariance, 0.0, None, *limits, structure)
     if not verdict.is_accepted:
         return False
     off_m, off_rad = T_camera.distance(alignment.T_world_camera)

@@ -100,7 +100,9 @@ class Localizer:
 
     def _turn(self, pyramid: Pyramid) -> SE3 | None:
         """Return the rotation since the last image, measured at the coarsest level (eq. 20)."""
-        return self._before and register_rotation(pyramid, self._before, self.params.registration)
+        if self._before is None:
+            return None
+        return register_rotation(pyramid, self._before, self.params.registration)
 
     def _accept(self, frame: Frame, place: Place, prediction: Prediction) -> Estimate:
         """Go on from a good alignment; good as it is, what preceded it may ask for care."""

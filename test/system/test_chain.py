@@ -133,7 +133,8 @@ def test_nodes_over_dds_give_the_same_poses(chain, processes, tmp_path):
     time.sleep(3.0)  # the last small messages reach the recorder with the next heartbeat
     said = stopped(localizer) + stopped(recorder)
     with BagReader(live) as bag:
-        assert bag.topics["/status"].count == NUM_FRAMES, said
+        answers = [m for _, _, m in bag.messages(["/status"]) if m.reason != m.TIMEOUT]  # the clock stands at the end
+        assert len(answers) == NUM_FRAMES, said
     offline, online = read_tum(chain / "poses.tum"), read_poses(live, ("/pose",))
     np.testing.assert_array_equal(online.stamps_ns, offline.stamps_ns)
     # the same callbacks on the same bytes; the file has nine decimals
