@@ -12,6 +12,7 @@ import json
 import os
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -76,7 +77,9 @@ def _measure(transport: str, seconds: float) -> tuple[dict[str, Any], dict[str, 
     rclpy.init()
     node = rclpy.create_node("intake_rate")
     node.create_subscription(DiagnosticArray, "/diagnostics", on_diagnostics, 10)
-    words = ["--ros-args", "-p", "input:=rgbd", "-p", f"transport:={transport}", "--log-level", "error"]
+    maps = tempfile.TemporaryDirectory()
+    settings = ("input:=rgbd", f"transport:={transport}", f"map_folder:={maps.name}")
+    words = ["--ros-args", *(word for setting in settings for word in ("-p", setting)), "--log-level", "error"]
     mapper = subprocess.Popen([sys.executable, "-P", "-c", NODE, *words])
     try:
         _spin(node, PATIENCE, lambda: bool(node.count_publishers("map_cloud")))
@@ -90,6 +93,7 @@ def _measure(transport: str, seconds: float) -> tuple[dict[str, Any], dict[str, 
     finally:
         mapper.terminate()
         mapper.wait(10.0)
+        maps.cleanup()
         node.destroy_node()
         rclpy.try_shutdown()
 

@@ -51,6 +51,7 @@ class Shell(Protocol):
     """What is beneath a node: DDS (`live.LiveShell`) or a bag (`replay.OfflineShell`)."""
 
     log: Log
+    is_live: bool  # messages come when they come; of a bag they wait until the node is done
 
     def read_parameters(self, cls: type[Any]) -> Any:
         """Return the parameters object."""

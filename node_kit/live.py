@@ -61,6 +61,8 @@ class LivePublisher:
 class LiveShell(LifecycleNode):
     """A lifecycle node that carries out what its ManagedNode asks for."""
 
+    is_live = True
+
     def __init__(self, node_class: type[ManagedNode], **options: Any) -> None:
         super().__init__(node_class.NAME, enable_logger_service=True, **options)
         self.log: Log = ThrottledLog(self.get_logger())

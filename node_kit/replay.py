@@ -59,6 +59,8 @@ class OfflinePublisher:
 class OfflineShell:
     """What a node of a replay talks to."""
 
+    is_live = False
+
     def __init__(self, bus: OfflineBus, name: str, values: Mapping[str, Any], remap: Mapping[str, str]) -> None:
         self._bus, self._values, self._remap = bus, values, remap
         self.log: Log = ThrottledLog(logging.getLogger(f"sphere_nav.{name}"), clock=lambda: bus.now_ns / 1e9)

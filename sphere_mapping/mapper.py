@@ -40,7 +40,7 @@ class Mapper:
         self._tracker = Tracker(self.params)
         self._bent: Unroll | None = None  # the first sphere, until it is known how the camera moved
         self._pictures = Pictures(store)
-        self._loops = LoopCloser(self.params, self._load)
+        self._loops = LoopCloser(self.params, self.load_sphere)
 
     @property
     def appearance(self) -> AppearanceIndex:
@@ -56,7 +56,6 @@ class Mapper:
         if self._tracker.last is None:
             self._bent = unroll
             return self._place(current, self._T_map_first, odometry, None, keyframes.FIRST)
-
         if unroll is not None and self._bent is not None:
             self._straighten_first(current, odometry, self._bent)
         current, alignment = self._tracker.align_moving(current, odometry, unroll, self.graph)
@@ -89,6 +88,10 @@ class Mapper:
         """Yield stamp and T_map_sphere of every placed sphere, in order, as the graph now has it."""
         for track in self.tracks:
             yield track.stamp_ns, self.graph[track.key_id].T_map_sphere @ track.T_key_sphere
+
+    def load_sphere(self, sphere_id: int) -> Sphere:
+        """Return the picture of a key sphere; ValueError or OSError where it cannot be read."""
+        return self._pictures.load(self.graph[sphere_id])
 
     def _straighten_first(self, current: PreparedSphere, odometry: SE3 | None, bent: Unroll) -> None:
         """Make the first sphere anew by its motion to the second: as long as both are bent alike, it shows rightly."""
@@ -145,6 +148,3 @@ class Mapper:
         self._tracker.prior.move(self.graph[newest].T_map_sphere @ before[newest].T_map_sphere.inverse())
         self.num_loops += len(loops)
         self._pictures.correct(self.graph)
-
-    def _load(self, sphere_id: int) -> Sphere:
-        return self._pictures.load(self.graph[sphere_id])

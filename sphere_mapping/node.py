@@ -22,9 +22,10 @@ from sphere_geometry import SE3
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 from sphere_mapping.acquisition import kernels
 from sphere_mapping.driver_node import with_driver_input
-from sphere_mapping.graph.map_cloud import cloud_of
+from sphere_mapping.graph.map_cloud import MapCloud
 from sphere_mapping.graph.unrolling import Unroll
 from sphere_mapping.intake_node import DEPTH_INFO, Intake
+from sphere_mapping.journal_node import Journal
 from sphere_mapping.mapper import Mapper, MapUpdate
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.saving_node import save
@@ -46,7 +47,10 @@ class SphereMapper(ManagedNode):
         warm_up()
         kernels.warm_up()
         self.params = with_driver_input(self.params)
-        self.mapper, self.mounting = Mapper(self.params.mapper), read_mounting(self.params.mounting)
+        self.journal = Journal(self.params, self.log.info) if self.shell.is_live else None
+        self.mapper = Mapper(self.params.mapper, store=self.journal)
+        self.points = MapCloud(self.params.cloud, lambda sphere_id: self.mapper.load_sphere(sphere_id))
+        self.mounting = read_mounting(self.params.mounting)
         self.num_lost, self.num_changes, self.T_base_sphere = 0, 0, SE3.identity()
         self.graph = self.add_publisher("graph", KeySphereGraph, qos.LATCHED)
         self.markers = self.add_publisher("graph/markers", MarkerArray, qos.LATCHED)
@@ -64,6 +68,11 @@ class SphereMapper(ManagedNode):
         self.add_service("~/close_loops", Trigger, self.on_close_loops)
         self.add_service("~/save_map", SaveMap, self.on_save)
         self.report("mapping", OK, "waiting for the first sphere")
+
+    def cleanup(self) -> None:
+        """End the journal."""
+        if self.journal is not None:
+            self.journal.close(self.mapper)
 
     def clock_jumped(self) -> None:
         """Forget what has a stamp; the map stays."""
@@ -118,12 +127,12 @@ class SphereMapper(ManagedNode):
         if self.markers.num_subscriptions:
             self.markers.publish(graph_to_markers(graph, stamp, frame))
         if self.cloud.num_subscriptions:
-            points, grey = cloud_of(graph, self.params.cloud)
+            points, grey = self.points.of(graph)
             self.cloud.publish(conversions.cloud_to_message(points, stamp, frame, grey))
 
     def on_save(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
         """Write the map."""
-        return save(self.mapper, self.params, request, response)
+        return save(self.mapper, self.params, request, response, self.journal)
 
     def on_close_loops(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Correct the map by the places seen twice."""

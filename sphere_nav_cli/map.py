@@ -19,11 +19,11 @@ from sphere_geometry.rig_file import read_rig
 from sphere_geometry.trajectory import Trajectory, write_tum
 from sphere_mapping.acquisition.kernels import use_threads
 from sphere_mapping.acquisition.stereo_pair import StereoPair
+from sphere_mapping.details_node import details_of
 from sphere_mapping.graph.store import SphereStore
 from sphere_mapping.intake_node import TOPICS
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.node import SphereMapper
-from sphere_mapping.saving_node import details_of
 from sphere_nav_cli import topics
 from sphere_nav_cli.evaluate import TRUTH_TOPICS, judge
 from sphere_nav_cli.map_truth import Truth, move_to_truth, transform_graph, truth_of

@@ -240,10 +240,10 @@ def test_a_clock_that_jumps_back_starts_new_pairs():
     assert len(bench.said["/odometry"]) == 2
 
 
-def test_the_node_maps_over_dds():
+def test_the_node_maps_over_dds(tmp_path):
     """A process of its own: images go in, the latched graph comes out, SIGINT ends it in order."""
     code = "import sys; from sphere_mapping.node import main; sys.exit(main())"
-    words = [sys.executable, "-c", code, "--ros-args", "-p", "input:=rgbd"]
+    words = [sys.executable, "-c", code, "--ros-args", "-p", "input:=rgbd", "-p", f"map_folder:={tmp_path}"]
     process = subprocess.Popen(words)
     rclpy.init()
     try:

@@ -4,7 +4,7 @@ import pytest
 from sphere_geometry import SE3, Spherical
 from sphere_map.graph import KeySphere, SphereGraph
 from sphere_map.sphere import Sphere
-from sphere_mapping.graph.map_cloud import cloud_of, points_of
+from sphere_mapping.graph.map_cloud import MapCloud, points_of
 from sphere_mapping.params import CloudParams
 
 CAMERA = Spherical(32, 16)
@@ -28,19 +28,36 @@ def test_far_points_are_left_out_and_steps_thin():
     assert len(points_of(node(0, 3.0), CloudParams(step=4))[0]) == 32
 
 
+def cloud_of(*nodes, **values):
+    graph = SphereGraph(nodes)
+    return MapCloud(CloudParams(**values), lambda sphere_id: graph[sphere_id].sphere).of(graph)
+
+
 def test_the_newest_spheres_come_first_and_the_number_is_limited():
-    points, values = cloud_of(SphereGraph([node(0, 3.0), node(1, 3.0)]), CloudParams(step=1, max_points=600))
+    points, values = cloud_of(node(0, 3.0), node(1, 3.0), step=1, max_points=600)
     assert len(points) == len(values) == 600
     assert set(values[:512]) == {51}
+    np.testing.assert_allclose(np.linalg.norm(points[:512] - [10.0, 0, 0], axis=1), 3.0, rtol=1e-5)
+
+
+def test_pictures_are_asked_for_once_and_points_move_with_their_spheres():
+    asked = []
+    cloud = MapCloud(CloudParams(step=4), lambda sphere_id: asked.append(sphere_id) or node(sphere_id, 3.0).sphere)
+    cloud.of(SphereGraph([node(0, 3.0)]))
+    graph = SphereGraph([node(0, 3.0), node(1, 3.0)])
+    before, _ = cloud.of(graph)
+    after, _ = cloud.of(graph.with_poses({0: SE3.from_planar(0.0, 5.0, 0.0)}))
+    assert asked == [0, 1]
+    np.testing.assert_allclose(after[32:] - before[32:], np.tile([0.0, 5.0, 0.0], (32, 1)), atol=1e-5)
+    assert np.array_equal(after[:32], before[:32])
 
 
 def test_colour_is_kept_and_grey_wins_over_a_mixture():
-    assert cloud_of(SphereGraph([node(0, 3.0, True)]))[1].shape[1:] == (3,)
-    assert cloud_of(SphereGraph([node(0, 3.0, True), node(1, 3.0)]))[1].ndim == 1
+    assert cloud_of(node(0, 3.0, True))[1].shape[1:] == (3,)
+    assert cloud_of(node(0, 3.0, True), node(1, 3.0))[1].ndim == 1
 
 
-def test_spheres_that_are_not_in_memory_give_nothing():
-    empty = KeySphere(0, 0, SE3.identity())
-    assert cloud_of(SphereGraph([empty]))[0].shape == (0, 3)
+def test_without_pictures_there_is_nothing():
+    assert cloud_of()[0].shape == (0, 3)
     with pytest.raises(ValueError, match="key sphere 0: expected its picture in memory"):
-        points_of(empty, CloudParams())
+        points_of(KeySphere(0, 0, SE3.identity()), CloudParams())
