@@ -16,7 +16,6 @@ THIRD_PARTY = {
     "cv2": ("opencv-python-headless", "python3-opencv"),
     "embreex": ("embreex", "python3-embreex-pip"),
     "gtsam": ("gtsam", "python3-gtsam-pip"),
-    "healpix": ("healpix", "python3-healpix-pip"),
     "laspy": ("laspy", "python3-laspy-pip"),
     "matplotlib": ("matplotlib", "python3-matplotlib"),
     "mcap": ("mcap", "python3-mcap-pip"),
