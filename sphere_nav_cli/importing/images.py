@@ -146,7 +146,7 @@ def open_images(
         return PanoramaPairs(folder, baseline_m, hz)
     if lens is None:
         raise ValueError(
-            "images: expected --rig, --camera (one camera, with --baseline a rectified pair) or --baseline"
+            f"{folder}: images: expected --rig, --camera (one camera, with --baseline a rectified pair) or --baseline"
         )
     names = ("camera",) if baseline_m is None else STEREO
     cameras = {name: open_frames(folder, name if len(names) > 1 else "") for name in names}

@@ -284,6 +284,8 @@ def test_six_cameras_over_dds(rig_path):
         node.create_subscription(AugmentedSphere, "sphere", spheres.append, qos.LARGE)
         outputs = {name: node.create_publisher(Image, f"cameras/{name}/image_raw", qos.LARGE) for name in RIG.names}
         end, number = time.monotonic() + 120, 0  # the first run compiles the kernels
+        while time.monotonic() < end and not all(output.get_subscription_count() for output in outputs.values()):
+            time.sleep(0.05)  # the first instant has all cameras
         while time.monotonic() < end and not spheres:
             number += 1
             for name, image in IMAGES[number % 5].items():

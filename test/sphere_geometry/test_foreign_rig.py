@@ -5,7 +5,7 @@ import json
 import pytest
 import yaml
 
-from sphere_geometry import opencv_file
+from sphere_geometry import ocam_file, opencv_file
 from sphere_geometry.foreign_cameras import Lens
 from sphere_geometry.foreign_rig import read_foreign
 
@@ -47,7 +47,8 @@ def test_binary_and_huge_and_missing_files_are_refused(tmp_path, monkeypatch):
     path.write_bytes(bytes(range(128, 256)))
     with pytest.raises(ValueError, match="expected text"):
         read_foreign([path])
-    monkeypatch.setattr(opencv_file, "MAX_FILE_BYTES", 100)
+    for reader in (opencv_file, ocam_file):
+        monkeypatch.setattr(reader, "MAX_FILE_BYTES", 100)
     with pytest.raises(ValueError, match="of at most 100 bytes, found 128"):
         read_foreign([path])
     with pytest.raises(ValueError, match="found no such file"):

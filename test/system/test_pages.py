@@ -6,6 +6,7 @@ import re
 import shlex
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 import yaml
@@ -126,7 +127,18 @@ def recordings(tmp_path_factory):
             for place, part in enumerate(rig.cameras):
                 ns = stamp(number) + place
                 bag.write(f"/cam{place}/image_raw", image(seen(part), ns, f"cam{place}", "mono8"), ns)
+    save_images(folder / "six_folders", {part.name: seen(part) for part in rig.cameras})
+    save_images(folder / "pair", dict.fromkeys(("left", "right"), np.full((370, 1226), 90, np.uint8)))
+    save_images(folder / "panoramas", dict.fromkeys(("top", "bottom"), np.full((128, 256), 90, np.uint8)))
     return folder
+
+
+def save_images(folder: Path, pictures: dict[str, np.ndarray]) -> None:
+    """Write a folder for each camera, of two images by number."""
+    for name, pixels in pictures.items():
+        (folder / name).mkdir(parents=True)
+        for number in range(2):
+            assert cv2.imwrite(str(folder / name / f"{number:06d}.png"), pixels)
 
 
 @pytest.mark.parametrize("page", PAGES[:3])
