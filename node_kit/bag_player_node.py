@@ -107,7 +107,8 @@ class BagPlayer(ManagedNode):
         depth = 10 if is_paced else 1000  # as fast as possible, small messages pile up before they are acknowledged
         durability = qos.TRANSIENT_LOCAL if is_latched(info) else qos.VOLATILE
         profile = QoSProfile(depth=depth, reliability=qos.RELIABLE, durability=durability)
-        return cast("LivePublisher", self.add_publisher(info.name, message_class(info.type), profile))
+        name = info.name.lstrip("/")  # in a namespace all that a vehicle recorded goes below it
+        return cast("LivePublisher", self.add_publisher(name, message_class(info.type), profile))
 
     def _play(self, topic: str) -> str:
         name = self.bag.require(topic).name

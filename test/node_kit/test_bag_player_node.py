@@ -33,8 +33,8 @@ START, STEP = 7_000_000_000, 50_000_000
 def start():
     processes = []
 
-    def begin(node, **values):
-        words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
+    def begin(node, *more, **values):
+        words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")] + list(more)
         command = [sys.executable, "-m", f"node_kit.{node}_node", "--ros-args", *words]
         process = subprocess.Popen(command, text=True, stderr=subprocess.PIPE)
         processes.append(process)
@@ -155,6 +155,16 @@ def test_the_clock_and_the_pace(start, drive, desk):
     assert stamps[0] >= START
     assert stamps[-1] <= START + 29 * STEP
     assert len(stamps) > 10
+
+
+def test_in_a_namespace_all_that_was_recorded_goes_below_it(start, drive, desk):
+    stamps, beside = [], []
+    desk.node.create_subscription(Header, "/car2/stamp", lambda m: stamps.append(m.frame_id), 50)
+    desk.node.create_subscription(Header, "/stamp", lambda m: beside.append(m.frame_id), 50)
+    player = start("bag_player", "-r", "__ns:=/car2", bag=drive, topics="/stamp", rate=0.0, wait_for="/stamp")
+    desk.until(lambda: len(stamps) == 30)
+    end_of(player)
+    assert beside == []
 
 
 def test_paused_with_an_offset_latched_topics_are_there(start, drive, desk):
