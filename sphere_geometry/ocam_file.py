@@ -25,14 +25,13 @@ WIDEST_DEG = 100.0  # from the axis: the polynomial is known where the image is,
 
 def is_ocam(path: Path) -> bool:
     """Whether a file has the lines of OCamCalib's."""
-    lines = _lines(path)
-    return len(lines) == NUM_LINES and [len(line) for line in lines[2:]] == [2, 3, 2]
+    return _is_complete(_lines(path))
 
 
 def read_ocam(path: Path) -> ForeignRig:
     """Return the camera as the nearest of ours; ValueError in one line."""
     lines = _lines(path)
-    if not is_ocam(path):
+    if not _is_complete(lines):
         told = "polynomial, inverse polynomial, centre, c d e and size"
         raise ValueError(f"{path}: expected {told}, found {len(lines)} lines")
     values = [[number(word, str(path)) for word in line] for line in lines]
@@ -58,6 +57,10 @@ def unproject(pixels: Array, polynomial: Array, centre: list[float], affine: lis
     x, y = (row - d * column) / determinant, (-e * row + c * column) / determinant
     z = np.polynomial.polynomial.polyval(np.hypot(x, y), polynomial)
     return np.stack([y, x, -z], axis=1)
+
+
+def _is_complete(lines: list[list[str]]) -> bool:
+    return len(lines) == NUM_LINES and [len(line) for line in lines[2:]] == [2, 3, 2]
 
 
 def _lines(path: Path) -> list[list[str]]:
