@@ -16,8 +16,9 @@ from sphere_geometry.camera import pixel_grid
 Image = NDArray[np.uint8]
 Range = NDArray[np.float32]
 
-GREY_OF_RGB = (0.299, 0.587, 0.114)
 UNSEEN = 0  # grey level of a pixel that no camera saw; a pixel that was seen is at least 1
+
+ROWS = 64  # that are turned grey at once: the colours in floats are large
 
 # Body axes (x forward, y left, z up) from optical axes (z forward, x right, y down).
 T_BODY_OPTICAL = SE3(np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
@@ -49,13 +50,13 @@ class Sphere:
     @cached_property
     def grey(self) -> NDArray[np.float32]:
         """Grey levels 0...255 (H, W); unseen pixels continue the nearest seen one, so that no edge shows there."""
-        return continued(to_grey(self.image), self.is_seen)
+        grey = to_grey(self.image)
+        return continued(grey, (grey > UNSEEN) | ~np.isnan(self.range_m))
 
     @cached_property
     def is_seen(self) -> NDArray[np.bool_]:
         """Which pixels (H, W) a camera saw."""
-        lit = self.image != UNSEEN
-        return (lit if lit.ndim == 2 else lit.any(axis=2)) | ~np.isnan(self.range_m)
+        return (to_grey(self.image) > UNSEEN) | ~np.isnan(self.range_m)
 
     @property
     def measured(self) -> NDArray[np.bool_]:
@@ -74,7 +75,10 @@ def to_grey(image: NDArray[Any]) -> NDArray[np.float32]:
     """Return the grey levels (H, W) of a grey or RGB image."""
     if image.ndim == 2:
         return image.astype(np.float32)
-    return image.astype(np.float32) @ np.array(GREY_OF_RGB, dtype=np.float32)
+    grey = np.empty(image.shape[:2], np.float32)
+    for row in range(0, len(image), ROWS):
+        grey[row : row + ROWS] = cv2.cvtColor(image[row : row + ROWS].astype(np.float32), cv2.COLOR_RGB2GRAY)
+    return grey
 
 
 def continued(values: NDArray[np.float32], is_known: NDArray[np.bool_]) -> NDArray[np.float32]:

@@ -190,7 +190,7 @@ def _decode_file(raw: NDArray[np.uint8], shape: tuple[int, int], name: str) -> N
         pixels = decode_file(raw, MAX_PIXELS, cv2.IMREAD_UNCHANGED, shape[::-1], "info")
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
-    return np.ascontiguousarray(pixels[:, :, ::-1]) if pixels.ndim == 3 else pixels
+    return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB) if pixels.shape[2:] == (3,) else pixels
 
 
 def _decompress(data: bytes, size: int, name: str) -> bytes:
