@@ -59,6 +59,11 @@ class DenseLocalizerNode(LocalizerNode):
         """Whether there is a map, and the camera's place on the base is known."""
         return self.localizer is not None and self.intake.is_mounted
 
+    @property
+    def has_map(self) -> bool:
+        """Whether a map is open."""
+        return self.localizer is not None
+
     def localize(self, picture: Picture) -> BaseEstimate:
         """Localise one image; show the residual to whoever looks."""
         if self.localizer is None:

@@ -49,7 +49,7 @@ class AcceptanceParams:
     min_pixels: int = param(500, "pixels in the alignment", low=6)
     min_ncc: float = param(0.4, "normalised cross-correlation of image and references", low=-1.0, high=1.0)
     good_ncc: float = param(0.5, "correlation of a good alignment", low=-1.0, high=1.0)
-    max_sigma_m: float = param(0.1, "standard deviation of the position; half of it is good", "m", low=0.0)
+    max_sigma_m: float = param(0.2, "standard deviation of the position; half of it is good", "m", low=0.0)
     max_innovation: float = param(8.0, "distance to the prediction", "standard deviations", low=0.1)
 
 

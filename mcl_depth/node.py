@@ -59,6 +59,11 @@ class MclDepthNode(LocalizerNode):
         """Whether there is a filter: a cloud, and a camera whose height is known."""
         return self.filter is not None
 
+    @property
+    def has_map(self) -> bool:
+        """Whether there is a geometry."""
+        return self.clouds.geometry is not None
+
     def prepare(self, picture: Picture) -> None:
         """Make the filter, now that the camera's height is known."""
         if self.filter is None:

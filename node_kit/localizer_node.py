@@ -44,6 +44,7 @@ STANDSTILL = 1.0  # s without an advance of /clock before it is said
 NUM_COUNTED = 20  # images over which losses are counted
 CLOCK_STANDS = "/clock stands still", "start the simulator or the player again; the pose goes on with its time"
 MAX_LOST_SHARE = 0.2  # of the images, before it is said
+FIRST_IMAGE = 2.0  # s without any image before it is said
 
 
 class LocalizerNode(ManagedNode):
@@ -81,6 +82,11 @@ class LocalizerNode(ManagedNode):
     def is_ready(self) -> bool:
         """Whether a given pose can be used at once, and need not be given again with the next image."""
 
+    @property
+    def has_map(self) -> bool:
+        """Whether there is something to localise in."""
+        return True
+
     def prepare(self, picture: Picture) -> None:
         """Make what needs to know the camera's place, before the first image."""
 
@@ -91,6 +97,7 @@ class LocalizerNode(ManagedNode):
         self.refusal = FINE  # of the last image
         self.losses: deque[int] = deque(maxlen=NUM_COUNTED)
         self.num_lost, self.heard_ns = 0, 0  # heard: when the last usable image was answered, on the node's own clock
+        self.waits_since_ns = self.own_ns()
         self.intake = CameraIntake(
             self.endpoints, self.params, self.on_picture, self.on_refusal, has_sphere_info=self.HAS_SPHERE_INFO
         )
@@ -104,12 +111,16 @@ class LocalizerNode(ManagedNode):
         self.clock_watch = ClockWatch(patience=STANDSTILL, max_look=2 * WATCH_PERIOD)
         self.add_timer(WATCH_PERIOD, self.on_watch, is_wall=True)
 
+    def activate(self) -> None:
+        """Wait for the first image from now on."""
+        self.waits_since_ns = self.own_ns()
+
     def clock_jumped(self) -> None:
         """Forget everything with a stamp."""
         self.intake.clear()
         self.outputs.clear()
         self.peer.clear()
-        self.heard_ns, self.refusal = 0, FINE
+        self.heard_ns, self.refusal, self.waits_since_ns = 0, FINE, self.own_ns()
         self.forget()
 
     # --- images
@@ -179,7 +190,14 @@ class LocalizerNode(ManagedNode):
 
     def find_silence(self) -> Status | None:
         """Return what to say of the time since the last usable image, judged by arrival, which no stamp moves."""
-        return self.silence((self.own_ns() - self.heard_ns) * 1e-9, self.refusal) if self.heard_ns else None
+        now_ns = self.own_ns()
+        if self.heard_ns:
+            return self.silence((now_ns - self.heard_ns) * 1e-9, self.refusal)
+        waited = (now_ns - self.waits_since_ns) * 1e-9
+        if waited <= FIRST_IMAGE:
+            return None
+        state = State.NOT_LOCALISED if self.has_map else State.NO_MAP
+        return status_of(state, self.now_ns(), Finding(Reason.TIMEOUT, waited, FIRST_IMAGE))
 
     # --- poses that are given
     def needs_help(self) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 
 from sphere_geometry.camera import Camera
 from sphere_geometry.double_sphere import DoubleSphere
@@ -14,9 +15,8 @@ from sphere_geometry.fisheye import Fisheye
 
 Array = NDArray[np.float64]
 
-NUM_STEPS = 100
+MAX_CALLS = 1000  # of the projection in one fit
 STARTS = (-0.4, -0.2, 0.0, 0.3)  # of xi
-STEP = 1e-6  # of a coefficient, for the derivative
 MAX_RMS_PX, MAX_PX = 0.3, 1.0  # beyond which a lens of ours is no stand-in
 GRID = 40  # pixels that are compared, across and down
 
@@ -57,25 +57,12 @@ def fit_lens(rays: Array, pixels: Array, size: tuple[int, int], focal_px: float,
 
 
 def _fit(make: Callable[[Sequence[float]], Camera], start: Array, rays: Array, pixels: Array) -> LensFit:
-    """Return the camera after Levenberg-Marquardt's steps from a start."""
+    """Return the camera nearest to the pixels, by Levenberg-Marquardt from a start."""
     scale = np.where(np.abs(start) > 1.0, np.abs(start), 1.0)
-    values, damping = start, 1e-3
-    errors = _errors(make, values, rays, pixels)
-    for _ in range(NUM_STEPS):
-        columns = [_errors(make, values + STEP * scale * axis, rays, pixels) for axis in np.eye(len(values))]
-        J = (np.stack(columns, axis=1) - errors[:, None]) / STEP
-        normal = J.T @ J
-        step = np.linalg.solve(normal + damping * np.diag(np.diag(normal) + 1e-9), -J.T @ errors) * scale
-        tried = _errors(make, values + step, rays, pixels)
-        if tried @ tried < errors @ errors:
-            is_done = errors @ errors - tried @ tried < 1e-12 * (errors @ errors)
-            values, errors, damping = values + step, tried, damping * 0.3
-            if is_done:
-                break
-        else:
-            damping *= 10.0
-            if damping > 1e8:
-                break
+    found = least_squares(
+        lambda values: _errors(make, values, rays, pixels), start, method="lm", x_scale=scale, max_nfev=MAX_CALLS
+    )
+    values, errors = found.x, found.fun
     apart = np.linalg.norm(errors.reshape(-1, 2), axis=1)
     return LensFit(make(values.tolist()), float(np.sqrt(np.mean(np.square(apart)))), float(apart.max()))
 

@@ -7,32 +7,30 @@ import signal
 import subprocess
 import sys
 from collections.abc import Mapping
+from importlib.metadata import entry_points
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 import yaml
 
-MODULES = {
-    "sphere_stitcher": "sphere_mapping.stitcher_node",
-    "sphere_mapper": "sphere_mapping.node",
-    "dense_localizer": "dense_localizer.node",
-    "mcl_depth": "mcl_depth.node",
-    "path_follower": "path_follower.node",
-    "command_guard": "command_guard.node",
-    "cycab_sim": "cycab_sim.node",
-    "bag_recorder": "node_kit.bag_recorder_node",
-    "bag_player": "node_kit.bag_player_node",
-}
 # However this process ends, the kernel of Linux then tells its children to (PR_SET_PDEATHSIG is 1).
 FOLLOW_PARENT = "import ctypes, signal, sys; ctypes.CDLL(None).prctl(1, signal.SIGTERM)"
 NODE = "from {module} import main; sys.exit(main())"
 PATIENCE = 30.0  # s for a node to end after SIGINT: a recorder completes its bag first
 
 
+def module_of(node: str) -> str:
+    """Return the module of an executable, as it is installed."""
+    entries = tuple(entry_points(group="console_scripts", name=node))
+    if not entries:
+        raise ValueError(f"{node}: expected an installed executable of this name, found none: install sphere_nav anew")
+    return entries[0].module
+
+
 def node_command(node: str, *words: str) -> list[str]:
     """Return the command of a node that ends with this process."""
-    return python_command(NODE.format(module=MODULES[node]), *words)
+    return python_command(NODE.format(module=module_of(node)), *words)
 
 
 def python_command(code: str, *words: str) -> list[str]:
@@ -50,12 +48,14 @@ class Processes:
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }
         self._running: dict[str, subprocess.Popen[bytes]] = {}
+        self._nodes: set[str] = set()  # of these: they end when they are told to
 
     def start(self, node: str, values: Mapping[str, Any]) -> None:
         """Start a node with parameters by dotted name; they are kept in a file beside what it prints."""
         parameters = self.folder / f"{node}.yaml"
         parameters.write_text(yaml.safe_dump({node: {"ros__parameters": dict(values)}}), encoding="utf-8")
-        self.run(node, NODE.format(module=MODULES[node]), "--ros-args", "--params-file", str(parameters))
+        self._nodes.add(node)
+        self.run(node, NODE.format(module=module_of(node)), "--ros-args", "--params-file", str(parameters))
 
     def run(self, name: str, code: str, *words: str) -> None:
         """Run Python code as a process."""
@@ -74,7 +74,7 @@ class Processes:
         """Raise RuntimeError if a node has ended by itself, or code has failed; the message shows what it said last."""
         for name, process in self._running.items():
             status = process.poll()
-            if status or (status == 0 and name in MODULES):
+            if status or (status == 0 and name in self._nodes):
                 raise RuntimeError(f"{name} ended with status {status}: {self.last_words(name)}")
 
     def wait(self, name: str) -> None:

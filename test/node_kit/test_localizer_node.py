@@ -98,6 +98,16 @@ def pose_at(x, stamp=100 * SECOND):
     return se3_to_pose_with_covariance(SE3.from_planar(x, 0.0, 0.0), np.eye(6), stamp, "map")
 
 
+def test_a_camera_that_never_came_is_told_and_its_first_image_ends_it():
+    bench = Bench()
+    assert bench.wait(SECOND) == []
+    said = bench.wait(5 * SECOND)
+    assert {(status.state, status.reason) for status in said} == {("NOT_LOCALISED", "TIMEOUT")}
+    assert "topic name" in said[0].remedy
+    assert stamp_ns(said[0]) <= bench.now - 3 * SECOND
+    assert bench.see()["/status"].state == "TRACKING"
+
+
 def test_every_image_is_answered():
     bench = Bench()
     answer = bench.see()
@@ -196,7 +206,7 @@ def test_reset_accepts_another_camera_and_a_jump_of_the_clock_another_time():
     bench.send("/camera_info", camera_to_info(replace(CAMERA, fx=60.0), bench.now, "other"))
     assert bench.see(frame="other")["/status"].state == "TRACKING"
     bench.node.clock_jumped()
-    assert bench.wait(5 * SECOND) == []  # no image yet: nothing is silent
+    assert {status.state for status in bench.wait(5 * SECOND)} == {"NOT_LOCALISED"}  # none since: it is not lost
     assert bench.see(bench.now - 50 * SECOND, "other")["/status"].reason == Reason.NONE
 
 
