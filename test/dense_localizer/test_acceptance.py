@@ -68,10 +68,16 @@ def test_each_cause_refuses_with_its_reason_and_remedy(change, reason):
 
 
 def test_an_uncertain_pose_is_refused():
-    for wide in (np.diag([0.02, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7]), np.diag([1e-6] * 3 + [1e-7, 0.01, 1e-7])):
+    for wide in (np.diag([0.05, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7]), np.diag([1e-6] * 3 + [1e-7, 0.01, 1e-7])):
         verdict = judged(GOOD, covariance=wide)
         assert (verdict.is_accepted, verdict.finding.reason) == (False, "LOW_TEXTURE")
     assert not judged(GOOD, covariance=np.full((6, 6), np.inf)).is_accepted
+
+
+def test_three_standard_deviations_of_a_good_pose_are_within_the_promise():
+    for sigma_m, is_good in ((0.099, True), (0.101, False), (0.199, False)):
+        verdict = judged(GOOD, covariance=np.diag([sigma_m**2, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7]))
+        assert (verdict.is_accepted, verdict.is_good) == (True, is_good)
 
 
 @pytest.mark.parametrize("change", [{"gains": (4.0, 5.0)}, {"gains": (0.2, 0.2)}, {"biases": (-120.0, 90.0)}], ids=str)

@@ -100,6 +100,7 @@ def pose_at(x, stamp=100 * SECOND):
 
 def test_a_camera_that_never_came_is_told_and_its_first_image_ends_it():
     bench = Bench()
+    bench.node.clock_jumped()
     assert bench.wait(SECOND) == []
     said = bench.wait(5 * SECOND)
     assert {(status.state, status.reason) for status in said} == {("NOT_LOCALISED", "TIMEOUT")}
