@@ -8,9 +8,8 @@ squares (M15 section 4.3.1, step 3). Centres stay: at their baselines the images
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
 
 import cv2
 import numpy as np
@@ -18,19 +17,17 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
-from sphere_geometry import SE3, Rig, RigCamera, Spherical
+from sphere_geometry import Rig, Spherical
 from sphere_geometry.camera import pixel_grid
 from sphere_mapping.acquisition.params import RectifyParams
+from sphere_mapping.acquisition.rig_adjustment import NUM_VALUES, Matches, correct, epipolar_errors, errors, slopes
 from sphere_mapping.acquisition.views import RigView
 
 Image = NDArray[np.uint8]
 Array = NDArray[np.float64]
 
 POLE_DEG = 35.0  # features nearer to a pole of the sphere are drawn too wide to be compared
-NEAR_EPIPOLE = 0.2  # sine of the angle to the baseline below which a feature counts less
 LOSS_SCALES_DEG = (1.0, 0.4, 0.15, 0.06)  # the loss is narrowed step by step: at first half may be wrong matches
-NUM_VALUES = 6  # of a camera: turn (3) in rad, logarithm of the focal length, centre (2) in shares of it
-RANGE_SHARE = 0.1  # of a range: its deviation, a LiDAR's point not being quite where the feature is
 NUM_FEATURES = 5000  # of a camera, at most
 MAX_PARALLAX_DEG = 12.0  # largest angle between the directions of a match
 MAX_RATIO = 0.75  # distance of a match over that of the second best
@@ -39,17 +36,6 @@ CLOUD_REACH_DEG = 0.4  # a LiDAR's point this near to a feature tells its range
 MIN_MATCHES = 15  # below which a pair of cameras says nothing
 FOCAL_SHARE, CENTRE_SHARE = 0.003, 0.005  # deviations of focal length and principal point, by the focal length
 CONTRAST = 0.015  # of a feature, as SIFT counts it
-
-
-@dataclass(frozen=True, eq=False)
-class Matches:
-    """Pixels (N, 2) of two cameras that show the same; how far it is from the first (N,) m, NaN where unknown."""
-
-    first: str
-    second: str
-    pixels_first: Array
-    pixels_second: Array
-    range_first: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,12 +90,14 @@ def rectified(rig: Rig, matches: Sequence[Matches], params: RectifyParams) -> Re
         scale = np.radians(scale_deg)
 
         def cost(now: Array, scale: float = scale) -> Array:
-            guess = _correct(rig, now)
-            errors = np.concatenate([epipolar_errors(guess, matches), _errors_along(guess, matches, scale)]) / scale
-            return np.concatenate([np.sqrt(np.log1p(np.square(errors))), now / prior])  # Cauchy's loss
+            return np.concatenate([_soften(errors(correct(rig, now), matches, scale))[0], now / prior])
 
-        values = least_squares(cost, values, method="trf", x_scale=prior, max_nfev=20).x
-    better = _correct(rig, values)
+        def change(now: Array, scale: float = scale) -> Array:
+            weights = _soften(errors(correct(rig, now), matches, scale))[1]
+            return np.vstack([weights[:, None] * slopes(rig, now, matches, scale), np.diag(1 / prior)])
+
+        values = least_squares(cost, values, change, method="trf", x_scale=prior, max_nfev=20).x
+    better = correct(rig, values)
     after = epipolar_errors(better, matches)
     turned = np.degrees(np.linalg.norm(values.reshape(-1, NUM_VALUES)[:, :3], axis=1))
     counts = {name: sum(len(m.pixels_first) for m in matches if name in (m.first, m.second)) for name in names}
@@ -117,58 +105,12 @@ def rectified(rig: Rig, matches: Sequence[Matches], params: RectifyParams) -> Re
     return Rectified(better, dict(zip(names, turned.tolist(), strict=True)), counts, *medians)
 
 
-def _errors_along(rig: Rig, matches: Sequence[Matches], scale: float) -> Array:
-    """Return the angle (N,) in rad of matches whose range is known off their place on the epipolar line.
-
-    Scaled down where the range, known to RANGE_SHARE of it, says less than `scale` about that place.
-    """
-    found = [np.zeros(0)]
-    for match in matches:
-        if match.range_first is None:
-            continue
-        first, second = rig.camera(match.first), rig.camera(match.second)
-        x = first.camera.unproject(match.pixels_first) @ first.T_rig_camera.rotation.T
-        y = second.camera.unproject(match.pixels_second) @ second.T_rig_camera.rotation.T
-        along = second.T_rig_camera.translation - first.T_rig_camera.translation
-        seen = x * match.range_first[:, None] - along
-        seen = seen / np.linalg.norm(seen, axis=1, keepdims=True)
-        normal = np.cross(along, seen)
-        normal = normal / np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
-        parallax = np.linalg.norm(np.cross(x, seen), axis=1)
-        found.append(np.sum(np.cross(normal, seen) * y, axis=1) / np.hypot(1.0, RANGE_SHARE * parallax / scale))
-    return np.nan_to_num(np.concatenate(found))
-
-
-def epipolar_errors(rig: Rig, matches: Sequence[Matches]) -> Array:
-    """Return the signed angle (N,) in rad of all matches off their epipolar planes; smaller near the baseline."""
-    found = [np.zeros(0)]
-    for match in matches:
-        first, second = rig.camera(match.first), rig.camera(match.second)
-        x = first.camera.unproject(match.pixels_first) @ first.T_rig_camera.rotation.T
-        y = second.camera.unproject(match.pixels_second) @ second.T_rig_camera.rotation.T
-        along = second.T_rig_camera.translation - first.T_rig_camera.translation
-        along = along / np.linalg.norm(along)
-        across = np.linalg.norm(np.cross(along, x), axis=1)
-        found.append(np.sum(np.cross(along, x) * y, axis=1) / np.maximum(across, NEAR_EPIPOLE))
-    return np.nan_to_num(np.concatenate(found))
-
-
-def _correct(rig: Rig, values: Array) -> Rig:
-    parts = [_move(part, own) for part, own in zip(rig.cameras, values.reshape(-1, NUM_VALUES), strict=True)]
-    return replace(rig, cameras=tuple(parts))
-
-
-def _move(part: RigCamera, own: Array) -> RigCamera:
-    camera: Any = part.camera  # pinhole, fisheye, double sphere: all have these four
-    factor = float(np.exp(own[3]))
-    lens = {
-        "fx": camera.fx * factor,
-        "fy": camera.fy * factor,
-        "cx": camera.cx + camera.fx * float(own[4]),
-        "cy": camera.cy + camera.fy * float(own[5]),
-    }
-    turn = SE3.exp(np.concatenate([np.zeros(3), own[:3]]))
-    return replace(part, camera=replace(camera, **lens), T_rig_camera=part.T_rig_camera @ turn)
+def _soften(values: Array) -> tuple[Array, Array]:
+    """Return values (M,) whose squares are Cauchy's loss, and their slopes."""
+    root = np.sqrt(np.log1p(np.square(values)))
+    is_small = np.abs(values) < 1e-6
+    slope = np.abs(values) / (1 + np.square(values)) / np.where(is_small, 1.0, root)
+    return np.copysign(root, values), np.where(is_small, 1.0, slope)
 
 
 def _features(

@@ -33,7 +33,8 @@ from sphere_mapping.acquisition.matching import match_columns
 from sphere_mapping.acquisition.pairs import pairs_of, range_of_pair, why_no_pair
 from sphere_mapping.acquisition.params import RectifyParams, StitchParams
 from sphere_mapping.acquisition.plausibility import check_order
-from sphere_mapping.acquisition.rectification import Matches, matches_of
+from sphere_mapping.acquisition.rectification import matches_of
+from sphere_mapping.acquisition.rig_adjustment import Matches
 from sphere_mapping.acquisition.views import Layout, RigView, border_of, layout_of
 
 Image = NDArray[np.uint8]

@@ -7,7 +7,8 @@ import pytest
 
 from sphere_geometry import SE3, Fisheye, Rig, RigCamera
 from sphere_mapping.acquisition.params import RectifyParams
-from sphere_mapping.acquisition.rectification import Matches, epipolar_errors, matches_of, rectified
+from sphere_mapping.acquisition.rectification import matches_of, rectified
+from sphere_mapping.acquisition.rig_adjustment import Matches, epipolar_errors
 from sphere_mapping.acquisition.views import RigView
 from typed_params import build
 from worlds.rig import BASELINE, OPTICAL
