@@ -24,6 +24,7 @@ from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
 from node_kit.map_writer import MapWriter
 from sphere_mapping.acquisition import stitcher as acquisition
+from sphere_mapping.acquisition.light import NUM_INSTANTS
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.stitcher import Stitcher
 from sphere_mapping.mapper import Mapper
@@ -68,7 +69,8 @@ def _measure(kind: str, number: int, report: Report) -> None:
     assert simulator.rig is not None
     stitcher = Stitcher(simulator.rig, build(StitchParams, {"width": WIDTH}))
     instants = list(_instants(simulator, number))
-    stitcher.stitch(instants[0])  # makes the tables of the rig, compiles what is not compiled
+    for images in (instants * NUM_INSTANTS)[:NUM_INSTANTS]:  # makes the tables of the rig, learns the lenses' falloff
+        stitcher.stitch(images)
     seconds: dict[str, list[float]] = {}
     with tempfile.TemporaryDirectory() as folder, _timed(seconds):
         writer = MapWriter(Path(folder) / "map")

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
+from scipy.sparse import csr_array
 
 Array = NDArray[np.float64]
 
@@ -79,7 +80,7 @@ class Falloff:
     def update(self, seen: Comparison, num_exposures: int) -> None:
         """Add what an instant says; its exposures are eliminated."""
         size = len(self._vector)
-        rows = np.hstack([self._powers(seen), design(seen, num_exposures)])
+        rows = csr_array(np.hstack([self._powers(seen), design(seen, num_exposures)]))  # at most 8 of a row are not 0
         prior = np.zeros((rows.shape[1], rows.shape[1]))
         prior[:size, :size] = self._matrix
         prior[size:, size:] = np.eye(num_exposures) / EXPOSURE_STD**2
@@ -89,8 +90,9 @@ class Falloff:
         values: Array = np.zeros(rows.shape[1])
         for scale in scales():
             weight = weights(seen, rows @ values, scale)
-            matrix = prior + (rows.T * weight) @ rows
-            target = vector + (rows.T * weight) @ seen.ratio
+            weighted = rows.multiply(weight[:, None]).T
+            matrix = prior + (weighted @ rows).toarray()
+            target = vector + weighted @ seen.ratio
             values = _solve(matrix, target, low, high)
         inner = np.linalg.solve(matrix[size:, size:], np.column_stack([matrix[size:, :size], target[size:]]))
         self._matrix = matrix[:size, :size] - matrix[:size, size:] @ inner[:, :-1]
