@@ -1,4 +1,4 @@
-"""Odometry at the stamp of an image: interpolated, or carried on by its own speed for a short time."""
+"""Odometry at the stamp of an image: interpolated, or carried on (or back) by its own speed for a short time."""
 
 from __future__ import annotations
 
@@ -38,17 +38,18 @@ class OdometryBuffer:
         self._poses.append((T_odom_base, twist))
 
     def at(self, stamp_ns: int) -> SE3 | None:
-        """Return T_odom_base at a stamp; None before the first message and too long after the last."""
-        if not self._stamps or stamp_ns < self._stamps[0]:
+        """Return T_odom_base at a stamp; None too long before the first message or after the last."""
+        if not self._stamps:
             return None
         index = bisect_left(self._stamps, stamp_ns)
-        if index < len(self._stamps):
+        if 0 < index < len(self._stamps):
             return self._between(index, stamp_ns)
-        ahead_s = (stamp_ns - self._stamps[-1]) * 1e-9
-        if ahead_s > self._max_age_s:
+        index = min(index, len(self._stamps) - 1)  # the first one or the last one is carried on by its speed
+        elapsed_s = (stamp_ns - self._stamps[index]) * 1e-9
+        if abs(elapsed_s) > self._max_age_s:
             return None
-        T_odom_base, twist = self._poses[-1]
-        return T_odom_base @ SE3.exp(twist * ahead_s)
+        T_odom_base, twist = self._poses[index]
+        return T_odom_base @ SE3.exp(twist * elapsed_s)
 
     def _between(self, index: int, stamp_ns: int) -> SE3:
         after, _ = self._poses[index]
