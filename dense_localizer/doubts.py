@@ -48,8 +48,8 @@ class Doubts:
     def find(self, frame: Frame, place: Place, prediction: Prediction) -> Finding:
         """Return what there is against an image that was placed: by itself, by what preceded it, by odometry."""
         self._count += 1
-        if self._count % PERIOD == MAP_PHASE and frame.pyramid is not None and place.alignment is not None:
-            self._error.observe(frame.pyramid, place.choice.views, place.alignment, self._registration, place.motion)
+        if self._count % PERIOD == MAP_PHASE and place.alignment is not None:
+            self._error.observe(place.images, place.alignment, self._registration, place.motion)
         sample = _sample(frame, place)
         findings = place.verdict.finding, prediction.finding(), self._odometry.find(sample) if sample else FINE
         return next((finding for finding in findings if finding.reason is not Reason.NONE), FINE)

@@ -8,27 +8,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 import localization.status
+from dense_localizer.motion_prior import MotionPrior
 from dense_localizer.place import Place
 from dense_localizer.reasons import REMEDIES
 from localization.base_estimate import BaseEstimate
 from localization.status import Finding, State, Status
-from photometric import Pyramid
+from photometric.rig import RigImage
 from sphere_geometry import SE3
 
 
 @dataclass(frozen=True)
 class Frame:
-    """One image on its way: its pyramid (None where the image is of no use, `finding` says why) and odometry."""
+    """The images of an instant on their way (none where all are of no use, `finding` says why) and odometry."""
 
     stamp_ns: int
     finding: Finding
-    pyramid: Pyramid | None
+    images: tuple[RigImage, ...]
     T_odom_camera: SE3 | None
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """The news of one image. Without trust there is no pose.
+    """The news of one instant. Without trust there is no pose. The camera is the body of several ones.
 
     covariance (6, 6) is that of xi in T_map_camera @ exp(xi); velocity (6,) is (v, omega) in the camera frame;
     `place` is the attempt behind it, for whoever wants to look.
@@ -56,6 +57,14 @@ class Estimate:
         if self.velocity is None or self.velocity_covariance is None:
             return BaseEstimate(*pose)
         return BaseEstimate(*pose, Ad @ self.velocity, Ad @ self.velocity_covariance @ Ad.T)
+
+
+def estimate_of(status: Status, prior: MotionPrior, place: Place | None, *, is_trusted: bool) -> Estimate:
+    """Return the news of an instant; the pose, as the prior knows it, only where it is trusted."""
+    pose = prior.last
+    if pose is None or not is_trusted:
+        return Estimate(status, place=place)
+    return Estimate(status, pose.T_map_camera, pose.covariance, prior.velocity, prior.velocity_covariance, place)
 
 
 def status_of(state: State, stamp_ns: int, finding: Finding, age: float = 0.0, place: Place | None = None) -> Status:

@@ -1,44 +1,49 @@
 """READ FIRST. One image after the other -> pose of the camera in the map (M15 section 5).
 
-For each image: check it, predict where it was taken, choose references by distance alone (eq. 17), align with two at
-once (eq. 19), judge the result, update the state; before the first pose and after a loss, search. Poses leave this
-package only in the states TRACKING and DEGRADED. Decisions depend on images and stamps alone.
+For each instant: check the images, predict where they were taken, choose references by distance alone (eq. 17), align
+with two at once (eq. 19), judge the result, update the state; before the first pose and after a loss, search. Poses
+leave this package only in TRACKING and DEGRADED. Decisions depend on images and stamps alone. Several cameras that are
+fixed to one another have one pose, that of their body.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 from numpy.typing import NDArray
 
 from dense_localizer.doubts import Doubts
-from dense_localizer.estimate import Estimate, Frame, status_of
+from dense_localizer.estimate import Estimate, Frame, estimate_of, status_of
+from dense_localizer.inputs import CameraImage, Inputs
 from dense_localizer.motion_prior import MotionPrior, Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.place import Place, locate
 from dense_localizer.reference import References, SphereMap
 from dense_localizer.search import Search
-from localization import FINE, Finding, InputCheck, Reason, StateMachine, Status
-from photometric import Pyramid, build_pyramid, register_rotation
+from localization import FINE, Finding, Reason, StateMachine, Status
+from photometric.rig import RigImage
+from photometric.rotation import register_rig_rotation
 from sphere_geometry import SE3, Camera
 
 
 class Localizer:
-    """One camera in one map."""
+    """One camera, or several of one body, in one map."""
 
     def __init__(self, params: LocalizerParams, sphere_map: SphereMap) -> None:
         self.params = params
         self.references = References(sphere_map, params)
-        self._input = InputCheck(params.input)
+        self._inputs = Inputs(params)
         self._prior = MotionPrior(params.prior)
         self._search = Search(self.references, params)
         self._states = StateMachine(params.state)
         self._doubts = Doubts(self.references, params)
-        self._before: Pyramid | None = None
+        self._before: tuple[RigImage, ...] = ()
 
     def reset(self) -> None:
         """Forget pose, stream, losses and wishes."""
-        self._input.reset()
+        self._inputs.reset()
         self._forget()
 
     def relocalize(self, T_map_camera: SE3 | None = None) -> Estimate | None:
@@ -46,28 +51,31 @@ class Localizer:
         self._search.ask(T_map_camera)
         self._doubts.forget()
         self._states.search()
-        stamp_ns, image = self._input.last_stamp_ns, self._before
-        return self._start(Frame(stamp_ns, FINE, image, None)) if stamp_ns is not None and image is not None else None
+        stamp_ns = self._inputs.stream.last_stamp_ns
+        return self._start(Frame(stamp_ns, FINE, self._before, None)) if stamp_ns and self._before else None
 
     def refuse(self, stamp_ns: int, finding: Finding) -> Estimate:
         """Take note of an image that cannot even be read; a stamp that is none moves nothing."""
         if finding.reason is Reason.BAD_STAMP:
             return Estimate(self._status(stamp_ns, finding))
-        return self._step(Frame(stamp_ns, finding, None, None))
+        return self._step(Frame(stamp_ns, finding, (), None))
 
     def update(self, image: NDArray[Any], camera: Camera, stamp_ns: int, T_odom_camera: SE3 | None = None) -> Estimate:
         """Localise one grey image (H, W); `T_odom_camera` is odometry at its stamp, where there is any."""
-        report = self._input.check(image, camera, stamp_ns, is_moving=self._prior.is_moving)
+        return self.update_rig((CameraImage(image, camera),), stamp_ns, T_odom_camera)
+
+    def update_rig(self, images: Sequence[CameraImage], stamp_ns: int, T_odom_body: SE3 | None = None) -> Estimate:
+        """Localise the images of one instant; odometry and all poses are those of their body."""
+        report = self._inputs.check(images, stamp_ns, self._prior)
         if report.finding.reason is Reason.BAD_STAMP:
             return self.refuse(stamp_ns, report.finding)
         if report.is_clock_jump:
             self._forget()
-        pyramid = build_pyramid(image, camera, self.params.registration.pyramid) if report.is_good else None
-        return self._step(Frame(stamp_ns, report.finding, pyramid, T_odom_camera))
+        return self._step(Frame(stamp_ns, report.finding, report.images, T_odom_body))
 
     def silence(self, elapsed_s: float, finding: Finding = FINE) -> Status | None:
         """Return what to say so long after the last usable image, if that is too long; the state follows stamps."""
-        silence = self._input.find_silence(elapsed_s, finding)
+        silence = self._inputs.stream.find_silence(elapsed_s, finding)
         return silence and status_of(self._states.after_silence, *silence, self._prior.age(silence[0]))
 
     def _forget(self) -> None:
@@ -75,7 +83,7 @@ class Localizer:
         self._search.forget()
         self._doubts.forget()
         self._states.reset()
-        self._before = None
+        self._before = ()
 
     def _step(self, frame: Frame) -> Estimate:
         self._doubts.drive(frame, self._states.state)
@@ -83,26 +91,21 @@ class Localizer:
             self._states.lose()  # nobody knows what happened meanwhile
             self._search.lost(self._prior.predict(frame.stamp_ns, frame.T_odom_camera).T_map_camera)
         estimate = self._follow(frame) if self._states.is_following else self._start(frame)
-        self._before = frame.pyramid
+        self._before = frame.images
         return estimate
 
     def _follow(self, frame: Frame) -> Estimate:
         """Carry the pose from the last image to this one; the likeliest prediction first, others where it fails."""
-        if frame.pyramid is None:
+        if not frame.images:
             return self._go_blind(frame, frame.finding)
-        first, pyramid, is_thorough = None, frame.pyramid, self._doubts.is_due(self._states.state)
-        for prediction in self._prior.predictions(frame.stamp_ns, frame.T_odom_camera, lambda: self._turn(pyramid)):
-            place = locate(pyramid, self.references, self.params, prediction.T_map_camera, prediction, is_thorough)
+        turn = partial(register_rig_rotation, frame.images, self._before, self.params.registration)  # eq. 20
+        first, images, is_thorough = None, frame.images, self._doubts.is_due(self._states.state)
+        for prediction in self._prior.predictions(frame.stamp_ns, frame.T_odom_camera, turn):
+            place = locate(images, self.references, self.params, prediction.T_map_camera, prediction, is_thorough)
             if place.verdict.is_accepted:
                 return self._accept(frame, place, prediction)
             first = first or place
         return self._go_blind(frame, first.verdict.finding if first else FINE, first)
-
-    def _turn(self, pyramid: Pyramid) -> SE3 | None:
-        """Return the rotation since the last image, measured at the coarsest level (eq. 20)."""
-        if self._before is None:
-            return None
-        return register_rotation(pyramid, self._before, self.params.registration)
 
     def _accept(self, frame: Frame, place: Place, prediction: Prediction) -> Estimate:
         """Go on from a good alignment; good as it is, what preceded it may ask for care."""
@@ -110,7 +113,7 @@ class Localizer:
         self._prior.correct(place.T_map_camera, place.covariance, frame.stamp_ns, frame.T_odom_camera, place.noise)
         self.references.look_ahead(place.T_map_camera, self._prior.velocity)
         self._states.confirm(frame.stamp_ns, is_good=finding.reason is Reason.NONE)
-        return self._estimate(frame.stamp_ns, finding, place)
+        return self._estimate(frame.stamp_ns, finding if finding.reason else frame.finding, place)
 
     def _go_blind(self, frame: Frame, finding: Finding, place: Place | None = None) -> Estimate:
         """Go on from the prediction, for a while."""
@@ -128,9 +131,9 @@ class Localizer:
             self._states.withdraw()
             return self._estimate(frame.stamp_ns, frame.finding)
         self._states.search()
-        if frame.pyramid is None:
+        if not frame.images:
             return self._estimate(frame.stamp_ns, frame.finding)
-        found = self._search.find(frame.pyramid, frame.stamp_ns)
+        found = self._search.find(frame.images, frame.stamp_ns)
         if found.place is not None:
             self._prior.start(found.place.T_map_camera, found.place.covariance, frame.stamp_ns, frame.T_odom_camera)
             self._search.forget()
@@ -140,10 +143,8 @@ class Localizer:
         return self._estimate(frame.stamp_ns, found.finding, found.place)
 
     def _estimate(self, stamp_ns: int, finding: Finding, place: Place | None = None) -> Estimate:
-        status, prior, pose = self._status(stamp_ns, finding, place), self._prior, self._prior.last
-        if pose is None or not self._states.is_trusted:
-            return Estimate(status, place=place)
-        return Estimate(status, pose.T_map_camera, pose.covariance, prior.velocity, prior.velocity_covariance, place)
+        status = self._status(stamp_ns, finding, place)
+        return estimate_of(status, self._prior, place, is_trusted=self._states.is_trusted)
 
     def _status(self, stamp_ns: int, finding: Finding, place: Place | None = None) -> Status:
         return status_of(self._states.state, stamp_ns, finding, self._prior.age(stamp_ns), place)

@@ -7,6 +7,7 @@ pose by both is an observation of their errors.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
@@ -14,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.params import CovarianceParams
-from photometric import Alignment, Pyramid, RegistrationParams, View, register
+from photometric import Alignment, RegistrationParams
+from photometric.rig import RigImage, register_rig
 from sphere_geometry import SE3, FrameMotion
 from sphere_map.graph import SphereGraph
 
@@ -45,17 +47,17 @@ class MapError:
 
     def observe(
         self,
-        pyramid: Pyramid,
-        views: tuple[View, ...],
+        images: Sequence[RigImage],
         both: Alignment,
         params: RegistrationParams,
         motion: FrameMotion | None = None,
     ) -> None:
-        """Place an image by one of two references alone, each in turn; `both` is the alignment with the two."""
-        if len(views) < 2:
+        """Place images by one of two references alone, each in turn; `both` is the alignment with the two."""
+        if max(len(image.views) for image in images) < 2:
             return
         self._count += 1
-        alone = register(pyramid, [views[self._count % 2]], both.T_world_camera, fine_only(params), motion)
+        one = [replace(image, views=(image.views[self._count % len(image.views)],)) for image in images]
+        alone = register_rig(one, both.T_world_camera, fine_only(params), motion)
         if alone.is_converged:
             xi = (both.T_world_camera.inverse() @ alone.T_world_camera).log()
             self.add(xi, np.diagonal(both.covariance))

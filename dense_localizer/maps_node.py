@@ -9,6 +9,10 @@ from sphere_nav_msgs.srv import LoadMap
 
 from node_kit.endpoints import Endpoints
 from node_kit.map_bag import MapReader, open_map
+from sphere_geometry.rig import Rig
+from sphere_geometry.rig_file import parse_rig, read_rig
+
+IN_MAP = "map"
 
 
 class Maps:
@@ -52,3 +56,12 @@ class Maps:
         response.seconds = time.perf_counter() - started
         response.message = f"{response.num_spheres} key spheres of {request.path}"
         return response
+
+
+def read_calibration(where: str, reader: MapReader | None) -> Rig | None:
+    """Return the rig of a file, or with the word `map` that of the map; None for no word. ValueError: there is none."""
+    if where != IN_MAP:
+        return read_rig(where) if where else None
+    if reader is None or not reader.info.rig:
+        raise ValueError("rig.calibration: expected a map with the calibration of its rig, found none")
+    return parse_rig(reader.info.rig, "rig of the map")

@@ -6,17 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import Image
 
+from dense_localizer.inputs import CameraImage
 from dense_localizer.localizer import Localizer
-from dense_localizer.maps_node import Maps
+from dense_localizer.maps_node import Maps, read_calibration
 from dense_localizer.params import DenseLocalizerParams
 from dense_localizer.reasons import REMEDIES
 from dense_localizer.residual import residual_image
 from localization.base_estimate import BaseEstimate
 from localization.status import FINE, Finding, State, Status, status_of
 from node_kit import conversions, qos
-from node_kit.camera_intake import Picture
+from node_kit.camera_intake import CameraIntake
+from node_kit.camera_stream import Picture
 from node_kit.localizer_node import LocalizerNode
 from node_kit.map_bag import MapReader
+from node_kit.rig_intake import RigIntake
 from node_kit.run import run
 from photometric import warm_up
 from sphere_geometry import SE3
@@ -29,6 +32,7 @@ class DenseLocalizerNode(LocalizerNode):
 
     NAME = "dense_localizer"
     PARAMS = DenseLocalizerParams
+    HAS_SPHERE_INFO = True
     params: DenseLocalizerParams
 
     def configure(self) -> None:
@@ -47,6 +51,19 @@ class DenseLocalizerNode(LocalizerNode):
             self.localizer.references.close()
         self.maps.close()
         self.localizer = None
+
+    def make_intake(self) -> CameraIntake | RigIntake:
+        """Subscribe to the camera, or to those of a rig."""
+        p, callbacks = self.params, (self.on_picture, self.on_refusal)
+        if not self.has_rig:
+            return super().make_intake()
+        calibration = read_calibration(p.rig.calibration, self.maps.reader)
+        return RigIntake(self.endpoints, p, p.rig, calibration, *callbacks, has_sphere_info=True)
+
+    @property
+    def has_rig(self) -> bool:
+        """Whether several cameras localise together."""
+        return bool(self.params.rig.cameras or self.params.rig.calibration)
 
     def use_map(self, reader: MapReader) -> None:
         """Localise in a map from now on."""
@@ -68,12 +85,22 @@ class DenseLocalizerNode(LocalizerNode):
         """Localise one image; show the residual to whoever looks."""
         if self.localizer is None:
             return BaseEstimate(self.refuse(picture.stamp_ns, FINE))
-        T_odom_camera = picture.T_odom_base and picture.T_odom_base @ picture.T_base_camera
-        estimate = self.localizer.update(picture.image, picture.camera, picture.stamp_ns, T_odom_camera)
+        T_base_body = self.intake.T_base_camera
+        T_odom_body = picture.T_odom_base and picture.T_odom_base @ T_base_body
+        estimate = self.localizer.update_rig(self.images_of(picture), picture.stamp_ns, T_odom_body)
         if estimate.place is not None and self.residual.num_subscriptions:
             shown, frame = residual_image(picture.image, picture.camera, estimate.place), self.params.camera_frame
             self.residual.publish(conversions.array_to_image(shown, picture.stamp_ns, frame, "mono8"))
-        return estimate.to_base(picture.T_base_camera)
+        return estimate.to_base(T_base_body)
+
+    def images_of(self, picture: Picture) -> tuple[CameraImage, ...]:
+        """Return the images of an instant; one camera is its own body, that of several is the base."""
+        if not self.has_rig:
+            return (CameraImage(picture.image, picture.camera),)
+        return tuple(
+            CameraImage(one.image, one.camera, one.T_base_camera, one.name, (one.stamp_ns - picture.stamp_ns) * 1e-9)
+            for one in (picture, *picture.others)
+        )
 
     def refuse(self, stamp_ns: int, finding: Finding) -> Status:
         """Return the status of an image that cannot be used."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import cached_property
 
-from localization.params import InputParams, NodeParams, StateParams
+from localization.params import InputParams, NodeParams, RigParams, StateParams
 from photometric import RegistrationParams
 from photometric.params import PyramidParams
 from sphere_geometry.shutter import CameraParams
@@ -104,3 +104,4 @@ class DenseLocalizerParams(LocalizerParams, NodeParams):
     """Everything that the node needs (`node.py`)."""
 
     map: str = param("", "map to localise in; empty: wait for the call load_map")
+    rig: RigParams = group(RigParams)

@@ -1,7 +1,8 @@
-"""One attempt to place an image: choose references, align, judge. Shared by tracking and by the start."""
+"""One attempt to place the images of an instant: choose references, align, judge; for tracking and for the start."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -13,8 +14,9 @@ from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.reference import MIN_VISIBLE_SHARE, Choice, References
 from localization.status import Finding, Reason
-from photometric import Alignment, Pyramid, RegistrationParams, register
-from photometric.structure import find_structure
+from photometric import Alignment, Pyramid, RegistrationParams
+from photometric.rig import RigImage, register_rig
+from photometric.structure import find_rig_structure
 from sphere_geometry import SE3, FrameMotion
 
 LEVEL_SIGMAS = 1.0  # uncertainty of the prediction that the first level must cover
@@ -23,7 +25,10 @@ UNKNOWN = np.diag(np.full(6, np.inf))
 
 @dataclass(frozen=True)
 class Place:
-    """A pose with its covariance (6, 6), the references behind it and the verdict. No alignment: nothing to see."""
+    """A pose with its covariance (6, 6), the references behind it and the verdict. No alignment: nothing to see.
+
+    `images` are those that some reference covers, with their references.
+    """
 
     T_map_camera: SE3
     covariance: NDArray[np.float64]
@@ -31,6 +36,7 @@ class Place:
     verdict: Verdict
     alignment: Alignment | None = None
     motion: FrameMotion | None = None  # within the frame
+    images: tuple[RigImage, ...] = ()
 
     @property
     def noise(self) -> NDArray[np.float64]:
@@ -44,34 +50,46 @@ class Place:
 
 
 def locate(
-    pyramid: Pyramid,
+    images: Sequence[RigImage],
     references: References,
     params: LocalizerParams,
     T_map_camera: SE3,
     prediction: Prediction | None = None,
     is_thorough: bool = True,
 ) -> Place:
-    """Place an image from a first guess of its pose (M15 eq. 17-19); every jump is allowed without a prediction.
+    """Place images from a first guess of their pose (M15 eq. 17-19); every jump is allowed without a prediction.
 
     Where `is_thorough` the structure of the residuals is looked at, too.
     """
-    choice = references.choose(T_map_camera, pyramid.levels[0].camera)
-    if not choice.views:
+    choices = [references.choose(one.pose(T_map_camera), one.pyramid.levels[0].camera) for one in images]
+    seen = tuple(replace(one, views=c.views) for one, c in zip(images, choices, strict=True) if c.views)
+    choice = join(choices)
+    if not seen:
         limit, detail = MIN_VISIBLE_SHARE, "no key sphere covers the view"
         verdict = refusal(Finding(Reason.LOW_OVERLAP, choice.overlap, limit, detail))
         return Place(T_map_camera, UNKNOWN, choice, verdict)
     registration: RegistrationParams = params.registration
     if prediction is not None and not prediction.is_doubtful:
-        registration = starting_at(first_level(prediction, choice, pyramid, params), registration)
+        registration = starting_at(first_level(prediction, choice, seen[0].pyramid, params), registration)
     motion = prediction.frame_motion(params.camera.readout) if prediction is not None else None
-    alignment = register(pyramid, choice.views, T_map_camera, registration, motion)
+    alignment = register_rig(seen, T_map_camera, registration, motion)
     structure = None
     if is_thorough and alignment.is_converged:
-        structure = find_structure(pyramid, choice.views, alignment, registration, motion)
+        structure = find_rig_structure(seen, alignment, registration, motion)
     covariance = alignment.covariance + _map_covariance(references, choice, alignment.T_world_camera)
     limits = params.acceptance, params.registration.max_mad
     verdict = judge(alignment, covariance, choice.distance_ratio, prediction, *limits, structure)
-    return Place(alignment.T_world_camera, covariance, choice, verdict, alignment, motion)
+    return Place(alignment.T_world_camera, covariance, choice, verdict, alignment, motion, seen)
+
+
+def join(choices: Sequence[Choice]) -> Choice:
+    """Return the references of several cameras together, with range, region and distance of the nearest."""
+    if len(choices) == 1:
+        return choices[0]
+    nearest = min(choices, key=lambda choice: choice.distance_m)
+    ids = tuple(dict.fromkeys(sphere_id for choice in choices for sphere_id in choice.ids))
+    views = tuple(view for choice in choices for view in choice.views)
+    return replace(nearest, ids=ids, views=views, overlap=max(choice.overlap for choice in choices))
 
 
 def _map_covariance(references: References, choice: Choice, T_map_camera: SE3) -> NDArray[np.float64]:

@@ -14,13 +14,17 @@ NEUTRAL = 128
 
 
 def residual_image(image: NDArray[Any], camera: Camera, place: Place) -> NDArray[np.uint8]:
-    """Return (H, W) uint8: 128 plus half of image minus map at the pixels of the first reference, 128 elsewhere."""
-    picture = np.full((camera.height, camera.width), NEUTRAL, np.uint8)
+    """Return (H, W) uint8: 128 plus half of image minus map at the pixels of the first reference, 128 elsewhere.
+
+    Of several cameras it shows the first that a reference covers; `image` (H, W) is shown where none does.
+    """
     if place.alignment is None:
-        return picture
-    view = place.choice.views[0]
+        return np.full((camera.height, camera.width), NEUTRAL, np.uint8)
+    shown = place.images[0]
+    image, camera, view = shown.pyramid.images[0], shown.pyramid.cameras[0], shown.views[0]
+    picture = np.full((camera.height, camera.width), NEUTRAL, np.uint8)
     level = view.reference.levels[0]
-    T_camera_reference = place.T_map_camera.inverse() @ view.T_world_reference
+    T_camera_reference = shown.pose(place.T_map_camera).inverse() @ view.T_world_reference
     pixels, is_visible = camera.project(T_camera_reference.apply(level.points.T))
     u, v = np.rint(pixels[is_visible]).astype(np.int64).T
     inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from dense_localizer.params import LocalizerParams
 from dense_localizer.reference import References
 from dense_localizer.startup import Start, Startup
 from localization.status import FINE
-from photometric import Pyramid
+from photometric.rig import RigImage
 from sphere_geometry import SE3
 
 PERIOD_S = 0.5  # between two searches of the whole map
@@ -49,17 +51,17 @@ class Search:
         """Search near the pose where the camera was lost, then everywhere."""
         self._T_map_guess, self._guess_until_ns = T_map_camera, None
 
-    def find(self, pyramid: Pyramid, stamp_ns: int) -> Start:
-        """Search with one image what is due; between two searches the last finding stands."""
-        start = self._find_near(pyramid, stamp_ns)
+    def find(self, images: Sequence[RigImage], stamp_ns: int) -> Start:
+        """Search with one instant what is due; between two searches the last finding stands."""
+        start = self._find_near(images, stamp_ns)
         is_due = stamp_ns >= self._next_ns and (self._is_automatic or self._is_asked)
         if start.place is None and is_due:
             self._next_ns = stamp_ns + int(PERIOD_S * 1e9)
-            start = self._startup.search(pyramid)
+            start = self._startup.search(images)
         self._finding = start.finding
         return start
 
-    def _find_near(self, pyramid: Pyramid, stamp_ns: int) -> Start:
+    def _find_near(self, images: Sequence[RigImage], stamp_ns: int) -> Start:
         if self._T_map_guess is None:
             return Start(None, self._finding)
         if self._guess_until_ns is None:
@@ -67,7 +69,7 @@ class Search:
         if stamp_ns > self._guess_until_ns:
             self._T_map_guess = None
             return Start(None, self._finding)
-        return self._startup.search_near(pyramid, self._T_map_guess)
+        return self._startup.search_near(images, self._T_map_guess)
 
     def _check(self, T_map_camera: SE3) -> None:
         if not np.all(np.isfinite(T_map_camera.matrix)):

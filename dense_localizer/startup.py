@@ -16,14 +16,14 @@ import numpy as np
 
 from dense_localizer.params import LocalizerParams, StartParams
 from dense_localizer.place import Place, locate
-from dense_localizer.recognition import NUM_ALIKE, Recognition
+from dense_localizer.recognition import NUM_ALIKE, Recognition, body_axes
 from dense_localizer.reference import NUM_COARSE_LEVELS, CoarseReference, References
 from dense_localizer.resemblance import resemblance
 from localization.status import FINE, Finding, Reason
-from photometric import Pyramid, RegistrationParams, View, register
-from sphere_geometry import SE3
+from photometric import RegistrationParams, View, register
+from photometric.rig import RigImage
+from sphere_geometry import SE3, Camera
 from sphere_map.graph import KeySphere
-from sphere_map.sphere import T_BODY_OPTICAL
 
 SIDE_STEP_DEG, TILT_STEP_DEG = 15.0, 12.0  # to the sides of, above and below the heading of a partial sphere
 FORWARD_STEP = 0.2  # before and behind the centre, as share of the range
@@ -56,51 +56,57 @@ class Startup:
     def __init__(self, references: References, params: LocalizerParams) -> None:
         self._references = references
         self._params = params
+        self._count = 0
 
-    def search(self, pyramid: Pyramid) -> Start:
-        """Look at the key spheres that look like the image, where features place it and from many poses in each."""
+    def search(self, images: Sequence[RigImage]) -> Start:
+        """Look at the key spheres that look like the image, where features place it and from many poses in each.
+
+        Of several cameras each is asked in turn, the result verified with all.
+        """
+        seen, self._count = images[self._count % len(images)], self._count + 1
         nodes, placed = list(self._references.nodes), list[Guess]()
         index = self._references.appearance
         if len(index) > NUM_ALIKE:
-            recognition = Recognition(index, pyramid)
+            recognition = Recognition(index, seen.pyramid)
             nodes = [self._references.node(one.sphere_id) for one in recognition.alike]
             for sphere_id, T_sphere_camera in recognition.poses():
                 node = self._references.node(sphere_id)
                 placed.append(Guess(node, node.T_map_sphere @ T_sphere_camera))
         guesses: list[Guess] = []
         for node in nodes:
-            poses = candidate_poses(self._references.coarse[node.id], self._params.start)
-            guesses += self._compare(pyramid, node, poses)
-        return self._find(pyramid, placed + best(guesses, NUM_ALIGNED - len(placed)))
+            poses = candidate_poses(self._references.coarse[node.id], self._params.start, seen.pyramid.cameras[0])
+            guesses += self._compare(seen, node, poses)
+        return self._find(images, seen, placed + best(guesses, NUM_ALIGNED - len(placed)))
 
-    def search_near(self, pyramid: Pyramid, T_map_camera: SE3) -> Start:
+    def search_near(self, images: Sequence[RigImage], T_map_body: SE3) -> Start:
         """Look around a pose that was given, or lost: there, and with its attitude at the places of key spheres."""
-        guesses = []
+        seen, self._count = images[self._count % len(images)], self._count + 1
+        guesses, T_map_camera = [], seen.pose(T_map_body)
         limit = self._params.start.max_guess_distance_m
         for node in self._references.nearest(T_map_camera.translation, NUM_NEAR, limit):
             guesses.append(Guess(node, T_map_camera))
             guesses.append(Guess(node, SE3.from_parts(T_map_camera.rotation, node.T_map_sphere.translation)))
-        return self._find(pyramid, guesses)
+        return self._find(images, seen, guesses)
 
-    def _compare(self, pyramid: Pyramid, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
+    def _compare(self, seen: RigImage, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
         """Return a guess for each of several poses in a sphere, with how much the image resembles it there."""
         level = self._references.coarse[node.id].reference.levels[-1]
         step = max(1, level.num_pixels // NUM_COMPARED)
         points, intensity = level.points[:, ::step].T, level.intensity[::step]
-        scores = resemblance(points, intensity, T_sphere_camera.inverse(), pyramid.levels[-1])
+        scores = resemblance(points, intensity, T_sphere_camera.inverse(), seen.pyramid.levels[-1])
         rows = enumerate(scores.tolist())
         return [Guess(node, node.T_map_sphere @ T_sphere_camera[index], score) for index, score in rows]
 
-    def _find(self, pyramid: Pyramid, guesses: Sequence[Guess]) -> Start:
-        aligned = best([self._align(pyramid, guess) for guess in guesses], len(guesses))
-        places = (self._verify(pyramid, guess) for guess in self._distinct(aligned))
+    def _find(self, images: Sequence[RigImage], seen: RigImage, guesses: Sequence[Guess]) -> Start:
+        aligned = best([self._align(seen, guess) for guess in guesses], len(guesses))
+        places = (self._verify(images, seen.body(guess.T_map_camera)) for guess in self._distinct(aligned))
         return decide([place for place in places if place is not None], self._params.start)
 
-    def _align(self, pyramid: Pyramid, guess: Guess) -> Guess:
+    def _align(self, seen: RigImage, guess: Guess) -> Guess:
         """Return a guess after alignment at the coarsest levels."""
-        params = coarse(self._params.registration, len(pyramid.levels) - NUM_COARSE_LEVELS)
+        params = coarse(self._params.registration, len(seen.pyramid.levels) - NUM_COARSE_LEVELS)
         view = View(self._references.coarse[guess.node.id].reference, guess.node.T_map_sphere)
-        found = register(pyramid, [view], guess.T_map_camera, params)
+        found = register(seen.pyramid, [view], guess.T_map_camera, params)
         score = found.ncc * np.sqrt(found.overlap) if found.overlap > 0 else -1.0
         return Guess(guess.node, found.T_world_camera, float(score))
 
@@ -114,9 +120,9 @@ class Startup:
                 kept.append(guess)
         return kept
 
-    def _verify(self, pyramid: Pyramid, guess: Guess) -> Place | None:
+    def _verify(self, images: Sequence[RigImage], T_map_body: SE3) -> Place | None:
         """Align at full resolution with the references of the guessed pose; None where the result is refused."""
-        place = locate(pyramid, self._references, self._params, guess.T_map_camera)
+        place = locate(images, self._references, self._params, T_map_body)
         return place if place.verdict.is_good else None
 
 
@@ -125,7 +131,7 @@ def best(guesses: Sequence[Guess], count: int) -> list[Guess]:
     return sorted(guesses, key=lambda guess: -guess.ncc)[:count]
 
 
-def candidate_poses(coarse: CoarseReference, params: StartParams) -> SE3:
+def candidate_poses(coarse: CoarseReference, params: StartParams, seen_by: Camera) -> SE3:
     """Return poses of an upright camera that are worth trying in a sphere, a batch of T_sphere_camera.
 
     All around in a whole sphere; in and beside the middle of a partial one; each at its centre and a step before and
@@ -147,7 +153,7 @@ def candidate_poses(coarse: CoarseReference, params: StartParams) -> SE3:
     turned = SE3.exp(np.stack([zero, zero, zero, zero, zero, azimuth], axis=-1))
     raised = SE3.exp(np.stack([zero, zero, zero, zero, -elevation, zero], axis=-1))
     moved = SE3.from_parts(np.eye(3), np.stack([forward, zero, zero], axis=-1))
-    return turned @ raised @ moved @ T_BODY_OPTICAL
+    return turned @ raised @ moved @ body_axes(seen_by)
 
 
 @cache

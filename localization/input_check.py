@@ -52,17 +52,27 @@ class InputCheck:
 
     def check(self, image: NDArray[Any], camera: Camera, stamp_ns: int, *, is_moving: bool = False) -> InputReport:
         """Judge a grey image (H, W); `is_moving` says whether the camera is known to have moved when last seen."""
+        report = self.check_stamp(stamp_ns)
+        if not report.is_good:
+            return report
+        return InputReport(self.check_image(image, camera, is_moving=is_moving), report.is_clock_jump)
+
+    def check_stamp(self, stamp_ns: int) -> InputReport:
+        """Judge a stamp alone; after a jump of the clock the stream begins anew."""
         finding, is_clock_jump = self._check_stamp(stamp_ns)
-        if finding.reason is not Reason.NONE:
-            return InputReport(finding)
-        if is_clock_jump:
-            self.reset()
-        self.last_stamp_ns = stamp_ns
+        if finding.reason is Reason.NONE:
+            if is_clock_jump:
+                self.reset()
+            self.last_stamp_ns = stamp_ns
+        return InputReport(finding, is_clock_jump)
+
+    def check_image(self, image: NDArray[Any], camera: Camera, *, is_moving: bool = False) -> Finding:
+        """Judge an image (H, W) without its stamp."""
         finding = self._check_camera(image, camera)
         if finding.reason is Reason.NONE:
             sample = np.ascontiguousarray(image[::SAMPLE_STEP, ::SAMPLE_STEP])
             finding = self._check_pixels(image, sample, is_moving)
-        return InputReport(finding, is_clock_jump)
+        return finding
 
     def find_silence(self, elapsed_s: float, finding: Finding = FINE) -> tuple[int, Finding] | None:
         """Return the present stamp and what to say so long after the last usable image, if that is too long.

@@ -25,6 +25,18 @@ class StateParams:
 
 
 @parameters
+class RigParams:
+    """Several cameras that localise together (node_kit/rig_intake.py)."""
+
+    cameras: str = param(
+        "", "several cameras, on cameras/<name>/image_raw: their names, with commas; empty: one camera"
+    )
+    calibration: str = param("", "rig file of lenses and poses, or map for that in the map; empty: by /tf_static")
+    frame: str = param("rig_link", "frame of the rig in /tf_static, where mounting does not say where the rig is")
+    slack: float = param(0.015, "stamps of one instant differ by less: less than half a period", "s", low=0.0, high=0.5)
+
+
+@parameters
 class NodeParams:
     """What the node of a localiser needs besides its algorithm (node_kit)."""
 
@@ -35,6 +47,9 @@ class NodeParams:
     driver: str = param("", "camera driver whose topics are heard: a name in config/cameras, or a file of that form")
     transport: str = param("raw", "images come on image_raw, or on image_raw/compressed", choices=("raw", "compressed"))
     is_rectified: bool = param(False, "images are rectified: use P of camera_info instead of K and D")
+    is_panorama: bool = param(
+        False, "images are whole spheres (equirectangular, twice as wide as high), not calibrated"
+    )
     every_image: bool = param(False, "reliable and deep image queue: a slow computer answers late but drops none")
     use_odometry: bool = param(True, "predict by the topic odom where it is published")
     max_waiting: int = param(50, "images kept until calibration and the camera's transform have come", low=1)

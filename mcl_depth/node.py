@@ -17,7 +17,7 @@ from mcl_depth.likeness.comparison import check_headings
 from mcl_depth.params import MclDepthParams
 from mcl_depth.views_node import Views
 from mcl_depth.warm_up import warm_up
-from node_kit.camera_intake import Picture
+from node_kit.camera_stream import Picture
 from node_kit.localizer_node import LocalizerNode
 from node_kit.run import run
 from sphere_geometry import SE3

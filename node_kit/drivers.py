@@ -16,7 +16,7 @@ import yaml
 from node_kit.files import share_file
 
 FOLDER, ANY_FILE = "config/cameras", "usb_cam"  # a file that is always there
-INPUTS = ("rgbd", "stereo", "mono")
+INPUTS = ("rgbd", "stereo", "mono", "panorama")
 OPTIONAL = ("odom", "imu")
 FIELDS = {"title": str, "source": str, "input": str, "root": str, "topics": dict, "encodings": dict}
 TRANSPORTS = ("", "/compressed", "/compressedDepth")
@@ -28,7 +28,7 @@ class Driver:
 
     name: str
     title: str
-    input: str  # rgbd, stereo or mono
+    input: str  # one of INPUTS
     root: str
     topics: Mapping[str, str]  # our name -> the driver's, relative to root
     encodings: Mapping[str, tuple[str, ...]]  # of images, by our name

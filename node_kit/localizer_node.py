@@ -31,11 +31,13 @@ from localization.status import (
     status_of,
 )
 from node_kit import conversions, qos
-from node_kit.camera_intake import CameraIntake, Picture
+from node_kit.camera_intake import CameraIntake
+from node_kit.camera_stream import Picture
 from node_kit.clock_watch import ClockWatch
 from node_kit.node import ManagedNode
 from node_kit.peer_localizer import PeerLocalizer
 from node_kit.pose_outputs import PoseOutputs
+from node_kit.rig_intake import RigIntake
 from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
@@ -90,6 +92,11 @@ class LocalizerNode(ManagedNode):
     def prepare(self, picture: Picture) -> None:
         """Make what needs to know the camera's place, before the first image."""
 
+    def make_intake(self) -> CameraIntake | RigIntake:
+        """Subscribe to the camera."""
+        callbacks = self.on_picture, self.on_refusal
+        return CameraIntake(self.endpoints, self.params, *callbacks, has_sphere_info=self.HAS_SPHERE_INFO)
+
     # --- what they share
     def configure(self) -> None:
         """Open topics and services."""
@@ -98,9 +105,7 @@ class LocalizerNode(ManagedNode):
         self.losses: deque[int] = deque(maxlen=NUM_COUNTED)
         self.num_lost, self.heard_ns = 0, 0  # heard: when the last usable image was answered, on the node's own clock
         self.waits_since_ns = self.own_ns()
-        self.intake = CameraIntake(
-            self.endpoints, self.params, self.on_picture, self.on_refusal, has_sphere_info=self.HAS_SPHERE_INFO
-        )
+        self.intake = self.make_intake()
         self.outputs = PoseOutputs(self.endpoints, self.params, self.intake.odometry)
         self.add_subscription(
             "initialpose", PoseWithCovarianceStamped, self.on_initial_pose, qos.STATE, is_required=False
@@ -132,7 +137,7 @@ class LocalizerNode(ManagedNode):
             self.use_given(self.given)
         estimate = self.localize(picture)
         milliseconds = (time.perf_counter() - started) * 1e3
-        status = self.add_overrun(replace(estimate.status, milliseconds=milliseconds))
+        status = self.add_fault(self.add_overrun(replace(estimate.status, milliseconds=milliseconds)))
         if status.reason == Reason.BAD_STAMP:
             self.tell_refused(status, Finding(Reason.BAD_STAMP, status.value, status.limit))
             return
@@ -165,6 +170,14 @@ class LocalizerNode(ManagedNode):
             return status
         remedy = f"share of images lost in queue or network; {INPUT_REMEDIES[Reason.OVERRUN]}"
         return replace(status, reason=Reason.OVERRUN, value=share, limit=MAX_LOST_SHARE, remedy=remedy)
+
+    def add_fault(self, status: Status) -> Status:
+        """Say so where one of several cameras delivers nothing, and nothing worse is wrong."""
+        fault = self.intake.fault
+        if status.reason or fault.reason is Reason.NONE:
+            return status
+        remedy = fault.remedy(INPUT_REMEDIES)
+        return replace(status, reason=str(fault.reason), value=fault.value, limit=fault.limit, remedy=remedy)
 
     def values(self) -> dict[str, float]:
         """Return more numbers for the diagnostics."""

@@ -21,13 +21,26 @@ STUCK = 25.0  # still moving this many times `min_step` at the end is no converg
 
 def judge(problem: Problem, descent: Descent, iterations: int, overlap: float, params: RegistrationParams) -> Alignment:
     """Compare once more at the end of the last descent and say what was found, after so many iterations in all."""
+    found = problem.compare(descent.state)
+    H = normal_matrix(found, has_light=params.illumination)
+    return classify(found, H, descent, iterations, overlap, params)
+
+
+def classify(
+    found: Sequence[Comparison],
+    H: Array,
+    descent: Descent,
+    iterations: int,
+    overlap: float,
+    params: RegistrationParams,
+) -> Alignment:
+    """Say what was found by the comparison of all views; H over (xi, gain 1, bias 1, ...) is that of them together."""
     state = descent.state
-    found = problem.compare(state)
     num_pixels = sum(view.num_visible for view in found)
     if num_pixels < params.min_pixels or overlap < params.min_overlap:
         return _refuse(state, alignment.LOW_OVERLAP, iterations, num_pixels, overlap)
     mad = sum(view.mad * view.num_visible for view in found) / num_pixels
-    covariance, condition = _covariance(normal_matrix(found, has_light=params.illumination))
+    covariance, condition = _covariance(H)
     reason = alignment.GOOD
     if condition > params.max_condition:
         reason = alignment.LOW_TEXTURE

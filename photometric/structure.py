@@ -7,7 +7,7 @@ residuals that point to the centre of the image or away from it. Both are asked 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from photometric.iteration.kernels import BLOCK, SIDE
 from photometric.params import RegistrationParams
 from photometric.pyramid import Level, Pyramid
 from photometric.reference import View
+from photometric.rig import RigImage, share_pixels
 from photometric.robust import huber_weights, median_and_mad
 from photometric.selection import choose
 from sphere_geometry import SE3, FrameMotion, Spherical
@@ -41,6 +42,21 @@ class Structure:
     agreement: float
     stretch: float = 0.0
     stretch_sigma: float = np.inf
+
+
+def find_rig_structure(
+    images: Sequence[RigImage], alignment: Alignment, params: RegistrationParams, motion: FrameMotion | None = None
+) -> Structure:
+    """Look at an alignment of `register_rig`: the mean agreement, and the lens that is most surely wrong."""
+    found, first, share = [], 0, share_pixels(params, len(images))
+    for image in images:
+        part = slice(first, first + len(image.views))
+        pose, gains, biases = image.pose(alignment.T_world_camera), alignment.gains[part], alignment.biases[part]
+        own = replace(alignment, T_world_camera=pose, gains=gains, biases=biases)
+        found.append(find_structure(image.pyramid, image.views, own, share, image.motion(motion)))
+        first = part.stop
+    surest = max(found, key=lambda one: abs(one.stretch) / one.stretch_sigma)
+    return replace(surest, agreement=float(np.mean([one.agreement for one in found])))
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from photometric.esm import register
 from photometric.params import PyramidParams, RegistrationParams
 from photometric.pyramid import build_pyramid
 from photometric.reference import View, prepare_reference
+from photometric.rig import RigImage, register_rig
 from photometric.rotation import register_rotation
 from sphere_geometry import SE3, Spherical
 
@@ -27,3 +28,4 @@ def warm_up() -> None:
         pyramid = build_pyramid(one, CAMERA, params.pyramid)
         register(pyramid, [view], SE3.identity(), params)
         register_rotation(pyramid, pyramid, params)
+        register_rig([RigImage(pyramid, SE3.identity(), (view,))], SE3.identity(), params)

@@ -46,11 +46,16 @@ HEADER = f"""\
 def read_rig(path: str | Path) -> Rig:
     """Return the rig of a file; ValueError with file, field, expected and found in one line if it is none."""
     path = Path(path)
-    found = load_yaml(path, read_text(path, "rig file", MAX_FILE_BYTES))
+    return parse_rig(read_text(path, "rig file", MAX_FILE_BYTES), str(path), path.parent)
+
+
+def parse_rig(text: str, where: str, folder: Path = Path()) -> Rig:
+    """Return the rig of the text of a file; ValueError, with `where` it stands, if it is none."""
+    found = load_yaml(where, text)
     try:
-        return _rig(mapping(found, "rig", RIG_FIELDS), path.parent)
+        return _rig(mapping(found, "rig", RIG_FIELDS), folder)
     except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+        raise ValueError(f"{where}: {error}") from None
 
 
 def write_rig(path: str | Path, rig: Rig, *, is_overwriting: bool = False) -> None:

@@ -71,7 +71,10 @@ def replay_localizer(
         bus = OfflineBus(captured=set(published_topics))
         stack.callback(bus.close)
         remap = find_topics(bag, arguments)
-        add_node(bus, remap, arguments.mounting or note_mounting(bag, remap["image_raw"], arguments))
+        mounting = arguments.mounting
+        if not mounting and "image_raw" in remap:
+            mounting = note_mounting(bag, remap["image_raw"], arguments)
+        add_node(bus, remap, mounting)
         total = sum(bag.topics[topic].count for topic in bus.listeners if topic in bag.topics)
         bar = stack.enter_context(tqdm(total=total, desc="localise", unit="msg", disable=None))
         published = usable(replay(bag, bus, progress=bar.update), arguments.source)
@@ -82,9 +85,14 @@ def replay_localizer(
 
 def find_topics(bag: BagReader, arguments: argparse.Namespace) -> dict[str, str]:
     """Return the bag's topic for each that a localiser hears; a bag with spheres has sphere_info for camera_info."""
-    has_sphere = any(info.type == SPHERE_INFO and info.count for info in bag.topics.values())
+    chosen, settings = topics.choose_topics(bag, arguments), parse_settings(arguments.settings)
+    is_panorama = bool(settings.get("is_panorama"))
+    if topics.camera_names(chosen):
+        has_lenses = is_panorama or bool(settings.get("rig.calibration"))
+        return topics.find_camera_topics(bag, chosen, has_lenses=has_lenses)
+    has_sphere = is_panorama or any(info.type == SPHERE_INFO and info.count for info in bag.topics.values())
     wanted = ("image_raw",) if has_sphere and not arguments.info else ("image_raw", "camera_info")
-    return topics.find_topics(bag, wanted, topics.choose_topics(bag, arguments))
+    return topics.find_topics(bag, wanted, chosen)
 
 
 def note_mounting(bag: BagReader, image: str, arguments: argparse.Namespace) -> str:

@@ -14,6 +14,7 @@ from node_kit.replay import OfflineBus
 from sphere_geometry import SE3
 from sphere_nav_cli import localising
 from sphere_nav_cli.settings import parse_settings
+from sphere_nav_cli.topics import camera_names
 
 HELP = """\
 Find the camera of a bag in a map, image by image, from colour alone. The poses of base_link in the states TRACKING and
@@ -23,6 +24,10 @@ examples:
   sphere_nav localize kitchen drive2 -o poses.tum
   sphere_nav localize kitchen drive2 -o poses.tum --bag result --json summary.json
   sphere_nav localize campus tour -o poses.tum --image /front/image_raw --info /front/camera_info
+  sphere_nav localize campus tour -o poses.tum --camera front=/front/image_raw --camera back=/back/image_raw
+  sphere_nav localize campus tour -o poses.tum --set rig.calibration=map --mounting 0,0,1.4,0,0,0 \\
+      --camera front=/cameras/front/image_raw --camera back=/cameras/back/image_raw
+  sphere_nav localize campus walk360 -o poses.tum --set is_panorama=true --image /theta/image_raw
   sphere_nav localize campus tour -o poses.tum --initial-pose 1.0,2.5,0,0,0,0,1
 """
 TOPICS = ("/pose", "/odometry", "/status", "/tf")
@@ -42,9 +47,11 @@ def run(arguments: argparse.Namespace) -> int:
     """Localise every image; 1 if none could be localised."""
 
     def add_node(bus: OfflineBus, remap: dict[str, str], mounting: str) -> None:
+        cameras = camera_names(remap)
         node = bus.add(
             DenseLocalizerNode,
-            {"map": arguments.map, "mounting": mounting} | parse_settings(arguments.settings),
+            {"map": arguments.map, "mounting": mounting, "rig.cameras": ",".join(cameras)}
+            | parse_settings(arguments.settings),
             remap,
         )
         if arguments.initial_pose:

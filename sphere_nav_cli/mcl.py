@@ -33,6 +33,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Localise every image; 1 if none could be localised."""
+    if arguments.camera:
+        raise ValueError(f"--camera: expected one camera (--image TOPIC), found {', '.join(arguments.camera)}")
 
     def add_node(bus: OfflineBus, remap: dict[str, str], mounting: str) -> None:
         given = {"cloud": arguments.cloud, "preset": arguments.preset, "input.max_leap_s": MAX_LEAP_S}

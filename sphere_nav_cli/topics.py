@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import islice
 from typing import Any
@@ -12,7 +12,7 @@ from node_kit.bag_error import BagError
 from node_kit.bag_reader import BagReader
 from node_kit.bag_writer import absolute
 from node_kit.drivers import INPUTS, Driver, driver_names, read_driver
-from node_kit.streams import RGBD, STEREO, Stream, find_inputs, find_odometry, find_rig, read_streams
+from node_kit.streams import RGBD, STEREO, Stream, find_inputs, find_odometry, find_rig, info_of, read_streams
 from node_kit.tf import TransformTree
 
 OPTIONS = {
@@ -115,6 +115,28 @@ def find_topics(bag: BagReader, wanted: Iterable[str], chosen: dict[str, str]) -
     with _name_bag(bag):
         found = find_wanted(streams, wanted, chosen)
     odometry = find_odometry(streams)
+    return ({"odom": odometry} if odometry else {}) | found
+
+
+def camera_names(chosen: Mapping[str, str]) -> list[str]:
+    """Return the cameras of a rig that the user named, by --camera NAME=TOPIC, in his order."""
+    return [ours.split("/")[1] for ours in chosen if ours.startswith("cameras/") and ours.endswith("/image_raw")]
+
+
+def find_camera_topics(bag: BagReader, chosen: Mapping[str, str], *, has_lenses: bool) -> dict[str, str]:
+    """Return the topics of several cameras that the user named, each with its calibration unless lenses are known.
+
+    BagError, with the option to give, for a topic that is not there, or images without any calibration.
+    """
+    streams = read_streams(bag)
+    by_name, odometry = {stream.topic: stream for stream in streams}, find_odometry(streams)
+    with _name_bag(bag):
+        found = find_inputs(streams, (), chosen)
+        for name in () if has_lenses else camera_names(chosen):
+            info = f"cameras/{name}/camera_info"
+            if info not in found and f"cameras/{name}/sphere_info" not in found:
+                image = by_name[found[f"cameras/{name}/image_raw"]]
+                found[info] = info_of(image, streams, f"--remap {info}:=TOPIC").topic
     return ({"odom": odometry} if odometry else {}) | found
 
 

@@ -7,6 +7,7 @@ from dense_localizer.reference import References
 from dense_localizer.startup import Startup
 from localization.status import Reason
 from photometric import build_pyramid
+from photometric.rig import RigImage
 from sphere_geometry import SE3, Pinhole, Spherical
 from sphere_map.graph import KeySphere
 from typed_params import build
@@ -35,7 +36,7 @@ def pyramid_of(room, pose, seed=3):
 @pytest.mark.parametrize(("number", "yaw"), [(0, 0.4), (7, -2.0), (15, 3.0)])
 def test_a_large_map_is_searched_by_what_it_looks_like(references, number, yaw):
     pose = at(0.2, 0.1, yaw)
-    start = Startup(references, PARAMS).search(pyramid_of(ROOMS[number], pose))
+    start = Startup(references, PARAMS).search([RigImage(pyramid_of(ROOMS[number], pose))])
     assert start.place is not None
     distance, angle = start.place.T_map_camera.distance(SE3.from_planar(GAP * number, 0, 0) @ pose)
     assert (distance, angle) < (0.02, 0.01)
@@ -49,14 +50,16 @@ def test_features_place_the_camera_and_only_so_many_spheres_are_looked_at(refere
 
 
 def test_a_room_that_is_not_in_the_map_is_not_found(references):
-    start = Startup(references, PARAMS).search(pyramid_of(sharp_room(seed=99), at(0.2, 0.1, 1.0)))
+    start = Startup(references, PARAMS).search([RigImage(pyramid_of(sharp_room(seed=99), at(0.2, 0.1, 1.0)))])
     assert start.place is None
     assert start.finding.reason is Reason.LOW_OVERLAP
 
 
 def test_two_of_many_rooms_alike_are_ambiguous(references):
     twins = [*references.nodes, KeySphere(99, 99, SE3.from_planar(0, GAP, 0), references.node(3).sphere)]
-    start = Startup(References(MemoryMap(twins), PARAMS), PARAMS).search(pyramid_of(ROOMS[3], at(0.1, 0.0, 0.4)))
+    start = Startup(References(MemoryMap(twins), PARAMS), PARAMS).search(
+        [RigImage(pyramid_of(ROOMS[3], at(0.1, 0.0, 0.4)))]
+    )
     assert start.place is None
     assert start.finding.reason is Reason.AMBIGUOUS
 

@@ -10,6 +10,7 @@ from dense_localizer.reference import References, salient
 from dense_localizer.resemblance import resemblance
 from dense_localizer.residual import residual_image
 from photometric import build_pyramid, prepare_reference
+from photometric.rig import RigImage
 from sphere_geometry import SE3, Spherical
 from typed_params import build
 from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, make_map
@@ -46,7 +47,9 @@ def test_nothing_is_chosen_where_nothing_covers_the_view(room):
     references = References(make_map(room, [SE3.identity()], WINDOW), PARAMS)
     choice = references.choose(at(0.0, 0.0, np.pi), PINHOLE)
     assert (choice.ids, choice.views) == ((), ())
-    place = locate(build_pyramid(np.zeros((120, 160), np.uint8), PINHOLE), references, PARAMS, at(0.0, 0.0, np.pi))
+    place = locate(
+        [RigImage(build_pyramid(np.zeros((120, 160), np.uint8), PINHOLE))], references, PARAMS, at(0.0, 0.0, np.pi)
+    )
     assert place.verdict.finding.reason == "LOW_OVERLAP"
     assert not place.verdict.is_accepted
 
@@ -111,7 +114,7 @@ def test_the_residual_is_grey_where_image_and_map_agree(room, room_map):
     image = room.photograph(PINHOLE, pose, 2)
     image[20:50, 30:60] = 250
     pyramid = build_pyramid(image, PINHOLE, PARAMS.registration.pyramid)
-    picture = residual_image(image, PINHOLE, locate(pyramid, References(room_map, PARAMS), PARAMS, pose))
+    picture = residual_image(image, PINHOLE, locate([RigImage(pyramid)], References(room_map, PARAMS), PARAMS, pose))
     assert picture.shape == (120, 160)
     assert np.median(np.abs(picture.astype(int) - 128)) <= 3
     changed = picture[25:45, 35:55]

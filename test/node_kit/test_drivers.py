@@ -21,7 +21,7 @@ from node_kit.streams import RGBD, STEREO
 from typed_params import param, parameters
 
 FILES = Path(__file__).resolve().parents[2] / "config" / "cameras"
-WANTED = {"rgbd": RGBD, "stereo": STEREO, "mono": ("image_raw", "camera_info")}
+WANTED = {"rgbd": RGBD, "stereo": STEREO, "mono": ("image_raw", "camera_info"), "panorama": ("image_raw",)}
 DEPTH_INFO = "depth/camera_info"
 METRES = {"16UC1": 0.001, "32FC1": 1.0}  # REP 118
 VENDORS = ("realsense", "zed", "oak", "kinect", "usb_cam")
@@ -93,7 +93,7 @@ def test_a_file_of_ones_own_is_as_good_as_a_name(tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"input": "lidar"}, "input: expected one of rgbd, stereo, mono, found 'lidar'"),
+        ({"input": "lidar"}, "input: expected one of rgbd, stereo, mono, panorama, found 'lidar'"),
         ({"topics": 3}, "topics: expected dict, found 3"),
         ({"rate": 3}, f"expected {', '.join(FIELDS)}, found"),
     ],

@@ -1,0 +1,256 @@
+"""The node dense_localizer with several cameras, a fisheye, a whole sphere: one pose of the base; over DDS."""
+
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+import rclpy
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from sensor_msgs.msg import CameraInfo, Image
+from sphere_nav_msgs.msg import LocalizationStatus
+from tf2_msgs.msg import TFMessage
+
+from dense_localizer.node import DenseLocalizerNode
+from node_kit import qos
+from node_kit.conversions import (
+    array_to_image,
+    camera_to_info,
+    camera_to_sphere_info,
+    pose_with_covariance_to_se3,
+    se3_to_transform,
+    stamp_ns,
+)
+from node_kit.map_bag import save_map
+from node_kit.map_writer import MapDetails
+from node_kit.replay import OfflineBus
+from sphere_geometry import SE3, Spherical
+from sphere_geometry.rig import Rig, RigCamera
+from sphere_geometry.rig_file import write_rig
+from sphere_map.sphere import T_BODY_OPTICAL
+from worlds.localizer import FISHEYE, PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
+from worlds.room import wide_room
+
+START_NS = 1_000_000_000
+CAMERAS = {"front": PINHOLE, "back": FISHEYE}
+MOUNTS = {  # in body axes: ahead and to the left; back
+    "front": SE3.from_parts(SE3.from_planar(0, 0, 0.3).rotation, [0.5, 0.1, 0.2]),
+    "back": SE3.from_parts(SE3.from_planar(0, 0, 2.9).rotation, [-0.4, 0.0, 0.1]),
+}
+MAX_M, MAX_RAD = 0.015, 0.008  # as one camera in test/dense_localizer/test_localizer.py
+NUM = 8
+BASE = [pose @ T_BODY_OPTICAL.inverse() for pose in drive(NUM)]  # poses of the base
+RIG = SMALL_IMAGES | {"rig.cameras": "front,back"}
+
+
+@pytest.fixture(scope="module")
+def room():
+    return wide_room()
+
+
+@pytest.fixture(scope="module")
+def rig_file(tmp_path_factory):
+    path = tmp_path_factory.mktemp("rig") / "rig.yaml"
+    cameras = [RigCamera(name, CAMERAS[name], mount @ T_BODY_OPTICAL) for name, mount in MOUNTS.items()]
+    write_rig(path, Rig(tuple(cameras)))
+    return path
+
+
+@pytest.fixture(scope="module")
+def map_path(room, rig_file, tmp_path_factory):
+    sphere_map = make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0)])
+    return save_map(tmp_path_factory.mktemp("maps") / "room", sphere_map.graph, MapDetails(rig=rig_file.read_text()))
+
+
+@pytest.fixture(scope="module")
+def pictures(room):
+    """Images by camera and instant."""
+    return {
+        name: [
+            room.photograph(camera, T @ MOUNTS[name] @ T_BODY_OPTICAL, 10 * k + len(name)) for k, T in enumerate(BASE)
+        ]
+        for name, camera in CAMERAS.items()
+    }
+
+
+def statics():
+    mounts = [se3_to_transform(T @ T_BODY_OPTICAL, START_NS, "base_link", name) for name, T in MOUNTS.items()]
+    return TFMessage(transforms=mounts)
+
+
+class Bench:
+    """A node on an offline bus and the cameras before it."""
+
+    def __init__(self, map_path, values=RIG, *, has_tf=True, infos=("front", "back")):
+        self.bus = OfflineBus()
+        self.node = self.bus.add(DenseLocalizerNode, {"map": str(map_path)} | values)
+        self.now = START_NS
+        if has_tf:
+            self.send("/tf_static", statics())
+        for name in infos:
+            self.send(f"/cameras/{name}/camera_info", camera_to_info(CAMERAS[name], self.now, name))
+
+    def send(self, topic, message):
+        self.bus.publish(topic, message)
+        return [record for record in self.bus.settle() if record.topic != topic]
+
+    def see(self, pictures, k, names=("front", "back"), delay_ns=0):
+        """Send the images of an instant; return what the node said by topic."""
+        self.now = START_NS + (k + 1) * STEP_NS
+        said = list(self.bus.advance(self.now))
+        for i, name in enumerate(names):
+            image = array_to_image(pictures[name][k], self.now + i * delay_ns, name, "mono8")
+            said += self.send(f"/cameras/{name}/image_raw", image)
+        return {record.topic: record.message for record in said}
+
+
+def assert_near(answer, truth):
+    T_map_base, covariance = pose_with_covariance_to_se3(answer["/pose"], "map")
+    assert T_map_base.distance(truth) < (MAX_M, MAX_RAD)
+    assert np.all(np.linalg.eigvalsh(covariance) > 0)
+
+
+def test_two_cameras_give_one_pose_of_the_base_at_each_instant(map_path, pictures):
+    bench = Bench(map_path)
+    answers = [bench.see(pictures, k) for k in range(NUM)]
+    assert [answer["/status"].state for answer in answers] == ["PROBATION"] * 3 + ["TRACKING"] * (NUM - 3)
+    for k in range(3, NUM):
+        assert_near(answers[k], BASE[k])
+        assert stamp_ns(answers[k]["/pose"]) == START_NS + (k + 1) * STEP_NS
+        assert (answers[k]["/pose"].header.frame_id, answers[k]["/odometry"].child_frame_id) == ("map", "base_link")
+
+
+@pytest.mark.parametrize("source", ["file", "map"])
+def test_the_rig_of_a_file_or_of_the_map_takes_the_place_of_camera_info_and_tf(map_path, rig_file, pictures, source):
+    values = SMALL_IMAGES | {"rig.calibration": str(rig_file) if source == "file" else "map", "mounting": "0,0,0,0,0,0"}
+    bench = Bench(map_path, values, has_tf=False, infos=())
+    answers = [bench.see(pictures, k) for k in range(5)]
+    assert answers[-1]["/status"].state == "TRACKING"
+    assert_near(answers[-1], BASE[4])
+
+
+def test_a_camera_that_fails_is_named_and_the_other_goes_on(map_path, pictures):
+    bench = Bench(map_path)
+    for k in range(5):
+        bench.see(pictures, k)
+    said = [bench.see(pictures, k, ("front",)) for k in (5, 6, 7)]
+    assert "/status" not in said[0]  # the other one is waited for until the next instant begins
+    status = said[1]["/status"]
+    assert (status.state, status.reason) == ("TRACKING", "GAP")
+    assert "camera back" in status.remedy
+    assert bench.node.reports["camera back"][0] == 2
+    assert bench.node.reports["camera front"][0] == 0
+
+
+def test_a_camera_without_calibration_is_refused_by_name(map_path, pictures):
+    bench = Bench(map_path, RIG | {"max_waiting": 1}, infos=("front",))
+    for k in range(6):
+        answer = bench.see(pictures, k)
+    assert answer["/status"].state == "TRACKING"
+    assert answer["/status"].reason == "BAD_INFO"
+    assert "camera back: no camera_info yet" in answer["/status"].remedy
+    alone = Bench(map_path, RIG | {"max_waiting": 1}, infos=())
+    answer = [alone.see(pictures, k) for k in range(3)][-1]
+    assert answer["/status"].reason == "BAD_INFO"
+    assert "no camera_info yet" in answer["/status"].remedy
+
+
+def test_a_camera_without_mounting_is_refused_by_name(map_path, pictures):
+    bench = Bench(map_path, RIG | {"max_waiting": 1}, has_tf=False)
+    answer = [bench.see(pictures, k) for k in range(3)][-1]
+    assert answer["/status"].reason == "TF_STALE"
+    assert "camera" in answer["/status"].remedy
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"rig.cameras": "front,front"}, "expected different names"),
+        ({"rig.calibration": "map", "rig.cameras": "front,side"}, "front, back"),
+        ({"rig.cameras": "front", "base_frame": ""}, "base_frame"),
+        ({"rig.calibration": "no_such_file.yaml"}, "no_such_file"),
+    ],
+)
+def test_a_rig_that_cannot_be_is_refused_at_once(map_path, values, words):
+    with pytest.raises((ValueError, OSError), match=words):
+        Bench(map_path, SMALL_IMAGES | values, has_tf=False, infos=())
+
+
+@pytest.mark.parametrize("told_by", ["sphere_info", "is_panorama"])
+def test_a_whole_sphere_is_a_camera(map_path, room, told_by):
+    camera = Spherical(256, 128)
+    values = SMALL_IMAGES | {"base_frame": "", "is_panorama": told_by == "is_panorama"}
+    bench = Bench(map_path, values, has_tf=False, infos=())
+    if told_by == "sphere_info":
+        bench.send("/sphere_info", camera_to_sphere_info(camera, "sphere"))
+    for k, T_room_base in enumerate(BASE[:5]):
+        bench.now = START_NS + (k + 1) * STEP_NS
+        image = array_to_image(room.photograph(camera, T_room_base, k), bench.now, "sphere", "mono8")
+        answer = {record.topic: record.message for record in bench.send("/image_raw", image)}
+    assert answer["/status"].state == "TRACKING"
+    assert_near(answer, BASE[4])
+
+
+def test_an_image_that_is_no_whole_sphere_is_refused(map_path, pictures):
+    bench = Bench(map_path, SMALL_IMAGES | {"base_frame": "", "is_panorama": True}, has_tf=False, infos=())
+    said = bench.send("/image_raw", array_to_image(pictures["front"][0], START_NS, "sphere", "mono8"))
+    status = next(record.message for record in said if record.topic == "/status")
+    assert status.reason == "BAD_INFO"
+    assert "twice as wide as high" in status.remedy
+
+
+# --- over DDS
+@pytest.fixture
+def process(map_path):
+    code = "import sys; from dense_localizer.node import main; sys.exit(main())"
+    arguments = ["--ros-args"]
+    for name, value in ({"map": map_path, "every_image": "true"} | RIG).items():
+        arguments += ["-p", f"{name}:={value}"]
+    child = subprocess.Popen([sys.executable, "-c", code, *arguments])
+    yield child
+    child.kill()
+    child.wait(5.0)
+
+
+def test_two_cameras_over_dds(process, pictures):
+    rclpy.init()
+    node = rclpy.create_node("bench")
+    try:
+        poses, statuses = [], []
+        node.create_subscription(PoseWithCovarianceStamped, "pose", poses.append, qos.STATE)
+        node.create_subscription(LocalizationStatus, "status", statuses.append, qos.STATE)
+        images = {name: node.create_publisher(Image, f"cameras/{name}/image_raw", qos.LARGE) for name in CAMERAS}
+        infos = {name: node.create_publisher(CameraInfo, f"cameras/{name}/camera_info", qos.LARGE) for name in CAMERAS}
+        tf = node.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC)
+
+        def wait(is_done, seconds=60.0):  # the kernels may have to be compiled
+            deadline = time.monotonic() + seconds
+            while not is_done() and time.monotonic() < deadline:
+                rclpy.spin_once(node, timeout_sec=0.02)
+            return is_done()
+
+        everyone = [*images.values(), *infos.values(), tf]
+        assert wait(lambda: all(one.get_subscription_count() for one in everyone) and node.count_publishers("pose"))
+        tf.publish(statics())
+        for k in range(NUM):
+            stamp = START_NS + (k + 1) * STEP_NS
+
+            def is_answered(stamp=stamp):
+                return any(stamp_ns(status) == stamp for status in statuses)
+
+            for attempt in range(20 if k == 0 else 1):  # what is sent before the node knows the sender is lost
+                for name in CAMERAS:
+                    infos[name].publish(camera_to_info(CAMERAS[name], stamp + attempt, name))
+                    images[name].publish(array_to_image(pictures[name][k], stamp, name, "mono8"))
+                if wait(is_answered, 5.0 if k == 0 else 60.0):
+                    break
+            assert is_answered()
+        assert wait(lambda: bool(poses) and stamp_ns(poses[-1]) == START_NS + NUM * STEP_NS)
+        assert_near({"/pose": poses[-1]}, BASE[-1])
+    finally:
+        node.destroy_node()
+        rclpy.try_shutdown()
