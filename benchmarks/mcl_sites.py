@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 import hashlib
-from functools import cached_property, lru_cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +16,8 @@ from benchmarks.mcl_drives import HEIGHT, Studio, kept, simulator_source
 from benchmarks.mcl_routes import limits
 from cycab_sim.town import Plan, draw_plan
 from cycab_sim.worlds import geometry_cloud
-from mcl_depth.geometry.area import find_area
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points
-from mcl_depth.geometry.ground import Ground
-from mcl_depth.geometry.synthesis import DepthSynthesizer, panorama_window
-from mcl_depth.image_params import SynthesisParams
-from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.params import FilterParams
-from mcl_depth.presets import apply_preset
 from mcl_depth.site import Site
 from typed_params import build
 
@@ -61,41 +55,10 @@ def town(options: argparse.Namespace, changes: Settings | None = None, *, is_fil
     return site("town", options, town_settings(plan, changes), is_filled=is_filled), plan
 
 
-class Prepared(Site):
-    """A site whose depth features are on disk: nothing is drawn before one is missing."""
-
-    def __init__(self, cloud: Cloud, params: FilterParams, name: str, *, is_filled: bool = True) -> None:
-        """`name` stands for the cloud in the cache on disk; `is_filled`: all depth features are made now."""
-        self.params = params
-        heights = Ground(cloud.points).heights
-        self.depth_map = DepthMap(Later(cloud, params.synthesis), heights, HEIGHT, params, name)
-        self.area = find_area(cloud.points, self.depth_map.heights, params.area)
-        if is_filled:
-            self.prepare()
-
-
-class Later:
-    """Draws panoramas of a cloud; takes the cloud apart when the first one is asked for."""
-
-    def __init__(self, cloud: Cloud, params: SynthesisParams) -> None:
-        self._cloud, self._params, self.camera = cloud, params, panorama_window(params)
-
-    @cached_property
-    def drawing(self) -> DepthSynthesizer:
-        """What draws."""
-        return DepthSynthesizer(self._cloud, self._params)
-
-    def synthesize_many(self, positions: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Return ranges (M, H, W) in m around places (M, 3)."""
-        return self.drawing.synthesize_many(positions)
-
-
 def site(world: str, options: argparse.Namespace, settings: Settings, *, is_filled: bool = True) -> Site:
     """Return the site of a world, with the depth features of all its places, or only with those kept on disk."""
     cache = {"cache.folder": str(folder_of(options) / f"depth_{_image_side()}")}
-    bare = cloud(world, options)
-    params = apply_preset(build(FilterParams, settings | cache), bare.box)
-    return Prepared(bare, params, cloud_name(world, options), is_filled=is_filled)
+    return Site(cloud(world, options), HEIGHT, build(FilterParams, settings | cache), is_ready=is_filled)
 
 
 def cloud(world: str, options: argparse.Namespace) -> Cloud:

@@ -1,8 +1,9 @@
-"""Run times of mcl_depth in a town of 100 x 100 m: every step, the first global update, images after convergence."""
+"""Run times of mcl_depth in a town of 100 x 100 m: every step, the map made ready, the first image, later ones."""
 
 from __future__ import annotations
 
 import argparse
+import tempfile
 import time
 from collections.abc import Callable
 from functools import partial
@@ -16,29 +17,26 @@ from benchmarks.machine import describe, milliseconds, repeat
 from benchmarks.report import Bound, Report, Table
 from cycab_sim import geometry_cloud
 from cycab_sim.worlds import build_world
-from mcl_depth.belief.estimate import Estimate, Observation
-from mcl_depth.filter import Filter
+from localization.status import State
+from mcl_depth.belief.estimate import Observation
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.likeness.comparison import depth_features_many, similarity_many, visual_features
 from mcl_depth.params import FilterParams
+from mcl_depth.presets import apply_preset
 from mcl_depth.site import Site
 from mcl_depth.warm_up import warm_up
 from sphere_geometry import SE3
 from sphere_geometry.camera import pixel_grid
 from typed_params import build
 
-HELP = "synthesis, features, comparison, first global update, image after convergence, what each cache saves"
+HELP = "synthesis, features, comparison, the map made ready, first image, image after convergence"
 HEIGHT = 1.6  # m, of the camera
 SIDE = 100.0  # m, of the town
 MANY = 10  # runs of every step
-SLOW = 8  # images of a drive without depth cache
-STEP = 0.3  # m driven between two images
-VARIANTS: dict[str, dict[str, Any]] = {
-    "all caches": {},
-    "no depth cache (as good as: 16 images)": {"cache.max_megabytes": 1},
-}
+STEP = 1.0  # m driven between two images
+STARTED_S = 5.0  # until a map on disk is ready
 Array = NDArray[np.float64]
 
 
@@ -54,15 +52,41 @@ def run(options: argparse.Namespace) -> Report:
     report = Report("mcl_times", notes=[describe(options.threads)])
     mesh, box = town_mesh(options.town_seed)
     cloud = cloud_of(options, box)
-    limits = {"area.limits": box}
-    built_ms, site = milliseconds(lambda: Site(cloud, HEIGHT, build(FilterParams, limits)))
-    count = 64 if options.quick else 256
-    places = some_places(site, count)
-    truth = inside(DepthSynthesizer(mesh, site.params.synthesis), places, box)
-    report.notes.append(f"{len(cloud)} points, made ready in {built_ms / 1e3:.1f} s, {len(site.area.middles)} squares")
+    with tempfile.TemporaryDirectory() as folder:
+        params = build(FilterParams, {"area.limits": box, "cache.folder": folder})
+        warm_up(apply_preset(params, cloud.box))
+        site, table = readiness(cloud, params, report)
+    report.tables.append(table)
+    places = some_places(site, 64 if options.quick else 256)
+    exact = DepthSynthesizer(mesh, site.params.synthesis)
+    truth = inside(exact, places, box)
     report.tables.append(steps(site, cloud, places, truth, report, 3 if options.quick else MANY))
-    report.tables.append(updates(site, mesh, limits, options, report))
+    report.tables.append(updates(site, drive(site, exact, options.images), report))
     return report
+
+
+def readiness(cloud: Cloud, params: FilterParams, report: Report) -> tuple[Site, Table]:
+    """Make the map of a cloud ready, with nothing on disk and once more with all of it; return the second site."""
+    rows: list[tuple[str, ...]] = []
+    for name in ("nothing on disk", "started again"):
+        opened, site = clocked(partial(Site, cloud, HEIGHT, params, is_ready=False))
+        made, _ = clocked(site.prepare)
+        each = opened + made
+        rows.append((name, *(f"{value / 1e3:.1f}" for value in (*opened, *made, *each))))
+    report.notes.append(f"{len(cloud)} points, {len(site.places)} places, {len(site.area.middles)} squares")
+    report.bounds += [
+        Bound("map on disk: ready after", STARTED_S, each[0] / 1e3, "s"),
+        Bound("map on disk: ready after, of processor", STARTED_S, each[1] / 1e3, "s"),
+    ]
+    head = ("map", "cloud opened [s]", "of processor", "depth images [s]", "of processor", "both [s]", "of processor")
+    return site, Table(f"The map made ready, {len(site.places)} places", head, rows)
+
+
+def clocked(call: Callable[[], Any]) -> tuple[Array, Any]:
+    """Return times (2,) in ms, by clock and of the processor, and the result."""
+    used = time.process_time()
+    ms, result = milliseconds(call)
+    return np.array([ms, 1e3 * (time.process_time() - used)]), result
 
 
 def town_mesh(seed: int) -> tuple[TriangleMesh, str]:
@@ -153,42 +177,37 @@ def shaded(range_m: NDArray[np.float32]) -> NDArray[np.float32]:
     return (255.0 / (1.0 + 0.1 * np.nan_to_num(range_m, nan=200.0)) + noise).astype(np.float32)
 
 
-def updates(
-    site: Site, mesh: TriangleMesh, limits: dict[str, Any], options: argparse.Namespace, report: Report
-) -> Table:
-    """Time whole updates of the filter on a drive, with everything and without one thing at a time."""
-    exact = DepthSynthesizer(mesh, site.params.synthesis)
-    observations = drive(site, exact, 20 if options.quick else options.images)
-    rows: list[tuple[str, ...]] = []
-    warm_up(site.params)
-    chosen = dict(list(VARIANTS.items())[:1]) if options.quick else VARIANTS
-    for name, changes in tqdm(chosen.items(), "drives", leave=False, disable=None):
-        tried = site.under(build(FilterParams, limits | changes))
-        cold, ms, last = timed(tried.filter(), observations if "no depth" not in name else observations[:SLOW])
-        cache, belief = tried.depth_map.cache, last.belief
-        assert belief is not None
-        settled, used = np.median(ms[len(ms) // 2 :], axis=0)
-        rates = f"{cache.hit_rate:.0%}", f"{belief.comparison.hit_rate:.0%}"
-        times = f"{cold[0]:.0f}", f"{cold[1]:.0f}", f"{settled:.1f}", f"{used:.1f}"
-        rows.append((name, *times, *rates, str(len(belief.particles))))
-        if not changes:
-            report.bounds.append(Bound("first global update, 1000 particles", 2000.0, float(cold[0]), "ms"))
-            report.bounds.append(Bound("image after convergence, median", 100.0, float(settled), "ms"))
-    head = (
-        "variant",
-        "first [ms]",
-        "of processor [ms]",
-        "later, median [ms]",
-        "of processor [ms]",
-        "depth hits",
-        "similarity hits",
-        "particles",
-    )
-    return Table(
-        "Updates: the first anywhere, 1000 particles, 36 headings, nothing in the caches; later ones near the truth",
-        head,
-        rows,
-    )
+def updates(site: Site, observations: list[Observation], report: Report) -> Table:
+    """Time whole updates of the filter on a drive from nowhere: the first, those of the search, those in TRACKING."""
+    tracked, times, states = site.filter(), [], []
+    for item in tqdm(observations, "images", leave=False, disable=None):
+        used, estimate = clocked(partial(tracked.update, item))
+        times.append(used)
+        states.append(estimate.status.state)
+    is_tracking = np.array([state is State.TRACKING for state in states])
+    ms = np.array(times)
+    first, search, later = (_median(part) for part in (ms[:1], ms[1:][~is_tracking[1:]], ms[is_tracking]))
+    report.bounds += [
+        Bound("first image, anywhere in the map", 2000.0, first[0], "ms"),
+        Bound("first image, anywhere in the map, of processor", 2000.0, first[1], "ms"),
+        Bound("image after convergence, median", 100.0, later[0], "ms"),
+        Bound("image after convergence, median, of processor", 100.0, later[1], "ms"),
+    ]
+    rows: list[tuple[str, ...]] = [
+        (name, str(count), f"{times[0]:.0f}", f"{times[1]:.0f}")
+        for name, count, times in (
+            ("the first", 1, first),
+            ("later, SEARCHING or PROBATION", int(np.sum(~is_tracking[1:])), search),
+            ("TRACKING", int(np.sum(is_tracking)), later),
+        )
+    ]
+    title = f"An image, from nowhere in the map, {site.params.resampling.num_particles} particles, median"
+    return Table(title, ("image", "images", "ms", "of processor [ms]"), rows)
+
+
+def _median(times: Array) -> Array:
+    """Return the medians (2,) of times (N, 2); NaN of none."""
+    return np.median(times, axis=0) if len(times) else np.full(2, np.nan)
 
 
 def drive(site: Site, exact: DepthSynthesizer, num_images: int) -> list[Observation]:
@@ -211,20 +230,3 @@ def observe(site: Site, exact: DepthSynthesizer, place: Array, heading: float, n
     image = np.roll(shaded(exact.synthesize([*place, height])), round(heading / (2 * np.pi) * exact.camera.width), 1)
     T_odom_level = SE3.from_planar(float(place[0]), float(place[1]), heading)
     return Observation(image, exact.camera, number * 10**9, np.eye(3), T_odom_level)
-
-
-def timed(tracked: Filter, observations: list[Observation]) -> tuple[Array, Array, Estimate]:
-    """Return times (2,) in ms, by clock and of the processor, of the first image, and (N, 2) of those near the truth.
-
-    The last estimate comes with them.
-    """
-    T_map_level = observations[0].T_odom_level  # here odometry is the truth
-    assert T_map_level is not None
-    times = []
-    for item in observations:
-        used = time.process_time()
-        ms, estimate = milliseconds(partial(tracked.update, item))
-        times.append((ms, 1e3 * (time.process_time() - used)))
-        if item is observations[0]:
-            tracked.start(T_map_level, np.diag([0.3, 0.3, 0.1, 0.05, 0.05, 0.1]) ** 2)
-    return np.array(times[0]), np.array(times[1:]), estimate

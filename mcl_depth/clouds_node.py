@@ -25,6 +25,8 @@ from node_kit.conversions.driving import check_frames
 from node_kit.endpoints import Endpoints
 from node_kit.map_bag import open_map
 
+MADE_AT_ONCE = 512  # depth images that an image waits for: about a second
+WAIT = "wait; cache.folder keeps it for the next start"
 STEP = 2  # every second pixel of every second row of a sphere becomes a point
 
 
@@ -37,6 +39,8 @@ class Clouds:
         self.geometry: Cloud | TriangleMesh | None = None
         self.params = params  # with the spacing of the last call
         self.fault = FINE  # nothing can be compared with the geometry
+        self._site: Site | None = None
+        self._share = 1.0  # of its depth images that are made
         if params.cloud:
             self.use(read_map(params.cloud))
         endpoints.add_service("~/load_cloud", LoadCloud, self.on_load_cloud)
@@ -47,27 +51,40 @@ class Clouds:
         synthesis = self._declared.synthesis
         voxel_m = voxel_m or synthesis.voxel_m
         self.geometry, self.fault = geometry, FINE
+        self._site, self._share = None, 1.0
         self.params = replace(self._declared, synthesis=replace(synthesis, voxel_m=voxel_m))
         self._on_change()
         for warning in geometry.warnings:
             self._log.warning(warning)
 
     def make_filter(self, camera_height: float) -> Filter | None:
-        """Return a filter for the geometry; None where there is none, or where it cannot be used: a fault to tell."""
+        """Return a filter for the geometry, once its map is made ready; before, and where it cannot be used, None.
+
+        Each call makes a part of what is missing, so that an image is answered within a second or two.
+        """
         if self.geometry is None or self.fault is not FINE:
             return None
         try:
-            return Site(self.geometry, camera_height, self.params).filter()
+            if self._site is None:
+                self._site = Site(self.geometry, camera_height, self.params, is_ready=False)
+                self._log.info(f"map: {len(self._site.places)} places are made ready")
+            self._share = self._site.prepare(None if self.params.every_image else MADE_AT_ONCE)
         except ValueError as error:
             detail = "; ".join([str(error), *self.geometry.warnings])
             self.fault = Finding(Reason.MAP_ERROR, detail=detail)
             self._log.error(detail)
             return None
+        if self._share < 1.0:
+            return None
+        self._log.info("map: ready")
+        return self._site.filter()
 
     def status(self, stamp: int, fault: Finding) -> Status:
         """Return what an image is answered with while there is no filter."""
         if self.geometry is None or self.fault is not FINE:
             return status_of(State.NO_MAP, stamp, self.fault, REMEDIES)
+        if fault is FINE and self._share < 1.0:
+            fault = Finding(Reason.NO_CONVERGENCE, self._share, 1.0, "share of the map that is made ready", WAIT)
         return status_of(State.SEARCHING, stamp, fault, REMEDIES)
 
     def on_cloud(self, message: PointCloud2) -> None:

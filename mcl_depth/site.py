@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import hashlib
 
 from mcl_depth.belief.survey_grid import SurveyGrid
@@ -22,34 +21,33 @@ SPACING = 0.15  # of the points that stand for a mesh in ground and area, m
 class Site:
     """What of a map does not change while the filter runs."""
 
-    def __init__(self, geometry: Cloud | TriangleMesh, camera_height: float, params: FilterParams) -> None:
-        """`camera_height` m above the ground, unless the parameter of that name is set; all depth images are made."""
-        params = apply_preset(params, geometry.box)
+    def __init__(
+        self, geometry: Cloud | TriangleMesh, camera_height: float, params: FilterParams, *, is_ready: bool = True
+    ) -> None:
+        """`camera_height` m above the ground, unless the parameter of that name is set.
+
+        `is_ready`: the depth images are made now; else `prepare` has to be called before a filter needs them.
+        """
+        self.params = params = apply_preset(params, geometry.box)
         points = sample_surface(geometry, SPACING).points if isinstance(geometry, TriangleMesh) else geometry.points
-        self._name = hashlib.sha256(points.tobytes()).hexdigest()
-        self.synthesizer, self._ground = DepthSynthesizer(geometry, params.synthesis), Ground(points)
-        self._height = params.camera_height or camera_height
-        self.params = params
-        self.depth_map = self._depth_map()
+        name = hashlib.sha256(points.tobytes()).hexdigest()
+        self.synthesizer = DepthSynthesizer(geometry, params.synthesis)
+        height = params.camera_height or camera_height
+        self.depth_map = DepthMap(self.synthesizer, Ground(points).heights, height, params, name)
         self.area: Area = find_area(points, self.depth_map.heights, params.area)
-        self.prepare()
+        self.places = SurveyGrid(self.depth_map, self.area.middles).positions  # (N, 2) m, compared with every image
+        if is_ready:
+            self.prepare()
 
-    def prepare(self) -> None:
-        """Make the depth images that every image is compared with, and keep them on disk where a folder is set."""
-        positions = SurveyGrid(self.depth_map, self.area.middles).positions
-        if self.depth_map.fill(positions):
-            self.depth_map.save()
-        self.depth_map.matched_filter(positions)
+    def prepare(self, at_most: int | None = None) -> float:
+        """Make the depth images that every image is compared with, or at most so many; return the share that is there.
 
-    def under(self, params: FilterParams) -> Site:
-        """Return the same geometry and area, nothing in the caches; synthesis, area and height stay as they are."""
-        other = copy.copy(self)
-        other.params = params
-        other.depth_map = other._depth_map()
-        return other
-
-    def _depth_map(self) -> DepthMap:
-        return DepthMap(self.synthesizer, self._ground.heights, self._height, self.params, self._name)
+        With `cache.folder` they are kept on the way: what was made once is read by the next site.
+        """
+        num_missing = self.depth_map.fill(self.places, at_most)
+        if not num_missing:
+            self.depth_map.matched_filter(self.places)
+        return 1.0 - num_missing / len(self.places)
 
     def filter(self) -> Filter:
         """Return a filter that knows nothing yet."""

@@ -37,7 +37,12 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"--camera: expected one camera (--image TOPIC), found {', '.join(arguments.camera)}")
 
     def add_node(bus: OfflineBus, remap: dict[str, str], mounting: str) -> None:
-        given = {"cloud": arguments.cloud, "preset": arguments.preset, "input.max_leap_s": MAX_LEAP_S}
+        given = {
+            "cloud": arguments.cloud,
+            "preset": arguments.preset,
+            "input.max_leap_s": MAX_LEAP_S,
+            "every_image": True,
+        }
         given["mounting"] = mounting
         bus.add(MclDepthNode, given | parse_settings(arguments.settings), remap)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -44,7 +46,12 @@ class DepthSynthesizer:
     ) -> None:
         self.params = params or SynthesisParams()
         self.camera = panorama_window(self.params)
-        self._scene = _scene(geometry, self.camera, self.params, drawing)
+        self._geometry, self._drawing = geometry, drawing
+
+    @cached_property
+    def _scene(self) -> Walker | PointIndex | RayScene:
+        """What draws; made when the first panorama is asked for: a map whose panoramas are on disk needs none."""
+        return _scene(self._geometry, self.camera, self.params, self._drawing)
 
     def synthesize(self, position_map: ArrayLike) -> Image:
         """Return the range (H, W) in m around a place (3,) in the map; NaN where the map says nothing."""

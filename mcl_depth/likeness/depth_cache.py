@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import tempfile
 from collections import OrderedDict
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.likeness.array_folder import load_arrays, save_arrays
 from mcl_depth.likeness.comparison import FeatureStack
 
 Cell = tuple[int, int]
@@ -68,27 +65,18 @@ class DepthCache:
         return slots
 
     def save(self, folder: Path) -> None:
-        """Write everything into a folder, which is made beside and renamed; the last one to write wins."""
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        fresh = Path(tempfile.mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-        slots = np.fromiter(self._slots.values(), dtype=np.int64)
-        kept = self.stack.take(slots)
+        """Write everything into a folder; the last one to write wins."""
+        kept = self.stack.take(np.fromiter(self._slots.values(), dtype=np.int64))
         cells = np.array(list(self._slots), dtype=np.int64).reshape(-1, 2)
-        arrays: tuple[NDArray[Any], ...] = (cells, kept.directions, kept.magnitudes, kept.scales)
-        for name, array in zip(ARRAYS, arrays, strict=True):
-            np.save(fresh / f"{name}.npy", array, allow_pickle=False)
-        if folder.exists():
-            shutil.rmtree(folder)
-        os.replace(fresh, folder)
+        arrays = (cells, kept.directions, kept.magnitudes, kept.scales)
+        save_arrays(folder, dict(zip(ARRAYS, arrays, strict=True)))
 
     def load(self, folder: Path) -> int:
         """Read what `save` wrote, as much as fits; return how many images that are. A damaged folder is ValueError."""
-        if not folder.is_dir():
+        found = load_arrays(folder, ARRAYS)
+        if found is None:
             return 0
-        try:
-            cells, *parts = (np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False) for name in ARRAYS)
-        except (OSError, ValueError, EOFError) as error:
-            raise ValueError(f"{folder}: expected a cache of depth features: {' '.join(str(error).split())}") from None
+        cells, *parts = found
         expected = (len(cells), *self.stack.directions.shape[1:])
         if parts[0].shape != expected or parts[1].shape != expected or parts[2].shape != expected[:1]:
             raise ValueError(f"{folder}: expected {expected} features, found {parts[0].shape} and {parts[1].shape}")

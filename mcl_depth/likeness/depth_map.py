@@ -37,6 +37,7 @@ class Synthesizer(Protocol):
 
 
 BATCH = 64  # depth images made at once
+SAVE_EVERY = 2048  # depth images that an interruption may lose
 Heights = Callable[[Array], Array]  # (N, 2) m -> height of the ground (N,) m, NaN where there is none
 
 
@@ -53,6 +54,7 @@ class DepthMap:
         camera = synthesizer.camera
         self.cache = DepthCache(params.cache.max_megabytes << 20, camera.height, camera.width)
         self._matched: tuple[bytes, MatchedFilter] | None = None
+        self._num_unsaved = 0  # depth images that are not on disk
         self._folder = Path(params.cache.folder) / self._key(name) if params.cache.folder and name else None
         if self._folder is not None:
             self.cache.load(self._folder)
@@ -99,23 +101,43 @@ class DepthMap:
         """Return what compares an image with all cells of positions (N, 2) at once; that of the last call is kept."""
         key = positions.tobytes()
         if self._matched is None or self._matched[0] != key:
-            cells = [(int(x), int(y)) for x, y in self.cells(positions)]
-            self._matched = key, MatchedFilter.of(self.cache.stack, self._slots(cells))
+            self._matched = key, self._matched_filter(positions)
         return self._matched[1]
 
-    def fill(self, positions: Array, progress: Callable[[int], None] = lambda step: None) -> int:
-        """Make the missing depth images of positions (N, 2), as many as the cache holds; return how many that were."""
+    def _matched_filter(self, positions: Array) -> MatchedFilter:
+        """Return it from the disk, where a folder is set and holds it; else made, and kept there."""
+        folder = None
+        if self._folder is not None:
+            places = hashlib.sha256(positions.tobytes()).hexdigest()[:16]
+            folder = self._folder.with_name(f"{self._folder.name}_{places}")
+            found = MatchedFilter.load(folder)
+            if found is not None and found.codes.shape[1] == len(positions):
+                return found
+        made = MatchedFilter.of(self.cache.stack, self._slots([(int(x), int(y)) for x, y in self.cells(positions)]))
+        if folder is not None:
+            made.save(folder)
+        return made
+
+    def fill(self, positions: Array, at_most: int | None = None) -> int:
+        """Make missing depth images of positions (N, 2), as many as the cache holds; return how many are still missing.
+
+        At most so many are made in this call. With a folder they are kept on disk on the way.
+        """
         unique = np.unique(self.cells(positions), axis=0)[: self.cache.capacity]
-        cells = [cell for x, y in unique if (cell := (int(x), int(y))) not in self.cache]
-        num_made = 0
-        for first in range(0, len(cells), BATCH):
-            part = cells[first : first + BATCH]
-            num_made += int(np.count_nonzero(self._slots(part) >= 0))
-            progress(len(part))
-        return num_made
+        has_ground = np.isfinite(self._middles([(int(x), int(y)) for x, y in unique])[:, 2])
+        cells = [cell for x, y in unique[has_ground] if (cell := (int(x), int(y))) not in self.cache]
+        count = len(cells) if at_most is None else min(at_most, len(cells))
+        for first in range(0, count, BATCH):
+            self._num_unsaved += len(self._slots(cells[first : min(first + BATCH, count)]))
+            if self._num_unsaved >= SAVE_EVERY:
+                self.save()
+        if self._num_unsaved and count == len(cells):
+            self.save()
+        return len(cells) - count
 
     def save(self) -> None:
         """Keep the depth features on disk, where a folder is set."""
+        self._num_unsaved = 0
         if self._folder is not None:
             self.cache.save(self._folder)
 

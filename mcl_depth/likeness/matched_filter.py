@@ -14,18 +14,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
 from mcl_depth.likeness import kernels
+from mcl_depth.likeness.array_folder import load_arrays, save_arrays
 from mcl_depth.likeness.features import Features, FeatureStack
 from mcl_depth.likeness.kernels import COSINES, NO_DIRECTION, SINES, SQUARES
 
 Spectra = NDArray[np.complex64]
 Curves = NDArray[np.float32]
 
+ARRAYS = ("codes", "scales", "inverses", "width")
 NUM_PICTURES = 6
 BARE_SHARE = np.float32(1.5)  # 2/pi by 4/(3 pi): the first term of the series by the second
 NUM_FREQUENCIES = 36  # over azimuth, from 1: structure down to ten degrees
@@ -69,6 +72,20 @@ class MatchedFilter:
             first += spectra.shape[1]
         codes[:, slots < 0] = 0
         return cls(codes, scales, inverses, stack.directions.shape[2])
+
+    def save(self, folder: Path) -> None:
+        """Write everything into a folder."""
+        arrays = (self.codes, self.scales, self.inverses, np.array(self.width))
+        save_arrays(folder, dict(zip(ARRAYS, arrays, strict=True)))
+
+    @classmethod
+    def load(cls, folder: Path) -> MatchedFilter | None:
+        """Return what `save` wrote; None where there is no such folder. A damaged one is ValueError."""
+        found = load_arrays(folder, ARRAYS)
+        if found is None:
+            return None
+        codes, scales, inverses, width = (np.array(array) for array in found)
+        return cls(codes, scales, inverses, int(width))
 
     def curves(self, visual: Features, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
         """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.

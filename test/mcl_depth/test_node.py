@@ -7,6 +7,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
+from mcl_depth import clouds_node
 from mcl_depth.node import MclDepthNode
 from node_kit import conversions
 from node_kit.replay import OfflineBus
@@ -52,3 +53,22 @@ def test_images_without_calibration_are_answered_after_a_while(room):
     for number in range(1, 5):
         bus.deliver("/image_raw", picture(number))
     assert {status.reason for status in statuses(bus)} == {"BAD_INFO"}
+
+
+def test_while_the_map_is_made_ready_every_image_tells_how_much_of_it_is(room, monkeypatch):
+    monkeypatch.setattr(clouds_node, "MADE_AT_ONCE", 100)
+    bus = OfflineBus()
+    node = bus.add(MclDepthNode, {"cloud": str(room), "camera_height": 1.2})
+    bus.deliver("/sphere_info", conversions.camera_to_sphere_info(Spherical(128, 64), "base_link"))
+    found = []
+    while node.filter is None and len(found) < 20:
+        bus.deliver("/image_raw", picture(len(found) + 1))
+        found += statuses(bus)
+    waiting = found[:-1]
+    assert len(waiting) >= 2
+    assert {(status.state, status.reason) for status in waiting} == {("SEARCHING", "NO_CONVERGENCE")}
+    shares = [status.value for status in waiting]
+    assert shares == sorted(shares)
+    assert 0.0 < shares[0] < shares[-1] < 1.0
+    assert "share of the map" in waiting[0].remedy
+    assert "share of the map" not in found[-1].remedy

@@ -7,6 +7,7 @@ import pytest
 
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.image_params import SynthesisParams
+from mcl_depth.likeness import depth_map as depth_map_module
 from mcl_depth.likeness.comparison import visual_features
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.similarity_cache import Comparison
@@ -71,12 +72,45 @@ def test_positions_without_ground_are_similar_to_nothing(visual):
 def test_filling_in_advance_leaves_nothing_to_be_made(visual):
     synthesizer, depth_map = made()
     places = np.random.default_rng(2).uniform(-2, 2, (30, 2))
-    steps = []
-    depth_map.fill(places, steps.append)
-    before = sum(map(len, synthesizer.asked))
-    assert sum(steps) == before == len(np.unique(depth_map.cells(places), axis=0))
+    count = len(np.unique(depth_map.cells(places), axis=0))
+    assert depth_map.fill(places, at_most=5) == count - 5
+    assert sum(map(len, synthesizer.asked)) == 5
+    assert depth_map.fill(places) == 0
+    assert sum(map(len, synthesizer.asked)) == count
     depth_map.similarities(visual, [(int(x), int(y)) for x, y in depth_map.cells(places)], HEADINGS)
-    assert sum(map(len, synthesizer.asked)) == before
+    assert sum(map(len, synthesizer.asked)) == count
+
+
+def test_places_without_ground_are_not_missing():
+    _, depth_map = made()
+    assert depth_map.fill(np.array([[0.0, 0.0], [9.0, 0.0], [12.0, 3.0]])) == 0
+
+
+def test_what_was_made_before_an_interruption_is_not_made_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(depth_map_module, "BATCH", 4)
+    monkeypatch.setattr(depth_map_module, "SAVE_EVERY", 8)
+    places = np.random.default_rng(2).uniform(-4, 4, (40, 2))
+    _, first = made(folder=str(tmp_path))
+    num_missing = first.fill(places, at_most=10)  # and the process ends here
+    synthesizer, again = made(folder=str(tmp_path))
+    assert again.fill(places) == 0
+    assert sum(map(len, synthesizer.asked)) == num_missing + 2
+
+
+def test_the_matched_filter_comes_back_from_disk_for_the_same_places(tmp_path, visual):
+    places = np.random.default_rng(2).uniform(-2, 2, (30, 2))
+    curves = []
+    for _ in range(2):
+        synthesizer, depth_map = made(folder=str(tmp_path))
+        depth_map.fill(places)
+        curves.append(depth_map.matched_filter(places).curves(visual, HEADINGS))
+    assert synthesizer.asked == []
+    np.testing.assert_array_equal(curves[0], curves[1])
+    assert len(made(folder=str(tmp_path))[1].matched_filter(places[:20]).curves(visual, HEADINGS)) == 20
+    for part in tmp_path.glob("*_*/codes.npy"):
+        part.write_bytes(b"nothing")
+    with pytest.raises(ValueError, match="expected a cache of depth features"):
+        made(folder=str(tmp_path))[1].matched_filter(places)
 
 
 def test_features_come_back_from_disk_only_for_the_same_settings(tmp_path, visual):
