@@ -12,6 +12,7 @@ from mcl_depth.geometry.ground import Ground
 from mcl_depth.geometry.mesh import TriangleMesh, sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.likeness.depth_map import DepthMap
+from mcl_depth.likeness.matched_filter import MIN_PLACES
 from mcl_depth.params import FilterParams
 from mcl_depth.presets import apply_preset
 
@@ -45,7 +46,7 @@ class Site:
         With `cache.folder` they are kept on the way: what was made once is read by the next site.
         """
         num_missing = self.depth_map.fill(self.places, at_most)
-        if not num_missing:
+        if not num_missing and len(self.places) >= MIN_PLACES:
             self.depth_map.matched_filter(self.places)
         return 1.0 - num_missing / len(self.places)
 

@@ -31,7 +31,8 @@ from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
 
-LOCAL = 11  # cells across the neighbourhood whose mean is taken off: along a street all places look alike
+LOCAL_M = 7.5  # across the neighbourhood whose mean is taken off: along a street all places look alike
+PATCH = 11  # cells across what a held place is watched in
 PEAK, PEAK_HEADINGS = 2, 2  # cells and steps of headings around a maximum that are lower
 APART, APART_HEADINGS = 4, 3  # cells and steps from the best place to a rival: what is nearer is the same place
 NUM_MAXIMA = 40  # of the map that make its tail
@@ -111,9 +112,9 @@ class Evidence:
 
     def watch(self, comparison: Comparison, pose: Array) -> float:
         """Add an image to those that a held pose (3,) was seen by; return how probably it is not the right one."""
-        rows = self._grid.rows_around(pose, LOCAL // 2)
+        rows = self._grid.rows_around(pose, PATCH // 2)
         is_there = rows >= 0
-        if is_there[LOCAL // 2, LOCAL // 2] and np.count_nonzero(is_there) >= MIN_PATCH:
+        if is_there[PATCH // 2, PATCH // 2] and np.count_nonzero(is_there) >= MIN_PATCH:
             curves = _contrast(comparison.survey(self._grid.positions, rows[is_there]))
             num_headings = curves.shape[1]
             patch = np.full((num_headings, *rows.shape), np.nan, np.float32)
@@ -157,8 +158,9 @@ def standardise(curves: NDArray[np.float32], grid: SurveyGrid) -> Field:
     num_headings = curves.shape[1]
     field = np.zeros((num_headings, *grid.shape), np.float32)
     field[:, grid.index[:, 0], grid.index[:, 1]] = _contrast(curves).T
-    share = uniform_filter(grid.mask.astype(np.float32), LOCAL, mode="constant")
-    local = uniform_filter(field, (1, LOCAL, LOCAL), mode="constant") / np.maximum(share, 1e-6)
+    size = 2 * int(0.5 * LOCAL_M / grid.edge) + 1
+    share = uniform_filter(grid.mask.astype(np.float32), size, mode="constant")
+    local = uniform_filter(field, (1, size, size), mode="constant") / np.maximum(share, 1e-6)
     field = np.where(grid.mask, field - local, 0.0)
     field /= max(float(field[:, grid.mask].std()), 1e-9)
     field = np.maximum(field, np.maximum(np.roll(field, 1, axis=0), np.roll(field, -1, axis=0)))

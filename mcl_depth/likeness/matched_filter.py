@@ -35,6 +35,7 @@ NUM_FREQUENCIES = 36  # over azimuth, from 1: structure down to ten degrees
 SHRINKAGE = 4.0  # of the covariance towards one of equal variances
 RANGE = 4.0  # standard deviations that a byte holds
 NUM_SAMPLES = 1500  # cells whose covariance is taken
+MIN_PLACES = NUM_SAMPLES  # of a map: fewer do not tell what all places have in common
 BATCH = 128
 FINENESS = 2  # curves are made at so many times the headings wanted: the best within half a step counts
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.likeness.comparison import Features
 from mcl_depth.likeness.depth_map import DepthMap
+from mcl_depth.likeness.matched_filter import MIN_PLACES
 
 Array = NDArray[np.float64]
 
@@ -40,9 +41,10 @@ class Comparison:
     def survey(self, positions: Array, rows: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
         """Return how well the image fits at positions (N, 2) in m, or some rows of them, (N, A), in units of its own.
 
-        A panorama is compared by the map's matched filter; a part of the sphere by eq. 2.
+        A panorama is compared by the matched filter of a map that has enough places for one; a part of the sphere, and
+        a panorama in a smaller map, by eq. 2.
         """
-        if self._visual.is_seen is not None:
+        if self._visual.is_seen is not None or len(positions) < MIN_PLACES:
             return self.curves(positions if rows is None else positions[rows])
         return self._map.matched_filter(positions).curves(self._visual, self._num_headings, rows)
 
