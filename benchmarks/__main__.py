@@ -31,6 +31,7 @@ BENCHMARKS = {
     "range_honesty": "benchmarks.range_honesty",
     "pose_graphs": "benchmarks.pose_graphs",
     "pair_registration": "benchmarks.pair_registration",
+    "long_map": "benchmarks.long_map",
     "view_synthesis": "benchmarks.view_synthesis",
     "region": "benchmarks.region",
     "mcl_panoramas": "benchmarks.mcl_panoramas",

@@ -9,6 +9,7 @@ Everything is checked before it is believed: format version, sizes, checksums, t
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -19,7 +20,7 @@ from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
 
 from node_kit.bag_error import BagError
 from node_kit.bag_reader import BagReader
-from node_kit.conversions import message_to_sphere
+from node_kit.conversions import message_to_sphere, sphere_to_message
 from node_kit.conversions.features import message_to_features
 from node_kit.conversions.graphs import message_to_graph
 from node_kit.map_writer import (
@@ -31,9 +32,11 @@ from node_kit.map_writer import (
     INFO,
     KINDS,
     SPHERE,
+    SPHERE_FRAME,
     MapDetails,
     MapWriter,
     Progress,
+    Stored,
     save_map,
 )
 from sphere_geometry.fields import short
@@ -123,6 +126,14 @@ class MapReader:
         if found.keys() != self.graph.nodes.keys():
             raise BagError(f"{self.path}: coarse spheres: expected one for each of {len(self.graph)} key spheres")
         return found
+
+    def stored(self) -> Iterator[Stored]:
+        """Yield the messages of all key spheres, whole and small, in order of their ids. BagError for damage."""
+        has_small = bool(self._bag.topics.get(COARSE))
+        small = (item.message for item in self._bag.messages([COARSE])) if has_small else iter(())
+        for sphere_id, index in self._chunks.items():
+            whole = self._message_of(index)
+            yield whole, next(small, None) or _made_small(whole, sphere_id)
 
     def appearance(self) -> AppearanceIndex:
         """Read what all key spheres look like, in one read; empty where a map does not say. BagError for damage."""
@@ -216,3 +227,7 @@ class MapReader:
             raise BagError(f"{self.path}: chunk {index.chunk_start_offset}: expected one sphere, found {len(found)}")
         message: AugmentedSphere = self._bag.decode(SPHERE, found[0].data, AugmentedSphere)
         return message
+
+
+def _made_small(whole: AugmentedSphere, sphere_id: int) -> AugmentedSphere:
+    return sphere_to_message(coarse_sphere(message_to_sphere(whole)), SPHERE_FRAME, sphere_id)

@@ -7,9 +7,10 @@ that a process killed at any moment leaves a map that `salvage_map` mends, its l
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +23,7 @@ from node_kit import qos
 from node_kit.bag_error import BagError
 from node_kit.bag_reader import decode
 from node_kit.bag_writer import METADATA, PARTIAL, BagWriter
-from node_kit.conversions import header, message_to_sphere, sphere_to_message
+from node_kit.conversions import header, message_to_sphere, sphere_to_message, stamp_ns
 from node_kit.conversions.features import features_to_message
 from node_kit.conversions.graphs import graph_to_message
 from node_kit.files import software
@@ -49,6 +50,7 @@ ONE_CHUNK = 1 << 40  # bytes: chunks end where we say
 MORE = 1.2  # growth of a graph after which it is written whole again
 
 Progress = Callable[[int], None]
+Stored = tuple[AugmentedSphere, AugmentedSphere]  # a key sphere, whole and small
 
 
 @dataclass(frozen=True)
@@ -114,20 +116,37 @@ class MapWriter:
         """Read a key sphere back; BagError where it was not added."""
         if sphere_id not in self._places:
             raise BagError(f"{self.path}: key sphere {sphere_id}: expected one that was written, found none")
-        with (self._bag.partial / FILE_NAME).open("rb") as file:
-            size = file.seek(0, 2)
-            records = list(parsed(records_of_chunk(file, chunk_at(file, self._places[sphere_id], size))))
-        data = next(record.data for record in records if isinstance(record, Message))
-        return message_to_sphere(decode(data, AugmentedSphere, str(self.path)))
+        return message_to_sphere(self._message_at(self._places[sphere_id]))
+
+    def copy(self, stored: Stored) -> None:
+        """Write a key sphere as another map has it."""
+        whole, small = stored
+        self._bag.end_chunk()
+        self._places[int(whole.id)] = self._bag.position
+        self._bag.write(SPHERE, whole, stamp_ns(whole))
+        self._coarse.append((stamp_ns(whole), small))
+        self._bag.end_chunk()
+
+    def stored(self) -> Iterator[Stored]:
+        """Yield every key sphere that was added, whole and small, in order of their ids."""
+        for place, (_, small) in zip(self._places.values(), self._coarse, strict=True):
+            yield self._message_at(place), small
 
     def finish(
-        self, graph: SphereGraph, details: MapDetails | None = None, appearance: AppearanceIndex | None = None
+        self,
+        graph: SphereGraph,
+        details: MapDetails | None = None,
+        appearance: AppearanceIndex | None = None,
+        base: Iterable[Stored] = (),
     ) -> Path:
-        """Complete the map with the graph that holds; it has the spheres that were added. Return its path."""
+        """Complete the map with the graph that holds, of the spheres that were added; return its path.
+
+        Where it has not all of them, or others from a map `base`, it is written anew from what is stored.
+        """
         self.details = details or self.details
         nodes = sorted(graph, key=lambda node: node.id)
         if [node.id for node in nodes] != list(self._places):
-            raise BagError(f"{self.path}: graph: expected the {len(self._places)} key spheres written, found others")
+            return self._finish_anew(graph, appearance, chain(base, self.stored()))
         for stamp, message in self._coarse:
             self._bag.write(COARSE, message, stamp)
         self._bag.end_chunk()
@@ -148,12 +167,32 @@ class MapWriter:
             self._bag.write(INFO, _info(graph, self.details), min(node.stamp_ns for node in graph))
 
     def _write_sphere(self, node: KeySphere, sphere: Sphere) -> None:
-        self._bag.end_chunk()
-        self._places[node.id] = self._bag.position
-        message = sphere_to_message(sphere, SPHERE_FRAME, node.id, image_encoding=self._encoding)
-        self._bag.write(SPHERE, message, node.stamp_ns)
-        self._coarse.append((node.stamp_ns, sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, node.id)))
-        self._bag.end_chunk()
+        whole = sphere_to_message(sphere, SPHERE_FRAME, node.id, image_encoding=self._encoding)
+        self.copy((whole, sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, node.id)))
+
+    def _message_at(self, place: int) -> AugmentedSphere:
+        with (self._bag.partial / FILE_NAME).open("rb") as file:
+            size = file.seek(0, 2)
+            records = list(parsed(records_of_chunk(file, chunk_at(file, place, size))))
+        data = next(record.data for record in records if isinstance(record, Message))
+        message: AugmentedSphere = decode(data, AugmentedSphere, str(self.path))
+        return message
+
+    def _finish_anew(self, graph: SphereGraph, appearance: AppearanceIndex | None, spheres: Iterable[Stored]) -> Path:
+        """Complete a map beside this one, put it in its place."""
+        ids = sorted(graph.nodes)
+        with tempfile.TemporaryDirectory(prefix=f"{self.path.name}.", dir=self.path.parent) as folder:
+            new = MapWriter(Path(folder) / self.path.name, self.details, image_encoding=self._encoding)
+            new.tell(graph)
+            for stored in spheres:
+                if int(stored[0].id) in graph.nodes:
+                    new.copy(stored)
+            if list(new._places) != ids:
+                new.discard()
+                raise BagError(f"{self.path}: graph: expected {len(ids)} key spheres, found {len(new._places)} written")
+            target = new.finish(graph, appearance=appearance)
+            self.discard()
+            return _replace(target, self.path) if self.path.exists() else target.rename(self.path)
 
     def _write_features(self, nodes: Sequence[KeySphere], appearance: AppearanceIndex | None) -> None:
         known = appearance.features if appearance is not None else {}

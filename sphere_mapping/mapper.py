@@ -23,11 +23,12 @@ from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.store import Pictures, SphereStore
 from sphere_mapping.graph.tracking import Tracker
 from sphere_mapping.graph.unrolling import Unroll
+from sphere_mapping.graph.verification import Run
 from sphere_mapping.params import MapperParams
 
 
 class Mapper:
-    """Builds `graph` and `tracks` from spheres; `T_map_first` is the pose of the first one, the origin of the map."""
+    """Builds `graph` and `tracks` from spheres; the first one is at `T_map_first` and has the id `first_id`."""
 
     def __init__(
         self, params: MapperParams | None = None, T_map_first: SE3 | None = None, store: SphereStore | None = None
@@ -35,7 +36,7 @@ class Mapper:
         self.params = params or MapperParams()
         self.graph = SphereGraph()
         self.tracks: list[Track] = []
-        self.num_loops = 0
+        self.num_loops, self.first_id = 0, 0
         self._T_map_first = T_map_first or SE3.identity()
         self._tracker = Tracker(self.params)
         self._bent: Unroll | None = None  # the first sphere, until it is known how the camera moved
@@ -63,7 +64,6 @@ class Mapper:
             current, alignment = self._tracker.align_moving(current, odometry, unroll, self.graph)
         if not alignment.is_converged:
             return MapUpdate(sphere.stamp_ns, None, alignment)
-
         return self._place(current, alignment.T_world_camera, odometry, alignment, self._why_key(alignment))
 
     def keep_end(self) -> bool:
@@ -77,9 +77,9 @@ class Mapper:
         distance, _ = self.graph[key_id].T_map_sphere.distance(self._tracker.prior.newest)
         return bool(distance > 0.5 * keyframes.reach(reference, self.params.key)) and self._keep_last()
 
-    def close_loops(self) -> int:
+    def close_loops(self, run: Run = map) -> int:
         """Find all places seen twice, verify them by alignment, correct the graph; return how many were found."""
-        loops = self._loops.close(self.graph)
+        loops = self._loops.close(self.graph, run)
         if loops:
             self._correct(loops)
         return len(loops)
@@ -98,7 +98,7 @@ class Mapper:
         alignment = self._tracker.align(current, odometry, self.graph)
         if alignment.is_converged:
             first = bent(self._tracker.prior.velocity_to(alignment.T_world_camera, current.sphere.stamp_ns))
-            self.graph = SphereGraph([replace(self.graph[0], sphere=first)])
+            self.graph = SphereGraph([replace(self.graph[self.first_id], sphere=first)])
             self._tracker.replace_last(PreparedSphere(first, self.params.registration))
             self._bent = None
 
@@ -128,7 +128,7 @@ class Mapper:
 
     def _keep(self) -> None:
         """Add the last sphere as key sphere, joined to its reference and to where the place was seen before."""
-        current, node_id = self._tracker.last, len(self.graph)
+        current, node_id = self._tracker.last, self.first_id + len(self.graph)
         assert current is not None
         node = KeySphere(node_id, current.sphere.stamp_ns, self._tracker.prior.newest, current.sphere, current.region_m)
         self.graph.add(node)

@@ -34,6 +34,7 @@ class KeySphereParams:
     max_parallax_whole: float = param(
         1.0, "the same for a whole sphere, which sees the way it left as well as the way ahead", low=0.01
     )
+    merge: bool = param(True, "of key spheres that see the same place again a saved map has those that are needed")
 
 
 @parameters

@@ -5,10 +5,13 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
+import numpy as np
 from sphere_nav_msgs.srv import SaveMap
 
 from node_kit.map_bag import save_map
+from sphere_map.graph import SphereGraph
 from sphere_mapping.details_node import details_of
+from sphere_mapping.graph.merging import merge
 from sphere_mapping.journal_node import Journal
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import SphereMapperParams
@@ -27,19 +30,27 @@ def save(
     try:
         path = path_below(Path(params.map_folder), request.path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        details = details_of(mapper.graph, params.mapper, frame_id=params.map_frame)
+        graph = graph_to_save(mapper)
+        details = details_of(graph, params.mapper, frame_id=params.map_frame)
         load, seen, is_overwriting = mapper.load_sphere, mapper.appearance, request.overwrite
-        save_map(path, mapper.graph, details, load_sphere=load, appearance=seen, is_overwriting=is_overwriting)
+        save_map(path, graph, details, load_sphere=load, appearance=seen, is_overwriting=is_overwriting)
     except (ValueError, OSError) as error:
         response.success, response.message = False, str(error)
         return response
     if journal is not None:
         journal.saved()
-    response.success, response.path, response.num_spheres = True, str(path), len(mapper.graph)
-    response.message = f"{len(mapper.graph)} key spheres"
+    response.success, response.path, response.num_spheres = True, str(path), len(graph)
+    response.message = f"{len(graph)} key spheres"
     response.num_bytes = sum(file.stat().st_size for file in path.iterdir())
     response.seconds = time.monotonic() - begin
     return response
+
+
+def graph_to_save(mapper: Mapper) -> SphereGraph:
+    """Return the graph without the key spheres of places that others show as well; the mapper keeps them all."""
+    if not mapper.params.key.merge:
+        return mapper.graph
+    return merge(mapper.graph, np.array([pose.translation for _, pose in mapper.trajectory()])).graph
 
 
 def path_below(folder: Path, name: str) -> Path:

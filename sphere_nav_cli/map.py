@@ -3,29 +3,36 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 from tqdm import tqdm
 
 from node_kit.bags import BagError, BagReader
-from node_kit.map_bag import MapDetails, MapWriter
+from node_kit.map_bag import MapDetails, MapReader, MapWriter
+from node_kit.map_writer import MAP_FRAME
 from node_kit.replay import OfflineBus, replay, required_topics
 from sphere_geometry import SE3
 from sphere_geometry.rig_file import read_rig
-from sphere_geometry.trajectory import Trajectory, write_tum
+from sphere_geometry.trajectory import write_tum
+from sphere_map.graph import SphereGraph
 from sphere_mapping.acquisition.kernels import use_threads
 from sphere_mapping.acquisition.stereo_pair import StereoPair
 from sphere_mapping.details_node import details_of
+from sphere_mapping.graph.merging import merge
 from sphere_mapping.graph.store import SphereStore
 from sphere_mapping.intake_node import TOPICS
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.node import SphereMapper
+from sphere_mapping.params import MapperParams
 from sphere_nav_cli import topics
-from sphere_nav_cli.evaluate import TRUTH_TOPICS, judge
+from sphere_nav_cli.evaluate import TRUTH_TOPICS
+from sphere_nav_cli.map_drive import MappedDrive
+from sphere_nav_cli.map_extend import extend, first_id, open_base
 from sphere_nav_cli.map_truth import Truth, move_to_truth, transform_graph, truth_of
 from sphere_nav_cli.settings import parse_settings
 from sphere_nav_cli.sphere_source import CAMERAS, find_input
@@ -49,6 +56,7 @@ examples:
   sphere_nav map campus_drive -o campus --taught campus.tum
   sphere_nav map recording -o hall --image /camera/color/image_raw --depth /camera/aligned_depth_to_color/image_raw
   sphere_nav map drive -o drive_map --anchor survey
+  sphere_nav map second_drive -o both_maps --extend drive_map
   sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048
   sphere_nav map six_cameras -o drive_map --rig old_rig.yaml --set-stitcher rectify.num_instants=5
   sphere_nav map drive -o drive_map --set mapper.key.min_overlap=0.5 --set mapper.stereo.nearest_m=2
@@ -59,6 +67,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("bag", type=Path, metavar="BAG", help="bag of the teaching drive")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="MAP", help="map to make (a folder)")
+    parser.add_argument(
+        "--extend", type=Path, metavar="MAP0", help="a map that the drive is joined to, where both saw the same places"
+    )
     parser.add_argument("--overwrite", action="store_true", help="replace a map that is there")
     parser.add_argument(
         "--anchor",
@@ -88,103 +99,64 @@ def run(arguments: argparse.Namespace) -> int:
     """Map what the bag holds; each key sphere is written as it is kept."""
     if arguments.output.exists() and not arguments.overwrite:
         raise BagError(f"{arguments.output}: expected no such file or folder, found one: --overwrite replaces a map")
+    if arguments.extend and arguments.anchor != "first":
+        raise BagError(f"--anchor: expected first, as --extend keeps the frame of its map, found {arguments.anchor}")
     _use_threads(arguments.jobs)
-    writer = MapWriter(arguments.output, start_of(arguments), is_overwriting=arguments.overwrite)
-    try:
-        return finish(arguments, map_drive(arguments, writer), writer)
-    except (ValueError, OSError):  # an interrupted run leaves what it has, for `map-verify --salvage`
-        writer.discard()
-        raise
+    with ExitStack() as stack:
+        base = None
+        if arguments.extend:
+            base = stack.enter_context(open_base(arguments.extend, arguments.output, rig_text(arguments)))
+        writer = MapWriter(arguments.output, start_of(arguments), is_overwriting=arguments.overwrite)
+        try:
+            return finish(arguments, map_drive(arguments, writer, first_id(base)), writer, base)
+        except (ValueError, OSError):  # an interrupted run leaves what it has, for `map-verify --salvage`
+            writer.discard()
+            raise
 
 
-def finish(arguments: argparse.Namespace, drive: MappedDrive, writer: MapWriter) -> int:
-    """Close loops, compare with the truth, complete the map."""
-    drive.node.mapper.keep_end()
+def finish(arguments: argparse.Namespace, drive: MappedDrive, writer: MapWriter, base: MapReader | None) -> int:
+    """Close loops, join the drive to a map, compare with the truth, complete the map."""
+    mapper, told = drive.node.mapper, list[str]()
+    mapper.keep_end()
     if not arguments.no_loops:
-        drive.node.mapper.close_loops()
-    loops = drive.node.mapper.num_loops
+        mapper.close_loops()
+    index = mapper.appearance
+    if base is not None:
+        extension = extend(base, mapper)
+        index, told = extension.index, [extension.told]
     truth = truth_of(arguments.bag)
-    T_anchor_map = drive.anchor(truth) if truth is not None else None
-    T_fitted_map = drive.fit(truth) if truth is not None else None
-    if arguments.anchor != "first" and T_fitted_map is None:
-        raise BagError(
-            f"{arguments.bag}: {' or '.join(TRUTH_TOPICS)}: expected poses at the stamps of the spheres, found none"
-        )
-    T_new_map = T_fitted_map if arguments.anchor != "first" and T_fitted_map is not None else SE3.identity()
-    graph = transform_graph(drive.node.mapper.graph, T_new_map)
-    warnings: list[str] = []
-    if arguments.anchor == "survey" and truth is not None:
-        surveyed = move_to_truth(graph, truth, drive.node.T_base_sphere)
-        warnings = check_survey(graph, surveyed, str(arguments.bag))
-        graph = surveyed
-    details = details_of(graph, drive.node.params.mapper, source=str(arguments.bag.name))
-    writer.finish(graph, replace(details, rig=rig_text(arguments)), drive.node.mapper.appearance)
+    T_new_map, graph, warnings = place(arguments, drive, truth)
+    if mapper.params.key.merge:
+        places = drive.trajectory(is_base=False).moved(T_new_map).positions
+        merged = merge(graph, places, base.graph.nodes if base is not None else ())
+        told += [f"{len(merged.replaced)} key spheres merged with others of their places"] if merged.replaced else []
+        graph = merged.graph
+    writer.finish(graph, complete(graph, arguments, drive, base), index, base.stored() if base is not None else ())
     if arguments.trajectory:
         write_tum(arguments.trajectory, drive.trajectory(is_base=False).moved(T_new_map))
     if arguments.taught:
         write_tum(arguments.taught, drive.trajectory(is_base=True).moved(T_new_map))
-    told = f"map: {arguments.output}, {_size(arguments.output)}"
-    print("\n".join([*drive.summary(loops, truth, T_anchor_map), *warnings, told]))
+    T_anchor_map = drive.anchor(truth) if truth is not None else None
+    lines = [*drive.summary(mapper.num_loops, truth, T_anchor_map), *told, *warnings]
+    print("\n".join([*lines, f"map: {arguments.output}, {_size(arguments.output)}"]))
     return 0
 
 
-@dataclass(eq=False)
-class MappedDrive:
-    """The node after the last message of the bag."""
-
-    node: SphereMapper
-    num_lost: int = 0
-    refusal: str = ""
-    stereo: str = ""  # what was found of the pair
-
-    def trajectory(self, *, is_base: bool) -> Trajectory:
-        """Return the pose of every placed sphere, or that of the vehicle, as the corrected graph has it."""
-        T_sphere_body = self.node.T_base_sphere.inverse() if is_base else SE3.identity()
-        stamps, poses = zip(*self.node.mapper.trajectory(), strict=True)
-        matrices = np.stack([(T_map_sphere @ T_sphere_body).matrix for T_map_sphere in poses])
-        return Trajectory(np.array(stamps, dtype=np.int64), SE3(matrices))
-
-    def anchor(self, truth: Truth) -> SE3 | None:
-        """Return T_truth_map, so that the first sphere is where the truth has it; None where the truth lacks it."""
-        mine = self.trajectory(is_base=truth.is_base)
-        at, known = truth.poses.at(mine.stamps_ns[:1], max_gap_ns=round(1e9))
-        return at.T_map_body[0] @ mine.T_map_body[0].inverse() if known.any() else None
-
-    def fit(self, truth: Truth) -> SE3 | None:
-        """Return T_truth_map that fits all spheres best, so that no single true pose decides; None without truth."""
-        mine = self.trajectory(is_base=truth.is_base)
-        at, known = truth.poses.at(mine.stamps_ns, max_gap_ns=round(1e9))
-        if not known.any():
-            return None
-        theirs, ours = at.T_map_body, mine.T_map_body[known]
-        U, _, Vt = np.linalg.svd(np.sum(theirs.rotation @ np.swapaxes(ours.rotation, -1, -2), axis=0))
-        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-        return SE3.from_parts(R, np.mean(theirs.translation - ours.translation @ R.T, axis=0))
-
-    def summary(self, loops: int, truth: Truth | None, T_truth_map: SE3 | None) -> list[str]:
-        """Return what is printed."""
-        mapper = self.node.mapper
-        placed = self.trajectory(is_base=False)
-        lines = [
-            f"{len(placed)} spheres placed, {self.num_lost} lost, {len(mapper.graph)} kept, {loops} loops closed, "
-            f"{placed.distances[-1]:.2f} m"
-        ]
-        if self.stereo:
-            lines.insert(0, self.stereo)
-        if self.refusal:
-            lines.append(f"refused: {self.refusal}")
-        if truth is None or T_truth_map is None:
-            return lines
-        estimate = self.trajectory(is_base=truth.is_base).moved(T_truth_map)
-        judged = judge(estimate, truth.poses, is_interpolated=True)
-        error, turn = judged.report["translation_m"], judged.report["rotation_deg"]
-        end, length = float(judged.errors.translation_m[-1]), judged.report["length_m"]
-        lines.append(
-            f"against the truth from the first pose on: median {1e3 * error['median']:.1f} mm, "
-            f"max {1e3 * error['max']:.1f} mm, median {turn['median']:.2f} deg, max {turn['max']:.2f} deg"
+def place(arguments: argparse.Namespace, drive: MappedDrive, truth: Truth | None) -> tuple[SE3, SphereGraph, list[str]]:
+    """Return T_new_map as the anchor asks for, the graph there, and what is to be warned of."""
+    graph = drive.node.mapper.graph
+    if arguments.anchor == "first":
+        return SE3.identity(), graph, []
+    T_fitted_map = drive.fit(truth) if truth is not None else None
+    if truth is None or T_fitted_map is None:
+        raise BagError(
+            f"{arguments.bag}: {' or '.join(TRUTH_TOPICS)}: expected poses at the stamps of the spheres, found none"
         )
-        lines.append(f"drift at the end: {1e3 * end:.1f} mm in {length:.2f} m ({100 * end / max(length, 1e-9):.2f} %)")
-        return lines
+    graph = transform_graph(graph, T_fitted_map)
+    if arguments.anchor == "truth":
+        return T_fitted_map, graph, []
+    surveyed = move_to_truth(graph, truth, drive.node.T_base_sphere)
+    return T_fitted_map, surveyed, check_survey(graph, surveyed, str(arguments.bag))
 
 
 def start_of(arguments: argparse.Namespace) -> MapDetails:
@@ -192,29 +164,45 @@ def start_of(arguments: argparse.Namespace) -> MapDetails:
     return MapDetails(source=str(arguments.bag.name), rig=rig_text(arguments))
 
 
+def complete(
+    graph: SphereGraph, arguments: argparse.Namespace, drive: MappedDrive, base: MapReader | None
+) -> MapDetails:
+    """Return what the complete map says of itself."""
+    source, frame = str(arguments.bag.name), MAP_FRAME
+    if base is not None:
+        source, frame = f"{base.info.source} + {source}", base.info.header.frame_id
+    return replace(details_of(graph, drive.node.params.mapper, source, frame), rig=rig_text(arguments))
+
+
 def rig_text(arguments: argparse.Namespace) -> str:
     """Return the rig file as it is, empty without one."""
     return arguments.rig.read_text(encoding="utf-8") if arguments.rig else ""
 
 
-def map_drive(arguments: argparse.Namespace, store: SphereStore) -> MappedDrive:
+def map_drive(arguments: argparse.Namespace, store: SphereStore, first: int) -> MappedDrive:
     """Return the bag mapped from what it holds; BagError where no sphere comes of it."""
     given = {"mapper.loop.automatic": not arguments.no_loops, "mounting": arguments.mounting}
     values = given | parse_settings(arguments.settings)
     with BagReader(arguments.bag) as bag:
         chosen = topics.choose_topics(bag, arguments)
         kind = arguments.input
+
+        def begin(params: MapperParams) -> Mapper:
+            mapper = Mapper(params, store=store)
+            mapper.first_id = first
+            return mapper
+
         if kind == "auto":
             kind = find_input(bag, chosen, has_rig=arguments.rig is not None)
         if kind == CAMERAS:
             stitcher = stitcher_values(bag, chosen, arguments)
-            drive = replay_mapper(bag, store, values | {"input": "sphere"}, {}, stitcher)
+            drive = replay_mapper(bag, begin, values | {"input": "sphere"}, {}, stitcher)
         else:
             found = topics.find_topics(bag, TOPICS[kind], chosen)
             slack_s = topics.pairing_slack(bag, found[TOPICS[kind][0]])
             values = {"slack_s": slack_s} | values | {"input": kind}
             stereo = find_field(bag, values, found) if kind == "stereo" else None
-            drive = replay_mapper(bag, store, values, found, pair=stereo and stereo[0])
+            drive = replay_mapper(bag, begin, values, found, pair=stereo and stereo[0])
             drive.stereo = stereo[1] if stereo else ""
     if not drive.node.mapper.tracks:
         raise BagError(
@@ -228,7 +216,7 @@ Node = tuple[dict[str, Any], dict[str, str]]  # values of parameters by dotted n
 
 def replay_mapper(
     bag: BagReader,
-    store: SphereStore,
+    begin: Callable[[MapperParams], Mapper],
     values: dict[str, Any],
     remap: dict[str, str],
     stitcher: Node | None = None,
@@ -239,7 +227,7 @@ def replay_mapper(
     stitching = None if stitcher is None else bus.add(StitcherAhead, *stitcher)
     node = bus.add(SphereMapper, values, remap)
     assert isinstance(node, SphereMapper)
-    node.mapper = Mapper(node.params.mapper, store=store)
+    node.mapper = begin(node.params.mapper)
     if pair is not None:
         node.intake.stereo.use(pair)
     total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))

@@ -8,7 +8,6 @@ the way between the two spheres has drifted by some per cent, not by a house.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +15,13 @@ from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
 from sphere_geometry import SE3
+from sphere_map.appearance.features import features_of_sphere
 from sphere_map.appearance.index import AppearanceIndex
-from sphere_map.appearance.pose import find_pose
 from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_map.sphere import Sphere
-from sphere_mapping.graph.both_ways import MIN_INLIERS, measure
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.registration import PreparedSphere
+from sphere_mapping.graph.verification import Candidate, Lookup, Run, Trial, place, verify
 from sphere_mapping.params import LoopParams, MapperParams
 
 NUM_ALIKE = 4  # key spheres whose features are compared with a new one's
@@ -33,15 +32,6 @@ START_M, START_RAD, GATE = 0.1, 0.02, 3.0  # the same of no way at all; standard
 MIN_DETOUR = 4.0  # way between two spheres by their distance; along a shorter one the chain is the better measure
 
 Load = Callable[[int], Sphere]
-
-
-@dataclass(frozen=True)
-class Candidate:
-    """An older key sphere, where the newer one would be in its frame, and how many features say so."""
-
-    older: int
-    T_older_newer: SE3
-    num_inliers: int
 
 
 class LoopCloser:
@@ -55,50 +45,44 @@ class LoopCloser:
         """Take note of a new key sphere; return the loop edge to the best older one, if any holds."""
         if newer_id not in self.index.features:
             self.index.add(newer_id, newer.features)
-        candidate = self._candidate(graph, newer_id)
-        if candidate is None:
-            return None
-        return self._verify(candidate, newer_id, newer)
+        chosen = choose(graph, newer_id, place(self._lookup(graph, newer_id)))
+        return verify(self._trial(newer_id, newer.sphere, chosen)) if chosen is not None else None
 
-    def close(self, graph: SphereGraph) -> list[Edge]:
+    def close(self, graph: SphereGraph, run: Run = map) -> list[Edge]:
         """Return every verified loop that the graph lacks, by appearance and among spheres that are believed near."""
-        loops, made = [], dict[int, PreparedSphere]()
-        joined = joined_pairs(graph)
-        for node in list(graph):
-            newer = self._prepared(node.id)
-            loop = self.look(graph, newer, node.id)
-            if loop is not None and (loop.a, loop.b) not in joined:
-                loops.append(loop)
-                joined.add((loop.a, loop.b))
-        for older, newer_node in near_pairs(graph, self._params.loop, joined):
-            for one in (older, newer_node):
-                made.setdefault(one.id, self._prepared(one.id))
-            guess = older.T_map_sphere.inverse() @ newer_node.T_map_sphere
-            motion = measure(made[older.id], made[newer_node.id], guess, self._params.registration)
-            if motion is not None:
-                loops.append(motion.edge(older.id, newer_node.id, is_loop=True))
-        return loops
+        self.learn(graph)
+        joined, ids = joined_pairs(graph), list(graph.nodes)
+        placed = run(place, (self._lookup(graph, newer_id) for newer_id in ids))
+        chosen = [(newer_id, choose(graph, newer_id, found)) for newer_id, found in zip(ids, placed, strict=True)]
+        trials = (self._trial(newer_id, self._load(newer_id), one) for newer_id, one in chosen if one is not None)
+        loops = [loop for loop in run(verify, trials) if loop is not None]
+        joined |= {(loop.a, loop.b) for loop in loops}
+        near = list(near_pairs(graph, self._params.loop, joined))
+        trials = (self._trial(newer.id, self._load(newer.id), believed(older, newer)) for older, newer in near)
+        return loops + [loop for loop in run(verify, trials) if loop is not None]
 
-    def _prepared(self, sphere_id: int) -> PreparedSphere:
-        return PreparedSphere(self._load(sphere_id), self._params.registration)
+    def learn(self, graph: SphereGraph) -> None:
+        """Take note of what all key spheres look like."""
+        for node in graph:
+            if node.id not in self.index.features:
+                self.index.add(node.id, features_of_sphere(self._load(node.id)))
 
-    def _candidate(self, graph: SphereGraph, newer_id: int) -> Candidate | None:
-        """Return the only place that looks like a sphere and where the graph can be; None without, or of several."""
+    def _lookup(self, graph: SphereGraph, newer_id: int) -> Lookup:
+        """Return the older spheres that look like one, neither just before it nor joined with it."""
         recent = range(newer_id - self._params.loop.min_steps + 1, newer_id + 1)
         features = self.index.features[newer_id]
-        found = []
-        for alike in self.index.find(features, NUM_ALIKE, without=[*recent, *neighbours(graph, newer_id)]):
-            if alike.sphere_id > newer_id:
-                continue
-            pose = find_pose(features, self.index.features[alike.sphere_id])
-            if pose is not None and pose.num_inliers >= MIN_INLIERS:
-                found.append(Candidate(alike.sphere_id, pose.T_sphere_camera, pose.num_inliers))
-        return choose(graph, newer_id, found) if found else None
+        alike = self.index.find(features, NUM_ALIKE, without=[*recent, *neighbours(graph, newer_id)])
+        older = [one.sphere_id for one in alike if one.sphere_id < newer_id]
+        return Lookup(features, tuple((sphere_id, self.index.features[sphere_id]) for sphere_id in older))
 
-    def _verify(self, candidate: Candidate, newer_id: int, newer: PreparedSphere) -> Edge | None:
-        older = self._prepared(candidate.older)
-        motion = measure(older, newer, candidate.T_older_newer, self._params.registration)
-        return motion.edge(candidate.older, newer_id, is_loop=True) if motion is not None else None
+    def _trial(self, newer_id: int, newer: Sphere, one: Candidate) -> Trial:
+        older = (one.older, self._load(one.older), one.T_older_newer)
+        return Trial(newer_id, newer, (older,), self._params.registration)
+
+
+def believed(older: KeySphere, newer: KeySphere) -> Candidate:
+    """Return two key spheres as the graph has them."""
+    return Candidate(older.id, older.T_map_sphere.inverse() @ newer.T_map_sphere, 0)
 
 
 def choose(graph: SphereGraph, newer_id: int, found: list[Candidate]) -> Candidate | None:

@@ -4,6 +4,7 @@ import os
 import shutil
 import signal
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -58,8 +59,8 @@ def test_what_was_not_added_cannot_be_read_and_the_graph_must_fit(sphere_graph, 
     grow(writer, sphere_graph)
     with pytest.raises(BagError, match="key sphere 99: expected one that was written"):
         writer.load(99)
-    with pytest.raises(BagError, match="expected the 3 key spheres written"):
-        writer.finish(SphereGraph([node for node in sphere_graph if node.id != 12]))
+    with pytest.raises(BagError, match="graph: expected 4 key spheres, found 3 written"):
+        writer.finish(SphereGraph([*sphere_graph, replace(next(iter(sphere_graph)), id=99)]))
     writer.discard()
     assert list(tmp_path.iterdir()) == []
 
@@ -73,6 +74,33 @@ def test_an_existing_map_is_replaced_only_by_a_complete_one(sphere_graph, tmp_pa
     assert len(open_map(path).graph) == 3
     assert writer.finish(sphere_graph) == path
     assert [entry.name for entry in tmp_path.iterdir()] == ["map"]
+
+
+def test_a_map_of_some_of_the_spheres_and_of_those_of_another_map_is_written_anew(sphere_graph, tmp_path):
+    def shifted(by):
+        nodes = [replace(node, id=node.id + by) for node in sphere_graph]
+        return SphereGraph(nodes, [replace(edge, a=edge.a + by, b=edge.b + by) for edge in sphere_graph.edges])
+
+    save_map(tmp_path / "base", sphere_graph)
+    for name, is_there in (("fresh", False), ("replaced", True)):
+        if is_there:
+            save_map(tmp_path / name, sphere_graph)
+        newer = shifted(100)
+        writer = MapWriter(tmp_path / name, is_overwriting=is_there)
+        grow(writer, newer)
+        dropped = max(newer.nodes)
+        nodes = [*sphere_graph, *(node for node in newer if node.id != dropped)]
+        edges = [edge for edge in [*sphere_graph.edges, *newer.edges] if dropped not in (edge.a, edge.b)]
+        with open_map(tmp_path / "base") as base:
+            assert writer.finish(SphereGraph(nodes, edges), DETAILS, base=base.stored()) == tmp_path / name
+        assert verify_map(tmp_path / name) == []
+        with open_map(tmp_path / name) as found:
+            assert list(found.graph.nodes) == sorted(node.id for node in nodes)
+            assert found.info.map_id == "yard"
+            for node in nodes:
+                np.testing.assert_array_equal(found.load_sphere(node.id).image, node.sphere.image)
+            assert found.coarse_spheres().keys() == found.graph.nodes.keys() == found.appearance().words.keys()
+    assert sorted(entry.name for entry in tmp_path.iterdir()) == ["base", "fresh", "replaced"]
 
 
 @pytest.mark.parametrize("num_kept", [1, 2, 3])

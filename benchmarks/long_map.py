@@ -1,0 +1,196 @@
+"""A drive of 1.5 km through town or city, loops in both directions and a crossing, mapped from a sphere a metre apart.
+
+The spheres are drawn as a vertical rig of 0.4 m would give them at their width: noise of the image, ranges whose noise
+grows with their square and end at 60 m. The stitcher is left out, so that a drive takes minutes instead of an hour.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from benchmarks.machine import describe
+from benchmarks.report import Bound, Report, Table
+from cycab_sim.params import LightParams, RenderParams
+from cycab_sim.paths import Path, Piece, turn
+from cycab_sim.renderer import Renderer
+from cycab_sim.town import draw_plan
+from cycab_sim.worlds import build_world
+from sphere_geometry import SE3, Spherical
+from sphere_geometry.trajectory import Trajectory
+from sphere_geometry.trajectory_error import align
+from sphere_map.graph import Edge, SphereGraph
+from sphere_map.sphere import Sphere
+from sphere_mapping.graph.merging import merge
+from sphere_mapping.mapper import Mapper
+
+HELP = "1.5 km of town and city, loops both ways: drift, error after closure, false loops, spheres kept (half an hour)"
+LENGTH_M, QUICK_M, SPACING_M, SPEED = 1500.0, 200.0, 1.0, 4.0  # m/s
+HEIGHT_M, NOISE = 1.6, 2.0  # m above the ground, grey levels
+RANGE_NOISE, FARTHEST_M = 1.5e-3, 60.0  # m/m^2: 0.2 px of a baseline of 0.4 m at 2048 px
+LANE_M, RADIUS_M = 1.75, 5.0  # to the right of the middle of the street; of turns, where there is room
+FALSE_M, FALSE_DEG = 0.3, 2.0  # error above which a loop joins what does not belong together
+OPPOSITE_DEG = 90.0
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Drive:
+    """What was mapped, the true poses by stamp, and what it cost."""
+
+    mapper: Mapper
+    truth: dict[int, SE3] = field(default_factory=dict)
+    num_lost: int = 0
+    seconds: list[float] = field(default_factory=list)
+
+
+def add_arguments(parser: argparse._ArgumentGroup) -> None:
+    """Declare the arguments; the worlds are those of `--world-seed` and of the next seed."""
+    parser.add_argument("--drive-through", nargs="+", default=["town", "city"], help="worlds (town city)")
+    parser.add_argument("--drive-length", type=float, default=LENGTH_M, help="metres (%(default)s)")
+    parser.add_argument("--drive-width", type=int, default=512, help="px of the spheres (%(default)s)")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Drive and map in every world of every seed."""
+    report = Report("long_map", notes=[describe(options.threads), __doc__ or ""])
+    rows: list[tuple[str, ...]] = []
+    for name in options.drive_through:
+        for seed in (options.world_seed, options.world_seed + 1):
+            length = QUICK_M if options.quick else options.drive_length
+            drive = map_drive(name, seed, length, options.drive_width)
+            _judge(f"{name} {seed}, {length:.0f} m", drive, report, rows)
+    columns = (
+        "drive",
+        "placed",
+        "lost",
+        "kept",
+        "after merging",
+        "loops",
+        "merged onto the other way",
+        "CPU s a sphere",
+    )
+    report.tables.append(Table("Drives", columns, rows))
+    return report
+
+
+def map_drive(name: str, seed: int, length: float, width: int) -> Drive:
+    """Map a drive through a world."""
+    world = build_world(name, seed)
+    renderer = Renderer(world.mesh, RenderParams(), LightParams(), bounds=world.bounds if world.is_wide else None)
+    rng = np.random.default_rng([seed, 8])
+    drive = Drive(Mapper())
+    number = int(length / SPACING_M)
+    for index, pose in enumerate(tqdm(_poses(name, seed, number), total=number, desc=f"{name} {seed}", disable=None)):
+        sphere = draw(renderer, pose, Spherical(width, width // 2), index, rng)
+        begun = time.process_time()
+        drive.truth[sphere.stamp_ns] = pose
+        drive.num_lost += drive.mapper.add(sphere).T_map_sphere is None
+        drive.seconds.append(time.process_time() - begun)
+    drive.mapper.keep_end()
+    drive.mapper.close_loops()
+    return drive
+
+
+def draw(renderer: Renderer, pose: SE3, camera: Spherical, index: int, rng: np.random.Generator) -> Sphere:
+    """Return what is seen from a place, with noise."""
+    levels, range_m = renderer.render(camera, pose, is_grey=True)
+    image = np.clip(np.rint(levels + rng.normal(0, NOISE, levels.shape)), 1, 255).astype(np.uint8)
+    noisy = range_m + RANGE_NOISE * np.square(np.minimum(range_m, FARTHEST_M)) * rng.normal(size=range_m.shape)
+    noisy[~(range_m < FARTHEST_M)] = np.nan
+    return Sphere(image, np.maximum(noisy, 0.1).astype(np.float32), camera, round(1e9 * index * SPACING_M / SPEED))
+
+
+def route(name: str, seed: int) -> Array:
+    """Return corners (K, 2) m of the drive: blocks to the left, over a crossing, blocks to the right."""
+    lane = LANE_M
+    if name == "town":
+        plan = draw_plan(seed)
+        e, n = plan.east, plan.north
+        left = [(e + lane, -lane), (e + lane, n + lane), (-lane, n + lane), (-lane, -lane)]
+        right = [(lane, n - lane), (e - lane, n - lane), (e - lane, lane), (lane, lane)]
+        over = [(-lane, -25.0), (lane, -25.0)]  # past the crossing, round, and back over it
+        return np.array([(-25.0, -lane), *left * 4, *over, *right * 20])[[k for k in range(3 + 16 + 80) if k != 16]]
+    w, f, n, x = -20.0, 40.0, 110.0, 120.0  # streets C, F and B, and the lane
+    tour = [(x, -lane), (x, n + lane), (w - lane, n + lane), (w - lane, -lane)]
+    turned = [(x, -lane), (x, n + lane), (f - lane, n + lane), (f - lane, lane), (w + lane, lane), (w + lane, n - lane)]
+    back = [(x, n - lane), (x, lane), (w + lane, lane), (w + lane, n - lane)]
+    return np.array([(w - 10.0, -lane), *tour, *turned, *back * 4])
+
+
+def path_of(corners: Array) -> Path:
+    """Return the way along corners (K, 2) m, each rounded as far as its legs allow."""
+    legs = np.diff(corners, axis=0)
+    lengths, headings = np.linalg.norm(legs, axis=1), np.arctan2(legs[:, 1], legs[:, 0])
+    turns = (np.diff(headings) + np.pi) % (2 * np.pi) - np.pi
+    radii = np.minimum(RADIUS_M, np.minimum(lengths[:-1], lengths[1:]) / 2)
+    cuts = np.concatenate([[0.0], radii * np.tan(np.abs(turns) / 2), [0.0]])
+    pieces: list[Piece] = []
+    for k, length in enumerate(lengths):
+        pieces.append(Piece(float(length - cuts[k] - cuts[k + 1])))
+        if k < len(turns):
+            pieces.append(turn(float(radii[k]), float(np.degrees(turns[k]))))
+    return Path((*corners[0].tolist(), float(headings[0])), tuple(pieces))
+
+
+def _poses(name: str, seed: int, number: int) -> Iterator[SE3]:
+    path = path_of(route(name, seed))
+    above = SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M])
+    for x, y, yaw, _ in path.at(SPACING_M * np.arange(number)):
+        yield SE3.from_planar(float(x), float(y), float(yaw)) @ above
+
+
+def _judge(what: str, drive: Drive, report: Report, rows: list[tuple[str, ...]]) -> None:
+    """Add what a drive's map is worth."""
+    graph = drive.mapper.graph
+    stamps, poses = zip(*drive.mapper.trajectory(), strict=True)
+    found, truth = SE3(np.stack([pose.matrix for pose in poses])), [drive.truth[stamp] for stamp in stamps]
+    merged = merge(graph, found.translation)
+    true = SE3(np.stack([pose.matrix for pose in truth]))
+    T, _ = align(Trajectory(np.array(stamps), found), Trajectory(np.array(stamps), true), "se3")
+    ate = float(np.sqrt(np.mean(np.sum((T.apply(found.translation) - true.translation) ** 2, axis=1))))
+    loops = [edge for edge in graph.edges if edge.is_loop]
+    false = sum(_is_false(edge, graph, drive) for edge in loops)
+    length = float(np.linalg.norm(np.diff(true.translation, axis=0), axis=1).sum())
+    opposite = sum(_turn_deg(graph, drive, *pair) > OPPOSITE_DEG for pair in merged.replaced.items())
+    seconds = float(np.mean(drive.seconds))
+    rows.append(
+        (what, str(len(stamps)), str(drive.num_lost), str(len(graph)), str(len(merged.graph)), str(len(loops)),
+         str(opposite), f"{seconds:.2f}")
+    )  # fmt: skip
+    report.bounds += [
+        Bound(f"{what}: drift of the chain at its end over its length", 0.5, 100 * _drift(graph, drive) / length, "%"),
+        Bound(f"{what}: RMSE of all positions after closure", 0.25, ate, "m"),
+        Bound(f"{what}: false loops", 0.0, float(false), f"of {len(loops)}"),
+        Bound(f"{what}: frames dropped", 75.0, 100 * (1 - len(merged.graph) / len(stamps)), "%", is_minimum=True),
+    ]
+
+
+def _drift(graph: SphereGraph, drive: Drive) -> float:
+    """Return how far in m the last key sphere is off by the motions from one to the next alone, no loop heard."""
+    chain = {edge.b: edge for edge in graph.edges if not edge.is_loop}
+    nodes = sorted(graph.nodes)
+    T_first_last = SE3.identity()
+    for node_id in nodes[1:]:
+        T_first_last = T_first_last @ chain[node_id].T_a_b
+    first, last = (drive.truth[graph[node_id].stamp_ns] for node_id in (nodes[0], nodes[-1]))
+    return float((first.inverse() @ last).distance(T_first_last)[0])
+
+
+def _is_false(edge: Edge, graph: SphereGraph, drive: Drive) -> bool:
+    a, b = (drive.truth[graph[end].stamp_ns] for end in (edge.a, edge.b))
+    distance, angle = (a.inverse() @ b).distance(edge.T_a_b)
+    return bool(distance > FALSE_M or angle > np.radians(FALSE_DEG))
+
+
+def _turn_deg(graph: SphereGraph, drive: Drive, one: int, other: int) -> float:
+    """Return the angle between the headings of two key spheres."""
+    a, b = (drive.truth[graph[end].stamp_ns] for end in (one, other))
+    return float(np.degrees(a.distance(b)[1]))

@@ -1,0 +1,119 @@
+"""A drive joined to a map: places that both saw, found by appearance, verified densely and both ways (M15 3.5.2).
+
+Nobody knows where in the map the drive was, so no drift can tell a place from one that looks like it. Instead several
+places must say the same of where the drive is, as far as both graphs can have drifted between them, and more places
+than say anything else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from sphere_geometry import SE3
+from sphere_map.appearance.index import AppearanceIndex
+from sphere_map.graph import Edge, SphereGraph
+from sphere_map.sphere import Sphere
+from sphere_mapping.graph.loop_closure import (
+    DRIFT,
+    DRIFT_RAD,
+    GATE,
+    MIN_LEAD,
+    NUM_ALIKE,
+    START_M,
+    START_RAD,
+    lengths_from,
+)
+from sphere_mapping.graph.optimum import optimize_map
+from sphere_mapping.graph.verification import Candidate, Lookup, Run, Trial, place, verify
+from sphere_mapping.params import MapperParams
+
+MIN_JOINS = 2  # places that must agree: one alone may look like another
+NUM_TRIED = 2  # key spheres of the map that a new one is aligned with
+MAX_SEEDS = 20  # joins whose word is compared with that of all others
+
+
+@dataclass(frozen=True, eq=False)
+class Submap:
+    """A graph, what its key spheres look like, and who has their pictures; ids are unique among submaps."""
+
+    graph: SphereGraph
+    index: AppearanceIndex
+    load: Callable[[int], Sphere]
+
+
+@dataclass(frozen=True, eq=False)
+class Joins:
+    """Edges from the map to the drive that agree, and of how many key spheres, alike ones and aligned ones they are."""
+
+    edges: list[Edge]
+    num_spheres: int
+    num_alike: int
+    num_aligned: int
+
+    def __str__(self) -> str:
+        return (
+            f"{self.num_spheres} key spheres looked up, {self.num_alike} like some of the map by their features, "
+            f"{self.num_aligned} aligned with them both ways, {len(self.edges)} of these agree on one place"
+        )
+
+
+def find_joins(base: Submap, drive: Submap, params: MapperParams, run: Run = map) -> Joins:
+    """Return the places that a drive has in common with a map, none where too few agree on where the drive is."""
+    nodes = list(drive.graph)
+    found = list(run(place, (_lookup(base.index, drive.index, node.id) for node in nodes)))
+    alike = [(node.id, candidates) for node, candidates in zip(nodes, found, strict=True) if candidates]
+    trials = (_trial(base, drive, newer, candidates, params) for newer, candidates in alike)
+    aligned = [edge for edge in run(verify, trials) if edge is not None]
+    return Joins(agreeing(base.graph, drive.graph, aligned), len(nodes), len(alike), len(aligned))
+
+
+def agreeing(base: SphereGraph, drive: SphereGraph, edges: Sequence[Edge]) -> list[Edge]:
+    """Return the largest number of edges that say the same of where the drive is.
+
+    None where there are fewer than `MIN_JOINS`, or where nearly as many others agree on another place.
+    """
+    sets = [_like(seed, base, drive, edges) for seed in edges[:: max(len(edges) // MAX_SEEDS, 1)]]
+    best = max(sets, key=len, default=[])
+    rival = max((len([edge for edge in others if edge not in best]) for others in sets), default=0)
+    return best if len(best) >= MIN_JOINS and len(best) >= MIN_LEAD * rival else []
+
+
+def join(base: SphereGraph, drive: SphereGraph, edges: Sequence[Edge]) -> SphereGraph:
+    """Return one graph, in the frame of the map, at the poses that fit all edges best; joins are robust."""
+    T_base_drive = place_of_drive(base, drive, edges[len(edges) // 2])
+    moved = drive.with_poses({node.id: T_base_drive @ node.T_map_sphere for node in drive})
+    return optimize_map(SphereGraph([*base, *moved], [*base.edges, *moved.edges, *edges])).graph
+
+
+def place_of_drive(base: SphereGraph, drive: SphereGraph, edge: Edge) -> SE3:
+    """Return T_base_drive as one edge has it."""
+    return base[edge.a].T_map_sphere @ edge.T_a_b @ drive[edge.b].T_map_sphere.inverse()
+
+
+def _like(seed: Edge, base: SphereGraph, drive: SphereGraph, edges: Sequence[Edge]) -> list[Edge]:
+    """Return the edges, the seed among them, that are where the drive's place by the seed lets them be."""
+    T_base_drive = place_of_drive(base, drive, seed)
+    in_base, in_drive = lengths_from(base, seed.a), lengths_from(drive, seed.b)
+
+    def is_like(edge: Edge) -> bool:
+        if edge.a not in in_base or edge.b not in in_drive:
+            return False
+        way = in_base[edge.a] + in_drive[edge.b]
+        expected = T_base_drive @ drive[edge.b].T_map_sphere
+        distance, angle = expected.distance(base[edge.a].T_map_sphere @ edge.T_a_b)
+        return bool(distance <= GATE * (START_M + DRIFT * way) and angle <= GATE * (START_RAD + DRIFT_RAD * way))
+
+    return [edge for edge in edges if is_like(edge)]
+
+
+def _lookup(known: AppearanceIndex, own: AppearanceIndex, newer_id: int) -> Lookup:
+    features = own.features[newer_id]
+    alike = (one.sphere_id for one in known.find(features, NUM_ALIKE))
+    return Lookup(features, tuple((older, known.features[older]) for older in alike))
+
+
+def _trial(base: Submap, drive: Submap, newer_id: int, found: list[Candidate], params: MapperParams) -> Trial:
+    best = sorted(found, key=lambda one: -one.num_inliers)[:NUM_TRIED]
+    older = tuple((one.older, base.load(one.older), one.T_older_newer) for one in best)
+    return Trial(newer_id, drive.load(newer_id), older, params.registration)

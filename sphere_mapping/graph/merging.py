@@ -1,0 +1,174 @@
+"""Key spheres of places that were seen twice: one is enough for the map (M15 section 3.5.2).
+
+A key sphere leaves the map where edges join it with one of another visit that stays, and where everything it was
+nearest to is near enough to spheres that stay: by the regions in which these localise, and by the spacing of the drive.
+What was measured to it is composed, so that the graph keeps what it knows. Spheres that follow each other on one visit
+do not replace each other: how far apart those are was decided when they were kept.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from sphere_map.graph import Edge, KeySphere, SphereGraph
+from sphere_mapping.graph.loop_closure import MIN_DETOUR
+
+Array = NDArray[np.float64]
+REACH = 0.5  # of the radius of a sphere's region: how near it must be to what another one was nearest to
+APART = 0.75  # the same of the distance from that one to the next on its drive: the map stays as dense as was asked for
+
+
+@dataclass(frozen=True, eq=False)
+class Merged:
+    """A graph without redundant key spheres; by the id of each that left, that of the one that its edges went to."""
+
+    graph: SphereGraph
+    replaced: dict[int, int]
+
+
+def merge(graph: SphereGraph, places: Array, staying: Collection[int] = ()) -> Merged:
+    """Return the graph without redundant key spheres; of those that see the same the newest leaves.
+
+    places (P, 3): where in the map all spheres were taken, those that were not kept, too. staying: ids that stay.
+    """
+    merger = _Merger(graph, np.concatenate([places.reshape(-1, 3), _positions(graph)]))
+    for node in sorted(graph, key=lambda node: -node.id):
+        if node.id not in staying:
+            merger.try_without(node)
+    if not merger.replaced:
+        return Merged(graph, {})
+    kept = [node for node in graph if node.id not in merger.replaced]
+    return Merged(SphereGraph(kept, merger.edges()), merger.replaced)
+
+
+def compose(first: Edge, second: Edge) -> Edge:
+    """Return the edge a -> c of a -> b and b -> c: the product, its covariance carried by the adjoint.
+
+    T_a_b exp(x) T_b_c exp(y) = T_a_b T_b_c exp(Ad(T_c_b) x + y), to first order.
+    """
+    if first.b != second.a:
+        raise ValueError(f"edges {first.a}-{first.b}, {second.a}-{second.b}: expected a common key sphere, found none")
+    adjoint = second.T_a_b.inverse().adjoint()
+    covariance = adjoint @ np.linalg.inv(first.information) @ adjoint.T + np.linalg.inv(second.information)
+    is_loop = first.is_loop or second.is_loop
+    return Edge(first.a, second.b, first.T_a_b @ second.T_a_b, _inverse(covariance), is_loop)
+
+
+def reverse(edge: Edge) -> Edge:
+    """Return the same motion from the other end: (T exp(x))^-1 = T^-1 exp(-Ad(T) x)."""
+    adjoint = edge.T_a_b.inverse().adjoint()
+    return Edge(edge.b, edge.a, edge.T_a_b.inverse(), _symmetric(adjoint.T @ edge.information @ adjoint), edge.is_loop)
+
+
+class _Merger:
+    """The graph while spheres leave it: edges by their ends, and the places that each sphere is nearest to."""
+
+    def __init__(self, graph: SphereGraph, points: Array) -> None:
+        self.replaced: dict[int, int] = {}
+        self._graph, self._points = graph, points
+        self._farthest = REACH * max((node.region_radius_m for node in graph), default=0.0)
+        self._edges: dict[int, list[Edge]] = {node.id: [] for node in graph}
+        for edge in graph.edges:
+            self._add(edge)
+        self._along = _along(graph)
+        self._spacing = {node_id: _spacing(edges) for node_id, edges in self._edges.items()}
+        ids = list(graph.nodes)
+        self._served: dict[int, list[int]] = {node_id: [] for node_id in ids}
+        for point, row in enumerate(cKDTree(_positions(graph)).query(points)[1].tolist()):
+            self._served[ids[row]].append(point)
+
+    def try_without(self, node: KeySphere) -> None:
+        """Let a key sphere leave if others serve what it serves."""
+        edges = [_from(node.id, edge) for edge in self._edges[node.id]]
+        hubs = [edge for edge in edges if self._is_again(node.id, edge.b)]
+        if not hubs:
+            return
+        servers = [self._server(self._points[point], node.id) for point in self._served[node.id]]
+        if any(server is None for server in servers):
+            return
+        hub = min(hubs, key=_variance)
+        for edge in list(self._edges[node.id]):
+            self._remove(edge)
+        for edge in edges:
+            if edge.b != hub.b:
+                self._add(compose(reverse(hub), edge))
+        for point, server in zip(self._served.pop(node.id), servers, strict=True):
+            assert server is not None
+            self._served[server].append(point)
+        self.replaced[node.id] = hub.b
+
+    def edges(self) -> list[Edge]:
+        """Return what is left, each edge once, in order."""
+        found = {id(edge): edge for node_edges in self._edges.values() for edge in node_edges}
+        return sorted(found.values(), key=lambda edge: (max(edge.a, edge.b), min(edge.a, edge.b), edge.is_loop))
+
+    def _is_again(self, one: int, other: int) -> bool:
+        """Say whether two key spheres are of one place that the way came back to, or of two drives."""
+        (drive, at), (other_drive, other_at) = self._along[one], self._along[other]
+        distance, _ = self._graph[one].T_map_sphere.distance(self._graph[other].T_map_sphere)
+        return drive != other_drive or abs(at - other_at) >= MIN_DETOUR * float(distance)
+
+    def _server(self, point: Array, without: int) -> int | None:
+        """Return the nearest key sphere whose region reaches a point well, None where there is none near enough."""
+        near = [
+            (float(np.linalg.norm(node.T_map_sphere.translation - point)), node)
+            for node in self._graph.near(point, min(self._farthest, APART * self._spacing[without]))
+            if node.id != without and node.id not in self.replaced
+        ]
+        reaching = [(distance, node.id) for distance, node in near if distance <= REACH * node.region_radius_m]
+        return min(reaching)[1] if reaching else None
+
+    def _add(self, edge: Edge) -> None:
+        for end in (edge.a, edge.b):
+            self._edges[end].append(edge)
+
+    def _remove(self, edge: Edge) -> None:
+        for end in (edge.a, edge.b):
+            self._edges[end] = [one for one in self._edges[end] if one is not edge]
+
+
+def _along(graph: SphereGraph) -> dict[int, tuple[int, float]]:
+    """Return for each key sphere the number of its drive, and the metres from its beginning."""
+    chain = {(edge.a, edge.b): edge for edge in graph.edges if not edge.is_loop}
+    found: dict[int, tuple[int, float]] = {}
+    before, drive, metres = -1, -1, 0.0
+    for node_id in sorted(graph.nodes):
+        edge = chain.get((before, node_id))
+        drive, metres = (drive, metres + _length(edge)) if edge is not None else (drive + 1, 0.0)
+        found[node_id], before = (drive, metres), node_id
+    return found
+
+
+def _spacing(edges: list[Edge]) -> float:
+    """Return how far a key sphere is from those before and after it, the farther one."""
+    return max((_length(edge) for edge in edges if not edge.is_loop), default=0.0)
+
+
+def _length(edge: Edge) -> float:
+    return float(np.linalg.norm(edge.T_a_b.translation))
+
+
+def _from(node_id: int, edge: Edge) -> Edge:
+    """Return an edge as it begins at one of its ends."""
+    return edge if edge.a == node_id else reverse(edge)
+
+
+def _variance(edge: Edge) -> float:
+    return float(np.trace(np.linalg.inv(edge.information)[:3, :3]))
+
+
+def _positions(graph: SphereGraph) -> Array:
+    return np.array([node.T_map_sphere.translation for node in graph]).reshape(-1, 3)
+
+
+def _inverse(matrix: Array) -> Array:
+    return _symmetric(np.linalg.inv(matrix))
+
+
+def _symmetric(matrix: NDArray[np.floating]) -> Array:
+    return np.asarray((matrix + matrix.T) / 2, dtype=np.float64)

@@ -1,0 +1,87 @@
+"""Places that look alike, compared and aligned: work on a few spheres each, here or in other processes.
+
+What is asked and answered are values, so that it makes no difference where the work is done.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Executor, Future
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from sphere_geometry import SE3
+from sphere_map.appearance.features import Features
+from sphere_map.appearance.pose import find_pose
+from sphere_map.graph import Edge
+from sphere_map.sphere import Sphere
+from sphere_mapping.graph.both_ways import MIN_INLIERS, measure
+from sphere_mapping.graph.registration import PreparedSphere
+from sphere_mapping.params import MappingRegistrationParams
+
+Asked = TypeVar("Asked")
+Answer = TypeVar("Answer")
+Run = Callable[[Callable[[Any], Any], Iterable[Any]], Iterator[Any]]  # what `map` is: answers in the order of questions
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An older key sphere, where the newer one would be in its frame, and how many features say so."""
+
+    older: int
+    T_older_newer: SE3
+    num_inliers: int
+
+
+@dataclass(frozen=True, eq=False)
+class Lookup:
+    """The features of a new key sphere, and those of older ones that look like it, by id, the likest first."""
+
+    features: Features
+    alike: tuple[tuple[int, Features], ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """A new key sphere, and older ones to align it with until one holds: id, sphere and T_older_newer of each."""
+
+    newer_id: int
+    newer: Sphere
+    older: tuple[tuple[int, Sphere, SE3], ...]
+    params: MappingRegistrationParams
+
+
+def place(lookup: Lookup) -> list[Candidate]:
+    """Return the older spheres with which enough features agree on a pose."""
+    poses = [(older, find_pose(lookup.features, features)) for older, features in lookup.alike]
+    return [
+        Candidate(older, pose.T_sphere_camera, pose.num_inliers)
+        for older, pose in poses
+        if pose is not None and pose.num_inliers >= MIN_INLIERS
+    ]
+
+
+def verify(trial: Trial) -> Edge | None:
+    """Return the loop edge to the first of the older spheres that dense alignment confirms, both ways."""
+    newer = PreparedSphere(trial.newer, trial.params)
+    for older_id, sphere, guess in trial.older:
+        motion = measure(PreparedSphere(sphere, trial.params), newer, guess, trial.params)
+        if motion is not None:
+            return motion.edge(older_id, trial.newer_id, is_loop=True)
+    return None
+
+
+def run_in(executor: Executor, num_ahead: int) -> Run:
+    """Return what runs work in an executor, in order; no more than `num_ahead` pieces are held in memory."""
+
+    def run(function: Callable[[Asked], Answer], questions: Iterable[Asked]) -> Iterator[Answer]:
+        coming: deque[Future[Answer]] = deque()
+        for question in questions:
+            coming.append(executor.submit(function, question))
+            if len(coming) >= num_ahead:
+                yield coming.popleft().result()
+        while coming:
+            yield coming.popleft().result()
+
+    return run

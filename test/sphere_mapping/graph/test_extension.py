@@ -1,0 +1,80 @@
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from sphere_geometry import SE3, Spherical
+from sphere_map.graph import Edge, KeySphere, SphereGraph
+from sphere_mapping.graph.extension import Submap, agreeing, find_joins, join
+from sphere_mapping.mapper import Mapper
+from sphere_mapping.params import KeySphereParams, MapperParams
+from worlds.room import sharp_room
+
+PARAMS = MapperParams(key=KeySphereParams(max_parallax_whole=0.1))
+CAMERA = Spherical(256, 128)
+
+
+def drive(room, poses, first_id=0, T_map_first=None):
+    mapper = Mapper(PARAMS, T_map_first)
+    mapper.first_id = first_id
+    for number, pose in enumerate(poses):
+        mapper.add(replace(room.sphere(pose, CAMERA, number), stamp_ns=number * 200_000_000))
+    mapper.keep_end()
+    return mapper
+
+
+def submap(mapper):
+    return Submap(mapper.graph, mapper.appearance, mapper.load_sphere)
+
+
+EAST = [SE3.from_planar(-2.0 + 0.35 * k, 0.2, 0.0) for k in range(5)]
+WEST = [SE3.from_planar(0.3 - 0.35 * k, -0.2, np.pi) for k in range(5)]  # the other way, half of it the same
+
+
+@pytest.fixture(scope="module")
+def taught():
+    return drive(sharp_room(), EAST, T_map_first=EAST[0])
+
+
+def test_two_drives_become_one_map_at_one_place(taught):
+    newer = drive(sharp_room(), WEST, first_id=100)
+    assert min(newer.graph.nodes) == 100
+    joins = find_joins(submap(taught), submap(newer), PARAMS)
+    assert len(joins.edges) >= 2
+    assert all(edge.is_loop and edge.a < 100 <= edge.b for edge in joins.edges)
+    graph = join(taught.graph, newer.graph, joins.edges)
+    assert len(graph) == len(taught.graph) + len(newer.graph)
+    assert len(graph.edges) == len(taught.graph.edges) + len(newer.graph.edges) + len(joins.edges)
+    truth = {node.id: WEST[node.stamp_ns // 200_000_000] for node in newer.graph}
+    truth |= {node.id: EAST[node.stamp_ns // 200_000_000] for node in taught.graph}
+    errors = np.array([node.T_map_sphere.distance(truth[node.id]) for node in graph])
+    assert np.sqrt(np.mean(errors[:, 0] ** 2)) < 0.01
+    assert errors[:, 1].max() < np.radians(0.5)
+
+
+def test_a_foreign_place_is_not_joined(taught):
+    joins = find_joins(submap(taught), submap(drive(sharp_room(seed=1), WEST, 100)), PARAMS)
+    assert joins.edges == []
+    assert str(joins).startswith(f"{joins.num_spheres} key spheres looked up")
+
+
+def row(first_id, number):
+    nodes = [KeySphere(first_id + k, k, SE3.from_planar(5.0 * k, 0, 0)) for k in range(number)]
+    steps = pairwise(nodes)
+    return SphereGraph(nodes, [Edge(a.id, b.id, SE3.from_planar(5.0, 0, 0), np.eye(6)) for a, b in steps])
+
+
+def joined(a, b, x):
+    return Edge(a, b, SE3.from_planar(x, 0.0, 0.0), np.eye(6), is_loop=True)
+
+
+def test_places_must_agree_on_where_the_drive_is():
+    base, newer = row(0, 10), row(100, 10)
+    good = [joined(3, 100, 0.1), joined(4, 101, 0.1), joined(6, 103, 0.2), joined(9, 106, 0.3)]
+    stray = joined(0, 104, 0.0)
+    assert agreeing(base, newer, [*good[:2], stray, *good[2:]]) == good  # drift of 15 m may be as much
+    assert agreeing(base, newer, good[:1]) == []
+    assert agreeing(base, newer, [*good[:2], stray, joined(1, 105, 0.0)]) == []  # two say this, two say that
+    assert agreeing(base, newer, []) == []
+    assert agreeing(base, newer, [good[0], joined(4, 101, 1.2)]) == []  # 5 m do not drift by 1.1 m

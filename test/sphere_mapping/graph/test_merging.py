@@ -1,0 +1,144 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dense_localizer.localizer import Localizer
+from dense_localizer.params import LocalizerParams
+from sphere_geometry import SE3, Pinhole, Spherical
+from sphere_map.appearance.features import features_of_sphere
+from sphere_map.appearance.index import AppearanceIndex
+from sphere_map.coarse import coarse_sphere
+from sphere_map.graph import Edge, KeySphere, SphereGraph
+from sphere_mapping.graph.merging import compose, merge, reverse
+from sphere_mapping.mapper import Mapper
+from sphere_mapping.params import KeySphereParams, LoopParams, MapperParams
+from worlds.room import optical, sharp_room
+
+STEP = 1e-6
+ROOM, LENS = sharp_room(), Pinhole(320, 240, 240.0, 240.0, 159.5, 119.5)
+PARAMS = MapperParams(key=KeySphereParams(max_parallax_whole=0.1), loop=LoopParams(min_steps=2))
+
+
+def random_edge(rng, a, b):
+    root = rng.normal(size=(6, 6))
+    covariance = 1e-4 * (root @ root.T + np.eye(6))
+    information = np.linalg.inv(covariance)
+    return Edge(a, b, SE3.exp(rng.normal(size=6)), (information + information.T) / 2)
+
+
+def jacobian(function):
+    """Return d function / d x at 0 (6, 6), central differences."""
+    return np.stack([(function(x) - function(-x)) / (2 * STEP) for x in STEP * np.eye(6)], axis=1)
+
+
+def test_a_composed_edge_is_the_product_with_the_covariance_of_the_product(rng):
+    first, second = random_edge(rng, 1, 2), random_edge(rng, 2, 3)
+    found, T = compose(first, second), first.T_a_b @ second.T_a_b
+    assert (found.a, found.b) == (1, 3)
+    np.testing.assert_allclose(found.T_a_b.matrix, T.matrix, atol=1e-12)
+    by_first = jacobian(lambda x: (T.inverse() @ first.T_a_b @ SE3.exp(x) @ second.T_a_b).log())
+    by_second = jacobian(lambda y: (T.inverse() @ first.T_a_b @ second.T_a_b @ SE3.exp(y)).log())
+    expected = sum(J @ np.linalg.inv(edge.information) @ J.T for J, edge in ((by_first, first), (by_second, second)))
+    np.testing.assert_allclose(np.linalg.inv(found.information), expected, rtol=1e-5, atol=1e-9)
+    with pytest.raises(ValueError, match="expected a common key sphere"):
+        compose(second, first)
+
+
+def test_an_edge_from_its_other_end_says_the_same(rng):
+    edge = random_edge(rng, 1, 2)
+    back = reverse(edge)
+    J = jacobian(lambda x: (edge.T_a_b @ (edge.T_a_b @ SE3.exp(x)).inverse()).log())
+    np.testing.assert_allclose(np.linalg.inv(back.information), J @ np.linalg.inv(edge.information) @ J.T, rtol=1e-5)
+    again = reverse(back)
+    np.testing.assert_allclose(again.T_a_b.matrix, edge.T_a_b.matrix, atol=1e-12)
+    np.testing.assert_allclose(again.information, edge.information, rtol=1e-9)
+
+
+def line(*positions, regions=None, loops=()):
+    regions = regions or [4.0] * len(positions)
+    nodes = [
+        KeySphere(k, k, SE3.from_parts(np.eye(3), [x, 0.0, 0.0]), region_radius_m=radius)
+        for k, (x, radius) in enumerate(zip(positions, regions, strict=True))
+    ]
+
+    def joined(a, b, is_loop):
+        return Edge(a, b, nodes[a].T_map_sphere.inverse() @ nodes[b].T_map_sphere, 1e4 * np.eye(6), is_loop)
+
+    chain = [joined(k, k + 1, False) for k in range(len(nodes) - 1)]
+    return SphereGraph(nodes, chain + [joined(a, b, True) for a, b in loops])
+
+
+def test_the_newer_of_two_spheres_of_a_place_leaves_and_its_edges_are_composed():
+    graph = line(0.0, 2.0, 4.0, 2.2, 0.3, loops=[(1, 3), (0, 4)])
+    merged = merge(graph, np.zeros((0, 3)))
+    assert merged.replaced == {4: 0, 3: 1}
+    assert list(merged.graph.nodes) == [0, 1, 2]
+    # 4 left: 3-0 through 4; then 3: 2-1 and 0-1 through 3
+    assert [(edge.a, edge.b) for edge in merged.graph.edges if edge.is_loop] == [(1, 0), (1, 2)]
+    for edge in merged.graph.edges:
+        expected = graph[edge.a].T_map_sphere.inverse() @ graph[edge.b].T_map_sphere
+        np.testing.assert_allclose(edge.T_a_b.matrix, expected.matrix, atol=1e-9)
+    composed = merged.graph.edges[-1]  # 2-3 and 3-1: 1e-4 each, and what the turns of one do to the other
+    assert np.linalg.inv(composed.information)[0, 0] == pytest.approx(2e-4)
+
+
+def test_a_sphere_stays_without_a_loop_or_where_its_region_is_needed_or_on_request():
+    here = np.zeros((0, 3))
+    assert merge(line(0.0, 2.0, 4.0, 2.2), here).replaced == {}
+    graph = line(0.0, 2.0, 4.0, 2.2, loops=[(1, 3)])
+    assert merge(graph, here).graph.nodes.keys() == {0, 1, 2}
+    assert merge(graph, here, staying={3, 1}).replaced == {}
+    assert merge(line(0.0, 2.0, 4.0, 2.2, regions=[0.3] * 4, loops=[(1, 3)]), here).replaced == {}
+    beside = np.array([[2.3, 0.2, 0.0], [2.3, 2.5, 0.0]])  # taken nearest to 3; the second one by it alone
+    assert merge(graph, beside[:1]).replaced == {3: 1}
+    assert merge(graph, beside).replaced == {1: 3}  # so the older one leaves, whose place 3 serves
+    assert [(e.a, e.b) for e in merge(line(0.0, 1.0), here).graph.edges] == [(0, 1)]
+
+
+class Stored:
+    """A map in memory, as the localiser takes it."""
+
+    def __init__(self, graph, spheres):
+        self.graph, self._spheres = graph, spheres
+
+    def load_sphere(self, sphere_id):
+        return self._spheres[sphere_id]
+
+    def coarse_spheres(self):
+        return {node.id: coarse_sphere(self._spheres[node.id]) for node in self.graph}
+
+    def appearance(self):
+        index = AppearanceIndex()
+        for node in self.graph:
+            index.add(node.id, features_of_sphere(self._spheres[node.id]))
+        return index
+
+
+def test_a_drive_there_and_back_gives_not_twice_the_spheres_and_localises_as_well():
+    there = [SE3.from_planar(-1.2 + 0.35 * k, 0.05, 0.0) for k in range(5)]
+    back = [SE3.from_planar(0.2 - 0.35 * k, -0.05, np.pi) for k in range(5)]
+    mapper = Mapper(PARAMS, there[0])
+    turn = [SE3.from_planar(0.2, 0.05 - 0.01 * k, 0.3 * k) for k in range(1, 11)]
+    for number, pose in enumerate([*there, *turn, *back]):
+        sphere = ROOM.sphere(pose, Spherical(256, 128), number)
+        mapper.add(replace(sphere, stamp_ns=number * 200_000_000))
+    mapper.keep_end()
+    mapper.close_loops()
+    places = np.array([pose.translation for _, pose in mapper.trajectory()])
+    merged = merge(mapper.graph, places)
+    once = sum(node.stamp_ns < len(there) * 200_000_000 for node in mapper.graph)
+    assert len(mapper.graph) >= 2 * once - 1
+    assert len(merged.graph) <= 1.25 * once
+    spheres = {node.id: node.sphere for node in mapper.graph}
+    way, medians = [SE3.from_planar(0.2 - 0.05 * k, -0.05, np.pi) for k in range(28)], []
+    for graph in (mapper.graph, merged.graph):
+        localizer, errors = Localizer(LocalizerParams(), Stored(graph, spheres)), []
+        for number, pose in enumerate(way):
+            image = ROOM.photograph(LENS, optical(pose), number)
+            estimate = localizer.update(image, LENS, (number + 1) * 100_000_000)
+            if estimate.T_map_camera is not None:
+                errors.append(float(estimate.T_map_camera.distance(optical(pose))[0]))
+        assert len(errors) >= 20  # the first ones are on probation
+        medians.append(np.median(errors))
+    assert medians[1] <= 1.1 * medians[0] + 0.0005

@@ -1,0 +1,101 @@
+"""`sphere_nav map --extend`: a second drive is joined to a map where both saw the same places, or refused."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from node_kit.bags import BagWriter
+from node_kit.conversions import se3_to_pose_stamped, sphere_to_message
+from node_kit.map_bag import MapDetails, open_map, save_map
+from node_kit.map_check import verify_map
+from sphere_geometry import SE3, Spherical
+from sphere_geometry.trajectory import read_tum
+from sphere_nav_cli.main import main
+from worlds.room import sharp_room
+
+START, PERIOD = 1_000_000_000, 200_000_000
+SETTINGS = ("--set", "mapper.key.max_parallax_whole=0.1")
+ALL_KEPT = ("--set", "mapper.key.merge=false")
+EAST = [SE3.from_planar(-2.0 + 0.35 * k, 0.2, 0.0) for k in range(5)]
+WEST = [SE3.from_planar(0.3 - 0.35 * k, -0.2, np.pi) for k in range(5)]  # the other way, half of it the same
+
+
+def call(*words):
+    return main([str(word) for word in words])
+
+
+def write_drive(path, room, poses, start):
+    """Write what a camera that gives spheres sees, and where it truly is in the room."""
+    with BagWriter(path) as bag:
+        for number, pose in enumerate(poses):
+            stamp = start + number * PERIOD
+            sphere = replace(room.sphere(pose, Spherical(256, 128), number), stamp_ns=stamp)
+            bag.write("sphere", sphere_to_message(sphere, "sphere_link"), stamp)
+            bag.write("ground_truth/pose", se3_to_pose_stamped(pose, stamp, "map"), stamp)
+    return path
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("drives")
+    write_drive(folder / "east", sharp_room(), EAST, START)
+    write_drive(folder / "west", sharp_room(), WEST, START + 100 * PERIOD)
+    write_drive(folder / "elsewhere", sharp_room(seed=1), WEST, START + 100 * PERIOD)
+    assert call("map", folder / "east", "-o", folder / "taught", "--anchor", "truth", *SETTINGS) == 0
+    return folder
+
+
+def test_two_drives_are_one_map_and_the_first_one_stays_as_it_is(drives, tmp_path, capsys):
+    before = (drives / "taught" / "map.mcap").read_bytes()
+    words = ("--extend", drives / "taught", "--trajectory", tmp_path / "west.tum", *SETTINGS, *ALL_KEPT)
+    assert call("map", drives / "west", "-o", tmp_path / "both", *words) == 0
+    said = capsys.readouterr().out
+    assert f"joined to {drives / 'taught'}" in said
+    assert (drives / "taught" / "map.mcap").read_bytes() == before
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["both", "west.tum"]
+    assert verify_map(tmp_path / "both") == []
+    with open_map(tmp_path / "both") as both, open_map(drives / "taught") as taught:
+        assert set(taught.graph.nodes) < set(both.graph.nodes)
+        assert both.info.source == "east + west"
+        truth = {START + k * PERIOD: pose for k, pose in enumerate(EAST)}
+        truth |= {START + (100 + k) * PERIOD: pose for k, pose in enumerate(WEST)}
+        errors = [float(node.T_map_sphere.distance(truth[node.stamp_ns])[0]) for node in both.graph]
+        assert np.sqrt(np.mean(np.square(errors))) < 0.01  # m, of all key spheres: the map's frame is the truth's
+        assert any(edge.is_loop for edge in both.graph.edges)
+    driven = read_tum(tmp_path / "west.tum")
+    assert max(float(a.distance(b)[0]) for a, b in zip(driven.T_map_body, WEST, strict=True)) < 0.02
+
+
+def refused(capsys, *words):
+    assert call("map", *words) == 2
+    said = capsys.readouterr().err.strip()
+    assert "\n" not in said
+    return said
+
+
+def test_a_drive_elsewhere_is_refused_with_what_was_tried(drives, tmp_path, capsys):
+    said = refused(capsys, drives / "elsewhere", "-o", tmp_path / "both", "--extend", drives / "taught", *SETTINGS)
+    assert "expected a drive by places of the map, found none that hold" in said
+    assert "key spheres looked up" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_cannot_be_joined_is_one_line_before_anything_is_mapped(drives, tmp_path, capsys):
+    west, taught = drives / "west", drives / "taught"
+    words = (west, "-o", tmp_path / "both", "--extend")
+    said = refused(capsys, west, "-o", taught, "--overwrite", "--extend", taught)
+    assert "expected another folder than that of --extend" in said
+    assert "--anchor: expected first" in refused(capsys, *words, taught, "--anchor", "truth")
+    assert "expected a map" in refused(capsys, *words, drives)
+    with open_map(taught) as reader:
+        graph = reader.load_all()
+    save_map(tmp_path / "rig", graph, MapDetails(rig="name: another"))
+    assert "--rig: expected that of the map, found none" in refused(capsys, *words, tmp_path / "rig")
+    save_map(tmp_path / "old", graph, MapDetails(software="sphere_nav 0.0.1"))
+    said = refused(capsys, *words, tmp_path / "old")
+    assert "software: expected sphere_nav" in said
+    assert "found sphere_nav 0.0.1" in said
+    assert not (tmp_path / "both").exists()
