@@ -1,32 +1,41 @@
 """Two images whose epipolar lines are columns -> disparity: whole spheres, which wrap around, windows, turned pairs.
 
 Semi-global matching (Hirschmueller 2008) with left-right check gives disparity to about a quarter pixel, biased to
-whole pixels; steps of one-dimensional alignment of small blocks at full resolution (the disparity of every pixel kept,
-so that slanted ground is no problem) remove the bias and say how certain each pixel is. The same number of disparities
-is searched at ever coarser levels until the nearest surface wanted is covered. A match stands only if the cost of its
-block is clearly the least of all disparities searched: otherwise there is no texture, or it is repeated, or the
-surface is out of reach, and nothing is known. A point is higher in the lower image: its row there is v - disparity.
+whole pixels; steps of one-dimensional alignment of small blocks (the disparity of every pixel kept, so that slanted
+ground is no problem) remove the bias and say how certain each pixel is. Images are halved until the nearest surface
+wanted is covered by as many disparities, and every level is matched and aligned by itself: where texture is too faint
+for a fine level, a block of a coarser one sees more of the surface and less of the noise. A match stands only if the
+cost of its block is clearly the least of all disparities searched: otherwise there is no texture, or it is repeated, or
+the surface is out of reach, and nothing is known. A point is higher in the lower image: its row there is v - disparity.
 """
 
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.kernels import NUM_DISPARITIES, align_along_columns, smooth
+from sphere_mapping.acquisition.levels import double, fit, halve, has_texture_around, interpolate, usable_at
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.semi_global import NUM_STRIPS, Image, Plane, find_clear_matches, is_clear
+
+Pair = tuple[Image, Image]  # of a level: upper, lower
 
 MAX_WIDTH = 1280  # columns, of the whole sphere, up to which images are matched as they are; wider ones are halved
 
 MIN_SIDE = 64  # px, of the coarsest level
 BEYOND_PX = 3  # disparities this near to the largest of a level are left to the next coarser one
 
+NUM_SCALES = 3  # levels that are matched at least
+NUM_CHECKS = 2  # coarser levels that must find a match clear, too
 MIN_COARSE_RATIO = 1.2  # of the least cost elsewhere to that of a match, seen at coarser levels
+MIN_AGREEMENT = 0.9  # of the least cost elsewhere to that of a coarser level's disparity, seen at a finer level
+SURER = 0.5  # of a finer level's deviation, below which a coarser level's disparity is preferred
+LEAST_NOISE = 0.7  # grey levels, of a halved image: rounding and interpolation
 
 EDGE_PX = 3  # matches this near to a jump are not trusted
 JUMP_PX, JUMP_SHARE = 0.6, 0.1  # least step of disparity over that neighbourhood that is a jump: px, by the disparity
@@ -74,44 +83,96 @@ def match_columns(
 ) -> Disparity:
     """Return the disparity (H, W) of the upper image; both are (H, W) grey, `is_usable` where both show something."""
     halvings = max(int(np.ceil(np.log2((search.full_width or top.shape[1]) / MAX_WIDTH))), 0)
-    coarse = _match_levels(top, bottom, search, halvings, jobs)
-    coarse = _smooth_around(coarse, search.is_whole)
-    coarse[_at_jumps(coarse, edge_px, is_whole=search.is_whole) | _at_unknown(coarse, is_whole=search.is_whole)] = (
-        np.nan
-    )
-    for _ in range(halvings):
-        coarse = _double(coarse)
-    coarse = _fit(coarse, top.shape)
-    coarse[~is_usable] = np.nan
-    return refine(top, bottom, coarse, params, is_whole=search.is_whole, jobs=jobs)
+    levels = _levels_of(top, bottom, search, halvings)
+    matched = _match_levels(levels[halvings:], search, halvings, jobs)
+    start, found = matched[-1], None
+    for k in reversed(range(len(levels))):
+        start = _keep_sure(matched[k - halvings], search, edge_px) if k >= halvings else double(start)
+        start = fit(start, levels[k][0].shape)
+        start[~usable_at(is_usable, k, start.shape) | (start > search.last_px / 2**k + BEYOND_PX)] = np.nan
+        if k > halvings:
+            start[~has_texture_around(levels[k][0], search.is_whole)] = np.nan
+        own = refine(*levels[k], start, _params_at(params, k), is_whole=search.is_whole, jobs=jobs)
+        if found is not None:
+            coarser = Disparity(
+                *(fit(interpolate(2 * p, search.is_whole), start.shape) for p in (found.value, found.std))
+            )
+            if k >= halvings:
+                coarser = _keep_undenied(levels[k], coarser, _first_at(search, k), search, jobs)
+            own = _prefer(own, coarser)
+        found = own
+    assert found is not None
+    return found
 
 
-def _match_levels(top: Image, bottom: Image, search: Search, halvings: int, jobs: int) -> Plane:
-    """Return the disparity at a level: what it can reach itself, and what is nearer from coarser levels.
+def _levels_of(top: Image, bottom: Image, search: Search, halvings: int) -> list[Pair]:
+    """Return both images at full size, and halved until all disparities are reached and NUM_SCALES levels match."""
+    levels = [(top, bottom)]
+    while len(levels) <= halvings or not _is_reached(search, len(levels) - 1, levels[-1][0]):
+        levels.append((halve(levels[-1][0], search.is_whole), halve(levels[-1][1], search.is_whole)))
+    while len(levels) < halvings + NUM_SCALES and min(levels[-1][0].shape) >= 2 * MIN_SIDE:
+        levels.append((halve(levels[-1][0], search.is_whole), halve(levels[-1][1], search.is_whole)))
+    return levels
 
-    A level sees a part of all disparities, in which what is repeated may seem clear: the coarser ones, which see all,
+
+def _match_levels(levels: list[Pair], search: Search, halvings: int, jobs: int) -> list[Plane]:
+    """Return the disparity of each level: what it can reach itself, and what is nearer from coarser levels.
+
+    A level sees a part of all disparities, in which what is repeated may seem clear: the coarser ones, which see more,
     must find it clear, too.
     """
-    levels = [[top, bottom]]
-    while len(levels) <= halvings or not _is_reached(search, len(levels) - 1, levels[-1][0]):
-        levels.append([_halve(image, search.is_whole) for image in levels[-1]])
-    levels = levels[halvings:]
-    firsts = [int(np.floor(search.first_px / 2 ** (halvings + k))) for k in range(len(levels))]
-    found = np.full((1, 1), np.nan, np.float32)
+    found: list[Plane] = []
     for k in reversed(range(len(levels))):
-        own = find_clear_matches(levels[k][0], levels[k][1], firsts[k], is_whole=search.is_whole, jobs=jobs)
-        nearer = _fit(_double(found), own.shape)
+        first = _first_at(search, halvings + k)
+        own = find_clear_matches(levels[k][0], levels[k][1], first, is_whole=search.is_whole, jobs=jobs)
         coarser = own
-        for n in range(k + 1, len(levels)):
-            coarser = _fit(coarser[::2, ::2] / np.float32(2), levels[n][0].shape)
-            is_sure = is_clear(
-                levels[n][0], levels[n][1], coarser, firsts[n], MIN_COARSE_RATIO, is_whole=search.is_whole, jobs=jobs
-            )
+        for n in range(k + 1, min(k + 1 + NUM_CHECKS, len(levels))):
+            coarser = fit(coarser[::2, ::2] / np.float32(2), levels[n][0].shape)
+            begin = _first_at(search, halvings + n)
+            is_sure = is_clear(*levels[n], coarser, begin, MIN_COARSE_RATIO, is_whole=search.is_whole, jobs=jobs)
             coarser = np.where(is_sure, coarser, np.float32(np.nan))
             unsure = np.repeat(np.repeat(~is_sure, 2 ** (n - k), axis=0), 2 ** (n - k), axis=1)
-            own[_fit(unsure.astype(np.float32), own.shape) > 0] = np.nan
-        found = np.where(nearer > firsts[k] + NUM_DISPARITIES - 1 - BEYOND_PX, nearer, own)
+            own[fit(unsure.astype(np.float32), own.shape) > 0] = np.nan
+        if found:
+            nearer = fit(double(found[0]), own.shape)
+            own = np.where(nearer > first + NUM_DISPARITIES - 1 - BEYOND_PX, nearer, own)
+        found.insert(0, own)
     return found
+
+
+def _first_at(search: Search, level: int) -> int:
+    return int(np.floor(search.first_px / 2**level))
+
+
+def _keep_sure(matched: Plane, search: Search, edge_px: int) -> Plane:
+    """Return matches without stairs, and none near jumps and unknown regions."""
+    found = _smooth_around(matched, search.is_whole)
+    near_jump = _at_jumps(found, edge_px, is_whole=search.is_whole)
+    found[near_jump | _at_unknown(found, is_whole=search.is_whole)] = np.nan
+    return found
+
+
+def _keep_undenied(images: Pair, coarser: Disparity, first: int, search: Search, jobs: int) -> Disparity:
+    """Return what a coarser level knows where the finer images, undecided, do not find another disparity better.
+
+    So it is with patterns: blurred they may match in one place only, and wrongly.
+    """
+    is_least = is_clear(*images, coarser.value, first, MIN_AGREEMENT, is_whole=search.is_whole, jobs=jobs)
+    keep = is_least | (coarser.value > first + NUM_DISPARITIES - 1)
+    return Disparity(*(np.where(keep, plane, np.float32(np.nan)) for plane in (coarser.value, coarser.std)))
+
+
+def _prefer(finer: Disparity, coarser: Disparity) -> Disparity:
+    """Return the finer level's disparity, and the coarser one's where only that is known, or is much surer."""
+    with np.errstate(invalid="ignore"):
+        is_coarser = np.isnan(finer.value) | (coarser.std < SURER * finer.std)
+    pairs = ((finer.value, coarser.value), (finer.std, coarser.std))
+    return Disparity(*(np.where(is_coarser, theirs, own) for own, theirs in pairs))
+
+
+def _params_at(params: MatchParams, level: int) -> MatchParams:
+    """Return the noise that a level has: halving an image averages four pixels."""
+    return replace(params, noise=max(params.noise / 2**level, min(params.noise, LEAST_NOISE)))
 
 
 def _is_reached(search: Search, halvings: int, image: Image) -> bool:
@@ -216,22 +277,3 @@ def _at_unknown(disparity: Plane, *, is_whole: bool) -> NDArray[np.bool_]:
     large = cv2.morphologyEx(unknown, cv2.MORPH_OPEN, square)
     near = cv2.dilate(large, np.ones((2 * FROM_UNKNOWN + 1, 2 * FROM_UNKNOWN + 1), np.uint8))
     return near[:, margin:-margin] > 0
-
-
-def _halve(image: Image, is_whole: bool) -> Image:
-    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
-    height, width = image.shape
-    half = cv2.pyrDown(cv2.copyMakeBorder(image, 0, 0, 4, 4, border))[: height // 2, 2 : 2 + width // 2]
-    # pixel k of the half is centred on pixel 2 k, not between 2 k and 2 k + 1: the refinement takes that up
-    return np.ascontiguousarray(half)
-
-
-def _double(disparity: Plane) -> Plane:
-    return 2 * np.repeat(np.repeat(disparity, 2, axis=0), 2, axis=1)
-
-
-def _fit(plane: Plane, shape: tuple[int, ...]) -> Plane:
-    """Return the plane cut, or continued by NaN, to a shape."""
-    plane = plane[: shape[0], : shape[1]]
-    missing = [(0, side - found) for side, found in zip(shape, plane.shape, strict=True)]
-    return np.pad(plane, missing, constant_values=np.nan) if plane.shape != shape else plane

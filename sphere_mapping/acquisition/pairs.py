@@ -6,6 +6,7 @@ then has the same column in both.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -16,17 +17,19 @@ from numpy.typing import NDArray
 from sphere_geometry import SE3, Rig, RigCamera, Spherical
 from sphere_geometry.camera import pixel_grid
 from sphere_mapping.acquisition.epipolar import range_from_disparity, search_of, upright
-from sphere_mapping.acquisition.fusion import Ranged
+from sphere_mapping.acquisition.fusion import MAX_DEVIATIONS, Ranged, fuse_sources
 from sphere_mapping.acquisition.kernels import splat_window
 from sphere_mapping.acquisition.matching import match_columns
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.views import RigView
 
 Image = NDArray[np.uint8]
+Flags = NDArray[np.bool_]
 
 HALF_WIDTH_DEG, HALF_HEIGHT_DEG = 75.0, 50.0  # half of the view of a pair across and along its baseline
 EDGE_PX = 4  # as the matching's own, and one more: what one pair leaves out another one may see
 MIN_BASELINE_M = 0.02  # cameras closer to each other are no pair
+MIN_VOTES = 0.4  # of the pairs that see a direction, must agree on its range
 MIN_SHARED = 0.03  # of all directions, seen by both cameras of a pair
 FEW, FAR_M = Spherical(128, 64), 1e6  # directions at which views are compared
 
@@ -44,6 +47,7 @@ class Pair:
     is_usable: NDArray[np.bool_]
     rays: NDArray[np.float32]  # (h, w, 3), in the frame of the sphere
     pixels: NDArray[np.float32]  # (h, w, 2), where the sphere has them
+    sees: Flags  # (H, W), which directions of the sphere both cameras see
 
 
 def pairs_of(rig: Rig, rig_views: dict[str, RigView], whole: Spherical, params: StitchParams) -> list[Pair]:
@@ -109,7 +113,32 @@ def _pair(a: RigCamera, b: RigCamera, rig_views: dict[str, RigView], params: Sti
         is_usable,
         rays_sphere.astype(np.float32),
         whole.project(rays_sphere)[0].astype(np.float32),
+        _on_sphere(is_usable, window, R, whole),
     )
+
+
+def _on_sphere(is_usable: NDArray[np.bool_], window: Spherical, R: NDArray[np.float64], whole: Spherical) -> Flags:
+    """Return what is usable in a window whose frame is turned by R, at the pixels (H, W) of the whole sphere."""
+    pixels, is_inside = window.project(whole.unproject(pixel_grid(whole)) @ R)
+    u, v = (np.nan_to_num(pixels[..., k], nan=-1e4).astype(np.float32) for k in (0, 1))
+    return is_inside & (cv2.remap(is_usable.astype(np.uint8), u, v, cv2.INTER_NEAREST) > 0)
+
+
+def fuse_pairs(pairs: Sequence[Pair], sources: Sequence[Ranged]) -> Ranged:
+    """Return the range (H, W) that enough of the pairs which see a direction agree on.
+
+    A pattern, or an edge before a bare wall, misleads one pair; the next one looks from elsewhere and is misled
+    elsewhere, or not at all.
+    """
+    range_m, std_m = fuse_sources(sources)
+    votes, voters = np.zeros(range_m.shape, np.float32), np.zeros(range_m.shape, np.float32)
+    for pair, (own_m, own_std_m) in zip(pairs, sources, strict=True):
+        with np.errstate(invalid="ignore"):
+            is_near = np.abs(own_m - range_m) <= MAX_DEVIATIONS * np.hypot(own_std_m, std_m)
+        votes += is_near | (np.isinf(own_m) & np.isinf(range_m))
+        voters += pair.sees
+    is_denied = votes < MIN_VOTES * voters
+    return np.where(is_denied, np.float32(np.nan), range_m), np.where(is_denied, np.float32(np.nan), std_m)
 
 
 def range_of_pair(pair: Pair, images: dict[str, Image], whole: Spherical, params: StitchParams, jobs: int) -> Ranged:

@@ -70,6 +70,26 @@ def test_a_pattern_that_repeats_beyond_a_level_is_not_measured_by_it():
     assert np.isfinite(found.value[150:-80, 30:-30]).mean() < 0.02
 
 
+def test_texture_too_faint_for_a_fine_level_is_measured_by_a_coarser_one(monkeypatch):
+    top = texture(5, blur=5.0, contrast=5)
+    both = match(top, np.roll(top, -12, axis=0), noise=NOISE)
+    monkeypatch.setattr(matching, "NUM_SCALES", 1)
+    fine = match(top, np.roll(top, -12, axis=0), last_px=40.0, noise=NOISE)
+    inner = np.s_[40:-30, 30:-30]
+    shares = [np.isfinite(found.value[inner]).mean() for found in (fine, both)]
+    assert shares[1] > shares[0] + 0.2
+    known = np.isfinite(both.value[inner])
+    error = np.abs(both.value[inner][known] - 12)
+    assert np.mean(error > 3 * both.std[inner][known]) < 0.02
+
+
+def test_a_pattern_that_is_clear_only_when_blurred_is_denied_by_the_finer_level():
+    columns = np.broadcast_to(128 + 50 * np.sin(2 * np.pi * np.arange(SHAPE[0]) / 8.0)[:, None], SHAPE)
+    blurred = texture(6, blur=12.0, contrast=6)
+    found = match(columns + blurred, columns + np.roll(blurred, -12, axis=0))  # 12 is no multiple of 8
+    assert np.isfinite(found.value[64:]).mean() < 0.02
+
+
 def test_bare_walls_and_independent_noise_are_not_measured():
     bare = np.full(SHAPE, 120.0)
     assert np.isfinite(match(bare, bare).value).mean() < 0.01

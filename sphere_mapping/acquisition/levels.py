@@ -1,0 +1,75 @@
+"""Halved images of a matching, and how what one level knows is said at the size of another."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.acquisition.semi_global import Image, Plane
+
+Flags = NDArray[np.bool_]
+
+SIDE_PX = 4  # how far texture is looked for on the sides of a pixel
+SIDE_SHARE = 0.07  # of the squared slope on the most textured side, that is texture, too
+
+
+def halve(image: Image, is_whole: bool) -> Image:
+    """Return the image at half its size."""
+    height, width = image.shape
+    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    half = cv2.pyrDown(cv2.copyMakeBorder(image, 0, 0, 4, 4, border))[: height // 2, 2 : 2 + width // 2]
+    # pixel k of the half is centred on pixel 2 k, not between 2 k and 2 k + 1: the refinement takes that up
+    return np.ascontiguousarray(half)
+
+
+def double(disparity: Plane) -> Plane:
+    """Return a disparity at twice the size, every pixel four times."""
+    return 2 * np.repeat(np.repeat(disparity, 2, axis=0), 2, axis=1)
+
+
+def interpolate(plane: Plane, is_whole: bool) -> Plane:
+    """Return the plane at twice the size, linear between pixels, NaN beside NaN: pixel k is centred on pixel 2 k."""
+    right = np.roll(plane, -1, axis=1)
+    if not is_whole:
+        right[:, -1] = plane[:, -1]
+    wide = np.stack([plane, 0.5 * (plane + right)], axis=2).reshape(len(plane), -1)
+    below = np.concatenate([wide[1:], wide[-1:]])
+    return np.stack([wide, 0.5 * (wide + below)], axis=1).reshape(-1, wide.shape[1]).astype(np.float32)
+
+
+def fit(plane: Plane, shape: tuple[int, ...]) -> Plane:
+    """Return the plane cut, or continued by NaN, to a shape."""
+    plane = plane[: shape[0], : shape[1]]
+    missing = [(0, side - found) for side, found in zip(shape, plane.shape, strict=True)]
+    return np.pad(plane, missing, constant_values=np.nan) if plane.shape != shape else plane
+
+
+def usable_at(is_usable: Flags, level: int, shape: tuple[int, ...]) -> Flags:
+    """Return which pixels of a level are made of usable ones (H, W) only."""
+    if level == 0:
+        return is_usable
+    side = 2 ** (level + 1) + 1
+    eroded = cv2.erode(is_usable.astype(np.uint8), np.ones((side, side), np.uint8))
+    return fit(eroded[:: 2**level, :: 2**level].astype(np.float32), shape) > 0
+
+
+def has_texture_around(image: Image, is_whole: bool) -> Flags:
+    """Return the pixels (H, W) that have texture along the columns themselves, or on all four sides.
+
+    A block that reaches from a bare surface to the edge of another one shows the range of the edge. What is texture is
+    told by the most textured side, so that this holds for faint texture, too.
+    """
+    off, length = SIDE_PX - 1, 2 * SIDE_PX + 1
+    squares = np.square(cv2.Sobel(_pad(image, SIDE_PX + 2, is_whole), cv2.CV_32F, 0, 1, ksize=1) / 2)
+    middle = slice(SIDE_PX + 2, -SIDE_PX - 2)
+    before, after = slice(SIDE_PX + 2 - off, -SIDE_PX - 2 - off), slice(SIDE_PX + 2 + off, -SIDE_PX - 2 + off)
+    upright, level = (cv2.boxFilter(squares, -1, size) for size in ((3, length), (length, 3)))
+    sides = [upright[middle, before], upright[middle, after], level[before, middle], level[after, middle]]
+    enough = np.float32(SIDE_SHARE) * np.maximum.reduce(sides)
+    return (cv2.blur(squares, (3, 3))[middle, middle] >= enough) | (np.minimum.reduce(sides) >= enough)
+
+
+def _pad(image: Image, margin: int, is_whole: bool) -> Image:
+    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    return cv2.copyMakeBorder(image, margin, margin, margin, margin, border)
