@@ -32,7 +32,7 @@ bench-report: $(STAMPS)/wheels
 
 check: env
 	$(RUN)/ruff check .
-	$(RUN)/mypy $(PACKAGES)
+	$(RUN)/mypy $(PACKAGES) benchmarks
 	$(RUN)/pytest -q test/architecture test/config test/installation
 	scripts/check_colcon.sh
 

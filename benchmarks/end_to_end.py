@@ -138,7 +138,7 @@ def call(*words: object) -> None:
     said = io.StringIO()
     with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         try:
-            status = sphere_nav([str(word) for word in words])
+            status: object = sphere_nav([str(word) for word in words])
         except SystemExit as misuse:  # of argparse, which has written why
             status = misuse.code or 0
     if status != 0:
@@ -164,7 +164,7 @@ def overlapping(taught: Path, driven: Path) -> Sequence[int]:
     mapped = read_poses(taught, TRUTH).T_map_body
     optical = T_BODY_OPTICAL
     truth = read_poses(driven, TRUTH)
-    poses = dict(zip(truth.stamps_ns.tolist(), (pose @ optical for pose in truth.T_map_body), strict=True))
+    poses = dict(zip(truth.stamps_ns.tolist(), (truth.T_map_body[i] @ optical for i in range(len(truth))), strict=True))
     views = [mapped[i] @ optical for i in range(0, len(mapped.matrix), MAPPED_STEP)]
     found: list[int] = []
     with BagReader(driven) as bag:

@@ -104,7 +104,8 @@ class Drive:
         self.course, self.seed, self.has_odometry = course, seed, has_odometry
         self.rng = np.random.default_rng(seed)
         self.bus = OfflineBus()
-        self.localizer: Any = self.bus.add(DenseLocalizerNode, {"map": str(course.map), "every_image": True})
+        localizer: Any = self.bus.add(DenseLocalizerNode, {"map": str(course.map), "every_image": True})
+        self.localizer = localizer
         self.localizer.residual = SimpleNamespace(num_subscriptions=0)  # nobody looks at it
         self.follower: Any = self.bus.add(PathFollowerNode, {"enable_stamped_cmd_vel": True})
         self.vehicle = Vehicle(VehicleState(*course.pose(0.0)), VehicleParams(), ActuationParams())

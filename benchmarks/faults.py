@@ -196,7 +196,7 @@ def _laps(course: Course, count: int) -> list[Bound]:
         drive = Drive(course, 2000 + seed)
         _drive_off(drive)
         lost = np.random.default_rng(seed)
-        drive.images = lambda messages, lost=lost: messages if lost.random() >= 0.1 else []  # type: ignore[misc]
+        drive.images = lambda messages, lost=lost: messages if lost.random() >= 0.1 else []
         drive.gauge, began = Gauge([]), drive.now
         while drive.along < course.length - 4.0 and drive.now - began < 60 * SECOND:
             drive.run(0.5)

@@ -245,7 +245,9 @@ def _convert(message: Any) -> None:
 
 
 def _service_targets(samples: Samples) -> list[Target]:
-    follower, mcl, dense = (OfflineBus().add(kind) for kind in (PathFollowerNode, MclDepthNode, DenseLocalizerNode))
+    follower: Any = OfflineBus().add(PathFollowerNode)
+    mcl = OfflineBus().add(MclDepthNode)
+    dense = OfflineBus().add(DenseLocalizerNode)
     targets = [
         _service_target(follower, "load_trajectory", LoadTrajectory, path, lambda: follower.trajectories.follower.path)
         for path in (samples.tum, samples.path_csv)

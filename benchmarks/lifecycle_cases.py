@@ -157,7 +157,8 @@ class Bench:
             for _ in range(5):
                 self.executor.spin_once(timeout_sec=0.01)
             if not self.case.topic:
-                self.num_heard = self.shell.node.bag.num_messages
+                recorder: Any = self.shell.node
+                self.num_heard = recorder.bag.num_messages
         return self.num_heard > 0
 
     def close(self) -> None:

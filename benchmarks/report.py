@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import date
 from typing import Any
@@ -16,7 +17,7 @@ class Table:
 
     title: str
     columns: tuple[str, ...]
-    rows: list[tuple[str, ...]]
+    rows: Sequence[tuple[str, ...]]
 
     def markdown(self) -> str:
         """Return the table with its columns padded, so that it reads in a terminal too."""
@@ -71,7 +72,7 @@ class Report:
             return f"## {self.name}\n\nSkipped: {self.skipped}"
         parts = [table.markdown() for table in self.tables]
         if self.bounds:
-            rows: list[tuple[str, ...]] = [bound.cells for bound in self.bounds]
+            rows: Sequence[tuple[str, ...]] = [bound.cells for bound in self.bounds]
             parts.append(Table("Bounds", ROW, rows).markdown())
         return "\n\n".join([f"## {self.name}", *self.notes, *parts])
 

@@ -17,7 +17,7 @@ import logging
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from itertools import chain
-from typing import Any
+from typing import Any, TypeVar
 
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message, serialize_message
@@ -34,6 +34,8 @@ from node_kit.service import one_line
 from node_kit.subscription import Subscription
 from node_kit.throttle import ThrottledLog
 from typed_params import build
+
+Node = TypeVar("Node", bound=ManagedNode)
 
 
 class OfflinePublisher:
@@ -140,10 +142,10 @@ class OfflineBus:
 
     def add(
         self,
-        node_class: type[ManagedNode],
+        node_class: type[Node],
         values: Mapping[str, Any] | None = None,
         remap: Mapping[str, str] | None = None,
-    ) -> ManagedNode:
+    ) -> Node:
         """Make a node with parameters by dotted name and topics renamed; it is configured and active on return."""
         node = node_class(OfflineShell(self, node_class.NAME, values or {}, remap or {}))
         node.configure()

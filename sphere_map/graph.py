@@ -124,7 +124,7 @@ class SphereGraph:
         return SphereGraph(nodes, self._edges)
 
     def _distances(self, point: ArrayLike) -> tuple[Array, NDArray[np.int64]]:
-        """Return the distance of every key sphere from a point (3,), and the ids; 0.2 ms for ten thousand."""
+        """Return the distance of every key sphere from a point (3,), and the ids; half a millisecond for 10,000."""
         if self._index is None:
             ids = np.array(list(self._nodes), dtype=np.int64)
             self._index = np.array([node.T_map_sphere.translation for node in self]), ids
