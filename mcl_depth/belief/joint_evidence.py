@@ -2,8 +2,9 @@
 
 A pose of the map is moved by odometry from image to image, and what the images say of it is added up. Only whole
 cells and steps of headings are moved; what is left of the way is remembered for each heading, so nothing is rounded
-twice. Odometry errs: every second image a pose may also come from a neighbouring cell or heading, at a cost. That is
-the algorithm of Viterbi (1967) on the grid: each element holds the evidence of the best way that ends there.
+twice. Odometry errs: every second image, and after a long way, a pose may also come from a neighbouring cell or
+heading, at a cost. That is the algorithm of Viterbi (1967) on the grid: each element holds the evidence of the best
+way that ends there.
 """
 
 from __future__ import annotations
@@ -18,8 +19,9 @@ Array = NDArray[np.float64]
 Field = NDArray[np.float32]  # (A, X, Y) by heading and cell
 
 FORGETTING = np.float32(0.97)  # of what was known, with every image: some thirty images count
-COST = np.float32(1.0)  # of a step to the next cell or heading, in standard deviations of a field
+COST = np.float32(2.5)  # of a step to the next cell or heading, in standard deviations of a field
 STEP_EVERY = 2  # images
+WAY_SHARE, MAX_STEPS = 0.08, 3  # standard deviation of a way by odometry; cells that one way is followed beside it
 UNKNOWN = np.float32(0.0)  # evidence of a place that was off the map
 
 
@@ -61,8 +63,13 @@ class JointEvidence:
         self._rests = np.roll(self._rests - shifts * self._edge, turn, axis=0)
         moved = np.empty_like(total)
         shift_headings(total, shifts, turn, UNKNOWN, moved)
-        if self._num_images % STEP_EVERY:
-            return moved
-        relaxed = np.empty_like(total)
-        relax(moved, COST, relaxed)
-        return relaxed
+        for _ in range(self._num_steps(float(np.hypot(motion[0], motion[1])))):
+            relaxed = np.empty_like(total)
+            relax(moved, COST, relaxed)
+            moved = relaxed
+        return moved
+
+    def _num_steps(self, way: float) -> int:
+        """Return by how many cells odometry may have erred on a way, m: images that are far apart need more of them."""
+        far = int(WAY_SHARE * way / (0.5 * self._edge))
+        return min(max(far, int(self._num_images % STEP_EVERY == 0)), MAX_STEPS)

@@ -15,7 +15,7 @@ from mcl_depth.belief.evidence import (
     chance_of_mean_lead,
     find_maxima,
 )
-from mcl_depth.belief.joint_evidence import FORGETTING, JointEvidence
+from mcl_depth.belief.joint_evidence import COST, FORGETTING, JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
 
@@ -148,9 +148,18 @@ def test_odometry_may_err_by_a_cell_and_a_heading():
     field = np.zeros((NUM_HEADINGS, 12, 12), np.float32)
     field[0, 3, 5] = 6.0
     total = joint_of(field, [(0.0, 0.0, 0.0)] * 2)  # the second step relaxes
-    assert total[0, 4, 5] == total[1, 3, 5] == pytest.approx(FORGETTING * (6.0 * FORGETTING - 1.0))
-    assert total[1, 4, 5] == pytest.approx(FORGETTING * (6.0 * FORGETTING - 2.0))
+    assert total[0, 4, 5] == total[1, 3, 5] == pytest.approx(FORGETTING * (6.0 * FORGETTING - COST))
+    assert total[1, 4, 5] == pytest.approx(FORGETTING * (6.0 * FORGETTING - 2.0 * COST))
     assert total[2, 3, 5] == 0.0
+
+
+def test_images_that_are_far_apart_let_odometry_err_by_more_cells():
+    field = np.zeros((NUM_HEADINGS, 40, 12), np.float32)
+    field[0, 3, 5] = 20.0
+    assert np.count_nonzero(joint_of(field, [(1.0, 0.0, 0.0)])) == 1  # one metre, and no second image yet
+    total = joint_of(field, [(8.0, 0.0, 0.0)])  # two cells of half a metre
+    assert total[0, 21, 5] == total[0, 17, 5] == pytest.approx(FORGETTING * (20.0 - 2.0 * COST))
+    assert total[0, 22, 5] == 0.0
 
 
 def test_maxima_are_apart_and_two_headings_at_one_place_are_two():
