@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.flatness import REGIONS, fit_regions
 from benchmarks.machine import describe
 from benchmarks.range_worlds import CLASSES, Scene, make_scene
 from benchmarks.real_rigs import room
@@ -27,7 +28,6 @@ DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "spherical_ster
 KINDS = ("vertical", "ring")
 FAR_M = 30.0
 REAL_BASELINE_M = 0.2
-NEAR_PLANE = 0.05  # of the distance: points nearer to a plane than this belong to it
 Plane = NDArray[np.float32]
 
 
@@ -69,7 +69,8 @@ def run(options: argparse.Namespace) -> Report:
             Bound(f"{kind}: textured, measured right", 0.5, found[0].within_10_percent / found[0].there, "", True),
         ]
     bounds += [Bound(f"noise, blurred by {blur} px: measured", 0.01, _noise(blur), "") for blur in (0.0, 0.7, 1.5)]
-    bounds += _planes(options.range_data)
+    planes, table = _planes(options.range_data)
+    bounds, tables = bounds + planes, tables + table
     return Report("range_honesty", tables, bounds, [describe(options.threads), f"rooms {seeds}"])
 
 
@@ -141,46 +142,28 @@ def match_pair(top: NDArray[np.uint8], bottom: NDArray[np.uint8], baseline_m: fl
     return range_from_disparity(disparity, whole, baseline_m, params)
 
 
-def _planes(data: Path) -> list[Bound]:
-    """Fit planes to what is below and around of the real pairs; tell how flat they are."""
-    bounds = []
-    for name in ("real_room", "rendered_mp3d"):
+def _planes(data: Path) -> tuple[list[Bound], list[Table]]:
+    """Fit planes to regions of the real pairs; tell how flat they are."""
+    bounds, rows = [], []
+    for name in REGIONS:
         if not (data / name).is_dir():
             continue
         top, bottom = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in room(data / name))
         range_m, _ = match_pair(top, bottom, REAL_BASELINE_M)
         whole = Spherical(top.shape[1], top.shape[0])
-        rays = whole.unproject(pixel_grid(whole))
-        known = np.isfinite(range_m)
-        bounds.append(Bound(f"{name}: measured", 0.4, float(known.mean()), "", is_minimum=True))
-        for what, keep in (("floor", rays[..., 2] < -0.35), ("walls", np.abs(rays[..., 2]) < 0.3)):
-            points = rays[known & keep] * range_m[known & keep][:, None]
-            flatness, share = _flatness(points, 1 if what == "floor" else 4)
-            bounds.append(Bound(f"{name}: {what}, rms off the plane by distance ({share:.0%})", 0.01, flatness, ""))
-    return bounds
+        regions = fit_regions(name, range_m, whole.unproject(pixel_grid(whole)))
+        bounds.append(Bound(f"{name}: measured", 0.4, float(np.isfinite(range_m).mean()), "", is_minimum=True))
+        for kind in REGIONS[name]:
+            own = [region for region in regions if region.what.startswith(kind) and region.is_enough]
+            off = np.concatenate([np.zeros(0), *(region.off for region in own)])
+            what = f"{name}: {kind}, two thirds of the pixels off their plane by, of the distance ({len(own)} regions)"
+            bounds.append(Bound(what, 0.01, _quantile(off, 0.68), ""))
+        for region in regions:
+            flat = (f"{100 * _quantile(region.off, share):.2f}" for share in (0.5, 0.68, 0.95))
+            rows.append((name, region.what, f"{100 * region.measured:.0f}", *flat))
+    columns = ("recording", "region", "measured %", "half within, % of distance", "68 % within", "95 % within")
+    return bounds, [Table("Planes of recorded pairs", columns, rows)] if rows else []
 
 
-def _flatness(points: NDArray[np.float64], number: int) -> tuple[float, float]:
-    """Return the rms distance of points (N, 3) from the largest planes, by their range, and what share these hold."""
-    rng, errors, total = np.random.default_rng(1), [], len(points)
-    for _ in range(number):
-        if len(points) < 0.05 * total:
-            break
-        best = np.zeros(len(points), np.bool_)
-        for _ in range(300):
-            three = points[rng.integers(len(points), size=3)]
-            normal = np.cross(three[1] - three[0], three[2] - three[0])
-            normal = normal / max(float(np.linalg.norm(normal)), 1e-12)
-            off = np.abs((points - three[0]) @ normal) / np.linalg.norm(points, axis=1)
-            if np.count_nonzero(off < NEAR_PLANE / 3) > np.count_nonzero(best):
-                best = off < NEAR_PLANE / 3
-        weights = 1 / np.linalg.norm(points, axis=1)
-        for _ in range(3):
-            middle = np.average(points[best], axis=0, weights=weights[best])
-            normal = np.linalg.svd((points[best] - middle) * weights[best, None], full_matrices=False)[2][2]
-            off = np.abs((points - middle) @ normal) * weights
-            best = off < NEAR_PLANE
-        errors.append(off[best])
-        points = points[~best]
-    found = np.concatenate(errors)
-    return float(np.sqrt(np.mean(found**2))), found.size / total
+def _quantile(values: NDArray[np.float64], share: float) -> float:
+    return float(np.quantile(values, share)) if values.size else float("nan")

@@ -194,7 +194,7 @@ def _top_and_bottom(
 def _nuscenes(folder: Path, options: argparse.Namespace) -> list[Bound]:
     """As the file has it, and with the rig corrected by its own images; range by LiDAR."""
     rig, images, points_rig = nuscenes(folder)
-    params = build(StitchParams, {"width": 2048, "range": "none", "blend.distance_m": 20.0, "blend.min_known": 0.01})
+    params = build(StitchParams, {"width": 2048, "range": "none", "blend.distance_m": 20.0})
     stitcher = Stitcher(rig, params, jobs=options.threads)
     better = rectified(rig, stitcher.matches(images, RectifyParams(), points_rig), RectifyParams())
     corrected = Stitcher(better.rig, params, jobs=options.threads)

@@ -16,7 +16,6 @@ class BlendParams:
     num_passes: int = param(
         1, "matches of a vertical rig; 2 where its levels' cameras look different ways", low=1, high=3
     )
-    min_known: float = param(0.3, "share with range below which the image is not moved by it", low=0.0, high=1.0)
 
 
 @parameters

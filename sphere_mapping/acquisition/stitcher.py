@@ -38,6 +38,7 @@ from sphere_mapping.acquisition.rig_adjustment import Matches
 from sphere_mapping.acquisition.views import Layout, RigView, border_of, layout_of
 
 Image = NDArray[np.uint8]
+LEAST_KNOWN = 0.005  # share with range below which it moves nothing: what is known is right, but far from the most
 MAX_LAYOUTS = 8  # sets of cameras whose tables are kept
 
 
@@ -216,7 +217,7 @@ class Stitcher:
         """Return 1 / range everywhere, from known pixels around where unknown; None where too little is known."""
         known = ~np.isnan(range_m)
         share = np.count_nonzero(known) / max(int(np.count_nonzero(layout.is_covered)), 1)
-        if not known.any() or share < self.params.blend.min_known:
+        if not known.any() or share < LEAST_KNOWN:
             return None
         with np.errstate(divide="ignore"):
             inverse = fill((1.0 / range_m).astype(np.float32), known)

@@ -36,6 +36,14 @@ def test_image_and_range_are_those_of_the_scene(stitcher, images):
     assert found.missing == ()
 
 
+def test_little_range_moves_the_image_and_none_does_not(stitcher, images):
+    layout = stitcher.layout("top", tuple(images))
+    range_m = np.full((WIDTH // 2, WIDTH), np.nan, np.float32)
+    assert stitcher.inverse_of(range_m, layout) is None
+    range_m[::10, ::10] = 5.0
+    np.testing.assert_allclose(stitcher.inverse_of(range_m, layout), 0.2, rtol=1e-5)
+
+
 def test_no_seam_where_the_columns_wrap_around(stitcher, images):
     image = stitcher.stitch(images).sphere.image.astype(float)
     across, inside = np.abs(image[:, 0] - image[:, -1]), np.abs(np.diff(image, axis=1))
