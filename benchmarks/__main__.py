@@ -32,6 +32,7 @@ BENCHMARKS = {
     "pose_graphs": "benchmarks.pose_graphs",
     "pair_registration": "benchmarks.pair_registration",
     "long_map": "benchmarks.long_map",
+    "map_scaling": "benchmarks.map_scaling",
     "view_synthesis": "benchmarks.view_synthesis",
     "region": "benchmarks.region",
     "mcl_panoramas": "benchmarks.mcl_panoramas",

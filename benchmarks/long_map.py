@@ -52,8 +52,9 @@ class Drive:
 
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
-    """Declare the arguments; the worlds are those of `--world-seed` and of the next seed."""
+    """Declare the arguments; `--world-seed` is the first seed."""
     parser.add_argument("--drive-through", nargs="+", default=["town", "city"], help="worlds (town city)")
+    parser.add_argument("--drive-seeds", type=int, default=2, help="seeds of each world, from --world-seed on (2)")
     parser.add_argument("--drive-length", type=float, default=LENGTH_M, help="metres (%(default)s)")
     parser.add_argument("--drive-width", type=int, default=512, help="px of the spheres (%(default)s)")
 
@@ -63,7 +64,7 @@ def run(options: argparse.Namespace) -> Report:
     report = Report("long_map", notes=[describe(options.threads), __doc__ or ""])
     rows: list[tuple[str, ...]] = []
     for name in options.drive_through:
-        for seed in (options.world_seed, options.world_seed + 1):
+        for seed in range(options.world_seed, options.world_seed + options.drive_seeds):
             length = QUICK_M if options.quick else options.drive_length
             drive = map_drive(name, seed, length, options.drive_width)
             _judge(f"{name} {seed}, {length:.0f} m", drive, report, rows)

@@ -37,9 +37,11 @@ from sphere_nav_cli.map_truth import Truth, move_to_truth, transform_graph, trut
 from sphere_nav_cli.settings import parse_settings
 from sphere_nav_cli.sphere_source import CAMERAS, find_input
 from sphere_nav_cli.stereo_drive import find_field
-from sphere_nav_cli.stitcher_ahead import StitcherAhead
+from sphere_nav_cli.stitcher_ahead import StitcherAhead, stitch_apart
 from sphere_nav_cli.survey import check_survey
+from sphere_nav_cli.workers import Workers
 
+NUM_THREADS = 2  # of this process, which registers one sphere after the other
 OFFLINE_DEADLINE_S = 10.0  # of recording time: a recording may hold images as late as they were drawn or written
 HELP = """\
 Make a map of key spheres from a bag with spheres, RGB-D, stereo images, or the cameras of a rig.
@@ -84,7 +86,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     topics.add_options(parser)
     parser.add_argument("--no-loops", action="store_true", help="do not look for places seen twice")
-    parser.add_argument("--jobs", type=_positive, default=2, metavar="N", help="threads (%(default)s)")
+    parser.add_argument(
+        "--jobs", type=_positive, default=1, metavar="N", help="processes that stitch and look for loops (%(default)s)"
+    )
+    parser.add_argument(
+        "--scheduler", default="", metavar="ADDRESS", help="do that on a Dask cluster (needs distributed)"
+    )
     parser.add_argument("--trajectory", type=Path, metavar="F", help="write the pose of every sphere (TUM)")
     parser.add_argument("--taught", type=Path, metavar="F", help="write the vehicle's poses, for path_follower (TUM)")
     parser.add_argument(
@@ -101,28 +108,32 @@ def run(arguments: argparse.Namespace) -> int:
         raise BagError(f"{arguments.output}: expected no such file or folder, found one: --overwrite replaces a map")
     if arguments.extend and arguments.anchor != "first":
         raise BagError(f"--anchor: expected first, as --extend keeps the frame of its map, found {arguments.anchor}")
-    _use_threads(arguments.jobs)
+    cv2.setNumThreads(NUM_THREADS)
+    use_threads(NUM_THREADS)
     with ExitStack() as stack:
-        base = None
+        workers, base = stack.enter_context(Workers(arguments.jobs, arguments.scheduler)), None
         if arguments.extend:
             base = stack.enter_context(open_base(arguments.extend, arguments.output, rig_text(arguments)))
         writer = MapWriter(arguments.output, start_of(arguments), is_overwriting=arguments.overwrite)
         try:
-            return finish(arguments, map_drive(arguments, writer, first_id(base)), writer, base)
+            drive = map_drive(arguments, writer, first_id(base), workers)
+            return finish(arguments, drive, writer, base, workers)
         except (ValueError, OSError):  # an interrupted run leaves what it has, for `map-verify --salvage`
             writer.discard()
             raise
 
 
-def finish(arguments: argparse.Namespace, drive: MappedDrive, writer: MapWriter, base: MapReader | None) -> int:
+def finish(
+    arguments: argparse.Namespace, drive: MappedDrive, writer: MapWriter, base: MapReader | None, workers: Workers
+) -> int:
     """Close loops, join the drive to a map, compare with the truth, complete the map."""
     mapper, told = drive.node.mapper, list[str]()
     mapper.keep_end()
     if not arguments.no_loops:
-        mapper.close_loops()
+        mapper.close_loops(workers.run)
     index = mapper.appearance
     if base is not None:
-        extension = extend(base, mapper)
+        extension = extend(base, mapper, workers.run)
         index, told = extension.index, [extension.told]
     truth = truth_of(arguments.bag)
     T_new_map, graph, warnings = place(arguments, drive, truth)
@@ -179,7 +190,7 @@ def rig_text(arguments: argparse.Namespace) -> str:
     return arguments.rig.read_text(encoding="utf-8") if arguments.rig else ""
 
 
-def map_drive(arguments: argparse.Namespace, store: SphereStore, first: int) -> MappedDrive:
+def map_drive(arguments: argparse.Namespace, store: SphereStore, first: int, workers: Workers) -> MappedDrive:
     """Return the bag mapped from what it holds; BagError where no sphere comes of it."""
     given = {"mapper.loop.automatic": not arguments.no_loops, "mounting": arguments.mounting}
     values = given | parse_settings(arguments.settings)
@@ -196,7 +207,7 @@ def map_drive(arguments: argparse.Namespace, store: SphereStore, first: int) -> 
             kind = find_input(bag, chosen, has_rig=arguments.rig is not None)
         if kind == CAMERAS:
             stitcher = stitcher_values(bag, chosen, arguments)
-            drive = replay_mapper(bag, begin, values | {"input": "sphere"}, {}, stitcher)
+            drive = replay_mapper(bag, begin, values | {"input": "sphere"}, {}, stitcher, workers=workers)
         else:
             found = topics.find_topics(bag, TOPICS[kind], chosen)
             slack_s = topics.pairing_slack(bag, found[TOPICS[kind][0]])
@@ -221,10 +232,14 @@ def replay_mapper(
     remap: dict[str, str],
     stitcher: Node | None = None,
     pair: StereoPair | None = None,
+    workers: Workers | None = None,
 ) -> MappedDrive:
     """Play a bag to a mapper, behind a stitcher where that is given, or with a stereo pair's correction."""
     bus = OfflineBus(captured=set())
     stitching = None if stitcher is None else bus.add(StitcherAhead, *stitcher)
+    if stitcher is not None and workers is not None and workers.executor is not None:
+        assert isinstance(stitching, StitcherAhead)
+        stitching.coming_from = stitch_apart(bag.path, *stitcher, workers.executor, workers.num_ahead)
     node = bus.add(SphereMapper, values, remap)
     assert isinstance(node, SphereMapper)
     node.mapper = begin(node.params.mapper)
@@ -258,12 +273,7 @@ def stitcher_values(bag: BagReader, chosen: dict[str, str], arguments: argparse.
         raise BagError(f"{bag.path}: expected --rig with the rig file of its cameras, found none")
     remap = topics.find_rig_topics(bag, read_rig(arguments.rig).names, chosen)
     values = {"sync.deadline_s": OFFLINE_DEADLINE_S} | parse_settings(arguments.set_stitcher)
-    return values | {"rig": str(arguments.rig), "transport": "raw", "jobs": arguments.jobs}, remap
-
-
-def _use_threads(number: int) -> None:
-    cv2.setNumThreads(number)
-    use_threads(number)
+    return values | {"rig": str(arguments.rig), "transport": "raw", "jobs": NUM_THREADS}, remap
 
 
 def _size(path: Path) -> str:

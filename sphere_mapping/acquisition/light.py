@@ -23,6 +23,8 @@ STEP = 8  # px between which a falloff is interpolated
 HIGHLIGHTS, BRIGHT = 99.0, 250.0  # percentile of an image, and the grey level up to which a gain may raise it
 SLIGHT = 0.01  # falloff below which an image is left as it is
 
+Learned = tuple[Falloff, dict[str, NDArray[np.float32]]]
+
 
 class Light:
     """Learns the falloff of a rig's lenses from its first instants, and finds the gains of every instant anew.
@@ -41,7 +43,25 @@ class Light:
         self._angles, self._largest = zip(*(_angles(rig_view) for rig_view in rig_views), strict=True)
         self.falloff = Falloff([_kind(rig_view) for rig_view in rig_views])
         self._num_seen, self._lock = 0, Lock()
-        self._factors: dict[str, NDArray[np.float32]] = {}
+        self._factors: dict[str, NDArray[np.float32]] = {}  # by which an image is multiplied
+        self._coarse: dict[str, NDArray[np.float32]] = {}  # the same, one number for `STEP` px
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether nothing more is learned."""
+        return self._num_seen >= NUM_INSTANTS
+
+    @property
+    def learned(self) -> Learned:
+        """What other processes need to go on alike."""
+        return self.falloff, dict(self._coarse)
+
+    def resume(self, learned: Learned) -> None:
+        """Take over what another one has learned, all of it."""
+        self.falloff, factors = learned
+        self._num_seen = NUM_INSTANTS
+        for name, factor in factors.items():
+            self._use(name, factor)
 
     def balance(self, images: Mapping[str, Image]) -> tuple[dict[str, Image], dict[str, Array]]:
         """Return the images (h, w[, 3]) with light made equal, and the gain (channels,) of each camera."""
@@ -80,8 +100,12 @@ class Light:
             largest = max((float(part.max()) for part in reach if part.size), default=0.0)
             squares = np.minimum(np.square(self._angles[k] / self._largest[k]), largest)  # beyond, nothing is known
             factor = np.exp(-falloff(self.falloff.coefficients[k], squares)).astype(np.float32)
-            camera = self._rig_views[name].camera
-            self._factors[name] = cv2.resize(factor, (camera.width, camera.height)).astype(np.float32)
+            self._use(name, factor)
+
+    def _use(self, name: str, factor: NDArray[np.float32]) -> None:
+        camera = self._rig_views[name].camera
+        self._coarse[name] = factor
+        self._factors[name] = cv2.resize(factor, (camera.width, camera.height)).astype(np.float32)
 
     def _gains(self, seen: Comparison, shared: Sequence[Shared], channels: int) -> Array:
         """Return the factor (groups, channels) of each exposure, its colours by `MAX_WHITE_BALANCE` apart at most."""

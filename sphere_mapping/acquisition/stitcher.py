@@ -28,7 +28,7 @@ from sphere_mapping.acquisition.epipolar import (
 )
 from sphere_mapping.acquisition.fusion import Ranged, fill, fuse_sources, range_from_cloud, range_from_depth
 from sphere_mapping.acquisition.lens_check import check_lenses
-from sphere_mapping.acquisition.light import Light
+from sphere_mapping.acquisition.light import Learned, Light
 from sphere_mapping.acquisition.matching import match_columns
 from sphere_mapping.acquisition.pairs import fuse_pairs, pairs_of, range_of_pair, why_no_pair
 from sphere_mapping.acquisition.params import RectifyParams, StitchParams
@@ -67,7 +67,7 @@ class Stitcher:
             raise ValueError(f"stitch.width: expected a multiple of {align}, found {self.params.width}")
         self.whole = Spherical(self.params.width, self.params.width // 2)
         self.T_rig_sphere, self.baseline_m = sphere_frame(rig)
-        masks = masks or {}
+        self.masks = masks = dict(masks or {})
         self._rig_views = {
             part.name: RigView(
                 part.name,
@@ -85,6 +85,25 @@ class Stitcher:
         is_searched = self.params.range != "none" and not rig.is_vertical
         self.pairs = pairs_of(rig, self._rig_views, self.whole, self.params) if is_searched else []
         self.warning = why_no_pair(rig, self._rig_views) if is_searched and not self.pairs else ""
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether it has learned and checked all that it will: an instant then depends on nothing before."""
+        has_checked = self.params.range == "none" or (
+            self._has_lenses and (self._has_order or not self.rig.is_vertical)
+        )
+        return has_checked and (self._light is None or self._light.is_settled)
+
+    @property
+    def learned(self) -> Learned | None:
+        """What it has learned of the light, for `resume`."""
+        return self._light.learned if self._light is not None else None
+
+    def resume(self, learned: Learned | None) -> None:
+        """Go on where another stitcher of the rig, that had settled, was."""
+        self._has_order = self._has_lenses = True
+        if self._light is not None and learned is not None:
+            self._light.resume(learned)
 
     def stitch(
         self,

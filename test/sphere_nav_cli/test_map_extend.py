@@ -1,6 +1,11 @@
 """`sphere_nav map --extend`: a second drive is joined to a map where both saw the same places, or refused."""
 
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import redirect_stdout
 from dataclasses import replace
+from io import StringIO
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -48,16 +53,23 @@ def drives(tmp_path_factory):
     return folder
 
 
-def test_two_drives_are_one_map_and_the_first_one_stays_as_it_is(drives, tmp_path, capsys):
-    before = (drives / "taught" / "map.mcap").read_bytes()
-    words = ("--extend", drives / "taught", "--trajectory", tmp_path / "west.tum", *SETTINGS, *ALL_KEPT)
-    assert call("map", drives / "west", "-o", tmp_path / "both", *words) == 0
-    said = capsys.readouterr().out
-    assert f"joined to {drives / 'taught'}" in said
-    assert (drives / "taught" / "map.mcap").read_bytes() == before
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["both", "west.tum"]
-    assert verify_map(tmp_path / "both") == []
-    with open_map(tmp_path / "both") as both, open_map(drives / "taught") as taught:
+@pytest.fixture(scope="module")
+def joint(drives, tmp_path_factory):
+    """The second drive joined to the map of the first one, all key spheres kept."""
+    folder, taught = tmp_path_factory.mktemp("joint"), drives / "taught" / "map.mcap"
+    before = taught.read_bytes()
+    words = ("--extend", drives / "taught", "--trajectory", folder / "west.tum", *SETTINGS, *ALL_KEPT)
+    with redirect_stdout(StringIO()) as said:
+        assert call("map", drives / "west", "-o", folder / "both", *words) == 0
+    assert f"joined to {drives / 'taught'}" in said.getvalue()
+    assert taught.read_bytes() == before
+    return folder
+
+
+def test_two_drives_are_one_map_and_the_first_one_stays_as_it_is(drives, joint):
+    assert sorted(path.name for path in joint.iterdir()) == ["both", "west.tum"]
+    assert verify_map(joint / "both") == []
+    with open_map(joint / "both") as both, open_map(drives / "taught") as taught:
         assert set(taught.graph.nodes) < set(both.graph.nodes)
         assert both.info.source == "east + west"
         truth = {START + k * PERIOD: pose for k, pose in enumerate(EAST)}
@@ -65,8 +77,29 @@ def test_two_drives_are_one_map_and_the_first_one_stays_as_it_is(drives, tmp_pat
         errors = [float(node.T_map_sphere.distance(truth[node.stamp_ns])[0]) for node in both.graph]
         assert np.sqrt(np.mean(np.square(errors))) < 0.01  # m, of all key spheres: the map's frame is the truth's
         assert any(edge.is_loop for edge in both.graph.edges)
-    driven = read_tum(tmp_path / "west.tum")
+    driven = read_tum(joint / "west.tum")
     assert max(float(a.distance(b)[0]) for a, b in zip(driven.T_map_body, WEST, strict=True)) < 0.02
+
+
+def test_processes_and_a_cluster_make_the_same_map_bit_for_bit(drives, joint, tmp_path, monkeypatch):
+    class Client:
+        def __init__(self, address, timeout):
+            assert address == "tcp://here:8786"
+
+        def scheduler_info(self):
+            return {"workers": {"one": {}, "two": {}}}
+
+        def get_executor(self, pure):
+            return ThreadPoolExecutor(2)
+
+        def close(self):
+            pass
+
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=Client))
+    words = ("--extend", drives / "taught", *SETTINGS, *ALL_KEPT)
+    for name, options in {"two": ("--jobs", 2), "cluster": ("--scheduler", "tcp://here:8786")}.items():
+        assert call("map", drives / "west", "-o", tmp_path / name, *words, *options) == 0
+        assert (tmp_path / name / "map.mcap").read_bytes() == (joint / "both" / "map.mcap").read_bytes()
 
 
 def refused(capsys, *words):

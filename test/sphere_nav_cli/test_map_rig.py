@@ -80,6 +80,19 @@ def test_a_drive_of_six_cameras_is_mapped(drive, tmp_path, capsys):
         assert 1.0 < np.median(sphere.range_m[sphere.measured]) < 30.0
 
 
+def test_stitching_in_processes_gives_the_same_map_bit_for_bit(drive, tmp_path):
+    words = (
+        *SETTINGS,
+        "--set-stitcher",
+        "stitch.blend.has_gains=false",
+    )  # nothing to learn: all but the first go there
+    for jobs in (1, 2):
+        output = ("-o", tmp_path / f"{jobs}", "--jobs", jobs)
+        assert call("map", drive / "bag", *output, "--rig", drive / "rig.yaml", *words) == 0
+    one, two = ((tmp_path / f"{jobs}" / "map.mcap").read_bytes() for jobs in (1, 2))
+    assert one == two
+
+
 @pytest.fixture
 def scene(tmp_path):
     """One instant of another rig, and its file."""

@@ -6,12 +6,13 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from sphere_nav_cli.stitcher_ahead import StitcherAhead
+from sphere_mapping.acquisition import apart
+from sphere_nav_cli.stitcher_ahead import Scout, StitcherAhead
 
 
-def make(stitch):
+def make(stitch, kind=StitcherAhead):
     """Return a stitcher without a rig, and the list of what it publishes."""
-    node, published = StitcherAhead.__new__(StitcherAhead), []
+    node, published = kind.__new__(kind), []
     node.pool, node.coming = ThreadPoolExecutor(1), deque()
     node.stitcher = SimpleNamespace(stitch=stitch)
     node.publish = published.append
@@ -41,6 +42,25 @@ def test_what_cannot_be_stitched_is_told_where_its_sphere_is_due():
     with pytest.raises(ValueError, match="top_left"):
         node.publish_last()
     assert published == []
+
+
+def test_a_scout_sends_instants_elsewhere_once_nothing_more_is_learned(monkeypatch):
+    scout, _ = make(None, Scout)
+    stitched, sent = [], []
+
+    def stitch(images, stamp, points, depths):
+        stitched.append(stamp)
+        scout.stitcher.is_settled = len(stitched) == 3
+        return SimpleNamespace(sphere=stamp)
+
+    scout.stitcher = SimpleNamespace(stitch=stitch, is_settled=False)
+    scout.executor = SimpleNamespace(submit=lambda function, task: sent.append((function, task.stamp_ns, task.recipe)))
+    monkeypatch.setattr(apart, "recipe_of", lambda stitcher: b"learned")
+    for stamp in range(5):
+        scout.stitch(instant(stamp))
+    assert stitched == [0, 1, 2]
+    assert sent == [(apart.stitch, 3, b"learned"), (apart.stitch, 4, b"learned")]
+    assert [future.result() for future in list(scout.coming)[:3]] == [0, 1, 2]
 
 
 def test_its_thread_ends_with_it():

@@ -1,0 +1,165 @@
+"""What a key sphere costs in maps of 100, 1,000 and 10,000: memory, time to add, to look up, to write, to adjust.
+
+The spheres are synthetic and small (64 x 32). Their features are drawn from a town's worth of descriptors, with noise,
+300 a sphere; they stand a metre apart on a way that comes back to itself, with a loop to an older sphere every tenth.
+Times are CPU of one thread, those of adding and writing of the last hundred spheres; alignment and stitching, which
+know nothing of the map's size, are in `mapping_times`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.machine import describe
+from benchmarks.report import Bound, Report, Table
+from node_kit.map_bag import open_map
+from node_kit.map_writer import MapWriter
+from sphere_geometry import SE3, Spherical
+from sphere_map.appearance.features import Features
+from sphere_map.appearance.index import AppearanceIndex
+from sphere_map.graph import Edge, KeySphere, SphereGraph
+from sphere_map.sphere import Sphere
+from sphere_mapping.graph.loop_closure import Candidate, choose
+from sphere_mapping.graph.optimum import optimize_map
+
+HELP = "maps of 100 to 10,000 key spheres: memory, time to add, look up, write and adjust (a quarter of an hour)"
+SIZES, QUICK_SIZES = (100, 1000, 10_000), (100, 1000)
+NUM_FEATURES, NUM_KINDS, NOISE = 300, 20_000, 12.0  # of a sphere; of descriptors in the world; grey levels of bytes
+CAMERA = Spherical(64, 32)
+LAP, LOOP_STEP = 97, 10  # spheres until the way is back where it was; between two loops
+INFORMATION = np.diag(np.repeat([1 / 0.01**2, 1 / 0.002**2], 3))
+TAIL, NUM_ASKED = 100, 20
+
+Array = NDArray[np.float64]
+
+
+@dataclass
+class Cost:
+    """Of one size: CPU seconds by step, megabytes of memory and of the file."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    memory_mb: float = 0.0
+    file_mb: float = 0.0
+
+
+def add_arguments(parser: argparse._ArgumentGroup) -> None:
+    """Declare the arguments."""
+    parser.add_argument("--map-sizes", type=int, nargs="+", default=list(SIZES), help="key spheres (100 1000 10000)")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Build maps of all sizes."""
+    sizes = QUICK_SIZES if options.quick else options.map_sizes
+    costs = {size: measure(size) for size in sizes}
+    steps = list(costs[sizes[0]].seconds)
+    rows = [(f"{step}, ms", *(f"{1e3 * costs[size].seconds[step]:.1f}" for size in sizes)) for step in steps]
+    rows.append(("memory, kB a sphere", *(f"{1e3 * costs[size].memory_mb / size:.0f}" for size in sizes)))
+    rows.append(("file, kB a sphere", *(f"{1e3 * costs[size].file_mb / size:.0f}" for size in sizes)))
+    report = Report("map_scaling", notes=[describe(options.threads), __doc__ or ""])
+    report.tables.append(Table("Key spheres", ("CPU, one thread", *(f"{size:,}" for size in sizes)), rows))
+    smallest, largest = costs[sizes[0]], costs[sizes[-1]]
+    report.bounds += [
+        Bound(f"{sizes[-1]:,} key spheres: {step}", limit, 1e3 * largest.seconds[step], "ms")
+        for step, limit in (
+            ("add to the index", 60.0),
+            ("look up", 100.0),
+            ("write", 20.0),
+            ("adjust at the end", 60_000.0),
+        )
+    ]
+    growth = largest.memory_mb / sizes[-1] / max(smallest.memory_mb / sizes[0], 1e-9)
+    report.bounds.append(Bound(f"memory a sphere at {sizes[-1]:,} over that at {sizes[0]}", 1.2, growth, ""))
+    return report
+
+
+def measure(size: int) -> Cost:
+    """Build a map of so many spheres."""
+    rng, cost = np.random.default_rng([size, 9]), Cost()
+    kinds = rng.integers(0, 256, (NUM_KINDS, 128), np.uint8)
+    before = resident_mb()
+    index = AppearanceIndex()
+    adding = [timed(lambda k=k: index.add(k, features_of(k, kinds, rng))) for k in range(size)]
+    cost.memory_mb = resident_mb() - before
+    asked = [features_of(int(k), kinds, rng) for k in rng.integers(0, size, NUM_ASKED)]
+    cost.seconds["add to the index"] = float(np.mean(adding[-TAIL:]))
+    cost.seconds["look up"] = float(np.mean([timed(lambda one=one: index.find(one, 4)) for one in asked]))
+    graph = graph_of(size, rng)
+    found = [Candidate(size - 1 - LAP, SE3.identity(), 60)]
+    cost.seconds["choose among candidates"] = float(np.mean([timed(lambda: choose(graph, size - 1, found))] * 3))
+    adjust(graph, cost)
+    write(graph, index, cost)
+    return cost
+
+
+def adjust(graph: SphereGraph, cost: Cost) -> None:
+    """Adjust the graph as at its end, all at once."""
+    cost.seconds["adjust at the end"] = timed(lambda: optimize_map(graph))
+
+
+def write(graph: SphereGraph, index: AppearanceIndex, cost: Cost) -> None:
+    """Write the map as it grows, and open it."""
+    rng = np.random.default_rng(1)
+    with tempfile.TemporaryDirectory() as folder:
+        writer, times = MapWriter(Path(folder) / "map"), []
+        for node in graph:
+            image = rng.integers(1, 256, (CAMERA.height, CAMERA.width), np.uint8)
+            sphere = Sphere(image, np.full(image.shape, 5.0, np.float32), CAMERA, node.stamp_ns)
+            edges = [edge for edge in graph.edges[node.id - 1 : node.id] if node.id == max(edge.a, edge.b)]
+            times.append(timed(lambda node=node, edges=edges, sphere=sphere: writer.add(node, edges, sphere)))
+        cost.seconds["write"] = float(np.mean(times[-TAIL:]))
+        path: list[Path] = []
+        cost.seconds["complete the map, a sphere"] = timed(
+            lambda: path.append(writer.finish(graph, appearance=index))
+        ) / len(graph)
+        cost.file_mb = sum(file.stat().st_size for file in path[0].iterdir()) * 1e-6
+        cost.seconds["open the map, a sphere"] = timed(lambda: open_map(path[0]).close()) / len(graph)
+
+
+def features_of(place: int, kinds: NDArray[np.uint8], rng: np.random.Generator) -> Features:
+    """Return what is seen at a place: its own descriptors, with noise, as seen from there."""
+    own = np.random.default_rng([place, 10])
+    chosen = own.choice(len(kinds), NUM_FEATURES, replace=False)
+    azimuth, elevation = own.uniform(-np.pi, np.pi, NUM_FEATURES), own.uniform(-0.7, 0.9, NUM_FEATURES)
+    rays = np.stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=1
+    )
+    seen = kinds[chosen] + rng.normal(0, NOISE, (NUM_FEATURES, 128))
+    descriptors = np.clip(np.rint(seen), 0, 255).astype(np.uint8)
+    return Features(rays.astype(np.float32), np.full(NUM_FEATURES, 8.0, np.float32), descriptors)
+
+
+def graph_of(size: int, rng: np.random.Generator) -> SphereGraph:
+    """Return a way that comes round again and again, as it was measured, with its loops."""
+    turn = 2 * np.pi / LAP
+    step = SE3.from_planar(1.0, 0.0, turn)
+    poses, edges = [SE3.identity()], list[Edge]()
+    scale = np.repeat([0.01, 0.002], 3)
+    for k in range(1, size):
+        measured = step @ SE3.exp(scale * rng.normal(size=6))
+        poses.append(poses[-1] @ measured)
+        edges.append(Edge(k - 1, k, measured, INFORMATION))
+    for k in range(LAP, size, LOOP_STEP):
+        edges.append(Edge(k - LAP, k, SE3.exp(scale * rng.normal(size=6)), INFORMATION, is_loop=True))
+    return SphereGraph([KeySphere(k, k, pose) for k, pose in enumerate(poses)], edges)
+
+
+def timed(function: Callable[[], object]) -> float:
+    """Return the CPU seconds of a call."""
+    begun = time.process_time()
+    function()
+    return time.process_time() - begun
+
+
+def resident_mb() -> float:
+    """Return the memory of this process in MB."""
+    with open("/proc/self/statm", encoding="ascii") as file:
+        return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") * 1e-6
