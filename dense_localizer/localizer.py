@@ -2,14 +2,12 @@
 
 For each instant: check the images, predict where they were taken, choose references by distance alone (eq. 17), align
 with two at once (eq. 19), judge the result, update the state; before the first pose and after a loss, search. Poses
-leave this package only in TRACKING and DEGRADED. Decisions depend on images and stamps alone. Several cameras that are
-fixed to one another have one pose, that of their body.
+leave this package only in TRACKING and DEGRADED. Decisions depend on images and stamps alone. Cameras may be several.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 from typing import Any
 
 from numpy.typing import NDArray
@@ -19,12 +17,11 @@ from dense_localizer.estimate import Estimate, Frame, estimate_of, status_of
 from dense_localizer.inputs import CameraImage, Inputs
 from dense_localizer.motion_prior import MotionPrior, Prediction
 from dense_localizer.params import LocalizerParams
-from dense_localizer.place import Place, locate
+from dense_localizer.place import Place
 from dense_localizer.reference import References, SphereMap
 from dense_localizer.search import Search
+from dense_localizer.tracker import Tracker
 from localization import FINE, Finding, Reason, StateMachine, Status
-from photometric.rig import RigImage
-from photometric.rotation import register_rig_rotation
 from sphere_geometry import SE3, Camera
 
 
@@ -34,12 +31,10 @@ class Localizer:
     def __init__(self, params: LocalizerParams, sphere_map: SphereMap) -> None:
         self.params = params
         self.references = References(sphere_map, params)
-        self._inputs = Inputs(params)
-        self._prior = MotionPrior(params.prior)
+        self._inputs, self._prior = Inputs(params), MotionPrior(params.prior)
+        self._tracker = Tracker(self.references, params, self._prior)
         self._search = Search(self.references, params)
-        self._states = StateMachine(params.state)
-        self._doubts = Doubts(self.references, params)
-        self._before: tuple[RigImage, ...] = ()
+        self._states, self._doubts = StateMachine(params.state), Doubts(self.references, params)
 
     def reset(self) -> None:
         """Forget pose, stream, losses and wishes."""
@@ -51,8 +46,8 @@ class Localizer:
         self._search.ask(T_map_camera)
         self._doubts.forget()
         self._states.search()
-        stamp_ns = self._inputs.stream.last_stamp_ns
-        return self._start(Frame(stamp_ns, FINE, self._before, None)) if stamp_ns and self._before else None
+        stamp_ns, images = self._inputs.stream.last_stamp_ns, self._tracker.images
+        return self._start(Frame(stamp_ns, FINE, images, None)) if stamp_ns and images else None
 
     def refuse(self, stamp_ns: int, finding: Finding) -> Estimate:
         """Take note of an image that cannot even be read; a stamp that is none moves nothing."""
@@ -83,7 +78,7 @@ class Localizer:
         self._search.forget()
         self._doubts.forget()
         self._states.reset()
-        self._before = ()
+        self._tracker.forget()
 
     def _step(self, frame: Frame) -> Estimate:
         self._doubts.drive(frame, self._states.state)
@@ -91,21 +86,16 @@ class Localizer:
             self._states.lose()  # nobody knows what happened meanwhile
             self._search.lost(self._prior.predict(frame.stamp_ns, frame.T_odom_camera).T_map_camera)
         estimate = self._follow(frame) if self._states.is_following else self._start(frame)
-        self._before = frame.images
+        self._tracker.remember(frame)
         return estimate
 
     def _follow(self, frame: Frame) -> Estimate:
-        """Carry the pose from the last image to this one; the likeliest prediction first, others where it fails."""
+        """Carry the pose from the last image to this one."""
         if not frame.images:
             return self._go_blind(frame, frame.finding)
-        turn = partial(register_rig_rotation, frame.images, self._before, self.params.registration)  # eq. 20
-        first, images, is_thorough = None, frame.images, self._doubts.is_due(self._states.state)
-        for prediction in self._prior.predictions(frame.stamp_ns, frame.T_odom_camera, turn):
-            place = locate(images, self.references, self.params, prediction.T_map_camera, prediction, is_thorough)
-            if place.verdict.is_accepted:
-                return self._accept(frame, place, prediction)
-            first = first or place
-        return self._go_blind(frame, first.verdict.finding if first else FINE, first)
+        place, prediction = self._tracker.locate(frame, is_thorough=self._doubts.is_due(self._states.state))
+        go_on = self._accept if place.verdict.is_accepted else self._propagate
+        return go_on(frame, place, prediction)
 
     def _accept(self, frame: Frame, place: Place, prediction: Prediction) -> Estimate:
         """Go on from a good alignment; good as it is, what preceded it may ask for care."""
@@ -114,6 +104,16 @@ class Localizer:
         self.references.look_ahead(place.T_map_camera, self._prior.velocity)
         self._states.confirm(frame.stamp_ns, is_good=finding.reason is Reason.NONE)
         return self._estimate(frame.stamp_ns, finding if finding.reason else frame.finding, place)
+
+    def _propagate(self, frame: Frame, refused: Place, prediction: Prediction) -> Estimate:
+        """Go on by the last image where the map does not fit (M15 section 5.3), else from the prediction."""
+        place = self._tracker.propagate(frame, refused, prediction) if self._states.is_trusted else None
+        if place is None:
+            return self._go_blind(frame, refused.verdict.finding, refused)
+        pose = place.T_map_camera, place.covariance, frame.stamp_ns, frame.T_odom_camera, place.noise
+        self._prior.correct(*pose, is_by_map=False)
+        self._states.refuse(is_lost=not place.is_certain)
+        return self._estimate(frame.stamp_ns, place.verdict.finding, place)
 
     def _go_blind(self, frame: Frame, finding: Finding, place: Place | None = None) -> Estimate:
         """Go on from the prediction, for a while."""

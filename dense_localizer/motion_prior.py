@@ -35,6 +35,7 @@ class Prediction:
     defies_odometry: bool = False  # made without the odometry that was there
     is_doubtful: bool = False  # made because a likelier one failed
     T_map_aligned: SE3 | None = None  # pose of the last alignment
+    growth: Array | None = None  # covariance (6, 6) of the motion since then
 
     def finding(self) -> Finding:
         """Return what makes a pose found from this prediction one to use with care."""
@@ -51,12 +52,12 @@ class Prediction:
     @property
     def is_certain(self) -> bool:
         """Whether the position is known well enough to go on from."""
-        return self.sigma_m <= MAX_SIGMA_M
+        return sigma_m(self.covariance) <= MAX_SIGMA_M
 
-    @property
-    def sigma_m(self) -> float:
-        """Largest standard deviation of the position in metres."""
-        return float(np.sqrt(np.linalg.eigvalsh(self.covariance[:3, :3])[-1]))
+
+def sigma_m(covariance: Array) -> float:
+    """Return the largest standard deviation of the position in metres."""
+    return float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
 
 
 class MotionPrior:
@@ -73,6 +74,7 @@ class MotionPrior:
         self._noise: Array = np.zeros((6, 6))  # of the last alignment
         self._held: Prediction | None = None  # pose at the last image, aligned or predicted
         self._aligned: Prediction | None = None  # pose at the last alignment
+        self._confirmed_ns = 0  # stamp of the last alignment with the map
         self._T_odom_aligned: SE3 | None = None
         self._T_odom_held: SE3 | None = None
 
@@ -87,13 +89,13 @@ class MotionPrior:
         return self.velocity is None or float(np.linalg.norm(self.velocity[:3])) > MOVING_SPEED
 
     def age(self, stamp_ns: int) -> float:
-        """Return the seconds since the last alignment, 0 before the first."""
-        return (stamp_ns - self._aligned.stamp_ns) * 1e-9 if self._aligned is not None else 0.0
+        """Return the seconds since the last alignment with the map, 0 before the first."""
+        return (stamp_ns - self._confirmed_ns) * 1e-9 if self._aligned is not None else 0.0
 
     def start(self, T_map_camera: SE3, covariance: Array, stamp_ns: int, T_odom_camera: SE3 | None = None) -> None:
         """Begin at a found pose, with unknown velocity."""
         self.velocity = self.velocity_covariance = None
-        self._noise = covariance
+        self._noise, self._confirmed_ns = covariance, stamp_ns
         self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
         self._T_odom_held = self._T_odom_aligned = T_odom_camera
 
@@ -111,19 +113,26 @@ class MotionPrior:
             T_held_now = SE3.from_parts(T_before_now.rotation, T_held_now.translation)
         T_map_camera = held.T_map_camera @ T_held_now
         Ad = (T_map_camera.inverse() @ aligned.T_map_camera).adjoint()
-        covariance = Ad @ aligned.covariance @ Ad.T + np.diag(self._growth(blind_s, T_odom_camera) ** 2)
-        return Prediction(T_map_camera, covariance, stamp_ns, step_s, blind_s, T_map_aligned=aligned.T_map_camera)
+        growth = np.diag(self._growth(blind_s, T_odom_camera) ** 2)
+        covariance, before = Ad @ aligned.covariance @ Ad.T + growth, aligned.T_map_camera
+        return Prediction(T_map_camera, covariance, stamp_ns, step_s, blind_s, T_map_aligned=before, growth=growth)
 
     def predictions(
-        self, stamp_ns: int, T_odom_camera: SE3 | None, turn: Callable[[], SE3 | None]
+        self,
+        stamp_ns: int,
+        T_odom_camera: SE3 | None,
+        refine: Callable[[SE3], SE3 | None],
+        measure: Callable[[], SE3 | None],
     ) -> Iterator[Prediction]:
         """Yield predictions, the likeliest first: by odometry or velocity, turned as measured, standing still.
 
-        `turn` measures the rotation since the last image (M15 eq. 20); it is asked only if the first one fails.
+        `refine` measures the rotation since the last image (M15 eq. 20) where the images do not support a predicted
+        motion; `measure` does in any case, and is asked only if the first one fails.
         """
         moved = self.predict(stamp_ns, T_odom_camera)
-        yield moved
-        T_before_now = turn()
+        T_before_now = refine(self._motion(moved.step_s, T_odom_camera))
+        yield moved if T_before_now is None else self.predict(stamp_ns, T_odom_camera, T_before_now)
+        T_before_now = measure() if T_before_now is None else None
         if T_before_now is not None:
             yield replace(self.predict(stamp_ns, T_odom_camera, T_before_now), is_doubtful=True)
         if T_odom_camera is not None:
@@ -146,11 +155,13 @@ class MotionPrior:
         stamp_ns: int,
         T_odom_camera: SE3 | None = None,
         noise: Array | None = None,
+        *,
+        is_by_map: bool = True,
     ) -> None:
         """Go on from an accepted alignment; its motion since the one before is the new velocity.
 
         `noise` (6, 6) is the part of the covariance that is new with each image: an error of the map that two images
-        in a row share moves no velocity. None: all of it.
+        in a row share moves no velocity. None: all of it. One that is not by the map makes the pose no younger.
         """
         noise = covariance if noise is None else noise
         before = self._aligned
@@ -161,6 +172,8 @@ class MotionPrior:
         self._noise = noise
         self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
         self._T_odom_held = self._T_odom_aligned = T_odom_camera
+        if is_by_map:
+            self._confirmed_ns = stamp_ns
 
     def _motion(self, step_s: float, T_odom_camera: SE3 | None) -> SE3:
         if T_odom_camera is not None and self._T_odom_held is not None:

@@ -19,6 +19,9 @@ class PriorParams:
 
     acceleration: float = param(5.0, "standard deviation, each axis", "m/s^2", low=0.01)
     angular_acceleration: float = param(10.0, "standard deviation, each axis", "rad/s^2", low=0.01)
+    max_blind_m: float = param(
+        10.0, "way by the last images alone, where the map does not fit, until LOST", "m", low=0.0
+    )
     odometry_error: float = param(0.05, "error of odometry as share of the motion", low=0.0, high=1.0)
 
 

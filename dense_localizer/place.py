@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.acceptance import Verdict, judge, refusal
-from dense_localizer.motion_prior import Prediction
+from dense_localizer.motion_prior import MAX_SIGMA_M, Prediction, sigma_m
 from dense_localizer.params import LocalizerParams
 from dense_localizer.reference import MIN_VISIBLE_SHARE, Choice, References
 from localization.status import Finding, Reason
@@ -42,6 +42,11 @@ class Place:
     def noise(self) -> NDArray[np.float64]:
         """The part (6, 6) of the covariance that the image brings, not the map."""
         return self.alignment.covariance if self.alignment is not None else self.covariance
+
+    @property
+    def is_certain(self) -> bool:
+        """Whether the position is known well enough to go on from."""
+        return sigma_m(self.covariance) <= MAX_SIGMA_M
 
     @property
     def ncc(self) -> float:

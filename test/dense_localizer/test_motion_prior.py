@@ -116,7 +116,7 @@ def test_other_predictions_follow_where_the_likeliest_fails():
         asked.append(1)
         return SE3.exp([0, 0, 0, 0.2, 0.1, 0])
 
-    predictions = prior.predictions(2 * STEP_NS, MOTION, turn)
+    predictions = prior.predictions(2 * STEP_NS, MOTION, lambda T_before_now: None, turn)
     likeliest = next(predictions)
     assert_same(likeliest.T_map_camera, truth[2])
     assert not likeliest.is_doubtful
@@ -127,6 +127,30 @@ def test_other_predictions_follow_where_the_likeliest_fails():
     assert_same(standing.T_map_camera, truth[1])
     assert likeliest.finding().reason == ""
     assert replace(likeliest, step_s=0.5).finding().reason == "GAP"
+
+
+def test_a_motion_that_images_do_not_support_is_turned_as_they_say():
+    prior, truth = moving()
+    prior.correct(truth[1], TIGHT, STEP_NS, T_odom_camera=SE3.identity())
+    turn, seen = SE3.exp([0, 0, 0, 0.2, 0.1, 0]), []
+
+    def refine(T_before_now):
+        seen.append(T_before_now)
+        return turn
+
+    first = next(prior.predictions(2 * STEP_NS, MOTION, refine, lambda: turn))
+    assert_same(seen[0], MOTION)
+    expected = truth[1] @ SE3.from_parts(turn.rotation, MOTION.translation)
+    assert_same(first.T_map_camera, expected)
+    assert not first.is_doubtful
+
+
+def test_a_pose_that_is_not_by_the_map_makes_the_pose_no_younger():
+    prior, truth = moving()
+    prior.correct(truth[1], TIGHT, STEP_NS)
+    prior.correct(truth[2], TIGHT, 2 * STEP_NS, is_by_map=False)
+    assert prior.age(3 * STEP_NS) == pytest.approx(2e-9 * STEP_NS)
+    assert_same(prior.last.T_map_camera, truth[2])
 
 
 def test_an_error_that_two_images_share_moves_no_velocity():
