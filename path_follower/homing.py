@@ -11,7 +11,7 @@ import math
 from path_follower.command import Command, Status
 from path_follower.follower import Follower
 from path_follower.obstacles import MIN_POINTS, points_on_arc, stopping_distance
-from path_follower.params import FollowerParams, HomingParams
+from path_follower.params import FollowerParams
 from path_follower.path import Pose2, ReferencePath
 from path_follower.reasons import FINE, Reason, Verdict
 from path_follower.safety import DEGRADED, TRUSTED
@@ -23,10 +23,9 @@ MAX_ANGLE = 1.2  # rad between heading and direction beyond which it cannot be d
 class HomingFollower(Follower):
     """Give it directions with `see`, time with `tick`; nothing moves before `start`."""
 
-    def __init__(self, params: FollowerParams | None = None, homing: HomingParams | None = None) -> None:
+    def __init__(self, params: FollowerParams | None = None) -> None:
         """Begin at standstill, not armed, not there yet."""
         super().__init__(params)
-        self.homing = homing or HomingParams()
         self.progress = self.distance_to_end = 0.0
         self.is_there = False
         self.mode.load()
@@ -95,8 +94,8 @@ class HomingFollower(Follower):
         age = min(max(now_ns - self.watch.pose_ns, 0) / 1e9, MAX_POSE_AGE)
         turned = self.limiter.last.yaw_rate(self.params.vehicle.wheelbase) * age
         angle = min(max(self.direction - turned, -math.pi / 2), math.pi / 2)
-        curvature = 2.0 * math.sin(angle) / self.homing.look_ahead
-        slow = self.params.speed.slow if self.watch.state == DEGRADED else self.homing.speed
+        curvature = 2.0 * math.sin(angle) / self.params.homing.look_ahead
+        slow = self.params.speed.slow if self.watch.state == DEGRADED else self.params.homing.speed
         if self.is_there:
             return 0.0, curvature
-        return max(min(self.homing.speed * math.cos(angle), slow), self.params.speed.creep), curvature
+        return max(min(self.params.homing.speed * math.cos(angle), slow), self.params.speed.creep), curvature

@@ -48,7 +48,7 @@ class PathFollowerNode(ManagedNode):
         self.heartbeat, self.beats = self.add_publisher("~/heartbeat", UInt64, qos.COMMAND), 0
         self.trajectories: TrajectoryIntake | None = None
         if p.source == "homing":
-            homing = HomingFollower(p, p.homing)
+            homing = HomingFollower(p)
             self.follower: Follower = homing
             self.intake: PoseIntake | DirectionIntake = DirectionIntake(self.endpoints, p, homing, self.answered)
         else:

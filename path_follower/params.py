@@ -108,7 +108,7 @@ class SafetyParams:
 class HomingParams:
     """Driving by direction (`homing.py`)."""
 
-    speed: float = param(0.6, "speed towards the next waypoint", "m/s", low=0.05)
+    speed: float = param(0.6, "speed towards the next waypoint", "m/s", low=0.05, is_live=True)
     look_ahead: float = param(2.5, "distance of the point on the direction that a circle leads to", "m", low=0.3)
 
 
@@ -122,6 +122,7 @@ class FollowerParams:
     speed: SpeedParams = group(SpeedParams)
     steering: SteeringParams = group(SteeringParams)
     safety: SafetyParams = group(SafetyParams)
+    homing: HomingParams = group(HomingParams)
 
 
 @parameters
@@ -135,7 +136,6 @@ class PathFollowerParams(FollowerParams):
         "what the vehicle drives by: its pose, an odometry in the map, or directions of mcl_depth (homing)",
         choices=("pose", "odometry", "homing"),
     )
-    homing: HomingParams = group(HomingParams)
     trajectory: str = param("", "file of the trajectory (.csv, .tum) to load at the start")
     enable_stamped_cmd_vel: bool = param(False, "cmd_vel is a TwistStamped, with the stamp of the pose it answers")
     is_quiet_when_idle: bool = param(False, "send no commands before the first start, so that others may drive")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ class Car:
 
     def __init__(self, pose=(0.0, 0.0, 0.0), goal=(8.0, 3.0), **homing):
         self.pose, self.goal, self.now = Pose2(*pose), goal, SECOND
-        self.follower = HomingFollower(PARAMS, HomingParams(**homing))
+        self.follower = HomingFollower(replace(PARAMS, homing=HomingParams(**homing)))
         self.command = None
 
     def direction(self):
@@ -63,6 +64,15 @@ def test_it_drives_to_where_it_is_told_and_stands_there(goal):
     assert car.command.status.verdict.reason is Reason.END_OF_PATH
     assert max(speeds) <= HomingParams().speed + 1e-9
     assert car.command.speed == 0.0
+
+
+def test_its_speed_changes_while_it_drives():
+    car = Car(goal=(30.0, 0.0)).begin()
+    for speed in (0.6, 0.3, 1.0):
+        car.follower.tune(replace(PARAMS, homing=HomingParams(speed=speed)))
+        for _ in range(40):
+            car.step()
+        assert car.command.speed == pytest.approx(speed, abs=0.01)
 
 
 def test_nothing_moves_before_the_start():
