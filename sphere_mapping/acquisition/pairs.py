@@ -128,9 +128,10 @@ def fuse_pairs(pairs: Sequence[Pair], sources: Sequence[Ranged]) -> Ranged:
     """Return the range (H, W) that enough of the pairs which see a direction agree on.
 
     A pattern, or an edge before a bare wall, misleads one pair; the next one looks from elsewhere and is misled
-    elsewhere, or not at all.
+    elsewhere, or not at all. The deviation is that of the surest: pairs share cameras, and so errors.
     """
-    range_m, std_m = fuse_sources(sources)
+    range_m, _ = fuse_sources(sources)
+    std_m = np.where(np.isfinite(range_m), np.fmin.reduce([std for _, std in sources]), np.float32(np.nan))
     votes, voters = np.zeros(range_m.shape, np.float32), np.zeros(range_m.shape, np.float32)
     for pair, (own_m, own_std_m) in zip(pairs, sources, strict=True):
         with np.errstate(invalid="ignore"):

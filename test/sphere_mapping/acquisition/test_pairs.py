@@ -30,6 +30,12 @@ def test_one_of_three_pairs_is_not():
     np.testing.assert_allclose(fuse([3.0, 3.05, NAN], [True, True, True]), 3.025, rtol=0.01)
 
 
+def test_pairs_that_agree_are_no_surer_than_the_surest_since_they_share_cameras():
+    sources = [(np.full((1, 1), 3.0, np.float32), np.full((1, 1), std, np.float32)) for std in (0.02, 0.02, 0.05)]
+    sees = [SimpleNamespace(sees=np.ones((1, 1), np.bool_))] * 3
+    assert fuse_pairs(sees, sources)[1][0, 0] == np.float32(0.02)
+
+
 def test_far_is_agreed_on_as_well():
     assert fuse([INF, INF, NAN, NAN], [True] * 4) == INF
     assert np.isnan(fuse([INF, NAN, NAN, NAN], [True] * 4))
