@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,11 +60,11 @@ class Scene:
         return found
 
 
-def make_scene(seed: int, kind: str, width: int) -> Scene:
-    """Return what a rig of a kind (vertical, ring) sees in the room of a seed."""
+def make_scene(seed: int, kind: str, width: int, lens: Mapping[str, object] | None = None) -> Scene:
+    """Return what a rig of a kind (vertical, ring) sees in the room of a seed; lens: parameters of its cameras."""
     rng = np.random.default_rng([seed, 71])
     mesh, kinds, size = _room(rng)
-    values = {"kind": kind, "width": width * 17 // 32, "height": width * 17 // 32}
+    values = {"kind": kind, "width": width * 17 // 32, "height": width * 17 // 32} | dict(lens or {})
     params = build(RigParams, values)
     rig = make_rig(params, seed)
     assert rig is not None

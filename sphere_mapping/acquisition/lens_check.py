@@ -68,29 +68,55 @@ class _Matches:
     pixels: tuple[Array, Array]
 
 
+@dataclass(frozen=True)
+class LensEvidence:
+    """Of how many common features which share fits the rig file, and the other lens that fits best."""
+
+    num: int
+    given: float = 0.0
+    other: float = 0.0
+    lens: str = ""
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether there are features enough to say anything."""
+        return self.num >= MIN_MATCHES
+
+    @property
+    def reason(self) -> str:
+        """What the images are of, if not of what the rig file says; empty: of that, or nobody knows."""
+        if self.is_enough and self.other > LEAST_SHARE and self.other > FACTOR * self.given:
+            return (
+                f"a {self.lens}: {self.other:.0%} of {self.num} common features fit it, {self.given:.0%} the rig file"
+            )
+        if self.num >= MANY and self.given < FITS_NOT:
+            return f"other cameras: {self.given:.0%} of {self.num} common features fit the rig file"
+        return ""
+
+
 def check_lenses(rig: Rig, images: Mapping[str, Image]) -> None:
     """Raise ValueError if what the grey images (h, w) share fits another lens model much better than the rig file's.
 
     Neighbours that look different ways see the same things by different parts of their lenses; the same focal length
     read as another model puts these things elsewhere. Cameras without common features say nothing.
     """
+    if reason := weigh_lenses(rig, images).reason:
+        models = ", ".join(sorted({part.camera.model for part in rig.cameras}))
+        raise ValueError(f"rig {rig.name}: lens: expected {models} (rig file), found images of {reason}")
+
+
+def weigh_lenses(rig: Rig, images: Mapping[str, Image]) -> LensEvidence:
+    """Return what the grey images (h, w) share, and whether the rig file or another lens explains it."""
     others = _other_lenses(rig)
     pairs = [pair for pair in combinations(images, 2) if any(_is_shared(one, *pair) for one in (rig, *others.values()))]
     matches = _match_all(images, pairs)
     num = sum(len(one.pixels[0]) for one in matches)
     if num < MIN_MATCHES:
-        return
-    given = _share_that_fits(rig, matches)
-    shares = {name: _share_that_fits(other, matches) for name, other in others.items()}
-    name, k1 = max(shares, key=lambda other: shares[other])
-    models = ", ".join(sorted({part.camera.model for part in rig.cameras}))
-    expected = f"rig {rig.name}: lens: expected {models} (rig file), found images of"
-    if shares[name, k1] > LEAST_SHARE and shares[name, k1] > FACTOR * given:
-        share = shares[name, k1]
-        lens = f"{name} of distortion {k1}" if k1 else name
-        raise ValueError(f"{expected} a {lens}: {share:.0%} of {num} common features fit it, {given:.0%} the rig file")
-    if num >= MANY and given < FITS_NOT:
-        raise ValueError(f"{expected} other cameras: {given:.0%} of {num} common features fit the rig file")
+        return LensEvidence(num)
+    shares = {lens: _share_that_fits(other, matches) for lens, other in others.items()}
+    name, k1 = max(shares, key=lambda lens: shares[lens])
+    lens = f"{name} of distortion {k1}" if k1 else name
+    return LensEvidence(num, _share_that_fits(rig, matches), shares[name, k1], lens)
 
 
 def _other_lenses(rig: Rig) -> dict[tuple[str, float], Rig]:

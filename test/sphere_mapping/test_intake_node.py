@@ -57,7 +57,8 @@ def test_every_kind_gives_spheres_with_stamp_and_frame(kind, source, frame_id, i
     ((found, frame, optical, _),) = node.caught
     assert found.stamp_ns == 1_300_000_000
     assert (frame, optical) == (frame_id, is_optical)
-    assert found.measured.mean() > 0.4
+    # spheres and RGB-D 0.81; stereo 0.495: its far walls are less sure than 1.5 %, see test_stereo
+    assert found.measured.mean() > (0.48 if kind == "stereo" else 0.75)
     assert {wanted.topic for wanted in node.inputs} == {*TOPICS[kind], DEPTH_INFO}
 
 

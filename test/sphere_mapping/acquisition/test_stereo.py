@@ -53,7 +53,9 @@ def test_the_sphere_has_the_range_of_the_room(pair):
     _, range_m = ROOM.cast(AT.translation, rays)
     error = np.abs(sphere.range_m / range_m - 1)[sphere.measured]
     assert sphere.stamp_ns == 9
-    assert sphere.measured.mean() > 0.5  # the left margin is outside of the right image, far walls are too uncertain
+    # 0.56: the window shows 0.79, 0.93 of these have a disparity; of a fourth of them, walls 6 m away, the deviation of
+    # 0.15 px that rectification may leave, and as much again on slanted lines, is above 1.5 % of the range
+    assert sphere.measured.mean() > 0.54
     assert np.median(error) < 0.01
     assert np.isfinite(sphere.range_std_m[sphere.measured]).all()
 
@@ -66,6 +68,7 @@ def test_a_wall_without_texture_is_not_measured():
 
 def test_far_things_are_not_measured_but_uncertain_ones_neither(pair):
     left, right, _ = pair
+    # the least deviation is what rectification may leave: 0.15 px of the 18 px that the nearest wall has, 0.9 %
     depth_m, relative_std = depth_from_stereo(left, right, CAMERA, BASELINE, StereoParams(max_relative_std=0.012))
     assert np.nanmax(relative_std[np.isfinite(depth_m)]) <= 0.012
     same, _ = depth_from_stereo(left, left, CAMERA, BASELINE, StereoParams())
