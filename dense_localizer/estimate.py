@@ -31,7 +31,8 @@ class Frame:
 class Estimate:
     """The news of one instant. Without trust there is no pose. The camera is the body of several ones.
 
-    covariance (6, 6) is that of xi in T_map_camera @ exp(xi); velocity (6,) is (v, omega) in the camera frame;
+    covariance (6, 6) is that of xi in T_map_camera @ exp(xi), relative to the map; odometry_covariance has in it what
+    the map has drifted since the camera was localised; velocity (6,) is (v, omega) in the camera frame;
     `place` is the attempt behind it, for whoever wants to look.
     """
 
@@ -41,6 +42,7 @@ class Estimate:
     velocity: NDArray[np.float64] | None = None
     velocity_covariance: NDArray[np.float64] | None = None
     place: Place | None = None
+    odometry_covariance: NDArray[np.float64] | None = None
 
     def at_place(self) -> Estimate:
         """Return it with the pose of the attempt behind it, trusted or not."""
@@ -54,9 +56,10 @@ class Estimate:
             return BaseEstimate(self.status)
         Ad = T_base_camera.adjoint()
         pose = self.status, self.T_map_camera @ T_base_camera.inverse(), Ad @ self.covariance @ Ad.T
+        way = Ad @ self.odometry_covariance @ Ad.T if self.odometry_covariance is not None else None
         if self.velocity is None or self.velocity_covariance is None:
-            return BaseEstimate(*pose)
-        return BaseEstimate(*pose, Ad @ self.velocity, Ad @ self.velocity_covariance @ Ad.T)
+            return BaseEstimate(*pose, odometry_covariance=way)
+        return BaseEstimate(*pose, Ad @ self.velocity, Ad @ self.velocity_covariance @ Ad.T, way)
 
 
 def estimate_of(status: Status, prior: MotionPrior, place: Place | None, *, is_trusted: bool) -> Estimate:
@@ -64,7 +67,10 @@ def estimate_of(status: Status, prior: MotionPrior, place: Place | None, *, is_t
     pose = prior.last
     if pose is None or not is_trusted:
         return Estimate(status, place=place)
-    return Estimate(status, pose.T_map_camera, pose.covariance, prior.velocity, prior.velocity_covariance, place)
+    velocity = prior.velocity, prior.velocity_covariance
+    return Estimate(
+        status, pose.T_map_camera, pose.covariance, *velocity, place, pose.covariance + prior.drift.covariance
+    )
 
 
 def status_of(state: State, stamp_ns: int, finding: Finding, age: float = 0.0, place: Place | None = None) -> Status:

@@ -31,7 +31,7 @@ class Localizer:
     def __init__(self, params: LocalizerParams, sphere_map: SphereMap) -> None:
         self.params = params
         self.references = References(sphere_map, params)
-        self._inputs, self._prior = Inputs(params), MotionPrior(params.prior)
+        self._inputs, self._prior = Inputs(params), MotionPrior(params.prior, sphere_map.graph)
         self._tracker = Tracker(self.references, params, self._prior)
         self._search = Search(self.references, params)
         self._states, self._doubts = StateMachine(params.state), Doubts(self.references, params)

@@ -12,9 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from dense_localizer.drift import MapDrift
 from dense_localizer.params import PriorParams
 from localization.status import FINE, Finding, Reason
 from sphere_geometry import SE3, FrameMotion
+from sphere_map.graph import SphereGraph
 
 Array = NDArray[np.float64]
 GAP_S = 0.3  # a longer pause between images is a gap
@@ -63,8 +65,9 @@ def sigma_m(covariance: Array) -> float:
 class MotionPrior:
     """The last pose, its velocity and what is not known about them."""
 
-    def __init__(self, params: PriorParams) -> None:
-        self._params = params
+    def __init__(self, params: PriorParams, graph: SphereGraph | None = None) -> None:
+        """`graph` is that of the map whose errors add up along the way."""
+        self._params, self.drift = params, MapDrift(graph)
         self.reset()
 
     def reset(self) -> None:
@@ -96,6 +99,7 @@ class MotionPrior:
         """Begin at a found pose, with unknown velocity."""
         self.velocity = self.velocity_covariance = None
         self._noise, self._confirmed_ns = covariance, stamp_ns
+        self.drift.start(T_map_camera)
         self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
         self._T_odom_held = self._T_odom_aligned = T_odom_camera
 
@@ -147,6 +151,7 @@ class MotionPrior:
     def hold(self, prediction: Prediction, T_odom_camera: SE3 | None = None) -> None:
         """Go on from the prediction: the image could not be aligned."""
         self._held, self._T_odom_held = prediction, T_odom_camera
+        self.drift.go(prediction.T_map_camera)
 
     def correct(
         self,
@@ -172,6 +177,7 @@ class MotionPrior:
         self._noise = noise
         self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
         self._T_odom_held = self._T_odom_aligned = T_odom_camera
+        self.drift.go(T_map_camera)
         if is_by_map:
             self._confirmed_ns = stamp_ns
 

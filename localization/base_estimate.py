@@ -18,6 +18,7 @@ class BaseEstimate:
     """The news of one image; without trust there is no pose.
 
     covariance (6, 6) is that of xi = (v, omega) in T_map_base @ exp(xi); velocity (6,) is that of the base.
+    odometry_covariance (6, 6) is that of the way since it was localised; None: `covariance`.
     """
 
     status: Status
@@ -25,3 +26,4 @@ class BaseEstimate:
     covariance: Array | None = None
     velocity: Array | None = None
     velocity_covariance: Array | None = None
+    odometry_covariance: Array | None = None

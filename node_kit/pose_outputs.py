@@ -74,7 +74,8 @@ class PoseOutputs:
             twist, twist_covariance = np.zeros(6), UNKNOWN_TWIST
         pose = conversions.se3_to_pose_with_covariance(T_map_base, covariance, stamp, self._frames[0])
         self._pose.publish(pose)
-        odometry = conversions.se3_to_odometry(T_map_base, covariance, stamp, self._frames, twist, twist_covariance)
+        way = covariance if estimate.odometry_covariance is None else estimate.odometry_covariance
+        odometry = conversions.se3_to_odometry(T_map_base, way, stamp, self._frames, twist, twist_covariance)
         self._odometry.publish(odometry)
         if self._transform is not None:
             self._transform.update(T_map_base, stamp)

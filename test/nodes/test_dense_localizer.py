@@ -131,6 +131,9 @@ def test_the_twist_is_that_of_the_base(map_path, pictures):
     expected = (before.inverse() @ last).log() / (STEP_NS * 1e-9)
     np.testing.assert_allclose(twist, expected, atol=2 * MAX_M / 0.05)  # two poses err, 0.05 s apart
     assert answer["/odometry"].twist.covariance[0] > 0
+    assert (
+        answer["/odometry"].pose.covariance[0] > answer["/pose"].pose.covariance[0] > 0
+    )  # the drift of the map is in it
 
 
 def test_with_odometry_the_transform_is_that_of_odom(map_path, pictures):

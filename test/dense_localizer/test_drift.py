@@ -1,0 +1,62 @@
+"""The covariance of a way by the map: that of its edges, summed as motions are, none where the camera stands."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from dense_localizer.drift import UNKNOWN, MapDrift, edge_variance
+from dense_localizer.map_error import EDGE
+from sphere_geometry import SE3
+from sphere_map.graph import Edge, KeySphere, SphereGraph
+from worlds.localizer import Run, drive, make_localizer
+
+SIGMA = np.repeat([0.004, 0.002], 3)
+
+
+def graph_of(poses) -> SphereGraph:
+    edges = [Edge(k, k + 1, a.inverse() @ b, np.diag(1.0 / SIGMA**2)) for k, (a, b) in enumerate(pairwise(poses))]
+    return SphereGraph([KeySphere(k, 1 + k, pose) for k, pose in enumerate(poses)], edges)
+
+
+def test_a_metre_errs_as_the_edges_say():
+    assert edge_variance(SphereGraph([])) == pytest.approx(UNKNOWN)
+    graph = graph_of([SE3.from_planar(2.0 * k, 0.0, 0.0) for k in range(4)])
+    np.testing.assert_allclose(edge_variance(graph), EDGE * SIGMA**2 / 2.0)
+
+
+def test_the_covariance_is_that_of_random_maps():
+    poses = [SE3.from_planar(1.0 * k, 0.05 * k * k, 0.1 * k) for k in range(9)]
+    drift, rng = MapDrift(graph_of(poses)), np.random.default_rng(2)
+    drift.start(poses[0])
+    for pose in poses[1:]:
+        drift.go(pose)
+    steps, sigma = [a.inverse() @ b for a, b in pairwise(poses)], np.sqrt(drift.per_metre)
+    ends = []
+    for _ in range(4000):
+        T = poses[0]
+        for step in steps:
+            length = np.linalg.norm(step.translation)
+            T = T @ step @ SE3.exp(rng.normal(0, sigma * np.sqrt(length)))
+        ends.append((poses[-1].inverse() @ T).log())
+    np.testing.assert_allclose(drift.covariance, np.cov(np.array(ends).T), atol=0.1 * drift.covariance.max())
+
+
+def test_standing_still_adds_nothing_and_a_start_forgets():
+    drift = MapDrift(graph_of([SE3.identity(), SE3.from_planar(1.0, 0.0, 0.0)]))
+    drift.start(SE3.identity())
+    drift.go(SE3.from_planar(3.0, 0.0, 0.0))
+    before = drift.covariance
+    for _ in range(5):
+        drift.go(SE3.from_planar(3.0, 0.0, 0.0))
+    np.testing.assert_array_equal(drift.covariance, before)
+    assert before[0, 0] > 0.0
+    drift.start(SE3.identity())
+    assert not drift.covariance.any()
+
+
+def test_odometry_grows_with_the_way_where_the_pose_does_not(room, room_map):
+    estimates = Run(room, make_localizer(room_map)).follow(drive(14))[4:]
+    extra = [np.trace((one.odometry_covariance - one.covariance)[:3, :3]) for one in estimates]
+    assert np.all(np.diff(extra) > 0)
+    assert estimates[-1].to_base(SE3.identity()).odometry_covariance is not None
