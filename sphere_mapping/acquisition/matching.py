@@ -33,7 +33,7 @@ BEYOND_PX = 3  # disparities this near to the largest of a level are left to the
 NUM_SCALES = 3  # levels that are matched at least
 NUM_CHECKS = 2  # coarser levels that must find a match clear, too
 MIN_COARSE_RATIO = 1.2  # of the least cost elsewhere to that of a match, seen at coarser levels
-MIN_AGREEMENT = 0.9  # of the least cost elsewhere to that of a coarser level's disparity, seen at a finer level
+MIN_AGREEMENT = 0.95  # of the least cost elsewhere to that of a coarser level's disparity, seen at a finer level
 SURER = 0.5  # of a finer level's deviation, below which a coarser level's disparity is preferred
 LEAST_NOISE = 0.7  # grey levels, of a halved image: rounding and interpolation
 
