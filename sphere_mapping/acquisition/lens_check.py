@@ -26,8 +26,11 @@ TOLERANCE_DEG = 0.75  # of a match from where the other camera may see the same 
 NEAREST_M, NUM_RANGES = 0.5, 48  # places along the ray of a feature
 FEW = Spherical(128, 64)  # directions at which views are compared
 MIN_SHARED = 0.03  # of all directions, seen by both cameras of a pair
-LEAST_SHARE, FACTOR = 0.4, 1.6  # of the matches that fit another lens, and by those that fit the rig file: it is that
-MANY, FITS_NOT = 100, 0.15  # matches of which no more fit the rig file: the images are of other cameras
+LEAST_SHARE, FACTOR = (
+    0.4,
+    1.4,
+)  # of the matches that fit another lens, and by those that fit the rig file: it is that one
+MANY, FITS_NOT = 100, 0.3  # matches of which no more fit the rig file: the images are of other cameras
 OTHERS: dict[str, tuple[type[Pinhole] | type[Fisheye], tuple[float, ...]]] = {
     "pinhole": (Pinhole, (-0.3, -0.15, 0.0, 0.1)),
     "fisheye": (Fisheye, (-0.1, -0.05, -0.02, 0.0, 0.02, 0.05)),
