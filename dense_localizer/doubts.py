@@ -1,7 +1,7 @@
 """What is asked of poses that look right: not of each image, but of all while the pose is not trusted.
 
 Does odometry agree (`odometry_check.py`), what do the residuals look like (`photometric/structure.py`), do the
-references agree (`map_error.py`)?
+references agree (`map_error.py`)? What is rejected again and again is counted (`rejections.py`).
 """
 
 from __future__ import annotations
@@ -13,16 +13,18 @@ from dense_localizer.params import LocalizerParams
 from dense_localizer.place import Place
 from dense_localizer.reference import References
 from localization.status import FINE, Finding, Reason, State
+from photometric.structure import view_residuals
 
 PERIOD = 10  # images in TRACKING, of which one is looked at closely
 MAP_PHASE = PERIOD // 2  # and another one placed by each reference alone: never both at once
+REJECTION_PHASE = PERIOD // 4  # and of another one is counted what the map does not explain
 
 
 class Doubts:
     """Keeps what earlier images told."""
 
     def __init__(self, references: References, params: LocalizerParams) -> None:
-        self._error, self._registration = references.error, params.registration
+        self._references, self._error, self._registration = references, references.error, params.registration
         self._odometry = OdometryCheck(params.prior.odometry_error)
         self._count = 0
 
@@ -50,6 +52,9 @@ class Doubts:
         self._count += 1
         if self._count % PERIOD == MAP_PHASE and place.alignment is not None:
             self._error.observe(place.images, place.alignment, self._registration, place.motion)
+        if self._count % PERIOD == REJECTION_PHASE and place.alignment is not None and place.verdict.is_good:
+            residuals = view_residuals(place.images, place.alignment, self._registration, place.motion)
+            self._references.count_rejections(place.T_map_camera.translation, residuals)
         sample = _sample(frame, place)
         findings = place.verdict.finding, prediction.finding(), self._odometry.find(sample) if sample else FINE
         return next((finding for finding in findings if finding.reason is not Reason.NONE), FINE)

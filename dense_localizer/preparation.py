@@ -34,6 +34,10 @@ class Preparation:
             del self._references[sphere_id]
             raise
 
+    def forget(self, sphere_id: int) -> None:
+        """Have a sphere prepared anew when it is asked for next."""
+        self._references.pop(sphere_id, None)
+
     def close(self) -> None:
         """End the thread; what is being prepared is the last."""
         self._thread.shutdown(wait=True, cancel_futures=True)

@@ -6,7 +6,7 @@ look elsewhere; it is passed over where it covers clearly less of the image than
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Protocol
@@ -19,6 +19,7 @@ from dense_localizer.map_error import MapError
 from dense_localizer.params import LocalizerParams
 from dense_localizer.preparation import Preparation
 from dense_localizer.recognition import NUM_ALIKE
+from dense_localizer.rejections import Rejections
 from photometric import Reference, RegistrationParams, View, prepare_reference
 from photometric.reference import ReferenceLevel, check_range
 from sphere_geometry import SE3, Camera, Spherical
@@ -37,6 +38,9 @@ NUM_POINTS = 150  # about as many points of the coarsest level tell what a parti
 NUM_AHEAD = 4  # key spheres prepared around where the camera will be
 AHEAD_S = 1.0  # s, when it will be there
 AHEAD_STEP_M = 0.2  # motion after which one looks ahead anew
+
+
+Residuals = tuple[View, NDArray[np.float64], NDArray[np.float64]]  # view, points (N, 3) in its axes, residuals (N,)
 
 
 class SphereMap(Protocol):
@@ -115,6 +119,7 @@ class References:
         self.coarse = CoarseReferences(sphere_map.coarse_spheres(), params.registration)
         self.error = MapError(sphere_map.graph, params.covariance)
         self._preparation = Preparation(self._prepare, params.reference.cache_size)
+        self.rejections = Rejections()
         self._looked_ahead: NDArray[np.float64] | None = None
 
     def close(self) -> None:
@@ -147,6 +152,15 @@ class References:
         distance, typical = distance_of(chosen[0], T_map_camera), self.coarse[chosen[0].id].typical_range_m
         return Choice(tuple(node.id for node in chosen), views, best, distance, typical, self._region(chosen[0]))
 
+    def count_rejections(self, place_map: NDArray[np.float64], residuals: Iterable[Residuals]) -> None:
+        """Count which squares of key spheres do not agree with an image; forget those that never do."""
+        for view, points, residual in residuals:
+            sphere_id = self.nearest(view.T_world_reference.translation, 1)[0].id
+            if self.rejections.is_due(sphere_id, place_map) and self.rejections.add(
+                sphere_id, place_map, points, residual
+            ):
+                self._preparation.forget(sphere_id)
+
     def look_ahead(self, T_map_camera: SE3, velocity: NDArray[np.float64] | None) -> None:
         """Have the key spheres prepared that a camera of some velocity (6,) will need; return at once."""
         step = np.zeros(6) if velocity is None else velocity * AHEAD_S
@@ -178,6 +192,9 @@ class References:
     def _prepare(self, sphere_id: int) -> Reference:
         """Read a sphere, prepare it and keep the salient pixels of its levels, sorted."""
         sphere = self._map.load_sphere(sphere_id)
+        unused = self.rejections.mask(sphere_id, sphere.camera)
+        if unused is not None:
+            sphere = replace(sphere, range_m=np.where(unused, np.float32(np.nan), sphere.range_m))
         reference = prepare_reference(sphere.grey, sphere.range_m, sphere.camera, self._registration)
         return Reference(tuple(salient(level, KEPT_SHARE) for level in reference.levels))
 

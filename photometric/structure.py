@@ -6,7 +6,7 @@ residuals that point to the centre of the image or away from it. Both are asked 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -82,6 +82,38 @@ def find_structure(
     motion: FrameMotion | None = None,
 ) -> Structure:
     """Look at an alignment of `register` with the same arguments; what it says of too few pixels is nothing."""
+    samples = _samples(pyramid, views, alignment, params, motion)
+    has_lens = not isinstance(pyramid.cameras[0], Spherical)
+    samples = [sample for sample in samples if len(sample.residual) >= MIN_PIXELS]
+    if not samples:
+        return Structure(0.0)
+    return Structure(_agreement(samples), *_stretch(samples, params, has_lens=has_lens))
+
+
+def view_residuals(
+    images: Sequence[RigImage], alignment: Alignment, params: RegistrationParams, motion: FrameMotion | None = None
+) -> Iterator[tuple[View, Array, Array]]:
+    """Yield each view of an alignment of `register_rig` with points (N, 3) of it, its axes, and residuals (N,)."""
+    first, share = 0, share_pixels(params, len(images))
+    for image in images:
+        part = slice(first, first + len(image.views))
+        pose, gains, biases = image.pose(alignment.T_world_camera), alignment.gains[part], alignment.biases[part]
+        own = replace(alignment, T_world_camera=pose, gains=gains, biases=biases)
+        samples = _samples(image.pyramid, image.views, own, share, image.motion(motion))
+        for view, sample in zip(image.views, samples, strict=True):
+            if len(sample.residual) >= MIN_PIXELS:
+                yield view, (view.T_world_reference.inverse() @ pose).apply(sample.points), sample.residual
+        first = part.stop
+
+
+def _samples(
+    pyramid: Pyramid,
+    views: Sequence[View],
+    alignment: Alignment,
+    params: RegistrationParams,
+    motion: FrameMotion | None,
+) -> list[_Sample]:
+    """Return some pixels of each view, warped into the image."""
     level = pyramid.levels[min(params.pyramid.finest, len(pyramid.levels) - 1)]
     twist = motion.twist(alignment.T_world_camera) if motion is not None else None
     T_camera_world = alignment.T_world_camera.inverse()
@@ -94,10 +126,7 @@ def find_structure(
         some = selection.blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, :, ::step].astype(np.float64)
         rows = some.transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)
         samples.append(_sample(rows, T_camera_reference, level, (gain, bias), twist))
-    samples = [sample for sample in samples if len(sample.residual) >= MIN_PIXELS]
-    if not samples:
-        return Structure(0.0)
-    return Structure(_agreement(samples), *_stretch(samples, params, has_lens=not isinstance(level.camera, Spherical)))
+    return samples
 
 
 def _sample(

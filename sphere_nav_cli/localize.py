@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from dense_localizer.node import DenseLocalizerNode
+from dense_localizer.rejections import Rejections
 from node_kit import conversions
 from node_kit.replay import OfflineBus
 from sphere_geometry import SE3
@@ -41,10 +43,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--initial-pose", metavar="x,y,z,qx,qy,qz,qw", help="pose of base_link in the map to start near"
     )
+    parser.add_argument("--rejections", metavar="FILE", help="also write what the images contradict, for map-forget")
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Localise every image; 1 if none could be localised."""
+    path, counted = arguments.rejections and Path(arguments.rejections), list[tuple[Rejections, str]]()
+    if path and path.exists():
+        raise ValueError(f"{path}: expected no such file, found one: it is not overwritten")
 
     def add_node(bus: OfflineBus, remap: dict[str, str], mounting: str) -> None:
         cameras = camera_names(remap)
@@ -54,10 +60,14 @@ def run(arguments: argparse.Namespace) -> int:
             | parse_settings(arguments.settings),
             remap,
         )
+        counted.append((node.localizer.references.rejections, str(node.maps.reader.info.map_id)))
         if arguments.initial_pose:
             give_initial_pose(node, arguments.initial_pose)
 
-    return localising.write_poses(arguments, localising.replay_localizer(arguments, TOPICS, add_node))
+    status = localising.write_poses(arguments, localising.replay_localizer(arguments, TOPICS, add_node))
+    for rejections, map_id in counted if path else ():
+        rejections.write(path, map_id)
+    return status
 
 
 def give_initial_pose(node: Any, text: str) -> None:

@@ -44,6 +44,7 @@ COMMANDS = (
     Command("map-info", "map_info", "tell what is in a map"),
     Command("map-verify", "map_verify", "check every sphere of a map, salvage a damaged one"),
     Command("map-export", "map_export", "write a map as point cloud, graph or trajectory"),
+    Command("map-forget", "map_forget", "make a new map without what drives have rejected again and again"),
     Command("view", "view", "look around in a map, in a web browser"),
     Command("evaluate", "evaluate", "compare estimated poses with the truth"),
     Command("plot", "plot", "draw what a localiser said: path, errors, states, timings"),
