@@ -26,6 +26,7 @@ HELP = "MCL through panoramas of a home: walks from every start, uniform particl
 Array = NDArray[np.float64]
 NEAR, CLOSE = 1.0, 0.5  # m, an end this close to the truth counts as found, or as close
 HEIGHT = 1.435  # of the camera, m
+PACE = 2.0  # m/s
 
 
 @dataclass(frozen=True)
@@ -112,19 +113,20 @@ def walk(
     """Return the error at the end of a walk from panorama `start`: m and rad."""
     rng = np.random.default_rng([seed, start])
     filter_ = Filter(replace(site.params, seed=int(rng.integers(1 << 30))), site.depth_map, site.area)
-    odometry, before = np.zeros(3), places[start].pose
+    odometry, before, seconds = np.zeros(3), places[start].pose, 1.0
     pose, true = odometry, before
     for index, number in enumerate(route(places, start, length)):
         true = places[number].pose
         motion = relative_motion(before, true)
         motion[:2] *= 1.0 + 0.05 * rng.standard_normal()
+        seconds += max(float(np.hypot(motion[0], motion[1])) / PACE, 0.5)
         motion[2] += np.radians(3.0) * rng.standard_normal() * (index > 0)
         odometry, before = compose_planar(odometry[None], motion)[0], true
         image = places[number].image
         if is_blind:
             image = np.random.default_rng([number, 7]).integers(0, 255, image.shape).astype(np.uint8)
         observation = Observation(
-            image, Spherical(1024, 512), (index + 1) * 10**9, np.eye(3), SE3.from_planar(*odometry)
+            image, Spherical(1024, 512), int(seconds * 1e9), np.eye(3), SE3.from_planar(*odometry)
         )
         belief = filter_.update(observation).belief
         assert belief is not None
