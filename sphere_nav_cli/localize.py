@@ -60,7 +60,8 @@ def run(arguments: argparse.Namespace) -> int:
             | parse_settings(arguments.settings),
             remap,
         )
-        counted.append((node.localizer.references.rejections, str(node.maps.reader.info.map_id)))
+        if node.localizer is not None and node.maps.reader is not None:
+            counted.append((node.localizer.references.rejections, str(node.maps.reader.info.map_id)))
         if arguments.initial_pose:
             give_initial_pose(node, arguments.initial_pose)
 

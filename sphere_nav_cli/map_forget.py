@@ -53,8 +53,15 @@ def run(arguments: argparse.Namespace) -> int:
             frame_id=info.header.frame_id,
         )
         with tqdm(total=len(reader.graph), desc="forget", unit="sphere", disable=None) as bar:
-            known = {"load_sphere": partial(load, reader, rejections), "appearance": reader.appearance()}
-            save_map(arguments.output, reader.graph, details, **known, progress=bar.update)
+            known = partial(load, reader, rejections), reader.appearance()
+            save_map(
+                arguments.output,
+                reader.graph,
+                details,
+                load_sphere=known[0],
+                appearance=known[1],
+                progress=bar.update,
+            )
     print(f"{arguments.output}: {len(shares)} key spheres, up to {max(shares):.1%} of their pixels forgotten")
     return 0
 
