@@ -34,6 +34,7 @@ HELP = "1.5 km of town and city, loops both ways: drift, error after closure, fa
 LENGTH_M, QUICK_M, SPACING_M, SPEED = 1500.0, 200.0, 1.0, 4.0  # m/s
 HEIGHT_M, NOISE = 1.6, 2.0  # m above the ground, grey levels
 RANGE_NOISE, FARTHEST_M = 1.5e-3, 60.0  # m/m^2: 0.2 px of a baseline of 0.4 m at 2048 px
+TOWN_LAP_M = 380.0  # of the drive, on which there is one lap to the left
 LANE_M, RADIUS_M = 1.75, 5.0  # to the right of the middle of the street; of turns, where there is room
 FALSE_M, FALSE_DEG = 0.3, 2.0  # error above which a loop joins what does not belong together
 OPPOSITE_DEG = 90.0
@@ -109,7 +110,7 @@ def draw(renderer: Renderer, pose: SE3, camera: Spherical, index: int, rng: np.r
     return Sphere(image, np.maximum(noisy, 0.1).astype(np.float32), camera, round(1e9 * index * SPACING_M / SPEED))
 
 
-def route(name: str, seed: int) -> Array:
+def route(name: str, seed: int, length: float) -> Array:
     """Return corners (K, 2) m of the drive: blocks to the left, over a crossing, blocks to the right."""
     lane = LANE_M
     if name == "town":
@@ -118,7 +119,8 @@ def route(name: str, seed: int) -> Array:
         left = [(e + lane, -lane), (e + lane, n + lane), (-lane, n + lane), (-lane, -lane)]
         right = [(lane, n - lane), (e - lane, n - lane), (e - lane, lane), (lane, lane)]
         over = [(-lane, -25.0), (lane, -25.0)]  # past the crossing, round, and back over it
-        return np.array([(-25.0, -lane), *left * 4, *over, *right * 20])[[k for k in range(3 + 16 + 80) if k != 16]]
+        laps = max(round(length / TOWN_LAP_M), 1)
+        return np.array([(-25.0, -lane), *(left * laps)[:-1], *over, *right * 20])
     w, f, n, x = -20.0, 40.0, 110.0, 120.0  # streets C, F and B, and the lane
     tour = [(x, -lane), (x, n + lane), (w - lane, n + lane), (w - lane, -lane)]
     turned = [(x, -lane), (x, n + lane), (f - lane, n + lane), (f - lane, lane), (w + lane, lane), (w + lane, n - lane)]
@@ -142,7 +144,7 @@ def path_of(corners: Array) -> Path:
 
 
 def _poses(name: str, seed: int, number: int) -> Iterator[SE3]:
-    path = path_of(route(name, seed))
+    path = path_of(route(name, seed, number * SPACING_M))
     above = SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M])
     for x, y, yaw, _ in path.at(SPACING_M * np.arange(number)):
         yield SE3.from_planar(float(x), float(y), float(yaw)) @ above

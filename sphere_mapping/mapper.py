@@ -13,9 +13,10 @@ from dataclasses import replace
 from photometric import Alignment
 from sphere_geometry import SE3
 from sphere_map.appearance.index import AppearanceIndex
-from sphere_map.graph import Edge, KeySphere, SphereGraph
+from sphere_map.graph import KeySphere, SphereGraph
 from sphere_map.sphere import Sphere
 from sphere_mapping.graph import keyframes
+from sphere_mapping.graph.incremental import IncrementalOptimum
 from sphere_mapping.graph.keyframes import why_key_sphere
 from sphere_mapping.graph.loop_closure import LoopCloser, with_loops
 from sphere_mapping.graph.progress import MapUpdate, Track
@@ -41,7 +42,7 @@ class Mapper:
         self._tracker = Tracker(self.params)
         self._bent: Unroll | None = None  # the first sphere, until it is known how the camera moved
         self._pictures = Pictures(store)
-        self._loops = LoopCloser(self.params, self.load_sphere)
+        self._loops, self._optimum = LoopCloser(self.params, self.load_sphere), IncrementalOptimum()
 
     @property
     def appearance(self) -> AppearanceIndex:
@@ -80,8 +81,8 @@ class Mapper:
     def close_loops(self, run: Run = map) -> int:
         """Find all places seen twice, verify them by alignment, correct the graph; return how many were found."""
         loops = self._loops.close(self.graph, run)
-        if loops:
-            self._correct(loops)
+        if loops or self._optimum.is_used:
+            self._correct(with_loops(self.graph, loops))
         return len(loops)
 
     def trajectory(self) -> Iterator[tuple[int, SE3]]:
@@ -137,14 +138,13 @@ class Mapper:
             self.graph.connect(edge)
         self._tracker.refer_to(node_id)
         if self.params.loop.automatic and (loop := self._loops.look(self.graph, current, node_id)):
-            self._correct([loop])
+            self._correct(self._optimum.with_loop(self.graph, loop))
         if self._bent is None:
             self._pictures.settle(self.graph)
 
-    def _correct(self, loops: list[Edge]) -> None:
-        """Add loop edges, and move everything to where all edges fit best."""
-        newest = self._tracker.references[0][0]
-        before, self.graph = self.graph, with_loops(self.graph, loops)
+    def _correct(self, corrected: SphereGraph) -> None:
+        """Take the graph with more loops, where everything is where all edges fit best."""
+        newest, before, self.graph = self._tracker.references[0][0], self.graph, corrected
         self._tracker.prior.move(self.graph[newest].T_map_sphere @ before[newest].T_map_sphere.inverse())
-        self.num_loops += len(loops)
+        self.num_loops += len(corrected.edges) - len(before.edges)
         self._pictures.correct(self.graph)

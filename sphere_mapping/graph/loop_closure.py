@@ -165,7 +165,7 @@ def near_pairs(
 
 def with_loops(graph: SphereGraph, loops: list[Edge]) -> SphereGraph:
     """Return the graph with loop edges added, at the poses that fit all edges best."""
-    return optimize_map(SphereGraph(graph, [*graph.edges, *loops])).graph if loops else graph
+    return optimize_map(SphereGraph(graph, [*graph.edges, *loops])).graph
 
 
 def _spread(ways: dict[int, float], best: Candidate, other: Candidate) -> float:
