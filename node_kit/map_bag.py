@@ -9,7 +9,7 @@ Everything is checked before it is believed: format version, sizes, checksums, t
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -20,6 +20,7 @@ from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
 
 from node_kit.bag_error import BagError
 from node_kit.bag_reader import BagReader
+from node_kit.compact_spheres import CompactSpheres
 from node_kit.conversions import message_to_sphere, sphere_to_message
 from node_kit.conversions.features import message_to_features
 from node_kit.conversions.graphs import message_to_graph
@@ -110,17 +111,19 @@ class MapReader:
             raise BagError(f"{self.path}: key sphere {sphere_id}: {error}") from None
         return sphere
 
-    def coarse_spheres(self) -> dict[int, Sphere]:
+    def coarse_spheres(self) -> Mapping[int, Sphere]:
         """Read all key spheres small, in one read; made from the spheres themselves where a map has none.
 
-        BagError if one is missing or damaged.
+        They stay compressed in memory. BagError if one is missing or damaged.
         """
+        found = CompactSpheres()
         if not self._bag.topics.get(COARSE):
-            return {node.id: coarse_sphere(self.load_sphere(node.id)) for node in self.graph}
-        found = {}
+            for node in self.graph:
+                found.add(sphere_to_message(coarse_sphere(self.load_sphere(node.id)), "", node.id))
+            return found
         for _, _, message in self._bag.messages([COARSE]):
             try:
-                found[int(message.id)] = message_to_sphere(message)
+                found.add(message)
             except ValueError as error:
                 raise BagError(f"{self.path}: coarse sphere {message.id}: {error}") from None
         if found.keys() != self.graph.nodes.keys():

@@ -20,6 +20,7 @@ from rclpy.task import Future
 
 from node_kit.files import share_file
 from node_kit.live import LiveShell, ShellParams
+from node_kit.memory import return_large_blocks
 from node_kit.node import ManagedNode
 from node_kit.service import one_line
 from typed_params.render import to_yaml
@@ -44,6 +45,7 @@ def run(
     if "--help" in words or "-h" in words:
         sys.stdout.write(help_text(node_class))
         return 0
+    return_large_blocks()
     if node_class.LARGE_MESSAGES:
         use_large_segment()
     with until_signal() as stopped:
