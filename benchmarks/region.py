@@ -18,8 +18,7 @@ from cycab_sim.renderer import Renderer
 from cycab_sim.worlds import build_world
 from dense_localizer.acceptance import judge
 from dense_localizer.params import LocalizerParams
-from dense_localizer.reference import KEPT_SHARE, salient
-from photometric import Reference, View, build_pyramid, prepare_reference, register
+from photometric import View, build_pyramid, prepare_reference, register
 from photometric.structure import find_structure
 from sphere_geometry import SE3, Pinhole, Spherical
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
@@ -94,7 +93,7 @@ def try_town(seed: int, num_spheres: int) -> list[Trial]:
 def try_sphere(sphere: Sphere, T: SE3, renderer: Renderer, rng: np.random.Generator) -> list[Trial]:
     """Try poses around one sphere, where nothing is in the way."""
     reference = prepare_reference(sphere.grey, sphere.range_m, sphere.camera, PARAMS.registration)
-    view = View(Reference(tuple(salient(level, KEPT_SHARE) for level in reference.levels)), T)
+    view = View(reference, T)
     radii = region_radii(sphere)
     trials = []
     for distance in np.linspace(0.5, FARTHEST_M, NUM_TRIED):

@@ -26,11 +26,10 @@ from sphere_geometry import SE3, Camera
 
 
 class Localizer:
-    """One camera, or several of one body, in one map."""
+    """One camera, or several of one body, in one map; live ones never wait for a key sphere, else runs are equal."""
 
-    def __init__(self, params: LocalizerParams, sphere_map: SphereMap) -> None:
-        self.params = params
-        self.references = References(sphere_map, params)
+    def __init__(self, params: LocalizerParams, sphere_map: SphereMap, *, is_live: bool = False) -> None:
+        self.params, self.references = params, References(sphere_map, params, is_live=is_live)
         self._inputs, self._prior = Inputs(params), MotionPrior(params.prior, sphere_map.graph)
         self._tracker = Tracker(self.references, params, self._prior)
         self._search = Search(self.references, params)
@@ -101,7 +100,7 @@ class Localizer:
         """Go on from a good alignment; good as it is, what preceded it may ask for care."""
         finding = self._doubts.find(frame, place, prediction)
         self._prior.correct(place.T_map_camera, place.covariance, frame.stamp_ns, frame.T_odom_camera, place.noise)
-        self.references.look_ahead(place.T_map_camera, self._prior.velocity)
+        self.references.look_ahead(place.T_map_camera, self._prior.velocity, is_rig=place.is_rig)
         self._states.confirm(frame.stamp_ns, is_good=finding.reason is Reason.NONE)
         return self._estimate(frame.stamp_ns, finding if finding.reason else frame.finding, place)
 
@@ -136,6 +135,7 @@ class Localizer:
         found = self._search.find(frame.images, frame.stamp_ns)
         if found.place is not None:
             self._prior.start(found.place.T_map_camera, found.place.covariance, frame.stamp_ns, frame.T_odom_camera)
+            self.references.look_ahead(found.place.T_map_camera, None, is_rig=found.place.is_rig)
             self._search.forget()
             self._doubts.begin(frame, found.place)
             self._states.start()

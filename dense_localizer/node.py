@@ -19,6 +19,7 @@ from node_kit.camera_intake import CameraIntake
 from node_kit.camera_stream import Picture
 from node_kit.localizer_node import LocalizerNode
 from node_kit.map_bag import MapReader
+from node_kit.memory import return_free_memory
 from node_kit.rig_intake import RigIntake
 from node_kit.run import run
 from photometric import warm_up
@@ -67,9 +68,10 @@ class DenseLocalizerNode(LocalizerNode):
 
     def use_map(self, reader: MapReader) -> None:
         """Localise in a map from now on."""
-        before, self.localizer = self.localizer, Localizer(self.params, reader)
+        before, self.localizer = self.localizer, Localizer(self.params, reader, is_live=self.shell.is_live)
         if before is not None:
             before.references.close()
+        return_free_memory()  # that of reading
 
     @property
     def is_ready(self) -> bool:

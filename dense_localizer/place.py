@@ -39,6 +39,11 @@ class Place:
     images: tuple[RigImage, ...] = ()
 
     @property
+    def is_rig(self) -> bool:
+        """Whether the pose is that of a body which carries the cameras, not that of the one camera."""
+        return len(self.images) != 1 or self.images[0].T_body_camera is not None
+
+    @property
     def noise(self) -> NDArray[np.float64]:
         """The part (6, 6) of the covariance that the image brings, not the map."""
         return self.alignment.covariance if self.alignment is not None else self.covariance
@@ -66,7 +71,10 @@ def locate(
 
     Where `is_thorough` the structure of the residuals is looked at, too.
     """
-    choices = [references.choose(one.pose(T_map_camera), one.pyramid.levels[0].camera) for one in images]
+    followed = prediction is not None
+    choices = [
+        references.choose(one.pose(T_map_camera), one.pyramid.levels[0].camera, is_followed=followed) for one in images
+    ]
     seen = tuple(replace(one, views=c.views) for one, c in zip(images, choices, strict=True) if c.views)
     choice = join(choices)
     if not seen:

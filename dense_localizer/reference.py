@@ -1,5 +1,9 @@
 """The key spheres that an image is aligned to: chosen by distance alone (M15 eq. 17), prepared once, kept for a while.
 
+They come and go around the camera: those of the way ahead are read and prepared by another thread, the longest unused
+make room; their pixels are chosen by a third before an image asks. An image of a live camera never waits for either: it
+is aligned to what is there.
+
 A whole sphere sees in every direction, so translation is all that counts. A partial sphere (one camera's view) may
 look elsewhere; it is passed over where it covers clearly less of the image than others do.
 """
@@ -8,21 +12,22 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import partial
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from dense_localizer.coarse_reference import CoarseReferences
 from dense_localizer.coverage import coverage
 from dense_localizer.map_error import MapError
 from dense_localizer.params import LocalizerParams
+from dense_localizer.pixels_ahead import PixelsAhead
 from dense_localizer.preparation import Preparation
 from dense_localizer.recognition import NUM_ALIKE
 from dense_localizer.rejections import Rejections
-from photometric import Reference, RegistrationParams, View, prepare_reference
-from photometric.reference import ReferenceLevel, check_range
-from sphere_geometry import SE3, Camera, Spherical
+from photometric import Reference, View, prepare_reference
+from sphere_geometry import SE3, Camera
 from sphere_map.appearance.index import AppearanceIndex
 from sphere_map.graph import KeySphere, SphereGraph
 from sphere_map.sphere import Sphere
@@ -31,13 +36,10 @@ NUM_CANDIDATES = 12  # nearest key spheres looked at
 MIN_VISIBLE_SHARE = 0.25  # of the image, that a reference must cover
 RELATIVE_SHARE = 0.6  # the same, of what the best candidate covers
 UNKNOWN_REACH = 1.0  # region of a key sphere by its median range, where a map does not tell it
-KEPT_SHARE = 0.25  # of a key sphere's pixels, the most salient
-NUM_COARSE_LEVELS = 2  # are kept of every sphere: for choosing and for the start
-MIN_KEPT = 10_000  # levels that would keep fewer pixels keep all
-NUM_POINTS = 150  # about as many points of the coarsest level tell what a partial sphere covers
-NUM_AHEAD = 4  # key spheres prepared around where the camera will be
-AHEAD_S = 1.0  # s, when it will be there
-AHEAD_STEP_M = 0.2  # motion after which one looks ahead anew
+AHEAD_S = (0.0, 0.5, 1.0)  # s, when the camera will be where key spheres are prepared
+AHEAD_STEP_M, AHEAD_STEP_S = 0.2, 0.05  # motion after which one looks ahead anew, and that by the speed
+SOON_S = 0.1  # s, when the camera will be where pixels are chosen
+MEGABYTE = 1e6
 
 
 Residuals = tuple[View, NDArray[np.float64], NDArray[np.float64]]  # view, points (N, 3) in its axes, residuals (N,)
@@ -65,33 +67,6 @@ class SphereMap(Protocol):
 
 
 @dataclass(frozen=True)
-class CoarseReference:
-    """What is kept of every sphere: coarse levels, a few points (N, 3) m, its window, its median range in m."""
-
-    reference: Reference
-    points: NDArray[np.float32]
-    camera: Spherical
-    typical_range_m: float
-
-
-class CoarseReferences(dict[int, CoarseReference]):
-    """Small key spheres by id, each prepared when it is first asked for: a start in a large map asks for few.
-
-    ValueError for a sphere whose ranges are zero or negative, at once.
-    """
-
-    def __init__(self, spheres: Mapping[int, Sphere], params: RegistrationParams) -> None:
-        super().__init__()
-        for sphere in spheres.values():
-            check_range(sphere.range_m, sphere.camera)
-        self._spheres, self._params = spheres, params
-
-    def __missing__(self, sphere_id: int) -> CoarseReference:
-        made = self[sphere_id] = coarse_reference(self._spheres[sphere_id], self._params)
-        return made
-
-
-@dataclass(frozen=True)
 class Choice:
     """The references of one image; range, region and distance are those of the nearest."""
 
@@ -111,20 +86,24 @@ class Choice:
 class References:
     """Prepared key spheres of one map."""
 
-    def __init__(self, sphere_map: SphereMap, params: LocalizerParams) -> None:
-        self._map = sphere_map
+    def __init__(self, sphere_map: SphereMap, params: LocalizerParams, *, is_live: bool = False) -> None:
+        """While the camera is followed, `is_live` ones do with what is ready; others wait, so that runs are equal."""
+        self._map, self._is_live = sphere_map, is_live
         self._registration, self._params = params.registration, params.reference
         is_large = len(sphere_map.graph) > NUM_ALIKE
         self.appearance = sphere_map.appearance() if is_large else AppearanceIndex()  # a small map is looked at whole
         self.coarse = CoarseReferences(sphere_map.coarse_spheres(), params.registration)
         self.error = MapError(sphere_map.graph, params.covariance)
-        self._preparation = Preparation(self._prepare, params.reference.cache_size)
         self.rejections = Rejections()
+        self._preparation = Preparation(self._prepare, params.reference.memory * MEGABYTE, is_live=is_live)
+        self._pixels = PixelsAhead(params.registration, is_live=is_live)
         self._looked_ahead: NDArray[np.float64] | None = None
+        self._last: tuple[Camera, tuple[int, ...]] | None = None  # camera and key spheres of the last choice
 
     def close(self) -> None:
         """End what is being prepared; nothing can be chosen any more."""
         self._preparation.close()
+        self._pixels.close()
 
     def node(self, sphere_id: int) -> KeySphere:
         """Return a key sphere by its id."""
@@ -139,18 +118,26 @@ class References:
         """Return the key spheres nearest to a point in the map, nearest first (M15 eq. 17)."""
         return self._map.graph.nearest(point_map, count, max_distance_m)
 
-    def choose(self, T_map_camera: SE3, camera: Camera) -> Choice:
-        """Return the references for an image taken near a pose: the nearest of those that cover it."""
-        candidates, overlaps = self._candidates(T_map_camera, camera)
+    def choose(self, T_map_camera: SE3, camera: Camera, *, is_followed: bool = False) -> Choice:
+        """Return the references for an image taken near a pose: the nearest of those that cover it.
+
+        While a live camera is followed, the nearest of those that are ready; small ones where none is.
+        """
+        never_waits = self._is_live and is_followed
+        candidates, overlaps = self._candidates(T_map_camera, camera, NUM_CANDIDATES if never_waits else 0)
         best = float(np.max(overlaps, initial=0.0))
         needed = max(MIN_VISIBLE_SHARE, RELATIVE_SHARE * best)
-        usable = [candidates[index] for index in np.flatnonzero(overlaps >= needed)[: self._params.num_references]]
-        chosen = usable[:1] + [node for node in usable[1:] if self._is_within_reach(node, T_map_camera)]
+        usable = [candidates[index] for index in np.flatnonzero(overlaps >= needed)]
+        ready = [node for node in usable if not never_waits or self._preparation.is_ready(node.id)]
+        nearest = ready[: self._params.num_references] or usable[:1]
+        chosen = nearest[:1] + [node for node in nearest[1:] if self._is_within_reach(node, T_map_camera)]
         if not chosen:
             return Choice((), (), best, np.inf, np.inf, np.inf)
-        views = tuple(View(self._preparation.get(node.id), node.T_map_sphere) for node in chosen)
+        references = [self._get(node.id) for node in chosen if ready] or [self.coarse.reference(chosen[0].id)]
+        self._last = camera, tuple(node.id for node in chosen)
+        views = tuple(View(one, node.T_map_sphere) for one, node in zip(references, chosen, strict=True))
         distance, typical = distance_of(chosen[0], T_map_camera), self.coarse[chosen[0].id].typical_range_m
-        return Choice(tuple(node.id for node in chosen), views, best, distance, typical, self._region(chosen[0]))
+        return Choice(self._last[1], views, best, distance, typical, self._region(chosen[0]))
 
     def count_rejections(self, place_map: NDArray[np.float64], residuals: Iterable[Residuals]) -> None:
         """Count which squares of key spheres do not agree with an image; forget those that never do."""
@@ -161,18 +148,51 @@ class References:
             ):
                 self._preparation.forget(sphere_id)
 
-    def look_ahead(self, T_map_camera: SE3, velocity: NDArray[np.float64] | None) -> None:
-        """Have the key spheres prepared that a camera of some velocity (6,) will need; return at once."""
-        step = np.zeros(6) if velocity is None else velocity * AHEAD_S
-        point = (T_map_camera @ SE3.exp(step)).translation
-        if self._looked_ahead is None or np.linalg.norm(point - self._looked_ahead) > AHEAD_STEP_M:
-            self._looked_ahead = point
-            self._preparation.begin(node.id for node in self.nearest(point, NUM_AHEAD))
+    def look_ahead(self, T_map_camera: SE3, velocity: NDArray[np.float64] | None, *, is_rig: bool = False) -> None:
+        """Have prepared what the camera that chose last, at some velocity (6,), will need; return at once.
 
-    def _candidates(self, T_map_camera: SE3, camera: Camera) -> tuple[list[KeySphere], NDArray[np.float64]]:
-        """Return the nearest key spheres and the share of the image that each covers, 1 for whole spheres."""
+        The pixels of cameras of a rig, whose body is at the pose, are chosen when they are needed.
+        """
+        twist = np.zeros(6) if velocity is None else velocity
+        self._last = None if is_rig else self._last
+        self._choose_pixels(T_map_camera @ SE3.exp(twist * SOON_S))
+        point = (T_map_camera @ SE3.exp(twist * AHEAD_S[-1])).translation
+        step = max(AHEAD_STEP_M, AHEAD_STEP_S * float(np.linalg.norm(twist[:3])))
+        if self._looked_ahead is not None and np.linalg.norm(point - self._looked_ahead) <= step:
+            return
+        self._looked_ahead = point
+        wanted: dict[int, SE3] = {}
+        for seconds in AHEAD_S:
+            pose = T_map_camera @ SE3.exp(twist * seconds)
+            for node in self.nearest(pose.translation, self._params.num_references):
+                wanted.setdefault(node.id, pose)
+        self._preparation.begin(
+            list(wanted), lambda sphere_id: partial(self._prepare_seen, wanted[sphere_id], self._last)
+        )
+
+    def _choose_pixels(self, T_map_camera: SE3) -> None:
+        """Have the pixels chosen of the key spheres around the camera that are ready."""
+        if self._last is None:
+            return
+        camera, last = self._last
+        nearest = self.nearest(T_map_camera.translation, self._params.num_references)
+        sphere_ids = dict.fromkeys([*last, *(node.id for node in nearest)])
+        self._pixels.forget(sphere_ids.keys())
+        for sphere_id in sphere_ids:
+            reference = self._preparation.find(sphere_id)
+            if reference is not None:
+                T_camera_sphere = T_map_camera.inverse() @ self.node(sphere_id).T_map_sphere
+                self._pixels.begin(sphere_id, reference, T_camera_sphere, camera, len(last))
+
+    def _get(self, sphere_id: int) -> Reference:
+        """Return a prepared sphere with the pixels that were chosen last."""
+        self._pixels.use(sphere_id)
+        return self._preparation.get(sphere_id)
+
+    def _candidates(self, T_map_camera: SE3, camera: Camera, count: int) -> tuple[list[KeySphere], NDArray[np.float64]]:
+        """Return the nearest key spheres, `count` where all are whole, and the share of the image that each covers."""
         nodes = self.nearest(T_map_camera.translation, NUM_CANDIDATES)
-        first = nodes[: self._params.num_references]
+        first = nodes[: count or self._params.num_references]
         if all(self.coarse[node.id].camera.is_whole for node in first):
             return first, np.ones(len(first))
         coarse = [self.coarse[node.id] for node in nodes]
@@ -190,39 +210,25 @@ class References:
         return node.region_radius_m or UNKNOWN_REACH * self.coarse[node.id].typical_range_m
 
     def _prepare(self, sphere_id: int) -> Reference:
-        """Read a sphere, prepare it and keep the salient pixels of its levels, sorted."""
+        """Read a sphere and prepare it."""
         sphere = self._map.load_sphere(sphere_id)
         unused = self.rejections.mask(sphere_id, sphere.camera)
         if unused is not None:
             sphere = replace(sphere, range_m=np.where(unused, np.float32(np.nan), sphere.range_m))
-        reference = prepare_reference(sphere.grey, sphere.range_m, sphere.camera, self._registration)
-        return Reference(tuple(salient(level, KEPT_SHARE) for level in reference.levels))
+        return prepare_reference(sphere.grey, sphere.range_m, sphere.camera, self._registration)
+
+    def _prepare_seen(
+        self, T_map_camera: SE3, last: tuple[Camera, tuple[int, ...]] | None, sphere_id: int
+    ) -> Reference:
+        """Prepare a sphere, and choose those of its pixels that a camera will see."""
+        reference = self._prepare(sphere_id)
+        if last is not None:
+            T_camera_sphere = T_map_camera.inverse() @ self.node(sphere_id).T_map_sphere
+            for chosen in self._pixels.choose(reference, T_camera_sphere, last[0], len(last[1])):
+                chosen.keep()
+        return reference
 
 
 def distance_of(node: KeySphere, T_map_camera: SE3) -> float:
     """Return the metres between a key sphere and a camera."""
     return float(np.linalg.norm(node.T_map_sphere.translation - T_map_camera.translation))
-
-
-def coarse_reference(sphere: Sphere, params: RegistrationParams) -> CoarseReference:
-    """Return what is kept of a sphere that is small already."""
-    finite = sphere.range_m[np.isfinite(sphere.range_m)]
-    typical = float(np.median(finite)) if finite.size else np.inf
-    reference = prepare_reference(sphere.grey, sphere.range_m, sphere.camera, coarse_params(params))
-    points = reference.levels[-1].points
-    points = np.ascontiguousarray(points[:, :: max(1, points.shape[1] // NUM_POINTS)].T)
-    return CoarseReference(reference, points, sphere.camera, typical)
-
-
-@cache
-def coarse_params(params: RegistrationParams) -> RegistrationParams:
-    """Return the parameters with as many levels as small spheres have."""
-    return replace(params, pyramid=replace(params.pyramid, num_levels=NUM_COARSE_LEVELS, finest=0))
-
-
-def salient(level: ReferenceLevel, share: float) -> ReferenceLevel:
-    """Return a level reduced to its more salient pixels (M15 section 3.6), ready for a choice among them."""
-    number = int(share * level.num_pixels)
-    kept = level.most_salient(number) if number >= MIN_KEPT else level
-    kept.complete()
-    return kept

@@ -14,10 +14,11 @@ from functools import cache
 
 import numpy as np
 
+from dense_localizer.coarse_reference import NUM_LEVELS, CoarseReference
 from dense_localizer.params import LocalizerParams, StartParams
 from dense_localizer.place import Place, locate
 from dense_localizer.recognition import NUM_ALIKE, Recognition, body_axes
-from dense_localizer.reference import NUM_COARSE_LEVELS, CoarseReference, References
+from dense_localizer.reference import References
 from dense_localizer.resemblance import resemblance
 from localization.status import FINE, Finding, Reason
 from photometric import RegistrationParams, View, register
@@ -90,7 +91,7 @@ class Startup:
 
     def _compare(self, seen: RigImage, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
         """Return a guess for each of several poses in a sphere, with how much the image resembles it there."""
-        level = self._references.coarse[node.id].reference.levels[-1]
+        level = self._references.coarse.reference(node.id).levels[-1]
         step = max(1, level.num_pixels // NUM_COMPARED)
         points, intensity = level.points[:, ::step].T, level.intensity[::step]
         scores = resemblance(points, intensity, T_sphere_camera.inverse(), seen.pyramid.levels[-1])
@@ -104,8 +105,8 @@ class Startup:
 
     def _align(self, seen: RigImage, guess: Guess) -> Guess:
         """Return a guess after alignment at the coarsest levels."""
-        params = coarse(self._params.registration, len(seen.pyramid.levels) - NUM_COARSE_LEVELS)
-        view = View(self._references.coarse[guess.node.id].reference, guess.node.T_map_sphere)
+        params = coarse(self._params.registration, len(seen.pyramid.levels) - NUM_LEVELS)
+        view = View(self._references.coarse.reference(guess.node.id), guess.node.T_map_sphere)
         found = register(seen.pyramid, [view], guess.T_map_camera, params)
         score = found.ncc * np.sqrt(found.overlap) if found.overlap > 0 else -1.0
         return Guess(guess.node, found.T_world_camera, float(score))

@@ -114,7 +114,10 @@ class VisualOdometry:
             return None
         if way.metres > limit or prediction.stamp_ns - way.stamp_ns > MAX_SECONDS * 1e9:
             return None
-        choices = [self._references.choose(one.pose(prediction.T_map_camera), one.pyramid.cameras[0]) for one in images]
+        choices = [
+            self._references.choose(one.pose(prediction.T_map_camera), one.pyramid.cameras[0], is_followed=True)
+            for one in images
+        ]
         seen = self._with_last(images, choices, last)
         if not seen:
             return None

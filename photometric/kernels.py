@@ -29,6 +29,7 @@ from photometric.iteration.kernels import (
     SEEN,
     SIDE,
     THREE,
+    TWO,
     ZERO,
     U,
     V,
@@ -112,122 +113,145 @@ def halve_range(range_m, ratio, out):
                 target[u] = used / inverse
 
 
-@njit(**OPTIONS)
-def reference_points(index, rays, range_m, far, image, pad, camera, points, intensity, gradient):
-    """Points, grey levels and gradients by the point (M15 eq. 30, at the reference itself) of chosen pixels.
+STEP = np.float32(1.0 / 256.0)  # of the grey levels that are kept of a reference
+BY_STEP = np.float32(256.0)
+WHITE = np.float32(255.0)
 
-    index (N,) i64 into the flat image, no pixel of the first or last row or (unpadded) column; rays (3, H W) f32;
-    range_m (H W,) f32; image (H, W + 2 pad) f32. Writes points, gradient (3, N) f32, intensity (N,) f32.
+
+@njit(**OPTIONS)
+def quantise(image, pad, out):
+    """Grey levels (H, W) f32 or u8 in steps of `STEP`: out (H, W + 2 pad) u16, a whole sphere with its other edge."""
+    height, width = image.shape
+    for v in range(height):
+        source, target = image[v], out[v]
+        for u in range(width):
+            target[u + pad] = np.uint16(min(max(np.float32(source[u]), ZERO), WHITE) * BY_STEP + HALF)
+        if pad:
+            target[0], target[width + 1] = target[width], target[1]
+
+
+@njit(**OPTIONS)
+def halve_steps(image, pad, out):
+    """`halve_bytes` of an image (H, W + 2 pad) u16 in steps, to out (H // 2, W // 2 + 2 pad) u16."""
+    rows, columns = out.shape[0], out.shape[1] - 2 * pad
+    height, last = image.shape[0], image.shape[1] - 1
+    line = np.empty(2 * columns + 2, np.uint32)
+    for v in range(rows):
+        a, b, c, d = image[max(2 * v - 1, 0)], image[2 * v], image[2 * v + 1], image[min(2 * v + 2, height - 1)]
+        for i in range(2 * columns + 2):
+            u = min(max(i - 1 + pad, 0), last)
+            line[i] = np.uint32(a[u]) + np.uint32(d[u]) + np.uint32(3) * (np.uint32(b[u]) + np.uint32(c[u]))
+        target = out[v]
+        for u in range(columns):
+            outer, inner = line[2 * u] + line[2 * u + 3], line[2 * u + 1] + line[2 * u + 2]
+            target[u + pad] = np.uint16((outer + np.uint32(3) * inner + np.uint32(32)) >> np.uint32(6))
+        if pad:
+            target[0], target[columns + 1] = target[columns], target[1]
+
+
+SQUARE = 16  # px: pixels of a reference are kept square by square, `SIDE` of them
+NUM_KEYS = 1 << 8  # 32 octaves of |J| in 8 steps each: order within 12 %
+LOWEST_KEY = (127 - 12) << 3  # bits of 2^-12; what is smaller is all the same
+NUM_SCORES = 1 << 12  # steps of a pixel's place among all
+NUM_SAMPLES = 1 << 14  # pixels by which the columns are counted
+
+
+@njit(**OPTIONS)
+def bound_squares(range_m, far, pad, cones, bounds):
+    """Write the sphere around the usable points of each square: centre and radius (M, 4) f32; return their number.
+
+    range_m (H, W) f32, cones (M, 4) f32: axis and half angle of each square's rays. The radius is -1 where no pixel
+    is usable: without range, in the first or last row or (unpadded) column.
     """
-    width = image.shape[1] - 2 * pad
-    r, du, dv = np.empty(SCRATCH, np.float32), np.empty(SIDE, np.float32), np.empty(SIDE, np.float32)
-    for a in range(0, index.shape[0], SIDE):
-        n = min(SIDE, index.shape[0] - a)
-        r[Z : Z + SIDE] = np.float32(np.nan)
-        for i in range(n):
-            pixel = index[a + i]
-            v, u = pixel // width, pixel % width + pad
-            distance = min(range_m[pixel], far)
-            r[X + i], r[Y + i] = rays[0, pixel] * distance, rays[1, pixel] * distance
-            r[Z + i] = rays[2, pixel] * distance
-            intensity[a + i] = image[v, u]
-            du[i], dv[i] = HALF * (image[v, u + 1] - image[v, u - 1]), HALF * (image[v + 1, u] - image[v - 1, u])
-        for i in range(n):
-            points[0, a + i], points[1, a + i], points[2, a + i] = r[X + i], r[Y + i], r[Z + i]
-        project(camera[0], camera[1], r)
-        for i in range(n):
-            gradient[0, a + i] = du[i] * r[J0 + i] + dv[i] * r[J3 + i]
-            gradient[1, a + i] = du[i] * r[J1 + i] + dv[i] * r[J4 + i]
-            gradient[2, a + i] = du[i] * r[J2 + i] + dv[i] * r[J5 + i]
-
-
-NUM_KEYS = 1 << 12  # 32 octaves of |J| in 128 steps each: order within 0.8 %, counters fit the first level cache
-LOWEST_KEY = (127 - 12) << 7  # bits of 2^-12; what is smaller is all the same
-HIGHEST_KEY = LOWEST_KEY + NUM_KEYS - 1
-
-
-@njit(**OPTIONS)
-def _sort_column(j, p, g, key, order, limit):
-    """Counting sort of one column by the upper bits of the float, largest first, as far as `limit` places."""
-    n = key.shape[0]
-    value = np.empty(n, np.float32)
-    if j < 3:
-        for i in range(n):
-            value[i] = g[j, i]
-    else:
-        a, b = (j - 2) % 3, (j - 1) % 3
-        pa, pb, ga, gb = p[a], p[b], g[a], g[b]
-        for i in range(n):
-            value[i] = pa[i] * gb[i] - pb[i] * ga[i]
-    bits = value.view(np.int32)
-    starts = np.zeros(NUM_KEYS + 1, np.int32)
-    for i in range(n):
-        exponent = (bits[i] & 0x7FFFFFFF) >> 16
-        key[i] = np.uint16(HIGHEST_KEY - min(max(exponent, LOWEST_KEY), HIGHEST_KEY))
-        starts[np.uint32(key[i]) + np.uint32(1)] += 1
-    for b in range(NUM_KEYS):
-        starts[b + 1] += starts[b]
-    for i in range(n):
-        k = np.uint32(key[i])
-        if starts[k] < limit:
-            order[starts[k]] = i
-        starts[k] += 1
-
-
-@njit(**OPTIONS)
-def sort_columns(points, gradient, keys, order):
-    """Sort the pixels by each of the six steepest-descent columns |J^j| (M15 eq. 14), largest first.
-
-    keys (6, N) u16 scratch; writes order (6, L) u32, the first L <= N of each. Columns are in order to within 0.8 %,
-    equal keys in order of the pixels.
-    """
-    for j in range(6):
-        _sort_column(np.int64(j), points, gradient, keys[j], order[j], order.shape[1])
-
-
-@njit(**OPTIONS)
-def pick_in_turn(order, rank):
-    """Give each pixel its place when the columns pick their best remaining pixel in turn (M15 alg. 1).
-
-    order (6, L) u32 from `sort_columns`; writes rank (N,) i32. With L < N the pixels after the first L places keep
-    the order of the image.
-    """
-    limit = order.shape[1]
-    rank[:] = -1
-    heads = np.zeros(6, np.int64)
-    place = 0
-    while place < limit:
-        for j in range(6):
-            while heads[j] < limit and rank[order[j, heads[j]]] >= 0:
-                heads[j] += 1
-            if heads[j] < limit and place < limit:
-                rank[order[j, heads[j]]] = place
-                place += 1
-    for i in range(rank.shape[0]):
-        if rank[i] < 0:
-            rank[i] = place
-            place += 1
-
-
-RANK_BITS = 9  # ranks are counted by 512, then one by one where the limit falls
-
-
-@njit(**OPTIONS)
-def bound_blocks(points, bounds):
-    """Write the sphere around each block of points (3, N): centre and radius (M, 4) f32, M = ceil(N / SIDE)."""
-    n = points.shape[1]
+    height, width = range_m.shape
+    columns, number = -(-width // SQUARE), 0
     for b in range(bounds.shape[0]):
-        first, last = b * SIDE, min((b + 1) * SIDE, n)
-        for j in range(3):
-            low = high = points[j, first]
-            for i in range(first, last):
-                low, high = min(low, points[j, i]), max(high, points[j, i])
-            bounds[b, j] = HALF * (low + high)
-        radius2 = ZERO
-        for i in range(first, last):
-            x, y, z = points[0, i] - bounds[b, 0], points[1, i] - bounds[b, 1], points[2, i] - bounds[b, 2]
-            radius2 = max(radius2, x * x + y * y + z * z)
-        bounds[b, 3] = math.sqrt(radius2)
+        v0, u0 = b // columns * SQUARE, b % columns * SQUARE
+        low, high, count = np.float32(np.inf), ZERO, 0
+        for v in range(max(v0, 1), min(v0 + SQUARE, height - 1)):
+            for u in range(max(u0, 1 - pad), min(u0 + SQUARE, width - 1 + pad)):
+                distance = range_m[v, u]
+                if distance == distance:
+                    low, high = min(low, distance), max(high, distance)
+                    count += 1
+        number += count
+        bounds[b, 3] = -ONE
+        if count and cones[b, 3] >= ZERO:
+            low, high = min(low, far), min(high, far)
+            middle, cosine = HALF * (low + high), np.float32(math.cos(cones[b, 3]))
+            near = low * low + middle * middle - TWO * low * middle * cosine
+            distant = high * high + middle * middle - TWO * high * middle * cosine
+            for j in range(3):
+                bounds[b, j] = cones[b, j] * middle
+            bounds[b, 3] = math.sqrt(max(near, distant)) * np.float32(1.0001)
+    return number
+
+
+@njit(**OPTIONS)
+def ray_of(rays, v, u, width):
+    """Return the ray of a pixel: from columns, cosine and sine of the azimuth (2, W), and rows (2, H) of a sphere.
+
+    Or from all rays (3, H W) of another camera, both of the others empty.
+    """
+    columns, rows, table = rays
+    if table.shape[1]:
+        pixel = v * width + u
+        return table[0, pixel], table[1, pixel], table[2, pixel]
+    return columns[0, u] * rows[0, v], columns[1, u] * rows[0, v], rows[1, v]
+
+
+@njit(**OPTIONS)
+def fill_squares(squares, first, image, pad, range_m, far, rays, camera, pool, keys):
+    """Points, grey levels and gradients by the point (M15 eq. 30, at the reference itself) of squares (K,) i32.
+
+    image (H, W + 2 pad) u16 in steps of `STEP` grey levels, range_m (H, W) f32, rays as `ray_of` takes them, camera
+    the model and coefficients. Writes them at the places `first` and on of pool (S * BLOCK,) f32, unusable pixels as
+    what no camera sees, and how much each fixes by every column of J (M15 eq. 14) into keys (S * SIDE, 6) u8.
+    """
+    height, width = range_m.shape
+    columns = -(-width // SQUARE)
+    r, du, dv = np.empty(SCRATCH, np.float32), np.empty(SIDE, np.float32), np.empty(SIDE, np.float32)
+    for k in range(squares.size):
+        v0, u0 = squares[k] // columns * SQUARE, squares[k] % columns * SQUARE
+        d = pool[(first + k) * BLOCK : (first + k + 1) * BLOCK]
+        for i in range(SIDE):
+            r[X + i], r[Y + i], r[Z + i] = ZERO, ZERO, np.float32(np.nan)
+            du[i], dv[i], d[GREY + i] = ZERO, ZERO, ZERO
+        for v in range(max(v0, 1), min(v0 + SQUARE, height - 1)):
+            for u in range(max(u0, 1 - pad), min(u0 + SQUARE, width - 1 + pad)):
+                distance, i, c = range_m[v, u], (v - v0) * SQUARE + u - u0, u + pad
+                if distance == distance:
+                    distance = min(distance, far)
+                    x, y, z = ray_of(rays, v, u, width)
+                    r[X + i], r[Y + i], r[Z + i] = x * distance, y * distance, z * distance
+                    d[GREY + i] = STEP * np.float32(image[v, c])
+                    du[i] = HALF * STEP * (np.float32(image[v, c + 1]) - np.float32(image[v, c - 1]))
+                    dv[i] = HALF * STEP * (np.float32(image[v + 1, c]) - np.float32(image[v - 1, c]))
+        for i in range(SIDE):
+            d[PX + i], d[PY + i], d[PZ + i] = r[X + i], r[Y + i], r[Z + i]
+        project(camera[0], camera[1], r)
+        for i in range(SIDE):
+            is_known = d[PZ + i] == d[PZ + i]
+            d[BX + i] = du[i] * r[J0 + i] + dv[i] * r[J3 + i] if is_known else ZERO
+            d[BY + i] = du[i] * r[J1 + i] + dv[i] * r[J4 + i] if is_known else ZERO
+            d[BZ + i] = du[i] * r[J2 + i] + dv[i] * r[J5 + i] if is_known else ZERO
+        _write_keys(d, keys[(first + k) * SIDE : (first + k + 1) * SIDE])
+
+
+@njit(**OPTIONS)
+def _write_keys(d, keys):
+    """Write the upper bits of |J^j| of a block into keys (SIDE, 6) u8: larger ones fix more."""
+    value = np.empty(SIDE, np.float32)
+    bits = value.view(np.int32)
+    for j in range(6):
+        a, b = (j + 1) % 3 * SIDE, (j + 2) % 3 * SIDE
+        for i in range(SIDE):
+            if j < 3:
+                value[i] = d[BX + j * SIDE + i]
+            else:
+                value[i] = d[PX + a + i] * d[BX + b + i] - d[PX + b + i] * d[BX + a + i]
+        for i in range(SIDE):
+            keys[i, j] = min(max(((bits[i] & 0x7FFFFFFF) >> 20) - LOWEST_KEY, 0), NUM_KEYS - 1)
 
 
 @njit(**OPTIONS)
@@ -245,23 +269,30 @@ def _may_be_seen(T, bound, cone):
 
 
 @njit(**OPTIONS)
-def find_visible(points, bounds, T, camera, cone, width, height, seen):
-    """Write the indices of the points (3, N) that project into the image into seen (N,) i32; return how many."""
-    n, count = points.shape[1], 0
+def find_squares(bounds, order, T, cone, found):
+    """Write the squares that may reach into the cone of a camera into found (M,) i32, in an order; return how many."""
+    count = 0
+    for b in order:
+        if bounds[b, 3] >= ZERO and _may_be_seen(T, bounds[b], cone):
+            found[count] = b
+            count += 1
+    return count
+
+
+@njit(**OPTIONS)
+def find_visible(places, pool, T, camera, width, height, seen):
+    """Write the pixels of the squares at places (K,) i32 that project into the image into seen (K * SIDE,) i32.
+
+    A pixel is named by its place, `SIDE` of them a square. Return how many.
+    """
+    count = 0
     last_u, last_v = np.float32(width - 1), np.float32(height - 1)
-    d, r = np.empty(BLOCK, np.float32), np.empty(SCRATCH, np.float32)
-    for b in range(bounds.shape[0]):
-        if not _may_be_seen(T, bounds[b], cone):
-            continue
-        first = b * SIDE
-        number = min(SIDE, n - first)
-        d[PZ : PZ + SIDE] = np.float32(np.nan)
-        for j in range(3):
-            for i in range(number):
-                d[j * SIDE + i] = points[j, first + i]
-        transform(T, d, r)
+    r = np.empty(SCRATCH, np.float32)
+    for k in range(places.size):
+        transform(T, pool[places[k] * BLOCK : (places[k] + 1) * BLOCK], r)
         project(camera[0], camera[1], r)
-        for i in range(number):
+        first = places[k] * SIDE
+        for i in range(SIDE):
             u, v = r[U + i], r[V + i]
             inside = (r[SEEN + i] > ZERO) & (u >= ZERO) & (u <= last_u) & (v >= ZERO) & (v <= last_v)
             seen[count] = first + i
@@ -270,70 +301,88 @@ def find_visible(points, bounds, T, camera, cone, width, height, seen):
 
 
 @njit(**OPTIONS)
-def best_of(seen, rank, number):
-    """Return the `number` seen pixels (N,) i32 of the best rank (M15 eq. 16), in their order."""
-    counts = np.zeros((rank.size >> RANK_BITS) + 1, np.int32)
-    for i in seen:
-        counts[rank[i] >> RANK_BITS] += 1
-    below, b = 0, 0
-    while below + counts[b] < number:
-        below += counts[b]
-        b += 1
-    is_here = np.zeros(1 << RANK_BITS, np.uint8)
-    for i in seen:
-        if rank[i] >> RANK_BITS == b:
-            is_here[rank[i] & ((1 << RANK_BITS) - 1)] = 1
-    limit = b << RANK_BITS
-    while below < number:
-        below += is_here[limit & ((1 << RANK_BITS) - 1)]
+def _score_keys(seen, keys, scores):
+    """Write into scores (6, NUM_KEYS) i32 at which share of all seen pixels a column has one with a key."""
+    step = max(1, seen.size // NUM_SAMPLES)
+    counts = np.zeros((6, NUM_KEYS), np.int32)
+    total = 0
+    for k in range(0, seen.size, step):
+        total += 1
+        for j in range(6):
+            counts[j, keys[seen[k], j]] += 1
+    for j in range(6):
+        before = 0
+        for key in range(NUM_KEYS - 1, -1, -1):
+            scores[j, key] = (2 * before + counts[j, key]) * (NUM_SCORES - 1) // (2 * total)
+            before += counts[j, key]
+
+
+@njit(**OPTIONS)
+def best_of(seen, keys, number):
+    """Return `number` of the seen pixels (N,) i32: of each of the six columns the best as far down as there is room.
+
+    The run-time selection of M15 eq. 16 by the order of its algorithm 1, a counting sort of what is visible. Pixels
+    keep their order; of those that are alike at the limit, some all over the image.
+    """
+    place = np.empty((6, NUM_KEYS), np.int32)
+    _score_keys(seen, keys, place)
+    score, counts = np.empty(seen.size, np.int16), np.zeros(NUM_SCORES, np.int32)
+    for k in range(seen.size):
+        i = seen[k]
+        first = min(place[0, keys[i, 0]], place[1, keys[i, 1]], place[2, keys[i, 2]])
+        second = min(place[3, keys[i, 3]], place[4, keys[i, 4]], place[5, keys[i, 5]])
+        score[k] = min(first, second)
+        counts[score[k]] += 1
+    limit, below = 0, 0
+    while below + counts[limit] < number:
+        below += counts[limit]
         limit += 1
-    best, kept = np.empty(number, np.int32), 0
-    for i in seen:
-        if rank[i] < limit:
-            best[kept] = i
+    alike, room, passed, kept = counts[limit], number - below, 0, 0
+    best = np.empty(number, np.int32)
+    for k in range(seen.size):
+        is_kept = score[k] < limit
+        if score[k] == limit:
+            is_kept = (passed + 1) * room // alike > passed * room // alike
+            passed += 1
+        if is_kept:
+            best[kept] = seen[k]
             kept += 1
     return best
 
 
 @njit(**OPTIONS)
-def fill_blocks(points, intensity, gradient, chosen, blocks):
-    """Put the chosen pixels into blocks; return their mean inverse range, 1 without any.
+def gather(pool, chosen, blocks):
+    """Copy the chosen pixels (N,) i32 from pool into blocks; return their mean inverse range, 1 without any.
 
     The last block is filled up with points that no camera sees.
     """
     number, inverse = chosen.size, 0.0
     for kept in range(number):
-        at, i = (kept // SIDE) * BLOCK + kept % SIDE, chosen[kept]
-        x, y, z = points[0, i], points[1, i], points[2, i]
-        blocks[at + PX], blocks[at + PY], blocks[at + PZ], blocks[at + GREY] = x, y, z, intensity[i]
-        blocks[at + BX], blocks[at + BY], blocks[at + BZ] = gradient[0, i], gradient[1, i], gradient[2, i]
+        at, i = (kept // SIDE) * BLOCK + kept % SIDE, (chosen[kept] // SIDE) * BLOCK + chosen[kept] % SIDE
+        for row in range(0, BLOCK, SIDE):
+            blocks[at + row] = pool[i + row]
+        x, y, z = blocks[at + PX], blocks[at + PY], blocks[at + PZ]
         inverse += ONE / math.sqrt(x * x + y * y + z * z)
     for kept in range(number, blocks.size // BLOCK * SIDE):
         at = (kept // SIDE) * BLOCK + kept % SIDE
-        for row in range(BLOCK // SIDE):
-            blocks[at + row * SIDE] = ZERO
+        for row in range(0, BLOCK, SIDE):
+            blocks[at + row] = ZERO
         blocks[at + PZ] = np.float32(np.nan)
     return inverse / number if number else 1.0
 
 
 @njit(**OPTIONS)
-def cover(points, bounds, T, camera, cone, width, height, side, covered):
-    """Mark the cells (`side` pixels wide) of an image that points (3, N) fall into: covered (rows, columns) bool."""
-    n = points.shape[1]
+def cover(places, pool, T, camera, width, height, side, covered):
+    """Mark the cells (`side` pixels wide) of an image that pixels of squares at places (K,) i32 fall into.
+
+    covered (rows, columns) bool.
+    """
     low, right, bottom = -HALF, np.float32(width) - HALF, np.float32(height) - HALF
-    d, r = np.empty(BLOCK, np.float32), np.empty(SCRATCH, np.float32)
-    for b in range(bounds.shape[0]):
-        if not _may_be_seen(T, bounds[b], cone):
-            continue
-        first = b * SIDE
-        number = min(SIDE, n - first)
-        d[PZ : PZ + SIDE] = np.float32(np.nan)
-        for j in range(3):
-            for i in range(number):
-                d[j * SIDE + i] = points[j, first + i]
-        transform(T, d, r)
+    r = np.empty(SCRATCH, np.float32)
+    for k in range(places.size):
+        transform(T, pool[places[k] * BLOCK : (places[k] + 1) * BLOCK], r)
         project(camera[0], camera[1], r)
-        for i in range(number):
+        for i in range(SIDE):
             u, v = r[U + i], r[V + i]
             if r[SEEN + i] > ZERO and u >= low and u < right and v >= low and v < bottom:
                 covered[int(v + HALF) // side, int(u + HALF) // side] = True

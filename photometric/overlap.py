@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photometric import kernels
-from photometric.projection import kernel_motion, view_cone
+from photometric.projection import kernel_motion
 from photometric.pyramid import Pyramid
 from photometric.reference import View
 from sphere_geometry import SE3, Camera
@@ -25,11 +25,12 @@ def image_overlap(pyramid: Pyramid, views: Sequence[View], T_world_camera: SE3) 
     cells = _cells_with_rays(camera)
     covered = np.zeros_like(cells)
     T_camera_world = T_world_camera.inverse()
-    image = (level.kernel_camera, view_cone(camera), camera.width, camera.height, CELL, covered)
+    image = (level.kernel_camera, camera.width, camera.height, CELL, covered)
     for view in views:
         pixels = view.reference.level_like(camera)
-        T = kernel_motion((T_camera_world @ view.T_world_reference).matrix)
-        kernels.cover(pixels.points, pixels.bounds, T, *image)
+        T_camera_reference = T_camera_world @ view.T_world_reference
+        seen = pixels.squares.near(T_camera_reference, camera)
+        kernels.cover(seen.places, seen.pool, kernel_motion(T_camera_reference.matrix), *image)
     return float(np.sum(covered & cells)) / max(float(np.sum(cells)), 1.0)
 
 

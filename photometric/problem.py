@@ -80,13 +80,13 @@ class Problem:
     ) -> Problem:
         """Pick the most salient pixels that the camera sees from the guessed pose, s(.) of M15 eq. 16."""
         share = params.max_pixels // len(views)
-        T_camera_world = T_world_camera.inverse()
+        T_camera_world, camera = T_world_camera.inverse(), level.camera
         selections = (
-            choose(view.reference.level_like(level.camera), T_camera_world @ view.T_world_reference, level, share)
+            choose(view.reference.level_like(camera), T_camera_world @ view.T_world_reference, camera, share)
             for view in views
         )
-        camera = level.kernel_camera if motion is None else rolling(level.camera, motion.twist(T_world_camera))
-        return Problem(tuple(selections), tuple(view.T_world_reference for view in views), level, params, camera)
+        moving = level.kernel_camera if motion is None else rolling(camera, motion.twist(T_world_camera))
+        return Problem(tuple(selections), tuple(view.T_world_reference for view in views), level, params, moving)
 
     def descend(self, state: State, limit: int, is_rotation: bool = False) -> Descent:
         """Iterate until the increment moves the image less than `min_step` (M15 eq. 6-7), `limit` times at most."""

@@ -76,7 +76,7 @@ def build_pyramid(image: Image, camera: Camera, params: PyramidParams | None = N
     params = params or PyramidParams()
     check_image(image, camera)
     cameras = level_cameras(camera, params.num_levels, params.min_side)
-    pad = int(isinstance(camera, Spherical) and camera.is_whole)
+    pad = pad_of(camera)
     levels = [Level(_pad(np.require(image, requirements=["C", "W"]), pad), camera, pad)]
     for smaller in cameras[1:]:
         levels.append(Level(_pad(_halve(levels[-1]), pad), smaller, pad))
@@ -91,6 +91,11 @@ def check_image(image: Image, camera: Camera) -> None:
         raise ValueError(f"image: expected uint8 or float32, found {image.dtype}")
     if image.dtype == np.float32 and not np.isfinite(image.sum()):
         raise ValueError("image: expected finite grey levels, found NaN or Inf")
+
+
+def pad_of(camera: Camera) -> int:
+    """Return how many columns of its other edge an image carries on both sides: one where it closes, else none."""
+    return int(isinstance(camera, Spherical) and camera.is_whole)
 
 
 @lru_cache(maxsize=64)

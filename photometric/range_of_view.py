@@ -23,7 +23,7 @@ def range_of_view(image: RigImage, T_world_body: SE3, params: RegistrationParams
     for view in image.views:
         T_camera_reference = T_camera_world @ view.T_world_reference
         pixels = view.reference.level_like(camera)
-        selection = choose(pixels, T_camera_reference, level, params.max_pixels // len(image.views))
+        selection = choose(pixels, T_camera_reference, camera, params.max_pixels // len(image.views))
         rows = selection.blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, :3].transpose(1, 0, 2).reshape(3, -1)
         points = T_camera_reference.apply(rows[:, ~np.isnan(rows[2])].T.astype(np.float64))
         uv, is_visible = camera.project(points)

@@ -4,67 +4,63 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from photometric import kernels
-from photometric.iteration.kernels import SIDE
+from photometric.iteration.kernels import BLOCK, SIDE
 from photometric.params import RegistrationParams
 from photometric.projection import Floats
-from photometric.pyramid import Image, Level, build_pyramid
-from photometric.saliency import saliency_rank
-from sphere_geometry import SE3, Camera, Spherical
-from sphere_geometry.camera import pixel_grid
-
-TILE = 32  # px: pixels are kept tile by tile, so that a block of them lies together
+from photometric.pyramid import Image, Level, check_image, level_cameras, pad_of
+from photometric.squares import Squares, Steps
+from sphere_geometry import SE3, Camera
 
 
 @dataclass(frozen=True)
 class ReferenceLevel:
-    """The pixels of one level that have a range, tile by tile, as the kernels take them.
+    """The pixels of one level that have a range, in the frame of the reference; `squares` holds what was seen."""
 
-    points (3, N) m, intensity (N,) grey levels, gradient (3, N) grey levels per metre, all in the reference frame.
-    `known_rank` (N,) is their saliency order where it was computed before.
-    """
-
-    camera: Camera
-    points: Floats
-    intensity: Floats
-    gradient: Floats
-    known_rank: NDArray[np.int32] | None = None
+    squares: Squares
     selections: dict[tuple[Camera, int], Selection] = field(default_factory=dict, repr=False, compare=False)
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of the level."""
+        return self.squares.camera
 
     @property
     def num_pixels(self) -> int:
         """How many pixels have a range."""
-        return self.intensity.shape[0]
+        return self.squares.num_pixels
+
+    @property
+    def num_bytes(self) -> int:
+        """Memory that the level takes now."""
+        return self.squares.num_bytes + sum(one.blocks.nbytes for one in list(self.selections.values()))
+
+    @property
+    def points(self) -> Floats:
+        """Points (3, N) in m of all pixels, square by square."""
+        return self._all[:3]
+
+    @property
+    def intensity(self) -> Floats:
+        """Grey levels (N,) of all pixels."""
+        return self._all[3]
+
+    @property
+    def gradient(self) -> Floats:
+        """Gradients (3, N) by the point of all pixels, in grey levels per metre."""
+        return self._all[4:]
 
     @cached_property
-    def rank(self) -> NDArray[np.int32]:
-        """Place (N,) of each pixel in the saliency order, 0 first; sorted when first asked for, its better half."""
-        if self.known_rank is not None:
-            return self.known_rank
-        return saliency_rank(self.points, self.gradient, limit=self.num_pixels // 2)
-
-    @cached_property
-    def bounds(self) -> Floats:
-        """Centre and radius (M, 4) in m of the sphere around each `SIDE` pixels."""
-        bounds = np.empty((-(-self.num_pixels // SIDE), 4), np.float32)
-        kernels.bound_blocks(self.points, bounds)
-        return bounds
-
-    def complete(self) -> None:
-        """Compute now what is otherwise computed when first asked for."""
-        _ = self.rank, self.bounds
-
-    def most_salient(self, number: int) -> ReferenceLevel:
-        """Return the level reduced to the best pixels of the saliency order (M15 section 3.6), at most half of all."""
-        index = np.flatnonzero(self.rank < number)
-        points = np.ascontiguousarray(self.points[:, index])
-        gradient = np.ascontiguousarray(self.gradient[:, index])
-        return ReferenceLevel(self.camera, points, self.intensity[index], gradient, self.rank[index])
+    def _all(self) -> Floats:
+        seen = self.squares.all()
+        rows = seen.pool.reshape(-1, BLOCK // SIDE, SIDE)[seen.places]
+        pixels = rows.transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)
+        return np.ascontiguousarray(pixels[:, ~np.isnan(pixels[2])])
 
 
 @dataclass(frozen=True)
@@ -87,6 +83,11 @@ class Reference:
     def camera(self) -> Camera:
         """The camera of the finest level."""
         return self.levels[0].camera
+
+    @property
+    def num_bytes(self) -> int:
+        """Memory that it takes now; it grows with what cameras see of it."""
+        return sum(level.num_bytes for level in self.levels)
 
     def level_like(self, camera: Camera) -> ReferenceLevel:
         """Return the level whose angular resolution is nearest to a camera's."""
@@ -111,15 +112,17 @@ def prepare_reference(
     """
     params = params or RegistrationParams()
     check_range(range_m, camera)
-    pyramid = build_pyramid(image.astype(np.float32, copy=False), camera, params.pyramid)
-    ranges = np.ascontiguousarray(range_m, dtype=np.float32)
+    image = image if image.dtype == np.uint8 else image.astype(np.float32, copy=False)
+    check_image(image, camera)
+    cameras = level_cameras(camera, params.pyramid.num_levels, params.pyramid.min_side)
+    finest, pad = min(params.pyramid.finest, len(cameras) - 1), pad_of(camera)
+    steps, ranges = in_steps(image, pad), np.ascontiguousarray(range_m, dtype=np.float32)
     levels = []
-    for index, level in enumerate(pyramid.levels):
+    for index, smaller in enumerate(cameras):
         if index:
-            ranges = _halve_range(ranges, params.surface_ratio)
-        if index < min(params.pyramid.finest, len(pyramid.levels) - 1):
-            continue  # no image will be aligned that finely
-        levels.append(prepare_level(level, ranges, params.far))
+            steps, ranges = _halve_steps(steps, pad), _halve_range(ranges, params.surface_ratio)
+        if index >= finest:  # else no image will be aligned that finely
+            levels.append(ReferenceLevel(Squares(steps, smaller, pad, ranges, params.far)))
     return Reference(tuple(levels))
 
 
@@ -131,42 +134,26 @@ def check_range(range_m: NDArray[np.floating], camera: Camera) -> None:
         raise ValueError(f"range: expected positive, NaN or +Inf, found {np.nanmin(range_m)}")
 
 
-@lru_cache(maxsize=16)
-def rays_of(camera: Camera) -> Floats:
-    """Return the unit rays (3, H W) of all pixels, NaN where the camera has none; kept for the latest cameras."""
-    rays = camera.unproject(pixel_grid(camera)).astype(np.float32)
-    return np.ascontiguousarray(rays.reshape(-1, 3).T)
-
-
-@lru_cache(maxsize=16)
-def tile_order(height: int, width: int) -> NDArray[np.int64]:
-    """Return the indices (H W,) of all pixels, tile by tile."""
-    v, u = np.mgrid[0:height, 0:width]
-    tile = (v // TILE * -(-width // TILE) + u // TILE).reshape(-1)
-    return np.argsort(tile, kind="stable")
-
-
 def _halve_range(range_m: Floats, surface_ratio: float) -> Floats:
     out = np.empty((range_m.shape[0] // 2, range_m.shape[1] // 2), np.float32)
     kernels.halve_range(range_m, np.float32(surface_ratio), out)
     return out
 
 
+def in_steps(image: Image, pad: int) -> Steps:
+    """Return grey levels (H, W) in steps of 1 / 256, padded: half the memory, far below the noise of any camera."""
+    out = np.empty((image.shape[0], image.shape[1] + 2 * pad), np.uint16)
+    kernels.quantise(np.require(image, requirements=["C", "W"]), pad, out)
+    return out
+
+
+def _halve_steps(steps: Steps, pad: int) -> Steps:
+    out = np.empty((steps.shape[0] // 2, (steps.shape[1] - 2 * pad) // 2 + 2 * pad), np.uint16)
+    kernels.halve_steps(steps, pad, out)
+    return out
+
+
 def prepare_level(level: Level, range_m: Floats, far: float) -> ReferenceLevel:
-    """Prepare the pixels of one level that have a range."""
-    usable = ~np.isnan(range_m)
-    usable[[0, -1]] = False  # no central difference there
-    if not level.pad:
-        usable[:, [0, -1]] = False
-    rays = rays_of(level.camera)
-    if not isinstance(level.camera, Spherical):
-        usable &= ~np.isnan(rays[0]).reshape(usable.shape)
-    order = tile_order(*usable.shape)
-    index = order[usable.reshape(-1)[order]]
-    points = np.empty((3, index.size), np.float32)
-    gradient = np.empty((3, index.size), np.float32)
-    intensity = np.empty(index.size, np.float32)
-    image = level.image.astype(np.float32, copy=False)
-    inputs = (index, rays, range_m.reshape(-1), np.float32(far), image, level.pad, level.kernel_camera)
-    kernels.reference_points(*inputs, points, intensity, gradient)
-    return ReferenceLevel(level.camera, points, intensity, gradient)
+    """Prepare one level of an image with range (H, W) in metres."""
+    bare = level.image[:, level.pad : level.image.shape[1] - level.pad]
+    return ReferenceLevel(Squares(in_steps(bare, level.pad), level.camera, level.pad, range_m, far))

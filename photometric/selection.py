@@ -1,52 +1,82 @@
-"""The run-time selection s(.) of M15 eq. 16: the most salient pixels of a reference that the camera sees."""
+"""The run-time selection s(.) of M15 eq. 16: the most salient of the pixels that the camera sees.
+
+Salient by algorithm 1, balanced over the six columns among what is visible: what is best elsewhere says nothing here.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
+from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from photometric import kernels
 from photometric.iteration.kernels import BLOCK, SIDE
-from photometric.projection import kernel_motion, view_cone
-from photometric.pyramid import Level
-from photometric.reference import ReferenceLevel, Selection
-from sphere_geometry import SE3
+from photometric.projection import kernel_camera, kernel_motion
+from photometric.reference import Reference, ReferenceLevel, Selection
+from sphere_geometry import SE3, Camera
 
 MAX_SHIFT = 0.1  # of the image's width: a selection is used again while the image has moved less than this
 
 
-def choose(pixels: ReferenceLevel, T_camera_reference: SE3, level: Level, number: int) -> Selection:
+def choose(pixels: ReferenceLevel, T_camera_reference: SE3, camera: Camera, number: int) -> Selection:
     """Return `select`, or the last selection for this camera where it still holds: images of a stream move little."""
-    key = (level.camera, number)
-    last = pixels.selections.get(key)
-    if last is None or _image_shift(last, T_camera_reference, level) > MAX_SHIFT * level.camera.width:
-        last = pixels.selections[key] = select(pixels, T_camera_reference, level, number)
-    return last
+    if not holds(pixels, T_camera_reference, camera, number):
+        pixels.selections[camera, number] = select(pixels, T_camera_reference, camera, number)
+    return pixels.selections[camera, number]
 
 
-def select(pixels: ReferenceLevel, T_camera_reference: SE3, level: Level, number: int) -> Selection:
-    """Return the `number` most salient pixels that project into the image, in the order of the reference."""
-    chosen = visible(pixels, T_camera_reference, level)
+def holds(
+    pixels: ReferenceLevel, T_camera_reference: SE3, camera: Camera, number: int, max_shift: float = MAX_SHIFT
+) -> bool:
+    """Say whether the image has moved less than a share of its width since the last selection for this camera."""
+    last = pixels.selections.get((camera, number))
+    return last is not None and _image_shift(last, T_camera_reference, camera) <= max_shift * camera.width
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """A selection that no image uses until it is kept."""
+
+    pixels: ReferenceLevel
+    camera: Camera
+    number: int
+    selection: Selection
+
+    def keep(self) -> None:
+        """Let `choose` return it."""
+        self.pixels.selections[self.camera, self.number] = self.selection
+
+
+def select_levels(
+    reference: Reference, T_camera_reference: SE3, cameras: Iterable[Camera], number: int
+) -> list[Chosen]:
+    """Return the selection for the camera of every level of a pyramid."""
+    found = []
+    for camera in cameras:
+        pixels = reference.level_like(camera)
+        found.append(Chosen(pixels, camera, number, select(pixels, T_camera_reference, camera, number)))
+    return found
+
+
+def select(pixels: ReferenceLevel, T_camera_reference: SE3, camera: Camera, number: int) -> Selection:
+    """Return the `number` most salient of the pixels that project into the image, in the order of the reference."""
+    squares = pixels.squares.near(T_camera_reference, camera, is_thinned=True)
+    T = kernel_motion(T_camera_reference.matrix)
+    seen = np.empty(squares.places.size * SIDE, np.int32)
+    args = (T, kernel_camera(camera), camera.width, camera.height)
+    chosen = seen[: kernels.find_visible(squares.places, squares.pool, *args, seen)]
     if chosen.size > number:
-        chosen = kernels.best_of(chosen, pixels.rank, number)
+        chosen = kernels.best_of(chosen, squares.keys, number)
     blocks = np.empty(-(-chosen.size // SIDE) * BLOCK, np.float32)
-    inverse = kernels.fill_blocks(pixels.points, pixels.intensity, pixels.gradient, chosen, blocks)
+    inverse = kernels.gather(squares.pool, chosen, blocks)
     return Selection(T_camera_reference, blocks, chosen.size, 1.0 / inverse)
 
 
-def visible(pixels: ReferenceLevel, T_camera_reference: SE3, level: Level) -> NDArray[np.int32]:
-    """Return the indices of the pixels of a reference that project into the image of a level."""
-    camera, T = level.camera, kernel_motion(T_camera_reference.matrix)
-    seen = np.empty(pixels.num_pixels, np.int32)
-    args = (T, level.kernel_camera, view_cone(camera), camera.width, camera.height)
-    return seen[: kernels.find_visible(pixels.points, pixels.bounds, *args, seen)]
-
-
-def _image_shift(last: Selection, T_camera_reference: SE3, level: Level) -> float:
+def _image_shift(last: Selection, T_camera_reference: SE3, camera: Camera) -> float:
     """Return how far the image has moved since a selection, in pixels: the chord of the turn, and the parallax."""
     off = T_camera_reference.matrix - last.T_camera_reference.matrix
     turn = math.sqrt(0.5 * float(np.vdot(off[:3, :3], off[:3, :3])))
     distance = math.sqrt(float(np.vdot(off[:3, 3], off[:3, 3])))
-    return (turn + distance / last.typical_range) * level.camera.pixels_per_radian
+    return (turn + distance / last.typical_range) * camera.pixels_per_radian

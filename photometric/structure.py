@@ -121,7 +121,7 @@ def _samples(
     for view, gain, bias in zip(views, alignment.gains, alignment.biases, strict=True):
         T_camera_reference = T_camera_world @ view.T_world_reference
         pixels = view.reference.level_like(level.camera)
-        selection = choose(pixels, T_camera_reference, level, params.max_pixels // len(views))
+        selection = choose(pixels, T_camera_reference, level.camera, params.max_pixels // len(views))
         step = max(1, len(views) * selection.num_pixels // NUM_PIXELS)
         some = selection.blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, :, ::step].astype(np.float64)
         rows = some.transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)

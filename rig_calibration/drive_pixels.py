@@ -21,7 +21,7 @@ def collect(pyramid: Pyramid, view: View, T_map_camera: SE3, velocity: NDArray[n
     T_camera_reference = T_map_camera.inverse() @ view.T_world_reference
     levels = []
     for level in pyramid.levels[:NUM_LEVELS]:
-        chosen = select(view.reference.level_like(level.camera), T_camera_reference, level, NUM_PIXELS)
+        chosen = select(view.reference.level_like(level.camera), T_camera_reference, level.camera, NUM_PIXELS)
         blocks = chosen.blocks.reshape(-1, BLOCK // SIDE, SIDE).transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)
         blocks = blocks[:, : chosen.num_pixels].astype(np.float64)
         points_map = view.T_world_reference.apply(blocks[ROWS_OF_POINT].T)

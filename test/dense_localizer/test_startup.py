@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
 
+from dense_localizer.coarse_reference import CoarseReference
 from dense_localizer.params import LocalizerParams, StartParams
-from dense_localizer.reference import CoarseReference, References
+from dense_localizer.reference import References
 from dense_localizer.search import Search
 from dense_localizer.startup import Startup, candidate_poses, decide
 from localization.status import Reason
@@ -77,9 +78,8 @@ def test_candidate_poses_go_all_around_a_whole_sphere_and_about_the_middle_of_a_
     assert whole.matrix.shape == (36, 4, 4)  # 12 headings, 3 places
     forward = np.unique(np.round(whole.rotation[:, :, 2], 6), axis=0)
     assert len(forward) == 12
-    part = candidate_poses(
-        CoarseReference(coarse.reference, coarse.points, Spherical(100, 60, 512.0, 0.0, 98.0), 3.0), params, PINHOLE
-    )
+    window = Spherical(100, 60, 512.0, 0.0, 98.0)
+    part = candidate_poses(CoarseReference(window, 3.0, coarse.load, coarse.params), params, PINHOLE)
     assert part.matrix.shape == (45, 4, 4)  # 5 x 3 directions, 3 places
     middle = Spherical(100, 60, 512.0, 0.0, 98.0).unproject([49.5, 29.5])
     assert np.any(np.all(np.isclose(part.rotation[:, :, 2], middle, atol=1e-9), axis=1))

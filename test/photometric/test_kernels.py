@@ -5,8 +5,11 @@ import pytest
 
 from photometric import kernels
 from photometric.iteration.kernels import BLOCK, SIDE
-from photometric.projection import kernel_camera, kernel_motion, view_cone
+from photometric.projection import kernel_camera, kernel_motion
+from photometric.reference import in_steps
+from photometric.squares import Squares, curve
 from sphere_geometry import SE3, Fisheye, Pinhole, Spherical
+from worlds.blocks import in_blocks
 
 CAMERAS = [
     Pinhole(64, 48, 50.0, 52.0, 31.0, 24.5),
@@ -37,72 +40,108 @@ def test_halve_range_keeps_to_the_nearest_surface():
     assert out.tolist() == [[1.0, 3.0, 2.0, inf]]
 
 
-def test_salient_pixels_are_picked_by_algorithm_1(rng):
-    number = 400
-    points = rng.uniform(-5, 5, (3, number)).astype(np.float32)
-    gradient = (rng.normal(size=(3, number)) * 2.0 ** rng.integers(-12, 12, number)).astype(np.float32)
-    order = np.empty((6, number), np.uint32)
-    kernels.sort_columns(points, gradient, np.empty((6, number), np.uint16), order)
-    J = np.abs(np.column_stack([gradient.T, np.cross(points.T, gradient.T)]))
+@pytest.mark.parametrize(("shape", "pad"), [((8, 12), 0), ((9, 13), 0), ((8, 12), 1)])
+def test_halve_steps_is_halve_bytes_in_steps(rng, shape, pad):
+    image = rng.integers(0, 255, shape).astype(np.uint8)
+    steps = np.empty((shape[0], shape[1] + 2 * pad), np.uint16)
+    kernels.quantise(image, pad, steps)
+    assert np.array_equal(steps[:, pad : pad + shape[1]], image * np.uint16(256))
+    out = np.empty((shape[0] // 2, shape[1] // 2 + 2 * pad), np.uint16)
+    kernels.halve_steps(steps, pad, out)
+    around = np.hstack([image[:, -2:], image, image[:, :2]]) if pad else image
+    expected = np.empty((around.shape[0] // 2, around.shape[1] // 2), np.float32)
+    kernels.halve_bytes(np.ascontiguousarray(around), expected)
+    inner = slice(pad, out.shape[1] - pad)
+    assert np.abs(out / 256.0 - expected)[:, inner].max() < 0.003
+    if pad:
+        assert np.array_equal(out[:, [0, -1]], out[:, [-2, 1]])
+
+
+def pool_of(pixels):
+    """Return pixels (7, N) in squares, and how much each fixes by every column."""
+    pool = in_blocks(pixels)
+    keys = np.empty((pool.size // BLOCK * SIDE, 6), np.uint8)
+    for first in range(0, pool.size // BLOCK):
+        block = slice(first * BLOCK, (first + 1) * BLOCK), slice(first * SIDE, (first + 1) * SIDE)
+        kernels._write_keys(pool[block[0]], keys[block[1]])
+    return pool, keys
+
+
+def columns_of(pixels):
+    """Return |J| (N, 6) of pixels (7, N)."""
+    return np.abs(np.column_stack([pixels[4:].T, np.cross(pixels[:3].T, pixels[4:].T)]))
+
+
+def test_keys_order_what_the_columns_fix(rng):
+    pixels = rng.uniform(-5, 5, (7, 4 * SIDE)).astype(np.float32)
+    pixels[4:] *= 2.0 ** rng.integers(-8, 12, pixels.shape[1])
+    _, keys = pool_of(pixels)
+    J = columns_of(pixels)
     for j in range(6):
-        column = J[order[j], j]
-        ordered = column[1:] <= np.maximum(column[:-1] * 1.01, 2.0**-12)  # what is smaller is all the same
-        assert np.all(ordered)
-    rank = np.empty(number, np.int32)
-    kernels.pick_in_turn(order, rank)
-    taken, expected = set(), []
-    while len(expected) < number:  # the paper's algorithm, literally, on the sorted columns
+        ordered = J[np.argsort(keys[:, j], kind="stable"), j]
+        assert np.all(np.maximum.accumulate(ordered) <= np.maximum(ordered * 1.13, 2.0**-12))
+
+
+def test_each_column_gets_its_best_of_what_is_seen(rng):
+    pixels = rng.normal(size=(7, 20 * SIDE)).astype(np.float32)
+    pixels[4:, : 10 * SIDE] *= 100.0  # what is not seen fixes most, and counts for nothing
+    _, keys = pool_of(pixels)
+    seen = np.arange(10 * SIDE, 20 * SIDE, dtype=np.int32)[::2]
+    J = columns_of(pixels)[seen]
+    for number in (6, 100, 777):
+        best = kernels.best_of(seen, keys, number)
+        assert best.size == number
+        assert np.all(np.diff(best) > 0)
+        chosen = np.isin(seen, best)
         for j in range(6):
-            rest = [int(i) for i in order[j] if int(i) not in taken]
-            if rest:
-                taken.add(rest[0])
-                expected.append(rest[0])
-    assert np.argsort(rank).tolist() == expected
+            at_least = np.sort(J[:, j])[::-1][max(number // 6 - 1, 0)]
+            assert chosen[J[:, j] > 1.3 * at_least].all()  # two steps of the keys
 
 
-def test_best_of_gives_the_best_seen_pixels_in_their_order(rng):
-    rank = rng.permutation(5000).astype(np.int32)
-    seen = np.flatnonzero(rng.random(5000) < 0.5).astype(np.int32)
-    for number in (1, 100, 1777):
-        expected = np.sort(seen[np.argsort(rank[seen])[:number]])
-        assert np.array_equal(kernels.best_of(seen, rank, number), expected)
+def test_of_pixels_that_are_alike_some_of_everywhere_are_taken():
+    pixels = np.ones((7, 8 * SIDE), np.float32)
+    _, keys = pool_of(pixels)
+    best = kernels.best_of(np.arange(8 * SIDE, dtype=np.int32), keys, 100)
+    assert np.all(np.abs(np.diff(best) - 8 * SIDE / 100) <= 1)
 
 
 def test_blocks_are_filled_up_with_what_nobody_sees(rng):
-    points, gradient = rng.normal(size=(2, 3, 600)).astype(np.float32)
-    intensity = rng.uniform(0, 255, 600).astype(np.float32)
+    pixels = rng.normal(size=(7, 600)).astype(np.float32)
     chosen = np.arange(0, 600, 2, dtype=np.int32)
     blocks = np.full(2 * BLOCK, 7.0, np.float32)
-    inverse = kernels.fill_blocks(points, intensity, gradient, chosen, blocks)
+    inverse = kernels.gather(in_blocks(pixels), chosen, blocks)
     data = blocks.reshape(2, 7, SIDE).transpose(1, 0, 2).reshape(7, -1)
-    assert np.array_equal(data[:, :300], np.vstack([points, intensity, gradient])[:, chosen])
+    assert np.array_equal(data[:, :300], pixels[:, chosen])
     assert np.isnan(data[2, 300:]).all()
     assert not data[[0, 1, 3, 4, 5, 6], 300:].any()
-    assert inverse == pytest.approx(np.mean(1.0 / np.linalg.norm(points[:, chosen], axis=0)), rel=1e-5)
-    assert kernels.fill_blocks(points, intensity, gradient, chosen[:0], blocks[:0]) == 1.0
+    assert inverse == pytest.approx(np.mean(1.0 / np.linalg.norm(pixels[:3, chosen], axis=0)), rel=1e-5)
+    assert kernels.gather(in_blocks(pixels), chosen[:0], blocks[:0]) == 1.0
 
 
-def test_bounds_hold_their_points(rng):
-    points = rng.normal(size=(3, 700)).astype(np.float32)
-    bounds = np.empty((3, 4), np.float32)
-    kernels.bound_blocks(points, bounds)
-    for b, (*centre, radius) in enumerate(bounds):
-        off = np.linalg.norm(points[:, b * SIDE : (b + 1) * SIDE].T - centre, axis=1)
-        assert radius * 0.999 < off.max() <= radius * 1.001
-
-
-def test_the_cone_of_a_camera_hides_nothing_that_it_sees(rng):
-    points = (rng.normal(size=(3, 20000)) * [[8.0], [8.0], [8.0]]).astype(np.float32)
-    points = np.ascontiguousarray(points[:, np.argsort(np.arctan2(points[1], points[0]))])
-    bounds = np.empty((-(-20000 // SIDE), 4), np.float32)
-    kernels.bound_blocks(points, bounds)
-    for camera in CAMERAS:
-        for T in (SE3.identity(), SE3.exp(rng.normal(size=6))):
-            seen = np.empty(20000, np.int32)
-            args = (kernel_motion(T.matrix), kernel_camera(camera), view_cone(camera), camera.width, camera.height)
-            found = set(seen[: kernels.find_visible(points, bounds, *args, seen)].tolist())
-            pixels, _ = camera.project(T.apply(points.T))
-            with np.errstate(invalid="ignore"):
-                inside = np.all((pixels >= 1e-2) & (pixels <= (camera.width - 1.01, camera.height - 1.01)), axis=-1)
-            assert set(np.flatnonzero(inside).tolist()) <= found
-            assert len(found) < 1.05 * inside.sum() + 50
+@pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: f"{camera.model} {camera.width}")
+def test_squares_hold_points_and_hide_nothing_that_a_camera_sees(camera, rng):
+    sphere = Spherical(128, 64)
+    range_m = rng.uniform(1.0, 9.0, (64, 128)).astype(np.float32)
+    range_m[rng.random(range_m.shape) < 0.3] = np.nan
+    range_m[40:48, 16:32] = np.nan  # half a square
+    image = in_steps(rng.uniform(0, 255, range_m.shape).astype(np.float32), 1)
+    squares = Squares(image, sphere, 1, range_m, 100.0)
+    assert squares.num_pixels == np.sum(~np.isnan(range_m[1:-1]))
+    places, pool, _ = squares.all()
+    points = pool.reshape(-1, 7, SIDE)[places, :3].transpose(1, 0, 2)
+    bounds = squares.bounds[curve(128, 64)]
+    for bound, some in zip(bounds[bounds[:, 3] >= 0], points.transpose(1, 2, 0), strict=True):
+        off = np.linalg.norm(some[~np.isnan(some[:, 2])] - bound[:3], axis=1)
+        assert off.max() <= bound[3] * 1.001
+    for T in (SE3.identity(), SE3.exp(rng.normal(size=6))):
+        near = squares.near(T, camera)
+        seen = np.empty(near.places.size * SIDE, np.int32)
+        args = (kernel_motion(T.matrix), kernel_camera(camera), camera.width, camera.height)
+        found = set(seen[: kernels.find_visible(near.places, near.pool, *args, seen)].tolist())
+        flat = pool.reshape(-1, 7, SIDE)[:, :3].transpose(0, 2, 1).reshape(-1, 3)
+        pixels, _ = camera.project(T.apply(flat))
+        with np.errstate(invalid="ignore"):
+            inside = np.all((pixels >= 1e-2) & (pixels <= (camera.width - 1.01, camera.height - 1.01)), axis=-1)
+        inside &= np.repeat(np.isin(np.arange(len(flat) // SIDE), places), SIDE)
+        assert set(np.flatnonzero(inside).tolist()) <= found
+        assert len(found) < 1.05 * inside.sum() + 50

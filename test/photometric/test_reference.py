@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from photometric import PyramidParams, RegistrationParams, prepare_reference
-from photometric.reference import tile_order
+from photometric import PyramidParams, RegistrationParams, build_pyramid, prepare_reference
+from photometric.squares import curve
 from sphere_geometry import SE3, Pinhole, Spherical
 
 CAMERA = Pinhole(80, 60, 55.0, 55.0, 39.5, 29.5)
@@ -36,8 +36,10 @@ def test_the_gradient_of_a_whole_sphere_has_no_seam(room):
     level = prepare_reference(image, range_m, camera, PARAMS).levels[0]
     assert level.num_pixels == 62 * 128  # every column, the first and last row left out
     turned = prepare_reference(np.roll(image, 64, axis=1), np.roll(range_m, 64, axis=1), camera, PARAMS).levels[0]
-    order = tile_order(64, 128)
-    scan = np.argsort(order[(order >= 128) & (order < 63 * 128)])  # from tiles back to rows
+    row, column = np.mgrid[0:64, 0:128]
+    place = np.argsort(curve(128, 64))[row // 16 * 8 + column // 16]
+    order = np.argsort(place[1:-1].reshape(-1), kind="stable")  # square by square
+    scan = np.argsort(order)
     norm = np.linalg.norm(level.gradient, axis=0)[scan].reshape(62, 128)
     norm_turned = np.linalg.norm(turned.gradient, axis=0)[scan].reshape(62, 128)
     assert np.allclose(np.roll(norm, 64, axis=1), norm_turned, rtol=1e-3, atol=1e-2)
@@ -66,3 +68,22 @@ def test_a_range_of_another_size_is_refused(room):
     image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
     with pytest.raises(ValueError, match="range: expected 80 x 60"):
         prepare_reference(image, range_m[:-1], CAMERA, PARAMS)
+
+
+def test_any_piece_of_the_curve_is_a_patch():
+    order = curve(512, 256)
+    assert sorted(order.tolist()) == list(range(32 * 16))
+    for first in range(0, 512, 16):
+        row, column = order[first : first + 16] // 32, order[first : first + 16] % 32
+        assert np.ptp(row) < 4
+        assert np.ptp(column) < 4
+
+
+def test_the_image_of_a_reference_is_quantised_far_below_noise(room):
+    camera = Spherical(128, 64)
+    image, range_m = room.render(camera, SE3.identity())
+    for one in (image, image.astype(np.float32)):
+        reference = prepare_reference(one, range_m, camera, PARAMS)
+        pyramid = build_pyramid(image.astype(np.float32), camera, PARAMS.pyramid)
+        for level, exact in zip(reference.levels, pyramid.levels, strict=True):
+            assert np.abs(level.squares._image / 256.0 - exact.image).max() < 0.01

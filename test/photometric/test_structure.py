@@ -39,11 +39,11 @@ def test_a_right_lens_leaves_no_stretch(room, views, camera):
 @pytest.mark.parametrize("share", [-0.03, 0.03])
 def test_the_stretch_of_a_wrong_focal_length_is_found(room, views, camera, share):
     lens = replace(camera, fx=(1 + share) * camera.fx, fy=(1 + share) * camera.fy)
-    found = seen(room, views, lens, camera)
-    assert found.stretch * share > 0
-    # Huber's weights and the step to first order lose a part: half to all of it is seen
-    assert 0.4 * abs(share) < abs(found.stretch) < 1.2 * abs(share)
-    assert abs(found.stretch) > 3.0 * found.stretch_sigma
+    found = [seen(room, views, lens, camera, seed=seed) for seed in range(4)]
+    # Huber's weights and the step to first order lose a part: more than a third is seen, pinholes scatter by a tenth
+    assert 0.35 < np.mean([one.stretch / share for one in found]) < 1.2
+    assert min(one.stretch / share for one in found) > 0.2
+    assert np.median([one.stretch / share * abs(share) / one.stretch_sigma for one in found]) > 3.0
 
 
 def test_gradients_of_another_place_do_not_agree(room, views):

@@ -7,8 +7,6 @@ import numpy as np
 from photometric.iteration import kernels
 from photometric.projection import kernel_camera, kernel_motion
 from photometric.pyramid import Level
-from photometric.reference import ReferenceLevel
-from photometric.selection import select
 from sphere_geometry import SE3
 
 IDENTITY = SE3.identity()
@@ -31,10 +29,9 @@ class Case:
         self.number = len(points)
         intensity = rng.uniform(0, 255, self.number).astype(np.float32)
         gradient = (rng.normal(size=(3, self.number)) * 50).astype(np.float32)
-        self.pixels = ReferenceLevel(camera, np.ascontiguousarray(points.T, np.float32), intensity, gradient)
         self.image = rng.uniform(0, 255, (camera.height, camera.width)).astype(dtype)
         self.level = Level(self.image, camera, 0)
-        self.blocks = select(self.pixels, IDENTITY, self.level, self.number).blocks
+        self.blocks = in_blocks(np.vstack([points.T, intensity, gradient]).astype(np.float32))
         self.T = SE3.exp([0.05, -0.03, 0.04, 0.01, -0.02, 0.015])
         self.data = rows(self.blocks, kernels.BLOCK)  # (7, N') with the filling
 
@@ -57,6 +54,15 @@ class Case:
         b = 0.5 * (self.data[4:].T + by_point)  # eq. 30
         J = np.column_stack([b, np.cross(points, b), grey, np.ones(len(points))])
         return visible, gain * grey + bias - self.data[3], J
+
+
+def in_blocks(pixels):
+    """Return the blocks of pixels (7, N): points, grey levels, gradients; filled up with what nobody sees."""
+    number = -(-pixels.shape[1] // kernels.SIDE) * kernels.SIDE
+    filled = np.zeros((7, number), np.float32)
+    filled[2] = np.nan
+    filled[:, : pixels.shape[1]] = pixels
+    return np.ascontiguousarray(filled.reshape(7, -1, kernels.SIDE).transpose(1, 0, 2)).reshape(-1)
 
 
 def rows(flat, size):
