@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-import dense_localizer.localizer
+import dense_localizer.inputs
+import dense_localizer.inter_frame
 import dense_localizer.place
 import photometric.esm
 from benchmarks.machine import describe, num_cores
@@ -45,8 +46,9 @@ START_X, END_X = -3.5, 2.5  # m in the room
 SPACING = 1.0  # m between key spheres
 SETTLE = 10  # images of the start, which is no tracking
 STAGES: dict[str, tuple[Any, str]] = {
-    "check of the image": (InputCheck, "check"),
-    "pyramid": (dense_localizer.localizer, "build_pyramid"),
+    "check of the image": (InputCheck, "check_image"),
+    "pyramid": (dense_localizer.inputs, "build_pyramid"),
+    "is the rotation supported": (dense_localizer.inter_frame, "mismatch"),
     "choice of references": (References, "choose"),
     "choice of pixels": (photometric.esm.Problem, "choose_pixels"),
     "descents": (photometric.esm.Problem, "descend"),
