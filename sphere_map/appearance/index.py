@@ -38,6 +38,25 @@ class Likeness:
     log_chance: float
 
 
+class Postings:
+    """Where a word was seen: rows (n, 3) of the sphere's row, azimuth and elevation in rad, in an array that grows."""
+
+    def __init__(self) -> None:
+        self._rows, self._size = np.empty((4, 3)), 0
+
+    @property
+    def rows(self) -> NDArray[np.float64]:
+        """What was added so far."""
+        return self._rows[: self._size]
+
+    def add(self, row: int, azimuth: float, elevation: float) -> None:
+        """Add one place."""
+        if self._size == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+        self._rows[self._size] = row, azimuth, elevation
+        self._size += 1
+
+
 class AppearanceIndex:
     """Features of all key spheres by word; `features` by id."""
 
@@ -46,8 +65,7 @@ class AppearanceIndex:
         self.features: dict[int, Features] = {}
         self.words: dict[int, NDArray[np.int64]] = {}
         self._ids: list[int] = []
-        self._lists: dict[int, list[tuple[int, float, float]]] = {}  # by word: row of the sphere, azimuth, elevation
-        self._arrays: dict[int, NDArray[np.float64]] = {}  # the same as (n, 3), made when asked for
+        self._postings: dict[int, Postings] = {}  # by word
 
     def __len__(self) -> int:
         return len(self._ids)
@@ -66,9 +84,7 @@ class AppearanceIndex:
         self._ids.append(sphere_id)
         azimuth, elevation = angles(features.rays)
         for feature in telling(words).tolist():
-            word = int(words[feature])
-            self._lists.setdefault(word, []).append((row, float(azimuth[feature]), float(elevation[feature])))
-            self._arrays.pop(word, None)
+            self._postings.setdefault(int(words[feature]), Postings()).add(row, azimuth[feature], elevation[feature])
 
     def find(self, features: Features, count: int, without: Iterable[int] = ()) -> list[Likeness]:
         """Return up to `count` key spheres, the likest first; rays of the image in axes about upright (z up)."""
@@ -94,7 +110,10 @@ class AppearanceIndex:
         azimuth, elevation = angles(features.rays)
         cells = []
         for feature in telling(words).tolist():
-            entries = self._array(int(words[feature]))
+            postings = self._postings.get(int(words[feature]))
+            if postings is None:
+                continue
+            entries = postings.rows
             near = entries[np.abs(entries[:, 2] - elevation[feature]) < MAX_RISE]
             turn = (near[:, 1] - azimuth[feature] + np.pi) % (2 * np.pi)
             turn_bin = np.minimum((turn * (NUM_BINS / (2 * np.pi))).astype(np.int64), NUM_BINS - 1)
@@ -103,11 +122,6 @@ class AppearanceIndex:
             np.bincount(np.concatenate(cells), minlength=len(self._ids) * NUM_BINS) if cells else np.zeros(0, np.int64)
         )
         return total.reshape(-1, NUM_BINS)
-
-    def _array(self, word: int) -> NDArray[np.float64]:
-        if word not in self._arrays:
-            self._arrays[word] = np.array(self._lists.get(word, []), dtype=np.float64).reshape(-1, 3)
-        return self._arrays[word]
 
 
 def angles(rays: Floats) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
