@@ -30,7 +30,7 @@ class ReferenceParams:
     """Which key spheres an image is aligned to (`reference.py`)."""
 
     num_references: int = param(2, "key spheres used at once (M15 eq. 19)", low=1, high=4)
-    memory: float = param(100.0, "memory of prepared key spheres; two stay whatever they take", "MB", low=1.0)
+    memory: float = param(100.0, "memory of prepared key spheres; three stay whatever they take", "MB", low=1.0)
 
 
 @parameters

@@ -12,7 +12,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from photometric import Reference
 
 Prepare = Callable[[int], Reference]
-MIN_KEPT = 2  # key spheres that are kept whatever they take
+MIN_KEPT = 3  # key spheres that are kept whatever they take: two in use, and the next
 
 
 class Preparation:

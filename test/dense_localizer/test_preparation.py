@@ -43,13 +43,16 @@ def test_spheres_are_read_once_while_there_is_room():
     preparation.close()
 
 
-def test_two_are_kept_whatever_they_take():
+def test_two_in_use_and_the_next_are_kept_whatever_they_take():
     reader = Reader()
     preparation = Preparation(reader, 5)
     for sphere_id in (0, 1, 0, 1):
         preparation.get(sphere_id)
+    preparation.begin([0, 1, 2, 3], lambda _: reader)
+    for sphere_id in (0, 1, 2):
+        preparation.get(sphere_id)
     preparation.close()
-    assert reader.read == [0, 1]
+    assert reader.read == [0, 1, 2]
 
 
 def test_what_was_begun_is_got_without_another_reading_and_by_another_thread():
