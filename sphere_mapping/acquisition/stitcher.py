@@ -119,10 +119,10 @@ class Stitcher:
         """
         found, gains = self.equalize(images)
         greys = {name: _grey(image) for name, image in found.items()}
+        sources, bottom = self._ranges(greys)  # exchanged levels are named here, before lenses are blamed for them
         if not self._has_lenses and self.params.range != "none":  # once is enough: lenses do not change
             check_lenses(self.rig, greys)
             self._has_lenses = True
-        sources, bottom = self._ranges(greys)
         for name, depth_m in (depths or {}).items():
             check_depth(depth_m, self.rig.camera(name).camera, f"{name}: depth")
             sources.append(range_from_depth(depth_m, self._rig_views[name], self.whole, self.params.fusion))

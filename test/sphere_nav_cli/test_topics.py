@@ -75,7 +75,8 @@ def streams_of(driver, root=None, skip=()):
 @pytest.mark.parametrize("name", driver_names())
 def test_what_a_driver_publishes_is_found_as_its_preset_says(name):
     driver = read_driver(name)
-    wanted = {"rgbd": RGBD, "stereo": STEREO, "mono": ("image_raw", "camera_info")}[driver.input]
+    kinds = {"rgbd": RGBD, "stereo": STEREO, "mono": ("image_raw", "camera_info"), "panorama": ("image_raw",)}
+    wanted = kinds[driver.input]
     streams = streams_of(driver)
     found = find_wanted(streams, wanted, {})
     assert found == {ours: f"/{topic}" for ours, topic in driver.names().items() if ours in found}
