@@ -51,7 +51,7 @@ def classify(
     if reason != alignment.LOW_TEXTURE:
         covariance = covariance * correlated_pixels(found, params.correlated_pixels)
     return Alignment(
-        T_world_camera=state.T_world_camera,
+        T_world_camera=state.T_world_camera.orthonormal(),  # the first guess was a product of many
         covariance=covariance if reason != alignment.LOW_TEXTURE else UNKNOWN,
         reason=reason,
         iterations=iterations,
@@ -78,9 +78,8 @@ def normal_matrix(found: Sequence[Comparison], *, has_light: bool) -> Array:
 
 def _refuse(state: State, reason: str, iterations: int, num_pixels: int, overlap: float) -> Alignment:
     gains, biases = tuple(state.light[:, 0].tolist()), tuple(state.light[:, 1].tolist())
-    return Alignment(
-        state.T_world_camera, UNKNOWN, reason, iterations, num_pixels, overlap, 0.0, 0.0, 0.0, gains, biases
-    )
+    pose = state.T_world_camera.orthonormal()
+    return Alignment(pose, UNKNOWN, reason, iterations, num_pixels, overlap, 0.0, 0.0, 0.0, gains, biases)
 
 
 def _covariance(H: Array) -> tuple[Array, float]:

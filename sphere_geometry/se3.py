@@ -130,6 +130,14 @@ class SE3:
         matrix[..., 3, 3] = 1.0
         return SE3(matrix)
 
+    def orthonormal(self) -> SE3:
+        """Return the motion with its rotation made orthogonal, where only rounding has bent it (a step of Newton's).
+
+        In chains of products with inverses, which take the transpose for the inverse, rounding errors double each time.
+        """
+        R = self.rotation
+        return SE3.from_parts(0.5 * R @ (3.0 * np.eye(3) - np.swapaxes(R, -1, -2) @ R), self.translation)
+
     def apply(self, points: ArrayLike) -> Array:
         """Map points (..., N, 3) in b to points in a."""
         return np.asarray(points) @ np.swapaxes(self.rotation, -1, -2) + self.translation[..., None, :]

@@ -44,6 +44,15 @@ def test_every_camera_is_registered_with_a_sphere(room, sphere_view, kind):
     assert found.overlap > 0.9
 
 
+def test_a_guess_whose_rotation_rounding_has_bent_leads_to_a_rotation(room, sphere_view):
+    """Each guess of a long drive is a product with inverses, in which rounding doubles from one to the next."""
+    camera, T_body_camera = CURRENT["sphere"]
+    guess, image = AT @ T_body_camera, room.render(camera, AT @ T_body_camera)[0]
+    bent = SE3(guess.matrix * np.array([1 + 1e-7, 1.0, 1.0, 1.0]))
+    R = register(build_pyramid(image, camera), [sphere_view], bent).T_world_camera.rotation
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+
+
 def test_two_references_are_aligned_at_once_and_their_adjoints_agree(room, sphere_view):
     second = AT @ SE3.exp([0.6, 0.2, 0.0, 0.0, 0.0, 0.4])
     image, range_m = room.render(SPHERE, second)
