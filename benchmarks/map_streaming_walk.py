@@ -60,7 +60,7 @@ def main() -> None:
         waits.append(wait if _num_waits() > switches else 0.0)  # else another process had the core
         num_coarse += choice.views[0].reference.camera.width < FULL_WIDTH
         resident.append(_resident())
-        errors.append(found.T_world_camera.distance(pose)[0])
+        errors.append(float(found.T_world_camera.distance(pose)[0]))
     references.close()
     row = {
         "rss_mb": max(resident),
