@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.room import hit_walls
 from sphere_geometry import SE3, Camera
-from sphere_geometry.camera import pixel_grid
 
 SPACING_M = 1000.0 / 300.0  # after which the walls repeat
 HALF_SIDES_M = np.array([np.inf, 2.5, 2.0])
@@ -16,10 +16,7 @@ NUM_WAVES = 24
 
 def render(camera: Camera, T_corridor_camera: SE3, seed: int = 0) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Return the grey image (H, W) and the range along the ray (H, W) in metres; the corridor runs along x."""
-    rays = camera.unproject(pixel_grid(camera)) @ T_corridor_camera.rotation.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        hits = (np.sign(rays) * HALF_SIDES_M - T_corridor_camera.translation) / rays
-    range_m = np.nanmin(np.where(rays == 0, np.inf, hits), axis=-1)
+    rays, range_m = hit_walls(camera, T_corridor_camera, HALF_SIDES_M)
     points = T_corridor_camera.translation + rays * np.minimum(range_m, SIGHT_M)[..., None]
     return _grey(points, range_m, np.random.default_rng(seed)), np.where(range_m > SIGHT_M, np.inf, range_m).astype(
         np.float32

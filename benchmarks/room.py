@@ -14,12 +14,19 @@ NUM_WAVES = 24
 
 def render(camera: Camera, T_room_camera: SE3, seed: int = 0) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
     """Return the grey image (H, W) and the range along the ray (H, W) in metres, as `camera` sees the room."""
-    rays = camera.unproject(pixel_grid(camera)) @ T_room_camera.rotation.T
-    with np.errstate(divide="ignore", invalid="ignore"):
-        hits = (np.sign(rays) * HALF_SIDES_M - T_room_camera.translation) / rays
-    range_m = np.nanmin(np.where(rays == 0, np.inf, hits), axis=-1)
+    rays, range_m = hit_walls(camera, T_room_camera, HALF_SIDES_M)
     points_room = T_room_camera.translation + rays * range_m[..., None]
     return _grey(points_room, np.random.default_rng(seed)), range_m.astype(np.float32)
+
+
+def hit_walls(
+    camera: Camera, T_box_camera: SE3, half_sides_m: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the rays (H, W, 3) of a camera in a box, in its axes, and how far they go (H, W); sides may be endless."""
+    rays = camera.unproject(pixel_grid(camera)) @ T_box_camera.rotation.T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        hits = (np.sign(rays) * half_sides_m - T_box_camera.translation) / rays
+    return rays, np.nanmin(np.where(rays == 0, np.inf, hits), axis=-1)
 
 
 def _grey(points_room: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.uint8]:
