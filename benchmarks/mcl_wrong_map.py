@@ -10,6 +10,7 @@ from tqdm import tqdm
 
 from benchmarks import mcl_sites
 from benchmarks.machine import describe
+from benchmarks.mcl_drives import LIGHTS, Drive, Studio
 from benchmarks.mcl_routes import kidnapped_line, limits
 from benchmarks.mcl_town import NUM_IMAGES, STEP, kidnapped
 from benchmarks.mcl_trials import NEAR_DEG, NEAR_M, Trial, run_filter
@@ -21,6 +22,7 @@ NUM_STARTS = 24
 MAX_CLAIMS = 0.5  # of the starts, %
 FOUND = 95.0  # of the starts in the right map, %
 KEPT = 0.5  # of the town that is the map, where the images are from the other part
+RIGHT, WRONG, OFF = "right map", "wrong map", "off the map"
 HEAD = (
     "pair",
     "starts",
@@ -52,13 +54,16 @@ def run(options: argparse.Namespace) -> Report:
     pairs = _pairs(options.map_seed, options.images_seed)
     num_starts = 6 if options.quick else options.starts or NUM_STARTS
     report, rows = Report("mcl_wrong_map", notes=[describe(options.threads)]), []
-    right: list[Trial] = []
-    wrong: list[Trial] = []
+    found: dict[str, list[list[Trial]]] = {RIGHT: [], WRONG: [], OFF: []}
     for map_seed, images_seed in tqdm(pairs, "pairs of towns", leave=False, disable=None):
         trials = _trials(options, map_seed, images_seed, num_starts)
-        (right if map_seed == images_seed and not options.off_map else wrong).extend(trials)
+        found[OFF if options.off_map else RIGHT if map_seed == images_seed else WRONG].append(trials)
         rows.append((_note(map_seed, images_seed, options.off_map), *_figures(trials)))
-    report.bounds += (_right_bounds(right) if right else []) + (_wrong_bounds(wrong) if wrong else [])
+    for name, groups in found.items():
+        if groups:
+            trials = [trial for group in groups for trial in group]
+            what = f"{name}, {len(trials)} starts in {len(groups)} town{'s' if len(groups) > 1 else ''}"
+            report.bounds += _right_bounds(what, trials) if name == RIGHT else _wrong_bounds(what, trials)
     report.tables.append(Table("What was claimed", HEAD, rows))
     return report
 
@@ -84,37 +89,34 @@ def _trials(options: argparse.Namespace, map_seed: int, images_seed: int, count:
     image_options = argparse.Namespace(**vars(options) | {"world_seed": images_seed})
     site = mcl_sites.site("town", map_options, mcl_sites.town_settings(plan, changes))
     studio, images_plan = mcl_sites.studio("town", image_options), draw_plan(images_seed)
-    if options.off_map:
-        drives = [studio.record(line, 500 + n) for n, line in enumerate(_beside(images_plan, edge, count))]
-    else:
-        drives = kidnapped(studio, images_plan, count)
+    drives = _beside(studio, images_plan, edge, count) if options.off_map else kidnapped(studio, images_plan, count)
     return [run_filter(site, drive, site.params, seed) for seed, drive in enumerate(drives)]
 
 
-def _beside(plan: Plan, edge: float, count: int) -> list[np.ndarray]:
+def _beside(studio: Studio, plan: Plan, edge: float, count: int) -> list[Drive]:
     """Return drives all of whose poses are beyond x = `edge`, by more than what a place may be off."""
-    rng = np.random.default_rng([7, count])
-    found: list[np.ndarray] = []
-    while len(found) < count:
+    rng = np.random.default_rng([studio.seed, 7])
+    lines: list[np.ndarray] = []
+    while len(lines) < count:
         line = kidnapped_line(plan, NUM_IMAGES, STEP, rng)
         if np.all(line[:, 0] > edge + 2.0):
-            found.append(line)
-    return found
+            lines.append(line)
+    share = -(-count // len(LIGHTS))  # one light after the other: shadows are cast once
+    return [studio.record(line, 500 + n, light=LIGHTS[n // share]) for n, line in enumerate(lines)]
 
 
-def _right_bounds(trials: Sequence[Trial]) -> list[Bound]:
-    count = len(trials)
+def _right_bounds(what: str, trials: Sequence[Trial]) -> list[Bound]:
     found = 100.0 * float(np.mean([trial.has_converged for trial in trials]))
     false = float(sum(trial.num_false > 0 for trial in trials))
     return [
-        Bound(f"right map, {count} starts: TRACKING at the right place at image {NUM_IMAGES}", FOUND, found, "%", True),
-        Bound(f"right map: starts with TRACKING beyond {NEAR_M:g} m or {NEAR_DEG:g} deg", 0.0, false, ""),
+        Bound(f"{what}: TRACKING at the right place at image {NUM_IMAGES}", FOUND, found, "%", True),
+        Bound(f"{what}: starts with TRACKING beyond {NEAR_M:g} m or {NEAR_DEG:g} deg", 0.0, false, ""),
     ]
 
 
-def _wrong_bounds(trials: Sequence[Trial]) -> list[Bound]:
+def _wrong_bounds(what: str, trials: Sequence[Trial]) -> list[Bound]:
     claimed = 100.0 * float(np.mean([trial.is_tracking.any() for trial in trials]))
-    return [Bound(f"wrong map, {len(trials)} starts: TRACKING anywhere", MAX_CLAIMS, claimed, "%")]
+    return [Bound(f"{what}: TRACKING anywhere", MAX_CLAIMS, claimed, "%")]
 
 
 def _figures(trials: Sequence[Trial]) -> tuple[str, ...]:
