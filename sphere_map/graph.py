@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -44,6 +45,11 @@ class Edge:
                 f"edge {self.a}-{self.b} information: expected finite 6 x 6, found {self.information.shape}"
             )
 
+    @cached_property
+    def length_m(self) -> float:
+        """Metres between its ends, as measured."""
+        return float(np.linalg.norm(self.T_a_b.translation))
+
 
 class SphereGraph:
     """Key spheres in order of insertion, and edges between them."""
@@ -82,10 +88,7 @@ class SphereGraph:
         """Add a key sphere; ValueError if its id is taken or its pose not finite."""
         if node.id in self._nodes:
             raise ValueError(f"key sphere: expected a new id, found {node.id} again")
-        if not np.all(np.isfinite(node.T_map_sphere.matrix)):
-            raise ValueError(f"key sphere {node.id} pose: expected finite numbers, found {node.T_map_sphere.matrix}")
-        self._nodes[node.id] = node
-        self._index = None
+        self._put(node)
 
     def forget_sphere(self, node_id: int) -> None:
         """Drop the picture of a key sphere from memory; its pose stays."""
@@ -119,9 +122,30 @@ class SphereGraph:
         return [self._nodes[node_id] for node_id in sorted(ids[distances <= distance_m].tolist())]
 
     def with_poses(self, poses: Mapping[int, SE3]) -> SphereGraph:
-        """Return the same graph with other poses T_map_sphere of some key spheres."""
-        nodes = (replace(node, T_map_sphere=poses.get(node.id, node.T_map_sphere)) for node in self)
-        return SphereGraph(nodes, self._edges)
+        """Return the same graph with other poses T_map_sphere of some key spheres; the others cost next to nothing."""
+        graph = self._copy()
+        for node_id, pose in poses.items():
+            graph._put(replace(self[node_id], T_map_sphere=pose))
+        return graph
+
+    def with_edges(self, edges: Iterable[Edge]) -> SphereGraph:
+        """Return the same graph with more edges; ValueError as `connect`."""
+        graph = self._copy()
+        for edge in edges:
+            graph.connect(edge)
+        return graph
+
+    def _copy(self) -> SphereGraph:
+        graph = SphereGraph()
+        graph._nodes, graph._edges = dict(self._nodes), list(self._edges)
+        return graph
+
+    def _put(self, node: KeySphere) -> None:
+        """Add a key sphere, or put it in the place of the one with its id."""
+        if not np.all(np.isfinite(node.T_map_sphere.matrix)):
+            raise ValueError(f"key sphere {node.id} pose: expected finite numbers, found {node.T_map_sphere.matrix}")
+        self._nodes[node.id] = node
+        self._index = None
 
     def _distances(self, point: ArrayLike) -> tuple[Array, NDArray[np.int64]]:
         """Return the distance of every key sphere from a point (3,), and the ids; half a millisecond for 10,000."""

@@ -39,9 +39,8 @@ class Mapper:
         self.tracks: list[Track] = []
         self.num_loops, self.first_id = 0, 0
         self._T_map_first = T_map_first or SE3.identity()
-        self._tracker = Tracker(self.params)
+        self._tracker, self._pictures = Tracker(self.params), Pictures(store)
         self._bent: Unroll | None = None  # the first sphere, until it is known how the camera moved
-        self._pictures = Pictures(store)
         self._loops, self._optimum = LoopCloser(self.params, self.load_sphere), IncrementalOptimum()
 
     @property
@@ -83,6 +82,7 @@ class Mapper:
         loops = self._loops.close(self.graph, run)
         if loops or self._optimum.is_used:
             self._correct(with_loops(self.graph, loops))
+            self._optimum = IncrementalOptimum()
         return len(loops)
 
     def trajectory(self) -> Iterator[tuple[int, SE3]]:

@@ -12,62 +12,76 @@ import gtsam
 import numpy as np
 
 from sphere_geometry import SE3
-from sphere_map.graph import Edge, SphereGraph
+from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_mapping.graph.factors import ANCHOR_SIGMA, factors_of
 from sphere_mapping.graph.loop_closure import with_loops
 from sphere_mapping.graph.pose_graph import PoseGraph
 
 LARGE = 300  # key spheres from which on it pays
 RELINEARIZE = 0.003  # m and rad by which a pose moves before it is linearised anew
-NUM_STEPS = 4  # of Gauss-Newton after a loop
+MAX_STEPS = 10  # of Gauss-Newton after a loop; it ends when no pose has moved by as much
 
 
 class IncrementalOptimum:
-    """Takes note of a graph as it grows, in order of its edges."""
+    """Takes note of one graph as it grows: to what it returned last, key spheres and edges are added, no more."""
 
     def __init__(self) -> None:
         settings = gtsam.ISAM2Params()
         settings.setRelinearizeThreshold(RELINEARIZE)
         settings.relinearizeSkip = 1
         self._solver = gtsam.ISAM2(settings)
-        self._known: set[int] = set()
+        self._row: dict[int, int] = {}  # of a key sphere, which is its name in the solver
+        self._poses = np.empty((0, 12))  # rotation by rows and translation of each row, as they were returned last
         self._num_edges = 0
 
     @property
     def is_used(self) -> bool:
         """Whether it has corrected a graph by itself."""
-        return bool(self._known)
+        return bool(self._row)
 
     def with_loop(self, graph: SphereGraph, loop: Edge) -> SphereGraph:
         """Return the graph with a loop edge added, at the poses that fit all edges best."""
         if len(graph) < LARGE:
             return with_loops(graph, [loop])
-        grown = SphereGraph(graph, [*graph.edges, loop])
-        fresh = [node for node in grown if node.id not in self._known]
-        values = gtsam.Values()
-        for node in fresh:
-            values.insert(node.id, gtsam.Pose3(node.T_map_sphere.matrix))
-        factors = factors_of(as_arrays(grown, grown.edges[self._num_edges :]))
-        if not self._known:
-            noise = gtsam.noiseModel.Isotropic.Sigma(6, ANCHOR_SIGMA)
-            factors.add(gtsam.PriorFactorPose3(fresh[0].id, gtsam.Pose3(fresh[0].T_map_sphere.matrix), noise))
+        grown = graph.with_edges([loop])
+        self._solve(list(grown)[len(self._row) :], grown.edges[self._num_edges :])
+        return grown.with_poses(self._moved())
+
+    def _solve(self, nodes: Sequence[KeySphere], edges: Sequence[Edge]) -> None:
+        """Take note of what is new, and go on until nothing moves."""
+        values, anchors = gtsam.Values(), [] if self._row else nodes[:1]
+        for node in nodes:
+            self._row[node.id] = row = len(self._row)
+            values.insert(row, gtsam.Pose3(node.T_map_sphere.matrix))
+        factors = factors_of(self._as_arrays(edges))
+        noise = gtsam.noiseModel.Isotropic.Sigma(6, ANCHOR_SIGMA)
+        for node in anchors:
+            factors.add(gtsam.PriorFactorPose3(self._row[node.id], gtsam.Pose3(node.T_map_sphere.matrix), noise))
+        self._num_edges += len(edges)
         self._solver.update(factors, values)
-        for _ in range(NUM_STEPS - 1):
-            self._solver.update()
-        self._known |= {node.id for node in fresh}
-        self._num_edges = len(grown.edges)
-        found = self._solver.calculateEstimate()
-        poses = SE3.from_matrix(np.array([found.atPose3(node_id).matrix() for node_id in grown.nodes]))
-        return grown.with_poses({node_id: poses[k] for k, node_id in enumerate(grown.nodes)})
+        for _ in range(MAX_STEPS):
+            if not self._solver.update().getVariablesRelinearized():
+                break
 
+    def _moved(self) -> dict[int, SE3]:
+        """Return the poses T_map_sphere that are not what they were when they were returned last."""
+        found = gtsam.utilities.extractPose3(self._solver.calculateEstimate())
+        is_moved = np.ones(len(found), bool)
+        is_moved[: len(self._poses)] = np.any(found[: len(self._poses)] != self._poses, axis=1)
+        self._poses, rows = found, np.flatnonzero(is_moved)
+        if not rows.size:
+            return {}
+        poses = SE3.from_parts(found[rows, :9].reshape(-1, 3, 3), found[rows, 9:]).orthonormal()
+        ids = np.array(list(self._row))[rows]
+        return {int(node_id): poses[k] for k, node_id in enumerate(ids)}
 
-def as_arrays(graph: SphereGraph, edges: Sequence[Edge]) -> PoseGraph:
-    """Return some edges of a graph, their ends by the ids of the key spheres."""
-    return PoseGraph(
-        np.array(list(graph.nodes), dtype=np.int64),
-        np.array([node.T_map_sphere.matrix for node in graph]),
-        np.array([(edge.a, edge.b) for edge in edges], dtype=np.int64),
-        np.array([edge.T_a_b.matrix for edge in edges]),
-        np.array([edge.information for edge in edges]),
-        np.array([edge.is_loop for edge in edges]),
-    )
+    def _as_arrays(self, edges: Sequence[Edge]) -> PoseGraph:
+        """Return some edges, their ends by rows."""
+        return PoseGraph(
+            np.arange(len(self._row)),
+            np.empty((0, 4, 4)),
+            np.array([(self._row[edge.a], self._row[edge.b]) for edge in edges], dtype=np.int64),
+            np.array([edge.T_a_b.matrix for edge in edges]),
+            np.array([edge.information for edge in edges]),
+            np.array([edge.is_loop for edge in edges]),
+        )

@@ -87,6 +87,8 @@ def believed(older: KeySphere, newer: KeySphere) -> Candidate:
 
 def choose(graph: SphereGraph, newer_id: int, found: list[Candidate]) -> Candidate | None:
     """Return the best of the candidates that drift allows; None where another place has nearly as many features."""
+    if not found:
+        return None
     ways = lengths_from(graph, newer_id)
     possible = sorted(
         (one for one in found if is_possible(graph, newer_id, one, ways)), key=lambda one: -one.num_inliers
@@ -123,16 +125,18 @@ def place_of(graph: SphereGraph, one: Candidate) -> SE3:
 
 def lengths_from(graph: SphereGraph, sphere_id: int) -> dict[int, float]:
     """Return the metres along edges from a key sphere to every other one that it is connected with."""
-    row = {node.id: index for index, node in enumerate(graph)}
-    edges = graph.edges
+    edges, number = graph.edges, len(graph)
     if not edges:
         return {sphere_id: 0.0}
-    ends = np.array([(row[edge.a], row[edge.b]) for edge in edges])
-    metres = np.array([max(float(np.linalg.norm(edge.T_a_b.translation)), 1e-6) for edge in edges])
-    first = np.unique(ends, axis=0, return_index=True)[1]  # of several edges between two spheres one is enough
-    matrix = csr_array((metres[first], tuple(ends[first].T)), shape=(len(row), len(row)))
+    row = {node_id: index for index, node_id in enumerate(graph.nodes)}
+    pairs = np.array([row[edge.a] * number + row[edge.b] for edge in edges])
+    pairs, first = np.unique(pairs, return_index=True)  # of several edges between two spheres one is enough
+    metres = np.maximum([edge.length_m for edge in edges], 1e-6)[first]
+    matrix = csr_array((metres, np.divmod(pairs, number)), shape=(number, number))
     found: NDArray[np.float64] = dijkstra(matrix, directed=False, indices=row[sphere_id])
-    return {node_id: float(found[index]) for node_id, index in row.items() if np.isfinite(found[index])}
+    is_connected = np.isfinite(found)
+    ids = np.fromiter(row, np.int64, number)[is_connected]
+    return dict(zip(ids.tolist(), found[is_connected].tolist(), strict=True))
 
 
 def neighbours(graph: SphereGraph, sphere_id: int) -> Iterator[int]:
@@ -165,7 +169,7 @@ def near_pairs(
 
 def with_loops(graph: SphereGraph, loops: list[Edge]) -> SphereGraph:
     """Return the graph with loop edges added, at the poses that fit all edges best."""
-    return optimize_map(SphereGraph(graph, [*graph.edges, *loops])).graph
+    return optimize_map(graph.with_edges(loops)).graph
 
 
 def _spread(ways: dict[int, float], best: Candidate, other: Candidate) -> float:
