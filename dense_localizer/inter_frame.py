@@ -7,21 +7,12 @@ hundred pixels; measuring costs an alignment, so it is done only where the answe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
-
-import numpy as np
-from numpy.typing import NDArray
 
 from photometric import RegistrationParams
-from photometric.pyramid import Level
 from photometric.rig import RigImage
-from photometric.rotation import register_rig_rotation
-from sphere_geometry import SE3, Camera
-from sphere_geometry.camera import pixel_grid
+from photometric.rotation import correlation_after_turn, register_rig_rotation
+from sphere_geometry import SE3
 
-Array = NDArray[np.float64]
-NUM_PIXELS = 400  # of the coarsest level that are compared
-MIN_PIXELS = 50
 MAX_RATIO, FLOOR = 3.0, 0.02  # mismatch of a prediction that is not supported, by what others left, and beyond it
 KEPT = 0.9  # of the weight of earlier predictions, from one to the next
 GAIN = 0.7  # a measured rotation must leave less than this share of the mismatch
@@ -68,29 +59,6 @@ def mismatch(now: Sequence[RigImage], before: Sequence[RigImage], T_before_now: 
             R = T_before_now.rotation
             if image.T_body_camera is not None:
                 R = image.T_body_camera.rotation.T @ R @ image.T_body_camera.rotation
-            return _mismatch(image.pyramid.levels[-1], earlier[image.name].pyramid.levels[-1], R)
+            correlation = correlation_after_turn(image.pyramid.levels[-1], earlier[image.name].pyramid.levels[-1], R)
+            return None if correlation is None else 1.0 - correlation
     return None
-
-
-def _mismatch(now: Level, before: Level, R_before_now: Array) -> float | None:
-    pixels, rays = _sample(before.camera)
-    uv, is_visible = now.camera.project(rays @ R_before_now)
-    u, v = np.rint(uv[is_visible]).astype(np.int64).T
-    a = before.image[pixels[is_visible, 1], pixels[is_visible, 0] + before.pad].astype(np.float64)
-    inside = (u >= 0) & (u < now.camera.width) & (v >= 0) & (v < now.camera.height)
-    a, b = a[inside], now.image[v[inside], u[inside] + now.pad].astype(np.float64)
-    if a.size < MIN_PIXELS:
-        return None
-    a, b = a - a.mean(), b - b.mean()
-    norm = float((a @ a) * (b @ b))
-    return 1.0 - float(a @ b) / norm**0.5 if norm > 0.0 else None
-
-
-@lru_cache(maxsize=16)
-def _sample(camera: Camera) -> tuple[NDArray[np.int64], Array]:
-    """Return pixels (N, 2) of a camera that are compared, and their rays (N, 3)."""
-    step = max(1, int(np.sqrt(camera.width * camera.height / NUM_PIXELS)))
-    grid = pixel_grid(camera)[step // 2 :: step, step // 2 :: step].reshape(-1, 2)
-    rays = camera.unproject(grid)
-    has_ray = ~np.isnan(rays[:, 0])
-    return grid[has_ray].astype(np.int64), rays[has_ray]

@@ -20,8 +20,8 @@ STUCK = 25.0  # still moving this many times `min_step` at the end is no converg
 
 
 def judge(problem: Problem, descent: Descent, iterations: int, overlap: float, params: RegistrationParams) -> Alignment:
-    """Compare once more at the end of the last descent and say what was found, after so many iterations in all."""
-    found = problem.compare(descent.state)
+    """Say what the last descent has found, after so many iterations in all; compare once more where it did not end."""
+    found = descent.found or problem.compare(descent.state)
     H = normal_matrix(found, has_light=params.illumination)
     return classify(found, H, descent, iterations, overlap, params)
 

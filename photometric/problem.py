@@ -18,6 +18,7 @@ from sphere_geometry import SE3, FrameMotion
 
 Array = NDArray[np.float64]
 MAX_VIEWS = kernels.MAX_VIEWS
+WHOLE = 1  # every block
 
 
 @dataclass(frozen=True)
@@ -35,12 +36,17 @@ class State:
 
 @dataclass(frozen=True)
 class Descent:
-    """Where one level ended; `motion` is the last increment in pixels of the level."""
+    """Where one level ended; `motion` is the last increment in pixels of the level.
+
+    `found`: the comparison of every view before that increment, where all pixels were compared and it was below
+    `min_step`, so that it is that of the end, too; else empty.
+    """
 
     state: State
     iterations: int
     motion: float
     is_determined: bool  # the image fixed every increment
+    found: tuple[Comparison, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -88,40 +94,57 @@ class Problem:
         moving = level.kernel_camera if motion is None else rolling(camera, motion.twist(T_world_camera))
         return Problem(tuple(selections), tuple(view.T_world_reference for view in views), level, params, moving)
 
-    def descend(self, state: State, limit: int, is_rotation: bool = False) -> Descent:
-        """Iterate until the increment moves the image less than `min_step` (M15 eq. 6-7), `limit` times at most."""
+    def descend(self, state: State, limit: int, *, is_rotation: bool = False, is_final: bool = True) -> Descent:
+        """Iterate until the increment moves the image less than `min_step` (M15 eq. 6-7), `limit` times at most.
+
+        Where finer levels follow, it is not final, and some of the pixels do.
+        """
         T_world_camera, light = state.T_world_camera.matrix[:3].copy(), np.ones((MAX_VIEWS, 2))
         light[: len(state.light)] = state.light
-        params = self.params
+        params, (facts, pieces) = self.params, _room()
         depth = min(selection.typical_range for selection in self.selections)
         stop = (params.min_step, self.level.camera.pixels_per_radian, depth, float(params.min_pixels))
+        moving, kind = (T_world_camera, light), (is_rotation, is_final)
         iterations, motion, is_determined = kernels.descend(
-            *self._views, *self._image, T_world_camera, light, self._robust, stop, limit, is_rotation
+            *self._views, *self._image, *moving, self._robust, stop, limit, kind, facts, pieces
         )
         pose = np.concatenate([T_world_camera, [[0.0, 0.0, 0.0, 1.0]]])
-        return Descent(State(SE3(pose), light[: len(state.light)]), iterations, motion, is_determined)
+        end = State(SE3(pose), light[: len(state.light)])
+        is_still = is_determined and is_final and iterations > 0 and motion < params.min_step
+        found = tuple(self._comparisons(end, facts, pieces)) if is_still else ()
+        return Descent(end, iterations, motion, is_determined, found)
 
-    def linearise(self, state: State) -> tuple[Array, Array, int]:
-        """Return H, g over (xi, gain 1, bias 1, ...) with H x = -g, and the number of visible pixels (eq. 6, 31-35)."""
+    def linearise(self, state: State, *, is_part: bool = False) -> tuple[Array, Array, int]:
+        """Return H, g over (xi, gain 1, bias 1, ...) with H x = -g, and the number of visible pixels (eq. 6, 31-35).
+
+        Where it `is_part`, some of the pixels are looked at.
+        """
         T_world_camera = np.ascontiguousarray(state.T_world_camera.matrix[:3])
-        H, g, visible = kernels.linearise(*self._views, *self._image, T_world_camera, state.light, *self._robust)
+        args = T_world_camera, state.light, self._robust, is_part
+        H, g, visible = kernels.linearise(*self._views, *self._image, *args, *_room())
         return H, g, int(visible)
 
     def compare(self, state: State) -> list[Comparison]:
         """Compare the image with every view at a state, each pixel once more."""
-        T_camera_world = state.T_world_camera.inverse()
-        facts, found = np.empty(kernels.NUM_FACTS), []
-        for selection, T_world_reference, (gain, bias) in zip(
-            self.selections, self.T_world_reference, state.light.tolist(), strict=True
+        T_camera_world, (facts, pieces) = state.T_world_camera.inverse(), _room()
+        robust = self.params.huber, self.params.min_sigma
+        for index, (selection, T_world_reference) in enumerate(
+            zip(self.selections, self.T_world_reference, strict=True)
         ):
             T = np.ascontiguousarray((T_camera_world @ T_world_reference).matrix[:3])
-            pieces = np.empty((kernels.NUM_PIECES, kernels.NUM_SUMS))
-            robust = (self.params.huber, self.params.min_sigma)
-            count = kernels.examine(selection.blocks, T, *self._image, gain, bias, *robust, facts, pieces)
-            median, mad, num_visible, num_inliers, *correlation = facts.tolist()
+            light = state.light[index].tolist()
+            kernels.examine(selection.blocks, WHOLE, T, *self._image, *light, *robust, facts[index], pieces[index])
+        return self._comparisons(state, facts, pieces)
+
+    def _comparisons(self, state: State, facts: Array, pieces: Array) -> list[Comparison]:
+        """Return what `examine` has written of every view."""
+        T_camera_world, found = state.T_world_camera.inverse(), []
+        for index, T_world_reference in enumerate(self.T_world_reference):
+            median, mad, num_visible, num_inliers, num_pieces, *_ = facts[index].tolist()
             sigma = max(kernels.SIGMA_OF_MAD * mad, self.params.min_sigma)
-            counts = int(num_visible), int(num_inliers)
-            found.append(Comparison(T, median, mad, sigma, *counts, np.array(correlation), pieces[:count]))
+            T = np.ascontiguousarray((T_camera_world @ T_world_reference).matrix[:3])
+            sums = facts[index, kernels.SUM_REFERENCE :], pieces[index, : int(num_pieces)]
+            found.append(Comparison(T, median, mad, sigma, int(num_visible), int(num_inliers), *sums))
         return found
 
     @property
@@ -137,3 +160,8 @@ class Problem:
     @property
     def _robust(self) -> tuple[float, float, bool]:
         return self.params.huber, self.params.min_sigma, self.params.illumination
+
+
+def _room() -> tuple[Array, Array]:
+    """Return room for the facts (MAX_VIEWS, NUM_FACTS) of views and the sums of their pieces."""
+    return np.empty((MAX_VIEWS, kernels.NUM_FACTS)), np.empty((MAX_VIEWS, kernels.NUM_PIECES, kernels.NUM_SUMS))

@@ -74,7 +74,7 @@ def register_rig(
     for index in [*range(coarsest, finest - 1, -1), *([finest] if motion is not None else [])]:
         problem = _RigProblem.choose_pixels(images, index, state.T_world_camera, share, motion)
         limit = params.max_iterations_fine if index == finest else params.max_iterations_coarse
-        descent = problem.descend(state, limit)
+        descent = problem.descend(state, limit, is_final=index == finest)
         state, iterations = descent.state, iterations + descent.iterations
     return problem.classify(descent, iterations, params)
 
@@ -117,9 +117,10 @@ class _RigProblem:
             for image, light in zip(self.images, lights, strict=True)
         ]
 
-    def linearise(self, state: State) -> tuple[Array, Array, int]:
+    def linearise(self, state: State, *, is_part: bool = False) -> tuple[Array, Array, int]:
         """Return H, g over (xi of the body, gain 1, bias 1, ...) of all views, and the number of visible pixels."""
-        parts = [problem.linearise(one) for problem, one in zip(self.problems, self.states(state), strict=True)]
+        states = zip(self.problems, self.states(state), strict=True)
+        parts = [problem.linearise(one, is_part=is_part) for problem, one in states]
         systems = [(H, g) for H, g, _ in parts]
         return *self.join(systems), sum(visible for _, _, visible in parts)
 
@@ -137,11 +138,12 @@ class _RigProblem:
             first += number
         return H, g
 
-    def descend(self, state: State, limit: int) -> Descent:
-        """Iterate until the increment moves no image by more than `min_step`, `limit` times at most (eq. 6-7)."""
-        params, motion = self.problems[0].params, 0.0
+    def descend(self, state: State, limit: int, *, is_final: bool) -> Descent:
+        """Iterate until the increment moves no image by more than `min_step`, as `Problem.descend` does (eq. 6-7)."""
+        params, motion, is_part = self.problems[0].params, 0.0, True
         for iteration in range(limit):
-            H, g, visible = self.linearise(state)
+            is_part = not is_final or (is_part and iteration < limit - 1)
+            H, g, visible = self.linearise(state, is_part=is_part)
             if visible < params.min_pixels:
                 return Descent(state, iteration, motion, is_determined=False)
             x, is_found = kernels.solve(H, g, int(kernels.START))
@@ -155,8 +157,9 @@ class _RigProblem:
             motion = max(
                 self._shift(problem, image, x[:6]) for problem, image in zip(self.problems, self.images, strict=True)
             )
-            if motion < params.min_step:
+            if motion < params.min_step and not (is_part and is_final):
                 return Descent(state, iteration + 1, motion, is_determined=True)
+            is_part = is_part and motion > kernels.LARGE_STEP
         return Descent(state, limit, motion, is_determined=True)
 
     @staticmethod

@@ -14,14 +14,16 @@ from numpy.typing import NDArray
 
 from photometric.alignment import Alignment
 from photometric.descent.kernels import SIGMA_OF_MAD
+from photometric.iteration import kernels
 from photometric.iteration.kernels import BLOCK, SIDE
 from photometric.params import RegistrationParams
+from photometric.projection import Floats, KernelCamera, kernel_motion, rolling
 from photometric.pyramid import Level, Pyramid
-from photometric.reference import View
+from photometric.reference import Selection, View
 from photometric.rig import RigImage, share_pixels
 from photometric.robust import huber_weights, median_and_mad
 from photometric.selection import choose
-from sphere_geometry import SE3, FrameMotion, Spherical
+from sphere_geometry import FrameMotion, Spherical
 
 Array = NDArray[np.float64]
 NUM_PIXELS = 2048  # looked at, all references together
@@ -61,7 +63,7 @@ def find_rig_structure(
 
 @dataclass(frozen=True)
 class _Sample:
-    """Pixels of one view: points (N, 3) m in the camera, image gradients by the point (N, 3) in both images, residuals.
+    """Pixels of one view: points (N, 3) m in the camera, gradients by the point (N, 3) in both images, residuals (N,).
 
     by_stretch (N,) is the derivative of the residual by the stretch, current (N,) the grey level of the image.
     """
@@ -115,57 +117,38 @@ def _samples(
 ) -> list[_Sample]:
     """Return some pixels of each view, warped into the image."""
     level = pyramid.levels[min(params.pyramid.finest, len(pyramid.levels) - 1)]
-    twist = motion.twist(alignment.T_world_camera) if motion is not None else None
+    camera = level.kernel_camera if motion is None else rolling(level.camera, motion.twist(alignment.T_world_camera))
     T_camera_world = alignment.T_world_camera.inverse()
     samples = []
     for view, gain, bias in zip(views, alignment.gains, alignment.biases, strict=True):
-        T_camera_reference = T_camera_world @ view.T_world_reference
+        T = T_camera_world @ view.T_world_reference
         pixels = view.reference.level_like(level.camera)
-        selection = choose(pixels, T_camera_reference, level.camera, params.max_pixels // len(views))
-        step = max(1, len(views) * selection.num_pixels // NUM_PIXELS)
-        some = selection.blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, :, ::step].astype(np.float64)
-        rows = some.transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)
-        samples.append(_sample(rows, T_camera_reference, level, (gain, bias), twist))
+        selection = choose(pixels, T, level.camera, params.max_pixels // len(views))
+        blocks = _some(selection, NUM_PIXELS // len(views))
+        samples.append(_sample(blocks, kernel_motion(T.matrix), camera, level, (gain, bias)))
     return samples
 
 
-def _sample(
-    rows: Array, T_camera_reference: SE3, level: Level, light: tuple[float, float], twist: Array | None
-) -> _Sample:
-    """Warp points of a reference, rows (7, N) of x, y, z, grey level and gradient, into the image."""
-    known = ~np.isnan(rows[2])
-    points = T_camera_reference.apply(rows[:3, known].T)
-    uv, is_visible = level.camera.project(points)
-    J = level.camera.J_project(points)
-    if twist is not None:
-        flow = np.einsum("nij,nj->ni", J, twist[:3] + np.cross(twist[3:], points))
-        share = (uv[:, 1] - 0.5 * (level.camera.height - 1)) / level.camera.height
-        uv = uv - share[:, None] * flow
-    uv[:, 0] += level.pad
-    height, width = level.image.shape
-    inside = is_visible & np.all((uv >= 0) & (uv < [width - 1, height - 1]), axis=1)
-    points, uv, J = points[inside], uv[inside], J[inside]
-    grey, gradient = _interpolate(level.image, uv)
-    centre = np.array([0.5 * (width - 1), 0.5 * (height - 1)])
-    gain, bias = light
-    return _Sample(
-        points,
-        rows[4:7, known].T[inside] @ T_camera_reference.rotation.T,
-        gain * np.einsum("ni,nij->nj", gradient, J),
-        gain * np.einsum("ni,ni->n", gradient, uv - centre),
-        grey,
-        gain * grey + bias - rows[3, known][inside],
-    )
+def _some(selection: Selection, number: int) -> Floats:
+    """Return blocks of about so many of the chosen pixels, evenly taken."""
+    step = max(1, selection.num_pixels // number)
+    some = selection.blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, :, ::step]
+    rows = some.transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)
+    count = -(-rows.shape[1] // SIDE)
+    blocks = np.full((BLOCK // SIDE, count * SIDE), np.nan, np.float32)
+    blocks[:, : rows.shape[1]] = rows
+    return np.ascontiguousarray(blocks.reshape(-1, count, SIDE).swapaxes(0, 1)).reshape(-1)
 
 
-def _interpolate(image: NDArray[np.generic], uv: Array) -> tuple[Array, Array]:
-    """Return grey levels (N,) and gradients (N, 2) of an image at pixels (N, 2), all inside."""
-    column, row = uv.T.astype(np.int64)
-    a, b = image[row, column].astype(float), image[row, column + 1].astype(float)
-    c, d = image[row + 1, column].astype(float), image[row + 1, column + 1].astype(float)
-    du, dv = uv[:, 0] - column, uv[:, 1] - row
-    top, bottom = a + du * (b - a), c + du * (d - c)
-    return top + dv * (bottom - top), np.stack([b - a + dv * (d - c - b + a), bottom - top], axis=1)
+def _sample(blocks: Floats, T: Floats, camera: KernelCamera, level: Level, light: tuple[float, float]) -> _Sample:
+    """Warp pixels of a reference into the image."""
+    height, width = level.camera.height, level.camera.width
+    gain, bias, *centre = (np.float32(value) for value in (*light, 0.5 * (width - 1), 0.5 * (height - 1)))
+    out = np.empty((kernels.NUM_WARPED, blocks.size // BLOCK * SIDE), np.float32)
+    kernels.warp(blocks, T, camera, level.samples, gain, bias, *centre, out)
+    seen = out[:-1, out[-1] > 0.0].astype(np.float64)
+    points, of_reference, of_image = (np.ascontiguousarray(rows.T) for rows in np.split(seen[:9], 3))
+    return _Sample(points, of_reference, of_image, *seen[9:])
 
 
 def _agreement(samples: Sequence[_Sample]) -> float:

@@ -11,7 +11,8 @@ from photometric.params import PyramidParams, RegistrationParams
 from photometric.pyramid import build_pyramid
 from photometric.reference import View, prepare_reference
 from photometric.rig import RigImage, register_rig
-from photometric.rotation import register_rotation
+from photometric.rotation import correlation_after_turn, register_rotation
+from photometric.structure import find_rig_structure
 from sphere_geometry import SE3, Spherical
 
 CAMERA = Spherical(64, 32)
@@ -28,4 +29,6 @@ def warm_up() -> None:
         pyramid = build_pyramid(one, CAMERA, params.pyramid)
         register(pyramid, [view], SE3.identity(), params)
         register_rotation(pyramid, pyramid, params)
-        register_rig([RigImage(pyramid, SE3.identity(), (view,))], SE3.identity(), params)
+        correlation_after_turn(pyramid.levels[0], pyramid.levels[0], np.eye(3))
+        images = [RigImage(pyramid, SE3.identity(), (view,))]
+        find_rig_structure(images, register_rig(images, SE3.identity(), params), params)

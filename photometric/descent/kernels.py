@@ -26,8 +26,9 @@ from photometric.iteration.kernels import (
 )
 
 MAX_VIEWS = 4
-SCALE_STEP = 4  # of so many blocks one serves for the scale, and at least so many in all:
-MIN_SCALE_BLOCKS = 8
+SOME_STEP = 4  # of so many blocks one serves for the scale and for first passes, and at least so many in all:
+MIN_SOME_BLOCKS = 8
+LARGE_STEP = 0.5  # px of the level: after a larger increment the next pass needs no more pixels than that one
 NUM_PIECES = 16  # at most so many pieces of a view show how differently its parts pull, of at least
 PIECE_BLOCKS = 8
 SIGMA_OF_MAD = 1.4826  # 1 / Phi^-1(0.75), normal distribution (eq. 35)
@@ -35,8 +36,9 @@ MIN_GAIN, MAX_GAIN = 0.1, 10.0
 LIGHT_PRIOR = 1e-9  # keeps gain and bias defined on an even image
 RIDGE, TINY = 1e-9, 1e-300  # an even image fixes nothing, but pulls nowhere either
 START = np.int64(0)  # a plain 0 is a type of its own: numba would compile what it is handed to once more
-NUM_FACTS = 9
-MEDIAN, MAD, NUM_VISIBLE, NUM_INLIERS, SUM_REFERENCE, SUM_CURRENT, PRODUCT, SQUARE_REFERENCE, SQUARE_CURRENT = range(9)
+NUM_FACTS = 10
+MEDIAN, MAD, NUM_VISIBLE, NUM_INLIERS, NUM_CUT = range(5)  # the last: pieces
+SUM_REFERENCE, SUM_CURRENT, PRODUCT, SQUARE_REFERENCE, SQUARE_CURRENT = range(5, NUM_FACTS)
 
 
 @njit(**OPTIONS)
@@ -186,77 +188,9 @@ def join(view, h, q, sigma, has_light, H, g):
 
 
 @njit(**OPTIONS)
-def scale_step(num_blocks):
-    """Return every how many blocks are enough for the scale."""
-    return max(1, min(SCALE_STEP, num_blocks // MIN_SCALE_BLOCKS))
-
-
-@njit(**OPTIONS)
-def linearise(blocks, num_views, T_world_reference, camera, image, T_world_camera, light, huber, min_sigma, has_light):
-    """Robust normal equations of all views at a pose (M15 eq. 4, 6, 19, 30-35), and how many pixels are visible."""
-    n = 6 + 2 * num_views if has_light else 6
-    H, g = np.zeros((n, n)), np.zeros(n)
-    h, q, sums = np.empty((8, 8)), np.empty(8), np.empty(NUM_SUMS)
-    r, places = np.empty(SCRATCH, np.float32), np.empty(SIDE, np.int32)
-    histogram = np.empty(NUM_BINS, np.int32)
-    T_camera_world = invert(T_world_camera)
-    visible = 0.0
-    for v in range(num_views):
-        T = compose(T_camera_world, T_world_reference[v])
-        T32, gain, bias = T.astype(np.float32), np.float32(light[v, 0]), np.float32(light[v, 1])
-        number = blocks[v].size // BLOCK
-        median, mad, _ = scale(blocks[v], scale_step(number), T32, camera, image, gain, bias, r, places, histogram)
-        sigma = max(SIGMA_OF_MAD * mad, min_sigma)
-        sums[:] = 0.0
-        width = np.float32(huber * sigma)
-        accumulate(blocks[v], START, number, T32, camera, image, gain, bias, np.float32(median), width, r, places, sums)
-        visible += sums[VISIBLE]
-        unpack(sums, h, q)
-        to_camera_tangent(T, h, q)
-        join(v, h, q, sigma, has_light, H, g)
-    return H, g, visible
-
-
-@njit(**OPTIONS)
-def descend(
-    blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, stop, limit, is_rotation
-):
-    """Iterate at one level (M15 eq. 6-7); T_world_camera (3, 4) and light (MAX_VIEWS, 2) change in place.
-
-    robust is (Huber bound, smallest sigma, whether light is estimated), stop (smallest increment in pixels, pixels per
-    radian, depth in m, fewest visible pixels). A pure rotation (eq. 20) leaves the translation as it is. Returns the
-    iterations, the last increment in pixels, and whether the image determined it.
-    """
-    huber, min_sigma, has_light = robust
-    min_step, per_radian, depth, min_pixels = stop
-    first = 3 if is_rotation else 0
-    motion, iteration = 0.0, 0
-    xi = np.zeros(6)
-    while iteration < limit:
-        H, g, visible = linearise(
-            blocks, num_views, T_world_reference, camera, image, T_world_camera, light, huber, min_sigma, has_light
-        )
-        if visible < min_pixels:
-            return iteration, motion, False
-        x, is_found = solve(H, g, first)
-        if not is_found:
-            return iteration, motion, False
-        for i in range(first, 6):
-            xi[i] = x[i - first]
-        pose = compose(T_world_camera, exponential(xi))
-        for i in range(3):
-            for j in range(4):
-                T_world_camera[i, j] = pose[i, j]
-        if has_light:
-            for v in range(num_views):
-                light[v, 0] = min(max(light[v, 0] + x[6 - first + 2 * v], MIN_GAIN), MAX_GAIN)
-                light[v, 1] += x[7 - first + 2 * v]
-        iteration += 1
-        parallax = math.sqrt(xi[0] ** 2 + xi[1] ** 2 + xi[2] ** 2) / depth
-        motion = (math.sqrt(xi[3] ** 2 + xi[4] ** 2 + xi[5] ** 2) + parallax) * per_radian
-        if motion < min_step:
-            break
-    return iteration, motion, True
+def some_blocks(num_blocks):
+    """Return every how many blocks are enough for the scale, and for a pass that others will follow."""
+    return max(1, min(SOME_STEP, num_blocks // MIN_SOME_BLOCKS))
 
 
 @njit(**OPTIONS)
@@ -284,29 +218,104 @@ def _correlate(d, r, facts):
 
 
 @njit(**OPTIONS)
-def examine(blocks, T, camera, image, gain, bias, huber, min_sigma, facts, pieces):
-    """Compare one view at the end: facts (NUM_FACTS,) f64, and the sums of each piece (NUM_PIECES, NUM_SUMS) f64.
+def examine(blocks, step, T, camera, image, gain, bias, huber, min_sigma, facts, pieces):
+    """Compare each `step`-th block of one view: facts (NUM_FACTS,) f64, sums of each piece (NUM_PIECES, NUM_SUMS) f64.
 
     T (3, 4) f64 reference -> camera. Sums of the correlation are of grey levels as they are, light not applied.
     """
     T32, gain32, bias32 = T.astype(np.float32), np.float32(gain), np.float32(bias)
-    r, places = np.empty(SCRATCH, np.float32), np.empty(SIDE, np.int32)
+    r, places, histogram = np.empty(SCRATCH, np.float32), np.empty(SIDE, np.int32), np.empty(NUM_BINS, np.int32)
     number = blocks.size // BLOCK
-    histogram = np.empty(NUM_BINS, np.int32)
-    median, mad, _ = scale(blocks, scale_step(number), T32, camera, image, gain32, bias32, r, places, histogram)
-    width = np.float32(huber * max(SIGMA_OF_MAD * mad, min_sigma))
+    median, mad, _ = scale(blocks, some_blocks(number), T32, camera, image, gain32, bias32, r, places, histogram)
+    middle, width = np.float32(median), np.float32(huber * max(SIGMA_OF_MAD * mad, min_sigma))
     facts[:] = 0.0
     facts[MEDIAN], facts[MAD] = median, mad
     count = num_pieces(number)
+    facts[NUM_CUT] = count
     for p in range(count):
         pieces[p] = 0.0
-        for b in range(number * p // count, number * (p + 1) // count):
-            args = (T32, camera, image, gain32, bias32, np.float32(median), width, r, places, pieces[p])
-            accumulate(blocks, b, b + 1, *args)
-            _correlate(blocks[b * BLOCK : (b + 1) * BLOCK], r, facts)
+        first, last = number * p // count, number * (p + 1) // count
+        for b in range(step * ((first + step - 1) // step), last, step):
+            d = accumulate(blocks, b, T32, camera, image, gain32, bias32, middle, width, r, places, pieces[p])
+            _correlate(d, r, facts)
         facts[NUM_VISIBLE] += pieces[p, VISIBLE]
         facts[NUM_INLIERS] += pieces[p, INLIERS]
-    return count
+
+
+@njit(**OPTIONS)
+def linearise(
+    blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, is_part, facts, pieces
+):
+    """Robust normal equations of all views at a pose (M15 eq. 4, 6, 19, 30-35), and how many pixels are visible.
+
+    Where it `is_part`, by some of the pixels. facts (MAX_VIEWS, NUM_FACTS) and pieces (MAX_VIEWS, ...) as of `examine`.
+    """
+    huber, min_sigma, has_light = robust
+    n = 6 + 2 * num_views if has_light else 6
+    H, g = np.zeros((n, n)), np.zeros(n)
+    h, q, sums = np.empty((8, 8)), np.empty(8), np.empty(NUM_SUMS)
+    T_camera_world = invert(T_world_camera)
+    visible = 0.0
+    for v in range(num_views):
+        T = compose(T_camera_world, T_world_reference[v])
+        step = some_blocks(blocks[v].size // BLOCK) if is_part else 1
+        lit = light[v, 0], light[v, 1]
+        examine(blocks[v], step, T, camera, image, *lit, huber, min_sigma, facts[v], pieces[v])
+        sums[:] = 0.0
+        for p in range(int(facts[v, NUM_CUT])):
+            for i in range(NUM_SUMS):
+                sums[i] += pieces[v, p, i]
+        visible += step * facts[v, NUM_VISIBLE]
+        unpack(sums, h, q)
+        to_camera_tangent(T, h, q)
+        join(v, h, q, max(SIGMA_OF_MAD * facts[v, MAD], min_sigma), has_light, H, g)
+    return H, g, visible
+
+
+@njit(**OPTIONS)
+def descend(
+    blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, stop, limit, kind, facts, pieces
+):
+    """Iterate at one level (M15 eq. 6-7); T_world_camera (3, 4) and light (MAX_VIEWS, 2) change in place.
+
+    robust is (Huber bound, smallest sigma, whether light is estimated), stop (smallest increment in pixels, pixels per
+    radian, depth in m, fewest visible pixels), kind (is it a pure rotation, eq. 20, that leaves the translation as it
+    is; is it final). As long as the increments are large, some of the pixels do, and all along where finer levels
+    follow. Returns the iterations, the last increment in pixels, and whether the image determined it; facts and pieces
+    are those of the last pass.
+    """
+    min_step, per_radian, depth, min_pixels = stop
+    is_rotation, is_final = kind
+    first = 3 if is_rotation else 0
+    motion, iteration, is_part = 0.0, 0, True
+    xi = np.zeros(6)
+    while iteration < limit:
+        is_part = not is_final or (is_part and iteration < limit - 1)
+        H, g, visible = linearise(
+            blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, is_part, facts, pieces
+        )
+        if visible < min_pixels:
+            return iteration, motion, False
+        x, is_found = solve(H, g, first)
+        if not is_found:
+            return iteration, motion, False
+        for i in range(first, 6):
+            xi[i] = x[i - first]
+        pose = compose(T_world_camera, exponential(xi))
+        for i in range(3):
+            for j in range(4):
+                T_world_camera[i, j] = pose[i, j]
+        if robust[2]:
+            for v in range(num_views):
+                light[v, 0] = min(max(light[v, 0] + x[6 - first + 2 * v], MIN_GAIN), MAX_GAIN)
+                light[v, 1] += x[7 - first + 2 * v]
+        iteration += 1
+        parallax = math.sqrt(xi[0] ** 2 + xi[1] ** 2 + xi[2] ** 2) / depth
+        motion = (math.sqrt(xi[3] ** 2 + xi[4] ** 2 + xi[5] ** 2) + parallax) * per_radian
+        if motion < min_step and not (is_part and is_final):
+            break
+        is_part = is_part and motion > LARGE_STEP
+    return iteration, motion, True
 
 
 @njit(**OPTIONS)

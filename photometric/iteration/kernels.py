@@ -26,6 +26,10 @@ NUM_COLUMNS = 8  # v (3), omega (3), gain, bias
 NUM_SUMS = 45 + 2  # products of 9 columns, the residual the ninth, by rows of the upper triangle; visible, inliers
 VISIBLE, INLIERS = 45, 46
 
+# Rows of what `warp` returns: point in the camera (3), gradients by it of the reference (3) and of the image (3),
+# derivative by a stretch about the centre, grey level of the image, residual, 1 where it is seen.
+NUM_WARPED = 13
+
 BINS_PER_GREY = 4.0
 HALF_RANGE = 256.0  # residuals beyond +-256 grey levels count into the outermost bins
 NUM_BINS = int(2 * HALF_RANGE * BINS_PER_GREY)
@@ -453,21 +457,50 @@ def scale(blocks, step, T, camera, image, gain, bias, r, places, histogram):
 
 
 @njit(**OPTIONS)
-def accumulate(blocks, first, last, T, camera, image, gain, bias, median, width, r, places, sums):
-    """Add the products of the weighted columns of blocks first..last to sums (NUM_SUMS,) f64.
+def accumulate(blocks, b, T, camera, image, gain, bias, median, width, r, places, sums):
+    """Add the products of the weighted columns of block b to sums (NUM_SUMS,) f64; return the block.
 
     T (3, 4) f32 reference -> camera; `median` and `width`, the Huber bound a sigma, in grey levels. The columns are
     by (v, omega) of the reference, gain and bias; the ninth is the residual.
     """
-    for b in range(first, last):
-        d = blocks[b * BLOCK : (b + 1) * BLOCK]
+    d = blocks[b * BLOCK : (b + 1) * BLOCK]
+    locate(T, camera, image, d, r, places)
+    _differentiate(T, gain, bias, d, r)
+    sums[INLIERS] += _weigh(median, width, d, r)
+    _add_rows_0_1(r, sums)
+    _add_rows_2_3(r, sums)
+    _add_rows_4_8(r, sums)
+    visible = ZERO
+    for i in range(SIDE):
+        visible += r[SEEN + i]
+    sums[VISIBLE] += visible
+    return d
+
+
+@njit(**OPTIONS)
+def warp(blocks, T, camera, image, gain, bias, centre_u, centre_v, out):
+    """Write of every pixel what stands at `NUM_WARPED` into out (NUM_WARPED, blocks * SIDE) f32.
+
+    T (3, 4) f32 reference -> camera; the image's gradient by a point of the camera is that of the light applied.
+    """
+    r, places = np.empty(SCRATCH, np.float32), np.empty(SIDE, np.int32)
+    for block in range(blocks.size // BLOCK):
+        d = blocks[block * BLOCK : (block + 1) * BLOCK]
         locate(T, camera, image, d, r, places)
-        _differentiate(T, gain, bias, d, r)
-        sums[INLIERS] += _weigh(median, width, d, r)
-        _add_rows_0_1(r, sums)
-        _add_rows_2_3(r, sums)
-        _add_rows_4_8(r, sums)
-        visible = ZERO
+        first = block * SIDE
         for i in range(SIDE):
-            visible += r[SEEN + i]
-        sums[VISIBLE] += visible
+            a, b, c, e, du, dv = r[TA + i], r[TB + i], r[TC + i], r[TD + i], r[DU + i], r[DV + i]
+            top, bottom = a + du * (b - a), c + du * (e - c)
+            gx, gy = gain * ((b - a) + dv * ((e - c) - (b - a))), gain * (bottom - top)
+            grey = top + dv * (bottom - top)
+            bx, by, bz = d[BX + i], d[BY + i], d[BZ + i]
+            out[0, first + i], out[1, first + i], out[2, first + i] = r[X + i], r[Y + i], r[Z + i]
+            out[3, first + i] = T[0, 0] * bx + T[0, 1] * by + T[0, 2] * bz
+            out[4, first + i] = T[1, 0] * bx + T[1, 1] * by + T[1, 2] * bz
+            out[5, first + i] = T[2, 0] * bx + T[2, 1] * by + T[2, 2] * bz
+            out[6, first + i] = gx * r[J0 + i] + gy * r[J3 + i]
+            out[7, first + i] = gx * r[J1 + i] + gy * r[J4 + i]
+            out[8, first + i] = gx * r[J2 + i] + gy * r[J5 + i]
+            out[9, first + i] = gx * (r[U + i] - centre_u) + gy * (r[V + i] - centre_v)
+            out[10, first + i], out[11, first + i] = grey, gain * grey + bias - d[GREY + i]
+            out[12, first + i] = r[SEEN + i]

@@ -114,9 +114,8 @@ def test_half_the_view_hidden_does_not_move_the_pose(room, room_map, is_left):
     for estimate, pose in zip(estimates, truth[12:], strict=True):
         assert estimate.status.state in TRUSTED
         assert_near(estimate, pose, 10)  # half the pixels, and what moves with the camera pulls the rest
-    # Correlation is 0.44 to 0.66, about where DEGRADED begins: what is said of one such image is chance.
-    trusted = [pair for pair in zip(estimates, truth[12:], strict=True) if pair[0].status.state is State.TRACKING]
-    assert np.sqrt(np.mean([error(*pair)[0] ** 2 for pair in trusted])) < 3 * MAX_M
+    # Correlation is 0.44 to 0.66, about where DEGRADED begins: which of them are is chance, so that all of them count.
+    assert np.sqrt(np.mean([error(*pair)[0] ** 2 for pair in zip(estimates, truth[12:], strict=True)])) < 3 * MAX_M
 
 
 def test_a_step_of_exposure_is_a_gain_and_a_bias(room, room_map):

@@ -2,6 +2,7 @@
 
 import cv2
 import numpy as np
+import pytest
 
 from photometric import RegistrationParams, View, build_pyramid, prepare_reference
 from photometric.problem import Problem, State
@@ -68,6 +69,30 @@ def test_a_descent_ends_when_the_image_stands_still(room):
     assert descent.is_determined
     assert 1 <= descent.iterations < 6
     assert descent.motion < params.min_step
+
+
+def test_a_descent_that_begins_with_some_of_the_pixels_ends_where_all_of_them_lead(room):
+    camera, params = Pinhole(480, 360, 330.0, 330.0, 239.5, 179.5), RegistrationParams()
+    image, range_m = room.render(SPHERE, A)
+    view = View(prepare_reference(image, range_m, SPHERE, params), A)
+    truth = A @ SE3.exp([0.1, 0.05, 0.02, 0.0, 0.01, 0.05]) @ T_BODY_OPTICAL
+    level = build_pyramid(room.render(camera, truth)[0], camera, params.pyramid).levels[0]
+    off = State.start(truth @ SE3.exp([0.01, -0.01, 0.005, 0.002, 0.001, -0.002]), 1)
+    problem = Problem.choose_pixels(level, [view], off.T_world_camera, params)
+    assert problem.linearise(off, is_part=True)[2] != problem.linearise(off)[2]
+    state = off
+    for _ in range(8):
+        H, g, _ = problem.linearise(state)
+        x = np.linalg.solve(H, -g)
+        state = State(state.T_world_camera @ SE3.exp(x[:6]), state.light + x[6:].reshape(1, 2))
+    found = problem.descend(off, 8)
+    metres, radians = found.state.T_world_camera.distance(state.T_world_camera)
+    assert radians * camera.fx < params.min_step
+    assert metres < 1e-4
+    (before,), (after,) = found.found, problem.compare(found.state)
+    assert before.num_visible == pytest.approx(after.num_visible, rel=1e-3)
+    assert before.mad == pytest.approx(after.mad, rel=0.02)
+    assert problem.descend(off, 8, is_final=False).found == ()
 
 
 def test_a_descent_does_not_touch_its_start(room):
