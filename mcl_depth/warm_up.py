@@ -12,6 +12,7 @@ from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.image_params import SynthesisParams
 from mcl_depth.likeness.comparison import depth_features_many, num_alpha_for, similarity_many, visual_features
+from mcl_depth.likeness.gradient_correlation import correlate_part
 from mcl_depth.likeness.matched_filter import MatchedFilter
 from mcl_depth.params import FilterParams
 
@@ -30,6 +31,7 @@ def warm_up(params: FilterParams) -> None:
     stack = depth_features_many(ranges, params.comparison)
     for is_seen in (None, grey > 10.0):
         similarity_many(visual_features(grey, is_seen), stack, num_headings)
+        correlate_part(visual_features(grey, is_seen), stack, num_headings, np.arange(len(stack)))
     MatchedFilter.of(stack, np.arange(len(stack))).curves(visual_features(grey), num_headings)
     joint, mask = JointEvidence(1.0), np.ones((8, 8), np.bool_)
     for _ in range(1 + STEP_EVERY):

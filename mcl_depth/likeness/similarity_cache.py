@@ -41,11 +41,15 @@ class Comparison:
     def survey(self, positions: Array, rows: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
         """Return how well the image fits at positions (N, 2) in m, or some rows of them, (N, A), in units of its own.
 
-        A panorama is compared by the matched filter of a map that has enough places for one; a part of the sphere, and
-        a panorama in a smaller map, by eq. 2.
+        A panorama is compared by the matched filter of a map that has enough places for one, in a smaller map by eq. 2;
+        a part of the sphere by the correlation of gradients.
         """
-        if self._visual.is_seen is not None or len(positions) < MIN_PLACES:
-            return self.curves(positions if rows is None else positions[rows])
+        chosen = positions if rows is None else positions[rows]
+        if self._visual.is_seen is not None:
+            cells = [(int(x), int(y)) for x, y in self._map.cells(chosen)]
+            return self._map.correlations(self._visual, cells, self._num_headings)
+        if len(positions) < MIN_PLACES:
+            return self.curves(chosen)
         return self._map.matched_filter(positions).curves(self._visual, self._num_headings, rows)
 
     def _compare(self, cells: list[tuple[int, int]]) -> None:
