@@ -23,10 +23,11 @@ from sphere_mapping.acquisition.stereo_field import (
     tangents,
 )
 
-NUM_VIEWS = 4  # instants that a corner is followed through
+NUM_VIEWS = 4  # instants that a corner is followed through, as far as it is seen
+MIN_VIEWS = 2
 MIN_DISPARITY_PX = 2.0
 MAX_OFF_ROW_PX = 1.5
-MIN_TRACKS = 40  # of a window
+MIN_TRACKS = 40  # in an instant of a window
 NUM_STEPS = 15
 LOSS_PX = 0.15  # scale of Cauchy's loss on a corner's pixels
 PRIOR_PX = 3.0  # standard deviation of offset and bow before anything is seen
@@ -37,7 +38,10 @@ SIGNIFICANCE = 13.8  # chi2 of two numbers that chance exceeds once in a thousan
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """Corners (N) seen in K consecutive instants: left (K, N, 2) and right columns (K, N); rows of both agree."""
+    """Corners (N) seen in K consecutive instants: left (K, N, 2) and right columns (K, N); rows of both agree.
+
+    NaN in instants after which a corner was lost.
+    """
 
     left: Array
     right_u: Array
@@ -58,22 +62,28 @@ class ColumnFit:
 
 
 def follow_window(lefts: Sequence[Image], rights: Sequence[Image]) -> Window | None:
-    """Return the corners seen in all grey images of consecutive instants, None where they are too few."""
+    """Return the corners seen in two grey images or more of consecutive instants, None where they are too few.
+
+    Near ones are soon lost by a fast drive, and tell most.
+    """
     points = corners_of(lefts[0])
-    keep = np.ones(len(points), np.bool_)
-    at, columns = [points], []
+    left, right_u = np.full((len(lefts), len(points), 2), np.nan), np.full((len(lefts), len(points)), np.nan)
+    seen, at = np.ones(len(points), np.bool_), points
     for k in range(len(lefts)):
         if k:
-            now, found = follow(lefts[k - 1], lefts[k], at[-1])
-            at.append(now)
-            keep &= found
-        there, found = follow(lefts[k], rights[k], at[-1])
-        disparity = at[-1][:, 0] - there[:, 0]
-        keep &= found & (disparity > MIN_DISPARITY_PX) & (np.abs(at[-1] - there)[:, 1] < MAX_OFF_ROW_PX)
-        columns.append(there[:, 0])
-    if np.count_nonzero(keep) < MIN_TRACKS:
+            at, found = follow(lefts[k - 1], lefts[k], at)
+            seen &= found
+        there, found = follow(lefts[k], rights[k], at)
+        disparity = at[:, 0] - there[:, 0]
+        seen &= found & (disparity > MIN_DISPARITY_PX) & (np.abs(at - there)[:, 1] < MAX_OFF_ROW_PX)
+        if np.count_nonzero(seen) < MIN_TRACKS:
+            left, right_u = left[:k], right_u[:k]
+            break
+        left[k, seen], right_u[k, seen] = at[seen], there[seen, 0]
+    if len(left) < MIN_VIEWS:
         return None
-    return Window(np.stack(at)[:, keep], np.stack(columns)[:, keep])
+    followed = ~np.isnan(right_u[MIN_VIEWS - 1])
+    return Window(left[:, followed], right_u[:, followed])
 
 
 def fit_columns(camera: Pinhole, baseline_m: float, windows: Sequence[Window]) -> ColumnFit | None:
@@ -112,6 +122,7 @@ class _State:
 
     def __init__(self, camera: Pinhole, baseline_m: float, window: Window) -> None:
         self.camera, self.baseline_m, self.window = camera, baseline_m, window
+        self.seen = ~np.isnan(window.right_u)
         x, y = tangents(camera, window.left[0])
         self.rays = np.stack([x, y, np.ones_like(x)], axis=-1)
         self.inverse = (window.left[0, :, 0] - window.right_u[0]) / (camera.fx * baseline_m)
@@ -121,10 +132,12 @@ class _State:
     def reduce(self, columns: Array, scale: float) -> _Reduced:
         """Linearise all pixels, eliminate depths, then motions."""
         r, J_columns, J_inverse, J_poses = self._linearize(columns)
-        num, size = r.shape[1], J_poses.shape[-1]
-        weight = 1.0 / (1.0 + np.sum(r * r, axis=(0, 2)) / (r.shape[0] * scale**2))  # (N,), of the whole corner
+        for part in (r, J_columns, J_inverse, J_poses):
+            part[~self.seen] = 0.0
+        num, size, views = r.shape[1], J_poses.shape[-1], self.seen.sum(axis=0)
+        weight = 1.0 / (1.0 + np.sum(r * r, axis=(0, 2)) / (views * scale**2))  # (N,), of the whole corner
         self.squares = float(np.sum(weight * np.sum(r * r, axis=(0, 2))))
-        self.freedom = float(np.sum(weight)) * (3 * r.shape[0] - 3) - size
+        self.freedom = float(np.sum(weight * (3 * views - 3))) - size
         J = np.concatenate([J_columns, J_poses], axis=-1)  # (K, N, 3, 2 + 6 (K - 1))
         W = weight[:, None]
         D = weight * np.sum(J_inverse**2, axis=(0, 2)) + 1e-9

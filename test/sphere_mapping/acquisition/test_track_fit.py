@@ -51,6 +51,33 @@ def test_a_right_pair_is_left_alone(seed):
     assert fit_columns(CAMERA, BASELINE, []) is None
 
 
+@pytest.mark.parametrize("seed", SEEDS)
+def test_corners_that_are_lost_count_until_then(seed):
+    rng, columns = np.random.default_rng(seed), np.array([0.7, 2.5])
+
+    def lose(whole):
+        last = rng.integers(2, 5, whole.left.shape[1])  # instants in which each is seen
+        is_lost = np.arange(4)[:, None] >= last
+        left, right_u = (
+            np.where(mask, np.nan, one) for mask, one in ((is_lost[..., None], whole.left), (is_lost, whole.right_u))
+        )
+        return Window(left, right_u)
+
+    wholes = [window(rng, columns) for _ in range(8)]
+    fits = {
+        name: fit_columns(CAMERA, BASELINE, [make(one) for one in wholes])
+        for name, make in (
+            ("all", lambda one: one),
+            ("lost", lose),
+            ("to the end", lambda one: Window(one.left[:, ::3], one.right_u[:, ::3])),  # a third lives that long
+        )
+    }
+    off = fits["lost"].columns - columns
+    assert off @ np.linalg.solve(fits["lost"].covariance, off) < 13.8
+    bow = {name: fit.covariance[1, 1] for name, fit in fits.items()}
+    assert bow["all"] < bow["lost"] < bow["to the end"]
+
+
 def test_derivatives_are_those_of_the_pixels(rng):
     state, columns, eps = _State(CAMERA, BASELINE, window(rng, np.zeros(2), num=5)), np.array([0.3, 1.0]), 1e-6
     state.T_view_first = [SE3.exp(rng.normal(size=6) * 0.05) if k else SE3.identity() for k in range(4)]
