@@ -43,7 +43,7 @@ class LoopParams:
 
     automatic: bool = param(True, "look at every new key sphere whether its place was seen before")
     max_distance_m: float = param(1.0, "distance up to which two key spheres are compared", "m", low=0.0)
-    min_steps: int = param(3, "key spheres between two that are compared", low=2)
+    min_way_m: float = param(1.0, "way between two key spheres that are compared", "m", low=0.0)
 
 
 @parameters

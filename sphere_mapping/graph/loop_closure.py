@@ -29,6 +29,7 @@ SAME_PLACE_M = 1.0  # suggestions farther apart than this are of different place
 MIN_LEAD = 1.5  # inliers of the best place by those of the next one; else both could be meant
 DRIFT, DRIFT_RAD = 0.02, 0.003  # standard deviation of the graph, by the metres on the way between two spheres
 START_M, START_RAD, GATE = 0.1, 0.02, 3.0  # the same of no way at all; standard deviations that are believed
+FARTHEST_PASSED_M = 50.0  # on the way back: nothing farther looks alike merely because it is near
 MIN_DETOUR = 4.0  # way between two spheres by their distance; along a shorter one the chain is the better measure
 
 Load = Callable[[int], Sphere]
@@ -68,10 +69,10 @@ class LoopCloser:
                 self.index.add(node.id, features_of_sphere(self._load(node.id)))
 
     def _lookup(self, graph: SphereGraph, newer_id: int) -> Lookup:
-        """Return the older spheres that look like one, neither just before it nor joined with it."""
-        recent = range(newer_id - self._params.loop.min_steps + 1, newer_id + 1)
+        """Return the older spheres that look like one, neither on the way that led to it nor joined with it."""
+        before = passed(graph, newer_id, self._params.loop.min_way_m)
         features = self.index.features[newer_id]
-        alike = self.index.find(features, NUM_ALIKE, without=[*recent, *neighbours(graph, newer_id)])
+        alike = self.index.find(features, NUM_ALIKE, without=[newer_id, *before, *neighbours(graph, newer_id)])
         older = [one.sphere_id for one in alike if one.sphere_id < newer_id]
         return Lookup(features, tuple((sphere_id, self.index.features[sphere_id]) for sphere_id in older))
 
@@ -83,6 +84,21 @@ class LoopCloser:
 def believed(older: KeySphere, newer: KeySphere) -> Candidate:
     """Return two key spheres as the graph has them."""
     return Candidate(older.id, older.T_map_sphere.inverse() @ newer.T_map_sphere, 0)
+
+
+def passed(graph: SphereGraph, newer_id: int, min_way_m: float) -> list[int]:
+    """Return the key spheres that the way to one has passed and not come back to, however it may have drifted."""
+    found, way = list[int](), 0.0
+    here = at = graph[newer_id].T_map_sphere.translation
+    for sphere_id in range(newer_id - 1, -1, -1):  # those of one drive follow each other
+        if sphere_id not in graph.nodes or way > FARTHEST_PASSED_M:
+            break
+        there = graph[sphere_id].T_map_sphere.translation
+        way, at = way + float(np.linalg.norm(there - at)), there
+        nearest = float(np.linalg.norm(there - here)) - GATE * (START_M + DRIFT * way)
+        if way < max(min_way_m, MIN_DETOUR * nearest):
+            found.append(sphere_id)
+    return found
 
 
 def choose(graph: SphereGraph, newer_id: int, found: list[Candidate]) -> Candidate | None:
@@ -154,16 +170,17 @@ def joined_pairs(graph: SphereGraph) -> set[tuple[int, int]]:
 def near_pairs(
     graph: SphereGraph, params: LoopParams, joined: set[tuple[int, int]]
 ) -> Iterator[tuple[KeySphere, KeySphere]]:
-    """Yield pairs (older, newer) near each other, far apart on the way and in the sequence, and not yet joined."""
+    """Yield pairs (older, newer) near each other, far apart on the way, and not yet joined."""
     for newer in graph:
         found = [
             older
             for older in graph.near(newer.T_map_sphere.translation, params.max_distance_m)
-            if older.id <= newer.id - params.min_steps and (older.id, newer.id) not in joined
+            if older.id < newer.id and (older.id, newer.id) not in joined
         ]
         ways = lengths_from(graph, newer.id) if found else {}
         for older in found:
-            if is_return(ways.get(older.id, np.inf), older.T_map_sphere.inverse() @ newer.T_map_sphere):
+            way = ways.get(older.id, np.inf)
+            if way >= params.min_way_m and is_return(way, older.T_map_sphere.inverse() @ newer.T_map_sphere):
                 yield older, newer
 
 

@@ -130,7 +130,7 @@ def test_a_sphere_without_range_is_placed_but_explains_nothing(drive):
 def test_closing_a_loop_brings_the_end_back_to_the_beginning(drive):
     truth, _ = drive
     key = KeySphereParams(max_parallax=0.01)  # 5 cm: every sphere is kept
-    params = MapperParams(key=key, loop=LoopParams(automatic=False))
+    params = MapperParams(key=key, loop=LoopParams(automatic=False, min_way_m=0.2))
     there_and_back = [*range(6), *range(4, -1, -1)]
     mapper, _ = mapped([seen_from(truth[k], n) for n, k in enumerate(there_and_back)], truth[0], params)
     bent = {

@@ -14,13 +14,14 @@ from sphere_mapping.graph.loop_closure import (
     joined_pairs,
     lengths_from,
     near_pairs,
+    passed,
     with_loops,
 )
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import LoopParams, MapperParams
 from worlds.room import optical, sharp_room
 
-PARAMS = MapperParams(loop=LoopParams(min_steps=2))
+PARAMS = MapperParams()
 LENS = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)
 CAMERA = Spherical(256, 128)
 HERE = SE3.exp([-0.5, 0.2, 0.0, 0.0, 0.0, 0.3])
@@ -103,7 +104,7 @@ def test_going_on_is_no_loop():
     assert choose(graph, 3, [Candidate(0, SE3.from_planar(0.9, 0, 0), 60)]) is None  # the way is as long as the edge
     back = chain(0.0, 0.9, 0.1)
     assert choose(back, 2, [Candidate(0, SE3.from_planar(0.1, 0, 0), 60)]) is not None
-    assert list(near_pairs(graph, LoopParams(min_steps=2), joined_pairs(graph))) == []
+    assert list(near_pairs(graph, LoopParams(min_way_m=0.0), joined_pairs(graph))) == []
 
 
 def test_ways_are_measured_along_edges():
@@ -114,13 +115,32 @@ def test_ways_are_measured_along_edges():
     assert lengths_from(chain(1.0), 0) == {0: 0.0}
 
 
-def test_believed_near_means_near_in_space_far_in_sequence_and_not_joined():
+def test_believed_near_means_near_in_space_far_on_the_way_and_not_joined():
     graph = chain(0.0, 2.0, 4.0, 2.1, 0.1)
 
-    def found(min_steps):
-        return [(a.id, b.id) for a, b in near_pairs(graph, LoopParams(min_steps=min_steps), joined_pairs(graph))]
+    def found(min_way_m):
+        return [(a.id, b.id) for a, b in near_pairs(graph, LoopParams(min_way_m=min_way_m), joined_pairs(graph))]
 
-    assert found(2) == [(1, 3), (0, 4)]
+    assert found(2.0) == [(1, 3), (0, 4)]  # ways of 3.9 and 7.9 m
+    assert found(5.0) == [(0, 4)]
     graph.connect(Edge(0, 4, SE3.identity(), np.eye(6), is_loop=True))
-    assert found(2) == [(1, 3)]
-    assert found(4) == []
+    assert found(2.0) == [(1, 3)]
+
+
+@pytest.mark.parametrize("spacing", [0.1, 0.5, 2.0], ids=lambda m: f"every {m} m")
+def test_what_the_way_has_passed_does_not_depend_on_how_many_key_spheres_stand_on_it(spacing):
+    there = np.arange(0.0, 8.1, spacing)
+    graph = chain(*there, *(there[::-1][1:]))  # 8 m on, and back
+    newest = len(graph) - 1
+    before = passed(graph, newest, 1.0)
+    ways = np.array([abs(newest - sphere_id) * spacing for sphere_id in before])
+    # On the way out, x m from here, 16 m - x back: 16 - x < 4 (x - 0.3 - 0.06 (16 - x)), so x > 4.02 m.
+    assert sorted(before) == list(range(min(before), newest))
+    assert ways.max() <= 11.985 < ways.max() + spacing
+    assert 0 not in before
+
+
+def test_right_behind_is_passed_even_where_the_camera_hardly_moves():
+    graph = chain(0.0, 0.1, 0.2, 0.1, 0.0, 0.1)
+    assert passed(graph, 5, 0.25) == [4, 3]  # 0.1 and 0.2 m back
+    assert passed(graph, 5, 1.0) == [4, 3, 2, 1, 0]

@@ -12,12 +12,12 @@ from sphere_map.coarse import coarse_sphere
 from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_mapping.graph.merging import compose, merge, reverse
 from sphere_mapping.mapper import Mapper
-from sphere_mapping.params import KeySphereParams, LoopParams, MapperParams
+from sphere_mapping.params import KeySphereParams, MapperParams
 from worlds.room import optical, sharp_room
 
 STEP = 1e-6
 ROOM, LENS = sharp_room(), Pinhole(320, 240, 240.0, 240.0, 159.5, 119.5)
-PARAMS = MapperParams(key=KeySphereParams(max_parallax_whole=0.1), loop=LoopParams(min_steps=2))
+PARAMS = MapperParams(key=KeySphereParams(max_parallax_whole=0.1))
 
 
 def random_edge(rng, a, b):
