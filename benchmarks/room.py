@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -12,11 +14,19 @@ HALF_SIDES_M = np.array([6.0, 4.0, 2.5])
 NUM_WAVES = 24
 
 
-def render(camera: Camera, T_room_camera: SE3, seed: int = 0) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Return the grey image (H, W) and the range along the ray (H, W) in metres, as `camera` sees the room."""
+def render(
+    camera: Camera,
+    T_room_camera: SE3,
+    seed: int = 0,
+    contrast: Callable[[NDArray[np.float64]], NDArray[np.float64] | np.float64] = lambda _: np.float64(1.0),
+) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+    """Return the grey image (H, W) and the range along the ray (H, W) in metres, as `camera` sees the room.
+
+    `contrast` says at points (H, W, 3) in m of the walls how much of their texture (H, W) is left.
+    """
     rays, range_m = hit_walls(camera, T_room_camera, HALF_SIDES_M)
     points_room = T_room_camera.translation + rays * range_m[..., None]
-    return _grey(points_room, np.random.default_rng(seed)), range_m.astype(np.float32)
+    return _grey(points_room, np.random.default_rng(seed), contrast(points_room)), range_m.astype(np.float32)
 
 
 def hit_walls(
@@ -29,10 +39,12 @@ def hit_walls(
     return rays, np.nanmin(np.where(rays == 0, np.inf, hits), axis=-1)
 
 
-def _grey(points_room: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.uint8]:
-    grey = np.full(points_room.shape[:-1], 128.0)
+def _grey(
+    points_room: NDArray[np.float64], rng: np.random.Generator, contrast: NDArray[np.float64] | np.float64
+) -> NDArray[np.uint8]:
+    grey = np.zeros(points_room.shape[:-1])
     for frequency in np.geomspace(1.5, 40.0, NUM_WAVES):  # radians per metre
         direction = rng.normal(size=3)
         wave = points_room @ (frequency * direction / np.linalg.norm(direction)) + rng.uniform(0.0, 2 * np.pi)
         grey += 30.0 / np.sqrt(frequency) * np.sin(wave)
-    return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+    return np.clip(np.rint(128.0 + contrast * grey), 0, 255).astype(np.uint8)

@@ -14,6 +14,7 @@ from photometric.iteration.kernels import BLOCK, SIDE
 from photometric.params import RegistrationParams
 from photometric.projection import Floats
 from photometric.pyramid import Image, Level, check_image, level_cameras, pad_of
+from photometric.sampling import evenly_spaced
 from photometric.squares import Squares, Steps
 from sphere_geometry import SE3, Camera
 
@@ -108,6 +109,8 @@ def prepare_reference(
 ) -> Reference:
     """Prepare a grey image (H, W) with range along the ray (H, W) in metres, NaN unknown, +Inf far.
 
+    Of the pixels of a sphere those are used that are evenly spaced on it (M15 eq. 9).
+
     Raises ValueError for sizes that differ and ranges that are zero or negative.
     """
     params = params or RegistrationParams()
@@ -120,9 +123,9 @@ def prepare_reference(
     levels = []
     for index, smaller in enumerate(cameras):
         if index:
-            steps, ranges = _halve_steps(steps, pad), _halve_range(ranges, params.surface_ratio)
+            steps, ranges = _halve_steps(steps, pad), halve_range(ranges, params.surface_ratio)
         if index >= finest:  # else no image will be aligned that finely
-            levels.append(ReferenceLevel(Squares(steps, smaller, pad, ranges, params.far)))
+            levels.append(ReferenceLevel(Squares(steps, smaller, pad, evenly_spaced(ranges, smaller), params.far)))
     return Reference(tuple(levels))
 
 
@@ -134,7 +137,8 @@ def check_range(range_m: NDArray[np.floating], camera: Camera) -> None:
         raise ValueError(f"range: expected positive, NaN or +Inf, found {np.nanmin(range_m)}")
 
 
-def _halve_range(range_m: Floats, surface_ratio: float) -> Floats:
+def halve_range(range_m: Floats, surface_ratio: float) -> Floats:
+    """Return the range (H // 2, W // 2) of the next level: that of the nearest surface in each 2 x 2 block."""
     out = np.empty((range_m.shape[0] // 2, range_m.shape[1] // 2), np.float32)
     kernels.halve_range(range_m, np.float32(surface_ratio), out)
     return out
@@ -154,6 +158,6 @@ def _halve_steps(steps: Steps, pad: int) -> Steps:
 
 
 def prepare_level(level: Level, range_m: Floats, far: float) -> ReferenceLevel:
-    """Prepare one level of an image with range (H, W) in metres."""
+    """Prepare one level of an image with range (H, W) in metres; all its pixels are used."""
     bare = level.image[:, level.pad : level.image.shape[1] - level.pad]
     return ReferenceLevel(Squares(in_steps(bare, level.pad), level.camera, level.pad, range_m, far))

@@ -1,0 +1,34 @@
+"""Evenly spaced points on a sphere (P of M15 eq. 9), chosen from the pixels of its image.
+
+Rows of latitude and longitude have as many pixels at the poles as at the equator: what is above and below counts many
+times over, and noise there looks like gradients. Of every row as many are kept as its circle has room for.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from photometric.projection import Floats
+from sphere_geometry import Camera, Spherical
+from sphere_geometry.camera import pixel_grid
+
+GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0  # of a pixel, by which a row begins after the one above it
+
+
+def evenly_spaced(range_m: Floats, camera: Camera) -> Floats:
+    """Return the range (H, W) of what a sphere is sampled at, NaN at other pixels; that of other cameras as it is."""
+    if not isinstance(camera, Spherical):
+        return range_m
+    return np.where(is_spaced(camera), range_m, np.float32(np.nan))
+
+
+@lru_cache(maxsize=16)
+def is_spaced(camera: Spherical) -> NDArray[np.bool_]:
+    """Return which pixels (H, W) are as far from each other along their row as neighbours at the equator."""
+    cosine = np.sqrt(1.0 - camera.unproject(pixel_grid(camera)[:, :1])[..., 2] ** 2)
+    first = GOLDEN * np.arange(camera.height)[:, None] % 1.0
+    number = np.floor(first + cosine * np.arange(camera.width + 1))  # of those kept before a column
+    return np.diff(number, axis=1) > 0
