@@ -13,17 +13,21 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.depth_icp import icp
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report
 from node_kit.bags import BagReader
 from node_kit.conversions import camera_from_info, depth_to_metres, message_to_status, stamp_ns
+from node_kit.map_bag import open_map
 from sphere_geometry import SE3, Camera
 from sphere_geometry.camera import pixel_grid
 from sphere_geometry.trajectory import Trajectory, read_tum
 from sphere_map.sphere import T_BODY_OPTICAL
+from sphere_mapping.params import MapperParams
 from sphere_nav_cli.evaluate import judge
 from sphere_nav_cli.main import main as sphere_nav
 from sphere_nav_cli.pose_bags import read_poses
+from sphere_nav_cli.sphere_source import Lens, read_sphere
 
 HELP = "import, map, localise and register recorded data through the commands"
 TRUTH = ("ground_truth/pose",)
@@ -34,6 +38,7 @@ KITCHEN = (  # what, frames mapped, frames localised, bounds in mm and degrees
     ("120:240 in 0:120", "0:120", "120:240", (8.0, 0.4)),
     ("odd in even frames", "0:240:2", "1:240:2", (2.5, 0.1)),
 )
+FALSE_LOOP = 0.1, 2.0  # m, deg off the truth
 KITCHEN_READOUT = "camera.readout=0.0227"  # s: 0.68 of a frame, measured beside COLMAP's poses
 MAPPED_STEP = 6  # of the mapped images that are asked, every so many
 
@@ -74,7 +79,9 @@ def kitchen(data: Path, folder: Path, report: Report) -> None:
         for bag, frames in ((taught, mapped), (driven, localised)):
             truth_of = ("--poses", poses, "--truth-camera", "colour")
             call("import", "seven_scenes", data, "-o", bag, "--frames", frames, *truth_of)
-        call("map", taught, "-o", part / "map", "--anchor", "truth", "--set", KITCHEN_READOUT)
+        way = ("--trajectory", part / "map.tum")
+        call("map", taught, "-o", part / "map", "--anchor", "truth", "--set", KITCHEN_READOUT, *way)
+        judge_map(f"redkitchen map of {mapped}", taught, part, report)
         output = ("-o", part / "poses.tum", "--bag", part / "said")
         call("localize", part / "map", driven, *output, "--set", KITCHEN_READOUT)
         stamps = overlapping(taught, driven)
@@ -92,6 +99,25 @@ def kitchen(data: Path, folder: Path, report: Report) -> None:
             Bound(f"redkitchen {what}, TRACKING with an error over 0.15 m", 0.0, false_fixes, "images"),
             Bound(f"redkitchen {what}, overlapping images with a pose", 0.5, share, "", is_minimum=True),
         ]
+
+
+def judge_map(what: str, taught: Path, part: Path, report: Report) -> None:
+    """Add how right the poses of all mapped frames are, and which of its loops join what is not together."""
+    truth = read_poses(taught, TRUTH)
+    with open_map(part / "map") as reader:
+        graph = reader.graph
+    at, known = truth.at([node.stamp_ns for node in graph], max_gap_ns=10**9)
+    true = dict(zip(np.array(list(graph.nodes))[known].tolist(), at.T_map_body, strict=True))
+    loops = [edge for edge in graph.edges if edge.is_loop and edge.a in true and edge.b in true]
+    off = [(true[edge.a].inverse() @ true[edge.b]).distance(edge.T_a_b) for edge in loops]
+    false = sum(moved > FALSE_LOOP[0] or turned > np.radians(FALSE_LOOP[1]) for moved, turned in off)
+    error = judge(read_tum(part / "map.tum"), truth).report["translation_m"]
+    report.notes.append(f"{what}: {len(graph)} key spheres, {len(loops)} loops")
+    report.bounds += [
+        Bound(f"{what}, poses of its frames, median", 10.0, 1e3 * error["median"], "mm"),
+        Bound(f"{what}, poses of its frames, largest", 50.0, 1e3 * error["max"], "mm"),
+        Bound(f"{what}, false loops", 0.0, float(false), f"of {len(loops)}"),
+    ]
 
 
 def stereo(data: Path, folder: Path, report: Report) -> None:
@@ -124,10 +150,17 @@ def spheres(data: Path, folder: Path, report: Report) -> None:
     found = json.loads((folder / "found.json").read_text())
     reference = read_poses(folder / "bag", TRUTH).T_map_body
     T_reference = reference[0].inverse() @ reference[1]
-    moved, turned = T_reference.distance(SE3(np.array(found["T_a_b"]["matrix"])))
+    T_a_b = SE3(np.array(found["T_a_b"]["matrix"]))
+    moved, turned = T_reference.distance(T_a_b)
+    by_depth = icp(
+        *(read_sphere(f"{folder / 'bag'}:{number}", Lens(), MapperParams()) for number in (0, 1)), T_reference
+    )
+    left = 100 * float(by_depth.distance(T_reference)[0])
+    report.notes.append(f"rgbd_spheres: ICP of the depth alone, begun at the reference, ends {left:.1f} cm off it.")
     before, after = found["residual_at_guess"]["mad"], found["residual"]["mad"]
     report.bounds += [
         Bound("rgbd_spheres from identity, off the reference", 5.0, 1e2 * float(moved), "cm"),
+        Bound("rgbd_spheres from identity, off the depth alone", 2.0, 1e2 * float(by_depth.distance(T_a_b)[0]), "cm"),
         Bound("rgbd_spheres from identity, turn off the reference", 0.6, float(np.degrees(turned)), "deg"),
         Bound(f"rgbd_spheres, MAD {before:.1f} -> {after:.1f}, after over before", 0.9, after / before, ""),
     ]
