@@ -79,7 +79,7 @@ class Outcome:
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
     """Declare the arguments; recordings are found as `end_to_end` finds them."""
-    parser.add_argument("--key-seeds", type=int, nargs="+", default=[61, 62], help="of towns (61 62)")
+    parser.add_argument("--key-seeds", type=int, nargs="*", default=[61, 62], help="of towns (61 62)")
 
 
 def run(options: argparse.Namespace) -> Report:

@@ -15,7 +15,7 @@ from node_kit.replay import OfflineBus, replay
 from node_kit.tf import TransformListener
 from sphere_mapping.acquisition.stereo_field import StereoField
 from sphere_mapping.acquisition.stereo_pair import StereoPair
-from sphere_mapping.acquisition.track_fit import NUM_VIEWS, ColumnFit, Window, fit_columns, follow_window
+from sphere_mapping.acquisition.track_fit import NUM_VIEWS, ColumnFit, Window, fit_drive, follow_window
 from sphere_mapping.intake_node import Intake
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.stereo_intake_node import judge_rows
@@ -68,7 +68,7 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
         return None
     geometry, rows = node.pair.geometry, node.pair.fit
     _, words = judge_rows(node.pair, node.params.mapper.stereo.calibration_px)
-    found = fit_columns(geometry.camera, geometry.baseline_m, node.windows)
+    found = fit_drive(geometry.camera, geometry.baseline_m, node.windows)
     is_bent = found is not None and found.is_significant
     correction = StereoField(
         tuple(rows.rows) if rows is not None and rows.is_significant else StereoField().rows,

@@ -33,7 +33,7 @@ LOSS_PX = 0.15  # scale of Cauchy's loss on a corner's pixels
 PRIOR_PX = 3.0  # standard deviation of offset and bow before anything is seen
 DEPENDENCE = 3.0  # errors of corners of one window are not independent: of the deviations that the residual gives
 FLOOR_PX = np.array([0.06, 0.15])  # deviations that no number of corners lowers: patches shorten what they follow
-SIGNIFICANCE = 13.8  # chi2 of two numbers that chance exceeds once in a thousand
+SIGNIFICANCE = 15.2  # chi2 of two numbers that chance exceeds once in two thousand: it is asked twice
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,6 +45,13 @@ class Window:
 
     left: Array
     right_u: Array
+
+    def without_lost(self) -> Window | None:
+        """Return the corners that were never lost, None where they are too few."""
+        is_seen = ~np.isnan(self.right_u).any(axis=0)
+        if len(self.left) < NUM_VIEWS or np.count_nonzero(is_seen) < MIN_TRACKS:
+            return None
+        return Window(self.left[:, is_seen], self.right_u[:, is_seen])
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,6 +91,15 @@ def follow_window(lefts: Sequence[Image], rights: Sequence[Image]) -> Window | N
         return None
     followed = ~np.isnan(right_u[MIN_VIEWS - 1])
     return Window(left[:, followed], right_u[:, followed])
+
+
+def fit_drive(camera: Pinhole, baseline_m: float, windows: Sequence[Window]) -> ColumnFit | None:
+    """Return offset and bow of the disparity by the corners seen in all instants; by all where these do not tell.
+
+    Those seen for long are the surest. In a fast drive they are few and far, and tell little.
+    """
+    found = fit_columns(camera, baseline_m, [rest for one in windows if (rest := one.without_lost()) is not None])
+    return found if found is not None and found.is_significant else fit_columns(camera, baseline_m, windows)
 
 
 def fit_columns(camera: Pinhole, baseline_m: float, windows: Sequence[Window]) -> ColumnFit | None:

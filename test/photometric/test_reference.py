@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from photometric import PyramidParams, RegistrationParams, build_pyramid, prepare_reference
+from photometric.reference import prepare_level
 from photometric.squares import curve
 from sphere_geometry import SE3, Pinhole, Spherical
 
@@ -33,9 +34,13 @@ def test_the_gradient_is_that_of_the_image_by_the_point(room):
 def test_the_gradient_of_a_whole_sphere_has_no_seam(room):
     camera = Spherical(128, 64)
     image, range_m = room.render(camera, SE3.identity())
-    level = prepare_reference(image, range_m, camera, PARAMS).levels[0]
+
+    def prepare(image, range_m):
+        return prepare_level(build_pyramid(image, camera, PARAMS.pyramid).levels[0], range_m, PARAMS.far)
+
+    level = prepare(image, range_m)
     assert level.num_pixels == 62 * 128  # every column, the first and last row left out
-    turned = prepare_reference(np.roll(image, 64, axis=1), np.roll(range_m, 64, axis=1), camera, PARAMS).levels[0]
+    turned = prepare(np.roll(image, 64, axis=1), np.roll(range_m, 64, axis=1))
     row, column = np.mgrid[0:64, 0:128]
     place = np.argsort(curve(128, 64))[row // 16 * 8 + column // 16]
     order = np.argsort(place[1:-1].reshape(-1), kind="stable")  # square by square

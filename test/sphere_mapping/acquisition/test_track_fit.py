@@ -5,7 +5,7 @@ import pytest
 
 from sphere_geometry import SE3, Pinhole
 from sphere_mapping.acquisition.stereo_field import basis_of_columns
-from sphere_mapping.acquisition.track_fit import Window, _State, fit_columns
+from sphere_mapping.acquisition.track_fit import Window, _State, fit_columns, fit_drive
 
 CAMERA = Pinhole(640, 400, 500.0, 500.0, 319.5, 199.5)
 BASELINE = 0.4
@@ -76,6 +76,19 @@ def test_corners_that_are_lost_count_until_then(seed):
     assert off @ np.linalg.solve(fits["lost"].covariance, off) < 13.8
     bow = {name: fit.covariance[1, 1] for name, fit in fits.items()}
     assert bow["all"] < bow["lost"] < bow["to the end"]
+    np.testing.assert_array_equal(fit_drive(CAMERA, BASELINE, wholes).columns, fits["all"].columns)
+
+
+def test_where_no_corner_lasts_those_that_were_lost_are_asked(rng):
+    columns = np.array([0.7, 2.5])
+    wholes = [window(rng, columns) for _ in range(8)]
+    short = [Window(np.where(np.arange(4)[:, None, None] < 3, one.left, np.nan),
+                    np.where(np.arange(4)[:, None] < 3, one.right_u, np.nan)) for one in wholes]  # fmt: skip
+    assert all(one.without_lost() is None for one in short)
+    fit = fit_drive(CAMERA, BASELINE, short)
+    assert fit.is_significant
+    off = fit.columns - columns
+    assert off @ np.linalg.solve(fit.covariance, off) < 13.8
 
 
 def test_derivatives_are_those_of_the_pixels(rng):
