@@ -37,7 +37,7 @@ INSTANTS, QUICK_INSTANTS, SPACING = 9, 5, 1.2  # m
 WITHOUT_S, WITH_S, KEY_MB = 0.6, 0.8, 8.0
 STAGES = {  # of stitching, by what they are in the paper: names in the stitcher's module
     "joining images": ("blend",),
-    "matching": ("match_columns", "range_of_pair"),
+    "matching": ("match_columns", "range_of_pairs"),
     "range and common centre": ("range_from_disparity", "to_common_centre", "fuse_sources"),
 }
 

@@ -49,7 +49,7 @@ class Honesty:
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
     """Say which rooms are seen, how finely, and where the real pairs are."""
-    parser.add_argument("--seeds", type=int, nargs="+", default=[15, 16, 17, 18], help="rooms (%(default)s)")
+    parser.add_argument("--seeds", type=int, nargs="+", default=[19, 20, 21, 22], help="rooms (%(default)s)")
     parser.add_argument("--range-width", type=int, default=1024, help="columns of the spheres (%(default)s)")
     parser.add_argument("--range-data", type=Path, default=DATA, metavar="DIR", help="real pairs (%(default)s)")
 

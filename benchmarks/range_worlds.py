@@ -23,6 +23,7 @@ Image = NDArray[np.uint8]
 TEXTURED, BARE, UNLIT, REPETITIVE = 0, 1, 2, 3
 CLASSES = ("textured", "bare", "unlit", "repetitive")
 PANEL_M = 1.3  # width of a wall's panel
+CLEAR_M = 0.35  # from the middle of the rig to boxes: the ring's cameras stand 0.3 m from it, and in no solid thing
 LIGHT = LightParams(has_shadows=False)
 
 
@@ -63,17 +64,17 @@ class Scene:
 def make_scene(seed: int, kind: str, width: int, lens: Mapping[str, object] | None = None) -> Scene:
     """Return what a rig of a kind (vertical, ring) sees in the room of a seed; lens: parameters of its cameras."""
     rng = np.random.default_rng([seed, 71])
-    mesh, kinds, size = _room(rng)
+    mesh, kinds, size, boxes = _room(rng)
     values = {"kind": kind, "width": width * 17 // 32, "height": width * 17 // 32} | dict(lens or {})
     params = build(RigParams, values)
     rig = make_rig(params, seed)
     assert rig is not None
     renderer = Renderer(mesh, RenderParams(), LIGHT)
-    x, y = rng.uniform(-0.25, 0.25, 2) * size[:2]
-    T_world_base = SE3.from_planar(float(x), float(y), float(rng.uniform(-3, 3)))
     place = rig_place(params)
     lowered = SE3.from_parts(place.rotation, [*place.translation[:2], min(place.translation[2], 0.5 * size[2])])
-    T_world_rig = T_world_base @ lowered
+    T_world_rig = _draw_place(rng, size) @ lowered
+    while not _is_free(T_world_rig.translation, boxes, params.baseline):
+        T_world_rig = _draw_place(rng, size) @ lowered
     images = {}
     for number, mount in enumerate(rig_mounts(params, rig)):
         T_rig_camera = rig.camera(mount.name).T_rig_camera
@@ -83,8 +84,20 @@ def make_scene(seed: int, kind: str, width: int, lens: Mapping[str, object] | No
     return Scene(rig, images, renderer, T_world_rig, kinds)
 
 
-def _room(rng: np.random.Generator) -> tuple[Mesh, NDArray[np.int8], NDArray[np.float64]]:
-    """Return a furnished room around the origin, the class of each triangle, and its sides in m."""
+def _draw_place(rng: np.random.Generator, size: NDArray[np.float64]) -> SE3:
+    x, y = rng.uniform(-0.25, 0.25, 2) * size[:2]
+    return SE3.from_planar(float(x), float(y), float(rng.uniform(-3, 3)))
+
+
+def _is_free(at: NDArray[np.float64], boxes: NDArray[np.float64], height: float) -> bool:
+    """Return whether a rig that reaches from `at` (3,) so far down has no box (N, 2, 3: lowest, highest) in its way."""
+    apart = np.maximum(np.maximum(boxes[:, 0, :2] - at[:2], at[:2] - boxes[:, 1, :2]), 0.0)
+    is_below = boxes[:, 1, 2] < at[2] - height - CLEAR_M
+    return bool(np.all(is_below | (np.linalg.norm(apart, axis=1) >= CLEAR_M)))
+
+
+def _room(rng: np.random.Generator) -> tuple[Mesh, NDArray[np.int8], NDArray[np.float64], NDArray[np.float64]]:
+    """Return a furnished room around the origin, the class of each triangle, its sides in m, its boxes (N, 2, 3)."""
     size = np.array([rng.uniform(4, 9), rng.uniform(4, 9), rng.uniform(2.5, 3.4)])
     builder, kinds = MeshBuilder(rng), []
 
@@ -107,13 +120,15 @@ def _room(rng: np.random.Generator) -> tuple[Mesh, NDArray[np.int8], NDArray[np.
     add(floor, finishes.PAVING if rng.random() < 0.5 else finishes.ASPHALT, TEXTURED)
     ceiling = floor[::-1] + np.array([0.0, 0.0, size[2]])
     add(ceiling, *((_bare(rng), BARE) if rng.random() < 0.7 else (finishes.wall(rng), TEXTURED)))
+    boxes = []
     for _ in range(5):
         side, height = rng.uniform(0.3, 0.9, 2), rng.uniform(0.4, 1.6)
         at = rng.uniform(low[:2] + 0.1, high[:2] - side - 0.1)
         finish, kind = _finish(rng)
         builder.box([*at, 0.0], [*side, height], finish)
+        boxes.append([[*at, 0.0], [*(at + side), height]])
         kinds.extend([kind] * 12)
-    return builder.build(), np.array(kinds, np.int8), size
+    return builder.build(), np.array(kinds, np.int8), size, np.array(boxes)
 
 
 def _finish(rng: np.random.Generator) -> tuple[Finish, int]:

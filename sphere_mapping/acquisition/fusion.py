@@ -31,9 +31,14 @@ def fuse_sources(sources: Sequence[Ranged]) -> Ranged:
         raise ValueError("range: expected at least one source, found none")
     if len(sources) == 1:
         return sources[0]
-    ranges, stds = (np.stack([source[k] for source in sources]) for k in range(2))
+    return fuse_planes(*(np.stack([source[k] for source in sources]) for k in range(2)))
+
+
+def fuse_planes(ranges: Plane, stds: Plane) -> Ranged:
+    """Return what `fuse_sources` does, of ranges and deviations (N, H, W)."""
+    limits = np.array([MAX_DEVIATIONS, CONTRADICTION, CONTRADICTION_SHARE], np.float32)
     range_m, std_m = np.empty_like(ranges[0]), np.empty_like(stds[0])
-    fuse(ranges, stds, MAX_DEVIATIONS, CONTRADICTION, CONTRADICTION_SHARE, range_m, std_m)
+    fuse(ranges, stds, *limits, range_m, std_m)
     return range_m, std_m
 
 

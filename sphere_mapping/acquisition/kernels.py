@@ -5,16 +5,17 @@ from __future__ import annotations
 import numpy as np
 from numba import config, set_num_threads
 
-from kernel_cache.kernels import njit, prange
+from kernel_cache.kernels import OPTIONS, njit, prange
 
 SCALE = 16.0  # pyramids are int16 with four bits below the point
 ONE_SURFACE = 1.1  # ratio of ranges around a pixel up to which they are of one surface
 NUM_DISPARITIES = 48  # searched at each level: a constant, so that the loops over them become vectors
 COST_CAP = 200  # quarter grey levels: the largest difference of two pixels that counts
+ELSEWHERE = np.where(np.abs(np.subtract.outer(*[np.arange(NUM_DISPARITIES)] * 2)) <= 2, 32767, -32768).astype(np.int16)
 COST_NOISE = 4  # quarter grey levels: added to every difference, so that noise decides nothing
 
 
-@njit(cache=True, nogil=True)
+@njit(**OPTIONS)
 def add_band(fine, coarse, weight, total):
     """Add weight (h, w) f32 x (fine - coarse) (h, w, c) u8 to total (h, w, c) i16."""
     height, width, channels = fine.shape
@@ -28,7 +29,7 @@ def add_band(fine, coarse, weight, total):
                 total[y, x, c] += np.int16(np.floor(value + 0.5))
 
 
-@njit(cache=True, nogil=True)
+@njit(**OPTIONS)
 def to_levels(total, image):
     """Write total (H, W, c) i16 as grey levels 1...255 to image (H, W, c) u8."""
     height, width, channels = total.shape
@@ -39,7 +40,7 @@ def to_levels(total, image):
                 image[y, x, c] = np.uint8(min(max(value, 1.0), 255.0))
 
 
-@njit(cache=True, nogil=True)
+@njit(**OPTIONS)
 def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, u, v):
     """Write camera pixels u, v (h, w) f32 of a block of a sphere whose inverse range (H, W) f32 is known everywhere.
 
@@ -78,57 +79,67 @@ def warp_by_range(grid, inverse_levels, step, inverse_range, row, column, u, v):
             left, right = right, left
 
 
-@njit(cache=True, nogil=True)
-def _change_costs(level, low, high, costs, sign):
-    """Add sign x the costs of one pixel of this level against low, high (NUM_DISPARITIES,) i16 to costs, alike."""
+@njit(**OPTIONS)
+def _add_costs(level, low, high, costs):
+    """Add the costs of one pixel of this level against low, high (NUM_DISPARITIES,) i16 to costs, alike."""
     zero, cap = np.int16(0), np.int16(COST_CAP)
     for k in range(NUM_DISPARITIES):
         outside = max(np.int16(level - high[k]), np.int16(low[k] - level))
-        costs[k] += sign * min(max(outside, zero), cap)
+        costs[k] += min(max(outside, zero), cap)
 
 
-@njit(cache=True, nogil=True)
-def _least_costs(block, at, spare):
-    """Return the least of block (NUM_DISPARITIES,) i16 within one of `at`, and the least of those not within two."""
-    large = np.int16(32767)
-    here = large
-    for k in range(max(at - 1, 0), min(at + 2, NUM_DISPARITIES)):
-        here = min(here, block[k])
+@njit(**OPTIONS)
+def _exchange_costs(level, low, high, old_level, old_low, old_high, costs):
+    """Add the costs of one pixel, as `_add_costs` does, and take those of another one away."""
+    zero, cap = np.int16(0), np.int16(COST_CAP)
     for k in range(NUM_DISPARITIES):
-        spare[k] = block[k]
-    for k in range(max(at - 2, 0), min(at + 3, NUM_DISPARITIES)):
-        spare[k] = large
-    size = NUM_DISPARITIES  # halves against halves: in vectors, as one least number would not be found
-    while size > 3:
-        size //= 2
-        upper = spare[size : 2 * size]
-        for k in range(size):
-            spare[k] = min(spare[k], upper[k])
-    return here, min(spare[0], min(spare[1], spare[2]))
+        new = max(max(np.int16(level - high[k]), np.int16(low[k] - level)), zero)
+        old = max(max(np.int16(old_level - old_high[k]), np.int16(old_low[k] - old_level)), zero)
+        costs[k] += np.int16(min(new, cap) - min(old, cap))
 
 
-@njit(cache=True, nogil=True)
-def cost_ratio(top, low, high, disparity, first, radius, ratio):
-    """Write the least cost of a block elsewhere over its cost at the disparity to ratio (W, H) f32; NaN unknown.
+@njit(**OPTIONS)
+def _least_costs(block, at, mask):
+    """Return the least of block (NUM_DISPARITIES,) i16 within one of `at`, and the least of those not within two.
+
+    mask, alike: the row of ELSEWHERE. Nothing is written: loads of vectors would wait for what was stored in parts.
+    """
+    here = elsewhere = np.int16(32767)
+    for k in range(max(at - 1, 0), min(at + 2, NUM_DISPARITIES)):
+        here = block[k] if block[k] < here else here
+    for k in range(NUM_DISPARITIES):
+        cost = block[k] if block[k] > mask[k] else mask[k]
+        elsewhere = cost if cost < elsewhere else elsewhere
+    return here, elsewhere
+
+
+@njit(**OPTIONS)
+def cost_ratios(top, low, high, disparities, first, radius, ratios):
+    """Write the least cost of a block elsewhere over that at each of N disparities to ratios (N, W, H); NaN unknown.
 
     top (W + 2 radius, H) i16: columns one after the other. low, high (W + 2 radius, H + NUM_DISPARITIES - 1) i16: the
     least and largest level of the lower image half a pixel up and down, alike, from the lowest row upwards, continued
-    so that row v - first of the image is at H - 1 - v. disparity (W, H) f32. The cost of a block of (2 radius + 1)^2 px
-    is the sum of how far levels are outside of these (Birchfield and Tomasi 1998: no disparity gains by where it falls
-    between pixels), up to COST_CAP, and of COST_NOISE; disparities from `first` on are compared, those within two of
-    the given one not being elsewhere. 9 x 9 px stay within int16.
+    so that row v - first of the image is at H - 1 - v. disparities, ratios (N, W, H) f32. The cost of a block of
+    (2 radius + 1)^2 px is the sum of how far levels are outside of these (Birchfield and Tomasi 1998: no disparity
+    gains by where it falls between pixels), up to COST_CAP, and of COST_NOISE; disparities from `first` on are
+    compared, those within two of the given one not being elsewhere. 9 x 9 px stay within int16.
     """
-    width, height = ratio.shape
+    number, width, height = ratios.shape
     floor = np.float32(COST_NOISE * (2 * radius + 1) ** 2)
     sums, block = np.zeros((height, NUM_DISPARITIES), np.int16), np.zeros(NUM_DISPARITIES, np.int16)
-    least = np.empty_like(block)
+    nothing = np.zeros_like(block)
     for u in range(-2 * radius, width):
-        for v in range(height):  # slices of constant length: no index that could be negative, so vectors
-            seen = slice(height - 1 - v, height - 1 - v + NUM_DISPARITIES)
-            new, row = u + 2 * radius, sums[v]
-            _change_costs(top[new, v], low[new, seen], high[new, seen], row, np.int16(1))
-            if u > 0:
-                _change_costs(top[u - 1, v], low[u - 1, seen], high[u - 1, seen], row, np.int16(-1))
+        new, old = u + 2 * radius, u - 1
+        if u > 0:
+            for v in range(height):  # slices of constant length: no index that could be negative, so vectors
+                seen = slice(height - 1 - v, height - 1 - v + NUM_DISPARITIES)
+                _exchange_costs(
+                    top[new, v], low[new, seen], high[new, seen], top[old, v], low[old, seen], high[old, seen], sums[v]
+                )
+        else:
+            for v in range(height):
+                seen = slice(height - 1 - v, height - 1 - v + NUM_DISPARITIES)
+                _add_costs(top[new, v], low[new, seen], high[new, seen], sums[v])
         if u < 0:
             continue
         block[:] = 0
@@ -136,21 +147,22 @@ def cost_ratio(top, low, high, disparity, first, radius, ratio):
             row = sums[max(v, 0)]
             for k in range(NUM_DISPARITIES):
                 block[k] += row[k]
+        last = nothing
         for v in range(height):
-            row, last = sums[min(v + radius, height - 1)], sums[max(v - radius, 0)]
+            row = sums[min(v + radius, height - 1)]
             for k in range(NUM_DISPARITIES):
-                block[k] += row[k]
-            d = disparity[u, v]
-            ratio[u, v] = np.nan
-            if not np.isnan(d):
-                at = min(max(int(np.floor(d + np.float32(0.5))) - first, 0), NUM_DISPARITIES - 1)
-                here, elsewhere = _least_costs(block, at, least)
-                ratio[u, v] = (np.float32(elsewhere) + floor) / (np.float32(here) + floor)
-            for k in range(NUM_DISPARITIES):
-                block[k] -= last[k]
+                block[k] += np.int16(row[k] - last[k])
+            last = sums[max(v - radius, 0)]
+            for n in range(number):
+                d = disparities[n, u, v]
+                ratios[n, u, v] = np.nan
+                if not np.isnan(d):
+                    at = min(max(int(np.floor(d + np.float32(0.5))) - first, 0), NUM_DISPARITIES - 1)
+                    here, elsewhere = _least_costs(block, at, ELSEWHERE[at])
+                    ratios[n, u, v] = (np.float32(elsewhere) + floor) / (np.float32(here) + floor)
 
 
-@njit(cache=True, nogil=True)
+@njit(**OPTIONS)
 def compare_row(top, bottom, disparity, v, terms):
     """Write what one step of alignment needs to terms (6, W) i32: 1, s, e, s^2, s e, e^2 of row v; 0 where unknown.
 
@@ -158,26 +170,37 @@ def compare_row(top, bottom, disparity, v, terms):
     bottom interpolated by cubic convolution; both in sixteenths of a grey level, so that sums are exact.
     """
     height, width = top.shape
-    scale, half = np.float32(SCALE), np.float32(0.5)
+    scale, half, one, two, three = (
+        np.float32(SCALE),
+        np.float32(0.5),
+        np.float32(1.0),
+        np.float32(2.0),
+        np.float32(3.0),
+    )
+    if v < 1 or v >= height - 1:
+        terms[:] = 0
+        return
+    row, last, stride = np.float32(v), np.float32(height - 2), np.int32(width)
+    above, middle, below, lower, d = top[v - 1], top[v], top[v + 1], bottom.ravel(), disparity[v]
     for u in range(width):
-        y = v - disparity[v, u]
-        if not (y >= 1.0 and y < height - 2.0 and v >= 1 and v < height - 1):
-            for k in range(6):
-                terms[k, u] = 0
-            continue
-        y0 = int(y)
-        f = np.float32(y - y0)
-        a, b = np.float32(bottom[y0 - 1, u]), np.float32(bottom[y0, u])
-        c, d = np.float32(bottom[y0 + 1, u]), np.float32(bottom[y0 + 2, u])
-        k1 = half * (c - a)
-        k2 = a - np.float32(2.5) * b + np.float32(2.0) * c - half * d
-        k3 = half * (d - a) + np.float32(1.5) * (b - c)
-        value = b + f * (k1 + f * (k2 + f * k3))
-        slope = k1 + f * (np.float32(2.0) * k2 + f * np.float32(3.0) * k3)
-        across = half * (np.float32(top[v + 1, u]) - np.float32(top[v - 1, u]))
-        s = np.int32(np.floor(half * (slope + across) * scale + half))
-        e = np.int32(np.floor((value - np.float32(top[v, u])) * scale + half))
-        terms[0, u] = 1
+        y = row - d[u]
+        is_inside = (y >= one) & (y < last)  # not so where d is NaN
+        y = y if is_inside else one
+        y0 = np.int32(y)
+        f = y - np.float32(y0)
+        at = np.int64((y0 - np.int32(1)) * stride) + u  # no branch and one index: the arithmetic becomes vectors
+        p0, p1 = np.float32(lower[at]), np.float32(lower[at + width])
+        p2, p3 = np.float32(lower[at + 2 * width]), np.float32(lower[at + 3 * width])
+        k1 = half * (p2 - p0)
+        k2 = p0 - np.float32(2.5) * p1 + two * p2 - half * p3
+        k3 = half * (p3 - p0) + np.float32(1.5) * (p1 - p2)
+        value = p1 + f * (k1 + f * (k2 + f * k3))
+        slope = k1 + f * (two * k2 + f * three * k3)
+        across = half * (np.float32(below[u]) - np.float32(above[u]))
+        n = np.int32(1) if is_inside else np.int32(0)
+        s = np.int32(np.floor(half * (slope + across) * scale + half)) * n
+        e = np.int32(np.floor((value - np.float32(middle[u])) * scale + half)) * n
+        terms[0, u] = n
         terms[1, u] = s
         terms[2, u] = e
         terms[3, u] = s * s
@@ -185,48 +208,48 @@ def compare_row(top, bottom, disparity, v, terms):
         terms[5, u] = e * e
 
 
-@njit(cache=True, nogil=True)
-def step_row(sums, radius, limits, start, disparity, information, left):
+@njit(**OPTIONS)
+def add_along(row, size, before, total):
+    """Write the sums of `size` neighbours of row (W,) i32 to total (W - size + 1,), by sums before (W + 1,)."""
+    before[0], so_far = 0, np.int32(0)
+    for u in range(row.size):
+        so_far = np.int32(so_far + row[u])  # may go around: differences are right all the same
+        before[u + 1] = so_far
+    after = before[size:]
+    for u in range(row.size - size + 1):
+        total[u] = after[u] - before[u]
+
+
+@njit(**OPTIONS)
+def step_row(sums, limits, start, disparity, information, left):
     """Move disparity (W,) f32 to where its block beside a constant, and its match, make it most probable.
 
-    sums (6, W) i32: of the terms over the rows of the block; limits: largest step in px, least pixels of a block,
-    variance of a grey level, variance of a match in px^2; start (W,) f32: the match. information (W,) f32: 1 / variance
-    of the result by the slopes and by what is left, not by the match; left (W,) f32: mean squared difference that is
-    left, over what noise and contrast allow.
+    sums (6, W) i32: of the terms over the block; limits: largest step in px, least pixels of a block, variance of a
+    grey level, variance of a match in px^2; start: the match. information: 1 / variance of the result by the slopes and
+    by what is left, not by the match; left: mean squared difference that is left, over what noise and contrast allow;
+    all alike. No branches, so vectors.
     """
     limit, least, noise, prior = limits
-    zero, one, per_level = np.float32(0.0), np.float32(1.0), np.float32(1.0 / SCALE)
-    per_square = per_level * per_level
-    width = disparity.size
-    n, a, b, c, d, f = 0, 0, 0, 0, 0, 0
-    for u in range(min(2 * radius, width)):
-        n, a, b = n + sums[0, u], a + sums[1, u], b + sums[2, u]
-        c, d, f = c + sums[3, u], d + sums[4, u], f + sums[5, u]
-    for u in range(radius, width - radius):
-        new, old = u + radius, u - radius
-        n, a, b = n + sums[0, new], a + sums[1, new], b + sums[2, new]
-        c, d, f = c + sums[3, new], d + sums[4, new], f + sums[5, new]
-        if n < least or np.isnan(disparity[u]):
-            information[u] = zero
-            left[u] = np.inf
-        else:
-            share = one / np.float32(n)
-            s, e = np.float32(a) * share * per_level, np.float32(b) * share * per_level
-            ss = max(np.float32(c) * share * per_square - s * s, zero)
-            se = np.float32(d) * share * per_square - s * e
-            ee = np.float32(f) * share * per_square - e * e
-            seen = ss * np.float32(n) * np.float32(0.5) / noise
-            wanted = se / max(ss, np.float32(1e-3))
-            step = (seen * wanted + (start[u] - disparity[u]) / prior) / (seen + one / prior)
-            residual = max(ee - wanted * se, zero) * np.float32(0.5)
-            left[u] = residual / (noise + ss)
-            information[u] = ss * np.float32(n) * np.float32(0.5) / max(residual, noise)
-            disparity[u] += min(max(step, -limit), limit)
-        n, a, b = n - sums[0, old], a - sums[1, old], b - sums[2, old]
-        c, d, f = c - sums[3, old], d - sums[4, old], f - sums[5, old]
+    zero, one, half, per_level = np.float32(0.0), np.float32(1.0), np.float32(0.5), np.float32(1.0 / SCALE)
+    per_square, per_prior = per_level * per_level, one / prior
+    for u in range(disparity.size):
+        n, d = np.float32(sums[0, u]), disparity[u]
+        is_known = (n >= least) & (d == d)
+        share = one / max(n, one)
+        s, e = np.float32(sums[1, u]) * share * per_level, np.float32(sums[2, u]) * share * per_level
+        ss = max(np.float32(sums[3, u]) * share * per_square - s * s, zero)
+        se = np.float32(sums[4, u]) * share * per_square - s * e
+        ee = np.float32(sums[5, u]) * share * per_square - e * e
+        seen = ss * n * half / noise
+        wanted = se / max(ss, np.float32(1e-3))
+        step = (seen * wanted + (start[u] - d) * per_prior) / (seen + per_prior)
+        residual = max(ee - wanted * se, zero) * half
+        left[u] = residual / (noise + ss) if is_known else np.float32(np.inf)
+        information[u] = ss * n * half / max(residual, noise) if is_known else zero
+        disparity[u] = d + min(max(step, -limit), limit) if is_known else d
 
 
-@njit(cache=True, nogil=True)
+@njit(**OPTIONS)
 def align_along_columns(top, bottom, start, limits, radius, disparity, information, left):
     """Do one step of alignment of every block of (2 radius + 1)^2 px; arrays (H, W): u8 images, else f32.
 
@@ -236,7 +259,8 @@ def align_along_columns(top, bottom, start, limits, radius, disparity, informati
     height, width = top.shape
     size = 2 * radius + 1
     ring, fresh = np.zeros((size, 6, width), np.int32), np.zeros((6, width), np.int32)
-    sums = np.zeros((6, width), np.int32)
+    sums, blocks = np.zeros((6, width), np.int32), np.zeros((6, width - size + 1), np.int32)
+    spare, inner = np.zeros(width + 1, np.int32), slice(radius, width - radius)
     for v in range(height + radius):
         oldest = ring[v % size]
         if v < height:
@@ -250,7 +274,11 @@ def align_along_columns(top, bottom, start, limits, radius, disparity, informati
                 old[u] = new[u]
         row = v - radius
         if row >= 0:
-            step_row(sums, radius, limits, start[row], disparity[row], information[row], left[row])
+            for k in range(6):
+                add_along(sums[k], size, spare, blocks[k])
+            step_row(
+                blocks, limits, start[row, inner], disparity[row, inner], information[row, inner], left[row, inner]
+            )
 
 
 @njit(cache=True, nogil=True)
@@ -294,7 +322,69 @@ def smooth(disparity, radius, limit, share, between, out):
             out[v, u] = total[u] / number[u] if number[u] > zero else np.nan
 
 
-@njit(cache=True, nogil=True)
+@njit(**OPTIONS)
+def settle(refined, start, information, left, slopes, limits, value, std):
+    """Write aligned disparities and their deviations to value, std (H, W) f32, NaN where they are not trusted.
+
+    slopes (2, H, W) f32: mean squares across and along the columns. limits: largest way from the start in px, most that
+    may be left, variance by 1 / information, variance in px^2 that calibration leaves.
+    """
+    most, rest, factor, calibration = limits
+    one, nan = np.float32(1.0), np.float32(np.nan)
+    height, width = value.shape
+    for v in range(height):
+        for u in range(width):
+            is_good = (abs(refined[v, u] - start[v, u]) <= most) & (left[v, u] <= rest) & (information[v, u] > 0.0)
+            # calibration leaves as much across as along: on a line nearly along the column it becomes disparity
+            along = one + slopes[0, v, u] / max(slopes[1, v, u], one)
+            variance = factor / information[v, u] + calibration * along
+            value[v, u] = refined[v, u] if is_good else nan
+            std[v, u] = np.sqrt(variance) if is_good else nan
+
+
+@njit(**OPTIONS)
+def double_size(plane, wraps, double):
+    """Write twice the values of plane (h, w) f32 at twice its size to double (2 h, 2 w) f32, linear between pixels.
+
+    Pixel k is centred on pixel 2 k; beside NaN is NaN.
+    """
+    height, width = plane.shape
+    for v in range(height):
+        row, below = plane[v], plane[min(v + 1, height - 1)]
+        for u in range(width):
+            right = u + 1 if u + 1 < width else (0 if wraps else u)
+            double[2 * v, 2 * u] = np.float32(2.0) * row[u]
+            double[2 * v, 2 * u + 1] = row[u] + row[right]
+            double[2 * v + 1, 2 * u] = row[u] + below[u]
+            double[2 * v + 1, 2 * u + 1] = np.float32(0.5) * ((row[u] + row[right]) + (below[u] + below[right]))
+
+
+@njit(**OPTIONS)
+def take_over(matched, aligned, most, start):
+    """Write where alignment starts at twice the size of what was matched (h, w) f32 to start (2 h, 2 w) f32.
+
+    aligned (2 h, 2 w) f32: what the coarser level's own alignment found, taken where it is no farther than `most` px
+    from the match.
+    """
+    for v in range(start.shape[0]):
+        row = matched[v // 2]
+        for u in range(start.shape[1]):
+            match = np.float32(2.0) * row[u // 2]
+            start[v, u] = aligned[v, u] if abs(aligned[v, u] - match) <= most else match
+
+
+@njit(**OPTIONS)
+def prefer_surer(value, std, other, other_std, share):
+    """Put other values (H, W) f32 where value is NaN, or its deviation more than 1 / share times as large."""
+    height, width = value.shape
+    for v in range(height):
+        for u in range(width):
+            is_other = (value[v, u] != value[v, u]) | (other_std[v, u] < share * std[v, u])
+            value[v, u] = other[v, u] if is_other else value[v, u]
+            std[v, u] = other_std[v, u] if is_other else std[v, u]
+
+
+@njit(**OPTIONS)
 def triangulate(disparity, std, per_row, first_row, baseline, limits, range_m, range_std_m):
     """Write range along the ray from the upper centre, and its standard deviation, (H, W) f32 m.
 
@@ -328,7 +418,7 @@ def triangulate(disparity, std, per_row, first_row, baseline, limits, range_m, r
                 range_std_m[v, u] = relative * r
 
 
-@njit(cache=True, nogil=True)
+@njit(**OPTIONS)
 def tangent(angle):
     """Return tan(angle); its series (relative error 1e-7) up to 0.35 rad."""
     if angle > 0.35:
@@ -337,7 +427,7 @@ def tangent(angle):
     return angle * (1.0 + q * (1 / 3 + q * (2 / 15 + q * (17 / 315 + q * (62 / 2835 + q * (1382 / 155925))))))
 
 
-@njit(cache=True, nogil=True)
+@njit(**OPTIONS)
 def splat_with_std(u, v, range_m, std_m, half, wraps, nearest, nearest_std):
     """Write ranges (N,) f32 and their std to the pixels around (u, v) of nearest (H, W) f32, keeping the nearest.
 
@@ -361,23 +451,21 @@ def splat_with_std(u, v, range_m, std_m, half, wraps, nearest, nearest_std):
                     nearest_std[y, x] = std_m[i]
 
 
-@njit(cache=True, nogil=True)
-def splat_window(range_m, std_m, rays, pixels, offset, nearest, sums):
-    """Add ranges (h, w) f32 seen from a place beside the centre of a sphere to sums (4, H, W) f32 of its pixels.
+@njit(**OPTIONS)
+def place_window(range_m, rays, pixels, offset, nearest, places):
+    """Write where a sphere has ranges (h, w) f32 seen from a place beside its centre to places (3, h, w) f32.
 
-    rays (h, w, 3) f32: directions in the frame of the sphere; pixels (h, w, 2) f32: where the sphere (H, W) has these
-    directions; offset (3,) f32: the place, m. Range is as from the centre. A range counts in the four pixels around
-    its own, the more the nearer. Called first with `sums` of one row, it lowers nearest (H, W) f32, which starts as
-    +Inf; then it adds what is not behind it: weight, and weighted range, std by range, and square beyond
-    the nearest.
+    Column, row and range from the centre; NaN where there is none. rays (h, w, 3) f32: directions in the frame of the
+    sphere; pixels (h, w, 2) f32: where the sphere (H, W) has these directions; offset (3,) f32: the place, m. nearest
+    (H, W) f32, which starts as +Inf, becomes the least range from the centre of the four pixels around each place.
     """
     height, width = nearest.shape
     x0, y0, z0 = offset[0], offset[1], offset[2]
     per_column, per_row = np.float32(width / (2 * np.pi)), np.float32(height / np.pi)
-    is_first = sums.shape[0] == 1
     for i in range(range_m.shape[0]):
         for j in range(range_m.shape[1]):
             r = range_m[i, j]
+            places[2, i, j] = np.nan
             if not (r < 1e9):
                 continue
             x, y, z = rays[i, j, 0], rays[i, j, 1], rays[i, j, 2]
@@ -386,60 +474,117 @@ def splat_window(range_m, std_m, rays, pixels, offset, nearest, sums):
             u = pixels[i, j, 0] - small_angle(x * py - y * px, x * px + y * py) * per_column
             v = pixels[i, j, 1] - small_angle(level * pz - z * across, level * across + z * pz) * per_row
             distance = np.sqrt(across * across + pz * pz)
+            places[0, i, j], places[1, i, j], places[2, i, j] = u, v, distance
             column, row = int(np.floor(u)), int(np.floor(v))
-            for dy in range(2):
+            for b in range(max(row, 0), min(row + 2, height)):
                 for dx in range(2):
-                    b, a = row + dy, (column + dx) % width
-                    if b < 0 or b >= height:
-                        continue
-                    if is_first:
-                        nearest[b, a] = min(nearest[b, a], distance)
-                    elif distance <= nearest[b, a] * ONE_SURFACE:
-                        weight = (1.0 - abs(u - column - dx)) * (1.0 - abs(v - b)) + np.float32(1e-3)
-                        sums[0, b, a] += weight
-                        sums[1, b, a] += weight * distance
-                        sums[2, b, a] += weight * std_m[i, j] / r
-                        sums[3, b, a] += weight * (distance - nearest[b, a]) ** 2
+                    a = (column + dx) % width
+                    nearest[b, a] = min(nearest[b, a], distance)
 
 
-@njit(cache=True, nogil=True)
+@njit(**OPTIONS)
+def mean_of_window(places, relative_std, nearest, sums, range_m, std_m):
+    """Write mean and deviation (H, W) f32 of what a window has at each pixel of a sphere and is not behind the nearest.
+
+    places, nearest: of `place_window`; relative_std (h, w) f32: by range. A range counts in the four pixels around its
+    own, the more the nearer. sums (H, W, 4) f32, zeros: weight, and weighted range, relative std, and square beyond the
+    nearest, which is of a slanted surface within a pixel.
+    """
+    height, width = nearest.shape
+    one, least = np.float32(1.0), np.float32(1e-3)
+    for i in range(places.shape[1]):
+        for j in range(places.shape[2]):
+            u, v, distance = places[0, i, j], places[1, i, j], places[2, i, j]
+            if np.isnan(distance):
+                continue
+            column, row = int(np.floor(u)), int(np.floor(v))
+            for b in range(max(row, 0), min(row + 2, height)):
+                for dx in range(2):
+                    a = (column + dx) % width
+                    if distance <= nearest[b, a] * ONE_SURFACE:
+                        weight = (one - abs(u - column - dx)) * (one - abs(v - b)) + least
+                        total = sums[b, a]
+                        total[0] += weight
+                        total[1] += weight * distance
+                        total[2] += weight * relative_std[i, j]
+                        total[3] += weight * (distance - nearest[b, a]) ** 2
+    for v in range(height):
+        for u in range(width):
+            weight = sums[v, u, 0]
+            range_m[v, u], std_m[v, u] = np.nan, np.nan
+            if weight > 0:
+                mean, relative = sums[v, u, 1] / weight, sums[v, u, 2] / weight
+                spread = max(sums[v, u, 3] / weight - (mean - nearest[v, u]) ** 2, np.float32(0.0))
+                range_m[v, u] = mean
+                std_m[v, u] = np.sqrt((mean * relative) ** 2 + spread)
+
+
+@njit(**OPTIONS)
 def fuse(ranges, stds, max_deviations, contradiction, share, range_m, std_m):
     """Write the mean by inverse variance, and its deviation (H, W) f32, of what agrees with the surest of N sources.
 
     ranges, stds (N, H, W) f32, NaN unknown, range +Inf far. Where a source that is not `contradiction` times less sure
     than the surest one disagrees with it by more than max_deviations and this share of the range, nothing is known.
+    Row by row, source by source: pixel by pixel the planes of many sources would push each other out of the cache.
     """
     number, height, width = ranges.shape
+    zero, one, inf, nan = np.float32(0.0), np.float32(1.0), np.float32(np.inf), np.float32(np.nan)
+    rows = np.empty((6, width), np.float32)
+    best, best_std, least, total, weighted, denied = rows[0], rows[1], rows[2], rows[3], rows[4], rows[5]
     for v in range(height):
-        for u in range(width):
-            best, least, is_far = -1, np.float32(np.inf), False
-            for k in range(number):
-                r = ranges[k, v, u]
-                if np.isinf(r):
-                    is_far = True
-                elif stds[k, v, u] > 0 and stds[k, v, u] < least * r:
-                    best, least = k, stds[k, v, u] / r
-            range_m[v, u] = np.inf if is_far and best < 0 else np.nan
-            std_m[v, u] = np.nan
-            if best < 0:
-                continue
-            r0, s0 = ranges[best, v, u], stds[best, v, u]
-            total, weighted, is_denied = 0.0, 0.0, False
-            for k in range(number):
+        rows[:2], rows[2], rows[3:] = nan, inf, zero
+        for k in range(number):
+            for u in range(width):
                 r, s = ranges[k, v, u], stds[k, v, u]
-                if not (s > 0) or np.isinf(r):
-                    continue
-                if abs(r - r0) <= max_deviations * np.sqrt(s * s + s0 * s0):
-                    total += 1.0 / (s * s)
-                    weighted += r / (s * s)
-                elif s < contradiction * least * r and abs(r - r0) > share * r0:
-                    is_denied = True
-            if not is_denied:
-                range_m[v, u] = weighted / total
-                std_m[v, u] = 1.0 / np.sqrt(total)
+                is_surer = (s > zero) & (s < least[u] * r) & (r < inf)
+                least[u] = s / r if is_surer else least[u]
+                best[u], best_std[u] = r if is_surer else best[u], s if is_surer else best_std[u]
+        for k in range(number):
+            for u in range(width):
+                r, s = ranges[k, v, u], stds[k, v, u]
+                is_there = (s > zero) & (r < inf)
+                off = abs(r - best[u])
+                agrees = is_there & (off <= max_deviations * np.sqrt(s * s + best_std[u] * best_std[u]))
+                denies = is_there & (s < contradiction * least[u] * r) & (off > share * best[u])
+                weight = one / (s * s) if agrees else zero
+                total[u] += weight
+                weighted[u] += weight * r if agrees else zero
+                denied[u] = one if denies & (not agrees) else denied[u]
+                best[u] = inf if (r == inf) & (best[u] != best[u]) else best[u]
+        for u in range(width):
+            is_known = (total[u] > zero) & (denied[u] == zero)
+            range_m[v, u] = weighted[u] / total[u] if is_known else (inf if best[u] == inf else nan)
+            std_m[v, u] = one / np.sqrt(total[u]) if is_known else nan
 
 
-@njit(cache=True, nogil=True)
+@njit(**OPTIONS)
+def count_votes(ranges, stds, sees, max_deviations, least, range_m, std_m):
+    """Forget range_m (H, W) f32, fused, where too few of N sources that see a direction agree; std_m is the surest's.
+
+    ranges, stds (N, H, W) f32; sees: N planes (H, W) bool; least: share of those that see it. Row by row as `fuse`.
+    """
+    number, height, width = ranges.shape
+    zero, one, inf, nan = np.float32(0.0), np.float32(1.0), np.float32(np.inf), np.float32(np.nan)
+    rows = np.empty((3, width), np.float32)
+    surest, votes, voters = rows[0], rows[1], rows[2]
+    for v in range(height):
+        rows[0], rows[1:] = inf, zero
+        for k in range(number):
+            for u in range(width):
+                surest[u] = stds[k, v, u] if stds[k, v, u] < surest[u] else surest[u]
+                voters[u] += one if sees[k, v, u] else zero
+        for k in range(number):
+            for u in range(width):
+                r, s = ranges[k, v, u], stds[k, v, u]
+                is_near = abs(r - range_m[v, u]) <= max_deviations * np.sqrt(s * s + surest[u] * surest[u])
+                votes[u] += one if is_near | ((r == inf) & (range_m[v, u] == inf)) else zero
+        for u in range(width):
+            is_agreed = votes[u] >= least * voters[u]
+            range_m[v, u] = range_m[v, u] if is_agreed else nan
+            std_m[v, u] = surest[u] if is_agreed & (range_m[v, u] < inf) else nan
+
+
+@njit(**OPTIONS)
 def small_angle(sine, cosine):
     """Return the angle whose sine and cosine are in this proportion; a series where it is small."""
     if cosine <= 0.0 or abs(sine) > 0.2 * cosine:
@@ -448,7 +593,7 @@ def small_angle(sine, cosine):
     return t * (1.0 - t * t * (1.0 / 3.0 - 0.2 * t * t))
 
 
-@njit(cache=True, nogil=True)
+@njit(**OPTIONS)
 def recentre(range_m, std_m, owner, offsets, columns, rows, new_range, new_std):
     """Move ranges (H, W) f32 seen from the cameras' own centres to the centre of the sphere.
 
@@ -513,7 +658,7 @@ def sample_inverse_depth(inverse, u, v, max_step, sampled):
             sampled[i] = inverse[min(int(y + 0.5), height - 1), min(int(x + 0.5), width - 1)]
 
 
-@njit(cache=True, nogil=True)
+@njit(**OPTIONS)
 def splat_nearest(u, v, range_m, wraps, image):
     """Write each range (N,) f32 to the four pixels of image (H, W) f32 around (u, v), keeping the nearest of all.
 
@@ -553,14 +698,26 @@ def warm_up() -> None:
     level = np.zeros((4, 4), np.uint8)
     align_along_columns(level, level, plane, np.ones(4, np.float32), 1, plane.copy(), out, out.copy())
     above, below = np.zeros((6, 8), np.int16), np.zeros((6, 7 + NUM_DISPARITIES), np.int16)
-    cost_ratio(above, below, below, np.zeros((4, 8), np.float32), -1, 1, np.empty((4, 8), np.float32))
+    ratios = np.zeros((1, 4, 8), np.float32)
+    cost_ratios(above, below, below, ratios.copy(), -1, 1, ratios)
+    settle(plane, plane, plane, plane, np.ones((2, 4, 4), np.float32), np.ones(4, np.float32), out, out.copy())
+    double_size(plane, True, np.empty((8, 8), np.float32))
+    take_over(plane, np.ones((8, 8), np.float32), np.float32(1.0), np.empty((8, 8), np.float32))
+    prefer_surer(plane.copy(), plane.copy(), plane, plane, np.float32(0.5))
     smooth(plane, 1, np.float32(1.0), np.float32(0.1), plane.copy(), out)
     triangulate(plane, plane, 0.1, 0.0, 0.3, (0.1, 0.1, 100.0), out, out.copy())
     line = np.zeros(1, np.float32)
     splat_with_std(line, line, line, line, 0, True, plane.copy(), plane.copy())
-    rays, pixels = np.ones((4, 4, 3), np.float32), np.zeros((4, 4, 2), np.float32)
-    splat_window(plane, plane, rays, pixels, np.zeros(3, np.float32), plane.copy(), np.zeros((1, 4, 4), np.float32))
-    fuse(np.ones((1, 4, 4), np.float32), np.ones((1, 4, 4), np.float32), 3.0, 3.0, 0.1, out, out.copy())
+    rays, pixels, places = (
+        np.ones((4, 4, 3), np.float32),
+        np.zeros((4, 4, 2), np.float32),
+        np.zeros((3, 4, 4), np.float32),
+    )
+    place_window(plane, rays, pixels, np.zeros(3, np.float32), plane.copy(), places)
+    mean_of_window(places, plane, plane.copy(), np.zeros((4, 4, 4), np.float32), out, out.copy())
+    sources = np.ones((1, 4, 4), np.float32)
+    fuse(sources, sources, np.float32(3.0), np.float32(3.0), np.float32(0.1), out, out.copy())
+    count_votes(sources, sources, np.ones((1, 4, 4), np.bool_), np.float32(3.0), np.float32(0.4), out, out.copy())
     unit, owner = np.zeros((2, 4), np.float32), np.zeros((4, 4), np.int8)
     recentre(plane, plane, owner, np.zeros((1, 3), np.float32), unit, unit, out, out.copy())
     small, pixel = np.ones((2, 2), np.float32), np.zeros(1, np.float32)

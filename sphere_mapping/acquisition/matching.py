@@ -4,7 +4,8 @@ Semi-global matching (Hirschmueller 2008) with left-right check gives disparity 
 whole pixels; steps of one-dimensional alignment of small blocks (the disparity of every pixel kept, so that slanted
 ground is no problem) remove the bias and say how certain each pixel is. Images are halved until the nearest surface
 wanted is covered by as many disparities, and every level is matched and aligned by itself: where texture is too faint
-for a fine level, a block of a coarser one sees more of the surface and less of the noise. A match stands only if the
+for a fine level, a block of a coarser one sees more of the surface and less of the noise. The levels finer than those
+that are matched start where the coarser one has ended. A match stands only if the
 cost of its block is clearly the least of all disparities searched: otherwise there is no texture, or it is repeated, or
 the surface is out of reach, and nothing is known. A point is higher in the lower image: its row there is v - disparity.
 """
@@ -18,11 +19,35 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.kernels import NUM_DISPARITIES, align_along_columns, smooth
-from sphere_mapping.acquisition.levels import double, fit, halve, has_texture_around, interpolate, usable_at
+from sphere_mapping.acquisition.kernels import (
+    NUM_DISPARITIES,
+    align_along_columns,
+    prefer_surer,
+    settle,
+    smooth,
+    take_over,
+)
+from sphere_mapping.acquisition.levels import (
+    at_jumps,
+    at_unknown,
+    double,
+    fit,
+    halve,
+    has_texture_around,
+    interpolate,
+    usable_at,
+)
 from sphere_mapping.acquisition.params import MatchParams
-from sphere_mapping.acquisition.semi_global import NUM_STRIPS, Image, Plane, find_clear_matches, is_clear
+from sphere_mapping.acquisition.semi_global import (
+    MIN_COST_RATIO,
+    NUM_STRIPS,
+    Image,
+    Plane,
+    compare_costs,
+    match_semi_globally,
+)
 
+Flags = NDArray[np.bool_]
 Pair = tuple[Image, Image]  # of a level: upper, lower
 
 MAX_WIDTH = 1280  # columns, of the whole sphere, up to which images are matched as they are; wider ones are halved
@@ -38,9 +63,8 @@ SURER = 0.5  # of a finer level's deviation, below which a coarser level's dispa
 LEAST_NOISE = 0.7  # grey levels, of a halved image: rounding and interpolation
 
 EDGE_PX = 3  # matches this near to a jump are not trusted
-JUMP_PX, JUMP_SHARE = 0.6, 0.1  # least step of disparity over that neighbourhood that is a jump: px, by the disparity
-UNKNOWN_SIDE, FROM_UNKNOWN = 7, 2  # px: side of an unknown region that counts, and how far one keeps off it
 REFINE_RADIUS, REFINE_STEPS = 3, 2  # half side in px of the blocks that are aligned, and how often
+STEPS_AGAIN = 1  # how often where a coarser level has aligned them before
 STEP_LIMIT = 0.5  # px, largest step of the refinement
 MATCH_PX = 0.3  # standard deviation of a match: holds the refinement where there is little texture
 MIN_BLOCK_SHARE = 0.2  # of a block's pixels must have a match
@@ -48,7 +72,6 @@ MAX_REFINEMENT = 1.6  # px; a block that wants to go farther from its match is n
 MAX_RESIDUAL = 1.0  # grey-level variance left in a block, by that of noise and contrast
 STD_FACTOR = 1.3  # errors of neighbours are not independent: of the deviation that the residual alone gives
 SMOOTH_LIMIT, SMOOTH_SHARE = 1.0, 0.03  # px, and by the disparity: neighbours that differ more are not averaged
-UNKNOWN_PX = 1e4  # stands for unknown where the largest or least is looked for
 
 
 @dataclass(frozen=True)
@@ -84,22 +107,24 @@ def match_columns(
     """Return the disparity (H, W) of the upper image; both are (H, W) grey, `is_usable` where both show something."""
     halvings = max(int(np.ceil(np.log2((search.full_width or top.shape[1]) / MAX_WIDTH))), 0)
     levels = _levels_of(top, bottom, search, halvings)
-    matched = _match_levels(levels[halvings:], search, halvings, jobs)
-    start, found = matched[-1], None
+    matches = _Matches(levels, search, halvings, jobs)
+    start, found = np.empty((0, 0), np.float32), None
     for k in reversed(range(len(levels))):
-        start = _keep_sure(matched[k - halvings], search, edge_px) if k >= halvings else double(start)
-        start = fit(start, levels[k][0].shape)
-        start[~usable_at(is_usable, k, start.shape) | (start > search.last_px / 2**k + BEYOND_PX)] = np.nan
+        shape = levels[k][0].shape
+        coarser = None if found is None else _interpolate(found, shape, search.is_whole)
+        if k >= halvings:
+            matched, coarser = matches.judge(k, coarser)
+            start = _keep_sure(matched, search, edge_px)
+        else:
+            assert coarser is not None
+            start = _start_again(start, coarser.value)
+        start[~usable_at(is_usable, k, shape) | (start > search.last_px / 2**k + BEYOND_PX)] = np.nan
         if k > halvings:
             start[~has_texture_around(levels[k][0], search.is_whole)] = np.nan
-        own = refine(*levels[k], start, _params_at(params, k), is_whole=search.is_whole, jobs=jobs)
-        if found is not None:
-            coarser = Disparity(
-                *(fit(interpolate(2 * p, search.is_whole), start.shape) for p in (found.value, found.std))
-            )
-            if k >= halvings:
-                coarser = _keep_undenied(levels[k], coarser, _first_at(search, k), search, jobs)
-            own = _prefer(own, coarser)
+        num_steps = REFINE_STEPS if k >= halvings else STEPS_AGAIN
+        own = refine(*levels[k], start, _params_at(params, k), num_steps, is_whole=search.is_whole, jobs=jobs)
+        if coarser is not None:
+            prefer_surer(own.value, own.std, coarser.value, coarser.std, np.float32(SURER))
         found = own
     assert found is not None
     return found
@@ -115,29 +140,64 @@ def _levels_of(top: Image, bottom: Image, search: Search, halvings: int) -> list
     return levels
 
 
-def _match_levels(levels: list[Pair], search: Search, halvings: int, jobs: int) -> list[Plane]:
-    """Return the disparity of each level: what it can reach itself, and what is nearer from coarser levels.
+class _Matches:
+    """The matches of all levels, judged from the coarsest on.
 
     A level sees a part of all disparities, in which what is repeated may seem clear: the coarser ones, which see more,
     must find it clear, too.
     """
-    found: list[Plane] = []
-    for k in reversed(range(len(levels))):
-        first = _first_at(search, halvings + k)
-        own = find_clear_matches(levels[k][0], levels[k][1], first, is_whole=search.is_whole, jobs=jobs)
-        coarser = own
-        for n in range(k + 1, min(k + 1 + NUM_CHECKS, len(levels))):
-            coarser = fit(coarser[::2, ::2] / np.float32(2), levels[n][0].shape)
-            begin = _first_at(search, halvings + n)
-            is_sure = is_clear(*levels[n], coarser, begin, MIN_COARSE_RATIO, is_whole=search.is_whole, jobs=jobs)
-            coarser = np.where(is_sure, coarser, np.float32(np.nan))
+
+    def __init__(self, levels: list[Pair], search: Search, halvings: int, jobs: int) -> None:
+        self._levels, self._search, self._halvings, self._jobs = levels, search, halvings, jobs
+        self._own = {
+            k: match_semi_globally(*levels[k], _first_at(search, k), is_whole=search.is_whole, jobs=jobs)
+            for k in range(halvings, len(levels))
+        }
+        self._is_sure: dict[tuple[int, int], Flags] = {}  # matches of a level, seen at a coarser one
+        self._found: Plane | None = None
+
+    def judge(self, k: int, coarser: Disparity | None) -> tuple[Plane, Disparity | None]:
+        """Return the disparity of a level, what is nearer from coarser ones; and `coarser` where it is not denied.
+
+        Called for one level after the other, the coarsest first.
+        """
+        first, shape = _first_at(self._search, k), self._levels[k][0].shape
+        finer = range(max(k - NUM_CHECKS, self._halvings), k)
+        seen = [self._own[k], *(_seen_at(k - n, self._own[n], shape) for n in finer)]
+        planes = seen if coarser is None else [*seen, coarser.value]
+        ratios = compare_costs(*self._levels[k], planes, first, is_whole=self._search.is_whole, jobs=self._jobs)
+        for n, ratio in zip(finer, ratios[1:], strict=False):
+            self._is_sure[n, k] = ratio >= MIN_COARSE_RATIO
+        own, is_sure = self._own[k].copy(), ratios[0] >= MIN_COST_RATIO
+        own[~is_sure] = np.nan
+        for n in range(k + 1, min(k + 1 + NUM_CHECKS, len(self._levels))):
+            there = self._is_sure[k, n]
+            is_sure = is_sure[::2, ::2][: there.shape[0], : there.shape[1]] & there
             unsure = np.repeat(np.repeat(~is_sure, 2 ** (n - k), axis=0), 2 ** (n - k), axis=1)
-            own[fit(unsure.astype(np.float32), own.shape) > 0] = np.nan
-        if found:
-            nearer = fit(double(found[0]), own.shape)
+            own[fit(unsure.astype(np.float32), shape) > 0] = np.nan
+        if self._found is not None:
+            nearer = fit(double(self._found), shape)
             own = np.where(nearer > first + NUM_DISPARITIES - 1 - BEYOND_PX, nearer, own)
-        found.insert(0, own)
-    return found
+        self._found = own
+        return own.copy(), coarser and _keep_undenied(coarser, ratios[-1], first)
+
+
+def _interpolate(found: Disparity, shape: tuple[int, ...], is_whole: bool) -> Disparity:
+    return Disparity(*(fit(interpolate(plane, is_whole), shape) for plane in (found.value, found.std)))
+
+
+def _seen_at(levels: int, disparity: Plane, shape: tuple[int, ...]) -> Plane:
+    """Return a disparity as so many levels coarser have it."""
+    step = 2**levels
+    return fit(disparity[::step, ::step] / np.float32(step), shape)
+
+
+def _start_again(matched: Plane, aligned: Plane) -> Plane:
+    """Return where a level that is not matched itself starts: what the coarser one has aligned, else its match."""
+    height, width = min(2 * matched.shape[0], aligned.shape[0]), min(2 * matched.shape[1], aligned.shape[1])
+    start = np.full_like(aligned, np.nan)
+    take_over(matched, aligned[:height, :width], np.float32(2 * MAX_REFINEMENT), start[:height, :width])
+    return start
 
 
 def _first_at(search: Search, level: int) -> int:
@@ -147,27 +207,19 @@ def _first_at(search: Search, level: int) -> int:
 def _keep_sure(matched: Plane, search: Search, edge_px: int) -> Plane:
     """Return matches without stairs, and none near jumps and unknown regions."""
     found = _smooth_around(matched, search.is_whole)
-    near_jump = _at_jumps(found, edge_px, is_whole=search.is_whole)
-    found[near_jump | _at_unknown(found, is_whole=search.is_whole)] = np.nan
+    near_jump = at_jumps(found, edge_px, is_whole=search.is_whole)
+    found[near_jump | at_unknown(found, is_whole=search.is_whole)] = np.nan
     return found
 
 
-def _keep_undenied(images: Pair, coarser: Disparity, first: int, search: Search, jobs: int) -> Disparity:
+def _keep_undenied(coarser: Disparity, ratio: Plane, first: int) -> Disparity:
     """Return what a coarser level knows where the finer images, undecided, do not find another disparity better.
 
-    So it is with patterns: blurred they may match in one place only, and wrongly.
+    ratio: of the least cost elsewhere to that of the coarser disparity. So it is with patterns: blurred they may match
+    in one place only, and wrongly.
     """
-    is_least = is_clear(*images, coarser.value, first, MIN_AGREEMENT, is_whole=search.is_whole, jobs=jobs)
-    keep = is_least | (coarser.value > first + NUM_DISPARITIES - 1)
+    keep = (ratio >= MIN_AGREEMENT) | (coarser.value > first + NUM_DISPARITIES - 1)
     return Disparity(*(np.where(keep, plane, np.float32(np.nan)) for plane in (coarser.value, coarser.std)))
-
-
-def _prefer(finer: Disparity, coarser: Disparity) -> Disparity:
-    """Return the finer level's disparity, and the coarser one's where only that is known, or is much surer."""
-    with np.errstate(invalid="ignore"):
-        is_coarser = np.isnan(finer.value) | (coarser.std < SURER * finer.std)
-    pairs = ((finer.value, coarser.value), (finer.std, coarser.std))
-    return Disparity(*(np.where(is_coarser, theirs, own) for own, theirs in pairs))
 
 
 def _params_at(params: MatchParams, level: int) -> MatchParams:
@@ -182,7 +234,7 @@ def _is_reached(search: Search, halvings: int, image: Image) -> bool:
 
 
 def refine(
-    top: Image, bottom: Image, coarse: Plane, params: MatchParams, *, is_whole: bool, jobs: int = 1
+    top: Image, bottom: Image, coarse: Plane, params: MatchParams, num_steps: int, *, is_whole: bool, jobs: int = 1
 ) -> Disparity:
     """Align blocks of the upper image with the lower one along the column, starting from the matched disparity.
 
@@ -190,49 +242,47 @@ def refine(
     with noise of variance s^2 in both images its variance is 2 s^2 / sum of squared slopes. What the calibration leaves
     comes on top.
     """
-    margin = REFINE_RADIUS * (2 * REFINE_STEPS + 1)  # columns whose disparity a strip's own ones see
+    margin = REFINE_RADIUS * (2 * num_steps + 1)  # columns whose disparity a strip's own ones see
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
     planes = [cv2.copyMakeBorder(plane, 0, 0, margin, margin, border) for plane in (top, bottom, coarse)]
-    length = -(-coarse.shape[1] // NUM_STRIPS)
-    strips = [slice(k * length, min((k + 1) * length, coarse.shape[1]) + 2 * margin) for k in range(NUM_STRIPS)]
+    width = coarse.shape[1]
+    length = -(-width // NUM_STRIPS)
+    value, std = np.empty_like(coarse), np.empty_like(coarse)
 
-    def work(strip: slice) -> tuple[Plane, Plane]:
-        above, below, start = (np.ascontiguousarray(plane[:, strip]) for plane in planes)
-        return _refine_strip(above, below, start, margin, params)
+    def work(begin: int) -> None:
+        wide, own = slice(begin, min(begin + length, width) + 2 * margin), slice(begin, begin + length)
+        above, below, start = (np.ascontiguousarray(plane[:, wide]) for plane in planes)
+        _refine_strip(above, below, start, (margin, num_steps), params, value[:, own], std[:, own])
 
     with ThreadPoolExecutor(jobs) as pool:
-        parts = list(pool.map(work, strips))
-    return Disparity(*(np.concatenate([part[k] for part in parts], axis=1) for k in range(2)))
+        list(pool.map(work, range(0, width, length)))
+    return Disparity(value, std)
 
 
-def _refine_strip(top: Image, bottom: Image, start: Plane, margin: int, params: MatchParams) -> tuple[Plane, Plane]:
-    area = (2 * REFINE_RADIUS + 1) ** 2
+def _refine_strip(
+    top: Image, bottom: Image, start: Plane, sizes: tuple[int, int], params: MatchParams, value: Plane, std: Plane
+) -> None:
+    """Write a strip's disparity and deviation; sizes: columns of margin, number of steps."""
+    (margin, num_steps), area = sizes, (2 * REFINE_RADIUS + 1) ** 2
     start, spare = _smooth(start, np.empty_like(start)), np.empty_like(start)
     refined, information, left = start.copy(), np.empty_like(start), np.empty_like(start)
     limits = np.array([STEP_LIMIT, MIN_BLOCK_SHARE * area, params.noise**2, MATCH_PX**2], np.float32)
-    for _ in range(REFINE_STEPS):
+    for _ in range(num_steps):
         align_along_columns(top, bottom, start, limits, REFINE_RADIUS, refined, information, left)
         refined = _smooth(refined, spare)
-    inner = slice(margin, -margin)
-    per_slope = _slope_across(top)[:, inner]
-    refined, start, information, left = (plane[:, inner] for plane in (refined, start, information, left))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        bad = ~(np.abs(refined - start) <= MAX_REFINEMENT) | ~(left <= MAX_RESIDUAL)
-        variance = STD_FACTOR**2 / information + params.calibration_px**2 * (1 + per_slope)
-    std = np.sqrt(variance).astype(np.float32)
-    return np.where(bad, np.float32(np.nan), refined), np.where(bad, np.float32(np.nan), std)
+    inner = slice(margin, margin + value.shape[1])
+    planes = [plane[:, inner] for plane in (refined, start, information, left)]
+    trust = np.array([MAX_REFINEMENT, MAX_RESIDUAL, STD_FACTOR**2, params.calibration_px**2], np.float32)
+    settle(*planes, _squared_slopes(top)[:, :, inner], trust, value, std)
 
 
-def _slope_across(image: Image) -> Plane:
-    """Return the mean squared slope across the columns of each block, by that along them.
-
-    Calibration leaves as much across as along: on a line that runs nearly along the column it becomes disparity.
-    """
+def _squared_slopes(image: Image) -> Plane:
+    """Return the mean squared slopes (2, H, W) of each block across and along the columns."""
     side = (2 * REFINE_RADIUS + 1,) * 2
-    across, along = (
-        cv2.boxFilter(np.square(cv2.Sobel(image, cv2.CV_32F, *axis, ksize=3)), -1, side) for axis in ((1, 0), (0, 1))
-    )
-    return across / np.maximum(along, np.float32(1.0))
+    slopes = np.empty((2, *image.shape), np.float32)
+    for axis, plane in zip(((1, 0), (0, 1)), slopes, strict=True):
+        cv2.sqrBoxFilter(cv2.Sobel(image, cv2.CV_32F, *axis, ksize=3), cv2.CV_32F, side, plane)
+    return slopes
 
 
 def _smooth(disparity: Plane, spare: Plane) -> Plane:
@@ -247,33 +297,3 @@ def _smooth_around(disparity: Plane, is_whole: bool) -> Plane:
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
     padded = cv2.copyMakeBorder(disparity, 0, 0, margin, margin, border)
     return np.ascontiguousarray(_smooth(padded, np.empty_like(padded))[:, margin:-margin])
-
-
-def _at_jumps(disparity: Plane, radius: int, *, is_whole: bool) -> NDArray[np.bool_]:
-    """Return the pixels next to a jump of disparity: blocks there see two surfaces, the nearer one looks too large.
-
-    What a slanted surface changes by over the neighbourhood, at the least step from pixel to pixel in it, is no jump.
-    """
-    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
-    padded = cv2.copyMakeBorder(disparity, 0, 0, radius + 1, radius + 1, border)
-    known, kernel = ~np.isnan(padded), np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
-    high = cv2.dilate(np.where(known, padded, np.float32(-UNKNOWN_PX)), kernel)
-    low = cv2.erode(np.where(known, padded, np.float32(UNKNOWN_PX)), kernel)
-    slant = np.zeros_like(padded)
-    for axis in range(2):
-        step = np.abs(np.diff(padded, axis=axis, append=np.nan))
-        least = cv2.erode(np.where(np.isnan(step), np.float32(UNKNOWN_PX), step), kernel)
-        slant += np.where(least < UNKNOWN_PX, 2 * radius * least, np.float32(0.0))
-    limit = np.maximum(np.float32(JUMP_PX), np.float32(JUMP_SHARE) * high) + slant
-    return (high - low > limit)[:, radius + 1 : -radius - 1]
-
-
-def _at_unknown(disparity: Plane, *, is_whole: bool) -> NDArray[np.bool_]:
-    """Return the pixels next to a large unknown region: their blocks may see the border of what is before it."""
-    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
-    margin = UNKNOWN_SIDE
-    unknown = cv2.copyMakeBorder(np.isnan(disparity).astype(np.uint8), 0, 0, margin, margin, border)
-    square = np.ones((UNKNOWN_SIDE, UNKNOWN_SIDE), np.uint8)
-    large = cv2.morphologyEx(unknown, cv2.MORPH_OPEN, square)
-    near = cv2.dilate(large, np.ones((2 * FROM_UNKNOWN + 1, 2 * FROM_UNKNOWN + 1), np.uint8))
-    return near[:, margin:-margin] > 0

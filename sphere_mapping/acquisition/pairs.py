@@ -7,6 +7,7 @@ then has the same column in both.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -17,13 +18,14 @@ from numpy.typing import NDArray
 from sphere_geometry import SE3, Rig, RigCamera, Spherical
 from sphere_geometry.camera import pixel_grid
 from sphere_mapping.acquisition.epipolar import range_from_disparity, search_of, upright
-from sphere_mapping.acquisition.fusion import MAX_DEVIATIONS, Ranged, fuse_sources
-from sphere_mapping.acquisition.kernels import splat_window
+from sphere_mapping.acquisition.fusion import MAX_DEVIATIONS, Ranged, fuse_planes
+from sphere_mapping.acquisition.kernels import count_votes, mean_of_window, place_window
 from sphere_mapping.acquisition.matching import match_columns
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.views import RigView
 
 Image = NDArray[np.uint8]
+Plane = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 HALF_WIDTH_DEG, HALF_HEIGHT_DEG = 75.0, 50.0  # half of the view of a pair across and along its baseline
@@ -124,42 +126,44 @@ def _on_sphere(is_usable: NDArray[np.bool_], window: Spherical, R: NDArray[np.fl
     return is_inside & (cv2.remap(is_usable.astype(np.uint8), u, v, cv2.INTER_NEAREST) > 0)
 
 
-def fuse_pairs(pairs: Sequence[Pair], sources: Sequence[Ranged]) -> Ranged:
-    """Return the range (H, W) that enough of the pairs which see a direction agree on.
+def range_of_pairs(
+    pairs: Sequence[Pair], images: dict[str, Image], whole: Spherical, params: StitchParams, jobs: int
+) -> Ranged:
+    """Return range and deviation (H, W) that pairs give the sphere; images are grey."""
+    ranges, stds = (np.empty((len(pairs), whole.height, whole.width), np.float32) for _ in range(2))
+
+    def work(number: int) -> None:
+        _range_of_pair(pairs[number], images, params, ranges[number], stds[number])
+
+    with ThreadPoolExecutor(jobs) as pool:
+        list(pool.map(work, range(len(pairs))))
+    return fuse_pairs(np.stack([pair.sees for pair in pairs]), ranges, stds)
+
+
+def fuse_pairs(sees: Flags, ranges: Plane, stds: Plane) -> Ranged:
+    """Return the range (H, W) that enough of N pairs which see a direction agree on; all (N, H, W).
 
     A pattern, or an edge before a bare wall, misleads one pair; the next one looks from elsewhere and is misled
     elsewhere, or not at all. The deviation is that of the surest: pairs share cameras, and so errors.
     """
-    range_m, _ = fuse_sources(sources)
-    std_m = np.where(np.isfinite(range_m), np.fmin.reduce([std for _, std in sources]), np.float32(np.nan))
-    votes, voters = np.zeros(range_m.shape, np.float32), np.zeros(range_m.shape, np.float32)
-    for pair, (own_m, own_std_m) in zip(pairs, sources, strict=True):
-        with np.errstate(invalid="ignore"):
-            is_near = np.abs(own_m - range_m) <= MAX_DEVIATIONS * np.hypot(own_std_m, std_m)
-        votes += is_near | (np.isinf(own_m) & np.isinf(range_m))
-        voters += pair.sees
-    is_denied = votes < MIN_VOTES * voters
-    return np.where(is_denied, np.float32(np.nan), range_m), np.where(is_denied, np.float32(np.nan), std_m)
+    range_m, std_m = fuse_planes(ranges, stds)
+    count_votes(ranges, stds, sees, np.float32(MAX_DEVIATIONS), np.float32(MIN_VOTES), range_m, std_m)
+    return range_m, std_m
 
 
-def range_of_pair(pair: Pair, images: dict[str, Image], whole: Spherical, params: StitchParams, jobs: int) -> Ranged:
-    """Return range and deviation (H, W) that a pair gives the sphere; images are grey."""
+def _range_of_pair(pair: Pair, images: dict[str, Image], params: StitchParams, range_m: Plane, std_m: Plane) -> None:
+    """Write range and deviation that a pair gives the sphere to range_m, std_m (H, W)."""
     top, bottom = (
         cv2.remap(images[name], *table, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         for name, table in zip((pair.first, pair.second), pair.tables, strict=True)
     )
     search = search_of(pair.window, pair.baseline_m, params.match)
-    disparity = match_columns(top, bottom, search, params.match, pair.is_usable, jobs, EDGE_PX)
-    range_m, std_m = range_from_disparity(disparity, pair.window, pair.baseline_m, params.match)
-    nearest = np.full((whole.height, whole.width), np.inf, np.float32)
-    sums = np.zeros((4, *nearest.shape), np.float32)
-    offset = pair.T_sphere_pair.translation.astype(np.float32)
-    for number in (1, 4):  # which surface is the nearest, then its mean
-        splat_window(range_m, std_m, pair.rays, pair.pixels, offset, nearest, sums[:number])
-    weight = np.where(sums[0] > 0, sums[0], np.float32(np.nan))
-    mean, relative_std = sums[1] / weight, sums[2] / weight
-    spread = np.maximum(sums[3] / weight - (mean - nearest) ** 2, 0)  # of a slanted surface within a pixel
-    return mean, np.sqrt((mean * relative_std) ** 2 + spread)
+    disparity = match_columns(top, bottom, search, params.match, pair.is_usable, 1, EDGE_PX)
+    own_m, own_std_m = range_from_disparity(disparity, pair.window, pair.baseline_m, params.match)
+    nearest, places = np.full(range_m.shape, np.inf, np.float32), np.empty((3, *own_m.shape), np.float32)
+    place_window(own_m, pair.rays, pair.pixels, pair.T_sphere_pair.translation.astype(np.float32), nearest, places)
+    sums = np.zeros((*range_m.shape, 4), np.float32)
+    mean_of_window(places, own_std_m / own_m, nearest, sums, range_m, std_m)
 
 
 def _window(params: StitchParams) -> Spherical:

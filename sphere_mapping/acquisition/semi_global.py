@@ -6,13 +6,14 @@ any smoothness, is compared with that of all other disparities.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.kernels import NUM_DISPARITIES, cost_ratio
+from sphere_mapping.acquisition.kernels import NUM_DISPARITIES, cost_ratios
 
 Plane = NDArray[np.float32]
 Image = NDArray[np.uint8]
@@ -35,15 +36,19 @@ MIN_COST_RATIO = 1.2  # of the least cost elsewhere to that of the match
 def find_clear_matches(top: Image, bottom: Image, first: int, *, is_whole: bool, jobs: int = 1) -> Plane:
     """Return the disparity (H, W) from `first` on, NaN where no match is clearly the best of those searched."""
     found = match_semi_globally(top, bottom, first, is_whole=is_whole, jobs=jobs)
-    found[~is_clear(top, bottom, found, first, MIN_COST_RATIO, is_whole=is_whole, jobs=jobs)] = np.nan
+    [ratio] = compare_costs(top, bottom, [found], first, is_whole=is_whole, jobs=jobs)
+    found[~(ratio >= MIN_COST_RATIO)] = np.nan
     return found
 
 
-def is_clear(
-    top: Image, bottom: Image, disparity: Plane, first: int, least_ratio: float, *, is_whole: bool, jobs: int
-) -> NDArray[np.bool_]:
-    """Return where the disparity (H, W) is clearly the best of all that a level sees."""
-    margin, height = COST_RADIUS, disparity.shape[0]
+def compare_costs(
+    top: Image, bottom: Image, disparities: Sequence[Plane], first: int, *, is_whole: bool, jobs: int
+) -> list[Plane]:
+    """Return the least cost elsewhere, of all disparities that a level sees, over that of each of some (H, W).
+
+    NaN where a disparity is NaN. The costs of all blocks are summed up once for all that is to be compared.
+    """
+    margin, height = COST_RADIUS, top.shape[0]
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
     levels = [_without_mean(image, is_whole) for image in (top, bottom)]
     up, down = (cv2.addWeighted(levels[1], 0.5, np.roll(levels[1], step, axis=0), 0.5, 0) for step in (1, -1))
@@ -51,19 +56,17 @@ def is_clear(
     planes = [cv2.copyMakeBorder(plane, 0, 0, margin, margin, border) for plane in (levels[0], low, high)]
     rows = np.clip(np.arange(height - 1 - first, -first - NUM_DISPARITIES, -1), 0, height - 1)
     above, least, largest = (np.ascontiguousarray(plane.T) for plane in (planes[0], planes[1][rows], planes[2][rows]))
-    start = np.ascontiguousarray(disparity.T)
-    ratio = np.empty_like(start)
-    length = -(-len(start) // NUM_STRIPS)
+    start = np.stack([plane.T for plane in disparities])
+    ratios = np.empty_like(start)
+    length = -(-top.shape[1] // NUM_STRIPS)
 
     def work(begin: int) -> None:
-        end = min(begin + length, len(start))
-        wide = slice(begin, end + 2 * margin)
-        cost_ratio(above[wide], least[wide], largest[wide], start[begin:end], first, margin, ratio[begin:end])
+        wide, own = slice(begin, min(begin + length, top.shape[1]) + 2 * margin), slice(begin, begin + length)
+        cost_ratios(above[wide], least[wide], largest[wide], start[:, own], first, margin, ratios[:, own])
 
     with ThreadPoolExecutor(jobs) as pool:
-        list(pool.map(work, range(0, len(start), length)))
-    ratio = ratio.T
-    return ratio >= least_ratio
+        list(pool.map(work, range(0, top.shape[1], length)))
+    return [ratio.T for ratio in ratios]
 
 
 def match_semi_globally(top: Image, bottom: Image, first: int, *, is_whole: bool, jobs: int = 1) -> Plane:

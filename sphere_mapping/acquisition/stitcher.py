@@ -30,7 +30,7 @@ from sphere_mapping.acquisition.fusion import Ranged, fill, fuse_sources, range_
 from sphere_mapping.acquisition.lens_check import check_lenses
 from sphere_mapping.acquisition.light import Learned, Light
 from sphere_mapping.acquisition.matching import match_columns
-from sphere_mapping.acquisition.pairs import fuse_pairs, pairs_of, range_of_pair, why_no_pair
+from sphere_mapping.acquisition.pairs import pairs_of, range_of_pairs, why_no_pair
 from sphere_mapping.acquisition.params import RectifyParams, StitchParams
 from sphere_mapping.acquisition.plausibility import check_order
 from sphere_mapping.acquisition.rectification import matches_of
@@ -188,9 +188,7 @@ class Stitcher:
             return [], None
         if not self.rig.is_vertical:
             pairs = [pair for pair in self.pairs if pair.first in greys and pair.second in greys]
-            with ThreadPoolExecutor(self.jobs) as pool:
-                found = list(pool.map(lambda pair: range_of_pair(pair, greys, self.whole, self.params, 1), pairs))
-            return [fuse_pairs(pairs, found)] if found else [], None
+            return [range_of_pairs(pairs, greys, self.whole, self.params, self.jobs)] if pairs else [], None
         if not any(part.name in greys for part in self.rig.at_level("bottom")):
             return [], None
         layouts = [self.layout(level, tuple(greys)) for level in ("top", "bottom")]

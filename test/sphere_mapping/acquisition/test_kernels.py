@@ -38,6 +38,73 @@ def test_blocks_are_aligned_to_a_hundredth_of_a_pixel():
     assert information[30, 25] == pytest.approx(expected, rel=0.05)
 
 
+def test_costs_are_compared_over_all_that_is_searched():
+    rng = np.random.default_rng(6)
+    width, height, first, radius, number = 7, 70, -2, 2, kernels.NUM_DISPARITIES
+    top = rng.integers(-300, 300, (width + 2 * radius, height)).astype(np.int16)
+    low = rng.integers(-300, 300, (width + 2 * radius, height + number - 1)).astype(np.int16)
+    high = low + rng.integers(0, 40, low.shape).astype(np.int16)
+    disparities = rng.uniform(first, first + number - 1, (2, width, height)).astype(np.float32)
+    disparities[1, 3] = np.nan
+    ratios = np.empty_like(disparities)
+    kernels.cost_ratios(top, low, high, disparities, first, radius, ratios)
+    seen = height - 1 - np.arange(height)[:, None] + np.arange(number)  # (H, D)
+    level = top[:, :, None]
+    outside = np.maximum(np.maximum(level - high[:, seen], low[:, seen] - level), 0)
+    costs = np.minimum(outside, kernels.COST_CAP).astype(int)
+    costs = sum(costs[k : k + width] for k in range(2 * radius + 1))
+    rows = np.clip(np.arange(height)[:, None] + np.arange(-radius, radius + 1), 0, height - 1)
+    costs = costs[:, rows].sum(axis=2) + kernels.COST_NOISE * (2 * radius + 1) ** 2
+    assert np.isnan(ratios[1, 3]).all()
+    for n, u, v in np.ndindex(*ratios.shape):
+        if not np.isnan(disparities[n, u, v]):
+            far = np.abs(np.arange(number) + first - np.floor(disparities[n, u, v] + np.float32(0.5)))
+            expected = costs[u, v, far > 2].min() / costs[u, v, far <= 1].min()
+            assert ratios[n, u, v] == pytest.approx(expected, rel=1e-6)
+
+
+def test_only_what_stays_near_its_match_and_fits_is_trusted():
+    refined = np.array([[1.0, 3.0, 1.0, 1.0, np.nan]], np.float32)
+    start, information = np.ones_like(refined), np.array([[4.0, 4.0, 4.0, 0.0, 4.0]], np.float32)
+    left, slopes = np.array([[0.5, 0.5, 1.5, 0.5, 0.5]], np.float32), np.full((2, 1, 5), 9.0, np.float32)
+    value, std = np.empty_like(refined), np.empty_like(refined)
+    kernels.settle(refined, start, information, left, slopes, np.float32([1.6, 1.0, 2.0, 0.25]), value, std)
+    np.testing.assert_array_equal(np.isnan(value[0]), [False, True, True, True, True])
+    assert std[0, 0] == pytest.approx(1.0)  # 2 / 4 + 0.25 (1 + 9 / 9)
+
+
+def test_a_level_starts_where_the_coarser_one_has_aligned_near_its_match():
+    matched, aligned = np.float32([[2.0, np.nan]]), np.float32([[4.2, 9.0, 5.0, 5.0], [np.nan, 3.9, 5.0, 5.0]])
+    start = np.empty_like(aligned)
+    kernels.take_over(matched, aligned, np.float32(1.0), start)
+    np.testing.assert_array_equal(start, np.float32([[4.2, 4.0, np.nan, np.nan], [4.0, 3.9, np.nan, np.nan]]))
+
+
+def test_what_a_window_sees_from_beside_lies_where_the_centre_sees_it():
+    """A wall 4 m ahead, seen from 0.2 m to the left."""
+    height, width = 90, 180
+    v, u = np.mgrid[30:60, 70:110].astype(np.float32)
+    azimuth, elevation = (0.5 - (u + 0.5) / width) * 2 * np.pi, (0.5 - (v + 0.5) / height) * np.pi
+    rays = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], -1)
+    rays, pixels = np.ascontiguousarray(rays, np.float32), np.ascontiguousarray(np.stack([u, v], -1))
+    range_m = (4.0 / rays[..., 0]).astype(np.float32)
+    range_m[0, 0] = np.inf
+    nearest, places = np.full((height, width), np.inf, np.float32), np.empty((3, *v.shape), np.float32)
+    kernels.place_window(range_m, rays, pixels, np.float32([0.0, 0.2, 0.0]), nearest, places)
+    found, std = np.empty_like(nearest), np.empty_like(nearest)
+    relative = np.full_like(range_m, 0.01)
+    kernels.mean_of_window(places, relative, nearest, np.zeros((height, width, 4), np.float32), found, std)
+    known = np.isfinite(found)
+    assert known[33:57, 75:100].all()
+    assert not known[:, :60].any()
+    known[:, 100:] = False  # the rim holds what lies beside its pixels only
+    known[:33], known[57:], known[:, :76] = False, False, False
+    rows, columns = np.nonzero(known)
+    ahead = np.cos((0.5 - (rows + 0.5) / height) * np.pi) * np.cos((0.5 - (columns + 0.5) / width) * 2 * np.pi)
+    np.testing.assert_allclose(found[known] * ahead, 4.0, rtol=0.02)
+    assert (std[known] >= 0.0099 * found[known]).all()
+
+
 def test_unknown_disparity_stays_unknown():
     level = np.full((20, 20), 100, np.uint8)
     start = np.full((20, 20), np.nan, np.float32)
@@ -65,7 +132,7 @@ def test_fused_range_is_the_weighted_mean_unless_denied():
     def fuse(*values):
         ranges, stds = (np.array([v[k] for v in values], np.float32).reshape(-1, 1, 1) for k in (0, 1))
         out, out_std = np.empty((1, 1), np.float32), np.empty((1, 1), np.float32)
-        kernels.fuse(ranges, stds, 3.0, 3.0, 0.05, out, out_std)
+        kernels.fuse(ranges, stds, *np.float32([3.0, 3.0, 0.05]), out, out_std)
         return out[0, 0], out_std[0, 0]
 
     assert fuse((10.0, 0.1), (10.3, 0.2))[0] == pytest.approx(10.06)

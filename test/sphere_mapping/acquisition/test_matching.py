@@ -34,13 +34,13 @@ def test_every_disparity_of_the_search_is_found_whichever_level_it_needs(shift):
 
 
 def test_a_window_is_matched_as_coarsely_as_its_whole_sphere(monkeypatch):
-    sizes, find = [], matching.find_clear_matches
+    sizes, find = [], matching.match_semi_globally
 
     def note(top, *values, **options):
         sizes.append(top.shape)
         return find(top, *values, **options)
 
-    monkeypatch.setattr(matching, "find_clear_matches", note)
+    monkeypatch.setattr(matching, "match_semi_globally", note)
     top = np.clip(texture(0, blur=4.0), 1, 255).astype(np.uint8)
     search = Search(-2.0, 60.0, full_width=1.5 * matching.MAX_WIDTH)
     found = match_columns(top, np.roll(top, -20, axis=0), search, MatchParams(), np.ones(SHAPE, np.bool_)).value

@@ -1,7 +1,5 @@
 """Several pairs of cameras that see one direction: what enough of them agree on is known."""
 
-from types import SimpleNamespace
-
 import numpy as np
 
 from sphere_geometry import SE3, Rig, RigCamera
@@ -16,8 +14,13 @@ NAN, INF = np.nan, np.inf
 
 def fuse(ranges, sees):
     """Return the range of one pixel by what pairs found there and whether they see it."""
-    sources = [(np.full((1, 1), r, np.float32), np.full((1, 1), 0.02 * min(r, 100.0), np.float32)) for r in ranges]
-    return fuse_pairs([SimpleNamespace(sees=np.full((1, 1), see)) for see in sees], sources)[0][0, 0]
+    return fuse_pairs(column(sees), column(ranges), column([0.02 * min(r, 100.0) for r in ranges]))[0][0, 0]
+
+
+def column(values):
+    """Return planes of one pixel, one after the other."""
+    found = np.array(values).reshape(-1, 1, 1)
+    return found if found.dtype == np.bool_ else found.astype(np.float32)
 
 
 def test_a_pair_that_alone_sees_a_direction_is_believed():
@@ -31,9 +34,8 @@ def test_one_of_three_pairs_is_not():
 
 
 def test_pairs_that_agree_are_no_surer_than_the_surest_since_they_share_cameras():
-    sources = [(np.full((1, 1), 3.0, np.float32), np.full((1, 1), std, np.float32)) for std in (0.02, 0.02, 0.05)]
-    sees = [SimpleNamespace(sees=np.ones((1, 1), np.bool_))] * 3
-    assert fuse_pairs(sees, sources)[1][0, 0] == np.float32(0.02)
+    found = fuse_pairs(column([True] * 3), column([3.0] * 3), column([0.02, 0.02, 0.05]))
+    assert found[1][0, 0] == np.float32(0.02)
 
 
 def test_far_is_agreed_on_as_well():
