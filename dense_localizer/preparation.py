@@ -33,14 +33,20 @@ class Preparation:
     @property
     def num_bytes(self) -> int:
         """Memory of what is prepared."""
-        done = [future for future in self._references.values() if future.done() and future.exception() is None]
-        return sum(future.result().num_bytes for future in done)
+        return sum(reference.num_bytes for reference in self._ready)
+
+    @property
+    def _ready(self) -> list[Reference]:
+        done = [future for future in self._references.values() if future.done() and not future.cancelled()]
+        return [future.result() for future in done if future.exception() is None]
 
     def begin(self, sphere_ids: list[int], how: Callable[[int], Prepare]) -> None:
         """Have spheres prepared that will be needed soon, `how` says of each by what; return at once.
 
         The first ones first, and no more than there is room for; what is longest unused makes room.
         """
+        if self._is_live:  # what cameras have seen of a sphere since it was got counts, too; it depends on the pace
+            self._largest = max([self._largest, *(reference.num_bytes for reference in self._ready)])
         wanted = sphere_ids[: self.capacity]
         if self._is_live:
             for sphere_id, future in list(self._references.items()):

@@ -215,7 +215,9 @@ class References:
         unused = self.rejections.mask(sphere_id, sphere.camera)
         if unused is not None:
             sphere = replace(sphere, range_m=np.where(unused, np.float32(np.nan), sphere.range_m))
-        return prepare_reference(sphere.grey, sphere.range_m, sphere.camera, self._registration)
+        grey, range_m, camera = sphere.grey, sphere.range_m, sphere.camera
+        del sphere  # the colours take as much as the grey levels
+        return prepare_reference(grey, range_m, camera, self._registration)
 
     def _prepare_seen(
         self, T_map_camera: SE3, last: tuple[Camera, tuple[int, ...]] | None, sphere_id: int

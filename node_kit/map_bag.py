@@ -2,7 +2,7 @@
 
 A map is a folder with `map.mcap` and `metadata.yaml`. Topics: `/map/info` (MapInfo, the last one holds), `/map/sphere`
 (AugmentedSphere, in order of id), `/map/coarse_sphere` and `/map/features` (all of them small, and what they look
-like, PointCloud2 in order of id, in one chunk each, for a start),
+like, PointCloud2 in order of id, in chunks of their own, for a start),
 `/map/graph` (KeySphereGraph, the last one holds), and `/map/growth` of what was written as it grew.
 Everything is checked before it is believed: format version, sizes, checksums, that every vertex has its sphere.
 """
@@ -40,6 +40,7 @@ from node_kit.map_writer import (
     Stored,
     save_map,
 )
+from node_kit.serialization import view_message
 from sphere_geometry.fields import short
 from sphere_geometry.yaml_text import load_yaml
 from sphere_map.appearance.index import AppearanceIndex
@@ -100,7 +101,7 @@ class MapReader:
             raise BagError(
                 f"{self.path}: key sphere {sphere_id}: expected one of the map's {len(self.graph)}, found none"
             )
-        message = self._message_of(index)
+        message = view_message(self._data_of(index), AugmentedSphere, f"{self.path}: {SPHERE}")
         if message.id != sphere_id:
             raise BagError(
                 f"{self.path}: chunk {index.chunk_start_offset}: expected sphere {sphere_id}, found {message.id}"
@@ -224,12 +225,16 @@ class MapReader:
         return dict(zip(ids, chunks, strict=True))
 
     def _message_of(self, index: ChunkIndex) -> AugmentedSphere:
+        message: AugmentedSphere = self._bag.decode(SPHERE, bytes(self._data_of(index)), AugmentedSphere)
+        return message
+
+    def _data_of(self, index: ChunkIndex) -> memoryview:
+        """Return the bytes of the message of a key sphere."""
         file = self._bag.files[0]
         found = [message for channel, message in file.chunk(index) if channel.topic == SPHERE]
         if len(found) != 1:
             raise BagError(f"{self.path}: chunk {index.chunk_start_offset}: expected one sphere, found {len(found)}")
-        message: AugmentedSphere = self._bag.decode(SPHERE, found[0].data, AugmentedSphere)
-        return message
+        return memoryview(found[0].data)
 
 
 def _made_small(whole: AugmentedSphere, sphere_id: int) -> AugmentedSphere:

@@ -10,7 +10,7 @@ import dataclasses
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain, pairwise
+from itertools import accumulate, chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,8 @@ from node_kit.conversions.features import features_to_message
 from node_kit.conversions.graphs import graph_to_message
 from node_kit.files import software
 from node_kit.mcap_chunk import chunk_at, parsed, records_of_chunk
+from node_kit.serialization import serialize_to_store
+from node_kit.spool import Spool
 from sphere_map.appearance.features import features_of_sphere
 from sphere_map.appearance.index import AppearanceIndex
 from sphere_map.coarse import coarse_sphere
@@ -46,7 +48,7 @@ KINDS: dict[str, type[Any]] = {
     GROWTH: KeySphereGraph,
 }
 MAP_FRAME, SPHERE_FRAME = "map", "sphere_link"
-ONE_CHUNK = 1 << 40  # bytes: chunks end where we say
+CHUNK_SIZE = 1 << 24  # bytes of a chunk of small spheres or features; a sphere is one, whatever it takes
 MORE = 1.2  # growth of a graph after which it is written whole again
 
 Progress = Callable[[int], None]
@@ -82,16 +84,16 @@ class MapWriter:
         self.path, self.details = Path(path), details or MapDetails()
         self._encoding = image_encoding
         self._places: dict[int, int] = {}  # of the chunk of each sphere
-        self._coarse: list[tuple[int, AugmentedSphere]] = []  # with stamps
         self._told: set[int] = set()  # vertices of the last whole graph
         check_free(self.path, is_overwriting=is_overwriting)
         target = self.path.with_name(f"{self.path.name}.new") if self.path.exists() else self.path
         if (left := target.with_name(target.name + PARTIAL)).exists():
             remedy = f"'sphere_nav map-verify {left} --salvage OUT' mends it, or delete it"
             raise BagError(f"{left}: the remains of an interrupted run: {remedy}")
-        self._bag = BagWriter(target, file_name=FILE_NAME, chunk_size=ONE_CHUNK)
+        self._bag = BagWriter(target, file_name=FILE_NAME, chunk_size=CHUNK_SIZE, clock=lambda: 0.0)
         for topic, kind in KINDS.items():
             self._bag.add_topic(topic, kind, qos.LATCHED)
+        self._small = Spool(self._bag.partial)
 
     def add(self, node: KeySphere, edges: Sequence[Edge], sphere: Sphere) -> None:
         """Write a key sphere and the edges that it came with."""
@@ -124,13 +126,13 @@ class MapWriter:
         self._bag.end_chunk()
         self._places[int(whole.id)] = self._bag.position
         self._bag.write(SPHERE, whole, stamp_ns(whole))
-        self._coarse.append((stamp_ns(whole), small))
+        self._small.add(serialize_to_store(small))
         self._bag.end_chunk()
 
     def stored(self) -> Iterator[Stored]:
         """Yield every key sphere that was added, whole and small, in order of their ids."""
-        for place, (_, small) in zip(self._places.values(), self._coarse, strict=True):
-            yield self._message_at(place), small
+        for place, small in zip(self._places.values(), self._small, strict=True):
+            yield self._message_at(place), decode(small, AugmentedSphere, str(self.path))
 
     def finish(
         self,
@@ -147,11 +149,12 @@ class MapWriter:
         nodes = sorted(graph, key=lambda node: node.id)
         if [node.id for node in nodes] != list(self._places):
             return self._finish_anew(graph, appearance, chain(base, self.stored()))
-        for stamp, message in self._coarse:
-            self._bag.write(COARSE, message, stamp)
+        for stamp, small in zip(_in_order(nodes), self._small, strict=True):
+            self._bag.write_bytes(COARSE, small, stamp)
         self._bag.end_chunk()
         self._write_features(nodes, appearance)
         self._bag.end_chunk()
+        self._small.close()
         last = max(node.stamp_ns for node in nodes)
         self._bag.write(INFO, _info(graph, self.details), last)
         self._bag.write(GRAPH, _graph_message(graph, self.details), last)
@@ -160,6 +163,7 @@ class MapWriter:
 
     def discard(self) -> None:
         """Remove what was written."""
+        self._small.close()
         self._bag.discard()
 
     def _begin(self, graph: SphereGraph) -> None:
@@ -197,11 +201,11 @@ class MapWriter:
     def _write_features(self, nodes: Sequence[KeySphere], appearance: AppearanceIndex | None) -> None:
         known = appearance.features if appearance is not None else {}
         index = AppearanceIndex()
-        for node in nodes:
+        for node, stamp in zip(nodes, _in_order(nodes), strict=True):
             index.add(node.id, known.get(node.id) or features_of_sphere(self.load(node.id)))
             features, words = index.features[node.id], index.words[node.id]
             message = features_to_message(features, words, node.stamp_ns, SPHERE_FRAME)
-            self._bag.write(FEATURES, message, node.stamp_ns)
+            self._bag.write(FEATURES, message, stamp)
 
 
 def save_map(
@@ -255,6 +259,14 @@ def _info(graph: SphereGraph, details: MapDetails) -> MapInfo:
         num_spheres=len(nodes),
         length=_length(nodes),
     )
+
+
+def _in_order(nodes: Iterable[KeySphere]) -> Iterator[int]:
+    """Return when messages of key spheres are said to be received, so that bags give them in order of the ids.
+
+    A map that is extended by an older drive has stamps that go back.
+    """
+    return accumulate((node.stamp_ns for node in nodes), max)
 
 
 def _graph_message(graph: SphereGraph, details: MapDetails) -> KeySphereGraph:

@@ -86,8 +86,11 @@ def records_of_chunk(stream: BinaryIO, chunk: ChunkRecord) -> bytes:
     return plain
 
 
-def parsed(plain: bytes) -> Iterator[Record]:
-    """Yield schemas, channels, messages, statistics and chunk indexes; other records are passed over."""
+def parsed(plain: bytes | memoryview) -> Iterator[Record]:
+    """Yield schemas, channels, messages, statistics and chunk indexes; other records are passed over.
+
+    The data of messages are copies where `plain` is bytes, else they lie in it.
+    """
     place, num_records = 0, 0
     while place < len(plain):
         num_records += 1
@@ -105,15 +108,16 @@ def parsed(plain: bytes) -> Iterator[Record]:
             yield definition_from(opcode, plain[begin:place])
 
 
-def message_from(content: bytes) -> Message:
+def message_from(content: bytes | memoryview) -> Message:
     """Return a message record from its bytes."""
     if len(content) < MESSAGE_HEAD.size:
         raise BagError(f"message: expected at least {MESSAGE_HEAD.size} bytes, found {len(content)}")
     channel, sequence, log_time, publish_time = MESSAGE_HEAD.unpack_from(content)
-    return Message(channel, log_time, content[MESSAGE_HEAD.size :], publish_time, sequence)
+    data: Any = content[MESSAGE_HEAD.size :]
+    return Message(channel, log_time, data, publish_time, sequence)
 
 
-def definition_from(opcode: int, content: bytes) -> Schema | Channel | Statistics | ChunkIndex:
+def definition_from(opcode: int, content: bytes | memoryview) -> Schema | Channel | Statistics | ChunkIndex:
     """Return a record of the summary, or a definition, from its bytes."""
     kind = READERS[opcode]
     try:

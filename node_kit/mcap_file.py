@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import heapq
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -58,9 +58,9 @@ class McapFile:
             raise self._name(error) from None
 
     def chunk(self, index: ChunkIndex) -> list[tuple[Channel, Message]]:
-        """Return the messages of one chunk in the order of the file; BagError if it is damaged."""
+        """Return the messages of one chunk in the order of the file, not copied; BagError if it is damaged."""
         try:
-            return list(self._chunk(index.chunk_start_offset))
+            return list(self._chunk(index.chunk_start_offset, memoryview))
         except BagError as error:
             raise self._name(error) from None
 
@@ -93,10 +93,12 @@ class McapFile:
         message = message_from(read_at(self.stream, loose.begin, loose.length))
         return self._channel(message), message
 
-    def _chunk(self, offset: int) -> Iterator[tuple[Channel, Message]]:
+    def _chunk(
+        self, offset: int, wrap: Callable[[bytes], bytes | memoryview] = bytes
+    ) -> Iterator[tuple[Channel, Message]]:
         chunk = chunk_at(self.stream, offset, self.size)
         try:
-            for record in parsed(records_of_chunk(self.stream, chunk)):
+            for record in parsed(wrap(records_of_chunk(self.stream, chunk))):
                 if isinstance(record, Message):
                     yield self._channel(record), record
         except BagError as error:

@@ -13,6 +13,7 @@ from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
+from node_kit.bag_error import BagError
 from node_kit.interfaces import schema_text, type_name
 
 
@@ -21,6 +22,19 @@ def serialize_to_store(message: Any) -> bytes:
     name = type_name(type(message))
     store = _type_store(name)
     return bytes(store.serialize_cdr(store.deserialize_cdr(serialize_message(message), name), name))
+
+
+def view_message(data: memoryview, kind: type[Any], where: str) -> Any:
+    """Return an object with the fields of a message whose arrays lie in `data`; BagError if the bytes are none.
+
+    Nothing large is copied. rclpy copies each byte twice, and no other thread can run Python meanwhile.
+    """
+    name = type_name(kind)
+    try:
+        return _type_store(name).deserialize_cdr(data, name)
+    except Exception as error:  # whatever bytes of anyone lead to
+        found = f"{len(data)} bytes that are none: {' '.join(str(error).split())}"
+        raise BagError(f"{where}: expected {name}, found {found}") from None
 
 
 @cache

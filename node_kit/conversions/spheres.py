@@ -20,9 +20,13 @@ from sphere_map.sphere import Sphere
 
 MAX_PIXELS = 1 << 25  # 8192 x 4096
 MAX_FULL_WIDTH = 1 << 16
-PNG_LEVEL = 1  # of cv2; higher levels cost much time for little size
+PNG_SETTINGS = [  # of cv2; a search for repetitions costs time and, where there is noise, size
+    *(cv2.IMWRITE_PNG_COMPRESSION, 1),
+    *(cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE),
+]
 JPEG_QUALITY = 95
 ZSTD_LEVEL = 3
+ROWS = 64  # that are turned at once
 COLOUR = (AugmentedSphere.RGB8, AugmentedSphere.BGR8)
 DEVIATION_OF_RANGE = {
     AugmentedSphere.RANGE_32FC1: AugmentedSphere.RANGE_32FC1,
@@ -105,7 +109,7 @@ def _encode_image(image: NDArray[np.uint8], encoding: str) -> Any:
     if encoding == AugmentedSphere.BGR8 and is_colour:
         return to_bytes(image[:, :, ::-1])
     options = {
-        AugmentedSphere.PNG: (".png", [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL]),
+        AugmentedSphere.PNG: (".png", PNG_SETTINGS),
         AugmentedSphere.JPEG: (".jpg", [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]),
     }
     if encoding not in options:
@@ -123,7 +127,9 @@ def _decode_image(data: Any, encoding: str, shape: tuple[int, int]) -> NDArray[n
     full_shape = (*shape, 3) if encoding in COLOUR else shape
     _check_bytes(raw.size, math.prod(full_shape), "image")
     image = raw.reshape(full_shape)
-    return np.ascontiguousarray(image[:, :, ::-1]) if encoding == AugmentedSphere.BGR8 else image
+    if encoding == AugmentedSphere.BGR8:
+        return np.ascontiguousarray(image[:, :, ::-1])
+    return image if raw.flags.writeable else image.copy()
 
 
 def _encode_range(range_m: NDArray[np.float32], encoding: str) -> Any:
@@ -145,7 +151,7 @@ def _compress(codes: NDArray[Any], encoding: str) -> Any:
     if encoding.endswith("zstd"):
         return zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(codes.tobytes())
     if encoding.endswith("png"):
-        return to_bytes(cv2.imencode(".png", codes, [cv2.IMWRITE_PNG_COMPRESSION, PNG_LEVEL])[1])
+        return to_bytes(cv2.imencode(".png", codes, PNG_SETTINGS)[1])
     return to_bytes(codes)
 
 
@@ -180,7 +186,7 @@ def _decode_codes(data: Any, encoding: str, shape: tuple[int, int], dtype: str, 
         return _decode_file(np.frombuffer(data, np.uint8), shape, name)
     size = math.prod(shape) * np.dtype(dtype).itemsize
     if encoding.endswith("zstd"):
-        data = _decompress(bytes(data), size, name)
+        data = _decompress(data, size, name)
     _check_bytes(len(data), size, name)
     return np.frombuffer(data, dtype).reshape(shape)
 
@@ -190,10 +196,13 @@ def _decode_file(raw: NDArray[np.uint8], shape: tuple[int, int], name: str) -> N
         pixels = decode_file(raw, MAX_PIXELS, cv2.IMREAD_UNCHANGED, shape[::-1], "info")
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
-    return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB) if pixels.shape[2:] == (3,) else pixels
+    if pixels.shape[2:] == (3,):
+        for row in range(0, len(pixels), ROWS):  # in its place: a sphere in colour takes as much as all else of it
+            pixels[row : row + ROWS] = cv2.cvtColor(pixels[row : row + ROWS], cv2.COLOR_BGR2RGB)
+    return pixels
 
 
-def _decompress(data: bytes, size: int, name: str) -> bytes:
+def _decompress(data: Any, size: int, name: str) -> bytes:
     try:
         found = zstandard.frame_content_size(data)
         if found not in (size, -1):  # -1: not told

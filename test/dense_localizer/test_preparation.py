@@ -11,6 +11,9 @@ class Sized(Reference):
 
     num_bytes = 10
 
+    def __setattr__(self, name, value):
+        self.__dict__[name] = value
+
 
 class Reader:
     """Prepares nothing, and counts."""
@@ -41,6 +44,17 @@ def test_spheres_are_read_once_while_there_is_room():
     preparation.get(1)
     assert reader.read == [0, 1, 2, 3, 1]
     preparation.close()
+
+
+@pytest.mark.parametrize(("is_live", "expected"), [(False, [0, 1, 2, 3, 4]), (True, [0, 1, 2])])
+def test_what_a_live_camera_has_seen_of_a_sphere_counts(is_live, expected):
+    reader = Reader()
+    preparation = Preparation(reader, 50, is_live=is_live)
+    preparation.get(0).num_bytes = 16
+    preparation.begin([0, 1, 2, 3, 4], lambda _: reader)
+    preparation.get(expected[-1])
+    preparation.close()
+    assert reader.read == expected
 
 
 def test_two_in_use_and_the_next_are_kept_whatever_they_take():

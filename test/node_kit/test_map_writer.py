@@ -9,11 +9,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from node_kit.bags import BagError
-from node_kit.map_bag import FILE_NAME, GROWTH, MapDetails, MapWriter, open_map, save_map
+from node_kit import map_writer
+from node_kit.bags import BagError, BagReader
+from node_kit.map_bag import COARSE, FILE_NAME, GROWTH, MapDetails, MapWriter, open_map, save_map
 from node_kit.map_check import salvage_map, verify_map
 from node_kit.mcap_salvage import Salvage
 from sphere_geometry import SE3
+from sphere_map.appearance.features import Features
+from sphere_map.appearance.index import AppearanceIndex
 from sphere_map.graph import SphereGraph
 
 DETAILS = MapDetails(map_id="yard", source="drive", parameters={"mapper.levels": 4}, rig="cameras: []")
@@ -52,6 +55,35 @@ def test_a_grown_map_is_the_map(sphere_graph, tmp_path):
         assert found.appearance().words.keys() == expected.appearance().words.keys()
     assert verify_map(tmp_path / "map") == []
     assert [path.name for path in tmp_path.iterdir() if "partial" in path.name] == []
+
+
+def test_key_spheres_of_an_older_drive_keep_what_they_look_like(sphere_graph, tmp_path, rng):
+    index = AppearanceIndex()
+    for node in sphere_graph:
+        rays = rng.normal(size=(5, 3))
+        rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)
+        index.add(node.id, Features(rays, np.full(5, 2.0, np.float32), rng.integers(0, 256, (5, 128), np.uint8)))
+    older = SphereGraph(
+        [replace(node, stamp_ns=10**9 - node.stamp_ns // 100) for node in sphere_graph], sphere_graph.edges
+    )
+    with open_map(save_map(tmp_path / "map", older, appearance=index)) as found:
+        assert [node.stamp_ns for node in found.graph] == [node.stamp_ns for node in older]
+        for node_id, features in found.appearance().features.items():
+            np.testing.assert_array_equal(features.descriptors, index.features[node_id].descriptors)
+        assert list(found.coarse_spheres()) == list(older.nodes)
+
+
+def test_small_spheres_of_a_large_map_are_chunks_that_can_be_read(sphere_graph, tmp_path, monkeypatch):
+    monkeypatch.setattr(map_writer, "CHUNK_SIZE", 1 << 10)
+    path = save_map(tmp_path / "map", sphere_graph)
+    with BagReader(path) as bag:
+        small = next(channel.id for channel in bag.files[0].summary.channels.values() if channel.topic == COARSE)
+        chunks = [one for one in bag.files[0].summary.chunk_indexes if small in one.message_index_offsets]
+        assert len(chunks) == 2
+        assert all(index.message_index_offsets.keys() == {small} for index in chunks)
+    with open_map(path) as found:
+        assert list(found.coarse_spheres()) == list(sphere_graph.nodes)
+    assert verify_map(path) == []
 
 
 def test_what_was_not_added_cannot_be_read_and_the_graph_must_fit(sphere_graph, tmp_path):

@@ -12,7 +12,8 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, LocalizationStatus, ParticleCloud
 from tf2_msgs.msg import TFMessage
 
-from node_kit.serialization import serialize_to_store
+from node_kit.bag_error import BagError
+from node_kit.serialization import serialize_to_store, view_message
 
 # glibc fills every new piece of memory with this byte, so that what a serializer leaves untouched shows.
 PROGRAM = """
@@ -70,3 +71,22 @@ def test_they_differ_from_the_serializer_s_in_padding_only(outputs):
 )
 def test_the_message_comes_back(message):
     assert deserialize_message(serialize_to_store(message), type(message)) == message
+
+
+def test_a_view_has_the_fields_of_the_message_and_copies_nothing_large():
+    message = AugmentedSphere(id=7, image_encoding="mono8", image=list(range(200)), range=[1, 2, 3])
+    message.header.frame_id, message.header.stamp.sec, message.info.full_width = "odd", 5, 2048.0
+    data = serialize_to_store(message)
+    found = view_message(memoryview(data), AugmentedSphere, "map")
+    assert (found.id, found.image_encoding, found.header.frame_id, found.header.stamp.sec) == (7, "mono8", "odd", 5)
+    assert found.info.full_width == 2048.0
+    assert bytes(found.image) == bytes(range(200))
+    assert bytes(found.range) == b"\1\2\3"
+    assert np.shares_memory(found.image, np.frombuffer(data, np.uint8))
+
+
+def test_bytes_that_are_no_message_are_refused_cut_anywhere():
+    data = serialize_to_store(AugmentedSphere(image=[1] * 20))
+    for size in range(len(data) - 8):
+        with pytest.raises(BagError, match="map: expected sphere_nav_msgs/msg/AugmentedSphere, found"):
+            view_message(memoryview(data[:size]), AugmentedSphere, "map")
