@@ -1,250 +1,183 @@
 """What the dense localiser says while something is wrong, and how often it complains while nothing is.
 
-A camera with odometry drives up and down a room that has been mapped; again and again something fails for two seconds.
+A camera with odometry drives up and down halls that have been mapped; again and again something fails for two seconds.
 Undetected is a failure during which a pose more than 0.3 m or 3 degrees wrong is told as TRACKING. The delay is the
-time of the fault until the first answer that is not TRACKING. Room, places and noise follow from `--world-seed`.
+time of the fault until the first answer that is not TRACKING. Starts from nowhere have one second of images. Halls,
+places and noise follow from `--world-seed`.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections import defaultdict
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
-from benchmarks.localizer_times import RoomMap
+from benchmarks.localizer_worlds import CAMERA, FAULTS, KIDNAPPED, Fault, Lamp, World, elsewhere, kidnapped, nothing
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
-from benchmarks.room import render
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from localization.status import State
-from sphere_geometry import SE3, Pinhole, Spherical
-from sphere_map.graph import KeySphere, SphereGraph
-from sphere_map.sphere import T_BODY_OPTICAL, Sphere
+from sphere_geometry import SE3
 from typed_params import build
 
-HELP = "failures injected into drives of the dense localiser: undetected, delay, false alarms, NEES"
-CAMERA = Pinhole(240, 180, 190.0, 190.0, 119.5, 89.5)
-SPHERE = Spherical(1024, 512)
+HELP = "failures injected into drives of the dense localiser: undetected, delay, false alarms, NEES, starts"
 SETTINGS = {"acceptance.min_pixels": 200, "alignment.num_levels": 4}  # for images so small
-PERIOD_NS = 50_000_000
-SPEED, HALF_LENGTH = 1.0, 3.0  # m/s, m
-FAULT_IMAGES, CALM_IMAGES = 40, 20
+NUM_HALLS = 6
+SECOND = 1_000_000_000
+RATE = 15  # Hz
+SPEED, NOMINAL_SPEED = 1.0, 5.0  # m/s, while things fail and while nothing does
+FAULT_IMAGES, CALM_IMAGES = 2 * RATE, RATE
 WRONG_M, WRONG_RAD = 0.3, np.radians(3.0)
 LONG_S = 1.0  # a shorter DEGRADED is no false alarm
-NOISE = 2.0  # grey levels
-ODOMETRY_NOISE = 0.01  # of the motion
-KIDNAPPED = SE3.exp([0.6, 0.0, -0.8, 0.0, 0.7, 0.0])
-
-Image = NDArray[np.uint8]
-Fault = Callable[["World", SE3, int], Image]
-
-
-@dataclass
-class World:
-    """A room, its map, and another room that looks different."""
-
-    seed: int
-
-    def __post_init__(self) -> None:
-        self.rng = np.random.default_rng(self.seed)
-        places = [SE3.from_planar(x, 0.0, 0.0) for x in np.arange(-HALF_LENGTH, HALF_LENGTH + 0.5)]
-        nodes = [
-            KeySphere(i, i + 1, T, Sphere(*render(SPHERE, T, self.seed), SPHERE, i + 1)) for i, T in enumerate(places)
-        ]
-        self.map = RoomMap(SphereGraph(nodes))
-        self.patch = self.rng.integers(0, 255, (CAMERA.height // 20, CAMERA.width // 20)).astype(np.uint8)
-
-    def see(self, pose: SE3, camera: Pinhole = CAMERA, seed: int | None = None) -> Image:
-        """Return an image with noise."""
-        grey, _ = render(camera, pose, self.seed if seed is None else seed)
-        return np.clip(np.rint(grey + self.rng.normal(0.0, NOISE, grey.shape)), 1, 255).astype(np.uint8)
-
-
-def _pose(t: float) -> SE3:
-    """Return the camera at a time: up and down the room, weaving."""
-    x = HALF_LENGTH * 0.95 * np.sin(SPEED * t / HALF_LENGTH)
-    return SE3.from_planar(x, 0.4 * np.sin(0.7 * t), 0.5 * np.sin(0.5 * t)) @ T_BODY_OPTICAL
-
-
-def _covered(world: World, pose: SE3, _: int) -> Image:
-    image = 20.0 + world.rng.normal(0.0, NOISE, (CAMERA.height, CAMERA.width))
-    return np.clip(np.rint(image), 1, 255).astype(np.uint8)
-
-
-def _occluded(world: World, pose: SE3, _: int) -> Image:
-    image = world.see(pose)
-    patch = np.kron(world.patch, np.ones((20, 20), np.uint8))
-    image[:, : int(0.7 * CAMERA.width)] = patch[:, : int(0.7 * CAMERA.width)]
-    return image
-
-
-def _saturated(world: World, pose: SE3, _: int) -> Image:
-    return np.clip(2.2 * world.see(pose).astype(float), 1, 255).astype(np.uint8)
-
-
-def _light(world: World, pose: SE3, _: int) -> Image:
-    return np.clip(0.35 * world.see(pose).astype(float) + 60.0, 1, 255).astype(np.uint8)
-
-
-def _elsewhere(world: World, pose: SE3, _: int) -> Image:
-    return world.see(pose, seed=world.seed + 1000)
-
-
-def _kidnapped(world: World, pose: SE3, _: int) -> Image:
-    return world.see(pose @ KIDNAPPED)
-
-
-def _calibration(world: World, pose: SE3, _: int) -> Image:
-    return world.see(pose, replace(CAMERA, fx=0.8 * CAMERA.fx, fy=0.8 * CAMERA.fy))
-
-
-def _repeated(world: World, pose: SE3, _: int) -> Image:
-    """Return a view of one third of the image three times, as of like windows in a row."""
-    third = CAMERA.width // 3
-    return np.ascontiguousarray(np.tile(world.see(pose)[:, third : 2 * third], (1, 3)))
-
-
-def _nothing(world: World, pose: SE3, _: int) -> Image:
-    return world.see(pose)
-
-
-def _delayed(world: World, pose: SE3, index: int) -> Image:
-    return world.see(_pose((index - 10) * PERIOD_NS * 1e-9))
-
-
-# Light is no fault of the pose: it may be told, and must not be wrong.
-FAULTS: dict[str, Fault] = {
-    "covered": _covered,
-    "70 % occluded": _occluded,
-    "saturated": _saturated,
-    "other light": _light,
-    "another place": _elsewhere,
-    "kidnapped": _kidnapped,
-    "focal length 20 % off": _calibration,
-    "images 0.5 s late": _delayed,
-    "repeated texture": _repeated,
-    "wrong start": _nothing,
-}
 WRONG_START_M, WRONG_START_RAD = 1.5, np.radians(30.0)  # an initial pose is off by as much at most, each axis
 
 
 @dataclass
 class Found:
-    """What was counted."""
+    """What was counted; of failures by their kinds."""
 
+    injected: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     undetected: dict[str, int] = field(default_factory=lambda: defaultdict(int))
     delays_s: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
-    injected: dict[str, int] = field(default_factory=lambda: defaultdict(int))
+    worst_m: dict[str, float] = field(default_factory=lambda: defaultdict(float))  # in TRACKING
     false_alarms: int = 0
     num_nominal: int = 0
     num_trusted: int = 0
     distance_m: float = 0.0
     nees: list[float] = field(default_factory=list)
+    starts: list[bool] = field(default_factory=list)  # from nowhere, whether tracked within a second
+    num_wrong: int = 0  # of them
+    outside: list[bool] = field(default_factory=list)  # of the map, whether tracked
+
+
+@dataclass(frozen=True)
+class Told:
+    """What the localiser said to an image, and how wrong it was: NaN without a pose."""
+
+    state: State
+    metres: float = np.nan
+    radians: float = np.nan
+    nees: float = np.nan
+
+    @property
+    def is_trusted(self) -> bool:
+        """Whether the pose was told without reserve."""
+        return self.state is State.TRACKING
+
+    @property
+    def is_undetected(self) -> bool:
+        """Whether it was wrong, too."""
+        return self.is_trusted and bool(self.metres > WRONG_M or self.radians > WRONG_RAD)
 
 
 class Run:
-    """One camera that drives and drives."""
+    """One camera that drives and drives in one hall."""
 
-    def __init__(self, world: World) -> None:
-        self.world, self.found, self.index = world, Found(), 0
+    def __init__(self, world: World, found: Found) -> None:
+        self.world, self.found, self._stamp_ns = world, found, SECOND
         self.localizer = Localizer(build(LocalizerParams, SETTINGS), world.map)
-        self._T_odom, self._last = SE3.identity(), _pose(0.0)
 
-    def step(self, fault: Fault | None = None) -> tuple[State, float, float, float]:
-        """Localise the next image; return the state, and metres, radians and NEES of the pose, NaN without one."""
-        self.index += 1
-        pose = _pose(self.index * PERIOD_NS * 1e-9)
-        moved = (self._last.inverse() @ pose).log()
-        self._T_odom = self._T_odom @ SE3.exp(moved * (1.0 + ODOMETRY_NOISE * self.world.rng.normal(size=6)))
-        self.found.distance_m += float(np.linalg.norm(moved[:3])) * (fault is None)
-        self._last = pose
-        image = self.world.see(pose) if fault is None else fault(self.world, pose, self.index)
-        told = self.localizer.update(image, CAMERA, self.index * PERIOD_NS, self._T_odom)
+    def step(self, fault: Fault = nothing, speed: float = SPEED) -> Told:
+        """Localise the next image."""
+        world = self.world
+        self._stamp_ns += SECOND // RATE
+        metres = world.drive(1.0 / RATE, speed)
+        self.found.distance_m += metres * (speed == NOMINAL_SPEED)
+        told = self.localizer.update(fault(world), CAMERA, self._stamp_ns, world.T_odom_camera)
         if told.T_map_camera is None or told.covariance is None:
-            return told.status.state, np.nan, np.nan, np.nan
-        truth = pose @ KIDNAPPED if fault is _kidnapped else pose
+            return Told(told.status.state)
+        truth = world.T_map_camera @ KIDNAPPED if fault is kidnapped else world.T_map_camera
         xi = (told.T_map_camera.inverse() @ truth).log()
-        metres, radians = told.T_map_camera.distance(truth)
-        return told.status.state, float(metres), float(radians), float(xi @ np.linalg.solve(told.covariance, xi))
+        nees = float(xi @ np.linalg.solve(told.covariance, xi))
+        return Told(told.status.state, *map(float, told.T_map_camera.distance(truth)), nees)
 
     def settle(self) -> None:
         """Drive on until the pose is trusted again."""
-        if self.step()[0] is State.TRACKING:
+        if self.step().is_trusted:
             return
         self.localizer.reset()
-        self.localizer.relocalize(self._last)
+        self.localizer.relocalize(self.world.T_map_camera)
         for _ in range(CALM_IMAGES):
-            if self.step()[0] is State.TRACKING:
+            if self.step().is_trusted:
                 return
 
-    def nominal(self, number: int) -> None:
+    def drive(self, metres: float) -> None:
         """Drive with nothing wrong."""
-        bad = 0
-        for _ in range(number):
-            state, metres, radians, nees = self.step()
+        bad, end = 0, self.found.distance_m + metres
+        while self.found.distance_m < end:
+            told = self.step(speed=NOMINAL_SPEED)
             self.found.num_nominal += 1
-            self.found.num_trusted += state is State.TRACKING
-            self.found.undetected["nothing"] += self._is_undetected(state, metres, radians)
-            bad = 0 if state is State.TRACKING else bad + 1
-            self.found.false_alarms += bad == round(LONG_S / (PERIOD_NS * 1e-9))
-            if np.isfinite(nees):
-                self.found.nees.append(nees)
+            self.found.num_trusted += told.is_trusted
+            self.found.undetected["nothing"] += told.is_undetected
+            bad = 0 if told.is_trusted else bad + 1
+            self.found.false_alarms += bad == round(LONG_S * RATE)
+            if np.isfinite(told.nees):
+                self.found.nees.append(told.nees)
 
     def inject(self, name: str) -> None:
         """Let something fail."""
-        self.found.injected[name] += 1
-        told_after = np.nan
-        wrong = False
+        found, told_after, wrong = self.found, np.nan, False
+        self.world.lamp = Lamp.random(self.world.rng)
+        found.injected[name] += 1
         if name == "wrong start":
             off = self.world.rng.uniform(-1.0, 1.0, 6) * np.repeat([WRONG_START_M, WRONG_START_RAD], 3)
-            self.localizer.relocalize(self._last @ SE3.exp(off))
+            self.localizer.relocalize(self.world.T_map_camera @ SE3.exp(off))
         for k in range(FAULT_IMAGES):
-            state, metres, radians, _ = self.step(FAULTS[name])
-            wrong |= self._is_undetected(state, metres, radians)
-            if state is not State.TRACKING and np.isnan(told_after):
-                told_after = k * PERIOD_NS * 1e-9
-        self.found.undetected[name] += wrong
+            told = self.step(FAULTS[name])
+            wrong |= told.is_undetected
+            if told.is_trusted:
+                found.worst_m[name] = max(found.worst_m[name], told.metres)
+            elif np.isnan(told_after):
+                told_after = k / RATE
+        found.undetected[name] += wrong
         if np.isfinite(told_after):
-            self.found.delays_s[name].append(told_after)
+            found.delays_s[name].append(told_after)
 
-    @staticmethod
-    def _is_undetected(state: State, metres: float, radians: float) -> bool:
-        return state is State.TRACKING and bool(metres > WRONG_M or radians > WRONG_RAD)
+    def start(self, fault: Fault = nothing) -> tuple[bool, bool]:
+        """Start anywhere with a second of images; return whether it came to a trusted pose, and whether to a wrong."""
+        self.world.jump()
+        self.localizer.reset()
+        told = [self.step(fault) for _ in range(RATE)]
+        return any(one.is_trusted for one in told), any(one.is_undetected for one in told)
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Declare the arguments; `--world-seed` is shared with other benchmarks."""
+    """Declare the arguments; `--world-seed` and `--starts` are shared with other benchmarks."""
     parser.add_argument("--injections", type=int, default=504, metavar="N", help="failures in all (%(default)s)")
     parser.add_argument("--nominal-km", type=float, default=5.0, metavar="KM", help="without one (%(default)s)")
+    parser.add_argument("--outside", type=int, default=50, metavar="N", help="starts outside the map (%(default)s)")
 
 
 def run(options: argparse.Namespace) -> Report:
-    """Inject failures, then drive without."""
-    number, km = (len(FAULTS), 0.02) if options.quick else (options.injections, options.nominal_km)
-    drive = Run(World(options.world_seed))
-    for name in tqdm(list(_kinds(number)), "failures", leave=False, disable=None):
-        drive.settle()
-        drive.inject(name)
-    drive.settle()
-    drive.found.distance_m = 0.0
-    with tqdm(total=round(1000 * km), desc="nominal", unit="m", leave=False, disable=None) as bar:
-        while drive.found.distance_m < 1000 * km:
-            drive.nominal(CALM_IMAGES)
-            bar.update(round(drive.found.distance_m) - bar.n)
-    drive.localizer.references.close()
-    return _report(drive.found, options)
-
-
-def _kinds(number: int) -> Iterator[str]:
-    names = list(FAULTS)
-    for k in range(number):
-        yield names[k % len(names)]
+    """Drive, let things fail and start, in one hall after the other."""
+    quick = len(FAULTS), 0.03, 2, 2
+    whole = options.injections, options.nominal_km, options.starts or 200, options.outside
+    injections, km, starts, outside = quick if options.quick else whole
+    found, names = Found(), list(FAULTS)
+    halls = 1 if options.quick else NUM_HALLS
+    with tqdm(total=injections + starts + outside, disable=None, leave=False, unit="drive") as bar:
+        for hall in range(halls):
+            drive = Run(World(options.world_seed + 100 * hall, hall % 2 == 1), found)
+            for k in range(hall, injections, halls):
+                drive.settle()
+                drive.inject(names[k // halls % len(names)])
+                bar.update()
+            drive.settle()
+            drive.drive(1000.0 * km / halls)
+            for _ in range(hall, starts, halls):
+                is_found, is_wrong = drive.start()
+                found.starts.append(is_found)
+                found.num_wrong += is_wrong
+                bar.update()
+            for _ in range(hall, outside, halls):
+                found.outside.append(drive.start(elsewhere)[0])
+                bar.update()
+            drive.localizer.references.close()
+    return _report(found, options)
 
 
 def _report(found: Found, options: argparse.Namespace) -> Report:
@@ -253,20 +186,32 @@ def _report(found: Found, options: argparse.Namespace) -> Report:
     for name, count in found.injected.items():
         delays = found.delays_s[name]
         told = f"{np.median(delays):.2f}, {np.max(delays):.2f}" if delays else "-"
-        rows.append((name, str(count), str(found.undetected[name]), str(len(delays)), told))
-    columns = ("what fails for 2 s", "times", "undetected", "told", "delay s, median, max")
+        counts = str(count), str(found.undetected[name]), str(len(delays))
+        rows.append((name, *counts, told, f"{found.worst_m[name]:.3f}"))
+    columns = ("what fails for 2 s", "times", "undetected", "told", "delay s, median, max", "worst in TRACKING, m")
     report.tables.append(Table("Failures", columns, rows))
+    report.bounds = _bounds(found)
+    return report
+
+
+def _bounds(found: Found) -> list[Bound]:
     total, km = sum(found.injected.values()), found.distance_m / 1000
     wrong = sum(found.undetected[name] for name in found.injected)
     mean = float(np.mean(found.nees)) if found.nees else float("nan")
-    report.bounds = [
+    untroubled = f"in {km:.2f} km without a failure"
+    return [
         Bound(f"undetected of {total} failures", 0.0, float(wrong), ""),
-        Bound(
-            f"wrong and TRACKING in {km:.2f} km without a failure", 0.0, float(found.undetected["nothing"]), "images"
-        ),
-        Bound("false DEGRADED longer than 1 s", 0.2, found.false_alarms / km, "per km"),
+        Bound(f"wrong and TRACKING {untroubled}", 0.0, float(found.undetected["nothing"]), "images"),
+        Bound(f"false DEGRADED longer than 1 s {untroubled}", 0.2, found.false_alarms / km, "per km"),
         Bound("TRACKING without a failure", 0.99, found.num_trusted / max(found.num_nominal, 1), "", is_minimum=True),
         Bound("mean NEES, 6 when honest", 12.0, mean, ""),
         Bound("mean NEES, 6 when honest, at least", 3.0, mean, "", is_minimum=True),
-    ]
-    return report
+        Bound(f"{len(found.starts)} starts from nowhere, TRACKING in 1 s", 0.95, _mean(found.starts), "",
+              is_minimum=True),
+        Bound("starts from nowhere that come to a wrong pose", 0.0, float(found.num_wrong), ""),
+        Bound(f"{len(found.outside)} starts outside the map that come to a pose", 0.0, float(sum(found.outside)), ""),
+    ]  # fmt: skip
+
+
+def _mean(values: list[bool]) -> float:
+    return float(np.mean(values)) if values else float("nan")

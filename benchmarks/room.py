@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,41 +12,83 @@ from numpy.typing import NDArray
 from sphere_geometry import SE3, Camera
 from sphere_geometry.camera import pixel_grid
 
-HALF_SIDES_M = np.array([6.0, 4.0, 2.5])
+HALF_SIDES_M = (6.0, 4.0, 2.5)
 NUM_WAVES = 24
+COARSEST, FINEST = 1.5, 40.0  # radians per metre
+CHUNK = 8192  # points drawn at once: what fits into a cache
+
+Factor = Callable[[NDArray[np.float32]], NDArray[np.floating]]  # points (N, 3) in m of the walls -> (N,)
+
+
+@dataclass(frozen=True)
+class Room:
+    """Walls whose texture follows from a seed, with no waves shorter than 2 pi / `finest` m."""
+
+    seed: int = 0
+    half_sides_m: tuple[float, float, float] = HALF_SIDES_M
+    finest: float = FINEST
+
+    def render(
+        self, camera: Camera, T_room_camera: SE3, light: Factor | None = None, contrast: Factor | None = None
+    ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
+        """Return the grey image (H, W) and the range along the ray (H, W) in metres.
+
+        `light` is a factor of the grey levels, `contrast` one of the texture.
+        """
+        rays, range_m = hit_walls(camera, T_room_camera, np.array(self.half_sides_m))
+        points = (T_room_camera.translation + rays * range_m[..., None]).astype(np.float32).reshape(-1, 3)
+        grey = np.concatenate(
+            [self._grey(points[k : k + CHUNK], light, contrast) for k in range(0, len(points), CHUNK)]
+        )
+        return grey.reshape(range_m.shape), range_m.astype(np.float32)
+
+    def _grey(self, points: NDArray[np.float32], light: Factor | None, contrast: Factor | None) -> NDArray[np.uint8]:
+        waves, phases, amplitudes = self._waves
+        phase = points @ waves
+        phase += phases
+        grey = np.sin(phase, out=phase) @ amplitudes
+        if contrast is not None:
+            grey *= contrast(points)
+        grey += np.float32(128.0)
+        if light is not None:
+            grey *= light(points)
+        return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+
+    @cached_property
+    def _waves(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+        """Wave vectors (3, N) in radians per metre, phases (N,) and amplitudes (N,) in grey levels."""
+        rng = np.random.default_rng(self.seed)
+        frequencies = np.geomspace(COARSEST, self.finest, NUM_WAVES)
+        waves, phases = np.empty((3, NUM_WAVES), np.float32), np.empty(NUM_WAVES, np.float32)
+        for index, frequency in enumerate(frequencies):
+            direction = rng.normal(size=3)
+            waves[:, index] = frequency * direction / np.linalg.norm(direction)
+            phases[index] = rng.uniform(0.0, 2 * np.pi)
+        return waves, phases, (30.0 / np.sqrt(frequencies)).astype(np.float32)
 
 
 def render(
-    camera: Camera,
-    T_room_camera: SE3,
-    seed: int = 0,
-    contrast: Callable[[NDArray[np.float64]], NDArray[np.float64] | np.float64] = lambda _: np.float64(1.0),
+    camera: Camera, T_room_camera: SE3, seed: int = 0, contrast: Factor | None = None
 ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
-    """Return the grey image (H, W) and the range along the ray (H, W) in metres, as `camera` sees the room.
-
-    `contrast` says at points (H, W, 3) in m of the walls how much of their texture (H, W) is left.
-    """
-    rays, range_m = hit_walls(camera, T_room_camera, HALF_SIDES_M)
-    points_room = T_room_camera.translation + rays * range_m[..., None]
-    return _grey(points_room, np.random.default_rng(seed), contrast(points_room)), range_m.astype(np.float32)
+    """Return what a camera sees of the room that most benchmarks use, as `Room.render`."""
+    return Room(seed).render(camera, T_room_camera, contrast=contrast)
 
 
 def hit_walls(
     camera: Camera, T_box_camera: SE3, half_sides_m: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the rays (H, W, 3) of a camera in a box, in its axes, and how far they go (H, W); sides may be endless."""
-    rays = camera.unproject(pixel_grid(camera)) @ T_box_camera.rotation.T
+    rays = _rays(camera) @ T_box_camera.rotation.T
+    range_m = np.full(rays.shape[:-1], np.inf)
     with np.errstate(divide="ignore", invalid="ignore"):
-        hits = (np.sign(rays) * half_sides_m - T_box_camera.translation) / rays
-    return rays, np.nanmin(np.where(rays == 0, np.inf, hits), axis=-1)
+        for axis in range(3):
+            ray = np.ascontiguousarray(rays[..., axis])
+            hits = (np.copysign(half_sides_m[axis], ray) - T_box_camera.translation[axis]) / ray
+            np.fmin(range_m, hits, out=range_m, where=ray != 0)
+    return rays, range_m
 
 
-def _grey(
-    points_room: NDArray[np.float64], rng: np.random.Generator, contrast: NDArray[np.float64] | np.float64
-) -> NDArray[np.uint8]:
-    grey = np.zeros(points_room.shape[:-1])
-    for frequency in np.geomspace(1.5, 40.0, NUM_WAVES):  # radians per metre
-        direction = rng.normal(size=3)
-        wave = points_room @ (frequency * direction / np.linalg.norm(direction)) + rng.uniform(0.0, 2 * np.pi)
-        grey += 30.0 / np.sqrt(frequency) * np.sin(wave)
-    return np.clip(np.rint(128.0 + contrast * grey), 0, 255).astype(np.uint8)
+@lru_cache(maxsize=4)
+def _rays(camera: Camera) -> NDArray[np.float64]:
+    """Return the rays (H, W, 3) of a camera in its own axes."""
+    return camera.unproject(pixel_grid(camera))

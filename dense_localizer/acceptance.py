@@ -92,7 +92,7 @@ def judge(
         return refusal(Finding(Reason.NO_CONVERGENCE, detail="the result is no number"))
     checks = _evidence(alignment, params) + _certainty(covariance, params)
     if structure is not None:
-        checks += _structure(structure)
+        checks += _structure(structure, params)
     if prediction is not None:
         limit = params.max_innovation
         distance = innovation(alignment, covariance, prediction)
@@ -131,7 +131,7 @@ def _evidence(alignment: Alignment, params: AcceptanceParams) -> list[Check]:
     ]
 
 
-def _structure(structure: Structure) -> list[Check]:
+def _structure(structure: Structure, params: AcceptanceParams) -> list[Check]:
     """What the residuals look like."""
     surely = max(abs(structure.stretch) - SURE_SIGMAS * structure.stretch_sigma, 0.0)
     larger = "larger" if structure.stretch > 0 else "smaller"
@@ -139,6 +139,19 @@ def _structure(structure: Structure) -> list[Check]:
     return [
         Check(Reason.OUTLIERS, structure.agreement, MIN_AGREEMENT, GOOD_AGREEMENT, "agreement of gradients"),
         Check(Reason.BAD_INFO, surely, MAX_STRETCH, GOOD_STRETCH, detail),
+        *_pull(structure, params),
+    ]
+
+
+def _pull(structure: Structure, params: AcceptanceParams) -> list[Check]:
+    """Whether light that varies over the view has pulled the pose farther than it may be uncertain."""
+    if not structure.pull.is_uneven:
+        return []
+    metres, radians = np.linalg.norm(structure.pull.xi.reshape(2, 3), axis=1)
+    limit, detail = params.max_sigma_m, "{} by which uneven light pulls the pose"
+    return [
+        Check(Reason.LIGHT_CHANGE, float(metres), limit, 0.5 * limit, detail.format("m")),
+        Check(Reason.LIGHT_CHANGE, float(radians), MAX_SIGMA_RAD, 0.5 * MAX_SIGMA_RAD, detail.format("rad")),
     ]
 
 

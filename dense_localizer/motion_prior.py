@@ -136,6 +136,8 @@ class MotionPrior:
         moved = self.predict(stamp_ns, T_odom_camera)
         T_before_now = refine(self._motion(moved.step_s, T_odom_camera))
         yield moved if T_before_now is None else self.predict(stamp_ns, T_odom_camera, T_before_now)
+        if T_before_now is not None:  # parallax looks like a turn, too
+            yield replace(moved, is_doubtful=True)
         T_before_now = measure() if T_before_now is None else None
         if T_before_now is not None:
             yield replace(self.predict(stamp_ns, T_odom_camera, T_before_now), is_doubtful=True)

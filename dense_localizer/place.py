@@ -19,6 +19,7 @@ from photometric.rig import RigImage, register_rig
 from photometric.structure import find_rig_structure
 from sphere_geometry import SE3, FrameMotion
 
+USUALLY = 0.97  # of the usual correlation, below which an image is looked at closely
 LEVEL_SIGMAS = 1.0  # uncertainty of the prediction that the first level must cover
 UNKNOWN = np.diag(np.full(6, np.inf))
 
@@ -66,10 +67,11 @@ def locate(
     T_map_camera: SE3,
     prediction: Prediction | None = None,
     is_thorough: bool = True,
+    usual_ncc: float = 0.0,
 ) -> Place:
     """Place images from a first guess of their pose (M15 eq. 17-19); every jump is allowed without a prediction.
 
-    Where `is_thorough` the structure of the residuals is looked at, too.
+    Where `is_thorough`, or the images resemble the map less than usual, the structure of residuals is looked at.
     """
     followed = prediction is not None
     choices = [
@@ -87,7 +89,7 @@ def locate(
     motion = prediction.frame_motion(params.camera.readout) if prediction is not None else None
     alignment = register_rig(seen, T_map_camera, registration, motion)
     structure = None
-    if is_thorough and alignment.is_converged:
+    if alignment.is_converged and (is_thorough or alignment.ncc < USUALLY * usual_ncc):
         structure = find_rig_structure(seen, alignment, registration, motion)
     covariance = alignment.covariance + _map_covariance(references, choice, alignment.T_world_camera)
     limits = params.acceptance, params.registration.max_mad

@@ -50,7 +50,7 @@ class Tracker:
         measures = partial(self._inter_frame.refine, frame.images), partial(self._inter_frame.measure, frame.images)
         for prediction in self._prior.predictions(frame.stamp_ns, frame.T_odom_camera, *measures):
             args = self._references, self._params, prediction.T_map_camera, prediction, is_thorough
-            place = locate(frame.images, *args)
+            place = locate(frame.images, *args, self._odometry.usual_ncc)
             if place.verdict.is_accepted:
                 place = self._compare(frame, place, prediction)
                 return place, prediction

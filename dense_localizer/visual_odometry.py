@@ -79,12 +79,12 @@ class VisualOdometry:
         self._last: Place | None = None
         self._way: Way | None = None
         self._num_predicted = 0  # images in a row
-        self._usual_ncc = 0.0  # of images and map
+        self.usual_ncc = 0.0  # of images and map
 
     def start(self, place: Place, stamp_ns: int) -> None:
         """Begin anew at an image that the map has placed."""
         if not self.is_needed:
-            self._usual_ncc += (1.0 - KEPT) * (place.ncc - self._usual_ncc) if self._usual_ncc else place.ncc
+            self.usual_ncc += (1.0 - KEPT) * (place.ncc - self.usual_ncc) if self.usual_ncc else place.ncc
         self._last, self._way = place, Way(place.T_map_camera, place.covariance, stamp_ns)
         self._num_predicted = 0
 
@@ -99,7 +99,7 @@ class VisualOdometry:
         It is where the last images place it (`other`; None: nowhere), but for their drift, or it resembles the map
         nearly as places did before.
         """
-        if self._way is None or place.ncc >= NEARLY * self._usual_ncc:
+        if self._way is None or place.ncc >= NEARLY * self.usual_ncc:
             return True
         if other is None:
             return False

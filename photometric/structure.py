@@ -1,7 +1,8 @@
-"""What the residuals say beyond the pose: do the gradients agree, and would another lens explain the image better?
+"""What the residuals say beyond the pose: do the gradients agree, do another lens or uneven light explain them?
 
 Grey levels of smooth surfaces correlate by chance wherever a fit may slide; their gradients do not. A wrong lens leaves
-residuals that point to the centre of the image or away from it. Both are asked of a few thousand pixels.
+residuals that point to the centre of the image or away from it; light, see `uneven_light.py`. All is asked of a few
+thousand pixels.
 """
 
 from __future__ import annotations
@@ -14,19 +15,16 @@ from numpy.typing import NDArray
 
 from photometric.alignment import Alignment
 from photometric.descent.kernels import SIGMA_OF_MAD
-from photometric.iteration import kernels
-from photometric.iteration.kernels import BLOCK, SIDE
 from photometric.params import RegistrationParams
-from photometric.projection import Floats, KernelCamera, kernel_motion, rolling
-from photometric.pyramid import Level, Pyramid
-from photometric.reference import Selection, View
+from photometric.pyramid import Pyramid
+from photometric.reference import View
 from photometric.rig import RigImage, share_pixels
 from photometric.robust import huber_weights, median_and_mad
-from photometric.selection import choose
-from sphere_geometry import FrameMotion, Spherical
+from photometric.samples import Sample, take_samples
+from photometric.uneven_light import NO_PULL, Pull, find_pull
+from sphere_geometry import SE3, FrameMotion, Spherical
 
 Array = NDArray[np.float64]
-NUM_PIXELS = 2048  # looked at, all references together
 NUM_PIECES = 24  # of the pixels in scan order: pixels of a piece may err together
 MIN_PIXELS = 100
 RIDGE, TINY = 1e-9, 1e-12
@@ -38,42 +36,36 @@ class Structure:
 
     agreement is the mean cosine -1...1 between the gradients of image and references. stretch is by how much the image
     is larger about its centre than the lens says, as a share, with its standard deviation; 0 and infinite where no lens
-    is known (whole spheres) or too little is seen.
+    is known (whole spheres) or too little is seen. pull is that of light that varies over the view.
     """
 
     agreement: float
     stretch: float = 0.0
     stretch_sigma: float = np.inf
+    pull: Pull = NO_PULL
 
 
 def find_rig_structure(
     images: Sequence[RigImage], alignment: Alignment, params: RegistrationParams, motion: FrameMotion | None = None
 ) -> Structure:
-    """Look at an alignment of `register_rig`: the mean agreement, and the lens that is most surely wrong."""
-    found, first, share = [], 0, share_pixels(params, len(images))
-    for image in images:
-        part = slice(first, first + len(image.views))
-        pose, gains, biases = image.pose(alignment.T_world_camera), alignment.gains[part], alignment.biases[part]
-        own = replace(alignment, T_world_camera=pose, gains=gains, biases=biases)
-        found.append(find_structure(image.pyramid, image.views, own, share, image.motion(motion)))
-        first = part.stop
-    surest = max(found, key=lambda one: abs(one.stretch) / one.stretch_sigma)
-    return replace(surest, agreement=float(np.mean([one.agreement for one in found])))
+    """Look at an alignment of `register_rig`: the mean agreement, the lens that is most surely wrong, the pull of all.
 
-
-@dataclass(frozen=True)
-class _Sample:
-    """Pixels of one view: points (N, 3) m in the camera, gradients by the point (N, 3) in both images, residuals (N,).
-
-    by_stretch (N,) is the derivative of the residual by the stretch, current (N,) the grey level of the image.
+    What it says of too few pixels is nothing.
     """
 
-    points: Array
-    of_reference: Array
-    of_image: Array
-    by_stretch: Array
-    current: Array
-    residual: Array
+    def look(T_world_body: SE3) -> list[tuple[SE3 | None, list[Sample]]]:
+        there = _samples_of(images, replace(alignment, T_world_camera=T_world_body), params, motion)
+        return [
+            (one.T_body_camera, [part for part in parts if len(part.residual) >= MIN_PIXELS]) for one, parts in there
+        ]
+
+    cameras, found = look(alignment.T_world_camera), []
+    for image, (_, usable) in zip(images, cameras, strict=True):
+        has_lens = not isinstance(image.pyramid.cameras[0], Spherical)
+        found.append(Structure(_agreement(usable), *_stretch(usable, params, has_lens=has_lens)))
+    surest = max(found, key=lambda one: abs(one.stretch) / one.stretch_sigma)
+    agreement = float(np.mean([one.agreement for one in found]))
+    return replace(surest, agreement=agreement, pull=find_pull(look, cameras, alignment.T_world_camera, params))
 
 
 def find_structure(
@@ -83,75 +75,35 @@ def find_structure(
     params: RegistrationParams,
     motion: FrameMotion | None = None,
 ) -> Structure:
-    """Look at an alignment of `register` with the same arguments; what it says of too few pixels is nothing."""
-    samples = _samples(pyramid, views, alignment, params, motion)
-    has_lens = not isinstance(pyramid.cameras[0], Spherical)
-    samples = [sample for sample in samples if len(sample.residual) >= MIN_PIXELS]
-    if not samples:
-        return Structure(0.0)
-    return Structure(_agreement(samples), *_stretch(samples, params, has_lens=has_lens))
+    """Look at an alignment of `register` with the same arguments."""
+    return find_rig_structure([RigImage(pyramid, views=tuple(views))], alignment, params, motion)
 
 
 def view_residuals(
     images: Sequence[RigImage], alignment: Alignment, params: RegistrationParams, motion: FrameMotion | None = None
 ) -> Iterator[tuple[View, Array, Array]]:
     """Yield each view of an alignment of `register_rig` with points (N, 3) of it, its axes, and residuals (N,)."""
+    for image, samples in _samples_of(images, alignment, params, motion):
+        pose = image.pose(alignment.T_world_camera)
+        for view, sample in zip(image.views, samples, strict=True):
+            if len(sample.residual) >= MIN_PIXELS:
+                yield view, (view.T_world_reference.inverse() @ pose).apply(sample.points), sample.residual
+
+
+def _samples_of(
+    images: Sequence[RigImage], alignment: Alignment, params: RegistrationParams, motion: FrameMotion | None
+) -> Iterator[tuple[RigImage, list[Sample]]]:
+    """Yield each image of an alignment of `register_rig` with pixels of each of its views."""
     first, share = 0, share_pixels(params, len(images))
     for image in images:
         part = slice(first, first + len(image.views))
         pose, gains, biases = image.pose(alignment.T_world_camera), alignment.gains[part], alignment.biases[part]
         own = replace(alignment, T_world_camera=pose, gains=gains, biases=biases)
-        samples = _samples(image.pyramid, image.views, own, share, image.motion(motion))
-        for view, sample in zip(image.views, samples, strict=True):
-            if len(sample.residual) >= MIN_PIXELS:
-                yield view, (view.T_world_reference.inverse() @ pose).apply(sample.points), sample.residual
+        yield image, take_samples(image.pyramid, image.views, own, share, image.motion(motion))
         first = part.stop
 
 
-def _samples(
-    pyramid: Pyramid,
-    views: Sequence[View],
-    alignment: Alignment,
-    params: RegistrationParams,
-    motion: FrameMotion | None,
-) -> list[_Sample]:
-    """Return some pixels of each view, warped into the image."""
-    level = pyramid.levels[min(params.pyramid.finest, len(pyramid.levels) - 1)]
-    camera = level.kernel_camera if motion is None else rolling(level.camera, motion.twist(alignment.T_world_camera))
-    T_camera_world = alignment.T_world_camera.inverse()
-    samples = []
-    for view, gain, bias in zip(views, alignment.gains, alignment.biases, strict=True):
-        T = T_camera_world @ view.T_world_reference
-        pixels = view.reference.level_like(level.camera)
-        selection = choose(pixels, T, level.camera, params.max_pixels // len(views))
-        blocks = _some(selection, NUM_PIXELS // len(views))
-        samples.append(_sample(blocks, kernel_motion(T.matrix), camera, level, (gain, bias)))
-    return samples
-
-
-def _some(selection: Selection, number: int) -> Floats:
-    """Return blocks of about so many of the chosen pixels, evenly taken."""
-    step = max(1, selection.num_pixels // number)
-    some = selection.blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, :, ::step]
-    rows = some.transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)
-    count = -(-rows.shape[1] // SIDE)
-    blocks = np.full((BLOCK // SIDE, count * SIDE), np.nan, np.float32)
-    blocks[:, : rows.shape[1]] = rows
-    return np.ascontiguousarray(blocks.reshape(-1, count, SIDE).swapaxes(0, 1)).reshape(-1)
-
-
-def _sample(blocks: Floats, T: Floats, camera: KernelCamera, level: Level, light: tuple[float, float]) -> _Sample:
-    """Warp pixels of a reference into the image."""
-    height, width = level.camera.height, level.camera.width
-    gain, bias, *centre = (np.float32(value) for value in (*light, 0.5 * (width - 1), 0.5 * (height - 1)))
-    out = np.empty((kernels.NUM_WARPED, blocks.size // BLOCK * SIDE), np.float32)
-    kernels.warp(blocks, T, camera, level.samples, gain, bias, *centre, out)
-    seen = out[:-1, out[-1] > 0.0].astype(np.float64)
-    points, of_reference, of_image = (np.ascontiguousarray(rows.T) for rows in np.split(seen[:9], 3))
-    return _Sample(points, of_reference, of_image, *seen[9:])
-
-
-def _agreement(samples: Sequence[_Sample]) -> float:
+def _agreement(samples: Sequence[Sample]) -> float:
     """Return the mean cosine between the gradients, each pixel by how strong it is in the reference.
 
     By direction alone in the image: what covers a part of the view counts by its share, not by its contrast.
@@ -166,9 +118,9 @@ def _agreement(samples: Sequence[_Sample]) -> float:
     return agreeing / max(total, TINY)
 
 
-def _stretch(samples: Sequence[_Sample], params: RegistrationParams, *, has_lens: bool) -> tuple[float, float]:
+def _stretch(samples: Sequence[Sample], params: RegistrationParams, *, has_lens: bool) -> tuple[float, float]:
     """Return the stretch and its standard deviation, estimated with pose and light; pieces tell how pixels scatter."""
-    if not has_lens:
+    if not has_lens or not samples:
         return 0.0, np.inf
     size = 7 + 2 * len(samples)
     H, scores = np.zeros((size, size)), []

@@ -7,12 +7,12 @@ import pytest
 
 from dense_localizer.params import LocalizerParams
 from dense_localizer.visual_odometry import Way, view_of
-from localization.status import State
+from localization.status import Reason, State
 from photometric import View, build_pyramid, prepare_reference, register
 from photometric.rig import RigImage
 from sphere_geometry import SE3, Spherical
 from typed_params import build
-from worlds.localizer import PINHOLE, SMALL_IMAGES, Run, at, error, make_localizer
+from worlds.localizer import PINHOLE, SMALL_IMAGES, Run, at, error, make_localizer, make_map
 from worlds.room import Room, wide_room
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES).registration
@@ -97,6 +97,35 @@ def test_a_lamp_that_is_switched_is_driven_through(room_map, is_half):
     for k in np.flatnonzero(is_blind):
         xi = (estimates[k].T_map_camera.inverse() @ poses[k]).log()
         assert xi @ np.linalg.solve(estimates[k].covariance, xi) < 25.0  # 6 degrees of freedom, 1 in 3000
+
+
+class SoftRoom(Room):
+    """No fine texture; a lamp may hang at one side of it, and all else be darker."""
+
+    def __init__(self) -> None:
+        super().__init__((5.0, 3.0, 1.5), (1.0, 20.0, 30), gain=30.0, seed=1)
+        self.is_lit = False
+
+    def grey(self, points):
+        off = np.sum((points - [2.7, -1.7, 0.9]) ** 2, axis=-1)
+        factor = 0.31 + 1.96 * np.exp(-off / (2 * 1.47**2)) if self.is_lit else 1.0
+        return np.clip(super().grey(points) * factor, 1.0, 254.0)
+
+
+def test_a_lamp_that_pulls_the_map_itself_is_told():
+    room = SoftRoom()
+    localizer = make_localizer(make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0, 1.0)]))
+    run, poses = Run(room, localizer), way(30)
+    localizer.relocalize(poses[0])
+    told = []
+    for k, pose in enumerate(poses):
+        room.is_lit = k >= 10
+        told.append(run.see(pose, step_ns=STEP_NS))
+    assert told[9].status.state is State.TRACKING
+    assert any(one.status.reason is Reason.LIGHT_CHANGE for one in told[10:])
+    for one, pose in zip(told[10:], poses[10:], strict=True):
+        assert one.status.state is State.DEGRADED  # in TRACKING it was 0.3 to 0.5 m off
+        assert error(one, pose)[0] < 0.15
 
 
 def test_without_the_last_images_the_lamp_ends_the_drive(room_map):

@@ -1,0 +1,192 @@
+"""Halls in which the dense localiser drives while something fails: their maps, their images, what may be wrong there.
+
+All of it follows from a seed. Every other hall has no fine texture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from benchmarks.localizer_times import RoomMap
+from benchmarks.room import FINEST, Factor, Room
+from sphere_geometry import SE3, Pinhole, Spherical
+from sphere_map.graph import KeySphere, SphereGraph
+from sphere_map.sphere import T_BODY_OPTICAL, Sphere
+
+CAMERA = Pinhole(240, 180, 190.0, 190.0, 119.5, 89.5)
+SPHERE = Spherical(1024, 512)
+HALF_SIDES_M, REACH_M, SPACING_M = (14.0, 4.0, 2.5), 11.0, 1.0  # of a hall; of the drive to and fro; of key spheres
+SOFT = 14.0  # radians per metre: the finest texture of every other hall
+NOISE = 2.0  # grey levels
+ODOMETRY_NOISE = 0.01  # of the motion
+ACCELERATION = 2.0  # m/s^2
+KIDNAPPED = SE3.exp([0.6, 0.0, -0.8, 0.0, 0.7, 0.0])
+LATE = 8  # images
+
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """Light that is added or taken where a lamp hangs; beyond it, all is darker by `dark`; on one side of the hall."""
+
+    place: NDArray[np.float32]
+    size_m: float
+    bright: float
+    dark: float
+    side: float  # -1, 1: that half of the hall; 0: all of it
+
+    @staticmethod
+    def random(rng: np.random.Generator) -> Lamp:
+        """Return one that hangs anywhere along the drive."""
+        half = np.array([REACH_M, HALF_SIDES_M[1], HALF_SIDES_M[2]])
+        place = (rng.uniform(-1.0, 1.0, 3) * half).astype(np.float32)
+        size_m, bright, dark = rng.uniform(1.0, 3.0), rng.uniform(0.5, 2.0), rng.uniform(0.2, 1.0)
+        return Lamp(place, size_m, bright, dark, float(rng.integers(-1, 2)))
+
+    def __call__(self, points: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the factor (N,) of the grey levels of points (N, 3) of the walls."""
+        off = points - self.place
+        near = np.exp(np.einsum("ni,ni->n", off, off) * np.float32(-0.5 / self.size_m**2))
+        factor = np.float32(self.dark) + np.float32(self.bright) * near
+        if self.side:
+            factor[self.side * points[:, 1] < 0.0] = 1.0
+        return factor
+
+
+@dataclass
+class World:
+    """A hall and its map, a camera that drives to and fro and turns all the while, and odometry.
+
+    `T_map_camera`, `T_odom_camera` are where the camera is, `before` the last images' places, the oldest first.
+    """
+
+    seed: int
+    is_soft: bool
+    rng: np.random.Generator = field(init=False)
+    phase: float = 0.0
+    seconds: float = 0.0
+    speed: float = 0.0
+
+    def __post_init__(self) -> None:
+        self.rng = np.random.default_rng(self.seed)
+        self.room = Room(self.seed, HALF_SIDES_M, SOFT if self.is_soft else FINEST)
+        places = [SE3.from_planar(x, 0.0, 0.0) for x in np.arange(-REACH_M, REACH_M + 0.5, SPACING_M)]
+        nodes = [
+            KeySphere(i, i + 1, T, Sphere(*self.room.render(SPHERE, T), SPHERE, i + 1)) for i, T in enumerate(places)
+        ]
+        self.map = RoomMap(SphereGraph(nodes))
+        self.patch = self.rng.integers(0, 255, (CAMERA.height // 20, CAMERA.width // 20)).astype(np.uint8)
+        self.lamp = Lamp.random(self.rng)
+        self.T_odom_camera, self.before = SE3.identity(), [self.T_map_camera] * (LATE + 1)
+
+    @property
+    def T_map_camera(self) -> SE3:
+        """Where the camera is."""
+        x, y = 0.97 * REACH_M * np.sin(self.phase), 0.4 * np.sin(0.7 * self.seconds)
+        yaw = 0.5 * np.sin(0.5 * self.seconds) + 0.1 * self.seconds
+        return SE3.from_planar(x, y, yaw) @ T_BODY_OPTICAL
+
+    def drive(self, seconds: float, speed: float) -> float:
+        """Move the camera on, faster or slower until it has the speed; return by how many metres."""
+        change = ACCELERATION * seconds
+        self.speed += float(np.clip(speed - self.speed, -change, change))
+        self.seconds += seconds
+        self.phase += self.speed * seconds / REACH_M
+        moved = (self.before[-1].inverse() @ self.T_map_camera).log()
+        self.T_odom_camera = self.T_odom_camera @ SE3.exp(moved * (1.0 + ODOMETRY_NOISE * self.rng.normal(size=6)))
+        self.before = [*self.before[1:], self.T_map_camera]
+        return float(np.linalg.norm(moved[:3]))
+
+    def jump(self) -> None:
+        """Be anywhere on the way."""
+        self.phase, self.seconds = self.rng.uniform(0.0, 2 * np.pi), self.rng.uniform(0.0, 500.0)
+        self.before = [self.T_map_camera] * (LATE + 1)
+
+    def see(
+        self, T_map_camera: SE3, camera: Pinhole = CAMERA, light: Factor | None = None, room: Room | None = None
+    ) -> Image:
+        """Return an image with noise; `room`: another one."""
+        grey, _ = (room or self.room).render(camera, T_map_camera, light)
+        return _noisy(grey.astype(np.float32), self.rng)
+
+
+def _noisy(grey: NDArray[np.float32], rng: np.random.Generator) -> Image:
+    noise = rng.standard_normal(grey.shape, np.float32)
+    return np.clip(np.rint(grey + np.float32(NOISE) * noise), 1, 255).astype(np.uint8)
+
+
+Fault = Callable[[World], Image]
+
+
+def nothing(world: World) -> Image:
+    """See what is there."""
+    return world.see(world.T_map_camera)
+
+
+def kidnapped(world: World) -> Image:
+    """See from another place than odometry says."""
+    return world.see(world.T_map_camera @ KIDNAPPED)
+
+
+def elsewhere(world: World) -> Image:
+    """See another hall."""
+    return world.see(world.T_map_camera, room=replace(world.room, seed=world.seed + 1000))
+
+
+def _covered(world: World) -> Image:
+    return _noisy(np.full((CAMERA.height, CAMERA.width), 20.0, np.float32), world.rng)
+
+
+def _occluded(world: World, share: float) -> Image:
+    image, patch = nothing(world), np.kron(world.patch, np.ones((20, 20), np.uint8))
+    image[:, : int(share * CAMERA.width)] = patch[:, : int(share * CAMERA.width)]
+    return image
+
+
+def _saturated(world: World) -> Image:
+    return np.clip(2.2 * nothing(world).astype(float), 1, 255).astype(np.uint8)
+
+
+def _light(world: World) -> Image:
+    return np.clip(0.35 * nothing(world).astype(float) + 60.0, 1, 255).astype(np.uint8)
+
+
+def _lamp(world: World) -> Image:
+    return world.see(world.T_map_camera, light=world.lamp)
+
+
+def _calibration(world: World) -> Image:
+    return world.see(world.T_map_camera, replace(CAMERA, fx=0.8 * CAMERA.fx, fy=0.8 * CAMERA.fy))
+
+
+def _repeated(world: World) -> Image:
+    """Return a view of one third of the image three times, as of like windows in a row."""
+    third = CAMERA.width // 3
+    return np.ascontiguousarray(np.tile(nothing(world)[:, third : 2 * third], (1, 3)))
+
+
+def _late(world: World) -> Image:
+    return world.see(world.before[0])
+
+
+# Light is no fault of the pose: it may be told, and must not be wrong.
+FAULTS: dict[str, Fault] = {
+    "covered": _covered,
+    "40 % occluded": partial(_occluded, share=0.4),
+    "70 % occluded": partial(_occluded, share=0.7),
+    "saturated": _saturated,
+    "other light": _light,
+    "a lamp switched": _lamp,
+    "another place": elsewhere,
+    "kidnapped": kidnapped,
+    "focal length 20 % off": _calibration,
+    "images 0.5 s late": _late,
+    "repeated texture": _repeated,
+    "wrong start": nothing,
+}
