@@ -94,6 +94,8 @@ def _camera_topics(values: Values) -> dict[str, str]:
 def _localizer(values: Values) -> Start:
     topics = {**_camera_topics(values), "odom": values["odom"]}
     parameters = {name: values[name] for name in ("map", "transport", "driver")}
+    rig = {"rig.cameras": values["cameras"], "rig.calibration": values["rig"]}
+    parameters |= {name: value for name, value in rig.items() if value}
     return _node(values, "dense_localizer", parameters, topics)
 
 
@@ -186,6 +188,8 @@ CAMERA = {
 LOCALISATION = {
     "map": Argument(None, "map to localise in"),
     **CAMERA,
+    "cameras": Argument("", "several cameras, on cameras/<name>/image_raw: names, with commas; empty: one"),
+    "rig": Argument("", "rig file of the cameras, or map for that in the map; empty: by camera_info, /tf_static"),
     "transport": Argument("raw", "images come on IMAGE, or on IMAGE/compressed", ("raw", "compressed")),
     **ODOM,
     **TIMED,

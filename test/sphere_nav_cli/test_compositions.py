@@ -151,3 +151,11 @@ def test_the_player_waits_for_what_the_driver_calls_the_images() -> None:
     assert player.parameters["wait_for"] == "zed/zed_node/rgb/image_rect_color"
     player = starts("replay", driver="zed4", image="/front/image")[-1]
     assert player.parameters["wait_for"] == "/front/image"
+
+
+def test_several_cameras_are_given_to_the_localiser() -> None:
+    given = {"map": "campus", "cameras": "front,back", "rig": "map"}
+    (start,) = COMPOSITIONS["localisation"].starts(given)
+    assert (start.parameters["rig.cameras"], start.parameters["rig.calibration"]) == ("front,back", "map")
+    (alone,) = COMPOSITIONS["localisation"].starts({"map": "campus"})
+    assert not {"rig.cameras", "rig.calibration"} & set(alone.parameters)  # a parameter file may name them
