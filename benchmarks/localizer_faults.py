@@ -85,15 +85,16 @@ class Run:
         """Localise the next image."""
         world = self.world
         self._stamp_ns += SECOND // RATE
-        metres = world.drive(1.0 / RATE, speed)
-        self.found.distance_m += metres * (speed == NOMINAL_SPEED)
+        moved = world.drive(1.0 / RATE, speed)
+        self.found.distance_m += moved * (speed == NOMINAL_SPEED)
         told = self.localizer.update(fault(world), CAMERA, self._stamp_ns, world.T_odom_camera)
         if told.T_map_camera is None or told.covariance is None:
             return Told(told.status.state)
         truth = world.T_map_camera @ KIDNAPPED if fault is kidnapped else world.T_map_camera
         xi = (told.T_map_camera.inverse() @ truth).log()
         nees = float(xi @ np.linalg.solve(told.covariance, xi))
-        return Told(told.status.state, *map(float, told.T_map_camera.distance(truth)), nees)
+        metres, radians = told.T_map_camera.distance(truth)
+        return Told(told.status.state, float(metres), float(radians), nees)
 
     def settle(self) -> None:
         """Drive on until the pose is trusted again."""

@@ -80,4 +80,5 @@ def warp_sample(blocks: Floats, T: Floats, camera: KernelCamera, level: Level, l
     seen = out[:-1, out[-1] > 0.0].astype(np.float64)
     points, of_reference, of_image = (np.ascontiguousarray(rows.T) for rows in np.split(seen[:9], 3))
     at = (level.camera.project(points)[0] - centre) / centre
-    return Sample(points, of_reference, of_image, *seen[9:], at)
+    by_stretch, current, residual = seen[9:]
+    return Sample(points, of_reference, of_image, by_stretch, current, residual, at)

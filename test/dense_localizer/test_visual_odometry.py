@@ -122,10 +122,10 @@ def test_a_lamp_that_pulls_the_map_itself_is_told():
         room.is_lit = k >= 10
         told.append(run.see(pose, step_ns=STEP_NS))
     assert told[9].status.state is State.TRACKING
-    assert any(one.status.reason is Reason.LIGHT_CHANGE for one in told[10:])
+    assert any(one.status.reason == Reason.LIGHT_CHANGE for one in told[10:])
     for one, pose in zip(told[10:], poses[10:], strict=True):
-        assert one.status.state is State.DEGRADED  # in TRACKING it was 0.3 to 0.5 m off
-        assert error(one, pose)[0] < 0.15
+        assert one.status.state is State.DEGRADED  # 0.37 m off in TRACKING without that evidence
+        assert error(one, pose)[0] < 0.05
 
 
 def test_without_the_last_images_the_lamp_ends_the_drive(room_map):
