@@ -107,7 +107,8 @@ def judge_map(what: str, taught: Path, part: Path, report: Report) -> None:
     with open_map(part / "map") as reader:
         graph = reader.graph
     at, known = truth.at([node.stamp_ns for node in graph], max_gap_ns=10**9)
-    true = dict(zip(np.array(list(graph.nodes))[known].tolist(), at.T_map_body, strict=True))
+    ids = np.array(list(graph.nodes))[known].tolist()
+    true = {node_id: at.T_map_body[index] for index, node_id in enumerate(ids)}
     loops = [edge for edge in graph.edges if edge.is_loop and edge.a in true and edge.b in true]
     off = [(true[edge.a].inverse() @ true[edge.b]).distance(edge.T_a_b) for edge in loops]
     false = sum(moved > FALSE_LOOP[0] or turned > np.radians(FALSE_LOOP[1]) for moved, turned in off)
@@ -152,9 +153,8 @@ def spheres(data: Path, folder: Path, report: Report) -> None:
     T_reference = reference[0].inverse() @ reference[1]
     T_a_b = SE3(np.array(found["T_a_b"]["matrix"]))
     moved, turned = T_reference.distance(T_a_b)
-    by_depth = icp(
-        *(read_sphere(f"{folder / 'bag'}:{number}", Lens(), MapperParams()) for number in (0, 1)), T_reference
-    )
+    a, b = (read_sphere(f"{folder / 'bag'}:{number}", Lens(), MapperParams()) for number in (0, 1))
+    by_depth = icp(a, b, T_reference)
     left = 100 * float(by_depth.distance(T_reference)[0])
     report.notes.append(f"rgbd_spheres: ICP of the depth alone, begun at the reference, ends {left:.1f} cm off it.")
     before, after = found["residual_at_guess"]["mad"], found["residual"]["mad"]
