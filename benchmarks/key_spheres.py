@@ -88,7 +88,7 @@ def run(options: argparse.Namespace) -> Report:
     found: dict[str, dict[str, Outcome]] = {}
     for seed in options.key_seeds[:1] if options.quick else options.key_seeds:
         found[f"town {seed}"] = in_town(seed, QUICK_M if options.quick else LENGTH_M)
-    for name, place in (("driving/kitti_06", kitti), ("rgbd/redkitchen", kitchen)):
+    for name, measure in (("driving/kitti_06", kitti), ("rgbd/redkitchen", kitchen)):
         data = options.recordings / name
         if options.quick or not data.is_dir():
             report.notes.append(f"{name}: skipped{'' if options.quick else f', no folder {data}'}")
@@ -96,7 +96,7 @@ def run(options: argparse.Namespace) -> Report:
         found[data.name] = {}
         for rule in list(RULES)[:2]:
             with tempfile.TemporaryDirectory() as folder:
-                found[data.name][rule] = place(data, Path(folder), RULES[rule])
+                found[data.name][rule] = measure(data, Path(folder), RULES[rule])
     rows = [outcome.cells(place, rule) for place, rules in found.items() for rule, outcome in rules.items()]
     report.tables.append(Table("Key spheres by rule", COLUMNS, rows))
     for place, rules in found.items():
