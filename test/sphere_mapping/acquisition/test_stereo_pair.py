@@ -79,13 +79,18 @@ BASELINE, NUM_STEPS, STEP_M = 0.4, 7, 0.25
 HALL = sharp_room((6, 3, 2), shortest=0.12)
 
 
-def bend(image):
-    """Return the right image as a pair with the field BENT gives it."""
+def drawn_bent(pose):
+    """Return what the right camera of a pair with the field BENT sees, each ray cast.
+
+    An image that is resampled instead (cv2.remap, steps of 1/32 px) is 0.012 px off, and 0.2 % of the way.
+    """
     pixels = pixel_grid(CAMERA)
     at = pixels.copy()
-    for _ in range(4):
+    for _ in range(6):
         at = pixels - np.stack(BENT.shift(*tangents(CAMERA, at)), axis=-1)
-    return cv2.remap(image, at.astype(np.float32), None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    rays = np.stack([*tangents(CAMERA, at), np.ones(at.shape[:-1])], axis=-1)
+    rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+    return HALL.cast(pose.translation, rays @ pose.rotation.T)[0]
 
 
 @pytest.fixture(scope="module")
@@ -95,9 +100,9 @@ def drive():
     found = []
     for k in range(NUM_STEPS):
         T = optical(SE3.exp([-3.0 + STEP_M * k, 0.3, 0.1, 0.0, 0.0, 0.0]))
-        pair = [HALL.rgbd(CAMERA, pose)[0].astype(float) for pose in (T, T @ T_left_right)]
-        left, right = (np.clip(image + rng.normal(0, 1.5, image.shape), 1, 255).astype(np.uint8) for image in pair)
-        found.append((left, bend(right)))
+        pair = HALL.render(CAMERA, T)[0], drawn_bent(T @ T_left_right)
+        noisy = (np.clip(np.rint(image + rng.normal(0, 1.5, image.shape)), 1, 255) for image in pair)
+        found.append(tuple(image.astype(np.uint8) for image in noisy))
     return found
 
 
@@ -131,8 +136,8 @@ def test_a_bent_pair_drives_straight_and_as_far_as_it_did(drive):
     rows_only = driven(drive, StereoPair(pair.geometry, StereoField(tuple(rows.rows))))
     assert abs(rows_only[0] - 1) > 0.01  # what the disparity does to it
     forward, yaw_deg = driven(drive, StereoPair(pair.geometry, StereoField(tuple(rows.rows), tuple(columns.columns))))
-    # what patches shorten leaves 0.1 px of offset and 0.3 px of bow (FLOOR_PX), and so half a per cent
-    assert abs(forward - 1) < 0.008
+    # what patches shorten leaves 0.07 px of offset and 0.04 px of bow (FLOOR_PX), and so a quarter of a per cent
+    assert abs(forward - 1) < 0.005
     assert abs(yaw_deg) < abs(rows_only[1])
 
 
