@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_geometry import SE3, Rig, RigCamera, Spherical
-from sphere_mapping.acquisition.kernels import recentre, splat_with_std, triangulate
+from sphere_mapping.acquisition.kernels import recentre, splat_with_std, stretch, triangulate
 from sphere_mapping.acquisition.matching import Disparity, Search
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.views import Layout
@@ -18,6 +18,7 @@ Plane = NDArray[np.float32]
 MIN_BASELINE_M = 0.01
 FAR_M = 120.0  # what is surely farther is known to be far
 MIN_RANGE_SHARE = 0.9  # of the nearest range wanted: what is nearer is not trusted
+MAX_BASELINE_ERROR = 0.5  # share of the baseline: more is not corrected, images of so different places do not match
 MAX_SINE = 0.9  # of the largest disparity
 BELOW_ZERO_DEG = 0.7  # disparities searched below 0, for what calibration leaves
 
@@ -83,6 +84,30 @@ def range_from_below(range_m: Plane, whole: Spherical, baseline_m: float) -> Pla
     splat_with_std(u.ravel(), row.ravel(), distance.ravel(), distance.ravel(), 0, True, below, ignored)
     below[np.isinf(below)] = np.nan
     return below
+
+
+def baseline_error(layouts: Sequence[Layout], baseline_m: float) -> Plane:
+    """Return by which share (H, W) the baseline of the two cameras that show a direction is longer than that of all.
+
+    layouts: of the top and the bottom level. Cameras are never mounted exactly one above the other: what counts is what
+    they are apart at a right angle to the ray, in the plane of ray and baseline.
+    """
+    top, bottom = layouts
+    apart = top.centres[top.owner] - bottom.centres[bottom.owner]  # (H, W, 3); what nobody shows is any camera's
+    height, width = top.owner.shape
+    azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
+    sine, cosine = (f((0.5 - (np.arange(height)[:, None] + 0.5) / height) * np.pi) for f in (np.sin, np.cos))
+    ahead = apart[..., 0] * np.cos(azimuth) + apart[..., 1] * np.sin(azimuth)
+    error = (apart[..., 2] * cosine - ahead * sine) / (cosine * baseline_m)
+    return np.clip(error, -MAX_BASELINE_ERROR, MAX_BASELINE_ERROR).astype(np.float32)
+
+
+def correct_baseline(range_m: Plane, std_m: Plane, error: Plane, distance_m: float) -> None:
+    """Change range and deviation (H, W) by the baselines of the cameras that show each pixel (`baseline_error`).
+
+    The images of both levels were joined for a distance (0: very far), where a wrong baseline changes nothing.
+    """
+    stretch(range_m, std_m, error, np.float32(1.0 / distance_m if distance_m else 0.0))
 
 
 def to_common_centre(range_m: Plane, std_m: Plane, layout: Layout) -> tuple[Plane, Plane]:

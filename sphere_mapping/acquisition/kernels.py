@@ -419,6 +419,21 @@ def triangulate(disparity, std, per_row, first_row, baseline, limits, range_m, r
 
 
 @njit(**OPTIONS)
+def stretch(range_m, std_m, error, per_m):
+    """Change range and deviation (H, W) f32 to those by baselines longer by a share `error` (H, W) f32 than assumed.
+
+    per_m: 1 over the range at which the images were made to fit, in 1/m; there nothing changes. What is far stays so.
+    """
+    one, least = np.float32(1.0), np.float32(0.1)
+    for v in range(range_m.shape[0]):
+        for u in range(range_m.shape[1]):
+            r, e = range_m[v, u], error[v, u]
+            factor = (one + e) / max(one + e * per_m * r, least) if r < np.float32(1e9) else one
+            range_m[v, u] = r * factor
+            std_m[v, u] = std_m[v, u] * factor
+
+
+@njit(**OPTIONS)
 def tangent(angle):
     """Return tan(angle); its series (relative error 1e-7) up to 0.35 rad."""
     if angle > 0.35:
@@ -706,6 +721,7 @@ def warm_up() -> None:
     prefer_surer(plane.copy(), plane.copy(), plane, plane, np.float32(0.5))
     smooth(plane, 1, np.float32(1.0), np.float32(0.1), plane.copy(), out)
     triangulate(plane, plane, 0.1, 0.0, 0.3, (0.1, 0.1, 100.0), out, out.copy())
+    stretch(out, out.copy(), plane, np.float32(0.1))
     line = np.zeros(1, np.float32)
     splat_with_std(line, line, line, line, 0, True, plane.copy(), plane.copy())
     rays, pixels, places = (

@@ -19,7 +19,9 @@ from sphere_geometry import SE3, Rig, Spherical
 from sphere_map.sphere import Sphere, check_depth, check_image
 from sphere_mapping.acquisition.blending import blend
 from sphere_mapping.acquisition.epipolar import (
+    baseline_error,
     centre_of,
+    correct_baseline,
     range_from_below,
     range_from_disparity,
     search_of,
@@ -82,6 +84,7 @@ class Stitcher:
         self._light = Light(views, groups, blend.distance_m, blend.max_gain) if blend.has_gains else None
         self._has_order, self._has_lenses = False, False
         self._layouts: dict[tuple[str, tuple[str, ...]], Layout] = {}
+        self._baseline_errors: dict[tuple[str, ...], NDArray[np.float32]] = {}
         is_searched = self.params.range != "none" and not rig.is_vertical
         self.pairs = pairs_of(rig, self._rig_views, self.whole, self.params) if is_searched else []
         self.warning = why_no_pair(rig, self._rig_views) if is_searched and not self.pairs else ""
@@ -193,11 +196,21 @@ class Stitcher:
             return [], None
         layouts = [self.layout(level, tuple(greys)) for level in ("top", "bottom")]
         top, bottom = self._levels(layouts, greys)
-        ranged = to_common_centre(*self._match(layouts, top, bottom), layouts[0])
+        ranged = self._match(layouts, top, bottom)
+        correct_baseline(*ranged, self._baseline_error(layouts, tuple(greys)), self.params.blend.distance_m)
+        ranged = to_common_centre(*ranged, layouts[0])
         for _ in range(self.params.blend.num_passes - 1):
             top, bottom = self._levels(layouts, greys, ranged[0])
             ranged = self._match(layouts, top, bottom)
         return [ranged], bottom
+
+    def _baseline_error(self, layouts: list[Layout], present: tuple[str, ...]) -> NDArray[np.float32]:
+        """Return what the cameras that are present change in the baseline of each pixel (H, W)."""
+        if present not in self._baseline_errors:
+            if len(self._baseline_errors) >= MAX_LAYOUTS:
+                del self._baseline_errors[next(iter(self._baseline_errors))]
+            self._baseline_errors[present] = baseline_error(layouts, self.baseline_m)
+        return self._baseline_errors[present]
 
     def _match(self, layouts: list[Layout], top: Image, bottom: Image) -> Ranged:
         """Return range from the upper centre."""
