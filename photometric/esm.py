@@ -40,7 +40,7 @@ def register(
     for index in indices:
         problem = Problem.choose_pixels(pyramid.levels[index], views, state.T_world_camera, params, motion)
         limit = params.max_iterations_fine if index == finest else params.max_iterations_coarse
-        descent = problem.descend(state, limit, is_final=index == finest)
+        descent = problem.descend(state, limit)
         state, iterations = descent.state, iterations + descent.iterations
     overlap = image_overlap(pyramid, views, state.T_world_camera)
     return judge(problem, descent, iterations, overlap, params)

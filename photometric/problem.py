@@ -94,25 +94,22 @@ class Problem:
         moving = level.kernel_camera if motion is None else rolling(camera, motion.twist(T_world_camera))
         return Problem(tuple(selections), tuple(view.T_world_reference for view in views), level, params, moving)
 
-    def descend(self, state: State, limit: int, *, is_rotation: bool = False, is_final: bool = True) -> Descent:
-        """Iterate until the increment moves the image less than `min_step` (M15 eq. 6-7), `limit` times at most.
-
-        Where finer levels follow, it is not final, and some of the pixels do.
-        """
+    def descend(self, state: State, limit: int, *, is_rotation: bool = False) -> Descent:
+        """Iterate until the increment moves the image less than `min_step` (M15 eq. 6-7), `limit` times at most."""
         T_world_camera, light = state.T_world_camera.matrix[:3].copy(), np.ones((MAX_VIEWS, 2))
         light[: len(state.light)] = state.light
         params, (facts, pieces) = self.params, _room()
         depth = min(selection.typical_range for selection in self.selections)
         stop = (params.min_step, self.level.camera.pixels_per_radian, depth, float(params.min_pixels))
-        moving, kind = (T_world_camera, light), (is_rotation, is_final)
+        moving, end = (T_world_camera, light), (stop, limit, is_rotation)
         iterations, motion, is_determined = kernels.descend(
-            *self._views, *self._image, *moving, self._robust, stop, limit, kind, facts, pieces
+            *self._views, *self._image, *moving, self._robust, *end, facts, pieces
         )
         pose = np.concatenate([T_world_camera, [[0.0, 0.0, 0.0, 1.0]]])
-        end = State(SE3(pose), light[: len(state.light)])
-        is_still = is_determined and is_final and iterations > 0 and motion < params.min_step
-        found = tuple(self._comparisons(end, facts, pieces)) if is_still else ()
-        return Descent(end, iterations, motion, is_determined, found)
+        last = State(SE3(pose), light[: len(state.light)])
+        is_still = is_determined and iterations > 1 and motion < params.min_step
+        found = tuple(self._comparisons(last, facts, pieces)) if is_still else ()
+        return Descent(last, iterations, motion, is_determined, found)
 
     def linearise(self, state: State, *, is_part: bool = False) -> tuple[Array, Array, int]:
         """Return H, g over (xi, gain 1, bias 1, ...) with H x = -g, and the number of visible pixels (eq. 6, 31-35).

@@ -74,7 +74,7 @@ def register_rig(
     for index in [*range(coarsest, finest - 1, -1), *([finest] if motion is not None else [])]:
         problem = _RigProblem.choose_pixels(images, index, state.T_world_camera, share, motion)
         limit = params.max_iterations_fine if index == finest else params.max_iterations_coarse
-        descent = problem.descend(state, limit, is_final=index == finest)
+        descent = problem.descend(state, limit)
         state, iterations = descent.state, iterations + descent.iterations
     return problem.classify(descent, iterations, params)
 
@@ -138,11 +138,11 @@ class _RigProblem:
             first += number
         return H, g
 
-    def descend(self, state: State, limit: int, *, is_final: bool) -> Descent:
+    def descend(self, state: State, limit: int) -> Descent:
         """Iterate until the increment moves no image by more than `min_step`, as `Problem.descend` does (eq. 6-7)."""
-        params, motion, is_part = self.problems[0].params, 0.0, True
+        params, motion = self.problems[0].params, 0.0
         for iteration in range(limit):
-            is_part = not is_final or (is_part and iteration < limit - 1)
+            is_part = iteration == 0 and limit > 1
             H, g, visible = self.linearise(state, is_part=is_part)
             if visible < params.min_pixels:
                 return Descent(state, iteration, motion, is_determined=False)
@@ -157,9 +157,8 @@ class _RigProblem:
             motion = max(
                 self._shift(problem, image, x[:6]) for problem, image in zip(self.problems, self.images, strict=True)
             )
-            if motion < params.min_step and not (is_part and is_final):
+            if motion < params.min_step and not is_part:
                 return Descent(state, iteration + 1, motion, is_determined=True)
-            is_part = is_part and motion > kernels.LARGE_STEP
         return Descent(state, limit, motion, is_determined=True)
 
     @staticmethod

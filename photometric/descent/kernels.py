@@ -28,7 +28,6 @@ from photometric.iteration.kernels import (
 MAX_VIEWS = 4
 SOME_STEP = 4  # of so many blocks one serves for the scale and for first passes, and at least so many in all:
 MIN_SOME_BLOCKS = 8
-LARGE_STEP = 0.5  # px of the level: after a larger increment the next pass needs no more pixels than that one
 NUM_PIECES = 16  # at most so many pieces of a view show how differently its parts pull, of at least
 PIECE_BLOCKS = 8
 SIGMA_OF_MAD = 1.4826  # 1 / Phi^-1(0.75), normal distribution (eq. 35)
@@ -274,23 +273,33 @@ def linearise(
 
 @njit(**OPTIONS)
 def descend(
-    blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, stop, limit, kind, facts, pieces
+    blocks,
+    num_views,
+    T_world_reference,
+    camera,
+    image,
+    T_world_camera,
+    light,
+    robust,
+    stop,
+    limit,
+    is_rotation,
+    facts,
+    pieces,
 ):
     """Iterate at one level (M15 eq. 6-7); T_world_camera (3, 4) and light (MAX_VIEWS, 2) change in place.
 
     robust is (Huber bound, smallest sigma, whether light is estimated), stop (smallest increment in pixels, pixels per
-    radian, depth in m, fewest visible pixels), kind (is it a pure rotation, eq. 20, that leaves the translation as it
-    is; is it final). As long as the increments are large, some of the pixels do, and all along where finer levels
-    follow. Returns the iterations, the last increment in pixels, and whether the image determined it; facts and pieces
-    are those of the last pass.
+    radian, depth in m, fewest visible pixels). A pure rotation (eq. 20) leaves the translation as it is. The first pass
+    looks at some of the pixels: a quarter moves the image as far, and others correct it. Returns the iterations, the
+    last increment in pixels, and whether the image determined it; facts and pieces are those of the last pass.
     """
     min_step, per_radian, depth, min_pixels = stop
-    is_rotation, is_final = kind
     first = 3 if is_rotation else 0
-    motion, iteration, is_part = 0.0, 0, True
+    motion, iteration = 0.0, 0
     xi = np.zeros(6)
     while iteration < limit:
-        is_part = not is_final or (is_part and iteration < limit - 1)
+        is_part = iteration == 0 and limit > 1
         H, g, visible = linearise(
             blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, is_part, facts, pieces
         )
@@ -312,9 +321,8 @@ def descend(
         iteration += 1
         parallax = math.sqrt(xi[0] ** 2 + xi[1] ** 2 + xi[2] ** 2) / depth
         motion = (math.sqrt(xi[3] ** 2 + xi[4] ** 2 + xi[5] ** 2) + parallax) * per_radian
-        if motion < min_step and not (is_part and is_final):
+        if motion < min_step and not is_part:
             break
-        is_part = is_part and motion > LARGE_STEP
     return iteration, motion, True
 
 
