@@ -18,7 +18,6 @@ from sphere_geometry import SE3, FrameMotion
 
 Array = NDArray[np.float64]
 MAX_VIEWS = kernels.MAX_VIEWS
-WHOLE = 1  # every block
 
 
 @dataclass(frozen=True)
@@ -38,8 +37,8 @@ class State:
 class Descent:
     """Where one level ended; `motion` is the last increment in pixels of the level.
 
-    `found`: the comparison of every view before that increment, where all pixels were compared and it was below
-    `min_step`, so that it is that of the end, too; else empty.
+    `found`: the comparison of every view just before that increment, where it was below `min_step`, the gradients of
+    the pieces those after it; else empty.
     """
 
     state: State
@@ -107,17 +106,14 @@ class Problem:
         )
         pose = np.concatenate([T_world_camera, [[0.0, 0.0, 0.0, 1.0]]])
         last = State(SE3(pose), light[: len(state.light)])
-        is_still = is_determined and iterations > 1 and motion < params.min_step
+        is_still = is_determined and iterations > 0 and motion < params.min_step
         found = tuple(self._comparisons(last, facts, pieces)) if is_still else ()
         return Descent(last, iterations, motion, is_determined, found)
 
-    def linearise(self, state: State, *, is_part: bool = False) -> tuple[Array, Array, int]:
-        """Return H, g over (xi, gain 1, bias 1, ...) with H x = -g, and the number of visible pixels (eq. 6, 31-35).
-
-        Where it `is_part`, some of the pixels are looked at.
-        """
+    def linearise(self, state: State) -> tuple[Array, Array, int]:
+        """Return H, g over (xi, gain 1, bias 1, ...) with H x = -g, and the number of visible pixels (eq. 6, 31-35)."""
         T_world_camera = np.ascontiguousarray(state.T_world_camera.matrix[:3])
-        args = T_world_camera, state.light, self._robust, is_part
+        args = T_world_camera, state.light, self._robust
         H, g, visible = kernels.linearise(*self._views, *self._image, *args, *_room())
         return H, g, int(visible)
 
@@ -130,7 +126,7 @@ class Problem:
         ):
             T = np.ascontiguousarray((T_camera_world @ T_world_reference).matrix[:3])
             light = state.light[index].tolist()
-            kernels.examine(selection.blocks, WHOLE, T, *self._image, *light, *robust, facts[index], pieces[index])
+            kernels.examine(selection.blocks, T, *self._image, *light, *robust, facts[index], pieces[index])
         return self._comparisons(state, facts, pieces)
 
     def _comparisons(self, state: State, facts: Array, pieces: Array) -> list[Comparison]:

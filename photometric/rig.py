@@ -117,10 +117,10 @@ class _RigProblem:
             for image, light in zip(self.images, lights, strict=True)
         ]
 
-    def linearise(self, state: State, *, is_part: bool = False) -> tuple[Array, Array, int]:
+    def linearise(self, state: State) -> tuple[Array, Array, int]:
         """Return H, g over (xi of the body, gain 1, bias 1, ...) of all views, and the number of visible pixels."""
         states = zip(self.problems, self.states(state), strict=True)
-        parts = [problem.linearise(one, is_part=is_part) for problem, one in states]
+        parts = [problem.linearise(one) for problem, one in states]
         systems = [(H, g) for H, g, _ in parts]
         return *self.join(systems), sum(visible for _, _, visible in parts)
 
@@ -142,8 +142,7 @@ class _RigProblem:
         """Iterate until the increment moves no image by more than `min_step`, as `Problem.descend` does (eq. 6-7)."""
         params, motion = self.problems[0].params, 0.0
         for iteration in range(limit):
-            is_part = iteration == 0 and limit > 1
-            H, g, visible = self.linearise(state, is_part=is_part)
+            H, g, visible = self.linearise(state)
             if visible < params.min_pixels:
                 return Descent(state, iteration, motion, is_determined=False)
             x, is_found = kernels.solve(H, g, int(kernels.START))
@@ -157,7 +156,7 @@ class _RigProblem:
             motion = max(
                 self._shift(problem, image, x[:6]) for problem, image in zip(self.problems, self.images, strict=True)
             )
-            if motion < params.min_step and not is_part:
+            if motion < params.min_step:
                 return Descent(state, iteration + 1, motion, is_determined=True)
         return Descent(state, limit, motion, is_determined=True)
 

@@ -66,7 +66,7 @@ def correlation_after_turn(now: Level, before: Level, R_before_now: Array) -> fl
         (np.empty(kernels.NUM_FACTS), np.empty((kernels.NUM_PIECES, kernels.NUM_SUMS))),
     )
     T[:, :3] = R_before_now.T
-    kernels.examine(blocks, 1, T, now.kernel_camera, now.samples, 1.0, 0.0, ANY_WIDTH, ANY_SIGMA, facts, pieces)
+    kernels.examine(blocks, T, now.kernel_camera, now.samples, 1.0, 0.0, ANY_WIDTH, ANY_SIGMA, facts, pieces)
     number = facts[kernels.NUM_VISIBLE]
     if number < MIN_PIXELS:
         return None

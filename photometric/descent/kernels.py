@@ -26,8 +26,8 @@ from photometric.iteration.kernels import (
 )
 
 MAX_VIEWS = 4
-SOME_STEP = 4  # of so many blocks one serves for the scale and for first passes, and at least so many in all:
-MIN_SOME_BLOCKS = 8
+SCALE_STEP = 4  # of so many blocks one serves for the scale, and at least so many in all:
+MIN_SCALE_BLOCKS = 8
 NUM_PIECES = 16  # at most so many pieces of a view show how differently its parts pull, of at least
 PIECE_BLOCKS = 8
 SIGMA_OF_MAD = 1.4826  # 1 / Phi^-1(0.75), normal distribution (eq. 35)
@@ -138,8 +138,8 @@ def unpack(sums, H, g):
 
 
 @njit(**OPTIONS)
-def to_camera_tangent(T, H, g):
-    """Turn H (8, 8), g (8,) over x in T exp(x) into those over xi in T_world_camera exp(xi), in place (eq. 31-32).
+def by_camera(T):
+    """Return A (8, 8): x = A xi turns xi in T_world_camera exp(xi), gain and bias into x in T exp(x) (eq. 31-32).
 
     T (3, 4) is reference -> camera; x = -Ad(T^-1) xi.
     """
@@ -152,6 +152,13 @@ def to_camera_tangent(T, H, g):
         a, b, c = T[0, i], T[1, i], T[2, i]
         A[i, 3], A[i, 4], A[i, 5] = b * t2 - c * t1, c * t0 - a * t2, a * t1 - b * t0
     A[6, 6] = A[7, 7] = 1.0
+    return A
+
+
+@njit(**OPTIONS)
+def to_camera_tangent(T, H, g):
+    """Turn H (8, 8), g (8,) over x in T exp(x) into those over xi in T_world_camera exp(xi), in place (eq. 31-32)."""
+    A = by_camera(T)
     HA, q = np.zeros((8, 8)), np.zeros(8)
     for i in range(8):
         for k in range(8):
@@ -165,6 +172,22 @@ def to_camera_tangent(T, H, g):
                 H[i, j] += A[k, i] * HA[k, j]
     for i in range(8):
         g[i] = q[i]
+
+
+@njit(**OPTIONS)
+def move(sums, T, xi):
+    """Turn the gradient in a view's sums (NUM_SUMS,) into that after an increment xi (8,), to first order, in place."""
+    A, H, g, x = by_camera(T), np.empty((8, 8)), np.empty(8), np.zeros(8)
+    unpack(sums, H, g)
+    for i in range(8):
+        for j in range(8):
+            x[i] += A[i, j] * xi[j]
+    s = 0
+    for a in range(NUM_COLUMNS):
+        s += NUM_COLUMNS - a
+        for b in range(NUM_COLUMNS):
+            sums[s] += H[a, b] * x[b]
+        s += 1
 
 
 @njit(**OPTIONS)
@@ -187,9 +210,9 @@ def join(view, h, q, sigma, has_light, H, g):
 
 
 @njit(**OPTIONS)
-def some_blocks(num_blocks):
-    """Return every how many blocks are enough for the scale, and for a pass that others will follow."""
-    return max(1, min(SOME_STEP, num_blocks // MIN_SOME_BLOCKS))
+def scale_step(num_blocks):
+    """Return every how many blocks are enough for the scale."""
+    return max(1, min(SCALE_STEP, num_blocks // MIN_SCALE_BLOCKS))
 
 
 @njit(**OPTIONS)
@@ -217,15 +240,15 @@ def _correlate(d, r, facts):
 
 
 @njit(**OPTIONS)
-def examine(blocks, step, T, camera, image, gain, bias, huber, min_sigma, facts, pieces):
-    """Compare each `step`-th block of one view: facts (NUM_FACTS,) f64, sums of each piece (NUM_PIECES, NUM_SUMS) f64.
+def examine(blocks, T, camera, image, gain, bias, huber, min_sigma, facts, pieces):
+    """Compare one view: facts (NUM_FACTS,) f64, sums of each piece (NUM_PIECES, NUM_SUMS) f64.
 
     T (3, 4) f64 reference -> camera. Sums of the correlation are of grey levels as they are, light not applied.
     """
     T32, gain32, bias32 = T.astype(np.float32), np.float32(gain), np.float32(bias)
     r, places, histogram = np.empty(SCRATCH, np.float32), np.empty(SIDE, np.int32), np.empty(NUM_BINS, np.int32)
     number = blocks.size // BLOCK
-    median, mad, _ = scale(blocks, some_blocks(number), T32, camera, image, gain32, bias32, r, places, histogram)
+    median, mad, _ = scale(blocks, scale_step(number), T32, camera, image, gain32, bias32, r, places, histogram)
     middle, width = np.float32(median), np.float32(huber * max(SIGMA_OF_MAD * mad, min_sigma))
     facts[:] = 0.0
     facts[MEDIAN], facts[MAD] = median, mad
@@ -233,8 +256,7 @@ def examine(blocks, step, T, camera, image, gain, bias, huber, min_sigma, facts,
     facts[NUM_CUT] = count
     for p in range(count):
         pieces[p] = 0.0
-        first, last = number * p // count, number * (p + 1) // count
-        for b in range(step * ((first + step - 1) // step), last, step):
+        for b in range(number * p // count, number * (p + 1) // count):
             d = accumulate(blocks, b, T32, camera, image, gain32, bias32, middle, width, r, places, pieces[p])
             _correlate(d, r, facts)
         facts[NUM_VISIBLE] += pieces[p, VISIBLE]
@@ -242,12 +264,10 @@ def examine(blocks, step, T, camera, image, gain, bias, huber, min_sigma, facts,
 
 
 @njit(**OPTIONS)
-def linearise(
-    blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, is_part, facts, pieces
-):
+def linearise(blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, facts, pieces):
     """Robust normal equations of all views at a pose (M15 eq. 4, 6, 19, 30-35), and how many pixels are visible.
 
-    Where it `is_part`, by some of the pixels. facts (MAX_VIEWS, NUM_FACTS) and pieces (MAX_VIEWS, ...) as of `examine`.
+    facts (MAX_VIEWS, NUM_FACTS) and pieces (MAX_VIEWS, ...) as of `examine`.
     """
     huber, min_sigma, has_light = robust
     n = 6 + 2 * num_views if has_light else 6
@@ -257,14 +277,13 @@ def linearise(
     visible = 0.0
     for v in range(num_views):
         T = compose(T_camera_world, T_world_reference[v])
-        step = some_blocks(blocks[v].size // BLOCK) if is_part else 1
         lit = light[v, 0], light[v, 1]
-        examine(blocks[v], step, T, camera, image, *lit, huber, min_sigma, facts[v], pieces[v])
+        examine(blocks[v], T, camera, image, *lit, huber, min_sigma, facts[v], pieces[v])
         sums[:] = 0.0
         for p in range(int(facts[v, NUM_CUT])):
             for i in range(NUM_SUMS):
                 sums[i] += pieces[v, p, i]
-        visible += step * facts[v, NUM_VISIBLE]
+        visible += facts[v, NUM_VISIBLE]
         unpack(sums, h, q)
         to_camera_tangent(T, h, q)
         join(v, h, q, max(SIGMA_OF_MAD * facts[v, MAD], min_sigma), has_light, H, g)
@@ -290,18 +309,17 @@ def descend(
     """Iterate at one level (M15 eq. 6-7); T_world_camera (3, 4) and light (MAX_VIEWS, 2) change in place.
 
     robust is (Huber bound, smallest sigma, whether light is estimated), stop (smallest increment in pixels, pixels per
-    radian, depth in m, fewest visible pixels). A pure rotation (eq. 20) leaves the translation as it is. The first pass
-    looks at some of the pixels: a quarter moves the image as far, and others correct it. Returns the iterations, the
-    last increment in pixels, and whether the image determined it; facts and pieces are those of the last pass.
+    radian, depth in m, fewest visible pixels). A pure rotation (eq. 20) leaves the translation as it is. Returns the
+    iterations, the last increment in pixels, and whether the image determined it; facts and pieces are those of the
+    last pass, the gradients those after its increment.
     """
     min_step, per_radian, depth, min_pixels = stop
     first = 3 if is_rotation else 0
     motion, iteration = 0.0, 0
-    xi = np.zeros(6)
+    xi, before = np.zeros(8), np.empty((3, 4))
     while iteration < limit:
-        is_part = iteration == 0 and limit > 1
         H, g, visible = linearise(
-            blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, is_part, facts, pieces
+            blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, facts, pieces
         )
         if visible < min_pixels:
             return iteration, motion, False
@@ -313,7 +331,7 @@ def descend(
         pose = compose(T_world_camera, exponential(xi))
         for i in range(3):
             for j in range(4):
-                T_world_camera[i, j] = pose[i, j]
+                before[i, j], T_world_camera[i, j] = T_world_camera[i, j], pose[i, j]
         if robust[2]:
             for v in range(num_views):
                 light[v, 0] = min(max(light[v, 0] + x[6 - first + 2 * v], MIN_GAIN), MAX_GAIN)
@@ -321,7 +339,13 @@ def descend(
         iteration += 1
         parallax = math.sqrt(xi[0] ** 2 + xi[1] ** 2 + xi[2] ** 2) / depth
         motion = (math.sqrt(xi[3] ** 2 + xi[4] ** 2 + xi[5] ** 2) + parallax) * per_radian
-        if motion < min_step and not is_part:
+        if motion < min_step:
+            T_camera_world = invert(before)
+            for v in range(num_views):
+                if robust[2]:
+                    xi[6], xi[7] = x[6 - first + 2 * v], x[7 - first + 2 * v]
+                for p in range(int(facts[v, NUM_CUT])):
+                    move(pieces[v, p], compose(T_camera_world, T_world_reference[v]), xi)
             break
     return iteration, motion, True
 

@@ -101,5 +101,5 @@ def test_scatter_is_the_sum_of_g_by_the_inverse_of_h(rng):
 
 @pytest.mark.parametrize(("blocks", "step", "pieces"), [(0, 1, 1), (7, 1, 1), (16, 2, 2), (40, 4, 5), (400, 4, 16)])
 def test_small_views_are_not_sampled(blocks, step, pieces):
-    assert kernels.some_blocks(blocks) == step
+    assert kernels.scale_step(blocks) == step
     assert kernels.num_pieces(blocks) == pieces
