@@ -11,14 +11,11 @@ import numpy as np
 from kernel_cache.kernels import OPTIONS, njit
 from photometric.iteration.kernels import (
     BLOCK,
-    C6,
-    GREY,
     INLIERS,
     NUM_BINS,
     NUM_COLUMNS,
     NUM_SUMS,
     SCRATCH,
-    SEEN,
     SIDE,
     VISIBLE,
     accumulate,
@@ -222,24 +219,6 @@ def num_pieces(num_blocks):
 
 
 @njit(**OPTIONS)
-def _correlate(d, r, facts):
-    """Add what the correlation of reference and warped image needs."""
-    sum_r = sum_c = product = square_r = square_c = np.float32(0.0)
-    for i in range(SIDE):
-        seen, current, grey = r[SEEN + i], r[C6 + i], d[GREY + i]
-        sum_r += seen * grey
-        sum_c += seen * current
-        product += seen * grey * current
-        square_r += seen * grey * grey
-        square_c += seen * current * current
-    facts[SUM_REFERENCE] += sum_r
-    facts[SUM_CURRENT] += sum_c
-    facts[PRODUCT] += product
-    facts[SQUARE_REFERENCE] += square_r
-    facts[SQUARE_CURRENT] += square_c
-
-
-@njit(**OPTIONS)
 def examine(blocks, T, camera, image, gain, bias, huber, min_sigma, facts, pieces):
     """Compare one view: facts (NUM_FACTS,) f64, sums of each piece (NUM_PIECES, NUM_SUMS) f64.
 
@@ -256,9 +235,9 @@ def examine(blocks, T, camera, image, gain, bias, huber, min_sigma, facts, piece
     facts[NUM_CUT] = count
     for p in range(count):
         pieces[p] = 0.0
-        for b in range(number * p // count, number * (p + 1) // count):
-            d = accumulate(blocks, b, T32, camera, image, gain32, bias32, middle, width, r, places, pieces[p])
-            _correlate(d, r, facts)
+        some = number * p // count, number * (p + 1) // count
+        light = gain32, bias32, middle, width
+        accumulate(blocks, *some, T32, camera, image, *light, r, places, pieces[p], facts[SUM_REFERENCE:])
         facts[NUM_VISIBLE] += pieces[p, VISIBLE]
         facts[NUM_INLIERS] += pieces[p, INLIERS]
 

@@ -457,24 +457,40 @@ def scale(blocks, step, T, camera, image, gain, bias, r, places, histogram):
 
 
 @njit(**OPTIONS)
-def accumulate(blocks, b, T, camera, image, gain, bias, median, width, r, places, sums):
-    """Add the products of the weighted columns of block b to sums (NUM_SUMS,) f64; return the block.
+def _correlate(d, r, correlation):
+    """Add what the correlation of reference and warped image needs."""
+    sum_r = sum_c = product = square_r = square_c = ZERO
+    for i in range(SIDE):
+        seen, current, grey = r[SEEN + i], r[C6 + i], d[GREY + i]
+        sum_r += seen * grey
+        sum_c += seen * current
+        product += seen * grey * current
+        square_r += seen * grey * grey
+        square_c += seen * current * current
+    _add(0, (sum_r, sum_c, product, square_r, square_c), correlation)
+
+
+@njit(**OPTIONS)
+def accumulate(blocks, first, last, T, camera, image, gain, bias, median, width, r, places, sums, correlation):
+    """Add the products of the weighted columns of blocks first..last to sums (NUM_SUMS,) f64.
 
     T (3, 4) f32 reference -> camera; `median` and `width`, the Huber bound a sigma, in grey levels. The columns are
-    by (v, omega) of the reference, gain and bias; the ninth is the residual.
+    by (v, omega) of the reference, gain and bias; the ninth is the residual. To correlation (5,) f64 the sums of
+    reference, image, their product and both squares, of grey levels as they are, light not applied.
     """
-    d = blocks[b * BLOCK : (b + 1) * BLOCK]
-    locate(T, camera, image, d, r, places)
-    _differentiate(T, gain, bias, d, r)
-    sums[INLIERS] += _weigh(median, width, d, r)
-    _add_rows_0_1(r, sums)
-    _add_rows_2_3(r, sums)
-    _add_rows_4_8(r, sums)
-    visible = ZERO
-    for i in range(SIDE):
-        visible += r[SEEN + i]
-    sums[VISIBLE] += visible
-    return d
+    for b in range(first, last):
+        d = blocks[b * BLOCK : (b + 1) * BLOCK]
+        locate(T, camera, image, d, r, places)
+        _differentiate(T, gain, bias, d, r)
+        sums[INLIERS] += _weigh(median, width, d, r)
+        _add_rows_0_1(r, sums)
+        _add_rows_2_3(r, sums)
+        _add_rows_4_8(r, sums)
+        visible = ZERO
+        for i in range(SIDE):
+            visible += r[SEEN + i]
+        sums[VISIBLE] += visible
+        _correlate(d, r, correlation)
 
 
 @njit(**OPTIONS)

@@ -72,8 +72,7 @@ def accumulate(case, gain, bias, median, bound):
     r, places = np.empty(kernels.SCRATCH, np.float32), np.empty(kernels.SIDE, np.int32)
     sums, number = np.zeros(kernels.NUM_SUMS), case.blocks.size // kernels.BLOCK
     light = (np.float32(gain), np.float32(bias), np.float32(median), np.float32(bound))
-    for block in range(number):
-        kernels.accumulate(case.blocks, block, *case.arguments, *light, r, places, sums)
+    kernels.accumulate(case.blocks, 0, number, *case.arguments, *light, r, places, sums, np.zeros(5))
     return sums
 
 
