@@ -37,6 +37,9 @@ MIN_NCC, MAX_STEP_SIGMA_M, MAX_SIGMAS = 0.8, 0.02, 5.0  # of an alignment with t
 SAME_PLACE, MAX_PREDICTED = 0.3, 2  # mean cosine; images in a row
 NEARLY, KEPT = 0.9, 0.9  # of the usual correlation with the map; of its weight, from one image to the next
 MIN_SIGMA_M, MIN_SIGMA_RAD = 0.005, 0.002  # of any comparison
+MAX_LEVEL_PIXELS = (
+    2  # of the pixels that are aligned: a level with more takes longer to make a reference of than to align
+)
 ANY_MAD = 255.0  # the map may differ as it likes: each reference counts by the inverse of its own residuals
 
 
@@ -121,8 +124,9 @@ class VisualOdometry:
         seen = self._with_last(images, choices, last)
         if not seen:
             return None
-        motion = prediction.frame_motion(self._params.camera.readout)
-        found = register_rig(seen, prediction.T_map_camera, any_mad(self._params.registration), motion)
+        motion, finest = prediction.frame_motion(self._params.camera.readout), finest_level(seen, self._params)
+        registration = any_mad(no_finer(self._params.registration, finest))
+        found = register_rig(seen, prediction.T_map_camera, registration, motion)
         step, noise = found.T_world_camera, found.covariance
         self._num_predicted = 0 if is_step(found, prediction) else self._num_predicted + 1
         if self._num_predicted:
@@ -144,7 +148,7 @@ class VisualOdometry:
     def _with_last(self, images: Sequence[RigImage], choices: Sequence[Choice], last: Place) -> tuple[RigImage, ...]:
         """Return images with the key spheres that cover them and the last image of the same camera."""
         before, seen = {image.name: image for image in last.images}, []
-        params = self._params.registration
+        params = no_finer(self._params.registration, finest_level(images, self._params))
         for image, choice in zip(images, choices, strict=True):
             if image.name in before:
                 view = view_of(before[image.name], last.T_map_camera, share_pixels(params, len(last.images)))
@@ -176,6 +180,24 @@ def agreement_at(
         params.registration, pyramid=replace(params.registration.pyramid, finest=min(level, coarsest))
     )
     return find_rig_structure(seen, replace(found, T_world_camera=prediction.T_map_camera), registration).agreement
+
+
+def finest_level(images: Sequence[RigImage], params: LocalizerParams) -> int:
+    """Return the finest level of which a reference is made: a camera of 45 Hz cannot wait for that of a full image."""
+    limit = MAX_LEVEL_PIXELS * params.registration.max_pixels
+    sizes = [
+        max(camera.width * camera.height for camera in level)
+        for level in zip(*(image.pyramid.cameras for image in images), strict=False)
+    ]
+    return next((index for index, size in enumerate(sizes) if size <= limit), len(sizes) - 1)
+
+
+@cache
+def no_finer(params: RegistrationParams, level: int) -> RegistrationParams:
+    """Return the parameters of an alignment that ends at a level, or at a coarser one."""
+    pyramid = params.pyramid
+    finest = max(level, pyramid.finest)
+    return replace(params, pyramid=replace(pyramid, finest=finest, coarsest=max(finest, pyramid.coarsest)))
 
 
 @cache
