@@ -22,6 +22,7 @@ Floats = NDArray[np.float32]
 NUM_BINS = 36  # turns of 10 degrees
 WINDOW = 3  # neighbouring turns that count as one: what is near moves as the viewpoint does
 MAX_RISE = np.radians(20.0)  # between two views of one feature; a sphere is upright within less
+LATE_SHARE = 0.125  # of the postings, that came late and are kept by themselves
 MAX_REPEATS = 4  # of a word in one image; a fence says nothing
 
 
@@ -38,23 +39,33 @@ class Likeness:
     log_chance: float
 
 
+@dataclass(frozen=True)
 class Postings:
-    """Where a word was seen: rows (n, 3) of the sphere's row, azimuth and elevation in rad, in an array that grows."""
+    """Where words were seen, by word: words (N,) ascending, rows (N,) of their spheres, angles (N, 2) of `angles`."""
 
-    def __init__(self) -> None:
-        self._rows, self._size = np.empty((4, 3)), 0
+    words: NDArray[np.int64]
+    rows: NDArray[np.int32]
+    angles: Floats
 
-    @property
-    def rows(self) -> NDArray[np.float64]:
-        """What was added so far."""
-        return self._rows[: self._size]
+    @staticmethod
+    def nothing() -> Postings:
+        """Return what is there at first."""
+        return Postings(np.empty(0, np.int64), np.empty(0, np.int32), np.empty((0, 2), np.float32))
 
-    def add(self, row: int, azimuth: float, elevation: float) -> None:
-        """Add one place."""
-        if self._size == len(self._rows):
-            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
-        self._rows[self._size] = row, azimuth, elevation
-        self._size += 1
+    def with_more(self, others: Iterable[Postings]) -> Postings:
+        """Return these and others together; those of a word in the order in which they came."""
+        every = (self, *others)
+        words = np.concatenate([one.words for one in every])
+        order = np.argsort(words, kind="stable")
+        rows, places = np.concatenate([one.rows for one in every]), np.concatenate([one.angles for one in every])
+        return Postings(words[order], rows[order], places[order])
+
+    def find(self, words: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return for every place (M,) of these words which of the words it is of, and where it stands here."""
+        first, last = np.searchsorted(self.words, words, "left"), np.searchsorted(self.words, words, "right")
+        number = last - first
+        start = np.repeat(first - np.cumsum(number) + number, number)
+        return np.repeat(np.arange(len(words)), number), start + np.arange(int(number.sum()))
 
 
 class AppearanceIndex:
@@ -65,7 +76,8 @@ class AppearanceIndex:
         self.features: dict[int, Features] = {}
         self.words: dict[int, NDArray[np.int64]] = {}
         self._ids: list[int] = []
-        self._postings: dict[int, Postings] = {}  # by word
+        self._postings, self._late = Postings.nothing(), Postings.nothing()  # most of them, and those that came since
+        self._new: list[Postings] = []  # not looked up yet
 
     def __len__(self) -> int:
         return len(self._ids)
@@ -82,15 +94,15 @@ class AppearanceIndex:
         self.features[sphere_id], self.words[sphere_id] = features, words
         row = len(self._ids)
         self._ids.append(sphere_id)
-        azimuth, elevation = angles(features.rays)
-        for feature in telling(words).tolist():
-            self._postings.setdefault(int(words[feature]), Postings()).add(row, azimuth[feature], elevation[feature])
+        seen, (azimuth, elevation) = telling(words), angles(features.rays)
+        places = np.column_stack([azimuth, elevation]).astype(np.float32)[seen]
+        self._new.append(Postings(words[seen], np.full(len(seen), row, np.int32), places))
 
     def find(self, features: Features, count: int, without: Iterable[int] = ()) -> list[Likeness]:
         """Return up to `count` key spheres, the likest first; rays of the image in axes about upright (z up)."""
-        votes = self._votes(features)
-        if not votes.size:
+        if not self._ids:
             return []
+        votes = self._votes(features)
         number = votes.sum(axis=1)
         shifts = range(-(WINDOW // 2), WINDOW // 2 + 1)
         peaks = np.sum([np.roll(votes, shift, axis=1) for shift in shifts], axis=0)
@@ -107,21 +119,31 @@ class AppearanceIndex:
     def _votes(self, features: Features) -> NDArray[np.int64]:
         """Return the histogram (S, NUM_BINS) of turns for every sphere; a feature votes once for each turn."""
         words = self.dictionary.read(features.unit_descriptors())
-        azimuth, elevation = angles(features.rays)
-        cells = []
-        for feature in telling(words).tolist():
-            postings = self._postings.get(int(words[feature]))
-            if postings is None:
-                continue
-            entries = postings.rows
-            near = entries[np.abs(entries[:, 2] - elevation[feature]) < MAX_RISE]
-            turn = (near[:, 1] - azimuth[feature] + np.pi) % (2 * np.pi)
-            turn_bin = np.minimum((turn * (NUM_BINS / (2 * np.pi))).astype(np.int64), NUM_BINS - 1)
-            cells.append(np.unique(near[:, 0].astype(np.int64) * NUM_BINS + turn_bin))
-        total = (
-            np.bincount(np.concatenate(cells), minlength=len(self._ids) * NUM_BINS) if cells else np.zeros(0, np.int64)
-        )
+        asked = telling(words)
+        own = np.column_stack(angles(features.rays))[asked]
+        cells = [self._turns(postings, words[asked], own) for postings in self._sorted()]
+        total = np.bincount(np.concatenate(cells), minlength=len(self._ids) * NUM_BINS)
         return total.reshape(-1, NUM_BINS)
+
+    def _turns(self, postings: Postings, words: NDArray[np.int64], own: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return the cells (row * NUM_BINS + turn) that features of these words, at angles (N, 2), vote for."""
+        feature, place = postings.find(words)
+        seen = postings.angles[place]
+        near = np.abs(seen[:, 1] - own[feature, 1]) < MAX_RISE
+        feature, place = feature[near], place[near]
+        turn = (seen[near, 0] - own[feature, 0] + np.pi) % (2 * np.pi)
+        turn_bin = np.minimum((turn * (NUM_BINS / (2 * np.pi))).astype(np.int64), NUM_BINS - 1)
+        cell = postings.rows[place].astype(np.int64) * NUM_BINS + turn_bin
+        size = len(self._ids) * NUM_BINS
+        return np.unique(feature * size + cell) % size
+
+    def _sorted(self) -> tuple[Postings, Postings]:
+        """Return all postings by word; what came late is sorted in where it has become a large part."""
+        if self._new:
+            self._late, self._new = self._late.with_more(self._new), []
+        if len(self._late.words) > LATE_SHARE * len(self._postings.words):
+            self._postings, self._late = self._postings.with_more([self._late]), Postings.nothing()
+        return self._postings, self._late
 
 
 def angles(rays: Floats) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
