@@ -63,12 +63,12 @@ def take_samples(
 def thin(selection: Selection, number: int) -> Floats:
     """Return blocks of about so many of the chosen pixels, evenly taken."""
     step = max(1, selection.num_pixels // number)
-    some = selection.blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, :, ::step]
-    rows = some.transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)
+    some = selection.blocks.reshape(selection.blocks.size // BLOCK, BLOCK // SIDE, SIDE)[:, :, ::step]
+    rows = some.transpose(1, 0, 2).reshape(BLOCK // SIDE, some.shape[0] * some.shape[2])
     count = -(-rows.shape[1] // SIDE)
     blocks = np.full((BLOCK // SIDE, count * SIDE), np.nan, np.float32)
     blocks[:, : rows.shape[1]] = rows
-    return np.ascontiguousarray(blocks.reshape(-1, count, SIDE).swapaxes(0, 1)).reshape(-1)
+    return np.ascontiguousarray(blocks.reshape(BLOCK // SIDE, count, SIDE).swapaxes(0, 1)).reshape(-1)
 
 
 def warp_sample(blocks: Floats, T: Floats, camera: KernelCamera, level: Level, light: tuple[float, float]) -> Sample:

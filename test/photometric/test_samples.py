@@ -31,3 +31,14 @@ def test_samples_are_in_the_image_and_change_with_the_pose_as_they_say(room):
         if len(other.residual) == len(one.residual):
             change, expected = other.residual - one.residual, J @ xi
             assert np.median(np.abs(change - expected)) < 0.1 * np.median(np.abs(expected)) + 2e-3
+
+
+def test_a_view_that_the_camera_does_not_see_has_no_samples(room):
+    behind = POSE @ SE3.exp([0.0, 0.0, 0.0, 0.0, np.pi, 0.0])
+    views = [View(prepare_reference(*room.render(CAMERA, behind), CAMERA, PARAMS), behind)]
+    pyramid = build_pyramid(room.photograph(CAMERA, POSE, noise=0.0), CAMERA, PARAMS.pyramid)
+    found = register(pyramid, views, POSE, PARAMS)
+    assert found.reason
+    (one,) = take_samples(pyramid, views, found, PARAMS, None)
+    assert one.points.shape == (0, 3)
+    assert one.at.shape == (0, 2)
