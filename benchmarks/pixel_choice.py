@@ -142,12 +142,12 @@ def of_all_pixels(image: Image, range_m: NDArray[np.float32], camera: Camera, pa
     return Reference(tuple(levels))
 
 
-def pale_ahead(points_room: Array) -> Array:
+def pale_ahead(points_room: NDArray[np.floating]) -> Array:
     """Return the contrast of a room whose wall ahead is pale."""
     return np.where(points_room[..., 0] > HALF_SIDES_M[0] - 1e-6, PALE, 1.0)
 
 
-def pale_walls(points_room: Array) -> Array:
+def pale_walls(points_room: NDArray[np.floating]) -> Array:
     """Return the contrast of a room that has texture above and below its middle."""
     is_level = np.abs(points_room[..., 2]) > HALF_SIDES_M[2] - 1e-6
     near = np.exp(-np.sum(points_room[..., :2] ** 2, axis=-1) / (2 * POLAR_M**2))
