@@ -37,9 +37,7 @@ MIN_NCC, MAX_STEP_SIGMA_M, MAX_SIGMAS = 0.8, 0.02, 5.0  # of an alignment with t
 SAME_PLACE, MAX_PREDICTED = 0.3, 2  # mean cosine; images in a row
 NEARLY, KEPT = 0.9, 0.9  # of the usual correlation with the map; of its weight, from one image to the next
 MIN_SIGMA_M, MIN_SIGMA_RAD = 0.005, 0.002  # of any comparison
-MAX_LEVEL_PIXELS = (
-    2  # of the pixels that are aligned: a level with more takes longer to make a reference of than to align
-)
+MAX_LEVEL_PIXELS = 2.0  # of the pixels that are aligned: to make a reference of more takes longer than to align it
 ANY_MAD = 255.0  # the map may differ as it likes: each reference counts by the inverse of its own residuals
 
 
@@ -121,12 +119,12 @@ class VisualOdometry:
             self._references.choose(one.pose(prediction.T_map_camera), one.pyramid.cameras[0], is_followed=True)
             for one in images
         ]
-        seen = self._with_last(images, choices, last)
+        registration = no_finer(self._params.registration, finest_level(images, self._params))
+        seen = self._with_last(images, choices, last, registration)
         if not seen:
             return None
-        motion, finest = prediction.frame_motion(self._params.camera.readout), finest_level(seen, self._params)
-        registration = any_mad(no_finer(self._params.registration, finest))
-        found = register_rig(seen, prediction.T_map_camera, registration, motion)
+        motion = prediction.frame_motion(self._params.camera.readout)
+        found = register_rig(seen, prediction.T_map_camera, any_mad(registration), motion)
         step, noise = found.T_world_camera, found.covariance
         self._num_predicted = 0 if is_step(found, prediction) else self._num_predicted + 1
         if self._num_predicted:
@@ -145,10 +143,12 @@ class VisualOdometry:
         self._last, self._way = place, way
         return place
 
-    def _with_last(self, images: Sequence[RigImage], choices: Sequence[Choice], last: Place) -> tuple[RigImage, ...]:
+    @staticmethod
+    def _with_last(
+        images: Sequence[RigImage], choices: Sequence[Choice], last: Place, params: RegistrationParams
+    ) -> tuple[RigImage, ...]:
         """Return images with the key spheres that cover them and the last image of the same camera."""
         before, seen = {image.name: image for image in last.images}, []
-        params = no_finer(self._params.registration, finest_level(images, self._params))
         for image, choice in zip(images, choices, strict=True):
             if image.name in before:
                 view = view_of(before[image.name], last.T_map_camera, share_pixels(params, len(last.images)))

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from photometric.descent.kernels import SIGMA_OF_MAD
+
 
 def median_and_mad(residual: NDArray[np.floating]) -> tuple[float, float]:
     """Return median and median absolute deviation of the residuals that are not NaN (eq. 12)."""
@@ -17,3 +19,10 @@ def huber_weights(residual: NDArray[np.floating], median: float, bound: float) -
     """Return psi(d) / d for d = residual - median, Huber's psi with its bound in grey levels (eq. 34)."""
     off = np.abs(residual - median)
     return np.where(off <= bound, 1.0, bound / np.maximum(off, bound))
+
+
+def weigh(residual: NDArray[np.floating], huber: float, min_sigma: float) -> tuple[NDArray[np.floating], float]:
+    """Return Huber's weights over the variance, and its root sigma; his bound is `huber` sigma (eq. 33-35)."""
+    median, mad = median_and_mad(residual)
+    sigma = max(SIGMA_OF_MAD * mad, min_sigma)
+    return huber_weights(residual, median, huber * sigma) / sigma**2, sigma

@@ -61,10 +61,8 @@ def correlation_after_turn(now: Level, before: Level, R_before_now: Array) -> fl
     (rows, columns), rays = _sample(before.camera)
     blocks = rays.copy()
     blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, GREY // SIDE] = before.image[rows, columns + before.pad]
-    T, (facts, pieces) = (
-        np.zeros((3, 4)),
-        (np.empty(kernels.NUM_FACTS), np.empty((kernels.NUM_PIECES, kernels.NUM_SUMS))),
-    )
+    facts, pieces = np.empty(kernels.NUM_FACTS), np.empty((kernels.NUM_PIECES, kernels.NUM_SUMS))
+    T = np.zeros((3, 4))
     T[:, :3] = R_before_now.T
     kernels.examine(blocks, T, now.kernel_camera, now.samples, 1.0, 0.0, ANY_WIDTH, ANY_SIGMA, facts, pieces)
     number = facts[kernels.NUM_VISIBLE]

@@ -38,6 +38,11 @@ class Sample:
     residual: Array
     at: Array
 
+    @property
+    def by_pose(self) -> Array:
+        """Derivative (N, 6) of the residual by xi in T_world_camera exp(xi)."""
+        return np.hstack([-self.of_image, np.cross(self.of_image, self.points)])
+
 
 def take_samples(
     pyramid: Pyramid,

@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photometric.alignment import Alignment
-from photometric.descent.kernels import SIGMA_OF_MAD
 from photometric.params import RegistrationParams
 from photometric.pyramid import Pyramid
 from photometric.reference import View
 from photometric.rig import RigImage, share_pixels
-from photometric.robust import huber_weights, median_and_mad
+from photometric.robust import weigh
 from photometric.samples import Sample, take_samples
 from photometric.uneven_light import NO_PULL, Pull, find_pull
 from sphere_geometry import SE3, FrameMotion, Spherical
@@ -125,12 +124,9 @@ def _stretch(samples: Sequence[Sample], params: RegistrationParams, *, has_lens:
     size = 7 + 2 * len(samples)
     H, scores = np.zeros((size, size)), []
     for index, sample in enumerate(samples):
-        median, mad = median_and_mad(sample.residual)
-        sigma = max(SIGMA_OF_MAD * mad, params.min_sigma)
-        weight = huber_weights(sample.residual, median, params.huber * sigma) / sigma**2
+        weight, _ = weigh(sample.residual, params.huber, params.min_sigma)
         J = np.zeros((len(sample.residual), size))
-        J[:, :3], J[:, 3:6] = -sample.of_image, np.cross(sample.of_image, sample.points)
-        J[:, 6] = sample.by_stretch
+        J[:, :6], J[:, 6] = sample.by_pose, sample.by_stretch
         J[:, 7 + 2 * index], J[:, 8 + 2 * index] = sample.current, 1.0
         weighted = weight[:, None] * J
         H += weighted.T @ J

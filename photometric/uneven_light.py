@@ -15,9 +15,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from photometric.descent.kernels import SIGMA_OF_MAD
 from photometric.params import RegistrationParams
-from photometric.robust import huber_weights, median_and_mad
+from photometric.robust import weigh
 from photometric.samples import Sample
 from sphere_geometry import SE3
 
@@ -89,8 +88,7 @@ def _linearise(cameras: Cameras) -> Problem | None:
     J, first = np.zeros((len(owner), 6 + NUM_COLUMNS * len(views))), 0
     for index, (place, sample) in enumerate(views):
         rows, column = slice(first, first + counts[index]), 6 + NUM_COLUMNS * index
-        by_pose = np.hstack([-sample.of_image, np.cross(sample.of_image, sample.points)])
-        J[rows, :6] = by_pose if place is None else by_pose @ place.inverse().adjoint()
+        J[rows, :6] = sample.by_pose if place is None else sample.by_pose @ place.inverse().adjoint()
         half = 0.5 * np.pi * (sample.at + 1.0)
         u, v = ([np.cos(k * axis) for k in range(ORDER + 1)] for axis in half.T)
         J[rows, column], J[rows, column + 1] = sample.current, 1.0
@@ -117,9 +115,7 @@ def _weights(residual: Array, owner: NDArray[np.int64], params: RegistrationPara
     weight = np.empty(len(residual))
     for index in range(int(owner[-1]) + 1):
         own = owner == index
-        median, mad = median_and_mad(residual[own])
-        sigma = max(SIGMA_OF_MAD * mad, params.min_sigma)
-        weight[own] = huber_weights(residual[own], median, params.huber * sigma) / sigma**2
+        weight[own], _ = weigh(residual[own], params.huber, params.min_sigma)
     return weight
 
 

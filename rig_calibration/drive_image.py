@@ -7,8 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photometric.descent.kernels import SIGMA_OF_MAD
-from photometric.robust import huber_weights, median_and_mad
+from photometric.robust import weigh
 from rig_calibration.drive_lens import Lens
 from sphere_geometry import SE3
 from sphere_geometry.shutter import project_rolling, row_share
@@ -69,9 +68,7 @@ def linearize(image: DriveImage, state: ImageState, lens: Lens, level: int) -> P
     num_columns = J.shape[1]
     if len(residual) < MIN_PIXELS:  # says nothing
         return Part(np.zeros((num_columns, num_columns)), np.zeros(num_columns), 0, MIN_SIGMA)
-    median, mad = median_and_mad(residual)
-    sigma = max(SIGMA_OF_MAD * mad, MIN_SIGMA)
-    weight = huber_weights(residual, median, HUBER * sigma) / sigma**2
+    weight, sigma = weigh(residual, HUBER, MIN_SIGMA)
     weighted = J * weight[:, None]
     return Part(weighted.T @ J, weighted.T @ residual, len(residual), sigma)
 
