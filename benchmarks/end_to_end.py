@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from benchmarks.depth_icp import icp
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report
+from benchmarks.rgbd_data import COLMAP_POSES, colmap_poses
 from node_kit.bags import BagReader
 from node_kit.conversions import camera_from_info, depth_to_metres, message_to_status, stamp_ns
 from node_kit.map_bag import open_map
@@ -33,7 +34,6 @@ HELP = "import, map, localise and register recorded data through the commands"
 TRUTH = ("ground_truth/pose",)
 MIN_OVERLAP = 0.3  # of the depth points of an image, by the true poses, that a mapped image sees
 STEP = 16  # px between two of those points
-COLMAP_POSES = "redkitchen_colmap_poses"  # beside the recording, of its colour camera
 KITCHEN = (  # what, frames mapped, frames localised, bounds in mm and degrees
     ("120:240 in 0:120", "0:120", "120:240", (8.0, 0.4)),
     ("odd in even frames", "0:240:2", "1:240:2", (2.5, 0.1)),
@@ -69,9 +69,9 @@ def run(options: argparse.Namespace) -> Report:
 
 def kitchen(data: Path, folder: Path, report: Report) -> None:
     """RGB-D frames mapped, others localised from colour alone, judged by COLMAP: the recorded poses are wrong."""
-    poses = data.with_name(COLMAP_POSES)
-    if not poses.is_dir():
-        report.notes.append(f"redkitchen: skipped, no folder {poses}")
+    poses = colmap_poses(data)
+    if poses is None:
+        report.notes.append(f"redkitchen: skipped, no folder {data}{COLMAP_POSES}")
         return
     for what, mapped, localised, bound in KITCHEN:
         part = folder / mapped.replace(":", "_")
@@ -89,6 +89,8 @@ def kitchen(data: Path, folder: Path, report: Report) -> None:
         seen = estimate[np.isin(estimate.stamps_ns, stamps)]
         judged = judge(seen, truth).report
         false_fixes = float(np.sum(errors(tracked(part / "said", estimate), truth) > 0.15))
+        told = judge(read_poses(part / "said", ("pose",)), truth).report["nees"]
+        nees = told["mean"] / 6 if told else np.nan
         share = len(seen) / max(len(stamps), 1)
         report.notes.append(
             f"redkitchen {what}: {len(stamps)} of {len(truth)} images overlap the map by {MIN_OVERLAP:.0%}"
@@ -96,6 +98,8 @@ def kitchen(data: Path, folder: Path, report: Report) -> None:
         report.bounds += [
             Bound(f"redkitchen {what} by colour, median", bound[0], 1e3 * judged["translation_m"]["median"], "mm"),
             Bound(f"redkitchen {what} by colour, median turn", bound[1], judged["rotation_deg"]["median"], "deg"),
+            Bound(f"redkitchen {what}, mean NEES over 6, not less than", 0.5, nees, "", is_minimum=True),
+            Bound(f"redkitchen {what}, mean NEES over 6, not more than", 2.0, nees, ""),
             Bound(f"redkitchen {what}, TRACKING with an error over 0.15 m", 0.0, false_fixes, "images"),
             Bound(f"redkitchen {what}, overlapping images with a pose", 0.5, share, "", is_minimum=True),
         ]

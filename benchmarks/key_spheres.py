@@ -19,11 +19,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.end_to_end import COLMAP_POSES, KITCHEN_READOUT, TRUTH, call, errors
+from benchmarks.end_to_end import KITCHEN_READOUT, TRUTH, call, errors
 from benchmarks.long_map import HEIGHT_M, draw
 from benchmarks.machine import describe
 from benchmarks.region import CAMERA, PARAMS, localise, noisy
 from benchmarks.report import Bound, Report, Table
+from benchmarks.rgbd_data import colmap_poses
 from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.renderer import Renderer
 from cycab_sim.worlds import build_world
@@ -90,7 +91,7 @@ def run(options: argparse.Namespace) -> Report:
         found[f"town {seed}"] = in_town(seed, QUICK_M if options.quick else LENGTH_M)
     for name, measure in (("driving/kitti_06", kitti), ("rgbd/redkitchen", kitchen)):
         data = options.recordings / name
-        if options.quick or not data.is_dir():
+        if options.quick or not data.is_dir() or (measure is kitchen and colmap_poses(data) is None):
             report.notes.append(f"{name}: skipped{'' if options.quick else f', no folder {data}'}")
             continue
         found[data.name] = {}
@@ -163,7 +164,7 @@ def kitti(data: Path, folder: Path, values: Mapping[str, Any]) -> Outcome:
 
 def kitchen(data: Path, folder: Path, values: Mapping[str, Any]) -> Outcome:
     """Map the even frames of an RGB-D camera, localise the odd ones by colour."""
-    truth = ("--poses", data.with_name(COLMAP_POSES), "--truth-camera", "colour")
+    truth = ("--poses", colmap_poses(data), "--truth-camera", "colour")
     for name, frames in (("even", "0:120:2"), ("odd", "1:120:2")):
         call("import", "seven_scenes", data, "-o", folder / name, "--frames", frames, *truth)
     return _by_commands(folder, values, ("--set", KITCHEN_READOUT), ("--set", KITCHEN_READOUT))

@@ -15,6 +15,7 @@ from sphere_geometry import SE3, Pinhole
 
 KINECT = (640, 480)
 INVALID_MM = (0, 65535)  # 7-Scenes writes both where the sensor saw nothing
+COLMAP_POSES = "_colmap_poses"  # folder beside a recording that has its name and this: poses of its colour camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,26 +62,49 @@ class Recording:
     calibrations: tuple[Calibration, ...]
     pairs: Callable[[int, int], list[tuple[Path, Path]]]  # (frames apart, frames between starts)
     read: Callable[[Path], Frame]
-    gaps: tuple[int, ...]  # the only gaps it can give; empty: any
+    gaps: tuple[int, ...] = ()  # the only gaps it can give; empty: any
+    is_truth_of_depth: bool = False  # the true poses are those of the depth camera, where it is another
 
     def frame(self, path: Path, calibration: Calibration) -> Frame:
         """Return one frame as `calibration` sees it."""
         found = self.read(path)
-        return found if calibration.depth_camera is None else registered(found, calibration)
+        if calibration.depth_camera is None:
+            return found
+        T_depth_colour = calibration.T_colour_depth.inverse() if self.is_truth_of_depth else SE3.identity()
+        return replace(registered(found, calibration), T_world_camera=found.T_world_camera @ T_depth_colour)
 
 
-def open_recording(folder: Path) -> Recording:
-    """Find out which layout a folder has; ValueError says what was expected."""
+def open_recording(folder: Path, poses: Path | None = None) -> Recording:
+    """Find out which layout a folder has; ValueError says what was expected.
+
+    `poses`: frame-*.pose.txt of the colour camera of a 7-Scenes recording, in place of the recorded ones, which are of
+    its depth camera. They hold by the colour camera's own lens alone.
+    """
     if any(folder.glob("frame-*.pose.txt")):
-        return Recording(folder, SEVEN_SCENES, lambda k, step: _sequence_pairs(folder, k, step), read_seven_scenes, ())
+        chosen = SEVEN_SCENES if poses is None else [one for one in SEVEN_SCENES if one.depth_camera is not None]
+        return Recording(
+            folder,
+            tuple(chosen),
+            lambda k, step: _sequence_pairs(poses or folder, k, step),
+            lambda pose: read_seven_scenes(pose, folder),
+            is_truth_of_depth=poses is None,
+        )
+    if poses is not None:
+        raise ValueError(f"{folder}: expected frame-*.pose.txt (7-Scenes), where other poses are given, found none")
     if any(folder.glob("*/pose_prev.txt")):
-        return Recording(folder, TUM_FR1, lambda k, step: _single_pairs(folder), read_tum_pair, (1,))
+        return Recording(folder, TUM_FR1, lambda k, step: _single_pairs(folder), read_tum_pair, gaps=(1,))
     raise ValueError(f"{folder}: expected frame-*.pose.txt (7-Scenes) or */pose_prev.txt (pairs), found neither")
 
 
-def _sequence_pairs(folder: Path, gap: int, step: int) -> list[tuple[Path, Path]]:
-    poses = sorted(folder.glob("frame-*.pose.txt"))
-    return [(poses[i], poses[i + gap]) for i in range(0, len(poses) - gap, step)]
+def colmap_poses(folder: Path) -> Path | None:
+    """Return the folder of COLMAP's poses beside a recording, None where there is none."""
+    poses = folder.with_name(folder.name + COLMAP_POSES)
+    return poses if poses.is_dir() else None
+
+
+def _sequence_pairs(poses: Path, gap: int, step: int) -> list[tuple[Path, Path]]:
+    files = sorted(poses.glob("frame-*.pose.txt"))
+    return [(files[i], files[i + gap]) for i in range(0, len(files) - gap, step)]
 
 
 def _single_pairs(folder: Path) -> list[tuple[Path, Path]]:
@@ -88,13 +112,13 @@ def _single_pairs(folder: Path) -> list[tuple[Path, Path]]:
 
 
 @lru_cache(maxsize=32)
-def read_seven_scenes(pose_path: Path) -> Frame:
-    """Read the frame of a `frame-%06d.pose.txt`; colour is .jpg or .png, depth in mm."""
+def read_seven_scenes(pose_path: Path, folder: Path) -> Frame:
+    """Read the frame of a `frame-%06d.pose.txt` from a folder; colour is .jpg or .png, depth in mm."""
     stem = pose_path.name.removesuffix(".pose.txt")
-    colour = next((p for kind in ("jpg", "png") if (p := pose_path.with_name(f"{stem}.color.{kind}")).exists()), None)
+    colour = next((p for kind in ("jpg", "png") if (p := folder / f"{stem}.color.{kind}").exists()), None)
     if colour is None:
-        raise ValueError(f"{pose_path.with_name(stem)}: expected .color.jpg or .color.png, found neither")
-    depth = _read(pose_path.with_name(f"{stem}.depth.png"), cv2.IMREAD_UNCHANGED)
+        raise ValueError(f"{folder / stem}: expected .color.jpg or .color.png, found neither")
+    depth = _read(folder / f"{stem}.depth.png", cv2.IMREAD_UNCHANGED)
     depth_m = np.where(np.isin(depth, INVALID_MM), np.nan, depth / 1000.0).astype(np.float32)
     return Frame(stem, _read(colour, cv2.IMREAD_GRAYSCALE), depth_m, SE3.from_matrix(np.loadtxt(pose_path)))
 
@@ -111,7 +135,7 @@ def read_tum_pair(pose_path: Path) -> Frame:
 
 
 def registered(frame: Frame, calibration: Calibration) -> Frame:
-    """Carry depth into the colour image (nearest surface wins) and the true pose to the colour camera."""
+    """Carry depth into the colour image (nearest surface wins)."""
     source, camera = calibration.depth_camera, calibration.camera
     assert source is not None
     v, u = np.nonzero(np.isfinite(frame.depth_m))
@@ -124,7 +148,7 @@ def registered(frame: Frame, calibration: Calibration) -> Frame:
     column, row = np.rint(pixels[far_first]).astype(int).T
     depth_m = np.full(frame.depth_m.shape, np.nan, np.float32)
     depth_m[row, column] = points_colour[far_first, 2]
-    return replace(frame, depth_m=depth_m, T_world_camera=frame.T_world_camera @ calibration.T_colour_depth.inverse())
+    return replace(frame, depth_m=depth_m)
 
 
 def _read(path: Path, flags: int) -> NDArray:
