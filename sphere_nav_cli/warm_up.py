@@ -5,9 +5,14 @@ An installation ends with it; where the kernels are compiled already it takes se
 
 from __future__ import annotations
 
+import os
 import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
 
+import kernel_cache
 import photometric
+from cycab_sim.warm_up import warm_up as warm_up_simulator
 from kernel_cache.folder import PACKAGES, cache_folder, cache_root, remove_old
 from mcl_depth.params import FilterParams
 from mcl_depth.warm_up import warm_up as warm_up_mcl
@@ -15,14 +20,28 @@ from sphere_mapping.acquisition import kernels as acquisition
 from view_synthesis.warm_up import warm_up as warm_up_view
 
 
-def main() -> int:
-    """Compile what is not compiled yet."""
-    if not all(cache_folder(package).is_dir() for package in PACKAGES):
-        print(f"compiling kernels into {cache_root()}, a minute or two", file=sys.stderr)
-    photometric.warm_up()
-    acquisition.warm_up()
+def warm_up_mcl_depth() -> None:
+    """With the parameters that are the default."""
     warm_up_mcl(FilterParams())
+
+
+def warm_up_registration() -> None:
+    """One after the other: kernels of view synthesis call those of registration."""
+    photometric.warm_up()
     warm_up_view()
+
+
+PARTS = (warm_up_mcl_depth, warm_up_registration, warm_up_simulator, acquisition.warm_up)  # the longest first
+
+
+def main() -> int:
+    """Compile what is not compiled yet, on all cores."""
+    if not all(cache_folder(package).is_dir() for package in PACKAGES if package != kernel_cache.__name__):
+        print(f"compiling kernels into {cache_root()}, a minute or two", file=sys.stderr)
+    jobs = min(os.cpu_count() or 1, len(PARTS))
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as workers:
+        for part in [workers.submit(part) for part in PARTS]:
+            part.result()
     remove_old()
     return 0
 

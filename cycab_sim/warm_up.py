@@ -1,0 +1,22 @@
+"""Compile the kernels of the simulator on images too small to cost anything."""
+
+from __future__ import annotations
+
+from cycab_sim.params import SimParams
+from cycab_sim.simulator import Simulator
+from typed_params import build
+
+SMALL = {
+    "camera.width": 32,
+    "camera.height": 24,
+    "sphere.width": 64,
+    "render.shadow_extent": 4.0,
+    "traffic.is_on": True,
+}
+
+
+def warm_up() -> None:
+    """Draw a camera and a sphere in traffic; half a minute, or seconds where the cache has the kernels."""
+    simulator = Simulator(build(SimParams, SMALL))
+    for name in ("camera", "sphere"):
+        simulator.capture(name)
