@@ -12,8 +12,8 @@ from rclpy.serialization import deserialize_message
 
 from node_kit import qos
 from node_kit.bag_error import BagError
+from node_kit.bag_kind import is_foreign, lone_file
 from node_kit.bag_writer import absolute
-from node_kit.foreign_bag import ForeignBag, is_foreign, lone_file
 from node_kit.interfaces import message_class, type_hash, type_name
 from node_kit.mcap_file import McapFile
 from node_kit.recorded import Recorded, TopicInfo
@@ -36,11 +36,13 @@ class BagReader:
     def __init__(self, path: str | Path, *, is_empty_allowed: bool = False) -> None:
         self.path = Path(path)
         self.files: list[McapFile] = []
-        self._foreign: ForeignBag | None = None
+        self._foreign: Any = None  # a ForeignBag
         try:
             information = _information(self.path / "metadata.yaml")
             source = lone_file(self.path) if information is None else self.path
             if is_foreign(source, information):
+                from node_kit.foreign_bag import ForeignBag  # a quarter of a second, for bags of others alone
+
                 self._foreign = ForeignBag(source, information or {})
             else:
                 self.files += [McapFile(name) for name in _mcap_files(self.path, information)]

@@ -1,36 +1,40 @@
-"""Spheres in memory, compressed; each is decoded when it is asked for."""
+"""Spheres that wait on the disk; each is decoded when it is asked for."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-import zstandard
-from rclpy.serialization import deserialize_message, serialize_message
 from sphere_nav_msgs.msg import AugmentedSphere
 
 from node_kit.conversions import message_to_sphere
+from node_kit.serialization import view_message
+from node_kit.spool import Spool
 from sphere_map.sphere import Sphere
-
-ZSTD_LEVEL = 1
 
 
 class CompactSpheres(Mapping[int, Sphere]):
     """Spheres by id."""
 
     def __init__(self) -> None:
-        self._frames: dict[int, bytes] = {}
+        self._places: dict[int, int] = {}
+        self._spool = Spool()
 
-    def add(self, message: AugmentedSphere) -> None:
-        """Keep a sphere, or another one under its id; ValueError for a message that is none."""
+    def add(self, data: bytes) -> None:
+        """Keep a sphere, an AugmentedSphere in CDR, or another one under its id; ValueError for bytes that are none."""
+        message = _message_of(data)
         message_to_sphere(message)
-        self._frames[int(message.id)] = zstandard.ZstdCompressor(ZSTD_LEVEL).compress(serialize_message(message))
+        self._places[int(message.id)] = self._spool.add(data)
 
     def __getitem__(self, sphere_id: int) -> Sphere:
-        data = zstandard.ZstdDecompressor().decompress(self._frames[sphere_id])
-        return message_to_sphere(deserialize_message(data, AugmentedSphere))
+        return message_to_sphere(_message_of(self._spool[self._places[sphere_id]]))
 
     def __len__(self) -> int:
-        return len(self._frames)
+        return len(self._places)
 
     def __iter__(self) -> Iterator[int]:
-        return iter(self._frames)
+        return iter(self._places)
+
+
+def _message_of(data: bytes) -> AugmentedSphere:
+    message: AugmentedSphere = view_message(memoryview(data), AugmentedSphere, "sphere")
+    return message

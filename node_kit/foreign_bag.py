@@ -24,12 +24,12 @@ from rosbags.typesys import Stores, get_typestore
 
 from node_kit import qos
 from node_kit.bag_error import BagError
+from node_kit.bag_kind import ROS1, SQLITE
 from node_kit.mcap_chunk import MAX_CHUNK
 from node_kit.plain_view import PlainView, compression_of
 from node_kit.recorded import Recorded, TopicInfo
 from node_kit.unpack import unpack
 
-SQLITE, ROS1 = ".db3", ".bag"
 MAX_MESSAGE = 1 << 28  # bytes; the largest image that conversions accept
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
 
@@ -39,20 +39,6 @@ def _unpack_chunk(method: str) -> Callable[[bytes, int], bytes]:
 
 
 MCAP_METHODS |= {method: _unpack_chunk(method) for method in ("zstd", "lz4")}  # the library's own know no limit
-
-
-def is_foreign(path: Path, description: dict[str, Any] | None) -> bool:
-    """Whether a file, or the folder that metadata.yaml describes, needs this reader."""
-    if path.suffix in (SQLITE, ROS1):
-        return True
-    information = description or {}
-    return information.get("storage_identifier") == "sqlite3" or compression_of(information) != "none"
-
-
-def lone_file(path: Path) -> Path:
-    """Return the one database or ROS 1 bag in a folder without metadata.yaml, else the path itself."""
-    files = [file for file in path.iterdir() if file.suffix in (SQLITE, ROS1)] if path.is_dir() else []
-    return files[0] if len(files) == 1 else path
 
 
 class ForeignBag:

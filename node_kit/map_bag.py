@@ -16,10 +16,12 @@ from types import TracebackType
 from typing import Any, Self
 
 from mcap.records import ChunkIndex
+from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
 
 from node_kit.bag_error import BagError
 from node_kit.bag_reader import BagReader
+from node_kit.compact_features import CompactFeatures
 from node_kit.compact_spheres import CompactSpheres
 from node_kit.conversions import message_to_sphere, sphere_to_message
 from node_kit.conversions.features import message_to_features
@@ -40,7 +42,7 @@ from node_kit.map_writer import (
     Stored,
     save_map,
 )
-from node_kit.serialization import view_message
+from node_kit.serialization import serialize_to_store, view_message
 from sphere_geometry.fields import short
 from sphere_geometry.yaml_text import load_yaml
 from sphere_map.appearance.index import AppearanceIndex
@@ -115,18 +117,20 @@ class MapReader:
     def coarse_spheres(self) -> Mapping[int, Sphere]:
         """Read all key spheres small, in one read; made from the spheres themselves where a map has none.
 
-        They stay compressed in memory. BagError if one is missing or damaged.
+        They wait on the disk, each by itself. BagError if one is missing or damaged.
         """
         found = CompactSpheres()
         if not self._bag.topics.get(COARSE):
             for node in self.graph:
-                found.add(sphere_to_message(coarse_sphere(self.load_sphere(node.id)), "", node.id))
+                small = sphere_to_message(coarse_sphere(self.load_sphere(node.id)), SPHERE_FRAME, node.id)
+                found.add(serialize_to_store(small))
             return found
-        for _, _, message in self._bag.messages([COARSE]):
+        self._bag.require(COARSE, AugmentedSphere)
+        for number, item in enumerate(self._bag.raw([COARSE])):
             try:
-                found.add(message)
+                found.add(item.message)
             except ValueError as error:
-                raise BagError(f"{self.path}: coarse sphere {message.id}: {error}") from None
+                raise BagError(f"{self.path}: coarse sphere {number} of {len(self.graph)}: {error}") from None
         if found.keys() != self.graph.nodes.keys():
             raise BagError(f"{self.path}: coarse spheres: expected one for each of {len(self.graph)} key spheres")
         return found
@@ -140,15 +144,20 @@ class MapReader:
             yield whole, next(small, None) or _made_small(whole, sphere_id)
 
     def appearance(self) -> AppearanceIndex:
-        """Read what all key spheres look like, in one read; empty where a map does not say. BagError for damage."""
-        index = AppearanceIndex()
+        """Read what all key spheres look like, in one read; empty where a map does not say. BagError for damage.
+
+        The features themselves wait on the disk.
+        """
+        index = AppearanceIndex(CompactFeatures())
         if not self._bag.topics.get(FEATURES):
             return index
         ids = sorted(self.graph.nodes)
         if self._bag.topics[FEATURES].count != len(ids):
             raise BagError(f"{self.path}: features: expected those of each of {len(ids)} key spheres, found others")
-        for sphere_id, (_, _, message) in zip(ids, self._bag.messages([FEATURES]), strict=True):
+        self._bag.require(FEATURES, PointCloud2)
+        for sphere_id, item in zip(ids, self._bag.raw([FEATURES]), strict=True):
             try:
+                message = view_message(memoryview(item.message), PointCloud2, FEATURES)
                 index.add(sphere_id, *message_to_features(message))
             except ValueError as error:
                 raise BagError(f"{self.path}: features of key sphere {sphere_id}: {error}") from None

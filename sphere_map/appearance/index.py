@@ -8,12 +8,11 @@ Chapoulie et al. 2011, M15 section 3.5.2). Rows of like houses are no chance: wh
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, MutableMapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import pdtrc
 
 from sphere_map.appearance.dictionary import Dictionary
 from sphere_map.appearance.features import Features
@@ -23,6 +22,7 @@ NUM_BINS = 36  # turns of 10 degrees
 WINDOW = 3  # neighbouring turns that count as one: what is near moves as the viewpoint does
 MAX_RISE = np.radians(20.0)  # between two views of one feature; a sphere is upright within less
 LATE_SHARE = 0.125  # of the postings, that came late and are kept by themselves
+MIN_MEAN, PRECISION = 1e-9, 1e-12  # of Poisson's distribution, and of the sum of its tail
 MAX_REPEATS = 4  # of a word in one image; a fence says nothing
 
 
@@ -71,9 +71,10 @@ class Postings:
 class AppearanceIndex:
     """Features of all key spheres by word; `features` by id."""
 
-    def __init__(self) -> None:
+    def __init__(self, features: MutableMapping[int, Features] | None = None) -> None:
+        """`features` keeps those of every sphere, in memory unless told otherwise."""
         self.dictionary = Dictionary()
-        self.features: dict[int, Features] = {}
+        self.features: MutableMapping[int, Features] = {} if features is None else features
         self.words: dict[int, NDArray[np.int64]] = {}
         self._ids: list[int] = []
         self._postings, self._late = Postings.nothing(), Postings.nothing()  # most of them, and those that came since
@@ -108,8 +109,7 @@ class AppearanceIndex:
         peaks = np.sum([np.roll(votes, shift, axis=1) for shift in shifts], axis=0)
         best = np.argmax(peaks, axis=1)
         height = peaks[np.arange(len(best)), best]
-        chance = pdtrc(height - 1, np.maximum(number * WINDOW / NUM_BINS, 1e-9))  # Poisson: as many or more
-        log_chance = np.log(np.maximum(chance, np.finfo(np.float64).tiny)) + np.log(NUM_BINS * len(self._ids))
+        log_chance = log_tail(height, number * WINDOW / NUM_BINS) + np.log(NUM_BINS * len(self._ids))
         hidden = set(without)
         order = np.lexsort((np.arange(len(best)), -height, log_chance))
         rows = [row for row in order.tolist() if self._ids[row] not in hidden and height[row] > 0][:count]
@@ -144,6 +144,22 @@ class AppearanceIndex:
         if len(self._late.words) > LATE_SHARE * len(self._postings.words):
             self._postings, self._late = self._postings.with_more([self._late]), Postings.nothing()
         return self._postings, self._late
+
+
+def log_tail(counts: NDArray[np.int64], means: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the natural logarithm (N,) of how likely Poisson variables of these means are as large or larger.
+
+    The sum m^k / k! from the count on, by its first term: no chance is too small to be told from another.
+    """
+    means = np.maximum(means, MIN_MEAN)
+    log_factorials = np.append(0.0, np.cumsum(np.log(np.arange(1, int(np.max(counts, initial=0)) + 1))))
+    first = counts * np.log(means) - means - log_factorials[counts]
+    total, term, k = np.ones(len(means)), np.ones(len(means)), counts.copy()
+    while np.any(term > PRECISION * total):
+        k += 1
+        term *= means / k
+        total += term
+    return np.minimum(first + np.log(total), 0.0)
 
 
 def angles(rays: Floats) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -33,3 +33,32 @@ print(resident_mb() - before)
 def test_what_is_freed_leaves_the_process():
     done = subprocess.run([sys.executable, "-c", SCRIPT, "returned"], capture_output=True, text=True, check=True)
     assert float(done.stdout) < 8.0
+
+
+COMPILER = """
+import re
+from pathlib import Path
+from llvmlite import binding
+from node_kit.memory import return_free_memory
+
+def code_kb():
+    found = re.findall(r" r-xp [^\\n]*libllvmlite[^\\n]*\\n(?:Size|KernelPageSize|MMUPageSize).*?Rss: +(\\d+) kB",
+                       Path("/proc/self/smaps").read_text(), re.DOTALL)
+    return sum(map(int, found))
+
+def compiled():
+    return str(binding.parse_assembly("define i32 @one() { ret i32 1 }"))
+
+first, before = compiled(), code_kb()
+return_free_memory()
+print(before, code_kb(), compiled() == first)
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="of Linux")
+def test_the_compiler_s_code_leaves_the_process_and_works_again_when_it_is_used():
+    done = subprocess.run([sys.executable, "-c", COMPILER], capture_output=True, text=True, check=True)
+    before, after, is_same = done.stdout.split()
+    assert int(before) > 1000
+    assert int(after) == 0
+    assert is_same == "True"

@@ -7,14 +7,16 @@ from node_kit.spool import Spool
 
 def test_what_was_added_comes_back_in_order_also_while_more_is_added(tmp_path):
     spool = Spool(tmp_path)
-    for data in (b"one", b"", b"three"):
-        spool.add(data)
+    assert [spool.add(data) for data in (b"one", b"", b"three")] == [0, 1, 2]
     found = iter(spool)
     assert next(found) == b"one"
     spool.add(b"four")
     assert list(found) == [b"", b"three"]
     assert list(spool) == [b"one", b"", b"three", b"four"]
     assert len(spool) == 4
+    assert spool[2] == b"three"
+    with pytest.raises(IndexError, match="below 4, found 4"):
+        spool[4]
     spool.close()
 
 

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
+from scipy.stats import poisson
 
 from sphere_geometry import SE3, Pinhole, Spherical
 from sphere_map.appearance.features import Features, features_of_image, features_of_sphere
-from sphere_map.appearance.index import AppearanceIndex
+from sphere_map.appearance.index import AppearanceIndex, log_tail
 from sphere_map.sphere import T_BODY_OPTICAL
 from worlds.room import optical, sharp_room
 
@@ -61,3 +62,11 @@ def test_an_index_restored_from_its_words_finds_the_same(index):
         again.add(sphere_id, features, index.words[sphere_id])
     image = features_of_sphere(ROOMS[3].sphere(HERE, CAMERA, 60))
     assert again.find(image, 4) == index.find(image, 4)
+
+
+def test_the_chance_of_many_votes_is_the_tail_of_poisson():
+    counts, means = (axis.ravel() for axis in np.meshgrid(np.arange(0, 300, 7), [1e-9, 0.2, 5.0, 80.0, 250.0]))
+    expected = poisson.logsf(counts - 1, means)
+    is_shown = expected > -600.0  # below, scipy's own ends
+    np.testing.assert_allclose(log_tail(counts, means)[is_shown], expected[is_shown], rtol=1e-7, atol=1e-9)
+    assert np.all(np.diff(log_tail(np.arange(300), np.full(300, 0.01))) < 0)  # none so small that two are alike
