@@ -10,16 +10,18 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import chdtri
 
 from sphere_map.graph import SphereGraph
 from sphere_mapping.graph.certificate import TOLERANCE, ChordalOptimum, certify
 from sphere_mapping.graph.chordal import chordal_poses
 from sphere_mapping.graph.factors import Solution, chi2_of, descend, factors_of
-from sphere_mapping.graph.pose_graph import PoseGraph, from_spheres, to_spheres
+from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph, from_spheres, to_spheres
 
 Array = NDArray[np.float64]
 
 MAX_ITERATIONS = 100
+TOO_MUCH = 1e-3  # share of right optima whose sum of squares is larger
 SAME = 1e-9  # relative difference of two descents that ended in one place
 GIVEN, CHORDAL, CERTIFIED = "given", "chordal", "certified"
 
@@ -61,14 +63,16 @@ class CorrectedMap:
 def optimize_map(graph: SphereGraph) -> CorrectedMap:
     """Return the map at the poses that fit its edges best; the first key sphere stays, loop edges are robust.
 
-    Both starts are tried: wrong loops spoil the chordal one, which is not robust, and drift spoils the given one.
+    Wrong loops spoil the chordal start, which is not robust, and drift spoils the given one. Where the first leads to
+    poses that fit all edges within their noise there is nothing to be gained by the other.
     """
     if not graph.edges:
         return CorrectedMap(graph, None)
     problem = from_spheres(graph)
     factors = factors_of(problem)
-    starts = {GIVEN: problem.poses, CHORDAL: chordal_poses(problem)}
-    solutions = {name: descend(factors, problem, poses, MAX_ITERATIONS) for name, poses in starts.items()}
+    solutions = {CHORDAL: descend(factors, problem, chordal_poses(problem), MAX_ITERATIONS)}
+    if not fits(problem, solutions[CHORDAL]):
+        solutions[GIVEN] = descend(factors, problem, problem.poses, MAX_ITERATIONS)
     optimum = _best(solutions, chi2_of(factors, problem, problem.poses))
     return CorrectedMap(to_spheres(graph, optimum.poses), optimum)
 
@@ -91,6 +95,13 @@ def optimize(graph: PoseGraph) -> Optimum:
         if given is not None:
             certificate = min(certificate, certify(graph, given.poses), key=lambda it: (not it.is_global, it.cost))
     return _best(solutions, chi2_before, certificate)
+
+
+def fits(graph: PoseGraph, solution: Solution | None) -> bool:
+    """Say whether edges that are as good as they say would leave as much as this: in all but one of a thousand maps."""
+    num_free = len(graph.ends) - len(graph.ids) + len(graph.anchors)  # edges more than poses need
+    limit = chdtri(TANGENT_SIZE[graph.dimension] * num_free, TOO_MUCH) if num_free else 0.0
+    return solution is not None and solution.chi2 <= limit
 
 
 def _best(

@@ -2,12 +2,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from sphere_geometry import SE3
 from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_mapping.graph.chordal import spanning_poses
-from sphere_mapping.graph.factors import descend, factors_of
-from sphere_mapping.graph.optimum import MAX_ITERATIONS, optimize, optimize_map
+from sphere_mapping.graph.factors import Solution, descend, factors_of
+from sphere_mapping.graph.optimum import MAX_ITERATIONS, fits, optimize, optimize_map
+from sphere_mapping.graph.pose_graph import from_spheres
 from worlds.cylinder import cylinder
 
 STEP = SE3.exp([1.0, 0.0, 0.05, 0.0, 0.05, 0.5])
@@ -53,6 +55,28 @@ def test_a_wrong_loop_among_good_ones_is_outvoted():
     found = optimize_map(graph)
     worst = max(found.graph[k].T_map_sphere.distance(truth[k])[0] for k in range(12))
     assert worst < 0.15  # with a square cost the wrong edge of 3 m bends the graph by half a metre
+
+
+def test_the_second_start_is_tried_where_edges_contradict_each_other():
+    noise = 0.02
+    _, graph = ring(noise, seed=4)
+    truth, _ = ring()
+    loop = truth[0].inverse() @ truth[11] @ SE3.exp(noise * np.random.default_rng(5).normal(size=6))
+    graph.connect(Edge(0, 11, loop, np.eye(6) / noise**2, is_loop=True))
+    assert list(optimize_map(graph).optimum.solutions) == ["chordal"]
+    graph.connect(Edge(1, 10, SE3.exp([3.0, 0, 0, 0, 0, 1.0]), np.eye(6) / noise**2, is_loop=True))
+    assert list(optimize_map(graph).optimum.solutions) == ["chordal", "given"]
+
+
+@pytest.mark.parametrize("factor", [1.0, 4.0])
+def test_what_fits_is_told_by_how_much_noise_leaves(factor):
+    _, graph = ring(noise=0.02)
+    problem = from_spheres(graph.with_edges([Edge(0, 11, STEP, np.eye(6), is_loop=True)]))
+    left = factor * np.random.default_rng(6).chisquare(6, 2000)
+    found = np.mean([fits(problem, Solution(problem.poses, value, 1)) for value in left])
+    expected = chi2.cdf(chi2.ppf(0.999, 6) / factor, 6)
+    assert abs(found - expected) < 3 * np.sqrt(expected * (1 - expected) / 2000)
+    assert not fits(problem, None)
 
 
 def test_the_order_of_the_tangent_is_kept():
