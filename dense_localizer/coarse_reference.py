@@ -54,13 +54,16 @@ class CoarseReference:
 
 
 class CoarseReferences(dict[int, CoarseReference]):
-    """Small key spheres by id; the latest that were prepared stay so. ValueError for one that is none, at once."""
+    """Small key spheres by id, looked at when they are first asked for; the latest that were prepared stay so."""
 
     def __init__(self, spheres: Mapping[int, Sphere], params: RegistrationParams) -> None:
         super().__init__()
-        for sphere_id in spheres:
-            self[sphere_id] = CoarseReference.of(partial(spheres.__getitem__, sphere_id), params)
+        self._spheres, self._params = spheres, params
         self._latest: dict[int, None] = {}
+
+    def __missing__(self, sphere_id: int) -> CoarseReference:
+        self[sphere_id] = CoarseReference.of(partial(self._spheres.__getitem__, sphere_id), self._params)
+        return self[sphere_id]
 
     def reference(self, sphere_id: int) -> Reference:
         """Return a prepared small sphere."""

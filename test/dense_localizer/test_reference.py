@@ -128,6 +128,15 @@ def test_few_small_spheres_are_kept_ready(room_map, monkeypatch):
     assert coarse.reference(0) is not first
 
 
+def test_small_spheres_are_looked_at_when_they_are_asked_for(room_map):
+    coarse = References(room_map, PARAMS).coarse
+    assert not coarse
+    assert coarse[1] is coarse[1]
+    assert list(coarse) == [1]
+    with pytest.raises(KeyError):
+        coarse[99]
+
+
 def test_coverage_counts_the_cells_that_points_reach():
     points = PINHOLE.unproject(np.stack(np.meshgrid(np.arange(0, 80, 5), np.arange(0, 120, 5)), -1).reshape(-1, 2))
     behind = -points
