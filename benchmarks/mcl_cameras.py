@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks import mcl_sites
 from benchmarks.machine import describe
-from benchmarks.mcl_drives import FISHEYE_190, FISHEYE_UP, PANORAMA, PINHOLE_100, Lens
+from benchmarks.mcl_drives import LENSES
 from benchmarks.mcl_routes import kidnapped_line
 from benchmarks.mcl_trials import Trial, run_filter
 from benchmarks.report import Bound, Report, Table
@@ -17,12 +17,6 @@ HELP = "MCL in the town with a 100 degree pinhole and 190 degree fisheye cameras
 NUM_IMAGES = 40
 NUM_STARTS = 15
 STEP = 1.0  # m
-LENSES: dict[str, Lens] = {  # degrees of view; forward, or to the sky
-    "panorama": PANORAMA,
-    "pinhole_100": PINHOLE_100,
-    "fisheye_190": FISHEYE_190,
-    "fisheye_190_up": FISHEYE_UP,
-}
 MIN_SHARE = 80.0  # of the starts that count as 'converges, too', %
 
 

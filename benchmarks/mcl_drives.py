@@ -55,6 +55,12 @@ PINHOLE_100 = Lens(Pinhole(320, 240, _FOCAL, _FOCAL, 159.5, 119.5), OPTICAL_AXES
 _PER_RAD = 150.0 / np.radians(95.0)
 FISHEYE_190 = Lens(Fisheye(300, 300, _PER_RAD, _PER_RAD, 149.5, 149.5), OPTICAL_AXES)
 FISHEYE_UP = Lens(Fisheye(300, 300, _PER_RAD, _PER_RAD, 149.5, 149.5), UP_AXES)
+LENSES: dict[str, Lens] = {  # degrees of view; forward, or to the sky
+    "panorama": PANORAMA,
+    "pinhole_100": PINHOLE_100,
+    "fisheye_190": FISHEYE_190,
+    "fisheye_190_up": FISHEYE_UP,
+}
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ import numpy as np
 
 from benchmarks import mcl_sites
 from benchmarks.machine import describe
-from benchmarks.mcl_drives import LIGHTS, Drive, Studio
+from benchmarks.mcl_drives import LIGHTS, PANORAMA, Drive, Lens, Studio
 from benchmarks.mcl_routes import kidnapped_line, sampled
 from benchmarks.mcl_trials import NEAR_DEG, NEAR_M, Trial, run_filter
 from benchmarks.report import Bound, Report, Table
@@ -42,15 +42,17 @@ def run(options: argparse.Namespace) -> Report:
     return report
 
 
-def kidnapped(studio: Studio, plan: Plan, count: int) -> list[Drive]:
-    """Return drives from anywhere, each with one of the lights."""
+def kidnapped(
+    studio: Studio, plan: Plan, count: int, *, lens: Lens = PANORAMA, num_images: int = NUM_IMAGES, step: float = STEP
+) -> list[Drive]:
+    """Return drives from anywhere, each with one of the lights; images are `step` m apart."""
     drives = []
     for number in range(count):
         rng = np.random.default_rng([studio.seed, number, 83])
-        line = kidnapped_line(plan, NUM_IMAGES, STEP, rng)
+        line = kidnapped_line(plan, num_images, step, rng)
         drives.append((number, line, LIGHTS[number % len(LIGHTS)]))
     ordered = sorted(drives, key=lambda item: item[0] % len(LIGHTS))  # one light after the other: shadows are cast once
-    made = {number: studio.record(line, number, light=light) for number, line, light in ordered}
+    made = {number: studio.record(line, number, lens, light) for number, line, light in ordered}
     return [made[number] for number in range(count)]
 
 

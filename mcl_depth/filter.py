@@ -46,7 +46,7 @@ class Filter:
         self._input = InputCheck(params.input)
         self._motion = MotionModel(params.motion)
         self._reckoning = DeadReckoning(params.input, params.motion)
-        self._evidence = Evidence(SurveyGrid(depth_map, area.middles), params.state.max_chance)
+        self.evidence = Evidence(SurveyGrid(depth_map, area.middles), params.state.max_chance)
         self._states = StateMachine(params.state)
         self.lineage = Lineage()
         self.particles: Particles
@@ -71,7 +71,7 @@ class Filter:
     def start(self, T_map_level: SE3, covariance: Array) -> None:
         """Search around a pose with its local covariance (6, 6); ValueError for a place outside the area."""
         count = self.params.resampling.num_particles
-        self._begin(sample_gaussian(T_map_level, covariance, self.area, count, self._rng))
+        self._begin(sample_gaussian(T_map_level, covariance, self.area, count, self._rng), is_given=True)
         self._states.search()
 
     def refuse(self, stamp_ns: int, finding: Finding) -> Estimate:
@@ -114,7 +114,7 @@ class Filter:
         similarities = interpolate_similarity(curves, particles.poses[:, 2])
         particles = particles.reweight(compute_weights(similarities, particles.weights))
         hypotheses = find_hypotheses(particles)
-        proof = self._evidence.prove(comparison, hypotheses[0].pose, odometry, is_held=self._states.is_trusted)
+        proof = self.evidence.prove(comparison, hypotheses[0].pose, odometry, is_held=self._states.is_trusted)
         verdict = judge(hypotheses, proof, step, p.state.max_chance)
         count(self._states, verdict, observation.stamp_ns)
         particles = self.lineage.add(observation.stamp_ns, particles)
@@ -137,12 +137,12 @@ class Filter:
         T_map_level = pose_of(pose, self.map.height(pose))
         return Estimate(status, T_map_level, covariance_of(covariance, float(pose[2])), belief)
 
-    def _begin(self, particles: Particles) -> None:
-        """Begin with other particles; nothing is known of earlier images."""
+    def _begin(self, particles: Particles, *, is_given: bool = False) -> None:
+        """Begin with other particles, perhaps around a given place; nothing is known of earlier images."""
         self.particles, self._p_chance = particles, 1.0
         self.lineage.clear()
         self._reckoning.reset()
-        self._evidence.reset()
+        self.evidence.reset(is_given=is_given)
 
     def _status(self, stamp_ns: int, finding: Finding, state: State | None = None) -> Status:
         reckoning = self._reckoning

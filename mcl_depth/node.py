@@ -95,6 +95,10 @@ class MclDepthNode(LocalizerNode):
         """Return what to say of a silent camera."""
         return self.filter.silence(elapsed_s, finding) if self.filter is not None else None
 
+    def needs_help(self) -> bool:
+        """Whether another localiser's pose is of use: not while one that it gave is being confirmed."""
+        return super().needs_help() and not (self.filter is not None and self.filter.evidence.is_on_trial)
+
     def relocalize(self, given: tuple[SE3, Array] | None) -> BaseEstimate | None:
         """Search around a pose of the base, or everywhere, with the images to come."""
         if self.filter is not None and given is None:

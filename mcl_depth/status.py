@@ -17,7 +17,8 @@ MIN_WEIGHT = 0.8  # share of the belief in one place before it is trusted
 AMBIGUOUS_SHARE = 0.4  # a second place counts from this share of the first
 MAX_SIGMA_M, GOOD_SIGMA_M = 0.6, 0.4  # standard deviations of a trusted and of a good position
 MAX_SIGMA_RAD = float(np.radians(15.0))
-SMALL_MAP_CHANCE = 0.16  # one sigma of random places: in a room or two no rate of false alarms can be stated
+SMALL_MAP = "probability that the place is chance: a map this small has few places to tell it by"
+GIVE_A_START = "give an initial pose or a larger map, or drive on"
 EVEN_ODDS = 0.5  # a held place is bad once it is more probably gone than there
 LOST_IMAGES = 6  # bad images in a row until the pose is lost
 
@@ -33,10 +34,11 @@ class Verdict:
 def judge(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max_chance: float) -> Verdict:
     """Judge the belief after an image.
 
-    Where particles do not agree and odometry failed, odometry is the reason that is given.
+    Where particles do not agree, or the place is not proven, and odometry failed, odometry is the reason that is given.
     """
     verdict = _judge_belief(hypotheses, proof, max_chance)
-    if verdict.finding.reason not in (Reason.NONE, Reason.NO_CONVERGENCE):
+    is_unproven = verdict.finding.reason == Reason.OUTLIERS and not proof.is_held
+    if not is_unproven and verdict.finding.reason not in (Reason.NONE, Reason.NO_CONVERGENCE):
         return verdict
     if step.jump > 0.0:
         return Verdict(Finding(Reason.JUMP_REJECTED, step.jump, 0.0), verdict.is_bad)
@@ -46,7 +48,7 @@ def judge(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max_chance
 def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: float) -> Verdict:
     best = hypotheses[0]
     second = hypotheses[1].weight if len(hypotheses) > 1 else 0.0
-    limit = max(max_chance, SMALL_MAP_CHANCE) if proof.is_small else EVEN_ODDS if proof.is_held else max_chance
+    limit = EVEN_ODDS if proof.is_held else max_chance
     if second >= AMBIGUOUS_SHARE * best.weight:
         return Verdict(Finding(Reason.AMBIGUOUS, second / best.weight, AMBIGUOUS_SHARE), is_bad=True)
     if best.weight < MIN_WEIGHT:
@@ -59,8 +61,8 @@ def _judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, max_chance: fl
         detail = "another place fits the last images better"
         return Verdict(Finding(Reason.AMBIGUOUS, proof.p_chance, limit, detail), is_bad=True)
     if proof.p_chance >= limit:
-        detail = "probability that the place is chance"
-        return Verdict(Finding(Reason.OUTLIERS, proof.p_chance, limit, detail), is_bad=True)
+        words = (SMALL_MAP, GIVE_A_START) if proof.is_small else ("probability that the place is chance",)
+        return Verdict(Finding(Reason.OUTLIERS, proof.p_chance, limit, *words), is_bad=True)
     if best.sigma_m > GOOD_SIGMA_M:
         return Verdict(Finding(Reason.NO_CONVERGENCE, best.sigma_m, GOOD_SIGMA_M, "spread in m"))
     return Verdict()

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
 from numpy.typing import NDArray
 from tqdm import tqdm
 
@@ -41,6 +42,9 @@ def add_arguments(parser: argparse.ArgumentParser, node: str) -> None:
         "--set", action="append", dest="settings", default=[], metavar="NAME=VALUE", help=f"parameter of {node}"
     )
     parser.add_argument("--overwrite", action="store_true", help="replace the files that are there")
+    parser.add_argument(
+        "--initial-pose", metavar="x,y,z,qx,qy,qz,qw", help="pose of base_link in the map to start near"
+    )
 
 
 def write_poses(arguments: argparse.Namespace, published: Iterator[Recorded]) -> int:
@@ -175,3 +179,18 @@ class Summary:
                 f"time    median {times['median']:.1f} ms, p99 {times['p99']:.1f} ms an image",
             )
         )
+
+
+def give_initial_pose(node: Any, text: str) -> None:
+    """Hand the pose to the node as the topic initialpose would."""
+    try:
+        numbers = [float(word) for word in text.split(",")]
+        if len(numbers) != 7:
+            raise ValueError
+        T_map_base = SE3.from_quaternion(numbers[3:], numbers[:3])
+    except ValueError:
+        raise ValueError(f"--initial-pose: expected x,y,z,qx,qy,qz,qw, found {text!r}") from None
+    message: PoseWithCovarianceStamped = conversions.se3_to_pose_with_covariance(
+        T_map_base, np.zeros((6, 6)), 0, node.params.map_frame
+    )
+    node.on_initial_pose(message)

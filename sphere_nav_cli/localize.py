@@ -4,16 +4,10 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
-
-import numpy as np
-from geometry_msgs.msg import PoseWithCovarianceStamped
 
 from dense_localizer.node import DenseLocalizerNode
 from dense_localizer.rejections import Rejections
-from node_kit import conversions
 from node_kit.replay import OfflineBus
-from sphere_geometry import SE3
 from sphere_nav_cli import localising
 from sphere_nav_cli.settings import parse_settings
 from sphere_nav_cli.topics import camera_names
@@ -40,9 +34,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("map", metavar="MAP", help="map made by `sphere_nav map`")
     parser.add_argument("source", metavar="BAG", help="bag with images and camera_info")
     localising.add_arguments(parser, "dense_localizer")
-    parser.add_argument(
-        "--initial-pose", metavar="x,y,z,qx,qy,qz,qw", help="pose of base_link in the map to start near"
-    )
     parser.add_argument("--rejections", metavar="FILE", help="also write what the images contradict, for map-forget")
 
 
@@ -63,24 +54,9 @@ def run(arguments: argparse.Namespace) -> int:
         if node.localizer is not None and node.maps.reader is not None:
             counted.append((node.localizer.references.rejections, str(node.maps.reader.info.map_id)))
         if arguments.initial_pose:
-            give_initial_pose(node, arguments.initial_pose)
+            localising.give_initial_pose(node, arguments.initial_pose)
 
     status = localising.write_poses(arguments, localising.replay_localizer(arguments, TOPICS, add_node))
     for rejections, map_id in counted if path else ():
         rejections.write(path, map_id)
     return status
-
-
-def give_initial_pose(node: Any, text: str) -> None:
-    """Hand the pose to the node as the topic initialpose would."""
-    try:
-        numbers = [float(word) for word in text.split(",")]
-        if len(numbers) != 7:
-            raise ValueError
-        T_map_base = SE3.from_quaternion(numbers[3:], numbers[:3])
-    except ValueError:
-        raise ValueError(f"--initial-pose: expected x,y,z,qx,qy,qz,qw, found {text!r}") from None
-    message: PoseWithCovarianceStamped = conversions.se3_to_pose_with_covariance(
-        T_map_base, np.zeros((6, 6)), 0, node.params.map_frame
-    )
-    node.on_initial_pose(message)

@@ -11,11 +11,13 @@ from sphere_nav_cli import localising
 from sphere_nav_cli.settings import parse_settings
 
 HELP = """\
-Find the camera of a bag in bare geometry, from nowhere. CLOUD is .ply, .pcd, .las, .laz, .npy, a floor plan .csv, or a
-map made by `sphere_nav map`. The poses of base_link in the states TRACKING and DEGRADED are written as a TUM file.
+Find the camera of a bag in bare geometry, from nowhere, or around --initial-pose: a room or two have too few places to
+prove one of them. CLOUD is .ply, .pcd, .las, .laz, .npy, a floor plan .csv, or a map made by `sphere_nav map`.
+The poses of base_link in the states TRACKING and DEGRADED are written as a TUM file.
 
 examples:
   sphere_nav mcl town.ply drive -o poses.tum
+  sphere_nav mcl room.ply drive -o poses.tum --initial-pose 1.0,2.5,0,0,0,0,1
   sphere_nav mcl tile.laz drive --preset outdoor -o poses.tum
   sphere_nav mcl campus drive2 -o poses.tum --bag result --set resampling.num_particles=2000
 """
@@ -44,6 +46,8 @@ def run(arguments: argparse.Namespace) -> int:
             "every_image": True,
         }
         given["mounting"] = mounting
-        bus.add(MclDepthNode, given | parse_settings(arguments.settings), remap)
+        node = bus.add(MclDepthNode, given | parse_settings(arguments.settings), remap)
+        if arguments.initial_pose:
+            localising.give_initial_pose(node, arguments.initial_pose)
 
     return localising.write_poses(arguments, localising.replay_localizer(arguments, TOPICS, add_node))

@@ -2,30 +2,34 @@
 
 A belief looks healthy in a map that it is not in: some place always fits best, and particles gather there. What tells
 is how well the rest of the map fits the same images. So each image is compared with every cell
-(`likeness/matched_filter.py`, or eq. 2 where it shows a part of the sphere), and these fields are summed along odometry
+(`likeness/matched_filter.py`, or `likeness/gradient_correlation.py`), and these fields are summed along odometry
 (`joint_evidence.py`). The best place of the map is then held against the map's own other maxima. If the images had
 nothing to do with the map, all of them would be draws of one extreme-value (Gumbel) tail, which falls exponentially:
 the gaps between its largest values, times their rank, are independent and of one exponential distribution (Renyi 1953),
 so the lead of the first over the second, by the mean of the other gaps, is F(2, 2 n) distributed. That is `p_chance`,
 exact for any scale of the tail; a rival as good as the best makes it 1.
+
+A map of a few rooms has too few maxima for that, and they are not independent of the place that is right. There the
+images are compared a second time, mirrored, along mirrored odometry: a drive through streets or rooms of the same kind
+that are not in the map. What it reaches by chance, the drive itself reaches by chance, so the best place must lead the
+mirrored drive's best, too, by as many of its gaps.
 """
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import uniform_filter
-from scipy.special import erfc
 
 from mcl_depth.belief.joint_evidence import Field, JointEvidence
 from mcl_depth.belief.kernels import is_maximum
 from mcl_depth.belief.motion_model import planar_pose
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.belief.watch import Watch, excess
+from mcl_depth.belief.watch import Trial, Watch, excess
+from mcl_depth.likeness.matched_filter import MIN_PLACES
 from mcl_depth.likeness.similarity_cache import Comparison
 from sphere_geometry import SE3
 
@@ -35,12 +39,10 @@ LOCAL_M = 7.5  # across the neighbourhood whose mean is taken off: along a stree
 PATCH = 11  # cells across what a held place is watched in
 PEAK, PEAK_HEADINGS = 2, 2  # cells and steps of headings around a maximum that are lower
 APART, APART_HEADINGS = 4, 3  # cells and steps from the best place to a rival: what is nearer is the same place
-NUM_MAXIMA = 40  # of the map that make its tail
+NUM_MAXIMA, TAIL_SHARE = 40, 0.5  # of the map that make its tail, and at most of all that there are
 OFF_MAP = np.float32(-1.0)  # evidence, in standard deviations, of a place where nobody can have been
 MIN_MAXIMA = 8  # of a map that can tell chance by them
-MIN_CELLS = 400  # of a map whose tail tells a place within a few images; in a room or two it takes dozens
-FEW_IMAGES = 4  # by which a place of a small map stands or falls
-NUM_REFERENCES = 100  # places that it is compared with, for each image in turn
+MIRROR = np.array([1.0, -1.0, -1.0])  # x, y, yaw of a drive seen in a mirror along its way
 MIN_PATCH = 20  # cells around a held place by which it can be watched
 
 
@@ -68,8 +70,8 @@ class Survey:
 class Proof:
     """How often chance would look like the belief's place, and whether that is the best place of the map.
 
-    `is_held`: of a place that was proven before, and is only to be kept; then there is no `survey` of the map.
-    `is_small`: of a map with too few places to tell chance by soon; `p_chance` is that of a random place.
+    `is_held`: of a place that was proven before, and is only to be kept; then there is no `survey` of the map, nor
+    while a place that was given is on trial. `is_small`: of a map with so few places that proof takes long.
     """
 
     p_chance: float
@@ -85,33 +87,43 @@ class Evidence:
     def __init__(self, grid: SurveyGrid, max_chance: float) -> None:
         """`max_chance`: a place that was accepted is chance so often."""
         self._grid, self._max_chance = grid, max_chance
-        self._order = np.random.default_rng(0).permutation(len(grid.positions))
-        self._is_small = len(grid.positions) < MIN_CELLS
-        self._joint, self._watch = JointEvidence(grid.edge), Watch()
+        self._is_small = len(grid.positions) < MIN_PLACES
+        self._joint, self._mirrored = JointEvidence(grid.edge), JointEvidence(grid.edge)
+        self._watch = Watch()
         self.reset()
 
-    def reset(self) -> None:
-        """Forget all images."""
+    def reset(self, *, is_given: bool = False) -> None:
+        """Forget all images. `is_given`: the place is known from outside, only to be confirmed."""
         self._joint.reset()
+        self._mirrored.reset()
         self._watch.reset()
-        self._leads: deque[float] = deque(maxlen=FEW_IMAGES)
-        self._first = 0
+        self._trial = Trial() if is_given else None
+
+    @property
+    def is_on_trial(self) -> bool:
+        """Whether a place that was given is neither confirmed nor refused."""
+        return self._trial is not None
 
     def prove(self, comparison: Comparison, pose: Array, T_odom_level: SE3 | None, *, is_held: bool) -> Proof:
         """Ask how often chance would look like a pose (3,): as the best of the map, or, once it is held, by itself."""
-        if is_held and not self._is_small:
-            return Proof(self.watch(comparison, pose), is_held=True)
-        lead = self.lead(comparison, pose) if self._is_small else 0.0
         if is_held:
-            return Proof(chance_of_mean_lead(lead), is_held=True, is_small=True)
+            return Proof(self.watch(comparison, pose), is_held=True)
         self._watch.reset()
+        if self._trial is not None:
+            self._add_to(self._trial, comparison, pose)
+            if not self._trial.is_refused(self._max_chance):
+                return Proof(self._trial.p_chance)
+            self._trial = None
         survey = self.survey(comparison, planar_pose(T_odom_level) if T_odom_level is not None else None)
-        if self._is_small:
-            return Proof(chance_of_mean_lead(lead), is_small=True, survey=survey)
-        return Proof(survey.p_chance, survey.agrees_with(pose), survey=survey)
+        return Proof(survey.p_chance, survey.agrees_with(pose), is_small=self._is_small, survey=survey)
 
     def watch(self, comparison: Comparison, pose: Array) -> float:
         """Add an image to those that a held pose (3,) was seen by; return how probably it is not the right one."""
+        self._add_to(self._watch, comparison, pose)
+        return self._watch.p_chance(self._max_chance)
+
+    def _add_to(self, test: Watch | Trial, comparison: Comparison, pose: Array) -> None:
+        """Tell a test how far a pose (3,) stands out in an image, where the map has enough around it."""
         rows = self._grid.rows_around(pose, PATCH // 2)
         is_there = rows >= 0
         if is_there[PATCH // 2, PATCH // 2] and np.count_nonzero(is_there) >= MIN_PATCH:
@@ -119,34 +131,26 @@ class Evidence:
             num_headings = curves.shape[1]
             patch = np.full((num_headings, *rows.shape), np.nan, np.float32)
             patch[:, is_there] = curves.T
-            self._watch.add(excess(patch, round(float(pose[2]) / (2.0 * np.pi) * num_headings) % num_headings))
-        return self._watch.p_chance(self._max_chance)
+            test.add(excess(patch, round(float(pose[2]) / (2.0 * np.pi) * num_headings) % num_headings))
 
     def survey(self, comparison: Comparison, odometry: Array | None) -> Survey:
         """Add an image, taken at `odometry` (3,); without odometry it stands alone."""
-        field = standardise(comparison.survey(self._grid.positions), self._grid)
-        joint = self._joint.add(field, odometry)
-        places, values = find_maxima(joint, self._grid.mask)
+        joint, places, values = self._add(self._joint, comparison, odometry)
         p_chance, scale = chance_of_lead(values)
+        if self._is_small:
+            mirrored = None if odometry is None else odometry * MIRROR
+            _, _, others = self._add(self._mirrored, comparison.mirrored, mirrored)
+            p_chance = max(p_chance, chance_over(values[0], others))
         shares = np.exp((values - values[0]) / max(scale, 1e-6))
         poses = self._grid.poses_of(places, len(joint))
         return Survey(p_chance, poses, shares / shares.sum(), max(1.0, 1.5 * self._grid.edge))
 
-    def lead(self, comparison: Comparison, pose: Array) -> float:
-        """Add an image to those that a followed pose (3,) stood out in; return its mean lead over random places.
-
-        In standard deviations of their best headings; the places change from image to image. In a small map all of
-        them see the same walls: similarities count as they are.
-        """
-        count = min(NUM_REFERENCES, len(self._order))
-        chosen = self._order[(self._first + np.arange(count)) % len(self._order)]
-        self._first += count
-        others = comparison.curves(self._grid.positions[chosen]).max(axis=1)
-        own = comparison.curves(pose[None, :2])[0]
-        heading = round(float(pose[2]) / (2.0 * np.pi) * len(own))
-        best = max(float(own[(heading + step) % len(own)]) for step in (-1, 0, 1))
-        self._leads.append((best - float(others.mean())) / max(float(others.std()), 1e-6))
-        return float(np.mean(self._leads))
+    def _add(
+        self, joint: JointEvidence, comparison: Comparison, odometry: Array | None
+    ) -> tuple[Field, NDArray[np.int64], Array]:
+        """Add an image to a sum; return it with its maxima and their values."""
+        total = joint.add(standardise(comparison.survey(self._grid.positions), self._grid), odometry)
+        return total, *find_maxima(total, self._grid.mask)
 
 
 def standardise(curves: NDArray[np.float32], grid: SurveyGrid) -> Field:
@@ -170,7 +174,7 @@ def standardise(curves: NDArray[np.float32], grid: SurveyGrid) -> Field:
 def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], Array]:
     """Return the local maxima (N, 3) of a field by falling value, as heading, x, y, and their values (N,).
 
-    Those around the first belong to it and are left out.
+    Those around the first belong to it and are left out; and so is the lower half of all.
     """
     places = np.argwhere(is_maximum(joint, mask, PEAK_HEADINGS, PEAK))
     values = joint[tuple(places.T)].astype(np.float64)
@@ -180,7 +184,8 @@ def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64
     off[:, 0] = np.minimum(off[:, 0], len(joint) - off[:, 0])
     is_kept = np.any(off > (APART_HEADINGS, APART, APART), axis=1)
     is_kept[0] = True
-    return places[is_kept][: NUM_MAXIMA + 1], values[is_kept][: NUM_MAXIMA + 1]
+    count = min(NUM_MAXIMA, int(TAIL_SHARE * np.count_nonzero(is_kept)))
+    return places[is_kept][: count + 1], values[is_kept][: count + 1]
 
 
 def chance_of_lead(values: Array) -> tuple[float, float]:
@@ -198,9 +203,15 @@ def chance_of_lead(values: Array) -> tuple[float, float]:
     return float((1.0 + gaps[0] / max(rest, 1e-12)) ** -count), rest / count
 
 
-def chance_of_mean_lead(lead: float) -> float:
-    """Return how often a random place leads so far, in standard deviations; the images of one way count as one."""
-    return float(0.5 * erfc(lead / np.sqrt(2.0)))
+def chance_over(best: float, values: Array) -> float:
+    """Return at most how probably the best of a tail leads the falling values (N,) of another draw of it so far.
+
+    The lead of one best over the other, where it leads at all, has a thinner tail than the exponential of their gaps.
+    """
+    if len(values) < MIN_MAXIMA + 1:
+        return 1.0
+    gaps = np.arange(1, len(values)) * -np.diff(values)
+    return float((1.0 + max(best - values[0], 0.0) / max(float(gaps.sum()), 1e-12)) ** -len(gaps))
 
 
 def _contrast(curves: NDArray[np.float32]) -> NDArray[np.float32]:

@@ -5,6 +5,9 @@ better than any. Each image gives a figure of merit, `excess`, in standard devia
 about zero at a random place, and around its own mean as long as the place is right. The cumulative sum of the log
 likelihood ratio of these two (Page 1954) is the quickest test of such a change; while nothing changes, it passes
 log(1 / rate) less than once in 1 / rate images (Lorden 1971).
+
+A place that was given from outside is confirmed by the same figure: by the sequential probability ratio test (Wald
+1945), from even odds.
 """
 
 from __future__ import annotations
@@ -22,6 +25,8 @@ FIRST_MEAN, FIRST_SIGMA = 4.0, 1.5  # of a right place, before any image was see
 MIN_MEAN, MIN_SIGMA = 2.0, 1.0  # of a right place
 MAX_EXCESS = 8.0  # that counts: what stands out further says nothing more
 MAX_STEP = 3.0  # of the log likelihood ratio: no two images end a place at the default rate
+
+NEWS = 0.5  # of an image that counts for a place on trial: images of one way resemble each other
 
 
 def excess(patch: Patch, heading: int) -> float:
@@ -54,7 +59,7 @@ class Watch:
     def add(self, value: float) -> None:
         """Add the excess that an image gives."""
         value = min(value, MAX_EXCESS)
-        step = float(np.clip(self._log_ratio_of(value), -MAX_STEP, MAX_STEP))
+        step = float(np.clip(log_ratio_of(value, self._mean, self._variance), -MAX_STEP, MAX_STEP))
         if step < 0.0:
             off = value - self._mean
             self._mean = max(self._mean + (1.0 - MEMORY) * off, MIN_MEAN)
@@ -66,6 +71,28 @@ class Watch:
         odds = prior / max(1.0 - prior, 1e-12) * np.exp(min(self.log_ratio, 50.0))
         return float(odds / (1.0 + odds))
 
-    def _log_ratio_of(self, value: float) -> float:
-        """Return log N(value; 0, sigma) - log N(value; mean, sigma)."""
-        return 0.5 * self._mean * (self._mean - 2.0 * value) / self._variance
+
+class Trial:
+    """Wald's test of a place that was given: right or not, until one of them is as sure as is asked."""
+
+    def __init__(self) -> None:
+        self._log_ratio = 0.0  # of the likelihood of a random place to that of the right one
+
+    def add(self, value: float) -> None:
+        """Add the excess that an image gives."""
+        step = log_ratio_of(min(value, MAX_EXCESS), FIRST_MEAN, FIRST_SIGMA**2)
+        self._log_ratio += NEWS * float(np.clip(step, -MAX_STEP, MAX_STEP))
+
+    @property
+    def p_chance(self) -> float:
+        """Probability that the place is not the right one."""
+        return float(1.0 / (1.0 + np.exp(np.clip(-self._log_ratio, -50.0, 50.0))))
+
+    def is_refused(self, max_chance: float) -> bool:
+        """Whether it is as surely wrong as a place that is accepted is right."""
+        return self._log_ratio > np.log(1.0 / max_chance)
+
+
+def log_ratio_of(value: float, mean: float, variance: float) -> float:
+    """Return log N(value; 0, variance) - log N(value; mean, variance)."""
+    return 0.5 * mean * (mean - 2.0 * value) / variance

@@ -39,6 +39,12 @@ class Features:
         """(H, W)."""
         return self.magnitude.shape[0], self.magnitude.shape[1]
 
+    @property
+    def mirrored(self) -> Features:
+        """Those of the image whose left is right, ahead staying ahead."""
+        flipped = [np.ascontiguousarray(image[:, ::-1]) for image in (-self.x, self.y, self.magnitude)]
+        return Features(*flipped, None if self.is_seen is None else np.ascontiguousarray(self.is_seen[:, ::-1]))
+
 
 @dataclass(frozen=True)
 class FeatureStack:

@@ -22,6 +22,11 @@ class Comparison:
         self.num_asked, self.num_compared = 0, 0
 
     @property
+    def mirrored(self) -> Comparison:
+        """The same for the image in a mirror: left is right."""
+        return Comparison(self._visual.mirrored, self._map, self._num_headings)
+
+    @property
     def hit_rate(self) -> float:
         """Share of the questions that needed no comparison."""
         return 1.0 - self.num_compared / max(self.num_asked, 1)
@@ -41,15 +46,13 @@ class Comparison:
     def survey(self, positions: Array, rows: NDArray[np.int64] | None = None) -> NDArray[np.float32]:
         """Return how well the image fits at positions (N, 2) in m, or some rows of them, (N, A), in units of its own.
 
-        A panorama is compared by the matched filter of a map that has enough places for one, in a smaller map by eq. 2;
-        a part of the sphere by the correlation of gradients.
+        A panorama is compared by the matched filter of a map that has enough places for one; in a smaller map, as a
+        part of the sphere is everywhere, by the correlation of gradients.
         """
         chosen = positions if rows is None else positions[rows]
-        if self._visual.is_seen is not None:
+        if self._visual.is_seen is not None or len(positions) < MIN_PLACES:
             cells = [(int(x), int(y)) for x, y in self._map.cells(chosen)]
             return self._map.correlations(self._visual, cells, self._num_headings)
-        if len(positions) < MIN_PLACES:
-            return self.curves(chosen)
         return self._map.matched_filter(positions).curves(self._visual, self._num_headings, rows)
 
     def _compare(self, cells: list[tuple[int, int]]) -> None:

@@ -157,7 +157,7 @@ def test_points_that_are_no_numbers_are_left_out(eye, files, caplog):
     np.save(files / "holes.npy", points)
     bench = Bench(eye, files / "holes.npy")
     assert "points are not finite and are left out" in caplog.text
-    assert bench.follow(drive())[-1]["/status"].state == "TRACKING"
+    assert bench.follow_from(drive())[-1]["/status"].state == "TRACKING"
     assert len(bench.node.clouds.geometry) < len(points)
 
 
@@ -189,7 +189,7 @@ def test_images_without_calibration_are_answered_by_the_reason(eye, files):
 
 def test_odometry_that_stops_degrades_and_is_named(eye, files):
     bench, poses = Bench(eye, files / "room.npy"), drive()
-    assert bench.follow(poses[:10])[-1]["/status"].state == "TRACKING"
+    assert bench.follow_from(poses[:10])[-1]["/status"].state == "TRACKING"
     for pose in poses[10:]:
         said = bench.see(pose, has_odometry=False)
         assert (said["/status"].state, said["/status"].reason) == ("DEGRADED", "ODOM_STALE")
@@ -197,7 +197,7 @@ def test_odometry_that_stops_degrades_and_is_named(eye, files):
 
 def test_odometry_that_leaps_is_not_believed(eye, files):
     bench, poses = Bench(eye, files / "room.npy"), drive()
-    bench.follow(poses[:10])
+    bench.follow_from(poses[:10])
     leap = SE3.from_planar(60.0, 0.0, 0.0)
     said = bench.see(poses[10], T_odom_base=leap @ T_ODOM_MAP @ poses[10])
     assert (said["/status"].state, said["/status"].reason) == ("DEGRADED", "JUMP_REJECTED")

@@ -1,4 +1,4 @@
-"""The filter in a room: found from nowhere, lost without odometry gracefully, never a NaN."""
+"""The filter in a room: found from nowhere, claimed from a start, lost without odometry gracefully, never a NaN."""
 
 from __future__ import annotations
 
@@ -52,8 +52,15 @@ def observe(site, pose, number, odometry=True):
     return Observation(picture(site, pose), site.depth_map.camera, (number + 1) * 10**9, np.eye(3), T_odom_level)
 
 
-def test_the_pose_is_found_from_nowhere_and_said_with_its_covariance(site):
+def started(site):
+    """A filter that was told where it begins: a room has too few places to prove one of them."""
     filter_ = site.filter()
+    filter_.start(SE3.from_planar(*(POSES[0] + [0.1, -0.1, 0.05])), np.diag([0.2, 0.2, 0.1, 0.1, 0.1, 0.1]) ** 2)
+    return filter_
+
+
+def test_the_pose_is_said_with_its_covariance(site):
+    filter_ = started(site)
     for number, pose in enumerate(POSES):
         estimate = filter_.update(observe(site, pose, number))
     assert estimate.status.state is State.TRACKING
@@ -61,6 +68,22 @@ def test_the_pose_is_found_from_nowhere_and_said_with_its_covariance(site):
     assert np.hypot(*error) < 0.3  # the cache's cells are 0.35 m wide
     assert abs(float(estimate.T_map_level.yaw) - 0.1) < np.radians(6)  # half a step of 10 degrees, and a little
     assert np.all(np.linalg.eigvalsh(estimate.covariance) > 0)
+
+
+def test_from_nowhere_the_place_is_found_and_withheld(site):
+    filter_ = site.filter()
+    for number, pose in enumerate(POSES):
+        estimate = filter_.update(observe(site, pose, number))
+    assert np.hypot(*(estimate.belief.best.pose - POSES[-1])[:2]) < 0.3
+    assert estimate.T_map_level is None
+    assert "few places" in estimate.status.remedy
+
+
+def test_a_start_that_was_wrong_is_never_claimed(site):
+    filter_ = site.filter()
+    filter_.start(SE3.from_planar(0.5, 0.5, 2.5), np.diag([0.2, 0.2, 0.1, 0.1, 0.1, 0.1]) ** 2)
+    for number, pose in enumerate(POSES):
+        assert filter_.update(observe(site, pose, number)).status.state is not State.TRACKING
 
 
 def test_nothing_is_published_before_the_place_is_confirmed(site):
@@ -80,7 +103,7 @@ def test_the_same_images_give_the_same_bits(site):
 
 
 def test_odometry_that_leaps_is_not_believed(site):
-    filter_ = site.filter()
+    filter_ = started(site)
     for number, pose in enumerate(POSES):
         filter_.update(observe(site, pose, number))
     leap = POSES[-1] + [50.0, 0.0, 0.0]
@@ -92,7 +115,7 @@ def test_odometry_that_leaps_is_not_believed(site):
 
 
 def test_odometry_that_ends_is_named_and_the_pose_stays_for_a_while(site):
-    filter_ = site.filter()
+    filter_ = started(site)
     for number, pose in enumerate(POSES):
         filter_.update(observe(site, pose, number))
     blind = [filter_.update(observe(site, POSES[-1], len(POSES) + k, odometry=False)) for k in range(3)]

@@ -36,14 +36,14 @@ def place(weight=0.95, sigma_m=0.1, sigma_rad=0.02):
         ([place(sigma_rad=0.5)], SURE, DRIVEN, Reason.NO_CONVERGENCE, True),
         ([place()], CHANCE, DRIVEN, Reason.OUTLIERS, True),
         ([place()], Proof(1e-2), DRIVEN, Reason.OUTLIERS, True),
-        ([place()], Proof(0.1, is_small=True), DRIVEN, Reason.NONE, False),
-        ([place()], Proof(0.2, is_small=True), DRIVEN, Reason.OUTLIERS, True),
+        ([place()], Proof(1e-2, is_small=True), DRIVEN, Reason.OUTLIERS, True),
         ([place()], HELD, DRIVEN, Reason.NONE, False),
         ([place()], Proof(0.6, is_held=True), DRIVEN, Reason.OUTLIERS, True),
-        ([place()], Proof(0.2, is_held=True, is_small=True), DRIVEN, Reason.OUTLIERS, True),
         ([place()], ELSEWHERE, DRIVEN, Reason.AMBIGUOUS, True),
         ([place()], SURE, Step(np.zeros(3), np.zeros(3), jump=4.0), Reason.JUMP_REJECTED, False),
         ([place()], SURE, Step(np.zeros(3), np.zeros(3), is_known=False), Reason.ODOM_STALE, False),
+        ([place()], CHANCE, Step(np.zeros(3), np.zeros(3), is_known=False), Reason.ODOM_STALE, True),
+        ([place()], Proof(0.6, is_held=True), Step(np.zeros(3), np.zeros(3), jump=4.0), Reason.OUTLIERS, True),
         ([place(sigma_m=0.5)], SURE, DRIVEN, Reason.NO_CONVERGENCE, False),
     ],
 )
@@ -51,6 +51,14 @@ def test_a_belief_is_judged(hypotheses, proof, step, reason, is_bad):
     verdict = judge(hypotheses, proof, step, 1e-3)
     assert verdict.finding.reason in REMEDIES
     assert (verdict.finding.reason, verdict.is_bad) == (reason, is_bad)
+
+
+def test_in_a_small_map_the_status_asks_for_a_start_from_outside():
+    words = [judge([place()], Proof(0.2, is_small=is_small), DRIVEN, 1e-3) for is_small in (True, False)]
+    small, large = (verdict.finding.remedy(REMEDIES) for verdict in words)
+    assert "few places" in small
+    assert "initial pose or a larger map" in small
+    assert "few places" not in large
 
 
 def searching() -> StateMachine:

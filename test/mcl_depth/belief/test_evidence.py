@@ -12,12 +12,14 @@ from mcl_depth.belief.evidence import (
     APART_HEADINGS,
     Evidence,
     chance_of_lead,
-    chance_of_mean_lead,
+    chance_over,
     find_maxima,
 )
 from mcl_depth.belief.joint_evidence import COST, FORGETTING, JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
+from mcl_depth.likeness.matched_filter import MIN_PLACES
+from sphere_geometry import SE3
 
 EDGE, SIDE, NUM_HEADINGS, RATE = 0.5, 40, 36, 1e-3
 
@@ -34,17 +36,18 @@ def grid_of(side=SIDE, capacity=10**6):
 class Images:
     """Noise that fits every place by chance, and one place by `signal` standard deviations more."""
 
-    def __init__(self, grid, seed, pose=None, signal=0.0):
-        self._grid, self._pose, self._signal = grid, pose, signal
+    def __init__(self, grid, seed, pose=None, signal=0.0, across=None):
+        self._grid, self._seed, self._signal, self._across = grid, seed, signal, across
         self._curves = np.random.default_rng(seed).normal(1.3, 0.02, (len(grid.positions), NUM_HEADINGS))
         if pose is not None:
             nearest = np.argmin(np.linalg.norm(grid.positions - pose[:2], axis=1))
             heading = round(pose[2] / (2 * np.pi) * NUM_HEADINGS) % NUM_HEADINGS
             self._curves[nearest, heading] += 0.02 * signal
 
-    def curves(self, positions):
-        index = [np.argmin(np.linalg.norm(self._grid.positions - place, axis=1)) for place in positions[:, :2]]
-        return self._curves[index].astype(np.float32)
+    @property
+    def mirrored(self):
+        """The mirrored image shows the pose `across`, or no place of the map."""
+        return Images(self._grid, 1000 + self._seed, self._across, self._signal)
 
     def survey(self, positions, rows=None):
         return self._curves[slice(None) if rows is None else rows].astype(np.float32)
@@ -65,8 +68,15 @@ def test_a_rival_as_good_as_the_best_makes_it_chance():
     assert chance_of_lead(np.array([9.0, *tail[:4]]))[0] == 1.0  # too small a map to tell
 
 
-def test_a_random_place_leads_by_three_sigma_once_in_741_times():
-    assert 1 / chance_of_mean_lead(3.0) == pytest.approx(740.8, rel=1e-3)
+def test_the_best_of_one_draw_leads_the_best_of_another_by_chance_as_often_as_is_said_at_most():
+    rng = np.random.default_rng(6)
+    draws = -np.sort(-rng.exponential(3.0, (4000, 2, 40)), axis=2)
+    found = np.array([chance_over(one[0], other) for one, other in draws])
+    assert np.mean(found < 1.0) == pytest.approx(0.5, abs=0.03)  # either leads
+    for level in (0.1, 0.01):
+        share = np.mean(found < level)
+        assert 0.3 * level < share < level + 4 * np.sqrt(level / 4000)
+    assert chance_over(9.0, np.arange(5.0)[::-1]) == 1.0  # too few to tell
 
 
 def drive(count):
@@ -181,13 +191,59 @@ def test_a_large_map_is_compared_at_every_second_cell():
     )  # the middle of four cells
 
 
-def test_a_place_of_a_small_map_leads_random_ones():
-    grid = grid_of(15)
-    evidence, pose = Evidence(grid, RATE), np.array([4.0, 3.0, 0.0])
-    leads = [evidence.lead(Images(grid, seed, pose, 9.0), pose) for seed in range(5)]
-    assert leads[-1] > 5.0
-    evidence.reset()
-    assert evidence.lead(Images(grid, 7), pose) < 2.0
+def proofs(evidence, grid, seeds, poses, pose_of_belief, odometry):
+    """What the evidence says of images that show each pose, or no pose."""
+    asked = zip(seeds, poses, odometry, strict=True)
+    return [evidence.prove(Images(grid, s, p, 9.0), pose_of_belief, o, is_held=False) for s, p, o in asked]
+
+
+def test_a_small_map_is_proven_against_the_mirrored_drive():
+    grid, (poses, odometry) = grid_of(26), drive(6)
+    assert len(grid.positions) < MIN_PLACES
+    poses = [pose - [1.0, 0.0, 0.0] for pose in poses]
+    levels = [SE3.from_planar(*pose) for pose in odometry]
+    found = proofs(Evidence(grid, RATE), grid, range(6), poses, poses[-1], levels)
+    assert found[-1].is_small
+    assert found[-1].p_chance < RATE
+    assert found[-1].agrees
+
+
+def test_a_room_that_looks_like_its_mirror_image_proves_nothing():
+    grid, (poses, odometry) = grid_of(26), drive(6)
+    poses = [pose - [1.0, 0.0, 0.0] for pose in poses]
+    evidence = Evidence(grid, RATE)
+    for seed, (pose, before) in enumerate(zip(poses, odometry, strict=True)):
+        across = np.array([0.0, 26 * EDGE, 0.0]) + pose * [1.0, -1.0, -1.0]
+        survey = evidence.survey(Images(grid, seed, pose, 9.0, across), before)
+    assert survey.p_chance > 0.01
+
+
+def test_a_room_has_too_few_places_to_tell_chance_and_that_is_said():
+    grid = grid_of(5)
+    found = Evidence(grid, RATE).prove(Images(grid, 1), np.zeros(3), None, is_held=False)
+    assert (found.p_chance, found.is_small) == (1.0, True)
+
+
+def test_a_place_that_was_given_is_confirmed_within_a_few_images_also_in_a_small_map():
+    grid, pose = grid_of(15), np.array([4.0, 3.0, 0.0])
+    evidence = Evidence(grid, RATE)
+    evidence.reset(is_given=True)
+    levels = [SE3.from_planar(0.2 * k, 0.0, 0.0) for k in range(8)]
+    found = proofs(evidence, grid, range(8), [pose] * 8, pose, levels)
+    assert found[0].p_chance > 0.1
+    assert found[-1].p_chance < RATE
+
+
+def test_a_wrong_place_that_was_given_is_refused_and_the_map_searched():
+    grid, pose = grid_of(15), np.array([4.0, 3.0, 0.0])
+    evidence = Evidence(grid, RATE)
+    evidence.reset(is_given=True)
+    levels = [SE3.from_planar(0.2 * k, 0.0, 0.0) for k in range(16)]
+    found = proofs(evidence, grid, range(16), [None] * 16, pose, levels)
+    assert min(proof.p_chance for proof in found) > RATE
+    assert found[0].survey is None
+    assert found[-1].survey is not None
+    assert not evidence.is_on_trial
 
 
 def test_a_held_place_is_doubted_soon_after_the_vehicle_was_carried_off():

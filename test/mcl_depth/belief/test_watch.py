@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.belief.watch import Watch, excess
+from mcl_depth.belief.watch import Trial, Watch, excess
 
 RATE, NUM_HEADINGS, SIDE = 1e-3, 36, 11
 
@@ -76,3 +76,24 @@ def test_another_place_begins_at_the_prior():
     assert watch.p_chance(RATE) > 0.5
     watch.reset()
     assert watch.p_chance(RATE) == pytest.approx(RATE)
+
+
+def test_a_place_on_trial_is_believed_or_refused_after_five_clear_images():
+    for value, is_right in ((6.0, True), (0.0, False)):
+        trial = Trial()
+        assert trial.p_chance == 0.5
+        found = []
+        for _ in range(5):
+            trial.add(value)
+            found.append((trial.p_chance < RATE, trial.is_refused(RATE)))
+        assert found == [(False, False)] * 4 + [(is_right, not is_right)]
+
+
+def test_random_places_on_trial_are_believed_no_more_often_than_is_said():
+    rng, believed = np.random.default_rng(8), 0
+    for _ in range(3000):
+        trial = Trial()
+        while not trial.is_refused(RATE) and trial.p_chance >= RATE:
+            trial.add(rng.normal(0.0, 1.5))
+        believed += trial.p_chance < RATE
+    assert believed <= 3000 * RATE

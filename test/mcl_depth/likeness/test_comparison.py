@@ -98,6 +98,13 @@ def test_no_seam_shows(images, shift) -> None:
         np.testing.assert_allclose(rolled.magnitude, np.roll(plain.magnitude, shift, axis=1), atol=1e-5)
 
 
+def test_a_mirrored_image_has_the_features_of_the_picture_in_the_mirror(images) -> None:
+    grey, _ = images
+    found, wanted = visual_features(grey).mirrored, visual_features(np.ascontiguousarray(grey[:, ::-1]))
+    for name in ("x", "y", "magnitude"):
+        np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), atol=1e-6)
+
+
 def test_unknown_pixels_become_the_mean_around_them() -> None:
     image = np.full((H, W), 2.0, np.float32)
     image[:, :4], image[5, 0] = 4.0, np.nan
