@@ -70,7 +70,7 @@ def run(options: argparse.Namespace) -> Report:
     for map_seed, images_seed in tqdm(pairs, "pairs of towns", leave=False, disable=None):
         trials = _trials(options, map_seed, images_seed, num_starts)
         found[OFF if options.off_map else RIGHT if map_seed == images_seed else WRONG].append(trials)
-        rows.append((_note(map_seed, images_seed, options.off_map), *_figures(trials)))
+        rows.append((_note(map_seed, images_seed, options), *_figures(trials)))
     for name, groups in found.items():
         if groups:
             trials = [trial for group in groups for trial in group]
@@ -114,7 +114,7 @@ def _drives(options: argparse.Namespace, images_seed: int, count: int, edge: flo
     """Return drives from anywhere in the town of the images, or beyond x = `edge`."""
     image_options = argparse.Namespace(**vars(options) | {"world_seed": images_seed})
     studio, plan, lens = mcl_sites.studio("town", image_options), draw_plan(images_seed), LENSES[options.camera]
-    num_images = NUM_IMAGES if options.camera == "panorama" else NUM_PART_IMAGES
+    num_images = NUM_IMAGES if options.camera == "panorama" or options.side else NUM_PART_IMAGES
     if edge is not None:
         return _beside(studio, plan, edge, count, lens, num_images)
     step = SMALL_STEP if options.side else STEP
@@ -175,6 +175,9 @@ def _figures(trials: Sequence[Trial]) -> tuple[str, ...]:
     )
 
 
-def _note(map_seed: int, images_seed: int, is_off_map: bool) -> str:
+def _note(map_seed: int, images_seed: int, options: argparse.Namespace) -> str:
     images = f"images of town {images_seed}" if map_seed != images_seed else "its own images"
-    return f"map {map_seed}, " + (f"half of it; {images}, the other half" if is_off_map else images)
+    if options.side:
+        part = f"squares of {options.side:g} m; {images}"
+        return f"map {map_seed}, {part}, other streets" if options.off_map else f"map {map_seed}, {part}"
+    return f"map {map_seed}, " + (f"half of it; {images}, the other half" if options.off_map else images)

@@ -42,8 +42,9 @@ class Features:
     @property
     def mirrored(self) -> Features:
         """Those of the image whose left is right, ahead staying ahead."""
-        flipped = [np.ascontiguousarray(image[:, ::-1]) for image in (-self.x, self.y, self.magnitude)]
-        return Features(*flipped, None if self.is_seen is None else np.ascontiguousarray(self.is_seen[:, ::-1]))
+        x, y, magnitude = (np.ascontiguousarray(image[:, ::-1]) for image in (-self.x, self.y, self.magnitude))
+        is_seen = None if self.is_seen is None else np.ascontiguousarray(self.is_seen[:, ::-1])
+        return Features(x, y, magnitude, is_seen)
 
 
 @dataclass(frozen=True)
