@@ -149,6 +149,25 @@ def halve_steps(image, pad, out):
             target[0], target[columns + 1] = target[columns], target[1]
 
 
+UNKNOWN, FAR = 65535, 65534  # codes of ranges without a length
+PER_OCTAVE = 2978  # codes from one power of two to the next: ranges are within 0.017 %
+NEAREST = (127 - 8) << 23  # bits of 2^-8 m, below which all is as near; what is beyond 2^14 m is far
+HALF_STEP = 1 << 22
+RANGES = (NEAREST + (np.arange(FAR + 2) << 23) // PER_OCTAVE).astype(np.int32).view(np.float32)  # m, by their codes
+RANGES[FAR], RANGES[UNKNOWN] = np.inf, np.nan
+
+
+@njit(**OPTIONS)
+def encode_range(range_m, out):
+    """Codes (H, W) u16 of ranges (H, W) f32, by which they are in `RANGES`: in the order of the ranges, NaN last."""
+    bits = range_m.view(np.int32)
+    for v in range(range_m.shape[0]):
+        source, target = range_m[v], out[v]
+        for u in range(range_m.shape[1]):
+            code = ((bits[v, u] - NEAREST) * PER_OCTAVE + HALF_STEP) >> 23
+            target[u] = min(max(code, 0), FAR) if source[u] == source[u] else UNKNOWN
+
+
 SQUARE = 16  # px: pixels of a reference are kept square by square, `SIDE` of them
 NUM_KEYS = 1 << 8  # 32 octaves of |J| in 8 steps each: order within 12 %
 LOWEST_KEY = (127 - 12) << 3  # bits of 2^-12; what is smaller is all the same
@@ -157,27 +176,27 @@ NUM_SAMPLES = 1 << 14  # pixels by which the columns are counted
 
 
 @njit(**OPTIONS)
-def bound_squares(range_m, far, pad, cones, bounds):
+def bound_squares(codes, ranges, far, pad, cones, bounds):
     """Write the sphere around the usable points of each square: centre and radius (M, 4) f32; return their number.
 
-    range_m (H, W) f32, cones (M, 4) f32: axis and half angle of each square's rays. The radius is -1 where no pixel
-    is usable: without range, in the first or last row or (unpadded) column.
+    codes (H, W) u16 of ranges `RANGES`, cones (M, 4) f32: axis and half angle of each square's rays. The radius is -1
+    where no pixel is usable: without range, in the first or last row or (unpadded) column.
     """
-    height, width = range_m.shape
+    height, width = codes.shape
     columns, number = -(-width // SQUARE), 0
     for b in range(bounds.shape[0]):
         v0, u0 = b // columns * SQUARE, b % columns * SQUARE
-        low, high, count = np.float32(np.inf), ZERO, 0
+        nearest, farthest, count = UNKNOWN, 0, 0
         for v in range(max(v0, 1), min(v0 + SQUARE, height - 1)):
             for u in range(max(u0, 1 - pad), min(u0 + SQUARE, width - 1 + pad)):
-                distance = range_m[v, u]
-                if distance == distance:
-                    low, high = min(low, distance), max(high, distance)
+                code = int(codes[v, u])
+                if code != UNKNOWN:
+                    nearest, farthest = min(nearest, code), max(farthest, code)
                     count += 1
         number += count
         bounds[b, 3] = -ONE
         if count and cones[b, 3] >= ZERO:
-            low, high = min(low, far), min(high, far)
+            low, high = min(ranges[nearest], far), min(ranges[farthest], far)
             middle, cosine = HALF * (low + high), np.float32(math.cos(cones[b, 3]))
             near = low * low + middle * middle - TWO * low * middle * cosine
             distant = high * high + middle * middle - TWO * high * middle * cosine
@@ -201,14 +220,15 @@ def ray_of(rays, v, u, width):
 
 
 @njit(**OPTIONS)
-def fill_squares(squares, first, image, pad, range_m, far, rays, camera, pool, keys):
+def fill_squares(squares, first, image, pad, codes, ranges, far, rays, camera, pool, keys):
     """Points, grey levels and gradients by the point (M15 eq. 30, at the reference itself) of squares (K,) i32.
 
-    image (H, W + 2 pad) u16 in steps of `STEP` grey levels, range_m (H, W) f32, rays as `ray_of` takes them, camera
-    the model and coefficients. Writes them at the places `first` and on of pool (S * BLOCK,) f32, unusable pixels as
-    what no camera sees, and how much each fixes by every column of J (M15 eq. 14) into keys (S * SIDE, 6) u8.
+    image (H, W + 2 pad) u16 in steps of `STEP` grey levels, codes (H, W) u16 of ranges `RANGES`, rays as `ray_of`
+    takes them, camera the model and coefficients. Writes them at the places `first` and on of pool (S * BLOCK,) f32,
+    unusable pixels as what no camera sees, and how much each fixes by every column of J (M15 eq. 14) into keys
+    (S * SIDE, 6) u8.
     """
-    height, width = range_m.shape
+    height, width = codes.shape
     columns = -(-width // SQUARE)
     r, du, dv = np.empty(SCRATCH, np.float32), np.empty(SIDE, np.float32), np.empty(SIDE, np.float32)
     for k in range(squares.size):
@@ -219,9 +239,9 @@ def fill_squares(squares, first, image, pad, range_m, far, rays, camera, pool, k
             du[i], dv[i], d[GREY + i] = ZERO, ZERO, ZERO
         for v in range(max(v0, 1), min(v0 + SQUARE, height - 1)):
             for u in range(max(u0, 1 - pad), min(u0 + SQUARE, width - 1 + pad)):
-                distance, i, c = range_m[v, u], (v - v0) * SQUARE + u - u0, u + pad
-                if distance == distance:
-                    distance = min(distance, far)
+                code, i, c = codes[v, u], (v - v0) * SQUARE + u - u0, u + pad
+                if code != UNKNOWN:
+                    distance = min(ranges[code], far)
                     x, y, z = ray_of(rays, v, u, width)
                     r[X + i], r[Y + i], r[Z + i] = x * distance, y * distance, z * distance
                     d[GREY + i] = STEP * np.float32(image[v, c])

@@ -14,7 +14,7 @@ from photometric.iteration.kernels import BLOCK, SIDE
 from photometric.params import RegistrationParams
 from photometric.projection import Floats
 from photometric.pyramid import Image, Level, check_image, level_cameras, pad_of
-from photometric.sampling import evenly_spaced
+from photometric.sampling import keep_evenly_spaced
 from photometric.squares import Squares, Steps
 from sphere_geometry import SE3, Camera
 
@@ -125,7 +125,9 @@ def prepare_reference(
         if index:
             steps, ranges = _halve_steps(steps, pad), halve_range(ranges, params.surface_ratio)
         if index >= finest:  # else no image will be aligned that finely
-            levels.append(ReferenceLevel(Squares(steps, smaller, pad, evenly_spaced(ranges, smaller), params.far)))
+            codes = in_codes(ranges)
+            keep_evenly_spaced(codes, smaller)
+            levels.append(ReferenceLevel(Squares(steps, smaller, pad, codes, params.far)))
     return Reference(tuple(levels))
 
 
@@ -151,6 +153,13 @@ def in_steps(image: Image, pad: int) -> Steps:
     return out
 
 
+def in_codes(range_m: Floats) -> Steps:
+    """Return ranges (H, W) in m in half the memory, within 0.017 %: 1 mm at 6 m."""
+    out = np.empty(range_m.shape, np.uint16)
+    kernels.encode_range(np.require(range_m, np.float32, ["C", "W"]), out)
+    return out
+
+
 def _halve_steps(steps: Steps, pad: int) -> Steps:
     out = np.empty((steps.shape[0] // 2, (steps.shape[1] - 2 * pad) // 2 + 2 * pad), np.uint16)
     kernels.halve_steps(steps, pad, out)
@@ -160,4 +169,4 @@ def _halve_steps(steps: Steps, pad: int) -> Steps:
 def prepare_level(level: Level, range_m: Floats, far: float) -> ReferenceLevel:
     """Prepare one level of an image with range (H, W) in metres; all its pixels are used."""
     bare = level.image[:, level.pad : level.image.shape[1] - level.pad]
-    return ReferenceLevel(Squares(in_steps(bare, level.pad), level.camera, level.pad, range_m, far))
+    return ReferenceLevel(Squares(in_steps(bare, level.pad), level.camera, level.pad, in_codes(range_m), far))

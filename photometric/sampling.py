@@ -11,18 +11,17 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from photometric.projection import Floats
+from photometric import kernels
 from sphere_geometry import Camera, Spherical
 from sphere_geometry.camera import pixel_grid
 
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0  # of a pixel, by which a row begins after the one above it
 
 
-def evenly_spaced(range_m: Floats, camera: Camera) -> Floats:
-    """Return the range (H, W) of what a sphere is sampled at, NaN at other pixels; that of other cameras as it is."""
-    if not isinstance(camera, Spherical):
-        return range_m
-    return np.where(is_spaced(camera), range_m, np.float32(np.nan))
+def keep_evenly_spaced(ranges: NDArray[np.uint16], camera: Camera) -> None:
+    """Forget the ranges (H, W), codes of `kernels.encode_range`, of pixels that a sphere is not sampled at."""
+    if isinstance(camera, Spherical):
+        np.copyto(ranges, np.uint16(kernels.UNKNOWN), where=~is_spaced(camera))
 
 
 @lru_cache(maxsize=16)

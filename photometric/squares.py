@@ -1,8 +1,8 @@
 """The pixels of a reference in squares, each made into points and gradients when a camera first sees it.
 
 A whole sphere has millions of pixels, of which one camera sees some per cent. What is chosen does not depend on which
-squares were made before. A camera that turns leaves squares behind; they are forgotten when they are as many as those
-that it sees. Several threads may ask: what one was given is never changed.
+squares were made before. A camera that turns leaves squares behind; they are forgotten when they are a quarter as many
+as those that it sees. Several threads may ask: what one was given is never changed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ Steps = NDArray[np.uint16]
 GROWTH = 0.125  # of the room that is made beyond what is needed
 MARGIN = 1e-4  # rad
 NOT_YET = -1
-MAX_VIEWS, MIN_SQUARES = 2, 512  # squares that are kept: by those of one view, and so many in any case
+MAX_VIEWS, MIN_SQUARES = 1.25, 512  # squares that are kept: by those of one view, and so many in any case
 CURVE_BITS = 16
 
 
@@ -42,19 +42,19 @@ class Seen(NamedTuple):
 class Squares:
     """Pixels of one level; `num_pixels` of them have a range."""
 
-    def __init__(self, image: Steps, camera: Camera, pad: int, range_m: Floats, far: float) -> None:
-        """An image as `kernels.quantise` makes it; range_m (H, W) in metres, NaN unknown, +Inf far: `far` metres."""
-        self.camera, self.range_m, self._far = camera, range_m, np.float32(far)
+    def __init__(self, image: Steps, camera: Camera, pad: int, ranges: Steps, far: float) -> None:
+        """An image and its ranges (H, W) as `kernels.quantise` and `kernels.encode_range` make them; +Inf: `far` m."""
+        self.camera, self._ranges, self._far = camera, ranges, np.float32(far)
         self._image, self._pad, self._lock = image, pad, Lock()
         cones, self._order = cones_of(camera), curve(camera.width, camera.height)
         self.bounds = np.empty((len(cones), 4), np.float32)
-        self.num_pixels = int(kernels.bound_squares(range_m, self._far, pad, cones, self.bounds))
+        self.num_pixels = int(kernels.bound_squares(ranges, kernels.RANGES, self._far, pad, cones, self.bounds))
         self._made = Made.nothing(len(cones))
 
     @property
     def num_bytes(self) -> int:
         """Memory that the level takes now."""
-        arrays = self._image, self.range_m, self.bounds, self._made.pool, self._made.keys
+        arrays = self._image, self._ranges, self.bounds, self._made.pool, self._made.keys
         return sum(array.nbytes for array in arrays)
 
     def near(self, T_camera_reference: SE3, camera: Camera, *, is_thinned: bool = False) -> Seen:
@@ -94,8 +94,9 @@ class Squares:
         first, last = made.number, made.number + missing.size
         if last * BLOCK > made.pool.size:
             made = made.with_room(min(last + int(GROWTH * last), len(self.bounds)))
-        inputs = self._image, self._pad, self.range_m, self._far, rays_of(self.camera), kernel_camera(self.camera)
-        kernels.fill_squares(missing, first, *inputs, made.pool, made.keys)
+        ranges = self._ranges, kernels.RANGES, self._far
+        camera = rays_of(self.camera), kernel_camera(self.camera)
+        kernels.fill_squares(missing, first, self._image, self._pad, *ranges, *camera, made.pool, made.keys)
         made.place_of[missing] = np.arange(first, last, dtype=np.int32)
         made.number = last
         self._made = made

@@ -6,7 +6,7 @@ import pytest
 from photometric import kernels
 from photometric.iteration.kernels import BLOCK, SIDE
 from photometric.projection import kernel_camera, kernel_motion
-from photometric.reference import in_steps
+from photometric.reference import in_codes, in_steps
 from photometric.squares import Squares, curve
 from sphere_geometry import SE3, Fisheye, Pinhole, Spherical
 from worlds.blocks import in_blocks
@@ -125,7 +125,7 @@ def test_squares_hold_points_and_hide_nothing_that_a_camera_sees(camera, rng):
     range_m[rng.random(range_m.shape) < 0.3] = np.nan
     range_m[40:48, 16:32] = np.nan  # half a square
     image = in_steps(rng.uniform(0, 255, range_m.shape).astype(np.float32), 1)
-    squares = Squares(image, sphere, 1, range_m, 100.0)
+    squares = Squares(image, sphere, 1, in_codes(range_m), 100.0)
     assert squares.num_pixels == np.sum(~np.isnan(range_m[1:-1]))
     places, pool, _ = squares.all()
     points = pool.reshape(-1, 7, SIDE)[places, :3].transpose(1, 0, 2)
@@ -145,3 +145,17 @@ def test_squares_hold_points_and_hide_nothing_that_a_camera_sees(camera, rng):
         inside &= np.repeat(np.isin(np.arange(len(flat) // SIDE), places), SIDE)
         assert set(np.flatnonzero(inside).tolist()) <= found
         assert len(found) < 1.05 * inside.sum() + 50
+
+
+def test_ranges_are_kept_within_two_ten_thousandths_and_in_their_order(rng):
+    range_m = np.exp(rng.uniform(np.log(0.01), np.log(1e4), (40, 64))).astype(np.float32)
+    range_m[3, 5:9] = np.nan, np.inf, 1e-6, 1e9
+    codes = in_codes(range_m)
+    found = kernels.RANGES[codes]
+    np.testing.assert_array_equal(found[3, [5, 6, 8]], [np.nan, np.inf, np.inf])
+    assert found[3, 7] == kernels.RANGES[0] == np.float32(2.0**-8)
+    is_usual = np.isfinite(found) & (range_m > 2.0**-8)
+    np.testing.assert_allclose(found[is_usual], range_m[is_usual], rtol=1.69e-4)
+    order = np.argsort(range_m[is_usual])
+    assert np.all(np.diff(codes[is_usual][order].astype(np.int64)) >= 0)
+    np.testing.assert_array_equal(in_codes(found), codes)  # nothing is lost by doing it again

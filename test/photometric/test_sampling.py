@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from photometric.sampling import evenly_spaced, is_spaced
+from photometric.kernels import UNKNOWN
+from photometric.reference import in_codes
+from photometric.sampling import is_spaced, keep_evenly_spaced
 from sphere_geometry import Pinhole, Spherical
 from sphere_geometry.camera import pixel_grid
 
@@ -27,9 +29,11 @@ def test_points_are_even_all_over_the_sphere():
 
 
 def test_ranges_stay_where_a_point_is_and_other_cameras_keep_all():
-    range_m = np.full((SPHERE.height, SPHERE.width), 2.0, np.float32)
-    spaced = evenly_spaced(range_m, SPHERE)
-    assert spaced.dtype == np.float32
-    np.testing.assert_array_equal(~np.isnan(spaced), is_spaced(SPHERE))
+    ranges = in_codes(np.full((SPHERE.height, SPHERE.width), 2.0, np.float32))
+    spaced = ranges.copy()
+    keep_evenly_spaced(spaced, SPHERE)
+    np.testing.assert_array_equal(spaced != UNKNOWN, is_spaced(SPHERE))
+    np.testing.assert_array_equal(spaced[is_spaced(SPHERE)], ranges[is_spaced(SPHERE)])
     lens = Pinhole(20, 10, 10.0, 10.0, 9.5, 4.5)
-    assert evenly_spaced(range_m[:10, :20], lens).base is range_m
+    keep_evenly_spaced(some := ranges[:10, :20].copy(), lens)
+    np.testing.assert_array_equal(some, ranges[:10, :20])
