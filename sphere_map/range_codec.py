@@ -2,7 +2,8 @@
 
 Code 0 is NaN (not measured), 65535 is +Inf (known to be far), 1...65534 are 0.01 m ... 10 km in equal ratios of
 0.021 %, so that a decoded range is within 0.0108 % of the encoded one. Its standard deviation as 8 bit of the ratio to
-it: code 0 is NaN, 1...255 are 0.01 % ... 100 % in equal ratios of 3.7 %.
+it: code 0 is NaN, 1...223 are 0.01 % ... 31 % in equal ratios of 3.7 %; where the range was not measured but filled,
+224...255 are 0.5 % ... 31 % in equal ratios of 14 %.
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ CODE_INF = 65535
 NUM_STEPS = CODE_INF - 2
 STEP = np.log(MAX_RANGE / MIN_RANGE) / NUM_STEPS
 BLOCK = 1 << 16  # codes that are decoded at once
-MIN_RATIO, MAX_RATIO = 1e-4, 1.0  # of a deviation to its range
-RATIO_STEP = np.log(MAX_RATIO / MIN_RATIO) / 254
+MIN_RATIO, RATIO_STEP = 1e-4, np.log(1e4) / 254  # of a deviation to its range
+FIRST_FILLED = 224  # code of a range that was filled
+MAX_RATIO = MIN_RATIO * np.exp(RATIO_STEP * (FIRST_FILLED - 2))
+MIN_FILLED, FILLED_STEP = 5e-3, np.log(MAX_RATIO / 5e-3) / (255 - FIRST_FILLED)
 
 
 def encode(range_m: NDArray[np.floating[Any]]) -> NDArray[np.uint16]:
@@ -46,17 +49,26 @@ def decode(codes: NDArray[np.uint16]) -> NDArray[np.float32]:
     return ranges
 
 
-def encode_deviation(range_std_m: NDArray[np.floating[Any]], range_m: NDArray[np.floating[Any]]) -> NDArray[np.uint8]:
+def encode_deviation(
+    range_std_m: NDArray[np.floating[Any]],
+    range_m: NDArray[np.floating[Any]],
+    is_filled: NDArray[np.bool_] | None = None,
+) -> NDArray[np.uint8]:
     """Return the codes of standard deviations by their ratio to the range, both in metres and of one shape.
 
-    Ratios beyond the scale are its ends; where the range is not finite nothing is said.
+    is_filled: which ranges were not measured, of that shape. Ratios beyond the scale are its ends; where the range is
+    not finite nothing is said.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio = np.asarray(range_std_m, dtype=np.float32) / np.asarray(range_m, dtype=np.float32)
         steps = np.log(ratio * np.float32(1 / MIN_RATIO)) * np.float32(1 / RATIO_STEP)
     is_known = (ratio > 0) & np.isfinite(ratio)
-    codes = np.clip(np.rint(steps) + np.float32(1.0), 1, 255)
-    return np.where(is_known, codes, CODE_NAN).astype(np.uint8)
+    codes = np.where(is_known, np.clip(np.rint(steps) + np.float32(1.0), 1, FIRST_FILLED - 1), CODE_NAN)
+    if is_filled is not None:
+        marked = is_filled & is_known
+        steps = np.log(ratio[marked] / np.float32(MIN_FILLED)) * np.float32(1 / FILLED_STEP)
+        codes[marked] = np.clip(np.rint(steps) + np.float32(FIRST_FILLED), FIRST_FILLED, 255)
+    return codes.astype(np.uint8)
 
 
 def decode_deviation(codes: NDArray[np.uint8], range_m: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -68,9 +80,18 @@ def decode_deviation(codes: NDArray[np.uint8], range_m: NDArray[np.float32]) -> 
     return deviation
 
 
+def decode_filled(codes: NDArray[np.uint8]) -> NDArray[np.bool_] | None:
+    """Return which ranges were not measured but filled, of the shape of the codes; None where all were measured."""
+    is_filled: NDArray[np.bool_] = codes >= FIRST_FILLED
+    return is_filled if is_filled.any() else None
+
+
 @cache
 def _ratios() -> NDArray[np.float32]:
-    table = (MIN_RATIO * np.exp(RATIO_STEP * (np.arange(256) - 1.0))).astype(np.float32)
+    codes = np.arange(256)
+    measured = MIN_RATIO * np.exp(RATIO_STEP * (codes - 1.0))
+    filled = MIN_FILLED * np.exp(FILLED_STEP * (codes - float(FIRST_FILLED)))
+    table = np.where(codes < FIRST_FILLED, measured, filled).astype(np.float32)
     table[CODE_NAN] = np.nan
     return table
 

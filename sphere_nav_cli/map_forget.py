@@ -83,4 +83,5 @@ def load(reader: MapReader, rejections: Rejections, sphere_id: int) -> Sphere:
         return sphere
     nan, std_m = np.float32(np.nan), sphere.range_std_m
     left = None if std_m is None else np.where(unused, nan, std_m)
-    return replace(sphere, range_m=np.where(unused, nan, sphere.range_m), range_std_m=left)
+    filled = None if sphere.is_filled is None else sphere.is_filled & ~unused
+    return replace(sphere, range_m=np.where(unused, nan, sphere.range_m), range_std_m=left, is_filled=filled)

@@ -64,8 +64,8 @@ def message_to_sphere(message: AugmentedSphere) -> Sphere:
     shape = (camera.height, camera.width)
     image = _decode_image(message.image, message.image_encoding, shape)
     range_m = _decode_range(message.range, message.range_encoding, shape)
-    deviation = _decode_deviation(message, range_m) if message.range_deviation_encoding else None
-    return Sphere(image, range_m, camera, stamp_ns(message), deviation)
+    deviation, is_filled = _decode_deviation(message, range_m) if message.range_deviation_encoding else (None, None)
+    return Sphere(image, range_m, camera, stamp_ns(message), deviation, is_filled)
 
 
 def camera_to_sphere_info(camera: Spherical, frame_id: str) -> SphereInfo:
@@ -143,8 +143,9 @@ def _encode_range(range_m: NDArray[np.float32], encoding: str) -> Any:
 def _encode_deviation(sphere: Sphere, encoding: str) -> Any:
     assert sphere.range_std_m is not None
     if encoding == AugmentedSphere.RANGE_32FC1:
-        return to_bytes(np.asarray(sphere.range_std_m, dtype="<f4"))
-    return _compress(range_codec.encode_deviation(sphere.range_std_m, sphere.range_m), encoding)
+        sign = 1.0 if sphere.is_filled is None else np.where(sphere.is_filled, -1.0, 1.0)
+        return to_bytes(np.asarray(sign * sphere.range_std_m, dtype="<f4"))
+    return _compress(range_codec.encode_deviation(sphere.range_std_m, sphere.range_m, sphere.is_filled), encoding)
 
 
 def _compress(codes: NDArray[Any], encoding: str) -> Any:
@@ -159,26 +160,33 @@ def _decode_range(data: Any, encoding: str, shape: tuple[int, int]) -> NDArray[n
     if not encoding:
         return np.full(shape, np.nan, np.float32)
     if encoding == AugmentedSphere.RANGE_32FC1:
-        return _decode_floats(data, shape, "range")
+        return _known(_floats(data, shape, "range"))
     if encoding not in DEVIATION_OF_RANGE:
         raise ValueError(f"range_encoding: expected {', '.join(DEVIATION_OF_RANGE)}, found {encoding!r}")
     return range_codec.decode(_decode_codes(data, encoding, shape, "<u2", "range").astype(np.uint16, copy=False))
 
 
-def _decode_deviation(message: AugmentedSphere, range_m: NDArray[np.float32]) -> NDArray[np.float32]:
+def _decode_deviation(
+    message: AugmentedSphere, range_m: NDArray[np.float32]
+) -> tuple[NDArray[np.float32], NDArray[np.bool_] | None]:
+    """Return the deviation, and which ranges were filled, None where all were measured."""
     data, encoding, name = message.range_deviation, message.range_deviation_encoding, "range_deviation"
     if encoding == AugmentedSphere.RANGE_32FC1:
-        return _decode_floats(data, range_m.shape, name)
+        values = _floats(data, range_m.shape, name)
+        return _known(np.abs(values)), values < 0 if (values < 0).any() else None
     if encoding not in DEVIATION_OF_RANGE.values():
         raise ValueError(f"{name}_encoding: expected {', '.join(DEVIATION_OF_RANGE.values())}, found {encoding!r}")
     codes = _decode_codes(data, encoding, (range_m.shape[0], range_m.shape[1]), "u1", name).astype(np.uint8, copy=False)
-    return range_codec.decode_deviation(codes, range_m)
+    return range_codec.decode_deviation(codes, range_m), range_codec.decode_filled(codes)
 
 
-def _decode_floats(data: Any, shape: tuple[int, ...], name: str) -> NDArray[np.float32]:
-    _check_bytes(len(data), 4 * math.prod(shape), name)
-    values = np.frombuffer(data, "<f4").reshape(shape).astype(np.float32)
+def _known(values: NDArray[np.float32]) -> NDArray[np.float32]:
     return np.where(values > 0, values, np.float32(np.nan))
+
+
+def _floats(data: Any, shape: tuple[int, ...], name: str) -> NDArray[np.float32]:
+    _check_bytes(len(data), 4 * math.prod(shape), name)
+    return np.frombuffer(data, "<f4").reshape(shape).astype(np.float32)
 
 
 def _decode_codes(data: Any, encoding: str, shape: tuple[int, int], dtype: str, name: str) -> NDArray[Any]:

@@ -15,6 +15,7 @@ from sphere_mapping.acquisition.params import FusionParams
 from sphere_mapping.acquisition.views import RigView
 
 Plane = NDArray[np.float32]
+Flags = NDArray[np.bool_]
 MAX_DEVIATIONS = 3.0  # sources that differ by more do not see the same
 CONTRADICTION = 3.0  # a source up to so much less sure than the surest, that differs, makes a pixel unknown,
 CONTRADICTION_SHARE = 0.05  # if it differs by this share of the range at least
@@ -40,6 +41,14 @@ def fuse_planes(ranges: Plane, stds: Plane) -> Ranged:
     range_m, std_m = np.empty_like(ranges[0]), np.empty_like(stds[0])
     fuse(ranges, stds, *limits, range_m, std_m)
     return range_m, std_m
+
+
+def fill_unknown(ranged: Ranged, planes: Ranged) -> Flags:
+    """Put other ranges and deviations (H, W) where none are known; return where."""
+    is_filled = np.isnan(ranged[0]) & ~np.isnan(planes[0])
+    for values, others in zip(ranged, planes, strict=True):
+        values[is_filled] = others[is_filled]
+    return is_filled
 
 
 def fill(values: Plane, known: NDArray[np.bool_]) -> Plane:

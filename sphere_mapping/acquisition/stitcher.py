@@ -28,12 +28,20 @@ from sphere_mapping.acquisition.epipolar import (
     sphere_frame,
     to_common_centre,
 )
-from sphere_mapping.acquisition.fusion import Ranged, fill, fuse_sources, range_from_cloud, range_from_depth
+from sphere_mapping.acquisition.fusion import (
+    Ranged,
+    fill,
+    fill_unknown,
+    fuse_sources,
+    range_from_cloud,
+    range_from_depth,
+)
 from sphere_mapping.acquisition.lens_check import check_lenses
 from sphere_mapping.acquisition.light import Learned, Light
 from sphere_mapping.acquisition.matching import match_columns
 from sphere_mapping.acquisition.pairs import pairs_of, range_of_pairs, why_no_pair
 from sphere_mapping.acquisition.params import RectifyParams, StitchParams
+from sphere_mapping.acquisition.planes import Places, range_of_planes
 from sphere_mapping.acquisition.plausibility import check_order
 from sphere_mapping.acquisition.rectification import matches_of
 from sphere_mapping.acquisition.rig_adjustment import Matches
@@ -122,7 +130,9 @@ class Stitcher:
         """
         found, gains = self.equalize(images)
         greys = {name: _grey(image) for name, image in found.items()}
-        sources, bottom = self._ranges(greys)  # exchanged levels are named here, before lenses are blamed for them
+        sources, planes, bottom = self._ranges(
+            greys
+        )  # exchanged levels are named here, before lenses are blamed for them
         if not self._has_lenses and self.params.range != "none":  # once is enough: lenses do not change
             check_lenses(self.rig, greys)
             self._has_lenses = True
@@ -135,11 +145,14 @@ class Stitcher:
         layout = self.layout("top" if self.rig.is_vertical else "", tuple(found))
         nothing = np.full((self.whole.height, self.whole.width), np.nan, np.float32)
         range_m, std_m = fuse_sources(sources) if sources else (nothing, nothing.copy())
+        is_filled = fill_unknown((range_m, std_m), planes) if planes is not None else None
         image = blend(layout, found, self.inverse_of(range_m, layout))
         range_m[~layout.is_covered] = np.nan
         std_m[~np.isfinite(range_m)] = np.nan
+        if is_filled is not None:
+            is_filled &= layout.is_covered
         missing = tuple(name for name in self.rig.names if name not in found)
-        return Stitched(Sphere(image, range_m, self.whole, stamp_ns, std_m), bottom, missing, gains)
+        return Stitched(Sphere(image, range_m, self.whole, stamp_ns, std_m, is_filled), bottom, missing, gains)
 
     def matches(
         self, images: Mapping[str, Image], params: RectifyParams, points_rig: NDArray[np.floating] | None = None
@@ -185,24 +198,38 @@ class Stitcher:
             return ordered, {name: np.ones(1) for name in ordered}
         return self._light.balance(ordered)
 
-    def _ranges(self, greys: dict[str, Image]) -> tuple[list[Ranged], Image | None]:
-        """Return what the cameras say about range, and the bottom sphere of a vertical rig."""
+    def _ranges(self, greys: dict[str, Image]) -> tuple[list[Ranged], Ranged | None, Image | None]:
+        """Return what the cameras say about range, that of bare planes, and the bottom sphere of a vertical rig."""
         if self.params.range == "none":
-            return [], None
+            return [], None, None
         if not self.rig.is_vertical:
             pairs = [pair for pair in self.pairs if pair.first in greys and pair.second in greys]
-            return [range_of_pairs(pairs, greys, self.whole, self.params, self.jobs)] if pairs else [], None
+            return [range_of_pairs(pairs, greys, self.whole, self.params, self.jobs)] if pairs else [], None, None
         if not any(part.name in greys for part in self.rig.at_level("bottom")):
-            return [], None
+            return [], None, None
         layouts = [self.layout(level, tuple(greys)) for level in ("top", "bottom")]
         top, bottom = self._levels(layouts, greys)
-        ranged = self._match(layouts, top, bottom)
-        correct_baseline(*ranged, self._baseline_error(layouts, tuple(greys)), self.params.blend.distance_m)
-        ranged = to_common_centre(*ranged, layouts[0])
+        ranged, distance_m = self._match(layouts, top, bottom), self.params.blend.distance_m
+        error = self._baseline_error(layouts, tuple(greys))
+        correct_baseline(*ranged, error, distance_m)
+        per_m = 1.0 / distance_m if distance_m else 0.0
+        places = Places(self.baseline_m, layouts[0].owner, layouts[0].centres, error, per_m)
+        planes = self._planes(layouts, top, bottom, ranged, places)
+        ranged, planes = _to_common_centre(ranged, planes, layouts[0])
         for _ in range(self.params.blend.num_passes - 1):
             top, bottom = self._levels(layouts, greys, ranged[0])
             ranged = self._match(layouts, top, bottom)
-        return [ranged], bottom
+        return [ranged], planes, bottom
+
+    def _planes(
+        self, layouts: list[Layout], top: Image, bottom: Image, ranged: Ranged, places: Places
+    ) -> Ranged | None:
+        """Return the range of bare planes from the cameras' places, None where it is not wanted."""
+        if not self.params.has_planes:
+            return None
+        is_usable, match = layouts[0].is_covered & layouts[1].is_covered, self.params.match
+        search = search_of(self.whole, self.baseline_m, match)
+        return range_of_planes(top, bottom, ranged, is_usable, places, search, match)
 
     def _baseline_error(self, layouts: list[Layout], present: tuple[str, ...]) -> NDArray[np.float32]:
         """Return what the cameras that are present change in the baseline of each pixel (H, W)."""
@@ -252,6 +279,19 @@ class Stitcher:
         with np.errstate(divide="ignore"):
             inverse = fill((1.0 / range_m).astype(np.float32), known)
         return cv2.medianBlur(inverse, 5)
+
+
+def _to_common_centre(ranged: Ranged, planes: Ranged | None, layout: Layout) -> tuple[Ranged, Ranged | None]:
+    """Return what is measured, and what planes say elsewhere, as from the sphere's centre."""
+    if planes is None:
+        return to_common_centre(*ranged, layout), None
+    is_filled = ~np.isnan(planes[0])
+    for values, others, sign in zip(ranged, planes, (1.0, -1.0), strict=True):
+        values[is_filled] = sign * others[is_filled]  # the minus sign takes the mark along
+    range_m, std_m = to_common_centre(*ranged, layout)
+    is_filled, nan = std_m < 0, np.float32(np.nan)
+    measured = np.where(is_filled, nan, range_m), np.where(is_filled, nan, std_m)
+    return measured, (np.where(is_filled, range_m, nan), np.where(is_filled, -std_m, nan))
 
 
 def _grey(image: Image) -> Image:

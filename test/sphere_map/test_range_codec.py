@@ -46,9 +46,20 @@ def test_other_types_are_refused():
 def test_a_deviation_is_kept_to_two_per_cent_whatever_the_range():
     rng = np.random.default_rng(4)
     range_m = rng.uniform(0.3, 100.0, (50, 100)).astype(np.float32)
-    std_m = range_m * np.geomspace(1e-4, 1.0, 5000).reshape(50, 100).astype(np.float32)
+    std_m = range_m * np.geomspace(1e-4, 0.313, 5000).reshape(50, 100).astype(np.float32)
     decoded = range_codec.decode_deviation(range_codec.encode_deviation(std_m, range_m), range_m)
     assert np.abs(decoded / std_m - 1).max() < 0.0185  # half a step of 3.7 %
+
+
+def test_filled_ranges_are_told_by_their_codes_and_keep_their_deviation():
+    range_m, is_filled = np.full((2, 500), 3.0, np.float32), np.zeros((2, 500), np.bool_)
+    std_m = range_m * np.geomspace(6e-3, 0.31, 500, dtype=np.float32)
+    is_filled[1] = True
+    codes = range_codec.encode_deviation(std_m, range_m, is_filled)
+    np.testing.assert_array_equal(range_codec.decode_filled(codes), is_filled)
+    assert range_codec.decode_filled(codes[:1]) is None
+    decoded = range_codec.decode_deviation(codes, range_m)
+    assert np.abs(decoded / std_m - 1)[1].max() < 0.07  # half a step of 14 %
 
 
 @pytest.mark.parametrize(
@@ -59,7 +70,7 @@ def test_a_deviation_is_kept_to_two_per_cent_whatever_the_range():
         (0.1, np.inf, np.nan),
         (0.0, 2.0, np.nan),
         (-1.0, 2.0, np.nan),
-        (5.0, 2.0, 2.0),
+        (5.0, 2.0, 2.0 * range_codec.MAX_RATIO),
         (1e-9, 2.0, 2e-4),
     ],
 )
