@@ -15,7 +15,10 @@ from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams
 from localization.status import FINE, Finding, Reason
 from photometric import Alignment
+from photometric.hidden_part import MIN_SHARE
+from photometric.pull import Pull
 from photometric.structure import Structure
+from photometric.uneven_light import UNEVEN_SHARE
 
 Array = NDArray[np.float64]
 GOOD_OVERLAP = 0.25
@@ -27,6 +30,7 @@ NOTABLE_DISTANCE = 1.0  # distance to the nearest reference by the radius of its
 MIN_AGREEMENT, GOOD_AGREEMENT = 0.2, 0.25
 SURE_SIGMAS = 4.0  # of the stretch that a wrong lens leaves; it is judged by what it surely exceeds
 MAX_STRETCH, GOOD_STRETCH = 0.06, 0.03  # the stretch seen is about three quarters of the error of the focal length
+MAX_HIDDEN = 5.0  # largest uncertainties of a pull that is taken back: a fifth of it at most was left
 MAX_SIGMA_RAD = 0.05  # standard deviation of the attitude; half of it is good
 
 
@@ -144,14 +148,25 @@ def _structure(structure: Structure, params: AcceptanceParams) -> list[Check]:
 
 
 def _pull(structure: Structure, params: AcceptanceParams) -> list[Check]:
-    """Whether light that varies over the view has pulled the pose farther than it may be uncertain."""
-    if not structure.pull.is_uneven:
-        return []
-    metres, radians = np.linalg.norm(structure.pull.xi.reshape(2, 3), axis=1)
-    limit, detail = params.max_sigma_m, "{} by which uneven light pulls the pose"
+    """Whether light that varies over the view, or what hides a part of it, pulls farther than a pose may be uncertain.
+
+    What is hidden is taken back; so that only a pull of which too much may be left is refused.
+    """
+    checks = []
+    if structure.pull.share >= UNEVEN_SHARE:
+        checks += _distances(structure.pull, Reason.LIGHT_CHANGE, 1.0, "uneven light pulls the pose", params)
+    if structure.hidden.share >= MIN_SHARE:
+        detail = f"a part of the view that is hidden pulled the pose, {structure.hidden.share:.0%} of the texture"
+        checks += _distances(structure.hidden, Reason.OUTLIERS, MAX_HIDDEN, detail, params)
+    return checks
+
+
+def _distances(pull: Pull, reason: Reason, factor: float, detail: str, params: AcceptanceParams) -> list[Check]:
+    """Return the checks of how far something pulls; refused from `factor` times the largest uncertainty on."""
+    metres, radians = np.linalg.norm(pull.xi.reshape(2, 3), axis=1)
     return [
-        Check(Reason.LIGHT_CHANGE, float(metres), limit, 0.5 * limit, detail.format("m")),
-        Check(Reason.LIGHT_CHANGE, float(radians), MAX_SIGMA_RAD, 0.5 * MAX_SIGMA_RAD, detail.format("rad")),
+        Check(reason, float(value), factor * limit, 0.5 * limit, f"{unit} by which {detail}")
+        for value, limit, unit in ((metres, params.max_sigma_m, "m"), (radians, MAX_SIGMA_RAD, "rad"))
     ]
 
 

@@ -26,31 +26,36 @@ class Doubts:
     def __init__(self, references: References, params: LocalizerParams) -> None:
         self._references, self._error, self._registration = references, references.error, params.registration
         self._odometry = OdometryCheck(params.prior.odometry_error)
-        self._count = 0
+        self._is_refused = False  # the image before, which could be used
+        self._count, self._is_hidden = 0, False  # hidden: a part of the view, when last looked at
 
     def forget(self) -> None:
         """Another stream, or an operator has said where the camera is; what is known of the map stays."""
         self._odometry.forget()
-        self._count = 0
+        self._count, self._is_hidden = 0, False
 
     def drive(self, frame: Frame, state: State) -> None:
         """Take note of odometry, whatever becomes of the image; `state` is what the image before has led to."""
+        if self._is_refused:
+            self._error.fade()
+        self._is_refused = bool(frame.images)  # until it is placed
         self._odometry.drive(frame.T_odom_camera, is_trusted=state is State.TRACKING)
 
     def is_due(self, state: State) -> bool:
         """Whether the next image is looked at closely."""
-        return state is not State.TRACKING or self._count % PERIOD == 0
+        return state is not State.TRACKING or self._is_hidden or self._count % PERIOD == 0
 
     def begin(self, frame: Frame, place: Place) -> None:
         """Take note of a place that a search has found."""
+        self._is_refused = False
         sample = _sample(frame, place)
         if sample is not None:
             self._odometry.begin(sample)
 
     def find(self, frame: Frame, place: Place, prediction: Prediction) -> Finding:
         """Return what there is against an image that was placed: by itself, by what preceded it, by odometry."""
-        self._count += 1
-        if self._count % PERIOD == MAP_PHASE and place.alignment is not None:
+        self._count, self._is_hidden, self._is_refused = self._count + 1, place.hidden > 0.0, False
+        if self._count % PERIOD == MAP_PHASE and place.alignment is not None and not self._is_hidden:
             self._error.observe(place.images, place.alignment, self._registration, place.motion)
         if self._count % PERIOD == REJECTION_PHASE and place.alignment is not None and place.verdict.is_good:
             residuals = view_residuals(place.images, place.alignment, self._registration, place.motion)

@@ -23,6 +23,8 @@ from sphere_map.graph import SphereGraph
 Array = NDArray[np.float64]
 KEPT = 0.9  # of the weight of what was observed, from one observation to the next
 # Mean squares by which observations and edges are multiplied. Chosen on the first half of real hand-held images.
+MAX_SIGMAS = 3.0  # of what is known by then, that one observation counts at most: one image may be wrong
+FADED = 0.9  # of what was observed is kept, from one image that is refused to the next
 SHARED = 2.0  # references err together, too
 EDGE = 2.0
 
@@ -31,8 +33,8 @@ class MapError:
     """What is known of one map's errors."""
 
     def __init__(self, graph: SphereGraph, params: CovarianceParams) -> None:
-        self._sum = np.repeat([params.map_sigma_m, params.map_sigma_rad], 3) ** 2  # weighs as one observation
-        self._weight = 1.0
+        self._assumed: Array = np.repeat([params.map_sigma_m, params.map_sigma_rad], 3) ** 2
+        self._sum, self._weight = self._assumed, 1.0  # weighs as one observation
         self._of_edges = edge_covariances(graph)
         self._count = 0
 
@@ -64,8 +66,17 @@ class MapError:
 
     def add(self, xi: Array, noise: Array) -> None:
         """Add an observed disagreement (6,) with the variance (6,) that the noise of the image gives it anyway."""
-        self._sum = KEPT * self._sum + xi**2 - noise
+        known = np.maximum(self._sum / self._weight, self._assumed) + noise
+        self._sum = KEPT * self._sum + np.minimum(xi**2, MAX_SIGMAS**2 * known) - noise
         self._weight = KEPT * self._weight + 1.0
+
+    def fade(self) -> None:
+        """Return a little to what was assumed: while images are refused none can tell that the map is better.
+
+        Without it a map that was once thought too wrong would refuse every image from then on.
+        """
+        mean = self._sum / self._weight
+        self._sum, self._weight = self._assumed + FADED * (mean - self._assumed), 1.0
 
 
 def edge_covariances(graph: SphereGraph) -> dict[int, Array]:

@@ -1,12 +1,13 @@
-"""The map in force, and the call that loads another one."""
+"""The map in force, the call that loads another one, and the call that writes what images contradict in it."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
 
-from sphere_nav_msgs.srv import LoadMap
+from sphere_nav_msgs.srv import LoadMap, SaveMap
 
+from dense_localizer.rejections import Rejections
 from node_kit.endpoints import Endpoints
 from node_kit.map_bag import MapReader, open_map
 from sphere_geometry.rig import Rig
@@ -18,21 +19,26 @@ IN_MAP = "map"
 class Maps:
     """Holds one open map. What cannot be read leaves the present one in force."""
 
-    def __init__(self, endpoints: Endpoints, use: Callable[[MapReader], None]) -> None:
-        """`use(reader)` is called with every map that was opened; ValueError refuses it."""
+    def __init__(self, endpoints: Endpoints, use: Callable[[MapReader], Rejections]) -> None:
+        """`use(reader)` is called with every map that was opened, and returns what will count its rejections.
+
+        ValueError refuses the map.
+        """
         self._use = use
         self.reader: MapReader | None = None
+        self._rejections = Rejections()
         endpoints.add_service("~/load_map", LoadMap, self.on_load_map)
+        endpoints.add_service("~/save_rejections", SaveMap, self.on_save_rejections)
 
     def open(self, path: str) -> MapReader:
         """Use another map; ValueError or OSError for one that cannot be read."""
         reader, before = open_map(path), self.reader
         try:
-            self._use(reader)
+            rejections = self._use(reader)
         except BaseException:
             reader.close()
             raise
-        self.reader = reader
+        self.reader, self._rejections = reader, rejections
         if before is not None:
             before.close()
         return reader
@@ -55,6 +61,25 @@ class Maps:
         response.num_spheres, response.num_edges = len(reader.graph), len(reader.graph.edges)
         response.seconds = time.perf_counter() - started
         response.message = f"{response.num_spheres} key spheres of {request.path}"
+        return response
+
+    def on_save_rejections(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
+        """Write what images have rejected of the map since it was loaded, as `sphere_nav map-forget` reads it."""
+        started = time.perf_counter()
+        try:
+            if self.reader is None:
+                raise ValueError("save_rejections: expected a map, found none: load one first")
+            if not request.path:
+                raise ValueError("path: expected a file to write, found none")
+            path = self.reader.path.resolve().parent / request.path  # a relative one is beside the map
+            self._rejections.write(path, str(self.reader.info.map_id), is_overwriting=request.overwrite)
+            response.num_bytes = path.stat().st_size
+        except (ValueError, OSError) as error:
+            response.message = " ".join(str(error).split())
+            return response
+        response.success, response.path, response.num_spheres = True, str(path), len(self._rejections.counts)
+        response.seconds = time.perf_counter() - started
+        response.message = f"counters of {response.num_spheres} key spheres"
         return response
 
 

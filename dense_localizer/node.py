@@ -11,6 +11,7 @@ from dense_localizer.localizer import Localizer
 from dense_localizer.maps_node import Maps, read_calibration
 from dense_localizer.params import DenseLocalizerParams
 from dense_localizer.reasons import REMEDIES
+from dense_localizer.rejections import Rejections
 from dense_localizer.residual import residual_image
 from localization.base_estimate import BaseEstimate
 from localization.status import FINE, Finding, State, Status, status_of
@@ -66,12 +67,13 @@ class DenseLocalizerNode(LocalizerNode):
         """Whether several cameras localise together."""
         return bool(self.params.rig.cameras or self.params.rig.calibration)
 
-    def use_map(self, reader: MapReader) -> None:
-        """Localise in a map from now on."""
+    def use_map(self, reader: MapReader) -> Rejections:
+        """Localise in a map from now on; return what counts the pixels of it that images reject."""
         before, self.localizer = self.localizer, Localizer(self.params, reader, is_live=self.shell.is_live)
         if before is not None:
             before.references.close()
         return_free_memory()  # that of reading
+        return self.localizer.references.rejections
 
     @property
     def is_ready(self) -> bool:

@@ -15,11 +15,13 @@ from dense_localizer.params import LocalizerParams
 from dense_localizer.reference import MIN_VISIBLE_SHARE, Choice, References
 from localization.status import Finding, Reason
 from photometric import Alignment, Pyramid, RegistrationParams
+from photometric.hidden_part import MIN_SHARE
 from photometric.rig import RigImage, register_rig
-from photometric.structure import find_rig_structure
+from photometric.structure import Structure, find_rig_structure
 from sphere_geometry import SE3, FrameMotion
 
 USUALLY = 0.97  # of the usual correlation, below which an image is looked at closely
+LEFT = 0.2  # standard deviation of what is left of a pull when it is taken back, as share of it
 LEVEL_SIGMAS = 1.0  # uncertainty of the prediction that the first level must cover
 UNKNOWN = np.diag(np.full(6, np.inf))
 
@@ -38,6 +40,7 @@ class Place:
     alignment: Alignment | None = None
     motion: FrameMotion | None = None  # within the frame
     images: tuple[RigImage, ...] = ()
+    hidden: float = 0.0  # share of the view that does not show the map, where that was looked at
 
     @property
     def is_rig(self) -> bool:
@@ -91,10 +94,27 @@ def locate(
     structure = None
     if alignment.is_converged and (is_thorough or alignment.ncc < USUALLY * usual_ncc):
         structure = find_rig_structure(seen, alignment, registration, motion)
+        alignment = without_hidden(alignment, structure)
     covariance = alignment.covariance + _map_covariance(references, choice, alignment.T_world_camera)
     limits = params.acceptance, params.registration.max_mad
     verdict = judge(alignment, covariance, choice.distance_ratio, prediction, *limits, structure)
-    return Place(alignment.T_world_camera, covariance, choice, verdict, alignment, motion, seen)
+    hidden = hidden_share(structure)
+    return Place(alignment.T_world_camera, covariance, choice, verdict, alignment, motion, seen, hidden)
+
+
+def hidden_share(structure: Structure | None) -> float:
+    """Return the share 0..1 of the view that something hides from the map; 0 where too little to matter, or unknown."""
+    return structure.hidden.share if structure is not None and structure.hidden.share >= MIN_SHARE else 0.0
+
+
+def without_hidden(alignment: Alignment, structure: Structure) -> Alignment:
+    """Return the alignment at the pose by what is not hidden of the view; its covariance holds what may be left."""
+    if not hidden_share(structure):
+        return alignment
+    xi = structure.hidden.xi
+    left = np.diag(np.repeat(LEFT * np.linalg.norm(xi.reshape(2, 3), axis=1), 3) ** 2)
+    pose = alignment.T_world_camera @ SE3.exp(xi)
+    return replace(alignment, T_world_camera=pose, covariance=alignment.covariance + left)
 
 
 def join(choices: Sequence[Choice]) -> Choice:

@@ -75,12 +75,17 @@ class Rejections:
         chosen: Mask = squares[row[:, None], column[None, :]]
         return chosen
 
-    def write(self, path: Path, map_id: str) -> None:
-        """Write what was counted; ValueError where a file is."""
-        if path.exists():
+    def write(self, path: Path, map_id: str, *, is_overwriting: bool = False) -> None:
+        """Write what was counted; ValueError where something is, unless it is a file to be overwritten."""
+        if path.exists() and not (is_overwriting and path.is_file()):
             raise ValueError(f"{path}: expected no such file, found one: it is not overwritten")
         spheres = {str(sphere_id): count.tolist() for sphere_id, count in sorted(self.counts.items())}
-        path.write_text(json.dumps({"map_id": map_id, "spheres": spheres}) + "\n", encoding="utf-8")
+        beside = path.with_name(f".{path.name}.part")  # a disk that is full leaves the old file alone
+        try:
+            beside.write_text(json.dumps({"map_id": map_id, "spheres": spheres}) + "\n", encoding="utf-8")
+            beside.replace(path)
+        finally:
+            beside.unlink(missing_ok=True)
 
 
 def read_rejections(path: Path, map_id: str) -> Rejections:

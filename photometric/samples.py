@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,7 @@ from sphere_geometry import FrameMotion
 
 Array = NDArray[np.float64]
 NUM_PIXELS = 2048  # looked at, all references together
+TINY = 1e-12
 
 
 @dataclass(frozen=True)
@@ -42,6 +43,22 @@ class Sample:
     def by_pose(self) -> Array:
         """Derivative (N, 6) of the residual by xi in T_world_camera exp(xi)."""
         return np.hstack([-self.of_image, np.cross(self.of_image, self.points)])
+
+    def where(self, chosen: NDArray[np.bool_]) -> Sample:
+        """Return some of the pixels, chosen (N,)."""
+        return Sample(*(getattr(self, part.name)[chosen] for part in fields(self)))
+
+
+def cosines(sample: Sample) -> tuple[Array, Array]:
+    """Return the cosine (N,) between the gradients of image and reference, and how strong (N,) those of the latter are.
+
+    By direction alone in the image: what covers a part of the view counts by its share, not by its contrast.
+    """
+    length, in_reference, in_image = (
+        np.sqrt(np.einsum("ni,ni->n", rows, rows)) for rows in (sample.points, sample.of_reference, sample.of_image)
+    )
+    product = np.einsum("ni,ni->n", sample.of_reference, sample.of_image)
+    return product / np.maximum(in_reference * in_image, TINY), length * in_reference
 
 
 def take_samples(

@@ -1,8 +1,8 @@
-"""What the residuals say beyond the pose: do the gradients agree, do another lens or uneven light explain them?
+"""What the residuals say beyond the pose: do the gradients agree, do another lens, light or a hidden part explain them?
 
 Grey levels of smooth surfaces correlate by chance wherever a fit may slide; their gradients do not. A wrong lens leaves
-residuals that point to the centre of the image or away from it; light, see `uneven_light.py`. All is asked of a few
-thousand pixels.
+residuals that point to the centre of the image or away from it; light: `uneven_light.py`; what stands before the
+camera: `hidden_part.py`. All is asked of a few thousand pixels.
 """
 
 from __future__ import annotations
@@ -14,19 +14,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from photometric.alignment import Alignment
+from photometric.hidden_part import MIN_SHARE, find_hidden, free_of
 from photometric.params import RegistrationParams
+from photometric.pull import NO_PULL, Cameras, Look, Pull
 from photometric.pyramid import Pyramid
 from photometric.reference import View
 from photometric.rig import RigImage, share_pixels
 from photometric.robust import weigh
-from photometric.samples import Sample, take_samples
-from photometric.uneven_light import NO_PULL, Pull, find_pull
+from photometric.samples import TINY, Sample, cosines, take_samples
+from photometric.uneven_light import find_pull
 from sphere_geometry import SE3, FrameMotion, Spherical
 
 Array = NDArray[np.float64]
 NUM_PIECES = 24  # of the pixels in scan order: pixels of a piece may err together
 MIN_PIXELS = 100
-RIDGE, TINY = 1e-9, 1e-12
+RIDGE = 1e-9
 
 
 @dataclass(frozen=True)
@@ -35,13 +37,15 @@ class Structure:
 
     agreement is the mean cosine -1...1 between the gradients of image and references. stretch is by how much the image
     is larger about its centre than the lens says, as a share, with its standard deviation; 0 and infinite where no lens
-    is known (whole spheres) or too little is seen. pull is that of light that varies over the view.
+    is known (whole spheres) or too little is seen. pull is that of light that varies over the view, hidden that of what
+    hides a part of it.
     """
 
     agreement: float
     stretch: float = 0.0
     stretch_sigma: float = np.inf
     pull: Pull = NO_PULL
+    hidden: Pull = NO_PULL
 
 
 def find_rig_structure(
@@ -52,19 +56,25 @@ def find_rig_structure(
     What it says of too few pixels is nothing.
     """
 
-    def look(T_world_body: SE3) -> list[tuple[SE3 | None, list[Sample]]]:
+    def look_at(T_world_body: SE3) -> Cameras:
         there = _samples_of(images, replace(alignment, T_world_camera=T_world_body), params, motion)
         return [
             (one.T_body_camera, [part for part in parts if len(part.residual) >= MIN_PIXELS]) for one, parts in there
         ]
 
+    look: Look = look_at
     cameras, found = look(alignment.T_world_camera), []
     for image, (_, usable) in zip(images, cameras, strict=True):
         has_lens = not isinstance(image.pyramid.cameras[0], Spherical)
         found.append(Structure(_agreement(usable), *_stretch(usable, params, has_lens=has_lens)))
     surest = max(found, key=lambda one: abs(one.stretch) / one.stretch_sigma)
     agreement = float(np.mean([one.agreement for one in found]))
-    return replace(surest, agreement=agreement, pull=find_pull(look, cameras, alignment.T_world_camera, params))
+    hidden = find_hidden(look, cameras, alignment.T_world_camera, params)
+    pose = alignment.T_world_camera
+    if hidden.share >= MIN_SHARE:  # of the light, what is free of the view tells more
+        look, pose = free_of(look), pose @ SE3.exp(hidden.xi)
+        cameras = look(pose)
+    return replace(surest, agreement=agreement, pull=find_pull(look, cameras, pose, params), hidden=hidden)
 
 
 def find_structure(
@@ -103,17 +113,12 @@ def _samples_of(
 
 
 def _agreement(samples: Sequence[Sample]) -> float:
-    """Return the mean cosine between the gradients, each pixel by how strong it is in the reference.
-
-    By direction alone in the image: what covers a part of the view counts by its share, not by its contrast.
-    """
+    """Return the mean cosine between the gradients, each pixel by how strong it is in the reference."""
     agreeing = total = 0.0
     for sample in samples:
-        length = np.sqrt(np.einsum("ni,ni->n", sample.points, sample.points))
-        in_reference, in_image = (np.sqrt(np.einsum("ni,ni->n", g, g)) for g in (sample.of_reference, sample.of_image))
-        cosine = np.einsum("ni,ni->n", sample.of_reference, sample.of_image) / np.maximum(in_reference * in_image, TINY)
-        agreeing += float(np.sum(length * in_reference * cosine))
-        total += float(np.sum(length * in_reference))
+        cosine, weight = cosines(sample)
+        agreeing += float(np.sum(weight * cosine))
+        total += float(np.sum(weight))
     return agreeing / max(total, TINY)
 
 

@@ -3,6 +3,7 @@ import pytest
 
 from dense_localizer.map_error import EDGE, SHARED, MapError
 from dense_localizer.params import CovarianceParams
+from localization.status import State
 from sphere_geometry import SE3
 from sphere_map.graph import Edge, KeySphere, SphereGraph
 
@@ -28,6 +29,27 @@ def test_an_exact_map_leaves_the_noise_of_the_image():
         error.add(rng.normal(size=6) * np.sqrt(NOISE), NOISE)
     assert np.all(np.diagonal(error.covariance(0, SE3.identity())) < 2 * SHARED * NOISE)
     assert np.all(np.diagonal(error.covariance(0, SE3.identity())) >= 0)
+
+
+def test_one_wrong_image_does_not_make_the_map_wrong():
+    error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(3)
+    for _ in range(30):
+        error.add(rng.normal(size=6) * np.repeat([0.004, 0.002], 3), NOISE)
+    before = np.diagonal(error.covariance(0, SE3.identity())).copy()
+    error.add(np.ones(6), NOISE)  # a metre: something stood before the camera
+    assert np.all(np.diagonal(error.covariance(0, SE3.identity())) < 3.0 * before)
+
+
+def test_a_map_once_thought_wrong_is_trusted_again(room, room_map):
+    from worlds.localizer import Run, drive, make_localizer
+
+    localizer = make_localizer(room_map)
+    for _ in range(40):
+        localizer.references.error.add(np.full(6, 0.3), NOISE)  # so wrong that every image is refused
+    assert localizer.references.error.covariance(0, SE3.identity())[0, 0] > 0.2**2
+    states = [estimate.status.state for estimate in Run(room, localizer).follow(drive(55))]
+    assert states[0] is State.SEARCHING
+    assert states[-1] is State.TRACKING
 
 
 def test_edges_tell_their_errors_in_the_axes_of_the_camera():

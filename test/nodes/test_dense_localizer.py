@@ -16,11 +16,12 @@ import rclpy
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from sphere_nav_msgs.msg import LocalizationStatus
-from sphere_nav_msgs.srv import LoadMap, Relocalize
+from sphere_nav_msgs.srv import LoadMap, Relocalize, SaveMap
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
 from dense_localizer.node import DenseLocalizerNode
+from dense_localizer.rejections import read_rejections
 from node_kit import qos
 from node_kit.conversions import (
     array_to_image,
@@ -286,6 +287,33 @@ def test_another_map_is_loaded_and_a_bad_one_leaves_the_present_in_force(map_pat
     assert not refused.success
     assert "none" in refused.message
     assert bench.see(pictures[5])["/status"].state == "TRACKING"
+
+
+def test_what_images_reject_is_written_beside_the_map_and_never_over_a_file(map_path, pictures, tmp_path):
+    bench = Bench()
+    call = bench.node.shell.call
+    assert "found none: load one first" in call("save_rejections", SaveMap.Request(path="a.json")).message
+    assert call("load_map", LoadMap.Request(path=str(map_path))).success
+    bench.follow(pictures)
+    map_id, path = str(bench.node.maps.reader.info.map_id), tmp_path / "a.json"
+    answer = call("save_rejections", SaveMap.Request(path="a.json"))
+    assert answer.success, answer.message
+    assert answer.path == str(map_path.resolve().parent / "a.json")
+    assert answer.num_spheres >= 1
+    counts = bench.node.localizer.references.rejections.counts
+    found = read_rejections(map_path.parent / "a.json", map_id).counts
+    assert {key: value.tolist() for key, value in found.items()} == {k: v.tolist() for k, v in counts.items()}
+    path.write_text("mine")
+    refused = call("save_rejections", SaveMap.Request(path=str(path)))
+    assert (refused.success, path.read_text()) == (False, "mine")
+    assert "not overwritten" in refused.message
+    assert call("save_rejections", SaveMap.Request(path=str(path), overwrite=True)).success
+    assert read_rejections(path, map_id).counts.keys() == counts.keys()
+    for wrong in ("", str(tmp_path), str(tmp_path / "none" / "a.json")):
+        refused = call("save_rejections", SaveMap.Request(path=wrong, overwrite=True))
+        assert not refused.success
+        assert "\n" not in refused.message
+    assert not list(tmp_path.glob(".*"))
 
 
 def test_reset_forgets_everything_but_the_map(map_path, pictures):
