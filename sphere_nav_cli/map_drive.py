@@ -10,7 +10,7 @@ from sphere_geometry import SE3
 from sphere_geometry.trajectory import Trajectory
 from sphere_mapping.node import SphereMapper
 from sphere_nav_cli.evaluate import judge
-from sphere_nav_cli.map_truth import Truth
+from sphere_nav_cli.map_truth import Truth, fit_poses
 
 
 @dataclass(eq=False)
@@ -41,10 +41,7 @@ class MappedDrive:
         at, known = truth.poses.at(mine.stamps_ns, max_gap_ns=round(1e9))
         if not known.any():
             return None
-        theirs, ours = at.T_map_body, mine.T_map_body[known]
-        U, _, Vt = np.linalg.svd(np.sum(theirs.rotation @ np.swapaxes(ours.rotation, -1, -2), axis=0))
-        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-        return SE3.from_parts(R, np.mean(theirs.translation - ours.translation @ R.T, axis=0))
+        return fit_poses(at.T_map_body, mine.T_map_body[known])
 
     def summary(self, loops: int, truth: Truth | None, T_truth_map: SE3 | None) -> list[str]:
         """Return what is printed."""

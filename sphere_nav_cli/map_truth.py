@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from node_kit.bags import BagReader
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import Trajectory
@@ -26,6 +28,13 @@ def truth_of(path: Path) -> Truth | None:
     with BagReader(path) as bag:
         topics = [topic for topic in TRUTH_TOPICS if "/" + topic in bag.topics and bag.topics["/" + topic].count]
     return Truth(read_poses(path, (topics[0],)), is_base=topics[0].endswith("odometry")) if topics else None
+
+
+def fit_poses(theirs: SE3, ours: SE3) -> SE3:
+    """Return T_theirs_ours that brings poses (N,) together best: rotations by their mean, then positions."""
+    U, _, Vt = np.linalg.svd(np.sum(theirs.rotation @ np.swapaxes(ours.rotation, -1, -2), axis=0))
+    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    return SE3.from_parts(R, np.mean(theirs.translation - ours.translation @ R.T, axis=0))
 
 
 def transform_graph(graph: SphereGraph, T_new_map: SE3) -> SphereGraph:
