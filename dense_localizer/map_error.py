@@ -22,9 +22,9 @@ from sphere_map.graph import SphereGraph
 
 Array = NDArray[np.float64]
 KEPT = 0.9  # of the weight of what was observed, from one observation to the next
-# Mean squares by which observations and edges are multiplied. Chosen on the first half of real hand-held images.
 MAX_SIGMAS = 3.0  # of what is known by then, that one observation counts at most: one image may be wrong
 FADED = 0.9  # of what was observed is kept, from one image that is refused to the next
+# Mean squares by which observations and edges are multiplied. Chosen on the first half of real hand-held images.
 SHARED = 2.0  # references err together, too
 EDGE = 2.0
 
