@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from benchmarks.flatness import REGIONS, fit_regions
 from benchmarks.machine import describe
-from benchmarks.range_worlds import CLASSES, Scene, make_scene
+from benchmarks.range_worlds import BARE, CLASSES, Scene, make_scene
 from benchmarks.real_rigs import room
 from benchmarks.report import Bound, Report, Table
 from sphere_geometry import Spherical
@@ -70,18 +70,19 @@ def run(options: argparse.Namespace) -> Report:
         ]
         if sum(one.n for one in filled):
             tables.append(_table(f"Rooms seen by a {kind} rig: filled by planes", filled))
-            bounds += _bounds_of_filled(kind, filled)
+            bounds += _bounds_of_filled(kind, filled, found[BARE].there)
     bounds += [Bound(f"noise, blurred by {blur} px: measured", 0.01, _noise(blur), "") for blur in (0.0, 0.7, 1.5)]
     planes, table = _planes(options.range_data)
     bounds, tables = bounds + planes, tables + table
     return Report("range_honesty", tables, bounds, [describe(options.threads), f"rooms {seeds}"])
 
 
-def _bounds_of_filled(kind: str, filled: list[Honesty]) -> list[Bound]:
+def _bounds_of_filled(kind: str, filled: list[Honesty], num_bare: int) -> list[Bound]:
     whole = sum(filled[1:], filled[0])
     return [
         Bound(f"{kind}: pixels filled by planes off by more than 3 sigma", 0.02, whole.beyond_3_sigma / whole.n, ""),
         Bound(f"{kind}: pixels filled by planes off by more than 10 %", 0.03, whole.beyond_10_percent / whole.n, ""),
+        Bound(f"{kind}: bare, filled right", 0.5, filled[BARE].within_10_percent / num_bare, "", True),
     ]
 
 
