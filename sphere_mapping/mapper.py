@@ -17,7 +17,6 @@ from sphere_map.graph import KeySphere, SphereGraph
 from sphere_map.sphere import Sphere
 from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.incremental import IncrementalOptimum
-from sphere_mapping.graph.keyframes import why_key_sphere
 from sphere_mapping.graph.loop_closure import LoopCloser, with_loops
 from sphere_mapping.graph.progress import MapUpdate, Track
 from sphere_mapping.graph.registration import PreparedSphere
@@ -73,6 +72,8 @@ class Mapper:
         """
         if self._tracker.last is None:
             return False
+        self._bent = None  # a first sphere that nothing followed stays as it is
+        self._pictures.settle(self.graph)
         key_id, reference = self._tracker.references[0]
         distance, _ = self.graph[key_id].T_map_sphere.distance(self._tracker.prior.newest)
         return bool(distance > 0.5 * keyframes.reach(reference, self.params.key)) and self._keep_last()
@@ -106,19 +107,18 @@ class Mapper:
     def _why_key(self, alignment: Alignment) -> str:
         key_id, reference = self._tracker.references[0]
         T_reference_sphere = self.graph[key_id].T_map_sphere.inverse() @ alignment.T_world_camera
-        return why_key_sphere(alignment, T_reference_sphere, reference, self.params.key)
+        return keyframes.why_key_sphere(alignment, T_reference_sphere, reference, self.params.key)
 
     def _place(
         self, current: PreparedSphere, T_map_sphere: SE3, odometry: SE3 | None, alignment: Alignment | None, reason: str
     ) -> MapUpdate:
         """Take note of where a sphere is, and keep it as key sphere if there is a reason."""
-        stamp_ns = current.sphere.stamp_ns
         self._tracker.put(current, T_map_sphere, odometry, alignment)
         if reason != keyframes.NOT_YET:
             self._keep()
         key_id, newest = self._tracker.references[0][0], self._tracker.prior.newest
-        self.tracks.append(Track(stamp_ns, key_id, self.graph[key_id].T_map_sphere.inverse() @ newest))
-        return MapUpdate(stamp_ns, newest, alignment, reason)
+        self.tracks.append(Track(current.sphere.stamp_ns, key_id, self.graph[key_id].T_map_sphere.inverse() @ newest))
+        return MapUpdate(current.sphere.stamp_ns, newest, alignment, reason)
 
     def _keep_last(self) -> bool:
         """Make the last placed sphere a key sphere, nearer to what follows; return whether it was not one already."""

@@ -1,4 +1,5 @@
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -170,6 +171,18 @@ def test_the_spheres_of_a_rolling_shutter_are_straightened_by_the_motion_that_is
     # The first sphere is straightened when the second tells how the camera moved.
     assert np.all(found["known"] < 1.3 * found["global"] + (0.002, 0.0007))
     assert np.all(found["unknown"] > 2.0 * found["known"])
+
+
+@pytest.mark.parametrize("num_spheres", [1, 2])
+def test_the_only_key_sphere_of_a_rolling_shutter_is_stored(num_spheres):
+    stored = {}
+    store = SimpleNamespace(add=lambda node, edges, sphere: stored.update({node.id: sphere}), load=stored.get)
+    mapper = Mapper(store=store)
+    for number in range(num_spheres):
+        view = rgbd_view(SE3.exp([0.01 * number, 0.0, 0.0, 0.0, 0.0, 0.0]), np.zeros(6))
+        mapper.add(sphere_from_views([view], number * PERIOD_NS), None, unroll_of(view, number * PERIOD_NS))
+    assert not mapper.keep_end()
+    assert list(stored) == [0]
 
 
 def rgbd_view(T_room_sphere, twist):
