@@ -75,8 +75,8 @@ def run(options: argparse.Namespace) -> Report:
         if groups:
             trials = [trial for group in groups for trial in group]
             what = f"{name}, {len(trials)} starts in {len(groups)} town{'s' if len(groups) > 1 else ''}"
-            what += f", {options.camera}" * (options.camera != "panorama")
-            what += f", maps of {options.side:g} m" * (options.side is not None)
+            what += "" if options.camera == "panorama" else f", {options.camera}"
+            what += f", maps of {options.side:g} m" if options.side else ""
             report.bounds += _right_bounds(what, trials) if name == RIGHT else _wrong_bounds(what, trials)
     report.tables.append(Table("What was claimed", HEAD, rows))
     return report
