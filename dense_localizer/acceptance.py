@@ -30,6 +30,7 @@ NOTABLE_DISTANCE = 1.0  # distance to the nearest reference by the radius of its
 MIN_AGREEMENT, GOOD_AGREEMENT = 0.2, 0.25
 SURE_SIGMAS = 4.0  # of the stretch that a wrong lens leaves; it is judged by what it surely exceeds
 MAX_STRETCH, GOOD_STRETCH = 0.06, 0.03  # the stretch seen is about three quarters of the error of the focal length
+TOLD = 0.5  # of the largest uncertainty: what pulls farther is told
 MAX_HIDDEN = 5.0  # largest uncertainties of a pull that is taken back: a fifth of it at most was left
 MAX_SIGMA_RAD = 0.05  # standard deviation of the attitude; half of it is good
 
@@ -161,11 +162,17 @@ def _pull(structure: Structure, params: AcceptanceParams) -> list[Check]:
     return checks
 
 
+def pulls_far(pull: Pull, params: AcceptanceParams) -> bool:
+    """Return whether a pull is one that is told."""
+    metres, radians = np.linalg.norm(pull.xi.reshape(2, 3), axis=1)
+    return bool(metres > TOLD * params.max_sigma_m or radians > TOLD * MAX_SIGMA_RAD)
+
+
 def _distances(pull: Pull, reason: Reason, factor: float, detail: str, params: AcceptanceParams) -> list[Check]:
     """Return the checks of how far something pulls; refused from `factor` times the largest uncertainty on."""
     metres, radians = np.linalg.norm(pull.xi.reshape(2, 3), axis=1)
     return [
-        Check(reason, float(value), factor * limit, 0.5 * limit, f"{unit} by which {detail}")
+        Check(reason, float(value), factor * limit, TOLD * limit, f"{unit} by which {detail}")
         for value, limit, unit in ((metres, params.max_sigma_m, "m"), (radians, MAX_SIGMA_RAD, "rad"))
     ]
 

@@ -54,8 +54,8 @@ class Doubts:
 
     def find(self, frame: Frame, place: Place, prediction: Prediction) -> Finding:
         """Return what there is against an image that was placed: by itself, by what preceded it, by odometry."""
-        self._count, self._is_hidden, self._is_refused = self._count + 1, place.hidden > 0.0, False
-        if self._count % PERIOD == MAP_PHASE and place.alignment is not None and not self._is_hidden:
+        self._count, self._is_hidden, self._is_refused = self._count + 1, place.is_hidden, False
+        if self._count % PERIOD == MAP_PHASE and place.alignment is not None and not place.is_pulled:
             self._error.observe(place.images, place.alignment, self._registration, place.motion)
         if self._count % PERIOD == REJECTION_PHASE and place.alignment is not None and place.verdict.is_good:
             residuals = view_residuals(place.images, place.alignment, self._registration, place.motion)

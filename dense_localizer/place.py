@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dense_localizer.acceptance import Verdict, judge, refusal
+from dense_localizer.acceptance import Verdict, judge, pulls_far, refusal
 from dense_localizer.motion_prior import MAX_SIGMA_M, Prediction, sigma_m
 from dense_localizer.params import LocalizerParams
 from dense_localizer.reference import MIN_VISIBLE_SHARE, Choice, References
@@ -17,7 +17,7 @@ from localization.status import Finding, Reason
 from photometric import Alignment, Pyramid, RegistrationParams
 from photometric.hidden_part import MIN_SHARE
 from photometric.rig import RigImage, register_rig
-from photometric.structure import Structure, find_rig_structure
+from photometric.structure import find_rig_structure
 from sphere_geometry import SE3, FrameMotion
 
 USUALLY = 0.97  # of the usual correlation, below which an image is looked at closely
@@ -40,7 +40,8 @@ class Place:
     alignment: Alignment | None = None
     motion: FrameMotion | None = None  # within the frame
     images: tuple[RigImage, ...] = ()
-    hidden: float = 0.0  # share of the view that does not show the map, where that was looked at
+    is_hidden: bool = False  # a part of the view, where that was looked at
+    is_pulled: bool = False  # far, by what is hidden
 
     @property
     def is_rig(self) -> bool:
@@ -91,30 +92,32 @@ def locate(
         registration = starting_at(first_level(prediction, choice, seen[0].pyramid, params), registration)
     motion = prediction.frame_motion(params.camera.readout) if prediction is not None else None
     alignment = register_rig(seen, T_map_camera, registration, motion)
-    structure = None
+    structure, is_hidden, is_pulled, left = None, False, False, np.zeros((6, 6))
     if alignment.is_converged and (is_thorough or alignment.ncc < USUALLY * usual_ncc):
         structure = find_rig_structure(seen, alignment, registration, motion)
-        alignment = without_hidden(alignment, structure)
-    covariance = alignment.covariance + _map_covariance(references, choice, alignment.T_world_camera)
+        is_hidden = structure.hidden.share >= MIN_SHARE
+        is_pulled = is_hidden and pulls_far(structure.hidden, params.acceptance)
+        if is_hidden:
+            alignment, left = without_hidden(alignment, structure.hidden.xi, is_far=is_pulled)
+    covariance = alignment.covariance + left + _map_covariance(references, choice, alignment.T_world_camera)
     limits = params.acceptance, params.registration.max_mad
     verdict = judge(alignment, covariance, choice.distance_ratio, prediction, *limits, structure)
-    hidden = hidden_share(structure)
-    return Place(alignment.T_world_camera, covariance, choice, verdict, alignment, motion, seen, hidden)
+    pose = alignment.T_world_camera
+    return Place(pose, covariance, choice, verdict, alignment, motion, seen, is_hidden, is_pulled)
 
 
-def hidden_share(structure: Structure | None) -> float:
-    """Return the share 0..1 of the view that something hides from the map; 0 where too little to matter, or unknown."""
-    return structure.hidden.share if structure is not None and structure.hidden.share >= MIN_SHARE else 0.0
+def without_hidden(
+    alignment: Alignment, xi: NDArray[np.float64], *, is_far: bool
+) -> tuple[Alignment, NDArray[np.float64]]:
+    """Return the alignment at the pose by what is not hidden of the view, xi (6,) away, where that is far.
 
-
-def without_hidden(alignment: Alignment, structure: Structure) -> Alignment:
-    """Return the alignment at the pose by what is not hidden of the view; its covariance holds what may be left."""
-    if not hidden_share(structure):
-        return alignment
-    xi = structure.hidden.xi
+    With it the covariance (6, 6) of what may be left. A few pixels tell a far pull, but a pose less exactly than all of
+    them do: what is not far is not taken back, but may be left.
+    """
+    if not is_far:
+        return alignment, np.outer(xi, xi)
     left = np.diag(np.repeat(LEFT * np.linalg.norm(xi.reshape(2, 3), axis=1), 3) ** 2)
-    pose = alignment.T_world_camera @ SE3.exp(xi)
-    return replace(alignment, T_world_camera=pose, covariance=alignment.covariance + left)
+    return replace(alignment, T_world_camera=alignment.T_world_camera @ SE3.exp(xi)), left
 
 
 def join(choices: Sequence[Choice]) -> Choice:
