@@ -137,13 +137,13 @@ def test_a_place_is_compared_once_and_the_answers_do_not_depend_on_it(visual):
     assert cached.hit_rate == pytest.approx(1.0 - cached.num_compared / 80)
 
 
-def test_a_map_of_few_places_is_surveyed_by_eq_2_and_a_larger_one_by_its_matched_filter(visual, monkeypatch):
+def test_a_map_of_few_places_is_surveyed_by_correlation_and_a_larger_one_by_its_matched_filter(visual, monkeypatch):
     _, depth_map = made()
     places = np.unique(depth_map.cells(np.random.default_rng(3).uniform(-2, 2, (60, 2))), axis=0)
     positions = (places + 0.5) * depth_map.edge
     found = Comparison(visual, depth_map, HEADINGS).survey(positions)
-    exact = depth_map.similarities(visual, [(int(x), int(y)) for x, y in places], HEADINGS)
-    np.testing.assert_array_equal(found, exact)
+    correlated = depth_map.correlations(visual, [(int(x), int(y)) for x, y in places], HEADINGS)
+    np.testing.assert_array_equal(found, correlated)
     monkeypatch.setattr(similarity_cache, "MIN_PLACES", len(positions))
     matched = depth_map.matched_filter(positions).curves(visual, HEADINGS)
     np.testing.assert_array_equal(Comparison(visual, depth_map, HEADINGS).survey(positions), matched)
