@@ -21,7 +21,7 @@ Floats = NDArray[np.float32]
 NUM_BINS = 36  # turns of 10 degrees
 WINDOW = 3  # neighbouring turns that count as one: what is near moves as the viewpoint does
 MAX_RISE = np.radians(20.0)  # between two views of one feature; a sphere is upright within less
-LATE_SHARE = 0.125  # of the postings, that came late and are kept by themselves
+RATIO = 8  # between the sizes of two parts of the postings, at least
 MIN_MEAN, PRECISION = 1e-9, 1e-12  # of Poisson's distribution, and of the sum of its tail
 MAX_REPEATS = 4  # of a word in one image; a fence says nothing
 
@@ -77,7 +77,7 @@ class AppearanceIndex:
         self.features: MutableMapping[int, Features] = {} if features is None else features
         self.words: dict[int, NDArray[np.int64]] = {}
         self._ids: list[int] = []
-        self._postings, self._late = Postings.nothing(), Postings.nothing()  # most of them, and those that came since
+        self._parts: list[Postings] = []  # the largest and oldest first
         self._new: list[Postings] = []  # not looked up yet
 
     def __len__(self) -> int:
@@ -137,13 +137,15 @@ class AppearanceIndex:
         size = len(self._ids) * NUM_BINS
         return np.unique(feature * size + cell) % size
 
-    def _sorted(self) -> tuple[Postings, Postings]:
-        """Return all postings by word; what came late is sorted in where it has become a large part."""
+    def _sorted(self) -> list[Postings]:
+        """Return all postings by word, in a few parts; what is new joins the rest where it has become large."""
         if self._new:
-            self._late, self._new = self._late.with_more(self._new), []
-        if len(self._late.words) > LATE_SHARE * len(self._postings.words):
-            self._postings, self._late = self._postings.with_more([self._late]), Postings.nothing()
-        return self._postings, self._late
+            self._parts.append(Postings.nothing().with_more(self._new))
+            self._new = []
+        while len(self._parts) > 1 and len(self._parts[-2].words) < RATIO * len(self._parts[-1].words):
+            last = self._parts.pop()
+            self._parts[-1] = self._parts[-1].with_more([last])
+        return self._parts
 
 
 def log_tail(counts: NDArray[np.int64], means: NDArray[np.float64]) -> NDArray[np.float64]:
