@@ -109,7 +109,7 @@ def loop_bounds(trial: Trial) -> list[Bound]:
         Bound(f"{name}: TRACKING begins with image", NUM_IMAGES, begin + 1, ""),
         Bound("largest error after that", NEAR_M, float(metres.max()), "m"),
         Bound("median error", 0.3, float(np.median(metres)), "m"),
-        Bound("median error of the heading", 3.0, float(np.median(degrees)), "deg"),
+        Bound("median error of the heading on the loop", 3.0, float(np.median(degrees)), "deg"),
         Bound("images without a pose", 0.0, float(np.sum(~trial.is_trusted[after])), ""),
         Bound("images TRACKING at a wrong place", 0.0, float(trial.num_false), ""),
     ]
