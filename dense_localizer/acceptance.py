@@ -164,15 +164,15 @@ def _pull(structure: Structure, params: AcceptanceParams) -> list[Check]:
 
 def pulls_far(pull: Pull, params: AcceptanceParams) -> bool:
     """Return whether a pull is one that is told."""
-    metres, radians = np.linalg.norm(pull.xi.reshape(2, 3), axis=1)
-    return bool(metres > TOLD * params.max_sigma_m or radians > TOLD * MAX_SIGMA_RAD)
+    metres, radians = pull.lengths
+    return metres > TOLD * params.max_sigma_m or radians > TOLD * MAX_SIGMA_RAD
 
 
 def _distances(pull: Pull, reason: Reason, factor: float, detail: str, params: AcceptanceParams) -> list[Check]:
     """Return the checks of how far something pulls; refused from `factor` times the largest uncertainty on."""
-    metres, radians = np.linalg.norm(pull.xi.reshape(2, 3), axis=1)
+    metres, radians = pull.lengths
     return [
-        Check(reason, float(value), factor * limit, TOLD * limit, f"{unit} by which {detail}")
+        Check(reason, value, factor * limit, TOLD * limit, f"{unit} by which {detail}")
         for value, limit, unit in ((metres, params.max_sigma_m, "m"), (radians, MAX_SIGMA_RAD, "rad"))
     ]
 

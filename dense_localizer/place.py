@@ -16,6 +16,7 @@ from dense_localizer.reference import MIN_VISIBLE_SHARE, Choice, References
 from localization.status import Finding, Reason
 from photometric import Alignment, Pyramid, RegistrationParams
 from photometric.hidden_part import MIN_SHARE
+from photometric.pull import Pull
 from photometric.rig import RigImage, register_rig
 from photometric.structure import find_rig_structure
 from sphere_geometry import SE3, FrameMotion
@@ -98,7 +99,7 @@ def locate(
         is_hidden = structure.hidden.share >= MIN_SHARE
         is_pulled = is_hidden and pulls_far(structure.hidden, params.acceptance)
         if is_hidden:
-            alignment, left = without_hidden(alignment, structure.hidden.xi, is_far=is_pulled)
+            alignment, left = without_hidden(alignment, structure.hidden, is_far=is_pulled)
     covariance = alignment.covariance + left + _map_covariance(references, choice, alignment.T_world_camera)
     limits = params.acceptance, params.registration.max_mad
     verdict = judge(alignment, covariance, choice.distance_ratio, prediction, *limits, structure)
@@ -106,18 +107,16 @@ def locate(
     return Place(pose, covariance, choice, verdict, alignment, motion, seen, is_hidden, is_pulled)
 
 
-def without_hidden(
-    alignment: Alignment, xi: NDArray[np.float64], *, is_far: bool
-) -> tuple[Alignment, NDArray[np.float64]]:
-    """Return the alignment at the pose by what is not hidden of the view, xi (6,) away, where that is far.
+def without_hidden(alignment: Alignment, hidden: Pull, *, is_far: bool) -> tuple[Alignment, NDArray[np.float64]]:
+    """Return the alignment at the pose by what is not hidden of the view where that is far.
 
     With it the covariance (6, 6) of what may be left. A few pixels tell a far pull, but a pose less exactly than all of
     them do: what is not far is not taken back, but may be left.
     """
     if not is_far:
-        return alignment, np.outer(xi, xi)
-    left = np.diag(np.repeat(LEFT * np.linalg.norm(xi.reshape(2, 3), axis=1), 3) ** 2)
-    return replace(alignment, T_world_camera=alignment.T_world_camera @ SE3.exp(xi)), left
+        return alignment, np.outer(hidden.xi, hidden.xi)
+    left = np.diag(np.repeat(LEFT * np.array(hidden.lengths), 3) ** 2)
+    return replace(alignment, T_world_camera=alignment.T_world_camera @ SE3.exp(hidden.xi)), left
 
 
 def join(choices: Sequence[Choice]) -> Choice:

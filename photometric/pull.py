@@ -29,6 +29,11 @@ class Pull:
     share: float = 0.0
     xi: Array = field(default_factory=lambda: np.zeros(6))
 
+    @property
+    def lengths(self) -> tuple[float, float]:
+        """How far it pulls, in m and in rad."""
+        return float(np.linalg.norm(self.xi[:3])), float(np.linalg.norm(self.xi[3:]))
+
 
 NO_PULL = Pull()
 

@@ -224,10 +224,15 @@ def test_a_room_has_too_few_places_to_tell_chance_and_that_is_said():
     assert (found.p_chance, found.is_small) == (1.0, True)
 
 
-def test_a_place_that_was_given_is_confirmed_within_a_few_images_also_in_a_small_map():
-    grid, pose = grid_of(15), np.array([4.0, 3.0, 0.0])
+def place_given():
+    grid = grid_of(15)
     evidence = Evidence(grid, RATE)
     evidence.reset(is_given=True)
+    return evidence, grid, np.array([4.0, 3.0, 0.0])
+
+
+def test_a_place_that_was_given_is_confirmed_within_a_few_images_also_in_a_small_map():
+    evidence, grid, pose = place_given()
     levels = [SE3.from_planar(0.2 * k, 0.0, 0.0) for k in range(8)]
     found = proofs(evidence, grid, range(8), [pose] * 8, pose, levels)
     assert found[0].p_chance > 0.1
@@ -235,9 +240,7 @@ def test_a_place_that_was_given_is_confirmed_within_a_few_images_also_in_a_small
 
 
 def test_a_wrong_place_that_was_given_is_refused_and_the_map_searched():
-    grid, pose = grid_of(15), np.array([4.0, 3.0, 0.0])
-    evidence = Evidence(grid, RATE)
-    evidence.reset(is_given=True)
+    evidence, grid, pose = place_given()
     levels = [SE3.from_planar(0.2 * k, 0.0, 0.0) for k in range(16)]
     found = proofs(evidence, grid, range(16), [None] * 16, pose, levels)
     assert min(proof.p_chance for proof in found) > RATE
