@@ -16,8 +16,9 @@ NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 def read_mounting(text: str) -> SE3 | None:
     """Return T_base_camera in body axes (x ahead, y left, z up) from `x,y,z,roll,pitch,yaw` in m and rad, or a YAML.
 
-    Turns are about the fixed axes of the vehicle, roll first, as static_transform_publisher has it. None for an empty
-    text; ValueError for anything else.
+    The file has these six names, or has them under `mounting`, as that of `sphere_nav refine-camera` does. Turns are
+    about the fixed axes of the vehicle, roll first, as static_transform_publisher has it. None for an empty text;
+    ValueError for anything else.
     """
     if not text:
         return None
@@ -37,6 +38,8 @@ def _from_file(path: Path) -> list[Any]:
         content = yaml.safe_load(path.read_text(encoding="utf-8"))
     except (OSError, yaml.YAMLError) as error:
         raise ValueError(f"mounting: {path}: expected a YAML file, found {' '.join(str(error).split())}") from None
+    if isinstance(content, dict):
+        content = content.get("mounting", content)
     if not isinstance(content, dict) or set(content) != set(NAMES):
         found = ", ".join(map(str, content)) if isinstance(content, dict) else type(content).__name__
         raise ValueError(f"mounting: {path}: expected {', '.join(NAMES)}, found {found}")

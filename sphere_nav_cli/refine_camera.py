@@ -23,8 +23,11 @@ from rig_calibration.drive import RefinedCamera, refine_camera
 from rig_calibration.drive_image import DriveImage
 from rig_calibration.drive_lens import Lens
 from rig_calibration.drive_pixels import collect
+from rig_calibration.mounting import Mounting
 from sphere_geometry import SE3, Camera
+from sphere_geometry.trajectory import Trajectory
 from sphere_nav_cli import topics
+from sphere_nav_cli.camera_mounting import mounting_by_odometry, mounting_lines, mounting_values
 from sphere_nav_cli.map import parse_settings
 from sphere_nav_cli.recorded_camera import RecordedCamera
 from typed_params import build
@@ -34,7 +37,8 @@ Estimate focal lengths, centre, distortion and readout time (rolling shutter) of
 images alone. Give what camera_info says, or a guess: within 5 % of the focal length will do. Standard deviations come
 from how differently the images pull; what the drive does not tell is named. The result is a calibration file of ROS
 (camera_info_manager) with `readout` and `standard_deviations` beside. Turn and move while recording: a readout time
-shows in motion, a lens in surfaces near and far all over the image.
+shows in motion, a lens in surfaces near and far all over the image. With odometry in the bag the file says, too, where
+the camera sits on the vehicle (`mounting`, which --mounting and the nodes read from it).
 
 examples:
   sphere_nav refine-camera campus drive2 -o camera.yaml
@@ -51,6 +55,10 @@ class Located:
 
     stamps_ns: NDArray[np.int64]
     T_map_camera: tuple[SE3, ...]
+
+    def trajectory(self) -> Trajectory:
+        """Return the poses of the camera, optical axes, in the map."""
+        return Trajectory(self.stamps_ns, SE3(np.array([T.matrix for T in self.T_map_camera]).reshape(-1, 4, 4)))
 
     def velocity(self, index: int) -> NDArray[np.float64] | None:
         """Return the velocity (6,) between both neighbours of an image; None where one is missing."""
@@ -90,8 +98,10 @@ def run(arguments: argparse.Namespace) -> int:
             lens = found.lens
             if change < SETTLED:
                 break
-    arguments.output.write_text(text_of(found, drive.frame_id), encoding="utf-8")
+    mounting, reason = mounting_by_odometry(arguments, drive.frame_id, drive.located.trajectory())
+    arguments.output.write_text(text_of(found, drive.frame_id, mounting), encoding="utf-8")
     print("\n".join(report(found, arguments.output)))
+    print("\n".join(mounting_lines(mounting)) if mounting else f"no mounting: {reason}")
     return 1 if found.unobserved else 0
 
 
@@ -102,14 +112,15 @@ class Drive:
         self._arguments = arguments
         self._recorded = RecordedCamera(arguments.source, arguments)
         self.camera, self.frame_id = self._recorded.camera, self._recorded.frame_id
+        self.located = Located(np.empty(0, np.int64), ())
 
     def refine(self, sphere_map: MapReader, lens: Lens) -> RefinedCamera:
         """Localise the drive with a lens, then refine the lens by images spread over it."""
         given = {"camera.readout": lens.readout} | parse_settings(self._arguments.settings)
         localizer = Localizer(build(LocalizerParams, given), sphere_map)
         try:
-            located = self._localise(localizer, lens.camera)
-            images = list(self._collect(localizer, lens.camera, located))
+            self.located = self._localise(localizer, lens.camera)
+            images = list(self._collect(localizer, lens.camera, self.located))
         finally:
             localizer.references.close()
         return refine_camera(images, lens)
@@ -144,8 +155,8 @@ class Drive:
             yield stamp, conversions.image_to_grey(message)
 
 
-def text_of(found: RefinedCamera, frame_id: str) -> str:
-    """Return the calibration file: that of camera_info_manager, with readout and deviations beside."""
+def text_of(found: RefinedCamera, frame_id: str, mounting: Mounting | None) -> str:
+    """Return the calibration file: that of camera_info_manager, with readout, deviations and mounting beside."""
     info = camera_to_info(found.lens.camera, 0, frame_id)
 
     def matrix(rows: int, values: Sequence[float]) -> dict[str, Any]:
@@ -163,7 +174,7 @@ def text_of(found: RefinedCamera, frame_id: str) -> str:
         "readout": float(found.lens.readout),
         "standard_deviations": found.deviations,
     }
-    return yaml.safe_dump(values, sort_keys=False)
+    return yaml.safe_dump(values | (mounting_values(mounting) if mounting else {}), sort_keys=False)
 
 
 def report(found: RefinedCamera, output: Path) -> Iterator[str]:

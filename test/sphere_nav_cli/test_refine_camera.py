@@ -61,7 +61,9 @@ def test_a_guess_becomes_a_calibration(recorded, tmp_path, capsys):
     assert (cx, cy) == pytest.approx((CAMERA.cx, CAMERA.cy), abs=0.5)
     assert found["readout"] == pytest.approx(READOUT_S, rel=0.1)
     assert set(found["standard_deviations"]) == {"fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "readout"}
-    assert "NOT OBSERVED" not in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "NOT OBSERVED" not in printed
+    assert "no mounting: the bag has no odometry" in printed
 
 
 def test_nothing_is_overwritten(recorded, tmp_path, capsys):
