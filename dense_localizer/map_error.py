@@ -21,9 +21,16 @@ from sphere_geometry import SE3, FrameMotion
 from sphere_map.graph import SphereGraph
 
 Array = NDArray[np.float64]
-KEPT = 0.9  # of the weight of what was observed, from one observation to the next
+# Variances that are thought possible, by what is assumed, and how likely each is before anything has been compared: all
+# sizes alike up to it, larger ones less. Their mean is what is assumed.
+RATIOS = np.geomspace(1e-4, 1e4, 49)
+LIKELY = np.minimum(1.0, 1.0 / RATIOS)
+LIKELY /= LIKELY.sum()
+RATIOS /= LIKELY @ RATIOS
+KEPT = 0.9  # of what observations tell, from one to the next
 MAX_SIGMAS = 3.0  # of what is known by then, that one observation counts at most: one image may be wrong
-FADED = 0.9  # of what was observed is kept, from one image that is refused to the next
+FADED = 0.8  # of what observations tell is kept, from one image that is refused to the next
+TINY = 1e-30
 # Mean squares by which observations and edges are multiplied. Chosen on the first half of real hand-held images.
 SHARED = 2.0  # references err together, too
 EDGE = 2.0
@@ -34,13 +41,15 @@ class MapError:
 
     def __init__(self, graph: SphereGraph, params: CovarianceParams) -> None:
         self._assumed: Array = np.repeat([params.map_sigma_m, params.map_sigma_rad], 3) ** 2
-        self._sum, self._weight = self._assumed, 1.0  # weighs as one observation
+        self._possible = self._assumed[:, None] * RATIOS
+        self._log = np.zeros_like(self._possible)  # likelihood of each by the observations
+        self._variance = self._assumed  # by all that is known
         self._of_edges = edge_covariances(graph)
         self._count = 0
 
     def covariance(self, sphere_id: int, T_sphere_camera: SE3) -> Array:
         """Return the covariance (6, 6) of xi in T_map_camera exp(xi) by the map, seen from a key sphere."""
-        observed = np.diag(np.maximum(SHARED * self._sum / self._weight, 0.0))
+        observed = np.diag(SHARED * self._variance)
         edge = self._of_edges.get(sphere_id)
         if edge is None:
             return observed
@@ -65,18 +74,28 @@ class MapError:
             self.add(xi, np.diagonal(both.covariance))
 
     def add(self, xi: Array, noise: Array) -> None:
-        """Add an observed disagreement (6,) with the variance (6,) that the noise of the image gives it anyway."""
-        known = np.maximum(self._sum / self._weight, self._assumed) + noise
-        self._sum = KEPT * self._sum + np.minimum(xi**2, MAX_SIGMAS**2 * known) - noise
-        self._weight = KEPT * self._weight + 1.0
+        """Add an observed disagreement (6,) to which the noise of the image adds a variance (6,) anyway.
+
+        What is kept is how likely each variance is, not a mean of squares less the noise: much noise tells nothing of
+        the map, and by chance such a mean is negative, as if an image could be surer than its noise.
+        """
+        square = np.minimum(xi**2, MAX_SIGMAS**2 * (np.maximum(self._variance, self._assumed) + noise))
+        expected = np.maximum(self._possible + noise[:, None], TINY)
+        self._log = KEPT * self._log - 0.5 * (np.log(expected) + square[:, None] / expected)
+        self._variance = self._mean()
 
     def fade(self) -> None:
         """Return a little to what was assumed: while images are refused none can tell that the map is better.
 
         Without it a map that was once thought too wrong would refuse every image from then on.
         """
-        mean = self._sum / self._weight
-        self._sum, self._weight = self._assumed + FADED * (mean - self._assumed), 1.0
+        self._log = FADED * self._log
+        self._variance = self._mean()
+
+    def _mean(self) -> Array:
+        """Return the mean variance (6,) of each axis."""
+        weight = LIKELY * np.exp(self._log - self._log.max(axis=1, keepdims=True))
+        return np.asarray(np.sum(weight * self._possible, axis=1) / weight.sum(axis=1), np.float64)
 
 
 def edge_covariances(graph: SphereGraph) -> dict[int, Array]:

@@ -31,6 +31,30 @@ def test_an_exact_map_leaves_the_noise_of_the_image():
     assert np.all(np.diagonal(error.covariance(0, SE3.identity())) >= 0)
 
 
+def test_an_image_that_tells_nothing_changes_nothing():
+    error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(4)
+    for _ in range(30):
+        error.add(rng.normal(size=6) * np.sqrt(NOISE), NOISE)
+    before = np.diagonal(error.covariance(0, SE3.identity())).copy()
+    for _ in range(3):
+        error.add(np.zeros(6), 1e4 * NOISE)  # most of the view is covered
+    after = np.diagonal(error.covariance(0, SE3.identity()))
+    assert np.all((before > 0.1 * NOISE) & (after > 0.9 * before) & (after < 3.0 * before))
+
+
+@pytest.mark.parametrize("size", [0.0, 0.2, 1.0, 5.0])
+def test_a_pose_is_as_far_off_as_is_told(size):
+    sigma, nees = size * np.sqrt(NOISE), []
+    for seed in range(20):
+        error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(seed)
+        for k in range(60):
+            error.add(rng.normal(size=6) * np.hypot(sigma, np.sqrt(NOISE)), NOISE)
+            if k >= 10:
+                told = np.diagonal(error.covariance(0, SE3.identity())) / SHARED + NOISE
+                nees.append(np.sum((sigma**2 + NOISE) / told))
+    assert 3.0 < np.mean(nees) < 9.0
+
+
 def test_one_wrong_image_does_not_make_the_map_wrong():
     error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(3)
     for _ in range(30):
