@@ -6,6 +6,7 @@ T_map_camera @ exp(xi). It grows from the last alignment on, also while images a
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
@@ -19,7 +20,9 @@ from sphere_geometry import SE3, FrameMotion
 from sphere_map.graph import SphereGraph
 
 Array = NDArray[np.float64]
-GAP_S = 0.3  # a longer pause between images is a gap
+GAP_S = 0.3  # a longer pause between images is a gap,
+GAP_PERIODS = 2.0  # unless the camera is that slow
+NUM_PERIODS = 5  # between the latest images, whose median is the camera's
 MAX_SIGMA_M = 0.5  # standard deviation of a predicted position, until the pose is LOST
 MOVING_SPEED = 0.05  # m/s, from which the camera counts as moving
 START_SPEED, START_TURN_RATE = 5.0, 1.0  # m/s, rad/s: standard deviations of what is not known after a start
@@ -33,6 +36,7 @@ class Prediction:
     covariance: Array
     stamp_ns: int
     step_s: float = 0.0
+    max_step_s: float = GAP_S  # a longer one is a gap
     blind_s: float = 0.0
     defies_odometry: bool = False  # made without the odometry that was there
     is_doubtful: bool = False  # made because a likelier one failed
@@ -43,7 +47,7 @@ class Prediction:
         """Return what makes a pose found from this prediction one to use with care."""
         if self.defies_odometry:
             return Finding(Reason.ODOM_STALE, detail="odometry disagrees with the images")
-        return Finding(Reason.GAP, self.step_s, GAP_S) if self.step_s > GAP_S else FINE
+        return Finding(Reason.GAP, self.step_s, self.max_step_s) if self.step_s > self.max_step_s else FINE
 
     def frame_motion(self, readout_s: float) -> FrameMotion | None:
         """Return the motion within the frame by that since the last alignment; None for a global shutter."""
@@ -80,6 +84,7 @@ class MotionPrior:
         self._confirmed_ns = 0  # stamp of the last alignment with the map
         self._T_odom_aligned: SE3 | None = None
         self._T_odom_held: SE3 | None = None
+        self._periods_s: deque[float] = deque(maxlen=NUM_PERIODS)
 
     @property
     def last(self) -> Prediction | None:
@@ -99,6 +104,7 @@ class MotionPrior:
         """Begin at a found pose, with unknown velocity."""
         self.velocity = self.velocity_covariance = None
         self._noise, self._confirmed_ns = covariance, stamp_ns
+        self._count_period(stamp_ns)
         self.drift.start(T_map_camera)
         self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
         self._T_odom_held = self._T_odom_aligned = T_odom_camera
@@ -119,7 +125,9 @@ class MotionPrior:
         Ad = (T_map_camera.inverse() @ aligned.T_map_camera).adjoint()
         growth = np.diag(self._growth(blind_s, T_odom_camera) ** 2)
         covariance, before = Ad @ aligned.covariance @ Ad.T + growth, aligned.T_map_camera
-        return Prediction(T_map_camera, covariance, stamp_ns, step_s, blind_s, T_map_aligned=before, growth=growth)
+        max_step_s = max(GAP_S, GAP_PERIODS * float(np.median(self._periods_s))) if self._periods_s else GAP_S
+        steps = step_s, max_step_s, blind_s
+        return Prediction(T_map_camera, covariance, stamp_ns, *steps, T_map_aligned=before, growth=growth)
 
     def predictions(
         self,
@@ -152,6 +160,7 @@ class MotionPrior:
 
     def hold(self, prediction: Prediction, T_odom_camera: SE3 | None = None) -> None:
         """Go on from the prediction: the image could not be aligned."""
+        self._count_period(prediction.stamp_ns)
         self._held, self._T_odom_held = prediction, T_odom_camera
         self.drift.go(prediction.T_map_camera)
 
@@ -177,11 +186,16 @@ class MotionPrior:
             self.velocity = (before.T_map_camera.inverse() @ T_map_camera).log() / elapsed_s
             self.velocity_covariance = (self._noise + noise) / elapsed_s**2
         self._noise = noise
+        self._count_period(stamp_ns)
         self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
         self._T_odom_held = self._T_odom_aligned = T_odom_camera
         self.drift.go(T_map_camera)
         if is_by_map:
             self._confirmed_ns = stamp_ns
+
+    def _count_period(self, stamp_ns: int) -> None:
+        if self.pause_s(stamp_ns) > 0.0:
+            self._periods_s.append(self.pause_s(stamp_ns))
 
     def _motion(self, step_s: float, T_odom_camera: SE3 | None) -> SE3:
         if T_odom_camera is not None and self._T_odom_held is not None:

@@ -23,11 +23,12 @@ from node_kit.bag_reader import BagReader
 from node_kit.bag_writer import BagWriter
 from node_kit.recorded import Recorded
 from node_kit.replay import OfflineBus, record, replay
-from node_kit.streams import SPHERE_INFO
+from node_kit.streams import SPHERE_INFO, read_streams
 from sphere_geometry import SE3
 from sphere_geometry.trajectory import Trajectory, write_tum
 from sphere_nav_cli import topics
 from sphere_nav_cli.settings import parse_settings
+from sphere_nav_cli.slow_camera import patience
 
 UNUSABLE = ("BAD_INFO", "MAP_ERROR")  # reasons that no other image changes
 
@@ -67,9 +68,9 @@ def write_poses(arguments: argparse.Namespace, published: Iterator[Recorded]) ->
 def replay_localizer(
     arguments: argparse.Namespace,
     published_topics: tuple[str, ...],
-    add_node: Callable[[OfflineBus, dict[str, str], str], object],
+    add_node: Callable[[OfflineBus, dict[str, str], dict[str, Any]], object],
 ) -> Iterator[Recorded]:
-    """Yield what a node publishes while the bag plays; `add_node` puts it on the bus, given topics and mounting."""
+    """Yield what a node publishes while the bag plays; `add_node` puts it on the bus, given topics and parameters."""
     with ExitStack() as stack:
         bag = stack.enter_context(BagReader(arguments.source))
         bus = OfflineBus(captured=set(published_topics))
@@ -78,7 +79,8 @@ def replay_localizer(
         mounting = arguments.mounting
         if not mounting and "image_raw" in remap:
             mounting = note_mounting(bag, remap["image_raw"], arguments)
-        add_node(bus, remap, mounting)
+        images = (topic for ours, topic in remap.items() if ours.endswith("image_raw"))
+        add_node(bus, remap, {"mounting": mounting} | patience(read_streams(bag), images))
         total = sum(bag.topics[topic].count for topic in bus.listeners if topic in bag.topics)
         bar = stack.enter_context(tqdm(total=total, desc="localise", unit="msg", disable=None))
         published = usable(replay(bag, bus, progress=bar.update), arguments.source)

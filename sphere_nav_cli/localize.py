@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from dense_localizer.node import DenseLocalizerNode
 from dense_localizer.rejections import Rejections
@@ -43,12 +44,11 @@ def run(arguments: argparse.Namespace) -> int:
     if path and path.exists():
         raise ValueError(f"{path}: expected no such file, found one: it is not overwritten")
 
-    def add_node(bus: OfflineBus, remap: dict[str, str], mounting: str) -> None:
+    def add_node(bus: OfflineBus, remap: dict[str, str], given: dict[str, Any]) -> None:
         cameras = camera_names(remap)
         node = bus.add(
             DenseLocalizerNode,
-            {"map": arguments.map, "mounting": mounting, "rig.cameras": ",".join(cameras)}
-            | parse_settings(arguments.settings),
+            given | {"map": arguments.map, "rig.cameras": ",".join(cameras)} | parse_settings(arguments.settings),
             remap,
         )
         if node.localizer is not None and node.maps.reader is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from typing import Any
 
 from mcl_depth.node import MclDepthNode
 from mcl_depth.presets import PRESETS
@@ -38,14 +39,13 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.camera:
         raise ValueError(f"--camera: expected one camera (--image TOPIC), found {', '.join(arguments.camera)}")
 
-    def add_node(bus: OfflineBus, remap: dict[str, str], mounting: str) -> None:
-        given = {
+    def add_node(bus: OfflineBus, remap: dict[str, str], given: dict[str, Any]) -> None:
+        given = given | {
             "cloud": arguments.cloud,
             "preset": arguments.preset,
             "input.max_leap_s": MAX_LEAP_S,
             "every_image": True,
         }
-        given["mounting"] = mounting
         node = bus.add(MclDepthNode, given | parse_settings(arguments.settings), remap)
         if arguments.initial_pose:
             localising.give_initial_pose(node, arguments.initial_pose)

@@ -11,11 +11,16 @@ from sensor_msgs.msg import CompressedImage, Image
 from node_kit import conversions
 from node_kit.bag_reader import BagReader
 from node_kit.conversions import camera_from_info
+from node_kit.streams import read_streams
 from sphere_nav_cli import topics
+from sphere_nav_cli.slow_camera import patience
 
 
 class RecordedCamera:
-    """Found by the options of `topics.add_options`; BagError where there is none."""
+    """Found by the options of `topics.add_options`; BagError where there is none.
+
+    `patience` is what a localiser is to be given where its images are far apart.
+    """
 
     def __init__(self, path: str | Path, arguments: argparse.Namespace) -> None:
         self._path = path
@@ -23,6 +28,7 @@ class RecordedCamera:
             chosen = topics.choose_topics(bag, arguments)
             self._topics = topics.find_topics(bag, ("image_raw", "camera_info"), chosen)
             info = next(iter(bag.messages([self._topics["camera_info"]]))).message
+            self.patience = patience(read_streams(bag), [self._topics["image_raw"]])
         self.camera, self.frame_id = camera_from_info(info), str(info.header.frame_id)
 
     def messages(self) -> Iterator[tuple[int, Image]]:

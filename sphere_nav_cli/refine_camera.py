@@ -116,8 +116,8 @@ class Drive:
 
     def refine(self, sphere_map: MapReader, lens: Lens) -> RefinedCamera:
         """Localise the drive with a lens, then refine the lens by images spread over it."""
-        given = {"camera.readout": lens.readout} | parse_settings(self._arguments.settings)
-        localizer = Localizer(build(LocalizerParams, given), sphere_map)
+        given = self._recorded.patience | parse_settings(self._arguments.settings)
+        localizer = Localizer(build(LocalizerParams, {"camera.readout": lens.readout} | given), sphere_map)
         try:
             self.located = self._localise(localizer, lens.camera)
             images = list(self._collect(localizer, lens.camera, self.located))
@@ -138,11 +138,12 @@ class Drive:
         """Yield images spread over the drive, with the pixels of the map that they show."""
         number = min(self._arguments.images, len(located.stamps_ns))
         indices = np.unique(np.linspace(0, len(located.stamps_ns) - 1, number).round().astype(int))
-        wanted = {int(located.stamps_ns[i]): int(i) for i in indices}
+        velocities = {int(located.stamps_ns[i]): (int(i), located.velocity(int(i))) for i in indices}
+        if all(velocity is None for _, velocity in velocities.values()):  # too slow for one: no readout, but a lens
+            velocities = {stamp: (i, np.zeros(6)) for stamp, (i, _) in velocities.items()}
         for stamp, image in self._images():
-            index = wanted.get(stamp)
-            velocity = located.velocity(index) if index is not None else None
-            if index is None or velocity is None:
+            index, velocity = velocities.get(stamp, (0, None))
+            if velocity is None:
                 continue
             T_map_camera = located.T_map_camera[index]
             choice = localizer.references.choose(T_map_camera, camera)

@@ -47,7 +47,8 @@ class Drive:
 
     def __init__(self, arguments: argparse.Namespace, sphere_map: MapReader) -> None:
         self._recorded = RecordedCamera(arguments.bag, arguments)
-        self._localizer = Localizer(build(LocalizerParams, parse_settings(arguments.settings)), sphere_map)
+        given = self._recorded.patience | parse_settings(arguments.settings)
+        self._localizer = Localizer(build(LocalizerParams, given), sphere_map)
 
     @property
     def camera(self) -> Camera:

@@ -159,3 +159,17 @@ def test_an_error_that_two_images_share_moves_no_velocity():
     for k in (1, 2):
         prior.correct(SE3.identity(), 1e-2 * np.eye(6), k * STEP_NS, noise=noise)
     np.testing.assert_allclose(prior.velocity_covariance, 2 * noise / (STEP_NS * 1e-9) ** 2)
+
+
+def test_a_slow_camera_has_no_gaps_but_where_an_image_is_missing():
+    prior, truth = MotionPrior(PARAMS), poses(4)
+    prior.start(truth[0], TIGHT, 0)
+    slow = 10 * STEP_NS
+    assert prior.predict(slow).finding().reason == "GAP"  # nobody knows yet
+    for k in (1, 2):
+        prior.correct(truth[k], TIGHT, k * slow)
+    assert prior.predict(3 * slow).finding().reason == ""
+    assert prior.predict(5 * slow).finding().reason == "GAP"
+    prior.reset()
+    prior.start(truth[0], TIGHT, 0)
+    assert prior.predict(slow).finding().reason == "GAP"

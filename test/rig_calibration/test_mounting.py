@@ -7,10 +7,11 @@ from rig_calibration.mounting import NAMES, _jacobian, _moved, angles, errors, f
 from sphere_geometry import SE3
 
 CAMERA = SE3.from_angles(0.03, 0.12, -0.2, [0.7, -0.15, 1.3])
+SCALES = np.array([1.02, 0.97])
 
 
-def drive(rng, *, is_flat=True, turns=1.0, count=400, noise_m=0.0, noise_rad=0.0, scale=1.0, camera=CAMERA):
-    """Poses of camera and base: 20 m in bends, on a plane or not; odometry with noise at each step and a scale."""
+def drive(rng, *, is_flat=True, turns=1.0, count=400, noise_m=0.0, noise_rad=0.0, scales=(1.0, 1.0), camera=CAMERA):
+    """Poses of camera and base: 20 m in bends, on a plane or not; odometry with noise at each step and scales."""
     T_world_base, T_odom_base = [SE3.identity()], [SE3.identity()]
     for k in range(count):
         turn = turns * 0.02 * np.sin(0.05 * k)
@@ -18,7 +19,7 @@ def drive(rng, *, is_flat=True, turns=1.0, count=400, noise_m=0.0, noise_rad=0.0
         step = np.array([0.05, 0.0, 0.0, *others, turn])
         T_world_base.append(T_world_base[-1] @ SE3.exp(step))
         noisy = step + np.concatenate([rng.normal(0, noise_m, 3), rng.normal(0, noise_rad, 3)])
-        noisy[:3] /= scale
+        noisy /= np.repeat(scales, 3)
         T_odom_base.append(T_odom_base[-1] @ SE3.exp(noisy))
     base = SE3(np.stack([T.matrix for T in T_world_base]))
     T_map_world = SE3.from_angles(0.1, -0.2, 2.0, [3.0, 4.0, 1.0])
@@ -27,9 +28,9 @@ def drive(rng, *, is_flat=True, turns=1.0, count=400, noise_m=0.0, noise_rad=0.0
 
 def test_jacobian_is_that_of_the_errors():
     A, B = drive(np.random.default_rng(0), is_flat=False, noise_m=0.01, noise_rad=0.01)
-    J = _jacobian(A, B, CAMERA, 1.02)
-    step = np.array([1.0, -2.0, 0.5, 1.5, -1.0, 0.7, 0.3]) * 1e-4
-    change = errors(A, B, *_moved(CAMERA, 1.02, step)) - errors(A, B, CAMERA, 1.02)
+    J = _jacobian(A, B, CAMERA, SCALES)
+    step = np.array([1.0, -2.0, 0.5, 1.5, -1.0, 0.7, 0.3, -0.4]) * 1e-4
+    change = errors(A, B, *_moved(CAMERA, SCALES, step)) - errors(A, B, CAMERA, SCALES)
     assert np.abs(change - J @ step).max() < 2e-3 * np.abs(change).max()
 
 
@@ -40,9 +41,9 @@ def test_angles_are_those_of_the_pose(seed):
 
 
 def test_a_drive_over_bumps_tells_all():
-    found = find_mounting(*drive(np.random.default_rng(1), is_flat=False, scale=1.02))
-    assert found.T_base_camera.matrix == pytest.approx(CAMERA.matrix, abs=1e-5)
-    assert found.scale == pytest.approx(1.02, abs=1e-5)
+    found = find_mounting(*drive(np.random.default_rng(1), is_flat=False, scales=SCALES))
+    assert found.T_base_camera.matrix == pytest.approx(CAMERA.matrix, abs=2e-3)  # pieces that do not bend evenly
+    assert found.scales == pytest.approx(SCALES, abs=1e-3)
     assert found.unobserved == ()
 
 
@@ -76,7 +77,7 @@ def test_deviations_are_those_of_the_errors():
         found = find_mounting(
             *drive(np.random.default_rng(100 + seed), is_flat=False, noise_m=2e-3, noise_rad=1e-3, count=200), CAMERA
         )
-        step = np.array([*(found.T_base_camera.translation - CAMERA.translation), *np.zeros(3), found.scale - 1.0])
+        step = np.array([*(found.T_base_camera.translation - CAMERA.translation), *np.zeros(3), *(found.scales - 1.0)])
         step[3:6] = (found.T_base_camera @ CAMERA.inverse()).log()[3:]
         off.append(step / found.deviations)
     rms = np.sqrt(np.mean(np.square(off), axis=0))
