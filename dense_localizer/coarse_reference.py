@@ -38,7 +38,7 @@ class CoarseReference:
     def reference(self) -> Reference:
         """Its levels."""
         sphere = self.load()
-        return prepare_reference(sphere.grey, sphere.range_m, sphere.camera, coarse_params(self.params))
+        return prepare_reference(sphere.levels, sphere.range_m, sphere.camera, coarse_params(self.params))
 
     @cached_property
     def points(self) -> NDArray[np.float32]:

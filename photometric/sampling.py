@@ -11,17 +11,20 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from photometric import kernels
 from sphere_geometry import Camera, Spherical
 from sphere_geometry.camera import pixel_grid
 
+ROWS = 64  # that are looked at at once
 GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0  # of a pixel, by which a row begins after the one above it
 
 
 def keep_evenly_spaced(ranges: NDArray[np.uint16], camera: Camera) -> None:
     """Forget the ranges (H, W), codes of `kernels.encode_range`, of pixels that a sphere is not sampled at."""
     if isinstance(camera, Spherical):
-        np.copyto(ranges, np.uint16(kernels.UNKNOWN), where=~is_spaced(camera))
+        is_kept = is_spaced(camera).view(np.uint8)
+        for row in range(0, len(ranges), ROWS):
+            unknown = np.subtract(is_kept[row : row + ROWS], 1, dtype=np.uint16)  # 0 - 1 is all bits: UNKNOWN
+            ranges[row : row + ROWS] |= unknown
 
 
 @lru_cache(maxsize=16)

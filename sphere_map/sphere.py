@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import cv2
 import numpy as np
@@ -15,10 +15,11 @@ from sphere_geometry.camera import pixel_grid
 
 Image = NDArray[np.uint8]
 Range = NDArray[np.float32]
+Grey = TypeVar("Grey", np.uint8, np.float32)
 
 UNSEEN = 0  # grey level of a pixel that no camera saw; a pixel that was seen is at least 1
 
-ROWS = 64  # that are turned grey at once: the colours in floats are large
+ROWS = 16  # that are turned grey at once: the colours in floats are large, and large blocks cost page faults
 
 # Body axes (x forward, y left, z up) from optical axes (z forward, x right, y down).
 T_BODY_OPTICAL = SE3(np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
@@ -57,10 +58,16 @@ class Sphere:
         grey = to_grey(self.image)
         return continued(grey, (grey > UNSEEN) | ~np.isnan(self.range_m))
 
+    @property
+    def levels(self) -> Image | NDArray[np.float32]:
+        """The same, as bytes where the image is grey."""
+        return continued(self.image, self.is_seen) if self.image.ndim == 2 else self.grey
+
     @cached_property
     def is_seen(self) -> NDArray[np.bool_]:
         """Which pixels (H, W) a camera saw."""
-        return (to_grey(self.image) > UNSEEN) | ~np.isnan(self.range_m)
+        grey = self.image if self.image.ndim == 2 else to_grey(self.image)
+        return (grey > UNSEEN) | ~np.isnan(self.range_m)
 
     @property
     def measured(self) -> NDArray[np.bool_]:
@@ -85,13 +92,13 @@ def to_grey(image: NDArray[Any]) -> NDArray[np.float32]:
     return grey
 
 
-def continued(values: NDArray[np.float32], is_known: NDArray[np.bool_]) -> NDArray[np.float32]:
+def continued(values: NDArray[Grey], is_known: NDArray[np.bool_]) -> NDArray[Grey]:
     """Return the values (H, W) with unknown pixels taken from the nearest known one."""
     if is_known.all() or not is_known.any():
         return values
     unknown = (~is_known).astype(np.uint8)
     _, label = cv2.distanceTransformWithLabels(unknown, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-    known = np.zeros(int(label.max()) + 1, dtype=np.float32)
+    known = np.zeros(int(label.max()) + 1, dtype=values.dtype)
     known[label[is_known]] = values[is_known]
     return known[label]
 

@@ -38,6 +38,15 @@ def test_points_lie_at_their_range_and_unknown_ones_are_left_out():
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 3.0, rtol=1e-6)
 
 
+def test_levels_of_a_grey_image_are_its_bytes_and_continue_what_was_seen():
+    image, range_m = grey(), plane()
+    image[2, 3], range_m[2, 3] = 0, np.nan
+    sphere = Sphere(image, range_m, CAMERA)
+    assert sphere.levels.dtype == np.uint8
+    np.testing.assert_array_equal(sphere.levels, sphere.grey)
+    assert Sphere(np.dstack([image] * 3), range_m, CAMERA).levels.dtype == np.float32
+
+
 def test_a_pixel_is_seen_if_it_is_lit_or_measured():
     image, range_m = grey(), plane()
     image[0, :3], range_m[0, 1:] = 0, np.nan

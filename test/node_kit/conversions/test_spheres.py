@@ -44,6 +44,21 @@ def test_a_grey_sphere_stays_grey(rng, image_encoding):
     np.testing.assert_allclose(found.image.astype(int), sphere.image.astype(int), atol=4)
 
 
+@pytest.mark.parametrize("image_encoding", ["", "bgr8", "png", "jpeg"])
+@pytest.mark.parametrize("is_colour", [True, False])
+def test_for_alignment_grey_levels_and_range_alone_are_read(rng, image_encoding, is_colour):
+    if image_encoding == "bgr8" and not is_colour:
+        pytest.skip("no colours to turn")
+    plain = make(rng, is_colour=is_colour)
+    sphere = Sphere(plain.image, plain.range_m, plain.camera, 1, np.full_like(plain.range_m, 0.25))
+    message = sphere_to_message(sphere, "s", image_encoding=image_encoding)
+    found, whole = message_to_sphere(message, is_grey=True), message_to_sphere(message)
+    assert (found.image.shape, found.image.dtype, found.range_std_m) == (plain.range_m.shape, np.uint8, None)
+    tolerance = 3.0 if image_encoding == "jpeg" else 0.6  # half a grey level, and the codec's own weights
+    np.testing.assert_allclose(found.levels, whole.grey, atol=tolerance)
+    np.testing.assert_array_equal(found.range_m, whole.range_m)
+
+
 def test_a_deviation_comes_along(rng):
     plain = make(rng)
     sphere = Sphere(plain.image, plain.range_m, plain.camera, 1, np.full_like(plain.range_m, 0.25))
