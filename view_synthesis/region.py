@@ -8,6 +8,8 @@ little of what is usable at the sphere itself is left.
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,7 +54,7 @@ def usable_share(surface: Surface, shift_m: Array) -> float:
     nearness, source = draw(surface, SE3.from_parts(np.eye(3), -shift_m), WINDOW)
     is_known = nearness > SKY
     rays = surface.camera.unproject(np.where(is_known[..., None], source, 0.0))
-    cosine = np.cos(np.arcsin(WINDOW.unproject(pixel_grid(WINDOW))[:, :1, 2]))
+    cosine = _cosines()
     step = 1.0 / WINDOW.pixels_per_radian
     across = (rays[1:-1, 2:] - rays[1:-1, :-2]) / (2 * step * cosine[1:-1, :, None])
     down = (rays[2:, 1:-1] - rays[:-2, 1:-1]) / (2 * step)
@@ -61,6 +63,12 @@ def usable_share(surface: Surface, shift_m: Array) -> float:
     is_alike = (mean + spread < MAX_RATIO**2) & (mean - spread > MAX_RATIO**-2)
     weight = np.broadcast_to(cosine[1:-1], is_alike.shape)
     return float(np.sum(weight * (is_alike & is_known[1:-1, 1:-1])) / np.sum(weight))
+
+
+@cache
+def _cosines() -> Array:
+    """Return the cosine (rows, 1) of the elevation of the window's rows."""
+    return np.cos(np.arcsin(WINDOW.unproject(pixel_grid(WINDOW))[:, :1, 2]))
 
 
 def _reach(surface: Surface, direction: Array, step_m: float, needed: float) -> float:

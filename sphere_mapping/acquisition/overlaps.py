@@ -40,7 +40,7 @@ FLAT = 0.04  # standard deviation of the logarithm of levels below which there i
 class Overlap:
     """Two cameras by number, the block of the grid in which both see, where (h, w), and their angles (h, w) rad.
 
-    chosen: (h, w), the directions that are compared.
+    chosen: (h, w), the directions that are compared; share: (h, w), of their neighbourhood that both see.
     """
 
     first: int
@@ -48,6 +48,7 @@ class Overlap:
     block: Block
     both: NDArray[np.bool_]
     chosen: NDArray[np.bool_]
+    share: Plane
     angles: tuple[Array, Array]
 
 
@@ -84,9 +85,9 @@ class Overlaps:
                 block = Block(block.row, block.column, block.height, min(block.width, GRID.width))
                 own = block.cut(both & is_even)
                 own.flat[np.flatnonzero(own)[np.arange(number) % -(-number // MAX_SHARED) != 0]] = False
-                self.pairs.append(
-                    Overlap(a, b, block, block.cut(both), own, (block.cut(angles[a]), block.cut(angles[b])))
-                )
+                there = block.cut(both)
+                own_angles = (block.cut(angles[a]), block.cut(angles[b]))
+                self.pairs.append(Overlap(a, b, block, there, own, share_of(there), own_angles))
 
     def compare(self, images: Mapping[int, Image]) -> list[Shared]:
         """Return what pairs of the images (h, w[, 3]) by number of the camera have in common."""
@@ -94,12 +95,13 @@ class Overlaps:
         for k, image in images.items():
             drawn = cv2.remap(_shrink(image, self._steps[k]), *self._maps[k], cv2.INTER_LINEAR)
             planes[k] = drawn if drawn.ndim == 3 else drawn[:, :, None]
-        logs = {k: np.log(np.maximum(plane, 1.0)).mean(axis=2, dtype=np.float32) for k, plane in planes.items()}
+        logs = {k: _mean_logarithm(plane) for k, plane in planes.items()}
         found = []
         for pair in self.pairs:
             if {pair.first, pair.second} <= set(images):
                 sides = (pair.first, pair.second)
-                fits = pair.chosen & is_same(pair.block.cut(logs[sides[0]]), pair.block.cut(logs[sides[1]]), pair.both)
+                details = (pair.block.cut(logs[k]) for k in sides)
+                fits = pair.chosen & is_same(*details, pair.both, pair.share)
                 first, second = (pair.block.cut(planes[k])[fits].astype(np.float64) for k in sides)
                 good = np.all((np.minimum(first, second) > DARKEST) & (np.maximum(first, second) < BRIGHTEST), axis=1)
                 if np.count_nonzero(good) >= MIN_SHARED:
@@ -108,10 +110,12 @@ class Overlaps:
         return found
 
 
-def is_same(first: Plane, second: Plane, both: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return where (h, w) the detail of two images of logarithms correlates, or where neither has any."""
+def is_same(first: Plane, second: Plane, both: NDArray[np.bool_], share: Plane) -> NDArray[np.bool_]:
+    """Return where (h, w) the detail of two images of logarithms correlates, or where neither has any.
+
+    both: where both are seen; share: `share_of(both)`.
+    """
     weight = both.astype(np.float32)
-    share = np.maximum(_mean(weight), 1e-6)
     means = [_mean(plane * weight) / share for plane in (first, second)]
     moments = [_mean(a * b * weight) / share for a, b in ((first, first), (second, second), (first, second))]
     variances = [np.maximum(moments[k] - means[k] * means[k], 0.0) for k in (0, 1)]
@@ -119,6 +123,11 @@ def is_same(first: Plane, second: Plane, both: NDArray[np.bool_]) -> NDArray[np.
     most, least = np.maximum(*variances), np.minimum(*variances)
     is_like = (product > MIN_CORRELATION * np.sqrt(most * least)) & (least > FAINT * FAINT)
     return both & (is_like | (most < FLAT * FLAT))
+
+
+def share_of(both: NDArray[np.bool_]) -> Plane:
+    """Return which share (h, w) of the neighbourhood of each direction both cameras see, above zero."""
+    return np.maximum(_mean(both.astype(np.float32)), np.float32(1e-6))
 
 
 def angles_of(rig_view: RigView, pixels: NDArray[np.float64]) -> Array:
@@ -131,6 +140,15 @@ def _angles(rig_view: RigView, points: Array) -> Array:
     """Return the angle (...,) in rad between the optical axis and points (..., 3) of the sphere's frame."""
     seen = rig_view.T_sphere_camera.inverse().apply(points)
     return np.arctan2(np.linalg.norm(seen[..., :2], axis=-1), seen[..., 2])
+
+
+def _mean_logarithm(plane: Plane) -> Plane:
+    """Return the mean (h, w) over the channels of the logarithms of levels (h, w, channels)."""
+    logs = np.log(np.maximum(plane, np.float32(1.0)))
+    total = logs[:, :, 0]
+    for channel in range(1, logs.shape[2]):  # NumPy's sum along so short an axis takes several times as long
+        total = total + logs[:, :, channel]
+    return total / np.float32(logs.shape[2])
 
 
 def _mean(plane: Plane) -> Plane:
