@@ -15,6 +15,7 @@ from dense_localizer.params import LocalizerParams
 from dense_localizer.reference import References
 from node_kit.map_bag import MapReader, open_map
 from node_kit.memory import return_free_memory, return_large_blocks
+from node_kit.turns import take_short_turns
 from photometric import build_pyramid, prepare_reference, register, warm_up
 from sphere_geometry import SE3, Pinhole
 from sphere_map.sphere import T_BODY_OPTICAL
@@ -31,10 +32,11 @@ FULL_WIDTH = 2048
 def main() -> None:
     """Walk, print."""
     return_large_blocks()  # as every node does
+    take_short_turns()
     warm_up()
     loaded_mb = _resident()
     params = LocalizerParams()
-    reader = open_map(sys.argv[1])
+    reader = open_map(sys.argv[1], is_grey=True)  # as the localiser does
     references = References(reader, params, is_live=True)
     return_free_memory()
     opened_mb = _resident()
@@ -46,18 +48,20 @@ def main() -> None:
     references.look_ahead(T_BODY_OPTICAL, velocity)
     time.sleep(1.0)  # a vehicle does not start at full speed
     waits, steps, num_coarse, resident = list[float](), list[float](), 0, list[float]()
+    blocked = list[float]()
     errors = list[float]()
     begun = time.perf_counter()
     for index in range(int((ways[-1] - ways[0]) / SPEED / PERIOD_S)):
         time.sleep(max(0.0, begun + index * PERIOD_S - time.perf_counter()))
         pose = SE3.from_planar(SPEED * PERIOD_S * index, 0.0, 0.0) @ T_BODY_OPTICAL
-        wall, cpu, switches = time.perf_counter(), time.thread_time(), _num_waits()
+        wall, cpu, switches, queued = time.perf_counter(), time.thread_time(), _num_waits(), _queued_s()
         choice = references.choose(pose, CAMERA, is_followed=True)
         found = register(pyramids[index % NUM_IMAGES], choice.views, pose @ GUESS, params.registration)
         references.look_ahead(found.T_world_camera, velocity)
         steps.append(time.thread_time() - cpu)
         wait = (time.perf_counter() - wall) - steps[-1]
         waits.append(wait if _num_waits() > switches else 0.0)  # else another process had the core
+        blocked.append(max(0.0, wait - (_queued_s() - queued)))
         num_coarse += choice.views[0].reference.camera.width < FULL_WIDTH
         resident.append(_resident())
         errors.append(float(found.T_world_camera.distance(pose)[0]))
@@ -69,6 +73,8 @@ def main() -> None:
         "rss_start_mb": resident[0],
         "wait_ms": 1e3 * max(waits),
         "wait_p99_ms": 1e3 * float(np.percentile(waits, 99)),
+        "blocked_ms": 1e3 * max(blocked),  # less what a core was waited for, which others may have had
+        "blocked_p99_ms": 1e3 * float(np.percentile(blocked, 99)),
         "num_coarse": num_coarse,
         "step_ms": 1e3 * float(np.median(steps)),
         "step_p99_ms": 1e3 * float(np.percentile(steps, 99)),
@@ -79,6 +85,11 @@ def main() -> None:
 def _num_waits() -> int:
     """Return how often this thread has waited for anything."""
     return resource.getrusage(resource.RUSAGE_THREAD).ru_nvcsw
+
+
+def _queued_s() -> float:
+    """Return how many seconds this thread has been ready to run without a core."""
+    return int(Path("/proc/thread-self/schedstat").read_text(encoding="ascii").split()[1]) / 1e9
 
 
 def _resident() -> float:
@@ -93,7 +104,7 @@ def _prepare_ms(reader: MapReader) -> float:
     for sphere_id in range(NUM_TIMED):
         begun = time.process_time()
         sphere = reader.load_sphere(sphere_id)
-        prepare_reference(sphere.grey, sphere.range_m, sphere.camera, LocalizerParams().registration)
+        prepare_reference(sphere.levels, sphere.range_m, sphere.camera, LocalizerParams().registration)
         times.append(1e3 * (time.process_time() - begun))
     return float(np.median(times))
 

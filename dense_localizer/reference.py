@@ -22,7 +22,7 @@ from dense_localizer.coarse_reference import CoarseReferences
 from dense_localizer.coverage import coverage
 from dense_localizer.map_error import MapError
 from dense_localizer.params import LocalizerParams
-from dense_localizer.pixels_ahead import PixelsAhead
+from dense_localizer.pixels_ahead import SOON_S, PixelsAhead
 from dense_localizer.preparation import Preparation
 from dense_localizer.recognition import NUM_ALIKE
 from dense_localizer.rejections import Rejections
@@ -38,7 +38,6 @@ RELATIVE_SHARE = 0.6  # the same, of what the best candidate covers
 UNKNOWN_REACH = 1.0  # region of a key sphere by its median range, where a map does not tell it
 AHEAD_S = (0.0, 0.5, 1.0)  # s, when the camera will be where key spheres are prepared
 AHEAD_STEP_M, AHEAD_STEP_S = 0.2, 0.05  # motion after which one looks ahead anew, and that by the speed
-SOON_S = 0.1  # s, when the camera will be where pixels are chosen
 MEGABYTE = 1e6
 
 
@@ -130,7 +129,7 @@ class References:
         usable = [candidates[index] for index in np.flatnonzero(overlaps >= needed)]
         ready = [node for node in usable if not never_waits or self._preparation.is_ready(node.id)]
         nearest = ready[: self._params.num_references] or usable[:1]
-        chosen = nearest[:1] + [node for node in nearest[1:] if self._is_within_reach(node, T_map_camera)]
+        chosen = self._near_enough(nearest, T_map_camera)
         if not chosen:
             return Choice((), (), best, np.inf, np.inf, np.inf)
         references = [self._get(node.id) for node in chosen if ready] or [self.coarse.reference(chosen[0].id)]
@@ -155,7 +154,7 @@ class References:
         """
         twist = np.zeros(6) if velocity is None else velocity
         self._last = None if is_rig else self._last
-        self._choose_pixels(T_map_camera @ SE3.exp(twist * SOON_S))
+        self._choose_pixels(T_map_camera, twist)
         point = (T_map_camera @ SE3.exp(twist * AHEAD_S[-1])).translation
         step = max(AHEAD_STEP_M, AHEAD_STEP_S * float(np.linalg.norm(twist[:3])))
         if self._looked_ahead is not None and np.linalg.norm(point - self._looked_ahead) <= step:
@@ -170,19 +169,20 @@ class References:
             list(wanted), lambda sphere_id: partial(self._prepare_seen, wanted[sphere_id], self._last)
         )
 
-    def _choose_pixels(self, T_map_camera: SE3) -> None:
-        """Have the pixels chosen of the key spheres around the camera that are ready."""
+    def _choose_pixels(self, T_map_camera: SE3, twist: NDArray[np.float64]) -> None:
+        """Have the pixels chosen of the key spheres that are ready where the camera will soon be."""
         if self._last is None:
             return
         camera, last = self._last
-        nearest = self.nearest(T_map_camera.translation, self._params.num_references)
-        sphere_ids = dict.fromkeys([*last, *(node.id for node in nearest)])
-        self._pixels.forget(sphere_ids.keys())
-        for sphere_id in sphere_ids:
+        T_soon = T_map_camera @ SE3.exp(twist * SOON_S)
+        nearest = self.nearest(T_soon.translation, self._params.num_references)
+        soon = [node.id for node in self._near_enough(nearest, T_soon)]
+        self._pixels.forget({*last, *soon})
+        for sphere_id, num_views in dict.fromkeys((one, len(some)) for some in (last, soon) for one in some):
             reference = self._preparation.find(sphere_id)
             if reference is not None:
                 T_camera_sphere = T_map_camera.inverse() @ self.node(sphere_id).T_map_sphere
-                self._pixels.begin(sphere_id, reference, T_camera_sphere, camera, len(last))
+                self._pixels.begin(sphere_id, reference, T_camera_sphere, twist, camera, num_views)
 
     def _get(self, sphere_id: int) -> Reference:
         """Return a prepared sphere with the pixels that were chosen last."""
@@ -201,9 +201,9 @@ class References:
         overlaps = coverage([one.points for one in coarse], T_camera_sphere, camera)
         return nodes, np.where([one.camera.is_whole for one in coarse], 1.0, overlaps)
 
-    def _is_within_reach(self, node: KeySphere, T_map_camera: SE3) -> bool:
-        """Say whether a key sphere is near enough to be used beside a nearer one."""
-        return distance_of(node, T_map_camera) <= self._region(node)
+    def _near_enough(self, nodes: list[KeySphere], T_map_camera: SE3) -> list[KeySphere]:
+        """Return the first key sphere, and those that are near enough to be used beside it."""
+        return nodes[:1] + [node for node in nodes[1:] if distance_of(node, T_map_camera) <= self._region(node)]
 
     def _region(self, node: KeySphere) -> float:
         """Return how far in m a key sphere serves."""
@@ -211,13 +211,15 @@ class References:
 
     def _prepare(self, sphere_id: int) -> Reference:
         """Read a sphere and prepare it."""
-        sphere = self._map.load_sphere(sphere_id)
+        with self._pixels.background.work():
+            sphere = self._map.load_sphere(sphere_id)
         unused = self.rejections.mask(sphere_id, sphere.camera)
         if unused is not None:
             sphere = replace(sphere, range_m=np.where(unused, np.float32(np.nan), sphere.range_m))
-        grey, range_m, camera = sphere.grey, sphere.range_m, sphere.camera
-        del sphere  # the colours take as much as the grey levels
-        return prepare_reference(grey, range_m, camera, self._registration)
+        levels, range_m, camera = sphere.levels, sphere.range_m, sphere.camera
+        del sphere  # colours take more than the grey levels
+        with self._pixels.background.work():
+            return prepare_reference(levels, range_m, camera, self._registration)
 
     def _prepare_seen(
         self, T_map_camera: SE3, last: tuple[Camera, tuple[int, ...]] | None, sphere_id: int
@@ -226,8 +228,9 @@ class References:
         reference = self._prepare(sphere_id)
         if last is not None:
             T_camera_sphere = T_map_camera.inverse() @ self.node(sphere_id).T_map_sphere
-            for chosen in self._pixels.choose(reference, T_camera_sphere, last[0], len(last[1])):
-                chosen.keep()
+            with self._pixels.background.work():
+                for chosen in self._pixels.choose(reference, T_camera_sphere, last[0], len(last[1])):
+                    chosen.keep()
         return reference
 
 

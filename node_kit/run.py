@@ -23,6 +23,7 @@ from node_kit.live import LiveShell, ShellParams
 from node_kit.memory import return_large_blocks
 from node_kit.node import ManagedNode
 from node_kit.service import one_line
+from node_kit.turns import take_short_turns
 from typed_params.render import to_yaml
 
 PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"  # Fast DDS 2.14 reads this one only
@@ -46,6 +47,7 @@ def run(
         sys.stdout.write(help_text(node_class))
         return 0
     return_large_blocks()
+    take_short_turns()
     if node_class.LARGE_MESSAGES:
         use_large_segment()
     with until_signal() as stopped:

@@ -10,6 +10,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from photometric import kernels
 from photometric.iteration.kernels import BLOCK, SIDE
@@ -18,10 +19,18 @@ from photometric.reference import Reference, ReferenceLevel, Selection
 from sphere_geometry import SE3, Camera
 
 MAX_SHIFT = 0.1  # of the image's width: a selection is used again while the image has moved less than this
+LATE_SHIFT = 0.2  # the same, while the next one is under way
 
 
 def choose(pixels: ReferenceLevel, T_camera_reference: SE3, camera: Camera, number: int) -> Selection:
-    """Return `select`, or the last selection for this camera where it still holds: images of a stream move little."""
+    """Return `select`, or the last selection for this camera where it still holds: images of a stream move little.
+
+    While another thread selects as many, no image waits for it: one of any number serves that held a moment ago.
+    """
+    if number in pixels.under_way and not holds(pixels, T_camera_reference, camera, number):
+        for (other, _), last in list(pixels.selections.items()):
+            if other == camera and _image_shift(last, T_camera_reference, camera) <= LATE_SHIFT * camera.width:
+                return last
     if not holds(pixels, T_camera_reference, camera, number):
         pixels.selections[camera, number] = select(pixels, T_camera_reference, camera, number)
     return pixels.selections[camera, number]
@@ -33,6 +42,16 @@ def holds(
     """Say whether the image has moved less than a share of its width since the last selection for this camera."""
     last = pixels.selections.get((camera, number))
     return last is not None and _image_shift(last, T_camera_reference, camera) <= max_shift * camera.width
+
+
+def image_speed(pixels: ReferenceLevel, twist: NDArray[np.float64], camera: Camera, number: int) -> float:
+    """Return by how many widths a second the image moves at a velocity (6,); 0 before anything was selected for it."""
+    last = pixels.selections.get((camera, number))
+    known = [last] if last else [one for (other, _), one in list(pixels.selections.items()) if other == camera]
+    if not known:
+        return 0.0
+    turn, way = float(np.linalg.norm(twist[3:])), float(np.linalg.norm(twist[:3]))
+    return (turn + way / min(one.typical_range for one in known)) * camera.pixels_per_radian / camera.width
 
 
 @dataclass(frozen=True)
