@@ -48,6 +48,7 @@ class Site:
         num_missing = self.depth_map.fill(self.places, at_most)
         if not num_missing and len(self.places) >= MIN_PLACES:
             self.depth_map.matched_filter(self.places)
+            self.depth_map.partial_filter(self.places)
         return 1.0 - num_missing / len(self.places)
 
     def filter(self) -> Filter:

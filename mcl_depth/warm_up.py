@@ -14,6 +14,7 @@ from mcl_depth.image_params import SynthesisParams
 from mcl_depth.likeness.comparison import depth_features_many, num_alpha_for, similarity_many, visual_features
 from mcl_depth.likeness.gradient_correlation import correlate_part
 from mcl_depth.likeness.matched_filter import MatchedFilter
+from mcl_depth.likeness.partial_filter import PartialFilter
 from mcl_depth.params import FilterParams
 
 
@@ -32,6 +33,7 @@ def warm_up(params: FilterParams) -> None:
     for is_seen in (None, grey > 10.0):
         similarity_many(visual_features(grey, is_seen), stack, num_headings)
         correlate_part(visual_features(grey, is_seen), stack, num_headings, np.arange(len(stack)))
+    PartialFilter.of(stack, np.arange(len(stack))).curves(visual_features(grey, grey > 10.0), num_headings)
     MatchedFilter.of(stack, np.arange(len(stack))).curves(visual_features(grey), num_headings)
     joint, mask = JointEvidence(1.0), np.ones((8, 8), np.bool_)
     for _ in range(1 + STEP_EVERY):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,7 @@ from mcl_depth.likeness.comparison import Features, FeatureStack, depth_features
 from mcl_depth.likeness.depth_cache import Cell, DepthCache
 from mcl_depth.likeness.gradient_correlation import correlate_part
 from mcl_depth.likeness.matched_filter import MatchedFilter
+from mcl_depth.likeness.partial_filter import PartialFilter
 from mcl_depth.params import FilterParams
 from sphere_geometry import Spherical
 
@@ -39,6 +40,7 @@ class Synthesizer(Protocol):
 
 BATCH = 64  # depth images made at once
 SAVE_EVERY = 2048  # depth images that an interruption may lose
+Kind = TypeVar("Kind", MatchedFilter, PartialFilter)
 Compare = Callable[[Features, FeatureStack, int, NDArray[np.int64]], NDArray[np.float32]]
 Heights = Callable[[Array], Array]  # (N, 2) m -> height of the ground (N,) m, NaN where there is none
 
@@ -55,7 +57,7 @@ class DepthMap:
         self.edge = params.cache.max_distance * np.sqrt(2.0)
         camera = synthesizer.camera
         self.cache = DepthCache(params.cache.max_megabytes << 20, camera.height, camera.width)
-        self._matched: tuple[bytes, MatchedFilter] | None = None
+        self._filters: dict[str, tuple[str, MatchedFilter | PartialFilter]] = {}  # with the places that they are of
         self._num_unsaved = 0  # depth images that are not on disk
         self._folder = Path(params.cache.folder) / self._key(name) if params.cache.folder and name else None
         if self._folder is not None:
@@ -97,22 +99,31 @@ class DepthMap:
         return self._compare(correlate_part, visual, cells, num_headings)
 
     def matched_filter(self, positions: Array) -> MatchedFilter:
-        """Return what compares an image with all cells of positions (N, 2) at once; that of the last call is kept."""
-        key = positions.tobytes()
-        if self._matched is None or self._matched[0] != key:
-            self._matched = key, self._matched_filter(positions)
-        return self._matched[1]
+        """Return what compares a panorama with all cells of positions (N, 2) at once; that of the last call is kept."""
+        return self._spectral(MatchedFilter, positions)
 
-    def _matched_filter(self, positions: Array) -> MatchedFilter:
-        """Return it from the disk, where a folder is set and holds it; else made, and kept there."""
+    def partial_filter(self, positions: Array) -> PartialFilter:
+        """Return what compares a part of the sphere with all cells of positions (N, 2) at once; likewise."""
+        return self._spectral(PartialFilter, positions)
+
+    def _spectral(self, kind: type[Kind], positions: Array) -> Kind:
+        """Return the filter of a kind from memory, or the disk, where a folder is set and holds it; else make it."""
+        places = hashlib.sha256(positions.tobytes()).hexdigest()[:16]
+        known, made = self._filters.get(kind.__name__, ("", None))
+        if known != places or not isinstance(made, kind):
+            made = self._load_or_make(kind, positions, places)
+            self._filters[kind.__name__] = places, made
+        return made
+
+    def _load_or_make(self, kind: type[Kind], positions: Array, places: str) -> Kind:
+        """Return it from the disk, or made, and kept there."""
         folder = None
         if self._folder is not None:
-            places = hashlib.sha256(positions.tobytes()).hexdigest()[:16]
-            folder = self._folder.with_name(f"{self._folder.name}_{places}")
-            found = MatchedFilter.load(folder)
+            folder = self._folder.with_name(f"{self._folder.name}_{places}_{kind.__name__}")
+            found = kind.load(folder)
             if found is not None and found.codes.shape[1] == len(positions):
                 return found
-        made = MatchedFilter.of(self.cache.stack, self._slots([(int(x), int(y)) for x, y in self.cells(positions)]))
+        made = kind.of(self.cache.stack, self._slots([(int(x), int(y)) for x, y in self.cells(positions)]))
         if folder is not None:
             made.save(folder)
         return made

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from mcl_depth.likeness import kernels
 from mcl_depth.likeness.features import Features, FeatureStack
-from mcl_depth.likeness.matched_filter import DOUBLE_COSINES, DOUBLE_SINES
+from mcl_depth.likeness.spectra import DOUBLE_COSINES, DOUBLE_SINES, Curves, Image
 
-Curves = NDArray[np.float32]
 MIN_SHARE = 0.1  # of the depth gradients that are expected in view: a view of next to nothing is taken to have these
 
 
@@ -24,11 +23,16 @@ def correlate_part(visual: Features, stack: FeatureStack, num_alpha: int, indice
 
     Headings are those of eq. 2 (`comparison.similarity`).
     """
-    tx = visual.magnitude * (visual.x**2 - visual.y**2)
-    ty = visual.magnitude * (2.0 * visual.x * visual.y)
-    length = float(np.sqrt(np.sum(tx**2 + ty**2)))
     seen = np.ones(visual.shape, np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
-    tensors = (tx / np.float32(max(length, 1e-12)), ty / np.float32(max(length, 1e-12)), seen)
+    tensors = (*double_gradients(visual), seen)
     tables = (DOUBLE_COSINES, DOUBLE_SINES, stack.directions, stack.magnitudes)
     found: Curves = kernels.correlate_tensors(*tensors, *tables, indices.astype(np.int64), MIN_SHARE, num_alpha)
     return found
+
+
+def double_gradients(visual: Features) -> Image:
+    """Return the gradients of an image with their angles doubled (2, H, W), their squares summing to 1."""
+    both = [visual.magnitude * (visual.x**2 - visual.y**2), visual.magnitude * (2.0 * visual.x * visual.y)]
+    doubled = np.stack(both).astype(np.float32)
+    normalised: Image = doubled / np.float32(max(float(np.sqrt(np.sum(doubled**2))), 1e-12))
+    return normalised

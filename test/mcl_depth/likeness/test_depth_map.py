@@ -9,7 +9,7 @@ from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.image_params import SynthesisParams
 from mcl_depth.likeness import depth_map as depth_map_module
 from mcl_depth.likeness import similarity_cache
-from mcl_depth.likeness.comparison import visual_features
+from mcl_depth.likeness.comparison import Features, visual_features
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import CacheParams, FilterParams
@@ -98,13 +98,14 @@ def test_what_was_made_before_an_interruption_is_not_made_again(tmp_path, monkey
     assert sum(map(len, synthesizer.asked)) == num_missing + 2
 
 
-def test_the_matched_filter_comes_back_from_disk_for_the_same_places(tmp_path, visual):
+def test_the_filters_come_back_from_disk_for_the_same_places(tmp_path, visual):
     places = np.random.default_rng(2).uniform(-2, 2, (30, 2))
     curves = []
     for _ in range(2):
         synthesizer, depth_map = made(folder=str(tmp_path))
         depth_map.fill(places)
-        curves.append(depth_map.matched_filter(places).curves(visual, HEADINGS))
+        filters = depth_map.matched_filter(places), depth_map.partial_filter(places)
+        curves.append([one.curves(visual, HEADINGS) for one in filters])
     assert synthesizer.asked == []
     np.testing.assert_array_equal(curves[0], curves[1])
     assert len(made(folder=str(tmp_path))[1].matched_filter(places[:20]).curves(visual, HEADINGS)) == 20
@@ -137,7 +138,7 @@ def test_a_place_is_compared_once_and_the_answers_do_not_depend_on_it(visual):
     assert cached.hit_rate == pytest.approx(1.0 - cached.num_compared / 80)
 
 
-def test_a_map_of_few_places_is_surveyed_by_correlation_and_a_larger_one_by_its_matched_filter(visual, monkeypatch):
+def test_a_map_of_few_places_is_surveyed_by_correlation_and_a_larger_one_by_its_filters(visual, monkeypatch):
     _, depth_map = made()
     places = np.unique(depth_map.cells(np.random.default_rng(3).uniform(-2, 2, (60, 2))), axis=0)
     positions = (places + 0.5) * depth_map.edge
@@ -147,3 +148,9 @@ def test_a_map_of_few_places_is_surveyed_by_correlation_and_a_larger_one_by_its_
     monkeypatch.setattr(similarity_cache, "MIN_PLACES", len(positions))
     matched = depth_map.matched_filter(positions).curves(visual, HEADINGS)
     np.testing.assert_array_equal(Comparison(visual, depth_map, HEADINGS).survey(positions), matched)
+    is_seen = np.zeros(visual.shape, np.bool_)
+    is_seen[:, :20] = True
+    part, rows = Features(visual.x, visual.y, visual.magnitude, is_seen), np.array([3, 0])
+    wanted = depth_map.partial_filter(positions).curves(part, HEADINGS)
+    np.testing.assert_array_equal(Comparison(part, depth_map, HEADINGS).survey(positions), wanted)
+    np.testing.assert_allclose(Comparison(part, depth_map, HEADINGS).survey(positions, rows), wanted[rows], rtol=1e-4)

@@ -1,0 +1,143 @@
+"""A part of the sphere against every cell of a map at once: the correlation of gradients, whitened within the view.
+
+As `gradient_correlation.py`: the doubled gradients of the image meet those of the depth panoramas, divided by the
+length of the latter in view. By spectra over azimuth, as in the matched filter, that is quick; and it is sharper where
+what all places of the map have in common is weighed down (Turin 1960, eq. 22). The image is no panorama, though: what
+is not seen can weigh nothing. So the weights x are the solution of (M (C + s) M) x = t within the view M, where t is
+the image, C the covariance of the map's panoramas and s a share of its mean level. C is the same at any heading, so it
+is applied by spectra, and x is found by conjugate gradients (Hestenes, Stiefel 1952).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from mcl_depth.likeness.array_folder import load_arrays, save_arrays
+from mcl_depth.likeness.features import Features, FeatureStack
+from mcl_depth.likeness.gradient_correlation import MIN_SHARE, double_gradients
+from mcl_depth.likeness.spectra import (
+    BATCH,
+    DOUBLE_COSINES,
+    DOUBLE_SINES,
+    Curves,
+    Image,
+    Spectra,
+    correlate,
+    covariance_of,
+    encode,
+    magnitudes_of,
+    pictures_of,
+    sample,
+    scales_of,
+    spectra_of,
+)
+
+ARRAYS = ("codes", "scales", "energies", "energy_scales", "covariances")
+FREQUENCIES = range(37)  # over azimuth: structure down to ten degrees
+ENERGY_FREQUENCIES = range(16)  # of the energy in view: a view is wide
+SHRINKAGE = 0.3  # of the covariance, by its mean level
+NUM_STEPS = 12  # of conjugate gradients
+FINENESS = 5  # curves are made at so many times the headings wanted: the best around each counts
+
+
+@dataclass(frozen=True)
+class PartialFilter:
+    """Spectra of N cells, ready for images.
+
+    codes (F, N, 2 P) int8: real, then imaginary parts of the spectra of both components of the doubled gradients row by
+    row, P = 2 H, of length 1 in each cell; scales (F, P): what a code of one is. energies (E, N, 2 H), energy_scales
+    (E, H): the same of the squared length. covariances (F, P, P): of the spectra, of mean level 1.
+    """
+
+    codes: NDArray[np.int8]
+    scales: NDArray[np.float32]
+    energies: NDArray[np.int8]
+    energy_scales: NDArray[np.float32]
+    covariances: Spectra
+
+    @classmethod
+    def of(cls, stack: FeatureStack, slots: NDArray[np.integer]) -> PartialFilter:
+        """Return the filter for the cells whose features are in `slots` (N,) of a stack; -1 fits nothing."""
+        chosen = sample(slots)
+        samples = np.concatenate(list(_tensors_of_cells(stack, chosen)), axis=1)
+        energies = np.concatenate(list(_energies_of_cells(stack, chosen)), axis=1)
+        scales, energy_scales = scales_of(samples), scales_of(energies)
+        covariances = np.stack([covariance_of(spectra) for spectra in samples])
+        level = max(float(np.mean(np.diagonal(covariances, axis1=1, axis2=2).real)), 1e-20)
+        codes = encode(_tensors_of_cells(stack, slots), scales, slots)
+        energy_codes = encode(_energies_of_cells(stack, slots), energy_scales, slots)
+        return cls(codes, scales, energy_codes, energy_scales, (covariances / level).astype(np.complex64))
+
+    def save(self, folder: Path) -> None:
+        """Write everything into a folder."""
+        save_arrays(folder, {name: getattr(self, name) for name in ARRAYS})
+
+    @classmethod
+    def load(cls, folder: Path) -> PartialFilter | None:
+        """Return what `save` wrote; None where there is no such folder. A damaged one is ValueError."""
+        found = load_arrays(folder, ARRAYS)
+        return None if found is None else cls(*(np.array(array) for array in found))
+
+    def curves(self, visual: Features, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
+        """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.
+
+        `rows`: of some cells only. The best around each heading.
+        """
+        seen = np.ones(visual.shape, np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
+        count, width = FINENESS * num_headings, visual.shape[1]
+        weights = spectra_of(self.weigh(double_gradients(visual), seen), FREQUENCIES) * self.scales
+        products = correlate(self.codes, weights, rows, 0, count)
+        in_view = spectra_of(seen[None], ENERGY_FREQUENCIES) * self.energy_scales
+        energies = correlate(self.energies, in_view, rows, 0, count) / width
+        curves = products / np.sqrt(np.maximum(energies, max(MIN_SHARE * float(seen.mean()), 1e-12)))
+        reach = FINENESS // 2
+        best: Curves = np.max([np.roll(curves, step, axis=1) for step in range(-reach, reach + 1)], axis=0)
+        return best[:, ::FINENESS]
+
+    def weigh(self, image: Image, seen: Image) -> Image:
+        """Return the weights (2, H, W) of what is seen (H, W) of an image (2, H, W)."""
+        solution, rest = np.zeros_like(image), image * seen
+        direction, square = rest, float(np.vdot(rest, rest))
+        for _ in range(NUM_STEPS):
+            if square < 1e-20:
+                break
+            step = self.apply(direction, seen)
+            size = np.float32(square / float(np.vdot(direction, step)))
+            solution, rest = solution + size * direction, rest - size * step
+            before, square = square, float(np.vdot(rest, rest))
+            direction = rest + np.float32(square / before) * direction
+        return solution
+
+    def apply(self, image: Image, seen: Image) -> Image:
+        """Return M (C + s) x of an image x (2, H, W) that is 0 where nothing is seen."""
+        spectra = (self.covariances @ spectra_of(image, FREQUENCIES)[..., None])[..., 0]
+        height, width = seen.shape
+        applied: Image = (pictures_of(spectra, (2, height, width)) + np.float32(SHRINKAGE) * image) * seen
+        return applied
+
+
+def _tensors_of_cells(stack: FeatureStack, slots: NDArray[np.integer]) -> Iterator[Spectra]:
+    """Yield the spectra (F, n, 2 H) of the doubled gradients of a batch of cells."""
+    for first in range(0, len(slots), BATCH):
+        part = stack.take(slots[first : first + BATCH])
+        magnitudes = _normalise(magnitudes_of(part))
+        tensors = [table[part.directions] * magnitudes for table in (DOUBLE_COSINES, DOUBLE_SINES)]
+        yield spectra_of(np.stack(tensors, axis=1), FREQUENCIES)
+
+
+def _energies_of_cells(stack: FeatureStack, slots: NDArray[np.integer]) -> Iterator[Spectra]:
+    """Yield the spectra (E, n, H) of their squared length."""
+    for first in range(0, len(slots), BATCH):
+        magnitudes = _normalise(magnitudes_of(stack.take(slots[first : first + BATCH])))
+        yield spectra_of((magnitudes**2)[:, None], ENERGY_FREQUENCIES)
+
+
+def _normalise(magnitudes: Image) -> Image:
+    """Return magnitudes (n, H, W) whose squares sum to 1 in each cell."""
+    lengths = np.sqrt(np.sum(magnitudes**2, axis=(1, 2), keepdims=True))
+    return magnitudes / np.maximum(lengths, np.float32(1e-12))

@@ -1,0 +1,95 @@
+"""Pictures of many cells as spectra over azimuth, kept in bytes: correlations for all headings are products of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from mcl_depth.likeness import kernels
+from mcl_depth.likeness.features import FeatureStack
+from mcl_depth.likeness.kernels import COSINES, NO_DIRECTION, SINES, SQUARES
+
+Spectra = NDArray[np.complex64]
+Codes = NDArray[np.int8]
+Curves = NDArray[np.float32]
+Image = NDArray[np.float32]
+
+NUM_SAMPLES = 1500  # cells whose covariance is taken
+RANGE = 4.0  # standard deviations that a byte holds
+BATCH = 128  # cells whose spectra are made at once
+
+_CODES = np.arange(256)
+DOUBLE_COSINES = np.where(_CODES == NO_DIRECTION, 0.0, COSINES**2 - SINES**2).astype(np.float32)
+DOUBLE_SINES = (2.0 * COSINES * SINES).astype(np.float32)
+
+
+def spectra_of(pictures: Image, frequencies: range) -> Spectra:
+    """Return spectra (F, ..., P) over azimuth of pictures (..., n, H, W), row by row: P = n H."""
+    spectra = scipy.fft.rfft(pictures, axis=-1)[..., frequencies.start : frequencies.stop]
+    merged = spectra.reshape(*spectra.shape[:-3], -1, spectra.shape[-1])
+    return np.ascontiguousarray(np.moveaxis(merged, -1, 0), np.complex64)
+
+
+def pictures_of(spectra: Spectra, shape: tuple[int, int, int]) -> Image:
+    """Return the pictures (n, H, W) of spectra (F, P) whose frequencies begin at 0."""
+    full = np.zeros((spectra.shape[1], shape[2] // 2 + 1), np.complex64)
+    full[:, : len(spectra)] = spectra.T
+    pictures: Image = scipy.fft.irfft(full, shape[2], axis=-1).reshape(shape)
+    return pictures
+
+
+def magnitudes_of(stack: FeatureStack) -> Image:
+    """Return the magnitudes of depth gradients (M, H, W)."""
+    magnitudes: Image = stack.scales[:, None, None] * SQUARES[stack.magnitudes]
+    return magnitudes
+
+
+def sample(slots: NDArray[np.integer]) -> NDArray[np.integer]:
+    """Return the slots of some cells, for their covariance; of -1 none."""
+    known = slots[slots >= 0]
+    return known[:: max(len(known) // NUM_SAMPLES, 1)]
+
+
+def covariance_of(samples: Spectra) -> Spectra:
+    """Return the mean of x x^H (P, P) of spectra (N, P) of one frequency."""
+    covariance: Spectra = samples.T @ samples.conj() / np.float32(max(len(samples), 1))
+    return covariance
+
+
+def scales_of(samples: Spectra) -> NDArray[np.float32]:
+    """Return what a code of one stands for (F, P), from spectra (F, N, P)."""
+    deviations = np.sqrt(np.mean(np.abs(samples) ** 2, axis=1) / 2.0)
+    return np.maximum(RANGE / 127.0 * deviations, 1e-12).astype(np.float32)
+
+
+def encode(batches: Iterable[Spectra], scales: NDArray[np.float32], slots: NDArray[np.integer]) -> Codes:
+    """Return the codes (F, N, 2 P) of spectra (F, n, P) of the cells of slots (N,), batch by batch; 0 for slot -1.
+
+    Real, then imaginary parts in units of `scales` (F, P).
+    """
+    codes = np.empty((len(scales), len(slots), 2 * scales.shape[1]), np.int8)
+    first = 0
+    for spectra in batches:
+        scaled = spectra / scales[:, None]
+        parts = np.concatenate([scaled.real, scaled.imag], axis=2)
+        codes[:, first : first + spectra.shape[1]] = np.clip(np.round(parts), -127, 127)
+        first += spectra.shape[1]
+    codes[:, slots < 0] = 0
+    return codes
+
+
+def correlate(codes: Codes, weights: Spectra, rows: NDArray[np.int64] | None, first: int, count: int) -> Curves:
+    """Return the correlation (N, count), evenly around, of cells with an image's weights (F, P) in units of codes.
+
+    first: the lowest of the F frequencies; `rows`: of some cells only. To be divided by the width of the pictures.
+    """
+    chosen = codes if rows is None else np.ascontiguousarray(codes[:, rows])
+    spectra = kernels.correlate_codes(chosen, weights.astype(np.complex64))
+    full = np.zeros((spectra.shape[1], count // 2 + 1), np.complex64)
+    num = min(len(spectra), full.shape[1] - first)
+    full[:, first : first + num] = spectra[:num].T
+    curves: Curves = scipy.fft.irfft(full, count, axis=1, norm="forward")
+    return curves

@@ -1,0 +1,134 @@
+"""The filter of parts is the correlation of gradients, whitened within what is seen by what all places share."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mcl_depth.image_params import ComparisonParams
+from mcl_depth.likeness import partial_filter
+from mcl_depth.likeness.comparison import Features, depth_features, depth_features_many
+from mcl_depth.likeness.gradient_correlation import correlate_part, double_gradients
+from mcl_depth.likeness.partial_filter import PartialFilter
+
+HEIGHT, WIDTH, NUM_HEADINGS, NUM_CELLS = 16, 72, 36, 300
+
+
+def rooms(seed=3):
+    """Range panoramas (M, H, W) of places with pillars, all of them in a room of one shape."""
+    rng = np.random.default_rng(seed)
+    azimuth = np.arange(WIDTH) * 2 * np.pi / WIDTH
+    walls = 6.0 / np.maximum(np.abs(np.cos(azimuth)), np.abs(np.sin(azimuth)))
+    ranges = np.tile(walls, (NUM_CELLS, HEIGHT, 1)).astype(np.float32)
+    for panorama in ranges:
+        for _ in range(9):
+            u, v, width = rng.integers(WIDTH), rng.integers(HEIGHT - 4), rng.integers(2, 9)
+            panorama[v : v + 4, (u + np.arange(width)) % WIDTH] = rng.uniform(1.0, 3.0)
+    return ranges
+
+
+@pytest.fixture(scope="module")
+def ranges():
+    return rooms()
+
+
+@pytest.fixture(scope="module")
+def stack(ranges):
+    return depth_features_many(ranges, ComparisonParams())
+
+
+@pytest.fixture(scope="module")
+def made(stack):
+    return PartialFilter.of(stack, np.arange(NUM_CELLS))
+
+
+def window(left, right):
+    is_seen = np.zeros((HEIGHT, WIDTH), np.bool_)
+    is_seen[3:14, np.arange(left, right) % WIDTH] = True
+    is_seen[3, left % WIDTH] = False  # no rectangle
+    return is_seen
+
+
+def part_of(panorama, heading, is_seen):
+    """What a camera that sees depth itself would make of a part; `heading` in steps."""
+    features = depth_features(panorama, ComparisonParams())
+    shift = heading * WIDTH // NUM_HEADINGS
+    parts = [np.roll(a, shift, axis=1) * is_seen for a in (features.x, features.y, features.magnitude)]
+    return Features(parts[0], parts[1], parts[2] / parts[2].sum(), is_seen)
+
+
+@pytest.mark.parametrize("view", [window(20, 40), window(64, 84), window(5, 70)])
+def test_place_and_heading_of_a_part_are_found_and_stand_out_further(view, ranges, stack, made):
+    for cell, heading in ((7, 0), (120, 5), (299, 31)):
+        visual = part_of(ranges[cell], heading, view)
+        found = made.curves(visual, NUM_HEADINGS)
+        assert np.unravel_index(np.argmax(found), found.shape) == (cell, heading)
+        plain = correlate_part(visual, stack, NUM_HEADINGS, np.arange(NUM_CELLS))
+        lead, lead_of_plain = ((c.max() - np.delete(c, cell, 0).max()) / c.std() for c in (found, plain))
+        assert lead > lead_of_plain
+
+
+def test_where_nothing_is_whitened_it_is_the_correlation_of_gradients(ranges, stack, made, monkeypatch):
+    monkeypatch.setattr(partial_filter, "SHRINKAGE", 1e4)  # times what is left of the image is the image
+    monkeypatch.setattr(partial_filter, "FINENESS", 1)
+    visual = part_of(ranges[9], 4, window(20, 46))
+    found = 1e4 / WIDTH * made.curves(visual, NUM_HEADINGS)
+    wanted = correlate_part(visual, stack, NUM_HEADINGS, np.arange(NUM_CELLS))
+    assert np.corrcoef(found.ravel(), wanted.ravel())[0, 1] > 0.98  # fewer frequencies, and bytes
+    assert np.abs(found - wanted).max() < 0.2
+    assert np.unravel_index(np.argmax(found), found.shape) == (9, 4)
+
+
+def test_the_weights_solve_their_equation_and_are_nothing_where_nothing_is_seen(ranges, made):
+    view = window(60, 80)
+    seen, image = view.astype(np.float32), double_gradients(part_of(ranges[3], 2, view))
+    weights = made.weigh(image, seen)
+    assert not np.any(weights[:, ~view])
+    rest = made.apply(weights, seen) - image * seen
+    assert np.linalg.norm(rest) < 0.06 * np.linalg.norm(image)
+    other = np.random.default_rng(1).standard_normal(image.shape).astype(np.float32) * seen
+    assert np.vdot(other, made.apply(weights, seen)) == pytest.approx(
+        np.vdot(made.apply(other, seen), weights), rel=1e-3
+    )
+
+
+def test_the_covariance_is_that_of_the_panoramas_at_any_heading(stack):
+    """x^T C x is the mean square of the product of x with the panoramas, over places and headings, in one unit."""
+    made, whole = PartialFilter.of(stack, np.arange(20)), np.ones((HEIGHT, WIDTH), np.float32)
+    tensors = np.stack([double_gradients(Features(*parts)) for parts in decoded(stack.take(slice(0, 20)))])
+    rng = np.random.default_rng(5)
+    units = []
+    for _ in range(3):
+        waves = np.arange(WIDTH) * 2 * np.pi / WIDTH * rng.integers(1, 9, (2, HEIGHT, 1))
+        x = np.cos(waves + rng.uniform(0, 6, (2, HEIGHT, 1))).astype(np.float32)
+        products = [np.tensordot(np.roll(tensors, shift, axis=3), x, 3) for shift in range(WIDTH)]
+        found = np.vdot(x, made.apply(x, whole) - np.float32(partial_filter.SHRINKAGE) * x)
+        units.append(found / np.mean(np.square(products)))
+    assert units == pytest.approx([units[0]] * 3, rel=0.02)
+
+
+def decoded(stack):
+    """Direction x, y and magnitude of each panorama."""
+    angles = stack.directions * np.pi / 255
+    known = stack.directions < 255
+    magnitudes = stack.scales[:, None, None] * (stack.magnitudes / 255.0) ** 2
+    return zip(np.cos(angles) * known, np.sin(angles) * known, magnitudes, strict=True)
+
+
+def test_some_rows_are_those_of_all(ranges, made):
+    visual, rows = part_of(ranges[7], 3, window(20, 40)), np.array([5, 250, 7])
+    np.testing.assert_allclose(
+        made.curves(visual, NUM_HEADINGS, rows), made.curves(visual, NUM_HEADINGS)[rows], rtol=1e-5, atol=1e-6
+    )
+
+
+def test_cells_without_ground_and_images_without_gradients_fit_nothing(stack, ranges):
+    slots = np.arange(NUM_CELLS)
+    slots[4] = -1
+    made = PartialFilter.of(stack, slots)
+    view = window(20, 40)
+    curves = made.curves(part_of(ranges[9], 0, view), NUM_HEADINGS)
+    np.testing.assert_array_equal(curves[4], 0.0)
+    assert np.argmax(curves.max(axis=1)) == 9
+    flat = Features(*(np.zeros((HEIGHT, WIDTH), np.float32) for _ in range(3)), view)
+    np.testing.assert_array_equal(made.curves(flat, NUM_HEADINGS), 0.0)

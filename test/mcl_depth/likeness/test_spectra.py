@@ -1,0 +1,46 @@
+"""Correlations by spectra in bytes are those of the pictures."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mcl_depth.likeness.spectra import correlate, covariance_of, encode, pictures_of, sample, scales_of, spectra_of
+
+CELLS, HEIGHT, WIDTH = 9, 6, 48
+ALL = range(WIDTH // 2)
+
+
+@pytest.fixture
+def pictures():
+    """Pictures (n, 2, H, W) without the highest frequency."""
+    drawn = np.random.default_rng(2).standard_normal((CELLS, 2, HEIGHT, WIDTH)).astype(np.float32)
+    return np.stack([pictures_of(spectra_of(one, ALL), one.shape) for one in drawn])
+
+
+@pytest.mark.parametrize("frequencies", [ALL, range(1, WIDTH // 2)])
+def test_the_correlation_around_is_the_sum_of_products(pictures, frequencies):
+    if frequencies.start:
+        pictures = pictures - pictures.mean(axis=-1, keepdims=True)
+    image, cells = pictures[0], pictures[1:]
+    spectra = spectra_of(cells, frequencies)
+    scales, slots = scales_of(spectra), np.arange(len(cells))
+    slots[3] = -1
+    codes = encode([spectra[:, :5], spectra[:, 5:]], scales, slots)
+    found = correlate(codes, spectra_of(image, frequencies) * scales, None, frequencies.start, WIDTH) / WIDTH
+    wanted = np.array([[np.vdot(np.roll(cell, shift, axis=-1), image) for shift in range(WIDTH)] for cell in cells])
+    wanted[3] = 0.0
+    np.testing.assert_allclose(found, wanted, atol=0.02 * np.abs(wanted).max())  # bytes
+    some = correlate(codes, spectra_of(image, frequencies) * scales, np.array([6, 1]), frequencies.start, WIDTH)
+    np.testing.assert_allclose(some / WIDTH, found[[6, 1]], rtol=1e-4, atol=1e-4)
+
+
+def test_pictures_come_back_from_their_spectra(pictures):
+    np.testing.assert_allclose(pictures_of(spectra_of(pictures[2], ALL), pictures[2].shape), pictures[2], atol=1e-5)
+
+
+def test_the_covariance_is_the_mean_of_outer_products_of_cells_that_are_there(pictures):
+    samples = spectra_of(pictures, ALL)[4]
+    wanted = np.mean([np.outer(one, one.conj()) for one in samples], axis=0)
+    np.testing.assert_allclose(covariance_of(samples), wanted, rtol=1e-4, atol=1e-3)
+    np.testing.assert_array_equal(sample(np.array([4, -1, 2, -1])), [4, 2])
