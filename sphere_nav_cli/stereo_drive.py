@@ -13,9 +13,10 @@ from node_kit.bags import BagReader
 from node_kit.node import ManagedNode
 from node_kit.replay import OfflineBus, replay
 from node_kit.tf import TransformListener
+from sphere_mapping.acquisition.corner_tracks import follow_window
 from sphere_mapping.acquisition.stereo_field import StereoField
 from sphere_mapping.acquisition.stereo_pair import StereoPair
-from sphere_mapping.acquisition.track_fit import NUM_VIEWS, ColumnFit, Window, fit_drive, follow_window
+from sphere_mapping.acquisition.track_fit import NUM_VIEWS, ColumnFit, Window, fit_drive
 from sphere_mapping.intake_node import Intake
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.stereo_intake_node import judge_rows
@@ -47,7 +48,8 @@ class PairFollower(ManagedNode):
         if place < NUM_VIEWS:
             self._open.append((_grey(left), _grey(right)))
         if len(self._open) == NUM_VIEWS:
-            window = follow_window(*zip(*self._open, strict=True))
+            g = pair.geometry
+            window = follow_window(g.camera, g.baseline_m, *zip(*self._open, strict=True))
             self.windows += [window] if window is not None else []
             self._open = []
 

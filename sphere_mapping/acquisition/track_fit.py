@@ -13,26 +13,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from sphere_geometry import SE3, Pinhole
-from sphere_mapping.acquisition.stereo_field import (
-    NUM_COLUMNS,
-    Array,
-    Image,
-    basis_of_columns,
-    corners_of,
-    follow,
-    tangents,
-)
+from sphere_mapping.acquisition.stereo_field import NUM_COLUMNS, Array, basis_of_columns, tangents
 
 NUM_VIEWS = 4  # instants that a corner is followed through, as far as it is seen
-MIN_VIEWS = 2
-MIN_DISPARITY_PX = 2.0
-MAX_OFF_ROW_PX = 1.5
 MIN_TRACKS = 40  # in an instant of a window
 NUM_STEPS = 15
 LOSS_PX = 0.15  # scale of Cauchy's loss on a corner's pixels
 PRIOR_PX = 3.0  # standard deviation of offset and bow before anything is seen
 DEPENDENCE = 3.0  # errors of corners of one window are not independent: of the deviations that the residual gives
-FLOOR_PX = np.array([0.06, 0.15])  # deviations that no number of corners lowers: patches shorten what they follow
+FLOOR_PX = np.array([0.02, 0.04])  # deviations that no number of corners lowers: not all patches are of one plane
 SIGNIFICANCE = 15.2  # chi2 of two numbers that chance exceeds once in two thousand: it is asked twice
 
 
@@ -68,31 +57,6 @@ class ColumnFit:
         return float(self.columns @ np.linalg.solve(self.covariance, self.columns)) > SIGNIFICANCE
 
 
-def follow_window(lefts: Sequence[Image], rights: Sequence[Image]) -> Window | None:
-    """Return the corners seen in two grey images or more of consecutive instants, None where they are too few.
-
-    Near ones are soon lost by a fast drive, and tell most.
-    """
-    points = corners_of(lefts[0])
-    left, right_u = np.full((len(lefts), len(points), 2), np.nan), np.full((len(lefts), len(points)), np.nan)
-    seen, at = np.ones(len(points), np.bool_), points
-    for k in range(len(lefts)):
-        if k:
-            at, found = follow(lefts[k - 1], lefts[k], at)
-            seen &= found
-        there, found = follow(lefts[k], rights[k], at)
-        disparity = at[:, 0] - there[:, 0]
-        seen &= found & (disparity > MIN_DISPARITY_PX) & (np.abs(at - there)[:, 1] < MAX_OFF_ROW_PX)
-        if np.count_nonzero(seen) < MIN_TRACKS:
-            left, right_u = left[:k], right_u[:k]
-            break
-        left[k, seen], right_u[k, seen] = at[seen], there[seen, 0]
-    if len(left) < MIN_VIEWS:
-        return None
-    followed = ~np.isnan(right_u[MIN_VIEWS - 1])
-    return Window(left[:, followed], right_u[:, followed])
-
-
 def fit_drive(camera: Pinhole, baseline_m: float, windows: Sequence[Window]) -> ColumnFit | None:
     """Return offset and bow of the disparity by the corners seen in all instants; by all where these do not tell.
 
@@ -107,6 +71,22 @@ def fit_columns(camera: Pinhole, baseline_m: float, windows: Sequence[Window]) -
     if not windows:
         return None
     states = [_State(camera, baseline_m, window) for window in windows]
+    columns, normal = _solve(states)
+    variance = sum(state.squares for state in states) / max(sum(state.freedom for state in states), 1.0)
+    covariance = np.asarray(np.linalg.inv(normal) * (max(variance, 1e-6) * DEPENDENCE**2), np.float64)
+    covariance = covariance + np.diag(FLOOR_PX**2)
+    return ColumnFit(columns, covariance, sum(state.window.left.shape[1] for state in states))
+
+
+def motions_of(camera: Pinhole, baseline_m: float, window: Window) -> list[SE3]:
+    """Return T_view_first of the left camera in every instant."""
+    state = _State(camera, baseline_m, window)
+    _solve([state])
+    return state.T_view_first
+
+
+def _solve(states: Sequence[_State]) -> tuple[Array, Array]:
+    """Move all states to what explains their pixels; return the two numbers of the disparity and their information."""
     columns: Array = np.zeros(NUM_COLUMNS)
     normal = prior = np.eye(NUM_COLUMNS) / PRIOR_PX**2
     for step in range(NUM_STEPS):
@@ -117,10 +97,7 @@ def fit_columns(camera: Pinhole, baseline_m: float, windows: Sequence[Window]) -
         columns = columns + change
         for state, part in zip(states, reduced, strict=True):
             state.move(part, change)
-    variance = sum(state.squares for state in states) / max(sum(state.freedom for state in states), 1.0)
-    covariance = np.asarray(np.linalg.inv(normal) * (max(variance, 1e-6) * DEPENDENCE**2), np.float64)
-    covariance = covariance + np.diag(FLOOR_PX**2)
-    return ColumnFit(columns, covariance, sum(state.window.left.shape[1] for state in states))
+    return columns, normal
 
 
 @dataclass(frozen=True, eq=False)
