@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from weakref import WeakKeyDictionary
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +15,18 @@ MIN_SIDE = 96  # px; 1024 rows become 128
 SURFACE_RATIO = 1.1  # ranges within this ratio of the nearest in a block are one surface
 
 
+_known: WeakKeyDictionary[Sphere, Sphere] = WeakKeyDictionary()  # as long as the large ones are
+
+
 def coarse_sphere(sphere: Sphere) -> Sphere:
-    """Return the grey sphere, halved as often as no side gets shorter than `MIN_SIDE`."""
+    """Return the grey sphere, halved as often as no side gets shorter than `MIN_SIDE`; kept with the large one."""
+    small = _known.get(sphere)
+    if small is None:
+        small = _known[sphere] = _halved(sphere)
+    return small
+
+
+def _halved(sphere: Sphere) -> Sphere:
     camera, factor = sphere.camera, 1
     while _can_halve(camera):
         camera, factor = camera.halve(), 2 * factor

@@ -100,8 +100,8 @@ class Overlaps:
         for pair in self.pairs:
             if {pair.first, pair.second} <= set(images):
                 sides = (pair.first, pair.second)
-                details = (pair.block.cut(logs[k]) for k in sides)
-                fits = pair.chosen & is_same(*details, pair.both, pair.share)
+                one, other = (pair.block.cut(logs[k]) for k in sides)
+                fits = pair.chosen & is_same(one, other, pair.both, pair.share)
                 first, second = (pair.block.cut(planes[k])[fits].astype(np.float64) for k in sides)
                 good = np.all((np.minimum(first, second) > DARKEST) & (np.maximum(first, second) < BRIGHTEST), axis=1)
                 if np.count_nonzero(good) >= MIN_SHARED:
@@ -144,11 +144,11 @@ def _angles(rig_view: RigView, points: Array) -> Array:
 
 def _mean_logarithm(plane: Plane) -> Plane:
     """Return the mean (h, w) over the channels of the logarithms of levels (h, w, channels)."""
-    logs = np.log(np.maximum(plane, np.float32(1.0)))
+    logs: Plane = np.log(np.maximum(plane, np.float32(1.0)))
     total = logs[:, :, 0]
     for channel in range(1, logs.shape[2]):  # NumPy's sum along so short an axis takes several times as long
         total = total + logs[:, :, channel]
-    return total / np.float32(logs.shape[2])
+    return np.asarray(total / logs.shape[2], np.float32)
 
 
 def _mean(plane: Plane) -> Plane:

@@ -130,9 +130,7 @@ class Stitcher:
         """
         found, gains = self.equalize(images)
         greys = {name: _grey(image) for name, image in found.items()}
-        sources, planes, bottom = self._ranges(
-            greys
-        )  # exchanged levels are named here, before lenses are blamed for them
+        sources, planes, bottom = self._ranges(greys)  # names exchanged levels, before lenses are blamed for them
         if not self._has_lenses and self.params.range != "none":  # once is enough: lenses do not change
             check_lenses(self.rig, greys)
             self._has_lenses = True
@@ -285,13 +283,16 @@ def _to_common_centre(ranged: Ranged, planes: Ranged | None, layout: Layout) -> 
     """Return what is measured, and what planes say elsewhere, as from the sphere's centre."""
     if planes is None:
         return to_common_centre(*ranged, layout), None
-    is_filled = ~np.isnan(planes[0])
+    is_filled = np.flatnonzero(~np.isnan(planes[0]))
     for values, others, sign in zip(ranged, planes, (1.0, -1.0), strict=True):
-        values[is_filled] = sign * others[is_filled]  # the minus sign takes the mark along
-    range_m, std_m = to_common_centre(*ranged, layout)
-    is_filled, nan = std_m < 0, np.float32(np.nan)
-    measured = np.where(is_filled, nan, range_m), np.where(is_filled, nan, std_m)
-    return measured, (np.where(is_filled, range_m, nan), np.where(is_filled, -std_m, nan))
+        np.put(values, is_filled, np.float32(sign) * others.take(is_filled))  # the minus sign takes the mark along
+    measured = to_common_centre(*ranged, layout)
+    is_filled = np.flatnonzero(measured[1] < 0)
+    filled = np.full_like(measured[0], np.nan), np.full_like(measured[1], np.nan)
+    for values, others, sign in zip(filled, measured, (1.0, -1.0), strict=True):
+        np.put(values, is_filled, np.float32(sign) * others.take(is_filled))
+        np.put(others, is_filled, np.float32(np.nan))
+    return measured, filled
 
 
 def _grey(image: Image) -> Image:
