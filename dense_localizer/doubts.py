@@ -13,11 +13,14 @@ from dense_localizer.params import LocalizerParams
 from dense_localizer.place import Place
 from dense_localizer.reference import References
 from localization.status import FINE, Finding, Reason, State
-from photometric.structure import view_residuals
+from photometric.structure import EVERYTHING, NOTHING, Aspect, view_residuals
 
-PERIOD = 10  # images in TRACKING, of which one is looked at closely
-MAP_PHASE = PERIOD // 2  # and another one placed by each reference alone: never both at once
-REJECTION_PHASE = PERIOD // 4  # and of another one is counted what the map does not explain
+# Each is asked of one image in so many in TRACKING, and no two of the same one: to ask all of one takes as long as to
+# align it.
+PERIOD = 10
+ASKED = {0: Aspect.FIT, 3: Aspect.HIDDEN, 6: Aspect.LIGHT}
+MAP_PHASE = 5  # that image is placed by each reference alone
+REJECTION_PHASE = 2  # of that one is counted what the map does not explain
 
 
 class Doubts:
@@ -41,9 +44,11 @@ class Doubts:
         self._is_refused = bool(frame.images)  # until it is placed
         self._odometry.drive(frame.T_odom_camera, is_trusted=state is State.TRACKING)
 
-    def is_due(self, state: State) -> bool:
-        """Whether the next image is looked at closely."""
-        return state is not State.TRACKING or self._is_hidden or self._count % PERIOD == 0
+    def asked(self, state: State) -> Aspect:
+        """Return what the residuals of the next image are asked."""
+        if state is not State.TRACKING or self._is_hidden:
+            return EVERYTHING
+        return ASKED.get(self._count % PERIOD, NOTHING)
 
     def begin(self, frame: Frame, place: Place) -> None:
         """Take note of a place that a search has found."""

@@ -92,7 +92,7 @@ class Localizer:
         """Carry the pose from the last image to this one."""
         if not frame.images:
             return self._go_blind(frame, frame.finding)
-        place, prediction = self._tracker.locate(frame, is_thorough=self._doubts.is_due(self._states.state))
+        place, prediction = self._tracker.locate(frame, self._doubts.asked(self._states.state))
         go_on = self._accept if place.verdict.is_accepted else self._propagate
         return go_on(frame, place, prediction)
 

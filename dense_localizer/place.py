@@ -18,7 +18,7 @@ from photometric import Alignment, Pyramid, RegistrationParams
 from photometric.hidden_part import MIN_SHARE
 from photometric.pull import Pull
 from photometric.rig import RigImage, register_rig
-from photometric.structure import find_rig_structure
+from photometric.structure import EVERYTHING, Aspect, find_rig_structure
 from sphere_geometry import SE3, FrameMotion
 
 USUALLY = 0.97  # of the usual correlation, below which an image is looked at closely
@@ -71,12 +71,12 @@ def locate(
     params: LocalizerParams,
     T_map_camera: SE3,
     prediction: Prediction | None = None,
-    is_thorough: bool = True,
+    asked: Aspect = EVERYTHING,
     usual_ncc: float = 0.0,
 ) -> Place:
     """Place images from a first guess of their pose (M15 eq. 17-19); every jump is allowed without a prediction.
 
-    Where `is_thorough`, or the images resemble the map less than usual, the structure of residuals is looked at.
+    Residuals are `asked` some of what they tell; all of it where the images resemble the map less than usual.
     """
     followed = prediction is not None
     choices = [
@@ -94,8 +94,9 @@ def locate(
     motion = prediction.frame_motion(params.camera.readout) if prediction is not None else None
     alignment = register_rig(seen, T_map_camera, registration, motion)
     structure, is_hidden, is_pulled, left = None, False, False, np.zeros((6, 6))
-    if alignment.is_converged and (is_thorough or alignment.ncc < USUALLY * usual_ncc):
-        structure = find_rig_structure(seen, alignment, registration, motion)
+    asked = EVERYTHING if alignment.ncc < USUALLY * usual_ncc else asked
+    if alignment.is_converged and asked:
+        structure = find_rig_structure(seen, alignment, registration, motion, asked)
         is_hidden = structure.hidden.share >= MIN_SHARE
         is_pulled = is_hidden and pulls_far(structure.hidden, params.acceptance)
         if is_hidden:

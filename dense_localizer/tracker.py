@@ -15,6 +15,7 @@ from dense_localizer.reference import References
 from dense_localizer.visual_odometry import VisualOdometry
 from localization.status import Finding, Reason
 from photometric.rig import RigImage
+from photometric.structure import Aspect
 
 CONTRADICTED = Finding(Reason.JUMP_REJECTED, detail="the map fits elsewhere than the last images say")
 
@@ -43,13 +44,16 @@ class Tracker:
         """Take note of the images that will be the last ones."""
         self._inter_frame.before = frame.images
 
-    def locate(self, frame: Frame, *, is_thorough: bool) -> tuple[Place, Prediction]:
-        """Place images by the map: the likeliest prediction first, others where it fails; refused as by the first."""
+    def locate(self, frame: Frame, asked: Aspect) -> tuple[Place, Prediction]:
+        """Place images by the map: the likeliest prediction first, others where it fails; refused as by the first.
+
+        `asked` is what their residuals are asked.
+        """
         refused: tuple[Place, Prediction] | None = None
         self._by_images = None
         measures = partial(self._inter_frame.refine, frame.images), partial(self._inter_frame.measure, frame.images)
         for prediction in self._prior.predictions(frame.stamp_ns, frame.T_odom_camera, *measures):
-            args = self._references, self._params, prediction.T_map_camera, prediction, is_thorough
+            args = self._references, self._params, prediction.T_map_camera, prediction, asked
             place = locate(frame.images, *args, self._odometry.usual_ncc)
             if place.verdict.is_accepted:
                 place = self._compare(frame, place, prediction)

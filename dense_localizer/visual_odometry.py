@@ -24,7 +24,7 @@ from photometric import Alignment, RegistrationParams, View, prepare_reference
 from photometric.problem import MAX_VIEWS
 from photometric.range_of_view import range_of_view
 from photometric.rig import RigImage, register_rig, share_pixels
-from photometric.structure import find_rig_structure
+from photometric.structure import Aspect, find_rig_structure
 from sphere_geometry import SE3
 
 Array = NDArray[np.float64]
@@ -179,7 +179,8 @@ def agreement_at(
     registration = replace(
         params.registration, pyramid=replace(params.registration.pyramid, finest=min(level, coarsest))
     )
-    return find_rig_structure(seen, replace(found, T_world_camera=prediction.T_map_camera), registration).agreement
+    there = replace(found, T_world_camera=prediction.T_map_camera)
+    return find_rig_structure(seen, there, registration, asked=Aspect.FIT).agreement
 
 
 def finest_level(images: Sequence[RigImage], params: LocalizerParams) -> int:

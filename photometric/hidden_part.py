@@ -3,8 +3,9 @@
 Something before the camera that moves with it - a load, a hand, a bonnet, a queue - is no outlier to a robust weight
 once it fills a third of the view: its edges hold the pose back while the vehicle goes on. The evidence: over a grid of
 cells of the image, the mean cosine between the gradients of image and references. Cells that show the map agree, cells
-that show something else do not, whatever pose has been found. The pose by the agreeing cells alone, found by a few
-steps, says how far the others pull.
+that show something else do not, whatever pose has been found. Faint gradients, noise, edges seen from elsewhere and
+another resolution make pixels of a cell scatter: it is hidden only where its mean is surely too low for that scatter.
+The pose by the agreeing cells alone, found by a few steps, says how far the hidden ones pull.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ COLUMNS, ROWS = 8, 6  # cells of an image
 MIN_PIXELS, MIN_OF_VIEW = 12, 50  # of a cell, to be judged; of a view, to be asked
 TYPICAL = 0.75  # quantile of the cells' cosines that counts as agreement
 MIN_RATIO = 0.5  # of it, below which a cell shows something else
+SURE_SIGMAS = 3.0  # of the mean of a cell, that it must lie below: by chance one cell in 700 that is just there
 MIN_LEFT = 0.3  # of the pixels, below which nothing can be said without the others
 MIN_SHARE = 0.1  # of the texture, below which nothing is hidden
 NUM_STEPS = 6
@@ -90,18 +92,23 @@ def _strength(sample: Sample) -> Array:
 
 
 def _cells_that_agree(samples: Sequence[Sample]) -> NDArray[np.bool_]:
-    """Return for each cell of an image whether it shows what the references do; true where it cannot be judged."""
-    agreeing, total, number = np.zeros((3, COLUMNS * ROWS))
-    for sample in samples:
-        cell, (cosine, weight) = _cell(sample), cosines(sample)
-        agreeing += np.bincount(cell, weight * cosine, COLUMNS * ROWS)
-        total += np.bincount(cell, weight, COLUMNS * ROWS)
-        number += np.bincount(cell, minlength=COLUMNS * ROWS)
+    """Return for each cell of an image whether it shows what the references do; true where that is not sure."""
+    cell = np.concatenate([_cell(sample) for sample in samples]) if samples else np.zeros(0, np.int64)
+    agreement = [cosines(sample) for sample in samples]
+    cosine, weight = (np.concatenate(parts) for parts in zip(*agreement, strict=True)) if samples else np.zeros((2, 0))
+    total, number = _sum(cell, weight), _sum(cell, np.ones(len(cell)))
     is_judged = (number >= MIN_PIXELS) & (total > 0.0)
     if not is_judged.any():
         return np.ones(COLUMNS * ROWS, bool)
-    cosine = np.divide(agreeing, total, where=is_judged, out=np.ones(COLUMNS * ROWS))
-    return cosine >= MIN_RATIO * float(np.quantile(cosine[is_judged], TYPICAL))
+    mean = _sum(cell, weight * cosine) / np.maximum(total, TINY)
+    variance = _sum(cell, (weight * (cosine - mean[cell])) ** 2) / np.maximum(total, TINY) ** 2
+    limit = MIN_RATIO * float(np.quantile(mean[is_judged], TYPICAL))
+    return ~is_judged | (mean + SURE_SIGMAS * np.sqrt(variance) >= limit)
+
+
+def _sum(cell: NDArray[np.int64], values: Array) -> Array:
+    """Return the sum of values (N,) in each cell."""
+    return np.asarray(np.bincount(cell, values, COLUMNS * ROWS), np.float64)
 
 
 def _cell(sample: Sample) -> NDArray[np.int64]:

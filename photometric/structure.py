@@ -2,13 +2,14 @@
 
 Grey levels of smooth surfaces correlate by chance wherever a fit may slide; their gradients do not. A wrong lens leaves
 residuals that point to the centre of the image or away from it; light: `uneven_light.py`; what stands before the
-camera: `hidden_part.py`. All is asked of a few thousand pixels.
+camera: `hidden_part.py`. All is asked of a few thousand pixels, together or one after the other in different images.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from enum import Flag, auto
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,9 +32,20 @@ MIN_PIXELS = 100
 RIDGE = 1e-9
 
 
+class Aspect(Flag):
+    """What may be asked of residuals: gradients and lens, a hidden part of the view, light that varies over it."""
+
+    FIT = auto()
+    HIDDEN = auto()
+    LIGHT = auto()
+
+
+NOTHING, EVERYTHING = Aspect(0), Aspect.FIT | Aspect.HIDDEN | Aspect.LIGHT
+
+
 @dataclass(frozen=True)
 class Structure:
-    """What the residuals of an alignment look like.
+    """What the residuals of an alignment look like; what was not asked is as if nothing were wrong.
 
     agreement is the mean cosine -1...1 between the gradients of image and references. stretch is by how much the image
     is larger about its centre than the lens says, as a share, with its standard deviation; 0 and infinite where no lens
@@ -41,7 +53,7 @@ class Structure:
     hides a part of it.
     """
 
-    agreement: float
+    agreement: float = 1.0
     stretch: float = 0.0
     stretch_sigma: float = np.inf
     pull: Pull = NO_PULL
@@ -49,7 +61,11 @@ class Structure:
 
 
 def find_rig_structure(
-    images: Sequence[RigImage], alignment: Alignment, params: RegistrationParams, motion: FrameMotion | None = None
+    images: Sequence[RigImage],
+    alignment: Alignment,
+    params: RegistrationParams,
+    motion: FrameMotion | None = None,
+    asked: Aspect = EVERYTHING,
 ) -> Structure:
     """Look at an alignment of `register_rig`: the mean agreement, the lens that is most surely wrong, the pull of all.
 
@@ -63,18 +79,27 @@ def find_rig_structure(
         ]
 
     look: Look = look_at
-    cameras, found = look(alignment.T_world_camera), []
+    pose = alignment.T_world_camera
+    cameras = look(pose)
+    found = _find_fit(images, cameras, params) if Aspect.FIT in asked else Structure()
+    if Aspect.HIDDEN in asked:
+        found = replace(found, hidden=find_hidden(look, cameras, pose, params))
+    if Aspect.LIGHT not in asked:
+        return found
+    if found.hidden.share >= MIN_SHARE:  # of the light, what is free of the view tells more
+        look, pose = free_of(look), pose @ SE3.exp(found.hidden.xi)
+        cameras = look(pose)
+    return replace(found, pull=find_pull(look, cameras, pose, params))
+
+
+def _find_fit(images: Sequence[RigImage], cameras: Cameras, params: RegistrationParams) -> Structure:
+    """Return the mean agreement of gradients and the stretch that is most sure."""
+    found = []
     for image, (_, usable) in zip(images, cameras, strict=True):
         has_lens = not isinstance(image.pyramid.cameras[0], Spherical)
         found.append(Structure(_agreement(usable), *_stretch(usable, params, has_lens=has_lens)))
     surest = max(found, key=lambda one: abs(one.stretch) / one.stretch_sigma)
-    agreement = float(np.mean([one.agreement for one in found]))
-    hidden = find_hidden(look, cameras, alignment.T_world_camera, params)
-    pose = alignment.T_world_camera
-    if hidden.share >= MIN_SHARE:  # of the light, what is free of the view tells more
-        look, pose = free_of(look), pose @ SE3.exp(hidden.xi)
-        cameras = look(pose)
-    return replace(surest, agreement=agreement, pull=find_pull(look, cameras, pose, params), hidden=hidden)
+    return replace(surest, agreement=float(np.mean([one.agreement for one in found])))
 
 
 def find_structure(

@@ -1,12 +1,15 @@
 from dataclasses import replace
+from functools import reduce
+from operator import or_
 
 import numpy as np
 import pytest
 
-from dense_localizer.doubts import MAP_PHASE, PERIOD, Doubts
+from dense_localizer.doubts import ASKED, MAP_PHASE, PERIOD, REJECTION_PHASE, Doubts
 from dense_localizer.params import LocalizerParams
 from dense_localizer.reference import References
 from localization.status import TRUSTED, State
+from photometric.structure import EVERYTHING
 from sphere_geometry import SE3
 from worlds.localizer import PINHOLE, STEP_NS, Run, at, drive, error, make_localizer, make_map
 from worlds.room import Room
@@ -14,9 +17,14 @@ from worlds.room import Room
 
 def test_every_image_is_looked_at_closely_until_the_pose_is_trusted(room_map):
     doubts = Doubts(References(room_map, LocalizerParams()), LocalizerParams())
-    assert all(doubts.is_due(state) for state in State if state is not State.TRACKING)
-    assert doubts.is_due(State.TRACKING)  # the first
-    assert 0 < MAP_PHASE < PERIOD  # never both at once
+    assert all(doubts.asked(state) is EVERYTHING for state in State if state is not State.TRACKING)
+
+
+def test_in_ten_images_in_tracking_all_is_asked_and_of_none_two_things():
+    phases = [*ASKED, MAP_PHASE - 1, REJECTION_PHASE - 1]  # those two are counted after the image
+    assert len(set(phases)) == len(phases)
+    assert max(phases) < PERIOD
+    assert reduce(or_, ASKED.values()) is EVERYTHING
 
 
 def test_a_wrong_lens_never_tracks(room, room_map):

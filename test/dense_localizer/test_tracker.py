@@ -10,6 +10,7 @@ from dense_localizer.tracker import Tracker
 from localization.status import FINE
 from photometric import build_pyramid
 from photometric.rig import RigImage
+from photometric.structure import EVERYTHING
 from sphere_geometry import SE3
 from typed_params import build
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, at, make_map
@@ -28,7 +29,7 @@ class Track:
         self.k += 1
         image = RigImage(build_pyramid((room or self.room).photograph(PINHOLE, pose, self.k), PINHOLE))
         frame = Frame(self.k * STEP_NS, FINE, (image,), None)
-        place, prediction = self.tracker.locate(frame, is_thorough=True)
+        place, prediction = self.tracker.locate(frame, EVERYTHING)
         other = None if place.verdict.is_accepted else self.tracker.propagate(frame, place, prediction)
         found = place if place.verdict.is_accepted else other
         if found is not None:

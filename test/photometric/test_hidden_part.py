@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
-from photometric.hidden_part import MIN_SHARE
+from photometric.hidden_part import MIN_SHARE, find_hidden
 from photometric.rig import RigImage
+from photometric.samples import Sample
 from photometric.structure import find_rig_structure, find_structure
 from sphere_geometry import SE3, Pinhole, Spherical
 from worlds.room import Room
@@ -81,6 +82,43 @@ def test_the_pose_by_what_is_free_is_found(pose, seed):
     hidden = find_structure(pyramid, views, found, PARAMS).hidden
     assert hidden.share >= MIN_SHARE
     assert (found.T_world_camera @ SE3.exp(hidden.xi)).distance(pose)[0] < min(0.1, 0.3 * off)
+
+
+def gradients(angle, strength, at):
+    """Return pixels at places of the image whose gradients are turned against those of the reference."""
+    rng, ray = np.random.default_rng(3), np.column_stack([0.5 * at, np.ones(len(at))])
+    first = rng.uniform(0.0, 2 * np.pi, len(at))
+    rows = [strength[:, None] * np.column_stack([np.cos(a), np.sin(a), 0 * a]) for a in (first, first + angle)]
+    length = np.linalg.norm(ray, axis=1, keepdims=True)
+    zeros = np.zeros(len(at))
+    return Sample(ray, rows[0] / length, rows[1] / length, zeros, zeros, zeros, at)
+
+
+def share_of(sample):
+    cameras = [(None, [sample])]
+    return find_hidden(lambda _: cameras, cameras, SE3.identity(), PARAMS).share
+
+
+def test_pixels_that_scatter_hide_nothing_and_as_many_that_agree_on_it_do():
+    rng = np.random.default_rng(1)
+    at = rng.uniform(-1.0, 1.0, (2048, 2))
+    is_left = at[:, 0] < -0.2
+    seen, other = rng.normal(0.0, 0.5, 2048), rng.uniform(-np.pi, np.pi, 2048)
+    few = np.where(rng.uniform(size=2048) < 0.08, 20.0, 1.0)  # strong edges
+    moved = is_left & (few > 1.0)  # seen from elsewhere
+    assert share_of(gradients(np.where(is_left, other, seen), np.ones(2048), at)) > 0.3
+    assert share_of(gradients(seen, few, at)) == 0.0
+    assert share_of(gradients(np.where(moved, other, seen), few, at)) < MIN_SHARE
+
+
+def test_a_cell_as_low_as_the_limit_is_seldom_called_hidden():
+    rng, shares = np.random.default_rng(2), []
+    for _ in range(100):
+        at = rng.uniform(-1.0, 1.0, (2048, 2))
+        angle = rng.normal(0.0, 0.5, 2048)  # mean cosine 0.88, of the left half 0.44
+        angle[at[:, 0] < 0.0] = rng.normal(0.0, 1.28, np.sum(at[:, 0] < 0.0))
+        shares.append(share_of(gradients(angle, np.ones(2048), at)))
+    assert 48 * np.mean(shares) < 0.02 * 24  # cells
 
 
 def test_what_hides_the_view_of_a_camera_pulls_its_body(soft, views):
