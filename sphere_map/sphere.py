@@ -61,7 +61,9 @@ class Sphere:
     @property
     def levels(self) -> Image | NDArray[np.float32]:
         """The same, as bytes where the image is grey."""
-        return continued(self.image, self.is_seen) if self.image.ndim == 2 else self.grey
+        if self.image.ndim == 3:
+            return self.grey
+        return self.image if self.image.min() > UNSEEN else continued(self.image, self.is_seen)
 
     @cached_property
     def is_seen(self) -> NDArray[np.bool_]:
