@@ -63,6 +63,7 @@ OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and
     "camera.exposure.is_automatic": True,
     "camera.exposure.white_balance": 0.03,
 }
+PATIENCE_S = 30.0  # that simulated time waits for a computer that does other things, too
 WARM_UP = "import photometric; photometric.warm_up(); from sphere_mapping.acquisition import kernels; kernels.warm_up()"
 RIG_TOPICS = " ".join(f"/cameras/{name}/image_raw /cameras/{name}/camera_info" for name in camera_names("vertical"))
 TEACH_TOPICS = f"{RIG_TOPICS} /odom /ground_truth/odometry /tf_static"
@@ -163,7 +164,7 @@ class Demo:
                     "use_sim_time": True,
                 },
             )
-            processes.start("cycab_sim", self.simulation | OTHER_DAY | {"mode": "drive"})
+            processes.start("cycab_sim", self.simulation | OTHER_DAY | {"mode": "drive", "clock.max_wait": PATIENCE_S})
             watch.wait("localisation", lambda: watch.localizer.startswith("TRACKING"), is_moving=False)
             watch.start_following()
             self.follow(watch, "drive by the camera", lambda: has_ended(watch.follower))
