@@ -14,7 +14,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, ChunkIndex, Message, Schema, Statistics
 
 from node_kit.bag_error import BagError
-from node_kit.unpack import unpack
+from node_kit.unpack import unpack, unpack_large
 
 MAX_CHUNK = 1 << 28  # bytes after decompression; one message of a chunk is the least that is read at once
 MAX_RECORDS = 1 << 20  # in one chunk
@@ -75,15 +75,30 @@ def chunk_at(stream: BinaryIO, place: int, size: int) -> ChunkRecord:
 
 def records_of_chunk(stream: BinaryIO, chunk: ChunkRecord) -> bytes:
     """Return the decompressed, verified records of a chunk; BagError if it is damaged or its size is absurd."""
-    where, expected = f"chunk at byte {chunk.begin}", chunk.plain_size
-    if max(expected, chunk.end - chunk.data_begin) > MAX_CHUNK:
-        raise BagError(f"{where}: expected at most {MAX_CHUNK} bytes, found {expected}")
-    plain = unpack(read_at(stream, chunk.data_begin, chunk.end - chunk.data_begin), chunk.compression, expected)
-    if len(plain) != expected:
-        raise BagError(f"{where}: expected {expected} bytes after decompression, found {len(plain)}")
+    plain = unpack(_packed(stream, chunk), chunk.compression, chunk.plain_size)
+    _verify(plain, chunk)
+    return plain
+
+
+def view_of_chunk(stream: BinaryIO, chunk: ChunkRecord) -> memoryview:
+    """Return `records_of_chunk` for one that is read as a whole: what `parsed` yields of it lies in it."""
+    plain = unpack_large(_packed(stream, chunk), chunk.compression, chunk.plain_size)
+    _verify(plain, chunk)
+    return plain
+
+
+def _packed(stream: BinaryIO, chunk: ChunkRecord) -> bytes:
+    if max(chunk.plain_size, chunk.end - chunk.data_begin) > MAX_CHUNK:
+        raise BagError(f"chunk at byte {chunk.begin}: expected at most {MAX_CHUNK} bytes, found {chunk.plain_size}")
+    return read_at(stream, chunk.data_begin, chunk.end - chunk.data_begin)
+
+
+def _verify(plain: bytes | memoryview, chunk: ChunkRecord) -> None:
+    where = f"chunk at byte {chunk.begin}"
+    if len(plain) != chunk.plain_size:
+        raise BagError(f"{where}: expected {chunk.plain_size} bytes after decompression, found {len(plain)}")
     if chunk.crc and (found := zlib.crc32(plain)) != chunk.crc:
         raise BagError(f"{where}: checksum: expected {chunk.crc:08x}, found {found:08x}")
-    return plain
 
 
 def parsed(plain: bytes | memoryview) -> Iterator[Record]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import heapq
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from mcap.records import Channel, ChunkIndex, Message
 from mcap.summary import Summary
 
 from node_kit.bag_error import BagError
-from node_kit.mcap_chunk import chunk_at, message_from, parsed, read_at, records_of_chunk
+from node_kit.mcap_chunk import ChunkRecord, chunk_at, message_from, parsed, read_at, records_of_chunk, view_of_chunk
 from node_kit.mcap_salvage import MAX_FILE, readable_part
 from node_kit.mcap_summary import FOOTER, MAGIC, Loose, read_summary, scan
 from sphere_geometry.files import open_file
@@ -60,7 +60,7 @@ class McapFile:
     def chunk(self, index: ChunkIndex) -> list[tuple[Channel, Message]]:
         """Return the messages of one chunk in the order of the file, not copied; BagError if it is damaged."""
         try:
-            return list(self._chunk(index.chunk_start_offset, memoryview))
+            return list(self._chunk(index.chunk_start_offset, view_of_chunk))
         except BagError as error:
             raise self._name(error) from None
 
@@ -94,11 +94,11 @@ class McapFile:
         return self._channel(message), message
 
     def _chunk(
-        self, offset: int, wrap: Callable[[bytes], bytes | memoryview] = bytes
+        self, offset: int, read: Callable[[BinaryIO, ChunkRecord], bytes | memoryview] = records_of_chunk
     ) -> Iterator[tuple[Channel, Message]]:
         chunk = chunk_at(self.stream, offset, self.size)
         try:
-            for record in parsed(wrap(records_of_chunk(self.stream, chunk))):
+            for record in parsed(read(self.stream, chunk)):
                 if isinstance(record, Message):
                     yield self._channel(record), record
         except BagError as error:
