@@ -35,7 +35,7 @@ def warm_up(params: FilterParams) -> None:
         correlate_part(visual_features(grey, is_seen), stack, num_headings, np.arange(len(stack)))
     PartialFilter.of(stack, np.arange(len(stack))).curves(visual_features(grey, grey > 10.0), num_headings)
     MatchedFilter.of(stack, np.arange(len(stack))).curves(visual_features(grey), num_headings)
-    joint, mask = JointEvidence(1.0), np.ones((8, 8), np.bool_)
-    for _ in range(1 + STEP_EVERY):
-        total = joint.add(np.zeros((num_headings, 8, 8), np.float32), np.zeros(3))
+    joint, mask = JointEvidence(1.0, 1.0), np.ones((8, 8), np.bool_)
+    for number in range(1 + STEP_EVERY):
+        total = joint.add(np.zeros((num_headings, 8, 8), np.float32), np.array([number, 0.0, 0.0]))
     find_maxima(total, mask)

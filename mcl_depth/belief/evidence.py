@@ -88,7 +88,7 @@ class Evidence:
         """`max_chance`: a place that was accepted is chance so often."""
         self._grid, self._max_chance = grid, max_chance
         self._is_small = len(grid.positions) < MIN_PLACES
-        self._joint, self._mirrored = JointEvidence(grid.edge), JointEvidence(grid.edge)
+        self._joint, self._mirrored = (JointEvidence(grid.edge, grid.diagonal) for _ in range(2))
         self._watch = Watch()
         self.reset()
 

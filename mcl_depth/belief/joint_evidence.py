@@ -5,6 +5,9 @@ cells and steps of headings are moved; what is left of the way is remembered for
 twice. Odometry errs: every second image, and after a long way, a pose may also come from a neighbouring cell or
 heading, at a cost. That is the algorithm of Viterbi (1967) on the grid: each element holds the evidence of the best
 way that ends there.
+
+Evidence is counted by the way, not by the image: what images of one street say, right or wrong, is alike over about a
+metre, so the second of two that are nearer says only what is left. An image counts in full after a cell's diagonal.
 """
 
 from __future__ import annotations
@@ -18,37 +21,45 @@ from mcl_depth.belief.motion_model import relative_motion
 Array = NDArray[np.float64]
 Field = NDArray[np.float32]  # (A, X, Y) by heading and cell
 
-FORGETTING = np.float32(0.97)  # of what was known, with every image: some thirty images count
+FORGETTING = np.float32(0.97)  # of what was known, with every image that counts in full: some thirty of them count
 COST = np.float32(2.5)  # of a step to the next cell or heading, in standard deviations of a field
-STEP_EVERY = 2  # images
+STEP_EVERY = 2  # images that count in full
+NEW_TURN = 1.0  # rad, after which an image counts in full: a part of the sphere sees other things
 WAY_SHARE, MAX_STEPS = 0.08, 3  # standard deviation of a way by odometry; cells that one way is followed beside it
+NEARLY = 0.05  # of an image that counts in full: ways of odometry are not exact
 UNKNOWN = np.float32(0.0)  # evidence of a place that was off the map
 
 
 class JointEvidence:
     """The sum, as of the last image."""
 
-    def __init__(self, edge: float) -> None:
-        """`edge` m is that of a cell."""
-        self._edge = edge
+    def __init__(self, edge: float, new_way: float) -> None:
+        """`edge` m is that of an element; after `new_way` m an image counts in full."""
+        self._edge, self._new_way = edge, new_way
         self.reset()
 
     def reset(self) -> None:
         """Forget all images."""
         self.total: Field | None = None
-        self._num_images = 0
+        self._num_images = 0.0  # that count in full, since odometry was last let err
         self._last = np.zeros(3)  # odometry
 
     def add(self, field: Field, odometry: Array | None) -> Field:
         """Add the field of an image taken at `odometry` (3,); return the sum. Without odometry it stands alone."""
         if self.total is None or odometry is None:
-            self.total, self._num_images = field.copy(), 1
+            self.total, self._num_images = field.copy(), 1.0
             self._rests, self._turn = np.zeros((len(field), 2)), 0.0
         else:
-            self.total = FORGETTING * self._propagate(self.total, relative_motion(self._last, odometry)) + field
-            self._num_images += 1
+            motion = relative_motion(self._last, odometry)
+            news = self._news(motion)
+            self.total = FORGETTING ** np.float32(news) * self._propagate(self.total, motion) + np.float32(news) * field
+            self._num_images += news
         self._last = odometry if odometry is not None else np.zeros(3)
         return self.total
+
+    def _news(self, motion: Array) -> float:
+        """Return how much of an image counts after a motion (3,), 0 to 1."""
+        return min(float(np.hypot(motion[0], motion[1])) / self._new_way + abs(float(motion[2])) / NEW_TURN, 1.0)
 
     def _propagate(self, total: Field, motion: Array) -> Field:
         """Return the sum for the poses after a motion (3,) in the vehicle's axes."""
@@ -72,4 +83,7 @@ class JointEvidence:
     def _num_steps(self, way: float) -> int:
         """Return by how many cells odometry may have erred on a way, m: images that are far apart need more of them."""
         far = int(WAY_SHARE * way / (0.5 * self._edge))
-        return min(max(far, int(self._num_images % STEP_EVERY == 0)), MAX_STEPS)
+        is_due = self._num_images >= STEP_EVERY - NEARLY
+        if is_due:
+            self._num_images -= STEP_EVERY
+        return min(max(far, int(is_due)), MAX_STEPS)

@@ -26,7 +26,7 @@ class SurveyGrid:
         middle_cells = coarse * stride + stride // 2
         is_there = np.isin(_keys(middle_cells), _keys(cells))
         chosen = np.where(is_there[:, None], middle_cells, cells[first])
-        self.edge = depth_map.edge * stride
+        self.edge, self.diagonal = depth_map.edge * stride, float(np.sqrt(2.0)) * depth_map.edge  # m, of a cell
         self.positions = (chosen + 0.5) * depth_map.edge  # (K, 2) m, compared
         self._low = coarse.min(axis=0)
         self.index = coarse - self._low  # (K, 2)

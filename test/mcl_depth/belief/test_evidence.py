@@ -125,7 +125,7 @@ def test_without_odometry_every_image_stands_alone():
 
 def joint_of(field, motions):
     """The sum after an image of `field` and images that say nothing, each after one of the motions."""
-    joint, pose = JointEvidence(EDGE), np.array([3.0, -1.0, 0.7])
+    joint, pose = JointEvidence(EDGE, 2 * EDGE), np.array([3.0, -1.0, 0.7])
     total = joint.add(field, pose)
     for motion in motions:
         pose = compose_planar(pose[None], np.array(motion))[0]
@@ -157,10 +157,37 @@ def test_parts_of_a_cell_and_of_a_heading_are_not_lost():
 def test_odometry_may_err_by_a_cell_and_a_heading():
     field = np.zeros((NUM_HEADINGS, 12, 12), np.float32)
     field[0, 3, 5] = 6.0
-    total = joint_of(field, [(0.0, 0.0, 0.0)] * 2)  # the second step relaxes
+    total = joint_of(field, [(2 * EDGE, 0.0, 0.0), (-2 * EDGE, 0.0, 0.0)])  # the second step relaxes
     assert total[0, 4, 5] == total[1, 3, 5] == pytest.approx(FORGETTING * (6.0 * FORGETTING - COST))
     assert total[1, 4, 5] == pytest.approx(FORGETTING * (6.0 * FORGETTING - 2.0 * COST))
     assert total[2, 3, 5] == 0.0
+
+
+def test_near_images_count_by_the_way_between_them():
+    fields = np.random.default_rng(3).normal(size=(2, NUM_HEADINGS, 12, 12)).astype(np.float32)
+    fields[:, 1:] = -9.0  # one heading, so that all moves alike
+    sums = []
+    for share in (1.0, 0.5, 0.0):
+        joint = JointEvidence(EDGE, 4 * EDGE)
+        joint.add(fields[0], np.zeros(3))
+        sums.append(joint.add(fields[1], np.array([0.0, 4 * EDGE * share, 0.0])))
+    np.testing.assert_array_equal(sums[2], fields[0])  # seen again from the same place: nothing new
+    whole = fields[1][0, :, 4:] + FORGETTING * fields[0][0, :, :-4]
+    np.testing.assert_allclose(sums[0][0, :, 4:], whole, rtol=1e-5, atol=1e-6)
+    half = 0.5 * fields[1][0, :, 2:] + np.sqrt(FORGETTING) * fields[0][0, :, :-2]
+    np.testing.assert_allclose(sums[1][0, :, 2:], half, rtol=1e-5, atol=1e-6)
+
+
+def test_odometry_may_err_as_often_on_a_way_of_many_images_as_of_few():
+    field = np.zeros((NUM_HEADINGS, 30, 12), np.float32)
+    field[0, 3, 5] = 100.0
+    few = joint_of(field, [(2 * EDGE, 0.0, 0.0)] * 8)
+    many = joint_of(field, [(0.5 * EDGE, 0.0, 0.0)] * 32)
+    assert peak_of(few) == peak_of(many)
+    headings = [np.flatnonzero(total.any(axis=(1, 2))) for total in (few, many)]
+    np.testing.assert_array_equal(headings[1], headings[0])
+    assert len(headings[0]) == 9  # one step either way four times
+    assert many.max() == pytest.approx(few.max(), rel=1e-3)
 
 
 def test_images_that_are_far_apart_let_odometry_err_by_more_cells():
