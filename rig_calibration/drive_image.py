@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from photometric.robust import weigh
 from rig_calibration.drive_lens import Lens
+from rig_calibration.elimination import Part
 from sphere_geometry import SE3
 from sphere_geometry.shutter import project_rolling, row_share
 
@@ -52,21 +53,15 @@ class ImageState:
         return ImageState(self.T_map_camera @ SE3.exp(step[:6]), self.gain + step[6], self.bias + step[7])
 
 
-@dataclass(frozen=True, eq=False)
-class Part:
-    """H (P + 8, P + 8) and g of one image by the inverse variance of its residuals, sigma in grey levels."""
-
-    H: Array
-    g: Array
-    num_pixels: int
-    sigma: float
-
-
 def linearize(image: DriveImage, state: ImageState, lens: Lens, level: int) -> Part:
     """Return the robust normal equations of one image over lens, readout, pose, gain and bias."""
-    residual, J = differentiate(image, state, lens, level)
+    return weigh_part(*differentiate(image, state, lens, level))
+
+
+def weigh_part(residual: Array, J: Array) -> Part:
+    """Return the robust normal equations of residuals (N,) with derivatives (N, columns); too few say nothing."""
     num_columns = J.shape[1]
-    if len(residual) < MIN_PIXELS:  # says nothing
+    if len(residual) < MIN_PIXELS:
         return Part(np.zeros((num_columns, num_columns)), np.zeros(num_columns), 0, MIN_SIGMA)
     weight, sigma = weigh(residual, HUBER, MIN_SIGMA)
     weighted = J * weight[:, None]

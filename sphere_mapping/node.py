@@ -24,10 +24,11 @@ from sphere_mapping.acquisition import kernels
 from sphere_mapping.driver_node import with_driver_input
 from sphere_mapping.graph.map_cloud import MapCloud
 from sphere_mapping.graph.unrolling import Unroll
-from sphere_mapping.intake_node import DEPTH_INFO, Intake
+from sphere_mapping.intake_node import Intake
 from sphere_mapping.journal_node import Journal
 from sphere_mapping.mapper import Mapper, MapUpdate
 from sphere_mapping.params import SphereMapperParams
+from sphere_mapping.rgbd_intake_node import DEPTH_INFO
 from sphere_mapping.saving_node import save
 
 PATH_STEP = 10  # every how many spheres the path is told

@@ -84,6 +84,9 @@ class SphereMapperParams:
     map_frame: str = param("map", "frame of the map")
     base_frame: str = param("base_link", "frame of the vehicle, whose pose is told")
     mounting: str = param("", "camera on base_frame, x,y,z,roll,pitch,yaw (m, rad) or a YAML; empty: by /tf_static")
+    depth_pose: str = param(
+        "", "depth camera in the axes of the image's, x,y,z,roll,pitch,yaw (m, rad) or a YAML; empty: as recorded"
+    )
     driver: str = param("", "camera driver whose topics are heard: a name in config/cameras, or a file of that form")
     transport: str = param("raw", "images come on image_raw, or on image_raw/compressed", choices=("raw", "compressed"))
     map_folder: str = param("maps", "folder below which save_map writes")

@@ -30,6 +30,7 @@ from sphere_mapping.mapper import Mapper
 from sphere_mapping.node import SphereMapper
 from sphere_mapping.params import MapperParams
 from sphere_nav_cli import topics
+from sphere_nav_cli.depth_drive import judge_depth
 from sphere_nav_cli.evaluate import TRUTH_TOPICS
 from sphere_nav_cli.map_drive import MappedDrive
 from sphere_nav_cli.map_extend import extend, first_id, open_base
@@ -50,13 +51,15 @@ The bag holds spheres; or images, camera_info and depth; or a stereo pair with b
 rectified by D, R and P or by /tf_static; what the images themselves show to be off is told and corrected); or, with
 --rig, the cameras of a rig, which go through the node sphere_stitcher. Topics of any names are found by type, name,
 frame and size (`sphere_nav inspect BAG` shows how), or named by options. The map frame is the pose of the first sphere
-(body axes). The result is the same for every number of jobs.
+(body axes). The result is the same for every number of jobs. Where an RGB-D drive contradicts the place of its depth
+camera, one line says so (`sphere_nav refine-camera --help`).
 
 examples:
   sphere_nav map kitchen -o kitchen_map
   sphere_nav map kitchen -o kitchen_map --anchor truth --trajectory kitchen.tum
   sphere_nav map campus_drive -o campus --taught campus.tum
   sphere_nav map recording -o hall --image /camera/color/image_raw --depth /camera/aligned_depth_to_color/image_raw
+  sphere_nav map kitchen -o kitchen_map --set depth_pose=depth.yaml
   sphere_nav map drive -o drive_map --anchor survey
   sphere_nav map second_drive -o both_maps --extend drive_map
   sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048
@@ -215,6 +218,7 @@ def map_drive(arguments: argparse.Namespace, store: SphereStore, first: int, wor
             stereo = find_field(bag, values, found) if kind == "stereo" else None
             drive = replay_mapper(bag, begin, values, found, pair=stereo and stereo[0])
             drive.stereo = stereo[1] if stereo else ""
+            drive.depth = judge_depth(bag, values, found, drive.node.mapper) if kind == "rgbd" else ""
     if not drive.node.mapper.tracks:
         raise BagError(
             f"{arguments.bag}: expected spheres to map, found none: {drive.refusal or 'no complete instant'}"

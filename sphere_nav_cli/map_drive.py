@@ -21,6 +21,7 @@ class MappedDrive:
     num_lost: int = 0
     refusal: str = ""
     stereo: str = ""  # what was found of the pair
+    depth: str = ""  # and of the depth camera, where it sits elsewhere
 
     def trajectory(self, *, is_base: bool) -> Trajectory:
         """Return the pose of every placed sphere, or that of the vehicle, as the corrected graph has it."""
@@ -53,6 +54,8 @@ class MappedDrive:
         ]
         if self.stereo:
             lines.insert(0, self.stereo)
+        if self.depth:
+            lines.append(self.depth)
         if self.refusal:
             lines.append(f"refused: {self.refusal}")
         if truth is None or T_truth_map is None:

@@ -1,4 +1,4 @@
-"""`sphere_nav refine-camera`: lens and readout time of the driving camera, from a drive in a map."""
+"""`sphere_nav refine-camera`: lens and readout time of a camera from a drive in a map, or where its depth sits."""
 
 from __future__ import annotations
 
@@ -30,19 +30,29 @@ from sphere_nav_cli import topics
 from sphere_nav_cli.camera_mounting import mounting_by_odometry, mounting_lines, mounting_values
 from sphere_nav_cli.map import parse_settings
 from sphere_nav_cli.recorded_camera import RecordedCamera
+from sphere_nav_cli.refine_depth import run_depth
 from typed_params import build
 
 HELP = """\
-Estimate focal lengths, centre, distortion and readout time (rolling shutter) of a camera from a drive in a map, by the
-images alone. Give what camera_info says, or a guess: within 5 % of the focal length will do. Standard deviations come
-from how differently the images pull; what the drive does not tell is named. The result is a calibration file of ROS
-(camera_info_manager) with `readout` and `standard_deviations` beside. Turn and move while recording: a readout time
-shows in motion, a lens in surfaces near and far all over the image. With odometry in the bag the file says, too, where
-the camera sits on the vehicle (`mounting`, which --mounting and the nodes read from it).
+Estimate what is wrong with the calibration of a camera from a drive, by the images alone.
+
+With MAP: focal lengths, centre, distortion and readout time (rolling shutter). Give what camera_info says, or a guess:
+within 5 % of the focal length will do. The result is a calibration file of ROS (camera_info_manager) with `readout` and
+`standard_deviations` beside. Turn and move while recording: a readout time shows in motion, a lens in surfaces near and
+far all over the image. With odometry in the bag the file says, too, where the camera sits on the vehicle (`mounting`,
+which --mounting and the nodes read from it).
+
+Without MAP: where the depth camera of an RGB-D camera sits beside the image's, from a bag with images and depth. The
+result is a file for the parameter depth_pose of sphere_mapper. Move by half of the distance to what is seen, in all
+directions, before surfaces of several slopes; give --readout for a rolling shutter. The scale of depth is not told: the
+motion would be scaled alike.
+
+Standard deviations come from how differently the images pull; what the drive does not tell is named (status 1).
 
 examples:
   sphere_nav refine-camera campus drive2 -o camera.yaml
   sphere_nav refine-camera campus drive2 -o camera.yaml --image /front/image_raw --images 60
+  sphere_nav refine-camera kitchen -o depth.yaml --readout 0.0227
 """
 MAX_PAUSE_S = 0.3  # between two images that tell a velocity
 ROUNDS = 4  # of localising with the lens found so far and refining it
@@ -73,15 +83,20 @@ class Located:
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
-    parser.add_argument("map", metavar="MAP", help="map made by `sphere_nav map`, best by another camera")
-    parser.add_argument("source", metavar="BAG", help="bag with images and camera_info")
+    parser.add_argument("map", metavar="MAP", nargs="?", help="map made by `sphere_nav map`, best by another camera")
+    parser.add_argument("source", metavar="BAG", help="bag with images, camera_info, and depth without MAP")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="YAML", help="calibration to write")
     parser.add_argument("--images", type=int, default=40, metavar="N", help="images that are compared (%(default)s)")
     parser.add_argument("--readout", type=float, default=0.0, metavar="S", help="where to start, s (%(default)s)")
     parser.add_argument("--overwrite", action="store_true", help="replace the file that is there")
     topics.add_options(parser)
     parser.add_argument(
-        "--set", action="append", dest="settings", default=[], metavar="NAME=VALUE", help="parameter of dense_localizer"
+        "--set",
+        action="append",
+        dest="settings",
+        default=[],
+        metavar="NAME=VALUE",
+        help="parameter of dense_localizer, without MAP of sphere_mapper",
     )
 
 
@@ -89,6 +104,8 @@ def run(arguments: argparse.Namespace) -> int:
     """Localise and refine in turn; 1 if the drive does not tell everything."""
     if arguments.output.exists() and not arguments.overwrite:
         raise ValueError(f"{arguments.output}: expected no such file, found one: --overwrite replaces it")
+    if arguments.map is None:
+        return run_depth(arguments)
     drive = Drive(arguments)
     lens = Lens.of(drive.camera, arguments.readout)
     with open_map(arguments.map) as sphere_map:

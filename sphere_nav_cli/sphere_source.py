@@ -21,8 +21,9 @@ from sphere_geometry import Pinhole
 from sphere_map.sphere import T_BODY_OPTICAL, Sphere
 from sphere_mapping.acquisition.partial import sphere_from_rgbd
 from sphere_mapping.acquisition.stereo import sphere_from_stereo
-from sphere_mapping.intake_node import DEPTH_INFO, TOPICS, Intake
+from sphere_mapping.intake_node import TOPICS, Intake
 from sphere_mapping.params import MapperParams, SphereMapperParams
+from sphere_mapping.rgbd_intake_node import DEPTH_INFO
 from sphere_nav_cli import topics
 from sphere_nav_cli.importing.recording import read_image
 

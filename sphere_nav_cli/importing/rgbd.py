@@ -18,7 +18,7 @@ from sphere_geometry.fields import stamp_ns
 from sphere_geometry.files import read_text
 from sphere_geometry.trajectory import Trajectory, read_tum
 from sphere_map.sphere import T_BODY_OPTICAL
-from sphere_nav_cli.importing.depth_registration import DepthRegistration
+from sphere_mapping.acquisition.depth_registration import DepthRegistration
 from sphere_nav_cli.importing.recording import (
     FIRST_STAMP_NS,
     MAP_FRAME,

@@ -11,9 +11,11 @@ from node_kit.node import ManagedNode
 from node_kit.replay import OfflineBus
 from sphere_geometry import SE3, Pinhole
 from sphere_mapping.driver_node import with_driver_input
-from sphere_mapping.intake_node import DEPTH_INFO, TOPICS, Intake
+from sphere_mapping.intake_node import TOPICS, Intake
 from sphere_mapping.params import SphereMapperParams
-from worlds.recordings import FRAME, ROOM, optical, pose, rgbd, sphere, stamp, stereo
+from sphere_mapping.rgbd_intake_node import DEPTH_INFO
+from sphere_nav_cli.refine_depth import angles_of
+from worlds.recordings import CAMERA, FRAME, ROOM, optical, pose, rgbd, sphere, stamp, stereo
 
 T_IMAGE_DEPTH = SE3.exp([-0.05, 0.01, 0.0, 0.0, 0.02, 0.01])
 DEPTH_CAMERA = Pinhole(200, 150, 170.0, 172.0, 98.0, 77.0)
@@ -100,6 +102,22 @@ def test_depth_of_a_camera_beside_gives_the_same_range():
     errors = np.abs(sphere_beside.range_m[both] / whole.range_m[both] - 1)
     assert np.median(errors) < 1e-3
     assert np.mean(errors > 0.02) < 0.02  # at edges, which the two cameras see from different places
+
+
+def test_registered_depth_is_registered_anew_where_its_pose_is_given():
+    ((right, *_),) = caught("rgbd", *rgbd(0)).caught
+    _, depth_m = ROOM.rgbd(CAMERA, optical(pose(0)) @ T_IMAGE_DEPTH)
+    messages = dict(rgbd(0))
+    messages["depth/image_raw"] = array_to_image(depth_m, stamp(0), FRAME, "32FC1")
+    x, y, z = T_IMAGE_DEPTH.translation
+    words = ",".join(map(str, (x, y, z, *angles_of(T_IMAGE_DEPTH))))
+    errors = []
+    for pose_of_depth in ("", words):
+        ((found, *_),) = caught("rgbd", *messages.items(), depth_pose=pose_of_depth).caught
+        both = found.measured & right.measured
+        assert both.sum() > 0.7 * right.measured.sum()
+        errors.append(np.median(np.abs(found.range_m[both] / right.range_m[both] - 1)))
+    assert errors[1] < 1e-3 < 4e-3 < errors[0]
 
 
 def compress(topic, message):

@@ -4,22 +4,23 @@ import numpy as np
 import pytest
 
 from sphere_geometry import SE3, Pinhole
-from sphere_nav_cli.importing.depth_registration import DepthRegistration
+from sphere_mapping.acquisition.depth_registration import DepthRegistration
+from worlds.box_and_wall import depth_of_box_and_wall
 
 DEPTH = Pinhole(320, 240, 290.0, 290.0, 160.0, 120.0)
 
 
 @pytest.mark.parametrize("focal_length", [260.0, 290.0, 400.0])
 @pytest.mark.parametrize("offset", [(-0.025, 0.0, 0.0), (0.05, 0.02, -0.01)])
-def test_every_pixel_that_both_see_is_right(box_and_wall, focal_length, offset):
+def test_every_pixel_that_both_see_is_right(focal_length, offset):
     """Also where the target is finer than the depth camera: no holes; and at the edge of the box: no bleeding."""
     target = Pinhole(320, 240, focal_length, focal_length, 160.0, 120.0)
     T_target_depth = SE3.exp([*offset, 0.0, 0.01, 0.0])
     T_scene_depth = SE3.exp([0.1, 0.0, 0.0, 0.0, 0.1, 0.0])
     T_scene_target = T_scene_depth @ T_target_depth.inverse()
-    measured = box_and_wall(DEPTH, T_scene_depth).astype(np.float32)
+    measured = depth_of_box_and_wall(DEPTH, T_scene_depth).astype(np.float32)
     found = DepthRegistration(DEPTH, target, T_target_depth)(measured)
-    expected = box_and_wall(target, T_scene_target)
+    expected = depth_of_box_and_wall(target, T_scene_target)
     is_found = np.isfinite(found)
     wrong = np.abs(found - expected)[is_found] > 0.01 * expected[is_found]
     assert wrong.sum() <= 240  # at most one pixel a row, at the edge of the box, is on the other face
