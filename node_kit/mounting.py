@@ -16,9 +16,9 @@ NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 def read_mounting(text: str, what: str = "mounting") -> SE3 | None:
     """Return T_base_camera in body axes (x ahead, y left, z up) from `x,y,z,roll,pitch,yaw` in m and rad, or a YAML.
 
-    The file has these six names, or has them under `mounting`, as that of `sphere_nav refine-camera` does (`what`, where
-    that is another). Turns are about the fixed axes of the vehicle, roll first, as static_transform_publisher has it.
-    None for an empty text; ValueError for anything else.
+    The file has these six names, or has them under `what`, as that of `sphere_nav refine-camera`. Turns are about the
+    fixed axes of the vehicle, roll first, as static_transform_publisher has it. None for an empty text; ValueError for
+    anything else.
     """
     if not text:
         return None
