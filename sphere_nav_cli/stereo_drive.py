@@ -1,4 +1,4 @@
-"""What a drive says about its stereo pair, before it is mapped: rows, offset and bow of the disparity."""
+"""What a drive says about its stereo pair, before it is mapped: rows, and what is off in the disparity."""
 
 from __future__ import annotations
 
@@ -16,13 +16,14 @@ from node_kit.tf import TransformListener
 from sphere_mapping.acquisition.corner_tracks import follow_window
 from sphere_mapping.acquisition.stereo_field import StereoField
 from sphere_mapping.acquisition.stereo_pair import StereoPair
-from sphere_mapping.acquisition.track_fit import NUM_VIEWS, ColumnFit, Window, fit_drive
+from sphere_mapping.acquisition.track_fit import NUM_VIEWS, ColumnFit, Window, fit_columns
 from sphere_mapping.intake_node import Intake
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.stereo_intake_node import judge_rows
 
 MAX_WINDOWS = 16  # of consecutive instants in which corners are followed, spread over the drive
 MAX_PAIRS = 400  # of the drive's beginning
+TERMS = ("", " x^2", " x", " y", " x y", " y^2", " x^3", " x^4")
 
 
 class PairFollower(ManagedNode):
@@ -70,7 +71,7 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
         return None
     geometry, rows = node.pair.geometry, node.pair.fit
     _, words = judge_rows(node.pair, node.params.mapper.stereo.calibration_px)
-    found = fit_drive(geometry.camera, geometry.baseline_m, node.windows)
+    found = fit_columns(geometry.camera, geometry.baseline_m, node.windows)
     is_bent = found is not None and found.is_significant
     correction = StereoField(
         tuple(rows.rows) if rows is not None and rows.is_significant else StereoField().rows,
@@ -81,12 +82,12 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
 
 
 def describe(found: ColumnFit) -> str:
-    """Return offset and bow of the disparity in words."""
-    offset, bow = found.columns
-    of_offset, of_bow = np.sqrt(np.diag(found.covariance))
+    """Return what is off in the disparity in words."""
+    terms = " ".join(f"{value:+.2f}{name}" for value, name in zip(found.columns, TERMS, strict=False))
+    deviations = ", ".join(f"{value:.2f}" for value in np.sqrt(np.diag(found.covariance)))
     return (
-        f"disparity too small by {offset:.2f} + {bow:.2f} x^2 px (x: tangent; deviations {of_offset:.2f}, "
-        f"{of_bow:.2f}, from {found.num_tracks} corners), corrected"
+        f"disparity too small by {terms.removeprefix('+')} px (x, y: tangents; deviations {deviations}, "
+        f"from {found.num_tracks} corners), corrected"
     )
 
 

@@ -1,8 +1,8 @@
 """What is left of the calibration of a rectified pair: where the right image has a point beside where it should.
 
 Rows: points of both images must lie in the same row; a polynomial of the tangents (x, y) of the right pixel is fitted
-to the disagreement, robustly. Disparity: its offset and bow (by x^2) cannot be seen in a pair, but make a point's range
-disagree with itself while the camera moves; `track_fit.py` finds them from a drive.
+to the disagreement, robustly. Disparity: its offset, bow (by x^2) and what is left of the lenses cannot be seen in a
+pair, but make a point's range disagree with itself while the camera moves; `track_fit.py` finds them from a drive.
 """
 
 from __future__ import annotations
@@ -18,7 +18,8 @@ from sphere_geometry import Pinhole
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
-NUM_ROWS, NUM_COLUMNS = 6, 2  # coefficients of both polynomials
+NUM_ROWS, NUM_COLUMNS = 6, 8  # coefficients of both polynomials
+NUM_BOW = 2  # of the columns' ones: offset and bow
 NUM_POINTS, QUALITY, APART_PX = 1200, 0.003, 7  # corners looked for, least of the best one's strength, distance
 PATCH_PX, NUM_LEVELS = 9, 5  # of the alignment of corners; larger patches shorten what they follow (0.4 % at 15 px)
 UNTIL = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 0.001)  # px
@@ -36,15 +37,17 @@ SIGNIFICANCE = 4.0  # standard deviations from which on a correction is made
 class StereoField:
     """Pixels by which the right image is off at tangents x, y of its pixels: dv by rows, du by columns.
 
-    rows: 1, x, y, x^2, x y, y^2. columns: 1, x^2; disparity is measured too small by du.
+    rows: 1, x, y, x^2, x y, y^2. columns: 1, x^2, x, y, x y, y^2, x^3, x^4, or the first of these; disparity is
+    measured too small by du.
     """
 
     rows: tuple[float, ...] = (0.0,) * NUM_ROWS
-    columns: tuple[float, ...] = (0.0,) * NUM_COLUMNS
+    columns: tuple[float, ...] = (0.0,) * NUM_BOW
 
     def shift(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Return du, dv in px: what belongs at the pixel of tangents x, y is found that much farther right and down."""
-        return basis_of_columns(x) @ np.array(self.columns), basis_of_rows(x, y) @ np.array(self.rows)
+        columns = basis_of_columns(x, y)[..., : len(self.columns)] @ np.array(self.columns)
+        return columns, basis_of_rows(x, y) @ np.array(self.rows)
 
     @property
     def is_nothing(self) -> bool:
@@ -74,9 +77,16 @@ def basis_of_rows(x: Array, y: Array) -> Array:
     return np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=-1)
 
 
-def basis_of_columns(x: Array) -> Array:
-    """Return (..., 2)."""
-    return np.stack([np.ones_like(x), x * x], axis=-1)
+def basis_of_columns(x: Array, y: Array) -> Array:
+    """Return (..., 8): offset and bow first."""
+    return np.stack([np.ones_like(x), x * x, x, y, x * y, y * y, x**3, x**4], axis=-1)
+
+
+def slopes_of_columns(x: Array, y: Array) -> tuple[Array, Array]:
+    """Return the derivatives (..., 8) of `basis_of_columns` by x and by y."""
+    none, one = np.zeros_like(x), np.ones_like(x)
+    by_x = np.stack([none, 2 * x, one, none, y, none, 3 * x * x, 4 * x**3], axis=-1)
+    return by_x, np.stack([none, none, none, one, x, 2 * y, none, none], axis=-1)
 
 
 def tangents(camera: Pinhole, pixels: Array) -> tuple[Array, Array]:

@@ -21,5 +21,5 @@ def test_a_right_pair_is_left_alone(tmp_path):
 def test_what_is_corrected_is_told_with_its_deviations():
     found = ColumnFit(np.array([0.7, 2.5]), np.diag([0.01, 0.04]), 300)
     assert describe(found) == (
-        "disparity too small by 0.70 + 2.50 x^2 px (x: tangent; deviations 0.10, 0.20, from 300 corners), corrected"
+        "disparity too small by 0.70 +2.50 x^2 px (x, y: tangents; deviations 0.10, 0.20, from 300 corners), corrected"
     )
