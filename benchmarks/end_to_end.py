@@ -43,6 +43,7 @@ KITCHEN = (  # what, frames mapped, frames localised, bounds in mm and degrees
 FALSE_LOOP = 0.1, 2.0  # m, deg off the truth
 READOUT_S = 0.0227  # 0.68 of a frame, measured beside COLMAP's poses
 KITCHEN_READOUT = f"camera.readout={READOUT_S}"
+STEADY = 12  # frames of kitti_06 after which its truth turns as its left image says
 MAPPED_STEP = 6  # of the mapped images that are asked, every so many
 
 Row = Callable[[Path, Path, Report], None]
@@ -152,17 +153,26 @@ def stereo(data: Path, folder: Path, report: Report) -> None:
     call("localize", folder / "map", folder / "odd", "-o", folder / "odd.tum", *topics)
     truth, odd = read_poses(folder / "all", TRUTH), read_tum(folder / "odd.tum")
     travelled = read_tum(folder / "all.tum")
-    at, _ = truth.at(travelled.stamps_ns, max_gap_ns=10**9)
-    T_start = at.T_map_body[0] @ travelled.T_map_body[0].inverse()
-    drift = at.T_map_body[-1].distance(T_start @ travelled.T_map_body[-1])[0] / truth.distances[-1]
     report.notes.append(
-        f"kitti_06: {len(travelled)} of {len(truth)} frames placed, {len(odd)} of 25 odd ones localised. Frame-to-frame"
-        " motion is 0.8 % longer than the truth by an independent estimate (KLT and PnP), too."
+        f"kitti_06: {len(travelled)} of {len(truth)} frames placed, {len(odd)} of 25 odd ones localised. Its truth"
+        f" turns by half a degree in the first {STEADY} frames, which neither the left image alone nor the pair sees."
     )
+    aligned = judge(odd, truth, alignment="se3").report["translation_m"]["median"] if len(odd) else np.nan
+    whole, steady = (drift(travelled, truth, first) for first in (0, STEADY))
     report.bounds += [
-        Bound("kitti_06 visual odometry, error at the end over distance", 1.0, 100 * float(drift), "%"),
+        Bound("kitti_06 visual odometry, error at the end over distance", 1.0, whole, "%"),
+        Bound(f"kitti_06 visual odometry from frame {STEADY} on, error at the end over distance", 0.75, steady, "%"),
         Bound("kitti_06 odd frames by the left image, median", 5.0, 1e2 * float(np.median(errors(odd, truth))), "cm"),
+        Bound("kitti_06 odd frames by the left image, positions aligned, median", 5.0, 1e2 * aligned, "cm"),
     ]
+
+
+def drift(travelled: Trajectory, truth: Trajectory, first: int) -> float:
+    """Return the error at the end in per cent of the way since a frame, whose pose is taken from the truth."""
+    at, _ = truth.at(travelled.stamps_ns, max_gap_ns=10**9)
+    T_start = at.T_map_body[first] @ travelled.T_map_body[first].inverse()
+    off = at.T_map_body[-1].distance(T_start @ travelled.T_map_body[-1])[0]
+    return 100 * float(off / (truth.distances[-1] - truth.distances[first]))
 
 
 def spheres(data: Path, folder: Path, report: Report) -> None:
