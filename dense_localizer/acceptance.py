@@ -162,12 +162,6 @@ def _pull(structure: Structure, params: AcceptanceParams) -> list[Check]:
     return checks
 
 
-def pulls_far(pull: Pull, params: AcceptanceParams) -> bool:
-    """Return whether a pull is one that is told."""
-    metres, radians = pull.lengths
-    return metres > TOLD * params.max_sigma_m or radians > TOLD * MAX_SIGMA_RAD
-
-
 def _distances(pull: Pull, reason: Reason, factor: float, detail: str, params: AcceptanceParams) -> list[Check]:
     """Return the checks of how far something pulls; refused from `factor` times the largest uncertainty on."""
     metres, radians = pull.lengths

@@ -30,12 +30,12 @@ class Doubts:
         self._references, self._error, self._registration = references, references.error, params.registration
         self._odometry = OdometryCheck(params.prior.odometry_error)
         self._is_refused = False  # the image before, which could be used
-        self._count, self._is_hidden = 0, False  # hidden: a part of the view, when last looked at
+        self._count, self._is_pulled = 0, False  # pulled: by what was seen when last looked at
 
     def forget(self) -> None:
         """Another stream, or an operator has said where the camera is; what is known of the map stays."""
         self._odometry.forget()
-        self._count, self._is_hidden = 0, False
+        self._count, self._is_pulled = 0, False
 
     def drive(self, frame: Frame, state: State) -> None:
         """Take note of odometry, whatever becomes of the image; `state` is what the image before has led to."""
@@ -46,7 +46,7 @@ class Doubts:
 
     def asked(self, state: State) -> Aspect:
         """Return what the residuals of the next image are asked."""
-        if state is not State.TRACKING or self._is_hidden:
+        if state is not State.TRACKING or self._is_pulled:
             return EVERYTHING
         return ASKED.get(self._count % PERIOD, NOTHING)
 
@@ -59,7 +59,7 @@ class Doubts:
 
     def find(self, frame: Frame, place: Place, prediction: Prediction) -> Finding:
         """Return what there is against an image that was placed: by itself, by what preceded it, by odometry."""
-        self._count, self._is_hidden, self._is_refused = self._count + 1, place.is_hidden, False
+        self._count, self._is_pulled, self._is_refused = self._count + 1, place.is_pulled, False
         if self._count % PERIOD == MAP_PHASE and place.alignment is not None and not place.is_pulled:
             self._error.observe(place.images, place.alignment, self._registration, place.motion)
         if self._count % PERIOD == REJECTION_PHASE and place.alignment is not None and place.verdict.is_good:

@@ -9,7 +9,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from dense_localizer.acceptance import Verdict, judge, pulls_far, refusal
+from dense_localizer.acceptance import Verdict, judge, refusal
 from dense_localizer.motion_prior import MAX_SIGMA_M, Prediction, sigma_m
 from dense_localizer.params import LocalizerParams
 from dense_localizer.reference import MIN_VISIBLE_SHARE, Choice, References
@@ -19,6 +19,7 @@ from photometric.hidden_part import MIN_SHARE
 from photometric.pull import Pull
 from photometric.rig import RigImage, register_rig
 from photometric.structure import EVERYTHING, Aspect, find_rig_structure
+from photometric.uneven_light import UNEVEN_SHARE
 from sphere_geometry import SE3, FrameMotion
 
 USUALLY = 0.97  # of the usual correlation, below which an image is looked at closely
@@ -41,8 +42,7 @@ class Place:
     alignment: Alignment | None = None
     motion: FrameMotion | None = None  # within the frame
     images: tuple[RigImage, ...] = ()
-    is_hidden: bool = False  # a part of the view, where that was looked at
-    is_pulled: bool = False  # far, by what is hidden
+    is_pulled: bool = False  # by a hidden part of the view, or by uneven light, where that was looked at: taken back
 
     @property
     def is_rig(self) -> bool:
@@ -93,31 +93,26 @@ def locate(
         registration = starting_at(first_level(prediction, choice, seen[0].pyramid, params), registration)
     motion = prediction.frame_motion(params.camera.readout) if prediction is not None else None
     alignment = register_rig(seen, T_map_camera, registration, motion)
-    structure, is_hidden, is_pulled, left = None, False, False, np.zeros((6, 6))
+    structure, pulls, left = None, list[Pull](), np.zeros((6, 6))
     asked = EVERYTHING if alignment.ncc < USUALLY * usual_ncc else asked
     if alignment.is_converged and asked:
         structure = find_rig_structure(seen, alignment, registration, motion, asked)
-        is_hidden = structure.hidden.share >= MIN_SHARE
-        is_pulled = is_hidden and pulls_far(structure.hidden, params.acceptance)
-        if is_hidden:
-            alignment, left = without_hidden(alignment, structure.hidden, is_far=is_pulled)
+        pulls = [structure.hidden] if structure.hidden.share >= MIN_SHARE else []
+        pulls += [structure.pull] if structure.pull.share >= UNEVEN_SHARE else []
+        alignment, left = take_back(alignment, pulls)
     covariance = alignment.covariance + left + _map_covariance(references, choice, alignment.T_world_camera)
     limits = params.acceptance, params.registration.max_mad
     verdict = judge(alignment, covariance, choice.distance_ratio, prediction, *limits, structure)
     pose = alignment.T_world_camera
-    return Place(pose, covariance, choice, verdict, alignment, motion, seen, is_hidden, is_pulled)
+    return Place(pose, covariance, choice, verdict, alignment, motion, seen, bool(pulls))
 
 
-def without_hidden(alignment: Alignment, hidden: Pull, *, is_far: bool) -> tuple[Alignment, NDArray[np.float64]]:
-    """Return the alignment at the pose by what is not hidden of the view where that is far.
-
-    With it the covariance (6, 6) of what may be left. A few pixels tell a far pull, but a pose less exactly than all of
-    them do: what is not far is not taken back, but may be left.
-    """
-    if not is_far:
-        return alignment, np.outer(hidden.xi, hidden.xi)
-    left = np.diag(np.repeat(LEFT * np.array(hidden.lengths), 3) ** 2)
-    return replace(alignment, T_world_camera=alignment.T_world_camera @ SE3.exp(hidden.xi)), left
+def take_back(alignment: Alignment, pulls: Sequence[Pull]) -> tuple[Alignment, NDArray[np.float64]]:
+    """Return the alignment less what pulls it, one after the other, and the covariance (6, 6) of what may be left."""
+    pose, left = alignment.T_world_camera, np.zeros((6, 6))
+    for pull in pulls:
+        pose, left = pose @ SE3.exp(pull.xi), left + np.diag(np.repeat(LEFT * np.array(pull.lengths), 3) ** 2)
+    return replace(alignment, T_world_camera=pose), left
 
 
 def join(choices: Sequence[Choice]) -> Choice:
