@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig_calibration.drive_image import sample, weigh_part
+from rig_calibration.drive_image import inner, sample, weigh_part
 from rig_calibration.elimination import Part
 from sphere_geometry import SE3, Camera
 from sphere_geometry.shutter import project_rolling, row_share
@@ -21,7 +21,6 @@ Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
 
 SHARED = 6  # pose of the depth camera, (v, omega) in the image's camera
-MARGIN = 1.0  # px from the border
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,15 +124,6 @@ def _move(
     from_middle = SE3.exp(np.nan_to_num(row_share(pixels_there[:, 1], camera.height))[:, None] * -twist_there)
     there = np.einsum("nij,nj->ni", from_middle.rotation, middle) + from_middle.translation
     return from_middle.rotation @ T_other_frame.rotation @ to_middle.rotation, there, pixels_there
-
-
-def inner(pixels: Array, camera: Camera) -> NDArray[np.bool_]:
-    """Say which pixels (N, 2) lie within the image, away from its border; NaN does not."""
-    u, v = pixels.T
-    with np.errstate(invalid="ignore"):
-        return np.asarray(
-            (u >= MARGIN) & (v >= MARGIN) & (u <= camera.width - 1 - MARGIN) & (v <= camera.height - 1 - MARGIN)
-        )
 
 
 def _turn_too(by_point: Array, points: Array) -> Array:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from photometric.robust import weigh
 from rig_calibration.drive_lens import Lens
 from rig_calibration.elimination import Part
-from sphere_geometry import SE3
+from sphere_geometry import SE3, Camera
 from sphere_geometry.shutter import project_rolling, row_share
 
 Array = NDArray[np.float64]
@@ -20,6 +20,7 @@ OWN = 8  # pose (v, omega), gain, bias: what each image has of its own
 HUBER = 1.345  # standard deviations, M15 eq. 34
 MIN_SIGMA = 0.5  # grey levels
 MIN_PIXELS = 100
+MARGIN = 1.0  # px from the border
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,9 +74,7 @@ def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) 
     data, camera = image.levels[level], lens.level(level)
     points = state.T_map_camera.inverse().apply(data.points_map)
     pixels, _ = project_rolling(camera, points, lens.readout * image.velocity)
-    u, v = pixels.T
-    with np.errstate(invalid="ignore"):
-        seen = (u >= 1) & (v >= 1) & (u <= camera.width - 2) & (v <= camera.height - 2)
+    seen = inner(pixels, camera)
     points, pixels = points[seen], pixels[seen]
     current, gradient = sample(data.image, pixels)
     J_point = camera.J_project(points)
@@ -92,6 +91,15 @@ def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) 
         np.ones((len(points), 1)),
     )
     return state.gain * current + state.bias - data.grey[seen], np.concatenate(columns, axis=1)
+
+
+def inner(pixels: Array, camera: Camera) -> NDArray[np.bool_]:
+    """Say which pixels (N, 2) lie within the image, away from its border; NaN does not."""
+    u, v = pixels.T
+    with np.errstate(invalid="ignore"):
+        return np.asarray(
+            (u >= MARGIN) & (v >= MARGIN) & (u <= camera.width - 1 - MARGIN) & (v <= camera.height - 1 - MARGIN)
+        )
 
 
 def sample(image: Plane, pixels: Array) -> tuple[Array, Array]:

@@ -52,7 +52,7 @@ class Mounting:
     @property
     def values(self) -> Array:
         """The values (8,) of NAMES; angles as `SE3.from_angles` takes them."""
-        return np.array([*self.T_base_camera.translation, *angles(self.T_base_camera.rotation), *self.scales])
+        return np.array([*self.T_base_camera.translation, *self.T_base_camera.angles, *self.scales])
 
     @property
     def unobserved(self) -> tuple[str, ...]:
@@ -72,12 +72,6 @@ def find_mounting(T_map_camera: SE3, T_odom_base: SE3, given: SE3 | None = None)
         raise ValueError(f"mounting: expected a drive of at least {needed}, found {A.matrix.shape[0]}")
     starts = [given] if given is not None else [SE3.from_parts(R, np.zeros(3)) for R in _upright()]
     return min((_fit(A, B, start) for start in starts), key=lambda fit: fit[1])[0]
-
-
-def angles(R: Array) -> tuple[float, float, float]:
-    """Return roll, pitch and yaw in rad of a rotation, turned about fixed axes in this order."""
-    pitch = np.arcsin(np.clip(-R[2, 0], -1.0, 1.0))
-    return float(np.arctan2(R[2, 1], R[2, 2])), float(pitch), float(np.arctan2(R[1, 0], R[0, 0]))
 
 
 def _upright() -> list[Array]:

@@ -98,6 +98,15 @@ class SE3:
         return so3.to_quaternion(self.rotation)
 
     @property
+    def angles(self) -> Array:
+        """Roll, pitch and yaw (..., 3) in rad, as `from_angles` takes them."""
+        R = self.rotation
+        pitch = np.arcsin(np.clip(-R[..., 2, 0], -1.0, 1.0))
+        return np.stack(
+            [np.arctan2(R[..., 2, 1], R[..., 2, 2]), pitch, np.arctan2(R[..., 1, 0], R[..., 0, 0])], axis=-1
+        )
+
+    @property
     def yaw(self) -> Array:
         """Heading about +z in radians, of the x axis."""
         return np.arctan2(self.matrix[..., 1, 0], self.matrix[..., 0, 0])

@@ -19,18 +19,17 @@ MAX_GAP_NS = 200_000_000  # of the odometry, between two poses
 
 
 def mounting_by_odometry(
-    arguments: argparse.Namespace, frame_id: str, camera: Trajectory
+    arguments: argparse.Namespace, frame_id: str, odometry: str, camera: Trajectory
 ) -> tuple[Mounting | None, str]:
-    """Return the mounting by the poses of the camera (optical axes) in the map; or none, and why.
+    """Return the mounting by the poses of the camera (optical axes) in the map and the topic of odometry; or none, and why.
 
     It starts from --mounting or /tf_static; without either the camera may look anywhere.
     """
-    given = read_mounting(arguments.mounting)
-    with BagReader(arguments.source) as bag:
-        odometry = arguments.odom or topics.find_odometry(topics.read_streams(bag))
-        tree = topics.read_frames(bag)
     if not odometry:
         return None, "the bag has no odometry"
+    given = read_mounting(arguments.mounting)
+    with BagReader(arguments.source) as bag:
+        tree = topics.read_frames(bag)
     if given is None and tree.is_connected(topics.BASE_FRAME, frame_id):
         given = tree.lookup(topics.BASE_FRAME, frame_id) @ T_BODY_OPTICAL.inverse()
     base, is_known = read_poses(bag.path, (odometry,)).at(camera.stamps_ns, MAX_GAP_NS)

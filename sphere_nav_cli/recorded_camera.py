@@ -19,7 +19,7 @@ from sphere_nav_cli.slow_camera import patience
 class RecordedCamera:
     """Found by the options of `topics.add_options`; BagError where there is none.
 
-    `patience` is what a localiser is to be given where its images are far apart.
+    `patience` is what a localiser is to be given where its images are far apart, `odometry` the topic of it, if any.
     """
 
     def __init__(self, path: str | Path, arguments: argparse.Namespace) -> None:
@@ -30,6 +30,7 @@ class RecordedCamera:
             info = next(iter(bag.messages([self._topics["camera_info"]]))).message
             self.patience = patience(read_streams(bag), [self._topics["image_raw"]])
         self.camera, self.frame_id = camera_from_info(info), str(info.header.frame_id)
+        self.odometry = self._topics.get("odom", "")
 
     def messages(self) -> Iterator[tuple[int, Image]]:
         """Yield stamp in ns and image, those that were compressed undone."""

@@ -115,7 +115,7 @@ def run(arguments: argparse.Namespace) -> int:
             lens = found.lens
             if change < SETTLED:
                 break
-    mounting, reason = mounting_by_odometry(arguments, drive.frame_id, drive.located.trajectory())
+    mounting, reason = mounting_by_odometry(arguments, drive.frame_id, drive.odometry, drive.located.trajectory())
     arguments.output.write_text(text_of(found, drive.frame_id, mounting), encoding="utf-8")
     print("\n".join(report(found, arguments.output)))
     print("\n".join(mounting_lines(mounting)) if mounting else f"no mounting: {reason}")
@@ -129,6 +129,7 @@ class Drive:
         self._arguments = arguments
         self._recorded = RecordedCamera(arguments.source, arguments)
         self.camera, self.frame_id = self._recorded.camera, self._recorded.frame_id
+        self.odometry = self._recorded.odometry
         self.located = Located(np.empty(0, np.int64), ())
 
     def refine(self, sphere_map: MapReader, lens: Lens) -> RefinedCamera:

@@ -5,14 +5,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator
 
-import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from node_kit.bags import BagError, BagReader
 from node_kit.mounting import NAMES
 from rig_calibration.depth_pose import RefinedDepth
-from sphere_geometry import SE3
 from sphere_mapping.intake_node import TOPICS
 from sphere_mapping.mapper import Mapper
 from sphere_nav_cli import topics
@@ -43,16 +40,10 @@ def run_depth(arguments: argparse.Namespace) -> int:
 
 def text_of(found: RefinedDepth) -> str:
     """Return the file that `depth_pose` takes: x y z roll pitch yaw (m, rad), their standard deviations beside."""
-    values = [*found.T_image_depth.translation, *angles_of(found.T_image_depth)]
+    values = [*found.T_image_depth.translation, *found.T_image_depth.angles]
     deviations = zip(NAMES, found.deviations.values(), strict=True)
     content = {name: float(value) for name, value in zip(NAMES, values, strict=True)}
     return yaml.safe_dump({"depth_pose": content, "standard_deviations": dict(deviations)}, sort_keys=False)
-
-
-def angles_of(T: SE3) -> NDArray[np.float64]:
-    """Return roll, pitch, yaw (3,) in rad about the fixed axes, as `SE3.from_angles` takes them."""
-    R = T.rotation
-    return np.array([np.arctan2(R[2, 1], R[2, 2]), -np.arcsin(np.clip(R[2, 0], -1, 1)), np.arctan2(R[1, 0], R[0, 0])])
 
 
 def report(found: RefinedDepth, output: str) -> Iterator[str]:

@@ -41,12 +41,12 @@ def drive(folder, count):
 
 
 def options(folder, mounting=""):
-    return SimpleNamespace(source=folder, odom=None, mounting=mounting)
+    return SimpleNamespace(source=folder, mounting=mounting)
 
 
 def test_the_file_says_where_the_camera_sits(tmp_path):
     camera = drive(tmp_path / "bag", 400)
-    found, _ = mounting_by_odometry(options(tmp_path / "bag", "0.5,0,1.1,0,0,0"), "optical", camera)
+    found, _ = mounting_by_odometry(options(tmp_path / "bag", "0.5,0,1.1,0,0,0"), "optical", "/wheels", camera)
     assert found.unobserved == ("z",)
     assert found.values[:6] == pytest.approx([0.6, -0.1, 1.1, 0.02, 0.1, 0.4], abs=2e-3)
     assert next(line for line in mounting_lines(found) if "NOT OBSERVED" in line).startswith("z ")
@@ -56,6 +56,6 @@ def test_the_file_says_where_the_camera_sits(tmp_path):
 
 
 def test_a_drive_that_is_too_short_says_so(tmp_path):
-    found, reason = mounting_by_odometry(options(tmp_path / "bag"), "optical", drive(tmp_path / "bag", 40))
+    found, reason = mounting_by_odometry(options(tmp_path / "bag"), "optical", "/wheels", drive(tmp_path / "bag", 40))
     assert found is None
     assert reason == "expected a drive of at least 8 pieces of 1 m or 17 deg, found 1"

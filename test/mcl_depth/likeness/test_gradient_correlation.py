@@ -7,35 +7,10 @@ import pytest
 
 from mcl_depth.image_params import ComparisonParams
 from mcl_depth.likeness.comparison import Features, depth_features, depth_features_many, stack_features
-from mcl_depth.likeness.gradient_correlation import MIN_SHARE, correlate_part
+from mcl_depth.likeness.gradient_correlation import correlate_part
+from worlds.panoramas import HEIGHT, NUM_HEADINGS, WIDTH, part_of, rooms, window
 
-HEIGHT, WIDTH, NUM_HEADINGS, NUM_CELLS = 16, 72, 36, 60
-
-
-def rooms(seed=3):
-    """Range panoramas (M, H, W) of places with pillars."""
-    rng = np.random.default_rng(seed)
-    ranges = np.full((NUM_CELLS, HEIGHT, WIDTH), 6.0, np.float32)
-    for panorama in ranges:
-        for _ in range(9):
-            u, v, width = rng.integers(WIDTH), rng.integers(HEIGHT - 4), rng.integers(2, 9)
-            panorama[v : v + 4, (u + np.arange(width)) % WIDTH] = rng.uniform(1.0, 3.0)
-    return ranges
-
-
-def window(left, right):
-    is_seen = np.zeros((HEIGHT, WIDTH), np.bool_)
-    is_seen[3:14, np.arange(left, right) % WIDTH] = True
-    is_seen[3, left % WIDTH] = False  # no rectangle
-    return is_seen
-
-
-def part_of(panorama, heading, is_seen):
-    """What a camera that sees depth itself would make of a part; `heading` in steps."""
-    features = depth_features(panorama, ComparisonParams())
-    shift = heading * WIDTH // NUM_HEADINGS
-    parts = [np.roll(a, shift, axis=1) * is_seen for a in (features.x, features.y, features.magnitude)]
-    return Features(parts[0], parts[1], parts[2] / parts[2].sum(), is_seen)
+NUM_CELLS = 60
 
 
 def defined(visual, depth, heading):
@@ -51,7 +26,7 @@ def defined(visual, depth, heading):
 
 @pytest.mark.parametrize("view", [window(20, 40), window(64, 84), window(5, 70)])
 def test_it_is_the_cosine_between_doubled_gradients_in_view(view):
-    ranges = rooms()
+    ranges = rooms(np.full(WIDTH, 6.0), NUM_CELLS, 9)
     depths = [depth_features(panorama, ComparisonParams()) for panorama in ranges[:6]]
     visual = part_of(ranges[9], 4, view)
     found = correlate_part(visual, stack_features(depths), NUM_HEADINGS, np.array([1, 5]))
@@ -62,7 +37,7 @@ def test_it_is_the_cosine_between_doubled_gradients_in_view(view):
 
 @pytest.mark.parametrize("view", [window(20, 40), window(64, 84)])
 def test_place_and_heading_of_a_part_are_found(view):
-    ranges = rooms()
+    ranges = rooms(np.full(WIDTH, 6.0), NUM_CELLS, 9)
     stack = depth_features_many(ranges, ComparisonParams())
     for cell, heading in ((7, 0), (12, 5), (50, 31)):
         found = correlate_part(part_of(ranges[cell], heading, view), stack, NUM_HEADINGS, np.arange(NUM_CELLS))
@@ -71,7 +46,7 @@ def test_place_and_heading_of_a_part_are_found(view):
 
 
 def test_contrast_upside_down_and_in_any_unit_changes_nothing():
-    ranges, view = rooms(), window(20, 40)
+    ranges, view = rooms(np.full(WIDTH, 6.0), NUM_CELLS, 9), window(20, 40)
     stack = depth_features_many(ranges[:5], ComparisonParams())
     visual = part_of(ranges[2], 3, view)
     other = Features(-visual.x, -visual.y, 7.0 * visual.magnitude, view)
@@ -80,7 +55,7 @@ def test_contrast_upside_down_and_in_any_unit_changes_nothing():
 
 
 def test_an_image_without_gradients_and_a_map_without_them_correlate_with_nothing():
-    ranges, view = rooms()[:3], window(20, 40)
+    ranges, view = rooms(np.full(WIDTH, 6.0), NUM_CELLS, 9)[:3], window(20, 40)
     flat = Features(*(np.zeros((HEIGHT, WIDTH), np.float32) for _ in range(3)), view)
     stack = depth_features_many(ranges, ComparisonParams())
     np.testing.assert_array_equal(correlate_part(flat, stack, NUM_HEADINGS, np.arange(3)), 0.0)

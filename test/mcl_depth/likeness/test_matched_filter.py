@@ -7,21 +7,9 @@ import numpy as np
 from mcl_depth.image_params import ComparisonParams
 from mcl_depth.likeness.comparison import Features, depth_features, depth_features_many, similarity_many
 from mcl_depth.likeness.matched_filter import MatchedFilter
+from worlds.panoramas import NUM_HEADINGS, WIDTH, rooms, square_room
 
-HEIGHT, WIDTH, NUM_HEADINGS, NUM_CELLS = 16, 72, 36, 300
-
-
-def rooms(seed=3):
-    """Range panoramas (M, H, W) of places with pillars, all of them in a room of one shape."""
-    rng = np.random.default_rng(seed)
-    azimuth = np.arange(WIDTH) * 2 * np.pi / WIDTH
-    walls = 6.0 / np.maximum(np.abs(np.cos(azimuth)), np.abs(np.sin(azimuth)))
-    ranges = np.tile(walls, (NUM_CELLS, HEIGHT, 1)).astype(np.float32)
-    for panorama in ranges:
-        for _ in range(5):
-            u, v, width = rng.integers(WIDTH), rng.integers(HEIGHT - 4), rng.integers(2, 9)
-            panorama[v : v + 4, (u + np.arange(width)) % WIDTH] = rng.uniform(1.0, 3.0)
-    return ranges
+NUM_CELLS = 300
 
 
 def image_of(ranges, cell, heading):
@@ -32,7 +20,7 @@ def image_of(ranges, cell, heading):
 
 
 def test_place_and_heading_are_those_of_eq_2():
-    ranges = rooms()
+    ranges = rooms(square_room(), NUM_CELLS, 5)
     stack = depth_features_many(ranges, ComparisonParams())
     matched = MatchedFilter.of(stack, np.arange(NUM_CELLS))
     for cell, heading in ((7, 0), (120, 5), (299, 31)):
@@ -46,9 +34,9 @@ def test_place_and_heading_are_those_of_eq_2():
 
 
 def test_a_cell_without_ground_fits_nothing():
-    stack = depth_features_many(rooms(), ComparisonParams())
+    stack = depth_features_many(rooms(square_room(), NUM_CELLS, 5), ComparisonParams())
     slots = np.arange(NUM_CELLS)
     slots[4] = -1
-    curves = MatchedFilter.of(stack, slots).curves(image_of(rooms(), 9, 0), NUM_HEADINGS)
+    curves = MatchedFilter.of(stack, slots).curves(image_of(rooms(square_room(), NUM_CELLS, 5), 9, 0), NUM_HEADINGS)
     np.testing.assert_array_equal(curves[4], 0.0)
     assert np.argmax(curves.max(axis=1)) == 9

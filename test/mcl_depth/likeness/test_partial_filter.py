@@ -7,29 +7,17 @@ import pytest
 
 from mcl_depth.image_params import ComparisonParams
 from mcl_depth.likeness import partial_filter
-from mcl_depth.likeness.comparison import Features, depth_features, depth_features_many
+from mcl_depth.likeness.comparison import Features, depth_features_many
 from mcl_depth.likeness.gradient_correlation import correlate_part, double_gradients
 from mcl_depth.likeness.partial_filter import PartialFilter
+from worlds.panoramas import HEIGHT, NUM_HEADINGS, WIDTH, part_of, rooms, square_room, window
 
-HEIGHT, WIDTH, NUM_HEADINGS, NUM_CELLS = 16, 72, 36, 300
-
-
-def rooms(seed=3):
-    """Range panoramas (M, H, W) of places with pillars, all of them in a room of one shape."""
-    rng = np.random.default_rng(seed)
-    azimuth = np.arange(WIDTH) * 2 * np.pi / WIDTH
-    walls = 6.0 / np.maximum(np.abs(np.cos(azimuth)), np.abs(np.sin(azimuth)))
-    ranges = np.tile(walls, (NUM_CELLS, HEIGHT, 1)).astype(np.float32)
-    for panorama in ranges:
-        for _ in range(9):
-            u, v, width = rng.integers(WIDTH), rng.integers(HEIGHT - 4), rng.integers(2, 9)
-            panorama[v : v + 4, (u + np.arange(width)) % WIDTH] = rng.uniform(1.0, 3.0)
-    return ranges
+NUM_CELLS = 300
 
 
 @pytest.fixture(scope="module")
 def ranges():
-    return rooms()
+    return rooms(square_room(), NUM_CELLS, 9)
 
 
 @pytest.fixture(scope="module")
@@ -40,21 +28,6 @@ def stack(ranges):
 @pytest.fixture(scope="module")
 def made(stack):
     return PartialFilter.of(stack, np.arange(NUM_CELLS))
-
-
-def window(left, right):
-    is_seen = np.zeros((HEIGHT, WIDTH), np.bool_)
-    is_seen[3:14, np.arange(left, right) % WIDTH] = True
-    is_seen[3, left % WIDTH] = False  # no rectangle
-    return is_seen
-
-
-def part_of(panorama, heading, is_seen):
-    """What a camera that sees depth itself would make of a part; `heading` in steps."""
-    features = depth_features(panorama, ComparisonParams())
-    shift = heading * WIDTH // NUM_HEADINGS
-    parts = [np.roll(a, shift, axis=1) * is_seen for a in (features.x, features.y, features.magnitude)]
-    return Features(parts[0], parts[1], parts[2] / parts[2].sum(), is_seen)
 
 
 @pytest.mark.parametrize("view", [window(20, 40), window(64, 84), window(5, 70)])
