@@ -10,7 +10,6 @@ from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import TOPICS, Intake, with_driver_input
 from sphere_mapping.ros.rgbd_intake import DEPTH_INFO
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.offline.refine_depth import angles_of
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, image_to_array
 from sphere_nav.ros.node import ManagedNode
@@ -109,7 +108,7 @@ def test_registered_depth_is_registered_anew_where_its_pose_is_given():
     messages = dict(rgbd(0))
     messages["depth/image_raw"] = array_to_image(depth_m, stamp(0), FRAME, "32FC1")
     x, y, z = T_IMAGE_DEPTH.translation
-    words = ",".join(map(str, (x, y, z, *angles_of(T_IMAGE_DEPTH))))
+    words = ",".join(map(str, (x, y, z, *T_IMAGE_DEPTH.angles)))
     errors = []
     for pose_of_depth in ("", words):
         ((found, *_),) = caught("rgbd", *messages.items(), depth_pose=pose_of_depth).caught
