@@ -5,34 +5,25 @@ from glob import glob
 from setuptools import find_packages, setup
 
 PACKAGES = (
-    "typed_params",
-    "kernel_cache",
-    "sphere_geometry",
-    "sphere_map",
-    "photometric",
-    "view_synthesis",
-    "localization",
+    "sphere_nav",
     "rig_calibration",
     "sphere_mapping",
     "dense_localizer",
     "mcl_depth",
     "path_follower",
-    "command_guard",
     "cycab_sim",
-    "node_kit",
-    "sphere_nav_cli",
 )
 EXECUTABLES = {
-    "sphere_nav": "sphere_nav_cli.main",
-    "sphere_stitcher": "sphere_mapping.stitcher_node",
-    "sphere_mapper": "sphere_mapping.node",
-    "dense_localizer": "dense_localizer.node",
-    "mcl_depth": "mcl_depth.node",
-    "path_follower": "path_follower.node",
-    "command_guard": "command_guard.node",
-    "cycab_sim": "cycab_sim.node",
-    "bag_recorder": "node_kit.bag_recorder_node",
-    "bag_player": "node_kit.bag_player_node",
+    "sphere_nav": "sphere_nav.cli.main",
+    "sphere_stitcher": "sphere_mapping.acquisition.ros.node",
+    "sphere_mapper": "sphere_mapping.ros.node",
+    "dense_localizer": "dense_localizer.ros.node",
+    "mcl_depth": "mcl_depth.ros.node",
+    "path_follower": "path_follower.ros.node",
+    "command_guard": "path_follower.ros.guard_node",
+    "cycab_sim": "cycab_sim.ros.node",
+    "bag_recorder": "sphere_nav.ros.bags.recorder_node",
+    "bag_player": "sphere_nav.ros.bags.player_node",
 }
 
 setup(

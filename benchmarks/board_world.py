@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from rig_calibration.board import Board
-from rig_calibration.views import View
-from sphere_geometry import SE3, Camera, Fisheye, Pinhole, so3
-from sphere_geometry.camera import pixel_grid
-from sphere_geometry.rig import Rig, RigCamera
+from rig_calibration.boards.board import Board
+from rig_calibration.boards.views import View
+from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole, so3
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 
 Array = NDArray[np.float64]
 

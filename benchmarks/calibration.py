@@ -12,11 +12,11 @@ import numpy as np
 from benchmarks import calibration_reference
 from benchmarks import calibration_worlds as worlds
 from benchmarks.report import Bound, Report, Table
-from rig_calibration.board import Board
+from rig_calibration.boards.board import Board
+from rig_calibration.boards.detect import detect
+from rig_calibration.boards.views import View
 from rig_calibration.calibrate import CameraSpec, calibrate
-from rig_calibration.detect import detect
 from rig_calibration.params import CalibrationParams
-from rig_calibration.views import View
 
 HELP = "rig calibration beside OpenCV's, and of known rigs before projected and rendered boards"
 PARTS = ("real", "projected", "driven", "rendered")

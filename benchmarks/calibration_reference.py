@@ -14,13 +14,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Bound, Report, Table
-from rig_calibration.board import Board
-from rig_calibration.detect import REFINEMENT, detect
-from rig_calibration.intrinsics import calibrate_camera
-from rig_calibration.observability import spread
+from rig_calibration.boards.board import Board
+from rig_calibration.boards.detect import REFINEMENT, detect
+from rig_calibration.boards.intrinsics import calibrate_camera
+from rig_calibration.boards.observability import spread
+from rig_calibration.boards.state import camera_problem
+from rig_calibration.boards.views import observations
 from rig_calibration.params import CalibrationParams
-from rig_calibration.state import camera_problem
-from rig_calibration.views import observations
 
 Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]

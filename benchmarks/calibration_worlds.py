@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from benchmarks.board_world import BoardWorld, boards_around, ring_rig, vertical_rig, wandering
 from benchmarks.report import Bound, Report, Table
+from rig_calibration.boards.detect import detect_all
+from rig_calibration.boards.views import View
 from rig_calibration.calibrate import Calibration, CameraSpec, calibrate
-from rig_calibration.detect import detect_all
 from rig_calibration.params import CalibrationParams
-from rig_calibration.views import View
-from sphere_geometry.rig import Rig
+from sphere_nav.geometry.cameras.rig import Rig
 
 Array = NDArray[np.float64]
 

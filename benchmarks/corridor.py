@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.room import hit_walls
-from sphere_geometry import SE3, Camera
+from sphere_nav.geometry import SE3, Camera
 
 SPACING_M = 1000.0 / 300.0  # after which the walls repeat
 HALF_SIDES_M = np.array([np.inf, 2.5, 2.0])

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sphere_geometry import SE3
-from sphere_map.sphere import Sphere
+from sphere_nav.geometry import SE3
+from sphere_nav.spheres.sphere import Sphere
 
 STEP, FARTHEST_M = 2, 6.0  # every second row and column; beyond, structured light is too coarse
 NUM_POINTS, NUM_NEIGHBOURS = 20_000, 20

@@ -18,19 +18,19 @@ from benchmarks.machine import describe
 from benchmarks.report import Bound, Report
 from benchmarks.rgbd_data import COLMAP_POSES, colmap_poses
 from benchmarks.straight_truth import straighten
-from node_kit.bags import BagReader
-from node_kit.conversions import camera_from_info, depth_to_metres, message_to_status, stamp_ns
-from node_kit.map_bag import open_map
-from sphere_geometry import SE3, Camera
-from sphere_geometry.camera import pixel_grid
-from sphere_geometry.trajectory import Trajectory, read_tum
-from sphere_map.sphere import T_BODY_OPTICAL
 from sphere_mapping.params import MapperParams
-from sphere_nav_cli.evaluate import judge
-from sphere_nav_cli.main import main as sphere_nav
-from sphere_nav_cli.map_truth import fit_poses
-from sphere_nav_cli.pose_bags import read_poses
-from sphere_nav_cli.sphere_source import Lens, read_sphere
+from sphere_nav.cli.main import main as sphere_nav
+from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.trajectory import Trajectory, read_tum
+from sphere_nav.offline.evaluation import judge
+from sphere_nav.offline.mapping.sphere_source import Lens, read_sphere
+from sphere_nav.offline.mapping.truth import fit_poses
+from sphere_nav.offline.pose_bags import read_poses
+from sphere_nav.ros.bags import BagReader
+from sphere_nav.ros.conversions import camera_from_info, depth_to_metres, message_to_status, stamp_ns
+from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 HELP = "import, map, localise and register recorded data through the commands"
 TRUTH = ("ground_truth/pose",)

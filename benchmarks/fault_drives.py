@@ -21,15 +21,15 @@ from tf2_msgs.msg import TFMessage
 from cycab_sim.params import ActuationParams, SimParams, VehicleParams
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import Command, Vehicle, VehicleState
-from dense_localizer.node import DenseLocalizerNode
-from node_kit import conversions
-from node_kit.map_bag import MapDetails, save_map
-from node_kit.replay import OfflineBus
-from path_follower.node import PathFollowerNode
-from sphere_geometry import SE3
-from sphere_map.graph import Edge, KeySphere, SphereGraph
-from sphere_map.sphere import Sphere
-from typed_params import build
+from dense_localizer.ros.node import DenseLocalizerNode
+from path_follower.ros.node import PathFollowerNode
+from sphere_nav.geometry import SE3
+from sphere_nav.params import build
+from sphere_nav.ros import conversions
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.maps.reader import MapDetails, save_map
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
 
 SECOND, STEP_NS, PERIOD_NS, LATENCY_NS, ODOM_NS = 1_000_000_000, 10_000_000, 100_000_000, 50_000_000, 20_000_000
 STREET = {"path": "straight", "camera.width": 320, "camera.height": 240, "sphere.width": 768, "render.supersampling": 1}

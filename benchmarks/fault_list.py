@@ -16,9 +16,9 @@ from std_msgs.msg import Bool
 from tf2_msgs.msg import TFMessage
 
 from benchmarks.fault_drives import FRAME, PERIOD_NS, SECOND, Drive, Messages
-from node_kit import conversions
-from node_kit.map_bag import FILE_NAME
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
+from sphere_nav.ros import conversions
+from sphere_nav.ros.maps.reader import FILE_NAME
 
 Images = Callable[[Drive, Messages, float], Messages]  # the drive, an image with its calibration, s since the fault
 Pixels = Callable[[np.ndarray, np.random.Generator], np.ndarray]

@@ -13,11 +13,11 @@ import numpy as np
 
 from cycab_sim.params import ActuationParams, VehicleParams
 from cycab_sim.vehicle import Command, Vehicle, VehicleState
-from localization.status import State, Status
-from node_kit.conversions import poses_to_path, se3_to_pose_with_covariance, status_to_message
-from node_kit.replay import OfflineBus
-from path_follower.node import PathFollowerNode
-from sphere_geometry import SE3
+from path_follower.ros.node import PathFollowerNode
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import State, Status
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.conversions import poses_to_path, se3_to_pose_with_covariance, status_to_message
 
 SECOND, STEP_NS, PERIOD_NS, LATENCY_NS = 1_000_000_000, 10_000_000, 100_000_000, 50_000_000
 NOISE, YAW_NOISE = 0.01, 0.003  # m, rad

@@ -17,12 +17,12 @@ import numpy as np
 
 FORK = """
 import os, sys
-import path_follower.node, node_kit.run
+import path_follower.ros.node, sphere_nav.ros.run
 for line in sys.stdin:
     pid = os.fork()
     if pid == 0:
         os.dup2(2, 1)  # what the middleware prints is not taken for a pid
-        os._exit(node_kit.run.run(path_follower.node.PathFollowerNode, line.split()))
+        os._exit(sphere_nav.ros.run.run(path_follower.ros.node.PathFollowerNode, line.split()))
     print(pid, flush=True)
     print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
 """
@@ -59,7 +59,7 @@ class _Vehicle:
         from sphere_nav_msgs.msg import LocalizationStatus
         from std_srvs.srv import Trigger
 
-        from node_kit import qos
+        from sphere_nav.ros import qos
 
         self.nursery, self.arguments = nursery, arguments
         self.node = rclpy.create_node("vehicle")
@@ -107,9 +107,9 @@ class _Vehicle:
                 answer, asked = self.start.call_async(self.request), time.monotonic()
 
     def _speak(self) -> None:
-        from localization.status import State, Status
-        from node_kit.conversions import se3_to_pose_with_covariance, status_to_message
-        from sphere_geometry import SE3
+        from sphere_nav.geometry import SE3
+        from sphere_nav.localization.status import State, Status
+        from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
 
         stamp = self.node.get_clock().now().nanoseconds
         self.x += self.speed * 0.04

@@ -20,7 +20,7 @@ from tqdm import tqdm
 from benchmarks.fuzz_targets import Target, make_targets
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
-from node_kit.service import one_line
+from sphere_nav.ros.service import one_line
 
 HELP = "wrong inputs for every reader, conversion and service (--seed, --count): no crash, no hang, no gigabyte"
 BATCH = 400  # inputs a child

@@ -19,15 +19,15 @@ from sensor_msgs.msg import CompressedImage, LaserScan
 from sphere_nav_msgs.msg import AugmentedSphere, ReferencePoint, ReferenceTrajectory
 from std_msgs.msg import Header, String
 
-from node_kit import conversions
-from node_kit.bag_writer import BagWriter
-from node_kit.map_bag import MapDetails, save_map
-from sphere_geometry import SE3, Fisheye, Pinhole, Spherical
-from sphere_geometry.rig import Rig, RigCamera
-from sphere_geometry.rig_file import write_rig
-from sphere_geometry.trajectory import Trajectory, write_tum
-from sphere_map.graph import Edge, KeySphere, SphereGraph
-from sphere_map.sphere import Sphere
+from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
+from sphere_nav.geometry.cameras.rig import Rig, RigCamera
+from sphere_nav.geometry.files.rig_file import write_rig
+from sphere_nav.geometry.trajectory import Trajectory, write_tum
+from sphere_nav.ros import conversions
+from sphere_nav.ros.bags.writer import BagWriter
+from sphere_nav.ros.maps.reader import MapDetails, save_map
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
 
 SECOND = 1_000_000_000
 FOREIGN_FILES = (("sqlite", "db3"), ("packed", "mcap"), ("file", "zstd"))

@@ -16,25 +16,25 @@ from sphere_nav_msgs.srv import LoadCloud, LoadMap, LoadTrajectory
 
 from benchmarks.fuzz_mutations import mutate_bytes, mutate_message
 from benchmarks.fuzz_samples import Samples
-from dense_localizer.node import DenseLocalizerNode
+from dense_localizer.ros.node import DenseLocalizerNode
 from mcl_depth.geometry.files import read_geometry
-from mcl_depth.node import MclDepthNode
-from node_kit import conversions
-from node_kit.bag_reader import BagReader, decode
-from node_kit.conversions import driving
-from node_kit.map_bag import open_map
-from node_kit.map_check import salvage_map
-from node_kit.mcap_salvage import Salvage
-from node_kit.node import ManagedNode
-from node_kit.replay import OfflineBus
-from node_kit.streams import read_streams
-from path_follower.node import PathFollowerNode
+from mcl_depth.ros.node import MclDepthNode
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_path
-from sphere_geometry.foreign_rig import read_foreign
-from sphere_geometry.rig_file import read_rig
-from sphere_geometry.trajectory import read_tum
-from sphere_nav_cli.importing import recording
+from path_follower.ros.node import PathFollowerNode
+from sphere_nav.geometry.files.foreign_rig import read_foreign
+from sphere_nav.geometry.files.rig_file import read_rig
+from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.offline.importing import recording
+from sphere_nav.ros import conversions
+from sphere_nav.ros.bags.mcap_salvage import Salvage
+from sphere_nav.ros.bags.reader import BagReader, decode
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.bags.streams import read_streams
+from sphere_nav.ros.conversions import driving
+from sphere_nav.ros.maps.check import salvage_map
+from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.ros.node import ManagedNode
 
 CONVERSIONS: dict[str, tuple[Callable[[Any], Any], ...]] = {
     "Image": (conversions.image_to_rgb, conversions.image_to_grey, conversions.depth_to_metres),

@@ -30,7 +30,7 @@ TAIL, TAIL_PERIOD = 6, 1.0  # slow messages at the end: a gap is seen by what co
 PATIENCE = 90.0  # s for the node to be up, kernels compiled
 DOMAIN = "48"
 CHECKOUT = str(Path(__file__).resolve().parents[1])
-NODE = "import sys; from sphere_mapping.node import main; sys.exit(main())"
+NODE = "import sys; from sphere_mapping.ros.node import main; sys.exit(main())"
 PLAYER = "import sys; sys.path.append(sys.argv[3]); from benchmarks.intake_rate import play; play(*sys.argv[1:3])"
 TOPICS = {
     "raw": ("image_raw", "depth/image_raw"),
@@ -112,10 +112,10 @@ def play(transport: str, seconds: str) -> None:
     import rclpy
     from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-    from node_kit import qos
-    from node_kit.conversions import array_to_image, camera_to_info
-    from node_kit.run import use_large_segment
-    from sphere_geometry import Pinhole
+    from sphere_nav.geometry import Pinhole
+    from sphere_nav.ros import qos
+    from sphere_nav.ros.conversions import array_to_image, camera_to_info
+    from sphere_nav.ros.run import use_large_segment
 
     use_large_segment()
     noise = cv2.GaussianBlur(np.random.default_rng(1).uniform(0, 255, (HEIGHT, WIDTH)).astype(np.float32), (0, 0), 3.0)

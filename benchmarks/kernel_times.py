@@ -15,9 +15,17 @@ from numpy.typing import NDArray
 from benchmarks.machine import describe, repeat_cpu
 from benchmarks.report import Bound, Report, Table
 from benchmarks.room import render
-from photometric import PyramidParams, Reference, RegistrationParams, View, build_pyramid, prepare_reference, register
-from photometric.problem import Problem, State
-from sphere_geometry import SE3, Camera, Pinhole, Spherical
+from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
+from sphere_nav.photometric import (
+    PyramidParams,
+    Reference,
+    RegistrationParams,
+    View,
+    build_pyramid,
+    prepare_reference,
+    register,
+)
+from sphere_nav.photometric.align.problem import Problem, State
 
 HELP = "one iteration, pyramid, reference, whole localisation step"
 CAMERA = Pinhole(800, 600, 600.0, 600.0, 399.5, 299.5)

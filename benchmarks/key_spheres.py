@@ -26,18 +26,18 @@ from benchmarks.region import CAMERA, PARAMS, localise, noisy
 from benchmarks.report import Bound, Report, Table
 from benchmarks.rgbd_data import colmap_poses
 from cycab_sim.params import LightParams, RenderParams
-from cycab_sim.renderer import Renderer
-from cycab_sim.worlds import build_world
-from node_kit.map_bag import open_map
-from photometric import View, prepare_reference
-from sphere_geometry import SE3, Spherical
-from sphere_geometry.trajectory import read_tum
-from sphere_map.sphere import T_BODY_OPTICAL, Sphere
+from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.world.worlds import build_world
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams
-from sphere_nav_cli.evaluate import judge as judge_poses
-from sphere_nav_cli.pose_bags import read_poses
-from typed_params import build
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.offline.evaluation import judge as judge_poses
+from sphere_nav.offline.pose_bags import read_poses
+from sphere_nav.params import build
+from sphere_nav.photometric import View, prepare_reference
+from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
 HELP = "spacing of key spheres and what it costs: eq. 12 alone against the rules in force, in towns and on recordings"
 NEVER = 1e6

@@ -13,10 +13,10 @@ from benchmarks.range_worlds import make_scene
 from benchmarks.report import Bound, Report, Table
 from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
-from sphere_geometry import Fisheye, Pinhole, Rig
-from sphere_mapping.acquisition.lens_check import LensEvidence, weigh_lenses
-from sphere_mapping.acquisition.semi_global import Image
-from typed_params import build
+from sphere_mapping.acquisition.range.lens_check import LensEvidence, weigh_lenses
+from sphere_mapping.acquisition.range.semi_global import Image
+from sphere_nav.geometry import Fisheye, Pinhole, Rig
+from sphere_nav.params import build
 
 HELP = "rigs whose images fit their file, and whose do not: how often each is refused"
 WIDTH = 544  # px, of each camera

@@ -16,24 +16,24 @@ from rosgraph_msgs.msg import Clock
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, LocalizationStatus
 from std_msgs.msg import String, UInt64
 
-from command_guard.node import CommandGuard
-from cycab_sim.node import CycabSim
 from cycab_sim.params import RigParams
-from cycab_sim.rigs import make_rig
-from dense_localizer.node import DenseLocalizerNode
-from mcl_depth.node import MclDepthNode
-from node_kit import qos
-from node_kit.bag_player_node import BagPlayer
-from node_kit.bag_recorder_node import BagRecorder
-from node_kit.bag_writer import BagWriter
-from node_kit.conversions import array_to_image, camera_to_info, sphere_to_message
-from node_kit.live import LiveShell
-from path_follower.node import PathFollowerNode
-from sphere_geometry import Pinhole, Rig, Spherical
-from sphere_geometry.rig_file import write_rig
-from sphere_map.sphere import Sphere
-from sphere_mapping.node import SphereMapper
-from sphere_mapping.stitcher_node import SphereStitcher
+from cycab_sim.ros.node import CycabSim
+from cycab_sim.sensors.rigs import make_rig
+from dense_localizer.ros.node import DenseLocalizerNode
+from mcl_depth.ros.node import MclDepthNode
+from path_follower.ros.guard_node import CommandGuard
+from path_follower.ros.node import PathFollowerNode
+from sphere_mapping.acquisition.ros.node import SphereStitcher
+from sphere_mapping.ros.node import SphereMapper
+from sphere_nav.geometry import Pinhole, Rig, Spherical
+from sphere_nav.geometry.files.rig_file import write_rig
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.player_node import BagPlayer
+from sphere_nav.ros.bags.recorder_node import BagRecorder
+from sphere_nav.ros.bags.writer import BagWriter
+from sphere_nav.ros.conversions import array_to_image, camera_to_info, sphere_to_message
+from sphere_nav.ros.live import LiveShell
+from sphere_nav.spheres.sphere import Sphere
 
 CAMERA = Pinhole(16, 12, 10.0, 10.0, 7.5, 5.5)
 NOISE = np.random.default_rng(0)

@@ -20,9 +20,9 @@ from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
-from localization.status import State
-from sphere_geometry import SE3
-from typed_params import build
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import State
+from sphere_nav.params import build
 
 HELP = "failures injected into drives of the dense localiser: undetected, delay, false alarms, NEES, starts"
 SETTINGS = {"acceptance.min_pixels": 200, "alignment.num_levels": 4}  # for images so small

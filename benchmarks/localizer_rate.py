@@ -23,10 +23,10 @@ from benchmarks.machine import describe
 from benchmarks.player import play_images
 from benchmarks.report import Bound, Report, Table
 from benchmarks.room import render
-from node_kit.map_bag import save_map
-from sphere_geometry import SE3
-from sphere_map.graph import KeySphere, SphereGraph
-from sphere_map.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav.geometry import SE3
+from sphere_nav.ros.maps.reader import save_map
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
 HELP = "45 Hz at 800 x 600 through the node over DDS for a minute: drops and ages"
 RATE = 45.0  # Hz
@@ -37,7 +37,7 @@ SETTLE, SETTLE_RATE = 50, 5.0  # images of the start, which is no tracking and i
 MAX_AGE_MS = 50.0
 PATIENCE = 60.0  # s for the node to be up
 DOMAIN = "49"
-NODE = "import sys; from dense_localizer.node import main; sys.exit(main())"
+NODE = "import sys; from dense_localizer.ros.node import main; sys.exit(main())"
 PLAYER = "import sys; sys.path.append(sys.argv[3]); from benchmarks.localizer_rate import play; play(*sys.argv[1:3])"
 CHECKOUT = str(Path(__file__).resolve().parents[1])
 
@@ -93,7 +93,7 @@ def _listen(folder: Path, seconds: float) -> tuple[int, NDArray[np.float64], lis
     import rclpy
     from sphere_nav_msgs.msg import LocalizationStatus
 
-    from node_kit.conversions import stamp_ns
+    from sphere_nav.ros.conversions import stamp_ns
 
     words = ["--ros-args", "-p", f"map:={folder / 'map'}", "-p", "base_frame:=camera", "--log-level", "error"]
     rclpy.init()
@@ -133,9 +133,9 @@ def play(folder: str, seconds: str) -> None:
     import rclpy
     from sensor_msgs.msg import CameraInfo, Image
 
-    from node_kit import qos
-    from node_kit.conversions import array_to_image, camera_to_info
-    from node_kit.run import use_large_segment
+    from sphere_nav.ros import qos
+    from sphere_nav.ros.conversions import array_to_image, camera_to_info
+    from sphere_nav.ros.run import use_large_segment
 
     use_large_segment()
     images = np.load(Path(folder) / "images.npy")

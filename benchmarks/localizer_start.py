@@ -22,10 +22,10 @@ from benchmarks.localizer_times import CAMERA
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from benchmarks.room import render
-from node_kit.map_bag import save_map
-from sphere_geometry import SE3, Spherical
-from sphere_map.graph import KeySphere, SphereGraph
-from sphere_map.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.ros.maps.reader import save_map
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
 HELP = "from process start to the first answered image, 300 key spheres, kernels compiled or not"
 SPHERE = Spherical(1024, 512)
@@ -37,10 +37,10 @@ ANSWER = """
 import sys
 import numpy as np
 from sensor_msgs.msg import CameraInfo, Image
-from dense_localizer.node import DenseLocalizerNode
-from node_kit.conversions import array_to_image, camera_to_info
-from node_kit.replay import OfflineBus
-from sphere_geometry import Pinhole
+from dense_localizer.ros.node import DenseLocalizerNode
+from sphere_nav.ros.conversions import array_to_image, camera_to_info
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.geometry import Pinhole
 bus = OfflineBus(captured={"status"})
 bus.add(DenseLocalizerNode, {"map": sys.argv[1], "base_frame": "camera"})
 image, camera = np.load(sys.argv[2]), Pinhole(*map(float, sys.argv[3:]))

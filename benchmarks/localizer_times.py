@@ -19,23 +19,23 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
-import dense_localizer.inputs
-import dense_localizer.inter_frame
-import dense_localizer.place
-import photometric.esm
 from benchmarks.machine import describe, num_cores
 from benchmarks.report import Bound, Report, Table
 from benchmarks.room import render
+from dense_localizer import inputs
+from dense_localizer.judge import place
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
-from dense_localizer.reference import References
-from localization import InputCheck
-from sphere_geometry import SE3, Pinhole, Spherical
-from sphere_map.appearance.features import features_of_sphere
-from sphere_map.appearance.index import AppearanceIndex
-from sphere_map.coarse import coarse_sphere
-from sphere_map.graph import KeySphere, SphereGraph
-from sphere_map.sphere import T_BODY_OPTICAL, Sphere
+from dense_localizer.references.reference import References
+from dense_localizer.track import inter_frame
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.localization import InputCheck
+from sphere_nav.photometric.align import esm
+from sphere_nav.spheres.appearance.features import features_of_sphere
+from sphere_nav.spheres.appearance.index import AppearanceIndex
+from sphere_nav.spheres.coarse import coarse_sphere
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
 HELP = "a localisation at 800 x 600 stage by stage: CPU and wall time, one and two cores"
 CAMERA = Pinhole(800, 600, 600.0, 600.0, 399.5, 299.5)
@@ -47,14 +47,14 @@ SPACING = 1.0  # m between key spheres
 SETTLE = 10  # images of the start, which is no tracking
 STAGES: dict[str, tuple[Any, str]] = {
     "check of the image": (InputCheck, "check_image"),
-    "pyramid": (dense_localizer.inputs, "build_pyramid"),
-    "is the rotation supported": (dense_localizer.inter_frame, "mismatch"),
+    "pyramid": (inputs, "build_pyramid"),
+    "is the rotation supported": (inter_frame, "mismatch"),
     "choice of references": (References, "choose"),
-    "choice of pixels": (photometric.esm.Problem, "choose_pixels"),
-    "descents": (photometric.esm.Problem, "descend"),
-    "overlap": (photometric.esm, "image_overlap"),
-    "judgement of the alignment": (photometric.esm, "judge"),
-    "judgement of the pose": (dense_localizer.place, "judge"),
+    "choice of pixels": (esm.Problem, "choose_pixels"),
+    "descents": (esm.Problem, "descend"),
+    "overlap": (esm, "image_overlap"),
+    "judgement of the alignment": (esm, "judge"),
+    "judgement of the pose": (place, "judge"),
 }
 
 

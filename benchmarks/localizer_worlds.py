@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from benchmarks.localizer_times import RoomMap
 from benchmarks.room import FINEST, Factor, Room
-from sphere_geometry import SE3, Pinhole, Spherical
-from sphere_map.graph import KeySphere, SphereGraph
-from sphere_map.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
 CAMERA = Pinhole(240, 180, 190.0, 190.0, 119.5, 89.5)
 SPHERE = Spherical(1024, 512)

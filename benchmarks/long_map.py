@@ -18,17 +18,17 @@ from tqdm import tqdm
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from cycab_sim.params import LightParams, RenderParams
-from cycab_sim.paths import Path, Piece, turn
-from cycab_sim.renderer import Renderer
-from cycab_sim.town import draw_plan
-from cycab_sim.worlds import build_world
-from sphere_geometry import SE3, Spherical
-from sphere_geometry.trajectory import Trajectory
-from sphere_geometry.trajectory_error import align
-from sphere_map.graph import Edge, SphereGraph
-from sphere_map.sphere import Sphere
+from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.world.paths import Path, Piece, turn
+from cycab_sim.world.town import draw_plan
+from cycab_sim.world.worlds import build_world
 from sphere_mapping.graph.merging import merge
 from sphere_mapping.mapper import Mapper
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.geometry.trajectory_error import align
+from sphere_nav.spheres.graph import Edge, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
 
 HELP = "1.5 km of town and city, loops both ways: drift, error after closure, false loops, spheres kept (half an hour)"
 LENGTH_M, QUICK_M, SPACING_M, SPEED = 1500.0, 200.0, 1.0, 4.0  # m/s

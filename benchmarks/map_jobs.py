@@ -16,18 +16,18 @@ from tf2_msgs.msg import TFMessage
 from benchmarks.machine import describe, num_cores
 from benchmarks.report import Bound, Report, Table
 from cycab_sim.params import SimParams
-from cycab_sim.rigs import rig_place
+from cycab_sim.sensors.rigs import rig_place
 from cycab_sim.simulator import Simulator
-from node_kit import qos
-from node_kit.bags import BagWriter
-from node_kit.conversions import array_to_image, se3_to_transform
-from sphere_geometry.rig_file import write_rig
-from typed_params import build
+from sphere_nav.geometry.files.rig_file import write_rig
+from sphere_nav.params import build
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags import BagWriter
+from sphere_nav.ros.conversions import array_to_image, se3_to_transform
 
 HELP = "map of six cameras by several processes: wall time by that of one, and the same map bit for bit"
 WIDTH, INSTANTS, QUICK_INSTANTS, SPACING_M, STEP_NS = 1024, 48, 12, 1.2, 250_000_000
 PATIENCE_S = 1800.0
-CODE = "import sys; from sphere_nav_cli.main import main; sys.exit(main())"
+CODE = "import sys; from sphere_nav.cli.main import main; sys.exit(main())"
 
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:

@@ -23,16 +23,16 @@ from numpy.typing import NDArray
 
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
-from node_kit.map_bag import open_map
-from node_kit.map_writer import MapWriter
-from sphere_geometry import SE3, Spherical
-from sphere_map.appearance.features import Features
-from sphere_map.appearance.index import AppearanceIndex
-from sphere_map.graph import Edge, KeySphere, SphereGraph
-from sphere_map.sphere import Sphere
 from sphere_mapping.graph.incremental import IncrementalOptimum
 from sphere_mapping.graph.loop_closure import Candidate, choose
 from sphere_mapping.graph.optimum import optimize_map
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.ros.maps.writer import MapWriter
+from sphere_nav.spheres.appearance.features import Features
+from sphere_nav.spheres.appearance.index import AppearanceIndex
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
 
 HELP = "maps of 100 to 10,000 key spheres: memory, time to add, look up, write and adjust (a quarter of an hour)"
 SIZES, QUICK_SIZES = (100, 1000, 10_000), (100, 1000)

@@ -19,12 +19,12 @@ import numpy as np
 from benchmarks.corridor import SPACING_M, render
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
-from node_kit.map_bag import save_map
-from sphere_geometry import SE3, Spherical
-from sphere_map.appearance.features import features_of_sphere
-from sphere_map.appearance.index import AppearanceIndex
-from sphere_map.graph import KeySphere, SphereGraph
-from sphere_map.sphere import Sphere
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.ros.maps.reader import save_map
+from sphere_nav.spheres.appearance.features import features_of_sphere
+from sphere_nav.spheres.appearance.index import AppearanceIndex
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
 
 HELP = "300 key spheres past a camera at 10 m/s: memory, waits, load and prepare"
 SPHERE = Spherical(2048, 1024)

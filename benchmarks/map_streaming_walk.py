@@ -12,13 +12,12 @@ import numpy as np
 
 from benchmarks.corridor import render
 from dense_localizer.params import LocalizerParams
-from dense_localizer.reference import References
-from node_kit.map_bag import MapReader, open_map
-from node_kit.memory import return_free_memory, return_large_blocks
-from node_kit.turns import take_short_turns
-from photometric import build_pyramid, prepare_reference, register, warm_up
-from sphere_geometry import SE3, Pinhole
-from sphere_map.sphere import T_BODY_OPTICAL
+from dense_localizer.references.reference import References
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.photometric import build_pyramid, prepare_reference, register, warm_up
+from sphere_nav.ros.maps.reader import MapReader, open_map
+from sphere_nav.ros.process import return_free_memory, return_large_blocks, take_short_turns
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 CAMERA = Pinhole(800, 600, 600.0, 600.0, 399.5, 299.5)
 SPEED, PERIOD_S = 10.0, 1.0 / 30.0

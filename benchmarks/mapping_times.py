@@ -22,14 +22,14 @@ from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
-from node_kit.map_writer import MapWriter
-from sphere_mapping.acquisition import stitcher as acquisition
-from sphere_mapping.acquisition.light import NUM_INSTANTS
+from sphere_mapping.acquisition.light.light import NUM_INSTANTS
 from sphere_mapping.acquisition.params import StitchParams
-from sphere_mapping.acquisition.stitcher import Stitcher
+from sphere_mapping.acquisition.stitching import stitcher as acquisition
+from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams
-from typed_params import build
+from sphere_nav.params import build
+from sphere_nav.ros.maps.writer import MapWriter
 
 HELP = "CPU time of a sphere from six images to the map by stage, and the size of a key sphere"
 WIDTH = 2048

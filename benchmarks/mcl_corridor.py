@@ -13,7 +13,7 @@ from benchmarks.mcl_drives import Drive
 from benchmarks.mcl_sites import Settings
 from benchmarks.mcl_trials import Trial, remembering, run_filter
 from benchmarks.report import Bound, Report, Table
-from cycab_sim.worlds import CORRIDOR
+from cycab_sim.world.worlds import CORRIDOR
 from mcl_depth.geometry.area import Area
 
 HELP = "MCL in a corridor of equal bays: withheld while ambiguous, found at the end"

@@ -14,15 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cycab_sim
-from cycab_sim.cameras import OPTICAL, expose
-from cycab_sim.lenses import panorama
 from cycab_sim.params import LightParams, RenderParams, TrafficParams, VehicleParams
-from cycab_sim.renderer import Renderer
-from cycab_sim.traffic.traffic import Traffic
-from cycab_sim.worlds import World, build_world
+from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.sensors.cameras import OPTICAL, expose
+from cycab_sim.sensors.lenses import panorama
+from cycab_sim.world.traffic.traffic import Traffic
+from cycab_sim.world.worlds import World, build_world
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
-from sphere_geometry import SE3, Camera, Fisheye, Pinhole, so3
+from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole, so3
 
 Array = NDArray[np.float64]
 HEIGHT = 1.8  # of the camera above the ground, m

@@ -13,11 +13,11 @@ from benchmarks.machine import describe
 from benchmarks.mcl_drives import HEIGHT, PANORAMA, READ_NOISE, SHOT_NOISE, Studio
 from benchmarks.mcl_routes import sampled
 from benchmarks.report import Bound, Report, Table
-from cycab_sim.faults import SECOND
 from cycab_sim.params import CameraParams, SimParams, StartParams
+from cycab_sim.sensors.faults import SECOND
 from cycab_sim.simulator import Simulator
-from cycab_sim.town import Plan, taught_path
 from cycab_sim.vehicle import Command
+from cycab_sim.world.town import Plan, taught_path
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.homing import Homing
 from mcl_depth.likeness.comparison import num_alpha_for, visual_features

@@ -14,9 +14,9 @@ from benchmarks.mcl_drives import Drive
 from benchmarks.mcl_routes import kidnapped_line
 from benchmarks.mcl_trials import Trial, run_filter
 from benchmarks.report import Bound, Report, Table
-from localization.status import State
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import State
 
 HELP = "MCL in the town: carried off at image 20; and drives of 40 images that were not: doubts of a right place"
 NUM_STARTS = 12

@@ -26,7 +26,7 @@ from mcl_depth.likeness.comparison import (
     visual_features,
 )
 from mcl_depth.likeness.level_view import level_view
-from sphere_geometry import Spherical
+from sphere_nav.geometry import Spherical
 
 HELP = "real panoramas in a floor plan: compass at the true places, scan of all places"
 GRID = 0.5  # m

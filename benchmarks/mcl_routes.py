@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from cycab_sim.paths import Path, Piece, turn
-from cycab_sim.town import Plan
+from cycab_sim.world.paths import Path, Piece, turn
+from cycab_sim.world.town import Plan
 
 Array = NDArray[np.float64]
 RADIUS = 5.0  # of the bends, m

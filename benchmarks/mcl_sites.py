@@ -14,12 +14,12 @@ from numpy.typing import NDArray
 import mcl_depth
 from benchmarks.mcl_drives import HEIGHT, Studio, kept, simulator_source
 from benchmarks.mcl_routes import limits
-from cycab_sim.town import Plan, draw_plan
-from cycab_sim.worlds import geometry_cloud
+from cycab_sim.world.town import Plan, draw_plan
+from cycab_sim.world.worlds import geometry_cloud
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
-from typed_params import build
+from sphere_nav.params import build
 
 Settings = dict[str, Any]
 SPACING = 0.2  # of the points of a cloud, m

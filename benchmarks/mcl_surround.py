@@ -17,7 +17,7 @@ from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.image_params import ComparisonParams, SynthesisParams
 from mcl_depth.likeness.comparison import depth_features_many, similarity_many, visual_features
 from mcl_depth.likeness.level_view import level_view
-from sphere_geometry import Pinhole, Spherical
+from sphere_nav.geometry import Pinhole, Spherical
 
 HELP = "six surround cameras as one panorama in a LiDAR sweep, against the mirrored photographs"
 REACH, STEP = 5.0, 0.5  # m

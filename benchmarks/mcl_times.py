@@ -16,8 +16,7 @@ from tqdm import tqdm
 from benchmarks.machine import describe, milliseconds, repeat
 from benchmarks.report import Bound, Report, Table
 from cycab_sim import geometry_cloud
-from cycab_sim.worlds import build_world
-from localization.status import State
+from cycab_sim.world.worlds import build_world
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
@@ -27,9 +26,10 @@ from mcl_depth.params import FilterParams
 from mcl_depth.presets import apply_preset
 from mcl_depth.site import Site
 from mcl_depth.warm_up import warm_up
-from sphere_geometry import SE3
-from sphere_geometry.camera import pixel_grid
-from typed_params import build
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.localization.status import State
+from sphere_nav.params import build
 
 HELP = "synthesis, features, comparison, the map made ready, first image, image after convergence"
 HEIGHT = 1.6  # m, of the camera

@@ -13,7 +13,7 @@ from benchmarks.mcl_drives import LIGHTS, PANORAMA, Drive, Lens, Studio
 from benchmarks.mcl_routes import kidnapped_line, sampled
 from benchmarks.mcl_trials import NEAR_DEG, NEAR_M, Trial, run_filter
 from benchmarks.report import Bound, Report, Table
-from cycab_sim.town import Plan, taught_path
+from cycab_sim.world.town import Plan, taught_path
 
 HELP = "MCL in a town of 100 x 100 m without colour: kidnapped starts, a loop of 500 images"
 NUM_IMAGES = 20

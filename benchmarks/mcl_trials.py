@@ -13,7 +13,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.mcl_drives import Drive
-from localization.status import Reason, State
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.belief.sampling import sample_uniform
 from mcl_depth.filter import Filter
@@ -23,7 +22,8 @@ from mcl_depth.likeness.depth_cache import Cell
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import Reason, State
 
 Array = NDArray[np.float64]
 NEAR_M, NEAR_DEG = 1.0, 10.0  # a pose this close to the truth is the right place

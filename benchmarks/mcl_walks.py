@@ -20,7 +20,7 @@ from mcl_depth.filter import Filter
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
-from sphere_geometry import SE3, Spherical
+from sphere_nav.geometry import SE3, Spherical
 
 HELP = "MCL through panoramas of a home: walks from every start, uniform particles, noisy odometry"
 Array = NDArray[np.float64]

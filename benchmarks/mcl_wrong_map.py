@@ -20,7 +20,7 @@ from benchmarks.mcl_routes import kidnapped_line, limits
 from benchmarks.mcl_town import NUM_IMAGES, STEP, kidnapped
 from benchmarks.mcl_trials import NEAR_DEG, NEAR_M, Trial, run_filter
 from benchmarks.report import Bound, Report, Table
-from cycab_sim.town import Plan, draw_plan
+from cycab_sim.world.town import Plan, draw_plan
 from mcl_depth.geometry.area import Area
 from mcl_depth.site import Site
 

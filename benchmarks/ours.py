@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from benchmarks.rgbd_data import Frame
-from photometric import (
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.photometric import (
     PyramidParams,
     Reference,
     RegistrationParams,
@@ -14,9 +16,7 @@ from photometric import (
     prepare_reference,
     register,
 )
-from photometric.problem import Problem
-from sphere_geometry import SE3, Pinhole
-from sphere_geometry.camera import pixel_grid
+from sphere_nav.photometric.align.problem import Problem
 
 # Images of a Kinect are soft: half their size carries what can be aligned, and a tenth of a pixel is below their noise.
 SOFT_IMAGES = RegistrationParams(pyramid=PyramidParams(finest=1), max_pixels=20_000, min_step=0.1)

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from cycab_sim.params import LightParams, RenderParams
-from cycab_sim.renderer import Renderer
-from cycab_sim.worlds import build_world
-from photometric import register
-from sphere_geometry import SE3, Spherical
-from sphere_map.sphere import Sphere
+from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.world.worlds import build_world
 from sphere_mapping.graph.both_ways import measure
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import MappingRegistrationParams
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.photometric import register
+from sphere_nav.spheres.sphere import Sphere
 
 HELP = "1,000 pairs of spheres from first guesses up to 5 m, 90 deg off: alignments accepted wrongly"
 NUM_PAIRS = 1000

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.rgbd_data import Frame
-from sphere_geometry import SE3, Pinhole
+from sphere_nav.geometry import SE3, Pinhole
 
 MAX_MOTION_M, MAX_MOTION_DEG = 2.0, 90.0  # no peer shall refuse a pair for its motion alone
 

@@ -19,12 +19,20 @@ from numpy.typing import NDArray
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from benchmarks.room import HALF_SIDES_M, render
-from photometric import Pyramid, Reference, RegistrationParams, View, build_pyramid, prepare_reference, register
-from photometric.reference import halve_range, prepare_level
-from sphere_geometry import SE3, Camera, Pinhole, Spherical
-from sphere_geometry.camera import pixel_grid
-from sphere_map.sphere import T_BODY_OPTICAL
-from typed_params import build
+from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.params import build
+from sphere_nav.photometric import (
+    Pyramid,
+    Reference,
+    RegistrationParams,
+    View,
+    build_pyramid,
+    prepare_reference,
+    register,
+)
+from sphere_nav.photometric.pixels.reference import halve_range, prepare_level
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 HELP = "pixels that are aligned: a pale wall at 60,000 of them; latitude and longitude against evenly spaced points"
 PALE, POLAR_M = 0.15, 2.0  # contrast of what is pale; from below and above the sphere to where texture is faint

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_geometry import SE3
 from sphere_mapping.graph.pose_graph import PoseGraph
+from sphere_nav.geometry import SE3
 
 Array = NDArray[np.float64]
 

@@ -15,13 +15,13 @@ from benchmarks.machine import describe
 from benchmarks.range_worlds import BARE, CLASSES, Scene, make_scene
 from benchmarks.real_rigs import room
 from benchmarks.report import Bound, Report, Table
-from sphere_geometry import Spherical
-from sphere_geometry.camera import pixel_grid
-from sphere_mapping.acquisition.epipolar import range_from_disparity, search_of
-from sphere_mapping.acquisition.matching import match_columns
 from sphere_mapping.acquisition.params import MatchParams, StitchParams
-from sphere_mapping.acquisition.stitcher import Stitcher
-from typed_params import build
+from sphere_mapping.acquisition.range.epipolar import range_from_disparity, search_of
+from sphere_mapping.acquisition.range.matching import match_columns
+from sphere_mapping.acquisition.stitching.stitcher import Stitcher
+from sphere_nav.geometry import Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.params import build
 
 HELP = "range against the truth in rooms with bare, unlit and repetitive walls; noise; planes of real pairs"
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data" / "spherical_stereo"

@@ -8,15 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cycab_sim import finishes
-from cycab_sim.cameras import expose, vignette
-from cycab_sim.mesh import Finish, Mesh, MeshBuilder
 from cycab_sim.params import LightParams, RenderParams, RigParams
-from cycab_sim.renderer import Renderer
-from cycab_sim.rigs import make_rig, rig_mounts, rig_place
-from cycab_sim.texture import kernels as k
-from sphere_geometry import SE3, Rig, Spherical
-from typed_params import build
+from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.sensors.cameras import expose, vignette
+from cycab_sim.sensors.rigs import make_rig, rig_mounts, rig_place
+from cycab_sim.world import finishes
+from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder
+from cycab_sim.world.texture import kernels as k
+from sphere_nav.geometry import SE3, Rig, Spherical
+from sphere_nav.params import build
 
 Image = NDArray[np.uint8]
 

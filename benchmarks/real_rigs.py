@@ -10,8 +10,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_geometry import SE3, DoubleSphere, Pinhole, Rig, RigCamera
-from sphere_map.sphere import T_BODY_OPTICAL
+from sphere_nav.geometry import SE3, DoubleSphere, Pinhole, Rig, RigCamera
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 Image = NDArray[np.uint8]
 OWN_CAR = ((-1.5, -1.2, 0.0), (4.0, 1.2, 2.2))  # m: box around the car of nuscenes, whose own roof its LiDAR sees

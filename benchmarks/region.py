@@ -1,8 +1,8 @@
 """The region around a key sphere in which a camera can be localised: as the map predicts it, against poses tried.
 
-`MIN_SHARE` of `view_synthesis.region` was chosen on towns 3, 5, 7 and 11; the towns reported here are others. Two
-headings are tried at every place. What any radius can be worth is told, too: by the best one of each sphere, chosen
-when all is known.
+`MIN_SHARE` of `sphere_nav.view_synthesis.region` was chosen on towns 3, 5, 7 and 11; the towns reported here are
+others. Two headings are tried at every place. What any radius can be worth is told, too: by the best one of each
+sphere, chosen when all is known.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from numpy.typing import NDArray
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from cycab_sim.params import LightParams, RenderParams
-from cycab_sim.renderer import Renderer
-from cycab_sim.worlds import build_world
-from dense_localizer.acceptance import judge
+from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.world.worlds import build_world
+from dense_localizer.judge.acceptance import judge
 from dense_localizer.params import LocalizerParams
-from photometric import View, build_pyramid, prepare_reference, register
-from photometric.structure import find_structure
-from sphere_geometry import SE3, Pinhole, Spherical
-from sphere_map.sphere import T_BODY_OPTICAL, Sphere
-from view_synthesis.region import region_radii
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.photometric import View, build_pyramid, prepare_reference, register
+from sphere_nav.photometric.checks.structure import find_structure
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav.view_synthesis.region import region_radii
 
 HELP = "region of validity of key spheres: predicted against poses tried, both kinds of error"
 SPHERE, CAMERA = Spherical(1024, 512), Pinhole(400, 300, 250.0, 250.0, 199.5, 149.5)

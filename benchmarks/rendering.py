@@ -10,12 +10,12 @@ import numpy as np
 
 from benchmarks.machine import describe
 from benchmarks.report import Report, Table
-from cycab_sim.cameras import OPTICAL
 from cycab_sim.params import LightParams, RenderParams, TrafficParams
-from cycab_sim.renderer import Renderer
-from cycab_sim.traffic.traffic import Traffic
-from cycab_sim.worlds import World, build_world
-from sphere_geometry import SE3, Camera, Fisheye, Pinhole, Spherical
+from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.sensors.cameras import OPTICAL
+from cycab_sim.world.traffic.traffic import Traffic
+from cycab_sim.world.worlds import World, build_world
+from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole, Spherical
 
 HELP = "the simulator's images: pixels per second and core for each kind of camera, with and without traffic"
 PLACES = (0.1, 0.3, 0.5, 0.7, 0.9)  # of the taught path

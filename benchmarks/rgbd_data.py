@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_geometry import SE3, Pinhole
+from sphere_nav.geometry import SE3, Pinhole
 
 KINECT = (640, 480)
 INVALID_MM = (0, 65535)  # 7-Scenes writes both where the sensor saw nothing

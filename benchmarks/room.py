@@ -9,8 +9,8 @@ from functools import cached_property, lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_geometry import SE3, Camera
-from sphere_geometry.camera import pixel_grid
+from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.cameras.camera import pixel_grid
 
 HALF_SIDES_M = (6.0, 4.0, 2.5)
 NUM_WAVES = 24

@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.blending import warp_view
-from sphere_mapping.acquisition.stitcher import Stitcher
-from sphere_mapping.acquisition.views import Block, Layout, rays_of
+from sphere_mapping.acquisition.stitching.blending import warp_view
+from sphere_mapping.acquisition.stitching.stitcher import Stitcher
+from sphere_mapping.acquisition.stitching.views import Block, Layout, rays_of
 
 Image = NDArray[np.uint8]
 

@@ -10,11 +10,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_geometry.camera import pixel_grid
-from sphere_map.sphere import continued
-from sphere_mapping.acquisition.blending import warp_view
-from sphere_mapping.acquisition.stitcher import Stitcher
-from sphere_mapping.acquisition.views import Layout, View
+from sphere_mapping.acquisition.stitching.blending import warp_view
+from sphere_mapping.acquisition.stitching.stitcher import Stitcher
+from sphere_mapping.acquisition.stitching.views import Layout, View
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.spheres.sphere import continued
 
 Image = NDArray[np.uint8]
 Flags = NDArray[np.bool_]

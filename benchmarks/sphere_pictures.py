@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_geometry import SE3, Pinhole
-from sphere_map.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
 NEAREST_M, FARTHEST_M = 0.5, 100.0
 VIEW = Pinhole(1200, 800, 700.0, 700.0, 599.5, 399.5)

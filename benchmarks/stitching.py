@@ -19,18 +19,18 @@ from benchmarks.seam_light import light_step
 from benchmarks.seams import Flow, column_shift, seam_flow
 from benchmarks.sphere_pictures import write_cloud, write_sphere
 from cycab_sim.params import SimParams
-from cycab_sim.rigs import rig_place
+from cycab_sim.sensors.rigs import rig_place
 from cycab_sim.simulator import Simulator
-from sphere_geometry import SE3, Spherical
-from sphere_geometry.camera import pixel_grid
-from sphere_map.sphere import Sphere, continued
-from sphere_mapping.acquisition.epipolar import range_from_disparity, search_of
-from sphere_mapping.acquisition.matching import match_columns
 from sphere_mapping.acquisition.params import MatchParams, RectifyParams, StitchParams
-from sphere_mapping.acquisition.planes import Places, range_of_planes
-from sphere_mapping.acquisition.rectification import Rectified, rectified
-from sphere_mapping.acquisition.stitcher import Stitcher
-from typed_params import build
+from sphere_mapping.acquisition.range.epipolar import range_from_disparity, search_of
+from sphere_mapping.acquisition.range.matching import match_columns
+from sphere_mapping.acquisition.range.planes import Places, range_of_planes
+from sphere_mapping.acquisition.range.rectification import Rectified, rectified
+from sphere_mapping.acquisition.stitching.stitcher import Stitcher
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.params import build
+from sphere_nav.spheres.sphere import Sphere, continued
 
 HELP = "spheres stitched from rigs: range against the truth, seams, spheres per second"
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"

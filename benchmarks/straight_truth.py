@@ -14,13 +14,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from node_kit.bags import BagReader
-from node_kit.conversions import camera_from_info, depth_to_metres, stamp_ns
-from sphere_geometry import SE3, Camera
-from sphere_geometry.camera import pixel_grid
-from sphere_geometry.shutter import project_rolling
-from sphere_geometry.trajectory import Trajectory
-from sphere_map.sphere import T_BODY_OPTICAL
+from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.rolling_shutter import project_rolling
+from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.ros.bags import BagReader
+from sphere_nav.ros.conversions import camera_from_info, depth_to_metres, stamp_ns
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 Array = NDArray[np.float64]
 NUM_STEPS = 5

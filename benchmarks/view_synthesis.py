@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from cycab_sim.params import LightParams, RenderParams
-from cycab_sim.renderer import Renderer
-from cycab_sim.worlds import World, build_world
-from sphere_geometry import SE3, Pinhole, Spherical
-from sphere_map.range_codec import decode, encode
-from sphere_map.sphere import T_BODY_OPTICAL, Sphere
-from view_synthesis.surface import surface_of
-from view_synthesis.synthesis import PlacedSurface, View, synthesise
+from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.world.worlds import World, build_world
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.spheres.range_codec import decode, encode
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav.view_synthesis.surface import surface_of
+from sphere_nav.view_synthesis.synthesis import PlacedSurface, View, synthesise
 
 HELP = "views from key spheres: PSNR half way and 2 m off the track, frames per second at 800 x 600"
 WIDTH, SPACING_M, HEIGHT_M = 2048, 2.0, 1.6

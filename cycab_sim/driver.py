@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cycab_sim.params import TeachParams
-from cycab_sim.paths import Path
 from cycab_sim.vehicle import Command, VehicleState
+from cycab_sim.world.paths import Path
 
 SPACING = 0.02  # m between the points the driver looks at
 REACH = 100  # points ahead among which the closest one is looked for

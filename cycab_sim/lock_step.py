@@ -8,8 +8,8 @@ from __future__ import annotations
 import math
 import threading
 
-from cycab_sim.faults import SECOND
 from cycab_sim.params import ClockParams
+from cycab_sim.sensors.faults import SECOND
 from cycab_sim.vehicle import Command
 
 COMMAND_TIMEOUT = round(0.25 * SECOND)  # simulated time without a command after which the car brakes by itself

@@ -6,8 +6,8 @@ import threading
 import time
 from collections.abc import Callable
 
-from cycab_sim.faults import SECOND
 from cycab_sim.lock_step import LockStep
+from cycab_sim.sensors.faults import SECOND
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import Command
 

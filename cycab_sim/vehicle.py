@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cycab_sim.params import ActuationParams, OdometryParams, VehicleParams
-from cycab_sim.paths import arc
-from sphere_geometry import SE3
+from cycab_sim.world.paths import arc
+from sphere_nav.geometry import SE3
 
 STANDSTILL = 0.02  # below this speed a yaw rate says nothing about the steering angle, m/s
 

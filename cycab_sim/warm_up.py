@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
-from typed_params import build
+from sphere_nav.params import build
 
 SMALL = {
     "camera.width": 32,

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from dense_localizer.motion_prior import MotionPrior
 from dense_localizer.params import LocalizerParams
-from localization import FINE, Finding, InputCheck, Reason
-from photometric import build_pyramid
-from photometric.rig import RigImage
-from sphere_geometry import SE3, Camera
+from sphere_nav.geometry import SE3, Camera
+from sphere_nav.localization import FINE, Finding, InputCheck, Reason
+from sphere_nav.photometric import build_pyramid
+from sphere_nav.photometric.align.rig import RigImage
 
 Array = NDArray[np.float64]
 

@@ -12,17 +12,17 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from dense_localizer.doubts import Doubts
-from dense_localizer.estimate import Estimate, Frame, estimate_of, status_of
 from dense_localizer.inputs import CameraImage, Inputs
+from dense_localizer.judge.estimate import Estimate, Frame, estimate_of, status_of
+from dense_localizer.judge.integrity import Doubts
+from dense_localizer.judge.place import Place
 from dense_localizer.motion_prior import MotionPrior, Prediction
 from dense_localizer.params import LocalizerParams
-from dense_localizer.place import Place
-from dense_localizer.reference import References, SphereMap
-from dense_localizer.search import Search
-from dense_localizer.tracker import Tracker
-from localization import FINE, Finding, Reason, StateMachine, Status
-from sphere_geometry import SE3, Camera
+from dense_localizer.references.reference import References, SphereMap
+from dense_localizer.start.search import Search
+from dense_localizer.track.tracker import Tracker
+from sphere_nav.geometry import SE3, Camera
+from sphere_nav.localization import FINE, Finding, Reason, StateMachine, Status
 
 
 class Localizer:

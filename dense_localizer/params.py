@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from functools import cached_property
 
-from localization.params import InputParams, NodeParams, RigParams, StateParams
-from photometric import RegistrationParams
-from photometric.params import PyramidParams
-from sphere_geometry.shutter import CameraParams
-from typed_params import group, param, parameters
+from sphere_nav.geometry.cameras.rolling_shutter import CameraParams
+from sphere_nav.localization.params import InputParams, NodeParams, RigParams, StateParams
+from sphere_nav.params import group, param, parameters
+from sphere_nav.photometric import RegistrationParams
+from sphere_nav.photometric.params import PyramidParams
 
 MIN_STEP_PX = 0.04  # image motion of an increment below which a level is done: fine enough at the rate of a camera
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from localization.status import INPUT_REMEDIES, Reason
+from sphere_nav.localization.status import INPUT_REMEDIES, Reason
 
 REMEDIES = INPUT_REMEDIES | {
     Reason.LOW_OVERLAP: "the camera looks at what the map has not seen: turn back, or map this view too",

@@ -5,15 +5,16 @@ from __future__ import annotations
 import importlib
 import re
 from collections.abc import Iterator
+from importlib import metadata
 from pathlib import Path
 
 import dense_localizer.reasons
 import mcl_depth.reasons
 import path_follower.reasons
-from localization.status import Reason, State
-from node_kit.live import ShellParams
-from node_kit.node import ManagedNode
-from typed_params.render import to_markdown, to_yaml
+from sphere_nav.localization.status import Reason, State
+from sphere_nav.params.render import to_markdown, to_yaml
+from sphere_nav.ros.live import ShellParams
+from sphere_nav.ros.node import ManagedNode
 
 ROOT = Path(__file__).resolve().parents[1]
 INTRODUCTION = """\
@@ -73,8 +74,8 @@ parameter `safety.resume` says.
 def node_classes() -> Iterator[type[ManagedNode]]:
     """Yield the class of every node, in order of name."""
     found = []
-    for path in sorted(ROOT.glob("*/*node.py")):
-        module = importlib.import_module(f"{path.parent.name}.{path.stem}")
+    for entry in metadata.distribution("sphere_nav").entry_points.select(group="console_scripts"):
+        module = importlib.import_module(entry.module)
         classes = [item for item in vars(module).values() if isinstance(item, type) and issubclass(item, ManagedNode)]
         found += [item for item in classes if item.__module__ == module.__name__ and is_node(item)]
     yield from sorted(found, key=lambda item: item.NAME)

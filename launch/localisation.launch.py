@@ -5,7 +5,7 @@ ros2 launch sphere_nav localisation.launch.py map:=$HOME/maps/campus image:=/fro
 The arguments: `ros2 launch sphere_nav localisation.launch.py -s`; without `ros2 launch`: `sphere_nav up localisation`.
 """
 
-from sphere_nav_cli.launching import launch_description
+from sphere_nav.ros.launching import launch_description
 
 
 def generate_launch_description():

@@ -7,7 +7,7 @@ ros2 service call /sphere_mapper/save_map sphere_nav_msgs/srv/SaveMap "{path: ca
 The arguments: `ros2 launch sphere_nav mapping.launch.py -s`; without `ros2 launch`: `sphere_nav up mapping`.
 """
 
-from sphere_nav_cli.launching import launch_description
+from sphere_nav.ros.launching import launch_description
 
 
 def generate_launch_description():

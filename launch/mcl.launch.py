@@ -5,7 +5,7 @@ ros2 launch sphere_nav mcl.launch.py cloud:=$HOME/maps/town.ply image:=/front/im
 The arguments: `ros2 launch sphere_nav mcl.launch.py -s`; without `ros2 launch`: `sphere_nav up mcl`.
 """
 
-from sphere_nav_cli.launching import launch_description
+from sphere_nav.ros.launching import launch_description
 
 
 def generate_launch_description():

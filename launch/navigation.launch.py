@@ -6,7 +6,7 @@ ros2 service call /path_follower/start std_srvs/srv/Trigger
 The arguments: `ros2 launch sphere_nav navigation.launch.py -s`; without `ros2 launch`: `sphere_nav up navigation`.
 """
 
-from sphere_nav_cli.launching import launch_description
+from sphere_nav.ros.launching import launch_description
 
 
 def generate_launch_description():

@@ -6,7 +6,7 @@ ros2 launch sphere_nav simulation.launch.py map:=town trajectory:=taught.tum
 The arguments: `ros2 launch sphere_nav simulation.launch.py -s`; without `ros2 launch`: `sphere_nav up simulation`.
 """
 
-from sphere_nav_cli.launching import launch_description
+from sphere_nav.ros.launching import launch_description
 
 
 def generate_launch_description():

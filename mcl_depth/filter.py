@@ -10,13 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from localization import FINE, Finding, InputCheck, State, StateMachine, Status
-from localization.status import status_of
 from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.estimate import Belief, Estimate, Observation, covariance_of, pose_of
 from mcl_depth.belief.evidence import Evidence
-from mcl_depth.belief.hypotheses import find_hypotheses
-from mcl_depth.belief.lineage import Lineage
+from mcl_depth.belief.hypotheses import Lineage, find_hypotheses
 from mcl_depth.belief.motion_model import MotionModel, sample_motion
 from mcl_depth.belief.orientation import adjust_headings, interpolate_similarity
 from mcl_depth.belief.particles import Particles
@@ -32,7 +29,9 @@ from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import FilterParams
 from mcl_depth.reasons import REMEDIES
 from mcl_depth.status import count, judge
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
+from sphere_nav.localization import FINE, Finding, InputCheck, State, StateMachine, Status
+from sphere_nav.localization.status import status_of
 
 Array = NDArray[np.float64]
 

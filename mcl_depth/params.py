@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import localization.params
-from localization.params import NodeParams
 from mcl_depth.image_params import ComparisonParams, SynthesisParams
-from typed_params import group, param, parameters
+from sphere_nav.localization import params as shared
+from sphere_nav.localization.params import NodeParams
+from sphere_nav.params import group, param, parameters
 
 
 @parameters
@@ -44,7 +44,7 @@ class ResamplingParams:
 
 
 @parameters
-class StateParams(localization.params.StateParams):
+class StateParams(shared.StateParams):
     """When the pose is trusted (`status.py`)."""
 
     max_chance: float = param(
@@ -53,8 +53,8 @@ class StateParams(localization.params.StateParams):
 
 
 @parameters
-class InputParams(localization.params.InputParams):
-    """Which images are used (`localization/input_check.py`), and which of them are compared."""
+class InputParams(shared.InputParams):
+    """Which images are used (`sphere_nav/localization/input_check.py`), and which of them are compared."""
 
     min_way: float = param(0.1, "images closer than this to the last one used only carry the pose on", "m", low=0.0)
 

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.params import FilterParams
-from typed_params import build, to_mapping
+from sphere_nav.params import build, to_mapping
 
 INDOOR_WIDTH_M = 40.0  # a building is narrower, if not shorter
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from localization.status import INPUT_REMEDIES, Reason
+from sphere_nav.localization.status import INPUT_REMEDIES, Reason
 
 REMEDIES = INPUT_REMEDIES | {
     Reason.OUTLIERS: "the image fits this place no better than others: check cloud, camera height and initial pose",

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from localization.state_machine import StateMachine
-from localization.status import FINE, Finding, Reason, State
 from mcl_depth.belief.evidence import Proof
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
+from sphere_nav.localization.state_machine import StateMachine
+from sphere_nav.localization.status import FINE, Finding, Reason, State
 
 MIN_WEIGHT = 0.8  # share of the belief in one place before it is trusted
 AMBIGUOUS_SHARE = 0.4  # a second place counts from this share of the first

@@ -12,8 +12,7 @@ from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.image_params import SynthesisParams
 from mcl_depth.likeness.comparison import depth_features_many, num_alpha_for, similarity_many, visual_features
-from mcl_depth.likeness.gradient_correlation import correlate_part
-from mcl_depth.likeness.matched_filter import MatchedFilter
+from mcl_depth.likeness.matched_filter import MatchedFilter, correlate_part
 from mcl_depth.likeness.partial_filter import PartialFilter
 from mcl_depth.params import FilterParams
 

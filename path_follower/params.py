@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from typed_params import group, param, parameters
+from sphere_nav.params import group, param, parameters
 
 
 @parameters

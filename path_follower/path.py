@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
 
 Array = NDArray[np.float64]
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from path_follower.params import FollowerParams
 from path_follower.path import ReferencePath
 from path_follower.taught import MAX_POINTS, reference_path, taught_speeds
-from sphere_geometry.fields import number
-from sphere_geometry.files import read_text
-from sphere_geometry.trajectory import read_tum
+from sphere_nav.geometry.files.fields import number
+from sphere_nav.geometry.files.text_file import read_text
+from sphere_nav.geometry.trajectory import read_tum
 
 Array = NDArray[np.float64]
 

@@ -8,20 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig_calibration.agreement import disagreements
-from rig_calibration.assembly import assemble
-from rig_calibration.board import Board
-from rig_calibration.checks import check_joined, check_views
-from rig_calibration.intrinsics import SingleCamera, calibrate_camera
-from rig_calibration.observability import Spread, spread, warnings
+from rig_calibration.boards.assembly import assemble
+from rig_calibration.boards.board import Board
+from rig_calibration.boards.checks import check_joined, check_views, disagreements
+from rig_calibration.boards.intrinsics import SingleCamera, calibrate_camera
+from rig_calibration.boards.observability import Spread, spread, warnings
+from rig_calibration.boards.rejection import adjust
+from rig_calibration.boards.starting import Start, camera_observations, sightings, start_of_rig
+from rig_calibration.boards.state import State
+from rig_calibration.boards.validation import Validation, camera_rms, validate
+from rig_calibration.boards.views import View
 from rig_calibration.params import CalibrationParams
-from rig_calibration.rejection import adjust
-from rig_calibration.starting import Start, camera_observations, sightings, start_of_rig
-from rig_calibration.state import State
-from rig_calibration.validation import Validation, camera_rms, validate
-from rig_calibration.views import View
-from sphere_geometry import SE3, Camera
-from sphere_geometry.rig import T_BODY_OPTICAL, Rig, RigCamera
+from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL, Rig, RigCamera
 
 Array = NDArray[np.float64]
 Progress = Callable[[str], None]

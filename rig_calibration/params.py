@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typed_params import param, parameters
+from sphere_nav.params import param, parameters
 
 
 @parameters

@@ -19,4 +19,4 @@ for entry in distribution("sphere_nav").entry_points:
 PYTHON
 
 # Compiled once for everyone with the same kernels; a node that finds none compiles for itself, so a failure is no harm.
-"$python" -P -m sphere_nav_cli.warm_up || echo "env: kernels will be compiled by the first node" >&2
+"$python" -P -m sphere_nav.cli.warm_up || echo "env: kernels will be compiled by the first node" >&2

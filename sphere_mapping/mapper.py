@@ -10,21 +10,21 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 
-from photometric import Alignment
-from sphere_geometry import SE3
-from sphere_map.appearance.index import AppearanceIndex
-from sphere_map.graph import KeySphere, SphereGraph
-from sphere_map.sphere import Sphere
 from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.incremental import IncrementalOptimum
+from sphere_mapping.graph.keyframes import MapUpdate, Track
 from sphere_mapping.graph.loop_closure import LoopCloser, with_loops
-from sphere_mapping.graph.progress import MapUpdate, Track
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.store import Pictures, SphereStore
 from sphere_mapping.graph.tracking import Tracker
 from sphere_mapping.graph.unrolling import Unroll
 from sphere_mapping.graph.verification import Run
 from sphere_mapping.params import MapperParams
+from sphere_nav.geometry import SE3
+from sphere_nav.photometric import Alignment
+from sphere_nav.spheres.appearance.index import AppearanceIndex
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
 
 
 class Mapper:

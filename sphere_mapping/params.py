@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from photometric import RegistrationParams
-from sphere_geometry.shutter import CameraParams
 from sphere_mapping.acquisition.params import MatchParams
-from typed_params import group, param, parameters
+from sphere_nav.geometry.cameras.rolling_shutter import CameraParams
+from sphere_nav.params import group, param, parameters
+from sphere_nav.photometric import RegistrationParams
 
 
 @parameters

@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from localization.status import Status
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.particles import Particles
 from mcl_depth.likeness.similarity_cache import Comparison
-from sphere_geometry import SE3, Camera
+from sphere_nav.geometry import SE3, Camera
+from sphere_nav.localization.status import Status
 
 Array = NDArray[np.float64]
 MAP_M, HEADING = 0.10, np.radians(1.0)  # errors that particles do not tell: of map and synthesis, and of the heading

@@ -31,7 +31,7 @@ from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.belief.watch import Trial, Watch, excess
 from mcl_depth.likeness.matched_filter import MIN_PLACES
 from mcl_depth.likeness.similarity_cache import Comparison
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
 
 Array = NDArray[np.float64]
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from kernel_cache.kernels import OPTIONS, njit
+from sphere_nav.kernel_cache.kernels import OPTIONS, njit
 
 
 @njit(**OPTIONS)

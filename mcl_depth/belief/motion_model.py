@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.params import MotionParams
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from mcl_depth.belief.motion_model import planar_pose
 from mcl_depth.belief.orientation import NUM_YOUNG
 from mcl_depth.belief.particles import Particles, wrap_angle
 from mcl_depth.geometry.area import Area
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
 
 Array = NDArray[np.float64]
 MIN_SIGMA_M, MIN_SIGMA_RAD = 0.1, np.radians(2.0)  # of a pose that is given as if it were exact

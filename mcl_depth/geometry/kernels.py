@@ -8,7 +8,7 @@ import os
 
 import numpy as np
 
-from kernel_cache.kernels import OPTIONS, njit, prange
+from sphere_nav.kernel_cache.kernels import OPTIONS, njit, prange
 
 # Threads that spin while they wait stall every other process of a small vehicle computer; read when a kernel starts.
 os.environ.setdefault("OMP_WAIT_POLICY", "passive")

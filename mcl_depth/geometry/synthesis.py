@@ -10,12 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 from mcl_depth.geometry.cloud import Cloud
 from mcl_depth.geometry.columns.voxel_map import voxel_map
 from mcl_depth.geometry.columns.walker import Walker
-from mcl_depth.geometry.mesh import TriangleMesh
+from mcl_depth.geometry.mesh import RayScene, TriangleMesh
 from mcl_depth.geometry.point_index import PointIndex
-from mcl_depth.geometry.ray_scene import RayScene
 from mcl_depth.image_params import ComparisonParams, SynthesisParams
 from mcl_depth.likeness.features import FeatureStack, depth_features_many
-from sphere_geometry import Spherical
+from sphere_nav.geometry import Spherical
 
 Image = NDArray[np.float32]
 BATCH = 64  # panoramas in memory at once while their features are made

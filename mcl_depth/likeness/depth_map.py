@@ -16,11 +16,10 @@ from numpy.typing import NDArray
 
 from mcl_depth.likeness.comparison import Features, FeatureStack, depth_features_many, similarity_many
 from mcl_depth.likeness.depth_cache import Cell, DepthCache
-from mcl_depth.likeness.gradient_correlation import correlate_part
-from mcl_depth.likeness.matched_filter import MatchedFilter
+from mcl_depth.likeness.matched_filter import MatchedFilter, correlate_part
 from mcl_depth.likeness.partial_filter import PartialFilter
 from mcl_depth.params import FilterParams
-from sphere_geometry import Spherical
+from sphere_nav.geometry import Spherical
 
 Array = NDArray[np.float64]
 

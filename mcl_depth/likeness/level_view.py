@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_geometry import Camera, Spherical
-from sphere_geometry.camera import pixel_grid
+from sphere_nav.geometry import Camera, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]

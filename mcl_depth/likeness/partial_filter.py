@@ -17,9 +17,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.likeness.array_folder import load_arrays, save_arrays
+from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 from mcl_depth.likeness.features import Features, FeatureStack
-from mcl_depth.likeness.gradient_correlation import MIN_SHARE, double_gradients
+from mcl_depth.likeness.matched_filter import MIN_SHARE, double_gradients
 from mcl_depth.likeness.spectra import (
     BATCH,
     DOUBLE_COSINES,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numba import config, set_num_threads
 
-from kernel_cache.kernels import OPTIONS, njit, prange
+from sphere_nav.kernel_cache.kernels import OPTIONS, njit, prange
 
 SCALE = 16.0  # pyramids are int16 with four bits below the point
 ONE_SURFACE = 1.1  # ratio of ranges around a pixel up to which they are of one surface

@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from photometric import Alignment, register
-from sphere_geometry import SE3
-from sphere_map.appearance.pose import FeaturePose, find_pose
-from sphere_map.graph import Edge
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import MappingRegistrationParams
+from sphere_nav.geometry import SE3
+from sphere_nav.photometric import Alignment, register
+from sphere_nav.spheres.appearance.pose import FeaturePose, find_pose
+from sphere_nav.spheres.graph import Edge
 
 Array = NDArray[np.float64]
 MAX_MAD = 0.05 * 255.0  # grey levels, of a true pair (M15 eq. 12)

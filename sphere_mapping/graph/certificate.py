@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 from scipy.sparse import bsr_array, csc_array, eye_array, kron
 from scipy.sparse.linalg import SuperLU, splu
 
-from sphere_geometry import so3
 from sphere_mapping.graph.chordal import as_rows, nearest_rotations, of_blocks, quadratic_form
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
+from sphere_nav.geometry import so3
 
 Array = NDArray[np.float64]
 

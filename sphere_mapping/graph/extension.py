@@ -10,10 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from sphere_geometry import SE3
-from sphere_map.appearance.index import AppearanceIndex
-from sphere_map.graph import Edge, SphereGraph
-from sphere_map.sphere import Sphere
 from sphere_mapping.graph.loop_closure import (
     DRIFT,
     DRIFT_RAD,
@@ -27,6 +23,10 @@ from sphere_mapping.graph.loop_closure import (
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.verification import Candidate, Lookup, Run, Trial, place, verify
 from sphere_mapping.params import MapperParams
+from sphere_nav.geometry import SE3
+from sphere_nav.spheres.appearance.index import AppearanceIndex
+from sphere_nav.spheres.graph import Edge, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
 
 MIN_JOINS = 2  # places that must agree: one alone may look like another
 NUM_TRIED = 2  # key spheres of the map that a new one is aligned with

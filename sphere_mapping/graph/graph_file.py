@@ -15,9 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_geometry import SE3, so3
 from sphere_mapping.graph.chordal import spanning_poses
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
+from sphere_nav.geometry import SE3, so3
 
 Array = NDArray[np.float64]
 

@@ -11,11 +11,11 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 
-from sphere_geometry import SE3
-from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_mapping.graph.factors import ANCHOR_SIGMA, factors_of
 from sphere_mapping.graph.loop_closure import with_loops
 from sphere_mapping.graph.pose_graph import PoseGraph
+from sphere_nav.geometry import SE3
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
 LARGE = 300  # key spheres from which on it pays
 RELINEARIZE = 0.003  # m and rad by which a pose moves before it is linearised anew

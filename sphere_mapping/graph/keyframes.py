@@ -1,11 +1,16 @@
-"""When a sphere becomes a key sphere: as late as possible, to drift as little as possible (M15 section 3.5.1)."""
+"""When a sphere becomes a key sphere: as late as possible, to drift as little as possible (M15 section 3.5.1).
+
+What the mapper says of every sphere, and what it keeps of those that are no key spheres.
+"""
 
 from __future__ import annotations
 
-from photometric import Alignment
-from sphere_geometry import SE3
+from dataclasses import dataclass
+
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import KeySphereParams
+from sphere_nav.geometry import SE3
+from sphere_nav.photometric import Alignment
 
 MAX_GREY = 255.0
 MIN_INLIER_SHARE = 0.5  # of pixels that agree
@@ -13,6 +18,30 @@ MIN_INLIER_SHARE = 0.5  # of pixels that agree
 NOT_YET, FIRST, MAD, OVERLAP, INLIERS, PARALLAX, LAST_GOOD = (
     "", "FIRST", "MAD", "OVERLAP", "INLIERS", "PARALLAX", "LAST_GOOD"
 )  # fmt: skip
+
+
+@dataclass(frozen=True, eq=False)
+class MapUpdate:
+    """What one sphere changed. T_map_sphere is None where the sphere could not be placed; `alignment` says why."""
+
+    stamp_ns: int
+    T_map_sphere: SE3 | None
+    alignment: Alignment | None = None
+    key_reason: str = NOT_YET
+
+    @property
+    def is_key(self) -> bool:
+        """Whether the sphere became a key sphere."""
+        return self.key_reason != NOT_YET
+
+
+@dataclass(frozen=True, eq=False)
+class Track:
+    """A placed sphere by its reference, so that its pose follows when the graph is corrected."""
+
+    stamp_ns: int
+    key_id: int
+    T_key_sphere: SE3
 
 
 def why_key_sphere(

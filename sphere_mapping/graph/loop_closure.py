@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
-from sphere_geometry import SE3
-from sphere_map.appearance.features import features_of_sphere
-from sphere_map.appearance.index import AppearanceIndex
-from sphere_map.graph import Edge, KeySphere, SphereGraph
-from sphere_map.sphere import Sphere
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.verification import Candidate, Lookup, Run, Trial, place, verify
 from sphere_mapping.params import LoopParams, MapperParams
+from sphere_nav.geometry import SE3
+from sphere_nav.spheres.appearance.features import features_of_sphere
+from sphere_nav.spheres.appearance.index import AppearanceIndex
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
 
 NUM_ALIKE = 4  # key spheres whose features are compared with a new one's
 SAME_PLACE_M = 1.0  # suggestions farther apart than this are of different places

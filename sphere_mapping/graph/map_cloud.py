@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_map.graph import KeySphere, SphereGraph
-from sphere_map.sphere import Image, Sphere
 from sphere_mapping.params import CloudParams
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Image, Sphere
 
 Points = NDArray[np.float32]
 

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_mapping.graph.loop_closure import MIN_DETOUR
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
 Array = NDArray[np.float64]
 REACH = 0.5  # of the radius of a sphere's region: how near it must be to what another one was nearest to

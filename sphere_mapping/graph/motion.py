@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
 
 MAX_EXTRAPOLATION = 5.0  # intervals of the past motion; farther ahead nobody knows
 ACCELERATION, TURN_ACCELERATION = 5.0, 10.0  # m/s^2, rad/s^2: standard deviations of what a vehicle or a hand does

@@ -12,11 +12,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import chdtri
 
-from sphere_map.graph import SphereGraph
 from sphere_mapping.graph.certificate import TOLERANCE, ChordalOptimum, certify
 from sphere_mapping.graph.chordal import chordal_poses
 from sphere_mapping.graph.factors import Solution, chi2_of, descend, factors_of
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph, from_spheres, to_spheres
+from sphere_nav.spheres.graph import SphereGraph
 
 Array = NDArray[np.float64]
 

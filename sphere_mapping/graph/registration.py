@@ -8,7 +8,9 @@ from functools import cached_property
 
 import numpy as np
 
-from photometric import (
+from sphere_mapping.params import MappingRegistrationParams
+from sphere_nav.geometry import SE3
+from sphere_nav.photometric import (
     Alignment,
     Pyramid,
     Reference,
@@ -20,13 +22,11 @@ from photometric import (
     register,
     register_rotation,
 )
-from photometric.alignment import GOOD, OUTLIERS
-from photometric.overlap import image_overlap
-from sphere_geometry import SE3
-from sphere_map.appearance.features import Features, features_of_sphere
-from sphere_map.sphere import Sphere
-from sphere_mapping.params import MappingRegistrationParams
-from view_synthesis.region import region_radius
+from sphere_nav.photometric.align.alignment import GOOD, OUTLIERS
+from sphere_nav.photometric.align.overlap import image_overlap
+from sphere_nav.spheres.appearance.features import Features, features_of_sphere
+from sphere_nav.spheres.sphere import Sphere
+from sphere_nav.view_synthesis.region import region_radius
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from sphere_map.graph import Edge, KeySphere, SphereGraph
-from sphere_map.sphere import Sphere
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
 
 
 class SphereStore(Protocol):

@@ -7,15 +7,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from photometric import Alignment
-from photometric.alignment import GOOD
-from sphere_geometry import SE3
-from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_mapping.graph.both_ways import confirm
 from sphere_mapping.graph.motion import Expectation, MotionPrior, Placed
 from sphere_mapping.graph.registration import PreparedSphere, align, turned
 from sphere_mapping.graph.unrolling import Unroll, align_unrolled
 from sphere_mapping.params import MapperParams
+from sphere_nav.geometry import SE3
+from sphere_nav.photometric import Alignment
+from sphere_nav.photometric.align.alignment import GOOD
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
 INNOVATION, ONE_WAY = "INNOVATION", "ONE_WAY"  # refused: not where it can be; the way back does not agree
 UNCONFIRMED_M, UNCONFIRMED_SHARE, UNCONFIRMED_RAD = 0.03, 0.03, 0.01  # deviations of an edge that only one way measured

@@ -8,10 +8,10 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from photometric import Alignment, RegistrationParams
-from sphere_map.sphere import Sphere
 from sphere_mapping.graph.motion import MotionPrior
 from sphere_mapping.graph.registration import PreparedSphere
+from sphere_nav.photometric import Alignment, RegistrationParams
+from sphere_nav.spheres.sphere import Sphere
 
 Array = NDArray[np.float64]
 Unroll: TypeAlias = Callable[[Array], Sphere]  # velocity (6,) (v, omega) per second of the sphere -> sphere

@@ -11,14 +11,14 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from sphere_geometry import SE3
-from sphere_map.appearance.features import Features
-from sphere_map.appearance.pose import find_pose
-from sphere_map.graph import Edge
-from sphere_map.sphere import Sphere
 from sphere_mapping.graph.both_ways import MIN_INLIERS, measure
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import MappingRegistrationParams
+from sphere_nav.geometry import SE3
+from sphere_nav.spheres.appearance.features import Features
+from sphere_nav.spheres.appearance.pose import find_pose
+from sphere_nav.spheres.graph import Edge
+from sphere_nav.spheres.sphere import Sphere
 
 Asked = TypeVar("Asked")
 Answer = TypeVar("Answer")

@@ -5,27 +5,34 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
-from architecture.tree import MODULES, PACKAGES, imports, is_node
+from architecture.tree import MODULES, PACKAGES, dotted, imports, is_shell, room
 
-GEOMETRY = {"typed_params", "sphere_geometry"}
-COMPILED = GEOMETRY | {"kernel_cache"}
+L = "sphere_nav."
+GEOMETRY = {L + "params", L + "geometry"}
+ESTIMATION = GEOMETRY | {L + "estimation", L + "kernel_cache"}
+MAPS = ESTIMATION | {L + "spheres"}
 MAY_IMPORT: dict[str, set[str]] = {
-    "typed_params": set(),
-    "kernel_cache": set(),
-    "sphere_geometry": {"typed_params"},
-    "sphere_map": GEOMETRY,
-    "photometric": COMPILED,
-    "view_synthesis": COMPILED | {"photometric", "sphere_map"},
-    "localization": GEOMETRY,
-    "rig_calibration": GEOMETRY | {"photometric"},
-    "sphere_mapping": COMPILED | {"photometric", "sphere_map", "view_synthesis"},
-    "dense_localizer": GEOMETRY | {"localization", "photometric", "sphere_map"},
-    "mcl_depth": COMPILED | {"localization"},
-    "path_follower": GEOMETRY,
-    "command_guard": {"typed_params"},
-    "cycab_sim": COMPILED,
-    "node_kit": GEOMETRY | {"localization", "sphere_map"},
-    "sphere_nav_cli": set(PACKAGES),
+    L + "params": set(),
+    L + "kernel_cache": set(),
+    L + "geometry": {L + "params"},
+    L + "estimation": GEOMETRY | {L + "kernel_cache"},
+    L + "spheres": ESTIMATION,
+    L + "photometric": ESTIMATION,
+    L + "view_synthesis": MAPS | {L + "photometric"},
+    L + "localization": ESTIMATION,
+    L + "ros": MAPS | {L + "localization"},
+    "rig_calibration": ESTIMATION | {L + "photometric"},
+    "sphere_mapping": MAPS | {L + "photometric", L + "view_synthesis"},
+    "dense_localizer": MAPS | {L + "localization", L + "photometric"},
+    "mcl_depth": ESTIMATION | {L + "localization"},
+    "path_follower": ESTIMATION,
+    "cycab_sim": GEOMETRY | {L + "kernel_cache"},
+    L + "offline": {*PACKAGES} - {"sphere_nav"},  # and every room of the library below it
+    L + "cli": {*PACKAGES} - {"sphere_nav"},
+}
+FLOORS = [name for name in MAY_IMPORT if name.startswith(L)]  # from the ground up
+FORBIDDEN = {  # within a package
+    "sphere_mapping.acquisition": ("sphere_mapping.graph", "sphere_mapping.mapper", "sphere_mapping.ros"),
 }
 ROS = {
     "rclpy",
@@ -44,10 +51,22 @@ ROS = {
     "tf2_msgs",
     "visualization_msgs",
 }
+WITH_ROS = {L + "ros", L + "offline", L + "cli"}
 
 
-def is_allowed(name: str, allowed: set[str]) -> bool:
-    return any(name == entry or name.startswith(entry + ".") for entry in allowed)
+def rooms_below(module: Path) -> set[str]:
+    """Return the rooms that a module may import from, its own included."""
+    here = room(dotted(module))
+    allowed = MAY_IMPORT.get(here, set()) | {here}
+    if is_shell(module):
+        allowed = allowed | {L + "ros"}
+    if here in (L + "offline", L + "cli"):
+        allowed = allowed | set(FLOORS[: FLOORS.index(here)])
+    return allowed
+
+
+def is_inside(name: str, package: str) -> bool:
+    return name == package or name.startswith(package + ".")
 
 
 def found_in(modules: Iterable[Path], is_offence: Callable[[Path, str], bool]) -> list[str]:
@@ -55,23 +74,40 @@ def found_in(modules: Iterable[Path], is_offence: Callable[[Path, str], bool]) -
     return [f"{module}: {name}" for module in modules for name in imports(module) if is_offence(module, name)]
 
 
-def test_the_table_holds_every_package() -> None:
-    assert set(MAY_IMPORT) == set(PACKAGES)
+def test_the_table_holds_every_room() -> None:
+    assert set(MAY_IMPORT) == {room(dotted(module)) for module in MODULES} - {"sphere_nav"}
 
 
 def test_modules_import_only_what_lies_below_them() -> None:
     def is_upward(module: Path, name: str) -> bool:
-        package = module.parts[0]
-        allowed = MAY_IMPORT[package] | {package} | ({"node_kit"} if is_node(module) else set())
-        return name.split(".")[0] in PACKAGES and not is_allowed(name, allowed)
+        return name.split(".")[0] in PACKAGES and room(name) not in rooms_below(module)
 
     assert found_in(MODULES, is_upward) == []
 
 
-def test_ros_stays_in_the_shell() -> None:
-    algorithms = [
-        module for module in MODULES if not is_node(module) and module.parts[0] not in ("node_kit", "sphere_nav_cli")
+def test_what_a_package_forbids_within_itself() -> None:
+    offences = [
+        f"{module}: {name}"
+        for lower, uppers in FORBIDDEN.items()
+        for module in MODULES
+        for name in imports(module)
+        if is_inside(dotted(module), lower) and any(is_inside(name, upper) for upper in uppers)
     ]
+    assert offences == []
+
+
+def test_only_the_shell_imports_the_shell() -> None:
+    """An algorithm knows nothing of the folder ros/ of its own package."""
+
+    def is_offence(module: Path, name: str) -> bool:
+        is_algorithm = not is_shell(module) and room(dotted(module)) not in WITH_ROS
+        return is_algorithm and name.split(".")[0] in PACKAGES and "ros" in name.split(".")[1:-1]
+
+    assert found_in(MODULES, is_offence) == []
+
+
+def test_ros_stays_in_the_shell() -> None:
+    algorithms = [module for module in MODULES if not is_shell(module) and room(dotted(module)) not in WITH_ROS]
     assert found_in(algorithms, lambda _, name: name.split(".")[0] in ROS) == []
 
 
@@ -82,7 +118,7 @@ def test_numba_stays_in_the_kernels() -> None:
 
 def test_no_import_runs_in_a_circle() -> None:
     """When modules are loaded; an import within a function comes later."""
-    names = {".".join(module.with_suffix("").parts).removesuffix(".__init__"): module for module in MODULES}
+    names = {dotted(module): module for module in MODULES}
     graph = {name: imported_modules(name, module, names) for name, module in names.items()}
     while ends := {name for name, below in graph.items() if not below or not any(name in it for it in graph.values())}:
         graph = {name: below - ends for name, below in graph.items() if name not in ends}

@@ -6,7 +6,7 @@ import ast
 from functools import cache
 from pathlib import Path
 
-from architecture.tree import MODULES, ROOT
+from architecture.tree import MODULES, ROOT, dotted, room
 
 TESTED_ELSEWHERE = {
     "params.py": "test/architecture/test_params.py",  # declarations only, the same laws for all packages
@@ -16,7 +16,7 @@ TESTED_ELSEWHERE = {
 
 def mirror(module: Path) -> Path:
     """Return where the test of a module lies."""
-    if module.name == "node.py":
+    if module.name == "node.py" and module.parts[-2] == "ros":
         return Path("test/nodes") / f"test_{module.parts[0]}.py"
     return Path("test") / module.parent / f"test_{module.stem.strip('_')}.py"
 
@@ -25,7 +25,7 @@ def mirror(module: Path) -> Path:
 def imported_by_tests(package: str) -> set[str]:
     """Return the dotted names that the tests of a package import."""
     names: set[str] = set()
-    for path in (ROOT / "test" / package).rglob("*.py"):
+    for path in (ROOT / "test" / package.replace(".", "/")).rglob("*.py"):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
                 names |= {alias.name for alias in node.names}
@@ -36,8 +36,8 @@ def imported_by_tests(package: str) -> set[str]:
 
 def is_tested(module: Path) -> bool:
     expected = Path(TESTED_ELSEWHERE.get(module.name, mirror(module)))
-    dotted = ".".join(module.with_suffix("").parts)
-    return (ROOT / expected).is_file() or dotted in imported_by_tests(module.parts[0])
+    name = dotted(module)
+    return (ROOT / expected).is_file() or name in imported_by_tests(room(name))
 
 
 def test_modules_have_their_test() -> None:

@@ -8,7 +8,7 @@ import importlib
 from pathlib import Path
 
 from architecture.tree import MODULES, parse
-from typed_params import Leaf, leaves
+from sphere_nav.params import Leaf, leaves
 
 UNITS = {
     "": "",

@@ -6,7 +6,7 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-from architecture.tree import MODULES, parse
+from architecture.tree import MODULES, dotted, parse, room
 
 NODE_BASES = {"ManagedNode", "LocalizerNode"}
 
@@ -24,8 +24,8 @@ def node_parameters(module: Path) -> Iterator[str]:
 
 def is_part(module: Path) -> bool:
     """Whether a module is a part of a node; what carries nodes out (`run`, `live`, `replay`) is none."""
-    is_shell = module.parts[0] == "node_kit" and module.stem in ("run", "live", "replay", "node")
-    return module.parts[0] != "sphere_nav_cli" and not is_shell
+    is_carrier = room(dotted(module)) == "sphere_nav.ros" and module.stem in ("run", "live", "replay", "node")
+    return room(dotted(module)) not in ("sphere_nav.cli", "sphere_nav.offline") and not is_carrier
 
 
 def test_no_part_is_given_its_node() -> None:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parents[2]
+LIBRARY = "sphere_nav"  # the package that is divided into rooms
 
 
 def setup_constants() -> dict[str, Any]:
@@ -40,9 +41,20 @@ def imports(module: Path, *, is_at_load: bool = False) -> Iterator[str]:
             yield from (f"{node.module}.{alias.name}" for alias in node.names)
 
 
-def is_node(module: Path) -> bool:
+def dotted(module: Path) -> str:
+    """Return the name that a module is imported by."""
+    return ".".join(module.with_suffix("").parts).removesuffix(".__init__")
+
+
+def room(name: str) -> str:
+    """Return the room that a module lies in, by its dotted name: a package, or a folder of the library."""
+    parts = name.split(".")
+    return ".".join(parts[:2]) if parts[0] == LIBRARY else parts[0]
+
+
+def is_shell(module: Path) -> bool:
     """Whether a module is the ROS shell of its package."""
-    return module.name.endswith("node.py") and module.parts[0] != "node_kit"
+    return "ros" in module.parts[:-1]
 
 
 def installed(package: str) -> Path | None:

@@ -4,8 +4,8 @@ import numpy as np
 
 from benchmarks.depth_icp import icp
 from benchmarks.room import render
-from sphere_geometry import SE3, Spherical
-from sphere_map.sphere import Sphere
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.spheres.sphere import Sphere
 
 CAMERA = Spherical(256, 128)
 PLACE = SE3.exp([2.0, 1.0, 0.0, 0.0, 0.0, 0.0])  # where walls of all directions are within reach

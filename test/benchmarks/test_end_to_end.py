@@ -8,8 +8,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 from benchmarks import end_to_end
-from sphere_geometry import SE3, Pinhole
-from sphere_geometry.trajectory import Trajectory
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry.trajectory import Trajectory
 
 CAMERA = Pinhole(101, 101, 50.0, 50.0, 50.0, 50.0)  # sees x within +-z
 

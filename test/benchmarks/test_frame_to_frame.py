@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.frame_to_frame import OURS, Figures, _against_best
 from benchmarks.rgbd_data import colmap_poses, open_recording
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
 
 
 @pytest.fixture

@@ -12,8 +12,8 @@ pytest.importorskip("rclpy")
 from benchmarks import fuzz
 from benchmarks.fuzz_mutations import mutate_bytes, mutate_message
 from benchmarks.fuzz_targets import Target, make_targets
-from node_kit.conversions import poses_to_path
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
+from sphere_nav.ros.conversions import poses_to_path
 
 
 def failures(attempt, folder, count=20):

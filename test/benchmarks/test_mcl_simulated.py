@@ -8,8 +8,8 @@ from benchmarks.mcl_drives import FISHEYE_UP, PANORAMA, Drive, Studio, kept
 from benchmarks.mcl_homing import Ride, ride_bounds
 from benchmarks.mcl_routes import MARGIN, MAX_OFFSET, SIDE, kidnapped_line, limits, sampled
 from benchmarks.mcl_trials import Trial
-from cycab_sim.town import draw_plan, taught_path
-from localization.status import State
+from cycab_sim.world.town import draw_plan, taught_path
+from sphere_nav.localization.status import State
 
 PLAN = draw_plan(4)
 
@@ -92,7 +92,7 @@ def test_what_is_kept_is_made_once(tmp_path):
 
 
 def test_the_level_camera_heads_where_the_vehicle_does_whatever_the_camera():
-    from sphere_geometry import SE3
+    from sphere_nav.geometry import SE3
 
     T_map_base = SE3.from_matrix(SE3.from_planar(1.0, 2.0, 0.5).matrix[None])
     for lens in (PANORAMA, FISHEYE_UP):

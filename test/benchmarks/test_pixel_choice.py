@@ -3,7 +3,7 @@
 import numpy as np
 
 from benchmarks import pixel_choice
-from sphere_geometry import Spherical
+from sphere_nav.geometry import Spherical
 
 CAMERA = Spherical(256, 128)
 

@@ -6,8 +6,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 from benchmarks.straight_truth import fit_at_once, twist_of
-from sphere_geometry import SE3, Pinhole
-from sphere_geometry.shutter import project_rolling
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry.cameras.rolling_shutter import project_rolling
 
 CAMERA = Pinhole(640, 480, 525.0, 525.0, 320.0, 240.0)
 

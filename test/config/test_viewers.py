@@ -13,7 +13,7 @@ import yaml
 pytest.importorskip("rclpy")
 
 from architecture.tree import MODULES, parse
-from node_kit.interfaces import message_class
+from sphere_nav.ros.interfaces import message_class
 
 ROOT = Path(__file__).resolve().parents[2]
 RVIZ = yaml.safe_load((ROOT / "config" / "sphere_nav.rviz").read_text(encoding="utf-8"))
@@ -45,7 +45,7 @@ def calls(name: str) -> dict[str, tuple[str, str]]:
     return found
 
 
-PUBLISHED = calls("add_publisher") | {"/diagnostics": ("DiagnosticArray", "qos.STATE")}  # every node: node_kit/live.py
+PUBLISHED = calls("add_publisher") | {"/diagnostics": ("DiagnosticArray", "qos.STATE")}  # every node: ros/live.py
 HEARD = calls("add_subscription")
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from typed_params import build, leaves
+from sphere_nav.params import build, leaves
 
 pytest.importorskip("rclpy", reason="the nodes need ROS 2")
 

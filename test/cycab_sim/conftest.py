@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from cycab_sim import simulator as simulator_module
-from cycab_sim.cameras import OPTICAL
-from cycab_sim.finishes import ASPHALT, PLASTERS
-from cycab_sim.mesh import Finish, MeshBuilder
 from cycab_sim.params import CameraParams, LightParams, RenderParams, SimParams, SphereParams
-from cycab_sim.renderer import Renderer
-from cycab_sim.texture import kernels as materials
-from cycab_sim.town import build_town
-from cycab_sim.worlds import build_world
-from sphere_geometry import SE3
+from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.sensors.cameras import OPTICAL
+from cycab_sim.world.finishes import ASPHALT, PLASTERS
+from cycab_sim.world.mesh import Finish, MeshBuilder
+from cycab_sim.world.texture import kernels as materials
+from cycab_sim.world.town import build_town
+from cycab_sim.world.worlds import build_world
+from sphere_nav.geometry import SE3
 
 SEED = 5
 

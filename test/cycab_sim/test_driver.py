@@ -3,8 +3,8 @@ import pytest
 
 from cycab_sim.driver import Driver
 from cycab_sim.params import ActuationParams, TeachParams, VehicleParams
-from cycab_sim.town import draw_plan, taught_path
 from cycab_sim.vehicle import Vehicle, VehicleState
+from cycab_sim.world.town import draw_plan, taught_path
 
 STEP = 0.04  # s
 

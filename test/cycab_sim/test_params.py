@@ -3,7 +3,7 @@ from pathlib import Path
 import yaml
 
 from cycab_sim.params import SimParams
-from typed_params import build, to_mapping
+from sphere_nav.params import build, to_mapping
 
 CYCAB = Path(__file__).resolve().parents[2] / "config" / "cycab.yaml"
 

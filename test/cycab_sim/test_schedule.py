@@ -1,15 +1,7 @@
 import pytest
 
-from cycab_sim.params import (
-    CameraParams,
-    ImuParams,
-    OdometryParams,
-    RigParams,
-    ScanParams,
-    SimParams,
-    SphereParams,
-)
-from cycab_sim.schedule import Schedule
+from cycab_sim.params import CameraParams, ImuParams, OdometryParams, RigParams, ScanParams, SimParams, SphereParams
+from cycab_sim.simulator import Schedule
 
 MS = 1_000_000
 

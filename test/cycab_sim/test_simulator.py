@@ -6,7 +6,7 @@ import pytest
 from cycab_sim.params import CameraParams, RigParams, StartParams
 from cycab_sim.simulator import START_NS, Simulator
 from cycab_sim.vehicle import Command
-from sphere_geometry import SE3, Pinhole
+from sphere_nav.geometry import SE3, Pinhole
 
 STEP = 10_000_000
 

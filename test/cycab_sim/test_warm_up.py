@@ -1,12 +1,12 @@
 """After the warm-up no image of the simulator waits for a kernel."""
 
-from cycab_sim import kernels
-from cycab_sim.casting import kernels as casting
 from cycab_sim.params import SimParams
+from cycab_sim.rendering import kernels
+from cycab_sim.rendering.casting import kernels as casting
 from cycab_sim.simulator import Simulator
-from cycab_sim.traffic import kernels as traffic
 from cycab_sim.warm_up import warm_up
-from typed_params import build
+from cycab_sim.world.traffic import kernels as traffic
+from sphere_nav.params import build
 
 
 def test_cameras_of_every_kind_use_what_is_compiled():

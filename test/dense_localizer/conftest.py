@@ -1,6 +1,6 @@
 import pytest
 
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
 from worlds.localizer import MemoryMap, make_map
 from worlds.room import Room, wide_room
 

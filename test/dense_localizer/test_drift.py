@@ -5,10 +5,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from dense_localizer.drift import UNKNOWN, MapDrift, edge_variance
-from dense_localizer.map_error import EDGE
-from sphere_geometry import SE3
-from sphere_map.graph import Edge, KeySphere, SphereGraph
+from dense_localizer.motion_prior import UNKNOWN, MapDrift, edge_variance
+from dense_localizer.references.map_error import EDGE
+from sphere_nav.geometry import SE3
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from worlds.localizer import Run, drive, make_localizer
 
 SIGMA = np.repeat([0.004, 0.002], 3)

@@ -5,9 +5,9 @@ import numpy as np
 from dense_localizer.inputs import CameraImage, Inputs
 from dense_localizer.motion_prior import MotionPrior
 from dense_localizer.params import LocalizerParams
-from localization.status import Reason
-from sphere_geometry import SE3
-from typed_params import build
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import Reason
+from sphere_nav.params import build
 from worlds.localizer import PINHOLE, SMALL_IMAGES, at
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)

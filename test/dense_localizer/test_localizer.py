@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from localization.status import TRUSTED, State
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import TRUSTED, State
 from worlds.localizer import FISHEYE, PINHOLE, STEP_NS, Run, at, drive, error, make_localizer, make_map
 
 # Noise of 2 grey levels, pixels of 1/110 rad at 3 m: alignments err by 2 to 4 mm, 1 to 2 mrad; three sigma: 12, 6.

@@ -5,7 +5,7 @@ import pytest
 
 from dense_localizer.motion_prior import START_SPEED, MotionPrior
 from dense_localizer.params import PriorParams
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
 
 PARAMS = PriorParams()
 STEP_NS = 100_000_000

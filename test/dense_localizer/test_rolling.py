@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
 from worlds.localizer import Run, at, drive, error, make_localizer
 
 READOUT_S = 0.034  # 0.68 of the time between two images

@@ -13,17 +13,17 @@ from sphere_nav_msgs.msg import SphereInfo
 from sphere_nav_msgs.srv import LoadCloud
 from tf2_msgs.msg import TFMessage
 
-from node_kit import qos
-from node_kit.bag_writer import BagWriter
-from node_kit.conversions import (
+from sphere_nav.cli.main import main
+from sphere_nav.geometry import SE3
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.writer import BagWriter
+from sphere_nav.ros.conversions import (
     array_to_image,
     camera_to_sphere_info,
     cloud_to_message,
     se3_to_odometry,
     se3_to_transform,
 )
-from sphere_geometry import SE3
-from sphere_nav_cli.main import main
 from worlds.mcl import SECOND, SETTINGS, T_BASE_EYE, T_ODOM_MAP, Bench, Eye, drive, room_points
 
 CLOUDS = {

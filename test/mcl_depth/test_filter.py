@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from localization.status import State
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.mesh import mesh_from_faces
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
-from sphere_geometry import SE3, Spherical
-from typed_params import build
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.localization.status import State
+from sphere_nav.params import build
 
 SETTINGS = {
     "camera_height": 1.2,

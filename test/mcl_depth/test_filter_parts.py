@@ -15,7 +15,7 @@ from mcl_depth.homing import sample_offsets, waypoints_of
 from mcl_depth.likeness.depth_cache import DepthCache
 from mcl_depth.likeness.features import FeatureStack
 from mcl_depth.params import MotionParams
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
 
 
 def test_the_low_variance_sampler_takes_floor_or_ceil_of_each_share():

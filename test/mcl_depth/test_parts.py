@@ -10,11 +10,10 @@ import pytest
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.floor_plan import is_inside
 from mcl_depth.geometry.las import read_las
-from mcl_depth.geometry.mesh import mesh_from_faces
+from mcl_depth.geometry.mesh import RayScene, mesh_from_faces
 from mcl_depth.geometry.pcd import read_pcd
 from mcl_depth.geometry.ply import read_ply
 from mcl_depth.geometry.point_index import PointIndex
-from mcl_depth.geometry.ray_scene import RayScene
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.image_params import SynthesisParams
 from mcl_depth.likeness.compass import heading

@@ -7,7 +7,7 @@ import pytest
 
 from mcl_depth.params import FilterParams
 from mcl_depth.presets import PRESETS, apply_preset
-from typed_params import build, to_mapping
+from sphere_nav.params import build, to_mapping
 
 ROOM = (np.zeros(3), np.array([9.0, 6.0, 2.6]))
 CORRIDOR = (np.zeros(3), np.array([160.0, 5.0, 2.6]))

@@ -5,14 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from localization.state_machine import StateMachine
-from localization.status import Finding, Reason, State
 from mcl_depth.belief.evidence import Proof
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.params import StateParams
 from mcl_depth.reasons import REMEDIES
 from mcl_depth.status import LOST_IMAGES, Verdict, count, judge
+from sphere_nav.localization.state_machine import StateMachine
+from sphere_nav.localization.status import Finding, Reason, State
 
 P = StateParams(probation_images=2)
 SURE, CHANCE, ELSEWHERE = Proof(1e-5), Proof(0.2), Proof(1e-5, agrees=False)

@@ -6,7 +6,7 @@ import pytest
 
 from mcl_depth.params import FilterParams
 from mcl_depth.warm_up import warm_up
-from typed_params import build
+from sphere_nav.params import build
 
 
 @pytest.mark.parametrize("step", [1.0, 10.0, 90.0])

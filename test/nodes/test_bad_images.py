@@ -8,12 +8,12 @@ pytest.importorskip("rclpy")
 
 from sensor_msgs.msg import Image
 
-from dense_localizer.node import DenseLocalizerNode
-from mcl_depth.node import MclDepthNode
-from node_kit.conversions import array_to_image, camera_to_info, header
-from node_kit.map_bag import save_map
-from node_kit.replay import OfflineBus
-from sphere_geometry import SE3, Pinhole
+from dense_localizer.ros.node import DenseLocalizerNode
+from mcl_depth.ros.node import MclDepthNode
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.conversions import array_to_image, camera_to_info, header
+from sphere_nav.ros.maps.reader import save_map
 from worlds.localizer import SMALL_IMAGES, Room, make_map
 from worlds.mcl import SETTINGS, room_points
 

@@ -7,8 +7,8 @@ pytest.importorskip("rclpy")
 from geometry_msgs.msg import Twist
 from std_msgs.msg import Bool, UInt64
 
-from command_guard.node import CommandGuard
-from node_kit.replay import OfflineBus
+from path_follower.ros.guard_node import CommandGuard
+from sphere_nav.ros.bags.replay import OfflineBus
 
 STEP = 50_000_000
 

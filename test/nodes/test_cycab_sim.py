@@ -25,10 +25,10 @@ from sphere_nav_msgs.srv import SetFault, Teleport
 from std_msgs.msg import Header
 from tf2_msgs.msg import TFMessage
 
-from cycab_sim.node import CycabSim
-from node_kit import qos
-from node_kit.conversions import camera_from_info, image_to_array, message_to_sphere, odometry_to_se3, stamp_ns
-from node_kit.replay import OfflineBus, OfflineShell
+from cycab_sim.ros.node import CycabSim
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.replay import OfflineBus, OfflineShell
+from sphere_nav.ros.conversions import camera_from_info, image_to_array, message_to_sphere, odometry_to_se3, stamp_ns
 
 START_LIMIT = 120.0  # s; kernels may have to be compiled first
 SMALL = {
@@ -118,7 +118,7 @@ class Driver:
 @pytest.fixture(scope="module")
 def process():
     arguments = [item for name, value in SMALL.items() for item in ("-p", f"{name}:={value}")]
-    command = [sys.executable, "-c", "from cycab_sim.node import main; raise SystemExit(main())", "--ros-args"]
+    command = [sys.executable, "-c", "from cycab_sim.ros.node import main; raise SystemExit(main())", "--ros-args"]
     with subprocess.Popen([*command, *arguments], stderr=subprocess.PIPE, text=True) as running:
         yield running
         if running.poll() is None:

@@ -20,10 +20,12 @@ from sphere_nav_msgs.srv import LoadMap, Relocalize, SaveMap
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from dense_localizer.node import DenseLocalizerNode
-from dense_localizer.rejections import read_rejections
-from node_kit import qos
-from node_kit.conversions import (
+from dense_localizer.references.rejections import read_rejections
+from dense_localizer.ros.node import DenseLocalizerNode
+from sphere_nav.geometry import SE3
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.conversions import (
     array_to_image,
     camera_to_info,
     header,
@@ -35,10 +37,8 @@ from node_kit.conversions import (
     stamp_ns,
     transform_to_se3,
 )
-from node_kit.map_bag import save_map
-from node_kit.replay import OfflineBus
-from sphere_geometry import SE3
-from sphere_map.sphere import T_BODY_OPTICAL
+from sphere_nav.ros.maps.reader import save_map
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
 from worlds.room import wide_room
 
@@ -360,7 +360,7 @@ def test_another_localiser_that_contradicts_is_told_and_changes_nothing(map_path
 # --- over DDS
 @pytest.fixture
 def process(map_path):
-    code = "import sys; from dense_localizer.node import main; sys.exit(main())"
+    code = "import sys; from dense_localizer.ros.node import main; sys.exit(main())"
     values = {"map": map_path, "every_image": "true"} | SMALL_IMAGES
     arguments = ["--ros-args"]
     for name, value in values.items():

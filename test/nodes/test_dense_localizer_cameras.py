@@ -15,9 +15,13 @@ from sensor_msgs.msg import CameraInfo, Image
 from sphere_nav_msgs.msg import LocalizationStatus
 from tf2_msgs.msg import TFMessage
 
-from dense_localizer.node import DenseLocalizerNode
-from node_kit import qos
-from node_kit.conversions import (
+from dense_localizer.ros.node import DenseLocalizerNode
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry.cameras.rig import Rig, RigCamera
+from sphere_nav.geometry.files.rig_file import write_rig
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.conversions import (
     array_to_image,
     camera_to_info,
     camera_to_sphere_info,
@@ -25,13 +29,9 @@ from node_kit.conversions import (
     se3_to_transform,
     stamp_ns,
 )
-from node_kit.map_bag import save_map
-from node_kit.map_writer import MapDetails
-from node_kit.replay import OfflineBus
-from sphere_geometry import SE3, Spherical
-from sphere_geometry.rig import Rig, RigCamera
-from sphere_geometry.rig_file import write_rig
-from sphere_map.sphere import T_BODY_OPTICAL
+from sphere_nav.ros.maps.reader import save_map
+from sphere_nav.ros.maps.writer import MapDetails
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.localizer import FISHEYE, PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
 from worlds.room import wide_room
 
@@ -206,7 +206,7 @@ def test_an_image_that_is_no_whole_sphere_is_refused(map_path, pictures):
 # --- over DDS
 @pytest.fixture
 def process(map_path):
-    code = "import sys; from dense_localizer.node import main; sys.exit(main())"
+    code = "import sys; from dense_localizer.ros.node import main; sys.exit(main())"
     arguments = ["--ros-args"]
     for name, value in ({"map": map_path, "every_image": "true"} | RIG).items():
         arguments += ["-p", f"{name}:={value}"]

@@ -15,10 +15,10 @@ from rclpy.parameter import Parameter
 
 from benchmarks.lifecycle import CYCLES, SETTLED, live
 from benchmarks.lifecycle_cases import CASES, Bench
-from node_kit import qos
-from node_kit.bag_reader import BagReader
-from node_kit.bag_recorder_node import BagRecorder
-from node_kit.live import LiveShell
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.reader import BagReader
+from sphere_nav.ros.bags.recorder_node import BagRecorder
+from sphere_nav.ros.live import LiveShell
 
 
 @pytest.fixture

@@ -7,9 +7,9 @@ pytest.importorskip("rclpy")
 
 from sphere_nav_msgs.srv import LoadCloud
 
-from node_kit.conversions import cloud_to_message, pose_with_covariance_to_se3, se3_to_pose_with_covariance
-from node_kit.node import ERROR, OK
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
+from sphere_nav.ros.conversions import cloud_to_message, pose_with_covariance_to_se3, se3_to_pose_with_covariance
+from sphere_nav.ros.node import ERROR, OK
 from worlds.mcl import COLUMNS, SECOND, T_BASE_EYE, Bench, Eye, drive, room_points
 
 NEAR_M, NEAR_RAD = 0.4, np.radians(8.0)  # cells of the cache are 0.35 m wide, headings are compared every 10 degrees

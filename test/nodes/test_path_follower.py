@@ -21,9 +21,14 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 from tf2_msgs.msg import TFMessage
 
-from localization.status import State, Status
-from node_kit import qos
-from node_kit.conversions import (
+from path_follower.params import PathFollowerParams
+from path_follower.ros.node import PathFollowerNode
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import State, Status
+from sphere_nav.params import build
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.conversions import (
     header,
     ns_to_time,
     poses_to_path,
@@ -33,11 +38,6 @@ from node_kit.conversions import (
     stamp_ns,
     status_to_message,
 )
-from node_kit.replay import OfflineBus
-from path_follower.node import PathFollowerNode
-from path_follower.params import PathFollowerParams
-from sphere_geometry import SE3
-from typed_params import build
 
 SECOND = 1_000_000_000
 STEP = SECOND // 20
@@ -318,7 +318,7 @@ def test_cruise_speed_and_limits_change_while_driving(bench):
 @pytest.fixture
 def process(tmp_path):
     (tmp_path / "path.csv").write_text("0,0\n1,0\n2,0\n3,0\n")
-    code = "import sys; from path_follower.node import main; sys.exit(main())"
+    code = "import sys; from path_follower.ros.node import main; sys.exit(main())"
     arguments = ["--ros-args", "-p", "enable_stamped_cmd_vel:=true", "-p", "use_sim_time:=true"]
     arguments += ["-p", f"trajectory:={tmp_path / 'path.csv'}"]
     child = subprocess.Popen([sys.executable, "-c", code, *arguments])

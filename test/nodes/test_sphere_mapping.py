@@ -15,8 +15,11 @@ from sphere_nav_msgs.msg import KeySphereGraph
 from sphere_nav_msgs.srv import SaveMap
 from std_srvs.srv import Trigger
 
-from node_kit import qos
-from node_kit.conversions import (
+from sphere_mapping.ros.node import SphereMapper
+from sphere_nav.geometry import SE3
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.conversions import (
     message_to_cloud,
     message_to_graph,
     odometry_to_se3,
@@ -24,10 +27,7 @@ from node_kit.conversions import (
     se3_to_odometry,
     transform_to_se3,
 )
-from node_kit.map_bag import open_map
-from node_kit.replay import OfflineBus
-from sphere_geometry import SE3
-from sphere_mapping.node import SphereMapper
+from sphere_nav.ros.maps.reader import open_map
 from worlds.recordings import CAMERA, FIRST, PERIOD_NS, STEP, T_BASE_CAMERA, mount, pose, rgbd, sphere, stamp, stereo
 
 
@@ -242,7 +242,7 @@ def test_a_clock_that_jumps_back_starts_new_pairs():
 
 def test_the_node_maps_over_dds(tmp_path):
     """A process of its own: images go in, the latched graph comes out, SIGINT ends it in order."""
-    code = "import sys; from sphere_mapping.node import main; sys.exit(main())"
+    code = "import sys; from sphere_mapping.ros.node import main; sys.exit(main())"
     words = [sys.executable, "-c", code, "--ros-args", "-p", "input:=rgbd", "-p", f"map_folder:={tmp_path}"]
     process = subprocess.Popen(words)
     rclpy.init()

@@ -18,12 +18,12 @@ from sphere_nav_msgs.msg import AugmentedSphere
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
-from node_kit import qos
-from node_kit.conversions import array_to_image, cloud_to_message, header, message_to_sphere, se3_to_transform
-from node_kit.replay import OfflineBus
-from sphere_geometry import SE3
-from sphere_geometry.rig_file import read_rig, write_rig
-from sphere_mapping.stitcher_node import SphereStitcher
+from sphere_mapping.acquisition.ros.node import SphereStitcher
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.files.rig_file import read_rig, write_rig
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.conversions import array_to_image, cloud_to_message, header, message_to_sphere, se3_to_transform
 from worlds.rig import RADIUS, depth_of, seen, truth, vertical_rig
 
 MS = 1_000_000
@@ -273,7 +273,7 @@ def share(message):
 
 def test_six_cameras_over_dds(rig_path):
     """A process of its own: images go in, a sphere with the right content comes out, SIGINT ends it in order."""
-    code = "import sys; from sphere_mapping.stitcher_node import main; sys.exit(main())"
+    code = "import sys; from sphere_mapping.acquisition.ros.node import main; sys.exit(main())"
     settings = [f"-p{name}:={value}" for name, value in (SMALL | {"rig": rig_path}).items()]
     words = [sys.executable, "-c", code, "--ros-args", *(part for s in settings for part in ("-p", s[2:]))]
     process = subprocess.Popen(words)

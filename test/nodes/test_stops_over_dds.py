@@ -15,10 +15,10 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
 from std_srvs.srv import Trigger
 
-from localization.status import State, Status
-from node_kit import qos
-from node_kit.conversions import se3_to_pose_with_covariance, status_to_message
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import State, Status
+from sphere_nav.ros import qos
+from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
 
 PERIOD = 0.04  # s between two poses
 PATIENCE = 25.0  # s of a loaded machine

@@ -9,13 +9,19 @@ pytest.importorskip("rclpy")
 
 from tf2_msgs.msg import TFMessage
 
-from command_guard.node import CommandGuard
-from cycab_sim.outputs_node import Outputs
 from cycab_sim.params import SimParams
+from cycab_sim.ros.outputs import Outputs
 from cycab_sim.simulator import Simulator
-from dense_localizer.node import DenseLocalizerNode
-from mcl_depth.node import MclDepthNode
-from node_kit.conversions import (
+from dense_localizer.ros.node import DenseLocalizerNode
+from mcl_depth.ros.node import MclDepthNode
+from path_follower.ros.guard_node import CommandGuard
+from path_follower.ros.node import PathFollowerNode
+from sphere_mapping.ros.node import SphereMapper
+from sphere_nav.geometry import SE3
+from sphere_nav.params import build
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.compositions import COMPOSITIONS
+from sphere_nav.ros.conversions import (
     array_to_image,
     camera_to_info,
     camera_to_sphere_info,
@@ -23,15 +29,9 @@ from node_kit.conversions import (
     se3_to_pose_with_covariance,
     se3_to_transform,
 )
-from node_kit.map_bag import save_map
-from node_kit.node import ManagedNode
-from node_kit.replay import OfflineBus
-from path_follower.node import PathFollowerNode
-from sphere_geometry import SE3
-from sphere_map.sphere import T_BODY_OPTICAL
-from sphere_mapping.node import SphereMapper
-from sphere_nav_cli.compositions import COMPOSITIONS
-from typed_params import build
+from sphere_nav.ros.maps.reader import save_map
+from sphere_nav.ros.node import ManagedNode
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, drive, make_map
 from worlds.mcl import SETTINGS, T_BASE_EYE, T_ODOM_MAP, Eye, room_points
 from worlds.mcl import drive as around_the_room

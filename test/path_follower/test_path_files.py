@@ -5,8 +5,8 @@ import pytest
 
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_path, write_csv
-from sphere_geometry import SE3
-from sphere_geometry.trajectory import Trajectory, write_tum
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.trajectory import Trajectory, write_tum
 
 PARAMS = FollowerParams()
 

@@ -3,16 +3,16 @@
 import numpy as np
 import pytest
 
-from rig_calibration.board import Board
-from rig_calibration.bundle import solve
-from rig_calibration.intrinsics import calibrate_camera
-from rig_calibration.observability import Spread, warnings
+from rig_calibration.boards.board import Board
+from rig_calibration.boards.bundle import solve
+from rig_calibration.boards.intrinsics import calibrate_camera
+from rig_calibration.boards.observability import Spread, warnings
+from rig_calibration.boards.rejection import reject
+from rig_calibration.boards.state import camera_problem, camera_state
+from rig_calibration.boards.validation import camera_rms
+from rig_calibration.boards.views import observations
 from rig_calibration.params import CalibrationParams
-from rig_calibration.rejection import reject
-from rig_calibration.state import camera_problem, camera_state
-from rig_calibration.validation import camera_rms
-from rig_calibration.views import observations
-from sphere_geometry import SE3, Pinhole
+from sphere_nav.geometry import SE3, Pinhole
 
 PARAMS = CalibrationParams()
 CAMERA = Pinhole(640, 480, 400.0, 402.0, 318.0, 243.0, (-0.2, 0.05, 1e-3, -5e-4, -0.01))

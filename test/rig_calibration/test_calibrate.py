@@ -6,19 +6,18 @@ import numpy as np
 import pytest
 
 from benchmarks.board_world import BoardWorld, boards_around, ring_rig, wandering
-from rig_calibration import checks
-from rig_calibration.assembly import board_turns
-from rig_calibration.board import Board, check_distinct, parse_size
-from rig_calibration.board_pose import board_pose, other_pose
+from rig_calibration.boards import checks
+from rig_calibration.boards.assembly import board_turns, hand_eye
+from rig_calibration.boards.board import Board, check_distinct, parse_size
+from rig_calibration.boards.detect import detect
+from rig_calibration.boards.intrinsics import board_pose, other_pose
+from rig_calibration.boards.lens import J_lens, lens_of, project
+from rig_calibration.boards.linearize import jacobian, residuals
+from rig_calibration.boards.report import as_mapping, coverage
 from rig_calibration.calibrate import CameraSpec, calibrate
-from rig_calibration.detect import detect
-from rig_calibration.hand_eye import hand_eye
-from rig_calibration.lens import J_lens, lens_of, project
-from rig_calibration.linearize import jacobian, residuals
 from rig_calibration.params import CalibrationParams
-from rig_calibration.report import as_mapping, coverage
-from sphere_geometry import SE3, Fisheye, Pinhole
-from sphere_geometry.rig import Rig
+from sphere_nav.geometry import SE3, Fisheye, Pinhole
+from sphere_nav.geometry.cameras.rig import Rig
 
 PARAMS = CalibrationParams()
 CAMERAS = (

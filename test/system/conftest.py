@@ -14,13 +14,13 @@ pytest.importorskip("rclpy")
 from tf2_msgs.msg import TFMessage
 
 from cycab_sim.params import LightParams, RenderParams
-from cycab_sim.renderer import Renderer
-from cycab_sim.town import build_town
-from node_kit import conversions, qos
-from node_kit.bags import BagWriter
-from sphere_geometry import SE3, Pinhole
-from sphere_geometry.camera import pixel_grid
-from sphere_map.sphere import T_BODY_OPTICAL
+from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.world.town import build_town
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.bags import BagWriter
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 OPTICAL_FRAME, BASE, MAP = "camera_optical", "base_link", "map"
 SECOND, PERIOD = 1_000_000_000, 100_000_000

@@ -15,11 +15,11 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from node_kit.bags import BagReader
-from sphere_geometry import SE3
-from sphere_geometry.trajectory import read_tum
-from sphere_nav_cli.main import main
-from sphere_nav_cli.pose_bags import read_poses
+from sphere_nav.cli.main import main
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.offline.pose_bags import read_poses
+from sphere_nav.ros.bags import BagReader
 
 from .conftest import PERIOD, SECOND, STREET, Frames, write_bag
 
@@ -118,8 +118,8 @@ def stopped(process: subprocess.Popen) -> str:
 
 
 def test_nodes_over_dds_give_the_same_poses(chain, processes, tmp_path):
-    node = "from dense_localizer.node import main; sys.exit(main())"
-    command = "from sphere_nav_cli.main import main; sys.exit(main())"
+    node = "from dense_localizer.ros.node import main; sys.exit(main())"
+    command = "from sphere_nav.cli.main import main; sys.exit(main())"
     live = tmp_path / "live"
     recorder = processes(command, "record", "-o", live, "/pose", "/status", "--use-sim-time")
     settings = (f"map:={chain / 'map'}", "use_sim_time:=true", "every_image:=true")

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from photometric.iteration import kernels
-from photometric.projection import kernel_camera, kernel_motion
-from photometric.pyramid import Level
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
+from sphere_nav.photometric.align.iteration import kernels
+from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
+from sphere_nav.photometric.pixels.pyramid import Level
 
 IDENTITY = SE3.identity()
 

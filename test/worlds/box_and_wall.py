@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sphere_geometry import SE3, Pinhole
-from sphere_geometry.camera import pixel_grid
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry.cameras.camera import pixel_grid
 
 WALL = 3.0  # m: a wall across the view
 BOX = 1.5  # m: the front of a box before it, to the left of x = 0

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sphere_geometry import SE3
 from sphere_mapping.graph.pose_graph import PoseGraph
+from sphere_nav.geometry import SE3
 
 
 def cylinder(num_circles, num_places, sigmas, seed=0, planar=False):

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 
-from dense_localizer.estimate import Estimate
+from dense_localizer.judge.estimate import Estimate
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
-from sphere_geometry import SE3, Fisheye, Pinhole, Spherical
-from sphere_map.appearance.features import features_of_sphere
-from sphere_map.appearance.index import AppearanceIndex
-from sphere_map.coarse import coarse_sphere
-from sphere_map.graph import KeySphere, SphereGraph
-from sphere_map.sphere import T_BODY_OPTICAL, Sphere
-from typed_params import build
+from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
+from sphere_nav.params import build
+from sphere_nav.spheres.appearance.features import features_of_sphere
+from sphere_nav.spheres.appearance.index import AppearanceIndex
+from sphere_nav.spheres.coarse import coarse_sphere
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 from worlds.room import Room
 
 STEP_NS = 50_000_000  # 20 images a second

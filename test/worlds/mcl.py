@@ -8,16 +8,16 @@ from tf2_msgs.msg import TFMessage
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.image_params import SynthesisParams
-from mcl_depth.node import MclDepthNode
-from node_kit.conversions import (
+from mcl_depth.ros.node import MclDepthNode
+from sphere_nav.geometry import SE3
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.conversions import (
     array_to_image,
     camera_to_sphere_info,
     se3_to_odometry,
     se3_to_pose_with_covariance,
     se3_to_transform,
 )
-from node_kit.replay import OfflineBus
-from sphere_geometry import SE3
 
 SECOND = 10**9
 HEIGHT = 1.2

@@ -1,4 +1,4 @@
-"""Small range panoramas of places with pillars, and what a camera that sees depth itself would make of parts of them."""
+"""Small range panoramas of places with pillars, and what a camera that measures depth would make of parts of them."""
 
 from __future__ import annotations
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 from tf2_msgs.msg import TFMessage
 
-from node_kit import qos
-from node_kit.bags import BagWriter
-from node_kit.conversions import (
+from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags import BagWriter
+from sphere_nav.ros.conversions import (
     array_to_image,
     camera_to_info,
     se3_to_odometry,
@@ -15,9 +17,7 @@ from node_kit.conversions import (
     se3_to_transform,
     sphere_to_message,
 )
-from sphere_geometry import SE3, Pinhole
-from sphere_map.sphere import T_BODY_OPTICAL
-from sphere_mapping.acquisition.partial import sphere_from_rgbd
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from worlds.room import optical, sharp_room
 
 CAMERA = Pinhole(240, 180, 180.0, 180.0, 119.5, 89.5)

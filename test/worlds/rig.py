@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sphere_geometry import SE3, Fisheye, Rig, RigCamera
-from sphere_geometry.camera import pixel_grid
+from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera
+from sphere_nav.geometry.cameras.camera import pixel_grid
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LENS = Fisheye(160, 160, 48.0, 48.0, 79.5, 79.5)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from sphere_geometry import SE3, Camera, Spherical
-from sphere_geometry.camera import pixel_grid
-from sphere_geometry.shutter import row_share
-from sphere_map.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav.geometry import SE3, Camera, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.rolling_shutter import row_share
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
 
 class Room:

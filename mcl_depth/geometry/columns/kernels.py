@@ -7,7 +7,7 @@ import math
 
 import numpy as np
 
-from kernel_cache.kernels import OPTIONS, njit, prange
+from sphere_nav.kernel_cache.kernels import OPTIONS, njit, prange
 
 INLINE = OPTIONS | {"inline": "always"}  # a call hands over each array in seven words
 

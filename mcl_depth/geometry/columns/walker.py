@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mcl_depth.geometry.columns import kernels
 from mcl_depth.geometry.columns.voxel_map import VoxelMap
 from mcl_depth.image_params import SynthesisParams
-from sphere_geometry import Spherical
+from sphere_nav.geometry import Spherical
 
 Image = NDArray[np.float32]
 CELL = 1.5  # largest width of a cell by that of a pixel

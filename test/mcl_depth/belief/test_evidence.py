@@ -7,19 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mcl_depth.belief.evidence import (
-    APART,
-    APART_HEADINGS,
-    Evidence,
-    chance_of_lead,
-    chance_over,
-    find_maxima,
-)
+from mcl_depth.belief.evidence import APART, APART_HEADINGS, Evidence, chance_of_lead, chance_over, find_maxima
 from mcl_depth.belief.joint_evidence import COST, FORGETTING, JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.likeness.matched_filter import MIN_PLACES
-from sphere_geometry import SE3
+from sphere_nav.geometry import SE3
 
 EDGE, SIDE, NUM_HEADINGS, RATE = 0.5, 40, 36, 1e-3
 

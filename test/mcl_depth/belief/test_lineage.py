@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcl_depth.belief.lineage import Lineage
+from mcl_depth.belief.hypotheses import Lineage
 from mcl_depth.belief.particles import Particles
 
 

@@ -21,7 +21,7 @@ from mcl_depth.belief.sampling import (
 )
 from mcl_depth.geometry.area import Area
 from mcl_depth.params import InputParams, MotionParams
-from sphere_geometry import SE3, Spherical
+from sphere_nav.geometry import SE3, Spherical
 
 AREA = Area(np.array([[x, y] for x in range(10) for y in range(6)], float), 1.0)
 

@@ -8,7 +8,7 @@ from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer, panorama_window
 from mcl_depth.image_params import SynthesisParams
-from sphere_geometry.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_grid
 
 PARAMS = SynthesisParams(num_columns=72)
 HALF = np.array([4.0, 3.0, 1.5])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.likeness.array_folder import load_arrays, save_arrays
+from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 
 
 def test_the_last_to_write_wins_and_leaves_nothing_beside(tmp_path):

@@ -7,7 +7,7 @@ import pytest
 
 from mcl_depth.image_params import ComparisonParams
 from mcl_depth.likeness.comparison import Features, depth_features, depth_features_many, stack_features
-from mcl_depth.likeness.gradient_correlation import correlate_part
+from mcl_depth.likeness.matched_filter import MIN_SHARE, correlate_part
 from worlds.panoramas import HEIGHT, NUM_HEADINGS, WIDTH, part_of, rooms, window
 
 NUM_CELLS = 60

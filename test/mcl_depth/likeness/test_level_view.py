@@ -7,8 +7,8 @@ import numpy as np
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.image_params import SynthesisParams
 from mcl_depth.likeness.level_view import level_view
-from sphere_geometry import SE3, Pinhole, Spherical
-from sphere_geometry.camera import pixel_grid
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
 
 WINDOW = panorama_window(SynthesisParams(num_columns=90))
 T_BODY_OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])

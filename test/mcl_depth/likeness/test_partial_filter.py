@@ -8,7 +8,7 @@ import pytest
 from mcl_depth.image_params import ComparisonParams
 from mcl_depth.likeness import partial_filter
 from mcl_depth.likeness.comparison import Features, depth_features_many
-from mcl_depth.likeness.gradient_correlation import correlate_part, double_gradients
+from mcl_depth.likeness.matched_filter import correlate_part, double_gradients
 from mcl_depth.likeness.partial_filter import PartialFilter
 from worlds.panoramas import HEIGHT, NUM_HEADINGS, WIDTH, part_of, rooms, square_room, window
 

@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sphere_geometry import SE3, Spherical
-from sphere_map.appearance.pose import FeaturePose
 from sphere_mapping.graph.both_ways import MAX_APART_M, agree, confirm, is_denied, measure
 from sphere_mapping.graph.registration import PreparedSphere, align
 from sphere_mapping.params import MappingRegistrationParams
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.spheres.appearance.pose import FeaturePose
 from worlds.room import sharp_room
 
 PARAMS = MappingRegistrationParams()

@@ -3,8 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sphere_geometry import so3
 from sphere_mapping.graph.chordal import as_rows, chordal_poses, nearest_rotations, quadratic_form, spanning_poses
+from sphere_nav.geometry import so3
 from worlds.cylinder import cylinder
 
 

@@ -4,11 +4,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sphere_geometry import SE3, Spherical
-from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_mapping.graph.extension import Submap, agreeing, find_joins, join
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import KeySphereParams, MapperParams
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from worlds.room import sharp_room
 
 PARAMS = MapperParams(key=KeySphereParams(max_parallax_whole=0.1))

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from sphere_geometry import SE3
 from sphere_mapping.graph.factors import chi2_of, descend, factors_of
+from sphere_nav.geometry import SE3
 from worlds.cylinder import cylinder
 
 

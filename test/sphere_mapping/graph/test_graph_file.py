@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sphere_geometry import SE3, so3
 from sphere_mapping.graph.graph_file import read_graph, write_g2o
 from sphere_mapping.graph.optimum import optimize
+from sphere_nav.geometry import SE3, so3
 from worlds.cylinder import cylinder
 
 EDGE2 = "EDGE_SE2 0 1 1 0 0.1 4 1 0 9 0 16"

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from sphere_geometry import SE3
-from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_mapping.graph import incremental
 from sphere_mapping.graph.incremental import IncrementalOptimum
 from sphere_mapping.graph.loop_closure import with_loops
+from sphere_nav.geometry import SE3
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
 LAP, NUM_LAPS, FIRST_ID = 20, 3, 7
 STEP = SE3.from_planar(1.0, 0.0, 2 * np.pi / LAP)

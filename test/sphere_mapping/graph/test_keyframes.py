@@ -3,11 +3,11 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from photometric import Alignment
-from sphere_geometry import SE3
 from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.keyframes import why_key_sphere
 from sphere_mapping.params import KeySphereParams
+from sphere_nav.geometry import SE3
+from sphere_nav.photometric import Alignment
 
 
 @dataclass

@@ -4,9 +4,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sphere_geometry import SE3, Pinhole, Spherical
-from sphere_map.graph import Edge, KeySphere, SphereGraph
-from sphere_mapping.acquisition.partial import sphere_from_rgbd
+from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
 from sphere_mapping.graph.loop_closure import (
     Candidate,
     LoopCloser,
@@ -19,6 +17,8 @@ from sphere_mapping.graph.loop_closure import (
 )
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import LoopParams, MapperParams
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from worlds.room import optical, sharp_room
 
 PARAMS = MapperParams()

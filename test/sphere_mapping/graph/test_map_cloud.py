@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from sphere_geometry import SE3, Spherical
-from sphere_map.graph import KeySphere, SphereGraph
-from sphere_map.sphere import Sphere
 from sphere_mapping.graph.map_cloud import MapCloud, points_of
 from sphere_mapping.params import CloudParams
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
 
 CAMERA = Spherical(32, 16)
 

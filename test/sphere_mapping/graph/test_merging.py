@@ -5,14 +5,14 @@ import pytest
 
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
-from sphere_geometry import SE3, Pinhole, Spherical
-from sphere_map.appearance.features import features_of_sphere
-from sphere_map.appearance.index import AppearanceIndex
-from sphere_map.coarse import coarse_sphere
-from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_mapping.graph.merging import compose, merge, reverse
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import KeySphereParams, MapperParams
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.spheres.appearance.features import features_of_sphere
+from sphere_nav.spheres.appearance.index import AppearanceIndex
+from sphere_nav.spheres.coarse import coarse_sphere
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from worlds.room import optical, sharp_room
 
 STEP = 1e-6

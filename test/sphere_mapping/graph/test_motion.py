@@ -1,7 +1,7 @@
 import numpy as np
 
-from sphere_geometry import SE3
 from sphere_mapping.graph.motion import MAX_EXTRAPOLATION, MotionPrior, Placed
+from sphere_nav.geometry import SE3
 
 STEP = SE3.exp([0.3, 0.0, 0.05, 0.0, 0.02, 0.1])
 

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from sphere_geometry import SE3
-from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_mapping.graph.chordal import spanning_poses
 from sphere_mapping.graph.factors import Solution, descend, factors_of
 from sphere_mapping.graph.optimum import MAX_ITERATIONS, fits, optimize, optimize_map
 from sphere_mapping.graph.pose_graph import from_spheres
+from sphere_nav.geometry import SE3
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from worlds.cylinder import cylinder
 
 STEP = SE3.exp([1.0, 0.0, 0.05, 0.0, 0.05, 0.5])

@@ -1,8 +1,8 @@
 import numpy as np
 
-from sphere_geometry import SE3
-from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_mapping.graph.pose_graph import from_spheres, to_spheres
+from sphere_nav.geometry import SE3
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
 
 def test_a_map_becomes_arrays_by_rows_and_poses_go_back_by_id():

@@ -1,6 +1,6 @@
-from sphere_geometry import SE3
 from sphere_mapping.graph import keyframes
-from sphere_mapping.graph.progress import MapUpdate
+from sphere_mapping.graph.keyframes import MapUpdate
+from sphere_nav.geometry import SE3
 
 
 def test_a_sphere_with_a_reason_is_a_key_sphere():

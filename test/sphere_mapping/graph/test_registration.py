@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from photometric.alignment import OUTLIERS
-from sphere_geometry import SE3, Pinhole, Spherical
-from sphere_geometry.camera import pixel_grid
-from sphere_map.sphere import Sphere
-from sphere_mapping.acquisition.partial import sphere_from_rgbd
+from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
 from sphere_mapping.graph.registration import PreparedSphere, align, residual_at, turned
 from sphere_mapping.params import MappingRegistrationParams
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.photometric.align.alignment import OUTLIERS
+from sphere_nav.spheres.sphere import Sphere
 from worlds.room import optical, sharp_room
 
 PARAMS = MappingRegistrationParams()

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from sphere_geometry import SE3, Spherical
-from sphere_map.graph import Edge, KeySphere, SphereGraph
 from sphere_mapping.graph.store import Pictures
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import KeySphereParams, MapperParams
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from worlds.room import sharp_room
 
 CAMERA = Spherical(128, 64)

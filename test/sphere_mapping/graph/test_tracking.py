@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from sphere_geometry import SE3, Spherical
-from sphere_map.graph import KeySphere, SphereGraph
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.tracking import INNOVATION, ONE_WAY, Tracker
 from sphere_mapping.params import MapperParams
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from worlds.room import sharp_room
 
 PARAMS = MapperParams()

@@ -4,10 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from photometric import RegistrationParams
-from sphere_geometry import SE3
 from sphere_mapping.graph.motion import MotionPrior, Placed
 from sphere_mapping.graph.unrolling import MAX_PASSES, align_unrolled
+from sphere_nav.geometry import SE3
+from sphere_nav.photometric import RegistrationParams
 
 TRUTH = np.array([0.3, 0.0, 0.1, 0.0, 0.2, 0.5])  # per second
 SHARE = 0.4  # of an error of the velocity comes back as an error of the pose

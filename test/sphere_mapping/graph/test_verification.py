@@ -3,10 +3,10 @@ from concurrent.futures import Future
 import numpy as np
 import pytest
 
-from sphere_geometry import SE3, Spherical
-from sphere_map.appearance.features import features_of_sphere
 from sphere_mapping.graph.verification import Lookup, Trial, place, run_in, verify
 from sphere_mapping.params import MapperParams
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.spheres.appearance.features import features_of_sphere
 from worlds.room import sharp_room
 
 CAMERA = Spherical(256, 128)

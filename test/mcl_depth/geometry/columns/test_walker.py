@@ -8,11 +8,10 @@ import pytest
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.columns.voxel_map import VoxelMap, voxel_map
 from mcl_depth.geometry.columns.walker import MIN_RANGE, Walker
-from mcl_depth.geometry.mesh import mesh_from_faces, sample_surface
-from mcl_depth.geometry.ray_scene import RayScene
+from mcl_depth.geometry.mesh import RayScene, mesh_from_faces, sample_surface
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.image_params import SynthesisParams
-from sphere_geometry.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_grid
 
 PARAMS = SynthesisParams(num_columns=180)
 CAMERA = panorama_window(PARAMS)

@@ -1,0 +1,1 @@
+"""Rays into the world -> images."""

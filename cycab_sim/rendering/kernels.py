@@ -1,0 +1,171 @@
+"""Rays that need more samples, light and shadow, and from light to grey levels."""
+
+import math
+
+from sphere_nav.kernel_cache.kernels import njit
+
+OUTSIDE = -2  # no ray: the lens does not see there
+CONTRAST = 0.02  # edges weaker than this need no more rays: about one grey level
+
+
+@njit(cache=True, nogil=True)
+def find_edges(triangles, surface_of, normals, ranges, colour, is_edge):
+    """Mark pixels (H, W) u1 whose right or lower neighbour shows another surface in another light, and that neighbour.
+
+    triangles (H, W) i32, surface_of (T,) i32, normals (T, 3) f32, ranges (H, W) f32 m, colour (H, W, 3) f32
+    """
+    height, width = triangles.shape
+    is_edge[:] = 0
+    for v in range(height):
+        for u in range(width):
+            here = triangles[v, u]
+            for k in range(2):
+                y, x = v + k, u + 1 - k
+                if y >= height or x >= width:
+                    continue
+                there = triangles[y, x]
+                if there == here or min(there, here) == OUTSIDE or _alike(colour, v, u, y, x):
+                    continue
+                if here >= 0 and there >= 0 and surface_of[here] == surface_of[there]:
+                    is_level = abs(ranges[y, x] - ranges[v, u]) < 0.02 * ranges[v, u]
+                    if is_level or _parallel(normals, here, there):
+                        continue
+                is_edge[v, u] = is_edge[y, x] = 1
+
+
+@njit(cache=True)
+def _alike(colour, v, u, y, x):
+    """Whether two pixels differ by less than CONTRAST."""
+    difference, total = 0.0, 0.0
+    for c in range(3):
+        difference += abs(colour[v, u, c] - colour[y, x, c])
+        total += colour[v, u, c] + colour[y, x, c]
+    return difference < CONTRAST * total
+
+
+@njit(cache=True)
+def _parallel(normals, here, there):
+    """Whether two triangles of one surface lie in one plane."""
+    cosine = 0.0
+    for c in range(3):
+        cosine += normals[here, c] * normals[there, c]
+    return abs(cosine) > 0.9999
+
+
+@njit(cache=True, nogil=True)
+def split_rays(rays, edges, n, out):
+    """Write n x n rays per edge pixel: out (E n n, 3) f32 from rays (H, W, 3) f32 and edges (E,) i64 flat indices."""
+    width = rays.shape[1]
+    for e in range(edges.shape[0]):
+        v, u = edges[e] // width, edges[e] % width
+        left, right = _nearest_ray(rays, v, u, 0, -1), _nearest_ray(rays, v, u, 0, 1)
+        above, below = _nearest_ray(rays, v, u, -1, 0), _nearest_ray(rays, v, u, 1, 0)
+        for k in range(n * n):
+            a = ((k % n + 0.5) / n - 0.5) / max(right - left, 1)
+            b = ((k // n + 0.5) / n - 0.5) / max(below - above, 1)
+            square = 0.0
+            for c in range(3):
+                ray = rays[v, u, c] + a * (rays[v, right, c] - rays[v, left, c])
+                ray += b * (rays[below, u, c] - rays[above, u, c])
+                out[e * n * n + k, c] = ray
+                square += ray * ray
+            for c in range(3):
+                out[e * n * n + k, c] /= math.sqrt(square)
+
+
+@njit(cache=True)
+def _nearest_ray(rays, v, u, dv, du):
+    """Return the row or column of a neighbour, or the pixel's own where that is beyond the image or the lens."""
+    y, x = v + dv, u + du
+    if y < 0 or x < 0 or y >= rays.shape[0] or x >= rays.shape[1] or math.isnan(rays[y, x, 0]):
+        y, x = v, u
+    return y if dv != 0 else x
+
+
+@njit(cache=True, nogil=True)
+def light(origin, rays, ranges, triangles, cone, normals, lamps, shadow, texel, corner, T_sun_world, colour):
+    """Turn reflectance into radiance in place, colour (N, 3) f32: sun with cast shadows and an overcast share of sky.
+
+    normals (T, 3) f32 unit; lamps: (unit vector (3,) f64 towards the sun, radiance (3,) of sun and of sky, factor on
+    the sky that is seen), see sky.py; shadow (K, K) f32 distance of the first
+    thing hit by the sun's rays, texel m, corner (2,) m of its first texel, T_sun_world (3, 3): rows x, y, -sun
+    """
+    sun, sun_colour, sky_colour, sky_gain = lamps
+    for n in range(rays.shape[0]):
+        t = triangles[n]
+        if t < 0:
+            for c in range(3):
+                colour[n, c] *= sky_gain
+            continue
+        nx, ny, nz = normals[t, 0], normals[t, 1], normals[t, 2]
+        if nx * rays[n, 0] + ny * rays[n, 1] + nz * rays[n, 2] > 0.0:
+            nx, ny, nz = -nx, -ny, -nz
+        lambert = nx * sun[0] + ny * sun[1] + nz * sun[2]
+        x = origin[0] + ranges[n] * rays[n, 0]
+        y = origin[1] + ranges[n] * rays[n, 1]
+        z = origin[2] + ranges[n] * rays[n, 2]
+        direct = 0.0
+        if lambert > 0.0:
+            off = 1.2 * texel
+            x_out, y_out, z_out = x + off * nx, y + off * ny, z + off * nz
+            a = T_sun_world[0, 0] * x_out + T_sun_world[0, 1] * y_out + T_sun_world[0, 2] * z_out - corner[0]
+            b = T_sun_world[1, 0] * x_out + T_sun_world[1, 1] * y_out + T_sun_world[1, 2] * z_out - corner[1]
+            depth = T_sun_world[2, 0] * x_out + T_sun_world[2, 1] * y_out + T_sun_world[2, 2] * z_out
+            direct = lambert * _lit(shadow, a / texel, b / texel, depth - 0.5 * texel, ranges[n] * cone[n] / texel)
+        sky = (0.62 + 0.38 * nz) * (0.55 + 0.45 * min(1.0, (z + 0.8) / 7.0))
+        for c in range(3):
+            colour[n, c] *= sun_colour[c] * direct + sky_colour[c] * sky
+
+
+@njit(cache=True)
+def _lit(shadow, a, b, depth, footprint):
+    """Share of the sun that reaches a point, the mean over four points when the footprint is wider than a texel."""
+    if footprint < 1.0:
+        return _lit_once(shadow, a, b, depth)
+    s = 0.3 * footprint
+    total = _lit_once(shadow, a - s, b - s, depth) + _lit_once(shadow, a + s, b - s, depth)
+    return 0.25 * (total + _lit_once(shadow, a - s, b + s, depth) + _lit_once(shadow, a + s, b + s, depth))
+
+
+@njit(cache=True)
+def _lit_once(shadow, a, b, depth):
+    """Compare with the four texels around (a, b) and blend; the world beyond the map is lit."""
+    i, j = math.floor(a), math.floor(b)
+    if i < 0 or j < 0 or i + 1 >= shadow.shape[1] or j + 1 >= shadow.shape[0]:
+        return 1.0
+    s, t = a - i, b - j
+    total = (1.0 - s) * (1.0 - t) if depth <= shadow[j, i] else 0.0
+    total += s * (1.0 - t) if depth <= shadow[j, i + 1] else 0.0
+    total += (1.0 - s) * t if depth <= shadow[j + 1, i] else 0.0
+    return total + (s * t if depth <= shadow[j + 1, i + 1] else 0.0)
+
+
+@njit(cache=True, nogil=True)
+def merge_samples(samples, edges, n, colour):
+    """Replace the colour (H W, 3) f32 of edge pixels by the mean of their n x n samples (E n n, 3) f32."""
+    for e in range(edges.shape[0]):
+        for c in range(3):
+            total = 0.0
+            for k in range(n * n):
+                total += samples[e * n * n + k, c]
+            colour[edges[e], c] = total / (n * n)
+
+
+@njit(cache=True, nogil=True)
+def tone(colour, gain, curve, image):
+    """Write grey levels 0..255 f32, image (N, 3) RGB or (N, 1) luma, of radiance (N, 3) f32 by a curve (K,).
+
+    gain (3,) f64: factors on red, green and blue
+    """
+    last = curve.shape[0] - 1
+    for n in range(colour.shape[0]):
+        luma = 0.0
+        for c in range(3):
+            x = min(max(gain[c] * colour[n, c], 0.0), 1.0) * last
+            k = min(int(x), last - 1)
+            level = curve[k] + (x - k) * (curve[k + 1] - curve[k])
+            luma += level * (0.299 if c == 0 else (0.587 if c == 1 else 0.114))
+            if image.shape[1] == 3:
+                image[n, c] = level
+        if image.shape[1] == 1:
+            image[n, 0] = luma

@@ -1,0 +1,230 @@
+"""Images by ray casting: one ray a pixel, more where surfaces meet, texture filtered by the width of the ray.
+
+Steps: cast, paint (texture/kernels.py), light (kernels.py), split edge pixels, tone. Work is cut into strips that
+two threads share; the result does not depend on the number of threads.
+
+Colours of what rays have met: where on its surface, how rough it is there, and what its material makes of that.
+"""
+
+from __future__ import annotations
+
+import os
+import threading
+from collections import OrderedDict
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import numpy as np
+from embreex.mesh_construction import TriangleMesh
+from embreex.rtcore_scene import EmbreeScene
+from numpy.typing import ArrayLike, NDArray
+
+from cycab_sim.params import LightParams, RenderParams
+from cycab_sim.rendering import kernels
+from cycab_sim.rendering.casting.embree import PacketScene, find_library
+from cycab_sim.rendering.shadows import ShadowMap
+from cycab_sim.rendering.sky import Light, light_at
+from cycab_sim.world.mesh import Mesh
+from cycab_sim.world.noise.kernels import sum_octaves
+from cycab_sim.world.texture.kernels import dress, locate
+from cycab_sim.world.traffic.scene import MovingScene
+from cycab_sim.world.traffic.traffic import Traffic
+from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.cameras.camera import pixel_grid
+
+Floats = NDArray[np.float32]
+
+
+def paint(
+    mesh: Mesh,
+    origin: NDArray[np.float64],
+    rays: Floats,
+    ranges: Floats,
+    triangles: NDArray[np.int32],
+    cone: Floats,
+    colour: Floats,
+) -> None:
+    """Write the linear colour (N, 3) of rays (N, 3) from one origin; see `locate` and `dress` for the arrays."""
+    points, depths = np.empty((8, len(rays)), np.float32), np.empty(len(rays), np.float32)
+    seeds, rough = np.empty(len(rays), np.uint32), np.empty(len(rays), np.float32)
+    locate(origin, rays, ranges, triangles, cone, mesh.surface_of, mesh.frames, mesh.kinds, points, depths, seeds)
+    sum_octaves(points, seeds, rough)
+    dress(rays, triangles, mesh.surface_of, mesh.kinds, mesh.params, mesh.colours, points, depths, rough, colour)
+
+
+STRIP = 16384  # rays a thread works on at once
+CURVE_SIZE = 4096
+MAX_CAMERAS = 16  # lenses whose rays are kept
+NO_HIT = -1
+MAX_TEXELS = 4000  # of a side of the shadow map of a wide world
+SUN_STEP = np.radians(0.2)  # of the shadows of a sun that moves
+
+
+@dataclass(frozen=True)
+class Hits:
+    """What rays (N, 3) met: triangle (N,) i32, -1 for the sky, and range (N,) f32 m."""
+
+    rays: Floats
+    triangles: NDArray[np.int32]
+    ranges: Floats
+
+
+class Renderer:
+    """Draws a mesh from any camera; holds the ray caster, the shadow map and the rays of the cameras seen so far.
+
+    `traffic` moves, see `move`; shadows reach as far as the bounds (x0, y0, x1, y1) m, where they are given.
+    """
+
+    def __init__(
+        self,
+        mesh: Mesh,
+        params: RenderParams,
+        light: LightParams,
+        traffic: Traffic | None = None,
+        bounds: tuple[float, float, float, float] | None = None,
+    ) -> None:
+        self.params = params
+        self._scene = EmbreeScene(robust=True)
+        self._keep = TriangleMesh(self._scene, mesh.triangles)
+        self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds the tree, not thread-safe
+        library = find_library()
+        self._packets = PacketScene(library, mesh.triangles) if library is not None else None
+        self._moving = MovingScene(mesh, traffic, library) if traffic is not None else None
+        self.mesh = self._moving.mesh if self._moving is not None else mesh
+        self._pool = ThreadPoolExecutor(max_workers=params.num_threads or os.cpu_count() or 1)
+        self._lock = threading.Lock()  # of the lenses: cameras are drawn side by side
+        self._lenses: OrderedDict[Camera, tuple[Floats, Floats]] = OrderedDict()
+        self._light = light
+        self._curve = (255.0 * np.linspace(0.0, 1.0, CURVE_SIZE) ** (1.0 / light.gamma)).astype(np.float32)
+        self._shadows = ShadowMap(self._scene, _reaching(params, bounds), light, _middle(mesh, bounds), self._pool)
+        self._now = light_at(light, 0.0, 0)
+
+    def illuminate(self, light: Light) -> None:
+        """Put the sun elsewhere, in another light; shadows follow where it has moved by more than SUN_STEP."""
+        self._now = light
+        if float(light.sun @ self._shadows.sun) < np.cos(SUN_STEP):
+            self._shadows.turn(light.sun)
+            if self._moving is not None:
+                self._shadows.draw(self._moving.triangles)
+
+    def move(self, T_world_part: NDArray[np.float64]) -> None:
+        """Put the traffic where it is now, T_world_part (P, 4, 4) of `Traffic.poses`."""
+        if self._moving is None:
+            raise ValueError("traffic: expected a renderer with traffic, found one without")
+        self._moving.move(T_world_part)
+        self._shadows.draw(self._moving.triangles)
+
+    def render(
+        self, camera: Camera, T_world_camera: SE3, is_grey: bool = False, gain: ArrayLike = 1.0
+    ) -> tuple[Floats, Floats]:
+        """Return grey levels 0..255, (H, W, 3) RGB or (H, W) luma f32, and range along the ray (H, W) f32 m.
+
+        +Inf: sky. NaN, and level 0: outside the lens. `gain`, one or (3,) for the colours, multiplies the exposure.
+        """
+        rays_camera, cone = self._lens(camera)
+        height, width = camera.height, camera.width
+        rays = (rays_camera.reshape(-1, 3) @ T_world_camera.rotation.T.astype(np.float32)).reshape(rays_camera.shape)
+        origin = np.ascontiguousarray(T_world_camera.translation, dtype=np.float64)
+        colour = np.empty((height * width, 3), np.float32)
+        hits = self._look(origin, rays.reshape(-1, 3), cone.reshape(-1), colour)
+        if self.params.supersampling > 1:
+            self._refine(origin, rays, cone.reshape(-1), hits, colour)
+        image = np.empty((height * width, 1 if is_grey else 3), np.float32)
+        gains = np.broadcast_to(np.asarray(gain, dtype=np.float64) * self._light.exposure, 3).copy()
+        kernels.tone(colour, gains, self._curve, image)
+        image[hits.triangles == kernels.OUTSIDE] = 0.0
+        ranges = hits.ranges.reshape(height, width)
+        return image.reshape((height, width) if is_grey else (height, width, 3)), ranges
+
+    def measure(self, origin: NDArray[np.float64], rays: Floats) -> Floats:
+        """Return the range (N,) f32 m along unit rays (N, 3) f32 from a point (3,) f64 of the world; +Inf: sky."""
+        triangles, ranges = np.empty(len(rays), np.int32), np.empty(len(rays), np.float32)
+        self._cast(origin, rays, triangles, ranges)
+        return ranges
+
+    def _look(self, origin: NDArray[np.float64], rays: Floats, cone: Floats, colour: Floats) -> Hits:
+        """Cast rays (N, 3), write their radiance to colour (N, 3), return what they met."""
+        triangles = np.empty(len(rays), np.int32)
+        ranges = np.empty(len(rays), np.float32)
+        depths = self._shadows.depths
+
+        def work(first: int) -> None:
+            part = slice(first, first + STRIP)
+            self._cast(origin, rays[part], triangles[part], ranges[part])
+            self._shade(origin, Hits(rays[part], triangles[part], ranges[part]), cone[part], depths, colour[part])
+
+        list(self._pool.map(work, range(0, len(rays), STRIP)))
+        return Hits(rays, triangles, ranges)
+
+    def _cast(self, origin: NDArray[np.float64], rays: Floats, triangles: NDArray[np.int32], ranges: Floats) -> None:
+        if self._packets is not None:
+            self._packets.cast(origin, rays, triangles, ranges)
+        else:
+            starts = np.empty_like(rays)
+            starts[:] = origin
+            found = self._scene.run(starts, rays, query="INTERSECT", output=1)
+            triangles[:] = found["primID"]
+            ranges[:] = np.where(triangles == NO_HIT, np.inf, found["tfar"])
+        if self._moving is not None:
+            self._moving.cast_nearer(origin, rays, triangles, ranges)
+        outside = np.isnan(rays[:, 0])
+        if outside.any():
+            triangles[outside], ranges[outside] = kernels.OUTSIDE, np.nan
+
+    def _shade(self, origin: NDArray[np.float64], hits: Hits, cone: Floats, depths: Floats, colour: Floats) -> None:
+        m, s, now = self.mesh, self._shadows, self._now
+        lamps = s.sun, now.sun_colour, now.sky_colour, now.sky_gain
+        paint(m, origin, hits.rays, hits.ranges, hits.triangles, cone, colour)
+        kernels.light(
+            origin, hits.rays, hits.ranges, hits.triangles, cone, m.normals,
+            lamps, depths, s.texel, s.corner, s.T_sun_world, colour,
+        )  # fmt: skip
+
+    def _refine(self, origin: NDArray[np.float64], rays: Floats, cone: Floats, hits: Hits, colour: Floats) -> None:
+        """Look again with n x n rays at pixels where surfaces meet."""
+        n = self.params.supersampling
+        shape = rays.shape[:2]
+        is_edge = np.empty(shape, np.uint8)
+        triangles, ranges = hits.triangles.reshape(shape), hits.ranges.reshape(shape)
+        m = self.mesh
+        kernels.find_edges(triangles, m.surface_of, m.normals, ranges, colour.reshape(*shape, 3), is_edge)
+        edges = np.flatnonzero(is_edge)
+        finer = np.empty((len(edges) * n * n, 3), np.float32)
+        samples = np.empty_like(finer)
+        kernels.split_rays(rays, edges, n, finer)
+        self._look(origin, finer, np.repeat(cone[edges] / np.float32(n), n * n), samples)
+        kernels.merge_samples(samples, edges, n, colour)
+
+    def _lens(self, camera: Camera) -> tuple[Floats, Floats]:
+        """Return the unit rays (H, W, 3) of a camera and the angle (H, W) between neighbouring rays."""
+        with self._lock:
+            if camera not in self._lenses:
+                rays = camera.unproject(pixel_grid(camera))
+                self._lenses[camera] = (rays.astype(np.float32), _spacing(rays))
+                if len(self._lenses) > MAX_CAMERAS:
+                    self._lenses.popitem(last=False)
+            self._lenses.move_to_end(camera)
+            return self._lenses[camera]
+
+
+def _reaching(params: RenderParams, bounds: tuple[float, float, float, float] | None) -> RenderParams:
+    """Return parameters with which shadows reach as far as the bounds x0, y0, x1, y1 m, as finely as is possible."""
+    if bounds is None:
+        return params
+    extent = max(params.shadow_extent, float(np.hypot(bounds[2] - bounds[0], bounds[3] - bounds[1])))
+    return replace(params, shadow_extent=extent, shadow_texel=max(params.shadow_texel, extent / MAX_TEXELS))
+
+
+def _middle(mesh: Mesh, bounds: tuple[float, float, float, float] | None) -> NDArray[np.float64]:
+    """Return the middle (3,) m on the ground of the bounds, or of the detailed part of a mesh."""
+    if bounds is not None:
+        return np.array([(bounds[0] + bounds[2]) / 2, (bounds[1] + bounds[3]) / 2, 0.0])
+    return np.median(mesh.triangles.reshape(-1, 3), axis=0).astype(np.float64) * (1.0, 1.0, 0.0)
+
+
+def _spacing(rays: NDArray[np.float64]) -> Floats:
+    """Return the larger of the angles (H, W) rad from each ray (H, W, 3) to its right and lower neighbour."""
+    right = np.linalg.norm(np.diff(rays, axis=1), axis=-1)
+    below = np.linalg.norm(np.diff(rays, axis=0), axis=-1)
+    right, below = np.concatenate([right, right[:, -1:]], axis=1), np.concatenate([below, below[-1:]], axis=0)
+    return np.fmax(right, below).astype(np.float32)

@@ -1,0 +1,96 @@
+"""Where the sun stands and what it does not reach: a map of how far along its rays the first surface lies."""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from threading import Lock
+
+import numpy as np
+from embreex.rtcore_scene import EmbreeScene
+from numpy.typing import NDArray
+
+from cycab_sim.params import LightParams, RenderParams
+from cycab_sim.rendering.sky import light_at
+from cycab_sim.world.traffic import kernels
+
+Array = NDArray[np.float64]
+Floats = NDArray[np.float32]
+REACH = 400.0  # the sun's rays start this far away, m
+
+
+class ShadowMap:
+    """Depths (K, K) f32 m along the sun's rays, seen from the sun; see `kernels.light` for how it is used.
+
+    `centre` (3,) m is the middle of the square that it covers. What moves is drawn over what stands still.
+    The map holds for the unit vector `sun` (3,) towards the sun; `turn` puts the sun elsewhere.
+    """
+
+    def __init__(
+        self, scene: EmbreeScene, params: RenderParams, light: LightParams, centre: Array, pool: ThreadPoolExecutor
+    ) -> None:
+        self.texel = params.shadow_texel
+        self.has_shadows = light.has_shadows
+        self._size = int(params.shadow_extent / self.texel) if light.has_shadows else 2
+        self._scene, self._centre, self._pool = scene, centre, pool
+        self._windows = np.zeros((0, 4), np.int32)
+        self._lock = Lock()
+        self.turn(light_at(light, 0.0, 0).sun)
+
+    def turn(self, sun: Array) -> None:
+        """Put the sun elsewhere, by the unit vector (3,) towards it; what moves has to be drawn again."""
+        self.sun = sun
+        self.T_sun_world = _shadow_frame(sun)
+        self.corner = self.T_sun_world[:2] @ self._centre - 0.5 * self._size * self.texel * self.has_shadows
+        self._still: Floats | None = None if self.has_shadows else np.full((2, 2), np.inf, np.float32)
+        self._drawn: Floats | None = None
+        self._windows = np.zeros((0, 4), np.int32)
+
+    @property
+    def still(self) -> Floats:
+        """Depths without what moves; cast when they are asked for, since a world without pictures needs none.
+
+        Not to be asked for first from within the pool, whose threads cast them.
+        """
+        with self._lock:
+            if self._still is None:
+                self._still = self._cast()
+            return self._still
+
+    @property
+    def depths(self) -> Floats:
+        """Depths with what was drawn."""
+        return self.still if self._drawn is None else self._drawn
+
+    def draw(self, triangles: Floats) -> None:
+        """Draw what moves, triangles (T, 3, 3) f32 m of the world, instead of what was drawn before."""
+        if not self.has_shadows:
+            return
+        if self._drawn is None:
+            self._drawn = self.still.copy()
+        kernels.erase_shadows(self._windows, self.still, self._drawn)
+        self._windows = np.empty((len(triangles), 4), np.int32)
+        kernels.cast_shadows(triangles, self.T_sun_world, self.corner, self.texel, self._windows, self._drawn)
+
+    def _cast(self) -> Floats:
+        R, texel, size, corner = self.T_sun_world, self.texel, self._size, self.corner
+        depth = np.empty((size, size), np.float32)
+        columns = corner[0] + texel * np.arange(size)
+        direction = R[2:].astype(np.float32)
+        base = float(R[2] @ self._centre) - REACH
+
+        def work(row: int) -> None:
+            local = np.stack([columns, np.full(size, corner[1] + texel * row), np.full(size, base)], axis=1)
+            starts = (local @ R).astype(np.float32)
+            far = self._scene.run(starts, np.repeat(direction, size, axis=0), query="DISTANCE")
+            depth[row] = base + far
+
+        list(self._pool.map(work, range(size)))
+        return depth
+
+
+def _shadow_frame(sun: Array) -> Array:
+    """Return rows x, y across the sun's rays and z along them, (3, 3)."""
+    x = np.cross([0.0, 0.0, 1.0], sun)
+    norm = np.linalg.norm(x)
+    x = x / norm if norm > 1e-6 else np.array([1.0, 0.0, 0.0])
+    return np.stack([x, np.cross(-sun, x), -sun])

@@ -1,0 +1,128 @@
+"""The simulator as a ROS node: commands in; clock, images, spheres, odometry and the truth out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import Twist, TwistStamped
+from rosgraph_msgs.msg import Clock
+from sphere_nav_msgs.msg import SimulationFault
+from sphere_nav_msgs.srv import SetFault, Teleport
+from std_msgs.msg import Bool
+
+from cycab_sim.lock_step import LockStep
+from cycab_sim.params import SimParams
+from cycab_sim.ros.outputs import Outputs
+from cycab_sim.runner import Runner
+from cycab_sim.sensors.faults import SECOND
+from cycab_sim.simulator import Simulator
+from cycab_sim.vehicle import Command
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.node import OK, WARN, ManagedNode
+from sphere_nav.ros.run import run
+
+
+class CycabSim(ManagedNode):
+    """Runs a `Simulator` in a thread and publishes what it hands out."""
+
+    NAME = "cycab_sim"
+    PARAMS = SimParams
+    LARGE_MESSAGES = True
+    params: SimParams
+
+    def configure(self) -> None:
+        """Build the world, open topics and services."""
+        self.log.info(f"building the {self.params.world}; the first image may compile kernels for a minute")
+        self.simulator = Simulator(self.params)
+        self.lock_step = LockStep(self.params.clock, self.params.camera.period)
+        self.runner = Runner(self.simulator, self.lock_step, self.hand_out)
+        self.clock = self.add_publisher("/clock", Clock)
+        self.outputs = Outputs(self.endpoints, self.simulator)
+        self.taught = self.add_publisher("taught", Bool, qos.LATCHED)
+        kind = TwistStamped if self.params.has_stamped_command else Twist
+        self.add_subscription("cmd_vel", kind, self.on_command, qos.COMMAND, is_required=False)
+        self.add_service("~/teleport", Teleport, self.on_teleport)
+        self.add_service("~/set_fault", SetFault, self.on_set_fault)
+        self.report("simulation", OK, "ready")
+
+    def activate(self) -> None:
+        """Let time pass."""
+        self.outputs.publish_statics()
+        self.has_told = self.has_shown = False
+        self.taught.publish(Bool(data=False))
+        self.runner.start()
+
+    def deactivate(self) -> None:
+        """Stop time."""
+        self.runner.stop()
+
+    def on_command(self, message: Any) -> None:
+        """Hand on a Twist or TwistStamped; a stamp of 0 means now."""
+        now = self.simulator.time_ns
+        stamp = conversions.stamp_ns(message) if self.params.has_stamped_command else now
+        twist = message.twist if self.params.has_stamped_command else message
+        self.lock_step.offer(Command(twist.linear.x, twist.angular.z), stamp or now, now)
+
+    def hand_out(self, name: str) -> int | None:
+        """Publish one output at the present instant, in the simulation's thread; return the stamp of an image sent."""
+        if name == "clock":
+            self._publish_clock(self.simulator.time_ns)
+            return self.outputs.publish_late()
+        begun = self.steady_ns()
+        stamp = self.outputs.publish(name)
+        if not self.has_shown and name in ("camera", "sphere", "rig"):
+            self.has_shown = True
+            self.log.info(f"the first image took {(self.steady_ns() - begun) / SECOND:.1f} s; time passes")
+        return stamp
+
+    def _publish_clock(self, now: int) -> None:
+        self.clock.publish(Clock(clock=conversions.ns_to_time(now)))
+        missed = self.lock_step.num_missed
+        level, text = (WARN, f"no command came in time after {missed} images") if missed else (OK, "running")
+        self.report("simulation", level, text, time=now / SECOND, is_waiting_for_commands=self.lock_step.is_engaged)
+        if missed:
+            self.log.warning(text, every=10.0, key="missed")
+        if self.simulator.is_taught and not self.has_told:
+            self.has_told = True
+            self.taught.publish(Bool(data=True))
+
+    def on_teleport(self, request: Any, response: Any) -> Any:
+        """Put the car elsewhere."""
+
+        def move() -> None:
+            T_world_base = conversions.pose_to_se3(request.pose)
+            x, y, _ = map(float, T_world_base.translation)
+            self.simulator.teleport(x, y, float(T_world_base.yaw), request.speed)
+
+        return self.answer(response, move)
+
+    def on_set_fault(self, request: Any, response: Any) -> Any:
+        """Clear faults, add one, and answer with those in force."""
+        faults, wanted = self.simulator.faults, request.fault
+
+        def change() -> None:
+            if request.clear:
+                faults.clear()
+            if wanted.kind:
+                now = self.simulator.time_ns
+                faults.add(wanted.target, wanted.kind, wanted.magnitude, wanted.start, wanted.duration, now)
+
+        response = self.answer(response, change)
+        response.active = [SimulationFault(**fault) for fault in faults.described(self.simulator.time_ns)]
+        return response
+
+    def answer(self, response: Any, action: Callable[[], None]) -> Any:
+        """Do something to the simulator between two steps; a ValueError is the answer."""
+        with self.runner.lock:
+            try:
+                action()
+                response.success = True
+            except ValueError as error:
+                response.message = str(error)
+        return response
+
+
+def main() -> int:
+    """Run the node."""
+    return run(CycabSim)

@@ -1,0 +1,1 @@
+"""Cameras, rigs, scanner, IMU, exposure, and their faults."""

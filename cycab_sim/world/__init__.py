@@ -1,0 +1,1 @@
+"""Towns, streets, buildings, traffic and their textures."""

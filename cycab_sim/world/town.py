@@ -1,0 +1,218 @@
+"""The plan of the town: blocks of houses between streets, drawn from a seed.
+
+Two streets run east and two north; between them lies the centre block, which the taught paths go round. All streets
+go on to the edge of the town, where a house across, or trees and far towers, close the view.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cycab_sim.world import finishes, furniture
+from cycab_sim.world.building import add_house
+from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, moved, placed
+from cycab_sim.world.paths import Path, Piece, turn
+from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT, PAVEMENT, add_ground, add_pavement, add_street
+from cycab_sim.world.texture import kernels as k
+
+Array = NDArray[np.float64]
+Rectangle = tuple[float, float, float, float]  # x0, y0, x1, y1
+
+OUTER = 34.0  # depth of the outer blocks, m
+LANE = 0.5  # taught paths keep this far to the right of the middle of the street, m
+TURN_RADIUS = 5.0
+STREETS = "ssss"  # south, north, east and west of a block: a street; or q a square, a an alley, l a lane
+TWO_TURNS_LENGTH = 100.0  # M15 section 6.4.3: 100 m with two turns of 90 degrees
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Where the streets are: centre lines x = 0 and x = east, y = 0 and y = north."""
+
+    east: float
+    north: float
+
+    @property
+    def bounds(self) -> Rectangle:
+        """Edge of the town."""
+        edge = HALF_ROAD + OUTER
+        return (-edge, -edge, self.east + edge, self.north + edge)
+
+    def blocks(self) -> list[Rectangle]:
+        """Return the nine blocks, kerb to kerb, the centre block first."""
+        x0, y0, x1, y1 = self.bounds
+        h = HALF_ROAD
+        columns = ((h, self.east - h), (x0, -h), (self.east + h, x1))
+        rows = ((h, self.north - h), (y0, -h), (self.north + h, y1))
+        return [(a, c, b, d) for a, b in columns for c, d in rows]
+
+
+def draw_plan(seed: int) -> Plan:
+    """Return the plan of a seed."""
+    rng = np.random.default_rng([seed, 1])
+    return Plan(east=float(rng.uniform(40.0, 48.0)), north=float(rng.uniform(32.0, 38.0)))
+
+
+def path_names() -> tuple[str, ...]:
+    """Return the names that `path` knows."""
+    return ("two_turns", "block", "straight")
+
+
+def taught_path(plan: Plan, name: str) -> Path:
+    """Return a path: `two_turns` (M15 fig. 17), `block` (closed, around the centre block) or `straight`."""
+    r = TURN_RADIUS
+    east, north = plan.east + 2 * LANE - 2 * r, plan.north + 2 * LANE - 2 * r
+    corner = plan.east + LANE - r
+    left = turn(r, 90)
+    if name == "two_turns":
+        leg = (TWO_TURNS_LENGTH - north - 2 * left.length) / 2
+        return Path((corner - leg, -LANE, 0.0), (Piece(leg), left, Piece(north), left, Piece(leg)))
+    if name == "block":
+        half = (Piece(east / 2), left, Piece(north), left, Piece(east / 2))
+        return Path((corner - east / 2, -LANE, 0.0), half + half, is_closed=True)
+    if name == "straight":
+        return Path((4.0, -LANE, 0.0), (Piece(30.0),))
+    raise ValueError(f"path: expected one of {', '.join(path_names())}, found {name!r}")
+
+
+@lru_cache(maxsize=1)
+def build_town(seed: int) -> tuple[Mesh, Plan]:
+    """Return the town of a seed: its mesh and its plan."""
+    plan = draw_plan(seed)
+    rng = np.random.default_rng([seed, 2])
+    mesh = MeshBuilder(rng)
+    add_ground(mesh, plan.bounds, rng)
+    for block in plan.blocks():
+        add_pavement(mesh, block)
+        add_houses(mesh, block, rng)
+        furnish(mesh, block, rng)
+    x0, y0, x1, y1 = plan.bounds
+    for y in (0.0, plan.north):
+        add_street(mesh, placed(x0, y, 0.0), x1 - x0, (-x0, plan.east - x0), rng)
+    for x in (0.0, plan.east):
+        add_street(mesh, placed(x, y0, np.pi / 2), y1 - y0, (-y0, plan.north - y0), rng)
+    _close_views(mesh, plan, rng)
+    add_skyline(mesh, plan.bounds, rng)
+    return mesh.build(), plan
+
+
+def add_houses(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator, sides: str = STREETS) -> None:
+    """Line the four sides of a block with houses; the south and north rows take the corners. `sides`: see STREETS."""
+    south, north, east, west = (0.0 if side == "l" else PAVEMENT for side in sides)
+    x0, y0, x1, y1 = (block[0] + west, block[1] + south, block[2] - east, block[3] - north)
+    deep = 9.0
+    mesh.panels([[x0, y0, 0.13], [x1, y0, 0.13], [x1, y1, 0.13], [x0, y1, 0.13]], finishes.SOIL)
+    rows = (
+        (placed(x0, y0, 0.0), x1 - x0),
+        (placed(x1, y1, np.pi), x1 - x0),
+        (placed(x1, y0 + deep, np.pi / 2), y1 - y0 - 2 * deep),
+        (placed(x0, y1 - deep, -np.pi / 2), y1 - y0 - 2 * deep),
+    )
+    for at, length in rows:
+        add_row(mesh, at, length, deep, rng)
+    has_yard = min(x1 - x0, y1 - y0) > 2 * (deep + 2)
+    for _ in range(3 if has_yard else 0):
+        x, y = rng.uniform(x0 + deep + 2, x1 - deep - 2), rng.uniform(y0 + deep + 2, y1 - deep - 2)
+        furniture.add_tree(mesh, placed(x, y, rng.uniform(0, 6.28), 0.13), rng)
+
+
+def add_row(mesh: MeshBuilder, at: Array, length: float, deep: float, rng: np.random.Generator) -> None:
+    """Fill a row of `length` m with houses; now and then a gate with a wall and a hedge."""
+    at = at @ placed(0.0, 0.0, 0.0, KERB_HEIGHT)
+    x, is_first = 0.0, True
+    while length - x > 4.0:
+        width = min(rng.uniform(6.5, 12.0), length - x)
+        width = length - x if length - x - width < 5.0 else width
+        back = rng.uniform(0.0, 0.35)
+        if not is_first and width < length - x and rng.random() < 0.14:
+            _add_garden(mesh, at @ placed(x, back, 0.0), width, rng)
+        else:
+            add_house(mesh, at @ placed(x, back, 0.0), width, deep - back, int(rng.integers(2, 5)), rng)
+        x, is_first = x + width, False
+
+
+def _add_garden(mesh: MeshBuilder, at: Array, width: float, rng: np.random.Generator) -> None:
+    """Add a garden wall with coping, a hedge behind it and a tree."""
+    mesh.box([0, 0, 0], [width, 0.3, 1.1], finishes.wall(rng), at)
+    mesh.box([-0.04, -0.06, 1.1], [width + 0.08, 0.42, 0.1], finishes.TRIM, at)
+    leaves = finishes.foliage(rng)
+    for x in np.arange(0.8, width - 0.4, 0.9):
+        furniture.add_lump(mesh, moved(np.array([x, 1.0, 1.1]), at), rng.uniform(0.6, 0.85), leaves, rng)
+    furniture.add_tree(mesh, at @ placed(width / 2, 4.0, 0.0), rng)
+
+
+def furnish(mesh: MeshBuilder, block: Rectangle, rng: np.random.Generator, sides: str = STREETS) -> None:
+    """Put cars along the kerbs of a block and lamps, signs, trees, boxes and benches on its pavement."""
+    x0, y0, x1, y1 = block
+    kerbs = (
+        (placed(x0, y0, 0.0), x1 - x0),
+        (placed(x1, y1, np.pi), x1 - x0),
+        (placed(x1, y0, np.pi / 2), y1 - y0),
+        (placed(x0, y1, -np.pi / 2), y1 - y0),
+    )
+    for (at, length), side in zip(kerbs, sides, strict=True):
+        if side in "al":
+            continue
+        x = rng.uniform(6.0, 9.0)
+        while x < length - 7.5 and side == "s":  # x along the kerb, y < 0 is the road
+            if rng.random() < 0.55:
+                flip = np.pi if rng.random() < 0.3 else 0.0
+                mesh.is_clutter = True
+                furniture.add_car(mesh, at @ placed(x, -1.05, flip + rng.normal(0.0, 0.02)), rng)
+                mesh.is_clutter = False
+            x += rng.uniform(5.3, 7.5)
+        for x in np.arange(rng.uniform(1.5, 4.0), length - 1.0, 4.5):
+            add_on_pavement(mesh, at @ placed(x + rng.uniform(-1.0, 1.0), 0.0, 0.0, KERB_HEIGHT), rng)
+
+
+def add_on_pavement(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
+    """Put one thing on the pavement: by the kerb (x along it, y away from the road) or by the wall."""
+    to_road = at @ placed(0.0, 0.35, -np.pi / 2)
+    kind = rng.random()
+    if kind < 0.22:
+        furniture.add_lamp(mesh, to_road, rng)
+    elif kind < 0.40:
+        furniture.add_traffic_sign(mesh, at @ placed(0.0, 0.4, rng.normal(0.0, 0.1)), rng)
+    elif kind < 0.55:
+        furniture.add_tree(mesh, at @ placed(0.0, 0.75, rng.uniform(0, 6.28)), rng)
+    elif kind < 0.70:
+        mesh.is_clutter = True
+        furniture.add_box(mesh, at @ placed(0.0, PAVEMENT - 0.65, -np.pi / 2), rng)
+        mesh.is_clutter = False
+    elif kind < 0.80:
+        furniture.add_bench(mesh, at @ placed(0.0, PAVEMENT - 0.4, -np.pi / 2), rng)
+    else:
+        for x in (0.0, 1.4, 2.8)[: int(rng.integers(1, 4))]:
+            furniture.add_bollard(mesh, at @ placed(x, 0.3, 0.0), rng)
+
+
+def _close_views(mesh: MeshBuilder, plan: Plan, rng: np.random.Generator) -> None:
+    """Close most street ends by a house across, the others by two rows of trees."""
+    x0, y0, x1, y1 = plan.bounds
+    ends = [placed(x1 + 9, y, -np.pi / 2) for y in (0.0, plan.north)] + [
+        placed(x0 - 9, y, np.pi / 2) for y in (0.0, plan.north)
+    ]
+    ends += [placed(x, y1 + 9, 0.0) for x in (0.0, plan.east)] + [placed(x, y0 - 9, np.pi) for x in (0.0, plan.east)]
+    for at in ends:
+        if rng.random() < 0.6:
+            add_house(mesh, at @ placed(-9.0, 0.0, 0.0), 18.0, 8.0, int(rng.integers(3, 6)), rng)
+        else:
+            for x, y in ((-5, 0), (5, 0), (-5, 8), (5, 8), (-6, 17), (6, 17), (0, 26)):
+                furniture.add_tree(mesh, at @ placed(x + rng.normal(0, 0.5), y, rng.uniform(0, 6)), rng)
+
+
+def add_skyline(mesh: MeshBuilder, bounds: Rectangle, rng: np.random.Generator) -> None:
+    """Add towers all around, 40 to 140 m beyond the edge."""
+    x0, y0, x1, y1 = bounds
+    for angle in np.linspace(0.0, 2 * np.pi, 28, endpoint=False) + rng.uniform(0, 0.2, 28):
+        far = rng.uniform(40.0, 140.0)
+        x = (x0 + x1) / 2 + np.cos(angle) * ((x1 - x0) / 2 * 1.3 + far)
+        y = (y0 + y1) / 2 + np.sin(angle) * ((y1 - y0) / 2 * 1.3 + far)
+        w, d, height = rng.uniform(12, 26), rng.uniform(10, 18), rng.uniform(12, 38)
+        colour = finishes.pick(rng, finishes.PLASTERS)
+        front = Finish(k.FACADE, colour, (0.10, 0.11, 0.12), (0.12, rng.uniform(2.2, 3.5), rng.uniform(2.8, 3.4)))
+        mesh.box([-w / 2, -d / 2, 0.0], [w, d, height], front, placed(x, y, angle + rng.normal(0, 0.3)))

@@ -1,0 +1,174 @@
+"""Where traffic goes: closed loops along streets and pavements, none of them in the way unless that is asked for.
+
+A loop leaves the town where nobody sees it, behind the outer blocks, so nothing appears or vanishes in view.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from cycab_sim.world import city
+from cycab_sim.world.mesh import Mesh
+from cycab_sim.world.paths import Path, rounded
+from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT
+from cycab_sim.world.town import Plan
+from cycab_sim.world.traffic.kernels import mark
+
+Array = NDArray[np.float64]
+SPACING = 0.25  # m between the points of a loop
+WIDTHS = {"road": 2.5, "cycle": 0.7, "walk": 0.7}  # of what moves on a loop, m
+CLEAR = 1.0  # from the middle of the taught path: half a car and some air, m
+NEAR, FAR = 3.4, 6.6  # of the roads around the town, outside of its edge, m
+ASIDE = 0.45  # of the road on the street that cyclists share, m
+CELL, MARGIN = 0.1, 12.0  # of the grid of obstacles, m
+BODY = (0.35, 1.9)  # heights above the road at which a pedestrian is hit, m
+SIDESTEPS = np.linspace(-0.9, 0.9, 19)  # to the left of a walk, m
+ROOM = 0.5  # that a pedestrian likes to have on either side, m
+
+
+@dataclass(frozen=True, eq=False)
+class Loop:
+    """A closed way (N, 2) m with a point each SPACING m, all at height z m, for one kind of traffic.
+
+    A loop that is crossing leads over the street between other loops: those on it may run into others. Trams keep to
+    loops with rails.
+    """
+
+    kind: str
+    points: Array
+    z: float = 0.0
+    is_crossing: bool = False
+    has_rails: bool = False
+
+    @property
+    def length(self) -> float:
+        """Length in metres, as those who move on it count it."""
+        return len(self.points) * SPACING
+
+    def at(self, distance: Array) -> Array:
+        """Return the points (N, 2) m at distances (N,) m from the start."""
+        s = (distance / SPACING) % len(self.points)
+        i = np.floor(s).astype(np.int64)
+        share = (s - i)[:, None]
+        return (1.0 - share) * self.points[i % len(self.points)] + share * self.points[(i + 1) % len(self.points)]
+
+
+def town_loops(plan: Plan) -> tuple[Loop, ...]:
+    """Return all loops of a town: streets and the road around it, cycling around the centre, walks on pavements."""
+    x0, y0, x1, y1 = plan.bounds
+    e, n = plan.east, plan.north
+    roads = [
+        [(-ASIDE, y0 - NEAR), (-ASIDE, y1 + NEAR), (x0 - NEAR, y1 + NEAR), (x0 - NEAR, y0 - NEAR)],
+        [(x0 - FAR, y0 - FAR), (x0 - FAR, y1 + FAR), (x1 + FAR, y1 + FAR), (x1 + FAR, y0 - FAR)],
+        [(e, y0 - NEAR), (x1 + NEAR, y0 - NEAR), (x1 + NEAR, y1 + NEAR), (e, y1 + NEAR)][::-1],
+    ]
+    a, b = 1.1, 1.3  # to the right of the middle of the street
+    cycles = [[(b, a), (b, n - a), (e - a, n - a), (e - a, a)]]
+    walks = [_inset(block, 1.0)[:: 1 if i % 2 else -1] for i, block in enumerate(plan.blocks())]
+    zebra, over = HALF_ROAD + 2.1, HALF_ROAD + 1.0
+    across = [_inset((zebra, y - over, e - zebra, y + over), 0.0) for y in (0.0, n)]
+    across += [_inset((x - over, zebra, x + over, n - zebra), 0.0) for x in (0.0, e)]
+    return (
+        *(replace(loop, has_rails=i == 0) for i, loop in enumerate(_loops("road", roads, 6.0))),
+        *_loops("cycle", cycles, 3.4),
+        *_loops("walk", walks, 0.8, KERB_HEIGHT),
+        *(replace(loop, is_crossing=True) for loop in _loops("walk", across, 0.8, KERB_HEIGHT)),
+    )
+
+
+def city_loops() -> tuple[Loop, ...]:
+    """Return all loops of the city: lanes against the tour, the tram's way, the road around, cycles, walks."""
+    x0, y0, x1, y1 = city.BOUNDS
+    w, e, n = -20.0, 40.0, 110.0  # streets C, F and B
+    a, b = 1.6, 3.2  # from the middle of the street: cars, cyclists
+    roads = [
+        [(w + a, a), (w + a, n - a), (e - a, n - a), (e - a, a)],
+        [(x0 - FAR, y0 - FAR), (x0 - FAR, y1 + FAR), (x1 + FAR, y1 + FAR), (x1 + FAR, y0 - FAR)],
+        [(w - a, -a), (e + a, -a), (e + a, n + a), (w - a, n + a)],
+    ]
+    x, y = 126.0, 8.0  # on the square
+    cycles = [[(x, y), (x, 46.0), (163.0, 46.0), (163.0, y)]]
+    along = [[(w + b, b), (w + b, n - b), (e - b, n - b), (e - b, b)]]
+    blocks = [block for block, sides in city.BLOCKS if "l" not in sides]
+    areas = [*((block, 1.0) for block in blocks), ((80.0, 10.0, 111.0, 44.0), 0.0), ((78.0, -38.0, 140.0, -12.0), 0.0),
+             ((130.0, 12.0, 158.0, 40.0), 0.0), ((60.0, -12.0, 80.0, 12.0), 0.0)]  # fmt: skip
+    walks = [_inset(area, d)[:: 1 if i % 2 else -1] for i, (area, d) in enumerate(areas)]
+    return (
+        *_loops("road", roads, 6.0),
+        *(replace(loop, has_rails=True) for loop in _loops("road", [list(city.TRAM)], city.TRAM_RADIUS)),
+        *_loops("cycle", along, 6.0 - (b - a)),
+        *_loops("cycle", cycles, 4.0),
+        *_loops("walk", walks[: len(blocks)], 0.8, KERB_HEIGHT),
+        *_loops("walk", walks[len(blocks) :], 2.0),
+    )
+
+
+def free_loops(loops: Iterable[Loop], path: Path, may_cross: bool) -> list[Loop]:
+    """Return the loops on which nothing comes into the way of a car on the path; all of them if they may cross it."""
+    taught = path.at(np.arange(0.0, path.length, 0.5))[:, :2]
+    taught = np.concatenate([taught, path.at(path.length + np.arange(0.0, 6.0, 0.5))[:, :2]])
+
+    def is_free(loop: Loop) -> bool:
+        off = loop.points[::2, None] - taught[None]
+        return bool(np.sqrt((off**2).sum(axis=2).min()) > CLEAR + WIDTHS[loop.kind] / 2)
+
+    return [loop for loop in loops if may_cross or (not loop.is_crossing and is_free(loop))]
+
+
+def walk_around(loops: Iterable[Loop], mesh: Mesh) -> list[Loop]:
+    """Return the loops with walks led around what stands on the pavement."""
+    loops = list(loops)
+    every = np.concatenate([loop.points for loop in loops] or [np.zeros((1, 2))])
+    corner = every.min(axis=0) - MARGIN
+    grid = _room(mesh, corner, np.ptp(every, axis=0) + 2 * MARGIN)
+    return [_lead_around(loop, grid, corner) if loop.kind == "walk" else loop for loop in loops]
+
+
+def _loops(kind: str, corners: list[list[tuple[float, float]]], radius: float, z: float = 0.0) -> list[Loop]:
+    paths = [rounded(np.array(some), radius) for some in corners]
+    counts = [round(path.length / SPACING) for path in paths]
+    return [Loop(kind, p.at(np.arange(c) * p.length / c)[:, :2], z) for p, c in zip(paths, counts, strict=True)]
+
+
+def _inset(block: tuple[float, float, float, float], d: float) -> list[tuple[float, float]]:
+    x0, y0, x1, y1 = block
+    return [(x0 + d, y0 + d), (x1 - d, y0 + d), (x1 - d, y1 - d), (x0 + d, y1 - d)]
+
+
+def _room(mesh: Mesh, corner: Array, size: Array) -> NDArray[np.float32]:
+    """Return the distance (H, W) m from each cell to the next thing that stands there, at the height of a body."""
+    grid = np.ones(np.ceil(size / CELL).astype(int)[::-1], np.uint8)
+    low, high = mesh.triangles.min(axis=1), mesh.triangles.max(axis=1)
+    is_hit = (high[:, 2] > BODY[0]) & (low[:, 2] < BODY[1])
+    cells = [np.floor((points[is_hit, :2] - corner) / CELL).astype(np.int64) for points in (low, high)]
+    mark(np.concatenate(cells, axis=1), grid)
+    return np.asarray(cv2.distanceTransform(grid, cv2.DIST_L2, 5) * CELL, dtype=np.float32)
+
+
+def _lead_around(loop: Loop, room: NDArray[np.float32], corner: Array) -> Loop:
+    """Return a loop whose points step aside for obstacles: the cheapest smooth line, by dynamic programming."""
+    ahead = np.roll(loop.points, -1, axis=0) - np.roll(loop.points, 1, axis=0)
+    left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1) / np.linalg.norm(ahead, axis=1, keepdims=True)
+    options = loop.points[:, None] + SIDESTEPS[:, None] * left[:, None]
+    i, j = np.moveaxis(np.floor((options - corner) / CELL).astype(np.int64), -1, 0)
+    here = 400.0 * np.maximum(0.0, ROOM - room[j, i]) ** 2 + 2.0 * SIDESTEPS**2
+    change = 60.0 * (SIDESTEPS[:, None] - SIDESTEPS) ** 2
+    first = int(np.argmin(here[0]))
+    total, back = np.full(len(SIDESTEPS), np.inf), np.empty((len(here), len(SIDESTEPS)), np.int64)
+    total[first] = 0.0
+    for n in range(1, len(here)):
+        costs = total[None] + change
+        back[n] = np.argmin(costs, axis=1)
+        total = costs.min(axis=1) + here[n]
+    choice = np.empty(len(here), np.int64)
+    choice[-1] = int(np.argmin(total + change[first]))
+    for n in range(len(here) - 1, 0, -1):
+        choice[n - 1] = back[n, choice[n]]
+    aside = SIDESTEPS[choice]
+    smooth = np.mean([np.roll(aside, k) for k in (-2, -1, 0, 1, 2)], axis=0)
+    return replace(loop, points=loop.points + smooth[:, None] * left)

@@ -1,0 +1,162 @@
+"""Who is under way, and where at which instant: a function of the stamp and the seed, without memory.
+
+Everybody on a loop goes at the loop's pace, so nobody runs into another.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from cycab_sim.params import TrafficParams
+from cycab_sim.world.mesh import Mesh, joined
+from cycab_sim.world.traffic import figures
+from cycab_sim.world.traffic.figures import Figure, Part
+from cycab_sim.world.traffic.loops import Loop, free_loops, walk_around
+from cycab_sim.world.worlds import World
+
+Array = NDArray[np.float64]
+AWAY = -1000.0  # height of who must not be seen, m
+KEEP_OFF = 0.4  # between a car that is in the way of nobody and who comes too close, m
+HEADWAY = {"road": 14.0, "cycle": 6.0, "walk": 2.5}  # least way between two who follow each other, m
+SPREAD = 0.15  # paces differ by this share from loop to loop
+
+
+@dataclass(frozen=True)
+class Actor:
+    """Somebody under way: what is seen, on which loop, from where on it at time 0."""
+
+    figure: Figure
+    loop: int
+    start: float
+
+
+class Traffic:
+    """Everybody of a seed. `mesh` is all parts, each around its own origin; `poses` says where they are."""
+
+    def __init__(self, world: World, params: TrafficParams, seed: int) -> None:
+        if not world.loops:
+            raise ValueError("traffic.is_on: expected a world with streets (town), found one without")
+        rng = np.random.default_rng([seed, params.seed, 71])
+        self.loops = walk_around(free_loops(world.loops, world.path, params.may_cross), world.mesh)
+        self._paces = np.array([_pace(loop, params, rng) for loop in self.loops])
+        self.actors = _populate(self.loops, params, rng)
+        parts = [(a, part) for a, actor in enumerate(self.actors) for part in actor.figure.parts]
+        if not parts:
+            raise ValueError("traffic: expected room for at least one of its members, found none")
+        self.mesh: Mesh = joined([part.mesh for _, part in parts])
+        self.part_of_triangle = np.repeat(np.arange(len(parts)), [len(p.mesh.triangles) for _, p in parts])
+        self.part_of_surface = np.repeat(np.arange(len(parts)), [len(p.mesh.frames) for _, p in parts])
+        self._actor_of = np.array([a for a, _ in parts])
+        self._loop_of = np.array([self.actors[a].loop for a, _ in parts])
+        self._starts = np.array([self.actors[a].start for a, _ in parts])
+        self._widths = np.array([self.actors[a].figure.half_width for a, _ in parts])
+        self._reach = np.array([_reach(part) for _, part in parts])
+        self._parts = {name: np.array([getattr(p, name) for _, p in parts], dtype=np.float64) for name in _NUMBERS}
+
+    def poses(self, stamp_ns: int, clear: Array | None = None, radius: float = 0.0) -> Array:
+        """Return T_world_part (P, 4, 4) at an instant.
+
+        Who comes within `radius` m of one of the points `clear` (N, 2) m is not there at that instant, all his parts.
+        """
+        way = self._starts + self._paces[self._loop_of] * (stamp_ns * 1e-9)
+        middle, half = way + self._parts["ahead"], self._parts["base"] / 2
+        front, back = self._on_loops(middle + half), self._on_loops(middle - half)
+        ahead = front - back
+        yaw = np.arctan2(ahead[:, 1], ahead[:, 0])
+        T = np.zeros((len(way), 4, 4))
+        c, s, zero, one = np.cos(yaw), np.sin(yaw), np.zeros(len(way)), np.ones(len(way))
+        rotation = np.stack([c, -s, zero, s, c, zero, zero, zero, one], axis=1).reshape(-1, 3, 3)
+        T[:, :3, :3] = rotation @ self._turns(way)
+        T[:, :2, 3], T[:, 2, 3], T[:, 3, 3] = (front + back) / 2, self._heights(), 1.0
+        pivot = self._parts["pivot"][..., None]
+        T[:, :3, 3] += (rotation @ pivot - T[:, :3, :3] @ pivot)[..., 0]
+        if clear is not None:
+            T[self._is_near(T, yaw, clear, radius), 2, 3] = AWAY
+        return T
+
+    def _turns(self, way: Array) -> Array:
+        """Return the turns of parts about y (P, 3, 3) after a way (P,) m."""
+        p = self._parts
+        angle = p["swing"] * np.sin(p["wave"] * way + p["phase"]) + p["roll"] * way
+        c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros(len(way)), np.ones(len(way))
+        return np.stack([c, zero, s, zero, one, zero, -s, zero, c], axis=1).reshape(-1, 3, 3)
+
+    def _on_loops(self, way: Array) -> Array:
+        points = np.empty((len(way), 2))
+        for number, loop in enumerate(self.loops):
+            here = self._loop_of == number
+            points[here] = loop.at(way[here])
+        return points
+
+    def _heights(self) -> Array:
+        return np.array([loop.z for loop in self.loops])[self._loop_of]
+
+    def _is_near(self, T: Array, yaw: Array, clear: Array, radius: float) -> NDArray[np.bool_]:
+        """Whether any part of an actor is near one of the points, (P,)."""
+        heading = np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
+        off = clear[None] - T[:, None, :2, 3]
+        along = (off * heading[:, None]).sum(axis=2)
+        outside = along - np.clip(along, -self._reach[:, None], self._reach[:, None])
+        aside = off[..., 1] * heading[:, None, 0] - off[..., 0] * heading[:, None, 1]
+        near = np.hypot(outside, aside).min(axis=1) < radius + self._widths + KEEP_OFF
+        return np.isin(self._actor_of, self._actor_of[near])
+
+
+_NUMBERS = ("ahead", "base", "pivot", "swing", "wave", "phase", "roll")
+
+
+def _reach(part: Part) -> float:
+    """Return how far a part extends forward or back of its place, m."""
+    return float(np.abs(part.mesh.triangles[..., 0]).max())
+
+
+def _pace(loop: Loop, params: TrafficParams, rng: np.random.Generator) -> float:
+    speed = {"road": params.car_speed, "cycle": params.bicycle_speed, "walk": params.walking_speed}[loop.kind]
+    return float(speed * rng.uniform(1.0 - SPREAD, 1.0 + SPREAD))
+
+
+def _populate(loops: Sequence[Loop], params: TrafficParams, rng: np.random.Generator) -> list[Actor]:
+    """Return the actors: as many as asked for, or as there is room for, spread over the loops by their length."""
+    makers: list[tuple[str, int, Callable[[np.random.Generator], Figure]]] = [
+        ("road", params.cars, figures.make_car),
+        ("cycle", params.bicycles, figures.make_cyclist),
+        ("walk", params.pedestrians, figures.make_pedestrian),
+    ]
+    actors: list[Actor] = []
+    for kind, count, make in makers:
+        numbers = [i for i, loop in enumerate(loops) if loop.kind == kind]
+        railed = [i for i in numbers if loops[i].has_rails]
+        trams = dict(zip(railed, _spread(params.trams, railed, loops), strict=True))
+        for i, share in zip(numbers, _spread(count, numbers, loops), strict=True):
+            some = [figures.make_tram] * trams.get(i, 0) + [make] * share
+            actors += _line_up(i, loops[i], some, rng)
+    return actors
+
+
+def _spread(count: int, numbers: list[int], loops: Sequence[Loop]) -> list[int]:
+    """Return how many of `count` go on each loop: the shares of length, rounded so that they add up."""
+    if not numbers:
+        return []
+    ends = np.cumsum([loops[i].length for i in numbers])
+    return np.diff(np.rint(np.concatenate([[0.0], count * ends / ends[-1]])).astype(int)).tolist()
+
+
+def _line_up(
+    number: int, loop: Loop, some: list[Callable[[np.random.Generator], Figure]], rng: np.random.Generator
+) -> list[Actor]:
+    """Return actors on a loop with random gaps between them; those for whom there is no room are left out."""
+    made = [make(rng) for make in some]
+    while made and sum(2 * f.half_length + HEADWAY[loop.kind] for f in made) > loop.length:
+        made.pop()
+    made = [made[i] for i in rng.permutation(len(made))]
+    free = loop.length - sum(2 * f.half_length + HEADWAY[loop.kind] for f in made)
+    gaps = rng.dirichlet(np.full(len(made), 2.0)) * free if made else np.zeros(0)
+    actors, here = [], rng.uniform(0.0, loop.length)
+    for figure, gap in zip(made, gaps, strict=True):
+        actors.append(Actor(figure, number, here + figure.half_length))
+        here += 2 * figure.half_length + HEADWAY[loop.kind] + gap
+    return actors

@@ -1,0 +1,1 @@
+"""Whether a pose is accepted, and what speaks against it."""

@@ -1,0 +1,1 @@
+"""Key spheres as references: choice, preparation, prefetch, what is known of their errors."""

@@ -1,0 +1,82 @@
+"""What is kept of every key sphere of a map: enough for choosing among them and for the start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import cache, cached_property, partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import Spherical
+from sphere_nav.photometric import Reference, RegistrationParams, prepare_reference
+from sphere_nav.spheres.sphere import Sphere
+
+NUM_LEVELS = 2
+NUM_POINTS = 150  # about as many points of the coarsest level tell what a partial sphere covers
+NUM_PREPARED = 32  # small spheres that are kept ready for alignment
+
+
+@dataclass(frozen=True, eq=False)
+class CoarseReference:
+    """A small sphere: its window and its median range in m, infinite without any; the rest is read when asked for."""
+
+    camera: Spherical
+    typical_range_m: float
+    load: Callable[[], Sphere]
+    params: RegistrationParams
+
+    @staticmethod
+    def of(load: Callable[[], Sphere], params: RegistrationParams) -> CoarseReference:
+        """Return what is kept of a small sphere."""
+        sphere = load()
+        finite = sphere.range_m[np.isfinite(sphere.range_m)]
+        return CoarseReference(sphere.camera, float(np.median(finite)) if finite.size else np.inf, load, params)
+
+    @cached_property
+    def reference(self) -> Reference:
+        """Its levels."""
+        sphere = self.load()
+        return prepare_reference(sphere.levels, sphere.range_m, sphere.camera, coarse_params(self.params))
+
+    @cached_property
+    def points(self) -> NDArray[np.float32]:
+        """A few points (N, 3) m of the sphere."""
+        was_ready, points = "reference" in self.__dict__, self.reference.levels[-1].points
+        if not was_ready:
+            self.forget()
+        return np.ascontiguousarray(points[:, :: max(1, points.shape[1] // NUM_POINTS)].T)
+
+    def forget(self) -> None:
+        """Free what alignment needs; it is made again when asked for."""
+        self.__dict__.pop("reference", None)
+
+
+class CoarseReferences(dict[int, CoarseReference]):
+    """Small key spheres by id, looked at when they are first asked for; the latest that were prepared stay so."""
+
+    def __init__(self, spheres: Mapping[int, Sphere], params: RegistrationParams) -> None:
+        super().__init__()
+        self._spheres, self._params = spheres, params
+        self._latest: dict[int, None] = {}
+
+    def __missing__(self, sphere_id: int) -> CoarseReference:
+        self[sphere_id] = CoarseReference.of(partial(self._spheres.__getitem__, sphere_id), self._params)
+        return self[sphere_id]
+
+    def reference(self, sphere_id: int) -> Reference:
+        """Return a prepared small sphere."""
+        self._latest.pop(sphere_id, None)
+        self._latest[sphere_id] = None
+        if len(self._latest) > NUM_PREPARED:
+            oldest = next(iter(self._latest))
+            del self._latest[oldest]
+            self[oldest].forget()
+        return self[sphere_id].reference
+
+
+@cache
+def coarse_params(params: RegistrationParams) -> RegistrationParams:
+    """Return the parameters with as many levels as small spheres have."""
+    return replace(params, pyramid=replace(params.pyramid, num_levels=NUM_LEVELS, finest=0))

@@ -1,0 +1,259 @@
+"""The key spheres that an image is aligned to: chosen by distance alone (M15 eq. 17), prepared once, kept for a while.
+
+They come and go around the camera: those of the way ahead are read and prepared by another thread, the longest unused
+make room; their pixels are chosen by a third before an image asks. An image of a live camera never waits for either: it
+is aligned to what is there.
+
+A whole sphere sees in every direction, so translation is all that counts. A partial sphere (one camera's view) may
+look elsewhere; it is passed over where it covers clearly less of the image than others do.
+
+How much of the image each of several key spheres covers: a few points of each, one projection.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dense_localizer.params import LocalizerParams
+from dense_localizer.references.coarse_reference import CoarseReferences
+from dense_localizer.references.map_error import MapError
+from dense_localizer.references.prefetch import SOON_S, PixelsAhead
+from dense_localizer.references.preparation import Preparation
+from dense_localizer.references.recognition import NUM_ALIKE
+from dense_localizer.references.rejections import Rejections
+from sphere_nav.geometry import SE3, Camera
+from sphere_nav.photometric import Reference, View, prepare_reference
+from sphere_nav.spheres.appearance.index import AppearanceIndex
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
+
+Array = NDArray[np.float64]
+COLUMNS, ROWS = 8, 6  # cells of the image; a cell counts as covered where a point falls into it
+
+
+def coverage(points: Sequence[NDArray[np.floating]], T_camera_sphere: Sequence[SE3], camera: Camera) -> Array:
+    """Return the share (N,) of the image's cells that the points (M, 3) of each of N spheres reach."""
+    points_camera = [T.apply(one) for T, one in zip(T_camera_sphere, points, strict=True)]
+    if not points_camera:
+        return np.zeros(0)
+    owner = np.repeat(np.arange(len(points)), [one.shape[0] for one in points])
+    pixels, is_visible = camera.project(np.concatenate(points_camera))
+    u, v = pixels[is_visible].T
+    column = np.clip((u + 0.5) * (COLUMNS / camera.width), 0, COLUMNS - 1).astype(np.int64)
+    row = np.clip((v + 0.5) * (ROWS / camera.height), 0, ROWS - 1).astype(np.int64)
+    cells = np.zeros((len(points), ROWS, COLUMNS), np.bool_)
+    cells[owner[is_visible], row, column] = True
+    return cells.mean(axis=(1, 2))
+
+
+NUM_CANDIDATES = 12  # nearest key spheres looked at
+MIN_VISIBLE_SHARE = 0.25  # of the image, that a reference must cover
+RELATIVE_SHARE = 0.6  # the same, of what the best candidate covers
+UNKNOWN_REACH = 1.0  # region of a key sphere by its median range, where a map does not tell it
+AHEAD_S = (0.0, 0.5, 1.0)  # s, when the camera will be where key spheres are prepared
+AHEAD_STEP_M, AHEAD_STEP_S = 0.2, 0.05  # motion after which one looks ahead anew, and that by the speed
+MEGABYTE = 1e6
+
+
+Residuals = tuple[View, NDArray[np.float64], NDArray[np.float64]]  # view, points (N, 3) in its axes, residuals (N,)
+
+
+class SphereMap(Protocol):
+    """A map on disk or in memory."""
+
+    @property
+    def graph(self) -> SphereGraph:
+        """Where the key spheres are."""
+        ...
+
+    def load_sphere(self, sphere_id: int) -> Sphere:
+        """Return one key sphere with its pictures; ValueError or OSError where it cannot be read."""
+        ...
+
+    def coarse_spheres(self) -> Mapping[int, Sphere]:
+        """Return all key spheres small (`spheres.coarse`); ValueError or OSError where they cannot be read."""
+        ...
+
+    def appearance(self) -> AppearanceIndex:
+        """Return what the key spheres look like, empty where that is not known; ValueError or OSError for damage."""
+        ...
+
+
+@dataclass(frozen=True)
+class Choice:
+    """The references of one image; range, region and distance are those of the nearest."""
+
+    ids: tuple[int, ...]
+    views: tuple[View, ...]
+    overlap: float  # of the best covering one, 0..1
+    distance_m: float
+    typical_range_m: float
+    region_m: float
+
+    @property
+    def distance_ratio(self) -> float:
+        """Distance to the nearest by the radius of its region: 0 at its centre, 1 at the border."""
+        return self.distance_m / self.region_m
+
+
+class References:
+    """Prepared key spheres of one map."""
+
+    def __init__(self, sphere_map: SphereMap, params: LocalizerParams, *, is_live: bool = False) -> None:
+        """While the camera is followed, `is_live` ones do with what is ready; others wait, so that runs are equal."""
+        self._map, self._is_live = sphere_map, is_live
+        self._registration, self._params = params.registration, params.reference
+        is_large = len(sphere_map.graph) > NUM_ALIKE
+        self.appearance = sphere_map.appearance() if is_large else AppearanceIndex()  # a small map is looked at whole
+        self.coarse = CoarseReferences(sphere_map.coarse_spheres(), params.registration)
+        self.error = MapError(sphere_map.graph, params.covariance)
+        self.rejections = Rejections()
+        self._preparation = Preparation(self._prepare, params.reference.memory * MEGABYTE, is_live=is_live)
+        self._pixels = PixelsAhead(params.registration, is_live=is_live)
+        self._looked_ahead: NDArray[np.float64] | None = None
+        self._last: tuple[Camera, tuple[int, ...]] | None = None  # camera and key spheres of the last choice
+
+    def close(self) -> None:
+        """End what is being prepared; nothing can be chosen any more."""
+        self._preparation.close()
+        self._pixels.close()
+
+    def node(self, sphere_id: int) -> KeySphere:
+        """Return a key sphere by its id."""
+        return self._map.graph[sphere_id]
+
+    @property
+    def nodes(self) -> Iterator[KeySphere]:
+        """All key spheres in the order of the graph."""
+        return iter(self._map.graph)
+
+    def nearest(self, point_map: NDArray[np.float64], count: int, max_distance_m: float = np.inf) -> list[KeySphere]:
+        """Return the key spheres nearest to a point in the map, nearest first (M15 eq. 17)."""
+        return self._map.graph.nearest(point_map, count, max_distance_m)
+
+    def choose(self, T_map_camera: SE3, camera: Camera, *, is_followed: bool = False) -> Choice:
+        """Return the references for an image taken near a pose: the nearest of those that cover it.
+
+        While a live camera is followed, the nearest of those that are ready; small ones where none is.
+        """
+        never_waits = self._is_live and is_followed
+        candidates, overlaps = self._candidates(T_map_camera, camera, NUM_CANDIDATES if never_waits else 0)
+        best = float(np.max(overlaps, initial=0.0))
+        needed = max(MIN_VISIBLE_SHARE, RELATIVE_SHARE * best)
+        usable = [candidates[index] for index in np.flatnonzero(overlaps >= needed)]
+        ready = [node for node in usable if not never_waits or self._preparation.is_ready(node.id)]
+        nearest = ready[: self._params.num_references] or usable[:1]
+        chosen = self._near_enough(nearest, T_map_camera)
+        if not chosen:
+            return Choice((), (), best, np.inf, np.inf, np.inf)
+        references = [self._get(node.id) for node in chosen if ready] or [self.coarse.reference(chosen[0].id)]
+        self._last = camera, tuple(node.id for node in chosen)
+        views = tuple(View(one, node.T_map_sphere) for one, node in zip(references, chosen, strict=True))
+        distance, typical = distance_of(chosen[0], T_map_camera), self.coarse[chosen[0].id].typical_range_m
+        return Choice(self._last[1], views, best, distance, typical, self._region(chosen[0]))
+
+    def count_rejections(self, place_map: NDArray[np.float64], residuals: Iterable[Residuals]) -> None:
+        """Count which squares of key spheres do not agree with an image; forget those that never do."""
+        for view, points, residual in residuals:
+            sphere_id = self.nearest(view.T_world_reference.translation, 1)[0].id
+            if self.rejections.is_due(sphere_id, place_map) and self.rejections.add(
+                sphere_id, place_map, points, residual
+            ):
+                self._preparation.forget(sphere_id)
+
+    def look_ahead(self, T_map_camera: SE3, velocity: NDArray[np.float64] | None, *, is_rig: bool = False) -> None:
+        """Have prepared what the camera that chose last, at some velocity (6,), will need; return at once.
+
+        The pixels of cameras of a rig, whose body is at the pose, are chosen when they are needed.
+        """
+        twist = np.zeros(6) if velocity is None else velocity
+        self._last = None if is_rig else self._last
+        self._choose_pixels(T_map_camera, twist)
+        point = (T_map_camera @ SE3.exp(twist * AHEAD_S[-1])).translation
+        step = max(AHEAD_STEP_M, AHEAD_STEP_S * float(np.linalg.norm(twist[:3])))
+        if self._looked_ahead is not None and np.linalg.norm(point - self._looked_ahead) <= step:
+            return
+        self._looked_ahead = point
+        wanted: dict[int, SE3] = {}
+        for seconds in AHEAD_S:
+            pose = T_map_camera @ SE3.exp(twist * seconds)
+            for node in self.nearest(pose.translation, self._params.num_references):
+                wanted.setdefault(node.id, pose)
+        self._preparation.begin(
+            list(wanted), lambda sphere_id: partial(self._prepare_seen, wanted[sphere_id], self._last)
+        )
+
+    def _choose_pixels(self, T_map_camera: SE3, twist: NDArray[np.float64]) -> None:
+        """Have the pixels chosen of the key spheres that are ready where the camera will soon be."""
+        if self._last is None:
+            return
+        camera, last = self._last
+        T_soon = T_map_camera @ SE3.exp(twist * SOON_S)
+        nearest = self.nearest(T_soon.translation, self._params.num_references)
+        soon = [node.id for node in self._near_enough(nearest, T_soon)]
+        self._pixels.forget({*last, *soon})
+        for sphere_id, num_views in dict.fromkeys((one, len(some)) for some in (last, soon) for one in some):
+            reference = self._preparation.find(sphere_id)
+            if reference is not None:
+                T_camera_sphere = T_map_camera.inverse() @ self.node(sphere_id).T_map_sphere
+                self._pixels.begin(sphere_id, reference, T_camera_sphere, twist, camera, num_views)
+
+    def _get(self, sphere_id: int) -> Reference:
+        """Return a prepared sphere with the pixels that were chosen last."""
+        self._pixels.use(sphere_id)
+        return self._preparation.get(sphere_id)
+
+    def _candidates(self, T_map_camera: SE3, camera: Camera, count: int) -> tuple[list[KeySphere], NDArray[np.float64]]:
+        """Return the nearest key spheres, `count` where all are whole, and the share of the image that each covers."""
+        nodes = self.nearest(T_map_camera.translation, NUM_CANDIDATES)
+        first = nodes[: count or self._params.num_references]
+        if all(self.coarse[node.id].camera.is_whole for node in first):
+            return first, np.ones(len(first))
+        coarse = [self.coarse[node.id] for node in nodes]
+        T_camera_map = T_map_camera.inverse()
+        T_camera_sphere = [T_camera_map @ node.T_map_sphere for node in nodes]
+        overlaps = coverage([one.points for one in coarse], T_camera_sphere, camera)
+        return nodes, np.where([one.camera.is_whole for one in coarse], 1.0, overlaps)
+
+    def _near_enough(self, nodes: list[KeySphere], T_map_camera: SE3) -> list[KeySphere]:
+        """Return the first key sphere, and those that are near enough to be used beside it."""
+        return nodes[:1] + [node for node in nodes[1:] if distance_of(node, T_map_camera) <= self._region(node)]
+
+    def _region(self, node: KeySphere) -> float:
+        """Return how far in m a key sphere serves."""
+        return node.region_radius_m or UNKNOWN_REACH * self.coarse[node.id].typical_range_m
+
+    def _prepare(self, sphere_id: int) -> Reference:
+        """Read a sphere and prepare it."""
+        with self._pixels.background.work():
+            sphere = self._map.load_sphere(sphere_id)
+        unused = self.rejections.mask(sphere_id, sphere.camera)
+        if unused is not None:
+            sphere = replace(sphere, range_m=np.where(unused, np.float32(np.nan), sphere.range_m))
+        levels, range_m, camera = sphere.levels, sphere.range_m, sphere.camera
+        del sphere  # colours take more than the grey levels
+        with self._pixels.background.work():
+            return prepare_reference(levels, range_m, camera, self._registration)
+
+    def _prepare_seen(
+        self, T_map_camera: SE3, last: tuple[Camera, tuple[int, ...]] | None, sphere_id: int
+    ) -> Reference:
+        """Prepare a sphere, and choose those of its pixels that a camera will see."""
+        reference = self._prepare(sphere_id)
+        if last is not None:
+            T_camera_sphere = T_map_camera.inverse() @ self.node(sphere_id).T_map_sphere
+            with self._pixels.background.work():
+                for chosen in self._pixels.choose(reference, T_camera_sphere, last[0], len(last[1])):
+                    chosen.keep()
+        return reference
+
+
+def distance_of(node: KeySphere, T_map_camera: SE3) -> float:
+    """Return the metres between a key sphere and a camera."""
+    return float(np.linalg.norm(node.T_map_sphere.translation - T_map_camera.translation))

@@ -1,0 +1,135 @@
+"""The node `dense_localizer`: the localiser in a map of key spheres (sphere_nav/ros/localizer/node.py is around it)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import Image
+
+from dense_localizer.inputs import CameraImage
+from dense_localizer.judge.residual import residual_image
+from dense_localizer.localizer import Localizer
+from dense_localizer.params import DenseLocalizerParams
+from dense_localizer.reasons import REMEDIES
+from dense_localizer.references.rejections import Rejections
+from dense_localizer.ros.maps import Maps, read_calibration
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.base_estimate import BaseEstimate
+from sphere_nav.localization.status import FINE, Finding, State, Status, status_of
+from sphere_nav.photometric import warm_up
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.camera.intake import CameraIntake
+from sphere_nav.ros.camera.rig_intake import RigIntake
+from sphere_nav.ros.camera.stream import Picture
+from sphere_nav.ros.localizer.node import LocalizerNode
+from sphere_nav.ros.maps.reader import MapReader
+from sphere_nav.ros.process import return_free_memory
+from sphere_nav.ros.run import run
+
+Array = NDArray[np.float64]
+
+
+class DenseLocalizerNode(LocalizerNode):
+    """Converts, asks the localiser, converts back."""
+
+    NAME = "dense_localizer"
+    PARAMS = DenseLocalizerParams
+    HAS_SPHERE_INFO = True
+    params: DenseLocalizerParams
+
+    def configure(self) -> None:
+        """Open topics, services and the map."""
+        warm_up()
+        self.localizer: Localizer | None = None
+        self.maps = Maps(self.endpoints, self.use_map)
+        if self.params.map:
+            self.maps.open(self.params.map)
+        self.residual = self.add_publisher("residual", Image, qos.LARGE)
+        super().configure()
+
+    def cleanup(self) -> None:
+        """Close the map."""
+        if self.localizer is not None:
+            self.localizer.references.close()
+        self.maps.close()
+        self.localizer = None
+
+    def make_intake(self) -> CameraIntake | RigIntake:
+        """Subscribe to the camera, or to those of a rig."""
+        p, callbacks = self.params, (self.on_picture, self.on_refusal)
+        if not self.has_rig:
+            return super().make_intake()
+        calibration = read_calibration(p.rig.calibration, self.maps.reader)
+        return RigIntake(self.endpoints, p, p.rig, calibration, *callbacks, has_sphere_info=True)
+
+    @property
+    def has_rig(self) -> bool:
+        """Whether several cameras localise together."""
+        return bool(self.params.rig.cameras or self.params.rig.calibration)
+
+    def use_map(self, reader: MapReader) -> Rejections:
+        """Localise in a map from now on; return what counts the pixels of it that images reject."""
+        before, self.localizer = self.localizer, Localizer(self.params, reader, is_live=self.shell.is_live)
+        if before is not None:
+            before.references.close()
+        return_free_memory()  # that of reading
+        return self.localizer.references.rejections
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether there is a map, and the camera's place on the base is known."""
+        return self.localizer is not None and self.intake.is_mounted
+
+    @property
+    def has_map(self) -> bool:
+        """Whether a map is open."""
+        return self.localizer is not None
+
+    def localize(self, picture: Picture) -> BaseEstimate:
+        """Localise one image; show the residual to whoever looks."""
+        if self.localizer is None:
+            return BaseEstimate(self.refuse(picture.stamp_ns, FINE))
+        T_base_body = self.intake.T_base_camera
+        T_odom_body = picture.T_odom_base and picture.T_odom_base @ T_base_body
+        estimate = self.localizer.update_rig(self.images_of(picture), picture.stamp_ns, T_odom_body)
+        if estimate.place is not None and self.residual.num_subscriptions:
+            shown, frame = residual_image(picture.image, picture.camera, estimate.place), self.params.camera_frame
+            self.residual.publish(conversions.array_to_image(shown, picture.stamp_ns, frame, "mono8"))
+        return estimate.to_base(T_base_body)
+
+    def images_of(self, picture: Picture) -> tuple[CameraImage, ...]:
+        """Return the images of an instant; one camera is its own body, that of several is the base."""
+        if not self.has_rig:
+            return (CameraImage(picture.image, picture.camera),)
+        return tuple(
+            CameraImage(one.image, one.camera, one.T_base_camera, one.name, (one.stamp_ns - picture.stamp_ns) * 1e-9)
+            for one in (picture, *picture.others)
+        )
+
+    def refuse(self, stamp_ns: int, finding: Finding) -> Status:
+        """Return the status of an image that cannot be used."""
+        if self.localizer is None:
+            return status_of(State.NO_MAP, stamp_ns, finding, REMEDIES)
+        return self.localizer.refuse(stamp_ns, finding).status
+
+    def silence(self, elapsed_s: float, finding: Finding) -> Status | None:
+        """Return what to say of a silent camera."""
+        return self.localizer.silence(elapsed_s, finding) if self.localizer is not None else None
+
+    def relocalize(self, given: tuple[SE3, Array] | None) -> BaseEstimate | None:
+        """Search with the last image, and those to come; what is found is told, though not trusted yet."""
+        if self.localizer is None:
+            raise ValueError("relocalize: expected a map, found none: load one first")
+        T_base_camera = self.intake.T_base_camera
+        estimate = self.localizer.relocalize(given[0] @ T_base_camera if given is not None else None)
+        return estimate.at_place().to_base(T_base_camera) if estimate is not None else None
+
+    def forget(self) -> None:
+        """Forget pose and stream."""
+        if self.localizer is not None:
+            self.localizer.reset()
+
+
+def main() -> int:
+    """Run the node."""
+    return run(DenseLocalizerNode)

@@ -1,0 +1,1 @@
+"""The first pose, and the one after a loss."""

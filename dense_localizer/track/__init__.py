@@ -1,0 +1,1 @@
+"""From the last image to this one."""

@@ -1,0 +1,133 @@
+"""Where the geometry comes from: a file, a map of our own, the topic `cloud`, or the call load_cloud."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from sensor_msgs.msg import PointCloud2
+from sphere_nav_msgs.srv import LoadCloud
+
+from mcl_depth.filter import Filter
+from mcl_depth.geometry.cloud import Cloud, cloud_from_points, thin_cloud
+from mcl_depth.geometry.files import read_geometry
+from mcl_depth.geometry.mesh import TriangleMesh
+from mcl_depth.params import MclDepthParams
+from mcl_depth.reasons import REMEDIES
+from mcl_depth.site import Site
+from sphere_nav.localization.status import FINE, Finding, Reason, State, Status, status_of
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.conversions.driving import check_frames
+from sphere_nav.ros.endpoints import Endpoints
+from sphere_nav.ros.maps.reader import open_map
+
+MADE_AT_ONCE = 512  # depth images that an image waits for: about a second
+WAIT = "wait; cache.folder keeps it for the next start"
+STEP = 2  # every second pixel of every second row of a sphere becomes a point
+
+
+class Clouds:
+    """The geometry in force, and the parameters that go with it. What cannot be used changes nothing."""
+
+    def __init__(self, endpoints: Endpoints, params: MclDepthParams, on_change: Callable[[], None]) -> None:
+        """Read the file of the parameter; ValueError or OSError where it cannot be. `on_change`: use another filter."""
+        self._log, self._on_change, self._declared = endpoints.log, on_change, params
+        self.geometry: Cloud | TriangleMesh | None = None
+        self.params = params  # with the spacing of the last call
+        self.fault = FINE  # nothing can be compared with the geometry
+        self._site: Site | None = None
+        self._share = 1.0  # of its depth images that are made
+        if params.cloud:
+            self.use(read_map(params.cloud))
+        endpoints.add_service("~/load_cloud", LoadCloud, self.on_load_cloud)
+        endpoints.add_subscription("cloud", PointCloud2, self.on_cloud, qos.LATCHED, is_required=False, silence=0.0)
+
+    def use(self, geometry: Cloud | TriangleMesh, voxel_m: float = 0.0) -> None:
+        """Use another geometry, thinned to `voxel_m`, or as the parameter says where that is 0."""
+        synthesis = self._declared.synthesis
+        voxel_m = voxel_m or synthesis.voxel_m
+        self.geometry, self.fault = geometry, FINE
+        self._site, self._share = None, 1.0
+        self.params = replace(self._declared, synthesis=replace(synthesis, voxel_m=voxel_m))
+        self._on_change()
+        for warning in geometry.warnings:
+            self._log.warning(warning)
+
+    def make_filter(self, camera_height: float) -> Filter | None:
+        """Return a filter for the geometry, once its map is made ready; before, and where it cannot be used, None.
+
+        Each call makes a part of what is missing, so that an image is answered within a second or two.
+        """
+        if self.geometry is None or self.fault is not FINE:
+            return None
+        try:
+            if self._site is None:
+                self._site = Site(self.geometry, camera_height, self.params, is_ready=False)
+                self._log.info(f"map: {len(self._site.places)} places are made ready")
+            self._share = self._site.prepare(None if self.params.every_image else MADE_AT_ONCE)
+        except ValueError as error:
+            detail = "; ".join([str(error), *self.geometry.warnings])
+            self.fault = Finding(Reason.MAP_ERROR, detail=detail)
+            self._log.error(detail)
+            return None
+        if self._share < 1.0:
+            return None
+        self._log.info("map: ready")
+        return self._site.filter()
+
+    def status(self, stamp: int, fault: Finding) -> Status:
+        """Return what an image is answered with while there is no filter."""
+        if self.geometry is None or self.fault is not FINE:
+            return status_of(State.NO_MAP, stamp, self.fault, REMEDIES)
+        if fault is FINE and self._share < 1.0:
+            fault = Finding(Reason.NO_CONVERGENCE, self._share, 1.0, "share of the map that is made ready", WAIT)
+        return status_of(State.SEARCHING, stamp, fault, REMEDIES)
+
+    def on_cloud(self, message: PointCloud2) -> None:
+        """Use a cloud in the map's frame; ValueError for one of another frame, or without points."""
+        check_frames(message, self._declared.map_frame)
+        self.use(cloud_from_points(conversions.message_to_cloud(message), "cloud"))
+
+    def on_load_cloud(self, request: LoadCloud.Request, response: LoadCloud.Response) -> LoadCloud.Response:
+        """Use another cloud; one that cannot be read leaves the present one in force."""
+        started = time.perf_counter()
+        try:
+            if not (math.isfinite(request.voxel_size) and request.voxel_size >= 0.0):
+                raise ValueError(f"voxel_size: expected 0 m or more, found {request.voxel_size:g}")
+            geometry = read_map(request.path)
+            voxel_m = request.voxel_size or self._declared.synthesis.voxel_m
+            num_points = count_points(geometry, voxel_m)  # before it is in force: thinning may refuse it
+            self.use(geometry, request.voxel_size)
+        except (ValueError, OSError) as error:
+            response.message = " ".join(str(error).split())
+            return response
+        assert self.geometry is not None
+        response.num_points = num_points
+        for corner, values in zip((response.minimum, response.maximum), self.geometry.box, strict=True):
+            corner.x, corner.y, corner.z = (float(value) for value in values)
+        response.success, response.message = True, f"{response.num_points} points of {request.path}"
+        if self.geometry.warnings:
+            response.message += f"; {self.geometry.warnings[-1]}"
+        response.seconds = time.perf_counter() - started
+        return response
+
+
+def count_points(geometry: Cloud | TriangleMesh, voxel_m: float) -> int:
+    """Return the number of points after thinning; of vertices of surfaces."""
+    return len(geometry.vertices) if isinstance(geometry, TriangleMesh) else len(thin_cloud(geometry, voxel_m))
+
+
+def read_map(path: str) -> Cloud | TriangleMesh:
+    """Return the geometry of a file, or of a folder of key spheres."""
+    if not Path(path).is_dir():
+        return read_geometry(path)
+    parts = [np.zeros((0, 3), np.float32)]
+    with open_map(path) as reader:
+        for node in reader.graph:
+            points, _ = reader.load_sphere(node.id).points(STEP)
+            parts.append(node.T_map_sphere.apply(points).astype(np.float32))
+    return cloud_from_points(np.concatenate(parts), path)

@@ -1,0 +1,147 @@
+"""The node `mcl_depth`: the localiser in bare geometry (sphere_nav/ros/localizer/node.py is around it)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from std_srvs.srv import Empty
+
+from mcl_depth.belief.estimate import Belief, Estimate, Observation
+from mcl_depth.filter import Filter
+from mcl_depth.likeness.comparison import check_headings
+from mcl_depth.params import MclDepthParams
+from mcl_depth.ros.attitude import Attitude
+from mcl_depth.ros.clouds import Clouds
+from mcl_depth.ros.homing import HomingGuide
+from mcl_depth.ros.views import Views
+from mcl_depth.warm_up import warm_up
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.base_estimate import BaseEstimate
+from sphere_nav.localization.status import FINE, Finding, Status
+from sphere_nav.ros.camera.stream import Picture
+from sphere_nav.ros.localizer.node import LocalizerNode
+from sphere_nav.ros.run import run
+
+Array = NDArray[np.float64]
+
+
+class MclDepthNode(LocalizerNode):
+    """Converts, asks the filter, converts back."""
+
+    NAME = "mcl_depth"
+    PARAMS = MclDepthParams
+    HAS_SPHERE_INFO = True
+    params: MclDepthParams
+
+    def configure(self) -> None:
+        """Open topics, services and the cloud."""
+        p, endpoints = self.params, self.endpoints
+        check_headings(p.heading_step_deg, p.synthesis.num_columns)
+        warm_up(p)
+        self.filter: Filter | None = None
+        self.belief: Belief | None = None  # of the last image that was compared
+        self.clouds = Clouds(endpoints, p, self.drop_filter)
+        self.attitude = Attitude(endpoints, p.roll_deg, p.pitch_deg)
+        self.views, self.guide = Views(endpoints, p.map_frame, p.base_frame), HomingGuide(endpoints, p)
+        super().configure()
+        self.add_service("~/reinitialize_global_localization", Empty, self.on_reinitialize)
+
+    def cleanup(self) -> None:
+        """Give the memory back."""
+        self.drop_filter()
+
+    def drop_filter(self) -> None:
+        """Use another geometry from the next image on."""
+        self.filter = self.belief = None
+
+    @property
+    def is_ready(self) -> bool:
+        """Whether there is a filter: a cloud, and a camera whose height is known."""
+        return self.filter is not None
+
+    @property
+    def has_map(self) -> bool:
+        """Whether there is a geometry."""
+        return self.clouds.geometry is not None
+
+    def prepare(self, picture: Picture) -> None:
+        """Make the filter, now that the camera's height is known."""
+        if self.filter is None:
+            self.filter = self.clouds.make_filter(float(picture.T_base_camera.translation[2]))
+
+    def localize(self, picture: Picture) -> BaseEstimate:
+        """Localise one image; show what it made of the belief."""
+        stamp, T_base_level, tilt = picture.stamp_ns, level(picture.T_base_camera), self.attitude.tilt
+        if self.filter is None:
+            return BaseEstimate(self.refuse(stamp, FINE))
+        T_odom_level = picture.T_odom_base and picture.T_odom_base @ T_base_level
+        rotation = tilt @ picture.T_base_camera.rotation
+        estimate = self.filter.update(Observation(picture.image, picture.camera, stamp, rotation, T_odom_level))
+        if estimate.belief is not None:
+            self.belief = estimate.belief
+            self.views.show(estimate.belief, self.filter, stamp)
+        self.guide.answer(estimate.belief, estimate.status, stamp)
+        return to_base(estimate, T_base_level, tilt)
+
+    def refuse(self, stamp_ns: int, finding: Finding) -> Status:
+        """Return the status of an image that cannot be used."""
+        if self.filter is None:
+            return self.clouds.status(stamp_ns, finding)
+        status = self.filter.refuse(stamp_ns, finding).status
+        self.guide.answer(None, status, stamp_ns)
+        return status
+
+    def silence(self, elapsed_s: float, finding: Finding) -> Status | None:
+        """Return what to say of a silent camera."""
+        return self.filter.silence(elapsed_s, finding) if self.filter is not None else None
+
+    def needs_help(self) -> bool:
+        """Whether another localiser's pose is of use: not while one that it gave is being confirmed."""
+        return super().needs_help() and not (self.filter is not None and self.filter.evidence.is_on_trial)
+
+    def relocalize(self, given: tuple[SE3, Array] | None) -> BaseEstimate | None:
+        """Search around a pose of the base, or everywhere, with the images to come."""
+        if self.filter is not None and given is None:
+            self.filter.search()
+        elif self.filter is not None and given is not None:
+            T_map_base, covariance = given
+            self.filter.start(T_map_base @ level(self.intake.T_base_camera), covariance)
+        return None
+
+    def forget(self) -> None:
+        """Forget pose and stream."""
+        if self.filter is not None:
+            self.filter.reset()
+
+    def values(self) -> dict[str, float]:
+        """Return more numbers for the diagnostics, with the hit rates of the caches."""
+        values = super().values()
+        if self.filter is not None:
+            cache = self.filter.map.cache
+            values |= {"depth_cache_hits": cache.hit_rate, "depth_images": len(cache)}
+        return values | ({"similarity_cache_hits": self.belief.comparison.hit_rate} if self.belief else {})
+
+    def on_reinitialize(self, request: Empty.Request, response: Empty.Response) -> Empty.Response:
+        """Search everywhere."""
+        self.given = None
+        self.relocalize(None)
+        return response
+
+
+def level(T_base_camera: SE3) -> SE3:
+    """Return T_base_level: the camera's centre with the axes of the base."""
+    return SE3.from_parts(np.eye(3), T_base_camera.translation)
+
+
+def to_base(estimate: Estimate, T_base_level: SE3, tilt: Array) -> BaseEstimate:
+    """Return what an estimate of the levelled camera says about the base."""
+    pose = estimate.T_map_level
+    if pose is None or estimate.covariance is None:
+        return BaseEstimate(estimate.status)
+    Ad, T_map_level = T_base_level.adjoint(), SE3.from_parts(pose.rotation @ tilt, pose.translation)
+    return BaseEstimate(estimate.status, T_map_level @ T_base_level.inverse(), Ad @ estimate.covariance @ Ad.T)
+
+
+def main() -> int:
+    """Run the node."""
+    return run(MclDepthNode)

@@ -1,0 +1,1 @@
+"""Commands pass while they come and while their sender lives, else zero."""

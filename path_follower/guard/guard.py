@@ -1,0 +1,73 @@
+"""Lets commands through that are fresh and within limits; else a ramp to zero, on the curve that was driven.
+
+After a stop it lets nothing through until zero has been commanded once: a process that wakes up, or a network that
+comes back, does not set the vehicle in motion with an old wish. Times are seconds of any steady clock.
+"""
+
+from __future__ import annotations
+
+import math
+
+from path_follower.guard.params import GuardParams
+
+WAITING = "waits for a zero command before it lets others through"
+
+
+class Guard:
+    """Call `pass_on` regularly; what it returns is for the base."""
+
+    def __init__(self, params: GuardParams) -> None:
+        self.params = params
+        self.is_emergency = False
+        self.reason = "no command yet"
+        self._wanted = (0.0, 0.0)
+        self._last = (0.0, 0.0)
+        self._count = -1
+        self._command_at = self._beat_at = self._passed_at = -math.inf
+
+    def see_command(self, speed: float, yaw_rate: float, now: float) -> None:
+        """Accept a command, m/s and rad/s; ValueError for one that is no number, which counts as none."""
+        if not (math.isfinite(speed) and math.isfinite(yaw_rate)):
+            raise ValueError(f"cmd_vel_in: expected finite numbers, found {speed}, {yaw_rate}")
+        self._wanted, self._command_at = (speed, yaw_rate), now
+
+    def see_heartbeat(self, count: int, now: float) -> None:
+        """Accept a heartbeat; only a new count is one."""
+        if count != self._count:
+            self._count, self._beat_at = count, now
+
+    def pass_on(self, now: float) -> tuple[float, float]:
+        """Return the speed m/s and yaw rate rad/s for now."""
+        p, fault = self.params, self._fault(now)
+        if fault:
+            self.reason = fault
+        elif self.reason:
+            self.reason = "" if self._wanted[0] == 0.0 else WAITING
+        seconds = min(max(now - self._passed_at, 0.0), 0.1)
+        self._passed_at = now
+        speed, yaw_rate = (0.0, 0.0) if self.reason else self._wanted
+        limited = self._towards(_clip(speed, p.max_speed), seconds)
+        basis, turn = self._last if self.reason or speed == 0.0 else (speed, yaw_rate)
+        yaw_rate = _clip(turn * limited / basis, p.max_yaw_rate) if basis else 0.0
+        self._last = (limited, yaw_rate)
+        return self._last
+
+    def _fault(self, now: float) -> str:
+        limit = self.params.deadline
+        if self.is_emergency:
+            return "emergency stop"
+        if now - self._command_at > limit:
+            return f"no command for more than {limit:g} s"
+        if self.params.is_heartbeat_required and now - self._beat_at > limit:
+            return f"no heartbeat for more than {limit:g} s"
+        return ""
+
+    def _towards(self, goal: float, seconds: float) -> float:
+        last = self._last[0]
+        goal = 0.0 if last * goal < 0.0 else goal
+        limit = self.params.max_acceleration if abs(goal) > abs(last) else self.params.max_deceleration
+        return last + _clip(goal - last, limit * seconds)
+
+
+def _clip(value: float, limit: float) -> float:
+    return min(max(value, -limit), limit)

@@ -1,0 +1,1 @@
+"""The ROS shells of path_follower and command_guard."""

@@ -1,0 +1,140 @@
+"""What the vehicle is driven by: poses and the localiser's status, or directions and what their source says."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import LaserScan
+from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
+
+from path_follower.follower import Follower
+from path_follower.homing import HomingFollower
+from path_follower.modes import State
+from path_follower.params import PathFollowerParams
+from path_follower.path import Pose2
+from path_follower.ros.clocks import Times
+from path_follower.safety import DEGRADED, TRUSTED
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.conversions import driving
+from sphere_nav.ros.endpoints import Endpoints
+from sphere_nav.ros.tf import TransformListener
+
+Answer = Callable[[int], None]  # publish the command that answers a message of this stamp
+
+
+class Answered:
+    """The newest stamp that was answered: a status without a pose is answered itself, where none is to come."""
+
+    def __init__(self, times: Times, answer: Answer) -> None:
+        self.stamp_ns = 0
+        self.times, self._answer = times, answer
+
+    def answer(self, stamp_ns: int) -> None:
+        """Answer a message."""
+        self.stamp_ns = max(self.stamp_ns, stamp_ns)
+        self._answer(stamp_ns)
+
+    def answer_bad_news(self, stamp_ns: int) -> None:
+        """Answer a message after which no pose is to come, if it is the first of its stamp, whatever that is."""
+        stamp_ns -= max(self.times.lead(stamp_ns), 0)
+        if stamp_ns > self.stamp_ns:
+            self.answer(stamp_ns)
+
+
+class PoseIntake:
+    """Poses of base_link in the map, or an odometry there, and the state of the localiser."""
+
+    def __init__(
+        self, endpoints: Endpoints, params: PathFollowerParams, follower: Follower, answered: Answered
+    ) -> None:
+        self._watch, self._follower, self._answered, self._params = follower.watch, follower, answered, params
+        if params.source == "pose":
+            self.topic = endpoints.add_subscription("pose", PoseWithCovarianceStamped, self.on_pose, qos.STATE).topic
+        else:
+            self.topic = endpoints.add_subscription("odometry", Odometry, self.on_odometry, qos.STATE).topic
+        needed = params.safety.is_status_required
+        endpoints.add_subscription("status", LocalizationStatus, self.on_status, qos.STATE, is_required=needed)
+
+    def on_pose(self, message: PoseWithCovarianceStamped) -> None:
+        """Answer a pose."""
+        self._accept(message, lambda: conversions.pose_with_covariance_to_se3(message, self._params.map_frame)[0])
+
+    def on_odometry(self, message: Odometry) -> None:
+        """Answer an odometry: pose and speed."""
+
+        def convert() -> Any:
+            driving.check_frames(message, self._params.map_frame, self._params.base_frame)
+            return conversions.odometry_to_se3(message)[0]
+
+        self._accept(message, convert, float(message.twist.twist.linear.x))
+
+    def _accept(self, message: Any, convert: Callable[[], Any], speed: float | None = None) -> None:
+        """Hand a pose on and answer it; ValueError for one that cannot be used, which stops the vehicle."""
+        stamp, is_bad = conversions.stamp_ns(message), True
+        try:
+            pose, is_bad = Pose2.of(convert()), False
+            time = self._answered.times.of(stamp)
+        except ValueError as error:
+            self._watch.refuse_pose(str(error), is_bad=is_bad)
+            raise
+        if self._watch.see_pose(pose, time):
+            self._follower.measured_speed = speed
+        self._answered.answer(stamp)
+
+    def on_status(self, message: LocalizationStatus) -> None:
+        """Hand on the state of the localiser; bad news counts at once, good news by its stamp."""
+        status, times = conversions.message_to_status(message), self._answered.times
+        stamp = conversions.stamp_ns(message)
+        is_good = status.state in (TRUSTED, DEGRADED)
+        time = times.of(stamp) if is_good else times.now()
+        self._watch.see_status(status.state, time, status.reason, status.age)
+        if not is_good:
+            self._answered.answer_bad_news(stamp)
+
+
+class DirectionIntake:
+    """Directions of mcl_depth, seen from base_link, and whether they may be followed."""
+
+    def __init__(
+        self, endpoints: Endpoints, params: PathFollowerParams, follower: HomingFollower, answered: Answered
+    ) -> None:
+        self._follower, self._answered, self._frame = follower, answered, params.base_frame
+        self.topic = endpoints.add_subscription("homing/direction", PoseStamped, self.on_direction, qos.STATE).topic
+        endpoints.add_subscription("homing/status", FollowerStatus, self.on_source, qos.STATE)
+
+    def on_direction(self, message: PoseStamped) -> None:
+        """Answer a direction: x of the pose."""
+        stamp = conversions.stamp_ns(message)
+        driving.check_frames(message, self._frame)
+        yaw = float(conversions.pose_to_se3(message.pose).yaw)
+        self._follower.see(yaw, self._answered.times.of(stamp))
+        self._answered.answer(stamp)
+
+    def on_source(self, message: FollowerStatus) -> None:
+        """Hand on whether the directions may be followed."""
+        stamp, times = conversions.stamp_ns(message), self._answered.times
+        state, way = driving.message_to_progress(message)
+        is_trusted, is_there = state == State.DRIVING, state == State.FINISHED
+        time = times.of(stamp) if is_trusted or is_there else times.now()
+        self._follower.see_source(is_trusted=is_trusted, is_there=is_there, way=way, now_ns=time)
+        if not is_trusted:
+            self._answered.answer_bad_news(stamp)
+
+
+class ScanIntake:
+    """Obstacles, seen from base_link."""
+
+    def __init__(self, endpoints: Endpoints, params: PathFollowerParams, follower: Follower, times: Times) -> None:
+        self._watch, self._times, self._frame = follower.watch, times, params.base_frame
+        self._tf = TransformListener(endpoints)
+        is_required = params.safety.is_scan_required
+        endpoints.add_subscription("scan", LaserScan, self.on_scan, qos.SENSOR, is_required=is_required)
+
+    def on_scan(self, message: LaserScan) -> None:
+        """Hand on the points of a scan."""
+        time = self._times.of(conversions.stamp_ns(message))
+        T_base_scan = self._tf.lookup(self._frame, message.header.frame_id)
+        self._watch.see_scan(T_base_scan.apply(driving.scan_to_points(message))[:, :2], time)

@@ -1,0 +1,89 @@
+"""Where the node gets its trajectory from: a file, a nav_msgs/Path, a ReferenceTrajectory, the call load_trajectory."""
+
+from __future__ import annotations
+
+import numpy as np
+from nav_msgs.msg import Path
+from sphere_nav_msgs.msg import ReferenceTrajectory
+from sphere_nav_msgs.srv import LoadTrajectory
+
+from path_follower.follower import Follower
+from path_follower.params import PathFollowerParams
+from path_follower.path import ReferencePath
+from path_follower.path_files import make_path, read_path
+from path_follower.taught import taught_speeds
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.conversions import driving
+from sphere_nav.ros.endpoints import Endpoints
+
+
+class TrajectoryIntake:
+    """Gives trajectories to the follower and shows the one in force. What cannot be read changes nothing."""
+
+    def __init__(self, endpoints: Endpoints, params: PathFollowerParams, follower: Follower) -> None:
+        """Open topics and the service; load the file where one is set."""
+        self.follower, self.log, self._now_ns = follower, endpoints.log, endpoints.now_ns
+        self.params = params
+        self.points = np.empty((0, 2))
+        self.shown = endpoints.add_publisher("~/trajectory", ReferenceTrajectory, qos.LATCHED)
+        endpoints.add_subscription("reference_path", Path, self.on_path, qos.LATCHED, is_required=False)
+        endpoints.add_subscription(
+            "reference_trajectory", ReferenceTrajectory, self.on_trajectory, qos.LATCHED, is_required=False
+        )
+        endpoints.add_service("~/load_trajectory", LoadTrajectory, self.on_load)
+        if self.params.trajectory:
+            self.follower.load(read_path(self.params.trajectory, self.params))
+
+    def tune(self, params: PathFollowerParams) -> None:
+        """Make trajectories with other values from now on, and show the one in force."""
+        self.params = params
+        self.show()
+
+    def on_path(self, message: Path) -> None:
+        """Use a nav_msgs/Path; the same path again changes nothing. Increasing stamps give the taught speed."""
+        driving.check_frames(message, self.params.map_frame)
+        poses = conversions.path_to_poses(message)
+        points = np.array([T_map_base.translation[:2] for _, T_map_base in poses]).reshape(-1, 2)
+        if len(points) and np.array_equal(points, self.points):
+            return
+        stamps = np.array([stamp for stamp, _ in poses], dtype=np.int64)
+        speeds = taught_speeds(points, stamps) if len(points) > 1 and np.all(np.diff(stamps) > 0) else None
+        yaw = np.array([float(T_map_base.yaw) for _, T_map_base in poses])
+        self.use(make_path(points, yaw, speeds, self.params))
+        self.points = points
+
+    def on_trajectory(self, message: ReferenceTrajectory) -> None:
+        """Use a reference trajectory."""
+        driving.check_frames(message, self.params.map_frame)
+        points, yaw, speeds = driving.message_to_trajectory(message)
+        self.use(make_path(points, yaw, speeds, self.params, is_closed=message.is_closed))
+
+    def on_load(self, request: LoadTrajectory.Request, response: LoadTrajectory.Response) -> LoadTrajectory.Response:
+        """Load a file; one that cannot be read leaves the present trajectory in force."""
+        try:
+            path = read_path(request.path, self.params)
+            self.use(path)
+        except (ValueError, OSError) as error:
+            response.success, response.message = False, str(error)
+            return response
+        response.success, response.num_points = True, len(path)
+        response.length, response.is_closed = path.length, path.is_closed
+        return response
+
+    def use(self, path: ReferencePath) -> None:
+        """Hand a trajectory to the follower, and show it."""
+        self.follower.load(path)
+        self.show()
+
+    def show(self) -> None:
+        """Publish the trajectory in force; say where the car cannot follow it."""
+        path = self.follower.path
+        if path is None:
+            return
+        self.shown.publish(driving.trajectory_to_message(path, self._now_ns(), self.params.map_frame))
+        sharpest, possible = path.max_curvature, self.params.vehicle.max_curvature
+        text = f"trajectory of {path.length:.1f} m, sharpest bend of {1 / max(sharpest, 1e-9):.1f} m radius"
+        if sharpest > possible:
+            self.log.warning(f"{text}: the car cannot turn tighter than {1 / possible:.1f} m")
+        else:
+            self.log.info(text)

@@ -1,0 +1,1 @@
+"""Images of boards -> lenses and poses of all cameras of a rig."""

@@ -1,0 +1,98 @@
+"""Markers and corners of ChArUco boards by OpenCV: the classes of 4.7 and later, the functions before them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from rig_calibration.boards.board import Board
+from rig_calibration.boards.views import Array, Indices
+
+Grey = NDArray[np.uint8]
+
+MIN_CORNERS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Markers:
+    """Corners (M,) of (1, 4, 2) and numbers (M,) of all markers of one dictionary in an image."""
+
+    corners: tuple[NDArray[np.float32], ...]
+    numbers: NDArray[np.int32]
+
+
+def check(board: Board) -> None:
+    """Raise ValueError where OpenCV has no such dictionary, or too few markers in it for the board."""
+    available = len(_dictionary(board.dictionary, board.name).bytesList)
+    last = board.first_marker + board.num_markers
+    if last > available:
+        raise ValueError(
+            f"board {board.name!r}: dictionary: expected {last} markers for {board.columns}x{board.rows} corners, "
+            f"found {available} in {board.dictionary}"
+        )
+
+
+def find_markers(grey: Grey, dictionary_name: str) -> Markers:
+    """Return the markers of a dictionary that an image (H, W) shows."""
+    dictionary = _dictionary(dictionary_name)
+    if _has_classes():
+        corners, numbers, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(grey)
+    else:
+        corners, numbers, _ = cv2.aruco.detectMarkers(grey, dictionary)
+    found = np.zeros(0, np.int32) if numbers is None else np.asarray(numbers, np.int32).ravel()
+    return Markers(tuple(np.asarray(item, np.float32).reshape(1, 4, 2) for item in corners), found)
+
+
+def find_corners(grey: Grey, board: Board, markers: Markers) -> tuple[Indices, Array] | None:
+    """Return numbers (n,) and pixels (n, 2) of the corners of a board whose markers were found."""
+    last = board.first_marker + board.num_markers
+    own = np.flatnonzero((markers.numbers >= board.first_marker) & (markers.numbers < last))
+    if len(own) < 2 or len(np.unique(markers.numbers[own])) < len(own):  # a marker twice: the board is, too
+        return None
+    corners, ids = [markers.corners[index] for index in own], markers.numbers[own].reshape(-1, 1)
+    if _has_classes():
+        found, numbers, _, _ = _detector(board).detectBoard(grey, None, None, corners, ids)
+    else:
+        _, found, numbers = cv2.aruco.interpolateCornersCharuco(
+            corners, ids - board.first_marker, grey, _old_pattern(board)
+        )
+    if found is None or numbers is None or len(numbers) < MIN_CORNERS:
+        return None
+    return np.asarray(numbers, dtype=np.intp).ravel(), np.asarray(found, dtype=np.float64).reshape(-1, 2)
+
+
+def _has_classes() -> bool:
+    return hasattr(cv2.aruco, "CharucoDetector")
+
+
+def _dictionary(name: str, board: str = "") -> Any:
+    number = getattr(cv2.aruco, name, None)
+    if not isinstance(number, int) or not name.startswith("DICT_"):
+        place = f"board {board!r}: " if board else ""
+        raise ValueError(f"{place}dictionary: expected a name such as DICT_4X4_250, found {name!r}")
+    return cv2.aruco.getPredefinedDictionary(number)
+
+
+def _detector(board: Board) -> Any:
+    """Return the detector of a board, by the classes of OpenCV since 4.7."""
+    numbers = np.arange(board.first_marker, board.first_marker + board.num_markers)
+    squares = (board.columns + 1, board.rows + 1)
+    dictionary = _dictionary(board.dictionary)
+    pattern = cv2.aruco.CharucoBoard(squares, board.square_m, board.marker_m, dictionary, numbers)
+    pattern.setLegacyPattern(board.is_legacy)
+    return cv2.aruco.CharucoDetector(pattern)
+
+
+def _old_pattern(board: Board) -> Any:
+    """Return the board for the functions before 4.7; they number its markers from 0 and know one pattern only."""
+    squares = (board.columns + 1, board.rows + 1)
+    if board.rows % 2 and not board.is_legacy:  # an even number of rows of squares: the pattern was turned since
+        raise ValueError(
+            f"board {board.name!r}: expected OpenCV 4.7 or later, or legacy, for {squares[1]} rows of squares, "
+            f"found OpenCV {cv2.__version__}"
+        )
+    return cv2.aruco.CharucoBoard_create(*squares, board.square_m, board.marker_m, _dictionary(board.dictionary))

@@ -1,0 +1,93 @@
+"""What is wrong with the input, told before anything is calibrated.
+
+Whether the joint adjustment says of every camera what its own images say: if not, instants were none.
+
+Where images that are taken for one instant were not taken at one, the rig cannot be rigid in the adjustment, and lenses
+or residuals bear it. Either test raises a false alarm once in a thousand calibrations of a camera: a lens by chi2 (the
+joint estimate is the better one, so their difference varies less than the single one), residuals by F.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2, f
+
+from rig_calibration.boards.board import Board
+from rig_calibration.boards.intrinsics import SingleCamera
+from rig_calibration.boards.views import View
+from rig_calibration.params import CalibrationParams
+
+Array = NDArray[np.float64]
+
+FALSE_ALARM = 1e-3
+ERRORS_OF_VIEW = 6  # independent ones: neighbouring corners of a view err alike
+REMEDY = "were the images of each instant taken at one time, with board and rig at rest?"
+
+
+def disagreements(names: Sequence[str], singles: Sequence[SingleCamera], lenses: Array, rms_px: Array) -> list[str]:
+    """Return a line for every camera whose joint lens (C, 12) or RMS residual (C,) disagrees with its own."""
+    if len(names) < 2:
+        return []
+    lines = []
+    for name, single, lens, rms in zip(names, singles, lenses, rms_px, strict=True):
+        found = []
+        number = ERRORS_OF_VIEW * max(single.num_views, 1)
+        if rms**2 > single.rms_px**2 * f.isf(FALSE_ALARM, number, number):
+            found.append(f"residuals of {rms:.2f} px in place of {single.rms_px:.2f}")
+        if (chance := lens_chance(single, lens)) < FALSE_ALARM:
+            std = np.sqrt(np.diag(single.lens_covariance))
+            change = lens - single.lens
+            worst = int(np.argmax(np.abs(change[:4]) / np.maximum(std[:4], 1e-12)))
+            what = ("fx", "fy", "cx", "cy")[worst]
+            found.append(f"{what} moved by {change[worst]:+.2f} px of σ {std[worst]:.2f} (chance {chance:.1g})")
+        if found:
+            lines.append(f"{name}: by itself and with the others it is not the same camera: {'; '.join(found)}")
+    return [*lines, REMEDY] if lines else []
+
+
+def lens_chance(single: SingleCamera, lens: Array) -> float:
+    """Return how often chance alone would move a lens (12,) so far from the camera's own."""
+    free = np.diag(single.lens_covariance) > 0
+    scale = np.sqrt(np.diag(single.lens_covariance)[free])
+    change = (lens - single.lens)[free] / scale
+    correlation = single.lens_covariance[np.ix_(free, free)] / scale / scale[:, None]
+    if not np.all(np.isfinite(correlation)):
+        return 1.0
+    return float(chi2.sf(change @ np.linalg.solve(correlation, change), int(free.sum())))
+
+
+def check_views(
+    cameras: Sequence[str], boards: Sequence[Board], views: Sequence[View], params: CalibrationParams
+) -> None:
+    """Raise ValueError where no board was found at all, or too rarely by one camera."""
+    sizes = ", ".join(f"{board.columns}x{board.rows} {board.kind}" for board in boards)
+    hint = "a board is counted in inner corners, one less than squares"
+    if not views:
+        raise ValueError(f"boards: expected a {sizes} in some images, found none in any of them; {hint}")
+    count = Counter(view.camera for view in views if len(view.corners) >= params.min_corners)
+    for name in cameras:
+        if not count[name]:
+            raise ValueError(f"camera {name}: expected a {sizes} in some of its images, found none")
+        if count[name] < params.min_views:
+            raise ValueError(
+                f"camera {name}: expected a board in at least {params.min_views} of its images, found {count[name]}"
+            )
+    numbers = {board.name: board.num_corners for board in boards}
+    for view in views:
+        if view.board not in numbers or len(view.corners) != len(view.pixels) or not np.all(np.isfinite(view.pixels)):
+            raise ValueError(f"view {view.label}: expected finite corners of a known board")
+
+
+def check_joined(cameras: Sequence[str], joined: set[int]) -> None:
+    """Raise ValueError naming the cameras that nothing joins to the first one."""
+    apart = [name for index, name in enumerate(cameras) if index not in joined]
+    if apart:
+        together = ", ".join(name for index, name in enumerate(cameras) if index in joined)
+        raise ValueError(
+            f"cameras: expected all to be joined by boards seen at the same instant, found {', '.join(apart)} "
+            f"apart from {together}; images of one instant need the same name or number"
+        )

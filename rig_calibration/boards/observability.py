@@ -1,0 +1,128 @@
+"""How well the images determine the rig: standard deviations from the information, and which axes stay open."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig_calibration.boards.bundle import information
+from rig_calibration.boards.lens import NUM_LENS
+from rig_calibration.boards.state import SHARED, Problem, State
+from rig_calibration.params import CalibrationParams
+from sphere_nav.geometry import SE3, so3
+
+Array = NDArray[np.float64]
+
+OPEN_EIGENVALUE = 1e-11  # of the information scaled to a diagonal of one
+OPEN_SHARE = 1e-3  # of a parameter in an open direction that makes it open itself
+OPEN_FACTOR = 10.0  # an axis this much worse than the warning's limit is called unobservable
+AXES = ("x (forward)", "y (left)", "z (up)", "roll (about x)", "pitch (about y)", "yaw (about z)")
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """Covariances of the adjustment: of lenses (C, 12, 12) and of poses (C, 6, 6), inf on axes that stay open.
+
+    Poses are tangents (v, omega) of `T_rig_camera @ exp(xi)` turned into the axes of the rig: xi_rig = R_rig_camera xi.
+    """
+
+    noise_px: float
+    lenses: Array
+    poses: Array
+
+    @property
+    def lens_std(self) -> Array:
+        """Standard deviations (C, 12) of the lens parameters."""
+        return np.sqrt(np.diagonal(self.lenses, axis1=1, axis2=2))
+
+    @property
+    def pose_std(self) -> Array:
+        """Standard deviations (C, 6) along and about the axes of the rig, in metres and radians."""
+        return np.sqrt(np.diagonal(self.poses, axis1=1, axis2=2))
+
+
+def spread(problem: Problem, state: State, errors: Array, kept: Array) -> Spread:
+    """Return the covariances at a solution with residuals (N, 2); the noise is estimated from these."""
+    reduced = information(problem, state, kept)
+    free = np.flatnonzero(problem.is_free & (np.diag(reduced) > 0))
+    num_poses = len(np.unique(problem.seen.instant[problem.seen.view[kept > 0]]))
+    num_left = max(2 * int(np.count_nonzero(kept)) - len(free) - 6 * num_poses, 1)
+    noise = float(np.sqrt(np.sum(errors[kept > 0] ** 2) / num_left))
+    covariance = np.zeros_like(reduced)
+    covariance[np.ix_(free, free)] = noise**2 * _inverse(reduced[np.ix_(free, free)])
+    return _by_camera(covariance, state.T_rig_camera, noise)
+
+
+def warnings(names: tuple[str, ...], found: Spread, T_world_rig: SE3, params: CalibrationParams) -> list[str]:
+    """Return one line for every axis of a camera that is not, or only weakly, determined."""
+    limits = np.repeat([params.max_position_std_m, np.radians(params.max_rotation_std_deg)], 3)
+    lines = []
+    for name, std in zip(names, found.pose_std, strict=True):
+        for axis in np.flatnonzero(std > limits):
+            size = _size(float(std[axis]), int(axis))
+            if std[axis] > OPEN_FACTOR * limits[axis]:
+                lines.append(f"{name}: {AXES[axis]} cannot be observed ({size})")
+            else:
+                lines.append(f"{name}: {AXES[axis]} is weakly observed ({size})")
+    if lines:
+        lines.append(f"the rig {motion(T_world_rig)}: {REMEDY}")
+    return lines
+
+
+REMEDY = "tilt it (roll and pitch) in front of the boards, or let neighbouring cameras see one board at once"
+
+
+def motion(T_world_rig: SE3) -> str:
+    """Return in words how much the rig turned about its axes and how far it moved."""
+    middle = T_world_rig.matrix[len(T_world_rig.matrix) // 2]
+    between = SE3(middle).inverse() @ T_world_rig
+    turns = np.degrees(np.ptp(so3.log(between.rotation), axis=0))
+    way = np.ptp(between.translation, axis=0)
+    return (
+        f"turned by {turns[0]:.1f}° roll, {turns[1]:.1f}° pitch, {turns[2]:.1f}° yaw and moved by "
+        f"{way[0]:.2f}, {way[1]:.2f}, {way[2]:.2f} m (forward, left, up)"
+    )
+
+
+def _size(std: float, axis: int) -> str:
+    if not np.isfinite(std):
+        return "nothing in the images depends on it"
+    return f"standard deviation {1e3 * std:.1f} mm" if axis < 3 else f"standard deviation {np.degrees(std):.2f}°"
+
+
+def _inverse(matrix: Array) -> Array:
+    """Return the inverse of an information matrix, inf on the diagonal where it is singular."""
+    scale = 1.0 / np.sqrt(np.diag(matrix))
+    eigenvalues, vectors = np.linalg.eigh(matrix * scale * scale[:, None])
+    is_open = eigenvalues < OPEN_EIGENVALUE
+    inverse = (vectors[:, ~is_open] / eigenvalues[~is_open]) @ vectors[:, ~is_open].T * scale * scale[:, None]
+    share = np.sum(vectors[:, is_open] ** 2, axis=1)
+    lost = np.flatnonzero(share > OPEN_SHARE)
+    inverse[lost, lost] = np.inf
+    result: Array = inverse
+    return result
+
+
+def _by_camera(covariance: Array, T_rig_camera: SE3, noise: float) -> Spread:
+    lenses, poses = [], []
+    for camera, R in enumerate(T_rig_camera.rotation):
+        first = SHARED * camera
+        lenses.append(covariance[first : first + NUM_LENS, first : first + NUM_LENS])
+        rows = slice(first + NUM_LENS, first + SHARED)
+        poses.append(_rotate_covariance(covariance[rows, rows], R))
+    return Spread(noise, np.stack(lenses), np.stack(poses))
+
+
+def _rotate_covariance(covariance: Array, R: Array) -> Array:
+    """Turn a covariance (6, 6) into other axes; an open axis stays open along all axes it has a part of."""
+    both = np.zeros((6, 6))
+    both[:3, :3] = both[3:, 3:] = R
+    is_open = np.isinf(np.diag(covariance))
+    finite = np.where(np.isinf(covariance), 0.0, covariance)
+    turned = both @ finite @ both.T
+    lost = (np.abs(both[:, is_open]) > 0.03).any(axis=1) if is_open.any() else np.zeros(6, dtype=bool)
+    turned[lost, lost] = np.inf
+    result: Array = turned
+    return result

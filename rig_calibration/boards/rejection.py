@@ -1,0 +1,131 @@
+"""Robust adjustment: Huber's weights first, then false corners and views out, again and again, then plain squares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig_calibration.boards.bundle import Solution, solve
+from rig_calibration.boards.linearize import residuals
+from rig_calibration.boards.state import Problem, State
+from rig_calibration.boards.views import Observations
+from rig_calibration.params import CalibrationParams
+
+Array = NDArray[np.float64]
+
+MAX_ROUNDS = 8
+MIN_SHARE = 0.5  # of its corners that must fit for a view to count at all
+MEDIAN_LENGTH = 1.1774  # median length of a residual whose two parts have a standard deviation of 1
+FLOOR_RATIO = 3.0  # a view is left out from this multiple of `min_residual_px` on, whatever the others are like
+
+
+@dataclass(frozen=True, eq=False)
+class Adjusted:
+    """A solution, the weights (N,) 0 or 1 of the corners, and why views were left out, by their index."""
+
+    solution: Solution
+    kept: Array
+    dropped: dict[int, str]
+
+
+def adjust(
+    problem: Problem,
+    start: State,
+    kept: Array,
+    params: CalibrationParams,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Adjusted:
+    """Adjust until the same corners are rejected; those that come with weight 0, and views once left out, stay out."""
+    seen = problem.seen
+    dropped: dict[int, str] = {}
+    allowed = kept
+    solution = solve(problem, start, kept, _huber_px(problem, start, kept, params), max_iterations=25)
+    for number in range(MAX_ROUNDS):
+        progress(f"adjusting, round {number + 1}: {_rms(solution.residuals, kept):.3f} px")
+        remaining, found = reject(seen, solution.residuals, allowed, params)
+        dropped |= found
+        is_settled = number > 0 and np.array_equal(remaining, kept)
+        allowed, kept = _without(seen, allowed, dropped), remaining
+        if is_settled:
+            break
+        huber_px = params.huber_width * noise_px(solution.residuals, kept)
+        solution = solve(problem, solution.state, kept, huber_px, max_iterations=25)
+    return Adjusted(solve(problem, solution.state, kept), kept, dropped)
+
+
+def reject(seen: Observations, errors: Array, kept: Array, params: CalibrationParams) -> tuple[Array, dict[int, str]]:
+    """Return which corners (N,) remain, and the views that are left out with the reason.
+
+    A corner is judged by the scatter of its camera, from medians that half of all corners being false does not move.
+    A view is judged by its median corner, so that a few false ones cost no more than themselves. A false view pulls
+    the rig pose of its instant and with it the other views there: of one instant only the worst goes at a time.
+    """
+    remaining = kept.copy()
+    size = np.linalg.norm(np.nan_to_num(errors, nan=1e6), axis=-1)
+    typical = view_medians(seen, size, kept)
+    excess, usual = np.zeros(seen.num_views), np.zeros(seen.num_views)
+    for camera, rows in seen.camera_slices:
+        own = np.flatnonzero((seen.camera == camera) & np.isfinite(typical))
+        if not own.size:
+            continue
+        usual[own] = np.median(typical[own])
+        excess[own] = typical[own] / np.maximum(params.view_ratio * usual[own], FLOOR_RATIO * params.min_residual_px)
+        limit = max(params.corner_limit * noise_px(errors[rows], kept[rows]), params.min_residual_px)
+        is_false = (size[rows] > limit) & (excess[seen.view[rows]] <= 1.0)
+        remaining[rows] = np.where(is_false, 0.0, remaining[rows])
+    dropped = {}
+    for view in _worst_of_instants(seen, excess):
+        remaining[seen.view == view] = 0.0
+        dropped[view] = f"median residual {typical[view]:.2f} px, others of this camera {usual[view]:.2f} px"
+    return _drop_poor(seen, remaining, kept, dropped, params)
+
+
+def view_medians(seen: Observations, size: Array, kept: Array) -> Array:
+    """Return the median (V,) of the lengths (N,) of the residuals of each view, NaN where no corner counts."""
+    slices = (slice(first, last) for first, last in zip(seen.starts[:-1], seen.starts[1:], strict=True))
+    found = [np.median(size[rows][kept[rows] > 0]) if np.any(kept[rows] > 0) else np.nan for rows in slices]
+    return np.array(found)
+
+
+def _worst_of_instants(seen: Observations, excess: Array) -> list[int]:
+    """Return the views over their limit, of each instant the one that is most."""
+    worst: dict[int, int] = {}
+    for view in np.flatnonzero(excess > 1.0):
+        instant = int(seen.instant[view])
+        if instant not in worst or excess[view] > excess[worst[instant]]:
+            worst[instant] = int(view)
+    return sorted(worst.values())
+
+
+def noise_px(errors: Array, kept: Array) -> float:
+    """Return a robust standard deviation of one coordinate of the residuals (N, 2), never quite zero."""
+    size = np.linalg.norm(errors[kept > 0], axis=-1)
+    return max(float(np.median(size)) / MEDIAN_LENGTH, 1e-9) if size.size else 1e-9
+
+
+def _without(seen: Observations, allowed: Array, dropped: dict[int, str]) -> Array:
+    """Return the corners that may come back: all but those of the views that were left out."""
+    return np.where(np.isin(seen.view, list(dropped)), 0.0, allowed)
+
+
+def _drop_poor(
+    seen: Observations, remaining: Array, kept: Array, dropped: dict[int, str], params: CalibrationParams
+) -> tuple[Array, dict[int, str]]:
+    count = np.bincount(seen.view, remaining, minlength=seen.num_views)
+    before = np.bincount(seen.view, kept, minlength=seen.num_views)
+    least = np.maximum(params.min_corners, MIN_SHARE * seen.counts)
+    for view in np.flatnonzero((count < least) & (before > 0)):
+        remaining[seen.view == view] = 0.0
+        dropped.setdefault(int(view), f"{count[view]:.0f} of {seen.counts[view]:.0f} corners fit")
+    return remaining, dropped
+
+
+def _huber_px(problem: Problem, start: State, kept: Array, params: CalibrationParams) -> float:
+    return params.huber_width * noise_px(residuals(problem, start), kept)
+
+
+def _rms(errors: Array, kept: Array) -> float:
+    return float(np.sqrt(np.sum(errors[kept > 0] ** 2) / max(int(np.count_nonzero(kept)), 1)))

@@ -1,0 +1,88 @@
+"""A calibration as plain values for JSON, and as a picture of residuals and coverage of every camera."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig_calibration.boards.validation import camera_rms
+from rig_calibration.calibrate import Calibration
+
+Array = NDArray[np.float64]
+
+CELLS = (8, 6)
+
+
+def as_mapping(calibration: Calibration) -> dict[str, Any]:
+    """Return everything worth knowing; null where a number is not known or an axis cannot be observed."""
+    rms = camera_rms(calibration.start.problem, calibration.residuals, calibration.kept)
+    covered = coverage(calibration)
+    cameras = {}
+    for index, spec in enumerate(calibration.specs):
+        camera = calibration.camera(index)
+        std, halves = calibration.spread.pose_std[index], calibration.validation.halves[index]
+        num_lens = 8 if spec.model == "fisheye" else 4 + calibration.start.problem.num_distortion
+        cameras[spec.name] = {
+            "model": spec.model,
+            "lens": [float(value) for value in camera.coefficients[:num_lens]],
+            "lens_std": _finite(calibration.spread.lens_std[index][:num_lens]),
+            "rms_px": float(rms[index]),
+            "held_out_rms_px": _finite(calibration.validation.held_out_px[index : index + 1])[0],
+            "coverage_percent": float(covered[index]),
+            "position_std_mm": _finite(1e3 * std[:3]),
+            "rotation_std_deg": _finite(np.degrees(std[3:])),
+            "halves_position_mm": _finite(1e3 * halves[:3]),
+            "halves_rotation_deg": _finite(np.degrees(halves[3:])),
+        }
+    return {
+        "cameras": cameras,
+        "rms_px": float(np.sqrt(np.sum(calibration.residuals[calibration.kept > 0] ** 2) / calibration.kept.sum())),
+        "noise_px": calibration.spread.noise_px,
+        "num_views": len(calibration.start.views),
+        "rejected_views": calibration.dropped,
+        "rejected_corners": int(np.count_nonzero(calibration.kept == 0)),
+        "warnings": calibration.warnings,
+    }
+
+
+def coverage(calibration: Calibration) -> Array:
+    """Return the part of 8 x 6 cells of every image that a corner fell into (C,), in percent."""
+    seen = calibration.start.problem.seen
+    found = np.zeros(len(calibration.specs))
+    for index, rows in seen.camera_slices:
+        pixels = seen.pixels[rows][calibration.kept[rows] > 0]
+        cell = np.floor(pixels / calibration.specs[index].size * CELLS).astype(int)
+        found[index] = 100.0 * len(np.unique(cell, axis=0)) / (CELLS[0] * CELLS[1])
+    return found
+
+
+def draw(calibration: Calibration, path: Path) -> None:
+    """Draw where corners were seen, coloured by residual, and the residuals themselves, one column for a camera."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    seen, count = calibration.start.problem.seen, len(calibration.specs)
+    figure = Figure(figsize=(3.2 * count, 5.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(2, count, squeeze=False)
+    limit = max(3.0 * calibration.spread.noise_px, 1e-3)
+    rms, covered = camera_rms(calibration.start.problem, calibration.residuals, calibration.kept), coverage(calibration)
+    for index, rows in seen.camera_slices:
+        spec, kept = calibration.specs[index], calibration.kept[rows] > 0
+        pixels, errors = seen.pixels[rows], np.nan_to_num(calibration.residuals[rows])
+        size = np.linalg.norm(errors, axis=-1)
+        points = axes[0, index].scatter(*pixels[kept].T, c=size[kept], s=2, vmin=0, vmax=limit)
+        axes[0, index].plot(*pixels[~kept].T, "rx", ms=3)
+        title = f"{spec.name}\nRMS {rms[index]:.3f} px, {covered[index]:.0f} % covered"
+        axes[0, index].set(title=title, xlim=(0, spec.size[0]), ylim=(spec.size[1], 0), aspect="equal")
+        axes[1, index].plot(*errors[kept].T, ".", ms=1.5)
+        axes[1, index].set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal", xlabel="residual in px")
+    figure.colorbar(points, ax=list(axes[0]), label="residual in px", shrink=0.8)
+    figure.savefig(path, dpi=110)
+
+
+def _finite(values: Array) -> list[float | None]:
+    return [float(value) if np.isfinite(value) else None for value in values]

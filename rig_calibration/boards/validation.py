@@ -1,0 +1,85 @@
+"""How good the rig is on images it was not made from, and how alike it comes out of two halves of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig_calibration.boards.bundle import solve
+from rig_calibration.boards.linearize import residuals
+from rig_calibration.boards.rejection import noise_px
+from rig_calibration.boards.state import Problem, State
+from rig_calibration.params import CalibrationParams
+from sphere_nav.geometry import so3
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Validation:
+    """Per camera: held-out RMS (C,) in pixels, and the difference (C, 6) between halves in metres and radians.
+
+    NaN where too few images are left. Differences are along and about the axes of the rig.
+    """
+
+    held_out_px: Array
+    halves: Array
+
+
+def validate(problem: Problem, state: State, kept: Array, params: CalibrationParams) -> Validation:
+    """Repeat the calibration on parts of the instants."""
+    number = np.arange(len(state.T_world_rig.matrix))
+    is_held = number % params.held_out_every == params.held_out_every - 1
+    held_out = _hold_out(problem, state, kept, is_held, params)
+    halves = [_part(problem, state, kept, number % 2 == half, params) for half in (0, 1)]
+    return Validation(held_out, _difference(halves[0], halves[1], len(problem.models)))
+
+
+def camera_rms(problem: Problem, errors: Array, kept: Array) -> Array:
+    """Return the RMS (C,) of each camera over the corners that count, NaN without any."""
+    found = np.full(len(problem.models), np.nan)
+    for camera, rows in problem.seen.camera_slices:
+        count = np.count_nonzero(kept[rows])
+        if count:
+            found[camera] = np.sqrt(np.sum(errors[rows][kept[rows] > 0] ** 2) / count)
+    return found
+
+
+def _hold_out(
+    problem: Problem, state: State, kept: Array, is_held: NDArray[np.bool_], params: CalibrationParams
+) -> Array:
+    """Calibrate without some instants, then find only where the rig was at these."""
+    rest = _part(problem, state, kept, ~is_held, params)
+    if rest is None or not is_held.any():
+        return np.full(len(problem.models), np.nan)
+    weights = kept * is_held[problem.seen.instant[problem.seen.view]]
+    still = problem.fixed(lenses=True, extrinsics=True, boards=True)
+    try:
+        huber_px = 3.0 * noise_px(residuals(still, rest), weights)
+        found = solve(still, rest, weights, huber_px)
+    except ValueError:  # a point behind a camera
+        return np.full(len(problem.models), np.nan)
+    return camera_rms(problem, found.residuals, weights)
+
+
+def _part(
+    problem: Problem, state: State, kept: Array, is_used: NDArray[np.bool_], params: CalibrationParams
+) -> State | None:
+    """Calibrate from some instants (I,); None where a camera has too few views among them."""
+    seen = problem.seen
+    weights = kept * is_used[seen.instant[seen.view]]
+    views = np.bincount(seen.view, weights, minlength=seen.num_views) > 0
+    count = np.bincount(seen.camera[views], minlength=len(problem.models))
+    if count.min() < params.min_views:
+        return None
+    return solve(problem, state, weights).state
+
+
+def _difference(first: State | None, second: State | None, num_cameras: int) -> Array:
+    if first is None or second is None:
+        return np.full((num_cameras, 6), np.nan)
+    moved = second.T_rig_camera.translation - first.T_rig_camera.translation
+    turn = so3.log(second.T_rig_camera.rotation @ np.swapaxes(first.T_rig_camera.rotation, -1, -2))
+    return np.concatenate([moved, turn], axis=-1)

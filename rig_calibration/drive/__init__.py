@@ -1,0 +1,1 @@
+"""A drive -> lens, mounting and depth camera."""

@@ -1,0 +1,149 @@
+"""One image of a drive in a map: its residuals and their derivatives by lens, readout, pose and light.
+
+The pixels of the map that an image of a drive is compared with, level by level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rig_calibration.drive.drive_lens import Lens
+from sphere_nav.estimation.elimination import Part
+from sphere_nav.estimation.robust import weigh
+from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.cameras.rolling_shutter import project_rolling, row_share
+from sphere_nav.photometric import Pyramid, View
+from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
+from sphere_nav.photometric.pixels.selection import select
+
+NUM_PIXELS = 6_000  # of each level, the most salient
+NUM_LEVELS = 3
+ROWS_OF_POINT, ROW_OF_GREY = slice(0, 3), 3  # of a block (sphere_nav/photometric/align/iteration/kernels.py)
+
+
+def collect(pyramid: Pyramid, view: View, T_map_camera: SE3, velocity: NDArray[np.float64]) -> DriveImage:
+    """Return an image with the most salient pixels of a reference that it should show from a pose."""
+    T_camera_reference = T_map_camera.inverse() @ view.T_world_reference
+    levels = []
+    for level in pyramid.levels[:NUM_LEVELS]:
+        chosen = select(view.reference.level_like(level.camera), T_camera_reference, level.camera, NUM_PIXELS)
+        blocks = chosen.blocks.reshape(-1, BLOCK // SIDE, SIDE).transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)
+        blocks = blocks[:, : chosen.num_pixels].astype(np.float64)
+        points_map = view.T_world_reference.apply(blocks[ROWS_OF_POINT].T)
+        levels.append(LevelData(level.image.astype(np.float32), points_map, blocks[ROW_OF_GREY]))
+    return DriveImage(tuple(levels), T_map_camera, velocity)
+
+
+Array = NDArray[np.float64]
+Plane = NDArray[np.float32]
+
+OWN = 8  # pose (v, omega), gain, bias: what each image has of its own
+HUBER = 1.345  # standard deviations, M15 eq. 34
+MIN_SIGMA = 0.5  # grey levels
+MIN_PIXELS = 100
+MARGIN = 1.0  # px from the border
+
+
+@dataclass(frozen=True, eq=False)
+class LevelData:
+    """One level: image (H, W) float32, points (N, 3) m of the map that it should show, their grey levels (N,)."""
+
+    image: Plane
+    points_map: Array
+    grey: Array
+
+
+@dataclass(frozen=True, eq=False)
+class DriveImage:
+    """An image from full size to coarse, where it was taken, and the camera's velocity (6,) (v, omega) per second."""
+
+    levels: tuple[LevelData, ...]
+    T_map_camera: SE3
+    velocity: Array
+
+
+@dataclass(frozen=True)
+class ImageState:
+    """What is estimated of one image; gain and bias map its grey levels to the map's."""
+
+    T_map_camera: SE3
+    gain: float = 1.0
+    bias: float = 0.0
+
+    def moved(self, step: Array) -> ImageState:
+        """Return the state after a step (8,)."""
+        return ImageState(self.T_map_camera @ SE3.exp(step[:6]), self.gain + step[6], self.bias + step[7])
+
+
+def linearize(image: DriveImage, state: ImageState, lens: Lens, level: int) -> Part:
+    """Return the robust normal equations of one image over lens, readout, pose, gain and bias."""
+    return weigh_part(*differentiate(image, state, lens, level))
+
+
+def weigh_part(residual: Array, J: Array) -> Part:
+    """Return the robust normal equations of residuals (N,) with derivatives (N, columns); too few say nothing."""
+    num_columns = J.shape[1]
+    if len(residual) < MIN_PIXELS:
+        return Part(np.zeros((num_columns, num_columns)), np.zeros(num_columns), 0, MIN_SIGMA)
+    weight, sigma = weigh(residual, HUBER, MIN_SIGMA)
+    weighted = J * weight[:, None]
+    return Part(weighted.T @ J, weighted.T @ residual, len(residual), sigma)
+
+
+def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) -> tuple[Array, Array]:
+    """Return the residuals (N,) of the pixels in view and their derivative (N, P + 8)."""
+    data, camera = image.levels[level], lens.level(level)
+    points = state.T_map_camera.inverse().apply(data.points_map)
+    pixels, _ = project_rolling(camera, points, lens.readout * image.velocity)
+    seen = inner(pixels, camera)
+    points, pixels = points[seen], pixels[seen]
+    current, gradient = sample(data.image, pixels)
+    J_point = camera.J_project(points)
+    motion = np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -_cross(points)], axis=2)  # v + w x p
+    J_motion = -J_point @ motion
+    share = row_share(pixels[:, 1], camera.height)
+    J_shared = lens.J_lens(points, level)
+    J_shared[:, :, -1] = share[:, None] * (J_motion @ image.velocity)
+    by_pixel = state.gain * gradient
+    columns = (
+        np.einsum("ni,nip->np", by_pixel, J_shared),
+        np.einsum("ni,nip->np", by_pixel, J_motion),
+        current[:, None],
+        np.ones((len(points), 1)),
+    )
+    return state.gain * current + state.bias - data.grey[seen], np.concatenate(columns, axis=1)
+
+
+def inner(pixels: Array, camera: Camera) -> NDArray[np.bool_]:
+    """Say which pixels (N, 2) lie within the image, away from its border; NaN does not."""
+    u, v = pixels.T
+    with np.errstate(invalid="ignore"):
+        return np.asarray(
+            (u >= MARGIN) & (v >= MARGIN) & (u <= camera.width - 1 - MARGIN) & (v <= camera.height - 1 - MARGIN)
+        )
+
+
+def sample(image: Plane, pixels: Array) -> tuple[Array, Array]:
+    """Return grey levels (N,) and their gradient (N, 2) at pixels (N, 2), bilinear."""
+    height, width = image.shape
+
+    def at(du: float, dv: float) -> Array:
+        u, v = np.clip(pixels[:, 0] + du, 0.0, width - 1.001), np.clip(pixels[:, 1] + dv, 0.0, height - 1.001)
+        column, row = u.astype(np.int64), v.astype(np.int64)
+        u, v = u - column, v - row  # cv2.remap knows no finer steps than 1/32 px
+        top = image[row, column] * (1.0 - u) + image[row, column + 1] * u
+        bottom = image[row + 1, column] * (1.0 - u) + image[row + 1, column + 1] * u
+        return np.asarray(top * (1.0 - v) + bottom * v)
+
+    gradient = np.stack([at(0.5, 0.0) - at(-0.5, 0.0), at(0.0, 0.5) - at(0.0, -0.5)], axis=-1)
+    return at(0.0, 0.0), gradient
+
+
+def _cross(p: Array) -> Array:
+    """Return the matrices (N, 3, 3) of the cross product p x."""
+    out = np.zeros((len(p), 3, 3))
+    out[:, 0, 1], out[:, 0, 2], out[:, 1, 2] = -p[:, 2], p[:, 1], -p[:, 0]
+    return out - np.swapaxes(out, 1, 2)

@@ -1,0 +1,93 @@
+"""The parameters of a camera that a drive refines, as one vector."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import Camera, Fisheye, Pinhole
+from sphere_nav.geometry.cameras.rolling_shutter import MAX_READOUT_S
+
+Array = NDArray[np.float64]
+
+NAMES: dict[str, tuple[str, ...]] = {
+    "pinhole": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "readout"),
+    "fisheye": ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4", "readout"),
+}
+# Standard deviations before the drive: shares of the focal length and of the image's width, plain numbers, seconds.
+FOCAL_SHARE, CENTRE_SHARE, READOUT_S = 0.1, 0.05, 0.02
+DISTORTION = {"pinhole": (0.3, 0.3, 0.01, 0.01), "fisheye": (0.1, 0.1, 0.1, 0.1)}
+FLOOR = 5e-3  # of those: what sampling of image and map leaves however many images there are
+RELATIVE_STEP = 1e-3  # of numerical derivatives, in those standard deviations
+
+
+@dataclass(frozen=True)
+class Lens:
+    """A pinhole or fisheye camera with its readout time in s."""
+
+    camera: Pinhole | Fisheye
+    readout: float = 0.0
+
+    @staticmethod
+    def of(camera: Camera, readout: float = 0.0) -> Lens:
+        """Return the lens of a camera; ValueError for a model that is not refined."""
+        if isinstance(camera, Fisheye):
+            return Lens(camera, readout)
+        if not isinstance(camera, Pinhole):
+            raise ValueError(f"camera: expected pinhole or fisheye, found {camera.model}")
+        if any(camera.distortion[4:]):
+            raise ValueError(f"distortion: expected k1 k2 p1 p2 at most, found {camera.distortion}")
+        padded = (*camera.distortion, 0.0, 0.0, 0.0, 0.0)[:4]
+        return Lens(replace(camera, distortion=padded), readout)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return NAMES[self.camera.model]
+
+    @property
+    def values(self) -> Array:
+        """The parameters (P,)."""
+        c = self.camera
+        return np.array([c.fx, c.fy, c.cx, c.cy, *c.distortion, self.readout])
+
+    @property
+    def prior_sigma(self) -> Array:
+        """Standard deviations (P,) of what is known of a camera that nobody calibrated."""
+        c = self.camera
+        lengths = (FOCAL_SHARE * c.fx, FOCAL_SHARE * c.fy, CENTRE_SHARE * c.width, CENTRE_SHARE * c.width)
+        return np.array([*lengths, *DISTORTION[c.model], READOUT_S])
+
+    def moved(self, step: Array) -> Lens:
+        """Return the lens with a step (P,) added; the readout stays within 0 and its limit."""
+        fx, fy, cx, cy, *distortion, readout = (self.values + step).tolist()
+        camera = replace(self.camera, fx=fx, fy=fy, cx=cx, cy=cy, distortion=tuple(distortion))
+        return Lens(camera, min(max(readout, 0.0), MAX_READOUT_S))
+
+    def level(self, index: int) -> Camera:
+        """Return the camera of a level of the pyramid."""
+        camera: Camera = self.camera
+        for _ in range(index):
+            camera = camera.halve()
+        return camera
+
+    def J_lens(self, points: Array, index: int) -> Array:
+        """Return the derivative (N, 2, P) of the pixels of points (N, 3) at a level, 0 by the readout."""
+        J, camera, share = np.zeros((len(points), 2, len(self.names))), self.level(index), 0.5**index
+        pixels, _ = camera.project(points)
+        f, c = self.values[:2] * share, self.level_centre(index)
+        for k in range(2):  # fx, fy; cx, cy
+            J[:, k, k], J[:, k, 2 + k] = (pixels[:, k] - c[k]) / f[k] * share, share
+        for k, size in enumerate(RELATIVE_STEP * self.prior_sigma[4:-1], start=4):
+            step = np.zeros(len(self.names))
+            step[k] = size
+            after, before = (lens.level(index).project(points)[0] for lens in (self.moved(step), self.moved(-step)))
+            J[:, :, k] = (after - before) / (2.0 * size)
+        return J
+
+    def level_centre(self, index: int) -> tuple[float, float]:
+        """Return the principal point at a level of the pyramid."""
+        share = 0.5**index
+        return (self.camera.cx + 0.5) * share - 0.5, (self.camera.cy + 0.5) * share - 0.5

@@ -1,0 +1,171 @@
+"""Where a camera sits on the vehicle, by its poses in a map and the vehicle's odometry.
+
+In each piece of a drive camera and base move as one body: B X = X A, with the motion A of the camera, B of the base and
+X = T_base_camera. What is left of it, e = log(X^-1 B^-1 X A), is minimised over all pieces (6 numbers of X, and two by
+which the odometry measures ways and turns too short), each weighed by how far it is off. A vehicle on a plane never
+shows the height of its camera, one that never turns none of its place: what the drive does not tell stays as it was
+given, and is named. Turns that are nothing but noise look like turns that tell: their share of the information counts
+as none.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import SE3, so3
+
+Array = NDArray[np.float64]
+
+PIECE_M, PIECE_RAD = 1.0, 0.3  # driven or turned, whichever comes first
+MIN_PIECES = 8  # of which the scatter is a covariance
+NAMES = ("x", "y", "z", "roll", "pitch", "yaw", "way_scale", "turn_scale")
+PRIOR = np.array(
+    [1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.05, 0.05]
+)  # standard deviations in m, rad and 1 before anything is seen
+UNOBSERVED = np.array([0.1, 0.1, 0.1, 0.05, 0.05, 0.05, 0.02, 0.02])  # standard deviations that are not worth the name
+FIXED = 1e-6  # standard deviation of what stays as it was given
+SETTLED = 1e-7
+MAX_STEPS = 50
+CAUCHY = 2.385  # standard deviations; 95 % efficient for normal errors
+MEDIAN_LENGTH = 1.538  # of three normal numbers
+EPS = 1e-6  # of numerical differences
+
+
+@dataclass(frozen=True, eq=False)
+class Mounting:
+    """T_base_camera in body axes, scales (2,) of the odometry's ways and turns, and how sure all are.
+
+    `deviations` (8,) are those of NAMES: m along and rad about the axes of the base. `rms` is what is left of a piece,
+    in m and rad.
+    """
+
+    T_base_camera: SE3
+    scales: Array
+    deviations: Array
+    num_pieces: int
+    rms: tuple[float, float]
+
+    @property
+    def values(self) -> Array:
+        """The values (8,) of NAMES; angles as `SE3.from_angles` takes them."""
+        return np.array([*self.T_base_camera.translation, *self.T_base_camera.angles, *self.scales])
+
+    @property
+    def unobserved(self) -> tuple[str, ...]:
+        """What the drive does not tell."""
+        return tuple(name for name, is_told in zip(NAMES, self.deviations < UNOBSERVED, strict=True) if not is_told)
+
+
+def find_mounting(T_map_camera: SE3, T_odom_base: SE3, given: SE3 | None = None) -> Mounting:
+    """Find where a camera (body axes) sits by its poses and those of the base at the same instants, (N,) each.
+
+    `given` is T_base_camera by hand, where there is one; else the camera is looked for with its axes along those of the
+    base, any way round. Raises ValueError for a drive that is too short.
+    """
+    A, B = _pieces(T_map_camera, T_odom_base)
+    if A.matrix.shape[0] < MIN_PIECES:
+        needed = f"{MIN_PIECES} pieces of {PIECE_M:g} m or {np.degrees(PIECE_RAD):.0f} deg"
+        raise ValueError(f"mounting: expected a drive of at least {needed}, found {A.matrix.shape[0]}")
+    starts = [given] if given is not None else [SE3.from_parts(R, np.zeros(3)) for R in _upright()]
+    return min((_fit(A, B, start) for start in starts), key=lambda fit: fit[1])[0]
+
+
+def _upright() -> list[Array]:
+    """Return the 24 rotations whose axes are those of the base."""
+    found = []
+    for order in itertools.permutations(range(3)):
+        for signs in itertools.product((1.0, -1.0), repeat=3):
+            R = np.zeros((3, 3))
+            R[np.arange(3), order] = signs
+            if np.linalg.det(R) > 0:
+                found.append(R)
+    return found
+
+
+def _pieces(T_map_camera: SE3, T_odom_base: SE3) -> tuple[SE3, SE3]:
+    """Return the motions of camera and base in pieces that follow each other, so that their errors are their own."""
+    ends = [0]
+    for index in range(1, T_odom_base.matrix.shape[0]):
+        moved, turned = T_odom_base[ends[-1]].distance(T_odom_base[index])
+        if moved >= PIECE_M or turned >= PIECE_RAD:
+            ends.append(index)
+    first, last = np.array(ends[:-1], np.intp), np.array(ends[1:], np.intp)
+    return tuple(T[first].inverse() @ T[last] for T in (T_map_camera, T_odom_base))  # type: ignore[return-value]
+
+
+def errors(A: SE3, B: SE3, X: SE3, scales: Array) -> Array:
+    """Return what is left (N, 6) of B X = X A, (v, omega) in the axes of the camera; X and scales may be batches.
+
+    A piece is taken for a screw, whose way and turn are scaled: exact where it bends evenly.
+    """
+    scaled = SE3.exp(B.log() * np.repeat(scales, 3, axis=-1))
+    left: Array = (X.inverse() @ scaled.inverse() @ X @ A).log()
+    return left
+
+
+def _moved(X: SE3, scales: Array, step: Array) -> tuple[SE3, Array]:
+    """Return X moved along and turned about the axes of the base, and the scales."""
+    return SE3.from_parts(so3.exp(step[3:6]) @ X.rotation, X.translation + step[:3]), scales + step[6:]
+
+
+def _fit(A: SE3, B: SE3, start: SE3) -> tuple[Mounting, float]:
+    """Return the mounting nearest a start, and the logarithm of what is left, by which starts are compared."""
+    X, scales, covariance, sigma = _descend(A, B, start, PRIOR)
+    deviations = np.sqrt(np.diagonal(covariance))
+    is_told = deviations < UNOBSERVED
+    if not np.all(is_told):
+        X, scales, covariance, sigma = _descend(A, B, start, np.where(is_told, PRIOR, FIXED))
+        deviations = np.where(is_told, np.sqrt(np.diagonal(covariance)), deviations)
+    e = errors(A, B, X, scales)
+    rms = float(np.sqrt(3.0 * np.mean(e[:, :3] ** 2))), float(np.sqrt(3.0 * np.mean(e[:, 3:] ** 2)))
+    return Mounting(X, scales, deviations, len(e), rms), float(np.log(sigma).sum())
+
+
+def _descend(A: SE3, B: SE3, start: SE3, prior: Array) -> tuple[SE3, Array, Array, Array]:
+    """Return X and the scales by Gauss-Newton, their covariance (8, 8), and the deviations (6,) of the errors."""
+    X, scales, known = start, np.ones(2), np.diag(prior**-2)
+    for _ in range(MAX_STEPS):
+        e, J = errors(A, B, X, scales), _jacobian(A, B, X, scales)
+        sigma = _sigma(e)
+        weights = _weights(e, sigma)
+        weighted = J * weights[:, :, None]
+        H, gradients = np.einsum("nij,nik->jk", weighted, J), np.einsum("nij,ni->nj", weighted, e)
+        off = np.array([*(X.translation - start.translation), *so3.log(X.rotation @ start.rotation.T), *(scales - 1.0)])
+        step = -np.linalg.solve(H + known, gradients.sum(axis=0) + known @ off)
+        X, scales = _moved(X, scales, step)
+        if np.abs(step / PRIOR).max() < SETTLED:
+            break
+    inverse = np.linalg.inv(H + known)
+    scatter = gradients.T @ gradients * len(e) / (len(e) - 1)  # pieces are independent, whatever their errors
+    covariance = inverse @ (scatter + known) @ inverse
+    by_noise = np.append(2.0 * sigma[3] ** 2 * np.sum(weights[:, [0, 0, 0, 3, 3, 3]], axis=0), [0.0, 0.0])
+    share = np.minimum(by_noise / np.maximum(np.diagonal(H), 1e-300), 1.0)
+    return X, scales, covariance + np.diag((share * prior) ** 2), sigma
+
+
+def _jacobian(A: SE3, B: SE3, X: SE3, scales: Array) -> Array:
+    """Return the derivatives (N, 6, 8) of the errors by the steps of `_moved`, by central differences."""
+    moved = [_moved(X, scales, step) for step in EPS * np.concatenate([np.eye(8), -np.eye(8)])]
+    poses, scaled = SE3(np.stack([pose.matrix[None] for pose, _ in moved])), np.stack([s[None] for _, s in moved])
+    ahead, behind = np.split(errors(A, B, poses, scaled), 2)
+    return np.moveaxis((ahead - behind) / (2.0 * EPS), 0, -1)
+
+
+def _sigma(e: Array) -> Array:
+    """Return robust standard deviations (6,) of the errors: one of the three in m, one of those in rad.
+
+    By lengths: on a plane two turns of three are never off.
+    """
+    spread = [float(np.median(np.linalg.norm(part, axis=1))) / MEDIAN_LENGTH for part in (e[:, :3], e[:, 3:])]
+    return np.repeat(np.maximum(spread, 1e-9), 3)
+
+
+def _weights(e: Array, sigma: Array) -> Array:
+    """Return weights (N, 6): Cauchy's of a whole piece over the variances, as a wheel that slips spoils all of it."""
+    squares = np.mean((e / sigma) ** 2, axis=1)
+    weights: Array = 1.0 / (1.0 + squares / CAUCHY**2)[:, None] / sigma**2
+    return weights

@@ -1,0 +1,1 @@
+"""Exposure, vignetting and balance of the cameras of a rig."""

@@ -1,0 +1,165 @@
+"""The images of an instant as if all cameras had one exposure, one white balance and lenses without falloff."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from threading import Lock
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.acquisition.light.exposure import apply_gain, log_gains
+from sphere_mapping.acquisition.light.vignetting import Comparison, Falloff, falloff, std_of
+from sphere_mapping.acquisition.stitching.overlaps import Overlaps, Shared, angles_of
+from sphere_mapping.acquisition.stitching.views import RigView
+
+Image = NDArray[np.uint8]
+Array = NDArray[np.float64]
+
+MAX_WHITE_BALANCE = 1.15  # largest factor of a colour over the mean of its camera's colours
+NUM_INSTANTS = 8  # that the falloff is estimated from
+STEP = 8  # px between which a falloff is interpolated
+HIGHLIGHTS, BRIGHT = 99.0, 250.0  # percentile of an image, and the grey level up to which a gain may raise it
+SLIGHT = 0.01  # falloff below which an image is left as it is
+
+Learned = tuple[Falloff, dict[str, NDArray[np.float32]]]
+
+
+class Light:
+    """Learns the falloff of a rig's lenses from its first instants, and finds the gains of every instant anew.
+
+    groups: by camera, who shares an exposure. max_gain: largest factor of an exposure over the mean of all.
+    """
+
+    def __init__(
+        self, rig_views: Sequence[RigView], groups: Mapping[str, str], distance_m: float, max_gain: float
+    ) -> None:
+        self._rig_views = {rig_view.name: rig_view for rig_view in rig_views}
+        self._names, self._max_gain = list(self._rig_views), max_gain
+        self._kinds = sorted(set(groups.values()))
+        self._group = [self._kinds.index(groups[name]) for name in self._names]
+        self._overlaps = Overlaps(rig_views, distance_m)
+        self._angles, self._largest = zip(*(_angles(rig_view) for rig_view in rig_views), strict=True)
+        self.falloff = Falloff([_kind(rig_view) for rig_view in rig_views])
+        self._num_seen, self._lock = 0, Lock()
+        self._factors: dict[str, NDArray[np.float32]] = {}  # by which an image is multiplied
+        self._coarse: dict[str, NDArray[np.float32]] = {}  # the same, one number for `STEP` px
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether nothing more is learned."""
+        return self._num_seen >= NUM_INSTANTS
+
+    @property
+    def learned(self) -> Learned:
+        """What other processes need to go on alike."""
+        return self.falloff, dict(self._coarse)
+
+    def resume(self, learned: Learned) -> None:
+        """Take over what another one has learned, all of it."""
+        self.falloff, factors = learned
+        self._num_seen = NUM_INSTANTS
+        for name, factor in factors.items():
+            self._use(name, factor)
+
+    def balance(self, images: Mapping[str, Image]) -> tuple[dict[str, Image], dict[str, Array]]:
+        """Return the images (h, w[, 3]) with light made equal, and the gain (channels,) of each camera."""
+        channels = 1 if next(iter(images.values())).ndim == 2 else 3
+        gains = np.ones((len(self._kinds), channels))
+        shared = self._overlaps.compare({k: images[name] for k, name in enumerate(self._names) if name in images})
+        if shared:
+            seen = self._comparison(shared)
+            with self._lock:
+                if self._num_seen < NUM_INSTANTS:
+                    self._learn(seen)
+            gains = self._gains(seen, shared, channels)
+            gains *= self._headroom(images, gains)
+        found = {name: gains[self._group[self._names.index(name)]] for name in images}
+        return {name: self._apply(image, name, found[name]) for name, image in images.items()}, found
+
+    def _comparison(self, shared: Sequence[Shared]) -> Comparison:
+        """Return what all overlaps say of grey levels: the mean of the logarithms of their colours."""
+        sizes = [len(pair.levels[0]) for pair in shared]
+        sides: list[list[NDArray]] = []
+        for side, attribute in enumerate(("first", "second")):
+            cameras = np.repeat([getattr(pair, attribute) for pair in shared], sizes).astype(np.intp)
+            angles = np.concatenate([pair.angles[side] for pair in shared])
+            square = np.square(angles / np.array(self._largest)[cameras])
+            levels = np.concatenate([pair.levels[side] for pair in shared])
+            sides.append([cameras, np.array(self._group)[cameras], square, np.log(levels).mean(axis=1)])
+        (first, second), (own, other), squares, logs = (tuple(part) for part in zip(*sides, strict=True))
+        std = std_of(np.exp(logs[0]), np.exp(logs[1]))
+        return Comparison((first, second), (own, other), (squares[0], squares[1]), logs[0] - logs[1], std)
+
+    def _learn(self, seen: Comparison) -> None:
+        self.falloff.update(seen, len(self._kinds))
+        self._num_seen += 1
+        for k, name in enumerate(self._names):
+            reach = [seen.squares[side][seen.cameras[side] == k] for side in (0, 1)]
+            largest = max((float(part.max()) for part in reach if part.size), default=0.0)
+            squares = np.minimum(np.square(self._angles[k] / self._largest[k]), largest)  # beyond, nothing is known
+            factor = np.exp(-falloff(self.falloff.coefficients[k], squares)).astype(np.float32)
+            self._use(name, factor)
+
+    def _use(self, name: str, factor: NDArray[np.float32]) -> None:
+        camera = self._rig_views[name].camera
+        self._coarse[name] = factor
+        self._factors[name] = cv2.resize(factor, (camera.width, camera.height)).astype(np.float32)
+
+    def _gains(self, seen: Comparison, shared: Sequence[Shared], channels: int) -> Array:
+        """Return the factor (groups, channels) of each exposure, its colours by `MAX_WHITE_BALANCE` apart at most."""
+        number, most = len(self._kinds), 0.5 * np.log(self._max_gain)
+        grey = np.clip(-self.falloff.exposures(seen, number), -most, most)
+        ratios = []
+        for pair in shared:
+            groups = self._group[pair.first], self._group[pair.second]
+            if groups[0] != groups[1]:
+                logs = np.log(pair.levels[0] / pair.levels[1])
+                weight = 1.0 / np.square(std_of(pair.levels[0].min(axis=1), pair.levels[1].min(axis=1)))
+                ratios.append((*groups, _median(logs - logs.mean(axis=1, keepdims=True), weight)))
+        colour = log_gains(ratios, number, channels)
+        most = np.log(MAX_WHITE_BALANCE)
+        return np.exp(grey[:, None] + np.clip(colour - colour.mean(axis=1, keepdims=True), -most, most))
+
+    def _headroom(self, images: Mapping[str, Image], gains: Array) -> float:
+        """Return a common factor of at most 1: no camera that another one outshines loses its own highlights."""
+        allowed = 1.0
+        for name, image in images.items():
+            gain = float(gains[self._group[self._names.index(name)]].max())
+            brightest = float(np.percentile(image[::STEP, ::STEP], HIGHLIGHTS))
+            allowed = min(allowed, max(BRIGHT / max(brightest, 1.0), 1.0) / gain)
+        return allowed
+
+    def _apply(self, image: Image, name: str, gain: Array) -> Image:
+        factor, even = self._factors.get(name), apply_gain(image, gain)
+        if factor is None or float(factor.max()) < 1.0 + SLIGHT:
+            return even
+        factor = factor if image.ndim == 2 else cv2.merge([factor] * 3)
+        return cv2.multiply(even, factor, dtype=cv2.CV_8U).astype(np.uint8)
+
+
+def _median(values: Array, weight: Array) -> Array:
+    """Return the weighted median (channels,) of values (N, channels)."""
+    order = np.argsort(values, axis=0)
+    share = np.cumsum(weight[order], axis=0) / weight.sum()
+    at = np.argmax(share >= 0.5, axis=0)
+    return np.take_along_axis(values, np.take_along_axis(order, at[None], axis=0), axis=0)[0]
+
+
+def _angles(rig_view: RigView) -> tuple[Array, float]:
+    """Return the angle (h / STEP, w / STEP) in rad from the optical axis, and the largest one of use."""
+    camera = rig_view.camera
+    size = max(camera.width // STEP, 1), max(camera.height // STEP, 1)
+    u, v = (
+        ((np.arange(n) + 0.5) * whole / n - 0.5) for n, whole in zip(size, (camera.width, camera.height), strict=True)
+    )
+    angle = angles_of(rig_view, np.stack(np.broadcast_arrays(u[None, :], v[:, None]), axis=-1))
+    is_usable = (cv2.resize(rig_view.border, size, interpolation=cv2.INTER_NEAREST) > 0) & np.isfinite(angle)
+    return np.nan_to_num(angle, nan=np.pi), float(angle[is_usable].max()) if is_usable.any() else 1.0
+
+
+def _kind(rig_view: RigView) -> tuple[object, ...]:
+    """Return what lenses of one kind have in common: model, size, and focal length within some percent."""
+    camera = rig_view.camera
+    return type(camera), camera.width, camera.height, round(float(np.log(camera.pixels_per_radian)) / 0.05)

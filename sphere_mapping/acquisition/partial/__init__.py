@@ -1,0 +1,1 @@
+"""Partial spheres from one camera with range."""

@@ -1,0 +1,289 @@
+"""One or several cameras with range -> a (partial) sphere: image and range in a window of the sphere.
+
+The image is interpolated with care, because alignment lives on grey levels; range is never mixed across a depth edge.
+A camera at the centre of the sphere is a pure resampling whose table is made once. A camera beside it is moved there
+by its range: the points are splatted with a z-buffer, then corrected along each ray.
+
+Where rows were read while the camera moved, pixels are found to first order in the motion (`rolling_shutter.py`): a
+point p of the middle row is at p - s (v + omega x p) in the camera of its own row, s the share of that row. Half of
+(s omega)^2 in pixels is left: 0.03 px at 0.8 deg within a readout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.acquisition.kernels import sample_inverse_depth, splat_nearest
+from sphere_mapping.acquisition.partial.joining import Patch, join
+from sphere_mapping.acquisition.partial.window import full_width_for, magnification, window_of
+from sphere_mapping.params import PartialParams
+from sphere_nav.geometry import SE3, Camera, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Range, Sphere, check_depth, check_image, continued
+
+Plane = NDArray[np.float32]
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Rows:
+    """Pixels u, v (H, W) of a window's rays in the image, each in its row; z_of_ray (H, W) in the camera of that row.
+
+    `further` (H, W) m is to be added to a range measured from there, for the range from the middle row.
+    """
+
+    u: Plane
+    v: Plane
+    z_of_ray: Plane
+    further: Plane
+
+
+def roll(
+    u: Plane, v: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical, twist: Array, near: Plane
+) -> Rows:
+    """Move pixels u, v (H, W) of the middle row to their own rows.
+
+    twist (6,) is the motion within the readout in the frame of the sphere, near (H, W) the inverse range in 1/m, 0
+    where it is not known: there only the rotation counts.
+    """
+    rays, J = _rays(camera, T_sphere_camera.rotation.tobytes(), window)
+    velocity, omega = np.asarray(twist, np.float32).reshape(2, 3) @ T_sphere_camera.rotation.astype(np.float32)
+    motion = near[..., None] * velocity + np.cross(omega, rays)  # of the ray, by a whole readout
+    du, dv = np.einsum("vui,vui->vu", J[0], motion), np.einsum("vui,vui->vu", J[1], motion)
+    rows = np.float32(camera.height)
+    share = (v - 0.5 * (rows - 1)) / np.maximum(rows + dv, 0.5 * rows)
+    z_of_ray = rays[..., 2] - share * np.cross(omega, rays)[..., 2]
+    return Rows(u - share * du, v - share * dv, z_of_ray, share * (rays @ velocity))
+
+
+@lru_cache(maxsize=4)
+def _rays(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Plane, Plane]:
+    """Return the unit rays (H, W, 3) of a window in the camera, and the pixel's derivative (2, H, W, 3) by them."""
+    rays = window.unproject(pixel_grid(window)) @ np.frombuffer(rotation).reshape(3, 3)
+    ahead = np.where(rays[..., 2:] > 0.05, rays, (0.0, 0.0, 1.0))  # what the camera cannot see does not matter
+    J = np.moveaxis(camera.J_project(ahead), -2, 0)
+    return rays.astype(np.float32), np.ascontiguousarray(np.nan_to_num(J), dtype=np.float32)
+
+
+MIN_RANGE_M = 0.1  # what is nearer is not trusted
+MAX_MAGNIFICATION = 1.5  # beyond, the image is sampled more finely than the window and averaged
+MAX_SUPERSAMPLING = 4
+RANGE_CORRECTIONS = 3  # steps along the ray; each removes the parallax error by an order or two
+WITHOUT_RANGE_M = 1e3  # taken for colour where no range is known at all
+MAX_DEPTH_STEP = 0.04  # relative step of depth between neighbours that is an edge
+MAX_CORRECTION_LEFT = 0.01  # relative; more is a surface that this direction does not see
+
+
+@dataclass(frozen=True, eq=False)
+class RgbdView:
+    """What one RGB-D camera saw: image (H, W[, 3]) uint8, depth along z (H', W') in metres, NaN or <= 0 unknown.
+
+    depth_camera and T_sphere_depth differ from the image's where depth is not registered to the image. twist (6,)
+    is the motion (v, omega) of the sphere while all rows of image and depth were read; both must be one camera's, then.
+    """
+
+    image: Image
+    depth_m: NDArray[np.floating]
+    camera: Camera
+    T_sphere_camera: SE3 = T_BODY_OPTICAL
+    depth_camera: Camera | None = None
+    T_sphere_depth: SE3 | None = None
+    twist: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        if self.twist is not None and (self.depth_camera is not None or np.any(self.T_sphere_camera.translation)):
+            raise ValueError("rolling shutter: expected depth registered to the image, found that of another camera")
+        check_image(self.image, self.camera)
+        check_depth(self.depth_m, self.depth_camera or self.camera)
+
+
+def sphere_from_rgbd(
+    image: Image,
+    depth_m: NDArray[np.floating],
+    camera: Camera,
+    T_sphere_camera: SE3 = T_BODY_OPTICAL,
+    stamp_ns: int = 0,
+    params: PartialParams | None = None,
+) -> Sphere:
+    """Return the partial sphere of one RGB-D image whose depth (metres along z) is registered to its colour."""
+    return sphere_from_views([RgbdView(image, depth_m, camera, T_sphere_camera)], stamp_ns, params)
+
+
+def sphere_from_views(views: Sequence[RgbdView], stamp_ns: int = 0, params: PartialParams | None = None) -> Sphere:
+    """Return the sphere of one or several RGB-D cameras at one instant."""
+    params = params or PartialParams()
+    full_width = full_width_of([view.camera for view in views], params)
+    windows = [window_of(view.camera, view.T_sphere_camera, full_width) for view in views]
+    planes = [_resample(view, window, params) for view, window in zip(views, windows, strict=True)]
+    if len(planes) == 1:
+        return Sphere(planes[0][0], planes[0][1], windows[0], stamp_ns)
+    whole = Spherical(full_width, full_width // 2)
+    patches = [Patch(*plane, window) for plane, window in zip(planes, windows, strict=True)]
+    return Sphere(*join(patches, whole), whole, stamp_ns)
+
+
+def full_width_of(cameras: Sequence[Camera], params: PartialParams) -> int:
+    """Return the columns of a whole sphere as fine as the finest of the cameras, times `resolution`."""
+    if not cameras:
+        raise ValueError("sphere: expected at least one camera, found none")
+    finest = max(camera.pixels_per_radian for camera in cameras)
+    return full_width_for(finest * params.resolution)
+
+
+def _resample(view: RgbdView, window: Spherical, params: PartialParams) -> tuple[Image, Range, Plane]:
+    """Return image, range and weight (distance to the image's border, 0 where not seen) of one view in the window."""
+    if view.twist is not None:
+        return _resample_rolling(view, window, view.twist, params)
+    depth_camera = view.depth_camera or view.camera
+    T_sphere_depth = view.T_sphere_depth or view.T_sphere_camera
+    range_m = resample_range(view.depth_m, depth_camera, T_sphere_depth, window, params)
+    image, weight = resample_image(view.image, view.camera, view.T_sphere_camera, window, range_m)
+    return image, np.where(weight > 0, range_m, np.float32(np.nan)), weight
+
+
+def _resample_rolling(
+    view: RgbdView, window: Spherical, twist: NDArray[np.float64], params: PartialParams
+) -> tuple[Image, Range, Plane]:
+    """Do as `_resample` for a camera that moved while it was read; its depth tells how far each row is off."""
+    camera, rotation = view.camera, view.T_sphere_camera.rotation.tobytes()
+    inverse = inverse_depth(view.depth_m)
+    u, v, weight, z_of_ray = _ray_table(camera, rotation, window)
+    near = _sample(inverse, u, v) * z_of_ray
+    near = continued(near, np.isfinite(near))
+    rows = roll(u, v, camera, view.T_sphere_camera, window, twist, np.nan_to_num(near))
+    with np.errstate(divide="ignore"):
+        range_m = 1.0 / (_sample(inverse, rows.u, rows.v) * rows.z_of_ray) + rows.further
+    seen = (weight > 0) & (rows.u >= 0) & (rows.u <= camera.width - 1) & (rows.v >= 0) & (rows.v <= camera.height - 1)
+    sampled = cv2.remap(view.image, rows.u, rows.v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    image = np.maximum(sampled, 1) * (seen if sampled.ndim == 2 else seen[..., None])
+    return image, np.where(seen, _trusted(range_m, params), np.float32(np.nan)), np.where(seen, weight, np.float32(0.0))
+
+
+def resample_image(
+    image: Image, camera: Camera, T_sphere_camera: SE3, window: Spherical, range_m: Range
+) -> tuple[Image, Plane]:
+    """Return the image (height, width[, 3]) in the window and each pixel's distance to the image border, 0 outside."""
+    if np.any(T_sphere_camera.translation):
+        everywhere = np.nan_to_num(continued(range_m, np.isfinite(range_m)), nan=WITHOUT_RANGE_M)
+        points = window.unproject(pixel_grid(window)) * everywhere[..., None]
+        u, v, weight = _pixels_of(points, camera, T_sphere_camera)
+        sampled = cv2.remap(image, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+    else:
+        u, v, weight, steps = _image_table(camera, T_sphere_camera.rotation.tobytes(), window)
+        sampled = cv2.remap(image, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        if steps > 1:
+            sampled = cv2.resize(sampled, (window.width, window.height), interpolation=cv2.INTER_AREA)
+    seen = weight > 0
+    return np.maximum(sampled, 1) * (seen if sampled.ndim == 2 else seen[..., None]), weight
+
+
+def resample_range(
+    depth_m: NDArray[np.floating], camera: Camera, T_sphere_camera: SE3, window: Spherical, params: PartialParams
+) -> Range:
+    """Return the range along the rays (height, width) of the window from depth along the camera's z axis."""
+    inverse = inverse_depth(depth_m)
+    if np.any(T_sphere_camera.translation):
+        range_m = _move_range(inverse, camera, T_sphere_camera, window)
+    else:
+        u, v, _, z_of_ray = _ray_table(camera, T_sphere_camera.rotation.tobytes(), window)
+        with np.errstate(divide="ignore"):
+            range_m = 1.0 / (_sample(inverse, u, v) * z_of_ray)
+    return _trusted(range_m, params)
+
+
+def _trusted(range_m: NDArray[np.floating], params: PartialParams) -> Range:
+    outside = (range_m < MIN_RANGE_M) | ((range_m > params.max_range_m) & np.isfinite(range_m))
+    return np.where(outside, np.nan, range_m).astype(np.float32)
+
+
+def resample_nearest(values: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Plane:
+    """Return values (H, W) of a camera at the centre of the sphere in the window, the nearest pixel's; NaN outside."""
+    u, v, weight, _ = _ray_table(camera, T_sphere_camera.rotation.tobytes(), window)
+    sampled = cv2.remap(values, u, v, cv2.INTER_NEAREST, borderMode=cv2.BORDER_REPLICATE)
+    return np.where(weight > 0, sampled, np.float32(np.nan))
+
+
+def inverse_depth(depth_m: NDArray[np.floating]) -> Plane:
+    """Return 1 / depth; +Inf (known to be far) becomes 0; NaN, -Inf, zero and negative depth become NaN."""
+    depth = np.asarray(depth_m, dtype=np.float32)
+    return np.divide(1.0, depth, out=np.full(depth.shape, np.nan, dtype=np.float32), where=depth > 0)
+
+
+def _move_range(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Range:
+    """Return the range seen from the centre of the sphere by a camera beside it."""
+    range_m = _splat(inverse, camera, T_sphere_camera, window)
+    rays = window.unproject(pixel_grid(window))
+    z_of_ray = rays @ T_sphere_camera.rotation[:, 2]
+    z_of_centre = float(T_sphere_camera.inverse().translation[2])
+    step = np.full(range_m.shape, np.nan)
+    for _ in range(RANGE_CORRECTIONS):
+        u, v, _ = _pixels_of(rays * range_m[..., None], camera, T_sphere_camera)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            z_seen = 1.0 / _sample(inverse, u, v)
+            step = (z_seen - (range_m * z_of_ray + z_of_centre)) / np.maximum(z_of_ray, 0.1)
+        range_m = range_m + step
+    return np.where((np.abs(step) < MAX_CORRECTION_LEFT * range_m), range_m, np.nan)
+
+
+def _splat(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> NDArray[np.float64]:
+    """Return the range (height, width) of the camera's points in the window to about a pixel, NaN where none falls."""
+    rays = camera.unproject(pixel_grid(camera))
+    with np.errstate(divide="ignore"):
+        points_camera = rays / (rays[..., 2] * inverse)[..., None]
+    points = T_sphere_camera.apply(points_camera[np.all(np.isfinite(points_camera), axis=2)])
+    pixels, _ = window.project(points)
+    nearest = np.full((window.height, window.width), np.inf, dtype=np.float32)
+    u, v = np.ascontiguousarray(pixels.T, dtype=np.float32)
+    splat_nearest(u, v, np.linalg.norm(points, axis=1).astype(np.float32), window.is_whole, nearest)
+    return np.where(np.isinf(nearest), np.nan, nearest.astype(np.float64))
+
+
+def _sample(inverse: Plane, u: Plane, v: Plane) -> Plane:
+    sampled = np.empty(u.size, dtype=np.float32)
+    sample_inverse_depth(inverse, u.ravel(), v.ravel(), MAX_DEPTH_STEP, sampled)
+    return sampled.reshape(u.shape)
+
+
+def _pixels_of(points_sphere: NDArray[np.float64], camera: Camera, T_sphere_camera: SE3) -> tuple[Plane, Plane, Plane]:
+    """Return u, v and the distance to the image's border in pixels (0 outside) of points (H, W, 3)."""
+    pixels, visible = camera.project(T_sphere_camera.inverse().apply(points_sphere))
+    u, v = pixels[..., 0], pixels[..., 1]
+    border = np.minimum(np.minimum(u, camera.width - 1 - u), np.minimum(v, camera.height - 1 - v)) + 0.5
+    weight = np.where(visible, np.maximum(border, 1e-3), 0.0)
+    return _float32(u), _float32(v), _float32(weight)
+
+
+def _float32(values: NDArray[np.float64]) -> Plane:
+    return np.ascontiguousarray(np.nan_to_num(values, nan=-1e4), dtype=np.float32)
+
+
+@lru_cache(maxsize=16)
+def _ray_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Plane, Plane, Plane, Plane]:
+    """Return u, v, weight and the z of the unit ray in the camera frame, for each window pixel (same centre)."""
+    T_sphere_camera = SE3.from_parts(np.frombuffer(rotation).reshape(3, 3), np.zeros(3))
+    rays = window.unproject(pixel_grid(window))
+    z_of_ray = rays @ T_sphere_camera.rotation[:, 2]
+    return *_pixels_of(rays, camera, T_sphere_camera), z_of_ray.astype(np.float32)
+
+
+@lru_cache(maxsize=16)
+def _image_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Plane, Plane, Plane, int]:
+    """Return the sampling positions, finer than the window where the camera is finer, and the number of steps."""
+    steps = int(np.clip(np.ceil(magnification(camera, window) / MAX_MAGNIFICATION), 1, MAX_SUPERSAMPLING))
+    _, _, weight, _ = _ray_table(camera, rotation, window)
+    finer = replace(
+        window,
+        width=window.width * steps,
+        height=window.height * steps,
+        full_width=window.full_width * steps,
+        offset_u=window.offset_u * steps,
+        offset_v=window.offset_v * steps,
+    )
+    u, v, _, _ = _ray_table(camera, rotation, finer)
+    return u, v, weight, steps

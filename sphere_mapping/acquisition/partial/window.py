@@ -1,0 +1,68 @@
+"""Which window of the sphere a camera sees, at the camera's own angular resolution."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import SE3, Camera, Spherical
+
+NUM_LEVELS = 5  # of pyramids, that the sides of a window are aligned to
+GRID_STEPS = 64  # rays a side from which the outline of the view is found
+MIN_BLIND_ARC = np.radians(20.0)  # a view whose largest gap in azimuth is smaller is stored as a whole sphere
+
+
+def full_width_for(pixels_per_radian: float) -> int:
+    """Return the columns of the whole sphere of at least this resolution that NUM_LEVELS pyramid levels divide."""
+    multiple = 2**NUM_LEVELS  # the height, half of it, must still be divisible NUM_LEVELS - 1 times
+    return int(np.ceil(2 * np.pi * pixels_per_radian / multiple)) * multiple
+
+
+def window_of(camera: Camera, T_sphere_camera: SE3, full_width: int) -> Spherical:
+    """Return the smallest window, aligned to the coarsest level, that holds the view of the camera.
+
+    The position of the camera beside the centre of the sphere is neglected. A view all around is a whole sphere.
+    """
+    rays = _rays_of_view(camera) @ T_sphere_camera.rotation.T
+    first, span = _arc(np.arctan2(rays[:, 1], rays[:, 0]))
+    if span > 2 * np.pi - MIN_BLIND_ARC or _sees_a_pole(camera, T_sphere_camera):
+        return Spherical(full_width, full_width // 2)
+    block = 2 ** (NUM_LEVELS - 1)
+    scale = full_width / (2 * np.pi)
+    elevation = np.arcsin(np.clip(rays[:, 2], -1.0, 1.0))
+    # pixel edges: column u spans [u, u + 1) of (1/2 - azimuth / 2 pi) W
+    left, right = full_width / 2 - (first + span) * scale, full_width / 2 - first * scale
+    top, bottom = full_width / 4 - elevation.max() * scale, full_width / 4 - elevation.min() * scale
+    u0, v0 = int(np.floor(left / block)) * block, max(int(np.floor(top / block)) * block, 0)
+    u1, v1 = int(np.ceil(right / block)) * block, min(int(np.ceil(bottom / block)) * block, full_width // 2)
+    return Spherical(min(u1 - u0, full_width), v1 - v0, float(full_width), float(u0), float(v0))
+
+
+def magnification(camera: Camera, window: Spherical) -> float:
+    """Return how many camera pixels a window pixel spans where it spans most; well above 1 an image would alias."""
+    per_radian = np.linalg.svd(camera.J_project(_rays_of_view(camera)), compute_uv=False)[:, 0]  # at unit range
+    return float(np.max(per_radian)) / window.pixels_per_radian
+
+
+def _rays_of_view(camera: Camera) -> NDArray[np.float64]:
+    """Return unit rays (N, 3) all over the image, its outer edges included."""
+    u = np.linspace(-0.5, camera.width - 0.5, GRID_STEPS)
+    v = np.linspace(-0.5, camera.height - 0.5, GRID_STEPS)
+    rays = camera.unproject(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
+    rays = rays[np.all(np.isfinite(rays), axis=1)]
+    if rays.size == 0:
+        raise ValueError(f"{camera.model} camera: expected rays inside the image, found none (distortion)")
+    return rays
+
+
+def _arc(angles: NDArray[np.float64]) -> tuple[float, float]:
+    """Return start and length of the shortest arc that holds all the angles, in radians."""
+    ordered = np.sort(angles)
+    gaps = np.diff(np.append(ordered, ordered[0] + 2 * np.pi))
+    widest = int(np.argmax(gaps))
+    return float(ordered[(widest + 1) % ordered.size]), float(2 * np.pi - gaps[widest])
+
+
+def _sees_a_pole(camera: Camera, T_sphere_camera: SE3) -> bool:
+    poles_camera = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0]]) @ T_sphere_camera.rotation
+    return bool(camera.project(poles_camera)[1].any())

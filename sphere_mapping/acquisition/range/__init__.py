@@ -1,0 +1,1 @@
+"""Range of a sphere: matching, triangulation, fusion, plausibility."""

@@ -1,0 +1,122 @@
+"""The frame of the sphere in the rig, rectified so that epipolar lines are columns, and range from disparity."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.acquisition.kernels import recentre, splat_with_std, stretch, triangulate
+from sphere_mapping.acquisition.params import MatchParams
+from sphere_mapping.acquisition.range.matching import Disparity, Search
+from sphere_mapping.acquisition.stitching.views import Layout
+from sphere_nav.geometry import SE3, Rig, RigCamera, Spherical
+
+Plane = NDArray[np.float32]
+
+MIN_BASELINE_M = 0.01
+FAR_M = 120.0  # what is surely farther is known to be far
+MIN_RANGE_SHARE = 0.9  # of the nearest range wanted: what is nearer is not trusted
+MAX_BASELINE_ERROR = 0.5  # share of the baseline: more is not corrected, images of so different places do not match
+MAX_SINE = 0.9  # of the largest disparity
+BELOW_ZERO_DEG = 0.7  # disparities searched below 0, for what calibration leaves
+
+
+def centre_of(cameras: Sequence[RigCamera]) -> NDArray[np.float64]:
+    """Return the mean of the cameras' centres (3,) in the frame of the rig."""
+    return np.mean([camera.T_rig_camera.translation for camera in cameras], axis=0)
+
+
+def sphere_frame(rig: Rig) -> tuple[SE3, float]:
+    """Return T_rig_sphere and the vertical baseline in m, 0 for a rig of one level.
+
+    A vertical rig's sphere lies in the middle of its top cameras; its z axis points there from the middle of the bottom
+    ones, so that a point has the same column in both spheres. Its x axis is the rig's, as nearly as possible.
+    """
+    if not rig.is_vertical:
+        return SE3.from_parts(np.eye(3), centre_of(rig.cameras)), 0.0
+    top, bottom = centre_of(rig.at_level("top")), centre_of(rig.at_level("bottom"))
+    baseline_m = float(np.linalg.norm(top - bottom))
+    if baseline_m < MIN_BASELINE_M:
+        raise ValueError(f"rig {rig.name}: expected levels at least {MIN_BASELINE_M} m apart, found {baseline_m:.4f} m")
+    if top[2] <= bottom[2]:
+        raise ValueError(
+            f"rig {rig.name}: level: expected top above bottom along z, found {top[2]:.3f}, {bottom[2]:.3f}"
+        )
+    return SE3.from_parts(upright((top - bottom) / baseline_m, np.array([1.0, 0.0, 0.0])), top), baseline_m
+
+
+def upright(z: NDArray[np.float64], forward: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the rotation whose z axis is the unit vector z and whose x axis is nearest to `forward`."""
+    x = forward - z * (z @ forward)
+    x = x / np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
+
+
+def search_of(window: Spherical, baseline_m: float, params: MatchParams) -> Search:
+    """Return the disparities, in px, of everything from the nearest range wanted to beyond all."""
+    largest = np.arcsin(min(baseline_m / params.nearest_m, MAX_SINE))
+    per_radian = window.full_width / (2 * np.pi)
+    first_px = -BELOW_ZERO_DEG * window.full_width / 360.0
+    return Search(first_px, float(largest) * per_radian, window.is_whole, window.full_width)
+
+
+def range_from_disparity(
+    disparity: Disparity, window: Spherical, baseline_m: float, params: MatchParams
+) -> tuple[Plane, Plane]:
+    """Return range along the ray from the upper centre and its deviation (H, W) in m, NaN where not trusted."""
+    range_m, std_m = np.empty_like(disparity.value), np.empty_like(disparity.value)
+    limits = (params.max_relative_std, MIN_RANGE_SHARE * params.nearest_m, FAR_M)
+    per_row = 2 * np.pi / window.full_width
+    triangulate(disparity.value, disparity.std, per_row, window.offset_v, baseline_m, limits, range_m, std_m)
+    return range_m, std_m
+
+
+def range_from_below(range_m: Plane, whole: Spherical, baseline_m: float) -> Plane:
+    """Return the range (H, W) that the lower centre sees of what the upper one sees; NaN where that hides it."""
+    v, u = np.mgrid[0 : whole.height, 0 : whole.width].astype(np.float32)
+    above = (v + 0.5) * np.float32(np.pi / whole.height)
+    height, level = range_m * np.cos(above) + np.float32(baseline_m), range_m * np.sin(above)
+    row = np.arctan2(level, height) * np.float32(whole.height / np.pi) - np.float32(0.5)
+    below, ignored = np.full_like(range_m, np.inf), np.empty_like(range_m)
+    distance = np.hypot(level, height)
+    splat_with_std(u.ravel(), row.ravel(), distance.ravel(), distance.ravel(), 0, True, below, ignored)
+    below[np.isinf(below)] = np.nan
+    return below
+
+
+def baseline_error(layouts: Sequence[Layout], baseline_m: float) -> Plane:
+    """Return by which share (H, W) the baseline of the two cameras that show a direction is longer than that of all.
+
+    layouts: of the top and the bottom level. Cameras are never mounted exactly one above the other: what counts is what
+    they are apart at a right angle to the ray, in the plane of ray and baseline.
+    """
+    top, bottom = layouts
+    apart = top.centres[top.owner] - bottom.centres[bottom.owner]  # (H, W, 3); what nobody shows is any camera's
+    height, width = top.owner.shape
+    azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
+    sine, cosine = (f((0.5 - (np.arange(height)[:, None] + 0.5) / height) * np.pi) for f in (np.sin, np.cos))
+    ahead = apart[..., 0] * np.cos(azimuth) + apart[..., 1] * np.sin(azimuth)
+    error = (apart[..., 2] * cosine - ahead * sine) / (cosine * baseline_m)
+    return np.clip(error, -MAX_BASELINE_ERROR, MAX_BASELINE_ERROR).astype(np.float32)
+
+
+def correct_baseline(range_m: Plane, std_m: Plane, error: Plane, distance_m: float) -> None:
+    """Change range and deviation (H, W) by the baselines of the cameras that show each pixel (`baseline_error`).
+
+    The images of both levels were joined for a distance (0: very far), where a wrong baseline changes nothing.
+    """
+    stretch(range_m, std_m, error, np.float32(1.0 / distance_m if distance_m else 0.0))
+
+
+def to_common_centre(range_m: Plane, std_m: Plane, layout: Layout) -> tuple[Plane, Plane]:
+    """Return range and deviation (H, W) as from the sphere's centre; before, each pixel's camera was taken for it."""
+    height, width = range_m.shape
+    azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
+    elevation = (0.5 - (np.arange(height) + 0.5) / height) * np.pi
+    columns = np.stack([np.sin(azimuth), np.cos(azimuth)]).astype(np.float32)
+    rows = np.stack([np.sin(elevation), np.cos(elevation)]).astype(np.float32)
+    moved, moved_std = np.empty_like(range_m), np.empty_like(std_m)
+    recentre(range_m, std_m, layout.owner, layout.centres, columns, rows, moved, moved_std)
+    return moved, moved_std

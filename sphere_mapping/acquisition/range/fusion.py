@@ -1,0 +1,112 @@
+"""Ranges of several sources in one sphere, joined by their variance; a LiDAR's cloud and RGB-D as sources."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.acquisition.kernels import fuse, splat_with_std
+from sphere_mapping.acquisition.params import FusionParams
+from sphere_mapping.acquisition.stitching.views import RigView
+from sphere_nav.geometry import Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
+
+Plane = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+MAX_DEVIATIONS = 3.0  # sources that differ by more do not see the same
+CONTRADICTION = 3.0  # a source up to so much less sure than the surest, that differs, makes a pixel unknown,
+CONTRADICTION_SHARE = 0.05  # if it differs by this share of the range at least
+
+Ranged = tuple[Plane, Plane]  # range and its standard deviation (H, W) in m; NaN unknown, range +Inf known to be far
+
+
+def fuse_sources(sources: Sequence[Ranged]) -> Ranged:
+    """Return the mean by inverse variance of what agrees with the surest source of each pixel.
+
+    Where others, about as sure, contradict it, nothing is known.
+    """
+    if not sources:
+        raise ValueError("range: expected at least one source, found none")
+    if len(sources) == 1:
+        return sources[0]
+    return fuse_planes(*(np.stack([source[k] for source in sources]) for k in range(2)))
+
+
+def fuse_planes(ranges: Plane, stds: Plane) -> Ranged:
+    """Return what `fuse_sources` does, of ranges and deviations (N, H, W)."""
+    limits = np.array([MAX_DEVIATIONS, CONTRADICTION, CONTRADICTION_SHARE], np.float32)
+    range_m, std_m = np.empty_like(ranges[0]), np.empty_like(stds[0])
+    fuse(ranges, stds, *limits, range_m, std_m)
+    return range_m, std_m
+
+
+def fill_unknown(ranged: Ranged, planes: Ranged) -> Flags:
+    """Put other ranges and deviations (H, W) where none are known; return where."""
+    is_filled = np.isnan(ranged[0]) & ~np.isnan(planes[0])
+    for values, others in zip(ranged, planes, strict=True):
+        values[is_filled] = others[is_filled]
+    return is_filled
+
+
+def fill(values: Plane, known: NDArray[np.bool_]) -> Plane:
+    """Return the values (H, W) of a whole sphere, unknown ones from known ones around them, however far; no seam.
+
+    Means of ever larger squares, interpolated: between the rings of a LiDAR an inverse range goes on as a plane's does.
+    """
+    if known.all() or not known.any():
+        return values
+    sums, weights = [np.where(known, values, np.float32(0.0))], [known.astype(np.float32)]
+    while weights[-1].min() == 0 and min(weights[-1].shape) >= 2:
+        size = (weights[-1].shape[1] // 2, weights[-1].shape[0] // 2)
+        sums.append(cv2.resize(sums[-1], size, interpolation=cv2.INTER_AREA))
+        weights.append(cv2.resize(weights[-1], size, interpolation=cv2.INTER_AREA))
+    coarse = sums[-1].sum() / weights[-1].sum()
+    found = np.where(weights[-1] > 0, sums[-1] / np.maximum(weights[-1], 1e-6), coarse).astype(np.float32)
+    for total, weight in zip(reversed(sums[:-1]), reversed(weights[:-1]), strict=True):
+        height, width = weight.shape
+        padded = cv2.copyMakeBorder(found, 0, 0, 2, 2, cv2.BORDER_WRAP)
+        finer = cv2.resize(padded, (2 * padded.shape[1], height))[:, 4 : 4 + width]
+        found = np.where(weight > 0, total / np.maximum(weight, np.float32(1e-6)), finer)
+    return found
+
+
+def range_from_cloud(points_sphere: NDArray[np.floating], whole: Spherical, params: FusionParams) -> Ranged:
+    """Return the range of points (N, 3) in the sphere's frame; the nearest hides the others."""
+    points = np.asarray(points_sphere, dtype=np.float64)
+    points = points[np.all(np.isfinite(points), axis=1) & (np.abs(points).max(axis=1, initial=0.0) > 0)]
+    stds = np.full(len(points), params.cloud_std_m, np.float32)
+    return splat(points, stds, whole, params.cloud_size_px)
+
+
+def range_from_depth(
+    depth_m: NDArray[np.floating], rig_view: RigView, whole: Spherical, params: FusionParams
+) -> Ranged:
+    """Return the range that an RGB-D camera gives the sphere; depth_m (h, w) along its axis, NaN where unknown.
+
+    Every pixel covers as much of the sphere as its angle does. The deviation grows with the square of the depth, as
+    that of triangulation does.
+    """
+    known = (depth_m > 0) & (depth_m <= params.max_depth_m)
+    rays = rig_view.camera.unproject(pixel_grid(rig_view.camera)[known])
+    ahead = np.asarray(depth_m, dtype=np.float64)[known]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        along = np.where(rays[:, 2] > 0.05, 1.0 / rays[:, 2], np.nan)  # of the ray, by unit of depth
+    stds = (params.depth_std_m * ahead * ahead * along).astype(np.float32)
+    points = rig_view.T_sphere_camera.apply(rays * (ahead * along)[:, None])
+    fits = np.isfinite(points).all(axis=1)
+    finer = whole.pixels_per_radian / rig_view.camera.pixels_per_radian
+    return splat(points[fits], stds[fits], whole, round(max(finer - 1.0, 0.0) / 2.0 + 0.25))
+
+
+def splat(points: NDArray[np.float64], stds: Plane, whole: Spherical, half_px: int = 0) -> Ranged:
+    """Return the nearest range at each pixel of a sphere, of points (N, 3) in its frame."""
+    nearest = np.full((whole.height, whole.width), np.inf, np.float32)
+    nearest_std = np.full(nearest.shape, np.nan, np.float32)
+    u, v = (np.ascontiguousarray(values, dtype=np.float32) for values in whole.project(points)[0].reshape(-1, 2).T)
+    ranges = np.linalg.norm(points, axis=-1).astype(np.float32)
+    splat_with_std(u, v, ranges, stds, half_px, True, nearest, nearest_std)
+    nearest[np.isinf(nearest)] = np.nan
+    return nearest, nearest_std

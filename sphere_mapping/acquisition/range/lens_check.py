@@ -1,0 +1,188 @@
+"""Whether cameras have the lenses of the rig file: told by their `camera_info`, and by what their images share."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.acquisition.range.semi_global import Image
+from sphere_nav.geometry import Camera, Fisheye, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
+
+Array = NDArray[np.float64]
+
+INFO_TOLERANCE = 1e-3  # relative; a focal length that differs more is another camera's
+MAX_RAYS_DEG = 1.0  # median difference of the rays of two calibrations of one lens
+GRID = 12  # pixels a side at which rays are compared
+MAX_SIDE = 800  # px, of the images in which features are found
+NUM_FEATURES, MAX_RATIO = 1500, 0.75  # of a camera; distance of a match over that of the second best
+MIN_MATCHES = 40  # of all cameras, below which nothing is said
+TOLERANCE_DEG = 0.75  # of a match from where the other camera may see the same point
+NEAREST_M, NUM_RANGES = 0.5, 48  # places along the ray of a feature
+FEW = Spherical(128, 64)  # directions at which views are compared
+MIN_SHARED = 0.03  # of all directions, seen by both cameras of a pair
+LEAST_SHARE, FACTOR = (
+    0.4,
+    1.4,
+)  # of the matches that fit another lens, and by those that fit the rig file: it is that one
+MANY, FITS_NOT = 100, 0.3  # matches of which no more fit the rig file: the images are of other cameras
+OTHERS: dict[str, tuple[type[Pinhole] | type[Fisheye], tuple[float, ...]]] = {
+    "pinhole": (Pinhole, (-0.3, -0.15, 0.0, 0.1)),
+    "fisheye": (Fisheye, (-0.1, -0.05, -0.02, 0.0, 0.02, 0.05)),
+}  # lenses that images may have instead, and their first coefficients of distortion
+
+
+def check_info(name: str, ours: Camera, theirs: Camera) -> None:
+    """Raise ValueError if a camera's own calibration is of another size, focal length or lens than the rig's."""
+    if (theirs.width, theirs.height) != (ours.width, ours.height):
+        found = f"found {theirs.width} x {theirs.height}"
+        raise ValueError(f"{name}: size: expected {ours.width} x {ours.height} (rig file), {found}")
+    if ours.model == "double_sphere":
+        return  # camera_info has no such model: what it says is an approximation
+    fx, own_fx = float(ours.coefficients[0]), float(theirs.coefficients[0])
+    if abs(own_fx - fx) > INFO_TOLERANCE * fx:
+        raise ValueError(f"{name}: K[0]: expected {fx:.3f} (rig file), found {own_fx:.3f}")
+    has_distortion = not isinstance(theirs, Pinhole) or theirs.is_distorted
+    angle_deg = _angle_between(ours, theirs)
+    if has_distortion and not angle_deg <= MAX_RAYS_DEG:  # without: what drivers say of any lens
+        found = f"{theirs.model} whose rays differ by {angle_deg:.1f} deg"
+        raise ValueError(f"{name}: lens: expected {ours.model} (rig file), found {found}")
+
+
+def _angle_between(ours: Camera, theirs: Camera) -> float:
+    """Return the median angle in degrees between the rays of two calibrations of one image."""
+    u, v = np.meshgrid(np.linspace(0, ours.width - 1, GRID), np.linspace(0, ours.height - 1, GRID))
+    rays = [camera.unproject(np.stack([u, v], axis=-1)) for camera in (ours, theirs)]
+    cosine = np.sum(rays[0] * rays[1], axis=-1)
+    return float(np.degrees(np.arccos(np.clip(np.nanmedian(cosine), -1.0, 1.0))))
+
+
+@dataclass(frozen=True, eq=False)
+class _Matches:
+    """Pixels (N, 2) of two cameras that show the same."""
+
+    first: str
+    second: str
+    pixels: tuple[Array, Array]
+
+
+@dataclass(frozen=True)
+class LensEvidence:
+    """Of how many common features which share fits the rig file, and the other lens that fits best."""
+
+    num: int
+    given: float = 0.0
+    other: float = 0.0
+    lens: str = ""
+
+    @property
+    def is_enough(self) -> bool:
+        """Whether there are features enough to say anything."""
+        return self.num >= MIN_MATCHES
+
+    @property
+    def reason(self) -> str:
+        """What the images are of, if not of what the rig file says; empty: of that, or nobody knows."""
+        if self.is_enough and self.other > LEAST_SHARE and self.other > FACTOR * self.given:
+            return (
+                f"a {self.lens}: {self.other:.0%} of {self.num} common features fit it, {self.given:.0%} the rig file"
+            )
+        if self.num >= MANY and self.given < FITS_NOT:
+            return f"other cameras: {self.given:.0%} of {self.num} common features fit the rig file"
+        return ""
+
+
+def check_lenses(rig: Rig, images: Mapping[str, Image]) -> None:
+    """Raise ValueError if what the grey images (h, w) share fits another lens model much better than the rig file's.
+
+    Neighbours that look different ways see the same things by different parts of their lenses; the same focal length
+    read as another model puts these things elsewhere. Cameras without common features say nothing.
+    """
+    if reason := weigh_lenses(rig, images).reason:
+        models = ", ".join(sorted({part.camera.model for part in rig.cameras}))
+        raise ValueError(f"rig {rig.name}: lens: expected {models} (rig file), found images of {reason}")
+
+
+def weigh_lenses(rig: Rig, images: Mapping[str, Image]) -> LensEvidence:
+    """Return what the grey images (h, w) share, and whether the rig file or another lens explains it."""
+    others = _other_lenses(rig)
+    pairs = [pair for pair in combinations(images, 2) if any(_is_shared(one, *pair) for one in (rig, *others.values()))]
+    matches = _match_all(images, pairs)
+    num = sum(len(one.pixels[0]) for one in matches)
+    if num < MIN_MATCHES:
+        return LensEvidence(num)
+    shares = {lens: _share_that_fits(other, matches) for lens, other in others.items()}
+    name, k1 = max(shares, key=lambda lens: shares[lens])
+    lens = f"{name} of distortion {k1}" if k1 else name
+    return LensEvidence(num, _share_that_fits(rig, matches), shares[name, k1], lens)
+
+
+def _other_lenses(rig: Rig) -> dict[tuple[str, float], Rig]:
+    """Return the rig with each other plain lens of the same focal length and centre, by model and distortion."""
+    found = {}
+    for name, (model, distortions) in OTHERS.items():
+        for k1 in distortions:
+            parts = [replace(part, camera=_read_as(part.camera, model, k1)) for part in rig.cameras]
+            found[name, k1] = replace(rig, cameras=tuple(parts))
+    return found
+
+
+def _read_as(camera: Camera, model: type[Pinhole] | type[Fisheye], k1: float) -> Camera:
+    fx, fy, cx, cy = (float(value) for value in camera.coefficients[:4])
+    return model(camera.width, camera.height, fx, fy, cx, cy, (k1, 0.0, 0.0, 0.0))
+
+
+def _is_shared(rig: Rig, first: str, second: str) -> bool:
+    """Return whether two cameras see enough of the same directions."""
+    rays = FEW.unproject(pixel_grid(FEW))
+    weight = np.hypot(rays[..., 0], rays[..., 1])
+    seen = [rig.camera(name).camera.project(rays @ rig.camera(name).T_rig_camera.rotation) for name in (first, second)]
+    return float(weight[seen[0][1] & seen[1][1]].sum()) >= MIN_SHARED * float(weight.sum())
+
+
+def _match_all(images: Mapping[str, Image], pairs_of_cameras: Sequence[tuple[str, str]]) -> list[_Matches]:
+    found = {name: _features(image) for name, image in images.items()}
+    matches = []
+    for a, b in pairs_of_cameras:
+        if min(len(found[a][0]), len(found[b][0])) >= 2:
+            pairs = cv2.BFMatcher(cv2.NORM_L2).knnMatch(found[a][1], found[b][1], k=2)
+            back = cv2.BFMatcher(cv2.NORM_L2).match(found[b][1], found[a][1])
+            mutual = {(one.trainIdx, one.queryIdx) for one in back}
+            clear = [one for one, two in pairs if one.distance < MAX_RATIO * two.distance]
+            sure = np.array([(m.queryIdx, m.trainIdx) for m in clear if (m.queryIdx, m.trainIdx) in mutual], np.intp)
+            sure = sure.reshape(-1, 2)
+            matches.append(_Matches(a, b, (found[a][0][sure[:, 0]], found[b][0][sure[:, 1]])))
+    return matches
+
+
+def _features(image: Image) -> tuple[Array, NDArray[np.float32]]:
+    factor = max(max(image.shape) / MAX_SIDE, 1.0)
+    size = (round(image.shape[1] / factor), round(image.shape[0] / factor))
+    small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    points, descriptors = cv2.SIFT_create(NUM_FEATURES).detectAndCompute(small, None)
+    if descriptors is None:
+        return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
+    pixels = np.array([point.pt for point in points], np.float64)
+    return (pixels + 0.5) * factor - 0.5, descriptors
+
+
+def _share_that_fits(rig: Rig, matches: list[_Matches]) -> float:
+    """Return the share of all matches that two cameras may see so, of a point at some range."""
+    fits = [_fits(rig.camera(one.first), rig.camera(one.second), *one.pixels) for one in matches]
+    return float(np.mean(np.concatenate(fits)))
+
+
+def _fits(first: RigCamera, second: RigCamera, a: Array, b: Array) -> NDArray[np.bool_]:
+    x = first.camera.unproject(a) @ first.T_rig_camera.rotation.T
+    y = second.camera.unproject(b) @ second.T_rig_camera.rotation.T
+    along = second.T_rig_camera.translation - first.T_rig_camera.translation
+    closeness = np.linspace(0.0, 1.0 / NEAREST_M, NUM_RANGES)[:, None, None]
+    seen = x - closeness * along  # (K, N, 3), the point by its range, for ranges from far to nearest
+    seen = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
+    nearest = np.max(np.sum(seen * y, axis=-1), axis=0)
+    return np.nan_to_num(nearest, nan=-1.0) > np.cos(np.radians(TOLERANCE_DEG))

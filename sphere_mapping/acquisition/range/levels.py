@@ -1,0 +1,109 @@
+"""Halved images of a matching, how what one knows is said at the size of another, and which matches are doubtful."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.acquisition.kernels import double_size
+from sphere_mapping.acquisition.range.semi_global import Image, Plane
+
+Flags = NDArray[np.bool_]
+
+SIDE_PX = 4  # how far texture is looked for on the sides of a pixel
+SIDE_SHARE = 0.07  # of the squared slope on the most textured side, that is texture, too
+JUMP_PX, JUMP_SHARE = 0.6, 0.1  # least step of disparity over that neighbourhood that is a jump: px, by the disparity
+UNKNOWN_SIDE, FROM_UNKNOWN = 7, 2  # px: side of an unknown region that counts, and how far one keeps off it
+UNKNOWN_PX = 1e4  # stands for unknown where the largest or least is looked for
+
+
+def halve(image: Image, is_whole: bool) -> Image:
+    """Return the image at half its size."""
+    height, width = image.shape
+    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    half = cv2.pyrDown(cv2.copyMakeBorder(image, 0, 0, 4, 4, border))[: height // 2, 2 : 2 + width // 2]
+    # pixel k of the half is centred on pixel 2 k, not between 2 k and 2 k + 1: the refinement takes that up
+    return np.ascontiguousarray(half)
+
+
+def double(disparity: Plane) -> Plane:
+    """Return a disparity at twice the size, every pixel four times."""
+    return 2 * np.repeat(np.repeat(disparity, 2, axis=0), 2, axis=1)
+
+
+def interpolate(disparity: Plane, is_whole: bool) -> Plane:
+    """Return a disparity, or its deviation, at twice the size: linear between pixels, NaN beside NaN.
+
+    Pixel k is centred on pixel 2 k; all numbers are twice as large.
+    """
+    double = np.empty((2 * disparity.shape[0], 2 * disparity.shape[1]), np.float32)
+    double_size(disparity, is_whole, double)
+    return double
+
+
+def fit(plane: Plane, shape: tuple[int, ...]) -> Plane:
+    """Return the plane cut, or continued by NaN, to a shape."""
+    plane = plane[: shape[0], : shape[1]]
+    missing = [(0, side - found) for side, found in zip(shape, plane.shape, strict=True)]
+    return np.pad(plane, missing, constant_values=np.nan) if plane.shape != shape else plane
+
+
+def usable_at(is_usable: Flags, level: int, shape: tuple[int, ...]) -> Flags:
+    """Return which pixels of a level are made of usable ones (H, W) only."""
+    if level == 0:
+        return is_usable
+    side = 2 ** (level + 1) + 1
+    eroded = cv2.erode(is_usable.astype(np.uint8), np.ones((side, side), np.uint8))
+    return fit(eroded[:: 2**level, :: 2**level].astype(np.float32), shape) > 0
+
+
+def has_texture_around(image: Image, is_whole: bool) -> Flags:
+    """Return the pixels (H, W) that have texture along the columns themselves, or on all four sides.
+
+    A block that reaches from a bare surface to the edge of another one shows the range of the edge. What is texture is
+    told by the most textured side, so that this holds for faint texture, too.
+    """
+    off, length = SIDE_PX - 1, 2 * SIDE_PX + 1
+    squares = np.square(cv2.Sobel(_pad(image, SIDE_PX + 2, is_whole), cv2.CV_32F, 0, 1, ksize=1) / 2)
+    middle = slice(SIDE_PX + 2, -SIDE_PX - 2)
+    before, after = slice(SIDE_PX + 2 - off, -SIDE_PX - 2 - off), slice(SIDE_PX + 2 + off, -SIDE_PX - 2 + off)
+    upright, level = (cv2.boxFilter(squares, -1, size) for size in ((3, length), (length, 3)))
+    sides = [upright[middle, before], upright[middle, after], level[before, middle], level[after, middle]]
+    enough = np.float32(SIDE_SHARE) * np.maximum.reduce(sides)
+    return (cv2.blur(squares, (3, 3))[middle, middle] >= enough) | (np.minimum.reduce(sides) >= enough)
+
+
+def at_jumps(disparity: Plane, radius: int, *, is_whole: bool) -> Flags:
+    """Return the pixels next to a jump of disparity: blocks there see two surfaces, the nearer one looks too large.
+
+    What a slanted surface changes by over the neighbourhood, at the least step from pixel to pixel in it, is no jump.
+    """
+    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    padded = cv2.copyMakeBorder(disparity, 0, 0, radius + 1, radius + 1, border)
+    known, kernel = ~np.isnan(padded), np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
+    high = cv2.dilate(np.where(known, padded, np.float32(-UNKNOWN_PX)), kernel)
+    low = cv2.erode(np.where(known, padded, np.float32(UNKNOWN_PX)), kernel)
+    slant = np.zeros_like(padded)
+    for axis in range(2):
+        step = np.abs(np.diff(padded, axis=axis, append=np.nan))
+        least = cv2.erode(np.where(np.isnan(step), np.float32(UNKNOWN_PX), step), kernel)
+        slant += np.where(least < UNKNOWN_PX, 2 * radius * least, np.float32(0.0))
+    limit = np.maximum(np.float32(JUMP_PX), np.float32(JUMP_SHARE) * high) + slant
+    return (high - low > limit)[:, radius + 1 : -radius - 1]
+
+
+def at_unknown(disparity: Plane, *, is_whole: bool) -> Flags:
+    """Return the pixels next to a large unknown region: their blocks may see the border of what is before it."""
+    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    margin = UNKNOWN_SIDE
+    unknown = cv2.copyMakeBorder(np.isnan(disparity).astype(np.uint8), 0, 0, margin, margin, border)
+    square = np.ones((UNKNOWN_SIDE, UNKNOWN_SIDE), np.uint8)
+    large = cv2.morphologyEx(unknown, cv2.MORPH_OPEN, square)
+    near = cv2.dilate(large, np.ones((2 * FROM_UNKNOWN + 1, 2 * FROM_UNKNOWN + 1), np.uint8))
+    return near[:, margin:-margin] > 0
+
+
+def _pad(image: Image, margin: int, is_whole: bool) -> Image:
+    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    return cv2.copyMakeBorder(image, margin, margin, margin, margin, border)

@@ -1,0 +1,299 @@
+"""Two images whose epipolar lines are columns -> disparity: whole spheres, which wrap around, windows, turned pairs.
+
+Semi-global matching (Hirschmueller 2008) with left-right check gives disparity to about a quarter pixel, biased to
+whole pixels; steps of one-dimensional alignment of small blocks (the disparity of every pixel kept, so that slanted
+ground is no problem) remove the bias and say how certain each pixel is. Images are halved until the nearest surface
+wanted is covered by as many disparities, and every level is matched and aligned by itself: where texture is too faint
+for a fine level, a block of a coarser one sees more of the surface and less of the noise. The levels finer than those
+that are matched start where the coarser one has ended. A match stands only if the
+cost of its block is clearly the least of all disparities searched: otherwise there is no texture, or it is repeated, or
+the surface is out of reach, and nothing is known. A point is higher in the lower image: its row there is v - disparity.
+"""
+
+from __future__ import annotations
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.acquisition.kernels import (
+    NUM_DISPARITIES,
+    align_along_columns,
+    prefer_surer,
+    settle,
+    smooth,
+    take_over,
+)
+from sphere_mapping.acquisition.params import MatchParams
+from sphere_mapping.acquisition.range.levels import (
+    at_jumps,
+    at_unknown,
+    double,
+    fit,
+    halve,
+    has_texture_around,
+    interpolate,
+    usable_at,
+)
+from sphere_mapping.acquisition.range.semi_global import (
+    MIN_COST_RATIO,
+    NUM_STRIPS,
+    Image,
+    Plane,
+    compare_costs,
+    match_semi_globally,
+)
+
+Flags = NDArray[np.bool_]
+Pair = tuple[Image, Image]  # of a level: upper, lower
+
+MAX_WIDTH = 1280  # columns, of the whole sphere, up to which images are matched as they are; wider ones are halved
+
+MIN_SIDE = 64  # px, of the coarsest level
+BEYOND_PX = 3  # disparities this near to the largest of a level are left to the next coarser one
+
+NUM_SCALES = 3  # levels that are matched at least
+NUM_CHECKS = 2  # coarser levels that must find a match clear, too
+MIN_COARSE_RATIO = 1.2  # of the least cost elsewhere to that of a match, seen at coarser levels
+MIN_AGREEMENT = 0.95  # of the least cost elsewhere to that of a coarser level's disparity, seen at a finer level
+SURER = 0.5  # of a finer level's deviation, below which a coarser level's disparity is preferred
+LEAST_NOISE = 0.7  # grey levels, of a halved image: rounding and interpolation
+
+EDGE_PX = 3  # matches this near to a jump are not trusted
+REFINE_RADIUS, REFINE_STEPS = 3, 2  # half side in px of the blocks that are aligned, and how often
+STEPS_AGAIN = 1  # how often where a coarser level has aligned them before
+STEP_LIMIT = 0.5  # px, largest step of the refinement
+MATCH_PX = 0.3  # standard deviation of a match: holds the refinement where there is little texture
+MIN_BLOCK_SHARE = 0.2  # of a block's pixels must have a match
+MAX_REFINEMENT = 1.6  # px; a block that wants to go farther from its match is not trusted
+MAX_RESIDUAL = 1.0  # grey-level variance left in a block, by that of noise and contrast
+STD_FACTOR = 1.3  # errors of neighbours are not independent: of the deviation that the residual alone gives
+SMOOTH_LIMIT, SMOOTH_SHARE = 1.0, 0.03  # px, and by the disparity: neighbours that differ more are not averaged
+
+
+@dataclass(frozen=True)
+class Search:
+    """The least and the largest disparity looked for, px at full size; is_whole: the columns wrap around.
+
+    full_width: columns of the whole sphere that the images are windows of; 0: they are no part of one.
+    """
+
+    first_px: float
+    last_px: float
+    is_whole: bool = False
+    full_width: float = 0.0
+
+
+@dataclass(frozen=True, eq=False)
+class Disparity:
+    """Rows by which a pixel of the upper image moves up in the lower one, and its deviation, px; NaN unknown."""
+
+    value: Plane
+    std: Plane
+
+
+def match_columns(
+    top: Image,
+    bottom: Image,
+    search: Search,
+    params: MatchParams,
+    is_usable: NDArray[np.bool_],
+    jobs: int = 1,
+    edge_px: int = EDGE_PX,
+) -> Disparity:
+    """Return the disparity (H, W) of the upper image; both are (H, W) grey, `is_usable` where both show something."""
+    halvings = max(int(np.ceil(np.log2((search.full_width or top.shape[1]) / MAX_WIDTH))), 0)
+    levels = _levels_of(top, bottom, search, halvings)
+    matches = _Matches(levels, search, halvings, jobs)
+    start, found = np.empty((0, 0), np.float32), None
+    for k in reversed(range(len(levels))):
+        shape = levels[k][0].shape
+        coarser = None if found is None else _interpolate(found, shape, search.is_whole)
+        if k >= halvings:
+            matched, coarser = matches.judge(k, coarser)
+            start = _keep_sure(matched, search, edge_px)
+        else:
+            assert coarser is not None
+            start = _start_again(start, coarser.value)
+        start[~usable_at(is_usable, k, shape) | (start > search.last_px / 2**k + BEYOND_PX)] = np.nan
+        if k > halvings:
+            start[~has_texture_around(levels[k][0], search.is_whole)] = np.nan
+        num_steps = REFINE_STEPS if k >= halvings else STEPS_AGAIN
+        own = refine(*levels[k], start, _params_at(params, k), num_steps, is_whole=search.is_whole, jobs=jobs)
+        if coarser is not None:
+            prefer_surer(own.value, own.std, coarser.value, coarser.std, np.float32(SURER))
+        found = own
+    assert found is not None
+    return found
+
+
+def _levels_of(top: Image, bottom: Image, search: Search, halvings: int) -> list[Pair]:
+    """Return both images at full size, and halved until all disparities are reached and NUM_SCALES levels match."""
+    levels = [(top, bottom)]
+    while len(levels) <= halvings or not _is_reached(search, len(levels) - 1, levels[-1][0]):
+        levels.append((halve(levels[-1][0], search.is_whole), halve(levels[-1][1], search.is_whole)))
+    while len(levels) < halvings + NUM_SCALES and min(levels[-1][0].shape) >= 2 * MIN_SIDE:
+        levels.append((halve(levels[-1][0], search.is_whole), halve(levels[-1][1], search.is_whole)))
+    return levels
+
+
+class _Matches:
+    """The matches of all levels, judged from the coarsest on.
+
+    A level sees a part of all disparities, in which what is repeated may seem clear: the coarser ones, which see more,
+    must find it clear, too.
+    """
+
+    def __init__(self, levels: list[Pair], search: Search, halvings: int, jobs: int) -> None:
+        self._levels, self._search, self._halvings, self._jobs = levels, search, halvings, jobs
+        self._own = {
+            k: match_semi_globally(*levels[k], _first_at(search, k), is_whole=search.is_whole, jobs=jobs)
+            for k in range(halvings, len(levels))
+        }
+        self._is_sure: dict[tuple[int, int], Flags] = {}  # matches of a level, seen at a coarser one
+        self._found: Plane | None = None
+
+    def judge(self, k: int, coarser: Disparity | None) -> tuple[Plane, Disparity | None]:
+        """Return the disparity of a level, what is nearer from coarser ones; and `coarser` where it is not denied.
+
+        Called for one level after the other, the coarsest first.
+        """
+        first, shape = _first_at(self._search, k), self._levels[k][0].shape
+        finer = range(max(k - NUM_CHECKS, self._halvings), k)
+        seen = [self._own[k], *(_seen_at(k - n, self._own[n], shape) for n in finer)]
+        planes = seen if coarser is None else [*seen, coarser.value]
+        ratios = compare_costs(*self._levels[k], planes, first, is_whole=self._search.is_whole, jobs=self._jobs)
+        for n, ratio in zip(finer, ratios[1:], strict=False):
+            self._is_sure[n, k] = ratio >= MIN_COARSE_RATIO
+        own, is_sure = self._own[k].copy(), ratios[0] >= MIN_COST_RATIO
+        own[~is_sure] = np.nan
+        for n in range(k + 1, min(k + 1 + NUM_CHECKS, len(self._levels))):
+            there = self._is_sure[k, n]
+            is_sure = is_sure[::2, ::2][: there.shape[0], : there.shape[1]] & there
+            unsure = np.repeat(np.repeat(~is_sure, 2 ** (n - k), axis=0), 2 ** (n - k), axis=1)
+            own[fit(unsure.astype(np.float32), shape) > 0] = np.nan
+        if self._found is not None:
+            nearer = fit(double(self._found), shape)
+            own = np.where(nearer > first + NUM_DISPARITIES - 1 - BEYOND_PX, nearer, own)
+        self._found = own
+        return own.copy(), coarser and _keep_undenied(coarser, ratios[-1], first)
+
+
+def _interpolate(found: Disparity, shape: tuple[int, ...], is_whole: bool) -> Disparity:
+    return Disparity(*(fit(interpolate(plane, is_whole), shape) for plane in (found.value, found.std)))
+
+
+def _seen_at(levels: int, disparity: Plane, shape: tuple[int, ...]) -> Plane:
+    """Return a disparity as so many levels coarser have it."""
+    step = 2**levels
+    return fit(disparity[::step, ::step] / np.float32(step), shape)
+
+
+def _start_again(matched: Plane, aligned: Plane) -> Plane:
+    """Return where a level that is not matched itself starts: what the coarser one has aligned, else its match."""
+    height, width = min(2 * matched.shape[0], aligned.shape[0]), min(2 * matched.shape[1], aligned.shape[1])
+    start = np.full_like(aligned, np.nan)
+    take_over(matched, aligned[:height, :width], np.float32(2 * MAX_REFINEMENT), start[:height, :width])
+    return start
+
+
+def _first_at(search: Search, level: int) -> int:
+    return int(np.floor(search.first_px / 2**level))
+
+
+def _keep_sure(matched: Plane, search: Search, edge_px: int) -> Plane:
+    """Return matches without stairs, and none near jumps and unknown regions."""
+    found = _smooth_around(matched, search.is_whole)
+    near_jump = at_jumps(found, edge_px, is_whole=search.is_whole)
+    found[near_jump | at_unknown(found, is_whole=search.is_whole)] = np.nan
+    return found
+
+
+def _keep_undenied(coarser: Disparity, ratio: Plane, first: int) -> Disparity:
+    """Return what a coarser level knows where the finer images, undecided, do not find another disparity better.
+
+    ratio: of the least cost elsewhere to that of the coarser disparity. So it is with patterns: blurred they may match
+    in one place only, and wrongly.
+    """
+    keep = (ratio >= MIN_AGREEMENT) | (coarser.value > first + NUM_DISPARITIES - 1)
+    return Disparity(*(np.where(keep, plane, np.float32(np.nan)) for plane in (coarser.value, coarser.std)))
+
+
+def _params_at(params: MatchParams, level: int) -> MatchParams:
+    """Return the noise that a level has: halving an image averages four pixels."""
+    return replace(params, noise=max(params.noise / 2**level, min(params.noise, LEAST_NOISE)))
+
+
+def _is_reached(search: Search, halvings: int, image: Image) -> bool:
+    """Return whether a level sees all disparities, or is too small for another one below it."""
+    last = int(np.floor(search.first_px / 2**halvings)) + NUM_DISPARITIES - 1
+    return search.last_px / 2**halvings <= last or min(image.shape) < 2 * MIN_SIDE
+
+
+def refine(
+    top: Image, bottom: Image, coarse: Plane, params: MatchParams, num_steps: int, *, is_whole: bool, jobs: int = 1
+) -> Disparity:
+    """Align blocks of the upper image with the lower one along the column, starting from the matched disparity.
+
+    The shift of a block minimises the squared grey-level difference beside a constant (cameras expose differently);
+    with noise of variance s^2 in both images its variance is 2 s^2 / sum of squared slopes. What the calibration leaves
+    comes on top.
+    """
+    margin = REFINE_RADIUS * (2 * num_steps + 1)  # columns whose disparity a strip's own ones see
+    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    planes = [cv2.copyMakeBorder(plane, 0, 0, margin, margin, border) for plane in (top, bottom, coarse)]
+    width = coarse.shape[1]
+    length = -(-width // NUM_STRIPS)
+    value, std = np.empty_like(coarse), np.empty_like(coarse)
+
+    def work(begin: int) -> None:
+        wide, own = slice(begin, min(begin + length, width) + 2 * margin), slice(begin, begin + length)
+        above, below, start = (np.ascontiguousarray(plane[:, wide]) for plane in planes)
+        _refine_strip(above, below, start, (margin, num_steps), params, value[:, own], std[:, own])
+
+    with ThreadPoolExecutor(jobs) as pool:
+        list(pool.map(work, range(0, width, length)))
+    return Disparity(value, std)
+
+
+def _refine_strip(
+    top: Image, bottom: Image, start: Plane, sizes: tuple[int, int], params: MatchParams, value: Plane, std: Plane
+) -> None:
+    """Write a strip's disparity and deviation; sizes: columns of margin, number of steps."""
+    (margin, num_steps), area = sizes, (2 * REFINE_RADIUS + 1) ** 2
+    start, spare = _smooth(start, np.empty_like(start)), np.empty_like(start)
+    refined, information, left = start.copy(), np.empty_like(start), np.empty_like(start)
+    limits = np.array([STEP_LIMIT, MIN_BLOCK_SHARE * area, params.noise**2, MATCH_PX**2], np.float32)
+    for _ in range(num_steps):
+        align_along_columns(top, bottom, start, limits, REFINE_RADIUS, refined, information, left)
+        refined = _smooth(refined, spare)
+    inner = slice(margin, margin + value.shape[1])
+    planes = [plane[:, inner] for plane in (refined, start, information, left)]
+    trust = np.array([MAX_REFINEMENT, MAX_RESIDUAL, STD_FACTOR**2, params.calibration_px**2], np.float32)
+    settle(*planes, _squared_slopes(top)[:, :, inner], trust, value, std)
+
+
+def _squared_slopes(image: Image) -> Plane:
+    """Return the mean squared slopes (2, H, W) of each block across and along the columns."""
+    side = (2 * REFINE_RADIUS + 1,) * 2
+    slopes = np.empty((2, *image.shape), np.float32)
+    for axis, plane in zip(((1, 0), (0, 1)), slopes, strict=True):
+        cv2.sqrBoxFilter(cv2.Sobel(image, cv2.CV_32F, *axis, ksize=3), cv2.CV_32F, side, plane)
+    return slopes
+
+
+def _smooth(disparity: Plane, spare: Plane) -> Plane:
+    out = np.empty_like(disparity)
+    smooth(disparity, REFINE_RADIUS, np.float32(SMOOTH_LIMIT), np.float32(SMOOTH_SHARE), spare, out)
+    return out
+
+
+def _smooth_around(disparity: Plane, is_whole: bool) -> Plane:
+    """Return the disparity without the stairs that whole pixels make of slanted surfaces."""
+    margin = 2 * REFINE_RADIUS
+    border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
+    padded = cv2.copyMakeBorder(disparity, 0, 0, margin, margin, border)
+    return np.ascontiguousarray(_smooth(padded, np.empty_like(padded))[:, margin:-margin])

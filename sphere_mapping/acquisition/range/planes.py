@@ -1,0 +1,233 @@
+"""Range of bare regions whose outline is measured and lies on one plane: not measured itself, and marked so.
+
+A wall without texture has no match of its own, but its edges have: pieces of the outline of a bare region are matched
+along the columns by all their pixels, those where the outline runs across the columns (along them it tells nothing of
+range, and what is beside it would speak instead). A plane is fitted to them, 1 / range = n . ray, by the deviations of
+the pieces. It is taken if they agree with one plane (of true ones 0.3 % are refused for each piece, up to 50 pieces,
+and one in a thousand by the sum of all squares), and if none of them alone decides it. So a bare box before a wall has
+the range of the box, whose upper and lower edges say so, and what is bounded by several things at several ranges, as
+the sky, has none. What cannot be told are bare things that bulge between edges which do not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import chi2
+
+from sphere_mapping.acquisition.kernels import match_outline
+from sphere_mapping.acquisition.params import MatchParams
+from sphere_mapping.acquisition.range.epipolar import FAR_M, MIN_RANGE_SHARE
+from sphere_mapping.acquisition.range.fusion import Ranged
+from sphere_mapping.acquisition.range.levels import halve
+from sphere_mapping.acquisition.range.matching import LEAST_NOISE, Search
+from sphere_mapping.acquisition.range.outlines import HALF, Outline, bare_regions, cut_outlines
+from sphere_nav.geometry import Spherical
+
+Array = NDArray[np.float64]
+Plane = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+Image = NDArray[np.uint8]
+
+MAX_WIDTH = 512  # columns of the whole sphere in which outlines are looked for: finer images tell more of noise
+MAX_ELEVATION = np.radians(75.0)  # above and below: nearer to the poles a row tells little of the range
+MIN_CLEAR = 1.5  # of the least cost elsewhere to that of a match
+MAX_STD_PX = 0.5  # of a piece by its own slopes
+FLOOR_PX = 0.15  # deviation of a piece that no slope takes away
+MAX_LEFT, CONTRAST_LEFT = 1.5, 0.05  # of the noise, and of the squared contrast, in the difference of a match
+MIN_PIECES = 8
+MAX_OFF = 3.0  # deviations from the plane beyond which a piece is off,
+MAX_OFF_SHARE = 0.02  # and how many may be
+MAX_LEVERAGE = 0.5  # of a piece: a plane that hangs on one or two was not tried by the others
+FALSE_ALARM = 1e-3  # share of true planes that are refused by the sum of squares
+RELATIVE_STD = 0.02  # of inverse range, of what outlines have in common: calibration, centres, surfaces not quite flat
+MAX_DENIED = 0.3  # of what is measured in a region may contradict its plane
+MAX_RELATIVE_STD = 0.05  # above which nothing is said
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """From where the pixels of the upper sphere are seen.
+
+    owner (H, W): number of the camera of each pixel; centres (N, 3) m of the cameras in the frame of the sphere;
+    baseline_error (H, W), per_m: of `epipolar.correct_baseline`.
+    """
+
+    baseline_m: float
+    owner: NDArray[np.int8]
+    centres: Plane
+    baseline_error: Plane
+    per_m: float = 0.0
+
+    @classmethod
+    def of_pair(cls, whole: Spherical, baseline_m: float) -> Places:
+        """Return those of two spheres that were taken from one place each."""
+        shape = (whole.height, whole.width)
+        return cls(baseline_m, np.zeros(shape, np.int8), np.zeros((1, 3), np.float32), np.zeros(shape, np.float32))
+
+
+@dataclass(frozen=True, eq=False)
+class _Pieces:
+    """Pieces of all outlines: region (N,), directions (N, 3) and places (N, 3), inverse ranges and deviations (N,)."""
+
+    region: NDArray[np.int64]
+    rays: Array
+    centres: Array
+    inverse: Array
+    std: Array
+
+
+def range_of_planes(
+    top: Image,
+    bottom: Image,
+    ranged: Ranged,
+    is_usable: Flags,
+    places: Places,
+    search: Search,
+    params: MatchParams,
+) -> Ranged:
+    """Return range and deviation (H, W) in m of bare regions of a whole upper sphere where they are not measured.
+
+    NaN elsewhere. What is measured and contradicts the plane counts for nothing: blocks at the rim of a bare region see
+    the edge of another thing. top, bottom: as for `match_columns`, whole spheres; ranged: what is measured, from the
+    places.
+    """
+    whole = Spherical(top.shape[1], top.shape[0])
+    found = np.full(top.shape, np.nan, np.float32), np.full(top.shape, np.nan, np.float32)
+    level = max(int(np.ceil(np.log2(whole.width / MAX_WIDTH))), 0)
+    for _ in range(level):
+        top, bottom = halve(top, is_whole=True), halve(bottom, is_whole=True)
+    labels, boxes, seam = bare_regions(top, ranged[0], is_usable, level)
+    if len(boxes) == 0:
+        return found
+    rolled = [np.roll(image, -seam, axis=1) for image in (top, bottom)]
+    outlines = list(cut_outlines(rolled[0], labels, boxes))
+    if not outlines:
+        return found
+    pieces = _match(rolled, outlines, seam, level, whole, places, search, params)
+    planes = {}
+    for region in np.unique(pieces.region):
+        own = pieces.region == region
+        plane = _fit(pieces.rays[own], pieces.centres[own], pieces.inverse[own], pieces.std[own])
+        if plane is not None:
+            planes[int(region)] = plane
+    if planes:
+        _extend(planes, np.roll(labels, seam, axis=1), level, places, ranged, params, found)
+    return found
+
+
+def _match(
+    images: list[Image],
+    outlines: Sequence[Outline],
+    seam: int,
+    level: int,
+    whole: Spherical,
+    places: Places,
+    search: Search,
+    params: MatchParams,
+) -> _Pieces:
+    """Return the pieces that have a clear match, with their inverse ranges."""
+    step = 2**level
+    region = np.concatenate([np.full(len(outline.corners), outline.region) for outline in outlines])
+    corner = np.concatenate([outline.corners for outline in outlines])
+    masks = np.ascontiguousarray(np.concatenate([outline.masks for outline in outlines]))
+    first = int(np.floor(search.first_px / step)) - 1
+    costs, found = np.empty(int(search.last_px / step) + 3 - first), np.empty((len(corner), 7))
+    top, bottom = (image.astype(np.float32) for image in images)
+    match_outline(top, bottom, corner.astype(np.int32), masks, first, costs, found)
+    noise = max(params.noise / step, min(params.noise, LEAST_NOISE))
+    disparity, least, elsewhere, number, squares, contrast, rows = found.T
+    with np.errstate(invalid="ignore", divide="ignore"):
+        floor = number * 2 * noise**2
+        variance = 2 * noise**2 / squares
+        above = (rows * step + 0.5) * np.pi / whole.height
+        is_clear = (elsewhere + floor >= MIN_CLEAR * (least + floor)) & (variance <= MAX_STD_PX**2)
+        is_clear &= (least <= MAX_LEFT * floor + CONTRAST_LEFT * contrast) & (disparity > 0)
+        is_clear &= np.abs(above - np.pi / 2) <= MAX_ELEVATION
+    disparity, least, floor, variance, above, rows = (
+        values[is_clear] for values in (disparity, least, floor, variance, above, rows)
+    )
+    column = (corner[is_clear, 1] + HALF + seam) * step % whole.width
+    row = np.clip(np.rint(rows * step), 0, whole.height - 1).astype(np.int64)
+    std = np.sqrt(variance * np.maximum(least / floor, 1.0) + FLOOR_PX**2)
+    inverse, inverse_std = _inverse_range(disparity * step, std * step, above, places.baseline_m, whole)
+    error = places.baseline_error[row, column].astype(np.float64)
+    factor = (1.0 + error * places.per_m / inverse) / (1.0 + error)
+    rays = whole.unproject(np.stack([column, rows * step], axis=1).astype(np.float64))
+    centres = places.centres[places.owner[row, column]].astype(np.float64)
+    return _Pieces(region[is_clear], rays, centres, inverse * factor, inverse_std * np.abs(factor))
+
+
+def _inverse_range(
+    disparity: Array, std: Array, above: Array, baseline_m: float, whole: Spherical
+) -> tuple[Array, Array]:
+    """Return 1 / range from the upper centre and its deviation, 1/m, of disparities in px at colatitudes `above`."""
+    per_row = np.pi / whole.height
+    delta = disparity * per_row
+    inverse = 1.0 / (baseline_m * (np.sin(above) / np.tan(delta) - np.cos(above)))
+    slope = baseline_m * np.sin(above) / np.sin(delta) ** 2 * inverse**2
+    return inverse, slope * std * per_row
+
+
+def _fit(rays: Array, centres: Array, inverse: Array, std: Array) -> tuple[Array, Array] | None:
+    """Return the plane n (3,), n . point = 1, and its covariance; None where the pieces are not on one plane.
+
+    A point at range r is centre + r ray, so n . (ray + centre / r) = 1 / r.
+    """
+    if len(rays) < MIN_PIECES:
+        return None
+    rows, is_on = (rays + centres * inverse[:, None]) / std[:, None], np.ones(len(rays), np.bool_)
+    for _ in range(3):
+        squares = rows[is_on].T @ rows[is_on]
+        if is_on.sum() < MIN_PIECES or np.linalg.cond(squares) > 1e12:
+            return None
+        covariance = np.asarray(np.linalg.inv(squares), dtype=np.float64)
+        n = covariance @ (rows[is_on].T @ (inverse / std)[is_on])
+        off = inverse / std - rows @ n
+        is_on = np.abs(off) < MAX_OFF
+    freedom = int(is_on.sum()) - 3
+    if np.einsum("ij,jk,ik->i", rows[is_on], covariance, rows[is_on]).max() > MAX_LEVERAGE:
+        return None
+    if np.mean(~is_on) > MAX_OFF_SHARE or np.sum(off[is_on] ** 2) > chi2.ppf(1 - FALSE_ALARM, freedom):
+        return None
+    return n, covariance * max(float(np.sum(off[is_on] ** 2)) / freedom, 1.0)
+
+
+def _extend(
+    planes: Mapping[int, tuple[Array, Array]],
+    labels: NDArray[np.int32],
+    level: int,
+    places: Places,
+    ranged: Ranged,
+    params: MatchParams,
+    found: Ranged,
+) -> None:
+    """Write the range of the planes of regions (labels (h, w)), and its deviation, where nothing else is measured."""
+    step, whole = 2**level, Spherical(found[0].shape[1], found[0].shape[0])
+    number = np.full(int(labels.max()) + 1, -1)
+    number[list(planes)] = np.arange(len(planes))
+    wide = np.repeat(np.repeat(number[labels].astype(np.int16), step, axis=0), step, axis=1)
+    wide = np.roll(wide, (-(step // 2), -(step // 2)), axis=(0, 1))  # pixel k of the small image is pixel step k
+    v, u = np.nonzero(wide >= 0)
+    own = wide[v, u]
+    n, covariance = (np.stack([plane[k] for plane in planes.values()])[own] for k in (0, 1))
+    rays = whole.unproject(np.stack([u, v], axis=1).astype(np.float64))
+    inverse = np.sum(rays * n, axis=1) / (1.0 - np.sum(places.centres[places.owner[v, u]] * n, axis=1))
+    variance = np.einsum("ij,ijk,ik->i", rays, covariance, rays) + (RELATIVE_STD * inverse) ** 2
+    keep = (inverse > 1.0 / FAR_M) & (inverse < 1.0 / (MIN_RANGE_SHARE * params.nearest_m))
+    keep &= variance < (MAX_RELATIVE_STD * inverse) ** 2
+    v, u, own, range_m, std_m = (
+        v[keep],
+        u[keep],
+        own[keep],
+        1 / inverse[keep],
+        np.sqrt(variance[keep]) / inverse[keep] ** 2,
+    )
+    measured, measured_std = (plane[v, u] for plane in ranged)
+    is_denied = np.abs(measured - range_m) > MAX_OFF * np.hypot(measured_std, std_m)  # not so where nothing is measured
+    shares = [np.bincount(own[which], minlength=len(planes)) for which in (is_denied, ~np.isnan(measured))]
+    keep = (np.isnan(measured) | is_denied) & (shares[0] <= MAX_DENIED * shares[1])[own]
+    found[0][v[keep], u[keep]], found[1][v[keep], u[keep]] = range_m[keep], std_m[keep]

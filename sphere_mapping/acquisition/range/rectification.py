@@ -1,0 +1,169 @@
+"""What a rig's own images say about its calibration: small corrections, so that epipolar lines are columns indeed.
+
+Features that two cameras see must lie in one plane with both centres. The rotations, focal lengths and principal points
+that make them do so best, and differ least from the rig file by the file's own uncertainty, are found by robust least
+squares (M15 section 4.3.1, step 3). Centres stay: at their baselines the images say next to nothing about them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import least_squares
+from scipy.spatial import cKDTree
+
+from sphere_mapping.acquisition.params import RectifyParams
+from sphere_mapping.acquisition.range.rig_adjustment import (
+    NUM_VALUES,
+    Matches,
+    correct,
+    epipolar_errors,
+    errors,
+    slopes,
+)
+from sphere_mapping.acquisition.stitching.views import RigView
+from sphere_nav.geometry import Rig, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
+
+Image = NDArray[np.uint8]
+Array = NDArray[np.float64]
+
+POLE_DEG = 35.0  # features nearer to a pole of the sphere are drawn too wide to be compared
+LOSS_SCALES_DEG = (1.0, 0.4, 0.15, 0.06)  # the loss is narrowed step by step: at first half may be wrong matches
+NUM_FEATURES = 5000  # of a camera, at most
+MAX_PARALLAX_DEG = 12.0  # largest angle between the directions of a match
+MAX_RATIO = 0.75  # distance of a match over that of the second best
+FROM_BORDER_DEG = 1.0  # features nearer to the border of an image are left out
+CLOUD_REACH_DEG = 0.4  # a LiDAR's point this near to a feature tells its range
+MIN_MATCHES = 15  # below which a pair of cameras says nothing
+FOCAL_SHARE, CENTRE_SHARE = 0.003, 0.005  # deviations of focal length and principal point, by the focal length
+CONTRAST = 0.015  # of a feature, as SIFT counts it
+
+
+@dataclass(frozen=True, eq=False)
+class Rectified:
+    """The corrected rig; by camera, by how much it was turned (deg) and from how many matches that is known.
+
+    before_deg, after_deg: median angle between matches and their epipolar planes.
+    """
+
+    rig: Rig
+    turned_deg: dict[str, float]
+    num_matches: dict[str, int]
+    before_deg: float
+    after_deg: float
+
+
+def matches_of(
+    rig_views: Sequence[RigView], images: Mapping[str, Image], params: RectifyParams, points_sphere: Array | None = None
+) -> list[Matches]:
+    """Return the features that pairs of cameras share in the grey images (h, w) of one instant.
+
+    points_sphere (N, 3): a LiDAR's cloud; it tells how far features are.
+    """
+    places = {rig_view.name: rig_view for rig_view in rig_views}
+    whole = Spherical(params.width, params.width // 2)
+    rays = whole.unproject(pixel_grid(whole))
+    found = {
+        rig_view.name: _features(rig_view, images[rig_view.name], rays, params)
+        for rig_view in rig_views
+        if rig_view.name in images
+    }
+    matches = []
+    for a, b in combinations(found, 2):
+        pairs = _pair(found[a], found[b], params)
+        if len(pairs[0]) >= MIN_MATCHES:
+            pixels = found[a][0][pairs[0]]
+            ranges = None if points_sphere is None else _range_at(pixels, places[a], points_sphere, params)
+            matches.append(Matches(a, b, pixels, found[b][0][pairs[1]], ranges))
+    return matches
+
+
+def rectified(rig: Rig, matches: Sequence[Matches], params: RectifyParams) -> Rectified:
+    """Return the rig corrected by matches of one or several instants."""
+    names = [part.name for part in rig.cameras]
+    values = np.zeros(NUM_VALUES * len(names))
+    turn = np.radians(params.turn_deg)
+    prior = np.tile([turn, turn, turn, FOCAL_SHARE, CENTRE_SHARE, CENTRE_SHARE], len(names))
+    before = epipolar_errors(rig, matches)
+    if not matches:
+        return Rectified(rig, dict.fromkeys(names, 0.0), dict.fromkeys(names, 0), float("nan"), float("nan"))
+    for scale_deg in LOSS_SCALES_DEG:
+        scale = np.radians(scale_deg)
+
+        def cost(now: Array, scale: float = scale) -> Array:
+            return np.concatenate([_soften(errors(correct(rig, now), matches, scale))[0], now / prior])
+
+        def change(now: Array, scale: float = scale) -> Array:
+            weights = _soften(errors(correct(rig, now), matches, scale))[1]
+            return np.vstack([weights[:, None] * slopes(rig, now, matches, scale), np.diag(1 / prior)])
+
+        values = least_squares(cost, values, change, method="trf", x_scale=prior, max_nfev=20).x
+    better = correct(rig, values)
+    after = epipolar_errors(better, matches)
+    turned = np.degrees(np.linalg.norm(values.reshape(-1, NUM_VALUES)[:, :3], axis=1))
+    counts = {name: sum(len(m.pixels_first) for m in matches if name in (m.first, m.second)) for name in names}
+    medians = [float(np.degrees(np.median(np.abs(errors)))) for errors in (before, after)]
+    return Rectified(better, dict(zip(names, turned.tolist(), strict=True)), counts, *medians)
+
+
+def _soften(values: Array) -> tuple[Array, Array]:
+    """Return values (M,) whose squares are Cauchy's loss, and their slopes."""
+    root = np.sqrt(np.log1p(np.square(values)))
+    is_small = np.abs(values) < 1e-6
+    slope = np.abs(values) / (1 + np.square(values)) / np.where(is_small, 1.0, root)
+    return np.copysign(root, values), np.where(is_small, 1.0, slope)
+
+
+def _features(
+    rig_view: RigView, image: Image, rays: Array, params: RectifyParams
+) -> tuple[Array, Array, NDArray[np.float32]]:
+    """Return pixels of the camera, rays of the sphere and descriptors of features, seen from very far."""
+    height = len(rays)
+    u, v, border = rig_view.project(rays * 1e6)
+    seen = (border > np.radians(FROM_BORDER_DEG)).astype(np.uint8)
+    pole = round(height * POLE_DEG / 180.0)
+    seen[:pole], seen[height - pole :] = 0, 0
+    view = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    points, descriptors = cv2.SIFT_create(NUM_FEATURES, contrastThreshold=CONTRAST).detectAndCompute(view, seen)
+    if descriptors is None:
+        return np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 128), np.float32)
+    at = np.array([point.pt for point in points], np.float32)[:, None]
+    pixels = [cv2.remap(plane, at, None, cv2.INTER_LINEAR)[:, 0] for plane in (u, v)]
+    own = [cv2.remap(rays[..., k].astype(np.float32), at, None, cv2.INTER_LINEAR)[:, 0] for k in range(3)]
+    return np.stack(pixels, axis=1).astype(np.float64), np.stack(own, axis=1).astype(np.float64), descriptors
+
+
+def _range_at(pixels: Array, rig_view: RigView, points_sphere: Array, params: RectifyParams) -> Array:
+    """Return the range (N,) of the cloud's point seen next to each pixel, NaN where none is near."""
+    points = rig_view.T_sphere_camera.inverse().apply(points_sphere)
+    at, visible = rig_view.camera.project(points)
+    if not visible.any():
+        return np.full(len(pixels), np.nan)
+    reach = np.radians(CLOUD_REACH_DEG) * rig_view.camera.pixels_per_radian
+    distance, nearest = cKDTree(at[visible]).query(pixels, distance_upper_bound=reach)
+    ranges = np.append(np.linalg.norm(points[visible], axis=1), np.nan)
+    return np.where(np.isfinite(distance), ranges[nearest], np.nan)
+
+
+def _pair(first: tuple, second: tuple, params: RectifyParams) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Return indices (N,) of features that choose each other, clearly, and not too far apart on the sphere."""
+    nothing = np.zeros(0, np.intp), np.zeros(0, np.intp)
+    if len(first[0]) < 2 or len(second[0]) < 2:
+        return nothing
+    a, b = first[2], second[2]
+    squares = np.sum(a * a, axis=1)[:, None] + np.sum(b * b, axis=1)[None] - 2 * a @ b.T
+    distance = np.sqrt(np.maximum(squares, 0.0))
+    is_far = first[1].astype(np.float32) @ second[1].T.astype(np.float32) < np.cos(np.radians(MAX_PARALLAX_DEG))
+    distance[is_far] = np.inf
+    two = np.partition(distance, 1, axis=1)[:, :2]
+    best = np.argmin(distance, axis=1)
+    is_mutual = np.argmin(distance, axis=0)[best] == np.arange(len(best))
+    with np.errstate(invalid="ignore"):
+        chosen = is_mutual & np.isfinite(two[:, 0]) & (two[:, 0] < MAX_RATIO * two[:, 1])
+    return np.flatnonzero(chosen), best[chosen]

@@ -1,0 +1,1 @@
+"""The ROS shell of acquisition: images of a rig in, spheres out."""

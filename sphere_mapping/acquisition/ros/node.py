@@ -1,0 +1,161 @@
+"""The node `sphere_stitcher`: the images of a rig in, augmented spheres out.
+
+A sphere as a small picture, for those who only want to look.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+
+import cv2
+from sensor_msgs.msg import CompressedImage
+from sphere_nav_msgs.msg import AugmentedSphere
+from std_msgs.msg import String
+from tf2_msgs.msg import TFMessage
+
+from sphere_mapping.acquisition import kernels
+from sphere_mapping.acquisition.params import SphereStitcherParams
+from sphere_mapping.acquisition.range.rectification import rectified
+from sphere_mapping.acquisition.ros.rig_intake import RigInstant, RigIntake
+from sphere_mapping.acquisition.stitching.stitcher import Stitcher
+from sphere_mapping.acquisition.stitching.views import masks_of
+from sphere_nav.geometry import Rig
+from sphere_nav.geometry.files.rig_file import read_rig
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.node import OK, WARN, ManagedNode
+from sphere_nav.ros.run import run
+from sphere_nav.ros.tf import TransformListener, TransformTree
+from sphere_nav.spheres.sphere import Sphere
+
+WIDTH, QUALITY = 1024, 80  # columns; of JPEG
+
+
+def draw_preview(sphere: Sphere, frame_id: str) -> CompressedImage:
+    """Return a small JPEG of the sphere."""
+    width = min(WIDTH, sphere.image.shape[1])
+    small = cv2.resize(sphere.image, (width, width // 2), interpolation=cv2.INTER_AREA)
+    small = cv2.cvtColor(small, cv2.COLOR_RGB2BGR) if small.ndim == 3 else small
+    data = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].tobytes()
+    return CompressedImage(header=conversions.header(sphere.stamp_ns, frame_id), format="jpeg", data=data)
+
+
+class SphereStitcher(ManagedNode):
+    """Converts, waits for the cameras of an instant, asks the stitcher, converts back."""
+
+    NAME = "sphere_stitcher"
+    PARAMS = SphereStitcherParams
+    LARGE_MESSAGES = True
+    params: SphereStitcherParams
+
+    def configure(self) -> None:
+        """Read the rig, compute its tables, open topics."""
+        kernels.warm_up()
+        self.intake: RigIntake | None = None
+        self.sphere = self.add_publisher("sphere", AugmentedSphere, qos.LARGE)
+        self.preview = self.add_publisher("sphere/preview/compressed", CompressedImage, qos.SENSOR)
+        self.tf_static = self.add_publisher("/tf_static", TFMessage, qos.TF_STATIC)
+        if self.params.rig:
+            self.use(read_rig(self.params.rig))
+        else:
+            self.add_subscription("rig_description", String, self.on_description, qos.LATCHED, silence=0.0)
+
+    def activate(self) -> None:
+        """Tell where the sphere is on the rig."""
+        if self.intake is not None:
+            self.tell_place()
+
+    def clock_jumped(self) -> None:
+        """Forget half-complete instants."""
+        if self.intake is not None:
+            self.intake.clear()
+
+    def on_description(self, message: String) -> None:
+        """Use the first rig file told."""
+        if self.intake is not None:
+            return
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "rig.yaml"
+            path.write_text(message.data, encoding="utf-8")
+            try:
+                rig = read_rig(path)
+            except ValueError as error:
+                raise ValueError(str(error).replace(str(path), "rig_description")) from None
+        self.use(rig)
+        self.tell_place()
+
+    def use(self, rig: Rig) -> None:
+        """Compute the tables of a rig, listen to its cameras."""
+        self.stitcher = Stitcher(rig, self.params.stitch, masks_of(rig), self.params.jobs)
+        self.is_rectified = self.params.rectify.num_instants == 0
+        tf = TransformListener(self.endpoints) if self.params.has_cloud else None
+        lookup = tf.lookup if tf else TransformTree().lookup
+        self.intake = RigIntake(rig, self.params, self.now_ns, lookup, self.on_instants)
+        for topic, kind, callback, profile in self.intake.subscriptions():
+            self.add_subscription(topic, kind, callback, profile, is_required=topic == "points")
+        if self.stitcher.warning:
+            self.log.warning(self.stitcher.warning)
+            self.report("range", WARN, self.stitcher.warning)
+        self.add_timer(self.params.sync.deadline_s / 4, self.intake.close_late)
+        self.report("stitching", OK, "waiting for images")
+
+    def tell_place(self) -> None:
+        """Publish where the sphere is on the rig."""
+        p, T_rig_sphere = self.params, self.stitcher.T_rig_sphere
+        transform = conversions.se3_to_transform(T_rig_sphere, self.now_ns(), p.rig_frame, p.sphere_frame)
+        self.tf_static.publish(TFMessage(transforms=[transform]))
+
+    def finish_open(self) -> None:
+        """Stitch what is still open: the recording has ended."""
+        if self.intake is not None:
+            self.intake.finish()
+
+    def on_instants(self, instants: list[RigInstant]) -> None:
+        """Stitch instants, after the first ones have corrected the rig where that is asked for."""
+        if not self.is_rectified:
+            self.rectify(instants)
+        for instant in instants:
+            self.deliver(instant)
+
+    def rectify(self, instants: list[RigInstant]) -> None:
+        """Correct the rig by what its cameras share."""
+        self.is_rectified, p = True, self.params.rectify
+        seen = [instant for instant in instants if instant.images]
+        matches = [match for one in seen for match in self.stitcher.matches(one.images, p, one.points)]
+        found = rectified(self.stitcher.rig, matches, p)
+        self.stitcher = Stitcher(found.rig, self.params.stitch, masks_of(found.rig), self.params.jobs)
+        self.tell_place()
+        worst = max(found.turned_deg, key=lambda name: found.turned_deg[name])
+        text = f"{worst} turned by {found.turned_deg[worst]:.2f} deg against the rig file, the others less"
+        is_off = found.turned_deg[worst] > p.warn_deg
+        self.report("rig", WARN if is_off else OK, text, before_deg=found.before_deg, after_deg=found.after_deg)
+        (self.log.warning if is_off else self.log.info)(f"rig: {text}")
+
+    def deliver(self, instant: RigInstant) -> None:
+        """Stitch an instant and publish its sphere; whatever lacks is told by name."""
+        assert self.intake is not None
+        for what, level, why, values in self.intake.health():
+            self.report(what, level, why, **values)
+        stamp, notes = instant.sync.stamp_ns, instant.sync.notes
+        for name, problem in notes.items():
+            self.log.warning(f"camera {name}: {problem}", every=5.0, key=name)
+        if instant.sync.is_failed or not instant.images:
+            self.log.error(f"no sphere at {stamp / 1e9:.3f} s: {', '.join(notes)}", every=5.0)
+            return
+        self.stitch(instant)
+
+    def stitch(self, instant: RigInstant) -> None:
+        """Make the sphere of an instant and publish it."""
+        stitched = self.stitcher.stitch(instant.images, instant.sync.stamp_ns, instant.points, instant.depths)
+        self.publish(stitched.sphere)
+
+    def publish(self, sphere: Sphere) -> None:
+        """Tell a sphere, and show it where someone looks."""
+        self.sphere.publish(conversions.sphere_to_message(sphere, self.params.sphere_frame))
+        if self.preview.num_subscriptions:
+            self.preview.publish(draw_preview(sphere, self.params.sphere_frame))
+
+
+def main() -> int:
+    """Run the node."""
+    return run(SphereStitcher)

@@ -1,0 +1,147 @@
+"""What the stitcher listens to: the cameras of a rig, their depth where they have it, and a LiDAR's cloud."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
+
+from sphere_mapping.acquisition.params import SphereStitcherParams
+from sphere_mapping.acquisition.range.clouds import Clouds, mount_of
+from sphere_mapping.acquisition.range.lens_check import check_info
+from sphere_mapping.acquisition.stitching.synchroniser import Instant, Synchroniser
+from sphere_nav.geometry import SE3, Rig
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.node import ERROR, OK, WARN
+from sphere_nav.ros.tf import TransformError
+from sphere_nav.spheres.sphere import check_depth, check_image
+
+DEPTH = "/depth"  # a camera's depth is a stream of its own: NAME/depth
+
+Finding = tuple[str, int, str, dict[str, int]]  # what, level, why, numbers: for the diagnostics
+
+
+@dataclass(frozen=True, eq=False)
+class RigInstant:
+    """What was seen at one instant: images and depth (h, w) in m along the axis by camera; points (N, 3) of the rig."""
+
+    sync: Instant
+    images: dict[str, NDArray[np.uint8]]
+    depths: dict[str, NDArray[np.float32]]
+    points: NDArray[np.float32] | None
+
+
+class RigIntake:
+    """Converts and checks messages; hands the instants that are complete, or late, to `on_instants`, in order.
+
+    now_ns: the node's clock. lookup: T_a_b by the frames a, b and a stamp, TransformError where it is not known.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        params: SphereStitcherParams,
+        now_ns: Callable[[], int],
+        lookup: Callable[[str, str, int], SE3],
+        on_instants: Callable[[list[RigInstant]], None],
+    ) -> None:
+        self.rig, self.params = rig, params
+        self._now_ns, self._lookup, self._on_instants = now_ns, lookup, on_instants
+        self.clouds, self._has_points = Clouds(params.cloud), True
+        depths = tuple(name + DEPTH for name in rig.names) if params.has_depth else ()
+        is_ready = self.clouds.has_since if params.has_cloud else lambda stamp_ns: True
+        self.sync = Synchroniser((*rig.names, *depths), params.sync, is_ready, params.rectify.num_instants)
+
+    def subscriptions(self) -> Iterator[tuple[str, type[Any], Callable[[Any], None], QoSProfile]]:
+        """Yield topic, kind of message, callback and QoS of everything to subscribe."""
+        is_raw = self.params.transport == "raw"
+        for name in self.rig.names:
+            topic = f"cameras/{name}/image_raw" + ("" if is_raw else "/compressed")
+            kind, profile = (Image, qos.LARGE) if is_raw else (CompressedImage, qos.SENSOR)
+            yield topic, kind, partial(self._on_image, name), profile
+            yield f"cameras/{name}/camera_info", CameraInfo, partial(self._on_info, name), qos.SENSOR
+            if self.params.has_depth:
+                yield f"cameras/{name}/depth/image_raw", Image, partial(self._on_depth, name), qos.SENSOR
+        if self.params.has_cloud:
+            yield "points", PointCloud2, self._on_points, qos.SENSOR
+
+    def clear(self) -> None:
+        """Forget everything with a stamp: the clock jumped."""
+        self.sync.clear()
+        self.clouds.clear()
+
+    def close_late(self) -> None:
+        """Hand out instants whose cameras are late."""
+        self._hand_out(self.sync.pop(self._now_ns()))
+
+    def finish(self) -> None:
+        """Hand out what is still open: the recording has ended."""
+        self._hand_out(self.sync.flush())
+
+    def health(self) -> Iterator[Finding]:
+        """Yield what the diagnostics are told of every camera and of the cloud."""
+        for name, health in self.sync.health.items():
+            level = OK if not health.problem else ERROR if health.problem.startswith("frozen") else WARN
+            values = {"images": health.num_images, "missing": health.num_missing, "refused": health.num_refused}
+            yield f"camera {name}", level, health.problem or "delivers", values
+        if self.params.has_cloud:
+            problem = "" if self._has_points else f"no cloud within {self.params.cloud.max_age_s} s of the instant"
+            yield "points", WARN if problem else OK, problem or "delivers", {}
+
+    def _on_info(self, name: str, message: CameraInfo) -> None:
+        """Refuse a camera whose own calibration is of another size, focal length or lens than the rig's."""
+        if message.k[0]:  # 0: not calibrated
+            check_info(name, self.rig.camera(name).camera, conversions.camera_from_info(message))
+
+    def _on_image(self, name: str, message: Image | CompressedImage) -> None:
+        is_raw, ours = isinstance(message, Image), self.rig.camera(name).camera
+        size = ours.width, ours.height
+        image = conversions.image_to_rgb(message) if is_raw else conversions.compressed_to_array(message, size, name)
+        check_image(image, ours, f"{name}: image size")
+        self._put(name, message, image)
+
+    def _on_depth(self, name: str, message: Image) -> None:
+        check_depth(
+            depth_m := conversions.depth_to_metres(message), self.rig.camera(name).camera, f"{name}: depth size"
+        )
+        self._put(name + DEPTH, message, depth_m)
+
+    def _on_points(self, message: PointCloud2) -> None:
+        """Keep a cloud, in the frame of the rig."""
+        stamp = conversions.stamp_ns(message)
+        T_rig_points = self._mount_at(message.header.frame_id, stamp)
+        points = conversions.message_to_cloud(message).astype(np.float64)
+        self.clouds.add(stamp, T_rig_points.apply(points).astype(np.float32))
+        self.close_late()
+
+    def _mount_at(self, frame: str, stamp: int) -> SE3:
+        """Return T_rig_points: what /tf says, else the mount of the parameters."""
+        p, rig_frame = self.params.cloud, self.params.rig_frame
+        if frame in ("", rig_frame):
+            return SE3.identity()
+        try:
+            return self._lookup(rig_frame, frame, stamp)
+        except TransformError as error:
+            if not p.has_mount:
+                raise ValueError(f"{error}; cloud.has_mount: expected /tf or true, found neither") from None
+            return mount_of(p)
+
+    def _put(self, stream: str, message: Image | CompressedImage, image: NDArray[Any]) -> None:
+        self._hand_out(self.sync.put(stream, conversions.stamp_ns(message), image, self._now_ns()))
+
+    def _hand_out(self, instants: list[Instant]) -> None:
+        if instants:
+            self._on_instants([self._rig_instant(instant) for instant in instants])
+
+    def _rig_instant(self, instant: Instant) -> RigInstant:
+        images = {name: instant.images[name] for name in self.rig.names if name in instant.images}
+        depths = {name.removesuffix(DEPTH): plane for name, plane in instant.images.items() if name not in images}
+        points = self.clouds.at(instant.stamp_ns) if self.params.has_cloud else None
+        self._has_points = points is not None
+        return RigInstant(instant, images, depths, points)

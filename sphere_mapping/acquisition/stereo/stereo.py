@@ -1,0 +1,89 @@
+"""A rectified stereo pair -> the partial sphere of its left camera. Turned by 90 deg it is matched as spheres are."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.acquisition.partial.partial_sphere import (
+    full_width_of,
+    resample_image,
+    resample_nearest,
+    resample_range,
+)
+from sphere_mapping.acquisition.partial.window import window_of
+from sphere_mapping.acquisition.range.matching import Disparity, Search, match_columns
+from sphere_mapping.acquisition.range.plausibility import check_order
+from sphere_mapping.params import PartialParams, StereoParams
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Sphere, check_image
+
+Plane = NDArray[np.float32]
+
+BELOW_ZERO_PX = 1.0  # disparities searched below 0, for what rectification leaves
+MAX_WIDTH_SHARE = 0.5  # of the image: larger disparities are not looked for
+MIN_DISPARITY_PX = 1.0  # smaller disparities are not trusted
+
+
+def sphere_from_stereo(
+    left: Image,
+    right: Image,
+    camera: Pinhole,
+    baseline_m: float,
+    T_sphere_camera: SE3 = T_BODY_OPTICAL,
+    stamp_ns: int = 0,
+    params: StereoParams | None = None,
+    partial: PartialParams | None = None,
+    is_seen: NDArray[np.bool_] | None = None,
+) -> Sphere:
+    """Return the partial sphere of a rectified pair; the right camera is `baseline_m` to the right of the left one.
+
+    is_seen (H, W): where the left image shows something; None: everywhere.
+    """
+    params, partial = params or StereoParams(), partial or PartialParams()
+    depth_m, relative_std = depth_from_stereo(left, right, camera, baseline_m, params)
+    if is_seen is not None:
+        depth_m[~is_seen] = np.nan
+        left = np.where(is_seen if left.ndim == 2 else is_seen[..., None], left, 0).astype(np.uint8)
+    window = window_of(camera, T_sphere_camera, full_width_of([camera], partial))
+    range_m = resample_range(depth_m, camera, T_sphere_camera, window, partial)
+    image, weight = resample_image(left, camera, T_sphere_camera, window, range_m)
+    range_m[weight == 0] = np.nan
+    range_std_m = range_m * resample_nearest(relative_std, camera, T_sphere_camera, window)
+    return Sphere(image, range_m, window, stamp_ns, range_std_m)
+
+
+def depth_from_stereo(
+    left: Image, right: Image, camera: Pinhole, baseline_m: float, params: StereoParams
+) -> tuple[Plane, Plane]:
+    """Return depth along z (H, W) in metres, NaN where not trusted, and its relative standard deviation (H, W)."""
+    check_image(left, camera, "left image")
+    check_image(right, camera, "right image")
+    if camera.is_distorted:
+        raise ValueError(f"stereo camera: expected rectified images (no distortion), found {camera.distortion}")
+    if not (np.isfinite(baseline_m) and baseline_m > 0):
+        raise ValueError(f"stereo baseline: expected positive metres, found {baseline_m}")
+    disparity = match(left, right, search_of(camera, baseline_m, params), params)
+    too_small = ~(disparity.value >= MIN_DISPARITY_PX)
+    relative_std = disparity.std / np.where(too_small, np.nan, disparity.value)
+    depth_m = camera.fx * baseline_m / np.where(relative_std <= params.max_relative_std, disparity.value, np.nan)
+    return depth_m.astype(np.float32), relative_std.astype(np.float32)
+
+
+def match(left: Image, right: Image, search: Search, params: StereoParams) -> Disparity:
+    """Return the disparity of every pixel of the left image of a rectified pair (H, W[, 3]) uint8."""
+    top, bottom = (np.ascontiguousarray(_grey(image).T) for image in (left, right))  # rows become columns
+    check_order(top, bottom, ("left", "right"), is_whole=False)
+    found = match_columns(top, bottom, search, params, np.ones(top.shape, np.bool_))
+    return Disparity(np.ascontiguousarray(found.value.T), np.ascontiguousarray(found.std.T))
+
+
+def search_of(camera: Pinhole, baseline_m: float, params: StereoParams) -> Search:
+    """Return the disparities from the nearest depth wanted, as far as half the image goes, to below 0."""
+    nearest = camera.fx * baseline_m / params.nearest_m
+    return Search(-BELOW_ZERO_PX, min(nearest, MAX_WIDTH_SHARE * camera.width))
+
+
+def _grey(image: Image) -> Image:
+    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image

@@ -1,0 +1,223 @@
+"""Which pixel of which camera a pixel of the sphere is, computed once for every set of cameras that deliver.
+
+Each direction belongs to the camera that sees it farthest from its border; that region and a band around it, wide
+enough for the blending, is the camera's *block* of the sphere. Blocks are cut out modulo the columns: nothing knows a
+seam.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.acquisition.stitching.feathering import Seam, seams_of
+from sphere_mapping.acquisition.stitching.strips import OUTSIDE, Block, Strip, strips_of
+from sphere_nav.geometry import SE3, Camera, Rig, RigCamera, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
+
+Plane = NDArray[np.float32]
+Flags = NDArray[np.bool_]
+
+COARSE = 8  # every so many pixels while the blocks are looked for
+FROM_BORDER = 0.02  # rad from a camera's border, where views are compared along the seams
+GRID_STEP = 8  # px of the sphere between the entries of a table by range
+INVERSE_LEVELS = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 2.0, 4.0], dtype=np.float32)  # 1/m
+
+
+@dataclass(frozen=True, eq=False)
+class RigView:
+    """A camera as it seen from the centre of a sphere: its model, its pose, how far each pixel is from the border.
+
+    border: (h, w) float32, angle in radians from a pixel to the nearest one without use (image border, mask, no ray).
+    """
+
+    name: str
+    camera: Camera
+    T_sphere_camera: SE3
+    border: Plane
+
+    def project(self, points: NDArray[np.float64]) -> tuple[Plane, Plane, Plane]:
+        """Return u, v and border (...,) where the camera sees points (..., 3) of the sphere's frame; 0: not at all."""
+        pixels, visible = self.camera.project(self.T_sphere_camera.inverse().apply(points))
+        u, v = (np.nan_to_num(pixels[..., k], nan=-1e4, posinf=-1e4, neginf=-1e4).astype(np.float32) for k in (0, 1))
+        flat = [np.ascontiguousarray(plane.reshape(len(points), -1)) for plane in (u, v)]
+        border = cv2.remap(self.border, *flat, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE).reshape(u.shape)
+        return u, v, np.where(visible, np.maximum(border, 0.0), np.float32(0.0))
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One camera's part in a sphere: where its pixels are, and which of the block's pixels it alone shows."""
+
+    rig_view: RigView
+    block: Block
+    table: tuple[NDArray, NDArray]  # fixed-point maps of cv2.remap at the common distance
+    is_owned: NDArray[np.uint8]  # (h, w), 255 where the sphere shows this camera
+    by_range: Plane  # (gh, gw, K, 2): u, v at every GRID_STEP-th pixel and each of INVERSE_LEVELS
+
+    @property
+    def name(self) -> str:
+        """Name of the camera."""
+        return self.rig_view.name
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """All views of a sphere; owner (H, W) int8 says which view shows a pixel, -1 none; strips are where views mix."""
+
+    whole: Spherical
+    views: tuple[View, ...]
+    owner: NDArray[np.int8]
+    strips: tuple[Strip, ...]
+    seams: tuple[Seam, ...]
+    step: int  # px of the sphere between directions where views are compared along the seams
+
+    @property
+    def is_covered(self) -> Flags:
+        """Which pixels (H, W) some camera sees."""
+        return self.owner != OUTSIDE
+
+    @property
+    def centres(self) -> Plane:
+        """Centres of the cameras (N, 3) in the frame of the sphere."""
+        centres = [view.rig_view.T_sphere_camera.translation for view in self.views]
+        return np.array(centres, dtype=np.float32).reshape(-1, 3)
+
+
+def masks_of(rig: Rig) -> dict[str, NDArray[np.uint8]]:
+    """Read the masks of a rig's cameras; ValueError for a file that is no image."""
+    found = {}
+    for part in rig.cameras:
+        if part.mask is not None:
+            image = cv2.imdecode(np.fromfile(Path(part.mask), np.uint8), cv2.IMREAD_GRAYSCALE)
+            if image is None:
+                raise ValueError(f"{part.mask}: mask of {part.name}: expected an image, found none")
+            found[part.name] = image.astype(np.uint8)
+    return found
+
+
+def border_of(part: RigCamera, mask: NDArray[np.uint8] | None) -> Plane:
+    """Return the angle (h, w) in radians from each pixel of a camera to the nearest one without use."""
+    usable = np.isfinite(part.camera.unproject(pixel_grid(part.camera))).all(axis=-1)
+    if mask is not None:
+        if mask.shape[:2] != usable.shape:
+            size = f"{part.camera.width} x {part.camera.height}"
+            raise ValueError(f"{part.name}: mask: expected {size}, found {mask.shape[1]} x {mask.shape[0]}")
+        usable &= (mask if mask.ndim == 2 else mask.max(axis=2)) > 0
+    padded = np.pad(usable, 1).astype(np.uint8)
+    distance = cv2.distanceTransform(padded, cv2.DIST_L2, 5)[1:-1, 1:-1]
+    return np.maximum(distance - 0.5, 0.0).astype(np.float32) / np.float32(part.camera.pixels_per_radian)
+
+
+def layout_of(rig_views: Sequence[RigView], whole: Spherical, distance_m: float, num_bands: int) -> Layout:
+    """Return the views of the cameras in a sphere, taking everything at one distance (0: very far)."""
+    align, margin = 1 << num_bands, 4 << num_bands
+    coarse = _owners(rig_views, whole, distance_m, COARSE)
+    blocks = [block_around(coarse == k, whole, COARSE, margin, align) for k in range(len(rig_views))]
+    kept = [(rig_view, block) for rig_view, block in zip(rig_views, blocks, strict=True) if block is not None]
+    best = np.zeros((whole.height, whole.width), np.float32)
+    owner = np.full(best.shape, OUTSIDE, dtype=np.int8)
+    seen = []
+    for number, (rig_view, block) in enumerate(kept):
+        u, v, border = _project_at(rig_view, whole, block, distance_m)
+        rows = slice(block.row, block.row + block.height)
+        columns = np.arange(block.column, block.column + min(block.width, whole.width)) % whole.width
+        border_once = border[:, : columns.size]
+        is_better = border_once > best[rows, columns]
+        best[rows, columns] = np.where(is_better, border_once, best[rows, columns])
+        owner[rows, columns] = np.where(is_better, np.int8(number), owner[rows, columns])
+        seen.append((u, v, border))
+    views = []
+    for number, ((rig_view, block), projected) in enumerate(zip(kept, seen, strict=True)):
+        is_owned = _cut_once((owner == number).astype(np.uint8) * np.uint8(255), block)
+        views.append(View(rig_view, block, _table(*projected), is_owned, _by_range(rig_view, whole, block)))
+    seams = seams_of(owner, [_seen_at(view.rig_view, whole, align, distance_m) for view in views], align)
+    return Layout(whole, tuple(views), owner, strips_of(owner, len(kept), num_bands), seams, align)
+
+
+def block_around(is_wanted: Flags, whole: Spherical, step: int, margin: int, align: int) -> Block | None:
+    """Return the smallest aligned block with a margin around the wanted pixels, given at every step-th one."""
+    if not is_wanted.any():
+        return None
+    rows = np.flatnonzero(is_wanted.any(axis=1))
+    top = max((rows[0] * step - margin - step) // align * align, 0)
+    bottom = min(-(-((rows[-1] + 1) * step + margin + step) // align) * align, whole.height)
+    columns = np.flatnonzero(is_wanted.any(axis=0))
+    gaps = np.diff(np.append(columns, columns[0] + is_wanted.shape[1]))
+    widest = int(np.argmax(gaps))
+    first = int(columns[(widest + 1) % columns.size])
+    span = is_wanted.shape[1] - int(gaps[widest]) + 1
+    left = (first * step - margin - step) // align * align
+    right = -(-((first + span) * step + margin + step) // align) * align
+    width = min(right - left, whole.width + -(-2 * margin // align) * align)
+    return Block(int(top), int(left % whole.width), int(bottom - top), int(width))
+
+
+def rays_of(whole: Spherical, block: Block, step: int = 1) -> NDArray[np.float64]:
+    """Return unit rays of every step-th pixel of a block, one more at the end where step is above 1."""
+    extra = 1 if step > 1 else 0
+    v = block.row + step * np.arange(-(-block.height // step) + extra)
+    u = block.column + step * np.arange(-(-block.width // step) + extra)
+    return whole.unproject(np.stack(np.broadcast_arrays(u[None, :], v[:, None]), axis=-1).astype(np.float64))
+
+
+def _seen_at(rig_view: RigView, whole: Spherical, step: int, distance_m: float) -> Flags:
+    """Return which blocks (H / step, W / step) of step x step pixels a camera sees by their middle."""
+    middle = Block(step // 2, step // 2, whole.height - step // 2, whole.width - step // 2)
+    rays = rays_of(whole, middle, step)[: whole.height // step, : whole.width // step]
+    return _see(rig_view, rays, distance_m)[2] > FROM_BORDER
+
+
+def _owners(rig_views: Sequence[RigView], whole: Spherical, distance_m: float, step: int) -> NDArray[np.int8]:
+    block = Block(0, 0, whole.height, whole.width)
+    rays = rays_of(whole, block, step)[: whole.height // step, : whole.width // step]
+    borders = np.stack([_see(rig_view, rays, distance_m)[2] for rig_view in rig_views])
+    owner = np.argmax(borders, axis=0).astype(np.int8)
+    return np.where(borders.max(axis=0) > 0, owner, np.int8(OUTSIDE))
+
+
+def _see(rig_view: RigView, rays: NDArray[np.float64], distance_m: float) -> tuple[Plane, Plane, Plane]:
+    far = 1e6 if distance_m == 0 else distance_m
+    return rig_view.project(rays * far)
+
+
+def _project_at(rig_view: RigView, whole: Spherical, block: Block, distance_m: float) -> tuple[Plane, Plane, Plane]:
+    return _see(rig_view, rays_of(whole, block), distance_m)
+
+
+def _table(u: Plane, v: Plane, border: Plane) -> tuple[NDArray, NDArray]:
+    """Return fixed-point maps; what the camera does not see continues what it sees next to it."""
+    seen = border > 0
+    if seen.any() and not seen.all():
+        _, label = cv2.distanceTransformWithLabels(
+            (~seen).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
+        )
+        place = np.zeros(int(label.max()) + 1, dtype=np.intp)
+        place[label[seen]] = np.flatnonzero(seen)
+        u, v = u.ravel()[place[label]], v.ravel()[place[label]]
+    return cv2.convertMaps(u, v, cv2.CV_16SC2)
+
+
+def _by_range(rig_view: RigView, whole: Spherical, block: Block) -> Plane:
+    """Return u, v (gh, gw, K, 2) at each inverse range; out of the camera's sight the nearest range within holds."""
+    rays = rays_of(whole, block, GRID_STEP)
+    seen = [rig_view.project(rays / max(float(inverse), 1e-6)) for inverse in INVERSE_LEVELS]
+    grid = np.stack([np.stack(part[:2], axis=-1) for part in seen], axis=2)
+    is_seen = np.stack([part[2] > 0 for part in seen], axis=2)
+    last = len(seen) - 1
+    for k, before in [(k, k - 1) for k in range(1, last + 1)] + [(k, k + 1) for k in range(last - 1, -1, -1)]:
+        lacks = ~is_seen[:, :, k] & is_seen[:, :, before]
+        grid[:, :, k][lacks], is_seen[:, :, k][lacks] = grid[:, :, before][lacks], True
+    return np.ascontiguousarray(grid)
+
+
+def _cut_once(plane: NDArray[np.uint8], block: Block) -> NDArray[np.uint8]:
+    """Return the block's part, 0 where its columns come a second time."""
+    part = np.ascontiguousarray(block.cut(plane))
+    part[:, plane.shape[1] :] = 0
+    return part

@@ -1,0 +1,147 @@
+"""The node `sphere_mapper`: spheres, RGB-D or stereo images in; the graph of key spheres and the vehicle's pose out."""
+
+from __future__ import annotations
+
+from nav_msgs.msg import Odometry, Path
+from sensor_msgs.msg import CameraInfo, PointCloud2
+from sphere_nav_msgs.msg import KeySphereGraph
+from sphere_nav_msgs.srv import SaveMap
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+from sphere_mapping.acquisition import kernels
+from sphere_mapping.graph.map_cloud import MapCloud
+from sphere_mapping.graph.unrolling import Unroll
+from sphere_mapping.mapper import Mapper, MapUpdate
+from sphere_mapping.params import SphereMapperParams
+from sphere_mapping.ros.intake import Intake, with_driver_input
+from sphere_mapping.ros.rgbd_intake import DEPTH_INFO
+from sphere_mapping.ros.saving import Journal, save
+from sphere_nav.geometry import SE3
+from sphere_nav.photometric.warm_up import warm_up
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.camera.mounting import read_mounting
+from sphere_nav.ros.camera.odometry_input import OdometryInput
+from sphere_nav.ros.conversions.markers import graph_to_markers
+from sphere_nav.ros.localizer.map_transform import MapTransform
+from sphere_nav.ros.node import OK, WARN, ManagedNode
+from sphere_nav.ros.run import run
+from sphere_nav.ros.tf import TransformError, TransformListener
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
+
+PATH_STEP = 10  # every how many spheres the path is told
+NO_COVARIANCE = SE3.identity().adjoint() * 0.0
+
+
+class SphereMapper(ManagedNode):
+    """Converts, asks the mapper, converts back."""
+
+    NAME = "sphere_mapper"
+    PARAMS = SphereMapperParams
+    LARGE_MESSAGES = True
+    params: SphereMapperParams
+
+    def configure(self) -> None:
+        """Compile the kernels, open topics and services."""
+        warm_up()
+        kernels.warm_up()
+        self.params = with_driver_input(self.params)
+        self.journal = Journal(self.params, self.log.info) if self.shell.is_live else None
+        self.mapper = Mapper(self.params.mapper, store=self.journal)
+        self.points = MapCloud(self.params.cloud, lambda sphere_id: self.mapper.load_sphere(sphere_id))
+        self.mounting = read_mounting(self.params.mounting)
+        self.num_lost, self.num_changes, self.T_base_sphere = 0, 0, SE3.identity()
+        self.graph = self.add_publisher("graph", KeySphereGraph, qos.LATCHED)
+        self.markers = self.add_publisher("graph/markers", MarkerArray, qos.LATCHED)
+        self.cloud = self.add_publisher("map_cloud", PointCloud2, qos.LATCHED)
+        self.odometry, self.path = self.add_publisher("odometry", Odometry), self.add_publisher("path", Path)
+        map_frame, base_frame = self.params.map_frame, self.params.base_frame
+        self.tf = TransformListener(self.endpoints, ignored=map_frame)
+        self.odom = OdometryInput(self.endpoints, self.tf.tree, base_frame, is_used=True)
+        self.transform = MapTransform(self.endpoints, self.odom, map_frame, base_frame)
+        self.intake = Intake(self.params, self.on_sphere, self.tf.lookup, self.report)
+        for subscription in self.intake.subscriptions():
+            self.add_subscription(*subscription)
+        if self.params.input == "rgbd":
+            self.add_subscription(DEPTH_INFO, CameraInfo, self.intake.on_depth_info, qos.SENSOR, is_required=False)
+        self.add_service("~/close_loops", Trigger, self.on_close_loops)
+        self.add_service("~/save_map", SaveMap, self.on_save)
+        self.report("mapping", OK, "waiting for the first sphere")
+
+    def cleanup(self) -> None:
+        """End the journal."""
+        if self.journal is not None:
+            self.journal.close(self.mapper)
+
+    def clock_jumped(self) -> None:
+        """Forget what has a stamp; the map stays."""
+        self.intake.clear()
+        self.odom.clear()
+        self.transform.clear()
+
+    def on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool, unroll: Unroll | None = None) -> None:
+        """Map a sphere, tell what changed."""
+        self.T_base_sphere = self.mounting or self.mount_of(frame_id, is_optical)
+        T_odom_base = self.odom.at(sphere.stamp_ns)
+        update = self.mapper.add(sphere, T_odom_base and T_odom_base @ self.T_base_sphere, unroll)
+        if update.T_map_sphere is None:
+            self.num_lost += 1
+            reason = update.alignment.reason if update.alignment else ""
+            self.report("mapping", WARN, f"sphere not placed: {reason}", key_spheres=len(self.mapper.graph))
+            self.log.warning(f"sphere at {sphere.stamp_ns / 1e9:.3f} s not placed: {reason}", every=1.0, key=reason)
+            return
+        self.tell_pose(update, update.T_map_sphere)
+        if update.is_key:
+            self.log.info(f"key sphere {len(self.mapper.graph) - 1}: {update.key_reason}")
+            self.tell_map(sphere.stamp_ns)
+
+    def mount_of(self, frame_id: str, is_optical: bool) -> SE3:
+        """Return T_base_sphere as /tf says; a vehicle whose mounts are not known is its camera."""
+        try:
+            T_base_frame = self.tf.lookup(self.params.base_frame, frame_id)
+            return T_base_frame @ T_BODY_OPTICAL.inverse() if is_optical else T_base_frame
+        except TransformError as error:
+            self.log.warning(f"taking {frame_id} as {self.params.base_frame}: {error}", every=30.0, key="mount")
+            return SE3.identity()
+
+    def tell_pose(self, update: MapUpdate, T_map_sphere: SE3) -> None:
+        """Publish where the vehicle is, with the stamp of the sphere."""
+        p, stamp, found = self.params, update.stamp_ns, update.alignment
+        T_map_base = T_map_sphere @ self.T_base_sphere.inverse()
+        covariance = conversions.move_covariance(found.covariance if found else NO_COVARIANCE, self.T_base_sphere)
+        self.odometry.publish(conversions.se3_to_odometry(T_map_base, covariance, stamp, (p.map_frame, p.base_frame)))
+        self.transform.update(T_map_base, stamp)
+        number, T_sphere_base = len(self.mapper.tracks), self.T_base_sphere.inverse()
+        if number % PATH_STEP == 1 or update.is_key:
+            poses = ((ns, T_map_track @ T_sphere_base) for ns, T_map_track in self.mapper.trajectory())
+            self.path.publish(conversions.poses_to_path(poses, stamp, p.map_frame))
+        values = {"spheres": number, "key_spheres": len(self.mapper.graph), "mad": found.mad if found else 0.0}
+        self.report("mapping", OK, "mapping", **values)
+
+    def tell_map(self, stamp: int) -> None:
+        """Publish the graph, and what is to be looked at only where someone looks."""
+        graph, frame = self.mapper.graph, self.params.map_frame
+        self.num_changes += 1
+        self.graph.publish(conversions.graph_to_message(graph, frame, version=self.num_changes))
+        if self.markers.num_subscriptions:
+            self.markers.publish(graph_to_markers(graph, stamp, frame))
+        if self.cloud.num_subscriptions:
+            points, grey = self.points.of(graph)
+            self.cloud.publish(conversions.cloud_to_message(points, stamp, frame, grey))
+
+    def on_save(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
+        """Write the map."""
+        return save(self.mapper, self.params, request, response, self.journal)
+
+    def on_close_loops(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Correct the map by the places seen twice."""
+        number = self.mapper.close_loops()
+        response.success, response.message = True, f"{number} loops closed"
+        if number:
+            self.tell_map(self.mapper.tracks[-1].stamp_ns)
+        return response
+
+
+def main() -> int:
+    """Run the node."""
+    return run(SphereMapper)

@@ -1,0 +1,165 @@
+"""The service `save_map`: the map built so far as a folder below the node's map folder.
+
+What a map of this mapper says about itself.
+
+The map as it grows, on disk: each key sphere is written when it is kept, and its picture leaves the memory.
+
+The journal is a folder `journal.partial` below the node's map folder (with a number where one is left over): what a
+crash leaves is a map that `sphere_nav map-verify --salvage` mends. `save_map` copies it under the name asked for, as
+it stands, and the journal goes on; at an orderly end it goes where all of it was saved, else it becomes a map itself.
+Where it cannot be written (a full disk) the key spheres stay in memory from there on, and the node maps on.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable, Sequence
+from itertools import count
+from pathlib import Path
+
+import numpy as np
+from sphere_nav_msgs.srv import SaveMap
+
+from sphere_mapping.graph.merging import merge
+from sphere_mapping.mapper import Mapper
+from sphere_mapping.params import MapperParams, SphereMapperParams
+from sphere_nav.params import to_mapping
+from sphere_nav.ros.bags.writer import PARTIAL
+from sphere_nav.ros.maps.reader import MapDetails, MapWriter, save_map
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
+
+
+def details_of(graph: SphereGraph, params: MapperParams, source: str = "", frame_id: str = "map") -> MapDetails:
+    """Return what a map says about itself; its id is a checksum of stamps and poses."""
+    digest = hashlib.sha256()
+    for node in graph:
+        digest.update(node.stamp_ns.to_bytes(8, "little", signed=True) + node.T_map_sphere.matrix.tobytes())
+    return MapDetails(digest.hexdigest()[:16], source=source, parameters=to_mapping(params), frame_id=frame_id)
+
+
+NAME = "journal"
+
+
+class Journal:
+    """A store of key spheres (`graph/store.py`) in a map that is being written; made with the first key sphere."""
+
+    def __init__(self, params: SphereMapperParams, tell: Callable[[str], None]) -> None:
+        """`tell` is given a line for whom it concerns: where the journal is, and what became of it."""
+        self._params, self._tell = params, tell
+        self._writer: MapWriter | None = None
+        self._unwritten: dict[int, Sphere] = {}
+        self._is_saved = self._has_failed = False
+
+    def add(self, node: KeySphere, edges: Sequence[Edge], sphere: Sphere) -> None:
+        """Write a key sphere, or keep it in memory where that fails."""
+        self._is_saved = False
+        if not self._has_failed:
+            self._attempt(lambda: self._begun().add(node, edges, sphere))
+        if self._has_failed:
+            self._unwritten[node.id] = sphere
+
+    def tell(self, graph: SphereGraph) -> None:
+        """Write a corrected graph."""
+        self._is_saved = False
+        if (writer := self._writer) is not None and not self._has_failed:
+            self._attempt(lambda: writer.tell(graph))
+
+    def load(self, sphere_id: int) -> Sphere:
+        """Read a key sphere back; ValueError where it was not added."""
+        if sphere_id in self._unwritten:
+            return self._unwritten[sphere_id]
+        if self._writer is None:
+            raise ValueError(f"key sphere {sphere_id}: expected one that was kept, found none")
+        return self._writer.load(sphere_id)
+
+    def saved(self) -> None:
+        """Take note that all of it is in a map now."""
+        self._is_saved = True
+
+    def close(self, mapper: Mapper) -> None:
+        """End an orderly run: what was not saved becomes a map, so that nothing is lost."""
+        writer, self._writer = self._writer, None
+        if writer is None:
+            return
+        if self._is_saved:
+            writer.discard()
+            return
+        if self._has_failed:
+            self._tell(f"{len(self._unwritten)} key spheres are lost; the others are in {writer.path}{PARTIAL}")
+            return
+        path = writer.finish(mapper.graph, self._details(mapper.graph), mapper.appearance)
+        self._tell(f"{len(mapper.graph)} key spheres were not saved: they are the map {path}")
+
+    def _begun(self) -> MapWriter:
+        if self._writer is None:
+            self._writer = MapWriter(free_path(Path(self._params.map_folder)), self._details(SphereGraph()))
+            self._tell(f"key spheres are written to {self._writer.path}{PARTIAL} until save_map")
+        return self._writer
+
+    def _attempt(self, write: Callable[[], None]) -> None:
+        """Write; say once where that fails."""
+        try:
+            write()
+        except OSError as error:
+            self._has_failed = True
+            self._tell(
+                f"map_folder {self._params.map_folder}: {error}: key spheres stay in memory; free space, save_map"
+            )
+
+    def _details(self, graph: SphereGraph) -> MapDetails:
+        return details_of(graph, self._params.mapper, frame_id=self._params.map_frame)
+
+
+def free_path(folder: Path) -> Path:
+    """Return a path in a folder, made where it is missing, at which there is neither a map nor the remains of one."""
+    folder.mkdir(parents=True, exist_ok=True)
+    names = (NAME if number == 1 else f"{NAME}_{number}" for number in count(1))
+    paths = (folder / name for name in names)
+    return next(path for path in paths if not path.exists() and not path.with_name(path.name + PARTIAL).exists())
+
+
+def save(
+    mapper: Mapper,
+    params: SphereMapperParams,
+    request: SaveMap.Request,
+    response: SaveMap.Response,
+    journal: Journal | None = None,
+) -> SaveMap.Response:
+    """Write the map built so far, its newest sphere included; say where, how large, and how long it took."""
+    begin = time.monotonic()
+    mapper.keep_end()
+    try:
+        path = path_below(Path(params.map_folder), request.path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        graph = graph_to_save(mapper)
+        details = details_of(graph, params.mapper, frame_id=params.map_frame)
+        load, seen, is_overwriting = mapper.load_sphere, mapper.appearance, request.overwrite
+        save_map(path, graph, details, load_sphere=load, appearance=seen, is_overwriting=is_overwriting)
+    except (ValueError, OSError) as error:
+        response.success, response.message = False, str(error)
+        return response
+    if journal is not None:
+        journal.saved()
+    response.success, response.path, response.num_spheres = True, str(path), len(graph)
+    response.message = f"{len(graph)} key spheres"
+    response.num_bytes = sum(file.stat().st_size for file in path.iterdir())
+    response.seconds = time.monotonic() - begin
+    return response
+
+
+def graph_to_save(mapper: Mapper) -> SphereGraph:
+    """Return the graph without the key spheres of places that others show as well; the mapper keeps them all."""
+    if not mapper.params.key.merge:
+        return mapper.graph
+    return merge(mapper.graph, np.array([pose.translation for _, pose in mapper.trajectory()])).graph
+
+
+def path_below(folder: Path, name: str) -> Path:
+    """Return the path of a map; ValueError unless it lies below the folder."""
+    root = folder.resolve()
+    path = (root / name).resolve()
+    if not name or path == root or not path.is_relative_to(root):
+        raise ValueError(f"path: expected a folder below {root} (parameter map_folder), found {name!r}")
+    return path

@@ -1,0 +1,96 @@
+"""Errors of a drive against the taught drive, both by the simulator's truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.geometry.trajectory_error import absolute_errors, directions_of_motion
+from sphere_nav.offline.pose_bags import read_poses
+
+Array = NDArray[np.float64]
+TRUTH, ESTIMATE = "/ground_truth/odometry", "/pose"
+MOVING = 0.05  # m/s, slower is standing
+SPACING = 0.02  # m between the points of the taught path that distances are measured to
+
+
+@dataclass(frozen=True, eq=False)
+class DriveErrors:
+    """lateral (N,) m: true distance from the taught path, left positive, at path lengths `along` (N,) m.
+
+    `longitudinal` (M,) m: estimated minus true place along the direction of motion, for each pose of the localiser.
+    """
+
+    taught: Array
+    driven: Array
+    along: Array
+    lateral: Array
+    longitudinal: Array
+    share_driven: float
+
+
+def drive_errors(teach: Path, drive: Path, T_world_map: SE3) -> DriveErrors:
+    """Compare the drive with the teaching drive; `T_world_map` ties the map to the simulator's world."""
+    taught = _crop_to_motion(read_truth(teach))
+    truth = read_truth(drive)
+    driven = _crop_to_motion(truth)
+    along, lateral = distances_from_path(driven.positions[:, :2], taught.positions[:, :2])
+    estimate = read_estimate(drive).moved(T_world_map)
+    at, known = truth.at(estimate.stamps_ns, max_gap_ns=round(2e8))
+    found = absolute_errors(estimate[known], at, directions_of_motion(at))
+    length = float(taught.distances[-1])
+    return DriveErrors(
+        taught.positions[:, :2],
+        driven.positions[:, :2],
+        along,
+        lateral,
+        found.longitudinal_m,
+        float(along.max() / length),
+    )
+
+
+def distances_from_path(points: Array, path: Array) -> tuple[Array, Array]:
+    """Return where along a path (M, 2) each point (N, 2) is, and how far to the left of it, both in metres.
+
+    The place only moves forward, at most 2 m a point, so that a path may cross itself.
+    """
+    length = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(path, axis=0).T))])
+    distinct = np.concatenate([[True], np.diff(length) > 0])
+    s = np.arange(0.0, length[-1], SPACING)
+    dense = np.stack([np.interp(s, length[distinct], path[distinct, axis]) for axis in (0, 1)], axis=-1)
+    ahead = np.gradient(dense, axis=0)
+    ahead /= np.linalg.norm(ahead, axis=1, keepdims=True)
+    place, places, lateral = 0, [], []
+    reach = round(2.0 / SPACING)
+    for point in points:
+        window = slice(max(0, place - 10), place + reach)
+        place = window.start + int(np.argmin(np.sum((dense[window] - point) ** 2, axis=1)))
+        off = point - dense[place]
+        places.append(s[place])
+        lateral.append(ahead[place, 0] * off[1] - ahead[place, 1] * off[0])
+    return np.array(places), np.array(lateral)
+
+
+def read_truth(bag: Path) -> Trajectory:
+    """Return the true poses of the vehicle in a bag of the simulator."""
+    return read_poses(bag, (TRUTH,))
+
+
+def read_estimate(bag: Path) -> Trajectory:
+    """Return the poses of the vehicle that the localiser published."""
+    return read_poses(bag, (ESTIMATE,))
+
+
+def _crop_to_motion(trajectory: Trajectory) -> Trajectory:
+    """Return the part between the first and the last motion."""
+    steps = np.linalg.norm(np.diff(trajectory.positions, axis=0), axis=1)
+    seconds = np.diff(trajectory.stamps_ns) / 1e9
+    moving = np.flatnonzero(steps > MOVING * np.maximum(seconds, 1e-9))
+    if not moving.size:
+        raise ValueError("drive: expected a car that moves, found one that stands")
+    return trajectory[slice(int(moving[0]), int(moving[-1]) + 2)]

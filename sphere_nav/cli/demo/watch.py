@@ -1,0 +1,125 @@
+"""A node that watches the drives of the demo: how far the car is, what the others say; it also gives the start."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import rclpy
+from nav_msgs.msg import Odometry
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
+from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
+from tqdm import tqdm
+
+from sphere_nav.cli.demo.processes import Processes
+from sphere_nav.ros import qos
+from sphere_nav.ros.conversions import stamp_ns
+
+STALL = 30.0  # s of simulated time without motion of the car that end a drive
+START_UP = 240.0  # s of wall time without news; a busy machine may have to compile kernels for minutes
+LOOK = 0.1  # s
+START_PATIENCE = 30.0  # s for the localiser to settle before the follower accepts the start
+
+
+class DriveFailed(RuntimeError):
+    """A drive that did not get where it should; the message says what happened."""
+
+
+class Watch:
+    """Subscribes to the truth and to the states; `wait` spins until something holds."""
+
+    def __init__(self, processes: Processes, domain_id: int) -> None:
+        self.processes = processes
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain_id)
+        self.node = rclpy.create_node("demo_watch", context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor.add_node(self.node)
+        self.travelled, self.now_ns = 0.0, 0
+        self.position: np.ndarray | None = None
+        self.is_taught = False
+        self.localizer, self.follower = "", ""
+        self.remedy = ""
+        subscribe = self.node.create_subscription
+        subscribe(Odometry, "ground_truth/odometry", self._on_truth, qos.SENSOR)
+        subscribe(Bool, "taught", self._on_taught, qos.LATCHED)
+        subscribe(LocalizationStatus, "status", self._on_localizer, qos.STATE)
+        subscribe(FollowerStatus, "path_follower/status", self._on_follower, qos.STATE)
+        self._start = self.node.create_client(Trigger, "path_follower/start")
+
+    def wait(self, what: str, holds: Callable[[], bool], is_moving: bool, bar: tqdm[Any] | None = None) -> None:
+        """Spin until `holds`; DriveFailed when nothing happens for long, or the car stands though it should move."""
+        alive, last, moved_ns, heard_ns = time.monotonic(), self.travelled, self.now_ns, self.now_ns
+        while not holds():
+            self.executor.spin_once(timeout_sec=LOOK)
+            self.processes.check()
+            if is_moving and self.now_ns > heard_ns:
+                alive, heard_ns = time.monotonic(), self.now_ns
+            if self.travelled > last + 0.05 or not moved_ns:
+                last, moved_ns = self.travelled, self.now_ns
+            if bar is not None:
+                bar.update(max(0.0, min(self.travelled, bar.total) - bar.n))
+            if is_moving and self.now_ns - moved_ns > STALL * 1e9:
+                raise DriveFailed(f"{what}: the car stands for {STALL:.0f} s; {self.describe()}")
+            if time.monotonic() - alive > START_UP:
+                raise DriveFailed(f"{what}: nothing for {START_UP:.0f} s; {self.describe()}")
+
+    def start_following(self) -> None:
+        """Arm the path follower, again until it accepts; DriveFailed says why it refuses."""
+        self.wait("path_follower", self._start.service_is_ready, is_moving=False)
+        given_up = time.monotonic() + START_PATIENCE
+        while (refusal := self._call_start()) and time.monotonic() < given_up:
+            self.pause(1.0)
+        if refusal:
+            raise DriveFailed(f"path_follower refused to start: {refusal}")
+
+    def _call_start(self) -> str:
+        """Call `start` once; return why it was refused, or an empty string."""
+        future = self._start.call_async(Trigger.Request())
+        self.wait("call start", future.done, is_moving=False)
+        response = future.result()
+        return "" if response is not None and response.success else str(getattr(response, "message", "no answer"))
+
+    def pause(self, seconds: float) -> None:
+        """Spin for a while."""
+        end = time.monotonic() + seconds
+        self.wait("pause", lambda: time.monotonic() > end, is_moving=False)
+
+    def describe(self) -> str:
+        """Return what the nodes said last."""
+        states = (f"localiser {self.localizer or 'silent'}", f"follower {self.follower or 'silent'}", self.remedy)
+        return ", ".join(state for state in states if state)
+
+    def _on_truth(self, message: Odometry) -> None:
+        place, self.now_ns = message.pose.pose.position, stamp_ns(message)
+        position = np.array([place.x, place.y])
+        if self.position is not None:
+            self.travelled += float(np.linalg.norm(position - self.position))
+        self.position = position
+
+    def _on_taught(self, message: Bool) -> None:
+        self.is_taught = message.data
+
+    def _on_localizer(self, message: LocalizationStatus) -> None:
+        self.localizer = f"{message.state} {message.reason}".strip()
+
+    def _on_follower(self, message: FollowerStatus) -> None:
+        self.follower, self.remedy = f"{message.state} {message.reason}".strip(), message.remedy
+
+    def __enter__(self) -> Self:
+        """Return self."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Leave the domain."""
+        self.executor.shutdown(timeout_sec=0.5)
+        self.node.destroy_node()
+        rclpy.shutdown(context=self.context)

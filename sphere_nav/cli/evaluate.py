@@ -1,0 +1,71 @@
+"""`sphere_nav evaluate`: estimated poses against true ones."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from pathlib import Path
+
+from sphere_nav.geometry.trajectory_error import ALIGNMENTS
+from sphere_nav.offline.evaluation import ESTIMATE_TOPICS, TRUTH_TOPICS, judge, read_trajectory, table
+
+HELP = "errors of estimated poses against true ones"
+EXAMPLES = """\
+examples:
+  sphere_nav evaluate poses.tum truth.tum
+  sphere_nav evaluate poses.tum drive_bag --json errors.json --plot errors.png
+  sphere_nav evaluate poses.tum drive_bag --truth-topic /ground_truth/odometry --align se3 --tolerance 0.02
+
+Poses are paired by the nearest stamp within the tolerance (or the truth is interpolated). Lateral is left of the
+true direction of motion, longitudinal ahead along it, both in the horizontal plane. Statistics are of absolute values.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = EXAMPLES
+    parser.formatter_class = argparse.RawDescriptionHelpFormatter
+    parser.add_argument("poses", type=Path, help="estimated poses: TUM file, or a bag")
+    parser.add_argument("truth", type=Path, help="true poses: TUM file, or a bag")
+    parser.add_argument("--align", choices=ALIGNMENTS, default="none", help="move the estimate first (default: none)")
+    parser.add_argument("--json", type=Path, metavar="F", help="write all numbers to this file")
+    parser.add_argument("--plot", type=Path, metavar="F", help="draw top view and errors over time (png, pdf or svg)")
+    parser.add_argument(
+        "--tolerance", type=_positive, default=0.01, help="largest distance of paired stamps in s (0.01)"
+    )
+    parser.add_argument("--interpolate", action="store_true", help="interpolate the truth at every estimate's stamp")
+    parser.add_argument(
+        "--rpe", type=_positive, default=1.0, metavar="M", help="stretch of the relative error in m (1)"
+    )
+    parser.add_argument("--truth-topic", help=f"topic of the truth in a bag (default: {' or '.join(TRUTH_TOPICS)})")
+    parser.add_argument("--poses-topic", help=f"topic of the poses in a bag (default: {' or '.join(ESTIMATE_TOPICS)})")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Pair, align, measure; print a table; write JSON and plot where asked."""
+    estimate = read_trajectory(arguments.poses, arguments.poses_topic, ESTIMATE_TOPICS)
+    truth = read_trajectory(arguments.truth, arguments.truth_topic, TRUTH_TOPICS)
+    judged = judge(
+        estimate,
+        truth,
+        alignment=arguments.align,
+        tolerance_s=arguments.tolerance,
+        is_interpolated=arguments.interpolate,
+        rpe_length_m=arguments.rpe,
+    )
+    print(table(judged.report))
+    if arguments.json:
+        arguments.json.write_text(json.dumps(judged.report, indent=2) + "\n", encoding="utf-8")
+    if arguments.plot:
+        from sphere_nav.offline.evaluate_plot import draw  # matplotlib takes half a second to import
+
+        draw(judged.estimate, judged.truth, judged.all_truth, judged.errors, arguments.plot)
+    return 0
+
+
+def _positive(text: str) -> float:
+    value = float(text)
+    if not (math.isfinite(value) and value > 0):
+        raise argparse.ArgumentTypeError(f"expected a positive number, found {text}")
+    return value

@@ -1,0 +1,83 @@
+"""`sphere_nav map`: the learning phase, offline, through the very callbacks of the node `sphere_mapper`."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from sphere_mapping.ros.intake import TOPICS
+from sphere_nav.offline import topics
+from sphere_nav.offline.mapping.learning import learn
+from sphere_nav.offline.mapping.sphere_source import CAMERAS
+
+HELP = """\
+Make a map of key spheres from a bag with spheres, RGB-D, stereo images, or the cameras of a rig.
+
+The bag holds spheres; or images, camera_info and depth; or a stereo pair with both camera_info (raw images are
+rectified by D, R and P or by /tf_static; what the images themselves show to be off is told and corrected); or, with
+--rig, the cameras of a rig, which go through the node sphere_stitcher. Topics of any names are found by type, name,
+frame and size (`sphere_nav inspect BAG` shows how), or named by options. The map frame is the pose of the first sphere
+(body axes). The result is the same for every number of jobs. Where an RGB-D drive contradicts the place of its depth
+camera, one line says so (`sphere_nav refine-camera --help`).
+
+examples:
+  sphere_nav map kitchen -o kitchen_map
+  sphere_nav map kitchen -o kitchen_map --anchor truth --trajectory kitchen.tum
+  sphere_nav map campus_drive -o campus --taught campus.tum
+  sphere_nav map recording -o hall --image /camera/color/image_raw --depth /camera/aligned_depth_to_color/image_raw
+  sphere_nav map kitchen -o kitchen_map --set depth_pose=depth.yaml
+  sphere_nav map drive -o drive_map --anchor survey
+  sphere_nav map second_drive -o both_maps --extend drive_map
+  sphere_nav map six_cameras -o drive_map --rig rig.yaml --set-stitcher stitch.width=2048
+  sphere_nav map six_cameras -o drive_map --rig old_rig.yaml --set-stitcher rectify.num_instants=5
+  sphere_nav map drive -o drive_map --set mapper.key.min_overlap=0.5 --set mapper.stereo.nearest_m=2
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("bag", type=Path, metavar="BAG", help="bag of the teaching drive")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="MAP", help="map to make (a folder)")
+    parser.add_argument(
+        "--extend", type=Path, metavar="MAP0", help="a map that the drive is joined to, where both saw the same places"
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace a map that is there")
+    parser.add_argument(
+        "--anchor",
+        choices=("first", "truth", "survey"),
+        default="first",
+        help="first: the first pose is the origin; truth: the map, as it is, fitted to the truth; survey: every key "
+        "sphere where the truth has it, as after a surveyed drive (%(default)s)",
+    )
+    parser.add_argument("--rig", type=Path, metavar="F", help="rig file, for a bag with the cameras of a rig")
+    parser.add_argument(
+        "--input", choices=("auto", *TOPICS, CAMERAS), default="auto", help="what is mapped (by the topics)"
+    )
+    topics.add_options(parser)
+    parser.add_argument("--no-loops", action="store_true", help="do not look for places seen twice")
+    parser.add_argument(
+        "--jobs", type=_positive, default=1, metavar="N", help="processes that stitch and look for loops (%(default)s)"
+    )
+    parser.add_argument(
+        "--scheduler", default="", metavar="ADDRESS", help="do that on a Dask cluster (needs distributed)"
+    )
+    parser.add_argument("--trajectory", type=Path, metavar="F", help="write the pose of every sphere (TUM)")
+    parser.add_argument("--taught", type=Path, metavar="F", help="write the vehicle's poses, for path_follower (TUM)")
+    parser.add_argument(
+        "--set", action="append", default=[], metavar="NAME=VALUE", dest="settings", help="parameter of sphere_mapper"
+    )
+    parser.add_argument(
+        "--set-stitcher", action="append", default=[], metavar="NAME=VALUE", help="parameter of sphere_stitcher"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Map what the bag holds."""
+    return learn(arguments)
+
+
+def _positive(text: str) -> int:
+    number = int(text)
+    if number < 1:
+        raise argparse.ArgumentTypeError(f"expected at least 1, found {text}")
+    return number

@@ -1,0 +1,89 @@
+"""`sphere_nav map-info`: what is in a map."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sphere_nav.ros.maps.reader import MapReader, open_map
+
+HELP = """\
+Tell what is in a map: key spheres, edges, size, extent, and with which parameters it was made.
+
+examples:
+  sphere_nav map-info kitchen_map
+  sphere_nav map-info kitchen_map --json --parameters
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.add_argument("map", type=Path, metavar="MAP", help="a map (a folder)")
+    parser.add_argument("--json", action="store_true", help="print JSON")
+    parser.add_argument("--parameters", action="store_true", help="the parameters of the mapping too")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read the head of the map and one sphere; print."""
+    with open_map(arguments.map) as reader:
+        values = describe(reader)
+        parameters = reader.parameters if arguments.parameters else {}
+    if arguments.json:
+        print(json.dumps(values | ({"parameters": parameters} if arguments.parameters else {}), indent=2))
+        return 0
+    width = max(len(name) for name in values)
+    for name, value in values.items():
+        print(f"{name:<{width}}  {value}")
+    for name, value in parameters.items():
+        print(f"  {name}: {value}")
+    return 0
+
+
+def describe(reader: MapReader) -> dict[str, Any]:
+    """Return the facts about a map by name."""
+    graph, info = reader.graph, reader.info
+    nodes = sorted(graph, key=lambda node: node.id)
+    positions = np.array([node.T_map_sphere.translation for node in nodes])
+    sphere = reader.load_sphere(nodes[0].id)
+    size = sum(file.stat().st_size for file in reader.path.iterdir()) if reader.path.is_dir() else 0
+    return {
+        "path": str(reader.path),
+        "map_id": info.map_id,
+        "format_version": int(info.format_version),
+        "software": info.software,
+        "source": info.source,
+        "frame": info.header.frame_id,
+        "key_spheres": len(graph),
+        "edges": len(graph.edges),
+        "loops": sum(edge.is_loop for edge in graph.edges),
+        "length_m": round(float(info.length), 3),
+        "extent_m": [round(float(side), 3) for side in np.ptp(positions, axis=0)],
+        "spacing_m": spacing(positions),
+        "region_radius_m": quantiles([node.region_radius_m for node in nodes if node.region_radius_m > 0]),
+        "first_stamp_s": nodes[0].stamp_ns / 1e9,
+        "last_stamp_s": nodes[-1].stamp_ns / 1e9,
+        "sphere_size": [sphere.camera.width, sphere.camera.height],
+        "whole_sphere": bool(sphere.camera.is_whole),
+        "pixels_per_degree": round(float(np.radians(sphere.camera.pixels_per_radian)), 2),
+        "measured_share": round(float(sphere.measured.mean()), 3),
+        "megabytes": round(size / 1e6, 1),
+        "megabytes_per_sphere": round(size / 1e6 / len(graph), 2),
+        "megabytes_per_metre": round(size / 1e6 / info.length, 3) if info.length > 0 else None,
+        "rig": bool(info.rig),
+    }
+
+
+def spacing(positions: NDArray[np.float64]) -> list[float]:
+    """Return the smallest, the median and the largest distance in m from a key sphere to the next one."""
+    return quantiles(np.linalg.norm(np.diff(positions, axis=0), axis=1))
+
+
+def quantiles(values: ArrayLike) -> list[float]:
+    """Return the smallest, the median and the largest of some values, rounded; nothing of none."""
+    numbers = np.asarray(values, dtype=np.float64)
+    return [round(float(value), 3) for value in np.quantile(numbers, [0.0, 0.5, 1.0])] if numbers.size else []

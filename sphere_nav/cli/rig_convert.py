@@ -1,0 +1,119 @@
+"""`sphere_nav rig-convert`: a calibration of Kalibr, basalt, OpenCV or OCamCalib to rig.yaml."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from sphere_nav.geometry.cameras.rig import Rig
+from sphere_nav.geometry.files.foreign_rig import FORMATS, FRAMES, place, read_foreign_cameras
+from sphere_nav.geometry.files.rig_file import write_rig
+
+HELP = "a calibration of Kalibr, basalt, OpenCV or OCamCalib to rig.yaml"
+EXAMPLES = """\
+examples:
+  sphere_nav rig-convert camchain.yaml -o rig.yaml
+  sphere_nav rig-convert calibration.json --frame imu -o rig.yaml
+  sphere_nav rig-convert intrinsics.yml extrinsics.yml --size 640x480 --unit 0.025 -o rig.yaml
+  sphere_nav rig-convert front.yaml rear.yaml --join --mask cam0=front.png --mask cam2=rear.png -o rig.yaml
+  sphere_nav rig-convert camchain.yaml --level cam0=top --level cam1=bottom -o rig.yaml
+  sphere_nav rig-convert calib_results.txt -o camera.yaml
+
+Kalibr: pinhole (radtan, equidistant, none), ds, omni (none, radtan); several camchains that share the IMU or a camera
+(rostopic) with --join. basalt: ds, ucm, kb4, pinhole, pinhole-radtan8. OpenCV: one camera or a stereo pair, YAML of
+FileStorage. OCamCalib: calib_results.txt. Models that are none of ours (omni with radtan, OCamCalib's polynomial)
+become the double sphere or fisheye that comes nearest; how near is printed; beyond 0.3 px RMS or 1 px it is refused.
+"""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Declare the arguments."""
+    parser.epilog = EXAMPLES
+    parser.add_argument("files", nargs="+", type=Path, metavar="FILE", help="calibration; two for OpenCV's stereo pair")
+    parser.add_argument("--format", choices=FORMATS, help="of the file (told by its content)")
+    parser.add_argument(
+        "--frame", choices=FRAMES, default="camera", help="the first camera looks along +x, or axes of the IMU (camera)"
+    )
+    parser.add_argument("--size", metavar="WxH", help="of the images, where an OpenCV file does not tell")
+    parser.add_argument("--model", choices=("pinhole", "fisheye"), help="where an OpenCV file does not tell (pinhole)")
+    parser.add_argument("--unit", type=float, default=1.0, metavar="M", help="length of OpenCV's unit in m (1)")
+    parser.add_argument("--join", action="store_true", help="merge several camchains into one rig")
+    for option, what in (("mask", "image, 0 where the camera must not be used"), ("level", "top or bottom")):
+        parser.add_argument(f"--{option}", action="append", default=[], metavar="CAMERA=" + option.upper(), help=what)
+    parser.add_argument("--exposure-group", action="append", default=[], metavar="CAMERA=GROUP", help="of one exposure")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="rig file to write")
+    parser.add_argument("--force", action="store_true", help="replace an existing rig file")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Read, tell what was found, write."""
+    if not (math.isfinite(arguments.unit) and arguments.unit > 0):
+        raise ValueError(f"--unit: expected a positive length in m, found {arguments.unit}")
+    found = read_foreign_cameras(
+        arguments.files,
+        arguments.format,
+        _size(arguments.size),
+        arguments.model,
+        arguments.unit,
+        is_joining=arguments.join,
+    )
+    rig = place(found, arguments.frame, arguments.files[0])
+    rig = _with_options(rig, arguments)
+    write_rig(arguments.output, rig, is_overwriting=arguments.force)
+    for name, fit in zip(found.names, found.fits, strict=False):
+        if fit is not None:
+            residual = f"{fit.rms_px:.2g} px RMS, {fit.max_px:.2g} px at most"
+            print(f"{name}: {fit.camera.model} in place of the file's model, off by {residual}")
+    for part in rig.cameras:
+        position = np.array2string(part.T_rig_camera.translation, precision=4, suppress_small=True)
+        ahead = part.T_rig_camera.rotation[:, 2]
+        yaw, pitch = np.degrees([math.atan2(ahead[1], ahead[0]), math.asin(float(np.clip(ahead[2], -1.0, 1.0)))])
+        print(f"{part.name}: {part.camera.model} at {position} m, looks {yaw:.1f}° to the left, {pitch:.1f}° up")
+    return 0
+
+
+def _with_options(rig: Rig, arguments: argparse.Namespace) -> Rig:
+    """Return the rig with the masks, levels and exposure groups of the options."""
+    masks, levels = _by_camera(rig, "--mask", arguments.mask), _by_camera(rig, "--level", arguments.level)
+    groups = _by_camera(rig, "--exposure-group", arguments.exposure_group)
+    for name, mask in masks.items():
+        camera, image = rig.camera(name).camera, cv2.imread(mask, cv2.IMREAD_GRAYSCALE)
+        found = "none" if image is None else f"{image.shape[1]} x {image.shape[0]}"
+        if image is None or image.shape[::-1] != (camera.width, camera.height):
+            raise ValueError(f"--mask: {mask}: expected an image of {camera.width} x {camera.height}, found {found}")
+    parts = [
+        replace(
+            part,
+            mask=str(Path(masks[part.name]).absolute()) if part.name in masks else None,
+            level=levels.get(part.name, ""),
+            exposure_group=groups.get(part.name, ""),
+        )
+        for part in rig.cameras
+    ]
+    return Rig(tuple(parts), rig.name, rig.version)
+
+
+def _by_camera(rig: Rig, option: str, words: list[str]) -> dict[str, str]:
+    """Return values by camera of words CAMERA=VALUE."""
+    found = {}
+    for word in words:
+        name, separator, value = word.partition("=")
+        if not separator or not value or name not in rig.names:
+            raise ValueError(f"{option}: expected CAMERA=VALUE with one of {', '.join(rig.names)}, found {word!r}")
+        found[name] = value
+    return found
+
+
+def _size(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    found = re.fullmatch(r"(\d+)[x×](\d+)", text)
+    if found is None or "0" in found.groups():
+        raise ValueError(f"--size: expected WIDTHxHEIGHT such as 640x480, found {text!r}")
+    return int(found[1]), int(found[2])

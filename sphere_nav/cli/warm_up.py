@@ -1,0 +1,49 @@
+"""Compile the kernels of all packages once, so that no node waits: `python -m sphere_nav.cli.warm_up`.
+
+An installation ends with it; where the kernels are compiled already it takes seconds.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+
+from cycab_sim.warm_up import warm_up as warm_up_simulator
+from mcl_depth.params import FilterParams
+from mcl_depth.warm_up import warm_up as warm_up_mcl
+from sphere_mapping.acquisition import kernels as acquisition
+from sphere_nav import kernel_cache, photometric
+from sphere_nav.kernel_cache.folder import PACKAGES, cache_folder, cache_root, remove_old
+from sphere_nav.view_synthesis.warm_up import warm_up as warm_up_view
+
+
+def warm_up_mcl_depth() -> None:
+    """With the parameters that are the default."""
+    warm_up_mcl(FilterParams())
+
+
+def warm_up_registration() -> None:
+    """One after the other: kernels of view synthesis call those of registration."""
+    photometric.warm_up()
+    warm_up_view()
+
+
+PARTS = (warm_up_mcl_depth, warm_up_registration, warm_up_simulator, acquisition.warm_up)  # the longest first
+
+
+def main() -> int:
+    """Compile what is not compiled yet, on all cores."""
+    if not all(cache_folder(package).is_dir() for package in PACKAGES if package != kernel_cache.__name__):
+        print(f"compiling kernels into {cache_root()}, a minute or two", file=sys.stderr)
+    jobs = min(os.cpu_count() or 1, len(PARTS))
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as workers:
+        for part in [workers.submit(part) for part in PARTS]:
+            part.result()
+    remove_old()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,1 @@
+"""Least squares on robust weights: scales, weights, elimination, covariances."""

@@ -1,0 +1,70 @@
+"""Parameters that many images share: what each image has of its own is eliminated (Schur complement).
+
+The covariance is that of a fit to clustered data: it comes from how differently the images pull, so that pixels of one
+image may err together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+CORRELATED_PIXELS = 100.0  # that count as one against what is known beforehand; as in `photometric/align/judgement.py`
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """H (P + own, P + own) and g of one image by the inverse variance of its residuals, sigma in grey levels."""
+
+    H: Array
+    g: Array
+    num_pixels: int
+    sigma: float
+
+
+class Elimination:
+    """The normal equations of all parts, reduced to the P shared parameters.
+
+    `prior_sigma` (P,) are the standard deviations known beforehand, `off` (P,) how far the state is from there.
+    """
+
+    def __init__(self, parts: Sequence[Part], prior_sigma: Array, off: Array) -> None:
+        n = len(prior_sigma)
+        own = len(parts[0].g) - n
+        self._parts, self._n, self._off = parts, n, off
+        self._inverse = [np.linalg.inv(part.H[n:, n:] + 1e-9 * np.eye(own)) for part in parts]
+        self._gradients = np.empty((len(parts), n))
+        self._H = np.zeros((n, n))
+        for i, (part, inverse) in enumerate(zip(parts, self._inverse, strict=True)):
+            cross = part.H[:n, n:] @ inverse
+            self._H += part.H[:n, :n] - cross @ part.H[n:, :n]
+            self._gradients[i] = part.g[:n] - cross @ part.g[n:]
+        self._prior = np.diag(CORRELATED_PIXELS / prior_sigma**2)
+
+    def step(self) -> tuple[Array, list[Array], float]:
+        """Return the steps of the shared (P,) and of each part's own parameters, and how large the shared one is.
+
+        That is its largest share of the standard deviation which the pixels would leave were they independent but for
+        CORRELATED_PIXELS.
+        """
+        n, H = self._n, self._H + self._prior
+        shared = -np.linalg.solve(H, self._gradients.sum(axis=0) + self._prior @ self._off)
+        own = [
+            -inverse @ (part.g[n:] + part.H[n:, :n] @ shared)
+            for part, inverse in zip(self._parts, self._inverse, strict=True)
+        ]
+        sigma = np.sqrt(np.diagonal(np.linalg.inv(H)) * CORRELATED_PIXELS)
+        return shared, own, float(np.max(np.abs(shared) / sigma))
+
+    def covariance(self) -> Array:
+        """Return the covariance (P, P) of clustered data, wider where little was known beforehand."""
+        count = len(self._parts)
+        inverse = np.linalg.inv(self._H + self._prior)
+        scatter = self._gradients - self._gradients.mean(axis=0)
+        told = scatter.T @ scatter * count / (count - 1)
+        return np.asarray(inverse @ (told + self._prior * CORRELATED_PIXELS) @ inverse)

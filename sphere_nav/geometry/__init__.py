@@ -1,0 +1,17 @@
+"""Where things are: rigid motions and camera models. No images, no optimisation.
+
+READ FIRST `se3.py` (SO(3), SE(3)), then `camera.py` (what every camera model offers) and one file per model:
+`pinhole.py`, `fisheye.py`, `double_sphere.py`, `spherical.py`; `shutter.py` is the rolling shutter. `rig.py` is several
+cameras, `rig_file.py` its file.
+"""
+
+from sphere_nav.geometry.cameras.camera import Camera
+from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
+from sphere_nav.geometry.cameras.fisheye import Fisheye
+from sphere_nav.geometry.cameras.pinhole import Pinhole
+from sphere_nav.geometry.cameras.rig import Rig, RigCamera
+from sphere_nav.geometry.cameras.rolling_shutter import FrameMotion
+from sphere_nav.geometry.cameras.spherical import Spherical
+from sphere_nav.geometry.se3 import SE3
+
+__all__ = ["SE3", "Camera", "DoubleSphere", "Fisheye", "FrameMotion", "Pinhole", "Rig", "RigCamera", "Spherical"]

@@ -1,0 +1,1 @@
+"""Camera models, rigs of cameras, rolling shutters."""

@@ -1,0 +1,104 @@
+"""Double-sphere camera (Usenko, Demmel, Cremers: The Double Sphere Camera Model, 3DV 2018; basalt's `ds`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sphere_nav.geometry.cameras.camera import Array, check_lens, check_size, inside
+
+MIN_DIVISOR = 1e-12
+
+
+@dataclass(frozen=True)
+class DoubleSphere:
+    """Optical frame: z forward, x right, y down; wide fisheyes in closed form.
+
+    A point goes to a unit sphere, to a second one `xi` further along the axis, and from there to the image by a pinhole
+    whose centre is shifted by alpha / (1 - alpha). xi = alpha = 0 is the pinhole camera.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    xi: float = 0.0
+    alpha: float = 0.0
+    model: ClassVar[str] = "double_sphere"
+
+    def __post_init__(self) -> None:
+        check_size(self.width, self.height)
+        check_lens(self.fx, self.fy, self.cx, self.cy)
+        if not (-1.0 < self.xi <= 1.0 and 0.0 <= self.alpha <= 1.0):
+            raise ValueError(
+                f"double sphere: expected -1 < xi <= 1 and 0 <= alpha <= 1, found xi {self.xi}, alpha {self.alpha}"
+            )
+
+    @cached_property
+    def coefficients(self) -> Array:
+        """(fx, fy, cx, cy, xi, alpha)."""
+        return np.array([self.fx, self.fy, self.cx, self.cy, self.xi, self.alpha])
+
+    @property
+    def pixels_per_radian(self) -> float:
+        """Angular resolution on the optical axis."""
+        return float(np.sqrt(self.fx * self.fy) / (1 + self.xi))
+
+    @property
+    def min_cosine(self) -> float:
+        """Cosine of the largest angle, seen from the second centre, that has a pixel of its own (-w1 of the paper).
+
+        The paper's bound on the angle from the first centre (eq. 43) refuses a few degrees that do have one.
+        """
+        a = self.alpha
+        return -(a / (1 - a) if a <= 0.5 else (1 - a) / a)
+
+    def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+        """Project points (..., 3); points beyond the largest angle are NaN and not visible."""
+        p = np.asarray(points, dtype=np.float64)
+        _, shifted, second, divisor = self._terms(p)
+        valid = (shifted > self.min_cosine * second) & (divisor > MIN_DIVISOR * second)
+        factor = np.where(valid, 1.0 / np.where(valid, divisor, 1.0), np.nan)
+        pixels = factor[..., None] * p[..., :2] * (self.fx, self.fy) + (self.cx, self.cy)
+        return pixels, inside(pixels, self)
+
+    def unproject(self, pixels: ArrayLike) -> Array:
+        """Return unit rays (..., 3); NaN where the model has no ray."""
+        m = (np.asarray(pixels, dtype=np.float64) - (self.cx, self.cy)) / (self.fx, self.fy)
+        r2 = np.sum(m * m, axis=-1)
+        a, xi = self.alpha, self.xi
+        with np.errstate(invalid="ignore"):
+            mz = (1 - a * a * r2) / (a * np.sqrt(1 - (2 * a - 1) * r2) + 1 - a)
+            scale = (mz * xi + np.sqrt(mz * mz + (1 - xi * xi) * r2)) / (mz * mz + r2)
+        return np.concatenate([scale[..., None] * m, (scale * mz - xi)[..., None]], axis=-1)
+
+    def J_project(self, points: ArrayLike) -> Array:
+        """Return d pixel / d point (..., 2, 3)."""
+        p = np.asarray(points, dtype=np.float64)
+        distance, shifted, second, divisor = self._terms(p)
+        d_shifted = self.xi * p / distance[..., None] + (0.0, 0.0, 1.0)
+        d_second = (p * (1.0, 1.0, 0.0) + shifted[..., None] * d_shifted) / second[..., None]
+        d_divisor = self.alpha * d_second + (1 - self.alpha) * d_shifted
+        J = -p[..., :2, None] * (d_divisor / divisor[..., None] ** 2)[..., None, :]
+        J[..., 0, 0] += 1 / divisor
+        J[..., 1, 1] += 1 / divisor
+        return np.diag([self.fx, self.fy]) @ J
+
+    def halve(self) -> Self:
+        """Return the camera of the next pyramid level."""
+        cx, cy = (self.cx + 0.5) / 2 - 0.5, (self.cy + 0.5) / 2 - 0.5
+        size = (self.width // 2, self.height // 2)
+        return type(self)(*size, self.fx / 2, self.fy / 2, cx, cy, self.xi, self.alpha)
+
+    def _terms(self, p: Array) -> tuple[Array, Array, Array, Array]:
+        """Return d1, xi d1 + z, d2 and what x and y are divided by (eq. 40 to 42)."""
+        distance = np.linalg.norm(p, axis=-1)
+        shifted = self.xi * distance + p[..., 2]
+        second = np.sqrt(p[..., 0] ** 2 + p[..., 1] ** 2 + shifted**2)
+        return distance, shifted, second, self.alpha * second + (1 - self.alpha) * shifted

@@ -1,0 +1,113 @@
+"""Fisheye camera, Kannala-Brandt with four coefficients (ROS `equidistant`, OpenCV `fisheye`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sphere_nav.geometry.cameras.camera import Array, check_lens, check_size, inside
+
+NEWTON_STEPS = 12
+MIN_SINE = 1e-9
+
+
+@dataclass(frozen=True)
+class Fisheye:
+    """Optical frame: z forward, x right, y down; the image radius is f (a + k1 a^3 + k2 a^5 + k3 a^7 + k4 a^9)."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
+    model: ClassVar[str] = "fisheye"
+
+    def __post_init__(self) -> None:
+        check_size(self.width, self.height)
+        check_lens(self.fx, self.fy, self.cx, self.cy)
+        if len(self.distortion) != 4 or not np.all(np.isfinite(self.distortion)):
+            raise ValueError(f"distortion: expected 4 finite numbers, found {self.distortion}")
+
+    @cached_property
+    def coefficients(self) -> Array:
+        """(fx, fy, cx, cy, k1, k2, k3, k4, largest angle from the axis in radians)."""
+        return np.array([self.fx, self.fy, self.cx, self.cy, *self.distortion, self.max_angle])
+
+    @property
+    def pixels_per_radian(self) -> float:
+        """Angular resolution on the optical axis."""
+        return float(np.sqrt(self.fx * self.fy))
+
+    @cached_property
+    def max_angle(self) -> float:
+        """Largest angle from the axis, up to pi, up to which the image radius grows monotonically."""
+        angle = np.linspace(0.0, np.pi, 3001)
+        falling = np.flatnonzero(np.diff(self._radius(angle)) <= 0)
+        return float(angle[max(falling[0] - 1, 0)]) if falling.size else float(np.pi)
+
+    def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+        """Project points (..., 3); points beyond `max_angle`, or straight behind, are NaN and not visible."""
+        p = np.asarray(points, dtype=np.float64)
+        sine = np.hypot(p[..., 0], p[..., 1])
+        angle = np.arctan2(sine, p[..., 2])
+        on_axis = sine < MIN_SINE
+        valid = (angle <= self.max_angle) & (~on_axis | (p[..., 2] > 0))  # straight behind is a whole circle
+        factor = np.where(
+            on_axis,
+            1.0 / np.where(p[..., 2] > 0, p[..., 2], np.inf),
+            self._radius(angle) / np.where(on_axis, 1.0, sine),
+        )
+        pixels = np.where(valid, factor, np.nan)[..., None] * p[..., :2] * (self.fx, self.fy) + (self.cx, self.cy)
+        return pixels, inside(pixels, self)
+
+    def unproject(self, pixels: ArrayLike) -> Array:
+        """Return unit rays (..., 3); NaN beyond `max_angle`."""
+        xy = (np.asarray(pixels, dtype=np.float64) - (self.cx, self.cy)) / (self.fx, self.fy)
+        radius = np.linalg.norm(xy, axis=-1)
+        angle = np.minimum(radius, self.max_angle)
+        for _ in range(NEWTON_STEPS):
+            slope = np.maximum(self._slope(angle), 1e-3)
+            angle = np.clip(angle - (self._radius(angle) - radius) / slope, 0.0, self.max_angle)
+        angle = np.where(np.abs(self._radius(angle) - radius) < 1e-8, angle, np.nan)
+        scale = np.where(radius < MIN_SINE, 1.0, np.sin(angle) / np.where(radius < MIN_SINE, 1.0, radius))
+        return np.concatenate([xy * scale[..., None], np.cos(angle)[..., None]], axis=-1)
+
+    def J_project(self, points: ArrayLike) -> Array:
+        """Return d pixel / d point (..., 2, 3)."""
+        p = np.asarray(points, dtype=np.float64)
+        x, y, z = p[..., 0], p[..., 1], p[..., 2]
+        on_axis = np.hypot(x, y) < MIN_SINE
+        sine = np.where(on_axis, MIN_SINE, np.hypot(x, y))
+        square = sine * sine + z * z
+        angle = np.arctan2(sine, z)
+        cx, cy = np.where(on_axis, 1.0, x / sine), np.where(on_axis, 0.0, y / sine)
+        along = self._slope(angle) * z / square  # d radius / d sine
+        across = np.where(sine < 1e-7, along, self._radius(angle) / sine)
+        by_z = -self._slope(angle) * sine / square
+        J = np.empty((*p.shape[:-1], 2, 3))
+        J[..., 0, 0] = along * cx * cx + across * cy * cy
+        J[..., 0, 1] = J[..., 1, 0] = (along - across) * cx * cy
+        J[..., 1, 1] = along * cy * cy + across * cx * cx
+        J[..., 0, 2], J[..., 1, 2] = by_z * cx, by_z * cy
+        return np.diag([self.fx, self.fy]) @ J
+
+    def halve(self) -> Self:
+        """Return the camera of the next pyramid level."""
+        cx, cy = (self.cx + 0.5) / 2 - 0.5, (self.cy + 0.5) / 2 - 0.5
+        return type(self)(self.width // 2, self.height // 2, self.fx / 2, self.fy / 2, cx, cy, self.distortion)
+
+    def _radius(self, angle: Array) -> Array:
+        k1, k2, k3, k4 = self.distortion
+        a2 = angle * angle
+        return angle * (1 + a2 * (k1 + a2 * (k2 + a2 * (k3 + a2 * k4))))
+
+    def _slope(self, angle: Array) -> Array:
+        k1, k2, k3, k4 = self.distortion
+        a2 = angle * angle
+        return 1 + a2 * (3 * k1 + a2 * (5 * k2 + a2 * (7 * k3 + a2 * 9 * k4)))

@@ -1,0 +1,151 @@
+"""Perspective camera with rational radial and tangential distortion (ROS `plumb_bob`, `rational_polynomial`)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import ClassVar, Self
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sphere_nav.geometry.cameras.camera import Array, check_lens, check_size, inside
+
+NUM_DISTORTION = 8  # k1 k2 p1 p2 k3 k4 k5 k6, the order of OpenCV and ROS
+NEWTON_STEPS = 12
+MIN_DEPTH = 1e-6
+
+
+@dataclass(frozen=True)
+class Pinhole:
+    """Optical frame: z forward, x right, y down (M15 eq. 26). Focal lengths and centre in pixels."""
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = ()
+    model: ClassVar[str] = "pinhole"
+
+    def __post_init__(self) -> None:
+        check_size(self.width, self.height)
+        check_lens(self.fx, self.fy, self.cx, self.cy)
+        if len(self.distortion) > NUM_DISTORTION or not np.all(np.isfinite(self.distortion)):
+            raise ValueError(f"distortion: expected up to {NUM_DISTORTION} finite numbers, found {self.distortion}")
+
+    @cached_property
+    def coefficients(self) -> Array:
+        """(fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6, largest squared radius)."""
+        padded = (*self.distortion, *(0.0,) * (NUM_DISTORTION - len(self.distortion)))
+        return np.array([self.fx, self.fy, self.cx, self.cy, *padded, self.max_radius**2])
+
+    @property
+    def is_distorted(self) -> bool:
+        """Whether any distortion coefficient is not zero."""
+        return any(self.distortion)
+
+    @property
+    def pixels_per_radian(self) -> float:
+        """Angular resolution on the optical axis."""
+        return float(np.sqrt(self.fx * self.fy))
+
+    @cached_property
+    def max_radius(self) -> float:
+        """Largest undistorted radius (tangent of the angle) up to which the radial distortion grows monotonically.
+
+        Beyond it the polynomial folds back and would project points from far outside into the image.
+        """
+        if not self.is_distorted:
+            return np.inf
+        k1, k2, _, _, k3, k4, k5, k6 = (*self.distortion, *(0.0,) * (NUM_DISTORTION - len(self.distortion)))
+        r = np.linspace(0.0, 10.0, 4001)
+        r2 = r * r
+        numerator = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        denominator = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        distorted = np.where(denominator > 0, r * numerator / np.where(denominator > 0, denominator, 1.0), -1.0)
+        falling = np.flatnonzero(np.diff(distorted) <= 0)
+        return float(r[max(falling[0] - 1, 0)]) if falling.size else np.inf
+
+    def project(self, points: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+        """Project points (..., 3); points behind the camera or beyond `max_radius` are NaN and not visible."""
+        p = np.asarray(points, dtype=np.float64)
+        in_front = p[..., 2] > MIN_DEPTH
+        xy = p[..., :2] / np.where(in_front, p[..., 2], np.nan)[..., None]
+        xy = np.where((np.sum(xy * xy, axis=-1) <= self.max_radius**2)[..., None], xy, np.nan)
+        pixels = self._distort(xy) * (self.fx, self.fy) + (self.cx, self.cy)
+        return pixels, inside(pixels, self)
+
+    def unproject(self, pixels: ArrayLike) -> Array:
+        """Return unit rays (..., 3), distortion undone by Newton's method; NaN where it has no solution."""
+        target = (np.asarray(pixels, dtype=np.float64) - (self.cx, self.cy)) / (self.fx, self.fy)
+        xy = target
+        if self.is_distorted:
+            xy = self._undistort(target)
+        rays: Array = np.concatenate([xy, np.ones((*xy.shape[:-1], 1))], axis=-1)
+        rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
+        return rays
+
+    def J_project(self, points: ArrayLike) -> Array:
+        """Return d pixel / d point (..., 2, 3), the product of lens, distortion and perspective."""
+        p = np.asarray(points, dtype=np.float64)
+        inverse_z = 1.0 / p[..., 2]
+        xy = p[..., :2] * inverse_z[..., None]
+        J_perspective = np.zeros((*p.shape[:-1], 2, 3))
+        J_perspective[..., 0, 0] = J_perspective[..., 1, 1] = inverse_z
+        J_perspective[..., :, 2] = -xy * inverse_z[..., None]
+        return np.diag([self.fx, self.fy]) @ self._J_distort(xy) @ J_perspective
+
+    def halve(self) -> Self:
+        """Return the camera of the next pyramid level."""
+        return type(self)(
+            self.width // 2,
+            self.height // 2,
+            self.fx / 2,
+            self.fy / 2,
+            (self.cx + 0.5) / 2 - 0.5,
+            (self.cy + 0.5) / 2 - 0.5,
+            self.distortion,
+        )
+
+    def _undistort(self, target: Array) -> Array:
+        xy = target
+        with np.errstate(all="ignore"):  # rays that do not exist run away and are refused below
+            for _ in range(NEWTON_STEPS):
+                error, J = self._distort(xy) - target, self._J_distort(xy)
+                determinant = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
+                step_x = J[..., 1, 1] * error[..., 0] - J[..., 0, 1] * error[..., 1]
+                step_y = J[..., 0, 0] * error[..., 1] - J[..., 1, 0] * error[..., 0]
+                xy = xy - np.stack([step_x, step_y], axis=-1) / determinant[..., None]
+            off = np.linalg.norm(self._distort(xy) - target, axis=-1)
+            good = (off < 1e-8) & (np.linalg.norm(xy, axis=-1) <= self.max_radius)
+        return np.where(good[..., None], xy, np.nan)
+
+    def _terms(self, xy: Array) -> tuple[Array, Array, Array, Array, Array, float, float]:
+        x, y = xy[..., 0], xy[..., 1]
+        _, _, _, _, k1, k2, p1, p2, k3, k4, k5, k6, _ = self.coefficients
+        r2 = x * x + y * y
+        numerator = 1 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        denominator = 1 + r2 * (k4 + r2 * (k5 + r2 * k6))
+        d_numerator = k1 + r2 * (2 * k2 + 3 * r2 * k3)
+        d_denominator = k4 + r2 * (2 * k5 + 3 * r2 * k6)
+        radial = numerator / denominator
+        d_radial = (d_numerator - radial * d_denominator) / denominator  # by r^2
+        return x, y, r2, radial, d_radial, float(p1), float(p2)
+
+    def _distort(self, xy: Array) -> Array:
+        if not self.is_distorted:
+            return xy
+        x, y, r2, radial, _, p1, p2 = self._terms(xy)
+        u = x * radial + 2 * p1 * x * y + p2 * (r2 + 2 * x * x)
+        v = y * radial + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
+        return np.stack([u, v], axis=-1)
+
+    def _J_distort(self, xy: Array) -> Array:
+        x, y, _, radial, d_radial, p1, p2 = self._terms(xy)
+        J = np.empty((*xy.shape[:-1], 2, 2))
+        J[..., 0, 0] = radial + 2 * x * x * d_radial + 2 * p1 * y + 6 * p2 * x
+        J[..., 0, 1] = J[..., 1, 0] = 2 * x * y * d_radial + 2 * p1 * x + 2 * p2 * y
+        J[..., 1, 1] = radial + 2 * y * y * d_radial + 6 * p1 * y + 2 * p2 * x
+        return J

@@ -1,0 +1,66 @@
+"""Rolling shutter: the rows of a frame are read one after the other while the camera moves.
+
+Pose and stamp of a frame are those of its middle row. Row v is read at the share s(v) = (v - (rows - 1) / 2) / rows of
+the readout, -1/2...1/2, where the camera stands at T_world_camera @ exp(s twist); the twist (v, omega) is the motion
+of the camera, in its own frame, while all rows are read. A twist of zero is a global shutter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sphere_nav.geometry.cameras.camera import Array, Camera, inside
+from sphere_nav.geometry.se3 import SE3
+from sphere_nav.params import param, parameters
+
+ROW_STEPS = 6  # each divides the error of the row by the rows of a readout over the image motion within it
+MAX_READOUT_S = 0.2
+
+
+@parameters
+class CameraParams:
+    """What camera_info does not tell of a camera."""
+
+    readout: float = param(
+        0.0, "time from reading the first row to the last, rolling shutter; 0: global", "s", low=0.0, high=MAX_READOUT_S
+    )
+
+
+@dataclass(frozen=True)
+class FrameMotion:
+    """The motion within a frame, taken to be that since the frame before: `share` is readout by time between them."""
+
+    T_world_before: SE3
+    share: float
+
+    def twist(self, T_world_camera: SE3) -> Array:
+        """Return the motion (6,) (v, omega) of the camera within a frame that it ends at a pose."""
+        return (self.T_world_before.inverse() @ T_world_camera).log() * self.share
+
+
+def row_share(v: ArrayLike, rows: int) -> Array:
+    """Return when rows are read, as a share -1/2...1/2 of the readout."""
+    return (np.asarray(v, dtype=np.float64) - 0.5 * (rows - 1)) / rows
+
+
+def project_rolling(camera: Camera, points: ArrayLike, twist: ArrayLike) -> tuple[Array, NDArray[np.bool_]]:
+    """Project points (N, 3), given in the camera of the middle row, to pixels (N, 2) and whether each is inside.
+
+    The row decides where the camera was, and that decides the row: found by fixed-point iteration.
+    """
+    p = np.asarray(points, dtype=np.float64)
+    pixels, _ = camera.project(p)
+    for _ in range(ROW_STEPS):
+        share = np.nan_to_num(row_share(pixels[:, 1], camera.height))
+        pixels, _ = camera.project(_moved_back(p, share, twist))
+    return pixels, inside(pixels, camera)
+
+
+def _moved_back(points: Array, share: Array, twist: ArrayLike) -> Array:
+    """Return points (N, 3) of the middle row in the cameras of other rows."""
+    T_middle_row = SE3.exp(share[:, None] * np.asarray(twist, dtype=np.float64))
+    moved: Array = np.einsum("nji,nj->ni", T_middle_row.rotation, points - T_middle_row.translation)
+    return moved

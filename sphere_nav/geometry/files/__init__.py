@@ -1,0 +1,1 @@
+"""Bounded reading of text files, rig files and foreign calibrations."""

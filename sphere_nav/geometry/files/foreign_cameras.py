@@ -1,0 +1,114 @@
+"""What readers of other programs' files share: cameras with poses, and lenses that are ours by another name."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sphere_nav.geometry.cameras.camera import Camera
+from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
+from sphere_nav.geometry.cameras.fisheye import Fisheye
+from sphere_nav.geometry.cameras.pinhole import Pinhole
+from sphere_nav.geometry.files.fields import check_centre, numbers, short, size
+from sphere_nav.geometry.files.lens_fit import LensFit, fit_lens, grid_of
+from sphere_nav.geometry.se3 import SE3
+
+WIDEST_DEG = 100.0  # from the axis: farther, a calibration is seldom known
+
+
+@dataclass(frozen=True, eq=False)
+class ForeignRig:
+    """Cameras with their poses `T_origin_camera`; the origin is the IMU if `is_by_imu`, else the first camera.
+
+    fits: of cameras whose model is none of ours, how near ours comes; None of the others. topics: where files tell.
+    """
+
+    names: tuple[str, ...]
+    cameras: tuple[Camera, ...]
+    T_origin_camera: tuple[SE3, ...]
+    is_by_imu: bool = False
+    fits: tuple[LensFit | None, ...] = ()
+    topics: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Lens:
+    """Focal lengths and centre in pixels, image size (width, height), and where in the file they stand."""
+
+    size: tuple[int, int]
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    where: str
+
+    def pinhole(self, distortion: tuple[float, ...] = ()) -> Camera:
+        """Return the camera with radial and tangential distortion k1 k2 p1 p2 [k3 [k4 k5 k6]]."""
+        return self._check(Pinhole, distortion)
+
+    def fisheye(self, distortion: tuple[float, ...]) -> Camera:
+        """Return the camera of Kannala and Brandt."""
+        if len(distortion) != 4:
+            raise ValueError(f"{self.where}: distortion: expected 4 numbers, found {len(distortion)}")
+        return self._check(Fisheye, distortion)
+
+    def double_sphere(self, xi: float, alpha: float) -> Camera:
+        """Return the camera of Usenko, Demmel and Cremers."""
+        return self._check(DoubleSphere, xi, alpha)
+
+    def to_unified(self, alpha: float) -> Camera:
+        """Return the unified camera, x / (alpha d + (1 - alpha) z): a double sphere whose two spheres coincide."""
+        return self.double_sphere(0.0, alpha)
+
+    def mei(self, xi: float) -> Camera:
+        """Return Mei's camera, x / (z + xi d): the unified one, its focal lengths and xi written differently."""
+        scale = 1.0 + xi
+        if not scale > 0.0 or xi < 0.0:
+            raise ValueError(f"{self.where}: xi: expected at least 0, found {xi}")
+        lens = Lens(self.size, self.fx / scale, self.fy / scale, self.cx, self.cy, self.where)
+        return lens.to_unified(xi / scale)
+
+    def mei_with_distortion(self, xi: float, distortion: tuple[float, ...]) -> LensFit:
+        """Return what comes nearest to Mei's camera, x / (z + xi d), with pinhole distortion behind it."""
+        self.mei(xi)
+        pixels = grid_of(self.size)
+        plane = Pinhole(*self.size, self.fx, self.fy, self.cx, self.cy, distortion).unproject(pixels)
+        plane = plane[:, :2] / plane[:, 2:]
+        r2 = np.sum(plane * plane, axis=1)
+        root = 1.0 + (1.0 - xi * xi) * r2
+        factor = (xi + np.sqrt(np.maximum(root, 0.0))) / (1.0 + r2)
+        rays = np.concatenate([factor[:, None] * plane, (factor - xi)[:, None]], axis=1)
+        known = (root > 0) & np.all(np.isfinite(rays), axis=1) & (rays[:, 2] > np.cos(np.radians(WIDEST_DEG)))
+        if np.count_nonzero(known) < len(pixels) // 4:
+            raise ValueError(f"{self.where}: expected a lens with rays of the image's pixels, found hardly any")
+        return fit_lens(rays[known], pixels[known], self.size, self.fx / (1.0 + xi), self.where)
+
+    def _check(self, model: Any, *more: Any) -> Camera:
+        check_centre((self.cx, self.cy), self.size, self.where)
+        try:
+            camera: Camera = model(*self.size, self.fx, self.fy, self.cx, self.cy, *more)
+        except ValueError as error:
+            raise ValueError(f"{self.where}: {error}") from None
+        return camera
+
+
+def image_size(found: Any, where: str) -> tuple[int, int]:
+    """Return [width, height]."""
+    if not isinstance(found, list) or len(found) != 2:
+        raise ValueError(f"{where}: expected [width, height], found {short(found)}")
+    return size(found[0], where), size(found[1], where)
+
+
+def vector(values: Mapping[str, Any], name: str, where: str, count: int | None = None) -> tuple[float, ...]:
+    """Return a field of a camera that is a list of numbers; it may be left out where it may be empty."""
+    if name not in values and count is not None and count > 0:
+        raise ValueError(f"{where}.{name}: expected {count} numbers, found none")
+    return numbers(values.get(name) or [], f"{where}.{name}", count)
+
+
+def refuse_model(found: Any, where: str, known: str) -> ValueError:
+    """Return the refusal of a model that has no equal here, by its name."""
+    return ValueError(f"{where}: expected {known}, found {short(found)}, which is not supported")

@@ -1,0 +1,88 @@
+"""Rigs in the files of other programs: Kalibr's camchain, basalt's calibration, OpenCV's FileStorage, OCamCalib's."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL, Rig, RigCamera
+from sphere_nav.geometry.files.basalt_file import is_basalt, read_basalt
+from sphere_nav.geometry.files.foreign_cameras import ForeignRig
+from sphere_nav.geometry.files.kalibr_file import is_kalibr, join, read_kalibr
+from sphere_nav.geometry.files.ocam_file import is_ocam, read_ocam
+from sphere_nav.geometry.files.opencv_file import is_opencv, load_opencv, read_opencv
+
+FRAMES = ("camera", "imu")
+FORMATS = ("kalibr", "basalt", "opencv", "ocam")
+
+
+def read_foreign(
+    paths: Sequence[Path],
+    *,
+    file_format: str | None = None,
+    frame: str = "camera",
+    image_size: tuple[int, int] | None = None,
+    model: str | None = None,
+    unit_m: float = 1.0,
+    is_joining: bool = False,
+) -> Rig:
+    """Return the rig of one file, of the two of OpenCV's stereo sample, or of camchains that share an IMU or cameras.
+
+    ValueError in one line if it is none. frame: "camera" for a rig whose first camera looks level along +x, "imu" for
+    the axes of the IMU as they are. image_size (width, height), model (pinhole, fisheye) and unit_m, the length of the
+    file's unit in metres, are what OpenCV's files may not tell.
+    """
+    found = read_foreign_cameras(paths, file_format, image_size, model, unit_m, is_joining=is_joining)
+    return place(found, frame, paths[0])
+
+
+def read_foreign_cameras(
+    paths: Sequence[Path],
+    file_format: str | None = None,
+    image_size: tuple[int, int] | None = None,
+    model: str | None = None,
+    unit_m: float = 1.0,
+    *,
+    is_joining: bool = False,
+) -> ForeignRig:
+    """Return the cameras as the files have them; arguments as for `read_foreign`."""
+    chosen = file_format or _format(paths)
+    if is_joining:
+        if chosen != "kalibr" or len(paths) < 2:
+            raise ValueError(f"{paths[0]}: --join: expected several camchains of Kalibr, found {len(paths)} {chosen}")
+        return join([read_kalibr(path) for path in paths], paths)
+    if chosen != "opencv" and len(paths) > 1:
+        told = " (--join merges camchains)" if chosen == "kalibr" else ""
+        raise ValueError(f"{paths[1]}: expected one {chosen} file, found {len(paths)}{told}")
+    if chosen == "opencv":
+        return read_opencv(paths, image_size, model, unit_m)
+    return {"kalibr": read_kalibr, "basalt": read_basalt, "ocam": read_ocam}[chosen](paths[0])
+
+
+def _format(paths: Sequence[Path]) -> str:
+    if is_ocam(paths[0]):
+        return "ocam"
+    values = load_opencv(paths[0])
+    for name, is_it in (("kalibr", is_kalibr), ("basalt", is_basalt), ("opencv", is_opencv)):
+        if is_it(values):
+            return name
+    raise ValueError(
+        f"{paths[0]}: expected a Kalibr camchain (cam0: ...), a basalt calibration (value0: ...), an OpenCV "
+        "calibration (camera_matrix, M1, R and T) or one of OCamCalib, found neither"
+    )
+
+
+def place(found: ForeignRig, frame: str, path: Path) -> Rig:
+    """Give the rig body axes: the first camera level and ahead, or the axes of the IMU as they are."""
+    if frame == "imu":
+        if not found.is_by_imu:
+            raise ValueError(f"{path}: expected poses relative to an IMU (--frame imu), found none")
+        poses = list(found.T_origin_camera)
+    else:
+        T_rig_origin = T_BODY_OPTICAL @ found.T_origin_camera[0].inverse()
+        poses = [T_rig_origin @ T for T in found.T_origin_camera]
+    parts = zip(found.names, found.cameras, poses, strict=True)
+    try:
+        return Rig(tuple(RigCamera(*part) for part in parts), path.stem)
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from None

@@ -1,0 +1,168 @@
+"""Calibrations that OpenCV's samples write with FileStorage (YAML), and ROS's camera_info files of the same fields.
+
+One camera: camera_matrix, distortion_coefficients, image_width, image_height. A stereo pair: M1 D1 M2 D2, and R T in
+the same or in a second file, with x_2 = R x_1 + T.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry.cameras.camera import Camera
+from sphere_nav.geometry.cameras.rig import NAME
+from sphere_nav.geometry.files.fields import MAX_FILE_BYTES, ROTATION_TOLERANCE, number, short, size
+from sphere_nav.geometry.files.foreign_cameras import ForeignRig, Lens, refuse_model
+from sphere_nav.geometry.files.text_file import read_text
+from sphere_nav.geometry.files.yaml_text import StrictLoader, load_yaml
+from sphere_nav.geometry.se3 import SE3
+
+Array = NDArray[np.float64]
+Values = Mapping[str, Any]
+
+MATRICES = ("cameramatrix", "k", "m", "mtx")  # keys in small letters, without _ and -
+DISTORTIONS = ("distortioncoefficients", "distcoeffs", "d", "dist")
+SIZES = (("imagewidth", "imageheight"), ("width", "height"))
+PINHOLE_MODELS = ("pinhole", "plumb_bob", "rational_polynomial", "radtan", "none")
+FISHEYE_MODELS = ("fisheye", "equidistant")
+NUM_PINHOLE = (0, 4, 5, 8, 12, 14)
+MAX_SKEW = 1e-6
+
+
+class OpenCvLoader(StrictLoader):
+    """Reads `!!opencv-matrix` as the mapping of rows, cols and data that it is."""
+
+
+def _as_mapping(loader: OpenCvLoader, node: Any) -> dict[Any, Any]:
+    return loader.construct_mapping(node, deep=True)
+
+
+OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-matrix", _as_mapping)
+OpenCvLoader.add_constructor("tag:yaml.org,2002:opencv-nd-matrix", _as_mapping)
+
+
+def without_directive(text: str) -> str:
+    """Return the text without the directive `%YAML:1.0` of OpenCV, which is none of YAML's."""
+    lines = text.splitlines()
+    return "\n".join(lines[1:] if lines and lines[0].startswith("%YAML") else lines)
+
+
+def load_opencv(path: Path) -> Any:
+    """Return the values of a FileStorage in YAML, or of any other YAML or JSON."""
+    text = read_text(path, "calibration file", MAX_FILE_BYTES)
+    if text.lstrip().startswith("<"):
+        raise ValueError(f"{path}: expected YAML or JSON, found XML (FileStorage writes YAML to names in .yml)")
+    return load_yaml(path, without_directive(text).replace("\t", " "), OpenCvLoader)
+
+
+def is_opencv(values: Any) -> bool:
+    """Whether these are the values of such a file."""
+    keys = _plain(values) if isinstance(values, dict) else {}
+    return any(f"{name}{number}" in keys for name in MATRICES for number in ("", "1")) or {"r", "t"} <= set(keys)
+
+
+def read_opencv(
+    paths: Sequence[Path], image_size: tuple[int, int] | None, model: str | None, unit_m: float
+) -> ForeignRig:
+    """Return one camera, or two and their poses, of one file or of several that complete each other."""
+    values: dict[str, Any] = {}
+    for path in paths:
+        found = load_opencv(path)
+        if not is_opencv(found):
+            raise ValueError(f"{path}: expected camera_matrix, M1 or R and T of OpenCV, found {short(found)}")
+        if twice := sorted(set(values) & set(_plain(found))):
+            raise ValueError(f"{path}: {twice[0]}: expected fields that the first file has not, found it again")
+        values |= _plain(found)
+    try:
+        return _rig(values, image_size, model, unit_m)
+    except ValueError as error:
+        raise ValueError(f"{' '.join(map(str, paths))}: {error}") from None
+
+
+def _plain(values: Values) -> dict[str, Any]:
+    """Return the values by their keys in small letters without _ and -."""
+    return {str(key).lower().replace("_", "").replace("-", ""): value for key, value in values.items()}
+
+
+def _rig(values: Values, image_size: tuple[int, int] | None, model: str | None, unit_m: float) -> ForeignRig:
+    size_found = _size(values, image_size)
+    chosen = _model(values, model)
+    if any(name in values for name in MATRICES):
+        named = str(values.get("cameraname") or "")
+        name = named if NAME.fullmatch(named) else "camera"
+        return ForeignRig((name,), (_camera(values, "", size_found, chosen),), (SE3.identity(),))
+    cameras = tuple(_camera(values, suffix, size_found, chosen) for suffix in ("1", "2"))
+    if "r" not in values or "t" not in values:
+        raise ValueError("expected R and T of the second camera (extrinsics.yml beside intrinsics.yml), found none")
+    T_second_first = _pose(_matrix(values["r"], "R"), _matrix(values["t"], "T"), unit_m)
+    return ForeignRig(("left", "right"), cameras, (SE3.identity(), T_second_first.inverse()))
+
+
+def _size(values: Values, given: tuple[int, int] | None) -> tuple[int, int]:
+    for pair in SIZES:
+        if all(name in values for name in pair):
+            return size(values[pair[0]], pair[0]), size(values[pair[1]], pair[1])
+    if given is None:
+        raise ValueError("image_width, image_height: expected in the file, or --size, found neither")
+    return given
+
+
+def _model(values: Values, given: str | None) -> str:
+    """Return pinhole or fisheye: what the user says, what the file says, or pinhole, OpenCV's own default."""
+    told = given or values.get("distortionmodel") or ("fisheye" if values.get("fisheyemodel") else "pinhole")
+    if told in FISHEYE_MODELS:
+        return "fisheye"
+    if told not in PINHOLE_MODELS:
+        raise refuse_model(told, "distortion_model", ", ".join((*PINHOLE_MODELS, *FISHEYE_MODELS)))
+    return "pinhole"
+
+
+def _camera(values: Values, suffix: str, image_size: tuple[int, int], model: str) -> Camera:
+    key = next((name + suffix for name in MATRICES if name + suffix in values), None)
+    if key is None:
+        raise ValueError(f"M{suffix}: expected a camera matrix, found none")
+    K = _matrix(values[key], key)
+    if K.shape != (3, 3) or abs(K[0, 1]) > MAX_SKEW or K[1, 0] or K[2].tolist() != [0.0, 0.0, 1.0]:
+        raise ValueError(f"{key}: expected [fx 0 cx; 0 fy cy; 0 0 1], found {short(K.tolist())}")
+    found = next((values[name + suffix] for name in DISTORTIONS if name + suffix in values), None)
+    k = () if found is None else tuple(float(value) for value in _matrix(found, f"distortion{suffix}").ravel())
+    lens = Lens(image_size, K[0, 0], K[1, 1], K[0, 2], K[1, 2], key)
+    if model == "fisheye":
+        return lens.fisheye(k)
+    if len(k) not in NUM_PINHOLE:
+        raise ValueError(f"distortion{suffix}: expected 4, 5, 8, 12 or 14 numbers, found {len(k)}")
+    if any(k[8:]):
+        raise refuse_model("thin prism or tilted sensor", f"distortion{suffix}", "k1 k2 p1 p2 k3 k4 k5 k6")
+    return lens.pinhole(k[:8])
+
+
+def _matrix(found: Any, where: str) -> Array:
+    """Return a matrix of rows, cols and data, or a nested list."""
+    if isinstance(found, dict) and {"rows", "cols", "data"} <= set(found):
+        shape = tuple(size(found[side], f"{where}.{side}") for side in ("rows", "cols"))
+        data = found["data"] if isinstance(found["data"], list) else []
+        if len(data) != shape[0] * shape[1]:
+            raise ValueError(f"{where}: expected {shape[0]} x {shape[1]} numbers, found {len(data)}")
+        return np.array([number(value, where) for value in data]).reshape(shape)
+    rows = found if isinstance(found, list) else [found]
+    flat = [value for row in rows for value in (row if isinstance(row, list) else [row])]
+    if not flat or len(flat) % len(rows):
+        raise ValueError(f"{where}: expected a matrix, found {short(found)}")
+    return np.array([number(value, where) for value in flat]).reshape(len(rows), -1)
+
+
+def _pose(R: Array, t: Array, unit_m: float) -> SE3:
+    if t.size != 3:
+        raise ValueError(f"T: expected 3 numbers, found {t.size}")
+    if R.shape != (3, 3):
+        raise ValueError(f"R: expected 3 x 3 numbers, found {R.shape[0]} x {R.shape[1]}")
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = R, unit_m * t.ravel()
+    try:
+        return SE3.from_matrix(matrix, ROTATION_TOLERANCE)
+    except ValueError as error:
+        raise ValueError(f"R: {error}") from None

@@ -1,0 +1,169 @@
+"""`rig.yaml`: a camera rig to read and to edit by hand. Whatever is wrong with it is told in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from sphere_nav.geometry.cameras.camera import Camera
+from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
+from sphere_nav.geometry.cameras.fisheye import Fisheye
+from sphere_nav.geometry.cameras.pinhole import Pinhole
+from sphere_nav.geometry.cameras.rig import Rig, RigCamera
+from sphere_nav.geometry.files.fields import (
+    MAX_FILE_BYTES,
+    check_centre,
+    choice,
+    mapping,
+    number,
+    numbers,
+    pose,
+    short,
+    size,
+)
+from sphere_nav.geometry.files.text_file import read_text
+from sphere_nav.geometry.files.yaml_text import load_yaml
+
+FORMAT, FORMAT_VERSION = "sphere_nav_rig", 1
+MODELS: dict[str, tuple[str, ...]] = {
+    "pinhole": ("fx", "fy", "cx", "cy"),
+    "fisheye": ("fx", "fy", "cx", "cy"),
+    "double_sphere": ("fx", "fy", "cx", "cy", "xi", "alpha"),
+}
+CAMERA_FIELDS = (
+    "model",
+    "width",
+    "height",
+    "intrinsics",
+    "distortion",
+    "T_rig_camera",
+    "mask",
+    "exposure_group",
+    "level",
+)
+OPTIONAL = ("distortion", "mask", "exposure_group", "level")
+RIG_FIELDS = ("format", "format_version", "name", "version", "num_cameras", "cameras")
+HEADER = f"""\
+# Camera rig. Metres and pixels; pixel centres are integers. T_rig_camera takes optical coordinates (x right, y down,
+# z forward) to those of the rig (x forward, y left, z up).
+# models: {", ".join(MODELS)}; distortion: up to 8 numbers (pinhole: k1 k2 p1 p2 k3 k4 k5 k6), 4 (fisheye: k1 k2 k3 k4).
+# mask: image of the camera's size, 0 where it must not be used; a relative path begins at this file's folder.
+# exposure_group: cameras of one group share exposure and white balance. level: top, bottom, or empty (one sphere).
+"""
+
+
+def read_rig(path: str | Path) -> Rig:
+    """Return the rig of a file; ValueError with file, field, expected and found in one line if it is none."""
+    path = Path(path)
+    return parse_rig(read_text(path, "rig file", MAX_FILE_BYTES), str(path), path.parent)
+
+
+def parse_rig(text: str, where: str, folder: Path = Path()) -> Rig:
+    """Return the rig of the text of a file; ValueError, with `where` it stands, if it is none."""
+    found = load_yaml(where, text)
+    try:
+        return _rig(mapping(found, "rig", RIG_FIELDS), folder)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
+def write_rig(path: str | Path, rig: Rig, *, is_overwriting: bool = False) -> None:
+    """Write a rig; a file that is there is replaced only if told so."""
+    path = Path(path)
+    if path.exists() and not is_overwriting:
+        raise ValueError(f"{path}: expected no such file, found one: it is not overwritten")
+    lines = [
+        f"format: {FORMAT}",
+        f"format_version: {FORMAT_VERSION}",
+        f"name: {_word(rig.name)}",
+        f"version: {_word(rig.version)}",
+        f"num_cameras: {len(rig.cameras)}",
+        "cameras:",
+    ]
+    for camera in rig.cameras:
+        lines += _camera_lines(camera, path.parent)
+    part = path.with_name(f".{path.name}.part")
+    part.write_text(HEADER + "\n".join(lines) + "\n", encoding="utf-8")
+    part.replace(path)
+
+
+def _rig(values: Mapping[str, Any], folder: Path) -> Rig:
+    if values["format"] != FORMAT or values["format_version"] != FORMAT_VERSION:
+        found = f"{values['format']!s:.40} {values['format_version']!s:.40}"
+        raise ValueError(f"format, format_version: expected {FORMAT} {FORMAT_VERSION}, found {found}")
+    cameras = values["cameras"]
+    if not isinstance(cameras, dict) or not cameras:
+        raise ValueError(f"cameras: expected camera names with their fields, found {short(cameras)}")
+    if values["num_cameras"] != len(cameras):
+        found = f"{len(cameras)} ({', '.join(f'{name!s:.40}' for name in list(cameras)[:20])})"
+        raise ValueError(f"cameras: expected {short(values['num_cameras'])} (num_cameras), found {found}")
+    parts = tuple(_camera(str(name), fields, folder) for name, fields in cameras.items())
+    return Rig(parts, str(values["name"]), str(values["version"]))
+
+
+def _camera(name: str, fields: Any, folder: Path) -> RigCamera:
+    where = f"cameras.{name}"
+    values = mapping(fields, where, CAMERA_FIELDS, OPTIONAL)
+    mask = values.get("mask")
+    if mask is not None and not (folder / str(mask)).is_file():
+        raise ValueError(f"{where}.mask: expected an image file, found no {mask}")
+    T_rig_camera = pose(values["T_rig_camera"], f"{where}.T_rig_camera")
+    path = None if mask is None else str(folder / str(mask))
+    group, level = str(values.get("exposure_group") or ""), str(values.get("level") or "")
+    try:
+        return RigCamera(name, _model(values, where), T_rig_camera, path, group, level)
+    except ValueError as error:
+        text = str(error)
+        raise ValueError(text if text.startswith(where) else f"{where}: {text}") from None
+
+
+def _model(values: Mapping[str, Any], where: str) -> Camera:
+    name = choice(values["model"], f"{where}.model", MODELS)
+    width, height = (size(values[side], f"{where}.{side}") for side in ("width", "height"))
+    lens = mapping(values["intrinsics"], f"{where}.intrinsics", MODELS[name])
+    fx, fy, cx, cy, *others = (number(lens[key], f"{where}.intrinsics.{key}") for key in MODELS[name])
+    check_centre((cx, cy), (width, height), f"{where}.intrinsics")
+    distortion = numbers(values.get("distortion") or [], f"{where}.distortion")
+    if name == "pinhole":
+        return Pinhole(width, height, fx, fy, cx, cy, distortion)
+    if name == "fisheye":
+        k = distortion or (0.0, 0.0, 0.0, 0.0)
+        if len(k) != 4:
+            raise ValueError(f"{where}.distortion: expected 4 numbers, found {len(k)}")
+        return Fisheye(width, height, fx, fy, cx, cy, (k[0], k[1], k[2], k[3]))
+    if distortion:
+        raise ValueError(f"{where}.distortion: expected none for double_sphere, found {len(distortion)} numbers")
+    return DoubleSphere(width, height, fx, fy, cx, cy, *others)
+
+
+def _camera_lines(part: RigCamera, folder: Path) -> list[str]:
+    camera = part.camera
+    if camera.model not in MODELS:
+        raise ValueError(f"{part.name}: expected a camera of {', '.join(MODELS)}, found {camera.model}")
+    lens = ", ".join(f"{key}: {float(getattr(camera, key))!r}" for key in MODELS[camera.model])
+    distortion = ", ".join(repr(float(value)) for value in getattr(camera, "distortion", ()))
+    rows = [", ".join(repr(float(value)) for value in row) for row in part.T_rig_camera.matrix]
+    return [
+        f"  {part.name}:",
+        f"    model: {camera.model}",
+        f"    width: {camera.width}",
+        f"    height: {camera.height}",
+        f"    intrinsics: {{{lens}}}",
+        f"    distortion: [{distortion}]",
+        "    T_rig_camera:",
+        *(f"      - [{row}]" for row in rows),
+        f"    mask: {'null' if part.mask is None else _word(_relative(part.mask, folder))}",
+        f"    exposure_group: {_word(part.exposure_group)}",
+        f"    level: {_word(part.level)}",
+    ]
+
+
+def _relative(mask: str, folder: Path) -> str:
+    path = Path(mask).absolute()
+    return str(path.relative_to(folder.absolute())) if path.is_relative_to(folder.absolute()) else str(path)
+
+
+def _word(text: str) -> str:
+    """Return the text as YAML reads it back as a string."""
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

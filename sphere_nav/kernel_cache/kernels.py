@@ -1,0 +1,66 @@
+"""`njit` for every kernel of the project, with one cache for all processes.
+
+By itself numba keeps what it compiled by the place and time of each source file, and looks at that file alone: edits
+of a function called in another file go unseen, and two copies of the project compile everything twice. Here one
+folder belongs to the text of all kernels of a package and of those they call: kernels may call each other across
+files, and every process that has the same text finds them compiled.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from pathlib import Path
+from types import FunctionType
+from typing import Any
+
+from numba import njit, prange
+from numba.core import caching
+
+from sphere_nav.kernel_cache.folder import cache_folder, name_of
+
+FAST = {"contract", "reassoc", "nsz", "arcp"}  # never nnan: NaN marks what is not visible
+OPTIONS = {"cache": True, "fastmath": FAST, "error_model": "numpy", "nogil": True}
+
+__all__ = ["FAST", "OPTIONS", "njit", "prange"]
+
+
+class TextLocator:
+    """Tells numba where the compiled kernels of one file are; the methods are those that numba's locators have."""
+
+    def __init__(self, function: FunctionType, path: Path) -> None:
+        self._line = function.__code__.co_firstlineno
+        name = name_of(path)
+        self._folder = cache_folder(name.split(".")[0]) / name
+
+    def ensure_cache_path(self) -> None:
+        """Make the folder; OSError where it cannot be written."""
+        self._folder.mkdir(parents=True, exist_ok=True)
+        tempfile.TemporaryFile(dir=self._folder).close()
+
+    def get_cache_path(self) -> str:
+        """Return the folder."""
+        return str(self._folder)
+
+    def get_source_stamp(self) -> str:
+        """Return what tells one text from another; neither time nor place of a file counts."""
+        return self._folder.parent.name
+
+    def get_disambiguator(self) -> str:
+        """Return what tells kernels of one name in one file apart."""
+        return str(self._line)
+
+    @classmethod
+    def from_function(cls, function: FunctionType, path: str) -> Any:
+        """Return the locator of a kernel of ours; None for others, and where the folder cannot be written."""
+        if not name_of(Path(path)):
+            return None
+        locator = cls(function, Path(path))
+        try:
+            locator.ensure_cache_path()
+        except OSError:
+            return None  # a read-only home: numba looks for a place of its own
+        return locator
+
+
+if TextLocator not in caching.CacheImpl._locator_classes:
+    caching.CacheImpl._locator_classes.insert(0, TextLocator)

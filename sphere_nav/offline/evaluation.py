@@ -1,0 +1,137 @@
+"""Estimated poses against true ones: paired by stamps, aligned, measured."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sphere_nav.geometry.trajectory import Trajectory, associate, read_tum
+from sphere_nav.geometry.trajectory_error import (
+    AbsoluteErrors,
+    Statistics,
+    absolute_errors,
+    align,
+    directions_of_motion,
+    nees,
+    relative_errors,
+)
+from sphere_nav.offline.pose_bags import is_bag, read_poses
+
+TRUTH_TOPICS = ("ground_truth/pose", "ground_truth/odometry")
+ESTIMATE_TOPICS = ("pose", "odometry")
+METRICS = ("translation_m", "rotation_deg", "lateral_m", "longitudinal_m")
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """Paired and aligned trajectories, the errors of each pair, and the numbers of the report."""
+
+    estimate: Trajectory
+    truth: Trajectory
+    all_truth: Trajectory
+    errors: AbsoluteErrors
+    report: dict[str, Any]
+
+
+def judge(
+    estimate: Trajectory,
+    truth: Trajectory,
+    *,
+    alignment: str = "none",
+    tolerance_s: float = 0.01,
+    is_interpolated: bool = False,
+    rpe_length_m: float = 1.0,
+) -> Judged:
+    """Measure an estimate; also for benchmarks and the demo. ValueError if no stamps are in common."""
+    tolerance_ns = round(tolerance_s * 1e9)
+    directions = directions_of_motion(truth)
+    covered, _ = associate(truth.stamps_ns, estimate.stamps_ns, tolerance_ns)
+    if is_interpolated:
+        paired_truth, known = truth.at(estimate.stamps_ns, max_gap_ns=round(1e9))
+        paired = estimate[known]
+        directions = directions_of_motion(paired_truth) if known.any() else directions[:0]
+    else:
+        first, second = associate(estimate.stamps_ns, truth.stamps_ns, tolerance_ns)
+        paired, paired_truth, directions = estimate[first], truth[second], directions[second]
+    if not len(paired):
+        raise ValueError(f"stamps: expected some in common within {tolerance_s:g} s, found {_spans(estimate, truth)}")
+    T_truth_estimate, scale = align(paired, paired_truth, alignment)
+    paired = paired.moved(T_truth_estimate, scale)
+    errors = absolute_errors(paired, paired_truth, directions)
+    report = {
+        "n": len(paired),
+        "coverage": len(covered) / len(truth),
+        **_absolute(errors),
+        "rpe": _relative(paired, paired_truth, rpe_length_m),
+        "nees": _consistency(paired, paired_truth),
+        "alignment": {"kind": alignment, "scale": scale, "T_truth_estimate": T_truth_estimate.matrix.tolist()},
+        "num_estimates": len(estimate),
+        "num_truth": len(truth),
+        "length_m": float(paired_truth.distances[-1]),
+    }
+    return Judged(paired, paired_truth, truth, errors, report)
+
+
+def table(report: dict[str, Any]) -> str:
+    """Return the report as text."""
+    lines = [f"{report['n']} poses paired, coverage {100 * report['coverage']:.1f} %, {report['length_m']:.2f} m"]
+    lines.append(f"{'':16}{'median':>10}{'rmse':>10}{'p95':>10}{'max':>10}")
+    rows = {name: report[name] for name in METRICS}
+    if report["rpe"]["n"]:
+        over = f" / {report['rpe']['length_m']:g} m"
+        rows |= {"rpe_m" + over: report["rpe"]["translation_m"], "rpe_deg" + over: report["rpe"]["rotation_deg"]}
+    for name, row in rows.items():
+        cells = "".join(f"{value:10.4f}" for value in row.values()) if row else f"{'-':>10}"
+        lines.append(f"{name:16}{cells}")
+    if report["nees"]:
+        lines.append(f"NEES {report['nees']['mean']:.2f} (6 degrees of freedom, {report['nees']['n']} covariances)")
+    return "\n".join(lines)
+
+
+def _absolute(errors: AbsoluteErrors) -> dict[str, Any]:
+    values = (errors.translation_m, np.degrees(errors.rotation_rad), errors.lateral_m, errors.longitudinal_m)
+    return {name: _statistics(value) for name, value in zip(METRICS, values, strict=True)}
+
+
+def _relative(estimate: Trajectory, truth: Trajectory, length_m: float) -> dict[str, Any]:
+    errors = relative_errors(estimate, truth, length_m)
+    return {
+        "n": len(errors.length_m),
+        "length_m": length_m,
+        "translation_m": _statistics(errors.translation_m),
+        "rotation_deg": _statistics(np.degrees(errors.rotation_rad)),
+        "translation_percent": _statistics(100 * errors.translation_m / errors.length_m),
+    }
+
+
+def _consistency(estimate: Trajectory, truth: Trajectory) -> dict[str, Any] | None:
+    squared = nees(estimate, truth)
+    squared = squared[np.isfinite(squared)]
+    if not squared.size:
+        return None
+    return {"n": len(squared), "mean": float(squared.mean()), "median": float(np.median(squared))}
+
+
+def _statistics(values: np.ndarray) -> dict[str, float] | None:
+    found = Statistics.of(values)
+    return None if found is None else dataclasses.asdict(found)
+
+
+def read_trajectory(path: Path, topic: str | None, usual: tuple[str, ...]) -> Trajectory:
+    """Return poses of a TUM file or of the first usual topic of a bag; ValueError where there are none."""
+    if is_bag(path):
+        return read_poses(path, (topic,) if topic else usual)
+    if not path.exists():
+        raise ValueError(f"{path}: expected a TUM file or a bag, found none")
+    if topic:
+        raise ValueError(f"{path}: expected a bag, as a topic ({topic}) is named, found a file of another kind")
+    return read_tum(path)
+
+
+def _spans(*trajectories: Trajectory) -> str:
+    spans = (f"{t.stamps_ns[0] / 1e9:.3f} ... {t.stamps_ns[-1] / 1e9:.3f} s" for t in trajectories)
+    return " against ".join(spans)

@@ -1,0 +1,97 @@
+"""A map on the earth: key spheres and edges as GeoJSON (RFC 7946), given where its origin is."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sphere_nav.geometry import SE3
+from sphere_nav.spheres.graph import SphereGraph
+
+SEMI_MAJOR_M, FLATTENING = 6378137.0, 1.0 / 298.257223563  # WGS 84
+ECCENTRICITY2 = FLATTENING * (2.0 - FLATTENING)
+DECIMALS = 9  # of a degree: a tenth of a millimetre
+
+
+@dataclass(frozen=True)
+class Datum:
+    """Where the origin of a map is: latitude and longitude in degrees, and the heading of its x axis from north.
+
+    The heading is clockwise in degrees, as a compass has it: 90 means that x points east.
+    """
+
+    latitude: float
+    longitude: float
+    heading: float
+
+    @classmethod
+    def parse(cls, text: str) -> Datum:
+        """Read `lat,lon,heading`; ValueError for anything else."""
+        try:
+            latitude, longitude, heading = (float(word) for word in text.split(","))
+        except ValueError:
+            latitude = longitude = heading = np.nan
+        if not (abs(latitude) < 89.9 and abs(longitude) <= 180.0 and np.isfinite(heading)):
+            raise ValueError(f"--datum: expected lat,lon,heading in degrees, found {text!r}")
+        return cls(latitude, longitude, heading)
+
+    def locate(self, T_map_any: SE3) -> list[float]:
+        """Return longitude and latitude in degrees, and height in m, of a pose.
+
+        Local east, north, up on the ellipsoid through geocentric coordinates, so that kilometres stay right.
+        """
+        x, y, z = T_map_any.translation
+        c, s = np.cos(np.radians(self.heading)), np.sin(np.radians(self.heading))
+        east, north = s * x - c * y, c * x + s * y
+        lat, lon = np.radians(self.latitude), np.radians(self.longitude)
+        axes = np.array(
+            [
+                [-np.sin(lon), -np.sin(lat) * np.cos(lon), np.cos(lat) * np.cos(lon)],
+                [np.cos(lon), -np.sin(lat) * np.sin(lon), np.cos(lat) * np.sin(lon)],
+                [0.0, np.cos(lat), np.sin(lat)],
+            ]
+        )
+        return _geodetic(_geocentric(lat, lon) + axes @ np.array([east, north, z]))
+
+
+def geojson(graph: SphereGraph, datum: Datum) -> str:
+    """Return a FeatureCollection: a point for each key sphere (id, stamp, heading), a line for each edge."""
+    places = {node.id: datum.locate(node.T_map_sphere) for node in graph}
+    features: list[dict[str, Any]] = []
+    for node in sorted(graph, key=lambda node: node.id):
+        ahead = node.T_map_sphere.rotation[:2, 0]
+        heading = (datum.heading - np.degrees(np.arctan2(ahead[1], ahead[0]))) % 360.0
+        properties = {"id": node.id, "stamp_s": node.stamp_ns / 1e9, "heading_deg": round(float(heading), 3)}
+        features.append(_feature("Point", places[node.id], properties))
+    for edge in graph.edges:
+        properties = {"from": edge.a, "to": edge.b, "loop": edge.is_loop}
+        features.append(_feature("LineString", [places[edge.a], places[edge.b]], properties))
+    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n"
+
+
+def _feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str, Any]:
+    return {"type": "Feature", "geometry": {"type": kind, "coordinates": coordinates}, "properties": properties}
+
+
+def _geocentric(lat: float, lon: float) -> np.ndarray:
+    """Return the geocentric position (3,) in m of a point on the ellipsoid."""
+    radius = SEMI_MAJOR_M / np.sqrt(1.0 - ECCENTRICITY2 * np.sin(lat) ** 2)
+    horizontal = radius * np.cos(lat)
+    up = radius * (1.0 - ECCENTRICITY2) * np.sin(lat)
+    return np.array([horizontal * np.cos(lon), horizontal * np.sin(lon), up])
+
+
+def _geodetic(point: np.ndarray) -> list[float]:
+    """Return longitude, latitude in degrees and height in m of a geocentric position, by fixed-point iteration."""
+    x, y, z = point
+    horizontal = np.hypot(x, y)
+    lat = np.arctan2(z, horizontal * (1.0 - ECCENTRICITY2))
+    for _ in range(6):
+        radius = SEMI_MAJOR_M / np.sqrt(1.0 - ECCENTRICITY2 * np.sin(lat) ** 2)
+        lat = np.arctan2(z + ECCENTRICITY2 * radius * np.sin(lat), horizontal)
+    height = horizontal * np.cos(lat) + z * np.sin(lat) - SEMI_MAJOR_M**2 / radius
+    degrees = [round(float(np.degrees(value)), DECIMALS) for value in (np.arctan2(y, x), lat)]
+    return [*degrees, round(float(height), 4)]

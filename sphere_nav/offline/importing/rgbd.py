@@ -1,0 +1,217 @@
+"""RGB-D recordings: Microsoft 7-Scenes and TUM."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import TransformStamped
+from numpy.typing import NDArray
+
+from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry.files.fields import stamp_ns
+from sphere_nav.geometry.files.text_file import read_text
+from sphere_nav.geometry.trajectory import Trajectory, read_tum
+from sphere_nav.offline.importing.recording import (
+    FIRST_STAMP_NS,
+    MAP_FRAME,
+    OPTICAL_FRAME,
+    body_from_optical,
+    camera_transforms,
+    pose_of_row,
+    read_depth,
+    read_image,
+    read_numbers,
+    read_pose,
+    require_folder,
+)
+from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_pose_stamped
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+
+KINECT_HZ = 30.0
+MILLIMETRES = 1000.0  # depth units per m
+FAR = 65535  # invalid in 7-Scenes
+MAX_GAP_NS = 20_000_000  # between the stamps of one instant in a TUM recording
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The files of one instant; T_world_optical is the pose of the camera that made the image."""
+
+    stamp_ns: int
+    image: Path
+    depth: Path
+    T_world_optical: SE3 | None
+
+
+@dataclass(frozen=True)
+class DepthCamera:
+    """The depth camera of a Kinect: its own lens, and where the colour camera sees its points."""
+
+    camera: Pinhole
+    T_colour_depth: SE3
+
+
+class RgbdRecording:
+    """Frames of colour and depth; `depth_camera` is None where the depth is registered to the colour."""
+
+    def __init__(
+        self,
+        frames: list[Frame],
+        camera: Pinhole,
+        depth_units: float,
+        depth_camera: DepthCamera | None = None,
+        *,
+        is_world_optical: bool = False,
+        truth_name: str = "",
+    ) -> None:
+        self.frames, self.camera, self.depth_units, self.depth_camera = frames, camera, depth_units, depth_camera
+        self.is_world_optical, self.truth_name = is_world_optical, truth_name
+        self.num_frames = len(frames)
+
+    def static_transforms(self, stamp: int) -> list[TransformStamped]:
+        """Return base_link -> camera_link -> camera_optical."""
+        return camera_transforms(stamp, {OPTICAL_FRAME: T_BODY_OPTICAL})
+
+    def stamp_ns(self, index: int) -> int:
+        """Return the stamp of a frame."""
+        return self.frames[index].stamp_ns
+
+    def frame(self, index: int) -> Iterator[tuple[str, Any]]:
+        """Yield camera_info, image and registered depth, and the true pose where it is known."""
+        frame = self.frames[index]
+        stamp = frame.stamp_ns
+        image = read_image(frame.image)
+        self._check_size(frame.image, image)
+        if frame.T_world_optical is not None:
+            T_map_body = body_from_optical(frame.T_world_optical, is_world_optical=self.is_world_optical)
+            yield "ground_truth/pose", se3_to_pose_stamped(T_map_body, stamp, MAP_FRAME)
+        yield "camera_info", camera_to_info(self.camera, stamp, OPTICAL_FRAME)
+        yield "depth/camera_info", camera_to_info(self.camera, stamp, OPTICAL_FRAME)
+        yield "depth/image_raw", array_to_image(self._depth(frame.depth), stamp, OPTICAL_FRAME, "32FC1")
+        yield "image_raw", array_to_image(image, stamp, OPTICAL_FRAME, "bgr8" if image.ndim == 3 else "mono8")
+
+    def _depth(self, path: Path) -> NDArray[np.float32]:
+        units = read_depth(path)
+        self._check_size(path, units)  # of Kinects both have the same
+        depth = units.astype(np.float32) / np.float32(self.depth_units)
+        depth[(units == 0) | (units == FAR)] = np.nan
+        if self.depth_camera is None:
+            return depth
+        return self._registration(depth)
+
+    @cached_property
+    def _registration(self) -> DepthRegistration:
+        assert self.depth_camera is not None
+        return DepthRegistration(self.depth_camera.camera, self.camera, self.depth_camera.T_colour_depth)
+
+    def _check_size(self, path: Path, pixels: NDArray[Any]) -> None:
+        expected, found = (self.camera.width, self.camera.height), pixels.shape[1::-1]
+        if found != expected:
+            raise ValueError(f"{path}: expected {expected[0]} x {expected[1]} pixels, found {found[0]} x {found[1]}")
+
+
+def open_seven_scenes(
+    folder: Path,
+    camera: Pinhole,
+    depth_camera: DepthCamera | None,
+    *,
+    is_truth_of_depth: bool,
+    poses: Path | None = None,
+) -> RgbdRecording:
+    """Open frame-%06d.{color.png|jpg, depth.png, pose.txt}; depth in mm, 0 and 65535 invalid; poses camera -> world.
+
+    `poses` is a folder with other pose.txt than those beside the images.
+    """
+    depths = sorted(require_folder(folder).glob("frame-*.depth.png"))
+    if not depths:
+        raise ValueError(f"{folder}: expected files frame-000000.depth.png and on, found none")
+    T_depth_colour = SE3.identity()
+    if depth_camera is not None and is_truth_of_depth:
+        T_depth_colour = depth_camera.T_colour_depth.inverse()
+    frames = []
+    for depth in depths:
+        name = depth.name.removesuffix(".depth.png")
+        colour = next(
+            (depth.with_name(name + end) for end in (".color.png", ".color.jpg") if _is(depth, name + end)), None
+        )
+        if colour is None:
+            raise ValueError(f"{folder / name}.color.png: expected a file (or .color.jpg), found none")
+        stamp = FIRST_STAMP_NS + round(_number(depth, name) * 1e9 / KINECT_HZ)
+        T_world_camera = read_pose((poses or folder) / f"{name}.pose.txt")
+        frames.append(Frame(stamp, colour, depth, T_world_camera @ T_depth_colour))
+    return RgbdRecording(
+        frames, camera, MILLIMETRES, depth_camera, is_world_optical=True, truth_name="frame-*.pose.txt"
+    )
+
+
+def open_tum(folder: Path, camera: Pinhole, depth_units: float) -> RgbdRecording:
+    """Open rgb.txt, depth.txt and groundtruth.txt of the TUM benchmark, or a pair img_prev, dep_prev, pose_prev, ..."""
+    require_folder(folder)
+    is_pair = (folder / "img_prev.png").is_file()
+    if not is_pair and not (folder / "rgb.txt").is_file():
+        inner = sorted(path.parent.name for path in folder.glob("*/img_prev.png"))
+        hint = f": name one of its folders {', '.join(inner)}" if inner else ""
+        raise ValueError(f"{folder / 'rgb.txt'}: expected a file, found none{hint}")
+    frames = _tum_pair(folder) if is_pair else _tum_sequence(folder)
+    truth = "pose_prev.txt, pose_curr.txt" if is_pair else "groundtruth.txt"
+    has_truth = any(frame.T_world_optical is not None for frame in frames)
+    return RgbdRecording(frames, camera, depth_units, truth_name=truth if has_truth else "")
+
+
+def _tum_pair(folder: Path) -> list[Frame]:
+    frames = []
+    for number, name in enumerate(("prev", "curr")):
+        file = folder / f"pose_{name}.txt"
+        rows = read_numbers(file, 7)
+        if len(rows) != 1:
+            raise ValueError(f"{file}: expected one pose, found {len(rows)}")
+        stamp = FIRST_STAMP_NS + round(number * 1e9 / KINECT_HZ)
+        T_world_optical = pose_of_row(rows[0], file)
+        frames.append(Frame(stamp, folder / f"img_{name}.png", folder / f"dep_{name}.png", T_world_optical))
+    return frames
+
+
+def _tum_sequence(folder: Path) -> list[Frame]:
+    images, depths = _read_list(folder / "rgb.txt"), _read_list(folder / "depth.txt")
+    truth = read_tum(folder / "groundtruth.txt") if (folder / "groundtruth.txt").exists() else None
+    depth_stamps = np.array([stamp for stamp, _ in depths], dtype=np.int64)
+    frames = []
+    for stamp, image in images:
+        nearest = int(np.argmin(np.abs(depth_stamps - stamp)))
+        if abs(int(depth_stamps[nearest]) - stamp) <= MAX_GAP_NS:
+            pose = None if truth is None else _pose_at(truth, stamp)
+            frames.append(Frame(stamp, folder / image, folder / depths[nearest][1], pose))
+    if not frames:
+        raise ValueError(f"{folder / 'depth.txt'}: expected stamps within {MAX_GAP_NS} ns of rgb.txt, found none")
+    return frames
+
+
+def _pose_at(truth: Trajectory, stamp: int) -> SE3 | None:
+    """Return the pose between the two rows around the stamp, None where they are too far away."""
+    found, _ = truth.at([stamp], max_gap_ns=2 * MAX_GAP_NS)
+    return found.T_map_body[0] if len(found) else None
+
+
+def _read_list(path: Path) -> list[tuple[int, str]]:
+    lines = read_text(path, "list of images").split("\n")
+    rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
+    if not rows or any(len(row) != 2 for row in rows):
+        raise ValueError(f"{path}: expected lines 'stamp file', found {len(rows)} lines")
+    return [(stamp_ns(stamp, f"{path}: stamp"), name) for stamp, name in rows]
+
+
+def _is(beside: Path, name: str) -> bool:
+    return beside.with_name(name).is_file()
+
+
+def _number(path: Path, name: str) -> int:
+    digits = name.removeprefix("frame-")
+    if not digits.isdigit():
+        raise ValueError(f"{path}: expected frame-<number>, found {name}")
+    return int(digits)

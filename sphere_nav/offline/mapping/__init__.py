@@ -1,0 +1,1 @@
+"""The learning phase from a recording."""

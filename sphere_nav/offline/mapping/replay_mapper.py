@@ -1,0 +1,77 @@
+"""A bag played to the node `sphere_mapper`, behind the stitcher where the bag holds the cameras of a rig."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from typing import Any
+
+from tqdm import tqdm
+
+from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair
+from sphere_mapping.mapper import Mapper
+from sphere_mapping.params import MapperParams
+from sphere_mapping.ros.node import SphereMapper
+from sphere_nav.geometry.files.rig_file import read_rig
+from sphere_nav.offline import topics
+from sphere_nav.offline.mapping.drive import MappedDrive
+from sphere_nav.offline.mapping.stitcher_ahead import StitcherAhead, stitch_apart
+from sphere_nav.offline.mapping.workers import Workers
+from sphere_nav.offline.settings import parse_settings
+from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav.ros.bags.replay import OfflineBus, replay, required_topics
+
+NUM_THREADS = 2  # of this process, which registers one sphere after the other
+OFFLINE_DEADLINE_S = 10.0  # of recording time: a recording may hold images as late as they were drawn or written
+Node = tuple[dict[str, Any], dict[str, str]]  # values of parameters by dotted name, topics of the bag by ours
+
+
+def replay_mapper(
+    bag: BagReader,
+    begin: Callable[[MapperParams], Mapper],
+    values: dict[str, Any],
+    remap: dict[str, str],
+    stitcher: Node | None = None,
+    pair: StereoPair | None = None,
+    workers: Workers | None = None,
+) -> MappedDrive:
+    """Play a bag to a mapper, behind a stitcher where that is given, or with a stereo pair's correction."""
+    bus = OfflineBus(captured=set())
+    stitching = None if stitcher is None else bus.add(StitcherAhead, *stitcher)
+    if stitcher is not None and workers is not None and workers.executor is not None:
+        assert isinstance(stitching, StitcherAhead)
+        stitching.coming_from = stitch_apart(bag.path, *stitcher, workers.executor, workers.num_ahead)
+    node = bus.add(SphereMapper, values, remap)
+    assert isinstance(node, SphereMapper)
+    node.mapper = begin(node.params.mapper)
+    if pair is not None:
+        node.intake.stereo.use(pair)
+    total = sum(bag.topics[topic].count for topic in required_topics(bag, bus))
+    try:
+        with tqdm(total=total, desc="map", unit="message", leave=False, disable=None) as bar:
+            for _ in replay(bag, bus, progress=bar.update):
+                pass
+            if isinstance(stitching, StitcherAhead):
+                stitching.finish_open()
+                stitching.publish_last()
+                for _ in bus.settle():
+                    pass
+    finally:
+        if stitching is not None:
+            stitching.cleanup()
+    inputs = [*node.inputs, *(stitching.inputs if stitching else ())]
+    reasons = [f"{w.num_refused} of {w.topic}: {w.last_refusal}" for w in inputs if w.num_refused]
+    if isinstance(stitching, StitcherAhead) and stitching.intake is not None:
+        for name, health in stitching.intake.sync.health.items():
+            if health.problem:
+                reasons.append(f"{name}: {health.problem} ({health.num_missing} times)")
+    return MappedDrive(node, node.num_lost, "; ".join(reasons))
+
+
+def stitcher_values(bag: BagReader, chosen: dict[str, str], arguments: argparse.Namespace) -> Node:
+    """Return parameters and topics of the stitcher for a bag with cameras; BagError where bag and rig do not fit."""
+    if arguments.rig is None:
+        raise BagError(f"{bag.path}: expected --rig with the rig file of its cameras, found none")
+    remap = topics.find_rig_topics(bag, read_rig(arguments.rig).names, chosen)
+    values = {"sync.deadline_s": OFFLINE_DEADLINE_S} | parse_settings(arguments.set_stitcher)
+    return values | {"rig": str(arguments.rig), "transport": "raw", "jobs": NUM_THREADS}, remap

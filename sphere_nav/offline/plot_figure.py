@@ -1,0 +1,104 @@
+"""The picture of `sphere_nav plot`: top view, errors, states with reasons, timings."""
+
+from __future__ import annotations
+
+from itertools import groupby
+from pathlib import Path
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.geometry.trajectory_error import AbsoluteErrors
+from sphere_nav.localization.status import State, Status
+
+COLOURS = {
+    State.UNCONFIGURED: "#5f6368",
+    State.NO_MAP: "#5f6368",
+    State.NOT_LOCALISED: "#9aa0a6",
+    State.SEARCHING: "#6fa8dc",
+    State.PROBATION: "#ffd966",
+    State.TRACKING: "#2ca02c",
+    State.DEGRADED: "#ff9900",
+    State.LOST: "#d62728",
+}
+TRUTH, ESTIMATE, LATERAL, LONGITUDINAL = "#9aa0a6", "#1f77b4", "#d62728", "#2ca02c"
+Errors = tuple[Trajectory, Trajectory, AbsoluteErrors]
+
+
+def draw(path: Path, poses: Trajectory | None, errors: Errors | None, statuses: list[Status]) -> None:
+    """Draw poses, (estimate, truth, errors) and statuses, whatever of them there is; the ending chooses the format."""
+    stamps = [status.stamp_ns for status in statuses] or (list(poses.stamps_ns) if poses is not None else [0])
+    start = int(min(stamps))
+    with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
+        figure = Figure(figsize=(13, 7), layout="constrained")
+        cells = figure.add_gridspec(3, 2, width_ratios=(1.0, 1.4), height_ratios=(1.0, 1.0, 1.0))
+        _draw_top(figure.add_subplot(cells[:, 0]), poses, errors)
+        rows = [figure.add_subplot(cells[row, 1]) for row in range(3)]
+        for axes in rows[1:]:
+            axes.sharex(rows[0])
+        _draw_errors(rows[0], errors, start)
+        _draw_states(rows[1], statuses, start)
+        _draw_times(rows[2], statuses, start)
+        rows[2].set_xlabel("time [s]")
+        figure.savefig(path, dpi=120)
+
+
+def runs_of(statuses: list[Status], start: int) -> list[tuple[State, str, float, float]]:
+    """Return state, reason, first and last second of every run of equal ones; a run lasts until the next begins."""
+    runs = []
+    ordered = sorted(statuses, key=lambda status: status.stamp_ns)
+    for (state, reason), members in groupby(ordered, key=lambda status: (status.state, str(status.reason))):
+        stamps = [(status.stamp_ns - start) * 1e-9 for status in members]
+        runs.append((state, reason, stamps[0], stamps[-1]))
+    ends = [run[2] for run in runs[1:]] + [runs[-1][3]] if runs else []
+    return [(state, reason, first, end) for (state, reason, first, _), end in zip(runs, ends, strict=True)]
+
+
+def _draw_top(axes: Axes, poses: Trajectory | None, errors: Errors | None) -> None:
+    if errors is not None:
+        axes.plot(*errors[1].positions[:, :2].T, color=TRUTH, lw=4, label="truth")
+    if poses is not None and len(poses):
+        axes.plot(*poses.positions[:, :2].T, ".-", color=ESTIMATE, lw=1, ms=2, label="pose")
+        axes.plot(*poses.positions[0, :2], "o", color="black", ms=5, label="start")
+        axes.legend(loc="best")
+    axes.set_aspect("equal", adjustable="datalim")
+    axes.set_xlabel("x [m]")
+    axes.set_ylabel("y [m]")
+
+
+def _draw_errors(axes: Axes, errors: Errors | None, start: int) -> None:
+    axes.set_ylabel("error [m]")
+    if errors is None:
+        axes.text(0.5, 0.5, "no truth", transform=axes.transAxes, ha="center", va="center", color=TRUTH)
+        return
+    seconds = (errors[1].stamps_ns - start) * 1e-9
+    axes.plot(seconds, errors[2].lateral_m, color=LATERAL, lw=1, label="lateral (left)")
+    axes.plot(seconds, errors[2].longitudinal_m, color=LONGITUDINAL, lw=1, label="longitudinal (ahead)")
+    axes.legend(loc="upper right")
+
+
+def _draw_states(axes: Axes, statuses: list[Status], start: int) -> None:
+    runs = runs_of(statuses, start)
+    present = [state for state in State if any(run[0] == state for run in runs)]
+    reasons = sorted({reason for _, reason, _, _ in runs if reason})
+    names = [*present, *reasons]
+    rows = {str(name): row for row, name in enumerate(names)}
+    for state, reason, first, end in runs:
+        width = max(end - first, 1e-3)
+        axes.broken_barh([(first, width)], (rows[str(state)] - 0.4, 0.8), color=COLOURS[State(state)])
+        if reason:
+            axes.broken_barh([(first, width)], (rows[reason] - 0.2, 0.4), color=COLOURS[State(state)])
+    axes.set_yticks(range(len(names)), [str(name) for name in names])
+    axes.set_ylim(len(names) - 0.5, -0.5)
+
+
+def _draw_times(axes: Axes, statuses: list[Status], start: int) -> None:
+    timed = [status for status in statuses if status.milliseconds > 0.0]
+    seconds = np.array([(status.stamp_ns - start) * 1e-9 for status in timed])
+    axes.plot(seconds, [status.milliseconds for status in timed], ".", color=ESTIMATE, ms=3)
+    axes.set_ylabel("time for an image [ms]")
+    if timed:
+        axes.set_yscale("log")

@@ -1,0 +1,65 @@
+"""Trajectories out of bags."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav.ros.conversions import from_ros_covariance, pose_to_se3, pose_with_covariance_to_se3, stamp_ns
+from sphere_nav.ros.interfaces import type_name
+
+
+def _odometry(message: Odometry) -> tuple[SE3, np.ndarray]:
+    T_map_body = pose_to_se3(message.pose.pose)
+    return T_map_body, from_ros_covariance(message.pose.covariance, T_map_body)
+
+
+BAG_SUFFIXES = (".mcap", ".db3", ".bag")
+Reading = Callable[[Any], tuple[SE3, np.ndarray | None]]
+READINGS: dict[str, Reading] = {
+    type_name(PoseStamped): lambda message: (pose_to_se3(message.pose), None),
+    type_name(PoseWithCovarianceStamped): pose_with_covariance_to_se3,
+    type_name(Odometry): _odometry,
+}
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path looks like a bag: a folder, or a file of one."""
+    return path.is_dir() or path.suffix in BAG_SUFFIXES
+
+
+def read_poses(path: Path, topics: tuple[str, ...]) -> Trajectory:
+    """Read the first of `topics` that the bag has, by the stamps of its headers; a repeated stamp counts once."""
+    with BagReader(path) as bag:
+        name = next((topic for topic in topics if _count(bag, topic)), topics[0])
+        info = bag.require(name)
+        if info.type not in READINGS:
+            raise BagError(f"{path}: {info.name}: expected one of {', '.join(READINGS)}, found {info.type}")
+        poses = dict(_poses(bag, info.name, READINGS[info.type]))
+    stamps = np.array(sorted(poses), dtype=np.int64)
+    chosen = [poses[stamp] for stamp in stamps.tolist()]
+    matrices = SE3(np.stack([pose.matrix for pose, _ in chosen]))
+    covariances = [covariance for _, covariance in chosen if covariance is not None and np.any(covariance)]
+    return Trajectory(stamps, matrices, np.stack(covariances) if len(covariances) == len(chosen) else None)
+
+
+def _poses(bag: BagReader, topic: str, reading: Reading) -> Iterator[tuple[int, tuple[SE3, np.ndarray | None]]]:
+    for _, _, message in bag.messages([topic]):
+        stamp = stamp_ns(message)
+        try:
+            yield stamp, reading(message)
+        except ValueError as error:
+            raise BagError(f"{bag.path}: {topic}: stamp {stamp / 1e9:.9f}: {error}") from None
+
+
+def _count(bag: BagReader, topic: str) -> int:
+    info = bag.topics.get("/" + topic.lstrip("/"))
+    return info.count if info else 0

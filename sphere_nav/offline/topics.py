@@ -1,0 +1,226 @@
+"""Which topics of a bag a command reads: those that the user names, else what `sphere_nav.ros.bags.streams` finds."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from itertools import islice
+from typing import Any
+
+from sphere_nav.ros.bags.reader import BagReader
+from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.bags.streams import (
+    RGBD,
+    STEREO,
+    Stream,
+    find_inputs,
+    find_odometry,
+    find_rig,
+    info_of,
+    read_streams,
+)
+from sphere_nav.ros.bags.writer import absolute
+from sphere_nav.ros.camera.drivers import INPUTS, Driver, driver_names, read_driver
+from sphere_nav.ros.tf import TransformTree
+
+OPTIONS = {
+    "image": ("image_raw", "images"),
+    "info": ("camera_info", "calibration of the images"),
+    "depth": ("depth/image_raw", "depth images"),
+    "depth_info": ("depth/camera_info", "calibration of depth that is not registered to the images"),
+    "left": ("left/image_raw", "images of the left camera of a pair"),
+    "left_info": ("left/camera_info", "its calibration"),
+    "right": ("right/image_raw", "images of the right camera of a pair"),
+    "right_info": ("right/camera_info", "its calibration"),
+    "odom": ("odom", "odometry"),
+    "imu": ("imu", "inertial measurements"),
+}
+MIN_SLACK_S, MAX_SLACK_S = 0.005, 0.02  # what a moving camera can bear
+BASE_FRAME, TF_TOPIC, TF_STATIC_TOPIC = "base_link", "/tf", "/tf_static"
+CAMERA_IS_VEHICLE = "0,0,0,0,0,0"  # a mounting
+NUM_TF_MESSAGES = 1000  # that are looked at for the frames there are
+KINDS = {"rgbd": RGBD, "stereo": STEREO}
+
+
+def add_options(parser: argparse.ArgumentParser, *, has_cameras: bool = True) -> None:
+    """Declare what every command that uses the topics of a bag takes; without --camera where that means a lens."""
+    group = parser.add_argument_group("topics, found by driver, type, name, frame and size where they are not given")
+    for name, (_, meaning) in OPTIONS.items():
+        group.add_argument(f"--{name.replace('_', '-')}", metavar="TOPIC", help=meaning)
+    if has_cameras:
+        group.add_argument(
+            "--camera", action="append", default=[], metavar="NAME=TOPIC", help="images of a camera of a rig"
+        )
+    group.add_argument(
+        "--remap", action="append", default=[], metavar="OURS:=THEIRS", help="any other topic, as in ROS"
+    )
+    group.add_argument("--driver", metavar="NAME", help=f"preset of names: {', '.join(driver_names())}; or a file")
+    group.add_argument(
+        "--mounting",
+        metavar="x,y,z,roll,pitch,yaw",
+        default="",
+        help="camera (x ahead, y left, z up) on base_link in m and rad, or a YAML file; else by /tf_static",
+    )
+
+
+def chosen_topics(arguments: argparse.Namespace) -> dict[str, str]:
+    """Return what the user named: our topic -> the bag's. ValueError for words that are no pair."""
+    chosen = {ours: getattr(arguments, name) for name, (ours, _) in OPTIONS.items() if getattr(arguments, name, None)}
+    for option, separator in (("camera", "="), ("remap", ":=")):
+        words = getattr(arguments, option, None)
+        for word in words if isinstance(words, list) else ():
+            ours, found, theirs = word.partition(separator)
+            if not (found and ours and theirs):
+                raise ValueError(f"--{option}: expected A{separator}B, found {word!r}")
+            chosen[f"cameras/{ours}/image_raw" if option == "camera" else ours.lstrip("/")] = theirs
+    return chosen
+
+
+def choose_topics(bag: BagReader, arguments: argparse.Namespace) -> dict[str, str]:
+    """Return what the user named, and what the driver that he named calls the rest."""
+    chosen = chosen_topics(arguments)
+    return driver_topics(bag, arguments.driver) | chosen if arguments.driver else chosen
+
+
+def driver_topics(bag: BagReader, name: str) -> dict[str, str]:
+    """Return the topics of a driver, below the one namespace where the bag has them; BagError: none, or several."""
+    driver, have = read_driver(name), sorted(topic for topic, info in bag.topics.items() if info.count)
+    roots = driver.roots(have)
+    if not roots:
+        missing = ", ".join(driver.missing(have))
+        raise BagError(f"{bag.path}: driver {driver.name}: expected {missing}, found {', '.join(have) or 'none'}")
+    if len(roots) > 1:
+        cameras = ", ".join(f"/{root}" for root in roots)
+        raise BagError(f"{bag.path}: driver {driver.name}: expected one camera, found {cameras}: name topics (--image)")
+    return driver.find(have, roots[0])
+
+
+def find_drivers(streams: Sequence[Stream]) -> list[Driver]:
+    """Return the presets whose topics are all there under their usual names, those with registered depth first."""
+    have = [stream.topic for stream in streams]
+    drivers = [read_driver(name) for name in driver_names()]
+    found = [driver for driver in drivers if driver.root and not driver.missing(have)]
+    return sorted(found, key=lambda d: (INPUTS.index(d.input), "depth/camera_info" in d.topics, d.name))
+
+
+def find_wanted(streams: Sequence[Stream], wanted: Iterable[str], chosen: dict[str, str]) -> dict[str, str]:
+    """Return the bag's topic for each of ours: as the user named it, as a driver is known to, or as it is found."""
+    wanted = tuple(wanted)
+    if not chosen:
+        have = [stream.topic for stream in streams]
+        named = (driver.find(have) for driver in find_drivers(streams) if set(wanted) <= set(driver.topics))
+        chosen = {ours: topic for ours, topic in next(named, {}).items() if ours.split("/")[0] in _first_words(wanted)}
+    return find_inputs(streams, wanted, chosen)
+
+
+def _first_words(topics: Iterable[str]) -> set[str]:
+    return {topic.split("/")[0] for topic in topics}
+
+
+def find_topics(bag: BagReader, wanted: Iterable[str], chosen: dict[str, str]) -> dict[str, str]:
+    """Return the bag's topic for every one of ours; odometry where there is any."""
+    streams = read_streams(bag)
+    with _name_bag(bag):
+        found = find_wanted(streams, wanted, chosen)
+    odometry = find_odometry(streams)
+    return ({"odom": odometry} if odometry else {}) | found
+
+
+def camera_names(chosen: Mapping[str, str]) -> list[str]:
+    """Return the cameras of a rig that the user named, by --camera NAME=TOPIC, in his order."""
+    return [ours.split("/")[1] for ours in chosen if ours.startswith("cameras/") and ours.endswith("/image_raw")]
+
+
+def find_camera_topics(bag: BagReader, chosen: Mapping[str, str], *, has_lenses: bool) -> dict[str, str]:
+    """Return the topics of several cameras that the user named, each with its calibration unless lenses are known.
+
+    BagError, with the option to give, for a topic that is not there, or images without any calibration.
+    """
+    streams = read_streams(bag)
+    by_name, odometry = {stream.topic: stream for stream in streams}, find_odometry(streams)
+    with _name_bag(bag):
+        found = find_inputs(streams, (), chosen)
+        for name in () if has_lenses else camera_names(chosen):
+            info = f"cameras/{name}/camera_info"
+            if info not in found and f"cameras/{name}/sphere_info" not in found:
+                image = by_name[found[f"cameras/{name}/image_raw"]]
+                found[info] = info_of(image, streams, f"--remap {info}:=TOPIC").topic
+    return ({"odom": odometry} if odometry else {}) | found
+
+
+def find_rig_topics(bag: BagReader, names: Iterable[str], chosen: dict[str, str]) -> dict[str, str]:
+    """Return the topics of images of the cameras of a rig file, by our name; BagError where none has any."""
+    streams = read_streams(bag)
+    named = {ours.split("/")[1] for ours in chosen if ours.startswith("cameras/")}
+    found = find_rig(streams, [name for name in names if name not in named])
+    topics = {f"cameras/{name}/image_raw": topic for name, topic in found.items()}
+    with _name_bag(bag):
+        topics |= find_inputs(streams, (), chosen)
+    if not topics:
+        have = ", ".join(stream.topic for stream in streams if stream.is_image) or "none"
+        expected = f"images of {', '.join(names)} (rig file; or --camera NAME=TOPIC)"
+        raise BagError(f"{bag.path}: topics: expected {expected}, found {have}")
+    return topics
+
+
+def mounting_of(bag: BagReader, image: str, settings: dict[str, Any]) -> str:
+    """Return no mounting where the bag tells it, else that the camera is the vehicle."""
+    frame = next((s.frame_id for s in read_streams(bag) if s.topic == absolute(image)), "")
+    base, frame = str(settings.get("base_frame", BASE_FRAME)), str(settings.get("camera_frame") or frame)
+    return "" if not base or read_frames(bag).is_connected(base, frame) else CAMERA_IS_VEHICLE
+
+
+def read_frames(bag: BagReader) -> TransformTree:
+    """Return the frames of a bag: those that stand still, and as the first moving ones are."""
+    tree = TransformTree()
+    for topic, kind in ((TF_STATIC_TOPIC, True), (TF_TOPIC, False)):
+        found = bag.messages([topic]) if topic in bag.topics else ()
+        for _, _, message in islice(found, NUM_TF_MESSAGES):
+            for transform in message.transforms:
+                with suppress(ValueError):
+                    tree.add(transform, is_static=kind)
+    return tree
+
+
+def pairing_slack(bag: BagReader, topic: str) -> float:
+    """Return how far apart in s the stamps of one instant may be: a third of the period, as drivers jitter."""
+    rate_hz = next(stream.rate_hz for stream in read_streams(bag) if stream.topic == absolute(topic))
+    return min(max(0.33 / max(rate_hz, 1e-3), MIN_SLACK_S), MAX_SLACK_S)
+
+
+def guess_kind(bag: BagReader, chosen: dict[str, str], *, has_rig: bool) -> str:
+    """Return what a bag with foreign topics is: rgbd, stereo, or cameras where a rig file is given."""
+    if any(ours.startswith("cameras/") for ours in chosen) or has_rig:
+        return "cameras"
+    for kind, word in (("stereo", "left"), ("rgbd", "depth")):
+        if any(ours.startswith(word) for ours in chosen):
+            return kind
+    streams, reasons = read_streams(bag), []
+    for kind, topics in KINDS.items():
+        try:
+            find_wanted(streams, topics, chosen)
+        except BagError as error:
+            reasons.append(str(error).removeprefix("topics: "))
+        else:
+            return kind
+    raise BagError(f"{bag.path}: topics: no spheres; {'; '.join(dict.fromkeys(reasons))}")
+
+
+def options_of(topics: dict[str, str]) -> list[str]:
+    """Return the options that name these topics, none for those with our own names."""
+    words = []
+    by_topic = {ours: f"--{name.replace('_', '-')}" for name, (ours, _) in OPTIONS.items()}
+    for ours, theirs in topics.items():
+        if theirs != absolute(ours):
+            words += [by_topic[ours], theirs] if ours in by_topic else ["--remap", f"{ours}:={theirs}"]
+    return words
+
+
+@contextmanager
+def _name_bag(bag: BagReader) -> Iterator[None]:
+    """Lead what is said of the topics with the bag they are of."""
+    try:
+        yield
+    except BagError as error:
+        raise BagError(f"{bag.path}: {error}") from None

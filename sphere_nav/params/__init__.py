@@ -1,0 +1,158 @@
+"""A parameter declared once: default, unit, range and meaning travel together.
+
+`@parameters` makes a frozen dataclass whose fields are made by `param` (a value) or `group` (a nested class).
+ROS declaration (sphere_nav.ros), the YAML in `config/` and the table in `docs/parameters.md` all derive from `leaves`.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import math
+import typing
+from collections.abc import Iterator, Mapping
+from typing import Any, TypeVar, dataclass_transform
+
+C = TypeVar("C")
+SCALARS = (bool, int, float, str)
+
+__all__ = ["Leaf", "build", "group", "leaves", "param", "parameters", "to_mapping"]
+
+
+def param(
+    default: Any,
+    doc: str,
+    unit: str = "",
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+    is_live: bool = False,
+) -> Any:
+    """Declare one value; `low` and `high` are inclusive, `unit` is empty for pure numbers and words.
+
+    `is_live`: it may change while the node works.
+    """
+    metadata = {"doc": doc, "unit": unit, "low": low, "high": high, "choices": choices, "is_live": is_live}
+    return dataclasses.field(default=default, metadata=metadata)
+
+
+def group(cls: type[C]) -> C:
+    """Nest another parameters class; its fields become `name.field`."""
+    return dataclasses.field(default_factory=cls)
+
+
+@dataclass_transform(frozen_default=True, kw_only_default=True)
+def parameters(cls: type[C]) -> type[C]:
+    """Class decorator: a frozen, keyword-only dataclass that refuses values outside their range."""
+
+    def check_fields(self: Any) -> None:
+        for leaf in _own_leaves(type(self), ""):
+            leaf.check(getattr(self, leaf.name))
+
+    cls.__post_init__ = check_fields  # type: ignore[attr-defined]
+    return dataclasses.dataclass(frozen=True, kw_only=True)(cls)
+
+
+@dataclasses.dataclass(frozen=True)
+class Leaf:
+    """One value of a parameters class, by its dotted name."""
+
+    name: str
+    type: type
+    default: Any
+    doc: str
+    unit: str
+    low: float | None
+    high: float | None
+    choices: tuple[str, ...]
+    is_live: bool
+
+    def check(self, value: Any) -> None:
+        """Raise ValueError naming the parameter, what is expected and what was found."""
+        kinds: tuple[type, ...] = (int, float) if self.type is float else (self.type,)
+        is_of_kind = isinstance(value, kinds) and (self.type is bool or not isinstance(value, bool))
+        if not is_of_kind:
+            raise ValueError(f"{self.name}: expected {self.type.__name__}, found {value!r}")
+        if isinstance(value, float) and math.isnan(value):
+            raise ValueError(f"{self.name}: expected a number, found nan")
+        too_low = self.low is not None and value < self.low
+        if too_low or (self.high is not None and value > self.high):
+            raise ValueError(f"{self.name}: expected {self.range_text()}, found {value!r}")
+        if self.choices and value not in self.choices:
+            raise ValueError(f"{self.name}: expected {self.range_text()}, found {value!r}")
+
+    def range_text(self) -> str:
+        """Return the allowed values in words, or an empty string."""
+        if self.choices:
+            return "one of " + ", ".join(repr(choice) for choice in self.choices)
+        if self.low is not None and self.high is not None:
+            return f"{self.low} to {self.high}"
+        if self.low is not None:
+            return f"at least {self.low}"
+        return f"at most {self.high}" if self.high is not None else ""
+
+    def meaning(self) -> str:
+        """Return the meaning with unit and range, as `ros2 param describe` shows it."""
+        details = [text for text in (self.unit, self.range_text(), "live" if self.is_live else "") if text]
+        return f"{self.doc} [{'; '.join(details)}]" if details else self.doc
+
+
+def leaves(cls: type) -> Iterator[Leaf]:
+    """Yield every value of a parameters class, nested groups included, in order of declaration."""
+    hints = _hints(cls)
+    for item in dataclasses.fields(cls):
+        if dataclasses.is_dataclass(hints[item.name]):
+            for leaf in leaves(hints[item.name]):
+                yield dataclasses.replace(leaf, name=f"{item.name}.{leaf.name}")
+        else:
+            yield from _own_leaves(cls, item.name)
+
+
+def build(cls: type[C], values: Mapping[str, Any]) -> C:
+    """Construct `cls` from dotted names; unknown names and values out of range raise ValueError."""
+    known = {leaf.name for leaf in leaves(cls)}
+    for name in values:
+        if name not in known:
+            raise ValueError(f"{name}: unknown parameter of {cls.__name__}")
+    return _construct(cls, values, "")
+
+
+def to_mapping(instance: Any) -> dict[str, Any]:
+    """Return the values of a parameters object by dotted name, the inverse of `build`."""
+    values: dict[str, Any] = {}
+    for item in dataclasses.fields(instance):
+        value = getattr(instance, item.name)
+        if dataclasses.is_dataclass(value):
+            values |= {f"{item.name}.{name}": inner for name, inner in to_mapping(value).items()}
+        else:
+            values[item.name] = value
+    return values
+
+
+@functools.cache
+def _hints(cls: Any) -> dict[str, Any]:
+    """Return the types of the fields; resolving their words takes longer than all else here."""
+    return typing.get_type_hints(cls)
+
+
+def _own_leaves(cls: type, only: str) -> Iterator[Leaf]:
+    hints = _hints(cls)
+    for item in dataclasses.fields(cls):
+        kind = hints[item.name]
+        if kind in SCALARS and only in ("", item.name):
+            yield Leaf(name=item.name, type=kind, default=item.default, **item.metadata)
+
+
+def _construct(cls: type[C], values: Mapping[str, Any], prefix: str) -> C:
+    hints = _hints(cls)  # type: ignore[arg-type]
+    arguments: dict[str, Any] = {}
+    for item in dataclasses.fields(cls):  # type: ignore[arg-type]
+        name = prefix + item.name
+        if dataclasses.is_dataclass(hints[item.name]):
+            arguments[item.name] = _construct(hints[item.name], values, name + ".")
+        elif name in values:
+            leaf = next(_own_leaves(cls, item.name))
+            dataclasses.replace(leaf, name=name).check(values[name])
+            arguments[item.name] = leaf.type(values[name])
+    return cls(**arguments)

@@ -1,0 +1,28 @@
+"""Image against image: dense, photometric, direct (M15 sections 2, 3.6, 5.2, 9).
+
+READ FIRST `esm.py`. `prepare_reference` makes an augmented image ready once, `build_pyramid` the current one each
+time, `register` aligns them.
+"""
+
+from sphere_nav.photometric.align.alignment import Alignment
+from sphere_nav.photometric.align.esm import evaluate, register
+from sphere_nav.photometric.align.rotation import register_rotation
+from sphere_nav.photometric.params import PyramidParams, RegistrationParams
+from sphere_nav.photometric.pixels.pyramid import Pyramid, build_pyramid
+from sphere_nav.photometric.pixels.reference import Reference, View, prepare_reference
+from sphere_nav.photometric.warm_up import warm_up
+
+__all__ = [
+    "Alignment",
+    "Pyramid",
+    "PyramidParams",
+    "Reference",
+    "RegistrationParams",
+    "View",
+    "build_pyramid",
+    "evaluate",
+    "prepare_reference",
+    "register",
+    "register_rotation",
+    "warm_up",
+]

@@ -1,0 +1,348 @@
+"""Passes at one level of the pyramid until the pose stands still, and the comparison that judges it.
+
+Poses are (3, 4) f64. Arrays are filled number by number: the check of shapes in `a[:] = b` brings numba's texts along,
+five seconds to compile. The blocks of the references come as a tuple of `MAX_VIEWS` flat arrays, empty ones at the end.
+"""
+
+import math
+
+import numpy as np
+
+from sphere_nav.estimation.kernels import SIGMA_OF_MAD
+from sphere_nav.kernel_cache.kernels import OPTIONS, njit
+from sphere_nav.photometric.align.iteration.kernels import (
+    BLOCK,
+    INLIERS,
+    NUM_BINS,
+    NUM_COLUMNS,
+    NUM_SUMS,
+    SCRATCH,
+    SIDE,
+    VISIBLE,
+    accumulate,
+    scale,
+)
+
+MAX_VIEWS = 4
+SCALE_STEP = 4  # of so many blocks one serves for the scale, and at least so many in all:
+MIN_SCALE_BLOCKS = 8
+NUM_PIECES = 16  # at most so many pieces of a view show how differently its parts pull, of at least
+PIECE_BLOCKS = 8
+MIN_GAIN, MAX_GAIN = 0.1, 10.0
+LIGHT_PRIOR = 1e-9  # keeps gain and bias defined on an even image
+RIDGE, TINY = 1e-9, 1e-300  # an even image fixes nothing, but pulls nowhere either
+START = np.int64(0)  # a plain 0 is a type of its own: numba would compile what it is handed to once more
+NUM_FACTS = 10
+MEDIAN, MAD, NUM_VISIBLE, NUM_INLIERS, NUM_CUT = range(5)  # the last: pieces
+SUM_REFERENCE, SUM_CURRENT, PRODUCT, SQUARE_REFERENCE, SQUARE_CURRENT = range(5, NUM_FACTS)
+
+
+@njit(**OPTIONS)
+def invert(T):
+    """Return the motion back."""
+    out = np.empty((3, 4))
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = T[j, i]
+        out[i, 3] = -(T[0, i] * T[0, 3] + T[1, i] * T[1, 3] + T[2, i] * T[2, 3])
+    return out
+
+
+@njit(**OPTIONS)
+def compose(A, B):
+    """Return A @ B of two motions."""
+    out = np.empty((3, 4))
+    for i in range(3):
+        for j in range(4):
+            out[i, j] = A[i, 0] * B[0, j] + A[i, 1] * B[1, j] + A[i, 2] * B[2, j]
+        out[i, 3] += A[i, 3]
+    return out
+
+
+@njit(**OPTIONS)
+def exponential(xi):
+    """Return the motion (3, 4) of a tangent vector (v, omega) (M15 eq. 1)."""
+    a, b, c = xi[3], xi[4], xi[5]
+    square = a * a + b * b + c * c
+    angle = math.sqrt(square)
+    if angle < 1e-4:
+        by_sine, by_cosine, by_cube = 1 - square / 6, 0.5 - square / 24, 1 / 6 - square / 120
+    else:
+        by_sine, by_cosine = math.sin(angle) / angle, (1 - math.cos(angle)) / square
+        by_cube = (1 - by_sine) / square
+    k = np.array([[0.0, -c, b], [c, 0.0, -a], [-b, a, 0.0]])
+    out = np.empty((3, 4))
+    for i in range(3):
+        out[i, 3] = 0.0
+        for j in range(3):
+            kk = k[i, 0] * k[0, j] + k[i, 1] * k[1, j] + k[i, 2] * k[2, j]
+            one = 1.0 if i == j else 0.0
+            out[i, j] = one + by_sine * k[i, j] + by_cosine * kk
+            out[i, 3] += (one + by_cosine * k[i, j] + by_cube * kk) * xi[j]
+    return out
+
+
+@njit(**OPTIONS)
+def solve(H, g, first):
+    """Return -H^-1 g by Cholesky of the scaled matrix, and whether H is positive definite.
+
+    The rows and columns before `first` are left out.
+    """
+    n = g.size - first
+    s, L, x = np.empty(n), np.zeros((n, n)), np.zeros(n)
+    for i in range(n):
+        if not (H[first + i, first + i] > 0 and H[first + i, first + i] < np.inf):
+            return x, False
+        s[i] = 1 / math.sqrt(H[first + i, first + i])
+    for i in range(n):
+        for j in range(i + 1):
+            t = H[first + i, first + j] * s[i] * s[j]
+            for k in range(j):
+                t -= L[i, k] * L[j, k]
+            if i != j:
+                L[i, j] = t / L[j, j]
+            elif t > 0:
+                L[i, i] = math.sqrt(t)
+            else:
+                return x, False
+    for i in range(n):
+        t = -g[first + i] * s[i]
+        for k in range(i):
+            t -= L[i, k] * x[k]
+        x[i] = t / L[i, i]
+    for i in range(n - 1, -1, -1):
+        t = x[i]
+        for k in range(i + 1, n):
+            t -= L[k, i] * x[k]
+        x[i] = t / L[i, i]
+    is_finite = True
+    for i in range(n):
+        x[i] *= s[i]
+        is_finite &= abs(x[i]) < np.inf
+    return x, is_finite
+
+
+@njit(**OPTIONS)
+def unpack(sums, H, g):
+    """Write sums (NUM_SUMS,) into H (8, 8) and g (8,) over (v, omega) of the reference, gain and bias."""
+    s = 0
+    for a in range(NUM_COLUMNS):
+        for b in range(a, NUM_COLUMNS):
+            H[a, b] = H[b, a] = sums[s]
+            s += 1
+        g[a] = sums[s]
+        s += 1
+
+
+@njit(**OPTIONS)
+def by_camera(T):
+    """Return A (8, 8): x = A xi turns xi in T_world_camera exp(xi), gain and bias into x in T exp(x) (eq. 31-32).
+
+    T (3, 4) is reference -> camera; x = -Ad(T^-1) xi.
+    """
+    A = np.zeros((8, 8))
+    for i in range(3):
+        for j in range(3):
+            A[i, j] = A[3 + i, 3 + j] = -T[j, i]  # R' of the inverse
+    t0, t1, t2 = T[0, 3], T[1, 3], T[2, 3]
+    for i in range(3):  # [t']x R' with t' = -R' t is -R' [t]x
+        a, b, c = T[0, i], T[1, i], T[2, i]
+        A[i, 3], A[i, 4], A[i, 5] = b * t2 - c * t1, c * t0 - a * t2, a * t1 - b * t0
+    A[6, 6] = A[7, 7] = 1.0
+    return A
+
+
+@njit(**OPTIONS)
+def to_camera_tangent(T, H, g):
+    """Turn H (8, 8), g (8,) over x in T exp(x) into those over xi in T_world_camera exp(xi), in place (eq. 31-32)."""
+    A = by_camera(T)
+    HA, q = np.zeros((8, 8)), np.zeros(8)
+    for i in range(8):
+        for k in range(8):
+            for j in range(8):
+                HA[i, j] += H[i, k] * A[k, j]
+    H[:] = 0.0
+    for k in range(8):
+        for i in range(8):
+            q[i] += A[k, i] * g[k]
+            for j in range(8):
+                H[i, j] += A[k, i] * HA[k, j]
+    for i in range(8):
+        g[i] = q[i]
+
+
+@njit(**OPTIONS)
+def move(sums, T, xi):
+    """Turn the gradient in a view's sums (NUM_SUMS,) into that after an increment xi (8,), to first order, in place."""
+    A, H, g, x = by_camera(T), np.empty((8, 8)), np.empty(8), np.zeros(8)
+    unpack(sums, H, g)
+    for i in range(8):
+        for j in range(8):
+            x[i] += A[i, j] * xi[j]
+    s = 0
+    for a in range(NUM_COLUMNS):
+        s += NUM_COLUMNS - a
+        for b in range(NUM_COLUMNS):
+            sums[s] += H[a, b] * x[b]
+        s += 1
+
+
+@njit(**OPTIONS)
+def join(view, h, q, sigma, has_light, H, g):
+    """Add one view's H (8, 8) and g (8,) to the system over (xi, gain 1, bias 1, gain 2, bias 2, ...) (eq. 19, 31).
+
+    Unlike in the paper each view counts by the inverse variance of its residuals, so that a distant reference with
+    much occlusion steadies the result without pulling it.
+    """
+    f = 1.0 / sigma**2
+    n = NUM_COLUMNS if has_light else 6
+    for a in range(n):
+        i = a if a < 6 else a + 2 * view
+        g[i] += f * q[a]
+        for b in range(n):
+            j = b if b < 6 else b + 2 * view
+            H[i, j] += f * h[a, b]
+        if a >= 6:
+            H[i, i] += LIGHT_PRIOR
+
+
+@njit(**OPTIONS)
+def scale_step(num_blocks):
+    """Return every how many blocks are enough for the scale."""
+    return max(1, min(SCALE_STEP, num_blocks // MIN_SCALE_BLOCKS))
+
+
+@njit(**OPTIONS)
+def num_pieces(num_blocks):
+    """Return how many pieces a view is cut into."""
+    return max(1, min(NUM_PIECES, num_blocks // PIECE_BLOCKS))
+
+
+@njit(**OPTIONS)
+def examine(blocks, T, camera, image, gain, bias, huber, min_sigma, facts, pieces):
+    """Compare one view: facts (NUM_FACTS,) f64, sums of each piece (NUM_PIECES, NUM_SUMS) f64.
+
+    T (3, 4) f64 reference -> camera. Sums of the correlation are of grey levels as they are, light not applied.
+    """
+    T32, gain32, bias32 = T.astype(np.float32), np.float32(gain), np.float32(bias)
+    r, places, histogram = np.empty(SCRATCH, np.float32), np.empty(SIDE, np.int32), np.empty(NUM_BINS, np.int32)
+    number = blocks.size // BLOCK
+    median, mad, _ = scale(blocks, scale_step(number), T32, camera, image, gain32, bias32, r, places, histogram)
+    middle, width = np.float32(median), np.float32(huber * max(SIGMA_OF_MAD * mad, min_sigma))
+    facts[:] = 0.0
+    facts[MEDIAN], facts[MAD] = median, mad
+    count = num_pieces(number)
+    facts[NUM_CUT] = count
+    for p in range(count):
+        pieces[p] = 0.0
+        some = number * p // count, number * (p + 1) // count
+        light = gain32, bias32, middle, width
+        accumulate(blocks, *some, T32, camera, image, *light, r, places, pieces[p], facts[SUM_REFERENCE:])
+        facts[NUM_VISIBLE] += pieces[p, VISIBLE]
+        facts[NUM_INLIERS] += pieces[p, INLIERS]
+
+
+@njit(**OPTIONS)
+def linearise(blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, facts, pieces):
+    """Robust normal equations of all views at a pose (M15 eq. 4, 6, 19, 30-35), and how many pixels are visible.
+
+    facts (MAX_VIEWS, NUM_FACTS) and pieces (MAX_VIEWS, ...) as of `examine`.
+    """
+    huber, min_sigma, has_light = robust
+    n = 6 + 2 * num_views if has_light else 6
+    H, g = np.zeros((n, n)), np.zeros(n)
+    h, q, sums = np.empty((8, 8)), np.empty(8), np.empty(NUM_SUMS)
+    T_camera_world = invert(T_world_camera)
+    visible = 0.0
+    for v in range(num_views):
+        T = compose(T_camera_world, T_world_reference[v])
+        lit = light[v, 0], light[v, 1]
+        examine(blocks[v], T, camera, image, *lit, huber, min_sigma, facts[v], pieces[v])
+        sums[:] = 0.0
+        for p in range(int(facts[v, NUM_CUT])):
+            for i in range(NUM_SUMS):
+                sums[i] += pieces[v, p, i]
+        visible += facts[v, NUM_VISIBLE]
+        unpack(sums, h, q)
+        to_camera_tangent(T, h, q)
+        join(v, h, q, max(SIGMA_OF_MAD * facts[v, MAD], min_sigma), has_light, H, g)
+    return H, g, visible
+
+
+@njit(**OPTIONS)
+def descend(
+    blocks,
+    num_views,
+    T_world_reference,
+    camera,
+    image,
+    T_world_camera,
+    light,
+    robust,
+    stop,
+    limit,
+    is_rotation,
+    facts,
+    pieces,
+):
+    """Iterate at one level (M15 eq. 6-7); T_world_camera (3, 4) and light (MAX_VIEWS, 2) change in place.
+
+    robust is (Huber bound, smallest sigma, whether light is estimated), stop (smallest increment in pixels, pixels per
+    radian, depth in m, fewest visible pixels). A pure rotation (eq. 20) leaves the translation as it is. Returns the
+    iterations, the last increment in pixels, and whether the image determined it; facts and pieces are those of the
+    last pass, the gradients those after its increment.
+    """
+    min_step, per_radian, depth, min_pixels = stop
+    first = 3 if is_rotation else 0
+    motion, iteration = 0.0, 0
+    xi, before = np.zeros(8), np.empty((3, 4))
+    while iteration < limit:
+        H, g, visible = linearise(
+            blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, facts, pieces
+        )
+        if visible < min_pixels:
+            return iteration, motion, False
+        x, is_found = solve(H, g, first)
+        if not is_found:
+            return iteration, motion, False
+        for i in range(first, 6):
+            xi[i] = x[i - first]
+        pose = compose(T_world_camera, exponential(xi))
+        for i in range(3):
+            for j in range(4):
+                before[i, j], T_world_camera[i, j] = T_world_camera[i, j], pose[i, j]
+        if robust[2]:
+            for v in range(num_views):
+                light[v, 0] = min(max(light[v, 0] + x[6 - first + 2 * v], MIN_GAIN), MAX_GAIN)
+                light[v, 1] += x[7 - first + 2 * v]
+        iteration += 1
+        parallax = math.sqrt(xi[0] ** 2 + xi[1] ** 2 + xi[2] ** 2) / depth
+        motion = (math.sqrt(xi[3] ** 2 + xi[4] ** 2 + xi[5] ** 2) + parallax) * per_radian
+        if motion < min_step:
+            T_camera_world = invert(before)
+            for v in range(num_views):
+                if robust[2]:
+                    xi[6], xi[7] = x[6 - first + 2 * v], x[7 - first + 2 * v]
+                for p in range(int(facts[v, NUM_CUT])):
+                    move(pieces[v, p], compose(T_camera_world, T_world_reference[v]), xi)
+            break
+    return iteration, motion, True
+
+
+@njit(**OPTIONS)
+def scatter(pieces, sigma):
+    """Return the sum over all pieces (P, NUM_SUMS) of g' H^-1 g / sigma^2, H of all together (see correlation.py)."""
+    H, g, h, total = np.zeros((8, 8)), np.empty((pieces.shape[0], 8)), np.empty((8, 8)), 0.0
+    for p in range(pieces.shape[0]):
+        unpack(pieces[p], h, g[p])
+        for i in range(8):
+            for j in range(8):
+                H[i, j] += h[i, j]
+    for i in range(8):
+        H[i, i] += RIDGE * H[i, i] + TINY
+    for p in range(pieces.shape[0]):
+        x, is_found = solve(H, g[p], START)
+        if is_found:
+            for i in range(8):
+                total -= g[p, i] * x[i]
+    return total / sigma**2

@@ -1,0 +1,139 @@
+"""Whether the end of a registration is a result: overlap, texture, outliers, convergence, covariance.
+
+How many pixels count as one independent observation, measured by how differently parts of the image pull.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.photometric.align import alignment
+from sphere_nav.photometric.align.alignment import Alignment
+from sphere_nav.photometric.align.descent import kernels
+from sphere_nav.photometric.align.iteration.kernels import NUM_COLUMNS
+from sphere_nav.photometric.align.problem import Comparison, Descent, Problem, State
+from sphere_nav.photometric.params import RegistrationParams
+
+MIN_PIECES = 2  # of a view; fewer do not scatter
+
+
+def correlated_pixels(found: Sequence[Comparison], otherwise: float) -> float:
+    """Return the number of pixels that err together, 1 where all residuals are independent.
+
+    The pixels of a view are summed in pieces of scan order. Were residuals independent, the gradient g of a piece would
+    scatter by sigma^2 H of that piece, so that the sum of g' H^-1 g / sigma^2 over all pieces, H of the whole view,
+    would be 8 (pose, gain and bias), less what the fit takes away. Correlation multiplies it (the scalar form of
+    cluster-robust covariance). `otherwise` is returned where there are too few pieces.
+    """
+    total = expected = 0.0
+    for view in found:
+        if len(view.pieces) >= MIN_PIECES and np.all(np.isfinite(view.pieces)):
+            total += kernels.scatter(view.pieces, view.sigma)
+            expected += NUM_COLUMNS * (1.0 - 1.0 / len(view.pieces))
+    return max(1.0, total / expected) if expected else otherwise
+
+
+Array = NDArray[np.float64]
+UNKNOWN = np.diag(np.full(6, np.inf))
+STUCK = 25.0  # still moving this many times `min_step` at the end is no convergence
+
+
+def judge(problem: Problem, descent: Descent, iterations: int, overlap: float, params: RegistrationParams) -> Alignment:
+    """Say what the last descent has found, after so many iterations in all; compare once more where it did not end."""
+    found = descent.found or problem.compare(descent.state)
+    H = normal_matrix(found, has_light=params.illumination)
+    return classify(found, H, descent, iterations, overlap, params)
+
+
+def classify(
+    found: Sequence[Comparison],
+    H: Array,
+    descent: Descent,
+    iterations: int,
+    overlap: float,
+    params: RegistrationParams,
+) -> Alignment:
+    """Say what was found by the comparison of all views; H over (xi, gain 1, bias 1, ...) is that of them together."""
+    state = descent.state
+    num_pixels = sum(view.num_visible for view in found)
+    if num_pixels < params.min_pixels or overlap < params.min_overlap:
+        return _refuse(state, alignment.LOW_OVERLAP, iterations, num_pixels, overlap)
+    mad = sum(view.mad * view.num_visible for view in found) / num_pixels
+    covariance, condition = _covariance(H)
+    reason = alignment.GOOD
+    if condition > params.max_condition:
+        reason = alignment.LOW_TEXTURE
+    elif descent.motion > STUCK * params.min_step:
+        reason = alignment.NO_CONVERGENCE
+    elif mad > params.max_mad:
+        reason = alignment.OUTLIERS
+    if reason != alignment.LOW_TEXTURE:
+        covariance = covariance * correlated_pixels(found, params.correlated_pixels)
+    return Alignment(
+        T_world_camera=state.T_world_camera.orthonormal(),  # the first guess was a product of many
+        covariance=covariance if reason != alignment.LOW_TEXTURE else UNKNOWN,
+        reason=reason,
+        iterations=iterations,
+        num_pixels=num_pixels,
+        overlap=overlap,
+        inlier_share=sum(view.num_inliers for view in found) / num_pixels,
+        mad=mad,
+        ncc=_correlation(found, state),
+        gains=tuple(state.light[:, 0].tolist()),
+        biases=tuple(state.light[:, 1].tolist()),
+    )
+
+
+def normal_matrix(found: Sequence[Comparison], *, has_light: bool) -> Array:
+    """Return H over (xi, gain 1, bias 1, ...) of the compared views together (M15 eq. 19, 31)."""
+    n = 6 + 2 * len(found) if has_light else 6
+    H, g, h, q = np.zeros((n, n)), np.zeros(n), np.empty((8, 8)), np.empty(8)
+    for index, view in enumerate(found):
+        kernels.unpack(view.pieces.sum(axis=0), h, q)
+        kernels.to_camera_tangent(view.T_camera_reference, h, q)
+        kernels.join(index, h, q, view.sigma, has_light, H, g)
+    return H
+
+
+def _refuse(state: State, reason: str, iterations: int, num_pixels: int, overlap: float) -> Alignment:
+    gains, biases = tuple(state.light[:, 0].tolist()), tuple(state.light[:, 1].tolist())
+    pose = state.T_world_camera.orthonormal()
+    return Alignment(pose, UNKNOWN, reason, iterations, num_pixels, overlap, 0.0, 0.0, 0.0, gains, biases)
+
+
+def _covariance(H: Array) -> tuple[Array, float]:
+    """Return the covariance of the pose, were all pixels independent, and the condition of the scaled normal matrix.
+
+    Light is eliminated: what it could explain is not known of the pose.
+    """
+    pose, cross, light = H[:6, :6], H[:6, 6:], H[6:, 6:]
+    marginal = pose - cross @ np.linalg.solve(light, cross.T) if light.size else pose
+    if not np.all(np.isfinite(marginal)):
+        return UNKNOWN, np.inf
+    scale = np.sqrt(np.maximum(np.diagonal(marginal), 1e-300))
+    eigenvalues, vectors = np.linalg.eigh(marginal / np.outer(scale, scale))
+    if eigenvalues[0] <= 0:
+        return UNKNOWN, np.inf
+    inverse = (vectors / eigenvalues) @ vectors.T / np.outer(scale, scale)
+    return inverse, float(eigenvalues[-1] / eigenvalues[0])
+
+
+def _correlation(found: Sequence[Comparison], state: State) -> float:
+    """Return the normalised cross correlation of reference and warped image over all visible pixels (M15 5.4).
+
+    Views count as they do in the alignment, by the inverse of their residual's deviation.
+    """
+    covariance = variance_reference = variance_warped = 0.0
+    for view, gain in zip(found, state.light[:, 0].tolist(), strict=True):
+        if not view.num_visible:
+            continue
+        reference, current, product, square_reference, square_current = view.correlation.tolist()
+        mean, weight = current / view.num_visible, 1.0 / view.sigma**2
+        covariance += weight * gain * (product - reference * mean)
+        variance_reference += weight * (square_reference - reference**2 / view.num_visible)
+        variance_warped += weight * gain**2 * (square_current - current * mean)
+    norm = variance_reference * variance_warped
+    return covariance / float(np.sqrt(norm)) if norm > 0 else 0.0

@@ -1,0 +1,44 @@
+"""How much of an image the references cover."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.photometric.align.projection import kernel_motion
+from sphere_nav.photometric.pixels import kernels
+from sphere_nav.photometric.pixels.pyramid import Pyramid
+from sphere_nav.photometric.pixels.reference import View
+
+CELL = 3  # pixels of the coarsest level: wide enough that a covered cell catches a reference pixel
+
+
+def image_overlap(pyramid: Pyramid, views: Sequence[View], T_world_camera: SE3) -> float:
+    """Return the share (0..1) of the image, in cells of the coarsest level, where some reference has range."""
+    level = pyramid.levels[-1]
+    camera = level.camera
+    cells = _cells_with_rays(camera)
+    covered = np.zeros_like(cells)
+    T_camera_world = T_world_camera.inverse()
+    image = (level.kernel_camera, camera.width, camera.height, CELL, covered)
+    for view in views:
+        pixels = view.reference.level_like(camera)
+        T_camera_reference = T_camera_world @ view.T_world_reference
+        seen = pixels.squares.near(T_camera_reference, camera)
+        kernels.cover(seen.places, seen.pool, kernel_motion(T_camera_reference.matrix), *image)
+    return float(np.sum(covered & cells)) / max(float(np.sum(cells)), 1.0)
+
+
+@lru_cache(maxsize=16)
+def _cells_with_rays(camera: Camera) -> NDArray[np.bool_]:
+    """Return which cells hold a pixel that sees anything; the corners of a fisheye image do not."""
+    has_ray = ~np.isnan(camera.unproject(pixel_grid(camera))[..., 0])
+    cells = np.zeros((-(-camera.height // CELL), -(-camera.width // CELL)), np.bool_)
+    v, u = np.nonzero(has_ray)
+    cells[v // CELL, u // CELL] = True
+    return cells

@@ -1,0 +1,61 @@
+"""Cameras as kernels take them, and the cone of directions that each sees."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import Camera, Spherical
+from sphere_nav.photometric.align.iteration import kernels
+
+Floats = NDArray[np.float32]
+KernelCamera: TypeAlias = tuple[int, Floats, Floats]
+
+MODELS = {
+    "pinhole": kernels.PINHOLE,
+    "fisheye": kernels.FISHEYE,
+    "spherical": kernels.SPHERICAL,
+    "double_sphere": kernels.DOUBLE_SPHERE,
+}
+GRID = 33  # rows and columns of pixels that show what a camera sees
+MARGIN = np.radians(3.0)  # of the cone: rays bend between two of those pixels
+GLOBAL_SHUTTER = np.zeros(8, np.float32)
+EVERYWHERE = np.array([0.0, 0.0, 1.0, np.pi], np.float32)
+
+
+@lru_cache(maxsize=64)
+def kernel_camera(camera: Camera) -> KernelCamera:
+    """Return model number, coefficients (13,) and shutter (8,), a global one, float32, as the kernels take them."""
+    coefficients = np.zeros(kernels.NUM_COEFFICIENTS, np.float32)
+    coefficients[: camera.coefficients.size] = camera.coefficients
+    return MODELS[camera.model], coefficients, GLOBAL_SHUTTER
+
+
+def rolling(camera: Camera, twist: NDArray[np.float64]) -> KernelCamera:
+    """Return the camera for kernels with the motion (6,) (v, omega) within its readout (cameras/rolling_shutter.py)."""
+    model, coefficients, _ = kernel_camera(camera)
+    return model, coefficients, np.array([*twist, 0.5 * (camera.height - 1), camera.height], np.float32)
+
+
+@lru_cache(maxsize=64)
+def view_cone(camera: Camera) -> Floats:
+    """Return the cone that holds all rays of a camera: axis (3,) and half angle in radians, together (4,) float32."""
+    if isinstance(camera, Spherical) and camera.is_whole:
+        return EVERYWHERE
+    u, v = np.linspace(-0.5, camera.width - 0.5, GRID), np.linspace(-0.5, camera.height - 0.5, GRID)
+    rays = camera.unproject(np.stack(np.meshgrid(u, v), axis=-1)).reshape(-1, 3)
+    rays = rays[~np.isnan(rays[:, 0])]
+    axis = rays.sum(axis=0)
+    length = np.linalg.norm(axis)
+    if not length > 0.1 * len(rays):  # all around, or nothing
+        return EVERYWHERE
+    angle = np.arccos(np.clip(np.min(rays @ (axis / length)), -1.0, 1.0)) + MARGIN
+    return np.array([*(axis / length), min(angle, np.pi)], np.float32)
+
+
+def kernel_motion(matrix: NDArray[np.float64]) -> Floats:
+    """Return the upper rows (3, 4) float32 of a rigid motion, as kernels take it."""
+    return np.ascontiguousarray(matrix[:3], dtype=np.float32)

@@ -1,0 +1,1 @@
+"""What residuals say about an alignment: occlusion, light, bias, structure."""

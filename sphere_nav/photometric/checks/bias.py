@@ -1,0 +1,92 @@
+"""How far something in the view has pulled a pose: the pixels of an alignment solved once more, without it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.estimation.robust import weigh
+from sphere_nav.geometry import SE3
+from sphere_nav.photometric.params import RegistrationParams
+from sphere_nav.photometric.pixels.samples import Sample
+
+Array = NDArray[np.float64]
+NUM_WEIGHTS = 2  # how often weights are found anew
+RIDGE = 1e-9
+Orders = Sequence[tuple[int, int]]  # half periods of a gain across the image, along both axes
+Problem = tuple[Array, Array, NDArray[np.int64]]
+Cameras = Sequence[tuple[SE3 | None, Sequence[Sample]]]  # T_body_camera (None: it is the body), pixels of its views
+Look = Callable[[SE3], Cameras]  # at the pixels from another T_world_body
+
+
+@dataclass(frozen=True, eq=False)
+class Pull:
+    """share 0...1 of what is pulled by; xi (6,) from the pose to where it would be without."""
+
+    share: float = 0.0
+    xi: Array = field(default_factory=lambda: np.zeros(6))
+
+    @property
+    def lengths(self) -> tuple[float, float]:
+        """How far it pulls, in m and in rad."""
+        return float(np.linalg.norm(self.xi[:3])), float(np.linalg.norm(self.xi[3:]))
+
+
+NO_PULL = Pull()
+
+
+def linearise(cameras: Cameras, orders: Orders) -> Problem | None:
+    """Return the derivative (N, 6 + views * (2 + orders)) of the residuals (N,), and the view (N,) of each.
+
+    Columns of a view: gain, bias, and how the gain varies over the image.
+    """
+    views = [(place, sample) for place, samples in cameras for sample in samples]
+    if not views:
+        return None
+    counts, width = [len(sample.residual) for _, sample in views], 2 + len(orders)
+    owner = np.repeat(np.arange(len(views)), counts)
+    J, first = np.zeros((len(owner), 6 + width * len(views))), 0
+    highest = max((max(order) for order in orders), default=0)
+    for index, (place, sample) in enumerate(views):
+        rows, column = slice(first, first + counts[index]), 6 + width * index
+        J[rows, :6] = sample.by_pose if place is None else sample.by_pose @ place.inverse().adjoint()
+        half = 0.5 * np.pi * (sample.at + 1.0)
+        u, v = ([np.cos(k * axis) for k in range(highest + 1)] for axis in half.T)
+        J[rows, column], J[rows, column + 1] = sample.current, 1.0
+        for k, (i, j) in enumerate(orders):
+            J[rows, column + 2 + k] = sample.current * u[i] * v[j]
+        first = rows.stop
+    return J, np.concatenate([sample.residual for _, sample in views]), owner
+
+
+def solve_robustly(
+    J: Array, residual: Array, owner: NDArray[np.int64], params: RegistrationParams
+) -> tuple[Array, Array, Array]:
+    """Return the step, what it leaves of the residuals (N,), and their weights (N,)."""
+    left = residual
+    for _ in range(NUM_WEIGHTS):
+        weight = _weights(left, owner, params)
+        x = solve(J, residual, weight)
+        left = residual + J @ x
+    return x, left, weight
+
+
+def _weights(residual: Array, owner: NDArray[np.int64], params: RegistrationParams) -> Array:
+    """Return Huber's weights (N,) by the scatter of each view."""
+    weight = np.empty(len(residual))
+    for index in np.unique(owner):
+        own = owner == index
+        weight[own], _ = weigh(residual[own], params.huber, params.min_sigma)
+    return weight
+
+
+def solve(J: Array, residual: Array, weight: Array) -> Array:
+    """Return the step that leaves least."""
+    weighted = weight[:, None] * J
+    H, g = weighted.T @ J, weighted.T @ residual
+    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
+    step = np.linalg.solve(H * np.outer(scale, scale) + RIDGE * np.eye(len(g)), -scale * g)
+    return np.asarray(scale * step, np.float64)

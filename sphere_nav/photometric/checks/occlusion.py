@@ -1,0 +1,130 @@
+"""Does what hides a part of the view from the map pull the pose?
+
+Something before the camera that moves with it - a load, a hand, a bonnet, a queue - is no outlier to a robust weight
+once it fills a third of the view: its edges hold the pose back while the vehicle goes on. The evidence: over a grid of
+cells of the image, the mean cosine between the gradients of image and references. Cells that show the map agree, cells
+that show something else do not, whatever pose has been found. Faint gradients, noise, edges seen from elsewhere and
+another resolution make pixels of a cell scatter: it is hidden only where its mean is surely too low for that scatter.
+The pose by the agreeing cells alone, found by a few steps, says how far the hidden ones pull.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import SE3
+from sphere_nav.photometric.checks.bias import Cameras, Look, Pull, linearise, solve_robustly
+from sphere_nav.photometric.params import RegistrationParams
+from sphere_nav.photometric.pixels.samples import TINY, Sample, cosines
+
+Array = NDArray[np.float64]
+COLUMNS, ROWS = 8, 6  # cells of an image
+MIN_PIXELS, MIN_OF_VIEW = 12, 50  # of a cell, to be judged; of a view, to be asked
+TYPICAL = 0.75  # quantile of the cells' cosines that counts as agreement
+MIN_RATIO = 0.5  # of it, below which a cell shows something else
+SURE_SIGMAS = 3.0  # of the mean of a cell, that it must lie below: by chance one cell in 700 that is just there
+MIN_LEFT = 0.3  # of the pixels, below which nothing can be said without the others
+MIN_SHARE = 0.1  # of the texture, below which nothing is hidden
+NUM_STEPS = 6
+NEGLIGIBLE_RAD = 1e-3  # median motion of a step in the image, below which it is the last one
+
+
+def find_hidden(look: Look, cameras: Cameras, T_world_body: SE3, params: RegistrationParams) -> Pull:
+    """Ask the pixels at an aligned pose and, where a part is hidden, on the way to that without it (`look` there).
+
+    The share is that of the texture, of the references or of the image, in cells that do not agree: a pale wall has
+    none to lose.
+    """
+    share, kept = _agreeing(cameras)
+    T_pulled = SE3.identity()
+    for _ in range(NUM_STEPS if share >= MIN_SHARE else 0):
+        problem = linearise(_by_reference(kept), ()) if _number(kept) > MIN_LEFT * _number(cameras) else None
+        if problem is None:
+            break
+        step = solve_robustly(*problem, params)[0][:6]
+        T_pulled = T_pulled @ SE3.exp(step)
+        if _motion(kept, step) < NEGLIGIBLE_RAD:
+            break
+        cameras = look(T_world_body @ T_pulled)
+        _, kept = _agreeing(cameras)
+    return Pull(share, T_pulled.log())
+
+
+def free_of(look: Look) -> Look:
+    """Return what looks at the pixels of cells that agree, no others."""
+    return lambda T_world_body: _agreeing(look(T_world_body))[1]
+
+
+def _by_reference(cameras: Cameras) -> Cameras:
+    """Return the pixels with the gradients of the reference for those of the image, whose gain is pulled, too."""
+    return [(place, [replace(one, of_image=one.of_reference) for one in samples]) for place, samples in cameras]
+
+
+def _number(cameras: Cameras) -> int:
+    """Return how many pixels there are."""
+    return sum(len(sample.residual) for _, samples in cameras for sample in samples)
+
+
+def _agreeing(cameras: Cameras) -> tuple[float, Cameras]:
+    """Return the share 0..1 of the texture in cells that do not agree, and the pixels of the others."""
+    kept: list[tuple[SE3 | None, list[Sample]]] = []
+    strength = np.zeros((2, 2))  # of references and image: all of it, what agrees
+    for place, samples in cameras:
+        agrees, parts = _cells_that_agree(samples), list[Sample]()
+        for sample in samples:
+            part = sample.where(agrees[_cell(sample)])
+            strength += [_strength(sample), _strength(part)]
+            if len(part.residual) >= MIN_OF_VIEW:
+                parts.append(part)
+        kept.append((place, parts))
+    return float(np.max(1.0 - strength[1] / np.maximum(strength[0], TINY))), kept
+
+
+def _strength(sample: Sample) -> Array:
+    """Return the sums of squared gradients by the angle, (2,): of the reference, of the image."""
+    square = np.einsum("ni,ni->n", sample.points, sample.points)
+    gradients = sample.of_reference, sample.of_image
+    return np.array([float(square @ np.einsum("ni,ni->n", rows, rows)) for rows in gradients])
+
+
+def _cells_that_agree(samples: Sequence[Sample]) -> NDArray[np.bool_]:
+    """Return for each cell of an image whether it shows what the references do; true where that is not sure."""
+    cell = np.concatenate([_cell(sample) for sample in samples]) if samples else np.zeros(0, np.int64)
+    agreement = [cosines(sample) for sample in samples]
+    cosine, weight = (np.concatenate(parts) for parts in zip(*agreement, strict=True)) if samples else np.zeros((2, 0))
+    total, number = _sum(cell, weight), _sum(cell, np.ones(len(cell)))
+    is_judged = (number >= MIN_PIXELS) & (total > 0.0)
+    if not is_judged.any():
+        return np.ones(COLUMNS * ROWS, bool)
+    mean = _sum(cell, weight * cosine) / np.maximum(total, TINY)
+    variance = _sum(cell, (weight * (cosine - mean[cell])) ** 2) / np.maximum(total, TINY) ** 2
+    limit = MIN_RATIO * float(np.quantile(mean[is_judged], TYPICAL))
+    return ~is_judged | (mean + SURE_SIGMAS * np.sqrt(variance) >= limit)
+
+
+def _sum(cell: NDArray[np.int64], values: Array) -> Array:
+    """Return the sum of values (N,) in each cell."""
+    return np.asarray(np.bincount(cell, values, COLUMNS * ROWS), np.float64)
+
+
+def _cell(sample: Sample) -> NDArray[np.int64]:
+    """Return the index (N,) of the cell in which each pixel is."""
+    column, row = (np.clip((0.5 * (sample.at + 1.0) * (COLUMNS, ROWS)).astype(np.int64), 0, (COLUMNS - 1, ROWS - 1))).T
+    return row * COLUMNS + column
+
+
+def _motion(cameras: Cameras, step: Array) -> float:
+    """Return the median angle by which a step moves points, seen from the body."""
+    points = np.concatenate(
+        [
+            sample.points if place is None else place.apply(sample.points)
+            for place, samples in cameras
+            for sample in samples
+        ]
+    )
+    moved = step[:3] + np.cross(step[3:], points)
+    return float(np.median(np.linalg.norm(moved, axis=1) / np.linalg.norm(points, axis=1)))

@@ -1,0 +1,1 @@
+"""Pyramids, references and the choice of their pixels."""

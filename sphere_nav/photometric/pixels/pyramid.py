@@ -1,0 +1,126 @@
+"""Images and cameras from fine to coarse (M15 section 2.4)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import Camera, Spherical
+from sphere_nav.photometric.align.projection import KernelCamera, kernel_camera
+from sphere_nav.photometric.params import PyramidParams
+from sphere_nav.photometric.pixels import kernels
+
+Image = NDArray[Any]
+NO_BYTES, NO_FLOATS = np.zeros(0, np.uint8), np.zeros(0, np.float32)
+
+
+class Samples(NamedTuple):
+    """An image as kernels load it: flat, bytes or floats, the other empty; width with the padding."""
+
+    bytes: NDArray[np.uint8]
+    floats: NDArray[np.float32]
+    width: int
+    height: int
+    pad: int
+
+
+@dataclass(frozen=True)
+class Level:
+    """One image of a pyramid. A whole sphere carries `pad` columns of its other edge on both sides."""
+
+    image: Image
+    camera: Camera
+    pad: int
+
+    @cached_property
+    def samples(self) -> Samples:
+        """The image as kernels take it."""
+        flat, (height, width) = self.image.reshape(-1), self.image.shape
+        if flat.dtype == np.uint8:
+            return Samples(flat, NO_FLOATS, width, height, self.pad)
+        return Samples(NO_BYTES, flat, width, height, self.pad)
+
+    @property
+    def kernel_camera(self) -> KernelCamera:
+        """The camera as kernels take it."""
+        return kernel_camera(self.camera)
+
+
+@dataclass(frozen=True)
+class Pyramid:
+    """Levels from full size to coarsest."""
+
+    levels: tuple[Level, ...]
+
+    @property
+    def images(self) -> tuple[Image, ...]:
+        """The images without their padding."""
+        return tuple(level.image[:, level.pad : level.image.shape[1] - level.pad] for level in self.levels)
+
+    @property
+    def cameras(self) -> tuple[Camera, ...]:
+        """The camera of each level."""
+        return tuple(level.camera for level in self.levels)
+
+
+def build_pyramid(image: Image, camera: Camera, params: PyramidParams | None = None) -> Pyramid:
+    """Build the pyramid of a grey image (H, W), uint8 or float32; ValueError if it is not the camera's size.
+
+    Level 0 is the image itself, copied only if it is read-only: kernels would be compiled once more for such arrays.
+    The coarser ones are float32.
+    """
+    params = params or PyramidParams()
+    check_image(image, camera)
+    cameras = level_cameras(camera, params.num_levels, params.min_side)
+    pad = pad_of(camera)
+    levels = [Level(_pad(np.require(image, requirements=["C", "W"]), pad), camera, pad)]
+    for smaller in cameras[1:]:
+        levels.append(Level(_pad(_halve(levels[-1]), pad), smaller, pad))
+    return Pyramid(tuple(levels))
+
+
+def check_image(image: Image, camera: Camera) -> None:
+    """Raise ValueError unless the image is grey, uint8 or float32, and of the camera's size."""
+    if image.shape != (camera.height, camera.width):
+        raise ValueError(f"image: expected {camera.width} x {camera.height} grey, found shape {image.shape}")
+    if image.dtype not in (np.uint8, np.float32):
+        raise ValueError(f"image: expected uint8 or float32, found {image.dtype}")
+    if image.dtype == np.float32 and not np.isfinite(image.sum()):
+        raise ValueError("image: expected finite grey levels, found NaN or Inf")
+
+
+def pad_of(camera: Camera) -> int:
+    """Return how many columns of its other edge an image carries on both sides: one where it closes, else none."""
+    return int(isinstance(camera, Spherical) and camera.is_whole)
+
+
+@lru_cache(maxsize=64)
+def level_cameras(camera: Camera, num_levels: int, min_side: int) -> tuple[Camera, ...]:
+    """Return the cameras of all levels, from fine to coarse."""
+    cameras = [camera]
+    while len(cameras) < num_levels and _can_halve(cameras[-1], min_side):
+        cameras.append(cameras[-1].halve())
+    return tuple(cameras)
+
+
+def _can_halve(camera: Camera, min_side: int) -> bool:
+    if isinstance(camera, Spherical) and camera.is_whole and (camera.width % 4 or camera.height % 2):
+        return False
+    return min(camera.width, camera.height) // 2 >= min_side
+
+
+def _pad(image: Image, pad: int) -> Image:
+    return np.concatenate([image[:, -pad:], image, image[:, :pad]], axis=1) if pad else image
+
+
+def _halve(level: Level) -> Image:
+    image, pad = level.image, level.pad
+    if pad:  # the kernel reaches one column beyond both ends: halve two more, cut them off again
+        image = np.concatenate([image[:, -3:-2], image, image[:, 2:3]], axis=1)
+    out = np.empty((image.shape[0] // 2, image.shape[1] // 2), np.float32)
+    (kernels.halve_bytes if image.dtype == np.uint8 else kernels.halve)(image, out)
+    return np.ascontiguousarray(out[:, pad : out.shape[1] - pad]) if pad else out

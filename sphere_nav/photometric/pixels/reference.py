@@ -1,0 +1,200 @@
+"""An image with range, prepared once so that many images can be aligned with it.
+
+Evenly spaced points on a sphere (P of M15 eq. 9), chosen from the pixels of its image.
+
+Rows of latitude and longitude have as many pixels at the poles as at the equator: what is above and below counts many
+times over, and noise there looks like gradients. Of every row as many are kept as its circle has room for.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import SE3, Camera, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
+from sphere_nav.photometric.align.projection import Floats
+from sphere_nav.photometric.params import RegistrationParams
+from sphere_nav.photometric.pixels import kernels
+from sphere_nav.photometric.pixels.pyramid import Image, Level, check_image, level_cameras, pad_of
+from sphere_nav.photometric.pixels.squares import Squares, Steps
+
+ROWS = 64  # that are looked at at once
+GOLDEN = (np.sqrt(5.0) - 1.0) / 2.0  # of a pixel, by which a row begins after the one above it
+
+
+def keep_evenly_spaced(ranges: NDArray[np.uint16], camera: Camera) -> None:
+    """Forget the ranges (H, W), codes of `kernels.encode_range`, of pixels that a sphere is not sampled at."""
+    if isinstance(camera, Spherical):
+        is_kept = is_spaced(camera).view(np.uint8)
+        for row in range(0, len(ranges), ROWS):
+            unknown = np.subtract(is_kept[row : row + ROWS], 1, dtype=np.uint16)  # 0 - 1 is all bits: UNKNOWN
+            ranges[row : row + ROWS] |= unknown
+
+
+@lru_cache(maxsize=16)
+def is_spaced(camera: Spherical) -> NDArray[np.bool_]:
+    """Return which pixels (H, W) are as far from each other along their row as neighbours at the equator."""
+    cosine = np.sqrt(1.0 - camera.unproject(pixel_grid(camera)[:, :1])[..., 2] ** 2)
+    first = GOLDEN * np.arange(camera.height)[:, None] % 1.0
+    number = np.floor(first + cosine * np.arange(camera.width + 1))  # of those kept before a column
+    return np.diff(number, axis=1) > 0
+
+
+@dataclass(frozen=True)
+class ReferenceLevel:
+    """The pixels of one level that have a range, in the frame of the reference; `squares` holds what was seen."""
+
+    squares: Squares
+    selections: dict[tuple[Camera, int], Selection] = field(default_factory=dict, repr=False, compare=False)
+    under_way: set[int] = field(default_factory=set, repr=False, compare=False)  # numbers that another thread selects
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of the level."""
+        return self.squares.camera
+
+    @property
+    def num_pixels(self) -> int:
+        """How many pixels have a range."""
+        return self.squares.num_pixels
+
+    @property
+    def num_bytes(self) -> int:
+        """Memory that the level takes now."""
+        return self.squares.num_bytes + sum(one.blocks.nbytes for one in list(self.selections.values()))
+
+    @property
+    def points(self) -> Floats:
+        """Points (3, N) in m of all pixels, square by square."""
+        return self._all[:3]
+
+    @property
+    def intensity(self) -> Floats:
+        """Grey levels (N,) of all pixels."""
+        return self._all[3]
+
+    @property
+    def gradient(self) -> Floats:
+        """Gradients (3, N) by the point of all pixels, in grey levels per metre."""
+        return self._all[4:]
+
+    @cached_property
+    def _all(self) -> Floats:
+        seen = self.squares.all()
+        rows = seen.pool.reshape(-1, BLOCK // SIDE, SIDE)[seen.places]
+        pixels = rows.transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)
+        return np.ascontiguousarray(pixels[:, ~np.isnan(pixels[2])])
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Pixels chosen for a camera at a pose: blocks for the kernels, their number, their harmonic mean range in m."""
+
+    T_camera_reference: SE3
+    blocks: Floats
+    num_pixels: int
+    typical_range: float
+
+
+@dataclass(frozen=True)
+class Reference:
+    """An augmented image (M15 section 2.1) on all levels that are used, from fine to coarse."""
+
+    levels: tuple[ReferenceLevel, ...]
+
+    @property
+    def camera(self) -> Camera:
+        """The camera of the finest level."""
+        return self.levels[0].camera
+
+    @property
+    def num_bytes(self) -> int:
+        """Memory that it takes now; it grows with what cameras see of it."""
+        return sum(level.num_bytes for level in self.levels)
+
+    def level_like(self, camera: Camera) -> ReferenceLevel:
+        """Return the level whose angular resolution is nearest to a camera's."""
+        index = round(math.log2(self.camera.pixels_per_radian / camera.pixels_per_radian))
+        return self.levels[min(max(index, 0), len(self.levels) - 1)]
+
+
+@dataclass(frozen=True)
+class View:
+    """A reference and where it is; any frame can be `world` as long as all views of a registration share it."""
+
+    reference: Reference
+    T_world_reference: SE3
+
+
+def prepare_reference(
+    image: Image, range_m: NDArray[np.floating], camera: Camera, params: RegistrationParams | None = None
+) -> Reference:
+    """Prepare a grey image (H, W) with range along the ray (H, W) in metres, NaN unknown, +Inf far.
+
+    Of the pixels of a sphere those are used that are evenly spaced on it (M15 eq. 9).
+
+    Raises ValueError for sizes that differ and ranges that are zero or negative.
+    """
+    params = params or RegistrationParams()
+    check_range(range_m, camera)
+    image = image if image.dtype == np.uint8 else image.astype(np.float32, copy=False)
+    check_image(image, camera)
+    cameras = level_cameras(camera, params.pyramid.num_levels, params.pyramid.min_side)
+    finest, pad = min(params.pyramid.finest, len(cameras) - 1), pad_of(camera)
+    steps, ranges = in_steps(image, pad), np.ascontiguousarray(range_m, dtype=np.float32)
+    levels = []
+    for index, smaller in enumerate(cameras):
+        if index:
+            steps, ranges = _halve_steps(steps, pad), halve_range(ranges, params.surface_ratio)
+        if index >= finest:  # else no image will be aligned that finely
+            codes = in_codes(ranges)
+            keep_evenly_spaced(codes, smaller)
+            levels.append(ReferenceLevel(Squares(steps, smaller, pad, codes, params.far)))
+    return Reference(tuple(levels))
+
+
+def check_range(range_m: NDArray[np.floating], camera: Camera) -> None:
+    """Raise ValueError unless the range image has the camera's size and no range is zero or negative."""
+    if range_m.shape != (camera.height, camera.width):
+        raise ValueError(f"range: expected {camera.width} x {camera.height}, found shape {range_m.shape}")
+    if np.nanmin(range_m, initial=np.inf) <= 0:
+        raise ValueError(f"range: expected positive, NaN or +Inf, found {np.nanmin(range_m)}")
+
+
+def halve_range(range_m: Floats, surface_ratio: float) -> Floats:
+    """Return the range (H // 2, W // 2) of the next level: that of the nearest surface in each 2 x 2 block."""
+    out = np.empty((range_m.shape[0] // 2, range_m.shape[1] // 2), np.float32)
+    kernels.halve_range(range_m, np.float32(surface_ratio), out)
+    return out
+
+
+def in_steps(image: Image, pad: int) -> Steps:
+    """Return grey levels (H, W) in steps of 1 / 256, padded: half the memory, far below the noise of any camera."""
+    out = np.empty((image.shape[0], image.shape[1] + 2 * pad), np.uint16)
+    kernels.quantise(np.require(image, requirements=["C", "W"]), pad, out)
+    return out
+
+
+def in_codes(range_m: Floats) -> Steps:
+    """Return ranges (H, W) in m in half the memory, within 0.017 %: 1 mm at 6 m."""
+    out = np.empty(range_m.shape, np.uint16)
+    kernels.encode_range(np.require(range_m, np.float32, ["C", "W"]), out)
+    return out
+
+
+def _halve_steps(steps: Steps, pad: int) -> Steps:
+    out = np.empty((steps.shape[0] // 2, (steps.shape[1] - 2 * pad) // 2 + 2 * pad), np.uint16)
+    kernels.halve_steps(steps, pad, out)
+    return out
+
+
+def prepare_level(level: Level, range_m: Floats, far: float) -> ReferenceLevel:
+    """Prepare one level of an image with range (H, W) in metres; all its pixels are used."""
+    bare = level.image[:, level.pad : level.image.shape[1] - level.pad]
+    return ReferenceLevel(Squares(in_steps(bare, level.pad), level.camera, level.pad, in_codes(range_m), far))

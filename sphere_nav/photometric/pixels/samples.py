@@ -1,0 +1,106 @@
+"""A few thousand pixels of an alignment, warped into the image: what questions about its residuals are asked of."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import FrameMotion
+from sphere_nav.photometric.align.alignment import Alignment
+from sphere_nav.photometric.align.iteration import kernels
+from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
+from sphere_nav.photometric.align.projection import Floats, KernelCamera, kernel_motion, rolling
+from sphere_nav.photometric.params import RegistrationParams
+from sphere_nav.photometric.pixels.pyramid import Level, Pyramid
+from sphere_nav.photometric.pixels.reference import Selection, View
+from sphere_nav.photometric.pixels.selection import choose
+
+Array = NDArray[np.float64]
+NUM_PIXELS = 2048  # looked at, all references together
+TINY = 1e-12
+
+
+@dataclass(frozen=True)
+class Sample:
+    """Pixels of one view: points (N, 3) m in the camera, gradients by the point (N, 3) in both images, residuals (N,).
+
+    by_stretch (N,) is the derivative of the residual by the stretch, current (N,) the grey level of the image,
+    at (N, 2) the place in it, -1...1 on both axes.
+    """
+
+    points: Array
+    of_reference: Array
+    of_image: Array
+    by_stretch: Array
+    current: Array
+    residual: Array
+    at: Array
+
+    @property
+    def by_pose(self) -> Array:
+        """Derivative (N, 6) of the residual by xi in T_world_camera exp(xi)."""
+        return np.hstack([-self.of_image, np.cross(self.of_image, self.points)])
+
+    def where(self, chosen: NDArray[np.bool_]) -> Sample:
+        """Return some of the pixels, chosen (N,)."""
+        return Sample(*(getattr(self, part.name)[chosen] for part in fields(self)))
+
+
+def cosines(sample: Sample) -> tuple[Array, Array]:
+    """Return the cosine (N,) between the gradients of image and reference, and how strong (N,) those of the latter are.
+
+    By direction alone in the image: what covers a part of the view counts by its share, not by its contrast.
+    """
+    length, in_reference, in_image = (
+        np.sqrt(np.einsum("ni,ni->n", rows, rows)) for rows in (sample.points, sample.of_reference, sample.of_image)
+    )
+    product = np.einsum("ni,ni->n", sample.of_reference, sample.of_image)
+    return product / np.maximum(in_reference * in_image, TINY), length * in_reference
+
+
+def take_samples(
+    pyramid: Pyramid,
+    views: Sequence[View],
+    alignment: Alignment,
+    params: RegistrationParams,
+    motion: FrameMotion | None,
+) -> list[Sample]:
+    """Return some pixels of each view, warped into the image."""
+    level = pyramid.levels[min(params.pyramid.finest, len(pyramid.levels) - 1)]
+    camera = level.kernel_camera if motion is None else rolling(level.camera, motion.twist(alignment.T_world_camera))
+    T_camera_world = alignment.T_world_camera.inverse()
+    samples = []
+    for view, gain, bias in zip(views, alignment.gains, alignment.biases, strict=True):
+        T = T_camera_world @ view.T_world_reference
+        pixels = view.reference.level_like(level.camera)
+        selection = choose(pixels, T, level.camera, params.max_pixels // len(views))
+        blocks = thin(selection, NUM_PIXELS // len(views))
+        samples.append(warp_sample(blocks, kernel_motion(T.matrix), camera, level, (gain, bias)))
+    return samples
+
+
+def thin(selection: Selection, number: int) -> Floats:
+    """Return blocks of about so many of the chosen pixels, evenly taken."""
+    step = max(1, selection.num_pixels // number)
+    some = selection.blocks.reshape(selection.blocks.size // BLOCK, BLOCK // SIDE, SIDE)[:, :, ::step]
+    rows = some.transpose(1, 0, 2).reshape(BLOCK // SIDE, some.shape[0] * some.shape[2])
+    count = -(-rows.shape[1] // SIDE)
+    blocks = np.full((BLOCK // SIDE, count * SIDE), np.nan, np.float32)
+    blocks[:, : rows.shape[1]] = rows
+    return np.ascontiguousarray(blocks.reshape(BLOCK // SIDE, count, SIDE).swapaxes(0, 1)).reshape(-1)
+
+
+def warp_sample(blocks: Floats, T: Floats, camera: KernelCamera, level: Level, light: tuple[float, float]) -> Sample:
+    """Warp pixels of a reference into the image."""
+    height, width = level.camera.height, level.camera.width
+    gain, bias, *centre = (np.float32(value) for value in (*light, 0.5 * (width - 1), 0.5 * (height - 1)))
+    out = np.empty((kernels.NUM_WARPED, blocks.size // BLOCK * SIDE), np.float32)
+    kernels.warp(blocks, T, camera, level.samples, gain, bias, *centre, out)
+    seen = out[:-1, out[-1] > 0.0].astype(np.float64)
+    points, of_reference, of_image = (np.ascontiguousarray(rows.T) for rows in np.split(seen[:9], 3))
+    at = (level.camera.project(points)[0] - centre) / centre
+    by_stretch, current, residual = seen[9:]
+    return Sample(points, of_reference, of_image, by_stretch, current, residual, at)

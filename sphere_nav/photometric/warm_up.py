@@ -1,0 +1,34 @@
+"""Compile every kernel before the first image, on images too small to cost anything."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.photometric.align.esm import register
+from sphere_nav.photometric.align.rig import RigImage, register_rig
+from sphere_nav.photometric.align.rotation import correlation_after_turn, register_rotation
+from sphere_nav.photometric.checks.structure import find_rig_structure
+from sphere_nav.photometric.params import PyramidParams, RegistrationParams
+from sphere_nav.photometric.pixels.pyramid import build_pyramid
+from sphere_nav.photometric.pixels.reference import View, prepare_reference
+
+CAMERA = Spherical(64, 32)
+
+
+@cache
+def warm_up() -> None:
+    """Run the whole registration once, for both kinds of image; some seconds, or nothing where the cache has it."""
+    params = RegistrationParams(pyramid=PyramidParams(num_levels=2, min_side=8))
+    image = np.random.default_rng(0).integers(0, 255, (32, 64)).astype(np.uint8)
+    range_m = np.full(image.shape, 5.0, np.float32)
+    for one in (image, image.astype(np.float32)):
+        view = View(prepare_reference(one, range_m, CAMERA, params), SE3.identity())
+        pyramid = build_pyramid(one, CAMERA, params.pyramid)
+        register(pyramid, [view], SE3.identity(), params)
+        register_rotation(pyramid, pyramid, params)
+        correlation_after_turn(pyramid.levels[0], pyramid.levels[0], np.eye(3))
+        images = [RigImage(pyramid, SE3.identity(), (view,))]
+        find_rig_structure(images, register_rig(images, SE3.identity(), params), params)

@@ -1,0 +1,11 @@
+"""Bags: rosbag2 folders of MCAP files, written and read without rosbag2.
+
+`BagWriter` (bag_writer.py), `BagReader` (bag_reader.py), `verify_bag` and `salvage` (bag_check.py).
+"""
+
+from sphere_nav.ros.bags.check import BagReport, salvage, verify_bag
+from sphere_nav.ros.bags.reader import BagReader, Recorded, TopicInfo
+from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.bags.writer import BagWriter
+
+__all__ = ["BagError", "BagReader", "BagReport", "BagWriter", "Recorded", "TopicInfo", "salvage", "verify_bag"]

@@ -1,0 +1,187 @@
+"""Bags in other storages than plain MCAP, read by `rosbags`: sqlite3, compressed rosbag2, ROS 1.
+
+What ROS 1 recorded becomes the ROS 2 message of the same name: the header loses its `seq`.
+"""
+
+from __future__ import annotations
+
+import io
+import os
+import sqlite3
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from rclpy.qos import QoSProfile
+from rosbags.convert.converter import migrate_bytes
+from rosbags.interfaces import Connection, QosDurability
+from rosbags.rosbag1 import Reader as Ros1Reader
+from rosbags.rosbag1.reader import decompressors as ROS1_METHODS
+from rosbags.rosbag2 import Reader as Ros2Reader
+from rosbags.rosbag2.storage_mcap import DECOMPRESSORS as MCAP_METHODS
+from rosbags.typesys import Stores, get_typestore
+
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.kind import ROS1, SQLITE, PlainView, compression_of
+from sphere_nav.ros.bags.mcap_chunk import MAX_CHUNK
+from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
+from sphere_nav.ros.bags.unpack import unpack
+
+MAX_MESSAGE = 1 << 28  # bytes; the largest image that conversions accept
+RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
+
+
+def _unpack_chunk(method: str) -> Callable[[bytes, int], bytes]:
+    return lambda data, size: unpack(data, method, min(size, MAX_CHUNK))
+
+
+MCAP_METHODS |= {method: _unpack_chunk(method) for method in ("zstd", "lz4")}  # the library's own know no limit
+
+
+class ForeignBag:
+    """An open bag: its topics, and its messages as CDR of ROS 2. BagError, in one line, for what cannot be read."""
+
+    def __init__(self, path: Path, description: dict[str, Any]) -> None:
+        """`description` is what metadata.yaml says of a folder, where there is one."""
+        self._path, self._convert, self._is_open = path, _Converter(), False
+        self._compression = compression_of(description)
+        self._view = PlainView(path, description) if self._compression != "none" else None
+        try:
+            self._open(self._view.path if self._view else path)
+            self.topics = self._guard(self._read_topics)
+        except BaseException:
+            self.close()
+            raise
+
+    def _open(self, path: Path) -> None:
+        for file in sorted(path.glob(f"*{SQLITE}")) if path.is_dir() else [path] * (path.suffix == SQLITE):
+            _check_sqlite(file)
+        reader = Ros1Reader if path.suffix == ROS1 else Ros2Reader
+        self._reader: Any = self._guard(lambda: reader(_BoundedPath(path)))
+        self._guard(self._reader.open)
+        self._is_open = True
+        if path.suffix == ROS1:
+            chunks = self._reader.chunks
+            self._reader.chunks = {place: _bound_chunk(chunk) for place, chunk in chunks.items()}
+
+    @property
+    def time_range(self) -> tuple[int, int] | None:
+        """Time of the first and of the last message in ns, None for an empty bag."""
+        if not self._reader.message_count:
+            return None
+        return int(self._reader.start_time), int(self._reader.end_time) - 1
+
+    def raw(self, names: set[str] | None, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
+        """Yield the messages of topics, of all where `names` is None, in order of time."""
+        wanted = [c for c in self._reader.connections if names is None or _topic_of(c) in names]
+        if not wanted:
+            return
+        stop = None if end_ns is None else end_ns + 1
+        messages = self._guard(lambda: self._reader.messages(wanted, start=start_ns, stop=stop))
+        while True:
+            found = self._guard(lambda: next(messages, None))
+            if found is None:
+                return
+            connection, stamp_ns, data = found
+            if self._compression == "message":
+                data = self._guard(partial(unpack, bytes(data), "zstd", MAX_MESSAGE))
+            if len(data) > MAX_MESSAGE:
+                raise BagError(
+                    f"{self._path}: {connection.topic}: expected at most {MAX_MESSAGE} bytes, found {len(data)}"
+                )
+            if self._path.suffix == ROS1:
+                data = self._guard(partial(self._convert, connection.msgtype, data))
+            yield Recorded(_topic_of(connection), int(stamp_ns), bytes(data))
+
+    def close(self) -> None:
+        """Close the files."""
+        if self._is_open:
+            self._reader.close()
+            self._is_open = False
+        if self._view is not None:
+            self._view.close()
+
+    def _read_topics(self) -> dict[str, TopicInfo]:
+        topics: dict[str, TopicInfo] = {}
+        for connection in self._reader.connections:
+            name = _topic_of(connection)
+            kind = RENAMED.get(connection.msgtype, connection.msgtype)
+            known = topics.setdefault(name, TopicInfo(name, kind, 0, _profiles(connection), ""))
+            known.count += int(connection.msgcount)
+        return topics
+
+    def _guard(self, call: Callable[[], Any]) -> Any:
+        """Return what a call into the library returns; whatever it raises about a damaged bag becomes BagError."""
+        try:
+            return call()
+        except (MemoryError, KeyboardInterrupt):
+            raise
+        except Exception as error:
+            text = " ".join(str(error).split()) or type(error).__name__
+            raise BagError(f"{self._path}: expected a readable bag, found: {text[:200]}") from None
+
+
+class _BoundedFile(io.BufferedReader):
+    """A file that never asks for memory beyond its end, whatever size is written in it."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        """Return up to `size` bytes, all where it is negative."""
+        if size is not None and size > io.DEFAULT_BUFFER_SIZE:
+            size = max(0, min(size, os.fstat(self.fileno()).st_size - self.tell()))
+        return super().read(size)
+
+
+class _BoundedPath(type(Path())):  # type: ignore[misc]  # PosixPath: the library opens what it is given by `open`
+    """A path that opens bounded files."""
+
+    def open(self, mode: str = "r", *args: Any, **options: Any) -> Any:
+        """Open as Path does."""
+        return _BoundedFile(io.FileIO(self)) if mode == "rb" else super().open(mode, *args, **options)
+
+
+def _bound_chunk(chunk: Any) -> Any:
+    """Return a chunk of a ROS 1 bag that is not unpacked beyond the limit."""
+    name = next(name for name, method in ROS1_METHODS.items() if method is chunk.decompressor)
+    return chunk._replace(decompressor=lambda data: unpack(data, "" if name == "none" else name, MAX_CHUNK))
+
+
+class _Converter:
+    """Messages of ROS 1 as CDR of the ROS 2 message of the same name."""
+
+    def __init__(self) -> None:
+        self._cache: dict[str, object] = {}
+        self._stores: tuple[Any, Any] | None = None
+
+    def __call__(self, kind: str, data: bytes) -> bytes:
+        if self._stores is None:
+            self._stores = get_typestore(Stores.ROS1_NOETIC), get_typestore(Stores.ROS2_JAZZY)
+        source, target = self._stores
+        name = RENAMED.get(kind, kind)
+        return bytes(migrate_bytes(source, target, name, name, self._cache, data, src_is2=False, dst_is2=True))
+
+
+def _topic_of(connection: Connection) -> str:
+    return "/" + connection.topic.lstrip("/")
+
+
+def _profiles(connection: Connection) -> list[QoSProfile]:
+    """Return how a topic was offered, as far as it matters: whether its last message holds for who comes later."""
+    offered = getattr(connection.ext, "offered_qos_profiles", ())
+    is_latched = bool(getattr(connection.ext, "latching", 0)) or _topic_of(connection) == "/tf_static"
+    is_latched |= any(profile.durability is QosDurability.TRANSIENT_LOCAL for profile in offered)
+    return [qos.LATCHED] if is_latched else []
+
+
+def _check_sqlite(path: Path) -> None:
+    """Refuse a database that is none, or whose largest message is absurd, before anything is allocated."""
+    try:
+        database = sqlite3.connect(f"{path.resolve().as_uri()}?mode=ro&immutable=1", uri=True)
+        try:
+            (largest,) = database.execute("SELECT max(length(data)) FROM messages").fetchone()
+        finally:
+            database.close()
+    except (sqlite3.Error, OSError) as error:
+        raise BagError(f"{path}: expected a rosbag2 database, found: {error}") from None
+    if largest is not None and int(largest) > MAX_MESSAGE:
+        raise BagError(f"{path}: expected messages of at most {MAX_MESSAGE} bytes, found one of {largest}")

@@ -1,0 +1,157 @@
+"""One MCAP file as an untrusted input: sizes are checked before anything is allocated, CRCs always."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from mcap.records import Channel, ChunkIndex, Message
+from mcap.summary import Summary
+
+from sphere_nav.geometry.files.text_file import open_file
+from sphere_nav.ros.bags.mcap_chunk import (
+    ChunkRecord,
+    chunk_at,
+    message_from,
+    parsed,
+    read_at,
+    records_of_chunk,
+    view_of_chunk,
+)
+from sphere_nav.ros.bags.mcap_salvage import MAX_FILE, readable_part
+from sphere_nav.ros.bags.mcap_summary import FOOTER, MAGIC, Loose, read_summary, scan
+from sphere_nav.ros.bags.recorded import BagError
+
+MAX_HELD = 1 << 29  # bytes of messages that wait for their turn, where chunks overlap in time
+OVERHEAD = 300  # bytes of memory of a message beside its data
+
+
+class McapFile:
+    """An MCAP file with its summary; BagError if it is none, or not complete."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            self.stream = open_file(path, "bag", MAX_FILE)
+        except OSError as error:
+            raise BagError(f"{path}: cannot be read: {error.strerror}") from None
+        except ValueError as error:
+            raise BagError(str(error)) from None
+        self.size = self.stream.seek(0, 2)
+        self._loose: list[Loose] = []
+        try:
+            self._check_ends()
+            self.summary = self._read_summary()
+        except BagError as error:
+            self.stream.close()
+            raise self._name(error) from None
+        except BaseException:
+            self.stream.close()
+            raise
+
+    def close(self) -> None:
+        """Close the file."""
+        self.stream.close()
+
+    def messages(
+        self, channels: set[int] | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[tuple[Channel, Message]]:
+        """Yield the messages of some channels from `start_ns` to `end_ns`, both included, in order of log time."""
+        stamps = (0 if start_ns is None else start_ns, 2**64 if end_ns is None else end_ns)
+        try:
+            yield from self._sort(channels, *stamps)
+        except BagError as error:
+            raise self._name(error) from None
+
+    def chunk(self, index: ChunkIndex) -> list[tuple[Channel, Message]]:
+        """Return the messages of one chunk in the order of the file, not copied; BagError if it is damaged."""
+        try:
+            return list(self._chunk(index.chunk_start_offset, view_of_chunk))
+        except BagError as error:
+            raise self._name(error) from None
+
+    def _sort(self, channels: set[int] | None, start: int, end: int) -> Iterator[tuple[Channel, Message]]:
+        indexes = {index.chunk_start_offset: index for index in self.summary.chunk_indexes}
+        queue: list[tuple[int, int, int, Any]] = [
+            (index.message_start_time, offset, -1, index)
+            for offset, index in indexes.items()
+            if index.message_end_time >= start and index.message_start_time <= end and _may_hold(index, channels)
+        ]
+        queue += [(loose.log_time, loose.begin, 0, loose) for loose in self._loose if start <= loose.log_time <= end]
+        heapq.heapify(queue)
+        held = 0
+        while queue:
+            _, offset, _, item = heapq.heappop(queue)
+            if isinstance(item, ChunkIndex):
+                for place, (channel, message) in enumerate(self._chunk(offset)):
+                    if (channels is None or channel.id in channels) and start <= message.log_time <= end:
+                        heapq.heappush(queue, (message.log_time, offset, place, (channel, message)))
+                        held += len(message.data) + OVERHEAD
+                    if held > MAX_HELD:
+                        raise BagError(f"expected chunks in order of time, found {MAX_HELD} bytes that overlap")
+                continue
+            channel, message = self._message(item) if isinstance(item, Loose) else item
+            held -= 0 if isinstance(item, Loose) else len(message.data) + OVERHEAD
+            if channels is None or channel.id in channels:
+                yield channel, message
+
+    def _message(self, loose: Loose) -> tuple[Channel, Message]:
+        message = message_from(read_at(self.stream, loose.begin, loose.length))
+        return self._channel(message), message
+
+    def _chunk(
+        self, offset: int, read: Callable[[BinaryIO, ChunkRecord], bytes | memoryview] = records_of_chunk
+    ) -> Iterator[tuple[Channel, Message]]:
+        chunk = chunk_at(self.stream, offset, self.size)
+        try:
+            for record in parsed(read(self.stream, chunk)):
+                if isinstance(record, Message):
+                    yield self._channel(record), record
+        except BagError as error:
+            text = str(error)
+            raise BagError(text if text.startswith("chunk at") else f"chunk at byte {offset}: {text}") from None
+
+    def _channel(self, message: Message) -> Channel:
+        channel = self.summary.channels.get(message.channel_id)
+        if channel is None:
+            raise BagError(f"message: expected a channel of the summary, found channel {message.channel_id}")
+        return channel
+
+    def _check_ends(self) -> None:
+        if self.size == 0:
+            raise BagError("expected an MCAP file, found an empty file")
+        first = self._read(0, len(MAGIC))
+        if first != MAGIC:
+            raise BagError(f"expected an MCAP file, found one that begins with {first.hex(' ')}")
+        if self.size < 2 * len(MAGIC) + FOOTER.size or self._read(self.size - len(MAGIC), len(MAGIC)) != MAGIC:
+            found = readable_part(self.path)
+            seconds = (found.end_ns - found.start_ns) / 1e9
+            raise BagError(
+                f"truncated MCAP: {found.num_messages} messages ({seconds:.1f} s) in {found.num_bytes} of"
+                f" {self.size} bytes are readable and can be salvaged"
+            )
+
+    def _read(self, place: int, num_bytes: int) -> bytes:
+        self.stream.seek(place)
+        return self.stream.read(num_bytes)
+
+    def _read_summary(self) -> Summary:
+        summary = read_summary(self.stream, self.size)
+        if summary is None or not (summary.chunk_indexes or _is_empty(summary)):
+            summary, self._loose = scan(self.stream, self.size)  # some writers do without
+        return summary
+
+    def _name(self, error: BagError) -> BagError:
+        text = str(error)
+        return error if text.startswith(str(self.path)) else BagError(f"{self.path}: {text}")
+
+
+def _is_empty(summary: Summary) -> bool:
+    return summary.statistics is not None and summary.statistics.message_count == 0
+
+
+def _may_hold(index: ChunkIndex, channels: set[int] | None) -> bool:
+    offsets = index.message_index_offsets
+    return channels is None or not offsets or bool(channels & offsets.keys())

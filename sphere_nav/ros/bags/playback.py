@@ -1,0 +1,113 @@
+"""Where a player is in its bag, and which message is due: no ROS beneath it."""
+
+from __future__ import annotations
+
+import struct
+import time
+from collections.abc import Callable, Iterator, Sequence
+
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.reader import BagReader
+from sphere_nav.ros.bags.recorded import Recorded, TopicInfo
+
+Clock = Callable[[], float]
+
+
+class Playback:
+    """Messages of a bag from `start_ns` on, each due when its time has come; rate 0: at once."""
+
+    def __init__(
+        self, bag: BagReader, topics: Sequence[str], start_ns: int, rate: float, clock: Clock = time.monotonic
+    ) -> None:
+        self.total = sum(bag.topics[name].count for name in topics)
+        self._bag, self._topics, self._start_ns, self._rate, self._clock = bag, list(topics), start_ns, rate, clock
+        self._latched = {name for name in topics if is_latched(bag.topics[name])}
+        self.rewind()
+
+    def rewind(self) -> None:
+        """Go back to the start."""
+        self.done = 0
+        self._stream = self._from_start()
+        self.next: Recorded | None = next(self._stream, None)
+        self._origin: tuple[float, int] | None = None  # wall time and stamp that belong together
+
+    def latched(self) -> Iterator[Recorded]:
+        """Yield the messages of latched topics up to the start: they hold from then on."""
+        if self._latched:
+            yield from self._bag.raw(self._latched, end_ns=self._start_ns)
+
+    def pause(self) -> None:
+        """Let no time pass until the next call of `due`."""
+        self._origin = None
+
+    def due(self) -> Recorded | None:
+        """Return the next message if it is due; `take` goes on to the one after it."""
+        if self.next is None:
+            return None
+        if self._origin is None:
+            self._origin = (self._clock(), self.next.stamp_ns)
+        return self.next if self._rate == 0 or self.next.stamp_ns <= self._wall_ns() else None
+
+    def take(self) -> None:
+        """The next message was published."""
+        self.done += 1
+        self.next = next(self._stream, None)
+
+    def present_ns(self) -> int:
+        """Return the time in the bag, never beyond the next message; 0 after the last one."""
+        if self.next is None:
+            return 0
+        is_running = self._origin is not None and self._rate > 0
+        return min(self._wall_ns(), self.next.stamp_ns) if is_running else self.next.stamp_ns
+
+    def _wall_ns(self) -> int:
+        assert self._origin is not None
+        return self._origin[1] + round((self._clock() - self._origin[0]) * self._rate * 1e9)
+
+    def _from_start(self) -> Iterator[Recorded]:
+        for item in self._bag.raw(self._topics, self._start_ns):
+            if item.topic not in self._latched or item.stamp_ns > self._start_ns:
+                yield item
+
+
+class Answers:
+    """Whether the last question was answered: a message whose header carries its stamp, or a later one."""
+
+    def __init__(self, timeout: float, clock: Clock = time.monotonic) -> None:
+        self._timeout, self._clock = timeout, clock
+        self.num_missed = 0
+        self.forget()
+
+    def forget(self) -> None:
+        """Nothing was asked yet."""
+        self._asked_ns, self._answered_ns, self._until = 0, 0, 0.0
+
+    def ask(self, data: bytes) -> None:
+        """A message that wants an answer was published."""
+        self._asked_ns, self._until = header_stamp_ns(data), self._clock() + self._timeout
+
+    def hear(self, data: bytes) -> None:
+        """An answer came."""
+        self._answered_ns = max(self._answered_ns, header_stamp_ns(data))
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether nothing is waited for; after the timeout the question counts as missed."""
+        if self._answered_ns >= self._asked_ns:
+            return True
+        if self._clock() < self._until:
+            return False
+        self.num_missed += 1
+        self._asked_ns = 0
+        return True
+
+
+def is_latched(info: TopicInfo) -> bool:
+    """Return whether a topic was offered as transient local."""
+    return any(profile.durability == qos.TRANSIENT_LOCAL for profile in info.profiles)
+
+
+def header_stamp_ns(data: bytes) -> int:
+    """Return the stamp in ns of a serialized message that begins with a header (little-endian CDR)."""
+    seconds, nanoseconds = struct.unpack_from("<iI", data, 4)
+    return int(seconds) * 1_000_000_000 + int(nanoseconds)

@@ -1,0 +1,208 @@
+"""`bag_player`: the messages of a bag, published again in the order and at the pace of recording."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable
+from typing import Any, cast
+
+from rclpy.qos import QoSProfile
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
+
+from sphere_nav.params import param, parameters
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags import BagReader, Recorded, TopicInfo
+from sphere_nav.ros.bags.playback import Answers, Playback, is_latched
+from sphere_nav.ros.conversions import ns_to_time
+from sphere_nav.ros.interfaces import message_class
+from sphere_nav.ros.live import LivePublisher, LiveShell
+from sphere_nav.ros.node import OK, WARN, ManagedNode
+from sphere_nav.ros.run import run
+
+TICK = 0.005  # s
+BUSY = 0.05  # s that one tick may publish before others get a turn
+ACKNOWLEDGED_SIZE = 1 << 16  # B; smaller messages are acknowledged by the next heartbeat, seconds later
+ACKNOWLEDGE = 5.0  # s to wait for listeners when playing as fast as they take it
+SETTLE = 0.5  # s from the last awaited listener to the first message: the others need as long to be discovered
+CLOCK_PERIOD = 0.025  # s of wall time between two /clock messages
+
+
+@parameters
+class PlayerParams:
+    """Parameters of `bag_player`."""
+
+    bag: str = param("", "bag to play: a folder or an .mcap file")
+    topics: str = param("", "topics to play, separated by spaces; empty: all")
+    rate: float = param(1.0, "speed of playing; 0: as fast as listeners acknowledge", "x", low=0.0, high=1000.0)
+    start: float = param(0.0, "begin so long after the first message; latched topics come first", "s", low=0.0)
+    clock: bool = param(False, "publish /clock, for nodes with use_sim_time")
+    paused: bool = param(False, "wait for the service resume before playing")
+    loop: bool = param(False, "begin again at the end")
+    wait_for: str = param("", "topics, separated by spaces, that must have a listener before playing begins")
+    answer_topic: str = param("", "go on after an answered message only when this topic has its stamp in its header")
+    answered_topic: str = param("image_raw", "messages of this topic are answered on answer_topic")
+    answer_timeout: float = param(5.0, "longest wait for an answer", "s", low=0.0)
+
+
+class BagPlayer(ManagedNode):
+    """Publishes with RELIABLE, which every listener can take; latched topics stay latched and come first."""
+
+    NAME = "bag_player"
+    PARAMS = PlayerParams
+    LARGE_MESSAGES = True
+    params: PlayerParams
+    progress: Callable[[int, int], None] = staticmethod(lambda done, total: None)
+
+    def configure(self) -> None:
+        """Open the bag and its topics."""
+        if not self.params.bag:
+            raise ValueError("bag: expected a folder or an .mcap file to play, found none")
+        self.bag = BagReader(self.params.bag)
+        chosen = self._choose()
+        start_ns, end_ns = self.bag.time_range
+        if start_ns + self.params.start * 1e9 > end_ns:
+            length = (end_ns - start_ns) / 1e9
+            raise ValueError(f"start: expected at most {length:.3f} s ({self.params.bag}), found {self.params.start}")
+        self.playback = Playback(self.bag, list(chosen), start_ns + round(self.params.start * 1e9), self.params.rate)
+        self.outputs = {name: self._output(info) for name, info in chosen.items()}
+        self.clock = self.add_publisher("/clock", Clock, qos.STATE) if self.params.clock else None
+        self.clock_told = 0.0
+        self.answers: Answers | None = None
+        if self.params.answer_topic:
+            self.answers, self.asking = Answers(self.params.answer_timeout), self._play(self.params.answered_topic)
+            self.add_timer(0.2, self._find_answers, is_wall=True)
+        self.wait_for = {self._play(name) for name in self.params.wait_for.split()}
+        self.is_paused, self.begin_at = self.params.paused, 0.0
+        self.add_service("~/pause", Trigger, lambda request, response: self._set_paused(True, response))
+        self.add_service("~/resume", Trigger, lambda request, response: self._set_paused(False, response))
+        self.add_timer(TICK, self._tick, is_wall=True)
+
+    def activate(self) -> None:
+        """Tell latched topics at once: late listeners still get them."""
+        for item in self.playback.latched():
+            self.outputs[item.topic].publish(item.message)
+
+    def cleanup(self) -> None:
+        """Close the bag."""
+        self.bag.close()
+
+    # --- topics
+    def _choose(self) -> dict[str, TopicInfo]:
+        names = [self.bag.require(name).name for name in self.params.topics.split()]
+        chosen = {}
+        for name in names or [name for name, info in self.bag.topics.items() if info.count and name != "/clock"]:
+            try:
+                message_class(self.bag.topics[name].type)
+                chosen[name] = self.bag.topics[name]
+            except ValueError as error:
+                self.log.warning(f"{name}: not played: {error}")
+        if not chosen:
+            raise ValueError(f"{self.params.bag}: expected topics whose types are installed, found none")
+        return chosen
+
+    def _output(self, info: TopicInfo) -> LivePublisher:
+        is_paced = self.params.rate > 0
+        depth = 10 if is_paced else 1000  # as fast as possible, small messages pile up before they are acknowledged
+        durability = qos.TRANSIENT_LOCAL if is_latched(info) else qos.VOLATILE
+        profile = QoSProfile(depth=depth, reliability=qos.RELIABLE, durability=durability)
+        name = info.name.lstrip("/")  # in a namespace all that a vehicle recorded goes below it
+        return cast("LivePublisher", self.add_publisher(name, message_class(info.type), profile))
+
+    def _play(self, topic: str) -> str:
+        name = self.bag.require(topic).name
+        if name not in self.outputs:
+            raise ValueError(f"{topic}: expected a topic that is played ({', '.join(self.outputs)})")
+        return name
+
+    def _find_answers(self) -> None:
+        """Subscribe to the answers as soon as their type is known."""
+        ros = cast("LiveShell", self.shell)
+        topic = ros.resolve_topic_name(self.params.answer_topic)
+        kinds = [info.topic_type for info in ros.get_publishers_info_by_topic(topic)]
+        if self.answers is not None and kinds and not self.inputs:
+            self.add_subscription(
+                topic, message_class(kinds[0]), self.answers.hear, qos.STATE, raw=True, is_required=False
+            )
+
+    # --- playing
+    def _tick(self) -> None:
+        """Publish what is due."""
+        if self.is_paused or self._lacks_listeners():
+            self.playback.pause()
+            return
+        end = time.monotonic() + BUSY
+        while self._is_answered() and (item := self.playback.due()) is not None and time.monotonic() < end:
+            self._publish(item)
+            self.playback.take()
+            self.progress(self.playback.done, self.playback.total)
+        self._tell_time()
+        if self.playback.next is None and self._is_answered():
+            self._end()
+
+    def _publish(self, item: Recorded) -> None:
+        if self.clock is not None and self.params.rate == 0:
+            self.clock.publish(Clock(clock=ns_to_time(item.stamp_ns)))
+        output = self.outputs[item.topic]
+        output.publish(item.message)
+        if self.answers is not None and item.topic == self.asking:
+            self.answers.ask(item.message)
+        if self.params.rate == 0 and len(item.message) > ACKNOWLEDGED_SIZE:
+            output.wait_for_acknowledgement(ACKNOWLEDGE)
+
+    def _tell_time(self) -> None:
+        now = time.monotonic()
+        if self.clock is not None and self.playback.next is not None and now - self.clock_told >= CLOCK_PERIOD:
+            self.clock_told = now
+            self.clock.publish(Clock(clock=ns_to_time(self.playback.present_ns())))
+
+    def _lacks_listeners(self) -> bool:
+        absent = sorted(name for name in self.wait_for if self.outputs[name].num_subscriptions == 0)
+        text = f"waiting for a listener of {', '.join(absent)}" if absent else "playing"
+        if self.answers is not None and not self.inputs:
+            text = f"waiting for a publisher of {self.params.answer_topic}"
+        is_waiting = text != "playing"
+        self.report("player", WARN if is_waiting else OK, text, done=self.playback.done, total=self.playback.total)
+        if is_waiting:
+            self.log.info(text, every=10.0)
+            self.begin_at = time.monotonic() + SETTLE
+            return True
+        self.wait_for.clear()  # for the start only
+        return time.monotonic() < self.begin_at
+
+    def _is_answered(self) -> bool:
+        if self.answers is None:
+            return True
+        missed = self.answers.num_missed
+        is_settled = self.answers.is_settled
+        if self.answers.num_missed > missed:
+            self.log.warning(
+                f"{missed + 1} messages without an answer on {self.params.answer_topic}", every=5.0, key="a"
+            )
+        return is_settled
+
+    def _set_paused(self, is_paused: bool, response: Any) -> Any:
+        self.is_paused = is_paused
+        response.success, response.message = True, "paused" if is_paused else "playing"
+        return response
+
+    def _end(self) -> None:
+        if self.params.loop:
+            self.playback.rewind()
+            if self.answers is not None:
+                self.answers.forget()
+            return
+        for output in self.outputs.values():
+            output.wait_for_acknowledgement(ACKNOWLEDGE)
+        self.log.info(f"{self.params.bag}: {self.playback.done} messages played")
+        self.finish()
+
+
+def main() -> int:
+    """Run the node."""
+    return run(BagPlayer)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,216 @@
+"""Read a bag: a rosbag2 folder or a lone file; MCAP by ourselves, other storages through `foreign_bag.py`."""
+
+from __future__ import annotations
+
+import heapq
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from rclpy.serialization import deserialize_message
+
+from sphere_nav.geometry.files.fields import choice, required, short
+from sphere_nav.geometry.files.text_file import read_text
+from sphere_nav.geometry.files.yaml_text import load_yaml
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.kind import is_foreign, lone_file
+from sphere_nav.ros.bags.mcap_file import McapFile
+from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
+from sphere_nav.ros.bags.writer import absolute
+from sphere_nav.ros.interfaces import message_class, type_hash, type_name
+
+MAX_METADATA = 1 << 20  # bytes
+
+
+class BagReader:
+    """An open bag. BagError, in one line: no such file, no bag, empty, truncated, damaged.
+
+    with BagReader("drive") as bag:
+        bag.require("image_raw", Image)
+        for topic, stamp_ns, message in bag.messages(["image_raw", "camera_info"]):
+            ...
+    """
+
+    def __init__(self, path: str | Path, *, is_empty_allowed: bool = False) -> None:
+        self.path = Path(path)
+        self.files: list[McapFile] = []
+        self._foreign: Any = None  # a ForeignBag
+        try:
+            information = _information(self.path / "metadata.yaml")
+            source = lone_file(self.path) if information is None else self.path
+            if is_foreign(source, information):
+                from sphere_nav.ros.bags.foreign import ForeignBag  # a quarter of a second, for bags of others alone
+
+                self._foreign = ForeignBag(source, information or {})
+            else:
+                self.files += [McapFile(name) for name in _mcap_files(self.path, information)]
+            self.topics = self._foreign.topics if self._foreign else self._read_topics()
+            if not is_empty_allowed and self.num_messages == 0:
+                raise BagError(f"{self.path}: expected messages, found an empty bag")
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def num_messages(self) -> int:
+        """Number of all messages."""
+        return sum(info.count for info in self.topics.values())
+
+    @property
+    def time_range(self) -> tuple[int, int]:
+        """Time of the first and of the last message in ns; (0, 0) for an empty bag."""
+        if self._foreign is not None:
+            return self._foreign.time_range or (0, 0)
+        spans = [span for span in (_span(file) for file in self.files) if span is not None]
+        return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else (0, 0)
+
+    def require(self, topic: str, kind: type[Any] | None = None) -> TopicInfo:
+        """Return a topic; BagError, naming those that are there, unless the bag has messages of that type on it."""
+        info = self.topics.get(absolute(topic))
+        if info is None or info.count == 0:
+            found = ", ".join(f"{name} ({entry.type})" for name, entry in sorted(self.topics.items()) if entry.count)
+            raise BagError(f"{self.path}: expected topic {absolute(topic)}, found {found or 'none'}")
+        if kind is not None and info.type != type_name(kind):
+            raise BagError(f"{self.path}: {info.name}: expected {type_name(kind)}, found {info.type}")
+        return info
+
+    def raw(
+        self, topics: Iterable[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[Recorded]:
+        """Yield serialized messages in order of time; all topics, or those named."""
+        names = None if topics is None else {absolute(topic) for topic in topics}
+        if self._foreign is not None:
+            yield from self._foreign.raw(names, start_ns, end_ns)
+            return
+        streams = [self._raw_of(file, names, start_ns, end_ns) for file in self.files]
+        yield from streams[0] if len(streams) == 1 else heapq.merge(*streams, key=lambda item: item.stamp_ns)
+
+    def messages(
+        self, topics: Iterable[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[Recorded]:
+        """Yield messages in order of time; all topics, or those named."""
+        kinds: dict[str, type[Any]] = {}
+        for topic, stamp, data in self.raw(topics, start_ns, end_ns):
+            if topic not in kinds:
+                kinds[topic] = self._class_of(topic)
+            yield Recorded(topic, stamp, self.decode(topic, data, kinds[topic]))
+
+    def decode(self, topic: str, data: bytes, kind: type[Any]) -> Any:
+        """Deserialize one message; BagError if the bytes are not of that type."""
+        return decode(data, kind, f"{self.path}: {topic}")
+
+    def close(self) -> None:
+        """Close the files."""
+        for file in self.files:
+            file.close()
+        if self._foreign is not None:
+            self._foreign.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+        self.close()
+
+    def _class_of(self, topic: str) -> type[Any]:
+        info = self.topics[topic]
+        try:
+            kind = message_class(info.type)
+        except ValueError as error:
+            raise BagError(f"{self.path}: {topic}: {error}") from None
+        installed = type_hash(info.type)
+        if info.hash and installed and info.hash != installed:
+            raise BagError(f"{self.path}: {topic}: {info.type}: expected definition {installed}, found {info.hash}")
+        return kind
+
+    def _raw_of(
+        self, file: McapFile, names: set[str] | None, start_ns: int | None, end_ns: int | None
+    ) -> Iterator[Recorded]:
+        channels = file.summary.channels.values()
+        wanted = None if names is None else {channel.id for channel in channels if channel.topic in names}
+        for channel, message in file.messages(wanted, start_ns, end_ns):
+            yield Recorded(channel.topic, message.log_time, message.data)
+
+    def _read_topics(self) -> dict[str, TopicInfo]:
+        topics: dict[str, TopicInfo] = {}
+        for file in self.files:
+            counts = _counts(file)
+            for channel in file.summary.channels.values():
+                schema = file.summary.schemas.get(channel.schema_id)
+                kind = schema.name if schema else ""
+                if channel.message_encoding != "cdr":
+                    found = channel.message_encoding
+                    raise BagError(f"{file.path}: {channel.topic}: expected encoding cdr, found {found!r}")
+                known = topics.setdefault(channel.topic, _topic_info(channel.topic, kind, channel.metadata))
+                known.count += counts.get(channel.id, 0)
+        return topics
+
+
+def decode(data: bytes, kind: type[Any], where: str) -> Any:
+    """Deserialize one message; BagError if the bytes are not of that type."""
+    try:
+        return deserialize_message(data, kind)
+    except Exception as error:  # the type support raises whatever it likes
+        found = f"{len(data)} bytes that are none: {' '.join(str(error).split())}"
+        raise BagError(f"{where}: expected {type_name(kind)}, found {found}") from None
+
+
+def _topic_info(name: str, kind: str, metadata: dict[str, str]) -> TopicInfo:
+    profiles = qos.from_yaml(metadata.get("offered_qos_profiles", ""))
+    return TopicInfo(name, kind, 0, profiles, metadata.get("topic_type_hash", ""))
+
+
+def _counts(file: McapFile) -> dict[int, int]:
+    statistics = file.summary.statistics
+    if statistics is not None:
+        return dict(statistics.channel_message_counts)
+    counts: dict[int, int] = {}
+    for channel, _ in file.messages():
+        counts[channel.id] = counts.get(channel.id, 0) + 1
+    return counts
+
+
+def _span(file: McapFile) -> tuple[int, int] | None:
+    statistics = file.summary.statistics
+    if statistics is not None:
+        return (statistics.message_start_time, statistics.message_end_time) if statistics.message_count else None
+    stamps = [message.log_time for _, message in file.messages()]
+    return (min(stamps), max(stamps)) if stamps else None
+
+
+def _mcap_files(path: Path, information: dict[str, Any] | None) -> list[Path]:
+    if not path.exists():
+        partial = path.with_name(path.name + ".partial")
+        hint = f", found {partial} of an interrupted run" if partial.exists() else ", found none"
+        raise BagError(f"{path}: expected a bag (a folder, or a file .mcap, .db3 or .bag){hint}")
+    if path.is_file():
+        return [path]
+    if information is None:
+        files = sorted(path.glob("*.mcap"))
+    else:
+        files = [path / Path(name).name for name in information["relative_file_paths"]]
+    if not files:
+        raise BagError(f"{path}: expected metadata.yaml or .mcap files, found neither")
+    for file in files:
+        if not file.is_file():
+            raise BagError(f"{path / 'metadata.yaml'}: relative_file_paths: expected {file.name}, found no such file")
+    return files
+
+
+def _information(metadata: Path) -> dict[str, Any] | None:
+    """Return what metadata.yaml says of a bag, checked as far as it is used; None where there is none."""
+    if not metadata.is_file():
+        return None
+    try:
+        text = read_text(metadata, "description of a bag", MAX_METADATA)
+        found = required(load_yaml(metadata, text), f"{metadata}", ["rosbag2_bagfile_information"])
+        fields = ["storage_identifier", "relative_file_paths"]
+        information = required(found["rosbag2_bagfile_information"], f"{metadata}: rosbag2_bagfile_information", fields)
+        choice(information["storage_identifier"], f"{metadata}: storage_identifier", ["mcap", "sqlite3"])
+    except ValueError as error:
+        raise BagError(str(error)) from None
+    names = information["relative_file_paths"]
+    if not isinstance(names, list) or not all(isinstance(name, str) and Path(name).name for name in names):
+        raise BagError(f"{metadata}: relative_file_paths: expected names of files, found {short(names)}")
+    return dict(information)

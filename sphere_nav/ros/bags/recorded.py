@@ -1,0 +1,34 @@
+"""One message of a bag, and what a bag says about a topic.
+
+The one error of files of messages.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+from rclpy.qos import QoSProfile
+
+
+class BagError(ValueError):
+    """What is wrong with a bag or a map, in one line: file, what was expected, what was found."""
+
+
+class Recorded(NamedTuple):
+    """One message of a bag: absolute topic, time of recording in ns, and the message (or its bytes)."""
+
+    topic: str
+    stamp_ns: int
+    message: Any
+
+
+@dataclass
+class TopicInfo:
+    """What a bag says about one of its topics."""
+
+    name: str
+    type: str
+    count: int
+    profiles: list[QoSProfile]
+    hash: str

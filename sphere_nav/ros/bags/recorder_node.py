@@ -1,0 +1,130 @@
+"""`bag_recorder`: topics into a rosbag2 MCAP bag, as bytes, with the QoS that their publishers offer."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from functools import partial
+from typing import cast
+
+from rclpy.qos import QoSProfile
+
+from sphere_nav.params import param, parameters
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags import BagWriter
+from sphere_nav.ros.bags.recording_sets import NAMES, belongs
+from sphere_nav.ros.interfaces import message_class
+from sphere_nav.ros.live import LiveShell
+from sphere_nav.ros.node import OK, WARN, ManagedNode
+from sphere_nav.ros.run import run
+from sphere_nav.ros.subscription import Subscription
+
+FLUSH_PERIOD = 1.0  # s
+LOOK_PERIOD = 0.2  # s; what is published before its topic is found is not recorded
+CHECK_PERIOD = 1.0  # s between two looks at the QoS of topics that are recorded already
+
+
+@parameters
+class RecorderParams:
+    """Parameters of `bag_recorder`."""
+
+    output: str = param("", "folder of the bag to write; it must not exist")
+    topics: str = param("", "topics to record, separated by spaces")
+    topic_set: str = param("", "record every topic of a kind: all of them, or those of a set", choices=NAMES)
+    compressed: bool = param(True, "compress with zstd; not worth it for raw images of a noisy camera")
+    queue: int = param(100, "messages of a topic that may wait while the disk is slow", "messages", low=1, high=10000)
+
+
+class BagRecorder(ManagedNode):
+    """Looks for wanted topics all the time; what is recorded survives a crash but for the last second."""
+
+    NAME = "bag_recorder"
+    PARAMS = RecorderParams
+    params: RecorderParams
+
+    def configure(self) -> None:
+        """Open the bag."""
+        if not self.params.output:
+            raise ValueError("output: expected the folder of the bag to write, found none")
+        if not self.params.topics.split() and not self.params.topic_set:
+            raise ValueError("topics, topic_set: expected something to record, found neither")
+        self.ros = cast("LiveShell", self.shell)
+        self.bag = BagWriter(self.params.output, is_compressed=self.params.compressed)
+        self.recorded: dict[str, Subscription] = {}
+        self.checked_ns = 0
+        self.wanted = {self.ros.resolve_topic_name(name) for name in self.params.topics.split()}
+        self.add_timer(LOOK_PERIOD, self._look, is_wall=True)
+        self.add_timer(FLUSH_PERIOD, self._flush, is_wall=True)
+        self.log.info(f"recording into {self.bag.partial}, named {self.bag.path} when it is complete")
+
+    def activate(self) -> None:
+        """Subscribe to what is there already."""
+        self._look()
+
+    def cleanup(self) -> None:
+        """Complete the bag."""
+        missing = sorted(self.wanted - {topic for topic, wanted in self.recorded.items() if wanted.num_received})
+        if missing:
+            self.log.warning(f"nothing came on {', '.join(missing)}")
+        try:
+            path = self.bag.close()
+        except OSError as error:
+            self.log.error(f"{self.bag.partial}: not complete: {error.strerror}")
+        else:
+            self.log.info(f"{path}: {self.bag.num_messages} messages on {len(self.recorded)} topics")
+
+    def _look(self) -> None:
+        """Subscribe to wanted topics that have a publisher; now and then see whether the QoS of others changed."""
+        is_check = self.steady_ns() >= self.checked_ns + CHECK_PERIOD * 1e9
+        self.checked_ns = self.steady_ns() if is_check else self.checked_ns
+        for topic, kinds in self.ros.get_topic_names_and_types():
+            if topic in self.recorded and not is_check:
+                continue
+            if topic in self.wanted or any(belongs(topic, kind, self.params.topic_set) for kind in kinds):
+                offers = [info.qos_profile for info in self.ros.get_publishers_info_by_topic(topic)]
+                if offers:
+                    self._subscribe(topic, kinds[0], offers)
+        absent = sorted(self.wanted - self.recorded.keys())
+        text = f"waiting for a publisher of {', '.join(absent)}" if absent else f"{len(self.recorded)} topics"
+        self.report("recording", WARN if absent else OK, text, messages=self.bag.num_messages)
+        if absent:
+            self.log.warning(text, every=10.0)
+
+    def _subscribe(self, topic: str, kind: str, offers: list[QoSProfile]) -> None:
+        present = self.recorded.get(topic)
+        if present is not None and not any(qos.mismatch(offer, present.profile) for offer in offers):
+            return
+        try:
+            message_type = message_class(kind)
+            self.bag.add_topic(topic, kind, *offers)
+        except ValueError as error:
+            self.log.error(f"{topic}: cannot be recorded: {error}", every=60.0)
+            return
+        if present is not None:
+            self.remove_subscription(present)
+        write = partial(self._write, topic)
+        profile = qos.adapted(offers, self.params.queue)
+        self.recorded[topic] = self.add_subscription(topic, message_type, write, profile, is_required=False, raw=True)
+        self.log.info(f"{topic}: recording")
+
+    def _flush(self) -> None:
+        self._attempt(self.bag.flush)
+
+    def _write(self, topic: str, data: bytes) -> None:
+        self._attempt(lambda: self.bag.write_bytes(topic, data, self.now_ns()))
+
+    def _attempt(self, step: Callable[[], None]) -> None:
+        try:
+            step()
+        except OSError as error:  # the disk is full, or gone
+            self.log.error(f"{self.bag.partial}: cannot be written: {error.strerror}", every=60.0)
+            self.finish(1)
+
+
+def main() -> int:
+    """Run the node."""
+    return run(BagRecorder)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

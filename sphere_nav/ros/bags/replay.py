@@ -1,0 +1,271 @@
+"""A bag beneath ManagedNodes: their very callbacks in the order of recording, without DDS, threads or wall time.
+
+    bus = OfflineBus()
+    node = bus.add(LocalizerNode, {"map": "kitchen"}, remap={"image_raw": "left/image_raw"})
+    with BagReader("drive") as bag:
+        for published in replay(bag, bus):
+            print(published.topic, published.stamp_ns, published.message)
+
+The clock of the nodes is the recording's; timers fire between the messages when they are due. What a node publishes
+reaches the listeners of all nodes of the bus at once, in the order of publishing. So a replay is the same every time.
+"""
+
+from __future__ import annotations
+
+import heapq
+import logging
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from itertools import chain
+from typing import Any, TypeVar
+
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import CompressedImage, Image
+
+from sphere_nav.params import build
+from sphere_nav.ros.bags.playback import is_latched
+from sphere_nav.ros.bags.reader import BagReader
+from sphere_nav.ros.bags.recorded import Recorded
+from sphere_nav.ros.bags.writer import BagWriter, absolute
+from sphere_nav.ros.conversions import decompress
+from sphere_nav.ros.interfaces import type_name
+from sphere_nav.ros.node import Log, ManagedNode
+from sphere_nav.ros.service import one_line
+from sphere_nav.ros.subscription import Subscription
+from sphere_nav.ros.throttle import ThrottledLog
+
+Node = TypeVar("Node", bound=ManagedNode)
+
+
+class OfflinePublisher:
+    """What a node publishes on goes to the bus."""
+
+    def __init__(self, bus: OfflineBus, topic: str) -> None:
+        self._bus, self._topic = bus, topic
+
+    def publish(self, message: Any) -> None:
+        """Hand a message to the bus."""
+        self._bus.publish(self._topic, message)
+
+    def wait_for_acknowledgement(self, seconds: float) -> bool:
+        """Return at once: the bus loses nothing."""
+        return True
+
+    @property
+    def num_subscriptions(self) -> int:
+        """Number of listeners on the bus; one more where the topic is captured."""
+        return len(self._bus.listeners.get(self._topic, ())) + self._bus.is_captured(self._topic)
+
+
+class OfflineShell:
+    """What a node of a replay talks to."""
+
+    is_live = False
+
+    def __init__(self, bus: OfflineBus, name: str, values: Mapping[str, Any], remap: Mapping[str, str]) -> None:
+        self._bus, self._values, self._remap = bus, values, remap
+        self.log: Log = ThrottledLog(logging.getLogger(f"sphere_nav.{name}"), clock=lambda: bus.now_ns / 1e9)
+        self._node_name = name
+        self.services: dict[str, tuple[type[Any], Callable[[Any, Any], Any]]] = {}
+
+    def read_parameters(self, cls: type[Any]) -> Any:
+        """Return the parameters object; unknown names and values out of range raise ValueError."""
+        return build(cls, self._values)
+
+    def now_ns(self) -> int:
+        """Return the time of the recording."""
+        return self._bus.now_ns
+
+    def steady_ns(self) -> int:
+        """Return the time of the recording: there is no other."""
+        return self._bus.now_ns
+
+    def own_ns(self) -> int:
+        """Return the time of the recording."""
+        return self._bus.now_ns
+
+    def publishers_of(self, topic: str) -> list[str]:
+        """Return none: a bag does not say who published."""
+        return []
+
+    def add_subscription(self, wanted: Subscription) -> None:
+        """Listen on the bus."""
+        self._bus.listeners.setdefault(self._source_of(wanted), []).append(wanted)
+
+    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile) -> OfflinePublisher:
+        """Publish on the bus."""
+        self._bus.profiles[self._name(topic)] = profile
+        return OfflinePublisher(self._bus, self._name(topic))
+
+    def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
+        """Keep a service for `call`."""
+        self.services[name.removeprefix("~/")] = (kind, handler)
+
+    def remove_subscription(self, wanted: Subscription) -> None:
+        """Stop to listen."""
+        self._bus.listeners[self._source_of(wanted)].remove(wanted)
+
+    def finish(self, status: int) -> None:
+        """Do nothing: a replay ends with its bag."""
+
+    def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool) -> None:
+        """Fire on the recording's clock, which is the only one here."""
+        self._bus.add_timer(seconds, callback)
+
+    def call(self, name: str, request: Any = None) -> Any:
+        """Call a service of the node as a client would, and return its response."""
+        kind, handler = self.services[name]
+        return handler(kind.Request() if request is None else request, kind.Response())
+
+    def _source_of(self, wanted: Subscription) -> str:
+        is_remapped = wanted.topic in self._remap or not wanted.source
+        return self._name(wanted.topic if is_remapped else wanted.source)
+
+    def _name(self, topic: str) -> str:
+        name = self._remap.get(topic, topic)
+        return absolute(name.replace("~", f"/{self._node_name}", 1) if name.startswith("~/") else name)
+
+
+class OfflineBus:
+    """The nodes of a replay, their clock, and what they say to each other."""
+
+    def __init__(self, captured: set[str] | None = None) -> None:
+        """`captured`: topics that `replay` yields; None: all."""
+        self.now_ns = 0
+        self.listeners: dict[str, list[Subscription]] = {}
+        self.profiles: dict[str, QoSProfile] = {}
+        self.nodes: list[ManagedNode] = []
+        self._captured = None if captured is None else {absolute(topic) for topic in captured}
+        self._sent: deque[Recorded] = deque()
+        self._timers: list[tuple[int, int, int, Callable[[], None]]] = []
+
+    def add(
+        self,
+        node_class: type[Node],
+        values: Mapping[str, Any] | None = None,
+        remap: Mapping[str, str] | None = None,
+    ) -> Node:
+        """Make a node with parameters by dotted name and topics renamed; it is configured and active on return."""
+        node = node_class(OfflineShell(self, node_class.NAME, values or {}, remap or {}))
+        node.configure()
+        node.activate()
+        self.nodes.append(node)
+        return node
+
+    def publish(self, topic: str, message: Any) -> None:
+        """Deliver a message when the present callback is done."""
+        self._sent.append(Recorded(topic, self.now_ns, message))
+
+    def is_captured(self, topic: str) -> bool:
+        """Whether `replay` yields what is published on a topic."""
+        return self._captured is None or topic in self._captured
+
+    def add_timer(self, seconds: float, callback: Callable[[], None]) -> None:
+        """Call back every so many seconds of the recording, from the next message on."""
+        heapq.heappush(self._timers, (0, len(self._timers), round(seconds * 1e9), callback))
+
+    def advance(self, stamp_ns: int) -> Iterator[Recorded]:
+        """Let time pass up to a stamp, firing timers; yield what the nodes publish."""
+        while self._timers and self._timers[0][0] <= stamp_ns:
+            due, number, period, callback = heapq.heappop(self._timers)
+            if due == 0:  # the first message starts the clock
+                due = stamp_ns
+            else:
+                self.now_ns = max(due, self.now_ns)
+                callback()
+                yield from self.settle()
+            heapq.heappush(self._timers, (due + period, number, period, callback))
+        self.now_ns = max(stamp_ns, self.now_ns)
+
+    def deliver(self, topic: str, message: Any) -> None:
+        """Hand a message to every node that listens."""
+        for wanted in self.listeners.get(topic, ()):
+            wanted.deliver(message if not wanted.raw or isinstance(message, bytes) else serialize_message(message))
+
+    def settle(self) -> Iterator[Recorded]:
+        """Deliver what was published until no one says anything more; yield what is captured."""
+        while self._sent:
+            published = self._sent.popleft()
+            self.deliver(published.topic, published.message)
+            if self.is_captured(published.topic):
+                yield published
+
+    def close(self) -> None:
+        """Bring every node down."""
+        while self.nodes:
+            node = self.nodes.pop()
+            node.deactivate()
+            node.cleanup()
+
+
+def replay(
+    bag: BagReader,
+    bus: OfflineBus,
+    *,
+    start_ns: int | None = None,
+    end_ns: int | None = None,
+    progress: Callable[[int], None] = lambda step: None,
+) -> Iterator[Recorded]:
+    """Play a bag to the nodes of a bus and yield what they publish; `progress(1)` after every message delivered.
+
+    Only topics that some node listens to are read; one that is required and not there raises BagError. Latched topics
+    such as /tf_static hold from before `start_ns`.
+    """
+    topics = required_topics(bag, bus)
+    yield from bus.settle()
+    for topic, stamp, data in chain(_latched_before(bag, topics, start_ns), bag.raw(topics, start_ns, end_ns)):
+        yield from bus.advance(stamp)
+        for wanted in bus.listeners[topic]:
+            if not wanted.raw and is_compressed(bag, topic, wanted.kind):
+                deliver_decompressed(wanted, bag.decode(topic, data, CompressedImage))
+            else:
+                wanted.deliver(data if wanted.raw else bag.decode(topic, data, wanted.kind))
+        yield from bus.settle()
+        progress(1)
+
+
+def _latched_before(bag: BagReader, topics: list[str], start_ns: int | None) -> Iterator[Recorded]:
+    latched = [name for name in topics if is_latched(bag.topics[name])]
+    if start_ns is not None and latched:
+        yield from bag.raw(latched, end_ns=start_ns - 1)
+
+
+def required_topics(bag: BagReader, bus: OfflineBus) -> list[str]:
+    """Return the topics of the bag that the nodes listen to; BagError where a required one is not there."""
+    published = set(bus.profiles)
+    for topic, inputs in bus.listeners.items():
+        for wanted in inputs:
+            if (wanted.is_required and topic not in published) or topic in bag.topics:
+                is_readable = topic not in bag.topics or is_compressed(bag, topic, wanted.kind)
+                bag.require(topic, None if is_readable else wanted.kind)
+    return [topic for topic in bus.listeners if topic in bag.topics]
+
+
+def is_compressed(bag: BagReader, topic: str, kind: type[Any]) -> bool:
+    """Whether images are wanted from a topic where the bag has compressed ones."""
+    return kind is Image and bag.topics[topic].type == type_name(CompressedImage)
+
+
+def deliver_decompressed(wanted: Subscription, message: CompressedImage) -> None:
+    """Hand on the Image behind a compressed one; one that is damaged counts as refused, as it would live."""
+    try:
+        image = decompress(message)
+    except ValueError as error:
+        wanted.refuse(one_line(error))
+        return
+    wanted.deliver(image)
+
+
+def record(published: Iterator[Recorded], bag: BagWriter, bus: OfflineBus) -> Iterator[Recorded]:
+    """Pass on what a replay yields, and write it into a bag on the way."""
+    for item in published:
+        if item.topic in bus.profiles:
+            bag.add_topic(item.topic, type(item.message), bus.profiles[item.topic])
+        bag.write(item.topic, item.message, item.stamp_ns)
+        yield item
+
+
+def copy_message(message: Any) -> Any:
+    """Return an independent copy of a message, as a listener behind DDS would get."""
+    return deserialize_message(serialize_message(message), type(message))

@@ -1,0 +1,252 @@
+"""Write a rosbag2 bag: a folder with one MCAP file and metadata.yaml (version 9)."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import TracebackType
+from typing import Any, BinaryIO, Self
+
+import yaml
+from mcap.records import Schema
+from mcap.writer import CompressionType, Writer
+from rclpy.qos import QoSProfile
+
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.interfaces import schema_text, type_hash, type_name
+from sphere_nav.ros.serialization import serialize_to_store
+
+CHUNK_SIZE = 1 << 20  # bytes before compression
+FLUSH_PERIOD = 1.0  # s of wall time: what a killed process can lose
+DISTRIBUTION = "jazzy"
+PARTIAL = ".partial"
+METADATA = "metadata.yaml"
+
+
+@dataclass
+class _Topic:
+    name: str
+    type: str
+    channel: int
+    profiles: list[QoSProfile]
+    count: int = 0
+
+
+@dataclass
+class _Span:
+    start: int = 0
+    end: int = 0
+    count: int = 0
+    custom: dict[str, str] = field(default_factory=dict)
+
+    def add(self, stamp: int) -> None:
+        self.start = min(self.start, stamp) if self.count else stamp
+        self.end = max(self.end, stamp) if self.count else stamp
+        self.count += 1
+
+
+class BagWriter:
+    """A bag being written; it is called `path` only when it is complete.
+
+    Until `close` it is the folder `<path>.partial`: a killed process leaves that behind, readable by `salvage`. Nothing
+    is overwritten. As a context manager it closes at the end of the block and discards everything on an exception.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        *,
+        file_name: str = "",
+        chunk_size: int = CHUNK_SIZE,
+        is_compressed: bool = True,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.path = Path(path)
+        self.partial = self.path.with_name(self.path.name + PARTIAL)
+        self._refuse_to_overwrite()
+        self.partial.mkdir(parents=True)
+        self.file_name = file_name or f"{self.path.name}_0.mcap"
+        self._file: BinaryIO = (self.partial / self.file_name).open("wb")
+        compression = CompressionType.ZSTD if is_compressed else CompressionType.NONE
+        self._mcap = Writer(self._file, chunk_size=chunk_size, compression=compression, enable_crcs=True)
+        self._mcap.start(profile="ros2", library="sphere_nav")
+        self._topics: dict[str, _Topic] = {}
+        self._schemas: dict[str, int] = {}
+        self._span = _Span()
+        self._clock, self._last_flush = clock, clock()
+        self._is_open = True
+
+    def add_topic(self, topic: str, kind: type[Any] | str, *profiles: QoSProfile, schema: Schema | None = None) -> None:
+        """Declare a topic (made absolute), its type and the QoS that its publishers offer.
+
+        `schema`: the definition where the type may not be installed here.
+        """
+        name = absolute(topic)
+        kind_name = kind if isinstance(kind, str) else type_name(kind)
+        if name in self._topics:
+            if self._topics[name].type != kind_name:
+                raise BagError(f"{self.path}: {name}: expected {self._topics[name].type}, found {kind_name}")
+            return
+        if kind_name not in self._schemas:
+            encoding, text = (schema.encoding, schema.data) if schema else ("ros2msg", schema_text(kind_name).encode())
+            self._schemas[kind_name] = self._mcap.register_schema(kind_name, encoding, text)
+        offers = list(profiles) or [qos.STATE]
+        details = {"offered_qos_profiles": qos.to_yaml(offers), "topic_type_hash": type_hash(kind_name)}
+        channel = self._mcap.register_channel(name, "cdr", self._schemas[kind_name], details)
+        self._topics[name] = _Topic(name, kind_name, channel, offers)
+
+    def type_of(self, topic: str) -> str:
+        """Return the type of a topic that was declared, else an empty string."""
+        entry = self._topics.get(absolute(topic))
+        return entry.type if entry else ""
+
+    def write(self, topic: str, message: Any, stamp: int, *, published: int | None = None) -> None:
+        """Write a message; `stamp` is when it was received, in ns, and what orders a replay."""
+        self.add_topic(topic, type(message))
+        self.write_bytes(topic, serialize_to_store(message), stamp, published=published)
+
+    def write_bytes(self, topic: str, data: bytes, stamp: int, *, published: int | None = None) -> None:
+        """Write a serialized message on a topic that `add_topic` declared."""
+        entry = self._topics[absolute(topic)]
+        with self._naming_the_file():
+            self._mcap.add_message(entry.channel, stamp, data, stamp if published is None else published, entry.count)
+        entry.count += 1
+        self._span.add(stamp)
+        if self._clock() - self._last_flush >= FLUSH_PERIOD:
+            self.flush()
+
+    def end_chunk(self) -> None:
+        """Let the next message begin a new chunk."""
+        self.flush()
+
+    def flush(self) -> None:
+        """Hand everything written so far to the operating system."""
+        with self._naming_the_file():
+            self._mcap.flush()
+        self._last_flush = self._clock()
+
+    @property
+    def position(self) -> int:
+        """Bytes of the file so far; where the next chunk begins after `end_chunk`."""
+        return self._file.tell()
+
+    def annotate(self, key: str, value: str) -> None:
+        """Add a word to the bag's `custom_data`."""
+        self._span.custom[key] = value
+
+    @property
+    def num_messages(self) -> int:
+        """Messages written so far."""
+        return self._span.count
+
+    def close(self) -> Path:
+        """Complete the bag and give it its name; return its path."""
+        if not self._is_open:
+            return self.path
+        self._is_open = False
+        with self._naming_the_file():
+            self._finish()
+        self._refuse_to_overwrite(but_partial=True)
+        self.partial.rename(self.path)
+        return self.path
+
+    def _finish(self) -> None:
+        description = self._description()
+        text = yaml.safe_dump({"rosbag2_bagfile_information": description}, sort_keys=False)
+        self._mcap.add_metadata("rosbag2", {"serialized_metadata": yaml.safe_dump(description, sort_keys=False)})
+        self._mcap.finish()
+        _sync_and_close(self._file)
+        with (self.partial / METADATA).open("wb") as metadata:
+            metadata.write(text.encode())
+            _sync_and_close(metadata)
+
+    @contextmanager
+    def _naming_the_file(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:  # of a write, which does not say where
+            error.filename = error.filename or str(self.partial / self.file_name)
+            raise
+
+    def discard(self) -> None:
+        """Remove what was written."""
+        if self._is_open:
+            self._is_open = False
+            self._file.close()
+            shutil.rmtree(self.partial, ignore_errors=True)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+        if kind is not None:
+            self.discard()
+            return
+        try:
+            self.close()
+        except BaseException:
+            shutil.rmtree(self.partial, ignore_errors=True)
+            raise
+
+    def _refuse_to_overwrite(self, *, but_partial: bool = False) -> None:
+        if self.path.exists():
+            raise BagError(f"{self.path}: expected no such file or folder, found one: nothing is overwritten")
+        if self.partial.exists() and not but_partial:
+            raise BagError(
+                f"{self.partial}: the remains of an interrupted run: 'sphere_nav verify-bag --salvage' rescues them,"
+                " or delete it"
+            )
+
+    def _description(self) -> dict[str, Any]:
+        span = self._span
+        topics = [
+            {"topic_metadata": _topic_description(entry), "message_count": entry.count}
+            for entry in self._topics.values()
+        ]
+        file = {
+            "path": self.file_name,
+            "starting_time": {"nanoseconds_since_epoch": span.start},
+            "duration": {"nanoseconds": span.end - span.start},
+            "message_count": span.count,
+        }
+        return {
+            "version": 9,
+            "storage_identifier": "mcap",
+            "duration": file["duration"].copy(),  # type: ignore[attr-defined]
+            "starting_time": file["starting_time"].copy(),  # type: ignore[attr-defined]
+            "message_count": span.count,
+            "topics_with_message_count": topics,
+            "compression_format": "",
+            "compression_mode": "",
+            "relative_file_paths": [self.file_name],
+            "files": [file],
+            "custom_data": span.custom or None,
+            "ros_distro": DISTRIBUTION,
+        }
+
+
+def absolute(topic: str) -> str:
+    """Return the name with a leading slash, as bags have them."""
+    return topic if topic.startswith("/") else f"/{topic}"
+
+
+def _topic_description(entry: _Topic) -> dict[str, Any]:
+    return {
+        "name": entry.name,
+        "type": entry.type,
+        "serialization_format": "cdr",
+        "offered_qos_profiles": qos.to_entries(entry.profiles),
+        "type_description_hash": type_hash(entry.type),
+    }
+
+
+def _sync_and_close(file: BinaryIO | Any) -> None:
+    file.flush()
+    os.fsync(file.fileno())
+    file.close()

@@ -1,0 +1,99 @@
+"""Presets of camera drivers, `config/cameras/NAME.yaml`: under which names a driver tells what we call image_raw, ...
+
+A file of the same form is as good as a name. Its topics are relative to `root`, the driver's own namespace, and that
+to the namespace of the node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sphere_nav.ros.shared_files import share_file
+
+FOLDER, ANY_FILE = "config/cameras", "usb_cam"  # a file that is always there
+INPUTS = ("rgbd", "stereo", "mono", "panorama")
+OPTIONAL = ("odom", "imu")
+FIELDS = {"title": str, "source": str, "input": str, "root": str, "topics": dict, "encodings": dict}
+TRANSPORTS = ("", "/compressed", "/compressedDepth")
+
+
+@dataclass(frozen=True)
+class Driver:
+    """What a driver publishes, as far as it is of use here."""
+
+    name: str
+    title: str
+    input: str  # one of INPUTS
+    root: str
+    topics: Mapping[str, str]  # our name -> the driver's, relative to root
+    encodings: Mapping[str, tuple[str, ...]]  # of images, by our name
+
+    def names(self, root: str | None = None) -> dict[str, str]:
+        """Return the driver's topic for each of ours, below its usual root or another."""
+        start = self.root if root is None else root
+        return {ours: f"{start}/{theirs}".lstrip("/") for ours, theirs in self.topics.items()}
+
+    def find(self, offered: Iterable[str], root: str | None = None) -> dict[str, str]:
+        """Return the topics that are offered, by ours; compressed ones where only those are."""
+        have, found = set(offered), {}
+        for ours, name in self.names(root).items():
+            theirs = next((f"/{name}{end}" for end in TRANSPORTS if f"/{name}{end}" in have), "")
+            if theirs:
+                found[ours] = theirs
+        return found
+
+    def missing(self, offered: Iterable[str], root: str | None = None) -> list[str]:
+        """Return the topics that are not offered, odometry and IMU aside."""
+        found = self.find(offered, root)
+        return [f"/{name}" for ours, name in self.names(root).items() if ours not in (*found, *OPTIONAL)]
+
+    def roots(self, offered: Iterable[str]) -> list[str]:
+        """Return the namespaces below which all topics of the driver are offered; its own, where it is one, alone."""
+        have = list(offered)
+        if not self.missing(have):
+            return [self.root]
+        first = f"/{next(iter(self.topics.values()))}"
+        bases = {name.removesuffix(end) for name in have for end in TRANSPORTS if name.endswith(f"{first}{end}")}
+        roots = sorted({base.removesuffix(first).lstrip("/") for base in bases})
+        return [root for root in roots if not self.missing(have, root)]
+
+
+def driver_names() -> list[str]:
+    """Return the names of the presets that are installed."""
+    return sorted(path.stem for path in share_file(f"{FOLDER}/{ANY_FILE}.yaml").parent.glob("*.yaml"))
+
+
+def read_driver(name: str) -> Driver:
+    """Return a preset by its name, or from a file; ValueError: unknown, or not of the form."""
+    if not name.endswith(".yaml") and name not in driver_names():
+        raise ValueError(f"driver: expected one of {', '.join(driver_names())} or a .yaml file, found {name!r}")
+    path = Path(name) if name.endswith(".yaml") else share_file(f"{FOLDER}/{name}.yaml")
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except yaml.YAMLError as error:
+        raise ValueError(f"{path}: expected YAML, found {' '.join(str(error).split())}") from None
+    return _driver(path, content)
+
+
+def names_of(driver: str) -> dict[str, str]:
+    """Return the driver's topic for each of ours, relative to the node's namespace; none without a driver."""
+    return read_driver(driver).names() if driver else {}
+
+
+def _driver(path: Path, content: Any) -> Driver:
+    if not isinstance(content, dict) or set(content) != set(FIELDS):
+        found = ", ".join(map(str, content)) if isinstance(content, dict) else type(content).__name__
+        raise ValueError(f"{path}: expected {', '.join(FIELDS)}, found {found}")
+    for field, kind in FIELDS.items():
+        if not isinstance(content[field], kind):
+            raise ValueError(f"{path}: {field}: expected {kind.__name__}, found {content[field]!r}")
+    if content["input"] not in INPUTS:
+        raise ValueError(f"{path}: input: expected one of {', '.join(INPUTS)}, found {content['input']!r}")
+    encodings = {ours: tuple(map(str, words)) for ours, words in content["encodings"].items()}
+    topics = {str(ours): str(theirs).strip("/") for ours, theirs in content["topics"].items()}
+    return Driver(path.stem, content["title"], content["input"], content["root"].strip("/"), topics, encodings)

@@ -1,0 +1,46 @@
+"""Where a camera sits on the vehicle, where /tf_static does not say: six numbers, or a file with them."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sphere_nav.geometry import SE3
+
+NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
+
+
+def read_mounting(text: str, what: str = "mounting") -> SE3 | None:
+    """Return T_base_camera in body axes (x ahead, y left, z up) from `x,y,z,roll,pitch,yaw` in m and rad, or a YAML.
+
+    The file has these six names, or has them under `what`, as that of `sphere_nav refine-camera`. Turns are about the
+    fixed axes of the vehicle, roll first, as static_transform_publisher has it. None for an empty text; ValueError for
+    anything else.
+    """
+    if not text:
+        return None
+    values = _from_file(Path(text), what) if text.endswith((".yaml", ".yml")) else text.split(",")
+    try:
+        numbers = [float(value) for value in values]
+    except (TypeError, ValueError):
+        numbers = []
+    if len(numbers) != len(NAMES) or not all(map(math.isfinite, numbers)):
+        raise ValueError(f"{what}: expected {','.join(NAMES)} (m, rad) or a YAML file, found {text!r}")
+    x, y, z, roll, pitch, yaw = numbers
+    return SE3.from_angles(roll, pitch, yaw, [x, y, z])
+
+
+def _from_file(path: Path, what: str) -> list[Any]:
+    try:
+        content = yaml.safe_load(path.read_text(encoding="utf-8"))
+    except (OSError, yaml.YAMLError) as error:
+        raise ValueError(f"{what}: {path}: expected a YAML file, found {' '.join(str(error).split())}") from None
+    if isinstance(content, dict):
+        content = content.get(what, content)
+    if not isinstance(content, dict) or set(content) != set(NAMES):
+        found = ", ".join(map(str, content)) if isinstance(content, dict) else type(content).__name__
+        raise ValueError(f"{what}: {path}: expected {', '.join(NAMES)}, found {found}")
+    return [content[name] for name in NAMES]

@@ -1,0 +1,73 @@
+"""Where odometry says that the base is: the topic `odom`, and what others publish above the base on /tf."""
+
+from __future__ import annotations
+
+from nav_msgs.msg import Odometry
+
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.odometry import OdometryBuffer
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.clocks import check_stamp
+from sphere_nav.ros.endpoints import Endpoints
+from sphere_nav.ros.tf import TransformError, TransformTree
+
+MAX_AGE_S = 0.2  # for which odometry is carried on by its own speed
+
+
+class OdometryInput:
+    """Odometry of the base from one source, whose frame does not change."""
+
+    def __init__(self, endpoints: Endpoints, tree: TransformTree, base_frame: str, *, is_used: bool) -> None:
+        """`is_used`: subscribe to `odom`; `tree` is asked in any case, and must not know the map."""
+        self._endpoints, self._tree, self._base_frame = endpoints, tree, base_frame
+        self._buffer, self._topic_frame = OdometryBuffer(MAX_AGE_S), ""
+        if is_used:
+            endpoints.add_subscription("odom", Odometry, self._on_odometry, qos.SENSOR, is_required=False)
+
+    def clear(self) -> None:
+        """Forget what has a stamp."""
+        self._buffer.clear()
+
+    def reset(self) -> None:
+        """Forget everything: the next odometry may be of another frame."""
+        self._buffer.clear()
+        self._topic_frame = ""
+
+    @property
+    def frame(self) -> str:
+        """Frame that the base moves in: the one that /tf has above it, else that of the topic, else none."""
+        return self._tree.root(self._base_frame) if self.is_on_tf else self._topic_frame
+
+    @property
+    def is_on_tf(self) -> bool:
+        """Whether somebody publishes on /tf how the base moves."""
+        return self._tree.is_moving(self._base_frame)
+
+    @property
+    def T_root_base(self) -> tuple[SE3, str]:
+        """The base in the frame that is rigidly above it all, such as base_footprint, and the name of that."""
+        root = self._tree.root(self._base_frame)
+        return (SE3.identity() if root == self._base_frame else self._tree.lookup(root, self._base_frame)), root
+
+    def at(self, stamp_ns: int) -> SE3 | None:
+        """Return T_odom_base by the topic."""
+        return self._buffer.at(stamp_ns)
+
+    def in_frame(self, stamp_ns: int) -> SE3 | None:
+        """Return T_frame_base: by the topic where it is of this frame, else by /tf."""
+        T_odom_base = self.at(stamp_ns) if self.frame == self._topic_frame else None
+        if T_odom_base is not None or not self.is_on_tf:
+            return T_odom_base
+        try:
+            return self._tree.lookup(self.frame, self._base_frame, stamp_ns)
+        except TransformError:
+            return None
+
+    def _on_odometry(self, message: Odometry) -> None:
+        T_odom_base, twist = conversions.odometry_to_se3(message)
+        stamp, frame = conversions.stamp_ns(message), message.header.frame_id
+        check_stamp(stamp, self._endpoints.now_ns(), "odom")
+        if self._topic_frame not in ("", frame):
+            raise ValueError(f"odom: header.frame_id: expected {self._topic_frame!r} as before, found {frame!r}")
+        self._buffer.add(stamp, T_odom_base, twist)
+        self._topic_frame = frame

@@ -1,0 +1,219 @@
+"""One camera: its images with all that they need to be localised - calibration, and the camera's place on the base."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from numpy.typing import NDArray
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sphere_nav_msgs.msg import SphereInfo
+
+from sphere_nav.geometry import SE3, Camera, Spherical
+from sphere_nav.localization.params import NodeParams
+from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.camera.odometry_input import OdometryInput
+from sphere_nav.ros.clocks import MAX_AHEAD_NS, ahead_s
+from sphere_nav.ros.conversions.encoded import encoded_size
+from sphere_nav.ros.endpoints import Endpoints
+from sphere_nav.ros.tf import TransformListener
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+
+DEEP = qos.QoSProfile(depth=1000, reliability=qos.RELIABLE, durability=qos.VOLATILE)
+ENCODINGS = "publish a usual encoding: mono8, mono16, rgb8, bgr8, rgba8, bgra8, or a PNG or JPEG"
+
+AnyImage: TypeAlias = Image | CompressedImage
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One image with what belongs to it; `others` are those of the other cameras at the same instant."""
+
+    image: NDArray[Any]  # grey (H, W)
+    camera: Camera
+    stamp_ns: int
+    T_base_camera: SE3  # optical axes; those of the body (x ahead, y left, z up) of a panorama
+    T_odom_base: SE3 | None
+    name: str = ""
+    others: tuple[Picture, ...] = ()
+
+
+@dataclass(frozen=True)
+class Fixture:
+    """What is known of a camera before it says anything.
+
+    name: "" of the only camera, whose topics have no prefix. T_base_camera: in optical axes, ValueError while it is not
+    known; None: /tf_static says it by the frame of the images. camera: its lens; None: camera_info or sphere_info say.
+    """
+
+    name: str = ""
+    T_base_camera: Callable[[], SE3] | None = None
+    camera: Camera | None = None
+
+
+class CameraStream:
+    """Subscribes; hands every image on, in order, as a `Picture` or with what is wrong with it."""
+
+    def __init__(
+        self,
+        endpoints: Endpoints,
+        params: NodeParams,
+        tf: TransformListener,
+        odometry: OdometryInput,
+        fixture: Fixture,
+        on_picture: Callable[[Picture], None],
+        on_refusal: Callable[[int, Finding], None],
+        *,
+        has_sphere_info: bool = False,
+    ) -> None:
+        """`on_refusal(stamp_ns, finding)` gets the images that cannot be used; `has_sphere_info` allows panoramas."""
+        self._endpoints, self._params, self._tf, self._odometry = endpoints, params, tf, odometry
+        self._on_picture, self._on_refusal, self._fixture = on_picture, on_refusal, fixture
+        self._waiting: deque[AnyImage] = deque()
+        self.forget_camera()
+        profile = DEEP if params.every_image else qos.SENSOR
+        is_known = fixture.camera is not None or params.is_panorama
+        prefix = f"cameras/{fixture.name}/" if fixture.name else ""
+        if not is_known:
+            endpoints.add_subscription(
+                f"{prefix}camera_info", CameraInfo, self._on_camera_info, profile, is_required=not has_sphere_info
+            )
+        if has_sphere_info and not is_known:
+            endpoints.add_subscription(
+                f"{prefix}sphere_info", SphereInfo, self._on_sphere_info, profile, is_required=False
+            )
+        is_raw = params.transport == "raw"
+        topic, kind = ("image_raw", Image) if is_raw else ("image_raw/compressed", CompressedImage)
+        self.images = endpoints.add_subscription(f"{prefix}{topic}", kind, self._on_image, profile)
+
+    def clear(self) -> None:
+        """Forget what has a stamp: the clock jumped."""
+        self._waiting.clear()
+
+    def forget_camera(self) -> None:
+        """Accept the next calibration and frames as new ones."""
+        self.camera: Camera | None = self._fixture.camera
+        self.T_base_camera: SE3 | None = None
+        self._fault = Finding(Reason.BAD_INFO, detail="no camera_info yet")
+        self._is_refused = False  # the calibration that came
+        self._image_frame = self._info_frame = ""
+
+    @property
+    def lack(self) -> Finding:
+        """What images wait for; FINE where none waits."""
+        return self._find_mounting(self._waiting[0]) if self._waiting else FINE
+
+    def _on_camera_info(self, message: CameraInfo) -> None:
+        is_rectified = self._params.is_rectified
+        self._on_info(message.header.frame_id, lambda: conversions.camera_from_info(message, is_rectified=is_rectified))
+
+    def _on_sphere_info(self, message: SphereInfo) -> None:
+        self._on_info(message.frame_id, lambda: conversions.sphere_info_to_camera(message))
+
+    def _on_info(self, frame: str, convert: Callable[[], Camera]) -> None:
+        try:
+            self._info_frame = _same_frame("camera_info", self._info_frame, frame)
+            self.camera, self._is_refused = convert(), False
+        except ValueError as error:
+            self.camera, self._is_refused = None, True
+            self._fault = Finding(Reason.BAD_INFO, detail=str(error))
+            self._hand_on()
+            raise
+        self._hand_on()
+
+    def _on_image(self, message: AnyImage) -> None:
+        stamp = conversions.stamp_ns(message)
+        ahead = ahead_s(stamp, self._endpoints.now_ns())
+        if ahead:
+            detail = f"stamp is {ahead:.3f} s ahead of the clock"
+            self._refuse(stamp, Finding(Reason.BAD_STAMP, ahead, MAX_AHEAD_NS * 1e-9, detail))
+        self._waiting.append(message)
+        if self._params.is_panorama and self.camera is None:
+            self._on_info(message.header.frame_id, lambda: panorama_of(message))
+            return
+        self._hand_on()
+
+    def _hand_on(self) -> None:
+        """Hand on all images that are ready, and those that have waited for more than enough others."""
+        patience = 0 if self._is_refused else self._params.max_waiting
+        while self._waiting:
+            fault = self._find_mounting(self._waiting[0])
+            if fault is FINE:
+                self._convert(self._waiting.popleft())
+            elif len(self._waiting) > patience:
+                self._on_refusal(conversions.stamp_ns(self._waiting.popleft()), fault)
+            else:
+                return
+
+    def _find_mounting(self, message: AnyImage) -> Finding:
+        """Return what is missing before an image can be used."""
+        if self.camera is None:
+            return self._fault
+        if self.T_base_camera is None:
+            try:
+                self.T_base_camera = self._look_up(message.header.frame_id, self.camera)
+            except ValueError as error:
+                return Finding(Reason.TF_STALE, detail=str(error))
+        return FINE
+
+    def _look_up(self, image_frame: str, camera: Camera) -> SE3:
+        """Return T_base_camera; ValueError while nobody says it."""
+        if self._fixture.T_base_camera is not None:
+            T_base_camera = self._fixture.T_base_camera()
+            return T_base_camera @ T_BODY_OPTICAL.inverse() if isinstance(camera, Spherical) else T_base_camera
+        base, frame = self._params.base_frame, self._params.camera_frame or image_frame
+        return self._tf.lookup(base, frame) if base and frame != base else SE3.identity()
+
+    def _convert(self, message: AnyImage) -> None:
+        """Hand on one image; ValueError where it cannot be read, or is another camera's."""
+        assert self.camera is not None
+        assert self.T_base_camera is not None
+        stamp = conversions.stamp_ns(message)
+        try:
+            self._check_frames(message.header.frame_id)
+        except ValueError as error:
+            advice = "a topic is of one camera: check the remapping of image_raw and camera_info, or call reset"
+            self._refuse(stamp, Finding(Reason.BAD_INFO, detail=str(error), advice=advice))
+        try:
+            image = self._decode(message)
+        except ValueError as error:
+            self._refuse(stamp, Finding(Reason.BAD_INFO, detail=str(error), advice=ENCODINGS))
+        odometry = self._odometry.at(stamp)
+        self._on_picture(Picture(image, self.camera, stamp, self.T_base_camera, odometry, self._fixture.name))
+
+    def _check_frames(self, frame: str) -> None:
+        """Raise ValueError where the image is not of the calibrated camera, or not of the one before."""
+        self._image_frame = _same_frame("image_raw", self._image_frame, frame)
+        if not self._params.camera_frame and self._info_frame and frame and self._info_frame != frame:
+            raise ValueError(f"header.frame_id: expected that of camera_info, {self._info_frame!r}, found {frame!r}")
+
+    def _decode(self, message: AnyImage) -> NDArray[Any]:
+        """Return grey levels (H, W); a compressed image of another size than the camera's is not unpacked."""
+        assert self.camera is not None
+        if isinstance(message, Image):
+            return conversions.image_to_grey(message)
+        size = self.camera.width, self.camera.height
+        return conversions.image_to_grey(conversions.compressed_to_image(message, size))
+
+    def _refuse(self, stamp: int, finding: Finding) -> None:
+        """Answer an image that is of no use, and count it as refused."""
+        self._on_refusal(stamp, finding)
+        raise ValueError(finding.detail)
+
+
+def panorama_of(message: AnyImage) -> Spherical:
+    """Return the camera of an equirectangular image; ValueError for one that is not twice as wide as high."""
+    width, height = (message.width, message.height) if isinstance(message, Image) else encoded_size(bytes(message.data))
+    if width != 2 * height or not width:
+        raise ValueError(f"image size: expected a whole sphere, twice as wide as high, found {width} x {height}")
+    return Spherical(width, height)
+
+
+def _same_frame(topic: str, before: str, frame: str) -> str:
+    """Return the frame, which may be left empty, but not change."""
+    if before and frame and before != frame:
+        raise ValueError(f"{topic}: header.frame_id: expected {before!r} as before, found {frame!r}")
+    return frame or before

@@ -1,0 +1,67 @@
+"""A clock that stands still: a simulator that waits, a player that is paused, or one that has died.
+
+Stamps against the clock of the node: what is stamped with the future is not believed.
+
+A stamp decides what a message is compared with. One that is ahead of the clock would make all that follow look late.
+"""
+
+from __future__ import annotations
+
+from math import inf
+
+MAX_AHEAD_NS = 100_000_000  # /clock may come later than what it stamps; more is a wrong clock
+
+
+def ahead_s(stamp_ns: int, now_ns: int) -> float:
+    """Return by how many seconds a stamp is too far ahead of the clock; 0 where it is not, or there is no time yet."""
+    lead_ns = stamp_ns - now_ns
+    return lead_ns * 1e-9 if now_ns > 0 and lead_ns > MAX_AHEAD_NS else 0.0
+
+
+def check_stamp(stamp_ns: int, now_ns: int, name: str) -> None:
+    """Raise ValueError for a stamp that is too far ahead of the clock."""
+    found = ahead_s(stamp_ns, now_ns)
+    if found:
+        raise ValueError(f"{name}: stamp: expected at most {MAX_AHEAD_NS * 1e-9:g} s ahead, found {found:.3f} s")
+
+
+PATIENCE = 0.4  # s of steady time without an advance of the node's clock: the ramp to zero begins
+MAX_LOOK = 0.1  # s
+
+
+class ClockWatch:
+    """Compares the node's clock, which may be simulated, with steady time.
+
+    Where a simulator's clock stands, so does its vehicle, however slow the machine: that is a pause. What a clock that
+    goes on later has left out is silence like any other, and judged as such.
+    """
+
+    def __init__(self, give_up: float = inf, patience: float = PATIENCE, max_look: float = MAX_LOOK) -> None:
+        """`patience`, `give_up`: s of standstill until it counts as a pause, and until it is no pause any more.
+
+        `max_look`: s between two looks that count; in a longer gap this process stood, not the clock.
+        """
+        self._give_up, self._patience, self._max_look = give_up, patience, max_look
+        self._clock_ns, self._seen_ns = 0, 0
+        self.stood = 0.0  # s of steady time since the clock advanced
+
+    def observe(self, clock_ns: int, steady_ns: int) -> None:
+        """Look at both clocks."""
+        passed = min((steady_ns - self._seen_ns) / 1e9, self._max_look)
+        self.stood = self.stood + passed if clock_ns == self._clock_ns != 0 else 0.0
+        self._clock_ns, self._seen_ns = clock_ns, steady_ns
+
+    @property
+    def is_standing(self) -> bool:
+        """Whether time has stopped."""
+        return self.stood > self._patience
+
+    @property
+    def pause(self) -> float:
+        """Seconds since it counts as a pause."""
+        return max(0.0, self.stood - self._patience)
+
+    @property
+    def is_over(self) -> bool:
+        """Whether what stood so long is no pause any more."""
+        return self.stood > max(self._give_up, self._patience)

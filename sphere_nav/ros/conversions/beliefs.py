@@ -1,0 +1,78 @@
+"""What a localiser believes, for RViz and Foxglove: places with their spread as markers, similarities as a scan."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Point
+from numpy.typing import NDArray
+from sensor_msgs.msg import LaserScan
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
+
+from sphere_nav.geometry import SE3
+from sphere_nav.ros.conversions.poses import se3_to_pose
+from sphere_nav.ros.conversions.stamps import header
+
+BEST = ColorRGBA(r=0.1, g=0.8, b=0.2, a=0.6)
+OTHER = ColorRGBA(r=1.0, g=0.5, b=0.0, a=0.6)
+SIGMAS = 2.0  # half axes of an ellipse in standard deviations
+MIN_SIGMA = 0.01  # m, so that a certain place can still be seen
+THICKNESS, ARROW_LENGTH, TEXT_SIZE = 0.05, 1.0, 0.4  # m
+
+
+def hypotheses_to_markers(
+    hypotheses: Sequence[Any], heights: Sequence[float], stamp: int, frame_id: str
+) -> MarkerArray:
+    """Return places by falling weight: an ellipse of two standard deviations, an arrow and the weight of each.
+
+    A hypothesis has `pose` (3,) x, y, yaw, `covariance` (3, 3) in the map's axes and `weight`; heights in m.
+    """
+    markers = [Marker(header=header(stamp, frame_id), action=Marker.DELETEALL)]
+    for number, (item, height) in enumerate(zip(hypotheses, heights, strict=True)):
+        colour = BEST if number == 0 else OTHER
+        values, axes = np.linalg.eigh(item.covariance[:2, :2])
+        turn = math.atan2(axes[1, 1], axes[0, 1])
+        ellipse = _marker("places", number, Marker.CYLINDER, (item.pose, height, turn), stamp, frame_id, colour)
+        long, short = (2.0 * SIGMAS * max(math.sqrt(max(v, 0.0)), MIN_SIGMA) for v in (values[1], values[0]))
+        ellipse.scale.x, ellipse.scale.y, ellipse.scale.z = long, short, THICKNESS
+        place = item.pose, height, float(item.pose[2])
+        arrow = _marker("headings", number, Marker.ARROW, place, stamp, frame_id, colour)
+        arrow.scale.x, arrow.scale.y, arrow.scale.z = ARROW_LENGTH, THICKNESS, THICKNESS
+        text = _marker("weights", number, Marker.TEXT_VIEW_FACING, place, stamp, frame_id, colour)
+        text.text, text.scale.z = f"{float(item.weight):.0%}", TEXT_SIZE
+        markers += [ellipse, arrow, text]
+    return MarkerArray(markers=markers)
+
+
+def similarities_to_scan(curve: NDArray[np.floating], yaw: float, stamp: int, frame_id: str) -> LaserScan:
+    """Return similarities (A,) of the headings i 2 pi / A as a polar curve around a vehicle that heads to `yaw` rad.
+
+    The range is the similarity in m, so that a viewer draws it; the peak lies ahead where compass and pose agree.
+    """
+    step = 2.0 * math.pi / len(curve)
+    first = math.ceil((yaw - math.pi) / step)  # of the headings: from behind, over the right, to behind again
+    values = np.roll(np.asarray(curve, np.float32), -(first % len(curve)))
+    return LaserScan(
+        header=header(stamp, frame_id),
+        angle_min=first * step - yaw,
+        angle_max=(first + len(curve) - 1) * step - yaw,
+        angle_increment=step,
+        range_min=0.0,
+        range_max=2.0,  # the largest similarity of images whose gradients sum to 1
+        ranges=values.tolist(),
+        intensities=values.tolist(),
+    )
+
+
+def _marker(
+    name: str, number: int, kind: int, place: tuple[Any, float, float], stamp: int, frame_id: str, colour: ColorRGBA
+) -> Marker:
+    pose, height, yaw = place
+    marker = Marker(header=header(stamp, frame_id), ns=name, id=number, type=kind, action=Marker.ADD, color=colour)
+    marker.pose = se3_to_pose(SE3.from_planar(float(pose[0]), float(pose[1]), yaw))
+    marker.pose.position = Point(x=float(pose[0]), y=float(pose[1]), z=float(height))
+    return marker

@@ -1,0 +1,111 @@
+"""sensor_msgs/CameraInfo against camera models."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import CameraInfo
+
+from sphere_nav.geometry import Camera, Fisheye, Pinhole
+from sphere_nav.ros.conversions.stamps import header
+
+ROTATION_TOLERANCE = 1e-3
+FISHEYE = "equidistant"
+PINHOLES = {"plumb_bob": 5, "rational_polynomial": 8}  # name -> number of coefficients
+
+
+def camera_from_info(info: CameraInfo, *, is_rectified: bool = False) -> Pinhole | Fisheye:
+    """Return the camera of the raw image, or of the rectified one (P instead of K and D).
+
+    A region of interest moves the centre; binning by b takes u to (u + 1/2) / b - 1/2, as pixels are summed.
+    """
+    name = " ".join(info.header.frame_id.split()) or "camera_info"
+    matrix = (
+        (info.p[0], info.p[5], info.p[2], info.p[6]) if is_rectified else (info.k[0], info.k[4], info.k[2], info.k[5])
+    )
+    fx, fy, cx, cy = (float(value) for value in matrix)
+    if fx == 0.0 or fy == 0.0:
+        raise ValueError(
+            f"{name}: {'P' if is_rectified else 'K'}[0]: expected a calibrated camera, found focal length 0"
+        )
+    if not is_rectified and (info.k[1] != 0.0 or info.k[8] != 1.0):
+        raise ValueError(
+            f"{name}: K: expected no skew and a last row 0 0 1, found {[float(value) for value in info.k]}"
+        )
+    roi, bin_x, bin_y = info.roi, max(int(info.binning_x), 1), max(int(info.binning_y), 1)
+    width, height = int(roi.width or info.width) // bin_x, int(roi.height or info.height) // bin_y
+    cx, cy = cx - roi.x_offset, cy - roi.y_offset
+    cx, cy = (cx + 0.5) / bin_x - 0.5, (cy + 0.5) / bin_y - 0.5
+    lengths = (width, height, fx / bin_x, fy / bin_y, cx, cy)
+    coefficients = () if is_rectified else tuple(float(value) for value in info.d)
+    try:
+        return _model(info.distortion_model, coefficients, lengths, is_rectified=is_rectified)
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
+
+
+def camera_to_info(camera: Camera, stamp: int, frame_id: str, *, baseline: float = 0.0) -> CameraInfo:
+    """Return the CameraInfo of a pinhole or fisheye camera; `baseline` in m of the right camera of a rectified pair."""
+    if not isinstance(camera, Pinhole | Fisheye):
+        raise ValueError(f"CameraInfo: expected a pinhole or fisheye camera, found {camera.model}: use SphereInfo")
+    fx, fy, cx, cy = float(camera.fx), float(camera.fy), float(camera.cx), float(camera.cy)
+    is_long = any(camera.distortion[5:])
+    model = FISHEYE if isinstance(camera, Fisheye) else "rational_polynomial" if is_long else "plumb_bob"
+    size = 4 if model == FISHEYE else PINHOLES[model]
+    return CameraInfo(
+        header=header(stamp, frame_id),
+        width=camera.width,
+        height=camera.height,
+        distortion_model=model,
+        d=[float(value) for value in (*camera.distortion, *(0.0,) * size)[:size]],
+        k=[fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0],
+        r=[1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p=[fx, 0.0, cx, -fx * baseline if baseline else 0.0, 0.0, fy, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+    )
+
+
+def rectification_of(info: CameraInfo) -> NDArray[np.float64]:
+    """Return R (3, 3), from the axes of the raw camera to those of the rectified one; zeros are told as no turn."""
+    R = np.array(info.r, dtype=np.float64).reshape(3, 3)
+    if not R.any():
+        return np.eye(3)
+    if not np.allclose(R @ R.T, np.eye(3), atol=ROTATION_TOLERANCE) or np.linalg.det(R) < 0:
+        raise ValueError(f"{info.header.frame_id or 'camera_info'}: R: expected a rotation, found {list(info.r)}")
+    return R
+
+
+def has_baseline(right: CameraInfo) -> bool:
+    """Return whether a right CameraInfo tells the rectified pair: P[3] = -fx * baseline."""
+    return bool(right.p[0] > 0.0 and right.p[3] < 0.0)
+
+
+def stereo_baseline(right: CameraInfo) -> float:
+    """Return the distance in m of the right camera of a rectified pair from the left one (P[3] = -fx B)."""
+    if right.p[0] == 0.0 or not right.p[3] < 0.0:
+        raise ValueError(f"{right.header.frame_id}: P[3]: expected -fx * baseline < 0, found {right.p[3]}")
+    return -float(right.p[3]) / float(right.p[0])
+
+
+def check_image_size(camera: Camera, width: int, height: int) -> None:
+    """Raise ValueError unless an image has the size of its camera."""
+    if (width, height) != (camera.width, camera.height):
+        raise ValueError(
+            f"image size: expected {camera.width} x {camera.height} (camera_info), found {width} x {height}"
+        )
+
+
+Lengths = tuple[int, int, float, float, float, float]
+
+
+def _model(name: str, d: tuple[float, ...], lengths: Lengths, *, is_rectified: bool) -> Pinhole | Fisheye:
+    if is_rectified or (name in ("", "none") and not any(d)):
+        return Pinhole(*lengths)
+    if name == FISHEYE:
+        if len(d) != 4:
+            raise ValueError(f"D: expected 4 coefficients of {FISHEYE}, found {len(d)}")
+        return Fisheye(*lengths, distortion=(d[0], d[1], d[2], d[3]))
+    if name not in PINHOLES:
+        raise ValueError(f"distortion_model: expected {', '.join((*PINHOLES, FISHEYE))}, found {name!r}")
+    if any(d[PINHOLES[name] :]):
+        raise ValueError(f"D: expected at most {PINHOLES[name]} coefficients of {name}, found {len(d)}")
+    return Pinhole(*lengths, distortion=d[: PINHOLES[name]] if any(d) else ())

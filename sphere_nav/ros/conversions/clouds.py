@@ -1,0 +1,70 @@
+"""sensor_msgs/PointCloud2 against points (N, 3)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from sensor_msgs.msg import PointCloud2, PointField
+
+from sphere_nav.ros.conversions.images import to_bytes
+from sphere_nav.ros.conversions.stamps import header
+
+KINDS = {
+    PointField.INT8: "i1", PointField.UINT8: "u1", PointField.INT16: "i2", PointField.UINT16: "u2",
+    PointField.INT32: "i4", PointField.UINT32: "u4", PointField.FLOAT32: "f4", PointField.FLOAT64: "f8",
+}  # fmt: skip
+MAX_BYTES = 1 << 28
+
+
+def cloud_to_message(
+    points: ArrayLike, stamp: int, frame_id: str, colours: NDArray[np.uint8] | None = None
+) -> PointCloud2:
+    """Return an unordered cloud of points (N, 3) in m; `colours` (N,) grey or (N, 3) RGB, as RViz shows them."""
+    xyz = np.asarray(points, dtype=np.float32).reshape(-1, 3)
+    columns = [(name, "<f4") for name in "xyz"] + ([("rgb", "<u4")] if colours is not None else [])
+    table = np.zeros(len(xyz), dtype=columns)
+    for axis, name in enumerate("xyz"):
+        table[name] = xyz[:, axis]
+    if colours is not None:
+        rgb = np.broadcast_to(np.asarray(colours, np.uint32).reshape(len(xyz), -1), (len(xyz), 3))
+        table["rgb"] = rgb[:, 0] << 16 | rgb[:, 1] << 8 | rgb[:, 2]
+    fields = [
+        PointField(name=n, offset=4 * i, datatype=PointField.FLOAT32, count=1) for i, (n, _) in enumerate(columns)
+    ]
+    return PointCloud2(
+        header=header(stamp, frame_id),
+        height=1,
+        width=len(xyz),
+        fields=fields,
+        is_bigendian=False,
+        point_step=table.itemsize,
+        row_step=table.nbytes,
+        data=to_bytes(table),
+        is_dense=bool(np.isfinite(xyz).all()),
+    )
+
+
+def message_to_cloud(message: PointCloud2) -> NDArray[np.float32]:
+    """Return the points (N, 3) in m whose three coordinates are finite."""
+    order = ">" if message.is_bigendian else "<"
+    fields = {field.name: field for field in message.fields}
+    width, height, step = int(message.width), int(message.height), int(message.point_step)
+    row_step = int(message.row_step)
+    needed = row_step * height
+    if row_step < width * step or len(message.data) < needed or max(needed, width * height) > MAX_BYTES:
+        raise ValueError(f"cloud data: expected {height} rows of {row_step} bytes, found {len(message.data)} bytes")
+    if width * height == 0:
+        return np.empty((0, 3), np.float32)
+    axes = []
+    for name in "xyz":
+        field = fields.get(name)
+        kind = KINDS.get(field.datatype) if field is not None else None
+        if field is None or kind is None:
+            raise ValueError(f"cloud: expected a field of numbers {name!r}, found {sorted(fields)}")
+        dtype = np.dtype(order + kind)
+        if field.offset + dtype.itemsize > step:
+            raise ValueError(f"cloud field {name}: expected to end within {step} bytes, found offset {field.offset}")
+        axis = np.ndarray((height, width), dtype, bytes(message.data), field.offset, (row_step, step))
+        axes.append(axis.astype(np.float32).ravel())
+    points = np.stack(axes, axis=1)
+    return points[np.isfinite(points).all(axis=1)]

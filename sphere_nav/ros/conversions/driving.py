@@ -1,0 +1,153 @@
+"""Commands, scans, paths and the messages of the path follower, against numbers and arrays."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import Twist, TwistStamped
+from numpy.typing import NDArray
+from sensor_msgs.msg import LaserScan
+from sphere_nav_msgs.msg import FollowerStatus, ReferencePoint, ReferenceTrajectory, TrackingError
+
+from sphere_nav.ros.conversions.stamps import header
+
+try:
+    from ackermann_msgs.msg import AckermannDriveStamped
+except ImportError:  # not among the wheels, but on most vehicles
+    AckermannDriveStamped = None
+
+Array = NDArray[np.float64]
+MAX_BEAMS = 1 << 20
+
+
+def check_frames(message: Any, frame_id: str, child_frame_id: str = "") -> None:
+    """Raise ValueError unless a message is in a frame, and of a child frame where one is named."""
+    if message.header.frame_id != frame_id:
+        raise ValueError(f"header.frame_id: expected {frame_id!r}, found {message.header.frame_id!r}")
+    if child_frame_id and message.child_frame_id != child_frame_id:
+        raise ValueError(f"child_frame_id: expected {child_frame_id!r}, found {message.child_frame_id!r}")
+
+
+def motion_to_twist(speed: float, yaw_rate: float) -> Twist:
+    """Return a Twist of the rear-axle centre: m/s along the heading, rad/s."""
+    message = Twist()
+    message.linear.x, message.angular.z = float(speed), float(yaw_rate)
+    return message
+
+
+def motion_to_twist_stamped(speed: float, yaw_rate: float, stamp: int, frame_id: str) -> TwistStamped:
+    """Return a TwistStamped, stamp in ns."""
+    return TwistStamped(header=header(stamp, frame_id), twist=motion_to_twist(speed, yaw_rate))
+
+
+def motion_to_ackermann(speed: float, steering_angle: float, stamp: int, frame_id: str) -> Any:
+    """Return an AckermannDriveStamped; the angle is that of the virtual front wheel in rad, left positive."""
+    message = AckermannDriveStamped(header=header(stamp, frame_id))
+    message.drive.speed, message.drive.steering_angle = float(speed), float(steering_angle)
+    return message
+
+
+def scan_to_points(scan: LaserScan) -> Array:
+    """Return the points (N, 3) in m in the scanner's frame of the beams that hit something within the range."""
+    ranges = np.asarray(scan.ranges, dtype=np.float64)
+    if not 0 < len(ranges) <= MAX_BEAMS:
+        raise ValueError(f"scan: ranges: expected 1 to {MAX_BEAMS} beams, found {len(ranges)}")
+    if not np.isfinite([scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max]).all():
+        raise ValueError("scan: expected finite angles and range limits")
+    angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
+    hit = np.isfinite(ranges) & (ranges >= scan.range_min) & (ranges <= scan.range_max)
+    r, a = ranges[hit], angles[hit]
+    return np.stack([r * np.cos(a), r * np.sin(a), np.zeros(len(r))], axis=-1)
+
+
+def follower_status_to_message(status: Any, stamp: int, frame_id: str) -> FollowerStatus:
+    """Return the message of anything with the fields of `path_follower.command.Status`."""
+    state, verdict = str(status.state), status.verdict
+    return FollowerStatus(
+        header=header(stamp, frame_id),
+        state=state,
+        state_code=int(getattr(FollowerStatus, f"CODE_{state}")),
+        reason=str(verdict.reason),
+        value=float(verdict.value),
+        limit=float(verdict.limit),
+        remedy=str(verdict.remedy),
+        progress=float(status.progress),
+        distance_to_end=float(status.distance_to_end),
+        is_armed=bool(status.is_armed),
+    )
+
+
+def guide_status_to_message(
+    advice: Any, way: tuple[float, float], min_lead: float, stamp: int, frame_id: str
+) -> FollowerStatus:
+    """Return whether the advice of `mcl_depth.homing` (None: there is none) may be followed; way gone and left in m."""
+    message = FollowerStatus(header=header(stamp, frame_id), progress=float(way[0]), distance_to_end=float(way[1]))
+    is_clear = advice is not None and advice.is_clear
+    state = FollowerStatus.FINISHED if is_clear and advice.is_finished else FollowerStatus.DRIVING
+    message.state = state if is_clear else FollowerStatus.STOPPED
+    message.state_code = int(getattr(FollowerStatus, f"CODE_{message.state}"))
+    message.is_armed = True
+    if not is_clear:
+        message.reason = FollowerStatus.NOT_LOCALISED
+        message.value, message.limit = float(advice.lead) if advice is not None else 0.0, float(min_lead)
+        message.remedy = "the places around the next waypoint look alike, or the image cannot be used"
+    return message
+
+
+def message_to_progress(message: FollowerStatus) -> tuple[str, tuple[float, float]]:
+    """Return state, and m gone and m left; ValueError for lengths that are no numbers."""
+    way = float(message.progress), float(message.distance_to_end)
+    if not np.isfinite(way).all():
+        raise ValueError(f"progress, distance_to_end: expected finite lengths, found {way[0]:g} and {way[1]:g} m")
+    return str(message.state), way
+
+
+def tracking_to_message(tracking: Any, stamp: int, frame_id: str) -> TrackingError:
+    """Return the message of anything with the fields of `path_follower.command.TrackingError`."""
+    errors, location = tracking.errors, tracking.location
+    return TrackingError(
+        header=header(stamp, frame_id),
+        longitudinal=float(errors.longitudinal),
+        lateral=float(errors.lateral),
+        yaw=float(errors.yaw),
+        cross_track=float(location.cross_track),
+        progress=float(location.arc_length),
+        segment=int(location.edge),
+        reference=_point(tracking.reference),
+    )
+
+
+def trajectory_to_message(path: Any, stamp: int, frame_id: str) -> ReferenceTrajectory:
+    """Return the message of anything with the fields of `path_follower.path.ReferencePath`."""
+    columns = (path.x, path.y, path.yaw, path.speed, path.speed * path.curvature, path.arc_length)
+    names = ("position_x", "position_y", "yaw", "speed", "yaw_rate", "arc_length")
+    rows = np.stack(columns, axis=-1).tolist()
+    return ReferenceTrajectory(
+        header=header(stamp, frame_id),
+        points=[ReferencePoint(**dict(zip(names, row, strict=True))) for row in rows],
+        length=float(path.length),
+        is_closed=bool(path.is_closed),
+        is_reverse_allowed=bool(np.any(path.speed < 0)),
+    )
+
+
+def message_to_trajectory(message: ReferenceTrajectory) -> tuple[Array, Array, Array]:
+    """Return points (N, 2), headings (N,) and speeds (N,); ValueError for speeds below 0 where they are not allowed."""
+    rows = [(p.position_x, p.position_y, p.yaw, p.speed) for p in message.points]
+    values = np.array(rows, dtype=np.float64).reshape(-1, 4)
+    backwards = np.flatnonzero(values[:, 3] < 0)
+    if backwards.size and not message.is_reverse_allowed:
+        raise ValueError(f"points[{backwards[0]}].speed: expected 0 or more (is_reverse_allowed), found a negative one")
+    return values[:, :2], values[:, 2], values[:, 3]
+
+
+def _point(reference: Any) -> ReferencePoint:
+    return ReferencePoint(
+        position_x=float(reference.x),
+        position_y=float(reference.y),
+        yaw=float(reference.yaw),
+        speed=float(reference.speed),
+        yaw_rate=float(reference.yaw_rate),
+        arc_length=float(reference.arc_length),
+    )

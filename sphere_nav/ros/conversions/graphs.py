@@ -1,0 +1,79 @@
+"""sphere_nav_msgs/KeySphereGraph against the graph of key spheres.
+
+An edge's information (6, 6) is that of xi in T_a_b @ exp(xi), axes of b; the message carries its inverse about the
+fixed axes of a, as ROS has it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from sphere_nav_msgs.msg import KeySphereEdge, KeySphereGraph, KeySphereVertex, MapInfo
+
+from sphere_nav.ros.conversions.poses import from_ros_covariance, pose_to_se3, se3_to_pose, to_ros_covariance
+from sphere_nav.ros.conversions.stamps import header, ns_to_time, time_to_ns
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+
+MAX_ID = 2**32 - 1
+MAX_VARIANCE = 1e12  # of a direction that the edge says nothing about
+
+
+def graph_to_message(
+    graph: SphereGraph, frame_id: str, *, map_id: str = "", version: int = 1, software: str = ""
+) -> KeySphereGraph:
+    """Return the message: poses and edges, no pictures."""
+    newest = max((node.stamp_ns for node in graph), default=0)
+    return KeySphereGraph(
+        header=header(newest, frame_id),
+        map_id=map_id,
+        version=version,
+        format_version=MapInfo.FORMAT_VERSION,
+        software=software,
+        vertices=[_vertex(node) for node in sorted(graph, key=lambda node: node.id)],
+        edges=[_edge(edge) for edge in graph.edges],
+    )
+
+
+def message_to_graph(message: KeySphereGraph) -> SphereGraph:
+    """Return the graph, its key spheres without pictures; ValueError for a repeated id, an edge to nowhere, a NaN."""
+    return SphereGraph(map(_from_vertex, message.vertices), [_from_edge(edge) for edge in message.edges])
+
+
+def _vertex(node: KeySphere) -> KeySphereVertex:
+    if not 0 <= node.id <= MAX_ID:
+        raise ValueError(f"key sphere id: expected 0 to {MAX_ID}, found {node.id}")
+    pose = se3_to_pose(node.T_map_sphere)
+    return KeySphereVertex(id=node.id, stamp=ns_to_time(node.stamp_ns), pose=pose, region_radius=node.region_radius_m)
+
+
+def _from_vertex(vertex: KeySphereVertex) -> KeySphere:
+    name, radius = f"vertex {vertex.id}", float(vertex.region_radius)
+    if not 0.0 <= radius < np.inf:
+        raise ValueError(f"{name} region_radius: expected metres, or 0 for not known, found {radius}")
+    pose = pose_to_se3(vertex.pose, f"{name} pose")
+    return KeySphere(int(vertex.id), time_to_ns(vertex.stamp), pose, region_radius_m=radius)
+
+
+def _edge(edge: Edge) -> KeySphereEdge:
+    message = KeySphereEdge(from_id=edge.a, to_id=edge.b)
+    message.kind = KeySphereEdge.LOOP if edge.is_loop else KeySphereEdge.ODOMETRY
+    message.pose.pose = se3_to_pose(edge.T_a_b)
+    message.pose.covariance = to_ros_covariance(_inverse(edge.information), edge.T_a_b)
+    return message
+
+
+def _from_edge(message: KeySphereEdge) -> Edge:
+    name = f"edge {message.from_id}-{message.to_id}"
+    T_a_b = pose_to_se3(message.pose.pose, f"{name} pose")
+    try:
+        covariance = from_ros_covariance(message.pose.covariance, T_a_b)
+    except ValueError as error:
+        raise ValueError(f"{name} {error}") from None
+    is_loop = message.kind == KeySphereEdge.LOOP
+    return Edge(int(message.from_id), int(message.to_id), T_a_b, _inverse(covariance), is_loop)
+
+
+def _inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Invert a symmetric positive semi-definite (6, 6), directions without information becoming `MAX_VARIANCE`."""
+    values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    return (vectors / np.maximum(values, 1.0 / MAX_VARIANCE)) @ vectors.T

@@ -1,0 +1,198 @@
+"""sensor_msgs/Image and CompressedImage against arrays indexed [v, u]."""
+
+from __future__ import annotations
+
+import array
+import struct
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import CompressedImage, Image
+
+from sphere_nav.geometry.cameras.camera import MAX_PIXELS
+from sphere_nav.ros.conversions.encoded import decode_file
+from sphere_nav.ros.conversions.stamps import header
+
+ENCODINGS: dict[str, tuple[type, int]] = {
+    "mono8": (np.uint8, 1),
+    "8UC1": (np.uint8, 1),
+    "rgb8": (np.uint8, 3),
+    "bgr8": (np.uint8, 3),
+    "8UC3": (np.uint8, 3),
+    "rgba8": (np.uint8, 4),
+    "bgra8": (np.uint8, 4),
+    "yuv422": (np.uint8, 2),
+    "uyvy": (np.uint8, 2),
+    "yuv422_yuy2": (np.uint8, 2),
+    "yuyv": (np.uint8, 2),
+    "bayer_rggb8": (np.uint8, 1),
+    "bayer_bggr8": (np.uint8, 1),
+    "bayer_gbrg8": (np.uint8, 1),
+    "bayer_grbg8": (np.uint8, 1),
+    "mono16": (np.uint16, 1),
+    "16UC1": (np.uint16, 1),
+    "32FC1": (np.float32, 1),
+}
+TO_RGB = {
+    "bgr8": cv2.COLOR_BGR2RGB,
+    "8UC3": cv2.COLOR_BGR2RGB,  # what OpenCV means by three channels
+    "rgba8": cv2.COLOR_RGBA2RGB,
+    "bgra8": cv2.COLOR_BGRA2RGB,
+    "yuv422": cv2.COLOR_YUV2RGB_UYVY,
+    "uyvy": cv2.COLOR_YUV2RGB_UYVY,
+    "yuv422_yuy2": cv2.COLOR_YUV2RGB_YUY2,
+    "yuyv": cv2.COLOR_YUV2RGB_YUY2,
+    "bayer_rggb8": cv2.COLOR_BayerBG2RGB,  # OpenCV names a pattern by the second row's second and third pixel
+    "bayer_bggr8": cv2.COLOR_BayerRG2RGB,
+    "bayer_gbrg8": cv2.COLOR_BayerGR2RGB,
+    "bayer_grbg8": cv2.COLOR_BayerGB2RGB,
+}
+IN_PAIRS = ("yuv422", "uyvy", "yuv422_yuy2", "yuyv")  # two pixels share a colour
+COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")  # of image_transport's compressedDepth: kind, two parameters
+MILLIMETRES_INVALID = (0, 65535)
+
+Bytes = NDArray[np.uint8]
+Floats = NDArray[np.float32]
+
+
+def image_to_array(message: Image) -> NDArray[Any]:
+    """Return the pixels (H, W) or (H, W, channels) in the machine's byte order, without padding; a view if possible."""
+    if message.encoding not in ENCODINGS:
+        raise ValueError(f"encoding: expected one of {', '.join(ENCODINGS)}, found {message.encoding!r}")
+    kind, channels = ENCODINGS[message.encoding]
+    height, width, step = int(message.height), int(message.width), int(message.step)
+    row = width * channels * np.dtype(kind).itemsize
+    if not 0 < height * width <= MAX_PIXELS:
+        raise ValueError(f"image size: expected 1 to {MAX_PIXELS} pixels, found {width} x {height}")
+    if step < row:
+        raise ValueError(f"step: expected at least {row} ({width} pixels of {message.encoding}), found {step}")
+    if len(message.data) < step * (height - 1) + row or len(message.data) > step * height:
+        raise ValueError(f"data: expected {step * height} bytes ({height} rows of {step}), found {len(message.data)}")
+    dtype = np.dtype(kind).newbyteorder(">" if message.is_bigendian else "<")
+    shape = (height, width, channels) if channels > 1 else (height, width)
+    strides = (step, channels * dtype.itemsize, dtype.itemsize) if channels > 1 else (step, dtype.itemsize)
+    pixels = np.ndarray(shape, dtype, buffer=message.data, strides=strides)
+    pixels.flags.writeable = False
+    return np.ascontiguousarray(pixels, dtype=kind)
+
+
+def array_to_image(pixels: NDArray[Any], stamp: int, frame_id: str, encoding: str) -> Image:
+    """Return an Image; `pixels` (H, W) or (H, W, channels) of the type that `encoding` names, stamp in ns."""
+    kind, channels = ENCODINGS[encoding]
+    shape = pixels.shape[2] if pixels.ndim == 3 else 1
+    if pixels.dtype != kind or pixels.ndim not in (2, 3) or shape != channels:
+        raise ValueError(f"{encoding}: expected {channels} x {np.dtype(kind)}, found {pixels.shape} {pixels.dtype}")
+    height, width = pixels.shape[:2]
+    return Image(
+        header=header(stamp, frame_id),
+        height=height,
+        width=width,
+        encoding=encoding,
+        step=width * channels * pixels.itemsize,
+        data=to_bytes(np.ascontiguousarray(pixels, dtype=np.dtype(kind).newbyteorder("<"))),
+    )
+
+
+def image_to_rgb(message: Image) -> Bytes:
+    """Return (H, W, 3) RGB, or (H, W) for a grey image, uint8; mono16 loses its lower byte."""
+    pixels = image_to_array(message)
+    if message.encoding == "mono16":
+        return (pixels >> 8).astype(np.uint8)
+    if pixels.dtype != np.uint8:
+        raise ValueError(f"encoding: expected a grey or colour image, found {message.encoding!r}")
+    if message.encoding in IN_PAIRS and pixels.shape[1] % 2:
+        raise ValueError(f"width: expected an even number of pixels of {message.encoding}, found {pixels.shape[1]}")
+    return cv2.cvtColor(pixels, TO_RGB[message.encoding]) if message.encoding in TO_RGB else pixels
+
+
+def image_to_grey(message: Image) -> Bytes:
+    """Return the grey levels (H, W) uint8."""
+    pixels = image_to_rgb(message)
+    return cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) if pixels.ndim == 3 else pixels
+
+
+def depth_to_metres(message: Image) -> Floats:
+    """Return the depth along the optical axis (H, W) float32 in m, NaN where there is none (REP-118, REP-117)."""
+    pixels = image_to_array(message)
+    if message.encoding in ("16UC1", "mono16"):
+        depth = pixels.astype(np.float32) * np.float32(1e-3)
+        depth[np.isin(pixels, MILLIMETRES_INVALID)] = np.nan
+        return depth
+    if message.encoding != "32FC1":
+        raise ValueError(f"encoding of depth: expected 16UC1 or 32FC1, found {message.encoding!r}")
+    return np.where(pixels > 0, pixels, np.float32(np.nan))
+
+
+def compressed_to_array(
+    message: CompressedImage, size: tuple[int, int] | None = None, size_name: str = "camera_info"
+) -> Bytes:
+    """Decode JPEG or PNG to (H, W, 3) RGB or (H, W) grey, uint8; before that its size (width, height) is compared."""
+    pixels = decode_file(message.data, MAX_PIXELS, cv2.IMREAD_ANYCOLOR, size, size_name)
+    return cv2.cvtColor(pixels, cv2.COLOR_BGR2RGB) if pixels.ndim == 3 else pixels
+
+
+def compressed_to_image(message: CompressedImage, size: tuple[int, int] | None = None) -> Image:
+    """Return the Image (rgb8 or mono8) that was compressed; `size` as of `compressed_to_array`."""
+    pixels = compressed_to_array(message, size)
+    image = array_to_image(pixels, 0, "", "rgb8" if pixels.ndim == 3 else "mono8")
+    image.header = message.header
+    return image
+
+
+def compressed_depth_to_image(message: CompressedImage) -> Image:
+    """Return the depth Image (16UC1 in mm, or 32FC1 in m) behind image_transport's compressedDepth (PNG).
+
+    32FC1 is stored as a / depth + b in 16 bits, with a and b in front of the PNG; 0 is unknown.
+    """
+    encoding = message.format.split(";")[0].strip()
+    if encoding not in ("16UC1", "32FC1") or "rvl" in message.format.lower():
+        raise ValueError(
+            f"format of compressed depth: expected '16UC1 or 32FC1; compressedDepth png', found {message.format!r}"
+        )
+    data = bytes(message.data)
+    if len(data) <= COMPRESSED_DEPTH_HEADER.size:
+        raise ValueError(f"data: expected a header of 12 bytes and a PNG, found {len(data)} bytes")
+    _, scale, offset = COMPRESSED_DEPTH_HEADER.unpack_from(data)
+    pixels: Any = _decode_16_bit(data[COMPRESSED_DEPTH_HEADER.size :])
+    if encoding == "32FC1":
+        if not np.isfinite([scale, offset]).all():
+            raise ValueError(f"data: expected finite depth parameters, found {scale}, {offset}")
+        known = (pixels > 0) & (pixels != offset)
+        metres = np.full(pixels.shape, np.nan, np.float32)
+        metres[known] = np.float32(scale) / (pixels[known].astype(np.float32) - np.float32(offset))
+        pixels = metres
+    image = array_to_image(pixels, 0, "", encoding)
+    image.header = message.header
+    return image
+
+
+def decompress(message: CompressedImage) -> Image:
+    """Return the Image behind a compressed one: colours, grey levels, or depth."""
+    if "compressedDepth" in message.format:
+        return compressed_depth_to_image(message)
+    if message.format.split(";")[0].strip() in ("16UC1", "mono16"):
+        return _compressed_16_bit(message)
+    return compressed_to_image(message)
+
+
+def to_bytes(pixels: NDArray[Any]) -> array.array[int]:
+    """Return the memory of an array as messages take it fast: never assign an ndarray to a message."""
+    data = array.array("B")
+    data.frombytes(pixels.tobytes())
+    return data
+
+
+def _compressed_16_bit(message: CompressedImage) -> Image:
+    """Return the Image of a 16-bit PNG on a topic `/compressed`."""
+    image = array_to_image(_decode_16_bit(message.data), 0, "", message.format.split(";")[0].strip())
+    image.header = message.header
+    return image
+
+
+def _decode_16_bit(data: Any) -> NDArray[np.uint16]:
+    pixels = decode_file(data, MAX_PIXELS, cv2.IMREAD_UNCHANGED)
+    if pixels.dtype != np.uint16 or pixels.ndim != 2:
+        raise ValueError(f"data: expected a PNG of one channel of 16 bits, found {pixels.shape} {pixels.dtype}")
+    return pixels

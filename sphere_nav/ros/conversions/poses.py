@@ -1,0 +1,169 @@
+"""geometry_msgs and nav_msgs poses against SE3.
+
+A covariance of ours belongs to xi = (v, omega) in T @ exp(xi): axes of the moving body. ROS wants the axes of the
+header's frame: x, y, z, rotation about fixed X, Y, Z. To first order delta_fixed = blkdiag(R, R) xi.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from geometry_msgs.msg import (
+    Point,
+    Pose,
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    Transform,
+    TransformStamped,
+    Vector3,
+)
+from nav_msgs.msg import Odometry, Path
+from numpy.typing import ArrayLike, NDArray
+
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.files.fields import MAX_NUMBER
+from sphere_nav.ros.conversions.stamps import header, stamp_ns
+
+Array = NDArray[np.float64]
+NORM_TOLERANCE = 0.01  # a quaternion from a message may be rounded, not arbitrary
+
+
+def point_to_array(point: Point | Vector3) -> Array:
+    """Return (3,) in m."""
+    return np.array([point.x, point.y, point.z])
+
+
+def pose_to_se3(pose: Pose, name: str = "pose") -> SE3:
+    """Return T_frame_body; ValueError if a number is not finite or the quaternion is not of unit length."""
+    return _to_se3(pose.position, pose.orientation, name)
+
+
+def se3_to_pose(T_frame_body: SE3) -> Pose:
+    """Return a Pose; ValueError rather than a NaN."""
+    return Pose(position=Point(**_xyz(T_frame_body)), orientation=_quaternion(T_frame_body))
+
+
+def se3_to_pose_stamped(T_frame_body: SE3, stamp: int, frame_id: str) -> PoseStamped:
+    """Return a PoseStamped, stamp in ns."""
+    return PoseStamped(header=header(stamp, frame_id), pose=se3_to_pose(T_frame_body))
+
+
+def transform_to_se3(transform: Transform, name: str = "transform") -> SE3:
+    """Return T_parent_child."""
+    return _to_se3(transform.translation, transform.rotation, name)
+
+
+def se3_to_transform(T_parent_child: SE3, stamp: int, parent: str, child: str) -> TransformStamped:
+    """Return a TransformStamped, stamp in ns."""
+    message = TransformStamped(header=header(stamp, parent), child_frame_id=child)
+    message.transform.translation = Vector3(**_xyz(T_parent_child))
+    message.transform.rotation = _quaternion(T_parent_child)
+    return message
+
+
+def to_ros_covariance(covariance: ArrayLike, T_frame_body: SE3) -> list[float]:
+    """Return the 36 numbers of a message from a local covariance (6, 6) of (v, omega)."""
+    axes = np.kron(np.eye(2), T_frame_body.rotation)
+    fixed = axes @ np.asarray(covariance, dtype=np.float64) @ axes.T
+    if fixed.shape != (6, 6) or not np.all(np.isfinite(fixed)):
+        raise ValueError(f"covariance: expected finite (6, 6), found {np.asarray(covariance).tolist()}")
+    return [float(value) for value in (0.5 * (fixed + fixed.T)).ravel()]
+
+
+def from_ros_covariance(numbers: ArrayLike, T_frame_body: SE3) -> Array:
+    """Return the local covariance (6, 6) of (v, omega) from the 36 numbers of a message."""
+    axes = np.kron(np.eye(2), T_frame_body.rotation)
+    fixed = np.asarray(numbers, dtype=np.float64).reshape(6, 6)
+    if not np.all(np.isfinite(fixed)) or np.any(np.diagonal(fixed) < 0):
+        raise ValueError(f"covariance: expected finite numbers, none negative on the diagonal, found {fixed.tolist()}")
+    return axes.T @ (0.5 * (fixed + fixed.T)) @ axes
+
+
+def move_covariance(covariance: ArrayLike, T_new_old: SE3) -> Array:
+    """Return the local covariance of T_frame_new from that of T_frame_old, both fixed to one body."""
+    adjoint = T_new_old.adjoint()
+    return adjoint @ np.asarray(covariance, dtype=np.float64) @ adjoint.T
+
+
+def se3_to_pose_with_covariance(
+    T_frame_body: SE3, covariance: ArrayLike, stamp: int, frame_id: str
+) -> PoseWithCovarianceStamped:
+    """Return a PoseWithCovarianceStamped; `covariance` (6, 6) is local."""
+    message = PoseWithCovarianceStamped(header=header(stamp, frame_id))
+    message.pose.pose = se3_to_pose(T_frame_body)
+    message.pose.covariance = to_ros_covariance(covariance, T_frame_body)
+    return message
+
+
+def pose_with_covariance_to_se3(message: PoseWithCovarianceStamped, frame_id: str = "") -> tuple[SE3, Array]:
+    """Return T_frame_body and its local covariance (6, 6); `frame_id`: the frame that it must be given in."""
+    if frame_id and message.header.frame_id != frame_id:
+        raise ValueError(f"pose: header.frame_id: expected {frame_id!r}, found {message.header.frame_id!r}")
+    T_frame_body = pose_to_se3(message.pose.pose)
+    return T_frame_body, from_ros_covariance(message.pose.covariance, T_frame_body)
+
+
+def se3_to_odometry(
+    T_frame_body: SE3,
+    covariance: ArrayLike,
+    stamp: int,
+    frames: tuple[str, str],
+    twist: ArrayLike = (0.0,) * 6,
+    twist_covariance: ArrayLike = (0.0,) * 36,
+) -> Odometry:
+    """Return an Odometry; `frames` are (header, child); the twist (v, omega) is in the child's axes, as is ours."""
+    message = Odometry(header=header(stamp, frames[0]), child_frame_id=frames[1])
+    message.pose.pose = se3_to_pose(T_frame_body)
+    message.pose.covariance = to_ros_covariance(covariance, T_frame_body)
+    numbers = [float(value) for value in np.asarray(twist).ravel()]
+    for part, values in ((message.twist.twist.linear, numbers[:3]), (message.twist.twist.angular, numbers[3:])):
+        part.x, part.y, part.z = values
+    message.twist.covariance = [float(value) for value in np.asarray(twist_covariance).ravel()]
+    if not np.all(np.isfinite(numbers)):
+        raise ValueError(f"twist: expected finite numbers, found {numbers}")
+    return message
+
+
+def odometry_to_se3(message: Odometry) -> tuple[SE3, Array]:
+    """Return T_frame_child and the twist (6,) as (v, omega) in the child's axes, m/s and rad/s."""
+    linear, angular = message.twist.twist.linear, message.twist.twist.angular
+    twist = np.concatenate([point_to_array(linear), point_to_array(angular)])
+    if not np.all(np.isfinite(twist)):
+        raise ValueError(f"odometry twist: expected finite numbers, found {twist.tolist()}")
+    return pose_to_se3(message.pose.pose, "odometry pose"), twist
+
+
+def poses_to_path(poses: Iterable[tuple[int, SE3]], stamp: int, frame_id: str) -> Path:
+    """Return a Path of (stamp in ns, T_frame_body)."""
+    return Path(header=header(stamp, frame_id), poses=[se3_to_pose_stamped(T, ns, frame_id) for ns, T in poses])
+
+
+def path_to_poses(message: Path) -> list[tuple[int, SE3]]:
+    """Return (stamp in ns, T_frame_body) of every pose; ValueError if one is in another frame than the path."""
+    for index, item in enumerate(message.poses):
+        if item.header.frame_id not in ("", message.header.frame_id):
+            expected, found = message.header.frame_id, item.header.frame_id
+            raise ValueError(f"path: poses[{index}].header.frame_id: expected {expected!r}, found {found!r}")
+    return [(stamp_ns(item), pose_to_se3(item.pose, f"poses[{i}]")) for i, item in enumerate(message.poses)]
+
+
+def _to_se3(position: Point | Vector3, orientation: Quaternion, name: str) -> SE3:
+    t = point_to_array(position)
+    q = np.array([orientation.x, orientation.y, orientation.z, orientation.w])
+    if not np.all(np.abs(t) <= MAX_NUMBER):
+        raise ValueError(f"{name}.position: expected finite numbers, found {t.tolist()}")
+    if not abs(np.linalg.norm(q) - 1.0) < NORM_TOLERANCE:
+        raise ValueError(f"{name}.orientation: expected a unit quaternion, found {q.tolist()}")
+    return SE3.from_quaternion(q, t)
+
+
+def _xyz(pose: SE3) -> dict[str, float]:
+    if not np.all(np.isfinite(pose.matrix)):
+        raise ValueError(f"pose: expected finite numbers, found {pose.matrix.tolist()}")
+    return dict(zip("xyz", map(float, pose.translation), strict=True))
+
+
+def _quaternion(pose: SE3) -> Quaternion:
+    return Quaternion(**dict(zip("xyzw", map(float, pose.quaternion), strict=True)))

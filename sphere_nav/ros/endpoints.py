@@ -1,0 +1,169 @@
+"""What a node, or a part of one, has open towards ROS: topics, services, timers, clocks, log and diagnostics.
+
+A part of a node gets these, values and callbacks; it never gets the node.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from rclpy.qos import QoSProfile
+
+from sphere_nav.ros import qos
+from sphere_nav.ros.service import answer_always
+from sphere_nav.ros.subscription import Subscription
+
+COMPRESSED, COMPRESSED_DEPTH = "/compressed", "/compressedDepth"  # topics of image_transport
+OK, WARN, ERROR, STALE = 0, 1, 2, 3  # levels of diagnostic_msgs/DiagnosticStatus
+
+
+class Log(Protocol):
+    """Where a node speaks. `every` seconds at most once a `key` (the text itself without one)."""
+
+    def info(self, text: str, *, every: float = 0.0, key: str = "") -> None:
+        """Say what happened."""
+
+    def warning(self, text: str, *, every: float = 0.0, key: str = "") -> None:
+        """Say what should be looked at."""
+
+    def error(self, text: str, *, every: float = 0.0, key: str = "") -> None:
+        """Say what does not work."""
+
+
+class Publisher(Protocol):
+    """A topic that this node publishes."""
+
+    def publish(self, message: Any) -> None:
+        """Send a message; nothing is sent while the node is inactive."""
+
+    def wait_for_acknowledgement(self, seconds: float) -> bool:
+        """Wait until every reliable subscription has all messages; False when the time is over."""
+        ...
+
+    @property
+    def num_subscriptions(self) -> int:
+        """Number of subscriptions, to skip work that nobody asked for; 1 in a replay that captures the topic."""
+        ...
+
+
+class Shell(Protocol):
+    """What is beneath a node: DDS (`live.LiveShell`) or a bag (`replay.OfflineShell`)."""
+
+    log: Log
+    is_live: bool  # messages come when they come; of a bag they wait until the node is done
+
+    def read_parameters(self, cls: type[Any]) -> Any:
+        """Return the parameters object."""
+
+    def now_ns(self) -> int:
+        """Return the time of the node's clock; simulated or recorded time where that is used."""
+
+    def steady_ns(self) -> int:
+        """Return the time of a clock that nobody can set."""
+
+    def own_ns(self) -> int:
+        """Return the time by which silence is judged: steady, or that of /clock where time is simulated."""
+
+    def publishers_of(self, topic: str) -> list[str]:
+        """Return the full names of the nodes that publish on a topic, as far as known."""
+
+    def add_subscription(self, wanted: Subscription) -> None:
+        """Start to deliver messages."""
+
+    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile) -> Publisher:
+        """Open a topic for publishing."""
+
+    def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
+        """Offer a service."""
+
+    def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool) -> None:
+        """Call back regularly."""
+
+    def remove_subscription(self, wanted: Subscription) -> None:
+        """Stop to deliver messages."""
+
+    def finish(self, status: int) -> None:
+        """End the process, or the replay, in order."""
+
+
+class Endpoints:
+    """Opens them, and remembers inputs and diagnostic entries for whoever tells about the node's health."""
+
+    def __init__(self, shell: Shell) -> None:
+        self._shell = shell
+        self.log = shell.log
+        self.driver_topics: dict[str, str] = {}  # of a camera's driver, by ours
+        self.inputs: list[Subscription] = []
+        self.reports: dict[str, tuple[int, str, dict[str, Any]]] = {}
+
+    def clear(self) -> None:
+        """Forget inputs and diagnostic entries: all is closed."""
+        self.inputs.clear()
+        self.reports.clear()
+
+    def add_subscription(
+        self,
+        topic: str,
+        kind: type[Any],
+        callback: Callable[[Any], None],
+        profile: QoSProfile = qos.SENSOR,
+        *,
+        is_required: bool = True,
+        silence: float = 2.0,
+        raw: bool = False,
+    ) -> Subscription:
+        """Subscribe. A required topic is explained while it is absent, or silent for more than `silence` seconds.
+
+        `silence=0` accepts any pause after the first message (latched topics). `raw`: the callback gets bytes.
+        Latched messages that come before the node is active are delivered when it is.
+        """
+        wanted = Subscription(
+            topic, kind, callback, profile, is_required=is_required, silence=silence, raw=raw, log=self.log
+        )
+        base = topic.removesuffix(COMPRESSED).removesuffix(COMPRESSED_DEPTH)
+        if base in self.driver_topics:
+            wanted.source = self.driver_topics[base] + topic[len(base) :]
+        self.inputs.append(wanted)
+        self._shell.add_subscription(wanted)
+        return wanted
+
+    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile = qos.STATE) -> Publisher:
+        """Publish on a topic."""
+        return self._shell.add_publisher(topic, kind, profile)
+
+    def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
+        """Offer a service, `~/name`; `handler(request, response)` returns the response; errors become one line."""
+        self._shell.add_service(name, kind, answer_always(handler, name, self.log.error))
+
+    def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool = False) -> None:
+        """Call back every so many seconds of the node's clock, or of the wall's."""
+        self._shell.add_timer(seconds, callback, is_wall=is_wall)
+
+    def remove_subscription(self, wanted: Subscription) -> None:
+        """Unsubscribe."""
+        self.inputs.remove(wanted)
+        self._shell.remove_subscription(wanted)
+
+    def now_ns(self) -> int:
+        """Return the node's time in nanoseconds; 0 while a simulated clock has not been heard."""
+        return self._shell.now_ns()
+
+    def steady_ns(self) -> int:
+        """Return nanoseconds of a clock that nobody can set."""
+        return self._shell.steady_ns()
+
+    def own_ns(self) -> int:
+        """Return nanoseconds of a clock that no stamp and no time server moves, by which silence is judged.
+
+        It is steady time, or the time of /clock where that is used: then `steady_ns` tells whether /clock stands.
+        """
+        return self._shell.own_ns()
+
+    def publishers_of(self, topic: str) -> list[str]:
+        """Return the full names of the nodes that publish on a topic, each as often as it does; none in a replay."""
+        return self._shell.publishers_of(topic)
+
+    def report(self, name: str, level: int, message: str, **values: Any) -> None:
+        """Set the diagnostic entry `name`: OK, WARN, ERROR or STALE, one line, and named values."""
+        self.reports[name] = (level, message, values)

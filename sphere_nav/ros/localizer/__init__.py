@@ -1,0 +1,1 @@
+"""What the nodes of both localizers share: inputs, outputs, peers."""

@@ -1,0 +1,271 @@
+"""The node around a localiser: images in, pose and status out. Every image is answered by a status.
+
+A localiser's node derives from it and says how to localise, search and forget; the rest is the same for all.
+"""
+
+from __future__ import annotations
+
+import time
+from abc import abstractmethod
+from collections import deque
+from dataclasses import replace
+from typing import ClassVar
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from numpy.typing import NDArray
+from sphere_nav_msgs.srv import Relocalize
+from std_srvs.srv import Trigger
+
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.base_estimate import BaseEstimate
+from sphere_nav.localization.params import NodeParams
+from sphere_nav.localization.status import (
+    FINE,
+    FOLLOWING,
+    INPUT_REMEDIES,
+    Finding,
+    Reason,
+    State,
+    Status,
+    describe,
+    status_of,
+)
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.camera.intake import CameraIntake
+from sphere_nav.ros.camera.rig_intake import RigIntake
+from sphere_nav.ros.camera.stream import Picture
+from sphere_nav.ros.clocks import ClockWatch
+from sphere_nav.ros.localizer.peer_localizer import PeerLocalizer
+from sphere_nav.ros.localizer.pose_outputs import PoseOutputs
+from sphere_nav.ros.node import ManagedNode
+
+Array = NDArray[np.float64]
+WATCH_PERIOD = 0.25  # s between two looks at a silent camera
+STANDSTILL = 1.0  # s without an advance of /clock before it is said
+NUM_COUNTED = 20  # images over which losses are counted
+CLOCK_STANDS = "/clock stands still", "start the simulator or the player again; the pose goes on with its time"
+MAX_LOST_SHARE = 0.2  # of the images, before it is said
+FIRST_IMAGE = 2.0  # s without any image before it is said
+
+
+class LocalizerNode(ManagedNode):
+    """Converts, asks the localiser, converts back."""
+
+    HAS_SPHERE_INFO: ClassVar[bool] = False  # panoramas can be localised
+    params: NodeParams
+
+    # --- what a localiser says
+    @abstractmethod
+    def localize(self, picture: Picture) -> BaseEstimate:
+        """Localise one image."""
+
+    @abstractmethod
+    def refuse(self, stamp_ns: int, finding: Finding) -> Status:
+        """Return the status of an image that cannot be used."""
+
+    @abstractmethod
+    def relocalize(self, given: tuple[SE3, Array] | None) -> BaseEstimate | None:
+        """Search around a pose of the base with its covariance, or everywhere; None: with the images to come.
+
+        ValueError for a pose off the map, or where there is no map.
+        """
+
+    @abstractmethod
+    def silence(self, elapsed_s: float, finding: Finding) -> Status | None:
+        """Return what to say so long after the last usable image, if that is too long: `finding`, or a TIMEOUT."""
+
+    @abstractmethod
+    def forget(self) -> None:
+        """Forget pose and stream; the pose is searched anew."""
+
+    @property
+    @abstractmethod
+    def is_ready(self) -> bool:
+        """Whether a given pose can be used at once, and need not be given again with the next image."""
+
+    @property
+    def has_map(self) -> bool:
+        """Whether there is something to localise in."""
+        return True
+
+    def prepare(self, picture: Picture) -> None:
+        """Make what needs to know the camera's place, before the first image."""
+
+    def make_intake(self) -> CameraIntake | RigIntake:
+        """Subscribe to the camera."""
+        callbacks = self.on_picture, self.on_refusal
+        return CameraIntake(self.endpoints, self.params, *callbacks, has_sphere_info=self.HAS_SPHERE_INFO)
+
+    # --- what they share
+    def configure(self) -> None:
+        """Open topics and services."""
+        self.given: tuple[SE3, Array] | None = None  # pose of the base that waits for the first image
+        self.refusal = FINE  # of the last image
+        self.losses: deque[int] = deque(maxlen=NUM_COUNTED)
+        self.num_lost, self.heard_ns = 0, 0  # heard: when the last usable image was answered, on the node's own clock
+        self.waits_since_ns = self.own_ns()
+        self.intake = self.make_intake()
+        self.outputs = PoseOutputs(self.endpoints, self.params, self.intake.odometry)
+        self.add_subscription(
+            "initialpose", PoseWithCovarianceStamped, self.on_initial_pose, qos.STATE, is_required=False
+        )
+        self.peer = PeerLocalizer(self.endpoints, self.params.map_frame, self.needs_help, self.on_offer)
+        self.add_service("~/relocalize", Relocalize, self.on_relocalize)
+        self.add_service("~/reset", Trigger, self.on_reset)
+        self.clock_watch = ClockWatch(patience=STANDSTILL, max_look=2 * WATCH_PERIOD)
+        self.add_timer(WATCH_PERIOD, self.on_watch, is_wall=True)
+
+    def activate(self) -> None:
+        """Wait for the first image from now on."""
+        self.waits_since_ns = self.own_ns()
+
+    def clock_jumped(self) -> None:
+        """Forget everything with a stamp."""
+        self.intake.clear()
+        self.outputs.clear()
+        self.peer.clear()
+        self.heard_ns, self.refusal, self.waits_since_ns = 0, FINE, self.own_ns()
+        self.forget()
+
+    # --- images
+    def on_picture(self, picture: Picture) -> None:
+        """Localise one image and publish the result, or at least the status."""
+        started = time.perf_counter()
+        self.prepare(picture)
+        if self.given is not None and self.is_ready:
+            self.use_given(self.given)
+        estimate = self.localize(picture)
+        milliseconds = (time.perf_counter() - started) * 1e3
+        status = self.add_fault(self.add_overrun(replace(estimate.status, milliseconds=milliseconds)))
+        if status.reason == Reason.BAD_STAMP:
+            self.tell_refused(status, Finding(Reason.BAD_STAMP, status.value, status.limit))
+            return
+        self.heard_ns, self.refusal = self.own_ns(), FINE  # after the work: time spent here is no silence
+        if estimate.T_map_base is not None and estimate.covariance is not None:
+            self.peer.add_own(picture.stamp_ns, estimate.T_map_base, estimate.covariance)
+        self.outputs.publish(replace(estimate, status=status), **self.values())
+
+    def on_refusal(self, stamp_ns: int, finding: Finding) -> None:
+        """Answer an image that cannot be used."""
+        now_ns = self.now_ns()
+        if finding.reason is Reason.BAD_STAMP:
+            stamp_ns = min(stamp_ns, now_ns)  # nobody else shall believe it, either
+        self.tell_refused(self.refuse(stamp_ns, finding), finding)
+        if finding.reason is not Reason.BAD_STAMP:
+            self.heard_ns = self.own_ns()
+
+    def tell_refused(self, status: Status, finding: Finding) -> None:
+        """Tell the status of a refused image; after too many of them the pose is not current any more."""
+        self.refusal = finding
+        self.outputs.tell(self.find_silence() or status, **self.values())
+
+    def add_overrun(self, status: Status) -> Status:
+        """Say so where many images are lost before they can be answered, and nothing worse is wrong."""
+        num_lost = self.intake.images.num_lost
+        self.losses.append(num_lost - self.num_lost)
+        self.num_lost = num_lost
+        share = sum(self.losses) / (sum(self.losses) + len(self.losses))
+        if share <= MAX_LOST_SHARE or status.reason:
+            return status
+        remedy = f"share of images lost in queue or network; {INPUT_REMEDIES[Reason.OVERRUN]}"
+        return replace(status, reason=Reason.OVERRUN, value=share, limit=MAX_LOST_SHARE, remedy=remedy)
+
+    def add_fault(self, status: Status) -> Status:
+        """Say so where one of several cameras delivers nothing, and nothing worse is wrong."""
+        fault = self.intake.fault
+        if status.reason or fault.reason is Reason.NONE:
+            return status
+        remedy = fault.remedy(INPUT_REMEDIES)
+        return replace(status, reason=str(fault.reason), value=fault.value, limit=fault.limit, remedy=remedy)
+
+    def values(self) -> dict[str, float]:
+        """Return more numbers for the diagnostics."""
+        return {"lost_images": self.intake.images.num_lost, "refused_images": self.intake.images.num_refused}
+
+    # --- silence
+    def on_watch(self) -> None:
+        """Say so when images stay away, or none of them can be used, or time itself stands still."""
+        self.clock_watch.observe(self.own_ns(), self.steady_ns())
+        status = self.find_silence() or self.find_standstill()
+        if status is not None:
+            self.outputs.tell(status, **self.values())
+
+    def find_standstill(self) -> Status | None:
+        """Return what to say of a clock that stands: the pose is kept, since its vehicle stands, too."""
+        if not self.clock_watch.is_standing:
+            return None
+        told = self.outputs.state
+        state = {State.UNCONFIGURED: State.NOT_LOCALISED, State.TRACKING: State.DEGRADED}.get(told, told)
+        return status_of(
+            state, self.now_ns(), Finding(Reason.TIMEOUT, self.clock_watch.stood, STANDSTILL, *CLOCK_STANDS)
+        )
+
+    def find_silence(self) -> Status | None:
+        """Return what to say of the time since the last usable image, judged by arrival, which no stamp moves."""
+        now_ns = self.own_ns()
+        if self.heard_ns:
+            return self.silence((now_ns - self.heard_ns) * 1e-9, self.refusal)
+        waited = (now_ns - self.waits_since_ns) * 1e-9
+        if waited <= FIRST_IMAGE:
+            return None
+        state = State.NOT_LOCALISED if self.has_map else State.NO_MAP
+        return status_of(state, self.now_ns(), Finding(Reason.TIMEOUT, waited, FIRST_IMAGE))
+
+    # --- poses that are given
+    def needs_help(self) -> bool:
+        """Whether another localiser's pose is of use: it can be tried, and there is none."""
+        return self.is_ready and self.outputs.state not in FOLLOWING
+
+    def on_offer(self, T_map_base: SE3, covariance: Array) -> None:
+        """Search around the pose that another localiser found; ValueError for one off the map."""
+        self.tell(self.relocalize((T_map_base, covariance)))
+
+    def on_initial_pose(self, message: PoseWithCovarianceStamped) -> None:
+        """Search around a given pose of the base; ValueError for a wrong frame, NaN, or a pose off the map."""
+        given = conversions.pose_with_covariance_to_se3(message, self.params.map_frame)
+        self.tell(self.relocalize(given))
+        self.given = None if self.is_ready else given  # once more when it can be used
+
+    def use_given(self, given: tuple[SE3, Array]) -> None:
+        """Search around a pose that was given before the first image; one off the map is named and left."""
+        self.given = None
+        try:
+            self.relocalize(given)
+        except ValueError as error:
+            self.log.error(f"initialpose: refused: {error}")
+
+    def tell(self, estimate: BaseEstimate | None) -> None:
+        """Tell what a search has found at once."""
+        if estimate is not None:
+            self.outputs.tell(estimate.status, **self.values())
+
+    # --- calls of an operator
+    def on_relocalize(self, request: Relocalize.Request, response: Relocalize.Response) -> Relocalize.Response:
+        """Search with the last image, and go on with the next ones where it is not found."""
+        started, frame = time.perf_counter(), self.params.map_frame
+        try:
+            guess = conversions.pose_with_covariance_to_se3(request.guess, frame) if request.has_guess else None
+            estimate = self.relocalize(guess)
+        except ValueError as error:
+            response.message = str(error)
+            return response
+        response.seconds = time.perf_counter() - started
+        if estimate is None:
+            response.message = "the search begins with the next image"
+            return response
+        self.tell(estimate)
+        status = estimate.status
+        response.success, response.message = status.state in FOLLOWING, describe(status)
+        response.quality, response.references = status.quality, list(status.references)
+        pose, covariance = estimate.T_map_base, estimate.covariance
+        if response.success and pose is not None and covariance is not None:
+            response.pose = conversions.se3_to_pose_with_covariance(pose, covariance, status.stamp_ns, frame)
+        return response
+
+    def on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Forget the pose, the stream and the calibration."""
+        self.clock_jumped()
+        self.intake.forget_camera()
+        response.success, response.message = True, "nothing is known of the pose"
+        return response

@@ -1,0 +1,81 @@
+"""What a localiser publishes: pose, odometry, transform and status; its state goes to the diagnostics and the log."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from nav_msgs.msg import Odometry
+from numpy.typing import NDArray
+from sphere_nav_msgs.msg import LocalizationStatus
+
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.base_estimate import BaseEstimate
+from sphere_nav.localization.params import NodeParams
+from sphere_nav.localization.status import TRUSTED, State, Status, describe
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.camera.odometry_input import OdometryInput
+from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints
+from sphere_nav.ros.localizer.map_transform import MapTransform
+
+Array = NDArray[np.float64]
+UNKNOWN_TWIST = np.diag(np.full(6, 1e6))  # variance of a velocity that nobody measured
+LOG_PERIOD = 5.0  # s between two lines about one state and reason
+REPORT = "localisation"
+
+
+class PoseOutputs:
+    """Converts estimates to messages. What is not trusted is not published."""
+
+    def __init__(self, endpoints: Endpoints, params: NodeParams, odometry: OdometryInput) -> None:
+        self._endpoints, self._params = endpoints, params
+        self._pose = endpoints.add_publisher("pose", PoseWithCovarianceStamped, qos.STATE)
+        self._odometry = endpoints.add_publisher("odometry", Odometry, qos.STATE)
+        self._status = endpoints.add_publisher("status", LocalizationStatus, qos.STATE)
+        self._frames = params.map_frame, params.base_frame or params.camera_frame
+        self._transform = MapTransform(endpoints, odometry, *self._frames) if params.publish_tf else None
+        self._told = ""
+        self.state = State.UNCONFIGURED  # last told
+
+    def clear(self) -> None:
+        """Forget what has a stamp: the clock jumped."""
+        if self._transform is not None:
+            self._transform.clear()
+
+    def publish(self, estimate: BaseEstimate, **values: Any) -> None:
+        """Publish what an image led to; the status comes last, so that who waits for it has the pose."""
+        if estimate.T_map_base is not None and estimate.covariance is not None:
+            self._publish_pose(estimate, estimate.T_map_base, estimate.covariance)
+        self.tell(estimate.status, **values)
+
+    def tell(self, status: Status, **values: Any) -> None:
+        """Publish a status; report it, with `values`, to the diagnostics; log changes of state or reason."""
+        self.state = status.state
+        if self._transform is not None and status.state not in TRUSTED:
+            self._transform.stop()
+        self._status.publish(conversions.status_to_message(status, status.stamp_ns, self._params.map_frame))
+        level = WARN if status.state in TRUSTED else ERROR
+        if status.state is State.TRACKING and not status.reason:
+            level = OK
+        text = describe(status)
+        values |= {"quality": status.quality, "overlap": status.overlap, "inlier_share": status.inlier_share}
+        self._endpoints.report(REPORT, level, text, **values, milliseconds=status.milliseconds, age=status.age)
+        change = f"{status.state} {status.reason}"
+        if change != self._told:
+            log = self._endpoints.log
+            (log.info if level == OK else log.warning)(text, every=LOG_PERIOD, key=change)
+        self._told = change
+
+    def _publish_pose(self, estimate: BaseEstimate, T_map_base: SE3, covariance: Array) -> None:
+        stamp = estimate.status.stamp_ns
+        twist, twist_covariance = estimate.velocity, estimate.velocity_covariance
+        if twist is None or twist_covariance is None:
+            twist, twist_covariance = np.zeros(6), UNKNOWN_TWIST
+        pose = conversions.se3_to_pose_with_covariance(T_map_base, covariance, stamp, self._frames[0])
+        self._pose.publish(pose)
+        way = covariance if estimate.odometry_covariance is None else estimate.odometry_covariance
+        odometry = conversions.se3_to_odometry(T_map_base, way, stamp, self._frames, twist, twist_covariance)
+        self._odometry.publish(odometry)
+        if self._transform is not None:
+            self._transform.update(T_map_base, stamp)

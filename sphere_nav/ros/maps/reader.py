@@ -1,0 +1,249 @@
+"""A map is a bag: one chunk a key sphere, so that one sphere is one read.
+
+A map is a folder with `map.mcap` and `metadata.yaml`. Topics: `/map/info` (MapInfo, the last one holds), `/map/sphere`
+(AugmentedSphere, in order of id), `/map/coarse_sphere` and `/map/features` (all of them small, and what they look
+like, PointCloud2 in order of id, in chunks of their own, for a start),
+`/map/graph` (KeySphereGraph, the last one holds), and `/map/growth` of what was written as it grew.
+Everything is checked before it is believed: format version, sizes, checksums, that every vertex has its sphere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+from mcap.records import ChunkIndex
+from sensor_msgs.msg import PointCloud2
+from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
+
+from sphere_nav.geometry.files.fields import short
+from sphere_nav.geometry.files.yaml_text import load_yaml
+from sphere_nav.ros.bags.reader import BagReader
+from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.conversions import message_to_sphere, sphere_to_message
+from sphere_nav.ros.conversions.features import message_to_features
+from sphere_nav.ros.conversions.graphs import message_to_graph
+from sphere_nav.ros.maps.compact import CompactFeatures, CompactSpheres
+from sphere_nav.ros.maps.writer import (
+    COARSE,
+    FEATURES,
+    FILE_NAME,
+    GRAPH,
+    GROWTH,
+    INFO,
+    KINDS,
+    SPHERE,
+    SPHERE_FRAME,
+    MapDetails,
+    MapWriter,
+    Progress,
+    Stored,
+    save_map,
+)
+from sphere_nav.ros.serialization import serialize_to_store, view_message
+from sphere_nav.spheres.appearance.index import AppearanceIndex
+from sphere_nav.spheres.coarse import coarse_sphere
+from sphere_nav.spheres.graph import SphereGraph
+from sphere_nav.spheres.sphere import Sphere
+
+__all__ = [
+    "COARSE",
+    "FEATURES",
+    "FILE_NAME",
+    "GRAPH",
+    "GROWTH",
+    "INFO",
+    "KINDS",
+    "SPHERE",
+    "MapDetails",
+    "MapReader",
+    "MapWriter",
+    "Progress",
+    "open_map",
+    "save_map",
+]
+
+MAX_SPHERES = 10_000_000
+
+
+def open_map(path: str | Path, *, is_grey: bool = False) -> MapReader:
+    """Open a map, whose key spheres are read `is_grey` for alignment; BagError for whatever is wrong with it."""
+    return MapReader(path, is_grey=is_grey)
+
+
+class MapReader:
+    """An open map: the graph is read at once, spheres when they are asked for.
+
+    `graph` (without pictures), `info` (MapInfo), `parameters` of the mapping by dotted name.
+    """
+
+    def __init__(self, path: str | Path, *, is_grey: bool = False) -> None:
+        self.path, self._is_grey = Path(path), is_grey
+        file = self.path / FILE_NAME if self.path.is_dir() else self.path
+        if self.path.is_dir() and not file.is_file():
+            raise BagError(f"{file}: expected a map, found no such file")
+        self._bag = BagReader(file)
+        try:
+            self.info = self._read_info()
+            self.graph = self._read_graph()
+            self.parameters = self._read_parameters()
+            self._chunks = self._find_spheres()
+        except BaseException:
+            self._bag.close()
+            raise
+
+    def load_sphere(self, sphere_id: int) -> Sphere:
+        """Read one key sphere, one chunk; BagError if it is missing or damaged."""
+        index = self._chunks.get(sphere_id)
+        if index is None:
+            raise BagError(
+                f"{self.path}: key sphere {sphere_id}: expected one of the map's {len(self.graph)}, found none"
+            )
+        message = view_message(self._data_of(index), AugmentedSphere, f"{self.path}: {SPHERE}")
+        if message.id != sphere_id:
+            raise BagError(
+                f"{self.path}: chunk {index.chunk_start_offset}: expected sphere {sphere_id}, found {message.id}"
+            )
+        try:
+            sphere = message_to_sphere(message, is_grey=self._is_grey)
+        except ValueError as error:
+            raise BagError(f"{self.path}: key sphere {sphere_id}: {error}") from None
+        return sphere
+
+    def coarse_spheres(self) -> Mapping[int, Sphere]:
+        """Read all key spheres small, in one read; made from the spheres themselves where a map has none.
+
+        They wait on the disk, each by itself. BagError if one is missing or damaged.
+        """
+        found = CompactSpheres()
+        if not self._bag.topics.get(COARSE):
+            for node in self.graph:
+                small = sphere_to_message(coarse_sphere(self.load_sphere(node.id)), SPHERE_FRAME, node.id)
+                found.add(serialize_to_store(small))
+            return found
+        self._bag.require(COARSE, AugmentedSphere)
+        for number, item in enumerate(self._bag.raw([COARSE])):
+            try:
+                found.add(item.message)
+            except ValueError as error:
+                raise BagError(f"{self.path}: coarse sphere {number} of {len(self.graph)}: {error}") from None
+        if found.keys() != self.graph.nodes.keys():
+            raise BagError(f"{self.path}: coarse spheres: expected one for each of {len(self.graph)} key spheres")
+        return found
+
+    def stored(self) -> Iterator[Stored]:
+        """Yield the messages of all key spheres, whole and small, in order of their ids. BagError for damage."""
+        has_small = bool(self._bag.topics.get(COARSE))
+        small = (item.message for item in self._bag.messages([COARSE])) if has_small else iter(())
+        for sphere_id, index in self._chunks.items():
+            whole = self._message_of(index)
+            yield whole, next(small, None) or _made_small(whole, sphere_id)
+
+    def appearance(self) -> AppearanceIndex:
+        """Read what all key spheres look like, in one read; empty where a map does not say. BagError for damage.
+
+        The features themselves wait on the disk.
+        """
+        index = AppearanceIndex(CompactFeatures())
+        if not self._bag.topics.get(FEATURES):
+            return index
+        ids = sorted(self.graph.nodes)
+        if self._bag.topics[FEATURES].count != len(ids):
+            raise BagError(f"{self.path}: features: expected those of each of {len(ids)} key spheres, found others")
+        self._bag.require(FEATURES, PointCloud2)
+        for sphere_id, item in zip(ids, self._bag.raw([FEATURES]), strict=True):
+            try:
+                message = view_message(memoryview(item.message), PointCloud2, FEATURES)
+                index.add(sphere_id, *message_to_features(message))
+            except ValueError as error:
+                raise BagError(f"{self.path}: features of key sphere {sphere_id}: {error}") from None
+        return index
+
+    def read_growth(self) -> int:
+        """Read what was noted while the map grew, which nothing but its salvage needs; return how much. BagError."""
+        return sum(1 for _ in self._bag.messages([GROWTH])) if self._bag.topics.get(GROWTH) else 0
+
+    def load_all(self, progress: Progress = lambda step: None) -> SphereGraph:
+        """Return the graph with every picture in memory."""
+        nodes = []
+        for node in self.graph:
+            nodes.append(replace(node, sphere=self.load_sphere(node.id)))
+            progress(1)
+        return SphereGraph(nodes, self.graph.edges)
+
+    def close(self) -> None:
+        """Close the file."""
+        self._bag.close()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: object, trace: TracebackType | None) -> None:
+        self.close()
+
+    def _read_info(self) -> MapInfo:
+        self._bag.require(INFO, MapInfo)
+        info: MapInfo = list(self._bag.messages([INFO]))[-1].message
+        if info.format_version != MapInfo.FORMAT_VERSION:
+            found = info.format_version
+            raise BagError(f"{self.path}: format_version: expected {MapInfo.FORMAT_VERSION}, found {found}")
+        if info.num_spheres > MAX_SPHERES:
+            raise BagError(f"{self.path}: num_spheres: expected at most {MAX_SPHERES}, found {info.num_spheres}")
+        return info
+
+    def _read_graph(self) -> SphereGraph:
+        self._bag.require(GRAPH, KeySphereGraph)
+        message = list(self._bag.messages([GRAPH]))[-1].message
+        if message.format_version != MapInfo.FORMAT_VERSION:
+            found = message.format_version
+            raise BagError(f"{self.path}: graph format_version: expected {MapInfo.FORMAT_VERSION}, found {found}")
+        try:
+            graph = message_to_graph(message)
+        except ValueError as error:
+            raise BagError(f"{self.path}: graph: {error}") from None
+        if not len(graph):
+            raise BagError(f"{self.path}: graph: expected key spheres, found none")
+        if len(graph) != self.info.num_spheres:
+            raise BagError(f"{self.path}: graph: expected {self.info.num_spheres} vertices (info), found {len(graph)}")
+        return graph
+
+    def _read_parameters(self) -> dict[str, Any]:
+        try:
+            values = load_yaml(f"{self.path}: parameters", self.info.parameters) or {}
+        except ValueError as error:
+            raise BagError(str(error)) from None
+        if not isinstance(values, dict):
+            raise BagError(f"{self.path}: parameters: expected YAML of names and values, found {short(values)}")
+        return values
+
+    def _find_spheres(self) -> dict[int, ChunkIndex]:
+        """Return the chunk of every key sphere: spheres are stored in order of id, one a chunk."""
+        self._bag.require(SPHERE, AugmentedSphere)
+        file = self._bag.files[0]
+        channels = {channel.id for channel in file.summary.channels.values() if channel.topic == SPHERE}
+        chunks = [index for index in file.summary.chunk_indexes if channels & index.message_index_offsets.keys()]
+        chunks.sort(key=lambda index: index.chunk_start_offset)
+        ids = sorted(node.id for node in self.graph)
+        found = self._bag.topics[SPHERE].count
+        if len(chunks) != len(ids) or found != len(ids):
+            raise BagError(f"{self.path}: spheres: expected {len(ids)} (one a vertex of the graph), found {found}")
+        return dict(zip(ids, chunks, strict=True))
+
+    def _message_of(self, index: ChunkIndex) -> AugmentedSphere:
+        message: AugmentedSphere = self._bag.decode(SPHERE, bytes(self._data_of(index)), AugmentedSphere)
+        return message
+
+    def _data_of(self, index: ChunkIndex) -> memoryview:
+        """Return the bytes of the message of a key sphere."""
+        file = self._bag.files[0]
+        found = [message for channel, message in file.chunk(index) if channel.topic == SPHERE]
+        if len(found) != 1:
+            raise BagError(f"{self.path}: chunk {index.chunk_start_offset}: expected one sphere, found {len(found)}")
+        return memoryview(found[0].data)
+
+
+def _made_small(whole: AugmentedSphere, sphere_id: int) -> AugmentedSphere:
+    return sphere_to_message(coarse_sphere(message_to_sphere(whole)), SPHERE_FRAME, sphere_id)

@@ -1,0 +1,289 @@
+"""Write a map: all at once, or one key sphere after the other as they are kept.
+
+What `reader.py` reads. While a map grows, `/map/growth` says of every sphere where it was when it was kept, so
+that a process killed at any moment leaves a map that `salvage_map` mends, its last whole sphere included.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import accumulate, chain, pairwise
+from pathlib import Path
+from typing import Any
+
+import yaml
+from mcap.records import Message
+from sensor_msgs.msg import PointCloud2
+from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
+
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags.mcap_chunk import chunk_at, parsed, records_of_chunk
+from sphere_nav.ros.bags.reader import decode
+from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.bags.writer import METADATA, PARTIAL, BagWriter
+from sphere_nav.ros.conversions import header, message_to_sphere, sphere_to_message, stamp_ns
+from sphere_nav.ros.conversions.features import features_to_message
+from sphere_nav.ros.conversions.graphs import graph_to_message
+from sphere_nav.ros.maps.compact import Spool
+from sphere_nav.ros.serialization import serialize_to_store
+from sphere_nav.ros.shared_files import software
+from sphere_nav.spheres.appearance.features import features_of_sphere
+from sphere_nav.spheres.appearance.index import AppearanceIndex
+from sphere_nav.spheres.coarse import coarse_sphere
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
+
+FILE_NAME = "map.mcap"
+INFO, SPHERE, GRAPH = "/map/info", "/map/sphere", "/map/graph"
+COARSE, FEATURES, GROWTH = "/map/coarse_sphere", "/map/features", "/map/growth"
+KINDS: dict[str, type[Any]] = {
+    INFO: MapInfo,
+    SPHERE: AugmentedSphere,
+    GRAPH: KeySphereGraph,
+    COARSE: AugmentedSphere,
+    FEATURES: PointCloud2,
+    GROWTH: KeySphereGraph,
+}
+MAP_FRAME, SPHERE_FRAME = "map", "sphere_link"
+CHUNK_SIZE = 1 << 24  # bytes of a chunk of small spheres or features; a sphere is one, whatever it takes
+MORE = 1.2  # growth of a graph after which it is written whole again
+
+Progress = Callable[[int], None]
+Stored = tuple[AugmentedSphere, AugmentedSphere]  # a key sphere, whole and small
+
+
+@dataclass(frozen=True)
+class MapDetails:
+    """What a map says about itself."""
+
+    map_id: str = ""
+    software: str = dataclasses.field(default_factory=software)
+    source: str = ""
+    parameters: Mapping[str, Any] | None = None
+    rig: str = ""
+    frame_id: str = MAP_FRAME
+
+
+class MapWriter:
+    """A map being written; until `finish` it is the folder `<path>.partial`, which `salvage_map` can read.
+
+    Key spheres are added in order of their ids; each is in the system's hands when `add` returns, and can be read back.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        details: MapDetails | None = None,
+        *,
+        is_overwriting: bool = False,
+        image_encoding: str = AugmentedSphere.PNG,
+    ) -> None:
+        self.path, self.details = Path(path), details or MapDetails()
+        self._encoding = image_encoding
+        self._places: dict[int, int] = {}  # of the chunk of each sphere
+        self._told: set[int] = set()  # vertices of the last whole graph
+        check_free(self.path, is_overwriting=is_overwriting)
+        target = self.path.with_name(f"{self.path.name}.new") if self.path.exists() else self.path
+        if (left := target.with_name(target.name + PARTIAL)).exists():
+            remedy = f"'sphere_nav map-verify {left} --salvage OUT' mends it, or delete it"
+            raise BagError(f"{left}: the remains of an interrupted run: {remedy}")
+        self._bag = BagWriter(target, file_name=FILE_NAME, chunk_size=CHUNK_SIZE, clock=lambda: 0.0)
+        for topic, kind in KINDS.items():
+            self._bag.add_topic(topic, kind, qos.LATCHED)
+        self._small = Spool(self._bag.partial)
+
+    def add(self, node: KeySphere, edges: Sequence[Edge], sphere: Sphere) -> None:
+        """Write a key sphere and the edges that it came with."""
+        self._begin(SphereGraph([node]))
+        self._write_sphere(node, sphere)
+        if node.id in self._told:
+            return
+        ends = [KeySphere(end, 0, node.T_map_sphere) for edge in edges for end in (edge.a, edge.b) if end != node.id]
+        growth = SphereGraph({end.id: end for end in [node, *ends]}.values(), edges)
+        self._bag.write(GROWTH, _graph_message(growth, self.details), node.stamp_ns)
+        self._bag.end_chunk()
+
+    def tell(self, graph: SphereGraph) -> None:
+        """Write the graph as it is after a correction; not each time, or the file would be mostly graphs."""
+        if len(graph) >= len(self._told) * MORE:
+            self._begin(graph)
+            self._told = set(graph.nodes)
+            self._bag.write(GRAPH, _graph_message(graph, self.details), max(node.stamp_ns for node in graph))
+            self._bag.end_chunk()
+
+    def load(self, sphere_id: int) -> Sphere:
+        """Read a key sphere back; BagError where it was not added."""
+        if sphere_id not in self._places:
+            raise BagError(f"{self.path}: key sphere {sphere_id}: expected one that was written, found none")
+        return message_to_sphere(self._message_at(self._places[sphere_id]))
+
+    def copy(self, stored: Stored) -> None:
+        """Write a key sphere as another map has it."""
+        whole, small = stored
+        self._bag.end_chunk()
+        self._places[int(whole.id)] = self._bag.position
+        self._bag.write(SPHERE, whole, stamp_ns(whole))
+        self._small.add(serialize_to_store(small))
+        self._bag.end_chunk()
+
+    def stored(self) -> Iterator[Stored]:
+        """Yield every key sphere that was added, whole and small, in order of their ids."""
+        for place, small in zip(self._places.values(), self._small, strict=True):
+            yield self._message_at(place), decode(small, AugmentedSphere, str(self.path))
+
+    def finish(
+        self,
+        graph: SphereGraph,
+        details: MapDetails | None = None,
+        appearance: AppearanceIndex | None = None,
+        base: Iterable[Stored] = (),
+    ) -> Path:
+        """Complete the map with the graph that holds, of the spheres that were added; return its path.
+
+        Where it has not all of them, or others from a map `base`, it is written anew from what is stored.
+        """
+        self.details = details or self.details
+        nodes = sorted(graph, key=lambda node: node.id)
+        if [node.id for node in nodes] != list(self._places):
+            return self._finish_anew(graph, appearance, chain(base, self.stored()))
+        for stamp, small in zip(_in_order(nodes), self._small, strict=True):
+            self._bag.write_bytes(COARSE, small, stamp)
+        self._bag.end_chunk()
+        self._write_features(nodes, appearance)
+        self._bag.end_chunk()
+        self._small.close()
+        last = max(node.stamp_ns for node in nodes)
+        self._bag.write(INFO, _info(graph, self.details), last)
+        self._bag.write(GRAPH, _graph_message(graph, self.details), last)
+        target = self._bag.close()
+        return _replace(target, self.path) if target != self.path else self.path
+
+    def discard(self) -> None:
+        """Remove what was written."""
+        self._small.close()
+        self._bag.discard()
+
+    def _begin(self, graph: SphereGraph) -> None:
+        if not self._bag.num_messages:
+            self._bag.write(INFO, _info(graph, self.details), min(node.stamp_ns for node in graph))
+
+    def _write_sphere(self, node: KeySphere, sphere: Sphere) -> None:
+        whole = sphere_to_message(sphere, SPHERE_FRAME, node.id, image_encoding=self._encoding)
+        self.copy((whole, sphere_to_message(coarse_sphere(sphere), SPHERE_FRAME, node.id)))
+
+    def _message_at(self, place: int) -> AugmentedSphere:
+        with (self._bag.partial / FILE_NAME).open("rb") as file:
+            size = file.seek(0, 2)
+            records = list(parsed(records_of_chunk(file, chunk_at(file, place, size))))
+        data = next(record.data for record in records if isinstance(record, Message))
+        message: AugmentedSphere = decode(data, AugmentedSphere, str(self.path))
+        return message
+
+    def _finish_anew(self, graph: SphereGraph, appearance: AppearanceIndex | None, spheres: Iterable[Stored]) -> Path:
+        """Complete a map beside this one, put it in its place."""
+        ids = sorted(graph.nodes)
+        with tempfile.TemporaryDirectory(prefix=f"{self.path.name}.", dir=self.path.parent) as folder:
+            new = MapWriter(Path(folder) / self.path.name, self.details, image_encoding=self._encoding)
+            new.tell(graph)
+            for stored in spheres:
+                if int(stored[0].id) in graph.nodes:
+                    new.copy(stored)
+            if list(new._places) != ids:
+                new.discard()
+                raise BagError(f"{self.path}: graph: expected {len(ids)} key spheres, found {len(new._places)} written")
+            target = new.finish(graph, appearance=appearance)
+            self.discard()
+            return _replace(target, self.path) if self.path.exists() else target.rename(self.path)
+
+    def _write_features(self, nodes: Sequence[KeySphere], appearance: AppearanceIndex | None) -> None:
+        known = appearance.features if appearance is not None else {}
+        index = AppearanceIndex()
+        for node, stamp in zip(nodes, _in_order(nodes), strict=True):
+            index.add(node.id, known.get(node.id) or features_of_sphere(self.load(node.id)))
+            features, words = index.features[node.id], index.words[node.id]
+            message = features_to_message(features, words, node.stamp_ns, SPHERE_FRAME)
+            self._bag.write(FEATURES, message, stamp)
+
+
+def save_map(
+    path: str | Path,
+    graph: SphereGraph,
+    details: MapDetails | None = None,
+    *,
+    load_sphere: Callable[[int], Sphere] | None = None,
+    appearance: AppearanceIndex | None = None,
+    is_overwriting: bool = False,
+    image_encoding: str = AugmentedSphere.PNG,
+    progress: Progress = lambda step: None,
+) -> Path:
+    """Write a map; it appears under its name only when it is complete.
+
+    `load_sphere` gives spheres that are not in memory, `appearance` what some of them look like where that is known.
+    """
+    if not len(graph):
+        raise BagError(f"{path}: expected a graph with key spheres, found an empty one")
+    writer = MapWriter(path, details, is_overwriting=is_overwriting, image_encoding=image_encoding)
+    try:
+        writer.tell(graph)  # so that a torn file can be salvaged
+        for node in sorted(graph, key=lambda node: node.id):
+            sphere = node.sphere or (load_sphere(node.id) if load_sphere else None)
+            if sphere is None:
+                raise BagError(f"{path}: key sphere {node.id}: expected its picture in memory, found none")
+            writer.add(node, [], sphere)
+            progress(1)
+        return writer.finish(graph, appearance=appearance)
+    except BaseException:
+        writer.discard()
+        raise
+
+
+def check_free(path: Path, *, is_overwriting: bool) -> None:
+    """Raise BagError where something is in the place of a map that may not be replaced."""
+    if path.exists() and (not is_overwriting or not (path / FILE_NAME).is_file()):
+        raise BagError(f"{path}: expected no such file or folder, found one: nothing is overwritten")
+
+
+def _info(graph: SphereGraph, details: MapDetails) -> MapInfo:
+    nodes = sorted(graph, key=lambda node: node.id)
+    return MapInfo(
+        header=header(nodes[0].stamp_ns, details.frame_id),
+        map_id=details.map_id,
+        format_version=MapInfo.FORMAT_VERSION,
+        software=details.software,
+        source=details.source,
+        parameters=yaml.safe_dump(dict(details.parameters or {}), sort_keys=False),
+        rig=details.rig,
+        num_spheres=len(nodes),
+        length=_length(nodes),
+    )
+
+
+def _in_order(nodes: Iterable[KeySphere]) -> Iterator[int]:
+    """Return when messages of key spheres are said to be received, so that bags give them in order of the ids.
+
+    A map that is extended by an older drive has stamps that go back.
+    """
+    return accumulate((node.stamp_ns for node in nodes), max)
+
+
+def _graph_message(graph: SphereGraph, details: MapDetails) -> KeySphereGraph:
+    return graph_to_message(graph, details.frame_id, map_id=details.map_id, software=details.software)
+
+
+def _length(nodes: list[KeySphere]) -> float:
+    steps = pairwise(nodes)
+    return float(sum(first.T_map_sphere.distance(second.T_map_sphere)[0] for first, second in steps))
+
+
+def _replace(new: Path, path: Path) -> Path:
+    """Put a complete map in the place of an old one; other files in its folder stay.
+
+    Each file takes the place of the old one at once, the map first: whatever happens in between, there is a whole map.
+    """
+    for name in (FILE_NAME, METADATA):
+        (new / name).replace(path / name)
+    new.rmdir()
+    return path

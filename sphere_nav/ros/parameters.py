@@ -1,0 +1,79 @@
+"""A parameters class (sphere_nav.params) as declared ROS parameters, and back."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from sphere_nav.params import Leaf, build, leaves
+
+C = TypeVar("C")
+MAX_INTEGER = 2**63 - 1
+
+
+def declare(node: Node, cls: type[Any], why_fixed: Callable[[], str] = lambda: "") -> None:
+    """Declare every value of `cls`; an override out of range raises ValueError naming parameter, expected and found.
+
+    `why_fixed` is asked when somebody later sets a parameter that is not live: a reason refuses it, "" allows it.
+    """
+    known = {leaf.name: leaf for leaf in leaves(cls)}
+    for name, leaf in known.items():
+        value = _override(node, leaf)
+        leaf.check(value)
+        node.declare_parameter(name, value, _descriptor(leaf), ignore_override=True)
+
+    def judge(changes: list[Parameter]) -> SetParametersResult:
+        ours = [change for change in changes if change.name in known]
+        try:
+            for change in ours:
+                known[change.name].check(change.value)
+        except ValueError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        fixed = [change.name for change in ours if not known[change.name].is_live]
+        reason = why_fixed() if fixed else ""
+        return SetParametersResult(successful=not reason, reason=f"{fixed[0]}: {reason}" if reason else "")
+
+    node.add_on_set_parameters_callback(judge)
+
+
+def read(node: Node, cls: type[C]) -> C:
+    """Return the parameters object with the present values of the declared parameters."""
+    return build(cls, {leaf.name: node.get_parameter(leaf.name).value for leaf in leaves(cls)})
+
+
+def unknown_overrides(node: Node) -> list[str]:
+    """Return one line for every override that no one declared; rclpy keeps those without a word."""
+    declared = list(node.get_parameters_by_prefix("")) if node._parameters else []
+    names = [name for name in node._parameter_overrides if not node.has_parameter(name)]
+    return [_hint(name, declared) for name in names if not name.startswith("qos_overrides.")]
+
+
+def _hint(name: str, declared: Iterable[str]) -> str:
+    close = difflib.get_close_matches(name, list(declared), n=1)
+    return f"{name}: unknown parameter, ignored" + (f" (is {close[0]} meant?)" if close else "")
+
+
+def _override(node: Node, leaf: Leaf) -> Any:
+    given = node._parameter_overrides.get(leaf.name)
+    value = leaf.default if given is None else given.value
+    is_whole_number = leaf.type is float and isinstance(value, int) and not isinstance(value, bool)
+    return float(value) if is_whole_number else value
+
+
+def _descriptor(leaf: Leaf) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(description=leaf.meaning(), additional_constraints=leaf.range_text())
+    if leaf.low is None and leaf.high is None:
+        return descriptor
+    if leaf.type is float:
+        low, high = (-math.inf if leaf.low is None else leaf.low), (math.inf if leaf.high is None else leaf.high)
+        descriptor.floating_point_range = [FloatingPointRange(from_value=float(low), to_value=float(high))]
+    elif leaf.type is int:
+        low, high = (-MAX_INTEGER if leaf.low is None else leaf.low), (MAX_INTEGER if leaf.high is None else leaf.high)
+        descriptor.integer_range = [IntegerRange(from_value=int(low), to_value=int(high))]
+    return descriptor

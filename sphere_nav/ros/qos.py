@@ -1,0 +1,109 @@
+"""The quality-of-service profiles of our topics by purpose, and QoS in words and as rosbag2's YAML."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+from rclpy.duration import Duration
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
+
+from sphere_nav.geometry.files.yaml_text import load_yaml
+
+RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
+VOLATILE, TRANSIENT_LOCAL = DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL
+
+SENSOR = QoSProfile(depth=5, reliability=BEST_EFFORT, durability=VOLATILE)
+"""Camera, laser, IMU, odometry inputs: matches every publisher."""
+
+STATE = QoSProfile(depth=10, reliability=RELIABLE, durability=VOLATILE)
+"""Poses, status, paths and other small outputs; also what drivers call 'system default'."""
+
+LATCHED = QoSProfile(depth=1, reliability=RELIABLE, durability=TRANSIENT_LOCAL)
+"""The last value holds, also for those who join later: graph, map cloud, map info, tf_static."""
+
+LARGE = QoSProfile(depth=4, reliability=RELIABLE, durability=VOLATILE)
+"""Messages above 64 KB: best effort loses whole samples as soon as one fragment is lost."""
+
+COMMAND = QoSProfile(depth=1, reliability=RELIABLE, durability=VOLATILE)
+"""cmd_vel and its kin: only the newest counts."""
+
+CLOCK = QoSProfile(depth=1, reliability=BEST_EFFORT, durability=VOLATILE)
+"""/clock as a listener asks for it; a publisher of /clock offers STATE."""
+
+TF = QoSProfile(depth=100, reliability=RELIABLE, durability=VOLATILE)
+TF_STATIC = QoSProfile(depth=100, reliability=RELIABLE, durability=TRANSIENT_LOCAL)
+
+INFINITE = {"sec": 9223372036, "nsec": 854775807}
+
+
+def describe(profile: QoSProfile) -> str:
+    """Return the policies that decide about compatibility, in words."""
+    words = [profile.reliability.name, profile.durability.name]
+    text = ", ".join(word.lower().replace("_", " ") for word in words)
+    return f"{text}, depth {profile.depth}" if profile.depth else text
+
+
+def mismatch(offered: QoSProfile, asked: QoSProfile) -> str:
+    """Return why a publisher cannot serve a subscription, in words; empty where it can."""
+    if asked.reliability == RELIABLE and offered.reliability == BEST_EFFORT:
+        return "it offers best effort, asked is reliable"
+    if asked.durability == TRANSIENT_LOCAL and offered.durability == VOLATILE:
+        return "it offers volatile, asked is transient local"
+    return ""
+
+
+def adapted(offers: list[QoSProfile], depth: int = 100) -> QoSProfile:
+    """Return a subscription profile that every one of the publishers can serve, as strict as they allow."""
+    is_reliable = bool(offers) and all(offer.reliability != BEST_EFFORT for offer in offers)
+    is_latched = bool(offers) and all(offer.durability == TRANSIENT_LOCAL for offer in offers)
+    return QoSProfile(
+        depth=depth,
+        reliability=RELIABLE if is_reliable else BEST_EFFORT,
+        durability=TRANSIENT_LOCAL if is_latched else VOLATILE,
+    )
+
+
+def to_entries(profiles: list[QoSProfile]) -> list[dict[str, Any]]:
+    """Return profiles as rosbag2 writes them in metadata version 9."""
+    return [
+        {
+            "history": "keep_all" if profile.history == HistoryPolicy.KEEP_ALL else "keep_last",
+            "depth": int(profile.depth),
+            "reliability": "best_effort" if profile.reliability == BEST_EFFORT else "reliable",
+            "durability": "transient_local" if profile.durability == TRANSIENT_LOCAL else "volatile",
+            "deadline": dict(INFINITE),
+            "lifespan": dict(INFINITE),
+            "liveliness": "automatic",
+            "liveliness_lease_duration": dict(INFINITE),
+            "avoid_ros_namespace_conventions": False,
+        }
+        for profile in profiles
+    ]
+
+
+def to_yaml(profiles: list[QoSProfile]) -> str:
+    """Return profiles as the text of a channel's `offered_qos_profiles`."""
+    return yaml.safe_dump(to_entries(profiles), sort_keys=False).strip() if profiles else ""
+
+
+def from_yaml(text: str) -> list[QoSProfile]:
+    """Read `offered_qos_profiles`, with names (version 9) or numbers (older); unknown values become the defaults."""
+    try:
+        entries = load_yaml("offered_qos_profiles", text) if text.strip() else []
+    except ValueError:
+        return []  # what a publisher once offered decides nothing that matters more than the messages
+    return [_from_entry(entry) for entry in entries if isinstance(entry, dict)] if isinstance(entries, list) else []
+
+
+def _from_entry(entry: dict[str, Any]) -> QoSProfile:
+    durability = str(entry.get("durability", "volatile"))
+    reliability = str(entry.get("reliability", "reliable"))
+    depth = entry.get("depth", 10)
+    return QoSProfile(
+        depth=depth if isinstance(depth, int) and 0 < depth < 100000 else 10,
+        reliability=BEST_EFFORT if reliability in ("best_effort", "2") else RELIABLE,
+        durability=TRANSIENT_LOCAL if durability in ("transient_local", "1") else VOLATILE,
+        liveliness=LivelinessPolicy.AUTOMATIC,
+        deadline=Duration(),
+    )

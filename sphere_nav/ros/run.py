@@ -1,0 +1,143 @@
+"""A node as a process: init, spin, and an orderly end on SIGINT or SIGTERM within two seconds, exit status 0."""
+
+from __future__ import annotations
+
+import os
+import signal
+import socket
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from typing import Any
+
+import rclpy
+from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.parameter import Parameter
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from sphere_nav.params.render import to_yaml
+from sphere_nav.ros.live import LiveShell, ShellParams
+from sphere_nav.ros.node import ManagedNode
+from sphere_nav.ros.process import return_large_blocks, take_short_turns
+from sphere_nav.ros.service import one_line
+from sphere_nav.ros.shared_files import share_file
+
+PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"  # Fast DDS 2.14 reads this one only
+PATIENCE = 1.7  # s from the signal to the end of the process, whatever a callback is doing
+
+
+def run(
+    node_class: type[ManagedNode],
+    args: Sequence[str] | None = None,
+    *,
+    values: Mapping[str, Any] | None = None,
+    prepare: Callable[[ManagedNode], None] = lambda node: None,
+) -> int:
+    """Run one node until it is told to stop; return 0, or 2 if it could not start (one line says why).
+
+    `values` are parameters by dotted name that go before those of the command line; `prepare` sees the node before it
+    is configured.
+    """
+    words = sys.argv[1:] if args is None else args
+    if "--help" in words or "-h" in words:
+        sys.stdout.write(help_text(node_class))
+        return 0
+    return_large_blocks()
+    take_short_turns()
+    if node_class.LARGE_MESSAGES:
+        use_large_segment()
+    with until_signal() as stopped:
+        try:
+            rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
+            return _serve(node_class, stopped, values or {}, prepare)
+        except ExternalShutdownException:
+            return 0
+        except rclpy_implementation.RCLError as error:  # of the command line, or of the middleware: security, domain
+            sys.stderr.write(f"{node_class.NAME}: cannot start: {one_line(error)}\n")
+            return 2
+        finally:
+            rclpy.try_shutdown()
+
+
+def help_text(node_class: type[ManagedNode]) -> str:
+    """Return what a node says of itself: its purpose, its command line, its parameters."""
+    usage = f"usage: {node_class.NAME} [--ros-args [-p NAME:=VALUE] [-r FROM:=TO] [--params-file FILE] ...]"
+    purpose = sys.modules[node_class.__module__].__doc__ or ""
+    parameters = to_yaml(ShellParams, node_class.PARAMS)
+    return f"{usage}\n\n{purpose.strip()}\n\nIts parameters, as --params-file takes them:\n\n{parameters}"
+
+
+def use_large_segment() -> None:
+    """Give this process a shared-memory segment that holds its largest messages, unless the user chose a profile."""
+    with suppress(ValueError):
+        os.environ.setdefault(PROFILES_VARIABLE, str(share_file("config/fastdds_large.xml")))
+
+
+@contextmanager
+def until_signal() -> Iterator[Future]:
+    """Yield a future that SIGINT or SIGTERM completes, also while the main thread is busy in a long call.
+
+    The bytes that the interpreter writes on a signal are read by a thread, which wakes the executor; if the process
+    is then still busy after `PATIENCE` it ends at once.
+    """
+    stopped: Future = Future()
+    inner, outer = socket.socketpair()
+    outer.setblocking(False)
+    previous = {number: signal.signal(number, _ignore) for number in (signal.SIGINT, signal.SIGTERM)}
+    previous_fd = signal.set_wakeup_fd(outer.fileno(), warn_on_full_buffer=False)
+    threading.Thread(target=_watch, args=(inner, stopped), daemon=True).start()
+    try:
+        yield stopped
+    finally:
+        signal.set_wakeup_fd(previous_fd)
+        for number, handler in previous.items():
+            signal.signal(number, handler)
+        outer.close()
+
+
+def _serve(
+    node_class: type[ManagedNode],
+    stopped: Future,
+    values: Mapping[str, Any],
+    prepare: Callable[[ManagedNode], None],
+) -> int:
+    try:
+        shell = LiveShell(node_class, parameter_overrides=[Parameter(name, value=values[name]) for name in values])
+    except ValueError as error:
+        sys.stderr.write(f"{node_class.NAME}: {error}\n")
+        return 2
+    prepare(shell.node)
+    shell.on_finish = lambda status: None if stopped.done() else stopped.set_result(status)
+    executor = SingleThreadedExecutor()
+    executor.add_node(shell)
+    try:
+        if not shell.start():
+            return 2
+        executor.spin_until_future_complete(stopped)
+        shell.stop()
+        return int(stopped.result())
+    finally:
+        executor.shutdown(timeout_sec=0.5)
+        shell.destroy_node()
+
+
+def _watch(wakeups: socket.socket, stopped: Future) -> None:
+    while numbers := wakeups.recv(16):
+        if not any(number in (signal.SIGINT, signal.SIGTERM) for number in numbers):
+            continue
+        if not stopped.done():
+            _end_after(PATIENCE)
+            stopped.set_result(0)
+
+
+def _end_after(seconds: float) -> None:
+    timer = threading.Timer(seconds, os._exit, args=(0,))
+    timer.daemon = True
+    timer.start()
+
+
+def _ignore(number: int, frame: Any) -> None:
+    """Python calls this between two instructions; the work is done by `_watch`."""

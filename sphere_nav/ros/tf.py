@@ -1,0 +1,195 @@
+"""/tf and /tf_static: a tree of frames, heard and told. tf2 itself is C++ and not needed for so little."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections import deque
+from collections.abc import Iterable
+
+import numpy as np
+from geometry_msgs.msg import TransformStamped
+from tf2_msgs.msg import TFMessage
+
+from sphere_nav.geometry import SE3
+from sphere_nav.ros import qos
+from sphere_nav.ros.conversions import se3_to_transform, stamp_ns, transform_to_se3
+from sphere_nav.ros.endpoints import Endpoints
+
+MEMORY_NS = 10_000_000_000
+MAX_DEPTH = 100  # frames up to the root; more is a loop
+
+
+class TransformError(ValueError):
+    """Why a transform cannot be told: unknown frame, two trees, or a stamp outside of what was heard."""
+
+
+class TransformTree:
+    """Frames by name; static ones hold for ever, others are interpolated between stamps and forgotten after 10 s."""
+
+    def __init__(self, memory_ns: int = MEMORY_NS) -> None:
+        self._memory_ns = memory_ns
+        self._parents: dict[str, str] = {}
+        self._static: dict[str, SE3] = {}
+        self._moving: dict[str, deque[tuple[int, SE3]]] = {}
+
+    def add(self, message: TransformStamped, *, is_static: bool = False) -> None:
+        """Add T_parent_child; ValueError for a NaN, an empty name, a frame below itself, or a second parent."""
+        parent, child = message.header.frame_id.lstrip("/"), message.child_frame_id.lstrip("/")
+        if not parent or not child or parent == child:
+            raise ValueError(f"transform: expected two frames, found {parent!r} and {child!r}")
+        if self._parents.get(child, parent) != parent:
+            raise ValueError(
+                f"transform: {child}: expected parent {self._parents[child]}, found a second one, {parent}"
+            )
+        T_parent_child = transform_to_se3(message.transform, f"transform {parent} -> {child}")
+        self._parents[child] = parent
+        if is_static:
+            self._static[child] = T_parent_child
+        else:
+            self._remember(child, stamp_ns(message), T_parent_child)
+
+    def lookup(self, target: str, source: str, stamp: int | None = None) -> SE3:
+        """Return T_target_source at a stamp in ns (None: the newest); TransformError says why not."""
+        up_source, up_target = self._ancestors(source), self._ancestors(target)
+        common = next((frame for frame in up_source if frame in up_target), None)
+        if common is None:
+            raise TransformError(
+                f"tf: {target} and {source} are not connected: {self._hint(target)}, {self._hint(source)}"
+            )
+        return self._climb(target, common, stamp).inverse() @ self._climb(source, common, stamp)
+
+    def is_connected(self, target: str, source: str) -> bool:
+        """Whether two frames are of one tree, or are one."""
+        return target == source or self.root(target) == self.root(source)
+
+    def clear(self) -> None:
+        """Forget everything that moves: the clock jumped."""
+        self._moving.clear()
+
+    def _remember(self, child: str, stamp: int, T_parent_child: SE3) -> None:
+        history = self._moving.setdefault(child, deque())
+        if history and stamp < history[-1][0]:
+            if history[-1][0] - stamp > self._memory_ns:
+                history.clear()
+            else:
+                return
+        if not history or stamp > history[-1][0]:
+            history.append((stamp, T_parent_child))
+        while stamp - history[0][0] > self._memory_ns:
+            history.popleft()
+
+    def root(self, frame: str) -> str:
+        """Return the frame above all others of a frame's tree: itself where none is known."""
+        return self._chain(frame)[-1]
+
+    def is_moving(self, frame: str) -> bool:
+        """Whether a frame moves in its root: not all that lies between is static."""
+        return any(child not in self._static for child in self._chain(frame)[:-1])
+
+    def _chain(self, frame: str) -> list[str]:
+        chain = [frame]
+        while chain[-1] in self._parents and len(chain) < MAX_DEPTH:
+            chain.append(self._parents[chain[-1]])
+        return chain
+
+    def _climb(self, frame: str, ancestor: str, stamp: int | None) -> SE3:
+        """Return T_ancestor_frame."""
+        pose = SE3.identity()
+        while frame != ancestor:
+            pose = self._one(frame, stamp) @ pose
+            frame = self._parents[frame]
+        return pose
+
+    def _one(self, child: str, stamp: int | None) -> SE3:
+        if child in self._static:
+            return self._static[child]
+        history = self._moving.get(child)
+        name = f"tf: {self._parents[child]} -> {child}"
+        if not history:
+            raise TransformError(f"{name}: nothing heard since the clock jumped")
+        if stamp is None:
+            return history[-1][1]
+        first, last = history[0][0], history[-1][0]
+        if not first <= stamp <= last:
+            late = (stamp - last) / 1e9 if stamp > last else (stamp - first) / 1e9
+            raise TransformError(f"{name}: expected stamp {stamp / 1e9:.3f} s, found up to {late:+.3f} s away")
+        after = bisect_left(history, stamp, key=lambda entry: entry[0])
+        if history[after][0] == stamp:
+            return history[after][1]
+        return _between(history[after - 1], history[after], stamp)
+
+    def _ancestors(self, frame: str) -> list[str]:
+        known = frame in self._parents or frame in self._parents.values()
+        if not known:
+            frames = sorted({*self._parents, *self._parents.values()})
+            raise TransformError(
+                f"tf: frame {frame}: expected one of {', '.join(frames) or '(none heard)'}, found none"
+            )
+        return self._chain(frame)
+
+    def _hint(self, frame: str) -> str:
+        return f"{frame} is below {self._ancestors(frame)[-1]}"
+
+
+class TransformListener:
+    """A tree that hears `/tf` and `/tf_static`; `lookup` is what to ask.
+
+    What is below the frame `ignored` is not heard: a node that publishes it would hear itself.
+    """
+
+    def __init__(self, endpoints: Endpoints, *, is_required: bool = False, ignored: str = "") -> None:
+        self.tree, self._ignored = TransformTree(), ignored
+        endpoints.add_subscription("/tf", TFMessage, self._on_moving, qos.TF, is_required=False)
+        endpoints.add_subscription(
+            "/tf_static", TFMessage, self._on_static, qos.TF_STATIC, is_required=is_required, silence=0.0
+        )
+
+    def lookup(self, target: str, source: str, stamp: int | None = None) -> SE3:
+        """Return T_target_source; TransformError says why not."""
+        return self.tree.lookup(target, source, stamp)
+
+    def _on_moving(self, message: TFMessage) -> None:
+        self._add(message, is_static=False)
+
+    def _on_static(self, message: TFMessage) -> None:
+        self._add(message, is_static=True)
+
+    def _add(self, message: TFMessage, *, is_static: bool) -> None:
+        """Add all that can be used; ValueError says what could not be."""
+        refusals = []
+        for transform in message.transforms:
+            try:
+                if not self._ignored or transform.header.frame_id.lstrip("/") != self._ignored:
+                    self.tree.add(transform, is_static=is_static)
+            except ValueError as error:
+                refusals.append(str(error))
+        if refusals:
+            raise ValueError("; ".join(refusals))
+
+
+class TransformBroadcaster:
+    """Tells `/tf`, or `/tf_static` if `is_static`: there every message repeats all transforms told so far."""
+
+    def __init__(self, endpoints: Endpoints, *, is_static: bool = False) -> None:
+        topic, profile = ("/tf_static", qos.LATCHED) if is_static else ("/tf", qos.TF)
+        self._output = endpoints.add_publisher(topic, TFMessage, profile)
+        self._is_static = is_static
+        self._told: dict[str, TransformStamped] = {}
+
+    def send(self, T_parent_child: SE3, stamp: int, parent: str, child: str) -> None:
+        """Tell one transform, stamp in ns."""
+        self.send_all([se3_to_transform(T_parent_child, stamp, parent, child)])
+
+    def send_all(self, transforms: Iterable[TransformStamped]) -> None:
+        """Tell several transforms in one message."""
+        transforms = list(transforms)
+        if self._is_static:
+            self._told |= {transform.child_frame_id: transform for transform in transforms}
+            transforms = list(self._told.values())
+        self._output.publish(TFMessage(transforms=transforms))
+
+
+def _between(before: tuple[int, SE3], after: tuple[int, SE3], stamp: int) -> SE3:
+    share = (stamp - before[0]) / (after[0] - before[0])
+    between = (before[1].inverse() @ after[1]).log()
+    return before[1] @ SE3.exp(share * np.asarray(between))

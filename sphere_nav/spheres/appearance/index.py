@@ -1,0 +1,177 @@
+"""Which key spheres look like an image, whatever its heading, and how likely chance would show as much.
+
+Each feature of an image votes, for every feature with the same word in a sphere, for the turn about the vertical that
+would bring the two together. Features of the same place agree on it, however the vehicle is turned; those of other
+places are spread evenly over all turns. So a place is ranked by the Poisson tail of its histogram's peak (after
+Chapoulie et al. 2011, M15 section 3.5.2). Rows of like houses are no chance: whoever asks must verify.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, MutableMapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.spheres.appearance.dictionary import Dictionary
+from sphere_nav.spheres.appearance.features import Features
+
+Floats = NDArray[np.float32]
+NUM_BINS = 36  # turns of 10 degrees
+WINDOW = 3  # neighbouring turns that count as one: what is near moves as the viewpoint does
+MAX_RISE = np.radians(20.0)  # between two views of one feature; a sphere is upright within less
+RATIO = 8  # between the sizes of two parts of the postings, at least
+MIN_MEAN, PRECISION = 1e-9, 1e-12  # of Poisson's distribution, and of the sum of its tail
+MAX_REPEATS = 4  # of a word in one image; a fence says nothing
+
+
+@dataclass(frozen=True)
+class Likeness:
+    """A key sphere that looks like the image: `turn` rad brings the image's azimuths to the sphere's.
+
+    log_chance: natural logarithm of how many spheres of the map would show as many votes if features were scattered.
+    """
+
+    sphere_id: int
+    turn: float
+    num_votes: int
+    log_chance: float
+
+
+@dataclass(frozen=True)
+class Postings:
+    """Where words were seen, by word: words (N,) ascending, rows (N,) of their spheres, angles (N, 2) of `angles`."""
+
+    words: NDArray[np.int64]
+    rows: NDArray[np.int32]
+    angles: Floats
+
+    @staticmethod
+    def nothing() -> Postings:
+        """Return what is there at first."""
+        return Postings(np.empty(0, np.int64), np.empty(0, np.int32), np.empty((0, 2), np.float32))
+
+    def with_more(self, others: Iterable[Postings]) -> Postings:
+        """Return these and others together; those of a word in the order in which they came."""
+        every = (self, *others)
+        words = np.concatenate([one.words for one in every])
+        order = np.argsort(words, kind="stable")
+        rows, places = np.concatenate([one.rows for one in every]), np.concatenate([one.angles for one in every])
+        return Postings(words[order], rows[order], places[order])
+
+    def find(self, words: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return for every place (M,) of these words which of the words it is of, and where it stands here."""
+        first, last = np.searchsorted(self.words, words, "left"), np.searchsorted(self.words, words, "right")
+        number = last - first
+        start = np.repeat(first - np.cumsum(number) + number, number)
+        return np.repeat(np.arange(len(words)), number), start + np.arange(int(number.sum()))
+
+
+class AppearanceIndex:
+    """Features of all key spheres by word; `features` by id."""
+
+    def __init__(self, features: MutableMapping[int, Features] | None = None) -> None:
+        """`features` keeps those of every sphere, in memory unless told otherwise."""
+        self.dictionary = Dictionary()
+        self.features: MutableMapping[int, Features] = {} if features is None else features
+        self.words: dict[int, NDArray[np.int64]] = {}
+        self._ids: list[int] = []
+        self._parts: list[Postings] = []  # the largest and oldest first
+        self._new: list[Postings] = []  # not looked up yet
+
+    def __len__(self) -> int:
+        return len(self._ids)
+
+    def add(self, sphere_id: int, features: Features, words: NDArray[np.int64] | None = None) -> None:
+        """Add a key sphere; `words` where the dictionary gave them before. ValueError for an id that is taken."""
+        if sphere_id in self.features:
+            raise ValueError(f"appearance: expected a new key sphere, found {sphere_id} again")
+        descriptors = features.unit_descriptors()
+        if words is None:
+            words = self.dictionary.learn(descriptors)
+        else:
+            self.dictionary.restore(descriptors, words)
+        self.features[sphere_id], self.words[sphere_id] = features, words
+        row = len(self._ids)
+        self._ids.append(sphere_id)
+        seen, (azimuth, elevation) = telling(words), angles(features.rays)
+        places = np.column_stack([azimuth, elevation]).astype(np.float32)[seen]
+        self._new.append(Postings(words[seen], np.full(len(seen), row, np.int32), places))
+
+    def find(self, features: Features, count: int, without: Iterable[int] = ()) -> list[Likeness]:
+        """Return up to `count` key spheres, the likest first; rays of the image in axes about upright (z up)."""
+        if not self._ids:
+            return []
+        votes = self._votes(features)
+        number = votes.sum(axis=1)
+        shifts = range(-(WINDOW // 2), WINDOW // 2 + 1)
+        peaks = np.sum([np.roll(votes, shift, axis=1) for shift in shifts], axis=0)
+        best = np.argmax(peaks, axis=1)
+        height = peaks[np.arange(len(best)), best]
+        log_chance = log_tail(height, number * WINDOW / NUM_BINS) + np.log(NUM_BINS * len(self._ids))
+        hidden = set(without)
+        order = np.lexsort((np.arange(len(best)), -height, log_chance))
+        rows = [row for row in order.tolist() if self._ids[row] not in hidden and height[row] > 0][:count]
+        turns = 2 * np.pi * (best + 0.5) / NUM_BINS - np.pi
+        return [Likeness(self._ids[row], float(turns[row]), int(height[row]), float(log_chance[row])) for row in rows]
+
+    def _votes(self, features: Features) -> NDArray[np.int64]:
+        """Return the histogram (S, NUM_BINS) of turns for every sphere; a feature votes once for each turn."""
+        words = self.dictionary.read(features.unit_descriptors())
+        asked = telling(words)
+        own = np.column_stack(angles(features.rays))[asked]
+        cells = [self._turns(postings, words[asked], own) for postings in self._sorted()]
+        total = np.bincount(np.concatenate(cells), minlength=len(self._ids) * NUM_BINS)
+        return total.reshape(-1, NUM_BINS)
+
+    def _turns(self, postings: Postings, words: NDArray[np.int64], own: NDArray[np.float64]) -> NDArray[np.int64]:
+        """Return the cells (row * NUM_BINS + turn) that features of these words, at angles (N, 2), vote for."""
+        feature, place = postings.find(words)
+        seen = postings.angles[place]
+        near = np.abs(seen[:, 1] - own[feature, 1]) < MAX_RISE
+        feature, place = feature[near], place[near]
+        turn = (seen[near, 0] - own[feature, 0] + np.pi) % (2 * np.pi)
+        turn_bin = np.minimum((turn * (NUM_BINS / (2 * np.pi))).astype(np.int64), NUM_BINS - 1)
+        cell = postings.rows[place].astype(np.int64) * NUM_BINS + turn_bin
+        size = len(self._ids) * NUM_BINS
+        return np.unique(feature * size + cell) % size
+
+    def _sorted(self) -> list[Postings]:
+        """Return all postings by word, in a few parts; what is new joins the rest where it has become large."""
+        if self._new:
+            self._parts.append(Postings.nothing().with_more(self._new))
+            self._new = []
+        while len(self._parts) > 1 and len(self._parts[-2].words) < RATIO * len(self._parts[-1].words):
+            last = self._parts.pop()
+            self._parts[-1] = self._parts[-1].with_more([last])
+        return self._parts
+
+
+def log_tail(counts: NDArray[np.int64], means: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the natural logarithm (N,) of how likely Poisson variables of these means are as large or larger.
+
+    The sum m^k / k! from the count on, by its first term: no chance is too small to be told from another.
+    """
+    means = np.maximum(means, MIN_MEAN)
+    log_factorials = np.append(0.0, np.cumsum(np.log(np.arange(1, int(np.max(counts, initial=0)) + 1))))
+    first = counts * np.log(means) - means - log_factorials[counts]
+    total, term, k = np.ones(len(means)), np.ones(len(means)), counts.copy()
+    while np.any(term > PRECISION * total):
+        k += 1
+        term *= means / k
+        total += term
+    return np.minimum(first + np.log(total), 0.0)
+
+
+def angles(rays: Floats) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return azimuth and elevation (N,) in rad of unit rays (N, 3) in body axes."""
+    rays = rays.astype(np.float64)
+    return np.arctan2(rays[:, 1], rays[:, 0]), np.arcsin(np.clip(rays[:, 2], -1.0, 1.0))
+
+
+def telling(words: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the rows of features whose word is known and not repeated all over the image."""
+    known = np.flatnonzero(words >= 0)
+    _, inverse, counts = np.unique(words[known], return_inverse=True, return_counts=True)
+    return known[counts[inverse] <= MAX_REPEATS]

@@ -1,0 +1,124 @@
+"""Where an image was taken from, by features matched with those of a key sphere: three rays and three points, by lot.
+
+The pose is a guess good enough for dense alignment to begin with, at any heading and metres away from the sphere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import SE3
+from sphere_nav.spheres.appearance.features import Features
+
+Array = NDArray[np.float64]
+MAX_RATIO = 0.85  # of the distances to the best and to the second best descriptor (Lowe 2004)
+NUM_TRIALS = 150
+MAX_ANGLE = np.radians(1.0)  # between a ray and its point
+NUM_REFINEMENTS = 6
+MIN_FORWARD = 0.1  # of the three rays along their mean: P3P needs them before a plane
+
+
+@dataclass(frozen=True)
+class FeaturePose:
+    """T_sphere_camera by so many of the matched features."""
+
+    T_sphere_camera: SE3
+    num_inliers: int
+    num_matches: int
+
+
+def match(query: Features, known: Features) -> NDArray[np.int64]:
+    """Return rows (M, 2) of features that are each other's best match and clearly better than the second."""
+    if len(query) < 2 or len(known) < 2:
+        return np.zeros((0, 2), np.int64)
+    cosines = query.unit_descriptors() @ known.unit_descriptors().T
+    best = np.argmax(cosines, axis=1)
+    rows = np.arange(len(query))
+    top = cosines[rows, best]
+    second = np.partition(cosines, -2, axis=1)[:, -2]
+    is_clear = 1.0 - top < MAX_RATIO**2 * (1.0 - second)
+    is_mutual = np.argmax(cosines, axis=0)[best] == rows
+    return np.stack([rows, best], axis=1)[is_clear & is_mutual]
+
+
+def find_pose(query: Features, known: Features, seed: int = 0) -> FeaturePose | None:
+    """Return where `query` was taken in the frame of the sphere `known`; None where fewer than four features agree."""
+    pairs = match(query, known)
+    pairs = pairs[np.isfinite(known.range_m[pairs[:, 1]])]
+    if len(pairs) < 4:
+        return None
+    rays, points = query.rays[pairs[:, 0]].astype(np.float64), known.points[pairs[:, 1]].astype(np.float64)
+    rng = np.random.default_rng(seed)
+    best, best_inliers = None, np.zeros(len(pairs), np.bool_)
+    for trial in range(NUM_TRIALS):
+        if trial >= _enough(best_inliers):
+            break
+        three = rng.choice(len(pairs), 3, replace=False)
+        for T_camera_sphere in _solve_three(rays[three], points[three]):
+            inliers = _angles(T_camera_sphere, rays, points) < MAX_ANGLE
+            if inliers.sum() > best_inliers.sum():
+                best, best_inliers = T_camera_sphere, inliers
+    if best is None or best_inliers.sum() < 4:
+        return None
+    for _ in range(NUM_REFINEMENTS):
+        best = _refine(best, rays[best_inliers], points[best_inliers])
+        best_inliers = _angles(best, rays, points) < MAX_ANGLE
+        if best_inliers.sum() < 4:
+            return None
+    return FeaturePose(best.inverse(), int(best_inliers.sum()), len(pairs))
+
+
+def _enough(inliers: NDArray[np.bool_]) -> float:
+    """Return the trials after which three right matches were drawn with 99.9 %, were the inliers all right ones."""
+    share = float(inliers.mean()) ** 3
+    return np.log(1e-3) / np.log(1.0 - share) if 0.0 < share < 1.0 else (1.0 if share else np.inf)
+
+
+def _solve_three(rays: Array, points: Array) -> list[SE3]:
+    """Return up to four T_camera_sphere that send three points (3, 3) along three rays (3, 3)."""
+    middle = rays.sum(axis=0)
+    middle /= max(float(np.linalg.norm(middle)), 1e-9)
+    side = np.cross(middle, np.eye(3)[np.argmin(np.abs(middle))])
+    side /= np.linalg.norm(side)
+    turn = np.stack([side, np.cross(middle, side), middle])  # to axes whose z is the middle of the rays
+    ahead = rays @ turn.T
+    if np.any(ahead[:, 2] < MIN_FORWARD):
+        return []
+    try:
+        _, rotations, translations = cv2.solveP3P(
+            points.reshape(3, 1, 3), (ahead[:, :2] / ahead[:, 2:]).reshape(3, 1, 2), np.eye(3), None, cv2.SOLVEPNP_AP3P
+        )
+    except cv2.error:  # points on a line
+        return []
+    found = []
+    for rotation, translation in zip(rotations, translations, strict=True):
+        if np.all(np.isfinite(rotation)) and np.all(np.isfinite(translation)):
+            found.append(SE3.from_parts(turn.T @ cv2.Rodrigues(rotation)[0], turn.T @ translation.ravel()))
+    return found
+
+
+def _angles(T_camera_sphere: SE3, rays: Array, points: Array) -> Array:
+    """Return the angle (M,) between each ray and its point."""
+    seen = T_camera_sphere.apply(points)
+    sine = np.linalg.norm(np.cross(rays, seen), axis=1)
+    return np.arctan2(sine, np.einsum("ni,ni->n", rays, seen))
+
+
+def _refine(T_camera_sphere: SE3, rays: Array, points: Array) -> SE3:
+    """Return the pose after one Gauss-Newton step on the chords between rays and directions of points."""
+    seen = T_camera_sphere.apply(points)
+    distance = np.linalg.norm(seen, axis=1)
+    unit = seen / distance[:, None]
+    across = (np.eye(3) - unit[:, :, None] * unit[:, None, :]) / distance[:, None, None]  # d unit / d seen
+    crosses = np.zeros((len(points), 3, 3))
+    x, y, z = points.T
+    crosses[:, 0, 1], crosses[:, 0, 2], crosses[:, 1, 2] = -z, y, -x
+    crosses -= np.swapaxes(crosses, 1, 2)
+    by_step = np.concatenate([np.broadcast_to(np.eye(3), crosses.shape), -crosses], axis=2)  # T exp(xi) p
+    J = (across @ T_camera_sphere.rotation @ by_step).reshape(-1, 6)
+    H = J.T @ J + 1e-9 * np.eye(6)
+    return T_camera_sphere @ SE3.exp(np.linalg.solve(H, J.T @ (rays - unit).ravel()))

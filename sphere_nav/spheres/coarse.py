@@ -1,0 +1,54 @@
+"""A sphere of about a hundred rows: what is kept of all spheres of a map, to find one's place among them."""
+
+from __future__ import annotations
+
+from weakref import WeakKeyDictionary
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_nav.geometry import Spherical
+from sphere_nav.spheres.sphere import UNSEEN, Image, Range, Sphere
+
+MIN_SIDE = 96  # px; 1024 rows become 128
+SURFACE_RATIO = 1.1  # ranges within this ratio of the nearest in a block are one surface
+
+
+_known: WeakKeyDictionary[Sphere, Sphere] = WeakKeyDictionary()  # as long as the large ones are
+
+
+def coarse_sphere(sphere: Sphere) -> Sphere:
+    """Return the grey sphere, halved as often as no side gets shorter than `MIN_SIDE`; kept with the large one."""
+    small = _known.get(sphere)
+    if small is None:
+        small = _known[sphere] = _halved(sphere)
+    return small
+
+
+def _halved(sphere: Sphere) -> Sphere:
+    camera, factor = sphere.camera, 1
+    while _can_halve(camera):
+        camera, factor = camera.halve(), 2 * factor
+    height, width = camera.height * factor, camera.width * factor
+    grey = cv2.resize(sphere.grey[:height, :width], (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    image: Image = np.clip(np.rint(grey), UNSEEN + 1, 255).astype(np.uint8)
+    return Sphere(image, _nearest_surface(sphere.range_m[:height, :width], factor), camera, sphere.stamp_ns)
+
+
+def _can_halve(camera: Spherical) -> bool:
+    if camera.is_whole and (camera.width % 4 or camera.height % 2):
+        return False
+    return min(camera.width, camera.height) // 2 >= MIN_SIDE
+
+
+def _nearest_surface(range_m: Range, factor: int) -> Range:
+    """Return the mean inverse range of the nearest surface in each block, NaN where nothing is known of it."""
+    height, width = range_m.shape[0] // factor, range_m.shape[1] // factor
+    blocks: NDArray[np.float32] = range_m.reshape(height, factor, width, factor).transpose(0, 2, 1, 3)
+    blocks = blocks.reshape(height, width, factor * factor)
+    nearest = np.fmin.reduce(blocks, axis=2)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        is_near = blocks <= SURFACE_RATIO * nearest[..., None]
+        inverse = np.where(is_near, 1.0 / blocks, 0.0).sum(axis=2) / is_near.sum(axis=2)
+        return np.where(np.isnan(nearest), np.nan, 1.0 / inverse).astype(np.float32)

@@ -1,0 +1,114 @@
+"""The key spheres of a map, drawn from anywhere: the nearest ones are read as they are needed and kept for a while."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Protocol
+
+import numpy as np
+
+from sphere_nav.geometry import SE3, Camera
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
+from sphere_nav.view_synthesis.surface import Surface, surface_of
+from sphere_nav.view_synthesis.synthesis import PlacedSurface, View, blend_weights, synthesise
+
+NUM_BLENDED = 2
+MIN_KEPT = 2 * NUM_BLENDED  # however large they are
+
+
+class SphereSource(Protocol):
+    """A map on disk or in memory."""
+
+    @property
+    def graph(self) -> SphereGraph:
+        """Where the key spheres are."""
+        ...
+
+    def load_sphere(self, sphere_id: int) -> Sphere:
+        """Return one key sphere with its pictures; ValueError or OSError where it cannot be read."""
+        ...
+
+
+class Scene:
+    """Draws views of a map; surfaces are prepared by one thread and kept up to `max_megabytes`."""
+
+    def __init__(self, source: SphereSource, max_megabytes: float = 500.0) -> None:
+        if not len(source.graph):
+            raise ValueError("view: expected a map with key spheres, found an empty one")
+        self._source, self._max_bytes = source, max_megabytes * 1e6
+        self._pool = ThreadPoolExecutor(max_workers=1, thread_name_prefix="surfaces")
+        self._surfaces: OrderedDict[int, Future[Surface]] = OrderedDict()  # by last use
+        self._lock = threading.Lock()
+
+    @property
+    def num_kept(self) -> int:
+        """Key spheres that are ready or on their way."""
+        return len(self._surfaces)
+
+    def render(self, T_map_camera: SE3, camera: Camera, *, is_waiting: bool = True) -> View:
+        """Return the view from a pose; with `is_waiting` false by what is ready, others are prepared meanwhile.
+
+        ValueError or OSError where a key sphere cannot be read.
+        """
+        nodes = self._source.graph.nearest(T_map_camera.translation, NUM_BLENDED + 1)
+        wanted = nodes[:NUM_BLENDED]
+        coming = [self._request(node.id) for node in wanted]
+        if not is_waiting and not any(one.done() for one in coming):
+            wanted, coming = self._stand_in(T_map_camera) or (wanted, coming)
+        weights = self._weights(nodes, T_map_camera)
+        placed = [
+            PlacedSurface(one.result(), node.T_map_sphere, float(weight))
+            for node, one, weight in zip(wanted, coming, weights, strict=False)
+            if is_waiting or one.done()
+        ]
+        return synthesise(placed or [PlacedSurface(coming[0].result(), wanted[0].T_map_sphere)], T_map_camera, camera)
+
+    def is_ready(self, T_map_camera: SE3) -> bool:
+        """Say whether the view from a pose needs nothing that is not prepared."""
+        nodes = self._source.graph.nearest(T_map_camera.translation, NUM_BLENDED)
+        return all(self._request(node.id).done() for node in nodes)
+
+    def close(self) -> None:
+        """End what is being prepared."""
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _weights(self, nodes: Sequence[KeySphere], T_map_camera: SE3) -> list[float]:
+        distances = [float(np.linalg.norm(node.T_map_sphere.translation - T_map_camera.translation)) for node in nodes]
+        if len(distances) <= NUM_BLENDED:
+            distances.append(2.0 * max(distances))
+        return list(blend_weights(distances))
+
+    def _stand_in(self, T_map_camera: SE3) -> tuple[list[KeySphere], list[Future[Surface]]] | None:
+        """Return the nearest key sphere that is ready."""
+        with self._lock:
+            ready = {sphere_id: one for sphere_id, one in self._surfaces.items() if one.done()}
+        nodes = [self._source.graph[sphere_id] for sphere_id in ready]
+        if not nodes:
+            return None
+        nearest = min(nodes, key=lambda node: T_map_camera.distance(node.T_map_sphere)[0])
+        return [nearest], [ready[nearest.id]]
+
+    def _request(self, sphere_id: int) -> Future[Surface]:
+        with self._lock:
+            if sphere_id not in self._surfaces or _has_failed(self._surfaces[sphere_id]):
+                self._surfaces[sphere_id] = self._pool.submit(self._prepare, sphere_id)
+            self._surfaces.move_to_end(sphere_id)
+            return self._surfaces[sphere_id]
+
+    def _prepare(self, sphere_id: int) -> Surface:
+        surface = surface_of(self._source.load_sphere(sphere_id))
+        with self._lock:
+            kept = surface.num_bytes
+            for other, one in list(self._surfaces.items())[::-1]:
+                kept += one.result().num_bytes if other != sphere_id and one.done() and not _has_failed(one) else 0
+                if kept > self._max_bytes and len(self._surfaces) > MIN_KEPT and other != sphere_id and one.done():
+                    del self._surfaces[other]
+        return surface
+
+
+def _has_failed(one: Future[Surface]) -> bool:
+    return one.done() and (one.cancelled() or one.exception() is not None)

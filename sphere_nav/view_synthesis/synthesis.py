@@ -1,0 +1,107 @@
+"""READ FIRST. A photo-realistic view from any pose near key spheres (M15 section 6.3.2).
+
+The surface that each sphere saw is drawn from the new pose with a z-buffer; then the drawings are blended: where they
+show the same surface by their weights, elsewhere the nearer one hides the other. What no sphere saw stays a hole.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
+from sphere_nav.spheres.sphere import Image, Range
+from sphere_nav.view_synthesis import kernels
+from sphere_nav.view_synthesis.surface import Floats, Surface
+
+AGREEMENT = np.float32(0.05)  # of nearness: drawings that differ by less show the same surface
+AGREEMENT_FLOOR = np.float32(0.005)  # 1/m
+POLE_RAD = 0.35  # around each pole of a drawing on a whole sphere, that is drawn apart
+POLES = (SE3.exp([0, 0, 0, np.pi, 0, 0]), SE3.identity())  # looking down and up along the axis of a sphere
+MIN_KNOWN = 5  # of 8 neighbours: holes that hold no more than a line of pixels are closed
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """A synthesised image (H, W, 3) u8, range along the ray (H, W) f32 m, and where anything was seen (H, W)."""
+
+    image: Image
+    range_m: Range
+    is_known: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class PlacedSurface:
+    """A surface in the map, and its weight in the blend."""
+
+    surface: Surface
+    T_map_sphere: SE3
+    weight: float = 1.0
+
+
+def synthesise(surfaces: Sequence[PlacedSurface], T_map_camera: SE3, camera: Camera) -> View:
+    """Return the view of a camera of any model from a pose in the map; ValueError without a surface."""
+    if not surfaces:
+        raise ValueError("view synthesis: expected at least one key sphere, found none")
+    drawings = [draw(one.surface, T_map_camera.inverse() @ one.T_map_sphere, camera) for one in surfaces]
+    nearest = drawings[0][0]
+    for nearness, _ in drawings[1:]:
+        nearest = np.maximum(nearest, nearness)
+    total = np.zeros((*nearest.shape, 3), np.float32)
+    weights = np.zeros(nearest.shape, np.float32)
+    for one, (nearness, source) in zip(surfaces, drawings, strict=True):
+        surface, weight = one.surface, np.float32(max(one.weight, 1e-3))  # what one alone saw is never left out
+        arrays = surface.image, surface.camera.is_whole, nearness, source, nearest
+        kernels.add_colours(*arrays, AGREEMENT, AGREEMENT_FLOOR, weight, total, weights)
+    image, range_m = np.empty(total.shape, np.uint8), np.empty(nearest.shape, np.float32)
+    kernels.finish(total, weights, nearest, image, range_m)
+    kernels.close_pinholes(weights, MIN_KNOWN, image, range_m)
+    return View(image, range_m, ~np.isnan(range_m))
+
+
+def draw(surface: Surface, T_camera_sphere: SE3, camera: Camera) -> tuple[Floats, Floats]:
+    """Return nearness (H, W) 1/m, 0 where nothing is, and where in the sphere's image (u, v) (H, W, 2) it was seen."""
+    placed = np.empty((surface.points.shape[1], 3), np.float32)
+    kernels.project_corners(surface.points, kernel_motion(T_camera_sphere.matrix), kernel_camera(camera), placed)
+    nearness = np.zeros((camera.height, camera.width), np.float32)
+    source = np.empty((camera.height, camera.width, 2), np.float32)
+    wraps = isinstance(camera, Spherical) and camera.is_whole
+    kernels.draw_quads(surface.corners, placed, surface.pixels, surface.camera.width, wraps, nearness, source)
+    for pole in POLES if wraps else ():
+        _draw_pole(surface, T_camera_sphere, camera, pole, nearness, source)
+    return nearness, source
+
+
+def _draw_pole(
+    surface: Surface, T_camera_sphere: SE3, camera: Camera, T_camera_pole: SE3, nearness: Floats, source: Floats
+) -> None:
+    """Draw what lies around a pole of a whole sphere, where quads have no left and right, by a camera that looks there.
+
+    The camera is turned only, so that its nearness is that of the sphere.
+    """
+    side = max(8, round(camera.pixels_per_radian))
+    focal = 0.5 * side / np.tan(POLE_RAD + 2.0 / side)
+    pinhole = Pinhole(side, side, focal, focal, 0.5 * (side - 1), 0.5 * (side - 1))
+    near, place = draw(surface, T_camera_pole.inverse() @ T_camera_sphere, pinhole)
+    rays = camera.unproject(pixel_grid(camera))
+    rows = np.flatnonzero(rays[:, 0] @ T_camera_pole.rotation[:, 2] > np.cos(POLE_RAD))
+    pixels, _ = pinhole.project(rays[rows] @ T_camera_pole.rotation)
+    u, v = np.clip(np.rint(pixels), 0, side - 1).astype(np.intp).transpose(2, 0, 1)
+    nearness[rows], source[rows] = near[v, u], place[v, u]
+
+
+def blend_weights(distances_m: ArrayLike) -> NDArray[np.float64]:
+    """Return the weights (K - 1,) of all spheres but the farthest of K, by distance; they sum to 1.
+
+    A sphere that is as far as the one left out has weight 0, so that nothing jumps where spheres are exchanged.
+    """
+    distances = np.asarray(distances_m, dtype=np.float64)
+    near, limit = distances[:-1], max(float(distances[-1]), 1e-9)
+    weights = (1.0 - near / limit) / np.maximum(near, 1e-3 * limit)
+    total = float(weights.sum())
+    return weights / total if total > 0 else np.full(near.shape, 1.0 / near.size)

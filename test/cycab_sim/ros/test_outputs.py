@@ -1,0 +1,128 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from cycab_sim.params import CameraParams, ImuParams, RigParams, ScanParams
+from cycab_sim.ros.outputs import Outputs
+from cycab_sim.simulator import Simulator
+from cycab_sim.vehicle import Command
+from sphere_nav.geometry.files.rig_file import read_rig
+from sphere_nav.ros.conversions import camera_from_info, image_to_array, message_to_sphere, stamp_ns, transform_to_se3
+from sphere_nav.ros.conversions.driving import scan_to_points
+
+
+class Catcher:
+    """Stands for a node: keeps what is published, by topic."""
+
+    def __init__(self):
+        self.sent, self.kinds = {}, {}
+
+    def add_publisher(self, topic, kind, profile=None):
+        self.sent[topic], self.kinds[topic] = [], kind
+        return type("Topic", (), {"publish": staticmethod(self.sent[topic].append)})
+
+
+@pytest.fixture(scope="module")
+def simulator(small_params):
+    rig = RigParams(kind="ring", width=48, height=40, publish="always")
+    camera = CameraParams(model="panorama", width=96, height=32)
+    return Simulator(replace(small_params, rig=rig, camera=camera))
+
+
+def published(simulator, *names):
+    catcher = Catcher()
+    outputs = Outputs(catcher, simulator)
+    outputs.publish_statics()
+    for name in names:
+        outputs.publish(name)
+    return catcher
+
+
+def test_the_rig_publishes_one_instant_that_fits_its_description(simulator, tmp_path):
+    sent = published(simulator, "rig").sent
+    path = tmp_path / "rig.yaml"
+    path.write_text(sent["rig_description"][0].data)
+    rig = read_rig(path)
+    places = {t.child_frame_id: transform_to_se3(t.transform) for t in sent["/tf_static"][0].transforms}
+    for camera in rig.cameras:
+        (image,) = sent[f"cameras/{camera.name}/image_raw"]
+        (info,) = sent[f"cameras/{camera.name}/camera_info"]
+        assert stamp_ns(image) == stamp_ns(info) == simulator.time_ns
+        assert image_to_array(image).shape == (40, 48, 3)
+        assert camera_from_info(info) == camera.camera
+        T_rig_camera = places["rig_link"].inverse() @ places[image.header.frame_id]
+        np.testing.assert_allclose(T_rig_camera.matrix, camera.T_rig_camera.matrix, atol=1e-9)
+
+
+def test_a_camera_that_dropped_out_is_not_published(simulator):
+    simulator.faults.add("rear", "silent", 0.0, 0.0, 0.0, simulator.time_ns)
+    sent = published(simulator, "rig").sent
+    simulator.faults.clear()
+    assert [len(sent[f"cameras/{name}/image_raw"]) for name in simulator.rig_names] == [1, 1, 1, 0, 1, 1]
+
+
+def test_a_panorama_is_described_as_a_sphere(simulator):
+    sent = published(simulator, "camera", "sphere", "odom").sent
+    info, image = sent["sphere_info"][0], sent["image_raw"][0]
+    assert (info.width, info.height, info.full_width, info.offset_v) == (96, 32, 96.0, 8.0)
+    assert info.frame_id == image.header.frame_id == "camera_link"
+    assert image.encoding == "mono8"
+    assert message_to_sphere(sent["sphere"][0]).image.shape == (64, 128, 3)
+    assert len(sent["odom"]) == len(sent["ground_truth/odometry"]) == 1
+
+
+def test_without_a_rig_there_are_no_topics_of_one(small_params):
+    catcher = published(Simulator(small_params))
+    assert {topic for topic in catcher.sent if "cameras" in topic or "rig" in topic} == set()
+    assert "camera_info" in catcher.sent
+    assert {"imu", "scan"} & set(catcher.sent) == set()  # off unless asked for
+
+
+def test_the_imu_and_the_scanner_are_published_in_their_frames(small_params):
+    params = replace(small_params, imu=ImuParams(is_on=True), scan=ScanParams(is_on=True, num_rays=91))
+    simulator = Simulator(params)
+    simulator.step(Command(), 10_000_000)
+    sent = published(simulator, "imu", "scan").sent
+    (imu,), (scan,) = sent["imu"], sent["scan"]
+    assert (imu.header.frame_id, scan.header.frame_id) == ("imu_link", "scan_link")
+    assert {t.child_frame_id for t in sent["/tf_static"][0].transforms} >= {"imu_link", "scan_link"}
+    assert stamp_ns(imu) == stamp_ns(scan) == simulator.time_ns
+    assert imu.linear_acceleration.z == pytest.approx(9.81, abs=0.2)
+    assert imu.linear_acceleration_covariance[0] == pytest.approx(0.03**2)
+    assert scan.angle_min + 90 * scan.angle_increment == pytest.approx(scan.angle_max)
+    points = scan_to_points(scan)
+    assert len(points) > 30  # a street
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), simulator.scan().ranges[np.isfinite(scan.ranges)])
+
+
+def test_delayed_outputs_come_later_with_their_stamps_and_in_order(small_params):
+    simulator = Simulator(small_params)
+    catcher = Catcher()
+    outputs = Outputs(catcher, simulator)
+    simulator.faults.add("camera", "delayed", 0.25, 0.0, 0.0, simulator.time_ns)
+    simulator.faults.add("odom", "delayed", 0.1, 0.0, 0.0, simulator.time_ns)
+    begun, arrivals, answered = simulator.time_ns, [], []
+    for _ in range(70):
+        answered.append(outputs.publish_late())
+        arrivals += [simulator.time_ns] * (len(catcher.sent["image_raw"]) - len(arrivals))
+        for name in simulator.take_due():
+            assert name != "camera" or outputs.publish(name) is None  # nothing to wait for yet
+            if name == "odom":
+                outputs.publish(name)
+        simulator.step(Command(), 10_000_000)
+    stamps = [stamp_ns(message) for message in catcher.sent["image_raw"]]
+    assert stamps == [begun + 100_000_000 * k for k in range(5)]
+    assert [stamp for stamp in answered if stamp is not None] == stamps
+    assert [arrival - stamp for arrival, stamp in zip(arrivals, stamps, strict=True)] == [250_000_000] * 5
+    assert stamp_ns(catcher.sent["odom"][-1]) == simulator.time_ns - 120_000_000  # the last step at which one was due
+    assert len(catcher.sent["odom"]) == len(catcher.sent["/tf"])
+
+
+def test_odometry_is_a_transform_too(simulator):
+    sent = published(simulator, "odom").sent
+    (transform,) = sent["/tf"][0].transforms
+    assert (transform.header.frame_id, transform.child_frame_id) == ("odom", "base_link")
+    assert transform.transform.translation.x == sent["odom"][0].pose.pose.position.x

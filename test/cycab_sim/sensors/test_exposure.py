@@ -1,0 +1,103 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cycab_sim.params import ExposureParams
+from cycab_sim.sensors.exposure import Exposure, averaged
+from cycab_sim.simulator import Simulator
+from cycab_sim.vehicle import Command
+
+GAMMA, TENTH = 2.2, 100_000_000
+AUTOMATIC = ExposureParams(is_automatic=True, delay=0.2, time_constant=0.5)
+
+
+def grey(radiance, gain):
+    """A grey image of even light."""
+    return np.full((32, 32), 255.0 * min(1.0, radiance * gain) ** (1 / GAMMA), np.float32)
+
+
+def run(exposure, radiances):
+    """Levels of images 0.1 s apart."""
+    levels = []
+    for i, radiance in enumerate(radiances):
+        image = grey(radiance, exposure.gains(i * TENTH)[1])
+        exposure.observe(i * TENTH, image)
+        levels.append(float(image[0, 0]))
+    return np.array(levels)
+
+
+def test_by_default_nothing_changes():
+    exposure = Exposure(ExposureParams(), GAMMA, (1, 2))
+    assert np.ptp(run(exposure, [0.05, 0.5, 0.9])) > 100.0
+    np.testing.assert_array_equal(exposure.gains(10 * TENTH), np.ones(3))
+
+
+def test_the_exposure_comes_to_its_target_after_its_delay():
+    levels = run(Exposure(AUTOMATIC, GAMMA, (1, 2)), [0.17] * 40 + [0.6] * 60)
+    assert levels[39] == pytest.approx(115.0, abs=1.0)
+    assert levels[40] > levels[39] + 60.0  # the light has changed at once
+    assert levels[41] == pytest.approx(levels[40])  # and nothing is known of it for 0.2 s
+    assert levels[43] < levels[41] - 3.0
+    assert levels[99] == pytest.approx(115.0, abs=1.0)
+
+
+def test_the_range_of_the_exposure_ends_somewhere(monkeypatch):
+    monkeypatch.setattr(ExposureParams, "range", 2.0)
+    levels = run(Exposure(AUTOMATIC, GAMMA, (1, 2)), [0.001] * 60)
+    assert levels[-1] == pytest.approx(grey(0.001, 2.0)[0, 0], rel=1e-2)
+
+
+def test_cameras_of_a_group_share_an_exposure():
+    exposure = Exposure(replace(AUTOMATIC, time_constant=0.0, delay=0.1), GAMMA, (1, 2))
+    for radiance in (0.05, 0.45):
+        exposure.observe(0, grey(radiance, exposure.gains(0)[1]))
+    both = exposure.gains(TENTH)[1]
+    assert both == pytest.approx((115 / 255) ** GAMMA / np.sqrt(0.05 * 0.45), rel=1e-4)  # mean of the logarithms
+
+
+def test_the_white_balance_drifts_slowly_around_its_middle():
+    exposure = Exposure(ExposureParams(white_balance=0.05, white_balance_period=20.0), GAMMA, (1, 2))
+    gains = np.array([exposure.gains(i * TENTH) for i in range(4000)])
+    assert np.all(gains[:, 1] == 1.0)
+    np.testing.assert_allclose(np.log(gains[:, ::2]).std(axis=0), 0.05, rtol=0.1)
+    assert np.abs(np.diff(gains, axis=0)).max() < 0.01
+    np.testing.assert_array_equal(gains[77], Exposure(exposure.params, GAMMA, (1, 2)).gains(77 * TENTH))
+
+
+def test_an_open_shutter_means_the_light_and_not_the_levels():
+    def draw(offset):
+        return np.full((2, 2), 255.0 if offset > 0 else 0.0, np.float32), np.zeros((2, 2), np.float32)
+
+    np.testing.assert_allclose(averaged(draw, 0.01, 4, GAMMA), 255.0 * 0.5 ** (1 / GAMMA), rtol=1e-5)
+
+
+def test_a_moving_camera_blurs_along_its_way(small_params):
+    simulator = Simulator(small_params)
+    quiet = replace(simulator.mounts["camera"], noise=0.0, shot_noise=0.0)
+
+    def detail(shutter, speed):
+        simulator.mounts["camera"] = replace(quiet, exposure=ExposureParams(shutter=shutter))
+        simulator.teleport(*simulator.path.at(np.array(40.0))[:3], speed)
+        image = simulator.capture("camera").image.astype(float)
+        return np.abs(np.diff(image[80:], axis=0)).mean()  # of the road, which passes below
+
+    sharp, still, blurred = detail(0.0, 3.0), detail(0.05, 0.0), detail(0.05, 3.0)
+    assert still == pytest.approx(sharp, rel=0.02)
+    assert blurred < 0.8 * sharp
+
+
+def test_images_are_lost_at_random_and_in_turn(small_params):
+    camera = replace(small_params.camera, exposure=ExposureParams(dropout=0.4))
+    rig = replace(small_params.rig, kind="vertical", width=32, height=32, publish="always", rolling_dropout=1.0)
+    simulator = Simulator(replace(small_params, camera=camera, rig=rig))
+    taken = []
+    for _ in range(400):
+        taken += simulator.take_due()
+        simulator.step(Command(), TENTH)
+    assert taken.count("camera") == pytest.approx(240, abs=40)  # four standard deviations
+    missing = []
+    for _ in range(6):
+        missing += set(simulator.rig_names) - set(simulator.capture_rig())
+        simulator.step(Command(), 10 * TENTH)
+    assert sorted(missing) == sorted(simulator.rig_names)

@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+
+from cycab_sim.params import LightParams, RenderParams
+from cycab_sim.rendering.renderer import Renderer
+from cycab_sim.world.city import BOUNDS, HALF, LANE_WIDTH, LANE_X, SQUARE, TOUR_LENGTH, build_city, tour
+
+AROUND = np.radians(np.arange(0, 360, 5))
+RAYS = np.stack([np.cos(AROUND), np.sin(AROUND), 0 * AROUND], axis=1).astype(np.float32)
+CLEARANCE = 0.6 + 0.3  # half the width of the car, and what a driver leaves
+
+
+@pytest.fixture(scope="module")
+def renderer():
+    return Renderer(build_city(2), RenderParams(shadow_texel=0.5), LightParams(), bounds=BOUNDS)
+
+
+def test_the_tour_is_490_m_along_street_square_and_lane():
+    path = tour()
+    poses = path.at(np.linspace(0.0, path.length, 4901))
+    assert path.length == pytest.approx(TOUR_LENGTH)
+    assert np.abs(poses[:, 3]).max() <= 1.0 / 6.0  # a steering angle of 0.2 rad
+    x0, y0, x1, y1 = SQUARE
+    on_square = np.all((poses[:, :2] > [x0, y0]) & (poses[:, :2] < [x1, y1]), axis=1)
+    in_lane = (np.abs(poses[:, 0] - LANE_X) < 0.1) & (poses[:, 1] > y1) & (poses[:, 1] < 110.0 - HALF)
+    assert 80.0 < on_square.sum() * 0.1 < 110.0
+    assert in_lane.sum() * 0.1 == pytest.approx(49.5, abs=0.3)
+
+
+def test_nothing_stands_in_the_way(renderer):
+    path = tour()
+    for s in np.arange(0.0, path.length, 1.0):
+        x, y, _, _ = path.at(np.array(s))
+        for z in (0.3, 0.9, 1.7):
+            ranges = renderer.measure(np.array([x, y, z]), RAYS)
+            assert ranges.min() > CLEARANCE, f"{s} m, height {z} m"
+
+
+def test_the_square_is_wide_and_the_lane_is_narrow(renderer):
+    x0, y0, x1, y1 = SQUARE
+    assert (x1 - x0, y1 - y0) == (100.0, 100.0)
+    across = renderer.measure(np.array([LANE_X, 80.0, 1.6]), np.array([[1, 0, 0], [-1, 0, 0]], np.float32))
+    assert LANE_WIDTH - 0.3 < across.sum() < LANE_WIDTH + 0.8  # houses stand back by up to 0.35 m, sills come out
+    on_square = renderer.measure(np.array([LANE_X, 5.0, 2.0]), RAYS)
+    assert np.median(on_square) > 35.0
+
+
+def test_a_seed_is_a_city():
+    again = build_city.__wrapped__(2)
+    np.testing.assert_array_equal(again.triangles, build_city(2).triangles)
+    np.testing.assert_array_equal(again.kinds, build_city(2).kinds)

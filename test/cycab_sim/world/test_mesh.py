@@ -1,0 +1,50 @@
+import numpy as np
+
+from cycab_sim.world.mesh import NUM_PARAMS, Finish, MeshBuilder, moved, placed
+
+PLAIN = Finish(3, (0.5, 0.4, 0.3), params=(0.2, 7.0))
+
+
+def builder():
+    return MeshBuilder(np.random.default_rng(3))
+
+
+def test_a_box_is_closed_and_faces_outwards():
+    mesh = builder()
+    mesh.box([1.0, 2.0, 0.0], [2.0, 4.0, 3.0], PLAIN, placed(1.0, -2.0, 0.7))
+    built = mesh.build()
+    middle = moved(np.array([2.0, 4.0, 1.5]), placed(1.0, -2.0, 0.7))
+    outward = built.triangles.mean(axis=1) - middle
+    assert built.triangles.shape == (12, 3, 3)
+    assert np.all(np.sum(outward * built.normals, axis=1) > 0)
+    edges = built.triangles[:, 1:] - built.triangles[:, :1]
+    area = np.linalg.norm(np.cross(edges[:, 0], edges[:, 1]), axis=1).sum() / 2
+    assert np.isclose(area, 2 * (2 * 4 + 2 * 3 + 4 * 3), rtol=1e-5)
+
+
+def test_a_frame_maps_its_panel_to_u_along_and_v_up():
+    corners = moved(np.array([[0, 0, 1], [3, 0, 1], [3, 0, 3], [0, 0, 3]], float), placed(4.0, 5.0, 1.1))
+    mesh = builder()
+    mesh.panels(corners, PLAIN)
+    frame = mesh.build().frames[0]
+    local = corners @ frame[:, :3].T + frame[:, 3]
+    np.testing.assert_allclose(local, [[0, 0, 0], [3, 0, 0], [3, 2, 0], [0, 2, 0]], atol=1e-5)
+
+
+def test_a_sheet_is_one_surface_and_panels_are_many():
+    quads = np.array([[[x, 0, 0], [x + 1, 0, 0], [x + 1, 0, 1], [x, 0, 1]] for x in range(5)], float)
+    mesh = builder()
+    mesh.sheet(quads, PLAIN, quads[0][[0, 1, 3]])
+    mesh.panels(quads + np.array([0, 1, 0]), PLAIN)
+    built = mesh.build()
+    assert built.surface_of.tolist() == [0] * 10 + [s for s in range(1, 6) for _ in range(2)]
+    assert len(np.unique(built.kinds[:, 1])) == 6  # each surface has its own noise
+
+
+def test_triangles_without_area_are_left_out_and_params_are_filled_up():
+    mesh = builder()
+    mesh.panels([[[0, 0, 0], [1, 0, 0], [0.5, 0, 1], [0.5, 0, 1]]], PLAIN)
+    built = mesh.build()
+    assert len(built.triangles) == len(built.normals) == len(built.surface_of) == 1
+    assert built.params.shape == (1, NUM_PARAMS)
+    np.testing.assert_allclose(built.params[0], [0.2, 7.0, 0, 0, 0, 0])

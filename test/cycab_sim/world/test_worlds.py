@@ -1,0 +1,68 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cycab_sim import geometry_cloud
+from cycab_sim.params import StartParams
+from cycab_sim.simulator import Simulator
+from cycab_sim.world.worlds import BAY, CORRIDOR, Ground, build_world
+from sphere_nav.geometry import SE3
+
+
+def test_the_cloud_lies_on_the_corridor_and_repeats_with_its_bays():
+    cloud = geometry_cloud(3, 0.1, "corridor")
+    assert cloud.shape[1] == 3
+    assert np.array_equal(cloud, geometry_cloud(3, 0.1, "corridor"))
+    np.testing.assert_allclose(cloud[:, 0].max(), CORRIDOR, atol=0.31)  # the end wall is 0.3 m thick
+
+    def outline(x):
+        at_height = cloud[(np.abs(cloud[:, 2] - 1.5) < 0.3) & (np.abs(cloud[:, 0] - x) < 0.2)]
+        return np.abs(at_height[:, 1]).min()
+
+    # bays cannot be told apart by their shape: points are 0.1 m apart on walls that are the same
+    for x in (3.0, BAY - 0.8):
+        found = [outline(x + BAY * i) for i in range(15)]
+        assert np.ptp(found) < 0.1
+    assert abs(outline(BAY - 0.8) - outline(3.0)) > 0.4  # a niche is not a wall
+
+
+def test_the_cloud_of_the_town_lacks_what_comes_and_goes():
+    bare, full = geometry_cloud(5, 0.4), geometry_cloud(5, 0.4, has_clutter=True)
+    assert len(full) > len(bare) > 100_000
+    low = [np.sum((points[:, 2] > 0.5) & (points[:, 2] < 0.9)) for points in (bare, full)]
+    assert low[1] > 1.02 * low[0]  # cars
+    assert np.all(np.isfinite(bare))
+
+
+@pytest.mark.parametrize("spacing", [0.0, -1.0, float("nan")])
+def test_a_cloud_needs_a_spacing(spacing):
+    with pytest.raises(ValueError, match="spacing: expected a distance above 0 m"):
+        geometry_cloud(3, spacing, "corridor")
+
+
+def test_unknown_worlds_are_refused():
+    with pytest.raises(ValueError, match="world: expected one of town, city, corridor, ramp, found 'moon'"):
+        build_world("moon", 1)
+
+
+def test_the_ramp_rises_by_8_percent_and_the_car_with_it(small_params):
+    ground = build_world("ramp", 3).ground
+    assert float(ground.height(50.0) - ground.height(30.0)) / 20.0 == pytest.approx(0.08)
+    simulator = Simulator(replace(small_params, world="ramp", start=StartParams(along=35.0)))
+    T_world_base = simulator.T_world_base
+    assert T_world_base.translation[2] == pytest.approx(0.08 * 15.0)
+    ahead = T_world_base.rotation[:, 0]
+    assert ahead[2] / ahead[0] == pytest.approx(0.08)
+    frame = simulator.capture("sphere")
+    straight_down = frame.range_m[-1].min()  # 1.8 m above the road, which is tilted as the car
+    assert straight_down == pytest.approx(1.8, abs=0.03)
+
+
+def test_wheels_stand_on_the_ground_when_it_is_crossed_at_an_angle():
+    ground = Ground((0.0, 100.0), (0.0, 8.0))
+    planar = SE3.from_planar(50.0, 0.0, 0.7)
+    T_world_base = ground.follow(planar, 1.2, 1.2)
+    wheels = T_world_base.apply(np.array([[0.0, 0, 0], [1.2, 0, 0], [0, 0.6, 0], [0, -0.6, 0]]))
+    np.testing.assert_allclose(wheels[:, 2], ground.height(wheels[:, 0]), atol=2e-3)  # second order in the slope
+    assert Ground().follow(planar, 1.2, 1.2) is planar

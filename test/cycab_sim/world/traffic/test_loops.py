@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+
+from cycab_sim.world.finishes import METAL
+from cycab_sim.world.mesh import MeshBuilder
+from cycab_sim.world.paths import Path, Piece, rounded
+from cycab_sim.world.town import draw_plan, taught_path
+from cycab_sim.world.traffic.loops import CLEAR, SPACING, WIDTHS, Loop, free_loops, town_loops, walk_around
+
+PLAN = draw_plan(5)
+
+
+def test_a_polygon_with_round_corners_is_a_closed_path():
+    path = rounded(np.array([[0.0, 0.0], [20.0, 0.0], [20.0, 10.0], [0.0, 10.0]]), 2.0)
+    assert path.length == pytest.approx(60.0 - 16.0 + 4.0 * np.pi)
+    start, end = path.at(np.array([0.0, path.length - 1e-9]))
+    np.testing.assert_allclose(start[:2], end[:2], atol=1e-6)
+    points = path.at(np.linspace(0, path.length, 500))[:, :2]
+    assert np.all((points > -1e-9) & (points < [20.0 + 1e-9, 10.0 + 1e-9]))
+    with pytest.raises(ValueError, match="radius: expected arcs that fit"):
+        rounded(np.array([[0.0, 0.0], [20.0, 0.0], [20.0, 3.0]]), 2.0)
+
+
+def test_a_loop_closes_and_goes_on():
+    angle = np.arange(80) * np.pi / 40
+    loop = Loop("walk", np.stack([np.cos(angle), np.sin(angle)], axis=1) * 20 * SPACING)
+    points = loop.at(np.array([0.0, loop.length, 3 * loop.length, -loop.length / 2]))
+    np.testing.assert_allclose(points[:3], [[5.0, 0.0]] * 3)
+    np.testing.assert_allclose(points[3], [-5.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize("name", ["two_turns", "block"])
+def test_free_loops_leave_room_for_the_car_on_its_path(name):
+    path = taught_path(PLAN, name)
+    loops = free_loops(town_loops(PLAN), path, may_cross=False)
+    assert {loop.kind for loop in loops} == {"road", "cycle", "walk"}
+    points = path.at(np.arange(0.0, path.length, 0.1))[:, :2]
+    for loop in loops:
+        distance = np.linalg.norm(loop.points[:, None] - points[None], axis=2).min()
+        assert distance > CLEAR + WIDTHS[loop.kind] / 2 - 0.02  # sampled more coarsely there
+    assert len(free_loops(town_loops(PLAN), path, may_cross=True)) > len(loops)
+
+
+def test_a_walk_leads_around_a_lamp():
+    mesh = MeshBuilder(np.random.default_rng(1))
+    mesh.box([9.9, -0.1, 0.0], [0.2, 0.2, 4.0], METAL)
+    mesh.box([4.0, -0.5, 2.2], [1.0, 1.0, 0.2], METAL)  # high enough to walk below
+    x = np.arange(0.0, 20.0, SPACING)
+    back = np.stack([x[::-1], np.full(len(x), 5.0)], axis=1)
+    straight = Loop("walk", np.concatenate([np.stack([x, 0.0 * x], axis=1), back]))
+    led = walk_around([straight], mesh.build())[0]
+    assert np.linalg.norm(led.points - [10.0, 0.0], axis=1).min() > 0.45
+    np.testing.assert_allclose(led.points[15:25], straight.points[15:25], atol=0.15)  # x = 4 to 6 m
+
+
+def test_a_street_without_a_path_in_it_is_free():
+    far, loops = Path((1000.0, 0.0, 0.0), (Piece(10.0),)), town_loops(PLAN)
+    free = free_loops(loops, far, may_cross=False)
+    assert [loop for loop in loops if not loop.is_crossing] == free
+    assert len(free) < len(loops)

@@ -1,0 +1,135 @@
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from cycab_sim.params import TrafficParams
+from cycab_sim.sensors.faults import SECOND
+from cycab_sim.simulator import Simulator
+from cycab_sim.vehicle import Command
+from cycab_sim.world.traffic.traffic import AWAY, Traffic
+from cycab_sim.world.worlds import build_world
+from sphere_nav.geometry import SE3, Pinhole
+
+PARAMS = TrafficParams(is_on=True)
+STEP = 100_000_000
+
+
+@cache
+def world():
+    return build_world("town", 5)
+
+
+@pytest.fixture(scope="module")
+def traffic():
+    return Traffic(world(), PARAMS, 5)
+
+
+@pytest.fixture(scope="module")
+def simulator(small_params):
+    return Simulator(replace(small_params, traffic=PARAMS))
+
+
+def test_all_that_is_asked_for_is_there_and_moves_at_its_pace(traffic):
+    assert len(traffic.actors) == PARAMS.cars + PARAMS.trams + PARAMS.bicycles + PARAMS.pedestrians
+    a, b = traffic.poses(20 * SECOND)[:, :2, 3], traffic.poses(21 * SECOND)[:, :2, 3]
+    ways = np.linalg.norm(b - a, axis=1)
+    assert np.median(ways) == pytest.approx(1.3, rel=0.2)  # most are pedestrians
+    assert ways.max() < 5.0 * 1.15 + 0.1
+
+
+def test_where_they_are_depends_on_the_stamp_and_the_seed_alone(traffic):
+    late = traffic.poses(777 * STEP)
+    traffic.poses(3 * STEP)
+    np.testing.assert_array_equal(traffic.poses(777 * STEP), late)
+    np.testing.assert_array_equal(Traffic(world(), PARAMS, 5).poses(777 * STEP), late)
+    other = Traffic(world(), replace(PARAMS, seed=1), 5).poses(777 * STEP)
+    assert other.shape != late.shape or not np.array_equal(other, late)
+
+
+def test_nobody_meets_anybody_or_anything(traffic):
+    """Places of one actor and another never come closer than both are wide; nothing static stands where they go."""
+    widths = np.array([a.figure.half_width for a in traffic.actors])[traffic._actor_of]
+    other = traffic._actor_of[:, None] != traffic._actor_of[None]
+    for t in range(0, 400, 7):
+        places = traffic.poses(t * SECOND)[:, :3, 3]
+        distance = np.linalg.norm(places[:, None, :2] - places[None, :, :2], axis=2)
+        assert np.all(distance[other] > (widths[:, None] + widths[None])[other])
+
+
+def test_nothing_is_in_the_way_of_the_taught_path(traffic):
+    points = world().path.at(np.arange(0.0, world().path.length, 0.5))[:, :2]
+    for t in range(0, 300, 11):
+        T = traffic.poses(t * SECOND)[traffic.part_of_triangle]
+        corners = np.einsum("tij,tkj->tki", T[:, :2, :3], traffic.mesh.triangles) + T[:, None, :2, 3]
+        off = np.linalg.norm(corners.reshape(-1, 1, 2)[::7] - points[None], axis=2).min()
+        assert off > 0.9  # half a car is 0.6 m
+
+
+def test_who_would_be_inside_the_car_is_not_there(traffic):
+    T = traffic.poses(0)
+    on_it = T[3, :2, 3][None]
+    cleared = traffic.poses(0, on_it, 0.6)
+    gone = cleared[:, 2, 3] == AWAY
+    assert gone[3]
+    np.testing.assert_array_equal(np.unique(traffic._actor_of[gone]), [traffic._actor_of[3]])  # whole, and alone
+    np.testing.assert_array_equal(cleared[~gone], T[~gone])
+
+
+def test_worlds_without_streets_have_no_traffic():
+    with pytest.raises(ValueError, match=r"traffic\.is_on: expected a world with streets"):
+        Traffic(build_world("corridor", 3), PARAMS, 3)
+
+
+def beside_someone(simulator):
+    """Pose of a camera 6 m behind a cyclist, looking at him."""
+    traffic = simulator.traffic
+    poses = traffic.poses(simulator.time_ns)
+    cyclists = [p for p, a in enumerate(traffic._actor_of) if traffic.loops[traffic.actors[a].loop].kind == "cycle"]
+    x, y = poses[cyclists[0], :2, 3]
+    forward = poses[cyclists[0], :3, 0]
+    back = -np.array([forward[0], forward[1], 0.0]) / np.hypot(*forward[:2])
+    z = -back
+    R = np.stack([np.cross([0.0, 0.0, -1.0], z), [0.0, 0.0, -1.0], z], axis=1)
+    return SE3.from_parts(R, [x + 6.0 * back[0], y + 6.0 * back[1], 1.0])
+
+
+def test_traffic_is_seen_and_measured_and_throws_shadows(simulator):
+    T_world_camera = beside_someone(simulator)
+    camera = Pinhole(120, 120, 120.0, 120.0, 59.5, 59.5)
+    image, ranges = simulator.render(camera, T_world_camera)
+    assert ranges[40:80, 50:70].min() == pytest.approx(6.0, abs=1.2)
+    moving = simulator.renderer._moving
+    hits = np.empty(1, np.int32), np.empty(1, np.float32)
+    origin = np.ascontiguousarray(T_world_camera.translation)
+    simulator.renderer._cast(origin, T_world_camera.rotation[:, 2].astype(np.float32)[None], *hits)
+    assert hits[0][0] >= moving.first
+    shadows = simulator.renderer._shadows
+    assert (shadows.depths < shadows._still).sum() > 500  # texels
+    simulator.step(Command(), 20 * SECOND)
+    later, _ = simulator.render(camera, T_world_camera)
+    assert np.mean(np.abs(later.astype(float) - image) > 10.0) > 0.05
+
+
+def test_the_laser_scanner_sees_traffic(simulator):
+    simulator.teleport(-1.0, 14.0, 0.0)  # across the street on which cars and the tram go
+    measured = []
+    for _ in range(12):
+        simulator.step(Command(), 50 * STEP)
+        measured.append(np.minimum(simulator.scan().ranges, 30.0))
+    assert (np.ptp(measured, axis=0) > 0.5).any()  # noise is 0.01 m
+
+
+def test_the_same_instant_gives_the_same_bits(small_params, simulator):
+    images = []
+    for one in (simulator, Simulator(simulator.params)):
+        one.teleport(20.0, -0.5, 0.0)
+        one.time_ns = 40 * SECOND
+        images.append(one.capture("camera").image)
+    np.testing.assert_array_equal(*images)
+
+
+def test_traffic_is_no_part_of_the_world(simulator):
+    assert len(simulator.renderer.mesh.triangles) > len(simulator.world.mesh.triangles)
+    assert simulator.world.mesh.triangles[..., 2].min() > AWAY / 2

@@ -1,0 +1,135 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from dense_localizer.judge.acceptance import Check, innovation, judge
+from dense_localizer.motion_prior import Prediction
+from dense_localizer.params import AcceptanceParams
+from dense_localizer.reasons import REMEDIES
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import Reason
+from sphere_nav.photometric import Alignment
+from sphere_nav.photometric.checks.structure import Structure
+
+PARAMS = AcceptanceParams()
+TIGHT = np.diag([1e-6] * 3 + [1e-7] * 3)
+GOOD = Alignment(
+    T_world_camera=SE3.identity(),
+    covariance=TIGHT,
+    reason="",
+    iterations=9,
+    num_pixels=20_000,
+    overlap=0.9,
+    inlier_share=0.8,
+    mad=3.0,
+    ncc=0.95,
+    gains=(1.0, 1.1),
+    biases=(0.0, -3.0),
+)
+HERE = Prediction(SE3.identity(), TIGHT, 0)
+
+
+def judged(alignment, covariance=TIGHT, distance_ratio=0.1, prediction=HERE, structure=None):
+    return judge(alignment, covariance, distance_ratio, prediction, PARAMS, structure=structure)
+
+
+def test_a_good_alignment_is_accepted_without_a_word():
+    verdict = judged(GOOD)
+    assert (verdict.is_accepted, verdict.is_good, verdict.finding.reason) == (True, True, "")
+    assert 0.5 < verdict.quality <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        ({"overlap": 0.1}, "LOW_OVERLAP"),
+        ({"num_pixels": 100}, "LOW_TEXTURE"),
+        ({"inlier_share": 0.3}, "OUTLIERS"),
+        ({"ncc": 0.3}, "OUTLIERS"),
+        ({"ncc": np.nan}, "OUTLIERS"),
+        ({"ncc": 0.3, "gains": (1.0, 3.5)}, "LIGHT_CHANGE"),
+        ({"ncc": 0.3, "gains": (0.2, 1.0)}, "LIGHT_CHANGE"),
+        ({"inlier_share": 0.3, "biases": (-90.0, 0.0)}, "LIGHT_CHANGE"),
+        ({"T_world_camera": SE3(np.full((4, 4), np.nan))}, "NO_CONVERGENCE"),
+        ({"T_world_camera": SE3.exp([0.1, 0, 0, 0, 0, 0])}, "JUMP_REJECTED"),
+        ({"reason": "LOW_OVERLAP"}, "LOW_OVERLAP"),
+        ({"reason": "LOW_TEXTURE"}, "LOW_TEXTURE"),
+        ({"reason": "OUTLIERS"}, "OUTLIERS"),
+        ({"reason": "NO_CONVERGENCE"}, "NO_CONVERGENCE"),
+    ],
+    ids=str,
+)
+def test_each_cause_refuses_with_its_reason_and_remedy(change, reason):
+    verdict = judged(replace(GOOD, **change))
+    assert (verdict.is_accepted, verdict.is_good, verdict.quality) == (False, False, 0.0)
+    assert verdict.finding.reason == reason
+    assert verdict.finding.reason in REMEDIES
+
+
+def test_an_uncertain_pose_is_refused():
+    for wide in (np.diag([0.05, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7]), np.diag([1e-6] * 3 + [1e-7, 0.01, 1e-7])):
+        verdict = judged(GOOD, covariance=wide)
+        assert (verdict.is_accepted, verdict.finding.reason) == (False, "LOW_TEXTURE")
+    assert not judged(GOOD, covariance=np.full((6, 6), np.inf)).is_accepted
+
+
+def test_three_standard_deviations_of_a_good_pose_are_within_the_promise():
+    for sigma_m, is_good in ((0.099, True), (0.101, False), (0.199, False)):
+        verdict = judged(GOOD, covariance=np.diag([sigma_m**2, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7]))
+        assert (verdict.is_accepted, verdict.is_good) == (True, is_good)
+
+
+@pytest.mark.parametrize("change", [{"gains": (4.0, 5.0)}, {"gains": (0.2, 0.2)}, {"biases": (-120.0, 90.0)}], ids=str)
+def test_no_change_of_light_alone_makes_a_pose_doubtful(change):
+    assert judged(replace(GOOD, **change)).is_good
+
+
+def test_no_distance_alone_makes_a_pose_doubtful():
+    assert judged(GOOD, distance_ratio=3.0).is_good
+
+
+def test_outliers_far_from_every_sphere_are_outside_the_region():
+    verdict = judged(replace(GOOD, ncc=0.3), distance_ratio=1.2)
+    assert (verdict.is_accepted, verdict.finding.reason) == (False, "OUTSIDE_REGION")
+    assert (verdict.finding.value, verdict.finding.limit) == (0.3, PARAMS.min_ncc)
+
+
+def test_between_the_limits_a_pose_is_used_with_care():
+    verdict = judged(replace(GOOD, ncc=0.45))
+    assert (verdict.is_accepted, verdict.is_good) == (True, False)
+    assert (verdict.finding.reason, verdict.finding.limit) == ("OUTLIERS", PARAMS.good_ncc)
+    assert 0.0 < verdict.quality < 0.5
+
+
+def test_a_start_may_be_anywhere():
+    far = replace(GOOD, T_world_camera=SE3.exp([10.0, 0, 0, 0, 0, 2.0]))
+    assert judged(far, prediction=None).is_good
+
+
+def test_the_jump_is_measured_in_standard_deviations_of_both():
+    moved = replace(GOOD, T_world_camera=SE3.exp([0.01, 0, 0, 0, 0, 0]))
+    assert innovation(moved, TIGHT, HERE) == pytest.approx(0.01 / np.sqrt(2e-6))
+
+
+def test_a_check_without_a_range_of_care_is_a_plain_bound():
+    assert Check(Reason.LOW_TEXTURE, 5.0, 5.0, 5.0).margin == 1.0
+    assert Check(Reason.LOW_TEXTURE, 4.9, 5.0, 5.0).margin < 0
+
+
+def test_gradients_that_do_not_agree_refuse_what_grey_levels_confirm():
+    assert not judged(GOOD, structure=Structure(0.13)).is_accepted
+    assert judged(GOOD, structure=Structure(0.3)).is_good
+
+
+def test_a_stretch_counts_by_what_it_surely_exceeds():
+    wrong = judged(GOOD, structure=Structure(0.9, stretch=-0.12, stretch_sigma=0.01))
+    assert not wrong.is_accepted
+    assert wrong.finding.reason is Reason.BAD_INFO
+    assert "smaller" in wrong.finding.detail
+    assert judged(GOOD, structure=Structure(0.9, stretch=-0.12, stretch_sigma=0.04)).is_good
+
+
+def test_every_reason_has_its_remedy():
+    assert set(REMEDIES) == set(Reason)
+    assert all(text for reason, text in REMEDIES.items() if reason)

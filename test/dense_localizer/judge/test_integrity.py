@@ -1,0 +1,67 @@
+from dataclasses import replace
+from functools import reduce
+from operator import or_
+
+import numpy as np
+import pytest
+
+from dense_localizer.judge.integrity import ASKED, MAP_PHASE, PERIOD, REJECTION_PHASE, Doubts
+from dense_localizer.params import LocalizerParams
+from dense_localizer.references.reference import References
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import TRUSTED, State
+from sphere_nav.photometric.checks.structure import EVERYTHING
+from worlds.localizer import PINHOLE, STEP_NS, Run, at, drive, error, make_localizer, make_map
+from worlds.room import Room
+
+
+def test_every_image_is_looked_at_closely_until_the_pose_is_trusted(room_map):
+    doubts = Doubts(References(room_map, LocalizerParams()), LocalizerParams())
+    assert all(doubts.asked(state) is EVERYTHING for state in State if state is not State.TRACKING)
+
+
+def test_in_ten_images_in_tracking_all_is_asked_and_of_none_two_things():
+    phases = [*ASKED, MAP_PHASE - 1, REJECTION_PHASE - 1]  # those two are counted after the image
+    assert len(set(phases)) == len(phases)
+    assert max(phases) < PERIOD
+    assert reduce(or_, ASKED.values()) is EVERYTHING
+
+
+def test_a_wrong_lens_never_tracks(room, room_map):
+    run = Run(room, make_localizer(room_map))
+    run.camera = replace(PINHOLE, fx=0.8 * PINHOLE.fx, fy=0.8 * PINHOLE.fy)
+    for k, pose in enumerate(drive(15)):
+        image = room.photograph(run.camera, pose, k)
+        status = run.localizer.update(image, PINHOLE, (k + 1) * STEP_NS).status
+        assert status.state not in (State.TRACKING, State.DEGRADED)
+
+
+@pytest.mark.parametrize("has_jump", [False, True])
+def test_a_jump_that_odometry_does_not_know_is_not_trusted(room, room_map, has_jump):
+    localizer = make_localizer(room_map)
+    states = []
+    for k in range(34):
+        x = -1.2 + 0.03 * k
+        pose, T_odom = at(x + (0.35 if has_jump and k >= 12 else 0.0)), at(x)
+        image = room.photograph(PINHOLE, pose, k)
+        states.append(localizer.update(image, PINHOLE, (k + 1) * STEP_NS, T_odom).status.state)
+    assert states[11] is State.TRACKING
+    assert np.any([state is State.TRACKING for state in states[12:]]) != has_jump
+
+
+def test_what_covers_a_part_of_the_view_and_moves_with_the_camera_does_not_drag_the_pose():
+    room = Room((5.0, 3.0, 1.5), (1.0, 14.0, 30), gain=30.0, seed=42)
+    localizer = make_localizer(make_map(room, [SE3.from_planar(x, 0.0, 0.0) for x in (-2.0, -1.0, 0.0, 1.0, 2.0)]))
+    run, patch = Run(room, localizer), np.random.default_rng(42).integers(0, 255, (8, 11))
+    load = np.kron(patch, np.ones((15, 15)))[:, :64]  # 40 % of the view
+    poses = [at(-1.9 + 0.05 * k, 0.1 * np.sin(0.2 * k), 0.3 * np.sin(0.1 * k)) for k in range(50)]
+    localizer.relocalize(poses[0])
+
+    def cover(image):
+        return np.hstack([load, image[:, 64:]]).astype(np.uint8)
+
+    for k, pose in enumerate(poses):
+        estimate = run.see(pose, cover if k >= 10 else lambda image: image)
+        if k > 3:
+            assert estimate.status.state in TRUSTED
+            assert error(estimate, pose)[0] < 0.1  # 0.46 m off in TRACKING, then lost, without that evidence

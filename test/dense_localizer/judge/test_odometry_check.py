@@ -1,0 +1,79 @@
+import numpy as np
+import pytest
+
+from dense_localizer.judge.odometry_check import DOUBT_S, OdometryCheck, Sample
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import Reason
+
+STEP_NS = 50_000_000
+COVARIANCE = np.diag([0.002**2] * 3 + [0.001**2] * 3)
+ERROR = 0.05
+
+
+def at(t):
+    """A camera that weaves at 1 m/s."""
+    return SE3.from_planar(t, 0.4 * np.sin(0.7 * t), 0.5 * np.sin(0.5 * t))
+
+
+class Drive:
+    """Odometry with 1 % of noise, images `late_s` late, poses with the noise that they admit."""
+
+    def __init__(self, seed, late_s=0.0, scale=1.0):
+        self.rng, self.late_s, self.scale = np.random.default_rng(seed), late_s, scale
+        self.check, self.k, self.T_odom = OdometryCheck(ERROR), 100, SE3.identity()
+
+    def step(self, *, is_trusted=True, T_error=None):
+        self.k += 1
+        t, before = self.k * STEP_NS * 1e-9, (self.k - 1) * STEP_NS * 1e-9
+        moved = (at(before).inverse() @ at(t)).log()
+        self.T_odom = self.T_odom @ SE3.exp(self.scale * moved * (1 + 0.01 * self.rng.normal(size=6)))
+        self.check.drive(self.T_odom, is_trusted=is_trusted)
+        noise = SE3.exp(self.rng.normal(size=6) * np.sqrt(np.diagonal(COVARIANCE)))
+        T_map_camera = at(t - self.late_s) @ noise @ (T_error or SE3.identity())
+        return self.check.find(Sample(self.k * STEP_NS, T_map_camera, COVARIANCE, self.T_odom))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("scale", [1.0, 1.04], ids=["right", "long"])
+def test_odometry_within_its_error_raises_no_doubt(seed, scale):
+    drive = Drive(seed, scale=scale)
+    assert all(drive.step().reason is Reason.NONE for _ in range(600))
+
+
+@pytest.mark.parametrize("late_s", [0.3, 0.5, -0.3])
+def test_a_delay_is_found_from_changes_of_the_motion(late_s):
+    drive = Drive(1, late_s)
+    findings = [drive.step() for _ in range(400)]
+    late = [finding for finding in findings if finding.reason is Reason.ODOM_STALE]
+    assert late
+    assert np.median([finding.value for finding in late]) == pytest.approx(abs(late_s), abs=0.1)
+    assert ("images late" if late_s > 0 else "odometry late") in late[-1].detail
+
+
+def test_a_place_after_a_loss_must_be_where_odometry_says():
+    drive = Drive(2)
+    for _ in range(20):
+        drive.step()
+    for _ in range(20):
+        drive.check.drive(drive.T_odom, is_trusted=False)
+    drive.check.begin(Sample(drive.k * STEP_NS, at(drive.k * STEP_NS * 1e-9), COVARIANCE, drive.T_odom))
+    assert drive.step(is_trusted=False).reason is Reason.NONE
+
+
+def test_a_place_that_contradicts_odometry_is_doubted_for_a_while_then_believed():
+    drive, wrong = Drive(3), SE3.exp([0.0, 0.4, 0.0, 0.0, 0.0, 0.0])
+    for _ in range(20):
+        drive.step()
+    drive.step()
+    findings = [drive.step(is_trusted=False, T_error=wrong) for _ in range(int(DOUBT_S / 0.05) + 10)]
+    assert all(finding.reason is Reason.ODOM_STALE for finding in findings[: int(DOUBT_S / 0.05)])
+    assert findings[-1].reason is Reason.NONE
+
+
+def test_an_operator_who_says_where_the_camera_is_ends_the_doubt():
+    drive, wrong = Drive(4), SE3.exp([0.0, 0.4, 0.0, 0.0, 0.0, 0.0])
+    for _ in range(20):
+        drive.step()
+    assert drive.step(is_trusted=False, T_error=wrong).reason is Reason.ODOM_STALE
+    drive.check.forget()
+    assert drive.step(is_trusted=False, T_error=wrong).reason is Reason.NONE

@@ -1,0 +1,100 @@
+import numpy as np
+import pytest
+
+from dense_localizer.params import CovarianceParams
+from dense_localizer.references.map_error import EDGE, SHARED, MapError
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.status import State
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+
+PARAMS = CovarianceParams(map_sigma_m=0.002, map_sigma_rad=0.001)
+NOISE = np.repeat([0.001, 0.0005], 3) ** 2
+
+
+def test_what_is_assumed_gives_way_to_what_is_seen():
+    error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(1)
+    at_first = np.sqrt(np.diagonal(error.covariance(0, SE3.identity())) / SHARED)
+    np.testing.assert_allclose(at_first, np.repeat([0.002, 0.001], 3))
+    sigma = np.repeat([0.01, 0.003], 3)
+    seen = []
+    for _ in range(400):
+        error.add(rng.normal(size=6) * np.hypot(sigma, np.sqrt(NOISE)), NOISE)
+        seen.append(np.diagonal(error.covariance(0, SE3.identity())) / SHARED)
+    np.testing.assert_allclose(np.sqrt(np.mean(seen[50:], axis=0)), sigma, rtol=0.15)
+
+
+def test_an_exact_map_leaves_the_noise_of_the_image():
+    error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(2)
+    for _ in range(100):
+        error.add(rng.normal(size=6) * np.sqrt(NOISE), NOISE)
+    assert np.all(np.diagonal(error.covariance(0, SE3.identity())) < 2 * SHARED * NOISE)
+    assert np.all(np.diagonal(error.covariance(0, SE3.identity())) >= 0)
+
+
+def test_an_image_that_tells_nothing_changes_nothing():
+    error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(4)
+    for _ in range(30):
+        error.add(rng.normal(size=6) * np.sqrt(NOISE), NOISE)
+    before = np.diagonal(error.covariance(0, SE3.identity())).copy()
+    for _ in range(3):
+        error.add(np.zeros(6), 1e4 * NOISE)  # most of the view is covered
+    after = np.diagonal(error.covariance(0, SE3.identity()))
+    assert np.all((before > 0.1 * NOISE) & (after > 0.9 * before) & (after < 3.0 * before))
+
+
+@pytest.mark.parametrize("size", [0.0, 0.2, 1.0, 5.0])
+def test_a_pose_is_as_far_off_as_is_told(size):
+    sigma, nees = size * np.sqrt(NOISE), []
+    for seed in range(20):
+        error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(seed)
+        for k in range(60):
+            error.add(rng.normal(size=6) * np.hypot(sigma, np.sqrt(NOISE)), NOISE)
+            if k >= 10:
+                told = np.diagonal(error.covariance(0, SE3.identity())) / SHARED + NOISE
+                nees.append(np.sum((sigma**2 + NOISE) / told))
+    assert 3.0 < np.mean(nees) < 9.0
+
+
+def test_one_wrong_image_does_not_make_the_map_wrong():
+    error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(3)
+    for _ in range(30):
+        error.add(rng.normal(size=6) * np.repeat([0.004, 0.002], 3), NOISE)
+    before = np.diagonal(error.covariance(0, SE3.identity())).copy()
+    error.add(np.ones(6), NOISE)  # a metre: something stood before the camera
+    assert np.all(np.diagonal(error.covariance(0, SE3.identity())) < 3.0 * before)
+
+
+def test_a_map_once_thought_wrong_is_trusted_again(room, room_map):
+    from worlds.localizer import Run, drive, make_localizer
+
+    localizer = make_localizer(room_map)
+    for _ in range(40):
+        localizer.references.error.add(np.repeat([0.3, 0.03], 3), NOISE)  # so wrong that every image is refused
+    assert localizer.references.error.covariance(0, SE3.identity())[0, 0] > 0.2**2
+    states = [estimate.status.state for estimate in Run(room, localizer).follow(drive(55))]
+    assert states[0] is State.SEARCHING
+    assert states[-1] is State.TRACKING
+
+
+def test_edges_tell_their_errors_in_the_axes_of_the_camera():
+    nodes = [KeySphere(i, i, SE3.from_planar(i, 0, 0)) for i in range(3)]
+    variance = np.array([1e-4, 4e-6, 1e-6, 1e-6, 1e-6, 4e-6])
+    edge = Edge(0, 1, SE3.from_planar(1, 0, 0), np.diag(1 / variance))
+    error = MapError(SphereGraph(nodes, [edge]), CovarianceParams(map_sigma_m=0.0, map_sigma_rad=0.0))
+    T_sphere_camera = SE3.from_planar(0.3, 0.1, np.pi / 2)
+    expected = EDGE * variance[[1, 0, 2, 4, 3, 5]]
+    np.testing.assert_allclose(np.diagonal(error.covariance(0, T_sphere_camera)), expected, rtol=1e-9)
+    assert not error.covariance(2, T_sphere_camera).any()
+
+
+@pytest.mark.parametrize("shift_m", [0.0, 0.02])
+def test_misplaced_key_spheres_widen_the_covariance(room, shift_m):
+    from worlds.localizer import Run, at, make_localizer, make_map
+
+    places = [SE3.from_planar(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)]
+    wrong = make_map(room, places)
+    wrong.graph = wrong.graph.with_poses({1: SE3.from_planar(0.0, shift_m, 0.0)})
+    run = Run(room, make_localizer(wrong))
+    estimates = run.follow([at(-0.9 + 0.02 * k, 0.0, 0.3) for k in range(60)])
+    sigma = np.sqrt(np.max(np.diagonal(estimates[-1].covariance)[:3]))
+    assert (sigma > 0.006) == (shift_m > 0.0)

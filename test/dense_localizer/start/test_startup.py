@@ -1,0 +1,100 @@
+import numpy as np
+import pytest
+
+from dense_localizer.params import LocalizerParams, StartParams
+from dense_localizer.references.coarse_reference import CoarseReference
+from dense_localizer.references.reference import References
+from dense_localizer.start.search import Search
+from dense_localizer.start.startup import Startup, candidate_poses, decide
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.localization.status import Reason
+from sphere_nav.params import build
+from sphere_nav.photometric import build_pyramid
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.spheres.graph import KeySphere
+from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, make_map
+
+PARAMS = build(LocalizerParams, SMALL_IMAGES)
+
+
+def pyramid_at(room, pose, seed=3):
+    return build_pyramid(room.photograph(PINHOLE, pose, seed), PINHOLE, PARAMS.registration.pyramid)
+
+
+@pytest.mark.parametrize("pose", [at(0.2, 0.1, 0.1), at(-1.4, -0.3, 2.0), at(1.1, 0.2, -2.6, 0.1)], ids=["a", "b", "c"])
+def test_the_camera_is_found_anywhere_at_any_heading(room, room_map, pose):
+    start = Startup(References(room_map, PARAMS), PARAMS).search([RigImage(pyramid_at(room, pose))])
+    assert start.place is not None
+    distance, angle = start.place.T_map_camera.distance(pose)
+    assert (distance, angle) < (0.015, 0.008)  # as in tracking
+
+
+def test_a_partial_sphere_is_found_beside_its_heading(room):
+    window = Spherical(160, 96, 512.0, 176.0, 80.0)  # 112 degrees wide, looking forward
+    sphere_map = make_map(room, [SE3.from_planar(0.0, 0.0, 1.0)], window)
+    pose = at(0.15, 0.1, 1.25, 0.05)
+    start = Startup(References(sphere_map, PARAMS), PARAMS).search([RigImage(pyramid_at(room, pose))])
+    assert start.place is not None
+    assert start.place.T_map_camera.distance(pose) < (0.03, 0.015)
+
+
+def test_another_room_resembles_nothing(room, room_map):
+    noise = np.random.default_rng(4).integers(0, 255, (120, 160), dtype=np.uint8)
+    pyramid = build_pyramid(noise, PINHOLE, PARAMS.registration.pyramid)
+    start = Startup(References(room_map, PARAMS), PARAMS).search([RigImage(pyramid)])
+    assert start.place is None
+    assert start.finding.reason is Reason.LOW_OVERLAP
+    assert "resembles" in start.finding.detail
+
+
+def test_two_rooms_that_look_alike_are_ambiguous(room):
+    sphere = room.sphere(SE3.identity(), Spherical(512, 256))
+    twins = [KeySphere(k, k, SE3.from_planar(40.0 * k, 0.0, 0.0), sphere) for k in range(2)]
+    start = Startup(References(MemoryMap(twins), PARAMS), PARAMS).search(
+        [RigImage(pyramid_at(room, at(0.1, 0.0, 0.4)))]
+    )
+    assert start.place is None
+    assert start.finding.reason is Reason.AMBIGUOUS
+    assert start.finding.value < start.finding.limit
+
+
+def test_one_of_two_twins_is_taken_where_the_pose_is_given(room):
+    sphere = room.sphere(SE3.identity(), Spherical(512, 256))
+    twins = [KeySphere(k, k, SE3.from_planar(40.0 * k, 0.0, 0.0), sphere) for k in range(2)]
+    startup = Startup(References(MemoryMap(twins), PARAMS), PARAMS)
+    start = startup.search_near([RigImage(pyramid_at(room, at(0.1, 0.0, 0.4)))], at(40.2, 0.05, 0.35))
+    assert start.place is not None
+    assert start.place.T_map_camera.distance(at(40.1, 0.0, 0.4))[0] < 0.015
+
+
+def test_no_place_is_no_start():
+    assert decide([], StartParams()).finding.reason is Reason.LOW_OVERLAP
+
+
+def test_candidate_poses_go_all_around_a_whole_sphere_and_about_the_middle_of_a_part(room, room_map):
+    params = StartParams(heading_step_deg=30.0)
+    coarse = References(room_map, PARAMS).coarse[0]
+    whole = candidate_poses(coarse, params, PINHOLE)
+    assert whole.matrix.shape == (36, 4, 4)  # 12 headings, 3 places
+    forward = np.unique(np.round(whole.rotation[:, :, 2], 6), axis=0)
+    assert len(forward) == 12
+    window = Spherical(100, 60, 512.0, 0.0, 98.0)
+    part = candidate_poses(CoarseReference(window, 3.0, coarse.load, coarse.params), params, PINHOLE)
+    assert part.matrix.shape == (45, 4, 4)  # 5 x 3 directions, 3 places
+    middle = Spherical(100, 60, 512.0, 0.0, 98.0).unproject([49.5, 29.5])
+    assert np.any(np.all(np.isclose(part.rotation[:, :, 2], middle, atol=1e-9), axis=1))
+
+
+def test_searches_keep_their_pause_and_forget_a_stale_guess(room, room_map):
+    search = Search(References(room_map, PARAMS), PARAMS)
+    nothing = build_pyramid(np.random.default_rng(4).integers(0, 255, (120, 160), dtype=np.uint8), PINHOLE)
+    search.lost(at(0.0))
+    assert search.find([RigImage(nothing)], 1_000_000_000).finding.reason is Reason.LOW_OVERLAP
+    assert (
+        search.find([RigImage(pyramid_at(room, at(0.0)))], 1_100_000_000).place is not None
+    )  # near the lost pose: at once
+    search.lost(at(0.0))
+    search.find([RigImage(nothing)], 1_400_000_000)
+    pose = at(-2.0, 0.2, 3.0)
+    assert search.find([RigImage(pyramid_at(room, pose))], 1_450_000_000).place is None  # elsewhere: after the pause
+    assert search.find([RigImage(pyramid_at(room, pose))], 1_950_000_000).place is not None

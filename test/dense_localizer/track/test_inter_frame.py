@@ -1,0 +1,69 @@
+"""The rotation between two images: asked for where a prediction is not supported, measured only then (M15 eq. 20)."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from dense_localizer.params import LocalizerParams
+from dense_localizer.track.inter_frame import InterFrame, mismatch
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.localization.status import State
+from sphere_nav.params import build
+from sphere_nav.photometric import build_pyramid
+from sphere_nav.photometric.align.rig import RigImage
+from worlds.localizer import FISHEYE, PINHOLE, SMALL_IMAGES, Run, at, error, make_localizer
+
+PARAMS = build(LocalizerParams, SMALL_IMAGES).registration
+MOUNT = SE3.exp([0.3, 0.0, 0.1, 0.2, -0.4, 0.1])
+NARROW = Pinhole(320, 240, 573.0, 573.0, 159.5, 119.5)  # 5 degrees are 50 pixels
+
+
+def image_at(room, pose, camera=PINHOLE, mount=None, seed=0):
+    T_room_camera = pose if mount is None else pose @ mount
+    return RigImage(build_pyramid(room.photograph(camera, T_room_camera, seed), camera, PARAMS.pyramid), mount)
+
+
+@pytest.mark.parametrize("camera", [PINHOLE, FISHEYE], ids=lambda camera: camera.model)
+@pytest.mark.parametrize("mount", [None, MOUNT], ids=["body", "mounted"])
+def test_a_prediction_that_is_right_is_supported_and_a_wrong_one_is_not(room, camera, mount):
+    turn = SE3.exp([0, 0, 0, 0.02, np.deg2rad(4), -0.01])
+    before, now = image_at(room, at(0.0), camera, mount), image_at(room, at(0.0) @ turn, camera, mount, 1)
+    assert mismatch([now], [before], turn) < 0.05
+    assert mismatch([now], [before], SE3.identity()) > 3 * mismatch([now], [before], turn) + 0.02
+
+
+def test_the_rotation_is_measured_only_where_the_prediction_is_not_supported(room, monkeypatch):
+    inter, poses = InterFrame(PARAMS), [at(-1.0 + 0.03 * k, 0.0, 0.02 * k) for k in range(6)]
+    asked = []
+    monkeypatch.setattr(inter, "measure", lambda images: asked.append(1) or InterFrame.measure(inter, images))
+    for k, (one, other) in enumerate(pairwise(poses)):
+        inter.before = (image_at(room, one, seed=k),)
+        assert inter.refine([image_at(room, other, seed=k + 1)], one.inverse() @ other) is None
+    assert len(asked) == 1  # nothing was known at first
+    jerk = SE3.exp([0, 0, 0, 0, np.deg2rad(5), 0])
+    inter.before = (image_at(room, poses[-1], seed=9),)
+    found = inter.refine([image_at(room, poses[-1] @ jerk, seed=10)], SE3.identity())
+    assert len(asked) == 2
+    assert found.distance(jerk)[1] < np.deg2rad(0.5)
+
+
+def test_without_images_of_the_same_camera_nothing_is_said(room):
+    inter, image = InterFrame(PARAMS), image_at(room, at(0.0))
+    assert inter.refine([image], SE3.identity()) is None
+    assert inter.measure([image]) is None
+
+
+def test_five_degrees_and_fifty_pixels_between_images_at_15_hz_are_tracked(room, room_map):
+    run, step_ns = Run(room, make_localizer(room_map), NARROW), 66_666_667
+    still = [at(-1.0 + 0.01 * k) for k in range(7)]
+    for pose in still:
+        last = run.see(pose, step_ns=step_ns)
+    assert last.status.state is State.TRACKING
+    for k in range(1, 7):  # to one side and back: what velocity predicts is off by 5 to 10 degrees
+        pose = at(-0.94 + 0.01 * k, 0.0, np.deg2rad(5 * (k % 2)))
+        last = run.see(pose, step_ns=step_ns)
+        assert (last.status.state, last.status.reason) == (State.TRACKING, "")
+        metres, radians = error(last, pose)
+        assert metres < 0.06  # spheres of 81 pixels a radian in an image of 573
+        assert radians < 0.01

@@ -1,0 +1,74 @@
+"""The node on a bus: what is answered without a cloud, without calibration, and with a cloud that cannot be read."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from mcl_depth.ros import clouds
+from mcl_depth.ros.node import MclDepthNode
+from sphere_nav.geometry import Spherical
+from sphere_nav.ros import conversions
+from sphere_nav.ros.bags.replay import OfflineBus
+
+SECOND = 10**9
+
+
+def picture(number):
+    rng = np.random.default_rng(number)
+    return conversions.array_to_image(
+        rng.integers(0, 255, (64, 128)).astype(np.uint8), number * SECOND, "base_link", "mono8"
+    )
+
+
+def statuses(bus):
+    return [item.message for item in bus.settle() if item.topic == "/status"]
+
+
+@pytest.fixture
+def room(tmp_path):
+    rng = np.random.default_rng(1)
+    side = rng.uniform((-4, -3, 0), (4, 3, 2.5), (20_000, 3))
+    face = rng.integers(0, 3, len(side))
+    side[face == 0, 0] = np.sign(side[face == 0, 0]) * 4
+    side[face == 1, 1] = np.sign(side[face == 1, 1]) * 3
+    side[face == 2, 2] = 0.0
+    np.save(tmp_path / "room.npy", side.astype(np.float32))
+    return tmp_path / "room.npy"
+
+
+def test_without_a_cloud_every_image_is_answered_by_no_map():
+    bus = OfflineBus()
+    bus.add(MclDepthNode)
+    bus.deliver("/sphere_info", conversions.camera_to_sphere_info(Spherical(128, 64), "base_link"))
+    bus.deliver("/image_raw", picture(1))
+    assert [status.state for status in statuses(bus)] == ["NO_MAP"]
+
+
+def test_images_without_calibration_are_answered_after_a_while(room):
+    bus = OfflineBus()
+    bus.add(MclDepthNode, {"cloud": str(room), "max_waiting": 2})
+    for number in range(1, 5):
+        bus.deliver("/image_raw", picture(number))
+    assert {status.reason for status in statuses(bus)} == {"BAD_INFO"}
+
+
+def test_while_the_map_is_made_ready_every_image_tells_how_much_of_it_is(room, monkeypatch):
+    monkeypatch.setattr(clouds, "MADE_AT_ONCE", 100)
+    bus = OfflineBus()
+    node = bus.add(MclDepthNode, {"cloud": str(room), "camera_height": 1.2})
+    bus.deliver("/sphere_info", conversions.camera_to_sphere_info(Spherical(128, 64), "base_link"))
+    found = []
+    while node.filter is None and len(found) < 20:
+        bus.deliver("/image_raw", picture(len(found) + 1))
+        found += statuses(bus)
+    waiting = found[:-1]
+    assert len(waiting) >= 2
+    assert {(status.state, status.reason) for status in waiting} == {("SEARCHING", "NO_CONVERGENCE")}
+    shares = [status.value for status in waiting]
+    assert shares == sorted(shares)
+    assert 0.0 < shares[0] < shares[-1] < 1.0
+    assert "share of the map" in waiting[0].remedy
+    assert "share of the map" not in found[-1].remedy

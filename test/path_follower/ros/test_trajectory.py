@@ -1,0 +1,65 @@
+"""Where the node's trajectory comes from; what cannot be read changes nothing."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from sphere_nav_msgs.srv import LoadTrajectory
+
+from path_follower.params import FollowerParams
+from path_follower.ros.node import PathFollowerNode
+from path_follower.ros.trajectory import TrajectoryIntake
+from sphere_nav.geometry import SE3
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.conversions import poses_to_path
+
+SECOND = 1_000_000_000
+
+
+def taught(speed=0.0, length=10.0):
+    """A straight path; stamps of a drive at `speed` m/s, or none."""
+    stamps = [round(x / speed * SECOND) if speed else 0 for x in np.arange(0, length, 0.1)]
+    return poses_to_path([(ns, SE3.from_planar(0.1 * i, 0, 0)) for i, ns in enumerate(stamps)], SECOND, "map")
+
+
+@pytest.fixture
+def intake():
+    node = OfflineBus().add(PathFollowerNode)
+    assert isinstance(node.trajectories, TrajectoryIntake)
+    return node.trajectories
+
+
+def test_a_path_without_stamps_is_driven_at_cruise_speed(intake):
+    intake.on_path(taught())
+    assert intake.follower.path.speed.max() == pytest.approx(FollowerParams().speed.cruise)
+
+
+def test_a_path_with_stamps_is_driven_as_it_was_taught(intake):
+    intake.on_path(taught(speed=0.6))
+    assert intake.follower.path.speed.max() == pytest.approx(0.6, rel=0.02)
+
+
+def test_an_empty_path_is_refused(intake):
+    with pytest.raises(ValueError, match="path: expected 2 to 1000000 points"):
+        intake.on_path(poses_to_path([], SECOND, "map"))
+    assert intake.follower.path is None
+
+
+def test_the_same_path_is_taken_once(intake):
+    intake.on_path(taught())
+    first = intake.follower.path
+    intake.on_path(taught())
+    assert intake.follower.path is first
+    intake.on_path(taught(length=12.0))
+    assert intake.follower.path.length == pytest.approx(11.9)
+
+
+def test_a_file_that_cannot_be_read_leaves_the_path_in_force(intake, tmp_path):
+    intake.on_path(taught())
+    first = intake.follower.path
+    (tmp_path / "bad.csv").write_text("0,0\n1,nan\n")
+    answer = intake.on_load(LoadTrajectory.Request(path=str(tmp_path / "bad.csv")), LoadTrajectory.Response())
+    assert not answer.success
+    assert "bad.csv:2: y: expected a finite number" in answer.message
+    assert intake.follower.path is first

@@ -1,0 +1,121 @@
+"""ChArUco boards, rendered: corners by their numbers, seen in part, several in an image, and a rig from them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.board_world import BoardWorld, pattern
+from rig_calibration.boards import charuco
+from rig_calibration.boards.board import Board
+from rig_calibration.boards.detect import detect, detect_all
+from rig_calibration.boards.views import View
+from rig_calibration.calibrate import CameraSpec, calibrate
+from rig_calibration.params import CalibrationParams
+from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera, so3
+from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
+
+NUM_INSTANTS = 14
+BOARDS = tuple(Board(f"b{n}", 6, 4, 0.1, "charuco", 0.075, first_marker=20 * n) for n in range(2))
+CAMERA = Fisheye(480, 360, 230.0, 229.5, 241.3, 177.2, (0.03, -0.012, 0.004, -0.0006))
+
+
+def placed(board, yaw, distance):
+    """Return `T_world_board` of a board that faces the origin from this direction."""
+    turn = so3.exp([0.0, 0.0, yaw])
+    R = turn @ T_BODY_OPTICAL.rotation @ so3.exp([0.15, -0.2, 0.05])
+    return SE3.from_parts(R, turn @ [distance, 0.0, 0.0] - R @ board.points.mean(axis=0)).matrix
+
+
+@pytest.fixture(scope="module")
+def world():
+    """Two cameras back to back, which never see the same board at once, two boards, a rig that turns and tilts."""
+    rng = np.random.default_rng(2)
+    backwards = SE3.exp([-0.1, 0.02, 0.03, 0.0, 0.0, np.pi]) @ T_BODY_OPTICAL
+    rig = Rig((RigCamera("front", CAMERA, T_BODY_OPTICAL), RigCamera("back", replace(CAMERA, cx=238.0), backwards)))
+    boards = SE3(np.stack([placed(BOARDS[0], 0.0, 0.8), placed(BOARDS[1], np.pi, 0.8)]))
+    poses = []
+    for number in range(NUM_INSTANTS):
+        R = so3.exp([0.0, 0.0, np.pi * (number % 2) + rng.uniform(-0.2, 0.2)]) @ so3.exp(
+            [*rng.uniform(-0.4, 0.4, 2), 0]
+        )
+        poses.append(SE3.from_parts(R, rng.uniform(-0.2, 0.2, 3)).matrix)
+    return BoardWorld(rig, BOARDS, boards, SE3(np.stack(poses)))
+
+
+@pytest.fixture(scope="module")
+def images(world):
+    rng = np.random.default_rng(3)
+    return {(c, i): world.render(c, i, rng) for c in range(2) for i in range(NUM_INSTANTS)}
+
+
+@pytest.fixture(scope="module")
+def views(world, images):
+    return [
+        View(world.rig.cameras[camera].name, f"{instant:02d}", name, *seen)
+        for (camera, instant), image in images.items()
+        for name, seen in detect_all(image, BOARDS).items()
+    ]
+
+
+def test_every_corner_is_where_its_number_says(world, views):
+    errors, cut = [], 0
+    for view in views:
+        camera, index = ("front", "back").index(view.camera), int(view.board[1])
+        truth = world.T_camera_board(camera, int(view.instant), index).apply(BOARDS[index].points[view.corners])
+        errors.append(view.pixels - world.rig.cameras[camera].camera.project(truth)[0])
+        cut += len(view.corners) < BOARDS[index].num_corners
+    assert len(views) >= NUM_INSTANTS
+    assert cut >= 2  # boards that the image cuts are used all the same
+    assert np.sqrt(np.mean(np.concatenate(errors) ** 2)) < 0.1  # px a coordinate; windows of 2 to 3 px, noise 2 of 180
+    assert np.abs(np.concatenate(errors)).max() < 1.0  # none is that of a neighbour
+
+
+def test_cameras_that_share_no_view_are_joined_by_the_motion(world, views):
+    parts = world.rig.cameras
+    specs = [CameraSpec(part.name, "fisheye", (480, 360)) for part in parts]
+    found = calibrate(specs, BOARDS, views, CalibrationParams(), parts[0].T_rig_camera)
+    error = (found.rig.cameras[1].T_rig_camera.inverse() @ parts[1].T_rig_camera).log()
+    std = found.spread.pose_std[1]
+    assert found.dropped == {}
+    assert np.all(found.spread.pose_std < [[0.01] * 3 + [0.01] * 3])  # m and rad, else the next lines say little
+    assert np.linalg.norm(error[:3]) < 5.0 * np.linalg.norm(std[:3])
+    assert np.linalg.norm(error[3:]) < 5.0 * np.linalg.norm(std[3:])
+
+
+def test_two_boards_in_one_image_are_told_apart_by_their_markers(world):
+    poses = SE3(np.stack([placed(BOARDS[0], 0.47, 0.8), placed(BOARDS[1], -0.47, 0.8)]))
+    before = replace(world, T_world_board=poses, T_world_rig=SE3(np.eye(4)[None]))
+    image = before.render(0, 0, np.random.default_rng(4))
+    found = detect_all(image, BOARDS)
+    assert set(found) == {"b0", "b1"}
+    assert found["b0"][1][:, 0].mean() < found["b1"][1][:, 0].mean()  # b1 stands to the right
+
+
+def test_a_board_that_is_there_twice_is_not_guessed(images):
+    image = next(image for image in images.values() if detect(image, BOARDS[0]))
+    assert detect(np.hstack([image, image]), BOARDS[0]) is None
+
+
+def test_no_board_no_corners():
+    noise = np.random.default_rng(5).integers(0, 255, (240, 320), dtype=np.uint8)
+    assert detect_all(noise, BOARDS) == {}
+    assert detect_all(np.zeros((240, 320), np.uint8), BOARDS) == {}
+
+
+def test_what_the_dictionary_does_not_hold_is_refused():
+    image = np.zeros((100, 100), np.uint8)
+    with pytest.raises(ValueError, match="board 'b0': dictionary: expected a name such as DICT_4X4_250"):
+        detect(image, replace(BOARDS[0], dictionary="DICT_3X"))
+    with pytest.raises(ValueError, match="expected 67 markers for 6x4 corners, found 50 in DICT_4X4_50"):
+        charuco.check(replace(BOARDS[0], dictionary="DICT_4X4_50", first_marker=50))
+
+
+def test_the_rendered_pattern_is_that_of_opencv():
+    dark = pattern(BOARDS[1])
+    assert dark.shape == (5, 7, 8, 8)
+    numbers, rows = BOARDS[1].num_markers, np.argwhere(~dark[:, :, 0, 0])
+    assert len(rows) == numbers == 17
+    assert dark[0, 0].all()
+    with pytest.raises(ValueError, match="margin of whole modules"):
+        pattern(replace(BOARDS[0], marker_m=0.071))

@@ -1,0 +1,127 @@
+"""False corners cost themselves only; boards that are none, turned or mirrored are named and do not move the rig."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.board_world import BoardWorld, boards_around, ring_rig, wandering
+from rig_calibration.boards.rejection import reject, view_medians
+from rig_calibration.boards.views import observations
+from rig_calibration.calibrate import CameraSpec, calibrate
+from rig_calibration.params import CalibrationParams
+from sphere_nav.geometry.cameras.rig import Rig
+
+PARAMS = CalibrationParams()
+NOISE_PX = 0.1
+
+
+@pytest.fixture
+def seen():
+    """Two cameras, six instants, two boards: 24 views of 20 corners."""
+    camera, instant, board = np.indices((2, 6, 2)).reshape(3, -1)
+    points = [np.zeros((20, 3))] * 24
+    return observations(camera, instant, board, points, [np.zeros((20, 2))] * 24)
+
+
+@pytest.fixture
+def errors(seen, rng):
+    return rng.normal(0.0, NOISE_PX, seen.pixels.shape)
+
+
+def test_some_false_corners_cost_only_themselves(seen, errors):
+    errors[[3, 5, 7, 9]] += 40.0  # 4 of the 20 corners of one view: its RMS is 25 px
+    kept, dropped = reject(seen, errors, np.ones(480), PARAMS)
+    assert dropped == {}
+    np.testing.assert_array_equal(np.flatnonzero(kept == 0), [3, 5, 7, 9])
+
+
+def test_a_view_of_mostly_false_corners_goes(seen, errors):
+    errors[:12] += 40.0
+    _, dropped = reject(seen, errors, np.ones(480), PARAMS)
+    assert list(dropped) == [0]
+    assert "median residual" in dropped[0]
+
+
+def test_of_one_instant_only_the_worst_view_goes_at_a_time(seen, errors):
+    errors[seen.view == 0] += 9.0  # cause
+    errors[seen.view == 1] += 5.0  # pulled by it: the same instant
+    errors[seen.view == 2] += 5.0  # another instant
+    kept, dropped = reject(seen, errors, np.ones(480), PARAMS)
+    assert list(dropped) == [0, 2]
+    assert np.all(kept[seen.view == 1] == 1.0)
+
+
+def test_corners_that_do_not_count_are_not_judged(seen, errors):
+    errors[:20] = np.nan
+    kept = np.ones(480)
+    kept[:20] = 0.0
+    medians = view_medians(seen, np.linalg.norm(errors, axis=-1), kept)
+    assert np.flatnonzero(np.isnan(medians)).tolist() == [0]
+    assert reject(seen, errors, kept, PARAMS)[1] == {}
+
+
+@pytest.fixture(scope="module")
+def world():
+    rng = np.random.default_rng(11)
+    boards, poses = boards_around(4, 1.4, rng)
+    whole = ring_rig((640, 480))
+    return BoardWorld(Rig(whole.cameras[:3], "three"), boards, poses, wandering(30, rng))
+
+
+@pytest.fixture(scope="module")
+def views(world):
+    return world.views(NOISE_PX, np.random.default_rng(12))
+
+
+def swapped(view, board):
+    """Return the view with its corners numbered from the other end: a board taken for upside down."""
+    return replace(view, corners=view.corners[::-1])
+
+
+def mirrored(view, board):
+    """Return the view numbered from right to left, as a board in a mirror."""
+    grid = np.arange(board.num_corners).reshape(board.rows, board.columns)
+    return replace(view, corners=grid[:, ::-1].ravel())
+
+
+def scattered(view, board):
+    """Return corners of something else."""
+    noise = np.random.default_rng(13).normal(0.0, 20.0, view.pixels.shape)
+    return replace(view, pixels=view.pixels + noise)
+
+
+def shifted(view, board):
+    """Return the grid of the board one square too far to the right: its last column is something else."""
+    moved = view.pixels.reshape(board.rows, board.columns, 2).copy()
+    moved[:, :-1] = moved[:, 1:]
+    moved[:, -1] += moved[:, -1] - moved[:, -2]
+    return replace(view, pixels=moved.reshape(-1, 2))
+
+
+def crowded(views):
+    """Return the indices of views, one an instant, of instants with three or more."""
+    of_instant = {}
+    for index, view in enumerate(views):
+        of_instant.setdefault(view.instant, []).append(index)
+    return [indices[number % len(indices)] for number, indices in enumerate(of_instant.values()) if len(indices) >= 3]
+
+
+@pytest.mark.parametrize("fault", [swapped, mirrored, scattered, shifted])
+def test_a_false_view_is_named_and_does_not_move_the_rig(world, views, fault):
+    boards = {board.name: board for board in world.boards if (board.columns + board.rows) % 2}
+    spoiled, false = list(views), []
+    for index in crowded(views)[:4]:
+        if views[index].board in boards:  # those that look alike upside down are turned back, not left out
+            spoiled[index] = fault(views[index], boards[views[index].board])
+            false.append(views[index].label)
+    parts = world.rig.cameras
+    specs = [CameraSpec(p.name, p.camera.model, (p.camera.width, p.camera.height), p.camera) for p in parts]
+    found = calibrate(specs, world.boards, spoiled, PARAMS, world.rig.cameras[0].T_rig_camera)
+    assert len(false) >= 2
+    assert set(found.dropped) == set(false)
+    for index in (1, 2):
+        error = (found.rig.cameras[index].T_rig_camera.inverse() @ world.rig.cameras[index].T_rig_camera).log()
+        std = found.spread.pose_std[index]
+        assert np.linalg.norm(error[:3]) < 4.0 * np.linalg.norm(std[:3])  # 4 standard deviations of a norm: never
+        assert np.linalg.norm(error[3:]) < 4.0 * np.linalg.norm(std[3:])

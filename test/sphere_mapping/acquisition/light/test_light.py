@@ -1,0 +1,108 @@
+"""A wall all around, seen by two fisheyes whose lenses darken towards the rim, is one wall in the end."""
+
+import numpy as np
+import pytest
+
+from sphere_mapping.acquisition.light.light import MAX_WHITE_BALANCE, Light
+from sphere_mapping.acquisition.stitching.views import RigView, border_of
+from sphere_nav.geometry import SE3, Fisheye, RigCamera
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+
+LENS = Fisheye(240, 240, 70.0, 70.0, 119.5, 119.5)
+YAW = {"a": 0.0, "b": 1.2}  # rad; b looks to the left of a
+RAYS = LENS.unproject(pixel_grid(LENS))
+ANGLE = np.nan_to_num(np.arccos(np.clip(RAYS[..., 2], -1, 1)))
+
+
+def rig_view(name, yaw, mask=None):
+    T = SE3.exp([0, 0, 0, 0, 0, yaw]) @ T_BODY_OPTICAL
+    return RigView(name, LENS, T, border_of(RigCamera(name, LENS, T), mask))
+
+
+def picture(level=200.0, falloff=0.2, colours=(1.0, 1.0, 1.0)):
+    grey = level * np.exp(-falloff * ANGLE**2)
+    return np.clip(np.rint(grey[..., None] * np.array(colours)), 0, 255).astype(np.uint8)
+
+
+def light(yaws=YAW, masks=None, groups=None):
+    views = [rig_view(name, yaw, (masks or {}).get(name)) for name, yaw in yaws.items()]
+    return Light(views, groups or {name: name for name in yaws}, 0.0, 3.0)
+
+
+def test_lenses_that_darken_towards_the_rim_get_no_gain():
+    """Half of b is masked, so that its rim looks where a's middle does: a median of all says 'b is dark'."""
+    mask = np.full((240, 240), 255, np.uint8)
+    mask[:, :130] = 0
+    _, gains = light(masks={"b": mask}).balance({"a": picture(), "b": picture()})
+    np.testing.assert_allclose(gains["a"] / gains["b"], 1.0, atol=0.03)
+
+
+def test_the_falloff_is_taken_from_the_images():
+    balance = light().balance
+    images = {"a": picture(), "b": picture()}
+    for _ in range(8):
+        even, _ = balance(images)
+    seen = (ANGLE < 1.5) & (RAYS[..., 0] < 0.9)
+    before, after = (float(np.std(np.log(part["a"][seen].astype(float)))) for part in (images, even))
+    assert before > 0.1
+    assert after < 0.2 * before
+
+
+def test_the_ratio_of_exposures_is_found_beside_the_falloff():
+    _, gains = light().balance({"a": picture(), "b": picture(140.0)})
+    np.testing.assert_allclose(gains["b"] / gains["a"], 200 / 140, rtol=0.02)
+
+
+def test_a_colour_departs_from_its_camera_by_the_bound_at_most():
+    _, gains = light().balance({"a": picture(), "b": picture(colours=(1.0, 0.5, 1.0))})
+    mean = np.log(2.0) / 6  # of the logarithms of three colours, half of it at either camera
+    for gain in gains.values():
+        assert np.ptp(np.log(gain)) == pytest.approx(mean + np.log(MAX_WHITE_BALANCE), rel=1e-2)
+
+
+def test_a_small_difference_of_colour_is_made_equal():
+    _, gains = light().balance({"a": picture(), "b": picture(colours=(1.0, 0.9, 1.0))})
+    assert gains["b"][1] / gains["a"][1] == pytest.approx(1 / 0.9, rel=0.02)
+
+
+def test_a_dark_green_rim_colours_nothing():
+    """Back to back the cameras share their rims only: stray light there is no white balance."""
+    back_to_back = {"a": 0.0, "b": np.pi}
+    images = {name: picture(130.0, colours=(1.0, 1.02, 0.88)) for name in back_to_back}
+    rim = np.clip((ANGLE - 1.6) / 0.1, 0.0, 1.0)[..., None]  # the last degrees fall to a dark green
+    stray = {"a": np.array([6.0, 26.0, 14.0]), "b": np.array([8.0, 9.0, 8.0])}
+    images = {n: np.rint(image * (1 - rim) + stray[n] * rim).astype(np.uint8) for n, image in images.items()}
+    even, gains = light(back_to_back).balance(images)
+    for name in back_to_back:
+        np.testing.assert_allclose(gains[name], 1.0, atol=0.03)
+        np.testing.assert_allclose(even[name][100:140, 100:140], images[name][100:140, 100:140], atol=4)
+
+
+def test_what_differs_by_parallax_says_nothing():
+    """Detail that is not in the other camera: nothing is known, so nothing is changed."""
+    fields = np.where(np.random.default_rng(1).random((80, 80)) < 0.5, 60, 220).astype(np.uint8)
+    images = {"a": np.kron(fields, np.ones((3, 3), np.uint8)), "b": np.full((240, 240), 90, np.uint8)}
+    _, gains = light().balance(images)
+    np.testing.assert_array_equal([gains["a"], gains["b"]], 1.0)
+
+
+def test_no_gain_takes_the_highlights_of_another_camera():
+    image = picture(240.0, falloff=0.0)
+    even, gains = light().balance({"a": image, "b": (image * 0.6).astype(np.uint8)})
+    np.testing.assert_allclose(gains["b"] / gains["a"], 1 / 0.6, rtol=0.02)
+    assert np.percentile(even["b"], 99) < 255
+
+
+def test_white_stays_white():
+    image = picture(120.0, falloff=0.0)
+    bright = np.full_like(image, 200)
+    bright[:60] = 255
+    even, gains = light({"a": 0.0, "b": 1.2}).balance({"a": image, "b": bright})
+    assert gains["b"][0] < 0.9
+    assert even["b"][:40].min() == 255
+
+
+def test_cameras_of_one_exposure_get_one_gain():
+    _, gains = light(groups={"a": "rig", "b": "rig"}).balance({"a": picture(), "b": picture(150.0)})
+    np.testing.assert_array_equal(gains["a"], gains["b"])

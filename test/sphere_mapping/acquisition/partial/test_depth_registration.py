@@ -1,0 +1,49 @@
+"""Registered depth against a scene whose depth is known in closed form."""
+
+import numpy as np
+import pytest
+
+from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
+from sphere_nav.geometry import SE3, Pinhole
+from worlds.box_and_wall import depth_of_box_and_wall
+
+DEPTH = Pinhole(320, 240, 290.0, 290.0, 160.0, 120.0)
+
+
+@pytest.mark.parametrize("focal_length", [260.0, 290.0, 400.0])
+@pytest.mark.parametrize("offset", [(-0.025, 0.0, 0.0), (0.05, 0.02, -0.01)])
+def test_every_pixel_that_both_see_is_right(focal_length, offset):
+    """Also where the target is finer than the depth camera: no holes; and at the edge of the box: no bleeding."""
+    target = Pinhole(320, 240, focal_length, focal_length, 160.0, 120.0)
+    T_target_depth = SE3.exp([*offset, 0.0, 0.01, 0.0])
+    T_scene_depth = SE3.exp([0.1, 0.0, 0.0, 0.0, 0.1, 0.0])
+    T_scene_target = T_scene_depth @ T_target_depth.inverse()
+    measured = depth_of_box_and_wall(DEPTH, T_scene_depth).astype(np.float32)
+    found = DepthRegistration(DEPTH, target, T_target_depth)(measured)
+    expected = depth_of_box_and_wall(target, T_scene_target)
+    is_found = np.isfinite(found)
+    wrong = np.abs(found - expected)[is_found] > 0.01 * expected[is_found]
+    assert wrong.sum() <= 240  # at most one pixel a row, at the edge of the box, is on the other face
+    inner = is_found[30:-30, 60:-60]
+    assert inner.mean() > 0.95  # the shadow of the box is at most 0.05 m / 3 m * 400 px = 7 of 200 columns wide
+
+
+def test_unknown_depth_stays_unknown():
+    measured = np.full((240, 320), np.nan, np.float32)
+    assert np.isnan(DepthRegistration(DEPTH, DEPTH, SE3.identity())(measured)).all()
+    measured[:, 100:200] = 2.0
+    measured[50, 150], measured[60, 150] = 0.0, -1.0
+    found = DepthRegistration(DEPTH, DEPTH, SE3.identity())(measured)
+    assert np.isnan(found[:, :98]).all()
+    assert np.isnan(found[:, 202:]).all()
+    np.testing.assert_allclose(found[100:140, 110:190], 2.0, rtol=1e-6)
+
+
+def test_the_nearer_surface_wins():
+    """Seen from far to the side, the box hides what the depth camera sees of the wall."""
+    measured = np.full((240, 320), 3.0, np.float32)
+    measured[:, 140:180] = 1.0
+    found = DepthRegistration(DEPTH, DEPTH, SE3.exp([0.3, 0, 0, 0, 0, 0]))(measured)
+    near = np.flatnonzero(np.abs(found[120] - 1.0) < 0.01)
+    assert near.min() == pytest.approx(140 + 0.3 * 290, abs=1)
+    assert near.max() == pytest.approx(179 + 0.3 * 290, abs=1)

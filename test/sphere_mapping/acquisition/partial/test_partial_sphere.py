@@ -1,0 +1,179 @@
+import numpy as np
+import pytest
+
+from sphere_mapping.acquisition.partial.partial_sphere import (
+    RgbdView,
+    inverse_depth,
+    sphere_from_rgbd,
+    sphere_from_views,
+)
+from sphere_mapping.params import PartialParams
+from sphere_nav.geometry import SE3, Fisheye, Pinhole
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from worlds.room import optical, sharp_room
+
+PINHOLE = Pinhole(320, 240, 260.0, 258.0, 161.0, 118.0)
+ROOM = sharp_room()
+AT = SE3.exp([0.3, -0.2, 0.1, 0.05, -0.1, 0.4])  # oblique to all walls
+
+
+def truth_in(sphere, T_room_sphere):
+    rays = sphere.camera.unproject(pixel_grid(sphere.camera)) @ T_room_sphere.rotation.T
+    return ROOM.cast(T_room_sphere.translation, rays)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        PINHOLE,
+        Pinhole(320, 240, 260.0, 258.0, 161.0, 118.0, (-0.2, 0.05, 0.001, -0.001)),
+        Fisheye(320, 240, 130.0, 130.0, 160.0, 120.0, (0.02, -0.01, 0.0, 0.0)),
+    ],
+    ids=["pinhole", "distorted", "fisheye"],
+)
+def test_range_and_grey_level_are_those_of_the_room(camera):
+    image, depth_m = ROOM.rgbd(camera, optical(AT))
+    sphere = sphere_from_rgbd(image, depth_m, camera, stamp_ns=5)
+    grey, range_m = truth_in(sphere, AT)
+    seen = sphere.is_seen
+    assert sphere.stamp_ns == 5
+    assert seen.mean() > 0.7  # the window fits the view; a fisheye rounds its corners
+    error = np.abs(sphere.range_m / range_m - 1)[seen & ~np.isnan(sphere.range_m)]
+    # exact on the walls of a pinhole but for its float32 table; a rounded pixel at the edges between walls
+    assert np.median(error) < 2e-4
+    assert np.percentile(error, 95) < 0.01
+    # rounding twice gives 0.4 grey levels rms, interpolation about as much
+    assert np.sqrt(np.mean((sphere.grey - grey)[seen] ** 2)) < 1.0
+
+
+def test_what_the_camera_does_not_see_is_nan_and_unlit():
+    image, depth_m = ROOM.rgbd(PINHOLE, optical(AT))
+    sphere = sphere_from_rgbd(image, depth_m, PINHOLE)
+    inside = PINHOLE.project(T_BODY_OPTICAL.inverse().apply(sphere.camera.unproject(pixel_grid(sphere.camera))))[1]
+    np.testing.assert_array_equal(sphere.is_seen, inside)
+    assert np.isnan(sphere.range_m[~inside]).all()
+
+
+def test_range_is_never_mixed_across_a_depth_edge():
+    depth_m = np.full((240, 320), 2.0, dtype=np.float32)
+    depth_m[:, 160:] = 5.0
+    sphere = sphere_from_rgbd(np.full((240, 320), 90, np.uint8), depth_m, PINHOLE)
+    z = sphere.range_m * sphere.camera.unproject(pixel_grid(sphere.camera))[..., 0]
+    z = z[np.isfinite(z)]
+    assert np.all((np.abs(z - 2.0) < 1e-3) | (np.abs(z - 5.0) < 1e-3))
+    assert 0.4 < np.mean(np.abs(z - 2.0) < 1e-3) < 0.6
+
+
+def test_unknown_depth_stays_unknown_and_far_stays_far():
+    image, depth_m = ROOM.rgbd(PINHOLE, optical(AT))
+    depth_m[40:80, 50:90] = np.nan
+    depth_m[40:80, 100:140] = 0.0
+    depth_m[40:80, 150:190] = -1.0
+    depth_m[100:140, 50:90] = np.inf
+    depth_m[100:140, 100:140] = -np.inf
+    sphere = sphere_from_rgbd(image, depth_m, PINHOLE)
+    pixels, _ = PINHOLE.project(T_BODY_OPTICAL.inverse().apply(sphere.camera.unproject(pixel_grid(sphere.camera))))
+    column, row = pixels[..., 0], pixels[..., 1]
+
+    def block(v, u):
+        return (np.abs(row - v) < 18) & (np.abs(column - u) < 18)
+
+    for u in (70, 120, 170):
+        assert np.isnan(sphere.range_m[block(60, u)]).all()
+    assert np.isposinf(sphere.range_m[block(120, 70)]).all()
+    assert np.isnan(sphere.range_m[block(120, 120)]).all()
+    assert sphere.is_seen[block(60, 120)].all()
+
+
+def test_a_camera_beside_the_centre_sees_the_range_from_the_centre():
+    T_sphere_camera = SE3.from_parts(np.eye(3), [0.06, 0.02, -0.03]) @ T_BODY_OPTICAL
+    image, depth_m = ROOM.rgbd(PINHOLE, AT @ T_sphere_camera)
+    sphere = sphere_from_rgbd(image, depth_m, PINHOLE, T_sphere_camera)
+    grey, range_m = truth_in(sphere, AT)
+    error = np.abs(sphere.range_m / range_m - 1)[sphere.measured]
+    assert sphere.measured.sum() > 0.95 * sphere.is_seen.sum()
+    assert np.percentile(error, 99) < 2e-3  # without the parallax it would be 3 %
+    assert np.sqrt(np.mean((sphere.grey - grey)[sphere.measured] ** 2)) < 1.5
+
+
+def test_depth_from_a_camera_beside_the_colour_camera_is_moved_to_it():
+    T_sphere_depth = SE3.from_parts(np.eye(3), [0.0, 0.025, 0.0]) @ T_BODY_OPTICAL
+    depth_camera = Pinhole(320, 240, 292.0, 292.0, 160.0, 120.0)
+    image, _ = ROOM.rgbd(PINHOLE, optical(AT))
+    _, depth_m = ROOM.rgbd(depth_camera, AT @ T_sphere_depth)
+    view = RgbdView(image, depth_m, PINHOLE, T_BODY_OPTICAL, depth_camera, T_sphere_depth)
+    sphere = sphere_from_views([view])
+    _, range_m = truth_in(sphere, AT)
+    assert sphere.measured.mean() > 0.6  # the depth camera sees less than the colour camera
+    assert np.percentile(np.abs(sphere.range_m / range_m - 1)[sphere.measured], 99) < 2e-3
+
+
+def test_a_ring_of_cameras_is_one_sphere_without_a_seam():
+    views = []
+    for k in range(6):
+        T_sphere_camera = (
+            SE3.from_planar(0, 0, 2 * np.pi * k / 6) @ SE3.from_parts(np.eye(3), [0.05, 0, 0]) @ T_BODY_OPTICAL
+        )
+        views.append(RgbdView(*ROOM.rgbd(PINHOLE, AT @ T_sphere_camera), PINHOLE, T_sphere_camera))
+    sphere = sphere_from_views(views)
+    assert sphere.camera.is_whole
+    grey, range_m = truth_in(sphere, AT)
+    band = slice(int(0.4 * sphere.camera.height), int(0.6 * sphere.camera.height))
+    assert sphere.is_seen[band].all()
+    assert sphere.measured[band].mean() > 0.99
+    error = np.abs(sphere.range_m / range_m - 1)[band]
+    assert np.nanpercentile(error, 99) < 3e-3
+    assert np.abs(sphere.grey - grey)[band].max() < 8.0
+
+
+def test_a_finer_camera_is_averaged_not_aliased():
+    rng = np.random.default_rng(1)
+    noise = rng.integers(1, 255, (240, 320)).astype(np.uint8)
+    depth_m = np.full((240, 320), 2.0, dtype=np.float32)
+    coarse = sphere_from_rgbd(noise, depth_m, PINHOLE, params=PartialParams(resolution=0.25))
+    centre = coarse.grey[20:40, 25:55]
+    # the mean of 4 x 4 pixels has a quarter of their deviation; sampling one of them would keep it all
+    assert centre.std() < 0.4 * noise.std()
+
+
+def test_a_range_outside_the_trusted_span_is_not_measured():
+    depth_m = np.full((240, 320), 2.0, dtype=np.float32)
+    depth_m[:120] = 30.0
+    sphere = sphere_from_rgbd(
+        np.full((240, 320), 90, np.uint8), depth_m, PINHOLE, params=PartialParams(max_range_m=10.0)
+    )
+    assert np.nanmax(sphere.range_m) < 5.0
+    assert np.isnan(sphere.range_m[sphere.is_seen]).mean() > 0.4
+
+
+def test_the_same_image_gives_the_same_bits():
+    image, depth_m = ROOM.rgbd(PINHOLE, optical(AT))
+    first, second = (sphere_from_rgbd(image, depth_m, PINHOLE) for _ in range(2))
+    np.testing.assert_array_equal(first.image, second.image)
+    np.testing.assert_array_equal(first.range_m, second.range_m)
+
+
+@pytest.mark.parametrize(
+    ("image", "depth_m", "message"),
+    [
+        (np.zeros((240, 300), np.uint8), np.ones((240, 320)), "image: expected 320 x 240 uint8.*found 300 x 240"),
+        (np.zeros((240, 320), np.uint8), np.ones((120, 160)), "depth: expected 320 x 240 metres, found 160 x 120"),
+        (np.zeros((240, 320), np.uint8), np.ones((240, 320), np.uint16), "depth: expected .* metres, found .* uint16"),
+    ],
+)
+def test_images_of_another_size_are_refused(image, depth_m, message):
+    with pytest.raises(ValueError, match=message):
+        sphere_from_rgbd(image, depth_m, PINHOLE)
+
+
+def test_no_camera_is_refused():
+    with pytest.raises(ValueError, match="at least one camera"):
+        sphere_from_views([])
+
+
+def test_inverse_depth_keeps_far_as_zero():
+    np.testing.assert_array_equal(
+        inverse_depth(np.float32([[np.inf, -np.inf, np.nan, 0.0, -2.0, 4.0]])),
+        np.float32([[0, np.nan, np.nan, np.nan, np.nan, 0.25]]),
+    )

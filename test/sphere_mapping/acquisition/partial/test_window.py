@@ -1,0 +1,60 @@
+import numpy as np
+import pytest
+
+from sphere_mapping.acquisition.partial.window import NUM_LEVELS, full_width_for, magnification, window_of
+from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+
+CAMERA = Pinhole(640, 480, 500.0, 500.0, 320.0, 240.0)
+
+
+def rotated(tangent):
+    return SE3.exp([0, 0, 0, *tangent]) @ T_BODY_OPTICAL
+
+
+@pytest.mark.parametrize("tangent", [(0, 0, 0), (0, 0, 3.1), (0.4, -0.3, 1.0), (0, 0.9, -2.0)])
+def test_every_ray_of_the_camera_falls_into_its_window(tangent):
+    T_sphere_camera = rotated(tangent)
+    window = window_of(CAMERA, T_sphere_camera, full_width_for(500.0))
+    rays = CAMERA.unproject(pixel_grid(CAMERA)[::7, ::7]) @ T_sphere_camera.rotation.T
+    assert window.project(rays)[1].all()
+
+
+def test_the_window_is_not_much_larger_than_the_view():
+    window = window_of(CAMERA, T_BODY_OPTICAL, full_width_for(500.0))
+    span_u, span_v = 2 * np.arctan(320 / 500), 2 * np.arctan(240 / 500)
+    # both sides are rounded out to blocks of 16
+    assert span_u <= window.width / window.pixels_per_radian <= span_u + 33 / 500
+    assert span_v <= window.height / window.pixels_per_radian <= span_v + 33 / 500
+
+
+def test_every_pyramid_level_keeps_the_directions_of_the_window():
+    window = window_of(CAMERA, rotated((0, 0, 0.7)), full_width_for(500.0))
+    level = window
+    for _ in range(NUM_LEVELS - 1):
+        assert level.width % 2 == 0
+        assert level.height % 2 == 0
+        level = level.halve()
+    corner = np.array([-0.5, -0.5])
+    np.testing.assert_allclose(level.unproject(corner), window.unproject(corner), atol=1e-12)
+
+
+def test_a_camera_that_looks_up_or_all_around_is_a_whole_sphere():
+    panoramic = Fisheye(800, 800, 250.0, 250.0, 399.5, 399.5)
+    full_width = full_width_for(250.0)
+    assert window_of(panoramic, T_BODY_OPTICAL, full_width) == Spherical(full_width, full_width // 2)
+    assert window_of(CAMERA, rotated((0, -np.pi / 2, 0)), full_width).is_whole
+
+
+def test_full_width_halves_at_every_level():
+    for pixels_per_radian in (40.0, 585.0, 1000.3):
+        width = full_width_for(pixels_per_radian)
+        assert width >= 2 * np.pi * pixels_per_radian
+        assert width % 2**NUM_LEVELS == 0
+
+
+def test_magnification_is_that_of_the_corner_of_a_pinhole():
+    window = window_of(CAMERA, T_BODY_OPTICAL, 4000)
+    corner = np.hypot(320.5, 240.5) / 500  # tangent of the angle; the radial scale of a pinhole is f (1 + tan^2)
+    assert magnification(CAMERA, window) == pytest.approx(500 * (1 + corner**2) / window.pixels_per_radian, rel=1e-9)

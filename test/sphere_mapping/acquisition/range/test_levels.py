@@ -1,0 +1,58 @@
+"""Planes of one level at the size of another, and which pixels a wide block says something about."""
+
+import cv2
+import numpy as np
+import pytest
+
+from sphere_mapping.acquisition.range.levels import fit, halve, has_texture_around, interpolate, usable_at
+
+
+def waves(height, width, phase=0.0):
+    v, u = np.mgrid[0:height, 0:width]
+    return 128 + 50 * np.sin(2 * np.pi * u / width + phase) * np.cos(2 * np.pi * v / height)
+
+
+def test_a_pixel_of_a_half_lies_on_the_even_pixels_of_the_whole():
+    image = np.rint(waves(64, 128)).astype(np.uint8)
+    assert np.abs(halve(image, True)[2:-2].astype(float) - image[4:-4:2, ::2]).max() <= 2
+
+
+@pytest.mark.parametrize("is_whole", [True, False])
+def test_a_slanted_plane_stays_one_at_twice_the_size_and_a_whole_sphere_has_no_seam(is_whole):
+    v, u = np.mgrid[0:16, 0:32].astype(np.float32)
+    plane = waves(16, 32).astype(np.float32) if is_whole else 0.5 * v + 0.25 * u
+    found = interpolate(plane, is_whole)
+    np.testing.assert_allclose(found[::2, ::2], 2 * plane)
+    between = plane + np.roll(plane, -1, axis=1)
+    columns = slice(None) if is_whole else slice(-1)
+    np.testing.assert_allclose(found[::2, 1::2][:, columns], between[:, columns], rtol=1e-6)
+
+
+def test_what_is_unknown_stays_so_with_all_that_would_be_interpolated_from_it():
+    plane = np.ones((4, 8), np.float32)
+    plane[2, 3] = np.nan
+    assert np.isnan(interpolate(plane, False)).sum() == 9
+    assert np.isnan(fit(plane, (5, 9))).sum() == 1 + 4 + 9
+
+
+def test_a_coarse_pixel_is_usable_where_all_that_it_is_made_of_is():
+    is_usable = np.ones((32, 32), np.bool_)
+    is_usable[:, :10] = False
+    found = usable_at(is_usable, 1, (16, 16))
+    assert not found[:, :6].any()  # pixel 5 is made of columns 8 to 12
+    assert found[:, 6:].all()
+
+
+def test_beside_an_edge_a_bare_wall_has_no_texture_around():
+    rng = np.random.default_rng(0)
+    image = rng.normal(120, 0.8, (96, 96))
+    image[:, 48:] += 80 * cv2.GaussianBlur(rng.normal(0, 1, (96, 48)), (0, 0), 1.0)
+    found = has_texture_around(np.rint(image).astype(np.uint8), False)
+    assert found[8:-8, 54:-8].all()
+    assert found[8:-8, 44:47].mean() < 0.05
+
+
+def test_faint_texture_is_texture_where_there_is_no_stronger_one():
+    rng = np.random.default_rng(0)
+    image = 120 + 4 * cv2.GaussianBlur(rng.normal(0, 4, (96, 96)), (0, 0), 2.0)
+    assert has_texture_around(np.rint(image).astype(np.uint8), False)[8:-8, 8:-8].mean() > 0.95

@@ -1,0 +1,131 @@
+"""A rig whose file is a little wrong is put right by what its own cameras see."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sphere_mapping.acquisition.params import RectifyParams
+from sphere_mapping.acquisition.range.rectification import matches_of, rectified
+from sphere_mapping.acquisition.range.rig_adjustment import Matches, epipolar_errors
+from sphere_mapping.acquisition.stitching.views import RigView
+from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera
+from sphere_nav.params import build
+from worlds.rig import BASELINE, OPTICAL
+
+LENS = Fisheye(800, 800, 240.0, 240.0, 399.5, 399.5)
+NOISE_PX = 0.3
+
+
+def make_rig():
+    places = {"a": (0.0, 0.0), "b": (0.0, -BASELINE), "c": (1.2, 0.0), "d": (1.2, -BASELINE)}
+    parts = []
+    for name, (azimuth, z) in places.items():
+        pose = SE3.from_planar(0.0, 0.0, azimuth) @ SE3.from_parts(OPTICAL, [0.03, 0.0, z])
+        parts.append(RigCamera(name, LENS, pose))
+    return Rig(tuple(parts))
+
+
+def matches_in(rig, rng, num_wrong=0):
+    """Points all around, 2 to 12 m away, seen by pairs of cameras with noise; some matches are wrong."""
+    rays = rng.normal(size=(1500, 3)) * (1, 1, 0.5)
+    points = rays / np.linalg.norm(rays, axis=1, keepdims=True) * rng.uniform(2, 12, (1500, 1))
+    seen = {part.name: part.camera.project(part.T_rig_camera.inverse().apply(points)) for part in rig.cameras}
+    found = []
+    for a, b in (("a", "b"), ("a", "c"), ("b", "d"), ("c", "d"), ("a", "d")):
+        both = np.flatnonzero(seen[a][1] & seen[b][1])[:300]
+        first, second = (seen[name][0][both] + NOISE_PX * rng.normal(size=(both.size, 2)) for name in (a, b))
+        second[:num_wrong] += rng.normal(size=(num_wrong, 2)) * 40
+        found.append(Matches(a, b, first, second))
+    return found
+
+
+def disturbed(rig, rng, degrees=0.3):
+    return replace(
+        rig,
+        cameras=tuple(
+            replace(
+                part, T_rig_camera=part.T_rig_camera @ SE3.exp([0, 0, 0, *rng.normal(size=3) * np.radians(degrees)])
+            )
+            for part in rig.cameras
+        ),
+    )
+
+
+@pytest.mark.parametrize("num_wrong", [0, 90])
+def test_turned_cameras_are_turned_back(rng, num_wrong):
+    rig = make_rig()
+    matches = matches_in(rig, rng, num_wrong)
+    right = epipolar_errors(
+        rig, [Matches(m.first, m.second, m.pixels_first[90:], m.pixels_second[90:]) for m in matches]
+    )
+    found = rectified(disturbed(rig, rng), matches, RectifyParams())
+    assert found.before_deg > 3 * found.after_deg
+    after = epipolar_errors(
+        found.rig, [Matches(m.first, m.second, m.pixels_first[90:], m.pixels_second[90:]) for m in matches]
+    )
+    # as good as the true rig, within what 24 numbers fitted to a thousand matches can do
+    assert np.median(np.abs(after)) < 1.1 * np.median(np.abs(right))
+    assert set(found.turned_deg) == {"a", "b", "c", "d"}
+    assert found.num_matches["a"] == sum(len(m.pixels_first) for m in matches if "a" in (m.first, m.second))
+
+
+def test_a_right_rig_stays_as_it_is(rng):
+    rig = make_rig()
+    found = rectified(rig, matches_in(rig, rng), RectifyParams())
+    assert found.after_deg == pytest.approx(found.before_deg, rel=0.1)
+    assert max(found.turned_deg.values()) < 0.25  # noise; a turn and a shifted principal point look nearly the same
+
+
+def test_without_matches_nothing_changes():
+    rig = make_rig()
+    found = rectified(rig, [], RectifyParams())
+    assert found.rig is rig
+    assert set(found.turned_deg.values()) == {0.0}
+
+
+def test_features_that_two_cameras_share_are_found(rng):
+    """A far textured world: matches lie in the same direction from both."""
+    params = build(RectifyParams, {"width": 512})
+    rig = make_rig()
+    world = rng.normal(size=(40, 3)) * 25
+    rig_views, images = [], {}
+    for part in rig.cameras[:2]:
+        rays = np.nan_to_num(LENS.unproject(np.stack(np.meshgrid(*[np.arange(800.0)] * 2), axis=-1)))
+        levels = np.sum(np.sin(rays @ part.T_rig_camera.rotation.T @ world.T + np.arange(40)), axis=-1)
+        images[part.name] = np.clip(128 + 12 * levels, 1, 255).astype(np.uint8)
+        rig_views.append(RigView(part.name, LENS, part.T_rig_camera, np.ones((800, 800), np.float32)))
+    [match] = matches_of(rig_views, images, params)
+    assert len(match.pixels_first) > 50
+    rays = [
+        LENS.unproject(pixels) @ rig_view.T_sphere_camera.rotation.T
+        for rig_view, pixels in zip(rig_views, (match.pixels_first, match.pixels_second), strict=True)
+    ]
+    angles = np.degrees(np.arccos(np.clip(np.sum(rays[0] * rays[1], axis=1), -1, 1)))
+    assert np.median(angles) < 0.2  # a third of a pixel of the sphere
+
+
+def test_known_ranges_tell_turns_that_epipolar_planes_do_not(rng):
+    """Two cameras side by side look the same way: a turn about the axis across both moves all along the lines."""
+    poses = [SE3.from_parts(OPTICAL, [0.0, y, 0.0]) for y in (0.25, -0.25)]
+    rig = Rig(tuple(RigCamera(name, LENS, pose) for name, pose in zip("ab", poses, strict=True)))
+    ahead = rng.uniform(4, 12, (300, 1))
+    points = np.hstack([ahead, ahead * rng.uniform(-0.1, 0.1, (300, 2))])  # a narrow view: the lines are parallel
+    seen = [part.T_rig_camera.inverse().apply(points) for part in rig.cameras]
+    pixels = [LENS.project(p)[0] + 0.1 * rng.normal(size=(300, 2)) for p in seen]
+    ranges = np.linalg.norm(seen[0], axis=1) * rng.normal(1.0, 0.05, 300)
+    ranges[::3] = np.nan
+    turned = replace(
+        rig,
+        cameras=(rig.cameras[0], replace(rig.cameras[1], T_rig_camera=poses[1] @ SE3.exp([0, 0, 0, 0, 0.01, 0]))),
+    )
+
+    def error_of(found):
+        now = found.rig.cameras[0].T_rig_camera.inverse() @ found.rig.cameras[1].T_rig_camera
+        there = found.rig.cameras[1].camera.project(now.inverse().apply(seen[0]))[0]
+        return np.median(np.linalg.norm(there - pixels[1], axis=1))
+
+    blind = rectified(turned, [Matches("a", "b", *pixels)], RectifyParams())
+    told = rectified(turned, [Matches("a", "b", *pixels, ranges)], RectifyParams())
+    assert error_of(blind) > 1.0  # 0.01 rad are 2.4 px
+    assert error_of(told) < 0.8  # ranges are good to 5 %, and the rig file still has its say

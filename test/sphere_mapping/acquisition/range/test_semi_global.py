@@ -1,0 +1,39 @@
+"""Matches of one level: clear ones only, and no seam in a whole sphere."""
+
+import cv2
+import numpy as np
+
+from sphere_mapping.acquisition.range.semi_global import find_clear_matches, match_semi_globally
+
+WIDTH, HEIGHT, SHIFT = 384, 192, 9
+
+
+def pair():
+    noise = np.random.default_rng(0).normal(0, 1, (HEIGHT, 3 * WIDTH))
+    noise = np.tile(noise[:, :WIDTH], (1, 3))
+    smooth = cv2.GaussianBlur(noise, (0, 0), 1.5)[:, WIDTH : 2 * WIDTH]
+    top = np.clip(128 + 40 * smooth / smooth.std(), 1, 255).astype(np.uint8)
+    return top, np.roll(top, -SHIFT, axis=0)
+
+
+def test_a_whole_sphere_has_no_seam():
+    top, bottom = pair()
+    found = find_clear_matches(top, bottom, -2, is_whole=True)
+    at_seam = np.r_[-8:8]
+    known = np.isfinite(found[40:-20][:, at_seam])
+    assert known.mean() > 0.9
+    assert np.abs(found[40:-20][:, at_seam][known] - SHIFT).max() < 0.5
+
+
+def test_the_number_of_threads_changes_nothing():
+    top, bottom = pair()
+    one, two = (find_clear_matches(top, bottom, -2, is_whole=True, jobs=jobs) for jobs in (1, 2))
+    np.testing.assert_array_equal(one, two)
+
+
+def test_smoothness_carries_matches_into_a_bare_wall_where_nothing_is_clear():
+    top, bottom = pair()
+    top[:, 150:230], bottom[:, 150:230] = 120, 120
+    inner = np.s_[60:-20, 160:220]
+    assert np.isnan(find_clear_matches(top, bottom, -2, is_whole=True)[inner]).all()
+    assert np.isfinite(match_semi_globally(top, bottom, -2, is_whole=True)[40:-20, :140]).mean() > 0.9

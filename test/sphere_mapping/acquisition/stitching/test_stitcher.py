@@ -1,0 +1,151 @@
+"""A textured sphere around a rig, in closed form: the stitched image and range are those of the true sphere."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from sphere_mapping.acquisition import kernels
+from sphere_mapping.acquisition.params import StitchParams
+from sphere_mapping.acquisition.stitching import blending, views  # noqa: F401
+from sphere_mapping.acquisition.stitching.stitcher import Stitcher
+from sphere_nav.geometry import SE3, Rig, RigCamera
+from sphere_nav.params import build
+from worlds.rig import LENS, OPTICAL, RADIUS, WIDTH, depth_of, seen, truth, vertical_rig
+
+
+@pytest.fixture(scope="module")
+def stitcher():
+    kernels.warm_up()
+    return Stitcher(vertical_rig(), build(StitchParams, {"width": WIDTH}))
+
+
+@pytest.fixture(scope="module")
+def images(stitcher):
+    return {part.name: seen(part) for part in stitcher.rig.cameras}
+
+
+def test_image_and_range_are_those_of_the_scene(stitcher, images):
+    found = stitcher.stitch(images)
+    levels, range_m = truth(stitcher)
+    measured = found.sphere.measured
+    middle = np.abs(np.arange(WIDTH // 2) - WIDTH / 4) < WIDTH / 8  # within 45 degrees of the horizon
+    assert measured[middle].mean() > 0.8
+    relative = np.abs(found.sphere.range_m - range_m)[measured] / range_m[measured]
+    assert np.median(relative) < 0.03  # disparity is 4 px: a tenth of a pixel
+    error = found.sphere.image.astype(float) - levels
+    assert np.sqrt(np.mean(error[middle] ** 2)) < 6  # two interpolations of a texture of 20 px period
+    assert found.missing == ()
+
+
+def test_little_range_moves_the_image_and_none_does_not(stitcher, images):
+    layout = stitcher.layout("top", tuple(images))
+    range_m = np.full((WIDTH // 2, WIDTH), np.nan, np.float32)
+    assert stitcher.inverse_of(range_m, layout) is None
+    range_m[::10, ::10] = 5.0
+    np.testing.assert_allclose(stitcher.inverse_of(range_m, layout), 0.2, rtol=1e-5)
+
+
+def test_no_seam_where_the_columns_wrap_around(stitcher, images):
+    image = stitcher.stitch(images).sphere.image.astype(float)
+    across, inside = np.abs(image[:, 0] - image[:, -1]), np.abs(np.diff(image, axis=1))
+    assert across.mean() < 1.5 * inside.mean()
+
+
+def test_the_result_does_not_depend_on_the_number_of_threads(stitcher, images):
+    a, b = (Stitcher(stitcher.rig, stitcher.params, jobs=jobs).stitch(images).sphere for jobs in (1, 3))
+    np.testing.assert_array_equal(a.image, b.image)
+    np.testing.assert_array_equal(a.range_m, b.range_m)
+
+
+def test_a_missing_camera_is_named_and_leaves_a_hole(stitcher, images):
+    rest = {name: image for name, image in images.items() if not name.endswith("_left")}
+    found = stitcher.stitch(rest)
+    assert found.missing == ("top_left", "bottom_left")
+    assert 0 < np.mean(found.sphere.image == 0) < 0.5
+    assert np.isnan(found.sphere.range_m[found.sphere.image == 0]).all()
+
+
+def test_exposure_is_made_equal(stitcher, images):
+    dark = {
+        name: cv2.convertScaleAbs(image, alpha=0.7 if name.endswith("front") else 1.0) for name, image in images.items()
+    }
+    gains = stitcher.stitch(dark).gains
+    assert gains["top_front"][0] / gains["top_left"][0] == pytest.approx(1 / 0.7, rel=0.03)
+
+
+def test_wrong_images_are_refused_by_name(stitcher, images):
+    with pytest.raises(ValueError, match="top_left: image: expected 160 x 160"):
+        stitcher.stitch(images | {"top_left": np.ones((10, 10), np.uint8)})
+    with pytest.raises(ValueError, match="expected a camera roof, found top_front"):
+        stitcher.stitch(images | {"roof": images["top_left"]})
+    with pytest.raises(ValueError, match="expected at least one image"):
+        stitcher.stitch({})
+
+
+def test_two_cameras_side_by_side_give_range():
+    poses = [SE3.from_parts(OPTICAL, [0.0, y, 0.0]) for y in (0.15, -0.15)]
+    rig = Rig(tuple(RigCamera(name, LENS, pose) for name, pose in zip("ab", poses, strict=True)))
+    stitcher = Stitcher(rig, build(StitchParams, {"width": WIDTH}))
+    assert [(pair.first, pair.second) for pair in stitcher.pairs] == [("a", "b")]
+    found = stitcher.stitch({part.name: seen(part) for part in rig.cameras}).sphere
+    assert found.measured.mean() > 0.2
+    assert np.nanmedian(np.abs(found.range_m[found.measured] - RADIUS)) / RADIUS < 0.03
+
+
+def test_depth_of_rgbd_cameras_is_a_source_of_range(stitcher, images):
+    """Without stereo the range is that of the cameras' own depth, everywhere a camera of the top level sees."""
+    own = Stitcher(stitcher.rig, build(StitchParams, {"width": WIDTH, "range": "none"}))
+    top = [part for part in stitcher.rig.cameras if part.level == "top"]
+    sphere = own.stitch(images, depths={part.name: depth_of(part) for part in top}).sphere
+    _, range_m = truth(own)
+    assert sphere.measured.mean() > 0.9  # the poles lie beside all three axes: depth along them says little there
+    relative = np.abs(sphere.range_m - range_m)[sphere.measured] / range_m[sphere.measured]
+    assert np.percentile(relative, 99) < 0.01  # a pixel of the camera is drawn over two of the sphere
+
+
+def test_depth_sharpens_the_range_of_stereo(stitcher, images):
+    top = [part for part in stitcher.rig.cameras if part.level == "top"]
+    both = stitcher.stitch(images, depths={part.name: depth_of(part) for part in top}).sphere
+    _, range_m = truth(stitcher)
+    alone = stitcher.stitch(images).sphere
+    errors = [np.nanmedian(np.abs(sphere.range_m - range_m)) for sphere in (both, alone)]
+    assert errors[0] < 0.5 * errors[1]
+
+
+def test_depth_of_a_wrong_size_is_refused_by_name(stitcher, images):
+    with pytest.raises(ValueError, match="top_left: depth: expected 160 x 160"):
+        stitcher.stitch(images, depths={"top_left": np.ones((4, 4), np.float32)})
+
+
+def test_a_width_that_the_bands_do_not_divide_is_refused(stitcher):
+    with pytest.raises(ValueError, match=r"stitch.width: expected a multiple of 64, found 100"):
+        Stitcher(stitcher.rig, build(StitchParams, {"width": 100}))
+
+
+def test_exchanged_levels_are_refused_by_name(stitcher, images):
+    other = {"top": "bottom", "bottom": "top"}
+    exchanged = {
+        f"{other[level]}_{side}": image for name, image in images.items() for level, _, side in [name.partition("_")]
+    }
+    with pytest.raises(ValueError, match=r"top and bottom image: .* with the images exchanged"):
+        Stitcher(stitcher.rig, stitcher.params).stitch(exchanged)
+
+
+def test_a_pair_of_a_longer_baseline_than_the_others_has_no_shorter_range():
+    parts = [
+        replace(part, T_rig_camera=SE3.from_parts(np.eye(3), [0.0, 0.0, -0.02]) @ part.T_rig_camera)
+        if part.name == "bottom_front"
+        else part
+        for part in vertical_rig().cameras
+    ]
+    stitcher = Stitcher(Rig(tuple(parts)), build(StitchParams, {"width": WIDTH, "blend.distance_m": 0.0}))
+    error = stitcher.stitch({part.name: seen(part) for part in parts}).sphere.range_m / truth(stitcher)[1] - 1
+    rows, width = slice(WIDTH // 8, 3 * WIDTH // 8), WIDTH // 8
+    medians = [
+        np.nanmedian(error[rows, begin : begin + width])
+        for begin in (WIDTH // 2 - width // 2, WIDTH // 6, 3 * WIDTH // 4)
+    ]
+    # by the mean baseline one would be 4.3 % too near, the others 2.2 % too far; all share an error of whole pixels
+    assert np.ptp(medians) < 0.02

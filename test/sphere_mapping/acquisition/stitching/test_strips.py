@@ -1,0 +1,60 @@
+"""Strips cover every pixel that two views share, and nothing but a band along the seams."""
+
+import numpy as np
+import pytest
+
+from sphere_mapping.acquisition.stitching.strips import OUTSIDE, Block, strips_of
+
+WIDTH, HEIGHT = 1024, 512
+
+
+def owner_of(edges):
+    """Views side by side; edges: first columns."""
+    owner = np.zeros((HEIGHT, WIDTH), np.int8)
+    for number, first in enumerate(edges):
+        owner[:, first:] = number
+    owner[:, : edges[0]] = len(edges) - 1
+    return owner
+
+
+def covered(strips):
+    found = np.zeros((HEIGHT, WIDTH), int)
+    for strip in strips:
+        rows = strip.block.row + np.arange(HEIGHT * 2)[strip.inner[0]]
+        columns = (strip.block.column + np.arange(WIDTH * 2)[strip.inner[1]]) % WIDTH
+        found[np.ix_(rows, columns)] += 1
+    return found
+
+
+def test_a_block_wraps_around():
+    plane = np.arange(12).reshape(2, 6)
+    np.testing.assert_array_equal(Block(0, 4, 1, 4).cut(plane), [[4, 5, 0, 1]])
+
+
+@pytest.mark.parametrize("edges", [(100, 500, 900), (5, 400, 700)])
+def test_seams_lie_in_strips_that_do_not_overlap(edges):
+    found = covered(strips_of(owner_of(edges), 3, 4))
+    assert found.max() == 1
+    for first in edges:
+        assert found[:, (first - 20) % WIDTH : (first - 20) % WIDTH + 1].all()
+        assert found[:, (first + 20) % WIDTH].all()
+    assert found.mean() < 0.6  # most of the sphere is one camera's
+
+
+def test_all_shares_of_a_strip_make_one():
+    for strip in strips_of(owner_of((100, 500, 900)), 3, 4):
+        for level in range(5):
+            total = sum(levels[level] for levels in strip.weights.values())
+            np.testing.assert_allclose(total, 1.0, atol=1e-5)
+
+
+def test_seams_everywhere_are_one_strip_all_around():
+    strips = strips_of(owner_of(tuple(range(0, WIDTH, 64))), 16, 4)
+    found = covered(strips)
+    assert found.min() == found.max() == 1
+
+
+def test_one_view_with_a_hole_needs_no_strip():
+    owner = np.zeros((HEIGHT, WIDTH), np.int8)
+    owner[:, 200:300] = OUTSIDE
+    assert strips_of(owner, 1, 4) == ()

@@ -1,0 +1,122 @@
+"""Key spheres on disk as they are kept."""
+
+import os
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from sphere_mapping.mapper import Mapper
+from sphere_mapping.params import MapperParams, SphereMapperParams
+from sphere_mapping.ros.saving import Journal, free_path
+from sphere_nav.cli.main import main
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.params import build
+from sphere_nav.ros.maps.reader import open_map, save_map
+from worlds.room import wide_room
+
+CAMERA = Spherical(256, 128)
+PLACES = [SE3.from_planar(-1.0 + 0.5 * k, 0.1, 0.1 * k) for k in range(5)]
+KILLED = """
+import sys, time
+sys.path[:0] = sys.argv[2:]
+from test_journal_node import drive, journal_in
+from pathlib import Path
+mapper = drive(journal_in(Path(sys.argv[1])))
+print(len(mapper.graph), flush=True)
+time.sleep(60.0)
+"""
+
+
+def journal_in(folder, told=None):
+    told = [] if told is None else told
+    params = build(SphereMapperParams, {"map_folder": str(folder), "mapper.key.max_parallax_whole": 0.1})
+    return Journal(params, told.append)
+
+
+def drive(journal):
+    """Return a mapper that has seen the room; every sphere is a key sphere."""
+    room = wide_room()
+    mapper = Mapper(build(MapperParams, {"key.max_parallax_whole": 0.1}), store=journal)
+    for number, place in enumerate(PLACES):
+        sphere = room.sphere(place, CAMERA, number)
+        mapper.add(type(sphere)(sphere.image, sphere.range_m, CAMERA, 1_000_000_000 * (number + 1)))
+    return mapper
+
+
+@pytest.fixture
+def told():
+    return []
+
+
+def test_pictures_leave_the_memory_and_come_back(tmp_path, told):
+    mapper = drive(journal_in(tmp_path, told))
+    assert len(mapper.graph) >= 4
+    assert all(node.sphere is None for node in mapper.graph)
+    assert np.array_equal(mapper.load_sphere(1).image.shape, (128, 256))
+    assert told == [f"key spheres are written to {tmp_path / 'journal.partial'} until save_map"]
+
+
+def test_what_was_saved_leaves_no_journal(tmp_path, told):
+    journal = journal_in(tmp_path, told)
+    mapper = drive(journal)
+    path = save_map(tmp_path / "room", mapper.graph, load_sphere=mapper.load_sphere, appearance=mapper.appearance)
+    journal.saved()
+    journal.close(mapper)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["room"]
+    with open_map(path) as reader:
+        assert len(reader.graph) == len(mapper.graph)
+
+
+def test_what_was_not_saved_becomes_a_map(tmp_path, told):
+    journal = journal_in(tmp_path, told)
+    mapper = drive(journal)
+    journal.close(mapper)
+    assert "were not saved: they are the map" in told[-1]
+    with open_map(tmp_path / "journal") as reader:
+        assert {node.id for node in reader.graph} == {node.id for node in mapper.graph}
+        assert reader.graph[2].T_map_sphere.distance(mapper.graph[2].T_map_sphere)[0] < 1e-9
+        assert len(reader.appearance()) == len(mapper.graph)
+    assert free_path(tmp_path) == tmp_path / "journal_2"  # nothing is overwritten
+
+
+def test_a_disk_that_cannot_be_written_keeps_them_in_memory(tmp_path, told, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    whole = drive(journal_in(tmp_path / "first"))
+    monkeypatch.setattr("sphere_nav.ros.maps.writer.MapWriter.tell", full)
+    monkeypatch.setattr("sphere_nav.ros.maps.writer.MapWriter.add", full)
+    journal = journal_in(tmp_path / "second", told)
+    mapper = drive(journal)
+    assert "No space left on device: key spheres stay in memory" in told[1]
+    assert len(told) == 2  # once
+    np.testing.assert_array_equal(mapper.load_sphere(1).image, whole.load_sphere(1).image)
+    monkeypatch.undo()
+    path = save_map(tmp_path / "room", mapper.graph, load_sphere=mapper.load_sphere, appearance=mapper.appearance)
+    with open_map(path) as reader:
+        assert len(reader.graph) == len(whole.graph)
+
+
+def test_a_run_without_spheres_leaves_nothing(tmp_path, told):
+    journal = journal_in(tmp_path / "maps", told)
+    journal.close(Mapper(store=journal))
+    assert not (tmp_path / "maps").exists()
+
+
+def test_a_killed_process_leaves_a_map_that_is_mended(tmp_path):
+    paths = [os.path.dirname(__file__), *(path for path in sys.path if path)]
+    with subprocess.Popen([sys.executable, "-c", KILLED, str(tmp_path), *paths], stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None
+        number = int(process.stdout.readline())
+        process.send_signal(signal.SIGKILL)
+    remains = tmp_path / "journal.partial"
+    assert remains.is_dir()
+    assert main(["map-verify", str(remains), "--salvage", str(tmp_path / "mended")]) == 0
+    with open_map(tmp_path / "mended") as reader:
+        assert len(reader.graph) == number
+        assert reader.load_sphere(number - 1).image.shape == (128, 256)

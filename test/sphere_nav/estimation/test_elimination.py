@@ -1,0 +1,52 @@
+"""The reduced equations are those of all parameters at once; the covariance is that of the scatter of many drives."""
+
+import numpy as np
+
+from sphere_nav.estimation.elimination import CORRELATED_PIXELS, Elimination, Part
+
+SHARED, OWN = 2, 3
+NO_PRIOR = np.full(SHARED, 1e6)
+
+
+def parts_of(rng, truth, number, noise):
+    parts = []
+    for _ in range(number):
+        J = rng.normal(size=(60, SHARED + OWN))
+        common = noise * rng.normal() * rng.normal(size=60)  # residuals of one image err together
+        residual = -J @ np.concatenate([truth, rng.normal(size=OWN)]) + common
+        parts.append(Part(J.T @ J, J.T @ residual, 60, 1.0))
+    return parts
+
+
+def test_the_step_is_that_of_all_parameters_at_once(rng):
+    parts = parts_of(rng, np.array([0.3, -0.2]), 4, 0.5)
+    shared, own, _ = Elimination(parts, NO_PRIOR, np.zeros(SHARED)).step()
+    n = SHARED + 4 * OWN
+    H, g = np.zeros((n, n)), np.zeros(n)
+    for k, part in enumerate(parts):
+        index = [*range(SHARED), *range(SHARED + k * OWN, SHARED + (k + 1) * OWN)]
+        H[np.ix_(index, index)] += part.H
+        g[index] += part.g
+    np.testing.assert_allclose(np.concatenate([shared, *own]), -np.linalg.solve(H, g), atol=1e-6)
+
+
+def test_what_is_known_beforehand_counts_as_many_pixels(rng):
+    known = np.array([0.1, 0.2])
+    nothing = [Part(np.diag([0.0, 0.0, 1.0, 1.0, 1.0]), np.zeros(5), 0, 1.0)] * 3
+    reduced = Elimination(nothing, known, np.array([0.05, 0.0]))
+    np.testing.assert_allclose(reduced.step()[0], [-0.05, 0.0], atol=1e-12)  # back to where it was known to be
+    np.testing.assert_allclose(reduced.covariance(), np.diag(known**2), atol=1e-12)
+    assert CORRELATED_PIXELS > 1
+
+
+def test_the_covariance_is_the_scatter_of_many_drives(rng):
+    found, told = [], []
+    for _ in range(200):
+        parts = parts_of(rng, np.zeros(SHARED), 12, 1.0)
+        shared, own, _ = Elimination(parts, NO_PRIOR, np.zeros(SHARED)).step()
+        at_end = []
+        for part, step in zip(parts, own, strict=True):  # the gradients where the fit ends
+            at_end.append(Part(part.H, part.g + part.H @ np.concatenate([shared, step]), 60, 1.0))
+        found.append(shared)
+        told.append(np.diagonal(Elimination(at_end, NO_PRIOR, shared).covariance()))
+    np.testing.assert_allclose(np.mean(told, axis=0) / np.var(found, axis=0), 1.0, atol=0.35)

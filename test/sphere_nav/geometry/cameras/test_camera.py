@@ -1,0 +1,125 @@
+"""Laws that every camera model obeys."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import DoubleSphere, Fisheye, Pinhole, Spherical
+from sphere_nav.geometry.cameras.camera import pixel_grid
+
+
+def pixel_distance(a, b, camera):
+    """Distance (N,) in pixels, over the seam where the camera has one."""
+    between = np.abs(a - b)
+    if isinstance(camera, Spherical):
+        between[..., 0] = np.minimum(between[..., 0], camera.full_width - between[..., 0])
+    return np.linalg.norm(between, axis=-1)
+
+
+def test_project_undoes_unproject(camera, pixels):
+    found, visible = camera.project(camera.unproject(pixels))
+    assert np.all(visible)
+    assert pixel_distance(found, pixels, camera).max() < 1e-6
+
+
+def test_unproject_undoes_project_on_visible_points(camera):
+    points = np.random.default_rng(6).normal(size=(3000, 3)) * 10
+    found, visible = camera.project(points)
+    assert visible.sum() > 100
+    rays = points[visible] / np.linalg.norm(points[visible], axis=-1, keepdims=True)
+    np.testing.assert_allclose(camera.unproject(found[visible]), rays, atol=1e-7)
+
+
+def test_rays_have_unit_length(camera, pixels):
+    np.testing.assert_allclose(np.linalg.norm(camera.unproject(pixels), axis=-1), 1.0, atol=1e-12)
+
+
+def test_projection_does_not_depend_on_the_range(camera, visible_points):
+    near, far = camera.project(visible_points)[0], camera.project(17.0 * visible_points)[0]
+    assert pixel_distance(near, far, camera).max() < 1e-8
+
+
+def test_J_project_equals_central_differences(camera, visible_points):
+    horizontal = np.linalg.norm(visible_points[:, :2], axis=-1)
+    points = visible_points[horizontal > 0.05 * np.linalg.norm(visible_points, axis=-1)]  # not at the poles
+    points = points / np.linalg.norm(points, axis=-1, keepdims=True)
+    step = 1e-6
+    numeric = np.empty((len(points), 2, 3))
+    for axis, direction in enumerate(np.eye(3)):
+        difference = camera.project(points + step * direction)[0] - camera.project(points - step * direction)[0]
+        if isinstance(camera, Spherical):
+            period = camera.full_width
+            difference[:, 0] = (difference[:, 0] + period / 2) % period - period / 2
+        numeric[:, :, axis] = difference / (2 * step)
+    good = np.isfinite(numeric).all(axis=(1, 2))  # the step may leave the area where the model has rays
+    assert good.mean() > 0.98
+    scale = np.linalg.norm(numeric[good], axis=(1, 2))
+    error = np.linalg.norm(camera.J_project(points)[good] - numeric[good], axis=(1, 2))
+    assert (error / scale).max() < 1e-6  # step^2 of truncation, 1e-16 / step of rounding
+
+
+def test_J_project_is_blind_along_the_ray(camera, visible_points):
+    J = camera.J_project(visible_points)
+    along = np.linalg.norm(np.einsum("nij,nj->ni", J, visible_points), axis=-1)
+    assert (along / (np.linalg.norm(J, axis=(1, 2)) * np.linalg.norm(visible_points, axis=-1))).max() < 1e-9
+
+
+def test_pixels_per_radian_is_the_resolution_at_the_axis(camera):
+    forward = [1.0, 0, 0] if isinstance(camera, Spherical) else [0, 0, 1.0]
+    J = camera.J_project(np.array(forward))
+    area = np.sqrt(np.linalg.det(J @ J.T))
+    assert np.sqrt(area) == pytest.approx(camera.pixels_per_radian, rel=1e-6)
+
+
+def test_halved_camera_sees_the_same_direction_at_the_middle_of_four_pixels(camera, pixels):
+    half = camera.halve()
+    assert (half.width, half.height) == (camera.width // 2, camera.height // 2)
+    inner = pixels[(pixels[:, 0] < 2 * half.width - 0.5) & (pixels[:, 1] < 2 * half.height - 0.5)]
+    np.testing.assert_allclose(half.unproject((inner + 0.5) / 2 - 0.5), camera.unproject(inner), atol=1e-9)
+    assert half.pixels_per_radian == pytest.approx(camera.pixels_per_radian / 2)
+
+
+def test_points_without_direction_are_not_visible(camera):
+    found, visible = camera.project([[0.0, 0.0, 0.0], [np.nan, 1.0, 1.0]])
+    assert not visible.any()
+    assert not np.isfinite(found).all(axis=-1).any()
+
+
+def test_batch_shapes_are_kept(camera, visible_points):
+    points = visible_points[:12].reshape(2, 6, 3)
+    found, visible = camera.project(points)
+    assert found.shape == (2, 6, 2)
+    assert visible.shape == (2, 6)
+    assert camera.J_project(points).shape == (2, 6, 2, 3)
+    assert camera.unproject(found).shape == (2, 6, 3)
+    np.testing.assert_array_equal(found[1, 2], camera.project(points[1, 2])[0])
+
+
+def test_pixel_grid_counts_columns_first():
+    grid = pixel_grid(Pinhole(4, 3, 1.0, 1.0, 0.0, 0.0))
+    assert grid.shape == (3, 4, 2)
+    np.testing.assert_array_equal(grid[2, 3], [3, 2])
+
+
+def test_image_border_is_half_a_pixel_beyond_the_outer_centres(camera):
+    if isinstance(camera, Spherical) and camera.is_whole:
+        pytest.skip("a whole sphere has no border")
+    corners = np.array([[-0.5 + 1e-6, 0.0], [-0.5 - 1e-3, camera.height / 2], [camera.width - 0.499, 20.0]])
+    rays = camera.unproject(corners)
+    visible = camera.project(rays)[1]
+    assert not visible[1:].any()
+    assert visible[0] == np.isfinite(rays[0]).all()
+
+
+@pytest.mark.parametrize("model", [Pinhole, Fisheye, DoubleSphere])
+@pytest.mark.parametrize("focal", [(0.0, 1.0), (1.0, -1.0), (np.nan, 1.0), (np.inf, 1.0)])
+def test_an_uncalibrated_camera_is_refused(model, focal):
+    with pytest.raises(ValueError, match="focal length: expected positive"):
+        model(4, 4, *focal, 2.0, 2.0)
+
+
+@pytest.mark.parametrize(
+    "make", [lambda w, h: Pinhole(w, h, 1, 1, 0, 0), lambda w, h: Fisheye(w, h, 1, 1, 0, 0), Spherical]
+)
+def test_an_empty_image_is_refused(make):
+    with pytest.raises(ValueError, match=r"camera size: expected at least 1 x 1, .* found 0 x 4"):
+        make(0, 4)

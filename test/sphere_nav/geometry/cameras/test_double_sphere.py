@@ -1,0 +1,51 @@
+"""The double-sphere camera beside the laws of `test_camera.py`: against the paper's formula, and at its limits."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import DoubleSphere, Pinhole
+
+
+def test_without_xi_and_alpha_it_is_a_pinhole():
+    double, pinhole = (model(640, 480, 300.0, 290.0, 319.5, 239.5) for model in (DoubleSphere, Pinhole))
+    points = np.random.default_rng(0).normal(size=(500, 3))
+    seen = pinhole.project(points)[1]
+    np.testing.assert_array_equal(double.project(points)[1], seen)
+    np.testing.assert_allclose(double.project(points)[0][seen], pinhole.project(points)[0][seen], atol=1e-9)
+
+
+def test_a_point_projects_as_the_paper_says():
+    camera = DoubleSphere(1000, 1000, 200.0, 210.0, 500.0, 490.0, -0.2, 0.6)
+    x, y, z = 1.0, -2.0, 0.5
+    d1 = np.sqrt(x * x + y * y + z * z)
+    d2 = np.sqrt(x * x + y * y + (-0.2 * d1 + z) ** 2)
+    divisor = 0.6 * d2 + 0.4 * (-0.2 * d1 + z)
+    pixels, visible = camera.project([x, y, z])
+    np.testing.assert_allclose(pixels, [200 * x / divisor + 500, 210 * y / divisor + 490])
+    assert visible
+
+
+@pytest.mark.parametrize(("xi", "alpha"), [(-0.28, 0.57), (0.46, 0.77), (0.2, 0.3), (0.0, 0.5)])
+def test_the_radius_grows_with_the_angle_up_to_the_limit(xi, alpha):
+    camera = DoubleSphere(4000, 4000, 200.0, 200.0, 2000.0, 2000.0, xi, alpha)
+    w1 = alpha / (1 - alpha) if alpha <= 0.5 else (1 - alpha) / alpha
+    limit = np.arccos(-w1 * (np.sqrt(1 - xi * xi * (1 - w1 * w1)) - w1 * xi) - xi)  # w1 carried to the first centre
+    assert -w1 == pytest.approx(camera.min_cosine)
+    angle = np.linspace(0.0, limit - 1e-3, 500)
+    pixels, _ = camera.project(np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=-1))
+    assert np.all(np.diff(pixels[:, 0]) > 0)
+    beyond = limit + 1e-3
+    assert not camera.project([np.sin(beyond), 0.0, np.cos(beyond)])[1]
+
+
+def test_pixels_outside_the_image_circle_have_no_ray():
+    camera = DoubleSphere(1216, 1216, 225.0, 225.0, 607.5, 607.5, -0.28, 0.57)
+    radius = 225.0 / np.sqrt(2 * 0.57 - 1)
+    rays = camera.unproject([[607.5 + radius - 0.01, 607.5], [607.5 + radius + 0.01, 607.5]])
+    assert np.isfinite(rays).all(axis=-1).tolist() == [True, False]
+
+
+@pytest.mark.parametrize(("xi", "alpha"), [(-1.0, 0.5), (0.2, 1.1), (0.2, -0.1), (np.nan, 0.5), (1.5, 0.5)])
+def test_wrong_coefficients_are_refused(xi, alpha):
+    with pytest.raises(ValueError, match="double sphere: expected -1 < xi"):
+        DoubleSphere(640, 480, 300.0, 300.0, 319.5, 239.5, xi, alpha)

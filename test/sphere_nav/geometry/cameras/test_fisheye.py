@@ -1,0 +1,60 @@
+"""The fisheye camera: against OpenCV, beyond 90 degrees, the fold, and straight behind."""
+
+import cv2
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import Fisheye
+
+DISTORTION = (0.02, -0.005, 0.001, -0.0002)
+
+
+@pytest.mark.skipif(not hasattr(cv2, "fisheye"), reason="this OpenCV has no fisheye module")
+@pytest.mark.parametrize("distortion", [(0.0, 0.0, 0.0, 0.0), DISTORTION])
+def test_project_agrees_with_opencv(distortion):
+    camera = Fisheye(1280, 1024, 330.0, 329.0, 640.0, 510.0, distortion)
+    rng = np.random.default_rng(0)
+    points = np.column_stack([rng.normal(size=(300, 2)), rng.uniform(0.2, 2.0, 300)])  # OpenCV: in front only
+    K = np.array([[330.0, 0, 640.0], [0, 329.0, 510.0], [0, 0, 1]])
+    expected = cv2.fisheye.projectPoints(points[:, None], np.zeros(3), np.zeros(3), K, np.array(distortion))[0]
+    np.testing.assert_allclose(camera.project(points)[0], expected.reshape(-1, 2), atol=1e-9)
+
+
+def test_without_distortion_the_radius_is_the_angle():
+    camera = Fisheye(1000, 1000, 150.0, 150.0, 499.5, 499.5)
+    angle = np.array([0.0, 0.5, np.pi / 2, 2.5, 3.1])
+    pixels, visible = camera.project(np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=-1))
+    np.testing.assert_allclose(pixels[:, 0], 499.5 + 150 * angle, atol=1e-9)
+    assert visible.all()
+
+
+def test_straight_behind_is_not_visible():
+    camera = Fisheye(1000, 1000, 150.0, 150.0, 499.5, 499.5)  # the direction is a whole circle of pixels
+    pixels, visible = camera.project([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
+    assert visible.tolist() == [False, True]
+    assert np.isnan(pixels[0]).all()
+    np.testing.assert_allclose(pixels[1], [499.5, 499.5])
+
+
+def test_folding_of_strong_distortion_is_refused():
+    camera = Fisheye(1000, 1000, 150.0, 150.0, 499.5, 499.5, (-0.1, 0.0, 0.0, 0.0))  # turns back at sqrt(10 / 3)
+    fold = np.sqrt(10 / 3)
+    assert camera.max_angle == pytest.approx(fold, abs=3e-3)  # two steps of the scan
+    angle = np.array([fold - 0.1, fold + 0.1])
+    visible = camera.project(np.stack([np.sin(angle), 0 * angle, np.cos(angle)], axis=-1))[1]
+    assert visible.tolist() == [True, False]
+    largest = fold * (1 - 0.1 * fold**2)
+    rays = camera.unproject([[499.5 + 150 * (largest - 0.01), 499.5], [499.5 + 150 * (largest + 0.01), 499.5]])
+    assert np.isfinite(rays).all(axis=-1).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("distortion", [(0.1, 0.0), (0.0, 0.0, 0.0, np.inf)])
+def test_wrong_coefficients_are_refused(distortion):
+    with pytest.raises(ValueError, match="distortion: expected 4 finite numbers"):
+        Fisheye(640, 480, 300.0, 300.0, 319.5, 239.5, distortion)
+
+
+def test_the_centre_pixel_looks_along_the_axis_with_a_finite_derivative():
+    camera = Fisheye(640, 480, 300.0, 290.0, 319.5, 239.5, DISTORTION)
+    np.testing.assert_allclose(camera.unproject([319.5, 239.5]), [0, 0, 1], atol=1e-12)
+    np.testing.assert_allclose(camera.J_project([0.0, 0.0, 2.0]), [[150, 0, 0], [0, 145, 0]], atol=1e-6)

@@ -1,0 +1,52 @@
+"""A rig names its cameras, and refuses what is no rig."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera
+
+CAMERA = Pinhole(64, 48, 40.0, 40.0, 31.5, 23.5)
+
+
+def part(name, level=""):
+    return RigCamera(name, CAMERA, SE3.identity(), level=level)
+
+
+def test_cameras_are_found_by_name_and_level():
+    rig = Rig((part("front_top", "top"), part("front_bottom", "bottom")), "vertical")
+    assert rig.is_vertical
+    assert rig.camera("front_bottom").level == "bottom"
+    assert [camera.name for camera in rig.at_level("top")] == ["front_top"]
+    assert not Rig((part("a"), part("b"))).is_vertical
+
+
+def test_an_unknown_camera_is_named_with_those_there_are():
+    with pytest.raises(ValueError, match="rig rig: expected a camera c, found a, b"):
+        Rig((part("a"), part("b"))).camera("c")
+
+
+@pytest.mark.parametrize(
+    ("parts", "match"),
+    [
+        ([], "expected at least one"),
+        ([("a", ""), ("a", "")], "expected different names, found a, a"),
+        ([("a", "top"), ("b", "")], "level: expected top and bottom"),
+        ([("a", "top"), ("b", "top")], "level: expected top and bottom"),
+    ],
+)
+def test_what_is_no_rig_is_refused(parts, match):
+    with pytest.raises(ValueError, match=match):
+        Rig(tuple(part(*words) for words in parts))
+
+
+@pytest.mark.parametrize("name", ["", "front left", "1", "a/b"])
+def test_a_name_must_fit_into_a_topic(name):
+    with pytest.raises(ValueError, match="camera name"):
+        part(name)
+
+
+def test_other_wrong_parts_are_refused():
+    with pytest.raises(ValueError, match="a: level: expected top, bottom"):
+        part("a", "middle")
+    with pytest.raises(ValueError, match="a: T_rig_camera: expected one finite pose"):
+        RigCamera("a", CAMERA, SE3(np.full((4, 4), np.nan)))

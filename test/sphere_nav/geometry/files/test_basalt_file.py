@@ -1,0 +1,134 @@
+"""basalt's calibration: poses as ours, models by their names there."""
+
+import json
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Pinhole
+from sphere_nav.geometry.files.basalt_file import read_basalt
+from sphere_nav.geometry.files.foreign_rig import read_foreign
+from sphere_nav.geometry.files.rig_file import read_rig, write_rig
+
+SIZE = (640, 480)
+RADTAN8 = (0.1, 0.02, 1e-3, -2e-4, 0.003, 0.2, 0.03, 0.001)
+CAMERAS = {
+    "ds": DoubleSphere(*SIZE, 225.0, 222.6, 310.8, 242.7, -0.28, 0.57),
+    "ucm": DoubleSphere(*SIZE, 225.0, 222.6, 310.8, 242.7, 0.0, 0.61),
+    "kb4": Fisheye(*SIZE, 275.5, 275.4, 315.4, 248.0, (-0.0068, 0.0137, -0.0087, 0.0016)),
+    "pinhole": Pinhole(*SIZE, 500.0, 501.0, 320.0, 240.0),
+    "pinhole-radtan8": Pinhole(*SIZE, 500.0, 501.0, 320.0, 240.0, RADTAN8),
+}
+FURTHER = {
+    "ds": ("xi", "alpha"),
+    "ucm": ("alpha",),
+    "kb4": ("k1", "k2", "k3", "k4"),
+    "pinhole": (),
+    "pinhole-radtan8": ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
+}
+POSES = tuple(SE3.exp(xi) for xi in np.random.default_rng(5).normal(0.0, 0.7, (5, 6)))
+
+
+def calibration():
+    poses, lenses = [], []
+    for (kind, camera), pose in zip(CAMERAS.items(), POSES, strict=True):
+        own = {"xi": camera.xi, "alpha": camera.alpha} if isinstance(camera, DoubleSphere) else {}
+        own |= dict(zip(FURTHER[kind], getattr(camera, "distortion", ()), strict=False))
+        lens = {name: getattr(camera, name) for name in ("fx", "fy", "cx", "cy")}
+        more = {"rpmax": 2.7} if kind == "pinhole-radtan8" else {}
+        lenses.append({"camera_type": kind, "intrinsics": lens | {name: own[name] for name in FURTHER[kind]} | more})
+        keys = ("px", "py", "pz", "qx", "qy", "qz", "qw")
+        poses.append(dict(zip(keys, [*map(float, pose.translation), *map(float, pose.quaternion)], strict=True)))
+    return {"value0": {"T_imu_cam": poses, "intrinsics": lenses, "resolution": [list(SIZE)] * 5, "gyro_noise_std": 0.1}}
+
+
+@pytest.fixture
+def path(tmp_path):
+    (tmp_path / "calibration.json").write_text(json.dumps(calibration(), indent=4))
+    return tmp_path / "calibration.json"
+
+
+def test_what_basalt_writes_is_read(path):
+    found = read_basalt(path)
+    assert found.cameras == tuple(CAMERAS.values())
+    for mine, theirs in zip(found.T_origin_camera, POSES, strict=True):
+        np.testing.assert_allclose(mine.matrix, theirs.matrix, atol=1e-12)
+
+
+@pytest.mark.parametrize("frame", ["camera", "imu"])
+def test_the_rig_file_holds_the_same(path, tmp_path, frame):
+    rig = read_foreign([path], frame=frame)
+    write_rig(tmp_path / "rig.yaml", rig)
+    again = read_rig(tmp_path / "rig.yaml")
+    first = rig.cameras[0].T_rig_camera
+    if frame == "imu":
+        np.testing.assert_allclose(first.matrix, POSES[0].matrix, atol=1e-12)
+    else:
+        np.testing.assert_allclose(first.rotation @ [0, 0, 1], [1, 0, 0], atol=1e-12)
+    for mine, theirs, pose in zip(rig.cameras, again.cameras, POSES, strict=True):
+        assert mine.camera == theirs.camera
+        np.testing.assert_allclose(mine.T_rig_camera.matrix, theirs.T_rig_camera.matrix, atol=1e-14)
+        relative = (first.inverse() @ mine.T_rig_camera).matrix
+        np.testing.assert_allclose(relative, (POSES[0].inverse() @ pose).matrix, atol=1e-12)
+
+
+def test_a_file_without_its_wrapper_is_read(path):
+    path.write_text(json.dumps(calibration()["value0"]))
+    assert len(read_foreign([path]).cameras) == 5
+
+
+def test_a_recorded_rig_is_two_back_to_back_pairs(shared_data):
+    rig = read_foreign([shared_data / "fisheye_rig" / "calibration.json"])
+    ahead = np.stack([part.T_rig_camera.rotation[:, 2] for part in rig.cameras])
+    np.testing.assert_allclose(ahead[:, 0], [1, -1, 0, 0], atol=0.05)  # cosine to +x; mounted to 2 degrees
+    assert ahead[2] @ ahead[3] < -0.99
+    height = [part.T_rig_camera.translation[2] for part in rig.cameras]
+    np.testing.assert_allclose(height, [0, 0, 0.069, 0.069], atol=0.003)  # the page of the data: 6.9 cm
+
+
+def lens(index, field, value):
+    return lambda inner: inner["intrinsics"][index].__setitem__(field, value)
+
+
+DEFECTS = {
+    "eucm": (lens(1, "camera_type", "eucm"), "intrinsics[1].camera_type: expected ds, ucm, kb4"),
+    "fov": (lens(0, "camera_type", "fov"), "found 'fov', which is not supported"),
+    "no number": (lens(0, "intrinsics", {"fx": 1.0}), "value0.intrinsics[0].intrinsics.fy: expected a value, found"),
+    "fewer poses": (lambda inner: inner["T_imu_cam"].pop(), "found 4 of T_imu_cam, 5 of intrinsics, 5 of resolution"),
+    "no list": (
+        lambda inner: inner.__setitem__("resolution", 640),
+        "found 5 of T_imu_cam, 5 of intrinsics, no list of",
+    ),
+    "no size": (lambda inner: inner.pop("resolution"), "value0.resolution: expected a value, found none"),
+    "quaternion": (
+        lambda inner: inner["T_imu_cam"][0].__setitem__("qw", 9),
+        "T_imu_cam[0]: expected a unit quaternion",
+    ),
+    "odd size": (lambda inner: inner["resolution"].__setitem__(0, [0, 3]), "resolution[0]: expected a positive number"),
+    "alpha": (
+        lens(0, "intrinsics", {**dict.fromkeys(("fx", "fy", "cx", "cy"), 300.0), "xi": 0.0, "alpha": 2.0}),
+        "alpha",
+    ),
+}
+
+
+@pytest.mark.parametrize("name", DEFECTS)
+def test_a_defect_is_one_line_with_its_place(path, name):
+    change, expected = DEFECTS[name]
+    values = calibration()
+    change(values["value0"])
+    path.write_text(json.dumps(values))
+    with pytest.raises(ValueError, match=r"calibration\.json: ") as caught:
+        read_basalt(path)
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"), [("{", "expected JSON"), ("[1]", "expected value0 with"), ("{}", "value0")]
+)
+def test_a_file_that_is_none_is_refused(path, text, expected):
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"calibration\.json: ") as caught:
+        read_basalt(path)
+    assert expected in str(caught.value)

@@ -1,0 +1,81 @@
+"""Which program a calibration comes from is told by its content; what it is not is told in one line."""
+
+import json
+
+import pytest
+import yaml
+
+from sphere_nav.geometry.files import ocam_file, opencv_file
+from sphere_nav.geometry.files.foreign_cameras import Lens
+from sphere_nav.geometry.files.foreign_rig import read_foreign
+
+BOMB = "x0: &x0 [1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
+    f"x{n + 1}: &x{n + 1} [{', '.join([f'*x{n}'] * 8)}]\n" for n in range(10)
+)
+CAM0 = {"camera_model": "pinhole", "intrinsics": [500.0, 500.0, 320.0, 240.0], "resolution": [640, 480]}
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("", "expected a Kalibr camchain"),
+        ("a: 1", "expected a Kalibr camchain"),
+        ("- 1", "expected a Kalibr camchain"),
+        ("a: [", "expected YAML"),
+        ("a: !!python/object:os.system x", "expected YAML"),
+        ("a: 2026-99-99", "expected YAML"),
+        ("<opencv_storage/>", "expected YAML or JSON, found XML"),
+        ("cam0: 1\ncam0: 2", "'cam0' twice"),
+        ("[" * 5000, "expected YAML"),
+        (BOMB, "aliases that stand for more than"),
+        ("cam0:\n  camera_model: [ds]\n  intrinsics: 1\n  resolution: 2", "cam0.camera_model: expected pinhole"),
+    ],
+    ids=range(11),
+)
+def test_a_file_that_is_none_is_one_line(tmp_path, text, expected):
+    path = tmp_path / "x.yaml"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=r"x\.yaml: ") as caught:
+        read_foreign([path])
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 600
+
+
+def test_binary_and_huge_and_missing_files_are_refused(tmp_path, monkeypatch):
+    path = tmp_path / "x.yaml"
+    path.write_bytes(bytes(range(128, 256)))
+    with pytest.raises(ValueError, match="expected text"):
+        read_foreign([path])
+    for reader in (opencv_file, ocam_file):
+        monkeypatch.setattr(reader, "MAX_FILE_BYTES", 100)
+    with pytest.raises(ValueError, match="of at most 100 bytes, found 128"):
+        read_foreign([path])
+    with pytest.raises(ValueError, match="found no such file"):
+        read_foreign([tmp_path / "none"])
+    with pytest.raises(ValueError, match="found a folder"):
+        read_foreign([tmp_path])
+
+
+def test_a_format_may_be_told(tmp_path):
+    path = tmp_path / "x.json"
+    path.write_text(json.dumps({"cam0": CAM0}))
+    assert read_foreign([path]).names == read_foreign([path], file_format="kalibr").names == ("cam0",)
+    with pytest.raises(ValueError, match="value0"):
+        read_foreign([path], file_format="basalt")
+    with pytest.raises(ValueError, match="expected camera_matrix, M1"):
+        read_foreign([path], file_format="opencv")
+    with pytest.raises(ValueError, match="expected one kalibr file, found 2"):
+        read_foreign([path, path])
+
+
+def test_axes_of_an_imu_need_one(tmp_path):
+    path = tmp_path / "x.yaml"
+    path.write_text(yaml.safe_dump({"cam0": CAM0}))
+    with pytest.raises(ValueError, match="expected poses relative to an IMU"):
+        read_foreign([path], frame="imu")
+
+
+def test_a_unified_camera_needs_a_positive_xi():
+    with pytest.raises(ValueError, match=r"x: xi: expected at least 0, found -0\.5"):
+        Lens((640, 480), 500.0, 500.0, 320.0, 240.0, "x").mei(-0.5)

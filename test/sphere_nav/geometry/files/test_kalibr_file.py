@@ -1,0 +1,134 @@
+"""Kalibr's camchain: its poses point the other way than ours, its models have other names."""
+
+import numpy as np
+import pytest
+import yaml
+
+from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Pinhole
+from sphere_nav.geometry.files.foreign_rig import read_foreign
+from sphere_nav.geometry.files.kalibr_file import read_kalibr
+
+CAMERAS = (
+    Pinhole(752, 480, 458.654, 457.296, 367.215, 248.375, (-0.283, 0.0739, 1.9e-4, 1.7e-05)),
+    Fisheye(640, 512, 275.5, 275.4, 315.4, 248.0, (-0.0068, 0.0137, -0.0087, 0.0016)),
+    DoubleSphere(1216, 1200, 225.0, 222.6, 610.8, 602.7, -0.28, 0.57),
+    Pinhole(640, 480, 500.0, 501.0, 320.0, 240.0),
+)
+POSES = tuple(SE3.exp(xi) for xi in np.random.default_rng(7).normal(0.0, 0.7, (4, 6)))  # T_imu_camera
+
+
+def lens_of(camera):
+    numbers = [camera.fx, camera.fy, camera.cx, camera.cy]
+    if isinstance(camera, DoubleSphere):
+        return {"camera_model": "ds", "intrinsics": [camera.xi, camera.alpha, *numbers]}
+    kind = "equidistant" if isinstance(camera, Fisheye) else "radtan" if camera.distortion else "none"
+    more = {"distortion_model": kind, "distortion_coeffs": list(camera.distortion)}
+    return {"camera_model": "pinhole", "intrinsics": numbers, **more}
+
+
+def camchain(*, with_chain=True, with_imu=True):
+    values = {}
+    for number, (camera, pose) in enumerate(zip(CAMERAS, POSES, strict=True)):
+        entry = lens_of(camera) | {"resolution": [camera.width, camera.height], "rostopic": f"/cam{number}"}
+        entry |= {"cam_overlaps": [0], "timeshift_cam_imu": -8.1e-05}
+        if with_imu:
+            entry["T_cam_imu"] = pose.inverse().matrix.tolist()
+        if with_chain and number:
+            entry["T_cn_cnm1"] = (pose.inverse() @ POSES[number - 1]).matrix.tolist()
+        values[f"cam{number}"] = entry
+    return values
+
+
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "camchain.yaml"
+
+
+@pytest.mark.parametrize("ways", [{}, {"with_imu": False}, {"with_chain": False}], ids=["both", "chain", "imu"])
+def test_what_kalibr_writes_is_read(path, ways):
+    path.write_text(yaml.safe_dump(camchain(**ways)))
+    found = read_kalibr(path)
+    assert found.cameras == CAMERAS
+    assert found.is_by_imu == ways.get("with_imu", True)
+    for mine, theirs in zip(found.T_origin_camera, POSES, strict=True):
+        expected = theirs if found.is_by_imu else POSES[0].inverse() @ theirs
+        np.testing.assert_allclose(mine.matrix, expected.matrix, atol=1e-12)
+
+
+def test_the_second_camera_of_a_stereo_pair_is_on_the_right(path):
+    values = camchain(with_imu=False)
+    del values["cam2"], values["cam3"]
+    T = np.eye(4)
+    T[0, 3] = -0.11  # points move to the left in a camera that stands further right
+    values["cam1"]["T_cn_cnm1"] = T.tolist()
+    path.write_text("%YAML:1.0\n" + yaml.safe_dump(values))
+    rig = read_foreign([path])
+    np.testing.assert_allclose(rig.cameras[1].T_rig_camera.translation, [0.0, -0.11, 0.0], atol=1e-12)
+    np.testing.assert_allclose(rig.cameras[0].T_rig_camera.rotation @ [0, 0, 1], [1, 0, 0], atol=1e-12)
+
+
+def test_a_pose_of_the_camera_in_the_imu_is_read_too(path):
+    values = camchain(with_chain=False)
+    for entry in values.values():
+        entry["T_imu_cam"] = np.linalg.inv(entry.pop("T_cam_imu")).tolist()
+    path.write_text(yaml.safe_dump(values))
+    np.testing.assert_allclose(read_kalibr(path).T_origin_camera[3].matrix, POSES[3].matrix, atol=1e-9)
+
+
+def test_omni_without_distortion_is_the_unified_camera(path):
+    values = {"cam0": {"camera_model": "omni", "intrinsics": [0.9, 833.0, 830.0, 373.0, 253.0]}}
+    values["cam0"] |= {"distortion_model": "none", "distortion_coeffs": [], "resolution": [752, 480]}
+    path.write_text(yaml.safe_dump(values))
+    camera = read_kalibr(path).cameras[0]
+    points = np.random.default_rng(0).normal((0.0, 0.0, 3.0), size=(50, 3))
+    divisor = points[:, 2] + 0.9 * np.linalg.norm(points, axis=1)  # Mei's x / (z + xi d)
+    expected = points[:, :2] / divisor[:, None] * (833.0, 830.0) + (373.0, 253.0)
+    np.testing.assert_allclose(camera.project(points)[0], expected, atol=1e-9)
+
+
+def put(name, field, value):
+    return lambda values: values[name].__setitem__(field, value)
+
+
+TURNED = SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, 0.1]).matrix.tolist()
+DEFECTS = {
+    "eucm": (put("cam1", "camera_model", "eucm"), "cam1.camera_model: expected pinhole with radtan"),
+    "fov": (put("cam0", "distortion_model", "fov"), "found 'pinhole with fov', which is not supported"),
+    "distorted ds": (put("cam2", "distortion_model", "radtan"), "cam2.distortion_model: expected pinhole with"),
+    "short lens": (put("cam0", "intrinsics", [1.0, 2.0]), "cam0.intrinsics: expected 4 numbers, found 2"),
+    "short distortion": (
+        put("cam0", "distortion_coeffs", [0.1]),
+        "cam0.distortion_coeffs: expected 4 numbers, found 1",
+    ),
+    "text": (put("cam0", "intrinsics", ["a", 2, 3, 4]), "cam0.intrinsics: expected a finite number, found 'a'"),
+    "no size": (lambda v: v["cam0"].pop("resolution"), "cam0.resolution: expected a value, found none"),
+    "odd size": (put("cam0", "resolution", 752), "cam0.resolution: expected [width, height], found 752"),
+    "other size": (put("cam0", "resolution", [300, 480]), "cam0.intrinsics: expected the centre inside the 300 x 480"),
+    "gap": (lambda v: v.pop("cam1"), "expected cam0 to cam2, found cam0, cam2, cam3"),
+    "disagreement": (put("cam2", "T_cam_imu", TURNED), "cam2.T_cam_imu: expected what T_cn_cnm1 and the camera"),
+    "mirror": (put("cam1", "T_cn_cnm1", np.diag([1.0, 1, -1, 1]).tolist()), "cam1.T_cn_cnm1: rigid motion: expected"),
+    "short pose": (put("cam1", "T_cn_cnm1", [[1, 2], 3]), "cam1.T_cn_cnm1: expected 4 rows of 4 numbers"),
+    "no camera": (put("cam1", "extra", 1), None),
+    "entry": (lambda v: v.__setitem__("cam3", 7), "cam3: expected the fields camera_model, intrinsics"),
+}
+
+
+@pytest.mark.parametrize("name", DEFECTS)
+def test_a_defect_is_one_line_with_its_place(path, name):
+    change, expected = DEFECTS[name]
+    values = camchain()
+    change(values)
+    path.write_text(yaml.safe_dump(values))
+    if expected is None:  # fields that other versions add are passed over
+        assert len(read_kalibr(path).cameras) == 4
+        return
+    with pytest.raises(ValueError, match=r"camchain\.yaml: ") as caught:
+        read_kalibr(path)
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_cameras_that_nothing_places_are_refused(path):
+    path.write_text(yaml.safe_dump(camchain(with_chain=False, with_imu=False)))
+    with pytest.raises(ValueError, match=r"cam1\.T_cn_cnm1: expected a pose, found none"):
+        read_kalibr(path)

@@ -1,0 +1,109 @@
+"""OpenCV's FileStorage, written here by OpenCV itself."""
+
+import cv2
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Fisheye, Pinhole
+from sphere_nav.geometry.files.foreign_rig import read_foreign
+from sphere_nav.geometry.files.opencv_file import read_opencv
+
+K = np.array([[535.9, 0.0, 342.3], [0.0, 536.2, 235.6], [0.0, 0.0, 1.0]])
+K2 = K + np.diag([7.0, 6.0, 0.0])
+D = np.array([[-0.266, -0.0386, 1.78e-3, -2.8e-05, 0.238]])
+T_RIGHT_LEFT = SE3.exp([-0.12, 0.001, 0.002, 0.01, -0.02, 0.005])
+
+
+def store(path, **values):
+    file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
+    for name, value in values.items():
+        file.write(name, value)
+    file.release()
+    return path
+
+
+def test_one_camera(tmp_path):
+    path = store(tmp_path / "a.yml", image_width=640, image_height=480, camera_matrix=K, distortion_coefficients=D.T)
+    rig = read_foreign([path])
+    assert rig.names == ("camera",)
+    assert rig.cameras[0].camera == Pinhole(640, 480, 535.9, 536.2, 342.3, 235.6, tuple(D[0]))
+
+
+def test_one_fisheye(tmp_path):
+    more = {"camera_matrix": K, "distortion_coefficients": D[:, :4]}
+    path = store(tmp_path / "a.yml", fisheye_model=1, image_width=640, image_height=480, **more)
+    assert read_foreign([path]).cameras[0].camera == Fisheye(640, 480, 535.9, 536.2, 342.3, 235.6, tuple(D[0, :4]))
+    assert isinstance(read_foreign([path], model="pinhole").cameras[0].camera, Pinhole)
+
+
+def test_a_camera_info_file_of_ros(tmp_path):
+    path = tmp_path / "head.yaml"
+    path.write_text(
+        "image_width: 640\nimage_height: 480\ncamera_name: head_left\ndistortion_model: equidistant\n"
+        "camera_matrix: {rows: 3, cols: 3, data: [500, 0, 320, 0, 501, 240, 0, 0, 1]}\n"
+        "distortion_coefficients:\n  rows: 1\n  cols: 4\n  data: [0.1, 0.02, 1e-05, 0]\n"
+        "rectification_matrix: {rows: 3, cols: 3, data: [1, 0, 0, 0, 1, 0, 0, 0, 1]}\n"
+    )
+    rig = read_foreign([path])
+    assert rig.names == ("head_left",)
+    assert rig.cameras[0].camera == Fisheye(640, 480, 500.0, 501.0, 320.0, 240.0, (0.1, 0.02, 1e-5, 0.0))
+
+
+def test_a_stereo_pair_of_two_files_stands_as_opencv_says(tmp_path):
+    intrinsics = store(tmp_path / "intrinsics.yml", M1=K, D1=D, M2=K2, D2=D)
+    R, t = T_RIGHT_LEFT.rotation, T_RIGHT_LEFT.translation.reshape(3, 1)
+    extrinsics = store(tmp_path / "extrinsics.yml", R=R, T=1000.0 * t, R1=np.eye(3), Q=np.eye(4))
+    rig = read_foreign([intrinsics, extrinsics], image_size=(640, 480), unit_m=0.001)
+    left, right = (part.T_rig_camera for part in rig.cameras)
+    np.testing.assert_allclose((right.inverse() @ left).matrix, T_RIGHT_LEFT.matrix, atol=1e-12)
+    assert right.translation[1] < -0.1  # the right camera is to the right: y points left
+    # and the pixels are those of OpenCV's own projection
+    points_left = np.random.default_rng(1).normal(size=(20, 3)) * 0.3 + [0.0, 0.0, 2.0]
+    expected, _ = cv2.projectPoints(points_left, cv2.Rodrigues(R)[0], t, K2, D)
+    found, _ = rig.cameras[1].camera.project((right.inverse() @ left).apply(points_left))
+    np.testing.assert_allclose(found, expected[:, 0], atol=1e-6)
+
+
+def test_a_recorded_file_of_opencv_is_read(shared_data):
+    path = shared_data / "checkerboard" / "opencv_stereo" / "left_intrinsics.yml"
+    camera = read_foreign([path]).cameras[0].camera
+    assert (camera.width, camera.fx, camera.cx) == (640, 535.91573396163199, 342.28315473308373)
+
+
+GOOD = {"image_width": 640, "image_height": 480, "camera_matrix": K, "distortion_coefficients": D}
+SKEWED = np.array([[535.9, 3.0, 342.3], [0.0, 536.2, 235.6], [0.0, 0.0, 1.0]])
+DEFECTS = {
+    "no size": ({"camera_matrix": K}, "image_width, image_height: expected in the file, or --size, found neither"),
+    "skew": (GOOD | {"camera_matrix": SKEWED}, "cameramatrix: expected [fx 0 cx; 0 fy cy; 0 0 1]"),
+    "six": (GOOD | {"distortion_coefficients": np.zeros((6, 1))}, "expected 4, 5, 8, 12 or 14 numbers, found 6"),
+    "prism": (
+        GOOD | {"distortion_coefficients": np.ones((12, 1))},
+        "found 'thin prism or tilted sensor', which is not",
+    ),
+    "omnidir": (GOOD | {"distortion_model": "omnidir"}, "found 'omnidir', which is not supported"),
+    "fisheye": (GOOD | {"fisheye_model": 1}, "distortion: expected 4 numbers, found 5"),
+    "lonely": ({"M1": K, "D1": D, "image_width": 640, "image_height": 480}, "M2: expected a camera matrix, found none"),
+    "no pose": (GOOD | {"M1": K, "M2": K, "camera_matrix": 3.0}, "cameramatrix: expected [fx 0 cx"),
+    "flat": (GOOD | {"M1": K, "M2": K, "R": np.ones((3, 3)), "T": np.ones((3, 1))}, None),
+}
+
+
+@pytest.mark.parametrize("name", DEFECTS)
+def test_a_defect_is_one_line_with_its_place(tmp_path, name):
+    values, expected = DEFECTS[name]
+    if expected is None:
+        values = {key: value for key, value in values.items() if key != "camera_matrix"}
+        expected = "R: rigid motion: expected a rotation"
+    path = store(tmp_path / "a.yml", **values)
+    with pytest.raises(ValueError, match=r"a\.yml: ") as caught:
+        read_opencv([path], None, None, 1.0)
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_pair_without_poses_is_refused(tmp_path):
+    path = store(tmp_path / "intrinsics.yml", M1=K, D1=D, M2=K2, D2=D)
+    with pytest.raises(ValueError, match="expected R and T of the second camera"):
+        read_foreign([path], image_size=(640, 480))
+    with pytest.raises(ValueError, match="d1: expected fields that the first file has not"):
+        read_foreign([path, path], image_size=(640, 480))

@@ -1,0 +1,156 @@
+"""rig.yaml: what is written is read back, and every defect is one line with file, field, expected and found."""
+
+import numpy as np
+import pytest
+import yaml
+
+from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.geometry.files.rig_file import read_rig, write_rig
+
+
+@pytest.fixture
+def rig(tmp_path):
+    poses = [SE3.exp(xi) for xi in np.random.default_rng(0).normal(size=(4, 6))]
+    (tmp_path / "masks").mkdir()
+    (tmp_path / "masks" / "b.png").write_bytes(b"an image")
+    return Rig(
+        (
+            RigCamera("a", Pinhole(640, 480, 500.1, 500.2, 319.5, 239.5), poses[0], None, "sun", "top"),
+            RigCamera(
+                "b",
+                Pinhole(640, 480, 500.1, 500.2, 319.5, 239.5, (0.1, 0.01, 1e-3, 1e-4, 0.002)),
+                poses[1],
+                str(tmp_path / "masks" / "b.png"),
+                "",
+                "bottom",
+            ),
+            RigCamera("c", Fisheye(640, 640, 200.0, 201.0, 319.5, 320.5, (0.1, 0.02, 0.0, 0.0)), poses[2], level="top"),
+            RigCamera("d", DoubleSphere(640, 640, 200.0, 201.0, 319.5, 320.5, -0.2, 0.6), poses[3], level="top"),
+        ),
+        'a "rig": no',
+        "2026-05-01",
+    )
+
+
+@pytest.fixture
+def path(rig, tmp_path):
+    write_rig(tmp_path / "rig.yaml", rig)
+    return tmp_path / "rig.yaml"
+
+
+def test_what_is_written_is_read_back(rig, path):
+    found = read_rig(path)
+    assert (found.name, found.version, found.names) == (rig.name, rig.version, rig.names)
+    for mine, theirs in zip(rig.cameras, found.cameras, strict=True):
+        assert mine.camera == theirs.camera
+        np.testing.assert_allclose(mine.T_rig_camera.matrix, theirs.T_rig_camera.matrix, atol=1e-14)
+        assert (mine.mask, mine.exposure_group, mine.level) == (theirs.mask, theirs.exposure_group, theirs.level)
+
+
+def test_a_mask_moves_with_the_folder(path):
+    assert "masks/b.png" in path.read_text()
+    assert str(path.parent) not in path.read_text()
+
+
+def test_a_file_is_not_overwritten_unless_told(rig, path):
+    with pytest.raises(ValueError, match=r"rig\.yaml: expected no such file, found one"):
+        write_rig(path, rig)
+    write_rig(path, rig, is_overwriting=True)
+    assert [file.name for file in path.parent.iterdir() if file.is_file()] == ["rig.yaml"]
+
+
+def test_a_camera_without_file_format_is_refused(tmp_path):
+    rig = Rig((RigCamera("a", Spherical(64, 32), SE3.identity()),))
+    with pytest.raises(ValueError, match="a: expected a camera of pinhole"):
+        write_rig(tmp_path / "rig.yaml", rig)
+    assert not list(tmp_path.iterdir())
+
+
+def drop(*keys):
+    def change(values):
+        inner = values
+        for key in keys[:-1]:
+            inner = inner[key]
+        del inner[keys[-1]]
+
+    return change
+
+
+def put(*keys_and_value):
+    *keys, value = keys_and_value
+
+    def change(values):
+        inner = values
+        for key in keys[:-1]:
+            inner = inner[key]
+        inner[keys[-1]] = value
+
+    return change
+
+
+A = ("cameras", "a")
+MIRRORED = np.diag([1.0, 1.0, -1.0, 1.0]).tolist()
+STRETCHED = np.diag([1.0, 1.1, 1.0, 1.0]).tolist()
+DEFECTS = {
+    "missing camera": (drop("cameras", "b"), "cameras: expected 4 (num_cameras), found 3 (a, c, d)"),
+    "no cameras": (put("cameras", None), "cameras: expected camera names with their fields, found None"),
+    "other format": (put("format_version", 2), "expected sphere_nav_rig 1, found sphere_nav_rig 2"),
+    "missing field": (drop(*A, "model"), "cameras.a.model: expected a value, found none"),
+    "misspelt field": (put(*A, "msak", "x.png"), "cameras.a.msak: expected only model, width"),
+    "missing number": (drop(*A, "intrinsics", "fy"), "cameras.a.intrinsics.fy: expected a value, found none"),
+    "text for a number": (
+        put(*A, "intrinsics", "fy", "wide"),
+        "cameras.a.intrinsics.fy: expected a finite number, fou",
+    ),
+    "unknown model": (
+        put(*A, "model", "mei"),
+        "cameras.a.model: expected pinhole, fisheye, double_sphere, found 'mei'",
+    ),
+    "uncalibrated": (put(*A, "intrinsics", "fx", 0), "cameras.a: focal length: expected positive fx, fy"),
+    "no size": (put(*A, "width", 0), "cameras.a.width: expected a positive number of pixels, at most 65536, found 0"),
+    "other size": (
+        put(*A, "width", 300),
+        "cameras.a.intrinsics: expected the centre inside the 300 x 480 image, found",
+    ),
+    "mirror": (put(*A, "T_rig_camera", MIRRORED), "cameras.a.T_rig_camera: rigid motion: expected a rotation"),
+    "stretched": (put(*A, "T_rig_camera", STRETCHED), "cameras.a.T_rig_camera: rigid motion: expected a rotation"),
+    "short matrix": (put(*A, "T_rig_camera", [[1, 2], [3]]), "cameras.a.T_rig_camera: expected 4 rows of 4 numbers"),
+    "not finite": (put(*A, "T_rig_camera", np.full((4, 4), np.nan).tolist()), "T_rig_camera: expected a finite number"),
+    "vast": (put(*A, "width", 10**11), "cameras.a.width: expected a positive number of pixels, at most 65536"),
+    "a list for a model": (put(*A, "model", ["pinhole"]), "cameras.a.model: expected pinhole"),
+    "too long for a float": (put(*A, "intrinsics", "fx", 10**400), "cameras.a.intrinsics.fx: expected a finite number"),
+    "missing mask": (put(*A, "mask", "none.png"), "cameras.a.mask: expected an image file, found no none.png"),
+    "short distortion": (put("cameras", "c", "distortion", [0.1]), "cameras.c.distortion: expected 4 numbers, found 1"),
+    "lonely level": (put(*A, "level", ""), "level: expected top and bottom, or none for every camera, found a none"),
+    "unknown level": (put(*A, "level", "up"), "cameras.a: a: level: expected top, bottom or nothing, found 'up'"),
+}
+
+
+@pytest.mark.parametrize("name", DEFECTS)
+def test_a_defect_is_one_line_with_its_place(path, name):
+    change, expected = DEFECTS[name]
+    values = yaml.safe_load(path.read_text())
+    change(values)
+    path.write_text(yaml.safe_dump(values, sort_keys=False))
+    with pytest.raises(ValueError, match=r"rig\.yaml") as caught:
+        read_rig(path)
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "found"), [("a: [", "expected YAML"), ("", "rig: expected the fields"), ("x: 1\nx: 2", "twice")]
+)
+def test_a_file_that_is_no_rig_is_refused(tmp_path, text, found):
+    (tmp_path / "rig.yaml").write_text(text)
+    with pytest.raises(ValueError, match=r"rig\.yaml: ") as caught:
+        read_rig(tmp_path / "rig.yaml")
+    assert found in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_no_file_is_refused(tmp_path):
+    with pytest.raises(ValueError, match="expected a rig file, found no such file"):
+        read_rig(tmp_path / "rig.yaml")
+    with pytest.raises(ValueError, match="expected a rig file, found a folder"):
+        read_rig(tmp_path)

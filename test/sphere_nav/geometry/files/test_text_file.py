@@ -1,0 +1,45 @@
+"""Only regular files are opened, up to a size, and at once."""
+
+import os
+
+import pytest
+
+from sphere_nav.geometry.files.text_file import open_file, read_bytes, read_text
+
+
+def test_a_file_is_read_whole_with_its_line_ends_alike(tmp_path):
+    path = tmp_path / "text"
+    path.write_bytes(b"\xef\xbb\xbfa\r\nb\rc\n")
+    assert read_text(path, "table") == "a\nb\nc\n"
+    assert read_bytes(path, "table", 100) == path.read_bytes()
+    with open_file(str(path), "table", 100) as file:
+        assert file.read(3) == b"\xef\xbb\xbf"
+
+
+def test_what_is_no_regular_file_is_refused_at_once(tmp_path):
+    os.mkfifo(tmp_path / "fifo")
+    (tmp_path / "endless").symlink_to("/dev/zero")
+    (tmp_path / "circle").symlink_to(tmp_path / "circle")
+    for name, found in (("fifo", "a FIFO"), ("endless", "no regular file"), ("absent", "no such file")):
+        with pytest.raises(ValueError, match=f"{name}: expected a table, found {found}"):
+            read_bytes(tmp_path / name, "table", 100)
+    with pytest.raises(ValueError, match="expected a table, found a folder"):
+        read_text(tmp_path, "table")
+    with pytest.raises(ValueError, match="expected a table, found no such file"):
+        read_text(tmp_path / "fifo" / "beneath", "table")
+    with pytest.raises(OSError, match="symbolic links"):
+        read_text(tmp_path / "circle", "table")
+
+
+def test_a_large_file_is_refused_before_it_is_read(tmp_path):
+    with (tmp_path / "large").open("wb") as file:
+        file.truncate(1 << 40)  # a hole: takes no space
+    with pytest.raises(ValueError, match=r"large: expected a table of at most 100 bytes, found 1099511627776"):
+        read_bytes(tmp_path / "large", "table", 100)
+
+
+def test_text_in_another_encoding(tmp_path):
+    (tmp_path / "latin").write_bytes("# Straße\n1".encode("latin-1"))
+    with pytest.raises(ValueError, match="latin: expected text of a table, found 'utf-8' codec"):
+        read_text(tmp_path / "latin", "table")
+    assert read_text(tmp_path / "latin", "table", errors="replace").endswith("\n1")

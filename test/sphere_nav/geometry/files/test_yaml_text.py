@@ -1,0 +1,66 @@
+"""YAML from outside is small, flat, and says everything once."""
+
+import time
+
+import pytest
+
+from sphere_nav.geometry.files.yaml_text import load_yaml
+
+
+def test_values_are_read():
+    assert load_yaml("x", "a: 1\nb: [1.5, two]\nc: {d: null}") == {"a": 1, "b": [1.5, "two"], "c": {"d": None}}
+
+
+def test_aliases_and_merge_keys_are_written_out():
+    text = "near: &near {gain: 1.0, names: &n [a, b]}\nfar:\n  <<: *near\n  gain: 2.0\nlist: [*n, *n]"
+    assert load_yaml("x", text) == {
+        "near": {"gain": 1.0, "names": ["a", "b"]},
+        "far": {"gain": 2.0, "names": ["a", "b"]},
+        "list": [["a", "b"], ["a", "b"]],
+    }
+
+
+def bomb(first, form, width=10, levels=8):
+    """Return a text whose values say ten times those before."""
+    lines = [f"a0: &a0 {first}"]
+    for n in range(levels):
+        lines.append(f"a{n + 1}: &a{n + 1} " + form.format(", ".join([f"*a{n}"] * width)))
+    return "\n".join(lines)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("a: &a [1, *a]", r"line 1: an alias \(\*a\) of nothing that is whole"),
+        ("b: *a", r"line 1: an alias \(\*a\) of nothing"),
+        (bomb("[1]", "[{}]"), "aliases that stand for more than 16384 values"),
+        (bomb("{k: 1}", "{{<<: [{}]}}"), "aliases that stand for more than 16384 values"),
+        (bomb("[1]", "[{}]", width=1, levels=40), "more than 32 levels"),
+        ("a: {b: 1}\nc:\n  <<: {b: 2}\n  d: 1\n  d: 2", "'d' twice"),
+        ("a: 1\na: 2", "'a' twice"),
+        ("? [1, 2]\n: 3", "unhashable"),
+        ("[" * 100_000, "more than 32 levels"),
+        ("{a: " * 100_000, "more than 32 levels"),
+        ("- " * 100_000 + "1", "more than 32 levels"),
+        ("1" + ":59" * 300_000, "a word of 900001 characters"),
+        ("a" * 2_000_000, "at most 1048576 characters"),
+        ("a: 2026-99-99", "month must be in"),
+        ("!!python/object/apply:os.system [ls]", "could not determine a constructor"),
+        ("a: \x01", "x: expected YAML"),
+        ("a: 1\n---\nb: 2", "expected a single document"),
+    ],
+)
+def test_anything_else_is_one_line_at_once(text, expected):
+    started = time.process_time()
+    with pytest.raises(ValueError, match=expected) as caught:
+        load_yaml("x", text)
+    assert "\n" not in str(caught.value)
+    assert len(str(caught.value)) < 400
+    assert time.process_time() - started < 2.0
+
+
+def test_a_thousand_keys_are_compared_in_one_go():
+    started = time.process_time()
+    text = "\n".join(f"key{n}: {n}" for n in range(40_000))
+    assert len(load_yaml("x", text)) == 40_000
+    assert time.process_time() - started < 10.0  # by pairs it takes minutes

@@ -1,0 +1,64 @@
+"""Two sources of one pose: when they are compared, and when they contradict each other."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.agreement import LIMIT, Agreement, difference
+
+SECOND = 10**9
+CERTAIN = np.diag([0.1, 0.1, 0.1, 0.02, 0.02, 0.02]) ** 2
+
+
+def test_the_distance_is_that_of_the_normal_distribution() -> None:
+    rng = np.random.default_rng(1)
+    truth = SE3.from_planar(3.0, -2.0, 2.5)
+    wide = np.diag([0.3, 0.1, 0.2, 0.02, 0.01, 0.05]) ** 2
+    found = [
+        difference(
+            truth @ SE3.exp(rng.multivariate_normal(np.zeros(6), CERTAIN)), CERTAIN,
+            truth @ SE3.exp(rng.multivariate_normal(np.zeros(6), wide)), wide,
+        )
+        for _ in range(2000)
+    ]  # fmt: skip
+    squared = np.array([item.distance**2 for item in found])
+    assert abs(squared.mean() - 3.0) < 0.3  # chi^2 of three degrees of freedom, five standard errors
+    assert np.mean([item.is_contradiction for item in found]) < 0.01
+
+
+def test_what_lies_beyond_both_is_a_contradiction() -> None:
+    here = SE3.from_planar(0.0, 0.0, 0.0)
+    near = difference(here, CERTAIN, SE3.from_planar(0.3, 0.0, 0.0), CERTAIN)
+    far = difference(here, CERTAIN, SE3.from_planar(0.8, 0.0, 0.0), CERTAIN)
+    turned = difference(here, CERTAIN, SE3.from_planar(0.0, 0.0, 0.5), CERTAIN)
+    assert not near.is_contradiction
+    assert far.is_contradiction
+    assert turned.is_contradiction
+    assert far.metres == pytest.approx(0.8)
+    assert f"limit {LIMIT:.1f}" in str(far)
+    assert not difference(here, CERTAIN, SE3.from_planar(0.8, 0, 0), 0.1 * np.eye(6)).is_contradiction
+
+
+@pytest.mark.parametrize("first", [0, 1])
+def test_poses_are_compared_at_one_time(first: int) -> None:
+    """Two vehicles' worth of stamps, 5 Hz and 2 Hz, one drive at 2 m/s: no difference, whoever comes first."""
+    agreement = Agreement()
+    news = [(0, k * SECOND // 5) for k in range(1, 20)] + [(1, k * SECOND // 2 + 7) for k in range(1, 8)]
+    found = []
+    for source, stamp in sorted(news, key=lambda item: (item[1] // SECOND, item[0] != first, item[1])):
+        found.append(agreement.add(source, stamp, SE3.from_planar(2.0 * stamp / SECOND, 0.0, 0.0), CERTAIN))
+    known = [item for item in found if item is not None]
+    assert len(known) > 8
+    assert max(item.metres for item in known) < 1e-6
+
+
+def test_old_poses_say_nothing_of_now() -> None:
+    agreement = Agreement(max_gap_s=1.0)
+    agreement.add(0, SECOND, SE3.identity(), CERTAIN)
+    assert agreement.add(1, 5 * SECOND, SE3.from_planar(9.0, 0, 0), CERTAIN) is None
+    assert agreement.add(0, 9 * SECOND, SE3.identity(), CERTAIN) is None  # 8 s lie between: nobody knows
+    assert agreement.add(0, 8 * SECOND, SE3.identity(), CERTAIN) is None  # backwards
+    agreement.clear()
+    assert agreement.add(1, 9 * SECOND, SE3.identity(), CERTAIN) is None

@@ -1,0 +1,108 @@
+"""Laws of rigid motions, over batch shapes and ordinary, tiny and almost-pi rotations."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3
+
+EXACT = 1e-12
+
+
+def assert_same(a, b, atol=EXACT):
+    np.testing.assert_allclose(a.matrix, np.broadcast_to(b.matrix, a.matrix.shape), atol=atol)
+
+
+def test_group_axioms(motions):
+    T_a_b, T_b_c, T_c_d = motions
+    assert_same((T_a_b @ T_b_c) @ T_c_d, T_a_b @ (T_b_c @ T_c_d))
+    assert_same(T_a_b @ SE3.identity(), T_a_b)
+    assert_same(SE3.identity() @ T_a_b, T_a_b)
+    assert_same(T_a_b @ T_a_b.inverse(), SE3.identity())
+    assert_same((T_a_b @ T_b_c).inverse(), T_b_c.inverse() @ T_a_b.inverse())
+
+
+def test_apply_is_the_group_action(motions):
+    T_a_b, T_b_c, _ = motions
+    points_c = np.random.default_rng(0).normal(size=(7, 3))
+    np.testing.assert_allclose((T_a_b @ T_b_c).apply(points_c), T_a_b.apply(T_b_c.apply(points_c)), atol=EXACT)
+    homogeneous = np.concatenate([points_c, np.ones((7, 1))], axis=-1)
+    expected = (homogeneous @ np.swapaxes(T_a_b.matrix, -1, -2))[..., :3]
+    np.testing.assert_allclose(T_a_b.apply(points_c), expected, atol=EXACT)
+
+
+def test_log_undoes_exp(tangent):
+    np.testing.assert_allclose(SE3.exp(tangent).log(), tangent, atol=1e-9)  # V near pi is within 1e3 of singular
+
+
+def test_exp_undoes_log(motions):
+    assert_same(SE3.exp(motions[0].log()), motions[0])
+
+
+def test_exp_of_parallel_tangents_adds(tangent):
+    assert_same(SE3.exp(0.3 * tangent) @ SE3.exp(0.7 * tangent), SE3.exp(tangent))
+
+
+def test_exp_is_a_pure_translation_without_rotation():
+    np.testing.assert_allclose(SE3.exp([1.0, -2.0, 3.0, 0, 0, 0]).translation, [1.0, -2.0, 3.0], atol=EXACT)
+
+
+def test_adjoint_moves_a_tangent_to_the_other_side(motions, tangent):
+    T_a_b = motions[0]
+    moved = (T_a_b.adjoint() @ tangent[..., None])[..., 0]
+    assert_same(SE3.exp(moved) @ T_a_b, T_a_b @ SE3.exp(tangent), atol=1e-11)
+
+
+def test_adjoint_of_a_product_is_the_product(motions):
+    T_a_b, T_b_c, _ = motions
+    np.testing.assert_allclose((T_a_b @ T_b_c).adjoint(), T_a_b.adjoint() @ T_b_c.adjoint(), atol=1e-11)
+
+
+def test_quaternion_and_translation_rebuild_the_motion(motions):
+    assert_same(SE3.from_quaternion(motions[0].quaternion, motions[0].translation), motions[0])
+
+
+def test_planar_pose_has_its_yaw():
+    T_map_base = SE3.from_planar(3.0, -1.0, 2.5)
+    assert T_map_base.yaw == pytest.approx(2.5, abs=EXACT)
+    np.testing.assert_allclose(T_map_base.apply([[1.0, 0, 0]]), [[3 + np.cos(2.5), -1 + np.sin(2.5), 0]], atol=EXACT)
+
+
+def test_distance_is_that_of_the_motion_between(motions):
+    step = SE3.exp([0.3, 0.4, 0.0, 0.0, 0.0, 0.25])
+    metres, radians = motions[0].distance(motions[0] @ step)
+    np.testing.assert_allclose(metres, np.linalg.norm(step.translation), atol=EXACT)
+    np.testing.assert_allclose(radians, 0.25, atol=EXACT)
+
+
+def test_from_matrix_mends_rounding(motions):
+    rounded = np.round(motions[0].matrix, 5)
+    mended = SE3.from_matrix(rounded)
+    R = mended.rotation
+    np.testing.assert_allclose(R @ np.swapaxes(R, -1, -2), np.broadcast_to(np.eye(3), R.shape), atol=EXACT)
+    assert_same(mended, motions[0], atol=2e-5)
+
+
+def test_picking_from_a_batch():
+    batch = SE3.exp(np.random.default_rng(0).normal(size=(5, 6)))
+    assert_same(batch[2], SE3(batch.matrix[2]))
+    assert batch[1:4].matrix.shape == (3, 4, 4)
+
+
+MIRROR = np.diag([1.0, 1.0, -1.0, 1.0])
+PERSPECTIVE = np.eye(4) + np.eye(4, k=-1) * 0.1
+
+
+@pytest.mark.parametrize(
+    "matrix", [np.eye(3), np.full((4, 4), np.nan), 1.1 * np.eye(4), MIRROR, PERSPECTIVE, np.zeros((4, 4))]
+)
+def test_from_matrix_refuses_what_is_no_rigid_motion(matrix):
+    with pytest.raises(ValueError, match="rigid motion: expected"):
+        SE3.from_matrix(matrix)
+
+
+def test_rounding_errors_of_a_rotation_are_taken_off():
+    bent = SE3(SE3.exp([1.0, 2.0, 3.0, 0.3, -0.4, 0.5]).matrix * np.array([1 + 1e-5, 1, 1 - 1e-5, 1]))
+    R = bent.orthonormal().rotation
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(R, bent.rotation, atol=2e-5)
+    np.testing.assert_array_equal(bent.orthonormal().translation, bent.translation)

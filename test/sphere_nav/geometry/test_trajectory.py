@@ -1,0 +1,128 @@
+"""Trajectories: TUM files there and back, what is wrong with a file, association and interpolation."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.trajectory import Trajectory, associate, read_tum, write_tum
+
+SECOND = 10**9
+
+
+@pytest.fixture
+def trajectory():
+    rng = np.random.default_rng(0)
+    stamps = 1_700_000_000 * SECOND + np.cumsum(rng.integers(1, SECOND, size=30))
+    factor = rng.normal(size=(30, 6, 6))
+    return Trajectory(stamps, SE3.exp(rng.normal(size=(30, 6))), factor @ np.swapaxes(factor, -1, -2))
+
+
+def test_a_tum_file_keeps_nanoseconds_poses_and_covariances(tmp_path, trajectory):
+    write_tum(tmp_path / "poses.tum", trajectory)
+    found = read_tum(tmp_path / "poses.tum")
+    np.testing.assert_array_equal(found.stamps_ns, trajectory.stamps_ns)
+    np.testing.assert_allclose(found.T_map_body.matrix, trajectory.T_map_body.matrix, atol=1e-7)  # nine digits
+    np.testing.assert_allclose(found.covariances, trajectory.covariances, rtol=1e-8)
+
+
+def test_covariances_of_an_earlier_run_do_not_stay_beside(tmp_path, trajectory):
+    write_tum(tmp_path / "poses.tum", trajectory)
+    write_tum(tmp_path / "poses.tum", Trajectory(trajectory.stamps_ns, trajectory.T_map_body))
+    assert read_tum(tmp_path / "poses.tum").covariances is None
+
+
+def test_covariances_of_other_stamps_are_refused(tmp_path, trajectory):
+    write_tum(tmp_path / "poses.tum", trajectory)
+    write_tum(tmp_path / "other.tum", trajectory[:5])
+    (tmp_path / "other.cov").replace(tmp_path / "poses.cov")
+    with pytest.raises(ValueError, match=r"poses\.cov: expected the 30 stamps of poses\.tum, found 5"):
+        read_tum(tmp_path / "poses.tum")
+
+
+def test_comments_commas_and_exponents_are_read(tmp_path):
+    path = tmp_path / "poses.tum"
+    path.write_text("# a comment\n\n1.5e0,1,2,3,0,0,0,1\n1305031098.665900000 1 2 3 0 0 0 -1\n")
+    assert read_tum(path).stamps_ns.tolist() == [1_500_000_000, 1_305_031_098_665_900_000]
+
+
+GOOD = "1.0 1 2 3 0 0 0 1\n"
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "expected poses, found none"),
+        ("# only a comment\n", "expected poses, found none"),
+        (GOOD + "2.0 1 2 3 0 0 0\n", r":2: expected 8 columns \(stamp x y z qx qy qz qw\), found 7"),
+        (GOOD + "2.0 1 two 3 0 0 0 1\n", r":2: y: expected a finite number, found 'two'"),
+        (GOOD + "2.0 1 nan 3 0 0 0 1\n", r":2: y: expected a finite number, found 'nan'"),
+        ("inf 1 2 3 0 0 0 1\n", r":1: stamp: expected a finite number, found 'inf'"),
+        (GOOD + "2.0 1 2 3 0 0 0 0\n", r":2: quaternion: expected norm 1, found 0"),
+        (GOOD + "1.0 1 2 3 0 0 0 1\n", r":2: stamp: expected later than the line before"),
+    ],
+)
+def test_a_wrong_file_is_refused_with_file_line_and_field(tmp_path, text, message):
+    path = tmp_path / "poses.tum"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=message) as caught:
+        read_tum(path)
+    assert str(caught.value).startswith(str(path))
+    assert "\n" not in str(caught.value)
+
+
+def test_an_absent_file_is_refused(tmp_path):
+    with pytest.raises(ValueError, match=r"none\.tum: expected a file of poses, found no such file"):
+        read_tum(tmp_path / "none.tum")
+
+
+def test_stamps_must_increase_and_shapes_must_agree(trajectory):
+    with pytest.raises(ValueError, match="expected increasing stamps"):
+        Trajectory(trajectory.stamps_ns[::-1], trajectory.T_map_body)
+    with pytest.raises(ValueError, match="expected 29 poses"):
+        Trajectory(trajectory.stamps_ns[1:], trajectory.T_map_body)
+    with pytest.raises(ValueError, match="expected 30 covariances"):
+        Trajectory(trajectory.stamps_ns, trajectory.T_map_body, np.eye(6))
+
+
+def test_association_pairs_mutually_nearest_stamps_within_the_tolerance():
+    a = np.array([0, 100, 200, 300, 1000])
+    b = np.array([5, 96, 104, 260, 5000])
+    first, second = associate(a, b, 10)
+    assert first.tolist() == [0, 1]
+    assert second.tolist() == [0, 1]  # 96 and 104 are as near: one of them, once
+    first, second = associate(a, b, 40)
+    assert (first.tolist(), second.tolist()) == ([0, 1, 3], [0, 1, 3])
+
+
+@pytest.mark.parametrize("other", [[], [7]])
+def test_association_with_almost_nothing(other):
+    first, second = associate(np.array([0, 10, 20]), np.array(other, dtype=np.int64), 5)
+    assert len(first) == len(second) == len(other)
+
+
+def test_interpolation_is_exact_on_a_constant_motion_without_translation_coupling():
+    stamps = np.array([0, 1, 3]) * SECOND
+    turn = [0.0, 0.0, 0.0, 0.2, -0.1, 0.3]
+    poses = SE3(np.stack([(SE3.exp(np.array(turn) * s)).matrix for s in (0, 1, 3)]))
+    wanted = np.array([-1, 0, SECOND // 4, SECOND, 2 * SECOND, 3 * SECOND, 4 * SECOND])
+    found, known = Trajectory(stamps, poses).at(wanted)
+    assert known.tolist() == [False, True, True, True, True, True, False]
+    expected = SE3.exp(np.outer([0, 0.25, 1, 2, 3], turn))
+    np.testing.assert_allclose(found.T_map_body.matrix, expected.matrix, atol=1e-12)
+
+
+def test_interpolation_does_not_cross_long_gaps():
+    trajectory = Trajectory(np.array([0, 1, 10]) * SECOND, SE3(np.repeat(np.eye(4)[None], 3, axis=0)))
+    _, known = trajectory.at(np.array([0.5, 1, 5, 10]) * SECOND, max_gap_ns=2 * SECOND)
+    assert known.tolist() == [True, True, False, True]
+
+
+def test_interpolation_of_a_single_pose_knows_only_that_pose(trajectory):
+    found, known = trajectory[:1].at([trajectory.stamps_ns[0], trajectory.stamps_ns[1]])
+    assert known.tolist() == [True, False]
+    assert len(found) == 1
+
+
+def test_distances_add_up_the_steps():
+    poses = SE3.from_parts(np.eye(3), [[0, 0, 0], [3, 4, 0], [3, 4, 12]])
+    np.testing.assert_allclose(Trajectory(np.arange(3), poses).distances, [0, 5, 17])

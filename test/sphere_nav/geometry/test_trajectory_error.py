@@ -1,0 +1,138 @@
+"""Errors of trajectories: known motions come back, each error is measured along its own axis."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.geometry.trajectory_error import (
+    Statistics,
+    absolute_errors,
+    align,
+    directions_of_motion,
+    nees,
+    relative_errors,
+)
+
+
+def drive(num_poses=400, step_m=0.05):
+    """An S-curve on a slope, heading along the way."""
+    s = np.arange(num_poses) * step_m
+    yaw = np.sin(s / 3.0)
+    position = np.column_stack([np.cumsum(np.cos(yaw)), np.cumsum(np.sin(yaw)), 0.1 * s / step_m]) * step_m
+    rotation = SE3.exp(np.column_stack([np.zeros((num_poses, 5)), yaw])).rotation
+    return Trajectory(np.arange(num_poses) * 10**8, SE3.from_parts(rotation, position))
+
+
+TRUTH = drive()
+
+
+def disturbed(xi):
+    return Trajectory(TRUTH.stamps_ns, TRUTH.T_map_body @ SE3.exp(xi))
+
+
+def test_statistics_are_of_absolute_values():
+    found = Statistics.of(np.array([-3.0, 0.0, 4.0, np.nan]))
+    assert (found.median, found.rmse, found.max) == (3.0, pytest.approx(np.sqrt(25 / 3)), 4.0)
+    assert found.p95 == pytest.approx(3.9)
+    assert Statistics.of(np.array([np.nan])) is None
+
+
+@pytest.mark.parametrize(("offset", "lateral", "longitudinal"), [((0, 0.3, 0), 0.3, 0.0), ((-0.2, 0, 0.1), 0.0, -0.2)])
+def test_lateral_is_left_and_longitudinal_is_ahead_of_the_motion(offset, lateral, longitudinal):
+    errors = absolute_errors(disturbed([*offset, 0, 0, 0]), TRUTH, directions_of_motion(TRUTH))
+    inner = slice(10, -10)  # at the ends the direction is one-sided
+    np.testing.assert_allclose(errors.lateral_m[inner], lateral, atol=1e-2 * np.linalg.norm(offset))
+    np.testing.assert_allclose(errors.longitudinal_m[inner], longitudinal, atol=1e-2 * np.linalg.norm(offset))
+    np.testing.assert_allclose(errors.translation_m, np.linalg.norm(offset), atol=1e-12)
+    np.testing.assert_allclose(errors.rotation_rad, 0.0, atol=1e-7)
+
+
+def test_rotation_error_is_the_angle_between():
+    errors = absolute_errors(disturbed([0, 0, 0, 0.03, 0, 0.04]), TRUTH, directions_of_motion(TRUTH))
+    np.testing.assert_allclose(errors.rotation_rad, 0.05, atol=1e-9)
+
+
+def test_direction_is_known_at_standstill_and_without_any_motion():
+    stop = np.concatenate([np.arange(200), np.full(50, 200), np.arange(200, 399)])
+    stamps = np.arange(len(stop))
+    directions = directions_of_motion(Trajectory(stamps, TRUTH.T_map_body[stop]))
+    np.testing.assert_allclose(directions[200:250], np.tile(directions[225], (50, 1)), atol=1e-12)
+    yaw = TRUTH.T_map_body.yaw[200]
+    np.testing.assert_allclose(directions[225], [np.cos(yaw), np.sin(yaw)], atol=1e-2)
+    parked = Trajectory(np.arange(5), SE3(np.repeat(SE3.from_planar(1, 2, 0.7).matrix[None], 5, axis=0)))
+    np.testing.assert_allclose(directions_of_motion(parked), np.tile([np.cos(0.7), np.sin(0.7)], (5, 1)))
+
+
+@pytest.mark.parametrize(("kind", "scale"), [("se3", 1.0), ("sim3", 0.8)])
+def test_alignment_finds_a_known_motion_and_scale(kind, scale):
+    T_truth_estimate = SE3.exp([1.0, -2.0, 0.5, 0.3, -0.2, 2.0])
+    estimate = TRUTH.moved(T_truth_estimate.inverse())
+    estimate = estimate.moved(SE3.identity(), 1 / scale)
+    found, found_scale = align(estimate, TRUTH, kind)
+    assert found_scale == pytest.approx(scale, rel=1e-9)
+    aligned = estimate.moved(found, found_scale)
+    np.testing.assert_allclose(aligned.positions, TRUTH.positions, atol=1e-9)
+    np.testing.assert_allclose(aligned.T_map_body.rotation, TRUTH.T_map_body.rotation, atol=1e-9)
+
+
+def test_alignment_is_the_best_one_under_noise():
+    rng = np.random.default_rng(1)
+    noisy = Trajectory(
+        TRUTH.stamps_ns,
+        SE3.from_parts(TRUTH.T_map_body.rotation, TRUTH.positions + rng.normal(0, 0.1, size=(len(TRUTH), 3))),
+    )
+    T_truth_estimate, _ = align(noisy, TRUTH, "se3")
+
+    def cost(T):
+        return np.sum((noisy.moved(T).positions - TRUTH.positions) ** 2)
+
+    best = cost(T_truth_estimate)
+    for direction in np.concatenate([np.eye(6), -np.eye(6)]):
+        assert cost(SE3.exp(1e-3 * direction) @ T_truth_estimate) > best
+
+
+def test_no_alignment_is_identity_and_a_line_cannot_be_aligned():
+    found, scale = align(TRUTH, TRUTH, "none")
+    np.testing.assert_array_equal(found.matrix, np.eye(4))
+    assert scale == 1.0
+    line = Trajectory(np.arange(9), SE3.from_parts(np.eye(3), np.outer(np.arange(9), [1.0, 2.0, 0.0])))
+    with pytest.raises(ValueError, match="not on one line, found 9 poses"):
+        align(line, line, "se3")
+    with pytest.raises(ValueError, match="expected one of none, se3, sim3, found 'affine'"):
+        align(TRUTH, TRUTH, "affine")
+
+
+def test_relative_errors_see_drift_and_not_an_offset():
+    offset = TRUTH.moved(SE3.exp([5.0, 1.0, 0, 0.1, 0.2, 0.3]))
+    np.testing.assert_allclose(relative_errors(offset, TRUTH, 2.0).translation_m, 0.0, atol=1e-9)
+    stretched = TRUTH.moved(SE3.identity(), 1.02)
+    drift = relative_errors(stretched, TRUTH, 2.0)
+    assert np.all(drift.length_m >= 2.0)
+    assert np.all(drift.length_m < 2.0 + 2 * 0.06)  # at most one pose further than asked
+    assert np.median(drift.translation_m / drift.length_m) == pytest.approx(0.02, rel=0.05)  # chord against way
+
+
+def test_relative_errors_need_a_way_that_long():
+    assert len(relative_errors(TRUTH, TRUTH, 1e3).length_m) == 0
+
+
+def test_nees_of_honest_covariances_is_six_and_of_proud_ones_larger():
+    rng = np.random.default_rng(2)
+    factor = 0.01 * rng.normal(size=(6, 6))
+    covariance = factor @ factor.T + 1e-6 * np.eye(6)
+    xi = rng.multivariate_normal(np.zeros(6), covariance, size=len(TRUTH))
+    for pride, expected in ((1.0, 6.0), (4.0, 24.0)):
+        claimed = np.repeat(covariance[None] / pride, len(TRUTH), axis=0)
+        estimate = Trajectory(TRUTH.stamps_ns, TRUTH.T_map_body @ SE3.exp(xi).inverse(), claimed)
+        # The mean of 400 chi-squared numbers of 6 degrees has a standard deviation of 0.17: four of these.
+        assert np.mean(nees(estimate, TRUTH)) == pytest.approx(expected, abs=0.7 * pride)
+
+
+def test_nees_is_unknown_without_a_usable_covariance():
+    assert np.isnan(nees(TRUTH, TRUTH)).all()
+    covariances = np.repeat(np.eye(6)[None], len(TRUTH), axis=0)
+    covariances[0], covariances[1, 2, 2], covariances[2, 0, 0] = 0.0, np.nan, -1.0
+    found = nees(Trajectory(TRUTH.stamps_ns, TRUTH.T_map_body, covariances), TRUTH)
+    assert np.isnan(found[:3]).all()
+    np.testing.assert_allclose(found[3:], 0.0, atol=1e-12)

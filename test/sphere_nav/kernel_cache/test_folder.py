@@ -1,0 +1,92 @@
+"""One folder for each text of a package's kernels."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from sphere_nav.kernel_cache import folder
+
+
+@pytest.fixture
+def copy(tmp_path, monkeypatch):
+    """A project of two kernels elsewhere."""
+    for name in ("sphere_nav/photometric", "mcl_depth/likeness"):
+        (tmp_path / "at" / name).mkdir(parents=True)
+        (tmp_path / "at" / name / "kernels.py").write_text(f"# {name}\n")
+    monkeypatch.setattr(folder, "ROOT", tmp_path / "at")
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "cache"))
+    folder.cache_folder.cache_clear()
+    yield tmp_path / "at"
+    folder.cache_folder.cache_clear()
+
+
+def present(package):
+    folder.cache_folder.cache_clear()
+    return folder.cache_folder(package)
+
+
+def test_every_package_with_kernels_is_known():
+    here = Path(folder.__file__).parents[2]
+    ours = [path for path in here.iterdir() if path.name in installed_packages()]
+    assert {path.name for path in ours if list(path.rglob("kernels.py"))} == set(folder.PACKAGES)
+
+
+def installed_packages():
+    from importlib.metadata import files
+
+    return {path.parts[0] for path in files("sphere_nav") or () if path.name == "__init__.py"}
+
+
+def test_an_edit_means_another_folder_for_that_package_only(copy):
+    before = present("mcl_depth"), present("sphere_nav")
+    (copy / "mcl_depth" / "likeness" / "kernels.py").write_text("# edited\n")
+    assert present("mcl_depth") != before[0]
+    assert present("sphere_nav") == before[1]
+
+
+def test_an_edit_of_a_called_package_means_another_folder(copy):
+    caller = copy / "mcl_depth" / "likeness" / "kernels.py"
+    caller.write_text("from sphere_nav.photometric.pixels.kernels import warp\n")
+    before = present("mcl_depth")
+    (copy / "sphere_nav" / "photometric" / "kernels.py").write_text("# edited\n")
+    assert present("mcl_depth") != before
+
+
+def test_the_same_text_elsewhere_has_the_same_folder(copy, tmp_path, monkeypatch):
+    before = present("sphere_nav")
+    (tmp_path / "at").rename(tmp_path / "moved")
+    monkeypatch.setattr(folder, "ROOT", tmp_path / "moved")
+    assert present("sphere_nav") == before
+
+
+def test_only_kernels_of_the_project_are_named(copy):
+    assert folder.name_of(copy / "mcl_depth" / "likeness" / "kernels.py") == "mcl_depth.likeness"
+    assert folder.name_of(copy / "mcl_depth" / "filter.py") == ""
+    assert folder.name_of(Path("/usr/lib/kernels.py")) == ""
+
+
+def test_the_oldest_texts_are_removed(copy):
+    root = present("sphere_nav").parent
+    for number in range(20):
+        (root / f"old{number}").mkdir(parents=True)
+    gone = folder.remove_old()
+    assert len(gone) == 20 - (folder.NUM_KEPT - 1)
+    assert not any(path.exists() for path in gone)
+
+
+def test_another_process_compiles_nothing_again(tmp_path):
+    """Twice the same kernel in a fresh cache: the second process loads it."""
+    script = (
+        "from sphere_nav.photometric.align.descent import kernels as k; import numpy as np;"
+        "k.exponential(np.zeros(6)); stats = k.exponential.stats;"
+        "print(sum(stats.cache_hits.values()), sum(stats.cache_misses.values()))"
+    )
+    said = []
+    for _ in range(2):
+        environment = {"NUMBA_CACHE_DIR": str(tmp_path), "PATH": "/usr/bin:/bin", "HOME": str(tmp_path)}
+        done = subprocess.run([sys.executable, "-P", "-c", script], capture_output=True, text=True, env=environment)
+        assert done.returncode == 0, done.stderr
+        said.append(done.stdout.strip())
+    assert said == ["0 1", "1 0"]

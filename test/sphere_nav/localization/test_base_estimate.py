@@ -1,0 +1,9 @@
+"""A status alone is an estimate without a pose."""
+
+from sphere_nav.localization.base_estimate import BaseEstimate
+from sphere_nav.localization.status import State, Status
+
+
+def test_without_trust_there_is_no_pose():
+    estimate = BaseEstimate(Status(State.SEARCHING))
+    assert (estimate.T_map_base, estimate.covariance, estimate.velocity, estimate.velocity_covariance) == (None,) * 4

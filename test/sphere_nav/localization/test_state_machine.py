@@ -1,0 +1,125 @@
+"""Trust is earned, lowered and lost."""
+
+from sphere_nav.localization import State, StateMachine
+from sphere_nav.localization.params import StateParams
+
+PARAMS = StateParams(probation_images=3)
+SECOND = 10**9
+
+
+def started() -> StateMachine:
+    machine = StateMachine(PARAMS)
+    machine.reset()
+    machine.search()
+    machine.start()
+    return machine
+
+
+def tracking() -> StateMachine:
+    machine = started()
+    for _ in range(machine.probation_images):
+        machine.confirm(SECOND, is_good=True)
+    assert machine.state is State.TRACKING
+    return machine
+
+
+def test_a_start_passes_through_search_and_probation():
+    machine = StateMachine(PARAMS)
+    seen = [machine.state]
+    machine.reset()
+    seen.append(machine.state)
+    machine.search()
+    seen.append(machine.state)
+    machine.start()
+    for _ in range(3):
+        seen.append(machine.state)
+        assert not machine.is_trusted
+        machine.confirm(SECOND, is_good=True)
+    seen.append(machine.state)
+    expected = [State.NOT_LOCALISED, State.NOT_LOCALISED, State.SEARCHING, *[State.PROBATION] * 3, State.TRACKING]
+    assert seen == expected
+    assert machine.is_trusted
+
+
+def test_a_poor_frame_starts_the_probation_again():
+    machine = started()
+    machine.confirm(SECOND, is_good=True)
+    machine.confirm(SECOND, is_good=True)
+    machine.confirm(SECOND, is_good=False)
+    machine.confirm(SECOND, is_good=True)
+    machine.confirm(SECOND, is_good=True)
+    assert machine.state is State.PROBATION
+    machine.confirm(SECOND, is_good=True)
+    assert machine.state is State.TRACKING
+
+
+def test_a_refused_image_on_probation_loses_the_pose():
+    machine = started()
+    machine.refuse(is_lost=False)
+    assert (machine.state, machine.num_losses) == (State.LOST, 1)
+
+
+def test_a_refused_image_degrades_and_good_ones_restore():
+    machine = tracking()
+    machine.refuse(is_lost=False)
+    assert machine.state is State.DEGRADED
+    assert machine.is_trusted
+    machine.confirm(SECOND, is_good=True)
+    assert machine.state is State.DEGRADED
+    machine.confirm(SECOND, is_good=True)
+    assert machine.state is State.TRACKING
+
+
+def test_refused_images_are_counted_until_one_confirms():
+    machine = tracking()
+    counts = []
+    for _ in range(3):
+        machine.refuse(is_lost=False)
+        counts.append(machine.num_refused)
+    machine.confirm(SECOND, is_good=False)
+    assert [*counts, machine.num_refused] == [1, 2, 3, 0]
+
+
+def test_a_pose_given_up_is_lost_and_not_said_to_be_there_after_silence():
+    machine = tracking()
+    assert machine.after_silence is State.LOST
+    machine.refuse(is_lost=True)
+    assert machine.state is State.LOST
+    assert not machine.is_trusted
+    machine.withdraw()
+    assert machine.after_silence is State.NOT_LOCALISED
+
+
+def test_what_is_not_followed_cannot_be_lost():
+    machine = StateMachine(PARAMS)
+    machine.search()
+    machine.refuse(is_lost=True)
+    assert (machine.state, machine.num_losses) == (State.SEARCHING, 0)
+
+
+def test_probation_lengthens_with_each_loss_up_to_its_bound():
+    machine = tracking()
+    lengths = [machine.probation_images]
+    for _ in range(6):
+        machine.lose()
+        lengths.append(machine.probation_images)
+    assert lengths == [3, 6, 12, 24, 48, 48, 48]
+
+
+def test_a_long_good_drive_forgives_a_loss():
+    machine = tracking()
+    machine.lose()
+    machine.start()
+    for second in range(7):
+        machine.confirm(second * SECOND, is_good=True)
+    assert (machine.state, machine.num_losses) == (State.TRACKING, 1)
+    for second in range(7, 70):
+        machine.confirm(second * SECOND, is_good=True)
+    assert machine.num_losses == 0
+
+
+def test_a_reset_forgets_the_losses():
+    machine = tracking()
+    machine.lose()
+    machine.reset()
+    assert (machine.state, machine.probation_images) == (State.NOT_LOCALISED, 3)

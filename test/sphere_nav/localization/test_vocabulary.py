@@ -1,0 +1,59 @@
+"""One vocabulary: the words of the package are those of the message, and each localiser has advice for what it says."""
+
+import pytest
+from sphere_nav_msgs.msg import LocalizationStatus
+
+import dense_localizer.reasons
+import mcl_depth.reasons
+from sphere_nav.localization.status import (
+    FINE,
+    FOLLOWING,
+    INPUT_REMEDIES,
+    TRUSTED,
+    Finding,
+    Reason,
+    State,
+    Status,
+    describe,
+    status_of,
+)
+
+CODES = {name.removeprefix("CODE_") for name in dir(LocalizationStatus) if name.startswith("CODE_")}
+
+
+def test_the_words_are_those_of_the_message():
+    assert {*map(str, State), *map(str, Reason)} - {""} == CODES
+
+
+def test_the_fields_are_those_of_the_message():
+    fields = set(LocalizationStatus.get_fields_and_field_types()) - {"header", "state_code", "reason_code"}
+    assert set(vars(Status(State.LOST))) == fields | {"stamp_ns"}
+
+
+def test_what_is_trusted_is_followed():
+    assert set(TRUSTED) < set(FOLLOWING)
+    assert State.LOST not in FOLLOWING
+
+
+@pytest.mark.parametrize("package", [dense_localizer.reasons, mcl_depth.reasons], ids=lambda p: p.__name__)
+def test_a_status_leads_its_remedy_with_the_detail(package):
+    plain = status_of(State.DEGRADED, 7, Finding(Reason.OUTLIERS, 0.2, 0.4), package.REMEDIES, quality=0.8, age=-1.0)
+    assert plain.remedy == package.REMEDIES[Reason.OUTLIERS]
+    assert (plain.state, plain.reason, plain.value, plain.limit) == ("DEGRADED", "OUTLIERS", 0.2, 0.4)
+    assert (plain.stamp_ns, plain.quality, plain.age) == (7, 0.8, 0.0)
+    detailed = status_of(State.LOST, 7, Finding(Reason.OUTLIERS, detail="field"), package.REMEDIES)
+    assert detailed.remedy == f"field; {plain.remedy}"
+    advised = status_of(State.LOST, 7, Finding(Reason.BAD_INFO, detail="yuv", advice="send mono8"), package.REMEDIES)
+    assert advised.remedy == "yuv; send mono8"
+
+
+@pytest.mark.parametrize("package", [dense_localizer.reasons, mcl_depth.reasons], ids=lambda p: p.__name__)
+def test_what_to_do_about_the_input_is_the_same_in_both(package):
+    assert {reason: package.REMEDIES[reason] for reason in INPUT_REMEDIES} == INPUT_REMEDIES
+    assert all(text for reason, text in package.REMEDIES.items() if reason)
+
+
+def test_a_status_reads_as_one_line():
+    status = status_of(State.LOST, 0, Finding(Reason.TIMEOUT, 0.75, 0.5))
+    assert describe(status) == f"LOST: TIMEOUT (0.75, limit 0.5): {INPUT_REMEDIES[Reason.TIMEOUT]}"
+    assert describe(status_of(State.TRACKING, 0, FINE)) == "TRACKING"

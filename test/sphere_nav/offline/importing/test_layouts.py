@@ -1,0 +1,44 @@
+"""A folder in a layout that is not understood is told by what it looks like."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.cli.main import main
+from sphere_nav.offline.importing.layouts import describe, guess_format
+
+FILES = {
+    "seven_scenes": ("frame-000000.depth.png",),
+    "tum": ("rgb.txt",),
+    "kitti": ("calib.txt", "image_0/000000.png"),
+    "spherical": ("image_0.png", "range_0.png"),
+}
+
+
+def make(folder, names):
+    for name in names:
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(np.zeros(4, np.uint8).tobytes())
+    return folder
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_each_layout_is_known_by_its_files(tmp_path, name):
+    folder = make(tmp_path / "data", FILES[name])
+    assert guess_format(folder) == name
+    assert describe(tmp_path) == f"{folder} looks like {name}"
+
+
+def test_other_folders_are_told_by_what_they_hold(tmp_path):
+    assert describe(tmp_path) == "the folder holds nothing"
+    assert describe(tmp_path / "none") == ""
+    assert describe(make(tmp_path / "notes", ["a.txt", "b.md"])) == "the folder holds a.txt, b.md"
+    assert "it has images" in describe(make(tmp_path / "left", ["0.png"]))
+
+
+@pytest.mark.parametrize(
+    ("wanted", "found"), [("tum", "kitti"), ("kitti", "seven_scenes"), ("spherical", "tum"), ("seven_scenes", "kitti")]
+)
+def test_the_command_refuses_another_layout_by_its_name(tmp_path, capsys, wanted, found):
+    folder = make(tmp_path / "data", FILES[found])
+    assert main(["import", wanted, str(folder), "-o", str(tmp_path / "bag")]) == 2
+    assert f"the folder looks like {found}" in capsys.readouterr().err

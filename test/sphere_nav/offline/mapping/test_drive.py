@@ -1,0 +1,46 @@
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.offline.mapping.drive import MappedDrive
+from sphere_nav.offline.mapping.truth import Truth
+
+STAMPS = [1_000_000_000 * k for k in range(1, 6)]
+WAY = [SE3.from_planar(0.5 * k, 0.1 * k * k, 0.1 * k) for k in range(5)]
+T_TRUTH_MAP = SE3.exp([3.0, -2.0, 0.5, 0.0, 0.0, 1.0])
+
+
+def truth_of(poses):
+    matrices = np.stack([(T_TRUTH_MAP @ pose).matrix for pose in poses])
+    return Truth(Trajectory(np.array(STAMPS), SE3(matrices)), is_base=False)
+
+
+@pytest.fixture
+def drive():
+    mapper = SimpleNamespace(trajectory=lambda: zip(STAMPS, WAY, strict=True), graph=[None] * 3)
+    return MappedDrive(SimpleNamespace(mapper=mapper, T_base_sphere=SE3.from_planar(0.4, 0.0, 0.0)), num_lost=2)
+
+
+def test_a_drive_is_laid_on_its_truth_by_its_first_pose_or_by_all(drive):
+    for found in (drive.anchor(truth_of(WAY)), drive.fit(truth_of(WAY))):
+        np.testing.assert_allclose(found.matrix, T_TRUTH_MAP.matrix, atol=1e-9)
+    off = [WAY[0] @ SE3.from_planar(0.05, 0.0, 0.0), *WAY[1:]]  # the first true pose is wrong
+    errors = [float(find(truth_of(off)).distance(T_TRUTH_MAP)[0]) for find in (drive.anchor, drive.fit)]
+    assert errors[0] == pytest.approx(0.05)
+    assert errors[1] < 0.015
+    late = Truth(truth_of(WAY).poses.moved(SE3.identity()), is_base=False)
+    elsewhere = Truth(Trajectory(late.poses.stamps_ns + 10**12, late.poses.T_map_body), is_base=False)
+    assert drive.fit(elsewhere) is None
+    assert drive.anchor(elsewhere) is None
+
+
+def test_what_is_told_counts_and_compares(drive):
+    lines = drive.summary(1, truth_of(WAY), T_TRUTH_MAP)
+    assert lines[0].startswith("5 spheres placed, 2 lost, 3 kept, 1 loops closed")
+    assert "median 0.0 mm, max 0.0 mm" in lines[1]
+    assert drive.summary(0, None, None) == [lines[0].replace("1 loops", "0 loops")]

@@ -1,0 +1,134 @@
+"""`sphere_nav map --extend`: a second drive is joined to a map where both saw the same places, or refused."""
+
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import redirect_stdout
+from dataclasses import replace
+from io import StringIO
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from sphere_nav.cli.main import main
+from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.ros.bags import BagWriter
+from sphere_nav.ros.conversions import se3_to_pose_stamped, sphere_to_message
+from sphere_nav.ros.maps.check import verify_map
+from sphere_nav.ros.maps.reader import MapDetails, open_map, save_map
+from worlds.room import sharp_room
+
+START, PERIOD = 1_000_000_000, 200_000_000
+SETTINGS = ("--set", "mapper.key.max_parallax_whole=0.1")
+ALL_KEPT = ("--set", "mapper.key.merge=false")
+EAST = [SE3.from_planar(-2.0 + 0.35 * k, 0.2, 0.0) for k in range(5)]
+WEST = [SE3.from_planar(0.3 - 0.35 * k, -0.2, np.pi) for k in range(5)]  # the other way, half of it the same
+
+
+def call(*words):
+    return main([str(word) for word in words])
+
+
+def write_drive(path, room, poses, start):
+    """Write what a camera that gives spheres sees, and where it truly is in the room."""
+    with BagWriter(path) as bag:
+        for number, pose in enumerate(poses):
+            stamp = start + number * PERIOD
+            sphere = replace(room.sphere(pose, Spherical(256, 128), number), stamp_ns=stamp)
+            bag.write("sphere", sphere_to_message(sphere, "sphere_link"), stamp)
+            bag.write("ground_truth/pose", se3_to_pose_stamped(pose, stamp, "map"), stamp)
+    return path
+
+
+@pytest.fixture(scope="module")
+def drives(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("drives")
+    write_drive(folder / "east", sharp_room(), EAST, START)
+    write_drive(folder / "west", sharp_room(), WEST, START + 100 * PERIOD)
+    write_drive(folder / "elsewhere", sharp_room(seed=1), WEST, START + 100 * PERIOD)
+    assert call("map", folder / "east", "-o", folder / "taught", "--anchor", "truth", *SETTINGS) == 0
+    return folder
+
+
+@pytest.fixture(scope="module")
+def joint(drives, tmp_path_factory):
+    """The second drive joined to the map of the first one, all key spheres kept."""
+    folder, taught = tmp_path_factory.mktemp("joint"), drives / "taught" / "map.mcap"
+    before = taught.read_bytes()
+    words = ("--extend", drives / "taught", "--trajectory", folder / "west.tum", *SETTINGS, *ALL_KEPT)
+    with redirect_stdout(StringIO()) as said:
+        assert call("map", drives / "west", "-o", folder / "both", *words) == 0
+    assert f"joined to {drives / 'taught'}" in said.getvalue()
+    assert taught.read_bytes() == before
+    return folder
+
+
+def test_two_drives_are_one_map_and_the_first_one_stays_as_it_is(drives, joint):
+    assert sorted(path.name for path in joint.iterdir()) == ["both", "west.tum"]
+    assert verify_map(joint / "both") == []
+    with open_map(joint / "both") as both, open_map(drives / "taught") as taught:
+        assert set(taught.graph.nodes) < set(both.graph.nodes)
+        assert both.info.source == "east + west"
+        truth = {START + k * PERIOD: pose for k, pose in enumerate(EAST)}
+        truth |= {START + (100 + k) * PERIOD: pose for k, pose in enumerate(WEST)}
+        errors = [float(node.T_map_sphere.distance(truth[node.stamp_ns])[0]) for node in both.graph]
+        assert np.sqrt(np.mean(np.square(errors))) < 0.01  # m, of all key spheres: the map's frame is the truth's
+        assert any(edge.is_loop for edge in both.graph.edges)
+    driven = read_tum(joint / "west.tum")
+    assert max(float(a.distance(b)[0]) for a, b in zip(driven.T_map_body, WEST, strict=True)) < 0.02
+
+
+def test_processes_and_a_cluster_make_the_same_map_bit_for_bit(drives, joint, tmp_path, monkeypatch):
+    class Client:
+        def __init__(self, address, timeout):
+            assert address == "tcp://here:8786"
+
+        def scheduler_info(self):
+            return {"workers": {"one": {}, "two": {}}}
+
+        def get_executor(self, pure):
+            return ThreadPoolExecutor(2)
+
+        def close(self):
+            pass
+
+    monkeypatch.setitem(sys.modules, "distributed", SimpleNamespace(Client=Client))
+    words = ("--extend", drives / "taught", *SETTINGS, *ALL_KEPT)
+    for name, options in {"two": ("--jobs", 2), "cluster": ("--scheduler", "tcp://here:8786")}.items():
+        assert call("map", drives / "west", "-o", tmp_path / name, *words, *options) == 0
+        assert (tmp_path / name / "map.mcap").read_bytes() == (joint / "both" / "map.mcap").read_bytes()
+
+
+def refused(capsys, *words):
+    assert call("map", *words) == 2
+    said = capsys.readouterr().err.strip()
+    assert "\n" not in said
+    return said
+
+
+def test_a_drive_elsewhere_is_refused_with_what_was_tried(drives, tmp_path, capsys):
+    said = refused(capsys, drives / "elsewhere", "-o", tmp_path / "both", "--extend", drives / "taught", *SETTINGS)
+    assert "expected a drive by places of the map, found none that hold" in said
+    assert "key spheres looked up" in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_what_cannot_be_joined_is_one_line_before_anything_is_mapped(drives, tmp_path, capsys):
+    west, taught = drives / "west", drives / "taught"
+    words = (west, "-o", tmp_path / "both", "--extend")
+    said = refused(capsys, west, "-o", taught, "--overwrite", "--extend", taught)
+    assert "expected another folder than that of --extend" in said
+    assert "--anchor: expected first" in refused(capsys, *words, taught, "--anchor", "truth")
+    assert "expected a map" in refused(capsys, *words, drives)
+    with open_map(taught) as reader:
+        graph = reader.load_all()
+    save_map(tmp_path / "rig", graph, MapDetails(rig="name: another"))
+    assert "--rig: expected that of the map, found none" in refused(capsys, *words, tmp_path / "rig")
+    save_map(tmp_path / "old", graph, MapDetails(software="sphere_nav 0.0.1"))
+    said = refused(capsys, *words, tmp_path / "old")
+    assert "software: expected sphere_nav" in said
+    assert "found sphere_nav 0.0.1" in said
+    assert not (tmp_path / "both").exists()

@@ -1,0 +1,25 @@
+"""A drive says what is off in its stereo pair before it is mapped; a right pair is left alone."""
+
+import numpy as np
+
+from sphere_mapping.acquisition.stereo.track_fit import ColumnFit
+from sphere_mapping.ros.intake import TOPICS
+from sphere_nav.offline.mapping.stereo_drive import describe, find_field
+from sphere_nav.ros.bags import BagReader
+from worlds.recordings import stereo, write_bag
+
+
+def test_a_right_pair_is_left_alone(tmp_path):
+    write_bag(tmp_path / "bag", stereo, numbers=range(5))
+    with BagReader(tmp_path / "bag") as bag:
+        pair, words = find_field(bag, {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]})
+    assert not any(pair.correction.columns)
+    assert words.startswith("stereo: rows off by 0.")
+    assert words.endswith("disparity as told")
+
+
+def test_what_is_corrected_is_told_with_its_deviations():
+    found = ColumnFit(np.array([0.7, 2.5]), np.diag([0.01, 0.04]), 300)
+    assert describe(found) == (
+        "disparity too small by 0.70 +2.50 x^2 px (x, y: tangents; deviations 0.10, 0.20, from 300 corners), corrected"
+    )

@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import dataclasses
+import math
+
+import pytest
+
+from sphere_nav.params import build, group, leaves, param, parameters, to_mapping
+
+
+@parameters
+class Inner:
+    gain: float = param(0.5, "how much", "1/m", low=0.0, high=2.0)
+    mode: str = param("slow", "how fast", choices=("slow", "fast"))
+
+
+@parameters
+class Outer:
+    count: int = param(3, "how many", low=1)
+    is_on_track: bool = param(True, "whether it is")
+    inner: Inner = group(Inner)
+
+
+def test_leaves_come_in_order_with_dotted_names() -> None:
+    assert [leaf.name for leaf in leaves(Outer)] == ["count", "is_on_track", "inner.gain", "inner.mode"]
+    assert [leaf.type for leaf in leaves(Outer)] == [int, bool, float, str]
+
+
+def test_build_is_the_inverse_of_to_mapping() -> None:
+    values = {"count": 7, "is_on_track": False, "inner.gain": 1.5, "inner.mode": "fast"}
+    assert to_mapping(build(Outer, values)) == values
+
+
+def test_what_is_not_given_keeps_its_default() -> None:
+    assert build(Outer, {"inner.gain": 1.0}) == Outer(inner=Inner(gain=1.0))
+
+
+def test_an_integer_becomes_a_float_where_a_float_is_declared() -> None:
+    gain = build(Outer, {"inner.gain": 1}).inner.gain
+    assert isinstance(gain, float)
+    assert gain == 1.0
+
+
+def test_a_parameters_object_cannot_be_changed() -> None:
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        Outer().count = 4  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "text"),
+    [
+        ("count", 0, "count: expected at least 1, found 0"),
+        ("count", 1.5, "count: expected int, found 1.5"),
+        ("count", True, "count: expected int, found True"),
+        ("is_on_track", 1, "is_on_track: expected bool, found 1"),
+        ("inner.gain", 2.5, "inner.gain: expected 0.0 to 2.0, found 2.5"),
+        ("inner.gain", math.nan, "inner.gain: expected a number, found nan"),
+        ("inner.gain", math.inf, "inner.gain: expected 0.0 to 2.0, found inf"),
+        ("inner.gain", "1", "inner.gain: expected float, found '1'"),
+        ("inner.mode", "medium", "inner.mode: expected one of 'slow', 'fast', found 'medium'"),
+        ("inner.size", 1, "inner.size: unknown parameter of Outer"),
+    ],
+)
+def test_a_wrong_value_is_refused_by_name(name: str, value: object, text: str) -> None:
+    with pytest.raises(ValueError) as caught:  # noqa: PT011  the whole text is compared
+        build(Outer, {name: value})
+    assert str(caught.value) == text
+
+
+def test_a_constructor_call_is_checked_too() -> None:
+    with pytest.raises(ValueError, match=r"gain: expected 0\.0 to 2\.0, found -1\.0"):
+        Inner(gain=-1.0)
+
+
+def test_the_meaning_tells_unit_and_range() -> None:
+    meanings = [leaf.meaning() for leaf in leaves(Outer)]
+    assert meanings == [
+        "how many [at least 1]",
+        "whether it is",
+        "how much [1/m; 0.0 to 2.0]",
+        "how fast [one of 'slow', 'fast']",
+    ]

@@ -1,0 +1,55 @@
+from __future__ import annotations
+
+import yaml
+
+from sphere_nav.params import build, group, leaves, param, parameters, to_mapping
+from sphere_nav.params.render import to_markdown, to_yaml
+
+
+@parameters
+class Deep:
+    tiny: float = param(1e-9, "a very small number", "m")
+    word: str = param("yes", "a word that YAML takes for a truth value")
+
+
+@parameters
+class Middle:
+    deep: Deep = group(Deep)
+    after: float = param(1e20, "a very large number", "s")
+
+
+@parameters
+class Whole:
+    whole: float = param(2, "declared as an integer", "m", low=0.0)
+    middle: Middle = group(Middle)
+    flag: bool = param(True, "a truth value")
+
+
+def flatten(tree: dict[str, object], prefix: str = "") -> dict[str, object]:
+    values: dict[str, object] = {}
+    for name, item in tree.items():
+        values |= flatten(item, f"{prefix}{name}.") if isinstance(item, dict) else {prefix + name: item}
+    return values
+
+
+def test_the_yaml_file_holds_every_default_with_its_type() -> None:
+    tree = yaml.safe_load(to_yaml(Whole, node="some_node"))
+    values = flatten(tree["some_node"]["ros__parameters"])
+    assert values == to_mapping(Whole())
+    # rclpy refuses an integer for a float parameter, so floats must be written as floats
+    assert [type(values[leaf.name]) for leaf in leaves(Whole)] == [leaf.type for leaf in leaves(Whole)]
+    assert build(Whole, values) == Whole()
+
+
+def test_every_value_has_its_meaning_above_it() -> None:
+    lines = [line.strip() for line in to_yaml(Whole).splitlines()]
+    for leaf in leaves(Whole):
+        at = next(i for i, line in enumerate(lines) if line.startswith(leaf.name.split(".")[-1] + ": "))
+        assert lines[at - 1] == f"# {leaf.meaning()}"
+
+
+def test_the_table_has_one_row_a_parameter() -> None:
+    rows = to_markdown(Whole).splitlines()
+    assert len(rows) == 2 + len(list(leaves(Whole)))
+    assert rows[2] == "| `whole` | 2.0 | m | at least 0.0 | declared as an integer |"
+    assert len({row.count("|") for row in rows}) == 1

@@ -1,0 +1,172 @@
+"""A known motion is recovered, and what cannot be registered is refused with its reason."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Pinhole, Spherical
+from sphere_nav.photometric import RegistrationParams, View, build_pyramid, evaluate, prepare_reference, register
+
+PINHOLE = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
+SPHERE = Spherical(512, 256)
+T_BODY_OPTICAL = SE3.from_parts([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])
+AT = SE3.from_planar(0.5, -0.4, 0.3)
+CURRENT = {
+    "pinhole": (PINHOLE, T_BODY_OPTICAL),
+    "distorted": (Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5, (-0.2, 0.03)), T_BODY_OPTICAL),
+    "double sphere": (DoubleSphere(160, 160, 50.0, 50.0, 79.5, 79.5, -0.2, 0.55), T_BODY_OPTICAL),
+    "fisheye": (Fisheye(160, 160, 50.0, 50.0, 79.5, 79.5, (0.02, -0.01, 0.0, 0.0)), T_BODY_OPTICAL),
+    "sphere": (Spherical(256, 128), SE3.identity()),
+}
+
+
+@pytest.fixture(scope="module")
+def sphere_view(room):
+    image, range_m = room.render(SPHERE, AT)
+    return View(prepare_reference(image, range_m, SPHERE), AT)
+
+
+def error_of(alignment, truth):
+    distance, angle = alignment.T_world_camera.distance(truth)
+    return float(distance), float(angle)
+
+
+@pytest.mark.parametrize("kind", CURRENT)
+def test_every_camera_is_registered_with_a_sphere(room, sphere_view, kind):
+    camera, T_body_camera = CURRENT[kind]
+    truth = AT @ SE3.exp([0.15, -0.1, 0.05, 0.02, -0.03, 0.08]) @ T_body_camera
+    image, _ = room.render(camera, truth)
+    found = register(build_pyramid(image, camera), [sphere_view], AT @ T_body_camera)
+    distance, angle = error_of(found, truth)
+    assert found.is_converged, found.reason
+    assert distance < 0.01  # resampling between a 512 column sphere and a camera of 110 px/rad
+    assert angle < 0.003
+    assert found.ncc > 0.97
+    assert found.overlap > 0.9
+
+
+def test_a_guess_whose_rotation_rounding_has_bent_leads_to_a_rotation(room, sphere_view):
+    """Each guess of a long drive is a product with inverses, in which rounding doubles from one to the next."""
+    camera, T_body_camera = CURRENT["sphere"]
+    guess, image = AT @ T_body_camera, room.render(camera, AT @ T_body_camera)[0]
+    bent = SE3(guess.matrix * np.array([1 + 1e-7, 1.0, 1.0, 1.0]))
+    R = register(build_pyramid(image, camera), [sphere_view], bent).T_world_camera.rotation
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+
+
+def test_two_references_are_aligned_at_once_and_their_adjoints_agree(room, sphere_view):
+    second = AT @ SE3.exp([0.6, 0.2, 0.0, 0.0, 0.0, 0.4])
+    image, range_m = room.render(SPHERE, second)
+    views = [sphere_view, View(prepare_reference(image, range_m, SPHERE), second)]
+    truth = AT @ SE3.exp([0.3, 0.1, 0.02, 0.01, 0.02, 0.2]) @ T_BODY_OPTICAL
+    current, _ = room.render(PINHOLE, truth)
+    start = truth @ SE3.exp([0.08, -0.05, 0.05, 0.02, 0.01, -0.02])
+    found = register(build_pyramid(current, PINHOLE), views, start)
+    assert found.is_converged
+    assert error_of(found, truth)[0] < 0.01
+    assert len(found.gains) == 2
+
+
+def test_a_change_of_light_is_a_gain_and_a_bias(room, sphere_view):
+    truth = AT @ SE3.exp([0.1, 0.0, 0.0, 0.0, 0.0, 0.05]) @ T_BODY_OPTICAL
+    image, _ = room.render(PINHOLE, truth)
+    found = register(build_pyramid(0.6 * image + 20.0, PINHOLE), [sphere_view], AT @ T_BODY_OPTICAL)
+    assert error_of(found, truth)[0] < 0.01
+    assert found.gains[0] == pytest.approx(1 / 0.6, rel=0.03)
+    assert found.biases[0] == pytest.approx(-20 / 0.6, abs=3.0)
+
+
+def test_a_tenth_of_gross_outliers_does_not_move_the_result(room, sphere_view, rng):
+    truth = AT @ SE3.exp([0.1, 0.05, 0.0, 0.0, 0.0, 0.05]) @ T_BODY_OPTICAL
+    image, _ = room.render(PINHOLE, truth)
+    image[30:70, 40:90] = rng.uniform(0, 255, (40, 50))
+    found = register(build_pyramid(image, PINHOLE), [sphere_view], AT @ T_BODY_OPTICAL)
+    assert error_of(found, truth)[0] < 0.02
+
+
+def test_a_far_sphere_still_gives_rotation_and_says_that_translation_is_unknown(room):
+    image, range_m = room.render(SPHERE, AT)
+    far = View(prepare_reference(image, np.full_like(range_m, np.inf), SPHERE), AT)
+    truth = AT @ SE3.exp([0, 0, 0, 0.01, -0.02, 0.06]) @ T_BODY_OPTICAL
+    current, _ = room.render(PINHOLE, truth)
+    found = register(build_pyramid(current, PINHOLE), [far], AT @ T_BODY_OPTICAL)
+    deviation = np.sqrt(np.diag(found.covariance))
+    distance, angle = error_of(found, truth)
+    assert deviation[:3].max() > 0.5
+    assert distance < 3.0 * np.linalg.norm(deviation[:3])
+    assert angle < 1e-3
+    assert deviation[3:].max() < 1e-3
+
+
+def test_looking_elsewhere_is_low_overlap(room):
+    image, range_m = room.render(PINHOLE, AT @ T_BODY_OPTICAL)
+    view = View(prepare_reference(image, range_m, PINHOLE), AT @ T_BODY_OPTICAL)
+    behind = AT @ SE3.from_planar(0, 0, np.pi) @ T_BODY_OPTICAL
+    current, _ = room.render(PINHOLE, behind)
+    found = register(build_pyramid(current, PINHOLE), [view], behind)
+    assert found.reason == "LOW_OVERLAP"
+    assert np.isinf(np.diag(found.covariance)).all()
+
+
+def test_an_even_wall_is_low_texture(room):
+    camera = PINHOLE
+    image = np.full((120, 160), 128.0, np.float32)
+    view = View(prepare_reference(image, np.full((120, 160), 2.0, np.float32), camera), SE3.identity())
+    found = register(build_pyramid(image, camera), [view], SE3.identity())
+    assert found.reason == "LOW_TEXTURE"
+    assert np.isfinite(found.T_world_camera.matrix).all()
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_noise_instead_of_an_image_is_refused(sphere_view, seed):
+    noise = np.random.default_rng(seed).integers(0, 255, (120, 160)).astype(np.uint8)
+    found = register(build_pyramid(noise, PINHOLE), [sphere_view], AT @ T_BODY_OPTICAL)
+    assert found.reason in ("OUTLIERS", "NO_CONVERGENCE")
+    assert np.isfinite(found.T_world_camera.matrix).all()
+
+
+def test_a_reference_without_range_is_low_overlap(room):
+    image, range_m = room.render(PINHOLE, AT @ T_BODY_OPTICAL)
+    view = View(prepare_reference(image, np.full_like(range_m, np.nan), PINHOLE), AT @ T_BODY_OPTICAL)
+    found = register(build_pyramid(image, PINHOLE), [view], AT @ T_BODY_OPTICAL)
+    assert found.reason == "LOW_OVERLAP"
+
+
+def test_no_reference_is_misuse(room):
+    image, _ = room.render(PINHOLE, AT @ T_BODY_OPTICAL)
+    with pytest.raises(ValueError, match="at least one reference"):
+        register(build_pyramid(image, PINHOLE), [], AT)
+
+
+def test_the_same_input_gives_the_same_bits(room, sphere_view):
+    truth = AT @ SE3.exp([0.1, 0.05, 0.0, 0.0, 0.0, 0.05]) @ T_BODY_OPTICAL
+    image, _ = room.render(PINHOLE, truth)
+    runs = [register(build_pyramid(image, PINHOLE), [sphere_view], AT @ T_BODY_OPTICAL) for _ in range(2)]
+    assert np.array_equal(runs[0].T_world_camera.matrix, runs[1].T_world_camera.matrix)
+    assert np.array_equal(runs[0].covariance, runs[1].covariance)
+
+
+def test_fewer_pixels_still_find_the_motion(room, sphere_view):
+    truth = AT @ SE3.exp([0.1, 0.05, 0.0, 0.0, 0.0, 0.05]) @ T_BODY_OPTICAL
+    image, _ = room.render(PINHOLE, truth)
+    few = RegistrationParams(max_pixels=2000)
+    found = register(build_pyramid(image, PINHOLE), [sphere_view], AT @ T_BODY_OPTICAL, few)
+    assert found.num_pixels <= 2000
+    assert error_of(found, truth)[0] < 0.02
+
+
+def test_evaluating_a_pose_says_what_registering_would_and_moves_nothing(room, sphere_view):
+    truth = AT @ SE3.exp([0.1, 0.05, 0.0, 0.0, 0.0, 0.05]) @ T_BODY_OPTICAL
+    pyramid = build_pyramid(room.render(PINHOLE, truth)[0], PINHOLE)
+    found = register(pyramid, [sphere_view], AT @ T_BODY_OPTICAL)
+    same = evaluate(pyramid, [sphere_view], found.T_world_camera)
+    off = evaluate(pyramid, [sphere_view], AT @ T_BODY_OPTICAL)
+    assert np.allclose(same.T_world_camera.matrix, found.T_world_camera.matrix, rtol=0.0, atol=1e-12)
+    assert same.iterations == 0
+    assert same.ncc == pytest.approx(found.ncc, abs=0.01)
+    assert off.mad > 3.0 * same.mad
+
+
+def test_more_references_than_the_kernels_hold_are_misuse(room, sphere_view):
+    image, _ = room.render(PINHOLE, AT @ T_BODY_OPTICAL)
+    with pytest.raises(ValueError, match="at most 4, found 5"):
+        register(build_pyramid(image, PINHOLE), [sphere_view] * 5, AT)

@@ -1,0 +1,59 @@
+"""What makes an alignment a result, cause by cause."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference
+from sphere_nav.photometric.align.judgement import judge
+from sphere_nav.photometric.align.problem import Descent, Problem, State
+
+CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
+T_ROOM_CAMERA = SE3.from_parts([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])
+
+
+def judged(room, params=None, motion=0.0, overlap=1.0, noise=0.0):
+    params = params or RegistrationParams()
+    image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
+    view = View(prepare_reference(image, range_m, CAMERA, params), T_ROOM_CAMERA)
+    seen = image + np.random.default_rng(3).normal(size=image.shape).astype(np.float32) * np.float32(noise)
+    level = build_pyramid(seen, CAMERA, params.pyramid).levels[0]
+    problem = Problem.choose_pixels(level, [view], T_ROOM_CAMERA, params)
+    return judge(problem, Descent(State.start(T_ROOM_CAMERA, 1), 5, motion, True), 5, overlap, params)
+
+
+def test_a_good_end_is_good(room):
+    found = judged(room, noise=2.0)
+    assert found.is_converged
+    assert found.ncc > 0.98
+    assert found.mad == pytest.approx(0.6745 * 2.0, rel=0.1)  # of normal noise
+    assert np.all(np.linalg.eigvalsh(found.covariance) > 0)
+
+
+def test_more_noise_gives_a_larger_covariance(room):
+    quiet, loud = judged(room, noise=3.0), judged(room, noise=12.0)
+    assert np.trace(loud.covariance[:3, :3]) > 4.0 * np.trace(quiet.covariance[:3, :3])
+
+
+@pytest.mark.parametrize(
+    ("reason", "arguments"),
+    [
+        ("LOW_OVERLAP", {"overlap": 0.05}),
+        ("NO_CONVERGENCE", {"motion": 3.0}),
+        ("OUTLIERS", {"noise": 80.0}),
+        ("LOW_TEXTURE", {"params": RegistrationParams(max_condition=1.5)}),
+        ("LOW_OVERLAP", {"params": RegistrationParams(min_pixels=10**6)}),
+    ],
+)
+def test_every_cause_has_its_name(room, reason, arguments):
+    found = judged(room, **arguments)
+    assert found.reason == reason
+    assert not found.is_converged
+
+
+def test_the_correlation_is_that_of_the_pixels(room):
+    """Of noise and image: ncc^2 is the share of the variance that the image explains."""
+    found = judged(room, noise=20.0)
+    image, _ = room.render(CAMERA, T_ROOM_CAMERA)
+    variance = float(np.var(image))
+    assert found.ncc == pytest.approx(np.sqrt(variance / (variance + 20.0**2)), abs=0.02)

@@ -1,0 +1,133 @@
+"""The stacked normal equations against numerical derivatives of the residuals."""
+
+import cv2
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference
+from sphere_nav.photometric.align.judgement import correlated_pixels
+from sphere_nav.photometric.align.problem import Problem, State
+
+CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
+SPHERE = Spherical(1024, 512)
+RESIDUAL_SQUARED = 44  # the last product of the columns
+T_BODY_OPTICAL = SE3.from_parts([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])
+A, B = SE3.from_planar(0.5, -0.4, 0.3), SE3.from_planar(0.9, -0.3, 0.5)
+
+
+def make_problem(room, params):
+    views = []
+    for T_room_sphere in (A, B):
+        image, range_m = room.render(SPHERE, T_room_sphere)
+        views.append(View(prepare_reference(image, range_m, SPHERE, params), T_room_sphere))
+    truth = A @ SE3.exp([0.1, 0.05, 0.02, 0.0, 0.01, 0.05]) @ T_BODY_OPTICAL
+    image, _ = room.render(CAMERA, truth)
+    level = build_pyramid(image, CAMERA, params.pyramid).levels[1]  # smooth enough for differences
+    return Problem.choose_pixels(level, views, truth, params), State.start(truth, 2)
+
+
+def cost(problem, T_world_camera):
+    """Half the sum of squared residuals, all weights being one."""
+    (view,) = problem.compare(State.start(T_world_camera, 1))
+    return 0.5 * view.pieces[:, RESIDUAL_SQUARED].sum()
+
+
+def test_the_normal_equations_are_those_of_numerical_derivatives_in_the_camera_tangent(room):
+    params = RegistrationParams(huber=1000.0)  # no pixel weighs less: the cost is a plain sum of squares
+    smooth, range_m = room.render(CAMERA, A @ T_BODY_OPTICAL)
+    smooth = cv2.GaussianBlur(smooth, (0, 0), 3.0)  # so that central differences are the derivative
+    T_world_reference = A @ T_BODY_OPTICAL
+    view = View(prepare_reference(smooth, range_m, CAMERA, params), T_world_reference)
+    level = build_pyramid(smooth, CAMERA, params.pyramid).levels[0]
+    problem = Problem.choose_pixels(level, [view], T_world_reference, params)
+    T_start = T_world_reference @ SE3.exp([1e-3, 0, 0, 0, 1e-3, 0])  # off the pixel centres, residuals not zero
+    H, g, _ = problem.linearise(State.start(T_start, 1))
+    (compared,) = problem.compare(State.start(T_start, 1))
+    H, g, step = H[:6, :6] * compared.sigma**2, g[:6] * compared.sigma**2, 2e-3
+    scale = np.sqrt(np.diag(H))
+    sides = [[cost(problem, T_start @ SE3.exp(s * step * axis)) for s in (1, 0, -1)] for axis in np.eye(6)]
+    slope = np.array([(high - low) / (2 * step) for high, _, low in sides])
+    curvature = np.array([(high - 2 * middle + low) / step**2 for high, middle, low in sides])
+    assert np.abs((g - slope) / scale).max() < 0.03 * np.linalg.norm(slope / scale)
+    assert np.abs(curvature / np.diag(H) - 1.0).max() < 0.05
+
+
+def test_a_descent_reduces_the_residuals_of_both_views(room):
+    problem, state = make_problem(room, RegistrationParams())
+    off = State(state.T_world_camera @ SE3.exp([0.01, -0.01, 0.005, 0.002, 0.001, -0.002]), state.light)
+    before = [view.mad for view in problem.compare(off)]
+    descent = problem.descend(off, 1)
+    after = [view.mad for view in problem.compare(descent.state)]
+    assert descent.iterations == 1
+    assert all(b < 0.7 * a for a, b in zip(before, after, strict=True))
+
+
+def test_a_descent_ends_when_the_image_stands_still(room):
+    params = RegistrationParams(min_step=0.05)
+    problem, state = make_problem(room, params)
+    descent = problem.descend(state, 20)
+    assert descent.is_determined
+    assert 1 <= descent.iterations < 6
+    assert descent.motion < params.min_step
+
+
+def test_a_descent_ends_where_its_passes_lead_and_tells_its_last_comparison(room):
+    camera, params = Pinhole(480, 360, 330.0, 330.0, 239.5, 179.5), RegistrationParams()
+    image, range_m = room.render(SPHERE, A)
+    view = View(prepare_reference(image, range_m, SPHERE, params), A)
+    truth = A @ SE3.exp([0.1, 0.05, 0.02, 0.0, 0.01, 0.05]) @ T_BODY_OPTICAL
+    level = build_pyramid(room.render(camera, truth)[0], camera, params.pyramid).levels[0]
+    off = State.start(truth @ SE3.exp([0.01, -0.01, 0.005, 0.002, 0.001, -0.002]), 1)
+    problem = Problem.choose_pixels(level, [view], off.T_world_camera, params)
+    state = off
+    for _ in range(8):
+        H, g, _ = problem.linearise(state)
+        x = np.linalg.solve(H, -g)
+        state = State(state.T_world_camera @ SE3.exp(x[:6]), state.light + x[6:].reshape(1, 2))
+    found = problem.descend(off, 8)
+    metres, radians = found.state.T_world_camera.distance(state.T_world_camera)
+    assert radians * camera.fx < params.min_step
+    assert metres < 1e-4
+    (before,), (after,) = found.found, problem.compare(found.state)
+    assert before.num_visible == pytest.approx(after.num_visible, rel=1e-3)
+    assert before.mad == pytest.approx(after.mad, rel=0.02)
+    assert correlated_pixels([before], 1.0) == pytest.approx(correlated_pixels([after], 1.0), rel=0.02)
+    assert problem.descend(off, 1).found == ()
+
+
+def test_a_descent_does_not_touch_its_start(room):
+    problem, state = make_problem(room, RegistrationParams())
+    before = state.T_world_camera.matrix.copy(), state.light.copy()
+    problem.descend(state, 3)
+    assert np.array_equal(state.T_world_camera.matrix, before[0])
+    assert np.array_equal(state.light, before[1])
+
+
+def test_rotation_only_leaves_the_place(room):
+    problem, state = make_problem(room, RegistrationParams())
+    found = problem.descend(state, 3, is_rotation=True).state.T_world_camera
+    assert np.allclose(found.translation, state.T_world_camera.translation, atol=1e-12)
+
+
+def test_a_descent_without_pixels_is_not_determined(room):
+    problem, state = make_problem(room, RegistrationParams())
+    behind = State(state.T_world_camera @ SE3.exp([0, 0, 0, 0, np.pi, 0]), state.light)
+    descent = problem.descend(behind, 5)
+    assert not descent.is_determined
+    assert descent.iterations == 0
+
+
+def test_an_image_compared_with_itself_has_no_residual(room):
+    params = RegistrationParams()
+    image, range_m = room.render(CAMERA, T_BODY_OPTICAL)
+    view = View(prepare_reference(image, range_m, CAMERA, params), T_BODY_OPTICAL)
+    level = build_pyramid(image, CAMERA, params.pyramid).levels[0]
+    problem = Problem.choose_pixels(level, [view], T_BODY_OPTICAL, params)
+    (found,) = problem.compare(State.start(T_BODY_OPTICAL, 1))
+    # float32 pixels fall beside their centres by 1e-5; histogram bins are a quarter wide
+    assert abs(found.median) < 0.25
+    assert found.sigma == params.min_sigma
+    assert found.num_inliers == found.num_visible
+    (brighter,) = problem.compare(State(T_BODY_OPTICAL, np.array([[1.0, 40.0]])))
+    assert abs(brighter.median - 40.0) < 0.25

@@ -1,0 +1,109 @@
+"""Several cameras of one body: the change of coordinates, one camera as a rig of one, and motions."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
+from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference, register
+from sphere_nav.photometric.align.problem import State
+from sphere_nav.photometric.align.rig import RigImage, _RigProblem, register_rig
+from sphere_nav.photometric.align.rotation import register_rig_rotation
+from sphere_nav.photometric.checks.structure import find_rig_structure
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+
+PINHOLE = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
+FISHEYE = Fisheye(160, 120, 60.0, 60.0, 79.5, 59.5, (0.02, -0.01, 0.0, 0.0))
+PARAMS = RegistrationParams(pyramid=PyramidParams(num_levels=3, min_side=24), max_pixels=20_000)
+# One camera looks ahead and a little down, the other one back and to the side; both are off the middle of the body.
+MOUNTS = (
+    SE3.exp([0.4, 0.1, 0.2, 0.0, 0.1, 0.2]) @ T_BODY_OPTICAL,
+    SE3.exp([-0.3, -0.2, 0.1, 0.0, 0.0, 2.4]) @ T_BODY_OPTICAL,
+)
+CAMERAS = PINHOLE, FISHEYE
+T_ROOM_BODY = SE3.exp([0.3, -0.2, 0.1, 0.0, 0.0, 0.1])
+START = T_ROOM_BODY @ SE3.exp([0.03, -0.04, 0.02, 0.01, -0.01, 0.02])
+
+
+@pytest.fixture(scope="module")
+def views(room):
+    places = [SE3.identity(), SE3.from_planar(0.8, 0.1, 0.0)]
+    spheres = [room.sphere(T, Spherical(512, 256), k) for k, T in enumerate(places)]
+    references = [prepare_reference(one.grey, one.range_m, one.camera, PARAMS) for one in spheres]
+    return tuple(View(one, T) for one, T in zip(references, places, strict=True))
+
+
+@pytest.fixture(scope="module")
+def images(room, views):
+    def image(k, camera, mount):
+        picture = room.photograph(camera, T_ROOM_BODY @ mount, 50 + k)
+        return RigImage(build_pyramid(picture, camera, PARAMS.pyramid), mount, views, f"camera{k}")
+
+    return tuple(image(k, *pair) for k, pair in enumerate(zip(CAMERAS, MOUNTS, strict=True)))
+
+
+def test_the_increment_of_a_camera_is_the_adjoint_of_that_of_the_body(images):
+    problem, state = _RigProblem.choose_pixels(images, 1, START, PARAMS, None), State.start(START, 4)
+    H, g, visible = problem.linearise(state)
+    for image, one, camera_state in zip(images, problem.problems, problem.states(state), strict=True):
+        step = 1e-6 * np.eye(6)
+        X = image.T_body_camera
+        numeric = np.stack([(X.inverse() @ SE3.exp(xi) @ X).log() for xi in step], axis=1) / 1e-6
+        h, q, number = one.linearise(camera_state)
+        H[:6, :6] -= numeric.T @ h[:6, :6] @ numeric
+        g[:6] -= numeric.T @ q[:6]
+        visible -= number
+    np.testing.assert_allclose(H[:6, :6], 0.0, atol=1e-4 * np.abs(h[:6, :6]).max())
+    np.testing.assert_allclose(g[:6], 0.0, atol=1e-4 * np.abs(q[:6]).max())
+    assert visible == 0
+    assert H.shape == (14, 14)
+    assert np.all(H[6:10, 10:] == 0.0)  # the light of one camera says nothing of the other's
+
+
+def test_a_rig_of_one_camera_is_that_camera_in_other_coordinates(images):
+    one, mount = images[0], images[0].T_body_camera
+    alone = register(one.pyramid, one.views, START @ mount, PARAMS)
+    found = register_rig([one], START, PARAMS)
+    np.testing.assert_allclose(found.T_world_camera.matrix, (alone.T_world_camera @ mount.inverse()).matrix, atol=1e-8)
+    Ad = mount.adjoint()
+    # the one camera is judged by its last pass, just before an increment of less than 0.02 px
+    np.testing.assert_allclose(found.covariance, Ad @ alone.covariance @ Ad.T, rtol=0.02, atol=1e-9)
+    assert (found.iterations, found.num_pixels, found.reason) == (alone.iterations, alone.num_pixels, "")
+    assert found.ncc == pytest.approx(alone.ncc, abs=1e-4)
+
+
+def test_two_cameras_find_their_motion(images):
+    found = register_rig(images, START, PARAMS)
+    assert found.is_converged
+    assert len(found.gains) == 4
+    metres, radians = found.T_world_camera.distance(T_ROOM_BODY)
+    assert metres < 0.003  # noise of 2 grey levels: each camera alone errs by 2 to 4 mm
+    assert radians < 0.0015
+    xi = (found.T_world_camera.inverse() @ T_ROOM_BODY).log()
+    assert xi @ np.linalg.solve(found.covariance, xi) < 25.0  # 6 degrees of freedom, 1 in 3000
+    structure = find_rig_structure(images, found, PARAMS)
+    assert structure.agreement > 0.5
+    assert abs(structure.stretch) < 0.03
+
+
+def test_the_turn_of_the_body_is_that_of_a_camera_in_its_axes(room, images):
+    turn = SE3.exp([0, 0, 0, 0.02, -0.03, np.deg2rad(4)])
+    later = tuple(
+        RigImage(
+            build_pyramid(
+                room.photograph(one.pyramid.cameras[0], T_ROOM_BODY @ turn @ one.T_body_camera),
+                one.pyramid.cameras[0],
+                PARAMS.pyramid,
+            ),
+            one.T_body_camera,
+            name=one.name,
+        )
+        for one in images
+    )
+    for k in (0, 1):
+        assert register_rig_rotation(later[k:], images, PARAMS).distance(turn)[1] < np.deg2rad(0.8)
+    assert register_rig_rotation(later[:1], images[1:], PARAMS) is None
+
+
+def test_no_image_is_refused():
+    with pytest.raises(ValueError, match="expected at least one"):
+        register_rig([], START, PARAMS)

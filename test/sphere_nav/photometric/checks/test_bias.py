@@ -1,0 +1,43 @@
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3
+from sphere_nav.photometric import RegistrationParams
+from sphere_nav.photometric.checks.bias import linearise, solve_robustly
+from sphere_nav.photometric.pixels.samples import Sample
+
+PARAMS, ORDERS = RegistrationParams(), [(0, 1), (1, 0), (1, 1)]
+STEP = np.array([0.01, -0.02, 0.03, 0.004, -0.005, 0.006])
+
+
+def sample_of(rng, number=400):
+    """Pixels whose residuals are those of a step of the pose, and of a gain that falls from one side to the other."""
+    points, gradients = rng.normal([0.0, 0.0, 4.0], 1.0, (number, 3)), rng.normal(0.0, 50.0, (number, 3))
+    current, at = rng.uniform(50.0, 200.0, number), rng.uniform(-1.0, 1.0, (number, 2))
+    sample = Sample(points, gradients, gradients, np.zeros(number), current, np.zeros(number), at)
+    light = 0.1 * current - 3.0 + 0.05 * current * np.cos(0.5 * np.pi * (at[:, 0] + 1.0))
+    return Sample(**{**vars(sample), "residual": -sample.by_pose @ STEP - light})
+
+
+@pytest.mark.parametrize("outliers", [0, 40])
+def test_the_step_of_the_pose_is_told_from_light(outliers):
+    rng = np.random.default_rng(1)
+    samples = [sample_of(rng), sample_of(rng)]
+    samples[0].residual[:outliers] += 100.0
+    x, left, weight = solve_robustly(*linearise([(None, samples)], ORDERS), PARAMS)
+    assert x.shape == (6 + 2 * (2 + len(ORDERS)),)
+    np.testing.assert_allclose(x[:6], STEP, atol=1e-6 if not outliers else 2e-3)
+    np.testing.assert_allclose(x[6:11], [0.1, -3.0, 0.0, 0.05, 0.0], atol=1e-5 if not outliers else 0.6)
+    assert np.median(np.abs(left)) < (1e-4 if not outliers else 0.1)
+    assert not outliers or np.max(weight[:outliers]) < 0.1 * np.median(weight)
+
+
+def test_a_camera_on_a_body_asks_for_the_step_of_the_body():
+    place, sample = SE3.exp([0.2, -0.1, 0.3, 0.1, 0.4, -0.2]), sample_of(np.random.default_rng(2))
+    x, _, _ = solve_robustly(*linearise([(place, [sample])], ORDERS), PARAMS)
+    np.testing.assert_allclose(x[:6], place.adjoint() @ STEP, atol=1e-6)
+
+
+def test_nothing_to_see_is_no_problem():
+    assert linearise([], ()) is None
+    assert linearise([(None, [])], ()) is None

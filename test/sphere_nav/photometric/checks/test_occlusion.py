@@ -1,0 +1,132 @@
+"""A part of the view that does not show the map: that it is there, and by how much it pulls a pose."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.checks.occlusion import MIN_SHARE, find_hidden
+from sphere_nav.photometric.checks.structure import find_rig_structure, find_structure
+from sphere_nav.photometric.pixels.samples import Sample
+from worlds.room import Room
+
+PARAMS = RegistrationParams(max_pixels=10_000, max_mad=100.0)
+SPHERE, CAMERA = Spherical(512, 256), Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
+POSES = [SE3.exp([0.1, -0.05, 0.2, 0.02, 0.3, 0.01]), SE3.exp([-0.2, 0.1, 0.0, 0.0, -0.5, 0.0])]
+
+
+class HalfPaleRoom(Room):
+    """One side of it has no texture."""
+
+    def grey(self, points):
+        return np.where(points[..., 0] > 0.0, 128.0, super().grey(points))
+
+
+def views_of(room):
+    places = [SE3.identity(), SE3.exp([0.3, 0.0, 0.1, 0.0, 0.0, 0.0])]
+    return [View(prepare_reference(*room.render(SPHERE, T), SPHERE, PARAMS), T) for T in places]
+
+
+@pytest.fixture(scope="module")
+def soft():
+    """A room without fine texture."""
+    return Room((4.0, 3.0, 2.0), (1.0, 14.0, 30), gain=30.0, seed=22)
+
+
+@pytest.fixture(scope="module")
+def views(soft):
+    return views_of(soft)
+
+
+def cover(image, share, seed):
+    """Return an image whose left part shows something else."""
+    width = int(share * image.shape[1])
+    patch = np.kron(np.random.default_rng(seed).integers(0, 255, (8, 11)), np.ones((15, 15)))
+    return np.hstack([patch[:, :width], image[:, width:]]).astype(np.uint8)
+
+
+def seen(room, pose, seed=1, share=0.0):
+    return build_pyramid(cover(room.photograph(CAMERA, pose, seed), share, seed), CAMERA, PARAMS.pyramid)
+
+
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("finest", [14.0, 60.0])
+def test_a_free_view_has_no_hidden_part(pose, finest):
+    for seed in (31, 32):
+        room = Room((4.0, 3.0, 2.0), (1.0, finest, 30), gain=30.0, seed=seed)
+        pyramid, views = seen(room, pose, seed), views_of(room)
+        hidden = find_structure(pyramid, views, register(pyramid, views, pose, PARAMS), PARAMS).hidden
+        assert hidden.share < MIN_SHARE
+        assert not hidden.xi.any()
+
+
+def test_a_pale_wall_is_not_hidden():
+    room = HalfPaleRoom((4.0, 3.0, 2.0), (1.0, 14.0, 30), gain=30.0, seed=23)
+    pyramid, views = seen(room, POSES[0]), views_of(room)
+    assert np.std(pyramid.images[0][:, 100:]) < 0.3 * np.std(pyramid.images[0][:, :60])  # or nothing is asked
+    hidden = find_structure(pyramid, views, register(pyramid, views, POSES[0], PARAMS), PARAMS).hidden
+    assert hidden.share < MIN_SHARE
+
+
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("seed", [22, 24])
+def test_the_pose_by_what_is_free_is_found(pose, seed):
+    room = Room((4.0, 3.0, 2.0), (1.0, 14.0, 30), gain=30.0, seed=seed)
+    pyramid, views = seen(room, pose, seed, 0.4), views_of(room)
+    found = register(pyramid, views, pose, PARAMS)
+    off = found.T_world_camera.distance(pose)[0]
+    assert off > 0.15  # or there is nothing to find
+    hidden = find_structure(pyramid, views, found, PARAMS).hidden
+    assert hidden.share >= MIN_SHARE
+    assert (found.T_world_camera @ SE3.exp(hidden.xi)).distance(pose)[0] < min(0.1, 0.3 * off)
+
+
+def gradients(angle, strength, at):
+    """Return pixels at places of the image whose gradients are turned against those of the reference."""
+    rng, ray = np.random.default_rng(3), np.column_stack([0.5 * at, np.ones(len(at))])
+    first = rng.uniform(0.0, 2 * np.pi, len(at))
+    rows = [strength[:, None] * np.column_stack([np.cos(a), np.sin(a), 0 * a]) for a in (first, first + angle)]
+    length = np.linalg.norm(ray, axis=1, keepdims=True)
+    zeros = np.zeros(len(at))
+    return Sample(ray, rows[0] / length, rows[1] / length, zeros, zeros, zeros, at)
+
+
+def share_of(sample):
+    cameras = [(None, [sample])]
+    return find_hidden(lambda _: cameras, cameras, SE3.identity(), PARAMS).share
+
+
+def test_pixels_that_scatter_hide_nothing_and_as_many_that_agree_on_it_do():
+    rng = np.random.default_rng(1)
+    at = rng.uniform(-1.0, 1.0, (2048, 2))
+    is_left = at[:, 0] < -0.2
+    seen, other = rng.normal(0.0, 0.5, 2048), rng.uniform(-np.pi, np.pi, 2048)
+    few = np.where(rng.uniform(size=2048) < 0.08, 20.0, 1.0)  # strong edges
+    moved = is_left & (few > 1.0)  # seen from elsewhere
+    assert share_of(gradients(np.where(is_left, other, seen), np.ones(2048), at)) > 0.3
+    assert share_of(gradients(seen, few, at)) == 0.0
+    assert share_of(gradients(np.where(moved, other, seen), few, at)) < MIN_SHARE
+
+
+def test_a_cell_as_low_as_the_limit_is_seldom_called_hidden():
+    rng, shares = np.random.default_rng(2), []
+    for _ in range(100):
+        at = rng.uniform(-1.0, 1.0, (2048, 2))
+        angle = rng.normal(0.0, 0.5, 2048)  # mean cosine 0.88, of the left half 0.44
+        angle[at[:, 0] < 0.0] = rng.normal(0.0, 1.28, np.sum(at[:, 0] < 0.0))
+        shares.append(share_of(gradients(angle, np.ones(2048), at)))
+    assert 48 * np.mean(shares) < 0.02 * 24  # cells
+
+
+def test_what_hides_the_view_of_a_camera_pulls_its_body(soft, views):
+    place = SE3.exp([0.2, -0.1, 0.3, 0.1, 0.4, -0.2])
+    pyramid = seen(soft, POSES[0], 1, 0.4)
+    found = register(pyramid, views, POSES[0], PARAMS)
+    _, alone = (find_structure(pyramid, views, found, PARAMS).hidden for _ in range(2))
+    body = replace(found, T_world_camera=found.T_world_camera @ place.inverse())
+    there = find_rig_structure([RigImage(pyramid, place, tuple(views))], body, PARAMS).hidden
+    assert there.share == pytest.approx(alone.share, abs=1e-3)
+    np.testing.assert_allclose(there.xi, (place @ SE3.exp(alone.xi) @ place.inverse()).log(), atol=1e-3)

@@ -1,0 +1,161 @@
+"""Each kernel beside the iteration against a few lines of NumPy."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
+from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
+from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
+from sphere_nav.photometric.pixels import kernels
+from sphere_nav.photometric.pixels.reference import in_codes, in_steps
+from sphere_nav.photometric.pixels.squares import Squares, curve
+from worlds.blocks import in_blocks
+
+CAMERAS = [
+    Pinhole(64, 48, 50.0, 52.0, 31.0, 24.5),
+    Fisheye(64, 64, 20.0, 20.5, 31.0, 32.0, (0.05, -0.06, 0.03, -0.005)),
+    Spherical(128, 64),
+    Spherical(40, 30, 128.0, 110.0, 12.0),
+]
+
+
+@pytest.mark.parametrize(("halve", "dtype"), [(kernels.halve, np.float32), (kernels.halve_bytes, np.uint8)])
+@pytest.mark.parametrize("width", [16, 17])
+def test_halve_weighs_1_3_3_1(halve, dtype, width, rng):
+    image = rng.uniform(0, 256, (12, width)).astype(dtype)
+    out = np.empty((6, 8), np.float32)
+    halve(image, out)
+    padded = np.pad(image, 1, mode="edge").astype(np.float64)
+    weights = np.outer([1, 3, 3, 1], [1, 3, 3, 1]) / 64
+    expected = [[np.sum(weights * padded[2 * v : 2 * v + 4, 2 * u : 2 * u + 4]) for u in range(8)] for v in range(6)]
+    assert np.abs(out - expected).max() < 1e-4
+
+
+def test_halve_range_keeps_to_the_nearest_surface():
+    nan, inf = np.nan, np.inf
+    upper, lower = [1.0, 1.0, nan, nan, 2.0, 10.0, inf, inf], [1.0, 1.0, nan, 3.0, 10.0, inf, inf, nan]
+    blocks = np.array([upper, lower], np.float32)
+    out = np.empty((1, 4), np.float32)
+    kernels.halve_range(blocks, np.float32(1.1), out)
+    assert out.tolist() == [[1.0, 3.0, 2.0, inf]]
+
+
+@pytest.mark.parametrize(("shape", "pad"), [((8, 12), 0), ((9, 13), 0), ((8, 12), 1)])
+def test_halve_steps_is_halve_bytes_in_steps(rng, shape, pad):
+    image = rng.integers(0, 255, shape).astype(np.uint8)
+    steps = np.empty((shape[0], shape[1] + 2 * pad), np.uint16)
+    kernels.quantise(image, pad, steps)
+    assert np.array_equal(steps[:, pad : pad + shape[1]], image * np.uint16(256))
+    out = np.empty((shape[0] // 2, shape[1] // 2 + 2 * pad), np.uint16)
+    kernels.halve_steps(steps, pad, out)
+    around = np.hstack([image[:, -2:], image, image[:, :2]]) if pad else image
+    expected = np.empty((around.shape[0] // 2, around.shape[1] // 2), np.float32)
+    kernels.halve_bytes(np.ascontiguousarray(around), expected)
+    inner = slice(pad, out.shape[1] - pad)
+    assert np.abs(out / 256.0 - expected)[:, inner].max() < 0.003
+    if pad:
+        assert np.array_equal(out[:, [0, -1]], out[:, [-2, 1]])
+
+
+def pool_of(pixels):
+    """Return pixels (7, N) in squares, and how much each fixes by every column."""
+    pool = in_blocks(pixels)
+    keys = np.empty((pool.size // BLOCK * SIDE, 6), np.uint8)
+    for first in range(0, pool.size // BLOCK):
+        block = slice(first * BLOCK, (first + 1) * BLOCK), slice(first * SIDE, (first + 1) * SIDE)
+        kernels._write_keys(pool[block[0]], keys[block[1]])
+    return pool, keys
+
+
+def columns_of(pixels):
+    """Return |J| (N, 6) of pixels (7, N)."""
+    return np.abs(np.column_stack([pixels[4:].T, np.cross(pixels[:3].T, pixels[4:].T)]))
+
+
+def test_keys_order_what_the_columns_fix(rng):
+    pixels = rng.uniform(-5, 5, (7, 4 * SIDE)).astype(np.float32)
+    pixels[4:] *= 2.0 ** rng.integers(-8, 12, pixels.shape[1])
+    _, keys = pool_of(pixels)
+    J = columns_of(pixels)
+    for j in range(6):
+        ordered = J[np.argsort(keys[:, j], kind="stable"), j]
+        assert np.all(np.maximum.accumulate(ordered) <= np.maximum(ordered * 1.13, 2.0**-12))
+
+
+def test_each_column_gets_its_best_of_what_is_seen(rng):
+    pixels = rng.normal(size=(7, 20 * SIDE)).astype(np.float32)
+    pixels[4:, : 10 * SIDE] *= 100.0  # what is not seen fixes most, and counts for nothing
+    _, keys = pool_of(pixels)
+    seen = np.arange(10 * SIDE, 20 * SIDE, dtype=np.int32)[::2]
+    J = columns_of(pixels)[seen]
+    for number in (6, 100, 777):
+        best = kernels.best_of(seen, keys, number)
+        assert best.size == number
+        assert np.all(np.diff(best) > 0)
+        chosen = np.isin(seen, best)
+        for j in range(6):
+            at_least = np.sort(J[:, j])[::-1][max(number // 6 - 1, 0)]
+            assert chosen[J[:, j] > 1.3 * at_least].all()  # two steps of the keys
+
+
+def test_of_pixels_that_are_alike_some_of_everywhere_are_taken():
+    pixels = np.ones((7, 8 * SIDE), np.float32)
+    _, keys = pool_of(pixels)
+    best = kernels.best_of(np.arange(8 * SIDE, dtype=np.int32), keys, 100)
+    assert np.all(np.abs(np.diff(best) - 8 * SIDE / 100) <= 1)
+
+
+def test_blocks_are_filled_up_with_what_nobody_sees(rng):
+    pixels = rng.normal(size=(7, 600)).astype(np.float32)
+    chosen = np.arange(0, 600, 2, dtype=np.int32)
+    blocks = np.full(2 * BLOCK, 7.0, np.float32)
+    inverse = kernels.gather(in_blocks(pixels), chosen, blocks)
+    data = blocks.reshape(2, 7, SIDE).transpose(1, 0, 2).reshape(7, -1)
+    assert np.array_equal(data[:, :300], pixels[:, chosen])
+    assert np.isnan(data[2, 300:]).all()
+    assert not data[[0, 1, 3, 4, 5, 6], 300:].any()
+    assert inverse == pytest.approx(np.mean(1.0 / np.linalg.norm(pixels[:3, chosen], axis=0)), rel=1e-5)
+    assert kernels.gather(in_blocks(pixels), chosen[:0], blocks[:0]) == 1.0
+
+
+@pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: f"{camera.model} {camera.width}")
+def test_squares_hold_points_and_hide_nothing_that_a_camera_sees(camera, rng):
+    sphere = Spherical(128, 64)
+    range_m = rng.uniform(1.0, 9.0, (64, 128)).astype(np.float32)
+    range_m[rng.random(range_m.shape) < 0.3] = np.nan
+    range_m[40:48, 16:32] = np.nan  # half a square
+    image = in_steps(rng.uniform(0, 255, range_m.shape).astype(np.float32), 1)
+    squares = Squares(image, sphere, 1, in_codes(range_m), 100.0)
+    assert squares.num_pixels == np.sum(~np.isnan(range_m[1:-1]))
+    places, pool, _ = squares.all()
+    points = pool.reshape(-1, 7, SIDE)[places, :3].transpose(1, 0, 2)
+    bounds = squares.bounds[curve(128, 64)]
+    for bound, some in zip(bounds[bounds[:, 3] >= 0], points.transpose(1, 2, 0), strict=True):
+        off = np.linalg.norm(some[~np.isnan(some[:, 2])] - bound[:3], axis=1)
+        assert off.max() <= bound[3] * 1.001
+    for T in (SE3.identity(), SE3.exp(rng.normal(size=6))):
+        near = squares.near(T, camera)
+        seen = np.empty(near.places.size * SIDE, np.int32)
+        args = (kernel_motion(T.matrix), kernel_camera(camera), camera.width, camera.height)
+        found = set(seen[: kernels.find_visible(near.places, near.pool, *args, seen)].tolist())
+        flat = pool.reshape(-1, 7, SIDE)[:, :3].transpose(0, 2, 1).reshape(-1, 3)
+        pixels, _ = camera.project(T.apply(flat))
+        with np.errstate(invalid="ignore"):
+            inside = np.all((pixels >= 1e-2) & (pixels <= (camera.width - 1.01, camera.height - 1.01)), axis=-1)
+        inside &= np.repeat(np.isin(np.arange(len(flat) // SIDE), places), SIDE)
+        assert set(np.flatnonzero(inside).tolist()) <= found
+        assert len(found) < 1.05 * inside.sum() + 50
+
+
+def test_ranges_are_kept_within_two_ten_thousandths_and_in_their_order(rng):
+    range_m = np.exp(rng.uniform(np.log(0.01), np.log(1e4), (40, 64))).astype(np.float32)
+    range_m[3, 5:9] = np.nan, np.inf, 1e-6, 1e9
+    codes = in_codes(range_m)
+    found = kernels.RANGES[codes]
+    np.testing.assert_array_equal(found[3, [5, 6, 8]], [np.nan, np.inf, np.inf])
+    assert found[3, 7] == kernels.RANGES[0] == np.float32(2.0**-8)
+    is_usual = np.isfinite(found) & (range_m > 2.0**-8)
+    np.testing.assert_allclose(found[is_usual], range_m[is_usual], rtol=1.69e-4)
+    order = np.argsort(range_m[is_usual])
+    assert np.all(np.diff(codes[is_usual][order].astype(np.int64)) >= 0)
+    np.testing.assert_array_equal(in_codes(found), codes)  # nothing is lost by doing it again

@@ -1,0 +1,36 @@
+"""Levels keep their geometry, and a whole sphere has no seam."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import Pinhole, Spherical
+from sphere_nav.photometric import PyramidParams, build_pyramid
+
+
+def test_levels_halve_image_and_camera_together(rng):
+    camera = Pinhole(101, 64, 80.0, 80.0, 50.0, 31.5)
+    image = rng.integers(0, 255, (64, 101)).astype(np.uint8)
+    pyramid = build_pyramid(image, camera, PyramidParams(num_levels=3, min_side=8))
+    assert [image.shape for image in pyramid.images] == [(64, 101), (32, 50), (16, 25)]
+    assert pyramid.images[0].base is image or pyramid.images[0] is image or np.shares_memory(pyramid.images[0], image)
+    assert pyramid.cameras[1].cx == pytest.approx((50.0 + 0.5) / 2 - 0.5)
+
+
+def test_turning_a_whole_sphere_turns_every_level(rng):
+    camera = Spherical(128, 64)
+    image = rng.uniform(0, 255, (64, 128)).astype(np.float32)
+    turned = build_pyramid(np.roll(image, 16, axis=1), camera, PyramidParams(num_levels=3, min_side=8))
+    straight = build_pyramid(image, camera, PyramidParams(num_levels=3, min_side=8))
+    for shift, a, b in zip((16, 8, 4), turned.images, straight.images, strict=True):
+        assert np.allclose(a, np.roll(b, shift, axis=1), atol=1e-4)
+
+
+def test_small_images_have_fewer_levels():
+    camera = Pinhole(40, 30, 30.0, 30.0, 19.5, 14.5)
+    assert len(build_pyramid(np.zeros((30, 40), np.uint8), camera).levels) == 1
+
+
+@pytest.mark.parametrize("image", [np.zeros((30, 41), np.uint8), np.zeros((30, 40, 3), np.uint8), np.zeros((30, 40))])
+def test_an_image_of_another_size_or_kind_is_refused(image):
+    with pytest.raises(ValueError, match="image: expected"):
+        build_pyramid(image, Pinhole(40, 30, 30.0, 30.0, 19.5, 14.5))

@@ -1,0 +1,94 @@
+"""Prepared references hold points, grey levels and gradients by the point."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.photometric import PyramidParams, RegistrationParams, build_pyramid, prepare_reference
+from sphere_nav.photometric.pixels.reference import prepare_level
+from sphere_nav.photometric.pixels.squares import curve
+
+CAMERA = Pinhole(80, 60, 55.0, 55.0, 39.5, 29.5)
+PARAMS = RegistrationParams(pyramid=PyramidParams(num_levels=2, min_side=8))
+T_ROOM_CAMERA = SE3.from_parts([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])
+
+
+def test_points_lie_where_the_room_is(room):
+    image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
+    level = prepare_reference(image, range_m, CAMERA, PARAMS).levels[0]
+    points = T_ROOM_CAMERA.apply(level.points.T)
+    assert level.num_pixels == 58 * 78
+    assert np.abs(room.grey(points) - level.intensity).max() < 0.5  # ranges are kept within 0.017 %
+
+
+def test_the_gradient_is_that_of_the_image_by_the_point(room):
+    image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
+    level = prepare_reference(image, range_m, CAMERA, PARAMS).levels[0]
+    gy, gx = np.gradient(image.astype(np.float64))
+    pixels = np.round(CAMERA.project(level.points.T)[0]).astype(int)
+    g = np.stack([gx[pixels[:, 1], pixels[:, 0]], gy[pixels[:, 1], pixels[:, 0]]], axis=-1)
+    expected = np.einsum("ni,nij->nj", g, CAMERA.J_project(level.points.T))
+    assert np.abs(level.gradient.T - expected).max() < 1e-3 * np.abs(expected).max()
+
+
+def test_the_gradient_of_a_whole_sphere_has_no_seam(room):
+    camera = Spherical(128, 64)
+    image, range_m = room.render(camera, SE3.identity())
+
+    def prepare(image, range_m):
+        return prepare_level(build_pyramid(image, camera, PARAMS.pyramid).levels[0], range_m, PARAMS.far)
+
+    level = prepare(image, range_m)
+    assert level.num_pixels == 62 * 128  # every column, the first and last row left out
+    turned = prepare(np.roll(image, 64, axis=1), np.roll(range_m, 64, axis=1))
+    row, column = np.mgrid[0:64, 0:128]
+    place = np.argsort(curve(128, 64))[row // 16 * 8 + column // 16]
+    order = np.argsort(place[1:-1].reshape(-1), kind="stable")  # square by square
+    scan = np.argsort(order)
+    norm = np.linalg.norm(level.gradient, axis=0)[scan].reshape(62, 128)
+    norm_turned = np.linalg.norm(turned.gradient, axis=0)[scan].reshape(62, 128)
+    assert np.allclose(np.roll(norm, 64, axis=1), norm_turned, rtol=1e-3, atol=1e-2)
+
+
+def test_unknown_range_is_left_out_and_far_is_far(room):
+    image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
+    range_m[:30] = np.nan
+    range_m[30:40] = np.inf
+    level = prepare_reference(image, range_m, CAMERA, PARAMS).levels[0]
+    distance = np.linalg.norm(level.points, axis=0)
+    assert level.num_pixels == 29 * 78
+    assert np.sum(np.isclose(distance, PARAMS.far, rtol=1e-4)) == 10 * 78
+    assert np.isfinite(level.gradient).all()
+
+
+@pytest.mark.parametrize("bad", [0.0, -1.0])
+def test_a_range_that_is_not_positive_is_refused(room, bad):
+    image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
+    range_m[3, 4] = bad
+    with pytest.raises(ValueError, match="range: expected positive"):
+        prepare_reference(image, range_m, CAMERA, PARAMS)
+
+
+def test_a_range_of_another_size_is_refused(room):
+    image, range_m = room.render(CAMERA, T_ROOM_CAMERA)
+    with pytest.raises(ValueError, match="range: expected 80 x 60"):
+        prepare_reference(image, range_m[:-1], CAMERA, PARAMS)
+
+
+def test_any_piece_of_the_curve_is_a_patch():
+    order = curve(512, 256)
+    assert sorted(order.tolist()) == list(range(32 * 16))
+    for first in range(0, 512, 16):
+        row, column = order[first : first + 16] // 32, order[first : first + 16] % 32
+        assert np.ptp(row) < 4
+        assert np.ptp(column) < 4
+
+
+def test_the_image_of_a_reference_is_quantised_far_below_noise(room):
+    camera = Spherical(128, 64)
+    image, range_m = room.render(camera, SE3.identity())
+    for one in (image, image.astype(np.float32)):
+        reference = prepare_reference(one, range_m, camera, PARAMS)
+        pyramid = build_pyramid(image.astype(np.float32), camera, PARAMS.pyramid)
+        for level, exact in zip(reference.levels, pyramid.levels, strict=True):
+            assert np.abs(level.squares._image / 256.0 - exact.image).max() < 0.01

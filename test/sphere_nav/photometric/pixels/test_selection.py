@@ -1,0 +1,132 @@
+"""Which pixels are aligned with an image (M15 eq. 16)."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.photometric import build_pyramid, prepare_reference
+from sphere_nav.photometric.align.iteration.kernels import SIDE
+from sphere_nav.photometric.pixels import squares
+from sphere_nav.photometric.pixels.selection import choose, holds, select, select_levels
+
+CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
+SPHERE = Spherical(1024, 512)
+T_CAMERA_BODY = SE3.from_parts([[0, -1, 0], [0, 0, -1], [1, 0, 0]], [0, 0, 0])
+A = SE3.from_planar(0.5, -0.4, 0.3)
+
+
+@pytest.fixture(scope="module")
+def reference(room):
+    image, range_m = room.render(SPHERE, A)
+    return prepare_reference(image, range_m, SPHERE)
+
+
+@pytest.fixture(scope="module")
+def levels():
+    return build_pyramid(np.zeros((120, 160), np.uint8), CAMERA).levels
+
+
+def test_the_reference_level_matches_the_resolution_of_the_image(reference, levels):
+    assert reference.level_like(levels[0].camera).camera.width == 512  # 163 px/rad halved once is nearest to 110
+    assert reference.level_like(levels[1].camera).camera.width == 256
+
+
+def test_only_pixels_that_the_camera_sees_are_chosen(reference):
+    pixels = reference.levels[1]
+    expected = CAMERA.project(T_CAMERA_BODY.apply(pixels.points.T))
+    inside = np.all((expected[0] >= 0) & (expected[0] <= (159, 119)), axis=-1)
+    chosen = select(pixels, T_CAMERA_BODY, CAMERA, 10**6)
+    assert abs(chosen.num_pixels - inside.sum()) < 1e-3 * pixels.num_pixels  # float32 at the border
+    assert set(map(tuple, points_of(chosen).T)) <= set(map(tuple, pixels.points.T))
+
+
+def test_what_was_seen_before_changes_nothing(room, reference):
+    image, range_m = room.render(SPHERE, A)
+    again = prepare_reference(image, range_m, SPHERE)
+    turned = SE3.exp([0, 0, 0, 0, 1.0, 0]) @ T_CAMERA_BODY
+    before = select(again.levels[1], turned, CAMERA, 500)
+    first, second = (select(one.levels[1], T_CAMERA_BODY, CAMERA, 500) for one in (reference, again))
+    assert np.array_equal(first.blocks, second.blocks, equal_nan=True)
+    assert not np.array_equal(before.blocks, first.blocks, equal_nan=True)
+
+
+def test_only_what_is_seen_is_made(room):
+    image, range_m = room.render(SPHERE, A)
+    made = prepare_reference(image, range_m, SPHERE)
+    empty = made.num_bytes
+    select(made.levels[1], T_CAMERA_BODY, CAMERA, 500)
+    some = made.num_bytes
+    assert empty < some
+    for level in made.levels:
+        level.squares.all()
+    assert some - empty < 0.2 * (made.num_bytes - empty)
+
+
+def points_of(selection):
+    """Return the chosen points (3, N)."""
+    points = selection.blocks.reshape(-1, 7, SIDE)[:, :3].transpose(1, 0, 2).reshape(3, -1)
+    return points[:, : selection.num_pixels]
+
+
+def test_a_selection_is_kept_while_the_image_moves_little(reference):
+    pixels = reference.levels[1]
+    first = choose(pixels, T_CAMERA_BODY, CAMERA, 400)
+    near = choose(pixels, SE3.exp([0.01, 0, 0, 0, 0.01, 0]) @ T_CAMERA_BODY, CAMERA, 400)
+    turned = choose(pixels, SE3.exp([0, 0, 0, 0, 0.3, 0]) @ T_CAMERA_BODY, CAMERA, 400)
+    assert near is first
+    assert turned is not first
+
+
+def test_what_is_chosen_ahead_is_used_once_it_is_kept(room, levels):
+    reference = prepare_reference(*room.render(SPHERE, A), SPHERE)
+    cameras = [level.camera for level in levels]
+    chosen = select_levels(reference, T_CAMERA_BODY, cameras, 400)
+    assert not holds(reference.level_like(CAMERA), T_CAMERA_BODY, CAMERA, 400)
+    for one in chosen:
+        one.keep()
+    for one in chosen:
+        assert choose(one.pixels, T_CAMERA_BODY, one.camera, 400) is one.selection
+    assert reference.num_bytes > sum(one.selection.blocks.nbytes for one in chosen)
+    slightly = SE3.exp([0, 0, 0, 0, 0.08, 0]) @ T_CAMERA_BODY  # 9 px of 160
+    assert holds(reference.level_like(CAMERA), slightly, CAMERA, 400)
+    assert not holds(reference.level_like(CAMERA), slightly, CAMERA, 400, 0.05)
+
+
+def test_of_a_sphere_far_ahead_some_of_everywhere_is_looked_at(room, monkeypatch):
+    monkeypatch.setattr(squares, "MIN_SQUARES", 16)
+    pixels = prepare_reference(*room.render(SPHERE, A), SPHERE).levels[0].squares
+    T = SE3.exp([0, 0, 1.5, 0, 0, 0]) @ T_CAMERA_BODY
+    usual, everything = pixels.near(T_CAMERA_BODY, CAMERA).places.size, set(pixels.near(T, CAMERA).places.tolist())
+    some = set(pixels.near(T, CAMERA, is_thinned=True).places.tolist())
+    assert len(everything) > 2 * usual
+    assert some < everything
+    assert 0.7 * usual < len(some) < 1.5 * usual
+    assert pixels.near(T_CAMERA_BODY, CAMERA, is_thinned=True).places.size == usual
+
+
+def test_what_a_turning_camera_leaves_is_forgotten(room, monkeypatch):
+    monkeypatch.setattr(squares, "MIN_SQUARES", 8)
+    pixels = prepare_reference(*room.render(SPHERE, A), SPHERE).levels[0]
+    empty, largest, one = pixels.squares.num_bytes, 0, 0
+    for k in range(20):
+        turned = SE3.exp([0, 0.3 * k, 0, 0, 0.3 * k, 0]) @ T_CAMERA_BODY
+        seen = pixels.squares.near(turned, CAMERA)
+        one = one or pixels.squares.num_bytes - empty
+        largest = max(largest, pixels.squares.num_bytes - empty)
+        fresh = prepare_reference(*room.render(SPHERE, A), SPHERE).levels[0] if k % 5 == 4 else pixels
+        again = fresh.squares.near(turned, CAMERA)
+        rows = [one.pool.reshape(-1, 7, SIDE)[one.places] for one in (seen, again)]
+        assert np.array_equal(*rows, equal_nan=True)
+    assert largest < 5 * one  # of two views and of levels of growth
+
+
+def test_threads_see_the_same_squares(room):
+    reference = prepare_reference(*room.render(SPHERE, A), SPHERE)
+    turns = [SE3.exp([0, 0, 0, 0, 0.1 * k, 0]) @ T_CAMERA_BODY for k in range(60)]
+    with ThreadPoolExecutor(4) as threads:
+        found = list(threads.map(lambda T: select(reference.levels[0], T, CAMERA, 500), turns))
+    alone = prepare_reference(*room.render(SPHERE, A), SPHERE)
+    for T, one in zip(turns, found, strict=True):
+        assert np.array_equal(one.blocks, select(alone.levels[0], T, CAMERA, 500).blocks, equal_nan=True)

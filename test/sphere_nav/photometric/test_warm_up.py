@@ -1,0 +1,15 @@
+"""After the warm-up the first image compiles nothing."""
+
+import pytest
+
+from sphere_nav.photometric import warm_up
+from sphere_nav.photometric.align.descent import kernels as descent
+from sphere_nav.photometric.pixels import kernels
+
+
+def test_every_kernel_of_the_registration_is_compiled_once_for_both_kinds_of_image():
+    if not hasattr(descent.descend, "signatures"):
+        pytest.skip("the JIT is off")
+    warm_up()
+    for kernel in (descent.descend, descent.examine, kernels.halve, kernels.halve_bytes, kernels.find_visible):
+        assert len(kernel.signatures) == 1

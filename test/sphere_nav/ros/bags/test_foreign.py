@@ -1,0 +1,181 @@
+"""Bags of sqlite3, compressed bags and bags of ROS 1, written by another library."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+import tracemalloc
+
+import numpy as np
+import pytest
+import zstandard
+from rclpy.serialization import deserialize_message
+from rosbags.rosbag1 import Writer as Ros1Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
+from rosbags.typesys import Stores, get_typestore
+from sensor_msgs.msg import CameraInfo, Image
+
+from sphere_nav.ros.bags.mcap_chunk import MAX_CHUNK
+from sphere_nav.ros.bags.reader import BagReader
+from sphere_nav.ros.bags.recorded import BagError, TopicInfo
+
+IMAGE, INFO = "sensor_msgs/msg/Image", "sensor_msgs/msg/CameraInfo"
+START_NS, STEP_NS, NUM = 5_000_000_000, 100_000_000, 6
+
+
+def messages(store, has_seq):
+    """Yield topic, type, stamp and message of a small recording."""
+    kinds = store.types
+    for number in range(NUM):
+        stamp_ns = START_NS + number * STEP_NS
+        time = kinds["builtin_interfaces/msg/Time"](stamp_ns // 10**9, stamp_ns % 10**9)
+        header = kinds["std_msgs/msg/Header"](*((7,) if has_seq else ()), time, "camera")
+        pixels = np.full(12, number, np.uint8)
+        yield "/a/image", IMAGE, stamp_ns, kinds[IMAGE](header, 3, 4, "mono8", 0, 4, pixels)
+        matrix = np.array([100.0, 0, 1.5, 0, 100, 1, 0, 0, 1])
+        roi = kinds["sensor_msgs/msg/RegionOfInterest"](0, 0, 0, 0, False)
+        empty, projection = np.zeros(5), np.zeros(12)
+        info = kinds[INFO](header, 3, 4, "plumb_bob", empty, matrix, np.eye(3).ravel(), projection, 0, 0, roi)
+        yield "/a/camera_info", INFO, stamp_ns, info
+
+
+def write_ros2(path, storage, compression=None):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    writer = Writer(path, version=9, storage_plugin=storage)
+    if compression is not None:
+        writer.set_compression(compression, CompressionFormat.ZSTD)
+    with writer:
+        connections = {}
+        for topic, kind, stamp_ns, message in messages(store, has_seq=False):
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            writer.write(connections[topic], stamp_ns, store.serialize_cdr(message, kind))
+    return path
+
+
+def write_ros1(path):
+    store = get_typestore(Stores.ROS1_NOETIC)
+    with Ros1Writer(path) as writer:
+        connections = {}
+        for topic, kind, stamp_ns, message in messages(store, has_seq=True):
+            if topic not in connections:
+                connections[topic] = writer.add_connection(topic, kind, typestore=store)
+            writer.write(connections[topic], stamp_ns, store.serialize_ros1(message, kind))
+    return path
+
+
+@pytest.fixture
+def bag(request, tmp_path):
+    kind = request.param
+    if kind == "ros1":
+        return write_ros1(tmp_path / "drive.bag")
+    if kind == "lone":
+        return next(write_ros2(tmp_path / "drive", StoragePlugin.SQLITE3).glob("*.db3"))
+    storage = StoragePlugin.MCAP if kind.startswith("mcap") else StoragePlugin.SQLITE3
+    compression = {"file": CompressionMode.FILE, "message": CompressionMode.MESSAGE}.get(kind.split()[-1])
+    return write_ros2(tmp_path / "drive", storage, compression)
+
+
+KINDS = ["sqlite", "lone", "sqlite file", "sqlite message", "mcap file", "mcap message", "ros1"]
+
+
+@pytest.mark.parametrize("bag", KINDS, indirect=True)
+def test_every_storage_gives_the_same_messages(bag):
+    with BagReader(bag) as reader:
+        assert all(isinstance(info, TopicInfo) for info in reader.topics.values())
+        assert {name: (info.type, info.count) for name, info in reader.topics.items()} == {
+            "/a/image": (IMAGE, NUM),
+            "/a/camera_info": (INFO, NUM),
+        }
+        assert reader.time_range == (START_NS, START_NS + (NUM - 1) * STEP_NS)
+        assert reader.num_messages == 2 * NUM
+        for number, (topic, stamp_ns, data) in enumerate(reader.raw(["/a/image"])):
+            message = deserialize_message(data, Image)
+            assert (topic, stamp_ns) == ("/a/image", START_NS + number * STEP_NS)
+            assert (message.header.frame_id, message.height, message.width) == ("camera", 3, 4)
+            assert bytes(message.data) == bytes([number]) * 12
+        info = next(reader.messages(["a/camera_info"])).message
+        assert isinstance(info, CameraInfo)
+        assert (info.k[0], info.k[2], info.r[0], info.distortion_model) == (100.0, 1.5, 1.0, "plumb_bob")
+
+
+@pytest.mark.parametrize("bag", ["sqlite", "ros1"], indirect=True)
+def test_a_span_of_time_is_read(bag):
+    with BagReader(bag) as reader:
+        stamps = [item.stamp_ns for item in reader.raw(["/a/image"], START_NS + STEP_NS, START_NS + 3 * STEP_NS)]
+    assert stamps == [START_NS + n * STEP_NS for n in (1, 2, 3)]
+
+
+@pytest.mark.parametrize("bag", ["lone", "ros1"], indirect=True)
+@pytest.mark.parametrize("size", [0, 10, 100, 2000])
+def test_what_is_cut_off_is_refused_in_one_line(bag, size):
+    data = bag.read_bytes()[:size]
+    bag.write_bytes(data)
+    with pytest.raises(BagError) as caught, BagReader(bag) as reader:
+        list(reader.raw())
+    assert "\n" not in str(caught.value)
+    assert bag.name in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["none.db3", "none.bag"])
+def test_another_file_of_that_name_is_refused(name, tmp_path):
+    (tmp_path / name).write_bytes(b"something else" * 1000)
+    with pytest.raises(BagError, match=name):
+        BagReader(tmp_path / name)
+
+
+# --- bombs: 300 MB of zeros, of which a file holds some KB
+BOMB = bytes(300 << 20)
+
+
+def refuses(bag, limit=MAX_CHUNK):
+    """Return the line that refuses a bag; reading it takes no such memory."""
+    tracemalloc.start()
+    try:
+        with pytest.raises(BagError) as caught, BagReader(bag) as reader:
+            list(reader.raw())
+        assert tracemalloc.get_traced_memory()[1] < 3 * limit
+    finally:
+        tracemalloc.stop()
+    assert "\n" not in str(caught.value)
+    assert "drive" in str(caught.value)
+    return str(caught.value)
+
+
+@pytest.mark.parametrize("is_told", [True, False])
+@pytest.mark.parametrize("storage", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+def test_a_message_that_unpacks_without_end_is_refused(tmp_path, storage, is_told):
+    packed = zstandard.ZstdCompressor(write_content_size=is_told).compress(BOMB)
+    bag = tmp_path / "drive"
+    with Writer(bag, version=9, storage_plugin=storage) as writer:
+        store = get_typestore(Stores.ROS2_JAZZY)
+        writer.write(writer.add_connection("/a/image", IMAGE, typestore=store), 1, packed)
+    described = (bag / "metadata.yaml").read_text()
+    described = re.sub(r"compression_format: .*", "compression_format: zstd", described)
+    (bag / "metadata.yaml").write_text(re.sub(r"compression_mode: .*", "compression_mode: MESSAGE", described))
+    assert ("expected at most 268435456 bytes" if is_told else "damage") in refuses(bag)
+
+
+def test_a_file_that_unpacks_without_end_is_refused_and_nothing_stays(tmp_path, monkeypatch):
+    bag = write_ros2(tmp_path / "drive", StoragePlugin.SQLITE3, CompressionMode.FILE)
+    monkeypatch.setattr("sphere_nav.ros.bags.unpack.MAX_WINDOW", 1 << 23)
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path / "temporary"))
+    (tmp_path / "temporary").mkdir()
+    (file,) = bag.glob("*.zstd")
+    file.write_bytes(zstandard.ZstdCompressor(write_content_size=False).compress(BOMB))
+    assert "expected at most" in refuses(bag)
+    assert list((tmp_path / "temporary").iterdir()) == []
+
+
+@pytest.mark.parametrize("method", ["bz2", "lz4"])
+def test_a_chunk_of_ros1_that_unpacks_without_end_is_refused(tmp_path, monkeypatch, method):
+    monkeypatch.setattr("sphere_nav.ros.bags.foreign.MAX_CHUNK", 1 << 22)
+    store, bag = get_typestore(Stores.ROS1_NOETIC), tmp_path / "drive.bag"
+    writer = Ros1Writer(bag)
+    writer.set_compression(getattr(Ros1Writer.CompressionFormat, method.upper()))
+    with writer:
+        connection = writer.add_connection("/text", "std_msgs/msg/String", typestore=store)
+        text = store.types["std_msgs/msg/String"]("0" * (1 << 24))
+        writer.write(connection, 1, store.serialize_ros1(text, "std_msgs/msg/String"))
+    assert bag.stat().st_size < 1 << 20
+    assert "expected at most 4194304 bytes" in refuses(bag, 1 << 22)

@@ -1,0 +1,105 @@
+"""When a message is due, and whether a question was answered."""
+
+import pytest
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import Image
+
+from sphere_nav.ros.bags import BagReader
+from sphere_nav.ros.bags.playback import Answers, Playback, header_stamp_ns
+from sphere_nav.ros.conversions import header
+
+START = 5_000_000_000
+
+
+class Wall:
+    def __init__(self):
+        self.now = 100.0
+
+    def __call__(self):
+        return self.now
+
+
+@pytest.fixture
+def wall():
+    return Wall()
+
+
+def take_due(playback):
+    taken = []
+    while (item := playback.due()) is not None:
+        taken.append((item.topic, item.stamp_ns - START))
+        playback.take()
+    return taken
+
+
+def test_messages_are_due_at_the_pace_of_recording(make_bag, wall):
+    with BagReader(make_bag()) as bag:
+        playback = Playback(bag, ["/text", "/stamp"], START, 2.0, wall)
+        assert playback.total == 80
+        assert take_due(playback) == [("/text", 0)]  # /stamp is a nanosecond later
+        wall.now += 0.06  # 0.12 s of the bag
+        assert [stamp for _, stamp in take_due(playback)] == [1, 100_000_000, 100_000_001]
+        assert playback.present_ns() == pytest.approx(START + 120_000_000, abs=10)
+        wall.now += 100.0
+        assert len(take_due(playback)) == 76
+        assert (playback.done, playback.next, playback.present_ns()) == (80, None, 0)
+
+
+def test_a_pause_is_not_made_up_for(make_bag, wall):
+    with BagReader(make_bag()) as bag:
+        playback = Playback(bag, ["/stamp"], START, 1.0, wall)
+        take_due(playback)
+        wall.now += 0.05
+        playback.pause()
+        wall.now += 50.0
+        assert len(take_due(playback)) == 1  # the clock goes on from the next message
+        wall.now += 0.1
+        assert len(take_due(playback)) == 1
+
+
+def test_rate_zero_is_at_once(make_bag, wall):
+    with BagReader(make_bag()) as bag:
+        assert len(take_due(Playback(bag, ["/text"], START, 0.0, wall))) == 40
+
+
+def test_latched_topics_come_first_and_once(make_bag, wall):
+    with BagReader(make_bag()) as bag:
+        playback = Playback(bag, list(bag.topics), START + 2_000_000_000, 0.0, wall)
+        assert [(item.topic, item.stamp_ns) for item in playback.latched()] == [("/latched", START)]
+        topics = [topic for topic, _ in take_due(playback)]
+        assert topics.count("/latched") == 0
+        assert len(topics) == 40
+        at_start = Playback(bag, list(bag.topics), START, 0.0, wall)
+        assert [item.topic for item in at_start.latched()] == ["/latched"]
+        assert [topic for topic, _ in take_due(at_start)].count("/latched") == 0
+
+
+def test_rewind(make_bag, wall):
+    with BagReader(make_bag()) as bag:
+        playback = Playback(bag, ["/text"], START, 0.0, wall)
+        first = take_due(playback)
+        playback.rewind()
+        assert take_due(playback) == first
+
+
+def image(stamp):
+    return serialize_message(Image(header=header(stamp, "camera")))
+
+
+def test_the_stamp_of_serialized_bytes():
+    assert header_stamp_ns(image(1_234_000_000_567)) == 1_234_000_000_567
+
+
+def test_an_answer_has_the_stamp_or_a_later_one(wall):
+    answers = Answers(5.0, wall)
+    assert answers.is_settled
+    answers.ask(image(20))
+    assert not answers.is_settled
+    answers.hear(image(10))
+    assert not answers.is_settled
+    answers.hear(image(20))
+    assert answers.is_settled
+    answers.ask(image(30))
+    wall.now += 5.1
+    assert answers.is_settled
+    assert answers.num_missed == 1

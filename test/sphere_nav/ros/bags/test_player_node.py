@@ -1,0 +1,260 @@
+"""Recorder and player as processes over real DDS: what is played is what is recorded."""
+
+import errno
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import Image
+from std_msgs.msg import Header, String
+from std_srvs.srv import Trigger
+
+from sphere_nav.ros import qos
+from sphere_nav.ros.bags import BagReader, BagWriter, salvage, verify_bag
+from sphere_nav.ros.bags.player_node import BagPlayer
+from sphere_nav.ros.bags.recorder_node import BagRecorder
+from sphere_nav.ros.conversions import array_to_image, stamp_ns
+from sphere_nav.ros.live import LiveShell
+
+PATIENCE = 40.0  # s; a process starts in half a second, on a busy machine in ten
+START, STEP = 7_000_000_000, 50_000_000
+
+
+@pytest.fixture
+def start():
+    processes = []
+
+    def begin(node, *more, **values):
+        words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")] + list(more)
+        command = [sys.executable, "-m", f"sphere_nav.ros.bags.{node.removeprefix('bag_')}_node", "--ros-args", *words]
+        process = subprocess.Popen(command, text=True, stderr=subprocess.PIPE)
+        processes.append(process)
+        return process
+
+    yield begin
+    for process in processes:
+        if process.poll() is None:
+            process.kill()
+        process.communicate(timeout=10.0)
+
+
+def end_of(process):
+    _, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0, err
+    assert "Traceback" not in err
+    return err
+
+
+def line_with(process, text):
+    """Read the log of a process up to a line."""
+    for line in process.stderr:
+        if text in line:
+            return line
+    raise AssertionError(f"expected a line with {text!r}")
+
+
+@pytest.fixture
+def drive(tmp_path):
+    """Thirty images of 1.5 MB, more than Fast DDS has shared memory for by default, and what else a drive has."""
+    pixels = np.random.default_rng(1).integers(0, 255, (800, 640, 3), np.uint8)
+    with BagWriter(tmp_path / "drive", is_compressed=False) as bag:
+        bag.add_topic("latched", String, qos.LATCHED)
+        bag.write("latched", String(data="once"), START)
+        bag.add_topic("image_raw", Image, qos.LARGE)
+        for number in range(30):
+            stamp = START + number * STEP
+            bag.write("stamp", Header(frame_id=str(number)), stamp)
+            pixels[0, 0] = number
+            bag.write("image_raw", array_to_image(pixels, stamp, "camera", "rgb8"), stamp)
+    return tmp_path / "drive"
+
+
+def test_what_is_played_is_recorded(start, drive, tmp_path):
+    out = tmp_path / "recorded"
+    recorder = start("bag_recorder", output=out, topics="'/image_raw /stamp /latched /never'", compressed="false")
+    line_with(recorder, "recording into")
+    player = start("bag_player", bag=drive, rate=0.0, wait_for="'/image_raw /stamp /latched'")
+    assert "60 messages played" in end_of(player)
+    recorder.send_signal(signal.SIGINT)
+    err = end_of(recorder)
+    assert "nothing came on /never" in err
+    assert verify_bag(out).problems == []
+    with BagReader(drive) as before, BagReader(out) as after:
+        counts = {name: info.count for name, info in after.topics.items()}
+        assert counts == {"/image_raw": 30, "/stamp": 30, "/latched": 1}
+        assert after.topics["/latched"].profiles[0].durability == qos.TRANSIENT_LOCAL
+        for topic in before.topics:
+            pairs = zip(before.messages([topic]), after.messages([topic]), strict=True)
+            assert all(first.message == second.message for first, second in pairs)
+
+
+def test_a_killed_recorder_leaves_what_it_flushed(start, drive, tmp_path):
+    recorder = start("bag_recorder", output=tmp_path / "cut", topic_set="all")
+    line_with(recorder, "recording into")
+    player = start("bag_player", bag=drive, wait_for="/image_raw")
+    file = tmp_path / "cut.partial" / "cut_0.mcap"
+    end = time.monotonic() + PATIENCE
+    while not file.is_file() or file.stat().st_size < 4_000_000:
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    recorder.kill()
+    recorder.wait(timeout=10.0)
+
+    assert salvage(tmp_path / "cut.partial", tmp_path / "saved") > 3
+    assert verify_bag(tmp_path / "saved").problems == []
+    player.send_signal(signal.SIGINT)
+    end_of(player)
+
+
+class Desk:
+    """A node beside the player."""
+
+    def __init__(self):
+        self.node = Node("desk")
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+
+    def until(self, condition):
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < end, "nothing came in time"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def close(self):
+        self.executor.shutdown()
+        self.node.destroy_node()
+
+
+@pytest.fixture
+def desk(ros):
+    found = Desk()
+    yield found
+    found.close()
+
+
+def test_the_clock_and_the_pace(start, drive, desk):
+    clock, arrivals = [], []
+    desk.node.create_subscription(Clock, "/clock", lambda message: clock.append(message), 50)
+    desk.node.create_subscription(Header, "/stamp", lambda message: arrivals.append(time.monotonic()), 50)
+    player = start("bag_player", bag=drive, clock="true", rate=2.0, topics="'/stamp /latched'", wait_for="/stamp")
+    desk.until(lambda: len(arrivals) == 30)
+    end_of(player)
+    seconds = arrivals[-1] - arrivals[0]
+    assert seconds > 0.9 * 29 * STEP / 1e9 / 2.0  # never early; how late depends on the machine
+    stamps = [message.clock.sec * 10**9 + message.clock.nanosec for message in clock]
+    assert stamps == sorted(stamps)
+    assert stamps[0] >= START
+    assert stamps[-1] <= START + 29 * STEP
+    assert len(stamps) > 10
+
+
+def test_in_a_namespace_all_that_was_recorded_goes_below_it(start, drive, desk):
+    stamps, beside = [], []
+    desk.node.create_subscription(Header, "/car2/stamp", lambda m: stamps.append(m.frame_id), 50)
+    desk.node.create_subscription(Header, "/stamp", lambda m: beside.append(m.frame_id), 50)
+    player = start("bag_player", "-r", "__ns:=/car2", bag=drive, topics="/stamp", rate=0.0, wait_for="/stamp")
+    desk.until(lambda: len(stamps) == 30)
+    end_of(player)
+    assert beside == []
+
+
+def test_paused_with_an_offset_latched_topics_are_there(start, drive, desk):
+    latched, stamps = [], []
+    desk.node.create_subscription(String, "/latched", lambda m: latched.append(m.data), qos.LATCHED)
+    desk.node.create_subscription(Header, "/stamp", lambda m: stamps.append(m.frame_id), 50)
+    player = start("bag_player", bag=drive, paused="true", start=1.0, topics="'/stamp /latched'", rate=0.0)
+    desk.until(lambda: latched == ["once"])
+    assert stamps == []
+    client = desk.node.create_client(Trigger, "bag_player/resume")
+    desk.until(client.service_is_ready)
+    desk.until(lambda: desk.node.count_publishers("/stamp") == 1)
+    future = client.call_async(Trigger.Request())
+    desk.until(lambda: future.done() and len(stamps) == 10)
+    assert stamps == [str(number) for number in range(20, 30)]
+    end_of(player)
+
+
+def test_the_next_image_waits_for_the_answer(start, drive, desk):
+    """However slow the listener, it gets every image."""
+    answers = desk.node.create_publisher(Header, "/status", 10)
+    seen = []
+
+    def on_image(message):
+        seen.append(stamp_ns(message))
+        time.sleep(0.1)
+        answers.publish(Header(stamp=message.header.stamp))
+
+    desk.node.create_subscription(Image, "/image_raw", on_image, qos.SENSOR)
+    player = start(
+        "bag_player", bag=drive, rate=0.0, wait_for="/image_raw", answer_topic="/status", answer_timeout=30.0
+    )
+    desk.until(lambda: len(seen) == 30)
+    assert seen == [START + number * STEP for number in range(30)]
+    assert "without an answer" not in end_of(player)
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({"bag": "nowhere"}, "nowhere: expected a bag .*, found none"),
+        ({"topics": "/other"}, "expected topic /other, found"),
+        ({"start": 99.0}, r"start: expected at most 1\.450 s"),
+        ({"wait_for": "/latched", "topics": "/stamp"}, "/latched: expected a topic that is played"),
+    ],
+)
+def test_what_cannot_be_played(ros, drive, values, reason):
+    values = {"bag": str(drive)} | values
+    shell = LiveShell(BagPlayer, parameter_overrides=[Parameter(name, value=values[name]) for name in values])
+    with pytest.raises(ValueError, match=reason):
+        shell.node.configure()
+    shell.destroy_node()
+
+
+@pytest.mark.parametrize(
+    ("values", "reason"),
+    [
+        ({"topics": "/a"}, "output: expected the folder of the bag to write"),
+        ({"output": "drive"}, "topics, topic_set: expected something to record, found neither"),
+        ({"output": "drive", "topic_set": "all"}, "drive: expected no such file or folder, found one"),
+    ],
+)
+def test_what_cannot_be_recorded(ros, drive, values, reason):
+    values = values | ({"output": str(drive)} if values.get("output") else {})
+    shell = LiveShell(BagRecorder, parameter_overrides=[Parameter(name, value=values[name]) for name in values])
+    with pytest.raises(ValueError, match=reason):
+        shell.node.configure()
+    shell.destroy_node()
+    assert verify_bag(drive).problems == []
+
+
+def test_a_full_disk_ends_the_recording_with_one_line(ros, tmp_path, monkeypatch):
+    values = {"output": str(tmp_path / "out"), "topics": "/text"}
+    shell = LiveShell(BagRecorder, parameter_overrides=[Parameter(name, value=values[name]) for name in values])
+    assert shell.start()
+    ended = []
+    shell.on_finish = ended.append
+
+    def fail():
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(shell.node.bag, "flush", fail)
+    monkeypatch.setattr(shell.node.bag, "close", fail)
+    shell.node._flush()
+    assert ended == [1]
+    shell.stop()
+    assert not (tmp_path / "out").exists()
+    shell.destroy_node()
+
+
+def test_domain_of_its_own():
+    assert os.environ["ROS_DOMAIN_ID"] != "0"
+    assert rclpy.get_rmw_implementation_identifier() == "rmw_fastrtps_cpp"

@@ -1,0 +1,141 @@
+"""Reading, and one clear line for every fault of a bag."""
+
+import shutil
+
+import pytest
+from std_msgs.msg import Header, String
+
+from sphere_nav.ros.bags import BagError, BagReader, BagWriter
+from sphere_nav.ros.interfaces import type_hash
+
+
+def one_line(error):
+    return "\n" not in str(error.value)
+
+
+def test_messages_come_in_order_of_time(make_bag):
+    with BagReader(make_bag()) as bag:
+        assert bag.num_messages == 81
+        assert bag.time_range == (5_000_000_000, 8_900_000_001)
+        assert {name: (info.type, info.count) for name, info in bag.topics.items()} == {
+            "/latched": ("std_msgs/msg/String", 1),
+            "/text": ("std_msgs/msg/String", 40),
+            "/stamp": ("std_msgs/msg/Header", 40),
+        }
+        stamps = [item.stamp_ns for item in bag.messages()]
+        assert stamps == sorted(stamps)
+        assert [item.message.frame_id for item in bag.messages(["stamp"])] == [str(n) for n in range(40)]
+        late = list(bag.messages(["/stamp"], start_ns=8_000_000_000, end_ns=8_200_000_001))
+        assert [item.message.frame_id for item in late] == ["30", "31", "32"]
+
+
+def test_messages_written_out_of_order_are_sorted(tmp_path):
+    stamps = [5, 3, 9, 1, 7, 3]
+    with BagWriter(tmp_path / "bag") as bag:
+        for number, stamp in enumerate(stamps):
+            bag.write("text", String(data=str(number)), stamp)
+            bag.end_chunk()
+    with BagReader(tmp_path / "bag") as reader:
+        found = [(item.stamp_ns, item.message.data) for item in reader.messages()]
+    assert found == [(1, "3"), (3, "1"), (3, "5"), (5, "0"), (7, "4"), (9, "2")]
+
+
+def test_a_lone_file_and_a_folder_without_metadata_are_bags(make_bag):
+    path = make_bag()
+    assert BagReader(path / "bag_0.mcap").num_messages == 81
+    (path / "metadata.yaml").unlink()
+    assert BagReader(path).num_messages == 81
+
+
+def test_several_files_are_one_bag(make_bag, tmp_path):
+    first, second = make_bag("first", 10), make_bag("second", 20)
+    both = tmp_path / "both"
+    both.mkdir()
+    shutil.copy(first / "first_0.mcap", both / "both_0.mcap")
+    shutil.copy(second / "second_0.mcap", both / "both_1.mcap")
+    with BagReader(both) as bag:
+        assert bag.num_messages == 21 + 41
+        stamps = [item.stamp_ns for item in bag.raw()]
+    assert len(stamps) == 62
+    assert stamps == sorted(stamps)
+
+
+def test_a_real_bag_reads(shared_data):
+    with BagReader(shared_data / "bags" / "nav2_turtlebot.mcap") as bag:
+        counts = {name: info.count for name, info in bag.topics.items()}
+        assert counts == {"/odom": 2639, "/tf": 5422, "/tf_static": 1, "/amcl_pose": 135}
+        assert bag.time_range[1] - bag.time_range[0] == 97_355_296_000
+        assert sum(1 for _ in bag.messages()) == 8197
+
+
+def test_an_absent_bag(tmp_path):
+    expected = r"nothing: expected a bag \(a folder, or a file \.mcap, \.db3 or \.bag\), found none"
+    with pytest.raises(BagError, match=expected) as error:
+        BagReader(tmp_path / "nothing")
+    assert one_line(error)
+    BagWriter(tmp_path / "cut")
+    with pytest.raises(BagError, match=r"found .*cut\.partial of an interrupted run"):
+        BagReader(tmp_path / "cut")
+
+
+def test_an_empty_folder_file_or_bag(tmp_path):
+    with pytest.raises(BagError, match=r"expected metadata\.yaml or \.mcap files, found neither"):
+        BagReader(tmp_path)
+    (tmp_path / "empty.mcap").touch()
+    with pytest.raises(BagError, match="expected an MCAP file, found an empty file"):
+        BagReader(tmp_path / "empty.mcap")
+    BagWriter(tmp_path / "bag").close()
+    with pytest.raises(BagError, match="expected messages, found an empty bag"):
+        BagReader(tmp_path / "bag")
+
+
+def test_a_file_of_another_kind(tmp_path):
+    (tmp_path / "text.mcap").write_text("hello, world, hello")
+    with pytest.raises(BagError, match="expected an MCAP file, found one that begins with 68 65 6c 6c"):
+        BagReader(tmp_path / "text.mcap")
+
+
+def test_metadata_that_is_wrong(make_bag):
+    path = make_bag()
+    (path / "metadata.yaml").write_text(
+        "rosbag2_bagfile_information: {storage_identifier: leveldb, relative_file_paths: []}"
+    )
+    with pytest.raises(BagError, match="storage_identifier: expected mcap, sqlite3, found 'leveldb'"):
+        BagReader(path)
+    (path / "metadata.yaml").write_text("a: [")
+    with pytest.raises(BagError, match=r"metadata\.yaml: expected YAML"):
+        BagReader(path)
+    (path / "metadata.yaml").write_text(
+        "rosbag2_bagfile_information: {storage_identifier: mcap, relative_file_paths: [other_0.mcap]}"
+    )
+    with pytest.raises(BagError, match=r"expected other_0\.mcap, found no such file"):
+        BagReader(path)
+
+
+def test_a_topic_that_is_not_there_names_those_that_are(make_bag):
+    with BagReader(make_bag()) as bag:
+        assert bag.require("text", String).count == 40
+        with pytest.raises(
+            BagError, match=r"expected topic /image_raw, found /latched \(std_msgs/msg/String\), /stamp"
+        ):
+            bag.require("image_raw")
+        with pytest.raises(BagError, match="/text: expected std_msgs/msg/Header, found std_msgs/msg/String"):
+            bag.require("text", Header)
+
+
+def test_another_definition_of_a_type(make_bag):
+    with BagReader(make_bag()) as bag:
+        bag.topics["/text"].hash = "RIHS01_00"
+        with pytest.raises(BagError, match=f"expected definition {type_hash('std_msgs/msg/String')}, found RIHS01_00"):
+            next(bag.messages(["text"]))
+
+
+def test_bytes_that_are_no_message(tmp_path):
+    with BagWriter(tmp_path / "bag") as bag:
+        bag.add_topic("text", String)
+        bag.write_bytes("text", b"\x00\x01\x00\x00\xff\xff\xff\x7f", 1)
+    with (
+        BagReader(tmp_path / "bag") as reader,
+        pytest.raises(BagError, match="/text: expected std_msgs/msg/String, found 8"),
+    ):
+        list(reader.messages())

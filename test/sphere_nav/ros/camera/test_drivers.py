@@ -1,0 +1,130 @@
+"""Presets of camera drivers: each file is valid, known by its topics, and heard by nodes as by commands."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip("rclpy")
+
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CompressedImage, Image
+
+from sphere_nav.params import param, parameters
+from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.bags.streams import RGBD, STEREO
+from sphere_nav.ros.camera.drivers import FIELDS, INPUTS, OPTIONAL, driver_names, names_of, read_driver
+from sphere_nav.ros.conversions.images import ENCODINGS
+from sphere_nav.ros.live import LiveShell
+from sphere_nav.ros.node import ManagedNode
+
+FILES = Path(__file__).resolve().parents[2] / "config" / "cameras"
+WANTED = {"rgbd": RGBD, "stereo": STEREO, "mono": ("image_raw", "camera_info"), "panorama": ("image_raw",)}
+DEPTH_INFO = "depth/camera_info"
+METRES = {"16UC1": 0.001, "32FC1": 1.0}  # REP 118
+VENDORS = ("realsense", "zed", "oak", "kinect", "usb_cam")
+
+
+@parameters
+class EarParams:
+    driver: str = param("", "camera driver")
+
+
+class Ear(ManagedNode):
+    NAME, PARAMS = "ear", EarParams
+
+    def configure(self):
+        self.heard = []
+        self.add_subscription("image_raw", Image, self.heard.append, qos.SENSOR)
+        self.add_subscription("image_raw/compressed", CompressedImage, self.heard.append, qos.SENSOR)
+        self.add_subscription("other", Image, self.heard.append, qos.SENSOR)
+
+
+def test_the_files_are_those_that_are_installed_and_all_vendors_are_there():
+    assert driver_names() == sorted(path.stem for path in FILES.glob("*.yaml"))
+    assert {vendor for vendor in VENDORS if any(vendor in name for name in driver_names())} == set(VENDORS)
+
+
+@pytest.mark.parametrize("name", sorted(path.stem for path in FILES.glob("*.yaml")))
+def test_a_file_names_what_its_job_needs_in_encodings_that_are_read(name):
+    driver = read_driver(name)
+    assert driver.input in INPUTS
+    assert set(driver.topics) - {DEPTH_INFO, *OPTIONAL} == set(WANTED[driver.input])
+    assert yaml.safe_load((FILES / f"{name}.yaml").read_text())["source"].startswith("https://")
+    images = {ours for ours in driver.topics if ours.endswith("image_raw")}
+    assert set(driver.encodings) == images
+    for ours, encodings in driver.encodings.items():
+        assert set(encodings) <= set(ENCODINGS)
+        assert not ours.startswith("depth") or set(encodings) <= set(METRES)
+    topics = [f"/{topic}" for topic in driver.names().values()]
+    assert driver.missing(topics) == []
+    assert driver.roots(topics) == [driver.root]
+
+
+def test_depth_of_a_preset_is_in_metres_whatever_its_encoding():
+    for encoding, unit in METRES.items():
+        kind, _ = ENCODINGS[encoding]
+        pixels = conversions.depth_to_metres(
+            conversions.array_to_image(np.full((2, 2), 2.0 / unit, kind), 0, "", encoding)
+        )
+        assert pixels == pytest.approx(2.0)
+
+
+def test_topics_are_found_compressed_below_another_namespace_and_without_what_is_optional():
+    driver = read_driver("realsense")
+    have = [f"/front/{topic}" for ours, topic in driver.topics.items() if ours != "imu"]
+    have[0] += "/compressed"
+    assert driver.roots(have) == ["front"]
+    assert driver.find(have, "front")["image_raw"] == "/front/color/image_raw/compressed"
+    assert driver.missing(have[1:], "front") == ["/front/color/image_raw"]
+    assert driver.roots([*have, *(topic.replace("front", "rear") for topic in have)]) == ["front", "rear"]
+
+
+def test_a_file_of_ones_own_is_as_good_as_a_name(tmp_path):
+    content = yaml.safe_load((FILES / "usb_cam.yaml").read_text()) | {"root": "/head/"}
+    path = tmp_path / "own.yaml"
+    path.write_text(yaml.safe_dump(content))
+    assert names_of(str(path)) == {"image_raw": "head/image_raw", "camera_info": "head/camera_info"}
+    assert names_of("") == {}
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"input": "lidar"}, "input: expected one of rgbd, stereo, mono, panorama, found 'lidar'"),
+        ({"topics": 3}, "topics: expected dict, found 3"),
+        ({"rate": 3}, f"expected {', '.join(FIELDS)}, found"),
+    ],
+)
+def test_a_file_that_is_none_is_refused_by_name(tmp_path, change, said):
+    path = tmp_path / "own.yaml"
+    path.write_text(yaml.safe_dump(yaml.safe_load((FILES / "usb_cam.yaml").read_text()) | change))
+    with pytest.raises(ValueError, match=r"own\.yaml") as caught:
+        read_driver(str(path))
+    assert said in str(caught.value)
+    with pytest.raises(ValueError, match=r"expected one of azure_kinect, .* found 'kinekt'"):
+        read_driver("kinekt")
+
+
+def test_a_node_hears_the_driver_unless_a_topic_is_remapped():
+    bus = OfflineBus()
+    bus.add(Ear, {"driver": "realsense"})
+    heard = "/camera/camera/color/image_raw"
+    assert set(bus.listeners) == {heard, f"{heard}/compressed", "/other"}
+    bus = OfflineBus()
+    bus.add(Ear, {"driver": "realsense"}, {"image_raw": "/mine"})
+    assert set(bus.listeners) == {"/mine", f"{heard}/compressed", "/other"}
+
+
+def test_a_live_node_hears_the_driver_in_its_namespace_unless_a_topic_is_remapped(ros):
+    words = ["--ros-args", "-r", "__ns:=/car", "-r", "image_raw/compressed:=/mine"]
+    shell = LiveShell(Ear, parameter_overrides=[Parameter("driver", value="realsense")], cli_args=words)
+    try:
+        shell.trigger_configure()
+        topics = [wanted.handle.topic_name for wanted in shell.node.inputs]
+        assert topics == ["/car/camera/camera/color/image_raw", "/mine", "/car/other"]
+    finally:
+        shell.stop()
+        shell.destroy_node()

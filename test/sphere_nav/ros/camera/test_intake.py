@@ -1,0 +1,212 @@
+"""What is put together before an image is localised, and what is said of images that cannot be used."""
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from sensor_msgs.msg import CompressedImage, Image
+from tf2_msgs.msg import TFMessage
+
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.localization.params import NodeParams
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.camera.intake import CameraIntake
+from sphere_nav.ros.conversions import (
+    array_to_image,
+    camera_to_info,
+    camera_to_sphere_info,
+    header,
+    se3_to_odometry,
+    se3_to_transform,
+)
+from sphere_nav.ros.node import ManagedNode
+
+SECOND = 10**9
+CAMERA = Pinhole(16, 8, 10.0, 10.0, 7.5, 3.5)
+PIXELS = np.arange(128, dtype=np.uint8).reshape(8, 16)
+MOUNT = SE3.exp([0.5, 0.0, 1.4, -0.3, 0.1, 0.3])
+
+
+class Gate:
+    """An intake on a bus, and what it hands on."""
+
+    def __init__(self, *, has_sphere_info=False, **values):
+        self.bus, self.pictures, self.refusals = OfflineBus(), [], []
+        self.node = self.bus.add(ManagedNode)
+        self.intake = CameraIntake(
+            self.node.endpoints,
+            NodeParams(**values),
+            self.pictures.append,
+            lambda stamp, finding: self.refusals.append((stamp // SECOND, str(finding.reason), finding)),
+            has_sphere_info=has_sphere_info,
+        )
+
+    def image(self, second, frame="optical", encoding="mono8"):
+        self.send("image_raw", array_to_image(PIXELS, second * SECOND, frame, encoding))
+
+    def info(self, frame="optical", focal=10.0):
+        message = camera_to_info(CAMERA, SECOND, frame)
+        message.k = [focal, 0.0, 7.5, 0.0, focal, 3.5, 0.0, 0.0, float(focal > 0)]
+        self.send("camera_info", message)
+
+    def mount(self, frame="optical"):
+        self.send("tf_static", TFMessage(transforms=[se3_to_transform(MOUNT, SECOND, "base_link", frame)]))
+
+    def send(self, topic, message):
+        self.bus.deliver(f"/{topic}", message)
+
+    def stamps(self):
+        return [picture.stamp_ns // SECOND for picture in self.pictures]
+
+    def last_refusal(self, topic="image_raw"):
+        return next(item for item in self.node.inputs if item.topic == topic).last_refusal
+
+
+def ready(**values):
+    gate = Gate(**values)
+    gate.info()
+    gate.mount()
+    return gate
+
+
+def test_images_wait_for_calibration_and_transform_and_come_in_order():
+    gate = Gate()
+    gate.image(1)
+    gate.info()
+    gate.image(2)
+    assert (gate.pictures, gate.refusals) == ([], [])
+    gate.mount()
+    gate.image(3)
+    assert gate.stamps() == [1, 2, 3]
+    np.testing.assert_allclose(gate.pictures[0].T_base_camera.matrix, MOUNT.matrix, atol=1e-12)
+    np.testing.assert_array_equal(gate.pictures[0].image, PIXELS)
+    assert gate.pictures[0].camera == CAMERA
+
+
+def test_too_long_without_a_transform_is_said():
+    gate = Gate(max_waiting=1)
+    gate.info()
+    gate.image(1)
+    gate.image(2)
+    assert [(second, reason) for second, reason, _ in gate.refusals] == [(1, "TF_STALE")]
+
+
+@pytest.mark.parametrize("values", [{"base_frame": "optical"}, {"base_frame": ""}])
+def test_no_transform_is_needed_where_the_camera_is_the_base(values):
+    gate = Gate(**values)
+    gate.info()
+    gate.image(1)
+    np.testing.assert_array_equal(gate.pictures[0].T_base_camera.matrix, np.eye(4))
+
+
+def test_a_mounting_takes_the_place_of_tf():
+    gate = Gate(mounting="1,2,3,0,0,0")
+    gate.info()
+    gate.image(1)
+    T_base_camera = gate.pictures[0].T_base_camera
+    np.testing.assert_allclose(T_base_camera.apply([0.0, 0.0, 1.0])[0], [2.0, 2.0, 3.0], atol=1e-12)  # looks ahead
+
+
+def test_a_refused_calibration_answers_at_once_until_it_is_forgotten():
+    gate = Gate()
+    gate.info(focal=0.0)
+    gate.image(1)
+    assert [(second, reason) for second, reason, _ in gate.refusals] == [(1, "BAD_INFO")]
+    assert "focal length 0" in gate.refusals[0][2].detail
+    gate.intake.forget_camera()
+    gate.image(2)
+    assert len(gate.refusals) == 1  # calibration may still come
+
+
+def test_panoramas_are_calibrated_by_sphere_info_where_they_can_be_localised():
+    gate = Gate(has_sphere_info=True)
+    gate.mount()
+    gate.send("sphere_info", camera_to_sphere_info(Spherical(16, 8), "optical"))
+    gate.image(1)
+    assert gate.pictures[0].camera == Spherical(16, 8)
+
+
+def test_an_unknown_encoding_is_named_and_not_blamed_on_the_calibration():
+    gate = ready()
+    gate.send("image_raw", Image(header=header(SECOND, "optical"), encoding="nonsense", width=4, height=4, step=4))
+    (_, reason, finding), *_ = gate.refusals
+    assert reason == "BAD_INFO"
+    assert "nonsense" in finding.detail
+    assert finding.advice.startswith("publish a usual encoding")
+    assert "nonsense" in gate.last_refusal()
+
+
+def test_a_compressed_image_is_unpacked_only_if_its_size_is_the_cameras():
+    gate = ready(transport="compressed")
+    for pixels in (PIXELS, np.zeros((9, 16), np.uint8)):
+        data = cv2.imencode(".png", pixels)[1].tobytes()
+        image = CompressedImage(header=header(SECOND, "optical"), format="png", data=data)
+        gate.send("image_raw/compressed", image)
+    np.testing.assert_array_equal(gate.pictures[0].image, PIXELS)
+    assert [reason for _, reason, _ in gate.refusals] == ["BAD_INFO"]
+    assert "expected 16 x 8 (camera_info), found 16 x 9" in gate.refusals[0][2].detail
+
+
+@pytest.mark.parametrize("topic", ["image", "info"])
+def test_another_camera_in_the_same_topics_is_noticed_and_a_reset_accepts_it(topic):
+    gate = ready()
+    gate.image(1)
+    if topic == "image":
+        gate.image(2, "other")
+    else:
+        gate.info("other")
+        gate.image(2)
+    assert gate.stamps() == [1]
+    assert [(second, reason) for second, reason, _ in gate.refusals] == [(2, "BAD_INFO")]
+    assert "expected 'optical' as before, found 'other'" in gate.refusals[0][2].detail
+    gate.intake.forget_camera()
+    gate.mount("other")
+    gate.info("other")
+    gate.image(3, "other")
+    assert gate.stamps() == [1, 3]
+
+
+def test_a_calibration_of_another_frame_than_the_image_is_refused_unless_the_frame_is_given():
+    gate = Gate()
+    gate.mount("other")
+    gate.mount()
+    gate.info("other")
+    gate.image(1)
+    assert "expected that of camera_info, 'other', found 'optical'" in gate.refusals[0][2].detail
+    given = Gate(camera_frame="optical")
+    given.mount()
+    given.info("other")
+    given.image(1)
+    assert given.stamps() == [1]
+
+
+def test_a_stamp_ahead_of_the_clock_is_refused_and_a_little_is_allowed():
+    gate = ready()
+    list(gate.bus.advance(10 * SECOND))
+    gate.image(11)
+    assert [(second, reason) for second, reason, _ in gate.refusals] == [(11, "BAD_STAMP")]
+    assert gate.refusals[0][2].detail == "stamp is 1.000 s ahead of the clock"
+    gate.send("image_raw", array_to_image(PIXELS, 10 * SECOND + SECOND // 20, "optical", "mono8"))
+    assert len(gate.pictures) == 1
+
+
+def test_a_jump_of_the_clock_drops_what_waits():
+    gate = Gate()
+    gate.image(1)
+    gate.intake.clear()
+    gate.info()
+    gate.mount()
+    gate.image(2)
+    assert gate.stamps() == [2]
+
+
+def test_an_image_comes_with_odometry_at_its_stamp():
+    gate = ready()
+    T_odom_base = SE3.from_planar(1.0, 2.0, 0.3)
+    gate.send("odom", se3_to_odometry(T_odom_base, np.eye(6), SECOND, ("odom", "base_link")))
+    gate.image(1)
+    np.testing.assert_allclose(gate.pictures[0].T_odom_base.matrix, T_odom_base.matrix, atol=1e-12)
+    gate.image(5)
+    assert gate.pictures[1].T_odom_base is None

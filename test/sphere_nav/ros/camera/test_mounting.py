@@ -1,0 +1,40 @@
+"""Where a camera sits on the vehicle, told by hand."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.ros.camera.mounting import read_mounting
+
+
+def test_six_numbers_turn_about_the_fixed_axes_of_the_vehicle():
+    mounting = read_mounting("1,2,3,0,0.1,1.5707963267948966")
+    # ahead of the camera is left of the vehicle; pitched down by 0.1 rad
+    np.testing.assert_allclose(
+        mounting.apply([1.0, 0.0, 0.0])[0], [1.0, 2.0 + np.cos(0.1), 3.0 - np.sin(0.1)], atol=1e-12
+    )
+    rolled = read_mounting("0,0,0,0.2,0,0")
+    np.testing.assert_allclose(rolled.apply([0.0, 1.0, 0.0])[0], [0.0, np.cos(0.2), np.sin(0.2)], atol=1e-12)
+
+
+def test_a_file_says_the_same(tmp_path):
+    path = tmp_path / "mount.yaml"
+    path.write_text("{x: 1.0, y: 2, z: 3, roll: 0.1, pitch: 0.2, yaw: 0.3}")
+    assert read_mounting(str(path)).distance(read_mounting("1,2,3,0.1,0.2,0.3")) == pytest.approx((0.0, 0.0), abs=1e-12)
+
+
+def test_nothing_said_is_no_mounting():
+    assert read_mounting("") is None
+
+
+@pytest.mark.parametrize("text", ["1,2,3", "1,2,3,4,5,nan", "a,b,c,d,e,f", "absent.yaml"])
+def test_anything_else_is_refused(text):
+    with pytest.raises(ValueError, match=r"mounting: .*expected"):
+        read_mounting(text)
+
+
+@pytest.mark.parametrize("content", ["{x: 1}", "- 1", "x: [", "{x: a, y: 2, z: 3, roll: 0, pitch: 0, yaw: 0}"])
+def test_a_file_of_another_form_is_refused(tmp_path, content):
+    path = tmp_path / "mount.yaml"
+    path.write_text(content)
+    with pytest.raises(ValueError, match=r"mounting: .*expected"):
+        read_mounting(str(path))

@@ -1,0 +1,79 @@
+"""Point clouds of any layout."""
+
+import array
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import PointCloud2, PointField
+
+from sphere_nav.ros.conversions import cloud_to_message, message_to_cloud
+
+
+def test_a_cloud_comes_back_without_its_unknown_points(rng):
+    points = rng.normal(size=(50, 3)).astype(np.float32)
+    points[7, 1] = np.nan
+    message = cloud_to_message(points, 3, "map")
+    assert (message.width, message.height, message.point_step, message.is_dense) == (50, 1, 12, False)
+    np.testing.assert_array_equal(message_to_cloud(message), np.delete(points, 7, axis=0))
+
+
+@pytest.mark.parametrize("shape", [(20,), (20, 3)])
+def test_colours_are_packed_as_rviz_reads_them(rng, shape):
+    points, colours = rng.normal(size=(20, 3)).astype(np.float32), rng.integers(0, 255, shape, np.uint8)
+    message = cloud_to_message(points, 3, "map", colours)
+    rgb = np.frombuffer(message.data, np.uint32).reshape(20, 4)[:, 3]
+    rows = np.stack([rgb >> 16 & 255, rgb >> 8 & 255, rgb & 255], axis=1)
+    np.testing.assert_array_equal(rows, np.broadcast_to(colours.reshape(20, -1), (20, 3)))
+    np.testing.assert_array_equal(message_to_cloud(message), points)
+
+
+@pytest.mark.parametrize(
+    ("order", "kind", "datatype"), [("<", "f8", 8), (">", "f4", 7), (">", "i2", 3), ("<", "u4", 6)]
+)
+def test_another_layout(rng, order, kind, datatype):
+    """Doubles, big-endian numbers, fields in another order, padding of points and rows, an ordered cloud."""
+    size = int(kind[1])
+    layout = {
+        "names": ["z", "x", "y"],
+        "formats": [order + kind] * 3,
+        "offsets": [0, size, 3 * size],
+        "itemsize": 5 * size,
+    }
+    table = np.zeros((4, 6), np.dtype(layout))
+    points = rng.normal(size=(4, 6, 3)).astype(np.float32)
+    points = points if kind[0] == "f" else np.floor(20.0 + 5.0 * points)
+    for axis, name in enumerate("xyz"):
+        table[name] = points[..., axis]
+    rows = b"".join(row.tobytes() + b"pad" for row in table)
+    fields = [
+        PointField(name=name, offset=layout["offsets"][i], datatype=datatype, count=1) for i, name in enumerate("zxy")
+    ]
+    message = PointCloud2(
+        height=4,
+        width=6,
+        fields=fields,
+        is_bigendian=order == ">",
+        point_step=5 * size,
+        row_step=30 * size + 3,
+        data=array.array("B", rows),
+    )
+    np.testing.assert_array_equal(message_to_cloud(message), points.reshape(-1, 3))
+
+
+def test_a_cloud_that_contradicts_itself_is_refused():
+    message = cloud_to_message(np.zeros((5, 3)), 0, "map")
+    message.width = 6
+    with pytest.raises(ValueError, match="cloud data: expected 1 rows of 60 bytes"):
+        message_to_cloud(message)
+    message = cloud_to_message(np.zeros((5, 3)), 0, "map")
+    message.fields[2].name = "intensity"
+    with pytest.raises(ValueError, match=r"expected a field of numbers 'z', found \['intensity', 'x', 'y'\]"):
+        message_to_cloud(message)
+    message = cloud_to_message(np.zeros((5, 3)), 0, "map")
+    message.fields[1].offset = 10
+    with pytest.raises(ValueError, match="cloud field y: expected to end within 12 bytes"):
+        message_to_cloud(message)
+
+
+def test_an_empty_cloud():
+    assert message_to_cloud(cloud_to_message(np.empty((0, 3)), 0, "map")).shape == (0, 3)

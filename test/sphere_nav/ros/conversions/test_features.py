@@ -1,0 +1,53 @@
+import numpy as np
+import pytest
+
+from sphere_nav.ros.conversions.features import features_to_message, message_to_features
+from sphere_nav.spheres.appearance.features import Features
+
+
+def sample(rng, number=7, **changed):
+    rays = rng.normal(size=(number, 3))
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    range_m = np.where(np.arange(number) % 3 == 0, np.nan, rng.uniform(1, 9, number))
+    descriptors = rng.integers(0, 256, (number, 128), dtype=np.uint8)
+    values = {
+        "rays": rays.astype(np.float32),
+        "range_m": range_m.astype(np.float32),
+        "descriptors": descriptors,
+    } | changed
+    return Features(**values), np.arange(number)
+
+
+@pytest.mark.parametrize("number", [0, 7])
+def test_features_come_back(rng, number):
+    features, words = sample(rng, number)
+    message = features_to_message(features, words, 5_000_000_000, "sphere_link")
+    assert (message.header.frame_id, message.header.stamp.sec, message.width) == ("sphere_link", 5, number)
+    found, found_words = message_to_features(message)
+    np.testing.assert_array_equal(found.rays, features.rays)
+    np.testing.assert_array_equal(found.range_m, features.range_m)
+    np.testing.assert_array_equal(found.descriptors, features.descriptors)
+    np.testing.assert_array_equal(found_words, words)
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "reason"),
+    [("width", 8, "expected 1168 bytes"), ("fields", [], "expected \\['x'"), ("data", b"", "found 0")],
+)
+def test_what_does_not_fit_is_refused(rng, field, value, reason):
+    message = features_to_message(*sample(rng), 5, "sphere_link")
+    setattr(message, field, value)
+    with pytest.raises(ValueError, match=reason):
+        message_to_features(message)
+
+
+@pytest.mark.parametrize(
+    ("changed", "reason"),
+    [
+        ({"rays": np.full((7, 3), np.nan, np.float32)}, "unit vectors"),
+        ({"range_m": np.full(7, -1.0, np.float32)}, "positive metres"),
+    ],
+)
+def test_what_is_no_feature_is_refused(rng, changed, reason):
+    with pytest.raises(ValueError, match=reason):
+        message_to_features(features_to_message(*sample(rng, **changed), 5, "sphere_link"))

@@ -1,0 +1,75 @@
+"""The key-sphere graph as a message and back."""
+
+import numpy as np
+import pytest
+from sphere_nav_msgs.msg import KeySphereEdge
+
+from sphere_nav.geometry import SE3
+from sphere_nav.ros.conversions import graph_to_message, message_to_graph
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+
+
+def test_a_graph_comes_back(sphere_graph):
+    message = graph_to_message(sphere_graph, "map", map_id="yard", version=3, software="test")
+    assert (message.header.frame_id, message.map_id, message.version, message.format_version) == ("map", "yard", 3, 2)
+    assert [edge.kind for edge in message.edges] == [KeySphereEdge.ODOMETRY, KeySphereEdge.LOOP]
+    found = message_to_graph(message)
+    for before, after in zip(sphere_graph, found, strict=True):
+        assert (after.id, after.stamp_ns, after.sphere) == (before.id, before.stamp_ns, None)
+        np.testing.assert_allclose(after.T_map_sphere.matrix, before.T_map_sphere.matrix, atol=1e-12)
+    for before, after in zip(sphere_graph.edges, found.edges, strict=True):
+        assert (after.a, after.b, after.is_loop) == (before.a, before.b, before.is_loop)
+        np.testing.assert_allclose(after.T_a_b.matrix, before.T_a_b.matrix, atol=1e-12)
+        np.testing.assert_allclose(after.information, before.information, rtol=1e-6)
+
+
+def test_the_region_of_a_key_sphere_comes_back_and_must_be_metres():
+    graph = SphereGraph([KeySphere(1, 0, SE3.identity(), region_radius_m=7.5), KeySphere(2, 0, SE3.identity())])
+    message = graph_to_message(graph, "map")
+    assert [node.region_radius_m for node in message_to_graph(message)] == [7.5, 0.0]
+    for wrong in (-1.0, float("nan"), float("inf")):
+        message.vertices[0].region_radius = wrong
+        with pytest.raises(ValueError, match="vertex 1 region_radius"):
+            message_to_graph(message)
+
+
+def test_the_covariance_of_an_edge_is_about_the_fixed_axes_of_its_first_sphere():
+    """A turn by 90 degrees makes what is certain along x of the second sphere certain along y of the first."""
+    T_a_b = SE3.from_planar(1.0, 0.0, np.pi / 2)
+    information = np.diag([1e4, 1.0, 1.0, 1.0, 1.0, 1.0])
+    graph = SphereGraph([KeySphere(1, 0, SE3.identity()), KeySphere(2, 0, T_a_b)], [Edge(1, 2, T_a_b, information)])
+    covariance = np.reshape(graph_to_message(graph, "map").edges[0].pose.covariance, (6, 6))
+    np.testing.assert_allclose(np.diag(covariance), [1.0, 1e-4, 1.0, 1.0, 1.0, 1.0], rtol=1e-6)
+
+
+def test_a_direction_without_information_is_finite():
+    information = np.diag([1.0, 1.0, 1.0, 1.0, 1.0, 0.0])
+    T_a_b = SE3.identity()
+    graph = SphereGraph([KeySphere(1, 0, T_a_b), KeySphere(2, 0, T_a_b)], [Edge(1, 2, T_a_b, information)])
+    message = graph_to_message(graph, "map")
+    assert np.isfinite(message.edges[0].pose.covariance).all()
+    np.testing.assert_allclose(message_to_graph(message).edges[0].information, information, atol=1e-9)
+
+
+def test_what_is_no_graph_is_refused(sphere_graph):
+    message = graph_to_message(sphere_graph, "map")
+    message.vertices[1].id = 10
+    with pytest.raises(ValueError, match="expected a new id, found 10 again"):
+        message_to_graph(message)
+    message = graph_to_message(sphere_graph, "map")
+    message.edges[1].to_id = 99
+    with pytest.raises(ValueError, match="edge 11-99: expected both ends"):
+        message_to_graph(message)
+    message = graph_to_message(sphere_graph, "map")
+    message.vertices[0].pose.position.x = float("nan")
+    with pytest.raises(ValueError, match=r"vertex 10 pose\.position: expected finite"):
+        message_to_graph(message)
+    message = graph_to_message(sphere_graph, "map")
+    message.edges[0].pose.covariance[0] = float("nan")
+    with pytest.raises(ValueError, match="edge 10-11 covariance: expected finite"):
+        message_to_graph(message)
+
+
+def test_an_id_must_fit_the_message():
+    with pytest.raises(ValueError, match="key sphere id: expected 0 to"):
+        graph_to_message(SphereGraph([KeySphere(-1, 0, SE3.identity())]), "map")

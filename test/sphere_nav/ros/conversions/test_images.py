@@ -1,0 +1,203 @@
+"""Images: every encoding, padding, byte order, and what is refused."""
+
+import array
+import struct
+
+import cv2
+import numpy as np
+import pytest
+from sensor_msgs.msg import CompressedImage, Image
+
+from sphere_nav.ros.conversions import (
+    array_to_image,
+    compressed_to_array,
+    compressed_to_image,
+    decompress,
+    depth_to_metres,
+    image_to_array,
+    image_to_grey,
+    image_to_rgb,
+    stamp_ns,
+)
+from sphere_nav.ros.conversions.images import ENCODINGS
+
+
+def picture(rng, encoding, shape=(5, 7)):
+    kind, channels = ENCODINGS[encoding]
+    full = (*shape, channels) if channels > 1 else shape
+    return rng.normal(size=full).astype(kind) if kind is np.float32 else rng.integers(0, np.iinfo(kind).max, full, kind)
+
+
+@pytest.mark.parametrize("encoding", ENCODINGS)
+def test_an_image_comes_back(rng, encoding):
+    pixels = picture(rng, encoding)
+    message = array_to_image(pixels, 12_000_000_034, "camera_optical", encoding)
+    assert (message.width, message.height, message.header.frame_id) == (7, 5, "camera_optical")
+    assert stamp_ns(message) == 12_000_000_034
+    assert isinstance(message.data, array.array)
+    found = image_to_array(message)
+    assert found.dtype == pixels.dtype
+    np.testing.assert_array_equal(found, pixels)
+
+
+@pytest.mark.parametrize("encoding", ["mono8", "rgb8", "16UC1", "32FC1"])
+def test_padding_and_byte_order_are_honoured(rng, encoding):
+    pixels = picture(rng, encoding)
+    rows = pixels.astype(pixels.dtype.newbyteorder(">")).tobytes()
+    row = len(rows) // 5
+    padded = b"".join(rows[i * row : (i + 1) * row] + b"\xaa" * 5 for i in range(5))
+    message = Image(width=7, height=5, encoding=encoding, step=row + 5, is_bigendian=1, data=array.array("B", padded))
+    np.testing.assert_array_equal(image_to_array(message), pixels)
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"encoding": "yuv444"}, "encoding: expected one of mono8, .* found 'yuv444'"),
+        ({"step": 6}, r"step: expected at least 7 \(7 pixels of mono8\), found 6"),
+        ({"width": 8}, "step: expected at least 8"),
+        ({"height": 6}, r"data: expected 42 bytes \(6 rows of 7\), found 35"),
+        ({"height": 4}, r"data: expected 28 bytes \(4 rows of 7\), found 35"),
+        ({"width": 0}, "image size: expected 1 to .* pixels, found 0 x 5"),
+        ({"width": 2**31, "height": 2**31}, "image size: expected 1 to"),
+    ],
+)
+def test_an_image_that_contradicts_itself_is_refused(rng, fields, reason):
+    message = array_to_image(picture(rng, "mono8"), 0, "", "mono8")
+    for name, value in fields.items():
+        setattr(message, name, value)
+    with pytest.raises(ValueError, match=reason):
+        image_to_array(message)
+
+
+def test_arrays_that_do_not_fit_their_encoding_are_refused(rng):
+    with pytest.raises(ValueError, match=r"rgb8: expected 3 x uint8, found \(5, 7\) uint8"):
+        array_to_image(picture(rng, "mono8"), 0, "", "rgb8")
+    with pytest.raises(ValueError, match="32FC1: expected 1 x float32"):
+        array_to_image(np.zeros((5, 7)), 0, "", "32FC1")
+
+
+def test_colour_is_rgb_whatever_the_order(rng):
+    rgb = picture(rng, "rgb8")
+    for encoding, pixels in (
+        ("rgb8", rgb),
+        ("bgr8", np.ascontiguousarray(rgb[..., ::-1])),
+        ("8UC3", np.ascontiguousarray(rgb[..., ::-1])),
+        ("rgba8", np.dstack([rgb, rgb[..., 0]])),
+        ("bgra8", np.dstack([rgb[..., ::-1], rgb[..., 0]])),
+    ):
+        np.testing.assert_array_equal(image_to_rgb(array_to_image(pixels, 0, "", encoding)), rgb)
+    grey = image_to_grey(array_to_image(rgb, 0, "", "rgb8"))
+    expected = rgb @ np.array([0.299, 0.587, 0.114])
+    np.testing.assert_allclose(grey, expected, atol=1.0)  # rounded to a grey level, with OpenCV's integer weights
+
+
+def test_sixteen_bits_become_eight(rng):
+    deep = picture(rng, "mono16")
+    np.testing.assert_array_equal(image_to_grey(array_to_image(deep, 0, "", "mono16")), deep // 256)
+    with pytest.raises(ValueError, match="expected a grey or colour image, found '32FC1'"):
+        image_to_grey(array_to_image(picture(rng, "32FC1"), 0, "", "32FC1"))
+
+
+def test_depth_is_in_metres_and_nan_where_there_is_none():
+    millimetres = np.array([[0, 1, 1500, 65535]], np.uint16)
+    found = depth_to_metres(array_to_image(millimetres, 0, "", "16UC1"))
+    np.testing.assert_allclose(found, [[np.nan, 0.001, 1.5, np.nan]], rtol=1e-6)
+    metres = np.array([[np.nan, 0.0, -1.0, -np.inf, np.inf, 2.5]], np.float32)
+    found = depth_to_metres(array_to_image(metres, 0, "", "32FC1"))
+    np.testing.assert_array_equal(found, np.array([[np.nan, np.nan, np.nan, np.nan, np.inf, 2.5]], np.float32))
+    with pytest.raises(ValueError, match="encoding of depth: expected 16UC1 or 32FC1, found 'mono8'"):
+        depth_to_metres(array_to_image(np.zeros((2, 2), np.uint8), 0, "", "mono8"))
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+@pytest.mark.parametrize("shape", [(40, 60), (40, 60, 3)])
+def test_compressed_images(suffix, shape):
+    rows, columns = np.mgrid[0 : shape[0], 0 : shape[1]]
+    planes = [rows * 4, columns * 3, rows + columns]
+    pixels = (np.dstack(planes) if len(shape) == 3 else planes[0]).astype(np.uint8)
+    data = cv2.imencode(suffix, pixels[..., ::-1] if pixels.ndim == 3 else pixels)[1].tobytes()
+    message = CompressedImage(format=suffix, data=array.array("B", data))
+    found = compressed_to_array(message)
+    tolerance = 0 if suffix == ".png" else 6  # a smooth picture at JPEG quality 95
+    np.testing.assert_allclose(found.astype(int), pixels.astype(int), atol=tolerance)
+    assert compressed_to_image(message).encoding == ("rgb8" if pixels.ndim == 3 else "mono8")
+
+
+def test_compressed_data_that_is_no_image():
+    with pytest.raises(ValueError, match="expected PNG or JPEG, found bytes 68 65"):
+        compressed_to_array(CompressedImage(format="jpeg", data=array.array("B", b"hello, world")))
+    data = cv2.imencode(".png", np.zeros((8, 8), np.uint8))[1].tobytes()
+    with pytest.raises(ValueError, match="that do not decode"):
+        compressed_to_array(CompressedImage(format="png", data=array.array("B", data[:40])))
+    huge = data[:16] + (1 << 30).to_bytes(4, "big") * 2 + data[24:]
+    with pytest.raises(ValueError, match="image size: expected 1 to"):
+        compressed_to_array(CompressedImage(format="png", data=array.array("B", huge)))
+
+
+BAYER = {"rggb": ("RG", "GB"), "bggr": ("BG", "GR"), "gbrg": ("GB", "RG"), "grbg": ("GR", "BG")}
+
+
+@pytest.mark.parametrize("pattern", BAYER)
+def test_a_mosaic_of_one_colour_is_that_colour(pattern):
+    colour = {"R": 200, "G": 120, "B": 40}
+    pixels = np.empty((8, 10), np.uint8)
+    for row in range(2):
+        for column in range(2):
+            pixels[row::2, column::2] = colour[BAYER[pattern][row][column]]
+    rgb = image_to_rgb(array_to_image(pixels, 1, "c", f"bayer_{pattern}8"))
+    np.testing.assert_array_equal(rgb[2:-2, 2:-2], np.broadcast_to([200, 120, 40], (4, 6, 3)))
+
+
+@pytest.mark.parametrize(("encoding", "order"), [("yuv422", (1, 0)), ("uyvy", (1, 0)), ("yuyv", (0, 1))])
+def test_the_luminance_of_packed_yuv_is_the_grey_level(encoding, order):
+    levels = np.arange(16, 236, 10, dtype=np.uint8)[None, :].repeat(4, axis=0)
+    pixels = np.full((*levels.shape, 2), 128, np.uint8)
+    pixels[..., order.index(0)] = levels
+    rgb = image_to_rgb(array_to_image(pixels, 1, "c", encoding))
+    assert rgb.shape == (*levels.shape, 3)
+    expected = (levels.astype(float) - 16) * 255 / 219  # BT.601, limited range
+    np.testing.assert_allclose(rgb[..., 1], expected, atol=2.0)
+
+
+@pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
+def test_compressed_depth_is_read_as_image_transport_writes_it(encoding):
+    metres = np.linspace(0.5, 6.0, 60, dtype=np.float32).reshape(6, 10)
+    metres[0, 0] = np.nan
+    scale, offset = 700.0, 20.0
+    if encoding == "16UC1":
+        stored = np.nan_to_num(metres * 1000, nan=0).round().astype(np.uint16)
+    else:
+        stored = np.nan_to_num(scale / metres + offset, nan=0).round().astype(np.uint16)
+    data = struct.pack("<iff", 0, scale, offset) + cv2.imencode(".png", stored)[1].tobytes()
+    message = CompressedImage(format=f"{encoding}; compressedDepth png", data=data)
+    found = depth_to_metres(decompress(message))
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(metres))
+    np.testing.assert_allclose(found[~np.isnan(found)], metres[~np.isnan(metres)], rtol=6e-3)
+
+
+@pytest.mark.parametrize(
+    ("format_", "data"),
+    [
+        ("16UC1; compressedDepth rvl", b"x" * 40),
+        ("16UC1; compressedDepth png", b"x" * 4),
+        ("16UC1; compressedDepth png", bytes(12) + b"\x89PNG\r\n\x1a\n" + bytes(40)),
+        ("8UC1; compressedDepth png", bytes(40)),
+    ],
+)
+def test_compressed_depth_of_another_kind_is_refused(format_, data):
+    with pytest.raises(ValueError, match="expected"):
+        decompress(CompressedImage(format=format_, data=data))
+
+
+def test_a_picture_of_another_size_than_its_camera_is_not_decoded():
+    data = cv2.imencode(".jpg", np.zeros((8000, 8000), np.uint8))[1].tobytes()
+    message = CompressedImage(data=array.array("B", data))
+    with pytest.raises(ValueError, match=r"image size: expected 640 x 480 \(camera_info\), found 8000 x 8000"):
+        compressed_to_image(message, (640, 480))
+
+
+def test_colours_of_pairs_of_pixels_need_an_even_width():
+    message = Image(width=3, height=2, encoding="yuv422", step=6, data=array.array("B", bytes(12)))
+    with pytest.raises(ValueError, match="expected an even number of pixels of yuv422, found 3"):
+        image_to_rgb(message)

@@ -1,0 +1,159 @@
+"""Spheres: every encoding, windows, and sizes that are checked before anything is allocated."""
+
+import numpy as np
+import pytest
+from sphere_nav_msgs.msg import AugmentedSphere
+
+from sphere_nav.geometry import Spherical
+from sphere_nav.ros.conversions import message_to_sphere, sphere_info_to_camera, sphere_to_message
+from sphere_nav.spheres.sphere import Sphere
+
+CAMERAS = [Spherical(64, 32), Spherical(24, 10, 64.0, -3.0, 8.0), Spherical(20, 8, 50.5, 3.25, 4.5)]
+
+
+def make(rng, camera=CAMERAS[1], is_colour=True):
+    rows, columns = np.mgrid[0 : camera.height, 0 : camera.width]
+    smooth = (100 + rows + columns).astype(np.uint8)
+    image = np.dstack([smooth, smooth + 20, smooth - 20]) if is_colour else smooth
+    range_m = rng.uniform(0.5, 80.0, image.shape[:2]).astype(np.float32)
+    range_m[0], range_m[1] = np.nan, np.inf
+    return Sphere(image, range_m, camera, 8_000_000_009)
+
+
+@pytest.mark.parametrize("camera", CAMERAS)
+@pytest.mark.parametrize("image_encoding", ["", "bgr8", "png", "jpeg"])
+@pytest.mark.parametrize("range_encoding", ["32FC1", "log16", "log16_png", "log16_zstd"])
+def test_a_sphere_comes_back(rng, camera, image_encoding, range_encoding):
+    sphere = make(rng, camera)
+    message = sphere_to_message(sphere, "sphere_link", 7, image_encoding=image_encoding, range_encoding=range_encoding)
+    assert (message.id, message.header.frame_id, message.info.frame_id) == (7, "sphere_link", "sphere_link")
+    found = message_to_sphere(message)
+    assert found.camera == camera
+    assert found.stamp_ns == sphere.stamp_ns
+    image_tolerance = 8 if image_encoding == "jpeg" else 0  # smooth colours at quality 95
+    np.testing.assert_allclose(found.image.astype(int), sphere.image.astype(int), atol=image_tolerance)
+    range_tolerance = 0 if range_encoding == "32FC1" else 1.1e-4  # half a step of the logarithmic code
+    np.testing.assert_allclose(found.range_m, sphere.range_m, rtol=range_tolerance)
+
+
+@pytest.mark.parametrize("image_encoding", ["", "png", "jpeg"])
+def test_a_grey_sphere_stays_grey(rng, image_encoding):
+    sphere = make(rng, is_colour=False)
+    found = message_to_sphere(sphere_to_message(sphere, "s", image_encoding=image_encoding))
+    assert found.image.shape == sphere.image.shape
+    np.testing.assert_allclose(found.image.astype(int), sphere.image.astype(int), atol=4)
+
+
+@pytest.mark.parametrize("image_encoding", ["", "bgr8", "png", "jpeg"])
+@pytest.mark.parametrize("is_colour", [True, False])
+def test_for_alignment_grey_levels_and_range_alone_are_read(rng, image_encoding, is_colour):
+    if image_encoding == "bgr8" and not is_colour:
+        pytest.skip("no colours to turn")
+    plain = make(rng, is_colour=is_colour)
+    sphere = Sphere(plain.image, plain.range_m, plain.camera, 1, np.full_like(plain.range_m, 0.25))
+    message = sphere_to_message(sphere, "s", image_encoding=image_encoding)
+    found, whole = message_to_sphere(message, is_grey=True), message_to_sphere(message)
+    assert (found.image.shape, found.image.dtype, found.range_std_m) == (plain.range_m.shape, np.uint8, None)
+    tolerance = 3.0 if image_encoding == "jpeg" else 0.6  # half a grey level, and the codec's own weights
+    np.testing.assert_allclose(found.levels, whole.grey, atol=tolerance)
+    np.testing.assert_array_equal(found.range_m, whole.range_m)
+
+
+def test_a_deviation_comes_along(rng):
+    plain = make(rng)
+    sphere = Sphere(plain.image, plain.range_m, plain.camera, 1, np.full_like(plain.range_m, 0.25))
+    found = message_to_sphere(sphere_to_message(sphere, "s"))
+    expected = np.where(plain.measured, np.clip(0.25, 1e-4 * plain.range_m, 0.3137 * plain.range_m), np.nan)
+    np.testing.assert_allclose(found.range_std_m, expected, rtol=0.019)  # half a step of 3.7 %, and that of the range
+    old = sphere_to_message(sphere, "s")
+    old.range_deviation_encoding, old.range_deviation = old.range_encoding, old.range
+    with pytest.raises(ValueError, match=r"range_deviation_encoding: expected 32FC1, ratio8, .*, found 'log16'"):
+        message_to_sphere(old)
+    assert message_to_sphere(sphere_to_message(plain, "s")).range_std_m is None
+
+
+@pytest.mark.parametrize("encoding", [AugmentedSphere.RANGE_32FC1, AugmentedSphere.RANGE_LOG16_ZSTD])
+def test_which_ranges_were_filled_comes_along(rng, encoding):
+    plain = make(rng)
+    is_filled = plain.measured & (rng.random(plain.range_m.shape) < 0.3)
+    sphere = Sphere(plain.image, plain.range_m, plain.camera, 1, 0.05 * plain.range_m, is_filled)
+    found = message_to_sphere(sphere_to_message(sphere, "s", range_encoding=encoding))
+    np.testing.assert_array_equal(found.is_filled, is_filled)
+    known = plain.measured
+    np.testing.assert_allclose(found.range_std_m[known], 0.05 * plain.range_m[known], rtol=0.07)  # half of 14 %
+    with pytest.raises(ValueError, match="is_filled: expected the size of the range"):
+        Sphere(plain.image, plain.range_m, plain.camera, 1, None, is_filled)
+    unmarked = Sphere(plain.image, plain.range_m, plain.camera, 1, 0.05 * plain.range_m)
+    assert message_to_sphere(sphere_to_message(unmarked, "s", range_encoding=encoding)).is_filled is None
+
+
+def test_a_sphere_without_range_is_all_unknown(rng):
+    message = sphere_to_message(make(rng), "s")
+    message.range_encoding, message.range = "", b""
+    assert np.isnan(message_to_sphere(message).range_m).all()
+
+
+def test_zero_and_negative_range_are_unknown(rng):
+    message = sphere_to_message(make(rng), "s", range_encoding=AugmentedSphere.RANGE_32FC1)
+    values = np.frombuffer(message.range, np.float32).copy()
+    values[:3] = (0.0, -1.0, -np.inf)
+    message.range = values.tobytes()
+    assert np.isnan(message_to_sphere(message).range_m.ravel()[:3]).all()
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (lambda m: setattr(m.info, "projection", "cubemap"), "projection: expected 'equirectangular', found 'cubemap'"),
+        (lambda m: setattr(m.info, "full_height", 31.0), "full_width: expected 2 \\* full_height"),
+        (lambda m: setattr(m.info, "full_width", float("nan")), "full_width: expected 2"),
+        (lambda m: setattr(m.info, "full_width", 1e9), "full_width: expected .* at most 65536"),
+        (lambda m: setattr(m.info, "width", 65), "info.width, height: expected up to 64.0 x 32.0, found 65 x 10"),
+        (lambda m: setattr(m.info, "height", 0), "info.width, height"),
+        (lambda m: setattr(m.info, "offset_v", 25.0), "offset_u, offset_v: expected a window of the sphere"),
+        (lambda m: setattr(m.info, "offset_u", float("inf")), "offset_u, offset_v"),
+        (lambda m: setattr(m, "image_encoding", "tiff"), "image_encoding: expected mono8, .* found 'tiff'"),
+        (lambda m: setattr(m, "image_encoding", "mono8"), "image: expected 240 bytes, found 720"),
+        (lambda m: setattr(m, "image_encoding", "png"), "expected PNG or JPEG"),
+        (lambda m: setattr(m, "range_encoding", "rvl"), "range_encoding: expected"),
+        (lambda m: setattr(m, "range_encoding", "32FC1"), "range: expected 960 bytes, found 480"),
+        (lambda m: setattr(m, "range_encoding", "log16_zstd"), "range: expected"),
+        (lambda m: setattr(m, "range", m.range[:-2]), "range: expected 480 bytes, found 478"),
+    ],
+)
+def test_a_message_that_contradicts_itself_is_refused(rng, change, reason):
+    message = sphere_to_message(make(rng), "s")
+    change(message)
+    with pytest.raises(ValueError, match=reason):
+        message_to_sphere(message)
+
+
+def test_a_picture_file_of_another_size_is_refused(rng):
+    message = sphere_to_message(make(rng), "s", image_encoding="png")
+    message.image = sphere_to_message(make(rng, CAMERAS[0]), "s", image_encoding="png").image
+    with pytest.raises(ValueError, match=r"image: image size: expected 24 x 10 \(info\), found 64 x 32"):
+        message_to_sphere(message)
+
+
+def test_a_compressed_bomb_is_refused(rng):
+    import zstandard
+
+    message = sphere_to_message(make(rng), "s", range_encoding="log16_zstd")
+    message.range = zstandard.compress(bytes(10_000_000))
+    with pytest.raises(ValueError, match="range: expected 480 bytes after decompression, found 10000000"):
+        message_to_sphere(message)
+
+
+def test_an_image_encoding_that_does_not_fit(rng):
+    with pytest.raises(ValueError, match="image_encoding: expected one for shape"):
+        sphere_to_message(make(rng), "s", image_encoding="mono8")
+    with pytest.raises(ValueError, match="range_encoding: expected"):
+        sphere_to_message(make(rng), "s", range_encoding="png")
+
+
+def test_info_of_a_whole_sphere():
+    info = sphere_to_message(
+        Sphere(np.ones((32, 64), np.uint8), np.ones((32, 64), np.float32), CAMERAS[0], 0), "s"
+    ).info
+    assert sphere_info_to_camera(info).is_whole
+    assert (info.min_range, info.max_range) == (pytest.approx(0.01), 10000.0)

@@ -1,0 +1,41 @@
+"""The status vocabulary, in words and codes."""
+
+import enum
+import math
+
+import pytest
+from sphere_nav_msgs.msg import LocalizationStatus
+
+from sphere_nav.localization.status import Status
+from sphere_nav.ros.conversions import message_to_status, status_to_message
+
+
+def words():
+    codes = {name: getattr(LocalizationStatus, name) for name in dir(LocalizationStatus) if name.startswith("CODE_")}
+    return sorted(name.removeprefix("CODE_") for name in codes)
+
+
+@pytest.mark.parametrize("word", words())
+def test_every_word_has_its_code(word):
+    message = status_to_message(Status(word, word), 0, "map")
+    assert message.state_code == message.reason_code == getattr(LocalizationStatus, f"CODE_{word}")
+    assert getattr(LocalizationStatus, word) == word
+
+
+def test_a_status_comes_back():
+    status = Status("DEGRADED", "OUTLIERS", 0.25, 0.5, "look", 0.5, (3, 7), 0.75, 0.25, 4.5, 12, 6.5, 0.125, 9, 0.25)
+    message = status_to_message(status, 9, "map")
+    assert message_to_status(message) == status
+
+
+def test_an_enum_is_its_word_and_nan_is_zero():
+    state = enum.Enum("State", {"TRACKING": "TRACKING"})
+    message = status_to_message(Status(state.TRACKING, mad=math.nan, value=math.inf), 0, "map")
+    assert (message.state, message.reason_code, message.mad, message.value) == ("TRACKING", 0, 0.0, 0.0)
+
+
+def test_an_unknown_word_is_refused():
+    with pytest.raises(ValueError, match="expected a state or reason of LocalizationStatus, found 'HAPPY'"):
+        status_to_message(Status("HAPPY"), 0, "map")
+    with pytest.raises(ValueError, match="found 'HAPPY'"):
+        message_to_status(LocalizationStatus(state="HAPPY"))

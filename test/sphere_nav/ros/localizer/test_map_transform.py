@@ -1,0 +1,132 @@
+"""The tree of frames: one parent each, map -> odom between images, and a word where it cannot be sent."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from tf2_msgs.msg import TFMessage
+
+from sphere_nav.geometry import SE3
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.camera.odometry_input import OdometryInput
+from sphere_nav.ros.conversions import se3_to_odometry, se3_to_transform, stamp_ns, transform_to_se3
+from sphere_nav.ros.endpoints import ERROR, OK, WARN
+from sphere_nav.ros.localizer.map_transform import AHEAD_NS, MapTransform
+from sphere_nav.ros.node import ManagedNode
+from sphere_nav.ros.tf import TransformListener
+
+SECOND = 10**9
+T_MAP_ODOM, T_ODOM_BASE = SE3.from_planar(3.0, 1.0, 0.7), SE3.from_planar(1.0, 2.0, 0.3)
+T_MAP_BASE = T_MAP_ODOM @ T_ODOM_BASE
+
+
+class World:
+    def __init__(self, now=100 * SECOND):
+        self.bus, self.now = OfflineBus(), now
+        self.node = self.bus.add(ManagedNode)
+        tf = TransformListener(self.node.endpoints, ignored="map")
+        odometry = OdometryInput(self.node.endpoints, tf.tree, "base_link", is_used=True)
+        self.transform = MapTransform(self.node.endpoints, odometry, "map", "base_link")
+        self.pass_time(0)
+
+    def pass_time(self, nanoseconds):
+        """Let time pass; return what was sent."""
+        self.now += nanoseconds
+        return self.sent(self.bus.advance(self.now))
+
+    def sent(self, records=None):
+        found = [r.message.transforms[0] for r in (records if records is not None else self.bus.settle())]
+        return [(item.header.frame_id, item.child_frame_id, stamp_ns(item), item.transform) for item in found]
+
+    def odom(self, stamp=None):
+        self.bus.deliver("/odom", se3_to_odometry(T_ODOM_BASE, np.eye(6), stamp or self.now, ("odom", "base_link")))
+
+    def tf(self, stamp=None):
+        message = TFMessage(transforms=[se3_to_transform(T_ODOM_BASE, stamp or self.now, "odom", "base_link")])
+        self.bus.deliver("/tf", message)
+
+    @property
+    def report(self):
+        return self.node.reports["tf"][:2]
+
+
+def test_without_odometry_the_base_is_below_the_map():
+    world = World()
+    world.transform.update(T_MAP_BASE, world.now)
+    [(parent, child, stamp, transform)] = world.sent()
+    assert (parent, child, stamp) == ("map", "base_link", world.now)
+    assert transform_to_se3(transform).distance(T_MAP_BASE)[0] < 1e-12
+    assert world.pass_time(SECOND) == []  # nobody knows how the base goes on
+    assert world.report == (OK, "map -> base_link")
+
+
+@pytest.mark.parametrize("source", ["odom", "tf"])
+def test_with_odometry_it_is_sent_ahead_and_between_images(source):
+    world = World()
+    getattr(world, source)()
+    world.transform.update(T_MAP_BASE, world.now)
+    first, *later = world.sent() + world.pass_time(SECOND)
+    assert first[:3] == ("map", "odom", world.now - SECOND + AHEAD_NS)
+    assert transform_to_se3(first[3]).distance(T_MAP_ODOM)[0] < 1e-9
+    stamps = [first[2], *(stamp for _, _, stamp, _ in later)]
+    assert {item[:2] for item in later} == {("map", "odom")}
+    assert np.all(np.diff(stamps) > 0)
+    assert np.all(np.diff(stamps) <= AHEAD_NS)  # look-ups at the present never extrapolate
+    assert stamps[-1] >= world.now
+    expected = (OK, "map -> odom") if source == "tf" else (WARN, "nobody publishes odom -> base_link on /tf")
+    assert world.report[0] == expected[0]
+    assert expected[1] in world.report[1]
+
+
+def test_a_recording_keeps_its_own_time():
+    world, stamp = World(), 7 * SECOND
+    world.odom(stamp)
+    world.transform.update(T_MAP_BASE, stamp)
+    first, *later = world.sent() + world.pass_time(SECOND)
+    assert first[2] == stamp + AHEAD_NS
+    assert later[-1][2] == pytest.approx(stamp + SECOND + AHEAD_NS, abs=AHEAD_NS)
+
+
+def test_odometry_on_tf_may_come_after_the_image():
+    world = World()
+    world.tf()
+    world.now += SECOND // 20
+    list(world.bus.advance(world.now))
+    world.transform.update(T_MAP_BASE, world.now)
+    assert world.sent() == []
+    world.tf(world.now + SECOND // 50)
+    assert [item[:2] for item in world.pass_time(SECOND // 10)] == [("map", "odom")] * 2
+
+
+def test_a_base_that_has_a_parent_on_tf_is_not_given_another():
+    world = World()
+    world.transform.update(T_MAP_BASE, world.now)
+    assert world.sent()[0][:2] == ("map", "base_link")
+    world.pass_time(SECOND // 10)
+    world.tf()
+    world.transform.update(T_MAP_BASE, world.now)
+    assert {item[:2] for item in world.sent() + world.pass_time(SECOND // 5)} == {("map", "odom")}
+
+
+def test_silent_odometry_is_told_and_nothing_is_sent():
+    world = World()
+    world.odom()
+    world.transform.update(T_MAP_BASE, world.now)
+    world.pass_time(SECOND)
+    world.sent()
+    for _ in range(8):
+        world.transform.update(T_MAP_BASE, world.now)
+        world.sent()
+        last = world.pass_time(SECOND // 10)
+    assert last == []
+    assert world.report == (ERROR, "map -> odom is not sent: no odometry at the stamps of the images")
+
+
+def test_nothing_is_sent_while_nobody_knows_the_pose():
+    world = World()
+    world.odom()
+    world.transform.update(T_MAP_BASE, world.now)
+    assert len(world.sent()) == 1
+    world.transform.stop()
+    assert world.pass_time(SECOND) == []

@@ -1,0 +1,73 @@
+"""What leaves a localiser: the pose only with trust, covariance about the axes of the map, a word for every change."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from sphere_nav.geometry import SE3
+from sphere_nav.localization.base_estimate import BaseEstimate
+from sphere_nav.localization.params import NodeParams
+from sphere_nav.localization.status import State, Status
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.camera.odometry_input import OdometryInput
+from sphere_nav.ros.conversions import pose_with_covariance_to_se3
+from sphere_nav.ros.endpoints import ERROR, OK, WARN
+from sphere_nav.ros.localizer.pose_outputs import PoseOutputs
+from sphere_nav.ros.node import ManagedNode
+from sphere_nav.ros.tf import TransformTree
+
+STAMP_NS = 5_000_000_000
+
+
+class World:
+    def __init__(self):
+        self.bus = OfflineBus()
+        self.node = self.bus.add(ManagedNode)
+        odometry = OdometryInput(self.node.endpoints, TransformTree(), "base_link", is_used=False)
+        self.outputs = PoseOutputs(self.node.endpoints, NodeParams(), odometry)
+
+    def said(self):
+        return {record.topic: record.message for record in self.bus.settle()}
+
+
+@pytest.mark.parametrize(
+    ("state", "reason", "level"),
+    [("TRACKING", "", OK), ("TRACKING", "OVERRUN", WARN), ("DEGRADED", "", WARN), ("LOST", "", ERROR)],
+)
+def test_the_diagnostics_follow_the_state(state, reason, level):
+    world = World()
+    world.outputs.tell(Status(State(state), reason, stamp_ns=STAMP_NS), lost_images=3)
+    found, _, values = world.node.reports["localisation"]
+    assert (found, values["lost_images"]) == (level, 3)
+    assert world.outputs.state is State(state)
+
+
+def test_without_trust_only_the_status_goes_out():
+    world = World()
+    world.outputs.publish(BaseEstimate(Status(State.PROBATION, stamp_ns=STAMP_NS)))
+    assert set(world.said()) == {"/status"}
+
+
+def test_the_covariance_goes_out_about_the_fixed_axes_of_the_map():
+    world, T_map_base = World(), SE3.exp([1.0, 2.0, 0.5, 0.4, -0.8, 1.2])
+    local = np.diag([4e-4, 1e-4, 1e-6, 1e-6, 4e-6, 9e-6])  # sure along the view, unsure across
+    world.outputs.publish(BaseEstimate(Status(State.TRACKING, stamp_ns=STAMP_NS), T_map_base, local))
+    messages = world.said()
+    assert list(messages) == ["/pose", "/odometry", "/tf", "/status"]
+    fixed = np.array(messages["/pose"].pose.covariance).reshape(6, 6)
+    across_map = T_map_base.rotation[:, 0]
+    assert across_map @ fixed[:3, :3] @ across_map == pytest.approx(4e-4)
+    found, back = pose_with_covariance_to_se3(messages["/pose"], "map")
+    np.testing.assert_allclose(found.matrix, T_map_base.matrix, atol=1e-12)
+    np.testing.assert_allclose(back, local, atol=1e-15)
+    assert messages["/odometry"].twist.covariance[0] >= 1e6  # no velocity yet: not known, not zero
+
+
+def test_a_state_that_flickers_is_logged_once_in_a_while(caplog):
+    world = World()
+    with caplog.at_level("INFO"):
+        for number in range(100):
+            state = State.TRACKING if number % 2 else State.DEGRADED
+            world.outputs.tell(Status(state, "" if number % 2 else "GAP", stamp_ns=STAMP_NS))
+    assert [record.message.split(":")[0] for record in caplog.records] == ["DEGRADED", "TRACKING"]

@@ -1,0 +1,93 @@
+"""verify_map reads every sphere; salvage_map keeps those that are whole."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav.ros.maps.check import salvage_map, verify_map
+from sphere_nav.ros.maps.reader import SPHERE, open_map, save_map
+
+
+@pytest.fixture
+def saved(sphere_graph, tmp_path):
+    return save_map(tmp_path / "map", sphere_graph)
+
+
+def sphere_chunks(saved):
+    with BagReader(saved) as bag:
+        summary = bag.files[0].summary
+    channel = next(c.id for c in summary.channels.values() if c.topic == SPHERE)
+    return [index for index in summary.chunk_indexes if channel in index.message_index_offsets]
+
+
+def test_a_good_map_has_no_problems(saved):
+    steps = []
+    assert verify_map(saved, steps.append) == []
+    assert steps == [1, 1, 1]
+
+
+def test_a_flipped_byte_is_found_and_its_sphere_left_out(saved, tmp_path):
+    index = sphere_chunks(saved)[1]
+    data = bytearray((saved / "map.mcap").read_bytes())
+    data[index.chunk_start_offset + index.chunk_length // 2] ^= 1
+    (saved / "map.mcap").write_bytes(data)
+    problems = verify_map(saved)
+    assert len(problems) == 1
+    assert f"byte {index.chunk_start_offset}" in problems[0]
+    assert salvage_map(saved, tmp_path / "saved") == 2
+    with open_map(tmp_path / "saved") as reader:
+        assert [node.id for node in reader.graph] == [10, 12]
+        assert reader.graph.edges == ()
+
+
+def test_a_map_cut_while_it_was_written_keeps_its_whole_spheres(saved, sphere_graph, tmp_path):
+    data = (saved / "map.mcap").read_bytes()
+    for number, index in enumerate(sphere_chunks(saved)):
+        (tmp_path / "cut.mcap").write_bytes(data[: index.chunk_start_offset + index.chunk_length - 1])
+        with pytest.raises(BagError, match="truncated MCAP"):
+            open_map(tmp_path / "cut.mcap")
+        if number == 0:
+            with pytest.raises(BagError, match="expected a graph with key spheres, found an empty one"):
+                salvage_map(tmp_path / "cut.mcap", tmp_path / "saved0")
+            continue
+        assert salvage_map(tmp_path / "cut.mcap", tmp_path / f"saved{number}") == number
+        with open_map(tmp_path / f"saved{number}") as reader:
+            node = reader.graph[10]
+            np.testing.assert_allclose(node.T_map_sphere.matrix, sphere_graph[10].T_map_sphere.matrix, atol=1e-12)
+        assert verify_map(tmp_path / f"saved{number}") == []
+
+
+def test_one_flipped_bit_costs_one_sphere_at_most(saved, sphere_graph, tmp_path, rng):
+    data = (saved / "map.mcap").read_bytes()
+    chunks = sphere_chunks(saved)
+    heads = [index.chunk_start_offset + n for index in chunks for n in range(0, 60, 7)]
+    for place in sorted({*heads, *range(0, len(data), 400), *rng.integers(0, len(data), 30).tolist()}):
+        flipped = bytearray(data)
+        flipped[place] ^= 1 << int(rng.integers(8))
+        (tmp_path / "flipped.mcap").write_bytes(flipped)
+        hit = [i for i, c in enumerate(chunks) if 45 <= place - c.chunk_start_offset < c.chunk_length]
+        target = tmp_path / f"saved{place}"
+        num_saved = salvage_map(tmp_path / "flipped.mcap", target)
+        assert num_saved >= 3 - len(hit), place
+        with open_map(target) as reader:
+            for node in reader.load_all():
+                expected = sphere_graph[node.id]
+                np.testing.assert_array_equal(node.sphere.image, expected.sphere.image)
+                np.testing.assert_allclose(node.T_map_sphere.matrix, expected.T_map_sphere.matrix, atol=1e-12)
+
+
+def test_a_map_without_its_info_is_salvaged_by_its_graph(saved, tmp_path):
+    first = min(sphere_chunks(saved), key=lambda index: index.chunk_start_offset).chunk_start_offset
+    data = bytearray((saved / "map.mcap").read_bytes())
+    data[first // 2] ^= 1  # in the chunk of MapInfo and of the first graph
+    (saved / "map.mcap").write_bytes(data)
+    with pytest.raises(BagError):
+        open_map(saved)
+    assert salvage_map(saved, tmp_path / "saved") == 3
+    assert verify_map(tmp_path / "saved") == []
+
+
+def test_a_map_cut_before_its_graph_is_refused(saved, tmp_path):
+    (tmp_path / "cut.mcap").write_bytes((saved / "map.mcap").read_bytes()[:200])
+    with pytest.raises(BagError, match="expected readable parts of a map of format"):
+        salvage_map(tmp_path / "cut.mcap", tmp_path / "saved")

@@ -1,0 +1,244 @@
+"""A map comes back as it was saved; anything else is refused with its reason."""
+
+import gc
+import os
+import shutil
+import signal
+import time
+
+import numpy as np
+import pytest
+from mcap.writer import Writer
+from rclpy.serialization import serialize_message
+from sphere_nav_msgs.msg import MapInfo
+
+from sphere_nav.ros.bags import BagError, BagReader, BagWriter
+from sphere_nav.ros.conversions import graph_to_message, sphere_to_message
+from sphere_nav.ros.maps.reader import COARSE, FEATURES, GRAPH, GROWTH, INFO, SPHERE, MapDetails, open_map, save_map
+from sphere_nav.spheres.coarse import coarse_sphere
+from sphere_nav.spheres.graph import SphereGraph
+
+DETAILS = MapDetails(map_id="yard", source="drive", parameters={"mapper.levels": 4}, rig="cameras: []")
+
+
+@pytest.fixture
+def saved(sphere_graph, tmp_path):
+    return save_map(tmp_path / "map", sphere_graph, DETAILS)
+
+
+def test_a_map_comes_back(saved, sphere_graph):
+    with open_map(saved) as reader:
+        assert reader.info.map_id == "yard"
+        assert reader.info.num_spheres == 3
+        assert reader.info.length == pytest.approx(
+            sum(edge.T_a_b.distance(edge.T_a_b.identity())[0] for edge in sphere_graph.edges)
+        )
+        assert reader.parameters == {"mapper.levels": 4}
+        assert all(node.sphere is None for node in reader.graph)
+        graph = reader.load_all()
+    for before, after in zip(sphere_graph, graph, strict=True):
+        assert (after.id, after.stamp_ns) == (before.id, before.stamp_ns)
+        np.testing.assert_allclose(after.T_map_sphere.matrix, before.T_map_sphere.matrix, atol=1e-12)
+        np.testing.assert_array_equal(after.sphere.image, before.sphere.image)
+        np.testing.assert_allclose(after.sphere.range_m, before.sphere.range_m, rtol=1.1e-4)  # of the logarithmic code
+        assert after.sphere.camera == before.sphere.camera
+    for before, after in zip(sphere_graph.edges, graph.edges, strict=True):
+        assert (after.a, after.b, after.is_loop) == (before.a, before.b, before.is_loop)
+        np.testing.assert_allclose(after.information, before.information, rtol=1e-6)
+
+
+def test_a_map_is_a_bag_with_one_chunk_a_sphere(saved):
+    with BagReader(saved) as bag:
+        counts = {INFO: 2, SPHERE: 3, COARSE: 3, FEATURES: 3, GRAPH: 2, GROWTH: 0}
+        assert {name: info.count for name, info in bag.topics.items()} == counts
+        file = bag.files[0]
+        channel = next(c.id for c in file.summary.channels.values() if c.topic == SPHERE)
+        of_spheres = [index for index in file.summary.chunk_indexes if channel in index.message_index_offsets]
+        assert len(of_spheres) == 3
+        assert all(len(file.chunk(index)) == 1 for index in of_spheres)
+
+
+def test_all_spheres_are_read_small_at_once(saved, sphere_graph):
+    with open_map(saved) as reader:
+        found = reader.coarse_spheres()
+    assert list(found) == [node.id for node in sphere_graph]
+    for node in sphere_graph:
+        expected = coarse_sphere(node.sphere)
+        np.testing.assert_array_equal(found[node.id].image, expected.image)
+        np.testing.assert_allclose(found[node.id].range_m, expected.range_m, rtol=1.1e-4)
+
+
+def test_two_savings_are_the_same_bytes(sphere_graph, tmp_path):
+    first, second = (save_map(tmp_path / name, sphere_graph, DETAILS) / "map.mcap" for name in ("a", "b"))
+    assert first.read_bytes() == second.read_bytes()
+
+
+def test_an_old_map_stays_until_the_new_one_is_complete(saved, sphere_graph):
+    before = (saved / "map.mcap").read_bytes()
+    with pytest.raises(BagError, match="nothing is overwritten"):
+        save_map(saved, sphere_graph)
+    without_pictures = SphereGraph([*open_map(saved).graph])
+    with pytest.raises(BagError, match="key sphere 10: expected its picture in memory"):
+        save_map(saved, without_pictures, is_overwriting=True)
+    assert (saved / "map.mcap").read_bytes() == before
+    other = SphereGraph([node for node in sphere_graph if node.id != 12])
+    save_map(saved, other, is_overwriting=True)
+    assert len(open_map(saved).graph) == 2
+    assert [path.name for path in saved.parent.iterdir()] == ["map"]
+
+
+def test_nothing_but_the_map_is_replaced(saved, sphere_graph):
+    (saved / "notes.txt").write_text("dear")
+    neighbour = save_map(saved.with_name("map.old"), sphere_graph)
+    before = (neighbour / "map.mcap").read_bytes()
+    save_map(saved, SphereGraph([node for node in sphere_graph if node.id != 12]), is_overwriting=True)
+    assert len(open_map(saved).graph) == 2
+    assert (saved / "notes.txt").read_text() == "dear"
+    assert (neighbour / "map.mcap").read_bytes() == before
+    assert sorted(path.name for path in saved.parent.iterdir()) == ["map", "map.old"]
+    assert sorted(path.name for path in saved.iterdir()) == ["map.mcap", "metadata.yaml", "notes.txt"]
+
+
+def test_a_process_killed_while_it_saves_leaves_a_whole_map(saved, sphere_graph, rng):
+    small = SphereGraph([node for node in sphere_graph if node.id != 12])
+    for number in range(10):
+        child = os.fork()
+        if child == 0:
+            gc.disable()  # what the parent's threads hold cannot be collected here
+            try:
+                for graph in [small, sphere_graph] * 1000:
+                    save_map(saved, graph, is_overwriting=True)
+            finally:
+                os._exit(1)
+        time.sleep(0.02 + 0.05 * rng.random())
+        os.kill(child, signal.SIGKILL)
+        assert os.WIFSIGNALED(os.waitpid(child, 0)[1]), "it was still saving"
+        with open_map(saved) as reader:
+            assert len(reader.load_all()) in (2, 3), number
+        for left in saved.parent.glob("map.new*"):  # what a message asks the user to look at
+            shutil.rmtree(left)
+
+
+def test_a_folder_that_is_no_map_is_never_replaced(sphere_graph, tmp_path):
+    (tmp_path / "photos").mkdir()
+    (tmp_path / "photos" / "dear.jpg").touch()
+    with pytest.raises(BagError, match="nothing is overwritten"):
+        save_map(tmp_path / "photos", sphere_graph, is_overwriting=True)
+    assert (tmp_path / "photos" / "dear.jpg").exists()
+
+
+def test_an_empty_graph_is_no_map(tmp_path):
+    with pytest.raises(BagError, match="found an empty one"):
+        save_map(tmp_path / "map", SphereGraph())
+
+
+def test_spheres_that_are_elsewhere_are_fetched(saved, tmp_path):
+    with open_map(saved) as reader:
+        save_map(tmp_path / "copy", reader.graph, DETAILS, load_sphere=reader.load_sphere)
+        with open_map(tmp_path / "copy") as copy:
+            np.testing.assert_array_equal(copy.load_sphere(11).range_m, reader.load_sphere(11).range_m)
+
+
+def rewritten(saved, path, change):
+    """Copy a map, each serialized message through `change(topic, message) -> list of messages`."""
+    with BagReader(saved) as bag, BagWriter(path, file_name="map.mcap") as out:
+        for topic, stamp, message in bag.messages():
+            for item in change(topic, message):
+                out.end_chunk()
+                out.write(topic, item, stamp)
+    return path
+
+
+def with_field(wanted, **fields):
+    def change(topic, message):
+        if topic == wanted:
+            for name, value in fields.items():
+                setattr(message, name, value)
+        return [message]
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "reason"),
+    [
+        (with_field(INFO, format_version=9), "format_version: expected 2, found 9"),
+        (with_field(GRAPH, format_version=1), "graph format_version: expected 2, found 1"),
+        (with_field(INFO, num_spheres=4_000_000_000), "num_spheres: expected at most 10000000, found 4000000000"),
+        (with_field(INFO, num_spheres=4), r"graph: expected 4 vertices \(info\), found 3"),
+        (with_field(INFO, parameters="a: ["), "parameters: expected YAML"),
+        (with_field(GRAPH, vertices=[]), "graph: edge 10-11: expected both ends in the graph"),
+        (lambda topic, message: [] if topic == GRAPH else [message], "expected topic /map/graph"),
+        (lambda topic, message: [] if topic == INFO else [message], "expected topic /map/info"),
+        (lambda topic, message: [] if getattr(message, "id", 0) == 11 else [message], "spheres: expected 3 .* found 2"),
+    ],
+)
+def test_a_map_that_contradicts_itself_is_refused(saved, tmp_path, change, reason):
+    with pytest.raises(BagError, match=reason) as error:
+        open_map(rewritten(saved, tmp_path / "bad", change))
+    assert "bad" in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("fields", "reason"),
+    [
+        ({"id": 99}, "expected sphere 11, found 99"),
+        ({"image_encoding": "gif"}, "key sphere 11: image_encoding: expected"),
+        ({"range": b"\x00"}, "key sphere 11: range: expected 480 bytes, found 1"),
+    ],
+)
+def test_a_sphere_that_is_wrong_is_refused_when_it_is_read(saved, tmp_path, fields, reason):
+    def change(topic, message):
+        return with_field(SPHERE, **fields)(topic, message) if getattr(message, "id", 0) == 11 else [message]
+
+    with open_map(rewritten(saved, tmp_path / "bad", change)) as reader:
+        reader.load_sphere(10)
+        with pytest.raises(BagError, match=reason):
+            reader.load_sphere(11)
+
+
+def test_absurd_sizes_are_refused_before_allocation(saved, tmp_path):
+    def change(topic, message):
+        if getattr(message, "id", 0) == 11:
+            message.info.full_width, message.info.full_height = 65536.0, 32768.0
+            message.info.width, message.info.height = 65536, 32768
+        return [message]
+
+    with (
+        open_map(rewritten(saved, tmp_path / "bad", change)) as reader,
+        pytest.raises(BagError, match=r"info\.width, height"),
+    ):
+        reader.load_sphere(11)
+
+
+def test_no_map_at_all(tmp_path):
+    with pytest.raises(BagError, match=r"map\.mcap: expected a map, found no such file"):
+        open_map(tmp_path)
+    with pytest.raises(BagError, match="expected a bag"):
+        open_map(tmp_path / "nothing")
+
+
+def test_a_bag_of_another_kind_is_no_map(make_bag):
+    with pytest.raises(BagError, match=r"expected topic /map/info, found /latched"):
+        open_map(make_bag() / "bag_0.mcap")
+
+
+def test_a_map_without_index_is_refused(sphere_graph, tmp_path):
+    """Such a file has no chunk to read one sphere from."""
+    nodes = list(sphere_graph)
+    messages = [
+        (INFO, MapInfo(format_version=MapInfo.FORMAT_VERSION, num_spheres=3)),
+        *((SPHERE, sphere_to_message(node.sphere, "sphere_link", node.id)) for node in nodes),
+        (GRAPH, graph_to_message(sphere_graph, "map")),
+    ]
+    with (tmp_path / "plain.mcap").open("wb") as file:
+        writer = Writer(file, use_chunking=False)
+        writer.start("ros2")
+        for topic, message in messages:
+            name = f"sphere_nav_msgs/msg/{type(message).__name__}"
+            channel = writer.register_channel(topic, "cdr", writer.register_schema(name, "ros2msg", b""))
+            writer.add_message(channel, 1, serialize_message(message), 1)
+        writer.finish()
+    with pytest.raises(BagError, match="spheres: expected 3"):
+        open_map(tmp_path / "plain.mcap")

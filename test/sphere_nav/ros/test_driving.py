@@ -1,0 +1,72 @@
+"""Commands, scans and trajectories against their messages."""
+
+import math
+
+import numpy as np
+import pytest
+from nav_msgs.msg import Odometry
+from sensor_msgs.msg import LaserScan
+
+from path_follower.params import FollowerParams
+from path_follower.path_files import make_path
+from sphere_nav.ros.conversions import driving, stamp_ns
+
+STAMP = 1_700_000_000_123_456_789
+
+
+def test_a_twist_is_speed_and_yaw_rate_of_the_rear_axle():
+    twist = driving.motion_to_twist(1.2, -0.3)
+    assert (twist.linear.x, twist.angular.z) == (1.2, -0.3)
+    assert (twist.linear.y, twist.linear.z, twist.angular.x, twist.angular.y) == (0, 0, 0, 0)
+    stamped = driving.motion_to_twist_stamped(1.2, -0.3, STAMP, "base_link")
+    assert (stamp_ns(stamped), stamped.header.frame_id, stamped.twist) == (STAMP, "base_link", twist)
+
+
+@pytest.mark.skipif(driving.AckermannDriveStamped is None, reason="ackermann_msgs is not installed")
+def test_an_ackermann_command_is_speed_and_angle_of_the_front_wheel():
+    message = driving.motion_to_ackermann(1.2, 0.25, STAMP, "base_link")
+    assert (message.drive.speed, message.drive.steering_angle) == pytest.approx((1.2, 0.25))
+
+
+def scan(ranges, **fields):
+    usual = {"angle_min": -math.pi / 2, "angle_increment": math.pi / 2, "range_min": 0.1, "range_max": 30.0}
+    return LaserScan(ranges=[float(r) for r in ranges], **(usual | fields))
+
+
+def test_beams_become_points_and_those_without_a_hit_none():
+    np.testing.assert_allclose(driving.scan_to_points(scan([2, 3, 4])), [[0, -2, 0], [3, 0, 0], [0, 4, 0]], atol=1e-6)
+    assert driving.scan_to_points(scan([math.nan, math.inf, 0.05])).shape == (0, 3)
+    assert driving.scan_to_points(scan([31.0, 3.0, -1.0])).shape == (1, 3)
+
+
+@pytest.mark.parametrize("message", [scan([]), scan([1.0], angle_increment=math.nan), scan([1.0], range_max=math.inf)])
+def test_a_scan_without_sense_is_refused(message):
+    with pytest.raises(ValueError, match="scan: "):
+        driving.scan_to_points(message)
+
+
+def test_frames_are_checked():
+    message = Odometry(child_frame_id="wheel")
+    message.header.frame_id = "odom"
+    driving.check_frames(message, "odom", "wheel")
+    with pytest.raises(ValueError, match=r"header\.frame_id: expected 'map', found 'odom'"):
+        driving.check_frames(message, "map")
+    with pytest.raises(ValueError, match="child_frame_id: expected 'base_link', found 'wheel'"):
+        driving.check_frames(message, "odom", "base_link")
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_trajectory_goes_there_and_back(sign):
+    points = np.stack([sign * np.arange(0, 8, 0.1), np.zeros(80)], axis=-1)
+    path = make_path(points, np.zeros(80), None, FollowerParams())
+    message = driving.trajectory_to_message(path, STAMP, "map")
+    assert message.is_reverse_allowed == (sign < 0)
+    assert message.length == pytest.approx(7.9)
+    xy, yaw, speed = driving.message_to_trajectory(message)
+    np.testing.assert_allclose(xy, np.stack([path.x, path.y], axis=-1))
+    np.testing.assert_allclose(yaw, path.yaw)
+    np.testing.assert_allclose(speed, path.speed)
+    message.is_reverse_allowed = False
+    if sign < 0:
+        with pytest.raises(ValueError, match=r"points\[0\].speed: expected 0 or more"):
+            driving.message_to_trajectory(message)

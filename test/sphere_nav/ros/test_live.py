@@ -1,0 +1,303 @@
+"""A node over real DDS: lifecycle, messages, services, parameters, and what it says when nothing comes."""
+
+import time
+
+import pytest
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Int32, String
+from std_srvs.srv import Trigger
+
+from sphere_nav.params import param, parameters
+from sphere_nav.ros import qos
+from sphere_nav.ros.conversions import ns_to_time
+from sphere_nav.ros.live import LiveShell
+from sphere_nav.ros.node import WARN, ManagedNode
+
+PATIENCE = 15.0  # s; discovery takes a fraction of one, on a busy machine several
+
+
+@parameters
+class DoublerParams:
+    factor: int = param(2, "what a number is multiplied by", low=1, high=9)
+    gain: float = param(0.5, "another factor", low=0.0, is_live=True)
+    file: str = param("good", "file to open")
+
+
+class Doubler(ManagedNode):
+    NAME = "doubler"
+    PARAMS = DoublerParams
+    params: DoublerParams
+
+    def configure(self):
+        if self.params.file != "good":
+            raise ValueError("file: expected good, found bad")
+        self.jumps, self.ticks, self.is_clean = 0, 0, False
+        self.output = self.add_publisher("doubled", Int32, qos.LATCHED)
+        self.add_subscription("number", Int32, self.on_number, qos.STATE)
+        self.add_subscription("hint", Int32, lambda message: None, qos.STATE, is_required=False)
+        self.add_subscription("latched", String, lambda message: None, qos.LATCHED, silence=0.0)
+        self.add_service("~/reset", Trigger, self.on_reset)
+        self.add_timer(0.05, self.on_tick)
+
+    def cleanup(self):
+        self.is_clean = True
+
+    def clock_jumped(self):
+        self.jumps += 1
+
+    def on_tick(self):
+        self.ticks += 1
+
+    def on_number(self, message):
+        if message.data < 0:
+            raise ValueError(f"number: expected 0 or more, found {message.data}")
+        self.report("sign", WARN, "number is small", number=message.data)
+        self.output.publish(Int32(data=message.data * self.params.factor))
+
+    def on_reset(self, request, response):
+        response.success = True
+        return response
+
+
+class Desk:
+    """A Doubler and an ordinary node beside it, in one executor."""
+
+    def __init__(self, **values):
+        overrides = [Parameter(name, value=value) for name, value in values.items()]
+        self.shell = LiveShell(Doubler, parameter_overrides=overrides)
+        self.node = self.shell.node
+        self.peer = Node("peer")
+        self.statuses, self.doubled, self.said = {}, [], []
+        self.executor = SingleThreadedExecutor()
+        for node in (self.shell, self.peer):
+            self.executor.add_node(node)
+        self.peer.create_subscription(DiagnosticArray, "/diagnostics", self.on_diagnostics, 10)
+        self.peer.create_subscription(Int32, "doubled", lambda m: self.doubled.append(m.data), qos.LATCHED)
+        self.numbers = self.peer.create_publisher(Int32, "number", 10)
+
+    def on_diagnostics(self, message):
+        self.statuses |= {status.name: status for status in message.status}
+        self.said += [f"{status.name}: {status.message}" for status in message.status]
+
+    def until(self, condition):
+        end = time.monotonic() + PATIENCE
+        while not condition():
+            assert time.monotonic() < end, "nothing came in time"
+            self.executor.spin_once(timeout_sec=0.05)
+
+    def send(self, number):
+        self.until(lambda: self.numbers.get_subscription_count() > 0)
+        self.numbers.publish(Int32(data=number))
+
+    def text(self, name):
+        status = self.statuses.get(f"doubler: {name}")
+        return status.message if status else ""
+
+    def close(self):
+        self.executor.shutdown()
+        self.shell.destroy_node()
+        self.peer.destroy_node()
+
+
+@pytest.fixture
+def make_desk(ros):
+    desks = []
+
+    def make(**values):
+        desks.append(Desk(**values))
+        return desks[-1]
+
+    yield make
+    for desk in desks:
+        desk.close()
+
+
+def test_messages_and_diagnostics(make_desk):
+    desk = make_desk(factor=3)
+    assert desk.shell.start()
+    desk.send(14)
+    desk.until(lambda: desk.doubled == [42])
+    desk.until(lambda: desk.text("sign"))
+    status = desk.statuses["doubler: sign"]
+    assert (status.level, status.message) == (DiagnosticStatus.WARN, "number is small")
+    assert {pair.key: pair.value for pair in status.values} == {"number": "14"}
+    assert desk.text("lifecycle") == "active"
+    desk.until(lambda: desk.text("input number") == "receiving")
+
+
+def test_what_is_refused_is_told(make_desk):
+    desk = make_desk()
+    desk.shell.start()
+    desk.send(-1)
+    desk.until(lambda: "last 1 messages refused" in desk.text("input number"))
+    assert "number: expected 0 or more, found -1" in desk.text("input number")
+    assert desk.statuses["doubler: input number"].level == DiagnosticStatus.ERROR
+    assert desk.doubled == []
+
+
+def test_what_is_missing_is_explained(make_desk):
+    desk = make_desk()
+    desk.shell.start()
+    desk.until(lambda: "no publisher" in desk.text("input latched"))
+    expected = "waiting for /latched (std_msgs/msg/String; reliable, transient local, depth 1): no publisher"
+    assert desk.text("input latched") == expected
+    desk.until(lambda: "1 publisher, no message yet" in desk.text("input number"))
+
+    volatile = desk.peer.create_publisher(String, "latched", 10)
+    desk.until(
+        lambda: "/peer is incompatible: it offers volatile, asked is transient local" in desk.text("input latched")
+    )
+    desk.peer.destroy_publisher(volatile)
+    right = desk.peer.create_publisher(String, "latched", qos.LATCHED)
+    right.publish(String(data="once"))
+    desk.until(lambda: desk.text("input latched") == "receiving")
+    desk.send(1)
+    desk.until(lambda: "no message for" in desk.text("input number"))  # after 2 s of silence
+
+
+def test_an_optional_input_that_cannot_be_connected_is_named(make_desk):
+    desk = make_desk()
+    desk.shell.start()
+    assert len(list(desk.shell.waitables)) <= 4  # of rclpy's own publishers: none for a topic of the node
+    desk.peer.create_publisher(Int32, "hint", 10)
+    desk.until(lambda: desk.text("input hint") == "optional, nothing received")
+    desk.peer.create_publisher(Int32, "hint", qos.SENSOR)
+    desk.until(lambda: "/peer is incompatible: it offers best effort, asked is reliable" in desk.text("input hint"))
+
+
+def test_the_lifecycle_is_that_of_ros(make_desk):
+    desk = make_desk(autostart=False)
+    assert desk.shell.start()
+    client = desk.peer.create_client(ChangeState, "doubler/change_state")
+    desk.until(client.service_is_ready)
+
+    def change(transition):
+        future = client.call_async(ChangeState.Request(transition=Transition(id=transition)))
+        desk.until(future.done)
+        return future.result().success
+
+    assert desk.shell.node.inputs == []
+    assert change(Transition.TRANSITION_CONFIGURE)
+    desk.send(1)
+    desk.until(lambda: desk.text("lifecycle") == "inactive")
+    assert (desk.doubled, desk.node.ticks) == ([], 0)  # inactive: no callbacks
+    assert change(Transition.TRANSITION_ACTIVATE)
+    desk.send(2)
+    desk.until(lambda: desk.doubled == [4])
+    desk.until(lambda: desk.node.ticks > 2)
+    assert change(Transition.TRANSITION_DEACTIVATE)
+    assert change(Transition.TRANSITION_CLEANUP)
+    assert desk.node.is_clean
+    assert desk.node.inputs == []
+    assert change(Transition.TRANSITION_CONFIGURE)  # again, from nothing
+    assert change(Transition.TRANSITION_ACTIVATE)
+    desk.send(3)
+    desk.until(lambda: desk.doubled[-1] == 6)
+
+
+def test_a_service_answers(make_desk):
+    desk = make_desk()
+    desk.shell.start()
+    client = desk.peer.create_client(Trigger, "doubler/reset")
+    desk.until(client.service_is_ready)
+    future = client.call_async(Trigger.Request())
+    desk.until(future.done)
+    assert future.result().success
+
+
+def test_a_node_that_cannot_configure_stays_unconfigured(make_desk):
+    desk = make_desk(file="bad")
+    assert not desk.shell.start()
+    desk.until(lambda: desk.text("lifecycle") == "unconfigured")
+    assert desk.shell.set_parameters([Parameter("file", value="good")])[0].successful
+    assert desk.shell.start()
+
+
+def test_parameters_are_fixed_while_the_node_is_configured(make_desk):
+    desk = make_desk()
+    desk.shell.start()
+    result = desk.shell.set_parameters([Parameter("factor", value=3)])[0]
+    assert not result.successful
+    assert result.reason.startswith("factor: fixed while the node is configured")
+    desk.shell.stop()
+    assert desk.shell.set_parameters([Parameter("factor", value=4)])[0].successful
+    desk.shell.start()
+    assert desk.node.params.factor == 4
+
+
+def test_live_parameters_change_while_the_node_works(make_desk):
+    desk = make_desk()
+    desk.shell.start()
+    assert desk.shell.set_parameters([Parameter("gain", value=0.75)])[0].successful
+    assert desk.node.params.gain == 0.75
+    result = desk.shell.set_parameters([Parameter("gain", value=-1.0)])[0]
+    assert not result.successful
+    assert "gain" in result.reason
+    result = desk.shell.set_parameters_atomically([Parameter("gain", value=1.0), Parameter("factor", value=5)])
+    assert result.reason.startswith("factor: fixed")
+    assert desk.node.params.gain == 0.75
+
+
+def test_simulated_time_is_honoured_and_a_jump_back_is_told(make_desk):
+    desk = make_desk(use_sim_time=True)
+    desk.shell.start()
+    desk.until(lambda: "waiting for /clock" in desk.text("lifecycle"))
+    assert desk.node.ticks == 0
+    clock = desk.peer.create_publisher(Clock, "/clock", 10)
+    desk.until(lambda: clock.get_subscription_count() > 0)
+    for tenth in range(11):
+        clock.publish(Clock(clock=ns_to_time(5_000_000_000 + tenth * 100_000_000)))
+        desk.until(lambda tenth=tenth: desk.node.now_ns() == 5_000_000_000 + tenth * 100_000_000)
+    desk.until(lambda: desk.node.ticks > 5)
+    assert desk.node.jumps == 0
+    clock.publish(Clock(clock=ns_to_time(1_000_000_000)))
+    desk.until(lambda: desk.node.jumps == 1)
+
+
+def test_qos_can_be_overridden(make_desk):
+    desk = make_desk(**{"qos_overrides./number.subscription.reliability": "best_effort"})
+    desk.shell.start()
+    infos = desk.peer.get_subscriptions_info_by_topic("/number")
+    desk.until(lambda: desk.peer.get_subscriptions_info_by_topic("/number"))
+    infos = desk.peer.get_subscriptions_info_by_topic("/number")
+    assert infos[0].qos_profile.reliability == qos.BEST_EFFORT
+    assert qos.STATE.reliability == qos.RELIABLE  # the shared profile is as it was
+
+
+def test_what_is_latched_between_configure_and_activate_is_not_lost(make_desk):
+    desk = make_desk(autostart=False)
+    desk.shell.start()
+    desk.shell.trigger_configure()
+    latched = desk.peer.create_publisher(String, "latched", qos.LATCHED)
+    wanted = next(item for item in desk.node.inputs if item.topic == "latched")
+    for word in ("first", "last"):
+        latched.publish(String(data=word))
+    desk.send(1)
+    pause = time.monotonic() + 3.0
+    desk.until(lambda: wanted.kept and time.monotonic() > pause)
+    assert (wanted.num_received, desk.doubled) == (0, [])
+    desk.shell.trigger_activate()
+    assert (wanted.num_received, wanted.kept) == (1, [])  # depth 1: the last one holds
+    desk.send(2)
+    desk.until(lambda: desk.doubled == [4])  # what is not latched and came too early is gone
+
+
+def test_messages_that_a_queue_could_not_hold_are_counted(make_desk):
+    desk = make_desk()
+    desk.shell.start()
+    desk.send(1)
+    desk.until(lambda: desk.doubled == [2])
+    for _ in range(25):
+        desk.numbers.publish(Int32(data=1))  # into a queue of ten that nobody empties
+    time.sleep(0.5)
+    wanted = next(item for item in desk.node.inputs if item.topic == "number")
+    desk.until(lambda: wanted.num_received + wanted.num_lost == 26)
+    assert wanted.num_lost > 0
+    lost = "messages lost in the last second"  # said once: the next second has lost none
+    desk.until(lambda: any("input number" in text and lost in text for text in desk.said))

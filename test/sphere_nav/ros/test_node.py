@@ -1,0 +1,57 @@
+"""What every node inherits."""
+
+import pytest
+from std_msgs.msg import String
+
+from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.node import ManagedNode, NoParams
+
+
+class Plain(ManagedNode):
+    NAME = "plain"
+
+
+def test_a_node_needs_to_override_nothing():
+    bus = OfflineBus()
+    node = bus.add(Plain)
+    assert node.params == NoParams()
+    assert node.now_ns() == 0
+    bus.close()
+
+
+def test_what_is_forgotten_is_not_heard(make_bag):
+    bus, heard = OfflineBus(), []
+    node = bus.add(Plain)
+    wanted = node.add_subscription("text", String, heard.append)
+    bus.deliver("/text", String(data="a"))
+    node.remove_subscription(wanted)
+    bus.deliver("/text", String(data="b"))
+    assert [message.data for message in heard] == ["a"]
+    assert node.inputs == []
+
+
+def test_reports_are_kept_by_name():
+    node = OfflineBus().add(Plain)
+    node.report("disk", 1, "nearly full", free=3)
+    node.report("disk", 0, "fine", free=30)
+    assert node.reports == {"disk": (0, "fine", {"free": 30})}
+
+
+def test_a_raw_listener_gets_bytes():
+    bus, heard = OfflineBus(), []
+    node = bus.add(Plain)
+    node.add_subscription("text", String, heard.append, raw=True)
+    node.add_publisher("text", String).publish(String(data="a"))
+    list(bus.settle())
+    assert [type(data) for data in heard] == [bytes]
+
+
+def test_an_output_knows_its_listeners():
+    bus = OfflineBus(captured=set())
+    node = bus.add(Plain)
+    output = node.add_publisher("text", String)
+    assert output.num_subscriptions == 0
+    node.add_subscription("text", String, lambda message: None)
+    assert output.num_subscriptions == 1
+    with pytest.raises(ValueError, match="unknown parameter"):
+        bus.add(Plain, {"speed": 1.0})

@@ -1,0 +1,158 @@
+"""A node as a process: exit status, one line for what is wrong, and an orderly end within two seconds."""
+
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from sphere_nav.ros.shared_files import share_file
+
+PATIENCE = 30.0  # s until a process has started on a busy machine
+LIMIT = 2.0  # s from the signal to the end of the process
+
+NODE = """
+import os, sys, time
+from sphere_nav.ros.node import ManagedNode
+from sphere_nav.ros.run import run
+from sphere_nav.params import param, parameters
+
+@parameters
+class Params:
+    nap: float = param(0.0, "time a callback takes", "s", low=0.0)
+    file: str = param("good", "file to open")
+    is_done: bool = param(False, "end at once")
+
+class Napper(ManagedNode):
+    NAME = "napper"
+    PARAMS = Params
+    LARGE_MESSAGES = True
+
+    def configure(self):
+        if self.params.file != "good":
+            raise ValueError(f"{self.params.file}: field x: expected 1, found 2")
+        if self.params.file == "good":
+            self.add_timer(0.01, self.tick, is_wall=True)
+        self.is_told = False
+
+    def tick(self):
+        if not self.is_told:
+            self.is_told = True
+            print("ready", os.environ.get("FASTRTPS_DEFAULT_PROFILES_FILE"), flush=True)
+        if self.params.is_done:
+            self.finish()
+        time.sleep(self.params.nap)
+
+    def cleanup(self):
+        print("clean", flush=True)
+
+sys.exit(run(Napper))
+"""
+
+
+@pytest.fixture
+def start(tmp_path):
+    (tmp_path / "napper.py").write_text(NODE)
+    processes = []
+
+    def begin(*values, enclave=""):
+        words = [word for value in values for word in ("-p", value)] + ["--enclave", enclave] * bool(enclave)
+        command = [sys.executable, str(tmp_path / "napper.py"), *(["--ros-args", *words] if words else [])]
+        process = subprocess.Popen(command, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+        processes.append(process)
+        return process
+
+    yield begin
+    for process in processes:
+        if process.poll() is None:
+            process.kill()
+        process.communicate(timeout=10.0)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_node_in_order(start, number):
+    process = start()
+    assert "fastdds_large.xml" in process.stdout.readline()
+    began = time.monotonic()
+    process.send_signal(number)
+    out, err = process.communicate(timeout=PATIENCE)
+    assert time.monotonic() - began < LIMIT
+    assert process.returncode == 0
+    assert out == "clean\n"
+    assert "Traceback" not in err
+
+
+def test_a_busy_callback_does_not_hold_up_the_end(start):
+    process = start("nap:=60.0")
+    process.stdout.readline()
+    began = time.monotonic()
+    process.send_signal(signal.SIGTERM)
+    _, err = process.communicate(timeout=PATIENCE)
+    assert time.monotonic() - began < LIMIT
+    assert process.returncode == 0
+    assert "Traceback" not in err
+
+
+def test_a_node_may_end_itself(start):
+    process = start("is_done:=true")
+    out, _ = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 0
+    assert out.splitlines()[-1] == "clean"
+
+
+@pytest.mark.parametrize(
+    ("value", "line"),
+    [
+        ("nap:=-1.0", "napper: nap: expected at least 0.0, found -1.0"),
+        ("nap:=long", "napper: nap: expected float, found 'long'"),
+        ("file:=rig.yaml", "cannot start: rig.yaml: field x: expected 1, found 2"),
+    ],
+)
+def test_what_cannot_start_says_why_in_one_line(start, value, line):
+    process = start(value)
+    out, err = process.communicate(timeout=PATIENCE)
+    assert process.returncode == 2
+    assert out == ""
+    assert err.count("\n") == 1
+    assert err.strip().endswith(line)
+
+
+def test_the_users_profile_is_kept(start, monkeypatch, tmp_path):
+    profile = share_file("config/fastdds_large.xml")
+    mine = tmp_path / "mine.xml"
+    mine.write_text(profile.read_text())
+    monkeypatch.setenv("FASTRTPS_DEFAULT_PROFILES_FILE", str(mine))
+    process = start("is_done:=true")
+    out, _ = process.communicate(timeout=PATIENCE)
+    assert out.startswith(f"ready {mine}")
+
+
+# --- SROS2
+def enclave(folder, names):
+    """Make the files of an enclave, as `ros2 security create_enclave` names them, and say what finds them."""
+    (folder / "enclaves" / "vehicle").mkdir(parents=True)
+    for name in names:
+        (folder / "enclaves" / "vehicle" / name).write_text("no key")
+    return {"ROS_SECURITY_KEYSTORE": str(folder), "ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
+
+
+FILES = ["identity_ca.cert.pem", "cert.pem", "key.pem", "permissions_ca.cert.pem", "governance.p7s", "permissions.p7s"]
+
+
+def test_a_node_takes_an_enclave_and_runs_without_security(start):
+    process = start("is_done:=true", enclave="/vehicle")
+    out, _ = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, out.splitlines()[-1]) == (0, "clean")
+
+
+@pytest.mark.parametrize("names", [[], FILES[:3], FILES], ids=["no files", "half of them", "no keys in them"])
+def test_enforced_security_is_never_left_out_and_the_reason_is_one_line(start, monkeypatch, tmp_path, names):
+    for name, value in enclave(tmp_path / "keystore", names).items():
+        monkeypatch.setenv(name, value)
+    process = start("is_done:=true", enclave="/vehicle")
+    out, err = process.communicate(timeout=PATIENCE)
+    assert (process.returncode, out) == (2, "")
+    assert "Traceback" not in err
+    assert "napper: cannot start: " in err.splitlines()[-1]
+    assert "secur" in err.splitlines()[-1].lower()

@@ -1,0 +1,60 @@
+"""Whatever a handler raises, the caller gets one line and the node goes on."""
+
+import pytest
+from std_srvs.srv import Empty, Trigger
+
+from sphere_nav.ros.service import answer_always, one_line
+
+
+def failing(error):
+    def handler(request, response):
+        response.success, response.message = True, "half done"
+        raise error
+
+    return handler
+
+
+@pytest.mark.parametrize(
+    ("error", "line", "is_ours"),
+    [
+        (ValueError("map: expected a,\nfound b"), "map: expected a, found b", False),
+        (FileNotFoundError(2, "No such file or directory", "/x"), "/x: No such file or directory", False),
+        (OverflowError("int too large"), "OverflowError: int too large", True),
+        (KeyError("a"), "KeyError: 'a'", True),
+        (MemoryError(), "MemoryError", True),
+        (RecursionError(), "RecursionError", True),
+    ],
+)
+def test_every_exception_is_an_answer(error, line, is_ours):
+    told = []
+    found = answer_always(failing(error), "load", told.append)(Trigger.Request(), Trigger.Response())
+    assert (found.success, found.message) == (False, line)
+    assert len(told) == 1
+    assert ("Traceback" in told[0]) == is_ours
+    assert told[0].startswith("load: ")
+
+
+def test_a_response_without_success_is_empty():
+    def handler(request, response):
+        raise ValueError("no")
+
+    assert answer_always(handler, "x", lambda text: None)(Empty.Request(), Empty.Response()) == Empty.Response()
+
+
+def test_an_answer_passes():
+    def handler(request, response):
+        response.success = True
+        return response
+
+    assert answer_always(handler, "x", pytest.fail)(Trigger.Request(), Trigger.Response()).success
+
+
+def test_an_error_without_words_says_its_name():
+    assert one_line(ValueError()) == "ValueError"
+
+
+def test_a_line_is_short_whatever_was_found():
+    text = one_line(ValueError("x.yaml: expected a number, found " + "x" * 100_000 + ", see the docs"))
+    assert len(text) < 1000
+    assert text.startswith("x.yaml: expected a number, found xx")
+    assert text.endswith("see the docs")

@@ -1,0 +1,101 @@
+"""What an input says about itself."""
+
+from types import SimpleNamespace
+
+from std_msgs.msg import Int32, String
+
+from sphere_nav.ros import qos
+from sphere_nav.ros.subscription import Subscription
+
+
+class Log:
+    def __init__(self):
+        self.lines = []
+
+    def error(self, text, *, every=0.0, key=""):
+        self.lines.append(text)
+
+
+def make(callback=lambda message: None, **options):
+    return Subscription("number", Int32, callback, qos.LATCHED, log=Log(), **options)
+
+
+def publisher(kind="std_msgs/msg/Int32", profile=qos.LATCHED):
+    return SimpleNamespace(node_name="driver", node_namespace="/front", topic_type=kind, qos_profile=profile)
+
+
+def test_a_refusal_is_counted_and_the_next_message_is_heard():
+    heard = []
+
+    def callback(message):
+        if message.data == 1:
+            raise ValueError("data: expected 0, found 1")
+        heard.append(message.data)
+
+    wanted = make(callback)
+    for number in (0, 1, 2):
+        wanted.deliver(Int32(data=number))
+    assert heard == [0, 2]
+    assert (wanted.num_received, wanted.num_refused) == (3, 1)
+    assert wanted.log.lines == ["number: refused: data: expected 0, found 1"]
+
+
+def test_only_a_required_input_is_missing():
+    assert make().is_missing
+    assert not make(is_required=False).is_missing
+    heard = make(silence=0.0)
+    heard.deliver(Int32())
+    assert not heard.is_missing
+    heard.last_arrival -= 100.0
+    assert not heard.is_missing  # silence=0: once is enough
+    quiet = make(silence=2.0)
+    quiet.deliver(Int32())
+    quiet.last_arrival -= 3.0
+    assert quiet.is_missing
+
+
+def test_the_explanation_names_the_cause():
+    wanted = make()
+    name = "waiting for /number (std_msgs/msg/Int32; reliable, transient local, depth 1)"
+    assert wanted.explain("/number", []) == f"{name}: no publisher"
+    wrong = publisher(kind="std_msgs/msg/String")
+    assert wanted.explain("/number", [wrong]) == f"{name}: /front/driver publishes std_msgs/msg/String there"
+    volatile = publisher(profile=qos.STATE)
+    expected = f"{name}: /front/driver is incompatible: it offers volatile, asked is transient local"
+    assert wanted.explain("/number", [volatile]) == expected
+    assert wanted.explain("/number", [publisher(), publisher()]) == f"{name}: 2 publishers, no message yet"
+    wanted.deliver(String())
+    wanted.last_arrival -= 3.0
+    assert wanted.explain("/number", [publisher()]) == f"{name}: 1 publisher, no message for 3.0 s"
+
+
+def test_gaps_in_the_numbers_of_one_publisher_are_losses():
+    wanted = make()
+    for number in (7, 8, 12, 1, 2):  # four, then the publisher starts again
+        wanted.count(number, num_publishers=1)
+    assert wanted.num_lost == 3
+    wanted.count(50, num_publishers=2)  # two count for themselves
+    wanted.count(None, num_publishers=1)
+    assert wanted.num_lost == 3
+
+
+def test_only_what_is_latched_is_kept_and_only_as_much_as_the_queue_holds():
+    latched, volatile = make(), Subscription("number", Int32, print, qos.STATE, log=Log())
+    for number in range(3):
+        latched.keep(Int32(data=number))
+        volatile.keep(Int32(data=number))
+    assert (latched.kept, volatile.kept) == ([Int32(data=2)], [])
+    latched.deliver_kept()
+    assert (latched.num_received, latched.kept) == (1, [])
+
+
+def test_refusals_in_a_row_end_with_a_message_that_is_accepted():
+    def callback(message):
+        if message.data < 0:
+            raise ValueError("negative")
+
+    wanted, found = make(callback), []
+    for number in (-1, -1, 1, -1):
+        wanted.deliver(Int32(data=number))
+        found.append(wanted.num_refused_in_row)
+    assert found == [1, 2, 0, 1]

@@ -1,0 +1,12 @@
+import sys
+
+from sphere_nav.ros.process import TURN_S, take_short_turns
+
+
+def test_threads_take_shorter_turns_than_python_gives_them():
+    before = sys.getswitchinterval()
+    try:
+        take_short_turns()
+        assert abs(sys.getswitchinterval() - TURN_S) < 1e-6 < before
+    finally:
+        sys.setswitchinterval(before)

@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.spheres.appearance.features import Features, features_of_image, features_of_sphere
+from sphere_nav.spheres.sphere import Sphere
+from worlds.room import optical, sharp_room
+
+ROOM = sharp_room()
+CAMERA = Spherical(512, 256)
+AT = SE3.exp([0.5, -0.4, 0.1, 0.0, 0.0, 0.3])
+
+
+def matched(a, b):
+    """Rows of `b` whose descriptor is the very best for each of `a`, where it is nearly the same."""
+    cosines = a.unit_descriptors() @ b.unit_descriptors().T
+    best = np.argmax(cosines, axis=1)
+    return np.flatnonzero(cosines[np.arange(len(a)), best] > 0.95), best
+
+
+def test_points_lie_on_the_walls():
+    found = features_of_sphere(ROOM.sphere(AT, CAMERA))
+    points = AT.apply(found.points.astype(np.float64))
+    off = np.min(np.abs(np.abs(points) - ROOM.half), axis=1)
+    assert len(found) > 100
+    assert np.median(off) < 0.02  # a pixel is 12 mrad wide
+
+
+def test_no_feature_is_lost_at_the_seam():
+    image = ROOM.sphere(AT, CAMERA).image
+    plain, turned = features_of_image(image, CAMERA), features_of_image(np.roll(image, 256, axis=1), CAMERA)
+    rows, best = matched(plain, turned)
+    assert len(rows) > 0.9 * len(plain)
+    half_turn = np.array([-1.0, -1.0, 1.0])
+    at_seam = rows[plain.rays[rows, 0] < -0.95]
+    assert len(at_seam) > 0
+    np.testing.assert_allclose(turned.rays[best[at_seam]], plain.rays[at_seam] * half_turn, atol=0.03)
+
+
+def test_an_image_of_a_camera_shows_the_same_features():
+    lens = Pinhole(400, 300, 250.0, 250.0, 199.5, 149.5)
+    sphere = features_of_sphere(ROOM.sphere(AT, CAMERA))
+    image = features_of_image(ROOM.photograph(lens, optical(AT)), lens)
+    rows, best = matched(image, sphere)
+    from_optical = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
+    angle = np.arccos(np.clip(np.sum(image.rays[rows] @ from_optical.T * sphere.rays[best[rows]], axis=1), -1, 1))
+    assert len(rows) >= 10
+    assert np.mean(angle < 0.03) > 0.8
+
+
+def test_what_no_camera_saw_has_no_features_and_a_blank_image_none():
+    whole = ROOM.sphere(AT, CAMERA)
+    hidden = np.where(np.arange(512)[None, :] < 256, 0, whole.image).astype(np.uint8)
+    range_m = np.where(np.arange(512)[None, :] < 256, np.nan, whole.range_m).astype(np.float32)
+    found = features_of_sphere(Sphere(hidden, range_m, CAMERA))
+    assert len(found) > 50
+    assert np.all(found.rays[:, 1] < 0.05)  # the right half looks to the right
+    assert len(features_of_image(np.full((256, 512), 90, np.uint8), CAMERA)) == 0
+
+
+def test_shapes_are_checked():
+    with pytest.raises(ValueError, match="expected \\(N, 3\\)"):
+        Features(np.zeros((4, 3), np.float32), np.zeros(4, np.float32), np.zeros((3, 128), np.uint8))

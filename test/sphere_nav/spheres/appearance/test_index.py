@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+from scipy.stats import poisson
+
+from sphere_nav.geometry import SE3, Pinhole, Spherical
+from sphere_nav.spheres.appearance.features import Features, features_of_image, features_of_sphere
+from sphere_nav.spheres.appearance.index import AppearanceIndex, log_tail
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from worlds.room import optical, sharp_room
+
+CAMERA = Spherical(512, 256)
+ROOMS = [sharp_room(seed=seed) for seed in range(12)]
+HERE = SE3.exp([0.5, -0.4, 0.0, 0.0, 0.0, 0.0])
+
+
+@pytest.fixture(scope="module")
+def index():
+    made = AppearanceIndex()
+    for number, room in enumerate(ROOMS):
+        made.add(100 + number, features_of_sphere(room.sphere(HERE, CAMERA, number)))
+    return made
+
+
+@pytest.mark.parametrize("turn_deg", [0.0, 90.0, 180.0, -137.0])
+def test_a_place_is_found_at_any_heading_with_the_turn(index, turn_deg):
+    for number in (0, 5, 11):
+        there = HERE @ SE3.exp([0.3, 0.2, 0.0, 0.0, 0.0, np.radians(turn_deg)])
+        found = index.find(features_of_sphere(ROOMS[number].sphere(there, CAMERA, 50 + number)), 3)
+        assert found[0].sphere_id == 100 + number
+        assert abs((np.degrees(found[0].turn) - turn_deg + 180) % 360 - 180) <= 15  # a turn is told in tens of degrees
+        assert found[0].log_chance < -20 < found[1].log_chance
+
+
+def test_an_ordinary_image_finds_its_sphere(index):
+    lens = Pinhole(400, 300, 250.0, 250.0, 199.5, 149.5)
+    found = 0
+    for number, room in enumerate(ROOMS):
+        there = HERE @ SE3.exp([0.1, 0.1, 0.0, 0.0, 0.0, 0.5 * number])
+        image = features_of_image(room.photograph(lens, optical(there), number), lens)
+        rays = (image.rays @ T_BODY_OPTICAL.rotation.T).astype(np.float32)
+        alike = index.find(Features(rays, image.range_m, image.descriptors), 3)
+        found += 100 + number in [one.sphere_id for one in alike]
+    assert found >= 11  # of 12 rooms, in the first three: a view holds a sixth of a sphere
+
+
+def test_spheres_can_be_left_out_and_ids_are_unique(index):
+    image = features_of_sphere(ROOMS[0].sphere(HERE, CAMERA, 77))
+    assert all(one.sphere_id != 100 for one in index.find(image, 5, without=[100]))
+    with pytest.raises(ValueError, match="100 again"):
+        index.add(100, image)
+
+
+def test_an_empty_index_and_an_empty_image_find_nothing(index):
+    blank = features_of_image(np.full((256, 512), 90, np.uint8), CAMERA)
+    assert index.find(blank, 3) == []
+    assert AppearanceIndex().find(features_of_sphere(ROOMS[0].sphere(HERE, CAMERA)), 3) == []
+
+
+def test_an_index_restored_from_its_words_finds_the_same(index):
+    again = AppearanceIndex()
+    for sphere_id, features in index.features.items():
+        again.add(sphere_id, features, index.words[sphere_id])
+    image = features_of_sphere(ROOMS[3].sphere(HERE, CAMERA, 60))
+    assert again.find(image, 4) == index.find(image, 4)
+
+
+def test_the_chance_of_many_votes_is_the_tail_of_poisson():
+    counts, means = (axis.ravel() for axis in np.meshgrid(np.arange(0, 300, 7), [1e-9, 0.2, 5.0, 80.0, 250.0]))
+    expected = poisson.logsf(counts - 1, means)
+    is_shown = expected > -600.0  # below, scipy's own ends
+    np.testing.assert_allclose(log_tail(counts, means)[is_shown], expected[is_shown], rtol=1e-7, atol=1e-9)
+    assert np.all(np.diff(log_tail(np.arange(300), np.full(300, 0.01))) < 0)  # none so small that two are alike

@@ -1,0 +1,97 @@
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+
+
+def node(number, *position):
+    return KeySphere(number, 1000 * number, SE3.from_parts(np.eye(3), position))
+
+
+def ids(nodes):
+    return [found.id for found in nodes]
+
+
+LINE = [node(k, float(k), 0.0, 0.0) for k in range(10)]
+
+
+def test_nearest_is_by_translation_alone():
+    turned = KeySphere(99, 0, SE3.exp([0, 0, 0, 0, 0, 3.0]))
+    graph = SphereGraph([node(1, 2.0, 0, 0), turned])
+    assert ids(graph.nearest([0.1, 0, 0])) == [99]
+    assert ids(graph.nearest([1.9, 0, 0], 2)) == [1, 99]
+
+
+def test_nearest_agrees_with_a_search_through_all():
+    rng = np.random.default_rng(0)
+    graph = SphereGraph([node(k, *rng.normal(size=3)) for k in range(200)])
+    for point in rng.normal(size=(20, 3)):
+        order = sorted(graph, key=lambda found: (np.linalg.norm(found.T_map_sphere.translation - point), found.id))
+        assert ids(graph.nearest(point, 5)) == ids(order[:5])
+        within = sorted(found.id for found in order if np.linalg.norm(found.T_map_sphere.translation - point) <= 0.5)
+        assert ids(graph.near(point, 0.5)) == within
+
+
+def test_equally_near_spheres_come_by_id():
+    ring = [node(k, np.cos(a), np.sin(a), 0.0) for k, a in zip((5, 3, 8, 1), np.arange(4) * np.pi / 2, strict=True)]
+    graph = SphereGraph([*ring, node(9, 5.0, 0, 0)])
+    assert ids(graph.nearest([0, 0, 0], 4)) == [1, 3, 5, 8]
+    same = SphereGraph([node(k, 1.0, 2.0, 3.0) for k in (4, 2, 7)])
+    assert ids(same.nearest([0, 0, 0], 2)) == [2, 4]
+
+
+def test_a_grown_graph_is_searched_anew():
+    graph = SphereGraph(LINE[:3])
+    assert ids(graph.nearest([9, 0, 0])) == [2]
+    graph.add(LINE[9])
+    assert ids(graph.nearest([9, 0, 0])) == [9]
+
+
+def test_limits_of_number_and_distance():
+    graph = SphereGraph(LINE[:3])
+    assert ids(graph.nearest([0, 0, 0], 10)) == [0, 1, 2]
+    assert ids(graph.nearest([0, 0, 0], 10, max_distance_m=1.5)) == [0, 1]
+    assert graph.nearest([50, 0, 0], 1, max_distance_m=1.0) == []
+    assert SphereGraph().nearest([0, 0, 0]) == []
+    assert SphereGraph().near([0, 0, 0], 1.0) == []
+
+
+def test_with_poses_moves_some_and_keeps_the_rest():
+    graph = SphereGraph(LINE[:2], [Edge(0, 1, SE3.identity(), np.eye(6))])
+    moved = graph.with_poses({1: SE3.from_parts(np.eye(3), [7.0, 0, 0])})
+    assert moved[1].T_map_sphere.translation[0] == 7.0
+    assert moved[0] is not None
+    assert moved.edges == graph.edges
+    assert graph[1].T_map_sphere.translation[0] == 1.0
+
+
+def test_with_edges_leaves_the_graph_as_it_is():
+    graph = SphereGraph(LINE[:3], [Edge(0, 1, SE3.identity(), np.eye(6))])
+    more = graph.with_edges([Edge(1, 2, SE3.from_planar(3.0, 4.0, 0.0), np.eye(6))])
+    assert [(edge.a, edge.b) for edge in more.edges] == [(0, 1), (1, 2)]
+    assert more.edges[1].length_m == 5.0
+    assert len(graph.edges) == 1
+    assert [node is graph[node.id] for node in more] == [True] * 3
+    with pytest.raises(ValueError, match="expected both ends in the graph, found no 7"):
+        graph.with_edges([Edge(0, 7, SE3.identity(), np.eye(6))])
+
+
+def test_what_does_not_fit_is_refused():
+    graph = SphereGraph(LINE[:2])
+    with pytest.raises(ValueError, match="expected one of 2 in the graph, found 5"):
+        graph.with_poses({5: SE3.identity()})
+    with pytest.raises(ValueError, match="pose: expected finite"):
+        graph.with_poses({1: SE3(np.full((4, 4), np.nan))})
+    with pytest.raises(ValueError, match="expected a new id, found 1 again"):
+        graph.add(LINE[1])
+    with pytest.raises(ValueError, match="pose: expected finite"):
+        graph.add(node(5, np.nan, 0.0, 0.0))
+    with pytest.raises(ValueError, match="edge 0-7: expected both ends in the graph, found no 7"):
+        graph.connect(Edge(0, 7, SE3.identity(), np.eye(6)))
+    with pytest.raises(ValueError, match="found 1 twice"):
+        graph.connect(Edge(1, 1, SE3.identity(), np.eye(6)))
+    with pytest.raises(ValueError, match="information: expected finite 6 x 6"):
+        Edge(0, 1, SE3.identity(), np.full((6, 6), np.inf))
+    with pytest.raises(ValueError, match="expected one of 2 in the graph, found 77"):
+        graph[77]

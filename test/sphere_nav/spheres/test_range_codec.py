@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+
+from sphere_nav.spheres import range_codec
+
+
+def test_decoded_range_is_within_the_promised_error():
+    range_m = np.geomspace(range_codec.MIN_RANGE, range_codec.MAX_RANGE, 200_001)
+    decoded = range_codec.decode(range_codec.encode(range_m)).astype(np.float64)
+    # half a step of 0.0211 %, and the rounding of float32, in which a step is known to 0.4 % of it
+    assert np.abs(decoded / range_m - 1).max() < 1.08e-4
+
+
+def test_every_code_survives_decoding_and_encoding():
+    codes = np.arange(65536, dtype=np.uint16)
+    np.testing.assert_array_equal(range_codec.encode(range_codec.decode(codes)), codes)
+
+
+@pytest.mark.parametrize(
+    ("value", "expected"),
+    [
+        (np.nan, np.nan),
+        (-np.inf, np.nan),
+        (0.0, np.nan),
+        (-1.0, np.nan),
+        (0.005, np.nan),
+        (np.inf, np.inf),
+        (2e4, np.inf),
+    ],
+)
+def test_what_cannot_be_measured_is_nan_and_what_is_beyond_is_far(value, expected):
+    decoded = range_codec.decode(range_codec.encode(np.float32([[value]])))
+    np.testing.assert_array_equal(decoded, np.float32([[expected]]))
+
+
+def test_farther_never_encodes_to_a_smaller_code():
+    range_m = np.sort(np.random.default_rng(3).uniform(0.01, 100.0, 10_000)).astype(np.float32)
+    assert np.all(np.diff(range_codec.encode(range_m).astype(int)) >= 0)
+
+
+def test_other_types_are_refused():
+    with pytest.raises(ValueError, match="expected uint16, found int64"):
+        range_codec.decode(np.zeros(3, dtype=np.int64))
+
+
+def test_a_deviation_is_kept_to_two_per_cent_whatever_the_range():
+    rng = np.random.default_rng(4)
+    range_m = rng.uniform(0.3, 100.0, (50, 100)).astype(np.float32)
+    std_m = range_m * np.geomspace(1e-4, 0.313, 5000).reshape(50, 100).astype(np.float32)
+    decoded = range_codec.decode_deviation(range_codec.encode_deviation(std_m, range_m), range_m)
+    assert np.abs(decoded / std_m - 1).max() < 0.0185  # half a step of 3.7 %
+
+
+def test_filled_ranges_are_told_by_their_codes_and_keep_their_deviation():
+    range_m, is_filled = np.full((2, 500), 3.0, np.float32), np.zeros((2, 500), np.bool_)
+    std_m = range_m * np.geomspace(6e-3, 0.31, 500, dtype=np.float32)
+    is_filled[1] = True
+    codes = range_codec.encode_deviation(std_m, range_m, is_filled)
+    np.testing.assert_array_equal(range_codec.decode_filled(codes), is_filled)
+    assert range_codec.decode_filled(codes[:1]) is None
+    decoded = range_codec.decode_deviation(codes, range_m)
+    assert np.abs(decoded / std_m - 1)[1].max() < 0.07  # half a step of 14 %
+
+
+@pytest.mark.parametrize(
+    ("std_m", "range_m", "expected"),
+    [
+        (np.nan, 2.0, np.nan),
+        (0.1, np.nan, np.nan),
+        (0.1, np.inf, np.nan),
+        (0.0, 2.0, np.nan),
+        (-1.0, 2.0, np.nan),
+        (5.0, 2.0, 2.0 * range_codec.MAX_RATIO),
+        (1e-9, 2.0, 2e-4),
+    ],
+)
+def test_a_deviation_without_sense_is_nan_and_one_beyond_the_scale_its_end(std_m, range_m, expected):
+    range_m = np.full((1, 1), range_m, np.float32)
+    codes = range_codec.encode_deviation(np.full((1, 1), std_m, np.float32), range_m)
+    np.testing.assert_allclose(range_codec.decode_deviation(codes, range_m), np.float32([[expected]]), rtol=1e-6)
+
+
+def test_deviations_of_another_type_are_refused():
+    with pytest.raises(ValueError, match="expected uint8, found uint16"):
+        range_codec.decode_deviation(np.zeros((1, 1), np.uint16), np.ones((1, 1), np.float32))

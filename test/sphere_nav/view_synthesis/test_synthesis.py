@@ -1,0 +1,89 @@
+"""Views of a room against the room itself, seen from the same place."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
+from sphere_nav.view_synthesis.surface import surface_of
+from sphere_nav.view_synthesis.synthesis import PlacedSurface, blend_weights, synthesise
+from worlds.room import optical
+
+SPHERE = Spherical(512, 256)
+PINHOLE = Pinhole(160, 120, 100.0, 100.0, 79.5, 59.5)
+T_SPHERES = (SE3.identity(), SE3.from_planar(0.8, 0.0, 0.6))
+CAMERAS = {
+    "pinhole": PINHOLE,
+    "fisheye": Fisheye(120, 120, 50.0, 50.0, 59.5, 59.5),
+    "spherical": Spherical(256, 128),
+}
+
+
+def placed(room, weights=(0.5, 0.5)):
+    spheres = [surface_of(room.sphere(T, SPHERE)) for T in T_SPHERES]
+    return [PlacedSurface(*one) for one in zip(spheres, T_SPHERES, weights, strict=True)]
+
+
+def psnr(view, grey):
+    error = (view.image[..., 0].astype(float) - grey)[view.is_known]
+    return 10 * np.log10(255**2 / np.mean(error**2))
+
+
+@pytest.mark.parametrize("name", CAMERAS)
+def test_any_camera_sees_the_room_from_between(room, name):
+    T = SE3.from_planar(0.4, 0.3, 0.4)
+    T = T if name == "spherical" else optical(T)
+    view = synthesise(placed(room), T, CAMERAS[name])
+    grey, range_m = room.render(CAMERAS[name], T)
+    seen = grey > 0
+    assert view.is_known[seen].mean() > 0.99
+    assert not view.is_known[~seen].any()
+    assert psnr(view, grey) > 32  # 2 grey levels of noise in the spheres alone are 42 dB, their resampling the rest
+    assert np.nanmax(np.abs(view.range_m[view.is_known] / range_m[view.is_known] - 1)) < 0.03
+
+
+def test_from_its_own_place_a_sphere_is_itself(room):
+    sphere = room.sphere(SE3.identity(), SPHERE)
+    view = synthesise([PlacedSurface(surface_of(sphere), SE3.identity())], SE3.identity(), SPHERE)
+    assert view.is_known.mean() > 0.999
+    rows = slice(40, 216)  # poles are drawn apart, by the nearest pixel
+    error = np.abs(view.image[rows, :, 0].astype(int) - sphere.image[rows])
+    assert np.quantile(error, 0.999) <= 2
+    assert error.max() <= 8
+
+
+def test_no_sheet_is_drawn_between_a_board_and_the_wall_behind(room_with_board):
+    first = placed(room_with_board)[:1]
+    T = optical(SE3.from_planar(0.0, 0.8, 0.0))
+    view = synthesise(first, T, PINHOLE)
+    _, range_m = room_with_board.render(PINHOLE, T)
+    is_board = range_m < 2.6
+    shadow = ~view.is_known
+    assert 0.02 < shadow.mean() < 0.25  # what the board hid is a hole, marked
+    assert not is_board[shadow].mean() > 0.2
+    error = np.abs(view.range_m / range_m - 1)[view.is_known]
+    assert np.mean(error > 0.05) < 0.02  # a sheet would lie between the ranges of board and wall
+    assert (view.image[shadow] == 0).all()
+    assert (view.image[view.is_known] > 0).all()
+
+
+def test_a_second_sphere_fills_what_the_first_did_not_see(room_with_board):
+    T = optical(SE3.from_planar(0.2, 0.8, 0.0))
+    T_other = SE3.from_planar(0.4, 1.2, 0.0)
+    first = placed(room_with_board)[0]
+    other = PlacedSurface(surface_of(room_with_board.sphere(T_other, SPHERE)), T_other, 0.0)
+    alone, both = synthesise([first], T, PINHOLE), synthesise([first, other], T, PINHOLE)
+    assert both.is_known.mean() > 0.99 > alone.is_known.mean()
+    grey, _ = room_with_board.render(PINHOLE, T)
+    assert psnr(both, grey) > 22  # edges of the board: one pixel of a sphere is two of the view
+
+
+def test_weights_are_continuous_where_spheres_are_exchanged():
+    assert blend_weights([1.0, 3.0, 3.0]).tolist() == [1.0, 0.0]
+    assert blend_weights([1.0, 1.0, 5.0]).tolist() == [0.5, 0.5]
+    assert blend_weights([0.0, 1.0, 2.0])[0] > 0.99
+    assert blend_weights([2.0, 2.0, 2.0]).sum() == pytest.approx(1.0)
+
+
+def test_without_spheres_it_says_so():
+    with pytest.raises(ValueError, match="at least one key sphere"):
+        synthesise([], SE3.identity(), PINHOLE)
