@@ -27,15 +27,17 @@ are read when a node is configured; a value out of its range is refused with the
 TROUBLE = """\
 # Something is wrong
 
-Every node says what is wrong, and what to do about it, in one line: in its log, on `/diagnostics`, and the localisers
-in `status` (state, reason, value, limit, remedy). The tables are generated from what the nodes say (`make docs`).
+<!-- Written by `make docs`: change the text in docs/generate.py, the remedies in the reasons of each node. -->
+
+Every node says in one line what is wrong and what to do: in its log, on `/diagnostics`, and the localisers also in
+`status` (state, reason, measured value, limit, remedy). Look there first, then find the word in the tables below.
 
 ```
 ros2 topic echo --once /status
 ros2 topic echo /diagnostics
 ```
 
-Of a recording the same is told by
+With a recording, these commands show the same at a desk:
 
 ```
 sphere_nav inspect recording
@@ -44,21 +46,9 @@ sphere_nav localize hall second_recording -o poses.tum --bag result
 sphere_nav plot result -o result.png
 ```
 
-## The localiser
+## Nothing happens at all
 
-Motion is allowed in `TRACKING` (full) and `DEGRADED` (slow, for a while).
-With `use_sim_time`, a `/clock` that stands for a second of wall time is told as `TIMEOUT`; the pose goes on with it.
-"""
-FOLLOWER = """\
-## The follower
-
-`path_follower/status` says why the vehicle stands. After a stop it drives again by the call `start`, or as
-`safety.resume` says.
-"""
-ELSEWHERE = """\
-## Before all that
-
-| what you see | why | what to do |
+| what you see | cause | what to do |
 | --- | --- | --- |
 | `waiting for image_raw (...): no publisher` | the camera's topic has another name | `driver:=NAME`, or remap |
 | `... is incompatible: reliability` | the publisher is best effort, or volatile | `qos_overrides`, as the line says |
@@ -67,6 +57,17 @@ ELSEWHERE = """\
 | `waiting for /clock` | `use_sim_time` without a clock | play with `--clock`, or set it false |
 | `expected a calibrated camera` | `camera_info` is all zero | [calibrate](calibration.md) |
 | a command prints one line, exit code 2 | file, field, expected, found | as it says; `SPHERE_NAV_DEBUG=1` shows where |
+
+## The localiser
+
+The vehicle may move in `TRACKING`, and slowly, for a while, in `DEGRADED`. With `use_sim_time`, a `/clock` that stands
+still for a second of wall time is reported as `TIMEOUT`; the pose goes on when the clock does.
+"""
+FOLLOWER = """\
+## The follower
+
+`path_follower/status` says why the vehicle stands. After a stop it drives again when you call `~/start`, or as the
+parameter `safety.resume` says.
 """
 
 
@@ -125,7 +126,7 @@ def trouble_page() -> str:
             lines.append(f"| `{reason}` | {' | '.join(cells)} |")
     lines += ["", FOLLOWER, "| reason | meaning | what to do |", "| --- | --- | --- |"]
     lines += [f"| `{r}` | {driven[r] or '–'} | {remedy} |" for r, remedy in follower.items() if r]
-    return "\n".join([*lines, "", ELSEWHERE])
+    return "\n".join([*lines, ""])
 
 
 def files() -> dict[Path, str]:
