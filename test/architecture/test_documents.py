@@ -69,4 +69,4 @@ def test_the_commands_of_the_readme_exist():
     assert named - known - {"navigation"} == set()
     targets = set(re.findall(r"^\.PHONY: (.*)$", text_of("Makefile"), re.MULTILINE)[0].split())
     assert set(re.findall(r"(?:^|`)make ([a-z-]+)", text, re.MULTILINE)) - targets == set()
-    assert {name for name in re.findall(r"\.venv/bin/(\w+)", text)} - set(EXECUTABLES) == set()
+    assert set(re.findall(r"\.venv/bin/(\w+)", text)) - set(EXECUTABLES) == set()
