@@ -16,9 +16,9 @@ INTRODUCTION = """\
 # Results
 
 Written by `make bench-report` from `out/bench/*.json`, which `make bench` leaves; why a figure is as it is stands on
-the page of its node. RED: the bound is not met. Recordings are read from `../shared/data`. Redkitchen is judged by
+docs/notes/. RED: the bound is not met. Recordings are read from `../shared/data`. Redkitchen is judged by
 COLMAP's poses, right to about 5 mm and 0.2°; its recorded ones are wrong
-([why](dense_localizer.md#why-the-figures-are-so)).
+([why](notes/ground_truth.md)).
 """
 
 Row = tuple[str, ...]
