@@ -5,7 +5,8 @@ constant twice as large, `and` for `or`, `min` for `max`, a `not` that is gone. 
 `--seed`, one of each kind in turn, and each runs against the tests of its own package alone:
 
 1. the test that mirrors the module and those that import it, for a ROS shell also those of its node in test/nodes;
-2. if they pass, the rest of the package's tests, those nearest to the module first, until `--limit` seconds are over.
+2. if they pass, the rest of the package's tests, those nearest to the module first, until `--limit` seconds are over;
+   not with `--near`, which is quicker: `--rerun` then repeats the survivors with all tests.
 
 Everything happens in a copy, with the copy's packages in front of the installed ones. A kill counts if the failing
 test passes without the mutant; a time-out if the test that was running takes too long by itself, and only with the
@@ -16,7 +17,6 @@ Recordings are used where SPHERE_NAV_DATA names them. Run it with the environmen
 from __future__ import annotations
 
 import argparse
-import ast
 import json
 import os
 import random
@@ -33,12 +33,11 @@ from pathlib import Path, PurePosixPath
 from queue import Queue
 from typing import Any
 
+from checkout import Tree, dotted, package_of
 from mutations import Mutant, apply, draw, mutants_of, numeric_constants
 
 ROOT = Path(__file__).resolve().parents[1]
-LIBRARY = "sphere_nav"  # its rooms count as packages
-SKIPPED_NAMES = ("kernels", "warm_up", "plot", "figure")  # modules whose name begins so, or ends so after `_`
-NEAR = 1  # tests at this distance of imports from a module, or nearer, run first
+SKIPPED = {"kernels", "warm_up", "plot", "plots", "figure", "figures"}  # a name of a module, or one of its words
 
 
 @dataclass
@@ -60,105 +59,6 @@ class Result:
         return text + (
             f"{cut}\n                 {self.mutant.text}" if self.outcome == "survived" else f"  [{self.by}]"
         )
-
-
-class Tree:
-    """The checkout: its packages, the modules to mutate, who imports whom, and the tests of each module."""
-
-    def __init__(self, root: Path) -> None:
-        body = ast.parse((root / "setup.py").read_text(encoding="utf-8")).body
-        given = {ast.unparse(node.targets[0]): node.value for node in body if isinstance(node, ast.Assign)}
-        self.root = root
-        self.packages: tuple[str, ...] = ast.literal_eval(given["PACKAGES"])
-        self.executables: dict[str, str] = ast.literal_eval(given["EXECUTABLES"])
-        product = [path for name in self.packages for path in (root / name).rglob("*.py")]
-        self.modules = sorted(PurePosixPath(path.relative_to(root)) for path in product)
-        self.tests = sorted(PurePosixPath(path.relative_to(root)) for path in (root / "test").rglob("*.py"))
-        self._trees = {path: ast.parse((root / path).read_text("utf-8")) for path in (*self.modules, *self.tests)}
-        self._paths = {dotted(path): path for path in self._trees}
-        self._importers: dict[PurePosixPath, set[PurePosixPath]] = {}
-        for path in self._trees:
-            for imported in self._imports(path):
-                self._importers.setdefault(imported, set()).add(path)
-
-    def mutants(self) -> dict[str, list[Mutant]]:
-        """Return all mutants by package."""
-        constants = numeric_constants([self._trees[path] for path in self.modules])
-        found: dict[str, list[Mutant]] = {}
-        for path in self.modules:
-            words = path.stem.split("_")
-            is_skipped = any(path.stem.startswith(name) or words[-1] == name for name in SKIPPED_NAMES)
-            if not is_skipped and not self._is_index(path):
-                text = (self.root / path).read_bytes()
-                found.setdefault(package_of(path), []).extend(mutants_of(text, str(path), constants))
-        return found
-
-    def tests_of(self, path: PurePosixPath) -> tuple[list[str], list[str]]:
-        """Return the test files of a module's package: those near to the module, and the others, nearest first."""
-        package = PurePosixPath(package_of(path))
-        folder = "test" / package
-        tests = [test for test in self.tests if test.is_relative_to(folder)]
-        if str(package) == LIBRARY:
-            tests = [test for test in tests if test.parent == folder]
-        if "ros" in path.parts or path.name.endswith("node.py"):
-            prefix = f"{dotted(package)}."
-            nodes = [package.name, *(name for name, module in self.executables.items() if module.startswith(prefix))]
-            starts = tuple(f"test_{name}" for name in nodes)
-            tests += [test for test in self.tests if test.parts[1] == "nodes" and test.name.startswith(starts)]
-        distances = self._distances(path) | {"test" / path.parent / f"test_{path.stem.strip('_')}.py": 0}
-        files = [test for test in tests if test.name.startswith("test_")]
-        ranks = sorted((distances.get(test, len(self._trees)), str(test)) for test in files)
-        return [test for rank, test in ranks if rank <= NEAR], [test for rank, test in ranks if rank > NEAR]
-
-    def _distances(self, path: PurePosixPath) -> dict[PurePosixPath, int]:
-        """Return by how many imports each file is away from a module."""
-        found, last = {path: 0}, [path]
-        while last:
-            news = {importer for item in last for importer in self._importers.get(item, ())} - found.keys()
-            found |= dict.fromkeys(news, found[last[0]] + 1)
-            last = sorted(news)
-        return found
-
-    def _imports(self, path: PurePosixPath) -> set[PurePosixPath]:
-        """Return our files that one imports, through indices; a test also depends on the conftest.py above it."""
-        names = set()
-        for node in ast.walk(self._trees[path]):
-            if isinstance(node, ast.Import):
-                names |= {alias.name for alias in node.names}
-            elif isinstance(node, ast.ImportFrom):
-                names |= {f"{node.module}.{alias.name}" for alias in node.names}
-        found = {self._resolve(name) for name in names}
-        if path.parts[0] == "test":
-            found |= {folder / "conftest.py" for folder in path.parents if folder != PurePosixPath("test")}
-        return {item for item in found if item in self._trees} - {path}
-
-    def _resolve(self, name: str) -> PurePosixPath | None:
-        """Return the file in which a dotted name is defined."""
-        if name in self._paths or "." not in name:
-            return self._paths.get(name)
-        module, _, last = name.rpartition(".")
-        index = self._paths.get(module)
-        if index and self._is_index(index):
-            for node in self._trees[index].body:
-                if isinstance(node, ast.ImportFrom) and any((item.asname or item.name) == last for item in node.names):
-                    return self._resolve(f"{node.module}.{last}")
-        return index
-
-    def _is_index(self, path: PurePosixPath) -> bool:
-        """Whether a file only gathers names."""
-        kinds = ast.FunctionDef | ast.ClassDef
-        return path.name == "__init__.py" and not any(isinstance(node, kinds) for node in self._trees[path].body)
-
-
-def dotted(path: PurePosixPath) -> str:
-    """Return the name that a file is imported by; helpers of tests are imported from test/."""
-    parts = path.with_suffix("").parts
-    return ".".join(parts[parts[0] == "test" : len(parts) - (parts[-1] == "__init__")])
-
-
-def package_of(path: PurePosixPath) -> str:
-    """Return the package that a module belongs to; of the library its room."""
-    return "/".join(path.parts[: 2 if path.parts[0] == LIBRARY and len(path.parts) > 2 else 1])
 
 
 @dataclass
@@ -196,10 +96,11 @@ class Stage:
             command = [sys.executable, "-P", "-m", dotted(PurePosixPath(path.relative_to(self.site)))]
             subprocess.run(command, env=self.environment, cwd=folder, check=True)
 
-    def judge(self, result: Result, tests: tuple[list[str], list[str]], limit: float) -> None:
-        """Run a mutant against its tests and fill in what became of it."""
+    def judge(self, result: Result, tests: tuple[list[str], list[str]], limit: float, *, is_near: bool = False) -> None:
+        """Run a mutant against its tests, or only those near to its module, and fill in what became of it."""
         begin = time.monotonic()
-        for files in filter(None, tests):
+        steps = [files for files in tests if files]
+        for files in steps:
             remaining = limit - (time.monotonic() - begin)
             run = self._run_sound(result.mutant, files, remaining) if remaining > 0 else Run("timed out")
             if run.outcome == "timed out" and not self._is_slowed(result.mutant, run.test, limit / 2):
@@ -207,6 +108,9 @@ class Stage:
                 break
             if run.outcome != "passed":
                 result.outcome, result.by = run.outcome.replace("failed", "killed"), run.test
+                break
+            if is_near and len(steps) > 1:
+                result.is_cut = True
                 break
         result.seconds = round(time.monotonic() - begin, 1)
 
@@ -324,9 +228,19 @@ class Report:
         return "\n".join([*rows, *notes])
 
 
+def all_mutants(tree: Tree) -> dict[str, list[Mutant]]:
+    """Return the mutants of the product by package."""
+    constants = numeric_constants(module for _, _, module in tree.texts())
+    found: dict[str, list[Mutant]] = {}
+    for path, text, _ in tree.texts():
+        if not SKIPPED & {path.stem, *path.stem.split("_")}:
+            found.setdefault(package_of(path), []).extend(mutants_of(text, str(path), constants))
+    return found
+
+
 def chosen_mutants(tree: Tree, options: argparse.Namespace) -> list[Mutant]:
     """Return the sample, the packages taking turns; or the survivors of an earlier result that still exist."""
-    mutants = tree.mutants()
+    mutants = all_mutants(tree)
     if unknown := sorted(set(options.package) - mutants.keys()):
         raise SystemExit(f"mutants: --package: expected one of {', '.join(sorted(mutants))}; got {', '.join(unknown)}")
     names = [name for name in sorted(mutants) if name in options.package or not options.package]
@@ -358,6 +272,7 @@ def main() -> int:
     parser.add_argument("--package", action="append", default=[], help="only this one; may be repeated")
     parser.add_argument("--jobs", type=int, default=1, help="mutants at the same time, each in its own copy")
     parser.add_argument("--limit", type=float, default=120.0, help="seconds for the tests of one mutant (120)")
+    parser.add_argument("--near", action="store_true", help="quick: only tests that mirror or import the module")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results there, after each mutant")
     parser.add_argument("--rerun", type=Path, metavar="JSON", help="repeat only the survivors of this earlier result")
     parser.add_argument("--list", action="store_true", help="print the sample, run nothing")
@@ -368,6 +283,7 @@ def main() -> int:
         say("\n".join(f"{item.path}:{item.line}  {item.kind}: {item.change}\n    {item.text}" for item in sample))
         return 0
     report = Report(options.seed, options.json)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends what it started, removes the copies
     with tempfile.TemporaryDirectory(prefix="mutants_") as name, ThreadPoolExecutor(options.jobs) as workers:
         stages: Queue[Stage] = Queue()
         for number in range(options.jobs):
@@ -378,13 +294,16 @@ def main() -> int:
             path = PurePosixPath(mutant.path)
             result, stage = Result(package_of(path), mutant), stages.get()
             try:
-                stage.judge(result, tree.tests_of(path), options.limit)
+                stage.judge(result, tree.tests_of(path), options.limit, is_near=options.near)
             finally:
                 stages.put(stage)
             return result
 
-        for result in workers.map(judge, sample):
-            report.add(result)
+        try:
+            for result in workers.map(judge, sample):
+                report.add(result)
+        finally:
+            workers.shutdown(cancel_futures=True)
     say(f"\n{report.table()}")
     return 0
 
