@@ -37,6 +37,7 @@ from checkout import Tree, dotted, package_of
 from mutations import Mutant, apply, draw, mutants_of, numeric_constants
 
 ROOT = Path(__file__).resolve().parents[1]
+MARGIN = " " * 17
 SKIPPED = {"kernels", "warm_up", "plot", "plots", "figure", "figures"}  # a name of a module, or one of its words
 
 
@@ -53,12 +54,9 @@ class Result:
 
     def line(self) -> str:
         """Return one line for a reader, the source line below it for a survivor."""
-        where = f"{self.mutant.path}:{self.mutant.line}"
-        text = f"{self.outcome:9} {self.seconds:4.0f} s  {where}  {self.mutant.kind}: {self.mutant.change}"
+        text = f"{self.outcome:9} {self.seconds:4.0f} s  {self.mutant.where}: {self.mutant.change}"
         cut = "  (not all tests run)" if self.is_cut else ""
-        return text + (
-            f"{cut}\n                 {self.mutant.text}" if self.outcome == "survived" else f"  [{self.by}]"
-        )
+        return text + (f"{cut}\n{MARGIN}{self.mutant.text}" if self.outcome == "survived" else f"  [{self.by}]")
 
 
 @dataclass
@@ -213,6 +211,12 @@ class Report:
             text = json.dumps(head | {"results": [asdict(item) for item in self.results]}, indent=1)
             self.path.write_text(text + "\n")
 
+    def survivors(self) -> str:
+        """Return those that no test noticed, by kind and place."""
+        found = [result for result in self.results if result.outcome == "survived"]
+        found.sort(key=lambda result: (result.mutant.kind, result.mutant.path, result.mutant.line))
+        return "\n".join(result.line() for result in found)
+
     def table(self) -> str:
         """Return a Markdown table by package; the share of mutants that were noticed is the last column."""
         rows = ["| package | mutants | killed | timed out | survived | of them not all tests run | noticed |"]
@@ -238,24 +242,24 @@ def all_mutants(tree: Tree) -> dict[str, list[Mutant]]:
     return found
 
 
-def chosen_mutants(tree: Tree, options: argparse.Namespace) -> list[Mutant]:
-    """Return the sample, the packages taking turns; or the survivors of an earlier result that still exist."""
-    mutants = all_mutants(tree)
-    if unknown := sorted(set(options.package) - mutants.keys()):
-        raise SystemExit(f"mutants: --package: expected one of {', '.join(sorted(mutants))}; got {', '.join(unknown)}")
-    names = [name for name in sorted(mutants) if name in options.package or not options.package]
-    if not options.rerun:
-        rows = [draw(mutants[name], options.count, random.Random(f"{options.seed} {name}")) for name in names]
-        return [row[k] for k in range(options.count) for row in rows if k < len(row)]
-    earlier = [item for item in json.loads(options.rerun.read_text())["results"] if item["outcome"] == "survived"]
-    found = []
-    for old in [Mutant(**item["mutant"]) for item in earlier]:
-        same = [new for name in names for new in mutants[name] if new.key == old.key]
-        same.sort(key=lambda new: (new.path != old.path, Path(new.path).name != Path(old.path).name, new.line))
-        found += same[:1]
-        if not same and not options.package:
-            say(f"gone       {old.path}:{old.line}  {old.kind}: {old.change}\n                 {old.text}")
-    return found
+def sample_of(mutants: dict[str, list[Mutant]], seed: int, count: int) -> list[Result]:
+    """Return a sample that has still to run, the packages taking turns."""
+    rows = [(name, draw(items, count, random.Random(f"{seed} {name}"))) for name, items in sorted(mutants.items())]
+    return [Result(name, row[k]) for k in range(count) for name, row in rows if k < len(row)]
+
+
+def earlier_results(mutants: dict[str, list[Mutant]], items: list[dict[str, Any]]) -> tuple[list[Result], list[Mutant]]:
+    """Return earlier results of the mutants that still exist, wherever their line is now; and the others."""
+    found, gone = [], []
+    for item in items:
+        old = Mutant(**item["mutant"])
+        same = [(name, new) for name, row in mutants.items() for new in row if new.key == old.key]
+        if same:
+            package, new = min(same, key=lambda pair: pair[1].distance(old))
+            found.append(Result(**(item | {"package": package, "mutant": new})))
+        else:
+            gone.append(old)
+    return found, gone
 
 
 def say(text: str) -> None:
@@ -274,15 +278,30 @@ def main() -> int:
     parser.add_argument("--limit", type=float, default=120.0, help="seconds for the tests of one mutant (120)")
     parser.add_argument("--near", action="store_true", help="quick: only tests that mirror or import the module")
     parser.add_argument("--json", type=Path, metavar="FILE", help="write the results there, after each mutant")
-    parser.add_argument("--rerun", type=Path, metavar="JSON", help="repeat only the survivors of this earlier result")
+    parser.add_argument(
+        "--rerun", type=Path, metavar="JSON", help="repeat the survivors of an earlier result, keep the rest"
+    )
     parser.add_argument("--list", action="store_true", help="print the sample, run nothing")
     options = parser.parse_args()
     tree = Tree(ROOT)
-    sample = chosen_mutants(tree, options)
-    if options.list:
-        say("\n".join(f"{item.path}:{item.line}  {item.kind}: {item.change}\n    {item.text}" for item in sample))
-        return 0
+    mutants = all_mutants(tree)
+    if unknown := sorted(set(options.package) - mutants.keys()):
+        parser.error(f"--package: expected one of {', '.join(sorted(mutants))}; got {', '.join(unknown)}")
+    if options.package:
+        mutants = {name: mutants[name] for name in options.package}
     report = Report(options.seed, options.json)
+    if options.rerun:
+        earlier = json.loads(options.rerun.read_text(encoding="utf-8"))
+        found, gone = earlier_results(mutants, earlier["results"])
+        sample = [Result(item.package, item.mutant) for item in found if item.outcome == "survived"]
+        report = Report(earlier["seed"], options.json, results=[item for item in found if item.outcome != "survived"])
+        for item in gone:
+            say(f"gone from here: {item.where}: {item.change}\n{MARGIN}{item.text}")
+    else:
+        sample = sample_of(mutants, options.seed, options.count)
+    if options.list:
+        say("\n".join(f"{item.mutant.where}: {item.mutant.change}\n{MARGIN}{item.mutant.text}" for item in sample))
+        return 0
     signal.signal(signal.SIGTERM, signal.default_int_handler)  # ends what it started, removes the copies
     with tempfile.TemporaryDirectory(prefix="mutants_") as name, ThreadPoolExecutor(options.jobs) as workers:
         stages: Queue[Stage] = Queue()
@@ -290,11 +309,12 @@ def main() -> int:
             (folder := Path(name) / str(number)).mkdir()
             stages.put(Stage(ROOT, tree.packages, folder, report.broken))
 
-        def judge(mutant: Mutant) -> Result:
-            path = PurePosixPath(mutant.path)
-            result, stage = Result(package_of(path), mutant), stages.get()
+        def judge(result: Result) -> Result:
+            stage = stages.get()
             try:
-                stage.judge(result, tree.tests_of(path), options.limit, is_near=options.near)
+                stage.judge(
+                    result, tree.tests_of(PurePosixPath(result.mutant.path)), options.limit, is_near=options.near
+                )
             finally:
                 stages.put(stage)
             return result
@@ -304,7 +324,7 @@ def main() -> int:
                 report.add(result)
         finally:
             workers.shutdown(cancel_futures=True)
-    say(f"\n{report.table()}")
+    say(f"\n{report.survivors()}\n\n{report.table()}")
     return 0
 
 

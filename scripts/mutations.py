@@ -58,6 +58,16 @@ class Mutant:
         """What a mutant is known by when lines or files have moved."""
         return self.kind, self.change, self.text
 
+    @property
+    def where(self) -> str:
+        """Place and kind, for a reader."""
+        return f"{self.path}:{self.line}  {self.kind}"
+
+    def distance(self, other: Mutant) -> tuple[bool, bool, int]:
+        """Return how far away another mutant of the same key is: another folder, another name, bytes."""
+        names = [mutant.path.rpartition("/")[2] for mutant in (self, other)]
+        return self.path != other.path, names[0] != names[1], abs(self.begin - other.begin)
+
 
 @dataclass
 class Source:

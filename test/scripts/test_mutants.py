@@ -4,6 +4,7 @@ import ast
 import random
 import subprocess
 import sys
+from dataclasses import asdict
 from pathlib import PurePosixPath
 
 import pytest
@@ -13,7 +14,7 @@ from architecture.tree import ROOT
 sys.path.append(str(ROOT / "scripts"))  # not installed
 
 from checkout import Tree, package_of
-from mutants import Report, Result, Run, Stage, all_mutants
+from mutants import Report, Result, Run, Stage, all_mutants, earlier_results, sample_of
 from mutations import KINDS, Mutant, apply, draw, mutants_of, numeric_constants
 
 NAMES = {"LIMIT", "PERIOD_NS"}
@@ -207,6 +208,24 @@ def test_mutants_run_in_a_copy_without_the_tests_that_fail_anyway(project, tmp_p
     assert broken == {"test/car/test_wrong.py::test_it"}
     for name, text in FILES.items():
         assert (project / name).read_text() == (stage.checkout / name).read_text() == text
+
+
+def test_a_result_is_found_again_where_its_line_is_now():
+    text = b"x = 1\ny = a < b\nz = c - d\ny = a < b\n"
+    now = {"lib/a": mutants_of(text, "lib/a/law.py", set()), "b": mutants_of(text, "b/other.py", set())}
+    before = mutants_of(b"y = a < b\ny = e - f\n", "a/law.py", set())
+    items = [asdict(Result("a", mutant, "killed", "test", seconds=2.0)) for mutant in before]
+    found, gone = earlier_results(now, items)
+    assert [(item.package, item.mutant.where, item.mutant.change, item.by) for item in found] == [
+        ("lib/a", "lib/a/law.py:2  bound", "< -> <=", "test"),
+        ("lib/a", "lib/a/law.py:2  bound", "< -> >", "test"),
+    ]
+    assert [mutant.text for mutant in gone] == ["y = e - f"]
+
+
+def test_the_packages_take_turns():
+    mutants = {name: mutants_of(b"y = -x < 3", f"{name}/a.py", set()) for name in ("b", "a")} | {"c": []}
+    assert [item.package for item in sample_of(mutants, 1, 2)] == ["a", "b", "a", "b"]
 
 
 class Scripted(Stage):
