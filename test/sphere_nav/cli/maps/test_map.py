@@ -360,7 +360,3 @@ def test_one_instant_of_a_bag_is_read(bags):
 def test_help_shows_examples(command):
     assert "examples:" in command.HELP
     assert "sphere_nav " in command.HELP
-
-
-def test_settings_are_read_as_yaml():
-    assert map_command.parse_settings(["a.b=3", "c=true", "d=x"]) == {"a.b": 3, "c": True, "d": "x"}
