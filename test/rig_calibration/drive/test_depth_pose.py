@@ -110,3 +110,15 @@ def keep_inner(pair):
             is_in &= inside & np.all((pixels > 12) & (pixels < (228, 168)), axis=1)
         kept.append(replace(source, points_depth=source.points_depth[is_in], normals_depth=source.normals_depth[is_in]))
     return replace(pair, first=kept[0], second=kept[1])
+
+
+def test_where_it_has_settled_it_stays():
+    """Another run at the same level, from where the first one ended, moves it by no more than a step that ends one."""
+    pairs = [without_hidden(pair, CAMERA, START) for pair in drive(8)]
+    first = refine_depth_pose(pairs, CAMERA, START, levels=(2,))
+    settled = [
+        replace(pair, T_second_first=state.T_second_first) for pair, state in zip(pairs, first.states, strict=True)
+    ]
+    again = refine_depth_pose(settled, CAMERA, first.T_image_depth, START, levels=(2,))
+    moved = (again.T_image_depth @ first.T_image_depth.inverse()).log()
+    assert np.sqrt(moved @ np.linalg.solve(first.covariance, moved)) < 0.3
