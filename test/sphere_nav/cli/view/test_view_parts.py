@@ -1,5 +1,6 @@
 """The parts of the viewer that need no browser: lenses, poses, pictures, the words beside them."""
 
+import threading
 from types import SimpleNamespace
 
 import cv2
@@ -144,3 +145,26 @@ def test_the_arrow_points_where_the_camera_looks():
     assert rows.min() in range(SIDE // 2 - 16, SIDE // 2 - 12)
     assert rows.max() <= SIDE // 2 + 5
     assert abs(columns.mean() - SIDE // 2) < 1
+
+
+def test_a_browser_is_drawn_for_while_it_is_there_and_again_where_something_was_on_its_way():
+    clients, answers, drawn = {1: None}, iter([False, False, True]), []
+    changed, closed = threading.Event(), threading.Event()
+
+    def draw():
+        drawn.append(changed.is_set())
+        answer = next(answers)
+        if answer:
+            clients.clear()  # it leaves
+        return answer
+
+    page = SimpleNamespace(_closed=closed, server=SimpleNamespace(get_clients=lambda: clients))
+    changed.set()
+    server.Page._follow(page, SimpleNamespace(client_id=1), changed, draw)
+    assert drawn == [False] * 3
+    assert not changed.is_set()
+    clients[1] = None
+    closed.set()
+    changed.set()
+    server.Page._follow(page, SimpleNamespace(client_id=1), changed, draw)
+    assert len(drawn) == 3

@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from sphere_nav.geometry import SE3
-from sphere_nav.offline.mapping import learning
+from sphere_nav.offline.mapping import learning, replay_mapper
 from sphere_nav.offline.mapping.learning import place, rig_text, start_of
 from sphere_nav.offline.mapping.replay_mapper import stitcher_values
 from sphere_nav.offline.mapping.truth import Truth
@@ -59,3 +59,16 @@ def test_a_map_names_its_bag_and_keeps_its_rig(tmp_path):
 def test_cameras_need_the_file_of_their_rig():
     with pytest.raises(BagError, match="drive: expected --rig with the rig file of its cameras, found none"):
         stitcher_values(SimpleNamespace(path="drive"), {}, arguments())
+
+
+def test_the_stitcher_of_a_bag_has_the_processes_of_the_command_and_waits_for_late_images(tmp_path, monkeypatch):
+    monkeypatch.setattr(replay_mapper, "read_rig", lambda path: SimpleNamespace(names=("a", "b")))
+    monkeypatch.setattr(replay_mapper.topics, "find_rig_topics", lambda bag, names, chosen: dict.fromkeys(names, "/x"))
+    given = arguments(rig=tmp_path / "rig.yaml", set_stitcher=["stitch.width=256", "jobs=9"])
+    values, remap = stitcher_values(SimpleNamespace(path="drive"), {}, given)
+    assert remap == {"a": "/x", "b": "/x"}
+    assert values == {
+        "sync.deadline_s": 10.0, "stitch.width": 256, "rig": str(tmp_path / "rig.yaml"), "transport": "raw", "jobs": 2,
+    }  # fmt: skip
+    given.set_stitcher = ["sync.deadline_s=3.0"]
+    assert stitcher_values(SimpleNamespace(path="drive"), {}, given)[0]["sync.deadline_s"] == 3.0
