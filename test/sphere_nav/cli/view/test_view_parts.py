@@ -168,3 +168,24 @@ def test_a_browser_is_drawn_for_while_it_is_there_and_again_where_something_was_
     changed.set()
     server.Page._follow(page, SimpleNamespace(client_id=1), changed, draw)
     assert len(drawn) == 3
+
+
+def test_a_drive_is_shown_at_its_own_pace(monkeypatch):
+    """Images at 0, 1 and 3 s of the drive; the first takes 0.4 s to localise, the second 1.7 s."""
+    now, slept, shown = [50.0], [], []
+
+    def shots():
+        for stamp_s, work_s in ((7, 0.4), (8, 1.7), (10, 0.2)):
+            now[0] += work_s
+            yield SimpleNamespace(stamp_ns=stamp_s * 10**9)
+
+    def sleep(seconds):
+        slept.append(round(seconds, 6))
+        now[0] += seconds
+
+    monkeypatch.setattr(view.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(view.time, "sleep", sleep)
+    page = SimpleNamespace(show=lambda shot, camera: shown.append((shot.stamp_ns, camera)))
+    view.replay(SimpleNamespace(shots=shots, camera="lens"), page)
+    assert slept == [0.0, 0.0, pytest.approx(0.7)]  # 2.3 s have passed when it is due at 3 s
+    assert shown == [(7 * 10**9, "lens"), (8 * 10**9, "lens"), (10 * 10**9, "lens")]

@@ -210,3 +210,13 @@ def test_an_image_comes_with_odometry_at_its_stamp():
     np.testing.assert_allclose(gate.pictures[0].T_odom_base.matrix, T_odom_base.matrix, atol=1e-12)
     gate.image(5)
     assert gate.pictures[1].T_odom_base is None
+
+
+def test_panoramas_need_no_calibration_where_they_are_told_to_be_whole():
+    gate = Gate(is_panorama=True)
+    gate.mount()
+    gate.image(1)  # 16 x 8
+    gate.image(2)
+    assert [picture.camera for picture in gate.pictures] == [Spherical(16, 8)] * 2
+    assert gate.stamps() == [1, 2]
+    assert gate.refusals == []
