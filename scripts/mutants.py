@@ -123,10 +123,10 @@ class Stage:
         return Run("passed")
 
     def _is_sound(self, test: str, limit: float) -> bool:
-        """Whether a test passes, or its file can be imported, without a mutant."""
-        if (
-            test not in self._sound
-            and self.run([test], max(limit, 60.0), is_collecting="::" not in test).outcome == "passed"
+        """Whether a test passes, or its file can be imported, without a mutant, which may have named a parameter."""
+        tries = dict.fromkeys((test, test.partition("[")[0]))
+        if test not in self._sound and any(
+            self.run([item], max(limit, 60.0), is_collecting="::" not in item).outcome == "passed" for item in tries
         ):
             self._sound.add(test)
         return test in self._sound

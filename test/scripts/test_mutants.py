@@ -295,3 +295,9 @@ def test_the_table_counts_by_package():
         "| all | 4 | 2 | 1 | 1 | 0 | 75% |",
         "fails in any case, not used: test/a.py::b",
     ]
+
+
+def test_a_test_whose_parameter_the_mutant_has_named_counts_by_its_function():
+    stage = Scripted(**{"t.py::a[new]": "failed", "t.py::b[x]": "failed", "t.py::b": "failed"})
+    assert stage._is_sound("t.py::a[new]", 60.0)
+    assert not stage._is_sound("t.py::b[x]", 60.0)

@@ -329,3 +329,17 @@ def test_a_header_ends_within_64_kib(tmp_path: Path, name: str) -> None:
         else:
             with pytest.raises(ValueError, match="header"):
                 read_geometry(tmp_path / name)
+
+
+def test_cubes_of_several_sizes_are_kept_apart() -> None:
+    """Near and far points whose cubes would have the same numbers, by twos."""
+    rng = np.random.default_rng(0)
+    near, far = rng.uniform(0.0, 0.8, (400, 3)), rng.uniform(0.0, 0.8, (400, 3)) + np.array([60.0, 0.0, 0.0])
+    points = np.concatenate([near, far])
+    found = thin_cloud(cloud_from_points(points), 0.1, (0.0, 0.0, 0.0), 0.01).points
+    is_near = found[:, 0] < 30.0
+    cubes = [
+        len(np.unique(np.floor((part - points.min(axis=0)) / side), axis=0)) for part, side in ((near, 0.1), (far, 0.4))
+    ]
+    assert [is_near.sum(), (~is_near).sum()] == cubes
+    np.testing.assert_allclose(found[~is_near].mean(axis=0), far.mean(axis=0), atol=0.1)

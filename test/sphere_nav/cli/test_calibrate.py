@@ -63,3 +63,16 @@ def test_images_pair_by_name_or_by_number(folder, tmp_path):
         cv2.imwrite(str(other / f"right{number}.png"), np.zeros((48, 64), dtype=np.uint8))
     found = calibrate.find_images([str(folder), str(other)])
     assert set(found["cam0"]) == set(found["cam1"]) == {"0", "1"}
+
+
+def test_cameras_are_named_by_their_folder_or_by_what_their_files_begin_with(tmp_path):
+    for name in ("front cam/1.png", "front cam/2.PNG", "left_1.png", "left_2.png", "7.png", "8.png"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(b"")
+    found = calibrate.find_images(
+        [str(tmp_path / "front cam"), str(tmp_path / "left_*.png"), str(tmp_path / "[78].png")]
+    )
+    folder = "".join(letter if letter.isalnum() else "_" for letter in tmp_path.name)
+    assert list(found) == ["front_cam", "left", folder]
+    assert [len(files) for files in found.values()] == [2, 2, 2]
+    assert calibrate.find_images([str(tmp_path / "7.png")])[folder] == {"7": tmp_path / "7.png"}

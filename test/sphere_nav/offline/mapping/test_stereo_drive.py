@@ -52,3 +52,21 @@ def test_the_disparity_is_corrected_where_chance_would_hardly_give_what_is_off(t
         pair, found = find_field(bag, {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]})
     assert words in found
     assert tuple(pair.correction.columns) == (tuple(columns) if words == "too small" else StereoField().columns)
+
+
+@pytest.mark.parametrize(("limit", "number"), [(400, 10), (5, 5), (2, 2)])
+def test_corners_are_followed_in_windows_spread_over_the_drive(tmp_path, monkeypatch, limit, number):
+    """Windows of two of ten pairs, `limit` of them at most; a window may begin where the last one ended."""
+    write_bag(tmp_path / "bag", stereo, numbers=range(10))
+    followed = []
+
+    def follow(camera, baseline_m, left, right):
+        followed.append((len(left), len(right)))
+
+    monkeypatch.setattr(stereo_drive, "NUM_VIEWS", 2)
+    monkeypatch.setattr(stereo_drive, "MAX_WINDOWS", limit)
+    monkeypatch.setattr(stereo_drive, "follow_window", follow)
+    with BagReader(tmp_path / "bag") as bag:
+        find_field(bag, {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]})
+    assert set(followed) == {(2, 2)}
+    assert len(followed) == min(number, 5)
