@@ -76,10 +76,9 @@ def make_scene(seed: int, kind: str, width: int, lens: Mapping[str, object] | No
     while not _is_free(T_world_rig.translation, boxes, params.baseline):
         T_world_rig = _draw_place(rng, size) @ lowered
     images = {}
-    for number, mount in enumerate(rig_mounts(params, rig)):
+    for number, mount in enumerate(rig_mounts(params, ImagingParams(), rig)):
         T_rig_camera = rig.camera(mount.name).T_rig_camera
         levels, _ = renderer.render(mount.camera, T_world_rig @ T_rig_camera)
-        levels = levels * vignette(mount.camera, mount.vignetting, LIGHT.gamma)[..., None]
         images[mount.name] = expose(levels, mount.noise, mount.shot_noise, (seed, 72, number))
     return Scene(rig, images, renderer, T_world_rig, kinds)
 
