@@ -24,7 +24,7 @@ from cycab_sim.simulator import Simulator
 from sphere_mapping.acquisition.params import MatchParams, RectifyParams, StitchParams
 from sphere_mapping.acquisition.range.epipolar import range_from_disparity, search_of
 from sphere_mapping.acquisition.range.matching import match_columns
-from sphere_mapping.acquisition.range.planes import Places, range_of_planes
+from sphere_mapping.acquisition.range.planes import Viewpoints, range_of_planes
 from sphere_mapping.acquisition.range.rectification import Rectified, rectified
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import SE3, Spherical
@@ -155,8 +155,10 @@ def _room(folder: Path, options: argparse.Namespace) -> list[Bound]:
     disparity = match_columns(grey[0], grey[1], search, params, everywhere, options.threads)
     range_m, std_m = range_from_disparity(disparity, window, 0.2, params)
     measured = float(np.isfinite(range_m[window.height // 4 : 3 * window.height // 4]).mean())
-    places, ranged = Places.of_pair(window, 0.2), (range_m, std_m)
-    planes = range_of_planes(grey[0], grey[1], ranged, everywhere, places, search, params)
+    owner, error = np.zeros(grey[0].shape, np.int8), np.zeros(grey[0].shape, np.float32)
+    viewpoints = Viewpoints(0.2, owner, np.zeros((1, 3), np.float32), error, per_m=0.0)
+    ranged = range_m, std_m
+    planes = range_of_planes(grey[0], grey[1], ranged, everywhere, viewpoints, search, params)
     is_filled = ~np.isnan(planes[0])
     range_m, std_m = (np.where(is_filled, *both) for both in zip(planes, ranged, strict=True))
     sphere = Sphere(top, range_m, window, 0, std_m, is_filled)

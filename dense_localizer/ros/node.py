@@ -18,8 +18,7 @@ from sphere_nav.localization.base_estimate import BaseEstimate
 from sphere_nav.localization.status import FINE, Finding, State, Status, status_of
 from sphere_nav.photometric import warm_up
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.intake import CameraIntake
-from sphere_nav.ros.camera.rig_intake import RigIntake
+from sphere_nav.ros.camera.intake import CameraIntake, MultiCameraIntake
 from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.localizer.node import LocalizerNode
 from sphere_nav.ros.maps.reader import MapReader
@@ -54,13 +53,13 @@ class DenseLocalizerNode(LocalizerNode):
         self.maps.close()
         self.localizer = None
 
-    def make_intake(self) -> CameraIntake | RigIntake:
+    def make_intake(self) -> CameraIntake | MultiCameraIntake:
         """Subscribe to the camera, or to those of a rig."""
         p, callbacks = self.params, (self.on_picture, self.on_refusal)
         if not self.has_rig:
             return super().make_intake()
         calibration = read_calibration(p.rig.calibration, self.maps.reader)
-        return RigIntake(self.endpoints, p, p.rig, calibration, *callbacks, has_sphere_info=True)
+        return MultiCameraIntake(self.endpoints, p, p.rig, calibration, *callbacks, has_sphere_info=True)
 
     @property
     def has_rig(self) -> bool:

@@ -17,9 +17,10 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.kernels import count_votes, mean_of_window, place_window
 from sphere_mapping.acquisition.params import StitchParams
-from sphere_mapping.acquisition.range.epipolar import range_from_disparity, search_of, upright
-from sphere_mapping.acquisition.range.fusion import MAX_DEVIATIONS, Ranged, fuse_planes
+from sphere_mapping.acquisition.range.epipolar import range_from_disparity, search_of
+from sphere_mapping.acquisition.range.fusion import MAX_DEVIATIONS, Ranged, StereoRange, fuse_planes
 from sphere_mapping.acquisition.range.matching import match_columns
+from sphere_mapping.acquisition.stitching.layouts import Layouts, upright
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import SE3, Rig, RigCamera, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
@@ -50,6 +51,24 @@ class Pair:
     rays: NDArray[np.float32]  # (h, w, 3), in the frame of the sphere
     pixels: NDArray[np.float32]  # (h, w, 2), where the sphere has them
     sees: Flags  # (H, W), which directions of the sphere both cameras see
+
+
+class PairwiseStereo:
+    """Range of a rig of one level. `warning`: why there will be none, empty where there will be."""
+
+    is_checked = True  # there is no order to check
+
+    def __init__(self, layouts: Layouts, params: StitchParams, jobs: int) -> None:
+        self._whole, self._params, self._jobs = layouts.whole, params, jobs
+        self.pairs = pairs_of(layouts.rig, layouts.views, layouts.whole, params)
+        self.warning = "" if self.pairs else why_no_pair(layouts.rig, layouts.views)
+
+    def find(self, greys: dict[str, Image]) -> StereoRange:
+        """Return the range from the grey images of one instant, by camera."""
+        pairs = [pair for pair in self.pairs if pair.first in greys and pair.second in greys]
+        if not pairs:
+            return StereoRange()
+        return StereoRange([range_of_pairs(pairs, greys, self._whole, self._params, self._jobs)])
 
 
 def pairs_of(rig: Rig, rig_views: dict[str, RigView], whole: Spherical, params: StitchParams) -> list[Pair]:

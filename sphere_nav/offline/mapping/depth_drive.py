@@ -9,7 +9,6 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo
 from tqdm import tqdm
 
 from rig_calibration.drive.depth_pair import DepthFrame, DepthPair
@@ -18,7 +17,7 @@ from rig_calibration.drive.depth_pose import FALSE_ALARM, MIN_PAIRS, NAMES, Refi
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import Intake
-from sphere_mapping.ros.rgbd_intake import DEPTH_INFO, RgbdInstant
+from sphere_mapping.ros.rgbd_intake import RgbdInstant
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagReader
@@ -70,10 +69,7 @@ class RgbdCollector(ManagedNode):
         self.wanted: set[int] = set()
         self.found: dict[int, RgbdInstant] = {}
         lookup = TransformListener(self.endpoints, is_required=False).lookup
-        self.intake = Intake(self.params, lambda *_: None, lookup, on_rgbd=self._on_rgbd)
-        for subscription in self.intake.subscriptions():
-            self.add_subscription(*subscription)
-        self.add_subscription(DEPTH_INFO, CameraInfo, self.intake.on_depth_info, is_required=False)
+        Intake(self.params, lambda *_: None, lookup, on_rgbd=self._on_rgbd).subscribe(self.endpoints)
 
     def _on_rgbd(self, instant: RgbdInstant) -> None:
         if instant.stamp_ns in self.wanted:

@@ -39,9 +39,7 @@ class PairFollower(ManagedNode):
         self.windows: list[Window] = []
         self.num_pairs, self.step, self._open = 0, NUM_VIEWS, list[tuple[NDArray, NDArray]]()
         lookup = TransformListener(self.endpoints, is_required=False).lookup
-        self.intake = Intake(self.params, lambda *_: None, lookup, on_pair=self._on_pair)
-        for subscription in self.intake.subscriptions():
-            self.add_subscription(*subscription)
+        Intake(self.params, lambda *_: None, lookup, on_pair=self._on_pair).subscribe(self.endpoints)
 
     def _on_pair(self, left: NDArray, right: NDArray, pair: StereoPair) -> None:
         self.pair, place = pair, self.num_pairs % self.step
