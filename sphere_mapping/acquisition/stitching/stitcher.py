@@ -45,7 +45,7 @@ from sphere_mapping.acquisition.range.rig_adjustment import Matches
 from sphere_mapping.acquisition.stitching.blending import blend
 from sphere_mapping.acquisition.stitching.views import Layout, RigView, border_of, layout_of
 from sphere_nav.geometry import SE3, Rig, Spherical
-from sphere_nav.spheres.sphere import Sphere, check_depth, check_image
+from sphere_nav.spheres.sphere import Sphere, check_depth, check_image, to_grey_bytes
 
 Image = NDArray[np.uint8]
 LEAST_KNOWN = 0.005  # share with range below which it moves nothing: what is known is right, but far from the most
@@ -129,7 +129,7 @@ class Stitcher:
         along the axis, registered to the image.
         """
         found, gains = self.equalize(images)
-        greys = {name: _grey(image) for name, image in found.items()}
+        greys = {name: to_grey_bytes(image) for name, image in found.items()}
         sources, planes, bottom = self._ranges(greys)  # names exchanged levels, before lenses are blamed for them
         if not self._has_lenses and self.params.range != "none":  # once is enough: lenses do not change
             check_lenses(self.rig, greys)
@@ -156,7 +156,7 @@ class Stitcher:
         self, images: Mapping[str, Image], params: RectifyParams, points_rig: NDArray[np.floating] | None = None
     ) -> list[Matches]:
         """Return the features that cameras share at one instant, for `rectified`; points_rig as for `stitch`."""
-        greys = {name: _grey(image) for name, image in self.equalize(images)[0].items()}
+        greys = {name: to_grey_bytes(image) for name, image in self.equalize(images)[0].items()}
         points = None if points_rig is None else self.T_rig_sphere.inverse().apply(np.asarray(points_rig, np.float64))
         return matches_of(list(self._rig_views.values()), greys, params, points)
 
@@ -252,7 +252,7 @@ class Stitcher:
     ) -> tuple[Image, Image]:
         """Return the two grey spheres (H, W) that are matched, with range as their centres see them."""
         found, _ = self.equalize(images)
-        greys = {name: _grey(image) for name, image in found.items()}
+        greys = {name: to_grey_bytes(image) for name, image in found.items()}
         return self._levels([self.layout(level, tuple(greys)) for level in ("top", "bottom")], greys, range_m)
 
     def _levels(
@@ -293,7 +293,3 @@ def _to_common_centre(ranged: Ranged, planes: Ranged | None, layout: Layout) -> 
         np.put(values, is_filled, np.float32(sign) * others.take(is_filled))
         np.put(others, is_filled, np.float32(np.nan))
     return measured, filled
-
-
-def _grey(image: Image) -> Image:
-    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
