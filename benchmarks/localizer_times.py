@@ -30,7 +30,7 @@ from dense_localizer.references.reference import References
 from dense_localizer.track import inter_frame
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.localization import InputCheck
-from sphere_nav.photometric.align import esm
+from sphere_nav.photometric.align import rig
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.coarse import coarse_sphere
@@ -50,10 +50,10 @@ STAGES: dict[str, tuple[Any, str]] = {
     "pyramid": (inputs, "build_pyramid"),
     "is the rotation supported": (inter_frame, "mismatch"),
     "choice of references": (References, "choose"),
-    "choice of pixels": (esm.Problem, "choose_pixels"),
-    "descents": (esm.Problem, "descend"),
-    "overlap": (esm, "image_overlap"),
-    "judgement of the alignment": (esm, "judge"),
+    "choice of pixels": (rig.Problem, "choose_pixels"),
+    "descents": (rig.Problem, "descend"),
+    "overlap": (rig, "image_overlap"),
+    "judgement of the alignment": (rig, "classify"),
     "judgement of the pose": (place, "judge"),
 }
 

@@ -15,9 +15,9 @@ from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.photometric import Alignment
-from sphere_nav.photometric.checks.bias import Pull
-from sphere_nav.photometric.checks.illumination import UNEVEN_SHARE
-from sphere_nav.photometric.checks.occlusion import MIN_SHARE
+from sphere_nav.photometric.checks.bias import PoseBias
+from sphere_nav.photometric.checks.illumination import GRADIENT_SHARE
+from sphere_nav.photometric.checks.occlusion import OCCLUSION_SHARE
 from sphere_nav.photometric.checks.structure import Structure
 
 Array = NDArray[np.float64]
@@ -154,15 +154,15 @@ def _pull(structure: Structure, params: AcceptanceParams) -> list[Check]:
     What is hidden is taken back; so that only a pull of which too much may be left is refused.
     """
     checks = []
-    if structure.pull.share >= UNEVEN_SHARE:
-        checks += _distances(structure.pull, Reason.LIGHT_CHANGE, 1.0, "uneven light pulls the pose", params)
-    if structure.hidden.share >= MIN_SHARE:
-        detail = f"a part of the view that is hidden pulled the pose, {structure.hidden.share:.0%} of the texture"
-        checks += _distances(structure.hidden, Reason.OUTLIERS, MAX_HIDDEN, detail, params)
+    if structure.illumination.share >= GRADIENT_SHARE:
+        checks += _distances(structure.illumination, Reason.LIGHT_CHANGE, 1.0, "uneven light pulls the pose", params)
+    if structure.occlusion.share >= OCCLUSION_SHARE:
+        detail = f"a part of the view that is hidden pulled the pose, {structure.occlusion.share:.0%} of the texture"
+        checks += _distances(structure.occlusion, Reason.OUTLIERS, MAX_HIDDEN, detail, params)
     return checks
 
 
-def _distances(pull: Pull, reason: Reason, factor: float, detail: str, params: AcceptanceParams) -> list[Check]:
+def _distances(pull: PoseBias, reason: Reason, factor: float, detail: str, params: AcceptanceParams) -> list[Check]:
     """Return the checks of how far something pulls; refused from `factor` times the largest uncertainty on."""
     metres, radians = pull.lengths
     return [

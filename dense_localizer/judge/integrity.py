@@ -18,7 +18,7 @@ from sphere_nav.photometric.checks.structure import EVERYTHING, NOTHING, Aspect,
 # Each is asked of one image in so many in TRACKING, and no two of the same one: to ask all of one takes as long as to
 # align it.
 PERIOD = 10
-ASKED = {0: Aspect.FIT, 3: Aspect.HIDDEN, 6: Aspect.LIGHT}
+ASKED = {0: Aspect.FIT, 3: Aspect.OCCLUSION, 6: Aspect.ILLUMINATION}
 MAP_PHASE = 5  # that image is placed by each reference alone
 REJECTION_PHASE = 2  # of that one is counted what the map does not explain
 

@@ -16,10 +16,11 @@ from dense_localizer.references.reference import MIN_VISIBLE_SHARE, Choice, Refe
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.localization.status import Finding, Reason
 from sphere_nav.photometric import Alignment, Pyramid, RegistrationParams
-from sphere_nav.photometric.align.rig import RigImage, register_rig
-from sphere_nav.photometric.checks.bias import Pull
-from sphere_nav.photometric.checks.illumination import UNEVEN_SHARE
-from sphere_nav.photometric.checks.occlusion import MIN_SHARE
+from sphere_nav.photometric.align.esm import register_rig
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.checks.bias import PoseBias
+from sphere_nav.photometric.checks.illumination import GRADIENT_SHARE
+from sphere_nav.photometric.checks.occlusion import OCCLUSION_SHARE
 from sphere_nav.photometric.checks.structure import EVERYTHING, Aspect, find_rig_structure
 
 USUALLY = 0.97  # of the usual correlation, below which an image is looked at closely
@@ -93,12 +94,12 @@ def locate(
         registration = starting_at(first_level(prediction, choice, seen[0].pyramid, params), registration)
     motion = prediction.frame_motion(params.camera.readout) if prediction is not None else None
     alignment = register_rig(seen, T_map_camera, registration, motion)
-    structure, pulls, left = None, list[Pull](), np.zeros((6, 6))
+    structure, pulls, left = None, list[PoseBias](), np.zeros((6, 6))
     asked = EVERYTHING if alignment.ncc < USUALLY * usual_ncc else asked
     if alignment.is_converged and asked:
         structure = find_rig_structure(seen, alignment, registration, motion, asked)
-        pulls = [structure.hidden] if structure.hidden.share >= MIN_SHARE else []
-        pulls += [structure.pull] if structure.pull.share >= UNEVEN_SHARE else []
+        pulls = [structure.occlusion] if structure.occlusion.share >= OCCLUSION_SHARE else []
+        pulls += [structure.illumination] if structure.illumination.share >= GRADIENT_SHARE else []
         alignment, left = take_back(alignment, pulls)
     covariance = alignment.covariance + left + _map_covariance(references, choice, alignment.T_world_camera)
     limits = params.acceptance, params.registration.max_mad
@@ -107,7 +108,7 @@ def locate(
     return Place(pose, covariance, choice, verdict, alignment, motion, seen, bool(pulls))
 
 
-def take_back(alignment: Alignment, pulls: Sequence[Pull]) -> tuple[Alignment, NDArray[np.float64]]:
+def take_back(alignment: Alignment, pulls: Sequence[PoseBias]) -> tuple[Alignment, NDArray[np.float64]]:
     """Return the alignment less what pulls it, one after the other, and the covariance (6, 6) of what may be left."""
     pose, left = alignment.T_world_camera, np.zeros((6, 6))
     for pull in pulls:

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 from dense_localizer.params import CovarianceParams
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.photometric import Alignment, RegistrationParams
-from sphere_nav.photometric.align.rig import RigImage, register_rig
+from sphere_nav.photometric.align.esm import register_rig
+from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.spheres.graph import SphereGraph
 
 Array = NDArray[np.float64]

@@ -24,9 +24,10 @@ from dense_localizer.references.reference import Choice, References
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import Finding
 from sphere_nav.photometric import Alignment, RegistrationParams, View, prepare_reference
+from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.problem import MAX_VIEWS
-from sphere_nav.photometric.align.rig import RigImage, register_rig, share_pixels
+from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
 from sphere_nav.photometric.pixels.selection import choose
 
@@ -207,7 +208,7 @@ def agreement_at(
         params.registration, pyramid=replace(params.registration.pyramid, finest=min(level, coarsest))
     )
     there = replace(found, T_world_camera=prediction.T_map_camera)
-    return find_rig_structure(seen, there, registration, asked=Aspect.FIT).agreement
+    return find_rig_structure(seen, there, registration, aspects=Aspect.FIT).agreement
 
 
 def finest_level(images: Sequence[RigImage], params: LocalizerParams) -> int:
