@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-FORGETTING = 0.9  # weight of earlier images, from one to the next: about ten count (test_map_error, test_inter_frame)
+# Weight of earlier images, from one to the next: about ten count (references/test_map_error, track/test_inter_frame).
+IMAGE_FORGETTING = 0.9
 
 # Registration: image motion of an increment below which a level is done, px. Fine enough at the rate of a camera
 # (test_localizer: errors of a drive).
@@ -60,7 +61,7 @@ MAX_FORGOTTEN_SHARE = 0.3  # of the squares seen of a sphere
 
 # Acceptance (judge/test_acceptance): a first value refuses, a second one asks for care.
 GOOD_OVERLAP = 0.25
-MIN_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5
+ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5
 # Mean cosine of gradients: 0.12 at most in 21 wrong places that had converged, 0.31 at least in 550 right ones, real
 # hand-held images and saturated ones among them.
 MIN_GRADIENT_AGREEMENT, GOOD_GRADIENT_AGREEMENT = 0.2, 0.25
@@ -68,13 +69,13 @@ MAX_STRETCH, GOOD_STRETCH = 0.06, 0.03  # three quarters of the error of the foc
 STRETCH_SIGMAS = 4.0  # by which a stretch must exceed them: 6e-5 of right lenses by chance
 GOOD_INNOVATION = 0.7  # of `max_innovation`
 GOOD_SIGMA = 0.5  # of the largest standard deviation: three sigma of a good pose are within 0.3 m
-MAX_SIGMA_RAD = 0.05  # largest standard deviation of the attitude
+MAX_ATTITUDE_SIGMA_RAD = 0.05  # largest standard deviation of the attitude
 MAX_LIGHT_BIAS, MAX_OCCLUSION_BIAS, GOOD_BIAS = 1.0, 5.0, 0.5  # of the largest deviation; of 5 a fifth at most was left
 NOTABLE_GAIN, NOTABLE_OFFSET = 2.0, 50.0  # of the light, either way; grey levels: the likely cause of outliers
 NOTABLE_DISTANCE = 1.0  # to the nearest reference, by the radius of its region: the same
 
 # Integrity checks (judge/test_integrity): each is due once in so many images in TRACKING, no two in the same one
-CHECK_PERIOD = 10
+INTEGRITY_PERIOD = 10
 FIT_PHASE, OCCLUSION_PHASE, LIGHT_PHASE = 0, 3, 6
 REJECTION_PHASE, MAP_PHASE = 2, 5  # counted after the image
 FULL_CHECK_NCC = 0.97  # of the usual correlation: all checks are due below it

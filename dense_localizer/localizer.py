@@ -16,11 +16,11 @@ from dense_localizer.inputs import CameraImage, Inputs, LocalizerInput
 from dense_localizer.judge.candidate import PoseCandidate, select_first_accepted
 from dense_localizer.judge.estimate import CameraEstimate, report_estimate, report_status
 from dense_localizer.judge.integrity import Integrity
-from dense_localizer.motion_prior import MotionPrior, Prediction
+from dense_localizer.motion_prior import PosePrior, Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References, SphereMap
 from dense_localizer.start.search import PoseSearch
-from dense_localizer.track.align import align
+from dense_localizer.track.align import align_rig
 from dense_localizer.track.inter_frame import InterFrame
 from dense_localizer.track.visual_odometry import VisualOdometry
 from sphere_nav.geometry import SE3, Camera
@@ -33,7 +33,7 @@ class Localizer:
     def __init__(self, params: LocalizerParams, sphere_map: SphereMap, *, is_live: bool = False) -> None:
         self.params, self._inputs = params, Inputs(params)
         self._inter_frame = InterFrame(params.registration)
-        self._prior = MotionPrior(params.prior, sphere_map.graph, self._inter_frame)
+        self._prior = PosePrior(params.prior, sphere_map.graph, self._inter_frame)
         self.references = References(sphere_map, params, is_live=is_live)
         self._integrity = Integrity(self.references, params)
         self._visual_odometry = VisualOdometry(self.references, params)
@@ -80,7 +80,7 @@ class Localizer:
     def _locate(self, frame: LocalizerInput, prediction: Prediction) -> PoseCandidate:
         """Choose references, align, assess: of a prediction, or of a guess of the search."""
         chosen = self.references.choose_rig(frame.images, prediction)
-        alignment = align(chosen, prediction, self.params)
+        alignment = align_rig(chosen, prediction, self.params)
         evidence = self._states.state, self._visual_odometry.usual_ncc
         return self._integrity.assess(chosen, alignment, prediction, *evidence)
 

@@ -83,7 +83,7 @@ def measure_position_sigma(covariance: Array) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
 
 
-class MotionPrior:
+class PosePrior:
     """The last pose, its velocity and what is not known about them."""
 
     def __init__(

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.constants import (
+    ACCEPTED_INLIER_SHARE,
     GOOD_BIAS,
     GOOD_GRADIENT_AGREEMENT,
     GOOD_INLIER_SHARE,
@@ -19,12 +20,11 @@ from dense_localizer.constants import (
     GOOD_OVERLAP,
     GOOD_SIGMA,
     GOOD_STRETCH,
+    MAX_ATTITUDE_SIGMA_RAD,
     MAX_LIGHT_BIAS,
     MAX_OCCLUSION_BIAS,
-    MAX_SIGMA_RAD,
     MAX_STRETCH,
     MIN_GRADIENT_AGREEMENT,
-    MIN_INLIER_SHARE,
     NOTABLE_DISTANCE,
     NOTABLE_GAIN,
     NOTABLE_OFFSET,
@@ -140,7 +140,7 @@ def _check_images(alignment: Alignment, params: AcceptanceParams) -> list[Check]
     return [
         Check(Reason.LOW_OVERLAP, alignment.overlap, params.min_overlap, GOOD_OVERLAP),
         Check(Reason.LOW_TEXTURE, alignment.num_pixels, params.min_pixels, params.min_pixels, "pixels aligned"),
-        Check(Reason.OUTLIERS, alignment.inlier_share, MIN_INLIER_SHARE, GOOD_INLIER_SHARE),
+        Check(Reason.OUTLIERS, alignment.inlier_share, ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE),
         Check(Reason.OUTLIERS, alignment.ncc, params.min_ncc, params.good_ncc, "correlation with the map"),
     ]
 
@@ -184,7 +184,7 @@ def _check_distance(bias: Pull, reason: Reason, factor: float, detail: str, para
     meters, radians = bias.lengths
     return [
         Check(reason, value, factor * limit, GOOD_BIAS * limit, f"{unit} by which {detail}")
-        for value, limit, unit in ((meters, params.max_sigma_m, "m"), (radians, MAX_SIGMA_RAD, "rad"))
+        for value, limit, unit in ((meters, params.max_sigma_m, "m"), (radians, MAX_ATTITUDE_SIGMA_RAD, "rad"))
     ]
 
 
@@ -207,7 +207,8 @@ def _check_certainty(covariance: Array, params: AcceptanceParams) -> list[Check]
     """Return the checks of how well the view fixes the pose: its largest standard deviations."""
     sigma_m = np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1])
     sigma_rad = np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1])
+    max_m, max_rad = params.max_sigma_m, MAX_ATTITUDE_SIGMA_RAD
     return [
-        Check(Reason.LOW_TEXTURE, sigma_m, params.max_sigma_m, GOOD_SIGMA * params.max_sigma_m, "uncertain position"),
-        Check(Reason.LOW_TEXTURE, sigma_rad, MAX_SIGMA_RAD, GOOD_SIGMA * MAX_SIGMA_RAD, "uncertain attitude"),
+        Check(Reason.LOW_TEXTURE, sigma_m, max_m, GOOD_SIGMA * max_m, "uncertain position"),
+        Check(Reason.LOW_TEXTURE, sigma_rad, max_rad, GOOD_SIGMA * max_rad, "uncertain attitude"),
     ]

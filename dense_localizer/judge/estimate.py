@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.judge.candidate import PoseCandidate
-from dense_localizer.motion_prior import MotionPrior
+from dense_localizer.motion_prior import PosePrior
 from dense_localizer.reasons import REMEDIES
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.base_estimate import BaseEstimate
@@ -52,7 +52,7 @@ class CameraEstimate:
 
 
 def report_estimate(
-    states: StateMachine, prior: MotionPrior, stamp_ns: int, finding: Finding, candidate: PoseCandidate | None
+    states: StateMachine, prior: PosePrior, stamp_ns: int, finding: Finding, candidate: PoseCandidate | None
 ) -> CameraEstimate:
     """Return the news of an instant; the pose, as the prior knows it, only where it is trusted."""
     status = report_status(states.state, stamp_ns, finding, prior.age(stamp_ns), candidate)

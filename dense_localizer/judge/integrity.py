@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from dense_localizer.constants import (
-    CHECK_PERIOD,
     FIT_PHASE,
     FULL_CHECK_NCC,
+    INTEGRITY_PERIOD,
     LIGHT_PHASE,
     MAP_PHASE,
     MIN_VISIBLE_SHARE,
@@ -68,7 +68,7 @@ class Integrity:
         """Return the checks due for the residuals of the next image."""
         if state is not State.TRACKING or self._is_biased:
             return EVERYTHING
-        return CHECKS_DUE.get(self._count % CHECK_PERIOD, NOTHING)
+        return CHECKS_DUE.get(self._count % INTEGRITY_PERIOD, NOTHING)
 
     def assess(
         self,
@@ -116,9 +116,9 @@ class Integrity:
         """Note an accepted candidate; return what is against it: by itself, by what preceded it, by odometry."""
         alignment, registration = candidate.alignment, self._params.registration
         self._count, self._is_biased, self._is_refused = self._count + 1, candidate.is_biased, False
-        if self._count % CHECK_PERIOD == MAP_PHASE and alignment is not None and not candidate.is_biased:
+        if self._count % INTEGRITY_PERIOD == MAP_PHASE and alignment is not None and not candidate.is_biased:
             self._map_error.observe(candidate.images, alignment, registration, candidate.motion)
-        if self._count % CHECK_PERIOD == REJECTION_PHASE and alignment is not None and candidate.acceptance.is_good:
+        if self._count % INTEGRITY_PERIOD == REJECTION_PHASE and alignment is not None and candidate.acceptance.is_good:
             residuals = view_residuals(candidate.images, alignment, registration, candidate.motion)
             self._references.count_rejections(candidate.T_map_camera.translation, residuals)
         sample = _make_sample(frame, candidate)

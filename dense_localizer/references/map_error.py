@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from dense_localizer.constants import (
     EDGE_ERROR,
-    FORGETTING,
+    IMAGE_FORGETTING,
     MAP_ERROR_RATIOS,
     MAX_OBSERVED_SIGMAS,
     REFUSED_FADING,
@@ -81,7 +81,7 @@ class MapError:
         """
         square = np.minimum(xi**2, MAX_OBSERVED_SIGMAS**2 * (np.maximum(self._variance, self._assumed) + noise))
         expected = np.maximum(self._possible + noise[:, None], 1e-30)
-        self._log = FORGETTING * self._log - 0.5 * (np.log(expected) + square[:, None] / expected)
+        self._log = IMAGE_FORGETTING * self._log - 0.5 * (np.log(expected) + square[:, None] / expected)
         self._variance = self._mean()
 
     def fade(self) -> None:

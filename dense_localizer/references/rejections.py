@@ -49,7 +49,7 @@ class Rejections:
         self._place[sphere_id] = point_map
         median, mad = median_and_mad(residual)
         is_outlier = np.abs(residual - median) > REJECTED_SIGMAS * max(SIGMA_OF_MAD * mad, MIN_RESIDUAL_SIGMA)
-        row, column = find_squares(points)
+        row, column = locate_squares(points)
         number, outliers = np.zeros((SQUARE_ROWS, SQUARE_COLUMNS)), np.zeros((SQUARE_ROWS, SQUARE_COLUMNS))
         np.add.at(number, (row, column), 1.0)
         np.add.at(outliers, (row, column), is_outlier.astype(float))
@@ -108,7 +108,7 @@ def read_rejections(path: Path, map_id: str) -> Rejections:
     return Rejections(counts)
 
 
-def find_squares(points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def locate_squares(points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return row and column (N,) of the squares of points (N, 3) in the frame of their sphere."""
     x, y, z = points.T
     elevation = np.arcsin(np.clip(z / np.maximum(np.linalg.norm(points, axis=1), 1e-9), -1.0, 1.0))

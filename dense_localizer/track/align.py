@@ -14,7 +14,7 @@ from sphere_nav.photometric import Alignment, Pyramid, RegistrationParams
 from sphere_nav.photometric.align.rig import register_rig
 
 
-def align(chosen: RigChoice, prediction: Prediction, params: LocalizerParams) -> Alignment | None:
+def align_rig(chosen: RigChoice, prediction: Prediction, params: LocalizerParams) -> Alignment | None:
     """Return the alignment of the images that references cover, all at once; None where they cover none."""
     images, registration = chosen.covered, params.registration
     if not images:

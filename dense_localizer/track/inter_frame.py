@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from dense_localizer.constants import FORGETTING, MAX_MISMATCH_RATIO, MAX_ROTATION_MISMATCH, MISMATCH_FLOOR
+from dense_localizer.constants import IMAGE_FORGETTING, MAX_MISMATCH_RATIO, MAX_ROTATION_MISMATCH, MISMATCH_FLOOR
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import RegistrationParams
 from sphere_nav.photometric.align.rig import RigImage
@@ -41,7 +41,8 @@ class InterFrame:
         residual = predicted if measured is None else measure_mismatch(images, self.images, measured)
         if residual is None or residual > MAX_ROTATION_MISMATCH * predicted:
             measured, residual = None, predicted
-        self._usual = residual if self._usual is None else FORGETTING * self._usual + (1.0 - FORGETTING) * residual
+        usual, weight = self._usual, IMAGE_FORGETTING
+        self._usual = residual if usual is None else weight * usual + (1.0 - weight) * residual
         return measured
 
 

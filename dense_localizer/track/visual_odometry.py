@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from dense_localizer.constants import (
     ANY_MAD,
     COMPARISON_SIGMA,
-    FORGETTING,
+    IMAGE_FORGETTING,
     MAX_LEVEL_PIXELS,
     MAX_PREDICTED,
     MIN_LIGHT_AGREEMENT,
@@ -116,7 +116,7 @@ class VisualOdometry:
         """Begin anew at an image that the map has placed."""
         if not self.is_needed:
             usual, ncc = self.usual_ncc, candidate.ncc
-            self.usual_ncc += (1.0 - FORGETTING) * (ncc - usual) if usual else ncc
+            self.usual_ncc += (1.0 - IMAGE_FORGETTING) * (ncc - usual) if usual else ncc
         self._last, self._way = candidate, Way(candidate.T_map_camera, candidate.covariance, stamp_ns)
         self._num_predicted = 0
 

@@ -5,7 +5,7 @@ import pytest
 
 from dense_localizer.constants import START_SPEED
 from dense_localizer.inputs import LocalizerInput
-from dense_localizer.motion_prior import MotionPrior
+from dense_localizer.motion_prior import PosePrior
 from dense_localizer.params import PriorParams
 from sphere_nav.geometry import SE3
 
@@ -37,8 +37,8 @@ class Rotations:
         return self.measured
 
 
-def moving(rotations: Rotations | None = None) -> tuple[MotionPrior, list[SE3]]:
-    prior, truth = MotionPrior(PARAMS, inter_frame=rotations), poses(6)
+def moving(rotations: Rotations | None = None) -> tuple[PosePrior, list[SE3]]:
+    prior, truth = PosePrior(PARAMS, inter_frame=rotations), poses(6)
     prior.start(truth[0], TIGHT, 0)
     prior.correct(truth[1], TIGHT, STEP_NS)
     return prior, truth
@@ -61,7 +61,7 @@ def test_velocity_is_per_second_not_per_image():
 
 
 def test_a_start_stands_still_and_is_unsure():
-    prior = MotionPrior(PARAMS)
+    prior = PosePrior(PARAMS)
     prior.start(poses(1)[0], TIGHT, 0)
     prediction = prior.predict(STEP_NS)
     assert_same(prediction.T_map_camera, poses(1)[0])
@@ -120,7 +120,7 @@ def test_a_measured_rotation_replaces_the_predicted_one():
 
 def test_a_prior_that_was_not_started_refuses():
     with pytest.raises(ValueError, match="started"):
-        MotionPrior(PARAMS).predict(0)
+        PosePrior(PARAMS).predict(0)
 
 
 def test_other_predictions_follow_where_the_likeliest_fails():
@@ -161,7 +161,7 @@ def test_a_pose_that_is_not_by_the_map_makes_the_pose_no_younger():
 
 
 def test_an_error_that_two_images_share_moves_no_velocity():
-    prior, noise = MotionPrior(PARAMS), 1e-6 * np.eye(6)
+    prior, noise = PosePrior(PARAMS), 1e-6 * np.eye(6)
     prior.start(SE3.identity(), TIGHT, 0)
     for k in (1, 2):
         prior.correct(SE3.identity(), 1e-2 * np.eye(6), k * STEP_NS, noise=noise)
@@ -169,7 +169,7 @@ def test_an_error_that_two_images_share_moves_no_velocity():
 
 
 def test_a_slow_camera_has_no_gaps_but_where_an_image_is_missing():
-    prior, truth = MotionPrior(PARAMS), poses(4)
+    prior, truth = PosePrior(PARAMS), poses(4)
     prior.start(truth[0], TIGHT, 0)
     slow = 10 * STEP_NS
     assert prior.predict(slow).finding.reason == "GAP"  # nobody knows yet

@@ -9,7 +9,7 @@ from dense_localizer.judge.integrity import Integrity
 from dense_localizer.localizer import Localizer
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
-from dense_localizer.track.align import align
+from dense_localizer.track.align import align_rig
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.params import build
 from sphere_nav.spheres.appearance.features import features_of_sphere
@@ -76,7 +76,7 @@ def make_localizer(sphere_map, **values) -> Localizer:
 def locate(images, references, params, prediction: Prediction):
     """Return a pose candidate of images of one body."""
     chosen = references.choose_rig(images, prediction)
-    return Integrity(references, params).assess(chosen, align(chosen, prediction, params), prediction)
+    return Integrity(references, params).assess(chosen, align_rig(chosen, prediction, params), prediction)
 
 
 class Run:

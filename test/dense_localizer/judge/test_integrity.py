@@ -5,7 +5,7 @@ from operator import or_
 import numpy as np
 import pytest
 
-from dense_localizer.constants import CHECK_PERIOD, MAP_PHASE, REJECTION_PHASE
+from dense_localizer.constants import INTEGRITY_PERIOD, MAP_PHASE, REJECTION_PHASE
 from dense_localizer.judge.integrity import CHECKS_DUE, Integrity
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
@@ -24,7 +24,7 @@ def test_every_image_gets_the_full_check_until_the_pose_is_trusted(room_map):
 def test_in_ten_images_in_tracking_all_checks_are_due_and_no_two_at_once():
     phases = [*CHECKS_DUE, MAP_PHASE - 1, REJECTION_PHASE - 1]  # those two are counted after the image
     assert len(set(phases)) == len(phases)
-    assert max(phases) < CHECK_PERIOD
+    assert max(phases) < INTEGRITY_PERIOD
     assert reduce(or_, CHECKS_DUE.values()) is EVERYTHING
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dense_localizer.constants import MIN_SEEN, SQUARE_COLUMNS, SQUARE_ROWS
-from dense_localizer.references.rejections import Rejections, find_squares, read_rejections, select_forgotten
+from dense_localizer.references.rejections import Rejections, locate_squares, read_rejections, select_forgotten
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.localization.status import State
@@ -15,7 +15,7 @@ from worlds.room import Room, wide_room
 def test_squares_are_those_of_the_pixels():
     rejections, camera = Rejections(), Spherical(128, 64)
     rays = camera.unproject(pixel_grid(camera)).reshape(-1, 3)
-    row, column = find_squares(3.0 * rays)
+    row, column = locate_squares(3.0 * rays)
     count = np.zeros((2, SQUARE_ROWS, SQUARE_COLUMNS), np.int64)
     count[:, 5, 40] = 10
     count[0] += 1

@@ -3,7 +3,7 @@
 import numpy as np
 
 from dense_localizer.inputs import LocalizerInput
-from dense_localizer.motion_prior import MotionPrior
+from dense_localizer.motion_prior import PosePrior
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
 from dense_localizer.track.visual_odometry import VisualOdometry
@@ -19,7 +19,7 @@ PARAMS = build(LocalizerParams, SMALL_IMAGES)
 
 class Track:
     def __init__(self, room, sphere_map):
-        self.room, self.prior, self.k = room, MotionPrior(PARAMS.prior), 0
+        self.room, self.prior, self.k = room, PosePrior(PARAMS.prior), 0
         self.references = References(sphere_map, PARAMS)
         self.visual_odometry = VisualOdometry(self.references, PARAMS)
         self.prior.start(at(0.0), 1e-5 * np.eye(6), 0)
