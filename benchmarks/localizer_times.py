@@ -23,7 +23,7 @@ from benchmarks.machine import describe, num_cores
 from benchmarks.report import Bound, Report, Table
 from benchmarks.room import render
 from dense_localizer import inputs
-from dense_localizer.judge import place
+from dense_localizer.judge import integrity
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
@@ -48,13 +48,13 @@ SETTLE = 10  # images of the start, which is no tracking
 STAGES: dict[str, tuple[Any, str]] = {
     "check of the image": (InputCheck, "check_image"),
     "pyramid": (inputs, "build_pyramid"),
-    "is the rotation supported": (inter_frame, "mismatch"),
+    "is the rotation supported": (inter_frame, "measure_mismatch"),
     "choice of references": (References, "choose"),
     "choice of pixels": (rig.Problem, "choose_pixels"),
     "descents": (rig.Problem, "descend"),
     "overlap": (rig, "image_overlap"),
     "judgement of the alignment": (rig, "classify"),
-    "judgement of the pose": (place, "judge"),
+    "judgement of the pose": (integrity, "assess"),
 }
 
 
