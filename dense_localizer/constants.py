@@ -59,7 +59,7 @@ REVISIT_M = 0.2  # motion until the camera counts again: a drive that waits sees
 MIN_SEEN, MIN_REJECTED_SHARE = 8, 0.75  # images; of those
 MAX_FORGOTTEN_SHARE = 0.3  # of the squares seen of a sphere
 
-# Acceptance (judge/test_acceptance): a first value refuses, a second one asks for care.
+# Acceptance (judge/test_acceptance): a first value refuses, a second one means care: DEGRADED.
 GOOD_OVERLAP = 0.25
 ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5
 # Mean cosine of gradients: 0.12 at most in 21 wrong places that had converged, 0.31 at least in 550 right ones, real
