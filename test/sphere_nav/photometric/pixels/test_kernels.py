@@ -218,7 +218,7 @@ def test_bounds_hold_the_points_and_find_squares_those_that_reach_into_the_cone(
     count = kernels.find_squares(bounds, order, kernel_motion(T.matrix), cone, found)
     centre = T.apply(bounds[:, :3].astype(np.float64))
     distance = np.linalg.norm(centre, axis=1)
-    angle = np.arccos(centre[:, 2] / distance) - np.arcsin(np.minimum(bounds[:, 3] / distance, 1.0))
+    angle = np.arccos(centre[:, 2] / distance) - np.arcsin(np.clip(bounds[:, 3] / distance, 0.0, 1.0))
     expected = [b for b in order.tolist() if bounds[b, 3] >= 0 and (distance[b] <= bounds[b, 3] or angle[b] <= 0.05)]
     assert found[:count].tolist() == expected
     assert 0 < count < 11
