@@ -19,9 +19,8 @@ from sphere_nav.photometric import Alignment, Pyramid, RegistrationParams
 from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.checks.bias import PoseBias
-from sphere_nav.photometric.checks.illumination import GRADIENT_SHARE
-from sphere_nav.photometric.checks.occlusion import OCCLUSION_SHARE
 from sphere_nav.photometric.checks.structure import EVERYTHING, Aspect, find_rig_structure
+from sphere_nav.photometric.constants import GRADIENT_SHARE, OCCLUSION_SHARE
 
 USUALLY = 0.97  # of the usual correlation, below which an image is looked at closely
 LEFT = 0.2  # standard deviation of what is left of a pull when it is taken back, as share of it
