@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
 
-def clustered_covariance(inverse: Array, gradients: Array, known: Array) -> Array:
+def clustered_covariance(inverse: Floats, gradients: Floats, known: Floats) -> Array:
     """Return the covariance (P, P) of x = -H^-1 sum g of M parts that are independent, whatever is within them.
 
     inverse (P, P) is H^-1, gradients (M, P) are those of the parts at the solution, known (P, P) the covariance of what
@@ -22,4 +23,4 @@ def clustered_covariance(inverse: Array, gradients: Array, known: Array) -> Arra
     """
     count = len(gradients)
     scatter = gradients.T @ gradients * count / (count - 1)
-    return np.asarray(inverse @ (scatter + known) @ inverse)
+    return np.asarray(inverse @ (scatter + known) @ inverse, np.float64)
