@@ -15,9 +15,7 @@ from sphere_nav.photometric import Alignment
 MAX_GREY = 255.0
 MIN_INLIER_SHARE = 0.5  # of pixels that agree
 
-NOT_YET, FIRST, MAD, OVERLAP, INLIERS, PARALLAX, LAST_GOOD = (
-    "", "FIRST", "MAD", "OVERLAP", "INLIERS", "PARALLAX", "LAST_GOOD"
-)  # fmt: skip
+NOT_YET, FIRST, MAD, OVERLAP, INLIERS, PARALLAX = "", "FIRST", "MAD", "OVERLAP", "INLIERS", "PARALLAX"
 
 
 @dataclass(frozen=True, eq=False)

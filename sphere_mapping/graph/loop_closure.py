@@ -42,16 +42,16 @@ class LoopCloser:
         self._params, self._load = params, load
         self.index = AppearanceIndex()
 
-    def look(self, graph: SphereGraph, newer: PreparedSphere, newer_id: int) -> Edge | None:
-        """Take note of a new key sphere; return the loop edge to the best older one, if any holds."""
+    def find(self, graph: SphereGraph, newer: PreparedSphere, newer_id: int) -> Edge | None:
+        """Index a new key sphere; return the loop edge to the best older one, if any holds."""
         if newer_id not in self.index.features:
             self.index.add(newer_id, newer.features)
         chosen = choose(graph, newer_id, place(self._lookup(graph, newer_id)))
         return verify(self._trial(newer_id, newer.sphere, chosen)) if chosen is not None else None
 
-    def close(self, graph: SphereGraph, run: Run = map) -> list[Edge]:
+    def find_all(self, graph: SphereGraph, run: Run = map) -> list[Edge]:
         """Return every verified loop that the graph lacks, by appearance and among spheres that are believed near."""
-        self.learn(graph)
+        self.index_all(graph)
         joined, ids = joined_pairs(graph), list(graph.nodes)
         placed = run(place, (self._lookup(graph, newer_id) for newer_id in ids))
         chosen = [(newer_id, choose(graph, newer_id, found)) for newer_id, found in zip(ids, placed, strict=True)]
@@ -62,8 +62,8 @@ class LoopCloser:
         trials = (self._trial(newer.id, self._load(newer.id), believed(older, newer)) for older, newer in near)
         return loops + [loop for loop in run(verify, trials) if loop is not None]
 
-    def learn(self, graph: SphereGraph) -> None:
-        """Take note of what all key spheres look like."""
+    def index_all(self, graph: SphereGraph) -> None:
+        """Index what all key spheres look like."""
         for node in graph:
             if node.id not in self.index.features:
                 self.index.add(node.id, features_of_sphere(self._load(node.id)))

@@ -46,14 +46,14 @@ class Placed:
 
 
 @dataclass
-class MotionPrior:
+class MotionModel:
     """Carries the motion between the last two placed spheres on, or that of the odometry where it is given."""
 
     last: Placed | None = None
     before: Placed | None = None
 
-    def put(self, placed: Placed) -> None:
-        """Take note of a placed sphere."""
+    def update(self, placed: Placed) -> None:
+        """Take down a placed sphere."""
         self.before, self.last = self.last, placed
 
     @property
@@ -61,7 +61,7 @@ class MotionPrior:
         """T_map_sphere of the last placed sphere; identity before the first."""
         return self.last.T_map_sphere if self.last is not None else SE3.identity()
 
-    def move(self, T_map_before: SE3) -> None:
+    def transform(self, T_map_before: SE3) -> None:
         """Follow a correction of the map: poses that were in the map as it was before it."""
         self.last, self.before = (
             placed and replace(placed, T_map_sphere=T_map_before @ placed.T_map_sphere)
@@ -80,8 +80,8 @@ class MotionPrior:
         """Return the velocity (6,) (v, omega) per second between the last two spheres, zero where there are none."""
         if self.last is None or self.before is None or self.last.stamp_ns <= self.before.stamp_ns:
             return np.zeros(6)
-        moved = self.before.T_map_sphere.inverse() @ self.last.T_map_sphere
-        return moved.log() / ((self.last.stamp_ns - self.before.stamp_ns) * 1e-9)
+        T_before_last = self.before.T_map_sphere.inverse() @ self.last.T_map_sphere
+        return T_before_last.log() / ((self.last.stamp_ns - self.before.stamp_ns) * 1e-9)
 
     def velocity_to(self, T_map_sphere: SE3, stamp_ns: int) -> NDArray[np.float64]:
         """Return the velocity (6,) from the last sphere to a pose at a stamp; zero before the first."""
@@ -109,6 +109,6 @@ class MotionPrior:
         """Return the motion since the last sphere at constant velocity."""
         if self.last is None or self.before is None or self.last.stamp_ns <= self.before.stamp_ns:
             return SE3.identity()
-        moved = self.before.T_map_sphere.inverse() @ self.last.T_map_sphere
+        T_before_last = self.before.T_map_sphere.inverse() @ self.last.T_map_sphere
         elapsed = (stamp_ns - self.last.stamp_ns) / (self.last.stamp_ns - self.before.stamp_ns)
-        return SE3.exp(moved.log() * min(max(elapsed, 0.0), MAX_EXTRAPOLATION))
+        return SE3.exp(T_before_last.log() * min(max(elapsed, 0.0), MAX_EXTRAPOLATION))
