@@ -16,8 +16,7 @@ from sphere_mapping.graph.keyframes import MapUpdate, Track
 from sphere_mapping.graph.loop_closure import LoopCloser, with_loops
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.store import SphereCache, SphereStore
-from sphere_mapping.graph.tracking import SphereTracker
-from sphere_mapping.graph.unrolling import Unroll
+from sphere_mapping.graph.tracking import SphereTracker, Unroll
 from sphere_mapping.graph.verification import Run
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3

@@ -21,7 +21,7 @@ from sphere_mapping.graph.loop_closure import (
     lengths_from,
 )
 from sphere_mapping.graph.optimum import optimize_map
-from sphere_mapping.graph.verification import Candidate, Lookup, Run, Trial, place, verify
+from sphere_mapping.graph.verification import Candidate, Lookup, Run, Trial, find_candidates, verify
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.index import AppearanceIndex
@@ -61,7 +61,7 @@ class Joins:
 def find_joins(base: Submap, drive: Submap, params: MapperParams, run: Run = map) -> Joins:
     """Return the places that a drive has in common with a map, none where too few agree on where the drive is."""
     nodes = list(drive.graph)
-    found = list(run(place, (_lookup(base.index, drive.index, node.id) for node in nodes)))
+    found = list(run(find_candidates, (_lookup(base.index, drive.index, node.id) for node in nodes)))
     alike = [(node.id, candidates) for node, candidates in zip(nodes, found, strict=True) if candidates]
     trials = (_trial(base, drive, newer, candidates, params) for newer, candidates in alike)
     aligned = [edge for edge in run(verify, trials) if edge is not None]

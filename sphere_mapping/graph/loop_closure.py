@@ -16,7 +16,7 @@ from scipy.sparse.csgraph import dijkstra
 
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.graph.verification import Candidate, Lookup, Run, Trial, place, verify
+from sphere_mapping.graph.verification import Candidate, Lookup, Run, Trial, find_candidates, verify
 from sphere_mapping.params import LoopParams, MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.features import features_of_sphere
@@ -46,14 +46,14 @@ class LoopCloser:
         """Index a new key sphere; return the loop edge to the best older one, if any holds."""
         if newer_id not in self.index.features:
             self.index.add(newer_id, newer.features)
-        chosen = choose(graph, newer_id, place(self._lookup(graph, newer_id)))
+        chosen = choose(graph, newer_id, find_candidates(self._lookup(graph, newer_id)))
         return verify(self._trial(newer_id, newer.sphere, chosen)) if chosen is not None else None
 
     def find_all(self, graph: SphereGraph, run: Run = map) -> list[Edge]:
         """Return every verified loop that the graph lacks, by appearance and among spheres that are believed near."""
         self.index_all(graph)
         joined, ids = joined_pairs(graph), list(graph.nodes)
-        placed = run(place, (self._lookup(graph, newer_id) for newer_id in ids))
+        placed = run(find_candidates, (self._lookup(graph, newer_id) for newer_id in ids))
         chosen = [(newer_id, choose(graph, newer_id, found)) for newer_id, found in zip(ids, placed, strict=True)]
         trials = (self._trial(newer_id, self._load(newer_id), one) for newer_id, one in chosen if one is not None)
         loops = [loop for loop in run(verify, trials) if loop is not None]
@@ -72,7 +72,7 @@ class LoopCloser:
         """Return the older spheres that look like one, neither on the way that led to it nor joined with it."""
         before = passed(graph, newer_id, self._params.loop.min_way_m)
         features = self.index.features[newer_id]
-        alike = self.index.find(features, NUM_ALIKE, without=[newer_id, *before, *neighbours(graph, newer_id)])
+        alike = self.index.find(features, NUM_ALIKE, without=[newer_id, *before, *neighbors(graph, newer_id)])
         older = [one.sphere_id for one in alike if one.sphere_id < newer_id]
         return Lookup(features, tuple((sphere_id, self.index.features[sphere_id]) for sphere_id in older))
 
@@ -155,7 +155,7 @@ def lengths_from(graph: SphereGraph, sphere_id: int) -> dict[int, float]:
     return dict(zip(ids.tolist(), found[is_connected].tolist(), strict=True))
 
 
-def neighbours(graph: SphereGraph, sphere_id: int) -> Iterator[int]:
+def neighbors(graph: SphereGraph, sphere_id: int) -> Iterator[int]:
     """Yield the key spheres that an edge joins with one."""
     for edge in graph.edges:
         if sphere_id in (edge.a, edge.b):

@@ -58,12 +58,12 @@ class PreparedSphere:
 
     @cached_property
     def region_m(self) -> float:
-        """How far a camera can be localised by it; 0 without range."""
+        """How far a camera can be localized by it; 0 without range."""
         return region_radius(self.sphere)
 
     @cached_property
     def features(self) -> Features:
-        """Its local features, by which it is recognised."""
+        """Its local features, by which it is recognized."""
         return features_of_sphere(self.sphere)
 
     @cached_property

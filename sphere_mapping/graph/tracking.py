@@ -2,23 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.both_ways import confirm
 from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.graph.motion import Expectation, MotionModel, Placed
 from sphere_mapping.graph.registration import PreparedSphere, align, guess_by_rotation
-from sphere_mapping.graph.unrolling import Unroll, align_unrolled
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
-from sphere_nav.photometric import Alignment
+from sphere_nav.photometric import Alignment, RegistrationParams
 from sphere_nav.photometric.align.alignment import GOOD
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
+
+Array = NDArray[np.float64]
+Unroll: TypeAlias = Callable[[Array], Sphere]  # velocity (6,) (v, omega) per second of the sphere -> sphere
+
+MAX_PASSES = 3  # each leaves about half of the error of the velocity
+STILL = 0.01  # m/s and rad/s, a change of velocity that warps nothing: 0.1 px of 500 px/rad in 20 ms
 
 INNOVATION, ONE_WAY = "INNOVATION", "ONE_WAY"  # refused: not where it can be; the way back does not agree
 UNCONFIRMED_M, UNCONFIRMED_SHARE, UNCONFIRMED_RAD = 0.03, 0.03, 0.01  # deviations of an edge that only one way measured
@@ -135,3 +142,23 @@ class SphereTracker:
 def local(alignment: Alignment, node: KeySphere) -> Alignment:
     """Return an alignment in the map with its pose in the frame of a key sphere."""
     return replace(alignment, T_world_camera=node.T_map_sphere.inverse() @ alignment.T_world_camera)
+
+
+def align_unrolled(
+    unroll: Unroll,
+    stamp_ns: int,
+    motion: MotionModel,
+    params: RegistrationParams,
+    align: Callable[[PreparedSphere], Alignment],
+) -> tuple[PreparedSphere, Alignment]:
+    """Align a sphere as warped by the expected motion, and again by the motion that was found, until they agree."""
+    velocity = motion.velocity()
+    for _ in range(MAX_PASSES):
+        current = PreparedSphere(unroll(velocity), params)
+        alignment = align(current)
+        if not alignment.is_converged:
+            break
+        expected, velocity = velocity, motion.velocity_to(alignment.T_world_camera, stamp_ns)
+        if np.linalg.norm(velocity - expected) < STILL:
+            break
+    return current, alignment

@@ -52,7 +52,7 @@ class Trial:
     params: MappingRegistrationParams
 
 
-def place(lookup: Lookup) -> list[Candidate]:
+def find_candidates(lookup: Lookup) -> list[Candidate]:
     """Return the older spheres with which enough features agree on a pose."""
     poses = [(older, find_pose(lookup.features, features)) for older, features in lookup.alike]
     return [

@@ -130,7 +130,7 @@ class _State:
         self.squares = self.freedom = 0.0
 
     def reduce(self, columns: Array, scale: float) -> _Reduced:
-        """Linearise all pixels, eliminate depths, then motions."""
+        """Linearize all pixels, eliminate depths, then motions."""
         r, J_columns, J_inverse, J_poses = self._linearize(columns)
         for part in (r, J_columns, J_inverse, J_poses):
             part[~self.seen] = 0.0

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from sphere_mapping.graph.motion import MotionModel, Placed
-from sphere_mapping.graph.unrolling import MAX_PASSES, align_unrolled
+from sphere_mapping.graph.tracking import MAX_PASSES, align_unrolled
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import RegistrationParams
 
