@@ -15,7 +15,7 @@ from sphere_mapping.acquisition.range.vertical import VerticalStereo
 from sphere_mapping.acquisition.stitching.blending import warp_view
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_mapping.acquisition.stitching.views import Layout, View
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.sphere import continued
 
 Image = NDArray[np.uint8]
@@ -129,7 +129,7 @@ def _on_sphere(
     columns = np.arange(view.block.column, view.block.column + min(view.block.width, whole.width)) % whole.width
     rows = slice(view.block.row, view.block.row + view.block.height)
     plane[rows, columns] = warp_view(view, grey, inverse)[:, : columns.size]
-    rays = whole.unproject(pixel_grid(whole))[rows][:, columns]
+    rays = pixel_rays(whole)[rows][:, columns]
     seen[rows, columns] = view.rig_view.project(rays * 20.0)[2] > FROM_BORDER
     return plane, cv2.erode(seen, np.ones((WINDOW, WINDOW), np.uint8)) > 0
 

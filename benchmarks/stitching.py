@@ -28,7 +28,7 @@ from sphere_mapping.acquisition.range.planes import Viewpoints, range_of_planes
 from sphere_mapping.acquisition.range.rectification import RigCorrection, rectify
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.params import build
 from sphere_nav.spheres.sphere import Sphere, continued
 
@@ -136,7 +136,7 @@ def _photo_consistency(
     simulator.teleport(float(x + 0.5 * np.cos(yaw)), float(y + 0.5 * np.sin(yaw)), yaw)
     after = stitcher.stitch({name: frame.image for name, frame in simulator.capture_rig().items()}).sphere
     T_second_first = (simulator.vehicle.state.T_world_base @ T_base_sphere).inverse() @ T_world_first
-    rays = before.camera.unproject(pixel_grid(before.camera))
+    rays = pixel_rays(before.camera)
     points = T_second_first.apply(rays * np.where(before.measured, before.range_m, np.nan)[..., None])
     pixels = np.nan_to_num(before.camera.project(points)[0], nan=-1.0).astype(np.float32)
     seen = cv2.remap(after.image, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
 
 LIBRARY = "sphere_nav"  # its rooms count as packages
+PARAMETER_TESTS = ("test/architecture/test_params.py", "test/config/test_yaml_matches_params.py")  # of every params.py
+COMMANDS = {"sphere_nav/offline": "sphere_nav/cli"}  # what the commands do is tested through them, too
 NEAR = 1  # tests at this distance of imports from a module, or nearer, run first
 
 
@@ -39,7 +41,8 @@ class Tree:
         """Return the test files of a module's package: those near to the module, and the others, nearest first."""
         package = PurePosixPath(package_of(path))
         folder = "test" / package
-        tests = [test for test in self.tests if test.is_relative_to(folder)]
+        folders = [folder, *("test" / PurePosixPath(name) for name in [COMMANDS.get(str(package))] if name)]
+        tests = [test for test in self.tests if any(map(test.is_relative_to, folders))]
         if str(package) == LIBRARY:
             tests = [test for test in tests if test.parent == folder]
         if "ros" in path.parts or path.name.endswith("node.py"):
@@ -47,7 +50,12 @@ class Tree:
             nodes = [package.name, *(name for name, module in self.executables.items() if module.startswith(prefix))]
             starts = tuple(f"test_{name}" for name in nodes)
             tests += [test for test in self.tests if test.parts[1] == "nodes" and test.name.startswith(starts)]
-        distances = self._distances(path) | {"test" / path.parent / f"test_{path.stem.strip('_')}.py": 0}
+        distances = self._distances(path)
+        if path.stem.endswith("params"):
+            elsewhere = [test for test in self.tests if str(test) in PARAMETER_TESTS]
+            tests += elsewhere
+            distances |= dict.fromkeys(elsewhere, 0)
+        distances |= {"test" / path.parent / f"test_{path.stem.strip('_')}.py": 0}
         files = [test for test in tests if test.name.startswith("test_")]
         ranks = sorted((distances.get(test, len(self._trees)), str(test)) for test in files)
         return [test for rank, test in ranks if rank <= NEAR], [test for rank, test in ranks if rank > NEAR]

@@ -4,7 +4,8 @@ A mutant is the product with one small fault: a sign, a bound, a unit, two swapp
 constant twice as large, `and` for `or`, `min` for `max`, a `not` that is gone. Of every package some are drawn by
 `--seed`, one of each kind in turn, and each runs against the tests of its own package alone:
 
-1. the test that mirrors the module and those that import it, for a ROS shell also those of its node in test/nodes;
+1. the test that mirrors the module and those that import it, for a ROS shell also those of its node in test/nodes,
+   for parameters also those that hold for the parameters of all packages;
 2. if they pass, the rest of the package's tests, those nearest to the module first, until `--limit` seconds are over;
    not with `--near`, which is quicker: `--rerun` then repeats the survivors with all tests.
 

@@ -91,8 +91,8 @@ class DenseLocalizerNode(LocalizerNode):
         T_base_body = self.intake.T_base_camera
         T_odom_body = picture.T_odom_base and picture.T_odom_base @ T_base_body
         estimate = self.localizer.update_rig(self.images_of(picture), picture.stamp_ns, T_odom_body)
-        if estimate.place is not None and self.residual.num_subscriptions:
-            shown, frame = residual_image(picture.image, picture.camera, estimate.place), self.params.camera_frame
+        if estimate.candidate is not None and self.residual.num_subscriptions:
+            shown, frame = residual_image(picture.image, picture.camera, estimate.candidate), self.params.camera_frame
             self.residual.publish(conversions.array_to_image(shown, picture.stamp_ns, frame, "mono8"))
         return estimate.to_base(T_base_body)
 
@@ -121,7 +121,7 @@ class DenseLocalizerNode(LocalizerNode):
             raise ValueError("relocalize: expected a map, found none: load one first")
         T_base_camera = self.intake.T_base_camera
         estimate = self.localizer.relocalize(given[0] @ T_base_camera if given is not None else None)
-        return estimate.at_place().to_base(T_base_camera) if estimate is not None else None
+        return estimate.expose_candidate().to_base(T_base_camera) if estimate is not None else None
 
     def forget(self) -> None:
         """Forget pose and stream."""

@@ -15,6 +15,7 @@ from sphere_mapping.graph.keyframes import Track
 from sphere_mapping.graph.motion import Expectation, MotionModel, Placed
 from sphere_mapping.graph.registration import PreparedSphere, align, guess_by_rotation
 from sphere_mapping.params import MapperParams
+from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import Alignment, RegistrationParams
 from sphere_nav.photometric.align.alignment import GOOD
@@ -118,8 +119,7 @@ class SphereTracker:
             return motion.edge(key_id, newer_id, is_loop=False)
         sigma_m = UNCONFIRMED_M + UNCONFIRMED_SHARE * float(np.linalg.norm(forward.T_world_camera.translation))
         unconfirmed = np.diag(np.repeat([sigma_m, UNCONFIRMED_RAD], 3) ** 2)
-        information = np.asarray(np.linalg.inv(forward.covariance + unconfirmed), dtype=np.float64)
-        return Edge(key_id, newer_id, forward.T_world_camera, (information + information.T) / 2)
+        return Edge(key_id, newer_id, forward.T_world_camera, symmetric_inverse(forward.covariance + unconfirmed))
 
     def _guesses(self, current: PreparedSphere, expected: Expectation) -> Iterator[SE3]:
         """Yield where the sphere may be: by its motion, by the turn of its image (eq. 20), where the last one was."""

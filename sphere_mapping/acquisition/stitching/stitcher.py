@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,7 +32,7 @@ from sphere_mapping.acquisition.range.vertical import VerticalStereo
 from sphere_mapping.acquisition.stitching.blending import blend
 from sphere_mapping.acquisition.stitching.layouts import Layouts
 from sphere_nav.geometry import Rig
-from sphere_nav.spheres.sphere import Sphere, check_depth, check_image
+from sphere_nav.spheres.sphere import Sphere, check_depth, check_image, to_grey_bytes
 
 Image = NDArray[np.uint8]
 Array = NDArray[np.float64]
@@ -164,6 +163,4 @@ class Stitcher:
 
 def _to_greys(images: Mapping[str, Image]) -> dict[str, Image]:
     """Return grey images (h, w) of grey or RGB ones."""
-    return {
-        name: cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image for name, image in images.items()
-    }
+    return {name: to_grey_bytes(image) for name, image in images.items()}
