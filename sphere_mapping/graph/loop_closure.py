@@ -14,6 +14,18 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from sphere_mapping.constants import (
+    DRIFT,
+    DRIFT_GATE,
+    DRIFT_RAD,
+    DRIFT_START_M,
+    DRIFT_START_RAD,
+    FARTHEST_PASSED_M,
+    MIN_DETOUR,
+    MIN_LEAD,
+    NUM_ALIKE,
+    SAME_PLACE_M,
+)
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.graph.verification import Candidate, Lookup, Run, Trial, find_candidates, verify
@@ -23,14 +35,6 @@ from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
-
-NUM_ALIKE = 4  # key spheres whose features are compared with a new one's
-SAME_PLACE_M = 1.0  # suggestions farther apart than this are of different places
-MIN_LEAD = 1.5  # inliers of the best place by those of the next one; else both could be meant
-DRIFT, DRIFT_RAD = 0.02, 0.003  # standard deviation of the graph, by the metres on the way between two spheres
-START_M, START_RAD, GATE = 0.1, 0.02, 3.0  # the same of no way at all; standard deviations that are believed
-FARTHEST_PASSED_M = 50.0  # on the way back: nothing farther looks alike merely because it is near
-MIN_DETOUR = 4.0  # way between two spheres by their distance; along a shorter one the chain is the better measure
 
 Load = Callable[[int], Sphere]
 
@@ -95,7 +99,7 @@ def passed(graph: SphereGraph, newer_id: int, min_way_m: float) -> list[int]:
             break
         there = graph[sphere_id].T_map_sphere.translation
         way, at = way + float(np.linalg.norm(there - at)), there
-        nearest = float(np.linalg.norm(there - here)) - GATE * (START_M + DRIFT * way)
+        nearest = float(np.linalg.norm(there - here)) - DRIFT_GATE * drift(way)[0]
         if way < max(min_way_m, MIN_DETOUR * nearest):
             found.append(sphere_id)
     return found
@@ -126,7 +130,13 @@ def is_possible(graph: SphereGraph, newer_id: int, one: Candidate, ways: dict[in
     """Say whether the graph can have drifted by as much as a candidate asks for."""
     way = ways.get(one.older, np.inf)
     distance, angle = place_of(graph, one).distance(graph[newer_id].T_map_sphere)
-    return bool(distance <= GATE * (START_M + DRIFT * way) and angle <= GATE * (START_RAD + DRIFT_RAD * way))
+    sigma_m, sigma_rad = drift(way)
+    return bool(distance <= DRIFT_GATE * sigma_m and angle <= DRIFT_GATE * sigma_rad)
+
+
+def drift(way: float) -> tuple[float, float]:
+    """Return the standard deviations in m and rad of the graph over so many metres of way."""
+    return DRIFT_START_M + DRIFT * way, DRIFT_START_RAD + DRIFT_RAD * way
 
 
 def is_return(way: float, T_older_newer: SE3) -> bool:

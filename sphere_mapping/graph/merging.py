@@ -15,13 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sphere_mapping.graph.loop_closure import MIN_DETOUR
+from sphere_mapping.constants import MERGE_REACH, MERGE_SPACING, MIN_DETOUR
 from sphere_nav.estimation.normal_equations import symmetric, symmetric_inverse
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
 Array = NDArray[np.float64]
-REACH = 0.5  # of the radius of a sphere's region: how near it must be to what another one was nearest to
-SPACING = 0.75  # the same of the distance from that one to the next on its drive: the map keeps the density asked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +70,7 @@ class _Merger:
     def __init__(self, graph: SphereGraph, points: Array) -> None:
         self.replaced: dict[int, int] = {}
         self._graph, self._points = graph, points
-        self._farthest = REACH * max((node.region_radius_m for node in graph), default=0.0)
+        self._farthest = MERGE_REACH * max((node.region_radius_m for node in graph), default=0.0)
         self._edges: dict[int, list[Edge]] = {node.id: [] for node in graph}
         for edge in graph.edges:
             self._add(edge)
@@ -118,10 +116,10 @@ class _Merger:
         """Return the nearest key sphere whose region reaches a point well, None where there is none near enough."""
         near = [
             (float(np.linalg.norm(node.T_map_sphere.translation - point)), node)
-            for node in self._graph.near(point, min(self._farthest, SPACING * self._spacing[without]))
+            for node in self._graph.near(point, min(self._farthest, MERGE_SPACING * self._spacing[without]))
             if node.id != without and node.id not in self.replaced
         ]
-        reaching = [(distance, node.id) for distance, node in near if distance <= REACH * node.region_radius_m]
+        reaching = [(distance, node.id) for distance, node in near if distance <= MERGE_REACH * node.region_radius_m]
         return min(reaching)[1] if reaching else None
 
     def _add(self, edge: Edge) -> None:

@@ -7,14 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.constants import (
+    ACCELERATION,
+    EXPECTED_FLOOR_M,
+    EXPECTED_FLOOR_RAD,
+    EXPECTED_GATE,
+    MAX_EXTRAPOLATION,
+    ODOMETRY_SHARE,
+    SHARP_M,
+    SHARP_RAD,
+    TURN_ACCELERATION,
+)
 from sphere_nav.geometry import SE3
-
-MAX_EXTRAPOLATION = 5.0  # intervals of the past motion; farther ahead nobody knows
-ACCELERATION, TURN_ACCELERATION = 5.0, 10.0  # m/s^2, rad/s^2: standard deviations of what a vehicle or a hand does
-ODOMETRY_SHARE = 0.1  # standard deviation of odometry by the motion
-FLOOR_M, FLOOR_RAD = 0.05, 0.03  # of every expectation
-GATE = 4.0  # standard deviations that an alignment may be away: 1 in 16,000, were they Gaussian
-SHARP_M, SHARP_RAD = 0.2, 0.1  # standard deviations above which being expected proves nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +32,7 @@ class Expectation:
     def allows(self, T_map_sphere: SE3) -> bool:
         """Say whether a pose lies within the gate."""
         distance, angle = self.T_map_sphere.distance(T_map_sphere)
-        return bool(distance <= GATE * self.sigma_m and angle <= GATE * self.sigma_rad)
+        return bool(distance <= EXPECTED_GATE * self.sigma_m and angle <= EXPECTED_GATE * self.sigma_rad)
 
     @property
     def is_sharp(self) -> bool:
@@ -100,7 +104,7 @@ class MotionModel:
         else:
             elapsed_s = (stamp_ns - self.last.stamp_ns) * 1e-9
             growth = 0.5 * ACCELERATION * elapsed_s**2, 0.5 * TURN_ACCELERATION * elapsed_s**2
-        return Expectation(guess, FLOOR_M + growth[0], FLOOR_RAD + growth[1])
+        return Expectation(guess, EXPECTED_FLOOR_M + growth[0], EXPECTED_FLOOR_RAD + growth[1])
 
     def _has_odometry(self, T_odom_sphere: SE3 | None) -> bool:
         return T_odom_sphere is not None and self.last is not None and self.last.T_odom_sphere is not None

@@ -9,6 +9,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.constants import MAX_PASSES, STILL, UNCONFIRMED_M, UNCONFIRMED_RAD, UNCONFIRMED_SHARE
 from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.both_ways import confirm
 from sphere_mapping.graph.keyframes import Track
@@ -25,11 +26,8 @@ from sphere_nav.spheres.sphere import Sphere
 Array = NDArray[np.float64]
 Unroll: TypeAlias = Callable[[Array], Sphere]  # velocity (6,) (v, omega) per second of the sphere -> sphere
 
-MAX_PASSES = 3  # each leaves about half of the error of the velocity
-STILL = 0.01  # m/s and rad/s, a change of velocity that warps nothing: 0.1 px of 500 px/rad in 20 ms
 
 INNOVATION, ONE_WAY = "INNOVATION", "ONE_WAY"  # refused: not where it can be; the way back does not agree
-UNCONFIRMED_M, UNCONFIRMED_SHARE, UNCONFIRMED_RAD = 0.03, 0.03, 0.01  # deviations of an edge that only one way measured
 
 
 class SphereTracker:

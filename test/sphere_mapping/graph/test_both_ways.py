@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sphere_mapping.graph.both_ways import MAX_GAP_M, agree, confirm, is_denied, measure
+from sphere_mapping.constants import MAX_GAP_M
+from sphere_mapping.graph.both_ways import agree, confirm, is_denied, measure
 from sphere_mapping.graph.registration import PreparedSphere, align
 from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.geometry import SE3, Spherical

@@ -1,6 +1,7 @@
 import numpy as np
 
-from sphere_mapping.graph.motion import MAX_EXTRAPOLATION, MotionModel, Placed
+from sphere_mapping.constants import MAX_EXTRAPOLATION
+from sphere_mapping.graph.motion import MotionModel, Placed
 from sphere_nav.geometry import SE3
 
 STEP = SE3.exp([0.3, 0.0, 0.05, 0.0, 0.02, 0.1])

@@ -4,8 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from sphere_mapping.constants import MAX_PASSES
 from sphere_mapping.graph.motion import MotionModel, Placed
-from sphere_mapping.graph.tracking import MAX_PASSES, align_unrolled
+from sphere_mapping.graph.tracking import align_unrolled
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import RegistrationParams
 
