@@ -1,7 +1,4 @@
-"""What the mapper listens to: spheres, or the images of an RGB-D or of a stereo camera.
-
-What a camera's driver decides for the mapper.
-"""
+"""What the mapper listens to: spheres, or the images of an RGB-D or of a stereo camera."""
 
 from __future__ import annotations
 

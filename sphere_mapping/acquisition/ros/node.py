@@ -1,7 +1,4 @@
-"""The node `sphere_stitcher`: the images of a rig in, augmented spheres out.
-
-A sphere as a small picture, for those who only want to look.
-"""
+"""The node `sphere_stitcher`: the images of a rig in, augmented spheres and a small JPEG of each out."""
 
 from __future__ import annotations
 
