@@ -22,7 +22,7 @@ from mcl_depth.ros.node import MclDepthNode
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_path
 from path_follower.ros.node import PathFollowerNode
-from sphere_nav.geometry.files.foreign_rig import read_foreign
+from sphere_nav.geometry.files.foreign_rig import place, read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.offline.importing import recording
@@ -101,11 +101,15 @@ def check(found: Any) -> None:
 
 def _text_targets(samples: Samples) -> list[Target]:
     params = FollowerParams()
+
+    def read_placed(path: Path) -> Any:
+        return place(read_foreign_cameras([path]), "camera", path).cameras
+
     readers: dict[str, tuple[Path, Callable[[Path], Any]]] = {
         "rig": (samples.rig, lambda path: [camera.camera for camera in read_rig(path).cameras]),
-        "kalibr": (samples.kalibr, lambda path: read_foreign([path]).cameras),
-        "opencv": (samples.opencv, lambda path: read_foreign([path]).cameras),
-        "basalt": (samples.basalt, lambda path: read_foreign([path]).cameras),
+        "kalibr": (samples.kalibr, read_placed),
+        "opencv": (samples.opencv, read_placed),
+        "basalt": (samples.basalt, read_placed),
         "tum": (samples.tum, read_tum),
         "path tum": (samples.tum, lambda path: read_path(path, params)),
         "path csv": (samples.path_csv, lambda path: read_path(path, params)),

@@ -30,7 +30,7 @@ from cycab_sim.world.texture.kernels import dress, locate_surfaces
 from cycab_sim.world.traffic.scene import MovingScene
 from cycab_sim.world.traffic.traffic import Traffic
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 Floats = NDArray[np.float32]
 
@@ -203,7 +203,7 @@ class Renderer:
         """Return the unit rays (H, W, 3) of a camera and the angle (H, W) between neighbouring rays."""
         with self._lock:
             if camera not in self._lenses:
-                rays = camera.unproject(pixel_grid(camera))
+                rays = pixel_rays(camera)
                 self._lenses[camera] = (rays.astype(np.float32), _spacing(rays))
                 if len(self._lenses) > MAX_CAMERAS:
                     self._lenses.popitem(last=False)

@@ -20,7 +20,7 @@ from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.mcap_chunk import chunk_at, parsed, records_of_chunk
+from sphere_nav.ros.bags.mcap_records import records_at
 from sphere_nav.ros.bags.reader import decode
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.writer import METADATA, PARTIAL, BagWriter
@@ -177,7 +177,7 @@ class MapWriter:
     def _message_at(self, place: int) -> AugmentedSphere:
         with (self._bag.partial / FILE_NAME).open("rb") as file:
             size = file.seek(0, 2)
-            records = list(parsed(records_of_chunk(file, chunk_at(file, place, size))))
+            records = list(records_at(file, place, size))
         data = next(record.data for record in records if isinstance(record, Message))
         message: AugmentedSphere = decode(data, AugmentedSphere, str(self.path))
         return message

@@ -65,7 +65,7 @@ def test_one_flipped_bit_costs_one_sphere_at_most(saved, sphere_graph, tmp_path,
         flipped = bytearray(data)
         flipped[place] ^= 1 << int(rng.integers(8))
         (tmp_path / "flipped.mcap").write_bytes(flipped)
-        hit = [i for i, c in enumerate(chunks) if 45 <= place - c.chunk_start_offset < c.chunk_length]
+        hit = [i for i, c in enumerate(chunks) if 0 <= place - c.chunk_start_offset < c.chunk_length]
         target = tmp_path / f"saved{place}"
         num_saved = salvage_map(tmp_path / "flipped.mcap", target)
         assert num_saved >= 3 - len(hit), place
