@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-MAX_LEAD_NS = 100_000_000  # that a stamp may be ahead of the clock; more is a wrong clock
+from sphere_nav.ros.clocks import MAX_AHEAD_NS
 
 
 class Times:
@@ -25,7 +25,7 @@ class Times:
     def of(self, stamp_ns: int) -> int:
         """Return the time from which a message counts, never later than now; ValueError for a stamp too far ahead."""
         lead = self.lead(stamp_ns)
-        if lead > MAX_LEAD_NS:
-            limit, found = MAX_LEAD_NS / 1e9, lead / 1e9
+        if lead > MAX_AHEAD_NS:
+            limit, found = MAX_AHEAD_NS / 1e9, lead / 1e9
             raise ValueError(f"header.stamp: expected at most {limit:g} s ahead of the clock, found {found:.3f} s")
         return self._own() + min(lead, 0)
