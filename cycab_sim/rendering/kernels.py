@@ -15,7 +15,7 @@ FLAT = 1e-9  # a triangle narrower than this, seen from the sun, casts no shadow
 # rays in packets of eight, through the C interface of Embree 4 (`RTCRayHit8`)
 LANES = 8
 FIELDS = 24  # of a packet, each of eight 32-bit numbers; the last two are more than it has
-DIRECTION, TIME, FAR, MASK, FLAGS = 4, 7, 8, 9, 11  # fields of the ray (org x, y, z and near come first)
+DIRECTION, FAR, MASK = 4, 8, 9  # fields of the ray (org x, y, z and near come first)
 PRIMITIVE, GEOMETRY = 17, 18  # fields of the hit (normal and u, v come first)
 NONE = 0xFFFFFFFF
 

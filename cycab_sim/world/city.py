@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 BOUNDS: Rectangle = (-75.0, -80.0, 230.0, 150.0)
 SQUARE: Rectangle = (70.0, -45.0, 170.0, 55.0)
 HALF = 5.5  # kerb to the middle of a street, m
-LANE_X, LANE_WIDTH = 120.0, 3.0
+LANE_X = 120.0  # of the lane, which is 3 m wide
 TOUR_LENGTH = 490.0  # the long drive of M15 section 6.4.4
 BLOCKS: tuple[tuple[Rectangle, str], ...] = (
     # with their sides: see town.STREETS

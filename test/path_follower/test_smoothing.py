@@ -62,6 +62,15 @@ def test_a_ring_closes_without_a_seam():
     assert curve.tangent[-1] - curve.tangent[0] == pytest.approx(2 * math.pi, abs=1e-6)
 
 
+@pytest.mark.parametrize(("bend", "is_curve"), [(0.5, True), (0.7, False)])
+def test_points_of_a_curve_are_joined_by_a_curve_and_corners_by_straight_lines(bend, is_curve):
+    angles = bend * np.arange(5)
+    points = 5.0 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    curve = smooth_curve(points, PathParams(smoothing_length=0.0), is_closed=False)
+    lowest = np.hypot(curve.x, curve.y).min()
+    assert lowest == pytest.approx(5.0 if is_curve else 5.0 * np.cos(bend / 2), abs=0.03)
+
+
 def test_a_corner_is_rounded_and_not_swung_around():
     curve = smooth_curve(np.array([[0, 0], [10, 0], [10, 10.0]]), PARAMS, is_closed=False)
     assert curve.x.max() < 10.15

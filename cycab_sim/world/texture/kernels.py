@@ -11,7 +11,6 @@ from sphere_nav.kernel_cache.kernels import njit
 
 ASPHALT, PAVING, BRICK, PLASTER, STONE, WINDOW, ROOF, WOOD, SIGN = 0, 1, 2, 3, 4, 5, 6, 7, 8
 METAL, MARKING, SOIL, BARK, FOLIAGE, SLATS, FACADE = 9, 10, 11, 12, 13, 14, 15
-NUM_KINDS = 16
 SIZES = (5.0, 4.0, 4.0, 4.5, 4.0, 1.6, 4.0, 1.5, 1.0, 1.6, 2.0, 4.0, 1.0, 1.0, 1.2, 12.0)  # m, of the coarsest octave
 GAIN = 0.99  # every octave has nearly the same contrast
 SKY_SIZE, SKY_GAIN, SKY_SEED = 1.3, 0.72, 7001
