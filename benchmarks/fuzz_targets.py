@@ -22,7 +22,7 @@ from mcl_depth.ros.node import MclDepthNode
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_path
 from path_follower.ros.node import PathFollowerNode
-from sphere_nav.geometry.files.foreign_rig import read_foreign
+from sphere_nav.geometry.files.foreign_rig import place, read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.offline.importing import recording
@@ -33,7 +33,7 @@ from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.maps.check import salvage_map
-from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.ros.node import ManagedNode
 
 CONVERSIONS: dict[str, tuple[Callable[[Any], Any], ...]] = {
@@ -99,13 +99,17 @@ def check(found: Any) -> None:
             assert name == "coefficients" or np.all(np.isfinite(values)), f"accepted {name} that are not finite"
 
 
+def _foreign_cameras(path: Path) -> Any:
+    return place(read_foreign_cameras([path]), "camera", path).cameras
+
+
 def _text_targets(samples: Samples) -> list[Target]:
     params = FollowerParams()
     readers: dict[str, tuple[Path, Callable[[Path], Any]]] = {
         "rig": (samples.rig, lambda path: [camera.camera for camera in read_rig(path).cameras]),
-        "kalibr": (samples.kalibr, lambda path: read_foreign([path]).cameras),
-        "opencv": (samples.opencv, lambda path: read_foreign([path]).cameras),
-        "basalt": (samples.basalt, lambda path: read_foreign([path]).cameras),
+        "kalibr": (samples.kalibr, _foreign_cameras),
+        "opencv": (samples.opencv, _foreign_cameras),
+        "basalt": (samples.basalt, _foreign_cameras),
         "tum": (samples.tum, read_tum),
         "path tum": (samples.tum, lambda path: read_path(path, params)),
         "path csv": (samples.path_csv, lambda path: read_path(path, params)),
@@ -137,13 +141,13 @@ def _bag_targets(samples: Samples) -> list[Target]:
 
     def read_map(path: Path) -> None:
         with open_map(path) as reader:
-            _check_spheres(reader.load_all(), spheres)
+            _check_spheres(reader, spheres)
 
     def read_salvaged_map(path: Path) -> None:
         target = path.with_name(f"saved{abs(hash(path.read_bytes()))}")
         salvage_map(path, target)
         with open_map(target) as reader:
-            _check_spheres(reader.load_all(), spheres)
+            _check_spheres(reader, spheres)
         for file in target.iterdir():
             file.unlink()
         target.rmdir()
@@ -199,10 +203,10 @@ def _messages(path: Path) -> Iterable[tuple[str, int, bytes]]:
             yield topic, stamp, bytes(data)
 
 
-def _check_spheres(graph: Iterable[Any], spheres: dict[int, Any]) -> None:
-    for node in graph:
+def _check_spheres(reader: MapReader, spheres: dict[int, Any]) -> None:
+    for node in reader.graph:
         assert node.id in spheres, f"accepted a key sphere {node.id} that was never written"
-        assert np.array_equal(node.sphere.image, spheres[node.id].image), "accepted another picture"
+        assert np.array_equal(reader.load_sphere(node.id).image, spheres[node.id].image), "accepted another picture"
 
 
 def _message_targets(samples: Samples) -> list[Target]:

@@ -30,7 +30,6 @@ class Solution:
     state: State
     residuals: Array
     cost: float
-    num_iterations: int
     is_converged: bool
 
 
@@ -43,9 +42,7 @@ def solve(
     cost = _cost(errors, weights, huber_px)
     if not np.isfinite(cost):
         raise ValueError("bundle adjustment: expected a start with all boards in front of their cameras")
-    iteration = 0
-    while iteration < max_iterations and not is_converged:
-        iteration += 1
+    for _ in range(max_iterations):
         weighted = weights * huber_weights(errors, huber_px)
         normal = normal_equations(problem, state, np.nan_to_num(errors), weighted)
         while damping < MAX_DAMPING:
@@ -60,7 +57,9 @@ def solve(
             break
         is_converged = cost - trial_cost <= MIN_GAIN * cost + TINY * TINY
         state, errors, cost, damping = trial, trial_errors, trial_cost, max(damping / 8.0, 1e-12)
-    return Solution(state, errors, cost, iteration, is_converged)
+        if is_converged:
+            break
+    return Solution(state, errors, cost, is_converged)
 
 
 def information(problem: Problem, state: State, weights: Array) -> Array:

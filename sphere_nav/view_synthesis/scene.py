@@ -44,11 +44,6 @@ class Scene:
         self._surfaces: OrderedDict[int, Future[Surface]] = OrderedDict()  # by last use
         self._lock = threading.Lock()
 
-    @property
-    def num_kept(self) -> int:
-        """Key spheres that are ready or on their way."""
-        return len(self._surfaces)
-
     def render(self, T_map_camera: SE3, camera: Camera, *, is_waiting: bool = True) -> View:
         """Return the view from a pose; with `is_waiting` false by what is ready, others are prepared meanwhile.
 

@@ -16,26 +16,6 @@ FRAMES = ("camera", "imu")
 FORMATS = ("kalibr", "basalt", "opencv", "ocam")
 
 
-def read_foreign(
-    paths: Sequence[Path],
-    *,
-    file_format: str | None = None,
-    frame: str = "camera",
-    image_size: tuple[int, int] | None = None,
-    model: str | None = None,
-    unit_m: float = 1.0,
-    is_joining: bool = False,
-) -> Rig:
-    """Return the rig of one file, of the two of OpenCV's stereo sample, or of camchains that share an IMU or cameras.
-
-    ValueError in one line if it is none. frame: "camera" for a rig whose first camera looks level along +x, "imu" for
-    the axes of the IMU as they are. image_size (width, height), model (pinhole, fisheye) and unit_m, the length of the
-    file's unit in metres, are what OpenCV's files may not tell.
-    """
-    found = read_foreign_cameras(paths, file_format, image_size, model, unit_m, is_joining=is_joining)
-    return place(found, frame, paths[0])
-
-
 def read_foreign_cameras(
     paths: Sequence[Path],
     file_format: str | None = None,
@@ -45,7 +25,11 @@ def read_foreign_cameras(
     *,
     is_joining: bool = False,
 ) -> ForeignRig:
-    """Return the cameras as the files have them; arguments as for `read_foreign`."""
+    """Return the cameras of one file, of OpenCV's stereo sample, or of camchains that share an IMU or cameras.
+
+    ValueError in one line if it is none. image_size (width, height), model (pinhole, fisheye) and unit_m, the length
+    of the file's unit in metres, are what OpenCV's files may not tell.
+    """
     chosen = file_format or _format(paths)
     if is_joining:
         if chosen != "kalibr" or len(paths) < 2:
@@ -73,7 +57,7 @@ def _format(paths: Sequence[Path]) -> str:
 
 
 def place(found: ForeignRig, frame: str, path: Path) -> Rig:
-    """Give the rig body axes: the first camera level and ahead, or the axes of the IMU as they are."""
+    """Give the rig body axes: the first camera level and ahead ("camera"), or the IMU's as they are ("imu")."""
     if frame == "imu":
         if not found.is_by_imu:
             raise ValueError(f"{path}: expected poses relative to an IMU (--frame imu), found none")

@@ -20,7 +20,7 @@ from itertools import chain
 from typing import Any, TypeVar
 
 from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CompressedImage, Image
 
 from sphere_nav.params import build
@@ -264,8 +264,3 @@ def record(published: Iterator[Recorded], bag: BagWriter, bus: OfflineBus) -> It
             bag.add_topic(item.topic, type(item.message), bus.profiles[item.topic])
         bag.write(item.topic, item.message, item.stamp_ns)
         yield item
-
-
-def copy_message(message: Any) -> Any:
-    """Return an independent copy of a message, as a listener behind DDS would get."""
-    return deserialize_message(serialize_message(message), type(message))

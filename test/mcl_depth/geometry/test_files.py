@@ -147,7 +147,7 @@ def test_a_floor_plan_has_its_door_cut_out(tmp_path: Path) -> None:
     ]
     (tmp_path / "plan.csv").write_text("\n".join([*rows, "door,a,4,1,4,2,0,2"]) + "\n")
     mesh = read_geometry(tmp_path / "plan.csv")
-    found = DepthSynthesizer(mesh).synthesize((2.0, 1.5, 1.2))
+    found = DepthSynthesizer(mesh).synthesize_many([(2.0, 1.5, 1.2)])[0]
     row = found[found.shape[0] // 2]
     assert np.isnan(row[90])  # through the door
     np.testing.assert_allclose(row[[0, 45]], [2.0, 1.5], atol=0.01)

@@ -28,7 +28,7 @@ def test_it_sees_the_room_and_keeps_to_its_memory(room, sphere_map):
         grey, _ = room.render(PINHOLE, T)
         assert view.is_known.mean() > 0.97
         assert np.median(np.abs(view.image[..., 0] - grey)) < 6
-    assert MIN_KEPT <= scene.num_kept <= MIN_KEPT + 1
+    assert MIN_KEPT <= len(scene._surfaces) <= MIN_KEPT + 1
     scene.close()
 
 

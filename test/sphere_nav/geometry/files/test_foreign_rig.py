@@ -7,7 +7,7 @@ import yaml
 
 from sphere_nav.geometry.files import ocam_file, opencv_file
 from sphere_nav.geometry.files.foreign_cameras import Lens
-from sphere_nav.geometry.files.foreign_rig import read_foreign
+from worlds.foreign import read_foreign
 
 BOMB = "x0: &x0 [1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
     f"x{n + 1}: &x{n + 1} [{', '.join([f'*x{n}'] * 8)}]\n" for n in range(10)
