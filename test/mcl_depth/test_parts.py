@@ -15,7 +15,7 @@ from mcl_depth.geometry.ply import read_ply
 from mcl_depth.geometry.point_index import PointIndex
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.image_params import SynthesisParams
-from mcl_depth.likeness.compass import heading
+from mcl_depth.likeness.comparison import heading
 from mcl_depth.likeness.features import FeatureStack
 
 PARAMS = SynthesisParams(num_columns=72)

@@ -30,10 +30,9 @@ from sphere_nav.ros.bags.recorded import Recorded
 from sphere_nav.ros.bags.writer import BagWriter, absolute
 from sphere_nav.ros.conversions import decompress
 from sphere_nav.ros.interfaces import type_name
-from sphere_nav.ros.node import Log, ManagedNode
+from sphere_nav.ros.node import Log, ManagedNode, ThrottledLog
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.subscription import Subscription
-from sphere_nav.ros.throttle import ThrottledLog
 
 Node = TypeVar("Node", bound=ManagedNode)
 
