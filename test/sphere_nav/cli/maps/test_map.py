@@ -16,6 +16,7 @@ from sphere_nav.cli import register
 from sphere_nav.cli.main import main
 from sphere_nav.cli.maps import map as map_command
 from sphere_nav.cli.maps import map_info, map_verify
+from sphere_nav.cli.maps.map_export import WRITERS
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.offline.mapping.sphere_source import sphere_of_bag
@@ -259,7 +260,8 @@ def test_exported_trajectory_and_graph(room_map, tmp_path):
 
 def test_an_unknown_suffix_is_refused(room_map, tmp_path, capsys):
     assert call("map-export", room_map, "-o", tmp_path / "room.xyz") == 2
-    assert "expected a suffix of .ply, .laz, .g2o, .tum, .kitti, .geojson, found '.xyz'" in capsys.readouterr().err
+    assert [*WRITERS] == [".ply", ".laz", ".g2o", ".tum", ".kitti", ".geojson"]
+    assert f"expected a suffix of {', '.join(WRITERS)}, found '.xyz'" in capsys.readouterr().err
 
 
 def registered(capsys, *words):
