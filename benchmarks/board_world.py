@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.views import View
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole, so3
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 
 Array = NDArray[np.float64]
@@ -36,7 +36,7 @@ class BoardWorld:
     @cached_property
     def rays(self) -> list[Array]:
         """Rays (H, W, 3) of every camera."""
-        return [part.camera.unproject(pixel_grid(part.camera)) for part in self.rig.cameras]
+        return [pixel_rays(part.camera) for part in self.rig.cameras]
 
     def T_camera_board(self, camera: int, instant: int, board: int) -> SE3:
         """Return where a board is for a camera."""

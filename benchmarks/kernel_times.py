@@ -90,7 +90,7 @@ def _iteration_ms(image: NDArray[np.uint8], view: View, num_runs: int) -> NDArra
 
     def iterate() -> None:
         for _ in range(NUM_ITERATIONS):
-            problem.linearise(state)
+            problem.linearize(state)
 
     return repeat_cpu(iterate, num_runs) / NUM_ITERATIONS
 

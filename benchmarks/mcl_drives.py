@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cycab_sim
-from cycab_sim.params import LightParams, RenderParams, TrafficParams, VehicleParams
+from cycab_sim.params import CarParams, LightParams, RenderParams, TrafficParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.sensors.cameras import OPTICAL, expose
 from cycab_sim.sensors.lenses import panorama
@@ -113,7 +113,7 @@ class Studio:
         return build_world(self.world, self.seed, "block")
 
     def _on_ground(self, line: Array) -> SE3:
-        ground, vehicle = self.built().ground, VehicleParams()
+        ground, vehicle = self.built().ground, CarParams()
         poses = [ground.follow(SE3.from_planar(*map(float, p)), vehicle.wheelbase, vehicle.width) for p in line]
         return SE3.from_matrix(np.stack([pose.matrix for pose in poses]))
 

@@ -13,10 +13,10 @@ from benchmarks.machine import describe
 from benchmarks.mcl_drives import HEIGHT, PANORAMA, READ_NOISE, SHOT_NOISE, Studio
 from benchmarks.mcl_routes import sampled
 from benchmarks.report import Bound, Report, Table
-from cycab_sim.params import CameraParams, SimParams, StartParams
+from cycab_sim.params import SimCameraParams, SimParams, StartPoseParams
 from cycab_sim.sensors.faults import SECOND
 from cycab_sim.simulator import Simulator
-from cycab_sim.vehicle import Command
+from cycab_sim.vehicle import VehicleCommand
 from cycab_sim.world.town import Plan, taught_path
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.homing import Homing
@@ -120,18 +120,18 @@ def compare(site: Site, image: NDArray[np.uint8], rotation: Array) -> Comparison
 
 def drive(site: Site, seed: int, left: float) -> Ride:
     """Drive the path of 100 m, starting `left` m beside it, steered by nothing but the direction to the waypoint."""
-    camera = CameraParams(
+    camera = SimCameraParams(
         model="panorama", width=PANORAMA.camera.width, height=PANORAMA.camera.height, period=PERIOD,
         x=float(PANORAMA.T_base_camera.translation[0]), z=HEIGHT, pitch_deg=0.0,
         noise=READ_NOISE, shot_noise=SHOT_NOISE,
     )  # fmt: skip
-    simulator = Simulator(SimParams(seed=seed, noise_seed=seed, camera=camera, start=StartParams(left=left)))
+    simulator = Simulator(SimParams(seed=seed, noise_seed=seed, camera=camera, start=StartPoseParams(left=left)))
     homing = Homing(sampled(simulator.path, 0.5)[:, :2], HomingParams())
-    places, command = [], Command()
+    places, command = [], VehicleCommand()
     while simulator.time_ns < MAX_TIME * SECOND and not homing.is_finished:
         if "camera" in simulator.take_due():
             found = homing.update(compare(site, simulator.capture("camera").image, np.eye(3)))
-            command = Command(SPEED, float(np.clip(GAIN * found.in_vehicle, -MAX_RATE, MAX_RATE)))
+            command = VehicleCommand(SPEED, float(np.clip(GAIN * found.in_vehicle, -MAX_RATE, MAX_RATE)))
             places.append(simulator.T_world_base.translation[:2])
         simulator.step(command, SECOND // 100)
     return Ride(np.array(places), homing.is_finished)

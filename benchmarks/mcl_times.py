@@ -27,7 +27,7 @@ from mcl_depth.presets import apply_preset
 from mcl_depth.site import Site
 from mcl_depth.warm_up import warm_up
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.localization.status import State
 from sphere_nav.params import build
 
@@ -123,7 +123,7 @@ def some_places(site: Site, count: int) -> Array:
 def inside(exact: DepthSynthesizer, places: Array, box: str) -> NDArray[np.float32]:
     """Return the ranges at places, NaN where a ray ends outside x0,y0,x1,y1, where the cloud has no points."""
     found = exact.synthesize_many(places)
-    rays = exact.camera.unproject(pixel_grid(exact.camera)).astype(np.float32)
+    rays = pixel_rays(exact.camera).astype(np.float32)
     ends = places[:, None, None, :2].astype(np.float32) + found[..., None] * rays[..., :2]
     x0, y0, x1, y1 = (float(word) for word in box.split(","))
     with np.errstate(invalid="ignore"):

@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.rgbd_data import Frame
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric import (
     PyramidParams,
     Reference,
@@ -30,7 +30,7 @@ class Ours:
     def __init__(self, camera: Pinhole, params: RegistrationParams | None = None) -> None:
         self.camera = camera
         self.params = params or SOFT_IMAGES
-        self.range_by_depth = (1.0 / camera.unproject(pixel_grid(camera))[..., 2]).astype(np.float32)
+        self.range_by_depth = (1.0 / pixel_rays(camera)[..., 2]).astype(np.float32)
 
     def prepare(self, frame: Frame) -> Reference:
         """Turn depth into range along the ray, prepare all levels of the reference and choose its pixels."""

@@ -20,7 +20,7 @@ from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from benchmarks.room import HALF_SIDES_M, render
 from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.params import build
 from sphere_nav.photometric import (
     Pyramid,
@@ -169,7 +169,7 @@ def pixel_noise(camera: Camera, rng: np.random.Generator) -> Array:
 
 def camera_noise(camera: Camera, rng: np.random.Generator) -> Array:
     """Return noise (H, W) of the six sides of a cube around the sphere, whose pixels are as wide as at its equator."""
-    rays = camera.unproject(pixel_grid(camera))
+    rays = pixel_rays(camera)
     axis = np.argmax(np.abs(rays), axis=-1)
     ahead = np.take_along_axis(rays, axis[..., None], axis=-1)[..., 0]
     width = round(2 * camera.pixels_per_radian)

@@ -20,7 +20,7 @@ from sphere_mapping.acquisition.range.epipolar import range_from_disparity, sear
 from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.params import build
 
 HELP = "range against the truth in rooms with bare, unlit and repetitive walls; noise; planes of real pairs"
@@ -171,7 +171,7 @@ def _planes(data: Path) -> tuple[list[Bound], list[Table]]:
         top, bottom = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in room(data / name))
         range_m, _ = match_pair(top, bottom, REAL_BASELINE_M)
         whole = Spherical(top.shape[1], top.shape[0])
-        regions = fit_regions(name, range_m, whole.unproject(pixel_grid(whole)))
+        regions = fit_regions(name, range_m, pixel_rays(whole))
         bounds.append(Bound(f"{name}: measured", 0.4, float(np.isfinite(range_m).mean()), "", is_minimum=True))
         for kind in REGIONS[name]:
             own = [region for region in regions if region.what.startswith(kind) and region.is_enough]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cycab_sim.params import LightParams, RenderParams, RigParams
+from cycab_sim.params import CameraRigParams, LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.sensors.cameras import expose, vignette
 from cycab_sim.sensors.rigs import make_rig, rig_mounts, rig_place
@@ -66,7 +66,7 @@ def make_scene(seed: int, kind: str, width: int, lens: Mapping[str, object] | No
     rng = np.random.default_rng([seed, 71])
     mesh, kinds, size, boxes = _room(rng)
     values = {"kind": kind, "width": width * 17 // 32, "height": width * 17 // 32} | dict(lens or {})
-    params = build(RigParams, values)
+    params = build(CameraRigParams, values)
     rig = make_rig(params, seed)
     assert rig is not None
     renderer = Renderer(mesh, RenderParams(), LIGHT)

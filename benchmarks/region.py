@@ -19,11 +19,12 @@ from benchmarks.report import Bound, Report, Table
 from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.world.worlds import build_world
-from dense_localizer.judge.acceptance import judge
+from dense_localizer.judge.acceptance import assess
 from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import View, build_pyramid, prepare_reference, register
-from sphere_nav.photometric.checks.structure import find_structure
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.checks.structure import find_rig_structure
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 from sphere_nav.view_synthesis.region import region_radii
 
@@ -146,9 +147,10 @@ def localise(
         [shift / np.linalg.norm(shift) * GUESS_M, turn / np.linalg.norm(turn) * np.radians(GUESS_DEG)]
     )
     alignment = register(pyramid, views, T_camera @ SE3.exp(guess), PARAMS.registration)
-    structure = find_structure(pyramid, views, alignment, PARAMS.registration) if alignment.is_converged else None
+    single = RigImage(pyramid, views=tuple(views))
+    structure = find_rig_structure([single], alignment, PARAMS.registration) if alignment.is_converged else None
     limits = PARAMS.acceptance, PARAMS.registration.max_mad
-    if not judge(alignment, alignment.covariance, 0.0, None, *limits, structure).is_accepted:
+    if not assess(alignment, alignment.covariance, 0.0, None, *limits, structure).is_accepted:
         return None
     off_m, off_rad = T_camera.distance(alignment.T_world_camera)
     return float(off_m), float(np.degrees(off_rad))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 HALF_SIDES_M = (6.0, 4.0, 2.5)
 NUM_WAVES = 24
@@ -91,4 +91,4 @@ def hit_walls(
 @lru_cache(maxsize=4)
 def _rays(camera: Camera) -> NDArray[np.float64]:
     """Return the rays (H, W, 3) of a camera in its own axes."""
-    return camera.unproject(pixel_grid(camera))
+    return pixel_rays(camera)

@@ -38,7 +38,7 @@ class Step:
 
 def light_step(stitcher: Stitcher, images: Mapping[str, Image], level: str, inverse: NDArray | None = None) -> Step:
     """Compare neighbouring views of a level of the sphere near their seams, drawn as `stitch` draws them."""
-    layout = stitcher.layout(level, tuple(images))
+    layout = stitcher.layouts.of(level, tuple(images))
     planes = [_on_sphere(layout, k, images, inverse) for k in range(len(layout.views))]
     sizes, medians, colours = [np.zeros(0)], [], []
     for i, j in combinations(range(len(planes)), 2):

@@ -24,11 +24,11 @@ from cycab_sim.simulator import Simulator
 from sphere_mapping.acquisition.params import MatchParams, RectifyParams, StitchParams
 from sphere_mapping.acquisition.range.epipolar import range_from_disparity, search_of
 from sphere_mapping.acquisition.range.matching import match_columns
-from sphere_mapping.acquisition.range.planes import Places, range_of_planes
+from sphere_mapping.acquisition.range.planes import Viewpoints, range_of_planes
 from sphere_mapping.acquisition.range.rectification import Rectified, rectified
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.params import build
 from sphere_nav.spheres.sphere import Sphere, continued
 
@@ -136,7 +136,7 @@ def _photo_consistency(
     simulator.teleport(float(x + 0.5 * np.cos(yaw)), float(y + 0.5 * np.sin(yaw)), yaw)
     after = stitcher.stitch({name: frame.image for name, frame in simulator.capture_rig().items()}).sphere
     T_second_first = (simulator.vehicle.state.T_world_base @ T_base_sphere).inverse() @ T_world_first
-    rays = before.camera.unproject(pixel_grid(before.camera))
+    rays = pixel_rays(before.camera)
     points = T_second_first.apply(rays * np.where(before.measured, before.range_m, np.nan)[..., None])
     pixels = np.nan_to_num(before.camera.project(points)[0], nan=-1.0).astype(np.float32)
     seen = cv2.remap(after.image, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -155,8 +155,10 @@ def _room(folder: Path, options: argparse.Namespace) -> list[Bound]:
     disparity = match_columns(grey[0], grey[1], search, params, everywhere, options.threads)
     range_m, std_m = range_from_disparity(disparity, window, 0.2, params)
     measured = float(np.isfinite(range_m[window.height // 4 : 3 * window.height // 4]).mean())
-    places, ranged = Places.of_pair(window, 0.2), (range_m, std_m)
-    planes = range_of_planes(grey[0], grey[1], ranged, everywhere, places, search, params)
+    owner, error = np.zeros(grey[0].shape, np.int8), np.zeros(grey[0].shape, np.float32)
+    viewpoints = Viewpoints(0.2, owner, np.zeros((1, 3), np.float32), error, per_m=0.0)
+    ranged = range_m, std_m
+    planes = range_of_planes(grey[0], grey[1], ranged, everywhere, viewpoints, search, params)
     is_filled = ~np.isnan(planes[0])
     range_m, std_m = (np.where(is_filled, *both) for both in zip(planes, ranged, strict=True))
     sphere = Sphere(top, range_m, window, 0, std_m, is_filled)

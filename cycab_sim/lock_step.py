@@ -10,7 +10,7 @@ import threading
 
 from cycab_sim.params import ClockParams
 from cycab_sim.sensors.faults import SECOND
-from cycab_sim.vehicle import Command
+from cycab_sim.vehicle import VehicleCommand
 
 COMMAND_TIMEOUT = round(0.25 * SECOND)  # simulated time without a command after which the car brakes by itself
 MAX_LEAD = SECOND  # a stamp further ahead of simulated time comes from another clock
@@ -29,11 +29,11 @@ class LockStep:
         self._hold_ns = round(1.5 * camera_period * SECOND) if params.is_lock_step else 0
         self.is_engaged = False
         self.num_missed = 0
-        self._command = Command()
+        self._command = VehicleCommand()
         self._stamp_ns = self._arrived_ns = 0
         self._arrived = threading.Condition()
 
-    def offer(self, command: Command, stamp_ns: int, now_ns: int) -> None:
+    def offer(self, command: VehicleCommand, stamp_ns: int, now_ns: int) -> None:
         """Take a command; ValueError refuses one that is not finite or comes from another clock."""
         if not (math.isfinite(command.speed) and math.isfinite(command.yaw_rate)):
             raise ValueError(f"cmd_vel: expected finite numbers, found {command.speed}, {command.yaw_rate}")
@@ -65,8 +65,8 @@ class LockStep:
             self.is_engaged = False
             self._arrived.notify_all()
 
-    def command(self, now_ns: int) -> Command:
+    def command(self, now_ns: int) -> VehicleCommand:
         """Return the command in force; a stop once none has come for too long."""
         with self._arrived:
             timeout = max(COMMAND_TIMEOUT, self._hold_ns if self.is_engaged else 0)
-            return Command() if now_ns - self._arrived_ns > timeout else self._command
+            return VehicleCommand() if now_ns - self._arrived_ns > timeout else self._command

@@ -72,7 +72,7 @@ class RenderParams:
 
 
 @parameters
-class VehicleParams:
+class CarParams:
     """The Cycab: an electric car that steers its front wheels; the reference point is the rear axle's middle."""
 
     wheelbase: float = param(1.2, "distance between the axles", "m", low=0.05)
@@ -89,7 +89,7 @@ class VehicleParams:
 
 
 @parameters
-class ActuationParams:
+class ActuatorParams:
     """How the car follows its commands."""
 
     dead_time: float = param(0.0, "from a command to the first reaction of the car", "s", low=0.0, high=1.0)
@@ -110,7 +110,7 @@ class OdometryParams:
 
 
 @parameters
-class CameraParams:
+class SimCameraParams:
     """The camera for driving, looking forward."""
 
     is_on: bool = param(True, "publish images")
@@ -149,7 +149,7 @@ class SphereParams:
 
 
 @parameters
-class RigParams:
+class CameraRigParams:
     """Six cameras on the roof: three stereo pairs back to back one above the other, or a ring (M15 section 4.3)."""
 
     kind: str = param("none", "arrangement of the cameras", choices=("none", "vertical", "ring"))
@@ -240,7 +240,7 @@ class ClockParams:
 
 
 @parameters
-class StartParams:
+class StartPoseParams:
     """Where the car stands at first, relative to the start of the path."""
 
     along: float = param(0.0, "forward along the path", "m")
@@ -260,15 +260,15 @@ class SimParams:
         "two_turns", "path to start on and to teach, in the town", choices=("two_turns", "block", "straight")
     )
     has_stamped_command: bool = param(True, "cmd_vel is TwistStamped, not Twist")
-    start: StartParams = group(StartParams)
+    start: StartPoseParams = group(StartPoseParams)
     clock: ClockParams = group(ClockParams)
     teach: TeachParams = group(TeachParams)
-    vehicle: VehicleParams = group(VehicleParams)
-    actuation: ActuationParams = group(ActuationParams)
+    vehicle: CarParams = group(CarParams)
+    actuation: ActuatorParams = group(ActuatorParams)
     odometry: OdometryParams = group(OdometryParams)
-    camera: CameraParams = group(CameraParams)
+    camera: SimCameraParams = group(SimCameraParams)
     sphere: SphereParams = group(SphereParams)
-    rig: RigParams = group(RigParams)
+    rig: CameraRigParams = group(CameraRigParams)
     imu: ImuParams = group(ImuParams)
     scan: ScanParams = group(ScanParams)
     light: LightParams = group(LightParams)

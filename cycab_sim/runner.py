@@ -9,7 +9,7 @@ from collections.abc import Callable
 from cycab_sim.lock_step import LockStep
 from cycab_sim.sensors.faults import SECOND
 from cycab_sim.simulator import Simulator
-from cycab_sim.vehicle import Command
+from cycab_sim.vehicle import VehicleCommand
 
 CLOCK_PERIOD = SECOND // 50  # simulated time after which it is told though nothing else is due
 MAX_LAG = 0.2  # wall time that is caught up after a slow image, s; more is forgotten
@@ -65,7 +65,7 @@ class Runner:
         with self.lock:
             simulator.step(self._command(), round(simulator.params.clock.step * SECOND))
 
-    def _command(self) -> Command:
+    def _command(self) -> VehicleCommand:
         if self.simulator.params.mode == "teach":
             return self.simulator.teach_command()
         return self.lock_step.command(self.simulator.time_ns)

@@ -20,17 +20,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from cycab_sim.driver import Driver
-from cycab_sim.params import OdometryParams, RigParams, SimParams, SphereParams
+from cycab_sim.driver import PurePursuitDriver
+from cycab_sim.params import CameraRigParams, OdometryParams, SimParams, SphereParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.rendering.sky import is_constant, light_at
-from cycab_sim.sensors.cameras import Frame, Mount, expose, forward_camera, roof_sphere, vignette
+from cycab_sim.sensors.cameras import Mount, RenderedFrame, expose, forward_camera, roof_sphere, vignette
 from cycab_sim.sensors.exposure import Exposure, averaged
 from cycab_sim.sensors.faults import SECOND, Faults
 from cycab_sim.sensors.imu import Imu, ImuReading
-from cycab_sim.sensors.rigs import camera_names, make_rig, rig_mounts
+from cycab_sim.sensors.rigs import make_rig, rig_camera_names, rig_mounts
 from cycab_sim.sensors.scanner import Scan, Scanner
-from cycab_sim.vehicle import Command, Vehicle, VehicleState, WheelOdometry
+from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState, WheelOdometry
 from cycab_sim.world.paths import arc
 from cycab_sim.world.traffic.traffic import Traffic
 from cycab_sim.world.worlds import build_world
@@ -54,7 +54,7 @@ class Schedule:
         self._ways = dict(self._distances)  # all are due at the start
         self.count = dict.fromkeys(NAMES, -1)
 
-    def _plan(self, name: str, params: SphereParams | RigParams, mode: str) -> None:
+    def _plan(self, name: str, params: SphereParams | CameraRigParams, mode: str) -> None:
         if not (params.publish == "always" or (params.publish == "teach" and mode == "teach")):
             return
         if params.period > 0.0:
@@ -103,7 +103,7 @@ class Simulator:
         bounds = self.world.bounds if self.world.is_wide else None
         self.renderer = Renderer(self.world.mesh, self.params.render, self.params.light, self.traffic, bounds)
         self.path = self.world.path
-        self.driver = Driver(self.path, self.params.teach, self.params.noise_seed)
+        self.driver = PurePursuitDriver(self.path, self.params.teach, self.params.noise_seed)
         self.vehicle = Vehicle(self._start(), self.params.vehicle, self.params.actuation)
         self.odometry = WheelOdometry(self.params.odometry, self.params.noise_seed)
         self.rig = make_rig(self.params.rig, self.params.seed)
@@ -113,8 +113,8 @@ class Simulator:
         self.schedule = Schedule(self.params)
         self.faults = Faults(self.rig_names)
         self.time_ns = START_NS
-        self._last: dict[str, Frame] = {}
-        self._applied = Command()
+        self._last: dict[str, RenderedFrame] = {}
+        self._applied = VehicleCommand()
         self._scene_of: tuple[int, VehicleState] | None = None
         self._exposures = {
             mount.group: Exposure(mount.exposure, self.params.light.gamma, (self.params.seed, 83, zlib.crc32(group)))
@@ -122,7 +122,7 @@ class Simulator:
             for group in [mount.group.encode()]
         }
 
-    def step(self, command: Command, dt_ns: int) -> None:
+    def step(self, command: VehicleCommand, dt_ns: int) -> None:
         """Drive for `dt_ns` nanoseconds under a command."""
         command = self._with_actuator_faults(command)
         before, T_world_base = self.vehicle.state, self.T_world_base
@@ -141,7 +141,7 @@ class Simulator:
         due = self.schedule.take(self.time_ns - START_NS)
         return [name for name in due if not self._is_withheld(name, self.schedule.count[name])]
 
-    def capture(self, name: str, drawn: tuple[Levels, Levels] | None = None) -> Frame:
+    def capture(self, name: str, drawn: tuple[Levels, Levels] | None = None) -> RenderedFrame:
         """Return what the camera `name` sees now, noise and faults included; `drawn`: what `_look` has returned."""
         mount, index = self.mounts[name], max(self.schedule.count["rig" if name in self.rig_names else name], 0)
         if self._fault(name, "stuck") is not None and name in self._last:
@@ -154,7 +154,7 @@ class Simulator:
         seed = (self.params.noise_seed, index, zlib.crc32(name.encode()))
         noise = float(np.hypot(mount.noise, self._fault(name, "noise") or 0.0))
         image = expose(levels, noise, mount.shot_noise, seed, self._fault(name, "bias") or 0.0)
-        self._last[name] = Frame(image, range_m, mount.camera, self.time_ns, index)
+        self._last[name] = RenderedFrame(image, range_m, mount.camera, self.time_ns, index)
         return self._last[name]
 
     def _look(self, mount: Mount) -> tuple[Levels, Levels]:
@@ -174,7 +174,7 @@ class Simulator:
             levels = averaged(draw, p.shutter, p.shutter_samples, gamma)
         return levels, range_m
 
-    def capture_rig(self) -> dict[str, Frame]:
+    def capture_rig(self) -> dict[str, RenderedFrame]:
         """Return what all cameras of the rig see at this instant, by name; without those withheld by a fault."""
         index = self.schedule.count["rig"]
         names = [name for name in self.rig_names if not self._is_withheld(name, index)]
@@ -231,7 +231,7 @@ class Simulator:
     @property
     def rig_names(self) -> tuple[str, ...]:
         """Names of the rig's cameras."""
-        return camera_names(self.params.rig.kind)
+        return rig_camera_names(self.params.rig.kind)
 
     def render(
         self, camera: Camera, T_world_camera: SE3, is_grey: bool = False
@@ -251,10 +251,10 @@ class Simulator:
         self.vehicle.state = VehicleState(x, y, yaw, speed, 0.0)
         self.imu.forget()
 
-    def teach_command(self) -> Command:
+    def teach_command(self) -> VehicleCommand:
         """Return what the driver of the teaching drive does now: nothing at first, and at the end of the path."""
         if self.time_ns - START_NS < self.params.teach.delay * SECOND:
-            return Command()
+            return VehicleCommand()
         return self.driver.command(self.vehicle.state)
 
     @property
@@ -287,7 +287,7 @@ class Simulator:
         names = self.rig_names
         return turn > 0 and name in names and names[self.time_ns // turn % len(names)] == name
 
-    def _with_actuator_faults(self, command: Command) -> Command:
+    def _with_actuator_faults(self, command: VehicleCommand) -> VehicleCommand:
         is_stuck = self._fault("speed", "stuck") is not None, self._fault("steering", "stuck") is not None
         speed = self._applied.speed if is_stuck[0] else command.speed + (self._fault("speed", "bias") or 0.0)
         yaw_rate = self._applied.yaw_rate if is_stuck[1] else command.yaw_rate
@@ -295,7 +295,7 @@ class Simulator:
         if bias is not None:
             wheelbase = self.params.vehicle.wheelbase
             yaw_rate = speed * np.tan(np.arctan2(wheelbase * yaw_rate, speed) + bias) / wheelbase if speed else 0.0
-        self._applied = Command(float(speed), float(yaw_rate))
+        self._applied = VehicleCommand(float(speed), float(yaw_rate))
         return self._applied
 
     def _with_odometry_faults(self) -> OdometryParams | None:

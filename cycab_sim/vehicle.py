@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cycab_sim.params import ActuationParams, OdometryParams, VehicleParams
+from cycab_sim.params import ActuatorParams, CarParams, OdometryParams
 from cycab_sim.world.paths import arc
 from sphere_nav.geometry import SE3
 
@@ -16,7 +16,7 @@ STANDSTILL = 0.02  # below this speed a yaw rate says nothing about the steering
 
 
 @dataclass(frozen=True)
-class Command:
+class VehicleCommand:
     """What the car is asked for: speed of the rear axle m/s and yaw rate rad/s, as in a Twist."""
 
     speed: float = 0.0
@@ -42,11 +42,11 @@ class VehicleState:
 class Vehicle:
     """Moves a state by commands."""
 
-    def __init__(self, state: VehicleState, params: VehicleParams, actuation: ActuationParams) -> None:
+    def __init__(self, state: VehicleState, params: CarParams, actuation: ActuatorParams) -> None:
         self.state = state
         self.params = params
         self.actuation = actuation
-        self._pending: deque[tuple[float, Command]] = deque()
+        self._pending: deque[tuple[float, VehicleCommand]] = deque()
         self._now = 0.0
 
     @property
@@ -54,7 +54,7 @@ class Vehicle:
         """True yaw rate, rad/s."""
         return self.state.speed * math.tan(self.state.steering) / self.params.wheelbase
 
-    def step(self, command: Command, seconds: float) -> None:
+    def step(self, command: VehicleCommand, seconds: float) -> None:
         """Drive for `seconds`: the actuators move, then an arc at their mean."""
         before = self.state
         wanted = self._delay(command, seconds)
@@ -65,14 +65,14 @@ class Vehicle:
         x, y, yaw = arc((before.x, before.y, before.yaw), mean_speed * seconds, curvature)
         self.state = VehicleState(float(x), float(y), float(yaw), speed, steering)
 
-    def _delay(self, command: Command, seconds: float) -> Command:
+    def _delay(self, command: VehicleCommand, seconds: float) -> VehicleCommand:
         """Return the command that was given one dead time ago."""
         self._pending.append((self._now, command))
         self._now += seconds
         while len(self._pending) > 1 and self._pending[1][0] <= self._now - seconds - self.actuation.dead_time + 1e-9:
             self._pending.popleft()
         is_due = self._pending[0][0] <= self._now - seconds - self.actuation.dead_time + 1e-9
-        return self._pending[0][1] if is_due else Command()
+        return self._pending[0][1] if is_due else VehicleCommand()
 
     def _follow_speed(self, wanted: float, seconds: float) -> float:
         p, now = self.params, self.state.speed
@@ -82,7 +82,7 @@ class Vehicle:
         speed = now + min(max(change, -limit * seconds), limit * seconds)
         return 0.0 if speed * now < 0.0 else speed  # a change of direction begins at a standstill
 
-    def _steering_for(self, command: Command) -> float:
+    def _steering_for(self, command: VehicleCommand) -> float:
         """Return the steering angle of a yaw rate; at a standstill the wheels stay as they are."""
         if abs(command.speed) < STANDSTILL:
             return self.state.steering

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 import math
 
-from path_follower.command import Command, Status
+from path_follower.command import Command, FollowerReport
 from path_follower.follower import Follower
 from path_follower.obstacles import MIN_POINTS, points_on_arc, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2, ReferencePath
-from path_follower.reasons import FINE, Reason, Verdict
+from path_follower.reasons import FINE, StopReason, StopVerdict
 from path_follower.safety import DEGRADED, TRUSTED
 from path_follower.vehicle import MAX_POSE_AGE
 
@@ -56,8 +56,10 @@ class HomingFollower(Follower):
         self.mode.settle(is_standing=motion.speed == 0.0, is_slow=self.watch.state == DEGRADED)
         return self._command(now_ns, motion, None, self._status())
 
-    def _status(self) -> Status:
-        return Status(self.mode.state, self.mode.verdict, self.progress, self.distance_to_end, self.mode.is_armed)
+    def _status(self) -> FollowerReport:
+        return FollowerReport(
+            self.mode.state, self.mode.verdict, self.progress, self.distance_to_end, self.mode.is_armed
+        )
 
     def load(self, path: ReferencePath) -> None:
         """Refuse: the path is that of who gives the directions."""
@@ -70,19 +72,19 @@ class HomingFollower(Follower):
         verdict = self.watch.judge_inputs(now_ns)
         verdict = self._judge_way() if verdict is FINE else verdict
         if verdict is FINE and self.is_there:
-            verdict = Verdict(Reason.END_OF_PATH)
+            verdict = StopVerdict(StopReason.END_OF_PATH)
         if verdict is FINE:
             self.mode.arm()
         return str(verdict)
 
-    def _judge_way(self) -> Verdict:
+    def _judge_way(self) -> StopVerdict:
         """Return whether the direction is too far aside, or something stands in the way."""
         angle = abs(self.direction or 0.0)
         if angle > MAX_ANGLE:
-            return Verdict(Reason.OFF_PATH, angle, MAX_ANGLE)
+            return StopVerdict(StopReason.OFF_PATH, angle, MAX_ANGLE)
         distance = stopping_distance(self.limiter.last.speed, self.params)
         count = points_on_arc(self.watch.points, self.limiter.last.steering_angle, distance, self.params)
-        return Verdict(Reason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
+        return StopVerdict(StopReason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
 
     def _steer(self, now_ns: int) -> tuple[float, float | None]:
         """Return speed and curvature of the circle that leads to a point ahead in the direction (pure pursuit).

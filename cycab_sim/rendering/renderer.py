@@ -23,19 +23,19 @@ from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering import kernels
 from cycab_sim.rendering.casting.embree import PacketScene, find_library
 from cycab_sim.rendering.shadows import ShadowMap
-from cycab_sim.rendering.sky import Light, light_at
+from cycab_sim.rendering.sky import SkyLight, light_at
 from cycab_sim.world.mesh import Mesh
 from cycab_sim.world.noise.kernels import sum_octaves
-from cycab_sim.world.texture.kernels import dress, locate
+from cycab_sim.world.texture.kernels import dress, locate_surfaces
 from cycab_sim.world.traffic.scene import MovingScene
 from cycab_sim.world.traffic.traffic import Traffic
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 Floats = NDArray[np.float32]
 
 
-def paint(
+def paint_rays(
     mesh: Mesh,
     origin: NDArray[np.float64],
     rays: Floats,
@@ -44,10 +44,12 @@ def paint(
     cone: Floats,
     colour: Floats,
 ) -> None:
-    """Write the linear colour (N, 3) of rays (N, 3) from one origin; see `locate` and `dress` for the arrays."""
+    """Write the linear colour (N, 3) of rays (N, 3) from one origin; arrays: see `locate_surfaces` and `dress`."""
     points, depths = np.empty((8, len(rays)), np.float32), np.empty(len(rays), np.float32)
     seeds, rough = np.empty(len(rays), np.uint32), np.empty(len(rays), np.float32)
-    locate(origin, rays, ranges, triangles, cone, mesh.surface_of, mesh.frames, mesh.kinds, points, depths, seeds)
+    locate_surfaces(
+        origin, rays, ranges, triangles, cone, mesh.surface_of, mesh.frames, mesh.kinds, points, depths, seeds
+    )
     sum_octaves(points, seeds, rough)
     dress(rays, triangles, mesh.surface_of, mesh.kinds, mesh.params, mesh.colours, points, depths, rough, colour)
 
@@ -99,7 +101,7 @@ class Renderer:
         self._shadows = ShadowMap(self._scene, _reaching(params, bounds), light, _middle(mesh, bounds), self._pool)
         self._now = light_at(light, 0.0, 0)
 
-    def illuminate(self, light: Light) -> None:
+    def illuminate(self, light: SkyLight) -> None:
         """Put the sun elsewhere, in another light; shadows follow where it has moved by more than SUN_STEP."""
         self._now = light
         if float(light.sun @ self._shadows.sun) < np.cos(SUN_STEP):
@@ -174,7 +176,7 @@ class Renderer:
     def _shade(self, origin: NDArray[np.float64], hits: Hits, cone: Floats, depths: Floats, colour: Floats) -> None:
         m, s, now = self.mesh, self._shadows, self._now
         lamps = s.sun, now.sun_colour, now.sky_colour, now.sky_gain
-        paint(m, origin, hits.rays, hits.ranges, hits.triangles, cone, colour)
+        paint_rays(m, origin, hits.rays, hits.ranges, hits.triangles, cone, colour)
         kernels.light(
             origin, hits.rays, hits.ranges, hits.triangles, cone, m.normals,
             lamps, depths, s.texel, s.corner, s.T_sun_world, colour,
@@ -199,7 +201,7 @@ class Renderer:
         """Return the unit rays (H, W, 3) of a camera and the angle (H, W) between neighbouring rays."""
         with self._lock:
             if camera not in self._lenses:
-                rays = camera.unproject(pixel_grid(camera))
+                rays = pixel_rays(camera)
                 self._lenses[camera] = (rays.astype(np.float32), _spacing(rays))
                 if len(self._lenses) > MAX_CAMERAS:
                     self._lenses.popitem(last=False)

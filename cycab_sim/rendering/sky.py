@@ -19,7 +19,7 @@ CLOUD_WAVES = np.array([1.0, 2.3, 4.1])  # clouds come and go with these multipl
 
 
 @dataclass(frozen=True, eq=False)
-class Light:
+class SkyLight:
     """Unit vector (3,) towards the sun, radiance (3,) of sun and open sky on a surface, and a factor on the sky."""
 
     sun: Array
@@ -33,7 +33,7 @@ def is_constant(params: LightParams) -> bool:
     return params.clouds == 0.0 and (params.hour == 0.0 or params.hour_rate == 0.0)
 
 
-def light_at(params: LightParams, seconds: float, seed: int) -> Light:
+def light_at(params: LightParams, seconds: float, seed: int) -> SkyLight:
     """Return the light after a time."""
     if params.hour == 0.0:
         azimuth, elevation = np.radians([params.sun_azimuth_deg, params.sun_elevation_deg])
@@ -44,7 +44,7 @@ def light_at(params: LightParams, seconds: float, seed: int) -> Light:
         share = 0.35 + 0.65 * float(np.sin(elevation) / np.sin(USUAL))
     sun = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     cover = params.clouds * _cloud(seconds / params.cloud_period, seed) if params.clouds else 0.0
-    return Light(sun, SUN * red * (1.0 - cover), AMBIENT * share * (1.0 + 0.25 * cover), share * (1.0 - 0.2 * cover))
+    return SkyLight(sun, SUN * red * (1.0 - cover), AMBIENT * share * (1.0 + 0.25 * cover), share * (1.0 - 0.2 * cover))
 
 
 def sun_angles(hour: float) -> tuple[float, float]:

@@ -13,8 +13,8 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from cycab_sim.sensors.faults import SECOND
-from cycab_sim.sensors.rigs import FRAME, rig_place, rig_text
-from cycab_sim.simulator import Frame, Simulator
+from cycab_sim.sensors.rigs import FRAME, rig_file_text, rig_place
+from cycab_sim.simulator import RenderedFrame, Simulator
 from sphere_nav.geometry import Spherical
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.endpoints import Endpoints, Publisher
@@ -52,7 +52,7 @@ class Outputs:
         places = [(mount.T_base_camera, mount.frame_id) for mount in simulator.mounts.values()]
         if simulator.rig is not None:
             places.append((rig_place(simulator.params.rig), FRAME))
-            self.description.publish(String(data=rig_text(simulator.rig, simulator.params.rig.file)))
+            self.description.publish(String(data=rig_file_text(simulator.rig, simulator.params.rig.file)))
         if simulator.params.imu.is_on:
             places.append((simulator.imu.T_base_imu, IMU))
         if simulator.params.scan.is_on:
@@ -142,7 +142,7 @@ def _set_xyz(vector: Any, values: np.ndarray) -> None:
     vector.x, vector.y, vector.z = map(float, values)
 
 
-def image_message(frame: Frame, frame_id: str) -> Image:
+def image_message(frame: RenderedFrame, frame_id: str) -> Image:
     """Return a grey or colour image."""
     encoding = "mono8" if frame.image.ndim == 2 else "rgb8"
     return conversions.array_to_image(frame.image, frame.stamp_ns, frame_id, encoding)

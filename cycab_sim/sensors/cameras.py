@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from cycab_sim.params import CameraParams, ExposureParams, SphereParams
+from cycab_sim.params import ExposureParams, SimCameraParams, SphereParams
 from cycab_sim.sensors.lenses import make_lens
 from sphere_nav.geometry import SE3, Camera, Spherical
 
@@ -36,7 +36,7 @@ class Mount:
 
 
 @dataclass(frozen=True, eq=False)
-class Frame:
+class RenderedFrame:
     """An image (H, W[, 3]) u1 and range along the ray (H, W) f32 m of one instant."""
 
     image: NDArray[np.uint8]
@@ -47,7 +47,7 @@ class Frame:
     range_std_m: None = None  # the range is exact
 
 
-def forward_camera(params: CameraParams) -> Mount:
+def forward_camera(params: SimCameraParams) -> Mount:
     """Return the camera for driving; the frame of a panorama has body axes."""
     camera = make_lens(params, "camera")
     tilt = SE3.exp([0.0, 0.0, 0.0, 0.0, np.radians(params.pitch_deg), 0.0])

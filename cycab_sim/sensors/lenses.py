@@ -12,7 +12,7 @@ Centre = tuple[float, float]
 
 
 class LensParams(Protocol):
-    """What every camera's parameters say of its lens; see `CameraParams`."""
+    """What every camera's parameters say of its lens; see `SimCameraParams`."""
 
     @property
     def model(self) -> str:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cycab_sim.params import RigParams
+from cycab_sim.params import CameraRigParams
 from cycab_sim.sensors.cameras import OPTICAL, Mount
 from cycab_sim.sensors.lenses import make_lens
 from sphere_nav.geometry import SE3
@@ -26,23 +26,23 @@ LENGTH, ANGLE, FOCAL = 1e-3, np.radians(0.3), 3e-3  # standard deviations of mou
 CENTRE = 2.0  # of the principal point, px of an image of 544 columns
 
 
-def camera_names(kind: str) -> tuple[str, ...]:
+def rig_camera_names(kind: str) -> tuple[str, ...]:
     """Return the names of a rig's cameras; none of the kind `none`."""
     if kind == "vertical":
         return tuple(f"{level}_{name}" for level in ("top", "bottom") for name in AROUND)
     return tuple(RING) if kind == "ring" else ()
 
 
-def make_rig(params: RigParams, seed: int) -> Rig | None:
+def make_rig(params: CameraRigParams, seed: int) -> Rig | None:
     """Return the rig as it is truly built, every camera a little off its plan; None of the kind `none`."""
     if params.kind == "none":
         return None
     rng = np.random.default_rng([seed, 41])
-    cameras = tuple(_make_camera(params, name, rng) for name in camera_names(params.kind))
+    cameras = tuple(_make_camera(params, name, rng) for name in rig_camera_names(params.kind))
     return Rig(cameras, name=f"{params.kind}_{seed}")
 
 
-def rig_mounts(params: RigParams, rig: Rig | None) -> tuple[Mount, ...]:
+def rig_mounts(params: CameraRigParams, rig: Rig | None) -> tuple[Mount, ...]:
     """Return the cameras of a rig on the car."""
     T_base_rig = rig_place(params)
     noises = params.noise, params.shot_noise, params.vignetting, params.exposure
@@ -53,12 +53,12 @@ def rig_mounts(params: RigParams, rig: Rig | None) -> tuple[Mount, ...]:
     )
 
 
-def rig_place(params: RigParams) -> SE3:
+def rig_place(params: CameraRigParams) -> SE3:
     """Return T_base_rig."""
     return SE3.from_parts(np.eye(3), [params.x, params.y, params.z])
 
 
-def planned_pose(params: RigParams, name: str) -> SE3:
+def planned_pose(params: CameraRigParams, name: str) -> SE3:
     """Return T_rig_camera by the plan: optical axes, looking away from the middle."""
     level, _, rest = name.partition("_")
     is_vertical = params.kind == "vertical"
@@ -69,16 +69,16 @@ def planned_pose(params: RigParams, name: str) -> SE3:
     return SE3.from_parts(np.eye(3), [0.0, 0.0, height]) @ away @ SE3.from_parts(OPTICAL, [radius, 0.0, 0.0])
 
 
-def rig_text(rig: Rig, path: str = "") -> str:
+def rig_file_text(rig: Rig, path: str = "") -> str:
     """Return the rig file's text, after writing it to `path` where one is given."""
     if path:
         write_rig(path, rig, is_overwriting=True)
         return Path(path).read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder:
-        return rig_text(rig, str(Path(folder) / "rig.yaml"))
+        return rig_file_text(rig, str(Path(folder) / "rig.yaml"))
 
 
-def _make_camera(params: RigParams, name: str, rng: np.random.Generator) -> RigCamera:
+def _make_camera(params: CameraRigParams, name: str, rng: np.random.Generator) -> RigCamera:
     off = params.tolerance * rng.standard_normal(9)
     du, dv = CENTRE * params.width / 544 * off[7:]
     lens = make_lens(params, "rig", float(1.0 + FOCAL * off[6]), (float(du), float(dv)))

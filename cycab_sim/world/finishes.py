@@ -82,7 +82,7 @@ def sign(width: float, height: float, rng: np.random.Generator, lines: int = 1) 
     return Finish(k.SIGN, board, ink, (0.11, width, height, height / (4.0 + 9.0 * lines)))
 
 
-def paint(colour: Colour, seam: float = 50.0) -> Finish:
+def painted_metal(colour: Colour, seam: float = 50.0) -> Finish:
     """Return painted sheet metal with a panel line every `seam` metres."""
     return Finish(k.METAL, colour, (0.24, 0.21, 0.17), (0.11, seam))
 

@@ -21,7 +21,7 @@ LEAVES = 700  # of a hedge, each metre
 def add_car(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
     """Add a parked car of about 4.2 m x 1.75 m x 1.5 m, its middle at the origin."""
     colour = finishes.pick(rng, finishes.CARS)
-    body = finishes.paint(colour, rng.uniform(0.9, 1.4))
+    body = finishes.painted_metal(colour, rng.uniform(0.9, 1.4))
     length, width, tall = rng.uniform(3.7, 4.4), rng.uniform(1.65, 1.78), rng.uniform(0.5, 0.75)
     a, b = length / 2, width / 2
     add_frustum(mesh, at, (-a, a, b, 0.30), (-a + 0.05, a - 0.05, b, 0.62), body)
@@ -37,7 +37,7 @@ def add_car(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
     for x in (-a - 0.01, a - 0.02):
         mesh.box([x, -0.27, 0.42], [0.03, 0.54, 0.12], finishes.sign(0.54, 0.12, rng), at)
         for y in (-b + 0.08, b - 0.38):
-            mesh.box([x, y, 0.60], [0.03, 0.30, 0.14], finishes.paint((0.55, 0.12 if x < 0 else 0.5, 0.1)), at)
+            mesh.box([x, y, 0.60], [0.03, 0.30, 0.14], finishes.painted_metal((0.55, 0.12 if x < 0 else 0.5, 0.1)), at)
 
 
 def add_lamp(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
@@ -46,7 +46,7 @@ def add_lamp(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
     add_prism(mesh, at, 0.10, 0.6, finishes.METAL)
     add_prism(mesh, at, 0.055, height, finishes.METAL)
     mesh.box([-0.03, -0.03, height - 0.08], [1.1, 0.06, 0.08], finishes.METAL, at)
-    mesh.box([0.75, -0.12, height - 0.18], [0.5, 0.24, 0.12], finishes.paint((0.55, 0.55, 0.5)), at)
+    mesh.box([0.75, -0.12, height - 0.18], [0.5, 0.24, 0.12], finishes.painted_metal((0.55, 0.55, 0.5)), at)
 
 
 def add_traffic_sign(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
@@ -59,14 +59,18 @@ def add_traffic_sign(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> 
 def add_bollard(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
     """Add a bollard with a painted head."""
     add_prism(mesh, at, 0.07, 0.85, finishes.METAL)
-    add_prism(mesh, at @ placed(0, 0, 0, 0.85), 0.085, 0.12, finishes.paint(finishes.pick(rng, finishes.WOODWORK)))
+    add_prism(
+        mesh, at @ placed(0, 0, 0, 0.85), 0.085, 0.12, finishes.painted_metal(finishes.pick(rng, finishes.WOODWORK))
+    )
 
 
 def add_box(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
     """Add a bin, a switch cabinet or a stack of crates."""
     kind = rng.random()
     if kind < 0.4:
-        mesh.box([-0.3, -0.6, 0], [0.6, 1.2, 1.25], finishes.paint(finishes.pick(rng, finishes.WOODWORK), 0.6), at)
+        mesh.box(
+            [-0.3, -0.6, 0], [0.6, 1.2, 1.25], finishes.painted_metal(finishes.pick(rng, finishes.WOODWORK), 0.6), at
+        )
         mesh.panels(
             moved(np.array([[0.305, -0.5, 0.3], [0.305, 0.5, 0.3], [0.305, 0.5, 1.1], [0.305, -0.5, 1.1]]), at),
             finishes.sign(1.0, 0.8, rng, 4),

@@ -18,8 +18,7 @@ from sphere_nav.localization.base_estimate import BaseEstimate
 from sphere_nav.localization.status import FINE, Finding, State, Status, status_of
 from sphere_nav.photometric import warm_up
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.intake import CameraIntake
-from sphere_nav.ros.camera.rig_intake import RigIntake
+from sphere_nav.ros.camera.intake import CameraIntake, MultiCameraIntake
 from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.localizer.node import LocalizerNode
 from sphere_nav.ros.maps.reader import MapReader
@@ -54,13 +53,13 @@ class DenseLocalizerNode(LocalizerNode):
         self.maps.close()
         self.localizer = None
 
-    def make_intake(self) -> CameraIntake | RigIntake:
+    def make_intake(self) -> CameraIntake | MultiCameraIntake:
         """Subscribe to the camera, or to those of a rig."""
         p, callbacks = self.params, (self.on_picture, self.on_refusal)
         if not self.has_rig:
             return super().make_intake()
         calibration = read_calibration(p.rig.calibration, self.maps.reader)
-        return RigIntake(self.endpoints, p, p.rig, calibration, *callbacks, has_sphere_info=True)
+        return MultiCameraIntake(self.endpoints, p, p.rig, calibration, *callbacks, has_sphere_info=True)
 
     @property
     def has_rig(self) -> bool:
@@ -92,8 +91,8 @@ class DenseLocalizerNode(LocalizerNode):
         T_base_body = self.intake.T_base_camera
         T_odom_body = picture.T_odom_base and picture.T_odom_base @ T_base_body
         estimate = self.localizer.update_rig(self.images_of(picture), picture.stamp_ns, T_odom_body)
-        if estimate.place is not None and self.residual.num_subscriptions:
-            shown, frame = residual_image(picture.image, picture.camera, estimate.place), self.params.camera_frame
+        if estimate.candidate is not None and self.residual.num_subscriptions:
+            shown, frame = residual_image(picture.image, picture.camera, estimate.candidate), self.params.camera_frame
             self.residual.publish(conversions.array_to_image(shown, picture.stamp_ns, frame, "mono8"))
         return estimate.to_base(T_base_body)
 
@@ -122,7 +121,7 @@ class DenseLocalizerNode(LocalizerNode):
             raise ValueError("relocalize: expected a map, found none: load one first")
         T_base_camera = self.intake.T_base_camera
         estimate = self.localizer.relocalize(given[0] @ T_base_camera if given is not None else None)
-        return estimate.at_place().to_base(T_base_camera) if estimate is not None else None
+        return estimate.expose_candidate().to_base(T_base_camera) if estimate is not None else None
 
     def forget(self) -> None:
         """Forget pose and stream."""

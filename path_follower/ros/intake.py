@@ -12,7 +12,7 @@ from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
 
 from path_follower.follower import Follower
 from path_follower.homing import HomingFollower
-from path_follower.modes import State
+from path_follower.modes import FollowerState
 from path_follower.params import PathFollowerParams
 from path_follower.path import Pose2
 from path_follower.safety import DEGRADED, TRUSTED
@@ -117,7 +117,7 @@ class DirectionIntake:
         """Hand on whether the directions may be followed."""
         stamp, times = conversions.stamp_ns(message), self._answered.times
         state, way = driving.message_to_progress(message)
-        is_trusted, is_there = state == State.DRIVING, state == State.FINISHED
+        is_trusted, is_there = state == FollowerState.DRIVING, state == FollowerState.FINISHED
         time = times.of(stamp) if is_trusted or is_there else times.now()
         self._follower.see_source(is_trusted=is_trusted, is_there=is_there, way=way, now_ns=time)
         if not is_trusted:

@@ -15,6 +15,7 @@ from scipy import linalg
 
 from rig_calibration.boards.linearize import Normal, normal_equations, residuals
 from rig_calibration.boards.state import Problem, State
+from sphere_nav.estimation.robust import huber_weights
 
 Array = NDArray[np.float64]
 
@@ -43,7 +44,7 @@ def solve(
     if not np.isfinite(cost):
         raise ValueError("bundle adjustment: expected a start with all boards in front of their cameras")
     for _ in range(max_iterations):
-        weighted = weights * huber_weights(errors, huber_px)
+        weighted = weights * huber_weights(np.linalg.norm(np.nan_to_num(errors), axis=-1), huber_px)
         normal = normal_equations(problem, state, np.nan_to_num(errors), weighted)
         while damping < MAX_DAMPING:
             trial = state.moved(*_step(problem, normal, damping))
@@ -67,12 +68,6 @@ def information(problem: Problem, state: State, weights: Array) -> Array:
     normal = normal_equations(problem, state, np.nan_to_num(residuals(problem, state)), weights)
     reduced, _, _ = _eliminate(normal, 0.0)
     return reduced
-
-
-def huber_weights(errors: Array, huber_px: float) -> Array:
-    """Return the weight (N,) of every corner by the length of its residual (N, 2)."""
-    size = np.linalg.norm(np.nan_to_num(errors), axis=-1)
-    return np.minimum(1.0, huber_px / np.maximum(size, TINY))
 
 
 def _cost(errors: Array, weights: Array, huber_px: float) -> float:

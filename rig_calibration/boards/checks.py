@@ -20,6 +20,7 @@ from rig_calibration.boards.board import Board
 from rig_calibration.boards.intrinsics import SingleCamera
 from rig_calibration.boards.views import View
 from rig_calibration.params import CalibrationParams
+from sphere_nav.estimation.gates import squared_mahalanobis
 
 Array = NDArray[np.float64]
 
@@ -57,7 +58,7 @@ def lens_chance(single: SingleCamera, lens: Array) -> float:
     correlation = single.lens_covariance[np.ix_(free, free)] / scale / scale[:, None]
     if not np.all(np.isfinite(correlation)):
         return 1.0
-    return float(chi2.sf(change @ np.linalg.solve(correlation, change), int(free.sum())))
+    return float(chi2.sf(squared_mahalanobis(change, correlation), int(free.sum())))
 
 
 def check_views(

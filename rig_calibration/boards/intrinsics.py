@@ -37,8 +37,7 @@ def board_pose(rays: Array, points: Array) -> SE3:
     H = H / (0.5 * (np.linalg.norm(H[:, 0]) + np.linalg.norm(H[:, 1])) + 1e-300)
     if np.sum(rays * (plane @ H.T)) < 0:
         H = -H
-    U, _, Vt = np.linalg.svd(np.stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])], axis=-1))
-    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    R = so3.nearest_rotations(np.stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])], axis=-1))
     return SE3.from_parts(R, scale * H[:, 2] - R[:, :2] @ centre)
 
 

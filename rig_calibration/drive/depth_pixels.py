@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rig_calibration.drive.depth_pair import DepthFrame, DepthPair
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.params import PyramidParams
 
@@ -47,7 +47,7 @@ def fit_planes(depth_m: NDArray[np.floating], camera: Camera) -> tuple[Array, Ar
     depth = np.asarray(depth_m, np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = np.where((depth > 0) & np.isfinite(depth), 1.0 / depth, 0.0)
-    rays = camera.unproject(pixel_grid(camera))
+    rays = pixel_rays(camera)
     rays = np.nan_to_num(rays / rays[..., 2:])
     known = inverse[rows, columns].reshape(len(v), -1)
     around = rays[rows, columns].reshape(len(v), -1, 3) * (known > 0)[..., None]

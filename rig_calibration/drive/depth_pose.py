@@ -17,6 +17,7 @@ from scipy.stats import f
 
 from rig_calibration.drive.depth_pair import SHARED, DepthPair, PairState, linearize_pair
 from sphere_nav.estimation.elimination import Elimination, Part
+from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.geometry import SE3, Camera
 
 Array = NDArray[np.float64]
@@ -55,7 +56,7 @@ class RefinedDepth:
     def contradicts(self, T_image_depth: SE3) -> bool:
         """Say whether another pose is refused at FALSE_ALARM (Hotelling's T^2: the pairs tell their own scatter)."""
         off, count = (self.T_image_depth @ T_image_depth.inverse()).log(), len(self.states)
-        squared = float(off @ np.linalg.solve(self.covariance, off))
+        squared = squared_mahalanobis(off, self.covariance)
         return bool(f.sf(squared * (count - SHARED) / (SHARED * (count - 1)), SHARED, count - SHARED) < FALSE_ALARM)
 
 

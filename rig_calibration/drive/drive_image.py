@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.estimation.elimination import Part
-from sphere_nav.estimation.robust import weigh
+from sphere_nav.estimation.robust import HUBER, weigh
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling, row_share
 from sphere_nav.photometric import Pyramid, View
@@ -41,7 +41,6 @@ Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
 
 OWN = 8  # pose (v, omega), gain, bias: what each image has of its own
-HUBER = 1.345  # standard deviations, M15 eq. 34
 MIN_SIGMA = 0.5  # grey levels
 MIN_PIXELS = 100
 MARGIN = 1.0  # px from the border

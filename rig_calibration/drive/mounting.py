@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.estimation.robust import CAUCHY, cauchy_weights
 from sphere_nav.geometry import SE3, so3
 
 Array = NDArray[np.float64]
@@ -30,7 +31,6 @@ UNOBSERVED = np.array([0.1, 0.1, 0.1, 0.05, 0.05, 0.05, 0.02, 0.02])  # standard
 FIXED = 1e-6  # standard deviation of what stays as it was given
 SETTLED = 1e-7
 MAX_STEPS = 50
-CAUCHY = 2.385  # standard deviations; 95 % efficient for normal errors
 MEDIAN_LENGTH = 1.538  # of three normal numbers
 EPS = 1e-6  # of numerical differences
 
@@ -167,5 +167,5 @@ def _sigma(e: Array) -> Array:
 def _weights(e: Array, sigma: Array) -> Array:
     """Return weights (N, 6): Cauchy's of a whole piece over the variances, as a wheel that slips spoils all of it."""
     squares = np.mean((e / sigma) ** 2, axis=1)
-    weights: Array = 1.0 / (1.0 + squares / CAUCHY**2)[:, None] / sigma**2
+    weights: Array = cauchy_weights(squares / CAUCHY**2)[:, None] / sigma**2
     return weights

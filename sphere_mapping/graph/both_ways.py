@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import MappingRegistrationParams
+from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import Alignment, register
 from sphere_nav.spheres.appearance.pose import FeaturePose, find_pose
@@ -41,8 +42,7 @@ class Motion:
 
     def edge(self, a: int, b: int, *, is_loop: bool) -> Edge:
         """Return it as an edge of the graph."""
-        information = np.linalg.inv(self.covariance)
-        return Edge(a, b, self.T_a_b, (information + information.T) / 2, is_loop)
+        return Edge(a, b, self.T_a_b, symmetric_inverse(self.covariance), is_loop)
 
 
 def measure(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: MappingRegistrationParams) -> Motion | None:

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from scipy.sparse import bsr_array, csc_array, eye_array, kron
 from scipy.sparse.linalg import SuperLU, splu
 
-from sphere_mapping.graph.chordal import as_rows, nearest_rotations, of_blocks, quadratic_form
+from sphere_mapping.graph.chordal import as_rows, of_blocks, quadratic_form
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 from sphere_nav.geometry import so3
+from sphere_nav.geometry.so3 import nearest_rotations
 
 Array = NDArray[np.float64]
 

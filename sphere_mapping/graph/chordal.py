@@ -14,6 +14,7 @@ from scipy.sparse.csgraph import breadth_first_order
 from scipy.sparse.linalg import splu
 
 from sphere_mapping.graph.pose_graph import PoseGraph
+from sphere_nav.geometry.so3 import nearest_rotations
 
 Array = NDArray[np.float64]
 
@@ -72,13 +73,6 @@ def as_poses(X: Array, d: int) -> Array:
     poses = np.tile(np.eye(d + 1), (X.shape[1] // (d + 1), 1, 1))
     poses[:, :d] = X.reshape(d, -1, d + 1).swapaxes(0, 1)
     return poses
-
-
-def nearest_rotations(matrices: Array) -> Array:
-    """Return the rotations (..., d, d) nearest to matrices (..., d, d)."""
-    U, _, Vt = np.linalg.svd(matrices)
-    U[..., :, -1] *= np.linalg.det(U @ Vt)[..., None]
-    return U @ Vt
 
 
 def _rotation_form(graph: PoseGraph) -> csc_array:

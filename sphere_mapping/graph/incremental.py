@@ -18,7 +18,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
 LARGE = 300  # key spheres from which on it pays
-RELINEARIZE = 0.003  # m and rad by which a pose moves before it is linearised anew
+RELINEARIZE = 0.003  # m and rad by which a pose moves before it is linearized anew
 MAX_STEPS = 10  # of Gauss-Newton after a loop; it ends when no pose has moved by as much
 
 

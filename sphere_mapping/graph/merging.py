@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sphere_mapping.graph.loop_closure import MIN_DETOUR
+from sphere_nav.estimation.normal_equations import symmetric, symmetric_inverse
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
 Array = NDArray[np.float64]
@@ -56,13 +57,13 @@ def compose(first: Edge, second: Edge) -> Edge:
     adjoint = second.T_a_b.inverse().adjoint()
     covariance = adjoint @ np.linalg.inv(first.information) @ adjoint.T + np.linalg.inv(second.information)
     is_loop = first.is_loop or second.is_loop
-    return Edge(first.a, second.b, first.T_a_b @ second.T_a_b, _inverse(covariance), is_loop)
+    return Edge(first.a, second.b, first.T_a_b @ second.T_a_b, symmetric_inverse(covariance), is_loop)
 
 
 def reverse(edge: Edge) -> Edge:
     """Return the same motion from the other end: (T exp(x))^-1 = T^-1 exp(-Ad(T) x)."""
     adjoint = edge.T_a_b.inverse().adjoint()
-    return Edge(edge.b, edge.a, edge.T_a_b.inverse(), _symmetric(adjoint.T @ edge.information @ adjoint), edge.is_loop)
+    return Edge(edge.b, edge.a, edge.T_a_b.inverse(), symmetric(adjoint.T @ edge.information @ adjoint), edge.is_loop)
 
 
 class _Merger:
@@ -164,11 +165,3 @@ def _variance(edge: Edge) -> float:
 
 def _positions(graph: SphereGraph) -> Array:
     return np.array([node.T_map_sphere.translation for node in graph]).reshape(-1, 3)
-
-
-def _inverse(matrix: Array) -> Array:
-    return _symmetric(np.linalg.inv(matrix))
-
-
-def _symmetric(matrix: NDArray[np.floating]) -> Array:
-    return np.asarray((matrix + matrix.T) / 2, dtype=np.float64)

@@ -12,6 +12,7 @@ from sphere_mapping.graph.motion import Expectation, MotionPrior, Placed
 from sphere_mapping.graph.registration import PreparedSphere, align, turned
 from sphere_mapping.graph.unrolling import Unroll, align_unrolled
 from sphere_mapping.params import MapperParams
+from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import Alignment
 from sphere_nav.photometric.align.alignment import GOOD
@@ -77,8 +78,7 @@ class Tracker:
             return motion.edge(key_id, node.id, is_loop=False)
         sigma_m = UNCONFIRMED_M + UNCONFIRMED_SHARE * float(np.linalg.norm(forward.T_world_camera.translation))
         spread = np.diag(np.repeat([sigma_m, UNCONFIRMED_RAD], 3) ** 2)
-        information = np.asarray(np.linalg.inv(forward.covariance + spread), dtype=np.float64)
-        return Edge(key_id, node.id, forward.T_world_camera, (information + information.T) / 2)
+        return Edge(key_id, node.id, forward.T_world_camera, symmetric_inverse(forward.covariance + spread))
 
     def _guesses(self, current: PreparedSphere, expected: Expectation) -> Iterator[SE3]:
         """Yield where the sphere may be: by its motion, by the turn of its image (eq. 20), where the last one was."""

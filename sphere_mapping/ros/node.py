@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from nav_msgs.msg import Odometry, Path
-from sensor_msgs.msg import CameraInfo, PointCloud2
+from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import KeySphereGraph
 from sphere_nav_msgs.srv import SaveMap
 from std_srvs.srv import Trigger
@@ -15,7 +15,6 @@ from sphere_mapping.graph.unrolling import Unroll
 from sphere_mapping.mapper import Mapper, MapUpdate
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import Intake, with_driver_input
-from sphere_mapping.ros.rgbd_intake import DEPTH_INFO
 from sphere_mapping.ros.saving import Journal, save
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric.warm_up import warm_up
@@ -60,10 +59,7 @@ class SphereMapper(ManagedNode):
         self.odom = OdometryInput(self.endpoints, self.tf.tree, base_frame, is_used=True)
         self.transform = MapTransform(self.endpoints, self.odom, map_frame, base_frame)
         self.intake = Intake(self.params, self.on_sphere, self.tf.lookup, self.report)
-        for subscription in self.intake.subscriptions():
-            self.add_subscription(*subscription)
-        if self.params.input == "rgbd":
-            self.add_subscription(DEPTH_INFO, CameraInfo, self.intake.on_depth_info, qos.SENSOR, is_required=False)
+        self.intake.subscribe(self.endpoints)
         self.add_service("~/close_loops", Trigger, self.on_close_loops)
         self.add_service("~/save_map", SaveMap, self.on_save)
         self.report("mapping", OK, "waiting for the first sphere")

@@ -10,11 +10,11 @@ from sensor_msgs.msg import CameraInfo
 
 from sphere_mapping.acquisition.stereo.stereo import sphere_from_stereo
 from sphere_mapping.acquisition.stereo.stereo_pair import PairGeometry, StereoPair, geometry_of
-from sphere_mapping.acquisition.stitching.synchroniser import Instant
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.ros import conversions
-from sphere_nav.ros.node import OK, WARN
+from sphere_nav.ros.camera.synchronizer import Instant
+from sphere_nav.ros.endpoints import OK, WARN
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
 IMAGES = ("left/image_raw", "right/image_raw")

@@ -93,6 +93,17 @@ def from_quaternion(xyzw: ArrayLike) -> Array:
     return R
 
 
+def nearest_rotations(matrices: Array) -> Array:
+    """Return the rotations (..., d, d) nearest to matrices (..., d, d) by the sum of squares, d 2 or 3 (Kabsch).
+
+    U diag(1, ..., det(U V')) V' of the singular value decomposition.
+    """
+    U, _, Vt = np.linalg.svd(matrices)
+    U[..., :, -1] *= np.linalg.det(U @ Vt)[..., None]
+    rotations: Array = U @ Vt
+    return rotations
+
+
 def inverse_left_jacobian_times(rotation_vector: Array, vector: Array) -> Array:
     """Return V^-1 v (3,) of one rotation vector (3,) and one vector (3,)."""
     (x, y, z), (p, q, r) = rotation_vector.tolist(), vector.tolist()

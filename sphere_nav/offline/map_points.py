@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.params import CloudParams
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.graph import KeySphere
 from sphere_nav.spheres.sphere import Sphere
 
@@ -33,7 +33,7 @@ class Cloud:
 
 def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> Cloud:
     """Return the thinned points of one key sphere in the map frame."""
-    rays = sphere.camera.unproject(pixel_grid(sphere.camera))
+    rays = pixel_rays(sphere.camera)
     with np.errstate(invalid="ignore"):
         kept = np.isfinite(sphere.range_m) & (sphere.range_m <= params.max_range_m)
         points = rays * np.where(kept, sphere.range_m, np.nan)[..., None]

@@ -98,7 +98,7 @@ class Drive:
         stamps, poses = [], []
         for stamp, image in tqdm(self._images(), desc="localise", unit="image", leave=False, disable=None):
             estimate = localizer.update(image, camera, stamp)
-            if estimate.T_map_camera is not None and estimate.place is not None:
+            if estimate.T_map_camera is not None and estimate.candidate is not None:
                 stamps.append(stamp)
                 poses.append(estimate.T_map_camera)
         return Located(np.array(stamps, np.int64), tuple(poses))

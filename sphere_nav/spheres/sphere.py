@@ -94,6 +94,11 @@ def to_grey(image: NDArray[Any]) -> NDArray[np.float32]:
     return grey
 
 
+def to_grey_bytes(image: Image) -> Image:
+    """Return the grey levels (H, W) of a grey or RGB image, rounded."""
+    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.uint8, copy=False) if image.ndim == 3 else image
+
+
 def continued(values: NDArray[Grey], is_known: NDArray[np.bool_]) -> NDArray[Grey]:
     """Return the values (H, W) with unknown pixels taken from the nearest known one."""
     if is_known.all() or not is_known.any():

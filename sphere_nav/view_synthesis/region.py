@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav.view_synthesis.surface import Surface, surface_of
@@ -68,7 +68,7 @@ def usable_share(surface: Surface, shift_m: Array) -> float:
 @cache
 def _cosines() -> Array:
     """Return the cosine (rows, 1) of the elevation of the window's rows."""
-    return np.cos(np.arcsin(WINDOW.unproject(pixel_grid(WINDOW))[:, :1, 2]))
+    return np.cos(np.arcsin(pixel_rays(WINDOW)[:, :1, 2]))
 
 
 def _reach(surface: Surface, direction: Array, step_m: float, needed: float) -> float:

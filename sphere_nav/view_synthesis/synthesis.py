@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
 from sphere_nav.spheres.sphere import Image, Range
 from sphere_nav.view_synthesis import kernels
@@ -88,7 +88,7 @@ def _draw_pole(
     focal = 0.5 * side / np.tan(POLE_RAD + 2.0 / side)
     pinhole = Pinhole(side, side, focal, focal, 0.5 * (side - 1), 0.5 * (side - 1))
     near, place = draw(surface, T_camera_pole.inverse() @ T_camera_sphere, pinhole)
-    rays = camera.unproject(pixel_grid(camera))
+    rays = pixel_rays(camera)
     rows = np.flatnonzero(rays[:, 0] @ T_camera_pole.rotation[:, 2] > np.cos(POLE_RAD))
     pixels, _ = pinhole.project(rays[rows] @ T_camera_pole.rotation)
     u, v = np.clip(np.rint(pixels), 0, side - 1).astype(np.intp).transpose(2, 0, 1)

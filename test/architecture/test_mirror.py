@@ -6,19 +6,22 @@ import ast
 from functools import cache
 from pathlib import Path
 
-from architecture.tree import MODULES, ROOT, dotted, room
+from architecture.tree import EXECUTABLES, MODULES, ROOT, dotted, room
 
 TESTED_ELSEWHERE = {
-    "params.py": "test/architecture/test_params.py",  # declarations only, the same laws for all packages
+    # declarations only, the same laws for all packages; defaults: test/config/test_yaml_matches_params.py
+    "params.py": "test/architecture/test_params.py",
     "__init__.py": "test/architecture/test_layering.py",  # an index, executed by every import of the package
 }
+COMMANDS = {"sphere_nav.offline": "sphere_nav.cli"}  # what the commands do is tested through them, too
+NODES = {module: name for name, module in EXECUTABLES.items()}
 
 
-def mirror(module: Path) -> Path:
-    """Return where the test of a module lies."""
-    if module.name == "node.py" and module.parts[-2] == "ros":
-        return Path("test/nodes") / f"test_{module.parts[0]}.py"
-    return Path("test") / module.parent / f"test_{module.stem.strip('_')}.py"
+def mirrors(module: Path) -> list[Path]:
+    """Return where the test of a module may lie; that of a node is named like its executable or its package."""
+    names = [NODES[dotted(module)], module.parts[0]] if dotted(module) in NODES else []
+    nodes = [Path("test/nodes") / f"test_{name}.py" for name in names]
+    return [Path("test") / module.parent / f"test_{module.stem.strip('_')}.py", *nodes]
 
 
 @cache
@@ -35,11 +38,13 @@ def imported_by_tests(package: str) -> set[str]:
 
 
 def is_tested(module: Path) -> bool:
-    expected = Path(TESTED_ELSEWHERE.get(module.name, mirror(module)))
+    given = TESTED_ELSEWHERE.get(module.name)
+    files = [Path(given)] if given else mirrors(module)
     name = dotted(module)
-    return (ROOT / expected).is_file() or name in imported_by_tests(room(name))
+    rooms = {room(name), COMMANDS.get(room(name), room(name))}
+    return any((ROOT / file).is_file() for file in files) or any(name in imported_by_tests(item) for item in rooms)
 
 
 def test_modules_have_their_test() -> None:
     """Either the file that mirrors a module, or a test of its package that imports it."""
-    assert [f"{module}: no {mirror(module)}" for module in MODULES if not is_tested(module)] == []
+    assert [f"{module}: no {mirrors(module)[0]}" for module in MODULES if not is_tested(module)] == []

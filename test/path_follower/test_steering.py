@@ -36,7 +36,7 @@ def test_equation_25_for_the_yaw_rate(curvature):
 
 
 def closed_loop(direction, k_y_sign=1.0):
-    """Poles by time of the linearised loop: e_y' = U e_psi, e_psi' = U curvature(e_y, e_psi)."""
+    """Poles by time of the linearized loop: e_y' = U e_psi, e_psi' = U curvature(e_y, e_psi)."""
     speed, step = direction * 1.0, 1e-6
     point = ReferencePoint(0, 0, 0, speed, 0, 0, 0, direction)
 

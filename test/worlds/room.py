@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sphere_nav.geometry import SE3, Camera, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.geometry.cameras.rolling_shutter import row_share
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
@@ -35,7 +35,7 @@ class Room:
 
     def render(self, camera: Camera, T_room_camera: SE3):
         """Return the grey image (H, W) float32, 0 where the camera sees nothing, and the range (H, W) float32 in m."""
-        rays = camera.unproject(pixel_grid(camera)) @ T_room_camera.rotation.T
+        rays = pixel_rays(camera) @ T_room_camera.rotation.T
         grey, range_m = self.cast(T_room_camera.translation, rays)
         return np.nan_to_num(grey).astype(np.float32), range_m.astype(np.float32)
 
@@ -48,7 +48,7 @@ class Room:
         return self._cast_rows(camera, T_room_camera, twist)[1].astype(np.float32)
 
     def _cast_rows(self, camera: Camera, T_room_camera: SE3, twist):
-        rays = camera.unproject(pixel_grid(camera))
+        rays = pixel_rays(camera)
         rows = SE3.exp(row_share(np.arange(camera.height), camera.height)[:, None] * np.asarray(twist))
         T = SE3(T_room_camera.matrix @ rows.matrix)
         return self.cast(T.translation[:, None, :], np.einsum("vij,vuj->vui", T.rotation, rays))
@@ -62,7 +62,7 @@ class Room:
     def rgbd(self, camera: Camera, T_room_camera: SE3):
         """Return an image (H, W) uint8 and the depth along z (H, W) float32 in m."""
         _, range_m = self.render(camera, T_room_camera)
-        depth_m = range_m * camera.unproject(pixel_grid(camera))[..., 2]
+        depth_m = range_m * pixel_rays(camera)[..., 2]
         return self.photograph(camera, T_room_camera, noise=0.0), depth_m.astype(np.float32)
 
     def sphere(self, T_room_sphere: SE3, camera: Spherical, seed: int = 0) -> Sphere:

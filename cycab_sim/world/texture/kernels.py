@@ -177,7 +177,7 @@ def appearance(material, u, v, w, foot, p, seed, rough):
 
 
 @njit(cache=True, nogil=True)
-def locate(origin, rays, ranges, triangles, cone, surface_of, frames, kinds, points, depths, seeds):
+def locate_surfaces(origin, rays, ranges, triangles, cone, surface_of, frames, kinds, points, depths, seeds):
     """Write where rays (N, 3) f32 meet their surfaces: points (8, N) f32 and seeds (N,) u4 for `sum_octaves`.
 
     origin (3,) f64 m, ranges (N,) f32 m, triangles (N,) i32, negative for the sky, cone (N,) f32 rad,
@@ -216,7 +216,7 @@ def _note(points, n, u, v, ellipse, inverse_size, gain):
 def dress(rays, triangles, surface_of, kinds, params, colours, points, depths, rough, albedo):
     """Write the linear colour (N, 3) f32 of each hit, reflectance 0..1, or the radiance of the sky.
 
-    params (S, 6) f32, colours (S, 2, 3) f32, rough (N,) f32 of `sum_octaves`; the rest as in `locate`
+    params (S, 6) f32, colours (S, 2, 3) f32, rough (N,) f32 of `sum_octaves`; the rest as in `locate_surfaces`
     """
     for n in range(rays.shape[0]):
         if triangles[n] < 0:

@@ -31,7 +31,7 @@ SECTIONS, SECTION, GAP = 3, 6.6, 0.35  # of the tram, m
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class RigidPart:
     """A rigid piece that leads `ahead` m of its figure's middle, with its two supports `base` m apart.
 
     It turns about the y axis through `pivot` (3,) by swing * sin(wave * way + phase) + roll * way, way in m.
@@ -51,20 +51,20 @@ class Part:
 class Figure:
     """Parts, and the room they take: to the front and back of the middle, and to the sides, m."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[RigidPart, ...]
     half_length: float
     half_width: float
 
 
 def make_car(rng: np.random.Generator) -> Figure:
     """Return a car, as those that are parked."""
-    return Figure((Part(_built(rng, add_car, np.eye(4), rng), base=2.5),), 2.2, 0.9)
+    return Figure((RigidPart(_built(rng, add_car, np.eye(4), rng), base=2.5),), 2.2, 0.9)
 
 
 def make_tram(rng: np.random.Generator) -> Figure:
     """Return a tram of three sections that follow the bends one after the other."""
     colour, step = finishes.pick(rng, finishes.WOODWORK), SECTION + GAP
-    parts = [Part(_built(rng, _add_section, i - 1, colour, rng), (1 - i) * step, 4.4) for i in range(SECTIONS)]
+    parts = [RigidPart(_built(rng, _add_section, i - 1, colour, rng), (1 - i) * step, 4.4) for i in range(SECTIONS)]
     return Figure(tuple(parts), SECTIONS * step / 2, 1.2)
 
 
@@ -80,19 +80,19 @@ def make_pedestrian(rng: np.random.Generator) -> Figure:
         if has_bag:
             mesh.box([-0.32, -0.15, 1.02 * tall], [0.18, 0.3, 0.42], _cloth(finishes.pick(rng, CLOTHES)))
 
-    parts = [Part(_built(rng, body), base=0.3)]
+    parts = [RigidPart(_built(rng, body), base=0.3)]
     for side in (-1.0, 1.0):
         leg = _built(rng, _add_leg, 0.1 * side, hip, trousers)
         arm = _built(rng, _add_arm, 0.25 * side, shoulder, tall, cloth, skin)
         turn = phase + (np.pi if side > 0 else 0.0)
-        parts.append(Part(leg, base=0.3, pivot=(0.0, 0.0, hip), swing=0.42, wave=wave, phase=turn))
-        parts.append(Part(arm, base=0.3, pivot=(0.0, 0.0, shoulder), swing=0.35, wave=wave, phase=turn + np.pi))
+        parts.append(RigidPart(leg, base=0.3, pivot=(0.0, 0.0, hip), swing=0.42, wave=wave, phase=turn))
+        parts.append(RigidPart(arm, base=0.3, pivot=(0.0, 0.0, shoulder), swing=0.35, wave=wave, phase=turn + np.pi))
     return Figure(tuple(parts), 0.35, 0.3)
 
 
 def make_cyclist(rng: np.random.Generator) -> Figure:
     """Return somebody on a bicycle whose wheels turn."""
-    paint = finishes.paint(finishes.pick(rng, finishes.WOODWORK))
+    paint = finishes.painted_metal(finishes.pick(rng, finishes.WOODWORK))
     cloth, trousers, skin = (_cloth(finishes.pick(rng, some)) for some in (CLOTHES, CLOTHES, SKINS))
 
     def frame(mesh: MeshBuilder) -> None:
@@ -107,14 +107,14 @@ def make_cyclist(rng: np.random.Generator) -> Figure:
         for side in (-1.0, 1.0):
             mesh.box([0.08, 0.22 * side - 0.05, 1.06], [0.36, 0.09, 0.09], cloth)
 
-    parts = [Part(_built(rng, frame), base=1.0)]
+    parts = [RigidPart(_built(rng, frame), base=1.0)]
     for x in (-0.5, 0.52):
         wheel = _built(rng, _add_spoked_wheel, x)
-        parts.append(Part(wheel, base=1.0, pivot=(x, 0.0, WHEEL), roll=1.0 / WHEEL))
+        parts.append(RigidPart(wheel, base=1.0, pivot=(x, 0.0, WHEEL), roll=1.0 / WHEEL))
     for side in (-1.0, 1.0):
         leg = _built(rng, _add_leg, 0.1 * side, 0.95, trousers, 0.72)
         phase = np.pi if side > 0 else 0.0
-        parts.append(Part(leg, 0.0, 1.0, (-0.1, 0.0, 0.95), swing=0.35, wave=1.2, phase=phase))
+        parts.append(RigidPart(leg, 0.0, 1.0, (-0.1, 0.0, 0.95), swing=0.35, wave=1.2, phase=phase))
     return Figure(tuple(parts), 0.95, 0.35)
 
 
@@ -185,7 +185,7 @@ def _add_spoked_wheel(mesh: MeshBuilder, x: float) -> None:
 def _add_section(mesh: MeshBuilder, place: int, colour: Colour, rng: np.random.Generator) -> None:
     """Add a section of the tram: place -1 at the front, 0 in the middle, 1 at the back."""
     front, back = SECTION / 2, -SECTION / 2
-    body, glass = finishes.paint(colour, 1.1), finishes.window(1.1, 1.2, (0.07, 0.07, 0.08), rng, 1, 1)
+    body, glass = finishes.painted_metal(colour, 1.1), finishes.window(1.1, 1.2, (0.07, 0.07, 0.08), rng, 1, 1)
     nose, tail = (0.5 if place < 0 else 0.0), (0.5 if place > 0 else 0.0)
     add_frustum(mesh, np.eye(4), (back + tail / 2, front - nose / 2, 1.16, 0.28), (back, front, 1.2, 1.0), body)
     x = np.arange(back, front - 1.0, 1.1)

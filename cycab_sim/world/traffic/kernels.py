@@ -11,7 +11,7 @@ FLAT = 1e-9  # a triangle narrower than this, seen from the sun, casts no shadow
 
 
 @njit(cache=True)
-def place(T_world_part, part_of_triangle, part_of_surface, local, moved):
+def place_parts(T_world_part, part_of_triangle, part_of_surface, local, moved):
     """Move triangles (T, 3, 3), normals (T, 3) and surface frames (S, 3, 4), all f32, by their parts' poses.
 
     T_world_part (P, 4, 4) f64; local, moved: (triangles, normals, frames); frames map the world to the surface.

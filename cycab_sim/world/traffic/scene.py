@@ -32,7 +32,7 @@ class MovingScene:
 
     def move(self, T_world_part: NDArray[np.float64]) -> None:
         """Put every part (P, 4, 4) where it is now."""
-        kernels.place(T_world_part, *self._parts, self._local, self._moved)
+        kernels.place_parts(T_world_part, *self._parts, self._local, self._moved)
         if self._packets is not None:
             self._packets.move(self.triangles)
             return

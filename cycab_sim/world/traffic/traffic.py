@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from cycab_sim.params import TrafficParams
 from cycab_sim.world.mesh import Mesh, joined
 from cycab_sim.world.traffic import figures
-from cycab_sim.world.traffic.figures import Figure, Part
+from cycab_sim.world.traffic.figures import Figure, RigidPart
 from cycab_sim.world.traffic.loops import Loop, free_loops, walk_around
 from cycab_sim.world.worlds import World
 
@@ -109,7 +109,7 @@ class Traffic:
 _NUMBERS = ("ahead", "base", "pivot", "swing", "wave", "phase", "roll")
 
 
-def _reach(part: Part) -> float:
+def _reach(part: RigidPart) -> float:
     """Return how far a part extends forward or back of its place, m."""
     return float(np.abs(part.mesh.triangles[..., 0]).max())
 

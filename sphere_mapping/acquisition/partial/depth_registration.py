@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.kernels import sample_inverse_depth, splat_nearest
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 CORRECTIONS = 2  # steps along the ray after the warp, which is good to a pixel; the last one only confirms
 MAX_LEFT = 0.01  # relative; more is a surface that the first camera does not see from here
@@ -70,5 +70,5 @@ class DepthRegistration:
 
 def _rays(camera: Camera) -> Array:
     """Return a ray (H * W, 3) with z = 1 for every pixel."""
-    rays = camera.unproject(pixel_grid(camera)).reshape(-1, 3)
+    rays = pixel_rays(camera).reshape(-1, 3)
     return rays / rays[:, 2:]

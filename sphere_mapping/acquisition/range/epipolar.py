@@ -1,4 +1,4 @@
-"""The frame of the sphere in the rig, rectified so that epipolar lines are columns, and range from disparity."""
+"""Two spheres one above the other, whose epipolar lines are columns: disparities, and range from them."""
 
 from __future__ import annotations
 
@@ -11,47 +11,15 @@ from sphere_mapping.acquisition.kernels import recentre, splat_with_std, stretch
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.matching import Disparity, Search
 from sphere_mapping.acquisition.stitching.views import Layout
-from sphere_nav.geometry import SE3, Rig, RigCamera, Spherical
+from sphere_nav.geometry import Spherical
 
 Plane = NDArray[np.float32]
 
-MIN_BASELINE_M = 0.01
 FAR_M = 120.0  # what is surely farther is known to be far
 MIN_RANGE_SHARE = 0.9  # of the nearest range wanted: what is nearer is not trusted
 MAX_BASELINE_ERROR = 0.5  # share of the baseline: more is not corrected, images of so different places do not match
 MAX_SINE = 0.9  # of the largest disparity
 BELOW_ZERO_DEG = 0.7  # disparities searched below 0, for what calibration leaves
-
-
-def centre_of(cameras: Sequence[RigCamera]) -> NDArray[np.float64]:
-    """Return the mean of the cameras' centres (3,) in the frame of the rig."""
-    return np.mean([camera.T_rig_camera.translation for camera in cameras], axis=0)
-
-
-def sphere_frame(rig: Rig) -> tuple[SE3, float]:
-    """Return T_rig_sphere and the vertical baseline in m, 0 for a rig of one level.
-
-    A vertical rig's sphere lies in the middle of its top cameras; its z axis points there from the middle of the bottom
-    ones, so that a point has the same column in both spheres. Its x axis is the rig's, as nearly as possible.
-    """
-    if not rig.is_vertical:
-        return SE3.from_parts(np.eye(3), centre_of(rig.cameras)), 0.0
-    top, bottom = centre_of(rig.at_level("top")), centre_of(rig.at_level("bottom"))
-    baseline_m = float(np.linalg.norm(top - bottom))
-    if baseline_m < MIN_BASELINE_M:
-        raise ValueError(f"rig {rig.name}: expected levels at least {MIN_BASELINE_M} m apart, found {baseline_m:.4f} m")
-    if top[2] <= bottom[2]:
-        raise ValueError(
-            f"rig {rig.name}: level: expected top above bottom along z, found {top[2]:.3f}, {bottom[2]:.3f}"
-        )
-    return SE3.from_parts(upright((top - bottom) / baseline_m, np.array([1.0, 0.0, 0.0])), top), baseline_m
-
-
-def upright(z: NDArray[np.float64], forward: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation whose z axis is the unit vector z and whose x axis is nearest to `forward`."""
-    x = forward - z * (z @ forward)
-    x = x / np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)
 
 
 def search_of(window: Spherical, baseline_m: float, params: MatchParams) -> Search:

@@ -28,7 +28,7 @@ from sphere_mapping.acquisition.range.rig_adjustment import (
 )
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import Rig, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 Image = NDArray[np.uint8]
 Array = NDArray[np.float64]
@@ -68,7 +68,7 @@ def matches_of(
     """
     places = {rig_view.name: rig_view for rig_view in rig_views}
     whole = Spherical(params.width, params.width // 2)
-    rays = whole.unproject(pixel_grid(whole))
+    rays = pixel_rays(whole)
     found = {
         rig_view.name: _features(rig_view, images[rig_view.name], rays, params)
         for rig_view in rig_views

@@ -91,8 +91,7 @@ class SphereStitcher(ManagedNode):
         tf = TransformListener(self.endpoints) if self.params.has_cloud else None
         lookup = tf.lookup if tf else TransformTree().lookup
         self.intake = RigIntake(rig, self.params, self.now_ns, lookup, self.on_instants)
-        for topic, kind, callback, profile in self.intake.subscriptions():
-            self.add_subscription(topic, kind, callback, profile, is_required=topic == "points")
+        self.intake.subscribe(self.endpoints)
         if self.stitcher.warning:
             self.log.warning(self.stitcher.warning)
             self.report("range", WARN, self.stitcher.warning)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +16,7 @@ from sphere_mapping.acquisition.range.matching import Disparity, Search, match_c
 from sphere_mapping.acquisition.range.plausibility import check_order
 from sphere_mapping.params import PartialParams, StereoParams
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Sphere, check_image
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Sphere, check_image, to_grey_bytes
 
 Plane = NDArray[np.float32]
 
@@ -73,7 +72,7 @@ def depth_from_stereo(
 
 def match(left: Image, right: Image, search: Search, params: StereoParams) -> Disparity:
     """Return the disparity of every pixel of the left image of a rectified pair (H, W[, 3]) uint8."""
-    top, bottom = (np.ascontiguousarray(_grey(image).T) for image in (left, right))  # rows become columns
+    top, bottom = (np.ascontiguousarray(to_grey_bytes(image).T) for image in (left, right))  # rows become columns
     check_order(top, bottom, ("left", "right"), is_whole=False)
     found = match_columns(top, bottom, search, params, np.ones(top.shape, np.bool_))
     return Disparity(np.ascontiguousarray(found.value.T), np.ascontiguousarray(found.std.T))
@@ -83,7 +82,3 @@ def search_of(camera: Pinhole, baseline_m: float, params: StereoParams) -> Searc
     """Return the disparities from the nearest depth wanted, as far as half the image goes, to below 0."""
     nearest = camera.fx * baseline_m / params.nearest_m
     return Search(-BELOW_ZERO_PX, min(nearest, MAX_WIDTH_SHARE * camera.width))
-
-
-def _grey(image: Image) -> Image:
-    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image

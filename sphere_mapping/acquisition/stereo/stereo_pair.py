@@ -20,6 +20,7 @@ from sphere_mapping.acquisition.stereo.stereo_field import (
 )
 from sphere_nav.geometry import SE3, Camera, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.spheres.sphere import to_grey_bytes
 
 NUM_PAIRS = 10  # whose rows are compared
 MIN_BASELINE_M = 1e-3
@@ -160,7 +161,7 @@ class StereoPair:
 
     def _match(self, left: Image, right: Image) -> tuple[Array, Array]:
         return match_corners(
-            *(_grey(self._warp(image, table)) for image, table in zip((left, right), self._tables, strict=True))
+            *(to_grey_bytes(self._warp(image, table)) for image, table in zip((left, right), self._tables, strict=True))
         )
 
     def _set_tables(self, correction: StereoField | None = None) -> None:
@@ -183,7 +184,3 @@ def _table(lens: Camera, R_rectified_raw: Array, camera: Pinhole, applied: Stere
     at, _ = lens.project(rays)
     u, v = (np.nan_to_num(at[..., k], nan=-1e4).astype(np.float32) for k in range(2))
     return u, v
-
-
-def _grey(image: Image) -> Image:
-    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image

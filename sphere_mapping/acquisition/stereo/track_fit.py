@@ -21,6 +21,8 @@ from sphere_mapping.acquisition.stereo.stereo_field import (
     slopes_of_columns,
     tangents,
 )
+from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.estimation.robust import cauchy_weights
 from sphere_nav.geometry import SE3, Pinhole
 
 NUM_VIEWS = 4  # instants that a corner is followed through, as far as it is seen
@@ -64,7 +66,7 @@ class ColumnFit:
 
     def _is_more_than(self, first: int) -> bool:
         rest, covariance = self.columns[first:], self.covariance[first:, first:]
-        return float(rest @ np.linalg.solve(covariance, rest)) > SIGNIFICANCE[len(rest)]
+        return squared_mahalanobis(rest, covariance) > SIGNIFICANCE[len(rest)]
 
 
 def fit_columns(camera: Pinhole, baseline_m: float, windows: Sequence[Window]) -> ColumnFit | None:
@@ -130,12 +132,12 @@ class _State:
         self.squares = self.freedom = 0.0
 
     def reduce(self, columns: Array, scale: float) -> _Reduced:
-        """Linearise all pixels, eliminate depths, then motions."""
+        """Linearize all pixels, eliminate depths, then motions."""
         r, J_columns, J_inverse, J_poses = self._linearize(columns)
         for part in (r, J_columns, J_inverse, J_poses):
             part[~self.seen] = 0.0
         num, size, views = r.shape[1], J_poses.shape[-1], self.seen.sum(axis=0)
-        weight = 1.0 / (1.0 + np.sum(r * r, axis=(0, 2)) / (views * scale**2))  # (N,), of the whole corner
+        weight = cauchy_weights(np.sum(r * r, axis=(0, 2)) / (views * scale**2))  # (N,), of the whole corner
         self.squares = float(np.sum(weight * np.sum(r * r, axis=(0, 2))))
         self.freedom = float(np.sum(weight * (3 * views - 3))) - size
         J = np.concatenate([J_columns, J_poses], axis=-1)  # (K, N, 3, C + 6 (K - 1))

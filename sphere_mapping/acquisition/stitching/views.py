@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sphere_mapping.acquisition.stitching.feathering import Seam, seams_of
 from sphere_mapping.acquisition.stitching.strips import OUTSIDE, Block, Strip, strips_of
 from sphere_nav.geometry import SE3, Camera, Rig, RigCamera, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 Plane = NDArray[np.float32]
 Flags = NDArray[np.bool_]
@@ -103,7 +103,7 @@ def masks_of(rig: Rig) -> dict[str, NDArray[np.uint8]]:
 
 def border_of(part: RigCamera, mask: NDArray[np.uint8] | None) -> Plane:
     """Return the angle (h, w) in radians from each pixel of a camera to the nearest one without use."""
-    usable = np.isfinite(part.camera.unproject(pixel_grid(part.camera))).all(axis=-1)
+    usable = np.isfinite(pixel_rays(part.camera)).all(axis=-1)
     if mask is not None:
         if mask.shape[:2] != usable.shape:
             size = f"{part.camera.width} x {part.camera.height}"

@@ -16,7 +16,7 @@ import numpy as np
 from tqdm import tqdm
 
 from cycab_sim.params import SimParams
-from cycab_sim.sensors.rigs import camera_names
+from cycab_sim.sensors.rigs import rig_camera_names
 from cycab_sim.world.worlds import build_world
 from sphere_nav.cli.demo.plots import plot_errors, plot_top_view
 from sphere_nav.cli.demo.processes import Processes
@@ -68,7 +68,7 @@ WARM_UP = (
     "from sphere_nav import photometric; photometric.warm_up(); "
     "from sphere_mapping.acquisition import kernels; kernels.warm_up()"
 )
-RIG_TOPICS = " ".join(f"/cameras/{name}/image_raw /cameras/{name}/camera_info" for name in camera_names("vertical"))
+RIG_TOPICS = " ".join(f"/cameras/{name}/image_raw /cameras/{name}/camera_info" for name in rig_camera_names("vertical"))
 TEACH_TOPICS = f"{RIG_TOPICS} /odom /ground_truth/odometry /tf_static"
 DRIVE_TOPICS = (
     "/pose /odometry /status /cmd_vel /tracking_error /path_follower/status /path_follower/trajectory "

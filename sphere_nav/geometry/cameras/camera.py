@@ -66,6 +66,11 @@ def pixel_grid(camera: Camera) -> Array:
     return np.stack([u, v], axis=-1).astype(np.float64)
 
 
+def pixel_rays(camera: Camera) -> Array:
+    """Return the unit rays (height, width, 3) of every pixel; NaN where the model has no ray."""
+    return camera.unproject(pixel_grid(camera))
+
+
 def inside(pixels: Array, camera: Camera) -> NDArray[np.bool_]:
     """Return which pixels (..., 2) lie on the area of the image, half a pixel beyond its outer centres included."""
     u, v = pixels[..., 0], pixels[..., 1]

@@ -10,13 +10,11 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo
 
 from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
 from sphere_mapping.acquisition.stereo.stereo import sphere_from_stereo
 from sphere_mapping.params import MapperParams, SphereMapperParams
 from sphere_mapping.ros.intake import TOPICS, Intake
-from sphere_mapping.ros.rgbd_intake import DEPTH_INFO
 from sphere_nav.geometry import Pinhole
 from sphere_nav.offline import topics
 from sphere_nav.offline.importing.recording import read_image
@@ -65,10 +63,7 @@ class Collector(ManagedNode):
         self.last: Sphere | None = None
         self.count = 0
         intake = Intake(self.params, self._on_sphere, TransformListener(self.endpoints, is_required=False).lookup)
-        for subscription in intake.subscriptions():
-            self.add_subscription(*subscription)
-        if self.params.input == "rgbd":
-            self.add_subscription(DEPTH_INFO, CameraInfo, intake.on_depth_info, is_required=False)
+        intake.subscribe(self.endpoints)
 
     def _on_sphere(self, sphere: Sphere, *_: object) -> None:
         self.last, self.count = sphere, self.count + 1

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
@@ -20,6 +19,7 @@ from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.tf import TransformListener
+from sphere_nav.spheres.sphere import to_grey_bytes
 
 MAX_WINDOWS = 16  # of consecutive instants in which corners are followed, spread over the drive
 MAX_PAIRS = 400  # of the drive's beginning
@@ -39,15 +39,13 @@ class PairFollower(ManagedNode):
         self.windows: list[Window] = []
         self.num_pairs, self.step, self._open = 0, NUM_VIEWS, list[tuple[NDArray, NDArray]]()
         lookup = TransformListener(self.endpoints, is_required=False).lookup
-        self.intake = Intake(self.params, lambda *_: None, lookup, on_pair=self._on_pair)
-        for subscription in self.intake.subscriptions():
-            self.add_subscription(*subscription)
+        Intake(self.params, lambda *_: None, lookup, on_pair=self._on_pair).subscribe(self.endpoints)
 
     def _on_pair(self, left: NDArray, right: NDArray, pair: StereoPair) -> None:
         self.pair, place = pair, self.num_pairs % self.step
         self.num_pairs += 1
         if place < NUM_VIEWS:
-            self._open.append((_grey(left), _grey(right)))
+            self._open.append((to_grey_bytes(left), to_grey_bytes(right)))
         if len(self._open) == NUM_VIEWS:
             g = pair.geometry
             window = follow_window(g.camera, g.baseline_m, *zip(*self._open, strict=True))
@@ -89,7 +87,3 @@ def describe(found: ColumnFit) -> str:
         f"disparity too small by {terms.removeprefix('+')} px (x, y: tangents; deviations {deviations}, "
         f"from {found.num_tracks} corners), corrected"
     )
-
-
-def _grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.uint8) if image.ndim == 3 else image

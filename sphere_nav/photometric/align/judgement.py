@@ -1,6 +1,6 @@
 """Whether the end of a registration is a result: overlap, texture, outliers, convergence, covariance.
 
-How many pixels count as one independent observation, measured by how differently parts of the image pull.
+How many pixels count as one independent observation, measured by how differently parts of the image bias the pose.
 """
 
 from __future__ import annotations
@@ -10,11 +10,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.estimation.normal_equations import inverse_and_condition
 from sphere_nav.photometric.align import alignment
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.descent import kernels
 from sphere_nav.photometric.align.iteration.kernels import NUM_COLUMNS
-from sphere_nav.photometric.align.problem import Comparison, Descent, Problem, State
+from sphere_nav.photometric.align.problem import Comparison, Descent, State
 from sphere_nav.photometric.params import RegistrationParams
 
 MIN_PIECES = 2  # of a view; fewer do not scatter
@@ -39,13 +40,6 @@ def correlated_pixels(found: Sequence[Comparison], otherwise: float) -> float:
 Array = NDArray[np.float64]
 UNKNOWN = np.diag(np.full(6, np.inf))
 STUCK = 25.0  # still moving this many times `min_step` at the end is no convergence
-
-
-def judge(problem: Problem, descent: Descent, iterations: int, overlap: float, params: RegistrationParams) -> Alignment:
-    """Say what the last descent has found, after so many iterations in all; compare once more where it did not end."""
-    found = descent.found or problem.compare(descent.state)
-    H = normal_matrix(found, has_light=params.illumination)
-    return classify(found, H, descent, iterations, overlap, params)
 
 
 def classify(
@@ -111,14 +105,7 @@ def _covariance(H: Array) -> tuple[Array, float]:
     """
     pose, cross, light = H[:6, :6], H[:6, 6:], H[6:, 6:]
     marginal = pose - cross @ np.linalg.solve(light, cross.T) if light.size else pose
-    if not np.all(np.isfinite(marginal)):
-        return UNKNOWN, np.inf
-    scale = np.sqrt(np.maximum(np.diagonal(marginal), 1e-300))
-    eigenvalues, vectors = np.linalg.eigh(marginal / np.outer(scale, scale))
-    if eigenvalues[0] <= 0:
-        return UNKNOWN, np.inf
-    inverse = (vectors / eigenvalues) @ vectors.T / np.outer(scale, scale)
-    return inverse, float(eigenvalues[-1] / eigenvalues[0])
+    return inverse_and_condition(marginal)
 
 
 def _correlation(found: Sequence[Comparison], state: State) -> float:

@@ -111,11 +111,11 @@ class Problem:
         found = tuple(self._comparisons(last, facts, pieces)) if is_still else ()
         return Descent(last, iterations, motion, is_determined, found)
 
-    def linearise(self, state: State) -> tuple[Array, Array, int]:
+    def linearize(self, state: State) -> tuple[Array, Array, int]:
         """Return H, g over (xi, gain 1, bias 1, ...) with H x = -g, and the number of visible pixels (eq. 6, 31-35)."""
         T_world_camera = np.ascontiguousarray(state.T_world_camera.matrix[:3])
         args = T_world_camera, state.light, self._robust
-        H, g, visible = kernels.linearise(*self._views, *self._image, *args, *_room())
+        H, g, visible = kernels.linearize(*self._views, *self._image, *args, *_room())
         return H, g, int(visible)
 
     def compare(self, state: State) -> list[Comparison]:

@@ -1,4 +1,4 @@
-"""A few thousand pixels of an alignment, warped into the image: what questions about its residuals are asked of."""
+"""A few thousand pixels of an alignment, warped into the image, by which its residuals are checked."""
 
 from __future__ import annotations
 
@@ -61,7 +61,7 @@ def cosines(sample: Sample) -> tuple[Array, Array]:
     return product / np.maximum(in_reference * in_image, TINY), length * in_reference
 
 
-def take_samples(
+def sample_views(
     pyramid: Pyramid,
     views: Sequence[View],
     alignment: Alignment,

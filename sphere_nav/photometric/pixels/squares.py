@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.projection import Floats, kernel_camera, kernel_motion, view_cone
 from sphere_nav.photometric.pixels import kernels
@@ -128,7 +128,7 @@ class Made:
 def rays_of(camera: Camera) -> tuple[Floats, Floats, Floats]:
     """Return the unit rays of all pixels as `kernels.ray_of` takes them; kept for the latest cameras."""
     if not isinstance(camera, Spherical):
-        rays = np.moveaxis(camera.unproject(pixel_grid(camera)), -1, 0).astype(np.float32)
+        rays = np.moveaxis(pixel_rays(camera), -1, 0).astype(np.float32)
         return np.empty((2, 0), np.float32), np.empty((2, 0), np.float32), np.ascontiguousarray(rays.reshape(3, -1))
     middle = 0.5 * (camera.full_height - 1.0) - camera.offset_v
     along = camera.unproject(np.stack([np.arange(camera.width), np.full(camera.width, middle)], axis=-1))

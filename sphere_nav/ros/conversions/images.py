@@ -14,6 +14,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
 from sphere_nav.ros.conversions.encoded import decode_file
 from sphere_nav.ros.conversions.stamps import header
+from sphere_nav.spheres.sphere import to_grey_bytes
 
 ENCODINGS: dict[str, tuple[type, int]] = {
     "mono8": (np.uint8, 1),
@@ -109,8 +110,7 @@ def image_to_rgb(message: Image) -> Bytes:
 
 def image_to_grey(message: Image) -> Bytes:
     """Return the grey levels (H, W) uint8."""
-    pixels = image_to_rgb(message)
-    return cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) if pixels.ndim == 3 else pixels
+    return to_grey_bytes(image_to_rgb(message))
 
 
 def depth_to_metres(message: Image) -> Floats:

@@ -32,8 +32,7 @@ from sphere_nav.localization.status import (
     status_of,
 )
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.intake import CameraIntake
-from sphere_nav.ros.camera.rig_intake import RigIntake
+from sphere_nav.ros.camera.intake import CameraIntake, MultiCameraIntake
 from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.clocks import ClockWatch
 from sphere_nav.ros.localizer.peer_localizer import PeerLocalizer
@@ -92,7 +91,7 @@ class LocalizerNode(ManagedNode):
     def prepare(self, picture: Picture) -> None:
         """Make what needs to know the camera's place, before the first image."""
 
-    def make_intake(self) -> CameraIntake | RigIntake:
+    def make_intake(self) -> CameraIntake | MultiCameraIntake:
         """Subscribe to the camera."""
         callbacks = self.on_picture, self.on_refusal
         return CameraIntake(self.endpoints, self.params, *callbacks, has_sphere_info=self.HAS_SPHERE_INFO)

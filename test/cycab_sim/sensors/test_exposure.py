@@ -6,7 +6,7 @@ import pytest
 from cycab_sim.params import ExposureParams
 from cycab_sim.sensors.exposure import Exposure, averaged
 from cycab_sim.simulator import Simulator
-from cycab_sim.vehicle import Command
+from cycab_sim.vehicle import VehicleCommand
 
 GAMMA, TENTH = 2.2, 100_000_000
 AUTOMATIC = ExposureParams(is_automatic=True, delay=0.2, time_constant=0.5)
@@ -94,10 +94,10 @@ def test_images_are_lost_at_random_and_in_turn(small_params):
     taken = []
     for _ in range(400):
         taken += simulator.take_due()
-        simulator.step(Command(), TENTH)
+        simulator.step(VehicleCommand(), TENTH)
     assert taken.count("camera") == pytest.approx(240, abs=40)  # four standard deviations
     missing = []
     for _ in range(6):
         missing += set(simulator.rig_names) - set(simulator.capture_rig())
-        simulator.step(Command(), 10 * TENTH)
+        simulator.step(VehicleCommand(), 10 * TENTH)
     assert sorted(missing) == sorted(simulator.rig_names)

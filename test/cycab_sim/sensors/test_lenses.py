@@ -1,17 +1,17 @@
 import numpy as np
 import pytest
 
-from cycab_sim.params import CameraParams, RigParams
+from cycab_sim.params import CameraRigParams, SimCameraParams
 from cycab_sim.sensors.lenses import focal_length, make_lens, panorama
 
 
 @pytest.mark.parametrize(
     "params",
     [
-        CameraParams(view_deg=80.0),
-        CameraParams(model="fisheye", view_deg=190.0, width=500, height=400),
-        RigParams(view_deg=185.0),
-        RigParams(model="pinhole", view_deg=125.0),
+        SimCameraParams(view_deg=80.0),
+        SimCameraParams(model="fisheye", view_deg=190.0, width=500, height=400),
+        CameraRigParams(view_deg=185.0),
+        CameraRigParams(model="pinhole", view_deg=125.0),
     ],
 )
 def test_the_field_of_view_is_met_with_the_distortion(params):
@@ -24,13 +24,13 @@ def test_the_field_of_view_is_met_with_the_distortion(params):
 
 
 def test_focal_length_without_distortion():
-    assert focal_length(CameraParams(width=640, view_deg=90.0, k1=0.0, k2=0.0)) == pytest.approx(320.0)
-    fisheye = CameraParams(model="fisheye", width=640, view_deg=180.0, k1=0.0, k2=0.0)
+    assert focal_length(SimCameraParams(width=640, view_deg=90.0, k1=0.0, k2=0.0)) == pytest.approx(320.0)
+    fisheye = SimCameraParams(model="fisheye", width=640, view_deg=180.0, k1=0.0, k2=0.0)
     assert focal_length(fisheye) == pytest.approx(640 / np.pi)
 
 
 def test_a_panorama_keeps_rows_around_the_horizon():
-    camera = make_lens(CameraParams(model="panorama", width=720, height=240), "camera")
+    camera = make_lens(SimCameraParams(model="panorama", width=720, height=240), "camera")
     rays = camera.unproject([[359.5, 119.5], [359.5, -0.5], [359.5, 239.5]])
     np.testing.assert_allclose(rays[0], [1.0, 0.0, 0.0], atol=1e-12)
     assert np.degrees(np.arcsin(rays[1:, 2])) == pytest.approx([60.0, -60.0])
@@ -40,11 +40,14 @@ def test_a_panorama_keeps_rows_around_the_horizon():
 @pytest.mark.parametrize(
     ("params", "message"),
     [
-        (CameraParams(view_deg=170.0), r"camera\.view_deg: expected at most 150.* of a pinhole, found 170"),
-        (CameraParams(view_deg=140.0, k1=-0.2, k2=0.0), r"camera\.view_deg: expected at most \d+ with this distortion"),
-        (CameraParams(model="fisheye", view_deg=200.0, k1=-0.3), r"camera\.view_deg: expected at most \d+ with"),
-        (CameraParams(model="panorama", width=640, height=400), r"camera\.width, height: .* found 640 x 400"),
-        (CameraParams(model="panorama", width=641, height=200), r"camera\.width, height: expected even numbers"),
+        (SimCameraParams(view_deg=170.0), r"camera\.view_deg: expected at most 150.* of a pinhole, found 170"),
+        (
+            SimCameraParams(view_deg=140.0, k1=-0.2, k2=0.0),
+            r"camera\.view_deg: expected at most \d+ with this distortion",
+        ),
+        (SimCameraParams(model="fisheye", view_deg=200.0, k1=-0.3), r"camera\.view_deg: expected at most \d+ with"),
+        (SimCameraParams(model="panorama", width=640, height=400), r"camera\.width, height: .* found 640 x 400"),
+        (SimCameraParams(model="panorama", width=641, height=200), r"camera\.width, height: expected even numbers"),
     ],
 )
 def test_lenses_that_cannot_be_are_refused(params, message):

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cycab_sim.params import CameraParams, LightParams, RenderParams, ScanParams, StartParams
+from cycab_sim.params import LightParams, RenderParams, ScanParams, SimCameraParams, StartPoseParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.sensors.scanner import Scanner
 from cycab_sim.simulator import Simulator
@@ -67,8 +67,8 @@ def test_directions_in_the_wrong_order_are_refused():
 
 
 def test_at_the_foot_of_the_ramp_the_road_is_seen(small_params):
-    start = StartParams(along=15.0)
-    params = replace(small_params, world="ramp", scan=EXACT, start=start, camera=CameraParams(is_on=False))
+    start = StartPoseParams(along=15.0)
+    params = replace(small_params, world="ramp", scan=EXACT, start=start, camera=SimCameraParams(is_on=False))
     simulator = Simulator(params)
     assert simulator.vehicle.state.x == pytest.approx(15.0)
     assert simulator.scan().ranges[90] == pytest.approx(5.0 + 0.6 / 0.08, abs=0.02)  # 0.6 m up on a slope of 8 %

@@ -9,10 +9,10 @@ from sensor_msgs.msg import CameraInfo
 
 from sphere_mapping.acquisition.stereo.stereo_field import RowFit, StereoField
 from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair, geometry_of, rectified_pair
-from sphere_mapping.acquisition.stitching.synchroniser import Instant
 from sphere_mapping.params import MapperParams
 from sphere_mapping.ros.stereo_intake import StereoIntake, judge_rows, open_pair, report_nothing
 from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.ros.camera.synchronizer import Instant
 from sphere_nav.ros.conversions import camera_to_info
 
 RAW = Pinhole(320, 240, 250.0, 251.0, 160.0, 119.0, (-0.2, 0.03, 0.0, 0.0, 0.0))

@@ -9,7 +9,7 @@ from sphere_nav.photometric.align.descent import kernels as descent
 
 def test_kernels_of_the_project_are_kept_in_the_folder_of_their_text():
     path = Path(descent.exponential._cache.cache_path)
-    assert path == cache_folder("photometric") / "sphere_nav.photometric.align.descent"
+    assert path == cache_folder("sphere_nav") / "sphere_nav.photometric.align.descent"
 
 
 def test_functions_of_others_are_left_to_numba(tmp_path):

@@ -114,14 +114,14 @@ def test_a_launch_file_starts_what_up_starts(path: Path, monkeypatch: pytest.Mon
         stand_in[module] = types.ModuleType(module)
         stand_in[module].__dict__.update(names)
         monkeypatch.setitem(sys.modules, module, stand_in[module])
-    monkeypatch.delitem(sys.modules, "sphere_nav.ros.compositions", raising=False)
-    from sphere_nav.ros import compositions as launching
+    monkeypatch.delitem(sys.modules, "sphere_nav.ros.launching", raising=False)
+    from sphere_nav.ros import launching
 
     assert launching.COMPOSITIONS is COMPOSITIONS
     space: dict[str, Any] = {}
     exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), space)
     *declared, opaque = space["generate_launch_description"]()
-    monkeypatch.delitem(sys.modules, "sphere_nav.ros.compositions", raising=False)
+    monkeypatch.delitem(sys.modules, "sphere_nav.ros.launching", raising=False)
     values = {item.words[0]: item.default_value for item in declared}
     assert set(values) == set(COMPOSITIONS[name_of(path)].arguments)
     assert all(item.description for item in declared)

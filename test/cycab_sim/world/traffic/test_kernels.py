@@ -11,7 +11,7 @@ def test_parts_are_placed_with_their_texture(rng):
     frames = rng.normal(size=(2, 3, 4)).astype(np.float32)
     poses = np.stack([placed(3.0, -2.0, 0.7, 0.5), placed(-1.0, 4.0, 2.0)])
     out = triangles.copy(), normals.copy(), frames.copy()
-    kernels.place(poses, np.array([0, 0, 1, 1]), np.array([0, 1]), (triangles, normals, frames), out)
+    kernels.place_parts(poses, np.array([0, 0, 1, 1]), np.array([0, 1]), (triangles, normals, frames), out)
     for t, part in enumerate((0, 0, 1, 1)):
         np.testing.assert_allclose(out[0][t], moved(triangles[t], poses[part]), atol=1e-5)
         np.testing.assert_allclose(out[1][t], poses[part, :3, :3] @ normals[t], atol=1e-5)

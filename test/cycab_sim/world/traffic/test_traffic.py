@@ -7,7 +7,7 @@ import pytest
 from cycab_sim.params import TrafficParams
 from cycab_sim.sensors.faults import SECOND
 from cycab_sim.simulator import Simulator
-from cycab_sim.vehicle import Command
+from cycab_sim.vehicle import VehicleCommand
 from cycab_sim.world.traffic.traffic import AWAY, Traffic
 from cycab_sim.world.worlds import build_world
 from sphere_nav.geometry import SE3, Pinhole
@@ -107,7 +107,7 @@ def test_traffic_is_seen_and_measured_and_throws_shadows(simulator):
     assert hits[0][0] >= moving.first
     shadows = simulator.renderer._shadows
     assert (shadows.depths < shadows._still).sum() > 500  # texels
-    simulator.step(Command(), 20 * SECOND)
+    simulator.step(VehicleCommand(), 20 * SECOND)
     later, _ = simulator.render(camera, T_world_camera)
     assert np.mean(np.abs(later.astype(float) - image) > 10.0) > 0.05
 
@@ -116,7 +116,7 @@ def test_the_laser_scanner_sees_traffic(simulator):
     simulator.teleport(-1.0, 14.0, 0.0)  # across the street on which cars and the tram go
     measured = []
     for _ in range(12):
-        simulator.step(Command(), 50 * STEP)
+        simulator.step(VehicleCommand(), 50 * STEP)
         measured.append(np.minimum(simulator.scan().ranges, 30.0))
     assert (np.ptp(measured, axis=0) > 0.5).any()  # noise is 0.01 m
 

@@ -7,7 +7,7 @@ import pytest
 from sphere_mapping.acquisition.kernels import match_outline
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.epipolar import search_of
-from sphere_mapping.acquisition.range.planes import Places, _fit, range_of_planes
+from sphere_mapping.acquisition.range.planes import Viewpoints, _fit, range_of_planes
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 
@@ -44,13 +44,20 @@ def see(height_m, rng, box):
     return image, range_m[middle::FINER, middle::FINER]
 
 
+def one_viewpoint():
+    """Return the viewpoints of two spheres that were taken from one centre each."""
+    shape = (WHOLE.height, WHOLE.width)
+    centres = np.zeros((1, 3), np.float32)
+    return Viewpoints(BASELINE_M, np.zeros(shape, np.int8), centres, np.zeros(shape, np.float32), 0.0)
+
+
 def fill(*, box):
     """Return range, its deviation and the truth (H, W); nothing is measured before."""
     rng, params = np.random.default_rng(3), MatchParams()
     (top, truth), (bottom, _) = see(0.0, rng, box), see(-BASELINE_M, rng, box)
     nothing = np.full(top.shape, np.nan, np.float32)
     everywhere, search = np.ones(top.shape, np.bool_), search_of(WHOLE, BASELINE_M, params)
-    places = Places.of_pair(WHOLE, BASELINE_M)
+    places = one_viewpoint()
     return *range_of_planes(top, bottom, (nothing, nothing), everywhere, places, search, params), truth
 
 
@@ -88,7 +95,7 @@ def test_what_is_measured_stands_unless_it_contradicts_the_plane(empty_room):
     everywhere, search = np.ones(top.shape, np.bool_), search_of(WHOLE, BASELINE_M, params)
     measured[130:], measured[:100] = np.nan, np.nan  # enough of a region must be unknown, that it counts
     ranged = measured, 0.02 * measured
-    found, _ = range_of_planes(top, bottom, ranged, everywhere, Places.of_pair(WHOLE, BASELINE_M), search, params)
+    found, _ = range_of_planes(top, bottom, ranged, everywhere, one_viewpoint(), search, params)
     right = ~rim & ~np.isnan(measured)
     assert not np.isfinite(found[right]).any()
     known = rim & np.isfinite(alone)

@@ -20,6 +20,7 @@ from sphere_nav.cli.maps.map_export import WRITERS
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.offline.mapping.sphere_source import sphere_of_bag
+from sphere_nav.offline.settings import parse_settings
 from sphere_nav.ros.maps.reader import open_map
 from worlds.recordings import (
     BASELINE,
@@ -356,4 +357,4 @@ def test_help_shows_examples(command):
 
 
 def test_settings_are_read_as_yaml():
-    assert map_command.parse_settings(["a.b=3", "c=true", "d=x"]) == {"a.b": 3, "c": True, "d": "x"}
+    assert parse_settings(["a.b=3", "c=true", "d=x"]) == {"a.b": 3, "c": True, "d": "x"}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import DoubleSphere, Fisheye, Pinhole, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_grid, pixel_rays
 
 
 def pixel_distance(a, b, camera):
@@ -123,3 +123,10 @@ def test_an_uncalibrated_camera_is_refused(model, focal):
 def test_an_empty_image_is_refused(make):
     with pytest.raises(ValueError, match=r"camera size: expected at least 1 x 1, .* found 0 x 4"):
         make(0, 4)
+
+
+def test_pixel_rays_lead_back_to_their_pixels():
+    camera = Pinhole(4, 3, 5.0, 6.0, 1.2, 0.7)
+    pixels, is_inside = camera.project(pixel_rays(camera))
+    np.testing.assert_allclose(pixels, pixel_grid(camera), atol=1e-12)
+    assert is_inside.all()

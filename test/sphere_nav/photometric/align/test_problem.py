@@ -42,7 +42,7 @@ def test_the_normal_equations_are_those_of_numerical_derivatives_in_the_camera_t
     level = build_pyramid(smooth, CAMERA, params.pyramid).levels[0]
     problem = Problem.choose_pixels(level, [view], T_world_reference, params)
     T_start = T_world_reference @ SE3.exp([1e-3, 0, 0, 0, 1e-3, 0])  # off the pixel centres, residuals not zero
-    H, g, _ = problem.linearise(State.start(T_start, 1))
+    H, g, _ = problem.linearize(State.start(T_start, 1))
     (compared,) = problem.compare(State.start(T_start, 1))
     H, g, step = H[:6, :6] * compared.sigma**2, g[:6] * compared.sigma**2, 2e-3
     scale = np.sqrt(np.diag(H))
@@ -82,7 +82,7 @@ def test_a_descent_ends_where_its_passes_lead_and_tells_its_last_comparison(room
     problem = Problem.choose_pixels(level, [view], off.T_world_camera, params)
     state = off
     for _ in range(8):
-        H, g, _ = problem.linearise(state)
+        H, g, _ = problem.linearize(state)
         x = np.linalg.solve(H, -g)
         state = State(state.T_world_camera @ SE3.exp(x[:6]), state.light + x[6:].reshape(1, 2))
     found = problem.descend(off, 8)

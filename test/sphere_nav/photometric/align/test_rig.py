@@ -5,8 +5,9 @@ import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference, register
+from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.problem import State
-from sphere_nav.photometric.align.rig import RigImage, _RigProblem, register_rig
+from sphere_nav.photometric.align.rig import RigImage, RigProblem
 from sphere_nav.photometric.align.rotation import register_rig_rotation
 from sphere_nav.photometric.checks.structure import find_rig_structure
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
@@ -42,13 +43,13 @@ def images(room, views):
 
 
 def test_the_increment_of_a_camera_is_the_adjoint_of_that_of_the_body(images):
-    problem, state = _RigProblem.choose_pixels(images, 1, START, PARAMS, None), State.start(START, 4)
-    H, g, visible = problem.linearise(state)
+    problem, state = RigProblem.choose_pixels(images, 1, START, PARAMS, None), State.start(START, 4)
+    H, g, visible = problem.linearize(state)
     for image, one, camera_state in zip(images, problem.problems, problem.states(state), strict=True):
         step = 1e-6 * np.eye(6)
         X = image.T_body_camera
         numeric = np.stack([(X.inverse() @ SE3.exp(xi) @ X).log() for xi in step], axis=1) / 1e-6
-        h, q, number = one.linearise(camera_state)
+        h, q, number = one.linearize(camera_state)
         H[:6, :6] -= numeric.T @ h[:6, :6] @ numeric
         g[:6] -= numeric.T @ q[:6]
         visible -= number

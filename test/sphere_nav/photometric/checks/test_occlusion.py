@@ -1,4 +1,4 @@
-"""A part of the view that does not show the map: that it is there, and by how much it pulls a pose."""
+"""A part of the view that does not show the map: that it is there, and by how much it biases a pose."""
 
 from dataclasses import replace
 
@@ -8,8 +8,8 @@ import pytest
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.occlusion import MIN_SHARE, find_hidden
-from sphere_nav.photometric.checks.structure import find_rig_structure, find_structure
+from sphere_nav.photometric.checks.occlusion import OCCLUSION_SHARE, find_occlusion_bias
+from sphere_nav.photometric.checks.structure import find_rig_structure
 from sphere_nav.photometric.pixels.samples import Sample
 from worlds.room import Room
 
@@ -28,6 +28,11 @@ class HalfPaleRoom(Room):
 def views_of(room):
     places = [SE3.identity(), SE3.exp([0.3, 0.0, 0.1, 0.0, 0.0, 0.0])]
     return [View(prepare_reference(*room.render(SPHERE, T), SPHERE, PARAMS), T) for T in places]
+
+
+def structure_of(pyramid, views, *rest):
+    """Check the images of one camera."""
+    return find_rig_structure([RigImage(pyramid, views=tuple(views))], *rest)
 
 
 @pytest.fixture(scope="module")
@@ -58,17 +63,17 @@ def test_a_free_view_has_no_hidden_part(pose, finest):
     for seed in (31, 32):
         room = Room((4.0, 3.0, 2.0), (1.0, finest, 30), gain=30.0, seed=seed)
         pyramid, views = seen(room, pose, seed), views_of(room)
-        hidden = find_structure(pyramid, views, register(pyramid, views, pose, PARAMS), PARAMS).hidden
-        assert hidden.share < MIN_SHARE
-        assert not hidden.xi.any()
+        bias = structure_of(pyramid, views, register(pyramid, views, pose, PARAMS), PARAMS).occlusion
+        assert bias.share < OCCLUSION_SHARE
+        assert not bias.xi.any()
 
 
 def test_a_pale_wall_is_not_hidden():
     room = HalfPaleRoom((4.0, 3.0, 2.0), (1.0, 14.0, 30), gain=30.0, seed=23)
     pyramid, views = seen(room, POSES[0]), views_of(room)
-    assert np.std(pyramid.images[0][:, 100:]) < 0.3 * np.std(pyramid.images[0][:, :60])  # or nothing is asked
-    hidden = find_structure(pyramid, views, register(pyramid, views, POSES[0], PARAMS), PARAMS).hidden
-    assert hidden.share < MIN_SHARE
+    assert np.std(pyramid.images[0][:, 100:]) < 0.3 * np.std(pyramid.images[0][:, :60])  # or nothing is checked
+    bias = structure_of(pyramid, views, register(pyramid, views, POSES[0], PARAMS), PARAMS).occlusion
+    assert bias.share < OCCLUSION_SHARE
 
 
 @pytest.mark.parametrize("pose", POSES)
@@ -79,9 +84,9 @@ def test_the_pose_by_what_is_free_is_found(pose, seed):
     found = register(pyramid, views, pose, PARAMS)
     off = found.T_world_camera.distance(pose)[0]
     assert off > 0.15  # or there is nothing to find
-    hidden = find_structure(pyramid, views, found, PARAMS).hidden
-    assert hidden.share >= MIN_SHARE
-    assert (found.T_world_camera @ SE3.exp(hidden.xi)).distance(pose)[0] < min(0.1, 0.3 * off)
+    bias = structure_of(pyramid, views, found, PARAMS).occlusion
+    assert bias.share >= OCCLUSION_SHARE
+    assert (found.T_world_camera @ SE3.exp(bias.xi)).distance(pose)[0] < min(0.1, 0.3 * off)
 
 
 def gradients(angle, strength, at):
@@ -96,7 +101,7 @@ def gradients(angle, strength, at):
 
 def share_of(sample):
     cameras = [(None, [sample])]
-    return find_hidden(lambda _: cameras, cameras, SE3.identity(), PARAMS).share
+    return find_occlusion_bias(lambda _: cameras, cameras, SE3.identity(), PARAMS).share
 
 
 def test_pixels_that_scatter_hide_nothing_and_as_many_that_agree_on_it_do():
@@ -108,7 +113,7 @@ def test_pixels_that_scatter_hide_nothing_and_as_many_that_agree_on_it_do():
     moved = is_left & (few > 1.0)  # seen from elsewhere
     assert share_of(gradients(np.where(is_left, other, seen), np.ones(2048), at)) > 0.3
     assert share_of(gradients(seen, few, at)) == 0.0
-    assert share_of(gradients(np.where(moved, other, seen), few, at)) < MIN_SHARE
+    assert share_of(gradients(np.where(moved, other, seen), few, at)) < OCCLUSION_SHARE
 
 
 def test_a_cell_as_low_as_the_limit_is_seldom_called_hidden():
@@ -125,8 +130,8 @@ def test_what_hides_the_view_of_a_camera_pulls_its_body(soft, views):
     place = SE3.exp([0.2, -0.1, 0.3, 0.1, 0.4, -0.2])
     pyramid = seen(soft, POSES[0], 1, 0.4)
     found = register(pyramid, views, POSES[0], PARAMS)
-    _, alone = (find_structure(pyramid, views, found, PARAMS).hidden for _ in range(2))
+    _, alone = (structure_of(pyramid, views, found, PARAMS).occlusion for _ in range(2))
     body = replace(found, T_world_camera=found.T_world_camera @ place.inverse())
-    there = find_rig_structure([RigImage(pyramid, place, tuple(views))], body, PARAMS).hidden
+    there = find_rig_structure([RigImage(pyramid, place, tuple(views))], body, PARAMS).occlusion
     assert there.share == pytest.approx(alone.share, abs=1e-3)
     np.testing.assert_allclose(there.xi, (place @ SE3.exp(alone.xi) @ place.inverse()).log(), atol=1e-3)

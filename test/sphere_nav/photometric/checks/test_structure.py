@@ -5,12 +5,18 @@ import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, FrameMotion, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
-from sphere_nav.photometric.checks.structure import find_structure
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.checks.structure import find_rig_structure
 
 PARAMS = RegistrationParams(max_pixels=10_000)
 SPHERE = Spherical(512, 256)
 CAMERAS = [Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5), Fisheye(160, 120, 60.0, 60.0, 79.5, 59.5, (0.02, 0, 0, 0))]
 SOMEWHERE = SE3.exp([0.1, -0.05, 0.2, 0.02, 0.3, 0.01])
+
+
+def structure_of(pyramid, views, *rest):
+    """Check the images of one camera."""
+    return find_rig_structure([RigImage(pyramid, views=tuple(views))], *rest)
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +30,7 @@ def seen(room, views, lens, camera, truth=SOMEWHERE, seed=1):
     pyramid = build_pyramid(room.photograph(lens, truth, seed), camera, PARAMS.pyramid)
     alignment = register(pyramid, views, truth, PARAMS)
     assert alignment.is_converged
-    return find_structure(pyramid, views, alignment, PARAMS)
+    return structure_of(pyramid, views, alignment, PARAMS)
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.model)
@@ -51,7 +57,7 @@ def test_gradients_of_another_place_do_not_agree(room, views):
     elsewhere = SE3.exp([1.0, 0.5, -0.5, 0.3, 2.0, 0.1])
     pyramid = build_pyramid(room.photograph(camera, elsewhere, 1), camera, PARAMS.pyramid)
     alignment = register(pyramid, views, SOMEWHERE, replace(PARAMS, max_mad=1e3))
-    assert find_structure(pyramid, views, alignment, PARAMS).agreement < 0.2
+    assert structure_of(pyramid, views, alignment, PARAMS).agreement < 0.2
 
 
 def test_a_rolling_shutter_is_no_stretch(room, views):
@@ -60,8 +66,8 @@ def test_a_rolling_shutter_is_no_stretch(room, views):
     motion = FrameMotion(SOMEWHERE @ SE3.exp(-twist), 1.0)
     pyramid = build_pyramid(image, camera, PARAMS.pyramid)
     alignment = register(pyramid, views, SOMEWHERE, PARAMS, motion)
-    found = find_structure(pyramid, views, alignment, PARAMS, motion)
-    assert found.agreement > find_structure(pyramid, views, alignment, PARAMS).agreement
+    found = structure_of(pyramid, views, alignment, PARAMS, motion)
+    assert found.agreement > structure_of(pyramid, views, alignment, PARAMS).agreement
     assert abs(found.stretch) < max(0.005, 4.0 * found.stretch_sigma)
 
 

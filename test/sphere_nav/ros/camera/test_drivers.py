@@ -20,7 +20,7 @@ from sphere_nav.ros.conversions.images import ENCODINGS
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import ManagedNode
 
-FILES = Path(__file__).resolve().parents[2] / "config" / "cameras"
+FILES = Path(__file__).resolve().parents[4] / "config" / "cameras"
 WANTED = {"rgbd": RGBD, "stereo": STEREO, "mono": ("image_raw", "camera_info"), "panorama": ("image_raw",)}
 DEPTH_INFO = "depth/camera_info"
 METRES = {"16UC1": 0.001, "32FC1": 1.0}  # REP 118

@@ -36,23 +36,6 @@ def test_motions_are_inverted_and_composed(T, rng):
     assert np.abs(kernels.compose(rows_of(T), rows_of(other)) - (T @ other).matrix[:3]).max() < 1e-12
 
 
-def test_solve_finds_the_minimum_of_the_quadratic(system):
-    H, g = system
-    x, is_found = kernels.solve(H, g, 0)
-    assert is_found
-    assert np.abs(H @ x + g).max() < 1e-9 * np.abs(g).max()
-    rest, _ = kernels.solve(H, g, 3)  # a pure rotation leaves the translation out
-    assert np.abs(H[3:, 3:] @ rest + g[3:]).max() < 1e-9 * np.abs(g).max()
-
-
-@pytest.mark.parametrize("spoil", [0.0, -1.0, np.nan, np.inf])
-def test_solve_refuses_what_is_not_positive_definite(system, spoil):
-    H, g = system
-    H[3, :] = H[:, 3] = 0.0
-    H[3, 3] = spoil
-    assert not kernels.solve(H, g, 0)[1]
-
-
 def test_normal_equations_are_turned_into_the_camera_tangent_by_the_adjoint(T, system):
     H, g = system
     A = np.eye(8)

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.params import SynchroniserParams
-from sphere_mapping.acquisition.stitching.synchroniser import Synchroniser
-from sphere_nav.params import build
+pytest.importorskip("rclpy")  # of the package that it lies in
+
+from sphere_nav.ros.camera.synchronizer import MAX_MISSES, Synchronizer
 
 MS = 1_000_000
 
@@ -14,8 +14,8 @@ def image(seed):
     return np.random.default_rng(seed).integers(1, 255, (8, 8), dtype=np.uint8)
 
 
-def make(**values):
-    return Synchroniser(("a", "b"), build(SynchroniserParams, values))
+def make(slack_s=0.005, deadline_s=0.2, policy="omit"):
+    return Synchronizer(("a", "b"), slack_s, deadline_s, policy)
 
 
 def test_an_instant_is_handed_out_when_complete():
@@ -83,7 +83,7 @@ def test_the_stamp_is_that_of_the_first_stream_whatever_came_first():
 
 def test_an_instant_waits_for_what_makes_it_ready_but_not_beyond_the_deadline():
     ready = set()
-    sync = Synchroniser(("a",), SynchroniserParams(), is_ready=ready.__contains__)
+    sync = Synchronizer(("a",), 0.005, 0.2, is_ready=ready.__contains__)
     assert sync.put("a", 100 * MS, image(0), 100 * MS) == []
     ready.add(100 * MS)
     assert [one.stamp_ns for one in sync.pop(101 * MS)] == [100 * MS]
@@ -113,3 +113,50 @@ def test_repeated_and_backward_stamps_are_refused():
         with pytest.raises(ValueError, match="a: stamp: expected after"):
             sync.put("a", stamp, image(1), 101 * MS)
     assert sync.health["a"].num_refused == 3
+
+
+class ByStamps:
+    """Two cameras without a deadline."""
+
+    def __init__(self, names=("a", "b")):
+        self.said = []
+        self.sync = Synchronizer(names, 0.015)
+
+    def add(self, name, stamp_ms):
+        for instant in self.sync.put(name, stamp_ms * MS, stamp_ms):
+            self.said.append(instant.images)
+        return self.said[-1] if self.said else None
+
+
+def test_an_instant_is_complete_with_all_cameras_in_the_order_of_their_names():
+    gate = ByStamps()
+    assert gate.add("b", 1005) is None
+    assert gate.add("a", 1000) == {"a": 1000, "b": 1005}
+    assert list(gate.said[0]) == ["a", "b"]
+
+
+def test_the_next_instant_ends_one_that_lacks_a_camera():
+    gate = ByStamps()
+    gate.add("a", 1000)
+    assert gate.add("a", 1100) == {"a": 1000}
+    assert gate.add("b", 1110) == {"a": 1100, "b": 1110}
+
+
+def test_a_camera_that_stays_away_is_not_waited_for_until_it_is_back():
+    gate = ByStamps()
+    for k in range(MAX_MISSES + 1):
+        gate.add("a", 1000 + 100 * k)
+    assert len(gate.said) == MAX_MISSES + 1  # the last one at once
+    with pytest.raises(ValueError, match="camera b"):
+        gate.add("b", 1000 + 100 * MAX_MISSES + 2)  # after its instant was handed on
+    gate.add("a", 2000)
+    assert gate.said[-1] != {"a": 2000}
+    assert gate.add("b", 2001) == {"a": 2000, "b": 2001}
+
+
+def test_stamps_of_another_time_begin_anew():
+    gate = ByStamps()
+    gate.add("a", 5000)
+    gate.add("b", 5000)
+    gate.add("a", 1000)
+    assert gate.add("b", 1000) == {"a": 1000, "b": 1000}

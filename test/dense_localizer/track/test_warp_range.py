@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from dense_localizer.track.visual_odometry import range_of_view
+from dense_localizer.track.visual_odometry import warp_range
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference
 from sphere_nav.photometric.align.rig import RigImage
@@ -18,7 +18,7 @@ def test_it_is_that_of_the_room(room):
     sphere = room.sphere(T_sphere, Spherical(512, 256))
     view = View(prepare_reference(sphere.grey, sphere.range_m, sphere.camera, PARAMS), T_sphere)
     pyramid = build_pyramid(room.photograph(CAMERA, T_room_body @ MOUNT), CAMERA, PARAMS.pyramid)
-    found = range_of_view(RigImage(pyramid, MOUNT, (view,)), T_room_body, PARAMS)
+    found = warp_range(RigImage(pyramid, MOUNT, (view,)), T_room_body, PARAMS)
     _, truth = room.render(CAMERA, T_room_body @ MOUNT)
     known = ~np.isnan(found)
     assert known.mean() > 0.1
@@ -27,4 +27,4 @@ def test_it_is_that_of_the_room(room):
 
 def test_without_references_nothing_is_known(room):
     pyramid = build_pyramid(room.photograph(CAMERA, MOUNT), CAMERA, PARAMS.pyramid)
-    assert np.all(np.isnan(range_of_view(RigImage(pyramid, MOUNT), SE3.identity(), PARAMS)))
+    assert np.all(np.isnan(warp_range(RigImage(pyramid, MOUNT), SE3.identity(), PARAMS)))
