@@ -1,7 +1,7 @@
 """When to stop: what is known about localisation, pose, scan and emergency stop, and since when.
 
-All times are ns of one clock that no stamp can move (`clocks.py`): a message counts from its arrival, or from its
-stamp where that is older.
+All times are ns of one clock that no stamp can move (`Times` in `sphere_nav/ros/clocks.py`): a message counts from its
+arrival, or from its stamp where that is older.
 """
 
 from __future__ import annotations

@@ -9,8 +9,7 @@ from mcl_depth.belief.evidence import Proof
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
 from mcl_depth.params import StateParams
-from mcl_depth.reasons import REMEDIES
-from mcl_depth.status import LOST_IMAGES, Verdict, count, judge
+from mcl_depth.status import LOST_IMAGES, REMEDIES, Verdict, count, judge
 from sphere_nav.localization.state_machine import StateMachine
 from sphere_nav.localization.status import Finding, Reason, State
 

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.board_world import BoardWorld, pattern
 from rig_calibration.boards import charuco
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.detect import detect, detect_all
+from rig_calibration.boards.detect import detect_all
 from rig_calibration.boards.views import View
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
@@ -93,8 +93,8 @@ def test_two_boards_in_one_image_are_told_apart_by_their_markers(world):
 
 
 def test_a_board_that_is_there_twice_is_not_guessed(images):
-    image = next(image for image in images.values() if detect(image, BOARDS[0]))
-    assert detect(np.hstack([image, image]), BOARDS[0]) is None
+    image = next(image for image in images.values() if detect_all(image, BOARDS[:1]))
+    assert not detect_all(np.hstack([image, image]), BOARDS[:1])
 
 
 def test_no_board_no_corners():
@@ -106,7 +106,7 @@ def test_no_board_no_corners():
 def test_what_the_dictionary_does_not_hold_is_refused():
     image = np.zeros((100, 100), np.uint8)
     with pytest.raises(ValueError, match="board 'b0': dictionary: expected a name such as DICT_4X4_250"):
-        detect(image, replace(BOARDS[0], dictionary="DICT_3X"))
+        detect_all(image, [replace(BOARDS[0], dictionary="DICT_3X")])
     with pytest.raises(ValueError, match="expected 67 markers for 6x4 corners, found 50 in DICT_4X4_50"):
         charuco.check(replace(BOARDS[0], dictionary="DICT_4X4_50", first_marker=50))
 
