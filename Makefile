@@ -24,8 +24,9 @@ ready: $(STAMPS)/tf2_msgs $(STAMPS)/msg_defs $(STAMPS)/kernels
 demo: env
 	$(RUN)/sphere_nav demo $(ARGS)
 
+# a worker a core; of many cores four, as tests of nodes start processes of their own
 test: env $(STAMPS)/test_wheels
-	$(RUN)/pytest $(ARGS)
+	$(RUN)/pytest -n auto --maxprocesses 4 --dist worksteal $(ARGS)
 
 bench: env
 	$(RUN)/python -m benchmarks $(ARGS)
