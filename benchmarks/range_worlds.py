@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cycab_sim.params import CameraRigParams, LightParams, RenderParams
+from cycab_sim.params import CameraRigParams, ImagingParams, LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.sensors.cameras import expose
 from cycab_sim.sensors.rigs import make_rig, rig_mounts, rig_place
