@@ -13,7 +13,7 @@ from benchmarks import calibration_reference
 from benchmarks import calibration_worlds as worlds
 from benchmarks.report import Bound, Report, Table
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.detect import detect
+from rig_calibration.boards.detect import detect_all
 from rig_calibration.boards.views import View
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
@@ -78,7 +78,7 @@ def _views(folder: Path, names: tuple[str, ...]) -> list[View]:
     views = []
     for name in names:
         for path in sorted(folder.glob(f"{name}[0-9]*.*g")):
-            seen = detect(np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)), BOARD)
+            seen = detect_all(np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)), [BOARD]).get(BOARD.name)
             if seen is not None:
                 views.append(View(name, path.stem.removeprefix(name), BOARD.name, *seen))
     return views

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -33,8 +33,9 @@ from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.maps.check import salvage_map
-from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.ros.node import ManagedNode
+from sphere_nav.spheres.graph import KeySphere
 
 CONVERSIONS: dict[str, tuple[Callable[[Any], Any], ...]] = {
     "Image": (conversions.image_to_rgb, conversions.image_to_grey, conversions.depth_to_metres),
@@ -141,13 +142,13 @@ def _bag_targets(samples: Samples) -> list[Target]:
 
     def read_map(path: Path) -> None:
         with open_map(path) as reader:
-            _check_spheres(reader.load_all(), spheres)
+            _check_spheres(_load_all(reader), spheres)
 
     def read_salvaged_map(path: Path) -> None:
         target = path.with_name(f"saved{abs(hash(path.read_bytes()))}")
         salvage_map(path, target)
         with open_map(target) as reader:
-            _check_spheres(reader.load_all(), spheres)
+            _check_spheres(_load_all(reader), spheres)
         for file in target.iterdir():
             file.unlink()
         target.rmdir()
@@ -201,6 +202,10 @@ def _messages(path: Path) -> Iterable[tuple[str, int, bytes]]:
     with BagReader(path, is_empty_allowed=True) as bag:
         for topic, stamp, data in bag.raw():
             yield topic, stamp, bytes(data)
+
+
+def _load_all(reader: MapReader) -> list[KeySphere]:
+    return [replace(node, sphere=reader.load_sphere(node.id)) for node in reader.graph]
 
 
 def _check_spheres(graph: Iterable[Any], spheres: dict[int, Any]) -> None:

@@ -17,18 +17,16 @@ from mcl_depth.belief.hypotheses import Lineage, find_hypotheses
 from mcl_depth.belief.motion_model import MotionModel, sample_motion
 from mcl_depth.belief.orientation import adjust_headings, interpolate_similarity
 from mcl_depth.belief.particles import Particles
-from mcl_depth.belief.resampling import resample
+from mcl_depth.belief.resampling import compute_weights, resample
 from mcl_depth.belief.sampling import inject_at_places, sample_gaussian, sample_uniform
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.belief.weighting import compute_weights
 from mcl_depth.geometry.area import Area
 from mcl_depth.likeness.comparison import Features, num_alpha_for, visual_features
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.level_view import level_view
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import FilterParams
-from mcl_depth.reasons import REMEDIES
-from mcl_depth.status import count, judge
+from mcl_depth.status import REMEDIES, count, judge
 from sphere_nav.geometry import SE3
 from sphere_nav.localization import FINE, Finding, InputCheck, State, StateMachine, Status
 from sphere_nav.localization.status import status_of

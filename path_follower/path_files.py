@@ -57,14 +57,6 @@ def make_path(
     )
 
 
-def write_csv(path: str | os.PathLike[str], trajectory: ReferencePath) -> None:
-    """Write x, y, yaw, speed, yaw rate and arc length (eq. 21), SI units."""
-    columns = (trajectory.x, trajectory.y, trajectory.yaw, trajectory.speed, trajectory.speed * trajectory.curvature)
-    rows = np.stack([*columns, trajectory.arc_length], axis=-1)
-    lines = ["# x,y,yaw,speed,yaw_rate,arc_length", *(",".join(f"{value:.9g}" for value in row) for row in rows)]
-    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
-
-
 def _read_csv(file: Path) -> tuple[Array, Array | None, Array | None]:
     """Return points, headings and speeds; columns by the names of a header line, else x, y[, yaw[, speed]]."""
     order: list[str] = []

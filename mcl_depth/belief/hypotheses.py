@@ -72,11 +72,6 @@ class Hypothesis:
         """Standard deviation of the heading."""
         return float(np.sqrt(self.covariance[2, 2]))
 
-    def mean_of(self, values: Array, particles: Particles) -> float:
-        """Return the mean by weight of values (N,) over its particles."""
-        weights = particles.weights[self.members]
-        return float(weights @ values[self.members] / max(float(weights.sum()), 1e-300))
-
 
 def find_hypotheses(particles: Particles) -> list[Hypothesis]:
     """Return the clusters by falling weight: particles in bins of position and heading that touch belong together."""

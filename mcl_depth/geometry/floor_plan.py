@@ -45,7 +45,7 @@ class Surface:
 
 def read_floor_plan(path: Path) -> TriangleMesh:
     """Read a floor plan as a mesh."""
-    surfaces = list(_surfaces(path))
+    surfaces = list(read_surfaces(path))
     triangles = [corners for room in dict.fromkeys(item.room for item in surfaces) for corners in _room(surfaces, room)]
     if not triangles:
         raise ValueError(f"{path}: expected at least one wall, found none")
@@ -53,24 +53,8 @@ def read_floor_plan(path: Path) -> TriangleMesh:
     return mesh_from_faces(vertices, np.arange(len(vertices)).reshape(-1, 3), str(path))
 
 
-def rooms_of(path: Path) -> dict[str, list[Floats]]:
-    """Return the closed rings (N, 2) of wall corners in m of each room."""
-    surfaces = list(_surfaces(path))
-    names = dict.fromkeys(item.room for item in surfaces)
-    return {room: _rings([s for s in surfaces if s.room == room and s.kind == "wall"]) for room in names}
-
-
-def is_inside(places: Floats, ring: Floats) -> NDArray[np.bool_]:
-    """Return which places (N, 2) lie inside a ring (M, 2)."""
-    x, y = places[:, :1], places[:, 1:]
-    (x0, y0), (x1, y1) = ring.T, np.roll(ring, -1, axis=0).T
-    crosses = (y0 > y) != (y1 > y)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        is_right = x < (x1 - x0) * (y - y0) / (y1 - y0) + x0
-    return np.count_nonzero(crosses & is_right, axis=1) % 2 == 1
-
-
-def _surfaces(path: Path) -> Iterator[Surface]:
+def read_surfaces(path: Path) -> Iterator[Surface]:
+    """Yield the surfaces of a table; ValueError in one line."""
     lines = read_text(path, "floor plan", errors="replace").split("\n")
     table = csv.DictReader(line for line in lines if not line.startswith("#"))
     try:
@@ -100,7 +84,7 @@ def _room(surfaces: list[Surface], room: str) -> Iterator[Floats]:
     holes = [item for item in own if item.kind in CUT]
     for wall in walls:
         yield from _wall(wall, holes)
-    for ring in _rings(walls):
+    for ring in rings_of(walls):
         for triangle in _triangles(ring):
             for z in (min(wall.bottom for wall in walls), max(wall.top for wall in walls)):
                 yield np.column_stack([ring[triangle], np.full(3, z)])
@@ -136,7 +120,7 @@ def _cut(wall: Surface, along: Floats, length: float, hole: Surface) -> tuple[fl
     return (float(first), float(last), bottom, top) if last - first > MIN_PIECE and top > bottom else None
 
 
-def _rings(walls: list[Surface]) -> list[Floats]:
+def rings_of(walls: list[Surface]) -> list[Floats]:
     """Return the closed rings (N, 2) that consecutive walls form."""
     rings, open_ring = [], list[Surface]()
     for wall in walls:

@@ -71,7 +71,6 @@ def double_gradients(visual: Features) -> Image:
 
 
 ARRAYS = ("codes", "scales", "inverses")
-NUM_PICTURES = 6
 BARE_SHARE = np.float32(1.5)  # 2/pi by 4/(3 pi): the first term of the series by the second
 FREQUENCIES = range(1, 37)  # over azimuth: structure down to ten degrees
 SHRINKAGE = 4.0  # of the covariance towards one of equal variances

@@ -13,8 +13,7 @@ from mcl_depth.belief.estimate import Belief, pose_of
 from mcl_depth.belief.orientation import best_headings
 from mcl_depth.filter import Filter
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.conversions.beliefs import hypotheses_to_markers, similarities_to_scan
-from sphere_nav.ros.conversions.particles import particles_to_message
+from sphere_nav.ros.conversions.beliefs import hypotheses_to_markers, particles_to_message, similarities_to_scan
 from sphere_nav.ros.endpoints import Endpoints
 
 

@@ -12,12 +12,11 @@ from path_follower.homing import HomingFollower
 from path_follower.modes import FollowerState
 from path_follower.params import PathFollowerParams
 from path_follower.reasons import StopReason, StopVerdict
-from path_follower.ros.clocks import MAX_LEAD_NS, Times
 from path_follower.ros.intake import Answered, DirectionIntake, PoseIntake, ScanIntake
 from path_follower.ros.operator import OperatorCalls
 from path_follower.ros.trajectory import TrajectoryIntake
 from sphere_nav.ros import qos
-from sphere_nav.ros.clocks import ClockWatch
+from sphere_nav.ros.clocks import MAX_AHEAD_NS, ClockWatch, Times
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.node import ERROR, OK, WARN, ManagedNode
 from sphere_nav.ros.run import run
@@ -89,7 +88,7 @@ class PathFollowerNode(ManagedNode):
     def answer(self, stamp: int) -> None:
         """Publish the command that answers a message of this stamp."""
         self.heard_ns = self.times.now()
-        lead = min(max(self.times.lead(stamp), 0), MAX_LEAD_NS)  # /clock may come later than what it stamps
+        lead = min(max(self.times.lead(stamp), 0), MAX_AHEAD_NS)  # /clock may come later than what it stamps
         self.publish(self.follower.tick(self.heard_ns + lead), stamp)
 
     def on_tick(self) -> None:

@@ -31,7 +31,6 @@ class Solution:
     state: State
     residuals: Array
     cost: float
-    num_iterations: int
     is_converged: bool
 
 
@@ -44,9 +43,7 @@ def solve(
     cost = _cost(errors, weights, huber_px)
     if not np.isfinite(cost):
         raise ValueError("bundle adjustment: expected a start with all boards in front of their cameras")
-    iteration = 0
-    while iteration < max_iterations and not is_converged:
-        iteration += 1
+    for _ in range(max_iterations):
         weighted = weights * huber_weights(np.linalg.norm(np.nan_to_num(errors), axis=-1), huber_px)
         normal = normal_equations(problem, state, np.nan_to_num(errors), weighted)
         while damping < MAX_DAMPING:
@@ -61,7 +58,9 @@ def solve(
             break
         is_converged = cost - trial_cost <= MIN_GAIN * cost + TINY * TINY
         state, errors, cost, damping = trial, trial_errors, trial_cost, max(damping / 8.0, 1e-12)
-    return Solution(state, errors, cost, iteration, is_converged)
+        if is_converged:
+            break
+    return Solution(state, errors, cost, is_converged)
 
 
 def information(problem: Problem, state: State, weights: Array) -> Array:

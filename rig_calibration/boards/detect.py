@@ -20,11 +20,6 @@ BLUR_PX = 0.5  # an edge that lies this far inside a window does not bend the co
 MIN_SPACING_PX = 4.0  # below it neighbours blur into each other
 
 
-def detect(grey: Grey, board: Board) -> tuple[Indices, Array] | None:
-    """Return numbers (n,) of the corners of a board and their pixels (n, 2), or None where it is not seen."""
-    return detect_all(grey, (board,)).get(board.name)
-
-
 def detect_all(grey: Grey, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:
     """Return numbers (n,) and pixels (n, 2) of the corners of each board that is seen, by its name.
 

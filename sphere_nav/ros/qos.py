@@ -28,9 +28,6 @@ LARGE = QoSProfile(depth=4, reliability=RELIABLE, durability=VOLATILE)
 COMMAND = QoSProfile(depth=1, reliability=RELIABLE, durability=VOLATILE)
 """cmd_vel and its kin: only the newest counts."""
 
-CLOCK = QoSProfile(depth=1, reliability=BEST_EFFORT, durability=VOLATILE)
-"""/clock as a listener asks for it; a publisher of /clock offers STATE."""
-
 TF = QoSProfile(depth=100, reliability=RELIABLE, durability=VOLATILE)
 TF_STATIC = QoSProfile(depth=100, reliability=RELIABLE, durability=TRANSIENT_LOCAL)
 

@@ -9,7 +9,7 @@ from benchmarks.board_world import BoardWorld, boards_around, ring_rig, wanderin
 from rig_calibration.boards import checks
 from rig_calibration.boards.assembly import board_turns, hand_eye
 from rig_calibration.boards.board import Board, check_distinct, parse_size
-from rig_calibration.boards.detect import detect
+from rig_calibration.boards.detect import detect_all
 from rig_calibration.boards.intrinsics import board_pose, other_pose
 from rig_calibration.boards.lens import J_lens, lens_of, project
 from rig_calibration.boards.linearize import jacobian, residuals
@@ -152,7 +152,7 @@ def test_rendered_corners_are_found_to_a_tenth_of_a_pixel(world):
     for view in world.views(0.0, rng)[:4]:
         camera = [part.name for part in world.rig.cameras].index(view.camera)
         board = next(item for item in world.boards if item.name == view.board)
-        seen = detect(world.render(camera, int(view.instant), rng), board)
+        seen = detect_all(world.render(camera, int(view.instant), rng), [board]).get(board.name)
         if seen is not None:
             truth = view.pixels[board.turns]  # of every numbering that looks alike
             off.append(min(np.sqrt(np.mean(np.sum((seen[1] - one) ** 2, axis=-1))) for one in truth))

@@ -98,14 +98,9 @@ class PanoramaPairs(SphereRecording):
         """Return the stamp of the top image."""
         return self.instants[index]["top"][1]
 
-    def frame(self, index: int) -> Iterator[tuple[str, Any]]:
-        """Yield a sphere."""
-        self._index = index
-        yield from super().frame(index)
-
-    def sphere(self, name: Path, stamp: int) -> Sphere:
+    def sphere(self, index: int, stamp: int) -> Sphere:
         """Match the pair; range is that of the top centre."""
-        pair = [self._read(level, self.instants[self._index][level][0]) for level in LEVELS]
+        pair = [self._read(level, self.instants[index][level][0]) for level in LEVELS]
         top, bottom = pair
         if top.shape != bottom.shape:
             raise ValueError(f"{self.cameras['bottom'].path}: expected the size of top, found another")

@@ -28,7 +28,6 @@ class FeaturePose:
 
     T_sphere_camera: SE3
     num_inliers: int
-    num_matches: int
 
 
 def match(query: Features, known: Features) -> NDArray[np.int64]:
@@ -69,7 +68,7 @@ def find_pose(query: Features, known: Features, seed: int = 0) -> FeaturePose | 
         best_inliers = _angles(best, rays, points) < MAX_ANGLE
         if best_inliers.sum() < 4:
             return None
-    return FeaturePose(best.inverse(), int(best_inliers.sum()), len(pairs))
+    return FeaturePose(best.inverse(), int(best_inliers.sum()))
 
 
 def _enough(inliers: NDArray[np.bool_]) -> float:

@@ -76,6 +76,6 @@ def test_another_room_confirms_nothing():
 def test_features_are_heard_only_where_there_are_enough(num_inliers, is_wrong):
     found = measure(A, B, MOTION, PARAMS)
     assert found is not None
-    elsewhere = FeaturePose(SE3.identity(), num_inliers, 80)
+    elsewhere = FeaturePose(SE3.identity(), num_inliers)
     assert is_denied(found, elsewhere) == is_wrong
     assert not is_denied(found, None)
