@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -35,6 +35,7 @@ from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.maps.check import salvage_map
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.ros.node import ManagedNode
+from sphere_nav.spheres.graph import KeySphere
 
 CONVERSIONS: dict[str, tuple[Callable[[Any], Any], ...]] = {
     "Image": (conversions.image_to_rgb, conversions.image_to_grey, conversions.depth_to_metres),
@@ -99,17 +100,17 @@ def check(found: Any) -> None:
             assert name == "coefficients" or np.all(np.isfinite(values)), f"accepted {name} that are not finite"
 
 
-def _foreign_cameras(path: Path) -> Any:
-    return place(read_foreign_cameras([path]), "camera", path).cameras
-
-
 def _text_targets(samples: Samples) -> list[Target]:
     params = FollowerParams()
+
+    def read_placed(path: Path) -> Any:
+        return place(read_foreign_cameras([path]), "camera", path).cameras
+
     readers: dict[str, tuple[Path, Callable[[Path], Any]]] = {
         "rig": (samples.rig, lambda path: [camera.camera for camera in read_rig(path).cameras]),
-        "kalibr": (samples.kalibr, _foreign_cameras),
-        "opencv": (samples.opencv, _foreign_cameras),
-        "basalt": (samples.basalt, _foreign_cameras),
+        "kalibr": (samples.kalibr, read_placed),
+        "opencv": (samples.opencv, read_placed),
+        "basalt": (samples.basalt, read_placed),
         "tum": (samples.tum, read_tum),
         "path tum": (samples.tum, lambda path: read_path(path, params)),
         "path csv": (samples.path_csv, lambda path: read_path(path, params)),
@@ -141,13 +142,13 @@ def _bag_targets(samples: Samples) -> list[Target]:
 
     def read_map(path: Path) -> None:
         with open_map(path) as reader:
-            _check_spheres(reader, spheres)
+            _check_spheres(_load_all(reader), spheres)
 
     def read_salvaged_map(path: Path) -> None:
         target = path.with_name(f"saved{abs(hash(path.read_bytes()))}")
         salvage_map(path, target)
         with open_map(target) as reader:
-            _check_spheres(reader, spheres)
+            _check_spheres(_load_all(reader), spheres)
         for file in target.iterdir():
             file.unlink()
         target.rmdir()
@@ -203,10 +204,14 @@ def _messages(path: Path) -> Iterable[tuple[str, int, bytes]]:
             yield topic, stamp, bytes(data)
 
 
-def _check_spheres(reader: MapReader, spheres: dict[int, Any]) -> None:
-    for node in reader.graph:
+def _load_all(reader: MapReader) -> list[KeySphere]:
+    return [replace(node, sphere=reader.load_sphere(node.id)) for node in reader.graph]
+
+
+def _check_spheres(graph: Iterable[Any], spheres: dict[int, Any]) -> None:
+    for node in graph:
         assert node.id in spheres, f"accepted a key sphere {node.id} that was never written"
-        assert np.array_equal(reader.load_sphere(node.id).image, spheres[node.id].image), "accepted another picture"
+        assert np.array_equal(node.sphere.image, spheres[node.id].image), "accepted another picture"
 
 
 def _message_targets(samples: Samples) -> list[Target]:

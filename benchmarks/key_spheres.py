@@ -112,7 +112,7 @@ def run(options: argparse.Namespace) -> Report:
 def in_town(seed: int, length: float) -> dict[str, Outcome]:
     """Return what every rule does on a drive through a town."""
     world = build_world("town", seed, "block")
-    renderer = Renderer(world.mesh, RenderParams(num_threads=1), LightParams())
+    renderer = Renderer(world.mesh, RenderParams(), LightParams(), num_threads=1)
     above = SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M])
     places = np.arange(0.0, min(length, float(world.path.length) - 1.0), 0.5)
     poses = [SE3.from_planar(float(x), float(y), float(yaw)) @ above for x, y, yaw, _ in world.path.at(places)]

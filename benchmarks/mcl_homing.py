@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from benchmarks import mcl_sites
 from benchmarks.machine import describe
-from benchmarks.mcl_drives import HEIGHT, PANORAMA, READ_NOISE, SHOT_NOISE, Studio
+from benchmarks.mcl_drives import HEIGHT, PANORAMA, Studio
 from benchmarks.mcl_routes import sampled
 from benchmarks.report import Bound, Report, Table
-from cycab_sim.params import SimCameraParams, SimParams, StartPoseParams
+from cycab_sim.params import SimCameraParams, SimParams
 from cycab_sim.sensors.faults import SECOND
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
@@ -123,9 +123,10 @@ def drive(site: Site, seed: int, left: float) -> Ride:
     camera = SimCameraParams(
         model="panorama", width=PANORAMA.camera.width, height=PANORAMA.camera.height, period=PERIOD,
         x=float(PANORAMA.T_base_camera.translation[0]), z=HEIGHT, pitch_deg=0.0,
-        noise=READ_NOISE, shot_noise=SHOT_NOISE,
     )  # fmt: skip
-    simulator = Simulator(SimParams(seed=seed, noise_seed=seed, camera=camera, start=StartPoseParams(left=left)))
+    simulator = Simulator(SimParams(seed=seed, noise_seed=seed, camera=camera))
+    x, y, yaw, _ = simulator.path.at(0.0)
+    simulator.teleport(float(x - left * np.sin(yaw)), float(y + left * np.cos(yaw)), float(yaw))
     homing = Homing(sampled(simulator.path, 0.5)[:, :2], HomingParams())
     places, command = [], VehicleCommand()
     while simulator.time_ns < MAX_TIME * SECOND and not homing.is_finished:

@@ -85,7 +85,7 @@ def measure_pairs(seed: int, count: int) -> list[Found]:
 def render_drive(seed: int) -> tuple[list[PreparedSphere], list[SE3]]:
     """Return spheres along the taught path of a town, and their poses."""
     world, camera = build_world("town", seed, "block"), Spherical(WIDTH, WIDTH // 2)
-    renderer = Renderer(world.mesh, RenderParams(num_threads=1), LightParams())
+    renderer = Renderer(world.mesh, RenderParams(), LightParams(), num_threads=1)
     rng = np.random.default_rng([seed, 4])
     spheres, poses = [], []
     for number in range(NUM_SPHERES):

@@ -90,7 +90,7 @@ def errors(trials: list[Trial], field: str) -> tuple[float, float]:
 def try_town(seed: int, num_spheres: int) -> list[Trial]:
     """Return what became of poses around the spheres of one town."""
     world = build_world("town", seed, "block")
-    renderer = Renderer(world.mesh, RenderParams(num_threads=1), LightParams())
+    renderer = Renderer(world.mesh, RenderParams(), LightParams(), num_threads=1)
     rng = np.random.default_rng([seed, 12])
     trials = []
     for distance in np.linspace(3.0, float(world.path.length) - 3.0, num_spheres):

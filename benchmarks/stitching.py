@@ -25,7 +25,7 @@ from sphere_mapping.acquisition.params import MatchParams, RectifyParams, Stitch
 from sphere_mapping.acquisition.range.epipolar import range_from_disparity, search_of
 from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.range.planes import Viewpoints, range_of_planes
-from sphere_mapping.acquisition.range.rectification import Rectified, rectified
+from sphere_mapping.acquisition.range.rectification import RigCorrection, rectify
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
@@ -178,7 +178,7 @@ def _fisheye(folder: Path, options: argparse.Namespace) -> list[Bound]:
     params = build(StitchParams, {"width": 2048, "blend.distance_m": 4.0, "blend.num_passes": 3})
     stitcher = Stitcher(rig, params, masks, options.threads)
     bounds = _top_and_bottom("fisheye_rig, as its file says", stitcher, images, options)
-    better = rectified(rig, stitcher.matches(images, RectifyParams()), RectifyParams())
+    better = rectify(rig, stitcher.matches(images, RectifyParams()), RectifyParams())
     name = f"fisheye_rig, corrected by {_most(better)} at most"
     stitcher = Stitcher(better.rig, params, masks, options.threads)
     sphere = stitcher.stitch(images).sphere
@@ -211,7 +211,7 @@ def _nuscenes(folder: Path, options: argparse.Namespace) -> list[Bound]:
     rig, images, points_rig = nuscenes(folder)
     params = build(StitchParams, {"width": 2048, "range": "none", "blend.distance_m": 20.0})
     stitcher = Stitcher(rig, params, jobs=options.threads)
-    better = rectified(rig, stitcher.matches(images, RectifyParams(), points_rig), RectifyParams())
+    better = rectify(rig, stitcher.matches(images, RectifyParams(), points_rig), RectifyParams())
     corrected = Stitcher(better.rig, params, jobs=options.threads)
     bounds = []
     for name, one in (("as its file says", stitcher), (f"corrected by {_most(better)} at most", corrected)):
@@ -240,8 +240,8 @@ def _light(
     ]
 
 
-def _most(better: Rectified) -> str:
-    return f"{max(better.turned_deg.values()):.2f} deg"
+def _most(better: RigCorrection) -> str:
+    return f"{max(better.angle_deg.values()):.2f} deg"
 
 
 def _of(flow: Flow) -> str:

@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> Report:
 def measure(seed: int, num_places: int, pictures: Path | None) -> list[Found]:
     """Return what views in one town are worth."""
     world = build_world("town", seed, "block")
-    renderer = Renderer(world.mesh, RenderParams(num_threads=1), LightParams())
+    renderer = Renderer(world.mesh, RenderParams(), LightParams(), num_threads=1)
     rng = np.random.default_rng([seed, 8])
     found = []
     for number, start in enumerate(np.linspace(5.0, float(world.path.length) - 10.0, num_places)):

@@ -26,7 +26,7 @@ class LockStep:
 
     def __init__(self, params: ClockParams, camera_period: float = 0.0) -> None:
         self.params = params
-        self._hold_ns = round(1.5 * camera_period * SECOND) if params.is_lock_step else 0
+        self._hold_ns = round(1.5 * camera_period * SECOND) if params.max_wait > 0.0 else 0
         self.is_engaged = False
         self.num_missed = 0
         self._command = VehicleCommand()
@@ -48,7 +48,7 @@ class LockStep:
 
     def wait(self, stamp_ns: int) -> bool:
         """Wait for a command of `stamp_ns` or later; False where the limit of wall time has passed."""
-        if not self.params.is_lock_step:
+        if self.params.max_wait == 0.0:
             return True
         with self._arrived:
             if not self.is_engaged:

@@ -74,7 +74,7 @@ class Runner:
         """Sleep until wall time has caught up, unless commands set the pace."""
         clock, is_over = self.simulator.params.clock, self.simulator.is_taught
         factor = min(clock.real_time_factor or 1.0, 1.0) if is_over else clock.real_time_factor
-        if factor <= 0.0 or (clock.is_lock_step and self.lock_step.is_engaged):
+        if factor <= 0.0 or (clock.max_wait > 0.0 and self.lock_step.is_engaged):
             self._due_wall = time.monotonic()
             return
         self._due_wall = max(self._due_wall + clock.step / factor, time.monotonic() - MAX_LAG)

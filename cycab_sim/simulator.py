@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cycab_sim.driver import PurePursuitDriver
-from cycab_sim.params import CameraRigParams, OdometryParams, SimParams, SphereParams
+from cycab_sim.params import CameraRigParams, SimParams, SphereParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.rendering.sky import is_constant, light_at
 from cycab_sim.sensors.cameras import Mount, RenderedFrame, expose, forward_camera, roof_sphere, vignette
@@ -30,7 +30,7 @@ from cycab_sim.sensors.faults import SECOND, Faults
 from cycab_sim.sensors.imu import Imu, ImuReading
 from cycab_sim.sensors.rigs import make_rig, rig_camera_names, rig_mounts
 from cycab_sim.sensors.scanner import Scan, Scanner
-from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState, WheelOdometry
+from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState, WheelErrors, WheelOdometry
 from cycab_sim.world.paths import arc
 from cycab_sim.world.traffic.traffic import Traffic
 from cycab_sim.world.worlds import build_world
@@ -55,14 +55,8 @@ class Schedule:
         self.count = dict.fromkeys(NAMES, -1)
 
     def _plan(self, name: str, params: SphereParams | CameraRigParams, mode: str) -> None:
-        if not (params.publish == "always" or (params.publish == "teach" and mode == "teach")):
-            return
-        if params.period > 0.0:
-            self._periods[name] = params.period
-        elif params.distance > 0.0:
+        if params.publish in ("always", mode):
             self._distances[name] = params.distance
-        else:
-            raise ValueError(f"{name}.distance, {name}.period: expected one above 0, found both 0")
 
     def advance(self, way: float) -> None:
         """Add the way driven in a step, m."""
@@ -104,12 +98,13 @@ class Simulator:
         self.renderer = Renderer(self.world.mesh, self.params.render, self.params.light, self.traffic, bounds)
         self.path = self.world.path
         self.driver = PurePursuitDriver(self.path, self.params.teach, self.params.noise_seed)
-        self.vehicle = Vehicle(self._start(), self.params.vehicle, self.params.actuation)
-        self.odometry = WheelOdometry(self.params.odometry, self.params.noise_seed)
+        start = self.path.at(0.0)[:3]
+        self.vehicle = Vehicle(VehicleState(*map(float, start)), self.params.vehicle, self.params.actuation)
+        self.odometry = WheelOdometry(self.params.odometry.period, self.params.noise_seed)
         self.rig = make_rig(self.params.rig, self.params.seed)
         self.mounts = {mount.name: mount for mount in self._mounts()}
         self.imu = Imu(self.params.imu, self.params.noise_seed)
-        self.scanner = Scanner(self.params.scan, self.params.noise_seed)
+        self.scanner = Scanner(self.params.noise_seed)
         self.schedule = Schedule(self.params)
         self.faults = Faults(self.rig_names)
         self.time_ns = START_NS
@@ -117,7 +112,7 @@ class Simulator:
         self._applied = VehicleCommand()
         self._scene_of: tuple[int, VehicleState] | None = None
         self._exposures = {
-            mount.group: Exposure(mount.exposure, self.params.light.gamma, (self.params.seed, 83, zlib.crc32(group)))
+            mount.group: Exposure(mount.imaging, self.params.light.gamma, (self.params.seed, 83, zlib.crc32(group)))
             for mount in self.mounts.values()
             for group in [mount.group.encode()]
         }
@@ -139,7 +134,7 @@ class Simulator:
     def take_due(self) -> list[str]:
         """Return the outputs that are due now, each once; outputs withheld by a fault are not among them."""
         due = self.schedule.take(self.time_ns - START_NS)
-        return [name for name in due if not self._is_withheld(name, self.schedule.count[name])]
+        return [name for name in due if not self.faults.is_withheld(name, self.schedule.count[name], self.time_ns)]
 
     def capture(self, name: str, drawn: tuple[Levels, Levels] | None = None) -> RenderedFrame:
         """Return what the camera `name` sees now, noise and faults included; `drawn`: what `_look` has returned."""
@@ -147,19 +142,21 @@ class Simulator:
         if self._fault(name, "stuck") is not None and name in self._last:
             return replace(self._last[name], stamp_ns=self.time_ns, index=index)
         levels, range_m = drawn or self._look(mount)
-        if mount.vignetting > 0.0:
-            fall = vignette(mount.camera, mount.vignetting, self.params.light.gamma)
+        imaging = mount.imaging
+        if imaging.vignetting > 0.0:
+            fall = vignette(mount.camera, imaging.vignetting, self.params.light.gamma)
             levels = levels * (fall if mount.is_grey else fall[..., None])
         self._exposures[mount.group].observe(self.time_ns, levels)
         seed = (self.params.noise_seed, index, zlib.crc32(name.encode()))
-        noise = float(np.hypot(mount.noise, self._fault(name, "noise") or 0.0))
-        image = expose(levels, noise, mount.shot_noise, seed, self._fault(name, "bias") or 0.0)
+        noise = float(np.hypot(imaging.noise * mount.noise, self._fault(name, "noise") or 0.0))
+        shot_noise = imaging.noise**2 * mount.shot_noise  # a variance
+        image = expose(levels, noise, shot_noise, seed, self._fault(name, "bias") or 0.0)
         self._last[name] = RenderedFrame(image, range_m, mount.camera, self.time_ns, index)
         return self._last[name]
 
     def _look(self, mount: Mount) -> tuple[Levels, Levels]:
         """Return grey levels and ranges that a camera sees now, by its exposure; blurred while its shutter is open."""
-        gamma, p = self.params.light.gamma, mount.exposure
+        gamma, p = self.params.light.gamma, mount.imaging
         gain = self._exposures[mount.group].gains(self.time_ns)
         exposure = self._fault(mount.name, "exposure")
         if exposure is not None:
@@ -177,8 +174,8 @@ class Simulator:
     def capture_rig(self) -> dict[str, RenderedFrame]:
         """Return what all cameras of the rig see at this instant, by name; without those withheld by a fault."""
         index = self.schedule.count["rig"]
-        names = [name for name in self.rig_names if not self._is_withheld(name, index)]
-        if self.params.rig.exposure.shutter > 0.0:  # a shutter that is open moves the scene
+        names = [name for name in self.rig_names if not self.faults.is_withheld(name, index, self.time_ns)]
+        if self.params.imaging.shutter > 0.0:  # a shutter that is open moves the scene
             return {name: self.capture(name) for name in names}
         self._set_scene()
         mounts = [self.mounts[name] for name in names]
@@ -262,30 +259,13 @@ class Simulator:
         """Whether the teaching drive has ended and the car stands."""
         return self.params.mode == "teach" and self.driver.is_done and abs(self.vehicle.state.speed) < 1e-3
 
-    def _start(self) -> VehicleState:
-        start = self.params.start
-        x, y, yaw, _ = self.path.at(np.array(start.along))
-        x, y = x - start.left * np.sin(yaw), y + start.left * np.cos(yaw)
-        return VehicleState(float(x), float(y), float(yaw + np.radians(start.yaw_deg)))
-
     def _mounts(self) -> tuple[Mount, ...]:
-        rig = rig_mounts(self.params.rig, self.rig)
-        return forward_camera(self.params.camera), roof_sphere(self.params.sphere), *rig
+        p = self.params
+        rig = rig_mounts(p.rig, p.imaging, self.rig)
+        return forward_camera(p.camera, p.imaging), roof_sphere(p.sphere), *rig
 
     def _fault(self, target: str, kind: str) -> float | None:
         return self.faults.magnitude(target, kind, self.time_ns)
-
-    def _is_withheld(self, name: str, index: int) -> bool:
-        """Whether image or message number `index` is lost: by a fault, by chance, or as its camera's turn has come."""
-        if self.faults.is_withheld(name, index, self.time_ns):
-            return True
-        dropout = self.mounts[name].exposure.dropout if name in self.mounts else 0.0
-        seed = (self.params.noise_seed, 85, index, zlib.crc32(name.encode()))
-        if dropout > 0.0 and float(np.random.default_rng(seed).random()) < dropout:
-            return True
-        turn = round(self.params.rig.rolling_dropout * SECOND)
-        names = self.rig_names
-        return turn > 0 and name in names and names[self.time_ns // turn % len(names)] == name
 
     def _with_actuator_faults(self, command: VehicleCommand) -> VehicleCommand:
         is_stuck = self._fault("speed", "stuck") is not None, self._fault("steering", "stuck") is not None
@@ -298,11 +278,11 @@ class Simulator:
         self._applied = VehicleCommand(float(speed), float(yaw_rate))
         return self._applied
 
-    def _with_odometry_faults(self) -> OdometryParams | None:
+    def _with_odometry_faults(self) -> WheelErrors | None:
         slip, noise, bias = (self._fault("odom", kind) for kind in ("slip", "noise", "bias"))
         if slip is None and noise is None and bias is None:
             return None
-        p = self.params.odometry
+        p = self.odometry.errors
         return replace(
             p, slip=slip or p.slip, speed_noise=noise or p.speed_noise, yaw_rate_bias=bias or p.yaw_rate_bias
         )

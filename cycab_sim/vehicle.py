@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cycab_sim.params import ActuatorParams, CarParams, OdometryParams
+from cycab_sim.params import ActuatorParams, CarParams
 from cycab_sim.world.paths import arc
 from sphere_nav.geometry import SE3
 
@@ -95,21 +95,33 @@ class Vehicle:
         return self.state.steering + min(max(change, -limit), limit)
 
 
-class WheelOdometry:
-    """Integrates what the wheels say: slip, a wrong yaw-rate scale and bias, and noise."""
+@dataclass(frozen=True)
+class WheelErrors:
+    """What wheel odometry measures wrongly; noise is that of one message."""
 
-    def __init__(self, params: OdometryParams, seed: int) -> None:
-        self.params = params
+    slip: float = 0.005  # share of the wheel motion that does not move the car
+    yaw_rate_scale: float = 1.01  # measured yaw rate over true yaw rate
+    yaw_rate_bias: float = 0.0005  # rad/s while driving
+    speed_noise: float = 0.01  # standard deviation of the speed, m/s
+    yaw_rate_noise: float = 0.003  # standard deviation of the yaw rate, rad/s
+
+
+class WheelOdometry:
+    """Integrates what the wheels say: slip, a wrong yaw-rate scale and bias, and noise; `period` s between messages."""
+
+    def __init__(self, period: float, seed: int, errors: WheelErrors | None = None) -> None:
+        self.errors = errors or WheelErrors()
+        self.period = period
         self.pose = np.zeros(3)
         self.speed = self.yaw_rate = 0.0
         self.way = self.turned = 0.0
         self._rng = np.random.default_rng([seed, 11])
 
-    def step(self, speed: float, yaw_rate: float, seconds: float, extra: OdometryParams | None = None) -> None:
+    def step(self, speed: float, yaw_rate: float, seconds: float, extra: WheelErrors | None = None) -> None:
         """Measure the true speed m/s and yaw rate rad/s over `seconds`, and move the pose by what was measured."""
-        p = extra or self.params
+        p = extra or self.errors
         is_moving = abs(speed) > 1e-3
-        scale = math.sqrt(p.period / seconds)  # noise is given for one message, steps are shorter
+        scale = math.sqrt(self.period / seconds)  # noise is given for one message, steps are shorter
         noise = self._rng.standard_normal(2) * scale * is_moving
         self.speed = speed / (1.0 - p.slip) + p.speed_noise * noise[0]
         self.yaw_rate = p.yaw_rate_scale * yaw_rate + p.yaw_rate_bias * is_moving + p.yaw_rate_noise * noise[1]
@@ -126,7 +138,7 @@ class WheelOdometry:
     @property
     def deviations(self) -> np.ndarray:
         """Standard deviations (6,) of the pose, m and rad, growing with the way; the height and tilt do not change."""
-        p = self.params
+        p = self.errors
         share = p.slip + abs(p.yaw_rate_scale - 1.0)
         along, turn = 0.01 + share * self.way, 0.005 + share * self.turned
         return np.array([along, along + turn * self.way / 2, 1e-3, 1e-3, 1e-3, turn])

@@ -18,7 +18,7 @@ MIN_STEP_PX = 0.04
 # Prediction (test_motion_prior)
 GAP_S, GAP_PERIODS = 0.3, 2.0  # a longer pause is a gap, s; of a slower camera, in periods
 NUM_PERIODS = 5  # latest periods, whose median is the camera's
-MAX_POSITION_SIGMA_M = 0.5  # of a pose that one may go on from (test_localizer: a kidnapped camera)
+MAX_POSITION_SIGMA_M = 0.5  # of a pose that one may go on from (judge/test_candidate)
 MOVING_SPEED = 0.05  # m/s, from which a repeated image is a fault (test_inputs)
 START_SPEED, START_TURN_RATE = 5.0, 1.0  # m/s, rad/s: standard deviations after a start
 
@@ -59,7 +59,7 @@ REVISIT_M = 0.2  # motion until the camera counts again: a drive that waits sees
 MIN_SEEN, MIN_REJECTED_SHARE = 8, 0.75  # images; of those
 MAX_FORGOTTEN_SHARE = 0.3  # of the squares seen of a sphere
 
-# Acceptance (judge/test_acceptance): a first value refuses, a second one asks for care.
+# Acceptance (judge/test_acceptance): a first value refuses, a second one means care: DEGRADED.
 GOOD_OVERLAP = 0.25
 ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5
 # Mean cosine of gradients: 0.12 at most in 21 wrong places that had converged, 0.31 at least in 550 right ones, real

@@ -41,11 +41,11 @@ class Localizer:
         self._states = StateMachine(params.state)
 
     def update(self, image: NDArray[Any], camera: Camera, stamp_ns: int, T_odom: SE3 | None = None) -> CameraEstimate:
-        """Localise one grey image (H, W); `T_odom` (camera) is odometry at its stamp, where there is any."""
+        """Localize one grey image (H, W); `T_odom` (camera) is odometry at its stamp, where there is any."""
         return self.update_rig((CameraImage(image, camera),), stamp_ns, T_odom)
 
     def update_rig(self, images: Sequence[CameraImage], stamp_ns: int, T_odom: SE3 | None = None) -> CameraEstimate:
-        """Localise the images of one instant; odometry and all poses are those of their body."""
+        """Localize the images of one instant; odometry and all poses are those of their body."""
         return self._step(self._inputs.check(images, stamp_ns, T_odom, self._prior.velocity))
 
     def refuse(self, stamp_ns: int, finding: Finding) -> CameraEstimate:

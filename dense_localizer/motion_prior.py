@@ -1,4 +1,4 @@
-"""Where the camera is before the image has been looked at: constant velocity on SE(3), odometry, measured rotation.
+"""Where the camera is before the image has been aligned: constant velocity on SE(3), odometry, measured rotation.
 
 All times are differences of image stamps. The covariance is that of a tangent vector (v, omega) in the camera frame:
 T_map_camera @ exp(xi). It grows from the last alignment on, also while images are refused.

@@ -9,10 +9,11 @@ from path_follower.command import Command, FollowerReport, TrackingError, report
 from path_follower.modes import FollowerState
 from path_follower.path import Pose2
 from path_follower.reasons import FINE, StopReason, StopVerdict
-from path_follower.safety import SEARCH_WINDOW, TRUSTED
+from path_follower.safety import SEARCH_WINDOW
 from path_follower.speed import GOAL_TOLERANCE, bounded_speed, speed_law
 from path_follower.steering import curvature_law, errors_of
 from path_follower.vehicle import Motion, braked
+from sphere_nav.localization.status import State
 
 
 class Follower(Arming):
@@ -83,7 +84,7 @@ class Follower(Arming):
     def _follow_verdict(self, verdict: StopVerdict, now_ns: int) -> None:
         """Stop for a reason, or end a stop whose reason has gone, by the rule `safety.resume`."""
         self.mode.halt(verdict)
-        is_tracking = self.watch.state == TRUSTED
+        is_tracking = self.watch.state == State.TRACKING
         if self.resumption.is_due(self.mode, now_ns, is_fine=verdict is FINE, is_tracking=is_tracking):
             if self.mode.state is FollowerState.STOPPED:
                 self.start(now_ns)

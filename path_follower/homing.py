@@ -14,8 +14,8 @@ from path_follower.obstacles import MIN_POINTS, points_on_arc, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2, ReferencePath
 from path_follower.reasons import FINE, StopReason, StopVerdict
-from path_follower.safety import DEGRADED, TRUSTED
 from path_follower.vehicle import MAX_POSE_AGE
+from sphere_nav.localization.status import State
 
 MAX_ANGLE = 1.2  # rad between heading and direction beyond which it cannot be driven
 
@@ -41,7 +41,7 @@ class HomingFollower(Follower):
 
     def see_source(self, *, is_trusted: bool, is_there: bool, way: tuple[float, float], now_ns: int) -> None:
         """Take what the source of the directions says of them; `way`: m gone and m left along the path."""
-        self.watch.see_status(TRUSTED if is_trusted or is_there else "LOST", now_ns)
+        self.watch.see_status(State.TRACKING if is_trusted or is_there else State.LOST, now_ns)
         self.is_there = is_there
         self.progress, self.distance_to_end = way
 
@@ -53,7 +53,7 @@ class HomingFollower(Follower):
             self.mode.finish()
         speed, curvature = self._steer(now_ns)
         motion = self.limiter.limit(speed, curvature, now_ns, is_hard=self.mode.is_stopping_hard)
-        self.mode.settle(is_standing=motion.speed == 0.0, is_slow=self.watch.state == DEGRADED)
+        self.mode.settle(is_standing=motion.speed == 0.0, is_slow=self.watch.state == State.DEGRADED)
         return self._command(now_ns, motion, None, self._status())
 
     def _status(self) -> FollowerReport:
@@ -97,7 +97,7 @@ class HomingFollower(Follower):
         turned = self.limiter.last.yaw_rate(self.params.vehicle.wheelbase) * age
         angle = min(max(self.direction - turned, -math.pi / 2), math.pi / 2)
         curvature = 2.0 * math.sin(angle) / self.params.homing.look_ahead
-        slow = self.params.speed.slow if self.watch.state == DEGRADED else self.params.homing.speed
+        slow = self.params.speed.slow if self.watch.state == State.DEGRADED else self.params.homing.speed
         if self.is_there:
             return 0.0, curvature
         return max(min(self.params.homing.speed * math.cos(angle), slow), self.params.speed.creep), curvature

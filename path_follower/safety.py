@@ -16,11 +16,10 @@ from path_follower.obstacles import MIN_POINTS, points_in_way, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
 from path_follower.reasons import FINE, StopReason, StopVerdict
+from sphere_nav.localization.status import TRUSTED, Reason, State
 
 Array = NDArray[np.float64]
 
-TRUSTED, DEGRADED = "TRACKING", "DEGRADED"  # states of the localisers in which motion is allowed
-FROZEN = "FROZEN"  # the localisers' reason for a camera that shows the past: no prediction carries over that
 SEARCH_WINDOW = 2.0  # m ahead of the last place on the path within which the next one is looked for
 
 
@@ -61,9 +60,9 @@ class SafetyMonitor:
         `age` s: since an image confirmed the pose, where a reason speaks of it. A state that is no more DEGRADED ends
         the count of its time, an image that confirms the pose that of blindness.
         """
-        if state in (TRUSTED, DEGRADED) and now_ns < self.status_ns:
+        if state in TRUSTED and now_ns < self.status_ns:
             return
-        if state != DEGRADED:
+        if state != State.DEGRADED:
             self.degraded_ns = -1
         elif self.degraded_ns < 0:
             self.degraded_ns = now_ns
@@ -80,7 +79,7 @@ class SafetyMonitor:
     @property
     def is_slow(self) -> bool:
         """Whether the localisation allows slow motion only."""
-        return self.params.safety.is_status_required and self.state == DEGRADED
+        return self.params.safety.is_status_required and self.state == State.DEGRADED
 
     def judge_inputs(self, now_ns: int) -> StopVerdict:
         """Return why the inputs do not allow motion, or FINE."""
@@ -145,10 +144,10 @@ class SafetyMonitor:
         age = (now_ns - self.status_ns) / 1e9
         if age > limits.max_status_silence:
             return StopVerdict(StopReason.STATUS_TIMEOUT, age, limits.max_status_silence)
-        if self.state not in (TRUSTED, DEGRADED):
+        if self.state not in TRUSTED:
             found = f"{self.state} {self.state_reason}".strip()
             return StopVerdict(StopReason.NOT_LOCALISED, detail=f"the localiser is {found}" if found else "")
-        if self.state_reason == FROZEN:
+        if self.state_reason == Reason.FROZEN:  # the camera shows the past: no prediction carries over that
             return StopVerdict(StopReason.NOT_LOCALISED, detail="the camera repeats an image")
         blind, degraded = _since(self.blind_ns, now_ns), _since(self.degraded_ns, now_ns)
         if blind > limits.max_blind_time:

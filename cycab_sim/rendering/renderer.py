@@ -12,7 +12,7 @@ import os
 import threading
 from collections import OrderedDict
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
@@ -74,7 +74,8 @@ class Hits:
 class Renderer:
     """Draws a mesh from any camera; holds the ray caster, the shadow map and the rays of the cameras seen so far.
 
-    `traffic` moves, see `move`; shadows reach as far as the bounds (x0, y0, x1, y1) m, where they are given.
+    `traffic` moves, see `move`; shadows reach as far as the bounds (x0, y0, x1, y1) m, where they are given;
+    num_threads share an image, 0: one a core.
     """
 
     def __init__(
@@ -84,6 +85,7 @@ class Renderer:
         light: LightParams,
         traffic: Traffic | None = None,
         bounds: tuple[float, float, float, float] | None = None,
+        num_threads: int = 0,
     ) -> None:
         self.params = params
         self._scene = EmbreeScene(robust=True)
@@ -93,12 +95,12 @@ class Renderer:
         self._packets = PacketScene(library, mesh.triangles) if library is not None else None
         self._moving = MovingScene(mesh, traffic, library) if traffic is not None else None
         self.mesh = self._moving.mesh if self._moving is not None else mesh
-        self._pool = ThreadPoolExecutor(max_workers=params.num_threads or os.cpu_count() or 1)
+        self._pool = ThreadPoolExecutor(max_workers=num_threads or os.cpu_count() or 1)
         self._lock = threading.Lock()  # of the lenses: cameras are drawn side by side
         self._lenses: OrderedDict[Camera, tuple[Floats, Floats]] = OrderedDict()
         self._light = light
         self._curve = (255.0 * np.linspace(0.0, 1.0, CURVE_SIZE) ** (1.0 / light.gamma)).astype(np.float32)
-        self._shadows = ShadowMap(self._scene, _reaching(params, bounds), light, _middle(mesh, bounds), self._pool)
+        self._shadows = ShadowMap(self._scene, _shadow_square(params, bounds), light, _middle(mesh, bounds), self._pool)
         self._now = light_at(light, 0.0, 0)
 
     def illuminate(self, light: SkyLight) -> None:
@@ -209,12 +211,12 @@ class Renderer:
             return self._lenses[camera]
 
 
-def _reaching(params: RenderParams, bounds: tuple[float, float, float, float] | None) -> RenderParams:
-    """Return parameters with which shadows reach as far as the bounds x0, y0, x1, y1 m, as finely as is possible."""
+def _shadow_square(params: RenderParams, bounds: tuple[float, float, float, float] | None) -> tuple[float, float]:
+    """Return how far shadows reach, as far as the bounds x0, y0, x1, y1 m, and their texel, as fine as is possible."""
     if bounds is None:
-        return params
-    extent = max(params.shadow_extent, float(np.hypot(bounds[2] - bounds[0], bounds[3] - bounds[1])))
-    return replace(params, shadow_extent=extent, shadow_texel=max(params.shadow_texel, extent / MAX_TEXELS))
+        return params.shadow_extent, params.shadow_texel
+    extent = float(np.hypot(bounds[2] - bounds[0], bounds[3] - bounds[1]))
+    return extent, max(params.shadow_texel, extent / MAX_TEXELS)
 
 
 def _middle(mesh: Mesh, bounds: tuple[float, float, float, float] | None) -> NDArray[np.float64]:

@@ -9,7 +9,7 @@ import numpy as np
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from cycab_sim.params import LightParams, RenderParams
+from cycab_sim.params import LightParams
 from cycab_sim.rendering.sky import light_at
 from cycab_sim.world.traffic import kernels
 
@@ -21,16 +21,21 @@ REACH = 400.0  # the sun's rays start this far away, m
 class ShadowMap:
     """Depths (K, K) f32 m along the sun's rays, seen from the sun; see `kernels.light` for how it is used.
 
-    `centre` (3,) m is the middle of the square that it covers. What moves is drawn over what stands still.
+    It covers a square of (side m, texel m) around `centre` (3,) m. What moves is drawn over what stands still.
     The map holds for the unit vector `sun` (3,) towards the sun; `turn` puts the sun elsewhere.
     """
 
     def __init__(
-        self, scene: EmbreeScene, params: RenderParams, light: LightParams, centre: Array, pool: ThreadPoolExecutor
+        self,
+        scene: EmbreeScene,
+        square: tuple[float, float],
+        light: LightParams,
+        centre: Array,
+        pool: ThreadPoolExecutor,
     ) -> None:
-        self.texel = params.shadow_texel
+        extent, self.texel = square
         self.has_shadows = light.has_shadows
-        self._size = int(params.shadow_extent / self.texel) if light.has_shadows else 2
+        self._size = int(extent / self.texel) if light.has_shadows else 2
         self._scene, self._centre, self._pool = scene, centre, pool
         self._windows = np.zeros((0, 4), np.int32)
         self._lock = Lock()

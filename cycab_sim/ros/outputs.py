@@ -107,7 +107,7 @@ class Outputs:
             self._send(name, self.rig_images[name], image_message(frame, frame_id))
 
     def _publish_imu(self, now: int) -> None:
-        reading, p = self.simulator.read_imu(), self.simulator.params.imu
+        reading, p = self.simulator.read_imu(), self.simulator.imu.errors
         message = Imu(header=conversions.header(now, IMU))
         message.orientation = conversions.se3_to_pose(reading.T_world_imu).orientation
         _set_xyz(message.linear_acceleration, reading.acceleration)
@@ -118,10 +118,10 @@ class Outputs:
         self._send("imu", self.imu, message)
 
     def _publish_scan(self, now: int) -> None:
-        angles, p = self.simulator.scanner.angles, self.simulator.params.scan
+        angles, p = self.simulator.scanner.angles, self.simulator.scanner.model
         message = LaserScan(header=conversions.header(now, SCAN), ranges=self.simulator.scan().ranges.tolist())
         message.angle_min, message.angle_max = float(angles[0]), float(angles[-1])
-        message.angle_increment, message.scan_time = float(angles[1] - angles[0]), p.period
+        message.angle_increment, message.scan_time = float(angles[1] - angles[0]), self.simulator.params.scan.period
         message.range_min, message.range_max = p.min_range, p.max_range
         self._send("scan", self.scan, message)
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from cycab_sim.params import ExposureParams, SimCameraParams, SphereParams
+from cycab_sim.params import ImagingParams, SimCameraParams, SphereParams
 from cycab_sim.sensors.lenses import make_lens
 from sphere_nav.geometry import SE3, Camera, Spherical
 
@@ -20,7 +20,7 @@ class Mount:
 
     T_base_camera maps camera coordinates (optical axes, body axes for a sphere) to the car's;
     noise in grey levels, shot_noise as variance over the grey level;
-    vignetting is the share of light lost in the corners; cameras of one group have one exposure.
+    noises as they are without `imaging`; cameras of one group have one exposure.
     """
 
     name: str
@@ -30,9 +30,8 @@ class Mount:
     is_grey: bool
     noise: float
     shot_noise: float
-    vignetting: float = 0.0
-    exposure: ExposureParams = field(default_factory=ExposureParams)
-    group: str = ""
+    group: str
+    imaging: ImagingParams = field(default_factory=ImagingParams)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +46,7 @@ class RenderedFrame:
     range_std_m: None = None  # the range is exact
 
 
-def forward_camera(params: SimCameraParams) -> Mount:
+def forward_camera(params: SimCameraParams, imaging: ImagingParams) -> Mount:
     """Return the camera for driving; the frame of a panorama has body axes."""
     camera = make_lens(params, "camera")
     tilt = SE3.exp([0.0, 0.0, 0.0, 0.0, np.radians(params.pitch_deg), 0.0])
@@ -55,9 +54,10 @@ def forward_camera(params: SimCameraParams) -> Mount:
     is_sphere = params.model == "panorama"
     T_base_camera = place @ tilt @ SE3.from_parts(np.eye(3) if is_sphere else OPTICAL, np.zeros(3))
     frame_id = "camera_link" if is_sphere else "camera_optical"
-    noises = params.noise, params.shot_noise
-    fall = 0.0 if is_sphere else params.vignetting
-    return Mount("camera", frame_id, camera, T_base_camera, True, *noises, fall, params.exposure, "camera")
+    imaging = replace(imaging, vignetting=0.0) if is_sphere else imaging
+    return Mount(
+        "camera", frame_id, camera, T_base_camera, True, params.read_noise, params.shot_noise, "camera", imaging
+    )
 
 
 def roof_sphere(params: SphereParams) -> Mount:
@@ -66,7 +66,7 @@ def roof_sphere(params: SphereParams) -> Mount:
         raise ValueError(f"sphere.width: expected an even number, found {params.width}")
     T_base_camera = SE3.from_parts(np.eye(3), [params.x, params.y, params.z])
     camera = Spherical(params.width, params.width // 2)
-    return Mount("sphere", "sphere_link", camera, T_base_camera, False, params.noise, params.shot_noise, group="sphere")
+    return Mount("sphere", "sphere_link", camera, T_base_camera, False, params.read_noise, params.shot_noise, "sphere")
 
 
 def vignette(camera: Camera, share: float, gamma: float) -> NDArray[np.float32]:

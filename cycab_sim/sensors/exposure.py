@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from cycab_sim.params import ExposureParams
+from cycab_sim.params import ImagingParams
 from cycab_sim.sensors.faults import SECOND
 
 Floats = NDArray[np.float32]
@@ -20,7 +20,7 @@ DRIFT_WAVES = np.array([1.0, 1.7, 2.9])  # the white balance drifts with these m
 class Exposure:
     """The common exposure of a group of cameras; deterministic: it depends on the images seen so far and the stamps."""
 
-    def __init__(self, params: ExposureParams, gamma: float, seed: tuple[int, ...]) -> None:
+    def __init__(self, params: ImagingParams, gamma: float, seed: tuple[int, ...]) -> None:
         self.params = params
         self._gamma = gamma
         self._gain, self._wanted = 1.0, 1.0
@@ -30,13 +30,13 @@ class Exposure:
 
     def gains(self, stamp_ns: int) -> NDArray[np.float64]:
         """Return the factors on red, green and blue light (3,) for an image of this instant."""
-        if self.params.is_automatic and stamp_ns != self._now_ns:
+        if self.params.has_automatic_exposure and stamp_ns != self._now_ns:
             self._follow(stamp_ns)
         return self._gain * self._balance(stamp_ns / SECOND)
 
     def observe(self, stamp_ns: int, levels: Floats) -> None:
         """Measure an image (H, W[, 3]) that was taken with the present gain; 0: outside the lens."""
-        if not self.params.is_automatic:
+        if not self.params.has_automatic_exposure:
             return
         some = levels[::STRIDE, ::STRIDE]
         mean = float(some[some > 0.0].mean()) if (some > 0.0).any() else self.params.target
@@ -46,14 +46,14 @@ class Exposure:
         """Move towards what the images called for that are known by now."""
         p = self.params
         known: dict[int, list[float]] = {}
-        while self._seen and self._seen[0][0] + round(p.delay * SECOND) <= stamp_ns:
+        while self._seen and self._seen[0][0] + round(p.exposure_delay * SECOND) <= stamp_ns:
             stamp, wanted = self._seen.popleft()
             known.setdefault(stamp, []).append(wanted)
         if known:
             limit = math.log(p.range)
             self._wanted = math.exp(min(max(float(np.mean(known[max(known)])), -limit), limit))
         seconds = 0.0 if self._now_ns is None else (stamp_ns - self._now_ns) / SECOND
-        share = -math.expm1(-seconds / p.time_constant) if p.time_constant > 0.0 else 1.0
+        share = -math.expm1(-seconds / p.exposure_lag) if p.exposure_lag > 0.0 else 1.0
         self._gain *= (self._wanted / self._gain) ** share
         self._now_ns = stamp_ns
 

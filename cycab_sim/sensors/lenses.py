@@ -3,40 +3,13 @@
 from __future__ import annotations
 
 import math
-from typing import Protocol
 
+from cycab_sim.params import CameraRigParams, SimCameraParams
 from sphere_nav.geometry import Camera, Fisheye, Pinhole, Spherical
 
 MAX_PINHOLE_DEG = 150.0  # a plane image of a wider view is nearly all edge
 Centre = tuple[float, float]
-
-
-class LensParams(Protocol):
-    """What every camera's parameters say of its lens; see `SimCameraParams`."""
-
-    @property
-    def model(self) -> str:
-        """Name of the model."""
-
-    @property
-    def width(self) -> int:
-        """Columns."""
-
-    @property
-    def height(self) -> int:
-        """Rows."""
-
-    @property
-    def view_deg(self) -> float:
-        """Horizontal field of view."""
-
-    @property
-    def k1(self) -> float:
-        """First radial coefficient."""
-
-    @property
-    def k2(self) -> float:
-        """Second radial coefficient."""
+LensParams = SimCameraParams | CameraRigParams
 
 
 def make_lens(params: LensParams, name: str, scale: float = 1.0, offset: Centre = (0.0, 0.0)) -> Camera:

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cycab_sim.params import CameraRigParams
+from cycab_sim.params import CameraRigParams, ImagingParams
 from cycab_sim.sensors.cameras import OPTICAL, Mount
 from cycab_sim.sensors.lenses import make_lens
 from sphere_nav.geometry import SE3
@@ -42,13 +42,13 @@ def make_rig(params: CameraRigParams, seed: int) -> Rig | None:
     return Rig(cameras, name=f"{params.kind}_{seed}")
 
 
-def rig_mounts(params: CameraRigParams, rig: Rig | None) -> tuple[Mount, ...]:
+def rig_mounts(params: CameraRigParams, imaging: ImagingParams, rig: Rig | None) -> tuple[Mount, ...]:
     """Return the cameras of a rig on the car."""
     T_base_rig = rig_place(params)
-    noises = params.noise, params.shot_noise, params.vignetting, params.exposure
+    noises = params.read_noise, params.shot_noise
     cameras = rig.cameras if rig else ()
     return tuple(
-        Mount(c.name, f"{c.name}_optical", c.camera, T_base_rig @ c.T_rig_camera, False, *noises, c.exposure_group)
+        Mount(c.name, f"{c.name}_optical", c.camera, T_base_rig @ c.T_rig_camera, False, *noises, "rig", imaging)
         for c in cameras
     )
 
@@ -84,5 +84,4 @@ def _make_camera(params: CameraRigParams, name: str, rng: np.random.Generator) -
     lens = make_lens(params, "rig", float(1.0 + FOCAL * off[6]), (float(du), float(dv)))
     error = SE3.exp(off[:6] * ([LENGTH] * 3 + [ANGLE] * 3))
     level = name.partition("_")[0] if params.kind == "vertical" else ""
-    group = {"rig": "rig", "level": level or "rig", "camera": name}[params.exposure_group]
-    return RigCamera(name, lens, planned_pose(params, name) @ error, exposure_group=group, level=level)
+    return RigCamera(name, lens, planned_pose(params, name) @ error, exposure_group="rig", level=level)

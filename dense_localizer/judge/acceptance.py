@@ -35,9 +35,8 @@ from dense_localizer.params import AcceptanceParams
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.photometric import Alignment
 from sphere_nav.photometric.checks.bias import PoseBias
-from sphere_nav.photometric.checks.illumination import GRADIENT_SHARE
-from sphere_nav.photometric.checks.occlusion import OCCLUSION_SHARE
 from sphere_nav.photometric.checks.structure import Structure
+from sphere_nav.photometric.constants import GRADIENT_SHARE, OCCLUSION_SHARE
 
 Array = NDArray[np.float64]
 

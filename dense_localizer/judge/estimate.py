@@ -1,4 +1,4 @@
-"""What the localiser says about one instant."""
+"""What the localizer says about one instant."""
 
 from __future__ import annotations
 

@@ -35,9 +35,8 @@ from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import FINE, Finding, Reason, State
 from sphere_nav.photometric import Alignment
 from sphere_nav.photometric.checks.bias import PoseBias
-from sphere_nav.photometric.checks.illumination import GRADIENT_SHARE
-from sphere_nav.photometric.checks.occlusion import OCCLUSION_SHARE
 from sphere_nav.photometric.checks.structure import EVERYTHING, NOTHING, Aspect, find_rig_structure, view_residuals
+from sphere_nav.photometric.constants import GRADIENT_SHARE, OCCLUSION_SHARE
 
 # All checks of one image take as long as to align it: no two in the same one.
 CHECKS_DUE = {FIT_PHASE: Aspect.FIT, OCCLUSION_PHASE: Aspect.OCCLUSION, LIGHT_PHASE: Aspect.ILLUMINATION}

@@ -60,7 +60,7 @@ class PixelPrefetch:
     def __init__(self, params: RegistrationParams, *, is_live: bool) -> None:
         """Of an `is_live` camera a choice is used once it is there; others wait for it, so that runs are equal."""
         self._params, self._is_live = params, is_live
-        self.background = BackgroundTurns(is_limited=is_live)  # what other threads of the localiser share with this one
+        self.background = BackgroundTurns(is_limited=is_live)  # what other threads of the localizer share with this one
         self._pending: dict[tuple[int, int], tuple[Reference, Future[list[Chosen]]]] = {}
         self._thread = ThreadPoolExecutor(1, "choose_pixels")
 
@@ -90,7 +90,7 @@ class PixelPrefetch:
         serve the next image.
         """
         if self._is_live:
-            self.use(sphere_id)  # no image may have asked for it yet, and it ages
+            self.use(sphere_id)  # no image may have needed it yet, and it ages
         pixels, number = reference.level_like(camera), self._params.max_pixels // num_views
         if (sphere_id, num_views) in self._pending:
             return
@@ -191,7 +191,7 @@ class SpherePrefetch:
         return sphere_id in self._references and self._references[sphere_id].done()
 
     def forget(self, sphere_id: int) -> None:
-        """Have a sphere prepared anew when it is asked for next."""
+        """Have a sphere prepared anew when it is needed next."""
         self._references.pop(sphere_id, None)
 
     def close(self) -> None:

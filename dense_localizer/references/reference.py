@@ -5,7 +5,7 @@ make room; their pixels are chosen by a third before an image needs them. An ima
 either: it is aligned to what is there.
 
 A whole sphere sees in every direction, so translation is all that counts. A partial sphere (one camera's view) may
-look elsewhere; it is passed over where it covers clearly less of the image than others do.
+face elsewhere; it is passed over where it covers clearly less of the image than others do.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class Choice:
 
     @property
     def distance_ratio(self) -> float:
-        """Distance to the nearest by the radius of its region: 0 at its centre, 1 at the border."""
+        """Distance to the nearest by the radius of its region: 0 at its center, 1 at the border."""
         return self.distance_m / self.region_m
 
 
@@ -116,7 +116,7 @@ class References:
         self._map, self._is_live = sphere_map, is_live
         self._registration, self._params = params.registration, params.reference
         is_large = len(sphere_map.graph) > NUM_RETRIEVED
-        self.appearance = sphere_map.appearance() if is_large else AppearanceIndex()  # a small map is looked at whole
+        self.appearance = sphere_map.appearance() if is_large else AppearanceIndex()  # a small map is searched whole
         self.coarse = CoarseReferences(sphere_map.coarse_spheres(), params.registration)
         self.error = MapError(sphere_map.graph, params.covariance)
         self.rejections = Rejections()
@@ -251,7 +251,7 @@ class References:
         if unused is not None:
             sphere = replace(sphere, range_m=np.where(unused, np.float32(np.nan), sphere.range_m))
         levels, range_m, camera = sphere.levels, sphere.range_m, sphere.camera
-        del sphere  # colours take more than the grey levels
+        del sphere  # colors take more than the grey levels
         with self._pixels.background.wait_for_turn():
             return prepare_reference(levels, range_m, camera, self._registration)
 

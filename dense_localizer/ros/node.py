@@ -1,4 +1,4 @@
-"""The node `dense_localizer`: the localiser in a map of key spheres (sphere_nav/ros/localizer/node.py is around it)."""
+"""The node `dense_localizer`: the localizer in a map of key spheres (sphere_nav/ros/localizer/node.py is around it)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ Array = NDArray[np.float64]
 
 
 class DenseLocalizerNode(LocalizerNode):
-    """Converts, asks the localiser, converts back."""
+    """Converts, calls the localizer, converts back."""
 
     NAME = "dense_localizer"
     PARAMS = DenseLocalizerParams
@@ -63,11 +63,11 @@ class DenseLocalizerNode(LocalizerNode):
 
     @property
     def has_rig(self) -> bool:
-        """Whether several cameras localise together."""
+        """Whether several cameras localize together."""
         return bool(self.params.rig.cameras or self.params.rig.calibration)
 
     def use_map(self, reader: MapReader) -> Rejections:
-        """Localise in a map from now on; return what counts the pixels of it that images reject."""
+        """Localize in a map from now on; return what counts the pixels of it that images reject."""
         before, self.localizer = self.localizer, Localizer(self.params, reader, is_live=self.shell.is_live)
         if before is not None:
             before.references.close()
@@ -85,7 +85,7 @@ class DenseLocalizerNode(LocalizerNode):
         return self.localizer is not None
 
     def localize(self, picture: Picture) -> BaseEstimate:
-        """Localise one image; show the residual to whoever looks."""
+        """Localize one image; publish the residual where anyone subscribes to it."""
         if self.localizer is None:
             return BaseEstimate(self.refuse(picture.stamp_ns, FINE))
         T_base_body = self.intake.T_base_camera
@@ -116,7 +116,7 @@ class DenseLocalizerNode(LocalizerNode):
         return self.localizer.silence(elapsed_s, finding) if self.localizer is not None else None
 
     def relocalize(self, given: tuple[SE3, Array] | None) -> BaseEstimate | None:
-        """Search with the last image, and those to come; what is found is told, though not trusted yet."""
+        """Search with the last image, and those to come; what is found is returned, though not trusted yet."""
         if self.localizer is None:
             raise ValueError("relocalize: expected a map, found none: load one first")
         T_base_camera = self.intake.T_base_camera

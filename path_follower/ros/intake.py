@@ -15,7 +15,7 @@ from path_follower.homing import HomingFollower
 from path_follower.modes import FollowerState
 from path_follower.params import PathFollowerParams
 from path_follower.path import Pose2
-from path_follower.safety import DEGRADED, TRUSTED
+from sphere_nav.localization.status import TRUSTED
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.clocks import Times
 from sphere_nav.ros.conversions import driving
@@ -88,7 +88,7 @@ class PoseIntake:
         """Hand on the state of the localiser; bad news counts at once, good news by its stamp."""
         status, times = conversions.message_to_status(message), self._answered.times
         stamp = conversions.stamp_ns(message)
-        is_good = status.state in (TRUSTED, DEGRADED)
+        is_good = status.state in TRUSTED
         time = times.of(stamp) if is_good else times.now()
         self._watch.see_status(status.state, time, status.reason, status.age)
         if not is_good:

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.estimation.covariance import clustered_covariance
 from sphere_nav.estimation.robust import CAUCHY, cauchy_weights
 from sphere_nav.geometry import SE3, so3
 
@@ -139,9 +140,7 @@ def _descend(A: SE3, B: SE3, start: SE3, prior: Array) -> tuple[SE3, Array, Arra
         X, scales = _moved(X, scales, step)
         if np.abs(step / PRIOR).max() < SETTLED:
             break
-    inverse = np.linalg.inv(H + known)
-    scatter = gradients.T @ gradients * len(e) / (len(e) - 1)  # pieces are independent, whatever their errors
-    covariance = inverse @ (scatter + known) @ inverse
+    covariance = clustered_covariance(np.linalg.inv(H + known), gradients, known)  # pieces are independent
     by_noise = np.append(2.0 * sigma[3] ** 2 * np.sum(weights[:, [0, 0, 0, 3, 3, 3]], axis=0), [0.0, 0.0])
     share = np.minimum(by_noise / np.maximum(np.diagonal(H), 1e-300), 1.0)
     return X, scales, covariance + np.diag((share * prior) ** 2), sigma

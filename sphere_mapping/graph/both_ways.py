@@ -12,6 +12,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.constants import (
+    EDGE_FLOOR_M,
+    EDGE_FLOOR_RAD,
+    EDGE_SHARE,
+    MAX_FROM_FEATURES_M,
+    MAX_FROM_FEATURES_RAD,
+    MAX_GAP_M,
+    MAX_GAP_RAD,
+    MAX_GAP_SHARE,
+    MAX_PAIR_MAD,
+    MIN_INLIERS,
+    MIN_PAIR_NCC,
+    MIN_PAIR_OVERLAP,
+)
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.estimation.normal_equations import symmetric_inverse
@@ -21,14 +35,6 @@ from sphere_nav.spheres.appearance.pose import FeaturePose, find_pose
 from sphere_nav.spheres.graph import Edge
 
 Array = NDArray[np.float64]
-MAX_MAD = 0.05 * 255.0  # grey levels, of a true pair (M15 eq. 12)
-MIN_OVERLAP = 0.3  # share of the reference's own coverage that must be in view
-MIN_NCC = 0.6  # correlation of the aligned images, both ways
-MAX_APART_M, MAX_APART_SHARE, MAX_APART_RAD = 0.05, 0.02, 0.02  # between the two results; share of their distance
-FLOOR_M, FLOOR_RAD = 0.002, 0.0005  # standard deviation that no measured motion falls below
-MIN_INLIERS = 15  # features that agree on a pose; between other places of a town 4 to 8 do
-MAX_FROM_FEATURES_M, MAX_FROM_FEATURES_RAD = 0.3, 0.05  # between the motion by features and the dense one
-SHARE = 0.005  # the same by the distance between the spheres: ranges and calibration err, too
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,9 +84,9 @@ def confirm(
 
 def agree(forward: Alignment, back: Alignment) -> Motion | None:
     """Return the motion between both results, None where they are too far apart."""
-    apart = (forward.T_world_camera @ back.T_world_camera).log()  # A -> B composed with B -> A
-    limit_m = MAX_APART_M + MAX_APART_SHARE * float(np.linalg.norm(forward.T_world_camera.translation))
-    if np.linalg.norm(apart[:3]) > limit_m or np.linalg.norm(apart[3:]) > MAX_APART_RAD:
+    gap = (forward.T_world_camera @ back.T_world_camera).log()  # A -> B composed with B -> A
+    limit_m = MAX_GAP_M + MAX_GAP_SHARE * float(np.linalg.norm(forward.T_world_camera.translation))
+    if np.linalg.norm(gap[:3]) > limit_m or np.linalg.norm(gap[3:]) > MAX_GAP_RAD:
         return None
     T_a_b = forward.T_world_camera @ SE3.exp(-0.5 * (back.T_world_camera @ forward.T_world_camera).log())
     return Motion(T_a_b, covariance_of(forward, back, T_a_b), forward, back)
@@ -90,9 +96,9 @@ def covariance_of(forward: Alignment, back: Alignment, T_a_b: SE3) -> Array:
     """Return the covariance (6, 6): of both fits, of how far they disagree, and of what both share."""
     adjoint = T_a_b.inverse().adjoint()
     fits = 0.5 * (forward.covariance + adjoint @ back.covariance @ adjoint.T)
-    apart = 0.5 * (back.T_world_camera @ forward.T_world_camera).log()
-    floor = np.repeat([FLOOR_M + SHARE * float(np.linalg.norm(T_a_b.translation)), FLOOR_RAD], 3)
-    sideways = np.repeat([np.sum(apart[:3] ** 2) / 3, np.sum(apart[3:] ** 2) / 3], 3)
+    gap = 0.5 * (back.T_world_camera @ forward.T_world_camera).log()
+    floor = np.repeat([EDGE_FLOOR_M + EDGE_SHARE * float(np.linalg.norm(T_a_b.translation)), EDGE_FLOOR_RAD], 3)
+    sideways = np.repeat([np.sum(gap[:3] ** 2) / 3, np.sum(gap[3:] ** 2) / 3], 3)
     return np.asarray(fits + np.diag(floor**2 + sideways))
 
 
@@ -100,7 +106,7 @@ def is_good(alignment: Alignment, reference: PreparedSphere) -> bool:
     """Say whether one way alone could be true."""
     return (
         alignment.is_converged
-        and alignment.mad <= MAX_MAD
-        and alignment.ncc >= MIN_NCC
-        and alignment.overlap >= MIN_OVERLAP * reference.coverage
+        and alignment.mad <= MAX_PAIR_MAD
+        and alignment.ncc >= MIN_PAIR_NCC
+        and alignment.overlap >= MIN_PAIR_OVERLAP * reference.coverage
     )

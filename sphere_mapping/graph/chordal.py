@@ -1,4 +1,4 @@
-"""The linear side of a pose graph: starts of an optimisation that need no guess.
+"""The linear side of a pose graph: starts of an optimization that need no guess.
 
 With X = (R_1 t_1 ... R_N t_N) the chordal cost, the sum of kappa |R_b - R_a R_ab|^2 + tau |t_b - t_a - R_a t_ab|^2 over
 all edges, is the quadratic form tr(X M X^T). What makes it hard is only that each R_i must be a rotation.
@@ -48,7 +48,7 @@ def chordal_poses(graph: PoseGraph) -> Array:
 def spanning_poses(graph: PoseGraph) -> Array:
     """Return poses (N, d + 1, d + 1) chained from the anchors along as few edges as possible, in the files' order."""
     count, poses = len(graph.ids), graph.poses.copy()
-    # an edge between neighbours in the file, the odometry, comes first where an end has several
+    # an edge between neighbors in the file, the odometry, comes first where an end has several
     edge_of = {}
     for k in np.argsort(-np.abs(np.diff(graph.ends, axis=1)[:, 0]), kind="stable"):
         a, b = graph.ends[k]

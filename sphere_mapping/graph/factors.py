@@ -9,13 +9,12 @@ import gtsam
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.constants import ANCHOR_SIGMA, ROBUST_WIDTH
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 
 Array = NDArray[np.float64]
 
 ANGLE_FIRST = [3, 4, 5, 0, 1, 2]  # our (v, omega) in GTSAM's order of space (omega, v); in the plane they agree
-ANCHOR_SIGMA = 1e-6  # anchors stay where they are
-ROBUST_WIDTH = 2.0  # standard deviations beyond which a robust edge loses weight (Huber)
 RELATIVE_TOLERANCE = 1e-8  # of the error, between two iterations; GTSAM's 1e-5 stops before a slow descent is done
 
 

@@ -7,17 +7,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sphere_mapping.constants import MIN_INLIER_SHARE
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import KeySphereParams
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import Alignment
 
 MAX_GREY = 255.0
-MIN_INLIER_SHARE = 0.5  # of pixels that agree
 
-NOT_YET, FIRST, MAD, OVERLAP, INLIERS, PARALLAX, LAST_GOOD = (
-    "", "FIRST", "MAD", "OVERLAP", "INLIERS", "PARALLAX", "LAST_GOOD"
-)  # fmt: skip
+NOT_YET, FIRST, MAD, OVERLAP, INLIERS, PARALLAX = "", "FIRST", "MAD", "OVERLAP", "INLIERS", "PARALLAX"
 
 
 @dataclass(frozen=True, eq=False)

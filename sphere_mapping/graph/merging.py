@@ -1,7 +1,7 @@
-"""Key spheres of places that were seen twice: one is enough for the map (M15 section 3.5.2).
+"""Key spheres of positions that were seen twice: one is enough for the map (M15 section 3.5.2).
 
 A key sphere leaves the map where edges join it with one of another visit that stays, and where everything it was
-nearest to is near enough to spheres that stay: by the regions in which these localise, and by the spacing of the drive.
+nearest to is near enough to spheres that stay: by the regions in which these localize, and by the spacing of the drive.
 What was measured to it is composed, so that the graph keeps what it knows. Spheres that follow each other on one visit
 do not replace each other: how far apart those are was decided when they were kept.
 """
@@ -15,13 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sphere_mapping.graph.loop_closure import MIN_DETOUR
+from sphere_mapping.constants import MERGE_REACH, MERGE_SPACING, MIN_DETOUR
 from sphere_nav.estimation.normal_equations import symmetric, symmetric_inverse
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
 Array = NDArray[np.float64]
-REACH = 0.5  # of the radius of a sphere's region: how near it must be to what another one was nearest to
-APART = 0.75  # the same of the distance from that one to the next on its drive: the map stays as dense as was asked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,12 +30,12 @@ class Merged:
     replaced: dict[int, int]
 
 
-def merge(graph: SphereGraph, places: Array, staying: Collection[int] = ()) -> Merged:
+def merge(graph: SphereGraph, positions: Array, staying: Collection[int] = ()) -> Merged:
     """Return the graph without redundant key spheres; of those that see the same the newest leaves.
 
-    places (P, 3): where in the map all spheres were taken, those that were not kept, too. staying: ids that stay.
+    positions (P, 3): where in the map all spheres were taken, those that were not kept, too. staying: ids that stay.
     """
-    merger = _Merger(graph, np.concatenate([places.reshape(-1, 3), _positions(graph)]))
+    merger = _Merger(graph, np.concatenate([positions.reshape(-1, 3), _positions(graph)]))
     for node in sorted(graph, key=lambda node: -node.id):
         if node.id not in staying:
             merger.try_without(node)
@@ -67,12 +65,12 @@ def reverse(edge: Edge) -> Edge:
 
 
 class _Merger:
-    """The graph while spheres leave it: edges by their ends, and the places that each sphere is nearest to."""
+    """The graph while spheres leave it: edges by their ends, and the positions that each sphere is nearest to."""
 
     def __init__(self, graph: SphereGraph, points: Array) -> None:
         self.replaced: dict[int, int] = {}
         self._graph, self._points = graph, points
-        self._farthest = REACH * max((node.region_radius_m for node in graph), default=0.0)
+        self._farthest = MERGE_REACH * max((node.region_radius_m for node in graph), default=0.0)
         self._edges: dict[int, list[Edge]] = {node.id: [] for node in graph}
         for edge in graph.edges:
             self._add(edge)
@@ -118,10 +116,10 @@ class _Merger:
         """Return the nearest key sphere whose region reaches a point well, None where there is none near enough."""
         near = [
             (float(np.linalg.norm(node.T_map_sphere.translation - point)), node)
-            for node in self._graph.near(point, min(self._farthest, APART * self._spacing[without]))
+            for node in self._graph.near(point, min(self._farthest, MERGE_SPACING * self._spacing[without]))
             if node.id != without and node.id not in self.replaced
         ]
-        reaching = [(distance, node.id) for distance, node in near if distance <= REACH * node.region_radius_m]
+        reaching = [(distance, node.id) for distance, node in near if distance <= MERGE_REACH * node.region_radius_m]
         return min(reaching)[1] if reaching else None
 
     def _add(self, edge: Edge) -> None:

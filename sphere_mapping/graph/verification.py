@@ -11,7 +11,8 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from sphere_mapping.graph.both_ways import MIN_INLIERS, measure
+from sphere_mapping.constants import MIN_INLIERS
+from sphere_mapping.graph.both_ways import measure
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.geometry import SE3
@@ -52,7 +53,7 @@ class Trial:
     params: MappingRegistrationParams
 
 
-def place(lookup: Lookup) -> list[Candidate]:
+def find_candidates(lookup: Lookup) -> list[Candidate]:
     """Return the older spheres with which enough features agree on a pose."""
     poses = [(older, find_pose(lookup.features, features)) for older, features in lookup.alike]
     return [

@@ -1,7 +1,4 @@
-"""What the mapper listens to: spheres, or the images of an RGB-D or of a stereo camera.
-
-What a camera's driver decides for the mapper.
-"""
+"""What the mapper listens to: spheres, or the images of an RGB-D or of a stereo camera."""
 
 from __future__ import annotations
 
@@ -12,7 +9,7 @@ from functools import partial
 from sensor_msgs.msg import CameraInfo
 from sphere_nav_msgs.msg import AugmentedSphere
 
-from sphere_mapping.graph.unrolling import Unroll
+from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.rgbd_intake import DEPTH, DEPTH_INFO, OnRgbd, RgbdIntake
 from sphere_mapping.ros.stereo_intake import OnPair, Report, StereoIntake, report_nothing

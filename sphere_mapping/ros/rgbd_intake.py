@@ -12,7 +12,7 @@ from sensor_msgs.msg import CameraInfo
 
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
 from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_views
-from sphere_mapping.graph.unrolling import Unroll
+from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.params import SphereMapperParams
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.ros import conversions

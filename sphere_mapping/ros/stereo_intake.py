@@ -54,7 +54,7 @@ class StereoIntake:
         for image, lens in zip(images, (pair.geometry.left, pair.geometry.right), strict=True):
             conversions.check_image_size(lens, image.shape[1], image.shape[0])
         left, right = pair.rectify(*images)
-        self._report("stereo", *judge_rows(pair, self._params.stereo.calibration_px))
+        self._report("stereo", *describe_rows(pair, self._params.stereo.calibration_px))
         if self._on_pair is not None:
             self._on_pair(left, right, pair)
             return None
@@ -95,7 +95,7 @@ def _by_projections(left: CameraInfo, right: CameraInfo) -> PairGeometry:
     return PairGeometry(lens, other, turn, other_turn, camera, conversions.stereo_baseline(right))
 
 
-def judge_rows(pair: StereoPair, calibration_px: float) -> tuple[int, str]:
+def describe_rows(pair: StereoPair, calibration_px: float) -> tuple[int, str]:
     """Return level and words about the rows of a pair for the diagnostics."""
     if pair.fit is None:
         return OK, "rows as told"

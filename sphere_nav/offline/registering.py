@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from sphere_mapping.graph.registration import PreparedSphere, align, residual_at, turned
+from sphere_mapping.graph.registration import PreparedSphere, align, guess_by_rotation, residual_at
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import Alignment
@@ -20,7 +20,7 @@ def register(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParams) -> di
 
     def guesses() -> Any:
         yield T_a_b_guess
-        yield turned(current, reference, SE3.identity(), params.registration)
+        yield guess_by_rotation(current, reference, SE3.identity(), params.registration)
 
     found = align(current, [view], guesses(), params.registration)
     before = residual_at(current, view, T_a_b_guess, params.registration)

@@ -10,8 +10,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL as T_BODY_OPTICAL
 
 Image = NDArray[np.uint8]
 Range = NDArray[np.float32]
@@ -20,9 +21,6 @@ Grey = TypeVar("Grey", np.uint8, np.float32)
 UNSEEN = 0  # grey level of a pixel that no camera saw; a pixel that was seen is at least 1
 
 ROWS = 16  # that are turned grey at once: the colours in floats are large, and large blocks cost page faults
-
-# Body axes (x forward, y left, z up) from optical axes (z forward, x right, y down).
-T_BODY_OPTICAL = SE3(np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
 
 
 @dataclass(frozen=True, eq=False)

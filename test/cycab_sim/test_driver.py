@@ -24,7 +24,7 @@ def drive(name, params):
 
 @pytest.mark.parametrize("name", ["two_turns", "block"])
 def test_the_driver_stays_on_the_path_and_stops_at_its_end(name):
-    params = TeachParams(wander=0.05)
+    params = TeachParams()
     path, states = drive(name, params)
     distance, offsets = 0.0, []
     for state in states[::3]:

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cycab_sim.params import CameraRigParams, SimCameraParams, StartPoseParams
+from cycab_sim.params import CameraRigParams, ImagingParams, SimCameraParams
 from cycab_sim.simulator import START_NS, Simulator
 from cycab_sim.vehicle import VehicleCommand
 from sphere_nav.geometry import SE3, Pinhole
@@ -56,14 +56,6 @@ def test_images_come_at_their_instants_from_where_the_car_is(simulator):
     assert np.median(np.abs(noise)) < 4.0  # the car has moved by one step of 10 mm since
 
 
-def test_a_start_beside_the_path_is_where_it_was_asked_for(small_params):
-    moved = replace(small_params, start=StartPoseParams(along=3.0, left=0.4, yaw_deg=10.0))
-    simulator = Simulator(replace(moved, camera=SimCameraParams(is_on=False)))
-    x, y, yaw, _ = simulator.path.at(np.array(3.0))
-    state = simulator.vehicle.state
-    assert (state.x, state.y, state.yaw) == pytest.approx((x, y + 0.4, yaw + np.radians(10.0)))
-
-
 def test_camera_faults_change_what_is_captured(small_params):
     simulator = Simulator(small_params)
     before = simulator.capture("camera").image.astype(float)
@@ -91,11 +83,9 @@ def test_camera_faults_change_what_is_captured(small_params):
 
 
 def test_the_corners_of_an_image_are_darker_where_it_is_asked_for(small_params):
-    camera = replace(small_params.camera, noise=0.0, shot_noise=0.0)
-    plain, dark = (
-        Simulator(replace(small_params, camera=replace(camera, vignetting=share))).capture("camera").image.astype(float)
-        for share in (0.0, 0.5)
-    )
+    cameras = (ImagingParams(noise=0.0, vignetting=share) for share in (0.0, 0.5))
+    simulators = (Simulator(replace(small_params, imaging=imaging)) for imaging in cameras)
+    plain, dark = (simulator.capture("camera").image.astype(float) for simulator in simulators)
     corners = np.zeros(plain.shape, bool)
     corners[-4:, :4] = corners[-4:, -4:] = True
     # half of the light, gamma 2.2; a few pixels off the corner, and whole levels

@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from cycab_sim.params import ActuatorParams, CarParams, OdometryParams
-from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState, WheelOdometry
+from cycab_sim.params import ActuatorParams, CarParams
+from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState, WheelErrors, WheelOdometry
 
 PARAMS = CarParams()
 INSTANT = ActuatorParams(steering_lag=0.0, speed_lag=0.0)
@@ -75,8 +75,8 @@ def test_nothing_happens_during_the_dead_time():
 
 
 def test_odometry_without_faults_is_the_truth():
-    ideal = OdometryParams(slip=0.0, yaw_rate_scale=1.0, yaw_rate_bias=0.0, speed_noise=0.0, yaw_rate_noise=0.0)
-    odometry, vehicle = WheelOdometry(ideal, 1), Vehicle(VehicleState(), PARAMS, INSTANT)
+    ideal = WheelErrors(slip=0.0, yaw_rate_scale=1.0, yaw_rate_bias=0.0, speed_noise=0.0, yaw_rate_noise=0.0)
+    odometry, vehicle = WheelOdometry(0.02, 1, ideal), Vehicle(VehicleState(), PARAMS, INSTANT)
     for i in range(500):
         before = vehicle.state
         vehicle.step(VehicleCommand(1.0, 0.2 * math.sin(0.02 * i)), 0.01)
@@ -86,18 +86,18 @@ def test_odometry_without_faults_is_the_truth():
 
 
 def test_odometry_is_wrong_by_what_its_parameters_say():
-    wrong = OdometryParams(slip=0.02, yaw_rate_scale=1.0, yaw_rate_bias=0.001, speed_noise=0.05)
-    odometry = WheelOdometry(wrong, 1)
+    wrong = WheelErrors(slip=0.02, yaw_rate_scale=1.0, yaw_rate_bias=0.001, speed_noise=0.05)
+    odometry = WheelOdometry(0.02, 1, wrong)
     for _ in range(5000):
         odometry.step(1.0, 0.0, 0.01)
     # 50 m, 50 s; the noise of 2500 messages of 0.02 s adds 0.05 * 0.02 * sqrt(2500) = 0.05 m
     assert odometry.way == pytest.approx(50.0 / 0.98, abs=0.2)
     assert odometry.pose[2] == pytest.approx(0.05, abs=4 * 0.003 * 0.02 * 50)
-    assert np.all(odometry.deviations[[0, 1, 5]] > WheelOdometry(wrong, 1).deviations[[0, 1, 5]])
+    assert np.all(odometry.deviations[[0, 1, 5]] > WheelOdometry(0.02, 1, wrong).deviations[[0, 1, 5]])
 
 
 def test_standing_wheels_say_nothing():
-    odometry = WheelOdometry(OdometryParams(), 1)
+    odometry = WheelOdometry(0.02, 1)
     for _ in range(100):
         odometry.step(0.0, 0.0, 0.01)
     assert odometry.pose.tolist() == [0.0, 0.0, 0.0]

@@ -17,6 +17,6 @@ def test_cameras_of_every_kind_use_what_is_compiled():
     small = {"width": 32, "height": 24}
     rig = {f"rig.{name}": value for name, value in (small | {"kind": "ring"}).items()}
     camera = {f"camera.{name}": value for name, value in (small | {"model": "fisheye"}).items()}
-    fast = {"sphere.width": 32, "render.shadow_extent": 4.0, "traffic.is_on": True}
+    fast = {"sphere.width": 32, "render.shadow_texel": 2.0, "traffic.is_on": True}
     Simulator(build(SimParams, rig | camera | fast)).capture_rig()
     assert {kernel: len(kernel.signatures) for kernel in compiled} == compiled

@@ -5,7 +5,6 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from dense_localizer.constants import DRIFT_WITHOUT_EDGES, EDGE_ERROR
 from dense_localizer.motion_prior import MapDrift, estimate_drift_rate
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
@@ -20,9 +19,9 @@ def graph_of(poses) -> SphereGraph:
 
 
 def test_a_meter_errs_as_the_edges_say():
-    assert estimate_drift_rate(SphereGraph([])) == pytest.approx(DRIFT_WITHOUT_EDGES)
+    assert estimate_drift_rate(SphereGraph([])) == pytest.approx(np.repeat([0.002, 0.0015], 3) ** 2)
     graph = graph_of([SE3.from_planar(2.0 * k, 0.0, 0.0) for k in range(4)])
-    np.testing.assert_allclose(estimate_drift_rate(graph), EDGE_ERROR * SIGMA**2 / 2.0)
+    np.testing.assert_allclose(estimate_drift_rate(graph), 2.0 * SIGMA**2 / 2.0)
 
 
 def test_the_covariance_is_that_of_random_maps():

@@ -3,7 +3,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dense_localizer.constants import START_SPEED
 from dense_localizer.inputs import LocalizerInput
 from dense_localizer.motion_prior import PosePrior
 from dense_localizer.params import PriorParams
@@ -65,8 +64,9 @@ def test_a_start_stands_still_and_is_unsure():
     prior.start(poses(1)[0], TIGHT, 0)
     prediction = prior.predict(STEP_NS)
     assert_same(prediction.T_map_camera, poses(1)[0])
-    moved = START_SPEED * 0.1
-    assert np.sqrt(prediction.covariance[0, 0]) >= moved
+    # 5 m/s, 1 rad/s, and the acceleration of 0.1 s
+    sigmas = np.repeat([0.5 + 0.5 * PARAMS.acceleration * 0.01, 0.1 + 0.5 * PARAMS.angular_acceleration * 0.01], 3)
+    np.testing.assert_allclose(np.diagonal(prediction.covariance), np.diagonal(TIGHT) + sigmas**2)
 
 
 def test_held_predictions_go_on_and_their_covariance_grows_from_the_last_alignment():
@@ -180,3 +180,13 @@ def test_a_slow_camera_has_no_gaps_but_where_an_image_is_missing():
     prior.reset()
     prior.start(truth[0], TIGHT, 0)
     assert prior.predict(slow).finding.reason == "GAP"
+
+
+def test_the_period_is_that_of_the_latest_five():
+    prior = PosePrior(PARAMS)
+    prior.start(SE3.identity(), TIGHT, 0)
+    stamps = np.cumsum([STEP_NS] * 8 + [10 * STEP_NS] * 3)
+    for stamp in stamps.tolist():
+        prior.correct(SE3.identity(), TIGHT, stamp)
+    found = [prior.predict(int(stamps[-1]) + k * STEP_NS).finding.reason for k in (19, 21)]
+    assert found == ["", "GAP"]  # three of them took a second

@@ -121,10 +121,11 @@ def _pace(loop: Loop, params: TrafficParams, rng: np.random.Generator) -> float:
 
 def _populate(loops: Sequence[Loop], params: TrafficParams, rng: np.random.Generator) -> list[Actor]:
     """Return the actors: as many as asked for, or as there is room for, spread over the loops by their length."""
+    cars, bicycles, pedestrians = params.busy if params.is_busy else params.usual
     makers: list[tuple[str, int, Callable[[np.random.Generator], Figure]]] = [
-        ("road", params.cars, figures.make_car),
-        ("cycle", params.bicycles, figures.make_cyclist),
-        ("walk", params.pedestrians, figures.make_pedestrian),
+        ("road", cars, figures.make_car),
+        ("cycle", bicycles, figures.make_cyclist),
+        ("walk", pedestrians, figures.make_pedestrian),
     ]
     actors: list[Actor] = []
     for kind, count, make in makers:

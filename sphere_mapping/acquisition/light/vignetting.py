@@ -28,7 +28,7 @@ LEAST = -2.0  # of a coefficient
 EXPOSURE_STD = 1.0  # of an exposure's logarithm, before anything is seen
 LEVEL_STD = 2.5  # grey levels, of a level: what is dark says little of a ratio
 RATIO_STD = 0.05  # of the logarithm of a ratio: parallax, reflections
-DEPENDENCE = 10.0  # neighbours that err alike count as one
+CORRELATED_DIRECTIONS = 10.0  # neighbours that count as one (`estimation/covariance.py`)
 NUM_STEPS = 8
 
 
@@ -137,7 +137,7 @@ def scales() -> Array:
 def weights(seen: Comparison, expected: Array, scale: float) -> Array:
     """Return the weight (N,) of each comparison, by Cauchy's loss."""
     errors = (seen.ratio - expected) / seen.std
-    return 1.0 / (DEPENDENCE * np.square(seen.std) * (1.0 + np.square(errors / scale)))
+    return 1.0 / (CORRELATED_DIRECTIONS * np.square(seen.std) * (1.0 + np.square(errors / scale)))
 
 
 def _solve(matrix: Array, target: Array, low: Array, high: Array) -> Array:

@@ -27,7 +27,7 @@ class Patch:
     weight: Plane
     window: Spherical
 
-    def place(self, whole: Spherical) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def window_in(self, whole: Spherical) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return rows (h, 1) and columns (1, w) of the window in the whole sphere; columns wrap around."""
         rows = np.arange(self.window.height) + int(self.window.offset_v)
         columns = (np.arange(self.window.width) + int(self.window.offset_u)) % whole.width
@@ -41,13 +41,13 @@ def join(patches: Sequence[Patch], whole: Spherical) -> tuple[Image, Range]:
     total, weights = np.zeros((*shape, *depth_of_colour), np.float32), np.zeros(shape, np.float32)
     range_m, best = np.full(shape, np.nan, np.float32), np.zeros(shape, np.float32)
     for patch, gain in zip(patches, exposure_gains(patches, whole), strict=True):
-        place = patch.place(whole)
+        window = patch.window_in(whole)
         share = np.minimum(patch.weight, FEATHER_PX)
-        weights[place] += share
-        total[place] += gain * patch.image * (share[..., None] if depth_of_colour else share)
+        weights[window] += share
+        total[window] += gain * patch.image * (share[..., None] if depth_of_colour else share)
         weight = np.where(np.isnan(patch.range_m), 0, patch.weight)
-        range_m[place] = np.where(weight > best[place], patch.range_m, range_m[place])
-        best[place] = np.maximum(best[place], weight)
+        range_m[window] = np.where(weight > best[window], patch.range_m, range_m[window])
+        best[window] = np.maximum(best[window], weight)
     scale = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0)
     image = total * (scale[..., None] if depth_of_colour else scale)
     seen = weights > 0
@@ -68,7 +68,7 @@ def exposure_gains(patches: Sequence[Patch], whole: Spherical) -> NDArray[np.flo
 def _on_sphere(patch: Patch, whole: Spherical) -> dict[str, NDArray]:
     """Return the index (M,) of the pixels of a view in the whole sphere, in order, and their grey levels."""
     usable = patch.weight > 1
-    rows, columns = patch.place(whole)
+    rows, columns = patch.window_in(whole)
     index = (rows * whole.width + columns)[usable]
     order = np.argsort(index)
     return {"index": index[order], "grey": to_grey(patch.image)[usable][order].astype(np.float64)}

@@ -113,7 +113,7 @@ def match_columns(
         shape = levels[k][0].shape
         coarser = None if found is None else _interpolate(found, shape, search.is_whole)
         if k >= halvings:
-            matched, coarser = matches.judge(k, coarser)
+            matched, coarser = matches.check_level(k, coarser)
             start = _keep_sure(matched, search, edge_px)
         else:
             assert coarser is not None
@@ -156,7 +156,7 @@ class _Matches:
         self._is_sure: dict[tuple[int, int], Flags] = {}  # matches of a level, seen at a coarser one
         self._found: Plane | None = None
 
-    def judge(self, k: int, coarser: Disparity | None) -> tuple[Plane, Disparity | None]:
+    def check_level(self, k: int, coarser: Disparity | None) -> tuple[Plane, Disparity | None]:
         """Return the disparity of a level, what is nearer from coarser ones; and `coarser` where it is not denied.
 
         Called for one level after the other, the coarsest first.
@@ -238,7 +238,7 @@ def refine(
 ) -> Disparity:
     """Align blocks of the upper image with the lower one along the column, starting from the matched disparity.
 
-    The shift of a block minimises the squared grey-level difference beside a constant (cameras expose differently);
+    The shift of a block minimizes the squared grey-level difference beside a constant (cameras expose differently);
     with noise of variance s^2 in both images its variance is 2 s^2 / sum of squared slopes. What the calibration leaves
     comes on top.
     """

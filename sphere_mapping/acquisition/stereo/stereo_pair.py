@@ -58,13 +58,6 @@ class PairGeometry:
         )
 
 
-def rectified_pair(camera: Pinhole, baseline_m: float) -> PairGeometry:
-    """Return the geometry of a pair whose images are rectified."""
-    if camera.is_distorted:
-        raise ValueError(f"stereo camera: expected rectified images (no distortion), found {camera.distortion}")
-    return PairGeometry(camera, camera, np.eye(3), np.eye(3), camera, baseline_m)
-
-
 def geometry_of(left: Camera, right: Camera, T_left_right: SE3) -> PairGeometry:
     """Return the rectification of two cameras by their poses: both turn by half, then towards the baseline.
 

@@ -30,7 +30,7 @@ MIN_TRACKS = 40  # in an instant of a window
 NUM_STEPS = 15
 LOSS_PX = 0.15  # scale of Cauchy's loss on a corner's pixels
 PRIOR_PX = 3.0  # standard deviation of each number before anything is seen
-DEPENDENCE = 3.0  # errors of corners of one window are not independent: of the deviations that the residual gives
+CORRELATED_CORNERS = 9.0  # of one window, that count as one (`estimation/covariance.py`)
 FLOOR_PX = np.array([0.02, *[0.04] * (NUM_COLUMNS - 1)])  # no number of corners lowers it: not all patches are planes
 SIGNIFICANCE = {2: 15.2, 6: 24.1, 8: 27.9}  # chi2 of so many numbers that chance exceeds once in two thousand
 
@@ -82,7 +82,7 @@ def _fit(camera: Pinhole, baseline_m: float, windows: Sequence[Window], number: 
     states = [_State(camera, baseline_m, window) for window in windows]
     columns, normal = _solve(states, number)
     variance = sum(state.squares for state in states) / max(sum(state.freedom for state in states), 1.0)
-    covariance = np.asarray(np.linalg.inv(normal) * (max(variance, 1e-6) * DEPENDENCE**2), np.float64)
+    covariance = np.asarray(np.linalg.inv(normal) * (max(variance, 1e-6) * CORRELATED_CORNERS), np.float64)
     covariance = covariance + np.diag(FLOOR_PX[:number] ** 2)
     return ColumnFit(columns, covariance, sum(state.window.left.shape[1] for state in states))
 

@@ -56,12 +56,12 @@ SIMULATION = {
     "traffic.is_on": True,
 }
 TOUR = {"world": "city", "teach.speed": 1.2}  # 490 m through streets, a square and a lane (M15 section 6.4.4)
-BUSY = {"traffic.cars": 20, "traffic.pedestrians": 80, "traffic.bicycles": 10}
+BUSY = {"traffic.is_busy": True}
 OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and a camera that heeds them
     "traffic.seed": 1,
     "light.clouds": 0.7,
-    "camera.exposure.is_automatic": True,
-    "camera.exposure.white_balance": 0.03,
+    "imaging.has_automatic_exposure": True,
+    "imaging.white_balance": 0.03,
 }
 PATIENCE_S = 30.0  # that simulated time waits for a computer that does other things, too
 WARM_UP = (

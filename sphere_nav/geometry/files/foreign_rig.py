@@ -25,10 +25,10 @@ def read_foreign_cameras(
     *,
     is_joining: bool = False,
 ) -> ForeignRig:
-    """Return the cameras of one file, of OpenCV's stereo sample, or of camchains that share an IMU or cameras.
+    """Return the cameras of one file, of the two of OpenCV's stereo sample, or of camchains to join, as written there.
 
-    ValueError in one line if it is none. image_size (width, height), model (pinhole, fisheye) and unit_m, the length
-    of the file's unit in metres, are what OpenCV's files may not tell.
+    ValueError in one line if there are none. image_size (width, height), model (pinhole, fisheye) and unit_m, the
+    length of the file's unit in metres, are what OpenCV's files may not tell.
     """
     chosen = file_format or _format(paths)
     if is_joining:
@@ -57,7 +57,7 @@ def _format(paths: Sequence[Path]) -> str:
 
 
 def place(found: ForeignRig, frame: str, path: Path) -> Rig:
-    """Give the rig body axes: the first camera level and ahead ("camera"), or the IMU's as they are ("imu")."""
+    """Return the rig in body axes, by frame: "camera" for the first one level and ahead, "imu" for the IMU's axes."""
     if frame == "imu":
         if not found.is_by_imu:
             raise ValueError(f"{path}: expected poses relative to an IMU (--frame imu), found none")

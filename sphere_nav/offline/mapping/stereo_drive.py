@@ -14,7 +14,7 @@ from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair
 from sphere_mapping.acquisition.stereo.track_fit import NUM_VIEWS, ColumnFit, Window, fit_columns
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import Intake
-from sphere_mapping.ros.stereo_intake import judge_rows
+from sphere_mapping.ros.stereo_intake import describe_rows
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay
 from sphere_nav.ros.node import ManagedNode
@@ -68,7 +68,7 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
     if node.pair is None:
         return None
     geometry, rows = node.pair.geometry, node.pair.fit
-    _, words = judge_rows(node.pair, node.params.mapper.stereo.calibration_px)
+    _, words = describe_rows(node.pair, node.params.mapper.stereo.calibration_px)
     found = fit_columns(geometry.camera, geometry.baseline_m, node.windows)
     is_bent = found is not None and found.is_significant
     correction = StereoField(

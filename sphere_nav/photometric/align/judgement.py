@@ -16,6 +16,7 @@ from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.descent import kernels
 from sphere_nav.photometric.align.iteration.kernels import NUM_COLUMNS
 from sphere_nav.photometric.align.problem import Comparison, Descent, State
+from sphere_nav.photometric.constants import STUCK
 from sphere_nav.photometric.params import RegistrationParams
 
 MIN_PIECES = 2  # of a view; fewer do not scatter
@@ -39,7 +40,6 @@ def correlated_pixels(found: Sequence[Comparison], otherwise: float) -> float:
 
 Array = NDArray[np.float64]
 UNKNOWN = np.diag(np.full(6, np.inf))
-STUCK = 25.0  # still moving this many times `min_step` at the end is no convergence
 
 
 def classify(

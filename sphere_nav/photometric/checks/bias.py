@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from sphere_nav.estimation.normal_equations import weighted_step
 from sphere_nav.estimation.robust import weigh
 from sphere_nav.geometry import SE3
+from sphere_nav.photometric.constants import NUM_REWEIGHTINGS
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.samples import Sample
 
 Array = NDArray[np.float64]
-NUM_WEIGHTS = 2  # how often weights are found anew
 Orders = Sequence[tuple[int, int]]  # half periods of a gain across the image, along both axes
 LeastSquares = tuple[Array, Array, NDArray[np.int64]]
 CameraSamples = Sequence[
@@ -69,7 +69,7 @@ def solve_robustly(
 ) -> tuple[Array, Array, Array]:
     """Return the step, the residuals (N,) after it, and their weights (N,)."""
     remaining = residual
-    for _ in range(NUM_WEIGHTS):
+    for _ in range(NUM_REWEIGHTINGS):
         weight = _weights(remaining, owner, params)
         x = weighted_step(J, residual, weight)
         remaining = residual + J @ x

@@ -24,15 +24,12 @@ from sphere_nav.photometric.checks.bias import (
     linearize_samples,
     solve_robustly,
 )
+from sphere_nav.photometric.constants import GRADIENT_ORDER, GRADIENT_SHARE, GRADIENT_STEPS, LAST_GRADIENT_STEP
 from sphere_nav.photometric.params import RegistrationParams
 
 Array = NDArray[np.float64]
-ORDER = 2  # half periods of the gain across the image, both axes together
-ORDERS = [(i, j) for i in range(ORDER + 1) for j in range(ORDER + 1 - i) if i + j]
+ORDERS = [(i, j) for i in range(GRADIENT_ORDER + 1) for j in range(GRADIENT_ORDER + 1 - i) if i + j]
 NUM_COLUMNS = 2 + len(ORDERS)  # of a view: gain, bias, and how the gain varies
-NUM_STEPS = 6  # how often pixels are sampled anew where there is a gradient
-DONE = 0.1  # of the bias: a step below it ends the search
-GRADIENT_SHARE = 0.2  # of the squared residuals; noise explains 0.03 at most
 
 
 def find_illumination_bias(
@@ -59,12 +56,12 @@ def find_illumination_bias(
 def _descend(sampler: Sampler, T_world_body: SE3, xi: Array, params: RegistrationParams) -> Array:
     """Return the whole bias (6,) whose first step is known."""
     T_bias = SE3.exp(xi)
-    for _ in range(NUM_STEPS):
+    for _ in range(GRADIENT_STEPS):
         problem = linearize_samples(sampler(T_world_body @ T_bias), ORDERS)
         if problem is None:
             break
         step = solve_robustly(*problem, params)[0][:6]
         T_bias = T_bias @ SE3.exp(step)
-        if np.linalg.norm(step) < DONE * np.linalg.norm(T_bias.log()):
+        if np.linalg.norm(step) < LAST_GRADIENT_STEP * np.linalg.norm(T_bias.log()):
             break
     return np.asarray(T_bias.log(), np.float64)

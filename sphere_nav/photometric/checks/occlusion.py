@@ -18,19 +18,23 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric.checks.bias import CameraSamples, PoseBias, Sampler, linearize_samples, solve_robustly
+from sphere_nav.photometric.constants import (
+    CELL_SIGMAS,
+    COLUMNS,
+    LAST_OCCLUSION_STEP_RAD,
+    MIN_CELL_PIXELS,
+    MIN_COSINE_RATIO,
+    MIN_VIEW_PIXELS,
+    MIN_VISIBLE_SHARE,
+    OCCLUSION_SHARE,
+    OCCLUSION_STEPS,
+    ROWS,
+    TYPICAL_QUANTILE,
+)
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.samples import TINY, Sample, cosines
 
 Array = NDArray[np.float64]
-COLUMNS, ROWS = 8, 6  # cells of an image
-MIN_PIXELS, MIN_OF_VIEW = 12, 50  # of a cell, of a view, to be used
-TYPICAL = 0.75  # quantile of the cells' cosines that counts as agreement
-MIN_RATIO = 0.5  # of it, below which a cell shows something else
-SURE_SIGMAS = 3.0  # of the mean of a cell, that it must lie below: by chance one cell in 700 that is just there
-MIN_VISIBLE_SHARE = 0.3  # of the pixels, below which nothing can be said without the occluded ones
-OCCLUSION_SHARE = 0.1  # of the texture, below which nothing is occluded
-NUM_STEPS = 6
-NEGLIGIBLE_RAD = 1e-3  # median motion of a step in the image, below which it is the last one
 
 
 def find_occlusion_bias(
@@ -43,7 +47,7 @@ def find_occlusion_bias(
     """
     share, kept = _agreeing(cameras)
     T_bias = SE3.identity()
-    for _ in range(NUM_STEPS if share >= OCCLUSION_SHARE else 0):
+    for _ in range(OCCLUSION_STEPS if share >= OCCLUSION_SHARE else 0):
         problem = (
             linearize_samples(_by_reference(kept), ()) if _number(kept) > MIN_VISIBLE_SHARE * _number(cameras) else None
         )
@@ -51,7 +55,7 @@ def find_occlusion_bias(
             break
         step = solve_robustly(*problem, params)[0][:6]
         T_bias = T_bias @ SE3.exp(step)
-        if _motion(kept, step) < NEGLIGIBLE_RAD:
+        if _motion(kept, step) < LAST_OCCLUSION_STEP_RAD:
             break
         cameras = sampler(T_world_body @ T_bias)
         _, kept = _agreeing(cameras)
@@ -82,7 +86,7 @@ def _agreeing(cameras: CameraSamples) -> tuple[float, CameraSamples]:
         for sample in samples:
             part = sample.where(agrees[_cell(sample)])
             strength += [_strength(sample), _strength(part)]
-            if len(part.residual) >= MIN_OF_VIEW:
+            if len(part.residual) >= MIN_VIEW_PIXELS:
                 parts.append(part)
         kept.append((place, parts))
     return float(np.max(1.0 - strength[1] / np.maximum(strength[0], TINY))), kept
@@ -101,13 +105,13 @@ def _cells_that_agree(samples: Sequence[Sample]) -> NDArray[np.bool_]:
     agreement = [cosines(sample) for sample in samples]
     cosine, weight = (np.concatenate(parts) for parts in zip(*agreement, strict=True)) if samples else np.zeros((2, 0))
     total, number = _sum(cell, weight), _sum(cell, np.ones(len(cell)))
-    is_known = (number >= MIN_PIXELS) & (total > 0.0)
+    is_known = (number >= MIN_CELL_PIXELS) & (total > 0.0)
     if not is_known.any():
         return np.ones(COLUMNS * ROWS, bool)
     mean = _sum(cell, weight * cosine) / np.maximum(total, TINY)
     variance = _sum(cell, (weight * (cosine - mean[cell])) ** 2) / np.maximum(total, TINY) ** 2
-    limit = MIN_RATIO * float(np.quantile(mean[is_known], TYPICAL))
-    return ~is_known | (mean + SURE_SIGMAS * np.sqrt(variance) >= limit)
+    limit = MIN_COSINE_RATIO * float(np.quantile(mean[is_known], TYPICAL_QUANTILE))
+    return ~is_known | (mean + CELL_SIGMAS * np.sqrt(variance) >= limit)
 
 
 def _sum(cell: NDArray[np.int64], values: Array) -> Array:

@@ -21,14 +21,13 @@ from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.checks.bias import NO_BIAS, CameraSamples, PoseBias, Sampler
 from sphere_nav.photometric.checks.illumination import find_illumination_bias
-from sphere_nav.photometric.checks.occlusion import OCCLUSION_SHARE, exclude_occlusion, find_occlusion_bias
+from sphere_nav.photometric.checks.occlusion import exclude_occlusion, find_occlusion_bias
+from sphere_nav.photometric.constants import LENS_PIECES, MIN_SAMPLES, OCCLUSION_SHARE
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.reference import View
 from sphere_nav.photometric.pixels.samples import TINY, Sample, cosines, sample_views
 
 Array = NDArray[np.float64]
-NUM_PIECES = 24  # of the pixels in scan order: pixels of a piece may err together
-MIN_PIXELS = 100
 
 
 class Aspect(Flag):
@@ -74,7 +73,7 @@ def find_rig_structure(
     def sample_at(T_world_body: SE3) -> CameraSamples:
         there = _samples_of(images, replace(alignment, T_world_camera=T_world_body), params, motion)
         return [
-            (one.T_body_camera, [part for part in parts if len(part.residual) >= MIN_PIXELS]) for one, parts in there
+            (one.T_body_camera, [part for part in parts if len(part.residual) >= MIN_SAMPLES]) for one, parts in there
         ]
 
     sampler: Sampler = sample_at
@@ -108,7 +107,7 @@ def view_residuals(
     for image, samples in _samples_of(images, alignment, params, motion):
         pose = image.pose(alignment.T_world_camera)
         for view, sample in zip(image.views, samples, strict=True):
-            if len(sample.residual) >= MIN_PIXELS:
+            if len(sample.residual) >= MIN_SAMPLES:
                 yield view, (view.T_world_reference.inverse() @ pose).apply(sample.points), sample.residual
 
 
@@ -148,7 +147,7 @@ def _stretch(samples: Sequence[Sample], params: RegistrationParams, *, has_lens:
         J[:, 7 + 2 * index], J[:, 8 + 2 * index] = sample.current, 1.0
         weighted = weight[:, None] * J
         H += weighted.T @ J
-        parts = np.array_split(weighted * sample.residual[:, None], NUM_PIECES)
+        parts = np.array_split(weighted * sample.residual[:, None], LENS_PIECES)
         scores += [part.sum(axis=0) for part in parts]
     steps = np.array(scores) @ scaled_inverse(H)  # of each piece on every unknown
     step = -steps.sum(axis=0)

@@ -13,13 +13,13 @@ from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.iteration import kernels
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.projection import Floats, KernelCamera, kernel_motion, rolling
+from sphere_nav.photometric.constants import NUM_SAMPLES
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Level, Pyramid
 from sphere_nav.photometric.pixels.reference import Selection, View
 from sphere_nav.photometric.pixels.selection import choose
 
 Array = NDArray[np.float64]
-NUM_PIXELS = 2048  # looked at, all references together
 TINY = 1e-12
 
 
@@ -77,7 +77,7 @@ def sample_views(
         T = T_camera_world @ view.T_world_reference
         pixels = view.reference.level_like(level.camera)
         selection = choose(pixels, T, level.camera, params.max_pixels // len(views))
-        blocks = thin(selection, NUM_PIXELS // len(views))
+        blocks = thin(selection, NUM_SAMPLES // len(views))
         samples.append(warp_sample(blocks, kernel_motion(T.matrix), camera, level, (gain, bias)))
     return samples
 

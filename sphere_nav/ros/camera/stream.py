@@ -1,4 +1,4 @@
-"""One camera: its images with all that they need to be localised - calibration, and the camera's place on the base."""
+"""One camera: its images with all that they need to be localized - calibration, and the camera's place on the base."""
 
 from __future__ import annotations
 

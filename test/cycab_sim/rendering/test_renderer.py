@@ -13,12 +13,13 @@ from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 
 PINHOLE = Pinhole(160, 120, 95.0, 95.0, 79.5, 59.5)
-QUICK = RenderParams(shadow_texel=0.5, shadow_extent=40.0)
+QUICK = RenderParams(shadow_texel=0.5)
+NEAR = (-14.0, -14.0, 14.0, 14.0)  # of the box: shadows no further
 
 
 @pytest.fixture(scope="module")
 def renderer(box_mesh):
-    return Renderer(box_mesh, QUICK, LightParams())
+    return Renderer(box_mesh, QUICK, LightParams(), bounds=NEAR)
 
 
 def pose_on(path, s, z=1.8):
@@ -63,8 +64,8 @@ def test_outside_the_lens_there_is_nothing(renderer, looking_along_x):
 def test_the_image_is_the_same_for_one_thread_and_two(box_mesh, looking_along_x):
     images = []
     for num in (1, 2):
-        params = RenderParams(shadow_texel=0.5, shadow_extent=40.0, num_threads=num)
-        images.append(Renderer(box_mesh, params, LightParams()).render(PINHOLE, looking_along_x)[0])
+        drawn = Renderer(box_mesh, QUICK, LightParams(), bounds=NEAR, num_threads=num)
+        images.append(drawn.render(PINHOLE, looking_along_x)[0])
     np.testing.assert_array_equal(*images)
 
 
@@ -83,7 +84,7 @@ def test_exposure_is_a_factor_on_the_radiance(renderer, looking_along_x):
 
 def test_a_box_casts_its_shadow_away_from_the_sun(box_mesh):
     light = LightParams(sun_azimuth_deg=0.0, sun_elevation_deg=45.0)
-    lit = Renderer(box_mesh, RenderParams(shadow_texel=0.05, shadow_extent=40.0), light)
+    lit = Renderer(box_mesh, RenderParams(shadow_texel=0.05), light, bounds=NEAR)
     down = SE3.from_parts(np.diag([1.0, -1.0, -1.0]), [4.0, 0.0, 12.0])  # looks down, x to the right
     camera = Pinhole(200, 200, 200.0, 200.0, 99.5, 99.5)
     image, _ = lit.render(camera, down, is_grey=True)
@@ -100,8 +101,8 @@ def test_a_box_casts_its_shadow_away_from_the_sun(box_mesh):
 
 def test_supersampling_comes_close_to_very_many_rays(box_mesh, looking_along_x):
     def draw(n):
-        params = RenderParams(shadow_texel=0.5, shadow_extent=40.0, supersampling=n)
-        return Renderer(box_mesh, params, LightParams()).render(PINHOLE, looking_along_x, is_grey=True)[0]
+        params = RenderParams(shadow_texel=0.5, supersampling=n)
+        return Renderer(box_mesh, params, LightParams(), bounds=NEAR).render(PINHOLE, looking_along_x, is_grey=True)[0]
 
     truth = draw(8)
     errors = [np.sqrt(np.mean((draw(n) - truth)[np.abs(draw(1) - truth) > 2.0] ** 2)) for n in (1, 2)]

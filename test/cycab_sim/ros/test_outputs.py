@@ -82,7 +82,7 @@ def test_without_a_rig_there_are_no_topics_of_one(small_params):
 
 
 def test_the_imu_and_the_scanner_are_published_in_their_frames(small_params):
-    params = replace(small_params, imu=ImuParams(is_on=True), scan=ScanParams(is_on=True, num_rays=91))
+    params = replace(small_params, imu=ImuParams(is_on=True), scan=ScanParams(is_on=True))
     simulator = Simulator(params)
     simulator.step(VehicleCommand(), 10_000_000)
     sent = published(simulator, "imu", "scan").sent
@@ -92,7 +92,7 @@ def test_the_imu_and_the_scanner_are_published_in_their_frames(small_params):
     assert stamp_ns(imu) == stamp_ns(scan) == simulator.time_ns
     assert imu.linear_acceleration.z == pytest.approx(9.81, abs=0.2)
     assert imu.linear_acceleration_covariance[0] == pytest.approx(0.03**2)
-    assert scan.angle_min + 90 * scan.angle_increment == pytest.approx(scan.angle_max)
+    assert scan.angle_min + 540 * scan.angle_increment == pytest.approx(scan.angle_max)
     points = scan_to_points(scan)
     assert len(points) > 30  # a street
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), simulator.scan().ranges[np.isfinite(scan.ranges)])

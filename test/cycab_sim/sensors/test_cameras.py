@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from cycab_sim.params import SimCameraParams, SphereParams
+from cycab_sim.params import ImagingParams, SimCameraParams, SphereParams
 from cycab_sim.sensors.cameras import expose, forward_camera, roof_sphere, vignette
 from sphere_nav.geometry import Pinhole
 
 
 def test_the_forward_camera_looks_forward_and_a_little_down():
-    mount = forward_camera(SimCameraParams(pitch_deg=5.0))
+    mount = forward_camera(SimCameraParams(pitch_deg=5.0), ImagingParams())
     axis, right, down = mount.T_base_camera.rotation.T[[2, 0, 1]]
     np.testing.assert_allclose(axis, [np.cos(np.radians(5)), 0.0, -np.sin(np.radians(5))], atol=1e-12)
     np.testing.assert_allclose(right, [0.0, -1.0, 0.0], atol=1e-12)
@@ -16,7 +16,9 @@ def test_the_forward_camera_looks_forward_and_a_little_down():
 
 
 def test_a_panorama_has_body_axes():
-    mount = forward_camera(SimCameraParams(model="panorama", width=720, height=360, pitch_deg=0.0))
+    params = SimCameraParams(model="panorama", width=720, height=360, pitch_deg=0.0)
+    mount = forward_camera(params, ImagingParams(vignetting=0.3))
+    assert mount.imaging.vignetting == 0.0  # it has no corners
     np.testing.assert_allclose(mount.T_base_camera.rotation, np.eye(3), atol=1e-12)
     assert mount.frame_id == "camera_link"
 
@@ -45,8 +47,7 @@ def test_vignetting_takes_its_share_of_the_light_in_the_corners_and_none_in_the_
     assert fall[30, 40] == 1.0
     assert fall[[0, 0, -1, -1], [0, -1, 0, -1]] ** 2.2 == pytest.approx([0.6] * 4, abs=1e-5)
     assert fall[30, 0] > fall[0, 0]
-    assert forward_camera(SimCameraParams(vignetting=0.3)).vignetting == 0.3
-    assert forward_camera(SimCameraParams()).vignetting == 0.0
+    assert forward_camera(SimCameraParams(), ImagingParams(vignetting=0.3)).imaging.vignetting == 0.3
 
 
 def test_levels_stay_in_range_and_zero_is_kept_for_the_unseen():

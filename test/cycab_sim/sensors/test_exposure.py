@@ -3,13 +3,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cycab_sim.params import ExposureParams
+from cycab_sim.params import CameraRigParams, ImagingParams
 from cycab_sim.sensors.exposure import Exposure, averaged
 from cycab_sim.simulator import Simulator
-from cycab_sim.vehicle import VehicleCommand
 
 GAMMA, TENTH = 2.2, 100_000_000
-AUTOMATIC = ExposureParams(is_automatic=True, delay=0.2, time_constant=0.5)
+AUTOMATIC = ImagingParams(has_automatic_exposure=True)
 
 
 def grey(radiance, gain):
@@ -28,12 +27,14 @@ def run(exposure, radiances):
 
 
 def test_by_default_nothing_changes():
-    exposure = Exposure(ExposureParams(), GAMMA, (1, 2))
+    exposure = Exposure(ImagingParams(), GAMMA, (1, 2))
     assert np.ptp(run(exposure, [0.05, 0.5, 0.9])) > 100.0
     np.testing.assert_array_equal(exposure.gains(10 * TENTH), np.ones(3))
 
 
-def test_the_exposure_comes_to_its_target_after_its_delay():
+def test_the_exposure_comes_to_its_target_after_its_delay(monkeypatch):
+    monkeypatch.setattr(ImagingParams, "exposure_delay", 0.2)
+    monkeypatch.setattr(ImagingParams, "exposure_lag", 0.5)
     levels = run(Exposure(AUTOMATIC, GAMMA, (1, 2)), [0.17] * 40 + [0.6] * 60)
     assert levels[39] == pytest.approx(115.0, abs=1.0)
     assert levels[40] > levels[39] + 60.0  # the light has changed at once
@@ -43,13 +44,14 @@ def test_the_exposure_comes_to_its_target_after_its_delay():
 
 
 def test_the_range_of_the_exposure_ends_somewhere(monkeypatch):
-    monkeypatch.setattr(ExposureParams, "range", 2.0)
+    monkeypatch.setattr(ImagingParams, "range", 2.0)
     levels = run(Exposure(AUTOMATIC, GAMMA, (1, 2)), [0.001] * 60)
     assert levels[-1] == pytest.approx(grey(0.001, 2.0)[0, 0], rel=1e-2)
 
 
-def test_cameras_of_a_group_share_an_exposure():
-    exposure = Exposure(replace(AUTOMATIC, time_constant=0.0, delay=0.1), GAMMA, (1, 2))
+def test_cameras_of_a_group_share_an_exposure(monkeypatch):
+    monkeypatch.setattr(ImagingParams, "exposure_lag", 0.0)
+    exposure = Exposure(AUTOMATIC, GAMMA, (1, 2))
     for radiance in (0.05, 0.45):
         exposure.observe(0, grey(radiance, exposure.gains(0)[1]))
     both = exposure.gains(TENTH)[1]
@@ -57,7 +59,7 @@ def test_cameras_of_a_group_share_an_exposure():
 
 
 def test_the_white_balance_drifts_slowly_around_its_middle():
-    exposure = Exposure(ExposureParams(white_balance=0.05, white_balance_period=20.0), GAMMA, (1, 2))
+    exposure = Exposure(ImagingParams(white_balance=0.05), GAMMA, (1, 2))
     gains = np.array([exposure.gains(i * TENTH) for i in range(4000)])
     assert np.all(gains[:, 1] == 1.0)
     np.testing.assert_allclose(np.log(gains[:, ::2]).std(axis=0), 0.05, rtol=0.1)
@@ -74,10 +76,10 @@ def test_an_open_shutter_means_the_light_and_not_the_levels():
 
 def test_a_moving_camera_blurs_along_its_way(small_params):
     simulator = Simulator(small_params)
-    quiet = replace(simulator.mounts["camera"], noise=0.0, shot_noise=0.0)
+    quiet = simulator.mounts["camera"]
 
     def detail(shutter, speed):
-        simulator.mounts["camera"] = replace(quiet, exposure=ExposureParams(shutter=shutter))
+        simulator.mounts["camera"] = replace(quiet, imaging=ImagingParams(noise=0.0, shutter=shutter))
         simulator.teleport(*simulator.path.at(np.array(40.0))[:3], speed)
         image = simulator.capture("camera").image.astype(float)
         return np.abs(np.diff(image[80:], axis=0)).mean()  # of the road, which passes below
@@ -87,17 +89,22 @@ def test_a_moving_camera_blurs_along_its_way(small_params):
     assert blurred < 0.8 * sharp
 
 
-def test_images_are_lost_at_random_and_in_turn(small_params):
-    camera = replace(small_params.camera, exposure=ExposureParams(dropout=0.4))
-    rig = replace(small_params.rig, kind="vertical", width=32, height=32, publish="always", rolling_dropout=1.0)
-    simulator = Simulator(replace(small_params, camera=camera, rig=rig))
-    taken = []
-    for _ in range(400):
-        taken += simulator.take_due()
-        simulator.step(VehicleCommand(), TENTH)
-    assert taken.count("camera") == pytest.approx(240, abs=40)  # four standard deviations
-    missing = []
-    for _ in range(6):
-        missing += set(simulator.rig_names) - set(simulator.capture_rig())
-        simulator.step(VehicleCommand(), 10 * TENTH)
-    assert sorted(missing) == sorted(simulator.rig_names)
+def test_the_rig_and_the_camera_have_one_kind_of_sensor_and_an_exposure_each(small_params):
+    rig = CameraRigParams(kind="vertical", width=32, height=32)
+    imaging = ImagingParams(has_automatic_exposure=True, noise=2.0)
+    simulator = Simulator(replace(small_params, rig=rig, imaging=imaging))
+    assert {mount.group for mount in simulator.mounts.values()} == {"camera", "sphere", "rig"}
+    drawn = [mount.imaging for name, mount in simulator.mounts.items() if name != "sphere"]
+    assert drawn == 7 * [imaging]
+    assert simulator.mounts["sphere"].imaging == ImagingParams()  # the sphere is ideal
+
+
+def test_the_noise_of_light_and_read_out_grow_by_one_factor(small_params):
+    def noise(factor):
+        simulator = Simulator(replace(small_params, imaging=ImagingParams(noise=factor)))
+        ideal, _ = simulator._look(simulator.mounts["camera"])
+        is_middling = (ideal > 40) & (ideal < 215)
+        return (simulator.capture("camera").image - ideal)[is_middling].std()
+
+    assert noise(0.0) < 0.3  # of rounding to whole levels
+    assert noise(4.0) == pytest.approx(4.0 * np.sqrt(noise(1.0) ** 2 - 1 / 12), rel=0.03)

@@ -4,21 +4,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cycab_sim.params import ImuParams, SimCameraParams, StartPoseParams
-from cycab_sim.sensors.imu import GRAVITY, Imu
+from cycab_sim.params import ImuParams, SimCameraParams
+from cycab_sim.sensors.imu import GRAVITY, Imu, ImuErrors
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
 from sphere_nav.geometry import SE3
 
 STEP = 10_000_000
-NO_ERRORS = ImuParams(
-    is_on=True, acceleration_noise=0.0, acceleration_bias=0.0, acceleration_walk=0.0,
+NO_ERRORS = ImuErrors(
+    acceleration_noise=0.0, acceleration_bias=0.0, acceleration_walk=0.0,
     rate_noise=0.0, rate_bias=0.0, rate_walk=0.0, orientation_noise_deg=0.0,
 )  # fmt: skip
 
 
-def make(small_params, imu, **changes):
-    return Simulator(replace(small_params, imu=imu, camera=SimCameraParams(is_on=False), **changes))
+def make(small_params, errors, along=0.0, **changes):
+    params = replace(small_params, imu=ImuParams(is_on=True), camera=SimCameraParams(is_on=False), **changes)
+    simulator = Simulator(params)
+    simulator.imu = Imu(params.imu, params.noise_seed, errors)
+    simulator.teleport(*simulator.path.at(along)[:3])
+    return simulator
 
 
 def drive(simulator, steps, command):
@@ -61,7 +65,7 @@ def test_speeding_up_is_felt_forward_and_its_integral_is_the_speed(small_params)
 
 
 def test_on_the_ramp_gravity_and_orientation_show_the_pitch(small_params):
-    simulator = make(small_params, NO_ERRORS, world="ramp", start=StartPoseParams(along=35.0))
+    simulator = make(small_params, NO_ERRORS, world="ramp", along=35.0)
     reading = drive(simulator, 3, VehicleCommand())[-1]
     slope = math.atan(0.08)
     expected = [GRAVITY * math.sin(slope), 0.0, GRAVITY * math.cos(slope)]
@@ -70,7 +74,7 @@ def test_on_the_ramp_gravity_and_orientation_show_the_pitch(small_params):
 
 
 def test_reaching_the_ramp_turns_the_nose_up(small_params):
-    simulator = make(small_params, NO_ERRORS, world="ramp", start=StartPoseParams(along=17.0))
+    simulator = make(small_params, NO_ERRORS, world="ramp", along=17.0)
     readings = drive(simulator, 400, VehicleCommand(1.5))
     assert simulator.vehicle.state.x > 20.0 + 1.2
     turned = sum(reading.angular_rate[1] for reading in readings) * 0.01
@@ -86,10 +90,10 @@ def test_being_put_elsewhere_is_not_an_acceleration(small_params):
 
 
 def test_noise_and_bias_have_the_sizes_asked_for():
-    params = replace(NO_ERRORS, orientation_noise_deg=1.0, rate_noise=0.004)
-    params = replace(params, acceleration_noise=0.05, acceleration_bias=0.3)
+    errors = replace(NO_ERRORS, orientation_noise_deg=1.0, rate_noise=0.004)
+    errors = replace(errors, acceleration_noise=0.05, acceleration_bias=0.3)
     still = SE3.from_planar(0.0, 0.0, 0.5)
-    imu = Imu(params, 3)
+    imu = Imu(ImuParams(), 3, errors)
     imu.step(still, still, 0.01)
     readings = [imu.read(still, i, 0) for i in range(2000)]
     force = np.array([reading.acceleration for reading in readings])
@@ -100,7 +104,7 @@ def test_noise_and_bias_have_the_sizes_asked_for():
     assert np.std(tilts, axis=0) == pytest.approx([math.radians(1.0)] * 3, rel=0.08)
     offsets = []
     for seed in range(200):
-        imu = Imu(params, seed)
+        imu = Imu(ImuParams(), seed, errors)
         imu.step(still, still, 0.01)
         offsets.append(imu.read(still, 0, 0).acceleration - [0, 0, GRAVITY])
     assert np.std(offsets) == pytest.approx(math.hypot(0.3, 0.05), rel=0.15)  # 5 sigma of 600 draws
@@ -109,7 +113,7 @@ def test_noise_and_bias_have_the_sizes_asked_for():
 def test_a_bias_of_the_rate_walks_and_turns_the_heading_away():
     still, errors, biases = SE3.identity(), [], []
     for seed in range(100):
-        imu = Imu(replace(NO_ERRORS, rate_walk=0.01), seed)
+        imu = Imu(ImuParams(), seed, replace(NO_ERRORS, rate_walk=0.01))
         for _ in range(100):
             imu.step(still, still, 0.01)
         reading = imu.read(still, 0, 0)
@@ -120,9 +124,8 @@ def test_a_bias_of_the_rate_walks_and_turns_the_heading_away():
 
 
 def test_the_same_seed_gives_the_same_readings(small_params):
-    params = ImuParams(is_on=True)
-    first, again = (drive(make(small_params, params), 5, VehicleCommand(1.0, 0.2)) for _ in range(2))
-    other = drive(make(small_params, params, noise_seed=2), 5, VehicleCommand(1.0, 0.2))
+    first, again = (drive(make(small_params, ImuErrors()), 5, VehicleCommand(1.0, 0.2)) for _ in range(2))
+    other = drive(make(small_params, ImuErrors(), noise_seed=2), 5, VehicleCommand(1.0, 0.2))
     for a, b, c in zip(first, again, other, strict=True):
         np.testing.assert_array_equal(a.acceleration, b.acceleration)
         assert not np.array_equal(a.acceleration, c.acceleration)

@@ -1,8 +1,14 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from cycab_sim.params import CameraRigParams, SimCameraParams
 from cycab_sim.sensors.lenses import focal_length, make_lens, panorama
+
+
+def lens(**values):
+    return SimpleNamespace(**({"width": 640, "height": 480, "k2": 0.01} | values))
 
 
 @pytest.mark.parametrize(
@@ -24,8 +30,9 @@ def test_the_field_of_view_is_met_with_the_distortion(params):
 
 
 def test_focal_length_without_distortion():
-    assert focal_length(SimCameraParams(width=640, view_deg=90.0, k1=0.0, k2=0.0)) == pytest.approx(320.0)
-    fisheye = SimCameraParams(model="fisheye", width=640, view_deg=180.0, k1=0.0, k2=0.0)
+    pinhole = lens(model="pinhole", width=640, view_deg=90.0, k1=0.0, k2=0.0)
+    assert focal_length(pinhole) == pytest.approx(320.0)
+    fisheye = lens(model="fisheye", width=640, view_deg=180.0, k1=0.0, k2=0.0)
     assert focal_length(fisheye) == pytest.approx(640 / np.pi)
 
 
@@ -42,10 +49,10 @@ def test_a_panorama_keeps_rows_around_the_horizon():
     [
         (SimCameraParams(view_deg=170.0), r"camera\.view_deg: expected at most 150.* of a pinhole, found 170"),
         (
-            SimCameraParams(view_deg=140.0, k1=-0.2, k2=0.0),
+            lens(model="pinhole", view_deg=140.0, k1=-0.2, k2=0.0),
             r"camera\.view_deg: expected at most \d+ with this distortion",
         ),
-        (SimCameraParams(model="fisheye", view_deg=200.0, k1=-0.3), r"camera\.view_deg: expected at most \d+ with"),
+        (lens(model="fisheye", view_deg=200.0, k1=-0.3), r"camera\.view_deg: expected at most \d+ with"),
         (SimCameraParams(model="panorama", width=640, height=400), r"camera\.width, height: .* found 640 x 400"),
         (SimCameraParams(model="panorama", width=641, height=200), r"camera\.width, height: expected even numbers"),
     ],

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cycab_sim.params import CameraRigParams
+from cycab_sim.params import CameraRigParams, ImagingParams
 from cycab_sim.sensors.rigs import make_rig, planned_pose, rig_camera_names, rig_file_text, rig_mounts, rig_place
 from sphere_nav.geometry.files.rig_file import read_rig
 
@@ -30,10 +30,10 @@ def test_three_pairs_stand_back_to_back_one_above_the_other():
 
 
 def test_the_ring_diverges_and_neighbours_are_one_baseline_apart():
-    rig = make_rig(CameraRigParams(kind="ring", tolerance=0.0, baseline=0.25), 1)
+    rig = make_rig(CameraRigParams(kind="ring", tolerance=0.0), 1)
     there, towards = places(rig), axes(rig)
-    np.testing.assert_allclose(np.linalg.norm(there - np.roll(there, 1, axis=0), axis=1), 0.25, atol=1e-12)
-    np.testing.assert_allclose(towards * 0.25, there, atol=1e-12)  # looking away from the middle
+    np.testing.assert_allclose(np.linalg.norm(there - np.roll(there, 1, axis=0), axis=1), 0.3, atol=1e-12)
+    np.testing.assert_allclose(towards * 0.3, there, atol=1e-12)  # looking away from the middle
     np.testing.assert_allclose(np.sum(towards * np.roll(towards, 1, axis=0), axis=1), 0.5, atol=1e-12)
 
 
@@ -64,16 +64,16 @@ def test_cameras_are_mounted_nearly_as_planned_and_each_seed_otherwise():
 
 
 def test_mounts_are_the_rig_on_the_car():
-    params = CameraRigParams(kind="vertical", x=0.5, z=2.0)
+    params = CameraRigParams(kind="vertical")
     rig = make_rig(params, 3)
-    mounts = rig_mounts(params, rig)
+    mounts = rig_mounts(params, ImagingParams(), rig)
     assert [mount.name for mount in mounts] == list(rig.names)
-    np.testing.assert_allclose(rig_place(params).translation, [0.5, 0.0, 2.0])
+    np.testing.assert_allclose(rig_place(params).translation, [0.4, 0.0, 1.8])
     for mount, camera in zip(mounts, rig.cameras, strict=True):
         found = rig_place(params).inverse() @ mount.T_base_camera
         np.testing.assert_allclose(found.matrix, camera.T_rig_camera.matrix, atol=1e-12)
     assert make_rig(CameraRigParams(), 3) is None
-    assert rig_mounts(CameraRigParams(), None) == ()
+    assert rig_mounts(CameraRigParams(), ImagingParams(), None) == ()
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from cycab_sim import geometry_cloud
-from cycab_sim.params import StartPoseParams
 from cycab_sim.simulator import Simulator
 from cycab_sim.world.worlds import BAY, CORRIDOR, GroundProfile, build_world
 from sphere_nav.geometry import SE3
@@ -49,7 +48,8 @@ def test_unknown_worlds_are_refused():
 def test_the_ramp_rises_by_8_percent_and_the_car_with_it(small_params):
     ground = build_world("ramp", 3).ground
     assert float(ground.height(50.0) - ground.height(30.0)) / 20.0 == pytest.approx(0.08)
-    simulator = Simulator(replace(small_params, world="ramp", start=StartPoseParams(along=35.0)))
+    simulator = Simulator(replace(small_params, world="ramp"))
+    simulator.teleport(*simulator.path.at(35.0)[:3])
     T_world_base = simulator.T_world_base
     assert T_world_base.translation[2] == pytest.approx(0.08 * 15.0)
     ahead = T_world_base.rotation[:, 0]

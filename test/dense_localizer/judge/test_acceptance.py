@@ -130,6 +130,92 @@ def test_a_stretch_counts_by_what_it_surely_exceeds():
     assert assessed(GOOD, structure=Structure(0.9, stretch=-0.12, stretch_sigma=0.04)).is_good
 
 
+@pytest.mark.parametrize(
+    ("change", "is_accepted", "is_good"),
+    [
+        ({"overlap": 0.24}, True, False),
+        ({"overlap": 0.26}, True, True),
+        ({"inlier_share": 0.39}, False, False),
+        ({"inlier_share": 0.49}, True, False),
+        ({"inlier_share": 0.51}, True, True),
+    ],
+    ids=str,
+)
+def test_the_limits_of_what_images_show(change, is_accepted, is_good):
+    found = assessed(replace(GOOD, **change))
+    assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
+
+
+@pytest.mark.parametrize(
+    ("structure", "is_accepted", "is_good"),
+    [
+        (Structure(0.19), False, False),
+        (Structure(0.24), True, False),
+        (Structure(0.26), True, True),
+        (Structure(0.9, stretch=-0.101, stretch_sigma=0.01), False, False),  # surely beyond 0.06
+        (Structure(0.9, stretch=0.099, stretch_sigma=0.01), True, False),
+        (Structure(0.9, stretch=0.069, stretch_sigma=0.01), True, True),
+    ],
+    ids=str,
+)
+def test_the_limits_of_gradients_and_lens(structure, is_accepted, is_good):
+    found = assessed(GOOD, structure=structure)
+    assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
+
+
+@pytest.mark.parametrize("axis", [0, 3], ids=["m", "rad"])
+@pytest.mark.parametrize(
+    ("kind", "factor", "is_accepted", "is_good"),
+    [
+        ("light", 0.49, True, True),
+        ("light", 0.99, True, False),
+        ("light", 1.01, False, False),
+        ("occlusion", 0.49, True, True),
+        ("occlusion", 4.9, True, False),
+        ("occlusion", 5.1, False, False),
+    ],
+)
+def test_the_limits_of_a_bias(axis, kind, factor, is_accepted, is_good):
+    """By the largest uncertainty: 0.2 m, 0.05 rad; that of an occlusion was removed."""
+    xi = np.zeros(6)
+    xi[axis] = factor * (0.2, 0.05)[axis // 3]
+    bias = type(Structure().pull)(0.5, xi)
+    found = assessed(GOOD, structure=Structure(**{{"light": "pull", "occlusion": "hidden"}[kind]: bias}))
+    assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
+
+
+@pytest.mark.parametrize(
+    ("sigma_rad", "is_accepted", "is_good"), [(0.024, 1, 1), (0.026, 1, 0), (0.049, 1, 0), (0.051, 0, 0)]
+)
+def test_the_limits_of_an_uncertain_attitude(sigma_rad, is_accepted, is_good):
+    found = assessed(GOOD, covariance=np.diag([1e-6] * 3 + [1e-7, sigma_rad**2, 1e-7]))
+    assert (found.is_accepted, found.is_good) == (bool(is_accepted), bool(is_good))
+
+
+@pytest.mark.parametrize(
+    ("sigmas", "is_accepted", "is_good"), [(5.5, True, True), (5.7, True, False), (8.1, False, False)]
+)
+def test_the_limits_of_an_innovation(sigmas, is_accepted, is_good):
+    jumped = replace(GOOD, T_world_camera=SE3.exp([sigmas * np.sqrt(2e-6), 0, 0, 0, 0, 0]))
+    found = assessed(jumped)
+    assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
+
+
+@pytest.mark.parametrize(
+    ("change", "distance_ratio", "reason"),
+    [
+        ({"gains": (1.9, 1.0), "biases": (49.0, -49.0)}, 0.9, "OUTLIERS"),
+        ({"gains": (2.1, 1.0)}, 0.9, "LIGHT_CHANGE"),
+        ({"gains": (1.0, 0.47)}, 0.9, "LIGHT_CHANGE"),
+        ({"biases": (0.0, -51.0)}, 0.9, "LIGHT_CHANGE"),
+        ({}, 1.1, "OUTSIDE_REGION"),
+    ],
+    ids=str,
+)
+def test_the_likely_cause_of_outliers(change, distance_ratio, reason):
+    assert assessed(replace(GOOD, ncc=0.3, **change), distance_ratio=distance_ratio).finding.reason == reason
+
+
 def test_every_reason_has_its_remedy():
     assert set(REMEDIES) == set(Reason)
     assert all(text for reason, text in REMEDIES.items() if reason)

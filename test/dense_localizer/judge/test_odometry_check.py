@@ -78,3 +78,35 @@ def test_an_operator_who_says_where_the_camera_is_ends_the_doubt():
     assert drive.step(is_trusted=False, T_error=wrong).reason is Reason.ODOM_STALE
     drive.check.reset()
     assert drive.step(is_trusted=False, T_error=wrong).reason is Reason.NONE
+
+
+@pytest.mark.parametrize("axis", [0, 4], ids=["m", "rad"])
+@pytest.mark.parametrize(("sigmas", "is_disputed"), [(5.9, False), (6.1, True)])
+def test_six_standard_deviations_from_where_odometry_says_are_disputed(axis, sigmas, is_disputed):
+    """Both places err by their covariance, a comparison by 5 mm, 2 mrad at least."""
+    check, sigma = OdometryCheck(ERROR), np.sqrt(2 * COVARIANCE[axis, axis] + (0.005, 0.002)[axis // 3] ** 2)
+    check.propagate(SE3.identity(), is_trusted=False)
+    check.find(OdometrySample(STEP_NS, SE3.identity(), COVARIANCE, SE3.identity()))
+    check.propagate(SE3.identity(), is_trusted=True)
+    check.propagate(SE3.identity(), is_trusted=False)  # lost
+    off = SE3.exp(sigmas * sigma * np.eye(6)[axis])
+    check.start(OdometrySample(2 * STEP_NS, off, COVARIANCE, SE3.identity()))
+    found = [check.find(OdometrySample(k * STEP_NS, off, COVARIANCE, SE3.identity())) for k in (3, 198, 204)]
+    assert [finding.reason is Reason.ODOM_STALE for finding in found] == [is_disputed, is_disputed, False]  # for 10 s
+
+
+@pytest.mark.parametrize(("delay_s", "is_reported"), [(0.099, False), (0.101, True), (-0.101, True)])
+def test_a_delay_is_reported_where_it_surely_exceeds_50_ms(delay_s, is_reported):
+    """By five standard deviations of 10 ms."""
+    check = OdometryCheck(ERROR)
+    check._information, check._score = 1e4, 1e4 * delay_s
+    assert (check._find_delay().reason is Reason.ODOM_STALE) == is_reported
+
+
+def test_motions_are_compared_over_half_a_second():
+    drive, compared = Drive(5), set()
+    for _ in range(100):  # 5 s
+        drive.step()
+        compared.add(drive.check._compared_ns)
+    assert 9 <= len(compared - {0}) <= 10
+    assert len(drive.check._samples) == 15  # those of 0.5 s, and of 0.1 s before and after

@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from dense_localizer.constants import EDGE_ERROR, SHARED_ERROR
 from dense_localizer.params import CovarianceParams
 from dense_localizer.references.map_error import MapError
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
+SHARED_ERROR, EDGE_ERROR = 2.0, 2.0  # factors of mean squares
 PARAMS = CovarianceParams(map_sigma_m=0.002, map_sigma_rad=0.001)
 NOISE = np.repeat([0.001, 0.0005], 3) ** 2
 

@@ -44,7 +44,7 @@ def revisit(T_room_newer, T_believed, make=lambda T, n: sharp_room().sphere(T, C
 
 
 def look(graph, closer):
-    return [closer.look(graph, PreparedSphere(node.sphere, PARAMS.registration), node.id) for node in graph]
+    return [closer.find(graph, PreparedSphere(node.sphere, PARAMS.registration), node.id) for node in graph]
 
 
 @pytest.mark.parametrize("turn", [0.05, np.pi / 2, np.pi], ids=["same way", "crossing", "opposite"])
@@ -60,7 +60,7 @@ def test_a_place_is_recognised_whatever_the_heading(turn):
     closed = with_loops(graph, [loop])
     before, after = (float(one[3].T_map_sphere.distance(HERE @ motion)[0]) for one in (graph, closed))
     assert after < 0.3 * before
-    assert closer.close(closed) == []  # what is joined is not joined again
+    assert closer.find_all(closed) == []  # what is joined is not joined again
 
 
 def test_a_place_where_the_graph_cannot_be_is_no_loop():
@@ -75,7 +75,7 @@ def test_partial_spheres_close_loops_too():
 
     motion = SE3.exp([0.05, 0.02, 0.0, 0.0, 0.01, 0.02])
     graph, closer = revisit(HERE @ motion, HERE @ motion @ SE3.exp([0.15, -0.1, 0.02, 0, 0, 0.03]), window)
-    loop = look(graph, closer)[3] or closer.close(graph)[0]
+    loop = look(graph, closer)[3] or closer.find_all(graph)[0]
     assert loop.T_a_b.distance(motion)[0] < 0.005
 
 
@@ -86,7 +86,7 @@ def test_another_place_at_the_same_position_is_no_loop(seed):
 
     graph, closer = revisit(HERE, HERE, other)
     assert look(graph, closer)[3] is None
-    assert closer.close(graph) == []
+    assert closer.find_all(graph) == []
 
 
 def test_of_two_places_alike_none_is_taken_unless_drift_tells_them_apart():

@@ -1,7 +1,6 @@
 import numpy as np
-import pytest
 
-from sphere_mapping.graph.map_cloud import MapCloud, points_of
+from sphere_mapping.graph.map_cloud import MapCloud
 from sphere_mapping.params import CloudParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
@@ -16,21 +15,21 @@ def node(number, range_m, colour=False):
     return KeySphere(number, number, SE3.from_parts(np.eye(3), [10.0 * number, 0, 0]), sphere)
 
 
+def cloud_of(*nodes, **values):
+    graph = SphereGraph(nodes)
+    return MapCloud(CloudParams(**values), lambda sphere_id: graph[sphere_id].sphere).of(graph)
+
+
 def test_points_are_in_the_map_frame_at_their_range():
-    points, values = points_of(node(2, 3.0), CloudParams(step=1))
+    points, values = cloud_of(node(2, 3.0), step=1)
     assert points.shape == (512, 3)
     np.testing.assert_allclose(np.linalg.norm(points - [20.0, 0, 0], axis=1), 3.0, rtol=1e-5)
     assert set(values) == {52}
 
 
 def test_far_points_are_left_out_and_steps_thin():
-    assert len(points_of(node(0, 60.0), CloudParams(step=1))[0]) == 0
-    assert len(points_of(node(0, 3.0), CloudParams(step=4))[0]) == 32
-
-
-def cloud_of(*nodes, **values):
-    graph = SphereGraph(nodes)
-    return MapCloud(CloudParams(**values), lambda sphere_id: graph[sphere_id].sphere).of(graph)
+    assert len(cloud_of(node(0, 60.0), step=1)[0]) == 0
+    assert len(cloud_of(node(0, 3.0), step=4)[0]) == 32
 
 
 def test_the_newest_spheres_come_first_and_the_number_is_limited():
@@ -59,5 +58,3 @@ def test_colour_is_kept_and_grey_wins_over_a_mixture():
 
 def test_without_pictures_there_is_nothing():
     assert cloud_of()[0].shape == (0, 3)
-    with pytest.raises(ValueError, match="key sphere 0: expected its picture in memory"):
-        points_of(KeySphere(0, 0, SE3.identity()), CloudParams())

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
-from sphere_mapping.graph.registration import PreparedSphere, align, residual_at, turned
+from sphere_mapping.graph.registration import PreparedSphere, align, guess_by_rotation, residual_at
 from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
@@ -78,10 +78,10 @@ def test_a_covered_lens_is_refused():
 
 def test_a_turn_is_guessed_from_the_images_alone():
     turn = SE3.exp([0, 0, 0, 0.02, -0.03, 0.12])
-    guess = turned(partial(AT @ turn), partial(AT), AT, PARAMS)
+    guess = guess_by_rotation(partial(AT @ turn), partial(AT), AT, PARAMS)
     assert (AT @ turn).distance(guess)[1] < 0.02
     other = whole(AT)
-    assert turned(other, partial(AT), AT, PARAMS) is AT  # another camera: nothing to compare
+    assert guess_by_rotation(other, partial(AT), AT, PARAMS) is AT  # another camera: nothing to compare
 
 
 def test_coverage_is_the_overlap_with_itself():

@@ -57,3 +57,11 @@ def test_a_status_reads_as_one_line():
     status = status_of(State.LOST, 0, Finding(Reason.TIMEOUT, 0.75, 0.5))
     assert describe(status) == f"LOST: TIMEOUT (0.75, limit 0.5): {INPUT_REMEDIES[Reason.TIMEOUT]}"
     assert describe(status_of(State.TRACKING, 0, FINE)) == "TRACKING"
+
+
+def test_what_was_not_measured_reads_as_unknown():
+    """A place that was not tested may as well be chance; a pose that nothing confirmed has no quality."""
+    for status in (Status(State.SEARCHING), status_of(State.SEARCHING, 0, FINE)):
+        assert (status.p_chance, status.quality, status.age, status.overlap, status.references) == (1.0, 0, 0, 0, ())
+    told = status_of(State.TRACKING, 9, FINE, quality=0.75, p_chance=0.25, age=1.5)
+    assert (told.quality, told.p_chance, told.age, told.stamp_ns) == (0.75, 0.25, 1.5, 9)

@@ -115,11 +115,11 @@ def test_a_launch_file_starts_what_up_starts(path: Path, monkeypatch: pytest.Mon
         stand_in[module].__dict__.update(names)
         monkeypatch.setitem(sys.modules, module, stand_in[module])
     monkeypatch.delitem(sys.modules, "sphere_nav.ros.launching", raising=False)
-    from sphere_nav.ros import launching
+    from sphere_nav.ros.launching import launch_description
 
-    assert launching.COMPOSITIONS is COMPOSITIONS
     space: dict[str, Any] = {}
     exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), space)
+    assert space["launch_description"] is launch_description  # that of the stand-ins
     *declared, opaque = space["generate_launch_description"]()
     monkeypatch.delitem(sys.modules, "sphere_nav.ros.launching", raising=False)
     values = {item.words[0]: item.default_value for item in declared}

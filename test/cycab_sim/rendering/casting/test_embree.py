@@ -11,7 +11,7 @@ pytestmark = pytest.mark.skipif(find_library() is None, reason="no Embree 4 with
 
 @pytest.mark.parametrize("num", [1, 7, kernels.LANES, 3001])
 def test_packets_meet_what_single_rays_meet(box_mesh, rng, num):
-    renderer = Renderer(box_mesh, RenderParams(shadow_texel=0.5, shadow_extent=10.0), LightParams())
+    renderer = Renderer(box_mesh, RenderParams(shadow_texel=0.5), LightParams())
     rays = rng.normal(size=(num, 3)).astype(np.float32)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     rays[::5] = np.nan  # outside of a lens

@@ -1,3 +1,4 @@
+from collections import Counter
 from dataclasses import replace
 from functools import cache
 
@@ -32,11 +33,22 @@ def simulator(small_params):
 
 
 def test_all_that_is_asked_for_is_there_and_moves_at_its_pace(traffic):
-    assert len(traffic.actors) == PARAMS.cars + PARAMS.trams + PARAMS.bicycles + PARAMS.pedestrians
+    assert len(traffic.actors) == 12 + 1 + 6 + 40  # cars, tram, cyclists, pedestrians
     a, b = traffic.poses(20 * SECOND)[:, :2, 3], traffic.poses(21 * SECOND)[:, :2, 3]
     ways = np.linalg.norm(b - a, axis=1)
     assert np.median(ways) == pytest.approx(1.3, rel=0.2)  # most are pedestrians
     assert ways.max() < 5.0 * 1.15 + 0.1
+
+
+def test_where_it_is_busy_more_are_under_way():
+    counts = Counter(loop.kind for loop in who_goes(replace(PARAMS, is_busy=True)))
+    assert counts == {"road": 20 + 1, "cycle": 10, "walk": 80}
+
+
+def who_goes(params):
+    """The loop of each."""
+    traffic = Traffic(world(), params, 5)
+    return [traffic.loops[actor.loop] for actor in traffic.actors]
 
 
 def test_where_they_are_depends_on_the_stamp_and_the_seed_alone(traffic):

@@ -53,6 +53,12 @@ def test_every_cause_has_its_name(room, reason, arguments):
     assert not found.is_converged
 
 
+@pytest.mark.parametrize(("share", "reason"), [(0.99, ""), (1.01, "NO_CONVERGENCE")])
+def test_an_increment_of_25_smallest_ones_is_no_convergence(room, share, reason):
+    params = RegistrationParams(min_step=0.03)
+    assert judged(room, params, motion=share * 25.0 * params.min_step).reason == reason
+
+
 def test_the_correlation_is_that_of_the_pixels(room):
     """Of noise and image: ncc^2 is the share of the variance that the image explains."""
     found = judged(room, noise=20.0)

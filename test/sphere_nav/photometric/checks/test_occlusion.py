@@ -8,8 +8,9 @@ import pytest
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.occlusion import OCCLUSION_SHARE, find_occlusion_bias
+from sphere_nav.photometric.checks.occlusion import find_occlusion_bias
 from sphere_nav.photometric.checks.structure import find_rig_structure
+from sphere_nav.photometric.constants import OCCLUSION_SHARE
 from sphere_nav.photometric.pixels.samples import Sample
 from worlds.room import Room
 

@@ -6,7 +6,8 @@ import numpy as np
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
-from sphere_nav.photometric.pixels.samples import NUM_PIXELS, sample_views
+from sphere_nav.photometric.constants import NUM_SAMPLES
+from sphere_nav.photometric.pixels.samples import sample_views
 
 PARAMS, CAMERA = RegistrationParams(max_pixels=10_000), Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
 POSE = SE3.exp([0.1, -0.05, 0.2, 0.02, 0.3, 0.01])
@@ -18,7 +19,7 @@ def test_samples_are_in_the_image_and_change_with_the_pose_as_they_say(room):
     pyramid = build_pyramid(room.photograph(CAMERA, POSE, noise=0.0), CAMERA, PARAMS.pyramid)
     found = register(pyramid, views, POSE, PARAMS)
     (one,) = sample_views(pyramid, views, found, PARAMS, None)
-    assert 0.3 * NUM_PIXELS < len(one.residual) <= 1.5 * NUM_PIXELS
+    assert 0.3 * NUM_SAMPLES < len(one.residual) <= 1.5 * NUM_SAMPLES
     assert np.median(np.abs(one.residual)) < 2.0
     uv, _ = CAMERA.project(one.points)
     np.testing.assert_allclose(one.at, uv / [79.5, 59.5] - 1.0, atol=1e-9)

@@ -9,7 +9,7 @@ from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling
 from sphere_nav.photometric.align.iteration import kernels
 from sphere_nav.photometric.align.projection import kernel_camera, rolling
-from worlds.blocks import Case, points_before, rows
+from worlds.blocks import Case, bilinear, points_before, rows
 
 CAMERAS = [
     Pinhole(64, 48, 50.0, 52.0, 31.0, 24.5),
@@ -154,3 +154,31 @@ def test_rows_of_a_rolling_shutter_are_moved_to_their_time(camera, rng):
     moved = np.linalg.norm(expected - camera.project(points)[0], axis=1)
     assert np.percentile(moved, 90) > 0.15
     assert np.percentile(np.linalg.norm(found - expected, axis=1), 90) < 0.01  # first order: half of (s twist)^2 f
+
+
+def test_points_are_transformed_and_what_nobody_sees_stays_unseen(rng):
+    case, r = Case(rng, CAMERAS[0], number=200), np.empty(kernels.SCRATCH, np.float32)
+    kernels.transform(case.arguments[0], case.blocks[: kernels.BLOCK], r)
+    found = rows(r, kernels.SCRATCH)[:3].T
+    np.testing.assert_allclose(found[:200], case.T.apply(case.data[:3, :200].T), atol=1e-5)
+    assert np.isnan(found[200:, 2]).all()
+
+
+@pytest.mark.parametrize("camera", CAMERAS[:5], ids=NAMES[:5])
+def test_warp_writes_points_gradients_and_residuals(camera, rng):
+    case, (gain, bias) = Case(rng, camera), (1.2, 4.0)
+    out = np.full((kernels.NUM_WARPED, case.data.shape[1]), np.nan, np.float32)
+    kernels.warp(case.blocks, *case.arguments, *(np.float32(x) for x in (gain, bias, 31.0, 24.0)), out)
+    seen, e, J = case.twin(gain, bias)
+    assert np.sum((out[12] > 0) != seen) <= 3
+    both = seen & (out[12] > 0)
+    points = case.T.apply(case.data[:3].T.astype(np.float64))[both]
+    pixels, _ = camera.project(points)
+    grey, gradient = bilinear(case.image.astype(np.float64), pixels)
+    by_point = gain * np.einsum("ni,nij->nj", gradient, camera.J_project(points))
+    stretch = gain * np.einsum("ni,ni->n", gradient, pixels - (31.0, 24.0))
+    expected = [*points.T, *(case.data[4:, both].T @ case.T.rotation.T).T, *by_point.T, stretch, grey, e[both]]
+    for found, row in zip(out[:12, both], expected, strict=True):
+        off = np.abs(found - row) / np.abs(row).max()
+        assert np.percentile(off, 99) < 1e-3  # some fall on the other side of a pixel border, where derivatives jump
+    np.testing.assert_allclose(grey, J[both, 6])
