@@ -2,7 +2,7 @@
 
 A belief looks healthy in a map that it is not in: some place always fits best, and particles gather there. What tells
 is how well the rest of the map fits the same images. So each image is compared with every cell
-(`likeness/matched_filter.py`, or `likeness/gradient_correlation.py`), and these fields are summed along odometry
+(`likeness/matched_filter.py`, or `likeness/partial_filter.py`), and these fields are summed along odometry
 (`joint_evidence.py`). The best place of the map is then held against the map's own other maxima. If the images had
 nothing to do with the map, all of them would be draws of one extreme-value (Gumbel) tail, which falls exponentially:
 the gaps between its largest values, times their rank, are independent and of one exponential distribution (Renyi 1953),

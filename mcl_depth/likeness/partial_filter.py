@@ -1,6 +1,6 @@
 """A part of the sphere against every cell of a map at once: the correlation of gradients, whitened within the view.
 
-As `gradient_correlation.py`: the doubled gradients of the image meet those of the depth panoramas, divided by the
+As in `correlate_part`: the doubled gradients of the image meet those of the depth panoramas, divided by the
 length of the latter in view. By spectra over azimuth, as in the matched filter, that is quick; and it is sharper where
 what all places of the map have in common is weighed down (Turin 1960, eq. 22). The image is no panorama, though: what
 is not seen can weigh nothing. So the weights x are the solution of (M (C + s) M) x = t within the view M, where t is

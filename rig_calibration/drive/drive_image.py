@@ -40,7 +40,6 @@ def collect(pyramid: Pyramid, view: View, T_map_camera: SE3, velocity: NDArray[n
 Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
 
-OWN = 8  # pose (v, omega), gain, bias: what each image has of its own
 MIN_SIGMA = 0.5  # grey levels
 MIN_PIXELS = 100
 MARGIN = 1.0  # px from the border

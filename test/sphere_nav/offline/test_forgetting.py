@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from dense_localizer.references.rejections import COLUMNS, ROWS, Rejections
+from dense_localizer.constants import SQUARE_COLUMNS, SQUARE_ROWS
+from dense_localizer.references.rejections import Rejections
 from sphere_nav.offline.forgetting import together
 
 
 def counts(number):
-    return np.full((2, ROWS, COLUMNS), number, np.int64)
+    return np.full((2, SQUARE_ROWS, SQUARE_COLUMNS), number, np.int64)
 
 
 def test_drives_that_saw_the_same_spheres_are_added():
