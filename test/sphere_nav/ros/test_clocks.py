@@ -86,3 +86,25 @@ def test_a_message_counts_from_its_stamp_but_never_from_later_than_now():
 def test_a_stamp_ahead_of_the_clock_is_refused():
     with pytest.raises(ValueError, match=r"expected at most 0\.1 s ahead of the clock, found 3600\.000 s"):
         times(100 * SECOND, 7 * SECOND).of(3700 * SECOND)
+
+
+def test_a_pause_begins_after_four_tenths_of_a_second_by_looks_of_a_tenth():
+    watch = ClockWatch(give_up=2.0)
+    watch.observe(5 * SECOND, SECOND)
+    for k in range(1, 4):
+        watch.observe(5 * SECOND, SECOND + k * SECOND)  # looks a second apart count a tenth each
+    assert abs(watch.stood - 0.3) < 1e-9
+    assert (watch.pause, watch.is_standing) == (0.0, False)
+    watch.observe(5 * SECOND, 4 * SECOND + SECOND // 8)
+    watch.observe(5 * SECOND, 4 * SECOND + SECOND // 8 + SECOND // 20)
+    assert abs(watch.pause - 0.05) < 1e-9
+    assert watch.is_standing
+
+
+def test_it_is_over_after_its_time_but_never_before_it_is_a_pause():
+    for give_up, end in ((2.0, 2.0), (0.1, 0.4)):
+        watch = ClockWatch(give_up)
+        now = stand(watch, 5 * SECOND, SECOND, end - 0.05)
+        assert not watch.is_over
+        stand(watch, 5 * SECOND, now, 0.1)
+        assert watch.is_over

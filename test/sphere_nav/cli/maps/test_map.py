@@ -20,7 +20,6 @@ from sphere_nav.cli.maps.map_export import WRITERS
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.offline.mapping.sphere_source import sphere_of_bag
-from sphere_nav.offline.settings import parse_settings
 from sphere_nav.ros.maps.reader import open_map
 from worlds.recordings import (
     BASELINE,
@@ -354,7 +353,3 @@ def test_one_instant_of_a_bag_is_read(bags):
 def test_help_shows_examples(command):
     assert "examples:" in command.HELP
     assert "sphere_nav " in command.HELP
-
-
-def test_settings_are_read_as_yaml():
-    assert parse_settings(["a.b=3", "c=true", "d=x"]) == {"a.b": 3, "c": True, "d": "x"}

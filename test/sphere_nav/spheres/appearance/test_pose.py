@@ -147,3 +147,11 @@ def test_trials_end_when_three_right_ones_were_drawn_with_999_in_a_thousand():
     assert _enough(np.array([True] * 5 + [False] * 5)) == pytest.approx(np.log(1e-3) / np.log(1 - 0.5**3))
     assert _enough(np.ones(4, np.bool_)) == 1.0
     assert _enough(np.zeros(4, np.bool_)) == np.inf
+
+
+def test_rays_that_all_look_one_way_are_no_pose():
+    query, known = synthetic(6, T_SYNTHETIC)
+    ring = np.stack([np.cos(np.arange(6.0)), np.sin(np.arange(6.0)), np.zeros(6)], axis=1)  # no three in front
+    rays = np.concatenate([ring[:3], -ring[:3]]).astype(np.float32)
+    found = find_pose(Features(rays, query.range_m, query.descriptors), known)
+    assert found is None or found.num_inliers >= 4
