@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 import cycab_sim
 from cycab_sim.params import CarParams, LightParams, RenderParams, TrafficParams
 from cycab_sim.rendering.renderer import Renderer
-from cycab_sim.sensors.cameras import OPTICAL, expose
-from cycab_sim.sensors.lenses import panorama
+from cycab_sim.sensors.cameras import OPTICAL, panorama
+from cycab_sim.sensors.imaging import expose
 from cycab_sim.world.traffic.traffic import Traffic
 from cycab_sim.world.worlds import World, build_world
 from mcl_depth.belief.estimate import Observation

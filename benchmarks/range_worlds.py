@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from cycab_sim.params import CameraRigParams, ImagingParams, LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
-from cycab_sim.sensors.cameras import expose
+from cycab_sim.sensors.imaging import expose
 from cycab_sim.sensors.rigs import make_rig, rig_mounts, rig_place
 from cycab_sim.world import finishes
 from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder

@@ -117,9 +117,9 @@ class WheelOdometry:
         self.way = self.turned = 0.0
         self._rng = np.random.default_rng([seed, 11])
 
-    def step(self, speed: float, yaw_rate: float, seconds: float, extra: WheelErrors | None = None) -> None:
+    def step(self, speed: float, yaw_rate: float, seconds: float, errors: WheelErrors | None = None) -> None:
         """Measure the true speed m/s and yaw rate rad/s over `seconds`, and move the pose by what was measured."""
-        p = extra or self.errors
+        p = errors or self.errors
         is_moving = abs(speed) > 1e-3
         scale = math.sqrt(self.period / seconds)  # noise is given for one message, steps are shorter
         noise = self._rng.standard_normal(2) * scale * is_moving

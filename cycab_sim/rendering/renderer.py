@@ -21,13 +21,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering import kernels
-from cycab_sim.rendering.casting.embree import PacketScene, find_library
+from cycab_sim.rendering.embree import MovingScene, PacketScene, find_library
 from cycab_sim.rendering.shadows import ShadowMap
 from cycab_sim.rendering.sky import SkyLight, light_at
 from cycab_sim.world.mesh import Mesh
 from cycab_sim.world.noise.kernels import sum_octaves
 from cycab_sim.world.texture.kernels import dress, locate_surfaces
-from cycab_sim.world.traffic.scene import MovingScene
 from cycab_sim.world.traffic.traffic import Traffic
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.cameras.camera import pixel_rays

@@ -10,8 +10,8 @@ from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
 from cycab_sim.params import LightParams
+from cycab_sim.rendering import kernels
 from cycab_sim.rendering.sky import light_at
-from cycab_sim.world.traffic import kernels
 
 Array = NDArray[np.float64]
 Floats = NDArray[np.float32]

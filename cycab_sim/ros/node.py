@@ -11,10 +11,9 @@ from sphere_nav_msgs.msg import SimulationFault
 from sphere_nav_msgs.srv import SetFault, Teleport
 from std_msgs.msg import Bool
 
-from cycab_sim.lock_step import LockStep
 from cycab_sim.params import SimParams
 from cycab_sim.ros.outputs import Outputs
-from cycab_sim.runner import Runner
+from cycab_sim.runner import LockStep, Runner
 from cycab_sim.sensors.faults import SECOND
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand

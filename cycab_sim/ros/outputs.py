@@ -13,8 +13,9 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from cycab_sim.sensors.faults import SECOND
+from cycab_sim.sensors.imaging import RenderedFrame
 from cycab_sim.sensors.rigs import FRAME, rig_file_text, rig_place
-from cycab_sim.simulator import RenderedFrame, Simulator
+from cycab_sim.simulator import Simulator
 from sphere_nav.geometry import Spherical
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.endpoints import Endpoints, Publisher

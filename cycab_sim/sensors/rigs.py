@@ -13,8 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from cycab_sim.params import CameraRigParams, ImagingParams
-from cycab_sim.sensors.cameras import OPTICAL, Mount
-from cycab_sim.sensors.lenses import make_lens
+from cycab_sim.sensors.cameras import OPTICAL, Mount, make_lens
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 from sphere_nav.geometry.files.rig_file import write_rig

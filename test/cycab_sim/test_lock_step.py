@@ -3,8 +3,8 @@ import time
 
 import pytest
 
-from cycab_sim.lock_step import LockStep
 from cycab_sim.params import ClockParams
+from cycab_sim.runner import LockStep
 from cycab_sim.vehicle import VehicleCommand
 
 SECOND = 1_000_000_000

@@ -2,9 +2,8 @@ import threading
 import time
 from dataclasses import replace
 
-from cycab_sim.lock_step import LockStep
 from cycab_sim.params import ClockParams
-from cycab_sim.runner import Runner
+from cycab_sim.runner import LockStep, Runner
 from cycab_sim.simulator import START_NS, Simulator
 from cycab_sim.vehicle import VehicleCommand
 

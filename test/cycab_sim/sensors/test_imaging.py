@@ -3,9 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cycab_sim.params import CameraRigParams, ImagingParams
-from cycab_sim.sensors.exposure import Exposure, averaged
+from cycab_sim.params import CameraRigParams, ImagingParams, SimCameraParams
+from cycab_sim.sensors.cameras import forward_camera
+from cycab_sim.sensors.imaging import Exposure, averaged, expose, vignette
 from cycab_sim.simulator import Simulator
+from sphere_nav.geometry import Pinhole
 
 GAMMA, TENTH = 2.2, 100_000_000
 AUTOMATIC = ImagingParams(has_automatic_exposure=True)
@@ -102,9 +104,36 @@ def test_the_rig_and_the_camera_have_one_kind_of_sensor_and_an_exposure_each(sma
 def test_the_noise_of_light_and_read_out_grow_by_one_factor(small_params):
     def noise(factor):
         simulator = Simulator(replace(small_params, imaging=ImagingParams(noise=factor)))
-        ideal, _ = simulator._look(simulator.mounts["camera"])
+        ideal, _ = simulator.cameras.look("camera", simulator.time_ns)
         is_middling = (ideal > 40) & (ideal < 215)
         return (simulator.capture("camera").image - ideal)[is_middling].std()
 
     assert noise(0.0) < 0.3  # of rounding to whole levels
     assert noise(4.0) == pytest.approx(4.0 * np.sqrt(noise(1.0) ** 2 - 1 / 12), rel=0.03)
+
+
+def test_noise_has_its_size_and_belongs_to_its_image():
+    levels = np.full((200, 200), 120.0, np.float32)
+    image = expose(levels, 1.5, 0.02, (1, 7))
+    # the variances of electronics, of light, and of rounding to whole levels
+    assert image.std() == pytest.approx(np.sqrt(1.5**2 + 0.02 * 120 + 1 / 12), rel=0.03)
+    assert image.mean() == pytest.approx(120.0, abs=0.05)
+    np.testing.assert_array_equal(image, expose(levels, 1.5, 0.02, (1, 7)))
+    assert np.mean(image == expose(levels, 1.5, 0.02, (1, 8))) < 0.3
+
+
+def test_vignetting_takes_its_share_of_the_light_in_the_corners_and_none_in_the_middle():
+    fall = vignette(Pinhole(81, 61, 50.0, 50.0, 40.0, 30.0), 0.4, 2.2)
+    assert fall.shape == (61, 81)
+    assert fall[30, 40] == 1.0
+    assert fall[[0, 0, -1, -1], [0, -1, 0, -1]] ** 2.2 == pytest.approx([0.6] * 4, abs=1e-5)
+    assert fall[30, 0] > fall[0, 0]
+    assert forward_camera(SimCameraParams(), ImagingParams(vignetting=0.3)).imaging.vignetting == 0.3
+
+
+def test_levels_stay_in_range_and_zero_is_kept_for_the_unseen():
+    levels = np.array([[0.0, 0.4, 254.9, 300.0]], np.float32)
+    assert expose(levels, 0.0, 0.0, ()).tolist() == [[0, 1, 255, 255]]
+    assert expose(levels, 0.0, 0.0, (), bias=-20.0).tolist() == [[0, 1, 235, 255]]
+    noisy = expose(np.zeros((50, 50), np.float32), 20.0, 0.0, (1,))
+    assert not noisy.any()
