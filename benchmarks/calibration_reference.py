@@ -21,8 +21,8 @@ from rig_calibration.boards.observability import spread
 from rig_calibration.boards.state import camera_problem
 from rig_calibration.boards.views import observations
 from rig_calibration.params import CalibrationParams
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 BOARD = Board("board", 9, 6, 0.1)

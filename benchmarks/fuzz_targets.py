@@ -22,13 +22,13 @@ from mcl_depth.ros.node import MclDepthNode
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_path
 from path_follower.ros.node import PathFollowerNode
-from sphere_nav.geometry.files.foreign_rig import place, read_foreign_cameras
+from sphere_nav.geometry.files.foreign_rig import place_rig, read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.offline.importing import recording
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.mcap_salvage import Salvage
-from sphere_nav.ros.bags.reader import BagReader, decode
+from sphere_nav.ros.bags.reader import BagReader, deserialize
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.conversions import driving
@@ -104,7 +104,7 @@ def _text_targets(samples: Samples) -> list[Target]:
     params = FollowerParams()
 
     def read_placed(path: Path) -> Any:
-        return place(read_foreign_cameras([path]), "camera", path).cameras
+        return place_rig(read_foreign_cameras([path]), "camera", path).cameras
 
     readers: dict[str, tuple[Path, Callable[[Path], Any]]] = {
         "rig": (samples.rig, lambda path: [camera.camera for camera in read_rig(path).cameras]),
@@ -118,7 +118,7 @@ def _text_targets(samples: Samples) -> list[Target]:
         "pose": (samples.table, recording.read_pose),
         "image png": (samples.png, recording.read_image),
         "image jpg": (samples.jpg, recording.read_image),
-        "depth png": (samples.depth, recording.read_depth),
+        "depth png": (samples.depth, recording.read_depth_file),
     }
     return [_file_target(name, *pair) for name, pair in readers.items()]
 
@@ -235,7 +235,7 @@ def _decoding(message: Any) -> Callable[[np.random.Generator, Path], None]:
     data = serialize_message(message)
 
     def attempt(rng: np.random.Generator, folder: Path) -> None:
-        _convert(decode(mutate_bytes(data, rng), type(message), "message"))
+        _convert(deserialize(mutate_bytes(data, rng), type(message), "message"))
 
     return attempt
 

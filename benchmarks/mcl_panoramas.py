@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from mcl_depth.geometry.files import read_geometry
-from mcl_depth.geometry.floor_plan import Surface, read_surfaces, rings_of
+from mcl_depth.geometry.floor_plan import WallSurface, read_surfaces, rings_of
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.image_params import ComparisonParams, SynthesisParams
 from mcl_depth.likeness.comparison import (
@@ -154,7 +154,7 @@ def to_plan(rotation: float) -> tuple[bool, float]:
 
 def grid_of(plan: Path, height: float) -> NDArray[np.float64]:
     """Return places (N, 3) on a grid over all rooms of the plan."""
-    walls: dict[str, list[Surface]] = {}
+    walls: dict[str, list[WallSurface]] = {}
     for surface in read_surfaces(plan):
         if surface.kind == "wall":
             walls.setdefault(surface.room, []).append(surface)

@@ -27,6 +27,7 @@ from mcl_depth.presets import apply_preset
 from mcl_depth.site import Site
 from mcl_depth.warm_up import warm_up
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.localization.status import State
 from sphere_nav.params import build
@@ -37,7 +38,6 @@ SIDE = 100.0  # m, of the town
 MANY = 10  # runs of every step
 STEP = 1.0  # m driven between two images
 STARTED_S = 5.0  # until a map on disk is ready
-Array = NDArray[np.float64]
 
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:

@@ -39,7 +39,7 @@ class Verdict:
     is_bad: bool = False
 
 
-def judge(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max_chance: float) -> Verdict:
+def judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max_chance: float) -> Verdict:
     """Judge the belief after an image.
 
     Where particles do not agree, or the place is not proven, and odometry failed, odometry is the reason that is given.

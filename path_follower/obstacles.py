@@ -6,13 +6,11 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
 from path_follower.vehicle import ORIGIN, Motion, drive
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 SWEEP_STEP = 0.2  # m between the footprints that are checked
 REACTION = 0.3  # s until the brakes act

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 SAME_PLACE = 0.25  # m: passes of the path that are this much further than the closest are as good at a start
 

@@ -7,16 +7,14 @@ import os
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from path_follower.params import FollowerParams
 from path_follower.path import ReferencePath
 from path_follower.taught import MAX_POINTS, reference_path, taught_speeds
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.fields import number
 from sphere_nav.geometry.files.text_file import read_text
 from sphere_nav.geometry.trajectory import read_tum
-
-Array = NDArray[np.float64]
 
 COLUMNS = {
     "x": ("x", "x_m", "position_x", "east_m"),

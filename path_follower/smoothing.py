@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
 
 from path_follower.params import PathParams
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 SPACING = 0.1  # m between the points of a trajectory
 MIN_SPACING = 0.2  # m; given points closer than this are averaged

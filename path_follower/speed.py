@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from path_follower.command import TrackingError
 from path_follower.params import FollowerParams, SpeedParams, VehicleParams
 from path_follower.path import ReferencePoint
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 EPSILON = 0.1  # m/s, keeps the longitudinal gain alive where U* is 0
 GOAL_TOLERANCE = 0.05  # m before its end a segment is finished

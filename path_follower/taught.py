@@ -11,8 +11,7 @@ from path_follower.params import PathParams, SpeedParams, VehicleParams
 from path_follower.path import ReferencePath, Segment
 from path_follower.smoothing import Curve, smooth_curve
 from path_follower.speed import speed_limits, speed_profile
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 MAX_POINTS = 1_000_000
 MIN_LENGTH, MAX_LENGTH = 0.2, 1e5  # m

@@ -14,8 +14,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mcl_depth.belief.particles import Particles, wrap_angle
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_IMAGES = 5000  # that are remembered; 40 kB each with 1000 particles
 
 

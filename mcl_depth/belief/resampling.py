@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.belief.orientation import NUM_YOUNG
 from mcl_depth.belief.particles import Particles
+from sphere_nav.geometry.arrays import Array
 
 Indices = NDArray[np.int64]
 EFFECTIVE_SHARE = 0.5  # resample when fewer than this share of the particles carry the belief
@@ -14,7 +15,6 @@ MIN_PARTICLES = 300
 BIN_M, BIN_RAD = 0.25, np.radians(10.0)  # of position and heading
 KLD_ERROR, KLD_Z = 0.03, 2.33  # largest error of the belief, and the normal quantile of its probability
 ROUGHENING = 0.3  # spread of copies of young particles, by the distance of particles at the start
-Array = NDArray[np.float64]
 EXPONENT = 20.0  # lambda (N17 table I)
 MIN_EFFECTIVE_SHARE = 0.1  # of the particles that survive one image: lambda is lowered for it
 CHANCE = 4.0 / np.pi  # similarity of images that have nothing to do with each other: E|c| = 2 / pi, twice (eq. 2)

@@ -10,8 +10,8 @@ from scipy.ndimage import label
 from scipy.spatial import cKDTree
 
 from mcl_depth.params import AreaParams
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 BODY = 0.3  # points this far above or below the camera are in its way, m
 MAX_CELLS = 50_000_000
 

@@ -32,7 +32,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Surface:
+class WallSurface:
     """An upright rectangle: foot from start to end (2,) in m, between two heights."""
 
     kind: str
@@ -53,7 +53,7 @@ def read_floor_plan(path: Path) -> TriangleMesh:
     return mesh_from_faces(vertices, np.arange(len(vertices)).reshape(-1, 3), str(path))
 
 
-def read_surfaces(path: Path) -> Iterator[Surface]:
+def read_surfaces(path: Path) -> Iterator[WallSurface]:
     """Yield the surfaces of a table; ValueError in one line."""
     lines = read_text(path, "floor plan", errors="replace").split("\n")
     table = csv.DictReader(line for line in lines if not line.startswith("#"))
@@ -68,16 +68,16 @@ def read_surfaces(path: Path) -> Iterator[Surface]:
         raise ValueError(f"{path}: expected a table, found {error}") from None
 
 
-def _surface(where: str, row: dict[str, str]) -> Surface:
+def _surface(where: str, row: dict[str, str]) -> WallSurface:
     if row["kind"] not in KINDS:
         raise ValueError(f"{where}: kind: expected one of {', '.join(KINDS)}, found {short(row['kind'])}")
     x0, y0, x1, y1, bottom, top = (number(row[name], f"{where}: {name}") for name in NUMBERS)
     if top < bottom:
         raise ValueError(f"{where}: expected z_top above z_bottom, found {bottom:g} to {top:g}")
-    return Surface(row["kind"], row["complete_room"] or "", np.array([x0, y0]), np.array([x1, y1]), bottom, top)
+    return WallSurface(row["kind"], row["complete_room"] or "", np.array([x0, y0]), np.array([x1, y1]), bottom, top)
 
 
-def _room(surfaces: list[Surface], room: str) -> Iterator[Floats]:
+def _room(surfaces: list[WallSurface], room: str) -> Iterator[Floats]:
     """Yield triangles (3, 3) of the walls, the floors and the ceilings of a room."""
     own = [item for item in surfaces if item.room == room]
     walls = [item for item in own if item.kind == "wall"]
@@ -90,7 +90,7 @@ def _room(surfaces: list[Surface], room: str) -> Iterator[Floats]:
                 yield np.column_stack([ring[triangle], np.full(3, z)])
 
 
-def _wall(wall: Surface, holes: list[Surface]) -> Iterator[Floats]:
+def _wall(wall: WallSurface, holes: list[WallSurface]) -> Iterator[Floats]:
     """Yield the triangles of a wall without its holes, as a grid of rectangles between all their edges."""
     length = float(np.linalg.norm(wall.end - wall.start))
     if length < MIN_PIECE:
@@ -108,7 +108,9 @@ def _wall(wall: Surface, holes: list[Surface]) -> Iterator[Floats]:
                 yield np.array([(*a, z0), (*b, z1), (*a, z1)])
 
 
-def _cut(wall: Surface, along: Floats, length: float, hole: Surface) -> tuple[float, float, float, float] | None:
+def _cut(
+    wall: WallSurface, along: Floats, length: float, hole: WallSurface
+) -> tuple[float, float, float, float] | None:
     """Return where (from, to, bottom, top) a hole cuts a wall, None where it belongs to another one."""
     across = np.array([-along[1], along[0]])
     ends = np.stack([hole.start, hole.end]) - wall.start
@@ -120,9 +122,9 @@ def _cut(wall: Surface, along: Floats, length: float, hole: Surface) -> tuple[fl
     return (float(first), float(last), bottom, top) if last - first > MIN_PIECE and top > bottom else None
 
 
-def rings_of(walls: list[Surface]) -> list[Floats]:
+def rings_of(walls: list[WallSurface]) -> list[Floats]:
     """Return the closed rings (N, 2) that consecutive walls form."""
-    rings, open_ring = [], list[Surface]()
+    rings, open_ring = [], list[WallSurface]()
     for wall in walls:
         if open_ring and np.abs(open_ring[-1].end - wall.start).max() > SAME_CORNER:
             open_ring = []

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from mcl_depth.likeness import kernels
 from mcl_depth.likeness.features import (
-    Features,
     FeatureStack,
+    GradientFeatures,
     depth_features,
     depth_features_many,
     stack_features,
@@ -24,7 +24,7 @@ from mcl_depth.likeness.features import (
 
 __all__ = [
     "FeatureStack",
-    "Features",
+    "GradientFeatures",
     "Heading",
     "check_headings",
     "depth_features",
@@ -57,7 +57,7 @@ def check_headings(step_deg: float, num_columns: int) -> None:
         raise ValueError(f"alpha step: expected a multiple of a column, {column:g} deg, found {step_deg:g} deg")
 
 
-def similarity(visual: Features, depth: Features, num_alpha: int) -> Similarities:
+def similarity(visual: GradientFeatures, depth: GradientFeatures, num_alpha: int) -> Similarities:
     """Return eq. 2 for all headings, (num_alpha,).
 
     s[i] belongs to the heading alpha_i = i * 2 pi / num_alpha of the camera in the map: the angle, to the left, from
@@ -66,11 +66,11 @@ def similarity(visual: Features, depth: Features, num_alpha: int) -> Similaritie
     """
     _check(visual, depth.shape, num_alpha)
     arrays = (visual.x, visual.y, visual.magnitude, _seen(visual))
-    return kernels.similarity(*arrays, depth.x, depth.y, depth.magnitude, num_alpha)
+    return kernels.compare_headings(*arrays, depth.x, depth.y, depth.magnitude, num_alpha)
 
 
 def similarity_many(
-    visual: Features, stack: FeatureStack, num_alpha: int, indices: NDArray[np.integer] | None = None
+    visual: GradientFeatures, stack: FeatureStack, num_alpha: int, indices: NDArray[np.integer] | None = None
 ) -> Similarities:
     """Return eq. 2 for M panoramas of a stack (all, or those of `indices`) and all headings, (M, num_alpha)."""
     _check(visual, stack.directions.shape[1:], num_alpha)
@@ -79,15 +79,15 @@ def similarity_many(
         raise ValueError(f"indices: expected 0 to {len(stack) - 1}, found {chosen.min()} to {chosen.max()}")
     arrays = (visual.x, visual.y, visual.magnitude, _seen(visual))
     coded = (stack.directions, stack.magnitudes, stack.scales)
-    return kernels.similarity_many(*arrays, *coded, chosen.astype(np.int64), num_alpha)
+    return kernels.compare_headings_many(*arrays, *coded, chosen.astype(np.int64), num_alpha)
 
 
-def _seen(visual: Features) -> NDArray[np.float32]:
+def _seen(visual: GradientFeatures) -> NDArray[np.float32]:
     """Return 1 where a pixel is seen, (H, W); an empty array where all are."""
     return np.zeros((0, 0), np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
 
 
-def _check(visual: Features, shape: tuple[int, ...], num_alpha: int) -> None:
+def _check(visual: GradientFeatures, shape: tuple[int, ...], num_alpha: int) -> None:
     if visual.shape != tuple(shape):
         raise ValueError(f"depth image: expected the size of the visual image {visual.shape}, found {tuple(shape)}")
     if num_alpha < 1 or visual.shape[1] % num_alpha:

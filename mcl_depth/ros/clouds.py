@@ -30,7 +30,7 @@ WAIT = "wait; cache.folder keeps it for the next start"
 STEP = 2  # every second pixel of every second row of a sphere becomes a point
 
 
-class Clouds:
+class GeometryLoader:
     """The geometry in force, and the parameters that go with it. What cannot be used changes nothing."""
 
     def __init__(self, endpoints: Endpoints, params: MclDepthParams, on_change: Callable[[], None]) -> None:

@@ -11,11 +11,12 @@ from mcl_depth.belief.estimate import Belief, Estimate, Observation
 from mcl_depth.filter import Filter
 from mcl_depth.likeness.comparison import check_headings
 from mcl_depth.params import MclDepthParams
-from mcl_depth.ros.clouds import Clouds
+from mcl_depth.ros.clouds import GeometryLoader
 from mcl_depth.ros.homing import HomingGuide
 from mcl_depth.ros.views import Views
 from mcl_depth.warm_up import warm_up
 from sphere_nav.geometry import SE3, so3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.base_estimate import BaseEstimate
 from sphere_nav.localization.status import FINE, Finding, Status
 from sphere_nav.ros import qos
@@ -24,8 +25,6 @@ from sphere_nav.ros.conversions.beliefs import imu_attitude
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.localizer.node import LocalizerNode
 from sphere_nav.ros.run import run
-
-Array = NDArray[np.float64]
 
 
 class MclDepthNode(LocalizerNode):
@@ -43,7 +42,7 @@ class MclDepthNode(LocalizerNode):
         warm_up(p)
         self.filter: Filter | None = None
         self.belief: Belief | None = None  # of the last image that was compared
-        self.clouds = Clouds(endpoints, p, self.drop_filter)
+        self.clouds = GeometryLoader(endpoints, p, self.drop_filter)
         self.attitude = Attitude(endpoints, p.roll_deg, p.pitch_deg)
         self.views, self.guide = Views(endpoints, p.map_frame, p.base_frame), HomingGuide(endpoints, p)
         super().configure()

@@ -9,7 +9,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from rig_calibration.boards.board import Board, parse_size, read_boards
-from rig_calibration.boards.report import as_mapping, draw
+from rig_calibration.boards.report import calibration_as_mapping, draw_calibration
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry.files.rig_file import write_rig
@@ -52,9 +52,9 @@ def run(arguments: argparse.Namespace) -> int:
     with tqdm(desc="calibrating", bar_format="{desc} {elapsed}", leave=False) as bar:
         found = calibrate(specs, boards, views, CalibrationParams(), progress=bar.set_description_str)
     write_rig(arguments.output, found.rig, is_overwriting=arguments.force)
-    report, stem = as_mapping(found), arguments.output.with_suffix("")
+    report, stem = calibration_as_mapping(found), arguments.output.with_suffix("")
     Path(f"{stem}_report.json").write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
-    draw(found, Path(f"{stem}_report.png"))
+    draw_calibration(found, Path(f"{stem}_report.png"))
     for name, row in report["cameras"].items():
         held_out = row["held_out_rms_px"]
         print(f"{name}: RMS {row['rms_px']:.3f} px, held out {'-' if held_out is None else f'{held_out:.3f} px'}")

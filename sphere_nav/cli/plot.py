@@ -43,12 +43,12 @@ def run(arguments: argparse.Namespace) -> int:
     from sphere_nav.offline import plot_figure  # matplotlib takes half a second to import
 
     with BagReader(arguments.bag) as bag:
-        pose = arguments.pose or plot_figure.find_pose(bag)
+        pose = arguments.pose or plot_figure.find_pose_topic(bag)
         statuses = plot_figure.read_statuses(bag, arguments.status or plot_figure.find_status(bag))
     poses = read_poses(arguments.bag, (pose,)) if pose else None
     if poses is None and not statuses:
         raise BagError(f"{arguments.bag}: expected a topic with poses or a status, found neither: --pose, --status")
     errors = plot_figure.measure(poses, arguments.truth or arguments.bag, is_required=arguments.truth is not None)
-    plot_figure.draw(output, poses, errors, statuses)
+    plot_figure.draw_localization(output, poses, errors, statuses)
     print("\n".join([*plot_figure.describe(statuses), f"{output}: {0 if poses is None else len(poses)} poses"]))
     return 0

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from rig_calibration.drive.refinement import RefinedCamera
 from sphere_nav.offline import topics
-from sphere_nav.offline.refine_camera import Drive, mounting_by_odometry, mounting_lines, text_of
+from sphere_nav.offline.refine_camera import RecordedDrive, mounting_by_odometry, mounting_lines, text_of
 from sphere_nav.offline.refine_depth import run_depth
 from sphere_nav.ros.maps.reader import open_map
 
@@ -60,17 +60,17 @@ def run(arguments: argparse.Namespace) -> int:
         raise ValueError(f"{arguments.output}: expected no such file, found one: --overwrite replaces it")
     if arguments.map is None:
         return run_depth(arguments)
-    drive = Drive(arguments)
+    drive = RecordedDrive(arguments)
     with open_map(arguments.map) as sphere_map:
         found = drive.refine(sphere_map)
     mounting, reason = mounting_by_odometry(arguments, drive.frame_id, drive.odometry, drive.located.trajectory())
     arguments.output.write_text(text_of(found, drive.frame_id, mounting), encoding="utf-8")
-    print("\n".join(report(found, arguments.output)))
+    print("\n".join(report_camera(found, arguments.output)))
     print("\n".join(mounting_lines(mounting)) if mounting else f"no mounting: {reason}")
     return 1 if found.unobserved else 0
 
 
-def report(found: RefinedCamera, output: Path) -> Iterator[str]:
+def report_camera(found: RefinedCamera, output: Path) -> Iterator[str]:
     """Yield what is printed."""
     numbers = f"{len(found.images)} images, {found.num_pixels} pixels, residual {found.residual:.1f} grey levels"
     yield f"{numbers} -> {output}"

@@ -15,7 +15,8 @@ from tqdm import tqdm
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.detect import detect_all
-from rig_calibration.boards.views import Array, Indices, View
+from rig_calibration.boards.views import BoardView, Indices
+from sphere_nav.geometry.arrays import Array
 
 MAX_THREADS = 8
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
@@ -51,7 +52,7 @@ def _instant(file: Path, is_by_name: bool) -> str:
 
 def detect_boards(
     cameras: dict[str, dict[str, Path]], boards: tuple[Board, ...]
-) -> tuple[dict[str, tuple[int, int]], list[View]]:
+) -> tuple[dict[str, tuple[int, int]], list[BoardView]]:
     """Look for the boards in all images, in threads: OpenCV works outside of Python's lock."""
     work = [(name, instant, path) for name, files in cameras.items() for instant, path in files.items()]
     sizes: dict[str, tuple[int, int]] = {}
@@ -67,7 +68,7 @@ def detect_boards(
                     expected = "x".join(map(str, sizes[name]))
                     told = f"expected {expected} as other images of {name}, found {size[0]}x{size[1]}"
                     raise ValueError(f"{path}: {told}")
-                views += [View(name, instant, board, *corners) for board, corners in seen.items()]
+                views += [BoardView(name, instant, board, *corners) for board, corners in seen.items()]
         finally:
             pool.shutdown(cancel_futures=True)
     return sizes, views

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.geometry.trajectory_error import AbsoluteErrors
 from sphere_nav.localization.status import Reason, State, Status
-from sphere_nav.offline.evaluation import TRUTH_TOPICS, judge
+from sphere_nav.offline.evaluation import TRUTH_TOPICS, evaluate_poses
 from sphere_nav.offline.pose_bags import READINGS, is_bag, read_poses
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagError, BagReader
@@ -36,7 +36,7 @@ TRUTH, ESTIMATE, LATERAL, LONGITUDINAL = "#9aa0a6", "#1f77b4", "#d62728", "#2ca0
 Errors = tuple[Trajectory, Trajectory, AbsoluteErrors]
 
 
-def find_pose(bag: BagReader) -> str:
+def find_pose_topic(bag: BagReader) -> str:
     """Return the topic of poses by its last name, those of a pose before odometry; empty where there is none."""
     topics = [info.name for info in bag.topics.values() if info.count and info.type in READINGS]
     named = [t for name in POSE_NAMES for t in sorted(topics) if t.split("/")[-1] == name]
@@ -70,9 +70,9 @@ def measure(poses: Trajectory | None, truth: Path, *, is_required: bool) -> Erro
             topics = [t for t in TRUTH_TOPICS if f"/{t}" in bag.topics and bag.topics[f"/{t}"].count]
         if not topics and not is_required:
             return None
-        judged = judge(poses, read_poses(truth, tuple(topics) or TRUTH_TOPICS), is_interpolated=True)
+        judged = evaluate_poses(poses, read_poses(truth, tuple(topics) or TRUTH_TOPICS), is_interpolated=True)
     else:
-        judged = judge(poses, read_tum(truth), is_interpolated=True)
+        judged = evaluate_poses(poses, read_tum(truth), is_interpolated=True)
     return judged.estimate, judged.truth, judged.errors
 
 
@@ -90,7 +90,7 @@ def describe(statuses: list[Status]) -> list[str]:
     return lines
 
 
-def draw(path: Path, poses: Trajectory | None, errors: Errors | None, statuses: list[Status]) -> None:
+def draw_localization(path: Path, poses: Trajectory | None, errors: Errors | None, statuses: list[Status]) -> None:
     """Draw poses, (estimate, truth, errors) and statuses, whatever of them there is; the ending chooses the format."""
     stamps = [status.stamp_ns for status in statuses] or (list(poses.stamps_ns) if poses is not None else [0])
     start = int(min(stamps))

@@ -62,7 +62,7 @@ class Located:
         return moved.log() / elapsed_s
 
 
-class Drive:
+class RecordedDrive:
     """The images of a bag."""
 
     def __init__(self, arguments: argparse.Namespace) -> None:

@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from sphere_mapping.graph.registration import PreparedSphere, align, guess_by_rotation, residual_at
+from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation, residual_at
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import Alignment
 from sphere_nav.spheres.sphere import Sphere
 
 
-def register(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParams) -> dict[str, Any]:
+def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParams) -> dict[str, Any]:
     """Return the alignment of b with a, and the residual at the guess, as plain values."""
     reference, current = (PreparedSphere(sphere, params.registration) for sphere in (a, b))
     view = reference.at(SE3.identity())
@@ -22,7 +22,7 @@ def register(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParams) -> di
         yield T_a_b_guess
         yield guess_by_rotation(current, reference, SE3.identity(), params.registration)
 
-    found = align(current, [view], guesses(), params.registration)
+    found = align_sphere(current, [view], guesses(), params.registration)
     before = residual_at(current, view, T_a_b_guess, params.registration)
     return {
         "is_converged": found.is_converged,

@@ -290,7 +290,7 @@ class LiveShell(LifecycleNode):
 
     def _lacks(self) -> list[DiagnosticStatus]:
         inputs = self.node.inputs if self.is_active else ()
-        return [self._status(f"input {wanted.topic}", *examine(self, wanted)) for wanted in inputs]
+        return [self._status(f"input {wanted.topic}", *examine_input(self, wanted)) for wanted in inputs]
 
     def _reported(self) -> list[DiagnosticStatus]:
         return [self._status(name, *entry) for name, entry in self.node.reports.items()]
@@ -301,7 +301,7 @@ class LiveShell(LifecycleNode):
         return DiagnosticStatus(level=bytes([level]), name=name, message=message, values=pairs)
 
 
-def examine(shell: Any, wanted: Subscription) -> tuple[int, str, dict[str, Any]]:
+def examine_input(shell: Any, wanted: Subscription) -> tuple[int, str, dict[str, Any]]:
     """Return level, line and counts of one input; what is missing is logged, too. `shell`: a LiveShell."""
     topic, level, text = wanted.handle.topic_name, OK, "receiving"
     is_present = wanted.num_received > 0 and not wanted.is_missing

@@ -15,7 +15,7 @@ from sphere_mapping.params import CloudParams
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav.offline.geojson import Datum, geojson
-from sphere_nav.offline.map_points import Cloud, cloud_of, write_laz, write_ply
+from sphere_nav.offline.map_points import MapPoints, cloud_of, write_laz, write_ply
 from sphere_nav.ros.maps.reader import MapReader, open_map
 
 Writer = Callable[[MapReader, Path, argparse.Namespace], str]
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def write_cloud(write: Callable[[Path, list[Cloud]], int]) -> Writer:
+def write_cloud(write: Callable[[Path, list[MapPoints]], int]) -> Writer:
     """Return what writes the points of all key spheres in one format."""
 
     def write_all(reader: MapReader, path: Path, arguments: argparse.Namespace) -> str:

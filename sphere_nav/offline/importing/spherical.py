@@ -19,7 +19,7 @@ from sphere_nav.offline.importing.recording import (
     FIRST_STAMP_NS,
     MAP_FRAME,
     pose_of_row,
-    read_depth,
+    read_depth_file,
     read_image,
     read_numbers,
     read_pose,
@@ -77,7 +77,7 @@ class RingRecording(SphereRecording):
         """Stitch the eight sensors into one sphere."""
         views, name = [], self.names[index]
         for number, T_body_sensor in enumerate(self.T_body_sensor, start=1):
-            depth = read_depth(name / f"depth_{number}.png").astype(np.float32) / 1000
+            depth = read_depth_file(name / f"depth_{number}.png").astype(np.float32) / 1000
             colour = _rgb(name / f"rgb_{number}.png")
             views.append(RgbdView(colour, np.where(depth > 0, depth, np.nan), SENSOR, T_body_sensor))
         return sphere_from_views(views, stamp)
@@ -102,7 +102,7 @@ class EquirectangularRecording(SphereRecording):
         name = self.names[index]
         image = _rgb(name)
         file = name.with_name(name.stem.replace("image_", "range_", 1) + ".png")
-        range_mm = read_depth(file)
+        range_mm = read_depth_file(file)
         if range_mm.shape != image.shape[:2]:
             raise ValueError(
                 f"{file}: expected {image.shape[1]} x {image.shape[0]} pixels, found {range_mm.shape[::-1]}"

@@ -109,7 +109,7 @@ def test_a_mirrored_image_has_the_features_of_the_picture_in_the_mirror(images) 
 def test_unknown_pixels_become_the_mean_around_them() -> None:
     image = np.full((H, W), 2.0, np.float32)
     image[:, :4], image[5, 0] = 4.0, np.nan
-    kernels.fill_unknown(image)
+    kernels.fill_nan(image)
     np.testing.assert_allclose(image[5, 0], (5 * 4.0 + 3 * 2.0) / 8, rtol=1e-6)  # three of eight lie across the seam
 
 

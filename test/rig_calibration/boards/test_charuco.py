@@ -10,7 +10,7 @@ from benchmarks.board_world import BoardWorld, pattern
 from rig_calibration.boards import charuco
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.detect import detect_all
-from rig_calibration.boards.views import View
+from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera, so3
@@ -53,7 +53,7 @@ def images(world):
 @pytest.fixture(scope="module")
 def views(world, images):
     return [
-        View(world.rig.cameras[camera].name, f"{instant:02d}", name, *seen)
+        BoardView(world.rig.cameras[camera].name, f"{instant:02d}", name, *seen)
         for (camera, instant), image in images.items()
         for name, seen in detect_all(image, BOARDS).items()
     ]

@@ -29,7 +29,7 @@ def test_topics_stand_in_columns():
         Stream("/a", "sensor_msgs/msg/Image", 5, 2.0), Stream("/longer/name", "std_msgs/msg/String", 123456, 0.5),
         Stream("/one", "std_msgs/msg/Bool", 1, 9.0),
     ]  # fmt: skip
-    head, *rows = inspect_.table(streams)
+    head, *rows = inspect_.topic_table(streams)
     assert head.split() == ["topic", "type", "messages", "rate", "frame", "content"]
     columns = {"type": ("Image", "String", "Bool"), "messages": ("5", "123456", "1"), "rate": ("2.0 Hz", "0.5 Hz", "")}
     for word, cells in columns.items():
@@ -97,7 +97,7 @@ def sphere_map(tmp_path, length=0.0, num_nodes=3):
 
 
 def test_the_facts_about_a_map(tmp_path):
-    found = map_info.describe(sphere_map(tmp_path, length=12.0))
+    found = map_info.map_facts(sphere_map(tmp_path, length=12.0))
     assert found["megabytes_per_metre"] == 0.25
     assert (found["megabytes"], found["megabytes_per_sphere"]) == (3.0, 1.0)
     assert (found["key_spheres"], found["edges"], found["loops"], found["rig"]) == (3, 2, 1, True)
@@ -110,7 +110,7 @@ def test_the_facts_about_a_map(tmp_path):
 
 
 def test_a_map_of_one_sphere_has_no_way_and_no_spacing(tmp_path):
-    found = map_info.describe(sphere_map(tmp_path, num_nodes=1))
+    found = map_info.map_facts(sphere_map(tmp_path, num_nodes=1))
     assert (found["megabytes_per_metre"], found["spacing_m"], found["region_radius_m"]) == (None, [], [])
 
 
@@ -189,7 +189,7 @@ def test_it_refines_until_the_focal_length_stays_within_a_ten_thousandth(tmp_pat
             asked.append(lens.values[:2].tolist())
             return refined(*lengths[len(asked) - 1])
 
-    monkeypatch.setattr(refine_camera, "Drive", Drive)
+    monkeypatch.setattr(refine_camera, "RecordedDrive", Drive)
     monkeypatch.setattr(refine_camera, "open_map", lambda path: nullcontext(path))
     words = {"map": "map", "source": "bag", "readout": 0.0, "mounting": "", "overwrite": False}
     arguments = SimpleNamespace(output=tmp_path / "a.yaml", **words)
@@ -207,19 +207,19 @@ def test_the_calibration_file_is_that_of_ros():
     assert found["distortion_coefficients"] == {"rows": 1, "cols": 5, "data": [0.1, 0.2, 0.3, 0.4, 0.0]}
     assert (found["projection_matrix"]["rows"], found["projection_matrix"]["cols"]) == (3, 4)
     assert (found["readout"], found["standard_deviations"]["fy"]) == (0.0125, 0.25)
-    lines = list(refine_camera.report(refined(50.0, 51.0, ("cx",)), "out"))
+    lines = list(refine_camera.report_camera(refined(50.0, 51.0, ("cx",)), "out"))
     assert lines[0] == "7 images, 99 pixels, residual 2.2 grey levels -> out"
     assert lines[3].split() == ["cx", "31.00000", "+-", "0.37500", "NOT", "OBSERVED", "by", "this", "drive"]
     assert lines[-1].startswith("record surfaces near and far")
-    *_, last = refine_camera.report(refined(50.0, 51.0, ("readout",)), "out")
+    *_, last = refine_camera.report_camera(refined(50.0, 51.0, ("readout",)), "out")
     assert last.startswith("the readout shows in motion")
 
 
 def test_numbers_with_commas_are_read_and_infinity_is_null():
-    assert register.numbers(3)("1,-2,3.5") == (1.0, -2.0, 3.5)
+    assert register.numbers_argument(3)("1,-2,3.5") == (1.0, -2.0, 3.5)
     for text in ("1,2", "1,2,3,4", "1,2,x", "1,2,nan"):
         with pytest.raises(Exception, match="expected 3 numbers"):
-            register.numbers(3)(text)
+            register.numbers_argument(3)(text)
     assert register.finite(np.array([[1.0, np.inf], [np.nan, -2.0]])) == [[1.0, None], [None, -2.0]]
 
 

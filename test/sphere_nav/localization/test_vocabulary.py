@@ -14,7 +14,7 @@ from sphere_nav.localization.status import (
     Reason,
     State,
     Status,
-    describe,
+    describe_status,
     status_of,
 )
 
@@ -55,8 +55,8 @@ def test_what_to_do_about_the_input_is_the_same_in_both(package):
 
 def test_a_status_reads_as_one_line():
     status = status_of(State.LOST, 0, Finding(Reason.TIMEOUT, 0.75, 0.5))
-    assert describe(status) == f"LOST: TIMEOUT (0.75, limit 0.5): {INPUT_REMEDIES[Reason.TIMEOUT]}"
-    assert describe(status_of(State.TRACKING, 0, FINE)) == "TRACKING"
+    assert describe_status(status) == f"LOST: TIMEOUT (0.75, limit 0.5): {INPUT_REMEDIES[Reason.TIMEOUT]}"
+    assert describe_status(status_of(State.TRACKING, 0, FINE)) == "TRACKING"
 
 
 def test_what_was_not_measured_reads_as_unknown():

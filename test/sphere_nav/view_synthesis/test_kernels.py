@@ -145,7 +145,7 @@ def test_finish_divides_by_the_weights_and_keeps_holes():
     weights, nearest = np.array([[2.0, 0.5, 0.0, 1.0]], F), np.array([[0.25, 1e-7, 0.5, 0.1]], F)
     total = np.array([[[20.0, 41.0, 600.0], [0.0, 50.0, 100.0], [9.0, 9.0, 9.0], [0.2, 254.6, 1.4]]], F)
     image, range_m = np.full((1, 4, 3), 77, np.uint8), np.zeros((1, 4), F)
-    kernels.finish(total, weights, nearest, image, range_m)
+    kernels.divide_by_weights(total, weights, nearest, image, range_m)
     assert image[0].tolist() == [[10, 21, 255], [1, 100, 200], [0, 0, 0], [1, 255, 1]]
     np.testing.assert_allclose(range_m[0], [4.0, np.inf, np.nan, 10.0])
 
@@ -177,7 +177,7 @@ def test_a_blend_is_finished_by_its_weights():
     total = np.array([[[100.0, 50.2, 50.3], [0.0, 999.0, 1.0], [3.0, 3.0, 3.0], [8.0, 8.0, 8.0]]], F)
     weights, nearest = np.array([[0.5, 2.0, 0.0, 1.0]], F), np.array([[0.25, 2.0, 0.5, 1e-6]], F)
     image, range_m = np.full((1, 4, 3), 77, np.uint8), np.zeros((1, 4), F)
-    kernels.finish(total, weights, nearest, image, range_m)
+    kernels.divide_by_weights(total, weights, nearest, image, range_m)
     assert image[0].tolist() == [[200, 100, 101], [1, 255, 1], [0, 0, 0], [8, 8, 8]]  # 0 is kept for holes
     np.testing.assert_array_equal(range_m, np.array([[4.0, 0.5, np.nan, np.inf]], F))
 

@@ -21,7 +21,7 @@ T = SE3.exp([1.0, -2.0, 3.0, 0.3, -0.4, 0.5])
 
 @pytest.mark.parametrize(("aspect", "size"), [(1.6, (800, 500)), (1.0, (800, 800)), (0.5, (400, 800))])
 def test_a_browser_sees_no_more_pixels_than_are_drawn(aspect, size):
-    camera = server.camera_of(SimpleNamespace(aspect=aspect, fov=np.radians(60.0)))
+    camera = server.browser_camera(SimpleNamespace(aspect=aspect, fov=np.radians(60.0)))
     focal = 0.5 * size[1] / np.tan(np.radians(30.0))  # the field of view is that of the height
     centre = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
     assert ((camera.width, camera.height), (camera.cx, camera.cy)) == (size, centre)
@@ -30,7 +30,7 @@ def test_a_browser_sees_no_more_pixels_than_are_drawn(aspect, size):
 
 def test_the_camera_of_a_browser_has_the_axes_of_ours():
     x, y, z, w = T.quaternion
-    found = server.pose_of(SimpleNamespace(wxyz=(w, x, y, z), position=T.translation))
+    found = server.browser_pose(SimpleNamespace(wxyz=(w, x, y, z), position=T.translation))
     np.testing.assert_allclose(found.matrix, T.matrix, atol=1e-12)
     np.testing.assert_allclose(server.look_at(T), T.apply(np.array([[0.0, 0.0, 1.0]]))[0])  # a metre ahead
 

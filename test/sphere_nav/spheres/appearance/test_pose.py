@@ -3,7 +3,7 @@ import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.spheres.appearance.features import Features, features_of_image, features_of_sphere
-from sphere_nav.spheres.appearance.pose import MAX_ANGLE, _angles, _enough, _refine, find_pose, match
+from sphere_nav.spheres.appearance.pose import MAX_ANGLE, _angles, _enough, _refine, find_pose, match_features
 from worlds.room import optical, sharp_room
 
 CAMERA = Spherical(512, 256)
@@ -44,7 +44,7 @@ def test_few_features_of_another_room_agree_on_anything(seed):
 def test_nothing_matches_nothing():
     blank = features_of_image(np.full((256, 512), 90, np.uint8), CAMERA)
     known = features_of_sphere(ROOM.sphere(HERE, CAMERA))
-    assert len(match(blank, known)) == 0
+    assert len(match_features(blank, known)) == 0
     assert find_pose(blank, known) is None
 
 
@@ -140,7 +140,7 @@ def test_a_match_is_clearly_better_than_the_second(ratio, num_found):
     )
     object.__setattr__(query, "units", descriptors[[0, 3]])
     object.__setattr__(known, "units", descriptors[[1, 2]])
-    assert len([row for row in match(query, known) if row[0] == 0]) == num_found
+    assert len([row for row in match_features(query, known) if row[0] == 0]) == num_found
 
 
 def test_trials_end_when_three_right_ones_were_drawn_with_999_in_a_thousand():
