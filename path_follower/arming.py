@@ -5,14 +5,13 @@ Whether a stop ends by itself: the rule `safety.resume`.
 
 from __future__ import annotations
 
+from path_follower.constants import STEADY_NS
 from path_follower.modes import FollowerState, Mode
 from path_follower.params import FollowerParams
 from path_follower.path import Location, ReferencePath
 from path_follower.reasons import FINE, StopReason, StopVerdict
 from path_follower.safety import SafetyMonitor
 from path_follower.vehicle import Limiter, Predictor
-
-STEADY_NS = 2_000_000_000  # of TRACKING without a pause, after which a standing vehicle may go on
 
 
 class Resumption:

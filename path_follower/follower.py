@@ -6,11 +6,11 @@ from dataclasses import replace
 
 from path_follower.arming import Arming
 from path_follower.command import Command, FollowerReport, TrackingError, report_of
+from path_follower.constants import GOAL_TOLERANCE, SEARCH_WINDOW
 from path_follower.modes import FollowerState
 from path_follower.path import Pose2
 from path_follower.reasons import FINE, StopReason, StopVerdict
-from path_follower.safety import SEARCH_WINDOW
-from path_follower.speed import GOAL_TOLERANCE, bounded_speed, speed_law
+from path_follower.speed import bounded_speed, speed_law
 from path_follower.steering import curvature_law, errors_of
 from path_follower.vehicle import Motion, braked
 from sphere_nav.localization.status import State

@@ -9,15 +9,13 @@ from __future__ import annotations
 import math
 
 from path_follower.command import Command, FollowerReport
+from path_follower.constants import MAX_ANGLE, MAX_POSE_AGE, MIN_POINTS
 from path_follower.follower import Follower
-from path_follower.obstacles import MIN_POINTS, points_on_arc, stopping_distance
+from path_follower.obstacles import points_on_arc, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2, ReferencePath
 from path_follower.reasons import FINE, StopReason, StopVerdict
-from path_follower.vehicle import MAX_POSE_AGE
 from sphere_nav.localization.status import State
-
-MAX_ANGLE = 1.2  # rad between heading and direction beyond which it cannot be driven
 
 
 class HomingFollower(Follower):

@@ -9,10 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from path_follower.constants import SAME_PLACE
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-
-SAME_PLACE = 0.25  # m: passes of the path that are this much further than the closest are as good at a start
 
 
 class Pose2(NamedTuple):

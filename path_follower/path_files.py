@@ -8,9 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from path_follower.constants import MAX_POINTS
 from path_follower.params import FollowerParams
 from path_follower.path import ReferencePath
-from path_follower.taught import MAX_POINTS, reference_path, taught_speeds
+from path_follower.taught import reference_path, taught_speeds
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.fields import number
 from sphere_nav.geometry.files.text_file import read_text

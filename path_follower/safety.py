@@ -11,14 +11,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from path_follower.obstacles import MIN_POINTS, points_in_way, stopping_distance
+from path_follower.constants import MIN_POINTS, SEARCH_WINDOW
+from path_follower.obstacles import points_in_way, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
 from path_follower.reasons import FINE, StopReason, StopVerdict
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import TRUSTED, Reason, State
-
-SEARCH_WINDOW = 2.0  # m ahead of the last place on the path within which the next one is looked for
 
 
 class SafetyMonitor:

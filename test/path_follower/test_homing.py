@@ -123,6 +123,22 @@ def test_a_direction_too_far_aside_cannot_be_driven():
     assert (car.command.speed, car.command.status.verdict.reason) == (0.0, StopReason.OFF_PATH)
 
 
+@pytest.mark.parametrize(("angle", "is_drivable"), [(1.1, True), (1.3, False), (-1.1, True), (-1.3, False)])
+def test_the_widest_direction_is_the_same_to_both_sides(angle, is_drivable):
+    follower = HomingFollower(PARAMS)
+    follower.see_source(is_trusted=True, is_there=False, way=(1.0, 5.0), now_ns=SECOND)
+    follower.see(angle, SECOND)
+    refusal = follower.start(SECOND)
+    assert refusal == "" if is_drivable else refusal.startswith("OFF_PATH: found 1.3, limit 1.2")
+
+
+def test_a_start_where_there_is_nothing_left_to_drive_is_refused():
+    follower = HomingFollower(PARAMS)
+    follower.see_source(is_trusted=False, is_there=True, way=(5.0, 0.0), now_ns=SECOND)
+    follower.see(0.0, SECOND)
+    assert follower.start(SECOND).startswith("END_OF_PATH")
+
+
 @pytest.mark.parametrize("value", [math.nan, math.inf])
 def test_a_direction_that_is_no_number_stops_the_car(value):
     car = Car().begin()

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from path_follower.constants import SPACING
 from path_follower.params import FollowerParams, PathParams
 from path_follower.path import Pose2, wrap
-from path_follower.smoothing import SPACING
 
 PARAMS = FollowerParams()
 

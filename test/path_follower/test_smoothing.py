@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from path_follower.constants import MIN_SPACING, SPACING
 from path_follower.params import PathParams
-from path_follower.smoothing import MIN_SPACING, SPACING, cutoff_weight, smooth_curve
+from path_follower.smoothing import cutoff_weight, smooth_curve
 
 PARAMS = PathParams()
 
@@ -25,6 +26,7 @@ def test_a_circle_keeps_its_radius(radius, spacing):
     # Averages over the 0.2 m of a bin lie inside by 0.2^2 / 24 / radius at most.
     np.testing.assert_allclose(np.hypot(curve.x, curve.y - radius), radius, atol=0.003)
     assert np.ptp(np.diff(curve.way)) < 0.02 * SPACING
+    assert np.diff(curve.way).mean() == pytest.approx(0.1, rel=0.02)
 
 
 def test_noise_of_two_centimetres_does_not_reach_the_curvature():

@@ -8,7 +8,7 @@ import pytest
 
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
-from path_follower.params import FollowerParams
+from path_follower.params import FollowerParams, VehicleParams
 from path_follower.path import Pose2
 from path_follower.reasons import StopReason
 
@@ -64,6 +64,20 @@ def test_a_localiser_one_second_late_stops_by_the_age_of_its_poses(kit, straight
     follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
     follower.update(Pose2(0, 0, 0), None, SECOND, "TRACKING", now_ns=2 * SECOND)
     assert follower.start(2 * SECOND).startswith("POSE_TIMEOUT: found 1 s, limit 0.4")
+
+
+def test_a_frozen_pose_stops_within_the_limit_and_the_ramp(kit, straight):
+    frozen = []
+
+    def freeze(now, follower, car):
+        if not frozen:
+            accept, pose, stamp = follower.watch.see_pose, follower.watch.pose, follower.watch.pose_ns
+            frozen.append(pose)
+            follower.watch.see_pose = lambda *_: accept(pose, stamp)
+
+    drive = kit.follow(straight, each=after_fault(freeze))
+    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.POSE_TIMEOUT)
+    assert standing_after(drive) <= PARAMS.safety.max_pose_silence + 0.5
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
@@ -228,10 +242,12 @@ def test_a_loss_while_paused_disarms(kit, straight):
 
 
 def test_the_operator_stops_gently(kit, straight):
-    drive = kit.follow(straight, each=after_fault(lambda n, f, c: f.stop()))
+    params = FollowerParams(vehicle=VehicleParams(max_acceleration=0.7, max_deceleration=1.1))
+    drive = kit.follow(straight, params=params, each=after_fault(lambda n, f, c: f.stop()))
     assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.OPERATOR)
-    speeds = np.array([c.speed for c in drive.commands])
-    assert (-np.diff(speeds)).max() <= PARAMS.vehicle.max_deceleration * 0.05 + 1e-9
+    steps = np.diff([c.speed for c in drive.commands])
+    assert steps.min() == pytest.approx(-1.1 * 0.05)
+    assert steps.max() == pytest.approx(0.7 * 0.05)
 
 
 def test_a_path_is_not_changed_under_way(kit, straight):
@@ -254,6 +270,7 @@ def test_a_clock_that_jumps_back_stops(kit, straight):
     drive = kit.run(follower, (0, 0, 0), seconds=6.0)
     assert drive.final.state is FollowerState.DRIVING
     follower.reset()
+    assert (follower.mode.state, follower.mode.verdict.reason) == (FollowerState.STOPPING, StopReason.CLOCK_STOPPED)
     speeds = [follower.tick(k * SECOND // 20).speed for k in range(30)]
     assert speeds[0] == drive.commands[-1].speed
     assert speeds[-1] == 0.0
