@@ -15,14 +15,14 @@ from numpy.typing import NDArray
 
 from benchmarks.report import Bound, Report, Table
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.detect import REFINEMENT, detect
+from rig_calibration.boards.detect import REFINEMENT, detect_all
 from rig_calibration.boards.intrinsics import calibrate_camera
 from rig_calibration.boards.observability import spread
 from rig_calibration.boards.state import camera_problem
 from rig_calibration.boards.views import observations
 from rig_calibration.params import CalibrationParams
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 Grey = NDArray[np.uint8]
 
 BOARD = Board("board", 9, 6, 0.1)
@@ -42,7 +42,7 @@ def compare(report: Report, folder: Path) -> None:
     rows: list[tuple[str, ...]] = []
     for name, camera, model, size, reference in SETS:
         images = [_grey(path) for path in sorted((folder / name).glob(f"{camera}[0-9]*.*g"))]
-        seen = [answer[1] for image in images if (answer := detect(image, BOARD))]
+        seen = [answer[1] for image in images if (answer := detect_all(image, [BOARD]).get(BOARD.name))]
         label, truth = f"{name} {camera}", np.array(reference)
         row, off = _row(label, "as detected", model, size, seen, ROBUST, truth)
         rows.append(row)

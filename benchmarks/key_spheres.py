@@ -31,8 +31,9 @@ from cycab_sim.world.worlds import build_world
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.offline.evaluation import judge as judge_poses
+from sphere_nav.offline.evaluation import evaluate_poses as judge_poses
 from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.params import build
 from sphere_nav.photometric import View, prepare_reference
@@ -50,8 +51,6 @@ RULES: dict[str, dict[str, Any]] = {
 LENGTH_M, QUICK_M, WIDTH = 60.0, 15.0, 512  # of the drive; of its spheres in px
 WRONG_M = 0.1
 COLUMNS = ("place", "rule", "kept", "spacing m, median", "largest", "chain off %", "localised %", "median mm", "p95 mm")
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

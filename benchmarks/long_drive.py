@@ -32,6 +32,7 @@ from sphere_mapping.mapper import Mapper
 from sphere_nav.cli.demo.demo import BUSY, OTHER_DAY, TOUR
 from sphere_nav.cli.demo.report import distances_from_path
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.params import build
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
@@ -47,8 +48,6 @@ HALTED = (FollowerState.STOPPING, FollowerState.STOPPED)
 MAX_EVENTS = 40  # that are reported
 MAX_SECONDS = 1000.0  # of simulated time, after which a drive is given up
 QUICK_WAY = 40.0  # m of the tour
-
-Array = NDArray[np.float64]
 
 
 @dataclass

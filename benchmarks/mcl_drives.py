@@ -23,8 +23,8 @@ from cycab_sim.world.worlds import World, build_world
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole, so3
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 HEIGHT = 1.8  # of the camera above the ground, m
 BODY_AXES = SE3.from_parts(np.eye(3), [0.4, 0.0, HEIGHT])  # a panorama's axes are those of the vehicle
 OPTICAL_AXES = SE3.from_parts(OPTICAL, [0.4, 0.0, HEIGHT])

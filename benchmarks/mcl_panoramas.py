@@ -9,12 +9,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from matplotlib.path import Path as Polygon
 from numpy.typing import NDArray
 
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from mcl_depth.geometry.files import read_geometry
-from mcl_depth.geometry.floor_plan import is_inside, rooms_of
+from mcl_depth.geometry.floor_plan import WallSurface, read_surfaces, rings_of
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.image_params import ComparisonParams, SynthesisParams
 from mcl_depth.likeness.comparison import (
@@ -153,9 +154,13 @@ def to_plan(rotation: float) -> tuple[bool, float]:
 
 def grid_of(plan: Path, height: float) -> NDArray[np.float64]:
     """Return places (N, 3) on a grid over all rooms of the plan."""
-    rings = [ring for rings in rooms_of(plan).values() for ring in rings]
+    walls: dict[str, list[WallSurface]] = {}
+    for surface in read_surfaces(plan):
+        if surface.kind == "wall":
+            walls.setdefault(surface.room, []).append(surface)
+    rings = [ring for room in walls.values() for ring in rings_of(room)]
     corners = np.concatenate(rings)
     x, y = (np.arange(corners[:, i].min(), corners[:, i].max(), GRID) for i in (0, 1))
     places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    places = places[np.any([is_inside(places, ring) for ring in rings], axis=0)]
+    places = places[np.any([Polygon(ring).contains_points(places) for ring in rings], axis=0)]
     return np.column_stack([places, np.full(len(places), height)])

@@ -17,15 +17,15 @@ from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.belief.sampling import sample_uniform
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import Area
-from mcl_depth.likeness.comparison import Features
+from mcl_depth.likeness.comparison import GradientFeatures
 from mcl_depth.likeness.depth_cache import Cell
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import Reason, State
 
-Array = NDArray[np.float64]
 NEAR_M, NEAR_DEG = 1.0, 10.0  # a pose this close to the truth is the right place
 
 
@@ -142,7 +142,7 @@ class RememberingMap(DepthMap):
         self.__dict__.update(other.__dict__)
         self._known: dict[bytes, dict[Cell, NDArray[np.float32]]] = {}
 
-    def similarities(self, visual: Features, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
+    def similarities(self, visual: GradientFeatures, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
         """Return the similarity (N, num_headings) of an image with the depth images of cells."""
         key = hashlib.sha1(visual.magnitude.tobytes() + bytes([num_headings % 256]), usedforsecurity=False).digest()
         known = self._known.setdefault(key, {})

@@ -20,6 +20,7 @@ from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from benchmarks.room import HALF_SIDES_M, render
 from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.params import build
 from sphere_nav.photometric import (
@@ -31,7 +32,7 @@ from sphere_nav.photometric import (
     prepare_reference,
     register,
 )
-from sphere_nav.photometric.pixels.reference import halve_range, prepare_level
+from sphere_nav.photometric.pixels.reference import halve_range_image, prepare_level
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 HELP = "pixels that are aligned: a pale wall at 60,000 of them; latitude and longitude against evenly spaced points"
@@ -45,7 +46,6 @@ POLE_SPHERE, POLE_PIXELS = Spherical(512, 256), (20_000, 200_000)
 SHIFT_M, TURN_RAD = 0.3, 0.1  # of the known motion between two spheres
 COLUMNS = ("rms mm", "rms deg", "NEES by 6", "pixels")
 
-Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Noise = Callable[[Spherical, np.random.Generator], Array]
 
@@ -145,7 +145,7 @@ def of_all_pixels(image: Image, range_m: NDArray[np.float32], camera: Camera, pa
     """Return `prepare_reference` in latitude and longitude: all pixels of every row are used."""
     levels = []
     for index, level in enumerate(build_pyramid(image, camera, params.pyramid).levels):
-        range_m = halve_range(range_m, params.surface_ratio) if index else range_m
+        range_m = halve_range_image(range_m, params.surface_ratio) if index else range_m
         levels.append(prepare_level(level, range_m, params.far))
     return Reference(tuple(levels))
 

@@ -16,7 +16,7 @@ from benchmarks.range_worlds import BARE, CLASSES, Scene, make_scene
 from benchmarks.real_rigs import room
 from benchmarks.report import Bound, Report, Table
 from sphere_mapping.acquisition.params import MatchParams, StitchParams
-from sphere_mapping.acquisition.range.epipolar import range_from_disparity, search_of
+from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges, range_from_disparity
 from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import Spherical
@@ -158,7 +158,7 @@ def match_pair(top: NDArray[np.uint8], bottom: NDArray[np.uint8], baseline_m: fl
     """Return range and deviation (H, W) of two whole grey spheres, one above the other."""
     whole, params = Spherical(top.shape[1], top.shape[0]), MatchParams()
     everywhere = np.ones(top.shape, np.bool_)
-    disparity = match_columns(top, bottom, search_of(whole, baseline_m, params), params, everywhere)
+    disparity = match_columns(top, bottom, disparities_of_ranges(whole, baseline_m, params), params, everywhere)
     return range_from_disparity(disparity, whole, baseline_m, params)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.stitching.blending import warp_view
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
-from sphere_mapping.acquisition.stitching.views import Block, Layout, rays_of
+from sphere_mapping.acquisition.stitching.views import Block, Layout, block_rays
 
 Image = NDArray[np.uint8]
 
@@ -69,7 +69,7 @@ def _on_sphere(
     part = warp_view(view, image, inverse).reshape(view.block.height, view.block.width, -1)
     columns = np.arange(view.block.column, view.block.column + min(view.block.width, whole.width)) % whole.width
     rows = slice(view.block.row, view.block.row + view.block.height)
-    rays = rays_of(whole, Block(view.block.row, view.block.column, view.block.height, columns.size))
+    rays = block_rays(whole, Block(view.block.row, view.block.column, view.block.height, columns.size))
     sees = view.rig_view.project(rays * 20.0)[2] > FROM_BORDER
     side = round(BLUR_DEG * whole.width / 360.0)
     weight = np.maximum(cv2.blur(sees.astype(np.float32), (side, side)), 1e-6)

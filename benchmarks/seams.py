@@ -14,7 +14,7 @@ from sphere_mapping.acquisition.range.fusion import inverse_range
 from sphere_mapping.acquisition.range.vertical import VerticalStereo
 from sphere_mapping.acquisition.stitching.blending import warp_view
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
-from sphere_mapping.acquisition.stitching.views import Layout, View
+from sphere_mapping.acquisition.stitching.views import Layout, StitchedView
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.sphere import continued
 
@@ -120,7 +120,7 @@ def even(image: Image) -> Image:
 
 
 def _on_sphere(
-    view: View, images: Mapping[str, Image], layout: Layout, inverse: NDArray[np.float32] | None
+    view: StitchedView, images: Mapping[str, Image], layout: Layout, inverse: NDArray[np.float32] | None
 ) -> tuple[Image, Flags]:
     """Return a view's grey levels (H, W) and where all of a window around a pixel is seen by it."""
     image, whole = images[view.name], layout.whole

@@ -22,7 +22,7 @@ from cycab_sim.params import SimParams
 from cycab_sim.sensors.rigs import rig_place
 from cycab_sim.simulator import Simulator
 from sphere_mapping.acquisition.params import MatchParams, RectifyParams, StitchParams
-from sphere_mapping.acquisition.range.epipolar import range_from_disparity, search_of
+from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges, range_from_disparity
 from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.range.planes import Viewpoints, range_of_planes
 from sphere_mapping.acquisition.range.rectification import RigCorrection, rectify
@@ -151,7 +151,7 @@ def _room(folder: Path, options: argparse.Namespace) -> list[Bound]:
     top, bottom = room(folder)
     window, params = Spherical(top.shape[1], top.shape[0]), MatchParams()
     grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (top, bottom)]
-    search, everywhere = search_of(window, 0.2, params), np.ones(grey[0].shape, np.bool_)
+    search, everywhere = disparities_of_ranges(window, 0.2, params), np.ones(grey[0].shape, np.bool_)
     disparity = match_columns(grey[0], grey[1], search, params, everywhere, options.threads)
     range_m, std_m = range_from_disparity(disparity, window, 0.2, params)
     measured = float(np.isfinite(range_m[window.height // 4 : 3 * window.height // 4]).mean())

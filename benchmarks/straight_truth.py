@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling
 from sphere_nav.geometry.trajectory import Trajectory
@@ -22,7 +23,6 @@ from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import camera_from_info, depth_to_metres, stamp_ns
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
-Array = NDArray[np.float64]
 NUM_STEPS = 5
 ROBUST_PX = 2.0  # beyond which a residual counts less
 STEP = 12  # px between points

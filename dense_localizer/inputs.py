@@ -12,11 +12,10 @@ from numpy.typing import NDArray
 from dense_localizer.constants import MOVING_SPEED
 from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization import FINE, Finding, InputCheck, Reason
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dense_localizer.constants import (
     DRIFT_WITHOUT_EDGES,
@@ -31,10 +30,10 @@ from dense_localizer.inputs import LocalizerInput
 from dense_localizer.params import PriorParams
 from dense_localizer.track.inter_frame import InterFrame
 from sphere_nav.geometry import SE3, FrameMotion
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.spheres.graph import SphereGraph
 
-Array = NDArray[np.float64]
 UNKNOWN_COVARIANCE = np.diag(np.full(6, np.inf))
 
 

@@ -6,14 +6,12 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from path_follower.constants import REACTION, SWEEP_STEP
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
 from path_follower.vehicle import ORIGIN, Motion, drive
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 
 def stopping_distance(speed: float, params: FollowerParams) -> float:

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from path_follower.constants import SAME_PLACE
 from sphere_nav.geometry import SE3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 
 class Pose2(NamedTuple):

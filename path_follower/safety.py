@@ -1,7 +1,7 @@
 """When to stop: what is known about localisation, pose, scan and emergency stop, and since when.
 
-All times are ns of one clock that no stamp can move (`clocks.py`): a message counts from its arrival, or from its
-stamp where that is older.
+All times are ns of one clock that no stamp can move (`Times` in `sphere_nav/ros/clocks.py`): a message counts from its
+arrival, or from its stamp where that is older.
 """
 
 from __future__ import annotations
@@ -10,16 +10,14 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from path_follower.constants import MIN_POINTS, SEARCH_WINDOW
 from path_follower.obstacles import points_in_way, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
 from path_follower.reasons import FINE, StopReason, StopVerdict
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import TRUSTED, Reason, State
-
-Array = NDArray[np.float64]
 
 
 class SafetyMonitor:

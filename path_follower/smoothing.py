@@ -5,14 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
 
 from path_follower.constants import MAX_BEND, MIN_SPACING, SPACING
 from path_follower.params import PathParams
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 THIRD_DIFFERENCE = (-1.0, 3.0, -3.0, 1.0)
 

@@ -20,8 +20,7 @@ from path_follower.params import PathParams, SpeedParams, VehicleParams
 from path_follower.path import ReferencePath, Segment
 from path_follower.smoothing import Curve, smooth_curve
 from path_follower.speed import speed_limits, speed_profile
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 
 def reference_path(

@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from cycab_sim.params import LightParams
 from cycab_sim.rendering import kernels
 from cycab_sim.rendering.sky import light_at
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 REACH = 400.0  # the sun's rays start this far away, m
 

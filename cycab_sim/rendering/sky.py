@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.params import LightParams
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 SUN, AMBIENT = np.array([1.25, 1.15, 0.98]), np.array([0.34, 0.40, 0.52])  # radiance with the sun 43 deg high
 LATITUDE, DECLINATION = np.radians(45.78), np.radians(20.0)  # Clermont-Ferrand at the end of May
 LOWEST = np.radians(3.0)  # the sun does not set

@@ -10,12 +10,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.params import ImuParams
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 GRAVITY = 9.80665  # m/s^2
 UP = np.array([0.0, 0.0, GRAVITY])
 

@@ -8,14 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.world import finishes
 from cycab_sim.world.finishes import Colour
 from cycab_sim.world.mesh import Finish, MeshBuilder, moved, placed
 from cycab_sim.world.texture import kernels as k
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 GROUND_STOREY = 3.6
 
 

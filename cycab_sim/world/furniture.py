@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from cycab_sim.world import finishes
 from cycab_sim.world.mesh import BOX_FACES, Finish, MeshBuilder, moved, placed
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 SPRAYS = 220  # leaves around a lump of foliage
 LEAVES = 700  # of a hedge, each metre
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
+
 NUM_PARAMS = 6
 BOX_FACES = np.array(  # corners of a unit box, face by face, counter-clockwise from outside, lower left first
     [

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.world import finishes
 from cycab_sim.world.mesh import Finish, MeshBuilder, moved
 from cycab_sim.world.texture import kernels as k
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 HALF_ROAD = 3.75  # kerb to centre line, m
 PAVEMENT = 2.3  # kerb to wall, m

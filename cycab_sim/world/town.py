@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.world import finishes, furniture
 from cycab_sim.world.building import add_house
@@ -18,8 +17,8 @@ from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, moved, placed
 from cycab_sim.world.paths import Path, Piece, turn
 from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT, PAVEMENT, add_ground, add_pavement, add_street
 from cycab_sim.world.texture import kernels as k
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 Rectangle = tuple[float, float, float, float]  # x0, y0, x1, y1
 
 OUTER = 34.0  # depth of the outer blocks, m

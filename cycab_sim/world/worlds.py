@@ -20,8 +20,8 @@ from cycab_sim.world.paths import Path, Piece
 from cycab_sim.world.town import build_town, taught_path
 from cycab_sim.world.traffic.loops import Loop, city_loops, town_loops
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 WORLDS = ("town", "city", "corridor", "ramp")
 CORRIDOR, BAY, HALF_WIDTH, STOREY = 160.0, 8.0, 1.7, 3.2  # m
 NICHE, NICHE_DEPTH = 1.6, 0.6  # one a bay on either side, m

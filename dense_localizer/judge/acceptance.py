@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dense_localizer.constants import (
     ACCEPTED_INLIER_SHARE,
@@ -32,13 +31,12 @@ from dense_localizer.constants import (
 )
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.photometric import Alignment
 from sphere_nav.photometric.checks.bias import PoseBias
 from sphere_nav.photometric.checks.structure import Structure
 from sphere_nav.photometric.constants import GRADIENT_SHARE, OCCLUSION_SHARE
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,6 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dense_localizer.constants import (
     COMPARISON_SIGMA,
@@ -24,9 +23,8 @@ from dense_localizer.constants import (
     MOTION_SHIFT_S,
 )
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Finding, Reason
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from dense_localizer.constants import (
     EDGE_ERROR,
@@ -24,12 +23,12 @@ from dense_localizer.constants import (
 )
 from dense_localizer.params import CovarianceParams
 from sphere_nav.geometry import SE3, FrameMotion
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, RegistrationParams
 from sphere_nav.photometric.align.esm import register_rig
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.spheres.graph import SphereGraph
 
-Array = NDArray[np.float64]
 # How likely each variance is before anything has been compared: all sizes alike up to the assumed one, larger ones
 # less. Their mean is the assumed one.
 _PRIOR = np.minimum(1.0, 1.0 / MAP_ERROR_RATIOS)

@@ -37,13 +37,13 @@ from dense_localizer.references.map_error import MapError
 from dense_localizer.references.prefetch import PixelPrefetch, SpherePrefetch
 from dense_localizer.references.rejections import Rejections
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Reference, View, prepare_reference
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
-Array = NDArray[np.float64]
 Residuals = tuple[View, NDArray[np.float64], NDArray[np.float64]]  # view, points (N, 3) in its axes, residuals (N,)
 
 

@@ -27,8 +27,7 @@ from dense_localizer.constants import (
 from sphere_nav.estimation.kernels import SIGMA_OF_MAD
 from sphere_nav.estimation.robust import median_and_mad
 from sphere_nav.geometry import Spherical
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 
 class Rejections:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import Image
 
 from dense_localizer.inputs import CameraImage
@@ -14,6 +12,7 @@ from dense_localizer.reasons import REMEDIES
 from dense_localizer.references.rejections import Rejections
 from dense_localizer.ros.maps import Maps, read_calibration
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.base_estimate import BaseEstimate
 from sphere_nav.localization.status import FINE, Finding, State, Status, status_of
 from sphere_nav.photometric import warm_up
@@ -24,8 +23,6 @@ from sphere_nav.ros.localizer.node import LocalizerNode
 from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav.ros.process import return_free_memory
 from sphere_nav.ros.run import run
-
-Array = NDArray[np.float64]
 
 
 class DenseLocalizerNode(LocalizerNode):

@@ -36,13 +36,12 @@ from dense_localizer.references.coarse_reference import CoarseReference
 from dense_localizer.references.recognition import Recognition, find_body_axes
 from dense_localizer.references.reference import References
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.photometric import RegistrationParams, View, register
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.pixels.pyramid import Level
 from sphere_nav.spheres.graph import KeySphere
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

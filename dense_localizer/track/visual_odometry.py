@@ -37,6 +37,7 @@ from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References, RigChoice
 from dense_localizer.track.align import find_first_level
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import Finding, Reason
 from sphere_nav.photometric import Alignment, RegistrationParams, View, prepare_reference
 from sphere_nav.photometric.align.esm import register_rig
@@ -46,7 +47,6 @@ from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.checks.structure import Aspect, find_rig_structure
 from sphere_nav.photometric.pixels.selection import choose
 
-Array = NDArray[np.float64]
 CONTRADICTED = Finding(Reason.JUMP_REJECTED, detail="the map fits elsewhere than the last images say")
 
 

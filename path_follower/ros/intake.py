@@ -15,9 +15,9 @@ from path_follower.homing import HomingFollower
 from path_follower.modes import FollowerState
 from path_follower.params import PathFollowerParams
 from path_follower.path import Pose2
-from path_follower.ros.clocks import Times
 from sphere_nav.localization.status import TRUSTED
 from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.clocks import Times
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.tf import TransformListener

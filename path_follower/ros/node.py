@@ -12,12 +12,11 @@ from path_follower.homing import HomingFollower
 from path_follower.modes import FollowerState
 from path_follower.params import PathFollowerParams
 from path_follower.reasons import StopReason, StopVerdict
-from path_follower.ros.clocks import Times
 from path_follower.ros.intake import Answered, DirectionIntake, PoseIntake, ScanIntake
 from path_follower.ros.operator import OperatorCalls
 from path_follower.ros.trajectory import TrajectoryIntake
 from sphere_nav.ros import qos
-from sphere_nav.ros.clocks import MAX_AHEAD_NS, ClockWatch
+from sphere_nav.ros.clocks import MAX_AHEAD_NS, ClockWatch, Times
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.node import ERROR, OK, WARN, ManagedNode
 from sphere_nav.ros.run import run

@@ -13,13 +13,11 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from rig_calibration.boards.board import Board
 from sphere_nav.geometry import SE3, so3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 NUM_STARTS = 60
 NUM_REFINED = 6

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.views import Array, Indices
+from rig_calibration.boards.views import Indices
+from sphere_nav.geometry.arrays import Array
 
 Grey = NDArray[np.uint8]
 

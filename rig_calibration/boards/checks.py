@@ -13,16 +13,14 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2, f
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.intrinsics import SingleCamera
-from rig_calibration.boards.views import View
+from rig_calibration.boards.views import BoardView
 from rig_calibration.params import CalibrationParams
 from sphere_nav.estimation.gates import squared_mahalanobis
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 FALSE_ALARM = 1e-3
 ERRORS_OF_VIEW = 6  # independent ones: neighbouring corners of a view err alike
@@ -62,7 +60,7 @@ def lens_chance(single: SingleCamera, lens: Array) -> float:
 
 
 def check_views(
-    cameras: Sequence[str], boards: Sequence[Board], views: Sequence[View], params: CalibrationParams
+    cameras: Sequence[str], boards: Sequence[Board], views: Sequence[BoardView], params: CalibrationParams
 ) -> None:
     """Raise ValueError where no board was found at all, or too rarely by one camera."""
     sizes = ", ".join(f"{board.columns}x{board.rows} {board.kind}" for board in boards)

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from rig_calibration.boards import charuco, chessboard
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.views import Array, Indices
+from rig_calibration.boards.views import Indices
+from sphere_nav.geometry.arrays import Array
 
 Grey = NDArray[np.uint8]
 
@@ -18,11 +19,6 @@ REFINEMENT = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
 MIN_HALF_WINDOW, MAX_HALF_WINDOW = 2, 7
 BLUR_PX = 0.5  # an edge that lies this far inside a window does not bend the corner
 MIN_SPACING_PX = 4.0  # below it neighbours blur into each other
-
-
-def detect(grey: Grey, board: Board) -> tuple[Indices, Array] | None:
-    """Return numbers (n,) of the corners of a board and their pixels (n, 2), or None where it is not seen."""
-    return detect_all(grey, (board,)).get(board.name)
 
 
 def detect_all(grey: Grey, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:

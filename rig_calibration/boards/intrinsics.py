@@ -8,19 +8,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig_calibration.boards.bundle import solve
-from rig_calibration.boards.lens import camera_of, lens_of
+from rig_calibration.boards.lens import camera_from_vector, lens_of
 from rig_calibration.boards.linearize import residuals
 from rig_calibration.boards.observability import spread
 from rig_calibration.boards.rejection import Adjusted, adjust, noise_px
-from rig_calibration.boards.state import Problem, State, camera_problem, camera_state
+from rig_calibration.boards.state import AdjustmentProblem, RigState, camera_problem, camera_state
 from rig_calibration.boards.views import Observations
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, Camera, so3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 
 def board_pose(rays: Array, points: Array) -> SE3:
@@ -133,7 +131,7 @@ def _starts(model: str, size: tuple[int, int], seen: Observations) -> list[Array
     for ratio in FOCAL_LENGTHS[model]:
         focal, centre = ratio * size[0], (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
         lens = np.array([focal, focal, *centre, *np.zeros(8)])
-        poses = view_poses(camera_of(model, size, lens, 0), seen)
+        poses = view_poses(camera_from_vector(model, size, lens, 0), seen)
         if not np.all(np.isfinite(poses.matrix)):
             continue
         errors = residuals(problem, camera_state(lens, poses))
@@ -141,9 +139,9 @@ def _starts(model: str, size: tuple[int, int], seen: Observations) -> list[Array
     return [lens for _, lens in sorted(found, key=lambda pair: pair[0])[:NUM_TRIALS]]
 
 
-def _try(problem: Problem, lens: Array, kept: Array, params: CalibrationParams) -> State | None:
+def _try(problem: AdjustmentProblem, lens: Array, kept: Array, params: CalibrationParams) -> RigState | None:
     """Adjust focal length, centre and poses, then the whole lens, for a few steps; None where points fall behind."""
-    camera = camera_of(problem.models[0], problem.sizes[0], lens, params.num_distortion)
+    camera = camera_from_vector(problem.models[0], problem.sizes[0], lens, params.num_distortion)
     poses = view_poses(camera, problem.seen)
     if not np.all(np.isfinite(poses.matrix)):
         return None
@@ -159,7 +157,7 @@ def _try(problem: Problem, lens: Array, kept: Array, params: CalibrationParams) 
     return solve(problem, state, kept, huber_px, max_iterations=15).state
 
 
-def _flip_where_better(problem: Problem, state: State) -> State:
+def _flip_where_better(problem: AdjustmentProblem, state: RigState) -> RigState:
     """Give each view the other pose of its board where that one fits better after a few steps."""
     seen = problem.seen
     T_camera_board = state.T_world_rig.inverse()

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from rig_calibration.drive.depth_pair import DepthFrame, DepthPair
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.params import PyramidParams
-
-Array = NDArray[np.float64]
 
 NUM_POINTS = 5_000  # of a frame, on a grid: chosen by the image, they would pull to where it is chosen
 NUM_LEVELS = 4
@@ -30,11 +29,11 @@ def make_frame(
 ) -> DepthFrame:
     """Return a frame of an image (H, W) and depth (H', W') along z in m, NaN or <= 0 unknown."""
     pyramid = build_pyramid(grey, camera, PyramidParams(num_levels=NUM_LEVELS))
-    points, normals = fit_planes(depth_m, depth_camera)
+    points, normals = sample_planes(depth_m, depth_camera)
     return DepthFrame(tuple(level.image.astype(np.float32) for level in pyramid.levels), points, normals, twist)
 
 
-def fit_planes(depth_m: NDArray[np.floating], camera: Camera) -> tuple[Array, Array]:
+def sample_planes(depth_m: NDArray[np.floating], camera: Camera) -> tuple[Array, Array]:
     """Return points (N, 3) m on a grid where depth (H, W) is flat, and the unit normals (N, 3) there.
 
     On a plane the inverse of depth is linear in the rays with z = 1: its three coefficients are the normal.

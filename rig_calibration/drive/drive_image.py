@@ -14,6 +14,7 @@ from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.estimation.elimination import Part
 from sphere_nav.estimation.robust import HUBER, weigh
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling, row_share
 from sphere_nav.photometric import Pyramid, View
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
@@ -37,10 +38,8 @@ def collect(pyramid: Pyramid, view: View, T_map_camera: SE3, velocity: NDArray[n
     return DriveImage(tuple(levels), T_map_camera, velocity)
 
 
-Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
 
-OWN = 8  # pose (v, omega), gain, bias: what each image has of its own
 MIN_SIGMA = 0.5  # grey levels
 MIN_PIXELS = 100
 MARGIN = 1.0  # px from the border
@@ -77,7 +76,7 @@ class ImageState:
         return ImageState(self.T_map_camera @ SE3.exp(step[:6]), self.gain + step[6], self.bias + step[7])
 
 
-def linearize(image: DriveImage, state: ImageState, lens: Lens, level: int) -> Part:
+def linearize_image(image: DriveImage, state: ImageState, lens: Lens, level: int) -> Part:
     """Return the robust normal equations of one image over lens, readout, pose, gain and bias."""
     return weigh_part(*differentiate(image, state, lens, level))
 
@@ -99,7 +98,7 @@ def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) 
     pixels, _ = project_rolling(camera, points, lens.readout * image.velocity)
     seen = inner(pixels, camera)
     points, pixels = points[seen], pixels[seen]
-    current, gradient = sample(data.image, pixels)
+    current, gradient = sample_with_gradient(data.image, pixels)
     J_point = camera.J_project(points)
     motion = np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -_cross(points)], axis=2)  # v + w x p
     J_motion = -J_point @ motion
@@ -125,7 +124,7 @@ def inner(pixels: Array, camera: Camera) -> NDArray[np.bool_]:
         )
 
 
-def sample(image: Plane, pixels: Array) -> tuple[Array, Array]:
+def sample_with_gradient(image: Plane, pixels: Array) -> tuple[Array, Array]:
     """Return grey levels (N,) and their gradient (N, 2) at pixels (N, 2), bilinear."""
     height, width = image.shape
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.geometry import Camera, Fisheye, Pinhole
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rolling_shutter import MAX_READOUT_S
-
-Array = NDArray[np.float64]
 
 NAMES: dict[str, tuple[str, ...]] = {
     "pinhole": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "readout"),

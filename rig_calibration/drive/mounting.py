@@ -14,13 +14,11 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.estimation.covariance import clustered_covariance
 from sphere_nav.estimation.robust import CAUCHY, cauchy_weights
 from sphere_nav.geometry import SE3, so3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 PIECE_M, PIECE_RAD = 1.0, 0.3  # driven or turned, whichever comes first
 MIN_PIECES = 8  # of which the scatter is a covariance
@@ -98,7 +96,7 @@ def _pieces(T_map_camera: SE3, T_odom_base: SE3) -> tuple[SE3, SE3]:
     return tuple(T[first].inverse() @ T[last] for T in (T_map_camera, T_odom_base))  # type: ignore[return-value]
 
 
-def errors(A: SE3, B: SE3, X: SE3, scales: Array) -> Array:
+def hand_eye_residuals(A: SE3, B: SE3, X: SE3, scales: Array) -> Array:
     """Return what is left (N, 6) of B X = X A, (v, omega) in the axes of the camera; X and scales may be batches.
 
     A piece is taken for a screw, whose way and turn are scaled: exact where it bends evenly.
@@ -121,7 +119,7 @@ def _fit(A: SE3, B: SE3, start: SE3) -> tuple[Mounting, float]:
     if not np.all(is_told):
         X, scales, covariance, sigma = _descend(A, B, start, np.where(is_told, PRIOR, FIXED))
         deviations = np.where(is_told, np.sqrt(np.diagonal(covariance)), deviations)
-    e = errors(A, B, X, scales)
+    e = hand_eye_residuals(A, B, X, scales)
     rms = float(np.sqrt(3.0 * np.mean(e[:, :3] ** 2))), float(np.sqrt(3.0 * np.mean(e[:, 3:] ** 2)))
     return Mounting(X, scales, deviations, len(e), rms), float(np.log(sigma).sum())
 
@@ -130,7 +128,7 @@ def _descend(A: SE3, B: SE3, start: SE3, prior: Array) -> tuple[SE3, Array, Arra
     """Return X and the scales by Gauss-Newton, their covariance (8, 8), and the deviations (6,) of the errors."""
     X, scales, known = start, np.ones(2), np.diag(prior**-2)
     for _ in range(MAX_STEPS):
-        e, J = errors(A, B, X, scales), _jacobian(A, B, X, scales)
+        e, J = hand_eye_residuals(A, B, X, scales), _jacobian(A, B, X, scales)
         sigma = _sigma(e)
         weights = _weights(e, sigma)
         weighted = J * weights[:, :, None]
@@ -150,7 +148,7 @@ def _jacobian(A: SE3, B: SE3, X: SE3, scales: Array) -> Array:
     """Return the derivatives (N, 6, 8) of the errors by the steps of `_moved`, by central differences."""
     moved = [_moved(X, scales, step) for step in EPS * np.concatenate([np.eye(8), -np.eye(8)])]
     poses, scaled = SE3(np.stack([pose.matrix[None] for pose, _ in moved])), np.stack([s[None] for _, s in moved])
-    ahead, behind = np.split(errors(A, B, poses, scaled), 2)
+    ahead, behind = np.split(hand_eye_residuals(A, B, poses, scaled), 2)
     return np.moveaxis((ahead - behind) / (2.0 * EPS), 0, -1)
 
 

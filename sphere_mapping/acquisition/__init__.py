@@ -2,5 +2,5 @@
 
 `stitching/` says which pixel of which camera a pixel of the sphere is, and blends; `light/` makes exposures equal;
 `range/` measures between two levels (`vertical.py`) or in pairs (`pairs.py`) and joins sources by their variance
-(`fusion.py`). `partial/` and `stereo/` make spheres of one RGB-D or stereo camera. `ros/` is the node `sphere_stitcher`.
+(`fusion.py`). `partial/` and `stereo/` make spheres of one RGB-D or stereo camera; `ros/` is `sphere_stitcher`.
 """

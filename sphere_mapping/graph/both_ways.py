@@ -10,7 +10,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.constants import (
     EDGE_FLOOR_M,
@@ -30,15 +29,14 @@ from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, register
 from sphere_nav.spheres.appearance.pose import FeaturePose, find_pose
 from sphere_nav.spheres.graph import Edge
 
-Array = NDArray[np.float64]
-
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MeasuredMotion:
     """T_a_b as both ways measured it, covariance (6, 6) of xi in T_a_b @ exp(xi), and the two alignments."""
 
     T_a_b: SE3
@@ -51,7 +49,9 @@ class Motion:
         return Edge(a, b, self.T_a_b, symmetric_inverse(self.covariance), is_loop)
 
 
-def measure(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: MappingRegistrationParams) -> Motion | None:
+def measure_motion(
+    a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: MappingRegistrationParams
+) -> MeasuredMotion | None:
     """Return the motion between two spheres from a first guess; None unless both ways are good and agree.
 
     The way back begins where the first one did, not where it ended: a common wrong valley is no agreement.
@@ -66,7 +66,7 @@ def measure(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: MappingReg
     return motion if motion is not None and not is_denied(motion, find_pose(b.features, a.features)) else None
 
 
-def is_denied(motion: Motion, seen: FeaturePose | None) -> bool:
+def is_denied(motion: MeasuredMotion, seen: FeaturePose | None) -> bool:
     """Say whether features that agree with each other do not agree with a motion; few features say nothing."""
     if seen is None or seen.num_inliers < MIN_INLIERS:
         return False
@@ -76,23 +76,23 @@ def is_denied(motion: Motion, seen: FeaturePose | None) -> bool:
 
 def confirm(
     a: PreparedSphere, b: PreparedSphere, forward: Alignment, params: MappingRegistrationParams
-) -> Motion | None:
+) -> MeasuredMotion | None:
     """Return the motion that an alignment of `b` in the frame of `a` measured, if the way back from there agrees."""
     back = register(a.pyramid, [b.at(SE3.identity())], forward.T_world_camera.inverse(), params)
     return agree(forward, back) if back.is_converged and back.ncc >= params.min_ncc else None
 
 
-def agree(forward: Alignment, back: Alignment) -> Motion | None:
+def agree(forward: Alignment, back: Alignment) -> MeasuredMotion | None:
     """Return the motion between both results, None where they are too far apart."""
     gap = (forward.T_world_camera @ back.T_world_camera).log()  # A -> B composed with B -> A
     limit_m = MAX_GAP_M + MAX_GAP_SHARE * float(np.linalg.norm(forward.T_world_camera.translation))
     if np.linalg.norm(gap[:3]) > limit_m or np.linalg.norm(gap[3:]) > MAX_GAP_RAD:
         return None
     T_a_b = forward.T_world_camera @ SE3.exp(-0.5 * (back.T_world_camera @ forward.T_world_camera).log())
-    return Motion(T_a_b, covariance_of(forward, back, T_a_b), forward, back)
+    return MeasuredMotion(T_a_b, two_way_covariance(forward, back, T_a_b), forward, back)
 
 
-def covariance_of(forward: Alignment, back: Alignment, T_a_b: SE3) -> Array:
+def two_way_covariance(forward: Alignment, back: Alignment, T_a_b: SE3) -> Array:
     """Return the covariance (6, 6): of both fits, of how far they disagree, and of what both share."""
     adjoint = T_a_b.inverse().adjoint()
     fits = 0.5 * (forward.covariance + adjoint @ back.covariance @ adjoint.T)

@@ -14,9 +14,8 @@ from scipy.sparse.csgraph import breadth_first_order
 from scipy.sparse.linalg import splu
 
 from sphere_mapping.graph.pose_graph import PoseGraph
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.so3 import nearest_rotations
-
-Array = NDArray[np.float64]
 
 
 def quadratic_form(graph: PoseGraph) -> csc_array:

@@ -20,7 +20,7 @@ from sphere_mapping.constants import (
 )
 from sphere_mapping.graph.loop_closure import drift, lengths_from
 from sphere_mapping.graph.optimum import optimize_map
-from sphere_mapping.graph.verification import Candidate, Lookup, Run, Trial, find_candidates, verify
+from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, find_candidates, verify
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.index import AppearanceIndex
@@ -74,7 +74,7 @@ def agreeing(base: SphereGraph, drive: SphereGraph, edges: Sequence[Edge]) -> li
     return best if len(best) >= MIN_JOINS and len(best) >= MIN_LEAD * rival else []
 
 
-def join(base: SphereGraph, drive: SphereGraph, edges: Sequence[Edge]) -> SphereGraph:
+def join_graphs(base: SphereGraph, drive: SphereGraph, edges: Sequence[Edge]) -> SphereGraph:
     """Return one graph, in the frame of the map, at the poses that fit all edges best; joins are robust."""
     T_base_drive = place_of_drive(base, drive, edges[len(edges) // 2])
     moved = drive.with_poses({node.id: T_base_drive @ node.T_map_sphere for node in drive})
@@ -109,7 +109,7 @@ def _lookup(known: AppearanceIndex, own: AppearanceIndex, newer_id: int) -> Look
     return Lookup(features, tuple((older, known.features[older]) for older in alike))
 
 
-def _trial(base: Submap, drive: Submap, newer_id: int, found: list[Candidate], params: MapperParams) -> Trial:
+def _trial(base: Submap, drive: Submap, newer_id: int, found: list[Candidate], params: MapperParams) -> LoopTrial:
     best = sorted(found, key=lambda one: -one.num_inliers)[:NUM_TRIED]
     older = tuple((one.older, base.load(one.older), one.T_older_newer) for one in best)
-    return Trial(newer_id, drive.load(newer_id), older, params.registration)
+    return LoopTrial(newer_id, drive.load(newer_id), older, params.registration)

@@ -28,7 +28,7 @@ from sphere_mapping.constants import (
 )
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.graph.verification import Candidate, Lookup, Run, Trial, find_candidates, verify
+from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, find_candidates, verify
 from sphere_mapping.params import LoopParams, MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.features import features_of_sphere
@@ -50,7 +50,7 @@ class LoopCloser:
         """Index a new key sphere; return the loop edge to the best older one, if any holds."""
         if newer_id not in self.index.features:
             self.index.add(newer_id, newer.features)
-        chosen = choose(graph, newer_id, find_candidates(self._lookup(graph, newer_id)))
+        chosen = choose_candidate(graph, newer_id, find_candidates(self._lookup(graph, newer_id)))
         return verify(self._trial(newer_id, newer.sphere, chosen)) if chosen is not None else None
 
     def find_all(self, graph: SphereGraph, run: Run = map) -> list[Edge]:
@@ -58,7 +58,9 @@ class LoopCloser:
         self.index_all(graph)
         joined, ids = joined_pairs(graph), list(graph.nodes)
         placed = run(find_candidates, (self._lookup(graph, newer_id) for newer_id in ids))
-        chosen = [(newer_id, choose(graph, newer_id, found)) for newer_id, found in zip(ids, placed, strict=True)]
+        chosen = [
+            (newer_id, choose_candidate(graph, newer_id, found)) for newer_id, found in zip(ids, placed, strict=True)
+        ]
         trials = (self._trial(newer_id, self._load(newer_id), one) for newer_id, one in chosen if one is not None)
         loops = [loop for loop in run(verify, trials) if loop is not None]
         joined |= {(loop.a, loop.b) for loop in loops}
@@ -80,9 +82,9 @@ class LoopCloser:
         older = [one.sphere_id for one in alike if one.sphere_id < newer_id]
         return Lookup(features, tuple((sphere_id, self.index.features[sphere_id]) for sphere_id in older))
 
-    def _trial(self, newer_id: int, newer: Sphere, one: Candidate) -> Trial:
+    def _trial(self, newer_id: int, newer: Sphere, one: Candidate) -> LoopTrial:
         older = (one.older, self._load(one.older), one.T_older_newer)
-        return Trial(newer_id, newer, (older,), self._params.registration)
+        return LoopTrial(newer_id, newer, (older,), self._params.registration)
 
 
 def believed(older: KeySphere, newer: KeySphere) -> Candidate:
@@ -105,7 +107,7 @@ def passed(graph: SphereGraph, newer_id: int, min_way_m: float) -> list[int]:
     return found
 
 
-def choose(graph: SphereGraph, newer_id: int, found: list[Candidate]) -> Candidate | None:
+def choose_candidate(graph: SphereGraph, newer_id: int, found: list[Candidate]) -> Candidate | None:
     """Return the best of the candidates that drift allows; None where another place has nearly as many features."""
     if not found:
         return None

@@ -30,7 +30,7 @@ class MapCloud:
         for node in sorted(graph, key=lambda node: node.id, reverse=True):
             if number >= self._params.max_points:
                 break
-            parts[node.id] = self._parts.get(node.id) or thin(self._load(node.id), self._params)
+            parts[node.id] = self._parts.get(node.id) or thin_points(self._load(node.id), self._params)
             number += len(parts[node.id][0])
         self._parts = parts
         if not parts:
@@ -43,7 +43,7 @@ class MapCloud:
         return np.concatenate(points_map)[:limit], np.concatenate(values)[:limit]
 
 
-def thin(sphere: Sphere, params: CloudParams) -> tuple[Points, Image]:
+def thin_points(sphere: Sphere, params: CloudParams) -> tuple[Points, Image]:
     """Return the thinned points (N, 3) of a sphere in its own frame and their image values."""
     points, values = sphere.points(params.step)
     near = np.linalg.norm(points, axis=1) <= params.max_range_m

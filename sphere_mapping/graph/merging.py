@@ -12,14 +12,12 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sphere_mapping.constants import MERGE_REACH, MERGE_SPACING, MIN_DETOUR
 from sphere_nav.estimation.normal_equations import symmetric, symmetric_inverse
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +43,7 @@ def merge(graph: SphereGraph, positions: Array, staying: Collection[int] = ()) -
     return Merged(SphereGraph(kept, merger.edges()), merger.replaced)
 
 
-def compose(first: Edge, second: Edge) -> Edge:
+def compose_edges(first: Edge, second: Edge) -> Edge:
     """Return the edge a -> c of a -> b and b -> c: the product, its covariance carried by the adjoint.
 
     T_a_b exp(x) T_b_c exp(y) = T_a_b T_b_c exp(Ad(T_c_b) x + y), to first order.
@@ -95,7 +93,7 @@ class _Merger:
             self._remove(edge)
         for edge in edges:
             if edge.b != hub.b:
-                self._add(compose(reverse(hub), edge))
+                self._add(compose_edges(reverse(hub), edge))
         for point, server in zip(self._served.pop(node.id), servers, strict=True):
             assert server is not None
             self._served[server].append(point)

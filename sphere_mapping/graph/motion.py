@@ -50,7 +50,7 @@ class Placed:
 
 
 @dataclass
-class MotionModel:
+class DriveMotion:
     """Carries the motion between the last two placed spheres on, or that of the odometry where it is given."""
 
     last: Placed | None = None

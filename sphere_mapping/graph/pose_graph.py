@@ -11,9 +11,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.graph import SphereGraph
 
-Array = NDArray[np.float64]
 TANGENT_SIZE = {2: 3, 3: 6}  # (v, omega) in the plane and in space
 
 

@@ -53,7 +53,7 @@ class PreparedSphere:
 
     @cached_property
     def coverage(self) -> float:
-        """Overlap that it has with itself: the share of its image that has a range, as `align` counts it."""
+        """Overlap that it has with itself: the share of its image that has a range, as `align_sphere` counts it."""
         return image_overlap(self.pyramid, [self.at(SE3.identity())], SE3.identity())
 
     @cached_property
@@ -77,7 +77,7 @@ class PreparedSphere:
         return View(self.reference, T_world_sphere)
 
 
-def align(
+def align_sphere(
     current: PreparedSphere,
     references: Sequence[View],
     guesses: Iterable[SE3],
@@ -115,5 +115,5 @@ def guess_by_rotation(
 
 
 def residual_at(current: PreparedSphere, reference: View, T_world_sphere: SE3, params: RegistrationParams) -> Alignment:
-    """Return what `align` would report at a pose without moving it: MAD, overlap, correlation."""
+    """Return what `align_sphere` would report at a pose without moving it: MAD, overlap, correlation."""
     return evaluate(current.pyramid, [reference], T_world_sphere, params)

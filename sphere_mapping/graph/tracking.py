@@ -7,23 +7,22 @@ from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.constants import MAX_PASSES, STILL, UNCONFIRMED_M, UNCONFIRMED_RAD, UNCONFIRMED_SHARE
 from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.both_ways import confirm
 from sphere_mapping.graph.keyframes import Track
-from sphere_mapping.graph.motion import Expectation, MotionModel, Placed
-from sphere_mapping.graph.registration import PreparedSphere, align, guess_by_rotation
+from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
+from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation
 from sphere_mapping.params import MapperParams
 from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, RegistrationParams
 from sphere_nav.photometric.align.alignment import GOOD
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
-Array = NDArray[np.float64]
 Unroll: TypeAlias = Callable[[Array], Sphere]  # velocity (6,) (v, omega) per second of the sphere -> sphere
 
 
@@ -35,7 +34,7 @@ class SphereTracker:
 
     def __init__(self, params: MapperParams) -> None:
         self._params = params
-        self.motion = MotionModel()
+        self.motion = DriveMotion()
         self.last: PreparedSphere | None = None
         self.references: list[tuple[int, PreparedSphere]] = []  # the newest first
         self._last_alignment: Alignment | None = None
@@ -48,7 +47,7 @@ class SphereTracker:
         def check(alignment: Alignment) -> str:
             return self._check(current, alignment, expected, graph)
 
-        return align(current, references, self._guesses(current, expected), self._params.registration, check)
+        return align_sphere(current, references, self._guesses(current, expected), self._params.registration, check)
 
     def align_moving(
         self, current: PreparedSphere, odometry: SE3 | None, unroll: Unroll | None, graph: SphereGraph
@@ -145,7 +144,7 @@ def local(alignment: Alignment, node: KeySphere) -> Alignment:
 def align_unrolled(
     unroll: Unroll,
     stamp_ns: int,
-    motion: MotionModel,
+    motion: DriveMotion,
     params: RegistrationParams,
     align: Callable[[PreparedSphere], Alignment],
 ) -> tuple[PreparedSphere, Alignment]:

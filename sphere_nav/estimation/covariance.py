@@ -11,7 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
+
 Floats = NDArray[np.floating]
 
 

@@ -10,11 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.estimation.covariance import clustered_covariance
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 CORRELATED_PIXELS = 100.0  # that count as one against what is known beforehand; as in `photometric/align/judgement.py`
 

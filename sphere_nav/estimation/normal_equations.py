@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 RIDGE = 1e-9  # of the unit diagonal: an unknown of which nothing is seen stays where it is
 LEAST = 1e-300  # of a diagonal: no division by zero

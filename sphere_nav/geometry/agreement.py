@@ -7,11 +7,9 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.se3 import SE3
-
-Array = NDArray[np.float64]
 
 LIMIT = math.sqrt(16.266)  # chi^2 of three degrees of freedom, 99.9 %
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y, yaw of a tangent vector (v, omega)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 IDENTITY = np.eye(3)
 SMALL_ANGLE = 1e-4  # below it the series of sin(a)/a and its kin are exact to 1e-17

@@ -74,7 +74,7 @@ def replay_localizer(
         bag = stack.enter_context(BagReader(arguments.source))
         bus = OfflineBus(captured=set(published_topics))
         stack.callback(bus.close)
-        remap = find_topics(bag, arguments)
+        remap = find_localizer_topics(bag, arguments)
         mounting = arguments.mounting
         if not mounting and "image_raw" in remap:
             mounting = note_mounting(bag, remap["image_raw"], arguments)
@@ -88,7 +88,7 @@ def replay_localizer(
         yield from published
 
 
-def find_topics(bag: BagReader, arguments: argparse.Namespace) -> dict[str, str]:
+def find_localizer_topics(bag: BagReader, arguments: argparse.Namespace) -> dict[str, str]:
     """Return the bag's topic for each that a localiser hears; a bag with spheres has sphere_info for camera_info."""
     chosen, settings = topics.choose_topics(bag, arguments), parse_settings(arguments.settings)
     is_panorama = bool(settings.get("is_panorama"))

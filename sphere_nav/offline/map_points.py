@@ -23,7 +23,7 @@ PLY_KIND = [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")] + [
 
 
 @dataclass(frozen=True, eq=False)
-class Cloud:
+class MapPoints:
     """points (N, 3) m in the map, unit normals (N, 3) towards their sphere (0 where unknown), rgb (N, 3)."""
 
     points: NDArray[np.float32]
@@ -31,7 +31,7 @@ class Cloud:
     rgb: NDArray[np.uint8]
 
 
-def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> Cloud:
+def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> MapPoints:
     """Return the thinned points of one key sphere in the map frame."""
     rays = pixel_rays(sphere.camera)
     with np.errstate(invalid="ignore"):
@@ -43,10 +43,10 @@ def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> Cloud:
     rgb = sphere.image if sphere.image.ndim == 3 else np.repeat(sphere.image[..., None], 3, axis=2)
     turned = normals[chosen] @ node.T_map_sphere.rotation.T
     placed = node.T_map_sphere.apply(points[chosen])
-    return Cloud(placed.astype(np.float32), turned.astype(np.float32), rgb[chosen])
+    return MapPoints(placed.astype(np.float32), turned.astype(np.float32), rgb[chosen])
 
 
-def write_ply(path: Path, clouds: list[Cloud]) -> int:
+def write_ply(path: Path, clouds: list[MapPoints]) -> int:
     """Write a binary PLY; return the number of points."""
     parts = []
     for cloud in clouds:
@@ -63,7 +63,7 @@ def write_ply(path: Path, clouds: list[Cloud]) -> int:
     return len(table)
 
 
-def write_laz(path: Path, clouds: list[Cloud]) -> int:
+def write_laz(path: Path, clouds: list[MapPoints]) -> int:
     """Write LAZ 1.4 with colour and normals (extra bytes of the names that CloudCompare reads); number of points."""
     points = np.concatenate([cloud.points for cloud in clouds]).astype(np.float64)
     header = laspy.LasHeader(version="1.4", point_format=7)

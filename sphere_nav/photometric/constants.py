@@ -13,7 +13,7 @@ LATE_SHIFT = 0.2  # the same, while another thread selects; test_selection
 
 # Checks of the residuals: a few thousand pixels, all references together, and fewest of a view
 NUM_SAMPLES, MIN_SAMPLES = 2048, 100  # test_samples, test_structure
-NUM_REWEIGHTINGS = 2  # robust weights are found anew; test_bias
+NUM_REWEIGHTINGS = 2  # times that robust weights are found; one is too few (test_bias), a third changes little
 LENS_PIECES = 24  # of the pixels in scan order, whose scatter is the deviation of the stretch; test_structure
 
 # Illumination gradient

@@ -41,7 +41,7 @@ class Sphere:
     is_filled: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
-        check_image(self.image, self.camera, "sphere image")
+        check_sphere_image(self.image, self.camera, "sphere image")
         _check_plane(self.range_m, self.camera, "sphere range")
         if self.range_std_m is not None:
             _check_plane(self.range_std_m, self.camera, "sphere range std")
@@ -108,7 +108,7 @@ def continued(values: NDArray[Grey], is_known: NDArray[np.bool_]) -> NDArray[Gre
     return known[label]
 
 
-def check_image(image: NDArray[Any], camera: Any, name: str = "image") -> None:
+def check_sphere_image(image: NDArray[Any], camera: Any, name: str = "image") -> None:
     """Raise ValueError unless the image is uint8, grey or RGB, of the camera's size."""
     expected = f"{camera.width} x {camera.height} uint8, grey or RGB"
     is_grey_or_rgb = image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)

@@ -264,7 +264,7 @@ def add_colours(image, wraps, nearness, source, nearest, agreement, floor, weigh
 
 
 @njit(**OPTIONS)
-def finish(total, weights, nearest, image, range_m):
+def divide_by_weights(total, weights, nearest, image, range_m):
     """Divide by the weights: image (H, W, 3) u8, 0 in holes; range (H, W) f32 m, NaN in holes, +Inf far."""
     height, width = weights.shape
     for row in range(height):

@@ -27,7 +27,7 @@ MIN_KNOWN = 5  # of 8 neighbours: holes that hold no more than a line of pixels 
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class SynthesizedView:
     """A synthesised image (H, W, 3) u8, range along the ray (H, W) f32 m, and where anything was seen (H, W)."""
 
     image: Image
@@ -44,11 +44,11 @@ class PlacedSurface:
     weight: float = 1.0
 
 
-def synthesise(surfaces: Sequence[PlacedSurface], T_map_camera: SE3, camera: Camera) -> View:
+def synthesise(surfaces: Sequence[PlacedSurface], T_map_camera: SE3, camera: Camera) -> SynthesizedView:
     """Return the view of a camera of any model from a pose in the map; ValueError without a surface."""
     if not surfaces:
         raise ValueError("view synthesis: expected at least one key sphere, found none")
-    drawings = [draw(one.surface, T_map_camera.inverse() @ one.T_map_sphere, camera) for one in surfaces]
+    drawings = [draw_surfaces(one.surface, T_map_camera.inverse() @ one.T_map_sphere, camera) for one in surfaces]
     nearest = drawings[0][0]
     for nearness, _ in drawings[1:]:
         nearest = np.maximum(nearest, nearness)
@@ -59,12 +59,12 @@ def synthesise(surfaces: Sequence[PlacedSurface], T_map_camera: SE3, camera: Cam
         arrays = surface.image, surface.camera.is_whole, nearness, source, nearest
         kernels.add_colours(*arrays, AGREEMENT, AGREEMENT_FLOOR, weight, total, weights)
     image, range_m = np.empty(total.shape, np.uint8), np.empty(nearest.shape, np.float32)
-    kernels.finish(total, weights, nearest, image, range_m)
+    kernels.divide_by_weights(total, weights, nearest, image, range_m)
     kernels.close_pinholes(weights, MIN_KNOWN, image, range_m)
-    return View(image, range_m, ~np.isnan(range_m))
+    return SynthesizedView(image, range_m, ~np.isnan(range_m))
 
 
-def draw(surface: Surface, T_camera_sphere: SE3, camera: Camera) -> tuple[Floats, Floats]:
+def draw_surfaces(surface: Surface, T_camera_sphere: SE3, camera: Camera) -> tuple[Floats, Floats]:
     """Return nearness (H, W) 1/m, 0 where nothing is, and where in the sphere's image (u, v) (H, W, 2) it was seen."""
     placed = np.empty((surface.points.shape[1], 3), np.float32)
     kernels.project_corners(surface.points, kernel_motion(T_camera_sphere.matrix), kernel_camera(camera), placed)
@@ -87,7 +87,7 @@ def _draw_pole(
     side = max(8, round(camera.pixels_per_radian))
     focal = 0.5 * side / np.tan(POLE_RAD + 2.0 / side)
     pinhole = Pinhole(side, side, focal, focal, 0.5 * (side - 1), 0.5 * (side - 1))
-    near, place = draw(surface, T_camera_pole.inverse() @ T_camera_sphere, pinhole)
+    near, place = draw_surfaces(surface, T_camera_pole.inverse() @ T_camera_sphere, pinhole)
     rays = pixel_rays(camera)
     rows = np.flatnonzero(rays[:, 0] @ T_camera_pole.rotation[:, 2] > np.cos(POLE_RAD))
     pixels, _ = pinhole.project(rays[rows] @ T_camera_pole.rotation)

@@ -4,14 +4,25 @@ from __future__ import annotations
 
 import pytest
 
+from mcl_depth.belief import kernels as belief
+from mcl_depth.geometry import kernels as geometry
+from mcl_depth.geometry.columns import kernels as columns
+from mcl_depth.likeness import kernels as likeness
 from mcl_depth.params import FilterParams
 from mcl_depth.warm_up import warm_up
 from sphere_nav.params import build
+
+KERNELS = (  # that an image, or a panorama that it is compared with, goes through
+    likeness.visual_gradients, likeness.encode_depth_many, likeness.compare_headings_many, likeness.correlate_tensors,
+    likeness.correlate_codes, geometry.draw_many, columns.draw_columns, columns.fit_planes, columns.find_gaps,
+    columns.join_planes, belief.shift_headings, belief.relax, belief.is_maximum,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("step", [1.0, 10.0, 90.0])
 def test_every_step_of_headings_can_be_warmed_up(step):
     warm_up(build(FilterParams, {"heading_step_deg": step}))
+    assert [kernel.__name__ for kernel in KERNELS if not kernel.signatures] == []
 
 
 def test_a_step_that_does_not_divide_the_circle_is_refused():

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from sphere_nav.geometry import Rig
-from sphere_nav.geometry.files.foreign_rig import place, read_foreign_cameras
+from sphere_nav.geometry.files.foreign_rig import place_rig, read_foreign_cameras
 
 
 def read_foreign(paths: Sequence[Path], frame: str = "camera", **options: Any) -> Rig:
     """Return the rig of files."""
-    return place(read_foreign_cameras(paths, **options), frame, paths[0])
+    return place_rig(read_foreign_cameras(paths, **options), frame, paths[0])

@@ -10,15 +10,14 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.world import finishes
 from cycab_sim.world.finishes import Colour
 from cycab_sim.world.furniture import add_car, add_frustum, add_prism, add_wheel
 from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, placed
 from cycab_sim.world.texture import kernels as k
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 CLOTHES: tuple[Colour, ...] = (
     (0.05, 0.06, 0.12), (0.30, 0.05, 0.06), (0.45, 0.42, 0.36), (0.06, 0.06, 0.06),
     (0.10, 0.22, 0.30), (0.34, 0.28, 0.08), (0.12, 0.20, 0.10), (0.52, 0.50, 0.50),

@@ -17,8 +17,8 @@ from cycab_sim.world.mesh import Mesh
 from cycab_sim.world.paths import Path, rounded
 from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT
 from cycab_sim.world.town import Plan
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 SPACING = 0.25  # m between the points of a loop
 WIDTHS = {"road": 2.5, "cycle": 0.7, "walk": 0.7}  # of what moves on a loop, m
 CLEAR = 1.0  # from the middle of the taught path: half a car and some air, m

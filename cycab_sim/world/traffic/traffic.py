@@ -17,8 +17,8 @@ from cycab_sim.world.traffic import figures
 from cycab_sim.world.traffic.figures import Figure, RigidPart
 from cycab_sim.world.traffic.loops import Loop, free_loops, walk_around
 from cycab_sim.world.worlds import World
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 AWAY = -1000.0  # height of who must not be seen, m
 KEEP_OFF = 0.4  # between a car that is in the way of nobody and who comes too close, m
 HEADWAY = {"road": 14.0, "cycle": 6.0, "walk": 2.5}  # least way between two who follow each other, m

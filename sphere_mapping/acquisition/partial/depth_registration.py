@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.kernels import sample_inverse_depth, splat_nearest
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
 CORRECTIONS = 2  # steps along the ray after the warp, which is good to a pixel; the last one only confirms
@@ -14,7 +15,6 @@ MAX_LEFT = 0.01  # relative; more is a surface that the first camera does not se
 MAX_STEP = 0.05  # relative difference of neighbours beyond which they are two surfaces
 
 Depth = NDArray[np.float32]
-Array = NDArray[np.float64]
 
 
 class DepthRegistration:

@@ -34,7 +34,7 @@ class Patch:
         return rows[:, None], columns[None, :]
 
 
-def join(patches: Sequence[Patch], whole: Spherical) -> tuple[Image, Range]:
+def join_views(patches: Sequence[Patch], whole: Spherical) -> tuple[Image, Range]:
     """Return image and range (H, W) of the whole sphere; 0 and NaN where no view is."""
     shape = (whole.height, whole.width)
     depth_of_colour = patches[0].image.shape[2:]

@@ -20,15 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.kernels import sample_inverse_depth, splat_nearest
-from sphere_mapping.acquisition.partial.joining import Patch, join
+from sphere_mapping.acquisition.partial.joining import Patch, join_views
 from sphere_mapping.acquisition.partial.window import full_width_for, magnification, window_of
 from sphere_mapping.params import PartialParams
 from sphere_nav.geometry import SE3, Camera, Spherical
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Range, Sphere, check_depth, check_image, continued
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Range, Sphere, check_depth, check_sphere_image, continued
 
 Plane = NDArray[np.float32]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ class RgbdView:
     def __post_init__(self) -> None:
         if self.twist is not None and (self.depth_camera is not None or np.any(self.T_sphere_camera.translation)):
             raise ValueError("rolling shutter: expected depth registered to the image, found that of another camera")
-        check_image(self.image, self.camera)
+        check_sphere_image(self.image, self.camera)
         check_depth(self.depth_m, self.depth_camera or self.camera)
 
 
@@ -125,7 +125,7 @@ def sphere_from_views(views: Sequence[RgbdView], stamp_ns: int = 0, params: Part
         return Sphere(planes[0][0], planes[0][1], windows[0], stamp_ns)
     whole = Spherical(full_width, full_width // 2)
     patches = [Patch(*plane, window) for plane, window in zip(planes, windows, strict=True)]
-    return Sphere(*join(patches, whole), whole, stamp_ns)
+    return Sphere(*join_views(patches, whole), whole, stamp_ns)
 
 
 def full_width_of(cameras: Sequence[Camera], params: PartialParams) -> int:

@@ -22,7 +22,7 @@ MAX_SINE = 0.9  # of the largest disparity
 BELOW_ZERO_DEG = 0.7  # disparities searched below 0, for what calibration leaves
 
 
-def search_of(window: Spherical, baseline_m: float, params: MatchParams) -> Search:
+def disparities_of_ranges(window: Spherical, baseline_m: float, params: MatchParams) -> Search:
     """Return the disparities, in px, of everything from the nearest range wanted to beyond all."""
     largest = np.arcsin(min(baseline_m / params.nearest_m, MAX_SINE))
     per_radian = window.full_width / (2 * np.pi)

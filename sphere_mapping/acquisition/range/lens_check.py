@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.range.semi_global import Image
 from sphere_nav.geometry import Camera, Fisheye, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
-
-Array = NDArray[np.float64]
 
 INFO_TOLERANCE = 1e-3  # relative; a focal length that differs more is another camera's
 MAX_RAYS_DEG = 1.0  # median difference of the rays of two calibrations of one lens

@@ -33,7 +33,7 @@ from sphere_mapping.acquisition.range.levels import (
     at_unknown,
     double,
     fit,
-    halve,
+    halve_image,
     has_texture_around,
     interpolate,
     usable_at,
@@ -134,9 +134,9 @@ def _levels_of(top: Image, bottom: Image, search: Search, halvings: int) -> list
     """Return both images at full size, and halved until all disparities are reached and NUM_SCALES levels match."""
     levels = [(top, bottom)]
     while len(levels) <= halvings or not _is_reached(search, len(levels) - 1, levels[-1][0]):
-        levels.append((halve(levels[-1][0], search.is_whole), halve(levels[-1][1], search.is_whole)))
+        levels.append((halve_image(levels[-1][0], search.is_whole), halve_image(levels[-1][1], search.is_whole)))
     while len(levels) < halvings + NUM_SCALES and min(levels[-1][0].shape) >= 2 * MIN_SIDE:
-        levels.append((halve(levels[-1][0], search.is_whole), halve(levels[-1][1], search.is_whole)))
+        levels.append((halve_image(levels[-1][0], search.is_whole), halve_image(levels[-1][1], search.is_whole)))
     return levels
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.kernels import count_votes, mean_of_window, place_window
 from sphere_mapping.acquisition.params import StitchParams
-from sphere_mapping.acquisition.range.epipolar import range_from_disparity, search_of
+from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges, range_from_disparity
 from sphere_mapping.acquisition.range.fusion import MAX_DEVIATIONS, Ranged, StereoRange, fuse_planes
 from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.stitching.layouts import Layouts, upright
@@ -176,7 +176,7 @@ def _range_of_pair(pair: Pair, images: dict[str, Image], params: StitchParams, r
         cv2.remap(images[name], *table, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         for name, table in zip((pair.first, pair.second), pair.tables, strict=True)
     )
-    search = search_of(pair.window, pair.baseline_m, params.match)
+    search = disparities_of_ranges(pair.window, pair.baseline_m, params.match)
     disparity = match_columns(top, bottom, search, params.match, pair.is_usable, 1, EDGE_PX)
     own_m, own_std_m = range_from_disparity(disparity, pair.window, pair.baseline_m, params.match)
     nearest, places = np.full(range_m.shape, np.inf, np.float32), np.empty((3, *own_m.shape), np.float32)

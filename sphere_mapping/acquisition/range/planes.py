@@ -22,12 +22,12 @@ from sphere_mapping.acquisition.kernels import match_outline
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.epipolar import FAR_M, MIN_RANGE_SHARE
 from sphere_mapping.acquisition.range.fusion import Ranged
-from sphere_mapping.acquisition.range.levels import halve
+from sphere_mapping.acquisition.range.levels import halve_image
 from sphere_mapping.acquisition.range.matching import LEAST_NOISE, Search
 from sphere_mapping.acquisition.range.outlines import HALF, Outline, bare_regions, cut_outlines
 from sphere_nav.geometry import Spherical
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 Image = NDArray[np.uint8]
@@ -93,7 +93,7 @@ def range_of_planes(
     found = np.full(top.shape, np.nan, np.float32), np.full(top.shape, np.nan, np.float32)
     level = max(int(np.ceil(np.log2(whole.width / MAX_WIDTH))), 0)
     for _ in range(level):
-        top, bottom = halve(top, is_whole=True), halve(bottom, is_whole=True)
+        top, bottom = halve_image(top, is_whole=True), halve_image(bottom, is_whole=True)
     labels, boxes, seam = bare_regions(top, ranged[0], is_usable, level)
     if len(boxes) == 0:
         return found

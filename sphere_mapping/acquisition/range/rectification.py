@@ -23,15 +23,15 @@ from sphere_mapping.acquisition.range.rig_adjustment import (
     Matches,
     correct,
     epipolar_errors,
-    errors,
+    match_angles,
     slopes,
 )
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import Rig, Spherical
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
 Image = NDArray[np.uint8]
-Array = NDArray[np.float64]
 
 POLE_DEG = 35.0  # features nearer to a pole of the sphere are drawn too wide to be compared
 LOSS_SCALES_DEG = (1.0, 0.4, 0.15, 0.06)  # the loss is narrowed step by step: at first half may be wrong matches
@@ -96,10 +96,10 @@ def rectify(rig: Rig, matches: Sequence[Matches], params: RectifyParams) -> RigC
         scale = np.radians(scale_deg)
 
         def cost(now: Array, scale: float = scale) -> Array:
-            return np.concatenate([_soften(errors(correct(rig, now), matches, scale))[0], now / prior])
+            return np.concatenate([_soften(match_angles(correct(rig, now), matches, scale))[0], now / prior])
 
         def change(now: Array, scale: float = scale) -> Array:
-            weights = _soften(errors(correct(rig, now), matches, scale))[1]
+            weights = _soften(match_angles(correct(rig, now), matches, scale))[1]
             return np.vstack([weights[:, None] * slopes(rig, now, matches, scale), np.diag(1 / prior)])
 
         values = least_squares(cost, values, change, method="trf", x_scale=prior, max_nfev=20).x

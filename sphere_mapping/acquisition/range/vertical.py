@@ -13,9 +13,9 @@ from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.range.epipolar import (
     baseline_error,
     correct_baseline,
+    disparities_of_ranges,
     range_from_below,
     range_from_disparity,
-    search_of,
     to_common_centre,
 )
 from sphere_mapping.acquisition.range.fusion import Ranged, StereoRange, inverse_range
@@ -37,7 +37,7 @@ class VerticalStereo:
 
     def __init__(self, layouts: Layouts, params: StitchParams, jobs: int) -> None:
         self._layouts, self._params, self._jobs = layouts, params, jobs
-        self._search = search_of(layouts.whole, layouts.baseline_m, params.match)
+        self._search = disparities_of_ranges(layouts.whole, layouts.baseline_m, params.match)
         self._kept: Callable[[tuple[str, ...]], Viewpoints] = lru_cache(MAX_LAYOUTS)(self._find_viewpoints)
         self.is_checked = False
 

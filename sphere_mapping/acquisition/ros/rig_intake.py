@@ -20,7 +20,7 @@ from sphere_nav.ros.camera.images import AnyImage, image_topic, read_depth, read
 from sphere_nav.ros.camera.synchronizer import Instant, Synchronizer
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints
 from sphere_nav.ros.tf import TransformError
-from sphere_nav.spheres.sphere import check_depth, check_image
+from sphere_nav.spheres.sphere import check_depth, check_sphere_image
 
 DEPTH = "/depth"  # a camera's depth is a stream of its own: NAME/depth
 NUM_CLOUDS = 8  # kept: at 10 Hz those of 0.8 s, longer than an instant waits for its cameras
@@ -131,7 +131,7 @@ class RigIntake:
     def _on_image(self, name: str, message: AnyImage) -> None:
         camera = self.rig.camera(name).camera
         image = read_rgb(message, (camera.width, camera.height), name)
-        check_image(image, camera, f"{name}: image size")
+        check_sphere_image(image, camera, f"{name}: image size")
         self._put(name, message, image)
 
     def _on_depth(self, name: str, message: Image) -> None:

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.estimation.robust import cauchy_weights
 from sphere_nav.geometry import Pinhole
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 NUM_ROWS, NUM_COLUMNS = 6, 8  # coefficients of both polynomials

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.stereo.stereo_field import (
-    Array,
     Image,
     RowFit,
     StereoField,
@@ -19,6 +18,7 @@ from sphere_mapping.acquisition.stereo.stereo_field import (
     tangents,
 )
 from sphere_nav.geometry import SE3, Camera, Pinhole
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.spheres.sphere import to_grey_bytes
 

@@ -16,7 +16,6 @@ import numpy as np
 from sphere_mapping.acquisition.stereo.stereo_field import (
     NUM_BOW,
     NUM_COLUMNS,
-    Array,
     basis_of_columns,
     slopes_of_columns,
     tangents,
@@ -24,6 +23,7 @@ from sphere_mapping.acquisition.stereo.stereo_field import (
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.estimation.robust import cauchy_weights
 from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry.arrays import Array
 
 NUM_VIEWS = 4  # instants that a corner is followed through, as far as it is seen
 MIN_TRACKS = 40  # in an instant of a window

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sphere_mapping.acquisition.kernels import SCALE, add_band, to_levels, warp_by_range
 from sphere_mapping.acquisition.stitching.feathering import feather
 from sphere_mapping.acquisition.stitching.strips import Block, Strip
-from sphere_mapping.acquisition.stitching.views import GRID_STEP, INVERSE_LEVELS, Layout, View
+from sphere_mapping.acquisition.stitching.views import GRID_STEP, INVERSE_LEVELS, Layout, StitchedView
 
 Image = NDArray[np.uint8]
 Plane = NDArray[np.float32]
@@ -47,7 +47,7 @@ def blend(layout: Layout, images: Mapping[str, Image], inverse_range: Plane | No
     return image
 
 
-def warp_view(view: View, image: Image, inverse_range: Plane | None = None) -> Image:
+def warp_view(view: StitchedView, image: Image, inverse_range: Plane | None = None) -> Image:
     """Return the part (h, w[, 3]) of a camera's image in its block of the sphere, 1 to 255."""
     if inverse_range is None:
         part = cv2.remap(image, *view.table, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)

@@ -32,10 +32,10 @@ from sphere_mapping.acquisition.range.vertical import VerticalStereo
 from sphere_mapping.acquisition.stitching.blending import blend
 from sphere_mapping.acquisition.stitching.layouts import Layouts
 from sphere_nav.geometry import Rig
-from sphere_nav.spheres.sphere import Sphere, check_depth, check_image, to_grey_bytes
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.spheres.sphere import Sphere, check_depth, check_sphere_image, to_grey_bytes
 
 Image = NDArray[np.uint8]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +99,7 @@ class Stitcher:
         if not images:
             raise ValueError(f"rig {self.rig.name}: expected at least one image, found none")
         for name, image in images.items():
-            check_image(image, self.rig.camera(name).camera, f"{name}: image")
+            check_sphere_image(image, self.rig.camera(name).camera, f"{name}: image")
         kinds = {image.ndim for image in images.values()}
         if len(kinds) > 1:
             raise ValueError(f"rig {self.rig.name}: images: expected all grey or all RGB, found both")

@@ -120,7 +120,7 @@ def serve(reader: MapReader, scene: Scene, start: SE3, arguments: argparse.Names
     print(f"http://{arguments.host}:{page.port}  (Ctrl-C ends it)", flush=True)
     try:
         if drive is not None:
-            replay(drive, page)
+            replay_drive(drive, page)
         threading.Event().wait()
     finally:
         page.close()
@@ -129,7 +129,7 @@ def serve(reader: MapReader, scene: Scene, start: SE3, arguments: argparse.Names
     return 0
 
 
-def replay(drive: Drive, page: Page) -> None:
+def replay_drive(drive: Drive, page: Page) -> None:
     """Show a drive at its own pace, or as fast as it can be localised."""
     begin, first_ns = time.monotonic(), 0
     for shot in drive.shots():

@@ -7,7 +7,7 @@ from typing import ClassVar, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 MAX_SIDE = 1 << 16  # px
 MAX_PIXELS = 1 << 26

@@ -11,7 +11,7 @@ import numpy as np
 
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.files.fields import MAX_FILE_BYTES, number, required, short
-from sphere_nav.geometry.files.foreign_cameras import ForeignRig, Lens, image_size, refuse_model
+from sphere_nav.geometry.files.foreign_cameras import ForeignLens, ForeignRig, image_size, refuse_model
 from sphere_nav.geometry.files.text_file import read_text
 from sphere_nav.geometry.se3 import SE3
 
@@ -74,7 +74,7 @@ def _camera(entry: Any, resolution: Any, index: int) -> Camera:
     fields = (*CENTRE, *FURTHER[kind])
     given = required(entry["intrinsics"], f"{where}.intrinsics", fields)
     fx, fy, cx, cy, *more = (number(given[field], f"{where}.intrinsics.{field}") for field in fields)
-    lens = Lens(image_size(resolution, f"value0.resolution[{index}]"), fx, fy, cx, cy, f"{where}.intrinsics")
+    lens = ForeignLens(image_size(resolution, f"value0.resolution[{index}]"), fx, fy, cx, cy, f"{where}.intrinsics")
     if kind == "ds":
         return lens.double_sphere(*more)
     if kind == "ucm":

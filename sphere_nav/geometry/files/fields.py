@@ -66,7 +66,7 @@ def numbers(found: Any, where: str, count: int | None = None) -> tuple[float, ..
     return tuple(number(value, where) for value in found)
 
 
-def stamp_ns(word: str, where: str) -> int:
+def parse_stamp_ns(word: str, where: str) -> int:
     """Return seconds since 1970, written in decimal, as nanoseconds without loss; a float64 would not hold them."""
     try:
         seconds = Decimal(word if len(word) <= MAX_DIGITS else "nan")

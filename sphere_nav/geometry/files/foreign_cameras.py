@@ -35,7 +35,7 @@ class ForeignRig:
 
 
 @dataclass(frozen=True)
-class Lens:
+class ForeignLens:
     """Focal lengths and centre in pixels, image size (width, height), and where in the file they stand."""
 
     size: tuple[int, int]
@@ -68,7 +68,7 @@ class Lens:
         scale = 1.0 + xi
         if not scale > 0.0 or xi < 0.0:
             raise ValueError(f"{self.where}: xi: expected at least 0, found {xi}")
-        lens = Lens(self.size, self.fx / scale, self.fy / scale, self.cx, self.cy, self.where)
+        lens = ForeignLens(self.size, self.fx / scale, self.fy / scale, self.cx, self.cy, self.where)
         return lens.to_unified(xi / scale)
 
     def mei_with_distortion(self, xi: float, distortion: tuple[float, ...]) -> LensFit:

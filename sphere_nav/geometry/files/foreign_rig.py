@@ -8,7 +8,7 @@ from pathlib import Path
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL, Rig, RigCamera
 from sphere_nav.geometry.files.basalt_file import is_basalt, read_basalt
 from sphere_nav.geometry.files.foreign_cameras import ForeignRig
-from sphere_nav.geometry.files.kalibr_file import is_kalibr, join, read_kalibr
+from sphere_nav.geometry.files.kalibr_file import is_kalibr, join_chains, read_kalibr
 from sphere_nav.geometry.files.ocam_file import is_ocam, read_ocam
 from sphere_nav.geometry.files.opencv_file import is_opencv, load_opencv, read_opencv
 
@@ -34,7 +34,7 @@ def read_foreign_cameras(
     if is_joining:
         if chosen != "kalibr" or len(paths) < 2:
             raise ValueError(f"{paths[0]}: --join: expected several camchains of Kalibr, found {len(paths)} {chosen}")
-        return join([read_kalibr(path) for path in paths], paths)
+        return join_chains([read_kalibr(path) for path in paths], paths)
     if chosen != "opencv" and len(paths) > 1:
         told = " (--join merges camchains)" if chosen == "kalibr" else ""
         raise ValueError(f"{paths[1]}: expected one {chosen} file, found {len(paths)}{told}")
@@ -56,7 +56,7 @@ def _format(paths: Sequence[Path]) -> str:
     )
 
 
-def place(found: ForeignRig, frame: str, path: Path) -> Rig:
+def place_rig(found: ForeignRig, frame: str, path: Path) -> Rig:
     """Return the rig in body axes, by frame: "camera" for the first one level and ahead, "imu" for the IMU's axes."""
     if frame == "imu":
         if not found.is_by_imu:

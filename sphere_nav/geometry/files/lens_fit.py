@@ -6,14 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
-
-Array = NDArray[np.float64]
 
 MAX_CALLS = 1000  # of the projection in one fit
 STARTS = (-0.4, -0.2, 0.0, 0.3)  # of xi

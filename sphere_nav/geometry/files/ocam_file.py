@@ -8,15 +8,13 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.fields import MAX_FILE_BYTES, number
 from sphere_nav.geometry.files.foreign_cameras import ForeignRig
 from sphere_nav.geometry.files.lens_fit import fit_lens, grid_of
 from sphere_nav.geometry.files.text_file import read_text
 from sphere_nav.geometry.se3 import SE3
-
-Array = NDArray[np.float64]
 
 NUM_LINES = 5  # polynomial, inverse polynomial, centre, affine part, size
 MAX_DEGREE = 20

@@ -61,7 +61,7 @@ def read_image(path: Path) -> NDArray[Any]:
     return _decode(path, cv2.IMREAD_ANYCOLOR, np.uint8)
 
 
-def read_depth(path: Path) -> NDArray[np.uint16]:
+def read_depth_file(path: Path) -> NDArray[np.uint16]:
     """Return a 16-bit image (H, W)."""
     pixels = _decode(path, cv2.IMREAD_UNCHANGED, np.uint16)
     if pixels.ndim != 2:

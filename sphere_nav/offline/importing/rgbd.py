@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.geometry.files.fields import stamp_ns
+from sphere_nav.geometry.files.fields import parse_stamp_ns
 from sphere_nav.geometry.files.text_file import read_text
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.offline.importing.recording import (
@@ -24,7 +24,7 @@ from sphere_nav.offline.importing.recording import (
     body_from_optical,
     camera_transforms,
     pose_of_row,
-    read_depth,
+    read_depth_file,
     read_image,
     read_numbers,
     read_pose,
@@ -97,7 +97,7 @@ class RgbdRecording:
         yield "image_raw", array_to_image(image, stamp, OPTICAL_FRAME, "bgr8" if image.ndim == 3 else "mono8")
 
     def _depth(self, path: Path) -> NDArray[np.float32]:
-        units = read_depth(path)
+        units = read_depth_file(path)
         self._check_size(path, units)  # of Kinects both have the same
         depth = units.astype(np.float32) / np.float32(self.depth_units)
         depth[(units == 0) | (units == FAR)] = np.nan
@@ -203,7 +203,7 @@ def _read_list(path: Path) -> list[tuple[int, str]]:
     rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
     if not rows or any(len(row) != 2 for row in rows):
         raise ValueError(f"{path}: expected lines 'stamp file', found {len(rows)} lines")
-    return [(stamp_ns(stamp, f"{path}: stamp"), name) for stamp, name in rows]
+    return [(parse_stamp_ns(stamp, f"{path}: stamp"), name) for stamp, name in rows]
 
 
 def _is(beside: Path, name: str) -> bool:

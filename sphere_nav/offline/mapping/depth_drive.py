@@ -165,7 +165,7 @@ def _collect(bag: BagReader, values: dict[str, Any], remap: dict[str, str], want
     return node
 
 
-def describe(found: RefinedDepth) -> Iterator[str]:
+def describe_components(found: RefinedDepth) -> Iterator[str]:
     """Yield what is told of each component, in mm and deg."""
     values = found.T_image_depth.log()
     values[:3] = found.T_image_depth.translation

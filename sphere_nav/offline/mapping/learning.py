@@ -51,13 +51,13 @@ def learn(arguments: argparse.Namespace) -> int:
         writer = MapWriter(arguments.output, start_of(arguments), is_overwriting=arguments.overwrite)
         try:
             drive = map_drive(arguments, writer, first_id(base), workers)
-            return finish(arguments, drive, writer, base, workers)
+            return finish_map(arguments, drive, writer, base, workers)
         except (ValueError, OSError):  # an interrupted run leaves what it has, for `map-verify --salvage`
             writer.discard()
             raise
 
 
-def finish(
+def finish_map(
     arguments: argparse.Namespace, drive: MappedDrive, writer: MapWriter, base: MapReader | None, workers: Workers
 ) -> int:
     """Close loops, join the drive to a map, compare with the truth, complete the map."""
@@ -70,7 +70,7 @@ def finish(
         extension = extend(base, mapper, workers.run)
         index, told = extension.index, [extension.told]
     truth = truth_of(arguments.bag)
-    T_new_map, graph, warnings = place(arguments, drive, truth)
+    T_new_map, graph, warnings = anchor_map(arguments, drive, truth)
     if mapper.params.key.merge:
         places = drive.trajectory(is_base=False).moved(T_new_map).positions
         merged = merge(graph, places, base.graph.nodes if base is not None else ())
@@ -87,7 +87,9 @@ def finish(
     return 0
 
 
-def place(arguments: argparse.Namespace, drive: MappedDrive, truth: Truth | None) -> tuple[SE3, SphereGraph, list[str]]:
+def anchor_map(
+    arguments: argparse.Namespace, drive: MappedDrive, truth: Truth | None
+) -> tuple[SE3, SphereGraph, list[str]]:
     """Return T_new_map as the anchor asks for, the graph there, and what is to be warned of."""
     graph = drive.node.mapper.graph
     if arguments.anchor == "first":

@@ -27,7 +27,7 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
 
 @dataclass(frozen=True)
-class Lens:
+class LensOptions:
     """How to read image files: fx, fy, cx, cy in pixels; the baseline in m of stereo pairs; depth units per m."""
 
     intrinsics: tuple[float, float, float, float] | None = None
@@ -38,7 +38,7 @@ class Lens:
 Choose = Callable[[BagReader], dict[str, str]]  # the topics that the user named, by ours
 
 
-def read_sphere(word: str, lens: Lens, params: MapperParams, choose: Choose = lambda bag: {}) -> Sphere:
+def read_sphere(word: str, lens: LensOptions, params: MapperParams, choose: Choose = lambda bag: {}) -> Sphere:
     """Return the sphere that a word names: PATH:NUMBER, IMAGE,DEPTH or LEFT,RIGHT."""
     if "," in word:
         return _from_files(*_two(word), lens, params)
@@ -111,7 +111,7 @@ def find_input(bag: BagReader, chosen: dict[str, str] | None = None, *, has_rig:
     return topics.guess_kind(bag, chosen or {}, has_rig=has_rig)
 
 
-def _from_files(first: Path, second: Path, lens: Lens, params: MapperParams) -> Sphere:
+def _from_files(first: Path, second: Path, lens: LensOptions, params: MapperParams) -> Sphere:
     if lens.intrinsics is None:
         raise ValueError("--camera: expected FX,FY,CX,CY for image files, found none")
     image = _rgb(first)

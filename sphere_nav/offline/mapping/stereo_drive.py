@@ -76,10 +76,10 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
         tuple(found.columns) if found is not None and is_bent else StereoField().columns,
     )
     pair = StereoPair(geometry, correction, rows)
-    return pair, f"stereo: {words}; {describe(found) if is_bent and found else 'disparity as told'}"
+    return pair, f"stereo: {words}; {describe_disparity(found) if is_bent and found else 'disparity as told'}"
 
 
-def describe(found: ColumnFit) -> str:
+def describe_disparity(found: ColumnFit) -> str:
     """Return what is off in the disparity in words."""
     terms = " ".join(f"{value:+.2f}{name}" for value, name in zip(found.columns, TERMS, strict=False))
     deviations = ", ".join(f"{value:.2f}" for value in np.sqrt(np.diag(found.covariance)))

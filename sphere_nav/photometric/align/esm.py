@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.photometric.align.alignment import Alignment
-from sphere_nav.photometric.align.problem import MAX_VIEWS, Descent, State
+from sphere_nav.photometric.align.problem import MAX_VIEWS, AlignmentState, Descent
 from sphere_nav.photometric.align.rig import RigImage, RigProblem, share_pixels
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Pyramid
@@ -64,8 +64,8 @@ def evaluate(
     return RigProblem.choose_pixels(images, 0, T_world_camera, params).classify(stay, 0, params)
 
 
-def _start(images: Sequence[RigImage], T_world_body: SE3) -> State:
-    return State.start(T_world_body, sum(len(image.views) for image in images))
+def _start(images: Sequence[RigImage], T_world_body: SE3) -> AlignmentState:
+    return AlignmentState.start(T_world_body, sum(len(image.views) for image in images))
 
 
 def _check(images: Sequence[RigImage]) -> None:

@@ -12,20 +12,18 @@ from functools import cache
 from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.estimation.kernels import newton_step
 from sphere_nav.geometry import SE3, FrameMotion
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.descent import kernels
 from sphere_nav.photometric.align.judgement import classify, normal_matrix
 from sphere_nav.photometric.align.overlap import image_overlap
-from sphere_nav.photometric.align.problem import Comparison, Descent, Problem, State
+from sphere_nav.photometric.align.problem import AlignmentState, Descent, Problem, ViewComparison
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Pyramid
 from sphere_nav.photometric.pixels.reference import View
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -87,16 +85,16 @@ class RigProblem:
         """Whether the body is a camera, and no other one is with it: nothing is to be transformed."""
         return len(self.images) == 1 and self.images[0].T_body_camera is None
 
-    def states(self, state: State) -> list[State]:
+    def states(self, state: AlignmentState) -> list[AlignmentState]:
         """Return the state of each camera: its pose, the light of its views."""
         ends = np.cumsum([len(image.views) for image in self.images])
         lights = np.split(state.light, ends[:-1])
         return [
-            State(image.pose(state.T_world_camera), np.ascontiguousarray(light))
+            AlignmentState(image.pose(state.T_world_camera), np.ascontiguousarray(light))
             for image, light in zip(self.images, lights, strict=True)
         ]
 
-    def linearize(self, state: State) -> tuple[Array, Array, int]:
+    def linearize(self, state: AlignmentState) -> tuple[Array, Array, int]:
         """Return H, g over (xi of the body, gain 1, bias 1, ...) of all views, and the number of visible pixels."""
         states = zip(self.problems, self.states(state), strict=True)
         parts = [problem.linearize(one) for problem, one in states]
@@ -119,7 +117,7 @@ class RigProblem:
             first += number
         return H, g
 
-    def descend(self, state: State, limit: int) -> Descent:
+    def descend(self, state: AlignmentState, limit: int) -> Descent:
         """Iterate until the increment moves no image by more than `min_step` (eq. 6-7), `limit` times at most.
 
         That of a camera alone is compiled as a whole.
@@ -138,7 +136,7 @@ class RigProblem:
             if params.illumination:
                 light += x[6:].reshape(-1, 2)
                 light[:, 0] = np.clip(light[:, 0], kernels.MIN_GAIN, kernels.MAX_GAIN)
-            state = State(state.T_world_camera @ SE3.exp(x[:6]), light)
+            state = AlignmentState(state.T_world_camera @ SE3.exp(x[:6]), light)
             motion = max(
                 self._shift(problem, image, x[:6]) for problem, image in zip(self.problems, self.images, strict=True)
             )
@@ -167,7 +165,7 @@ class RigProblem:
         H = self.normal_matrix(found, has_light=params.illumination)
         return classify(found, H, descent, iterations, float(np.mean(overlaps)), params)
 
-    def normal_matrix(self, found: Sequence[Comparison], *, has_light: bool) -> Array:
+    def normal_matrix(self, found: Sequence[ViewComparison], *, has_light: bool) -> Array:
         """Return H over (xi of the body, gain 1, bias 1, ...) of the compared views of all cameras, in their order."""
         views, systems = iter(found), []
         for image in self.images:

@@ -9,17 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.photometric.align.descent import kernels
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, GREY, SIDE
-from sphere_nav.photometric.align.problem import Problem, State
+from sphere_nav.photometric.align.problem import AlignmentState, Problem
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.constants import MIN_TURN_PIXELS, ROTATION_ITERATIONS, TURN_PIXELS
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Level, Pyramid
 from sphere_nav.photometric.pixels.reference import Reference, View, prepare_level
-
-Array = NDArray[np.float64]
 
 
 def register_rotation(now: Pyramid, before: Pyramid, params: RegistrationParams | None = None) -> SE3:
@@ -33,7 +32,7 @@ def register_rotation(now: Pyramid, before: Pyramid, params: RegistrationParams 
     pixels = prepare_level(before.levels[-1], everywhere_far, params.far)
     view = View(Reference((pixels,)), SE3.identity())
     problem = Problem.choose_pixels(level, [view], SE3.identity(), params)
-    descent = problem.descend(State.start(SE3.identity(), 1), ROTATION_ITERATIONS, is_rotation=True)
+    descent = problem.descend(AlignmentState.start(SE3.identity(), 1), ROTATION_ITERATIONS, is_rotation=True)
     return descent.state.T_world_camera if descent.is_determined else SE3.identity()
 
 

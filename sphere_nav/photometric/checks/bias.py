@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from sphere_nav.estimation.normal_equations import weighted_step
 from sphere_nav.estimation.robust import weigh
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.constants import NUM_REWEIGHTINGS
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.samples import Sample
 
-Array = NDArray[np.float64]
 Orders = Sequence[tuple[int, int]]  # half periods of a gain across the image, along both axes
 LeastSquares = tuple[Array, Array, NDArray[np.int64]]
 CameraSamples = Sequence[

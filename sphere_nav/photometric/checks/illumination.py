@@ -12,10 +12,10 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.estimation.normal_equations import weighted_step
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.checks.bias import (
     NO_BIAS,
     CameraSamples,
@@ -27,7 +27,6 @@ from sphere_nav.photometric.checks.bias import (
 from sphere_nav.photometric.constants import GRADIENT_ORDER, GRADIENT_SHARE, GRADIENT_STEPS, LAST_GRADIENT_STEP
 from sphere_nav.photometric.params import RegistrationParams
 
-Array = NDArray[np.float64]
 ORDERS = [(i, j) for i in range(GRADIENT_ORDER + 1) for j in range(GRADIENT_ORDER + 1 - i) if i + j]
 NUM_COLUMNS = 2 + len(ORDERS)  # of a view: gain, bias, and how the gain varies
 

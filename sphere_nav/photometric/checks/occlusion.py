@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.checks.bias import CameraSamples, PoseBias, Sampler, linearize_samples, solve_robustly
 from sphere_nav.photometric.constants import (
     CELL_SIGMAS,
@@ -33,8 +34,6 @@ from sphere_nav.photometric.constants import (
 )
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.samples import TINY, Sample, cosines
-
-Array = NDArray[np.float64]
 
 
 def find_occlusion_bias(

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from enum import Flag, auto
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.estimation.robust import weigh
 from sphere_nav.geometry import SE3, FrameMotion, Spherical
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.checks.bias import NO_BIAS, CameraSamples, PoseBias, Sampler
@@ -26,8 +26,6 @@ from sphere_nav.photometric.constants import LENS_PIECES, MIN_SAMPLES, OCCLUSION
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.reference import View
 from sphere_nav.photometric.pixels.samples import TINY, Sample, cosines, sample_views
-
-Array = NDArray[np.float64]
 
 
 class Aspect(Flag):

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import FrameMotion
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.iteration import kernels
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
@@ -19,7 +20,6 @@ from sphere_nav.photometric.pixels.pyramid import Level, Pyramid
 from sphere_nav.photometric.pixels.reference import Selection, View
 from sphere_nav.photometric.pixels.selection import choose
 
-Array = NDArray[np.float64]
 TINY = 1e-12
 
 
@@ -77,12 +77,12 @@ def sample_views(
         T = T_camera_world @ view.T_world_reference
         pixels = view.reference.level_like(level.camera)
         selection = choose(pixels, T, level.camera, params.max_pixels // len(views))
-        blocks = thin(selection, NUM_SAMPLES // len(views))
+        blocks = thin_blocks(selection, NUM_SAMPLES // len(views))
         samples.append(warp_sample(blocks, kernel_motion(T.matrix), camera, level, (gain, bias)))
     return samples
 
 
-def thin(selection: Selection, number: int) -> Floats:
+def thin_blocks(selection: Selection, number: int) -> Floats:
     """Return blocks of about so many of the chosen pixels, evenly taken."""
     step = max(1, selection.num_pixels // number)
     some = selection.blocks.reshape(selection.blocks.size // BLOCK, BLOCK // SIDE, SIDE)[:, :, ::step]

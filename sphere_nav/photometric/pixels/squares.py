@@ -95,7 +95,7 @@ class Squares:
         if last * BLOCK > made.pool.size:
             made = made.with_room(min(last + int(GROWTH * last), len(self.bounds)))
         ranges = self._ranges, kernels.RANGES, self._far
-        camera = rays_of(self.camera), kernel_camera(self.camera)
+        camera = kernel_rays(self.camera), kernel_camera(self.camera)
         kernels.fill_squares(missing, first, self._image, self._pad, *ranges, *camera, made.pool, made.keys)
         made.place_of[missing] = np.arange(first, last, dtype=np.int32)
         made.number = last
@@ -125,7 +125,7 @@ class Made:
 
 
 @lru_cache(maxsize=16)
-def rays_of(camera: Camera) -> tuple[Floats, Floats, Floats]:
+def kernel_rays(camera: Camera) -> tuple[Floats, Floats, Floats]:
     """Return the unit rays of all pixels as `kernels.ray_of` takes them; kept for the latest cameras."""
     if not isinstance(camera, Spherical):
         rays = np.moveaxis(pixel_rays(camera), -1, 0).astype(np.float32)

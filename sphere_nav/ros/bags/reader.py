@@ -121,7 +121,7 @@ class BagReader:
 
     def decode(self, topic: str, data: bytes, kind: type[Any]) -> Any:
         """Deserialize one message; BagError if the bytes are not of that type."""
-        return decode(data, kind, f"{self.path}: {topic}")
+        return deserialize(data, kind, f"{self.path}: {topic}")
 
     def close(self) -> None:
         """Close the files."""
@@ -178,7 +178,7 @@ class BagReader:
         return topics
 
 
-def decode(data: bytes, kind: type[Any], where: str) -> Any:
+def deserialize(data: bytes, kind: type[Any], where: str) -> Any:
     """Deserialize one message; BagError if the bytes are not of that type."""
     try:
         return deserialize_message(data, kind)

@@ -22,7 +22,6 @@ IMAGE, COMPRESSED, CAMERA_INFO = (
 )
 SPHERE, SPHERE_INFO = "sphere_nav_msgs/msg/AugmentedSphere", "sphere_nav_msgs/msg/SphereInfo"
 ODOMETRY, IMU, CLOUD = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "sensor_msgs/msg/PointCloud2"
-TF_STATIC = "tf2_msgs/msg/TFMessage"
 DEPTH_ENCODINGS = ("16UC1", "32FC1")
 TRANSPORTS = ("/compressed", "/compressedDepth")
 TRUTH_WORDS = ("ground_truth", "groundtruth", "truth")

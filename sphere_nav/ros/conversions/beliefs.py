@@ -10,11 +10,12 @@ import numpy as np
 from geometry_msgs.msg import Point
 from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan
+from sphere_nav_msgs.msg import Particle, ParticleCloud
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from sphere_nav.geometry import SE3
-from sphere_nav.ros.conversions.poses import se3_to_pose
+from sphere_nav.ros.conversions.poses import point_to_array, se3_to_pose
 from sphere_nav.ros.conversions.stamps import header
 
 BEST = ColorRGBA(r=0.1, g=0.8, b=0.2, a=0.6)
@@ -76,3 +77,23 @@ def _marker(
     marker.pose = se3_to_pose(SE3.from_planar(float(pose[0]), float(pose[1]), yaw))
     marker.pose.position = Point(x=float(pose[0]), y=float(pose[1]), z=float(height))
     return marker
+
+
+def particles_to_message(
+    poses: NDArray[np.float64], weights: NDArray[np.float64], stamp: int, frame_id: str
+) -> ParticleCloud:
+    """Return the cloud of poses (N, 3) x, y, yaw with weights (N,)."""
+    particles = [
+        Particle(pose=se3_to_pose(SE3.from_planar(float(x), float(y), float(yaw))), weight=float(weight))
+        for (x, y, yaw), weight in zip(poses, weights, strict=True)
+    ]
+    return ParticleCloud(header=header(stamp, frame_id), particles=particles)
+
+
+def imu_attitude(message: Any) -> NDArray[np.float64]:
+    """Return the quaternion (4,) x, y, z, w of an Imu; ValueError where it has none."""
+    q = message.orientation
+    xyzw = np.array([*point_to_array(q), q.w])
+    if message.orientation_covariance[0] == -1.0 or not abs(np.linalg.norm(xyzw) - 1.0) < 0.01:
+        raise ValueError(f"imu.orientation: expected a unit quaternion, found {xyzw.tolist()}")
+    return xyzw

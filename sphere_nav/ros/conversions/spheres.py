@@ -144,7 +144,7 @@ def _encode_range(range_m: NDArray[np.float32], encoding: str) -> Any:
         return to_bytes(np.asarray(range_m, dtype="<f4"))
     if encoding not in DEVIATION_OF_RANGE:
         raise ValueError(f"range_encoding: expected {', '.join(DEVIATION_OF_RANGE)}, found {encoding!r}")
-    return _compress(range_codec.encode(range_m).astype("<u2"), encoding)
+    return _compress(range_codec.encode_ranges(range_m).astype("<u2"), encoding)
 
 
 def _encode_deviation(sphere: Sphere, encoding: str) -> Any:
@@ -170,7 +170,7 @@ def _decode_range(data: Any, encoding: str, shape: tuple[int, int]) -> NDArray[n
         return _known(_floats(data, shape, "range"))
     if encoding not in DEVIATION_OF_RANGE:
         raise ValueError(f"range_encoding: expected {', '.join(DEVIATION_OF_RANGE)}, found {encoding!r}")
-    return range_codec.decode(_decode_codes(data, encoding, shape, "<u2", "range").astype(np.uint16, copy=False))
+    return range_codec.decode_ranges(_decode_codes(data, encoding, shape, "<u2", "range").astype(np.uint16, copy=False))
 
 
 def _decode_deviation(

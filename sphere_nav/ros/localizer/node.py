@@ -11,13 +11,12 @@ from collections import deque
 from dataclasses import replace
 from typing import ClassVar
 
-import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from numpy.typing import NDArray
 from sphere_nav_msgs.srv import Relocalize
 from std_srvs.srv import Trigger
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.base_estimate import BaseEstimate
 from sphere_nav.localization.params import NodeParams
 from sphere_nav.localization.status import (
@@ -28,7 +27,7 @@ from sphere_nav.localization.status import (
     Reason,
     State,
     Status,
-    describe,
+    describe_status,
     status_of,
 )
 from sphere_nav.ros import conversions, qos
@@ -39,7 +38,6 @@ from sphere_nav.ros.localizer.peer_localizer import PeerLocalizer
 from sphere_nav.ros.localizer.pose_outputs import PoseOutputs
 from sphere_nav.ros.node import ManagedNode
 
-Array = NDArray[np.float64]
 WATCH_PERIOD = 0.25  # s between two looks at a silent camera
 STANDSTILL = 1.0  # s without an advance of /clock before it is said
 NUM_COUNTED = 20  # images over which losses are counted
@@ -255,7 +253,7 @@ class LocalizerNode(ManagedNode):
             return response
         self.tell(estimate)
         status = estimate.status
-        response.success, response.message = status.state in FOLLOWING, describe(status)
+        response.success, response.message = status.state in FOLLOWING, describe_status(status)
         response.quality, response.references = status.quality, list(status.references)
         pose, covariance = estimate.T_map_base, estimate.covariance
         if response.success and pose is not None and covariance is not None:

@@ -10,7 +10,6 @@ Everything is checked before it is believed: format version, sizes, checksums, t
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -165,14 +164,6 @@ class MapReader:
     def read_growth(self) -> int:
         """Read what was noted while the map grew, which nothing but its salvage needs; return how much. BagError."""
         return sum(1 for _ in self._bag.messages([GROWTH])) if self._bag.topics.get(GROWTH) else 0
-
-    def load_all(self, progress: Progress = lambda step: None) -> SphereGraph:
-        """Return the graph with every picture in memory."""
-        nodes = []
-        for node in self.graph:
-            nodes.append(replace(node, sphere=self.load_sphere(node.id)))
-            progress(1)
-        return SphereGraph(nodes, self.graph.edges)
 
     def close(self) -> None:
         """Close the file."""

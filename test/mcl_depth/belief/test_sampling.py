@@ -9,6 +9,7 @@ from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.evidence import Survey
 from mcl_depth.belief.hypotheses import Hypothesis
+from mcl_depth.belief.motion_model import relative_motion
 from mcl_depth.belief.orientation import NUM_YOUNG
 from mcl_depth.belief.particles import Particles
 from mcl_depth.belief.sampling import (
@@ -20,7 +21,7 @@ from mcl_depth.belief.sampling import (
     sample_uniform,
 )
 from mcl_depth.geometry.area import Area
-from mcl_depth.params import InputParams, MotionParams
+from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry import SE3, Spherical
 
 AREA = Area(np.array([[x, y] for x in range(10) for y in range(6)], float), 1.0)
@@ -42,6 +43,40 @@ def test_particles_gather_as_the_covariance_says_in_the_axes_of_the_pose():
     assert across == pytest.approx(np.hypot(0.1, 0.1), rel=0.1)
 
 
+def test_a_given_covariance_keeps_its_correlations_and_is_never_exact():
+    A = np.zeros((6, 6))
+    A[[0, 1, 5]] = 0.2 * np.array([[1.0, 0, 0, 0, 0, 0], [0.8, 0.3, 0, 0, 0, 0], [-0.2, 0.1, 0, 0, 0, 0.1]])
+    pose = np.array([4.0, 3.0, 2.0])
+    found = sample_gaussian(SE3.from_planar(*pose), A @ A.T, AREA, 20_000, np.random.default_rng(5)).poses
+    local = np.array([relative_motion(pose, one) for one in found])
+    floor = np.diag([0.1, 0.1, np.radians(2.0)]) ** 2  # of a pose that is given as if it were exact
+    expected = (A @ A.T)[np.ix_((0, 1, 5), (0, 1, 5))] + floor
+    scale = np.sqrt(np.diag(expected))
+    np.testing.assert_allclose(np.cov(found.T)[2, 2], expected[2, 2], rtol=0.05)
+    np.testing.assert_allclose(
+        (R := _turn(2.0)) @ expected @ R.T / np.outer(scale, scale), np.cov(found.T) / np.outer(scale, scale), atol=0.05
+    )
+    assert local[:, 0].std() == pytest.approx(scale[0], rel=0.1)
+
+
+def _turn(yaw):
+    return SE3.from_planar(0.0, 0.0, yaw).rotation
+
+
+def test_a_start_off_the_area_is_refused_with_its_distance():
+    with pytest.raises(ValueError, match=r"found one 4\.0 m away"):
+        sample_gaussian(SE3.from_planar(-4.0, 2.0, 0.0), np.eye(6), AREA, 10, np.random.default_rng(0))
+
+
+def test_new_particles_scatter_around_the_places_of_a_survey():
+    particles = Particles.of_equal_weight(np.tile([100.0, 100.0, 0.0], (10_000, 1)))
+    survey = Survey(0.01, np.array([[2.0, 3.0, 0.5]]), np.array([1.0]), 1.0)
+    there = inject_at_places(particles, survey, np.random.default_rng(3)).poses
+    new = there[there[:, 0] < 50.0]
+    assert len(new) == 3000  # three of ten begin anew
+    np.testing.assert_allclose(new.std(axis=0), [0.3, 0.3, np.radians(5.0)], rtol=0.06)  # half a cell, half a step
+
+
 def test_a_share_of_the_particles_goes_where_the_evidence_points():
     particles = Particles.of_equal_weight(np.tile([100.0, 100.0, 0.0], (1000, 1)))
     survey = Survey(0.01, np.array([[2.0, 3.0, np.pi / 2], [7.0, 1.0, 0.0]]), np.array([0.75, 0.25]), 1.0)
@@ -60,7 +95,7 @@ def observe(x, second, odometry=True):
 
 
 def test_a_place_is_carried_on_by_odometry_in_its_own_heading():
-    reckoning = DeadReckoning(InputParams(min_way=0.2), MotionParams())
+    reckoning = DeadReckoning(MclInputParams(min_way=0.2), MotionParams())
     best = Hypothesis(np.array([5.0, 5.0, np.pi / 2]), np.eye(3), 0.9, np.arange(1))
     reckoning.update(best, observe(1.0, 1), is_confirmed=True)
     np.testing.assert_allclose(reckoning.propagate(observe(3.0, 2))[0], [5.0, 7.0, np.pi / 2], atol=1e-12)
@@ -71,7 +106,7 @@ def test_a_place_is_carried_on_by_odometry_in_its_own_heading():
 
 
 def test_age_counts_from_the_image_that_confirmed_the_place():
-    reckoning = DeadReckoning(InputParams(), MotionParams())
+    reckoning = DeadReckoning(MclInputParams(), MotionParams())
     best = Hypothesis(np.zeros(3), np.eye(3), 0.9, np.arange(1))
     reckoning.update(best, observe(0.0, 1), is_confirmed=True)
     reckoning.update(best, observe(1.0, 3), is_confirmed=False)
@@ -81,7 +116,7 @@ def test_age_counts_from_the_image_that_confirmed_the_place():
 
 
 def test_a_doubtful_image_swaps_no_place_and_doubt_grows_on_the_way():
-    reckoning = DeadReckoning(InputParams(), MotionParams())
+    reckoning = DeadReckoning(MclInputParams(), MotionParams())
     here, rival = (Hypothesis(np.array([x, 0.0, 0.0]), 0.01 * np.eye(3), 0.9, np.arange(1)) for x in (0.0, 55.0))
     reckoning.update(here, observe(0.0, 1), is_confirmed=True)
     reckoning.update(rival, observe(1.0, 2), is_confirmed=False)

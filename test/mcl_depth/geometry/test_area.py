@@ -69,5 +69,45 @@ def test_draws_are_spread_evenly_over_the_squares():
     counts = np.bincount(np.round(drawn[:, 0]).astype(int), minlength=10)
     assert np.all(np.abs(counts - 100) <= 1)
     assert np.abs(drawn[:, 1]).max() <= 0.25
-    assert len({float(x) for x in area.scattered(4)[:, 0]}) == 4
-    assert len(area.scattered(99)) == 10
+
+
+def test_heights_are_bilinear_between_the_middles_of_squares():
+    """One point in the middle of each square, at heights that are no plane."""
+    x, y = np.meshgrid(np.arange(5) * 0.5, np.arange(4) * 0.5, indexing="ij")
+    z = 0.3 * x - 0.2 * y + 0.1 * x * y
+    ground = Ground(np.column_stack([x.ravel(), y.ravel(), z.ravel()]))
+    places = np.random.default_rng(0).uniform((0.25, 0.25), (2.2, 1.7), (50, 2))
+    u, v = places.T - 0.25  # a square begins at its point
+    np.testing.assert_allclose(ground.heights(places), 0.3 * u - 0.2 * v + 0.1 * u * v, atol=1e-12)
+
+
+@pytest.mark.parametrize(("radius", "is_known"), [(1.2, True), (2.4, False)])
+def test_a_hole_is_closed_from_a_metre_and_a_half_around(radius, is_known):
+    points = floor(0.0, 8.0, 0.0, 8.0)
+    points = points[np.hypot(points[:, 0] - 4.0, points[:, 1] - 4.0) > radius]
+    assert np.isfinite(Ground(points).heights(np.array([[4.0, 4.0]]))[0]) == is_known
+
+
+@pytest.mark.parametrize(("height", "is_free"), [(0.89, True), (0.91, False), (1.49, False), (1.51, True)])
+def test_what_is_within_thirty_centimetres_of_the_camera_is_in_its_way(height, is_free):
+    """The camera is 1.2 m above the ground."""
+    thing = np.array([[4.0, 2.0, height]])
+    area = area_of(np.concatenate([floor(0.0, 8.0), thing]))
+    near = np.min(np.linalg.norm(area.middles - [4.0, 2.0], axis=1))
+    assert (near < 0.2) == is_free
+    if not is_free:
+        assert 0.25 < near < 0.5  # the clearance
+
+
+def test_limits_and_cells_are_refused_where_there_are_none():
+    with pytest.raises(ValueError, match=r"expected 1 to 50000000 squares of 0\.25 m"):
+        area_of(floor(0.0, 8.0), AreaParams(limits="20,0,30,4"))
+    for text in ("1,3,1,4", "1,3,2,3"):
+        with pytest.raises(ValueError, match=r"area\.limits"):
+            limits_of(text)
+
+
+def test_a_place_beside_the_last_square_is_still_in_the_area():
+    area = Area(np.array([[0.0, 0.0], [0.5, 0.0]]), 0.5)
+    found = area.contains(np.array([[0.9, 0.0], [1.01, 0.0], [-0.5, 0.0], [0.0, 0.51]]))
+    assert found.tolist() == [True, False, True, False]

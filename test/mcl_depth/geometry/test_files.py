@@ -12,7 +12,8 @@ import pytest
 
 from mcl_depth.geometry.cloud import cloud_from_points, thin_cloud
 from mcl_depth.geometry.files import read_geometry
-from mcl_depth.geometry.mesh import TriangleMesh
+from mcl_depth.geometry.floor_plan import read_surfaces, rings_of
+from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 
 POINTS = np.array([[0.0, 0.5, 1.0], [1.0, 2.0, 3.0], [-4.0, 5.0, 6.5]])
@@ -146,8 +147,10 @@ def test_a_floor_plan_has_its_door_cut_out(tmp_path: Path) -> None:
         for (x0, y0), (x1, y1) in zip(corners, corners[1:] + corners[:1], strict=True)
     ]
     (tmp_path / "plan.csv").write_text("\n".join([*rows, "door,a,4,1,4,2,0,2"]) + "\n")
+    (ring,) = rings_of([surface for surface in read_surfaces(tmp_path / "plan.csv") if surface.kind == "wall"])
+    np.testing.assert_array_equal(ring, corners)
     mesh = read_geometry(tmp_path / "plan.csv")
-    found = DepthSynthesizer(mesh).synthesize((2.0, 1.5, 1.2))
+    found = DepthSynthesizer(mesh).synthesize_many([(2.0, 1.5, 1.2)])[0]
     row = found[found.shape[0] // 2]
     assert np.isnan(row[90])  # through the door
     np.testing.assert_allclose(row[[0, 45]], [2.0, 1.5], atol=0.01)
@@ -182,3 +185,137 @@ def test_points_beyond_any_place_on_earth(tmp_path):
         np.save(tmp_path / "far.npy", np.array([[0.0, 0.0, 0.0], [far, 0.0, 0.0], [0.0, -far, 0.0]]))
         with pytest.raises(ValueError, match="expected coordinates within"):
             read_geometry(tmp_path / "far.npy")
+
+
+def rows_of(form, rows, kinds):
+    """Rows of numbers in a form of PLY; `kinds` of NumPy, one a number."""
+    if form == "ascii":
+        return "".join(" ".join(map(str, row)) + "\n" for row in rows).encode()
+    order = ">" if "big" in form else "<"
+    return b"".join(np.array(n, order + kind).tobytes() for row in rows for n, kind in zip(row, kinds, strict=False))
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_a_ply_holds_properties_in_any_order_and_polygons(tmp_path: Path, form: str) -> None:
+    head = f"ply\nformat {form} 1.0\ncomment made by hand\nelement camera 1\nproperty int id\nelement vertex 5\n"
+    head += "property double z\nproperty uchar red\nproperty double x\nproperty double y\n"
+    head += "element face 2\nproperty list uchar int vertex_indices\nend_header\n"
+    vertices = [(9.5, 200, 1.0, 2.0), (0.0, 1, 4.0, 0.5), (1.0, 2, -3.0, 5.0), (2.0, 3, 7.0, 7.0), (0.5, 4, 0.0, 3.0)]
+    body = rows_of(form, [(77,)], ["i4"]) + rows_of(form, vertices, ["f8", "u1", "f8", "f8"])
+    body += rows_of(form, [(4, 0, 1, 2, 3), (3, 2, 3, 4)], ["u1", "i4", "i4", "i4", "i4"])
+    (tmp_path / "m.ply").write_bytes(head.encode() + body)
+    mesh = read_geometry(tmp_path / "m.ply")
+    np.testing.assert_allclose(mesh.vertices, [(x, y, z) for z, _, x, y in vertices])
+    assert mesh.triangles.tolist() == [[0, 1, 2], [0, 2, 3], [2, 3, 4]]
+
+
+def test_a_face_beyond_the_end_and_lists_before_the_vertices_are_refused(tmp_path: Path) -> None:
+    data = ply("binary_little_endian", faces=True)
+    for damaged in (data[:-1], data[:-13] + bytes([4]) + data[-12:]):
+        (tmp_path / "cut.ply").write_bytes(damaged)
+        with pytest.raises(ValueError, match=r"face|rows"):
+            read_geometry(tmp_path / "cut.ply")
+    head = "ply\nformat binary_little_endian 1.0\nelement strip 1\nproperty list uchar int i\nelement vertex 1\n"
+    head += "property float x\nproperty float y\nproperty float z\nend_header\n"
+    (tmp_path / "strip.ply").write_bytes(head.encode() + bytes(40))
+    with pytest.raises(ValueError, match="expected vertices before elements with lists, found strip"):
+        read_geometry(tmp_path / "strip.ply")
+
+
+def test_faces_with_more_than_their_corners_are_not_read_and_the_points_are(tmp_path: Path) -> None:
+    data = ply("binary_little_endian", faces=True).replace(b"element face 1\n", b"element face 1\nproperty uchar red\n")
+    (tmp_path / "a.ply").write_bytes(data + bytes(4))
+    np.testing.assert_allclose(read_geometry(tmp_path / "a.ply").points, POINTS)
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary", "binary_compressed"])
+def test_a_pcd_holds_other_fields_between_the_coordinates(tmp_path: Path, form: str) -> None:
+    head = "# remark\nVERSION .7\nFIELDS z normal x intensity y\nSIZE 4 4 8 2 4\nTYPE F F F U F\nCOUNT 1 3 1 1 1\n"
+    head += "WIDTH 3\nHEIGHT 1\n"
+    kind = np.dtype([("z", "<f4"), ("n", "<f4", 3), ("x", "<f8"), ("i", "<u2"), ("y", "<f4")])
+    table = np.zeros(3, kind)
+    table["x"], table["y"], table["z"] = POINTS.T
+    table["n"], table["i"] = 0.25, 9
+    body = table.tobytes()
+    if form == "ascii":
+        body = "\n".join(f"{z} 0.25 0.25 0.25 {x} 9 {y}" for x, y, z in POINTS).encode()
+    if form == "binary_compressed":
+        plain = b"".join(np.ascontiguousarray(table[name]).tobytes() for name in kind.names)
+        packed = b"".join(bytes([len(plain[i : i + 32]) - 1]) + plain[i : i + 32] for i in range(0, len(plain), 32))
+        body = struct.pack("<II", len(packed), len(plain)) + packed
+    (tmp_path / "a.pcd").write_bytes(head.encode() + f"DATA {form}\n".encode() + body)
+    np.testing.assert_allclose(read_geometry(tmp_path / "a.pcd").points, POINTS, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("FIELDS x y z", "FIELDS x y w", "FIELDS: expected x, y, z"),
+        ("SIZE 4 4 4", "SIZE 4 4", "FIELDS: expected x, y, z, each with SIZE"),
+        ("SIZE 4 4 4", "SIZE 4 4 3", "expected F, I or U of known size"),
+        ("TYPE F F F", "TYPE F F Q", "expected F, I or U of known size"),
+        ("POINTS 3", "POINTS -1", "expected F, I or U of known size"),
+        ("COUNT 1 1 1", "COUNT 1 1 2", "COUNT: expected one x, y and z"),
+        ("COUNT 1 1 1", "COUNT 1 1 0", "COUNT: expected one x, y and z"),
+        ("DATA binary", "DATA zip", "DATA: expected ascii, binary or binary_compressed, found zip"),
+        ("DATA binary\n", "DATUM\n", "expected a line DATA, found none"),
+    ],
+)
+def test_a_header_of_pcd_that_lies_is_refused(tmp_path: Path, old: str, new: str, said: str) -> None:
+    (tmp_path / "a.pcd").write_bytes(pcd("binary").replace(old.encode(), new.encode()))
+    with pytest.raises(ValueError, match=said):
+        read_geometry(tmp_path / "a.pcd")
+
+
+@pytest.mark.parametrize(
+    ("num_lonely", "extent", "is_refused"), [(60, 1001, True), (40, 1001, False), (60, 999, False)]
+)
+def test_points_alone_in_their_cubic_metre_are_no_map(num_lonely, extent, is_refused) -> None:
+    lonely = np.column_stack([np.linspace(0.0, extent, num_lonely), np.zeros(num_lonely), np.zeros(num_lonely)])
+    close = np.full((100 - num_lonely, 3), 0.5) + np.array([0.0, 9.0, 0.0])
+    if is_refused:
+        with pytest.raises(ValueError, match="looks like millimetres"):
+            cloud_from_points(np.concatenate([lonely, close]))
+        assert len(cloud_from_points(np.concatenate([lonely, close])[1:])) == 99  # too few to tell
+    else:
+        assert len(cloud_from_points(np.concatenate([lonely, close]))) == 100
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(
+    ("far", "width", "is_refused"), [(99e3, 10.0, False), (101e3, 10.0, True), (101e3, 6e3, False)]
+)
+def test_a_map_may_be_as_far_away_as_twenty_times_its_width(far, width, is_refused, sign) -> None:
+    side = np.linspace(0.0, width, 50)
+    points = np.column_stack([sign * (far - side), side, np.zeros(50)])
+    if is_refused:
+        with pytest.raises(ValueError, match="expected coordinates within 100000 m of the origin, found 101000"):
+            cloud_from_points(points)
+    else:
+        assert len(cloud_from_points(points)) == 50
+
+
+def test_cubes_grow_with_the_distance_as_far_as_a_pixel() -> None:
+    """Pixels of 0.01 rad and cubes of 0.1 m: 0.1 m to 20 m, 0.2 m to 40 m, 0.4 m to 80 m."""
+    for distance, side in ((15.0, 0.1), (30.0, 0.2), (60.0, 0.4)):
+        y = np.arange(0.0, 6.4, 0.05) + 0.025
+        points = np.column_stack([np.full(len(y), distance), y, np.zeros(len(y))])
+        found = thin_cloud(cloud_from_points(points), 0.1, (0.0, 0.0, 0.0), 0.01)
+        assert len(found) == pytest.approx(6.4 / side, abs=1)
+        np.testing.assert_allclose(found.points.mean(axis=0), points.mean(axis=0), atol=0.1)
+    with pytest.raises(ValueError, match="voxel: expected a side above 0 m, found 0"):
+        thin_cloud(cloud_from_points(points), 0.0)
+
+
+def test_points_of_a_surface_are_spread_by_area() -> None:
+    corners = np.array([[0, 0, 0], [4, 0, 0], [0, 2, 0], [0, 0, 5], [1, 0, 5], [0, 1, 5]], float)
+    mesh = mesh_from_faces(corners, np.array([[0, 1, 2], [3, 4, 5], [0, 1, 1]]), "two")
+    assert mesh.warnings == ("two: 1 of 3 faces have no finite area and are left out",)
+    points = sample_surface(mesh, 0.05).points
+    assert len(points) == 1800
+    is_low = points[:, 2] < 1.0
+    assert is_low.sum() == pytest.approx(4.0 / 0.05**2, abs=1)
+    np.testing.assert_allclose(points[is_low].mean(axis=0), corners[:3].mean(axis=0), atol=0.05)
+    assert np.all(points[is_low][:, 0] / 4 + points[is_low][:, 1] / 2 <= 1 + 1e-6)
+    with pytest.raises(ValueError, match="expected at most 50000000 samples"):
+        sample_surface(mesh, 1e-4)

@@ -8,6 +8,7 @@ import pytest
 from mcl_depth.image_params import ComparisonParams
 from mcl_depth.likeness import kernels
 from mcl_depth.likeness.comparison import (
+    check_headings,
     depth_features,
     depth_features_many,
     heading,
@@ -108,7 +109,7 @@ def test_a_mirrored_image_has_the_features_of_the_picture_in_the_mirror(images) 
 def test_unknown_pixels_become_the_mean_around_them() -> None:
     image = np.full((H, W), 2.0, np.float32)
     image[:, :4], image[5, 0] = 4.0, np.nan
-    kernels.fill_unknown(image)
+    kernels.fill_nan(image)
     np.testing.assert_allclose(image[5, 0], (5 * 4.0 + 3 * 2.0) / 8, rtol=1e-6)  # three of eight lie across the seam
 
 
@@ -136,3 +137,120 @@ def test_a_step_that_divides_the_circle(step, count) -> None:
 def test_a_step_that_does_not_divide_the_circle_is_refused(step) -> None:
     with pytest.raises(ValueError, match="alpha step: expected a divisor of 360 deg"):
         num_alpha_for(step)
+
+
+def test_images_of_other_sizes_and_panoramas_that_are_not_there_are_refused(images) -> None:
+    grey, range_m = images
+    visual, stack = visual_features(grey), depth_features_many(np.stack([range_m] * 3), PARAMS)
+    narrow = depth_features_many(range_m[None, :, 4:], PARAMS)
+    with pytest.raises(ValueError, match=r"depth image: expected the size of the visual image \(12, 36\), found"):
+        similarity_many(visual, narrow, 36)
+    with pytest.raises(ValueError, match="depth image: expected the size"):
+        similarity(visual, depth_features(range_m[:, 4:], PARAMS), 36)
+    for wrong in ([-1], [0, 3]):
+        with pytest.raises(ValueError, match="indices: expected 0 to 2"):
+            similarity_many(visual, stack, 36, np.array(wrong))
+    np.testing.assert_array_equal(
+        similarity_many(visual, stack, 36, np.array([2, 0])), similarity_many(visual, stack, 36)[[2, 0]]
+    )
+    with pytest.raises(ValueError, match="is_seen: expected shape"):
+        visual_features(grey, np.ones((H, W - 1), np.bool_))
+    with pytest.raises(ValueError, match="at least 3 x 3"):
+        visual_features(grey[:2])
+    with pytest.raises(ValueError, match=r"expected shape \(M, H, W\)"):
+        depth_features_many(range_m, PARAMS)
+    with pytest.raises(ValueError, match="expected at least one panorama"):
+        stack_features([])
+    with pytest.raises(ValueError, match="expected panoramas of one size"):
+        stack_features([depth_features(range_m, PARAMS), depth_features(range_m[:, 4:], PARAMS)])
+
+
+def test_contrast_is_local_to_twenty_degrees_and_outdoors_to_ten(rng) -> None:
+    """Of a panorama of 72 columns: 4 and 2 columns either side."""
+    range_m = (1 + 9 * rng.random((20, 72))).astype(np.float32)
+    for is_sky_far, k in ((False, 4), (True, 2)):
+        expected = normalised(literal_sobel(local_contrast(range_m, k)))
+        found = depth_features(range_m, ComparisonParams(is_sky_far=is_sky_far))
+        np.testing.assert_allclose(found.magnitude, np.linalg.norm(expected, axis=-1), rtol=2e-3, atol=1e-7)
+        np.testing.assert_allclose(found.x * found.magnitude, expected[..., 0], rtol=2e-3, atol=2e-7)
+
+
+def local_contrast(range_m, k, min_sigma=0.0):
+    """Eq. 1 for a panorama of any size, with the least deviation that contrast is divided by."""
+    height, width = range_m.shape
+    windows = [
+        range_m[max(y - k, 0) : y + k + 1][:, np.arange(x - k, x + k + 1) % width].astype(float)
+        for y in range(height)
+        for x in range(width)
+    ]
+    means, sigmas = (np.array([f(w) for w in windows]).reshape(range_m.shape) for f in (np.mean, np.std))
+    return (range_m - means) / np.maximum(sigmas, min_sigma)
+
+
+def test_contrast_below_a_millimetre_is_that_of_a_millimetre(rng) -> None:
+    range_m = (1.0 + 2e-3 * rng.random((20, 72))).astype(np.float32)  # 0.6 mm, and 6 mm in a part
+    range_m[:, 20:40] = 1.0 + 10.0 * (range_m[:, 20:40] - 1.0)
+    expected = normalised(literal_sobel(local_contrast(range_m, 4, 1e-3)))
+    found = depth_features(range_m, PARAMS)
+    np.testing.assert_allclose(found.magnitude, np.linalg.norm(expected, axis=-1), rtol=0.02, atol=2e-6)
+
+
+def test_a_whole_view_is_one_where_every_pixel_is_seen(images) -> None:
+    grey, _ = images
+    plain = visual_features(grey)
+    assert plain.is_seen is None
+    whole = visual_features(grey, np.ones((H, W), np.bool_))
+    assert whole.is_seen is None
+    np.testing.assert_array_equal(whole.magnitude, plain.magnitude)
+    hidden = np.ones((H, W), np.bool_)
+    hidden[5, 7] = False
+    part = visual_features(grey, hidden)
+    assert not part.is_seen[4:7, 6:9].any()
+    assert part.is_seen.sum() == H * W - 9
+    assert part.mirrored.is_seen[5, W - 1 - 7] == part.is_seen[5, 7]
+
+
+@pytest.mark.parametrize(
+    ("step", "columns", "is_fine"), [(10.0, 36, True), (10.0, 72, True), (20.0, 36, True), (10.0, 54, False)]
+)
+def test_a_heading_is_a_whole_number_of_columns(step, columns, is_fine) -> None:
+    if is_fine:
+        check_headings(step, columns)
+    else:
+        with pytest.raises(ValueError, match=r"expected a multiple of a column, 6\.66667 deg, found 10 deg"):
+            check_headings(step, columns)
+
+
+def curve(peaks) -> np.ndarray:
+    s = np.zeros(72, np.float32)  # steps of five degrees
+    for at, value in peaks.items():
+        s[at] = value
+    return s
+
+
+@pytest.mark.parametrize(("beside", "is_other"), [(3, False), (5, True), (-3, False), (-5, True)])
+def test_another_answer_is_more_than_twenty_degrees_away(beside, is_other) -> None:
+    found = heading(curve({30: 1.0, (30 + beside) % 72: 0.8}))
+    rise = 1.0 - 1.8 / 72
+    assert found.margin == pytest.approx((0.2 if is_other else 1.0) / rise)
+    assert found.similarity == 1.0
+    assert found.contrast == pytest.approx(rise / curve({30: 1.0, 35: 0.8}).std(), rel=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("at", "before", "after", "yaw_deg"),
+    [(10, 0.5, 0.7, 50.556), (10, 0.7, 0.5, 49.444), (50, 0.0, 0.0, -110.0), (0, 0.6, 0.6, 0.0)],
+)
+def test_a_heading_is_the_top_of_a_parabola_with_its_sign(at, before, after, yaw_deg) -> None:
+    found = heading(curve({at: 1.0, (at - 1) % 72: before, (at + 1) % 72: after}))
+    shift = 0.5 * (before - after) / (before + after - 2.0)
+    assert np.degrees(found.yaw) == pytest.approx(yaw_deg, abs=0.2)
+    assert np.degrees(found.yaw) == pytest.approx((at + shift) * 5.0 - (360.0 if at > 36 else 0.0), abs=1e-4)
+
+
+def test_a_curve_without_a_top_is_no_heading() -> None:
+    found = heading(np.full(36, 0.5, np.float32))
+    assert (found.yaw, found.contrast, found.margin) == (0.0, 0.0, 0.0)
+    for wrong in (np.zeros(2), np.array([1.0, np.nan, 0.0])):
+        with pytest.raises(ValueError, match="expected at least 3 finite numbers"):
+            heading(wrong.astype(np.float32))

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import cv2
 import numpy as np
+import pytest
 
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.image_params import SynthesisParams
@@ -34,3 +36,40 @@ def test_a_pinhole_sees_its_part() -> None:
     assert 0.2 < is_seen[len(grey) // 2].mean() < 0.3  # 90 of 360 degrees
     expected = world(WINDOW.unproject(pixel_grid(WINDOW)))
     np.testing.assert_allclose(grey[is_seen], expected[is_seen], atol=0.5)
+
+
+def noise(camera: Pinhole | Spherical) -> np.ndarray:
+    return np.random.default_rng(0).uniform(0, 255, (camera.height, camera.width)).astype(np.float32)
+
+
+@pytest.mark.parametrize(("focal", "size", "is_halved"), [(30.0, 64, True), (28.0, 64, False), (30.0, 63, False)])
+def test_photographs_more_than_twice_as_fine_are_averaged_first(focal, size, is_halved) -> None:
+    """The panorama has 90 / 2 pi = 14.3 pixels a radian."""
+    camera = Pinhole(64, size, focal, focal, 31.5, 31.5)
+    image = noise(camera)
+    found, is_seen = level_view(image, camera, T_BODY_OPTICAL, WINDOW)
+    if size % 2 == 0:
+        small = cv2.resize(image, (32, size // 2), interpolation=cv2.INTER_AREA)
+        halved, is_seen_halved = level_view(small, camera.halve(), T_BODY_OPTICAL, WINDOW)
+        assert (np.array_equal(found, halved) and np.array_equal(is_seen, is_seen_halved)) == is_halved
+    assert is_seen.any()
+
+
+def test_colours_are_weighed_and_the_size_is_checked() -> None:
+    camera = Spherical(90, 45)
+    rgb = np.random.default_rng(1).integers(0, 256, (45, 90, 3), dtype=np.uint8)
+    grey = rgb @ np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
+    found = level_view(rgb, camera, np.eye(3), WINDOW)[0]
+    np.testing.assert_allclose(found, level_view(grey, camera, np.eye(3), WINDOW)[0], atol=1e-3)
+    with pytest.raises(ValueError, match=r"image: expected 90 x 45, found \(89, 45\)"):
+        level_view(grey[:, 1:], camera, np.eye(3), WINDOW)
+
+
+def test_a_pixel_of_the_panorama_is_the_mean_of_its_samples() -> None:
+    """Two to a side, a quarter of a pixel from its middle, each linear between the pixels of the photograph."""
+    camera = Spherical(90, 45)
+    image = noise(camera)[:1].repeat(45, axis=0)  # columns differ, rows do not
+    found, is_seen = level_view(image, camera, np.eye(3), WINDOW)
+    assert is_seen.all()
+    expected = 0.125 * np.roll(image[0], 1) + 0.75 * image[0] + 0.125 * np.roll(image[0], -1)
+    np.testing.assert_allclose(found[len(found) // 2], expected, atol=1.0)  # places are told to 1/32 of a pixel

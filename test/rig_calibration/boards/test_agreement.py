@@ -5,7 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from rig_calibration.boards.checks import disagreements, lens_chance
+from rig_calibration.boards.board import Board
+from rig_calibration.boards.checks import check_joined, check_views, disagreements, lens_chance
+from rig_calibration.boards.views import BoardView
+from rig_calibration.params import CalibrationParams
 
 COVARIANCE = np.diag([0.04, 0.04, 0.01, 0.01, *[0.0] * 8])  # the distortion is held
 
@@ -37,3 +40,56 @@ def test_what_agrees_and_what_is_alone_says_nothing():
     own = single()
     assert disagreements(["a", "b"], [own, own], np.stack([own.lens] * 2), np.array([0.2, 0.21])) == []
     assert disagreements(["a"], [own], own.lens[None] + 5.0, np.array([2.0])) == []
+
+
+@pytest.mark.parametrize(("ratio", "is_told"), [(1.03, False), (1.20, False), (1.35, True)])
+def test_residuals_are_more_by_chance_in_one_of_a_thousand(ratio, is_told):
+    """F with 6 * 20 and 6 * 20 degrees of freedom: 1.76, the root is 1.33."""
+    own = single(rms_px=0.5)
+    lines = disagreements(["a", "b"], [own, own], np.stack([own.lens] * 2), np.array([0.5, 0.5 * ratio]))
+    assert bool(lines) == is_told
+
+
+@pytest.mark.parametrize(("axis", "change", "what"), [(1, -1.5, "fy moved by -1.50"), (2, 0.8, "cx moved by +0.80")])
+def test_the_parameter_that_moved_most_is_named_with_its_sign(axis, change, what):
+    own = single()
+    moved = own.lens.copy()
+    moved[axis] += change
+    moved[0] += 0.1
+    lines = disagreements(["a", "b"], [own, own], np.stack([own.lens, moved]), np.array([0.2, 0.2]))
+    assert what in lines[0]
+    assert f"px of σ {np.sqrt(COVARIANCE[axis, axis]):.2f}" in lines[0]
+
+
+BOARD = Board("b", 6, 4, 0.1)
+
+
+def seen_by(camera, instant, count=24):
+    return BoardView(camera, str(instant), "b", np.arange(count), np.zeros((count, 2)))
+
+
+def test_what_is_missing_is_told_by_the_name_of_the_camera():
+    params = CalibrationParams(min_views=3, min_corners=8)
+    good = [seen_by("a", n) for n in range(3)]
+    check_views(["a"], [BOARD], good, params)
+    for views, said in (
+        ([], "expected a 6x4 chessboard in some images, found none in any"),
+        (good, "camera b: expected a 6x4 chessboard in some of its images, found none"),
+        ([*good, seen_by("b", 0), seen_by("b", 1)], "camera b: expected a board in at least 3 of its images, found 2"),
+        ([*good, *(seen_by("b", n, 8 - (n == 2)) for n in range(3))], "in at least 3 of its images, found 2"),
+    ):
+        with pytest.raises(ValueError, match=said):
+            check_views(["a", "b"], [BOARD], views, params)
+    bad = seen_by("a", 9)
+    bad.pixels[3, 1] = np.nan
+    strange = BoardView("a", "9", "c", np.arange(24), np.zeros((24, 2)))
+    short = BoardView("a", "9", "b", np.arange(24), np.zeros((23, 2)))
+    for view in (bad, strange, short):
+        with pytest.raises(ValueError, match=f"view {view.label}: expected finite corners of a known board"):
+            check_views(["a"], [BOARD], [*good, view], params)
+
+
+def test_cameras_that_nothing_joins_are_named():
+    check_joined(["a", "b"], {0, 1})
+    with pytest.raises(ValueError, match="found b apart from a, c;"):
+        check_joined(["a", "b", "c"], {0, 2})

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.board_world import BoardWorld, boards_around, ring_rig, wandering
-from rig_calibration.boards.rejection import reject, view_medians
+from rig_calibration.boards.rejection import noise_px, reject, view_medians
 from rig_calibration.boards.views import observations
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
@@ -59,6 +59,72 @@ def test_corners_that_do_not_count_are_not_judged(seen, errors):
     medians = view_medians(seen, np.linalg.norm(errors, axis=-1), kept)
     assert np.flatnonzero(np.isnan(medians)).tolist() == [0]
     assert reject(seen, errors, kept, PARAMS)[1] == {}
+
+
+def test_noise_is_the_deviation_of_one_coordinate_whatever_a_third_of_the_corners_is(rng):
+    errors = rng.normal(0.0, 0.3, (20_000, 2))
+    assert noise_px(errors, np.ones(20_000)) == pytest.approx(0.3, rel=0.02)
+    errors[:2000] = 50.0
+    assert noise_px(errors, np.arange(20_000) >= 2000) == pytest.approx(0.3, rel=0.02)
+    assert 0.3 < noise_px(errors, np.ones(20_000)) < 0.36
+    assert noise_px(errors, np.zeros(20_000)) == noise_px(0.0 * errors, np.ones(20_000)) == 1e-9
+
+
+def even(seen, size):
+    """Residuals of one length in all directions."""
+    angles = np.arange(len(seen.pixels)) * 2.4
+    return size * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+@pytest.mark.parametrize(("times", "is_kept"), [(4.9, True), (5.1, False)])
+def test_a_corner_goes_beyond_five_deviations_of_its_camera(seen, times, is_kept):
+    errors = even(seen, 1.1774)  # medians of normal errors with a deviation of 1 px
+    errors[seen.view >= 12] *= 3.0  # the other camera
+    errors[7], errors[-3] = [times, 0.0], [0.0, -3.0 * times]
+    kept, dropped = reject(seen, errors, np.ones(480), PARAMS)
+    assert dropped == {}
+    np.testing.assert_array_equal(np.flatnonzero(kept == 0), [] if is_kept else [7, 477])
+
+
+@pytest.mark.parametrize(("size", "is_kept"), [(0.09, True), (0.11, False)])
+def test_no_corner_goes_below_a_tenth_of_a_pixel(seen, size, is_kept):
+    errors = even(seen, 1e-3)
+    errors[7] = [0.0, size]
+    assert (reject(seen, errors, np.ones(480), PARAMS)[0][7] > 0) == is_kept
+
+
+@pytest.mark.parametrize(
+    ("usual", "size", "is_kept"), [(1.0, 3.9, True), (1.0, 4.1, False), (1e-3, 0.29, True), (1e-3, 0.31, False)]
+)
+def test_a_view_goes_beyond_four_times_the_others_or_three_times_the_least(seen, usual, size, is_kept):
+    params = CalibrationParams(corner_limit=1e4)
+    errors = even(seen, usual)
+    errors[seen.view == 5] *= size / usual
+    if usual < 0.1:
+        params = CalibrationParams()  # corners are left out from 0.1 px on
+    dropped = reject(seen, errors, np.ones(480), params)[1]
+    if usual < 0.1 and is_kept:
+        assert "corners fit" in dropped[5]
+    else:
+        assert ("median" in dropped.get(5, "")) != is_kept
+    assert set(dropped) <= {5}
+
+
+@pytest.mark.parametrize(("num_false", "is_kept"), [(10, True), (11, False)])
+def test_half_of_its_corners_must_fit_for_a_view_to_count(seen, errors, num_false, is_kept):
+    errors[:num_false:1] = 3.0 * np.sign(np.arange(num_false)[:, None] % 2 - 0.5)
+    errors[num_false:20] = 0.01
+    params = CalibrationParams(view_ratio=1e3)
+    dropped = reject(seen, errors, np.ones(480), params)[1]
+    assert (0 not in dropped) == is_kept
+    if not is_kept:
+        assert dropped[0] == "9 of 20 corners fit"
+
+
+@pytest.mark.parametrize(("num_kept", "is_dropped"), [(12, False), (11, True)])
+def test_a_view_has_a_least_number_of_corners(seen, errors, num_kept, is_dropped):
+    errors[num_kept:20] = 9.0
+    assert (0 in reject(seen, errors, np.ones(480), CalibrationParams(min_corners=12))[1]) == is_dropped
 
 
 @pytest.fixture(scope="module")

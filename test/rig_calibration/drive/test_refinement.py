@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rig_calibration.drive.drive_image import OWN, ImageState, collect, differentiate
+from rig_calibration.drive.drive_image import ImageState, collect, differentiate
 from rig_calibration.drive.drive_lens import Lens
 from rig_calibration.drive.refinement import refine_camera
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
@@ -17,6 +17,8 @@ READOUT_S = 0.03
 PINHOLE = Pinhole(240, 180, 150.0, 151.0, 121.0, 88.0, (-0.12, 0.03, 0.0, 0.0))
 FISHEYE = Fisheye(240, 180, 95.0, 95.5, 121.0, 88.0, (0.03, -0.01, 0.0, 0.0))
 SPHERE = Spherical(1536, 768)
+
+OWN = 8  # pose (v, omega), gain, bias: what each image has of its own
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,7 @@ from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
 from sphere_mapping.graph.loop_closure import (
     Candidate,
     LoopCloser,
-    choose,
+    choose_candidate,
     joined_pairs,
     lengths_from,
     near_pairs,
@@ -92,18 +92,20 @@ def test_another_place_at_the_same_position_is_no_loop(seed):
 def test_of_two_places_alike_none_is_taken_unless_drift_tells_them_apart():
     graph = chain(0.0, 8.0, 16.0, 24.0, 16.5)
     here, there = Candidate(2, SE3.from_planar(0.5, 0, 0), 60), Candidate(1, SE3.from_planar(0.5, 0, 0), 55)
-    assert choose(graph, 4, [here, there]) == here  # 8 m are more than 3 sigma of 31 m
+    assert choose_candidate(graph, 4, [here, there]) == here  # 8 m are more than 3 sigma of 31 m
     far = chain(*np.linspace(0, 800, 101).tolist(), 16.5)  # after 1,600 m both could be
-    assert choose(far, 101, [here, there]) is None
-    assert choose(far, 101, [here, replace(there, num_inliers=20)]) == here
-    assert choose(far, 101, []) is None
+    assert choose_candidate(far, 101, [here, there]) is None
+    assert choose_candidate(far, 101, [here, replace(there, num_inliers=20)]) == here
+    assert choose_candidate(far, 101, []) is None
 
 
 def test_going_on_is_no_loop():
     graph = chain(0.0, 0.3, 0.6, 0.9)
-    assert choose(graph, 3, [Candidate(0, SE3.from_planar(0.9, 0, 0), 60)]) is None  # the way is as long as the edge
+    assert (
+        choose_candidate(graph, 3, [Candidate(0, SE3.from_planar(0.9, 0, 0), 60)]) is None
+    )  # the way is as long as the edge
     back = chain(0.0, 0.9, 0.1)
-    assert choose(back, 2, [Candidate(0, SE3.from_planar(0.1, 0, 0), 60)]) is not None
+    assert choose_candidate(back, 2, [Candidate(0, SE3.from_planar(0.1, 0, 0), 60)]) is not None
     assert list(near_pairs(graph, LoopParams(min_way_m=0.0), joined_pairs(graph))) == []
 
 

@@ -1,7 +1,7 @@
 import numpy as np
 
 from sphere_mapping.constants import MAX_EXTRAPOLATION
-from sphere_mapping.graph.motion import MotionModel, Placed
+from sphere_mapping.graph.motion import DriveMotion, Placed
 from sphere_nav.geometry import SE3
 
 STEP = SE3.exp([0.3, 0.0, 0.05, 0.0, 0.02, 0.1])
@@ -12,18 +12,18 @@ def close(a, b):
 
 
 def moving(odometry=(None, None)):
-    prior = MotionModel()
+    prior = DriveMotion()
     prior.update(Placed(0, SE3.identity(), odometry[0]))
     prior.update(Placed(100, STEP, odometry[1]))
     return prior
 
 
 def test_nothing_is_known_before_the_first_sphere():
-    close(MotionModel().predict(5), SE3.identity())
+    close(DriveMotion().predict(5), SE3.identity())
 
 
 def test_one_sphere_stays_where_it_is():
-    prior = MotionModel()
+    prior = DriveMotion()
     prior.update(Placed(0, STEP))
     close(prior.predict(100), STEP)
 
@@ -39,7 +39,7 @@ def test_a_long_gap_is_not_extrapolated_without_end():
 
 def test_a_stamp_of_the_past_or_repeated_gives_the_last_pose():
     close(moving().predict(50), STEP)
-    same = MotionModel()
+    same = DriveMotion()
     same.update(Placed(7, SE3.identity()))
     same.update(Placed(7, STEP))
     close(same.predict(8), STEP)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
-from sphere_mapping.graph.registration import PreparedSphere, align, guess_by_rotation, residual_at
+from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation, residual_at
 from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
@@ -32,7 +32,7 @@ def whole(T_room_sphere):
 @pytest.mark.parametrize(("make", "scale"), [(partial, 1.0), (whole, 4.0)], ids=["partial", "whole"])
 def test_a_motion_is_recovered_from_identity(make, scale):
     motion = SE3.exp(MOTION.log() * scale)
-    found = align(make(AT @ motion), [make(AT).at(AT)], [AT], PARAMS)
+    found = align_sphere(make(AT @ motion), [make(AT).at(AT)], [AT], PARAMS)
     distance, angle = (AT @ motion).distance(found.T_world_camera)
     assert found.is_converged
     assert distance < 0.003  # ideal range; grey levels rounded
@@ -55,25 +55,25 @@ def test_a_second_guess_is_tried_only_where_the_first_fails():
             asked.append(T_world_sphere)
             yield T_world_sphere
 
-    assert align(current, [view], guesses(AT), PARAMS).is_converged
+    assert align_sphere(current, [view], guesses(AT), PARAMS).is_converged
     assert len(asked) == 1
     behind = AT @ SE3.exp([0, 0, 0, 0, 0, np.pi])
-    assert align(current, [view], guesses(behind), PARAMS).is_converged
+    assert align_sphere(current, [view], guesses(behind), PARAMS).is_converged
     assert len(asked) == 3
 
 
 def test_no_guess_is_misuse():
     with pytest.raises(ValueError, match="expected at least one guess"):
-        align(partial(AT), [partial(AT).at(AT)], [], PARAMS)
+        align_sphere(partial(AT), [partial(AT).at(AT)], [], PARAMS)
 
 
 def test_a_covered_lens_is_refused():
     sphere = partial(AT).sphere
     covered = PreparedSphere(Sphere(np.full_like(sphere.image, 90), sphere.range_m, sphere.camera), PARAMS)
-    found = align(covered, [partial(AT).at(AT)], [AT], PARAMS)
+    found = align_sphere(covered, [partial(AT).at(AT)], [AT], PARAMS)
     assert not found.is_converged
     strict = MappingRegistrationParams(min_ncc=1.0)
-    assert align(partial(AT @ MOTION), [partial(AT).at(AT)], [AT], strict).reason == OUTLIERS
+    assert align_sphere(partial(AT @ MOTION), [partial(AT).at(AT)], [AT], strict).reason == OUTLIERS
 
 
 def test_a_turn_is_guessed_from_the_images_alone():
@@ -86,7 +86,7 @@ def test_a_turn_is_guessed_from_the_images_alone():
 
 def test_coverage_is_the_overlap_with_itself():
     prepared = partial(AT)
-    found = align(prepared, [prepared.at(AT)], [AT], PARAMS)
+    found = align_sphere(prepared, [prepared.at(AT)], [AT], PARAMS)
     assert prepared.coverage == pytest.approx(found.overlap, abs=0.01)
     half = prepared.sphere.range_m.copy()
     half[:, : half.shape[1] // 2] = np.nan

@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pytest
 
-from sphere_nav.cli import calibrate
 from sphere_nav.cli.main import main
 
 
@@ -54,12 +53,3 @@ def test_nothing_detected(capsys, folder, tmp_path):
     status, line = run(capsys, folder, "--board", "8x6", "--square", "0.03", "-o", tmp_path / "rig.yaml")
     assert status == 2
     assert "expected a 8x6 chessboard in some images, found none" in line
-
-
-def test_images_pair_by_name_or_by_number(folder, tmp_path):
-    other = tmp_path / "cam1"
-    other.mkdir()
-    for number in range(2):
-        cv2.imwrite(str(other / f"right{number}.png"), np.zeros((48, 64), dtype=np.uint8))
-    found = calibrate.find_images([str(folder), str(other)])
-    assert set(found["cam0"]) == set(found["cam1"]) == {"0", "1"}

@@ -6,6 +6,7 @@ import pytest
 from sphere_nav.geometry import Pinhole
 from sphere_nav.localization import InputCheck, Reason
 from sphere_nav.localization.params import InputParams
+from sphere_nav.localization.status import Finding
 
 CAMERA = Pinhole(64, 48, 50.0, 50.0, 31.5, 23.5)
 SECOND = 1_000_000_000
@@ -100,3 +101,89 @@ def test_standing_still_without_noise_may_be_allowed_but_not_while_moving():
 def test_the_stamps_of_a_slow_camera_need_not_be_leaps():
     check = InputCheck(InputParams(max_leap_s=100.0))
     assert run(check, [SECOND, 60 * SECOND]) == ["", ""]
+
+
+@pytest.mark.parametrize("at", [(4, 4), (9, 30), (44, 60), (41, 57)])
+def test_a_change_of_four_pixels_each_way_is_no_frozen_image(check, at):
+    image = noise()
+    for k in range(6):
+        image[at[0] : at[0] + 4, at[1] : at[1] + 4] = 20 + k
+        assert check.check(image.copy(), CAMERA, (k + 1) * SECOND, is_moving=True).is_good
+
+
+def shares(clipped: int, rest: float, share: float, kind: type) -> np.ndarray:
+    """An image with a share of its rows at a clipped level; the others are so far away that contrast is not missing."""
+    image = np.full((80, 64), rest, kind)
+    image[: round(80 * share)] = clipped
+    return image
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.float32])
+@pytest.mark.parametrize(
+    ("level", "rest", "share", "word"),
+    [
+        (6, 200, 0.95, "black"),
+        (7, 200, 0.95, ""),
+        (6, 200, 0.90, ""),
+        (250, 40, 0.95, "saturated"),
+        (249, 40, 0.95, ""),
+        (250, 40, 0.90, ""),
+    ],
+)
+def test_what_is_clipped_counts_from_its_level_on_and_beyond_its_share(check, level, rest, share, word, kind):
+    camera = Pinhole(64, 80, 50.0, 50.0, 31.5, 39.5)
+    finding = check.check(shares(level, rest, share, kind), camera, SECOND).finding
+    assert finding.detail == (f"image is {word}" if word else "")
+    if word:
+        assert (finding.value, finding.limit) == (0.95, 0.9)
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.float32])
+@pytest.mark.parametrize(("spread", "is_good"), [(2, False), (3, True), (4, True)])
+def test_contrast_is_the_standard_deviation(check, spread, is_good, kind):
+    image = np.full((48, 64), 100 - spread, kind)
+    image[:24] = 100 + spread
+    finding = check.check(image, CAMERA, SECOND).finding
+    assert (finding.reason is Reason.NONE) == is_good
+    assert is_good or (finding.value, finding.limit) == (pytest.approx(spread), 3.0)
+
+
+@pytest.mark.parametrize(
+    ("step_s", "value", "limit", "detail"),
+    [
+        (10.0, 0.0, 0.0, ""),
+        (10.001, 10.001, 10.0, "stamp leaps forward by 10.001 s"),
+        (-0.25, -0.25, 0.0, "stamp backward by 0.250 s"),
+        (0.0, 0.0, 0.0, "stamp repeated"),
+        (-103.0, -3.0, 0.0, "stamp is zero or negative"),
+    ],
+)
+def test_a_step_of_the_stamps_is_said_with_its_sign_and_limit(check, step_s, value, limit, detail):
+    assert check.check_stamp(100 * SECOND).is_good
+    finding = check.check_stamp(100 * SECOND + round(step_s * SECOND)).finding
+    assert (finding.value, finding.limit, finding.detail) == (pytest.approx(value), limit, detail)
+    assert finding.reason is (Reason.BAD_STAMP if detail else Reason.NONE)
+
+
+def test_stamps_that_do_not_agree_with_each_other_are_no_new_time(check):
+    run(check, [100 * SECOND])
+    assert run(check, [50 * SECOND, 70 * SECOND, 30 * SECOND, 31 * SECOND]) == ["BAD_STAMP"] * 4  # 20 s apart
+    assert run(check, [32 * SECOND]) == [""]
+
+
+def test_a_new_time_begins_anew_with_any_camera(check):
+    run(check, [100 * SECOND])
+    other = Pinhole(64, 48, 51.0, 50.0, 31.5, 23.5)
+    reports = [check.check(noise(k), other, (k + 1) * SECOND) for k in range(3)]
+    assert reports[-1].is_good
+    assert reports[-1].is_clock_jump
+
+
+def test_silence_is_told_with_the_present_stamp_after_its_time(check):
+    assert check.find_silence(9.0) is None  # nothing came yet
+    run(check, [7 * SECOND])
+    assert check.find_silence(0.5) is None
+    stamp_ns, finding = check.find_silence(0.75)
+    assert (stamp_ns, finding.reason, finding.value, finding.limit) == (7_750_000_000, Reason.TIMEOUT, 0.75, 0.5)
+    dark = Finding(Reason.LOW_TEXTURE, 0.95, 0.9)
+    assert check.find_silence(0.75, dark) == (7_750_000_000, dark)  # images came, that is why none was used

@@ -118,6 +118,56 @@ def test_a_long_good_drive_forgives_a_loss():
     assert machine.num_losses == 0
 
 
+def test_a_loss_is_forgiven_after_a_minute_of_tracking_each():
+    machine = tracking()
+    for _ in range(2):
+        machine.lose()
+    machine.start()
+    for _ in range(machine.probation_images):
+        machine.confirm(SECOND, is_good=True)
+    losses = []
+    for second in (10, 70, 71, 131, 132, 999):  # tracking counts from the first image after the probation
+        machine.confirm(second * SECOND, is_good=True)
+        losses.append(machine.num_losses)
+    assert losses == [2, 2, 1, 1, 0, 0]
+
+
+def test_a_minute_with_doubts_between_forgives_nothing():
+    machine = tracking()
+    machine.lose()
+    machine.start()
+    for second in range(1, 80):
+        machine.confirm(second * SECOND, is_good=second % 40 > 0)
+    assert machine.num_losses == 1
+
+
+def test_doubt_in_a_confirmed_pose_degrades_it_and_a_second_one_keeps_it_so():
+    machine = tracking()
+    states = []
+    for is_good in (False, True, False, True, True):
+        machine.confirm(SECOND, is_good=is_good)
+        states.append(machine.state)
+    assert states == [State.DEGRADED] * 4 + [State.TRACKING]
+
+
+def test_a_lost_pose_is_not_found_again_by_images_that_confirm():
+    machine = tracking()
+    machine.lose()
+    for _ in range(50):
+        machine.confirm(SECOND, is_good=True)
+    assert machine.state is State.LOST
+    assert not machine.is_following
+
+
+def test_a_pose_that_is_refused_again_stays_degraded_until_it_is_lost():
+    machine = tracking()
+    for _ in range(5):
+        machine.refuse(is_lost=False)
+        assert (machine.state, machine.num_losses) == (State.DEGRADED, 0)
+    machine.refuse(is_lost=True)
+    assert (machine.state, machine.num_losses) == (State.LOST, 1)
+
+
 def test_a_reset_forgets_the_losses():
     machine = tracking()
     machine.lose()

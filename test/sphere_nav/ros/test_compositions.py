@@ -13,7 +13,7 @@ import pytest
 
 from config.test_yaml_matches_params import NODES, ROOT, generate
 from sphere_nav.params import leaves
-from sphere_nav.ros.compositions import COMPOSITIONS, Start
+from sphere_nav.ros.compositions import COMPOSITIONS, NodeStart
 
 LAUNCH_FILES = sorted((ROOT / "launch").glob("*.launch.py"))
 BY_NAME = {node.NAME: node for node in NODES}
@@ -21,7 +21,7 @@ GIVEN = {"map": "campus", "cloud": "town.ply", "bag": "drive", "rig": "rig.yaml"
 ABSOLUTE = {"/tf", "/tf_static", "/clock"}
 
 
-def starts(name: str, **more: str) -> list[Start]:
+def starts(name: str, **more: str) -> list[NodeStart]:
     """Return what a composition starts with as much as possible turned on."""
     composition = COMPOSITIONS[name]
     return composition.starts({key: value for key, value in GIVEN.items() if key in composition.arguments} | more)
@@ -115,11 +115,11 @@ def test_a_launch_file_starts_what_up_starts(path: Path, monkeypatch: pytest.Mon
         stand_in[module].__dict__.update(names)
         monkeypatch.setitem(sys.modules, module, stand_in[module])
     monkeypatch.delitem(sys.modules, "sphere_nav.ros.launching", raising=False)
-    from sphere_nav.ros import launching
+    from sphere_nav.ros.launching import launch_description
 
-    assert launching.COMPOSITIONS is COMPOSITIONS
     space: dict[str, Any] = {}
     exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), space)
+    assert space["launch_description"] is launch_description  # that of the stand-ins
     *declared, opaque = space["generate_launch_description"]()
     monkeypatch.delitem(sys.modules, "sphere_nav.ros.launching", raising=False)
     values = {item.words[0]: item.default_value for item in declared}

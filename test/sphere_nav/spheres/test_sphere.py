@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import Spherical
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere, check_depth, continued, to_grey
 
 CAMERA = Spherical(16, 8)
 
@@ -79,3 +79,55 @@ def test_a_stamp_that_is_not_an_integer_is_refused():
 
 def test_a_sphere_without_any_range_is_a_sphere():
     assert not Sphere(grey(), plane(np.nan), CAMERA).measured.any()
+
+
+def test_all_rows_of_a_colour_image_are_weighed_alike():
+    rgb = np.random.default_rng(0).integers(0, 256, (50, 16, 3), dtype=np.uint8)  # ITU-R BT.601
+    np.testing.assert_allclose(to_grey(rgb), rgb @ np.array([0.299, 0.587, 0.114]), atol=1e-3)
+    np.testing.assert_array_equal(to_grey(rgb[..., 0]), rgb[..., 0])
+
+
+def test_the_unknown_continues_the_nearest_known():
+    values, is_known = np.arange(1, 10, dtype=np.uint8)[None].repeat(3, axis=0), np.zeros((3, 9), np.bool_)
+    is_known[:, [1, 7]] = True
+    np.testing.assert_array_equal(continued(values, is_known)[1], [2, 2, 2, 2, 8, 8, 8, 8, 8][:4] + [2] + [8] * 4)
+    for same in (np.zeros_like(is_known), np.ones_like(is_known)):
+        assert continued(values, same) is values
+
+
+def test_points_are_where_their_pixels_look():
+    range_m = plane()
+    range_m[:] = np.arange(1.0, 9.0, dtype=np.float32)[:, None]
+    image = np.arange(1, 129, dtype=np.uint8).reshape(8, 16)
+    points, values = Sphere(image, range_m, CAMERA).points(step=3)
+    v, u = np.mgrid[0:8:3, 0:16:3]
+    np.testing.assert_array_equal(values, image[::3, ::3].ravel())
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), range_m[::3, ::3].ravel(), rtol=1e-6)
+    np.testing.assert_allclose(CAMERA.project(points)[0], np.stack([u.ravel(), v.ravel()], axis=1), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("depth_m", "found"),
+    [
+        (np.ones((8, 16), np.uint16), "16 x 8 uint16"),
+        (np.ones((8, 15), np.float32), "15 x 8 float32"),
+        (np.ones((8, 16, 1), np.float32), "16 x 8 x 1 float32"),
+    ],
+)
+def test_a_depth_of_another_kind_or_size_is_refused(depth_m, found):
+    with pytest.raises(ValueError, match=f"depth: expected 16 x 8 metres, found {found}"):
+        check_depth(depth_m, CAMERA)
+    for kind in (np.float32, np.float64):
+        check_depth(np.ones((8, 16), kind), CAMERA)
+
+
+def test_deviation_and_what_is_filled_fit_the_range():
+    is_filled = np.zeros((8, 16), np.bool_)
+    Sphere(grey(), plane(), CAMERA, range_std_m=plane(0.1), is_filled=is_filled)
+    with pytest.raises(ValueError, match="sphere range std: expected 16 x 8 float32, found 16 x 4 float32"):
+        Sphere(grey(), plane(), CAMERA, range_std_m=plane()[:4])
+    with pytest.raises(ValueError, match="sphere range std: expected positive metres"):
+        Sphere(grey(), plane(), CAMERA, range_std_m=plane(0.0))
+    for given, std in ((is_filled, None), (is_filled[:4], plane(0.1))):
+        with pytest.raises(ValueError, match="is_filled: expected the size of the range, and its deviation"):
+            Sphere(grey(), plane(), CAMERA, range_std_m=std, is_filled=given)

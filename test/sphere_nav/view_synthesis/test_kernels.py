@@ -145,6 +145,59 @@ def test_finish_divides_by_the_weights_and_keeps_holes():
     weights, nearest = np.array([[2.0, 0.5, 0.0, 1.0]], F), np.array([[0.25, 1e-7, 0.5, 0.1]], F)
     total = np.array([[[20.0, 41.0, 600.0], [0.0, 50.0, 100.0], [9.0, 9.0, 9.0], [0.2, 254.6, 1.4]]], F)
     image, range_m = np.full((1, 4, 3), 77, np.uint8), np.zeros((1, 4), F)
-    kernels.finish(total, weights, nearest, image, range_m)
+    kernels.divide_by_weights(total, weights, nearest, image, range_m)
     assert image[0].tolist() == [[10, 21, 255], [1, 100, 200], [0, 0, 0], [1, 255, 1]]
     np.testing.assert_allclose(range_m[0], [4.0, np.inf, np.nan, 10.0])
+
+
+def test_colours_are_added_between_pixels_where_a_drawing_is_nearest(rng):
+    image = rng.integers(1, 255, (6, 8, 3), dtype=np.uint8)
+    shape = (5, 7)
+    for wraps in (False, True):
+        source = np.stack([rng.uniform(0, 7.9 if wraps else 7.0, shape), rng.uniform(0, 5.0, shape)], axis=-1).astype(F)
+        nearest = np.full(shape, 0.5, F)
+        nearness = nearest * rng.choice(np.array([1.0, 0.96, 0.94, 0.0], F), shape)
+        total, weights = rng.uniform(0, 9, (*shape, 3)).astype(F), rng.uniform(0, 2, shape).astype(F)
+        is_added = nearness > 0.95 * 0.5
+        u, v = source[..., 0].astype(float), source[..., 1].astype(float)
+        iu, iv = np.floor(u).astype(int), np.minimum(np.floor(v).astype(int), 4)
+        nu = (iu + 1) % 8 if wraps else np.minimum(iu + 1, 7)
+        du, dv = (u - iu)[..., None], (v - iv)[..., None]
+        picture = image.astype(float)
+        upper = (1 - du) * picture[iv, iu] + du * picture[iv, nu]
+        lower = (1 - du) * picture[iv + 1, iu] + du * picture[iv + 1, nu]
+        expected = total + 0.7 * is_added[..., None] * ((1 - dv) * upper + dv * lower)
+        expected_weights = weights + 0.7 * is_added
+        kernels.add_colours(image, wraps, nearness, source, nearest, F(0.05), F(0.005), F(0.7), total, weights)
+        np.testing.assert_allclose(total, expected, rtol=1e-4)
+        np.testing.assert_allclose(weights, expected_weights, rtol=1e-5)
+
+
+def test_a_blend_is_finished_by_its_weights():
+    total = np.array([[[100.0, 50.2, 50.3], [0.0, 999.0, 1.0], [3.0, 3.0, 3.0], [8.0, 8.0, 8.0]]], F)
+    weights, nearest = np.array([[0.5, 2.0, 0.0, 1.0]], F), np.array([[0.25, 2.0, 0.5, 1e-6]], F)
+    image, range_m = np.full((1, 4, 3), 77, np.uint8), np.zeros((1, 4), F)
+    kernels.divide_by_weights(total, weights, nearest, image, range_m)
+    assert image[0].tolist() == [[200, 100, 101], [1, 255, 1], [0, 0, 0], [8, 8, 8]]  # 0 is kept for holes
+    np.testing.assert_array_equal(range_m, np.array([[4.0, 0.5, np.nan, np.inf]], F))
+
+
+def breaks_twin(before, a, b, after, share, floor):
+    """Neighbours are of one surface: alike, no farther apart than a slope beside, or as one of the slopes goes on."""
+    small = np.maximum(floor, share * np.maximum(a, b))
+    sign = np.where(b > a, 1.0, -1.0)
+    is_crease = np.abs(a - b) <= np.maximum(sign * (a - before), sign * (after - b)) + small
+    is_continued = (np.abs(2 * a - before - b) <= small) | (np.abs(2 * b - after - a) <= small)
+    return ~((np.abs(a - b) <= small) | is_crease | is_continued)
+
+
+def test_breaks_are_those_of_their_definition(rng):
+    nearness = np.round(rng.uniform(0.3, 0.6, (40, 60)), 2)  # hundredths: no difference lies on a limit
+    found = breaks_of(nearness, wraps=True)
+    expected = breaks_twin(*(np.roll(nearness, k, axis=1) for k in (1, 0, -1, -2)), 0.03, 0.004)
+    np.testing.assert_array_equal((found & 1).astype(bool), expected)
+    rows = np.clip(np.arange(-1, 42), 0, 39)
+    padded = nearness[rows]
+    below = breaks_twin(padded[:-4], padded[1:-3], padded[2:-2], padded[3:-1], 0.03, 0.004)
+    np.testing.assert_array_equal((found[:39] & 2).astype(bool), below[:39])
+    assert 0.05 < expected.mean() < 0.95

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.spheres.sphere import Sphere
+from sphere_nav.view_synthesis import region
 from sphere_nav.view_synthesis.region import region_radii, region_radius, usable_share
 from sphere_nav.view_synthesis.surface import surface_of
 from worlds.room import Room
@@ -40,3 +42,68 @@ def test_a_long_room_reaches_farther_along_than_across():
 
 def test_without_range_there_is_no_region(sphere):
     assert region_radius(replace(sphere, range_m=np.full_like(sphere.range_m, np.nan))) == 0.0
+
+
+def ball(range_m):
+    """A sphere that saw the same range everywhere."""
+    shape = (CAMERA.height, CAMERA.width)
+    return Sphere(np.full(shape, 90, np.uint8), np.full(shape, range_m, np.float32), CAMERA)
+
+
+def share_in_a_ball(shift):
+    """The share that is usable inside a ball of radius 1, in closed form: 40 degrees up and down, ratios below 2.
+
+    A ray e from p meets the ball after t at n = p + t e. A small turn of e moves n by t (I - e n' / (n . e)): by t
+    across the plane of e and p, by t / (n . e) within.
+    """
+    elevation, azimuth = np.meshgrid(np.radians(np.linspace(-36, 36, 400)), np.linspace(0, 2 * np.pi, 720)[:-1])
+    e = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1)
+    along = e @ shift
+    t = -along + np.sqrt(along**2 + 1 - shift @ shift)
+    cosine = np.sum((shift + t[..., None] * e) * e, axis=-1)
+    across, within = t, t / cosine
+    is_alike = (np.maximum(across, within) < 2) & (np.minimum(across, within) > 0.5)
+    return float(np.sum(np.cos(elevation) * is_alike) / np.sum(np.cos(elevation)))
+
+
+@pytest.mark.parametrize(
+    "shift", [(0.3, 0.0, 0.0), (0.6, 0.0, 0.0), (0.0, -0.75, 0.0), (0.5, 0.5, 0.2), (0.9, 0.0, 0.0)]
+)
+def test_within_a_ball_the_usable_share_is_the_one_in_closed_form(shift):
+    found = usable_share(surface_of(ball(5.0)), 5.0 * np.array(shift))
+    assert found == pytest.approx(share_in_a_ball(np.array(shift)), abs=0.03)
+
+
+def test_the_radius_is_where_a_fifth_is_left():
+    def kept(radius):
+        return share_in_a_ball(np.array([radius, 0.0, 0.0])) / share_in_a_ball(np.zeros(3))
+
+    assert kept(0.99) > 0.2  # a ball has no end inside it
+    corridor = region_radii(Room(half=(30.0, 2.0, 1.5)).sphere(SE3.identity(), CAMERA))
+    surface = surface_of(Room(half=(30.0, 2.0, 1.5)).sphere(SE3.identity(), CAMERA))
+    whole = usable_share(surface, np.zeros(3))
+    for angle, radius in zip(np.arange(6) * np.pi / 3, corridor, strict=True):
+        direction = np.array([np.cos(angle), np.sin(angle), 0.0])
+        assert (
+            usable_share(surface, 0.8 * radius * direction)
+            > 0.2 * whole
+            > usable_share(surface, 1.3 * radius * direction)
+        )
+
+
+@pytest.mark.parametrize(("range_m", "expected"), [(250.0, 1.0), (350.0, 0.0), (np.inf, 0.0)])
+def test_what_is_as_far_as_the_sky_tells_no_position(range_m, expected):
+    assert usable_share(surface_of(ball(range_m)), np.zeros(3)) == pytest.approx(expected, abs=0.02)
+
+
+@pytest.mark.parametrize("radius", [0.3, 0.95, 3.0, 7.0, 12.0])
+def test_the_end_is_found_to_an_eighth_of_its_scale(monkeypatch, radius):
+    monkeypatch.setattr(region, "usable_share", lambda surface, shift: 0.4 if np.linalg.norm(shift) <= radius else 0.1)
+    found = region._reach(None, np.array([0.0, 1.0, 0.0]), 1.0, 0.4)
+    scale = 2.0 ** max(np.floor(np.log2(radius)), 0)
+    assert abs(found - radius) <= scale / 16 + 1e-12
+
+
+def test_the_end_is_not_looked_for_beyond_sixteen_times_the_range(monkeypatch):
+    monkeypatch.setattr(region, "usable_share", lambda surface, shift: 1.0)
+    assert region._reach(None, np.array([1.0, 0.0, 0.0]), 2.0, 0.2) == 2.0 * 15.5

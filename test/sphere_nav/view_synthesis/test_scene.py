@@ -1,13 +1,19 @@
 """Views of a map whose key spheres come and go."""
 
+import threading
+import time
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.view_synthesis import scene as scene_module
 from sphere_nav.view_synthesis.scene import MIN_KEPT, Scene
+from sphere_nav.view_synthesis.surface import surface_of
+from sphere_nav.view_synthesis.synthesis import PlacedSurface, synthesise
 from worlds.localizer import MemoryMap, make_map
 from worlds.room import optical
 
@@ -80,4 +86,95 @@ def test_an_empty_map_is_refused_and_one_sphere_is_enough(sphere_map):
     node = sphere_map.graph[0]
     scene = Scene(MemoryMap(SphereGraph([KeySphere(5, 1, node.T_map_sphere, node.sphere)])))
     assert scene.render(optical(PLACES[0]), PINHOLE).is_known.mean() > 0.97
+    scene.close()
+
+
+class Counting(MemoryMap):
+    """A map that counts what is read of it, and lets the key spheres that it holds back wait."""
+
+    def __init__(self, graph, held=()):
+        super().__init__(graph)
+        self.reads, self.held, self.gate = [], set(held), threading.Event()
+
+    def load_sphere(self, sphere_id):
+        if sphere_id in self.held:
+            self.gate.wait(20.0)
+        self.reads.append(sphere_id)
+        return super().load_sphere(sphere_id)
+
+
+def test_two_key_spheres_are_read_for_a_view_and_each_once(sphere_map):
+    source = Counting(sphere_map.graph)
+    scene = Scene(source)
+    for _ in range(3):
+        scene.render(optical(PLACES[3]), PINHOLE)
+    assert scene.num_kept == len(source.reads) == len(set(source.reads)) == 2
+    assert source.reads[0] == 3
+    scene.close()
+
+
+@pytest.mark.parametrize(("distances", "weights"), [((0.5, 1.5), (5 / 6, 1 / 6)), ((1.0,), (1.0,))])
+def test_where_no_more_spheres_are_the_farthest_has_half_its_weight(sphere_map, distances, weights):
+    """The one left out stands twice as far away: by distances 1/2 and 3/2 weights (1 - 1/6) / (1/2), (1/2) / (3/2)."""
+    nodes = [
+        KeySphere(i, 1, SE3.from_planar(x, 0.0, 0.0), sphere_map.graph[i].sphere)
+        for i, x in enumerate([distances[0], *(-d for d in distances[1:])])
+    ]
+    source = MemoryMap(SphereGraph(nodes))
+    scene = Scene(source)
+    T = optical(SE3.identity())
+    found = scene.render(T, PINHOLE)
+    placed = [
+        PlacedSurface(surface_of(source.load_sphere(node.id)), node.T_map_sphere, weight)
+        for node, weight in zip(nodes, weights, strict=True)
+    ]
+    np.testing.assert_array_equal(found.image, synthesise(placed, T, PINHOLE).image)
+    scene.close()
+
+
+def ready(scene, T):
+    """Wait until a view needs nothing that is not prepared."""
+    end = time.monotonic() + 20.0
+    while not scene.is_ready(T):
+        assert time.monotonic() < end
+        time.sleep(1e-3)
+
+
+def test_the_nearest_that_is_ready_stands_in_for_what_is_not(sphere_map):
+    source = Counting(sphere_map.graph, held=(6, 7))
+    scene = Scene(source)
+    for number in (0, 4):
+        ready(scene, optical(PLACES[number]))
+    prepared = set(source.reads)
+    T = optical(PLACES[7])
+    view = scene.render(T, PINHOLE, is_waiting=False)
+    nearest = sphere_map.graph[max(prepared)]
+    alone = PlacedSurface(surface_of(source.load_sphere(nearest.id)), nearest.T_map_sphere)
+    np.testing.assert_array_equal(view.image, synthesise([alone], T, PINHOLE).image)
+    source.gate.set()
+    scene.close()
+
+
+def test_where_nothing_is_ready_it_waits_for_the_nearest(sphere_map):
+    source = Counting(sphere_map.graph, held=(0, 1))
+    scene = Scene(source)
+    threading.Timer(0.2, source.gate.set).start()
+    view = scene.render(optical(PLACES[0]), PINHOLE, is_waiting=False)
+    alone = PlacedSurface(surface_of(source.load_sphere(0)), PLACES[0])
+    np.testing.assert_array_equal(view.image, synthesise([alone], optical(PLACES[0]), PINHOLE).image)
+    scene.close()
+
+
+@pytest.mark.parametrize(("megabytes", "options", "num_kept"), [
+    (99, {}, 5),  # 500 MB unless told
+    (99, {"max_megabytes": 700.0}, 7),
+])  # fmt: skip
+def test_memory_is_counted_in_megabytes(sphere_map, monkeypatch, megabytes, options, num_kept):
+    monkeypatch.setattr(scene_module, "surface_of", lambda sphere: SimpleNamespace(num_bytes=megabytes * 10**6))
+    source = Counting(sphere_map.graph)
+    scene = Scene(source, **options)
+    for T in PLACES:
+        ready(scene, optical(T))
+    assert scene.num_kept == num_kept
+    assert scene.is_ready(optical(PLACES[7]))  # the latest are kept
     scene.close()

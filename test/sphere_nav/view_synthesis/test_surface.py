@@ -1,6 +1,7 @@
 """What a sphere saw, as quads."""
 
 import numpy as np
+import pytest
 
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.sphere import Sphere
@@ -33,3 +34,52 @@ def test_unknown_pixels_are_in_no_quad_and_the_sky_is_far():
     rows = surface.pixels[surface.corners, 0]
     assert not ((rows.min(axis=1) < 20) & (rows.max(axis=1) >= 20)).any()  # no sheet from the sky to the wall
     assert surface.image.shape == (64, 128, 3)
+
+
+def surface_of_nearness(nearness):
+    height, width = nearness.shape
+    image = np.full((height, width), 50, np.uint8)
+    return surface_of(Sphere(image, (1.0 / nearness).astype(np.float32), Spherical(width, height)))
+
+
+def sides(surface):
+    """Columns that each quad without a pole spans, and its left one."""
+    pixels = surface.pixels[surface.corners]
+    within = np.all((pixels[..., 0] >= 0) & (pixels[..., 0] <= surface.camera.height - 1), axis=1)
+    left, right = pixels[within, 0, 1], pixels[within, 1, 1]
+    return np.where(right < left, right + surface.camera.width, right) - left, left
+
+
+@pytest.mark.parametrize(
+    ("near", "change", "is_cut"),
+    [(0.5, 0.025, False), (0.5, 0.035, True), (0.05, 0.0035 / 0.05, False), (0.05, 0.0045 / 0.05, True)],
+)
+def test_a_step_of_three_per_cent_or_of_the_floor_ends_a_surface(near, change, is_cut):
+    nearness = np.full((64, 128), near)
+    nearness[:, 64:96] *= 1 - change
+    width, left = sides(surface_of_nearness(nearness))
+    across = (left <= 63) & (left + width >= 64)
+    assert across.any() != is_cut
+
+
+@pytest.mark.parametrize(
+    ("near", "change", "size"),
+    [(0.5, 0.002 * 0.5, 2), (0.5, 0.004 * 0.5, 1), (0.05, 4e-4, 2), (0.05, 6e-4, 1)],
+)
+def test_large_quads_are_flat_within_three_per_mille_or_the_floor(near, change, size):
+    nearness = np.full((256, 512), near)
+    nearness[:, 201] += change  # the middle of a quad of two
+    width, left = sides(surface_of_nearness(nearness))
+    assert width[(left >= 200) & (left <= 201)].max() == size
+
+
+@pytest.mark.parametrize(("width", "largest"), [(128, 1), (256, 1), (512, 2), (1024, 4)])
+def test_the_largest_quads_are_a_256th_of_a_turn(width, largest):
+    assert sides(surface_of_nearness(np.full((width // 2, width), 0.5)))[0].max() == largest
+
+
+def test_colours_are_kept_and_grey_is_three_alike():
+    range_m = np.full((64, 128), 2.0, np.float32)
+    rgb = np.random.default_rng(0).integers(1, 255, (64, 128, 3), dtype=np.uint8)
+    np.testing.assert_array_equal(surface_of(Sphere(rgb, range_m, CAMERA)).image, rgb)
+    np.testing.assert_array_equal(surface_of(Sphere(rgb[..., 1], range_m, CAMERA)).image, rgb[..., [1, 1, 1]])

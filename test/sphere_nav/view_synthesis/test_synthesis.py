@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
+from sphere_nav.spheres.sphere import Sphere
 from sphere_nav.view_synthesis.surface import surface_of
 from sphere_nav.view_synthesis.synthesis import PlacedSurface, blend_weights, synthesise
 from worlds.room import optical
@@ -82,6 +83,63 @@ def test_weights_are_continuous_where_spheres_are_exchanged():
     assert blend_weights([1.0, 1.0, 5.0]).tolist() == [0.5, 0.5]
     assert blend_weights([0.0, 1.0, 2.0])[0] > 0.99
     assert blend_weights([2.0, 2.0, 2.0]).sum() == pytest.approx(1.0)
+
+
+def test_weights_fall_with_the_distance_to_none_at_the_one_left_out():
+    assert blend_weights([1.0, 2.0, 4.0]).tolist() == [0.75, 0.25]  # (1 - 1/4) / 1 and (1 - 2/4) / 2
+    assert blend_weights([0.5, 1.0, 2.0]).tolist() == [0.75, 0.25]
+    np.testing.assert_allclose(blend_weights([0.0, 1.0, 2.0]), [500 / 500.5, 0.5 / 500.5])  # 0 counts as 2 mm
+    assert blend_weights([0.0, 0.0]).tolist() == [1.0]
+
+
+def ball(range_m, grey, weight, camera=SPHERE):
+    shape = (camera.height, camera.width)
+    sphere = Sphere(np.full(shape, grey, np.uint8), np.full(shape, range_m, np.float32), camera)
+    return PlacedSurface(surface_of(sphere), SE3.identity(), weight)
+
+
+@pytest.mark.parametrize(
+    ("range_m", "other_m", "weights", "grey"),
+    [
+        (2.0, 2.0 / 0.96, (0.5, 0.5), 150),  # within 5 % of nearness one surface
+        (2.0, 2.0 / 0.94, (0.5, 0.5), 100),  # else the nearer hides the other
+        (2.0 / 0.94, 2.0, (0.5, 0.5), 200),
+        (100.0, 180.0, (0.5, 0.5), 150),  # by 0.0045 1/m
+        (100.0, 250.0, (0.5, 0.5), 100),  # by 0.006 1/m
+        (2.0, 2.0, (0.8, 0.2), 120),
+        (2.0, 2.0, (1.0, 0.0), 100),
+        (2.0 / 0.94, 2.0, (1.0, 0.0), 200),  # what one alone saw is never left out
+    ],
+)
+def test_what_agrees_is_blended_and_the_nearer_hides_the_rest(range_m, other_m, weights, grey):
+    pair = [ball(range_m, 100, weights[0]), ball(other_m, 200, weights[1])]
+    view = synthesise(pair, SE3.identity(), PINHOLE)
+    assert view.is_known.all()
+    np.testing.assert_array_equal(view.image, grey)
+    np.testing.assert_allclose(view.range_m, min(range_m, other_m), rtol=0.01)
+
+
+def test_poles_look_where_they_are():
+    """Grey levels that say where a pixel is: a picture that is turned, mirrored or bent around a pole would show."""
+    rays = SPHERE.unproject(np.stack(np.meshgrid(np.arange(512.0), np.arange(256.0)), axis=-1))
+    image = np.rint(128 + 60 * rays[..., 0] + 40 * rays[..., 1]).astype(np.uint8)
+    sphere = Sphere(image, np.full((256, 512), 3.0, np.float32), SPHERE)
+    view = synthesise([PlacedSurface(surface_of(sphere), SE3.identity())], SE3.identity(), SPHERE)
+    for rows in (slice(0, 30), slice(226, 256)):
+        is_known = view.is_known[rows]
+        assert is_known.mean() > 0.99
+        assert np.abs(view.image[rows, :, 0].astype(int) - image[rows])[is_known].max() <= 3  # nearest pixel of 12 mrad
+        np.testing.assert_allclose(view.range_m[rows][is_known], 3.0, rtol=5e-3)
+
+
+def test_far_is_far_and_a_hole_is_none():
+    view = synthesise([ball(np.inf, 100, 1.0)], SE3.identity(), PINHOLE)
+    assert np.isposinf(view.range_m).all()
+    assert view.is_known.all()
+    view = synthesise([ball(np.nan, 100, 1.0)], SE3.identity(), PINHOLE)
+    assert np.isnan(view.range_m).all()
+    assert not view.is_known.any()
+    assert not view.image.any()
 
 
 def test_without_spheres_it_says_so():

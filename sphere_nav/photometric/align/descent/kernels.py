@@ -83,7 +83,7 @@ def exponential(xi):
 
 
 @njit(**OPTIONS)
-def unpack(sums, H, g):
+def unpack_sums(sums, H, g):
     """Write sums (NUM_SUMS,) into H (8, 8) and g (8,) over (v, omega) of the reference, gain and bias."""
     s = 0
     for a in range(NUM_COLUMNS):
@@ -135,7 +135,7 @@ def to_camera_tangent(T, H, g):
 def advance_gradient(sums, T, xi):
     """Advance the gradient in a view's sums (NUM_SUMS,) by an increment xi (8,), to first order, in place."""
     A, H, g, x = by_camera(T), np.empty((8, 8)), np.empty(8), np.zeros(8)
-    unpack(sums, H, g)
+    unpack_sums(sums, H, g)
     for i in range(8):
         for j in range(8):
             x[i] += A[i, j] * xi[j]
@@ -148,7 +148,7 @@ def advance_gradient(sums, T, xi):
 
 
 @njit(**OPTIONS)
-def join(view, h, q, sigma, has_light, H, g):
+def join_view(view, h, q, sigma, has_light, H, g):
     """Add one view's H (8, 8) and g (8,) to the system over (xi, gain 1, bias 1, gain 2, bias 2, ...) (eq. 19, 31).
 
     Unlike in the paper each view counts by the inverse variance of its residuals, so that a distant reference with
@@ -223,9 +223,9 @@ def linearize(blocks, num_views, T_world_reference, camera, image, T_world_camer
             for i in range(NUM_SUMS):
                 sums[i] += pieces[v, p, i]
         visible += facts[v, NUM_VISIBLE]
-        unpack(sums, h, q)
+        unpack_sums(sums, h, q)
         to_camera_tangent(T, h, q)
-        join(v, h, q, max(SIGMA_OF_MAD * facts[v, MAD], min_sigma), has_light, H, g)
+        join_view(v, h, q, max(SIGMA_OF_MAD * facts[v, MAD], min_sigma), has_light, H, g)
     return H, g, visible
 
 
@@ -294,7 +294,7 @@ def scatter(pieces, sigma):
     """Return the sum over all pieces (P, NUM_SUMS) of g' H^-1 g / sigma^2, H of all together (see judgement.py)."""
     H, g, h, total = np.zeros((8, 8)), np.empty((pieces.shape[0], 8)), np.empty((8, 8)), 0.0
     for p in range(pieces.shape[0]):
-        unpack(pieces[p], h, g[p])
+        unpack_sums(pieces[p], h, g[p])
         for i in range(8):
             for j in range(8):
                 H[i, j] += h[i, j]

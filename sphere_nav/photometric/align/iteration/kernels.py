@@ -409,7 +409,7 @@ def _count(r, histogram):
 
 
 @njit(**OPTIONS)
-def median_and_mad(histogram):
+def histogram_median_and_mad(histogram):
     """Median and median absolute deviation of a residual histogram (NUM_BINS,) i32, and the number counted.
 
     Linear within a bin, so both are exact to a small part of 1 / BINS_PER_GREY (M15 eq. 12, 35).
@@ -453,7 +453,7 @@ def scale(blocks, step, T, camera, image, gain, bias, r, places, histogram):
         locate(T, camera, image, d, r, places)
         compare(gain, bias, d, r)
         _count(r, histogram)
-    return median_and_mad(histogram)
+    return histogram_median_and_mad(histogram)
 
 
 @njit(**OPTIONS)

@@ -1,6 +1,6 @@
 import numpy as np
 
-from sphere_mapping.acquisition.partial.joining import Patch, exposure_gains, join
+from sphere_mapping.acquisition.partial.joining import Patch, exposure_gains, join_views
 from sphere_nav.geometry import Spherical
 
 WHOLE = Spherical(128, 64)
@@ -38,7 +38,7 @@ def test_views_without_overlap_keep_their_exposure():
 
 def test_a_closed_ring_has_no_seam_and_no_hole():
     for colour in (False, True):
-        image, range_m = join(ring(colour=colour), WHOLE)
+        image, range_m = join_views(ring(colour=colour), WHOLE)
         band = image[16:48].astype(int).reshape(32, 128, -1)
         assert np.isfinite(range_m[16:48]).all()
         steps = np.abs(np.diff(np.concatenate([band, band[:, :1]], axis=1), axis=1))
@@ -49,10 +49,10 @@ def test_a_closed_ring_has_no_seam_and_no_hole():
 
 def test_range_is_of_one_view_never_a_mean():
     patches = [patch(0), patch(32, range_value=6.0)]
-    _, range_m = join(patches, WHOLE)
+    _, range_m = join_views(patches, WHOLE)
     assert set(np.unique(range_m[16:48, :80])) == {2.0, 6.0}
     assert range_m[20, 34] == 2.0
     assert range_m[20, 46] == 6.0
     blind = Patch(patches[1].image, np.full((32, 48), np.nan, np.float32), patches[1].weight, patches[1].window)
-    _, range_m = join([patches[0], blind], WHOLE)
+    _, range_m = join_views([patches[0], blind], WHOLE)
     assert range_m[20, 46] == 2.0  # the other one measured

@@ -6,7 +6,7 @@ import pytest
 
 from sphere_mapping.acquisition.kernels import match_outline
 from sphere_mapping.acquisition.params import MatchParams
-from sphere_mapping.acquisition.range.epipolar import search_of
+from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges
 from sphere_mapping.acquisition.range.planes import Viewpoints, _fit, range_of_planes
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
@@ -56,7 +56,7 @@ def fill(*, box):
     rng, params = np.random.default_rng(3), MatchParams()
     (top, truth), (bottom, _) = see(0.0, rng, box), see(-BASELINE_M, rng, box)
     nothing = np.full(top.shape, np.nan, np.float32)
-    everywhere, search = np.ones(top.shape, np.bool_), search_of(WHOLE, BASELINE_M, params)
+    everywhere, search = np.ones(top.shape, np.bool_), disparities_of_ranges(WHOLE, BASELINE_M, params)
     places = one_viewpoint()
     return *range_of_planes(top, bottom, (nothing, nothing), everywhere, places, search, params), truth
 
@@ -92,7 +92,7 @@ def test_what_is_measured_stands_unless_it_contradicts_the_plane(empty_room):
     rim = np.zeros(measured.shape, np.bool_)
     rim[110:114] = True
     measured[rim] *= 0.7
-    everywhere, search = np.ones(top.shape, np.bool_), search_of(WHOLE, BASELINE_M, params)
+    everywhere, search = np.ones(top.shape, np.bool_), disparities_of_ranges(WHOLE, BASELINE_M, params)
     measured[130:], measured[:100] = np.nan, np.nan  # enough of a region must be unknown, that it counts
     ranged = measured, 0.02 * measured
     found, _ = range_of_planes(top, bottom, ranged, everywhere, one_viewpoint(), search, params)

@@ -8,7 +8,7 @@ from sphere_mapping.acquisition.stereo.patches import (
     OFFSETS,
     cut_patches,
     find_patches,
-    sample,
+    sample_bilinear,
     spline_of,
     warps_of,
 )
@@ -87,4 +87,4 @@ def test_what_is_bare_or_outside_or_elsewhere_is_not_found(points):
 
 def test_a_spline_gives_back_its_pixels():
     image = render(SE3.identity())
-    np.testing.assert_allclose(sample(spline_of(image), pixel_grid(CAMERA)), image, atol=0.01)
+    np.testing.assert_allclose(sample_bilinear(spline_of(image), pixel_grid(CAMERA)), image, atol=0.01)

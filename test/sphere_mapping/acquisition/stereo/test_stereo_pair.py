@@ -9,7 +9,7 @@ from sphere_mapping.acquisition.stereo.stereo import sphere_from_stereo
 from sphere_mapping.acquisition.stereo.stereo_field import StereoField, follow, tangents
 from sphere_mapping.acquisition.stereo.stereo_pair import PairGeometry, StereoPair, geometry_of
 from sphere_mapping.acquisition.stereo.track_fit import fit_columns
-from sphere_mapping.graph.registration import PreparedSphere, align
+from sphere_mapping.graph.registration import PreparedSphere, align_sphere
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Fisheye, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid
@@ -121,7 +121,7 @@ def driven(drive, pair):
     T_first_last = SE3.identity()
     for a, b in zip(spheres[:-2:2], spheres[2::2], strict=True):
         guess = [SE3.exp([2 * STEP_M, 0, 0, 0, 0, 0])]
-        found = align(b, [a.at(SE3.identity())], iter(guess), params.registration)
+        found = align_sphere(b, [a.at(SE3.identity())], iter(guess), params.registration)
         assert found.is_converged
         T_first_last = T_first_last @ found.T_world_camera
     R, length = T_first_last.rotation, STEP_M * (NUM_STEPS - 1)

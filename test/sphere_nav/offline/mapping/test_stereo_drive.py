@@ -1,10 +1,12 @@
 """A drive says what is off in its stereo pair before it is mapped; a right pair is left alone."""
 
 import numpy as np
+import pytest
 
 from sphere_mapping.acquisition.stereo.track_fit import ColumnFit
 from sphere_mapping.ros.intake import TOPICS
-from sphere_nav.offline.mapping.stereo_drive import describe, find_field
+from sphere_nav.offline.mapping import stereo_drive
+from sphere_nav.offline.mapping.stereo_drive import describe_disparity, find_field
 from sphere_nav.ros.bags import BagReader
 from worlds.recordings import stereo, write_bag
 
@@ -20,6 +22,19 @@ def test_a_right_pair_is_left_alone(tmp_path):
 
 def test_what_is_corrected_is_told_with_its_deviations():
     found = ColumnFit(np.array([0.7, 2.5]), np.diag([0.01, 0.04]), 300)
-    assert describe(found) == (
+    assert describe_disparity(found) == (
         "disparity too small by 0.70 +2.50 x^2 px (x, y: tangents; deviations 0.10, 0.20, from 300 corners), corrected"
     )
+
+
+@pytest.mark.parametrize(("limit", "expected"), [(3, 3), (99, 5)])
+def test_no_more_pairs_are_expected_than_there_are_or_are_needed(tmp_path, monkeypatch, limit, expected):
+    write_bag(tmp_path / "bag", stereo, numbers=range(5))
+    totals, bar = [], stereo_drive.tqdm
+    monkeypatch.setattr(stereo_drive, "MAX_PAIRS", limit)
+    monkeypatch.setattr(
+        stereo_drive, "tqdm", lambda total, **words: [totals.append(total), bar(total=total, **words)][1]
+    )
+    with BagReader(tmp_path / "bag") as bag:
+        find_field(bag, {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]})
+    assert totals == [expected]

@@ -5,7 +5,7 @@ import pytest
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.judgement import correlated_pixels
-from sphere_nav.photometric.align.problem import Problem, State
+from sphere_nav.photometric.align.problem import AlignmentState, Problem
 from sphere_nav.photometric.params import PyramidParams
 
 CAMERA = Pinhole(320, 240, 250.0, 250.0, 159.5, 119.5)
@@ -21,7 +21,7 @@ def measured(room, noise) -> float:
     pyramid = build_pyramid((now + noise).astype(np.float32), CAMERA, PARAMS.pyramid)
     views = [View(prepare_reference(grey, range_m, CAMERA, PARAMS), SE3.identity())]
     problem = Problem.choose_pixels(pyramid.levels[0], views, TURNED, PARAMS)
-    return correlated_pixels(problem.compare(State.start(TURNED, 1)), 99.0)
+    return correlated_pixels(problem.compare(AlignmentState.start(TURNED, 1)), 99.0)
 
 
 def test_independent_noise_is_correlated_by_interpolation_alone(room, rng):
@@ -45,7 +45,7 @@ def test_few_pixels_cannot_tell(room):
     views = [View(prepare_reference(grey, range_m, small, PARAMS), SE3.identity())]
     pyramid = build_pyramid(grey, small, PARAMS.pyramid)
     problem = Problem.choose_pixels(pyramid.levels[0], views, SE3.identity(), PARAMS)
-    assert correlated_pixels(problem.compare(State.start(SE3.identity(), 1)), 99.0) == 99.0
+    assert correlated_pixels(problem.compare(AlignmentState.start(SE3.identity(), 1)), 99.0) == 99.0
 
 
 def test_the_covariance_grows_with_the_correlation(room, rng):
@@ -64,5 +64,5 @@ def test_a_view_of_nothing_cannot_tell(room):
     views = [View(prepare_reference(grey, range_m, CAMERA, PARAMS), SE3.identity())]
     pyramid = build_pyramid(grey, CAMERA, PARAMS.pyramid)
     problem = Problem.choose_pixels(pyramid.levels[0], views, SE3.identity(), PARAMS)
-    behind = State.start(SE3.exp([0.0, 0.0, 0.0, 0.0, np.pi, 0.0]), 1)
+    behind = AlignmentState.start(SE3.exp([0.0, 0.0, 0.0, 0.0, np.pi, 0.0]), 1)
     assert correlated_pixels(problem.compare(behind), 99.0) >= 1.0

@@ -6,7 +6,7 @@ import pytest
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.esm import register_rig
-from sphere_nav.photometric.align.problem import State
+from sphere_nav.photometric.align.problem import AlignmentState
 from sphere_nav.photometric.align.rig import RigImage, RigProblem
 from sphere_nav.photometric.align.rotation import register_rig_rotation
 from sphere_nav.photometric.checks.structure import find_rig_structure
@@ -43,7 +43,7 @@ def images(room, views):
 
 
 def test_the_increment_of_a_camera_is_the_adjoint_of_that_of_the_body(images):
-    problem, state = RigProblem.choose_pixels(images, 1, START, PARAMS, None), State.start(START, 4)
+    problem, state = RigProblem.choose_pixels(images, 1, START, PARAMS, None), AlignmentState.start(START, 4)
     H, g, visible = problem.linearize(state)
     for image, one, camera_state in zip(images, problem.problems, problem.states(state), strict=True):
         step = 1e-6 * np.eye(6)

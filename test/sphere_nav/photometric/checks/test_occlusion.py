@@ -8,7 +8,7 @@ import pytest
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.occlusion import find_occlusion_bias
+from sphere_nav.photometric.checks.occlusion import exclude_occlusion, find_occlusion_bias
 from sphere_nav.photometric.checks.structure import find_rig_structure
 from sphere_nav.photometric.constants import OCCLUSION_SHARE
 from sphere_nav.photometric.pixels.samples import Sample
@@ -136,3 +136,85 @@ def test_what_hides_the_view_of_a_camera_pulls_its_body(soft, views):
     there = find_rig_structure([RigImage(pyramid, place, tuple(views))], body, PARAMS).occlusion
     assert there.share == pytest.approx(alone.share, abs=1e-3)
     np.testing.assert_allclose(there.xi, (place @ SE3.exp(alone.xi) @ place.inverse()).log(), atol=1e-3)
+
+
+# Each limit from both sides, by pixels whose cosines are known. 48 cells of 8 x 6 with 36 pixels each.
+CELLS_U, CELLS_V = (x.ravel() for x in np.meshgrid((np.arange(48) + 0.5) / 24 - 1, (np.arange(36) + 0.5) / 18 - 1))
+GRID = np.column_stack([CELLS_U, CELLS_V])
+COLUMN, ROW = ((0.5 * (GRID + 1.0)) * (8, 6)).astype(int).T
+CELL = ROW * 8 + COLUMN
+SMALL_STEP = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.01])
+
+
+def in_grid(cosine, where=None, step=SMALL_STEP):
+    """Return pixels with such cosines, whose residuals are those of a step of the pose."""
+    where = np.ones(len(GRID), bool) if where is None else where
+    sample = gradients(np.arccos(np.broadcast_to(cosine, len(GRID))[where]), np.ones(where.sum()), GRID[where])
+    return replace(sample, residual=-replace(sample, of_image=sample.of_reference).by_pose @ step)
+
+
+def found_of(sample):
+    """Return the share, whether a bias was looked for, and how often pixels were sampled anew."""
+    calls, cameras = [], [(None, [sample])]
+    found = find_occlusion_bias(lambda T: calls.append(T) or cameras, cameras, SE3.identity(), PARAMS)
+    return found.share, bool(found.xi.any()), len(calls)
+
+
+def test_cells_are_eight_by_six():
+    parts = (GRID[:, 0] < -1 + 4 / 24, 1 / 8), (GRID[:, 1] < -1 + 4 / 18, 1 / 6)  # two thirds of a cell spoil all of it
+    for is_left, share in parts:
+        assert found_of(in_grid(np.where(is_left, -1.0, 1.0)))[0] == pytest.approx(share)
+
+
+@pytest.mark.parametrize(("cells", "is_occluded"), [(4, False), (5, True)])
+def test_a_tenth_of_the_texture_is_an_occlusion(cells, is_occluded):
+    share, is_biased, _ = found_of(in_grid(np.where(cells > CELL, 0.0, 1.0)))
+    assert share == pytest.approx(cells / 48)
+    assert is_biased == is_occluded
+
+
+@pytest.mark.parametrize(("cells", "is_told"), [(33, True), (34, False)])
+def test_by_less_than_three_tenths_of_the_pixels_nothing_is_told(cells, is_told):
+    share, is_biased, _ = found_of(in_grid(np.where(cells > CELL, 0.0, 1.0)))
+    assert share == pytest.approx(cells / 48)
+    assert is_biased == is_told
+
+
+@pytest.mark.parametrize(("cells", "share"), [(35, 35 / 48), (37, 0.0)])
+def test_the_best_quarter_of_the_cells_is_typical(cells, share):
+    assert found_of(in_grid(np.where(cells > CELL, 0.0, 1.0)))[0] == pytest.approx(share)
+
+
+@pytest.mark.parametrize(("cosine", "share"), [(0.49, 0.25), (0.51, 0.0)])
+def test_half_of_the_typical_cosine_agrees(cosine, share):
+    assert found_of(in_grid(np.where(CELL < 12, cosine, 1.0)))[0] == pytest.approx(share)
+
+
+@pytest.mark.parametrize(("sigmas", "share"), [(2.9, 0.0), (3.1, 0.25)])
+def test_a_cell_is_occluded_where_its_mean_is_three_deviations_too_low(sigmas, share):
+    """36 pixels at m - s and m + s have a mean m of standard deviation s / 6."""
+    spread = np.where(np.arange(len(GRID)) % 2, 0.3, -0.3)
+    cosine = np.where(CELL < 12, 0.5 - sigmas * 0.3 / 6 + spread, 1.0)
+    assert found_of(in_grid(cosine))[0] == pytest.approx(share)
+
+
+@pytest.mark.parametrize(("number", "share"), [(11, 0.0), (12, 1.0)])
+def test_a_cell_of_twelve_pixels_is_known(number, share):
+    where = (CELL >= 12) | (np.cumsum(CELL == 0) <= number) & (CELL == 0)
+    left = (CELL == 0)[where].sum()
+    found = found_of(in_grid(np.where(CELL == 0, 0.0, 1.0), where))[0]
+    assert left == number
+    assert found == pytest.approx(share * number / where.sum())
+
+
+@pytest.mark.parametrize(("number", "is_used"), [(49, False), (50, True)])
+def test_a_view_of_fifty_pixels_is_used(number, is_used):
+    sample = in_grid(1.0, np.arange(len(GRID)) < number)
+    ((_, kept),) = exclude_occlusion(lambda _: [(None, [sample])])(SE3.identity())
+    assert bool(kept) == is_used
+
+
+@pytest.mark.parametrize(("radians", "calls"), [(0.9e-3, 0), (1.2e-3, 6)])
+def test_steps_end_when_the_image_moves_by_a_milliradian_and_after_six(radians, calls):
+    step = np.array([0.0, 0.0, 0.0, radians, 0.0, 0.0])  # about x: points near the axis move by the angle
+    assert found_of(in_grid(np.where(CELL < 12, 0.0, 1.0), step=step))[2] == calls

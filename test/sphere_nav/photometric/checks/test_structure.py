@@ -6,7 +6,9 @@ import pytest
 from sphere_nav.geometry import SE3, Fisheye, FrameMotion, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.structure import find_rig_structure
+from sphere_nav.photometric.checks import structure
+from sphere_nav.photometric.checks.structure import _stretch, find_rig_structure, view_residuals
+from sphere_nav.photometric.pixels.samples import Sample
 
 PARAMS = RegistrationParams(max_pixels=10_000)
 SPHERE = Spherical(512, 256)
@@ -76,3 +78,30 @@ def test_whole_spheres_have_no_lens(room, views):
     found = seen(room, views, sphere, sphere)
     assert (found.stretch, found.stretch_sigma) == (0.0, np.inf)
     assert found.agreement > 0.6
+
+
+def test_the_deviation_of_the_stretch_is_the_scatter_of_24_pieces():
+    """Residuals of +-1 that agree within 24 pieces are as 24 numbers: 1 / sqrt(24), however many pixels there are."""
+    rng, number = np.random.default_rng(2), 24 * 96
+    sign, piece = np.where(np.arange(number) % 2, 1.0, -1.0), np.where(np.arange(number) // 96 % 2, 1.0, -1.0)
+    points, gradients = rng.normal([0.0, 0.0, 4.0], 1.0, (number, 3)), rng.normal(0.0, 1.0, (number, 3))
+    current = rng.uniform(0.0, 255.0, number)
+    sample = Sample(points, gradients, gradients, sign, current, sign * piece, np.zeros((number, 2)))
+    stretch, sigma = _stretch([sample], PARAMS, has_lens=True)
+    assert sigma == pytest.approx(24**-0.5, rel=0.03)
+    assert abs(stretch) < 3.0 * number**-0.5
+
+
+@pytest.mark.parametrize(("number", "is_told"), [(99, False), (100, True)])
+def test_a_view_of_a_hundred_pixels_tells_something(room, views, monkeypatch, number, is_told):
+    pyramid = build_pyramid(room.photograph(CAMERAS[0], SOMEWHERE, 1), CAMERAS[0], PARAMS.pyramid)
+    alignment = register(pyramid, views, SOMEWHERE, PARAMS)
+    usual = structure.sample_views
+
+    def few(*args):
+        return [one.where(np.arange(len(one.residual)) < number) for one in usual(*args)]
+
+    monkeypatch.setattr(structure, "sample_views", few)
+    images = [RigImage(pyramid, views=tuple(views))]
+    assert len(list(view_residuals(images, alignment, PARAMS))) == 2 * is_told
+    assert (find_rig_structure(images, alignment, PARAMS).agreement > 0.5) == is_told

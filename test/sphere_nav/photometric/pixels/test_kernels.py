@@ -9,7 +9,7 @@ from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
 from sphere_nav.photometric.pixels import kernels
 from sphere_nav.photometric.pixels.reference import in_codes, in_steps
-from sphere_nav.photometric.pixels.squares import Squares, cones_of, curve, rays_of
+from sphere_nav.photometric.pixels.squares import Squares, cones_of, curve, kernel_rays
 from worlds.blocks import in_blocks
 
 CAMERAS = [
@@ -164,7 +164,7 @@ def test_ranges_are_kept_within_two_ten_thousandths_and_in_their_order(rng):
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: f"{camera.model} {camera.width}")
 def test_rays_are_those_of_the_camera(camera):
-    tables = rays_of(camera)
+    tables = kernel_rays(camera)
     found = [[kernels.ray_of(tables, v, u, camera.width) for u in range(camera.width)] for v in range(camera.height)]
     np.testing.assert_allclose(found, pixel_rays(camera), atol=1e-6)
 
@@ -176,7 +176,7 @@ def test_squares_are_filled_with_points_grey_levels_and_gradients_by_the_point(r
     steps, codes, chosen = in_steps(image, 0), in_codes(range_m), np.array([4, 0], np.int32)
     pool, keys = np.full(3 * BLOCK, 7.0, np.float32), np.full((3 * SIDE, 6), 7, np.uint8)
     ranges = codes, kernels.RANGES, np.float32(100.0)
-    kernels.fill_squares(chosen, 1, steps, 0, *ranges, rays_of(camera), kernel_camera(camera), pool, keys)
+    kernels.fill_squares(chosen, 1, steps, 0, *ranges, kernel_rays(camera), kernel_camera(camera), pool, keys)
     assert np.all(pool[:BLOCK] == 7.0)
     assert np.all(keys[:SIDE] == 7)
     grey = steps / 256.0

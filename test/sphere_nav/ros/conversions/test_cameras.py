@@ -5,6 +5,7 @@ import pytest
 
 from sphere_nav.geometry import Fisheye, Pinhole, Spherical
 from sphere_nav.ros.conversions import camera_from_info, camera_to_info, check_image_size, stereo_baseline
+from sphere_nav.ros.conversions.cameras import has_baseline, rectification_of
 
 PINHOLE = Pinhole(640, 480, 525.0, 520.0, 319.5, 241.0, (0.1, -0.2, 0.001, 0.002, 0.03))
 CAMERAS = [
@@ -90,3 +91,33 @@ def test_an_image_of_another_size():
     check_image_size(PINHOLE, 640, 480)
     with pytest.raises(ValueError, match=r"image size: expected 640 x 480 \(camera_info\), found 320 x 240"):
         check_image_size(PINHOLE, 320, 240)
+
+
+@pytest.mark.parametrize(("stretch", "is_rotation"), [(1.0004, True), (1.0006, False), (0.9994, False)])
+def test_a_rectification_is_a_rotation_to_a_thousandth(stretch, is_rotation):
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    info = changed(r=(stretch * turn).ravel().tolist())
+    if is_rotation:
+        np.testing.assert_allclose(rectification_of(info), stretch * turn)
+    else:
+        with pytest.raises(ValueError, match="front: R: expected a rotation"):
+            rectification_of(info)
+
+
+def test_no_rectification_is_no_turn_and_a_mirror_is_none():
+    np.testing.assert_array_equal(rectification_of(changed(r=[0.0] * 9)), np.eye(3))
+    with pytest.raises(ValueError, match="R: expected a rotation"):
+        rectification_of(changed(r=np.diag([1.0, 1.0, -1.0]).ravel().tolist()))
+
+
+def test_a_right_camera_has_a_baseline_to_the_right():
+    right = camera_to_info(CAMERAS[0], 0, "right", baseline=0.54)
+    assert has_baseline(right)
+    for wrong in (camera_to_info(CAMERAS[0], 0, "left"), camera_to_info(CAMERAS[0], 0, "right", baseline=-0.5)):
+        assert not has_baseline(wrong)
+        with pytest.raises(ValueError, match="expected -fx"):
+            stereo_baseline(wrong)
+    right.p[0] = 0.0
+    assert not has_baseline(right)
+    with pytest.raises(ValueError, match="expected -fx"):
+        stereo_baseline(right)

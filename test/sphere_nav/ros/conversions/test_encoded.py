@@ -34,3 +34,48 @@ def test_a_picture_stays_as_the_sensor_made_it():
     assert decode_file(turned, 1000, cv2.IMREAD_ANYCOLOR).shape == (12, 34)
     with pytest.raises(ValueError, match="expected 1 to 407 pixels, found 34 x 12"):
         decode_file(turned, 407, cv2.IMREAD_ANYCOLOR)
+
+
+def jpeg(marker, before=b""):
+    """The beginning of a JPEG of 300 x 20: segments, then a frame header of this kind (ITU-T T.81, B.2.2)."""
+    return b"\xff\xd8" + before + bytes([0xFF, marker]) + b"\x00\x0b\x08" + b"\x00\x14\x01\x2c" + b"\x01\x01\x11\x00"
+
+
+FRAMES = [
+    0xC0,
+    0xC1,
+    0xC2,
+    0xC3,
+    0xC5,
+    0xC6,
+    0xC7,
+    0xC9,
+    0xCA,
+    0xCB,
+    0xCD,
+    0xCE,
+    0xCF,
+]  # SOF0 to SOF15
+
+
+@pytest.mark.parametrize("marker", range(0xC0, 0xD0))
+def test_every_kind_of_frame_tells_its_size_and_tables_do_not(marker):
+    if marker in FRAMES:
+        assert encoded_size(jpeg(marker)) == (300, 20)
+    else:  # DHT, JPG and DAC are segments: what follows is read
+        assert encoded_size(jpeg(0xC0, bytes([0xFF, marker]) + b"\x00\x05abc")) == (300, 20)
+
+
+@pytest.mark.parametrize("marker", [0x01, *range(0xD0, 0xD9)])
+def test_markers_without_a_segment_are_passed_over(marker):
+    """TEM, RST0 to RST7 and SOI of the standard have no length."""
+    assert encoded_size(jpeg(0xC0, bytes([0xFF, marker]))) == (300, 20)
+
+
+def test_the_size_may_be_known_before_and_may_be_as_large_as_allowed():
+    data = cv2.imencode(".png", np.zeros((12, 34), np.uint8))[1].tobytes()
+    assert decode_file(data, 408, cv2.IMREAD_ANYCOLOR, (34, 12)).shape == (12, 34)
+    with pytest.raises(ValueError, match=r"expected 12 x 34 \(rig\), found 34 x 12"):
+        decode_file(data, 408, cv2.IMREAD_ANYCOLOR, (12, 34), "rig")
+    with pytest.raises(ValueError, match=r"expected an image, found .* bytes that do not decode"):
+        decode_file(data[:40], 408, cv2.IMREAD_ANYCOLOR)

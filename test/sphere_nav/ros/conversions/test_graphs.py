@@ -73,3 +73,14 @@ def test_what_is_no_graph_is_refused(sphere_graph):
 def test_an_id_must_fit_the_message():
     with pytest.raises(ValueError, match="key sphere id: expected 0 to"):
         graph_to_message(SphereGraph([KeySphere(-1, 0, SE3.identity())]), "map")
+
+
+def test_the_head_has_the_stamp_of_the_newest_and_vertices_come_by_id():
+    nodes = [KeySphere(k, ns, SE3.identity()) for k, ns in ((5, 7_000_000_000), (2, 9_000_000_000), (8, 1_000_000_000))]
+    message = graph_to_message(SphereGraph(nodes), "map")
+    assert (message.header.stamp.sec, [vertex.id for vertex in message.vertices]) == (9, [2, 5, 8])
+    assert graph_to_message(SphereGraph(), "map").header.stamp.sec == 0
+    largest = graph_to_message(SphereGraph([KeySphere(2**32 - 1, 0, SE3.identity())]), "map")
+    assert largest.vertices[0].id == 2**32 - 1
+    with pytest.raises(ValueError, match="expected 0 to 4294967295, found 4294967296"):
+        graph_to_message(SphereGraph([KeySphere(2**32, 0, SE3.identity())]), "map")

@@ -34,6 +34,11 @@ def test_an_enum_is_its_word_and_nan_is_zero():
     assert (message.state, message.reason_code, message.mad, message.value) == ("TRACKING", 0, 0.0, 0.0)
 
 
+def test_a_chance_that_is_no_number_is_certain():
+    message = status_to_message(Status("LOST", p_chance=math.nan, quality=math.nan), 0, "map")
+    assert (message.p_chance, message.quality) == (1.0, 0.0)
+
+
 def test_an_unknown_word_is_refused():
     with pytest.raises(ValueError, match="expected a state or reason of LocalizationStatus, found 'HAPPY'"):
         status_to_message(Status("HAPPY"), 0, "map")

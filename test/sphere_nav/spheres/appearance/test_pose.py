@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
-from sphere_nav.spheres.appearance.features import features_of_image, features_of_sphere
-from sphere_nav.spheres.appearance.pose import find_pose, match
+from sphere_nav.spheres.appearance.features import Features, features_of_image, features_of_sphere
+from sphere_nav.spheres.appearance.pose import MAX_ANGLE, _angles, _enough, _refine, find_pose, match_features
 from worlds.room import optical, sharp_room
 
 CAMERA = Spherical(512, 256)
@@ -44,5 +44,114 @@ def test_few_features_of_another_room_agree_on_anything(seed):
 def test_nothing_matches_nothing():
     blank = features_of_image(np.full((256, 512), 90, np.uint8), CAMERA)
     known = features_of_sphere(ROOM.sphere(HERE, CAMERA))
-    assert len(match(blank, known)) == 0
+    assert len(match_features(blank, known)) == 0
     assert find_pose(blank, known) is None
+
+
+def synthetic(num, T_sphere_camera, seed=0, noise_rad=0.0):
+    """Features of a camera and those of a sphere, row by row the same points; descriptors at right angles."""
+    rng = np.random.default_rng(seed)
+    points = rng.uniform(-4.0, 4.0, (num, 3)) + np.array([6.0, 0.0, 0.0])
+    seen = T_sphere_camera.inverse().apply(points)
+    rays = seen / np.linalg.norm(seen, axis=1, keepdims=True)
+    side = np.cross(rays, rng.normal(size=rays.shape))
+    side /= np.linalg.norm(side, axis=1, keepdims=True)
+    rays = np.cos(noise_rad) * rays + np.sin(noise_rad) * side
+    range_m = np.linalg.norm(points, axis=1)
+    descriptors = (200 * np.eye(num, 128)).astype(np.uint8)
+    query = Features(rays.astype(np.float32), np.full(num, np.nan, np.float32), descriptors)
+    return query, Features((points / range_m[:, None]).astype(np.float32), range_m.astype(np.float32), descriptors)
+
+
+T_SYNTHETIC = SE3.exp([0.4, -0.7, 0.2, 0.1, -0.2, 0.5])
+
+
+def test_exact_features_give_the_exact_pose_with_its_signs():
+    query, known = synthetic(40, T_SYNTHETIC)
+    found = find_pose(query, known)
+    np.testing.assert_allclose(found.T_sphere_camera.matrix, T_SYNTHETIC.matrix, atol=1e-5)
+    assert (found.num_inliers, found.num_matches) == (40, 40)
+
+
+def test_wrong_matches_and_points_without_range_are_left_out():
+    query, known = synthetic(40, T_SYNTHETIC)
+    rays, range_m = query.rays.copy(), known.range_m.copy()
+    rays[:12], range_m[12:16] = rays[11::-1], np.nan
+    found = find_pose(
+        Features(rays, query.range_m, query.descriptors), Features(known.rays, range_m, known.descriptors)
+    )
+    np.testing.assert_allclose(found.T_sphere_camera.matrix, T_SYNTHETIC.matrix, atol=1e-5)
+    assert (found.num_inliers, found.num_matches) == (24, 36)
+
+
+@pytest.mark.parametrize(("num", "is_found"), [(3, False), (4, True)])
+def test_four_features_are_needed(num, is_found):
+    assert (find_pose(*synthetic(num, T_SYNTHETIC)) is not None) == is_found
+
+
+def test_features_that_agree_on_nothing_are_no_pose():
+    query, known = synthetic(5, T_SYNTHETIC)
+    rays = np.array([[1, 0, 0], [0.6, 0.8, 0], [0.6, -0.8, 0], [0.6, 0, 0.8], [0.6, 0, -0.8]], np.float32)
+    far = np.array([[1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0], [0, -1, 0]], np.float32)
+    found = find_pose(
+        Features(rays, query.range_m, query.descriptors), Features(far, np.full(5, 3.0, np.float32), known.descriptors)
+    )
+    assert found is None
+
+
+@pytest.mark.parametrize(("noise_deg", "num_inliers"), [(0.0, 30), (0.9, 30), (1.1, 24)])
+def test_a_ray_belongs_to_its_point_within_a_degree(noise_deg, num_inliers):
+    query, known = synthetic(30, T_SYNTHETIC)
+    noisy, _ = synthetic(30, T_SYNTHETIC, noise_rad=np.radians(noise_deg))
+    rays = query.rays.copy()
+    rays[:6] = noisy.rays[:6]
+    T = T_SYNTHETIC.inverse()
+    angles = np.degrees(_angles(T, rays.astype(np.float64), known.points.astype(np.float64)))
+    np.testing.assert_allclose(angles[:6], noise_deg, atol=1e-3)
+    assert np.sum(np.radians(angles) < MAX_ANGLE) == num_inliers
+
+
+def test_one_step_of_refinement_is_a_step_of_newton():
+    query, known = synthetic(30, T_SYNTHETIC)
+    rays, points = query.rays.astype(np.float64), known.points.astype(np.float64)
+    T = T_SYNTHETIC.inverse()
+    start = T @ SE3.exp([0.02, -0.03, 0.01, 0.01, 0.02, -0.01])
+    left = _refine(start, rays, points).distance(T)
+    assert left[0] < 0.05 * start.distance(T)[0]
+    assert left[1] < 0.05 * start.distance(T)[1]
+
+
+@pytest.mark.parametrize(("ratio", "num_found"), [(0.84, 1), (0.86, 0)])
+def test_a_match_is_clearly_better_than_the_second(ratio, num_found):
+    """Lowe 2004: the distances to the best and the second best descriptor."""
+    best, second = 0.30, 0.30 / ratio  # chords of unit vectors
+    angles = 2 * np.arcsin(np.array([best, -second]) / 2)
+    descriptors = np.zeros((4, 128))
+    descriptors[0, 0] = 1.0
+    descriptors[1:3, 0], descriptors[1:3, 1] = np.cos(angles), np.sin(angles)
+    descriptors[3, 5] = 1.0
+
+    class Given(Features):  # bytes have no sign, these have
+        def unit_descriptors(self):
+            return self.units
+
+    query, known = (
+        Given(np.eye(3, dtype=np.float32)[:2], np.ones(2, np.float32), np.zeros((2, 128), np.uint8)) for _ in "ab"
+    )
+    object.__setattr__(query, "units", descriptors[[0, 3]])
+    object.__setattr__(known, "units", descriptors[[1, 2]])
+    assert len([row for row in match_features(query, known) if row[0] == 0]) == num_found
+
+
+def test_trials_end_when_three_right_ones_were_drawn_with_999_in_a_thousand():
+    assert _enough(np.array([True] * 5 + [False] * 5)) == pytest.approx(np.log(1e-3) / np.log(1 - 0.5**3))
+    assert _enough(np.ones(4, np.bool_)) == 1.0
+    assert _enough(np.zeros(4, np.bool_)) == np.inf
+
+
+def test_rays_that_all_look_one_way_are_no_pose():
+    query, known = synthetic(6, T_SYNTHETIC)
+    ring = np.stack([np.cos(np.arange(6.0)), np.sin(np.arange(6.0)), np.zeros(6)], axis=1)  # no three in front
+    rays = np.concatenate([ring[:3], -ring[:3]]).astype(np.float32)
+    found = find_pose(Features(rays, query.range_m, query.descriptors), known)
+    assert found is None or found.num_inliers >= 4

@@ -55,7 +55,7 @@ def test_sums_are_the_upper_triangle_by_rows(system):
     sums = np.zeros(NUM_SUMS)
     sums[:45] = whole[np.triu_indices(9)]
     found, found_g = np.empty((8, 8)), np.empty(8)
-    kernels.unpack(sums, found, found_g)
+    kernels.unpack_sums(sums, found, found_g)
     assert np.array_equal(found, H)
     assert np.array_equal(found_g, g)
 
@@ -64,7 +64,7 @@ def test_views_share_the_pose_and_have_a_light_each(system):
     h, q = system
     H, g = np.zeros((10, 10)), np.zeros(10)
     for view, sigma in ((0, 1.0), (1, 2.0)):
-        kernels.join(view, h, q, sigma, True, H, g)
+        kernels.join_view(view, h, q, sigma, True, H, g)
     assert np.allclose(H[:6, :6], 1.25 * h[:6, :6])
     assert np.allclose(H[:6, 8:], 0.25 * h[:6, 6:])
     assert np.allclose(H[6:8, 8:], 0.0)
@@ -108,7 +108,7 @@ def test_the_gradient_advances_by_h_times_the_increment(T, system, rng):
     sums[:45], sums[45:] = whole[np.triu_indices(9)], (7.0, 5.0)
     kernels.advance_gradient(sums, rows_of(T), xi)
     found, found_g = np.empty((8, 8)), np.empty(8)
-    kernels.unpack(sums, found, found_g)
+    kernels.unpack_sums(sums, found, found_g)
     np.testing.assert_allclose(found_g, g + H @ kernels.by_camera(rows_of(T)) @ xi, rtol=1e-9)
     np.testing.assert_array_equal(found, H)
     assert sums[44:].tolist() == [3.0, 7.0, 5.0]

@@ -135,7 +135,7 @@ def test_the_scale_is_the_median_and_mad_of_the_residuals(rng):
 
 
 def test_median_and_mad_of_nothing_are_zero():
-    assert kernels.median_and_mad(np.zeros(kernels.NUM_BINS, np.int32)) == (0.0, 0.0, 0.0)
+    assert kernels.histogram_median_and_mad(np.zeros(kernels.NUM_BINS, np.int32)) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("camera", CAMERAS[:5], ids=NAMES[:5])

@@ -1,0 +1,72 @@
+"""A place carried on by odometry: where to, how much surer it is no more, and which images tell nothing new."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from mcl_depth.belief.dead_reckoning import DeadReckoning
+from mcl_depth.belief.estimate import Observation
+from mcl_depth.belief.hypotheses import Hypothesis
+from mcl_depth.params import MclInputParams, MotionParams
+from sphere_nav.geometry import SE3, Spherical
+
+CONFIRMED = Hypothesis(np.array([5.0, 6.0, np.pi / 2]), np.diag([0.04, 0.09, 0.01]), 0.9, np.arange(1))
+
+
+def observe(x, y, yaw, second=1):
+    camera = Spherical(16, 8)
+    return Observation(np.zeros((8, 16), np.uint8), camera, second * 10**9, np.eye(3), SE3.from_planar(x, y, yaw))
+
+
+def reckoning(**params):
+    found = DeadReckoning(MclInputParams(min_way=0.2), MotionParams(**params))
+    found.update(CONFIRMED, observe(1.0, 1.0, 0.0), is_confirmed=True)
+    return found
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_ways_and_turns_keep_their_sides(side):
+    pose, _ = reckoning().propagate(observe(1.0 + 0.6, 1.0 + 0.8 * side, 0.3 * side))
+    np.testing.assert_allclose(pose, [5.0 - 0.8 * side, 6.6, np.pi / 2 + 0.3 * side])  # its heading is the map's y
+
+
+def test_the_covariance_grows_with_the_way():
+    _, covariance = reckoning(way_share=0.05, drift_deg=2.0).propagate(observe(1.0, 5.0, 0.0))
+    turn = np.radians(2.0) * 2.0  # grows with the root of 4 m
+    side = 0.05 * 4.0 + 0.5 * turn * 4.0
+    np.testing.assert_allclose(covariance - CONFIRMED.covariance, np.diag([side, side, turn]) ** 2, atol=1e-15)
+
+
+def test_the_growth_holds_what_drift_does_by_monte_carlo():
+    """A heading that walks at random over a way of 9 m, and a scale that is wrong by 5 %."""
+    rng, way, count = np.random.default_rng(0), 9.0, 4000
+    steps = rng.normal(0.0, np.radians(2.0) * np.sqrt(way / 90), (count, 90))
+    headings = np.cumsum(steps, axis=1)
+    length = way / 90 * (1.0 + rng.normal(0.0, 0.05, (count, 1)))
+    x, y = (length * np.cos(headings)).sum(axis=1), (length * np.sin(headings)).sum(axis=1)
+    _, covariance = reckoning(way_share=0.05, drift_deg=2.0).propagate(observe(1.0 + way, 1.0, 0.0))
+    grown = np.sqrt(np.diag(covariance - CONFIRMED.covariance))
+    assert headings[:, -1].std() == pytest.approx(grown[2], rel=0.05)
+    for found in (x.std(), y.std()):  # one deviation serves both axes: it may not be too small for either
+        assert 0.3 * grown[0] < found < grown[0]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("way", "turn_deg", "is_near"), [(0.19, 2.9, True), (0.21, 0.0, False), (0.0, 3.1, False)])
+def test_an_image_is_new_after_a_way_or_a_turn_of_three_degrees(way, turn_deg, is_near, sign):
+    image = observe(1.0 + 0.6 * way * sign, 1.0 - 0.8 * way * sign, np.radians(turn_deg) * sign)
+    assert reckoning().is_near(image) == is_near
+
+
+def test_nothing_is_near_before_the_first_image():
+    found = DeadReckoning(MclInputParams(), MotionParams())
+    assert not found.is_near(observe(0.0, 0.0, 0.0))
+    assert (found.best, found.quality, found.age(9 * 10**9)) == (None, 0.0, 0.0)
+
+
+def test_age_is_in_seconds_and_never_negative():
+    found = reckoning()
+    assert found.quality == 0.9
+    assert found.age(3_500_000_000) == pytest.approx(2.5)
+    assert found.age(500_000_000) == 0.0

@@ -1,0 +1,98 @@
+"""How many particles live on, and which."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from mcl_depth.belief.weighting import CHANCE, compute_weights, scale_similarities
+from scipy.stats import chi2
+
+from mcl_depth.belief.orientation import NUM_YOUNG, adjust_headings
+from mcl_depth.belief.particles import Particles
+from mcl_depth.belief.resampling import count_bins, required_particles, resample
+
+
+@pytest.mark.parametrize("bins", [20, 60, 200])
+def test_the_number_is_that_of_fox(bins):
+    """Fox 2003, eq. 11: the belief is wrong by more than 0.03 in one of a hundred draws; eq. 12 is close to it."""
+    assert required_particles(bins, 10**6) == pytest.approx(chi2.ppf(0.99, bins - 1) / (2 * 0.03), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("bins", "at_most", "count"), [(1, 1000, 300), (2, 1000, 300), (1, 100, 100), (999, 1000, 1000)]
+)
+def test_there_are_never_fewer_than_a_least_number_nor_more_than_allowed(bins, at_most, count):
+    assert required_particles(bins, at_most) == count
+
+
+def test_bins_are_a_quarter_of_a_metre_and_ten_degrees():
+    at = np.array([0.1, -0.4, np.radians(3.0)])
+    for axis, side in enumerate((0.25, 0.25, np.radians(10.0))):
+        poses = np.tile(at, (41, 1))
+        poses[:, axis] += np.linspace(0.0, 4.0 * side, 41)
+        assert count_bins(poses) == 5
+    assert count_bins(np.array([[0.0, 0.0, 0.0], [0.3, 0.3, 0.0], [0.3, 0.0, 0.0]])) == 3
+
+
+@pytest.mark.parametrize(("num_alive", "is_kept"), [(51, True), (50, False), (49, False)])
+def test_the_set_is_kept_while_more_than_half_carry_the_belief(num_alive, is_kept):
+    weights = np.zeros(100)
+    weights[:num_alive] = 1.0 / num_alive
+    particles = replace(Particles.of_equal_weight(np.zeros((100, 3))), weights=weights)
+    found = resample(particles, 100, np.random.default_rng(0))
+    assert (found is particles) == is_kept
+    if not is_kept:
+        np.testing.assert_allclose(found.weights, 1.0 / len(found))
+
+
+def test_copies_of_young_particles_are_spread_by_the_gap_and_old_ones_are_not():
+    weights = np.zeros(400)
+    weights[:2] = 0.5
+    particles = replace(Particles.of_equal_weight(np.zeros((400, 3))), weights=weights)
+    particles = replace(particles, ages=np.where(np.arange(400) == 0, NUM_YOUNG, NUM_YOUNG + 1))
+    found = resample(particles, 4000, np.random.default_rng(0), gap=2.0)
+    is_young = found.ages <= NUM_YOUNG
+    assert found.poses[is_young, :2].std() == pytest.approx(0.3 * 2.0, rel=0.1)
+    assert not found.poses[~is_young].any()
+    assert not found.poses[:, 2].any()
+
+
+def test_what_is_like_chance_or_worse_weighs_nothing():
+    np.testing.assert_allclose(scale_similarities(CHANCE + np.array([-0.1, 0.0, 0.05, 0.2])), [0.0, 0.0, 0.25, 1.0])
+    np.testing.assert_array_equal(scale_similarities(CHANCE - np.array([0.1, 0.0])), [1.0, 1.0])
+    angles = np.random.default_rng(0).uniform(0.0, 2 * np.pi, 10**6)  # between gradients that have nothing in common
+    assert pytest.approx(2 * np.abs(np.cos(angles)).mean(), rel=2e-3) == CHANCE
+
+
+def test_places_off_the_map_are_none_and_the_prior_counts():
+    s, prior = CHANCE + np.array([0.2, 0.2, 0.2, 0.0]), np.array([0.1, 0.3, 0.2, 0.4])
+    s[3] = 0.0
+    np.testing.assert_allclose(compute_weights(s, prior), [1 / 6, 3 / 6, 2 / 6, 0.0])
+
+
+def test_lambda_is_that_of_the_paper_where_enough_particles_survive():
+    """N17 table I: lambda = 20."""
+    s = CHANCE + np.array([*np.full(50, 0.99), *np.full(50, 1.0)])
+    found = compute_weights(s, np.full(100, 0.01))
+    assert found[0] / found[-1] == pytest.approx(0.99**20, rel=1e-6)
+
+
+def test_a_tenth_of_the_possible_places_survives_an_image():
+    s = CHANCE + np.linspace(0.3, 0.5, 200)
+    s[:100], s[-1] = 0.0, CHANCE + 1.0  # off the map; one that stands out
+    weights = compute_weights(s, np.full(200, 1 / 200))
+    assert 1.0 / np.sum(weights**2) == pytest.approx(0.1 * 100, rel=1e-3)
+
+
+def test_young_particles_turn_to_their_best_heading_and_the_others_do_not():
+    count = 4000
+    curves = np.cos(np.arange(36) * np.radians(10.0) - np.radians(-40.0))[None].repeat(count, axis=0)
+    ages = np.where(np.arange(count) % 2, NUM_YOUNG, NUM_YOUNG - 1)
+    particles = replace(Particles.of_equal_weight(np.tile([1.0, 2.0, 3.0], (count, 1))), ages=ages)
+    found = adjust_headings(particles, curves, np.random.default_rng(0)).poses
+    np.testing.assert_array_equal(found[1::2], particles.poses[1::2])
+    np.testing.assert_array_equal(found[:, :2], particles.poses[:, :2])
+    assert np.degrees(found[::2, 2].mean()) == pytest.approx(-40.0, abs=0.3)
+    assert np.degrees(found[::2, 2].std()) == pytest.approx(3.0, rel=0.1)

@@ -1,0 +1,60 @@
+"""Cells of a map: which are compared, which lie around a pose, where a cell is."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from mcl_depth.belief.survey_grid import SurveyGrid
+
+EDGE = 0.5
+
+
+def depth_map(capacity=10**6):
+    cells = lambda places: np.floor(np.asarray(places) / EDGE).astype(np.int64)  # noqa: E731
+    return SimpleNamespace(edge=EDGE, cells=cells, cache=SimpleNamespace(capacity=capacity))
+
+
+def l_shape():
+    """Middles of cells of an L around the origin: 12 x 4 and 3 x 8 cells."""
+    cells = {(x, y) for x in range(-4, 8) for y in range(-3, 1)} | {(x, y) for x in range(-4, -1) for y in range(8)}
+    return (np.array(sorted(cells)) + 0.5) * EDGE
+
+
+@pytest.mark.parametrize(
+    "pose", [(0.3, -0.2, 1.0), (-1.9, 3.4, 0.0), (3.9, -1.4, 0.0), (-9.0, 0.0, 0.0), (2.0, 3.0, 0.0)]
+)
+@pytest.mark.parametrize("reach", [1, 3])
+def test_rows_around_a_pose_are_those_of_a_search(pose, reach):
+    grid = SurveyGrid(depth_map(), l_shape())
+    rows = grid.rows_around(np.array(pose), reach)
+    middle = np.floor(np.array(pose[:2]) / EDGE)
+    for i in range(2 * reach + 1):
+        for j in range(2 * reach + 1):
+            place = (middle + np.array([i - reach, j - reach]) + 0.5) * EDGE
+            there = np.flatnonzero(np.all(np.abs(grid.positions - place) < 1e-9, axis=1))
+            assert rows[i, j] == (there[0] if len(there) else -1)
+
+
+def test_elements_of_a_field_are_poses():
+    grid = SurveyGrid(depth_map(), l_shape())
+    for row, index in enumerate(grid.index):
+        found = grid.poses_of(np.array([[9, *index]]), 36)[0]
+        np.testing.assert_allclose(found, [*grid.positions[row], np.radians(90.0)], atol=1e-12)
+    assert grid.poses_of(np.array([[27, 0, 0]]), 36)[0, 2] == pytest.approx(-np.pi / 2)
+    assert grid.mask.sum() == len(grid.positions) == len(l_shape())
+    assert (grid.edge, grid.diagonal) == (EDGE, pytest.approx(np.sqrt(2) * EDGE))
+
+
+@pytest.mark.parametrize(("spare", "is_coarser"), [(0, False), (-1, True), (-60, True)])
+def test_no_more_cells_than_four_fifths_of_the_cache(spare, is_coarser):
+    middles = l_shape()
+    capacity = int(np.ceil(len(middles) / 0.8)) + spare
+    grid = SurveyGrid(depth_map(capacity), middles)
+    assert (grid.edge > EDGE) == is_coarser
+    assert len(grid.positions) <= 0.8 * capacity
+    off = np.min(np.linalg.norm(middles[None] - grid.positions[:, None], axis=2), axis=1)
+    assert off.max() < 1e-9  # what is compared is a cell of the map
+    assert grid.diagonal == pytest.approx(np.sqrt(2) * EDGE)

@@ -1,0 +1,110 @@
+"""Poses of cameras and boards from sightings whose truth is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rig_calibration.boards.assembly import LOST, Sighting, _apart, _majority, assemble, board_turns, hand_eye
+from rig_calibration.boards.board import Board
+from sphere_nav.geometry import SE3
+
+CAMERAS = [SE3.exp([0.1 * k, -0.2 * k, 0.05, 0.1, 0.3 * k, -0.2]) for k in range(3)]
+BOARDS = [SE3.exp([1.0 + k, 0.3 * k, -0.4, 0.2, -0.3 * k, 0.1 * k]) for k in range(3)]
+
+
+def rigs(count, seed=0):
+    rng = np.random.default_rng(seed)
+    return [SE3.exp([*rng.normal(0, 0.4, 3), *rng.normal(0, 0.5, 3)]) for _ in range(count)]
+
+
+def batch(poses):
+    return SE3(np.stack([T.matrix for T in poses]))
+
+
+def sighting(camera, instant, board, T_world_rig, error=None):
+    T = (T_world_rig @ CAMERAS[camera]).inverse() @ BOARDS[board]
+    return Sighting(camera, instant, board, batch([T if error is None else T @ error]))
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-3])
+def test_two_unknown_poses_come_out_of_motions(noise):
+    rng = np.random.default_rng(3)
+    X, Z = CAMERAS[1], BOARDS[2]
+    A = rigs(12)
+    M = [X.inverse() @ T @ Z @ SE3.exp(noise * rng.normal(size=6)) for T in A]
+    found_X, found_Z, rms = hand_eye(batch(M), batch(A), np.random.default_rng(0))
+    assert max(map(float, found_X.distance(X))) < 1e-6 + 3 * noise
+    assert max(map(float, found_Z.distance(Z))) < 1e-6 + 3 * noise
+    assert rms <= 1e-6 + 4 * noise
+
+
+def test_a_chain_of_cameras_is_joined_and_each_pose_is_the_true_one():
+    instants = rigs(8)
+    pairs = [(0, 0), (1, 0), (1, 1), (2, 1)]  # the last camera never sees the first board
+    seen = [sighting(c, n, b, T) for n, T in enumerate(instants) for c, b in pairs]
+    found = assemble(seen, CAMERAS[0], 3, np.random.default_rng(0))
+    assert set(found.cameras) == {0, 1, 2}
+    for index, T in found.cameras.items():
+        np.testing.assert_allclose(T.matrix, CAMERAS[index].matrix, atol=1e-9)
+    first = BOARDS[0].inverse()  # the board that came first is the world
+    np.testing.assert_allclose(found.boards[1].matrix, (first @ BOARDS[1]).matrix, atol=1e-9)
+    np.testing.assert_allclose(found.rig_poses(3)[0].matrix, (first @ instants[3]).matrix, atol=1e-9)
+    assert found.num_lost() == 0
+
+
+@pytest.mark.parametrize(("num_instants", "is_joined"), [(4, True), (3, False)])
+def test_a_camera_and_a_board_that_only_see_each_other_are_joined_by_four_instants(num_instants, is_joined):
+    instants = rigs(num_instants)
+    seen = [sighting(c, n, b, T) for n, T in enumerate(instants) for c, b in ((0, 0), (1, 1))]
+    found = assemble(seen, CAMERAS[0], 2, np.random.default_rng(0))
+    assert (1 in found.cameras) == is_joined
+    if is_joined:
+        assert max(map(float, found.cameras[1].distance(CAMERAS[1]))) < 1e-4
+        assert found.num_lost() == 0
+    else:
+        assert found.num_lost() == num_instants  # these join nothing
+
+
+def test_false_sightings_are_outvoted_and_counted():
+    instants = rigs(9)
+    error = SE3.exp([0.5, 0.2, 0.0, 0.4, 0.0, 0.3])
+    seen = [sighting(0, n, 0, T) for n, T in enumerate(instants)]
+    seen += [sighting(1, n, 0, T, error if n in (0, 4, 5) else None) for n, T in enumerate(instants)]
+    found = assemble(seen, CAMERAS[0], 2, np.random.default_rng(0))
+    np.testing.assert_allclose(found.cameras[1].matrix, CAMERAS[1].matrix, atol=1e-9)
+    assert found.num_lost() == 3
+
+
+def test_without_a_view_of_the_first_camera_nothing_is_joined():
+    found = assemble([sighting(1, 0, 0, rigs(1)[0])], CAMERAS[0], 2, np.random.default_rng(0))
+    assert (found.cameras, found.boards) == ({}, {})
+
+
+def test_poses_are_apart_by_their_way_in_reaches_and_their_angle():
+    T = SE3.exp([0.3, -0.4, 0.0, 0.0, 0.0, 0.0]) @ SE3.exp([0, 0, 0, 0.0, 0.2, 0.0])
+    found = _apart(np.eye(4)[None], np.stack([np.eye(4), T.matrix]), 2.0)
+    np.testing.assert_allclose(found, [[0.0, 0.5 / 2.0 + 0.2]], atol=1e-7)
+
+
+def test_the_majority_is_the_middle_of_those_that_agree():
+    near = [SE3.exp([1.0 + d, 2.0, 3.0, 0.1, 0.0, d]) for d in (-0.01, 0.0, 0.01)]
+    far = SE3.exp([3.0, 0.0, 0.0, 0.0, 1.0, 0.0])
+    pose, count = _majority([batch([T]) for T in [*near, far]], 1.0)
+    assert count == 3
+    assert float(pose.distance(near[1])[0]) < 1e-3
+    edge = [near[1], SE3(near[1].matrix) @ SE3.exp([0.9 * LOST, 0, 0, 0, 0, 0])]
+    assert _majority([batch([T]) for T in edge], 1.0)[1] == 2
+    edge[1] = near[1] @ SE3.exp([1.1 * LOST, 0, 0, 0, 0, 0])
+    assert _majority([batch([T]) for T in edge], 1.0)[1] == 1
+    assert _majority([batch([T]) for T in edge], 2.0)[1] == 2  # seen from twice as far it is half as much
+
+
+@pytest.mark.parametrize("size", [(6, 4), (5, 5), (4, 4), (5, 4)])
+def test_turns_of_a_board_put_its_corners_on_each_other(size):
+    board = Board("b", *size, 0.1)
+    found = board_turns(board)
+    assert len(found.matrix) == len(board.turns) == {(6, 4): 2, (5, 5): 2, (4, 4): 4, (5, 4): 1}[size]
+    for T, turn in zip(found, board.turns, strict=True):
+        np.testing.assert_allclose(T.apply(board.points), board.points[turn], atol=1e-12)
+        assert np.linalg.det(T.rotation) == pytest.approx(1.0)

@@ -1,0 +1,138 @@
+"""The figures of a calibration in their units, and what its parts say of each other."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from rig_calibration.boards import validation
+from rig_calibration.boards.report import calibration_as_mapping, coverage, draw_calibration
+from rig_calibration.boards.state import RigState, camera_problem
+from rig_calibration.boards.validation import camera_rms
+from rig_calibration.boards.views import observations
+from rig_calibration.params import CalibrationParams
+from sphere_nav.geometry import SE3, Fisheye, Pinhole
+
+PINHOLE = Pinhole(80, 60, 100.0, 101.0, 39.0, 29.0, (0.1, 0.2, 0.3, 0.4, 0.5))
+FISHEYE = Fisheye(160, 120, 90.0, 91.0, 79.0, 59.0, (0.01, 0.02, 0.03, 0.04))
+
+
+@pytest.fixture
+def calibration():
+    """Two cameras of one view each, four and three corners; every figure another one."""
+    pixels = [
+        np.array([[5.0, 5.0], [6.0, 5.0], [15.0, 5.0], [79.0, 59.0]]),
+        np.array([[1.0, 1.0], [159.0, 1.0], [50.0, 60.0]]),
+    ]
+    seen = observations([0, 1], [0, 0], [0, 0], [np.zeros((4, 3)), np.zeros((3, 3))], pixels)
+    residuals = np.array([[0.3, 0.4], [0.0, 0.1], [0.2, 0.0], [9.0, 9.0], [0.6, 0.8], [0.0, 0.0], [0.0, 0.5]])
+    cameras = [PINHOLE, FISHEYE]
+    specs = [
+        SimpleNamespace(name="a", model="pinhole", size=(80, 60)),
+        SimpleNamespace(name="b", model="fisheye", size=(160, 120)),
+    ]
+    spread = SimpleNamespace(
+        noise_px=0.25,
+        lens_std=np.arange(24.0).reshape(2, 12),
+        pose_std=np.array([[0.001, 0.002, np.inf, 0.01, 0.02, 0.03], np.full(6, 0.5)]),
+    )
+    halves = np.array([[0.004, -0.005, 0.006, -0.1, 0.2, 0.3], np.full(6, np.nan)])
+    problem = SimpleNamespace(seen=seen, models=("pinhole", "fisheye"), num_distortion=5)
+    return SimpleNamespace(
+        specs=specs,
+        camera=lambda index: SimpleNamespace(
+            coefficients=[getattr(cameras[index], n) for n in ("fx", "fy", "cx", "cy")]
+            + list(cameras[index].distortion)
+        ),
+        start=SimpleNamespace(problem=problem, views=[1, 2, 3]),
+        residuals=residuals,
+        kept=np.array([1.0, 1, 1, 0, 1, 1, 1]),
+        spread=spread,
+        validation=SimpleNamespace(halves=halves, held_out_px=np.array([0.7, np.nan])),
+        dropped={"a/1/b": "why"},
+        warnings=["w"],
+    )
+
+
+def test_every_figure_has_its_unit(calibration):
+    found = calibration_as_mapping(calibration)
+    a, b = found["cameras"]["a"], found["cameras"]["b"]
+    assert a["lens"] == [100.0, 101.0, 39.0, 29.0, 0.1, 0.2, 0.3, 0.4, 0.5]
+    assert b["lens"] == [90.0, 91.0, 79.0, 59.0, 0.01, 0.02, 0.03, 0.04]
+    assert (a["lens_std"], b["lens_std"]) == (list(range(9)), list(range(12, 20)))
+    assert a["rms_px"] == pytest.approx(np.sqrt((0.25 + 0.01 + 0.04) / 3))  # the last corner does not count
+    assert b["rms_px"] == pytest.approx(np.sqrt((1.0 + 0.25) / 3))
+    assert found["rms_px"] == pytest.approx(np.sqrt(1.55 / 6))
+    assert a["position_std_mm"] == [pytest.approx(1.0), pytest.approx(2.0), None]
+    assert a["rotation_std_deg"] == pytest.approx(np.degrees([0.01, 0.02, 0.03]))
+    assert a["halves_position_mm"] == pytest.approx([4.0, -5.0, 6.0])
+    assert a["halves_rotation_deg"] == pytest.approx(np.degrees([-0.1, 0.2, 0.3]))
+    assert b["halves_position_mm"] == b["halves_rotation_deg"] == [None] * 3
+    assert (a["held_out_rms_px"], b["held_out_rms_px"]) == (0.7, None)
+    assert (found["noise_px"], found["num_views"], found["rejected_corners"]) == (0.25, 3, 1)
+    assert (found["rejected_views"], found["warnings"]) == ({"a/1/b": "why"}, ["w"])
+
+
+def test_coverage_counts_cells_of_a_grid_of_eight_by_six(calibration):
+    np.testing.assert_allclose(coverage(calibration), [100 * 2 / 48, 100 * 3 / 48])  # cells of 10, of 20 pixels
+
+
+def test_the_picture_is_one(calibration, tmp_path):
+    draw_calibration(calibration, tmp_path / "report.png")
+    assert (tmp_path / "report.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_camera_without_corners_has_no_rms(calibration):
+    kept = np.array([1.0, 1, 1, 1, 0, 0, 0])
+    assert np.isnan(camera_rms(calibration.start.problem, calibration.residuals, kept)[1])
+
+
+def test_halves_differ_in_the_axes_of_the_rig_second_less_first():
+    T = SE3.exp([1.0, 2.0, 3.0, 0.4, -0.2, 0.1])
+    turn, way = np.array([0.02, -0.03, 0.01]), np.array([0.1, -0.2, 0.3])
+    moved = SE3.from_parts(SE3.exp([0, 0, 0, *turn]).rotation @ T.rotation, T.translation + way)
+    first, second = (RigState(np.zeros((1, 12)), SE3(one.matrix[None]), T, T) for one in (T, moved))
+    np.testing.assert_allclose(validation._difference(first, second, 1), [[*way, *turn]], atol=1e-12)
+    assert np.isnan(validation._difference(first, None, 3)).all()
+    assert validation._difference(None, second, 3).shape == (3, 6)
+
+
+BOARD = np.stack([*np.meshgrid(np.arange(5) * 0.1, np.arange(4) * 0.1), np.zeros((4, 5))], axis=-1).reshape(-1, 3)
+
+
+def views(count, noise_px, rng):
+    camera, pixels, poses = Pinhole(640, 480, 400.0, 402.0, 318.0, 243.0), [], []
+    while len(pixels) < count:
+        T = SE3.exp([*rng.normal(0, 0.1, 2), rng.uniform(0.6, 1.0), *rng.normal(0, 0.35, 3)])
+        found, is_seen = camera.project(T.apply(BOARD))
+        if is_seen.all():
+            pixels.append(found + rng.normal(0.0, noise_px, found.shape))
+            poses.append(T.matrix)
+    seen = observations([0] * count, range(count), [0] * count, [BOARD] * count, pixels)
+    lens = np.array([400.0, 402.0, 318.0, 243.0, *np.zeros(8)])
+    origin = SE3(np.eye(4)[None])
+    return camera_problem("pinhole", (640, 480), 0, seen), RigState(
+        lens[None], origin, origin, SE3(np.stack(poses)).inverse()
+    )
+
+
+def test_images_held_out_show_the_noise_and_a_false_one_of_them_more(rng):
+    problem, state = views(24, 0.2, rng)
+    kept = np.ones(24 * 20)
+    found = validation.validate(problem, state, kept, CalibrationParams())
+    assert found.held_out_px[0] == pytest.approx(
+        0.2 * np.sqrt(2.0) * np.sqrt(1 - 6 / 40), rel=0.15
+    )  # 6 of 40 are its pose
+    pixels = problem.seen.pixels.copy()
+    pixels[problem.seen.view == 3] += rng.normal(0.0, 2.0, (20, 2))  # every fourth is held out
+    spoilt = camera_problem(
+        "pinhole", (640, 480), 0, observations([0] * 24, range(24), [0] * 24, [BOARD] * 24, np.split(pixels, 24))
+    )
+    worse = validation.validate(spoilt, state, kept, CalibrationParams())
+    assert worse.held_out_px[0] > 3 * found.held_out_px[0]
+    pixels = problem.seen.pixels + 0.0
+    few = validation.validate(problem, state, kept, CalibrationParams(min_views=19))
+    assert np.isnan(few.held_out_px).all()  # 18 are left
+    assert np.isnan(few.halves).all()

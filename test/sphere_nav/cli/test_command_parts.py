@@ -1,0 +1,246 @@
+"""What commands do with their words and figures, without bags and maps."""
+
+from contextlib import nullcontext
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import yaml
+
+pytest.importorskip("rclpy")
+
+from rig_calibration.drive.drive_lens import Lens
+from sphere_nav.cli import plot, refine_camera, register, rig_convert
+from sphere_nav.cli.bags import inspect_, play
+from sphere_nav.cli.maps import map_export, map_forget, map_info
+from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.localization.status import Reason, State, Status
+from sphere_nav.ros.bags.streams import Stream
+from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
+
+SECOND = 10**9
+CAMERA = Pinhole(64, 48, 50.0, 51.0, 31.0, 23.0, (0.1, 0.2, 0.3, 0.4))
+
+
+def test_topics_stand_in_columns():
+    streams = [
+        Stream("/a", "sensor_msgs/msg/Image", 5, 2.0), Stream("/longer/name", "std_msgs/msg/String", 123456, 0.5),
+        Stream("/one", "std_msgs/msg/Bool", 1, 9.0),
+    ]  # fmt: skip
+    head, *rows = inspect_.topic_table(streams)
+    assert head.split() == ["topic", "type", "messages", "rate", "frame", "content"]
+    columns = {"type": ("Image", "String", "Bool"), "messages": ("5", "123456", "1"), "rate": ("2.0 Hz", "0.5 Hz", "")}
+    for word, cells in columns.items():
+        at = head.index(word)
+        for row, cell in zip(rows, cells, strict=True):
+            assert row[at:].startswith(cell)
+            assert row[at - 2 : at].strip() == ""  # two spaces between columns
+    assert rows[2].split() == ["/one", "Bool", "1"]  # a single message has no rate
+
+
+def test_a_player_is_told_what_the_words_say_and_shows_how_far_it_is(monkeypatch):
+    given, bars = {}, []
+
+    class Bar:
+        def __init__(self, **_):
+            self.n, self.total = 0, None
+            bars.append(self)
+
+        def update(self, step):
+            self.n += step
+
+        def __enter__(self):
+            return self
+
+        def __exit__(self, *_):
+            pass
+
+    def run_node(kind, words, values, prepare):
+        node = SimpleNamespace()
+        prepare(node)
+        for done in (3, 4, 9):
+            node.progress(done, 9)
+        given.update(values)
+        return 5
+
+    monkeypatch.setattr(play, "tqdm", Bar)
+    monkeypatch.setattr(play, "run_node", run_node)
+    words = {
+        "bag": "b", "topics": ["/x", "/y"], "rate": 0.5, "start": 12.0, "clock": True, "paused": False, "loop": True,
+        "wait_for": ["/z"], "answer": "/s", "answered": "/i",
+    }  # fmt: skip
+    assert play.run(SimpleNamespace(**words)) == 5
+    assert (bars[0].n, bars[0].total) == (9, 9)
+    assert given == {
+        "bag": "b", "topics": "/x /y", "rate": 0.5, "start": 12.0, "clock": True, "paused": False, "loop": True,
+        "wait_for": "/z", "answer_topic": "/s", "answered_topic": "/i",
+    }  # fmt: skip
+
+
+def sphere_map(tmp_path, length=0.0, num_nodes=3):
+    """A map whose key spheres are not in the order of their stamps."""
+    poses = [SE3.from_planar(x, 0.5 * x, 0.0) for x in (0.0, 1.0, 4.0)][:num_nodes]
+    radii = (0.0, 2.0, 6.0)
+    nodes = [KeySphere(k, (10 - k) * SECOND, T, region_radius_m=radii[k]) for k, T in enumerate(poses)]
+    edges = [Edge(0, 1, SE3.from_planar(1.0, 0.5, 0.0), np.eye(6)), Edge(1, 2, SE3.identity(), np.eye(6), is_loop=True)]
+    graph = SphereGraph(nodes, edges[: max(num_nodes - 1, 0)])
+    range_m = np.full((64, 128), 2.0, np.float32)
+    range_m[:16] = np.nan
+    sphere = Sphere(np.full((64, 128), 9, np.uint8), range_m, Spherical(128, 64))
+    (tmp_path / "map").mkdir()
+    (tmp_path / "map" / "a").write_bytes(bytes(3_000_000))
+    texts = {"map_id": "id", "software": "s", "source": "drive", "rig": "r", "format_version": 2}
+    info = SimpleNamespace(header=SimpleNamespace(frame_id="map"), length=length, **texts)
+    return SimpleNamespace(graph=graph, info=info, path=tmp_path / "map", load_sphere=lambda sphere_id: sphere)
+
+
+def test_the_facts_about_a_map(tmp_path):
+    found = map_info.map_facts(sphere_map(tmp_path, length=12.0))
+    assert found["megabytes_per_metre"] == 0.25
+    assert (found["megabytes"], found["megabytes_per_sphere"]) == (3.0, 1.0)
+    assert (found["key_spheres"], found["edges"], found["loops"], found["rig"]) == (3, 2, 1, True)
+    assert found["extent_m"] == [4.0, 2.0, 0.0]
+    assert found["spacing_m"] == pytest.approx([1.118, 2.236, 3.354], abs=1e-3)
+    assert found["region_radius_m"] == [2.0, 4.0, 6.0]  # 0 is none
+    assert (found["first_stamp_s"], found["last_stamp_s"]) == (10.0, 8.0)
+    assert found["pixels_per_degree"] == pytest.approx(128 / 360, abs=0.005)
+    assert (found["measured_share"], found["sphere_size"], found["whole_sphere"]) == (0.75, [128, 64], True)
+
+
+def test_a_map_of_one_sphere_has_no_way_and_no_spacing(tmp_path):
+    found = map_info.map_facts(sphere_map(tmp_path, num_nodes=1))
+    assert (found["megabytes_per_metre"], found["spacing_m"], found["region_radius_m"]) == (None, [], [])
+
+
+def test_trajectories_are_exported_by_stamp(tmp_path):
+    reader = sphere_map(tmp_path)
+    assert map_export.write_trajectory(reader, tmp_path / "a.tum", None) == "3 poses"
+    found = read_tum(tmp_path / "a.tum")
+    np.testing.assert_array_equal(found.stamps_ns, np.array([8, 9, 10]) * SECOND)
+    np.testing.assert_allclose(found.positions[:, 0], [4.0, 1.0, 0.0])
+    assert map_export.write_kitti(reader, tmp_path / "a.kitti", None) == "3 poses"
+    np.testing.assert_allclose(np.loadtxt(tmp_path / "a.kitti")[:, 3], [4.0, 1.0, 0.0])
+    lines = map_export.g2o_text(reader.graph).splitlines()
+    assert [line.split()[:2] for line in lines[:3]] == [["VERTEX_SE3:QUAT", str(k)] for k in range(3)]
+    assert lines[3].split()[:6] == ["EDGE_SE3:QUAT", "0", "1", "1.000000000", "0.500000000", "0.000000000"]
+    with pytest.raises(ValueError, match=r"\.geojson: expected --datum"):
+        map_export.write_geojson(reader, tmp_path / "a.geojson", SimpleNamespace(datum=""))
+
+
+def test_rejections_of_drives_add_up_and_forget_range_deviation_and_filling():
+    drives = [{0: np.array([1, 2]), 1: np.array([3, 0])}, {1: np.array([4, 5])}]
+    found = map_forget.together([SimpleNamespace(counts=counts) for counts in drives])
+    assert {key: value.tolist() for key, value in found.counts.items()} == {0: [1, 2], 1: [7, 5]}
+    camera, plane = Spherical(16, 8), np.full((8, 16), 2.0, np.float32)
+    is_filled = np.zeros((8, 16), np.bool_)
+    is_filled[:, :4] = True
+    whole = Sphere(np.full((8, 16), 9, np.uint8), plane, camera, 5, plane / 10, is_filled)
+    unused = np.zeros((8, 16), np.bool_)
+    unused[2:4] = True
+    reader = SimpleNamespace(load_sphere=lambda sphere_id: whole)
+    found = map_forget.load(reader, SimpleNamespace(mask=lambda sphere_id, camera: unused), 0)
+    for values in (found.range_m, found.range_std_m):
+        np.testing.assert_array_equal(np.isnan(values), unused)
+    np.testing.assert_array_equal(found.is_filled, is_filled & ~unused)
+    assert map_forget.load(reader, SimpleNamespace(mask=lambda sphere_id, camera: None), 0) is whole
+
+
+def test_the_velocity_of_an_image_is_that_of_its_neighbours():
+    poses = tuple(SE3.from_planar(x, 0.0, -0.1 * x) for x in (0.0, 0.2, 0.5, 0.9, 1.0))
+    stamps = np.array([0, 100, 300, 699, 910]) * 10**6
+    located = refine_camera.Located(stamps, poses)
+    assert located.velocity(0) is None
+    assert located.velocity(4) is None
+    moved = (poses[0].inverse() @ poses[2]).log()
+    np.testing.assert_allclose(located.velocity(1), moved / 0.3)
+    assert located.velocity(1)[5] == pytest.approx(-0.05 / 0.3)
+    assert located.velocity(2) is not None  # 0.599 s: two pauses of 0.3 s at most
+    assert located.velocity(3) is None  # 0.61 s
+    np.testing.assert_allclose(located.trajectory().T_map_body.matrix[2], poses[2].matrix)
+
+
+def refined(fx, fy, unobserved=()):
+    lens = Lens.of(Pinhole(64, 48, fx, fy, 31.0, 23.0, CAMERA.distortion), 0.0125)
+    deviations = {name: (k + 1) / 8 for k, name in enumerate(lens.names)}
+    figures = {"images": [0] * 7, "num_pixels": 99, "residual": 2.25}
+    return SimpleNamespace(lens=lens, unobserved=unobserved, deviations=deviations, **figures)
+
+
+@pytest.mark.parametrize(
+    ("lengths", "num_rounds"),
+    [
+        ([(50.0, 51.0 * 1.00009)], 1),
+        ([(50.0, 51.0 * 1.00011), (50.0, 51.0 * 1.00011)], 2),
+        ([(50.0 * 0.9998, 51.0), (50.0 * 0.9998, 51.0)], 2),
+        ([(55.0, 51.0), (57.0, 51.0), (58.0, 51.0), (59.0, 51.0), (60.0, 51.0)], 4),
+    ],
+)
+def test_it_refines_until_the_focal_length_stays_within_a_ten_thousandth(tmp_path, monkeypatch, lengths, num_rounds):
+    asked = []
+
+    class Drive:
+        def __init__(self, arguments):
+            self.camera, self.frame_id, self.odometry = CAMERA, "front", ""
+            self.located = refine_camera.Located(np.empty(0, np.int64), ())
+
+        def refine(self, sphere_map, lens):
+            asked.append(lens.values[:2].tolist())
+            return refined(*lengths[len(asked) - 1])
+
+    monkeypatch.setattr(refine_camera, "RecordedDrive", Drive)
+    monkeypatch.setattr(refine_camera, "open_map", lambda path: nullcontext(path))
+    words = {"map": "map", "source": "bag", "readout": 0.0, "mounting": "", "overwrite": False}
+    arguments = SimpleNamespace(output=tmp_path / "a.yaml", **words)
+    assert refine_camera.run(arguments) == 0
+    assert asked[0] == [50.0, 51.0]
+    assert asked[1:] == [list(pair) for pair in lengths[: num_rounds - 1]]
+    with pytest.raises(ValueError, match="expected no such file, found one"):
+        refine_camera.run(arguments)
+
+
+def test_the_calibration_file_is_that_of_ros():
+    found = yaml.safe_load(refine_camera.text_of(refined(50.0, 51.0), "front", None))
+    assert (found["image_width"], found["image_height"], found["camera_name"]) == (64, 48, "front")
+    assert found["camera_matrix"] == {"rows": 3, "cols": 3, "data": [50.0, 0, 31.0, 0, 51.0, 23.0, 0, 0, 1.0]}
+    assert found["distortion_coefficients"] == {"rows": 1, "cols": 5, "data": [0.1, 0.2, 0.3, 0.4, 0.0]}
+    assert (found["projection_matrix"]["rows"], found["projection_matrix"]["cols"]) == (3, 4)
+    assert (found["readout"], found["standard_deviations"]["fy"]) == (0.0125, 0.25)
+    lines = list(refine_camera.report_camera(refined(50.0, 51.0, ("cx",)), "out"))
+    assert lines[0] == "7 images, 99 pixels, residual 2.2 grey levels -> out"
+    assert lines[3].split() == ["cx", "31.00000", "+-", "0.37500", "NOT", "OBSERVED", "by", "this", "drive"]
+    assert lines[-1].startswith("record surfaces near and far")
+    *_, last = refine_camera.report_camera(refined(50.0, 51.0, ("readout",)), "out")
+    assert last.startswith("the readout shows in motion")
+
+
+def test_numbers_with_commas_are_read_and_infinity_is_null():
+    assert register.numbers_argument(3)("1,-2,3.5") == (1.0, -2.0, 3.5)
+    for text in ("1,2", "1,2,3,4", "1,2,x", "1,2,nan"):
+        with pytest.raises(Exception, match="expected 3 numbers"):
+            register.numbers_argument(3)(text)
+    assert register.finite(np.array([[1.0, np.inf], [np.nan, -2.0]])) == [[1.0, None], [None, -2.0]]
+
+
+def test_words_of_a_camera_name_one_of_the_rig():
+    rig = Rig(tuple(RigCamera(name, CAMERA, T_BODY_OPTICAL) for name in ("a", "b")))
+    assert rig_convert._by_camera(rig, "--mask", ["a=x.png", "b=y=z"]) == {"a": "x.png", "b": "y=z"}
+    for word in ("c=x", "a=", "a", "=x"):
+        with pytest.raises(ValueError, match="--mask: expected CAMERA=VALUE with one of a, b"):
+            rig_convert._by_camera(rig, "--mask", [word])
+    assert [rig_convert._size(text) for text in (None, "640x480", "64×48")] == [None, (640, 480), (64, 48)]
+    for text in ("640", "0x480", "640x0", "640x480x3"):
+        with pytest.raises(ValueError, match="--size: expected WIDTHxHEIGHT"):
+            rig_convert._size(text)
+
+
+def test_states_are_counted_with_their_remedies_and_times_without_silences():
+    statuses = [Status(State.TRACKING, milliseconds=ms) for ms in (10.0, 20.0, 30.0)]
+    statuses += [Status(State.LOST, Reason.TIMEOUT, remedy="look", milliseconds=999.0)] * 2
+    statuses += [Status(State.LOST, "GAP")]
+    lines = plot.describe(statuses)
+    assert lines[0].split() == ["3", "TRACKING"]
+    assert lines[1].split() == ["2", "LOST", "TIMEOUT", "look"]
+    assert lines[-1] == "time for an image: median 20.0 ms, p99 29.8 ms"
+    assert plot.describe([]) == []
