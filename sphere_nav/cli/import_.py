@@ -78,6 +78,14 @@ def _add_camera_arguments(parser: argparse.ArgumentParser) -> None:
     images.add_argument("--rig", type=Path, metavar="FILE", help="rig file of the cameras")
     images.add_argument("--baseline", type=float, metavar="M", help="m between left and right, or top and bottom")
     images.add_argument("--fps", type=float, metavar="N", help="images a second without stamps (a video's own; 10)")
+    _add_kinect_arguments(parser)
+    tum = parser.add_argument_group("tum")
+    tum.add_argument(
+        "--depth-units", type=float, default=TUM_UNITS, metavar="N", help="depth units per m (%(default)s)"
+    )
+
+
+def _add_kinect_arguments(parser: argparse.ArgumentParser) -> None:
     kinect = parser.add_argument_group("seven_scenes", "Its depth is not registered to its colour.")
     kinect.add_argument(
         "--depth-camera", type=number_list(4, 12), default=SEVEN_SCENES_DEPTH, metavar=LENS, help="px; 585,585,320,240"
@@ -106,10 +114,6 @@ def _add_camera_arguments(parser: argparse.ArgumentParser) -> None:
         "--poses", type=Path, metavar="DIR", help="folder of other frame-*.pose.txt (that of the images)"
     )
     kinect.add_argument("--registered", action="store_true", help="take colour and depth as one camera, --depth-camera")
-    tum = parser.add_argument_group("tum")
-    tum.add_argument(
-        "--depth-units", type=float, default=TUM_UNITS, metavar="N", help="depth units per m (%(default)s)"
-    )
 
 
 def run(arguments: argparse.Namespace) -> int:
