@@ -13,8 +13,7 @@ from path_follower.params import FollowerParams
 from path_follower.path import ReferencePath
 from path_follower.taught import reference_path, taught_speeds
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.files.fields import number
-from sphere_nav.geometry.files.text_file import read_text
+from sphere_nav.geometry.files.untrusted import number, read_text
 from sphere_nav.geometry.trajectory import read_tum
 
 COLUMNS = {

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
-from sphere_nav.geometry.files.fields import number, short
-from sphere_nav.geometry.files.text_file import read_text
+from sphere_nav.geometry.files.untrusted import number, read_text, short
 
 KINDS = ("wall", "door", "window", "opening")
 CUT = ("door", "opening")  # windows stay: what is behind them is not in the plan

@@ -10,6 +10,7 @@ from rig_calibration.drive.refinement import RefinedCamera
 from sphere_nav.offline import topics
 from sphere_nav.offline.refine_camera import RecordedDrive, mounting_by_odometry, mounting_lines, text_of
 from sphere_nav.offline.refine_depth import run_depth
+from sphere_nav.offline.settings import add_settings
 from sphere_nav.ros.maps.reader import open_map
 
 HELP = """\
@@ -44,14 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--readout", type=float, default=0.0, metavar="S", help="where to start, s (%(default)s)")
     parser.add_argument("--overwrite", action="store_true", help="replace the file that is there")
     topics.add_options(parser)
-    parser.add_argument(
-        "--set",
-        action="append",
-        dest="settings",
-        default=[],
-        metavar="NAME=VALUE",
-        help="parameter of dense_localizer, without MAP of sphere_mapper",
-    )
+    add_settings(parser, "dense_localizer, without MAP of sphere_mapper")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from sphere_nav.geometry import so3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.files.fields import number, parse_stamp_ns
-from sphere_nav.geometry.files.text_file import read_text
+from sphere_nav.geometry.files.untrusted import number, parse_stamp_ns, read_text
 from sphere_nav.geometry.se3 import SE3
 
 Stamps = NDArray[np.int64]

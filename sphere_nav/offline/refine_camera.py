@@ -24,7 +24,6 @@ from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.offline import topics
 from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.offline.recorded_camera import RecordedCamera
-from sphere_nav.offline.settings import parse_settings
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.ros import conversions
@@ -85,7 +84,7 @@ class RecordedDrive:
 
     def _refine_once(self, sphere_map: MapReader, lens: Lens) -> RefinedCamera:
         """Localise the drive with a lens, then refine the lens by images spread over it."""
-        given = self._recorded.patience | parse_settings(self._arguments.settings)
+        given = self._recorded.patience | self._arguments.settings
         localizer = Localizer(build(LocalizerParams, {"camera.readout": lens.readout} | given), sphere_map)
         try:
             self.located = self._localise(localizer, lens.camera)

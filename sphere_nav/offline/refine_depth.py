@@ -14,7 +14,6 @@ from sphere_nav.offline import topics
 from sphere_nav.offline.mapping.depth_drive import describe_components, refine_depth
 from sphere_nav.offline.mapping.replay_mapper import replay_mapper
 from sphere_nav.offline.mapping.sphere_source import find_input
-from sphere_nav.offline.settings import parse_settings
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.camera.mounting import NAMES
 
@@ -22,7 +21,7 @@ from sphere_nav.ros.camera.mounting import NAMES
 def run_depth(arguments: argparse.Namespace) -> int:
     """Map the drive, refine the depth camera by pairs of it; 1 if the drive does not tell everything."""
     given = {"camera.readout": arguments.readout, "mapper.loop.automatic": False}
-    values = given | parse_settings(arguments.settings) | {"input": "rgbd"}
+    values = given | arguments.settings | {"input": "rgbd"}
     with BagReader(arguments.source) as bag:
         chosen = topics.choose_topics(bag, arguments)
         kind = find_input(bag, chosen)

@@ -16,7 +16,6 @@ from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.localization.status import Status
 from sphere_nav.offline.recorded_camera import RecordedCamera
-from sphere_nav.offline.settings import parse_settings
 from sphere_nav.params import build
 from sphere_nav.ros import conversions
 from sphere_nav.ros.maps.reader import MapReader
@@ -47,7 +46,7 @@ class Drive:
 
     def __init__(self, arguments: argparse.Namespace, sphere_map: MapReader) -> None:
         self._recorded = RecordedCamera(arguments.bag, arguments)
-        given = self._recorded.patience | parse_settings(arguments.settings)
+        given = self._recorded.patience | arguments.settings
         self._localizer = Localizer(build(LocalizerParams, given), sphere_map)
 
     @property

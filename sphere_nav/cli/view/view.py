@@ -14,6 +14,7 @@ from sphere_nav.cli.view.drive import Drive
 from sphere_nav.cli.view.server import Page, encoded, import_viser, shown
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.offline import topics
+from sphere_nav.offline.settings import add_settings
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav.view_synthesis.scene import Scene
@@ -48,9 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--overwrite", action="store_true", help="replace the file that is there")
     parser.add_argument("--bag", type=Path, metavar="BAG", help="drive to localise and show")
     topics.add_options(parser, has_cameras=False)
-    parser.add_argument(
-        "--set", action="append", dest="settings", default=[], metavar="NAME=VALUE", help="parameter of dense_localizer"
-    )
+    add_settings(parser, "dense_localizer")
 
 
 def run(arguments: argparse.Namespace) -> int:

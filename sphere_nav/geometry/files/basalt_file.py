@@ -10,9 +10,8 @@ from typing import Any
 import numpy as np
 
 from sphere_nav.geometry.cameras.camera import Camera
-from sphere_nav.geometry.files.fields import MAX_FILE_BYTES, number, required, short
 from sphere_nav.geometry.files.foreign_cameras import ForeignLens, ForeignRig, image_size, refuse_model
-from sphere_nav.geometry.files.text_file import read_text
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, number, read_text, required, short
 from sphere_nav.geometry.se3 import SE3
 
 FIELDS = ("T_imu_cam", "intrinsics", "resolution")

@@ -12,8 +12,8 @@ from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
 from sphere_nav.geometry.cameras.pinhole import Pinhole
-from sphere_nav.geometry.files.fields import check_centre, numbers, short, size
 from sphere_nav.geometry.files.lens_fit import LensFit, fit_lens, grid_of
+from sphere_nav.geometry.files.untrusted import check_centre, numbers, short, size
 from sphere_nav.geometry.se3 import SE3
 
 WIDEST_DEG = 100.0  # from the axis: farther, a calibration is seldom known

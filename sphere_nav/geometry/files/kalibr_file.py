@@ -13,12 +13,10 @@ from typing import Any
 import numpy as np
 
 from sphere_nav.geometry.cameras.camera import Camera
-from sphere_nav.geometry.files.fields import MAX_FILE_BYTES, pose, required, short
 from sphere_nav.geometry.files.foreign_cameras import ForeignLens, ForeignRig, image_size, refuse_model, vector
 from sphere_nav.geometry.files.lens_fit import LensFit
 from sphere_nav.geometry.files.opencv_file import without_directive
-from sphere_nav.geometry.files.text_file import read_text
-from sphere_nav.geometry.files.yaml_text import load_yaml
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, pose, read_text, required, short
 from sphere_nav.geometry.se3 import SE3
 
 

@@ -15,10 +15,17 @@ import numpy as np
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.rig import NAME
-from sphere_nav.geometry.files.fields import MAX_FILE_BYTES, ROTATION_TOLERANCE, number, short, size
 from sphere_nav.geometry.files.foreign_cameras import ForeignLens, ForeignRig, refuse_model
-from sphere_nav.geometry.files.text_file import read_text
-from sphere_nav.geometry.files.yaml_text import StrictLoader, load_yaml
+from sphere_nav.geometry.files.untrusted import (
+    MAX_FILE_BYTES,
+    ROTATION_TOLERANCE,
+    StrictLoader,
+    load_yaml,
+    number,
+    read_text,
+    short,
+    size,
+)
 from sphere_nav.geometry.se3 import SE3
 
 Values = Mapping[str, Any]

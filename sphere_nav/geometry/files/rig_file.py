@@ -11,19 +11,19 @@ from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
 from sphere_nav.geometry.cameras.pinhole import Pinhole
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
-from sphere_nav.geometry.files.fields import (
+from sphere_nav.geometry.files.untrusted import (
     MAX_FILE_BYTES,
     check_centre,
     choice,
+    load_yaml,
     mapping,
     number,
     numbers,
     pose,
+    read_text,
     short,
     size,
 )
-from sphere_nav.geometry.files.text_file import read_text
-from sphere_nav.geometry.files.yaml_text import load_yaml
 
 FORMAT, FORMAT_VERSION = "sphere_nav_rig", 1
 MODELS: dict[str, tuple[str, ...]] = {

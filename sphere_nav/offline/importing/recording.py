@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
-from sphere_nav.geometry.files.fields import number
-from sphere_nav.geometry.files.text_file import read_bytes, read_text
+from sphere_nav.geometry.files.untrusted import number, read_bytes, read_text
 from sphere_nav.geometry.trajectory import NORM_TOLERANCE
 from sphere_nav.ros.conversions import se3_to_transform
 from sphere_nav.ros.conversions.encoded import decode_file

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.geometry.files.fields import parse_stamp_ns
-from sphere_nav.geometry.files.text_file import read_text
+from sphere_nav.geometry.files.untrusted import parse_stamp_ns, read_text
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.offline.importing.recording import (
     FIRST_STAMP_NS,

@@ -8,7 +8,7 @@ from pathlib import Path
 from sphere_mapping.graph.extension import Submap, find_joins, join_graphs
 from sphere_mapping.graph.verification import Run
 from sphere_mapping.mapper import Mapper
-from sphere_nav.geometry.files.yaml_text import load_yaml
+from sphere_nav.geometry.files.untrusted import load_yaml
 from sphere_nav.ros.bags import BagError
 from sphere_nav.ros.maps.reader import FILE_NAME, MapReader, open_map
 from sphere_nav.ros.shared_files import software

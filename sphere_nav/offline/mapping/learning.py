@@ -29,7 +29,6 @@ from sphere_nav.offline.mapping.stereo_drive import find_field
 from sphere_nav.offline.mapping.survey import check_survey
 from sphere_nav.offline.mapping.truth import Truth, move_to_truth, transform_graph, truth_of
 from sphere_nav.offline.mapping.workers import Workers
-from sphere_nav.offline.settings import parse_settings
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.maps.reader import MapDetails, MapReader, MapWriter
 from sphere_nav.ros.maps.writer import MAP_FRAME
@@ -129,7 +128,7 @@ def rig_text(arguments: argparse.Namespace) -> str:
 def map_drive(arguments: argparse.Namespace, store: SphereStore, first: int, workers: Workers) -> MappedDrive:
     """Return the bag mapped from what it holds; BagError where no sphere comes of it."""
     given = {"mapper.loop.automatic": not arguments.no_loops, "mounting": arguments.mounting}
-    values = given | parse_settings(arguments.settings)
+    values = given | arguments.settings
     with BagReader(arguments.bag) as bag:
         chosen = topics.choose_topics(bag, arguments)
         kind = arguments.input

@@ -10,7 +10,7 @@ from typing import Any
 from mcap.records import Channel, ChunkIndex, Message
 from mcap.summary import Summary
 
-from sphere_nav.geometry.files.text_file import open_file
+from sphere_nav.geometry.files.untrusted import open_file
 from sphere_nav.ros.bags.mcap_records import FOOTER, MAGIC, Loose, read_summary, record_at, records_at, scan
 from sphere_nav.ros.bags.mcap_salvage import MAX_FILE, readable_part
 from sphere_nav.ros.bags.recorded import BagError

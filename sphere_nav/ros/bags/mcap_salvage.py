@@ -14,7 +14,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema
 from mcap.summary import Summary
 
-from sphere_nav.geometry.files.text_file import open_file
+from sphere_nav.geometry.files.untrusted import open_file
 from sphere_nav.ros.bags.mcap_records import Record, read_summary, record_at, records_at, walk
 from sphere_nav.ros.bags.recorded import BagError
 

@@ -11,9 +11,7 @@ from typing import Any, Self
 
 from rclpy.serialization import deserialize_message
 
-from sphere_nav.geometry.files.fields import choice, required, short
-from sphere_nav.geometry.files.text_file import read_text
-from sphere_nav.geometry.files.yaml_text import load_yaml
+from sphere_nav.geometry.files.untrusted import choice, load_yaml, read_text, required, short
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.kind import PlainView, compression_of, is_foreign, lone_file
 from sphere_nav.ros.bags.mcap_file import McapFile

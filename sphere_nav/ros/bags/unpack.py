@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import zstandard
 
-from sphere_nav.geometry.files.fields import short
+from sphere_nav.geometry.files.untrusted import short
 from sphere_nav.ros.bags.recorded import BagError
 
 MAX_WINDOW = 1 << 28  # bytes that a decompressor keeps

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.files.fields import MAX_NUMBER
+from sphere_nav.geometry.files.untrusted import MAX_NUMBER
 from sphere_nav.ros.conversions.stamps import header, stamp_ns
 
 NORM_TOLERANCE = 0.01  # a quaternion from a message may be rounded, not arbitrary

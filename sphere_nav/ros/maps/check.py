@@ -9,7 +9,7 @@ from typing import Any
 
 from sphere_nav_msgs.msg import KeySphereGraph, MapInfo
 
-from sphere_nav.geometry.files.yaml_text import load_yaml
+from sphere_nav.geometry.files.untrusted import load_yaml
 from sphere_nav.ros.bags.mcap_salvage import Salvage
 from sphere_nav.ros.bags.reader import deserialize
 from sphere_nav.ros.bags.recorded import BagError

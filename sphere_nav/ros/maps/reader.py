@@ -18,8 +18,7 @@ from mcap.records import ChunkIndex
 from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
 
-from sphere_nav.geometry.files.fields import short
-from sphere_nav.geometry.files.yaml_text import load_yaml
+from sphere_nav.geometry.files.untrusted import load_yaml, short
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.conversions import message_to_sphere, sphere_to_message

@@ -2,7 +2,7 @@
 
 import pytest
 
-from sphere_nav.geometry.files.fields import choice, number, numbers, parse_stamp_ns, size
+from sphere_nav.geometry.files.untrusted import choice, number, numbers, parse_stamp_ns, size
 
 
 @pytest.mark.parametrize("found", [1, 1.0, "1", "1e0", " 1 "])
