@@ -128,3 +128,31 @@ def test_waypoints_are_evenly_spaced_and_a_path_needs_two_points():
     np.testing.assert_allclose(points, [[0, 0], [1.5, 0], [3, 0], [3, 1.5], [3, 3]])
     with pytest.raises(ValueError, match="at least two"):
         waypoints_of(np.zeros((1, 2)), 1.0)
+
+
+@pytest.mark.parametrize("name", ["directions", "magnitudes", "scales"])
+def test_a_cache_of_another_size_is_refused_whatever_array_it_is(tmp_path, name):
+    cache = DepthCache(3 * features(0).nbytes, 4, 8)
+    cache.insert([(1, 2), (3, 4)], features(1, 2))
+    cache.save(tmp_path / "kept")
+    found = np.load(tmp_path / "kept" / f"{name}.npy")
+    np.save(tmp_path / "kept" / f"{name}.npy", found[:, :3] if found.ndim == 3 else found[:1])
+    with pytest.raises(ValueError, match=r"kept: expected \(2, 4, 8\) features"):
+        DepthCache(1 << 20, 4, 8).load(tmp_path / "kept")
+
+
+def test_a_smaller_cache_takes_what_was_used_last_and_counts_its_hits(tmp_path):
+    cache = DepthCache(4 * features(0).nbytes, 4, 8)
+    for number in range(4):
+        cache.insert([(number, -number)], features(number))
+    cache.find([(0, 0)])
+    cache.save(tmp_path / "kept")
+    small = DepthCache(2 * features(0).nbytes + 5, 4, 8)
+    assert small.load(tmp_path / "kept") == 2
+    slots = small.find([(3, -3), (0, 0), (2, -2), (1, -1)])
+    assert (slots >= 0).tolist() == [True, True, False, False]
+    assert small.stack.scales[slots[:2]].tolist() == [3.0, 0.0]
+    assert small.hit_rate == 0.5
+    small.clear()
+    assert (small.hit_rate, len(small), DepthCache(1, 4, 8).capacity) == (0.0, 0, 1)
+    assert small.load(tmp_path / "none") == 0

@@ -319,3 +319,16 @@ def test_points_of_a_surface_are_spread_by_area() -> None:
     assert np.all(points[is_low][:, 0] / 4 + points[is_low][:, 1] / 2 <= 1 + 1e-6)
     with pytest.raises(ValueError, match="expected at most 50000000 samples"):
         sample_surface(mesh, 1e-4)
+
+
+@pytest.mark.parametrize("name", ["a.pcd", "b.ply"])
+def test_a_header_ends_within_64_kib(tmp_path: Path, name: str) -> None:
+    data, mark = FILES[name], b"#" if name.endswith("pcd") else b"comment"
+    first, rest = data.split(b"\n", 1)
+    for length, is_read in ((65_000, True), (66_000, False)):
+        (tmp_path / name).write_bytes(first + b"\n" + mark + b" " * length + b"\n" + rest)
+        if is_read:
+            assert len(read_geometry(tmp_path / name).points) == 3
+        else:
+            with pytest.raises(ValueError, match="header"):
+                read_geometry(tmp_path / name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
@@ -49,3 +50,20 @@ def test_far_tiles_are_drawn_from_coarser_copies_where_they_lie() -> None:
     middle = found[found.shape[0] // 2]
     assert abs(float(middle[36]) - 30.0) < 0.3  # forward is the centre column, the wall is 30 m away
     assert np.isnan(middle[0])  # behind there is nothing
+
+
+@pytest.mark.parametrize("distance", [4.0, 6.0])
+def test_a_lone_point_is_as_wide_as_one_and_a_half_voxels(distance: float) -> None:
+    params = SynthesisParams(num_columns=1440, voxel_m=0.2)
+    cloud = cloud_from_points(np.array([[distance, 0.0, 0.0], [-50.0, 0.0, 0.0]]))
+    found = DepthSynthesizer(cloud, params, "splats").synthesize((0.0, 0.0, 0.0))
+    row = found[found.shape[0] // 2]
+    width = np.count_nonzero(np.isfinite(row[360:1080])) * 2 * np.pi / 1440
+    assert width == pytest.approx(1.5 * 0.2 / distance, rel=0.1)
+
+
+@pytest.mark.parametrize(("distance", "is_drawn"), [(0.19, False), (0.21, True)])
+def test_nothing_is_drawn_nearer_than_twenty_centimetres(distance: float, is_drawn: bool) -> None:
+    cloud = cloud_from_points(np.array([[distance, 0.0, 0.0], [-50.0, 0.0, 0.0]]))
+    found = DepthSynthesizer(cloud, PARAMS, "splats").synthesize((0.0, 0.0, 0.0))
+    assert (np.nanmin(found) < 1.0) == is_drawn

@@ -254,3 +254,19 @@ def test_a_curve_without_a_top_is_no_heading() -> None:
     for wrong in (np.zeros(2), np.array([1.0, np.nan, 0.0])):
         with pytest.raises(ValueError, match="expected at least 3 finite numbers"):
             heading(wrong.astype(np.float32))
+
+
+def test_features_are_coded_alike_alone_and_together(rng) -> None:
+    ranges_m = (1 + 9 * rng.random((3, H, W))).astype(np.float32)
+    one_by_one = stack_features([depth_features(range_m, PARAMS) for range_m in ranges_m])
+    together = depth_features_many(ranges_m, PARAMS)
+    for name in ("directions", "magnitudes"):
+        difference = np.abs(getattr(one_by_one, name).astype(int) - getattr(together, name))
+        assert np.mean(np.minimum(difference, 255 - difference) > 1) < 0.01
+    np.testing.assert_allclose(one_by_one.scales, together.scales, rtol=1e-5)
+    first = depth_features(ranges_m[0], PARAMS)
+    np.testing.assert_allclose(together.scales[0] * (together.magnitudes[0] / 255.0) ** 2, first.magnitude, atol=1e-4)
+    angle = together.directions[0] * np.pi / 255
+    strong = first.magnitude > np.median(first.magnitude)
+    cosine = np.abs(np.cos(angle) * first.x + np.sin(angle) * first.y)[strong]
+    assert cosine.min() > np.cos(np.radians(1.0))

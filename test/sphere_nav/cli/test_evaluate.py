@@ -150,3 +150,14 @@ def test_wrong_options_are_misuse(files, option):
     with pytest.raises(SystemExit) as caught:
         call(files / "poses.tum", files / "truth.tum", *option)
     assert caught.value.code == 2
+
+
+def test_a_topic_that_is_no_pose_is_named_with_what_it_is(tmp_path):
+    bags = pytest.importorskip("sphere_nav.ros.bags")
+    messages = pytest.importorskip("std_msgs.msg")
+    with bags.BagWriter(tmp_path / "words") as writer:
+        writer.write("pose", messages.String(data="here"), 5)
+    with pytest.raises(
+        ValueError, match=r"/pose: expected one of geometry_msgs/msg/PoseStamped, .*found std_msgs/msg/String"
+    ):
+        pose_bags.read_poses(tmp_path / "words", ("pose",))

@@ -107,3 +107,11 @@ def test_the_end_is_found_to_an_eighth_of_its_scale(monkeypatch, radius):
 def test_the_end_is_not_looked_for_beyond_sixteen_times_the_range(monkeypatch):
     monkeypatch.setattr(region, "usable_share", lambda surface, shift: 1.0)
     assert region._reach(None, np.array([1.0, 0.0, 0.0]), 2.0, 0.2) == 2.0 * 15.5
+
+
+def test_azimuths_turn_to_the_left():
+    """A wall near on the right, one far on the left."""
+    beside = Room(half=(8.0, 4.0, 1.5)).sphere(SE3.from_planar(0.0, -3.0, 0.0), CAMERA)
+    radii = region_radii(beside)
+    assert len(radii) == 6
+    assert np.mean(radii[1:3]) > 1.5 * np.mean(radii[4:6])  # 60 and 120 degrees against 240 and 300

@@ -5,8 +5,9 @@ import pytest
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 
-from sphere_nav.cli.demo.report import distances_from_path, drive_errors
+from sphere_nav.cli.demo.report import _crop_to_motion, distances_from_path, drive_errors
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagWriter
 
@@ -67,3 +68,14 @@ def test_a_drive_that_stands_is_refused(tmp_path):
             bag.write("/ground_truth/odometry", odometry, stamp)
     with pytest.raises(ValueError, match="found one that stands"):
         drive_errors(tmp_path / "still", tmp_path / "still", SE3.identity())
+
+
+def test_only_the_part_in_motion_counts():
+    """Slower than 5 cm/s is standing, whatever the rate of the truth."""
+    x = np.concatenate([np.arange(5) * 0.004, 0.016 + np.arange(1, 6) * 0.006, 0.046 + np.arange(1, 4) * 0.004])
+    matrices = np.stack([SE3.from_planar(value, 0.0, 0.0).matrix for value in x])
+    whole = Trajectory(SECOND + np.arange(len(x)) * SECOND // 10, SE3(matrices))  # 0.04, 0.06 and 0.04 m/s
+    found = _crop_to_motion(whole)
+    np.testing.assert_allclose(found.positions[[0, -1], 0], [0.016, 0.046], atol=1e-9)
+    with pytest.raises(ValueError, match="found one that stands"):
+        _crop_to_motion(whole[:5])

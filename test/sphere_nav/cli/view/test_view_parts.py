@@ -1,5 +1,6 @@
 """The parts of the viewer that need no browser: lenses, poses, pictures, the words beside them."""
 
+import threading
 from types import SimpleNamespace
 
 import cv2
@@ -144,3 +145,47 @@ def test_the_arrow_points_where_the_camera_looks():
     assert rows.min() in range(SIDE // 2 - 16, SIDE // 2 - 12)
     assert rows.max() <= SIDE // 2 + 5
     assert abs(columns.mean() - SIDE // 2) < 1
+
+
+def test_a_browser_is_drawn_for_while_it_is_there_and_again_where_something_was_on_its_way():
+    clients, answers, drawn = {1: None}, iter([False, False, True]), []
+    changed, closed = threading.Event(), threading.Event()
+
+    def draw():
+        drawn.append(changed.is_set())
+        answer = next(answers)
+        if answer:
+            clients.clear()  # it leaves
+        return answer
+
+    page = SimpleNamespace(_closed=closed, server=SimpleNamespace(get_clients=lambda: clients))
+    changed.set()
+    server.Page._follow(page, SimpleNamespace(client_id=1), changed, draw)
+    assert drawn == [False] * 3
+    assert not changed.is_set()
+    clients[1] = None
+    closed.set()
+    changed.set()
+    server.Page._follow(page, SimpleNamespace(client_id=1), changed, draw)
+    assert len(drawn) == 3
+
+
+def test_a_drive_is_shown_at_its_own_pace(monkeypatch):
+    """Images at 0, 1 and 3 s of the drive; the first takes 0.4 s to localise, the second 1.7 s."""
+    now, slept, shown = [50.0], [], []
+
+    def shots():
+        for stamp_s, work_s in ((7, 0.4), (8, 1.7), (10, 0.2)):
+            now[0] += work_s
+            yield SimpleNamespace(stamp_ns=stamp_s * 10**9)
+
+    def sleep(seconds):
+        slept.append(round(seconds, 6))
+        now[0] += seconds
+
+    monkeypatch.setattr(view.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(view.time, "sleep", sleep)
+    page = SimpleNamespace(show=lambda shot, camera: shown.append((shot.stamp_ns, camera)))
+    view.replay(SimpleNamespace(shots=shots, camera="lens"), page)
+    assert slept == [0.0, 0.0, pytest.approx(0.7)]  # 2.3 s have passed when it is due at 3 s
+    assert shown == [(7 * 10**9, "lens"), (8 * 10**9, "lens"), (10 * 10**9, "lens")]

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from sphere_mapping.acquisition.stereo.stereo_field import StereoField
 from sphere_mapping.acquisition.stereo.track_fit import ColumnFit
 from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.offline.mapping import stereo_drive
@@ -38,3 +39,16 @@ def test_no_more_pairs_are_expected_than_there_are_or_are_needed(tmp_path, monke
     with BagReader(tmp_path / "bag") as bag:
         find_field(bag, {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]})
     assert totals == [expected]
+
+
+@pytest.mark.parametrize(
+    ("columns", "words"), [(None, "as told"), ([2.5, 1.0], "too small"), ([0.01, 0.02], "as told")]
+)
+def test_the_disparity_is_corrected_where_chance_would_hardly_give_what_is_off(tmp_path, monkeypatch, columns, words):
+    write_bag(tmp_path / "bag", stereo, numbers=range(2))
+    fit = None if columns is None else ColumnFit(np.array(columns), np.diag([0.01, 0.04]), 300)
+    monkeypatch.setattr(stereo_drive, "fit_columns", lambda camera, baseline_m, windows: fit)
+    with BagReader(tmp_path / "bag") as bag:
+        pair, found = find_field(bag, {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]})
+    assert words in found
+    assert tuple(pair.correction.columns) == (tuple(columns) if words == "too small" else StereoField().columns)

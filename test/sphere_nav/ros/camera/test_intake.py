@@ -223,3 +223,13 @@ def test_names_are_those_of_the_calibration_unless_some_are_chosen():
             rig_names(RigParams(cameras=words), rig)
     with pytest.raises(ValueError, match="found none"):
         rig_names(RigParams(), None)
+
+
+def test_panoramas_need_no_calibration_where_they_are_told_to_be_whole():
+    gate = Gate(is_panorama=True)
+    gate.mount()
+    gate.image(1)  # 16 x 8
+    gate.image(2)
+    assert [picture.camera for picture in gate.pictures] == [Spherical(16, 8)] * 2
+    assert gate.stamps() == [1, 2]
+    assert gate.refusals == []

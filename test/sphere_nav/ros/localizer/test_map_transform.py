@@ -130,3 +130,28 @@ def test_nothing_is_sent_while_nobody_knows_the_pose():
     assert len(world.sent()) == 1
     world.transform.stop()
     assert world.pass_time(SECOND) == []
+
+
+@pytest.mark.parametrize("age_ms", [0, 900, 1100, -50])
+def test_an_image_of_this_time_is_sent_ahead_of_now_and_one_of_another_ahead_of_itself(age_ms):
+    """Up to a second late it is of this time; later, or of the future, it is of another clock."""
+    world = World()
+    stamp = world.now - age_ms * 10**6
+    world.odom(stamp)
+    world.transform.update(T_MAP_BASE, stamp)
+    first, *later = world.sent() + world.pass_time(SECOND // 2)
+    start = world.now - SECOND // 2
+    expected = start if 0 <= age_ms < 1000 else stamp
+    assert first[2] == expected + 100_000_000
+    assert later[-1][2] == pytest.approx(expected + SECOND // 2 + 100_000_000, abs=50_000_001)  # 20 a second
+    assert len(later) in (9, 10)
+
+
+@pytest.mark.parametrize(("waited_ms", "is_told"), [(450, False), (550, True)])
+def test_odometry_is_waited_for_half_a_second(waited_ms, is_told):
+    world = World()
+    world.tf()
+    list(world.bus.advance(world.now))
+    world.transform.update(T_MAP_BASE, world.now + SECOND // 100)
+    world.pass_time(waited_ms * 10**6)
+    assert (world.node.reports.get("tf", (OK, ""))[0] == ERROR) == is_told

@@ -3,7 +3,15 @@ import pytest
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.spheres.appearance.features import Features, features_of_image, features_of_sphere
-from sphere_nav.spheres.appearance.pose import MAX_ANGLE, _angles, _enough, _refine, find_pose, match_features
+from sphere_nav.spheres.appearance.pose import (
+    MAX_ANGLE,
+    _angles,
+    _enough,
+    _refine,
+    _solve_three,
+    find_pose,
+    match_features,
+)
 from worlds.room import optical, sharp_room
 
 CAMERA = Spherical(512, 256)
@@ -155,3 +163,15 @@ def test_rays_that_all_look_one_way_are_no_pose():
     rays = np.concatenate([ring[:3], -ring[:3]]).astype(np.float32)
     found = find_pose(Features(rays, query.range_m, query.descriptors), known)
     assert found is None or found.num_inliers >= 4
+
+
+@pytest.mark.parametrize(("slant", "is_tried"), [(0.12, True), (0.08, False)])
+def test_three_rays_are_tried_only_where_all_look_ahead(slant, is_tried):
+    """Their cosines to the middle of the three must be a tenth; else P3P has no plane before it."""
+    turns = np.radians([0.0, 120.0, 240.0])
+    across = np.sqrt(1 - slant**2)
+    rays = np.stack([np.full(3, slant), across * np.cos(turns), across * np.sin(turns)], axis=1)
+    points = 3.0 * rays + np.array([0.1, 0.2, -0.1])
+    found = _solve_three(rays, points)
+    assert bool(found) == is_tried
+    assert not found or min(_angles(T, rays, points).max() for T in found) < 1e-5
