@@ -132,3 +132,26 @@ def test_a_pose_is_predicted_over_half_a_second_and_commands_are_kept_for_three(
     assert predictor.predict(Pose2(0, 0, 0), now - 8 * STEP, now, None).x == pytest.approx(0.4)
     assert predictor.predict(Pose2(0, 0, 0), now - 40 * STEP, now, None).x == pytest.approx(0.5)
     assert now - predictor.commands[0][0] == pytest.approx(3.0e9, abs=2 * STEP)
+
+
+@pytest.mark.parametrize(("is_hard", "loss"), [(False, 1.1), (True, 4.0)])
+def test_a_stop_uses_the_deceleration_that_it_may_and_a_start_the_acceleration(is_hard, loss):
+    limiter = Limiter(CAR)
+    limiter.limit(0.0, 0.0, 0, is_hard=False)
+    limiter.last = Motion(-1.5, 0.0)
+    assert limiter.limit(0.0, 0.0, STEP, is_hard=is_hard).speed == pytest.approx(-1.5 + loss * 0.05)
+    limiter.last = Motion(0.5, 0.0)
+    assert limiter.limit(2.0, 0.0, 2 * STEP, is_hard=is_hard).speed == pytest.approx(0.5 + 0.7 * 0.05)
+
+
+def test_a_long_silence_between_commands_counts_as_a_fifth_of_a_second():
+    limiter = Limiter(CAR)
+    limiter.limit(0.0, 0.0, 0, is_hard=False)
+    assert limiter.limit(2.0, 0.0, 20 * STEP, is_hard=False).speed == pytest.approx(0.7 * 0.2)
+
+
+def test_a_prediction_goes_by_steps_of_20_ms():
+    predictor = Predictor(CAR, ActuationParams(steering_lag=0.0, speed_lag=0.5))
+    predictor.remember(0, Motion(1.0, 0.0))
+    predicted = predictor.predict(Pose2(0, 0, 0), 0, 8 * STEP, None).x
+    assert predicted == pytest.approx(sum(0.02 * (1.0 - math.exp(-0.02 * k / 0.5)) for k in range(1, 21)))
