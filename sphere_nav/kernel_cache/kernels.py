@@ -88,7 +88,7 @@ def defined(module):
     return [function for function in module.functions if not function.is_declaration]
 
 
-# They are names of numba's inside (0.68.1 has them): without one of them results may depend on what was compiled.
+# These are names of numba inside (0.68.1): where one is missing, results may depend on what was compiled.
 if hasattr(JITCodeLibrary, "_finalize_final_module") and hasattr(JITCPUCodegen, "_library_class"):
     JITCPUCodegen._library_class = OwnCopies
 if TextLocator not in caching.CacheImpl._locator_classes:

@@ -92,7 +92,7 @@ class Finished:
         )  # fmt: skip
         graph = SphereGraph([KeySphere(0, 0, SE3.identity())])
         monkeypatch.setattr(learning, "truth_of", lambda bag: None)
-        monkeypatch.setattr(learning, "place", lambda arguments, drive, truth: (SE3.identity(), graph, ["warned"]))
+        monkeypatch.setattr(learning, "anchor_map", lambda arguments, drive, truth: (SE3.identity(), graph, ["warned"]))
         monkeypatch.setattr(learning, "merge", lambda *words: SimpleNamespace(graph=graph, replaced=replaced))
         monkeypatch.setattr(learning, "complete", lambda *words: "details")
         monkeypatch.setattr(learning, "_size", lambda path: "1 MB")
