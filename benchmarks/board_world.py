@@ -216,9 +216,9 @@ def boards_around(
             board = Board(f"board{number}", *sizes[number], 0.12)
         turn = so3.exp([0.0, 0.0, 2.0 * np.pi * (number + 0.5) / num_boards])
         R = turn @ OPTICAL @ so3.exp(rng.normal(0.0, 0.15, 3))
-        centre = turn @ [distance_m, 0.0, rng.uniform(-0.15, 0.15)]
+        center = turn @ [distance_m, 0.0, rng.uniform(-0.15, 0.15)]
         boards.append(board)
-        poses.append(SE3.from_parts(R, centre - R @ board.points.mean(axis=0)).matrix)
+        poses.append(SE3.from_parts(R, center - R @ board.points.mean(axis=0)).matrix)
     return tuple(boards), SE3(np.stack(poses))
 
 

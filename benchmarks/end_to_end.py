@@ -28,7 +28,7 @@ from sphere_nav.offline.mapping.sphere_source import LensOptions, read_sphere
 from sphere_nav.offline.mapping.truth import fit_poses
 from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.ros.bags import BagReader
-from sphere_nav.ros.conversions import camera_from_info, depth_to_metres, message_to_status, stamp_ns
+from sphere_nav.ros.conversions import camera_from_info, depth_to_meters, message_to_status, stamp_ns
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
@@ -236,7 +236,7 @@ def overlapping(taught: Path, driven: Path) -> Sequence[int]:
         rays = camera.unproject(pixel_grid(camera)[::STEP, ::STEP])
         for _, _, message in bag.messages(["/depth/image_raw"]):
             stamp = stamp_ns(message)
-            depth = depth_to_metres(message)[::STEP, ::STEP]
+            depth = depth_to_meters(message)[::STEP, ::STEP]
             points_map = poses[stamp].apply((rays / rays[..., 2:] * depth[..., None])[np.isfinite(depth)])
             if max(share_seen(camera, view.inverse().apply(points_map)) for view in views) >= MIN_OVERLAP:
                 found.append(stamp)

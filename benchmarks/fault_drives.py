@@ -71,7 +71,7 @@ class Course:
         if key not in self.drawn:
             x, y, yaw = (number * step for number, step in zip(key, self.grid, strict=True))
             T_world_camera = SE3.from_planar(x, y, yaw) @ self.T_base_camera
-            self.drawn[key], _ = self.simulator.render(self.camera, T_world_camera, is_grey=True)
+            self.drawn[key], _ = self.simulator.render(self.camera, T_world_camera, is_gray=True)
         return self.drawn[key]
 
     def _make_map(self, folder: Path, mount: Any) -> Path:

@@ -38,7 +38,7 @@ from sphere_nav.ros.node import ManagedNode
 from sphere_nav.spheres.graph import KeySphere
 
 CONVERSIONS: dict[str, tuple[Callable[[Any], Any], ...]] = {
-    "Image": (conversions.image_to_rgb, conversions.image_to_grey, conversions.depth_to_metres),
+    "Image": (conversions.image_to_rgb, conversions.image_to_gray, conversions.depth_to_meters),
     "CompressedImage": (conversions.decompress, conversions.compressed_to_array),
     "CameraInfo": (conversions.camera_from_info, conversions.stereo_baseline),
     "PointCloud2": (conversions.message_to_cloud,),

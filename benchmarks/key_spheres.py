@@ -119,7 +119,7 @@ def in_town(seed: int, length: float) -> dict[str, Outcome]:
     drawn = enumerate(poses[::2])
     spheres = [draw(renderer, pose, Spherical(WIDTH, WIDTH // 2), index, rng) for index, pose in drawn]
     cameras = [pose @ SE3.exp([0, 0, 0, 0, 0, rng.uniform(-np.pi, np.pi)]) @ T_BODY_OPTICAL for pose in poses[1::2]]
-    images = [noisy(renderer.render(CAMERA, pose, is_grey=True)[0], rng) for pose in cameras]
+    images = [noisy(renderer.render(CAMERA, pose, is_gray=True)[0], rng) for pose in cameras]
     return {rule: _outcome(spheres, poses[::2], images, cameras, values) for rule, values in RULES.items()}
 
 
@@ -140,7 +140,7 @@ def _outcome(
     stamps, found = zip(*mapper.trajectory(), strict=True)
     T_truth_map, way = truth[0] @ found[0].inverse(), _gaps(truth).sum()
     off = placed[stamps[-1]].distance(T_truth_map @ found[-1])[0] / way
-    references = [prepare_reference(one.grey, one.range_m, one.camera, PARAMS.registration)
+    references = [prepare_reference(one.gray, one.range_m, one.camera, PARAMS.registration)
                   for one in (mapper.load_sphere(node.id) for node in mapper.graph)]  # fmt: skip
     views = [View(reference, pose) for reference, pose in zip(references, keys, strict=True)]
     rng = np.random.default_rng(0)

@@ -101,7 +101,7 @@ def map_drive(name: str, seed: int, length: float, width: int) -> Drive:
 
 def draw(renderer: Renderer, pose: SE3, camera: Spherical, index: int, rng: np.random.Generator) -> Sphere:
     """Return what is seen from a place, with noise."""
-    levels, range_m = renderer.render(camera, pose, is_grey=True)
+    levels, range_m = renderer.render(camera, pose, is_gray=True)
     image = np.clip(np.rint(levels + rng.normal(0, NOISE, levels.shape)), 1, 255).astype(np.uint8)
     noisy = range_m + RANGE_NOISE * np.square(np.minimum(range_m, FARTHEST_M)) * rng.normal(size=range_m.shape)
     noisy[~(range_m < FARTHEST_M)] = np.nan

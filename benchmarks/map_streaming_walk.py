@@ -35,7 +35,7 @@ def main() -> None:
     warm_up()
     loaded_mb = _resident()
     params = LocalizerParams()
-    reader = open_map(sys.argv[1], is_grey=True)  # as the localiser does
+    reader = open_map(sys.argv[1], is_gray=True)  # as the localiser does
     references = References(reader, params, is_live=True)
     return_free_memory()
     opened_mb = _resident()

@@ -41,7 +41,7 @@ STAGES: dict[str, tuple[tuple[Any, str], ...]] = {  # of stitching, by what they
     "matching": ((vertical, "match_columns"), (pairs, "range_of_pairs")),
     "range and common centre": (
         (vertical, "range_from_disparity"),
-        (vertical, "to_common_centre"),
+        (vertical, "to_common_center"),
         (fusion, "fuse_sources"),
     ),
 }

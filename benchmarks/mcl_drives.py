@@ -125,7 +125,7 @@ class Studio:
             if traffic is not None:
                 stamp = (seed * 1000 + index) * 10**9  # every drive at another time, an image a second
                 renderer.move(traffic.poses(stamp, T_map_camera.translation[None, :2], CLEAR))
-            levels, _ = renderer.render(lens.camera, T_map_camera, is_grey=True)
+            levels, _ = renderer.render(lens.camera, T_map_camera, is_gray=True)
             images.append(expose(levels, READ_NOISE, SHOT_NOISE, (self.seed, seed, index)))
         return np.stack(images)
 

@@ -113,8 +113,8 @@ def _around(waypoint: Array) -> Array:
 
 def compare(site: Site, image: NDArray[np.uint8], rotation: Array) -> Comparison:
     """Return the comparison of an image of the panorama with the map."""
-    grey, is_seen = level_view(image, PANORAMA.camera, rotation, site.depth_map.camera)
-    visual = visual_features(grey, is_seen)
+    gray, is_seen = level_view(image, PANORAMA.camera, rotation, site.depth_map.camera)
+    visual = visual_features(gray, is_seen)
     return Comparison(visual, site.depth_map, num_alpha_for(site.params.heading_step_deg))
 
 

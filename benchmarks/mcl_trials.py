@@ -35,7 +35,7 @@ class Trial:
 
     states: tuple[State, ...]
     reasons: tuple[str, ...]
-    metres: Array
+    meters: Array
     degrees: Array
     counts: NDArray[np.int64]
     milliseconds: Array
@@ -44,7 +44,7 @@ class Trial:
     @property
     def is_right(self) -> NDArray[np.bool_]:
         """Whether the likeliest place was the right one, (K,)."""
-        return (self.metres <= NEAR_M) & (self.degrees <= NEAR_DEG)
+        return (self.meters <= NEAR_M) & (self.degrees <= NEAR_DEG)
 
     @property
     def is_tracking(self) -> NDArray[np.bool_]:
@@ -118,9 +118,9 @@ def run_filter(
                 status.p_chance,
             )
         )
-    states, reasons, metres, degrees_, counts, times, chances = zip(*found, strict=True)
+    states, reasons, meters, degrees_, counts, times, chances = zip(*found, strict=True)
     return Trial(
-        states, reasons, np.array(metres), np.array(degrees_), np.array(counts), np.array(times), np.array(chances)
+        states, reasons, np.array(meters), np.array(degrees_), np.array(counts), np.array(times), np.array(chances)
     )
 
 

@@ -91,7 +91,7 @@ def render_drive(seed: int) -> tuple[list[PreparedSphere], list[SE3]]:
     for number in range(NUM_SPHERES):
         x, y, yaw, _ = world.path.at(np.array(number * SPACING_M))
         pose = SE3.from_planar(float(x), float(y), float(yaw)) @ SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M])
-        levels, range_m = renderer.render(camera, pose, is_grey=True)
+        levels, range_m = renderer.render(camera, pose, is_gray=True)
         image: NDArray[np.uint8] = np.clip(np.rint(levels + rng.normal(0, NOISE, levels.shape)), 1, 255).astype(
             np.uint8
         )

@@ -79,11 +79,11 @@ def face_wall(seed: int, trials: int, report: Report) -> None:
     found: dict[int, list[Trial]] = {WALL_PIXELS: [], ALL_PIXELS: []}
     for number in range(trials):
         rng = np.random.default_rng([seed, number])
-        grey, range_m = render(WALL_SPHERE, SE3.identity(), number, pale_ahead)
-        sphere = noisy(grey, pixel_noise(WALL_SPHERE, rng))
+        gray, range_m = render(WALL_SPHERE, SE3.identity(), number, pale_ahead)
+        sphere = noisy(gray, pixel_noise(WALL_SPHERE, rng))
         pose = random_motion(rng, SHIFT_M, 0.5 * TURN_RAD) @ T_BODY_OPTICAL
-        grey, _ = render(WALL_CAMERA, pose, number, pale_ahead)
-        image, guess = noisy(grey, pixel_noise(WALL_CAMERA, rng)), pose @ random_motion(rng, GUESS_M, GUESS_RAD)
+        gray, _ = render(WALL_CAMERA, pose, number, pale_ahead)
+        image, guess = noisy(gray, pixel_noise(WALL_CAMERA, rng)), pose @ random_motion(rng, GUESS_M, GUESS_RAD)
         for most, trials_of in found.items():
             params = build(RegistrationParams, {"max_pixels": most})
             reference = prepare_reference(sphere, range_m, WALL_SPHERE, params)
@@ -119,12 +119,12 @@ def look_at_poles(seed: int, trials: int, report: Report) -> None:
 def try_samplings(seed: int, number: int, noise: Noise, params: RegistrationParams) -> tuple[Trial, Trial]:
     """Return one known motion by all pixels of a sphere that have a range, and by evenly spaced ones."""
     rng = np.random.default_rng([seed, number, 1])
-    grey, range_m = render(POLE_SPHERE, SE3.identity(), number, pale_walls)
-    image = noisy(grey, noise(POLE_SPHERE, rng))
+    gray, range_m = render(POLE_SPHERE, SE3.identity(), number, pale_walls)
+    image = noisy(gray, noise(POLE_SPHERE, rng))
     references = [make(image, range_m, POLE_SPHERE, params) for make in (of_all_pixels, prepare_reference)]
     pose = random_motion(rng, SHIFT_M, TURN_RAD)
-    grey, _ = render(POLE_SPHERE, pose, number, pale_walls)
-    pyramid = build_pyramid(noisy(grey, noise(POLE_SPHERE, rng)), POLE_SPHERE, params.pyramid)
+    gray, _ = render(POLE_SPHERE, pose, number, pale_walls)
+    pyramid = build_pyramid(noisy(gray, noise(POLE_SPHERE, rng)), POLE_SPHERE, params.pyramid)
     guess = pose @ random_motion(rng, GUESS_M, GUESS_RAD)
     one, other = (align(pyramid, made, guess, pose, params) for made in references)
     return one, other
@@ -198,9 +198,9 @@ def random_motion(rng: np.random.Generator, most_m: float, most_rad: float) -> S
     return SE3.exp(rng.uniform(-1.0, 1.0, 6) * np.repeat([most_m, most_rad], 3))
 
 
-def noisy(grey: Image, noise: Array) -> Image:
+def noisy(gray: Image, noise: Array) -> Image:
     """Return an image as a camera gives it."""
-    return np.clip(np.rint(grey + noise), 1, 255).astype(np.uint8)
+    return np.clip(np.rint(gray + noise), 1, 255).astype(np.uint8)
 
 
 def rms_m(trials: list[Trial] | tuple[Trial, ...]) -> float:

@@ -148,5 +148,5 @@ def _finish(rng: np.random.Generator) -> tuple[Finish, int]:
 
 def _bare(rng: np.random.Generator) -> Finish:
     """Return one colour without any texture."""
-    colour = finishes.pick(rng, finishes.PLASTERS)
-    return Finish(k.MARKING, colour, colour, (0.0, 1.0, 1.0))
+    color = finishes.pick(rng, finishes.PLASTERS)
+    return Finish(k.MARKING, color, color, (0.0, 1.0, 1.0))

@@ -96,7 +96,7 @@ def try_town(seed: int, num_spheres: int) -> list[Trial]:
     for distance in np.linspace(3.0, float(world.path.length) - 3.0, num_spheres):
         x, y, yaw, _ = world.path.at(np.array(distance))
         T = SE3.from_planar(float(x), float(y), float(yaw)) @ SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M])
-        levels, range_m = renderer.render(SPHERE, T, is_grey=True)
+        levels, range_m = renderer.render(SPHERE, T, is_gray=True)
         sphere = Sphere(noisy(levels, rng), range_m.astype(np.float32), SPHERE)
         trials += try_sphere(sphere, T, renderer, rng)
     return trials
@@ -104,7 +104,7 @@ def try_town(seed: int, num_spheres: int) -> list[Trial]:
 
 def try_sphere(sphere: Sphere, T: SE3, renderer: Renderer, rng: np.random.Generator) -> list[Trial]:
     """Try poses around one sphere, where nothing is in the way."""
-    reference = prepare_reference(sphere.grey, sphere.range_m, sphere.camera, PARAMS.registration)
+    reference = prepare_reference(sphere.gray, sphere.range_m, sphere.camera, PARAMS.registration)
     view = View(reference, T)
     radii = region_radii(sphere)
     trials = []
@@ -117,7 +117,7 @@ def try_sphere(sphere: Sphere, T: SE3, renderer: Renderer, rng: np.random.Genera
         for _ in range(NUM_HEADINGS):
             turn = SE3.exp([0, 0, 0, 0, 0, rng.uniform(-np.pi, np.pi)])
             T_camera = T @ SE3.from_parts(np.eye(3), direction * distance) @ turn @ T_BODY_OPTICAL
-            levels, _ = renderer.render(CAMERA, T_camera, is_grey=True)
+            levels, _ = renderer.render(CAMERA, T_camera, is_gray=True)
             off = localise(noisy(levels, rng), [view], T_camera, rng)
             has_worked = off is not None and off[0] < GOOD_M and off[1] < GOOD_DEG
             trials.append(Trial(float(distance), float(there), float(np.median(radii)), has_worked))

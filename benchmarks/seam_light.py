@@ -32,7 +32,7 @@ class Step:
 
     median: float
     worst: float
-    colour: float
+    color: float
     num_seams: int
 
 
@@ -40,7 +40,7 @@ def light_step(stitcher: Stitcher, images: Mapping[str, Image], level: str, inve
     """Compare neighbouring views of a level of the sphere near their seams, drawn as `stitch` draws them."""
     layout = stitcher.layouts.of(level, tuple(images))
     planes = [_on_sphere(layout, k, images, inverse) for k in range(len(layout.views))]
-    sizes, medians, colours = [np.zeros(0)], [], []
+    sizes, medians, colors = [np.zeros(0)], [], []
     for i, j in combinations(range(len(planes)), 2):
         both = planes[i][1] & planes[j][1] & _near_seam(layout, i, j)
         if not both.any():
@@ -53,11 +53,11 @@ def light_step(stitcher: Stitcher, images: Mapping[str, Image], level: str, inve
         sizes.append(np.abs(ratio.mean(axis=1)))
         medians.append(abs(float(np.median(ratio.mean(axis=1)))))
         channels = np.median(ratio, axis=0)
-        colours.append(float(channels.max() - channels.min()))
+        colors.append(float(channels.max() - channels.min()))
     every = np.concatenate(sizes)
     if not medians:
         return Step(float("nan"), float("nan"), float("nan"), 0)
-    return Step(float(np.median(every)), max(medians), max(colours), len(medians))
+    return Step(float(np.median(every)), max(medians), max(colors), len(medians))
 
 
 def _on_sphere(

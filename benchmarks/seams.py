@@ -78,11 +78,11 @@ def column_shift(stitcher: Stitcher, images: Mapping[str, Image], range_m: NDArr
     """
     assert isinstance(stitcher.stereo, VerticalStereo)
     equal, _ = stitcher.equalize(images)
-    greys = {
+    grays = {
         name: cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image for name, image in equal.items()
     }
-    layouts = [stitcher.layouts.of(level, tuple(greys)) for level in ("top", "bottom")]
-    top, bottom = (even(plane) for plane in stitcher.stereo.draw(layouts, greys, range_m))
+    layouts = [stitcher.layouts.of(level, tuple(grays)) for level in ("top", "bottom")]
+    top, bottom = (even(plane) for plane in stitcher.stereo.draw(layouts, grays, range_m))
     height, width = top.shape
     known = np.isfinite(range_m)
     disparity = _row_disparity(range_m, stitcher.layouts.baseline_m)
@@ -113,10 +113,10 @@ def followed(first: Image, second: Image, chosen: Flags) -> tuple[NDArray[np.flo
 
 def even(image: Image) -> Image:
     """Return the image with its local mean and contrast made equal: cameras expose differently."""
-    grey = image.astype(np.float32)
-    mean = cv2.blur(grey, (31, 31))
-    deviation = np.sqrt(np.maximum(cv2.blur(grey * grey, (31, 31)) - mean * mean, 0.0))
-    return np.clip(128 + 50 * (grey - mean) / (deviation + 4), 0, 255).astype(np.uint8)
+    gray = image.astype(np.float32)
+    mean = cv2.blur(gray, (31, 31))
+    deviation = np.sqrt(np.maximum(cv2.blur(gray * gray, (31, 31)) - mean * mean, 0.0))
+    return np.clip(128 + 50 * (gray - mean) / (deviation + 4), 0, 255).astype(np.uint8)
 
 
 def _on_sphere(
@@ -124,11 +124,11 @@ def _on_sphere(
 ) -> tuple[Image, Flags]:
     """Return a view's grey levels (H, W) and where all of a window around a pixel is seen by it."""
     image, whole = images[view.name], layout.whole
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
+    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
     plane, seen = np.zeros((whole.height, whole.width), np.uint8), np.zeros((whole.height, whole.width), np.uint8)
     columns = np.arange(view.block.column, view.block.column + min(view.block.width, whole.width)) % whole.width
     rows = slice(view.block.row, view.block.row + view.block.height)
-    plane[rows, columns] = warp_view(view, grey, inverse)[:, : columns.size]
+    plane[rows, columns] = warp_view(view, gray, inverse)[:, : columns.size]
     rays = pixel_rays(whole)[rows][:, columns]
     seen[rows, columns] = view.rig_view.project(rays * 20.0)[2] > FROM_BORDER
     return plane, cv2.erode(seen, np.ones((WINDOW, WINDOW), np.uint8)) > 0

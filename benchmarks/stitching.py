@@ -150,15 +150,15 @@ def _photo_consistency(
 def _room(folder: Path, options: argparse.Namespace) -> list[Bound]:
     top, bottom = room(folder)
     window, params = Spherical(top.shape[1], top.shape[0]), MatchParams()
-    grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (top, bottom)]
-    search, everywhere = disparities_of_ranges(window, 0.2, params), np.ones(grey[0].shape, np.bool_)
-    disparity = match_columns(grey[0], grey[1], search, params, everywhere, options.threads)
+    gray = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (top, bottom)]
+    search, everywhere = disparities_of_ranges(window, 0.2, params), np.ones(gray[0].shape, np.bool_)
+    disparity = match_columns(gray[0], gray[1], search, params, everywhere, options.threads)
     range_m, std_m = range_from_disparity(disparity, window, 0.2, params)
     measured = float(np.isfinite(range_m[window.height // 4 : 3 * window.height // 4]).mean())
-    owner, error = np.zeros(grey[0].shape, np.int8), np.zeros(grey[0].shape, np.float32)
+    owner, error = np.zeros(gray[0].shape, np.int8), np.zeros(gray[0].shape, np.float32)
     viewpoints = Viewpoints(0.2, owner, np.zeros((1, 3), np.float32), error, per_m=0.0)
     ranged = range_m, std_m
-    planes = range_of_planes(grey[0], grey[1], ranged, everywhere, viewpoints, search, params)
+    planes = range_of_planes(gray[0], gray[1], ranged, everywhere, viewpoints, search, params)
     is_filled = ~np.isnan(planes[0])
     range_m, std_m = (np.where(is_filled, *both) for both in zip(planes, ranged, strict=True))
     sphere = Sphere(top, range_m, window, 0, std_m, is_filled)
@@ -236,7 +236,7 @@ def _light(
     return [
         Bound(f"{name}: light across {seams} {before.median:.3f}, median of all pixels", median, after.median, ""),
         Bound(f"{name}: light across {seams} {before.worst:.3f}, worst seam's median", worst, after.worst, ""),
-        Bound(f"{name}: colours apart at {seams} {before.colour:.3f}, worst seam", 0.06, after.colour, ""),
+        Bound(f"{name}: colours apart at {seams} {before.color:.3f}, worst seam", 0.06, after.color, ""),
     ]
 
 
@@ -248,9 +248,9 @@ def _of(flow: Flow) -> str:
     return f"{flow.num_followed} of {flow.num_corners} corners"
 
 
-def edge_ratio(grey: Image, sphere: Sphere) -> float:
+def edge_ratio(gray: Image, sphere: Sphere) -> float:
     """Return the mean image gradient where the range jumps, over that where it does not."""
-    gradient = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1))
+    gradient = np.hypot(cv2.Sobel(gray, cv2.CV_32F, 1, 0), cv2.Sobel(gray, cv2.CV_32F, 0, 1))
     known = sphere.measured
     whole = continued(np.nan_to_num(sphere.range_m, nan=0.0), known)
     jump = np.abs(np.log(np.maximum(whole, 0.1)) - np.log(np.maximum(np.roll(whole, 1, axis=1), 0.1))) > 0.2

@@ -20,7 +20,7 @@ from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.spheres.range_codec import decode_ranges, encode_ranges
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 from sphere_nav.view_synthesis.surface import surface_of
-from sphere_nav.view_synthesis.synthesis import PlacedSurface, SynthesizedView, synthesise
+from sphere_nav.view_synthesis.synthesis import PlacedSurface, SynthesizedView, synthesize
 
 HELP = "views from key spheres: PSNR half way and 2 m off the track, frames per second at 800 x 600"
 WIDTH, SPACING_M, HEIGHT_M = 2048, 2.0, 1.6
@@ -115,10 +115,10 @@ def see(renderer: Renderer, pose: SE3, rng: np.random.Generator) -> Sphere:
 
 def timed(placed: list[PlacedSurface], T: SE3) -> tuple[SynthesizedView, float]:
     """Return a view, and views per second of CPU."""
-    view = synthesise(placed, T, CAMERA)
+    view = synthesize(placed, T, CAMERA)
     begin = time.process_time()
     for _ in range(NUM_TIMED):
-        view = synthesise(placed, T, CAMERA)
+        view = synthesize(placed, T, CAMERA)
     return view, NUM_TIMED / (time.process_time() - begin)
 
 

@@ -135,7 +135,7 @@ class Simulator:
 
     # --- the world around it
     def render(
-        self, camera: Camera, T_world_camera: SE3, is_grey: bool = False
+        self, camera: Camera, T_world_camera: SE3, is_gray: bool = False
     ) -> tuple[NDArray[np.uint8], NDArray[np.float32]]:
         """Return a perfect view from anywhere, now: image (H, W, 3) RGB or (H, W) grey u1, range (H, W) f32 m.
 
@@ -143,7 +143,7 @@ class Simulator:
         """
         self._light_and_move(self.time_ns, T_world_camera.translation[None, :2], CAMERA_ROOM)
         self._scene_of = None
-        levels, range_m = self.renderer.render(camera, T_world_camera, is_grey)
+        levels, range_m = self.renderer.render(camera, T_world_camera, is_gray)
         return expose(levels, 0.0, 0.0, ()), range_m
 
     def _set_scene(self, offset: float = 0.0) -> SE3:

@@ -94,10 +94,10 @@ class Filter:
             return self._estimate(observation, FINE)  # nearly the same view tells nothing new
         if self._states.state is State.LOST:
             self.search()
-        grey, is_seen = level_view(observation.image, observation.camera, observation.rotation, self.map.camera)
-        return self._localise(observation, visual_features(grey, is_seen))
+        gray, is_seen = level_view(observation.image, observation.camera, observation.rotation, self.map.camera)
+        return self._localize(observation, visual_features(gray, is_seen))
 
-    def _localise(self, observation: Observation, visual: GradientFeatures) -> Estimate:
+    def _localize(self, observation: Observation, visual: GradientFeatures) -> Estimate:
         """Return what an image makes of the belief (algorithm 2, lines 4 to 22)."""
         p = self.params
         odometry = observation.T_odom_level

@@ -93,7 +93,7 @@ def place_parts(T_world_part, part_of_triangle, part_of_surface, local, moved):
 
 
 @njit(cache=True, nogil=True)
-def find_edges(triangles, surface_of, normals, ranges, colour, is_edge):
+def find_edges(triangles, surface_of, normals, ranges, color, is_edge):
     """Mark pixels (H, W) u1 whose right or lower neighbour shows another surface in another light, and that neighbour.
 
     triangles (H, W) i32, surface_of (T,) i32, normals (T, 3) f32, ranges (H, W) f32 m, colour (H, W, 3) f32
@@ -108,7 +108,7 @@ def find_edges(triangles, surface_of, normals, ranges, colour, is_edge):
                 if y >= height or x >= width:
                     continue
                 there = triangles[y, x]
-                if there == here or min(there, here) == OUTSIDE or _alike(colour, v, u, y, x):
+                if there == here or min(there, here) == OUTSIDE or _alike(color, v, u, y, x):
                     continue
                 if here >= 0 and there >= 0 and surface_of[here] == surface_of[there]:
                     is_level = abs(ranges[y, x] - ranges[v, u]) < 0.02 * ranges[v, u]
@@ -118,12 +118,12 @@ def find_edges(triangles, surface_of, normals, ranges, colour, is_edge):
 
 
 @njit(cache=True)
-def _alike(colour, v, u, y, x):
+def _alike(color, v, u, y, x):
     """Whether two pixels differ by less than CONTRAST."""
     difference, total = 0.0, 0.0
     for c in range(3):
-        difference += abs(colour[v, u, c] - colour[y, x, c])
-        total += colour[v, u, c] + colour[y, x, c]
+        difference += abs(color[v, u, c] - color[y, x, c])
+        total += color[v, u, c] + color[y, x, c]
     return difference < CONTRAST * total
 
 
@@ -219,19 +219,19 @@ def _draw_shadow(p, window, shadow):
 
 
 @njit(cache=True, nogil=True)
-def light(origin, rays, ranges, triangles, cone, normals, lamps, shadow, texel, corner, T_sun_world, colour):
+def light(origin, rays, ranges, triangles, cone, normals, lamps, shadow, texel, corner, T_sun_world, color):
     """Turn reflectance into radiance in place, colour (N, 3) f32: sun with cast shadows and an overcast share of sky.
 
     normals (T, 3) f32 unit; lamps: (unit vector (3,) f64 towards the sun, radiance (3,) of sun and of sky, factor on
     the sky that is seen), see sky.py; shadow (K, K) f32 distance of the first
     thing hit by the sun's rays, texel m, corner (2,) m of its first texel, T_sun_world (3, 3): rows x, y, -sun
     """
-    sun, sun_colour, sky_colour, sky_gain = lamps
+    sun, sun_color, sky_color, sky_gain = lamps
     for n in range(rays.shape[0]):
         t = triangles[n]
         if t < 0:
             for c in range(3):
-                colour[n, c] *= sky_gain
+                color[n, c] *= sky_gain
             continue
         nx, ny, nz = normals[t, 0], normals[t, 1], normals[t, 2]
         if nx * rays[n, 0] + ny * rays[n, 1] + nz * rays[n, 2] > 0.0:
@@ -250,7 +250,7 @@ def light(origin, rays, ranges, triangles, cone, normals, lamps, shadow, texel, 
             direct = lambert * _lit(shadow, a / texel, b / texel, depth - 0.5 * texel, ranges[n] * cone[n] / texel)
         sky = (0.62 + 0.38 * nz) * (0.55 + 0.45 * min(1.0, (z + 0.8) / 7.0))
         for c in range(3):
-            colour[n, c] *= sun_colour[c] * direct + sky_colour[c] * sky
+            color[n, c] *= sun_color[c] * direct + sky_color[c] * sky
 
 
 @njit(cache=True)
@@ -277,27 +277,27 @@ def _lit_once(shadow, a, b, depth):
 
 
 @njit(cache=True, nogil=True)
-def merge_samples(samples, edges, n, colour):
+def merge_samples(samples, edges, n, color):
     """Replace the colour (H W, 3) f32 of edge pixels by the mean of their n x n samples (E n n, 3) f32."""
     for e in range(edges.shape[0]):
         for c in range(3):
             total = 0.0
             for k in range(n * n):
                 total += samples[e * n * n + k, c]
-            colour[edges[e], c] = total / (n * n)
+            color[edges[e], c] = total / (n * n)
 
 
 @njit(cache=True, nogil=True)
-def tone(colour, gain, curve, image):
+def tone(color, gain, curve, image):
     """Write grey levels 0..255 f32, image (N, 3) RGB or (N, 1) luma, of radiance (N, 3) f32 by a curve (K,).
 
     gain (3,) f64: factors on red, green and blue
     """
     last = curve.shape[0] - 1
-    for n in range(colour.shape[0]):
+    for n in range(color.shape[0]):
         luma = 0.0
         for c in range(3):
-            x = min(max(gain[c] * colour[n, c], 0.0), 1.0) * last
+            x = min(max(gain[c] * color[n, c], 0.0), 1.0) * last
             k = min(int(x), last - 1)
             level = curve[k] + (x - k) * (curve[k + 1] - curve[k])
             luma += level * (0.299 if c == 0 else (0.587 if c == 1 else 0.114))

@@ -41,7 +41,7 @@ def paint_rays(
     ranges: Floats,
     triangles: NDArray[np.int32],
     cone: Floats,
-    colour: Floats,
+    color: Floats,
 ) -> None:
     """Write the linear colour (N, 3) of rays (N, 3) from one origin; arrays: see `locate_surfaces` and `dress`."""
     points, depths = np.empty((8, len(rays)), np.float32), np.empty(len(rays), np.float32)
@@ -50,7 +50,7 @@ def paint_rays(
         origin, rays, ranges, triangles, cone, mesh.surface_of, mesh.frames, mesh.kinds, points, depths, seeds
     )
     sum_octaves(points, seeds, rough)
-    dress(rays, triangles, mesh.surface_of, mesh.kinds, mesh.params, mesh.colours, points, depths, rough, colour)
+    dress(rays, triangles, mesh.surface_of, mesh.kinds, mesh.params, mesh.colors, points, depths, rough, color)
 
 
 STRIP = 16384  # rays a thread works on at once
@@ -118,7 +118,7 @@ class Renderer:
         self._shadows.draw(self._moving.triangles)
 
     def render(
-        self, camera: Camera, T_world_camera: SE3, is_grey: bool = False, gain: ArrayLike = 1.0
+        self, camera: Camera, T_world_camera: SE3, is_gray: bool = False, gain: ArrayLike = 1.0
     ) -> tuple[Floats, Floats]:
         """Return grey levels 0..255, (H, W, 3) RGB or (H, W) luma f32, and range along the ray (H, W) f32 m.
 
@@ -128,16 +128,16 @@ class Renderer:
         height, width = camera.height, camera.width
         rays = (rays_camera.reshape(-1, 3) @ T_world_camera.rotation.T.astype(np.float32)).reshape(rays_camera.shape)
         origin = np.ascontiguousarray(T_world_camera.translation, dtype=np.float64)
-        colour = np.empty((height * width, 3), np.float32)
-        hits = self._look(origin, rays.reshape(-1, 3), cone.reshape(-1), colour)
+        color = np.empty((height * width, 3), np.float32)
+        hits = self._look(origin, rays.reshape(-1, 3), cone.reshape(-1), color)
         if self.params.supersampling > 1:
-            self._refine(origin, rays, cone.reshape(-1), hits, colour)
-        image = np.empty((height * width, 1 if is_grey else 3), np.float32)
+            self._refine(origin, rays, cone.reshape(-1), hits, color)
+        image = np.empty((height * width, 1 if is_gray else 3), np.float32)
         gains = np.broadcast_to(np.asarray(gain, dtype=np.float64) * self._light.exposure, 3).copy()
-        kernels.tone(colour, gains, self._curve, image)
+        kernels.tone(color, gains, self._curve, image)
         image[hits.triangles == kernels.OUTSIDE] = 0.0
         ranges = hits.ranges.reshape(height, width)
-        return image.reshape((height, width) if is_grey else (height, width, 3)), ranges
+        return image.reshape((height, width) if is_gray else (height, width, 3)), ranges
 
     def measure(self, origin: NDArray[np.float64], rays: Floats) -> Floats:
         """Return the range (N,) f32 m along unit rays (N, 3) f32 from a point (3,) f64 of the world; +Inf: sky."""
@@ -145,7 +145,7 @@ class Renderer:
         self._cast(origin, rays, triangles, ranges)
         return ranges
 
-    def _look(self, origin: NDArray[np.float64], rays: Floats, cone: Floats, colour: Floats) -> Hits:
+    def _look(self, origin: NDArray[np.float64], rays: Floats, cone: Floats, color: Floats) -> Hits:
         """Cast rays (N, 3), write their radiance to colour (N, 3), return what they met."""
         triangles = np.empty(len(rays), np.int32)
         ranges = np.empty(len(rays), np.float32)
@@ -154,7 +154,7 @@ class Renderer:
         def work(first: int) -> None:
             part = slice(first, first + STRIP)
             self._cast(origin, rays[part], triangles[part], ranges[part])
-            self._shade(origin, Hits(rays[part], triangles[part], ranges[part]), cone[part], depths, colour[part])
+            self._shade(origin, Hits(rays[part], triangles[part], ranges[part]), cone[part], depths, color[part])
 
         list(self._pool.map(work, range(0, len(rays), STRIP)))
         return Hits(rays, triangles, ranges)
@@ -174,29 +174,29 @@ class Renderer:
         if outside.any():
             triangles[outside], ranges[outside] = kernels.OUTSIDE, np.nan
 
-    def _shade(self, origin: NDArray[np.float64], hits: Hits, cone: Floats, depths: Floats, colour: Floats) -> None:
+    def _shade(self, origin: NDArray[np.float64], hits: Hits, cone: Floats, depths: Floats, color: Floats) -> None:
         m, s, now = self.mesh, self._shadows, self._now
-        lamps = s.sun, now.sun_colour, now.sky_colour, now.sky_gain
-        paint_rays(m, origin, hits.rays, hits.ranges, hits.triangles, cone, colour)
+        lamps = s.sun, now.sun_color, now.sky_color, now.sky_gain
+        paint_rays(m, origin, hits.rays, hits.ranges, hits.triangles, cone, color)
         kernels.light(
             origin, hits.rays, hits.ranges, hits.triangles, cone, m.normals,
-            lamps, depths, s.texel, s.corner, s.T_sun_world, colour,
+            lamps, depths, s.texel, s.corner, s.T_sun_world, color,
         )  # fmt: skip
 
-    def _refine(self, origin: NDArray[np.float64], rays: Floats, cone: Floats, hits: Hits, colour: Floats) -> None:
+    def _refine(self, origin: NDArray[np.float64], rays: Floats, cone: Floats, hits: Hits, color: Floats) -> None:
         """Look again with n x n rays at pixels where surfaces meet."""
         n = self.params.supersampling
         shape = rays.shape[:2]
         is_edge = np.empty(shape, np.uint8)
         triangles, ranges = hits.triangles.reshape(shape), hits.ranges.reshape(shape)
         m = self.mesh
-        kernels.find_edges(triangles, m.surface_of, m.normals, ranges, colour.reshape(*shape, 3), is_edge)
+        kernels.find_edges(triangles, m.surface_of, m.normals, ranges, color.reshape(*shape, 3), is_edge)
         edges = np.flatnonzero(is_edge)
         finer = np.empty((len(edges) * n * n, 3), np.float32)
         samples = np.empty_like(finer)
         kernels.split_rays(rays, edges, n, finer)
         self._look(origin, finer, np.repeat(cone[edges] / np.float32(n), n * n), samples)
-        kernels.merge_samples(samples, edges, n, colour)
+        kernels.merge_samples(samples, edges, n, color)
 
     def _lens(self, camera: Camera) -> tuple[Floats, Floats]:
         """Return the unit rays (H, W, 3) of a camera and the angle (H, W) between neighbouring rays."""

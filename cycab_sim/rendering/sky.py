@@ -22,8 +22,8 @@ class SkyLight:
     """Unit vector (3,) towards the sun, radiance (3,) of sun and open sky on a surface, and a factor on the sky."""
 
     sun: Array
-    sun_colour: Array
-    sky_colour: Array
+    sun_color: Array
+    sky_color: Array
     sky_gain: float
 
 

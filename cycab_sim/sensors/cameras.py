@@ -12,7 +12,7 @@ from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole, Spherical
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # body axes of optical axes
 MAX_PINHOLE_DEG = 150.0  # a plane image of a wider view is nearly all edge
-Centre = tuple[float, float]
+Center = tuple[float, float]
 LensParams = SimCameraParams | CameraRigParams
 
 
@@ -29,7 +29,7 @@ class Mount:
     frame_id: str
     camera: Camera
     T_base_camera: SE3
-    is_grey: bool
+    is_gray: bool
     noise: float
     shot_noise: float
     group: str
@@ -59,7 +59,7 @@ def roof_sphere(params: SphereParams) -> Mount:
     return Mount("sphere", "sphere_link", camera, T_base_camera, False, params.read_noise, params.shot_noise, "sphere")
 
 
-def make_lens(params: LensParams, name: str, scale: float = 1.0, offset: Centre = (0.0, 0.0)) -> Camera:
+def make_lens(params: LensParams, name: str, scale: float = 1.0, offset: Center = (0.0, 0.0)) -> Camera:
     """Return the camera of parameters: the field of view is met at the left and right edge, distortion included.
 
     `name` of the group is for messages; the focal length is multiplied by `scale`, the centre moved by `offset` px.
@@ -69,14 +69,14 @@ def make_lens(params: LensParams, name: str, scale: float = 1.0, offset: Centre 
     if params.model == "pinhole" and params.view_deg > MAX_PINHOLE_DEG:
         raise ValueError(f"{name}.view_deg: expected at most {MAX_PINHOLE_DEG} of a pinhole, found {params.view_deg}")
     f = focal_length(params) * scale
-    centre = ((params.width - 1) / 2 + offset[0], (params.height - 1) / 2 + offset[1])
+    center = ((params.width - 1) / 2 + offset[0], (params.height - 1) / 2 + offset[1])
     half = math.radians(params.view_deg) / 2
     if params.model == "pinhole":
-        pinhole = Pinhole(params.width, params.height, f, f, *centre, (params.k1, params.k2, 0.0, 0.0, 0.0))
+        pinhole = Pinhole(params.width, params.height, f, f, *center, (params.k1, params.k2, 0.0, 0.0, 0.0))
         is_good, limit = math.tan(half) <= pinhole.max_radius, 2 * math.atan(pinhole.max_radius)
         camera: Camera = pinhole
     else:
-        camera = fisheye = Fisheye(params.width, params.height, f, f, *centre, (params.k1, params.k2, 0.0, 0.0))
+        camera = fisheye = Fisheye(params.width, params.height, f, f, *center, (params.k1, params.k2, 0.0, 0.0))
         is_good, limit = half <= fisheye.max_angle, 2 * fisheye.max_angle
     if not is_good or f <= 0.0:
         raise ValueError(

@@ -69,7 +69,7 @@ class CameraArray:
         levels, range_m = drawn or self.look(name, now_ns)
         if imaging.vignetting > 0.0:
             fall = vignette(mount.camera, imaging.vignetting, GAMMA)
-            levels = levels * (fall if mount.is_grey else fall[..., None])
+            levels = levels * (fall if mount.is_gray else fall[..., None])
         self._exposures[mount.group].observe(now_ns, levels)
         seed = (self._noise_seed, index, zlib.crc32(name.encode()))
         noise = float(np.hypot(imaging.noise * mount.noise, self._faults.magnitude(name, "noise", now_ns) or 0.0))
@@ -99,7 +99,7 @@ class CameraArray:
 
         def draw(offset: float) -> tuple[Floats, Floats]:
             T_world_camera = self._set_scene(offset) @ mount.T_base_camera
-            return self._renderer.render(mount.camera, T_world_camera, mount.is_grey, gain)
+            return self._renderer.render(mount.camera, T_world_camera, mount.is_gray, gain)
 
         levels, range_m = draw(0.0)
         if mount.imaging.shutter > 0.0:

@@ -22,7 +22,7 @@ AROUND = {"front": 0.0, "left": 120.0, "right": -120.0}
 RING = {"front": 0.0, "front_left": 60.0, "rear_left": 120.0, "rear": 180.0, "rear_right": -120.0, "front_right": -60.0}
 FRAME = "rig_link"
 LENGTH, ANGLE, FOCAL = 1e-3, np.radians(0.3), 3e-3  # standard deviations of mounting and making, m, rad, share
-CENTRE = 2.0  # of the principal point, px of an image of 544 columns
+CENTER = 2.0  # of the principal point, px of an image of 544 columns
 
 
 def rig_camera_names(kind: str) -> tuple[str, ...]:
@@ -79,7 +79,7 @@ def rig_file_text(rig: Rig, path: str = "") -> str:
 
 def _make_camera(params: CameraRigParams, name: str, rng: np.random.Generator) -> RigCamera:
     off = params.tolerance * rng.standard_normal(9)
-    du, dv = CENTRE * params.width / 544 * off[7:]
+    du, dv = CENTER * params.width / 544 * off[7:]
     lens = make_lens(params, "rig", float(1.0 + FOCAL * off[6]), (float(du), float(dv)))
     error = SE3.exp(off[:6] * ([LENGTH] * 3 + [ANGLE] * 3))
     level = name.partition("_")[0] if params.kind == "vertical" else ""

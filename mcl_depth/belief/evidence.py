@@ -148,11 +148,11 @@ class Evidence:
         self, joint: JointEvidence, comparison: Comparison, odometry: Array | None
     ) -> tuple[Field, NDArray[np.int64], Array]:
         """Add an image to a sum; return it with its maxima and their values."""
-        total = joint.add(standardise(comparison.survey(self._grid.positions), self._grid), odometry)
+        total = joint.add(standardize(comparison.survey(self._grid.positions), self._grid), odometry)
         return total, *find_maxima(total, self._grid.mask)
 
 
-def standardise(curves: NDArray[np.float32], grid: SurveyGrid) -> Field:
+def standardize(curves: NDArray[np.float32], grid: SurveyGrid) -> Field:
     """Return the field of one image from curves (K, A) of the grid's positions.
 
     By how many standard deviations a heading at a cell exceeds the mean of all headings there and of the same heading

@@ -96,14 +96,14 @@ def compute_weights(
             middle = 0.5 * (low + high)
             low, high = (middle, high) if _effective(middle * logs, prior) > wanted else (low, middle)
         exponent = low
-    return _normalise(exponent * logs, prior)
+    return _normalize(exponent * logs, prior)
 
 
-def _normalise(logs: Array, prior: Array) -> Array:
+def _normalize(logs: Array, prior: Array) -> Array:
     result = prior * np.exp(logs - logs.max())
     total = float(result.sum())
     return result / total if total > 0.0 else np.full(len(result), 1.0 / len(result))
 
 
 def _effective(logs: Array, prior: Array) -> float:
-    return float(1.0 / np.sum(_normalise(logs, prior) ** 2))
+    return float(1.0 / np.sum(_normalize(logs, prior) ** 2))

@@ -86,19 +86,19 @@ class FeatureStack:
         self.scales[indices] = other.scales
 
 
-def visual_features(grey: Image, is_seen: Mask | None = None) -> GradientFeatures:
+def visual_features(gray: Image, is_seen: Mask | None = None) -> GradientFeatures:
     """Return the gradients of a level panorama (H, W) of grey levels, magnitudes summing to 1.
 
     Pixels outside `is_seen` (H, W), and those whose gradient would touch one, count nothing.
     """
-    grey = _panorama(grey, "visual image")
-    if is_seen is not None and is_seen.shape != grey.shape:
-        raise ValueError(f"is_seen: expected shape {grey.shape}, found {is_seen.shape}")
+    gray = _panorama(gray, "visual image")
+    if is_seen is not None and is_seen.shape != gray.shape:
+        raise ValueError(f"is_seen: expected shape {gray.shape}, found {is_seen.shape}")
     if is_seen is not None and is_seen.all():
         is_seen = None
-    seen = np.ones(grey.shape, np.bool_) if is_seen is None else np.ascontiguousarray(is_seen)
-    seen = seen & np.isfinite(grey)
-    x, y, magnitude, inner = kernels.visual_gradients(np.where(seen, grey, np.float32(0)), seen)
+    seen = np.ones(gray.shape, np.bool_) if is_seen is None else np.ascontiguousarray(is_seen)
+    seen = seen & np.isfinite(gray)
+    x, y, magnitude, inner = kernels.visual_gradients(np.where(seen, gray, np.float32(0)), seen)
     return GradientFeatures(x, y, magnitude, None if inner.all() else inner)
 
 

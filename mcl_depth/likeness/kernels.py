@@ -92,7 +92,7 @@ def fill_nan(image):
 
 
 @njit(**OPTIONS)
-def normalise_contrast(image, k, min_sigma):
+def normalize_contrast(image, k, min_sigma):
     """Return (D - m) / sigma of every pixel's (2k + 1)^2 neighbourhood (eq. 1); image (H, W) without NaN."""
     H, W = image.shape
     J, J2 = np.empty((H + 1, W + 1)), np.empty((H + 1, W + 1))
@@ -160,9 +160,9 @@ def _to_unit(x, y, magnitude):
 
 
 @njit(**OPTIONS)
-def visual_gradients(grey, seen):
+def visual_gradients(gray, seen):
     """Return direction x, y, magnitude (H, W) f4 summing to 1, and which pixels (H, W) saw all that they used."""
-    H, W = grey.shape
+    H, W = gray.shape
     inner = np.empty((H, W), np.bool_)
     for y in range(H):
         for x in range(W):
@@ -173,7 +173,7 @@ def visual_gradients(grey, seen):
                     whole = whole and seen[row, c]
             inner[y, x] = whole
     gx, gy, magnitude = np.empty((H, W), np.float32), np.empty((H, W), np.float32), np.empty((H, W), np.float32)
-    _sobel(grey, gx, gy)
+    _sobel(gray, gx, gy)
     for y in range(H):
         for x in range(W):
             if not inner[y, x]:
@@ -205,7 +205,7 @@ def depth_gradients(range_m, sky_far, far, k, min_sigma):
     """Return direction x, y and magnitude (H, W) f4 of a range panorama (H, W) f4 in m."""
     image = _bound(range_m, sky_far, np.float32(far))
     fill_nan(image)
-    image = normalise_contrast(image, k, min_sigma)
+    image = normalize_contrast(image, k, min_sigma)
     gx, gy, magnitude = np.empty_like(image), np.empty_like(image), np.empty_like(image)
     _sobel(image, gx, gy)
     _to_unit(gx, gy, magnitude)

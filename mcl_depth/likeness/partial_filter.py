@@ -125,7 +125,7 @@ def _tensors_of_cells(stack: FeatureStack, slots: NDArray[np.integer]) -> Iterat
     """Yield the spectra (F, n, 2 H) of the doubled gradients of a batch of cells."""
     for first in range(0, len(slots), BATCH):
         part = stack.take(slots[first : first + BATCH])
-        magnitudes = _normalise(magnitudes_of(part))
+        magnitudes = _normalize(magnitudes_of(part))
         tensors = [table[part.directions] * magnitudes for table in (DOUBLE_COSINES, DOUBLE_SINES)]
         yield spectra_of(np.stack(tensors, axis=1), FREQUENCIES)
 
@@ -133,11 +133,11 @@ def _tensors_of_cells(stack: FeatureStack, slots: NDArray[np.integer]) -> Iterat
 def _energies_of_cells(stack: FeatureStack, slots: NDArray[np.integer]) -> Iterator[Spectra]:
     """Yield the spectra (E, n, H) of their squared length."""
     for first in range(0, len(slots), BATCH):
-        magnitudes = _normalise(magnitudes_of(stack.take(slots[first : first + BATCH])))
+        magnitudes = _normalize(magnitudes_of(stack.take(slots[first : first + BATCH])))
         yield spectra_of((magnitudes**2)[:, None], ENERGY_FREQUENCIES)
 
 
-def _normalise(magnitudes: Image) -> Image:
+def _normalize(magnitudes: Image) -> Image:
     """Return magnitudes (n, H, W) whose squares sum to 1 in each cell."""
     lengths = np.sqrt(np.sum(magnitudes**2, axis=(1, 2), keepdims=True))
     return magnitudes / np.maximum(lengths, np.float32(1e-12))

@@ -26,9 +26,9 @@ def board_pose(rays: Array, points: Array) -> SE3:
 
     Every ray is parallel to H (X, Y, 1) with H = [r1 r2 t]; two of its cross products with the ray are used.
     """
-    centre = points[:, :2].mean(axis=0)
-    scale = np.sqrt(np.mean(np.sum((points[:, :2] - centre) ** 2, axis=-1)))
-    plane = np.concatenate([(points[:, :2] - centre) / scale, np.ones((len(points), 1))], axis=-1)
+    center = points[:, :2].mean(axis=0)
+    scale = np.sqrt(np.mean(np.sum((points[:, :2] - center) ** 2, axis=-1)))
+    plane = np.concatenate([(points[:, :2] - center) / scale, np.ones((len(points), 1))], axis=-1)
     across = _across(rays)  # (n, 2, 3)
     rows = (across[:, :, :, None] * plane[:, None, None, :]).reshape(-1, 9)
     H = np.linalg.svd(rows, full_matrices=len(rows) < 9)[2][-1].reshape(3, 3)
@@ -36,20 +36,20 @@ def board_pose(rays: Array, points: Array) -> SE3:
     if np.sum(rays * (plane @ H.T)) < 0:
         H = -H
     R = so3.nearest_rotations(np.stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])], axis=-1))
-    return SE3.from_parts(R, scale * H[:, 2] - R[:, :2] @ centre)
+    return SE3.from_parts(R, scale * H[:, 2] - R[:, :2] @ center)
 
 
 def other_pose(T_camera_board: SE3, points: Array) -> SE3:
     """Return the second pose that a small or distant board may be taken for: tilted the other way about its centre."""
-    centre_board = points.mean(axis=0)
-    centre = T_camera_board.apply(centre_board[None])[0]
-    sight, normal = centre / np.linalg.norm(centre), T_camera_board.rotation[:, 2]
+    center_board = points.mean(axis=0)
+    center = T_camera_board.apply(center_board[None])[0]
+    sight, normal = center / np.linalg.norm(center), T_camera_board.rotation[:, 2]
     mirrored = 2.0 * (normal @ sight) * sight - normal
     axis = np.cross(normal, mirrored)
     sine = np.linalg.norm(axis)
     angle = np.arctan2(sine, normal @ mirrored)
     R = so3.exp(axis * (angle / max(sine, 1e-12))) @ T_camera_board.rotation
-    return SE3.from_parts(R, centre - R @ centre_board)
+    return SE3.from_parts(R, center - R @ center_board)
 
 
 def _across(rays: Array) -> Array:
@@ -129,8 +129,8 @@ def _starts(model: str, size: tuple[int, int], seen: Observations) -> list[Array
     problem = camera_problem(model, size, 0, seen)
     found = []
     for ratio in FOCAL_LENGTHS[model]:
-        focal, centre = ratio * size[0], (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
-        lens = np.array([focal, focal, *centre, *np.zeros(8)])
+        focal, center = ratio * size[0], (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
+        lens = np.array([focal, focal, *center, *np.zeros(8)])
         poses = view_poses(camera_from_vector(model, size, lens, 0), seen)
         if not np.all(np.isfinite(poses.matrix)):
             continue

@@ -102,13 +102,13 @@ def _see(
     seen = inner(pixels, camera) & inner(pixels_there, camera)
     points, normals, there, turn = points[seen], normals[seen], there[seen], turn[seen]
     own, _ = sample_with_gradient(frame.levels[level], pixels[seen])
-    grey, gradient = sample_with_gradient(other.levels[level], pixels_there[seen])
+    gray, gradient = sample_with_gradient(other.levels[level], pixels_there[seen])
     by_there = np.einsum("ni,nij->nj", gradient, camera.J_project(there))
     by_point = np.einsum("nj,njk->nk", by_there, turn)
     # the point slides along its own ray to where its plane moves
     share = np.einsum("ni,ni->n", by_point, points) / np.einsum("ni,ni->n", normals, points)
     by_plane = share[:, None] * normals
-    return _Seen(own, grey, *(_turn_too(J, p) for J, p in ((by_plane, points), (by_point, points), (by_there, there))))
+    return _Seen(own, gray, *(_turn_too(J, p) for J, p in ((by_plane, points), (by_point, points), (by_there, there))))
 
 
 def _move(

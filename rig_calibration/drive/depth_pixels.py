@@ -25,10 +25,10 @@ HIDDEN = 1.05  # times farther than the nearest is behind it
 
 
 def make_frame(
-    grey: NDArray[np.uint8], depth_m: NDArray[np.floating], camera: Camera, depth_camera: Camera, twist: Array
+    gray: NDArray[np.uint8], depth_m: NDArray[np.floating], camera: Camera, depth_camera: Camera, twist: Array
 ) -> DepthFrame:
     """Return a frame of an image (H, W) and depth (H', W') along z in m, NaN or <= 0 unknown."""
-    pyramid = build_pyramid(grey, camera, PyramidParams(num_levels=NUM_LEVELS))
+    pyramid = build_pyramid(gray, camera, PyramidParams(num_levels=NUM_LEVELS))
     points, normals = sample_planes(depth_m, depth_camera)
     return DepthFrame(tuple(level.image.astype(np.float32) for level in pyramid.levels), points, normals, twist)
 

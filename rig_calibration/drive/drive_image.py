@@ -22,7 +22,7 @@ from sphere_nav.photometric.pixels.selection import select
 
 NUM_PIXELS = 6_000  # of each level, the most salient
 NUM_LEVELS = 3
-ROWS_OF_POINT, ROW_OF_GREY = slice(0, 3), 3  # of a block (sphere_nav/photometric/align/iteration/kernels.py)
+ROWS_OF_POINT, ROW_OF_GRAY = slice(0, 3), 3  # of a block (sphere_nav/photometric/align/iteration/kernels.py)
 
 
 def collect(pyramid: Pyramid, view: View, T_map_camera: SE3, velocity: NDArray[np.float64]) -> DriveImage:
@@ -34,7 +34,7 @@ def collect(pyramid: Pyramid, view: View, T_map_camera: SE3, velocity: NDArray[n
         blocks = chosen.blocks.reshape(-1, BLOCK // SIDE, SIDE).transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)
         blocks = blocks[:, : chosen.num_pixels].astype(np.float64)
         points_map = view.T_world_reference.apply(blocks[ROWS_OF_POINT].T)
-        levels.append(LevelData(level.image.astype(np.float32), points_map, blocks[ROW_OF_GREY]))
+        levels.append(LevelData(level.image.astype(np.float32), points_map, blocks[ROW_OF_GRAY]))
     return DriveImage(tuple(levels), T_map_camera, velocity)
 
 
@@ -51,7 +51,7 @@ class LevelData:
 
     image: Plane
     points_map: Array
-    grey: Array
+    gray: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +112,7 @@ def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) 
         current[:, None],
         np.ones((len(points), 1)),
     )
-    return state.gain * current + state.bias - data.grey[seen], np.concatenate(columns, axis=1)
+    return state.gain * current + state.bias - data.gray[seen], np.concatenate(columns, axis=1)
 
 
 def inner(pixels: Array, camera: Camera) -> NDArray[np.bool_]:

@@ -13,7 +13,7 @@ from sphere_mapping.params import KeySphereParams
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import Alignment
 
-MAX_GREY = 255.0
+MAX_GRAY = 255.0
 
 NOT_YET, FIRST, MAD, OVERLAP, INLIERS, PARALLAX = "", "FIRST", "MAD", "OVERLAP", "INLIERS", "PARALLAX"
 
@@ -50,7 +50,7 @@ def why_key_sphere(
     Eq. 12 on whole spheres; a partial sphere also loses sight of its reference, and one that drives into its view
     sees everything larger long before the residual says so. Overlap is counted of what has a range and could overlap.
     """
-    if alignment.mad > params.max_mad_share * MAX_GREY:
+    if alignment.mad > params.max_mad_share * MAX_GRAY:
         return MAD
     if alignment.overlap < params.min_overlap * reference.coverage:
         return OVERLAP

@@ -159,8 +159,8 @@ def lengths_from(graph: SphereGraph, sphere_id: int) -> dict[int, float]:
     row = {node_id: index for index, node_id in enumerate(graph.nodes)}
     pairs = np.array([row[edge.a] * number + row[edge.b] for edge in edges])
     pairs, first = np.unique(pairs, return_index=True)  # of several edges between two spheres one is enough
-    metres = np.maximum([edge.length_m for edge in edges], 1e-6)[first]
-    matrix = csr_array((metres, np.divmod(pairs, number)), shape=(number, number))
+    meters = np.maximum([edge.length_m for edge in edges], 1e-6)[first]
+    matrix = csr_array((meters, np.divmod(pairs, number)), shape=(number, number))
     found: NDArray[np.float64] = dijkstra(matrix, directed=False, indices=row[sphere_id])
     is_connected = np.isfinite(found)
     ids = np.fromiter(row, np.int64, number)[is_connected]

@@ -133,11 +133,11 @@ def _along(graph: SphereGraph) -> dict[int, tuple[int, float]]:
     """Return for each key sphere the number of its drive, and the metres from its beginning."""
     chain = {(edge.a, edge.b): edge for edge in graph.edges if not edge.is_loop}
     found: dict[int, tuple[int, float]] = {}
-    before, drive, metres = -1, -1, 0.0
+    before, drive, meters = -1, -1, 0.0
     for node_id in sorted(graph.nodes):
         edge = chain.get((before, node_id))
-        drive, metres = (drive, metres + _length(edge)) if edge is not None else (drive + 1, 0.0)
-        found[node_id], before = (drive, metres), node_id
+        drive, meters = (drive, meters + _length(edge)) if edge is not None else (drive + 1, 0.0)
+        found[node_id], before = (drive, meters), node_id
     return found
 
 

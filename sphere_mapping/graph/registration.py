@@ -44,12 +44,12 @@ class PreparedSphere:
     @cached_property
     def pyramid(self) -> Pyramid:
         """Its image from fine to coarse, for the current side."""
-        return build_pyramid(self.sphere.grey, self.sphere.camera, self.params.pyramid)
+        return build_pyramid(self.sphere.gray, self.sphere.camera, self.params.pyramid)
 
     @cached_property
     def reference(self) -> Reference:
         """Its salient pixels with range, for the reference side."""
-        return prepare_reference(self.sphere.grey, self.sphere.range_m, self.sphere.camera, self.params)
+        return prepare_reference(self.sphere.gray, self.sphere.range_m, self.sphere.camera, self.params)
 
     @cached_property
     def coverage(self) -> float:

@@ -122,8 +122,8 @@ class SphereMapper(ManagedNode):
         if self.markers.num_subscriptions:
             self.markers.publish(graph_to_markers(graph, stamp, frame))
         if self.cloud.num_subscriptions:
-            points, grey = self.points.of(graph)
-            self.cloud.publish(conversions.cloud_to_message(points, stamp, frame, grey))
+            points, gray = self.points.of(graph)
+            self.cloud.publish(conversions.cloud_to_message(points, stamp, frame, gray))
 
     def on_save(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
         """Write the map."""

@@ -21,7 +21,7 @@ class Difference:
     """How far one pose is from the other: Mahalanobis distance over x, y and yaw, metres, radians."""
 
     distance: float
-    metres: float
+    meters: float
     radians: float
 
     @property
@@ -31,7 +31,7 @@ class Difference:
 
     def __str__(self) -> str:
         turn = math.degrees(self.radians)
-        return f"{self.metres:.2f} m, {turn:.1f} deg apart: {self.distance:.1f} standard deviations, limit {LIMIT:.1f}"
+        return f"{self.meters:.2f} m, {turn:.1f} deg apart: {self.distance:.1f} standard deviations, limit {LIMIT:.1f}"
 
 
 @dataclass(frozen=True)

@@ -76,7 +76,7 @@ def detect_boards(
 
 def _find_boards(path: Path, boards: tuple[Board, ...]) -> tuple[tuple[int, int], dict[str, tuple[Indices, Array]]]:
     """Return the size (width, height) of an image and the corners of the boards in it."""
-    grey = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if grey is None:
+    gray = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if gray is None:
         raise ValueError(f"{path}: expected an image, found a file that cannot be read as one")
-    return (grey.shape[1], grey.shape[0]), detect_all(np.asarray(grey), boards)
+    return (gray.shape[1], gray.shape[0]), detect_all(np.asarray(gray), boards)

@@ -22,7 +22,7 @@ from sphere_nav.ros.bags.streams import TRUTH_WORDS
 
 STATUS = "sphere_nav_msgs/msg/LocalizationStatus"
 POSE_NAMES = ("pose", "odometry")
-COLOURS = {
+COLORS = {
     State.UNCONFIGURED: "#5f6368",
     State.NO_MAP: "#5f6368",
     State.NOT_LOCALISED: "#9aa0a6",
@@ -150,9 +150,9 @@ def _draw_states(axes: Axes, statuses: list[Status], start: int) -> None:
     rows = {str(name): row for row, name in enumerate(names)}
     for state, reason, first, end in runs:
         width = max(end - first, 1e-3)
-        axes.broken_barh([(first, width)], (rows[str(state)] - 0.4, 0.8), color=COLOURS[State(state)])
+        axes.broken_barh([(first, width)], (rows[str(state)] - 0.4, 0.8), color=COLORS[State(state)])
         if reason:
-            axes.broken_barh([(first, width)], (rows[reason] - 0.2, 0.4), color=COLOURS[State(state)])
+            axes.broken_barh([(first, width)], (rows[reason] - 0.2, 0.4), color=COLORS[State(state)])
     axes.set_yticks(range(len(names)), [str(name) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
 

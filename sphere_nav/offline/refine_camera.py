@@ -87,13 +87,13 @@ class RecordedDrive:
         given = self._recorded.patience | self._arguments.settings
         localizer = Localizer(build(LocalizerParams, {"camera.readout": lens.readout} | given), sphere_map)
         try:
-            self.located = self._localise(localizer, lens.camera)
+            self.located = self._localize(localizer, lens.camera)
             images = list(self._collect(localizer, lens.camera, self.located))
         finally:
             localizer.references.close()
         return refine_camera(images, lens)
 
-    def _localise(self, localizer: Localizer, camera: Camera) -> Located:
+    def _localize(self, localizer: Localizer, camera: Camera) -> Located:
         stamps, poses = [], []
         for stamp, image in tqdm(self._images(), desc="localise", unit="image", leave=False, disable=None):
             estimate = localizer.update(image, camera, stamp)
@@ -121,7 +121,7 @@ class RecordedDrive:
 
     def _images(self) -> Iterator[tuple[int, NDArray[Any]]]:
         for stamp, message in self._recorded.messages():
-            yield stamp, conversions.image_to_grey(message)
+            yield stamp, conversions.image_to_gray(message)
 
 
 def text_of(found: RefinedCamera, frame_id: str, mounting: Mounting | None) -> str:

@@ -44,7 +44,7 @@ class PlacedSurface:
     weight: float = 1.0
 
 
-def synthesise(surfaces: Sequence[PlacedSurface], T_map_camera: SE3, camera: Camera) -> SynthesizedView:
+def synthesize(surfaces: Sequence[PlacedSurface], T_map_camera: SE3, camera: Camera) -> SynthesizedView:
     """Return the view of a camera of any model from a pose in the map; ValueError without a surface."""
     if not surfaces:
         raise ValueError("view synthesis: expected at least one key sphere, found none")
@@ -57,7 +57,7 @@ def synthesise(surfaces: Sequence[PlacedSurface], T_map_camera: SE3, camera: Cam
     for one, (nearness, source) in zip(surfaces, drawings, strict=True):
         surface, weight = one.surface, np.float32(max(one.weight, 1e-3))  # what one alone saw is never left out
         arrays = surface.image, surface.camera.is_whole, nearness, source, nearest
-        kernels.add_colours(*arrays, AGREEMENT, AGREEMENT_FLOOR, weight, total, weights)
+        kernels.add_colors(*arrays, AGREEMENT, AGREEMENT_FLOOR, weight, total, weights)
     image, range_m = np.empty(total.shape, np.uint8), np.empty(nearest.shape, np.float32)
     kernels.divide_by_weights(total, weights, nearest, image, range_m)
     kernels.close_pinholes(weights, MIN_KNOWN, image, range_m)

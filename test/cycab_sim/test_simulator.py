@@ -49,8 +49,8 @@ def test_images_come_at_their_instants_from_where_the_car_is(simulator):
     assert all(frame.image.shape == (120, 160) for frame in frames)
     T_world_camera = simulator.vehicle.state.T_world_base @ simulator.mounts["camera"].T_base_camera
     camera = simulator.mounts["camera"].camera
-    ideal, ranges = simulator.render(camera, T_world_camera, is_grey=True)
-    noise = frames[-1].image.astype(float) - simulator.render(camera, T_world_camera, is_grey=True)[0]
+    ideal, ranges = simulator.render(camera, T_world_camera, is_gray=True)
+    noise = frames[-1].image.astype(float) - simulator.render(camera, T_world_camera, is_gray=True)[0]
     assert ideal.dtype == np.uint8
     assert ranges.dtype == np.float32
     assert np.median(np.abs(noise)) < 4.0  # the car has moved by one step of 10 mm since

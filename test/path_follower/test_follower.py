@@ -81,7 +81,7 @@ def test_the_errors_of_m15_come_back_without_prediction_and_with_a_distance(kit,
     ],
     ids=str,
 )
-def test_disturbances_leave_a_few_centimetres(kit, two_turns, world, rmse, worst):
+def test_disturbances_leave_a_few_centimeters(kit, two_turns, world, rmse, worst):
     drive = kit.follow(two_turns, kit.World(**world))
     assert_arrived(drive)
     assert drive.rmse < rmse

@@ -198,7 +198,7 @@ def test_without_required_scan_none_need_come():
     assert watch.judge_inputs(10 * SECOND) is FINE
 
 
-def test_a_localiser_that_says_nothing_is_no_reason_to_drive():
+def test_a_localizer_that_says_nothing_is_no_reason_to_drive():
     watch = SafetyMonitor(PARAMS)
     watch.see_pose(Pose2(0, 0, 0), SECOND)
     verdict = watch.judge_inputs(SECOND)
@@ -231,7 +231,7 @@ def test_a_start_is_where_the_vehicle_stands_on_the_path(kit, pose, reason, has_
         assert verdict.reason is reason
 
 
-def test_a_start_after_a_stop_is_looked_for_two_metres_ahead(kit):
+def test_a_start_after_a_stop_is_looked_for_two_meters_ahead(kit):
     straight, watch = kit.make_path([(0, 0), (40, 0)], PARAMS), good_watch()
     watch.see_pose(Pose2(7.2, 0, 0), 11 * SECOND)
     last = straight.advance(Pose2(4.5, 0, 0), straight.begin_of(0), 10.0)

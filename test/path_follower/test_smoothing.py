@@ -29,7 +29,7 @@ def test_a_circle_keeps_its_radius(radius, spacing):
     assert np.diff(curve.way).mean() == pytest.approx(0.1, rel=0.02)
 
 
-def test_noise_of_two_centimetres_does_not_reach_the_curvature():
+def test_noise_of_two_centimeters_does_not_reach_the_curvature():
     clean = np.stack([np.arange(0, 30, 0.05), np.zeros(600)], axis=-1)
     noisy = clean + np.random.default_rng(0).normal(0, 0.02, clean.shape)
     curve = smooth_curve(noisy, PARAMS, is_closed=False)

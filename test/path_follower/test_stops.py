@@ -33,7 +33,7 @@ def after_fault(action):
 
 
 @pytest.mark.parametrize("state", ["LOST", "SEARCHING", "NO_MAP"])
-def test_a_lost_localiser_stops_within_half_a_second(kit, straight, state):
+def test_a_lost_localizer_stops_within_half_a_second(kit, straight, state):
     drive = kit.follow(straight, each=after_fault(lambda *_: state))
     assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.NOT_LOCALISED)
     assert standing_after(drive) <= 0.5
@@ -58,7 +58,7 @@ def test_poses_that_cease_stop_within_the_limit_and_the_ramp(kit, straight):
     assert standing_after(drive) <= PARAMS.safety.max_pose_silence + 0.5
 
 
-def test_a_localiser_one_second_late_stops_by_the_age_of_its_poses(kit, straight):
+def test_a_localizer_one_second_late_stops_by_the_age_of_its_poses(kit, straight):
     drive = kit.follow(straight, kit.World(latency=0.3))
     assert drive.final.state is FollowerState.FINISHED
     follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
@@ -164,7 +164,7 @@ def test_an_emergency_stop_needs_release_and_arming(kit, straight):
     assert follower.update(pose, None, now, "TRACKING").speed > 0.0
 
 
-def test_recovery_of_the_localiser_alone_moves_nothing_and_a_new_start_goes_on_at_the_place(kit):
+def test_recovery_of_the_localizer_alone_moves_nothing_and_a_new_start_goes_on_at_the_place(kit):
     eight = kit.course((2 * math.pi * 5, 0.2), (2 * math.pi * 5, -0.2))
     follower = Follower(PARAMS, kit.make_path(eight[:, :2], PARAMS, eight[:, 2]))
     drive = kit.run(follower, tuple(eight[0]), each=lambda now, *_: "LOST" if 23.0 < now < 30 else "TRACKING")

@@ -32,7 +32,7 @@ def test_standing_still_with_noise_is_no_change_of_direction(kit):
 
 
 @pytest.mark.parametrize(("back", "directions"), [(0.12, [1]), (0.25, [1, -1, 1])])
-def test_a_way_back_of_a_few_centimetres_is_no_change_of_direction(kit, back, directions):
+def test_a_way_back_of_a_few_centimeters_is_no_change_of_direction(kit, back, directions):
     poses = kit.course((5, 0), (-back, 0), (5, 0))
     path = kit.make_path(poses[:, :2], PARAMS, poses[:, 2])
     assert [segment.direction for segment in path.segments] == directions

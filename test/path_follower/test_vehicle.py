@@ -19,8 +19,8 @@ def test_an_arc_is_exact_and_composes():
     twice = drive(drive(start, motion, CAR.wheelbase, 0.7), motion, CAR.wheelbase, 1.3)
     np.testing.assert_allclose(once, twice, atol=1e-12)
     radius = CAR.wheelbase / math.tan(0.3)
-    centre = np.array([1 - radius * math.sin(0.3), 2 + radius * math.cos(0.3)])
-    assert np.hypot(*(np.array(once[:2]) - centre)) == pytest.approx(radius)
+    center = np.array([1 - radius * math.sin(0.3), 2 + radius * math.cos(0.3)])
+    assert np.hypot(*(np.array(once[:2]) - center)) == pytest.approx(radius)
 
 
 def test_straight_driving_and_standing():
@@ -110,7 +110,7 @@ def test_an_old_pose_is_not_predicted_without_bound_and_a_new_model_stands():
     assert predictor.is_standing
 
 
-def test_a_car_stands_below_three_centimetres_a_second():
+def test_a_car_stands_below_three_centimeters_a_second():
     predictor = Predictor(CAR, ActuationParams())
     for speed, is_standing in ((0.02, True), (0.04, False), (-0.02, True), (-0.04, False)):
         predictor.states.append((0, Motion(speed, 0.0)))

@@ -119,8 +119,8 @@ def test_board_pose_from_rays_beyond_90_degrees():
     rays = T.apply(board.points)
     rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     np.testing.assert_allclose(board_pose(rays, board.points).matrix, T.matrix, atol=1e-6)
-    centre = board.points.mean(axis=0, keepdims=True)
-    np.testing.assert_allclose(other_pose(T, board.points).apply(centre), T.apply(centre), atol=1e-9)
+    center = board.points.mean(axis=0, keepdims=True)
+    np.testing.assert_allclose(other_pose(T, board.points).apply(center), T.apply(center), atol=1e-9)
 
 
 def test_hand_eye_finds_two_unknown_poses(rng):

@@ -22,7 +22,7 @@ class Room:
         self.phase = rng.uniform(0, 2 * np.pi, len(size))
         self.amplitude = gain / size**slope
 
-    def grey(self, points):
+    def gray(self, points):
         """Return grey levels 1..254 of points (..., 3)."""
         return np.clip(128.0 + np.sin(points @ self.k.T + self.phase) @ self.amplitude, 1.0, 254.0)
 
@@ -31,13 +31,13 @@ class Room:
         with np.errstate(divide="ignore", invalid="ignore"):
             hits = (np.sign(rays) * self.half - origin) / rays
         range_m = np.min(np.where(rays == 0, np.inf, hits), axis=-1)
-        return self.grey(origin + rays * range_m[..., None]), range_m
+        return self.gray(origin + rays * range_m[..., None]), range_m
 
     def render(self, camera: Camera, T_room_camera: SE3):
         """Return the grey image (H, W) float32, 0 where the camera sees nothing, and the range (H, W) float32 in m."""
         rays = pixel_rays(camera) @ T_room_camera.rotation.T
-        grey, range_m = self.cast(T_room_camera.translation, rays)
-        return np.nan_to_num(grey).astype(np.float32), range_m.astype(np.float32)
+        gray, range_m = self.cast(T_room_camera.translation, rays)
+        return np.nan_to_num(gray).astype(np.float32), range_m.astype(np.float32)
 
     def render_rolling(self, camera: Camera, T_room_camera: SE3, twist):
         """Return the grey image (H, W) float32 of a rolling shutter; the pose is that of the middle row."""
@@ -55,8 +55,8 @@ class Room:
 
     def photograph(self, camera: Camera, T_room_camera: SE3, seed: int = 0, noise: float = 2.0):
         """Return an image (H, W) uint8, with noise in grey levels."""
-        grey, _ = self.render(camera, T_room_camera)
-        noisy = grey + np.random.default_rng(seed).normal(0, noise, grey.shape) if noise else grey
+        gray, _ = self.render(camera, T_room_camera)
+        noisy = gray + np.random.default_rng(seed).normal(0, noise, gray.shape) if noise else gray
         return np.clip(np.rint(noisy), 1, 255).astype(np.uint8)
 
     def rgbd(self, camera: Camera, T_room_camera: SE3):

@@ -12,18 +12,18 @@ from typing import Any
 import numpy as np
 
 from cycab_sim.world import finishes
-from cycab_sim.world.finishes import Colour
+from cycab_sim.world.finishes import Color
 from cycab_sim.world.furniture import add_car, add_frustum, add_prism, add_wheel
 from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, placed
 from cycab_sim.world.texture import kernels as k
 from sphere_nav.geometry.arrays import Array
 
-CLOTHES: tuple[Colour, ...] = (
+CLOTHES: tuple[Color, ...] = (
     (0.05, 0.06, 0.12), (0.30, 0.05, 0.06), (0.45, 0.42, 0.36), (0.06, 0.06, 0.06),
     (0.10, 0.22, 0.30), (0.34, 0.28, 0.08), (0.12, 0.20, 0.10), (0.52, 0.50, 0.50),
 )  # fmt: skip
-SKINS: tuple[Colour, ...] = ((0.50, 0.33, 0.24), (0.36, 0.22, 0.14), (0.16, 0.09, 0.06))
-HAIR: tuple[Colour, ...] = ((0.05, 0.04, 0.03), (0.16, 0.09, 0.04), (0.32, 0.24, 0.12), (0.30, 0.29, 0.28))
+SKINS: tuple[Color, ...] = ((0.50, 0.33, 0.24), (0.36, 0.22, 0.14), (0.16, 0.09, 0.06))
+HAIR: tuple[Color, ...] = ((0.05, 0.04, 0.03), (0.16, 0.09, 0.04), (0.32, 0.24, 0.12), (0.30, 0.29, 0.28))
 STRIDE = 1.45  # m, two steps
 WHEEL = 0.33  # radius of a bicycle's wheel, m
 SECTIONS, SECTION, GAP = 3, 6.6, 0.35  # of the tram, m
@@ -62,8 +62,8 @@ def make_car(rng: np.random.Generator) -> Figure:
 
 def make_tram(rng: np.random.Generator) -> Figure:
     """Return a tram of three sections that follow the bends one after the other."""
-    colour, step = finishes.pick(rng, finishes.WOODWORK), SECTION + GAP
-    parts = [RigidPart(_built(rng, _add_section, i - 1, colour, rng), (1 - i) * step, 4.4) for i in range(SECTIONS)]
+    color, step = finishes.pick(rng, finishes.WOODWORK), SECTION + GAP
+    parts = [RigidPart(_built(rng, _add_section, i - 1, color, rng), (1 - i) * step, 4.4) for i in range(SECTIONS)]
     return Figure(tuple(parts), SECTIONS * step / 2, 1.2)
 
 
@@ -124,8 +124,8 @@ def _built(rng: np.random.Generator, add: Callable[..., None], *arguments: Any) 
     return mesh.build()
 
 
-def _cloth(colour: Colour) -> Finish:
-    return Finish(k.SOIL, colour, finishes.darker(colour, 0.55), (0.16,))
+def _cloth(color: Color) -> Finish:
+    return Finish(k.SOIL, color, finishes.darker(color, 0.55), (0.16,))
 
 
 def _pitch(angle: float, pivot: tuple[float, float, float]) -> Array:
@@ -167,24 +167,24 @@ def _add_spoked_wheel(mesh: MeshBuilder, x: float) -> None:
     """Add a tyre of 16 pieces and four spokes across."""
     angle = np.arange(17) * np.pi / 8
     ring = np.stack([np.cos(angle), 0.0 * angle, np.sin(angle)], axis=1)
-    centre = np.array([x, 0.0, WHEEL])
-    outer, inner = centre + WHEEL * ring, centre + (WHEEL - 0.045) * ring
+    center = np.array([x, 0.0, WHEEL])
+    outer, inner = center + WHEEL * ring, center + (WHEEL - 0.045) * ring
     off = np.array([0.0, 0.02, 0.0])
     quads = [
         np.stack([a[:-1] + s, a[1:] + s, b[1:] + t, b[:-1] + t], axis=1)
         for a, s, b, t in ((outer, -off, outer, off), (inner, off, inner, -off), (outer, off, inner, off),
                            (inner, -off, outer, -off))
     ]  # fmt: skip
-    mesh.solid(np.concatenate(quads)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3), finishes.RUBBER, centre)
+    mesh.solid(np.concatenate(quads)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3), finishes.RUBBER, center)
     for turn in np.arange(4) * np.pi / 4:
         at = _pitch(turn, (x, 0.0, WHEEL))
         mesh.box([x - WHEEL + 0.03, -0.006, WHEEL - 0.006], [2 * WHEEL - 0.06, 0.012, 0.012], finishes.METAL, at)
 
 
-def _add_section(mesh: MeshBuilder, place: int, colour: Colour, rng: np.random.Generator) -> None:
+def _add_section(mesh: MeshBuilder, place: int, color: Color, rng: np.random.Generator) -> None:
     """Add a section of the tram: place -1 at the front, 0 in the middle, 1 at the back."""
     front, back = SECTION / 2, -SECTION / 2
-    body, glass = finishes.painted_metal(colour, 1.1), finishes.window(1.1, 1.2, (0.07, 0.07, 0.08), rng, 1, 1)
+    body, glass = finishes.painted_metal(color, 1.1), finishes.window(1.1, 1.2, (0.07, 0.07, 0.08), rng, 1, 1)
     nose, tail = (0.5 if place < 0 else 0.0), (0.5 if place > 0 else 0.0)
     add_frustum(mesh, np.eye(4), (back + tail / 2, front - nose / 2, 1.16, 0.28), (back, front, 1.2, 1.0), body)
     x = np.arange(back, front - 1.0, 1.1)

@@ -110,7 +110,7 @@ class Light:
     def _gains(self, seen: PairRatios, shared: Sequence[Shared], channels: int) -> Array:
         """Return the factor (groups, channels) of each exposure, its colours by `MAX_WHITE_BALANCE` apart at most."""
         number, most = len(self._kinds), 0.5 * np.log(self._max_gain)
-        grey = np.clip(-self.falloff.exposures(seen, number), -most, most)
+        gray = np.clip(-self.falloff.exposures(seen, number), -most, most)
         ratios = []
         for pair in shared:
             groups = self._group[pair.first], self._group[pair.second]
@@ -118,9 +118,9 @@ class Light:
                 logs = np.log(pair.levels[0] / pair.levels[1])
                 weight = 1.0 / np.square(std_of(pair.levels[0].min(axis=1), pair.levels[1].min(axis=1)))
                 ratios.append((*groups, _median(logs - logs.mean(axis=1, keepdims=True), weight)))
-        colour = log_gains(ratios, number, channels)
+        color = log_gains(ratios, number, channels)
         most = np.log(MAX_WHITE_BALANCE)
-        return np.exp(grey[:, None] + np.clip(colour - colour.mean(axis=1, keepdims=True), -most, most))
+        return np.exp(gray[:, None] + np.clip(color - color.mean(axis=1, keepdims=True), -most, most))
 
     def _headroom(self, images: Mapping[str, Image], gains: Array) -> float:
         """Return a common factor of at most 1: no camera that another one outshines loses its own highlights."""

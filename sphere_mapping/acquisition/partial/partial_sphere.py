@@ -220,13 +220,13 @@ def _move_range(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Sp
     range_m = _splat(inverse, camera, T_sphere_camera, window)
     rays = pixel_rays(window)
     z_of_ray = rays @ T_sphere_camera.rotation[:, 2]
-    z_of_centre = float(T_sphere_camera.inverse().translation[2])
+    z_of_center = float(T_sphere_camera.inverse().translation[2])
     step = np.full(range_m.shape, np.nan)
     for _ in range(RANGE_CORRECTIONS):
         u, v, _ = _pixels_of(rays * range_m[..., None], camera, T_sphere_camera)
         with np.errstate(divide="ignore", invalid="ignore"):
             z_seen = 1.0 / _sample(inverse, u, v)
-            step = (z_seen - (range_m * z_of_ray + z_of_centre)) / np.maximum(z_of_ray, 0.1)
+            step = (z_seen - (range_m * z_of_ray + z_of_center)) / np.maximum(z_of_ray, 0.1)
         range_m = range_m + step
     return np.where((np.abs(step) < MAX_CORRECTION_LEFT * range_m), range_m, np.nan)
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.kernels import recentre, splat_with_std, stretch, triangulate
+from sphere_mapping.acquisition.kernels import recenter, splat_with_std, stretch, triangulate
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.matching import Disparity, Search
 from sphere_mapping.acquisition.stitching.views import Layout
@@ -61,7 +61,7 @@ def baseline_error(layouts: Sequence[Layout], baseline_m: float) -> Plane:
     they are apart at a right angle to the ray, in the plane of ray and baseline.
     """
     top, bottom = layouts
-    apart = top.centres[top.owner] - bottom.centres[bottom.owner]  # (H, W, 3); what nobody shows is any camera's
+    apart = top.centers[top.owner] - bottom.centers[bottom.owner]  # (H, W, 3); what nobody shows is any camera's
     height, width = top.owner.shape
     azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
     sine, cosine = (f((0.5 - (np.arange(height)[:, None] + 0.5) / height) * np.pi) for f in (np.sin, np.cos))
@@ -78,7 +78,7 @@ def correct_baseline(range_m: Plane, std_m: Plane, error: Plane, distance_m: flo
     stretch(range_m, std_m, error, np.float32(1.0 / distance_m if distance_m else 0.0))
 
 
-def to_common_centre(range_m: Plane, std_m: Plane, layout: Layout) -> tuple[Plane, Plane]:
+def to_common_center(range_m: Plane, std_m: Plane, layout: Layout) -> tuple[Plane, Plane]:
     """Return range and deviation (H, W) as from the sphere's centre; before, each pixel's camera was taken for it."""
     height, width = range_m.shape
     azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
@@ -86,5 +86,5 @@ def to_common_centre(range_m: Plane, std_m: Plane, layout: Layout) -> tuple[Plan
     columns = np.stack([np.sin(azimuth), np.cos(azimuth)]).astype(np.float32)
     rows = np.stack([np.sin(elevation), np.cos(elevation)]).astype(np.float32)
     moved, moved_std = np.empty_like(range_m), np.empty_like(std_m)
-    recentre(range_m, std_m, layout.owner, layout.centres, columns, rows, moved, moved_std)
+    recenter(range_m, std_m, layout.owner, layout.centers, columns, rows, moved, moved_std)
     return moved, moved_std

@@ -63,12 +63,12 @@ class PairwiseStereo:
         self.pairs = pairs_of(layouts.rig, layouts.views, layouts.whole, params)
         self.warning = "" if self.pairs else why_no_pair(layouts.rig, layouts.views)
 
-    def find(self, greys: dict[str, Image]) -> StereoRange:
+    def find(self, grays: dict[str, Image]) -> StereoRange:
         """Return the range from the grey images of one instant, by camera."""
-        pairs = [pair for pair in self.pairs if pair.first in greys and pair.second in greys]
+        pairs = [pair for pair in self.pairs if pair.first in grays and pair.second in grays]
         if not pairs:
             return StereoRange()
-        return StereoRange([range_of_pairs(pairs, greys, self._whole, self._params, self._jobs)])
+        return StereoRange([range_of_pairs(pairs, grays, self._whole, self._params, self._jobs)])
 
 
 def pairs_of(rig: Rig, rig_views: dict[str, RigView], whole: Spherical, params: StitchParams) -> list[Pair]:

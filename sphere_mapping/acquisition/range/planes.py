@@ -58,7 +58,7 @@ class Viewpoints:
 
     baseline_m: float
     owner: NDArray[np.int8]
-    centres: Plane
+    centers: Plane
     baseline_error: Plane
     per_m: float
 
@@ -69,7 +69,7 @@ class _Pieces:
 
     region: NDArray[np.int64]
     rays: Array
-    centres: Array
+    centers: Array
     inverse: Array
     std: Array
 
@@ -105,7 +105,7 @@ def range_of_planes(
     planes = {}
     for region in np.unique(pieces.region):
         own = pieces.region == region
-        plane = _fit(pieces.rays[own], pieces.centres[own], pieces.inverse[own], pieces.std[own])
+        plane = _fit(pieces.rays[own], pieces.centers[own], pieces.inverse[own], pieces.std[own])
         if plane is not None:
             planes[int(region)] = plane
     if planes:
@@ -151,8 +151,8 @@ def _match(
     error = viewpoints.baseline_error[row, column].astype(np.float64)
     factor = (1.0 + error * viewpoints.per_m / inverse) / (1.0 + error)
     rays = whole.unproject(np.stack([column, rows * step], axis=1).astype(np.float64))
-    centres = viewpoints.centres[viewpoints.owner[row, column]].astype(np.float64)
-    return _Pieces(region[is_clear], rays, centres, inverse * factor, inverse_std * np.abs(factor))
+    centers = viewpoints.centers[viewpoints.owner[row, column]].astype(np.float64)
+    return _Pieces(region[is_clear], rays, centers, inverse * factor, inverse_std * np.abs(factor))
 
 
 def _inverse_range(
@@ -166,14 +166,14 @@ def _inverse_range(
     return inverse, slope * std * per_row
 
 
-def _fit(rays: Array, centres: Array, inverse: Array, std: Array) -> tuple[Array, Array] | None:
+def _fit(rays: Array, centers: Array, inverse: Array, std: Array) -> tuple[Array, Array] | None:
     """Return the plane n (3,), n . point = 1, and its covariance; None where the pieces are not on one plane.
 
     A point at range r is centre + r ray, so n . (ray + centre / r) = 1 / r.
     """
     if len(rays) < MIN_PIECES:
         return None
-    rows, is_on = (rays + centres * inverse[:, None]) / std[:, None], np.ones(len(rays), np.bool_)
+    rows, is_on = (rays + centers * inverse[:, None]) / std[:, None], np.ones(len(rays), np.bool_)
     for _ in range(3):
         squares = rows[is_on].T @ rows[is_on]
         if is_on.sum() < MIN_PIECES or np.linalg.cond(squares) > 1e12:
@@ -209,7 +209,7 @@ def _extend(
     own = wide[v, u]
     n, covariance = (np.stack([plane[k] for plane in planes.values()])[own] for k in (0, 1))
     rays = whole.unproject(np.stack([u, v], axis=1).astype(np.float64))
-    inverse = np.sum(rays * n, axis=1) / (1.0 - np.sum(viewpoints.centres[viewpoints.owner[v, u]] * n, axis=1))
+    inverse = np.sum(rays * n, axis=1) / (1.0 - np.sum(viewpoints.centers[viewpoints.owner[v, u]] * n, axis=1))
     variance = np.einsum("ij,ijk,ik->i", rays, covariance, rays) + (RELATIVE_STD * inverse) ** 2
     keep = (inverse > 1.0 / FAR_M) & (inverse < 1.0 / (MIN_RANGE_SHARE * params.nearest_m))
     keep &= variance < (MAX_RELATIVE_STD * inverse) ** 2

@@ -41,7 +41,7 @@ MAX_RATIO = 0.75  # distance of a match over that of the second best
 FROM_BORDER_DEG = 1.0  # features nearer to the border of an image are left out
 CLOUD_REACH_DEG = 0.4  # a LiDAR's point this near to a feature tells its range
 MIN_MATCHES = 15  # below which a pair of cameras says nothing
-FOCAL_SHARE, CENTRE_SHARE = 0.003, 0.005  # deviations of focal length and principal point, by the focal length
+FOCAL_SHARE, CENTER_SHARE = 0.003, 0.005  # deviations of focal length and principal point, by the focal length
 CONTRAST = 0.015  # of a feature, as SIFT counts it
 
 
@@ -88,7 +88,7 @@ def rectify(rig: Rig, matches: Sequence[Matches], params: RectifyParams) -> RigC
     names = [part.name for part in rig.cameras]
     values = np.zeros(NUM_VALUES * len(names))
     turn = np.radians(params.turn_deg)
-    prior = np.tile([turn, turn, turn, FOCAL_SHARE, CENTRE_SHARE, CENTRE_SHARE], len(names))
+    prior = np.tile([turn, turn, turn, FOCAL_SHARE, CENTER_SHARE, CENTER_SHARE], len(names))
     before = epipolar_errors(rig, matches)
     if not matches:
         return RigCorrection(rig, dict.fromkeys(names, 0.0), float("nan"), float("nan"))

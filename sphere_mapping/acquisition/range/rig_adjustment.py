@@ -124,8 +124,8 @@ def _ray_by_values(part: RigCamera, own: Array, pixels: Array) -> Array:
     shifted = [camera.unproject(pixels + step) - camera.unproject(pixels - step) for step in steps]
     by_u, by_v = (change / (2 * PIXEL_STEP) for change in shifted)
     by_turn = -hat(camera.unproject(pixels)) @ left_jacobian(-own[:3])
-    from_centre = pixels - (camera.cx, camera.cy)
-    by_focal = -(by_u * from_centre[:, :1] + by_v * from_centre[:, 1:])
+    from_center = pixels - (camera.cx, camera.cy)
+    by_focal = -(by_u * from_center[:, :1] + by_v * from_center[:, 1:])
     fx, fy = part.camera.coefficients[:2]
     by_lens = np.stack([by_focal, -fx * by_u, -fy * by_v], axis=2)
     return moved.T_rig_camera.rotation @ np.concatenate([by_turn, by_lens], axis=2)

@@ -16,7 +16,7 @@ from sphere_mapping.acquisition.range.epipolar import (
     disparities_of_ranges,
     range_from_below,
     range_from_disparity,
-    to_common_centre,
+    to_common_center,
 )
 from sphere_mapping.acquisition.range.fusion import Ranged, StereoRange, inverse_range
 from sphere_mapping.acquisition.range.matching import match_columns
@@ -41,23 +41,23 @@ class VerticalStereo:
         self._kept: Callable[[tuple[str, ...]], Viewpoints] = lru_cache(MAX_LAYOUTS)(self._find_viewpoints)
         self.is_checked = False
 
-    def find(self, greys: Mapping[str, Image]) -> StereoRange:
+    def find(self, grays: Mapping[str, Image]) -> StereoRange:
         """Return the range from the grey images of one instant, by camera: from the centre of the top sphere."""
-        if not any(part.name in greys for part in self._layouts.rig.at_level("bottom")):
+        if not any(part.name in grays for part in self._layouts.rig.at_level("bottom")):
             return StereoRange()
-        layouts = [self._layouts.of(level, tuple(greys)) for level in LEVELS]
-        top, bottom = self.draw(layouts, greys)
-        ranged, viewpoints = self._measure(layouts, top, bottom), self._kept(tuple(greys))
+        layouts = [self._layouts.of(level, tuple(grays)) for level in LEVELS]
+        top, bottom = self.draw(layouts, grays)
+        ranged, viewpoints = self._measure(layouts, top, bottom), self._kept(tuple(grays))
         correct_baseline(*ranged, viewpoints.baseline_error, self._params.blend.distance_m)
         planes = self._fit_planes(layouts, top, bottom, ranged, viewpoints)
-        ranged, planes = _to_common_centre(ranged, planes, layouts[0])
+        ranged, planes = _to_common_center(ranged, planes, layouts[0])
         for _ in range(self._params.blend.num_passes - 1):
-            top, bottom = self.draw(layouts, greys, ranged[0])
+            top, bottom = self.draw(layouts, grays, ranged[0])
             ranged = self._measure(layouts, top, bottom)
         return StereoRange([ranged], planes, bottom)
 
     def draw(
-        self, layouts: Sequence[Layout], greys: Mapping[str, Image], range_m: NDArray[np.float32] | None = None
+        self, layouts: Sequence[Layout], grays: Mapping[str, Image], range_m: NDArray[np.float32] | None = None
     ) -> tuple[Image, Image]:
         """Return the grey spheres (H, W) of both levels: of a common distance, or of the range that the top one has."""
         inverses: list[NDArray[np.float32] | None] = [None, None]
@@ -66,7 +66,7 @@ class VerticalStereo:
             below = range_from_below(above, self._layouts.whole, self._layouts.baseline_m)
             inverses = [inverse, inverse_range(below, layouts[1].is_covered)]
         with ThreadPoolExecutor(self._jobs) as pool:
-            top, bottom = pool.map(lambda pair: blend(pair[0], greys, pair[1]), zip(layouts, inverses, strict=True))
+            top, bottom = pool.map(lambda pair: blend(pair[0], grays, pair[1]), zip(layouts, inverses, strict=True))
         return top, bottom
 
     def _measure(self, layouts: Sequence[Layout], top: Image, bottom: Image) -> Ranged:
@@ -92,17 +92,17 @@ class VerticalStereo:
         layouts = [self._layouts.of(level, present) for level in LEVELS]
         baseline_m, distance_m = self._layouts.baseline_m, self._params.blend.distance_m
         error, per_m = baseline_error(layouts, baseline_m), 1.0 / distance_m if distance_m else 0.0
-        return Viewpoints(baseline_m, layouts[0].owner, layouts[0].centres, error, per_m)
+        return Viewpoints(baseline_m, layouts[0].owner, layouts[0].centers, error, per_m)
 
 
-def _to_common_centre(ranged: Ranged, planes: Ranged | None, layout: Layout) -> tuple[Ranged, Ranged | None]:
+def _to_common_center(ranged: Ranged, planes: Ranged | None, layout: Layout) -> tuple[Ranged, Ranged | None]:
     """Return what is measured, and what planes say elsewhere, as from the sphere's centre."""
     if planes is None:
-        return to_common_centre(*ranged, layout), None
+        return to_common_center(*ranged, layout), None
     is_filled = np.flatnonzero(~np.isnan(planes[0]))
     for values, others, sign in zip(ranged, planes, (1.0, -1.0), strict=True):
         np.put(values, is_filled, np.float32(sign) * others.take(is_filled))  # the minus sign takes the mark along
-    measured = to_common_centre(*ranged, layout)
+    measured = to_common_center(*ranged, layout)
     is_filled = np.flatnonzero(measured[1] < 0)
     filled = np.full_like(measured[0], np.nan), np.full_like(measured[1], np.nan)
     for values, others, sign in zip(filled, measured, (1.0, -1.0), strict=True):

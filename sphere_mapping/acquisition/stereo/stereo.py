@@ -16,7 +16,7 @@ from sphere_mapping.acquisition.range.matching import Disparity, Search, match_c
 from sphere_mapping.acquisition.range.plausibility import check_order
 from sphere_mapping.params import PartialParams, StereoParams
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Sphere, check_sphere_image, to_grey_bytes
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Sphere, check_sphere_image, to_gray_bytes
 
 Plane = NDArray[np.float32]
 
@@ -72,7 +72,7 @@ def depth_from_stereo(
 
 def match_pair(left: Image, right: Image, search: Search, params: StereoParams) -> Disparity:
     """Return the disparity of every pixel of the left image of a rectified pair (H, W[, 3]) uint8."""
-    top, bottom = (np.ascontiguousarray(to_grey_bytes(image).T) for image in (left, right))  # rows become columns
+    top, bottom = (np.ascontiguousarray(to_gray_bytes(image).T) for image in (left, right))  # rows become columns
     check_order(top, bottom, ("left", "right"), is_whole=False)
     found = match_columns(top, bottom, search, params, np.ones(top.shape, np.bool_))
     return Disparity(np.ascontiguousarray(found.value.T), np.ascontiguousarray(found.std.T))

@@ -20,7 +20,7 @@ from sphere_mapping.acquisition.stereo.stereo_field import (
 from sphere_nav.geometry import SE3, Camera, Pinhole
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_grid
-from sphere_nav.spheres.sphere import to_grey_bytes
+from sphere_nav.spheres.sphere import to_gray_bytes
 
 NUM_PAIRS = 10  # whose rows are compared
 MIN_BASELINE_M = 1e-3
@@ -154,7 +154,7 @@ class StereoPair:
 
     def _match(self, left: Image, right: Image) -> tuple[Array, Array]:
         return match_corners(
-            *(to_grey_bytes(self._warp(image, table)) for image, table in zip((left, right), self._tables, strict=True))
+            *(to_gray_bytes(self._warp(image, table)) for image, table in zip((left, right), self._tables, strict=True))
         )
 
     def _set_tables(self, correction: StereoField | None = None) -> None:

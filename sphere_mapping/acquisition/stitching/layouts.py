@@ -52,15 +52,15 @@ class Layouts:
         """Return the rig_view as seen from the centre of its level."""
         if level != "bottom":
             return rig_view
-        centre = self.T_rig_sphere.inverse().apply(centre_of(self.rig.at_level("bottom"))[None])[0]
+        center = self.T_rig_sphere.inverse().apply(center_of(self.rig.at_level("bottom"))[None])[0]
         T_sphere_camera = rig_view.T_sphere_camera
         return replace(
             rig_view,
-            T_sphere_camera=SE3.from_parts(T_sphere_camera.rotation, T_sphere_camera.translation - centre),
+            T_sphere_camera=SE3.from_parts(T_sphere_camera.rotation, T_sphere_camera.translation - center),
         )
 
 
-def centre_of(cameras: Sequence[RigCamera]) -> NDArray[np.float64]:
+def center_of(cameras: Sequence[RigCamera]) -> NDArray[np.float64]:
     """Return the mean of the cameras' centres (3,) in the frame of the rig."""
     return np.mean([camera.T_rig_camera.translation for camera in cameras], axis=0)
 
@@ -72,8 +72,8 @@ def sphere_frame(rig: Rig) -> tuple[SE3, float]:
     ones, so that a point has the same column in both spheres. Its x axis is the rig's, as nearly as possible.
     """
     if not rig.is_vertical:
-        return SE3.from_parts(np.eye(3), centre_of(rig.cameras)), 0.0
-    top, bottom = centre_of(rig.at_level("top")), centre_of(rig.at_level("bottom"))
+        return SE3.from_parts(np.eye(3), center_of(rig.cameras)), 0.0
+    top, bottom = center_of(rig.at_level("top")), center_of(rig.at_level("bottom"))
     baseline_m = float(np.linalg.norm(top - bottom))
     if baseline_m < MIN_BASELINE_M:
         raise ValueError(f"rig {rig.name}: expected levels at least {MIN_BASELINE_M} m apart, found {baseline_m:.4f} m")

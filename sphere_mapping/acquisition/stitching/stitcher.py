@@ -33,7 +33,7 @@ from sphere_mapping.acquisition.stitching.blending import blend
 from sphere_mapping.acquisition.stitching.layouts import Layouts
 from sphere_nav.geometry import Rig
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.spheres.sphere import Sphere, check_depth, check_sphere_image, to_grey_bytes
+from sphere_nav.spheres.sphere import Sphere, check_depth, check_sphere_image, to_gray_bytes
 
 Image = NDArray[np.uint8]
 
@@ -112,9 +112,9 @@ class Stitcher:
         self, images: Mapping[str, Image], params: RectifyParams, points_rig: NDArray[np.floating] | None = None
     ) -> list[Matches]:
         """Return the features that cameras share at one instant, for `rectify`; points_rig as for `stitch`."""
-        greys = _to_greys(self.equalize(images)[0])
+        grays = _to_grays(self.equalize(images)[0])
         points = None if points_rig is None else self._to_sphere(points_rig)
-        return matches_of(list(self.layouts.views.values()), greys, params, points)
+        return matches_of(list(self.layouts.views.values()), grays, params, points)
 
     @property
     def is_settled(self) -> bool:
@@ -139,10 +139,10 @@ class Stitcher:
         """Return what the images say about range."""
         if self.stereo is None:
             return StereoRange()
-        greys = _to_greys(images)
-        found = self.stereo.find(greys)  # names exchanged levels, before lenses are blamed for them
+        grays = _to_grays(images)
+        found = self.stereo.find(grays)  # names exchanged levels, before lenses are blamed for them
         if not self._has_lenses:
-            check_lenses(self.rig, greys)
+            check_lenses(self.rig, grays)
             self._has_lenses = True
         return found
 
@@ -161,6 +161,6 @@ class Stitcher:
         return self.T_rig_sphere.inverse().apply(np.asarray(points_rig, dtype=np.float64))
 
 
-def _to_greys(images: Mapping[str, Image]) -> dict[str, Image]:
+def _to_grays(images: Mapping[str, Image]) -> dict[str, Image]:
     """Return grey images (h, w) of grey or RGB ones."""
-    return {name: to_grey_bytes(image) for name, image in images.items()}
+    return {name: to_gray_bytes(image) for name, image in images.items()}

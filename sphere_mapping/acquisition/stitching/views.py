@@ -83,10 +83,10 @@ class Layout:
         return self.owner != OUTSIDE
 
     @property
-    def centres(self) -> Plane:
+    def centers(self) -> Plane:
         """Centres of the cameras (N, 3) in the frame of the sphere."""
-        centres = [view.rig_view.T_sphere_camera.translation for view in self.views]
-        return np.array(centres, dtype=np.float32).reshape(-1, 3)
+        centers = [view.rig_view.T_sphere_camera.translation for view in self.views]
+        return np.array(centers, dtype=np.float32).reshape(-1, 3)
 
 
 def masks_of(rig: Rig) -> dict[str, NDArray[np.uint8]]:

@@ -71,12 +71,12 @@ class Page:
             handles["ride"] = gui.add_checkbox("ride along", False)
             handles["text"] = gui.add_markdown(shot.text)
             handles["image"] = gui.add_image(shot.image, label="camera")
-            grey = np.full(shot.image.shape[:2], 128, np.uint8)
-            handles["residual"] = gui.add_image(coloured(grey), label="residual (grey: as the map)")
+            gray = np.full(shot.image.shape[:2], 128, np.uint8)
+            handles["residual"] = gui.add_image(colored(gray), label="residual (grey: as the map)")
         handles["text"].content = shot.text
         handles["image"].image = shot.image
         if shot.residual is not None:
-            handles["residual"].image = coloured(shot.residual)
+            handles["residual"].image = colored(shot.residual)
         if shot.T_map_camera is not None:
             x, y, z, w = shot.T_map_camera.quaternion
             self.server.scene.add_camera_frustum(
@@ -110,11 +110,11 @@ class Page:
 
     def _add_graph(self) -> None:
         scene = self.server.scene
-        for name, is_loop, colour in (("way", False, WAY), ("loops", True, LOOP)):
+        for name, is_loop, color in (("way", False, WAY), ("loops", True, LOOP)):
             edges = [edge for edge in self._graph.edges if edge.is_loop == is_loop]
             if edges:
                 ends = [[self._graph[end].T_map_sphere.translation for end in (edge.a, edge.b)] for edge in edges]
-                scene.add_line_segments(f"/graph/{name}", points=np.array(ends, np.float32), colors=colour)
+                scene.add_line_segments(f"/graph/{name}", points=np.array(ends, np.float32), colors=color)
         for node in self._graph:
             handle = scene.add_icosphere(
                 f"/graph/key_sphere_{node.id}", radius=KEY_RADIUS_M, color=KEY, position=node.T_map_sphere.translation
@@ -208,9 +208,9 @@ def shown(view: SynthesizedView) -> NDArray[np.uint8]:
     return image
 
 
-def coloured(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def colored(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return a grey picture with three channels."""
-    return np.repeat(grey[..., None], 3, axis=2)
+    return np.repeat(gray[..., None], 3, axis=2)
 
 
 def encoded(image: NDArray[np.uint8], suffix: str) -> bytes:

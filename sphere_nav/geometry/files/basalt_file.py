@@ -15,7 +15,7 @@ from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, number, read_tex
 from sphere_nav.geometry.se3 import SE3
 
 FIELDS = ("T_imu_cam", "intrinsics", "resolution")
-CENTRE = ("fx", "fy", "cx", "cy")
+CENTER = ("fx", "fy", "cx", "cy")
 FURTHER: dict[str, tuple[str, ...]] = {
     "ds": ("xi", "alpha"),
     "ucm": ("alpha",),
@@ -70,7 +70,7 @@ def _camera(entry: Any, resolution: Any, index: int) -> Camera:
     kind = required(entry, where, ("camera_type", "intrinsics"))["camera_type"]
     if not isinstance(kind, str) or kind not in FURTHER:
         raise refuse_model(kind, f"{where}.camera_type", ", ".join(FURTHER))
-    fields = (*CENTRE, *FURTHER[kind])
+    fields = (*CENTER, *FURTHER[kind])
     given = required(entry["intrinsics"], f"{where}.intrinsics", fields)
     fx, fy, cx, cy, *more = (number(given[field], f"{where}.intrinsics.{field}") for field in fields)
     lens = ForeignLens(image_size(resolution, f"value0.resolution[{index}]"), fx, fy, cx, cy, f"{where}.intrinsics")

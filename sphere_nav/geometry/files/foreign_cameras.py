@@ -13,7 +13,7 @@ from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
 from sphere_nav.geometry.cameras.pinhole import Pinhole
 from sphere_nav.geometry.files.lens_fit import LensFit, fit_lens, grid_of
-from sphere_nav.geometry.files.untrusted import check_centre, numbers, short, size
+from sphere_nav.geometry.files.untrusted import check_center, numbers, short, size
 from sphere_nav.geometry.se3 import SE3
 
 WIDEST_DEG = 100.0  # from the axis: farther, a calibration is seldom known
@@ -87,7 +87,7 @@ class ForeignLens:
         return fit_lens(rays[known], pixels[known], self.size, self.fx / (1.0 + xi), self.where)
 
     def _check(self, model: Any, *more: Any) -> Camera:
-        check_centre((self.cx, self.cy), self.size, self.where)
+        check_center((self.cx, self.cy), self.size, self.where)
         try:
             camera: Camera = model(*self.size, self.fx, self.fy, self.cx, self.cy, *more)
         except ValueError as error:

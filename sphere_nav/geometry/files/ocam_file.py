@@ -46,10 +46,10 @@ def read_ocam(path: Path) -> ForeignRig:
     return ForeignRig(("cam0",), (fit.camera,), (SE3.identity(),), fits=(fit,))
 
 
-def unproject(pixels: Array, polynomial: Array, centre: list[float], affine: list[float]) -> Array:
+def unproject(pixels: Array, polynomial: Array, center: list[float], affine: list[float]) -> Array:
     """Return rays (N, 3) with optical axes of pixels (N, 2); centre (row, column), affine (c, d, e)."""
     c, d, e = affine
-    row, column = pixels[:, 1] - centre[0], pixels[:, 0] - centre[1]
+    row, column = pixels[:, 1] - center[0], pixels[:, 0] - center[1]
     determinant = c - d * e
     x, y = (row - d * column) / determinant, (-e * row + c * column) / determinant
     z = np.polynomial.polynomial.polyval(np.hypot(x, y), polynomial)

@@ -238,9 +238,9 @@ def pose(found: Any, where: str) -> SE3:
         raise ValueError(f"{where}: {error}") from None
 
 
-def check_centre(centre: tuple[float, float], image_size: tuple[int, int], where: str) -> None:
+def check_center(center: tuple[float, float], image_size: tuple[int, int], where: str) -> None:
     """Raise ValueError where the principal point lies outside the image: intrinsics of another size."""
-    (cx, cy), (width, height) = centre, image_size
+    (cx, cy), (width, height) = center, image_size
     if not (0 <= cx < width and 0 <= cy < height):
         expected = f"the centre inside the {width} x {height} image"
         raise ValueError(f"{where}: expected {expected}, found cx {cx}, cy {cy}: of another image size?")

@@ -104,16 +104,16 @@ class PanoramaPairs(SphereRecording):
         top, bottom = pair
         if top.shape != bottom.shape:
             raise ValueError(f"{self.cameras['bottom'].path}: expected the size of top, found another")
-        grey = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image for image in pair]
+        gray = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image for image in pair]
         if not self._has_order:
-            check_order(grey[0].astype(np.uint8), grey[1].astype(np.uint8), LEVELS, is_whole=True)
+            check_order(gray[0].astype(np.uint8), gray[1].astype(np.uint8), LEVELS, is_whole=True)
             self._has_order = True
         window = Spherical(top.shape[1], top.shape[0])
         search, everywhere = (
             disparities_of_ranges(window, self.baseline_m, self.params),
-            np.ones(grey[0].shape, np.bool_),
+            np.ones(gray[0].shape, np.bool_),
         )
-        disparity = match_columns(grey[0], grey[1], search, self.params, everywhere, 1)
+        disparity = match_columns(gray[0], gray[1], search, self.params, everywhere, 1)
         range_m, std_m = range_from_disparity(disparity, window, self.baseline_m, self.params)
         image = cv2.cvtColor(top, cv2.COLOR_BGR2RGB).astype(np.uint8) if top.ndim == 3 else top
         return Sphere(np.maximum(image, 1), range_m, window, stamp, std_m)

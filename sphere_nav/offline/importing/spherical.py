@@ -78,8 +78,8 @@ class RingRecording(SphereRecording):
         views, name = [], self.names[index]
         for number, T_body_sensor in enumerate(self.T_body_sensor, start=1):
             depth = read_depth_file(name / f"depth_{number}.png").astype(np.float32) / 1000
-            colour = _rgb(name / f"rgb_{number}.png")
-            views.append(RgbdView(colour, np.where(depth > 0, depth, np.nan), SENSOR, T_body_sensor))
+            color = _rgb(name / f"rgb_{number}.png")
+            views.append(RgbdView(color, np.where(depth > 0, depth, np.nan), SENSOR, T_body_sensor))
         return sphere_from_views(views, stamp)
 
 
@@ -107,7 +107,7 @@ class EquirectangularRecording(SphereRecording):
             raise ValueError(
                 f"{file}: expected {image.shape[1]} x {image.shape[0]} pixels, found {range_mm.shape[::-1]}"
             )
-        return Sphere(image, _metres(range_mm), Spherical(image.shape[1], image.shape[0]), stamp)
+        return Sphere(image, _meters(range_mm), Spherical(image.shape[1], image.shape[0]), stamp)
 
 
 def open_spherical(folder: Path) -> SphereRecording:
@@ -136,7 +136,7 @@ def _rgb(path: Path) -> NDArray[np.uint8]:
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if image.ndim == 3 else image
 
 
-def _metres(range_mm: NDArray[np.uint16]) -> NDArray[np.float32]:
+def _meters(range_mm: NDArray[np.uint16]) -> NDArray[np.float32]:
     range_m = range_mm.astype(np.float32) * np.float32(1e-3)
     range_m[range_mm == 0] = np.nan
     range_m[range_mm == FAR_MM] = np.inf

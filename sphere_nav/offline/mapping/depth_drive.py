@@ -23,7 +23,7 @@ from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.tf import TransformListener
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, to_grey_bytes
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, to_gray_bytes
 
 NUM_PAIRS = 16  # that the way is shared among: few long ones tell more than many short ones
 MIN_PARALLAX, MAX_PARALLAX = 0.03, 0.15  # distance between two images over the range of what they see
@@ -94,7 +94,7 @@ def refine_depth(bag: BagReader, values: dict[str, Any], remap: dict[str, str], 
 
     def frame(index: int) -> DepthFrame:
         found, twist = node.found[int(way.stamps_ns[index])], velocity_at(way, index) * readout
-        return make_frame(to_grey_bytes(found.image), found.depth_m, found.camera, found.depth_camera, twist)
+        return make_frame(to_gray_bytes(found.image), found.depth_m, found.camera, found.depth_camera, twist)
 
     pairs = []
     for first, second in tqdm(chosen, desc="depth", unit="pair", leave=False, disable=None):

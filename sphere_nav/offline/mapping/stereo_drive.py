@@ -19,7 +19,7 @@ from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.tf import TransformListener
-from sphere_nav.spheres.sphere import to_grey_bytes
+from sphere_nav.spheres.sphere import to_gray_bytes
 
 MAX_WINDOWS = 16  # of consecutive instants in which corners are followed, spread over the drive
 MAX_PAIRS = 400  # of the drive's beginning
@@ -45,7 +45,7 @@ class PairFollower(ManagedNode):
         self.pair, place = pair, self.num_pairs % self.step
         self.num_pairs += 1
         if place < NUM_VIEWS:
-            self._open.append((to_grey_bytes(left), to_grey_bytes(right)))
+            self._open.append((to_gray_bytes(left), to_gray_bytes(right)))
         if len(self._open) == NUM_VIEWS:
             g = pair.geometry
             window = follow_window(g.camera, g.baseline_m, *zip(*self._open, strict=True))

@@ -43,5 +43,5 @@ def _sigmas(edge: Edge, surveyed: SphereGraph) -> float:
 
 def _describe(edge: Edge, sigmas: float, surveyed: SphereGraph) -> str:
     T_a_b = surveyed[edge.a].T_map_sphere.inverse() @ surveyed[edge.b].T_map_sphere
-    metres, radians = edge.T_a_b.distance(T_a_b)
-    return f"{edge.a} to {edge.b} by {1e3 * metres:.0f} mm, {np.degrees(radians):.2f} deg ({sigmas:.1f} sigma)"
+    meters, radians = edge.T_a_b.distance(T_a_b)
+    return f"{edge.a} to {edge.b} by {1e3 * meters:.0f} mm, {np.degrees(radians):.2f} deg ({sigmas:.1f} sigma)"

@@ -12,7 +12,7 @@ from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.photometric.align.descent import kernels
-from sphere_nav.photometric.align.iteration.kernels import BLOCK, GREY, SIDE
+from sphere_nav.photometric.align.iteration.kernels import BLOCK, GRAY, SIDE
 from sphere_nav.photometric.align.problem import AlignmentState, Problem
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.constants import MIN_TURN_PIXELS, ROTATION_ITERATIONS, TURN_PIXELS
@@ -56,7 +56,7 @@ def correlation_after_turn(now: Level, before: Level, R_before_now: Array) -> fl
     """
     (rows, columns), rays = _sample(before.camera)
     blocks = rays.copy()
-    blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, GREY // SIDE] = before.image[rows, columns + before.pad]
+    blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, GRAY // SIDE] = before.image[rows, columns + before.pad]
     facts, pieces = np.empty(kernels.NUM_FACTS), np.empty((kernels.NUM_PIECES, kernels.NUM_SUMS))
     T = np.zeros((3, 4))
     T[:, :3] = R_before_now.T

@@ -177,7 +177,7 @@ def halve_range_image(range_m: Floats, surface_ratio: float) -> Floats:
 def in_steps(image: Image, pad: int) -> Steps:
     """Return grey levels (H, W) in steps of 1 / 256, padded: half the memory, far below the noise of any camera."""
     out = np.empty((image.shape[0], image.shape[1] + 2 * pad), np.uint16)
-    kernels.quantise(np.require(image, requirements=["C", "W"]), pad, out)
+    kernels.quantize(np.require(image, requirements=["C", "W"]), pad, out)
     return out
 
 

@@ -96,11 +96,11 @@ def thin_blocks(selection: Selection, number: int) -> Floats:
 def warp_sample(blocks: Floats, T: Floats, camera: KernelCamera, level: Level, light: tuple[float, float]) -> Sample:
     """Warp pixels of a reference into the image."""
     height, width = level.camera.height, level.camera.width
-    gain, bias, *centre = (np.float32(value) for value in (*light, 0.5 * (width - 1), 0.5 * (height - 1)))
+    gain, bias, *center = (np.float32(value) for value in (*light, 0.5 * (width - 1), 0.5 * (height - 1)))
     out = np.empty((kernels.NUM_WARPED, blocks.size // BLOCK * SIDE), np.float32)
-    kernels.warp(blocks, T, camera, level.samples, gain, bias, *centre, out)
+    kernels.warp(blocks, T, camera, level.samples, gain, bias, *center, out)
     seen = out[:-1, out[-1] > 0.0].astype(np.float64)
     points, of_reference, of_image = (np.ascontiguousarray(rows.T) for rows in np.split(seen[:9], 3))
-    at = (level.camera.project(points)[0] - centre) / centre
+    at = (level.camera.project(points)[0] - center) / center
     by_stretch, current, residual = seen[9:]
     return Sample(points, of_reference, of_image, by_stretch, current, residual, at)

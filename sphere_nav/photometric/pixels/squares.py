@@ -43,7 +43,7 @@ class Squares:
     """Pixels of one level; `num_pixels` of them have a range."""
 
     def __init__(self, image: Steps, camera: Camera, pad: int, ranges: Steps, far: float) -> None:
-        """An image and its ranges (H, W) as `kernels.quantise` and `kernels.encode_range` make them; +Inf: `far` m."""
+        """An image and its ranges (H, W) as `kernels.quantize` and `kernels.encode_range` make them; +Inf: `far` m."""
         self.camera, self._ranges, self._far = camera, ranges, np.float32(far)
         self._image, self._pad, self._lock = image, pad, Lock()
         cones, self._order = cones_of(camera), curve(camera.width, camera.height)

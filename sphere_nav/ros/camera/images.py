@@ -36,7 +36,7 @@ def read_rgb(
     return conversions.image_to_rgb(conversions.decompress(message))
 
 
-def read_grey(message: AnyImage, size: tuple[int, int] | None = None) -> NDArray[np.uint8]:
+def read_gray(message: AnyImage, size: tuple[int, int] | None = None) -> NDArray[np.uint8]:
     """Return grey levels (H, W) uint8; `size` as of `read_rgb`."""
     pixels = read_rgb(message, size)
     return cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) if pixels.ndim == 3 else pixels
@@ -45,4 +45,4 @@ def read_grey(message: AnyImage, size: tuple[int, int] | None = None) -> NDArray
 def read_depth(message: AnyImage) -> NDArray[Any]:
     """Return the depth along the optical axis (H, W) float32 in m, NaN where there is none."""
     is_raw = isinstance(message, Image)
-    return conversions.depth_to_metres(message if is_raw else conversions.decompress(message))
+    return conversions.depth_to_meters(message if is_raw else conversions.decompress(message))

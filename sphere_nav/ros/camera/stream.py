@@ -15,7 +15,7 @@ from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.localization.params import NodeParams
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.images import AnyImage, image_topic, read_grey
+from sphere_nav.ros.camera.images import AnyImage, image_topic, read_gray
 from sphere_nav.ros.camera.odometry_input import OdometryInput
 from sphere_nav.ros.clocks import MAX_AHEAD_NS, ahead_s
 from sphere_nav.ros.conversions.encoded import encoded_size
@@ -176,7 +176,7 @@ class CameraStream:
             advice = "a topic is of one camera: check the remapping of image_raw and camera_info, or call reset"
             self._refuse(stamp, Finding(Reason.BAD_INFO, detail=str(error), advice=advice))
         try:
-            image = read_grey(message, (self.camera.width, self.camera.height))
+            image = read_gray(message, (self.camera.width, self.camera.height))
         except ValueError as error:
             self._refuse(stamp, Finding(Reason.BAD_INFO, detail=str(error), advice=ENCODINGS))
         odometry = self._odometry.at(stamp)

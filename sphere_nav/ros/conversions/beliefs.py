@@ -34,16 +34,16 @@ def hypotheses_to_markers(
     """
     markers = [Marker(header=header(stamp, frame_id), action=Marker.DELETEALL)]
     for number, (item, height) in enumerate(zip(hypotheses, heights, strict=True)):
-        colour = BEST if number == 0 else OTHER
+        color = BEST if number == 0 else OTHER
         values, axes = np.linalg.eigh(item.covariance[:2, :2])
         turn = math.atan2(axes[1, 1], axes[0, 1])
-        ellipse = _marker("places", number, Marker.CYLINDER, (item.pose, height, turn), stamp, frame_id, colour)
+        ellipse = _marker("places", number, Marker.CYLINDER, (item.pose, height, turn), stamp, frame_id, color)
         long, short = (2.0 * SIGMAS * max(math.sqrt(max(v, 0.0)), MIN_SIGMA) for v in (values[1], values[0]))
         ellipse.scale.x, ellipse.scale.y, ellipse.scale.z = long, short, THICKNESS
         place = item.pose, height, float(item.pose[2])
-        arrow = _marker("headings", number, Marker.ARROW, place, stamp, frame_id, colour)
+        arrow = _marker("headings", number, Marker.ARROW, place, stamp, frame_id, color)
         arrow.scale.x, arrow.scale.y, arrow.scale.z = ARROW_LENGTH, THICKNESS, THICKNESS
-        text = _marker("weights", number, Marker.TEXT_VIEW_FACING, place, stamp, frame_id, colour)
+        text = _marker("weights", number, Marker.TEXT_VIEW_FACING, place, stamp, frame_id, color)
         text.text, text.scale.z = f"{float(item.weight):.0%}", TEXT_SIZE
         markers += [ellipse, arrow, text]
     return MarkerArray(markers=markers)
@@ -70,10 +70,10 @@ def similarities_to_scan(curve: NDArray[np.floating], yaw: float, stamp: int, fr
 
 
 def _marker(
-    name: str, number: int, kind: int, place: tuple[Any, float, float], stamp: int, frame_id: str, colour: ColorRGBA
+    name: str, number: int, kind: int, place: tuple[Any, float, float], stamp: int, frame_id: str, color: ColorRGBA
 ) -> Marker:
     pose, height, yaw = place
-    marker = Marker(header=header(stamp, frame_id), ns=name, id=number, type=kind, action=Marker.ADD, color=colour)
+    marker = Marker(header=header(stamp, frame_id), ns=name, id=number, type=kind, action=Marker.ADD, color=color)
     marker.pose = se3_to_pose(SE3.from_planar(float(pose[0]), float(pose[1]), yaw))
     marker.pose.position = Point(x=float(pose[0]), y=float(pose[1]), z=float(height))
     return marker

@@ -67,9 +67,9 @@ __all__ = [
 MAX_SPHERES = 10_000_000
 
 
-def open_map(path: str | Path, *, is_grey: bool = False) -> MapReader:
-    """Open a map, whose key spheres are read `is_grey` for alignment; BagError for whatever is wrong with it."""
-    return MapReader(path, is_grey=is_grey)
+def open_map(path: str | Path, *, is_gray: bool = False) -> MapReader:
+    """Open a map, whose key spheres are read `is_gray` for alignment; BagError for whatever is wrong with it."""
+    return MapReader(path, is_gray=is_gray)
 
 
 class MapReader:
@@ -78,8 +78,8 @@ class MapReader:
     `graph` (without pictures), `info` (MapInfo), `parameters` of the mapping by dotted name.
     """
 
-    def __init__(self, path: str | Path, *, is_grey: bool = False) -> None:
-        self.path, self._is_grey = Path(path), is_grey
+    def __init__(self, path: str | Path, *, is_gray: bool = False) -> None:
+        self.path, self._is_gray = Path(path), is_gray
         file = self.path / FILE_NAME if self.path.is_dir() else self.path
         if self.path.is_dir() and not file.is_file():
             raise BagError(f"{file}: expected a map, found no such file")
@@ -106,7 +106,7 @@ class MapReader:
                 f"{self.path}: chunk {index.chunk_start_offset}: expected sphere {sphere_id}, found {message.id}"
             )
         try:
-            sphere = message_to_sphere(message, is_grey=self._is_grey)
+            sphere = message_to_sphere(message, is_gray=self._is_gray)
         except ValueError as error:
             raise BagError(f"{self.path}: key sphere {sphere_id}: {error}") from None
         return sphere

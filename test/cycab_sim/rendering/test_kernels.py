@@ -29,20 +29,20 @@ def test_split_rays_fill_their_pixel(rng):
 
 
 def test_samples_are_averaged():
-    colour = np.zeros((6, 3), np.float32)
-    kernels.merge_samples(np.arange(24, dtype=np.float32).reshape(8, 3), np.array([1, 4]), 2, colour)
-    np.testing.assert_allclose(colour[[1, 4]], [[4.5, 5.5, 6.5], [16.5, 17.5, 18.5]])
-    assert not colour[[0, 2, 3, 5]].any()
+    color = np.zeros((6, 3), np.float32)
+    kernels.merge_samples(np.arange(24, dtype=np.float32).reshape(8, 3), np.array([1, 4]), 2, color)
+    np.testing.assert_allclose(color[[1, 4]], [[4.5, 5.5, 6.5], [16.5, 17.5, 18.5]])
+    assert not color[[0, 2, 3, 5]].any()
 
 
-def test_tone_is_the_curve_and_grey_its_luma(rng):
+def test_tone_is_the_curve_and_gray_its_luma(rng):
     curve = (255.0 * np.linspace(0, 1, 4096) ** (1 / 2.2)).astype(np.float32)
     light = rng.uniform(0.02, 1.4, (50, 3)).astype(np.float32)
-    colour, grey = np.empty((50, 3), np.float32), np.empty((50, 1), np.float32)
-    kernels.tone(light, np.full(3, 0.8), curve, colour)
-    kernels.tone(light, np.full(3, 0.8), curve, grey)
-    np.testing.assert_allclose(colour, 255.0 * np.minimum(0.8 * light, 1.0) ** (1 / 2.2), atol=0.05)
-    np.testing.assert_allclose(grey[:, 0], colour @ [0.299, 0.587, 0.114], atol=1e-3)
+    color, gray = np.empty((50, 3), np.float32), np.empty((50, 1), np.float32)
+    kernels.tone(light, np.full(3, 0.8), curve, color)
+    kernels.tone(light, np.full(3, 0.8), curve, gray)
+    np.testing.assert_allclose(color, 255.0 * np.minimum(0.8 * light, 1.0) ** (1 / 2.2), atol=0.05)
+    np.testing.assert_allclose(gray[:, 0], color @ [0.299, 0.587, 0.114], atol=1e-3)
 
 
 @pytest.mark.parametrize(("depth", "expected"), [(4.0, 1.0), (6.0, 0.0)])

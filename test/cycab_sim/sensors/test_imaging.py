@@ -13,7 +13,7 @@ GAMMA, TENTH = 2.2, 100_000_000
 AUTOMATIC = ImagingParams(has_automatic_exposure=True)
 
 
-def grey(radiance, gain):
+def gray(radiance, gain):
     """A grey image of even light."""
     return np.full((32, 32), 255.0 * min(1.0, radiance * gain) ** (1 / GAMMA), np.float32)
 
@@ -22,7 +22,7 @@ def run(exposure, radiances):
     """Levels of images 0.1 s apart."""
     levels = []
     for i, radiance in enumerate(radiances):
-        image = grey(radiance, exposure.gains(i * TENTH)[1])
+        image = gray(radiance, exposure.gains(i * TENTH)[1])
         exposure.observe(i * TENTH, image)
         levels.append(float(image[0, 0]))
     return np.array(levels)
@@ -48,14 +48,14 @@ def test_the_exposure_comes_to_its_target_after_its_delay(monkeypatch):
 def test_the_range_of_the_exposure_ends_somewhere(monkeypatch):
     monkeypatch.setattr(ImagingParams, "range", 2.0)
     levels = run(Exposure(AUTOMATIC, GAMMA, (1, 2)), [0.001] * 60)
-    assert levels[-1] == pytest.approx(grey(0.001, 2.0)[0, 0], rel=1e-2)
+    assert levels[-1] == pytest.approx(gray(0.001, 2.0)[0, 0], rel=1e-2)
 
 
 def test_cameras_of_a_group_share_an_exposure(monkeypatch):
     monkeypatch.setattr(ImagingParams, "exposure_lag", 0.0)
     exposure = Exposure(AUTOMATIC, GAMMA, (1, 2))
     for radiance in (0.05, 0.45):
-        exposure.observe(0, grey(radiance, exposure.gains(0)[1]))
+        exposure.observe(0, gray(radiance, exposure.gains(0)[1]))
     both = exposure.gains(TENTH)[1]
     assert both == pytest.approx((115 / 255) ** GAMMA / np.sqrt(0.05 * 0.45), rel=1e-4)  # mean of the logarithms
 

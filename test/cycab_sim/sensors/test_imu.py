@@ -40,7 +40,7 @@ def test_at_rest_it_feels_gravity_only(small_params):
         np.testing.assert_allclose(reading.angular_rate, 0.0, atol=1e-12)
 
 
-def test_in_a_turn_it_measures_the_rate_and_the_pull_towards_the_centre(small_params, monkeypatch):
+def test_in_a_turn_it_measures_the_rate_and_the_pull_towards_the_center(small_params, monkeypatch):
     monkeypatch.setattr(ImuParams, "x", 0.0)
     simulator = make(small_params, NO_ERRORS)
     reading = drive(simulator, 500, VehicleCommand(1.5, 0.3))[-1]  # 25 time constants

@@ -117,7 +117,7 @@ def test_a_check_without_a_range_of_care_is_a_plain_bound():
     assert Check(Reason.LOW_TEXTURE, 4.9, 5.0, 5.0).margin < 0
 
 
-def test_gradients_that_do_not_agree_refuse_what_grey_levels_confirm():
+def test_gradients_that_do_not_agree_refuse_what_gray_levels_confirm():
     assert not assessed(GOOD, structure=Structure(0.13)).is_accepted
     assert assessed(GOOD, structure=Structure(0.3)).is_good
 

@@ -19,7 +19,7 @@ SHARES = {"late": 0.15, "too late": 0.25}  # of the image's width
 
 def reference_of(room_map):
     sphere = room_map.graph[0].sphere
-    return prepare_reference(sphere.grey, sphere.range_m, sphere.camera, PARAMS)
+    return prepare_reference(sphere.gray, sphere.range_m, sphere.camera, PARAMS)
 
 
 def chosen_of(reference, T):

@@ -73,7 +73,7 @@ def test_two_of_many_rooms_alike_are_ambiguous(references):
 
 def test_a_panorama_is_recognised_in_body_axes(references):
     camera = Spherical(512, 256)
-    image = ROOMS[2].sphere(SE3.from_planar(0.3, 0.2, 2.0), camera, 9).grey
+    image = ROOMS[2].sphere(SE3.from_planar(0.3, 0.2, 2.0), camera, 9).gray
     found = Recognition(references.appearance, build_pyramid(np.asarray(image), camera, PARAMS.registration.pyramid))
     assert found.alike[0].sphere_id == 2
     assert dict(found.match_poses())[2].distance(SE3.from_planar(0.3, 0.2, 2.0))[0] < 0.1

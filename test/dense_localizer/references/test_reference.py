@@ -155,7 +155,7 @@ def test_an_image_resembles_its_own_sphere_most(room, room_map):
     assert np.all(nothing == -1.0)
 
 
-def test_the_residual_is_grey_where_image_and_map_agree(room, room_map):
+def test_the_residual_is_gray_where_image_and_map_agree(room, room_map):
     pose = at(0.1, 0.0, 0.3)
     image = room.photograph(PINHOLE, pose, 2)
     image[20:50, 30:60] = 250
@@ -172,9 +172,9 @@ class PaleWall(Room):
     """A room whose wall ahead has 15 % of the contrast of the others."""
 
     def cast(self, origin, rays):
-        grey, range_m = super().cast(origin, rays)
+        gray, range_m = super().cast(origin, rays)
         is_ahead = (origin + rays * range_m[..., None])[..., 0] > self.half[0] - 1e-6
-        return np.where(is_ahead, 128.0 + 0.15 * (grey - 128.0), grey), range_m
+        return np.where(is_ahead, 128.0 + 0.15 * (gray - 128.0), gray), range_m
 
 
 def test_pixels_are_the_best_of_what_is_seen_not_of_the_sphere():

@@ -70,9 +70,9 @@ class ParkedRoom(Room):
     def __init__(self) -> None:
         super().__init__((5.0, 3.0, 1.5), (1.0, 20.0, 30), gain=30.0)
 
-    def grey(self, points):
+    def gray(self, points):
         is_hidden = (points[..., 0] > 4.9) & (np.abs(points[..., 1]) < 0.9)
-        return np.where(is_hidden, 60.0 + 40.0 * np.sin(17.0 * points[..., 1]), super().grey(points))
+        return np.where(is_hidden, 60.0 + 40.0 * np.sin(17.0 * points[..., 1]), super().gray(points))
 
 
 def test_a_parked_car_is_forgotten_and_the_rest_is_not():

@@ -64,6 +64,6 @@ def test_five_degrees_and_fifty_pixels_between_images_at_15_hz_are_tracked(room,
         pose = at(-0.94 + 0.01 * k, 0.0, np.deg2rad(5 * (k % 2)))
         last = run.see(pose, step_ns=step_ns)
         assert (last.status.state, last.status.reason) == (State.TRACKING, "")
-        metres, radians = error(last, pose)
-        assert metres < 0.06  # spheres of 81 pixels a radian in an image of 573
+        meters, radians = error(last, pose)
+        assert meters < 0.06  # spheres of 81 pixels a radian in an image of 573
         assert radians < 0.01

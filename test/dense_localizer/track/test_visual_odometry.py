@@ -27,8 +27,8 @@ class RelitRoom(Room):
         super().__init__((5.0, 3.0, 1.5), (1.0, 20.0, 30), gain=30.0)
         self.is_half = is_half
 
-    def grey(self, points):
-        plain = super().grey(points)
+    def gray(self, points):
+        plain = super().gray(points)
         lamp = np.exp(-np.sum((points - [1.0, 2.0, 1.0]) ** 2, axis=-1) / 4.0)
         blind = 1.0 + 0.9 * np.sin(9.0 * points[..., 0] + 14.0 * points[..., 2]) * np.sin(11.0 * points[..., 1] + 1.0)
         if self.is_half:
@@ -45,7 +45,7 @@ def way(number, first=0):
 def test_an_image_that_was_placed_is_a_reference(room):
     T_sphere, pose = SE3.from_planar(0.3, 0.2, 0.0), at(0.0, 0.0, 0.4)
     sphere = room.sphere(T_sphere, Spherical(512, 256))
-    view = View(prepare_reference(sphere.grey, sphere.range_m, sphere.camera, PARAMS), T_sphere)
+    view = View(prepare_reference(sphere.gray, sphere.range_m, sphere.camera, PARAMS), T_sphere)
     image = RigImage(build_pyramid(room.photograph(PINHOLE, pose), PINHOLE, PARAMS.pyramid), views=(view,))
     step = SE3.exp([0.04, -0.02, 0.05, 0.01, -0.02, 0.01])
     now = build_pyramid(room.photograph(PINHOLE, pose @ step, 5), PINHOLE, PARAMS.pyramid)
@@ -108,10 +108,10 @@ class SoftRoom(Room):
         super().__init__((5.0, 3.0, 1.5), (1.0, 20.0, 30), gain=30.0, seed=1)
         self.is_lit = False
 
-    def grey(self, points):
+    def gray(self, points):
         off = np.sum((points - [2.7, -1.7, 0.9]) ** 2, axis=-1)
         factor = 0.31 + 1.96 * np.exp(-off / (2 * 1.47**2)) if self.is_lit else 1.0
-        return np.clip(super().grey(points) * factor, 1.0, 254.0)
+        return np.clip(super().gray(points) * factor, 1.0, 254.0)
 
 
 def test_a_lamp_that_pulls_the_map_itself_is_told():

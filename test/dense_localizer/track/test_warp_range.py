@@ -16,7 +16,7 @@ MOUNT = SE3.from_planar(0.3, 0.1, 0.5) @ T_BODY_OPTICAL
 def test_it_is_that_of_the_room(room):
     T_sphere, T_room_body = SE3.from_planar(0.3, 0.2, 0.0), SE3.from_planar(-0.1, 0.1, 0.2)
     sphere = room.sphere(T_sphere, Spherical(512, 256))
-    view = View(prepare_reference(sphere.grey, sphere.range_m, sphere.camera, PARAMS), T_sphere)
+    view = View(prepare_reference(sphere.gray, sphere.range_m, sphere.camera, PARAMS), T_sphere)
     pyramid = build_pyramid(room.photograph(CAMERA, T_room_body @ MOUNT), CAMERA, PARAMS.pyramid)
     found = warp_range(RigImage(pyramid, MOUNT, (view,)), T_room_body, PARAMS)
     _, truth = room.render(CAMERA, T_room_body @ MOUNT)

@@ -110,7 +110,7 @@ def test_an_empty_cloud_is_refused() -> None:
         cloud_from_points(np.zeros((0, 3)))
 
 
-def test_millimetres_are_refused_and_a_wide_map_is_not() -> None:
+def test_millimeters_are_refused_and_a_wide_map_is_not() -> None:
     rng = np.random.default_rng(0)
     room = rng.uniform(-4000, 4000, (500, 3))
     with pytest.raises(ValueError, match="looks like millimetres"):

@@ -59,7 +59,7 @@ def test_two_holes_in_a_wall(tmp_path):
 
 @pytest.mark.parametrize(("gap", "is_closed"), [(0.019, True), (0.021, False)])
 @pytest.mark.parametrize("where", [1, 5])
-def test_corners_within_two_centimetres_are_one(tmp_path, gap, is_closed, where):
+def test_corners_within_two_centimeters_are_one(tmp_path, gap, is_closed, where):
     rows = ring_of(L_SHAPE)
     words = rows[where].split(",")
     words[4 if where == 5 else 2] = str(float(words[4 if where == 5 else 2]) - gap)

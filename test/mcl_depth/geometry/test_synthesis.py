@@ -63,7 +63,7 @@ def test_a_lone_point_is_as_wide_as_one_and_a_half_voxels(distance: float) -> No
 
 
 @pytest.mark.parametrize(("distance", "is_drawn"), [(0.19, False), (0.21, True)])
-def test_nothing_is_drawn_nearer_than_twenty_centimetres(distance: float, is_drawn: bool) -> None:
+def test_nothing_is_drawn_nearer_than_twenty_centimeters(distance: float, is_drawn: bool) -> None:
     cloud = cloud_from_points(np.array([[distance, 0.0, 0.0], [-50.0, 0.0, 0.0]]))
     found = DepthSynthesizer(cloud, PARAMS, "splats").synthesize((0.0, 0.0, 0.0))
     assert (np.nanmin(found) < 1.0) == is_drawn

@@ -44,8 +44,8 @@ def made(**cache):
 
 @pytest.fixture
 def visual():
-    grey = np.random.default_rng(7).uniform(0, 255, (CAMERA.height, CAMERA.width)).astype(np.float32)
-    return visual_features(grey)
+    gray = np.random.default_rng(7).uniform(0, 255, (CAMERA.height, CAMERA.width)).astype(np.float32)
+    return visual_features(gray)
 
 
 def test_a_position_is_at_most_max_distance_from_its_depth_image():

@@ -127,7 +127,7 @@ def markers(*numbers):
     return charuco.Markers(corners, np.array(numbers, np.int32))
 
 
-GREY = np.zeros((60, 80), np.uint8)
+GRAY = np.zeros((60, 80), np.uint8)
 
 
 class Detector:
@@ -136,8 +136,8 @@ class Detector:
     def __init__(self, count):
         self.count, self.given = count, []
 
-    def detectBoard(self, grey, corners, ids, marker_corners, marker_ids):
-        self.given.append((grey, [float(item.flat[0]) for item in marker_corners], marker_ids.ravel().tolist()))
+    def detectBoard(self, gray, corners, ids, marker_corners, marker_ids):
+        self.given.append((gray, [float(item.flat[0]) for item in marker_corners], marker_ids.ravel().tolist()))
         found = np.arange(2.0 * self.count).reshape(-1, 1, 2), np.arange(self.count).reshape(-1, 1)
         return (*(found if self.count else (None, None)), None, None)
 
@@ -152,18 +152,18 @@ def test_two_markers_of_a_board_are_needed_each_once(monkeypatch, numbers, is_as
     detector = Detector(4)
     monkeypatch.setattr(charuco, "_detector", lambda board: detector)
     monkeypatch.setattr(charuco, "_has_classes", lambda: True)
-    found = charuco.find_corners(GREY, BOARDS[1], markers(*numbers))
+    found = charuco.find_corners(GRAY, BOARDS[1], markers(*numbers))
     assert (found is not None) == is_asked
     if is_asked:
         own = [number for number in numbers if 20 <= number <= 36]
-        assert detector.given == [(GREY, own, own)]
+        assert detector.given == [(GRAY, own, own)]
 
 
 @pytest.mark.parametrize("count", [0, 3, 4])
 def test_four_corners_are_a_board(monkeypatch, count):
     monkeypatch.setattr(charuco, "_detector", lambda board: Detector(count))
     monkeypatch.setattr(charuco, "_has_classes", lambda: True)
-    found = charuco.find_corners(GREY, BOARDS[1], markers(20, 21))
+    found = charuco.find_corners(GRAY, BOARDS[1], markers(20, 21))
     if count < 4:
         assert found is None
     else:
@@ -174,8 +174,8 @@ def test_four_corners_are_a_board(monkeypatch, count):
 def test_the_functions_before_opencv_4_7_get_numbers_from_zero(monkeypatch):
     given = []
 
-    def interpolate(corners, ids, grey, board):
-        given.append((len(corners), ids.ravel().tolist(), grey, board))
+    def interpolate(corners, ids, gray, board):
+        given.append((len(corners), ids.ravel().tolist(), gray, board))
         return 4, np.zeros((4, 1, 2)), np.arange(4).reshape(-1, 1)
 
     monkeypatch.setattr(charuco, "_has_classes", lambda: False)
@@ -183,12 +183,12 @@ def test_the_functions_before_opencv_4_7_get_numbers_from_zero(monkeypatch):
     monkeypatch.setattr(
         cv2.aruco, "CharucoBoard_create", lambda *words: (words[:4], words[4] is not None), raising=False
     )
-    assert charuco.find_corners(GREY, BOARDS[1], markers(20, 23)) is not None
-    assert given == [(2, [0, 3], GREY, ((7, 5, 0.1, 0.075), True))]
+    assert charuco.find_corners(GRAY, BOARDS[1], markers(20, 23)) is not None
+    assert given == [(2, [0, 3], GRAY, ((7, 5, 0.1, 0.075), True))]
     odd = replace(BOARDS[1], rows=5)
     with pytest.raises(ValueError, match=r"expected OpenCV 4\.7 or later, or legacy, for 6 rows"):
-        charuco.find_corners(GREY, odd, markers(20, 23))
-    assert charuco.find_corners(GREY, replace(odd, is_legacy=True), markers(20, 23)) is not None
+        charuco.find_corners(GRAY, odd, markers(20, 23))
+    assert charuco.find_corners(GRAY, replace(odd, is_legacy=True), markers(20, 23)) is not None
 
 
 def test_a_dictionary_must_be_there_and_hold_the_markers():

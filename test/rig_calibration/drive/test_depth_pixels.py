@@ -88,7 +88,7 @@ def test_a_lens_has_the_derivatives_that_it_says_at_every_level(camera, level):
             J[:, :, k], (ahead - behind) / (2 * size), rtol=1e-3, atol=1e-4 * np.abs(J[..., k]).max()
         )
     assert not J[:, :, 8].any()
-    np.testing.assert_allclose(lens.level_centre(level), (lens.level(level).cx, lens.level(level).cy))
+    np.testing.assert_allclose(lens.level_center(level), (lens.level(level).cx, lens.level(level).cy))
 
 
 def test_what_is_known_of_a_lens_that_nobody_calibrated():

@@ -81,7 +81,7 @@ def test_a_level_starts_where_the_coarser_one_has_aligned_near_its_match():
     np.testing.assert_array_equal(start, np.float32([[4.2, 4.0, np.nan, np.nan], [4.0, 3.9, np.nan, np.nan]]))
 
 
-def test_what_a_window_sees_from_beside_lies_where_the_centre_sees_it():
+def test_what_a_window_sees_from_beside_lies_where_the_center_sees_it():
     """A wall 4 m ahead, seen from 0.2 m to the left."""
     height, width = 90, 180
     v, u = np.mgrid[30:60, 70:110].astype(np.float32)
@@ -372,7 +372,7 @@ def test_a_longer_baseline_stretches_the_range_but_not_where_the_images_were_joi
     assert range_m[1, 0] == np.inf
 
 
-def test_ranges_of_a_wall_move_to_the_common_centre():
+def test_ranges_of_a_wall_move_to_the_common_center():
     """Two cameras beside the centre see a sphere of 5 m; NumPy looks the points up by arctan2."""
     height, width = 64, 128
     azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
@@ -395,7 +395,7 @@ def test_ranges_of_a_wall_move_to_the_common_centre():
     range_m[10, 50:60], range_m[20, 50:60] = np.nan, np.inf
     std_m = np.arange(height * width, dtype=np.float32).reshape(height, width)
     found, found_std = np.empty_like(range_m), np.empty_like(std_m)
-    kernels.recentre(range_m, std_m, owner, offsets, columns, rows, found, found_std)
+    kernels.recenter(range_m, std_m, owner, offsets, columns, rows, found, found_std)
     with np.errstate(invalid="ignore"):
         q = (range_m + along)[..., None] * rays - offsets[np.maximum(owner, 0)]
         u = (0.5 - np.arctan2(q[..., 1], q[..., 0]) / (2 * np.pi)) * width - 0.5

@@ -9,8 +9,8 @@ from sphere_nav.spheres.sphere import Sphere
 CAMERA = Spherical(32, 16)
 
 
-def node(number, range_m, colour=False):
-    image = np.full((16, 32, 3) if colour else (16, 32), 50 + number, np.uint8)
+def node(number, range_m, color=False):
+    image = np.full((16, 32, 3) if color else (16, 32), 50 + number, np.uint8)
     sphere = Sphere(image, np.full((16, 32), range_m, np.float32), CAMERA)
     return KeySphere(number, number, SE3.from_parts(np.eye(3), [10.0 * number, 0, 0]), sphere)
 
@@ -51,7 +51,7 @@ def test_pictures_are_asked_for_once_and_points_move_with_their_spheres():
     assert np.array_equal(after[:32], before[:32])
 
 
-def test_colour_is_kept_and_grey_wins_over_a_mixture():
+def test_color_is_kept_and_gray_wins_over_a_mixture():
     assert cloud_of(node(0, 3.0, True))[1].shape[1:] == (3,)
     assert cloud_of(node(0, 3.0, True), node(1, 3.0))[1].ndim == 1
 

@@ -24,8 +24,8 @@ def partial(T_room_sphere):
 def whole(T_room_sphere):
     camera = Spherical(512, 256)
     rays = camera.unproject(pixel_grid(camera)) @ T_room_sphere.rotation.T
-    grey, range_m = ROOM.cast(T_room_sphere.translation, rays)
-    image = np.clip(np.rint(grey), 1, 255).astype(np.uint8)
+    gray, range_m = ROOM.cast(T_room_sphere.translation, rays)
+    image = np.clip(np.rint(gray), 1, 255).astype(np.uint8)
     return PreparedSphere(Sphere(image, range_m.astype(np.float32), camera), PARAMS)
 
 

@@ -124,8 +124,8 @@ def compress(topic, message):
     if not topic.startswith("depth"):
         data = cv2.imencode(".png", pixels)[1].tobytes()
         return f"{topic}/compressed", CompressedImage(header=message.header, format="mono8; png compressed", data=data)
-    millimetres = np.nan_to_num(np.rint(pixels * 1e3), nan=0.0, posinf=0.0).astype(np.uint16)
-    data = bytes(12) + cv2.imencode(".png", millimetres)[1].tobytes()
+    millimeters = np.nan_to_num(np.rint(pixels * 1e3), nan=0.0, posinf=0.0).astype(np.uint16)
+    data = bytes(12) + cv2.imencode(".png", millimeters)[1].tobytes()
     message = CompressedImage(header=message.header, format="16UC1; compressedDepth png", data=data)
     return f"{topic}/compressedDepth", message
 

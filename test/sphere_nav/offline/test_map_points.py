@@ -59,7 +59,7 @@ def test_a_ply_has_every_number_under_its_name(tmp_path):
         np.testing.assert_array_equal(np.stack([table[name][50:] for name in columns], axis=1), values)
 
 
-def test_a_laz_has_millimetres_and_colours_of_16_bits(tmp_path):
+def test_a_laz_has_millimeters_and_colors_of_16_bits(tmp_path):
     one = cloud()
     assert write_laz(tmp_path / "a.laz", [one]) == 50
     las = laspy.read(tmp_path / "a.laz")

@@ -153,7 +153,7 @@ def test_the_player_waits_for_what_the_driver_calls_the_images() -> None:
     assert player.parameters["wait_for"] == "/front/image"
 
 
-def test_several_cameras_are_given_to_the_localiser() -> None:
+def test_several_cameras_are_given_to_the_localizer() -> None:
     given = {"map": "campus", "cameras": "front,back", "rig": "map"}
     (start,) = COMPOSITIONS["localisation"].starts(given)
     assert (start.parameters["rig.cameras"], start.parameters["rig.calibration"]) == ("front,back", "map")

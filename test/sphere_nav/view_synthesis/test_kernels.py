@@ -120,7 +120,7 @@ def test_corners_are_numbered_once_around_each_quad(wraps):
 
 
 @pytest.mark.parametrize("wraps", [False, True])
-def test_colours_are_bilinear_and_of_the_nearest_surface(wraps, rng):
+def test_colors_are_bilinear_and_of_the_nearest_surface(wraps, rng):
     image, shape = rng.integers(0, 255, (6, 8, 3)).astype(np.uint8), (5, 7)
     nearness = rng.uniform(0.1, 1.0, shape).astype(F)
     nearness[0, 0] = 0.0
@@ -128,16 +128,16 @@ def test_colours_are_bilinear_and_of_the_nearest_surface(wraps, rng):
     source = rng.uniform(0, [8 if wraps else 7, 5], (*shape, 2)).astype(F)
     total, weights = rng.uniform(0, 1, (*shape, 3)).astype(F), rng.uniform(0, 1, shape).astype(F)
     found, found_weights = total.copy(), weights.copy()
-    kernels.add_colours(image, wraps, nearness, source, nearest, F(0.2), F(0.05), F(0.3), found, found_weights)
+    kernels.add_colors(image, wraps, nearness, source, nearest, F(0.2), F(0.05), F(0.3), found, found_weights)
     shown = (nearness > 0) & (nearest - nearness <= np.maximum(0.05, 0.2 * nearest))
     assert 5 < shown.sum() < 30
     u, v = source[..., 0].astype(np.float64), source[..., 1].astype(np.float64)
     iu, iv = np.floor(u).astype(int), np.minimum(np.floor(v).astype(int), 4)
     du, dv = (u - iu)[..., None], (v - iv)[..., None]
     nu = (iu + 1) % 8 if wraps else np.minimum(iu + 1, 7)
-    colour = (1 - dv) * ((1 - du) * image[iv, iu] + du * image[iv, nu])
-    colour += dv * ((1 - du) * image[iv + 1, iu] + du * image[iv + 1, nu])
-    np.testing.assert_allclose(found, total + 0.3 * shown[..., None] * colour, atol=1e-3)
+    color = (1 - dv) * ((1 - du) * image[iv, iu] + du * image[iv, nu])
+    color += dv * ((1 - du) * image[iv + 1, iu] + du * image[iv + 1, nu])
+    np.testing.assert_allclose(found, total + 0.3 * shown[..., None] * color, atol=1e-3)
     np.testing.assert_allclose(found_weights, weights + 0.3 * shown, atol=1e-6)
 
 
@@ -150,7 +150,7 @@ def test_finish_divides_by_the_weights_and_keeps_holes():
     np.testing.assert_allclose(range_m[0], [4.0, np.inf, np.nan, 10.0])
 
 
-def test_colours_are_added_between_pixels_where_a_drawing_is_nearest(rng):
+def test_colors_are_added_between_pixels_where_a_drawing_is_nearest(rng):
     image = rng.integers(1, 255, (6, 8, 3), dtype=np.uint8)
     shape = (5, 7)
     for wraps in (False, True):
@@ -168,7 +168,7 @@ def test_colours_are_added_between_pixels_where_a_drawing_is_nearest(rng):
         lower = (1 - du) * picture[iv + 1, iu] + du * picture[iv + 1, nu]
         expected = total + 0.7 * is_added[..., None] * ((1 - dv) * upper + dv * lower)
         expected_weights = weights + 0.7 * is_added
-        kernels.add_colours(image, wraps, nearness, source, nearest, F(0.05), F(0.005), F(0.7), total, weights)
+        kernels.add_colors(image, wraps, nearness, source, nearest, F(0.05), F(0.005), F(0.7), total, weights)
         np.testing.assert_allclose(total, expected, rtol=1e-4)
         np.testing.assert_allclose(weights, expected_weights, rtol=1e-5)
 

@@ -99,7 +99,7 @@ def test_a_flat_view_stretches_the_footprint():
     assert major == pytest.approx(0.01 / np.sin(slant))
 
 
-def test_a_colour_lies_between_the_two_of_its_finish():
+def test_a_color_lies_between_the_two_of_its_finish():
     mesh = MeshBuilder(np.random.default_rng(1))
     mesh.panels(
         [[[5, 1, 0], [5, -1, 0], [5, -1, 3], [5, 1, 3]]],
@@ -109,8 +109,8 @@ def test_a_colour_lies_between_the_two_of_its_finish():
     up = np.linspace(-0.5, 0.2, n)
     rays = np.stack([np.ones(n), np.linspace(-0.18, 0.18, n), 0.4 + up], axis=1)
     rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)
-    ranges, colour = (5.0 / rays[:, 0]).astype(np.float32), np.empty((n, 3), np.float32)
-    paint_rays(built, np.zeros(3), rays, ranges, np.zeros(n, np.int32), np.full(n, 1e-3, np.float32), colour)
-    assert colour.min() == pytest.approx(0.1, abs=0.01)
-    assert colour.max() > 0.4  # paint that is never quite white
-    assert colour.max() <= 0.6 + 1e-6
+    ranges, color = (5.0 / rays[:, 0]).astype(np.float32), np.empty((n, 3), np.float32)
+    paint_rays(built, np.zeros(3), rays, ranges, np.zeros(n, np.int32), np.full(n, 1e-3, np.float32), color)
+    assert color.min() == pytest.approx(0.1, abs=0.01)
+    assert color.max() > 0.4  # paint that is never quite white
+    assert color.max() <= 0.6 + 1e-6

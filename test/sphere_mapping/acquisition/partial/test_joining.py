@@ -6,12 +6,12 @@ from sphere_nav.geometry import Spherical
 WHOLE = Spherical(128, 64)
 
 
-def patch(first_column, gain=1.0, width=48, colour=False, range_value=2.0):
+def patch(first_column, gain=1.0, width=48, color=False, range_value=2.0):
     """A band of a sphere whose grey level depends on the column alone, at another exposure."""
     columns = (np.arange(width) + first_column) % WHOLE.width
     row = gain * (100 + 40 * np.sin(2 * np.pi * columns / WHOLE.width))
     image = np.repeat(np.rint(row)[None, :], 32, axis=0).astype(np.uint8)
-    image = np.repeat(image[..., None], 3, axis=2) if colour else image
+    image = np.repeat(image[..., None], 3, axis=2) if color else image
     border = np.minimum(np.arange(width), width - 1 - np.arange(width)) + 0.5
     weight = np.repeat(border[None, :], 32, axis=0).astype(np.float32)
     range_m = np.full((32, width), range_value, np.float32)
@@ -37,8 +37,8 @@ def test_views_without_overlap_keep_their_exposure():
 
 
 def test_a_closed_ring_has_no_seam_and_no_hole():
-    for colour in (False, True):
-        image, range_m = join_views(ring(colour=colour), WHOLE)
+    for color in (False, True):
+        image, range_m = join_views(ring(color=color), WHOLE)
         band = image[16:48].astype(int).reshape(32, 128, -1)
         assert np.isfinite(range_m[16:48]).all()
         steps = np.abs(np.diff(np.concatenate([band, band[:, :1]], axis=1), axis=1))

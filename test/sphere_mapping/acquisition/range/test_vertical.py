@@ -17,13 +17,13 @@ def stereo():
 
 
 @pytest.fixture(scope="module")
-def greys():
+def grays():
     return {part.name: seen(part) for part in vertical_rig().cameras}
 
 
-def test_range_is_that_of_the_scene_and_the_order_is_checked_once(stereo, greys):
+def test_range_is_that_of_the_scene_and_the_order_is_checked_once(stereo, grays):
     assert not stereo.is_checked
-    found = stereo.find(greys)
+    found = stereo.find(grays)
     assert stereo.is_checked
     [(range_m, std_m)] = found.measured
     measured = np.isfinite(range_m)
@@ -33,6 +33,6 @@ def test_range_is_that_of_the_scene_and_the_order_is_checked_once(stereo, greys)
     assert found.bottom.shape == range_m.shape
 
 
-def test_without_a_bottom_camera_nothing_is_measured(stereo, greys):
-    found = stereo.find({name: image for name, image in greys.items() if name.startswith("top")})
+def test_without_a_bottom_camera_nothing_is_measured(stereo, grays):
+    found = stereo.find({name: image for name, image in grays.items() if name.startswith("top")})
     assert (found.measured, found.planes, found.bottom) == ([], None, None)

@@ -28,8 +28,8 @@ def render(T, gain=1.0):
     rays = np.concatenate([(pixel_grid(CAMERA) - (CAMERA.cx, CAMERA.cy)) / CAMERA.fx, np.ones((240, 320, 1))], axis=-1)
     R, t = T.inverse().rotation, T.inverse().translation
     depth = (1 - t @ PLANE) / (rays @ R.T @ PLANE)
-    grey = HALL.grey((rays @ R.T) * depth[..., None] + t)
-    return np.clip(np.rint(gain * grey + np.random.default_rng(1).normal(0, 1, grey.shape)), 0, 255).astype(np.uint8)
+    gray = HALL.gray((rays @ R.T) * depth[..., None] + t)
+    return np.clip(np.rint(gain * gray + np.random.default_rng(1).normal(0, 1, gray.shape)), 0, 255).astype(np.uint8)
 
 
 @pytest.fixture(scope="module")

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition.params import StitchParams
-from sphere_mapping.acquisition.stitching.layouts import Layouts, centre_of, upright
+from sphere_mapping.acquisition.stitching.layouts import Layouts, center_of, upright
 from sphere_nav.params import build
 from worlds.rig import WIDTH, vertical_rig
 
@@ -15,7 +15,7 @@ def layouts():
 
 
 def test_the_sphere_is_in_the_middle_of_the_top_cameras_and_looks_ahead(layouts):
-    top, bottom = (centre_of(layouts.rig.at_level(level)) for level in ("top", "bottom"))
+    top, bottom = (center_of(layouts.rig.at_level(level)) for level in ("top", "bottom"))
     np.testing.assert_allclose(layouts.T_rig_sphere.translation, top, atol=1e-12)
     assert layouts.baseline_m == pytest.approx(np.linalg.norm(top - bottom))
     np.testing.assert_allclose(layouts.T_rig_sphere.rotation[:, 2], (top - bottom) / layouts.baseline_m, atol=1e-12)

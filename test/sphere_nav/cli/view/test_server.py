@@ -20,7 +20,7 @@ from worlds.localizer import make_map
 from worlds.room import Room
 
 PLACES = [SE3.from_planar(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)]
-CENTRE = slice(200, 500), slice(50, 550)  # rows and columns of the window that no panel covers
+CENTER = slice(200, 500), slice(50, 550)  # rows and columns of the window that no panel covers
 WAIT_S = 120.0
 
 
@@ -51,7 +51,7 @@ class Fixture:
         view = self.scene.render(browser_pose(self.client.camera), browser_camera(self.client.camera))
         height, width = seen.shape[:2]
         expected = cv2.resize(view.image, (width, height), interpolation=cv2.INTER_LINEAR)
-        return float(np.median(np.abs(seen[CENTRE].astype(float) - expected[CENTRE])))
+        return float(np.median(np.abs(seen[CENTER].astype(float) - expected[CENTER])))
 
     def position(self):
         return np.array(self.client.camera.position)

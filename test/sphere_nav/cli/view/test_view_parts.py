@@ -24,8 +24,8 @@ T = SE3.exp([1.0, -2.0, 3.0, 0.3, -0.4, 0.5])
 def test_a_browser_sees_no_more_pixels_than_are_drawn(aspect, size):
     camera = server.browser_camera(SimpleNamespace(aspect=aspect, fov=np.radians(60.0)))
     focal = 0.5 * size[1] / np.tan(np.radians(30.0))  # the field of view is that of the height
-    centre = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
-    assert ((camera.width, camera.height), (camera.cx, camera.cy)) == (size, centre)
+    center = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
+    assert ((camera.width, camera.height), (camera.cx, camera.cy)) == (size, center)
     assert (camera.fx, camera.fy) == (pytest.approx(focal), pytest.approx(focal))
 
 
@@ -68,7 +68,7 @@ def test_a_flight_is_slow_at_both_ends_and_ends_at_its_target(monkeypatch):
     assert closed.seen == []
 
 
-def test_holes_are_dark_and_files_keep_their_colours():
+def test_holes_are_dark_and_files_keep_their_colors():
     image = np.zeros((4, 6, 3), np.uint8)
     image[..., 0], image[..., 2] = 200, 40
     is_known = np.ones((4, 6), np.bool_)
@@ -79,7 +79,7 @@ def test_holes_are_dark_and_files_keep_their_colours():
     assert image[1, 2].tolist() == [200, 0, 40]  # the view itself stays
     decoded = cv2.imdecode(np.frombuffer(server.encoded(shown, ".png"), np.uint8), cv2.IMREAD_COLOR)
     np.testing.assert_array_equal(decoded[..., ::-1], shown)
-    np.testing.assert_array_equal(server.coloured(image[..., 0]), np.full((4, 6, 3), 200))
+    np.testing.assert_array_equal(server.colored(image[..., 0]), np.full((4, 6, 3), 200))
 
 
 @pytest.mark.parametrize(
@@ -129,10 +129,10 @@ def test_the_words_beside_an_image():
 
 
 @pytest.mark.parametrize(("length", "metres"), [(4.0, 10.0), (40.0, 40.0)])
-def test_the_minimap_shows_all_and_no_less_than_ten_metres(length, metres):
+def test_the_minimap_shows_all_and_no_less_than_ten_meters(length, meters):
     ends = [SE3.from_planar(x, 5.0, 0.0) for x in (-length / 2, length / 2)]
     minimap = Minimap(SphereGraph([KeySphere(k, k, T_end) for k, T_end in enumerate(ends)]))
-    scale = (SIDE - 2 * BORDER) / metres
+    scale = (SIDE - 2 * BORDER) / meters
     assert minimap.pixel(ends[1])[0] - minimap.pixel(ends[0])[0] == pytest.approx(length * scale, abs=1)
     assert minimap.pixel(SE3.from_planar(0.0, 6.0, 0.0)) == [SIDE // 2, round(SIDE / 2 - scale)]  # y is up
 

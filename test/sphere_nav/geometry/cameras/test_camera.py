@@ -100,7 +100,7 @@ def test_pixel_grid_counts_columns_first():
     np.testing.assert_array_equal(grid[2, 3], [3, 2])
 
 
-def test_image_border_is_half_a_pixel_beyond_the_outer_centres(camera):
+def test_image_border_is_half_a_pixel_beyond_the_outer_centers(camera):
     if isinstance(camera, Spherical) and camera.is_whole:
         pytest.skip("a whole sphere has no border")
     corners = np.array([[-0.5 + 1e-6, 0.0], [-0.5 - 1e-3, camera.height / 2], [camera.width - 0.499, 20.0]])

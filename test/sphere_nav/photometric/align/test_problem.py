@@ -86,9 +86,9 @@ def test_a_descent_ends_where_its_passes_lead_and_tells_its_last_comparison(room
         x = np.linalg.solve(H, -g)
         state = AlignmentState(state.T_world_camera @ SE3.exp(x[:6]), state.light + x[6:].reshape(1, 2))
     found = problem.descend(off, 8)
-    metres, radians = found.state.T_world_camera.distance(state.T_world_camera)
+    meters, radians = found.state.T_world_camera.distance(state.T_world_camera)
     assert radians * camera.fx < params.min_step
-    assert metres < 1e-4
+    assert meters < 1e-4
     (before,), (after,) = found.found, problem.compare(found.state)
     assert before.num_visible == pytest.approx(after.num_visible, rel=1e-3)
     assert before.mad == pytest.approx(after.mad, rel=0.02)

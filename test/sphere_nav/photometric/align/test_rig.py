@@ -29,7 +29,7 @@ START = T_ROOM_BODY @ SE3.exp([0.03, -0.04, 0.02, 0.01, -0.01, 0.02])
 def views(room):
     places = [SE3.identity(), SE3.from_planar(0.8, 0.1, 0.0)]
     spheres = [room.sphere(T, Spherical(512, 256), k) for k, T in enumerate(places)]
-    references = [prepare_reference(one.grey, one.range_m, one.camera, PARAMS) for one in spheres]
+    references = [prepare_reference(one.gray, one.range_m, one.camera, PARAMS) for one in spheres]
     return tuple(View(one, T) for one, T in zip(references, places, strict=True))
 
 
@@ -76,8 +76,8 @@ def test_two_cameras_find_their_motion(images):
     found = register_rig(images, START, PARAMS)
     assert found.is_converged
     assert len(found.gains) == 4
-    metres, radians = found.T_world_camera.distance(T_ROOM_BODY)
-    assert metres < 0.003  # noise of 2 grey levels: each camera alone errs by 2 to 4 mm
+    meters, radians = found.T_world_camera.distance(T_ROOM_BODY)
+    assert meters < 0.003  # noise of 2 grey levels: each camera alone errs by 2 to 4 mm
     assert radians < 0.0015
     xi = (found.T_world_camera.inverse() @ T_ROOM_BODY).log()
     assert xi @ np.linalg.solve(found.covariance, xi) < 25.0  # 6 degrees of freedom, 1 in 3000

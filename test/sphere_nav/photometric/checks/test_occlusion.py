@@ -22,8 +22,8 @@ POSES = [SE3.exp([0.1, -0.05, 0.2, 0.02, 0.3, 0.01]), SE3.exp([-0.2, 0.1, 0.0, 0
 class HalfPaleRoom(Room):
     """One side of it has no texture."""
 
-    def grey(self, points):
-        return np.where(points[..., 0] > 0.0, 128.0, super().grey(points))
+    def gray(self, points):
+        return np.where(points[..., 0] > 0.0, 128.0, super().gray(points))
 
 
 def views_of(room):

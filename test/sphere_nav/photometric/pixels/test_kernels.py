@@ -45,7 +45,7 @@ def test_halve_range_keeps_to_the_nearest_surface():
 def test_halve_steps_is_halve_bytes_in_steps(rng, shape, pad):
     image = rng.integers(0, 255, shape).astype(np.uint8)
     steps = np.empty((shape[0], shape[1] + 2 * pad), np.uint16)
-    kernels.quantise(image, pad, steps)
+    kernels.quantize(image, pad, steps)
     assert np.array_equal(steps[:, pad : pad + shape[1]], image * np.uint16(256))
     out = np.empty((shape[0] // 2, shape[1] // 2 + 2 * pad), np.uint16)
     kernels.halve_steps(steps, pad, out)
@@ -169,7 +169,7 @@ def test_rays_are_those_of_the_camera(camera):
     np.testing.assert_allclose(found, pixel_rays(camera), atol=1e-6)
 
 
-def test_squares_are_filled_with_points_grey_levels_and_gradients_by_the_point(rng):
+def test_squares_are_filled_with_points_gray_levels_and_gradients_by_the_point(rng):
     camera = Pinhole(40, 36, 50.0, 52.0, 19.0, 17.5)
     image, range_m = rng.uniform(0, 255, (36, 40)).astype(np.float32), rng.uniform(1, 9, (36, 40)).astype(np.float32)
     range_m[5, 7], range_m[20, 21] = np.nan, np.inf
@@ -179,7 +179,7 @@ def test_squares_are_filled_with_points_grey_levels_and_gradients_by_the_point(r
     kernels.fill_squares(chosen, 1, steps, 0, *ranges, kernel_rays(camera), kernel_camera(camera), pool, keys)
     assert np.all(pool[:BLOCK] == 7.0)
     assert np.all(keys[:SIDE] == 7)
-    grey = steps / 256.0
+    gray = steps / 256.0
     v, u = np.mgrid[0:16, 0:16].reshape(2, -1)
     for place, (v0, u0) in ((1, (16, 16)), (2, (0, 0))):
         found = pool[place * BLOCK : (place + 1) * BLOCK].reshape(7, SIDE)
@@ -190,11 +190,11 @@ def test_squares_are_filled_with_points_grey_levels_and_gradients_by_the_point(r
         far = np.minimum(kernels.RANGES[codes[rows, columns]], 100.0)
         points = pixel_rays(camera)[rows, columns] * far[:, None]
         gradient = 0.5 * np.stack(
-            [grey[rows, columns + 1] - grey[rows, columns - 1], grey[rows + 1, columns] - grey[rows - 1, columns]], -1
+            [gray[rows, columns + 1] - gray[rows, columns - 1], gray[rows + 1, columns] - gray[rows - 1, columns]], -1
         )
         by_point = np.einsum("ni,nij->nj", gradient, camera.J_project(points))
         np.testing.assert_allclose(found[:3, usable].T, points, rtol=1e-5, atol=1e-5)
-        np.testing.assert_allclose(found[3, usable], grey[rows, columns], atol=1e-4)
+        np.testing.assert_allclose(found[3, usable], gray[rows, columns], atol=1e-4)
         np.testing.assert_allclose(found[4:, usable].T, by_point, rtol=1e-4, atol=1e-3)
         assert not found[4:, ~usable].any()
 
@@ -216,9 +216,9 @@ def test_bounds_hold_the_points_and_find_squares_those_that_reach_into_the_cone(
     T = SE3.exp([0.5, 0.2, -0.3, 0.1, 0.4, 0.0])
     cone = np.array([0.0, 0.0, 1.0, 0.05], np.float32)
     count = kernels.find_squares(bounds, order, kernel_motion(T.matrix), cone, found)
-    centre = T.apply(bounds[:, :3].astype(np.float64))
-    distance = np.linalg.norm(centre, axis=1)
-    angle = np.arccos(centre[:, 2] / distance) - np.arcsin(np.clip(bounds[:, 3] / distance, 0.0, 1.0))
+    center = T.apply(bounds[:, :3].astype(np.float64))
+    distance = np.linalg.norm(center, axis=1)
+    angle = np.arccos(center[:, 2] / distance) - np.arcsin(np.clip(bounds[:, 3] / distance, 0.0, 1.0))
     expected = [b for b in order.tolist() if bounds[b, 3] >= 0 and (distance[b] <= bounds[b, 3] or angle[b] <= 0.05)]
     assert found[:count].tolist() == expected
     assert 0 < count < 11

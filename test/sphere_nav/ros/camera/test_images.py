@@ -8,7 +8,7 @@ pytest.importorskip("rclpy")
 
 from sensor_msgs.msg import CompressedImage, Image
 
-from sphere_nav.ros.camera.images import image_topic, read_depth, read_grey, read_rgb
+from sphere_nav.ros.camera.images import image_topic, read_depth, read_gray, read_rgb
 from sphere_nav.ros.camera.stream import panorama_of
 from sphere_nav.ros.conversions import array_to_image, header
 
@@ -35,7 +35,7 @@ def test_pixels_are_the_same_by_either_transport(size):
     messages = array_to_image(COLORS, 1, "optical", "rgb8"), compressed(COLORS)
     for message in messages:
         np.testing.assert_array_equal(read_rgb(message, size), COLORS)
-        np.testing.assert_array_equal(read_grey(message, size), cv2.cvtColor(COLORS, cv2.COLOR_RGB2GRAY))
+        np.testing.assert_array_equal(read_gray(message, size), cv2.cvtColor(COLORS, cv2.COLOR_RGB2GRAY))
 
 
 def test_a_compressed_image_of_another_size_is_refused_by_whose_size_it_is_not():
@@ -46,13 +46,13 @@ def test_a_compressed_image_of_another_size_is_refused_by_whose_size_it_is_not()
 def test_sixteen_bits_lose_the_lower_eight():
     levels = np.arange(128, dtype=np.uint16).reshape(8, 16) * 500
     for message in (array_to_image(levels, 1, "optical", "mono16"), compressed(levels, "mono16; png compressed")):
-        np.testing.assert_array_equal(read_grey(message), levels >> 8)
+        np.testing.assert_array_equal(read_gray(message), levels >> 8)
 
 
-def test_depth_in_millimetres_is_read_in_metres():
+def test_depth_in_millimeters_is_read_in_meters():
     raw = array_to_image(DEPTH_M, 1, "optical", "32FC1")
-    millimetres = np.rint(DEPTH_M * 1e3).astype(np.uint16)
-    data = bytes(12) + cv2.imencode(".png", millimetres)[1].tobytes()
+    millimeters = np.rint(DEPTH_M * 1e3).astype(np.uint16)
+    data = bytes(12) + cv2.imencode(".png", millimeters)[1].tobytes()
     packed = CompressedImage(header=header(1, "optical"), format="16UC1; compressedDepth png", data=data)
     np.testing.assert_array_equal(read_depth(raw), DEPTH_M)
     np.testing.assert_allclose(read_depth(packed), DEPTH_M, atol=5.1e-4)

@@ -121,7 +121,7 @@ def test_a_refused_calibration_answers_at_once_until_it_is_forgotten():
     assert len(gate.refusals) == 1  # calibration may still come
 
 
-def test_panoramas_are_calibrated_by_sphere_info_where_they_can_be_localised():
+def test_panoramas_are_calibrated_by_sphere_info_where_they_can_be_localized():
     gate = Gate(has_sphere_info=True)
     gate.mount()
     gate.send("sphere_info", camera_to_sphere_info(Spherical(16, 8), "optical"))

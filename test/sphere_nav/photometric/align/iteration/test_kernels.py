@@ -129,8 +129,8 @@ def test_the_scale_is_the_median_and_mad_of_the_residuals(rng):
     seen, residual, _ = case.twin()
     expected = median_and_mad(residual[seen])
     assert abs(number - seen.sum()) <= 3
-    assert abs(median - expected[0]) < 1.0 / kernels.BINS_PER_GREY
-    assert abs(mad - expected[1]) < 1.0 / kernels.BINS_PER_GREY
+    assert abs(median - expected[0]) < 1.0 / kernels.BINS_PER_GRAY
+    assert abs(mad - expected[1]) < 1.0 / kernels.BINS_PER_GRAY
     assert kernels.scale(case.blocks, 2, *args)[2] < 0.6 * number  # every second block
 
 
@@ -174,11 +174,11 @@ def test_warp_writes_points_gradients_and_residuals(camera, rng):
     both = seen & (out[12] > 0)
     points = case.T.apply(case.data[:3].T.astype(np.float64))[both]
     pixels, _ = camera.project(points)
-    grey, gradient = bilinear(case.image.astype(np.float64), pixels)
+    gray, gradient = bilinear(case.image.astype(np.float64), pixels)
     by_point = gain * np.einsum("ni,nij->nj", gradient, camera.J_project(points))
     stretch = gain * np.einsum("ni,ni->n", gradient, pixels - (31.0, 24.0))
-    expected = [*points.T, *(case.data[4:, both].T @ case.T.rotation.T).T, *by_point.T, stretch, grey, e[both]]
+    expected = [*points.T, *(case.data[4:, both].T @ case.T.rotation.T).T, *by_point.T, stretch, gray, e[both]]
     for found, row in zip(out[:12, both], expected, strict=True):
         off = np.abs(found - row) / np.abs(row).max()
         assert np.percentile(off, 99) < 1e-3  # some fall on the other side of a pixel border, where derivatives jump
-    np.testing.assert_allclose(grey, J[both, 6])
+    np.testing.assert_allclose(gray, J[both, 6])
