@@ -41,7 +41,7 @@ from sphere_nav.ros.maps.writer import (
     Stored,
     save_map,
 )
-from sphere_nav.ros.serialization import serialize_to_store, view_message
+from sphere_nav.ros.bags.serialization import serialize_to_store, view_message
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.graph import SphereGraph

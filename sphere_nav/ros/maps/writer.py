@@ -28,7 +28,7 @@ from sphere_nav.ros.conversions import header, message_to_sphere, sphere_to_mess
 from sphere_nav.ros.conversions.features import features_to_message
 from sphere_nav.ros.conversions.graphs import graph_to_message
 from sphere_nav.ros.maps.compact import Spool
-from sphere_nav.ros.serialization import serialize_to_store
+from sphere_nav.ros.bags.serialization import serialize_to_store
 from sphere_nav.ros.shared_files import software
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex

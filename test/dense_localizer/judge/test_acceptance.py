@@ -179,8 +179,8 @@ def test_the_limits_of_a_bias(axis, kind, factor, is_accepted, is_good):
     """By the largest uncertainty: 0.2 m, 0.05 rad; that of an occlusion was removed."""
     xi = np.zeros(6)
     xi[axis] = factor * (0.2, 0.05)[axis // 3]
-    bias = type(Structure().pull)(0.5, xi)
-    found = assessed(GOOD, structure=Structure(**{{"light": "pull", "occlusion": "hidden"}[kind]: bias}))
+    bias = type(Structure().illumination)(0.5, xi)
+    found = assessed(GOOD, structure=Structure(**{{"light": "illumination", "occlusion": "occlusion"}[kind]: bias}))
     assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
 
 

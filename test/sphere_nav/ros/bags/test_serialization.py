@@ -13,13 +13,13 @@ from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, LocalizationSta
 from tf2_msgs.msg import TFMessage
 
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.serialization import serialize_to_store, view_message
+from sphere_nav.ros.bags.serialization import serialize_to_store, view_message
 
 # glibc fills every new piece of memory with this byte, so that what a serializer leaves untouched shows.
 PROGRAM = """
 import sys
 from sphere_nav_msgs.msg import AugmentedSphere
-from sphere_nav.ros.serialization import serialize_to_store
+from sphere_nav.ros.bags.serialization import serialize_to_store
 from rclpy.serialization import serialize_message
 message = AugmentedSphere()
 message.header.frame_id = "odd"
