@@ -108,7 +108,7 @@ def test_two_key_spheres_are_read_for_a_view_and_each_once(sphere_map):
     scene = Scene(source)
     for _ in range(3):
         scene.render(optical(PLACES[3]), PINHOLE)
-    assert scene.num_kept == len(source.reads) == len(set(source.reads)) == 2
+    assert len(scene._surfaces) == len(source.reads) == len(set(source.reads)) == 2
     assert source.reads[0] == 3
     scene.close()
 
@@ -175,7 +175,7 @@ def test_memory_is_counted_in_megabytes(sphere_map, monkeypatch, megabytes, opti
     scene = Scene(source, **options)
     for T in PLACES:
         ready(scene, optical(T))
-    assert scene.num_kept == num_kept
+    assert len(scene._surfaces) == num_kept
     assert scene.is_ready(optical(PLACES[7]))  # the latest are kept
     scene.close()
 
