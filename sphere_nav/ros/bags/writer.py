@@ -19,8 +19,8 @@ from rclpy.qos import QoSProfile
 
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.recorded import BagError
-from sphere_nav.ros.interfaces import schema_text, type_hash, type_name
 from sphere_nav.ros.bags.serialization import serialize_to_store
+from sphere_nav.ros.interfaces import schema_text, type_hash, type_name
 
 CHUNK_SIZE = 1 << 20  # bytes before compression
 FLUSH_PERIOD = 1.0  # s of wall time: what a killed process can lose

@@ -21,6 +21,7 @@ from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
 from sphere_nav.geometry.files.untrusted import load_yaml, short
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.bags.serialization import serialize_to_store, view_message
 from sphere_nav.ros.conversions import message_to_sphere, sphere_to_message
 from sphere_nav.ros.conversions.features import message_to_features
 from sphere_nav.ros.conversions.graphs import message_to_graph
@@ -41,7 +42,6 @@ from sphere_nav.ros.maps.writer import (
     Stored,
     save_map,
 )
-from sphere_nav.ros.bags.serialization import serialize_to_store, view_message
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.graph import SphereGraph

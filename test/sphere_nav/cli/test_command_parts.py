@@ -16,8 +16,8 @@ from sphere_nav.cli.bags import inspect_, play
 from sphere_nav.cli.maps import map_export, map_info
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.offline import forgetting, plot_figure, refine_camera, registering
 from sphere_nav.localization.status import Reason, State, Status
+from sphere_nav.offline import forgetting, plot_figure, refine_camera, registering
 from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
@@ -124,7 +124,7 @@ def test_trajectories_are_exported_by_stamp(tmp_path):
     np.testing.assert_allclose(found.positions[:, 0], [4.0, 1.0, 0.0])
     assert map_export.write_kitti(reader, tmp_path / "a.kitti", None) == "3 poses"
     np.testing.assert_allclose(np.loadtxt(tmp_path / "a.kitti")[:, 3], [4.0, 1.0, 0.0])
-    assert map_export.write_graph(reader, tmp_path / "a.g2o", None) == "3 spheres, 2 edges"
+    assert map_export.write_graph(reader, tmp_path / "a.g2o", None) == "3 vertices, 2 edges"
     lines = (tmp_path / "a.g2o").read_text().splitlines()
     assert [line.split()[:2] for line in lines[:3]] == [["VERTEX_SE3:QUAT", str(k)] for k in range(3)]
     assert lines[3].split()[:6] == ["EDGE_SE3:QUAT", "0", "1", "1", "0.5", "0"]
@@ -183,12 +183,13 @@ def refined(fx, fy, unobserved=()):
 def test_it_refines_until_the_focal_length_stays_within_a_ten_thousandth(tmp_path, monkeypatch, lengths, num_rounds):
     asked = []
 
-    class Drive:
+    class Drive(refine_camera.RecordedDrive):
         def __init__(self, arguments):
+            self._arguments = arguments
             self.camera, self.frame_id, self.odometry = CAMERA, "front", ""
             self.located = refine_camera.Located(np.empty(0, np.int64), ())
 
-        def refine(self, sphere_map, lens):
+        def _refine_once(self, sphere_map, lens):
             asked.append(lens.values[:2].tolist())
             return refined(*lengths[len(asked) - 1])
 

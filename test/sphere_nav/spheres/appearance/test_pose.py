@@ -78,7 +78,7 @@ def test_exact_features_give_the_exact_pose_with_its_signs():
     query, known = synthetic(40, T_SYNTHETIC)
     found = find_pose(query, known)
     np.testing.assert_allclose(found.T_sphere_camera.matrix, T_SYNTHETIC.matrix, atol=1e-5)
-    assert (found.num_inliers, found.num_matches) == (40, 40)
+    assert found.num_inliers == 40
 
 
 def test_wrong_matches_and_points_without_range_are_left_out():
@@ -89,7 +89,7 @@ def test_wrong_matches_and_points_without_range_are_left_out():
         Features(rays, query.range_m, query.descriptors), Features(known.rays, range_m, known.descriptors)
     )
     np.testing.assert_allclose(found.T_sphere_camera.matrix, T_SYNTHETIC.matrix, atol=1e-5)
-    assert (found.num_inliers, found.num_matches) == (24, 36)
+    assert found.num_inliers == 24
 
 
 @pytest.mark.parametrize(("num", "is_found"), [(3, False), (4, True)])
