@@ -128,7 +128,7 @@ def test_the_words_beside_an_image():
     assert Shot(0, image, None, None, Status(State.TRACKING)).text == "**TRACKING** · 0.00 s · quality 0.00"
 
 
-@pytest.mark.parametrize(("length", "metres"), [(4.0, 10.0), (40.0, 40.0)])
+@pytest.mark.parametrize(("length", "meters"), [(4.0, 10.0), (40.0, 40.0)])
 def test_the_minimap_shows_all_and_no_less_than_ten_meters(length, meters):
     ends = [SE3.from_planar(x, 5.0, 0.0) for x in (-length / 2, length / 2)]
     minimap = Minimap(SphereGraph([KeySphere(k, k, T_end) for k, T_end in enumerate(ends)]))
@@ -186,6 +186,6 @@ def test_a_drive_is_shown_at_its_own_pace(monkeypatch):
     monkeypatch.setattr(view.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(view.time, "sleep", sleep)
     page = SimpleNamespace(show=lambda shot, camera: shown.append((shot.stamp_ns, camera)))
-    view.replay(SimpleNamespace(shots=shots, camera="lens"), page)
+    view.replay_drive(SimpleNamespace(shots=shots, camera="lens"), page)
     assert slept == [0.0, 0.0, pytest.approx(0.7)]  # 2.3 s have passed when it is due at 3 s
     assert shown == [(7 * 10**9, "lens"), (8 * 10**9, "lens"), (10 * 10**9, "lens")]

@@ -64,13 +64,13 @@ def test_cameras_need_the_file_of_their_rig():
 def test_the_stitcher_of_a_bag_has_the_processes_of_the_command_and_waits_for_late_images(tmp_path, monkeypatch):
     monkeypatch.setattr(replay_mapper, "read_rig", lambda path: SimpleNamespace(names=("a", "b")))
     monkeypatch.setattr(replay_mapper.topics, "find_rig_topics", lambda bag, names, chosen: dict.fromkeys(names, "/x"))
-    given = arguments(rig=tmp_path / "rig.yaml", set_stitcher=["stitch.width=256", "jobs=9"])
+    given = arguments(rig=tmp_path / "rig.yaml", set_stitcher={"stitch.width": 256, "jobs": 9})
     values, remap = stitcher_values(SimpleNamespace(path="drive"), {}, given)
     assert remap == {"a": "/x", "b": "/x"}
     assert values == {
         "sync.deadline_s": 10.0, "stitch.width": 256, "rig": str(tmp_path / "rig.yaml"), "transport": "raw", "jobs": 2,
     }  # fmt: skip
-    given.set_stitcher = ["sync.deadline_s=3.0"]
+    given.set_stitcher = {"sync.deadline_s": 3.0}
     assert stitcher_values(SimpleNamespace(path="drive"), {}, given)[0]["sync.deadline_s"] == 3.0
 
 
@@ -103,7 +103,7 @@ class Finished:
     def run(self, base=None, **values):
         words = {"no_loops": False, "trajectory": None, "taught": None, "output": "out"} | values
         workers = SimpleNamespace(run=map)
-        return learning.finish(arguments(**words), self.drive, self.writer, base, workers)
+        return learning.finish_map(arguments(**words), self.drive, self.writer, base, workers)
 
 
 def test_what_is_finished_is_written_and_told(monkeypatch, capsys):
