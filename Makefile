@@ -12,16 +12,21 @@ SOURCES := $(sort $(shell find $(PACKAGES) -name '*.py') \
 unexport PYTHONPATH LD_LIBRARY_PATH AMENT_PREFIX_PATH CMAKE_PREFIX_PATH COLCON_PREFIX_PATH VIRTUAL_ENV
 unexport _ROS_WHEELS_BOOTSTRAP_COMPLETE
 
-.PHONY: env demo test bench bench-report check docs clean FORCE
+.PHONY: env ready demo test bench bench-report check docs clean FORCE
 .DELETE_ON_ERROR:
 
-env: $(STAMPS)/sphere_nav
+# The interface packages and the kernels at the same time; a plain `make` would do one after the other.
+env: $(STAMPS)/wheels
+	@$(MAKE) --no-print-directory -j3 ready
+
+ready: $(STAMPS)/tf2_msgs $(STAMPS)/msg_defs $(STAMPS)/kernels
 
 demo: env
 	$(RUN)/sphere_nav demo $(ARGS)
 
-test: env
-	$(RUN)/pytest $(ARGS)
+# a worker a core; of many cores four, as tests of nodes start processes of their own
+test: env $(STAMPS)/test_wheels
+	$(RUN)/pytest -n auto --maxprocesses 4 --dist worksteal $(ARGS)
 
 bench: env
 	$(RUN)/python -m benchmarks $(ARGS)
@@ -30,7 +35,7 @@ bench: env
 bench-report: $(STAMPS)/wheels
 	$(RUN)/python -m benchmarks.results
 
-check: env
+check: env $(STAMPS)/test_wheels
 	$(RUN)/ruff check .
 	$(RUN)/mypy $(PACKAGES) benchmarks
 	$(RUN)/pytest -q test/architecture test/config test/installation
@@ -56,10 +61,14 @@ $(STAMPS)/python:
 	@python=$$(scripts/system_tools.sh) && "$$python" -m venv $(VENV)
 	@mkdir -p $(STAMPS) && echo "$(CURDIR)" > $@
 
-$(STAMPS)/wheels: requirements.txt constraints.txt | $(STAMPS)/python
-	@echo "env: installing the wheels of requirements.txt (300 MB to download, a minute or two)"
-	@$(RUN)/python -m pip install -q --disable-pip-version-check --upgrade -c constraints.txt pip
-	@$(RUN)/python -m pip install -q --disable-pip-version-check -r requirements.txt -c constraints.txt
+$(STAMPS)/wheels: requirements.txt constraints.txt scripts/install_wheels.py | $(STAMPS)/python
+	@echo "env: installing the wheels of requirements.txt (300 MB to download)"
+	@$(RUN)/python scripts/install_wheels.py -r requirements.txt -c constraints.txt pip
+	@touch $@
+
+$(STAMPS)/test_wheels: requirements-test.txt constraints.txt | $(STAMPS)/wheels
+	@echo "env: installing the wheels of requirements-test.txt"
+	@$(RUN)/python scripts/install_wheels.py -r requirements-test.txt -c constraints.txt
 	@touch $@
 
 $(STAMPS)/tf2_msgs: $(wildcard cmake/tf2_msgs/* cmake/tf2_msgs/msg/*) $(STAMPS)/wheels cmake/wheel_includes.cmake
@@ -68,14 +77,19 @@ $(STAMPS)/tf2_msgs: $(wildcard cmake/tf2_msgs/* cmake/tf2_msgs/msg/*) $(STAMPS)/
 	@touch $@
 
 $(STAMPS)/msg_defs: $(wildcard msg_defs/* msg_defs/msg/* msg_defs/srv/*) $(STAMPS)/wheels cmake/wheel_includes.cmake
-	@echo "env: building sphere_nav_msgs (a minute)"
+	@echo "env: building sphere_nav_msgs"
 	@scripts/build_interfaces.sh msg_defs $(VENV)
 	@touch $@
 
 $(STAMPS)/sources: FORCE | $(STAMPS)/wheels
 	@echo "$(SOURCES)" | cmp -s - $@ || echo "$(SOURCES)" > $@
 
-$(STAMPS)/sphere_nav: $(SOURCES) $(STAMPS)/sources $(STAMPS)/tf2_msgs $(STAMPS)/msg_defs scripts/install_package.sh
+$(STAMPS)/sphere_nav: $(SOURCES) $(STAMPS)/sources $(STAMPS)/wheels scripts/install_package.sh
 	@echo "env: installing sphere_nav"
 	@scripts/install_package.sh $(VENV)
+	@touch $@
+
+$(STAMPS)/kernels: $(filter %/kernels.py %/warm_up.py,$(SOURCES)) scripts/compile_kernels.sh | $(STAMPS)/sphere_nav
+	@echo "env: compiling the kernels (a minute where they are not in the cache)"
+	@scripts/compile_kernels.sh $(VENV)
 	@touch $@

@@ -11,12 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.views import View
+from rig_calibration.boards.views import BoardView
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole, so3
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
-
-Array = NDArray[np.float64]
 
 SUBSAMPLES = 32
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
@@ -36,7 +35,7 @@ class BoardWorld:
     @cached_property
     def rays(self) -> list[Array]:
         """Rays (H, W, 3) of every camera."""
-        return [part.camera.unproject(pixel_grid(part.camera)) for part in self.rig.cameras]
+        return [pixel_rays(part.camera) for part in self.rig.cameras]
 
     def T_camera_board(self, camera: int, instant: int, board: int) -> SE3:
         """Return where a board is for a camera."""
@@ -55,7 +54,7 @@ class BoardWorld:
         image = cv2.GaussianBlur(image * shade, (0, 0), BLUR_PX) + rng.normal(0.0, NOISE, image.shape)
         return np.clip(np.rint(image), 0, 255).astype(np.uint8)
 
-    def views(self, noise_px: float, rng: np.random.Generator) -> list[View]:
+    def views(self, noise_px: float, rng: np.random.Generator) -> list[BoardView]:
         """Return what a perfect detector with noise would see: whole boards, from the front."""
         found = []
         for camera, part in enumerate(self.rig.cameras):
@@ -66,7 +65,7 @@ class BoardWorld:
                     if is_seen.all() and T.rotation[:, 2] @ T.apply(board.points).mean(axis=0) > 0:
                         noisy = pixels + rng.normal(0.0, noise_px, pixels.shape)
                         numbers = np.arange(board.num_corners)
-                        found.append(View(part.name, f"{instant:03d}", board.name, numbers, noisy))
+                        found.append(BoardView(part.name, f"{instant:03d}", board.name, numbers, noisy))
         return found
 
 
@@ -217,9 +216,9 @@ def boards_around(
             board = Board(f"board{number}", *sizes[number], 0.12)
         turn = so3.exp([0.0, 0.0, 2.0 * np.pi * (number + 0.5) / num_boards])
         R = turn @ OPTICAL @ so3.exp(rng.normal(0.0, 0.15, 3))
-        centre = turn @ [distance_m, 0.0, rng.uniform(-0.15, 0.15)]
+        center = turn @ [distance_m, 0.0, rng.uniform(-0.15, 0.15)]
         boards.append(board)
-        poses.append(SE3.from_parts(R, centre - R @ board.points.mean(axis=0)).matrix)
+        poses.append(SE3.from_parts(R, center - R @ board.points.mean(axis=0)).matrix)
     return tuple(boards), SE3(np.stack(poses))
 
 

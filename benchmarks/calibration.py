@@ -13,8 +13,8 @@ from benchmarks import calibration_reference
 from benchmarks import calibration_worlds as worlds
 from benchmarks.report import Bound, Report, Table
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.detect import detect
-from rig_calibration.boards.views import View
+from rig_calibration.boards.detect import detect_all
+from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
 
@@ -74,21 +74,21 @@ def _real(report: Report, folder: Path) -> None:
     report.tables.append(Table("RMS in px, all corners", ("images", "OpenCV", "ours", "corners", "fx fy cx cy"), rows))
 
 
-def _views(folder: Path, names: tuple[str, ...]) -> list[View]:
+def _views(folder: Path, names: tuple[str, ...]) -> list[BoardView]:
     views = []
     for name in names:
         for path in sorted(folder.glob(f"{name}[0-9]*.*g")):
-            seen = detect(np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)), BOARD)
+            seen = detect_all(np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)), [BOARD]).get(BOARD.name)
             if seen is not None:
-                views.append(View(name, path.stem.removeprefix(name), BOARD.name, *seen))
+                views.append(BoardView(name, path.stem.removeprefix(name), BOARD.name, *seen))
     return views
 
 
-def _corners(views: list[View], camera: str) -> list[Any]:
+def _corners(views: list[BoardView], camera: str) -> list[Any]:
     return [view.pixels.astype(np.float32).reshape(-1, 1, 2) for view in views if view.camera == camera]
 
 
-def _stereo(views: list[View], size: tuple[int, int]) -> float:
+def _stereo(views: list[BoardView], size: tuple[int, int]) -> float:
     left, right = _corners(views, "left"), _corners(views, "right")
     points = [BOARD.points.astype(np.float32)] * len(left)
     lenses = [cv2.calibrateCamera(points, seen, size, None, None)[1:3] for seen in (left, right)]
@@ -99,7 +99,7 @@ def _stereo(views: list[View], size: tuple[int, int]) -> float:
     )
 
 
-def _fisheye(views: list[View], size: tuple[int, int]) -> float:
+def _fisheye(views: list[BoardView], size: tuple[int, int]) -> float:
     seen = _corners(views, "img")
     points = [BOARD.points.reshape(1, -1, 3)] * len(seen)
     flags = cv2.CALIB_RECOMPUTE_EXTRINSIC | cv2.CALIB_FIX_SKEW

@@ -15,15 +15,15 @@ from numpy.typing import NDArray
 
 from benchmarks.report import Bound, Report, Table
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.detect import REFINEMENT, detect
+from rig_calibration.boards.detect import REFINEMENT, detect_all
 from rig_calibration.boards.intrinsics import calibrate_camera
 from rig_calibration.boards.observability import spread
 from rig_calibration.boards.state import camera_problem
 from rig_calibration.boards.views import observations
 from rig_calibration.params import CalibrationParams
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
-Grey = NDArray[np.uint8]
+Gray = NDArray[np.uint8]
 
 BOARD = Board("board", 9, 6, 0.1)
 ALL, ROBUST = CalibrationParams(corner_limit=1e6, view_ratio=1e6), CalibrationParams()
@@ -41,8 +41,8 @@ def compare(report: Report, folder: Path) -> None:
     """Add a table of intrinsics, and bounds on how far they are off."""
     rows: list[tuple[str, ...]] = []
     for name, camera, model, size, reference in SETS:
-        images = [_grey(path) for path in sorted((folder / name).glob(f"{camera}[0-9]*.*g"))]
-        seen = [answer[1] for image in images if (answer := detect(image, BOARD))]
+        images = [_gray(path) for path in sorted((folder / name).glob(f"{camera}[0-9]*.*g"))]
+        seen = [answer[1] for image in images if (answer := detect_all(image, [BOARD]).get(BOARD.name))]
         label, truth = f"{name} {camera}", np.array(reference)
         row, off = _row(label, "as detected", model, size, seen, ROBUST, truth)
         rows.append(row)
@@ -79,13 +79,13 @@ def _row(
     return (label, what, f"{np.count_nonzero(kept == 0)} of {len(kept)}", f"{rms:.3f}", *cells), float(off.max())
 
 
-def _refined(image: Grey, corners: Array) -> Array:
+def _refined(image: Gray, corners: Array) -> Array:
     found = corners.astype(np.float32).reshape(-1, 1, 2).copy()
     cv2.cornerSubPix(image, found, (REFERENCE_HALF_WINDOW,) * 2, (-1, -1), REFINEMENT)
     return found.reshape(-1, 2).astype(np.float64)
 
 
-def _grey(path: Path) -> Grey:
+def _gray(path: Path) -> Gray:
     return np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), dtype=np.uint8)
 
 

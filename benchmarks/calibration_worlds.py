@@ -7,17 +7,15 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.board_world import BoardWorld, boards_around, ring_rig, vertical_rig, wandering
 from benchmarks.report import Bound, Report, Table
 from rig_calibration.boards.detect import detect_all
-from rig_calibration.boards.views import View
+from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import Calibration, CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rig import Rig
-
-Array = NDArray[np.float64]
 
 RIGS: dict[str, Callable[[], Rig]] = {"vertical": vertical_rig, "ring": ring_rig}
 NUM_BOARDS, DISTANCE_M = 6, 1.5
@@ -141,19 +139,19 @@ def _rendered_trial(name: str, kind: str, seed: int, num_workers: int) -> Trial:
     return _trial(f"{name} {kind}", seed, world, views)
 
 
-def _seen(world: BoardWorld, camera: int, seed: int) -> list[View]:
+def _seen(world: BoardWorld, camera: int, seed: int) -> list[BoardView]:
     """Return what is detected in all images of one camera."""
     return list(_detections(world, camera, np.random.default_rng([seed, camera, 29])))
 
 
-def _detections(world: BoardWorld, camera: int, rng: np.random.Generator) -> Iterator[View]:
+def _detections(world: BoardWorld, camera: int, rng: np.random.Generator) -> Iterator[BoardView]:
     for instant in range(len(world.T_world_rig.matrix)):
         image = world.render(camera, instant, rng)
         for board, (corners, pixels) in detect_all(image, world.boards).items():
-            yield View(world.rig.cameras[camera].name, f"{instant:03d}", board, corners, pixels)
+            yield BoardView(world.rig.cameras[camera].name, f"{instant:03d}", board, corners, pixels)
 
 
-def _trial(what: str, seed: int, world: BoardWorld, views: list[View], *, is_lens_known: bool = False) -> Trial:
+def _trial(what: str, seed: int, world: BoardWorld, views: list[BoardView], *, is_lens_known: bool = False) -> Trial:
     found = _calibrated(world, views, is_lens_known)
     pairs = zip(found.rig.cameras[1:], world.rig.cameras[1:], strict=True)
     errors = []
@@ -163,7 +161,7 @@ def _trial(what: str, seed: int, world: BoardWorld, views: list[View], *, is_len
     return Trial(what, seed, found, np.stack(errors))
 
 
-def _calibrated(world: BoardWorld, views: list[View], is_lens_known: bool) -> Calibration:
+def _calibrated(world: BoardWorld, views: list[BoardView], is_lens_known: bool) -> Calibration:
     """Calibrate; a lens that is known to start from saves the search for one, and changes nothing else."""
     specs = [
         CameraSpec(part.name, lens.model, (lens.width, lens.height), lens if is_lens_known else None)

@@ -18,17 +18,17 @@ def render(camera: Camera, T_corridor_camera: SE3, seed: int = 0) -> tuple[NDArr
     """Return the grey image (H, W) and the range along the ray (H, W) in metres; the corridor runs along x."""
     rays, range_m = hit_walls(camera, T_corridor_camera, HALF_SIDES_M)
     points = T_corridor_camera.translation + rays * np.minimum(range_m, SIGHT_M)[..., None]
-    return _grey(points, range_m, np.random.default_rng(seed)), np.where(range_m > SIGHT_M, np.inf, range_m).astype(
+    return _gray(points, range_m, np.random.default_rng(seed)), np.where(range_m > SIGHT_M, np.inf, range_m).astype(
         np.float32
     )
 
 
-def _grey(points: NDArray[np.float64], range_m: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.uint8]:
+def _gray(points: NDArray[np.float64], range_m: NDArray[np.float64], rng: np.random.Generator) -> NDArray[np.uint8]:
     """Return the sum of waves that have a whole number of periods from one key sphere to the next."""
-    grey = np.zeros(points.shape[:-1])
+    gray = np.zeros(points.shape[:-1])
     for frequency in np.geomspace(1.5, 40.0, NUM_WAVES):  # radians per metre
         direction = rng.normal(size=3)
         wave = frequency * direction / np.linalg.norm(direction)
         wave[0] = 2.0 * np.pi / SPACING_M * np.rint(wave[0] * SPACING_M / (2.0 * np.pi))
-        grey += 30.0 / np.sqrt(frequency) * np.sin(points @ wave + rng.uniform(0.0, 2.0 * np.pi))
-    return np.clip(np.rint(128.0 + np.where(range_m > SIGHT_M, 0.0, grey)), 1, 255).astype(np.uint8)
+        gray += 30.0 / np.sqrt(frequency) * np.sin(points @ wave + rng.uniform(0.0, 2.0 * np.pi))
+    return np.clip(np.rint(128.0 + np.where(range_m > SIGHT_M, 0.0, gray)), 1, 255).astype(np.uint8)

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.sphere import Sphere
 
 STEP, FARTHEST_M = 2, 6.0  # every second row and column; beyond, structured light is too coarse
 NUM_POINTS, NUM_NEIGHBOURS = 20_000, 20
 LIMITS_M, NUM_ITERATIONS = (0.5, 0.2, 0.1, 0.05), 15  # of pairs, from coarse to fine; of each
 NOISE_M = 0.02  # beyond which a pair counts less
-
-Array = NDArray[np.float64]
 
 
 def icp(a: Sphere, b: Sphere, T_a_b: SE3) -> SE3:

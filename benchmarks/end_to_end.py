@@ -23,12 +23,12 @@ from sphere_nav.cli.main import main as sphere_nav
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
-from sphere_nav.offline.evaluation import judge
-from sphere_nav.offline.mapping.sphere_source import Lens, read_sphere
+from sphere_nav.offline.evaluation import evaluate_poses
+from sphere_nav.offline.mapping.sphere_source import LensOptions, read_sphere
 from sphere_nav.offline.mapping.truth import fit_poses
 from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.ros.bags import BagReader
-from sphere_nav.ros.conversions import camera_from_info, depth_to_metres, message_to_status, stamp_ns
+from sphere_nav.ros.conversions import camera_from_info, depth_to_meters, message_to_status, stamp_ns
 from sphere_nav.ros.maps.reader import open_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
@@ -91,9 +91,9 @@ def kitchen(data: Path, folder: Path, report: Report) -> None:
         stamps = overlapping(taught, driven)
         truth, estimate = read_poses(driven, TRUTH), read_tum(part / "poses.tum")
         seen = estimate[np.isin(estimate.stamps_ns, stamps)]
-        judged = judge(seen, truth).report
+        judged = evaluate_poses(seen, truth).report
         false_fixes = float(np.sum(errors(tracked(part / "said", estimate), truth) > 0.15))
-        told = judge(read_poses(part / "said", ("pose",)), truth).report["nees"]
+        told = evaluate_poses(read_poses(part / "said", ("pose",)), truth).report["nees"]
         nees = told["mean"] / 6 if told else np.nan
         share = len(seen) / max(len(stamps), 1)
         report.notes.append(
@@ -115,7 +115,7 @@ def judge_straight(what: str, taught: Path, driven: Path, seen: Trajectory, boun
     straight = [straighten(bag, read_poses(bag, TRUTH), READOUT_S) for bag in (taught, driven)]
     way = read_tum(taught.with_name("map.tum"))
     at, known = straight[0].at(way.stamps_ns, max_gap_ns=10**9)
-    judged = judge(seen.moved(fit_poses(at.T_map_body, way.T_map_body[known])), straight[1]).report
+    judged = evaluate_poses(seen.moved(fit_poses(at.T_map_body, way.T_map_body[known])), straight[1]).report
     by = f"redkitchen {what} by colour, COLMAP's poses straightened"
     return [
         Bound(f"{by}, median", bound[0], 1e3 * judged["translation_m"]["median"], "mm"),
@@ -134,7 +134,7 @@ def judge_map(what: str, taught: Path, part: Path, report: Report) -> None:
     loops = [edge for edge in graph.edges if edge.is_loop and edge.a in true and edge.b in true]
     off = [(true[edge.a].inverse() @ true[edge.b]).distance(edge.T_a_b) for edge in loops]
     false = sum(moved > FALSE_LOOP[0] or turned > np.radians(FALSE_LOOP[1]) for moved, turned in off)
-    error = judge(read_tum(part / "map.tum"), truth).report["translation_m"]
+    error = evaluate_poses(read_tum(part / "map.tum"), truth).report["translation_m"]
     report.notes.append(f"{what}: {len(graph)} key spheres, {len(loops)} loops")
     report.bounds += [
         Bound(f"{what}, poses of its frames, median", 10.0, 1e3 * error["median"], "mm"),
@@ -157,7 +157,7 @@ def stereo(data: Path, folder: Path, report: Report) -> None:
         f"kitti_06: {len(travelled)} of {len(truth)} frames placed, {len(odd)} of 25 odd ones localised. Its truth"
         f" turns by half a degree in the first {STEADY} frames, which neither the left image alone nor the pair sees."
     )
-    aligned = judge(odd, truth, alignment="se3").report["translation_m"]["median"] if len(odd) else np.nan
+    aligned = evaluate_poses(odd, truth, alignment="se3").report["translation_m"]["median"] if len(odd) else np.nan
     whole, steady = (drift(travelled, truth, first) for first in (0, STEADY))
     report.bounds += [
         Bound("kitti_06 visual odometry, error at the end over distance", 0.75, whole, "%"),
@@ -184,7 +184,7 @@ def spheres(data: Path, folder: Path, report: Report) -> None:
     T_reference = reference[0].inverse() @ reference[1]
     T_a_b = SE3(np.array(found["T_a_b"]["matrix"]))
     moved, turned = T_reference.distance(T_a_b)
-    a, b = (read_sphere(f"{folder / 'bag'}:{number}", Lens(), MapperParams()) for number in (0, 1))
+    a, b = (read_sphere(f"{folder / 'bag'}:{number}", LensOptions(), MapperParams()) for number in (0, 1))
     by_depth = icp(a, b, T_reference)
     left = 100 * float(by_depth.distance(T_reference)[0])
     report.notes.append(f"rgbd_spheres: ICP of the depth alone, begun at the reference, ends {left:.1f} cm off it.")
@@ -212,7 +212,7 @@ def call(*words: object) -> None:
 
 def errors(estimate: Trajectory, truth: Trajectory) -> NDArray[np.float64]:
     """Return the distance in m of every pose from the truth at its stamp, of those that have one."""
-    return judge(estimate, truth).errors.translation_m if len(estimate) else np.full(1, np.nan)
+    return evaluate_poses(estimate, truth).errors.translation_m if len(estimate) else np.full(1, np.nan)
 
 
 def tracked(said: Path, estimate: Trajectory) -> Trajectory:
@@ -236,7 +236,7 @@ def overlapping(taught: Path, driven: Path) -> Sequence[int]:
         rays = camera.unproject(pixel_grid(camera)[::STEP, ::STEP])
         for _, _, message in bag.messages(["/depth/image_raw"]):
             stamp = stamp_ns(message)
-            depth = depth_to_metres(message)[::STEP, ::STEP]
+            depth = depth_to_meters(message)[::STEP, ::STEP]
             points_map = poses[stamp].apply((rays / rays[..., 2:] * depth[..., None])[np.isfinite(depth)])
             if max(share_seen(camera, view.inverse().apply(points_map)) for view in views) >= MIN_OVERLAP:
                 found.append(stamp)

@@ -18,9 +18,9 @@ from nav_msgs.msg import Odometry
 from numpy.typing import NDArray
 from tf2_msgs.msg import TFMessage
 
-from cycab_sim.params import ActuationParams, SimParams, VehicleParams
+from cycab_sim.params import ActuatorParams, CarParams, SimParams
 from cycab_sim.simulator import Simulator
-from cycab_sim.vehicle import Command, Vehicle, VehicleState
+from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState
 from dense_localizer.ros.node import DenseLocalizerNode
 from path_follower.ros.node import PathFollowerNode
 from sphere_nav.geometry import SE3
@@ -71,7 +71,7 @@ class Course:
         if key not in self.drawn:
             x, y, yaw = (number * step for number, step in zip(key, self.grid, strict=True))
             T_world_camera = SE3.from_planar(x, y, yaw) @ self.T_base_camera
-            self.drawn[key], _ = self.simulator.render(self.camera, T_world_camera, is_grey=True)
+            self.drawn[key], _ = self.simulator.render(self.camera, T_world_camera, is_gray=True)
         return self.drawn[key]
 
     def _make_map(self, folder: Path, mount: Any) -> Path:
@@ -108,8 +108,8 @@ class Drive:
         self.localizer = localizer
         self.localizer.residual = SimpleNamespace(num_subscriptions=0)  # nobody looks at it
         self.follower: Any = self.bus.add(PathFollowerNode, {"enable_stamped_cmd_vel": True})
-        self.vehicle = Vehicle(VehicleState(*course.pose(0.0)), VehicleParams(), ActuationParams())
-        self.command, self.now, self.num_images = Command(), SECOND, 0
+        self.vehicle = Vehicle(VehicleState(*course.pose(0.0)), CarParams(), ActuatorParams())
+        self.command, self.now, self.num_images = VehicleCommand(), SECOND, 0
         self.odometry = Odometer()
         self.images: Callable[[Messages], Messages] | None = None
         self.latency_ns = LATENCY_NS
@@ -179,7 +179,7 @@ class Drive:
     def _obey(self, twist: Any) -> None:
         speed = float(twist.linear.x)
         self.gauge.num_stops += speed == 0.0 and self.command.speed != 0.0
-        self.command = Command(speed, float(twist.angular.z))
+        self.command = VehicleCommand(speed, float(twist.angular.z))
         self.gauge.commands.append((self.now, speed))
 
     def _move(self) -> None:

@@ -63,8 +63,8 @@ def _stamped(offset: Callable[[int], int]) -> Images:
 def _pixels(change: Pixels) -> Images:
     def apply(drive: Drive, messages: Messages, age: float) -> Messages:
         ((_, info), (topic, image)) = messages
-        grey = change(conversions.image_to_grey(image).copy(), drive.rng)
-        wrong = conversions.array_to_image(np.clip(grey, 0, 255).astype(np.uint8), 1, image.header.frame_id, "mono8")
+        gray = change(conversions.image_to_gray(image).copy(), drive.rng)
+        wrong = conversions.array_to_image(np.clip(gray, 0, 255).astype(np.uint8), 1, image.header.frame_id, "mono8")
         wrong.header = image.header
         return [("/camera_info", info), (topic, wrong)]
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from cycab_sim.params import ActuationParams, VehicleParams
-from cycab_sim.vehicle import Command, Vehicle, VehicleState
+from cycab_sim.params import ActuatorParams, CarParams
+from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState
 from path_follower.ros.node import PathFollowerNode
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State, Status
@@ -31,8 +31,8 @@ class Drive:
         self.rng = np.random.default_rng(seed)
         self.bus = OfflineBus()
         self.node = self.bus.add(PathFollowerNode, {"enable_stamped_cmd_vel": True})
-        self.vehicle = Vehicle(VehicleState(), VehicleParams(), ActuationParams())
-        self.command, self.now, self.dropped = Command(), SECOND, dropped
+        self.vehicle = Vehicle(VehicleState(), CarParams(), ActuatorParams())
+        self.command, self.now, self.dropped = VehicleCommand(), SECOND, dropped
         self.num_stops = 0
         self.pending: list[tuple[int, Image]] = []
         path = [(0, SE3.from_planar(x, 0.0, 0.0)) for x in np.arange(0.0, length, 0.5)]
@@ -69,7 +69,7 @@ class Drive:
 
     def _obey(self, speed: float, yaw_rate: float) -> None:
         self.num_stops += speed == 0.0 and self.command.speed != 0.0
-        self.command = Command(speed, yaw_rate)
+        self.command = VehicleCommand(speed, yaw_rate)
 
     def start(self) -> str:
         """Arm; return why not."""

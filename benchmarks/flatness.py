@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
+
 Box = tuple[int, int, int, int]  # first column, first row, beyond the last column, beyond the last row
 
 NUM_TRIALS = 400

@@ -172,8 +172,8 @@ def _measure_pair(method: Method, reference: Frame, current: Frame, figures: Fig
     figures.prepare_ms.append(prepare_ms)
     figures.track_ms.append(track_ms)
     T_true = reference.T_world_camera.inverse() @ current.T_world_camera
-    metres, radians = T_true.distance(T_reference_current) if T_reference_current else (math.inf, math.inf)
-    figures.errors_mm.append(1e3 * float(metres))
+    meters, radians = T_true.distance(T_reference_current) if T_reference_current else (math.inf, math.inf)
+    figures.errors_mm.append(1e3 * float(meters))
     figures.errors_deg.append(math.degrees(radians))
 
 

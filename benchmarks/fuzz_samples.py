@@ -212,16 +212,16 @@ class Samples:
         return path
 
     def _messages(self) -> list[Any]:
-        grey = np.ascontiguousarray(self.picture[:, :, 0])
+        gray = np.ascontiguousarray(self.picture[:, :, 0])
         png, jpg, depth = (path.read_bytes() for path in (self.png, self.jpg, self.depth))
         pose, camera = SE3.from_planar(1.0, 2.0, 0.3), Fisheye(32, 24, 20.0, 20.0, 15.5, 11.5)
         sphere = self.spheres[0]
         points = [ReferencePoint(position_x=float(i), speed=1.0) for i in range(5)]
         return [
             conversions.array_to_image(self.picture, SECOND, "c", "rgb8"),
-            conversions.array_to_image(grey, SECOND, "c", "bayer_rggb8"),
-            conversions.array_to_image(grey.astype(np.uint16), SECOND, "c", "16UC1"),
-            conversions.array_to_image(grey.astype(np.float32), SECOND, "c", "32FC1"),
+            conversions.array_to_image(gray, SECOND, "c", "bayer_rggb8"),
+            conversions.array_to_image(gray.astype(np.uint16), SECOND, "c", "16UC1"),
+            conversions.array_to_image(gray.astype(np.float32), SECOND, "c", "32FC1"),
             CompressedImage(format="png", data=png),
             CompressedImage(format="jpeg", data=jpg),
             CompressedImage(format="16UC1; compressedDepth png", data=bytes(12) + depth),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import zlib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
 from typing import Any
@@ -22,22 +22,23 @@ from mcl_depth.ros.node import MclDepthNode
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_path
 from path_follower.ros.node import PathFollowerNode
-from sphere_nav.geometry.files.foreign_rig import read_foreign
+from sphere_nav.geometry.files.foreign_rig import place_rig, read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.offline.importing import recording
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.mcap_salvage import Salvage
-from sphere_nav.ros.bags.reader import BagReader, decode
+from sphere_nav.ros.bags.reader import BagReader, deserialize
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.maps.check import salvage_map
-from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.ros.node import ManagedNode
+from sphere_nav.spheres.graph import KeySphere
 
 CONVERSIONS: dict[str, tuple[Callable[[Any], Any], ...]] = {
-    "Image": (conversions.image_to_rgb, conversions.image_to_grey, conversions.depth_to_metres),
+    "Image": (conversions.image_to_rgb, conversions.image_to_gray, conversions.depth_to_meters),
     "CompressedImage": (conversions.decompress, conversions.compressed_to_array),
     "CameraInfo": (conversions.camera_from_info, conversions.stereo_baseline),
     "PointCloud2": (conversions.message_to_cloud,),
@@ -101,11 +102,15 @@ def check(found: Any) -> None:
 
 def _text_targets(samples: Samples) -> list[Target]:
     params = FollowerParams()
+
+    def read_placed(path: Path) -> Any:
+        return place_rig(read_foreign_cameras([path]), "camera", path).cameras
+
     readers: dict[str, tuple[Path, Callable[[Path], Any]]] = {
         "rig": (samples.rig, lambda path: [camera.camera for camera in read_rig(path).cameras]),
-        "kalibr": (samples.kalibr, lambda path: read_foreign([path]).cameras),
-        "opencv": (samples.opencv, lambda path: read_foreign([path]).cameras),
-        "basalt": (samples.basalt, lambda path: read_foreign([path]).cameras),
+        "kalibr": (samples.kalibr, read_placed),
+        "opencv": (samples.opencv, read_placed),
+        "basalt": (samples.basalt, read_placed),
         "tum": (samples.tum, read_tum),
         "path tum": (samples.tum, lambda path: read_path(path, params)),
         "path csv": (samples.path_csv, lambda path: read_path(path, params)),
@@ -113,7 +118,7 @@ def _text_targets(samples: Samples) -> list[Target]:
         "pose": (samples.table, recording.read_pose),
         "image png": (samples.png, recording.read_image),
         "image jpg": (samples.jpg, recording.read_image),
-        "depth png": (samples.depth, recording.read_depth),
+        "depth png": (samples.depth, recording.read_depth_file),
     }
     return [_file_target(name, *pair) for name, pair in readers.items()]
 
@@ -137,13 +142,13 @@ def _bag_targets(samples: Samples) -> list[Target]:
 
     def read_map(path: Path) -> None:
         with open_map(path) as reader:
-            _check_spheres(reader.load_all(), spheres)
+            _check_spheres(_load_all(reader), spheres)
 
     def read_salvaged_map(path: Path) -> None:
         target = path.with_name(f"saved{abs(hash(path.read_bytes()))}")
         salvage_map(path, target)
         with open_map(target) as reader:
-            _check_spheres(reader.load_all(), spheres)
+            _check_spheres(_load_all(reader), spheres)
         for file in target.iterdir():
             file.unlink()
         target.rmdir()
@@ -199,6 +204,10 @@ def _messages(path: Path) -> Iterable[tuple[str, int, bytes]]:
             yield topic, stamp, bytes(data)
 
 
+def _load_all(reader: MapReader) -> list[KeySphere]:
+    return [replace(node, sphere=reader.load_sphere(node.id)) for node in reader.graph]
+
+
 def _check_spheres(graph: Iterable[Any], spheres: dict[int, Any]) -> None:
     for node in graph:
         assert node.id in spheres, f"accepted a key sphere {node.id} that was never written"
@@ -226,7 +235,7 @@ def _decoding(message: Any) -> Callable[[np.random.Generator, Path], None]:
     data = serialize_message(message)
 
     def attempt(rng: np.random.Generator, folder: Path) -> None:
-        _convert(decode(mutate_bytes(data, rng), type(message), "message"))
+        _convert(deserialize(mutate_bytes(data, rng), type(message), "message"))
 
     return attempt
 

@@ -119,11 +119,11 @@ def play(transport: str, seconds: str) -> None:
 
     use_large_segment()
     noise = cv2.GaussianBlur(np.random.default_rng(1).uniform(0, 255, (HEIGHT, WIDTH)).astype(np.float32), (0, 0), 3.0)
-    grey = cv2.normalize(noise, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
+    gray = cv2.normalize(noise, None, 0, 255, cv2.NORM_MINMAX).astype(np.uint8)
     depth = np.full((HEIGHT, WIDTH), 3000, np.uint16)
-    messages: list[Any] = [array_to_image(grey, 0, "camera", "mono8"), array_to_image(depth, 0, "camera", "16UC1")]
+    messages: list[Any] = [array_to_image(gray, 0, "camera", "mono8"), array_to_image(depth, 0, "camera", "16UC1")]
     if transport == "compressed":
-        jpeg, png = cv2.imencode(".jpg", grey)[1].tobytes(), bytes(12) + cv2.imencode(".png", depth)[1].tobytes()
+        jpeg, png = cv2.imencode(".jpg", gray)[1].tobytes(), bytes(12) + cv2.imencode(".png", depth)[1].tobytes()
         kinds = ((jpeg, "mono8; jpeg compressed mono8"), (png, "16UC1; compressedDepth png"))
         messages = [CompressedImage(format=format_, data=data) for data, format_ in kinds]
         for message in messages:

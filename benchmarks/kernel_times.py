@@ -25,7 +25,7 @@ from sphere_nav.photometric import (
     prepare_reference,
     register,
 )
-from sphere_nav.photometric.align.problem import Problem, State
+from sphere_nav.photometric.align.problem import AlignmentState, Problem
 
 HELP = "one iteration, pyramid, reference, whole localisation step"
 CAMERA = Pinhole(800, 600, 600.0, 600.0, 399.5, 299.5)
@@ -86,11 +86,11 @@ def _iteration_ms(image: NDArray[np.uint8], view: View, num_runs: int) -> NDArra
     params = RegistrationParams(pyramid=PyramidParams(num_levels=1), max_pixels=NUM_PIXELS)
     level = build_pyramid(image, CAMERA, params.pyramid).levels[0]
     problem = Problem.choose_pixels(level, [view], T_SPHERE_OPTICAL, params)
-    state = State.start(T_SPHERE_OPTICAL @ SE3.exp(START_ERROR), 1)
+    state = AlignmentState.start(T_SPHERE_OPTICAL @ SE3.exp(START_ERROR), 1)
 
     def iterate() -> None:
         for _ in range(NUM_ITERATIONS):
-            problem.linearise(state)
+            problem.linearize(state)
 
     return repeat_cpu(iterate, num_runs) / NUM_ITERATIONS
 

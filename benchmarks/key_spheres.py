@@ -31,8 +31,9 @@ from cycab_sim.world.worlds import build_world
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import read_tum
-from sphere_nav.offline.evaluation import judge as judge_poses
+from sphere_nav.offline.evaluation import evaluate_poses as judge_poses
 from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.params import build
 from sphere_nav.photometric import View, prepare_reference
@@ -50,8 +51,6 @@ RULES: dict[str, dict[str, Any]] = {
 LENGTH_M, QUICK_M, WIDTH = 60.0, 15.0, 512  # of the drive; of its spheres in px
 WRONG_M = 0.1
 COLUMNS = ("place", "rule", "kept", "spacing m, median", "largest", "chain off %", "localised %", "median mm", "p95 mm")
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -112,7 +111,7 @@ def run(options: argparse.Namespace) -> Report:
 def in_town(seed: int, length: float) -> dict[str, Outcome]:
     """Return what every rule does on a drive through a town."""
     world = build_world("town", seed, "block")
-    renderer = Renderer(world.mesh, RenderParams(num_threads=1), LightParams())
+    renderer = Renderer(world.mesh, RenderParams(), LightParams(), num_threads=1)
     above = SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M])
     places = np.arange(0.0, min(length, float(world.path.length) - 1.0), 0.5)
     poses = [SE3.from_planar(float(x), float(y), float(yaw)) @ above for x, y, yaw, _ in world.path.at(places)]
@@ -120,7 +119,7 @@ def in_town(seed: int, length: float) -> dict[str, Outcome]:
     drawn = enumerate(poses[::2])
     spheres = [draw(renderer, pose, Spherical(WIDTH, WIDTH // 2), index, rng) for index, pose in drawn]
     cameras = [pose @ SE3.exp([0, 0, 0, 0, 0, rng.uniform(-np.pi, np.pi)]) @ T_BODY_OPTICAL for pose in poses[1::2]]
-    images = [noisy(renderer.render(CAMERA, pose, is_grey=True)[0], rng) for pose in cameras]
+    images = [noisy(renderer.render(CAMERA, pose, is_gray=True)[0], rng) for pose in cameras]
     return {rule: _outcome(spheres, poses[::2], images, cameras, values) for rule, values in RULES.items()}
 
 
@@ -141,7 +140,7 @@ def _outcome(
     stamps, found = zip(*mapper.trajectory(), strict=True)
     T_truth_map, way = truth[0] @ found[0].inverse(), _gaps(truth).sum()
     off = placed[stamps[-1]].distance(T_truth_map @ found[-1])[0] / way
-    references = [prepare_reference(one.grey, one.range_m, one.camera, PARAMS.registration)
+    references = [prepare_reference(one.gray, one.range_m, one.camera, PARAMS.registration)
                   for one in (mapper.load_sphere(node.id) for node in mapper.graph)]  # fmt: skip
     views = [View(reference, pose) for reference, pose in zip(references, keys, strict=True)]
     rng = np.random.default_rng(0)

@@ -16,7 +16,7 @@ from rosgraph_msgs.msg import Clock
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, LocalizationStatus
 from std_msgs.msg import String, UInt64
 
-from cycab_sim.params import RigParams
+from cycab_sim.params import CameraRigParams
 from cycab_sim.ros.node import CycabSim
 from cycab_sim.sensors.rigs import make_rig
 from dense_localizer.ros.node import DenseLocalizerNode
@@ -64,7 +64,7 @@ def view() -> dict[str, Any]:
 @cache
 def rig() -> Rig:
     """Return a rig of six small cameras."""
-    made = make_rig(RigParams(kind="vertical", width=160, height=160), 0)
+    made = make_rig(CameraRigParams(kind="vertical", width=160, height=160), 0)
     if made is None:
         raise ValueError("rig: expected cameras, found none")
     return made

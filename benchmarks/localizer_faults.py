@@ -59,7 +59,7 @@ class Told:
     """What the localiser said to an image, and how wrong it was: NaN without a pose."""
 
     state: State
-    metres: float = np.nan
+    meters: float = np.nan
     radians: float = np.nan
     nees: float = np.nan
 
@@ -71,7 +71,7 @@ class Told:
     @property
     def is_undetected(self) -> bool:
         """Whether it was wrong, too."""
-        return self.is_trusted and bool(self.metres > WRONG_M or self.radians > WRONG_RAD)
+        return self.is_trusted and bool(self.meters > WRONG_M or self.radians > WRONG_RAD)
 
 
 class Run:
@@ -93,8 +93,8 @@ class Run:
         truth = world.T_map_camera @ KIDNAPPED if fault is kidnapped else world.T_map_camera
         xi = (told.T_map_camera.inverse() @ truth).log()
         nees = float(xi @ np.linalg.solve(told.covariance, xi))
-        metres, radians = told.T_map_camera.distance(truth)
-        return Told(told.status.state, float(metres), float(radians), nees)
+        meters, radians = told.T_map_camera.distance(truth)
+        return Told(told.status.state, float(meters), float(radians), nees)
 
     def settle(self) -> None:
         """Drive on until the pose is trusted again."""
@@ -106,9 +106,9 @@ class Run:
             if self.step().is_trusted:
                 return
 
-    def drive(self, metres: float) -> None:
+    def drive(self, meters: float) -> None:
         """Drive with nothing wrong."""
-        bad, end = 0, self.found.distance_m + metres
+        bad, end = 0, self.found.distance_m + meters
         while self.found.distance_m < end:
             told = self.step(speed=NOMINAL_SPEED)
             self.found.num_nominal += 1
@@ -131,7 +131,7 @@ class Run:
             told = self.step(FAULTS[name])
             wrong |= told.is_undetected
             if told.is_trusted:
-                found.worst_m[name] = max(found.worst_m[name], told.metres)
+                found.worst_m[name] = max(found.worst_m[name], told.meters)
             elif np.isnan(told_after):
                 told_after = k / RATE
         found.undetected[name] += wrong

@@ -23,14 +23,14 @@ from benchmarks.machine import describe, num_cores
 from benchmarks.report import Bound, Report, Table
 from benchmarks.room import render
 from dense_localizer import inputs
-from dense_localizer.judge import place
+from dense_localizer.judge import integrity
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
 from dense_localizer.track import inter_frame
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.localization import InputCheck
-from sphere_nav.photometric.align import esm
+from sphere_nav.photometric.align import rig
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.coarse import coarse_sphere
@@ -48,13 +48,13 @@ SETTLE = 10  # images of the start, which is no tracking
 STAGES: dict[str, tuple[Any, str]] = {
     "check of the image": (InputCheck, "check_image"),
     "pyramid": (inputs, "build_pyramid"),
-    "is the rotation supported": (inter_frame, "mismatch"),
+    "is the rotation supported": (inter_frame, "measure_mismatch"),
     "choice of references": (References, "choose"),
-    "choice of pixels": (esm.Problem, "choose_pixels"),
-    "descents": (esm.Problem, "descend"),
-    "overlap": (esm, "image_overlap"),
-    "judgement of the alignment": (esm, "judge"),
-    "judgement of the pose": (place, "judge"),
+    "choice of pixels": (rig.Problem, "choose_pixels"),
+    "descents": (rig.Problem, "descend"),
+    "overlap": (rig, "image_overlap"),
+    "judgement of the alignment": (rig, "classify"),
+    "judgement of the pose": (integrity, "assess"),
 }
 
 

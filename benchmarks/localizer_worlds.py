@@ -112,13 +112,13 @@ class World:
         self, T_map_camera: SE3, camera: Pinhole = CAMERA, light: Factor | None = None, room: Room | None = None
     ) -> Image:
         """Return an image with noise; `room`: another one."""
-        grey, _ = (room or self.room).render(camera, T_map_camera, light)
-        return _noisy(grey.astype(np.float32), self.rng)
+        gray, _ = (room or self.room).render(camera, T_map_camera, light)
+        return _noisy(gray.astype(np.float32), self.rng)
 
 
-def _noisy(grey: NDArray[np.float32], rng: np.random.Generator) -> Image:
-    noise = rng.standard_normal(grey.shape, np.float32)
-    return np.clip(np.rint(grey + np.float32(NOISE) * noise), 1, 255).astype(np.uint8)
+def _noisy(gray: NDArray[np.float32], rng: np.random.Generator) -> Image:
+    noise = rng.standard_normal(gray.shape, np.float32)
+    return np.clip(np.rint(gray + np.float32(NOISE) * noise), 1, 255).astype(np.uint8)
 
 
 Fault = Callable[[World], Image]

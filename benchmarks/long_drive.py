@@ -20,11 +20,11 @@ from benchmarks.machine import describe
 from benchmarks.report import Bound, Report
 from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
-from cycab_sim.vehicle import Command
+from cycab_sim.vehicle import VehicleCommand
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
 from path_follower.follower import Follower
-from path_follower.modes import State
+from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2
 from path_follower.taught import reference_path, taught_speeds
@@ -32,6 +32,7 @@ from sphere_mapping.mapper import Mapper
 from sphere_nav.cli.demo.demo import BUSY, OTHER_DAY, TOUR
 from sphere_nav.cli.demo.report import distances_from_path
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.params import build
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
@@ -43,12 +44,10 @@ HELP = "490 m through a city with traffic, pedestrians and a change of light (ta
 STEP_NS = 10_000_000
 TEACH = {"mode": "teach", "camera.is_on": False, "sphere.distance": 1.0, "sphere.width": 1024}
 DRIVE = {"mode": "drive", "sphere.publish": "never", "camera.width": 512, "camera.height": 384, "camera.period": 0.2}
-HALTED = (State.STOPPING, State.STOPPED)
+HALTED = (FollowerState.STOPPING, FollowerState.STOPPED)
 MAX_EVENTS = 40  # that are reported
 MAX_SECONDS = 1000.0  # of simulated time, after which a drive is given up
 QUICK_WAY = 40.0  # m of the tour
-
-Array = NDArray[np.float64]
 
 
 @dataclass
@@ -154,10 +153,10 @@ def drive(simulator: Simulator, taught: Taught) -> Driven:
     path = reference_path(xy, yaw, speeds, path=params.path, driving=params.speed, vehicle=params.vehicle)
     localizer, follower = Localizer(LocalizerParams(), taught), Follower(params, path)
     T_camera_base = simulator.mounts["camera"].T_base_camera.inverse()
-    driven, truth, command, state = Driven(np.zeros((0, 2))), [], Command(), State.IDLE
+    driven, truth, command, state = Driven(np.zeros((0, 2))), [], VehicleCommand(), FollowerState.IDLE
     answer = follower.tick(simulator.time_ns)
     with _bar("drive", path.length) as show:
-        while simulator.time_ns < MAX_SECONDS * 1e9 and state is not State.FINISHED:
+        while simulator.time_ns < MAX_SECONDS * 1e9 and state is not FollowerState.FINISHED:
             now = simulator.time_ns
             if "camera" in simulator.take_due():
                 frame = simulator.capture("camera")
@@ -167,14 +166,14 @@ def drive(simulator: Simulator, taught: Taught) -> Driven:
                 if estimate.T_map_camera is not None:
                     pose = Pose2.of(estimate.T_map_camera @ T_camera_base)
                     answer = follower.update(pose, simulator.odometry.speed, now, localized)
-                    if state is State.IDLE and localized == "TRACKING":
+                    if state is FollowerState.IDLE and localized == "TRACKING":
                         follower.start(now)
                 else:
                     answer = follower.tick(now)
                 driven.stops += answer.status.state in HALTED and state not in HALTED
-                state, command = answer.status.state, Command(answer.speed, answer.yaw_rate)
+                state, command = answer.status.state, VehicleCommand(answer.speed, answer.yaw_rate)
                 show(follower.location.arc_length if follower.location else 0.0)
-                if state is State.STOPPED:
+                if state is FollowerState.STOPPED:
                     break
             truth.append((simulator.vehicle.state.x, simulator.vehicle.state.y))
             simulator.step(command, STEP_NS)

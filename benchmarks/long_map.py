@@ -12,7 +12,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
 from benchmarks.machine import describe
@@ -25,6 +24,7 @@ from cycab_sim.world.worlds import build_world
 from sphere_mapping.graph.merging import merge
 from sphere_mapping.mapper import Mapper
 from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.geometry.trajectory_error import align
 from sphere_nav.spheres.graph import Edge, SphereGraph
@@ -38,8 +38,6 @@ TOWN_LAP_M = 380.0  # of the drive, on which there is one lap to the left
 LANE_M, RADIUS_M = 1.75, 5.0  # to the right of the middle of the street; of turns, where there is room
 FALSE_M, FALSE_DEG = 0.3, 2.0  # error above which a loop joins what does not belong together
 OPPOSITE_DEG = 90.0
-
-Array = NDArray[np.float64]
 
 
 @dataclass
@@ -103,7 +101,7 @@ def map_drive(name: str, seed: int, length: float, width: int) -> Drive:
 
 def draw(renderer: Renderer, pose: SE3, camera: Spherical, index: int, rng: np.random.Generator) -> Sphere:
     """Return what is seen from a place, with noise."""
-    levels, range_m = renderer.render(camera, pose, is_grey=True)
+    levels, range_m = renderer.render(camera, pose, is_gray=True)
     image = np.clip(np.rint(levels + rng.normal(0, NOISE, levels.shape)), 1, 255).astype(np.uint8)
     noisy = range_m + RANGE_NOISE * np.square(np.minimum(range_m, FARTHEST_M)) * rng.normal(size=range_m.shape)
     noisy[~(range_m < FARTHEST_M)] = np.nan

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from sphere_mapping.graph.incremental import IncrementalOptimum
-from sphere_mapping.graph.loop_closure import Candidate, choose
+from sphere_mapping.graph.loop_closure import Candidate, choose_candidate
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.ros.maps.reader import open_map
@@ -41,8 +41,6 @@ CAMERA = Spherical(64, 32)
 LAP, LOOP_STEP = 29, 10  # spheres until the way is back where it was; between two loops
 INFORMATION = np.diag(np.repeat([1 / 0.01**2, 1 / 0.002**2], 3))
 TAIL, NUM_ASKED = 100, 20
-
-Array = NDArray[np.float64]
 
 
 @dataclass
@@ -99,8 +97,8 @@ def measure(size: int) -> Cost:
     cost.seconds["look up"] = float(np.mean([timed(partial(index.find, one, 4)) for one in asked]))
     graph = graph_of(size, rng)
     found = [Candidate(size - 1 - LAP, SE3.identity(), 60)]
-    choose(graph, size - 1, found)  # lengths of edges are measured once
-    cost.seconds["choose among candidates"] = timed(lambda: choose(graph, size - 1, found))
+    choose_candidate(graph, size - 1, found)  # lengths of edges are measured once
+    cost.seconds["choose among candidates"] = timed(lambda: choose_candidate(graph, size - 1, found))
     adjust(graph, cost)
     write(graph, index, cost)
     each = ("add to the index", "look up", "choose among candidates", "write", "complete the map, a sphere")

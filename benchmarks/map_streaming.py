@@ -64,10 +64,10 @@ def run(options: argparse.Namespace) -> Report:
 
 def _make_map(folder: Path, number: int) -> Path:
     """Write a map of one picture under many ids."""
-    grey, range_m = render(SPHERE, SE3.identity())
+    gray, range_m = render(SPHERE, SE3.identity())
     rng = np.random.default_rng(0)
-    colour = np.clip(grey[..., None] * [1.0, 0.9, 0.8] + rng.normal(0.0, GRAIN, (*grey.shape, 3)), 1, 255)
-    sphere = Sphere(colour.astype(np.uint8), range_m, SPHERE, 1)
+    color = np.clip(gray[..., None] * [1.0, 0.9, 0.8] + rng.normal(0.0, GRAIN, (*gray.shape, 3)), 1, 255)
+    sphere = Sphere(color.astype(np.uint8), range_m, SPHERE, 1)
     features = features_of_sphere(sphere)
     nodes = [KeySphere(i, i + 1, SE3.from_planar(SPACING_M * i, 0.0, 0.0)) for i in range(number)]
     appearance = AppearanceIndex()

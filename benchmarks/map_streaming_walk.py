@@ -35,7 +35,7 @@ def main() -> None:
     warm_up()
     loaded_mb = _resident()
     params = LocalizerParams()
-    reader = open_map(sys.argv[1], is_grey=True)  # as the localiser does
+    reader = open_map(sys.argv[1], is_gray=True)  # as the localiser does
     references = References(reader, params, is_live=True)
     return_free_memory()
     opened_mb = _resident()
@@ -44,7 +44,7 @@ def main() -> None:
     ways = [node.T_map_sphere.translation[0] for node in reader.graph]
     velocity = np.array([0.0, 0.0, SPEED, 0.0, 0.0, 0.0])
     references.choose(T_BODY_OPTICAL, CAMERA)  # the start may wait
-    references.look_ahead(T_BODY_OPTICAL, velocity)
+    references.prefetch(T_BODY_OPTICAL, velocity)
     time.sleep(1.0)  # a vehicle does not start at full speed
     waits, steps, num_coarse, resident = list[float](), list[float](), 0, list[float]()
     blocked = list[float]()
@@ -56,7 +56,7 @@ def main() -> None:
         wall, cpu, switches, queued = time.perf_counter(), time.thread_time(), _num_waits(), _queued_s()
         choice = references.choose(pose, CAMERA, is_followed=True)
         found = register(pyramids[index % NUM_IMAGES], choice.views, pose @ GUESS, params.registration)
-        references.look_ahead(found.T_world_camera, velocity)
+        references.prefetch(found.T_world_camera, velocity)
         steps.append(time.thread_time() - cpu)
         wait = (time.perf_counter() - wall) - steps[-1]
         waits.append(wait if _num_waits() > switches else 0.0)  # else another process had the core

@@ -24,7 +24,8 @@ from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
 from sphere_mapping.acquisition.light.light import NUM_INSTANTS
 from sphere_mapping.acquisition.params import StitchParams
-from sphere_mapping.acquisition.stitching import stitcher as acquisition
+from sphere_mapping.acquisition.range import fusion, pairs, vertical
+from sphere_mapping.acquisition.stitching import stitcher as stitching
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams
@@ -35,10 +36,14 @@ HELP = "CPU time of a sphere from six images to the map by stage, and the size o
 WIDTH = 2048
 INSTANTS, QUICK_INSTANTS, SPACING = 9, 5, 1.2  # m
 WITHOUT_S, WITH_S, KEY_MB = 0.6, 0.8, 8.0
-STAGES = {  # of stitching, by what they are in the paper: names in the stitcher's module
-    "joining images": ("blend",),
-    "matching": ("match_columns", "range_of_pairs"),
-    "range and common centre": ("range_from_disparity", "to_common_centre", "fuse_sources"),
+STAGES: dict[str, tuple[tuple[Any, str], ...]] = {  # of stitching, by what they are in the paper: modules and names
+    "joining images": ((stitching, "blend"), (vertical, "blend")),
+    "matching": ((vertical, "match_columns"), (pairs, "range_of_pairs")),
+    "range and common centre": (
+        (vertical, "range_from_disparity"),
+        (vertical, "to_common_center"),
+        (fusion, "fuse_sources"),
+    ),
 }
 
 Images = Mapping[str, NDArray[np.uint8]]
@@ -100,16 +105,15 @@ def _instants(simulator: Simulator, number: int) -> Iterator[Images]:
 
 @contextmanager
 def _timed(seconds: dict[str, list[float]]) -> Iterator[None]:
-    """Measure the stages of the stitcher, by standing before what its module calls."""
-    module: Any = acquisition
-    kept = {name: getattr(module, name) for names in STAGES.values() for name in names}
-    for stage, names in STAGES.items():
-        for name in names:
-            setattr(module, name, _timer(kept[name], seconds.setdefault(stage, [])))
+    """Measure the stages of the stitcher, by standing before what its modules call."""
+    kept = {(module, name): getattr(module, name) for places in STAGES.values() for module, name in places}
+    for stage, places in STAGES.items():
+        for module, name in places:
+            setattr(module, name, _timer(kept[module, name], seconds.setdefault(stage, [])))
     try:
         yield
     finally:
-        for name, function in kept.items():
+        for (module, name), function in kept.items():
             setattr(module, name, function)
 
 

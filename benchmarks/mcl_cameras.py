@@ -54,6 +54,6 @@ def run(options: argparse.Namespace) -> Report:
 def _figures(trials: list[Trial]) -> tuple[str, ...]:
     good = [trial for trial in trials if trial.has_converged]
     early = sum(0 < trial.first <= 20 for trial in good)
-    metres = np.median([trial.metres[-1] for trial in good]) if good else np.nan
+    meters = np.median([trial.meters[-1] for trial in good]) if good else np.nan
     degrees = np.median([trial.degrees[-1] for trial in good]) if good else np.nan
-    return str(len(trials)), str(early), str(len(good)), f"{metres:.2f}", f"{degrees:.1f}"
+    return str(len(trials)), str(early), str(len(good)), f"{meters:.2f}", f"{degrees:.1f}"

@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 import cycab_sim
-from cycab_sim.params import LightParams, RenderParams, TrafficParams, VehicleParams
+from cycab_sim.params import CarParams, LightParams, RenderParams, TrafficParams
 from cycab_sim.rendering.renderer import Renderer
-from cycab_sim.sensors.cameras import OPTICAL, expose
-from cycab_sim.sensors.lenses import panorama
+from cycab_sim.sensors.cameras import OPTICAL, panorama
+from cycab_sim.sensors.imaging import expose
 from cycab_sim.world.traffic.traffic import Traffic
 from cycab_sim.world.worlds import World, build_world
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole, so3
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 HEIGHT = 1.8  # of the camera above the ground, m
 BODY_AXES = SE3.from_parts(np.eye(3), [0.4, 0.0, HEIGHT])  # a panorama's axes are those of the vehicle
 OPTICAL_AXES = SE3.from_parts(OPTICAL, [0.4, 0.0, HEIGHT])
@@ -113,7 +113,7 @@ class Studio:
         return build_world(self.world, self.seed, "block")
 
     def _on_ground(self, line: Array) -> SE3:
-        ground, vehicle = self.built().ground, VehicleParams()
+        ground, vehicle = self.built().ground, CarParams()
         poses = [ground.follow(SE3.from_planar(*map(float, p)), vehicle.wheelbase, vehicle.width) for p in line]
         return SE3.from_matrix(np.stack([pose.matrix for pose in poses]))
 
@@ -125,7 +125,7 @@ class Studio:
             if traffic is not None:
                 stamp = (seed * 1000 + index) * 10**9  # every drive at another time, an image a second
                 renderer.move(traffic.poses(stamp, T_map_camera.translation[None, :2], CLEAR))
-            levels, _ = renderer.render(lens.camera, T_map_camera, is_grey=True)
+            levels, _ = renderer.render(lens.camera, T_map_camera, is_gray=True)
             images.append(expose(levels, READ_NOISE, SHOT_NOISE, (self.seed, seed, index)))
         return np.stack(images)
 

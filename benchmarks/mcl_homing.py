@@ -10,24 +10,24 @@ from numpy.typing import NDArray
 
 from benchmarks import mcl_sites
 from benchmarks.machine import describe
-from benchmarks.mcl_drives import HEIGHT, PANORAMA, READ_NOISE, SHOT_NOISE, Studio
+from benchmarks.mcl_drives import HEIGHT, PANORAMA, Studio
 from benchmarks.mcl_routes import sampled
 from benchmarks.report import Bound, Report, Table
-from cycab_sim.params import CameraParams, SimParams, StartParams
+from cycab_sim.params import SimCameraParams, SimParams
 from cycab_sim.sensors.faults import SECOND
 from cycab_sim.simulator import Simulator
-from cycab_sim.vehicle import Command
+from cycab_sim.vehicle import VehicleCommand
 from cycab_sim.world.town import Plan, taught_path
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.homing import Homing
 from mcl_depth.likeness.comparison import num_alpha_for, visual_features
 from mcl_depth.likeness.level_view import level_view
 from mcl_depth.likeness.similarity_cache import Comparison
-from mcl_depth.params import HomingParams
+from mcl_depth.params import DirectionParams
 from mcl_depth.site import Site
+from sphere_nav.geometry.arrays import Array
 
 HELP = "homing: success by offset from the waypoint, and a path of 100 m driven by direction alone"
-Array = NDArray[np.float64]
 RADII = (0.5, 1.0, 1.5, 2.0, 3.0, 4.0)  # m
 GOOD_DEG = 45.0  # a direction this close to the true one brings the vehicle nearer
 PERIOD = 0.4  # between two images of the drive, s
@@ -95,7 +95,7 @@ def basin(site: Site, studio: Studio, plan: Plan, count: int) -> dict[float, Arr
         shown = studio.record(line, 1000 + number)
         for index, radius in enumerate(radii):
             observation, truth = shown.observation(index), shown.truth(index)
-            homing = Homing(_around(waypoint), HomingParams(), start=1)  # its first answer: no median yet
+            homing = Homing(_around(waypoint), DirectionParams(), start=1)  # its first answer: no median yet
             goal = homing.waypoints[1]
             found = homing.update(compare(site, observation.image, observation.rotation))
             true = np.arctan2(*(goal - truth[:2])[::-1])
@@ -107,31 +107,32 @@ def _around(waypoint: Array) -> Array:
     """Return a path (3, 2) whose second waypoint is where the camera would be at a pose of the base."""
     ahead = np.array([np.cos(waypoint[2]), np.sin(waypoint[2])])
     middle = waypoint[:2] + PANORAMA.T_base_camera.translation[0] * ahead
-    spacing = HomingParams().spacing
+    spacing = DirectionParams().spacing
     return np.stack([middle - spacing * ahead, middle, middle + spacing * ahead])
 
 
 def compare(site: Site, image: NDArray[np.uint8], rotation: Array) -> Comparison:
     """Return the comparison of an image of the panorama with the map."""
-    grey, is_seen = level_view(image, PANORAMA.camera, rotation, site.depth_map.camera)
-    visual = visual_features(grey, is_seen)
+    gray, is_seen = level_view(image, PANORAMA.camera, rotation, site.depth_map.camera)
+    visual = visual_features(gray, is_seen)
     return Comparison(visual, site.depth_map, num_alpha_for(site.params.heading_step_deg))
 
 
 def drive(site: Site, seed: int, left: float) -> Ride:
     """Drive the path of 100 m, starting `left` m beside it, steered by nothing but the direction to the waypoint."""
-    camera = CameraParams(
+    camera = SimCameraParams(
         model="panorama", width=PANORAMA.camera.width, height=PANORAMA.camera.height, period=PERIOD,
         x=float(PANORAMA.T_base_camera.translation[0]), z=HEIGHT, pitch_deg=0.0,
-        noise=READ_NOISE, shot_noise=SHOT_NOISE,
     )  # fmt: skip
-    simulator = Simulator(SimParams(seed=seed, noise_seed=seed, camera=camera, start=StartParams(left=left)))
-    homing = Homing(sampled(simulator.path, 0.5)[:, :2], HomingParams())
-    places, command = [], Command()
+    simulator = Simulator(SimParams(seed=seed, noise_seed=seed, camera=camera))
+    x, y, yaw, _ = simulator.path.at(0.0)
+    simulator.teleport(float(x - left * np.sin(yaw)), float(y + left * np.cos(yaw)), float(yaw))
+    homing = Homing(sampled(simulator.path, 0.5)[:, :2], DirectionParams())
+    places, command = [], VehicleCommand()
     while simulator.time_ns < MAX_TIME * SECOND and not homing.is_finished:
         if "camera" in simulator.take_due():
             found = homing.update(compare(site, simulator.capture("camera").image, np.eye(3)))
-            command = Command(SPEED, float(np.clip(GAIN * found.in_vehicle, -MAX_RATE, MAX_RATE)))
+            command = VehicleCommand(SPEED, float(np.clip(GAIN * found.in_vehicle, -MAX_RATE, MAX_RATE)))
             places.append(simulator.T_world_base.translation[:2])
         simulator.step(command, SECOND // 100)
     return Ride(np.array(places), homing.is_finished)

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from matplotlib.path import Path as Polygon
 from numpy.typing import NDArray
 
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from mcl_depth.geometry.files import read_geometry
-from mcl_depth.geometry.floor_plan import is_inside, rooms_of
+from mcl_depth.geometry.floor_plan import WallSurface, read_surfaces, rings_of
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.image_params import ComparisonParams, SynthesisParams
 from mcl_depth.likeness.comparison import (
@@ -38,7 +39,7 @@ class Shot:
     """One panorama: its level grey image, place (3,) in m and heading in rad in the axes of the plan."""
 
     name: str
-    grey: NDArray[np.float32]
+    gray: NDArray[np.float32]
     place: NDArray[np.float64]
     yaw: float
 
@@ -109,14 +110,14 @@ class Scene:
         """Return the error of the compass at the true places in degrees."""
         found = []
         for i, shot in enumerate(self.shots):
-            s = similarity_many(visual_features(shot.grey), there, num_alpha_for(step_deg), np.array([i]))[0]
+            s = similarity_many(visual_features(shot.gray), there, num_alpha_for(step_deg), np.array([i]))[0]
             off = heading(s).yaw - shot.yaw
             found.append(abs(np.degrees(np.arctan2(np.sin(off), np.cos(off)))))
         return np.array(found)
 
     def rank(self, shot: Shot, cells: FeatureStack) -> float:
         """Return the place of the best cell near the truth among all cells, in percent of them."""
-        best = similarity_many(visual_features(shot.grey), cells, 36).max(axis=1)
+        best = similarity_many(visual_features(shot.gray), cells, 36).max(axis=1)
         near = np.linalg.norm(self.cells[:, :2] - shot.place[:2], axis=1) <= NEAR
         return 100.0 * float(np.mean(best > best[near].max())) if near.any() else 100.0
 
@@ -134,28 +135,32 @@ def read_shots(folder: Path, window: Spherical) -> list[Shot]:
                 raise ValueError(f"{folder / 'images' / row['image']}: expected an image, found none")
             is_mirrored, yaw = to_plan(np.radians(float(row["rotation_deg"])))
             image = np.ascontiguousarray(image[:, ::-1] if is_mirrored else image)
-            grey, _ = level_view(image, Spherical(image.shape[1], image.shape[0]), np.eye(3), window)
+            gray, _ = level_view(image, Spherical(image.shape[1], image.shape[0]), np.eye(3), window)
             place = np.array([float(row["x_m"]), float(row["y_m"]), float(row["camera_height_m"])])
-            shots.append(Shot(row["image"], grey, place, yaw))
+            shots.append(Shot(row["image"], gray, place, yaw))
     return shots
 
 
 def to_plan(rotation: float) -> tuple[bool, float]:
     """Return whether the panorama is mirrored in the plan's axes, and the heading of its centre column."""
     turn = np.array([[np.cos(rotation), np.sin(rotation)], [-np.sin(rotation), np.cos(rotation)]])
-    centre = np.array([0.0, 1.0]) @ turn  # u at the middle: atan2(-x, y) = 0
+    center = np.array([0.0, 1.0]) @ turn  # u at the middle: atan2(-x, y) = 0
     right = np.array([-1.0, 0.0]) @ turn  # u beyond the middle: atan2(-x, y) > 0
     is_mirrored = bool(
-        centre[0] * right[1] - centre[1] * right[0] > 0
+        center[0] * right[1] - center[1] * right[0] > 0
     )  # what is right in the image is left in the plan
-    return is_mirrored, float(np.arctan2(centre[1], centre[0]))
+    return is_mirrored, float(np.arctan2(center[1], center[0]))
 
 
 def grid_of(plan: Path, height: float) -> NDArray[np.float64]:
     """Return places (N, 3) on a grid over all rooms of the plan."""
-    rings = [ring for rings in rooms_of(plan).values() for ring in rings]
+    walls: dict[str, list[WallSurface]] = {}
+    for surface in read_surfaces(plan):
+        if surface.kind == "wall":
+            walls.setdefault(surface.room, []).append(surface)
+    rings = [ring for room in walls.values() for ring in rings_of(room)]
     corners = np.concatenate(rings)
     x, y = (np.arange(corners[:, i].min(), corners[:, i].max(), GRID) for i in (0, 1))
     places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    places = places[np.any([is_inside(places, ring) for ring in rings], axis=0)]
+    places = places[np.any([Polygon(ring).contains_points(places) for ring in rings], axis=0)]
     return np.column_stack([places, np.full(len(places), height)])

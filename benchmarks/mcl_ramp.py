@@ -69,8 +69,8 @@ def parts(drives: Sequence[Drive], trials: Sequence[Trial]) -> dict[str, NDArray
         is_used = trial.is_trusted & (np.arange(len(drive)) >= begin)
         is_up = np.any([(x > low + EDGE) & (x < high - EDGE) for low, high in RAMPS], axis=0)
         is_level = np.all([(x < low - EDGE) | (x > high + EDGE) for low, high in RAMPS], axis=0)
-        ramp.append(trial.metres[is_used & is_up])
-        flat.append(trial.metres[is_used & is_level])
+        ramp.append(trial.meters[is_used & is_up])
+        flat.append(trial.meters[is_used & is_level])
     return {"flat": np.concatenate(flat), "ramp": np.concatenate(ramp)}
 
 

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.world.paths import Path, Piece, turn
 from cycab_sim.world.town import Plan
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 RADIUS = 5.0  # of the bends, m
 SIDE = 100.0  # of the part of the town that is considered, m
 MAX_OFFSET = 1.3  # to the right or left of the middle of the street, m; cars are parked further out

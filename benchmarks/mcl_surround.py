@@ -39,14 +39,14 @@ def run(options: argparse.Namespace) -> Report:
     params = SynthesisParams(num_columns=NUM_COLUMNS, elevation_min_deg=-16.0, elevation_max_deg=16.0)
     calibration = json.loads((options.surround / "calibration.json").read_text(encoding="utf-8"))
     synthesizer = DepthSynthesizer(cloud_from_points(sweep(options.surround, calibration), "sweep"), params)
-    grey, is_seen, centre = panorama(options.surround, calibration, synthesizer.camera)
+    gray, is_seen, center = panorama(options.surround, calibration, synthesizer.camera)
     steps = np.arange(-REACH, REACH + STEP / 2, STEP)
     offsets = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     comparison = ComparisonParams()
     stack = depth_features_many(
-        synthesizer.synthesize_many(centre + np.column_stack([offsets, np.zeros(len(offsets))])), comparison
+        synthesizer.synthesize_many(center + np.column_stack([offsets, np.zeros(len(offsets))])), comparison
     )
-    for name, image, seen in (("", grey, is_seen), ("mirrored, must fail: ", grey[:, ::-1], is_seen[:, ::-1])):
+    for name, image, seen in (("", gray, is_seen), ("mirrored, must fail: ", gray[:, ::-1], is_seen[:, ::-1])):
         s = similarity_many(visual_features(image, seen), stack, NUM_COLUMNS)
         turns = np.degrees(np.angle(np.exp(2j * np.pi * np.arange(NUM_COLUMNS) / NUM_COLUMNS)))
         s = np.where(np.abs(turns) <= TURN, s, -np.inf)
@@ -84,8 +84,8 @@ def panorama(
             raise ValueError(f"{folder / camera['file']}: expected an image, found none")
         K, T_ego_camera = np.array(camera["K"]), np.array(camera["cam2ego"])
         model = Pinhole(image.shape[1], image.shape[0], K[0, 0], K[1, 1], K[0, 2], K[1, 2])
-        grey, seen = level_view(image, model, T_ego_camera[:3, :3], window)
-        total = np.where(seen & ~is_seen, grey, total)
+        gray, seen = level_view(image, model, T_ego_camera[:3, :3], window)
+        total = np.where(seen & ~is_seen, gray, total)
         is_seen |= seen
         places.append(T_ego_camera[:3, 3])
     return total, is_seen, np.mean(places, axis=0)

@@ -27,7 +27,8 @@ from mcl_depth.presets import apply_preset
 from mcl_depth.site import Site
 from mcl_depth.warm_up import warm_up
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.localization.status import State
 from sphere_nav.params import build
 
@@ -37,7 +38,6 @@ SIDE = 100.0  # m, of the town
 MANY = 10  # runs of every step
 STEP = 1.0  # m driven between two images
 STARTED_S = 5.0  # until a map on disk is ready
-Array = NDArray[np.float64]
 
 
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
@@ -107,16 +107,23 @@ def cloud_of(options: argparse.Namespace, box: str) -> Cloud:
     return cloud_from_points(points[inside], "town")
 
 
+def scattered(site: Site, count: int) -> Array:
+    """Return at most `count` middles of the area's squares from all over, in an order that jumps about, (K, 2)."""
+    middles = site.area.middles
+    picks = np.linspace(0, len(middles) - 1, min(count, len(middles))).round().astype(np.int64)
+    return middles[np.random.default_rng(0).permutation(picks)]
+
+
 def some_places(site: Site, count: int) -> Array:
     """Return positions (count, 3) of cameras all over the area."""
-    middles = site.area.scattered(count)
+    middles = scattered(site, count)
     return np.column_stack([middles, site.depth_map.heights(middles)])
 
 
 def inside(exact: DepthSynthesizer, places: Array, box: str) -> NDArray[np.float32]:
     """Return the ranges at places, NaN where a ray ends outside x0,y0,x1,y1, where the cloud has no points."""
     found = exact.synthesize_many(places)
-    rays = exact.camera.unproject(pixel_grid(exact.camera)).astype(np.float32)
+    rays = pixel_rays(exact.camera).astype(np.float32)
     ends = places[:, None, None, :2].astype(np.float32) + found[..., None] * rays[..., :2]
     x0, y0, x1, y1 = (float(word) for word in box.split(","))
     with np.errstate(invalid="ignore"):
@@ -214,7 +221,7 @@ def drive(site: Site, exact: DepthSynthesizer, num_images: int) -> list[Observat
     """Return images along a straight way through the area, odometry exact."""
     middles = site.area.middles
     way = STEP * np.arange(num_images + 1)
-    for start in site.area.scattered(200):
+    for start in scattered(site, 200):
         for heading in np.arange(0.0, 2 * np.pi, np.pi / 4):
             xy = start + way[:, None] * [np.cos(heading), np.sin(heading)]
             if np.all(np.min(np.linalg.norm(middles[:, None] - xy[:: len(xy) - 1], axis=2), axis=0) < 0.5) and np.all(
@@ -227,6 +234,8 @@ def drive(site: Site, exact: DepthSynthesizer, num_images: int) -> list[Observat
 def observe(site: Site, exact: DepthSynthesizer, place: Array, heading: float, number: int) -> Observation:
     """Return what a camera sees at a place (2,)."""
     height = float(site.depth_map.heights(place[None])[0])
-    image = np.roll(shaded(exact.synthesize([*place, height])), round(heading / (2 * np.pi) * exact.camera.width), 1)
+    image = np.roll(
+        shaded(exact.synthesize_many([[*place, height]])[0]), round(heading / (2 * np.pi) * exact.camera.width), 1
+    )
     T_odom_level = SE3.from_planar(float(place[0]), float(place[1]), heading)
     return Observation(image, exact.camera, number * 10**9, np.eye(3), T_odom_level)

@@ -65,7 +65,7 @@ def loop_step(plan: Plan, count: int) -> float:
 def start_bounds(trials: Sequence[Trial]) -> list[Bound]:
     """Set what kidnapped starts gave beside what they should."""
     converged = [trial for trial in trials if trial.has_converged]
-    metres = [trial.metres[-1] for trial in converged]
+    meters = [trial.meters[-1] for trial in converged]
     degrees = [trial.degrees[-1] for trial in converged]
     false = sum(trial.num_false > 0 for trial in trials)
     first = [trial.first for trial in converged]
@@ -78,7 +78,7 @@ def start_bounds(trials: Sequence[Trial]) -> list[Bound]:
             "%",
             True,
         ),
-        Bound("median error there", 0.3, float(np.median(metres)) if metres else np.nan, "m"),
+        Bound("median error there", 0.3, float(np.median(meters)) if meters else np.nan, "m"),
         Bound("median error of the heading", 3.0, float(np.median(degrees)) if degrees else np.nan, "deg"),
         Bound(f"starts with TRACKING anywhere beyond {NEAR_M:g} m or {NEAR_DEG:g} deg", 0.0, float(false), ""),
         Bound(
@@ -101,14 +101,14 @@ def loop_bounds(trial: Trial) -> list[Bound]:
     """Set what the loop gave beside what it should."""
     begin = int(np.argmax(trial.is_tracking)) if trial.is_tracking.any() else len(trial.states)
     after = slice(begin, None)
-    metres, degrees = trial.metres[after], trial.degrees[after]
+    meters, degrees = trial.meters[after], trial.degrees[after]
     name = f"loop of {len(trial.states)} images"
-    if not len(metres):
+    if not len(meters):
         return [Bound(f"{name}: TRACKING begins", NUM_IMAGES, np.nan, "")]
     return [
         Bound(f"{name}: TRACKING begins with image", NUM_IMAGES, begin + 1, ""),
-        Bound("largest error after that", NEAR_M, float(metres.max()), "m"),
-        Bound("median error", 0.3, float(np.median(metres)), "m"),
+        Bound("largest error after that", NEAR_M, float(meters.max()), "m"),
+        Bound("median error", 0.3, float(np.median(meters)), "m"),
         Bound("median error of the heading on the loop", 3.0, float(np.median(degrees)), "deg"),
         Bound("images without a pose", 0.0, float(np.sum(~trial.is_trusted[after])), ""),
         Bound("images TRACKING at a wrong place", 0.0, float(trial.num_false), ""),

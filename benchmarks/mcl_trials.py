@@ -17,15 +17,15 @@ from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.belief.sampling import sample_uniform
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import Area
-from mcl_depth.likeness.comparison import Features
+from mcl_depth.likeness.comparison import GradientFeatures
 from mcl_depth.likeness.depth_cache import Cell
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import Reason, State
 
-Array = NDArray[np.float64]
 NEAR_M, NEAR_DEG = 1.0, 10.0  # a pose this close to the truth is the right place
 
 
@@ -35,7 +35,7 @@ class Trial:
 
     states: tuple[State, ...]
     reasons: tuple[str, ...]
-    metres: Array
+    meters: Array
     degrees: Array
     counts: NDArray[np.int64]
     milliseconds: Array
@@ -44,7 +44,7 @@ class Trial:
     @property
     def is_right(self) -> NDArray[np.bool_]:
         """Whether the likeliest place was the right one, (K,)."""
-        return (self.metres <= NEAR_M) & (self.degrees <= NEAR_DEG)
+        return (self.meters <= NEAR_M) & (self.degrees <= NEAR_DEG)
 
     @property
     def is_tracking(self) -> NDArray[np.bool_]:
@@ -118,9 +118,9 @@ def run_filter(
                 status.p_chance,
             )
         )
-    states, reasons, metres, degrees_, counts, times, chances = zip(*found, strict=True)
+    states, reasons, meters, degrees_, counts, times, chances = zip(*found, strict=True)
     return Trial(
-        states, reasons, np.array(metres), np.array(degrees_), np.array(counts), np.array(times), np.array(chances)
+        states, reasons, np.array(meters), np.array(degrees_), np.array(counts), np.array(times), np.array(chances)
     )
 
 
@@ -142,7 +142,7 @@ class RememberingMap(DepthMap):
         self.__dict__.update(other.__dict__)
         self._known: dict[bytes, dict[Cell, NDArray[np.float32]]] = {}
 
-    def similarities(self, visual: Features, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
+    def similarities(self, visual: GradientFeatures, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
         """Return the similarity (N, num_headings) of an image with the depth images of cells."""
         key = hashlib.sha1(visual.magnitude.tobytes() + bytes([num_headings % 256]), usedforsecurity=False).digest()
         known = self._known.setdefault(key, {})

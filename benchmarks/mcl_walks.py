@@ -21,9 +21,9 @@ from mcl_depth.geometry.files import read_geometry
 from mcl_depth.params import FilterParams
 from mcl_depth.site import Site
 from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry.arrays import Array
 
 HELP = "MCL through panoramas of a home: walks from every start, uniform particles, noisy odometry"
-Array = NDArray[np.float64]
 NEAR, CLOSE = 1.0, 0.5  # m, an end this close to the truth counts as found, or as close
 HEIGHT = 1.435  # of the camera, m
 PACE = 2.0  # m/s

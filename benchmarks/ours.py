@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.rgbd_data import Frame
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric import (
     PyramidParams,
     Reference,
@@ -30,18 +30,18 @@ class Ours:
     def __init__(self, camera: Pinhole, params: RegistrationParams | None = None) -> None:
         self.camera = camera
         self.params = params or SOFT_IMAGES
-        self.range_by_depth = (1.0 / camera.unproject(pixel_grid(camera))[..., 2]).astype(np.float32)
+        self.range_by_depth = (1.0 / pixel_rays(camera)[..., 2]).astype(np.float32)
 
     def prepare(self, frame: Frame) -> Reference:
         """Turn depth into range along the ray, prepare all levels of the reference and choose its pixels."""
         params = self.params
-        reference = prepare_reference(frame.grey, frame.depth_m * self.range_by_depth, self.camera, params)
-        for level in build_pyramid(frame.grey, self.camera, params.pyramid).levels[params.pyramid.finest :]:
+        reference = prepare_reference(frame.gray, frame.depth_m * self.range_by_depth, self.camera, params)
+        for level in build_pyramid(frame.gray, self.camera, params.pyramid).levels[params.pyramid.finest :]:
             Problem.choose_pixels(level, [View(reference, SE3.identity())], SE3.identity(), params)
         return reference
 
     def track(self, reference: Reference, frame: Frame) -> SE3 | None:
         """Build the pyramid of the current image and align it; its depth is not used."""
-        pyramid = build_pyramid(frame.grey, self.camera, self.params.pyramid)
+        pyramid = build_pyramid(frame.gray, self.camera, self.params.pyramid)
         alignment = register(pyramid, [View(reference, SE3.identity())], SE3.identity(), self.params)
         return alignment.T_world_camera

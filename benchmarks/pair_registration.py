@@ -14,7 +14,7 @@ from benchmarks.report import Bound, Report, Table
 from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.world.worlds import build_world
-from sphere_mapping.graph.both_ways import measure
+from sphere_mapping.graph.both_ways import measure_motion
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.geometry import SE3, Spherical
@@ -76,7 +76,7 @@ def measure_pairs(seed: int, count: int) -> list[Found]:
         truth = poses[a].inverse() @ poses[b]
         guess = truth @ random_motion(rng, MAX_OFF_M, np.radians(MAX_OFF_DEG))
         alone = register(spheres[b].pyramid, [spheres[a].at(SE3.identity())], guess, PARAMS)
-        both = measure(spheres[a], spheres[b], guess, PARAMS)
+        both = measure_motion(spheres[a], spheres[b], guess, PARAMS)
         one_way = _error(truth, alone.T_world_camera) if alone.is_converged else None
         found.append(Found(one_way, _error(truth, both.T_a_b) if both is not None else None))
     return found
@@ -85,13 +85,13 @@ def measure_pairs(seed: int, count: int) -> list[Found]:
 def render_drive(seed: int) -> tuple[list[PreparedSphere], list[SE3]]:
     """Return spheres along the taught path of a town, and their poses."""
     world, camera = build_world("town", seed, "block"), Spherical(WIDTH, WIDTH // 2)
-    renderer = Renderer(world.mesh, RenderParams(num_threads=1), LightParams())
+    renderer = Renderer(world.mesh, RenderParams(), LightParams(), num_threads=1)
     rng = np.random.default_rng([seed, 4])
     spheres, poses = [], []
     for number in range(NUM_SPHERES):
         x, y, yaw, _ = world.path.at(np.array(number * SPACING_M))
         pose = SE3.from_planar(float(x), float(y), float(yaw)) @ SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M])
-        levels, range_m = renderer.render(camera, pose, is_grey=True)
+        levels, range_m = renderer.render(camera, pose, is_gray=True)
         image: NDArray[np.uint8] = np.clip(np.rint(levels + rng.normal(0, NOISE, levels.shape)), 1, 255).astype(
             np.uint8
         )

@@ -56,13 +56,13 @@ class OpenCVOdometry:
 
     def prepare(self, frame: Frame) -> Any:
         """Build pyramids, gradients, normals."""
-        prepared = cv2.OdometryFrame(frame.depth_m, frame.grey)
+        prepared = cv2.OdometryFrame(frame.depth_m, frame.gray)
         self.odometry.prepareFrame(prepared)
         return prepared
 
     def track(self, reference: Any, frame: Frame) -> SE3 | None:
         """Prepare the current frame, then align."""
-        current = cv2.OdometryFrame(frame.depth_m, frame.grey)
+        current = cv2.OdometryFrame(frame.depth_m, frame.gray)
         self.odometry.prepareFrames(reference, current)  # what the reference already has is not computed again
         is_found, T_current_reference = self.odometry.compute(reference, current)
         return SE3(np.asarray(T_current_reference, np.float64)).inverse() if is_found else None
@@ -87,10 +87,10 @@ class Open3DOdometry:
 
     def prepare(self, frame: Frame) -> Any:
         """Wrap the arrays."""
-        colour = np.ascontiguousarray(np.repeat(frame.grey[..., None], 3, axis=2))
+        color = np.ascontiguousarray(np.repeat(frame.gray[..., None], 3, axis=2))
         depth_m = np.nan_to_num(frame.depth_m, nan=0.0)
         return self.geometry.RGBDImage(
-            self.geometry.Image(self.core.Tensor(colour)), self.geometry.Image(self.core.Tensor(depth_m))
+            self.geometry.Image(self.core.Tensor(color)), self.geometry.Image(self.core.Tensor(depth_m))
         )
 
     def track(self, reference: Any, frame: Frame) -> SE3 | None:

@@ -20,7 +20,8 @@ from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from benchmarks.room import HALF_SIDES_M, render
 from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.params import build
 from sphere_nav.photometric import (
     Pyramid,
@@ -31,7 +32,7 @@ from sphere_nav.photometric import (
     prepare_reference,
     register,
 )
-from sphere_nav.photometric.pixels.reference import halve_range, prepare_level
+from sphere_nav.photometric.pixels.reference import halve_range_image, prepare_level
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 HELP = "pixels that are aligned: a pale wall at 60,000 of them; latitude and longitude against evenly spaced points"
@@ -45,7 +46,6 @@ POLE_SPHERE, POLE_PIXELS = Spherical(512, 256), (20_000, 200_000)
 SHIFT_M, TURN_RAD = 0.3, 0.1  # of the known motion between two spheres
 COLUMNS = ("rms mm", "rms deg", "NEES by 6", "pixels")
 
-Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Noise = Callable[[Spherical, np.random.Generator], Array]
 
@@ -79,11 +79,11 @@ def face_wall(seed: int, trials: int, report: Report) -> None:
     found: dict[int, list[Trial]] = {WALL_PIXELS: [], ALL_PIXELS: []}
     for number in range(trials):
         rng = np.random.default_rng([seed, number])
-        grey, range_m = render(WALL_SPHERE, SE3.identity(), number, pale_ahead)
-        sphere = noisy(grey, pixel_noise(WALL_SPHERE, rng))
+        gray, range_m = render(WALL_SPHERE, SE3.identity(), number, pale_ahead)
+        sphere = noisy(gray, pixel_noise(WALL_SPHERE, rng))
         pose = random_motion(rng, SHIFT_M, 0.5 * TURN_RAD) @ T_BODY_OPTICAL
-        grey, _ = render(WALL_CAMERA, pose, number, pale_ahead)
-        image, guess = noisy(grey, pixel_noise(WALL_CAMERA, rng)), pose @ random_motion(rng, GUESS_M, GUESS_RAD)
+        gray, _ = render(WALL_CAMERA, pose, number, pale_ahead)
+        image, guess = noisy(gray, pixel_noise(WALL_CAMERA, rng)), pose @ random_motion(rng, GUESS_M, GUESS_RAD)
         for most, trials_of in found.items():
             params = build(RegistrationParams, {"max_pixels": most})
             reference = prepare_reference(sphere, range_m, WALL_SPHERE, params)
@@ -119,12 +119,12 @@ def look_at_poles(seed: int, trials: int, report: Report) -> None:
 def try_samplings(seed: int, number: int, noise: Noise, params: RegistrationParams) -> tuple[Trial, Trial]:
     """Return one known motion by all pixels of a sphere that have a range, and by evenly spaced ones."""
     rng = np.random.default_rng([seed, number, 1])
-    grey, range_m = render(POLE_SPHERE, SE3.identity(), number, pale_walls)
-    image = noisy(grey, noise(POLE_SPHERE, rng))
+    gray, range_m = render(POLE_SPHERE, SE3.identity(), number, pale_walls)
+    image = noisy(gray, noise(POLE_SPHERE, rng))
     references = [make(image, range_m, POLE_SPHERE, params) for make in (of_all_pixels, prepare_reference)]
     pose = random_motion(rng, SHIFT_M, TURN_RAD)
-    grey, _ = render(POLE_SPHERE, pose, number, pale_walls)
-    pyramid = build_pyramid(noisy(grey, noise(POLE_SPHERE, rng)), POLE_SPHERE, params.pyramid)
+    gray, _ = render(POLE_SPHERE, pose, number, pale_walls)
+    pyramid = build_pyramid(noisy(gray, noise(POLE_SPHERE, rng)), POLE_SPHERE, params.pyramid)
     guess = pose @ random_motion(rng, GUESS_M, GUESS_RAD)
     one, other = (align(pyramid, made, guess, pose, params) for made in references)
     return one, other
@@ -145,7 +145,7 @@ def of_all_pixels(image: Image, range_m: NDArray[np.float32], camera: Camera, pa
     """Return `prepare_reference` in latitude and longitude: all pixels of every row are used."""
     levels = []
     for index, level in enumerate(build_pyramid(image, camera, params.pyramid).levels):
-        range_m = halve_range(range_m, params.surface_ratio) if index else range_m
+        range_m = halve_range_image(range_m, params.surface_ratio) if index else range_m
         levels.append(prepare_level(level, range_m, params.far))
     return Reference(tuple(levels))
 
@@ -169,7 +169,7 @@ def pixel_noise(camera: Camera, rng: np.random.Generator) -> Array:
 
 def camera_noise(camera: Camera, rng: np.random.Generator) -> Array:
     """Return noise (H, W) of the six sides of a cube around the sphere, whose pixels are as wide as at its equator."""
-    rays = camera.unproject(pixel_grid(camera))
+    rays = pixel_rays(camera)
     axis = np.argmax(np.abs(rays), axis=-1)
     ahead = np.take_along_axis(rays, axis[..., None], axis=-1)[..., 0]
     width = round(2 * camera.pixels_per_radian)
@@ -198,9 +198,9 @@ def random_motion(rng: np.random.Generator, most_m: float, most_rad: float) -> S
     return SE3.exp(rng.uniform(-1.0, 1.0, 6) * np.repeat([most_m, most_rad], 3))
 
 
-def noisy(grey: Image, noise: Array) -> Image:
+def noisy(gray: Image, noise: Array) -> Image:
     """Return an image as a camera gives it."""
-    return np.clip(np.rint(grey + noise), 1, 255).astype(np.uint8)
+    return np.clip(np.rint(gray + noise), 1, 255).astype(np.uint8)
 
 
 def rms_m(trials: list[Trial] | tuple[Trial, ...]) -> float:

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.graph.pose_graph import PoseGraph
 from sphere_nav.geometry import SE3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 SPHERE_M, TORUS_M = 50.0, (30.0, 12.0)  # radii
 

@@ -16,11 +16,11 @@ from benchmarks.range_worlds import BARE, CLASSES, Scene, make_scene
 from benchmarks.real_rigs import room
 from benchmarks.report import Bound, Report, Table
 from sphere_mapping.acquisition.params import MatchParams, StitchParams
-from sphere_mapping.acquisition.range.epipolar import range_from_disparity, search_of
+from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges, range_from_disparity
 from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.params import build
 
 HELP = "range against the truth in rooms with bare, unlit and repetitive walls; noise; planes of real pairs"
@@ -158,7 +158,7 @@ def match_pair(top: NDArray[np.uint8], bottom: NDArray[np.uint8], baseline_m: fl
     """Return range and deviation (H, W) of two whole grey spheres, one above the other."""
     whole, params = Spherical(top.shape[1], top.shape[0]), MatchParams()
     everywhere = np.ones(top.shape, np.bool_)
-    disparity = match_columns(top, bottom, search_of(whole, baseline_m, params), params, everywhere)
+    disparity = match_columns(top, bottom, disparities_of_ranges(whole, baseline_m, params), params, everywhere)
     return range_from_disparity(disparity, whole, baseline_m, params)
 
 
@@ -171,7 +171,7 @@ def _planes(data: Path) -> tuple[list[Bound], list[Table]]:
         top, bottom = (cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in room(data / name))
         range_m, _ = match_pair(top, bottom, REAL_BASELINE_M)
         whole = Spherical(top.shape[1], top.shape[0])
-        regions = fit_regions(name, range_m, whole.unproject(pixel_grid(whole)))
+        regions = fit_regions(name, range_m, pixel_rays(whole))
         bounds.append(Bound(f"{name}: measured", 0.4, float(np.isfinite(range_m).mean()), "", is_minimum=True))
         for kind in REGIONS[name]:
             own = [region for region in regions if region.what.startswith(kind) and region.is_enough]

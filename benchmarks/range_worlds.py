@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from cycab_sim.params import LightParams, RenderParams, RigParams
+from cycab_sim.params import CameraRigParams, ImagingParams, LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
-from cycab_sim.sensors.cameras import expose, vignette
+from cycab_sim.sensors.imaging import expose
 from cycab_sim.sensors.rigs import make_rig, rig_mounts, rig_place
 from cycab_sim.world import finishes
 from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder
@@ -66,7 +66,7 @@ def make_scene(seed: int, kind: str, width: int, lens: Mapping[str, object] | No
     rng = np.random.default_rng([seed, 71])
     mesh, kinds, size, boxes = _room(rng)
     values = {"kind": kind, "width": width * 17 // 32, "height": width * 17 // 32} | dict(lens or {})
-    params = build(RigParams, values)
+    params = build(CameraRigParams, values)
     rig = make_rig(params, seed)
     assert rig is not None
     renderer = Renderer(mesh, RenderParams(), LIGHT)
@@ -76,10 +76,9 @@ def make_scene(seed: int, kind: str, width: int, lens: Mapping[str, object] | No
     while not _is_free(T_world_rig.translation, boxes, params.baseline):
         T_world_rig = _draw_place(rng, size) @ lowered
     images = {}
-    for number, mount in enumerate(rig_mounts(params, rig)):
+    for number, mount in enumerate(rig_mounts(params, ImagingParams(), rig)):
         T_rig_camera = rig.camera(mount.name).T_rig_camera
         levels, _ = renderer.render(mount.camera, T_world_rig @ T_rig_camera)
-        levels = levels * vignette(mount.camera, mount.vignetting, LIGHT.gamma)[..., None]
         images[mount.name] = expose(levels, mount.noise, mount.shot_noise, (seed, 72, number))
     return Scene(rig, images, renderer, T_world_rig, kinds)
 
@@ -149,5 +148,5 @@ def _finish(rng: np.random.Generator) -> tuple[Finish, int]:
 
 def _bare(rng: np.random.Generator) -> Finish:
     """Return one colour without any texture."""
-    colour = finishes.pick(rng, finishes.PLASTERS)
-    return Finish(k.MARKING, colour, colour, (0.0, 1.0, 1.0))
+    color = finishes.pick(rng, finishes.PLASTERS)
+    return Finish(k.MARKING, color, color, (0.0, 1.0, 1.0))

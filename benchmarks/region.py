@@ -19,11 +19,12 @@ from benchmarks.report import Bound, Report, Table
 from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.world.worlds import build_world
-from dense_localizer.judge.acceptance import judge
+from dense_localizer.judge.acceptance import assess
 from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import View, build_pyramid, prepare_reference, register
-from sphere_nav.photometric.checks.structure import find_structure
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.checks.structure import find_rig_structure
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 from sphere_nav.view_synthesis.region import region_radii
 
@@ -89,13 +90,13 @@ def errors(trials: list[Trial], field: str) -> tuple[float, float]:
 def try_town(seed: int, num_spheres: int) -> list[Trial]:
     """Return what became of poses around the spheres of one town."""
     world = build_world("town", seed, "block")
-    renderer = Renderer(world.mesh, RenderParams(num_threads=1), LightParams())
+    renderer = Renderer(world.mesh, RenderParams(), LightParams(), num_threads=1)
     rng = np.random.default_rng([seed, 12])
     trials = []
     for distance in np.linspace(3.0, float(world.path.length) - 3.0, num_spheres):
         x, y, yaw, _ = world.path.at(np.array(distance))
         T = SE3.from_planar(float(x), float(y), float(yaw)) @ SE3.from_parts(np.eye(3), [0.0, 0.0, HEIGHT_M])
-        levels, range_m = renderer.render(SPHERE, T, is_grey=True)
+        levels, range_m = renderer.render(SPHERE, T, is_gray=True)
         sphere = Sphere(noisy(levels, rng), range_m.astype(np.float32), SPHERE)
         trials += try_sphere(sphere, T, renderer, rng)
     return trials
@@ -103,7 +104,7 @@ def try_town(seed: int, num_spheres: int) -> list[Trial]:
 
 def try_sphere(sphere: Sphere, T: SE3, renderer: Renderer, rng: np.random.Generator) -> list[Trial]:
     """Try poses around one sphere, where nothing is in the way."""
-    reference = prepare_reference(sphere.grey, sphere.range_m, sphere.camera, PARAMS.registration)
+    reference = prepare_reference(sphere.gray, sphere.range_m, sphere.camera, PARAMS.registration)
     view = View(reference, T)
     radii = region_radii(sphere)
     trials = []
@@ -116,7 +117,7 @@ def try_sphere(sphere: Sphere, T: SE3, renderer: Renderer, rng: np.random.Genera
         for _ in range(NUM_HEADINGS):
             turn = SE3.exp([0, 0, 0, 0, 0, rng.uniform(-np.pi, np.pi)])
             T_camera = T @ SE3.from_parts(np.eye(3), direction * distance) @ turn @ T_BODY_OPTICAL
-            levels, _ = renderer.render(CAMERA, T_camera, is_grey=True)
+            levels, _ = renderer.render(CAMERA, T_camera, is_gray=True)
             off = localise(noisy(levels, rng), [view], T_camera, rng)
             has_worked = off is not None and off[0] < GOOD_M and off[1] < GOOD_DEG
             trials.append(Trial(float(distance), float(there), float(np.median(radii)), has_worked))
@@ -146,9 +147,10 @@ def localise(
         [shift / np.linalg.norm(shift) * GUESS_M, turn / np.linalg.norm(turn) * np.radians(GUESS_DEG)]
     )
     alignment = register(pyramid, views, T_camera @ SE3.exp(guess), PARAMS.registration)
-    structure = find_structure(pyramid, views, alignment, PARAMS.registration) if alignment.is_converged else None
+    single = RigImage(pyramid, views=tuple(views))
+    structure = find_rig_structure([single], alignment, PARAMS.registration) if alignment.is_converged else None
     limits = PARAMS.acceptance, PARAMS.registration.max_mad
-    if not judge(alignment, alignment.covariance, 0.0, None, *limits, structure).is_accepted:
+    if not assess(alignment, alignment.covariance, 0.0, None, *limits, structure).is_accepted:
         return None
     off_m, off_rad = T_camera.distance(alignment.T_world_camera)
     return float(off_m), float(np.degrees(off_rad))

@@ -27,7 +27,7 @@ CAMERAS: dict[str, Camera] = {
 WORLDS: dict[str, tuple[str, TrafficParams | None]] = {
     "town": ("town", None),
     "town, traffic": ("town", TrafficParams(is_on=True)),
-    "city, traffic": ("city", TrafficParams(is_on=True, cars=20, bicycles=10, pedestrians=80)),
+    "city, traffic": ("city", TrafficParams(is_on=True, is_busy=True)),
 }
 INSTANTS = 10  # at which traffic is moved
 
@@ -44,7 +44,7 @@ def run(options: argparse.Namespace) -> Report:
         world = build_world(kind, 1)
         traffic = Traffic(world, params, 1) if params else None
         bounds = world.bounds if world.is_wide else None
-        renderer = Renderer(world.mesh, RenderParams(num_threads=1), LightParams(), traffic, bounds)
+        renderer = Renderer(world.mesh, RenderParams(), LightParams(), traffic, bounds, num_threads=1)
         if traffic is not None:
             moves.append(
                 (name, f"{len(traffic.actors)}", f"{len(traffic.mesh.triangles)}", _move_time(renderer, traffic))

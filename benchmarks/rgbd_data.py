@@ -23,7 +23,7 @@ class Frame:
     """One grey image with its depth along z in the same pixels, and the true pose of this camera."""
 
     name: str
-    grey: NDArray[np.uint8]  # (H, W)
+    gray: NDArray[np.uint8]  # (H, W)
     depth_m: NDArray[np.float32]  # (H, W), NaN where not measured
     T_world_camera: SE3
 
@@ -38,7 +38,7 @@ class Calibration:
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)  # X_colour = X_depth + offset
 
     @property
-    def T_colour_depth(self) -> SE3:
+    def T_color_depth(self) -> SE3:
         """Pose of the depth camera in the colour camera."""
         return SE3.from_parts(np.eye(3), self.offset_m)
 
@@ -70,8 +70,8 @@ class Recording:
         found = self.read(path)
         if calibration.depth_camera is None:
             return found
-        T_depth_colour = calibration.T_colour_depth.inverse() if self.is_truth_of_depth else SE3.identity()
-        return replace(registered(found, calibration), T_world_camera=found.T_world_camera @ T_depth_colour)
+        T_depth_color = calibration.T_color_depth.inverse() if self.is_truth_of_depth else SE3.identity()
+        return replace(registered(found, calibration), T_world_camera=found.T_world_camera @ T_depth_color)
 
 
 def open_recording(folder: Path, poses: Path | None = None) -> Recording:
@@ -115,12 +115,12 @@ def _single_pairs(folder: Path) -> list[tuple[Path, Path]]:
 def read_seven_scenes(pose_path: Path, folder: Path) -> Frame:
     """Read the frame of a `frame-%06d.pose.txt` from a folder; colour is .jpg or .png, depth in mm."""
     stem = pose_path.name.removesuffix(".pose.txt")
-    colour = next((p for kind in ("jpg", "png") if (p := folder / f"{stem}.color.{kind}").exists()), None)
-    if colour is None:
+    color = next((p for kind in ("jpg", "png") if (p := folder / f"{stem}.color.{kind}").exists()), None)
+    if color is None:
         raise ValueError(f"{folder / stem}: expected .color.jpg or .color.png, found neither")
     depth = _read(folder / f"{stem}.depth.png", cv2.IMREAD_UNCHANGED)
     depth_m = np.where(np.isin(depth, INVALID_MM), np.nan, depth / 1000.0).astype(np.float32)
-    return Frame(stem, _read(colour, cv2.IMREAD_GRAYSCALE), depth_m, SE3.from_matrix(np.loadtxt(pose_path)))
+    return Frame(stem, _read(color, cv2.IMREAD_GRAYSCALE), depth_m, SE3.from_matrix(np.loadtxt(pose_path)))
 
 
 @lru_cache(maxsize=32)
@@ -130,8 +130,8 @@ def read_tum_pair(pose_path: Path) -> Frame:
     depth = _read(pose_path.with_name(f"dep_{half}.png"), cv2.IMREAD_UNCHANGED)
     depth_m = np.where(depth == 0, np.nan, depth / 5000.0).astype(np.float32)
     pose = np.loadtxt(pose_path)
-    grey = _read(pose_path.with_name(f"img_{half}.png"), cv2.IMREAD_GRAYSCALE)
-    return Frame(f"{pose_path.parent.name}/{half}", grey, depth_m, SE3.from_quaternion(pose[3:], pose[:3]))
+    gray = _read(pose_path.with_name(f"img_{half}.png"), cv2.IMREAD_GRAYSCALE)
+    return Frame(f"{pose_path.parent.name}/{half}", gray, depth_m, SE3.from_quaternion(pose[3:], pose[:3]))
 
 
 def registered(frame: Frame, calibration: Calibration) -> Frame:
@@ -141,13 +141,13 @@ def registered(frame: Frame, calibration: Calibration) -> Frame:
     v, u = np.nonzero(np.isfinite(frame.depth_m))
     z = frame.depth_m[v, u].astype(np.float64)
     points = np.stack([(u - source.cx) / source.fx * z, (v - source.cy) / source.fy * z, z], axis=-1)
-    points_colour = calibration.T_colour_depth.apply(points)
-    pixels, visible = camera.project(points_colour)
-    far_first = np.argsort(-points_colour[:, 2], kind="stable")
+    points_color = calibration.T_color_depth.apply(points)
+    pixels, visible = camera.project(points_color)
+    far_first = np.argsort(-points_color[:, 2], kind="stable")
     far_first = far_first[visible[far_first]]
     column, row = np.rint(pixels[far_first]).astype(int).T
     depth_m = np.full(frame.depth_m.shape, np.nan, np.float32)
-    depth_m[row, column] = points_colour[far_first, 2]
+    depth_m[row, column] = points_color[far_first, 2]
     return replace(frame, depth_m=depth_m)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 HALF_SIDES_M = (6.0, 4.0, 2.5)
 NUM_WAVES = 24
@@ -37,22 +37,22 @@ class Room:
         """
         rays, range_m = hit_walls(camera, T_room_camera, np.array(self.half_sides_m))
         points = (T_room_camera.translation + rays * range_m[..., None]).astype(np.float32).reshape(-1, 3)
-        grey = np.concatenate(
-            [self._grey(points[k : k + CHUNK], light, contrast) for k in range(0, len(points), CHUNK)]
+        gray = np.concatenate(
+            [self._gray(points[k : k + CHUNK], light, contrast) for k in range(0, len(points), CHUNK)]
         )
-        return grey.reshape(range_m.shape), range_m.astype(np.float32)
+        return gray.reshape(range_m.shape), range_m.astype(np.float32)
 
-    def _grey(self, points: NDArray[np.float32], light: Factor | None, contrast: Factor | None) -> NDArray[np.uint8]:
+    def _gray(self, points: NDArray[np.float32], light: Factor | None, contrast: Factor | None) -> NDArray[np.uint8]:
         waves, phases, amplitudes = self._waves
         phase = points @ waves
         phase += phases
-        grey = np.sin(phase, out=phase) @ amplitudes
+        gray = np.sin(phase, out=phase) @ amplitudes
         if contrast is not None:
-            grey *= contrast(points)
-        grey += np.float32(128.0)
+            gray *= contrast(points)
+        gray += np.float32(128.0)
         if light is not None:
-            grey *= light(points)
-        return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+            gray *= light(points)
+        return np.clip(np.rint(gray), 0, 255).astype(np.uint8)
 
     @cached_property
     def _waves(self) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
@@ -91,4 +91,4 @@ def hit_walls(
 @lru_cache(maxsize=4)
 def _rays(camera: Camera) -> NDArray[np.float64]:
     """Return the rays (H, W, 3) of a camera in its own axes."""
-    return camera.unproject(pixel_grid(camera))
+    return pixel_rays(camera)

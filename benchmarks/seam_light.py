@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.stitching.blending import warp_view
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
-from sphere_mapping.acquisition.stitching.views import Block, Layout, rays_of
+from sphere_mapping.acquisition.stitching.views import Block, Layout, block_rays
 
 Image = NDArray[np.uint8]
 
@@ -32,15 +32,15 @@ class Step:
 
     median: float
     worst: float
-    colour: float
+    color: float
     num_seams: int
 
 
 def light_step(stitcher: Stitcher, images: Mapping[str, Image], level: str, inverse: NDArray | None = None) -> Step:
     """Compare neighbouring views of a level of the sphere near their seams, drawn as `stitch` draws them."""
-    layout = stitcher.layout(level, tuple(images))
+    layout = stitcher.layouts.of(level, tuple(images))
     planes = [_on_sphere(layout, k, images, inverse) for k in range(len(layout.views))]
-    sizes, medians, colours = [np.zeros(0)], [], []
+    sizes, medians, colors = [np.zeros(0)], [], []
     for i, j in combinations(range(len(planes)), 2):
         both = planes[i][1] & planes[j][1] & _near_seam(layout, i, j)
         if not both.any():
@@ -53,11 +53,11 @@ def light_step(stitcher: Stitcher, images: Mapping[str, Image], level: str, inve
         sizes.append(np.abs(ratio.mean(axis=1)))
         medians.append(abs(float(np.median(ratio.mean(axis=1)))))
         channels = np.median(ratio, axis=0)
-        colours.append(float(channels.max() - channels.min()))
+        colors.append(float(channels.max() - channels.min()))
     every = np.concatenate(sizes)
     if not medians:
         return Step(float("nan"), float("nan"), float("nan"), 0)
-    return Step(float(np.median(every)), max(medians), max(colours), len(medians))
+    return Step(float(np.median(every)), max(medians), max(colors), len(medians))
 
 
 def _on_sphere(
@@ -69,7 +69,7 @@ def _on_sphere(
     part = warp_view(view, image, inverse).reshape(view.block.height, view.block.width, -1)
     columns = np.arange(view.block.column, view.block.column + min(view.block.width, whole.width)) % whole.width
     rows = slice(view.block.row, view.block.row + view.block.height)
-    rays = rays_of(whole, Block(view.block.row, view.block.column, view.block.height, columns.size))
+    rays = block_rays(whole, Block(view.block.row, view.block.column, view.block.height, columns.size))
     sees = view.rig_view.project(rays * 20.0)[2] > FROM_BORDER
     side = round(BLUR_DEG * whole.width / 360.0)
     weight = np.maximum(cv2.blur(sees.astype(np.float32), (side, side)), 1e-6)

@@ -10,10 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.range.fusion import inverse_range
+from sphere_mapping.acquisition.range.vertical import VerticalStereo
 from sphere_mapping.acquisition.stitching.blending import warp_view
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
-from sphere_mapping.acquisition.stitching.views import Layout, View
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_mapping.acquisition.stitching.views import Layout, StitchedView
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.sphere import continued
 
 Image = NDArray[np.uint8]
@@ -42,8 +44,8 @@ def seam_flow(
 
     Only corners near the seam of the two, that both see, near what is measured, nothing of which is less far away.
     """
-    layout = stitcher.layout(level, tuple(images))
-    inverse = stitcher.inverse_of(range_m, layout)
+    layout = stitcher.layouts.of(level, tuple(images))
+    inverse = inverse_range(range_m, layout.is_covered)
     is_distant = distant(range_m, min_range_m)
     lengths, num_corners = [np.zeros(0)], 0
     for i, j in combinations(range(len(layout.views)), 2):
@@ -74,14 +76,19 @@ def column_shift(stitcher: Stitcher, images: Mapping[str, Image], range_m: NDArr
     The bottom sphere is drawn at the rows where the range puts them; what is left is the error of columns (and of
     range, which does not count).
     """
-    top, bottom = (even(plane) for plane in stitcher.top_and_bottom(images, range_m))
+    assert isinstance(stitcher.stereo, VerticalStereo)
+    equal, _ = stitcher.equalize(images)
+    grays = {
+        name: cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image for name, image in equal.items()
+    }
+    layouts = [stitcher.layouts.of(level, tuple(grays)) for level in ("top", "bottom")]
+    top, bottom = (even(plane) for plane in stitcher.stereo.draw(layouts, grays, range_m))
     height, width = top.shape
     known = np.isfinite(range_m)
-    disparity = _row_disparity(range_m, stitcher.baseline_m)
+    disparity = _row_disparity(range_m, stitcher.layouts.baseline_m)
     rows, columns = np.mgrid[0:height, 0:width].astype(np.float32)
     rows -= continued(disparity, known)
     moved = cv2.remap(bottom, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    layouts = [stitcher.layout(level, tuple(images)) for level in ("top", "bottom")]
     middle = np.abs(np.arange(height) - height / 2) < height / 4
     is_sharp = np.abs(cv2.Sobel(top, cv2.CV_32F, 1, 0)) > SHARP
     chosen = layouts[0].is_covered & layouts[1].is_covered & known & middle[:, None] & is_sharp
@@ -106,23 +113,23 @@ def followed(first: Image, second: Image, chosen: Flags) -> tuple[NDArray[np.flo
 
 def even(image: Image) -> Image:
     """Return the image with its local mean and contrast made equal: cameras expose differently."""
-    grey = image.astype(np.float32)
-    mean = cv2.blur(grey, (31, 31))
-    deviation = np.sqrt(np.maximum(cv2.blur(grey * grey, (31, 31)) - mean * mean, 0.0))
-    return np.clip(128 + 50 * (grey - mean) / (deviation + 4), 0, 255).astype(np.uint8)
+    gray = image.astype(np.float32)
+    mean = cv2.blur(gray, (31, 31))
+    deviation = np.sqrt(np.maximum(cv2.blur(gray * gray, (31, 31)) - mean * mean, 0.0))
+    return np.clip(128 + 50 * (gray - mean) / (deviation + 4), 0, 255).astype(np.uint8)
 
 
 def _on_sphere(
-    view: View, images: Mapping[str, Image], layout: Layout, inverse: NDArray[np.float32] | None
+    view: StitchedView, images: Mapping[str, Image], layout: Layout, inverse: NDArray[np.float32] | None
 ) -> tuple[Image, Flags]:
     """Return a view's grey levels (H, W) and where all of a window around a pixel is seen by it."""
     image, whole = images[view.name], layout.whole
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
+    gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image
     plane, seen = np.zeros((whole.height, whole.width), np.uint8), np.zeros((whole.height, whole.width), np.uint8)
     columns = np.arange(view.block.column, view.block.column + min(view.block.width, whole.width)) % whole.width
     rows = slice(view.block.row, view.block.row + view.block.height)
-    plane[rows, columns] = warp_view(view, grey, inverse)[:, : columns.size]
-    rays = whole.unproject(pixel_grid(whole))[rows][:, columns]
+    plane[rows, columns] = warp_view(view, gray, inverse)[:, : columns.size]
+    rays = pixel_rays(whole)[rows][:, columns]
     seen[rows, columns] = view.rig_view.project(rays * 20.0)[2] > FROM_BORDER
     return plane, cv2.erode(seen, np.ones((WINDOW, WINDOW), np.uint8)) > 0
 

@@ -22,13 +22,13 @@ from cycab_sim.params import SimParams
 from cycab_sim.sensors.rigs import rig_place
 from cycab_sim.simulator import Simulator
 from sphere_mapping.acquisition.params import MatchParams, RectifyParams, StitchParams
-from sphere_mapping.acquisition.range.epipolar import range_from_disparity, search_of
+from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges, range_from_disparity
 from sphere_mapping.acquisition.range.matching import match_columns
-from sphere_mapping.acquisition.range.planes import Places, range_of_planes
-from sphere_mapping.acquisition.range.rectification import Rectified, rectified
+from sphere_mapping.acquisition.range.planes import Viewpoints, range_of_planes
+from sphere_mapping.acquisition.range.rectification import RigCorrection, rectify
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.params import build
 from sphere_nav.spheres.sphere import Sphere, continued
 
@@ -136,7 +136,7 @@ def _photo_consistency(
     simulator.teleport(float(x + 0.5 * np.cos(yaw)), float(y + 0.5 * np.sin(yaw)), yaw)
     after = stitcher.stitch({name: frame.image for name, frame in simulator.capture_rig().items()}).sphere
     T_second_first = (simulator.vehicle.state.T_world_base @ T_base_sphere).inverse() @ T_world_first
-    rays = before.camera.unproject(pixel_grid(before.camera))
+    rays = pixel_rays(before.camera)
     points = T_second_first.apply(rays * np.where(before.measured, before.range_m, np.nan)[..., None])
     pixels = np.nan_to_num(before.camera.project(points)[0], nan=-1.0).astype(np.float32)
     seen = cv2.remap(after.image, pixels[..., 0], pixels[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -150,13 +150,15 @@ def _photo_consistency(
 def _room(folder: Path, options: argparse.Namespace) -> list[Bound]:
     top, bottom = room(folder)
     window, params = Spherical(top.shape[1], top.shape[0]), MatchParams()
-    grey = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (top, bottom)]
-    search, everywhere = search_of(window, 0.2, params), np.ones(grey[0].shape, np.bool_)
-    disparity = match_columns(grey[0], grey[1], search, params, everywhere, options.threads)
+    gray = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) for image in (top, bottom)]
+    search, everywhere = disparities_of_ranges(window, 0.2, params), np.ones(gray[0].shape, np.bool_)
+    disparity = match_columns(gray[0], gray[1], search, params, everywhere, options.threads)
     range_m, std_m = range_from_disparity(disparity, window, 0.2, params)
     measured = float(np.isfinite(range_m[window.height // 4 : 3 * window.height // 4]).mean())
-    places, ranged = Places.of_pair(window, 0.2), (range_m, std_m)
-    planes = range_of_planes(grey[0], grey[1], ranged, everywhere, places, search, params)
+    owner, error = np.zeros(gray[0].shape, np.int8), np.zeros(gray[0].shape, np.float32)
+    viewpoints = Viewpoints(0.2, owner, np.zeros((1, 3), np.float32), error, per_m=0.0)
+    ranged = range_m, std_m
+    planes = range_of_planes(gray[0], gray[1], ranged, everywhere, viewpoints, search, params)
     is_filled = ~np.isnan(planes[0])
     range_m, std_m = (np.where(is_filled, *both) for both in zip(planes, ranged, strict=True))
     sphere = Sphere(top, range_m, window, 0, std_m, is_filled)
@@ -176,7 +178,7 @@ def _fisheye(folder: Path, options: argparse.Namespace) -> list[Bound]:
     params = build(StitchParams, {"width": 2048, "blend.distance_m": 4.0, "blend.num_passes": 3})
     stitcher = Stitcher(rig, params, masks, options.threads)
     bounds = _top_and_bottom("fisheye_rig, as its file says", stitcher, images, options)
-    better = rectified(rig, stitcher.matches(images, RectifyParams()), RectifyParams())
+    better = rectify(rig, stitcher.matches(images, RectifyParams()), RectifyParams())
     name = f"fisheye_rig, corrected by {_most(better)} at most"
     stitcher = Stitcher(better.rig, params, masks, options.threads)
     sphere = stitcher.stitch(images).sphere
@@ -209,7 +211,7 @@ def _nuscenes(folder: Path, options: argparse.Namespace) -> list[Bound]:
     rig, images, points_rig = nuscenes(folder)
     params = build(StitchParams, {"width": 2048, "range": "none", "blend.distance_m": 20.0})
     stitcher = Stitcher(rig, params, jobs=options.threads)
-    better = rectified(rig, stitcher.matches(images, RectifyParams(), points_rig), RectifyParams())
+    better = rectify(rig, stitcher.matches(images, RectifyParams(), points_rig), RectifyParams())
     corrected = Stitcher(better.rig, params, jobs=options.threads)
     bounds = []
     for name, one in (("as its file says", stitcher), (f"corrected by {_most(better)} at most", corrected)):
@@ -234,21 +236,21 @@ def _light(
     return [
         Bound(f"{name}: light across {seams} {before.median:.3f}, median of all pixels", median, after.median, ""),
         Bound(f"{name}: light across {seams} {before.worst:.3f}, worst seam's median", worst, after.worst, ""),
-        Bound(f"{name}: colours apart at {seams} {before.colour:.3f}, worst seam", 0.06, after.colour, ""),
+        Bound(f"{name}: colours apart at {seams} {before.color:.3f}, worst seam", 0.06, after.color, ""),
     ]
 
 
-def _most(better: Rectified) -> str:
-    return f"{max(better.turned_deg.values()):.2f} deg"
+def _most(better: RigCorrection) -> str:
+    return f"{max(better.angle_deg.values()):.2f} deg"
 
 
 def _of(flow: Flow) -> str:
     return f"{flow.num_followed} of {flow.num_corners} corners"
 
 
-def edge_ratio(grey: Image, sphere: Sphere) -> float:
+def edge_ratio(gray: Image, sphere: Sphere) -> float:
     """Return the mean image gradient where the range jumps, over that where it does not."""
-    gradient = np.hypot(cv2.Sobel(grey, cv2.CV_32F, 1, 0), cv2.Sobel(grey, cv2.CV_32F, 0, 1))
+    gradient = np.hypot(cv2.Sobel(gray, cv2.CV_32F, 1, 0), cv2.Sobel(gray, cv2.CV_32F, 0, 1))
     known = sphere.measured
     whole = continued(np.nan_to_num(sphere.range_m, nan=0.0), known)
     jump = np.abs(np.log(np.maximum(whole, 0.1)) - np.log(np.maximum(np.roll(whole, 1, axis=1), 0.1))) > 0.2

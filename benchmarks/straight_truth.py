@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagReader
-from sphere_nav.ros.conversions import camera_from_info, depth_to_metres, stamp_ns
+from sphere_nav.ros.conversions import camera_from_info, depth_to_meters, stamp_ns
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
-Array = NDArray[np.float64]
 NUM_STEPS = 5
 ROBUST_PX = 2.0  # beyond which a residual counts less
 STEP = 12  # px between points
@@ -41,7 +41,7 @@ def straighten(bag: Path, truth: Trajectory, readout_s: float) -> Trajectory:
             index = number.get(stamp_ns(message))
             if index is None:
                 continue
-            depth = depth_to_metres(message)[::STEP, ::STEP]
+            depth = depth_to_meters(message)[::STEP, ::STEP]
             points = (rays / rays[..., 2:] * depth[..., None])[np.isfinite(depth)]
             twist = twist_of(truth.stamps_ns, optical, index, readout_s)
             T_middle_fit = fit_at_once(camera, points, twist)

@@ -17,10 +17,10 @@ from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.world.worlds import World, build_world
 from sphere_nav.geometry import SE3, Pinhole, Spherical
-from sphere_nav.spheres.range_codec import decode, encode
+from sphere_nav.spheres.range_codec import decode_ranges, encode_ranges
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 from sphere_nav.view_synthesis.surface import surface_of
-from sphere_nav.view_synthesis.synthesis import PlacedSurface, View, synthesise
+from sphere_nav.view_synthesis.synthesis import PlacedSurface, SynthesizedView, synthesize
 
 HELP = "views from key spheres: PSNR half way and 2 m off the track, frames per second at 800 x 600"
 WIDTH, SPACING_M, HEIGHT_M = 2048, 2.0, 1.6
@@ -74,7 +74,7 @@ def run(options: argparse.Namespace) -> Report:
 def measure(seed: int, num_places: int, pictures: Path | None) -> list[Found]:
     """Return what views in one town are worth."""
     world = build_world("town", seed, "block")
-    renderer = Renderer(world.mesh, RenderParams(num_threads=1), LightParams())
+    renderer = Renderer(world.mesh, RenderParams(), LightParams(), num_threads=1)
     rng = np.random.default_rng([seed, 8])
     found = []
     for number, start in enumerate(np.linspace(5.0, float(world.path.length) - 10.0, num_places)):
@@ -109,26 +109,26 @@ def see(renderer: Renderer, pose: SE3, rng: np.random.Generator) -> Sphere:
     image = np.clip(np.rint(levels + rng.normal(0, NOISE, levels.shape)), 1, 255).astype(np.uint8)
     wave = cv2.GaussianBlur(rng.normal(size=range_m.shape), (0, 0), 4.0)
     wave *= RANGE_NOISE / wave.std()
-    coded = decode(encode((range_m * (1.0 + wave)).astype(np.float32)))
+    coded = decode_ranges(encode_ranges((range_m * (1.0 + wave)).astype(np.float32)))
     return Sphere(image, coded, camera)
 
 
-def timed(placed: list[PlacedSurface], T: SE3) -> tuple[View, float]:
+def timed(placed: list[PlacedSurface], T: SE3) -> tuple[SynthesizedView, float]:
     """Return a view, and views per second of CPU."""
-    view = synthesise(placed, T, CAMERA)
+    view = synthesize(placed, T, CAMERA)
     begin = time.process_time()
     for _ in range(NUM_TIMED):
-        view = synthesise(placed, T, CAMERA)
+        view = synthesize(placed, T, CAMERA)
     return view, NUM_TIMED / (time.process_time() - begin)
 
 
-def psnr(view: View, truth: NDArray[np.float32]) -> float:
+def psnr(view: SynthesizedView, truth: NDArray[np.float32]) -> float:
     """Return the peak signal to noise ratio in dB over what the view shows."""
     error = (view.image.astype(np.float32) - truth)[view.is_known]
     return float(10.0 * np.log10(255.0**2 / np.mean(error**2)))
 
 
-def keep(path: Path, view: View, truth: NDArray[np.float32]) -> None:
+def keep(path: Path, view: SynthesizedView, truth: NDArray[np.float32]) -> None:
     """Write view and truth side by side."""
     path.parent.mkdir(parents=True, exist_ok=True)
     both = np.hstack([view.image, np.clip(np.rint(truth), 0, 255).astype(np.uint8)])

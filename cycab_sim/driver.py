@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from cycab_sim.params import TeachParams
-from cycab_sim.vehicle import Command, VehicleState
+from cycab_sim.vehicle import VehicleCommand, VehicleState
 from cycab_sim.world.paths import Path
 
 SPACING = 0.02  # m between the points the driver looks at
@@ -19,7 +19,7 @@ WAVES = (0.031, 0.073, 0.117)  # a wandering line: waves per metre
 FADE = 5.0  # m over which the wandering begins
 
 
-class Driver:
+class PurePursuitDriver:
     """Pure pursuit along a path, with a smooth speed; remembers how far it has come."""
 
     def __init__(self, path: Path, params: TeachParams, seed: int) -> None:
@@ -41,18 +41,18 @@ class Driver:
         """Whether the end has been reached; a closed path ends where it began."""
         return self.distance > self.path.length - ARRIVED
 
-    def command(self, state: VehicleState) -> Command:
+    def command(self, state: VehicleState) -> VehicleCommand:
         """Return speed and yaw rate for where the car is now."""
         here = self._locate(state)
         if self.is_done:
-            return Command()
+            return VehicleCommand()
         speed = float(self._speeds[here])
         target = self._targets[min(here + round(self.params.look_ahead / SPACING), len(self._targets) - 1)]
         dx, dy = float(target[0]) - state.x, float(target[1]) - state.y
         ahead = math.cos(state.yaw) * dx + math.sin(state.yaw) * dy
         aside = math.cos(state.yaw) * dy - math.sin(state.yaw) * dx
         curvature = 2.0 * aside / max(ahead * ahead + aside * aside, 1e-3)
-        return Command(speed, speed * curvature)
+        return VehicleCommand(speed, speed * curvature)
 
     def _locate(self, state: VehicleState) -> int:
         """Return the number of the closest point at or after the last one."""

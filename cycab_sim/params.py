@@ -20,27 +20,28 @@ class LightParams:
     )
     hour_rate: float = param(0.0, "hours that pass in a second of simulated time", low=0.0, high=1.0)
     clouds: float = param(0.0, "share of the sun's light that passing clouds take", low=0.0, high=1.0)
-    cloud_period: float = param(90.0, "time from cloud to cloud, about", "s", low=1.0)
 
+    cloud_period: ClassVar[float] = 90.0  # from cloud to cloud, about, s
     gamma: ClassVar[float] = 2.2  # grey level = 255 radiance^(1/gamma)
 
 
 @parameters
-class ExposureParams:
-    """What a camera does to the brightness and colour of its images by itself."""
+class ImagingParams:
+    """What the sensors and lenses of the camera and of the rig's cameras do to their images."""
 
-    is_automatic: bool = param(False, "the exposure follows the mean grey level of the images")
-    delay: float = param(0.1, "from an image to the first exposure that heeds it", "s", low=0.0, high=10.0)
-    time_constant: float = param(0.4, "the exposure follows as a first-order lag", "s", low=0.0, high=100.0)
-    white_balance: float = param(0.0, "standard deviation of the share of red and blue", low=0.0, high=0.5)
-    white_balance_period: float = param(40.0, "time in which the white balance drifts", "s", low=0.1)
+    noise: float = param(1.0, "factor on the deviation of the noise of read-out and light", low=0.0, high=50.0)
+    vignetting: float = param(0.0, "share of the light lost in the corners of a lens", low=0.0, high=0.95)
+    has_automatic_exposure: bool = param(False, "the exposure follows the mean grey level of the images")
+    white_balance: float = param(0.0, "standard deviation of the share of red and blue, drifting", low=0.0, high=0.5)
     shutter: float = param(
         0.0, "how long the shutter is open around the stamp; 0: no motion blur", "s", low=0.0, high=1.0
     )
-    dropout: float = param(0.0, "share of the images that are lost, at random", low=0.0, high=0.95)
 
+    exposure_delay: ClassVar[float] = 0.1  # from an image to the first exposure that heeds it, s
+    exposure_lag: ClassVar[float] = 0.4  # time constant with which the exposure follows, s
     target: ClassVar[float] = 115.0  # mean grey level that it aims at, grey level
     range: ClassVar[float] = 8.0  # largest factor of the automatic exposure, up and down
+    white_balance_period: ClassVar[float] = 40.0  # in which the white balance drifts, s
     shutter_samples: ClassVar[int] = 6  # instants of which a blurred image is the mean
 
 
@@ -49,9 +50,7 @@ class TrafficParams:
     """What moves through the streets of a town; where it is at an instant depends on the seed and the stamp alone."""
 
     is_on: bool = param(False, "whether anything moves but the car")
-    cars: int = param(12, "moving cars", low=0, high=200)
-    bicycles: int = param(6, "cyclists", low=0, high=200)
-    pedestrians: int = param(40, "pedestrians", low=0, high=500)
+    is_busy: bool = param(False, "20 cars, 10 cyclists and 80 pedestrians instead of 12, 6 and 40")
     seed: int = param(0, "decides who is under way, together with the seed of the town", low=0)
     may_cross: bool = param(False, "traffic may cross the path; who would touch the car is not there")
 
@@ -59,6 +58,8 @@ class TrafficParams:
     bicycle_speed: ClassVar[float] = 3.5  # mean speed of cyclists, m/s
     walking_speed: ClassVar[float] = 1.3  # mean speed of pedestrians, m/s
     trams: ClassVar[int] = 1  # trams of three sections
+    usual: ClassVar[tuple[int, int, int]] = 12, 6, 40  # cars, cyclists, pedestrians
+    busy: ClassVar[tuple[int, int, int]] = 20, 10, 80
 
 
 @parameters
@@ -66,13 +67,13 @@ class RenderParams:
     """Effort spent on an image."""
 
     supersampling: int = param(2, "n x n rays for pixels where surfaces meet; 1: none", low=1, high=8)
-    num_threads: int = param(0, "threads that share an image; 0: one a core", low=0)
     shadow_texel: float = param(0.08, "resolution of the shadows", "m", low=0.01)
-    shadow_extent: float = param(160.0, "size of the square around the town's middle with shadows", "m", low=1.0)
+
+    shadow_extent: ClassVar[float] = 160.0  # of the square with shadows around the middle of a world, m
 
 
 @parameters
-class VehicleParams:
+class CarParams:
     """The Cycab: an electric car that steers its front wheels; the reference point is the rear axle's middle."""
 
     wheelbase: float = param(1.2, "distance between the axles", "m", low=0.05)
@@ -89,7 +90,7 @@ class VehicleParams:
 
 
 @parameters
-class ActuationParams:
+class ActuatorParams:
     """How the car follows its commands."""
 
     dead_time: float = param(0.0, "from a command to the first reaction of the car", "s", low=0.0, high=1.0)
@@ -99,18 +100,13 @@ class ActuationParams:
 
 @parameters
 class OdometryParams:
-    """Wheel odometry: what it measures wrongly."""
+    """Wheel odometry; what it measures wrongly: `vehicle.WheelErrors`."""
 
     period: float = param(0.02, "time between two messages", "s", low=0.001)
-    slip: float = param(0.005, "share of the wheel motion that does not move the car", low=0.0, high=0.9)
-    yaw_rate_scale: float = param(1.01, "measured yaw rate over true yaw rate", low=0.5, high=2.0)
-    yaw_rate_bias: float = param(0.0005, "offset of the yaw rate while driving", "rad/s")
-    speed_noise: float = param(0.01, "standard deviation of the speed", "m/s", low=0.0)
-    yaw_rate_noise: float = param(0.003, "standard deviation of the yaw rate", "rad/s", low=0.0)
 
 
 @parameters
-class CameraParams:
+class SimCameraParams:
     """The camera for driving, looking forward."""
 
     is_on: bool = param(True, "publish images")
@@ -119,17 +115,15 @@ class CameraParams:
     width: int = param(640, "columns", "px", low=16, high=8192)
     height: int = param(480, "rows; a panorama keeps this many around its horizon", "px", low=16, high=8192)
     view_deg: float = param(80.0, "horizontal field of view of a lens", "deg", low=10.0, high=280.0)
-    k1: float = param(-0.05, "radial distortion of a lens", low=-1.0, high=1.0)
-    k2: float = param(0.01, "radial distortion of a lens, second coefficient", low=-1.0, high=1.0)
     x: float = param(1.0, "place on the car, forward of the rear axle", "m")
     z: float = param(1.6, "height above the ground", "m", low=0.05)
     pitch_deg: float = param(4.0, "looking down", "deg", low=-60.0, high=60.0)
-    vignetting: float = param(0.0, "share of the light lost in the corners of a lens", low=0.0, high=0.95)
-    noise: float = param(1.2, "standard deviation of the read-out noise", "grey level", low=0.0)
-    shot_noise: float = param(0.012, "variance of the shot noise over the grey level", "grey level", low=0.0)
-    exposure: ExposureParams = group(ExposureParams)
 
     y: ClassVar[float] = 0.0  # place on the car, to the left, m
+    k1: ClassVar[float] = -0.05  # radial distortion of a lens
+    k2: ClassVar[float] = 0.01  # radial distortion of a lens, second coefficient
+    read_noise: ClassVar[float] = 1.2  # standard deviation of the read-out noise, grey level
+    shot_noise: ClassVar[float] = 0.012  # variance of the shot noise over the grey level, grey level
 
 
 @parameters
@@ -137,59 +131,46 @@ class SphereParams:
     """The ideal RGB-D sphere on the roof."""
 
     publish: str = param("teach", "when to publish spheres", choices=("teach", "always", "never"))
-    distance: float = param(0.5, "way between two spheres; 0: by time", "m", low=0.0)
-    period: float = param(0.0, "time between two spheres; 0: by way", "s", low=0.0)
+    distance: float = param(0.5, "way between two spheres", "m", low=0.01)
     width: int = param(1024, "columns of the whole sphere, twice the rows", "px", low=32, high=8192)
 
     x: ClassVar[float] = 0.4  # place on the car, forward of the rear axle, m
     y: ClassVar[float] = 0.0  # place on the car, to the left, m
     z: ClassVar[float] = 1.8  # height above the ground, m
-    noise: ClassVar[float] = 0.8  # standard deviation of the read-out noise, grey level
+    read_noise: ClassVar[float] = 0.8  # standard deviation of the read-out noise, grey level
     shot_noise: ClassVar[float] = 0.006  # variance of the shot noise over the grey level, grey level
 
 
 @parameters
-class RigParams:
+class CameraRigParams:
     """Six cameras on the roof: three stereo pairs back to back one above the other, or a ring (M15 section 4.3)."""
 
     kind: str = param("none", "arrangement of the cameras", choices=("none", "vertical", "ring"))
     publish: str = param("teach", "when to publish images", choices=("teach", "always", "never"))
-    distance: float = param(0.5, "way between two captures; 0: by time", "m", low=0.0)
+    distance: float = param(0.5, "way between two captures", "m", low=0.01)
     model: str = param("fisheye", "lens", choices=("pinhole", "fisheye"))
     width: int = param(544, "columns of each camera", "px", low=16, high=8192)
     height: int = param(544, "rows of each camera", "px", low=16, high=8192)
     view_deg: float = param(190.0, "horizontal field of view of each camera", "deg", low=30.0, high=280.0)
-    baseline: float = param(0.3, "from each camera to the one below it, or to the next of the ring", "m", low=0.01)
     tolerance: float = param(1.0, "times 1 mm, 0.3 deg, 0.3 % of the focal length: where each is mounted", low=0.0)
-    x: float = param(0.4, "place of the upper cameras' middle on the car, forward of the rear axle", "m")
-    z: float = param(1.8, "height above the ground", "m", low=0.05)
-    vignetting: float = param(0.0, "share of the light lost in the corners of a lens", low=0.0, high=0.95)
-    exposure_group: str = param("rig", "who has one exposure", choices=("rig", "level", "camera"))
-    rolling_dropout: float = param(0.0, "each camera in turn is silent for so long; 0: none", "s", low=0.0)
     file: str = param("", "write the rig's true description to this file at the start; empty: nowhere")
-    exposure: ExposureParams = group(ExposureParams)
 
-    y: ClassVar[float] = 0.0  # place on the car, to the left, m
+    x: ClassVar[float] = 0.4  # place of the upper cameras' middle on the car, forward of the rear axle, m
+    y: ClassVar[float] = 0.0  # to the left, m
+    z: ClassVar[float] = 1.8  # height above the ground, m
+    baseline: ClassVar[float] = 0.3  # from each camera to the one below it, or to the next of the ring, m
     radius: ClassVar[float] = 0.03  # from the mast of the vertical rig to its cameras, m
     shot_noise: ClassVar[float] = 0.006  # variance of the shot noise over the grey level, grey level
-    noise: ClassVar[float] = 0.8  # standard deviation of the read-out noise, grey level
+    read_noise: ClassVar[float] = 0.8  # standard deviation of the read-out noise, grey level
     k1: ClassVar[float] = -0.02  # radial distortion of the lens
     k2: ClassVar[float] = 0.002  # radial distortion of the lens, second coefficient
-    period: ClassVar[float] = 0.0  # time between two captures; 0: by way, s
 
 
 @parameters
 class ImuParams:
-    """An inertial sensor with the axes of the car; noise is that of one message."""
+    """An inertial sensor with the axes of the car; what it measures wrongly: `imu.ImuErrors`."""
 
     is_on: bool = param(False, "publish readings")
-    acceleration_noise: float = param(0.03, "standard deviation of the acceleration", "m/s^2", low=0.0)
-    acceleration_bias: float = param(0.02, "standard deviation of its bias, drawn once an axis", "m/s^2", low=0.0)
-    acceleration_walk: float = param(0.0005, "standard deviation of its random walk after 1 s", "m/s^2", low=0.0)
-    rate_noise: float = param(0.002, "standard deviation of the angular rate", "rad/s", low=0.0)
-    rate_bias: float = param(0.001, "standard deviation of its bias, drawn once an axis", "rad/s", low=0.0)
-    rate_walk: float = param(0.00002, "standard deviation of its random walk after 1 s", "rad/s", low=0.0)
-    orientation_noise_deg: float = param(0.2, "standard deviation of the orientation", "deg", low=0.0)
 
     x: ClassVar[float] = 0.4  # place on the car, forward of the rear axle, m
     y: ClassVar[float] = 0.0  # place on the car, to the left, m
@@ -199,19 +180,10 @@ class ImuParams:
 
 @parameters
 class ScanParams:
-    """A laser scanner in a plane parallel to the wheels' contact points; it does not see the car itself."""
+    """A laser scanner in a plane parallel to the wheels' contact points; what it is like: `scanner.ScannerModel`."""
 
     is_on: bool = param(False, "publish scans")
-    first_deg: float = param(-135.0, "direction of the first ray, positive to the left", "deg", low=-180.0, high=180.0)
-    last_deg: float = param(135.0, "direction of the last ray", "deg", low=-180.0, high=180.0)
-    num_rays: int = param(541, "rays of a scan", low=2, high=100000)
-    max_range: float = param(30.0, "longest range", "m", low=0.1)
-    noise: float = param(0.01, "standard deviation of the range", "m", low=0.0)
-    x: float = param(1.5, "place on the car, forward of the rear axle", "m")
-    z: float = param(0.6, "height above the ground", "m", low=0.02)
 
-    y: ClassVar[float] = 0.0  # place on the car, to the left, m
-    min_range: ClassVar[float] = 0.05  # shortest range, m
     period: ClassVar[float] = 0.1  # time between two scans, s
 
 
@@ -220,8 +192,8 @@ class TeachParams:
     """The drive that the simulator does by itself, like a careful human."""
 
     speed: float = param(1.4, "speed on straight road", "m/s", low=0.05)
-    wander: float = param(0.05, "largest distance from the planned path on purpose", "m", low=0.0, high=1.0)
 
+    wander: ClassVar[float] = 0.05  # largest distance from the planned path on purpose, m
     delay: ClassVar[float] = 2.0  # simulated time before the car starts, for recorders to be ready, s
     look_ahead: ClassVar[float] = 1.2  # the driver steers towards the path this far ahead, m
     acceleration: ClassVar[float] = 0.5  # gain and loss of speed, m/s^2
@@ -232,20 +204,12 @@ class TeachParams:
 class ClockParams:
     """How simulated time passes."""
 
-    is_lock_step: bool = param(True, "after an image wait for a command with its stamp or a later one")
-    max_wait: float = param(3.0, "wall time to wait for a command; then the clock runs on", "s", low=0.0)
+    max_wait: float = param(
+        3.0, "wall time to wait for the command that answers an image; 0: the clock runs on", "s", low=0.0
+    )
     real_time_factor: float = param(1.0, "simulated over wall time where nothing waits; 0: no limit", low=0.0)
 
     step: ClassVar[float] = 0.01  # simulated time of one step, s
-
-
-@parameters
-class StartParams:
-    """Where the car stands at first, relative to the start of the path."""
-
-    along: float = param(0.0, "forward along the path", "m")
-    left: float = param(0.0, "to the left of the path", "m")
-    yaw_deg: float = param(0.0, "turned to the left", "deg")
 
 
 @parameters
@@ -260,15 +224,15 @@ class SimParams:
         "two_turns", "path to start on and to teach, in the town", choices=("two_turns", "block", "straight")
     )
     has_stamped_command: bool = param(True, "cmd_vel is TwistStamped, not Twist")
-    start: StartParams = group(StartParams)
     clock: ClockParams = group(ClockParams)
     teach: TeachParams = group(TeachParams)
-    vehicle: VehicleParams = group(VehicleParams)
-    actuation: ActuationParams = group(ActuationParams)
+    vehicle: CarParams = group(CarParams)
+    actuation: ActuatorParams = group(ActuatorParams)
     odometry: OdometryParams = group(OdometryParams)
-    camera: CameraParams = group(CameraParams)
+    camera: SimCameraParams = group(SimCameraParams)
     sphere: SphereParams = group(SphereParams)
-    rig: RigParams = group(RigParams)
+    rig: CameraRigParams = group(CameraRigParams)
+    imaging: ImagingParams = group(ImagingParams)
     imu: ImuParams = group(ImuParams)
     scan: ScanParams = group(ScanParams)
     light: LightParams = group(LightParams)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cycab_sim.params import ActuationParams, OdometryParams, VehicleParams
+from cycab_sim.params import ActuatorParams, CarParams
 from cycab_sim.world.paths import arc
 from sphere_nav.geometry import SE3
 
@@ -16,7 +16,7 @@ STANDSTILL = 0.02  # below this speed a yaw rate says nothing about the steering
 
 
 @dataclass(frozen=True)
-class Command:
+class VehicleCommand:
     """What the car is asked for: speed of the rear axle m/s and yaw rate rad/s, as in a Twist."""
 
     speed: float = 0.0
@@ -42,11 +42,11 @@ class VehicleState:
 class Vehicle:
     """Moves a state by commands."""
 
-    def __init__(self, state: VehicleState, params: VehicleParams, actuation: ActuationParams) -> None:
+    def __init__(self, state: VehicleState, params: CarParams, actuation: ActuatorParams) -> None:
         self.state = state
         self.params = params
         self.actuation = actuation
-        self._pending: deque[tuple[float, Command]] = deque()
+        self._pending: deque[tuple[float, VehicleCommand]] = deque()
         self._now = 0.0
 
     @property
@@ -54,7 +54,7 @@ class Vehicle:
         """True yaw rate, rad/s."""
         return self.state.speed * math.tan(self.state.steering) / self.params.wheelbase
 
-    def step(self, command: Command, seconds: float) -> None:
+    def step(self, command: VehicleCommand, seconds: float) -> None:
         """Drive for `seconds`: the actuators move, then an arc at their mean."""
         before = self.state
         wanted = self._delay(command, seconds)
@@ -65,14 +65,14 @@ class Vehicle:
         x, y, yaw = arc((before.x, before.y, before.yaw), mean_speed * seconds, curvature)
         self.state = VehicleState(float(x), float(y), float(yaw), speed, steering)
 
-    def _delay(self, command: Command, seconds: float) -> Command:
+    def _delay(self, command: VehicleCommand, seconds: float) -> VehicleCommand:
         """Return the command that was given one dead time ago."""
         self._pending.append((self._now, command))
         self._now += seconds
         while len(self._pending) > 1 and self._pending[1][0] <= self._now - seconds - self.actuation.dead_time + 1e-9:
             self._pending.popleft()
         is_due = self._pending[0][0] <= self._now - seconds - self.actuation.dead_time + 1e-9
-        return self._pending[0][1] if is_due else Command()
+        return self._pending[0][1] if is_due else VehicleCommand()
 
     def _follow_speed(self, wanted: float, seconds: float) -> float:
         p, now = self.params, self.state.speed
@@ -82,7 +82,7 @@ class Vehicle:
         speed = now + min(max(change, -limit * seconds), limit * seconds)
         return 0.0 if speed * now < 0.0 else speed  # a change of direction begins at a standstill
 
-    def _steering_for(self, command: Command) -> float:
+    def _steering_for(self, command: VehicleCommand) -> float:
         """Return the steering angle of a yaw rate; at a standstill the wheels stay as they are."""
         if abs(command.speed) < STANDSTILL:
             return self.state.steering
@@ -95,21 +95,33 @@ class Vehicle:
         return self.state.steering + min(max(change, -limit), limit)
 
 
-class WheelOdometry:
-    """Integrates what the wheels say: slip, a wrong yaw-rate scale and bias, and noise."""
+@dataclass(frozen=True)
+class WheelErrors:
+    """What wheel odometry measures wrongly; noise is that of one message."""
 
-    def __init__(self, params: OdometryParams, seed: int) -> None:
-        self.params = params
+    slip: float = 0.005  # share of the wheel motion that does not move the car
+    yaw_rate_scale: float = 1.01  # measured yaw rate over true yaw rate
+    yaw_rate_bias: float = 0.0005  # rad/s while driving
+    speed_noise: float = 0.01  # standard deviation of the speed, m/s
+    yaw_rate_noise: float = 0.003  # standard deviation of the yaw rate, rad/s
+
+
+class WheelOdometry:
+    """Integrates what the wheels say: slip, a wrong yaw-rate scale and bias, and noise; `period` s between messages."""
+
+    def __init__(self, period: float, seed: int, errors: WheelErrors | None = None) -> None:
+        self.errors = errors or WheelErrors()
+        self.period = period
         self.pose = np.zeros(3)
         self.speed = self.yaw_rate = 0.0
         self.way = self.turned = 0.0
         self._rng = np.random.default_rng([seed, 11])
 
-    def step(self, speed: float, yaw_rate: float, seconds: float, extra: OdometryParams | None = None) -> None:
+    def step(self, speed: float, yaw_rate: float, seconds: float, errors: WheelErrors | None = None) -> None:
         """Measure the true speed m/s and yaw rate rad/s over `seconds`, and move the pose by what was measured."""
-        p = extra or self.params
+        p = errors or self.errors
         is_moving = abs(speed) > 1e-3
-        scale = math.sqrt(p.period / seconds)  # noise is given for one message, steps are shorter
+        scale = math.sqrt(self.period / seconds)  # noise is given for one message, steps are shorter
         noise = self._rng.standard_normal(2) * scale * is_moving
         self.speed = speed / (1.0 - p.slip) + p.speed_noise * noise[0]
         self.yaw_rate = p.yaw_rate_scale * yaw_rate + p.yaw_rate_bias * is_moving + p.yaw_rate_noise * noise[1]
@@ -126,7 +138,7 @@ class WheelOdometry:
     @property
     def deviations(self) -> np.ndarray:
         """Standard deviations (6,) of the pose, m and rad, growing with the way; the height and tilt do not change."""
-        p = self.params
+        p = self.errors
         share = p.slip + abs(p.yaw_rate_scale - 1.0)
         along, turn = 0.01 + share * self.way, 0.005 + share * self.turned
         return np.array([along, along + turn * self.way / 2, 1e-3, 1e-3, 1e-3, turn])

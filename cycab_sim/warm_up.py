@@ -10,7 +10,7 @@ SMALL = {
     "camera.width": 32,
     "camera.height": 24,
     "sphere.width": 64,
-    "render.shadow_extent": 4.0,
+    "render.shadow_texel": 2.0,
     "traffic.is_on": True,
 }
 

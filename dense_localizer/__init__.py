@@ -1,6 +1,6 @@
 """One image -> pose in the graph of key spheres, with an honest covariance and status. READ FIRST `localizer.py`.
 
-`input_check.py` looks at the image alone, `motion_prior.py` predicts, `reference.py` chooses and prepares key spheres,
-`acceptance.py` judges, `status.py` says how far to trust, `startup.py` finds the first pose, `reasons.py` is the
-vocabulary.
+`inputs.py` checks the images alone, `motion_prior.py` predicts, `references/` chooses and prepares key spheres,
+`track/` aligns to them and to the last image, `judge/` accepts or refuses, `start/` finds the first pose,
+`constants.py` holds the numbers that results depend on.
 """

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dense_localizer.motion_prior import MotionPrior
+from dense_localizer.constants import MOVING_SPEED
 from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization import FINE, Finding, InputCheck, Reason
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -34,12 +33,14 @@ class CameraImage:
 
 
 @dataclass(frozen=True)
-class Report:
-    """The images that can be used, why one cannot (FINE: all can), and whether the stamps are of another time."""
+class LocalizerInput:
+    """The images of one instant with their pyramids (none where all are of no use, `finding` says why) and odometry."""
 
-    images: tuple[RigImage, ...]
+    stamp_ns: int
     finding: Finding = FINE
-    is_clock_jump: bool = False
+    images: tuple[RigImage, ...] = ()
+    T_odom_camera: SE3 | None = None  # of the body, where cameras are several
+    is_clock_jump: bool = False  # stamps are of another time from here on
 
 
 class Inputs:
@@ -54,28 +55,37 @@ class Inputs:
         self.stream = InputCheck(self._params.input)  # the stamps that all cameras share
         self._checks: dict[str, InputCheck] = {}
 
-    def check(self, images: Sequence[CameraImage], stamp_ns: int, prior: MotionPrior) -> Report:
-        """Judge the images of one instant; the prior tells how the body moves, so where it was at the stamp of each."""
+    def check(
+        self,
+        images: Sequence[CameraImage],
+        stamp_ns: int,
+        T_odom_camera: SE3 | None = None,
+        velocity: Array | None = None,
+    ) -> LocalizerInput:
+        """Check the images of one instant; the last velocity (6,) of the body says where it was at the stamp of each.
+
+        BAD_STAMP where the instant does not count; where one camera serves, what is wrong with another is no reason
+        against the pose.
+        """
         stream = self.stream.check_stamp(stamp_ns)
         if not stream.is_good:
-            return Report((), stream.finding)
+            return LocalizerInput(stamp_ns, stream.finding)
         if stream.is_clock_jump:
             self._checks.clear()
+        is_moving = velocity is None or float(np.linalg.norm(velocity[:3])) > MOVING_SPEED
         usable, findings = [], []
         for one in images:
             check = self._checks.setdefault(one.name, InputCheck(self._params.input))
-            finding = check.check_image(one.image, one.camera, is_moving=prior.is_moving)
+            finding = check.check_image(one.image, one.camera, is_moving=is_moving)
             findings.append(replace(finding, detail=f"camera {one.name}: {finding.detail}") if one.name else finding)
             if finding.reason is Reason.NONE:
                 pyramid = build_pyramid(one.image, one.camera, self._params.registration.pyramid)
-                usable.append(RigImage(pyramid, _at_stamp(one, prior.velocity), name=one.name))
-        # Where one camera serves, what is wrong with another one is no reason against the pose.
-        return Report(
-            tuple(usable), next((f for f in findings if f.reason is not Reason.NONE), FINE), stream.is_clock_jump
-        )
+                usable.append(RigImage(pyramid, _mount_at_stamp(one, velocity), name=one.name))
+        finding = next((one for one in findings if one.reason is not Reason.NONE), FINE)
+        return LocalizerInput(stamp_ns, finding, tuple(usable), T_odom_camera, stream.is_clock_jump)
 
 
-def _at_stamp(one: CameraImage, velocity: Array | None) -> SE3 | None:
+def _mount_at_stamp(one: CameraImage, velocity: Array | None) -> SE3 | None:
     """Return where the camera was, seen from the body at the stamp of the instant."""
     if one.T_body_camera is None or velocity is None or one.delay_s == 0.0:
         return one.T_body_camera

@@ -1,75 +1,40 @@
-"""Where the camera is before the image has been looked at: constant velocity on SE(3), odometry, measured rotation.
+"""Where the camera is before the image has been aligned: constant velocity on SE(3), odometry, measured rotation.
 
 All times are differences of image stamps. The covariance is that of a tangent vector (v, omega) in the camera frame:
 T_map_camera @ exp(xi). It grows from the last alignment on, also while images are refused.
 
-How uncertain the way by the map is: what its edges admit adds up along it.
-
-The pose in the map is relative to the map. Whoever takes its poses as odometry asks something else: how far has the
-camera come since it was localised? Key spheres err against one another, so that this grows with the way.
+The pose is relative to the map. Whoever uses it as odometry needs something else: how far has the camera come since it
+was localized? Key spheres err against one another, so that this uncertainty grows with the way (`MapDrift`).
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dense_localizer.constants import (
+    DRIFT_WITHOUT_EDGES,
+    EDGE_ERROR,
+    GAP_PERIODS,
+    GAP_S,
+    MAX_POSITION_SIGMA_M,
+    MIN_EDGE_M,
+    NUM_PERIODS,
+    START_SPEED,
+    START_TURN_RATE,
+)
+from dense_localizer.inputs import LocalizerInput
 from dense_localizer.params import PriorParams
-from dense_localizer.references.map_error import EDGE
+from dense_localizer.track.inter_frame import InterFrame
 from sphere_nav.geometry import SE3, FrameMotion
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.spheres.graph import SphereGraph
 
-Array = NDArray[np.float64]
-MIN_LENGTH_M = 0.1  # of an edge: key spheres that stand closer say nothing of a metre
-UNKNOWN = np.repeat([0.002, 0.0015], 3) ** 2  # variance (6,) of a metre, where a map has no edges
-
-
-class MapDrift:
-    """The covariance (6, 6) of xi in T_start_now @ exp(xi) by the errors of the map between both."""
-
-    def __init__(self, graph: SphereGraph | None = None) -> None:
-        self.per_metre = edge_variance(graph) if graph is not None else np.zeros(6)
-        self.covariance: Array = np.zeros((6, 6))
-        self._last: SE3 | None = None
-
-    def start(self, T_map_now: SE3) -> None:
-        """Begin anew: nothing has drifted yet."""
-        self.covariance, self._last = np.zeros((6, 6)), T_map_now
-
-    def go(self, T_map_now: SE3) -> None:
-        """Go on to another pose: what has been wrong turns with the body, and a wrong heading moves what follows."""
-        if self._last is not None:
-            T_now_before = T_map_now.inverse() @ self._last
-            Ad, metres = T_now_before.adjoint(), float(np.linalg.norm(T_now_before.translation))
-            self.covariance = Ad @ self.covariance @ Ad.T + np.diag(self.per_metre * metres)
-        self._last = T_map_now
-
-
-def edge_variance(graph: SphereGraph) -> Array:
-    """Return the variance (6,) of a metre of the map, the same along all axes: the median over its edges."""
-    rates = []
-    for edge in graph.edges:
-        try:
-            variance = EDGE * np.diagonal(np.linalg.inv(edge.information))
-        except np.linalg.LinAlgError:
-            continue
-        a, b = graph[edge.a].T_map_sphere, graph[edge.b].T_map_sphere
-        length = max(float(a.distance(b)[0]), MIN_LENGTH_M)
-        rates.append([variance[:3].mean() / length, variance[3:].mean() / length])
-    return np.repeat(np.median(rates, axis=0), 3) if rates else UNKNOWN
-
-
-GAP_S = 0.3  # a longer pause between images is a gap,
-GAP_PERIODS = 2.0  # unless the camera is that slow
-NUM_PERIODS = 5  # between the latest images, whose median is the camera's
-MAX_SIGMA_M = 0.5  # standard deviation of a predicted position, until the pose is LOST
-MOVING_SPEED = 0.05  # m/s, from which the camera counts as moving
-START_SPEED, START_TURN_RATE = 5.0, 1.0  # m/s, rad/s: standard deviations of what is not known after a start
+UNKNOWN_COVARIANCE = np.diag(np.full(6, np.inf))
 
 
 @dataclass(frozen=True)
@@ -83,12 +48,19 @@ class Prediction:
     max_step_s: float = GAP_S  # a longer one is a gap
     blind_s: float = 0.0
     defies_odometry: bool = False  # made without the odometry that was there
-    is_doubtful: bool = False  # made because a likelier one failed
+    is_fallback: bool = False  # made because a likelier one failed
+    is_guess: bool = False  # of a search: the pose may be any other
     T_map_aligned: SE3 | None = None  # pose of the last alignment
     growth: Array | None = None  # covariance (6, 6) of the motion since then
 
+    @staticmethod
+    def guess(T_map_camera: SE3) -> Prediction:
+        """Return a pose to try of which nothing else is known."""
+        return Prediction(T_map_camera, UNKNOWN_COVARIANCE, 0, is_guess=True)
+
+    @property
     def finding(self) -> Finding:
-        """Return what makes a pose found from this prediction one to use with care."""
+        """What makes a pose found from this prediction one to use with care."""
         if self.defies_odometry:
             return Finding(Reason.ODOM_STALE, detail="odometry disagrees with the images")
         return Finding(Reason.GAP, self.step_s, self.max_step_s) if self.step_s > self.max_step_s else FINE
@@ -102,20 +74,22 @@ class Prediction:
     @property
     def is_certain(self) -> bool:
         """Whether the position is known well enough to go on from."""
-        return sigma_m(self.covariance) <= MAX_SIGMA_M
+        return measure_position_sigma(self.covariance) <= MAX_POSITION_SIGMA_M
 
 
-def sigma_m(covariance: Array) -> float:
-    """Return the largest standard deviation of the position in metres."""
+def measure_position_sigma(covariance: Array) -> float:
+    """Return the largest standard deviation of the position in m."""
     return float(np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1]))
 
 
-class MotionPrior:
+class PosePrior:
     """The last pose, its velocity and what is not known about them."""
 
-    def __init__(self, params: PriorParams, graph: SphereGraph | None = None) -> None:
-        """`graph` is that of the map whose errors add up along the way."""
-        self._params, self.drift = params, MapDrift(graph)
+    def __init__(
+        self, params: PriorParams, graph: SphereGraph | None = None, inter_frame: InterFrame | None = None
+    ) -> None:
+        """`graph` is that of the map whose errors add up along the way; `inter_frame` measures rotations, if given."""
+        self._params, self.drift, self._inter_frame = params, MapDrift(graph), inter_frame
         self.reset()
 
     def reset(self) -> None:
@@ -134,11 +108,6 @@ class MotionPrior:
     def last(self) -> Prediction | None:
         """The pose at the last image, predicted where it could not be aligned."""
         return self._held
-
-    @property
-    def is_moving(self) -> bool:
-        """Whether the camera moved when last aligned; true where nothing is known."""
-        return self.velocity is None or float(np.linalg.norm(self.velocity[:3])) > MOVING_SPEED
 
     def age(self, stamp_ns: int) -> float:
         """Return the seconds since the last alignment with the map, 0 before the first."""
@@ -173,30 +142,26 @@ class MotionPrior:
         steps = step_s, max_step_s, blind_s
         return Prediction(T_map_camera, covariance, stamp_ns, *steps, T_map_aligned=before, growth=growth)
 
-    def predictions(
-        self,
-        stamp_ns: int,
-        T_odom_camera: SE3 | None,
-        refine: Callable[[SE3], SE3 | None],
-        measure: Callable[[], SE3 | None],
-    ) -> Iterator[Prediction]:
+    def propose(self, frame: LocalizerInput) -> Iterator[Prediction]:
         """Yield predictions, the likeliest first: by odometry or velocity, turned as measured, standing still.
 
-        `refine` measures the rotation since the last image (M15 eq. 20) where the images do not support a predicted
-        motion; `measure` does in any case, and is asked only if the first one fails.
+        The rotation since the last image (M15 eq. 20) is measured first where the images do not support a predicted
+        motion; in any case, once the first prediction has failed.
         """
-        moved = self.predict(stamp_ns, T_odom_camera)
-        T_before_now = refine(self._motion(moved.step_s, T_odom_camera))
-        yield moved if T_before_now is None else self.predict(stamp_ns, T_odom_camera, T_before_now)
+        stamp_ns, T_odom_camera, rotations = frame.stamp_ns, frame.T_odom_camera, self._inter_frame
+        plain = self.predict(stamp_ns, T_odom_camera)
+        T_held_now = self._motion(plain.step_s, T_odom_camera)
+        T_before_now = rotations.refine(frame.images, T_held_now) if rotations else None
+        yield plain if T_before_now is None else self.predict(stamp_ns, T_odom_camera, T_before_now)
         if T_before_now is not None:  # parallax looks like a turn, too
-            yield replace(moved, is_doubtful=True)
-        T_before_now = measure() if T_before_now is None else None
+            yield replace(plain, is_fallback=True)
+        T_before_now = rotations.measure(frame.images) if rotations and T_before_now is None else None
         if T_before_now is not None:
-            yield replace(self.predict(stamp_ns, T_odom_camera, T_before_now), is_doubtful=True)
+            yield replace(self.predict(stamp_ns, T_odom_camera, T_before_now), is_fallback=True)
         if T_odom_camera is not None:
-            yield replace(self.predict(stamp_ns), is_doubtful=True, defies_odometry=True)
+            yield replace(self.predict(stamp_ns), is_fallback=True, defies_odometry=True)
         if self._held is not None and self.velocity is not None:
-            yield replace(moved, T_map_camera=self._held.T_map_camera, is_doubtful=True)
+            yield replace(plain, T_map_camera=self._held.T_map_camera, is_fallback=True)
 
     def pause_s(self, stamp_ns: int) -> float:
         """Return the seconds since the last image."""
@@ -206,7 +171,7 @@ class MotionPrior:
         """Go on from the prediction: the image could not be aligned."""
         self._count_period(prediction.stamp_ns)
         self._held, self._T_odom_held = prediction, T_odom_camera
-        self.drift.go(prediction.T_map_camera)
+        self.drift.propagate(prediction.T_map_camera)
 
     def correct(
         self,
@@ -233,7 +198,7 @@ class MotionPrior:
         self._count_period(stamp_ns)
         self._held = self._aligned = Prediction(T_map_camera, covariance, stamp_ns)
         self._T_odom_held = self._T_odom_aligned = T_odom_camera
-        self.drift.go(T_map_camera)
+        self.drift.propagate(T_map_camera)
         if is_by_map:
             self._confirmed_ns = stamp_ns
 
@@ -255,3 +220,38 @@ class MotionPrior:
         speed = np.zeros(2) if self.velocity is not None else np.array([START_SPEED, START_TURN_RATE])
         acceleration = np.array([params.acceleration, params.angular_acceleration])
         return np.repeat(speed * blind_s + 0.5 * acceleration * blind_s**2, 3)
+
+
+class MapDrift:
+    """The covariance (6, 6) of xi in T_start_now @ exp(xi) by the errors of the map between both."""
+
+    def __init__(self, graph: SphereGraph | None = None) -> None:
+        self.per_meter = estimate_drift_rate(graph) if graph is not None else np.zeros(6)
+        self.covariance: Array = np.zeros((6, 6))
+        self._last: SE3 | None = None
+
+    def start(self, T_map_now: SE3) -> None:
+        """Begin anew: nothing has drifted yet."""
+        self.covariance, self._last = np.zeros((6, 6)), T_map_now
+
+    def propagate(self, T_map_now: SE3) -> None:
+        """Go on to another pose: what has been wrong turns with the body, and a wrong heading moves what follows."""
+        if self._last is not None:
+            T_now_before = T_map_now.inverse() @ self._last
+            Ad, meters = T_now_before.adjoint(), float(np.linalg.norm(T_now_before.translation))
+            self.covariance = Ad @ self.covariance @ Ad.T + np.diag(self.per_meter * meters)
+        self._last = T_map_now
+
+
+def estimate_drift_rate(graph: SphereGraph) -> Array:
+    """Return the variance (6,) of a meter of the map, the same along all axes: the median over its edges."""
+    rates = []
+    for edge in graph.edges:
+        try:
+            variance = EDGE_ERROR * np.diagonal(np.linalg.inv(edge.information))
+        except np.linalg.LinAlgError:
+            continue
+        a, b = graph[edge.a].T_map_sphere, graph[edge.b].T_map_sphere
+        length = max(float(a.distance(b)[0]), MIN_EDGE_M)
+        rates.append([variance[:3].mean() / length, variance[3:].mean() / length])
+    return np.repeat(np.median(rates, axis=0), 3) if rates else DRIFT_WITHOUT_EDGES

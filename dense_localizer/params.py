@@ -1,16 +1,15 @@
-"""Parameters of the dense localiser: what depends on camera, vehicle or place. The rest are constants where used."""
+"""Parameters of the dense localiser: what depends on camera, vehicle or place. The rest: `constants.py`."""
 
 from __future__ import annotations
 
 from functools import cached_property
 
+from dense_localizer.constants import MIN_STEP_PX
 from sphere_nav.geometry.cameras.rolling_shutter import CameraParams
 from sphere_nav.localization.params import InputParams, NodeParams, RigParams, StateParams
 from sphere_nav.params import group, param, parameters
 from sphere_nav.photometric import RegistrationParams
 from sphere_nav.photometric.params import PyramidParams
-
-MIN_STEP_PX = 0.04  # image motion of an increment below which a level is done: fine enough at the rate of a camera
 
 
 @parameters
@@ -65,7 +64,7 @@ class CovarianceParams:
 
 
 @parameters
-class StartParams:
+class SearchParams:
     """How the first pose is found (`startup.py`, M15 section 5.4)."""
 
     heading_step_deg: float = param(20.0, "between headings tried in a whole sphere", "deg", low=1.0, high=180.0)
@@ -87,7 +86,7 @@ class LocalizerParams:
     acceptance: AcceptanceParams = group(AcceptanceParams)
     covariance: CovarianceParams = group(CovarianceParams)
     state: StateParams = group(StateParams)
-    start: StartParams = group(StartParams)
+    start: SearchParams = group(SearchParams)
 
     @cached_property
     def registration(self) -> RegistrationParams:

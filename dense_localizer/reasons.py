@@ -1,4 +1,4 @@
-"""What to do about each reason that this localiser gives (docs: status)."""
+"""What to do about each reason that this localizer gives (docs: status)."""
 
 from __future__ import annotations
 

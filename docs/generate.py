@@ -9,7 +9,7 @@ from importlib import metadata
 from pathlib import Path
 
 import dense_localizer.reasons
-import mcl_depth.reasons
+import mcl_depth.status
 import path_follower.reasons
 from sphere_nav.localization.status import Reason, State
 from sphere_nav.params.render import to_markdown, to_yaml
@@ -114,7 +114,7 @@ def trouble_page() -> str:
     said, driven = meanings("LocalizationStatus"), meanings("FollowerStatus")
     images, geometry, follower = (
         dense_localizer.reasons.REMEDIES,
-        mcl_depth.reasons.REMEDIES,
+        mcl_depth.status.REMEDIES,
         path_follower.reasons.REMEDIES,
     )
     lines = [TROUBLE, "| state | meaning |", "| --- | --- |"]

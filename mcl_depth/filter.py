@@ -8,32 +8,28 @@ judge, resample, and put new particles where the evidence points. Poses leave in
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mcl_depth.belief.dead_reckoning import DeadReckoning
-from mcl_depth.belief.estimate import Belief, Estimate, Observation, covariance_of, pose_of
+from mcl_depth.belief.estimate import Belief, Estimate, Observation, level_pose, pose_covariance
 from mcl_depth.belief.evidence import Evidence
 from mcl_depth.belief.hypotheses import Lineage, find_hypotheses
 from mcl_depth.belief.motion_model import MotionModel, sample_motion
 from mcl_depth.belief.orientation import adjust_headings, interpolate_similarity
 from mcl_depth.belief.particles import Particles
-from mcl_depth.belief.resampling import resample
+from mcl_depth.belief.resampling import compute_weights, resample
 from mcl_depth.belief.sampling import inject_at_places, sample_gaussian, sample_uniform
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.belief.weighting import compute_weights
 from mcl_depth.geometry.area import Area
-from mcl_depth.likeness.comparison import Features, num_alpha_for, visual_features
+from mcl_depth.likeness.comparison import GradientFeatures, num_alpha_for, visual_features
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.level_view import level_view
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import FilterParams
-from mcl_depth.reasons import REMEDIES
-from mcl_depth.status import count, judge
+from mcl_depth.status import REMEDIES, count, judge_belief
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization import FINE, Finding, InputCheck, State, StateMachine, Status
 from sphere_nav.localization.status import status_of
-
-Array = NDArray[np.float64]
 
 
 class Filter:
@@ -98,10 +94,10 @@ class Filter:
             return self._estimate(observation, FINE)  # nearly the same view tells nothing new
         if self._states.state is State.LOST:
             self.search()
-        grey, is_seen = level_view(observation.image, observation.camera, observation.rotation, self.map.camera)
-        return self._localise(observation, visual_features(grey, is_seen))
+        gray, is_seen = level_view(observation.image, observation.camera, observation.rotation, self.map.camera)
+        return self._localize(observation, visual_features(gray, is_seen))
 
-    def _localise(self, observation: Observation, visual: Features) -> Estimate:
+    def _localize(self, observation: Observation, visual: GradientFeatures) -> Estimate:
         """Return what an image makes of the belief (algorithm 2, lines 4 to 22)."""
         p = self.params
         odometry = observation.T_odom_level
@@ -114,7 +110,7 @@ class Filter:
         particles = particles.reweight(compute_weights(similarities, particles.weights))
         hypotheses = find_hypotheses(particles)
         proof = self.evidence.prove(comparison, hypotheses[0].pose, odometry, is_held=self._states.is_trusted)
-        verdict = judge(hypotheses, proof, step, p.state.max_chance)
+        verdict = judge_belief(hypotheses, proof, step, p.state.max_chance)
         count(self._states, verdict, observation.stamp_ns)
         particles = self.lineage.add(observation.stamp_ns, particles)
         self._reckoning.update(hypotheses[0], observation, is_confirmed=not verdict.is_bad)
@@ -133,8 +129,8 @@ class Filter:
         pose, covariance = self._reckoning.propagate(observation)
         if not self.map.has_ground(pose):
             return Estimate(status, belief=belief)
-        T_map_level = pose_of(pose, self.map.height(pose))
-        return Estimate(status, T_map_level, covariance_of(covariance, float(pose[2])), belief)
+        T_map_level = level_pose(pose, self.map.height(pose))
+        return Estimate(status, T_map_level, pose_covariance(covariance, float(pose[2])), belief)
 
     def _begin(self, particles: Particles, *, is_given: bool = False) -> None:
         """Begin with other particles, perhaps around a given place; nothing is known of earlier images."""

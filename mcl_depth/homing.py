@@ -10,14 +10,13 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mcl_depth.belief.orientation import best_headings
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.likeness.similarity_cache import Comparison
-from mcl_depth.params import HomingParams
+from mcl_depth.params import DirectionParams
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 NUM_DIRECTIONS = 16  # psi around the waypoint (N17 table I)
 NUM_DISTANCES = 2  # d around the waypoint, beside zero
 NUM_MEDIAN = 5  # images in the median of the direction
@@ -43,7 +42,7 @@ class Advice:
 class Homing:
     """Goes from waypoint to waypoint; `compare` gives the comparison of an image with the map."""
 
-    def __init__(self, path: Array, params: HomingParams, start: int = 0) -> None:
+    def __init__(self, path: Array, params: DirectionParams, start: int = 0) -> None:
         """`path` (N, 2) m; the vehicle is near waypoint `start` of the path resampled at `params.spacing`."""
         self.waypoints = waypoints_of(path, params.spacing)
         steps = np.linalg.norm(np.diff(self.waypoints, axis=0), axis=1)

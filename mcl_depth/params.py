@@ -44,7 +44,7 @@ class ResamplingParams:
 
 
 @parameters
-class StateParams(shared.StateParams):
+class MclStateParams(shared.StateParams):
     """When the pose is trusted (`status.py`)."""
 
     max_chance: float = param(
@@ -53,14 +53,14 @@ class StateParams(shared.StateParams):
 
 
 @parameters
-class InputParams(shared.InputParams):
+class MclInputParams(shared.InputParams):
     """Which images are used (`sphere_nav/localization/input_check.py`), and which of them are compared."""
 
     min_way: float = param(0.1, "images closer than this to the last one used only carry the pose on", "m", low=0.0)
 
 
 @parameters
-class HomingParams:
+class DirectionParams:
     """Motion direction towards the next waypoint (`homing.py`, N17 section III-D)."""
 
     distance_step: float = param(1.0, "of the samples around a waypoint: d is once and twice that", "m", low=0.05)
@@ -90,8 +90,8 @@ class FilterParams:
     area: AreaParams = group(AreaParams)
     cache: CacheParams = group(CacheParams)
     resampling: ResamplingParams = group(ResamplingParams)
-    state: StateParams = group(StateParams)
-    input: InputParams = group(InputParams)
+    state: MclStateParams = group(MclStateParams)
+    input: MclInputParams = group(MclInputParams)
 
 
 @parameters
@@ -101,4 +101,4 @@ class MclDepthParams(FilterParams, NodeParams):
     cloud: str = param("", "map: .ply, .pcd, .las, .npy, a floor plan .csv, or a folder of key spheres; empty: wait")
     roll_deg: float = param(0.0, "of the vehicle, where there is no imu", "deg", low=-45.0, high=45.0)
     pitch_deg: float = param(0.0, "of the vehicle, where there is no imu", "deg", low=-45.0, high=45.0)
-    homing: HomingParams = group(HomingParams)
+    homing: DirectionParams = group(DirectionParams)

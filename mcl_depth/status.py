@@ -11,7 +11,7 @@ from mcl_depth.belief.evidence import Proof
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
 from sphere_nav.localization.state_machine import StateMachine
-from sphere_nav.localization.status import FINE, Finding, Reason, State
+from sphere_nav.localization.status import FINE, INPUT_REMEDIES, Finding, Reason, State
 
 MIN_WEIGHT = 0.8  # share of the belief in one place before it is trusted
 AMBIGUOUS_SHARE = 0.4  # a second place counts from this share of the first
@@ -21,6 +21,14 @@ SMALL_MAP = "probability that the place is chance: a map this small has few plac
 GIVE_A_START = "give an initial pose or a larger map, or drive on"
 EVEN_ODDS = 0.5  # a held place is bad once it is more probably gone than there
 LOST_IMAGES = 6  # bad images in a row until the pose is lost
+REMEDIES = INPUT_REMEDIES | {
+    Reason.OUTLIERS: "the image fits this place no better than others: check cloud, camera height and initial pose",
+    Reason.NO_CONVERGENCE: "the particles do not agree on one place yet: drive on",
+    Reason.JUMP_REJECTED: "odometry leapt and was not believed: check the wheels and who resets odometry",
+    Reason.AMBIGUOUS: "two places look alike: drive on until they differ, or give an initial pose",
+    Reason.MAP_ERROR: "this cloud cannot be used: check its unit and its extent",
+    Reason.ODOM_STALE: "odometry is missing: check the topic odom and its stamps",
+}
 
 
 @dataclass(frozen=True)
@@ -31,7 +39,7 @@ class Verdict:
     is_bad: bool = False
 
 
-def judge(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max_chance: float) -> Verdict:
+def judge_belief(hypotheses: Sequence[Hypothesis], proof: Proof, step: Step, max_chance: float) -> Verdict:
     """Judge the belief after an image.
 
     Where particles do not agree, or the place is not proven, and odometry failed, odometry is the reason that is given.

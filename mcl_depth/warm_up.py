@@ -27,13 +27,13 @@ def warm_up(params: FilterParams) -> None:
         columns = num_headings * -(-64 // num_headings)
         synthesizer = DepthSynthesizer(cloud, SynthesisParams(num_columns=columns), drawing)
         ranges = synthesizer.synthesize_many(np.zeros((2, 3)))
-    grey = rng.uniform(0, 255, ranges.shape[1:]).astype(np.float32)
+    gray = rng.uniform(0, 255, ranges.shape[1:]).astype(np.float32)
     stack = depth_features_many(ranges, params.comparison)
-    for is_seen in (None, grey > 10.0):
-        similarity_many(visual_features(grey, is_seen), stack, num_headings)
-        correlate_part(visual_features(grey, is_seen), stack, num_headings, np.arange(len(stack)))
-    PartialFilter.of(stack, np.arange(len(stack))).curves(visual_features(grey, grey > 10.0), num_headings)
-    MatchedFilter.of(stack, np.arange(len(stack))).curves(visual_features(grey), num_headings)
+    for is_seen in (None, gray > 10.0):
+        similarity_many(visual_features(gray, is_seen), stack, num_headings)
+        correlate_part(visual_features(gray, is_seen), stack, num_headings, np.arange(len(stack)))
+    PartialFilter.of(stack, np.arange(len(stack))).curves(visual_features(gray, gray > 10.0), num_headings)
+    MatchedFilter.of(stack, np.arange(len(stack))).curves(visual_features(gray), num_headings)
     joint, mask = JointEvidence(1.0, 1.0), np.ones((8, 8), np.bool_)
     for number in range(1 + STEP_EVERY):
         total = joint.add(np.zeros((num_headings, 8, 8), np.float32), np.array([number, 0.0, 0.0]))

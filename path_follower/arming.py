@@ -5,14 +5,13 @@ Whether a stop ends by itself: the rule `safety.resume`.
 
 from __future__ import annotations
 
-from path_follower.modes import Mode, State
+from path_follower.constants import STEADY_NS
+from path_follower.modes import FollowerState, Mode
 from path_follower.params import FollowerParams
 from path_follower.path import Location, ReferencePath
-from path_follower.reasons import FINE, Reason, Verdict
-from path_follower.safety import Watch
+from path_follower.reasons import FINE, StopReason, StopVerdict
+from path_follower.safety import SafetyMonitor
 from path_follower.vehicle import Limiter, Predictor
-
-STEADY_NS = 2_000_000_000  # of TRACKING without a pause, after which a standing vehicle may go on
 
 
 class Resumption:
@@ -26,9 +25,9 @@ class Resumption:
     def is_due(self, mode: Mode, now_ns: int, *, is_fine: bool, is_tracking: bool) -> bool:
         """Return whether to go on; `is_fine`: nothing speaks against motion, `is_tracking`: localised without doubt."""
         may_pass = is_fine and mode.verdict.may_pass and self._rule != "never"
-        if may_pass and mode.state is State.STOPPING:
+        if may_pass and mode.state is FollowerState.STOPPING:
             return True
-        if not (may_pass and is_tracking and mode.state is State.STOPPED and self._rule == "standing"):
+        if not (may_pass and is_tracking and mode.state is FollowerState.STOPPED and self._rule == "standing"):
             self._steady_ns = None
             return False
         if self._steady_ns is None:
@@ -42,7 +41,7 @@ class Arming:
     def __init__(self, params: FollowerParams | None = None, path: ReferencePath | None = None) -> None:
         """Begin at standstill, not armed."""
         self.params = params or FollowerParams()
-        self.watch = Watch(self.params)
+        self.watch = SafetyMonitor(self.params)
         self.mode = Mode()
         self.resumption = Resumption(self.params.safety.resume)
         self.limiter = Limiter(self.params.vehicle)
@@ -55,7 +54,7 @@ class Arming:
 
     def load(self, path: ReferencePath) -> None:
         """Take a path, in standstill and disarmed; ValueError otherwise."""
-        if self.mode.is_armed or self.mode.state is State.STOPPING:
+        if self.mode.is_armed or self.mode.state is FollowerState.STOPPING:
             raise ValueError(
                 f"path: expected a follower that stands, disarmed, found {self.mode.state}: call stop first"
             )
@@ -70,7 +69,7 @@ class Arming:
 
     def start(self, now_ns: int) -> str:
         """Arm, where the vehicle stands on the path: after a stop at the place reached, else at the closest."""
-        if self.path is None or self.mode.state is State.STOPPING:
+        if self.path is None or self.mode.state is FollowerState.STOPPING:
             return "no path is loaded" if self.path is None else "the vehicle is still braking"
         if self.mode.is_driving:
             return ""
@@ -85,17 +84,17 @@ class Arming:
 
     def stop(self) -> str:
         """Brake and disarm; never refused."""
-        self.mode.halt(Verdict(Reason.OPERATOR))
+        self.mode.halt(StopVerdict(StopReason.OPERATOR))
         return ""
 
     def pause(self) -> str:
         """Brake and stand until `resume`."""
         self.mode.pause()
-        return "" if self.mode.state is State.PAUSED else f"nothing to pause: {self.mode.state}"
+        return "" if self.mode.state is FollowerState.PAUSED else f"nothing to pause: {self.mode.state}"
 
     def resume(self, now_ns: int) -> str:
         """Go on after a pause."""
-        if self.mode.state is not State.PAUSED:
+        if self.mode.state is not FollowerState.PAUSED:
             return f"nothing to resume: {self.mode.state}"
         return self.start(now_ns)
 
@@ -103,7 +102,7 @@ class Arming:
         """Brake hard and disarm; a release alone moves nothing."""
         self.watch.is_emergency = is_pressed
 
-    def stand(self, verdict: Verdict) -> None:
+    def stand(self, verdict: StopVerdict) -> None:
         """Be disarmed, at zero command: the vehicle is left alone, or what it did meanwhile is not known."""
         self.limiter.stand()
         self.predictor.reset()
@@ -114,4 +113,4 @@ class Arming:
         self.watch.reset()
         self.predictor.reset()
         self.limiter.last_ns = None
-        self.mode.halt(Verdict(Reason.CLOCK_STOPPED, detail="the clock went backwards"))
+        self.mode.halt(StopVerdict(StopReason.CLOCK_STOPPED, detail="the clock went backwards"))

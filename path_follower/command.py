@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from path_follower.modes import Mode, State
+from path_follower.modes import FollowerState, Mode
 from path_follower.path import Location, ReferencePath, ReferencePoint
-from path_follower.reasons import Verdict
+from path_follower.reasons import StopVerdict
 from path_follower.steering import Errors
 
 
@@ -21,11 +21,11 @@ class TrackingError:
 
 
 @dataclass(frozen=True)
-class Status:
+class FollowerReport:
     """What the follower does and why; lengths in m."""
 
-    state: State
-    verdict: Verdict
+    state: FollowerState
+    verdict: StopVerdict
     progress: float
     distance_to_end: float
     is_armed: bool
@@ -40,12 +40,12 @@ class Command:
     yaw_rate: float
     steering_angle: float
     tracking: TrackingError | None
-    status: Status
+    status: FollowerReport
 
 
-def status_of(mode: Mode, path: ReferencePath | None, location: Location | None) -> Status:
+def report_of(mode: Mode, path: ReferencePath | None, location: Location | None) -> FollowerReport:
     """Return the status; on a closed path the way left is that of the present round."""
     progress, left = location.arc_length if location else 0.0, 0.0
     if path is not None:
         left = path.length - (progress % path.length if path.is_closed else progress)
-    return Status(mode.state, mode.verdict, progress, left, mode.is_armed)
+    return FollowerReport(mode.state, mode.verdict, progress, left, mode.is_armed)

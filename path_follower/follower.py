@@ -5,14 +5,15 @@ from __future__ import annotations
 from dataclasses import replace
 
 from path_follower.arming import Arming
-from path_follower.command import Command, Status, TrackingError, status_of
-from path_follower.modes import State
+from path_follower.command import Command, FollowerReport, TrackingError, report_of
+from path_follower.constants import GOAL_TOLERANCE, SEARCH_WINDOW
+from path_follower.modes import FollowerState
 from path_follower.path import Pose2
-from path_follower.reasons import FINE, Reason, Verdict
-from path_follower.safety import SEARCH_WINDOW, TRUSTED
-from path_follower.speed import GOAL_TOLERANCE, bounded_speed, speed_law
+from path_follower.reasons import FINE, StopReason, StopVerdict
+from path_follower.speed import bounded_speed, speed_law
 from path_follower.steering import curvature_law, errors_of
 from path_follower.vehicle import Motion, braked
+from sphere_nav.localization.status import State
 
 
 class Follower(Arming):
@@ -48,17 +49,17 @@ class Follower(Arming):
         Where the clock stands, so does the vehicle that it belongs to: when it goes on, so does the drive.
         """
         motion = braked(self.limiter.last, self.params.vehicle.stop_deceleration * seconds)
-        verdict = Verdict(Reason.CLOCK_STOPPED, detail="/clock stands", advice="drives on when the clock does")
-        state = State.STOPPING if motion.speed else State.STOPPED
+        verdict = StopVerdict(StopReason.CLOCK_STOPPED, detail="/clock stands", advice="drives on when the clock does")
+        state = FollowerState.STOPPING if motion.speed else FollowerState.STOPPED
         status = self._status() if self.mode.is_at_rest else replace(self._status(), state=state, verdict=verdict)
         return self._command(now_ns, motion, None, status)
 
-    def _command(self, now_ns: int, motion: Motion, tracking: TrackingError | None, status: Status) -> Command:
+    def _command(self, now_ns: int, motion: Motion, tracking: TrackingError | None, status: FollowerReport) -> Command:
         yaw_rate = motion.yaw_rate(self.params.vehicle.wheelbase)
         return Command(now_ns, motion.speed, yaw_rate, motion.steering_angle, tracking, status)
 
-    def _status(self) -> Status:
-        return status_of(self.mode, self.path, self.location)
+    def _status(self) -> FollowerReport:
+        return report_of(self.mode, self.path, self.location)
 
     def _track(self, now_ns: int) -> TrackingError | None:
         """Project onto the closest edge, predict, and compare with the virtual vehicle (eq. 22 to 24)."""
@@ -73,19 +74,19 @@ class Follower(Arming):
         remaining = path.end_of(ahead.segment) - ahead.arc_length
         return TrackingError(errors_of(predicted, virtual), virtual, self.location, remaining)
 
-    def _judge(self, inputs: Verdict, tracking: TrackingError | None) -> Verdict:
+    def _judge(self, inputs: StopVerdict, tracking: TrackingError | None) -> StopVerdict:
         """Return the first reason against motion."""
         if inputs is not FINE or tracking is None or self.path is None:
             return inputs
         place = self.watch.judge_place(tracking.location)
         return self.watch.judge_way(self.path, tracking.location, self.limiter.last.speed) if place is FINE else place
 
-    def _follow_verdict(self, verdict: Verdict, now_ns: int) -> None:
+    def _follow_verdict(self, verdict: StopVerdict, now_ns: int) -> None:
         """Stop for a reason, or end a stop whose reason has gone, by the rule `safety.resume`."""
         self.mode.halt(verdict)
-        is_tracking = self.watch.state == TRUSTED
+        is_tracking = self.watch.state == State.TRACKING
         if self.resumption.is_due(self.mode, now_ns, is_fine=verdict is FINE, is_tracking=is_tracking):
-            if self.mode.state is State.STOPPED:
+            if self.mode.state is FollowerState.STOPPED:
                 self.start(now_ns)
             self.mode.go_on()
 

@@ -8,16 +8,14 @@ from __future__ import annotations
 
 import math
 
-from path_follower.command import Command, Status
+from path_follower.command import Command, FollowerReport
+from path_follower.constants import MAX_ANGLE, MAX_POSE_AGE, MIN_POINTS
 from path_follower.follower import Follower
-from path_follower.obstacles import MIN_POINTS, points_on_arc, stopping_distance
+from path_follower.obstacles import points_on_arc, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2, ReferencePath
-from path_follower.reasons import FINE, Reason, Verdict
-from path_follower.safety import DEGRADED, TRUSTED
-from path_follower.vehicle import MAX_POSE_AGE
-
-MAX_ANGLE = 1.2  # rad between heading and direction beyond which it cannot be driven
+from path_follower.reasons import FINE, StopReason, StopVerdict
+from sphere_nav.localization.status import State
 
 
 class HomingFollower(Follower):
@@ -41,7 +39,7 @@ class HomingFollower(Follower):
 
     def see_source(self, *, is_trusted: bool, is_there: bool, way: tuple[float, float], now_ns: int) -> None:
         """Take what the source of the directions says of them; `way`: m gone and m left along the path."""
-        self.watch.see_status(TRUSTED if is_trusted or is_there else "LOST", now_ns)
+        self.watch.see_status(State.TRACKING if is_trusted or is_there else State.LOST, now_ns)
         self.is_there = is_there
         self.progress, self.distance_to_end = way
 
@@ -53,11 +51,13 @@ class HomingFollower(Follower):
             self.mode.finish()
         speed, curvature = self._steer(now_ns)
         motion = self.limiter.limit(speed, curvature, now_ns, is_hard=self.mode.is_stopping_hard)
-        self.mode.settle(is_standing=motion.speed == 0.0, is_slow=self.watch.state == DEGRADED)
+        self.mode.settle(is_standing=motion.speed == 0.0, is_slow=self.watch.state == State.DEGRADED)
         return self._command(now_ns, motion, None, self._status())
 
-    def _status(self) -> Status:
-        return Status(self.mode.state, self.mode.verdict, self.progress, self.distance_to_end, self.mode.is_armed)
+    def _status(self) -> FollowerReport:
+        return FollowerReport(
+            self.mode.state, self.mode.verdict, self.progress, self.distance_to_end, self.mode.is_armed
+        )
 
     def load(self, path: ReferencePath) -> None:
         """Refuse: the path is that of who gives the directions."""
@@ -70,19 +70,19 @@ class HomingFollower(Follower):
         verdict = self.watch.judge_inputs(now_ns)
         verdict = self._judge_way() if verdict is FINE else verdict
         if verdict is FINE and self.is_there:
-            verdict = Verdict(Reason.END_OF_PATH)
+            verdict = StopVerdict(StopReason.END_OF_PATH)
         if verdict is FINE:
             self.mode.arm()
         return str(verdict)
 
-    def _judge_way(self) -> Verdict:
+    def _judge_way(self) -> StopVerdict:
         """Return whether the direction is too far aside, or something stands in the way."""
         angle = abs(self.direction or 0.0)
         if angle > MAX_ANGLE:
-            return Verdict(Reason.OFF_PATH, angle, MAX_ANGLE)
+            return StopVerdict(StopReason.OFF_PATH, angle, MAX_ANGLE)
         distance = stopping_distance(self.limiter.last.speed, self.params)
         count = points_on_arc(self.watch.points, self.limiter.last.steering_angle, distance, self.params)
-        return Verdict(Reason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
+        return StopVerdict(StopReason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
 
     def _steer(self, now_ns: int) -> tuple[float, float | None]:
         """Return speed and curvature of the circle that leads to a point ahead in the direction (pure pursuit).
@@ -95,7 +95,7 @@ class HomingFollower(Follower):
         turned = self.limiter.last.yaw_rate(self.params.vehicle.wheelbase) * age
         angle = min(max(self.direction - turned, -math.pi / 2), math.pi / 2)
         curvature = 2.0 * math.sin(angle) / self.params.homing.look_ahead
-        slow = self.params.speed.slow if self.watch.state == DEGRADED else self.params.homing.speed
+        slow = self.params.speed.slow if self.watch.state == State.DEGRADED else self.params.homing.speed
         if self.is_there:
             return 0.0, curvature
         return max(min(self.params.homing.speed * math.cos(angle), slow), self.params.speed.creep), curvature

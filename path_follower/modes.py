@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import enum
 
-from path_follower.reasons import FINE, Reason, Verdict
+from path_follower.reasons import FINE, StopReason, StopVerdict
 
 
-class State(enum.StrEnum):
+class FollowerState(enum.StrEnum):
     """The words of FollowerStatus."""
 
     NO_PATH = "NO_PATH"
@@ -20,8 +20,8 @@ class State(enum.StrEnum):
     FINISHED = "FINISHED"
 
 
-SLOWLY = Verdict(Reason.LOCALISATION_DEGRADED, advice="driving slowly until the localiser is TRACKING again")
-ARMED = (State.DRIVING, State.SLOW, State.PAUSED)
+SLOWLY = StopVerdict(StopReason.LOCALISATION_DEGRADED, advice="driving slowly until the localiser is TRACKING again")
+ARMED = (FollowerState.DRIVING, FollowerState.SLOW, FollowerState.PAUSED)
 
 
 class Mode:
@@ -29,7 +29,7 @@ class Mode:
 
     def __init__(self) -> None:
         """Begin without a path."""
-        self.state = State.NO_PATH
+        self.state = FollowerState.NO_PATH
         self.verdict = FINE
 
     @property
@@ -40,17 +40,17 @@ class Mode:
     @property
     def is_driving(self) -> bool:
         """Whether the vehicle follows the path."""
-        return self.state in (State.DRIVING, State.SLOW)
+        return self.state in (FollowerState.DRIVING, FollowerState.SLOW)
 
     @property
     def is_at_rest(self) -> bool:
         """Whether neither a drive nor a stop is going on."""
-        return self.state in (State.NO_PATH, State.IDLE, State.STOPPED, State.FINISHED)
+        return self.state in (FollowerState.NO_PATH, FollowerState.IDLE, FollowerState.STOPPED, FollowerState.FINISHED)
 
     @property
     def has_ended(self) -> bool:
         """Whether the next start begins anew, not at the place reached."""
-        return self.state in (State.IDLE, State.FINISHED)
+        return self.state in (FollowerState.IDLE, FollowerState.FINISHED)
 
     @property
     def is_stopping_hard(self) -> bool:
@@ -59,43 +59,43 @@ class Mode:
 
     def load(self) -> None:
         """A path was loaded."""
-        self.state, self.verdict = State.IDLE, FINE
+        self.state, self.verdict = FollowerState.IDLE, FINE
 
     def arm(self) -> None:
         """Drive from standstill."""
-        self.state, self.verdict = State.DRIVING, FINE
+        self.state, self.verdict = FollowerState.DRIVING, FINE
 
     def go_on(self) -> None:
         """Drive on, because what was missing has come back before standstill."""
-        if self.state is State.STOPPING:
-            self.state, self.verdict = State.DRIVING, FINE
+        if self.state is FollowerState.STOPPING:
+            self.state, self.verdict = FollowerState.DRIVING, FINE
 
-    def stand(self, verdict: Verdict) -> None:
+    def stand(self, verdict: StopVerdict) -> None:
         """Be at standstill and disarmed at once: what the vehicle did meanwhile is not known."""
         if not self.is_at_rest:
-            self.state, self.verdict = State.STOPPED, verdict
+            self.state, self.verdict = FollowerState.STOPPED, verdict
 
     def pause(self) -> None:
         """Stand, armed."""
         if self.is_driving:
-            self.state, self.verdict = State.PAUSED, Verdict(Reason.OPERATOR)
+            self.state, self.verdict = FollowerState.PAUSED, StopVerdict(StopReason.OPERATOR)
 
-    def halt(self, verdict: Verdict) -> None:
+    def halt(self, verdict: StopVerdict) -> None:
         """Stop and disarm, unless all is fine; the first reason stays, unless a hard stop follows a gentle one."""
         if verdict is FINE:
             return
-        if self.is_armed or (self.state is State.STOPPING and self.verdict.is_gentle and not verdict.is_gentle):
-            self.state, self.verdict = State.STOPPING, verdict
+        if self.is_armed or (self.state is FollowerState.STOPPING and self.verdict.is_gentle and not verdict.is_gentle):
+            self.state, self.verdict = FollowerState.STOPPING, verdict
 
     def finish(self) -> None:
         """The end of the path is reached, standing."""
         if self.is_driving:
-            self.state, self.verdict = State.FINISHED, Verdict(Reason.END_OF_PATH)
+            self.state, self.verdict = FollowerState.FINISHED, StopVerdict(StopReason.END_OF_PATH)
 
     def settle(self, *, is_standing: bool, is_slow: bool) -> None:
         """Follow what the vehicle does: a stop that stands is STOPPED; SLOW and DRIVING go by the localisation."""
-        if self.state is State.STOPPING and is_standing:
-            self.state = State.STOPPED
+        if self.state is FollowerState.STOPPING and is_standing:
+            self.state = FollowerState.STOPPED
         elif self.is_driving:
-            self.state = State.SLOW if is_slow else State.DRIVING
+            self.state = FollowerState.SLOW if is_slow else FollowerState.DRIVING
             self.verdict = SLOWLY if is_slow else FINE

@@ -6,17 +6,12 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from path_follower.constants import REACTION, SWEEP_STEP
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
 from path_follower.vehicle import ORIGIN, Motion, drive
-
-Array = NDArray[np.float64]
-
-SWEEP_STEP = 0.2  # m between the footprints that are checked
-REACTION = 0.3  # s until the brakes act
-MIN_POINTS = 2  # points of a scan that make an obstacle
+from sphere_nav.geometry.arrays import Array
 
 
 def stopping_distance(speed: float, params: FollowerParams) -> float:

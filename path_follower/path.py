@@ -9,11 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from path_follower.constants import SAME_PLACE
 from sphere_nav.geometry import SE3
-
-Array = NDArray[np.float64]
-
-SAME_PLACE = 0.25  # m: passes of the path that are this much further than the closest are as good at a start
+from sphere_nav.geometry.arrays import Array
 
 
 class Pose2(NamedTuple):

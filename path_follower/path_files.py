@@ -7,16 +7,14 @@ import os
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from path_follower.constants import MAX_POINTS
 from path_follower.params import FollowerParams
 from path_follower.path import ReferencePath
-from path_follower.taught import MAX_POINTS, reference_path, taught_speeds
-from sphere_nav.geometry.files.fields import number
-from sphere_nav.geometry.files.text_file import read_text
+from path_follower.taught import reference_path, taught_speeds
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.files.untrusted import number, read_text
 from sphere_nav.geometry.trajectory import read_tum
-
-Array = NDArray[np.float64]
 
 COLUMNS = {
     "x": ("x", "x_m", "position_x", "east_m"),
@@ -55,14 +53,6 @@ def make_path(
     return reference_path(
         points, yaw, speed, path=params.path, driving=params.speed, vehicle=params.vehicle, is_closed=is_closed
     )
-
-
-def write_csv(path: str | os.PathLike[str], trajectory: ReferencePath) -> None:
-    """Write x, y, yaw, speed, yaw rate and arc length (eq. 21), SI units."""
-    columns = (trajectory.x, trajectory.y, trajectory.yaw, trajectory.speed, trajectory.speed * trajectory.curvature)
-    rows = np.stack([*columns, trajectory.arc_length], axis=-1)
-    lines = ["# x,y,yaw,speed,yaw_rate,arc_length", *(",".join(f"{value:.9g}" for value in row) for row in rows)]
-    Path(path).write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def _read_csv(file: Path) -> tuple[Array, Array | None, Array | None]:

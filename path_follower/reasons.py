@@ -6,7 +6,7 @@ import enum
 from dataclasses import dataclass
 
 
-class Reason(enum.StrEnum):
+class StopReason(enum.StrEnum):
     """The words of FollowerStatus."""
 
     NONE = ""
@@ -26,30 +26,30 @@ class Reason(enum.StrEnum):
 
 
 REMEDIES = {
-    Reason.NONE: "",
-    Reason.OPERATOR: "call start",
-    Reason.NOT_LOCALISED: "wait for TRACKING or call relocalize of the localiser, then call start",
-    Reason.LOCALISATION_DEGRADED: "wait for TRACKING, then call start",
-    Reason.POSE_TIMEOUT: "check the localiser, the topic of the pose and the clocks, then call start",
-    Reason.POSE_SOURCE: "end all publishers of the pose but one, then call start",
-    Reason.STATUS_TIMEOUT: "check the localiser and the topic of its status, then call start",
-    Reason.BAD_POSE: "check the frame and the values of the pose, then call start",
-    Reason.OFF_PATH: "bring the vehicle onto the path, heading along it, then call start",
-    Reason.OBSTACLE: "clear the way, then call start",
-    Reason.SCAN_TIMEOUT: "check the scanner and its topic, then call start",
-    Reason.CLOCK_STOPPED: "check who publishes /clock, then call start",
-    Reason.EMERGENCY_STOP: "release the emergency stop, then call start",
-    Reason.END_OF_PATH: "load a path or bring the vehicle to its beginning, then call start",
+    StopReason.NONE: "",
+    StopReason.OPERATOR: "call start",
+    StopReason.NOT_LOCALISED: "wait for TRACKING or call relocalize of the localiser, then call start",
+    StopReason.LOCALISATION_DEGRADED: "wait for TRACKING, then call start",
+    StopReason.POSE_TIMEOUT: "check the localiser, the topic of the pose and the clocks, then call start",
+    StopReason.POSE_SOURCE: "end all publishers of the pose but one, then call start",
+    StopReason.STATUS_TIMEOUT: "check the localiser and the topic of its status, then call start",
+    StopReason.BAD_POSE: "check the frame and the values of the pose, then call start",
+    StopReason.OFF_PATH: "bring the vehicle onto the path, heading along it, then call start",
+    StopReason.OBSTACLE: "clear the way, then call start",
+    StopReason.SCAN_TIMEOUT: "check the scanner and its topic, then call start",
+    StopReason.CLOCK_STOPPED: "check who publishes /clock, then call start",
+    StopReason.EMERGENCY_STOP: "release the emergency stop, then call start",
+    StopReason.END_OF_PATH: "load a path or bring the vehicle to its beginning, then call start",
 }
-GENTLE = (Reason.NONE, Reason.OPERATOR, Reason.END_OF_PATH)
-MISSING = (Reason.POSE_TIMEOUT, Reason.STATUS_TIMEOUT, Reason.SCAN_TIMEOUT, Reason.NOT_LOCALISED)
+GENTLE = (StopReason.NONE, StopReason.OPERATOR, StopReason.END_OF_PATH)
+MISSING = (StopReason.POSE_TIMEOUT, StopReason.STATUS_TIMEOUT, StopReason.SCAN_TIMEOUT, StopReason.NOT_LOCALISED)
 
 
 @dataclass(frozen=True)
-class Verdict:
+class StopVerdict:
     """A reason, what was measured for it and the limit it broke, in the same unit; `detail` says what was found."""
 
-    reason: Reason
+    reason: StopReason
     value: float = 0.0
     limit: float = 0.0
     detail: str = ""
@@ -57,7 +57,7 @@ class Verdict:
 
     def __str__(self) -> str:
         """Everything in one line; empty if all is fine."""
-        if self.reason is Reason.NONE:
+        if self.reason is StopReason.NONE:
             return ""
         found = self.detail or (f"found {self.value:.3g}, limit {self.limit:.3g}" if self.limit else "")
         return f"{self.reason}: {found}: {self.remedy}" if found else f"{self.reason}: {self.remedy}"
@@ -78,4 +78,4 @@ class Verdict:
         return self.reason in MISSING
 
 
-FINE = Verdict(Reason.NONE)
+FINE = StopVerdict(StopReason.NONE)

@@ -1,7 +1,7 @@
 """When to stop: what is known about localisation, pose, scan and emergency stop, and since when.
 
-All times are ns of one clock that no stamp can move (`clocks.py`): a message counts from its arrival, or from its
-stamp where that is older.
+All times are ns of one clock that no stamp can move (`Times` in `sphere_nav/ros/clocks.py`): a message counts from its
+arrival, or from its stamp where that is older.
 """
 
 from __future__ import annotations
@@ -10,21 +10,17 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from path_follower.obstacles import MIN_POINTS, points_in_way, stopping_distance
+from path_follower.constants import MIN_POINTS, SEARCH_WINDOW
+from path_follower.obstacles import points_in_way, stopping_distance
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
-from path_follower.reasons import FINE, Reason, Verdict
-
-Array = NDArray[np.float64]
-
-TRUSTED, DEGRADED = "TRACKING", "DEGRADED"  # states of the localisers in which motion is allowed
-FROZEN = "FROZEN"  # the localisers' reason for a camera that shows the past: no prediction carries over that
-SEARCH_WINDOW = 2.0  # m ahead of the last place on the path within which the next one is looked for
+from path_follower.reasons import FINE, StopReason, StopVerdict
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.localization.status import TRUSTED, Reason, State
 
 
-class Watch:
+class SafetyMonitor:
     """What was received last, and when. Judges whether the vehicle may move."""
 
     def __init__(self, params: FollowerParams) -> None:
@@ -61,9 +57,9 @@ class Watch:
         `age` s: since an image confirmed the pose, where a reason speaks of it. A state that is no more DEGRADED ends
         the count of its time, an image that confirms the pose that of blindness.
         """
-        if state in (TRUSTED, DEGRADED) and now_ns < self.status_ns:
+        if state in TRUSTED and now_ns < self.status_ns:
             return
-        if state != DEGRADED:
+        if state != State.DEGRADED:
             self.degraded_ns = -1
         elif self.degraded_ns < 0:
             self.degraded_ns = now_ns
@@ -80,39 +76,39 @@ class Watch:
     @property
     def is_slow(self) -> bool:
         """Whether the localisation allows slow motion only."""
-        return self.params.safety.is_status_required and self.state == DEGRADED
+        return self.params.safety.is_status_required and self.state == State.DEGRADED
 
-    def judge_inputs(self, now_ns: int) -> Verdict:
+    def judge_inputs(self, now_ns: int) -> StopVerdict:
         """Return why the inputs do not allow motion, or FINE."""
         if self.is_emergency:
-            return Verdict(Reason.EMERGENCY_STOP)
+            return StopVerdict(StopReason.EMERGENCY_STOP)
         if len(self.sources) > 1:
-            return Verdict(Reason.POSE_SOURCE, len(self.sources), 1, f"published by {', '.join(self.sources)}")
+            return StopVerdict(StopReason.POSE_SOURCE, len(self.sources), 1, f"published by {', '.join(self.sources)}")
         if self.is_pose_bad:
-            return Verdict(Reason.BAD_POSE, detail=self.refusal)
+            return StopVerdict(StopReason.BAD_POSE, detail=self.refusal)
         for verdict in (self._judge_pose(now_ns), self._judge_status(now_ns), self._judge_scan(now_ns)):
             if verdict is not FINE:
                 return verdict
         return FINE
 
-    def judge_place(self, location: Location) -> Verdict:
+    def judge_place(self, location: Location) -> StopVerdict:
         """Return whether the vehicle has left the path."""
         limits = self.params.safety
         if location.distance > limits.max_distance:
-            return Verdict(Reason.OFF_PATH, location.distance, limits.max_distance)
+            return StopVerdict(StopReason.OFF_PATH, location.distance, limits.max_distance)
         if abs(location.heading_error) > limits.max_heading_error:
-            return Verdict(Reason.OFF_PATH, abs(location.heading_error), limits.max_heading_error)
+            return StopVerdict(StopReason.OFF_PATH, abs(location.heading_error), limits.max_heading_error)
         return FINE
 
-    def judge_way(self, path: ReferencePath, location: Location, speed: float) -> Verdict:
+    def judge_way(self, path: ReferencePath, location: Location, speed: float) -> StopVerdict:
         """Return whether something stands in the way: in the footprint swept until the vehicle could stop."""
         if not len(self.points) or self.pose is None:
             return FINE
         distance = stopping_distance(speed, self.params)
         count = points_in_way(self.points, self.pose, path, location, distance, self.params)
-        return Verdict(Reason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
+        return StopVerdict(StopReason.OBSTACLE, count, MIN_POINTS) if count >= MIN_POINTS else FINE
 
-    def find_start(self, path: ReferencePath, last: Location | None) -> tuple[Verdict, Location | None]:
+    def find_start(self, path: ReferencePath, last: Location | None) -> tuple[StopVerdict, Location | None]:
         """Return where on the path the vehicle stands: near the last place if there is one, else anywhere."""
         assert self.pose is not None
         limits = self.params.safety
@@ -122,49 +118,53 @@ class Watch:
                 return self.judge_way(path, near, 0.0), near
         here = path.locate(self.pose, limits.max_heading_error)
         if here is None:
-            return Verdict(Reason.OFF_PATH, math.pi, limits.max_heading_error), None
+            return StopVerdict(StopReason.OFF_PATH, math.pi, limits.max_heading_error), None
         if here.distance > limits.max_distance:
-            return Verdict(Reason.OFF_PATH, here.distance, limits.max_distance), None
+            return StopVerdict(StopReason.OFF_PATH, here.distance, limits.max_distance), None
         return self.judge_way(path, here, 0.0), here
 
-    def _judge_pose(self, now_ns: int) -> Verdict:
+    def _judge_pose(self, now_ns: int) -> StopVerdict:
         limit, refused = self.params.safety.max_pose_silence, f" (refused: {self.refusal})" if self.refusal else ""
         if self.pose_ns < 0:
-            return Verdict(Reason.POSE_TIMEOUT, 0.0, limit, f"no pose yet{refused}")
+            return StopVerdict(StopReason.POSE_TIMEOUT, 0.0, limit, f"no pose yet{refused}")
         age = (now_ns - self.pose_ns) / 1e9
         if age > limit:
-            return Verdict(Reason.POSE_TIMEOUT, age, limit, f"found {age:.3g} s, limit {limit:.3g}{refused}")
+            return StopVerdict(StopReason.POSE_TIMEOUT, age, limit, f"found {age:.3g} s, limit {limit:.3g}{refused}")
         return FINE
 
-    def _judge_status(self, now_ns: int) -> Verdict:
+    def _judge_status(self, now_ns: int) -> StopVerdict:
         limits = self.params.safety
         if not limits.is_status_required:
             return FINE
         if self.status_ns < 0:
-            return Verdict(Reason.STATUS_TIMEOUT, 0.0, limits.max_status_silence, "no status yet")
+            return StopVerdict(StopReason.STATUS_TIMEOUT, 0.0, limits.max_status_silence, "no status yet")
         age = (now_ns - self.status_ns) / 1e9
         if age > limits.max_status_silence:
-            return Verdict(Reason.STATUS_TIMEOUT, age, limits.max_status_silence)
-        if self.state not in (TRUSTED, DEGRADED):
+            return StopVerdict(StopReason.STATUS_TIMEOUT, age, limits.max_status_silence)
+        if self.state not in TRUSTED:
             found = f"{self.state} {self.state_reason}".strip()
-            return Verdict(Reason.NOT_LOCALISED, detail=f"the localiser is {found}" if found else "")
-        if self.state_reason == FROZEN:
-            return Verdict(Reason.NOT_LOCALISED, detail="the camera repeats an image")
+            return StopVerdict(StopReason.NOT_LOCALISED, detail=f"the localiser is {found}" if found else "")
+        if self.state_reason == Reason.FROZEN:  # the camera shows the past: no prediction carries over that
+            return StopVerdict(StopReason.NOT_LOCALISED, detail="the camera repeats an image")
         blind, degraded = _since(self.blind_ns, now_ns), _since(self.degraded_ns, now_ns)
         if blind > limits.max_blind_time:
             found = f"no image confirms the pose for {blind:.3g} s, limit {limits.max_blind_time:.3g}"
-            return Verdict(Reason.NOT_LOCALISED, blind, limits.max_blind_time, found)
+            return StopVerdict(StopReason.NOT_LOCALISED, blind, limits.max_blind_time, found)
         if degraded > limits.max_degraded_time:
-            return Verdict(Reason.LOCALISATION_DEGRADED, degraded, limits.max_degraded_time)
+            return StopVerdict(StopReason.LOCALISATION_DEGRADED, degraded, limits.max_degraded_time)
         return FINE
 
-    def _judge_scan(self, now_ns: int) -> Verdict:
+    def _judge_scan(self, now_ns: int) -> StopVerdict:
         limits = self.params.safety
         if self.scan_ns < 0:
-            missing = Verdict(Reason.SCAN_TIMEOUT, 0.0, limits.max_scan_silence, "no scan yet")
+            missing = StopVerdict(StopReason.SCAN_TIMEOUT, 0.0, limits.max_scan_silence, "no scan yet")
             return missing if limits.is_scan_required else FINE
         age = (now_ns - self.scan_ns) / 1e9
-        return Verdict(Reason.SCAN_TIMEOUT, age, limits.max_scan_silence) if age > limits.max_scan_silence else FINE
+        return (
+            StopVerdict(StopReason.SCAN_TIMEOUT, age, limits.max_scan_silence)
+            if age > limits.max_scan_silence
+            else FINE
+        )
 
 
 def _since(begin_ns: int, now_ns: int) -> float:

@@ -5,17 +5,13 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.linalg import solveh_banded
 
+from path_follower.constants import MAX_BEND, MIN_SPACING, SPACING
 from path_follower.params import PathParams
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
-
-SPACING = 0.1  # m between the points of a trajectory
-MIN_SPACING = 0.2  # m; given points closer than this are averaged
-MAX_BEND = 0.6  # rad between chords; points that bend more are corners, not samples of a smooth curve
 THIRD_DIFFERENCE = (-1.0, 3.0, -3.0, 1.0)
 
 

@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from path_follower.command import TrackingError
+from path_follower.constants import EPSILON, GOAL_TOLERANCE
 from path_follower.params import FollowerParams, SpeedParams, VehicleParams
 from path_follower.path import ReferencePoint
-
-Array = NDArray[np.float64]
-
-EPSILON = 0.1  # m/s, keeps the longitudinal gain alive where U* is 0
-GOAL_TOLERANCE = 0.05  # m before its end a segment is finished
+from sphere_nav.geometry.arrays import Array
 
 
 def speed_law(reference: ReferencePoint, e_x: float, params: SpeedParams) -> float:

@@ -24,11 +24,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from path_follower.constants import MAX_BANDWIDTH, MAX_HEADING_ERROR
 from path_follower.params import SteeringParams
 from path_follower.path import Pose2, ReferencePoint, wrap
-
-MAX_BANDWIDTH = 1.6  # rad/s; the natural frequency in time is kept below it at high speed
-MAX_HEADING_ERROR = 1.0  # rad; errors beyond are cut, where tan grows without bound
 
 
 @dataclass(frozen=True)

@@ -7,19 +7,20 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from path_follower.constants import (
+    CUSP_HYSTERESIS,
+    MAX_GAP,
+    MAX_LENGTH,
+    MAX_POINTS,
+    MAX_SIDEWAYS,
+    MIN_LENGTH,
+    MIN_TAUGHT,
+)
 from path_follower.params import PathParams, SpeedParams, VehicleParams
 from path_follower.path import ReferencePath, Segment
 from path_follower.smoothing import Curve, smooth_curve
 from path_follower.speed import speed_limits, speed_profile
-
-Array = NDArray[np.float64]
-
-MAX_POINTS = 1_000_000
-MIN_LENGTH, MAX_LENGTH = 0.2, 1e5  # m
-MAX_GAP = 1e3  # m between two points; more is a slip of a decimal, and would be filled every 0.1 m
-CUSP_HYSTERESIS = 0.15  # m of way backwards that make a change of direction
-MIN_TAUGHT = 0.3  # m/s; slower taught speeds are raised to it: the teacher stood
-MAX_SIDEWAYS = np.radians(60.0)  # a car does not move across its heading
+from sphere_nav.geometry.arrays import Array
 
 
 def reference_path(

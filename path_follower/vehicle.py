@@ -6,15 +6,9 @@ import math
 from collections import deque
 from dataclasses import dataclass
 
+from path_follower.constants import HISTORY_NS, MAX_POSE_AGE, MAX_STEP_NS, PREDICTION_STEP, STANDING, TURNED
 from path_follower.params import ActuationParams, VehicleParams
 from path_follower.path import Pose2
-
-HISTORY_NS = 3_000_000_000
-STANDING = 0.03  # m/s
-TURNED = 0.1  # rad between wheel and wish within which a start may speed up
-STEP = 0.02  # s of the prediction
-MAX_POSE_AGE = 0.5  # s that a pose is predicted to the present
-MAX_STEP_NS = 200_000_000  # time between commands that counts for their limits
 
 
 @dataclass(frozen=True)
@@ -164,7 +158,7 @@ class Predictor:
         speed, angle, now = state.speed, state.steering_angle, from_ns
         dead_ns = round(self.actuation.dead_time * 1e9)
         while now < to_ns:
-            end = min(now + round(STEP * 1e9), to_ns)
+            end = min(now + round(PREDICTION_STEP * 1e9), to_ns)
             seconds = (end - now) / 1e9
             command = self._command_at(now - dead_ns)
             speed += (command.speed - speed) * _share(seconds, self.actuation.speed_lag)

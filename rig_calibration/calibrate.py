@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig_calibration.boards.assembly import assemble
 from rig_calibration.boards.board import Board
@@ -14,15 +13,15 @@ from rig_calibration.boards.checks import check_joined, check_views, disagreemen
 from rig_calibration.boards.intrinsics import SingleCamera, calibrate_camera
 from rig_calibration.boards.observability import Spread, spread, warnings
 from rig_calibration.boards.rejection import adjust
-from rig_calibration.boards.starting import Start, camera_observations, sightings, start_of_rig
-from rig_calibration.boards.state import State
+from rig_calibration.boards.starting import StartingPoint, camera_observations, sightings, start_of_rig
+from rig_calibration.boards.state import RigState
 from rig_calibration.boards.validation import Validation, camera_rms, validate
-from rig_calibration.boards.views import View
+from rig_calibration.boards.views import BoardView
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL, Rig, RigCamera
 
-Array = NDArray[np.float64]
 Progress = Callable[[str], None]
 
 
@@ -45,8 +44,8 @@ class Calibration:
 
     specs: tuple[CameraSpec, ...]
     boards: tuple[Board, ...]
-    start: Start
-    state: State
+    start: StartingPoint
+    state: RigState
     residuals: Array
     kept: Array
     dropped: dict[str, str]
@@ -68,7 +67,7 @@ class Calibration:
 def calibrate(
     specs: Sequence[CameraSpec],
     boards: Sequence[Board],
-    views: Sequence[View],
+    views: Sequence[BoardView],
     params: CalibrationParams,
     T_rig_reference: SE3 = T_BODY_OPTICAL,
     *,
@@ -99,10 +98,10 @@ def calibrate(
 def _each_camera(
     specs: Sequence[CameraSpec],
     boards: Sequence[Board],
-    views: Sequence[View],
+    views: Sequence[BoardView],
     params: CalibrationParams,
     progress: Progress,
-) -> tuple[list[SingleCamera], list[tuple[View, SE3]], list[Array], dict[str, str]]:
+) -> tuple[list[SingleCamera], list[tuple[BoardView, SE3]], list[Array], dict[str, str]]:
     """Calibrate every camera by itself; return the views that fit with their poses and weights, and the others."""
     by_name = {board.name: board for board in boards}
     singles, good, kept, dropped = [], [], [], {}
@@ -128,13 +127,13 @@ def _each_camera(
 def _join(
     names: Sequence[str],
     boards: Sequence[Board],
-    own_views: Sequence[tuple[View, SE3]],
+    own_views: Sequence[tuple[BoardView, SE3]],
     kept: Sequence[Array],
     singles: Sequence[SingleCamera],
     T_rig_reference: SE3,
     params: CalibrationParams,
     seed: int,
-) -> Start:
+) -> StartingPoint:
     views = [view for view, _ in own_views]
     poses = SE3(np.stack([T.matrix for _, T in own_views]))
     instants = sorted({view.instant for view in views})

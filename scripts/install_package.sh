@@ -17,6 +17,3 @@ for entry in distribution("sphere_nav").entry_points:
     if entry.group == "console_scripts":
         print(entry.name)
 PYTHON
-
-# Compiled once for everyone with the same kernels; a node that finds none compiles for itself, so a failure is no harm.
-"$python" -P -m sphere_nav.cli.warm_up || echo "env: kernels will be compiled by the first node" >&2

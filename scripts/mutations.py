@@ -31,6 +31,7 @@ SYMMETRIC = {"min", "max", "minimum", "maximum", "hypot", "isclose", "allclose",
 SYMMETRIC |= {"logical_or", "fmin", "fmax", "multiply", "add", "gcd", "lcm", "samefile"}
 UNLIKE = {"isinstance", "issubclass", "getattr", "hasattr", "setattr"}  # swapped, these fail wherever they run
 UNLIKE |= {"array", "asarray", "ascontiguousarray", "astype", "frombuffer", "full", "zeros", "ones", "swapaxes"}
+UNLIKE |= {"param"}  # its text and unit
 ANGLES = {"radians", "degrees", "deg2rad", "rad2deg"}
 EXTREMES = {"min": "max", "argmin": "argmax", "nanmin": "nanmax", "nanargmin": "nanargmax", "minimum": "maximum"}
 EXTREMES |= {"fmin": "fmax", "amin": "amax"}
@@ -310,7 +311,8 @@ def alike(node: ast.expr) -> str:
     """Return a word for what may be swapped for what: a text never for a number, nothing for a function or *rest."""
     if isinstance(node, ast.Starred | ast.Lambda | ast.GeneratorExp):
         return ""
-    return "text" if isinstance(node, ast.Constant | ast.JoinedStr) and not is_number(node) else "value"
+    is_string = isinstance(node, ast.Constant) and isinstance(node.value, str | bytes)
+    return "text" if is_string or isinstance(node, ast.JoinedStr) else "value"
 
 
 def is_call(node: ast.AST | None, *names: str) -> bool:

@@ -1,26 +1,39 @@
-"""`python scripts/sizes.py [REV]`: lines of every package and parameters of every node, at a revision and now."""
+"""`python scripts/sizes.py [REV]`: how large and how simple the product is, at a revision and now.
+
+Tables of lines by package, of parameters by node, and of what a reader meets: files, short files, full folders, named
+numbers, public names that stand twice, imports in a circle, lengths of functions.
+"""
 
 from __future__ import annotations
 
+import ast
 import io
+import re
+import statistics
 import subprocess
 import sys
 import tarfile
-from collections import Counter
+from collections import Counter, defaultdict
 from pathlib import PurePosixPath
 
-OTHERS = {"test", "benchmarks", "docs", "launch", "scripts"}
+SHORT = 60  # lines
+INDEX = "__init__.py"
+CONVENTIONAL = {"main", "run", "add_arguments", "warm_up"}  # every command and executable has them
+SIMULATOR = "cycab_sim"
+
+Texts = dict[PurePosixPath, str]
 
 
 def main(revision: str) -> int:
-    """Print both tables."""
+    """Print all tables."""
     before, after = files(revision), files("HEAD")
     print_table("lines of Python", lines(before), lines(after))
     print_table("parameters", parameters(before), parameters(after))
+    print_table("what a reader meets", figures(before), figures(after))
     return 0
 
 
-def files(revision: str) -> dict[PurePosixPath, str]:
+def files(revision: str) -> Texts:
     """Return the text of the Python and YAML files of a revision by path."""
     archive = subprocess.run(["git", "archive", revision], check=True, capture_output=True).stdout
     found = {}
@@ -32,17 +45,24 @@ def files(revision: str) -> dict[PurePosixPath, str]:
     return found
 
 
-def lines(texts: dict[PurePosixPath, str]) -> Counter[str]:
+def product(texts: Texts) -> Texts:
+    """Return the modules that are installed: those of the packages that setup.py names."""
+    listed = re.search(r"PACKAGES = \((.*?)\n\)", texts[PurePosixPath("setup.py")], re.DOTALL)
+    packages = set(re.findall(r'"(\w+)"', listed[1])) if listed else set()
+    return {path: text for path, text in texts.items() if path.suffix == ".py" and path.parts[0] in packages}
+
+
+def lines(texts: Texts) -> Counter[str]:
     """Return the number of lines by package; `product` is the sum of what is installed."""
     counts: Counter[str] = Counter()
     for path, text in texts.items():
         if path.suffix == ".py" and len(path.parts) > 1:
             counts[path.parts[0]] += text.count("\n")
-    counts["product"] = sum(count for name, count in counts.items() if name not in OTHERS)
+    counts["product"] = sum(text.count("\n") for text in product(texts).values())
     return counts
 
 
-def parameters(texts: dict[PurePosixPath, str]) -> Counter[str]:
+def parameters(texts: Texts) -> Counter[str]:
     """Return the number of parameters by node, from config/<node>.yaml, without `autostart`, which all have."""
     counts: Counter[str] = Counter()
     for path, text in texts.items():
@@ -53,9 +73,108 @@ def parameters(texts: dict[PurePosixPath, str]) -> Counter[str]:
     return counts
 
 
+def figures(texts: Texts) -> Counter[str]:
+    """Return what a reader meets in the product."""
+    modules = product(texts)
+    trees = {path: ast.parse(text) for path, text in modules.items()}
+    sizes = {path: len(text.splitlines()) for path, text in modules.items()}
+    folders = Counter(path.parent for path in modules).most_common(3)
+    names = public_names(trees)
+    lengths = sorted(length for tree in trees.values() for length in function_lengths(tree))
+    found = {
+        "files": len(modules),
+        f"files without {INDEX}": sum(path.name != INDEX for path in modules),
+        f"files of at most {SHORT} lines": sum(size <= SHORT for size in sizes.values()),
+        f"files of at most {SHORT} lines without {INDEX}": sum(
+            size <= SHORT and path.name != INDEX for path, size in sizes.items()
+        ),
+        **{f"fullest folders, {rank}": count for rank, (_, count) in enumerate(folders, 1)},
+        "public names of modules": sum(len(places) for places in names.values()),
+        "functions and classes defined twice or more": sum(len(places) > 1 for places in definitions(trees).values()),
+        "named numbers, without kernels and simulator": sum(named_numbers(path, tree) for path, tree in trees.items()),
+        "modules in import circles": circles(trees),
+        "functions, lines: median": round(statistics.median(lengths)),
+        "functions, lines: 90 %": lengths[int(0.9 * len(lengths))],
+        "functions, lines: longest": lengths[-1],
+    }
+    return Counter(found)
+
+
+def assigned(node: ast.stmt) -> list[str]:
+    """Return the names that a statement of a module binds to values."""
+    targets = node.targets if isinstance(node, ast.Assign) else [node.target] if isinstance(node, ast.AnnAssign) else []
+    return [item.id for target in targets for item in ast.walk(target) if isinstance(item, ast.Name)]
+
+
+def definitions(trees: dict[PurePosixPath, ast.Module]) -> dict[str, list[PurePosixPath]]:
+    """Return where each public function or class of a module is defined."""
+    found = defaultdict(list)
+    for path, tree in trees.items():
+        for node in tree.body:
+            if isinstance(node, ast.FunctionDef | ast.ClassDef) and not node.name.startswith("_"):
+                found[node.name].append(path)
+    return {name: places for name, places in found.items() if name not in CONVENTIONAL}
+
+
+def public_names(trees: dict[PurePosixPath, ast.Module]) -> dict[str, list[PurePosixPath]]:
+    """Return where each public name of a module is bound, values included."""
+    found = defaultdict(list, definitions(trees))
+    for path, tree in trees.items():
+        for name in (name for node in tree.body for name in assigned(node) if not name.startswith("_")):
+            found[name].append(path)
+    return found
+
+
+def named_numbers(path: PurePosixPath, tree: ast.Module) -> int:
+    """Count the constants of a module that hold numbers."""
+    if path.name == "kernels.py" or path.parts[0] == SIMULATOR:
+        return 0
+    count = 0
+    for node in tree.body:
+        names = [name for name in assigned(node) if name == name.upper()]
+        value = node.value if isinstance(node, ast.Assign | ast.AnnAssign) else None
+        numbers = [item for item in ast.walk(value) if is_number(item)] if value is not None else []
+        count += len(names) if numbers else 0
+    return count
+
+
+def is_number(node: ast.AST) -> bool:
+    """Whether a node is a written number."""
+    return isinstance(node, ast.Constant) and isinstance(node.value, int | float) and not isinstance(node.value, bool)
+
+
+def function_lengths(tree: ast.Module) -> list[int]:
+    """Return the lines of every function without its docstring."""
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            first = node.body[0]
+            text = ast.get_docstring(node, clean=False)
+            docstring = (first.end_lineno or 0) - first.lineno + 1 if text is not None else 0
+            found.append((node.end_lineno or 0) - node.lineno + 1 - docstring)
+    return found
+
+
+def circles(trees: dict[PurePosixPath, ast.Module]) -> int:
+    """Count the modules that import each other in a circle when they are loaded."""
+    names = {".".join(path.with_suffix("").parts).removesuffix(".__init__"): tree for path, tree in trees.items()}
+    graph = {}
+    for name, tree in names.items():
+        found = {alias.name for node in tree.body if isinstance(node, ast.Import) for alias in node.names}
+        sources = [node for node in tree.body if isinstance(node, ast.ImportFrom)]
+        found |= {f"{node.module}.{alias.name}" for node in sources for alias in node.names}
+        below = {item if item in names else item.rpartition(".")[0] for item in found}
+        graph[name] = {item for item in below if item in names and item != name and not name.startswith(f"{item}.")}
+    while ends := {name for name, below in graph.items() if not below or not any(name in it for it in graph.values())}:
+        graph = {name: below - ends for name, below in graph.items() if name not in ends}
+    return len(graph)
+
+
 def print_table(what: str, before: Counter[str], after: Counter[str]) -> None:
     """Print a Markdown table, the sum last."""
-    names = sorted(before | after, key=lambda name: (name in ("product", "all"), name))
+    names = list(dict.fromkeys([*before, *after]))
+    if "all" in names or "product" in names:
+        names.sort(key=lambda name: (name in ("product", "all"), name))
     rows = [f"| {name} | {before[name]} | {after[name]} | {after[name] - before[name]:+d} |" for name in names]
     sys.stdout.write("\n".join([f"| {what} | before | now | |", "| --- | --- | --- | --- |", *rows, "", ""]))
 

@@ -1,5 +1,5 @@
 """Images with range -> spheres -> key-sphere graph -> map. READ FIRST `mapper.py`.
 
-`sphere.py` is what is mapped, `partial.py` and `stereo.py` make it from one RGB-D or stereo camera, `graph.py` is the
-map, `range_codec.py` is how it stores range.
+`acquisition/` makes spheres of images: of a rig, of an RGB-D or of a stereo camera. `graph/` aligns spheres, finds
+loops and optimizes. `constants.py` holds the numbers that mapping depends on; `ros/` is the node `sphere_mapper`.
 """

@@ -26,6 +26,17 @@ def import_benchmarks() -> None:
 sys.path[:] = [entry for entry in sys.path if Path(entry).resolve() != ROOT]
 import_benchmarks()
 
+
+def own_domain() -> int:
+    """Return a ROS domain for this process; workers of pytest-xdist take one each, from their parent's on.
+
+    0 is everybody's; above 101 the ports are not reserved.
+    """
+    first = int(os.environ.setdefault("SPHERE_NAV_TEST_PID", str(os.getpid())))
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    return 1 + (first + worker) % 100
+
+
 # All of it before rclpy is imported; the processes that tests start inherit it.
 _log_folder = tempfile.TemporaryDirectory(prefix="sphere_nav_test_log_")
 os.environ |= {
@@ -33,7 +44,7 @@ os.environ |= {
     "MPLBACKEND": "Agg",
     "ROS_LOG_DIR": _log_folder.name,
     "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
-    "ROS_DOMAIN_ID": str(1 + os.getpid() % 100),  # 0 is everybody's; above 101 the ports are not reserved
+    "ROS_DOMAIN_ID": str(own_domain()),
 }
 
 

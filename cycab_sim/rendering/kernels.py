@@ -1,15 +1,99 @@
-"""Rays that need more samples, light and shadow, and from light to grey levels."""
+"""Casting of rays, rays that need more samples, what moves, light and shadow, and from light to grey levels."""
 
 import math
+
+import numba.experimental.function_type  # noqa: F401  makes a library's functions arguments of kernels
+import numpy as np
+from numba import types
 
 from sphere_nav.kernel_cache.kernels import njit
 
 OUTSIDE = -2  # no ray: the lens does not see there
 CONTRAST = 0.02  # edges weaker than this need no more rays: about one grey level
+FRINGE = 0.4  # a triangle darkens texels this far beyond its edges, texels: thin things keep their shadow
+FLAT = 1e-9  # a triangle narrower than this, seen from the sun, casts no shadow, texel^2
+# rays in packets of eight, through the C interface of Embree 4 (`RTCRayHit8`)
+LANES = 8
+FIELDS = 24  # of a packet, each of eight 32-bit numbers; the last two are more than it has
+DIRECTION, FAR, MASK = 4, 8, 9  # fields of the ray (org x, y, z and near come first)
+PRIMITIVE, GEOMETRY = 17, 18  # fields of the hit (normal and u, v come first)
+NONE = 0xFFFFFFFF
+
+
+class PacketFunction(types.WrapperAddressProtocol):
+    """A function (addresses of: flags, scene, packet, arguments) of a library, by its address, as a kernel takes it."""
+
+    def __init__(self, address):
+        self.address = address
+
+    def __wrapper_address__(self):
+        """Return where it is."""
+        return self.address
+
+    def signature(self):
+        """Return its types."""
+        return types.void(types.uint64, types.int64, types.uint64, types.int64)
 
 
 @njit(cache=True, nogil=True)
-def find_edges(triangles, surface_of, normals, ranges, colour, is_edge):
+def cast_packets(intersect, scene, arguments, origin, rays, first_number, triangles, ranges):
+    """Write the first triangle (N,) i32 and its range (N,) f32 that rays (N, 3) f32 from a point meet within a range.
+
+    intersect: `rtcIntersect8`; scene, arguments: addresses; origin (3,) m; first_number is added to the triangle's.
+    `ranges` comes in as how far to look; both stay as they are where nothing is met. Rays with NaN meet nothing.
+    """
+    store = np.empty((FIELDS + 3) * LANES, np.float32)
+    skip = ((64 - (store.ctypes.data & 63)) & 63) // 4  # packets are aligned
+    floats = store[skip : skip + FIELDS * LANES].reshape(FIELDS, LANES)
+    words = floats.view(np.uint32)
+    flags = np.empty(4 * LANES, np.int32)
+    skip = ((64 - (flags.ctypes.data & 63)) & 63) // 4
+    is_used = flags[skip : skip + LANES]
+    num = rays.shape[0]
+    words[:] = 0
+    for first in range(0, num, LANES):
+        for k in range(LANES):
+            n = first + k
+            is_used[k] = -1 if n < num and rays[n, 0] == rays[n, 0] else 0
+            m = min(n, num - 1)
+            for c in range(3):
+                floats[c, k], floats[DIRECTION + c, k] = origin[c], rays[m, c]
+            floats[3, k], floats[FAR, k] = 0.0, ranges[m]
+            words[MASK, k] = words[PRIMITIVE, k] = words[GEOMETRY, k] = NONE
+        intersect(is_used.ctypes.data, scene, floats.ctypes.data, arguments)
+        for k in range(min(LANES, num - first)):
+            if words[GEOMETRY, k] != NONE:
+                triangles[first + k] = first_number + np.int32(words[PRIMITIVE, k])
+                ranges[first + k] = floats[FAR, k]
+
+
+@njit(cache=True)
+def place_parts(T_world_part, part_of_triangle, part_of_surface, local, moved):
+    """Move triangles (T, 3, 3), normals (T, 3) and surface frames (S, 3, 4), all f32, by their parts' poses.
+
+    T_world_part (P, 4, 4) f64; local, moved: (triangles, normals, frames); frames map the world to the surface.
+    """
+    for t in range(part_of_triangle.shape[0]):
+        m = T_world_part[part_of_triangle[t]]
+        for r in range(3):
+            for k in range(3):
+                p = local[0][t, k]
+                moved[0][t, k, r] = m[r, 0] * p[0] + m[r, 1] * p[1] + m[r, 2] * p[2] + m[r, 3]
+            n = local[1][t]
+            moved[1][t, r] = m[r, 0] * n[0] + m[r, 1] * n[1] + m[r, 2] * n[2]
+    for s in range(part_of_surface.shape[0]):
+        m, f, out = T_world_part[part_of_surface[s]], local[2][s], moved[2][s]
+        for r in range(3):
+            shift = 0.0
+            for c in range(3):
+                turned = f[r, 0] * m[c, 0] + f[r, 1] * m[c, 1] + f[r, 2] * m[c, 2]
+                out[r, c] = turned
+                shift += turned * m[c, 3]
+            out[r, 3] = f[r, 3] - shift
+
+
+@njit(cache=True, nogil=True)
+def find_edges(triangles, surface_of, normals, ranges, color, is_edge):
     """Mark pixels (H, W) u1 whose right or lower neighbour shows another surface in another light, and that neighbour.
 
     triangles (H, W) i32, surface_of (T,) i32, normals (T, 3) f32, ranges (H, W) f32 m, colour (H, W, 3) f32
@@ -24,7 +108,7 @@ def find_edges(triangles, surface_of, normals, ranges, colour, is_edge):
                 if y >= height or x >= width:
                     continue
                 there = triangles[y, x]
-                if there == here or min(there, here) == OUTSIDE or _alike(colour, v, u, y, x):
+                if there == here or min(there, here) == OUTSIDE or _alike(color, v, u, y, x):
                     continue
                 if here >= 0 and there >= 0 and surface_of[here] == surface_of[there]:
                     is_level = abs(ranges[y, x] - ranges[v, u]) < 0.02 * ranges[v, u]
@@ -34,12 +118,12 @@ def find_edges(triangles, surface_of, normals, ranges, colour, is_edge):
 
 
 @njit(cache=True)
-def _alike(colour, v, u, y, x):
+def _alike(color, v, u, y, x):
     """Whether two pixels differ by less than CONTRAST."""
     difference, total = 0.0, 0.0
     for c in range(3):
-        difference += abs(colour[v, u, c] - colour[y, x, c])
-        total += colour[v, u, c] + colour[y, x, c]
+        difference += abs(color[v, u, c] - color[y, x, c])
+        total += color[v, u, c] + color[y, x, c]
     return difference < CONTRAST * total
 
 
@@ -82,20 +166,72 @@ def _nearest_ray(rays, v, u, dv, du):
     return y if dv != 0 else x
 
 
+@njit(cache=True)
+def erase_shadows(windows, still, shadow):
+    """Restore the texels (first column, first row, last column, last row) (T, 4) i32 of `shadow` from `still`."""
+    for t in range(windows.shape[0]):
+        for j in range(windows[t, 1], windows[t, 3] + 1):
+            for i in range(windows[t, 0], windows[t, 2] + 1):
+                shadow[j, i] = still[j, i]
+
+
+@njit(cache=True)
+def cast_shadows(triangles, T_sun_world, corner, texel, windows, shadow):
+    """Draw triangles (T, 3, 3) f32 into a shadow map (K, K) f32 by the nearest depth, and note where: windows (T, 4).
+
+    T_sun_world (3, 3), corner (2,) m, texel m: see `light`
+    """
+    points = np.empty((3, 3))
+    for t in range(triangles.shape[0]):
+        for k in range(3):
+            for r in range(3):
+                p = triangles[t, k]
+                points[k, r] = T_sun_world[r, 0] * p[0] + T_sun_world[r, 1] * p[1] + T_sun_world[r, 2] * p[2]
+            points[k, 0], points[k, 1] = (points[k, 0] - corner[0]) / texel, (points[k, 1] - corner[1]) / texel
+        for r in range(2):
+            low, high = points[:, r].min() - FRINGE, points[:, r].max() + FRINGE
+            windows[t, r] = max(0, math.ceil(low)) if low < shadow.shape[0] else shadow.shape[0]
+            windows[t, r + 2] = min(shadow.shape[0] - 1, math.floor(high)) if high >= 0.0 else -1
+        _draw_shadow(points, windows[t], shadow)
+
+
+@njit(cache=True)
+def _draw_shadow(p, window, shadow):
+    """Draw one triangle (3, 3): column, row, depth."""
+    ax, ay = p[1, 0] - p[0, 0], p[1, 1] - p[0, 1]
+    bx, by = p[2, 0] - p[0, 0], p[2, 1] - p[0, 1]
+    area = ax * by - ay * bx
+    if abs(area) < FLAT:
+        return
+    # a point beyond an edge by FRINGE has a negative share of the corner opposite to it
+    slack_1 = FRINGE * math.sqrt(bx * bx + by * by) / abs(area)
+    slack_2 = FRINGE * math.sqrt(ax * ax + ay * ay) / abs(area)
+    slack_0 = FRINGE * math.sqrt((bx - ax) ** 2 + (by - ay) ** 2) / abs(area)
+    low, high = min(p[0, 2], p[1, 2], p[2, 2]), max(p[0, 2], p[1, 2], p[2, 2])
+    for j in range(window[1], window[3] + 1):
+        for i in range(window[0], window[2] + 1):
+            x, y = i - p[0, 0], j - p[0, 1]
+            s, t = (x * by - y * bx) / area, (ax * y - ay * x) / area
+            if s < -slack_1 or t < -slack_2 or 1.0 - s - t < -slack_0:
+                continue
+            depth = p[0, 2] + s * (p[1, 2] - p[0, 2]) + t * (p[2, 2] - p[0, 2])
+            shadow[j, i] = min(shadow[j, i], np.float32(min(max(depth, low), high)))
+
+
 @njit(cache=True, nogil=True)
-def light(origin, rays, ranges, triangles, cone, normals, lamps, shadow, texel, corner, T_sun_world, colour):
+def light(origin, rays, ranges, triangles, cone, normals, lamps, shadow, texel, corner, T_sun_world, color):
     """Turn reflectance into radiance in place, colour (N, 3) f32: sun with cast shadows and an overcast share of sky.
 
     normals (T, 3) f32 unit; lamps: (unit vector (3,) f64 towards the sun, radiance (3,) of sun and of sky, factor on
     the sky that is seen), see sky.py; shadow (K, K) f32 distance of the first
     thing hit by the sun's rays, texel m, corner (2,) m of its first texel, T_sun_world (3, 3): rows x, y, -sun
     """
-    sun, sun_colour, sky_colour, sky_gain = lamps
+    sun, sun_color, sky_color, sky_gain = lamps
     for n in range(rays.shape[0]):
         t = triangles[n]
         if t < 0:
             for c in range(3):
-                colour[n, c] *= sky_gain
+                color[n, c] *= sky_gain
             continue
         nx, ny, nz = normals[t, 0], normals[t, 1], normals[t, 2]
         if nx * rays[n, 0] + ny * rays[n, 1] + nz * rays[n, 2] > 0.0:
@@ -114,7 +250,7 @@ def light(origin, rays, ranges, triangles, cone, normals, lamps, shadow, texel, 
             direct = lambert * _lit(shadow, a / texel, b / texel, depth - 0.5 * texel, ranges[n] * cone[n] / texel)
         sky = (0.62 + 0.38 * nz) * (0.55 + 0.45 * min(1.0, (z + 0.8) / 7.0))
         for c in range(3):
-            colour[n, c] *= sun_colour[c] * direct + sky_colour[c] * sky
+            color[n, c] *= sun_color[c] * direct + sky_color[c] * sky
 
 
 @njit(cache=True)
@@ -141,27 +277,27 @@ def _lit_once(shadow, a, b, depth):
 
 
 @njit(cache=True, nogil=True)
-def merge_samples(samples, edges, n, colour):
+def merge_samples(samples, edges, n, color):
     """Replace the colour (H W, 3) f32 of edge pixels by the mean of their n x n samples (E n n, 3) f32."""
     for e in range(edges.shape[0]):
         for c in range(3):
             total = 0.0
             for k in range(n * n):
                 total += samples[e * n * n + k, c]
-            colour[edges[e], c] = total / (n * n)
+            color[edges[e], c] = total / (n * n)
 
 
 @njit(cache=True, nogil=True)
-def tone(colour, gain, curve, image):
+def tone(color, gain, curve, image):
     """Write grey levels 0..255 f32, image (N, 3) RGB or (N, 1) luma, of radiance (N, 3) f32 by a curve (K,).
 
     gain (3,) f64: factors on red, green and blue
     """
     last = curve.shape[0] - 1
-    for n in range(colour.shape[0]):
+    for n in range(color.shape[0]):
         luma = 0.0
         for c in range(3):
-            x = min(max(gain[c] * colour[n, c], 0.0), 1.0) * last
+            x = min(max(gain[c] * color[n, c], 0.0), 1.0) * last
             k = min(int(x), last - 1)
             level = curve[k] + (x - k) * (curve[k + 1] - curve[k])
             luma += level * (0.299 if c == 0 else (0.587 if c == 1 else 0.114))

@@ -12,7 +12,7 @@ import os
 import threading
 from collections import OrderedDict
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from embreex.mesh_construction import TriangleMesh
@@ -21,35 +21,36 @@ from numpy.typing import ArrayLike, NDArray
 
 from cycab_sim.params import LightParams, RenderParams
 from cycab_sim.rendering import kernels
-from cycab_sim.rendering.casting.embree import PacketScene, find_library
+from cycab_sim.rendering.embree import MovingScene, PacketScene, find_library
 from cycab_sim.rendering.shadows import ShadowMap
-from cycab_sim.rendering.sky import Light, light_at
+from cycab_sim.rendering.sky import SkyLight, light_at
 from cycab_sim.world.mesh import Mesh
 from cycab_sim.world.noise.kernels import sum_octaves
-from cycab_sim.world.texture.kernels import dress, locate
-from cycab_sim.world.traffic.scene import MovingScene
+from cycab_sim.world.texture.kernels import dress, locate_surfaces
 from cycab_sim.world.traffic.traffic import Traffic
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 Floats = NDArray[np.float32]
 
 
-def paint(
+def paint_rays(
     mesh: Mesh,
     origin: NDArray[np.float64],
     rays: Floats,
     ranges: Floats,
     triangles: NDArray[np.int32],
     cone: Floats,
-    colour: Floats,
+    color: Floats,
 ) -> None:
-    """Write the linear colour (N, 3) of rays (N, 3) from one origin; see `locate` and `dress` for the arrays."""
+    """Write the linear colour (N, 3) of rays (N, 3) from one origin; arrays: see `locate_surfaces` and `dress`."""
     points, depths = np.empty((8, len(rays)), np.float32), np.empty(len(rays), np.float32)
     seeds, rough = np.empty(len(rays), np.uint32), np.empty(len(rays), np.float32)
-    locate(origin, rays, ranges, triangles, cone, mesh.surface_of, mesh.frames, mesh.kinds, points, depths, seeds)
+    locate_surfaces(
+        origin, rays, ranges, triangles, cone, mesh.surface_of, mesh.frames, mesh.kinds, points, depths, seeds
+    )
     sum_octaves(points, seeds, rough)
-    dress(rays, triangles, mesh.surface_of, mesh.kinds, mesh.params, mesh.colours, points, depths, rough, colour)
+    dress(rays, triangles, mesh.surface_of, mesh.kinds, mesh.params, mesh.colors, points, depths, rough, color)
 
 
 STRIP = 16384  # rays a thread works on at once
@@ -72,7 +73,8 @@ class Hits:
 class Renderer:
     """Draws a mesh from any camera; holds the ray caster, the shadow map and the rays of the cameras seen so far.
 
-    `traffic` moves, see `move`; shadows reach as far as the bounds (x0, y0, x1, y1) m, where they are given.
+    `traffic` moves, see `move`; shadows reach as far as the bounds (x0, y0, x1, y1) m, where they are given;
+    num_threads share an image, 0: one a core.
     """
 
     def __init__(
@@ -82,6 +84,7 @@ class Renderer:
         light: LightParams,
         traffic: Traffic | None = None,
         bounds: tuple[float, float, float, float] | None = None,
+        num_threads: int = 0,
     ) -> None:
         self.params = params
         self._scene = EmbreeScene(robust=True)
@@ -91,15 +94,15 @@ class Renderer:
         self._packets = PacketScene(library, mesh.triangles) if library is not None else None
         self._moving = MovingScene(mesh, traffic, library) if traffic is not None else None
         self.mesh = self._moving.mesh if self._moving is not None else mesh
-        self._pool = ThreadPoolExecutor(max_workers=params.num_threads or os.cpu_count() or 1)
+        self._pool = ThreadPoolExecutor(max_workers=num_threads or os.cpu_count() or 1)
         self._lock = threading.Lock()  # of the lenses: cameras are drawn side by side
         self._lenses: OrderedDict[Camera, tuple[Floats, Floats]] = OrderedDict()
         self._light = light
         self._curve = (255.0 * np.linspace(0.0, 1.0, CURVE_SIZE) ** (1.0 / light.gamma)).astype(np.float32)
-        self._shadows = ShadowMap(self._scene, _reaching(params, bounds), light, _middle(mesh, bounds), self._pool)
+        self._shadows = ShadowMap(self._scene, _shadow_square(params, bounds), light, _middle(mesh, bounds), self._pool)
         self._now = light_at(light, 0.0, 0)
 
-    def illuminate(self, light: Light) -> None:
+    def illuminate(self, light: SkyLight) -> None:
         """Put the sun elsewhere, in another light; shadows follow where it has moved by more than SUN_STEP."""
         self._now = light
         if float(light.sun @ self._shadows.sun) < np.cos(SUN_STEP):
@@ -115,7 +118,7 @@ class Renderer:
         self._shadows.draw(self._moving.triangles)
 
     def render(
-        self, camera: Camera, T_world_camera: SE3, is_grey: bool = False, gain: ArrayLike = 1.0
+        self, camera: Camera, T_world_camera: SE3, is_gray: bool = False, gain: ArrayLike = 1.0
     ) -> tuple[Floats, Floats]:
         """Return grey levels 0..255, (H, W, 3) RGB or (H, W) luma f32, and range along the ray (H, W) f32 m.
 
@@ -125,16 +128,16 @@ class Renderer:
         height, width = camera.height, camera.width
         rays = (rays_camera.reshape(-1, 3) @ T_world_camera.rotation.T.astype(np.float32)).reshape(rays_camera.shape)
         origin = np.ascontiguousarray(T_world_camera.translation, dtype=np.float64)
-        colour = np.empty((height * width, 3), np.float32)
-        hits = self._look(origin, rays.reshape(-1, 3), cone.reshape(-1), colour)
+        color = np.empty((height * width, 3), np.float32)
+        hits = self._look(origin, rays.reshape(-1, 3), cone.reshape(-1), color)
         if self.params.supersampling > 1:
-            self._refine(origin, rays, cone.reshape(-1), hits, colour)
-        image = np.empty((height * width, 1 if is_grey else 3), np.float32)
+            self._refine(origin, rays, cone.reshape(-1), hits, color)
+        image = np.empty((height * width, 1 if is_gray else 3), np.float32)
         gains = np.broadcast_to(np.asarray(gain, dtype=np.float64) * self._light.exposure, 3).copy()
-        kernels.tone(colour, gains, self._curve, image)
+        kernels.tone(color, gains, self._curve, image)
         image[hits.triangles == kernels.OUTSIDE] = 0.0
         ranges = hits.ranges.reshape(height, width)
-        return image.reshape((height, width) if is_grey else (height, width, 3)), ranges
+        return image.reshape((height, width) if is_gray else (height, width, 3)), ranges
 
     def measure(self, origin: NDArray[np.float64], rays: Floats) -> Floats:
         """Return the range (N,) f32 m along unit rays (N, 3) f32 from a point (3,) f64 of the world; +Inf: sky."""
@@ -142,7 +145,7 @@ class Renderer:
         self._cast(origin, rays, triangles, ranges)
         return ranges
 
-    def _look(self, origin: NDArray[np.float64], rays: Floats, cone: Floats, colour: Floats) -> Hits:
+    def _look(self, origin: NDArray[np.float64], rays: Floats, cone: Floats, color: Floats) -> Hits:
         """Cast rays (N, 3), write their radiance to colour (N, 3), return what they met."""
         triangles = np.empty(len(rays), np.int32)
         ranges = np.empty(len(rays), np.float32)
@@ -151,7 +154,7 @@ class Renderer:
         def work(first: int) -> None:
             part = slice(first, first + STRIP)
             self._cast(origin, rays[part], triangles[part], ranges[part])
-            self._shade(origin, Hits(rays[part], triangles[part], ranges[part]), cone[part], depths, colour[part])
+            self._shade(origin, Hits(rays[part], triangles[part], ranges[part]), cone[part], depths, color[part])
 
         list(self._pool.map(work, range(0, len(rays), STRIP)))
         return Hits(rays, triangles, ranges)
@@ -171,35 +174,35 @@ class Renderer:
         if outside.any():
             triangles[outside], ranges[outside] = kernels.OUTSIDE, np.nan
 
-    def _shade(self, origin: NDArray[np.float64], hits: Hits, cone: Floats, depths: Floats, colour: Floats) -> None:
+    def _shade(self, origin: NDArray[np.float64], hits: Hits, cone: Floats, depths: Floats, color: Floats) -> None:
         m, s, now = self.mesh, self._shadows, self._now
-        lamps = s.sun, now.sun_colour, now.sky_colour, now.sky_gain
-        paint(m, origin, hits.rays, hits.ranges, hits.triangles, cone, colour)
+        lamps = s.sun, now.sun_color, now.sky_color, now.sky_gain
+        paint_rays(m, origin, hits.rays, hits.ranges, hits.triangles, cone, color)
         kernels.light(
             origin, hits.rays, hits.ranges, hits.triangles, cone, m.normals,
-            lamps, depths, s.texel, s.corner, s.T_sun_world, colour,
+            lamps, depths, s.texel, s.corner, s.T_sun_world, color,
         )  # fmt: skip
 
-    def _refine(self, origin: NDArray[np.float64], rays: Floats, cone: Floats, hits: Hits, colour: Floats) -> None:
+    def _refine(self, origin: NDArray[np.float64], rays: Floats, cone: Floats, hits: Hits, color: Floats) -> None:
         """Look again with n x n rays at pixels where surfaces meet."""
         n = self.params.supersampling
         shape = rays.shape[:2]
         is_edge = np.empty(shape, np.uint8)
         triangles, ranges = hits.triangles.reshape(shape), hits.ranges.reshape(shape)
         m = self.mesh
-        kernels.find_edges(triangles, m.surface_of, m.normals, ranges, colour.reshape(*shape, 3), is_edge)
+        kernels.find_edges(triangles, m.surface_of, m.normals, ranges, color.reshape(*shape, 3), is_edge)
         edges = np.flatnonzero(is_edge)
         finer = np.empty((len(edges) * n * n, 3), np.float32)
         samples = np.empty_like(finer)
         kernels.split_rays(rays, edges, n, finer)
         self._look(origin, finer, np.repeat(cone[edges] / np.float32(n), n * n), samples)
-        kernels.merge_samples(samples, edges, n, colour)
+        kernels.merge_samples(samples, edges, n, color)
 
     def _lens(self, camera: Camera) -> tuple[Floats, Floats]:
         """Return the unit rays (H, W, 3) of a camera and the angle (H, W) between neighbouring rays."""
         with self._lock:
             if camera not in self._lenses:
-                rays = camera.unproject(pixel_grid(camera))
+                rays = pixel_rays(camera)
                 self._lenses[camera] = (rays.astype(np.float32), _spacing(rays))
                 if len(self._lenses) > MAX_CAMERAS:
                     self._lenses.popitem(last=False)
@@ -207,12 +210,12 @@ class Renderer:
             return self._lenses[camera]
 
 
-def _reaching(params: RenderParams, bounds: tuple[float, float, float, float] | None) -> RenderParams:
-    """Return parameters with which shadows reach as far as the bounds x0, y0, x1, y1 m, as finely as is possible."""
+def _shadow_square(params: RenderParams, bounds: tuple[float, float, float, float] | None) -> tuple[float, float]:
+    """Return how far shadows reach, as far as the bounds x0, y0, x1, y1 m, and their texel, as fine as is possible."""
     if bounds is None:
-        return params
-    extent = max(params.shadow_extent, float(np.hypot(bounds[2] - bounds[0], bounds[3] - bounds[1])))
-    return replace(params, shadow_extent=extent, shadow_texel=max(params.shadow_texel, extent / MAX_TEXELS))
+        return params.shadow_extent, params.shadow_texel
+    extent = float(np.hypot(bounds[2] - bounds[0], bounds[3] - bounds[1]))
+    return extent, max(params.shadow_texel, extent / MAX_TEXELS)
 
 
 def _middle(mesh: Mesh, bounds: tuple[float, float, float, float] | None) -> NDArray[np.float64]:

@@ -9,11 +9,11 @@ import numpy as np
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
-from cycab_sim.params import LightParams, RenderParams
+from cycab_sim.params import LightParams
+from cycab_sim.rendering import kernels
 from cycab_sim.rendering.sky import light_at
-from cycab_sim.world.traffic import kernels
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 Floats = NDArray[np.float32]
 REACH = 400.0  # the sun's rays start this far away, m
 
@@ -21,17 +21,22 @@ REACH = 400.0  # the sun's rays start this far away, m
 class ShadowMap:
     """Depths (K, K) f32 m along the sun's rays, seen from the sun; see `kernels.light` for how it is used.
 
-    `centre` (3,) m is the middle of the square that it covers. What moves is drawn over what stands still.
+    It covers a square of (side m, texel m) around `center` (3,) m. What moves is drawn over what stands still.
     The map holds for the unit vector `sun` (3,) towards the sun; `turn` puts the sun elsewhere.
     """
 
     def __init__(
-        self, scene: EmbreeScene, params: RenderParams, light: LightParams, centre: Array, pool: ThreadPoolExecutor
+        self,
+        scene: EmbreeScene,
+        square: tuple[float, float],
+        light: LightParams,
+        center: Array,
+        pool: ThreadPoolExecutor,
     ) -> None:
-        self.texel = params.shadow_texel
+        extent, self.texel = square
         self.has_shadows = light.has_shadows
-        self._size = int(params.shadow_extent / self.texel) if light.has_shadows else 2
-        self._scene, self._centre, self._pool = scene, centre, pool
+        self._size = int(extent / self.texel) if light.has_shadows else 2
+        self._scene, self._center, self._pool = scene, center, pool
         self._windows = np.zeros((0, 4), np.int32)
         self._lock = Lock()
         self.turn(light_at(light, 0.0, 0).sun)
@@ -40,7 +45,7 @@ class ShadowMap:
         """Put the sun elsewhere, by the unit vector (3,) towards it; what moves has to be drawn again."""
         self.sun = sun
         self.T_sun_world = _shadow_frame(sun)
-        self.corner = self.T_sun_world[:2] @ self._centre - 0.5 * self._size * self.texel * self.has_shadows
+        self.corner = self.T_sun_world[:2] @ self._center - 0.5 * self._size * self.texel * self.has_shadows
         self._still: Floats | None = None if self.has_shadows else np.full((2, 2), np.inf, np.float32)
         self._drawn: Floats | None = None
         self._windows = np.zeros((0, 4), np.int32)
@@ -76,7 +81,7 @@ class ShadowMap:
         depth = np.empty((size, size), np.float32)
         columns = corner[0] + texel * np.arange(size)
         direction = R[2:].astype(np.float32)
-        base = float(R[2] @ self._centre) - REACH
+        base = float(R[2] @ self._center) - REACH
 
         def work(row: int) -> None:
             local = np.stack([columns, np.full(size, corner[1] + texel * row), np.full(size, base)], axis=1)

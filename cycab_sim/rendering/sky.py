@@ -5,11 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.params import LightParams
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 SUN, AMBIENT = np.array([1.25, 1.15, 0.98]), np.array([0.34, 0.40, 0.52])  # radiance with the sun 43 deg high
 LATITUDE, DECLINATION = np.radians(45.78), np.radians(20.0)  # Clermont-Ferrand at the end of May
 LOWEST = np.radians(3.0)  # the sun does not set
@@ -19,12 +18,12 @@ CLOUD_WAVES = np.array([1.0, 2.3, 4.1])  # clouds come and go with these multipl
 
 
 @dataclass(frozen=True, eq=False)
-class Light:
+class SkyLight:
     """Unit vector (3,) towards the sun, radiance (3,) of sun and open sky on a surface, and a factor on the sky."""
 
     sun: Array
-    sun_colour: Array
-    sky_colour: Array
+    sun_color: Array
+    sky_color: Array
     sky_gain: float
 
 
@@ -33,7 +32,7 @@ def is_constant(params: LightParams) -> bool:
     return params.clouds == 0.0 and (params.hour == 0.0 or params.hour_rate == 0.0)
 
 
-def light_at(params: LightParams, seconds: float, seed: int) -> Light:
+def light_at(params: LightParams, seconds: float, seed: int) -> SkyLight:
     """Return the light after a time."""
     if params.hour == 0.0:
         azimuth, elevation = np.radians([params.sun_azimuth_deg, params.sun_elevation_deg])
@@ -44,7 +43,7 @@ def light_at(params: LightParams, seconds: float, seed: int) -> Light:
         share = 0.35 + 0.65 * float(np.sin(elevation) / np.sin(USUAL))
     sun = np.array([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     cover = params.clouds * _cloud(seconds / params.cloud_period, seed) if params.clouds else 0.0
-    return Light(sun, SUN * red * (1.0 - cover), AMBIENT * share * (1.0 + 0.25 * cover), share * (1.0 - 0.2 * cover))
+    return SkyLight(sun, SUN * red * (1.0 - cover), AMBIENT * share * (1.0 + 0.25 * cover), share * (1.0 - 0.2 * cover))
 
 
 def sun_angles(hour: float) -> tuple[float, float]:

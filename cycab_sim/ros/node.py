@@ -11,13 +11,12 @@ from sphere_nav_msgs.msg import SimulationFault
 from sphere_nav_msgs.srv import SetFault, Teleport
 from std_msgs.msg import Bool
 
-from cycab_sim.lock_step import LockStep
 from cycab_sim.params import SimParams
 from cycab_sim.ros.outputs import Outputs
-from cycab_sim.runner import Runner
+from cycab_sim.runner import LockStep, Runner
 from cycab_sim.sensors.faults import SECOND
 from cycab_sim.simulator import Simulator
-from cycab_sim.vehicle import Command
+from cycab_sim.vehicle import VehicleCommand
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.node import OK, WARN, ManagedNode
 from sphere_nav.ros.run import run
@@ -62,7 +61,7 @@ class CycabSim(ManagedNode):
         now = self.simulator.time_ns
         stamp = conversions.stamp_ns(message) if self.params.has_stamped_command else now
         twist = message.twist if self.params.has_stamped_command else message
-        self.lock_step.offer(Command(twist.linear.x, twist.angular.z), stamp or now, now)
+        self.lock_step.offer(VehicleCommand(twist.linear.x, twist.angular.z), stamp or now, now)
 
     def hand_out(self, name: str) -> int | None:
         """Publish one output at the present instant, in the simulation's thread; return the stamp of an image sent."""

@@ -13,8 +13,9 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from cycab_sim.sensors.faults import SECOND
-from cycab_sim.sensors.rigs import FRAME, rig_place, rig_text
-from cycab_sim.simulator import Frame, Simulator
+from cycab_sim.sensors.imaging import RenderedFrame
+from cycab_sim.sensors.rigs import FRAME, rig_file_text, rig_place
+from cycab_sim.simulator import Simulator
 from sphere_nav.geometry import Spherical
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.endpoints import Endpoints, Publisher
@@ -52,7 +53,7 @@ class Outputs:
         places = [(mount.T_base_camera, mount.frame_id) for mount in simulator.mounts.values()]
         if simulator.rig is not None:
             places.append((rig_place(simulator.params.rig), FRAME))
-            self.description.publish(String(data=rig_text(simulator.rig, simulator.params.rig.file)))
+            self.description.publish(String(data=rig_file_text(simulator.rig, simulator.params.rig.file)))
         if simulator.params.imu.is_on:
             places.append((simulator.imu.T_base_imu, IMU))
         if simulator.params.scan.is_on:
@@ -107,7 +108,7 @@ class Outputs:
             self._send(name, self.rig_images[name], image_message(frame, frame_id))
 
     def _publish_imu(self, now: int) -> None:
-        reading, p = self.simulator.read_imu(), self.simulator.params.imu
+        reading, p = self.simulator.read_imu(), self.simulator.imu.errors
         message = Imu(header=conversions.header(now, IMU))
         message.orientation = conversions.se3_to_pose(reading.T_world_imu).orientation
         _set_xyz(message.linear_acceleration, reading.acceleration)
@@ -118,10 +119,10 @@ class Outputs:
         self._send("imu", self.imu, message)
 
     def _publish_scan(self, now: int) -> None:
-        angles, p = self.simulator.scanner.angles, self.simulator.params.scan
+        angles, p = self.simulator.scanner.angles, self.simulator.scanner.model
         message = LaserScan(header=conversions.header(now, SCAN), ranges=self.simulator.scan().ranges.tolist())
         message.angle_min, message.angle_max = float(angles[0]), float(angles[-1])
-        message.angle_increment, message.scan_time = float(angles[1] - angles[0]), p.period
+        message.angle_increment, message.scan_time = float(angles[1] - angles[0]), self.simulator.params.scan.period
         message.range_min, message.range_max = p.min_range, p.max_range
         self._send("scan", self.scan, message)
 
@@ -142,7 +143,7 @@ def _set_xyz(vector: Any, values: np.ndarray) -> None:
     vector.x, vector.y, vector.z = map(float, values)
 
 
-def image_message(frame: Frame, frame_id: str) -> Image:
+def image_message(frame: RenderedFrame, frame_id: str) -> Image:
     """Return a grey or colour image."""
     encoding = "mono8" if frame.image.ndim == 2 else "rgb8"
     return conversions.array_to_image(frame.image, frame.stamp_ns, frame_id, encoding)

@@ -1,17 +1,19 @@
-"""What is mounted on the car, where, and what its sensors add to a perfect image."""
+"""The cameras on the car: lenses from what is asked of them (so many pixels, so wide a view), and their places."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from cycab_sim.params import CameraParams, ExposureParams, SphereParams
-from cycab_sim.sensors.lenses import make_lens
-from sphere_nav.geometry import SE3, Camera, Spherical
+from cycab_sim.params import CameraRigParams, ImagingParams, SimCameraParams, SphereParams
+from sphere_nav.geometry import SE3, Camera, Fisheye, Pinhole, Spherical
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])  # body axes of optical axes
+MAX_PINHOLE_DEG = 150.0  # a plane image of a wider view is nearly all edge
+Center = tuple[float, float]
+LensParams = SimCameraParams | CameraRigParams
 
 
 @dataclass(frozen=True)
@@ -20,34 +22,21 @@ class Mount:
 
     T_base_camera maps camera coordinates (optical axes, body axes for a sphere) to the car's;
     noise in grey levels, shot_noise as variance over the grey level;
-    vignetting is the share of light lost in the corners; cameras of one group have one exposure.
+    noises as they are without `imaging`; cameras of one group have one exposure.
     """
 
     name: str
     frame_id: str
     camera: Camera
     T_base_camera: SE3
-    is_grey: bool
+    is_gray: bool
     noise: float
     shot_noise: float
-    vignetting: float = 0.0
-    exposure: ExposureParams = field(default_factory=ExposureParams)
-    group: str = ""
+    group: str
+    imaging: ImagingParams = field(default_factory=ImagingParams)
 
 
-@dataclass(frozen=True, eq=False)
-class Frame:
-    """An image (H, W[, 3]) u1 and range along the ray (H, W) f32 m of one instant."""
-
-    image: NDArray[np.uint8]
-    range_m: NDArray[np.float32]
-    camera: Camera
-    stamp_ns: int
-    index: int
-    range_std_m: None = None  # the range is exact
-
-
-def forward_camera(params: CameraParams) -> Mount:
+def forward_camera(params: SimCameraParams, imaging: ImagingParams) -> Mount:
     """Return the camera for driving; the frame of a panorama has body axes."""
     camera = make_lens(params, "camera")
     tilt = SE3.exp([0.0, 0.0, 0.0, 0.0, np.radians(params.pitch_deg), 0.0])
@@ -55,9 +44,10 @@ def forward_camera(params: CameraParams) -> Mount:
     is_sphere = params.model == "panorama"
     T_base_camera = place @ tilt @ SE3.from_parts(np.eye(3) if is_sphere else OPTICAL, np.zeros(3))
     frame_id = "camera_link" if is_sphere else "camera_optical"
-    noises = params.noise, params.shot_noise
-    fall = 0.0 if is_sphere else params.vignetting
-    return Mount("camera", frame_id, camera, T_base_camera, True, *noises, fall, params.exposure, "camera")
+    imaging = replace(imaging, vignetting=0.0) if is_sphere else imaging
+    return Mount(
+        "camera", frame_id, camera, T_base_camera, True, params.read_noise, params.shot_noise, "camera", imaging
+    )
 
 
 def roof_sphere(params: SphereParams) -> Mount:
@@ -66,34 +56,48 @@ def roof_sphere(params: SphereParams) -> Mount:
         raise ValueError(f"sphere.width: expected an even number, found {params.width}")
     T_base_camera = SE3.from_parts(np.eye(3), [params.x, params.y, params.z])
     camera = Spherical(params.width, params.width // 2)
-    return Mount("sphere", "sphere_link", camera, T_base_camera, False, params.noise, params.shot_noise, group="sphere")
+    return Mount("sphere", "sphere_link", camera, T_base_camera, False, params.read_noise, params.shot_noise, "sphere")
 
 
-def vignette(camera: Camera, share: float, gamma: float) -> NDArray[np.float32]:
-    """Return factors (H, W) on grey levels: the light falls with the squared distance to the middle, to 1 - share."""
-    rows, columns = np.linspace(-1.0, 1.0, camera.height), np.linspace(-1.0, 1.0, camera.width)
-    height, width = float(camera.height), float(camera.width)
-    squares = ((rows * height) ** 2)[:, None] + ((columns * width) ** 2)[None]
-    light = 1.0 - share * squares / (height**2 + width**2)
-    return np.asarray(light ** (1.0 / gamma), dtype=np.float32)
+def make_lens(params: LensParams, name: str, scale: float = 1.0, offset: Center = (0.0, 0.0)) -> Camera:
+    """Return the camera of parameters: the field of view is met at the left and right edge, distortion included.
 
-
-def expose(
-    levels: NDArray[np.float32], noise: float, shot_noise: float, seed: tuple[int, ...], bias: float = 0.0
-) -> NDArray[np.uint8]:
-    """Return what the sensor reads of perfect grey levels (H, W[, 3]): noise of its electronics and of the light.
-
-    `seed` names the image, so that every image has its own noise and has it again in the next run.
-    Levels are 1 to 255; 0 is kept for pixels outside the lens.
+    `name` of the group is for messages; the focal length is multiplied by `scale`, the centre moved by `offset` px.
     """
-    if noise > 0.0 or shot_noise > 0.0:
-        rng = np.random.default_rng(seed)
-        deviation = np.sqrt(np.float32(noise * noise) + np.float32(shot_noise) * levels)
-        read = levels + deviation * rng.standard_normal(levels.shape, dtype=np.float32)
+    if params.model == "panorama":
+        return panorama(params.width, params.height, name)
+    if params.model == "pinhole" and params.view_deg > MAX_PINHOLE_DEG:
+        raise ValueError(f"{name}.view_deg: expected at most {MAX_PINHOLE_DEG} of a pinhole, found {params.view_deg}")
+    f = focal_length(params) * scale
+    center = ((params.width - 1) / 2 + offset[0], (params.height - 1) / 2 + offset[1])
+    half = math.radians(params.view_deg) / 2
+    if params.model == "pinhole":
+        pinhole = Pinhole(params.width, params.height, f, f, *center, (params.k1, params.k2, 0.0, 0.0, 0.0))
+        is_good, limit = math.tan(half) <= pinhole.max_radius, 2 * math.atan(pinhole.max_radius)
+        camera: Camera = pinhole
     else:
-        read = levels
-    if bias:
-        read = read + np.float32(bias)
-    image = np.clip(np.rint(read), 1.0, 255.0).astype(np.uint8)
-    image[levels == 0.0] = 0
-    return image
+        camera = fisheye = Fisheye(params.width, params.height, f, f, *center, (params.k1, params.k2, 0.0, 0.0))
+        is_good, limit = half <= fisheye.max_angle, 2 * fisheye.max_angle
+    if not is_good or f <= 0.0:
+        raise ValueError(
+            f"{name}.view_deg: expected at most {math.degrees(limit):.0f} with this distortion, found {params.view_deg}"
+        )
+    return camera
+
+
+def focal_length(params: LensParams) -> float:
+    """Return the focal length in pixels with which the field of view fills the width."""
+    half = math.radians(params.view_deg) / 2
+    r = math.tan(half) if params.model == "pinhole" else half
+    radius = r * (1.0 + r * r * (params.k1 + r * r * params.k2))
+    return 0.5 * params.width / max(radius, 1e-2)  # a lens that folds back is refused by its limit
+
+
+def panorama(width: int, height: int, name: str) -> Spherical:
+    """Return a sphere of `width` columns of which `height` rows around the horizon are kept."""
+    if width % 2 or height % 2 or height > width // 2:
+        expected = "expected even numbers, at most half as many rows as columns"
+        raise ValueError(f"{name}.width, height: {expected}, found {width} x {height}")
+    if height == width // 2:
+        return Spherical(width, height)
+    return Spherical(width, height, float(width), 0.0, (width / 2 - height) / 2)

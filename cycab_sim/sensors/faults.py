@@ -5,9 +5,11 @@ from __future__ import annotations
 import math
 import zlib
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
+
+from cycab_sim.vehicle import VehicleCommand, WheelErrors
 
 IMAGES = ("silent", "stuck", "noise", "bias", "intermittent", "exposure", "delayed")
 MAX_DELAY = 10.0  # s
@@ -96,3 +98,25 @@ class Faults:
             return True
         share = self.magnitude(target, "intermittent", now_ns)
         return share is not None and float(np.random.default_rng([index, zlib.crc32(target.encode())]).random()) < share
+
+    def alter_command(
+        self, command: VehicleCommand, applied: VehicleCommand, wheelbase: float, now_ns: int
+    ) -> VehicleCommand:
+        """Return what the actuators do of a command; `applied` is what they did before, wheelbase in m."""
+        is_stuck = [self.magnitude(target, "stuck", now_ns) is not None for target in ("speed", "steering")]
+        speed_bias, bias = (self.magnitude(target, "bias", now_ns) for target in ("speed", "steering"))
+        speed = applied.speed if is_stuck[0] else command.speed + (speed_bias or 0.0)
+        yaw_rate = applied.yaw_rate if is_stuck[1] else command.yaw_rate
+        if bias is not None:
+            yaw_rate = speed * np.tan(np.arctan2(wheelbase * yaw_rate, speed) + bias) / wheelbase if speed else 0.0
+        return VehicleCommand(float(speed), float(yaw_rate))
+
+    def alter_wheels(self, errors: WheelErrors, now_ns: int) -> WheelErrors:
+        """Return what the wheels measure wrongly now."""
+        slip, noise, bias = (self.magnitude("odom", kind, now_ns) for kind in ("slip", "noise", "bias"))
+        return replace(
+            errors,
+            slip=slip or errors.slip,
+            speed_noise=noise or errors.speed_noise,
+            yaw_rate_bias=bias or errors.yaw_rate_bias,
+        )

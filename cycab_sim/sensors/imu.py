@@ -10,14 +10,26 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.params import ImuParams
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 GRAVITY = 9.80665  # m/s^2
 UP = np.array([0.0, 0.0, GRAVITY])
+
+
+@dataclass(frozen=True)
+class ImuErrors:
+    """Standard deviations, of an inexpensive MEMS sensor; noise is that of one message."""
+
+    acceleration_noise: float = 0.03  # m/s^2
+    acceleration_bias: float = 0.02  # of the bias, drawn once an axis, m/s^2
+    acceleration_walk: float = 0.0005  # of its random walk after 1 s, m/s^2
+    rate_noise: float = 0.002  # rad/s
+    rate_bias: float = 0.001  # of the bias, drawn once an axis, rad/s
+    rate_walk: float = 0.00002  # of its random walk after 1 s, rad/s
+    orientation_noise_deg: float = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,12 +48,12 @@ class ImuReading:
 class Imu:
     """Follows the car; `read` gives a reading of the present instant."""
 
-    def __init__(self, params: ImuParams, seed: int) -> None:
-        self.params = params
+    def __init__(self, params: ImuParams, seed: int, errors: ImuErrors | None = None) -> None:
+        self.errors = errors = errors or ImuErrors()
         self.T_base_imu = SE3.from_parts(np.eye(3), [params.x, params.y, params.z])
         self._seed = seed
         self._rng = np.random.default_rng([seed, 23])
-        self._biases = self._rng.standard_normal((2, 3)) * [[params.acceleration_bias], [params.rate_bias]]
+        self._biases = self._rng.standard_normal((2, 3)) * [[errors.acceleration_bias], [errors.rate_bias]]
         self._force, self._rate = UP, np.zeros(3)
         self._velocity: Array | None = None
         self._heading_error = 0.0
@@ -54,7 +66,7 @@ class Imu:
         change = np.zeros(3) if self._velocity is None else (velocity - self._velocity) / seconds
         self._velocity = velocity
         self._force = before.rotation.T @ (change + UP)
-        walks = np.array([[self.params.acceleration_walk], [self.params.rate_walk]]) * math.sqrt(seconds)
+        walks = np.array([[self.errors.acceleration_walk], [self.errors.rate_walk]]) * math.sqrt(seconds)
         self._biases = self._biases + walks * self._rng.standard_normal((2, 3))
         self._heading_error += float(self._biases[1, 2]) * seconds
 
@@ -64,7 +76,7 @@ class Imu:
 
     def read(self, T_world_base: SE3, index: int, stamp_ns: int) -> ImuReading:
         """Return reading number `index`, for the true pose of the car at this instant."""
-        p = self.params
+        p = self.errors
         noise = np.random.default_rng([self._seed, index, 29]).standard_normal((3, 3))
         tilt = math.radians(p.orientation_noise_deg) * noise[2]
         true = T_world_base @ self.T_base_imu

@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from cycab_sim.params import RigParams
-from cycab_sim.sensors.cameras import OPTICAL, Mount
-from cycab_sim.sensors.lenses import make_lens
+from cycab_sim.params import CameraRigParams, ImagingParams
+from cycab_sim.sensors.cameras import OPTICAL, Mount, make_lens
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 from sphere_nav.geometry.files.rig_file import write_rig
@@ -23,42 +22,42 @@ AROUND = {"front": 0.0, "left": 120.0, "right": -120.0}
 RING = {"front": 0.0, "front_left": 60.0, "rear_left": 120.0, "rear": 180.0, "rear_right": -120.0, "front_right": -60.0}
 FRAME = "rig_link"
 LENGTH, ANGLE, FOCAL = 1e-3, np.radians(0.3), 3e-3  # standard deviations of mounting and making, m, rad, share
-CENTRE = 2.0  # of the principal point, px of an image of 544 columns
+CENTER = 2.0  # of the principal point, px of an image of 544 columns
 
 
-def camera_names(kind: str) -> tuple[str, ...]:
+def rig_camera_names(kind: str) -> tuple[str, ...]:
     """Return the names of a rig's cameras; none of the kind `none`."""
     if kind == "vertical":
         return tuple(f"{level}_{name}" for level in ("top", "bottom") for name in AROUND)
     return tuple(RING) if kind == "ring" else ()
 
 
-def make_rig(params: RigParams, seed: int) -> Rig | None:
+def make_rig(params: CameraRigParams, seed: int) -> Rig | None:
     """Return the rig as it is truly built, every camera a little off its plan; None of the kind `none`."""
     if params.kind == "none":
         return None
     rng = np.random.default_rng([seed, 41])
-    cameras = tuple(_make_camera(params, name, rng) for name in camera_names(params.kind))
+    cameras = tuple(_make_camera(params, name, rng) for name in rig_camera_names(params.kind))
     return Rig(cameras, name=f"{params.kind}_{seed}")
 
 
-def rig_mounts(params: RigParams, rig: Rig | None) -> tuple[Mount, ...]:
+def rig_mounts(params: CameraRigParams, imaging: ImagingParams, rig: Rig | None) -> tuple[Mount, ...]:
     """Return the cameras of a rig on the car."""
     T_base_rig = rig_place(params)
-    noises = params.noise, params.shot_noise, params.vignetting, params.exposure
+    noises = params.read_noise, params.shot_noise
     cameras = rig.cameras if rig else ()
     return tuple(
-        Mount(c.name, f"{c.name}_optical", c.camera, T_base_rig @ c.T_rig_camera, False, *noises, c.exposure_group)
+        Mount(c.name, f"{c.name}_optical", c.camera, T_base_rig @ c.T_rig_camera, False, *noises, "rig", imaging)
         for c in cameras
     )
 
 
-def rig_place(params: RigParams) -> SE3:
+def rig_place(params: CameraRigParams) -> SE3:
     """Return T_base_rig."""
     return SE3.from_parts(np.eye(3), [params.x, params.y, params.z])
 
 
-def planned_pose(params: RigParams, name: str) -> SE3:
+def planned_pose(params: CameraRigParams, name: str) -> SE3:
     """Return T_rig_camera by the plan: optical axes, looking away from the middle."""
     level, _, rest = name.partition("_")
     is_vertical = params.kind == "vertical"
@@ -69,20 +68,19 @@ def planned_pose(params: RigParams, name: str) -> SE3:
     return SE3.from_parts(np.eye(3), [0.0, 0.0, height]) @ away @ SE3.from_parts(OPTICAL, [radius, 0.0, 0.0])
 
 
-def rig_text(rig: Rig, path: str = "") -> str:
+def rig_file_text(rig: Rig, path: str = "") -> str:
     """Return the rig file's text, after writing it to `path` where one is given."""
     if path:
         write_rig(path, rig, is_overwriting=True)
         return Path(path).read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder:
-        return rig_text(rig, str(Path(folder) / "rig.yaml"))
+        return rig_file_text(rig, str(Path(folder) / "rig.yaml"))
 
 
-def _make_camera(params: RigParams, name: str, rng: np.random.Generator) -> RigCamera:
+def _make_camera(params: CameraRigParams, name: str, rng: np.random.Generator) -> RigCamera:
     off = params.tolerance * rng.standard_normal(9)
-    du, dv = CENTRE * params.width / 544 * off[7:]
+    du, dv = CENTER * params.width / 544 * off[7:]
     lens = make_lens(params, "rig", float(1.0 + FOCAL * off[6]), (float(du), float(dv)))
     error = SE3.exp(off[:6] * ([LENGTH] * 3 + [ANGLE] * 3))
     level = name.partition("_")[0] if params.kind == "vertical" else ""
-    group = {"rig": "rig", "level": level or "rig", "camera": name}[params.exposure_group]
-    return RigCamera(name, lens, planned_pose(params, name) @ error, exposure_group=group, level=level)
+    return RigCamera(name, lens, planned_pose(params, name) @ error, exposure_group="rig", level=level)

@@ -8,14 +8,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.world import finishes
-from cycab_sim.world.finishes import Colour
+from cycab_sim.world.finishes import Color
 from cycab_sim.world.mesh import Finish, MeshBuilder, moved, placed
 from cycab_sim.world.texture import kernels as k
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 GROUND_STOREY = 3.6
 
 
@@ -24,8 +23,8 @@ class Style:
     """What the fronts of one house share."""
 
     wall: Finish
-    frame: Colour
-    shutter: Colour | None
+    frame: Color
+    shutter: Color | None
     bay: float
     window: tuple[float, float]
     storey: float
@@ -64,10 +63,10 @@ def _add_front(
     mesh: MeshBuilder, at: Array, width: float, height: float, storeys: int, style: Style, rng: np.random.Generator
 ) -> None:
     num_bays = max(1, int(width / style.bay))
-    centres = (np.arange(num_bays) + 0.5) * width / num_bays
-    left, right = centres - style.window[0] / 2, centres + style.window[0] / 2
+    centers = (np.arange(num_bays) + 0.5) * width / num_bays
+    left, right = centers - style.window[0] / 2, centers + style.window[0] / 2
     if style.is_shop:
-        left, right = centres - 0.4 * width / num_bays, centres + 0.4 * width / num_bays
+        left, right = centers - 0.4 * width / num_bays, centers + 0.4 * width / num_bays
     ground = [(0.45 if style.is_shop else 0.95, 2.7)]
     upper = [
         (GROUND_STOREY + i * style.storey + 0.8, GROUND_STOREY + i * style.storey + 0.8 + style.window[1])
@@ -76,7 +75,7 @@ def _add_front(
     door = int(rng.integers(num_bays))
     _add_openings(mesh, at, width, GROUND_STOREY, left, right, ground, style, rng, door)
     above = at @ placed(0.0, 0.0, 0.0, GROUND_STOREY)
-    left, right = centres - style.window[0] / 2, centres + style.window[0] / 2
+    left, right = centers - style.window[0] / 2, centers + style.window[0] / 2
     rows = [(low - GROUND_STOREY, high - GROUND_STOREY) for low, high in upper]
     _add_openings(mesh, above, width, height - GROUND_STOREY, left, right, rows, style, rng, None)
     _add_trims(mesh, at, width, height, storeys, style, rng)

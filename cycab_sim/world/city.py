@@ -10,7 +10,6 @@ from __future__ import annotations
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.world import finishes, furniture
 from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, placed
@@ -19,11 +18,10 @@ from cycab_sim.world.street import KERB_HEIGHT, add_ground, add_pavement, add_st
 from cycab_sim.world.texture import kernels as k
 from cycab_sim.world.town import Rectangle, add_houses, add_row, add_skyline, furnish
 
-Array = NDArray[np.float64]
 BOUNDS: Rectangle = (-75.0, -80.0, 230.0, 150.0)
 SQUARE: Rectangle = (70.0, -45.0, 170.0, 55.0)
 HALF = 5.5  # kerb to the middle of a street, m
-LANE_X, LANE_WIDTH = 120.0, 3.0
+LANE_X = 120.0  # of the lane, which is 3 m wide
 TOUR_LENGTH = 490.0  # the long drive of M15 section 6.4.4
 BLOCKS: tuple[tuple[Rectangle, str], ...] = (
     # with their sides: see town.STREETS

@@ -12,23 +12,23 @@ from numpy.typing import NDArray
 
 from cycab_sim.world import finishes
 from cycab_sim.world.mesh import BOX_FACES, Finish, MeshBuilder, moved, placed
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 SPRAYS = 220  # leaves around a lump of foliage
 LEAVES = 700  # of a hedge, each metre
 
 
 def add_car(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
     """Add a parked car of about 4.2 m x 1.75 m x 1.5 m, its middle at the origin."""
-    colour = finishes.pick(rng, finishes.CARS)
-    body = finishes.paint(colour, rng.uniform(0.9, 1.4))
+    color = finishes.pick(rng, finishes.CARS)
+    body = finishes.painted_metal(color, rng.uniform(0.9, 1.4))
     length, width, tall = rng.uniform(3.7, 4.4), rng.uniform(1.65, 1.78), rng.uniform(0.5, 0.75)
     a, b = length / 2, width / 2
     add_frustum(mesh, at, (-a, a, b, 0.30), (-a + 0.05, a - 0.05, b, 0.62), body)
     add_frustum(mesh, at, (-a + 0.05, a - 0.05, b, 0.62), (-a + 0.12, a - 0.18, b - 0.04, 0.90), body)
     cabin_low = (-a + 0.25, a - 1.15, b - 0.06, 0.90)
     cabin_top = (-a + 0.65, a - 1.85, b - 0.22, 0.90 + tall)
-    glass = finishes.window(1.2, tall, finishes.darker(colour, 0.8), rng, 1, 1)
+    glass = finishes.window(1.2, tall, finishes.darker(color, 0.8), rng, 1, 1)
     add_frustum(mesh, at, cabin_low, cabin_top, glass)
     add_frustum(mesh, at, cabin_top, (cabin_top[0] + 0.1, cabin_top[1] - 0.1, cabin_top[2] - 0.08, 0.95 + tall), body)
     for x in (-a + 0.75, a - 0.8):
@@ -37,7 +37,7 @@ def add_car(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
     for x in (-a - 0.01, a - 0.02):
         mesh.box([x, -0.27, 0.42], [0.03, 0.54, 0.12], finishes.sign(0.54, 0.12, rng), at)
         for y in (-b + 0.08, b - 0.38):
-            mesh.box([x, y, 0.60], [0.03, 0.30, 0.14], finishes.paint((0.55, 0.12 if x < 0 else 0.5, 0.1)), at)
+            mesh.box([x, y, 0.60], [0.03, 0.30, 0.14], finishes.painted_metal((0.55, 0.12 if x < 0 else 0.5, 0.1)), at)
 
 
 def add_lamp(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
@@ -46,7 +46,7 @@ def add_lamp(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
     add_prism(mesh, at, 0.10, 0.6, finishes.METAL)
     add_prism(mesh, at, 0.055, height, finishes.METAL)
     mesh.box([-0.03, -0.03, height - 0.08], [1.1, 0.06, 0.08], finishes.METAL, at)
-    mesh.box([0.75, -0.12, height - 0.18], [0.5, 0.24, 0.12], finishes.paint((0.55, 0.55, 0.5)), at)
+    mesh.box([0.75, -0.12, height - 0.18], [0.5, 0.24, 0.12], finishes.painted_metal((0.55, 0.55, 0.5)), at)
 
 
 def add_traffic_sign(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
@@ -59,14 +59,18 @@ def add_traffic_sign(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> 
 def add_bollard(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
     """Add a bollard with a painted head."""
     add_prism(mesh, at, 0.07, 0.85, finishes.METAL)
-    add_prism(mesh, at @ placed(0, 0, 0, 0.85), 0.085, 0.12, finishes.paint(finishes.pick(rng, finishes.WOODWORK)))
+    add_prism(
+        mesh, at @ placed(0, 0, 0, 0.85), 0.085, 0.12, finishes.painted_metal(finishes.pick(rng, finishes.WOODWORK))
+    )
 
 
 def add_box(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
     """Add a bin, a switch cabinet or a stack of crates."""
     kind = rng.random()
     if kind < 0.4:
-        mesh.box([-0.3, -0.6, 0], [0.6, 1.2, 1.25], finishes.paint(finishes.pick(rng, finishes.WOODWORK), 0.6), at)
+        mesh.box(
+            [-0.3, -0.6, 0], [0.6, 1.2, 1.25], finishes.painted_metal(finishes.pick(rng, finishes.WOODWORK), 0.6), at
+        )
         mesh.panels(
             moved(np.array([[0.305, -0.5, 0.3], [0.305, 0.5, 0.3], [0.305, 0.5, 1.1], [0.305, -0.5, 1.1]]), at),
             finishes.sign(1.0, 0.8, rng, 4),
@@ -97,8 +101,8 @@ def add_tree(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
     mesh.box([-0.6, -0.6, 0.0], [1.2, 1.2, 0.03], finishes.SOIL, at)
     for _ in range(int(rng.integers(6, 10))):
         spread, radius = 0.17 * height, rng.uniform(0.11, 0.19) * height
-        centre = np.array([*rng.normal(0.0, 0.55 * spread, 2), trunk + 0.5 + rng.uniform(0.0, 0.40) * height])
-        add_lump(mesh, moved(centre, at), radius, leaves, rng)
+        center = np.array([*rng.normal(0.0, 0.55 * spread, 2), trunk + 0.5 + rng.uniform(0.0, 0.40) * height])
+        add_lump(mesh, moved(center, at), radius, leaves, rng)
 
 
 def add_hedge(mesh: MeshBuilder, at: Array, length: float, rng: np.random.Generator) -> None:
@@ -150,14 +154,14 @@ def add_kiosk(mesh: MeshBuilder, at: Array, rng: np.random.Generator) -> None:
         mesh.panels(moved(board, side), finishes.sign(1.0, 1.4, rng, int(rng.integers(2, 7))))
 
 
-def add_lump(mesh: MeshBuilder, centre: Array, radius: float, leaves: Finish, rng: np.random.Generator) -> None:
-    """Add a rough ball of leaves around `centre` (3,) m: a dense heart and sprays of leaves all over it."""
+def add_lump(mesh: MeshBuilder, center: Array, radius: float, leaves: Finish, rng: np.random.Generator) -> None:
+    """Add a rough ball of leaves around `center` (3,) m: a dense heart and sprays of leaves all over it."""
     directions, faces = _sphere_faces()
     level = radius * (0.85 + 0.25 * rng.uniform(-1.0, 1.0, len(directions)))
-    points = centre + directions * level[:, None] * np.array([1.0, 1.0, 0.85])
+    points = center + directions * level[:, None] * np.array([1.0, 1.0, 0.85])
     outward = rng.normal(size=(SPRAYS, 1, 3))
     outward /= np.linalg.norm(outward, axis=2, keepdims=True)
-    middles = centre + outward * radius * rng.uniform(0.75, 1.15, (SPRAYS, 1, 1)) * np.array([1.0, 1.0, 0.85])
+    middles = center + outward * radius * rng.uniform(0.75, 1.15, (SPRAYS, 1, 1)) * np.array([1.0, 1.0, 0.85])
     sprays = middles + rng.normal(scale=0.11, size=(SPRAYS, 3, 3))
     mesh.solid(np.concatenate([points[faces], sprays]), leaves, np.zeros(3))
 

@@ -8,7 +8,8 @@ from dataclasses import dataclass, field, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
+
 NUM_PARAMS = 6
 BOX_FACES = np.array(  # corners of a unit box, face by face, counter-clockwise from outside, lower left first
     [
@@ -28,7 +29,7 @@ class Finish:
     """Material with its two linear colours and up to six numbers (params[0]: contrast); see texture/kernels.py."""
 
     kind: int
-    colour: tuple[float, float, float]
+    color: tuple[float, float, float]
     second: tuple[float, float, float] = (0.3, 0.3, 0.3)
     params: tuple[float, ...] = (0.12,)
 
@@ -47,7 +48,7 @@ class Mesh:
     frames: NDArray[np.float32]
     kinds: NDArray[np.int32]
     params: NDArray[np.float32]
-    colours: NDArray[np.float32]
+    colors: NDArray[np.float32]
     is_clutter: NDArray[np.bool_]
 
 
@@ -119,7 +120,7 @@ class MeshBuilder:
             params=np.array(
                 [(*f.params, *(0.0,) * (NUM_PARAMS - len(f.params))) for f, _ in self._finishes], np.float32
             ),
-            colours=np.array([(f.colour, f.second) for f, _ in self._finishes], np.float32),
+            colors=np.array([(f.color, f.second) for f, _ in self._finishes], np.float32),
             is_clutter=np.array(self._clutter, bool),
         )
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.world import finishes
 from cycab_sim.world.mesh import Finish, MeshBuilder, moved
 from cycab_sim.world.texture import kernels as k
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 HALF_ROAD = 3.75  # kerb to centre line, m
 PAVEMENT = 2.3  # kerb to wall, m
@@ -51,12 +49,12 @@ def add_street(
     pieces = np.array([0.0, *(x for c in crossings for x in (c - inner - 3.5, c + inner + 3.5)), length]).reshape(-1, 2)
     for x0, x1 in pieces:
         if x1 - x0 > 3.0:
-            dashes = Finish(k.MARKING, white, finishes.ASPHALT.colour, (0.15, 3.0, 0.5))
+            dashes = Finish(k.MARKING, white, finishes.ASPHALT.color, (0.15, 3.0, 0.5))
             mesh.panels(moved(_flat(x0, -0.06, x1, 0.06, 0.006), at), dashes)
             gutter = Finish(k.PAVING, (0.30, 0.29, 0.27), (0.12, 0.11, 0.10), (0.17, 0.5, 0.3, 0.012, 0.0))
             for y in (-half, half - 0.3):
                 mesh.panels(moved(_flat(x0 + 3, y, x1 - 3, y + 0.3, 0.004), at), gutter)
-    stripes = Finish(k.MARKING, white, finishes.ASPHALT.colour, (0.15, 1.0, 0.5))
+    stripes = Finish(k.MARKING, white, finishes.ASPHALT.color, (0.15, 1.0, 0.5))
     for c in crossings:
         for x in (c - inner - 2.9, c + inner + 0.1):
             corners = [

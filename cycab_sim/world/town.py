@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.world import finishes, furniture
 from cycab_sim.world.building import add_house
@@ -18,8 +17,8 @@ from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, moved, placed
 from cycab_sim.world.paths import Path, Piece, turn
 from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT, PAVEMENT, add_ground, add_pavement, add_street
 from cycab_sim.world.texture import kernels as k
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 Rectangle = tuple[float, float, float, float]  # x0, y0, x1, y1
 
 OUTER = 34.0  # depth of the outer blocks, m
@@ -213,6 +212,6 @@ def add_skyline(mesh: MeshBuilder, bounds: Rectangle, rng: np.random.Generator) 
         x = (x0 + x1) / 2 + np.cos(angle) * ((x1 - x0) / 2 * 1.3 + far)
         y = (y0 + y1) / 2 + np.sin(angle) * ((y1 - y0) / 2 * 1.3 + far)
         w, d, height = rng.uniform(12, 26), rng.uniform(10, 18), rng.uniform(12, 38)
-        colour = finishes.pick(rng, finishes.PLASTERS)
-        front = Finish(k.FACADE, colour, (0.10, 0.11, 0.12), (0.12, rng.uniform(2.2, 3.5), rng.uniform(2.8, 3.4)))
+        color = finishes.pick(rng, finishes.PLASTERS)
+        front = Finish(k.FACADE, color, (0.10, 0.11, 0.12), (0.12, rng.uniform(2.2, 3.5), rng.uniform(2.8, 3.4)))
         mesh.box([-w / 2, -d / 2, 0.0], [w, d, height], front, placed(x, y, angle + rng.normal(0, 0.3)))

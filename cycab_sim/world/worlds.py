@@ -20,8 +20,8 @@ from cycab_sim.world.paths import Path, Piece
 from cycab_sim.world.town import build_town, taught_path
 from cycab_sim.world.traffic.loops import Loop, city_loops, town_loops
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 WORLDS = ("town", "city", "corridor", "ramp")
 CORRIDOR, BAY, HALF_WIDTH, STOREY = 160.0, 8.0, 1.7, 3.2  # m
 NICHE, NICHE_DEPTH = 1.6, 0.6  # one a bay on either side, m
@@ -32,7 +32,7 @@ CLOUD_MARGIN = 12.0  # of the town's surroundings that belong to the cloud, m
 
 
 @dataclass(frozen=True)
-class Ground:
+class GroundProfile:
     """Height of the ground as a broken line along x; flat without breaks."""
 
     breaks: tuple[float, ...] = (0.0,)
@@ -59,7 +59,7 @@ class World:
     """A mesh, the ground, the path, the box x0, y0, x1, y1 m of its detailed part, and where traffic goes."""
 
     mesh: Mesh
-    ground: Ground
+    ground: GroundProfile
     path: Path
     bounds: tuple[float, float, float, float]
     loops: tuple[Loop, ...] = ()
@@ -70,14 +70,14 @@ def build_world(world: str, seed: int, path: str = "two_turns") -> World:
     """Return a world of a seed; `path` names the town's path, the others have one only."""
     if world == "town":
         mesh, plan = build_town(seed)
-        return World(mesh, Ground(), taught_path(plan, path), plan.bounds, town_loops(plan))
+        return World(mesh, GroundProfile(), taught_path(plan, path), plan.bounds, town_loops(plan))
     if world == "city":
-        return World(build_city(seed), Ground(), tour(), BOUNDS, city_loops(), is_wide=True)
+        return World(build_city(seed), GroundProfile(), tour(), BOUNDS, city_loops(), is_wide=True)
     if world == "corridor":
         path_along = Path((4.0, 0.0, 0.0), (Piece(CORRIDOR - 8.0),))
-        return World(_build_corridor(seed), Ground(), path_along, (0.0, -4.0, CORRIDOR, 4.0))
+        return World(_build_corridor(seed), GroundProfile(), path_along, (0.0, -4.0, CORRIDOR, 4.0))
     if world == "ramp":
-        ground = Ground(tuple(BREAKS), tuple(HEIGHTS))
+        ground = GroundProfile(tuple(BREAKS), tuple(HEIGHTS))
         return World(_build_ramp(seed), ground, Path((0.0, -0.5, 0.0), (Piece(130.0),)), (-20.0, -20.0, 160.0, 20.0))
     raise ValueError(f"world: expected one of {', '.join(WORLDS)}, found {world!r}")
 
@@ -158,7 +158,7 @@ def _build_corridor(seed: int) -> Mesh:
 def _build_ramp(seed: int) -> Mesh:
     """Return a street along x, houses and trees on either side, everything lifted to the ground's height."""
     rng = np.random.default_rng([seed, 62])
-    ground = Ground(tuple(BREAKS), tuple(HEIGHTS))
+    ground = GroundProfile(tuple(BREAKS), tuple(HEIGHTS))
     mesh = MeshBuilder(rng, height=ground.height)
     edges = np.unique(np.concatenate([BREAKS[1:-1], np.arange(-40.0, 181.0, 10.0)]))
     for x0, x1 in pairwise(edges):

@@ -9,34 +9,38 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dense_localizer.constants import (
+    ACCEPTED_INLIER_SHARE,
+    GOOD_BIAS,
+    GOOD_GRADIENT_AGREEMENT,
+    GOOD_INLIER_SHARE,
+    GOOD_INNOVATION,
+    GOOD_OVERLAP,
+    GOOD_SIGMA,
+    GOOD_STRETCH,
+    MAX_ATTITUDE_SIGMA_RAD,
+    MAX_LIGHT_BIAS,
+    MAX_OCCLUSION_BIAS,
+    MAX_STRETCH,
+    MIN_GRADIENT_AGREEMENT,
+    NOTABLE_DISTANCE,
+    NOTABLE_GAIN,
+    NOTABLE_OFFSET,
+    STRETCH_SIGMAS,
+)
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.photometric import Alignment
-from sphere_nav.photometric.checks.bias import Pull
-from sphere_nav.photometric.checks.illumination import UNEVEN_SHARE
-from sphere_nav.photometric.checks.occlusion import MIN_SHARE
+from sphere_nav.photometric.checks.bias import PoseBias
 from sphere_nav.photometric.checks.structure import Structure
-
-Array = NDArray[np.float64]
-GOOD_OVERLAP = 0.25
-MIN_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5  # share of pixels that agree
-NOTABLE_GAIN, NOTABLE_BIAS = 2.0, 50.0  # of the light, either way, and grey levels: the likely cause of outliers
-NOTABLE_DISTANCE = 1.0  # distance to the nearest reference by the radius of its region: the same
-# Mean cosine of gradients: 0.12 at most in 21 wrong places that had converged, 0.31 at least in 550 right ones, real
-# hand-held images and saturated ones among them.
-MIN_AGREEMENT, GOOD_AGREEMENT = 0.2, 0.25
-SURE_SIGMAS = 4.0  # of the stretch that a wrong lens leaves; it is judged by what it surely exceeds
-MAX_STRETCH, GOOD_STRETCH = 0.06, 0.03  # the stretch seen is about three quarters of the error of the focal length
-TOLD = 0.5  # of the largest uncertainty: what pulls farther is told
-MAX_HIDDEN = 5.0  # largest uncertainties of a pull that is taken back: a fifth of it at most was left
-MAX_SIGMA_RAD = 0.05  # standard deviation of the attitude; half of it is good
+from sphere_nav.photometric.constants import GRADIENT_SHARE, OCCLUSION_SHARE
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Acceptance:
     """`is_accepted`: the pose may be used; `is_good`: without care. `finding` names the worst fact."""
 
     is_accepted: bool
@@ -71,13 +75,13 @@ class Check:
         return Finding(self.reason, float(self.value), self.hard if self.margin < 0 else self.good, self.detail)
 
 
-def innovation(alignment: Alignment, covariance: Array, prediction: Prediction) -> float:
+def measure_innovation(alignment: Alignment, covariance: Array, prediction: Prediction) -> float:
     """Return the distance of an alignment from its prediction in standard deviations of both together."""
     xi = (prediction.T_map_camera.inverse() @ alignment.T_world_camera).log()
     return float(np.sqrt(xi @ np.linalg.solve(prediction.covariance + covariance, xi)))
 
 
-def judge(
+def assess(
     alignment: Alignment,
     covariance: Array,
     distance_ratio: float,
@@ -85,99 +89,111 @@ def judge(
     params: AcceptanceParams,
     max_mad: float = np.inf,
     structure: Structure | None = None,
-) -> Verdict:
-    """Judge one alignment with its honest covariance; without a prediction (a start) every jump is allowed.
+) -> Acceptance:
+    """Assess one alignment with its honest covariance; without a prediction (a start) every jump is allowed.
 
     `distance_ratio` is the distance to the nearest reference by the radius of its region, `max_mad` the limit of the
-    alignment, `structure` that of its residuals where it was looked at.
+    alignment, `structure` that of its residuals where it was checked.
     """
     if alignment.reason:
-        return refusal(_own_words(alignment, params, max_mad))
+        return refuse(_explain_refusal(alignment, params, max_mad))
     if not (np.all(np.isfinite(alignment.T_world_camera.matrix)) and np.all(np.isfinite(covariance))):
-        return refusal(Finding(Reason.NO_CONVERGENCE, detail="the result is no number"))
-    checks = _evidence(alignment, params) + _certainty(covariance, params)
+        return refuse(Finding(Reason.NO_CONVERGENCE, detail="the result is no number"))
+    checks = _check_images(alignment, params) + _check_certainty(covariance, params)
     if structure is not None:
-        checks += _structure(structure, params)
+        checks += _check_structure(structure, params)
     if prediction is not None:
         limit = params.max_innovation
-        distance = innovation(alignment, covariance, prediction)
-        checks.append(Check(Reason.JUMP_REJECTED, distance, limit, 0.7 * limit, "standard deviations from prediction"))
+        distance = measure_innovation(alignment, covariance, prediction)
+        checks.append(
+            Check(Reason.JUMP_REJECTED, distance, limit, GOOD_INNOVATION * limit, "standard deviations from prediction")
+        )
     worst = min(checks, key=lambda check: check.margin)
     is_accepted, is_good = worst.margin >= 0.0, worst.margin >= 0.5
-    finding = FINE if is_good else _with_cause(worst.finding, alignment, distance_ratio)
-    return Verdict(is_accepted, is_good, finding, max(0.0, worst.margin))
+    finding = FINE if is_good else _name_cause(worst.finding, alignment, distance_ratio)
+    return Acceptance(is_accepted, is_good, finding, max(0.0, worst.margin))
 
 
-def refusal(finding: Finding) -> Verdict:
-    """Return the verdict of a result that is not used."""
-    return Verdict(is_accepted=False, is_good=False, finding=finding, quality=0.0)
+def refuse(finding: Finding) -> Acceptance:
+    """Return that a result is not used, and why."""
+    return Acceptance(is_accepted=False, is_good=False, finding=finding, quality=0.0)
 
 
-def _own_words(alignment: Alignment, params: AcceptanceParams, max_mad: float) -> Finding:
+def _explain_refusal(alignment: Alignment, params: AcceptanceParams, max_mad: float) -> Finding:
     """Return the finding of an alignment that refuses itself, with the value that belongs to its reason."""
-    words = {
+    explained = {
         Reason.LOW_OVERLAP: (alignment.overlap, params.min_overlap, ""),
         Reason.LOW_TEXTURE: (alignment.num_pixels, params.min_pixels, "pixels that fix the pose"),
         Reason.OUTLIERS: (alignment.mad, max_mad, "median deviation in grey levels"),
         Reason.NO_CONVERGENCE: (alignment.iterations, alignment.iterations, "iterations"),
     }
     reason = Reason(alignment.reason)
-    value, limit, detail = words.get(reason, (0.0, 0.0, ""))
+    value, limit, detail = explained.get(reason, (0.0, 0.0, ""))
     return Finding(reason, float(value), float(limit), detail)
 
 
-def _evidence(alignment: Alignment, params: AcceptanceParams) -> list[Check]:
-    """What the images say."""
+def _check_images(alignment: Alignment, params: AcceptanceParams) -> list[Check]:
+    """Return the checks of how well the images agree with the map."""
     return [
         Check(Reason.LOW_OVERLAP, alignment.overlap, params.min_overlap, GOOD_OVERLAP),
         Check(Reason.LOW_TEXTURE, alignment.num_pixels, params.min_pixels, params.min_pixels, "pixels aligned"),
-        Check(Reason.OUTLIERS, alignment.inlier_share, MIN_INLIER_SHARE, GOOD_INLIER_SHARE),
+        Check(Reason.OUTLIERS, alignment.inlier_share, ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE),
         Check(Reason.OUTLIERS, alignment.ncc, params.min_ncc, params.good_ncc, "correlation with the map"),
     ]
 
 
-def _structure(structure: Structure, params: AcceptanceParams) -> list[Check]:
-    """What the residuals look like."""
-    surely = max(abs(structure.stretch) - SURE_SIGMAS * structure.stretch_sigma, 0.0)
+def _check_structure(structure: Structure, params: AcceptanceParams) -> list[Check]:
+    """Return the checks of what the residuals look like."""
+    surely = max(abs(structure.stretch) - STRETCH_SIGMAS * structure.stretch_sigma, 0.0)
     larger = "larger" if structure.stretch > 0 else "smaller"
     detail = f"the image is {larger} about its centre than the lens says, by {abs(structure.stretch):.0%}"
     return [
-        Check(Reason.OUTLIERS, structure.agreement, MIN_AGREEMENT, GOOD_AGREEMENT, "agreement of gradients"),
+        Check(
+            Reason.OUTLIERS,
+            structure.agreement,
+            MIN_GRADIENT_AGREEMENT,
+            GOOD_GRADIENT_AGREEMENT,
+            "agreement of gradients",
+        ),
         Check(Reason.BAD_INFO, surely, MAX_STRETCH, GOOD_STRETCH, detail),
-        *_pull(structure, params),
+        *_check_bias(structure, params),
     ]
 
 
-def _pull(structure: Structure, params: AcceptanceParams) -> list[Check]:
-    """Whether light that varies over the view, or what hides a part of it, pulls farther than a pose may be uncertain.
+def _check_bias(structure: Structure, params: AcceptanceParams) -> list[Check]:
+    """Return the checks of whether uneven light or an occlusion biases the pose by more than it may be uncertain.
 
-    What is hidden is taken back; so that only a pull of which too much may be left is refused.
+    The bias of an occlusion is removed; only one of which too much may remain is refused.
     """
     checks = []
-    if structure.pull.share >= UNEVEN_SHARE:
-        checks += _distances(structure.pull, Reason.LIGHT_CHANGE, 1.0, "uneven light pulls the pose", params)
-    if structure.hidden.share >= MIN_SHARE:
-        detail = f"a part of the view that is hidden pulled the pose, {structure.hidden.share:.0%} of the texture"
-        checks += _distances(structure.hidden, Reason.OUTLIERS, MAX_HIDDEN, detail, params)
+    if structure.illumination.share >= GRADIENT_SHARE:
+        checks += _check_distance(
+            structure.illumination, Reason.LIGHT_CHANGE, MAX_LIGHT_BIAS, "uneven light pulls the pose", params
+        )
+    if structure.occlusion.share >= OCCLUSION_SHARE:
+        detail = f"a part of the view that is hidden pulled the pose, {structure.occlusion.share:.0%} of the texture"
+        checks += _check_distance(structure.occlusion, Reason.OUTLIERS, MAX_OCCLUSION_BIAS, detail, params)
     return checks
 
 
-def _distances(pull: Pull, reason: Reason, factor: float, detail: str, params: AcceptanceParams) -> list[Check]:
-    """Return the checks of how far something pulls; refused from `factor` times the largest uncertainty on."""
-    metres, radians = pull.lengths
+def _check_distance(
+    bias: PoseBias, reason: Reason, factor: float, detail: str, params: AcceptanceParams
+) -> list[Check]:
+    """Return the checks of a bias; refused from `factor` times the largest uncertainty on."""
+    meters, radians = bias.lengths
     return [
-        Check(reason, value, factor * limit, TOLD * limit, f"{unit} by which {detail}")
-        for value, limit, unit in ((metres, params.max_sigma_m, "m"), (radians, MAX_SIGMA_RAD, "rad"))
+        Check(reason, value, factor * limit, GOOD_BIAS * limit, f"{unit} by which {detail}")
+        for value, limit, unit in ((meters, params.max_sigma_m, "m"), (radians, MAX_ATTITUDE_SIGMA_RAD, "rad"))
     ]
 
 
-def _with_cause(finding: Finding, alignment: Alignment, distance_ratio: float) -> Finding:
+def _name_cause(finding: Finding, alignment: Alignment, distance_ratio: float) -> Finding:
     """Return the finding; that of outliers by their likely cause, with the value that was judged."""
     gain = max((max(g, 1.0 / g) if g > 0 else np.inf for g in alignment.gains), default=1.0)
     bias = max((abs(b) for b in alignment.biases), default=0.0)
     if finding.reason is not Reason.OUTLIERS:
         return finding
-    if gain > NOTABLE_GAIN or bias > NOTABLE_BIAS:
+    if gain > NOTABLE_GAIN or bias > NOTABLE_OFFSET:
         detail = f"{finding.detail}; gain {gain:.2g}, bias {bias:.0f} grey levels".removeprefix("; ")
         return replace(finding, reason=Reason.LIGHT_CHANGE, detail=detail)
     if distance_ratio > NOTABLE_DISTANCE:
@@ -186,11 +202,12 @@ def _with_cause(finding: Finding, alignment: Alignment, distance_ratio: float) -
     return finding
 
 
-def _certainty(covariance: Array, params: AcceptanceParams) -> list[Check]:
-    """How well the view fixes the pose: the largest standard deviation of position and of attitude."""
+def _check_certainty(covariance: Array, params: AcceptanceParams) -> list[Check]:
+    """Return the checks of how well the view fixes the pose: its largest standard deviations."""
     sigma_m = np.sqrt(np.linalg.eigvalsh(covariance[:3, :3])[-1])
     sigma_rad = np.sqrt(np.linalg.eigvalsh(covariance[3:, 3:])[-1])
+    max_m, max_rad = params.max_sigma_m, MAX_ATTITUDE_SIGMA_RAD
     return [
-        Check(Reason.LOW_TEXTURE, sigma_m, params.max_sigma_m, 0.5 * params.max_sigma_m, "uncertain position"),
-        Check(Reason.LOW_TEXTURE, sigma_rad, MAX_SIGMA_RAD, 0.5 * MAX_SIGMA_RAD, "uncertain attitude"),
+        Check(Reason.LOW_TEXTURE, sigma_m, max_m, GOOD_SIGMA * max_m, "uncertain position"),
+        Check(Reason.LOW_TEXTURE, sigma_rad, max_rad, GOOD_SIGMA * max_rad, "uncertain attitude"),
     ]

@@ -1,76 +1,141 @@
-"""What is asked of poses that look right: not of each image, but of all while the pose is not trusted.
+"""Is what was aligned the pose? Acceptance of each candidate, and integrity checks that look beyond one alignment.
 
-Does odometry agree (`odometry_check.py`), what do the residuals look like (`photometric/checks/structure.py`), do the
-references agree (`map_error.py`)? What is rejected again and again is counted (`rejections.py`).
+Not every check is due for each image, but all while the pose is not trusted: does odometry agree
+(`odometry_check.py`), what do the residuals look like (`photometric/checks/structure.py`), do the references agree
+(`map_error.py`)? What is rejected again and again is counted (`rejections.py`).
 """
 
 from __future__ import annotations
 
-from dense_localizer.judge.estimate import Frame
-from dense_localizer.judge.odometry_check import OdometryCheck, Sample
-from dense_localizer.judge.place import Place
-from dense_localizer.motion_prior import Prediction
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from dense_localizer.constants import (
+    FIT_PHASE,
+    FULL_CHECK_NCC,
+    INTEGRITY_PERIOD,
+    LIGHT_PHASE,
+    MAP_PHASE,
+    MIN_VISIBLE_SHARE,
+    OCCLUSION_PHASE,
+    REJECTION_PHASE,
+    REMAINING_BIAS,
+)
+from dense_localizer.inputs import LocalizerInput
+from dense_localizer.judge.acceptance import assess, refuse
+from dense_localizer.judge.candidate import PoseCandidate
+from dense_localizer.judge.odometry_check import OdometryCheck, OdometrySample
+from dense_localizer.motion_prior import UNKNOWN_COVARIANCE, Prediction
 from dense_localizer.params import LocalizerParams
-from dense_localizer.references.reference import References
+from dense_localizer.references.reference import References, RigChoice
+from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import FINE, Finding, Reason, State
-from sphere_nav.photometric.checks.structure import EVERYTHING, NOTHING, Aspect, view_residuals
+from sphere_nav.photometric import Alignment
+from sphere_nav.photometric.checks.bias import PoseBias
+from sphere_nav.photometric.checks.structure import EVERYTHING, NOTHING, Aspect, find_rig_structure, view_residuals
+from sphere_nav.photometric.constants import GRADIENT_SHARE, OCCLUSION_SHARE
 
-# Each is asked of one image in so many in TRACKING, and no two of the same one: to ask all of one takes as long as to
-# align it.
-PERIOD = 10
-ASKED = {0: Aspect.FIT, 3: Aspect.HIDDEN, 6: Aspect.LIGHT}
-MAP_PHASE = 5  # that image is placed by each reference alone
-REJECTION_PHASE = 2  # of that one is counted what the map does not explain
+# All checks of one image take as long as to align it: no two in the same one.
+CHECKS_DUE = {FIT_PHASE: Aspect.FIT, OCCLUSION_PHASE: Aspect.OCCLUSION, LIGHT_PHASE: Aspect.ILLUMINATION}
 
 
-class Doubts:
-    """Keeps what earlier images told."""
+class Integrity:
+    """Assesses candidates by themselves, and by what earlier images and odometry have shown."""
 
     def __init__(self, references: References, params: LocalizerParams) -> None:
-        self._references, self._error, self._registration = references, references.error, params.registration
+        self._references, self._map_error, self._params = references, references.error, params
         self._odometry = OdometryCheck(params.prior.odometry_error)
         self._is_refused = False  # the image before, which could be used
-        self._count, self._is_pulled = 0, False  # pulled: by what was seen when last looked at
+        self._count, self._is_biased = 0, False  # biased: when last checked
 
-    def forget(self) -> None:
-        """Another stream, or an operator has said where the camera is; what is known of the map stays."""
-        self._odometry.forget()
-        self._count, self._is_pulled = 0, False
+    def reset(self) -> None:
+        """Forget the stream: it is another, or an operator has said where the camera is; the map stays known."""
+        self._odometry.reset()
+        self._count, self._is_biased = 0, False
 
-    def drive(self, frame: Frame, state: State) -> None:
-        """Take note of odometry, whatever becomes of the image; `state` is what the image before has led to."""
+    def begin(self, frame: LocalizerInput, state: State) -> None:
+        """Note odometry, whatever becomes of the image; `state` is what the image before has led to."""
         if self._is_refused:
-            self._error.fade()
+            self._map_error.fade()
         self._is_refused = bool(frame.images)  # until it is placed
-        self._odometry.drive(frame.T_odom_camera, is_trusted=state is State.TRACKING)
+        self._odometry.propagate(frame.T_odom_camera, is_trusted=state is State.TRACKING)
 
-    def asked(self, state: State) -> Aspect:
-        """Return what the residuals of the next image are asked."""
-        if state is not State.TRACKING or self._is_pulled:
+    def find_due(self, state: State) -> Aspect:
+        """Return the checks due for the residuals of the next image."""
+        if state is not State.TRACKING or self._is_biased:
             return EVERYTHING
-        return ASKED.get(self._count % PERIOD, NOTHING)
+        return CHECKS_DUE.get(self._count % INTEGRITY_PERIOD, NOTHING)
 
-    def begin(self, frame: Frame, place: Place) -> None:
-        """Take note of a place that a search has found."""
+    def assess(
+        self,
+        chosen: RigChoice,
+        alignment: Alignment | None,
+        prediction: Prediction,
+        state: State = State.SEARCHING,
+        usual_ncc: float = 0.0,
+    ) -> PoseCandidate:
+        """Return an alignment as a candidate, accepted or refused; None: no reference covers the images.
+
+        Checks of the residuals are those due in a state; all where the images resemble the map less than usual. A
+        bias that they find is removed. Every jump is allowed from a guess.
+        """
+        choice = chosen.choice
+        if alignment is None:
+            limit, detail = MIN_VISIBLE_SHARE, "no key sphere covers the view"
+            refusal = refuse(Finding(Reason.LOW_OVERLAP, choice.overlap, limit, detail))
+            return PoseCandidate(prediction.T_map_camera, UNKNOWN_COVARIANCE, prediction, choice, refusal)
+        images, registration = chosen.covered, self._params.registration
+        motion = prediction.frame_motion(self._params.camera.readout)
+        structure, biases, remaining = None, list[PoseBias](), np.zeros((6, 6))
+        due = EVERYTHING if alignment.ncc < FULL_CHECK_NCC * usual_ncc else self.find_due(state)
+        if alignment.is_converged and due:
+            structure = find_rig_structure(images, alignment, registration, motion, due)
+            biases = [structure.occlusion] if structure.occlusion.share >= OCCLUSION_SHARE else []
+            biases += [structure.illumination] if structure.illumination.share >= GRADIENT_SHARE else []
+            alignment, remaining = remove_bias(alignment, biases)
+        pose = alignment.T_world_camera
+        T_sphere_camera = choice.views[0].T_world_reference.inverse() @ pose
+        covariance = alignment.covariance + remaining + self._map_error.covariance(choice.ids[0], T_sphere_camera)
+        limits, before = (self._params.acceptance, registration.max_mad), None if prediction.is_guess else prediction
+        acceptance = assess(alignment, covariance, choice.distance_ratio, before, *limits, structure)
+        evidence = prediction, choice, acceptance, alignment, motion, images
+        return PoseCandidate(pose, covariance, *evidence, is_biased=bool(biases))
+
+    def start(self, frame: LocalizerInput, candidate: PoseCandidate) -> None:
+        """Begin at a candidate that a search has found."""
         self._is_refused = False
-        sample = _sample(frame, place)
+        sample = _make_sample(frame, candidate)
         if sample is not None:
-            self._odometry.begin(sample)
+            self._odometry.start(sample)
 
-    def find(self, frame: Frame, place: Place, prediction: Prediction) -> Finding:
-        """Return what there is against an image that was placed: by itself, by what preceded it, by odometry."""
-        self._count, self._is_pulled, self._is_refused = self._count + 1, place.is_pulled, False
-        if self._count % PERIOD == MAP_PHASE and place.alignment is not None and not place.is_pulled:
-            self._error.observe(place.images, place.alignment, self._registration, place.motion)
-        if self._count % PERIOD == REJECTION_PHASE and place.alignment is not None and place.verdict.is_good:
-            residuals = view_residuals(place.images, place.alignment, self._registration, place.motion)
-            self._references.count_rejections(place.T_map_camera.translation, residuals)
-        sample = _sample(frame, place)
-        findings = place.verdict.finding, prediction.finding(), self._odometry.find(sample) if sample else FINE
+    def confirm(self, frame: LocalizerInput, candidate: PoseCandidate) -> Finding:
+        """Note an accepted candidate; return what is against it: by itself, by what preceded it, by odometry."""
+        alignment, registration = candidate.alignment, self._params.registration
+        self._count, self._is_biased, self._is_refused = self._count + 1, candidate.is_biased, False
+        if self._count % INTEGRITY_PERIOD == MAP_PHASE and alignment is not None and not candidate.is_biased:
+            self._map_error.observe(candidate.images, alignment, registration, candidate.motion)
+        if self._count % INTEGRITY_PERIOD == REJECTION_PHASE and alignment is not None and candidate.acceptance.is_good:
+            residuals = view_residuals(candidate.images, alignment, registration, candidate.motion)
+            self._references.count_rejections(candidate.T_map_camera.translation, residuals)
+        sample = _make_sample(frame, candidate)
+        by_odometry = self._odometry.find(sample) if sample else FINE
+        findings = candidate.finding, candidate.prediction.finding, by_odometry
         return next((finding for finding in findings if finding.reason is not Reason.NONE), FINE)
 
 
-def _sample(frame: Frame, place: Place) -> Sample | None:
+def remove_bias(alignment: Alignment, biases: Sequence[PoseBias]) -> tuple[Alignment, NDArray[np.float64]]:
+    """Return the alignment less its biases, one after the other, and the covariance (6, 6) of what may remain."""
+    pose, remaining = alignment.T_world_camera, np.zeros((6, 6))
+    for bias in biases:
+        pose = pose @ SE3.exp(bias.xi)
+        remaining = remaining + np.diag(np.repeat(REMAINING_BIAS * np.array(bias.lengths), 3) ** 2)
+    return replace(alignment, T_world_camera=pose), remaining
+
+
+def _make_sample(frame: LocalizerInput, candidate: PoseCandidate) -> OdometrySample | None:
     if frame.T_odom_camera is None:
         return None
-    return Sample(frame.stamp_ns, place.T_map_camera, place.covariance, frame.T_odom_camera)
+    return OdometrySample(frame.stamp_ns, candidate.T_map_camera, candidate.covariance, frame.T_odom_camera)

@@ -7,29 +7,29 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from dense_localizer.judge.place import Place
+from dense_localizer.judge.candidate import PoseCandidate
 from sphere_nav.geometry import Camera
 
 NEUTRAL = 128
 
 
-def residual_image(image: NDArray[Any], camera: Camera, place: Place) -> NDArray[np.uint8]:
+def residual_image(image: NDArray[Any], camera: Camera, candidate: PoseCandidate) -> NDArray[np.uint8]:
     """Return (H, W) uint8: 128 plus half of image minus map at the pixels of the first reference, 128 elsewhere.
 
     Of several cameras it shows the first that a reference covers; `image` (H, W) is shown where none does.
     """
-    if place.alignment is None:
+    if candidate.alignment is None:
         return np.full((camera.height, camera.width), NEUTRAL, np.uint8)
-    shown = place.images[0]
+    shown = candidate.images[0]
     image, camera, view = shown.pyramid.images[0], shown.pyramid.cameras[0], shown.views[0]
     picture = np.full((camera.height, camera.width), NEUTRAL, np.uint8)
     level = view.reference.levels[0]
-    T_camera_reference = shown.pose(place.T_map_camera).inverse() @ view.T_world_reference
+    T_camera_reference = shown.pose(candidate.T_map_camera).inverse() @ view.T_world_reference
     pixels, is_visible = camera.project(T_camera_reference.apply(level.points.T))
     u, v = np.rint(pixels[is_visible]).astype(np.int64).T
     inside = (u >= 0) & (u < camera.width) & (v >= 0) & (v < camera.height)
     u, v = u[inside], v[inside]
-    seen = place.alignment.gains[0] * image[v, u].astype(np.float32) + place.alignment.biases[0]
+    seen = candidate.alignment.gains[0] * image[v, u].astype(np.float32) + candidate.alignment.biases[0]
     difference = seen - level.intensity[is_visible][inside]
     picture[v, u] = np.clip(NEUTRAL + 0.5 * difference, 0, 255)
     return picture

@@ -9,18 +9,17 @@ from functools import cache, cached_property, partial
 import numpy as np
 from numpy.typing import NDArray
 
+from dense_localizer.constants import NUM_COARSE_LEVELS, NUM_COVERAGE_POINTS
 from sphere_nav.geometry import Spherical
 from sphere_nav.photometric import Reference, RegistrationParams, prepare_reference
 from sphere_nav.spheres.sphere import Sphere
 
-NUM_LEVELS = 2
-NUM_POINTS = 150  # about as many points of the coarsest level tell what a partial sphere covers
-NUM_PREPARED = 32  # small spheres that are kept ready for alignment
+NUM_PREPARED = 32  # small spheres that are kept ready for alignment: memory, no result
 
 
 @dataclass(frozen=True, eq=False)
 class CoarseReference:
-    """A small sphere: its window and its median range in m, infinite without any; the rest is read when asked for."""
+    """A small sphere: its window and its median range in m, infinite without any; the rest is read when needed."""
 
     camera: Spherical
     typical_range_m: float
@@ -28,7 +27,7 @@ class CoarseReference:
     params: RegistrationParams
 
     @staticmethod
-    def of(load: Callable[[], Sphere], params: RegistrationParams) -> CoarseReference:
+    def load_from(load: Callable[[], Sphere], params: RegistrationParams) -> CoarseReference:
         """Return what is kept of a small sphere."""
         sphere = load()
         finite = sphere.range_m[np.isfinite(sphere.range_m)]
@@ -38,7 +37,7 @@ class CoarseReference:
     def reference(self) -> Reference:
         """Its levels."""
         sphere = self.load()
-        return prepare_reference(sphere.levels, sphere.range_m, sphere.camera, coarse_params(self.params))
+        return prepare_reference(sphere.levels, sphere.range_m, sphere.camera, limit_levels(self.params))
 
     @cached_property
     def points(self) -> NDArray[np.float32]:
@@ -46,15 +45,15 @@ class CoarseReference:
         was_ready, points = "reference" in self.__dict__, self.reference.levels[-1].points
         if not was_ready:
             self.forget()
-        return np.ascontiguousarray(points[:, :: max(1, points.shape[1] // NUM_POINTS)].T)
+        return np.ascontiguousarray(points[:, :: max(1, points.shape[1] // NUM_COVERAGE_POINTS)].T)
 
     def forget(self) -> None:
-        """Free what alignment needs; it is made again when asked for."""
+        """Free what alignment needs; it is made again when needed."""
         self.__dict__.pop("reference", None)
 
 
 class CoarseReferences(dict[int, CoarseReference]):
-    """Small key spheres by id, looked at when they are first asked for; the latest that were prepared stay so."""
+    """Small key spheres by id, read when they are first needed; the latest that were prepared stay so."""
 
     def __init__(self, spheres: Mapping[int, Sphere], params: RegistrationParams) -> None:
         super().__init__()
@@ -62,7 +61,7 @@ class CoarseReferences(dict[int, CoarseReference]):
         self._latest: dict[int, None] = {}
 
     def __missing__(self, sphere_id: int) -> CoarseReference:
-        self[sphere_id] = CoarseReference.of(partial(self._spheres.__getitem__, sphere_id), self._params)
+        self[sphere_id] = CoarseReference.load_from(partial(self._spheres.__getitem__, sphere_id), self._params)
         return self[sphere_id]
 
     def reference(self, sphere_id: int) -> Reference:
@@ -77,6 +76,6 @@ class CoarseReferences(dict[int, CoarseReference]):
 
 
 @cache
-def coarse_params(params: RegistrationParams) -> RegistrationParams:
+def limit_levels(params: RegistrationParams) -> RegistrationParams:
     """Return the parameters with as many levels as small spheres have."""
-    return replace(params, pyramid=replace(params.pyramid, num_levels=NUM_LEVELS, finest=0))
+    return replace(params, pyramid=replace(params.pyramid, num_levels=NUM_COARSE_LEVELS, finest=0))

@@ -1,8 +1,8 @@
 """How wrong the map is around the camera, by evidence: what its edges admit, and how its key spheres disagree.
 
 The residuals of one alignment cannot show an error that all pixels of a key sphere share: of its range, of its pose. A
-second key sphere can. Now and then one reference alone is asked where it would place the image; the distance from the
-pose by both is an observation of their errors.
+second key sphere can. Now and then the image is aligned to one reference alone; the distance from the pose by both
+observes their errors.
 """
 
 from __future__ import annotations
@@ -12,28 +12,28 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from dense_localizer.constants import (
+    EDGE_ERROR,
+    IMAGE_FORGETTING,
+    MAP_ERROR_RATIOS,
+    MAX_OBSERVED_SIGMAS,
+    REFUSED_FADING,
+    SHARED_ERROR,
+)
 from dense_localizer.params import CovarianceParams
 from sphere_nav.geometry import SE3, FrameMotion
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, RegistrationParams
-from sphere_nav.photometric.align.rig import RigImage, register_rig
+from sphere_nav.photometric.align.esm import register_rig
+from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.spheres.graph import SphereGraph
 
-Array = NDArray[np.float64]
-# Variances that are thought possible, by what is assumed, and how likely each is before anything has been compared: all
-# sizes alike up to it, larger ones less. Their mean is what is assumed.
-RATIOS = np.geomspace(1e-4, 1e4, 49)
-LIKELY = np.minimum(1.0, 1.0 / RATIOS)
-LIKELY /= LIKELY.sum()
-RATIOS /= LIKELY @ RATIOS
-KEPT = 0.9  # of what observations tell, from one to the next
-MAX_SIGMAS = 3.0  # of what is known by then, that one observation counts at most: one image may be wrong
-FADED = 0.8  # of what observations tell is kept, from one image that is refused to the next
-TINY = 1e-30
-# Mean squares by which observations and edges are multiplied. Chosen on the first half of real hand-held images.
-SHARED = 2.0  # references err together, too
-EDGE = 2.0
+# How likely each variance is before anything has been compared: all sizes alike up to the assumed one, larger ones
+# less. Their mean is the assumed one.
+_PRIOR = np.minimum(1.0, 1.0 / MAP_ERROR_RATIOS)
+_PRIOR /= _PRIOR.sum()
+_RATIOS = MAP_ERROR_RATIOS / (_PRIOR @ MAP_ERROR_RATIOS)
 
 
 class MapError:
@@ -41,20 +41,20 @@ class MapError:
 
     def __init__(self, graph: SphereGraph, params: CovarianceParams) -> None:
         self._assumed: Array = np.repeat([params.map_sigma_m, params.map_sigma_rad], 3) ** 2
-        self._possible = self._assumed[:, None] * RATIOS
+        self._possible = self._assumed[:, None] * _RATIOS
         self._log = np.zeros_like(self._possible)  # likelihood of each by the observations
         self._variance = self._assumed  # by all that is known
-        self._of_edges = edge_covariances(graph)
+        self._of_edges = average_edges(graph)
         self._count = 0
 
     def covariance(self, sphere_id: int, T_sphere_camera: SE3) -> Array:
         """Return the covariance (6, 6) of xi in T_map_camera exp(xi) by the map, seen from a key sphere."""
-        observed = np.diag(SHARED * self._variance)
+        observed = np.diag(SHARED_ERROR * self._variance)
         edge = self._of_edges.get(sphere_id)
         if edge is None:
             return observed
         R = np.kron(np.eye(2), T_sphere_camera.rotation)
-        return observed + EDGE * R.T @ edge @ R
+        return observed + EDGE_ERROR * R.T @ edge @ R
 
     def observe(
         self,
@@ -68,7 +68,7 @@ class MapError:
             return
         self._count += 1
         one = [replace(image, views=(image.views[self._count % len(image.views)],)) for image in images]
-        alone = register_rig(one, both.T_world_camera, fine_only(params), motion)
+        alone = register_rig(one, both.T_world_camera, refine_only(params), motion)
         if alone.is_converged:
             xi = (both.T_world_camera.inverse() @ alone.T_world_camera).log()
             self.add(xi, np.diagonal(both.covariance))
@@ -79,9 +79,9 @@ class MapError:
         What is kept is how likely each variance is, not a mean of squares less the noise: much noise tells nothing of
         the map, and by chance such a mean is negative, as if an image could be surer than its noise.
         """
-        square = np.minimum(xi**2, MAX_SIGMAS**2 * (np.maximum(self._variance, self._assumed) + noise))
-        expected = np.maximum(self._possible + noise[:, None], TINY)
-        self._log = KEPT * self._log - 0.5 * (np.log(expected) + square[:, None] / expected)
+        square = np.minimum(xi**2, MAX_OBSERVED_SIGMAS**2 * (np.maximum(self._variance, self._assumed) + noise))
+        expected = np.maximum(self._possible + noise[:, None], 1e-30)
+        self._log = IMAGE_FORGETTING * self._log - 0.5 * (np.log(expected) + square[:, None] / expected)
         self._variance = self._mean()
 
     def fade(self) -> None:
@@ -89,16 +89,16 @@ class MapError:
 
         Without it a map that was once thought too wrong would refuse every image from then on.
         """
-        self._log = FADED * self._log
+        self._log = REFUSED_FADING * self._log
         self._variance = self._mean()
 
     def _mean(self) -> Array:
         """Return the mean variance (6,) of each axis."""
-        weight = LIKELY * np.exp(self._log - self._log.max(axis=1, keepdims=True))
+        weight = _PRIOR * np.exp(self._log - self._log.max(axis=1, keepdims=True))
         return np.asarray(np.sum(weight * self._possible, axis=1) / weight.sum(axis=1), np.float64)
 
 
-def edge_covariances(graph: SphereGraph) -> dict[int, Array]:
+def average_edges(graph: SphereGraph) -> dict[int, Array]:
     """Return for each key sphere that has edges the mean covariance (6, 6) of those edges, its own axes."""
     found: dict[int, list[Array]] = {}
     for edge in graph.edges:
@@ -112,7 +112,7 @@ def edge_covariances(graph: SphereGraph) -> dict[int, Array]:
 
 
 @cache
-def fine_only(params: RegistrationParams) -> RegistrationParams:
+def refine_only(params: RegistrationParams) -> RegistrationParams:
     """Return the parameters of an alignment with one of two references that begins where both ended."""
     pyramid = replace(params.pyramid, coarsest=params.pyramid.finest + 1)
     return replace(params, pyramid=pyramid, max_pixels=params.max_pixels // 2)

@@ -1,13 +1,11 @@
 """The key spheres that an image is aligned to: chosen by distance alone (M15 eq. 17), prepared once, kept for a while.
 
-They come and go around the camera: those of the way ahead are read and prepared by another thread, the longest unused
-make room; their pixels are chosen by a third before an image asks. An image of a live camera never waits for either: it
-is aligned to what is there.
+They are streamed (`prefetch.py`): those of the way ahead are read and prepared by another thread, the longest unused
+make room; their pixels are chosen by a third before an image needs them. An image of a live camera never waits for
+either: it is aligned to what is there.
 
 A whole sphere sees in every direction, so translation is all that counts. A partial sphere (one camera's view) may
-look elsewhere; it is passed over where it covers clearly less of the image than others do.
-
-How much of the image each of several key spheres covers: a few points of each, one projection.
+face elsewhere; it is passed over where it covers clearly less of the image than others do.
 """
 
 from __future__ import annotations
@@ -20,46 +18,31 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from dense_localizer.constants import (
+    COVERAGE_COLUMNS,
+    COVERAGE_ROWS,
+    MIN_VISIBLE_SHARE,
+    NUM_CANDIDATES,
+    NUM_RETRIEVED,
+    PIXELS_LEAD_S,
+    PREFETCH_S,
+    PREFETCH_STEP_M,
+    PREFETCH_STEP_S,
+    RELATIVE_SHARE,
+)
+from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.coarse_reference import CoarseReferences
 from dense_localizer.references.map_error import MapError
-from dense_localizer.references.prefetch import SOON_S, PixelsAhead
-from dense_localizer.references.preparation import Preparation
-from dense_localizer.references.recognition import NUM_ALIKE
+from dense_localizer.references.prefetch import PixelPrefetch, SpherePrefetch
 from dense_localizer.references.rejections import Rejections
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Reference, View, prepare_reference
+from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
-
-Array = NDArray[np.float64]
-COLUMNS, ROWS = 8, 6  # cells of the image; a cell counts as covered where a point falls into it
-
-
-def coverage(points: Sequence[NDArray[np.floating]], T_camera_sphere: Sequence[SE3], camera: Camera) -> Array:
-    """Return the share (N,) of the image's cells that the points (M, 3) of each of N spheres reach."""
-    points_camera = [T.apply(one) for T, one in zip(T_camera_sphere, points, strict=True)]
-    if not points_camera:
-        return np.zeros(0)
-    owner = np.repeat(np.arange(len(points)), [one.shape[0] for one in points])
-    pixels, is_visible = camera.project(np.concatenate(points_camera))
-    u, v = pixels[is_visible].T
-    column = np.clip((u + 0.5) * (COLUMNS / camera.width), 0, COLUMNS - 1).astype(np.int64)
-    row = np.clip((v + 0.5) * (ROWS / camera.height), 0, ROWS - 1).astype(np.int64)
-    cells = np.zeros((len(points), ROWS, COLUMNS), np.bool_)
-    cells[owner[is_visible], row, column] = True
-    return cells.mean(axis=(1, 2))
-
-
-NUM_CANDIDATES = 12  # nearest key spheres looked at
-MIN_VISIBLE_SHARE = 0.25  # of the image, that a reference must cover
-RELATIVE_SHARE = 0.6  # the same, of what the best candidate covers
-UNKNOWN_REACH = 1.0  # region of a key sphere by its median range, where a map does not tell it
-AHEAD_S = (0.0, 0.5, 1.0)  # s, when the camera will be where key spheres are prepared
-AHEAD_STEP_M, AHEAD_STEP_S = 0.2, 0.05  # motion after which one looks ahead anew, and that by the speed
-MEGABYTE = 1e6
-
 
 Residuals = tuple[View, NDArray[np.float64], NDArray[np.float64]]  # view, points (N, 3) in its axes, residuals (N,)
 
@@ -96,10 +79,33 @@ class Choice:
     typical_range_m: float
     region_m: float
 
+    @staticmethod
+    def merge(choices: Sequence[Choice]) -> Choice:
+        """Return the references of several cameras together."""
+        if len(choices) == 1:
+            return choices[0]
+        nearest = min(choices, key=lambda choice: choice.distance_m)
+        ids = tuple(dict.fromkeys(sphere_id for choice in choices for sphere_id in choice.ids))
+        views = tuple(view for choice in choices for view in choice.views)
+        return replace(nearest, ids=ids, views=views, overlap=max(choice.overlap for choice in choices))
+
     @property
     def distance_ratio(self) -> float:
-        """Distance to the nearest by the radius of its region: 0 at its centre, 1 at the border."""
+        """Distance to the nearest by the radius of its region: 0 at its center, 1 at the border."""
         return self.distance_m / self.region_m
+
+
+@dataclass(frozen=True)
+class RigChoice:
+    """The images of an instant, each with its references, and those of all together."""
+
+    images: tuple[RigImage, ...]
+    choice: Choice
+
+    @property
+    def covered(self) -> tuple[RigImage, ...]:
+        """The images that some reference covers."""
+        return tuple(image for image in self.images if image.views)
 
 
 class References:
@@ -109,19 +115,19 @@ class References:
         """While the camera is followed, `is_live` ones do with what is ready; others wait, so that runs are equal."""
         self._map, self._is_live = sphere_map, is_live
         self._registration, self._params = params.registration, params.reference
-        is_large = len(sphere_map.graph) > NUM_ALIKE
-        self.appearance = sphere_map.appearance() if is_large else AppearanceIndex()  # a small map is looked at whole
+        is_large = len(sphere_map.graph) > NUM_RETRIEVED
+        self.appearance = sphere_map.appearance() if is_large else AppearanceIndex()  # a small map is searched whole
         self.coarse = CoarseReferences(sphere_map.coarse_spheres(), params.registration)
         self.error = MapError(sphere_map.graph, params.covariance)
         self.rejections = Rejections()
-        self._preparation = Preparation(self._prepare, params.reference.memory * MEGABYTE, is_live=is_live)
-        self._pixels = PixelsAhead(params.registration, is_live=is_live)
-        self._looked_ahead: NDArray[np.float64] | None = None
+        self._spheres = SpherePrefetch(self._prepare, params.reference.memory * 1e6, is_live=is_live)
+        self._pixels = PixelPrefetch(params.registration, is_live=is_live)
+        self._prefetched: NDArray[np.float64] | None = None
         self._last: tuple[Camera, tuple[int, ...]] | None = None  # camera and key spheres of the last choice
 
     def close(self) -> None:
         """End what is being prepared; nothing can be chosen any more."""
-        self._preparation.close()
+        self._spheres.close()
         self._pixels.close()
 
     def node(self, sphere_id: int) -> KeySphere:
@@ -137,6 +143,16 @@ class References:
         """Return the key spheres nearest to a point in the map, nearest first (M15 eq. 17)."""
         return self._map.graph.nearest(point_map, count, max_distance_m)
 
+    def choose_rig(self, images: Sequence[RigImage], prediction: Prediction) -> RigChoice:
+        """Return the images of one body with the references of each (M15 eq. 17)."""
+        is_followed = not prediction.is_guess
+        choices = [
+            self.choose(one.pose(prediction.T_map_camera), one.pyramid.cameras[0], is_followed=is_followed)
+            for one in images
+        ]
+        chosen = tuple(replace(one, views=choice.views) for one, choice in zip(images, choices, strict=True))
+        return RigChoice(chosen, Choice.merge(choices))
+
     def choose(self, T_map_camera: SE3, camera: Camera, *, is_followed: bool = False) -> Choice:
         """Return the references for an image taken near a pose: the nearest of those that cover it.
 
@@ -147,7 +163,7 @@ class References:
         best = float(np.max(overlaps, initial=0.0))
         needed = max(MIN_VISIBLE_SHARE, RELATIVE_SHARE * best)
         usable = [candidates[index] for index in np.flatnonzero(overlaps >= needed)]
-        ready = [node for node in usable if not never_waits or self._preparation.is_ready(node.id)]
+        ready = [node for node in usable if not never_waits or self._spheres.is_ready(node.id)]
         nearest = ready[: self._params.num_references] or usable[:1]
         chosen = self._near_enough(nearest, T_map_camera)
         if not chosen:
@@ -155,7 +171,7 @@ class References:
         references = [self._get(node.id) for node in chosen if ready] or [self.coarse.reference(chosen[0].id)]
         self._last = camera, tuple(node.id for node in chosen)
         views = tuple(View(one, node.T_map_sphere) for one, node in zip(references, chosen, strict=True))
-        distance, typical = distance_of(chosen[0], T_map_camera), self.coarse[chosen[0].id].typical_range_m
+        distance, typical = measure_distance(chosen[0], T_map_camera), self.coarse[chosen[0].id].typical_range_m
         return Choice(self._last[1], views, best, distance, typical, self._region(chosen[0]))
 
     def count_rejections(self, place_map: NDArray[np.float64], residuals: Iterable[Residuals]) -> None:
@@ -165,9 +181,9 @@ class References:
             if self.rejections.is_due(sphere_id, place_map) and self.rejections.add(
                 sphere_id, place_map, points, residual
             ):
-                self._preparation.forget(sphere_id)
+                self._spheres.forget(sphere_id)
 
-    def look_ahead(self, T_map_camera: SE3, velocity: NDArray[np.float64] | None, *, is_rig: bool = False) -> None:
+    def prefetch(self, T_map_camera: SE3, velocity: NDArray[np.float64] | None, *, is_rig: bool = False) -> None:
         """Have prepared what the camera that chose last, at some velocity (6,), will need; return at once.
 
         The pixels of cameras of a rig, whose body is at the pose, are chosen when they are needed.
@@ -175,31 +191,29 @@ class References:
         twist = np.zeros(6) if velocity is None else velocity
         self._last = None if is_rig else self._last
         self._choose_pixels(T_map_camera, twist)
-        point = (T_map_camera @ SE3.exp(twist * AHEAD_S[-1])).translation
-        step = max(AHEAD_STEP_M, AHEAD_STEP_S * float(np.linalg.norm(twist[:3])))
-        if self._looked_ahead is not None and np.linalg.norm(point - self._looked_ahead) <= step:
+        point = (T_map_camera @ SE3.exp(twist * PREFETCH_S[-1])).translation
+        step = max(PREFETCH_STEP_M, PREFETCH_STEP_S * float(np.linalg.norm(twist[:3])))
+        if self._prefetched is not None and np.linalg.norm(point - self._prefetched) <= step:
             return
-        self._looked_ahead = point
+        self._prefetched = point
         wanted: dict[int, SE3] = {}
-        for seconds in AHEAD_S:
+        for seconds in PREFETCH_S:
             pose = T_map_camera @ SE3.exp(twist * seconds)
             for node in self.nearest(pose.translation, self._params.num_references):
                 wanted.setdefault(node.id, pose)
-        self._preparation.begin(
-            list(wanted), lambda sphere_id: partial(self._prepare_seen, wanted[sphere_id], self._last)
-        )
+        self._spheres.begin(list(wanted), lambda sphere_id: partial(self._prepare_seen, wanted[sphere_id], self._last))
 
     def _choose_pixels(self, T_map_camera: SE3, twist: NDArray[np.float64]) -> None:
         """Have the pixels chosen of the key spheres that are ready where the camera will soon be."""
         if self._last is None:
             return
         camera, last = self._last
-        T_soon = T_map_camera @ SE3.exp(twist * SOON_S)
+        T_soon = T_map_camera @ SE3.exp(twist * PIXELS_LEAD_S)
         nearest = self.nearest(T_soon.translation, self._params.num_references)
         soon = [node.id for node in self._near_enough(nearest, T_soon)]
         self._pixels.forget({*last, *soon})
         for sphere_id, num_views in dict.fromkeys((one, len(some)) for some in (last, soon) for one in some):
-            reference = self._preparation.find(sphere_id)
+            reference = self._spheres.find(sphere_id)
             if reference is not None:
                 T_camera_sphere = T_map_camera.inverse() @ self.node(sphere_id).T_map_sphere
                 self._pixels.begin(sphere_id, reference, T_camera_sphere, twist, camera, num_views)
@@ -207,7 +221,7 @@ class References:
     def _get(self, sphere_id: int) -> Reference:
         """Return a prepared sphere with the pixels that were chosen last."""
         self._pixels.use(sphere_id)
-        return self._preparation.get(sphere_id)
+        return self._spheres.get(sphere_id)
 
     def _candidates(self, T_map_camera: SE3, camera: Camera, count: int) -> tuple[list[KeySphere], NDArray[np.float64]]:
         """Return the nearest key spheres, `count` where all are whole, and the share of the image that each covers."""
@@ -218,27 +232,27 @@ class References:
         coarse = [self.coarse[node.id] for node in nodes]
         T_camera_map = T_map_camera.inverse()
         T_camera_sphere = [T_camera_map @ node.T_map_sphere for node in nodes]
-        overlaps = coverage([one.points for one in coarse], T_camera_sphere, camera)
+        overlaps = measure_coverage([one.points for one in coarse], T_camera_sphere, camera)
         return nodes, np.where([one.camera.is_whole for one in coarse], 1.0, overlaps)
 
     def _near_enough(self, nodes: list[KeySphere], T_map_camera: SE3) -> list[KeySphere]:
         """Return the first key sphere, and those that are near enough to be used beside it."""
-        return nodes[:1] + [node for node in nodes[1:] if distance_of(node, T_map_camera) <= self._region(node)]
+        return nodes[:1] + [node for node in nodes[1:] if measure_distance(node, T_map_camera) <= self._region(node)]
 
     def _region(self, node: KeySphere) -> float:
         """Return how far in m a key sphere serves."""
-        return node.region_radius_m or UNKNOWN_REACH * self.coarse[node.id].typical_range_m
+        return node.region_radius_m or self.coarse[node.id].typical_range_m
 
     def _prepare(self, sphere_id: int) -> Reference:
         """Read a sphere and prepare it."""
-        with self._pixels.background.work():
+        with self._pixels.background.wait_for_turn():
             sphere = self._map.load_sphere(sphere_id)
         unused = self.rejections.mask(sphere_id, sphere.camera)
         if unused is not None:
             sphere = replace(sphere, range_m=np.where(unused, np.float32(np.nan), sphere.range_m))
         levels, range_m, camera = sphere.levels, sphere.range_m, sphere.camera
-        del sphere  # colours take more than the grey levels
-        with self._pixels.background.work():
+        del sphere  # colors take more than the grey levels
+        with self._pixels.background.wait_for_turn():
             return prepare_reference(levels, range_m, camera, self._registration)
 
     def _prepare_seen(
@@ -248,12 +262,27 @@ class References:
         reference = self._prepare(sphere_id)
         if last is not None:
             T_camera_sphere = T_map_camera.inverse() @ self.node(sphere_id).T_map_sphere
-            with self._pixels.background.work():
+            with self._pixels.background.wait_for_turn():
                 for chosen in self._pixels.choose(reference, T_camera_sphere, last[0], len(last[1])):
                     chosen.keep()
         return reference
 
 
-def distance_of(node: KeySphere, T_map_camera: SE3) -> float:
-    """Return the metres between a key sphere and a camera."""
+def measure_distance(node: KeySphere, T_map_camera: SE3) -> float:
+    """Return the meters between a key sphere and a camera."""
     return float(np.linalg.norm(node.T_map_sphere.translation - T_map_camera.translation))
+
+
+def measure_coverage(points: Sequence[NDArray[np.floating]], T_camera_sphere: Sequence[SE3], camera: Camera) -> Array:
+    """Return the share (N,) of the image's cells that the points (M, 3) of each of N spheres reach."""
+    points_camera = [T.apply(one) for T, one in zip(T_camera_sphere, points, strict=True)]
+    if not points_camera:
+        return np.zeros(0)
+    owner = np.repeat(np.arange(len(points)), [one.shape[0] for one in points])
+    pixels, is_visible = camera.project(np.concatenate(points_camera))
+    u, v = pixels[is_visible].T
+    column = np.clip((u + 0.5) * (COVERAGE_COLUMNS / camera.width), 0, COVERAGE_COLUMNS - 1).astype(np.int64)
+    row = np.clip((v + 0.5) * (COVERAGE_ROWS / camera.height), 0, COVERAGE_ROWS - 1).astype(np.int64)
+    cells = np.zeros((len(points), COVERAGE_ROWS, COVERAGE_COLUMNS), np.bool_)
+    cells[owner[is_visible], row, column] = True
+    return cells.mean(axis=(1, 2))

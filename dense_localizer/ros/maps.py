@@ -32,7 +32,7 @@ class Maps:
 
     def open(self, path: str) -> MapReader:
         """Use another map; ValueError or OSError for one that cannot be read."""
-        reader, before = open_map(path, is_grey=True), self.reader
+        reader, before = open_map(path, is_gray=True), self.reader
         try:
             rejections = self._use(reader)
         except BaseException:

@@ -1,9 +1,7 @@
-"""The node `dense_localizer`: the localiser in a map of key spheres (sphere_nav/ros/localizer/node.py is around it)."""
+"""The node `dense_localizer`: the localizer in a map of key spheres (sphere_nav/ros/localizer/node.py is around it)."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
 from sensor_msgs.msg import Image
 
 from dense_localizer.inputs import CameraImage
@@ -14,23 +12,21 @@ from dense_localizer.reasons import REMEDIES
 from dense_localizer.references.rejections import Rejections
 from dense_localizer.ros.maps import Maps, read_calibration
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.base_estimate import BaseEstimate
 from sphere_nav.localization.status import FINE, Finding, State, Status, status_of
 from sphere_nav.photometric import warm_up
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.intake import CameraIntake
-from sphere_nav.ros.camera.rig_intake import RigIntake
+from sphere_nav.ros.camera.intake import CameraIntake, MultiCameraIntake
 from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.localizer.node import LocalizerNode
 from sphere_nav.ros.maps.reader import MapReader
 from sphere_nav.ros.process import return_free_memory
 from sphere_nav.ros.run import run
 
-Array = NDArray[np.float64]
-
 
 class DenseLocalizerNode(LocalizerNode):
-    """Converts, asks the localiser, converts back."""
+    """Converts, calls the localizer, converts back."""
 
     NAME = "dense_localizer"
     PARAMS = DenseLocalizerParams
@@ -54,21 +50,21 @@ class DenseLocalizerNode(LocalizerNode):
         self.maps.close()
         self.localizer = None
 
-    def make_intake(self) -> CameraIntake | RigIntake:
+    def make_intake(self) -> CameraIntake | MultiCameraIntake:
         """Subscribe to the camera, or to those of a rig."""
         p, callbacks = self.params, (self.on_picture, self.on_refusal)
         if not self.has_rig:
             return super().make_intake()
         calibration = read_calibration(p.rig.calibration, self.maps.reader)
-        return RigIntake(self.endpoints, p, p.rig, calibration, *callbacks, has_sphere_info=True)
+        return MultiCameraIntake(self.endpoints, p, p.rig, calibration, *callbacks, has_sphere_info=True)
 
     @property
     def has_rig(self) -> bool:
-        """Whether several cameras localise together."""
+        """Whether several cameras localize together."""
         return bool(self.params.rig.cameras or self.params.rig.calibration)
 
     def use_map(self, reader: MapReader) -> Rejections:
-        """Localise in a map from now on; return what counts the pixels of it that images reject."""
+        """Localize in a map from now on; return what counts the pixels of it that images reject."""
         before, self.localizer = self.localizer, Localizer(self.params, reader, is_live=self.shell.is_live)
         if before is not None:
             before.references.close()
@@ -86,14 +82,14 @@ class DenseLocalizerNode(LocalizerNode):
         return self.localizer is not None
 
     def localize(self, picture: Picture) -> BaseEstimate:
-        """Localise one image; show the residual to whoever looks."""
+        """Localize one image; publish the residual where anyone subscribes to it."""
         if self.localizer is None:
             return BaseEstimate(self.refuse(picture.stamp_ns, FINE))
         T_base_body = self.intake.T_base_camera
         T_odom_body = picture.T_odom_base and picture.T_odom_base @ T_base_body
         estimate = self.localizer.update_rig(self.images_of(picture), picture.stamp_ns, T_odom_body)
-        if estimate.place is not None and self.residual.num_subscriptions:
-            shown, frame = residual_image(picture.image, picture.camera, estimate.place), self.params.camera_frame
+        if estimate.candidate is not None and self.residual.num_subscriptions:
+            shown, frame = residual_image(picture.image, picture.camera, estimate.candidate), self.params.camera_frame
             self.residual.publish(conversions.array_to_image(shown, picture.stamp_ns, frame, "mono8"))
         return estimate.to_base(T_base_body)
 
@@ -117,12 +113,12 @@ class DenseLocalizerNode(LocalizerNode):
         return self.localizer.silence(elapsed_s, finding) if self.localizer is not None else None
 
     def relocalize(self, given: tuple[SE3, Array] | None) -> BaseEstimate | None:
-        """Search with the last image, and those to come; what is found is told, though not trusted yet."""
+        """Search with the last image, and those to come; what is found is returned, though not trusted yet."""
         if self.localizer is None:
             raise ValueError("relocalize: expected a map, found none: load one first")
         T_base_camera = self.intake.T_base_camera
         estimate = self.localizer.relocalize(given[0] @ T_base_camera if given is not None else None)
-        return estimate.at_place().to_base(T_base_camera) if estimate is not None else None
+        return estimate.expose_candidate().to_base(T_base_camera) if estimate is not None else None
 
     def forget(self) -> None:
         """Forget pose and stream."""

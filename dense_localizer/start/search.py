@@ -2,74 +2,83 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from dense_localizer.constants import SEARCH_NEAR_S, SEARCH_PERIOD_S
+from dense_localizer.inputs import LocalizerInput
+from dense_localizer.judge.candidate import PoseCandidate
+from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
-from dense_localizer.start.startup import Start, Startup
+from dense_localizer.start.startup import SearchResult, Startup, decide
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import FINE
-from sphere_nav.photometric.align.rig import RigImage
 
-PERIOD_S = 0.5  # between two searches of the whole map
-NEAR_S = 2.0  # for which a given or lost pose is tried
+Locate = Callable[[LocalizerInput, Prediction], PoseCandidate]
 
 
-class Search:
+class PoseSearch:
     """The searches of one map, timed by image stamps."""
 
     def __init__(self, references: References, params: LocalizerParams) -> None:
         self._references = references
         self._params, self._is_automatic = params.start, params.automatic
         self._startup = Startup(references, params)
-        self.forget()
+        self.reset()
 
     @property
     def is_wanted(self) -> bool:
-        """Whether anything will be looked for."""
-        return self._is_automatic or self._is_asked or self._T_map_guess is not None
+        """Whether a pose is searched for at all."""
+        return self._is_automatic or self._is_requested or self._T_map_guess is not None
 
-    def forget(self) -> None:
-        """Nothing is asked for, nothing is known of the past."""
+    def reset(self) -> None:
+        """Nothing is requested, nothing is known of the past."""
         self._T_map_guess: SE3 | None = None
         self._guess_until_ns: int | None = None
         self._next_ns = 0
-        self._is_asked = False
+        self._is_requested = False
         self._finding = FINE
 
-    def ask(self, T_map_camera: SE3 | None) -> None:
+    def request(self, T_map_camera: SE3 | None) -> None:
         """Search near a pose, or everywhere; ValueError for a pose that is far from every key sphere."""
         if T_map_camera is not None:
             self._check(T_map_camera)
-        self.forget()
-        self._is_asked = T_map_camera is None
+        self.reset()
+        self._is_requested = T_map_camera is None
         self._T_map_guess = T_map_camera
 
-    def lost(self, T_map_camera: SE3) -> None:
+    def start_near(self, T_map_camera: SE3) -> None:
         """Search near the pose where the camera was lost, then everywhere."""
         self._T_map_guess, self._guess_until_ns = T_map_camera, None
 
-    def find(self, images: Sequence[RigImage], stamp_ns: int) -> Start:
-        """Search with one instant what is due; between two searches the last finding stands."""
-        start = self._find_near(images, stamp_ns)
-        is_due = stamp_ns >= self._next_ns and (self._is_automatic or self._is_asked)
-        if start.place is None and is_due:
-            self._next_ns = stamp_ns + int(PERIOD_S * 1e9)
-            start = self._startup.search(images)
-        self._finding = start.finding
-        return start
+    def find(self, frame: LocalizerInput, locate: Locate) -> SearchResult:
+        """Search with one instant what is due, guesses aligned by `locate`; between searches the last finding stands.
 
-    def _find_near(self, images: Sequence[RigImage], stamp_ns: int) -> Start:
-        if self._T_map_guess is None:
-            return Start(None, self._finding)
-        if self._guess_until_ns is None:
-            self._guess_until_ns = stamp_ns + int(NEAR_S * 1e9)
-        if stamp_ns > self._guess_until_ns:
+        Where there are no images, or nothing is to be searched for, the finding is that of the instant.
+        """
+        if not (self.is_wanted and frame.images):
+            return SearchResult(None, frame.finding)
+        result = SearchResult(None, self._finding)
+        for guesses in self._propose(frame):
+            result = decide([locate(frame, Prediction.guess(pose)) for pose in guesses], self._params)
+            if result.candidate is not None:
+                break
+        self._finding = result.finding
+        return result
+
+    def _propose(self, frame: LocalizerInput) -> Iterator[list[SE3]]:
+        """Yield poses to try: near a given or lost one, then in the whole map where that is due."""
+        if self._T_map_guess is not None and self._guess_until_ns is None:
+            self._guess_until_ns = frame.stamp_ns + int(SEARCH_NEAR_S * 1e9)
+        if self._guess_until_ns is not None and frame.stamp_ns > self._guess_until_ns:
             self._T_map_guess = None
-            return Start(None, self._finding)
-        return self._startup.search_near(images, self._T_map_guess)
+        if self._T_map_guess is not None:
+            yield self._startup.propose_near(frame.images, self._T_map_guess)
+        if frame.stamp_ns >= self._next_ns and (self._is_automatic or self._is_requested):
+            self._next_ns = frame.stamp_ns + int(SEARCH_PERIOD_S * 1e9)
+            yield self._startup.propose(frame.images)
 
     def _check(self, T_map_camera: SE3) -> None:
         if not np.all(np.isfinite(T_map_camera.matrix)):

@@ -1,13 +1,9 @@
-"""The first pose, and the pose after a loss: guesses, coarse alignment, verification (M15 section 5.4).
+"""The first pose, and the pose after a loss: guesses, coarse alignment, decision (M15 section 5.4).
 
-The key spheres that look like the image (all of a small map) offer guesses: poses in and about their centres, and
-where features place the image. All are compared with the image, the best are aligned at the coarsest levels, the best
-of those verified at full resolution with two references. A result that another place explains nearly as well is
-withheld.
-
-How much the image resembles a key sphere, seen from many poses at once: their correlation (M15 section 5.4).
-
-Nothing is aligned here: a few hundred points of the sphere are projected from each pose into a coarse image.
+The key spheres that look like the image (all of a small map) offer guesses: poses in and about their centers, and
+where features place the image. All are compared with the image, a few hundred points of the sphere projected from each
+pose into its coarsest level; the best are aligned at the coarsest levels. The best of those are for the localizer to
+align at full resolution with two references. A result that another place explains nearly as well is withheld.
 """
 
 from __future__ import annotations
@@ -15,27 +11,126 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from dense_localizer.judge.place import Place, locate
-from dense_localizer.params import LocalizerParams, StartParams
-from dense_localizer.references.coarse_reference import NUM_LEVELS, CoarseReference
-from dense_localizer.references.recognition import NUM_ALIKE, Recognition, body_axes
+from dense_localizer.constants import (
+    FORWARD_STEP,
+    MIN_COMPARED_POINTS,
+    NUM_ALIGNED,
+    NUM_COARSE_LEVELS,
+    NUM_COMPARED_POINTS,
+    NUM_NEAR,
+    NUM_RETRIEVED,
+    NUM_VERIFIED,
+    SAME_POSE_DEG,
+    SAME_POSE_M,
+    SIDE_STEP_DEG,
+    TILT_STEP_DEG,
+)
+from dense_localizer.judge.candidate import PoseCandidate
+from dense_localizer.params import LocalizerParams, SearchParams
+from dense_localizer.references.coarse_reference import CoarseReference
+from dense_localizer.references.recognition import Recognition, find_body_axes
 from dense_localizer.references.reference import References
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.photometric import RegistrationParams, View, register
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.pixels.pyramid import Level
 from sphere_nav.spheres.graph import KeySphere
 
-Array = NDArray[np.float64]
-MIN_VISIBLE = 20  # points below which nothing is said
+
+@dataclass(frozen=True)
+class Guess:
+    """A pose to try against one key sphere, and how well the image resembled it there."""
+
+    node: KeySphere
+    T_map_camera: SE3
+    ncc: float = -1.0
 
 
-def resemblance(
+class SearchResult(NamedTuple):
+    """The candidate found, or why none is given."""
+
+    candidate: PoseCandidate | None
+    finding: Finding = FINE
+
+
+class Startup:
+    """Proposes poses T_map_body in one map, the likeliest first, all of them different places."""
+
+    def __init__(self, references: References, params: LocalizerParams) -> None:
+        self._references = references
+        self._params = params
+        self._count = 0
+
+    def propose(self, images: Sequence[RigImage]) -> list[SE3]:
+        """Compare the key spheres that look like the image, where features place it and from many poses in each.
+
+        Of several cameras each serves in turn.
+        """
+        seen, self._count = images[self._count % len(images)], self._count + 1
+        nodes, placed = list(self._references.nodes), list[Guess]()
+        index = self._references.appearance
+        if len(index) > NUM_RETRIEVED:
+            recognition = Recognition(index, seen.pyramid)
+            nodes = [self._references.node(one.sphere_id) for one in recognition.alike]
+            for sphere_id, T_sphere_camera in recognition.match_poses():
+                node = self._references.node(sphere_id)
+                placed.append(Guess(node, node.T_map_sphere @ T_sphere_camera))
+        guesses: list[Guess] = []
+        for node in nodes:
+            poses = candidate_poses(self._references.coarse[node.id], self._params.start, seen.pyramid.cameras[0])
+            guesses += self._compare(seen, node, poses)
+        return self._refine(seen, placed + select_best(guesses, NUM_ALIGNED - len(placed)))
+
+    def propose_near(self, images: Sequence[RigImage], T_map_body: SE3) -> list[SE3]:
+        """Compare poses around one that was given, or lost: there, and with its attitude at key spheres."""
+        seen, self._count = images[self._count % len(images)], self._count + 1
+        guesses, T_map_camera = [], seen.pose(T_map_body)
+        limit = self._params.start.max_guess_distance_m
+        for node in self._references.nearest(T_map_camera.translation, NUM_NEAR, limit):
+            guesses.append(Guess(node, T_map_camera))
+            guesses.append(Guess(node, SE3.from_parts(T_map_camera.rotation, node.T_map_sphere.translation)))
+        return self._refine(seen, guesses)
+
+    def _compare(self, seen: RigImage, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
+        """Return a guess for each of several poses in a sphere, with how much the image resembles it there."""
+        level = self._references.coarse.reference(node.id).levels[-1]
+        step = max(1, level.num_pixels // NUM_COMPARED_POINTS)
+        points, intensity = level.points[:, ::step].T, level.intensity[::step]
+        scores = score_poses(points, intensity, T_sphere_camera.inverse(), seen.pyramid.levels[-1])
+        rows = enumerate(scores.tolist())
+        return [Guess(node, node.T_map_sphere @ T_sphere_camera[index], score) for index, score in rows]
+
+    def _refine(self, seen: RigImage, guesses: Sequence[Guess]) -> list[SE3]:
+        aligned = select_best([self._align(seen, guess) for guess in guesses], len(guesses))
+        return [seen.body(guess.T_map_camera) for guess in self._select_distinct(aligned)]
+
+    def _align(self, seen: RigImage, guess: Guess) -> Guess:
+        """Return a guess after alignment at the coarsest levels."""
+        params = stop_at(len(seen.pyramid.levels) - NUM_COARSE_LEVELS, self._params.registration)
+        view = View(self._references.coarse.reference(guess.node.id), guess.node.T_map_sphere)
+        found = register(seen.pyramid, [view], guess.T_map_camera, params)
+        score = found.ncc * np.sqrt(found.overlap) if found.overlap > 0 else -1.0
+        return Guess(guess.node, found.T_world_camera, float(score))
+
+    def _select_distinct(self, guesses: Sequence[Guess]) -> list[Guess]:
+        """Return the first few guesses that are different places."""
+        kept: list[Guess] = []
+        for guess in guesses:
+            if len(kept) == NUM_VERIFIED:
+                break
+            if not any(is_same_pose(guess.T_map_camera, other.T_map_camera) for other in kept):
+                kept.append(guess)
+        return kept
+
+
+def score_poses(
     points: NDArray[np.floating], intensity: NDArray[np.floating], T_camera_sphere: SE3, level: Level
 ) -> Array:
     """Return for each of G poses the correlation, weakened where few points are seen; -1 where too few.
@@ -55,129 +150,28 @@ def resemblance(
     variance_seen = np.einsum("gn,gn->g", seen, seen) / safe - mean_seen**2
     variance_known = np.einsum("gn,gn->g", known, known) / safe - mean_known**2
     ncc = product / np.sqrt(np.maximum(variance_seen * variance_known, 1e-6))
-    return np.where(count >= MIN_VISIBLE, ncc * np.sqrt(count / points.shape[0]), -1.0)
+    return np.where(count >= MIN_COMPARED_POINTS, ncc * np.sqrt(count / points.shape[0]), -1.0)
 
 
-SIDE_STEP_DEG, TILT_STEP_DEG = 15.0, 12.0  # to the sides of, above and below the heading of a partial sphere
-FORWARD_STEP = 0.2  # before and behind the centre, as share of the range
-NUM_ALIGNED, NUM_VERIFIED = 30, 4  # best guesses that are aligned coarsely, and of them at full resolution
-NUM_NEAR = 6  # key spheres around a given or lost pose that are tried
-SAME_PLACE_M, SAME_PLACE_DEG = 0.3, 10.0  # results closer and turned by less than this are one place
-NUM_COMPARED = 600  # points of a sphere that are compared with the image
-
-
-@dataclass(frozen=True)
-class Guess:
-    """A pose to try against one key sphere, and how well the image resembled it there."""
-
-    node: KeySphere
-    T_map_camera: SE3
-    ncc: float = -1.0
-
-
-@dataclass(frozen=True)
-class Start:
-    """The place found, or why none is given."""
-
-    place: Place | None
-    finding: Finding = FINE
-
-
-class Startup:
-    """Searches one map."""
-
-    def __init__(self, references: References, params: LocalizerParams) -> None:
-        self._references = references
-        self._params = params
-        self._count = 0
-
-    def search(self, images: Sequence[RigImage]) -> Start:
-        """Look at the key spheres that look like the image, where features place it and from many poses in each.
-
-        Of several cameras each is asked in turn, the result verified with all.
-        """
-        seen, self._count = images[self._count % len(images)], self._count + 1
-        nodes, placed = list(self._references.nodes), list[Guess]()
-        index = self._references.appearance
-        if len(index) > NUM_ALIKE:
-            recognition = Recognition(index, seen.pyramid)
-            nodes = [self._references.node(one.sphere_id) for one in recognition.alike]
-            for sphere_id, T_sphere_camera in recognition.poses():
-                node = self._references.node(sphere_id)
-                placed.append(Guess(node, node.T_map_sphere @ T_sphere_camera))
-        guesses: list[Guess] = []
-        for node in nodes:
-            poses = candidate_poses(self._references.coarse[node.id], self._params.start, seen.pyramid.cameras[0])
-            guesses += self._compare(seen, node, poses)
-        return self._find(images, seen, placed + best(guesses, NUM_ALIGNED - len(placed)))
-
-    def search_near(self, images: Sequence[RigImage], T_map_body: SE3) -> Start:
-        """Look around a pose that was given, or lost: there, and with its attitude at the places of key spheres."""
-        seen, self._count = images[self._count % len(images)], self._count + 1
-        guesses, T_map_camera = [], seen.pose(T_map_body)
-        limit = self._params.start.max_guess_distance_m
-        for node in self._references.nearest(T_map_camera.translation, NUM_NEAR, limit):
-            guesses.append(Guess(node, T_map_camera))
-            guesses.append(Guess(node, SE3.from_parts(T_map_camera.rotation, node.T_map_sphere.translation)))
-        return self._find(images, seen, guesses)
-
-    def _compare(self, seen: RigImage, node: KeySphere, T_sphere_camera: SE3) -> list[Guess]:
-        """Return a guess for each of several poses in a sphere, with how much the image resembles it there."""
-        level = self._references.coarse.reference(node.id).levels[-1]
-        step = max(1, level.num_pixels // NUM_COMPARED)
-        points, intensity = level.points[:, ::step].T, level.intensity[::step]
-        scores = resemblance(points, intensity, T_sphere_camera.inverse(), seen.pyramid.levels[-1])
-        rows = enumerate(scores.tolist())
-        return [Guess(node, node.T_map_sphere @ T_sphere_camera[index], score) for index, score in rows]
-
-    def _find(self, images: Sequence[RigImage], seen: RigImage, guesses: Sequence[Guess]) -> Start:
-        aligned = best([self._align(seen, guess) for guess in guesses], len(guesses))
-        places = (self._verify(images, seen.body(guess.T_map_camera)) for guess in self._distinct(aligned))
-        return decide([place for place in places if place is not None], self._params.start)
-
-    def _align(self, seen: RigImage, guess: Guess) -> Guess:
-        """Return a guess after alignment at the coarsest levels."""
-        params = coarse(self._params.registration, len(seen.pyramid.levels) - NUM_LEVELS)
-        view = View(self._references.coarse.reference(guess.node.id), guess.node.T_map_sphere)
-        found = register(seen.pyramid, [view], guess.T_map_camera, params)
-        score = found.ncc * np.sqrt(found.overlap) if found.overlap > 0 else -1.0
-        return Guess(guess.node, found.T_world_camera, float(score))
-
-    def _distinct(self, guesses: Sequence[Guess]) -> list[Guess]:
-        """Return the first few guesses that are different places."""
-        kept: list[Guess] = []
-        for guess in guesses:
-            if len(kept) == NUM_VERIFIED:
-                break
-            if not any(is_same_place(guess.T_map_camera, other.T_map_camera) for other in kept):
-                kept.append(guess)
-        return kept
-
-    def _verify(self, images: Sequence[RigImage], T_map_body: SE3) -> Place | None:
-        """Align at full resolution with the references of the guessed pose; None where the result is refused."""
-        place = locate(images, self._references, self._params, T_map_body)
-        return place if place.verdict.is_good else None
-
-
-def best(guesses: Sequence[Guess], count: int) -> list[Guess]:
+def select_best(guesses: Sequence[Guess], count: int) -> list[Guess]:
     """Return the guesses that resemble the image most; equal ones stay in the order of the map."""
     return sorted(guesses, key=lambda guess: -guess.ncc)[:count]
 
 
-def candidate_poses(coarse: CoarseReference, params: StartParams, seen_by: Camera) -> SE3:
+def candidate_poses(coarse: CoarseReference, params: SearchParams, camera: Camera) -> SE3:
     """Return poses of an upright camera that are worth trying in a sphere, a batch of T_sphere_camera.
 
-    All around in a whole sphere; in and beside the middle of a partial one; each at its centre and a step before and
+    All around in a whole sphere; in and beside the middle of a partial one; each at its center and a step before and
     behind it, by a share of the range.
     """
-    camera = coarse.camera
-    centre = camera.unproject([(camera.width - 1) / 2, (camera.height - 1) / 2])
+    window = coarse.camera
+    center = window.unproject([(window.width - 1) / 2, (window.height - 1) / 2])
     side, tilt = np.radians(SIDE_STEP_DEG), np.radians(TILT_STEP_DEG)
-    if camera.is_whole:
+    if window.is_whole:
         azimuths, elevations = np.radians(np.arange(0.0, 360.0, params.heading_step_deg)), np.zeros(1)
     else:
-        azimuths = np.arctan2(centre[1], centre[0]) + side * np.arange(-2, 3)
-        elevations = np.arcsin(np.clip(centre[2], -1.0, 1.0)) + tilt * np.arange(-1, 2)
+        azimuths = np.arctan2(center[1], center[0]) + side * np.arange(-2, 3)
+        elevations = np.arcsin(np.clip(center[2], -1.0, 1.0)) + tilt * np.arange(-1, 2)
     reach = FORWARD_STEP * (coarse.typical_range_m if np.isfinite(coarse.typical_range_m) else 0.0)
     azimuth, elevation, forward = (
         axis.ravel() for axis in np.meshgrid(azimuths, elevations, reach * np.arange(-1, 2), indexing="ij")
@@ -185,31 +179,32 @@ def candidate_poses(coarse: CoarseReference, params: StartParams, seen_by: Camer
     zero = np.zeros_like(azimuth)
     turned = SE3.exp(np.stack([zero, zero, zero, zero, zero, azimuth], axis=-1))
     raised = SE3.exp(np.stack([zero, zero, zero, zero, -elevation, zero], axis=-1))
-    moved = SE3.from_parts(np.eye(3), np.stack([forward, zero, zero], axis=-1))
-    return turned @ raised @ moved @ body_axes(seen_by)
+    advanced = SE3.from_parts(np.eye(3), np.stack([forward, zero, zero], axis=-1))
+    return turned @ raised @ advanced @ find_body_axes(camera)
 
 
 @cache
-def coarse(params: RegistrationParams, finest: int) -> RegistrationParams:
+def stop_at(finest: int, params: RegistrationParams) -> RegistrationParams:
     """Return the parameters of an alignment that stops at the level `finest`."""
     pyramid = replace(params.pyramid, finest=max(0, finest))
     return replace(params, pyramid=pyramid, max_iterations_fine=params.max_iterations_coarse)
 
 
-def is_same_place(a: SE3, b: SE3) -> bool:
+def is_same_pose(a: SE3, b: SE3) -> bool:
     """Say whether two poses are one place."""
     distance, angle = a.distance(b)
-    return bool(distance < SAME_PLACE_M and angle < np.radians(SAME_PLACE_DEG))
+    return bool(distance < SAME_POSE_M and angle < np.radians(SAME_POSE_DEG))
 
 
-def decide(places: Sequence[Place], params: StartParams) -> Start:
-    """Return the best place, unless it resembles the image too little or another one nearly as much."""
-    ranked = sorted(places, key=lambda place: -place.ncc)
+def decide(candidates: Sequence[PoseCandidate], params: SearchParams) -> SearchResult:
+    """Return the best good candidate, unless it resembles the image too little or another one nearly as much."""
+    ranked = sorted((one for one in candidates if one.acceptance.is_good), key=lambda one: -one.ncc)
     best_ncc = ranked[0].ncc if ranked else 0.0
     if best_ncc < params.min_ncc:
-        return Start(None, Finding(Reason.LOW_OVERLAP, best_ncc, params.min_ncc, "no key sphere resembles the view"))
+        finding = Finding(Reason.LOW_OVERLAP, best_ncc, params.min_ncc, "no key sphere resembles the view")
+        return SearchResult(None, finding)
     best = ranked[0].T_map_camera
-    others = [place for place in ranked if not is_same_place(best, place.T_map_camera)]
+    others = [one for one in ranked if not is_same_pose(best, one.T_map_camera)]
     if others and best_ncc - others[0].ncc < params.min_ncc_margin:
-        return Start(None, Finding(Reason.AMBIGUOUS, best_ncc - others[0].ncc, params.min_ncc_margin))
-    return Start(ranked[0])
+        return SearchResult(None, Finding(Reason.AMBIGUOUS, best_ncc - others[0].ncc, params.min_ncc_margin))
+    return SearchResult(ranked[0])

@@ -8,14 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from dense_localizer.constants import IMAGE_FORGETTING, MAX_MISMATCH_RATIO, MAX_ROTATION_MISMATCH, MISMATCH_FLOOR
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import RegistrationParams
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.align.rotation import correlation_after_turn, register_rig_rotation
-
-MAX_RATIO, FLOOR = 3.0, 0.02  # mismatch of a prediction that is not supported, by what others left, and beyond it
-KEPT = 0.9  # of the weight of earlier predictions, from one to the next
-GAIN = 0.7  # a measured rotation must leave less than this share of the mismatch
 
 
 class InterFrame:
@@ -23,32 +20,33 @@ class InterFrame:
 
     def __init__(self, params: RegistrationParams) -> None:
         self._params = params
-        self.forget()
+        self.reset()
 
-    def forget(self) -> None:
+    def reset(self) -> None:
         """Nothing is known of the stream."""
-        self.before: tuple[RigImage, ...] = ()
-        self._usual: float | None = None  # mismatch
+        self.images: tuple[RigImage, ...] = ()  # the last ones, placed or not
+        self._usual: float | None = None  # mismatch of predictions
 
     def measure(self, images: Sequence[RigImage]) -> SE3 | None:
         """Return T_before_now of the body, a pure rotation, measured (eq. 20); None without images of one camera."""
-        return register_rig_rotation(images, self.before, self._params)
+        return register_rig_rotation(images, self.images, self._params)
 
     def refine(self, images: Sequence[RigImage], T_before_now: SE3) -> SE3 | None:
         """Return a measured rotation where the images do not support a predicted motion but do support that one."""
-        found = mismatch(images, self.before, T_before_now)
-        if found is None:
+        predicted = measure_mismatch(images, self.images, T_before_now)
+        if predicted is None:
             return None
-        is_supported = self._usual is not None and found <= MAX_RATIO * self._usual + FLOOR
-        measured = None if is_supported else self.measure(images)
-        left = found if measured is None else mismatch(images, self.before, measured)
-        if left is None or left > GAIN * found:
-            measured, left = None, found
-        self._usual = left if self._usual is None else KEPT * self._usual + (1.0 - KEPT) * left
+        limit = None if self._usual is None else MAX_MISMATCH_RATIO * self._usual + MISMATCH_FLOOR
+        measured = None if limit is not None and predicted <= limit else self.measure(images)
+        residual = predicted if measured is None else measure_mismatch(images, self.images, measured)
+        if residual is None or residual > MAX_ROTATION_MISMATCH * predicted:
+            measured, residual = None, predicted
+        usual, weight = self._usual, IMAGE_FORGETTING
+        self._usual = residual if usual is None else weight * usual + (1.0 - weight) * residual
         return measured
 
 
-def mismatch(now: Sequence[RigImage], before: Sequence[RigImage], T_before_now: SE3) -> float | None:
+def measure_mismatch(now: Sequence[RigImage], before: Sequence[RigImage], T_before_now: SE3) -> float | None:
     """Return one minus the correlation of images and the ones before, turned by the rotation of a motion of the body.
 
     At the coarsest level, by the first camera that has both images; None where none has, or too little is seen.

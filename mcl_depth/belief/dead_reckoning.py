@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import compose_planar, planar_pose, relative_motion
-from mcl_depth.params import InputParams, MotionParams
+from mcl_depth.params import MclInputParams, MotionParams
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 MIN_TURN = np.radians(3.0)  # an image turned by this tells something new, wherever it was taken
 
 
 class DeadReckoning:
     """Remembers the confirmed place and what odometry said there; a doubtful image changes neither."""
 
-    def __init__(self, params: InputParams, motion: MotionParams) -> None:
+    def __init__(self, params: MclInputParams, motion: MotionParams) -> None:
         self._params, self._noise = params, motion
         self.reset()
 

@@ -12,9 +12,9 @@ from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.particles import Particles
 from mcl_depth.likeness.similarity_cache import Comparison
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import Status
 
-Array = NDArray[np.float64]
 MAP_M, HEADING = 0.10, np.radians(1.0)  # errors that particles do not tell: of map and synthesis, and of the heading
 HEIGHT_M, TILT = 0.10, np.radians(1.0)  # of the height above the ground, and of roll and pitch
 
@@ -62,13 +62,13 @@ class Estimate:
     belief: Belief | None = None
 
 
-def pose_of(pose: Array, height: float) -> SE3:
+def level_pose(pose: Array, height: float) -> SE3:
     """Return T_map_level from x, y, yaw and the height of the camera in the map."""
     planar = SE3.from_planar(*(float(value) for value in pose))
     return SE3.from_parts(planar.rotation, [*planar.translation[:2], height])
 
 
-def covariance_of(covariance: Array, yaw: float) -> Array:
+def pose_covariance(covariance: Array, yaw: float) -> Array:
     """Return the local covariance (6, 6) from that of x, y, yaw (3, 3) in the map's axes, with what particles omit."""
     R = np.array([[np.cos(yaw), np.sin(yaw), 0.0], [-np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
     local = R @ covariance @ R.T

@@ -2,7 +2,7 @@
 
 A belief looks healthy in a map that it is not in: some place always fits best, and particles gather there. What tells
 is how well the rest of the map fits the same images. So each image is compared with every cell
-(`likeness/matched_filter.py`, or `likeness/gradient_correlation.py`), and these fields are summed along odometry
+(`likeness/matched_filter.py`, or `likeness/partial_filter.py`), and these fields are summed along odometry
 (`joint_evidence.py`). The best place of the map is then held against the map's own other maxima. If the images had
 nothing to do with the map, all of them would be draws of one extreme-value (Gumbel) tail, which falls exponentially:
 the gaps between its largest values, times their rank, are independent and of one exponential distribution (Renyi 1953),
@@ -28,12 +28,11 @@ from mcl_depth.belief.kernels import is_maximum
 from mcl_depth.belief.motion_model import planar_pose
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.belief.watch import Trial, Watch, excess
+from mcl_depth.belief.watch import CusumTest, WaldTest, excess
 from mcl_depth.likeness.matched_filter import MIN_PLACES
 from mcl_depth.likeness.similarity_cache import Comparison
 from sphere_nav.geometry import SE3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 LOCAL_M = 7.5  # across the neighbourhood whose mean is taken off: along a street all places look alike
 PATCH = 11  # cells across what a held place is watched in
@@ -89,7 +88,7 @@ class Evidence:
         self._grid, self._max_chance = grid, max_chance
         self._is_small = len(grid.positions) < MIN_PLACES
         self._joint, self._mirrored = (JointEvidence(grid.edge, grid.diagonal) for _ in range(2))
-        self._watch = Watch()
+        self._watch = CusumTest()
         self.reset()
 
     def reset(self, *, is_given: bool = False) -> None:
@@ -97,7 +96,7 @@ class Evidence:
         self._joint.reset()
         self._mirrored.reset()
         self._watch.reset()
-        self._trial = Trial() if is_given else None
+        self._trial = WaldTest() if is_given else None
 
     @property
     def is_on_trial(self) -> bool:
@@ -122,7 +121,7 @@ class Evidence:
         self._add_to(self._watch, comparison, pose)
         return self._watch.p_chance(self._max_chance)
 
-    def _add_to(self, test: Watch | Trial, comparison: Comparison, pose: Array) -> None:
+    def _add_to(self, test: CusumTest | WaldTest, comparison: Comparison, pose: Array) -> None:
         """Tell a test how far a pose (3,) stands out in an image, where the map has enough around it."""
         rows = self._grid.rows_around(pose, PATCH // 2)
         is_there = rows >= 0
@@ -149,11 +148,11 @@ class Evidence:
         self, joint: JointEvidence, comparison: Comparison, odometry: Array | None
     ) -> tuple[Field, NDArray[np.int64], Array]:
         """Add an image to a sum; return it with its maxima and their values."""
-        total = joint.add(standardise(comparison.survey(self._grid.positions), self._grid), odometry)
+        total = joint.add(standardize(comparison.survey(self._grid.positions), self._grid), odometry)
         return total, *find_maxima(total, self._grid.mask)
 
 
-def standardise(curves: NDArray[np.float32], grid: SurveyGrid) -> Field:
+def standardize(curves: NDArray[np.float32], grid: SurveyGrid) -> Field:
     """Return the field of one image from curves (K, A) of the grid's positions.
 
     By how many standard deviations a heading at a cell exceeds the mean of all headings there and of the same heading

@@ -14,8 +14,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mcl_depth.belief.particles import Particles, wrap_angle
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_IMAGES = 5000  # that are remembered; 40 kB each with 1000 particles
 
 
@@ -71,11 +71,6 @@ class Hypothesis:
     def sigma_rad(self) -> float:
         """Standard deviation of the heading."""
         return float(np.sqrt(self.covariance[2, 2]))
-
-    def mean_of(self, values: Array, particles: Particles) -> float:
-        """Return the mean by weight of values (N,) over its particles."""
-        weights = particles.weights[self.members]
-        return float(weights @ values[self.members] / max(float(weights.sum()), 1e-300))
 
 
 def find_hypotheses(particles: Particles) -> list[Hypothesis]:

@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 
 from mcl_depth.belief.kernels import relax, shift_headings
 from mcl_depth.belief.motion_model import relative_motion
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 Field = NDArray[np.float32]  # (A, X, Y) by heading and cell
 
 FORGETTING = np.float32(0.97)  # of what was known, with every image that counts in full: some thirty of them count

@@ -5,13 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.params import MotionParams
 from sphere_nav.geometry import SE3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 
 @dataclass(frozen=True)

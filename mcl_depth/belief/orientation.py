@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.belief.particles import Particles, wrap_angle
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 NUM_YOUNG = 2  # images after which a particle keeps its own heading
 SPREAD = np.radians(3.0)  # standard deviation left in an assigned heading
 

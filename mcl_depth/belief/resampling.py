@@ -1,4 +1,4 @@
-"""Which particles live on: effective size, low-variance sampling, and how many are needed (KLD)."""
+"""Weights of particles by their similarities, w = s ** lambda (N17 section III-C), and which particles live on."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.belief.orientation import NUM_YOUNG
 from mcl_depth.belief.particles import Particles
+from sphere_nav.geometry.arrays import Array
 
 Indices = NDArray[np.int64]
 EFFECTIVE_SHARE = 0.5  # resample when fewer than this share of the particles carry the belief
@@ -14,6 +15,10 @@ MIN_PARTICLES = 300
 BIN_M, BIN_RAD = 0.25, np.radians(10.0)  # of position and heading
 KLD_ERROR, KLD_Z = 0.03, 2.33  # largest error of the belief, and the normal quantile of its probability
 ROUGHENING = 0.3  # spread of copies of young particles, by the distance of particles at the start
+EXPONENT = 20.0  # lambda (N17 table I)
+MIN_EFFECTIVE_SHARE = 0.1  # of the particles that survive one image: lambda is lowered for it
+CHANCE = 4.0 / np.pi  # similarity of images that have nothing to do with each other: E|c| = 2 / pi, twice (eq. 2)
+SEARCH_STEPS = 24  # halvings of the interval of lambda: 1e-7 of it
 
 
 def low_variance_indices(weights: NDArray[np.float64], count: int, start: float) -> Indices:
@@ -62,3 +67,43 @@ def _roughen(particles: Particles, sigma: float, rng: np.random.Generator) -> Pa
     poses = particles.poses.copy()
     poses[is_young, :2] += sigma * rng.standard_normal((int(is_young.sum()), 2))
     return particles.with_poses(poses)
+
+
+def scale_similarities(similarities: Array) -> Array:
+    """Scale similarities (N,) so that the largest is 1 and what chance gives, or less, is 0."""
+    high = float(similarities.max())
+    if not high > CHANCE:
+        return np.ones(len(similarities))
+    return np.clip((similarities - CHANCE) / (high - CHANCE), 0.0, 1.0)
+
+
+def compute_weights(
+    similarities: Array, prior: Array, exponent: float = EXPONENT, min_effective_share: float = MIN_EFFECTIVE_SHARE
+) -> Array:
+    """Return weights (N,) of sum 1: `prior` times s ** lambda; all alike where nothing distinguishes them.
+
+    One picture alone may not decide between places that look alike: lambda is lowered until `min_effective_share` of
+    the particles carries the belief. Places off the map (s = 0) are not among them.
+    """
+    is_possible = similarities > 0.0
+    if is_possible.any():
+        prior = np.where(is_possible, prior, 0.0)
+    logs = np.log(np.maximum(scale_similarities(similarities), 1e-30))
+    wanted = min_effective_share * int(np.count_nonzero(is_possible))
+    if wanted > 0.0 and _effective(exponent * logs, prior) < wanted:
+        low, high = 0.0, exponent
+        for _ in range(SEARCH_STEPS):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if _effective(middle * logs, prior) > wanted else (low, middle)
+        exponent = low
+    return _normalize(exponent * logs, prior)
+
+
+def _normalize(logs: Array, prior: Array) -> Array:
+    result = prior * np.exp(logs - logs.max())
+    total = float(result.sum())
+    return result / total if total > 0.0 else np.full(len(result), 1.0 / len(result))
+
+
+def _effective(logs: Array, prior: Array) -> float:
+    return float(1.0 / np.sum(_normalize(logs, prior) ** 2))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from mcl_depth.belief.evidence import Survey
 from mcl_depth.belief.motion_model import planar_pose
@@ -11,8 +10,8 @@ from mcl_depth.belief.orientation import NUM_YOUNG
 from mcl_depth.belief.particles import Particles, wrap_angle
 from mcl_depth.geometry.area import Area
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 MIN_SIGMA_M, MIN_SIGMA_RAD = 0.1, np.radians(2.0)  # of a pose that is given as if it were exact
 NEW_SHARE = 0.3  # of the particles that begin anew while no place is held
 NEW_SIGMA_M, NEW_SIGMA_RAD = 0.3, np.radians(5.0)  # around the places of a survey: half a cell, half a step

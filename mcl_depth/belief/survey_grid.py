@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.likeness.depth_map import DepthMap
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 MAX_CELLS = 20_000  # compared with one image; of a larger map every second, third ... cell
 
 

@@ -15,7 +15,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
 Patch = NDArray[np.float32]
 
 CELLS, HEADINGS = 1, 1  # around the held place that count as that place
@@ -45,7 +44,7 @@ def excess(patch: Patch, heading: int) -> float:
     return float((best[heading] - others.mean()) / max(float(others.std()), 1e-9))
 
 
-class Watch:
+class CusumTest:
     """The cumulative sum for a held place."""
 
     def __init__(self) -> None:
@@ -72,7 +71,7 @@ class Watch:
         return float(odds / (1.0 + odds))
 
 
-class Trial:
+class WaldTest:
     """Wald's test of a place that was given: right or not, until one of them is as sure as is asked."""
 
     def __init__(self) -> None:

@@ -10,8 +10,8 @@ from scipy.ndimage import label
 from scipy.spatial import cKDTree
 
 from mcl_depth.params import AreaParams
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 BODY = 0.3  # points this far above or below the camera are in its way, m
 MAX_CELLS = 50_000_000
 
@@ -30,12 +30,6 @@ class Area:
         places = (rng.random() + np.arange(count)) / count * len(self.middles)
         chosen = self.middles[np.minimum(places.astype(np.int64), len(self.middles) - 1)]
         return chosen + (rng.random((count, 2)) - 0.5) * self.step
-
-    def scattered(self, count: int) -> Array:
-        """Return at most `count` middles from all over, in an order that jumps about, (K, 2)."""
-        count = min(count, len(self.middles))
-        picks = np.linspace(0, len(self.middles) - 1, count).round().astype(np.int64)
-        return self.middles[np.random.default_rng(0).permutation(picks)]
 
     def contains(self, positions: Array) -> NDArray[np.bool_]:
         """Return which positions (N, 2) lie in one of the squares, or beside one."""

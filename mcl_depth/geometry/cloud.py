@@ -70,19 +70,19 @@ def _lonely_share(points: NDArray[np.floating]) -> float:
 
 
 def thin_cloud(
-    cloud: Cloud, voxel_m: float, centre: ArrayLike | None = None, pixel_rad: float = np.radians(1.0)
+    cloud: Cloud, voxel_m: float, center: ArrayLike | None = None, pixel_rad: float = np.radians(1.0)
 ) -> Cloud:
     """Keep the mean of the points of every cube of side `voxel_m`.
 
-    With `centre` (3,) the cubes grow with the distance from it, by powers of two, as far as they stay within a pixel
+    With `center` (3,) the cubes grow with the distance from it, by powers of two, as far as they stay within a pixel
     of `pixel_rad`.
     """
     if not voxel_m > 0:
         raise ValueError(f"voxel: expected a side above 0 m, found {voxel_m:g}")
     points = cloud.points.astype(np.float64)
     level = np.zeros(len(points))
-    if centre is not None:
-        width = np.linalg.norm(points - np.asarray(centre, np.float64), axis=1) * pixel_rad
+    if center is not None:
+        width = np.linalg.norm(points - np.asarray(center, np.float64), axis=1) * pixel_rad
         level = np.floor(np.log2(np.maximum(width / voxel_m, 1.0)))
     cubes = np.floor((points - points.min(axis=0)) / (voxel_m * 2.0**level)[:, None]).astype(np.int64)
     keys = np.ravel_multi_index((*cubes.T, level.astype(np.int64)), (*(cubes.max(axis=0) + 1), int(level.max()) + 1))

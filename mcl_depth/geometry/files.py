@@ -14,7 +14,7 @@ from mcl_depth.geometry.las import read_las
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
 from mcl_depth.geometry.pcd import read_pcd
 from mcl_depth.geometry.ply import read_ply
-from sphere_nav.geometry.files.text_file import open_file
+from sphere_nav.geometry.files.untrusted import open_file
 
 NPY_MAGIC = b"\x93NUMPY"
 MAX_BYTES = 1 << 32

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
-from sphere_nav.geometry.files.fields import number, short
-from sphere_nav.geometry.files.text_file import read_text
+from sphere_nav.geometry.files.untrusted import number, read_text, short
 
 KINDS = ("wall", "door", "window", "opening")
 CUT = ("door", "opening")  # windows stay: what is behind them is not in the plan
@@ -32,7 +31,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Surface:
+class WallSurface:
     """An upright rectangle: foot from start to end (2,) in m, between two heights."""
 
     kind: str
@@ -45,7 +44,7 @@ class Surface:
 
 def read_floor_plan(path: Path) -> TriangleMesh:
     """Read a floor plan as a mesh."""
-    surfaces = list(_surfaces(path))
+    surfaces = list(read_surfaces(path))
     triangles = [corners for room in dict.fromkeys(item.room for item in surfaces) for corners in _room(surfaces, room)]
     if not triangles:
         raise ValueError(f"{path}: expected at least one wall, found none")
@@ -53,24 +52,8 @@ def read_floor_plan(path: Path) -> TriangleMesh:
     return mesh_from_faces(vertices, np.arange(len(vertices)).reshape(-1, 3), str(path))
 
 
-def rooms_of(path: Path) -> dict[str, list[Floats]]:
-    """Return the closed rings (N, 2) of wall corners in m of each room."""
-    surfaces = list(_surfaces(path))
-    names = dict.fromkeys(item.room for item in surfaces)
-    return {room: _rings([s for s in surfaces if s.room == room and s.kind == "wall"]) for room in names}
-
-
-def is_inside(places: Floats, ring: Floats) -> NDArray[np.bool_]:
-    """Return which places (N, 2) lie inside a ring (M, 2)."""
-    x, y = places[:, :1], places[:, 1:]
-    (x0, y0), (x1, y1) = ring.T, np.roll(ring, -1, axis=0).T
-    crosses = (y0 > y) != (y1 > y)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        is_right = x < (x1 - x0) * (y - y0) / (y1 - y0) + x0
-    return np.count_nonzero(crosses & is_right, axis=1) % 2 == 1
-
-
-def _surfaces(path: Path) -> Iterator[Surface]:
+def read_surfaces(path: Path) -> Iterator[WallSurface]:
+    """Yield the surfaces of a table; ValueError in one line."""
     lines = read_text(path, "floor plan", errors="replace").split("\n")
     table = csv.DictReader(line for line in lines if not line.startswith("#"))
     try:
@@ -84,29 +67,29 @@ def _surfaces(path: Path) -> Iterator[Surface]:
         raise ValueError(f"{path}: expected a table, found {error}") from None
 
 
-def _surface(where: str, row: dict[str, str]) -> Surface:
+def _surface(where: str, row: dict[str, str]) -> WallSurface:
     if row["kind"] not in KINDS:
         raise ValueError(f"{where}: kind: expected one of {', '.join(KINDS)}, found {short(row['kind'])}")
     x0, y0, x1, y1, bottom, top = (number(row[name], f"{where}: {name}") for name in NUMBERS)
     if top < bottom:
         raise ValueError(f"{where}: expected z_top above z_bottom, found {bottom:g} to {top:g}")
-    return Surface(row["kind"], row["complete_room"] or "", np.array([x0, y0]), np.array([x1, y1]), bottom, top)
+    return WallSurface(row["kind"], row["complete_room"] or "", np.array([x0, y0]), np.array([x1, y1]), bottom, top)
 
 
-def _room(surfaces: list[Surface], room: str) -> Iterator[Floats]:
+def _room(surfaces: list[WallSurface], room: str) -> Iterator[Floats]:
     """Yield triangles (3, 3) of the walls, the floors and the ceilings of a room."""
     own = [item for item in surfaces if item.room == room]
     walls = [item for item in own if item.kind == "wall"]
     holes = [item for item in own if item.kind in CUT]
     for wall in walls:
         yield from _wall(wall, holes)
-    for ring in _rings(walls):
+    for ring in rings_of(walls):
         for triangle in _triangles(ring):
             for z in (min(wall.bottom for wall in walls), max(wall.top for wall in walls)):
                 yield np.column_stack([ring[triangle], np.full(3, z)])
 
 
-def _wall(wall: Surface, holes: list[Surface]) -> Iterator[Floats]:
+def _wall(wall: WallSurface, holes: list[WallSurface]) -> Iterator[Floats]:
     """Yield the triangles of a wall without its holes, as a grid of rectangles between all their edges."""
     length = float(np.linalg.norm(wall.end - wall.start))
     if length < MIN_PIECE:
@@ -124,7 +107,9 @@ def _wall(wall: Surface, holes: list[Surface]) -> Iterator[Floats]:
                 yield np.array([(*a, z0), (*b, z1), (*a, z1)])
 
 
-def _cut(wall: Surface, along: Floats, length: float, hole: Surface) -> tuple[float, float, float, float] | None:
+def _cut(
+    wall: WallSurface, along: Floats, length: float, hole: WallSurface
+) -> tuple[float, float, float, float] | None:
     """Return where (from, to, bottom, top) a hole cuts a wall, None where it belongs to another one."""
     across = np.array([-along[1], along[0]])
     ends = np.stack([hole.start, hole.end]) - wall.start
@@ -136,9 +121,9 @@ def _cut(wall: Surface, along: Floats, length: float, hole: Surface) -> tuple[fl
     return (float(first), float(last), bottom, top) if last - first > MIN_PIECE and top > bottom else None
 
 
-def _rings(walls: list[Surface]) -> list[Floats]:
+def rings_of(walls: list[WallSurface]) -> list[Floats]:
     """Return the closed rings (N, 2) that consecutive walls form."""
-    rings, open_ring = [], list[Surface]()
+    rings, open_ring = [], list[WallSurface]()
     for wall in walls:
         if open_ring and np.abs(open_ring[-1].end - wall.start).max() > SAME_CORNER:
             open_ring = []

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
+
 STEP = 0.5  # m, side of a square of the grid
 REACH = 1.5  # m, from a square without points to one with, that lends its height
 MAX_SQUARES = 50_000_000

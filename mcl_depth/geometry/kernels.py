@@ -43,7 +43,7 @@ def arctangent2(y, x):
 
 
 @njit(**OPTIONS)
-def _is_outside(box, px, py, pz, limits, min_range, max_range):
+def _is_outside(box, px, py, pz, limits, max_range):
     """Return whether a box (6,) is out of range or above or below the picture, and its distance in m."""
     dx = max(box[0] - px, px - box[3], 0.0)
     dy = max(box[1] - py, py - box[4], 0.0)
@@ -118,7 +118,7 @@ def _draw(position, points, tiles, boxes, voxels, num_roots, window, limits, coa
     while height > 0:
         height -= 1
         tile = stack[height]
-        outside, distance = _is_outside(boxes[tile], px, py, pz, limits, reach[0], reach[1])
+        outside, distance = _is_outside(boxes[tile], px, py, pz, limits, reach[1])
         if outside:
             continue
         first, end, child, end_child = tiles[tile, 0], tiles[tile, 1], tiles[tile, 2], tiles[tile, 3]

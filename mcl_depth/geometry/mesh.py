@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points
 from mcl_depth.image_params import SynthesisParams
 from sphere_nav.geometry import Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 Image = NDArray[np.float32]
 NO_HIT = -1
@@ -29,7 +29,7 @@ class RayScene:
     def __init__(self, mesh: TriangleMesh, camera: Spherical, params: SynthesisParams) -> None:
         self._params = params
         self._shape = (camera.height, camera.width)
-        self._rays = np.ascontiguousarray(camera.unproject(pixel_grid(camera)).reshape(-1, 3), np.float32)
+        self._rays = np.ascontiguousarray(pixel_rays(camera).reshape(-1, 3), np.float32)
         self._scene = EmbreeScene(robust=True)
         self._keep = EmbreeMesh(self._scene, mesh.vertices[mesh.triangles])
         self._scene.run(np.zeros((1, 3), np.float32), np.ones((1, 3), np.float32))  # builds the tree, not thread-safe

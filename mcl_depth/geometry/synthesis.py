@@ -12,12 +12,10 @@ from mcl_depth.geometry.columns.voxel_map import voxel_map
 from mcl_depth.geometry.columns.walker import Walker
 from mcl_depth.geometry.mesh import RayScene, TriangleMesh
 from mcl_depth.geometry.point_index import PointIndex
-from mcl_depth.image_params import ComparisonParams, SynthesisParams
-from mcl_depth.likeness.features import FeatureStack, depth_features_many
+from mcl_depth.image_params import SynthesisParams
 from sphere_nav.geometry import Spherical
 
 Image = NDArray[np.float32]
-BATCH = 64  # panoramas in memory at once while their features are made
 MIN_DENSE_SHARE = 0.5  # of the voxels that must be pieces of surfaces for columns to show what splats show
 
 
@@ -52,26 +50,12 @@ class DepthSynthesizer:
         """What draws; made when the first panorama is asked for: a map whose panoramas are on disk needs none."""
         return _scene(self._geometry, self.camera, self.params, self._drawing)
 
-    def synthesize(self, position_map: ArrayLike) -> Image:
-        """Return the range (H, W) in m around a place (3,) in the map; NaN where the map says nothing."""
-        return self.synthesize_many(np.asarray(position_map, np.float64)[None])[0]
-
     def synthesize_many(self, positions_map: ArrayLike) -> Image:
         """Return ranges (M, H, W) in m around places (M, 3); in parallel."""
         positions = np.asarray(positions_map, np.float64)
         if positions.ndim != 2 or positions.shape[1] != 3 or not np.all(np.isfinite(positions)):
             raise ValueError(f"positions: expected finite (M, 3), found shape {positions.shape}")
         return self._scene.ranges(positions)
-
-    def features_many(self, positions_map: ArrayLike, params: ComparisonParams) -> FeatureStack:
-        """Return the features of the panoramas at places (M, 3), a few panoramas in memory at a time."""
-        positions = np.asarray(positions_map, np.float64)
-        size = (self.camera.height, self.camera.width)
-        stack = FeatureStack.empty(len(positions), *size)
-        for first in range(0, len(positions), BATCH):
-            part = slice(first, first + BATCH)
-            stack.put(part, depth_features_many(self.synthesize_many(positions[part]), params))
-        return stack
 
 
 def _scene(

@@ -6,14 +6,16 @@ s = sum |c| (|Gv| + |Gd|). A pixel without a gradient in one of the images count
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.likeness import kernels
-from mcl_depth.likeness.compass import Heading, heading
 from mcl_depth.likeness.features import (
-    Features,
     FeatureStack,
+    GradientFeatures,
     depth_features,
     depth_features_many,
     stack_features,
@@ -22,7 +24,7 @@ from mcl_depth.likeness.features import (
 
 __all__ = [
     "FeatureStack",
-    "Features",
+    "GradientFeatures",
     "Heading",
     "check_headings",
     "depth_features",
@@ -36,6 +38,7 @@ __all__ = [
 ]
 
 Similarities = NDArray[np.float32]
+APART = np.radians(20.0)  # a rotation farther from the best one than this is another answer
 
 
 def num_alpha_for(step_deg: float) -> int:
@@ -54,7 +57,7 @@ def check_headings(step_deg: float, num_columns: int) -> None:
         raise ValueError(f"alpha step: expected a multiple of a column, {column:g} deg, found {step_deg:g} deg")
 
 
-def similarity(visual: Features, depth: Features, num_alpha: int) -> Similarities:
+def similarity(visual: GradientFeatures, depth: GradientFeatures, num_alpha: int) -> Similarities:
     """Return eq. 2 for all headings, (num_alpha,).
 
     s[i] belongs to the heading alpha_i = i * 2 pi / num_alpha of the camera in the map: the angle, to the left, from
@@ -63,11 +66,11 @@ def similarity(visual: Features, depth: Features, num_alpha: int) -> Similaritie
     """
     _check(visual, depth.shape, num_alpha)
     arrays = (visual.x, visual.y, visual.magnitude, _seen(visual))
-    return kernels.similarity(*arrays, depth.x, depth.y, depth.magnitude, num_alpha)
+    return kernels.compare_headings(*arrays, depth.x, depth.y, depth.magnitude, num_alpha)
 
 
 def similarity_many(
-    visual: Features, stack: FeatureStack, num_alpha: int, indices: NDArray[np.integer] | None = None
+    visual: GradientFeatures, stack: FeatureStack, num_alpha: int, indices: NDArray[np.integer] | None = None
 ) -> Similarities:
     """Return eq. 2 for M panoramas of a stack (all, or those of `indices`) and all headings, (M, num_alpha)."""
     _check(visual, stack.directions.shape[1:], num_alpha)
@@ -76,16 +79,53 @@ def similarity_many(
         raise ValueError(f"indices: expected 0 to {len(stack) - 1}, found {chosen.min()} to {chosen.max()}")
     arrays = (visual.x, visual.y, visual.magnitude, _seen(visual))
     coded = (stack.directions, stack.magnitudes, stack.scales)
-    return kernels.similarity_many(*arrays, *coded, chosen.astype(np.int64), num_alpha)
+    return kernels.compare_headings_many(*arrays, *coded, chosen.astype(np.int64), num_alpha)
 
 
-def _seen(visual: Features) -> NDArray[np.float32]:
+def _seen(visual: GradientFeatures) -> NDArray[np.float32]:
     """Return 1 where a pixel is seen, (H, W); an empty array where all are."""
     return np.zeros((0, 0), np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
 
 
-def _check(visual: Features, shape: tuple[int, ...], num_alpha: int) -> None:
+def _check(visual: GradientFeatures, shape: tuple[int, ...], num_alpha: int) -> None:
     if visual.shape != tuple(shape):
         raise ValueError(f"depth image: expected the size of the visual image {visual.shape}, found {tuple(shape)}")
     if num_alpha < 1 or visual.shape[1] % num_alpha:
         raise ValueError(f"num_alpha: expected a divisor of the {visual.shape[1]} columns, found {num_alpha}")
+
+
+@dataclass(frozen=True)
+class Heading:
+    """The camera's heading in the map in radians in (-pi, pi], and how far it can be trusted.
+
+    similarity: of the best rotation. contrast: (best - mean) / standard deviation over all rotations.
+    margin: (best - best of the other answers) / (best - mean), 0 (two answers) to about 1 (one).
+    """
+
+    yaw: float
+    similarity: float
+    contrast: float
+    margin: float
+
+
+def heading(similarities: NDArray[np.float32]) -> Heading:
+    """Return the heading of similarities (num_alpha,) of eq. 2, between the steps by a parabola through three."""
+    s = np.asarray(similarities, np.float64)
+    if s.ndim != 1 or s.size < 3 or not np.all(np.isfinite(s)):
+        raise ValueError(f"similarities: expected at least 3 finite numbers, found {s.shape}")
+    step = 2 * np.pi / s.size
+    best = int(np.argmax(s))
+    before, peak, after = s[best - 1], s[best], s[(best + 1) % s.size]
+    curvature = before - 2 * peak + after
+    between = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
+    away = np.abs(_wrap((np.arange(s.size) - best) * step)) > max(APART, 1.5 * step)
+    rise, spread = peak - s.mean(), s.std()
+    if rise <= 0 or not away.any():
+        return Heading(float(_wrap(np.array(best * step))), float(peak), 0.0, 0.0)
+    yaw = float(_wrap(np.array((best + between) * step)))
+    return Heading(yaw, float(peak), float(rise / spread), float((peak - s[away].max()) / rise))
+
+
+def _wrap(angles: NDArray[Any]) -> NDArray[Any]:
+    """Return angles in (-pi, pi]."""
+    return -((-angles + np.pi) % (2 * np.pi) - np.pi)

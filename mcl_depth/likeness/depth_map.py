@@ -14,14 +14,13 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.likeness.comparison import Features, FeatureStack, depth_features_many, similarity_many
+from mcl_depth.likeness.comparison import FeatureStack, GradientFeatures, depth_features_many, similarity_many
 from mcl_depth.likeness.depth_cache import Cell, DepthCache
 from mcl_depth.likeness.matched_filter import MatchedFilter, correlate_part
 from mcl_depth.likeness.partial_filter import PartialFilter
 from mcl_depth.params import FilterParams
 from sphere_nav.geometry import Spherical
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 
 class Synthesizer(Protocol):
@@ -40,7 +39,7 @@ class Synthesizer(Protocol):
 BATCH = 64  # depth images made at once
 SAVE_EVERY = 2048  # depth images that an interruption may lose
 Kind = TypeVar("Kind", MatchedFilter, PartialFilter)
-Compare = Callable[[Features, FeatureStack, int, NDArray[np.int64]], NDArray[np.float32]]
+Compare = Callable[[GradientFeatures, FeatureStack, int, NDArray[np.int64]], NDArray[np.float32]]
 Heights = Callable[[Array], Array]  # (N, 2) m -> height of the ground (N,) m, NaN where there is none
 
 
@@ -89,11 +88,11 @@ class DepthMap:
         middles = self._middles([(int(x), int(y)) for x, y in self.cells(position[None, :2])])
         return None if np.isnan(middles[0, 2]) else self._synthesizer.synthesize_many(middles)[0]
 
-    def similarities(self, visual: Features, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
+    def similarities(self, visual: GradientFeatures, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
         """Return the similarity (N, num_headings) of an image with the depth images of cells; 0 without ground."""
         return self._compare(similarity_many, visual, cells, num_headings)
 
-    def correlations(self, visual: Features, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
+    def correlations(self, visual: GradientFeatures, cells: Sequence[Cell], num_headings: int) -> NDArray[np.float32]:
         """Return the correlation (N, num_headings) of a part of the sphere with them; 0 without ground."""
         return self._compare(correlate_part, visual, cells, num_headings)
 
@@ -151,7 +150,7 @@ class DepthMap:
             self.cache.save(self._folder)
 
     def _compare(
-        self, compare: Compare, visual: Features, cells: Sequence[Cell], num_headings: int
+        self, compare: Compare, visual: GradientFeatures, cells: Sequence[Cell], num_headings: int
     ) -> NDArray[np.float32]:
         curves = np.zeros((len(cells), num_headings), dtype=np.float32)
         for first in range(0, len(cells), self.cache.capacity):

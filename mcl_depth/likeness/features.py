@@ -22,7 +22,7 @@ FAR_M = 100.0  # range given to what is far
 
 
 @dataclass(frozen=True)
-class Features:
+class GradientFeatures:
     """Sobel gradients of one panorama; all arrays (H, W) float32, columns wrap around.
 
     x, y: unit direction of the gradient, (0, 0) where there is none or where the pixel is not seen.
@@ -40,11 +40,11 @@ class Features:
         return self.magnitude.shape[0], self.magnitude.shape[1]
 
     @property
-    def mirrored(self) -> Features:
+    def mirrored(self) -> GradientFeatures:
         """Those of the image whose left is right, ahead staying ahead."""
         x, y, magnitude = (np.ascontiguousarray(image[:, ::-1]) for image in (-self.x, self.y, self.magnitude))
         is_seen = None if self.is_seen is None else np.ascontiguousarray(self.is_seen[:, ::-1])
-        return Features(x, y, magnitude, is_seen)
+        return GradientFeatures(x, y, magnitude, is_seen)
 
 
 @dataclass(frozen=True)
@@ -86,27 +86,27 @@ class FeatureStack:
         self.scales[indices] = other.scales
 
 
-def visual_features(grey: Image, is_seen: Mask | None = None) -> Features:
+def visual_features(gray: Image, is_seen: Mask | None = None) -> GradientFeatures:
     """Return the gradients of a level panorama (H, W) of grey levels, magnitudes summing to 1.
 
     Pixels outside `is_seen` (H, W), and those whose gradient would touch one, count nothing.
     """
-    grey = _panorama(grey, "visual image")
-    if is_seen is not None and is_seen.shape != grey.shape:
-        raise ValueError(f"is_seen: expected shape {grey.shape}, found {is_seen.shape}")
+    gray = _panorama(gray, "visual image")
+    if is_seen is not None and is_seen.shape != gray.shape:
+        raise ValueError(f"is_seen: expected shape {gray.shape}, found {is_seen.shape}")
     if is_seen is not None and is_seen.all():
         is_seen = None
-    seen = np.ones(grey.shape, np.bool_) if is_seen is None else np.ascontiguousarray(is_seen)
-    seen = seen & np.isfinite(grey)
-    x, y, magnitude, inner = kernels.visual_gradients(np.where(seen, grey, np.float32(0)), seen)
-    return Features(x, y, magnitude, None if inner.all() else inner)
+    seen = np.ones(gray.shape, np.bool_) if is_seen is None else np.ascontiguousarray(is_seen)
+    seen = seen & np.isfinite(gray)
+    x, y, magnitude, inner = kernels.visual_gradients(np.where(seen, gray, np.float32(0)), seen)
+    return GradientFeatures(x, y, magnitude, None if inner.all() else inner)
 
 
-def depth_features(range_m: Image, params: ComparisonParams) -> Features:
+def depth_features(range_m: Image, params: ComparisonParams) -> GradientFeatures:
     """Return the gradients of a range panorama (H, W) in m after NaN interpolation and LCN (eq. 1, algorithm 1)."""
     range_m = _panorama(range_m, "depth image")
     x, y, magnitude = kernels.depth_gradients(range_m, *_options(params, range_m.shape[1]))
-    return Features(x, y, magnitude)
+    return GradientFeatures(x, y, magnitude)
 
 
 def depth_features_many(ranges_m: Image, params: ComparisonParams) -> FeatureStack:
@@ -118,7 +118,7 @@ def depth_features_many(ranges_m: Image, params: ComparisonParams) -> FeatureSta
     return FeatureStack(parts[0], parts[1], parts[2])
 
 
-def stack_features(features: Sequence[Features]) -> FeatureStack:
+def stack_features(features: Sequence[GradientFeatures]) -> FeatureStack:
     """Return depth features of the same size as a stack."""
     if not features:
         raise ValueError("features: expected at least one panorama, found none")
@@ -127,7 +127,9 @@ def stack_features(features: Sequence[Features]) -> FeatureStack:
         raise ValueError("features: expected panoramas of one size, found several")
     stack = FeatureStack.empty(len(features), first.shape[0], first.shape[1])
     for i, item in enumerate(features):
-        stack.scales[i] = kernels.encode(item.x, item.y, item.magnitude, stack.directions[i], stack.magnitudes[i])
+        stack.scales[i] = kernels.encode_features(
+            item.x, item.y, item.magnitude, stack.directions[i], stack.magnitudes[i]
+        )
     return stack
 
 

@@ -60,7 +60,7 @@ def _box_sum(J, top, bottom, left, right):
 
 
 @njit(**OPTIONS)
-def fill_unknown(image):
+def fill_nan(image):
     """Replace NaN in image (H, W) by the mean of the smallest box around the pixel, of radius 2^n, that knows any."""
     H, W = image.shape
     known = np.empty((H, W), np.float32)
@@ -92,7 +92,7 @@ def fill_unknown(image):
 
 
 @njit(**OPTIONS)
-def normalise_contrast(image, k, min_sigma):
+def normalize_contrast(image, k, min_sigma):
     """Return (D - m) / sigma of every pixel's (2k + 1)^2 neighbourhood (eq. 1); image (H, W) without NaN."""
     H, W = image.shape
     J, J2 = np.empty((H + 1, W + 1)), np.empty((H + 1, W + 1))
@@ -160,9 +160,9 @@ def _to_unit(x, y, magnitude):
 
 
 @njit(**OPTIONS)
-def visual_gradients(grey, seen):
+def visual_gradients(gray, seen):
     """Return direction x, y, magnitude (H, W) f4 summing to 1, and which pixels (H, W) saw all that they used."""
-    H, W = grey.shape
+    H, W = gray.shape
     inner = np.empty((H, W), np.bool_)
     for y in range(H):
         for x in range(W):
@@ -173,7 +173,7 @@ def visual_gradients(grey, seen):
                     whole = whole and seen[row, c]
             inner[y, x] = whole
     gx, gy, magnitude = np.empty((H, W), np.float32), np.empty((H, W), np.float32), np.empty((H, W), np.float32)
-    _sobel(grey, gx, gy)
+    _sobel(gray, gx, gy)
     for y in range(H):
         for x in range(W):
             if not inner[y, x]:
@@ -204,8 +204,8 @@ def _bound(range_m, sky_far, far):
 def depth_gradients(range_m, sky_far, far, k, min_sigma):
     """Return direction x, y and magnitude (H, W) f4 of a range panorama (H, W) f4 in m."""
     image = _bound(range_m, sky_far, np.float32(far))
-    fill_unknown(image)
-    image = normalise_contrast(image, k, min_sigma)
+    fill_nan(image)
+    image = normalize_contrast(image, k, min_sigma)
     gx, gy, magnitude = np.empty_like(image), np.empty_like(image), np.empty_like(image)
     _sobel(image, gx, gy)
     _to_unit(gx, gy, magnitude)
@@ -213,7 +213,7 @@ def depth_gradients(range_m, sky_far, far, k, min_sigma):
 
 
 @njit(**OPTIONS)
-def encode(x, y, magnitude, directions, magnitudes):
+def encode_features(x, y, magnitude, directions, magnitudes):
     """Write features (H, W) in bytes; return the scale of the magnitudes."""
     H, W = x.shape
     largest = np.float32(0.0)
@@ -241,7 +241,7 @@ def encode_depth_many(ranges_m, sky_far, far, k, min_sigma):
     scales = np.empty(len(ranges_m), np.float32)
     for i in prange(len(ranges_m)):
         x, y, m = depth_gradients(ranges_m[i], sky_far, far, k, min_sigma)
-        scales[i] = encode(x, y, m, directions[i], magnitudes[i])
+        scales[i] = encode_features(x, y, m, directions[i], magnitudes[i])
     return directions, magnitudes, scales
 
 
@@ -294,7 +294,7 @@ def _join_terms(sums, share, out):
 
 
 @njit(**OPTIONS)
-def similarity(vx, vy, vm, seen, dx, dy, dm, num_alpha):
+def compare_headings(vx, vy, vm, seen, dx, dy, dm, num_alpha):
     """Return eq. 2 (num_alpha,) f4 of visual and depth features (H, W) f4; seen (H, W) f4, or empty for all."""
     H, W = vx.shape
     sums = np.zeros((num_alpha, 3))
@@ -314,7 +314,7 @@ def similarity(vx, vy, vm, seen, dx, dy, dm, num_alpha):
 
 
 @njit(parallel=True, **OPTIONS)
-def similarity_many(vx, vy, vm, seen, directions, magnitudes, scales, indices, num_alpha):
+def compare_headings_many(vx, vy, vm, seen, directions, magnitudes, scales, indices, num_alpha):
     """Return eq. 2 (M, num_alpha) f4 for the coded panoramas (N, H, W) of indices (M,)."""
     H, W = vx.shape
     out = np.empty((len(indices), num_alpha), np.float32)

@@ -27,18 +27,18 @@ def level_view(
     """
     if image.shape[:2] != (camera.height, camera.width):
         raise ValueError(f"image: expected {camera.width} x {camera.height}, found {image.shape[1::-1]}")
-    grey = _grey(image)
-    while camera.pixels_per_radian > SHRINK * target.pixels_per_radian and not (grey.shape[0] % 2 or grey.shape[1] % 2):
-        grey = cv2.resize(grey, (grey.shape[1] // 2, grey.shape[0] // 2), interpolation=cv2.INTER_AREA)
+    gray = _gray(image)
+    while camera.pixels_per_radian > SHRINK * target.pixels_per_radian and not (gray.shape[0] % 2 or gray.shape[1] % 2):
+        gray = cv2.resize(gray, (gray.shape[1] // 2, gray.shape[0] // 2), interpolation=cv2.INTER_AREA)
         camera = camera.halve()
     around = isinstance(camera, Spherical) and camera.width == camera.full_width
     if around:  # one more column on either side, so that the seam is interpolated
-        grey = np.hstack([grey[:, -1:], grey, grey[:, :1]])
+        gray = np.hstack([gray[:, -1:], gray, gray[:, :1]])
     maps, is_seen = _maps(camera, np.asarray(rotation, np.float64).tobytes(), target)
     total = np.zeros(is_seen.shape, np.float32)
     shift = np.float32(1.0 if around else 0.0)
     for u, v in maps:
-        total += cv2.remap(grey, u + shift, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        total += cv2.remap(gray, u + shift, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.where(is_seen, total / SAMPLES**2, np.float32(0.0)).astype(np.float32), is_seen.copy()
 
 
@@ -66,7 +66,7 @@ def _rays(target: Spherical) -> list[NDArray[np.float64]]:
     return [target.unproject(grid + np.array([du, dv])) for du in offsets for dv in offsets]
 
 
-def _grey(image: NDArray[np.generic]) -> Image:
+def _gray(image: NDArray[np.generic]) -> Image:
     if image.ndim == 3:
         return (image[..., :3].astype(np.float32) @ np.array([0.299, 0.587, 0.114], np.float32)).astype(np.float32)
     return np.ascontiguousarray(image, np.float32)

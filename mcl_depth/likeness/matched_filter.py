@@ -28,7 +28,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.likeness import kernels
 from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
-from mcl_depth.likeness.features import Features, FeatureStack
+from mcl_depth.likeness.features import FeatureStack, GradientFeatures
 from mcl_depth.likeness.kernels import NO_DIRECTION
 from mcl_depth.likeness.spectra import (
     BATCH,
@@ -39,18 +39,20 @@ from mcl_depth.likeness.spectra import (
     Image,
     Spectra,
     correlate,
-    covariance_of,
-    encode,
+    encode_spectra,
     magnitudes_of,
-    sample,
+    sample_slots,
     scales_of,
     spectra_of,
+    spectral_covariance,
 )
 
 MIN_SHARE = 0.1  # of the depth gradients that are expected in view: a view of next to nothing is taken to have these
 
 
-def correlate_part(visual: Features, stack: FeatureStack, num_alpha: int, indices: NDArray[np.integer]) -> Curves:
+def correlate_part(
+    visual: GradientFeatures, stack: FeatureStack, num_alpha: int, indices: NDArray[np.integer]
+) -> Curves:
     """Return the correlation, -1 to 1, of an image with the panoramas of `indices` for all headings, (M, num_alpha).
 
     Headings are those of eq. 2 (`comparison.similarity`).
@@ -62,16 +64,15 @@ def correlate_part(visual: Features, stack: FeatureStack, num_alpha: int, indice
     return found
 
 
-def double_gradients(visual: Features) -> Image:
+def double_gradients(visual: GradientFeatures) -> Image:
     """Return the gradients of an image with their angles doubled (2, H, W), their squares summing to 1."""
     both = [visual.magnitude * (visual.x**2 - visual.y**2), visual.magnitude * (2.0 * visual.x * visual.y)]
     doubled = np.stack(both).astype(np.float32)
-    normalised: Image = doubled / np.float32(max(float(np.sqrt(np.sum(doubled**2))), 1e-12))
-    return normalised
+    normalized: Image = doubled / np.float32(max(float(np.sqrt(np.sum(doubled**2))), 1e-12))
+    return normalized
 
 
 ARRAYS = ("codes", "scales", "inverses")
-NUM_PICTURES = 6
 BARE_SHARE = np.float32(1.5)  # 2/pi by 4/(3 pi): the first term of the series by the second
 FREQUENCIES = range(1, 37)  # over azimuth: structure down to ten degrees
 SHRINKAGE = 4.0  # of the covariance towards one of equal variances
@@ -96,9 +97,9 @@ class MatchedFilter:
     @classmethod
     def of(cls, stack: FeatureStack, slots: NDArray[np.integer]) -> MatchedFilter:
         """Return the filter for the cells whose features are in `slots` (N,) of a stack; -1 fits nothing."""
-        samples = np.concatenate(list(_spectra_of_cells(stack, sample(slots))), axis=1)
+        samples = np.concatenate(list(_spectra_of_cells(stack, sample_slots(slots))), axis=1)
         scales = scales_of(samples)
-        return cls(encode(_spectra_of_cells(stack, slots), scales, slots), scales, _inverses(samples))
+        return cls(encode_spectra(_spectra_of_cells(stack, slots), scales, slots), scales, _inverses(samples))
 
     def save(self, folder: Path) -> None:
         """Write everything into a folder."""
@@ -110,7 +111,7 @@ class MatchedFilter:
         found = load_arrays(folder, ARRAYS)
         return None if found is None else cls(*(np.array(array) for array in found))
 
-    def curves(self, visual: Features, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
+    def curves(self, visual: GradientFeatures, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
         """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.
 
         `rows`: of some cells only. The best within half a step of each heading.
@@ -127,7 +128,7 @@ def _inverses(samples: Spectra) -> Spectra:
     """Return the inverse covariance (F, P, P) of spectra (F, N, P), in units of the mean variance."""
     inverses = np.empty((len(samples), samples.shape[2], samples.shape[2]), np.complex64)
     for frequency, spectra in enumerate(samples):
-        covariance = covariance_of(spectra)
+        covariance = spectral_covariance(spectra)
         level = max(float(np.trace(covariance).real) / len(covariance), 1e-20)
         inverse = np.linalg.inv(covariance.astype(np.complex128) + SHRINKAGE * level * np.eye(len(covariance)))
         inverses[frequency] = level * inverse
@@ -144,7 +145,7 @@ def _spectra_of_cells(stack: FeatureStack, slots: NDArray[np.integer]) -> Iterat
         yield spectra_of(np.stack(bare + weighed, axis=1), FREQUENCIES)
 
 
-def _pictures_of(visual: Features) -> NDArray[np.float32]:
+def _pictures_of(visual: GradientFeatures) -> NDArray[np.float32]:
     """Return what of an image meets the six pictures of a cell, (6, H, W)."""
     cosines, sines = visual.x**2 - visual.y**2, 2.0 * visual.x * visual.y
     m, is_direction = visual.magnitude, BARE_SHARE * (visual.magnitude > 0.0)

@@ -1,6 +1,6 @@
 """A part of the sphere against every cell of a map at once: the correlation of gradients, whitened within the view.
 
-As `gradient_correlation.py`: the doubled gradients of the image meet those of the depth panoramas, divided by the
+As in `correlate_part`: the doubled gradients of the image meet those of the depth panoramas, divided by the
 length of the latter in view. By spectra over azimuth, as in the matched filter, that is quick; and it is sharper where
 what all places of the map have in common is weighed down (Turin 1960, eq. 22). The image is no panorama, though: what
 is not seen can weigh nothing. So the weights x are the solution of (M (C + s) M) x = t within the view M, where t is
@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
-from mcl_depth.likeness.features import Features, FeatureStack
+from mcl_depth.likeness.features import FeatureStack, GradientFeatures
 from mcl_depth.likeness.matched_filter import MIN_SHARE, double_gradients
 from mcl_depth.likeness.spectra import (
     BATCH,
@@ -28,13 +28,13 @@ from mcl_depth.likeness.spectra import (
     Image,
     Spectra,
     correlate,
-    covariance_of,
-    encode,
+    encode_spectra,
     magnitudes_of,
     pictures_of,
-    sample,
+    sample_slots,
     scales_of,
     spectra_of,
+    spectral_covariance,
 )
 
 ARRAYS = ("codes", "scales", "energies", "energy_scales", "covariances")
@@ -63,14 +63,14 @@ class PartialFilter:
     @classmethod
     def of(cls, stack: FeatureStack, slots: NDArray[np.integer]) -> PartialFilter:
         """Return the filter for the cells whose features are in `slots` (N,) of a stack; -1 fits nothing."""
-        chosen = sample(slots)
+        chosen = sample_slots(slots)
         samples = np.concatenate(list(_tensors_of_cells(stack, chosen)), axis=1)
         energies = np.concatenate(list(_energies_of_cells(stack, chosen)), axis=1)
         scales, energy_scales = scales_of(samples), scales_of(energies)
-        covariances = np.stack([covariance_of(spectra) for spectra in samples])
+        covariances = np.stack([spectral_covariance(spectra) for spectra in samples])
         level = max(float(np.mean(np.diagonal(covariances, axis1=1, axis2=2).real)), 1e-20)
-        codes = encode(_tensors_of_cells(stack, slots), scales, slots)
-        energy_codes = encode(_energies_of_cells(stack, slots), energy_scales, slots)
+        codes = encode_spectra(_tensors_of_cells(stack, slots), scales, slots)
+        energy_codes = encode_spectra(_energies_of_cells(stack, slots), energy_scales, slots)
         return cls(codes, scales, energy_codes, energy_scales, (covariances / level).astype(np.complex64))
 
     def save(self, folder: Path) -> None:
@@ -83,7 +83,7 @@ class PartialFilter:
         found = load_arrays(folder, ARRAYS)
         return None if found is None else cls(*(np.array(array) for array in found))
 
-    def curves(self, visual: Features, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
+    def curves(self, visual: GradientFeatures, num_headings: int, rows: NDArray[np.int64] | None = None) -> Curves:
         """Return how well an image fits, (N, num_headings), in units of its own; headings as those of eq. 2.
 
         `rows`: of some cells only. The best around each heading.
@@ -125,7 +125,7 @@ def _tensors_of_cells(stack: FeatureStack, slots: NDArray[np.integer]) -> Iterat
     """Yield the spectra (F, n, 2 H) of the doubled gradients of a batch of cells."""
     for first in range(0, len(slots), BATCH):
         part = stack.take(slots[first : first + BATCH])
-        magnitudes = _normalise(magnitudes_of(part))
+        magnitudes = _normalize(magnitudes_of(part))
         tensors = [table[part.directions] * magnitudes for table in (DOUBLE_COSINES, DOUBLE_SINES)]
         yield spectra_of(np.stack(tensors, axis=1), FREQUENCIES)
 
@@ -133,11 +133,11 @@ def _tensors_of_cells(stack: FeatureStack, slots: NDArray[np.integer]) -> Iterat
 def _energies_of_cells(stack: FeatureStack, slots: NDArray[np.integer]) -> Iterator[Spectra]:
     """Yield the spectra (E, n, H) of their squared length."""
     for first in range(0, len(slots), BATCH):
-        magnitudes = _normalise(magnitudes_of(stack.take(slots[first : first + BATCH])))
+        magnitudes = _normalize(magnitudes_of(stack.take(slots[first : first + BATCH])))
         yield spectra_of((magnitudes**2)[:, None], ENERGY_FREQUENCIES)
 
 
-def _normalise(magnitudes: Image) -> Image:
+def _normalize(magnitudes: Image) -> Image:
     """Return magnitudes (n, H, W) whose squares sum to 1 in each cell."""
     lengths = np.sqrt(np.sum(magnitudes**2, axis=(1, 2), keepdims=True))
     return magnitudes / np.maximum(lengths, np.float32(1e-12))

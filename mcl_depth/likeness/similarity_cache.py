@@ -5,17 +5,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.likeness.comparison import Features
+from mcl_depth.likeness.comparison import GradientFeatures
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.matched_filter import MIN_PLACES
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 
 class Comparison:
     """One visual image against the map; a place is compared once, however many particles are there."""
 
-    def __init__(self, visual: Features, depth_map: DepthMap, num_headings: int) -> None:
+    def __init__(self, visual: GradientFeatures, depth_map: DepthMap, num_headings: int) -> None:
         self._visual, self._map, self._num_headings = visual, depth_map, num_headings
         self._rows: dict[tuple[int, int], int] = {}
         self._curves = np.empty((0, num_headings), dtype=np.float32)

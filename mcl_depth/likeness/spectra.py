@@ -47,13 +47,13 @@ def magnitudes_of(stack: FeatureStack) -> Image:
     return magnitudes
 
 
-def sample(slots: NDArray[np.integer]) -> NDArray[np.integer]:
+def sample_slots(slots: NDArray[np.integer]) -> NDArray[np.integer]:
     """Return the slots of some cells, for their covariance; of -1 none."""
     known = slots[slots >= 0]
     return known[:: max(len(known) // NUM_SAMPLES, 1)]
 
 
-def covariance_of(samples: Spectra) -> Spectra:
+def spectral_covariance(samples: Spectra) -> Spectra:
     """Return the mean of x x^H (P, P) of spectra (N, P) of one frequency."""
     covariance: Spectra = samples.T @ samples.conj() / np.float32(max(len(samples), 1))
     return covariance
@@ -65,7 +65,7 @@ def scales_of(samples: Spectra) -> NDArray[np.float32]:
     return np.maximum(RANGE / 127.0 * deviations, 1e-12).astype(np.float32)
 
 
-def encode(batches: Iterable[Spectra], scales: NDArray[np.float32], slots: NDArray[np.integer]) -> Codes:
+def encode_spectra(batches: Iterable[Spectra], scales: NDArray[np.float32], slots: NDArray[np.integer]) -> Codes:
     """Return the codes (F, N, 2 P) of spectra (F, n, P) of the cells of slots (N,), batch by batch; 0 for slot -1.
 
     Real, then imaginary parts in units of `scales` (F, P).

@@ -17,8 +17,8 @@ from mcl_depth.geometry.cloud import Cloud, cloud_from_points, thin_cloud
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.mesh import TriangleMesh
 from mcl_depth.params import MclDepthParams
-from mcl_depth.reasons import REMEDIES
 from mcl_depth.site import Site
+from mcl_depth.status import REMEDIES
 from sphere_nav.localization.status import FINE, Finding, Reason, State, Status, status_of
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.conversions.driving import check_frames
@@ -30,7 +30,7 @@ WAIT = "wait; cache.folder keeps it for the next start"
 STEP = 2  # every second pixel of every second row of a sphere becomes a point
 
 
-class Clouds:
+class GeometryLoader:
     """The geometry in force, and the parameters that go with it. What cannot be used changes nothing."""
 
     def __init__(self, endpoints: Endpoints, params: MclDepthParams, on_change: Callable[[], None]) -> None:

@@ -4,25 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from sensor_msgs.msg import Imu
 from std_srvs.srv import Empty
 
 from mcl_depth.belief.estimate import Belief, Estimate, Observation
 from mcl_depth.filter import Filter
 from mcl_depth.likeness.comparison import check_headings
 from mcl_depth.params import MclDepthParams
-from mcl_depth.ros.attitude import Attitude
-from mcl_depth.ros.clouds import Clouds
+from mcl_depth.ros.clouds import GeometryLoader
 from mcl_depth.ros.homing import HomingGuide
 from mcl_depth.ros.views import Views
 from mcl_depth.warm_up import warm_up
-from sphere_nav.geometry import SE3
+from sphere_nav.geometry import SE3, so3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.base_estimate import BaseEstimate
 from sphere_nav.localization.status import FINE, Finding, Status
+from sphere_nav.ros import qos
 from sphere_nav.ros.camera.stream import Picture
+from sphere_nav.ros.conversions.beliefs import imu_attitude
+from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.localizer.node import LocalizerNode
 from sphere_nav.ros.run import run
-
-Array = NDArray[np.float64]
 
 
 class MclDepthNode(LocalizerNode):
@@ -40,7 +42,7 @@ class MclDepthNode(LocalizerNode):
         warm_up(p)
         self.filter: Filter | None = None
         self.belief: Belief | None = None  # of the last image that was compared
-        self.clouds = Clouds(endpoints, p, self.drop_filter)
+        self.clouds = GeometryLoader(endpoints, p, self.drop_filter)
         self.attitude = Attitude(endpoints, p.roll_deg, p.pitch_deg)
         self.views, self.guide = Views(endpoints, p.map_frame, p.base_frame), HomingGuide(endpoints, p)
         super().configure()
@@ -145,3 +147,17 @@ def to_base(estimate: Estimate, T_base_level: SE3, tilt: Array) -> BaseEstimate:
 def main() -> int:
     """Run the node."""
     return run(MclDepthNode)
+
+
+class Attitude:
+    """`tilt` (3, 3) turns axes of the base into level ones; yaw is not in it."""
+
+    def __init__(self, endpoints: Endpoints, roll_deg: float, pitch_deg: float) -> None:
+        roll, pitch = np.radians([roll_deg, pitch_deg])
+        self.tilt: NDArray[np.float64] = so3.exp([0.0, pitch, 0.0]) @ so3.exp([roll, 0.0, 0.0])
+        endpoints.add_subscription("imu", Imu, self._on_imu, qos.SENSOR, is_required=False)
+
+    def _on_imu(self, message: Imu) -> None:
+        attitude = so3.from_quaternion(imu_attitude(message))
+        yaw = float(np.arctan2(attitude[1, 0], attitude[0, 0]))
+        self.tilt = so3.exp([0.0, 0.0, -yaw]) @ attitude

@@ -9,12 +9,11 @@ from sensor_msgs.msg import Image, LaserScan
 from sphere_nav_msgs.msg import ParticleCloud
 from visualization_msgs.msg import MarkerArray
 
-from mcl_depth.belief.estimate import Belief, pose_of
+from mcl_depth.belief.estimate import Belief, level_pose
 from mcl_depth.belief.orientation import best_headings
 from mcl_depth.filter import Filter
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.conversions.beliefs import hypotheses_to_markers, similarities_to_scan
-from sphere_nav.ros.conversions.particles import particles_to_message
+from sphere_nav.ros.conversions.beliefs import hypotheses_to_markers, particles_to_message, similarities_to_scan
 from sphere_nav.ros.endpoints import Endpoints
 
 
@@ -35,13 +34,13 @@ class Views:
         cloud, best, curve = belief.particles, belief.best.pose, belief.curve()
         self._particles.publish(particles_to_message(cloud.poses, cloud.weights, stamp, self._frame))
         heading = np.array([*best[:2], best_headings(curve[None])[0]])
-        T_map_heading = pose_of(heading, filter_.map.height(best))
+        T_map_heading = level_pose(heading, filter_.map.height(best))
         self._heading.publish(conversions.se3_to_pose_stamped(T_map_heading, stamp, self._frame))
         heights = [filter_.map.height(item.pose) for item in belief.hypotheses]
         self._hypotheses.publish(hypotheses_to_markers(belief.hypotheses, heights, stamp, self._frame))
         self._similarity.publish(similarities_to_scan(curve, float(best[2]), stamp, self._base_frame))
         if self._trajectory.num_subscriptions:
-            poses = ((at, pose_of(pose, filter_.map.height(pose))) for at, pose in filter_.lineage.trajectory())
+            poses = ((at, level_pose(pose, filter_.map.height(pose))) for at, pose in filter_.lineage.trajectory())
             self._trajectory.publish(conversions.poses_to_path(poses, stamp, self._frame))
         depth = filter_.map.depth_at(best) if self._depth.num_subscriptions else None
         if depth is not None:

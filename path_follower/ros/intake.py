@@ -12,12 +12,12 @@ from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
 
 from path_follower.follower import Follower
 from path_follower.homing import HomingFollower
-from path_follower.modes import State
+from path_follower.modes import FollowerState
 from path_follower.params import PathFollowerParams
 from path_follower.path import Pose2
-from path_follower.ros.clocks import Times
-from path_follower.safety import DEGRADED, TRUSTED
+from sphere_nav.localization.status import TRUSTED
 from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.clocks import Times
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.tf import TransformListener
@@ -88,7 +88,7 @@ class PoseIntake:
         """Hand on the state of the localiser; bad news counts at once, good news by its stamp."""
         status, times = conversions.message_to_status(message), self._answered.times
         stamp = conversions.stamp_ns(message)
-        is_good = status.state in (TRUSTED, DEGRADED)
+        is_good = status.state in TRUSTED
         time = times.of(stamp) if is_good else times.now()
         self._watch.see_status(status.state, time, status.reason, status.age)
         if not is_good:
@@ -117,7 +117,7 @@ class DirectionIntake:
         """Hand on whether the directions may be followed."""
         stamp, times = conversions.stamp_ns(message), self._answered.times
         state, way = driving.message_to_progress(message)
-        is_trusted, is_there = state == State.DRIVING, state == State.FINISHED
+        is_trusted, is_there = state == FollowerState.DRIVING, state == FollowerState.FINISHED
         time = times.of(stamp) if is_trusted or is_there else times.now()
         self._follower.see_source(is_trusted=is_trusted, is_there=is_there, way=way, now_ns=time)
         if not is_trusted:

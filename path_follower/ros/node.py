@@ -6,18 +6,17 @@ from geometry_msgs.msg import Twist, TwistStamped
 from sphere_nav_msgs.msg import FollowerStatus, TrackingError
 from std_msgs.msg import UInt64
 
-from path_follower.command import Command, Status
+from path_follower.command import Command, FollowerReport
 from path_follower.follower import Follower
 from path_follower.homing import HomingFollower
-from path_follower.modes import State
+from path_follower.modes import FollowerState
 from path_follower.params import PathFollowerParams
-from path_follower.reasons import Reason, Verdict
-from path_follower.ros.clocks import MAX_LEAD_NS, Times
+from path_follower.reasons import StopReason, StopVerdict
 from path_follower.ros.intake import Answered, DirectionIntake, PoseIntake, ScanIntake
 from path_follower.ros.operator import OperatorCalls
 from path_follower.ros.trajectory import TrajectoryIntake
 from sphere_nav.ros import qos
-from sphere_nav.ros.clocks import ClockWatch
+from sphere_nav.ros.clocks import MAX_AHEAD_NS, ClockWatch, Times
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.node import ERROR, OK, WARN, ManagedNode
 from sphere_nav.ros.run import run
@@ -68,7 +67,7 @@ class PathFollowerNode(ManagedNode):
 
     def deactivate(self) -> None:
         """Leave the vehicle with a zero command that everybody has who receives commands."""
-        self.follower.stand(Verdict(Reason.OPERATOR))
+        self.follower.stand(StopVerdict(StopReason.OPERATOR))
         self.cmd_vel.publish(self.twist(0.0, 0.0, self.now_ns()))
         if not self.cmd_vel.wait_for_acknowledgement(ACKNOWLEDGE):
             self.log.warning("cmd_vel: the last command, zero, was not acknowledged by all who receive it")
@@ -89,7 +88,7 @@ class PathFollowerNode(ManagedNode):
     def answer(self, stamp: int) -> None:
         """Publish the command that answers a message of this stamp."""
         self.heard_ns = self.times.now()
-        lead = min(max(self.times.lead(stamp), 0), MAX_LEAD_NS)  # /clock may come later than what it stamps
+        lead = min(max(self.times.lead(stamp), 0), MAX_AHEAD_NS)  # /clock may come later than what it stamps
         self.publish(self.follower.tick(self.heard_ns + lead), stamp)
 
     def on_tick(self) -> None:
@@ -99,12 +98,12 @@ class PathFollowerNode(ManagedNode):
         clock, watch, now = self.now_ns(), self.clock_watch, self.times.now()
         watch.observe(clock, self.steady_ns())
         if watch.is_over and not self.follower.mode.is_at_rest:
-            self.follower.stand(Verdict(Reason.CLOCK_STOPPED, watch.stood, self.params.safety.max_clock_pause))
+            self.follower.stand(StopVerdict(StopReason.CLOCK_STOPPED, watch.stood, self.params.safety.max_clock_pause))
         is_based = clock - self.answered.stamp_ns <= 1e9 * self.params.safety.max_pose_silence
         stamp = self.answered.stamp_ns if is_based else clock
         if watch.is_standing:
             self.publish(self.follower.hold(now, watch.pause), stamp)
-        elif now - self.heard_ns > 1e9 * SILENCE or self.follower.mode.state is State.STOPPING:
+        elif now - self.heard_ns > 1e9 * SILENCE or self.follower.mode.state is FollowerState.STOPPING:
             self.publish(self.follower.tick(now), stamp)
 
     def on_sources(self) -> None:
@@ -118,7 +117,7 @@ class PathFollowerNode(ManagedNode):
     def publish(self, command: Command, stamp: int) -> None:
         """Send a command with the stamp of what it answers, and say what the follower does."""
         frame = self.params.map_frame
-        is_idle = command.status.state in (State.NO_PATH, State.IDLE)
+        is_idle = command.status.state in (FollowerState.NO_PATH, FollowerState.IDLE)
         if self.heard_ns and not (is_idle and self.params.is_quiet_when_idle):
             self.cmd_vel.publish(self.twist(command.speed, command.yaw_rate, stamp))
             if self.ackermann:
@@ -135,9 +134,9 @@ class PathFollowerNode(ManagedNode):
             return driving.motion_to_twist_stamped(speed, yaw_rate, stamp, self.params.base_frame)
         return driving.motion_to_twist(speed, yaw_rate)
 
-    def tell(self, status: Status) -> None:
+    def tell(self, status: FollowerReport) -> None:
         """Report to the diagnostics; log every change of state or reason."""
-        is_stop = status.state in (State.STOPPING, State.STOPPED)
+        is_stop = status.state in (FollowerState.STOPPING, FollowerState.STOPPED)
         text = f"{status.state} {status.verdict}".strip()
         self.report("follower", WARN if is_stop else OK, text, progress=status.progress, armed=status.is_armed)
         change = f"{status.state} {status.verdict.reason}"

@@ -13,13 +13,11 @@ from collections import defaultdict
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
 from rig_calibration.boards.board import Board
 from sphere_nav.geometry import SE3, so3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 NUM_STARTS = 60
 NUM_REFINED = 6
@@ -50,13 +48,13 @@ def _alternate(M: SE3, A: SE3, R_X: Array) -> tuple[Array, float]:
     R_M, R_A = M.rotation, A.rotation
     R_Z = np.eye(3)
     for _ in range(NUM_ALTERNATIONS):
-        R_Z = _nearest(np.sum(np.swapaxes(R_A, 1, 2) @ R_X @ R_M, axis=0))
-        R_X = _nearest(np.sum(R_A @ R_Z @ np.swapaxes(R_M, 1, 2), axis=0))
+        R_Z = so3.nearest_rotations(np.sum(np.swapaxes(R_A, 1, 2) @ R_X @ R_M, axis=0))
+        R_X = so3.nearest_rotations(np.sum(R_A @ R_Z @ np.swapaxes(R_M, 1, 2), axis=0))
     return R_X, float(np.linalg.norm(R_X @ R_M - R_A @ R_Z))
 
 
 def _refine(M: SE3, A: SE3, R_X: Array, scale: float) -> tuple[SE3, SE3, float]:
-    R_Z = _nearest(np.sum(np.swapaxes(A.rotation, 1, 2) @ R_X @ M.rotation, axis=0))
+    R_Z = so3.nearest_rotations(np.sum(np.swapaxes(A.rotation, 1, 2) @ R_X @ M.rotation, axis=0))
     left = np.concatenate([np.broadcast_to(np.eye(3), M.rotation.shape), -A.rotation], axis=-1).reshape(-1, 6)
     right = (A.translation - np.einsum("ij,nj->ni", R_X, M.translation)).ravel()
     t = np.linalg.lstsq(left, right, rcond=1e-6)[0]
@@ -70,12 +68,6 @@ def _refine(M: SE3, A: SE3, R_X: Array, scale: float) -> tuple[SE3, SE3, float]:
     best = least_squares(errors, np.zeros(12), loss="soft_l1", f_scale=0.02, max_nfev=40)
     rms = float(np.sqrt(2.0 * best.cost / M.matrix.shape[0]))
     return X @ SE3.exp(best.x[:6]), Z @ SE3.exp(best.x[6:]), rms
-
-
-def _nearest(matrix: Array) -> Array:
-    U, _, Vt = np.linalg.svd(matrix)
-    rotation: Array = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    return rotation
 
 
 Key = tuple[str, int]  # "camera" or "board", and its index
@@ -157,8 +149,7 @@ def board_turns(board: Board) -> SE3:
     poses = []
     for turn in board.turns:
         points, moved = board.points, board.points[turn]
-        U, _, Vt = np.linalg.svd((moved - moved.mean(0)).T @ (points - points.mean(0)))
-        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+        R = so3.nearest_rotations((moved - moved.mean(0)).T @ (points - points.mean(0)))
         poses.append(SE3.from_parts(R, moved.mean(0) - R @ points.mean(0)).matrix)
     return SE3(np.stack(poses))
 

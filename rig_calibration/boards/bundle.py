@@ -10,13 +10,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import linalg
 
 from rig_calibration.boards.linearize import Normal, normal_equations, residuals
-from rig_calibration.boards.state import Problem, State
-
-Array = NDArray[np.float64]
+from rig_calibration.boards.state import AdjustmentProblem, RigState
+from sphere_nav.estimation.robust import huber_weights
+from sphere_nav.geometry.arrays import Array
 
 FIRST_DAMPING, MAX_DAMPING = 1e-4, 1e10
 MIN_GAIN = 1e-10  # part of the cost that a step must gain to go on
@@ -27,15 +26,14 @@ TINY = 1e-12
 class Solution:
     """The best state found, its residuals (N, 2) in pixels, its cost in square pixels, and whether it settled."""
 
-    state: State
+    state: RigState
     residuals: Array
     cost: float
-    num_iterations: int
     is_converged: bool
 
 
 def solve(
-    problem: Problem, start: State, weights: Array, huber_px: float = np.inf, max_iterations: int = 60
+    problem: AdjustmentProblem, start: RigState, weights: Array, huber_px: float = np.inf, max_iterations: int = 60
 ) -> Solution:
     """Minimise the weighted squares, linear beyond `huber_px`. Corners (N,) of weight 0 do not count."""
     state, damping, is_converged = start, FIRST_DAMPING, False
@@ -43,10 +41,8 @@ def solve(
     cost = _cost(errors, weights, huber_px)
     if not np.isfinite(cost):
         raise ValueError("bundle adjustment: expected a start with all boards in front of their cameras")
-    iteration = 0
-    while iteration < max_iterations and not is_converged:
-        iteration += 1
-        weighted = weights * huber_weights(errors, huber_px)
+    for _ in range(max_iterations):
+        weighted = weights * huber_weights(np.linalg.norm(np.nan_to_num(errors), axis=-1), huber_px)
         normal = normal_equations(problem, state, np.nan_to_num(errors), weighted)
         while damping < MAX_DAMPING:
             trial = state.moved(*_step(problem, normal, damping))
@@ -60,20 +56,16 @@ def solve(
             break
         is_converged = cost - trial_cost <= MIN_GAIN * cost + TINY * TINY
         state, errors, cost, damping = trial, trial_errors, trial_cost, max(damping / 8.0, 1e-12)
-    return Solution(state, errors, cost, iteration, is_converged)
+        if is_converged:
+            break
+    return Solution(state, errors, cost, is_converged)
 
 
-def information(problem: Problem, state: State, weights: Array) -> Array:
+def information(problem: AdjustmentProblem, state: RigState, weights: Array) -> Array:
     """Return the information (S, S) about the shared parameters, in units of one pixel; zeros for held ones."""
     normal = normal_equations(problem, state, np.nan_to_num(residuals(problem, state)), weights)
     reduced, _, _ = _eliminate(normal, 0.0)
     return reduced
-
-
-def huber_weights(errors: Array, huber_px: float) -> Array:
-    """Return the weight (N,) of every corner by the length of its residual (N, 2)."""
-    size = np.linalg.norm(np.nan_to_num(errors), axis=-1)
-    return np.minimum(1.0, huber_px / np.maximum(size, TINY))
 
 
 def _cost(errors: Array, weights: Array, huber_px: float) -> float:
@@ -98,7 +90,7 @@ def _eliminate(normal: Normal, damping: float) -> tuple[Array, Array, Array]:
     return shared - product[:, :-1], normal.gradient - product[:, -1], solved
 
 
-def _step(problem: Problem, normal: Normal, damping: float) -> tuple[Array, Array]:
+def _step(problem: AdjustmentProblem, normal: Normal, damping: float) -> tuple[Array, Array]:
     reduced, right, solved = _eliminate(normal, damping)
     free = np.flatnonzero(problem.is_free & (np.diag(normal.shared) > 0))
     shared = np.zeros(len(right))

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.views import Array, Indices
+from rig_calibration.boards.views import Indices
+from sphere_nav.geometry.arrays import Array
 
-Grey = NDArray[np.uint8]
+Gray = NDArray[np.uint8]
 
 MIN_CORNERS = 4
 
@@ -36,18 +37,18 @@ def check(board: Board) -> None:
         )
 
 
-def find_markers(grey: Grey, dictionary_name: str) -> Markers:
+def find_markers(gray: Gray, dictionary_name: str) -> Markers:
     """Return the markers of a dictionary that an image (H, W) shows."""
     dictionary = _dictionary(dictionary_name)
     if _has_classes():
-        corners, numbers, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(grey)
+        corners, numbers, _ = cv2.aruco.ArucoDetector(dictionary).detectMarkers(gray)
     else:
-        corners, numbers, _ = cv2.aruco.detectMarkers(grey, dictionary)
+        corners, numbers, _ = cv2.aruco.detectMarkers(gray, dictionary)
     found = np.zeros(0, np.int32) if numbers is None else np.asarray(numbers, np.int32).ravel()
     return Markers(tuple(np.asarray(item, np.float32).reshape(1, 4, 2) for item in corners), found)
 
 
-def find_corners(grey: Grey, board: Board, markers: Markers) -> tuple[Indices, Array] | None:
+def find_corners(gray: Gray, board: Board, markers: Markers) -> tuple[Indices, Array] | None:
     """Return numbers (n,) and pixels (n, 2) of the corners of a board whose markers were found."""
     last = board.first_marker + board.num_markers
     own = np.flatnonzero((markers.numbers >= board.first_marker) & (markers.numbers < last))
@@ -55,10 +56,10 @@ def find_corners(grey: Grey, board: Board, markers: Markers) -> tuple[Indices, A
         return None
     corners, ids = [markers.corners[index] for index in own], markers.numbers[own].reshape(-1, 1)
     if _has_classes():
-        found, numbers, _, _ = _detector(board).detectBoard(grey, None, None, corners, ids)
+        found, numbers, _, _ = _detector(board).detectBoard(gray, None, None, corners, ids)
     else:
         _, found, numbers = cv2.aruco.interpolateCornersCharuco(
-            corners, ids - board.first_marker, grey, _old_pattern(board)
+            corners, ids - board.first_marker, gray, _old_pattern(board)
         )
     if found is None or numbers is None or len(numbers) < MIN_CORNERS:
         return None

@@ -13,15 +13,14 @@ from collections import Counter
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import chi2, f
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.intrinsics import SingleCamera
-from rig_calibration.boards.views import View
+from rig_calibration.boards.views import BoardView
 from rig_calibration.params import CalibrationParams
-
-Array = NDArray[np.float64]
+from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.geometry.arrays import Array
 
 FALSE_ALARM = 1e-3
 ERRORS_OF_VIEW = 6  # independent ones: neighbouring corners of a view err alike
@@ -57,11 +56,11 @@ def lens_chance(single: SingleCamera, lens: Array) -> float:
     correlation = single.lens_covariance[np.ix_(free, free)] / scale / scale[:, None]
     if not np.all(np.isfinite(correlation)):
         return 1.0
-    return float(chi2.sf(change @ np.linalg.solve(correlation, change), int(free.sum())))
+    return float(chi2.sf(squared_mahalanobis(change, correlation), int(free.sum())))
 
 
 def check_views(
-    cameras: Sequence[str], boards: Sequence[Board], views: Sequence[View], params: CalibrationParams
+    cameras: Sequence[str], boards: Sequence[Board], views: Sequence[BoardView], params: CalibrationParams
 ) -> None:
     """Raise ValueError where no board was found at all, or too rarely by one camera."""
     sizes = ", ".join(f"{board.columns}x{board.rows} {board.kind}" for board in boards)

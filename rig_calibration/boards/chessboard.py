@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.views import Array
+from sphere_nav.geometry.arrays import Array
 
-Grey = NDArray[np.uint8]
+Gray = NDArray[np.uint8]
 
 SECTOR_FLAGS = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
 SWEEP_FLAGS = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
@@ -21,39 +21,39 @@ HALVED_FROM = 600  # rows and columns from which on several boards are looked fo
 AROUND = 1.25  # a board is wiped out with this much around its inner corners before the next one is looked for
 
 
-def candidates(grey: Grey, boards: Sequence[Board]) -> Iterator[tuple[Board, Iterator[Array]]]:
+def candidates(gray: Gray, boards: Sequence[Board]) -> Iterator[tuple[Board, Iterator[Array]]]:
     """Yield each board with what may be its corners (N, 2), row by row or column by column, best guess first."""
     if len(boards) == 1:
-        yield boards[0], _thorough(grey, boards[0])
+        yield boards[0], _thorough(gray, boards[0])
     elif boards:
-        is_halved = min(grey.shape) >= HALVED_FROM
-        small = cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) if is_halved else grey
+        is_halved = min(gray.shape) >= HALVED_FROM
+        small = cv2.resize(gray, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA) if is_halved else gray
         swept = _sweep(np.asarray(small), boards)
         for board in boards:
             found = _quick(np.asarray(small), board, swept)
             yield board, ((2.0 * corners + 0.5 if is_halved else corners) for corners in found)
 
 
-def _thorough(grey: Grey, board: Board) -> Iterator[Array]:
+def _thorough(gray: Gray, board: Board) -> Iterator[Array]:
     """Try the detector by quadrangles, which stands strong distortion, then the one by sectors, which stands blur."""
     size = (board.columns, board.rows)
-    yield from _as_corners(cv2.findChessboardCorners(grey, size, flags=QUAD_FLAGS), board)
-    yield from _as_corners(cv2.findChessboardCornersSB(grey, size, flags=SECTOR_FLAGS), board)
+    yield from _as_corners(cv2.findChessboardCorners(gray, size, flags=QUAD_FLAGS), board)
+    yield from _as_corners(cv2.findChessboardCornersSB(gray, size, flags=SECTOR_FLAGS), board)
 
 
-def _quick(grey: Grey, board: Board, swept: Sequence[Array]) -> Iterator[Array]:
+def _quick(gray: Gray, board: Board, swept: Sequence[Array]) -> Iterator[Array]:
     """Take a swept grid of the size of the board, else look for it by quadrangles."""
     for grid in swept:
         if grid.shape[:2] == (board.rows, board.columns):
             yield grid.reshape(-1, 2)
         elif grid.shape[:2] == (board.columns, board.rows):
             yield grid.swapaxes(0, 1).reshape(-1, 2)
-    yield from _as_corners(cv2.findChessboardCorners(grey, (board.columns, board.rows), flags=QUAD_FLAGS), board)
+    yield from _as_corners(cv2.findChessboardCorners(gray, (board.columns, board.rows), flags=QUAD_FLAGS), board)
 
 
-def _sweep(grey: Grey, boards: Sequence[Board]) -> list[Array]:
+def _sweep(gray: Gray, boards: Sequence[Board]) -> list[Array]:
     """Return all grids (rows, columns, 2) of an image, of whatever size, each wiped out before the next search."""
-    image, grids = grey.copy(), []
+    image, grids = gray.copy(), []
     least = min(min(board.columns, board.rows) for board in boards)
     for _ in range(len(boards) + 1):
         is_found, corners, kinds = cv2.findChessboardCornersSBWithMeta(image, (least, least), SWEEP_FLAGS)

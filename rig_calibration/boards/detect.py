@@ -10,9 +10,10 @@ from numpy.typing import NDArray
 
 from rig_calibration.boards import charuco, chessboard
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.views import Array, Indices
+from rig_calibration.boards.views import Indices
+from sphere_nav.geometry.arrays import Array
 
-Grey = NDArray[np.uint8]
+Gray = NDArray[np.uint8]
 
 REFINEMENT = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
 MIN_HALF_WINDOW, MAX_HALF_WINDOW = 2, 7
@@ -20,45 +21,40 @@ BLUR_PX = 0.5  # an edge that lies this far inside a window does not bend the co
 MIN_SPACING_PX = 4.0  # below it neighbours blur into each other
 
 
-def detect(grey: Grey, board: Board) -> tuple[Indices, Array] | None:
-    """Return numbers (n,) of the corners of a board and their pixels (n, 2), or None where it is not seen."""
-    return detect_all(grey, (board,)).get(board.name)
-
-
-def detect_all(grey: Grey, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:
+def detect_all(gray: Gray, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:
     """Return numbers (n,) and pixels (n, 2) of the corners of each board that is seen, by its name.
 
     A single chessboard is searched thoroughly; among several most are out of sight, and that would take minutes.
     """
     chessboards = [board for board in boards if board.kind == "chessboard"]
     found = {}
-    for board, candidates in chessboard.candidates(grey, chessboards):
-        seen = _number(grey, board, candidates)
+    for board, candidates in chessboard.candidates(gray, chessboards):
+        seen = _number(gray, board, candidates)
         if seen is not None:
             found[board.name] = seen
-    return found | _charuco_boards(grey, [board for board in boards if board.kind == "charuco"])
+    return found | _charuco_boards(gray, [board for board in boards if board.kind == "charuco"])
 
 
-def _number(grey: Grey, board: Board, candidates: Iterable[Array]) -> tuple[Indices, Array] | None:
+def _number(gray: Gray, board: Board, candidates: Iterable[Array]) -> tuple[Indices, Array] | None:
     """Return the first candidate that looks like a board, numbered as on the board, to a fraction of a pixel."""
     for candidate in candidates:
-        if not _is_inside(grey, candidate).all():  # cut by the border: what lies beyond is a guess of the detector
+        if not _is_inside(gray, candidate).all():  # cut by the border: what lies beyond is a guess of the detector
             continue
-        corners = canonical(grey, board, candidate)
+        corners = canonical(gray, board, candidate)
         spacing = _spacing(corners, board)
         if spacing >= MIN_SPACING_PX and _is_grid(corners, board):
             half = int(np.clip(0.4 * spacing, MIN_HALF_WINDOW, MAX_HALF_WINDOW))
-            return np.arange(board.num_corners), _refine(grey, corners, half)
+            return np.arange(board.num_corners), _refine(gray, corners, half)
     return None
 
 
-def _is_inside(grey: Grey, corners: Array) -> NDArray[np.bool_]:
+def _is_inside(gray: Gray, corners: Array) -> NDArray[np.bool_]:
     """Return which corners (N, 2) lie in the image."""
-    inside: NDArray[np.bool_] = np.all((corners >= 0) & (corners <= (grey.shape[1] - 1, grey.shape[0] - 1)), axis=-1)
+    inside: NDArray[np.bool_] = np.all((corners >= 0) & (corners <= (gray.shape[1] - 1, gray.shape[0] - 1)), axis=-1)
     return inside
 
 
-def canonical(grey: Grey, board: Board, corners: Array) -> Array:
+def canonical(gray: Gray, board: Board, corners: Array) -> Array:
     """Number corners (N, 2) alike in all images: x to the right of y as on the board, a dark square at the first.
 
     What still looks alike after that are the `turns` of the board.
@@ -67,7 +63,7 @@ def canonical(grey: Grey, board: Board, corners: Array) -> Array:
     along, down = grid[0, -1] - grid[0, 0], grid[-1, 0] - grid[0, 0]
     if along[0] * down[1] - along[1] * down[0] < 0:  # seen in a mirror: numbered the wrong way
         grid = grid[:, ::-1]
-    if _contrast(grey, grid) < 0:
+    if _contrast(gray, grid) < 0:
         if (board.columns + board.rows) % 2:
             grid = grid[::-1, ::-1]
         elif board.columns == board.rows and board.columns % 2:
@@ -75,10 +71,10 @@ def canonical(grey: Grey, board: Board, corners: Array) -> Array:
     return np.ascontiguousarray(grid).reshape(-1, 2)
 
 
-def _contrast(grey: Grey, grid: Array) -> float:
+def _contrast(gray: Gray, grid: Array) -> float:
     """Return how much brighter the other squares are than those of the colour of the first one."""
-    centres = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4.0
-    levels = cv2.remap(grey, centres.astype(np.float32), None, cv2.INTER_LINEAR).astype(np.float64)
+    centers = (grid[:-1, :-1] + grid[1:, :-1] + grid[:-1, 1:] + grid[1:, 1:]) / 4.0
+    levels = cv2.remap(gray, centers.astype(np.float32), None, cv2.INTER_LINEAR).astype(np.float64)
     row, column = np.indices(levels.shape)
     return float(np.mean(levels[(row + column) % 2 == 1]) - np.mean(levels[(row + column) % 2 == 0]))
 
@@ -103,33 +99,33 @@ def _is_grid(corners: Array, board: Board) -> bool:
     return True
 
 
-def _refine(grey: Grey, corners: Array, half: int) -> Array:
+def _refine(gray: Gray, corners: Array, half: int) -> Array:
     """Return corners (N, 2) to a fraction of a pixel, with windows of 2 * half + 1 pixels that hold no other edge."""
     found = corners.astype(np.float32).reshape(-1, 1, 2).copy()
-    cv2.cornerSubPix(grey, found, (half, half), (-1, -1), REFINEMENT)
+    cv2.cornerSubPix(gray, found, (half, half), (-1, -1), REFINEMENT)
     refined = found.reshape(-1, 2).astype(np.float64)
     moved = np.linalg.norm(refined - corners, axis=-1)
     return np.where((moved < half)[:, None], refined, corners)
 
 
-def _charuco_boards(grey: Grey, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:
+def _charuco_boards(gray: Gray, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:
     """Look for the markers of each dictionary once, then for the corners of each board among its own."""
     found = {}
     for name in dict.fromkeys(board.dictionary for board in boards):
         same = [board for board in boards if board.dictionary == name]
         for board in same:
             charuco.check(board)
-        markers = charuco.find_markers(grey, name)
+        markers = charuco.find_markers(gray, name)
         for board in same:
-            seen = charuco.find_corners(grey, board, markers)
+            seen = charuco.find_corners(gray, board, markers)
             if seen is not None:
-                is_inside = _is_inside(grey, seen[1])
+                is_inside = _is_inside(gray, seen[1])
                 numbers, corners = seen[0][is_inside], seen[1][is_inside]
                 if len(numbers) < charuco.MIN_CORNERS:
                     continue
                 gap = 0.5 * (1.0 - board.marker_m / board.square_m) * _charuco_spacing(numbers, corners, board)
                 half = int(np.clip(gap + BLUR_PX, MIN_HALF_WINDOW, MAX_HALF_WINDOW))
-                found[board.name] = numbers, _refine(grey, corners, half)
+                found[board.name] = numbers, _refine(gray, corners, half)
     return found
 
 

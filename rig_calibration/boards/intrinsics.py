@@ -8,19 +8,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig_calibration.boards.bundle import solve
-from rig_calibration.boards.lens import camera_of, lens_of
+from rig_calibration.boards.lens import camera_from_vector, lens_of
 from rig_calibration.boards.linearize import residuals
 from rig_calibration.boards.observability import spread
 from rig_calibration.boards.rejection import Adjusted, adjust, noise_px
-from rig_calibration.boards.state import Problem, State, camera_problem, camera_state
+from rig_calibration.boards.state import AdjustmentProblem, RigState, camera_problem, camera_state
 from rig_calibration.boards.views import Observations
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, Camera, so3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 
 def board_pose(rays: Array, points: Array) -> SE3:
@@ -28,31 +26,30 @@ def board_pose(rays: Array, points: Array) -> SE3:
 
     Every ray is parallel to H (X, Y, 1) with H = [r1 r2 t]; two of its cross products with the ray are used.
     """
-    centre = points[:, :2].mean(axis=0)
-    scale = np.sqrt(np.mean(np.sum((points[:, :2] - centre) ** 2, axis=-1)))
-    plane = np.concatenate([(points[:, :2] - centre) / scale, np.ones((len(points), 1))], axis=-1)
+    center = points[:, :2].mean(axis=0)
+    scale = np.sqrt(np.mean(np.sum((points[:, :2] - center) ** 2, axis=-1)))
+    plane = np.concatenate([(points[:, :2] - center) / scale, np.ones((len(points), 1))], axis=-1)
     across = _across(rays)  # (n, 2, 3)
     rows = (across[:, :, :, None] * plane[:, None, None, :]).reshape(-1, 9)
     H = np.linalg.svd(rows, full_matrices=len(rows) < 9)[2][-1].reshape(3, 3)
     H = H / (0.5 * (np.linalg.norm(H[:, 0]) + np.linalg.norm(H[:, 1])) + 1e-300)
     if np.sum(rays * (plane @ H.T)) < 0:
         H = -H
-    U, _, Vt = np.linalg.svd(np.stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])], axis=-1))
-    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
-    return SE3.from_parts(R, scale * H[:, 2] - R[:, :2] @ centre)
+    R = so3.nearest_rotations(np.stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])], axis=-1))
+    return SE3.from_parts(R, scale * H[:, 2] - R[:, :2] @ center)
 
 
 def other_pose(T_camera_board: SE3, points: Array) -> SE3:
     """Return the second pose that a small or distant board may be taken for: tilted the other way about its centre."""
-    centre_board = points.mean(axis=0)
-    centre = T_camera_board.apply(centre_board[None])[0]
-    sight, normal = centre / np.linalg.norm(centre), T_camera_board.rotation[:, 2]
+    center_board = points.mean(axis=0)
+    center = T_camera_board.apply(center_board[None])[0]
+    sight, normal = center / np.linalg.norm(center), T_camera_board.rotation[:, 2]
     mirrored = 2.0 * (normal @ sight) * sight - normal
     axis = np.cross(normal, mirrored)
     sine = np.linalg.norm(axis)
     angle = np.arctan2(sine, normal @ mirrored)
     R = so3.exp(axis * (angle / max(sine, 1e-12))) @ T_camera_board.rotation
-    return SE3.from_parts(R, centre - R @ centre_board)
+    return SE3.from_parts(R, center - R @ center_board)
 
 
 def _across(rays: Array) -> Array:
@@ -132,9 +129,9 @@ def _starts(model: str, size: tuple[int, int], seen: Observations) -> list[Array
     problem = camera_problem(model, size, 0, seen)
     found = []
     for ratio in FOCAL_LENGTHS[model]:
-        focal, centre = ratio * size[0], (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
-        lens = np.array([focal, focal, *centre, *np.zeros(8)])
-        poses = view_poses(camera_of(model, size, lens, 0), seen)
+        focal, center = ratio * size[0], (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
+        lens = np.array([focal, focal, *center, *np.zeros(8)])
+        poses = view_poses(camera_from_vector(model, size, lens, 0), seen)
         if not np.all(np.isfinite(poses.matrix)):
             continue
         errors = residuals(problem, camera_state(lens, poses))
@@ -142,9 +139,9 @@ def _starts(model: str, size: tuple[int, int], seen: Observations) -> list[Array
     return [lens for _, lens in sorted(found, key=lambda pair: pair[0])[:NUM_TRIALS]]
 
 
-def _try(problem: Problem, lens: Array, kept: Array, params: CalibrationParams) -> State | None:
+def _try(problem: AdjustmentProblem, lens: Array, kept: Array, params: CalibrationParams) -> RigState | None:
     """Adjust focal length, centre and poses, then the whole lens, for a few steps; None where points fall behind."""
-    camera = camera_of(problem.models[0], problem.sizes[0], lens, params.num_distortion)
+    camera = camera_from_vector(problem.models[0], problem.sizes[0], lens, params.num_distortion)
     poses = view_poses(camera, problem.seen)
     if not np.all(np.isfinite(poses.matrix)):
         return None
@@ -160,7 +157,7 @@ def _try(problem: Problem, lens: Array, kept: Array, params: CalibrationParams) 
     return solve(problem, state, kept, huber_px, max_iterations=15).state
 
 
-def _flip_where_better(problem: Problem, state: State) -> State:
+def _flip_where_better(problem: AdjustmentProblem, state: RigState) -> RigState:
     """Give each view the other pose of its board where that one fits better after a few steps."""
     seen = problem.seen
     T_camera_board = state.T_world_rig.inverse()

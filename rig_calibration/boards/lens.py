@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import Camera, Fisheye, Pinhole
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 NUM_LENS = 12  # fx fy cx cy and up to eight coefficients
 MODELS: dict[str, type[Pinhole] | type[Fisheye]] = {"pinhole": Pinhole, "fisheye": Fisheye}
@@ -26,7 +25,7 @@ def lens_of(camera: Camera) -> Array:
     return np.concatenate([own, np.zeros(NUM_LENS - len(own))])
 
 
-def camera_of(model: str, size: tuple[int, int], lens: Array, num_distortion: int) -> Camera:
+def camera_from_vector(model: str, size: tuple[int, int], lens: Array, num_distortion: int) -> Camera:
     """Return the camera of a parameter vector; a pinhole keeps its first `num_distortion` coefficients."""
     fx, fy, cx, cy, *k = (float(value) for value in lens)
     width, height = size
@@ -41,7 +40,7 @@ def free_parameters(model: str, num_distortion: int) -> NDArray[np.bool_]:
     return np.arange(NUM_LENS) < count
 
 
-def project(model: str, lens: Array, points: Array) -> Array:
+def project_points(model: str, lens: Array, points: Array) -> Array:
     """Return pixels (N, 2) of points (N, 3) in the camera frame; NaN behind a pinhole."""
     flat, _ = _fisheye(lens, points) if model == "fisheye" else _pinhole(lens, points)
     return flat * lens[:2] + lens[2:4]

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig_calibration.boards.lens import NUM_LENS, J_lens, camera_of, project
-from rig_calibration.boards.state import SHARED, Problem, State
+from rig_calibration.boards.lens import NUM_LENS, J_lens, camera_from_vector, project_points
+from rig_calibration.boards.state import SHARED, AdjustmentProblem, RigState
 from sphere_nav.geometry import SE3, so3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 NUM_COLUMNS = SHARED + 6 + 6  # of one view: lens, camera, board, rig pose
 POSE = slice(SHARED + 6, NUM_COLUMNS)
@@ -33,16 +32,16 @@ class Normal:
     pose_gradients: Array
 
 
-def residuals(problem: Problem, state: State) -> Array:
+def residuals(problem: AdjustmentProblem, state: RigState) -> Array:
     """Return projected minus seen pixels (N, 2); NaN where a point is behind a pinhole."""
     seen, points = problem.seen, _points_camera(problem, state)
     found = np.empty_like(seen.pixels)
     for camera, rows in seen.camera_slices:
-        found[rows] = project(problem.models[camera], state.lenses[camera], points[rows])
+        found[rows] = project_points(problem.models[camera], state.lenses[camera], points[rows])
     return found - seen.pixels
 
 
-def jacobian(problem: Problem, state: State) -> Array:
+def jacobian(problem: AdjustmentProblem, state: RigState) -> Array:
     """Return the derivatives (N, 2, 30) of the residuals by lens, camera, board and rig pose of their view."""
     seen, points = problem.seen, _points_camera(problem, state)
     T_camera_board = _T_camera_board(problem, state)[seen.view]
@@ -50,7 +49,7 @@ def jacobian(problem: Problem, state: State) -> Array:
     for camera, rows in seen.camera_slices:
         lens, model, X = state.lenses[camera], problem.models[camera], state.T_rig_camera[camera]
         J[rows, :, :NUM_LENS] = J_lens(model, lens, points[rows])
-        J_point = camera_of(model, problem.sizes[camera], lens, 8).J_project(points[rows])
+        J_point = camera_from_vector(model, problem.sizes[camera], lens, 8).J_project(points[rows])
         J[rows, :, NUM_LENS:SHARED] = J_point @ J_moved_frame(points[rows])
         J[rows, :, POSE] = J_point @ X.rotation.T @ J_moved_frame(X.apply(points[rows]))
         J_board = T_camera_board[rows].rotation @ -J_moved_frame(seen.points[rows])
@@ -66,7 +65,7 @@ def J_moved_frame(points: Array) -> Array:
     return J
 
 
-def normal_equations(problem: Problem, state: State, errors: Array, weights: Array) -> Normal:
+def normal_equations(problem: AdjustmentProblem, state: RigState, errors: Array, weights: Array) -> Normal:
     """Sum weighted products of the Jacobian of every view; held parameters get zeros."""
     seen, J = problem.seen, jacobian(problem, state)
     num_shared, num_poses = len(problem.is_free), len(state.T_world_rig.matrix)
@@ -91,7 +90,7 @@ def normal_equations(problem: Problem, state: State, errors: Array, weights: Arr
     return normal
 
 
-def _add_views(normal: Normal, problem: Problem, views: NDArray[np.intp], H: Array, gradient: Array) -> None:
+def _add_views(normal: Normal, problem: AdjustmentProblem, views: NDArray[np.intp], H: Array, gradient: Array) -> None:
     """Add the products (V, 30, 30) and (V, 30) of views to the rows and columns of what they depend on."""
     seen = problem.seen
     camera = SHARED * seen.camera[views][:, None] + np.arange(SHARED)
@@ -105,13 +104,13 @@ def _add_views(normal: Normal, problem: Problem, views: NDArray[np.intp], H: Arr
     np.add.at(normal.pose_gradients, pose, gradient[:, POSE])
 
 
-def _T_camera_board(problem: Problem, state: State) -> SE3:
+def _T_camera_board(problem: AdjustmentProblem, state: RigState) -> SE3:
     seen = problem.seen
     T_camera_world = (state.T_world_rig[seen.instant] @ state.T_rig_camera[seen.camera]).inverse()
     return T_camera_world @ state.T_world_board[seen.board]
 
 
-def _points_camera(problem: Problem, state: State) -> Array:
+def _points_camera(problem: AdjustmentProblem, state: RigState) -> Array:
     T = _T_camera_board(problem, state)[problem.seen.view]
     points: Array = np.einsum("nij,nj->ni", T.rotation, problem.seen.points) + T.translation
     return points

@@ -5,15 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig_calibration.boards.bundle import information
 from rig_calibration.boards.lens import NUM_LENS
-from rig_calibration.boards.state import SHARED, Problem, State
+from rig_calibration.boards.state import SHARED, AdjustmentProblem, RigState
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, so3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 OPEN_EIGENVALUE = 1e-11  # of the information scaled to a diagonal of one
 OPEN_SHARE = 1e-3  # of a parameter in an open direction that makes it open itself
@@ -43,7 +41,7 @@ class Spread:
         return np.sqrt(np.diagonal(self.poses, axis1=1, axis2=2))
 
 
-def spread(problem: Problem, state: State, errors: Array, kept: Array) -> Spread:
+def spread(problem: AdjustmentProblem, state: RigState, errors: Array, kept: Array) -> Spread:
     """Return the covariances at a solution with residuals (N, 2); the noise is estimated from these."""
     reduced = information(problem, state, kept)
     free = np.flatnonzero(problem.is_free & (np.diag(reduced) > 0))

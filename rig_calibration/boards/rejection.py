@@ -6,15 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig_calibration.boards.bundle import Solution, solve
 from rig_calibration.boards.linearize import residuals
-from rig_calibration.boards.state import Problem, State
+from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.boards.views import Observations
 from rig_calibration.params import CalibrationParams
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 MAX_ROUNDS = 8
 MIN_SHARE = 0.5  # of its corners that must fit for a view to count at all
@@ -32,8 +30,8 @@ class Adjusted:
 
 
 def adjust(
-    problem: Problem,
-    start: State,
+    problem: AdjustmentProblem,
+    start: RigState,
     kept: Array,
     params: CalibrationParams,
     progress: Callable[[str], None] = lambda _: None,
@@ -123,7 +121,7 @@ def _drop_poor(
     return remaining, dropped
 
 
-def _huber_px(problem: Problem, start: State, kept: Array, params: CalibrationParams) -> float:
+def _huber_px(problem: AdjustmentProblem, start: RigState, kept: Array, params: CalibrationParams) -> float:
     return params.huber_width * noise_px(residuals(problem, start), kept)
 
 

@@ -6,17 +6,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig_calibration.boards.validation import camera_rms
 from rig_calibration.calibrate import Calibration
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 CELLS = (8, 6)
 
 
-def as_mapping(calibration: Calibration) -> dict[str, Any]:
+def calibration_as_mapping(calibration: Calibration) -> dict[str, Any]:
     """Return everything worth knowing; null where a number is not known or an axis cannot be observed."""
     rms = camera_rms(calibration.start.problem, calibration.residuals, calibration.kept)
     covered = coverage(calibration)
@@ -59,7 +57,7 @@ def coverage(calibration: Calibration) -> Array:
     return found
 
 
-def draw(calibration: Calibration, path: Path) -> None:
+def draw_calibration(calibration: Calibration, path: Path) -> None:
     """Draw where corners were seen, coloured by residual, and the residuals themselves, one column for a camera."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure

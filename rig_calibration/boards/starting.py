@@ -6,32 +6,30 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rig_calibration.boards.assembly import Assembly, Sighting, board_turns
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.intrinsics import SingleCamera
 from rig_calibration.boards.lens import lens_of
 from rig_calibration.boards.linearize import residuals
-from rig_calibration.boards.state import Problem, State, rig_problem
-from rig_calibration.boards.views import Observations, View, observations
+from rig_calibration.boards.state import AdjustmentProblem, RigState, rig_problem
+from rig_calibration.boards.views import BoardView, Observations, observations
 from sphere_nav.geometry import SE3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
-class Start:
+class StartingPoint:
     """Views of the rig with the weights (N,) of their corners, the problem they pose and a state to start from."""
 
-    views: tuple[View, ...]
+    views: tuple[BoardView, ...]
     instants: tuple[str, ...]
-    problem: Problem
-    state: State
+    problem: AdjustmentProblem
+    state: RigState
     kept: Array
 
 
-def camera_observations(views: Sequence[View], boards: Mapping[str, Board]) -> Observations:
+def camera_observations(views: Sequence[BoardView], boards: Mapping[str, Board]) -> Observations:
     """Return the views of one camera."""
     numbers = range(len(views))
     zeros = [0] * len(views)
@@ -40,7 +38,7 @@ def camera_observations(views: Sequence[View], boards: Mapping[str, Board]) -> O
 
 
 def sightings(
-    views: Sequence[View],
+    views: Sequence[BoardView],
     T_camera_board: SE3,
     cameras: Sequence[str],
     instants: Sequence[str],
@@ -63,13 +61,13 @@ def sightings(
 
 def start_of_rig(
     found: Assembly,
-    views: Sequence[View],
+    views: Sequence[BoardView],
     kept: Sequence[Array],
     instants: Sequence[str],
     boards: Sequence[Board],
     singles: Sequence[SingleCamera],
     num_distortion: int,
-) -> Start:
+) -> StartingPoint:
     """Keep the views that are joined, number their corners as the rig sees them, and set up the problem."""
     poses = {i: candidates[0] for i in found.by_instant if (candidates := found.rig_poses(i))}
     order = sorted(poses)
@@ -83,7 +81,7 @@ def start_of_rig(
     points = [by_name[view.board].points[view.corners] for view in turned]
     camera, instant, board = zip(*rows, strict=True)
     seen = observations(camera, instant, board, points, [view.pixels for view in turned])
-    state = State(
+    state = RigState(
         np.stack([lens_of(single.camera) for single in singles]),
         _stack([found.cameras[i] for i in range(len(singles))]),
         _stack([found.boards.get(i, SE3.identity()) for i in range(len(boards))]),
@@ -94,10 +92,10 @@ def start_of_rig(
     reference = min(found.boards, key=lambda i: float(np.abs(found.boards[i].matrix - np.eye(4)).max()))
     problem = rig_problem(models, sizes, num_distortion, seen, len(boards), reference)
     weights_all = np.where(np.isfinite(residuals(problem, state)[:, 0]), np.concatenate(weights), 0.0)
-    return Start(tuple(turned), tuple(instants[i] for i in order), problem, state, weights_all)
+    return StartingPoint(tuple(turned), tuple(instants[i] for i in order), problem, state, weights_all)
 
 
-def _turn_view(view: View, sighting: Sighting, found: Assembly, T_world_rig: SE3, board: Board) -> View:
+def _turn_view(view: BoardView, sighting: Sighting, found: Assembly, T_world_rig: SE3, board: Board) -> BoardView:
     """Number the corners by the turn of the board that fits where board, camera and rig are."""
     expected = (T_world_rig @ found.cameras[sighting.camera]).inverse() @ found.boards[sighting.board]
     off = np.linalg.norm(sighting.T_camera_board.matrix - expected.matrix, axis=(-2, -1))

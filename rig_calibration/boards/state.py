@@ -7,18 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from rig_calibration.boards.lens import NUM_LENS, camera_of, free_parameters
+from rig_calibration.boards.lens import NUM_LENS, camera_from_vector, free_parameters
 from rig_calibration.boards.views import Observations
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 SHARED = NUM_LENS + 6  # parameters of a camera: lens, then its tangent (v, omega)
 
 
 @dataclass(frozen=True, eq=False)
-class State:
+class RigState:
     """Lenses (C, 12), `T_rig_camera` (C,), `T_world_board` (B,) and `T_world_rig` (I,), one for every instant."""
 
     lenses: Array
@@ -26,12 +26,12 @@ class State:
     T_world_board: SE3
     T_world_rig: SE3
 
-    def moved(self, shared: Array, poses: Array) -> State:
+    def moved(self, shared: Array, poses: Array) -> RigState:
         """Add a step: `shared` (18 C + 6 B,) for cameras and boards, `poses` (I, 6); tangents act from the right."""
         num_cameras = len(self.lenses)
         cameras = shared[: SHARED * num_cameras].reshape(num_cameras, SHARED)
         boards = shared[SHARED * num_cameras :].reshape(-1, 6)
-        return State(
+        return RigState(
             self.lenses + cameras[:, :NUM_LENS],
             self.T_rig_camera @ SE3.exp(cameras[:, NUM_LENS:]),
             self.T_world_board @ SE3.exp(boards),
@@ -40,7 +40,7 @@ class State:
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class AdjustmentProblem:
     """Observations, and which of the shared parameters (18 C + 6 B,) may move; rig poses always may."""
 
     models: tuple[str, ...]
@@ -49,11 +49,11 @@ class Problem:
     seen: Observations
     is_free: Mask
 
-    def camera(self, state: State, index: int) -> Camera:
+    def camera(self, state: RigState, index: int) -> Camera:
         """Return a camera as its model."""
-        return camera_of(self.models[index], self.sizes[index], state.lenses[index], self.num_distortion)
+        return camera_from_vector(self.models[index], self.sizes[index], state.lenses[index], self.num_distortion)
 
-    def fixed(self, *, lenses: bool = False, extrinsics: bool = False, boards: bool = False) -> Problem:
+    def fixed(self, *, lenses: bool = False, extrinsics: bool = False, boards: bool = False) -> AdjustmentProblem:
         """Return the problem with some kinds of parameters held."""
         free = self.is_free.copy()
         num_cameras = len(self.models)
@@ -74,15 +74,15 @@ def rig_problem(
     seen: Observations,
     num_boards: int,
     reference_board: int = 0,
-) -> Problem:
+) -> AdjustmentProblem:
     """Return the whole problem; the first camera and one board stay where they are, to hold rig and world."""
     lenses = [free_parameters(model, num_distortion) for model in models]
     cameras = [np.concatenate([lens, np.full(6, index > 0)]) for index, lens in enumerate(lenses)]
     boards = [np.full(6, index != reference_board) for index in range(num_boards)]
-    return Problem(models, sizes, num_distortion, seen, np.concatenate([*cameras, *boards]))
+    return AdjustmentProblem(models, sizes, num_distortion, seen, np.concatenate([*cameras, *boards]))
 
 
-def camera_problem(model: str, size: tuple[int, int], num_distortion: int, seen: Observations) -> Problem:
+def camera_problem(model: str, size: tuple[int, int], num_distortion: int, seen: Observations) -> AdjustmentProblem:
     """Return the problem of one camera by itself: every view has a pose of its own, boards do not matter."""
     alone = replace(
         seen,
@@ -91,10 +91,10 @@ def camera_problem(model: str, size: tuple[int, int], num_distortion: int, seen:
         board=np.zeros(seen.num_views, dtype=np.intp),
     )
     free = np.concatenate([free_parameters(model, num_distortion), np.zeros(12, dtype=bool)])
-    return Problem((model,), (size,), num_distortion, alone, free)
+    return AdjustmentProblem((model,), (size,), num_distortion, alone, free)
 
 
-def camera_state(lens: Array, T_camera_board: SE3) -> State:
+def camera_state(lens: Array, T_camera_board: SE3) -> RigState:
     """Return the state of `camera_problem`; a rig pose is the camera's in the frame of the board it sees."""
     origin = SE3(np.eye(4)[None])
-    return State(lens[None], origin, origin, T_camera_board.inverse())
+    return RigState(lens[None], origin, origin, T_camera_board.inverse())

@@ -10,11 +10,10 @@ from numpy.typing import NDArray
 from rig_calibration.boards.bundle import solve
 from rig_calibration.boards.linearize import residuals
 from rig_calibration.boards.rejection import noise_px
-from rig_calibration.boards.state import Problem, State
+from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import so3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +27,7 @@ class Validation:
     halves: Array
 
 
-def validate(problem: Problem, state: State, kept: Array, params: CalibrationParams) -> Validation:
+def validate(problem: AdjustmentProblem, state: RigState, kept: Array, params: CalibrationParams) -> Validation:
     """Repeat the calibration on parts of the instants."""
     number = np.arange(len(state.T_world_rig.matrix))
     is_held = number % params.held_out_every == params.held_out_every - 1
@@ -37,7 +36,7 @@ def validate(problem: Problem, state: State, kept: Array, params: CalibrationPar
     return Validation(held_out, _difference(halves[0], halves[1], len(problem.models)))
 
 
-def camera_rms(problem: Problem, errors: Array, kept: Array) -> Array:
+def camera_rms(problem: AdjustmentProblem, errors: Array, kept: Array) -> Array:
     """Return the RMS (C,) of each camera over the corners that count, NaN without any."""
     found = np.full(len(problem.models), np.nan)
     for camera, rows in problem.seen.camera_slices:
@@ -48,7 +47,7 @@ def camera_rms(problem: Problem, errors: Array, kept: Array) -> Array:
 
 
 def _hold_out(
-    problem: Problem, state: State, kept: Array, is_held: NDArray[np.bool_], params: CalibrationParams
+    problem: AdjustmentProblem, state: RigState, kept: Array, is_held: NDArray[np.bool_], params: CalibrationParams
 ) -> Array:
     """Calibrate without some instants, then find only where the rig was at these."""
     rest = _part(problem, state, kept, ~is_held, params)
@@ -65,8 +64,8 @@ def _hold_out(
 
 
 def _part(
-    problem: Problem, state: State, kept: Array, is_used: NDArray[np.bool_], params: CalibrationParams
-) -> State | None:
+    problem: AdjustmentProblem, state: RigState, kept: Array, is_used: NDArray[np.bool_], params: CalibrationParams
+) -> RigState | None:
     """Calibrate from some instants (I,); None where a camera has too few views among them."""
     seen = problem.seen
     weights = kept * is_used[seen.instant[seen.view]]
@@ -77,7 +76,7 @@ def _part(
     return solve(problem, state, weights).state
 
 
-def _difference(first: State | None, second: State | None, num_cameras: int) -> Array:
+def _difference(first: RigState | None, second: RigState | None, num_cameras: int) -> Array:
     if first is None or second is None:
         return np.full((num_cameras, 6), np.nan)
     moved = second.T_rig_camera.translation - first.T_rig_camera.translation

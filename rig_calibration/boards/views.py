@@ -1,4 +1,4 @@
-"""What was seen: one `View` for a board in an image, and all of them as rows for the adjustment."""
+"""What was seen: one `BoardView` for a board in an image, and all of them as rows for the adjustment."""
 
 from __future__ import annotations
 
@@ -9,12 +9,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
+
 Indices = NDArray[np.intp]
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class BoardView:
     """The corners of one board in one image: their numbers (n,) on the board and where they are, (n, 2) pixels."""
 
     camera: str

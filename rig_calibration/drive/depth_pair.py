@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig_calibration.drive.drive_image import inner, sample, weigh_part
+from rig_calibration.drive.drive_image import inner, sample_with_gradient, weigh_part
 from sphere_nav.estimation.elimination import Part
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling, row_share
 
-Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
 
 SHARED = 6  # pose of the depth camera, (v, omega) in the image's camera
@@ -101,14 +101,14 @@ def _see(
     turn, there, pixels_there = _move(points, pixels, frame.twist, other.twist, T_other_frame, camera)
     seen = inner(pixels, camera) & inner(pixels_there, camera)
     points, normals, there, turn = points[seen], normals[seen], there[seen], turn[seen]
-    own, _ = sample(frame.levels[level], pixels[seen])
-    grey, gradient = sample(other.levels[level], pixels_there[seen])
+    own, _ = sample_with_gradient(frame.levels[level], pixels[seen])
+    gray, gradient = sample_with_gradient(other.levels[level], pixels_there[seen])
     by_there = np.einsum("ni,nij->nj", gradient, camera.J_project(there))
     by_point = np.einsum("nj,njk->nk", by_there, turn)
     # the point slides along its own ray to where its plane moves
     share = np.einsum("ni,ni->n", by_point, points) / np.einsum("ni,ni->n", normals, points)
     by_plane = share[:, None] * normals
-    return _Seen(own, grey, *(_turn_too(J, p) for J, p in ((by_plane, points), (by_point, points), (by_there, there))))
+    return _Seen(own, gray, *(_turn_too(J, p) for J, p in ((by_plane, points), (by_point, points), (by_there, there))))
 
 
 def _move(

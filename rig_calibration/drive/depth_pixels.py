@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from rig_calibration.drive.depth_pair import DepthFrame, DepthPair
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.params import PyramidParams
-
-Array = NDArray[np.float64]
 
 NUM_POINTS = 5_000  # of a frame, on a grid: chosen by the image, they would pull to where it is chosen
 NUM_LEVELS = 4
@@ -26,15 +25,15 @@ HIDDEN = 1.05  # times farther than the nearest is behind it
 
 
 def make_frame(
-    grey: NDArray[np.uint8], depth_m: NDArray[np.floating], camera: Camera, depth_camera: Camera, twist: Array
+    gray: NDArray[np.uint8], depth_m: NDArray[np.floating], camera: Camera, depth_camera: Camera, twist: Array
 ) -> DepthFrame:
     """Return a frame of an image (H, W) and depth (H', W') along z in m, NaN or <= 0 unknown."""
-    pyramid = build_pyramid(grey, camera, PyramidParams(num_levels=NUM_LEVELS))
-    points, normals = fit_planes(depth_m, depth_camera)
+    pyramid = build_pyramid(gray, camera, PyramidParams(num_levels=NUM_LEVELS))
+    points, normals = sample_planes(depth_m, depth_camera)
     return DepthFrame(tuple(level.image.astype(np.float32) for level in pyramid.levels), points, normals, twist)
 
 
-def fit_planes(depth_m: NDArray[np.floating], camera: Camera) -> tuple[Array, Array]:
+def sample_planes(depth_m: NDArray[np.floating], camera: Camera) -> tuple[Array, Array]:
     """Return points (N, 3) m on a grid where depth (H, W) is flat, and the unit normals (N, 3) there.
 
     On a plane the inverse of depth is linear in the rays with z = 1: its three coefficients are the normal.
@@ -47,7 +46,7 @@ def fit_planes(depth_m: NDArray[np.floating], camera: Camera) -> tuple[Array, Ar
     depth = np.asarray(depth_m, np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = np.where((depth > 0) & np.isfinite(depth), 1.0 / depth, 0.0)
-    rays = camera.unproject(pixel_grid(camera))
+    rays = pixel_rays(camera)
     rays = np.nan_to_num(rays / rays[..., 2:])
     known = inverse[rows, columns].reshape(len(v), -1)
     around = rays[rows, columns].reshape(len(v), -1, 3) * (known > 0)[..., None]

@@ -12,14 +12,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.stats import f
 
 from rig_calibration.drive.depth_pair import SHARED, DepthPair, PairState, linearize_pair
 from sphere_nav.estimation.elimination import Elimination, Part
+from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.geometry import SE3, Camera
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 NAMES = ("x", "y", "z", "rx", "ry", "rz")
 PRIOR_SIGMA = np.array([0.05, 0.05, 0.05, *np.radians([3.0, 3.0, 3.0])])  # of a camera that nobody calibrated, m, rad
@@ -55,7 +54,7 @@ class RefinedDepth:
     def contradicts(self, T_image_depth: SE3) -> bool:
         """Say whether another pose is refused at FALSE_ALARM (Hotelling's T^2: the pairs tell their own scatter)."""
         off, count = (self.T_image_depth @ T_image_depth.inverse()).log(), len(self.states)
-        squared = float(off @ np.linalg.solve(self.covariance, off))
+        squared = squared_mahalanobis(off, self.covariance)
         return bool(f.sf(squared * (count - SHARED) / (SHARED * (count - 1)), SHARED, count - SHARED) < FALSE_ALARM)
 
 

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 
 from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.estimation.elimination import Part
-from sphere_nav.estimation.robust import weigh
+from sphere_nav.estimation.robust import HUBER, weigh
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling, row_share
 from sphere_nav.photometric import Pyramid, View
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
@@ -21,7 +22,7 @@ from sphere_nav.photometric.pixels.selection import select
 
 NUM_PIXELS = 6_000  # of each level, the most salient
 NUM_LEVELS = 3
-ROWS_OF_POINT, ROW_OF_GREY = slice(0, 3), 3  # of a block (sphere_nav/photometric/align/iteration/kernels.py)
+ROWS_OF_POINT, ROW_OF_GRAY = slice(0, 3), 3  # of a block (sphere_nav/photometric/align/iteration/kernels.py)
 
 
 def collect(pyramid: Pyramid, view: View, T_map_camera: SE3, velocity: NDArray[np.float64]) -> DriveImage:
@@ -33,15 +34,12 @@ def collect(pyramid: Pyramid, view: View, T_map_camera: SE3, velocity: NDArray[n
         blocks = chosen.blocks.reshape(-1, BLOCK // SIDE, SIDE).transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)
         blocks = blocks[:, : chosen.num_pixels].astype(np.float64)
         points_map = view.T_world_reference.apply(blocks[ROWS_OF_POINT].T)
-        levels.append(LevelData(level.image.astype(np.float32), points_map, blocks[ROW_OF_GREY]))
+        levels.append(LevelData(level.image.astype(np.float32), points_map, blocks[ROW_OF_GRAY]))
     return DriveImage(tuple(levels), T_map_camera, velocity)
 
 
-Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
 
-OWN = 8  # pose (v, omega), gain, bias: what each image has of its own
-HUBER = 1.345  # standard deviations, M15 eq. 34
 MIN_SIGMA = 0.5  # grey levels
 MIN_PIXELS = 100
 MARGIN = 1.0  # px from the border
@@ -53,7 +51,7 @@ class LevelData:
 
     image: Plane
     points_map: Array
-    grey: Array
+    gray: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +76,7 @@ class ImageState:
         return ImageState(self.T_map_camera @ SE3.exp(step[:6]), self.gain + step[6], self.bias + step[7])
 
 
-def linearize(image: DriveImage, state: ImageState, lens: Lens, level: int) -> Part:
+def linearize_image(image: DriveImage, state: ImageState, lens: Lens, level: int) -> Part:
     """Return the robust normal equations of one image over lens, readout, pose, gain and bias."""
     return weigh_part(*differentiate(image, state, lens, level))
 
@@ -100,7 +98,7 @@ def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) 
     pixels, _ = project_rolling(camera, points, lens.readout * image.velocity)
     seen = inner(pixels, camera)
     points, pixels = points[seen], pixels[seen]
-    current, gradient = sample(data.image, pixels)
+    current, gradient = sample_with_gradient(data.image, pixels)
     J_point = camera.J_project(points)
     motion = np.concatenate([np.broadcast_to(np.eye(3), (len(points), 3, 3)), -_cross(points)], axis=2)  # v + w x p
     J_motion = -J_point @ motion
@@ -114,7 +112,7 @@ def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) 
         current[:, None],
         np.ones((len(points), 1)),
     )
-    return state.gain * current + state.bias - data.grey[seen], np.concatenate(columns, axis=1)
+    return state.gain * current + state.bias - data.gray[seen], np.concatenate(columns, axis=1)
 
 
 def inner(pixels: Array, camera: Camera) -> NDArray[np.bool_]:
@@ -126,7 +124,7 @@ def inner(pixels: Array, camera: Camera) -> NDArray[np.bool_]:
         )
 
 
-def sample(image: Plane, pixels: Array) -> tuple[Array, Array]:
+def sample_with_gradient(image: Plane, pixels: Array) -> tuple[Array, Array]:
     """Return grey levels (N,) and their gradient (N, 2) at pixels (N, 2), bilinear."""
     height, width = image.shape
 

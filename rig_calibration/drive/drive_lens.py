@@ -5,19 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.geometry import Camera, Fisheye, Pinhole
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rolling_shutter import MAX_READOUT_S
-
-Array = NDArray[np.float64]
 
 NAMES: dict[str, tuple[str, ...]] = {
     "pinhole": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "readout"),
     "fisheye": ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4", "readout"),
 }
 # Standard deviations before the drive: shares of the focal length and of the image's width, plain numbers, seconds.
-FOCAL_SHARE, CENTRE_SHARE, READOUT_S = 0.1, 0.05, 0.02
+FOCAL_SHARE, CENTER_SHARE, READOUT_S = 0.1, 0.05, 0.02
 DISTORTION = {"pinhole": (0.3, 0.3, 0.01, 0.01), "fisheye": (0.1, 0.1, 0.1, 0.1)}
 FLOOR = 5e-3  # of those: what sampling of image and map leaves however many images there are
 RELATIVE_STEP = 1e-3  # of numerical derivatives, in those standard deviations
@@ -57,7 +55,7 @@ class Lens:
     def prior_sigma(self) -> Array:
         """Standard deviations (P,) of what is known of a camera that nobody calibrated."""
         c = self.camera
-        lengths = (FOCAL_SHARE * c.fx, FOCAL_SHARE * c.fy, CENTRE_SHARE * c.width, CENTRE_SHARE * c.width)
+        lengths = (FOCAL_SHARE * c.fx, FOCAL_SHARE * c.fy, CENTER_SHARE * c.width, CENTER_SHARE * c.width)
         return np.array([*lengths, *DISTORTION[c.model], READOUT_S])
 
     def moved(self, step: Array) -> Lens:
@@ -77,7 +75,7 @@ class Lens:
         """Return the derivative (N, 2, P) of the pixels of points (N, 3) at a level, 0 by the readout."""
         J, camera, share = np.zeros((len(points), 2, len(self.names))), self.level(index), 0.5**index
         pixels, _ = camera.project(points)
-        f, c = self.values[:2] * share, self.level_centre(index)
+        f, c = self.values[:2] * share, self.level_center(index)
         for k in range(2):  # fx, fy; cx, cy
             J[:, k, k], J[:, k, 2 + k] = (pixels[:, k] - c[k]) / f[k] * share, share
         for k, size in enumerate(RELATIVE_STEP * self.prior_sigma[4:-1], start=4):
@@ -87,7 +85,7 @@ class Lens:
             J[:, :, k] = (after - before) / (2.0 * size)
         return J
 
-    def level_centre(self, index: int) -> tuple[float, float]:
+    def level_center(self, index: int) -> tuple[float, float]:
         """Return the principal point at a level of the pyramid."""
         share = 0.5**index
         return (self.camera.cx + 0.5) * share - 0.5, (self.camera.cy + 0.5) * share - 0.5

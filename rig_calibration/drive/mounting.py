@@ -14,11 +14,11 @@ import itertools
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sphere_nav.estimation.covariance import clustered_covariance
+from sphere_nav.estimation.robust import CAUCHY, cauchy_weights
 from sphere_nav.geometry import SE3, so3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 PIECE_M, PIECE_RAD = 1.0, 0.3  # driven or turned, whichever comes first
 MIN_PIECES = 8  # of which the scatter is a covariance
@@ -30,7 +30,6 @@ UNOBSERVED = np.array([0.1, 0.1, 0.1, 0.05, 0.05, 0.05, 0.02, 0.02])  # standard
 FIXED = 1e-6  # standard deviation of what stays as it was given
 SETTLED = 1e-7
 MAX_STEPS = 50
-CAUCHY = 2.385  # standard deviations; 95 % efficient for normal errors
 MEDIAN_LENGTH = 1.538  # of three normal numbers
 EPS = 1e-6  # of numerical differences
 
@@ -97,7 +96,7 @@ def _pieces(T_map_camera: SE3, T_odom_base: SE3) -> tuple[SE3, SE3]:
     return tuple(T[first].inverse() @ T[last] for T in (T_map_camera, T_odom_base))  # type: ignore[return-value]
 
 
-def errors(A: SE3, B: SE3, X: SE3, scales: Array) -> Array:
+def hand_eye_residuals(A: SE3, B: SE3, X: SE3, scales: Array) -> Array:
     """Return what is left (N, 6) of B X = X A, (v, omega) in the axes of the camera; X and scales may be batches.
 
     A piece is taken for a screw, whose way and turn are scaled: exact where it bends evenly.
@@ -120,7 +119,7 @@ def _fit(A: SE3, B: SE3, start: SE3) -> tuple[Mounting, float]:
     if not np.all(is_told):
         X, scales, covariance, sigma = _descend(A, B, start, np.where(is_told, PRIOR, FIXED))
         deviations = np.where(is_told, np.sqrt(np.diagonal(covariance)), deviations)
-    e = errors(A, B, X, scales)
+    e = hand_eye_residuals(A, B, X, scales)
     rms = float(np.sqrt(3.0 * np.mean(e[:, :3] ** 2))), float(np.sqrt(3.0 * np.mean(e[:, 3:] ** 2)))
     return Mounting(X, scales, deviations, len(e), rms), float(np.log(sigma).sum())
 
@@ -129,7 +128,7 @@ def _descend(A: SE3, B: SE3, start: SE3, prior: Array) -> tuple[SE3, Array, Arra
     """Return X and the scales by Gauss-Newton, their covariance (8, 8), and the deviations (6,) of the errors."""
     X, scales, known = start, np.ones(2), np.diag(prior**-2)
     for _ in range(MAX_STEPS):
-        e, J = errors(A, B, X, scales), _jacobian(A, B, X, scales)
+        e, J = hand_eye_residuals(A, B, X, scales), _jacobian(A, B, X, scales)
         sigma = _sigma(e)
         weights = _weights(e, sigma)
         weighted = J * weights[:, :, None]
@@ -139,9 +138,7 @@ def _descend(A: SE3, B: SE3, start: SE3, prior: Array) -> tuple[SE3, Array, Arra
         X, scales = _moved(X, scales, step)
         if np.abs(step / PRIOR).max() < SETTLED:
             break
-    inverse = np.linalg.inv(H + known)
-    scatter = gradients.T @ gradients * len(e) / (len(e) - 1)  # pieces are independent, whatever their errors
-    covariance = inverse @ (scatter + known) @ inverse
+    covariance = clustered_covariance(np.linalg.inv(H + known), gradients, known)  # pieces are independent
     by_noise = np.append(2.0 * sigma[3] ** 2 * np.sum(weights[:, [0, 0, 0, 3, 3, 3]], axis=0), [0.0, 0.0])
     share = np.minimum(by_noise / np.maximum(np.diagonal(H), 1e-300), 1.0)
     return X, scales, covariance + np.diag((share * prior) ** 2), sigma
@@ -151,7 +148,7 @@ def _jacobian(A: SE3, B: SE3, X: SE3, scales: Array) -> Array:
     """Return the derivatives (N, 6, 8) of the errors by the steps of `_moved`, by central differences."""
     moved = [_moved(X, scales, step) for step in EPS * np.concatenate([np.eye(8), -np.eye(8)])]
     poses, scaled = SE3(np.stack([pose.matrix[None] for pose, _ in moved])), np.stack([s[None] for _, s in moved])
-    ahead, behind = np.split(errors(A, B, poses, scaled), 2)
+    ahead, behind = np.split(hand_eye_residuals(A, B, poses, scaled), 2)
     return np.moveaxis((ahead - behind) / (2.0 * EPS), 0, -1)
 
 
@@ -167,5 +164,5 @@ def _sigma(e: Array) -> Array:
 def _weights(e: Array, sigma: Array) -> Array:
     """Return weights (N, 6): Cauchy's of a whole piece over the variances, as a wheel that slips spoils all of it."""
     squares = np.mean((e / sigma) ** 2, axis=1)
-    weights: Array = 1.0 / (1.0 + squares / CAUCHY**2)[:, None] / sigma**2
+    weights: Array = cauchy_weights(squares / CAUCHY**2)[:, None] / sigma**2
     return weights

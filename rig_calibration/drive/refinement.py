@@ -11,13 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rig_calibration.drive.drive_image import DriveImage, ImageState, linearize
+from rig_calibration.drive.drive_image import DriveImage, ImageState, linearize_image
 from rig_calibration.drive.drive_lens import FLOOR, Lens
 from sphere_nav.estimation.elimination import Elimination
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 MAX_STEPS = 12  # at a level
 MIN_STEP = 0.02  # of the parameters' standard deviations, below which a level is done
@@ -70,7 +68,7 @@ class _System:
         self, images: Sequence[DriveImage], states: Sequence[ImageState], lens: Lens, start: Lens, level: int
     ) -> None:
         self._states, self._lens = states, lens
-        self._parts = [linearize(image, state, lens, level) for image, state in zip(images, states, strict=True)]
+        self._parts = [linearize_image(image, state, lens, level) for image, state in zip(images, states, strict=True)]
         self._reduced = Elimination(self._parts, lens.prior_sigma, lens.values - start.values)
 
     def step(self) -> tuple[Lens, list[ImageState], float]:

@@ -1,6 +1,6 @@
-"""The images of a rig at one instant -> an augmented sphere (M15 section 4.3). READ FIRST `stitcher.py`.
+"""The images of a rig at one instant -> an augmented sphere (M15 section 4.3). READ FIRST `stitching/stitcher.py`.
 
-`views.py` says which pixel of which camera a pixel of the sphere is, `exposure.py` and `blending.py` make one image
-of them, `matching.py` and `epipolar.py` find range between two spheres with a baseline, `pairs.py` does it for cameras
-side by side, `fusion.py` joins ranges by their variance. `synchroniser.py` watches the streams.
+`stitching/` says which pixel of which camera a pixel of the sphere is, and blends; `light/` makes exposures equal;
+`range/` measures between two levels (`vertical.py`) or in pairs (`pairs.py`) and joins sources by their variance
+(`fusion.py`). `partial/` and `stereo/` make spheres of one RGB-D or stereo camera; `ros/` is `sphere_stitcher`.
 """

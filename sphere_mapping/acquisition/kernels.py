@@ -609,7 +609,7 @@ def small_angle(sine, cosine):
 
 
 @njit(**OPTIONS)
-def recentre(range_m, std_m, owner, offsets, columns, rows, new_range, new_std):
+def recenter(range_m, std_m, owner, offsets, columns, rows, new_range, new_std):
     """Move ranges (H, W) f32 seen from the cameras' own centres to the centre of the sphere.
 
     owner (H, W) i1: which camera shows a pixel, -1 none; offsets (N, 3) f32: its centre in the sphere's frame; columns
@@ -753,9 +753,9 @@ def warm_up() -> None:
     byte, plane = np.zeros((4, 4, 1), np.uint8), np.ones((4, 4), np.float32)
     total = np.zeros((4, 4, 1), np.int16)
     add_band(byte, byte, plane, total)
-    colour, colour_total = np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4, 3), np.int16)
-    add_band(colour, colour, plane, colour_total)
-    for sums, image in ((total, byte), (colour_total, colour)):
+    color, color_total = np.zeros((4, 4, 3), np.uint8), np.zeros((4, 4, 3), np.int16)
+    add_band(color, color, plane, color_total)
+    for sums, image in ((total, byte), (color_total, color)):
         to_levels(sums, image)
     grid, out = np.zeros((3, 3, 2, 2), np.float32), np.empty((4, 4), np.float32)
     levels = np.array([0.0, 1.0], np.float32)
@@ -787,7 +787,7 @@ def warm_up() -> None:
     at, pieces = np.zeros((1, 2), np.int32), np.zeros((1, 7))
     match_outline(plane, plane, at, np.ones((1, 2, 2), np.bool_), 0, np.zeros(4), pieces)
     unit, owner = np.zeros((2, 4), np.float32), np.zeros((4, 4), np.int8)
-    recentre(plane, plane, owner, np.zeros((1, 3), np.float32), unit, unit, out, out.copy())
+    recenter(plane, plane, owner, np.zeros((1, 3), np.float32), unit, unit, out, out.copy())
     small, pixel = np.ones((2, 2), np.float32), np.zeros(1, np.float32)
     sample_inverse_depth(small, pixel, pixel, 0.1, np.empty(1, np.float32))
     splat_nearest(pixel, pixel, pixel, False, small)

@@ -57,8 +57,8 @@ class StitchParams:
 
 
 @parameters
-class SynchroniserParams:
-    """Which images are one instant (`synchroniser.py`)."""
+class SynchronizerParams:
+    """Which images are one instant (`sphere_nav/ros/camera/synchronizer.py`)."""
 
     slack_s: float = param(0.005, "largest difference of the stamps of one instant", "s", low=0.0, high=1.0)
     deadline_s: float = param(0.2, "time after an instant's first image at which it is closed", "s", low=0.001)
@@ -82,7 +82,7 @@ class RectifyParams:
 
 
 @parameters
-class CloudParams:
+class LidarParams:
     """The cloud of a LiDAR (topic points)."""
 
     max_age_s: float = param(0.06, "largest time between a cloud and an instant that it serves", "s", low=0.0)
@@ -97,7 +97,7 @@ class CloudParams:
 
 @parameters
 class SphereStitcherParams:
-    """The node `sphere_stitcher` (`stitcher_node.py`)."""
+    """The node `sphere_stitcher` (`ros/node.py`)."""
 
     rig: str = param(
         "",
@@ -109,7 +109,7 @@ class SphereStitcherParams:
     rig_frame: str = param("rig_link", "frame of the rig")
     sphere_frame: str = param("rig_sphere_link", "frame of the sphere, told on /tf_static below that of the rig")
     jobs: int = param(2, "threads", low=1, high=64)
-    sync: SynchroniserParams = group(SynchroniserParams)
-    cloud: CloudParams = group(CloudParams)
+    sync: SynchronizerParams = group(SynchronizerParams)
+    cloud: LidarParams = group(LidarParams)
     rectify: RectifyParams = group(RectifyParams)
     stitch: StitchParams = group(StitchParams)

@@ -1,1 +1,1 @@
-"""Spheres joined to a graph: registration, key spheres, loops, optimisation (M15 sections 3.4 and 3.5)."""
+"""Spheres joined to a graph: registration, key spheres, loops, optimization (M15 sections 3.4 and 3.5)."""

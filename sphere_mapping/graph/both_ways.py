@@ -10,28 +10,33 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sphere_mapping.constants import (
+    EDGE_FLOOR_M,
+    EDGE_FLOOR_RAD,
+    EDGE_SHARE,
+    MAX_FROM_FEATURES_M,
+    MAX_FROM_FEATURES_RAD,
+    MAX_GAP_M,
+    MAX_GAP_RAD,
+    MAX_GAP_SHARE,
+    MAX_PAIR_MAD,
+    MIN_INLIERS,
+    MIN_PAIR_NCC,
+    MIN_PAIR_OVERLAP,
+)
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import MappingRegistrationParams
+from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric import Alignment, register
 from sphere_nav.spheres.appearance.pose import FeaturePose, find_pose
 from sphere_nav.spheres.graph import Edge
 
-Array = NDArray[np.float64]
-MAX_MAD = 0.05 * 255.0  # grey levels, of a true pair (M15 eq. 12)
-MIN_OVERLAP = 0.3  # share of the reference's own coverage that must be in view
-MIN_NCC = 0.6  # correlation of the aligned images, both ways
-MAX_APART_M, MAX_APART_SHARE, MAX_APART_RAD = 0.05, 0.02, 0.02  # between the two results; share of their distance
-FLOOR_M, FLOOR_RAD = 0.002, 0.0005  # standard deviation that no measured motion falls below
-MIN_INLIERS = 15  # features that agree on a pose; between other places of a town 4 to 8 do
-MAX_FROM_FEATURES_M, MAX_FROM_FEATURES_RAD = 0.3, 0.05  # between the motion by features and the dense one
-SHARE = 0.005  # the same by the distance between the spheres: ranges and calibration err, too
-
 
 @dataclass(frozen=True, eq=False)
-class Motion:
+class MeasuredMotion:
     """T_a_b as both ways measured it, covariance (6, 6) of xi in T_a_b @ exp(xi), and the two alignments."""
 
     T_a_b: SE3
@@ -41,11 +46,12 @@ class Motion:
 
     def edge(self, a: int, b: int, *, is_loop: bool) -> Edge:
         """Return it as an edge of the graph."""
-        information = np.linalg.inv(self.covariance)
-        return Edge(a, b, self.T_a_b, (information + information.T) / 2, is_loop)
+        return Edge(a, b, self.T_a_b, symmetric_inverse(self.covariance), is_loop)
 
 
-def measure(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: MappingRegistrationParams) -> Motion | None:
+def measure_motion(
+    a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: MappingRegistrationParams
+) -> MeasuredMotion | None:
     """Return the motion between two spheres from a first guess; None unless both ways are good and agree.
 
     The way back begins where the first one did, not where it ended: a common wrong valley is no agreement.
@@ -60,7 +66,7 @@ def measure(a: PreparedSphere, b: PreparedSphere, T_a_b: SE3, params: MappingReg
     return motion if motion is not None and not is_denied(motion, find_pose(b.features, a.features)) else None
 
 
-def is_denied(motion: Motion, seen: FeaturePose | None) -> bool:
+def is_denied(motion: MeasuredMotion, seen: FeaturePose | None) -> bool:
     """Say whether features that agree with each other do not agree with a motion; few features say nothing."""
     if seen is None or seen.num_inliers < MIN_INLIERS:
         return False
@@ -70,29 +76,29 @@ def is_denied(motion: Motion, seen: FeaturePose | None) -> bool:
 
 def confirm(
     a: PreparedSphere, b: PreparedSphere, forward: Alignment, params: MappingRegistrationParams
-) -> Motion | None:
+) -> MeasuredMotion | None:
     """Return the motion that an alignment of `b` in the frame of `a` measured, if the way back from there agrees."""
     back = register(a.pyramid, [b.at(SE3.identity())], forward.T_world_camera.inverse(), params)
     return agree(forward, back) if back.is_converged and back.ncc >= params.min_ncc else None
 
 
-def agree(forward: Alignment, back: Alignment) -> Motion | None:
+def agree(forward: Alignment, back: Alignment) -> MeasuredMotion | None:
     """Return the motion between both results, None where they are too far apart."""
-    apart = (forward.T_world_camera @ back.T_world_camera).log()  # A -> B composed with B -> A
-    limit_m = MAX_APART_M + MAX_APART_SHARE * float(np.linalg.norm(forward.T_world_camera.translation))
-    if np.linalg.norm(apart[:3]) > limit_m or np.linalg.norm(apart[3:]) > MAX_APART_RAD:
+    gap = (forward.T_world_camera @ back.T_world_camera).log()  # A -> B composed with B -> A
+    limit_m = MAX_GAP_M + MAX_GAP_SHARE * float(np.linalg.norm(forward.T_world_camera.translation))
+    if np.linalg.norm(gap[:3]) > limit_m or np.linalg.norm(gap[3:]) > MAX_GAP_RAD:
         return None
     T_a_b = forward.T_world_camera @ SE3.exp(-0.5 * (back.T_world_camera @ forward.T_world_camera).log())
-    return Motion(T_a_b, covariance_of(forward, back, T_a_b), forward, back)
+    return MeasuredMotion(T_a_b, two_way_covariance(forward, back, T_a_b), forward, back)
 
 
-def covariance_of(forward: Alignment, back: Alignment, T_a_b: SE3) -> Array:
+def two_way_covariance(forward: Alignment, back: Alignment, T_a_b: SE3) -> Array:
     """Return the covariance (6, 6): of both fits, of how far they disagree, and of what both share."""
     adjoint = T_a_b.inverse().adjoint()
     fits = 0.5 * (forward.covariance + adjoint @ back.covariance @ adjoint.T)
-    apart = 0.5 * (back.T_world_camera @ forward.T_world_camera).log()
-    floor = np.repeat([FLOOR_M + SHARE * float(np.linalg.norm(T_a_b.translation)), FLOOR_RAD], 3)
-    sideways = np.repeat([np.sum(apart[:3] ** 2) / 3, np.sum(apart[3:] ** 2) / 3], 3)
+    gap = 0.5 * (back.T_world_camera @ forward.T_world_camera).log()
+    floor = np.repeat([EDGE_FLOOR_M + EDGE_SHARE * float(np.linalg.norm(T_a_b.translation)), EDGE_FLOOR_RAD], 3)
+    sideways = np.repeat([np.sum(gap[:3] ** 2) / 3, np.sum(gap[3:] ** 2) / 3], 3)
     return np.asarray(fits + np.diag(floor**2 + sideways))
 
 
@@ -100,7 +106,7 @@ def is_good(alignment: Alignment, reference: PreparedSphere) -> bool:
     """Say whether one way alone could be true."""
     return (
         alignment.is_converged
-        and alignment.mad <= MAX_MAD
-        and alignment.ncc >= MIN_NCC
-        and alignment.overlap >= MIN_OVERLAP * reference.coverage
+        and alignment.mad <= MAX_PAIR_MAD
+        and alignment.ncc >= MIN_PAIR_NCC
+        and alignment.overlap >= MIN_PAIR_OVERLAP * reference.coverage
     )

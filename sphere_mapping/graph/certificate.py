@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from scipy.sparse import bsr_array, csc_array, eye_array, kron
 from scipy.sparse.linalg import SuperLU, splu
 
-from sphere_mapping.graph.chordal import as_rows, nearest_rotations, of_blocks, quadratic_form
+from sphere_mapping.graph.chordal import as_rows, of_blocks, quadratic_form
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 from sphere_nav.geometry import so3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.so3 import nearest_rotations
 
 TOLERANCE = 1e-3  # share of the cost by which a better optimum might be missed
 MAX_STEPS = 50

@@ -1,4 +1,4 @@
-"""The linear side of a pose graph: starts of an optimisation that need no guess.
+"""The linear side of a pose graph: starts of an optimization that need no guess.
 
 With X = (R_1 t_1 ... R_N t_N) the chordal cost, the sum of kappa |R_b - R_a R_ab|^2 + tau |t_b - t_a - R_a t_ab|^2 over
 all edges, is the quadratic form tr(X M X^T). What makes it hard is only that each R_i must be a rotation.
@@ -14,8 +14,8 @@ from scipy.sparse.csgraph import breadth_first_order
 from scipy.sparse.linalg import splu
 
 from sphere_mapping.graph.pose_graph import PoseGraph
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.so3 import nearest_rotations
 
 
 def quadratic_form(graph: PoseGraph) -> csc_array:
@@ -47,7 +47,7 @@ def chordal_poses(graph: PoseGraph) -> Array:
 def spanning_poses(graph: PoseGraph) -> Array:
     """Return poses (N, d + 1, d + 1) chained from the anchors along as few edges as possible, in the files' order."""
     count, poses = len(graph.ids), graph.poses.copy()
-    # an edge between neighbours in the file, the odometry, comes first where an end has several
+    # an edge between neighbors in the file, the odometry, comes first where an end has several
     edge_of = {}
     for k in np.argsort(-np.abs(np.diff(graph.ends, axis=1)[:, 0]), kind="stable"):
         a, b = graph.ends[k]
@@ -72,13 +72,6 @@ def as_poses(X: Array, d: int) -> Array:
     poses = np.tile(np.eye(d + 1), (X.shape[1] // (d + 1), 1, 1))
     poses[:, :d] = X.reshape(d, -1, d + 1).swapaxes(0, 1)
     return poses
-
-
-def nearest_rotations(matrices: Array) -> Array:
-    """Return the rotations (..., d, d) nearest to matrices (..., d, d)."""
-    U, _, Vt = np.linalg.svd(matrices)
-    U[..., :, -1] *= np.linalg.det(U @ Vt)[..., None]
-    return U @ Vt
 
 
 def _rotation_form(graph: PoseGraph) -> csc_array:

@@ -10,27 +10,22 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
-from sphere_mapping.graph.loop_closure import (
-    DRIFT,
-    DRIFT_RAD,
-    GATE,
+from sphere_mapping.constants import (
+    DRIFT_GATE,
+    MAX_SEEDS,
+    MIN_JOINS,
     MIN_LEAD,
     NUM_ALIKE,
-    START_M,
-    START_RAD,
-    lengths_from,
+    NUM_TRIED,
 )
+from sphere_mapping.graph.loop_closure import drift, lengths_from
 from sphere_mapping.graph.optimum import optimize_map
-from sphere_mapping.graph.verification import Candidate, Lookup, Run, Trial, place, verify
+from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, find_candidates, verify
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import Edge, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
-
-MIN_JOINS = 2  # places that must agree: one alone may look like another
-NUM_TRIED = 2  # key spheres of the map that a new one is aligned with
-MAX_SEEDS = 20  # joins whose word is compared with that of all others
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,7 +56,7 @@ class Joins:
 def find_joins(base: Submap, drive: Submap, params: MapperParams, run: Run = map) -> Joins:
     """Return the places that a drive has in common with a map, none where too few agree on where the drive is."""
     nodes = list(drive.graph)
-    found = list(run(place, (_lookup(base.index, drive.index, node.id) for node in nodes)))
+    found = list(run(find_candidates, (_lookup(base.index, drive.index, node.id) for node in nodes)))
     alike = [(node.id, candidates) for node, candidates in zip(nodes, found, strict=True) if candidates]
     trials = (_trial(base, drive, newer, candidates, params) for newer, candidates in alike)
     aligned = [edge for edge in run(verify, trials) if edge is not None]
@@ -79,7 +74,7 @@ def agreeing(base: SphereGraph, drive: SphereGraph, edges: Sequence[Edge]) -> li
     return best if len(best) >= MIN_JOINS and len(best) >= MIN_LEAD * rival else []
 
 
-def join(base: SphereGraph, drive: SphereGraph, edges: Sequence[Edge]) -> SphereGraph:
+def join_graphs(base: SphereGraph, drive: SphereGraph, edges: Sequence[Edge]) -> SphereGraph:
     """Return one graph, in the frame of the map, at the poses that fit all edges best; joins are robust."""
     T_base_drive = place_of_drive(base, drive, edges[len(edges) // 2])
     moved = drive.with_poses({node.id: T_base_drive @ node.T_map_sphere for node in drive})
@@ -102,7 +97,8 @@ def _like(seed: Edge, base: SphereGraph, drive: SphereGraph, edges: Sequence[Edg
         way = in_base[edge.a] + in_drive[edge.b]
         expected = T_base_drive @ drive[edge.b].T_map_sphere
         distance, angle = expected.distance(base[edge.a].T_map_sphere @ edge.T_a_b)
-        return bool(distance <= GATE * (START_M + DRIFT * way) and angle <= GATE * (START_RAD + DRIFT_RAD * way))
+        sigma_m, sigma_rad = drift(way)
+        return bool(distance <= DRIFT_GATE * sigma_m and angle <= DRIFT_GATE * sigma_rad)
 
     return [edge for edge in edges if is_like(edge)]
 
@@ -113,7 +109,7 @@ def _lookup(known: AppearanceIndex, own: AppearanceIndex, newer_id: int) -> Look
     return Lookup(features, tuple((older, known.features[older]) for older in alike))
 
 
-def _trial(base: Submap, drive: Submap, newer_id: int, found: list[Candidate], params: MapperParams) -> Trial:
+def _trial(base: Submap, drive: Submap, newer_id: int, found: list[Candidate], params: MapperParams) -> LoopTrial:
     best = sorted(found, key=lambda one: -one.num_inliers)[:NUM_TRIED]
     older = tuple((one.older, base.load(one.older), one.T_older_newer) for one in best)
-    return Trial(newer_id, drive.load(newer_id), older, params.registration)
+    return LoopTrial(newer_id, drive.load(newer_id), older, params.registration)

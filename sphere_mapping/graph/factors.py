@@ -7,19 +7,16 @@ from typing import Any, NamedTuple
 
 import gtsam
 import numpy as np
-from numpy.typing import NDArray
 
+from sphere_mapping.constants import ANCHOR_SIGMA, ROBUST_WIDTH
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 ANGLE_FIRST = [3, 4, 5, 0, 1, 2]  # our (v, omega) in GTSAM's order of space (omega, v); in the plane they agree
-ANCHOR_SIGMA = 1e-6  # anchors stay where they are
-ROBUST_WIDTH = 2.0  # standard deviations beyond which a robust edge loses weight (Huber)
 RELATIVE_TOLERANCE = 1e-8  # of the error, between two iterations; GTSAM's 1e-5 stops before a slow descent is done
 
 
-class Solution(NamedTuple):
+class DescentResult(NamedTuple):
     """Where a descent ended: poses (N, d + 1, d + 1), the weighted sum of squares there, and its steps."""
 
     poses: Array
@@ -72,9 +69,9 @@ def chi2_of(factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array)
     return float(2.0 * factors.error(_values(graph, poses)))
 
 
-def descend(
+def minimize_poses(
     factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array, max_iterations: int
-) -> Solution | None:
+) -> DescentResult | None:
     """Return where Levenberg-Marquardt ends from these poses, None where it breaks down."""
     kind, size = KINDS[graph.dimension], TANGENT_SIZE[graph.dimension]
     anchored = gtsam.NonlinearFactorGraph(factors)
@@ -92,7 +89,7 @@ def descend(
         return None
     found = np.array([kind.at(values, row).matrix() for row in range(len(poses))])
     chi2 = float(2.0 * factors.error(values))
-    return Solution(found, chi2, int(optimizer.iterations())) if np.isfinite(chi2) else None
+    return DescentResult(found, chi2, int(optimizer.iterations())) if np.isfinite(chi2) else None
 
 
 def _values(graph: PoseGraph, poses: Array) -> gtsam.Values:

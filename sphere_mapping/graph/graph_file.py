@@ -13,20 +13,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_mapping.graph.chordal import spanning_poses
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 from sphere_nav.geometry import SE3, so3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 MAX_FILE_BYTES = 1 << 30
 IGNORED = ("PARAMS_", "EQUIV", "#")
 TORO_PLANE = ((0, 0), (0, 1), (1, 1), (2, 2), (0, 2), (1, 2))  # TORO's order in the plane, not row by row
 
 
-class Layout(NamedTuple):
+class LineFormat(NamedTuple):
     """How a kind of line gives a pose: the dimension, how many numbers, how to read them, order of the information."""
 
     dimension: int
@@ -145,7 +143,7 @@ def _id(word: str) -> int:
     return int(word)
 
 
-def _information(values: Array, layout: Layout) -> Array:
+def _information(values: Array, layout: LineFormat) -> Array:
     size = TANGENT_SIZE[layout.dimension]
     information = np.zeros((size, size))
     for (i, j), value in zip(layout.information, values, strict=True):
@@ -185,8 +183,8 @@ def _upper(size: int) -> tuple[tuple[int, int], ...]:
 
 
 LAYOUTS = {
-    "SE2": Layout(2, 3, _from_planar, _upper(3)),
-    "SE3:QUAT": Layout(3, 7, lambda values: SE3.from_quaternion(values[3:], values[:3]).matrix, _upper(6)),
-    "2": Layout(2, 3, _from_planar, TORO_PLANE),
-    "3": Layout(3, 6, _from_euler, _upper(6)),
+    "SE2": LineFormat(2, 3, _from_planar, _upper(3)),
+    "SE3:QUAT": LineFormat(3, 7, lambda values: SE3.from_quaternion(values[3:], values[:3]).matrix, _upper(6)),
+    "2": LineFormat(2, 3, _from_planar, TORO_PLANE),
+    "3": LineFormat(3, 6, _from_euler, _upper(6)),
 }

@@ -1,6 +1,6 @@
 """A growing graph kept at its optimum by what is new to it: iSAM2 (Kaess et al., IJRR 2012), by GTSAM.
 
-A loop moves what lies between its ends; the cost follows that, not the size of the map. Small graphs are optimised
+A loop moves what lies between its ends; the cost follows that, not the size of the map. Small graphs are optimized
 whole, from two starts, which costs less than keeping them.
 """
 
@@ -11,14 +11,13 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 
-from sphere_mapping.graph.factors import ANCHOR_SIGMA, factors_of
+from sphere_mapping.constants import ANCHOR_SIGMA, LARGE, RELINEARIZE
+from sphere_mapping.graph.factors import factors_of
 from sphere_mapping.graph.loop_closure import with_loops
 from sphere_mapping.graph.pose_graph import PoseGraph
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
-LARGE = 300  # key spheres from which on it pays
-RELINEARIZE = 0.003  # m and rad by which a pose moves before it is linearised anew
 MAX_STEPS = 10  # of Gauss-Newton after a loop; it ends when no pose has moved by as much
 
 

@@ -7,17 +7,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from sphere_mapping.constants import MIN_INLIER_SHARE
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import KeySphereParams
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import Alignment
 
-MAX_GREY = 255.0
-MIN_INLIER_SHARE = 0.5  # of pixels that agree
+MAX_GRAY = 255.0
 
-NOT_YET, FIRST, MAD, OVERLAP, INLIERS, PARALLAX, LAST_GOOD = (
-    "", "FIRST", "MAD", "OVERLAP", "INLIERS", "PARALLAX", "LAST_GOOD"
-)  # fmt: skip
+NOT_YET, FIRST, MAD, OVERLAP, INLIERS, PARALLAX = "", "FIRST", "MAD", "OVERLAP", "INLIERS", "PARALLAX"
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +50,7 @@ def why_key_sphere(
     Eq. 12 on whole spheres; a partial sphere also loses sight of its reference, and one that drives into its view
     sees everything larger long before the residual says so. Overlap is counted of what has a range and could overlap.
     """
-    if alignment.mad > params.max_mad_share * MAX_GREY:
+    if alignment.mad > params.max_mad_share * MAX_GRAY:
         return MAD
     if alignment.overlap < params.min_overlap * reference.coverage:
         return OVERLAP

@@ -14,23 +14,27 @@ from numpy.typing import NDArray
 from scipy.sparse import csr_array
 from scipy.sparse.csgraph import dijkstra
 
+from sphere_mapping.constants import (
+    DRIFT,
+    DRIFT_GATE,
+    DRIFT_RAD,
+    DRIFT_START_M,
+    DRIFT_START_RAD,
+    FARTHEST_PASSED_M,
+    MIN_DETOUR,
+    MIN_LEAD,
+    NUM_ALIKE,
+    SAME_PLACE_M,
+)
 from sphere_mapping.graph.optimum import optimize_map
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.graph.verification import Candidate, Lookup, Run, Trial, place, verify
+from sphere_mapping.graph.verification import Candidate, Lookup, LoopTrial, Run, find_candidates, verify
 from sphere_mapping.params import LoopParams, MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
-
-NUM_ALIKE = 4  # key spheres whose features are compared with a new one's
-SAME_PLACE_M = 1.0  # suggestions farther apart than this are of different places
-MIN_LEAD = 1.5  # inliers of the best place by those of the next one; else both could be meant
-DRIFT, DRIFT_RAD = 0.02, 0.003  # standard deviation of the graph, by the metres on the way between two spheres
-START_M, START_RAD, GATE = 0.1, 0.02, 3.0  # the same of no way at all; standard deviations that are believed
-FARTHEST_PASSED_M = 50.0  # on the way back: nothing farther looks alike merely because it is near
-MIN_DETOUR = 4.0  # way between two spheres by their distance; along a shorter one the chain is the better measure
 
 Load = Callable[[int], Sphere]
 
@@ -42,19 +46,21 @@ class LoopCloser:
         self._params, self._load = params, load
         self.index = AppearanceIndex()
 
-    def look(self, graph: SphereGraph, newer: PreparedSphere, newer_id: int) -> Edge | None:
-        """Take note of a new key sphere; return the loop edge to the best older one, if any holds."""
+    def find(self, graph: SphereGraph, newer: PreparedSphere, newer_id: int) -> Edge | None:
+        """Index a new key sphere; return the loop edge to the best older one, if any holds."""
         if newer_id not in self.index.features:
             self.index.add(newer_id, newer.features)
-        chosen = choose(graph, newer_id, place(self._lookup(graph, newer_id)))
+        chosen = choose_candidate(graph, newer_id, find_candidates(self._lookup(graph, newer_id)))
         return verify(self._trial(newer_id, newer.sphere, chosen)) if chosen is not None else None
 
-    def close(self, graph: SphereGraph, run: Run = map) -> list[Edge]:
+    def find_all(self, graph: SphereGraph, run: Run = map) -> list[Edge]:
         """Return every verified loop that the graph lacks, by appearance and among spheres that are believed near."""
-        self.learn(graph)
+        self.index_all(graph)
         joined, ids = joined_pairs(graph), list(graph.nodes)
-        placed = run(place, (self._lookup(graph, newer_id) for newer_id in ids))
-        chosen = [(newer_id, choose(graph, newer_id, found)) for newer_id, found in zip(ids, placed, strict=True)]
+        placed = run(find_candidates, (self._lookup(graph, newer_id) for newer_id in ids))
+        chosen = [
+            (newer_id, choose_candidate(graph, newer_id, found)) for newer_id, found in zip(ids, placed, strict=True)
+        ]
         trials = (self._trial(newer_id, self._load(newer_id), one) for newer_id, one in chosen if one is not None)
         loops = [loop for loop in run(verify, trials) if loop is not None]
         joined |= {(loop.a, loop.b) for loop in loops}
@@ -62,8 +68,8 @@ class LoopCloser:
         trials = (self._trial(newer.id, self._load(newer.id), believed(older, newer)) for older, newer in near)
         return loops + [loop for loop in run(verify, trials) if loop is not None]
 
-    def learn(self, graph: SphereGraph) -> None:
-        """Take note of what all key spheres look like."""
+    def index_all(self, graph: SphereGraph) -> None:
+        """Index what all key spheres look like."""
         for node in graph:
             if node.id not in self.index.features:
                 self.index.add(node.id, features_of_sphere(self._load(node.id)))
@@ -72,13 +78,13 @@ class LoopCloser:
         """Return the older spheres that look like one, neither on the way that led to it nor joined with it."""
         before = passed(graph, newer_id, self._params.loop.min_way_m)
         features = self.index.features[newer_id]
-        alike = self.index.find(features, NUM_ALIKE, without=[newer_id, *before, *neighbours(graph, newer_id)])
+        alike = self.index.find(features, NUM_ALIKE, without=[newer_id, *before, *neighbors(graph, newer_id)])
         older = [one.sphere_id for one in alike if one.sphere_id < newer_id]
         return Lookup(features, tuple((sphere_id, self.index.features[sphere_id]) for sphere_id in older))
 
-    def _trial(self, newer_id: int, newer: Sphere, one: Candidate) -> Trial:
+    def _trial(self, newer_id: int, newer: Sphere, one: Candidate) -> LoopTrial:
         older = (one.older, self._load(one.older), one.T_older_newer)
-        return Trial(newer_id, newer, (older,), self._params.registration)
+        return LoopTrial(newer_id, newer, (older,), self._params.registration)
 
 
 def believed(older: KeySphere, newer: KeySphere) -> Candidate:
@@ -95,13 +101,13 @@ def passed(graph: SphereGraph, newer_id: int, min_way_m: float) -> list[int]:
             break
         there = graph[sphere_id].T_map_sphere.translation
         way, at = way + float(np.linalg.norm(there - at)), there
-        nearest = float(np.linalg.norm(there - here)) - GATE * (START_M + DRIFT * way)
+        nearest = float(np.linalg.norm(there - here)) - DRIFT_GATE * drift(way)[0]
         if way < max(min_way_m, MIN_DETOUR * nearest):
             found.append(sphere_id)
     return found
 
 
-def choose(graph: SphereGraph, newer_id: int, found: list[Candidate]) -> Candidate | None:
+def choose_candidate(graph: SphereGraph, newer_id: int, found: list[Candidate]) -> Candidate | None:
     """Return the best of the candidates that drift allows; None where another place has nearly as many features."""
     if not found:
         return None
@@ -126,7 +132,13 @@ def is_possible(graph: SphereGraph, newer_id: int, one: Candidate, ways: dict[in
     """Say whether the graph can have drifted by as much as a candidate asks for."""
     way = ways.get(one.older, np.inf)
     distance, angle = place_of(graph, one).distance(graph[newer_id].T_map_sphere)
-    return bool(distance <= GATE * (START_M + DRIFT * way) and angle <= GATE * (START_RAD + DRIFT_RAD * way))
+    sigma_m, sigma_rad = drift(way)
+    return bool(distance <= DRIFT_GATE * sigma_m and angle <= DRIFT_GATE * sigma_rad)
+
+
+def drift(way: float) -> tuple[float, float]:
+    """Return the standard deviations in m and rad of the graph over so many metres of way."""
+    return DRIFT_START_M + DRIFT * way, DRIFT_START_RAD + DRIFT_RAD * way
 
 
 def is_return(way: float, T_older_newer: SE3) -> bool:
@@ -147,15 +159,15 @@ def lengths_from(graph: SphereGraph, sphere_id: int) -> dict[int, float]:
     row = {node_id: index for index, node_id in enumerate(graph.nodes)}
     pairs = np.array([row[edge.a] * number + row[edge.b] for edge in edges])
     pairs, first = np.unique(pairs, return_index=True)  # of several edges between two spheres one is enough
-    metres = np.maximum([edge.length_m for edge in edges], 1e-6)[first]
-    matrix = csr_array((metres, np.divmod(pairs, number)), shape=(number, number))
+    meters = np.maximum([edge.length_m for edge in edges], 1e-6)[first]
+    matrix = csr_array((meters, np.divmod(pairs, number)), shape=(number, number))
     found: NDArray[np.float64] = dijkstra(matrix, directed=False, indices=row[sphere_id])
     is_connected = np.isfinite(found)
     ids = np.fromiter(row, np.int64, number)[is_connected]
     return dict(zip(ids.tolist(), found[is_connected].tolist(), strict=True))
 
 
-def neighbours(graph: SphereGraph, sphere_id: int) -> Iterator[int]:
+def neighbors(graph: SphereGraph, sphere_id: int) -> Iterator[int]:
     """Yield the key spheres that an edge joins with one."""
     for edge in graph.edges:
         if sphere_id in (edge.a, edge.b):

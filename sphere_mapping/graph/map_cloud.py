@@ -8,14 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.params import CloudParams
-from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import Image, Sphere
 
 Points = NDArray[np.float32]
 
 
 class MapCloud:
-    """The thinned points of the newest key spheres, kept in their own frames: only new pictures are asked for."""
+    """The thinned points of the newest key spheres, kept in their own frames: only new ones are asked for."""
 
     def __init__(self, params: CloudParams, load: Callable[[int], Sphere]) -> None:
         self._params, self._load = params, load
@@ -30,28 +30,20 @@ class MapCloud:
         for node in sorted(graph, key=lambda node: node.id, reverse=True):
             if number >= self._params.max_points:
                 break
-            parts[node.id] = self._parts.get(node.id) or thin(self._load(node.id), self._params)
+            parts[node.id] = self._parts.get(node.id) or thin_points(self._load(node.id), self._params)
             number += len(parts[node.id][0])
         self._parts = parts
         if not parts:
             return np.zeros((0, 3), np.float32), np.zeros(0, np.uint8)
-        moved = [graph[key].T_map_sphere.apply(points).astype(np.float32) for key, (points, _) in parts.items()]
+        points_map = [graph[key].T_map_sphere.apply(points).astype(np.float32) for key, (points, _) in parts.items()]
         values = [values for _, values in parts.values()]
         if any(some.ndim == 1 for some in values):
             values = [some if some.ndim == 1 else some[:, 1] for some in values]
         limit = self._params.max_points
-        return np.concatenate(moved)[:limit], np.concatenate(values)[:limit]
+        return np.concatenate(points_map)[:limit], np.concatenate(values)[:limit]
 
 
-def points_of(node: KeySphere, params: CloudParams) -> tuple[Points, Image]:
-    """Return the thinned points (N, 3) of one key sphere in the map frame and their image values."""
-    if node.sphere is None:
-        raise ValueError(f"key sphere {node.id}: expected its picture in memory, found none")
-    points, values = thin(node.sphere, params)
-    return node.T_map_sphere.apply(points).astype(np.float32), values
-
-
-def thin(sphere: Sphere, params: CloudParams) -> tuple[Points, Image]:
+def thin_points(sphere: Sphere, params: CloudParams) -> tuple[Points, Image]:
     """Return the thinned points (N, 3) of a sphere in its own frame and their image values."""
     points, values = sphere.points(params.step)
     near = np.linalg.norm(points, axis=1) <= params.max_range_m

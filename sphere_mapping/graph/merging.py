@@ -1,7 +1,7 @@
-"""Key spheres of places that were seen twice: one is enough for the map (M15 section 3.5.2).
+"""Key spheres of positions that were seen twice: one is enough for the map (M15 section 3.5.2).
 
 A key sphere leaves the map where edges join it with one of another visit that stays, and where everything it was
-nearest to is near enough to spheres that stay: by the regions in which these localise, and by the spacing of the drive.
+nearest to is near enough to spheres that stay: by the regions in which these localize, and by the spacing of the drive.
 What was measured to it is composed, so that the graph keeps what it knows. Spheres that follow each other on one visit
 do not replace each other: how far apart those are was decided when they were kept.
 """
@@ -12,15 +12,12 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sphere_mapping.graph.loop_closure import MIN_DETOUR
+from sphere_mapping.constants import MERGE_REACH, MERGE_SPACING, MIN_DETOUR
+from sphere_nav.estimation.normal_equations import symmetric, symmetric_inverse
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
-
-Array = NDArray[np.float64]
-REACH = 0.5  # of the radius of a sphere's region: how near it must be to what another one was nearest to
-APART = 0.75  # the same of the distance from that one to the next on its drive: the map stays as dense as was asked for
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,12 +28,12 @@ class Merged:
     replaced: dict[int, int]
 
 
-def merge(graph: SphereGraph, places: Array, staying: Collection[int] = ()) -> Merged:
+def merge(graph: SphereGraph, positions: Array, staying: Collection[int] = ()) -> Merged:
     """Return the graph without redundant key spheres; of those that see the same the newest leaves.
 
-    places (P, 3): where in the map all spheres were taken, those that were not kept, too. staying: ids that stay.
+    positions (P, 3): where in the map all spheres were taken, those that were not kept, too. staying: ids that stay.
     """
-    merger = _Merger(graph, np.concatenate([places.reshape(-1, 3), _positions(graph)]))
+    merger = _Merger(graph, np.concatenate([positions.reshape(-1, 3), _positions(graph)]))
     for node in sorted(graph, key=lambda node: -node.id):
         if node.id not in staying:
             merger.try_without(node)
@@ -46,7 +43,7 @@ def merge(graph: SphereGraph, places: Array, staying: Collection[int] = ()) -> M
     return Merged(SphereGraph(kept, merger.edges()), merger.replaced)
 
 
-def compose(first: Edge, second: Edge) -> Edge:
+def compose_edges(first: Edge, second: Edge) -> Edge:
     """Return the edge a -> c of a -> b and b -> c: the product, its covariance carried by the adjoint.
 
     T_a_b exp(x) T_b_c exp(y) = T_a_b T_b_c exp(Ad(T_c_b) x + y), to first order.
@@ -56,22 +53,22 @@ def compose(first: Edge, second: Edge) -> Edge:
     adjoint = second.T_a_b.inverse().adjoint()
     covariance = adjoint @ np.linalg.inv(first.information) @ adjoint.T + np.linalg.inv(second.information)
     is_loop = first.is_loop or second.is_loop
-    return Edge(first.a, second.b, first.T_a_b @ second.T_a_b, _inverse(covariance), is_loop)
+    return Edge(first.a, second.b, first.T_a_b @ second.T_a_b, symmetric_inverse(covariance), is_loop)
 
 
 def reverse(edge: Edge) -> Edge:
     """Return the same motion from the other end: (T exp(x))^-1 = T^-1 exp(-Ad(T) x)."""
     adjoint = edge.T_a_b.inverse().adjoint()
-    return Edge(edge.b, edge.a, edge.T_a_b.inverse(), _symmetric(adjoint.T @ edge.information @ adjoint), edge.is_loop)
+    return Edge(edge.b, edge.a, edge.T_a_b.inverse(), symmetric(adjoint.T @ edge.information @ adjoint), edge.is_loop)
 
 
 class _Merger:
-    """The graph while spheres leave it: edges by their ends, and the places that each sphere is nearest to."""
+    """The graph while spheres leave it: edges by their ends, and the positions that each sphere is nearest to."""
 
     def __init__(self, graph: SphereGraph, points: Array) -> None:
         self.replaced: dict[int, int] = {}
         self._graph, self._points = graph, points
-        self._farthest = REACH * max((node.region_radius_m for node in graph), default=0.0)
+        self._farthest = MERGE_REACH * max((node.region_radius_m for node in graph), default=0.0)
         self._edges: dict[int, list[Edge]] = {node.id: [] for node in graph}
         for edge in graph.edges:
             self._add(edge)
@@ -96,7 +93,7 @@ class _Merger:
             self._remove(edge)
         for edge in edges:
             if edge.b != hub.b:
-                self._add(compose(reverse(hub), edge))
+                self._add(compose_edges(reverse(hub), edge))
         for point, server in zip(self._served.pop(node.id), servers, strict=True):
             assert server is not None
             self._served[server].append(point)
@@ -117,10 +114,10 @@ class _Merger:
         """Return the nearest key sphere whose region reaches a point well, None where there is none near enough."""
         near = [
             (float(np.linalg.norm(node.T_map_sphere.translation - point)), node)
-            for node in self._graph.near(point, min(self._farthest, APART * self._spacing[without]))
+            for node in self._graph.near(point, min(self._farthest, MERGE_SPACING * self._spacing[without]))
             if node.id != without and node.id not in self.replaced
         ]
-        reaching = [(distance, node.id) for distance, node in near if distance <= REACH * node.region_radius_m]
+        reaching = [(distance, node.id) for distance, node in near if distance <= MERGE_REACH * node.region_radius_m]
         return min(reaching)[1] if reaching else None
 
     def _add(self, edge: Edge) -> None:
@@ -136,11 +133,11 @@ def _along(graph: SphereGraph) -> dict[int, tuple[int, float]]:
     """Return for each key sphere the number of its drive, and the metres from its beginning."""
     chain = {(edge.a, edge.b): edge for edge in graph.edges if not edge.is_loop}
     found: dict[int, tuple[int, float]] = {}
-    before, drive, metres = -1, -1, 0.0
+    before, drive, meters = -1, -1, 0.0
     for node_id in sorted(graph.nodes):
         edge = chain.get((before, node_id))
-        drive, metres = (drive, metres + _length(edge)) if edge is not None else (drive + 1, 0.0)
-        found[node_id], before = (drive, metres), node_id
+        drive, meters = (drive, meters + _length(edge)) if edge is not None else (drive + 1, 0.0)
+        found[node_id], before = (drive, meters), node_id
     return found
 
 
@@ -164,11 +161,3 @@ def _variance(edge: Edge) -> float:
 
 def _positions(graph: SphereGraph) -> Array:
     return np.array([node.T_map_sphere.translation for node in graph]).reshape(-1, 3)
-
-
-def _inverse(matrix: Array) -> Array:
-    return _symmetric(np.linalg.inv(matrix))
-
-
-def _symmetric(matrix: NDArray[np.floating]) -> Array:
-    return np.asarray((matrix + matrix.T) / 2, dtype=np.float64)

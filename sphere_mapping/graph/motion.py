@@ -7,14 +7,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.constants import (
+    ACCELERATION,
+    EXPECTED_FLOOR_M,
+    EXPECTED_FLOOR_RAD,
+    EXPECTED_GATE,
+    MAX_EXTRAPOLATION,
+    ODOMETRY_SHARE,
+    SHARP_M,
+    SHARP_RAD,
+    TURN_ACCELERATION,
+)
 from sphere_nav.geometry import SE3
-
-MAX_EXTRAPOLATION = 5.0  # intervals of the past motion; farther ahead nobody knows
-ACCELERATION, TURN_ACCELERATION = 5.0, 10.0  # m/s^2, rad/s^2: standard deviations of what a vehicle or a hand does
-ODOMETRY_SHARE = 0.1  # standard deviation of odometry by the motion
-FLOOR_M, FLOOR_RAD = 0.05, 0.03  # of every expectation
-GATE = 4.0  # standard deviations that an alignment may be away: 1 in 16,000, were they Gaussian
-SHARP_M, SHARP_RAD = 0.2, 0.1  # standard deviations above which being expected proves nothing
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +32,7 @@ class Expectation:
     def allows(self, T_map_sphere: SE3) -> bool:
         """Say whether a pose lies within the gate."""
         distance, angle = self.T_map_sphere.distance(T_map_sphere)
-        return bool(distance <= GATE * self.sigma_m and angle <= GATE * self.sigma_rad)
+        return bool(distance <= EXPECTED_GATE * self.sigma_m and angle <= EXPECTED_GATE * self.sigma_rad)
 
     @property
     def is_sharp(self) -> bool:
@@ -46,14 +50,14 @@ class Placed:
 
 
 @dataclass
-class MotionPrior:
+class DriveMotion:
     """Carries the motion between the last two placed spheres on, or that of the odometry where it is given."""
 
     last: Placed | None = None
     before: Placed | None = None
 
-    def put(self, placed: Placed) -> None:
-        """Take note of a placed sphere."""
+    def update(self, placed: Placed) -> None:
+        """Take down a placed sphere."""
         self.before, self.last = self.last, placed
 
     @property
@@ -61,7 +65,7 @@ class MotionPrior:
         """T_map_sphere of the last placed sphere; identity before the first."""
         return self.last.T_map_sphere if self.last is not None else SE3.identity()
 
-    def move(self, T_map_before: SE3) -> None:
+    def transform(self, T_map_before: SE3) -> None:
         """Follow a correction of the map: poses that were in the map as it was before it."""
         self.last, self.before = (
             placed and replace(placed, T_map_sphere=T_map_before @ placed.T_map_sphere)
@@ -80,8 +84,8 @@ class MotionPrior:
         """Return the velocity (6,) (v, omega) per second between the last two spheres, zero where there are none."""
         if self.last is None or self.before is None or self.last.stamp_ns <= self.before.stamp_ns:
             return np.zeros(6)
-        moved = self.before.T_map_sphere.inverse() @ self.last.T_map_sphere
-        return moved.log() / ((self.last.stamp_ns - self.before.stamp_ns) * 1e-9)
+        T_before_last = self.before.T_map_sphere.inverse() @ self.last.T_map_sphere
+        return T_before_last.log() / ((self.last.stamp_ns - self.before.stamp_ns) * 1e-9)
 
     def velocity_to(self, T_map_sphere: SE3, stamp_ns: int) -> NDArray[np.float64]:
         """Return the velocity (6,) from the last sphere to a pose at a stamp; zero before the first."""
@@ -100,7 +104,7 @@ class MotionPrior:
         else:
             elapsed_s = (stamp_ns - self.last.stamp_ns) * 1e-9
             growth = 0.5 * ACCELERATION * elapsed_s**2, 0.5 * TURN_ACCELERATION * elapsed_s**2
-        return Expectation(guess, FLOOR_M + growth[0], FLOOR_RAD + growth[1])
+        return Expectation(guess, EXPECTED_FLOOR_M + growth[0], EXPECTED_FLOOR_RAD + growth[1])
 
     def _has_odometry(self, T_odom_sphere: SE3 | None) -> bool:
         return T_odom_sphere is not None and self.last is not None and self.last.T_odom_sphere is not None
@@ -109,6 +113,6 @@ class MotionPrior:
         """Return the motion since the last sphere at constant velocity."""
         if self.last is None or self.before is None or self.last.stamp_ns <= self.before.stamp_ns:
             return SE3.identity()
-        moved = self.before.T_map_sphere.inverse() @ self.last.T_map_sphere
+        T_before_last = self.before.T_map_sphere.inverse() @ self.last.T_map_sphere
         elapsed = (stamp_ns - self.last.stamp_ns) / (self.last.stamp_ns - self.before.stamp_ns)
-        return SE3.exp(moved.log() * min(max(elapsed, 0.0), MAX_EXTRAPOLATION))
+        return SE3.exp(T_before_last.log() * min(max(elapsed, 0.0), MAX_EXTRAPOLATION))

@@ -8,17 +8,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
 from scipy.special import chdtri
 
 from sphere_mapping.graph.certificate import TOLERANCE, ChordalOptimum, certify
 from sphere_mapping.graph.chordal import chordal_poses
-from sphere_mapping.graph.factors import Solution, chi2_of, descend, factors_of
+from sphere_mapping.graph.factors import DescentResult, chi2_of, factors_of, minimize_poses
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph, from_spheres, to_spheres
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.graph import SphereGraph
-
-Array = NDArray[np.float64]
 
 MAX_ITERATIONS = 100
 TOO_MUCH = 1e-3  # share of right optima whose sum of squares is larger
@@ -40,7 +37,7 @@ class Optimum:
     chi2_after: float
     iterations: int
     start: str
-    solutions: dict[str, Solution]
+    solutions: dict[str, DescentResult]
     certificate: ChordalOptimum | None = None
 
     @property
@@ -70,9 +67,9 @@ def optimize_map(graph: SphereGraph) -> CorrectedMap:
         return CorrectedMap(graph, None)
     problem = from_spheres(graph)
     factors = factors_of(problem)
-    solutions = {CHORDAL: descend(factors, problem, chordal_poses(problem), MAX_ITERATIONS)}
+    solutions = {CHORDAL: minimize_poses(factors, problem, chordal_poses(problem), MAX_ITERATIONS)}
     if not fits(problem, solutions[CHORDAL]):
-        solutions[GIVEN] = descend(factors, problem, problem.poses, MAX_ITERATIONS)
+        solutions[GIVEN] = minimize_poses(factors, problem, problem.poses, MAX_ITERATIONS)
     optimum = _best(solutions, chi2_of(factors, problem, problem.poses))
     return CorrectedMap(to_spheres(graph, optimum.poses), optimum)
 
@@ -86,18 +83,18 @@ def optimize(graph: PoseGraph) -> Optimum:
     factors = factors_of(graph)
     chi2_before = chi2_of(factors, graph, graph.poses)
     first = chordal_poses(graph)
-    chordal = descend(factors, graph, first, MAX_ITERATIONS)
+    chordal = minimize_poses(factors, graph, first, MAX_ITERATIONS)
     solutions = {CHORDAL: chordal}
     certificate = certify(graph, first if chordal is None else chordal.poses)
-    solutions[CERTIFIED] = descend(factors, graph, certificate.poses, MAX_ITERATIONS)
+    solutions[CERTIFIED] = minimize_poses(factors, graph, certificate.poses, MAX_ITERATIONS)
     if not certificate.is_global:
-        solutions[GIVEN] = given = descend(factors, graph, graph.poses, MAX_ITERATIONS)
+        solutions[GIVEN] = given = minimize_poses(factors, graph, graph.poses, MAX_ITERATIONS)
         if given is not None:
             certificate = min(certificate, certify(graph, given.poses), key=lambda it: (not it.is_global, it.cost))
     return _best(solutions, chi2_before, certificate)
 
 
-def fits(graph: PoseGraph, solution: Solution | None) -> bool:
+def fits(graph: PoseGraph, solution: DescentResult | None) -> bool:
     """Say whether edges that are as good as they say would leave as much as this: in all but one of a thousand maps."""
     num_free = len(graph.ends) - len(graph.ids) + len(graph.anchors)  # edges more than poses need
     limit = chdtri(TANGENT_SIZE[graph.dimension] * num_free, TOO_MUCH) if num_free else 0.0
@@ -105,7 +102,7 @@ def fits(graph: PoseGraph, solution: Solution | None) -> bool:
 
 
 def _best(
-    solutions: dict[str, Solution | None], chi2_before: float, certificate: ChordalOptimum | None = None
+    solutions: dict[str, DescentResult | None], chi2_before: float, certificate: ChordalOptimum | None = None
 ) -> Optimum:
     found = {name: solution for name, solution in solutions.items() if solution is not None}
     if not found:

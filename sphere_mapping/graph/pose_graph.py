@@ -1,4 +1,4 @@
-"""Poses joined by measured motions, as arrays: what is optimised, whether it came from a map or from a file."""
+"""Poses joined by measured motions, as arrays: what is optimized, whether it came from a map or from a file."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.graph import SphereGraph
 
-Array = NDArray[np.float64]
 TANGENT_SIZE = {2: 3, 3: 6}  # (v, omega) in the plane and in space
 
 
@@ -22,7 +22,7 @@ class PoseGraph:
     """N poses and M motions between them, in the plane (d = 2) or in space (d = 3).
 
     ids: (N,) names of the poses.
-    poses: (N, d + 1, d + 1) T_map_i, where an optimisation starts.
+    poses: (N, d + 1, d + 1) T_map_i, where an optimization starts.
     ends: (M, 2) rows a, b of the poses that an edge joins.
     motions: (M, d + 1, d + 1) T_a_b as measured.
     information: (M, p, p) of xi in T_a_b exp(xi), xi = (v, omega); p = 3 in the plane, 6 in space.

@@ -44,26 +44,26 @@ class PreparedSphere:
     @cached_property
     def pyramid(self) -> Pyramid:
         """Its image from fine to coarse, for the current side."""
-        return build_pyramid(self.sphere.grey, self.sphere.camera, self.params.pyramid)
+        return build_pyramid(self.sphere.gray, self.sphere.camera, self.params.pyramid)
 
     @cached_property
     def reference(self) -> Reference:
         """Its salient pixels with range, for the reference side."""
-        return prepare_reference(self.sphere.grey, self.sphere.range_m, self.sphere.camera, self.params)
+        return prepare_reference(self.sphere.gray, self.sphere.range_m, self.sphere.camera, self.params)
 
     @cached_property
     def coverage(self) -> float:
-        """Overlap that it has with itself: the share of its image that has a range, as `align` counts it."""
+        """Overlap that it has with itself: the share of its image that has a range, as `align_sphere` counts it."""
         return image_overlap(self.pyramid, [self.at(SE3.identity())], SE3.identity())
 
     @cached_property
     def region_m(self) -> float:
-        """How far a camera can be localised by it; 0 without range."""
+        """How far a camera can be localized by it; 0 without range."""
         return region_radius(self.sphere)
 
     @cached_property
     def features(self) -> Features:
-        """Its local features, by which it is recognised."""
+        """Its local features, by which it is recognized."""
         return features_of_sphere(self.sphere)
 
     @cached_property
@@ -77,18 +77,18 @@ class PreparedSphere:
         return View(self.reference, T_world_sphere)
 
 
-def align(
+def align_sphere(
     current: PreparedSphere,
     references: Sequence[View],
     guesses: Iterable[SE3],
     params: MappingRegistrationParams,
-    doubt: Callable[[Alignment], str] = lambda _: GOOD,
+    check: Callable[[Alignment], str] = lambda _: GOOD,
 ) -> Alignment:
     """Align a sphere with references, from one guess of T_world_sphere after the other until one converges.
 
     Guesses are tried lazily, the most likely first; where none converges the result of the first is returned. A
     result whose images do not resemble each other, as when the lens is covered, is refused as OUTLIERS; one that
-    looks good is refused for the reason that `doubt` gives, if any.
+    looks good is refused for the reason that `check` gives, if any.
     """
     first: Alignment | None = None
     for T_world_sphere in guesses:
@@ -96,7 +96,7 @@ def align(
         if alignment.is_converged and alignment.ncc < params.min_ncc:
             alignment = replace(alignment, reason=OUTLIERS)
         if alignment.is_converged:
-            alignment = replace(alignment, reason=doubt(alignment))
+            alignment = replace(alignment, reason=check(alignment))
         if alignment.is_converged:
             return alignment
         first = first or alignment
@@ -105,7 +105,9 @@ def align(
     return first
 
 
-def turned(now: PreparedSphere, before: PreparedSphere, T_world_before: SE3, params: RegistrationParams) -> SE3:
+def guess_by_rotation(
+    now: PreparedSphere, before: PreparedSphere, T_world_before: SE3, params: RegistrationParams
+) -> SE3:
     """Return the guess of T_world_now by the rotation between two images alone (eq. 20)."""
     if now.sphere.camera != before.sphere.camera:
         return T_world_before
@@ -113,5 +115,5 @@ def turned(now: PreparedSphere, before: PreparedSphere, T_world_before: SE3, par
 
 
 def residual_at(current: PreparedSphere, reference: View, T_world_sphere: SE3, params: RegistrationParams) -> Alignment:
-    """Return what `align` would report at a pose without moving it: MAD, overlap, correlation."""
+    """Return what `align_sphere` would report at a pose without moving it: MAD, overlap, correlation."""
     return evaluate(current.pyramid, [reference], T_world_sphere, params)

@@ -1,4 +1,4 @@
-"""Where the pictures of key spheres are: in the graph, or written away as they are kept, so that memory stays small."""
+"""Where the spheres of a graph are: in its nodes, or written away as they are kept, so that memory stays small."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ class SphereStore(Protocol):
         ...
 
 
-class Pictures:
-    """The pictures of one growing graph; without a store they stay in it."""
+class SphereCache:
+    """The spheres of one growing graph; without a store they stay in its nodes."""
 
     def __init__(self, store: SphereStore | None = None) -> None:
         self._store = store
         self._num_stored = 0
 
-    def settle(self, graph: SphereGraph) -> None:
+    def flush(self, graph: SphereGraph) -> None:
         """Hand over what is not stored yet, and forget it."""
         if self._store is None:
             return
@@ -43,13 +43,13 @@ class Pictures:
                 graph.forget_sphere(node.id)
         self._num_stored = len(graph)
 
-    def correct(self, graph: SphereGraph) -> None:
-        """Take note of a corrected graph."""
+    def update(self, graph: SphereGraph) -> None:
+        """Hand over a corrected graph."""
         if self._store is not None:
             self._store.tell(graph)
 
     def load(self, node: KeySphere) -> Sphere:
-        """Return the picture of a key sphere; ValueError where nobody has it."""
+        """Return the sphere of a node; ValueError where nobody has it."""
         if node.sphere is not None:
             return node.sphere
         if self._store is None:

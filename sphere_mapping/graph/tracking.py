@@ -1,32 +1,40 @@
-"""Each sphere against the newest key spheres, and whether the result may be believed (M15 section 3.5)."""
+"""Each sphere against the newest key spheres: predict, align, check (M15 section 3.5)."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
 
+from sphere_mapping.constants import MAX_PASSES, STILL, UNCONFIRMED_M, UNCONFIRMED_RAD, UNCONFIRMED_SHARE
+from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.both_ways import confirm
-from sphere_mapping.graph.motion import Expectation, MotionPrior, Placed
-from sphere_mapping.graph.registration import PreparedSphere, align, turned
-from sphere_mapping.graph.unrolling import Unroll, align_unrolled
+from sphere_mapping.graph.keyframes import Track
+from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
+from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation
 from sphere_mapping.params import MapperParams
+from sphere_nav.estimation.normal_equations import symmetric_inverse
 from sphere_nav.geometry import SE3
-from sphere_nav.photometric import Alignment
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.photometric import Alignment, RegistrationParams
 from sphere_nav.photometric.align.alignment import GOOD
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
+from sphere_nav.spheres.sphere import Sphere
+
+Unroll: TypeAlias = Callable[[Array], Sphere]  # velocity (6,) (v, omega) per second of the sphere -> sphere
+
 
 INNOVATION, ONE_WAY = "INNOVATION", "ONE_WAY"  # refused: not where it can be; the way back does not agree
-UNCONFIRMED_M, UNCONFIRMED_SHARE, UNCONFIRMED_RAD = 0.03, 0.03, 0.01  # deviations of an edge that only one way measured
 
 
-class Tracker:
+class SphereTracker:
     """The newest key spheres, the last sphere and its motion."""
 
     def __init__(self, params: MapperParams) -> None:
         self._params = params
-        self.prior = MotionPrior()
+        self.motion = DriveMotion()
         self.last: PreparedSphere | None = None
         self.references: list[tuple[int, PreparedSphere]] = []  # the newest first
         self._last_alignment: Alignment | None = None
@@ -34,12 +42,12 @@ class Tracker:
     def align(self, current: PreparedSphere, odometry: SE3 | None, graph: SphereGraph) -> Alignment:
         """Align a sphere with the newest key spheres; a result that is not expected, or one-sided, is refused."""
         references = [prepared.at(graph[key_id].T_map_sphere) for key_id, prepared in self.references]
-        expected = self.prior.expect(current.sphere.stamp_ns, odometry)
+        expected = self.motion.expect(current.sphere.stamp_ns, odometry)
 
-        def doubt(alignment: Alignment) -> str:
-            return self._doubt(current, alignment, expected, graph)
+        def check(alignment: Alignment) -> str:
+            return self._check(current, alignment, expected, graph)
 
-        return align(current, references, self._guesses(current, expected), self._params.registration, doubt)
+        return align_sphere(current, references, self._guesses(current, expected), self._params.registration, check)
 
     def align_moving(
         self, current: PreparedSphere, odometry: SE3 | None, unroll: Unroll | None, graph: SphereGraph
@@ -48,25 +56,56 @@ class Tracker:
         if unroll is None:
             return current, self.align(current, odometry, graph)
         stamp_ns, params = current.sphere.stamp_ns, self._params.registration
-        return align_unrolled(unroll, stamp_ns, self.prior, params, lambda made: self.align(made, odometry, graph))
+        return align_unrolled(unroll, stamp_ns, self.motion, params, lambda made: self.align(made, odometry, graph))
 
-    def replace_last(self, straight: PreparedSphere) -> None:
-        """Put another picture in the place of the last sphere, the only reference."""
-        self.last, self.references = straight, [(self.references[0][0], straight)]
-
-    def put(
+    def update(
         self, current: PreparedSphere, T_map_sphere: SE3, odometry: SE3 | None, alignment: Alignment | None
     ) -> None:
-        """Take note of where a sphere is."""
-        self.prior.put(Placed(current.sphere.stamp_ns, T_map_sphere, odometry))
+        """Take down where a sphere is: it is the last one now."""
+        self.motion.update(Placed(current.sphere.stamp_ns, T_map_sphere, odometry))
         self.last, self._last_alignment = current, alignment
 
-    def refer_to(self, key_id: int) -> None:
-        """Let the last sphere, which became a key sphere, be the newest reference."""
-        assert self.last is not None
-        self.references = [(key_id, self.last), *self.references][: self._params.num_references]
+    def why_key(self, alignment: Alignment, graph: SphereGraph) -> str:
+        """Return why an aligned sphere must become the next key sphere, or `keyframes.NOT_YET` (M15 eq. 12)."""
+        key_id, reference = self.references[0]
+        T_reference_sphere = local(alignment, graph[key_id]).T_world_camera
+        return keyframes.why_key_sphere(alignment, T_reference_sphere, reference, self._params.key)
 
-    def edge_to(self, node: KeySphere, graph: SphereGraph) -> Edge | None:
+    def make_key(self, key_id: int, graph: SphereGraph) -> tuple[KeySphere, Edge | None]:
+        """Make the last sphere the newest reference; return it as key sphere, and its edge to the one before."""
+        assert self.last is not None
+        sphere, edge = self.last.sphere, self._edge_to(key_id, graph)
+        self.references = [(key_id, self.last), *self.references][: self._params.num_references]
+        return KeySphere(key_id, sphere.stamp_ns, self.motion.newest, sphere, self.last.region_m), edge
+
+    @property
+    def is_key(self) -> bool:
+        """Whether the last sphere is a key sphere."""
+        return bool(self.references) and self.references[0][1] is self.last
+
+    def is_far(self, graph: SphereGraph) -> bool:
+        """Say whether the newest key sphere is more than half its reach away from the last sphere."""
+        key_id, reference = self.references[0]
+        distance, _ = graph[key_id].T_map_sphere.distance(self.motion.newest)
+        return bool(distance > 0.5 * keyframes.reach(reference, self._params.key))
+
+    def track(self, graph: SphereGraph) -> Track:
+        """Return the last sphere by the newest key sphere."""
+        assert self.last is not None
+        key_id, _ = self.references[0]
+        return Track(self.last.sphere.stamp_ns, key_id, graph[key_id].T_map_sphere.inverse() @ self.motion.newest)
+
+    def follow(self, before: SphereGraph, corrected: SphereGraph) -> None:
+        """Move with the newest key sphere, which a correction of the graph has moved."""
+        newest = self.references[0][0]
+        self.motion.transform(corrected[newest].T_map_sphere @ before[newest].T_map_sphere.inverse())
+
+    def replace_first(self, sphere: Sphere) -> None:
+        """Put another sphere in place of the last one, the only reference."""
+        self.last = PreparedSphere(sphere, self._params.registration)
+        self.references = [(self.references[0][0], self.last)]
+
+    def _edge_to(self, newer_id: int, graph: SphereGraph) -> Edge | None:
         """Return the edge from the newest reference to the last sphere, measured both ways; None for the first."""
         if self._last_alignment is None or self.last is None:
             return None
@@ -74,20 +113,19 @@ class Tracker:
         forward = local(self._last_alignment, graph[key_id])
         motion = confirm(reference, self.last, forward, self._params.registration)
         if motion is not None:
-            return motion.edge(key_id, node.id, is_loop=False)
+            return motion.edge(key_id, newer_id, is_loop=False)
         sigma_m = UNCONFIRMED_M + UNCONFIRMED_SHARE * float(np.linalg.norm(forward.T_world_camera.translation))
-        spread = np.diag(np.repeat([sigma_m, UNCONFIRMED_RAD], 3) ** 2)
-        information = np.asarray(np.linalg.inv(forward.covariance + spread), dtype=np.float64)
-        return Edge(key_id, node.id, forward.T_world_camera, (information + information.T) / 2)
+        unconfirmed = np.diag(np.repeat([sigma_m, UNCONFIRMED_RAD], 3) ** 2)
+        return Edge(key_id, newer_id, forward.T_world_camera, symmetric_inverse(forward.covariance + unconfirmed))
 
     def _guesses(self, current: PreparedSphere, expected: Expectation) -> Iterator[SE3]:
         """Yield where the sphere may be: by its motion, by the turn of its image (eq. 20), where the last one was."""
         yield expected.T_map_sphere
         if self.last is not None:
-            yield turned(current, self.last, self.prior.newest, self._params.registration)
-        yield self.prior.newest
+            yield guess_by_rotation(current, self.last, self.motion.newest, self._params.registration)
+        yield self.motion.newest
 
-    def _doubt(self, current: PreparedSphere, alignment: Alignment, expected: Expectation, graph: SphereGraph) -> str:
+    def _check(self, current: PreparedSphere, alignment: Alignment, expected: Expectation, graph: SphereGraph) -> str:
         """Return why an alignment is not believed; where nothing sharp was expected, the way back is asked."""
         if not expected.allows(alignment.T_world_camera):
             return INNOVATION
@@ -101,3 +139,23 @@ class Tracker:
 def local(alignment: Alignment, node: KeySphere) -> Alignment:
     """Return an alignment in the map with its pose in the frame of a key sphere."""
     return replace(alignment, T_world_camera=node.T_map_sphere.inverse() @ alignment.T_world_camera)
+
+
+def align_unrolled(
+    unroll: Unroll,
+    stamp_ns: int,
+    motion: DriveMotion,
+    params: RegistrationParams,
+    align: Callable[[PreparedSphere], Alignment],
+) -> tuple[PreparedSphere, Alignment]:
+    """Align a sphere as warped by the expected motion, and again by the motion that was found, until they agree."""
+    velocity = motion.velocity()
+    for _ in range(MAX_PASSES):
+        current = PreparedSphere(unroll(velocity), params)
+        alignment = align(current)
+        if not alignment.is_converged:
+            break
+        expected, velocity = velocity, motion.velocity_to(alignment.T_world_camera, stamp_ns)
+        if np.linalg.norm(velocity - expected) < STILL:
+            break
+    return current, alignment

@@ -11,7 +11,8 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from sphere_mapping.graph.both_ways import MIN_INLIERS, measure
+from sphere_mapping.constants import MIN_INLIERS
+from sphere_mapping.graph.both_ways import measure_motion
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.geometry import SE3
@@ -43,7 +44,7 @@ class Lookup:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class LoopTrial:
     """A new key sphere, and older ones to align it with until one holds: id, sphere and T_older_newer of each."""
 
     newer_id: int
@@ -52,7 +53,7 @@ class Trial:
     params: MappingRegistrationParams
 
 
-def place(lookup: Lookup) -> list[Candidate]:
+def find_candidates(lookup: Lookup) -> list[Candidate]:
     """Return the older spheres with which enough features agree on a pose."""
     poses = [(older, find_pose(lookup.features, features)) for older, features in lookup.alike]
     return [
@@ -62,11 +63,11 @@ def place(lookup: Lookup) -> list[Candidate]:
     ]
 
 
-def verify(trial: Trial) -> Edge | None:
+def verify(trial: LoopTrial) -> Edge | None:
     """Return the loop edge to the first of the older spheres that dense alignment confirms, both ways."""
     newer = PreparedSphere(trial.newer, trial.params)
     for older_id, sphere, guess in trial.older:
-        motion = measure(PreparedSphere(sphere, trial.params), newer, guess, trial.params)
+        motion = measure_motion(PreparedSphere(sphere, trial.params), newer, guess, trial.params)
         if motion is not None:
             return motion.edge(older_id, trial.newer_id, is_loop=True)
     return None

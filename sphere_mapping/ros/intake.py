@@ -1,29 +1,24 @@
-"""What the mapper listens to: spheres, or the images of an RGB-D or of a stereo camera.
-
-What a camera's driver decides for the mapper.
-"""
+"""What the mapper listens to: spheres, or the images of an RGB-D or of a stereo camera."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from typing import Any
 
-from rclpy.qos import QoSProfile
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo
 from sphere_nav_msgs.msg import AugmentedSphere
 
-from sphere_mapping.acquisition.params import SynchroniserParams
-from sphere_mapping.acquisition.stitching.synchroniser import Instant, Synchroniser
-from sphere_mapping.graph.unrolling import Unroll
+from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.params import SphereMapperParams
-from sphere_mapping.ros.rgbd_intake import DEPTH_INFO, OnRgbd, RgbdIntake
+from sphere_mapping.ros.rgbd_intake import DEPTH, DEPTH_INFO, OnRgbd, RgbdIntake
 from sphere_mapping.ros.stereo_intake import OnPair, Report, StereoIntake, report_nothing
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.drivers import read_driver
-from sphere_nav.ros.endpoints import COMPRESSED, COMPRESSED_DEPTH
+from sphere_nav.ros.camera.images import AnyImage, image_topic, read_depth, read_rgb
+from sphere_nav.ros.camera.synchronizer import Instant, Synchronizer
+from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.spheres.sphere import Sphere
 
 
@@ -70,24 +65,21 @@ class Intake:
         self._infos: dict[str, CameraInfo] = {}
         self._frame_id = ""
         streams = [topic for topic in TOPICS[params.input] if topic.endswith("image_raw")]
-        self._sync = Synchroniser(streams, SynchroniserParams(slack_s=params.slack_s, deadline_s=WAIT_S, policy="fail"))
+        self._sync = Synchronizer(streams, params.slack_s, WAIT_S, "fail")
 
-    def subscriptions(self) -> Iterator[tuple[str, type[Any], Callable[[Any], None], QoSProfile]]:
-        """Yield topic, kind of message, callback and QoS of everything to subscribe."""
+    def subscribe(self, endpoints: Endpoints) -> None:
+        """Listen to what the input is made of."""
         for topic in TOPICS[self._params.input]:
             if topic == "sphere":
-                yield topic, AugmentedSphere, self._on_ready_sphere, qos.LARGE
+                endpoints.add_subscription(topic, AugmentedSphere, self._on_ready_sphere, qos.LARGE)
             elif topic.endswith("camera_info"):
-                yield topic, CameraInfo, partial(self._infos.__setitem__, topic), qos.SENSOR
-            elif self._params.transport == "raw":
-                yield topic, Image, partial(self._on_image, topic), qos.SENSOR
+                endpoints.add_subscription(topic, CameraInfo, partial(self._infos.__setitem__, topic))
             else:
-                name = topic + (COMPRESSED_DEPTH if topic.startswith("depth") else COMPRESSED)
-                yield name, CompressedImage, partial(self._on_compressed, topic), qos.SENSOR
-
-    def on_depth_info(self, message: CameraInfo) -> None:
-        """Remember the camera of depth that is not registered to the images."""
-        self._infos[DEPTH_INFO] = message
+                name, kind = image_topic(topic, self._params.transport, is_depth=topic == DEPTH)
+                endpoints.add_subscription(name, kind, partial(self._on_image, topic))
+        if self._params.input == "rgbd":
+            on_depth_info = partial(self._infos.__setitem__, DEPTH_INFO)
+            endpoints.add_subscription(DEPTH_INFO, CameraInfo, on_depth_info, is_required=False)
 
     def clear(self) -> None:
         """Forget half-complete instants: the clock jumped."""
@@ -102,16 +94,12 @@ class Intake:
     def _on_ready_sphere(self, message: AugmentedSphere) -> None:
         self._on_sphere(conversions.message_to_sphere(message), message.header.frame_id, False)
 
-    def _on_compressed(self, topic: str, message: CompressedImage) -> None:
-        self._on_image(topic, conversions.decompress(message))
-
-    def _on_image(self, topic: str, message: Image) -> None:
-        convert = conversions.depth_to_metres if topic.startswith("depth") else conversions.image_to_rgb
-        stamp = conversions.stamp_ns(message)
+    def _on_image(self, topic: str, message: AnyImage) -> None:
+        stamp, read = conversions.stamp_ns(message), read_depth if topic == DEPTH else read_rgb
         if topic == TOPICS[self._params.input][0]:
             self._frame_id = message.header.frame_id
         make = self._rgbd if self._params.input == "rgbd" else self._stereo
-        for instant in self._sync.put(topic, stamp, convert(message), stamp):
+        for instant in self._sync.put(topic, stamp, read(message), stamp):
             if not instant.is_failed and (made := make(instant)) is not None:
                 self._on_sphere(*made)
 

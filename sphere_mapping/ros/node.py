@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from nav_msgs.msg import Odometry, Path
-from sensor_msgs.msg import CameraInfo, PointCloud2
+from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import KeySphereGraph
 from sphere_nav_msgs.srv import SaveMap
 from std_srvs.srv import Trigger
@@ -11,18 +11,17 @@ from visualization_msgs.msg import MarkerArray
 
 from sphere_mapping.acquisition import kernels
 from sphere_mapping.graph.map_cloud import MapCloud
-from sphere_mapping.graph.unrolling import Unroll
+from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.mapper import Mapper, MapUpdate
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import Intake, with_driver_input
-from sphere_mapping.ros.rgbd_intake import DEPTH_INFO
 from sphere_mapping.ros.saving import Journal, save
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric.warm_up import warm_up
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.camera.odometry_input import OdometryInput
-from sphere_nav.ros.conversions.markers import graph_to_markers
+from sphere_nav.ros.conversions.graphs import graph_to_markers
 from sphere_nav.ros.localizer.map_transform import MapTransform
 from sphere_nav.ros.node import OK, WARN, ManagedNode
 from sphere_nav.ros.run import run
@@ -60,10 +59,7 @@ class SphereMapper(ManagedNode):
         self.odom = OdometryInput(self.endpoints, self.tf.tree, base_frame, is_used=True)
         self.transform = MapTransform(self.endpoints, self.odom, map_frame, base_frame)
         self.intake = Intake(self.params, self.on_sphere, self.tf.lookup, self.report)
-        for subscription in self.intake.subscriptions():
-            self.add_subscription(*subscription)
-        if self.params.input == "rgbd":
-            self.add_subscription(DEPTH_INFO, CameraInfo, self.intake.on_depth_info, qos.SENSOR, is_required=False)
+        self.intake.subscribe(self.endpoints)
         self.add_service("~/close_loops", Trigger, self.on_close_loops)
         self.add_service("~/save_map", SaveMap, self.on_save)
         self.report("mapping", OK, "waiting for the first sphere")
@@ -81,7 +77,7 @@ class SphereMapper(ManagedNode):
 
     def on_sphere(self, sphere: Sphere, frame_id: str, is_optical: bool, unroll: Unroll | None = None) -> None:
         """Map a sphere, tell what changed."""
-        self.T_base_sphere = self.mounting or self.mount_of(frame_id, is_optical)
+        self.T_base_sphere = self.mounting or self.find_mount(frame_id, is_optical)
         T_odom_base = self.odom.at(sphere.stamp_ns)
         update = self.mapper.add(sphere, T_odom_base and T_odom_base @ self.T_base_sphere, unroll)
         if update.T_map_sphere is None:
@@ -90,12 +86,12 @@ class SphereMapper(ManagedNode):
             self.report("mapping", WARN, f"sphere not placed: {reason}", key_spheres=len(self.mapper.graph))
             self.log.warning(f"sphere at {sphere.stamp_ns / 1e9:.3f} s not placed: {reason}", every=1.0, key=reason)
             return
-        self.tell_pose(update, update.T_map_sphere)
+        self.publish_pose(update, update.T_map_sphere)
         if update.is_key:
             self.log.info(f"key sphere {len(self.mapper.graph) - 1}: {update.key_reason}")
-            self.tell_map(sphere.stamp_ns)
+            self.publish_map(sphere.stamp_ns)
 
-    def mount_of(self, frame_id: str, is_optical: bool) -> SE3:
+    def find_mount(self, frame_id: str, is_optical: bool) -> SE3:
         """Return T_base_sphere as /tf says; a vehicle whose mounts are not known is its camera."""
         try:
             T_base_frame = self.tf.lookup(self.params.base_frame, frame_id)
@@ -104,7 +100,7 @@ class SphereMapper(ManagedNode):
             self.log.warning(f"taking {frame_id} as {self.params.base_frame}: {error}", every=30.0, key="mount")
             return SE3.identity()
 
-    def tell_pose(self, update: MapUpdate, T_map_sphere: SE3) -> None:
+    def publish_pose(self, update: MapUpdate, T_map_sphere: SE3) -> None:
         """Publish where the vehicle is, with the stamp of the sphere."""
         p, stamp, found = self.params, update.stamp_ns, update.alignment
         T_map_base = T_map_sphere @ self.T_base_sphere.inverse()
@@ -118,7 +114,7 @@ class SphereMapper(ManagedNode):
         values = {"spheres": number, "key_spheres": len(self.mapper.graph), "mad": found.mad if found else 0.0}
         self.report("mapping", OK, "mapping", **values)
 
-    def tell_map(self, stamp: int) -> None:
+    def publish_map(self, stamp: int) -> None:
         """Publish the graph, and what is to be looked at only where someone looks."""
         graph, frame = self.mapper.graph, self.params.map_frame
         self.num_changes += 1
@@ -126,8 +122,8 @@ class SphereMapper(ManagedNode):
         if self.markers.num_subscriptions:
             self.markers.publish(graph_to_markers(graph, stamp, frame))
         if self.cloud.num_subscriptions:
-            points, grey = self.points.of(graph)
-            self.cloud.publish(conversions.cloud_to_message(points, stamp, frame, grey))
+            points, gray = self.points.of(graph)
+            self.cloud.publish(conversions.cloud_to_message(points, stamp, frame, gray))
 
     def on_save(self, request: SaveMap.Request, response: SaveMap.Response) -> SaveMap.Response:
         """Write the map."""
@@ -138,7 +134,7 @@ class SphereMapper(ManagedNode):
         number = self.mapper.close_loops()
         response.success, response.message = True, f"{number} loops closed"
         if number:
-            self.tell_map(self.mapper.tracks[-1].stamp_ns)
+            self.publish_map(self.mapper.tracks[-1].stamp_ns)
         return response
 
 

@@ -12,12 +12,12 @@ from sensor_msgs.msg import CameraInfo
 
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
 from sphere_mapping.acquisition.partial.partial_sphere import RgbdView, sphere_from_views
-from sphere_mapping.acquisition.stitching.synchroniser import Instant
-from sphere_mapping.graph.unrolling import Unroll
+from sphere_mapping.graph.tracking import Unroll
 from sphere_mapping.params import SphereMapperParams
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.ros import conversions
 from sphere_nav.ros.camera.mounting import read_mounting
+from sphere_nav.ros.camera.synchronizer import Instant
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Sphere
 
 IMAGE, INFO, DEPTH = "image_raw", "camera_info", "depth/image_raw"

@@ -1,13 +1,10 @@
-"""The service `save_map`: the map built so far as a folder below the node's map folder.
+"""The map on disk: the journal as it grows, and the service `save_map`.
 
-What a map of this mapper says about itself.
-
-The map as it grows, on disk: each key sphere is written when it is kept, and its picture leaves the memory.
-
-The journal is a folder `journal.partial` below the node's map folder (with a number where one is left over): what a
-crash leaves is a map that `sphere_nav map-verify --salvage` mends. `save_map` copies it under the name asked for, as
-it stands, and the journal goes on; at an orderly end it goes where all of it was saved, else it becomes a map itself.
-Where it cannot be written (a full disk) the key spheres stay in memory from there on, and the node maps on.
+Each key sphere is written to the journal when it is kept, and leaves the memory. The journal is a folder
+`journal.partial` below the node's map folder (with a number where one is left over): what a crash leaves is a map that
+`sphere_nav map-verify --salvage` mends. `save_map` copies it under the name asked for, as it stands, and the journal
+goes on; at an orderly end it goes where all of it was saved, else it becomes a map itself. Where it cannot be written
+(a full disk) the key spheres stay in memory from there on, and the node maps on.
 """
 
 from __future__ import annotations

@@ -10,11 +10,11 @@ from sensor_msgs.msg import CameraInfo
 
 from sphere_mapping.acquisition.stereo.stereo import sphere_from_stereo
 from sphere_mapping.acquisition.stereo.stereo_pair import PairGeometry, StereoPair, geometry_of
-from sphere_mapping.acquisition.stitching.synchroniser import Instant
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.ros import conversions
-from sphere_nav.ros.node import OK, WARN
+from sphere_nav.ros.camera.synchronizer import Instant
+from sphere_nav.ros.endpoints import OK, WARN
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
 IMAGES = ("left/image_raw", "right/image_raw")
@@ -54,7 +54,7 @@ class StereoIntake:
         for image, lens in zip(images, (pair.geometry.left, pair.geometry.right), strict=True):
             conversions.check_image_size(lens, image.shape[1], image.shape[0])
         left, right = pair.rectify(*images)
-        self._report("stereo", *judge_rows(pair, self._params.stereo.calibration_px))
+        self._report("stereo", *describe_rows(pair, self._params.stereo.calibration_px))
         if self._on_pair is not None:
             self._on_pair(left, right, pair)
             return None
@@ -95,7 +95,7 @@ def _by_projections(left: CameraInfo, right: CameraInfo) -> PairGeometry:
     return PairGeometry(lens, other, turn, other_turn, camera, conversions.stereo_baseline(right))
 
 
-def judge_rows(pair: StereoPair, calibration_px: float) -> tuple[int, str]:
+def describe_rows(pair: StereoPair, calibration_px: float) -> tuple[int, str]:
     """Return level and words about the rows of a pair for the diagnostics."""
     if pair.fit is None:
         return OK, "rows as told"

@@ -8,7 +8,7 @@ import math
 from pathlib import Path
 
 from sphere_nav.geometry.trajectory_error import ALIGNMENTS
-from sphere_nav.offline.evaluation import ESTIMATE_TOPICS, TRUTH_TOPICS, judge, read_trajectory, table
+from sphere_nav.offline.evaluation import ESTIMATE_TOPICS, TRUTH_TOPICS, error_table, evaluate_poses, read_trajectory
 
 HELP = "errors of estimated poses against true ones"
 EXAMPLES = """\
@@ -46,7 +46,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Pair, align, measure; print a table; write JSON and plot where asked."""
     estimate = read_trajectory(arguments.poses, arguments.poses_topic, ESTIMATE_TOPICS)
     truth = read_trajectory(arguments.truth, arguments.truth_topic, TRUTH_TOPICS)
-    judged = judge(
+    judged = evaluate_poses(
         estimate,
         truth,
         alignment=arguments.align,
@@ -54,13 +54,13 @@ def run(arguments: argparse.Namespace) -> int:
         is_interpolated=arguments.interpolate,
         rpe_length_m=arguments.rpe,
     )
-    print(table(judged.report))
+    print(error_table(judged.report))
     if arguments.json:
         arguments.json.write_text(json.dumps(judged.report, indent=2) + "\n", encoding="utf-8")
     if arguments.plot:
-        from sphere_nav.offline.evaluate_plot import draw  # matplotlib takes half a second to import
+        from sphere_nav.offline.evaluate_plot import draw_evaluation  # matplotlib takes half a second to import
 
-        draw(judged.estimate, judged.truth, judged.all_truth, judged.errors, arguments.plot)
+        draw_evaluation(judged.estimate, judged.truth, judged.all_truth, judged.errors, arguments.plot)
     return 0
 
 

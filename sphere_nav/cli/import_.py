@@ -14,7 +14,7 @@ from tqdm import tqdm
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.offline.importing.images import open_images
 from sphere_nav.offline.importing.kitti import KittiRecording
-from sphere_nav.offline.importing.layouts import describe, guess_format
+from sphere_nav.offline.importing.layouts import describe_folder, guess_format
 from sphere_nav.offline.importing.recording import Recording
 from sphere_nav.offline.importing.rgbd import DepthCamera, open_seven_scenes, open_tum
 from sphere_nav.offline.importing.spherical import open_spherical
@@ -70,7 +70,7 @@ def _add_camera_arguments(parser: argparse.ArgumentParser) -> None:
     rgbd = parser.add_argument_group("seven_scenes, tum, images")
     rgbd.add_argument(
         "--camera",
-        type=numbers(4, 12),
+        type=number_list(4, 12),
         metavar=LENS,
         help="(colour) camera, px (seven_scenes 525,525,320,240; tum 525,525,319.5,239.5)",
     )
@@ -78,19 +78,31 @@ def _add_camera_arguments(parser: argparse.ArgumentParser) -> None:
     images.add_argument("--rig", type=Path, metavar="FILE", help="rig file of the cameras")
     images.add_argument("--baseline", type=float, metavar="M", help="m between left and right, or top and bottom")
     images.add_argument("--fps", type=float, metavar="N", help="images a second without stamps (a video's own; 10)")
+    _add_kinect_arguments(parser)
+    tum = parser.add_argument_group("tum")
+    tum.add_argument(
+        "--depth-units", type=float, default=TUM_UNITS, metavar="N", help="depth units per m (%(default)s)"
+    )
+
+
+def _add_kinect_arguments(parser: argparse.ArgumentParser) -> None:
     kinect = parser.add_argument_group("seven_scenes", "Its depth is not registered to its colour.")
     kinect.add_argument(
-        "--depth-camera", type=numbers(4, 12), default=SEVEN_SCENES_DEPTH, metavar=LENS, help="px; 585,585,320,240"
+        "--depth-camera", type=number_list(4, 12), default=SEVEN_SCENES_DEPTH, metavar=LENS, help="px; 585,585,320,240"
     )
     kinect.add_argument(
         "--offset",
-        type=numbers(3),
+        type=number_list(3),
         default=(-0.025, 0.0, 0.0),
         metavar="X,Y,Z",
         help="m; X_colour = rotation X_depth + offset (-0.025,0,0)",
     )
     kinect.add_argument(
-        "--rotation", type=numbers(3), default=(0.0, 0.0, 0.0), metavar="X,Y,Z", help="rotation vector in deg (0,0,0)"
+        "--rotation",
+        type=number_list(3),
+        default=(0.0, 0.0, 0.0),
+        metavar="X,Y,Z",
+        help="rotation vector in deg (0,0,0)",
     )
     kinect.add_argument(
         "--truth-camera",
@@ -102,10 +114,6 @@ def _add_camera_arguments(parser: argparse.ArgumentParser) -> None:
         "--poses", type=Path, metavar="DIR", help="folder of other frame-*.pose.txt (that of the images)"
     )
     kinect.add_argument("--registered", action="store_true", help="take colour and depth as one camera, --depth-camera")
-    tum = parser.add_argument_group("tum")
-    tum.add_argument(
-        "--depth-units", type=float, default=TUM_UNITS, metavar="N", help="depth units per m (%(default)s)"
-    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -114,7 +122,9 @@ def run(arguments: argparse.Namespace) -> int:
         recording = open_recording(arguments)
     except ValueError as error:
         known = guess_format(arguments.folder) == arguments.format
-        raise ValueError("; ".join(filter(None, [str(error), "" if known else describe(arguments.folder)]))) from None
+        raise ValueError(
+            "; ".join(filter(None, [str(error), "" if known else describe_folder(arguments.folder)]))
+        ) from None
     indices = range(recording.num_frames)[arguments.frames]
     if not indices:
         raise ValueError(f"--frames: expected frames within 0:{recording.num_frames}, found none")
@@ -180,7 +190,7 @@ def frame_range(text: str) -> slice:
     return slice(*(int(word) if word else None for word in match.groups()))
 
 
-class numbers:
+class number_list:
     """So many numbers, separated by commas; or from `count` to `most`."""
 
     def __init__(self, count: int, most: int = 0) -> None:

@@ -9,7 +9,6 @@ from typing import Any
 from dense_localizer.references.rejections import Rejections
 from dense_localizer.ros.node import DenseLocalizerNode
 from sphere_nav.offline import localizing
-from sphere_nav.offline.settings import parse_settings
 from sphere_nav.offline.topics import camera_names
 from sphere_nav.ros.bags.replay import OfflineBus
 
@@ -48,7 +47,7 @@ def run(arguments: argparse.Namespace) -> int:
         cameras = camera_names(remap)
         node = bus.add(
             DenseLocalizerNode,
-            given | {"map": arguments.map, "rig.cameras": ",".join(cameras)} | parse_settings(arguments.settings),
+            given | {"map": arguments.map, "rig.cameras": ",".join(cameras)} | arguments.settings,
             remap,
         )
         if node.localizer is not None and node.maps.reader is not None:

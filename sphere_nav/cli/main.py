@@ -22,7 +22,7 @@ from sphere_nav.ros.shared_files import software
 DEBUG_VARIABLE = "SPHERE_NAV_DEBUG"
 
 
-class Command(NamedTuple):
+class Subcommand(NamedTuple):
     """A word of the command line, the module that carries it out, and what it does."""
 
     name: str
@@ -31,28 +31,28 @@ class Command(NamedTuple):
 
 
 COMMANDS = (
-    Command("import", "import_", "turn a recorded data set into a bag with our topics and its truth"),
-    Command("calibrate", "calibrate", "find the parameters of a rig of cameras from images of a board"),
-    Command("rig-convert", "rig_convert", "turn a calibration of Kalibr, basalt or OpenCV into a rig file"),
-    Command("register", "register", "align two spheres, RGB-D images or stereo pairs"),
-    Command("optimize", "optimize", "optimise a pose graph"),
-    Command("inspect", "bags.inspect_", "tell what a bag offers, and what to type"),
-    Command("map", "maps.map", "make a map of key spheres from a bag"),
-    Command("localize", "localize", "find the camera of a bag in a map"),
-    Command("refine-camera", "refine_camera", "find lens and readout time of a camera by a drive in a map"),
-    Command("mcl", "mcl", "find the camera of a bag in a point cloud"),
-    Command("map-info", "maps.map_info", "tell what is in a map"),
-    Command("map-verify", "maps.map_verify", "check every sphere of a map, salvage a damaged one"),
-    Command("map-export", "maps.map_export", "write a map as point cloud, graph or trajectory"),
-    Command("map-forget", "maps.map_forget", "make a new map without what drives have rejected again and again"),
-    Command("view", "view.view", "look around in a map, in a web browser"),
-    Command("evaluate", "evaluate", "compare estimated poses with the truth"),
-    Command("plot", "plot", "draw what a localiser said: path, errors, states, timings"),
-    Command("verify-bag", "bags.verify_bag", "check every message of a bag, salvage a damaged one"),
-    Command("record", "bags.record", "record topics into a bag"),
-    Command("play", "bags.play", "publish the messages of a bag"),
-    Command("up", "up", "start nodes that belong together, as ros2 launch does"),
-    Command("demo", "demo.demo", "teach, map and drive a loop in the simulator"),
+    Subcommand("import", "import_", "turn a recorded data set into a bag with our topics and its truth"),
+    Subcommand("calibrate", "calibrate", "find the parameters of a rig of cameras from images of a board"),
+    Subcommand("rig-convert", "rig_convert", "turn a calibration of Kalibr, basalt or OpenCV into a rig file"),
+    Subcommand("register", "register", "align two spheres, RGB-D images or stereo pairs"),
+    Subcommand("optimize", "optimize", "optimise a pose graph"),
+    Subcommand("inspect", "bags.inspect_", "tell what a bag offers, and what to type"),
+    Subcommand("map", "maps.map", "make a map of key spheres from a bag"),
+    Subcommand("localize", "localize", "find the camera of a bag in a map"),
+    Subcommand("refine-camera", "refine_camera", "find lens and readout time of a camera by a drive in a map"),
+    Subcommand("mcl", "mcl", "find the camera of a bag in a point cloud"),
+    Subcommand("map-info", "maps.map_info", "tell what is in a map"),
+    Subcommand("map-verify", "maps.map_verify", "check every sphere of a map, salvage a damaged one"),
+    Subcommand("map-export", "maps.map_export", "write a map as point cloud, graph or trajectory"),
+    Subcommand("map-forget", "maps.map_forget", "make a new map without what drives have rejected again and again"),
+    Subcommand("view", "view.view", "look around in a map, in a web browser"),
+    Subcommand("evaluate", "evaluate", "compare estimated poses with the truth"),
+    Subcommand("plot", "plot", "draw what a localiser said: path, errors, states, timings"),
+    Subcommand("verify-bag", "bags.verify_bag", "check every message of a bag, salvage a damaged one"),
+    Subcommand("record", "bags.record", "record topics into a bag"),
+    Subcommand("play", "bags.play", "publish the messages of a bag"),
+    Subcommand("up", "up", "start nodes that belong together, as ros2 launch does"),
+    Subcommand("demo", "demo.demo", "teach, map and drive a loop in the simulator"),
 )
 
 

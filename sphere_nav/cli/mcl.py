@@ -8,7 +8,6 @@ from typing import Any
 from mcl_depth.presets import PRESETS
 from mcl_depth.ros.node import MclDepthNode
 from sphere_nav.offline import localizing
-from sphere_nav.offline.settings import parse_settings
 from sphere_nav.ros.bags.replay import OfflineBus
 
 HELP = """\
@@ -46,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
             "input.max_leap_s": MAX_LEAP_S,
             "every_image": True,
         }
-        node = bus.add(MclDepthNode, given | parse_settings(arguments.settings), remap)
+        node = bus.add(MclDepthNode, given | arguments.settings, remap)
         if arguments.initial_pose:
             localizing.give_initial_pose(node, arguments.initial_pose)
 

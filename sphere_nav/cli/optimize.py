@@ -48,7 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     partial = arguments.output.with_name(arguments.output.name + ".part")
     write_g2o(partial, replace(graph, poses=found.poses))
     partial.replace(arguments.output)
-    report = as_mapping(graph, found)
+    report = optimum_as_mapping(graph, found)
     if arguments.json is not None:
         arguments.json.write_text(json.dumps(report, indent=1) + "\n", encoding="utf-8")
     print(f"{len(graph.ids)} vertices, {len(graph.ends)} edges, {len(graph.anchors)} connected")
@@ -60,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def as_mapping(graph: PoseGraph, found: Optimum) -> dict[str, Any]:
+def optimum_as_mapping(graph: PoseGraph, found: Optimum) -> dict[str, Any]:
     """Return the figures as plain values for JSON."""
     certificate = found.certificate
     return {

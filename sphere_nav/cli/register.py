@@ -9,13 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from sphere_mapping.graph.registration import PreparedSphere, align, residual_at, turned
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3
 from sphere_nav.offline import topics
-from sphere_nav.offline.mapping.sphere_source import Lens, read_sphere
-from sphere_nav.photometric import Alignment
-from sphere_nav.spheres.sphere import Sphere
+from sphere_nav.offline.mapping.sphere_source import LensOptions, read_sphere
+from sphere_nav.offline.registering import register_spheres
 
 HELP = """\
 Align B with A and print the pose of B in A as JSON: T_a_b, covariance of (v, omega) in T_a_b @ exp(xi), residual.
@@ -36,12 +34,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Declare the arguments."""
     parser.add_argument("a", metavar="A", help="reference, with range")
     parser.add_argument("b", metavar="B", help="what is aligned with it")
-    parser.add_argument("--camera", type=numbers(4), metavar="FX,FY,CX,CY", help="px, of image files")
+    parser.add_argument("--camera", type=numbers_argument(4), metavar="FX,FY,CX,CY", help="px, of image files")
     parser.add_argument("--baseline", type=float, metavar="M", help="m; the files are rectified stereo pairs")
     parser.add_argument(
         "--depth-units", type=float, default=1000.0, metavar="N", help="depth units per m (%(default)s)"
     )
-    parser.add_argument("--guess", type=numbers(7), metavar="X,Y,Z,QX,QY,QZ,QW", help="first guess of T_a_b (identity)")
+    parser.add_argument(
+        "--guess", type=numbers_argument(7), metavar="X,Y,Z,QX,QY,QZ,QW", help="first guess of T_a_b (identity)"
+    )
     parser.add_argument("--json", type=Path, metavar="F", help="write to this file too")
     topics.add_options(parser, has_cameras=False)
 
@@ -49,66 +49,21 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read both, align, print."""
     params = MapperParams()
-    lens = Lens(arguments.camera, arguments.baseline, arguments.depth_units)
+    lens = LensOptions(arguments.camera, arguments.baseline, arguments.depth_units)
     a, b = (
         read_sphere(word, lens, params, lambda bag: topics.choose_topics(bag, arguments))
         for word in (arguments.a, arguments.b)
     )
     guess = arguments.guess
     T_a_b = SE3.from_quaternion(guess[3:], guess[:3]) if guess else SE3.identity()
-    text = json.dumps(register(a, b, T_a_b, params), indent=2)
+    text = json.dumps(register_spheres(a, b, T_a_b, params), indent=2)
     print(text)
     if arguments.json:
         arguments.json.write_text(text + "\n", encoding="utf-8")
     return 0 if json.loads(text)["is_converged"] else 1
 
 
-def register(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParams) -> dict[str, Any]:
-    """Return the alignment of b with a, and the residual at the guess, as plain values."""
-    reference, current = (PreparedSphere(sphere, params.registration) for sphere in (a, b))
-    view = reference.at(SE3.identity())
-
-    def guesses() -> Any:
-        yield T_a_b_guess
-        yield turned(current, reference, SE3.identity(), params.registration)
-
-    found = align(current, [view], guesses(), params.registration)
-    before = residual_at(current, view, T_a_b_guess, params.registration)
-    return {
-        "is_converged": found.is_converged,
-        "reason": found.reason,
-        "T_a_b": {
-            "translation_m": found.T_world_camera.translation.tolist(),
-            "quaternion_xyzw": found.T_world_camera.quaternion.tolist(),
-            "matrix": found.T_world_camera.matrix.tolist(),
-            "angle_deg": float(np.degrees(SE3.identity().distance(found.T_world_camera)[1])),
-        },
-        "covariance": finite(found.covariance),
-        "residual": residual(found),
-        "residual_at_guess": residual(before),
-        "iterations": found.iterations,
-        "gain": found.gains[0],
-        "bias": found.biases[0],
-    }
-
-
-def residual(found: Alignment) -> dict[str, float | int]:
-    """Return how well the images agree at a pose."""
-    return {
-        "mad": found.mad,
-        "ncc": found.ncc,
-        "overlap": found.overlap,
-        "inlier_share": found.inlier_share,
-        "num_pixels": found.num_pixels,
-    }
-
-
-def finite(matrix: np.ndarray) -> list[list[float | None]]:
-    """Return a matrix for JSON, which has no infinity."""
-    return [[float(value) if np.isfinite(value) else None for value in row] for row in matrix]
-
-
-def numbers(count: int) -> Any:
+def numbers_argument(count: int) -> Any:
     """Return the reader of a comma-separated argument."""
 
     def read(text: str) -> tuple[float, ...]:

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 
 from sphere_nav.geometry.cameras.rig import Rig
-from sphere_nav.geometry.files.foreign_rig import FORMATS, FRAMES, place, read_foreign_cameras
+from sphere_nav.geometry.files.foreign_rig import FORMATS, FRAMES, place_rig, read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import write_rig
 
 HELP = "a calibration of Kalibr, basalt, OpenCV or OCamCalib to rig.yaml"
@@ -63,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
         arguments.unit,
         is_joining=arguments.join,
     )
-    rig = place(found, arguments.frame, arguments.files[0])
+    rig = place_rig(found, arguments.frame, arguments.files[0])
     rig = _with_options(rig, arguments)
     write_rig(arguments.output, rig, is_overwriting=arguments.force)
     for name, fit in zip(found.names, found.fits, strict=False):

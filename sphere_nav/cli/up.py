@@ -16,7 +16,7 @@ from typing import Any
 import yaml
 
 from sphere_nav.cli.demo.processes import PATIENCE, node_command
-from sphere_nav.ros.compositions import COMPOSITIONS, Composition, Start
+from sphere_nav.ros.compositions import COMPOSITIONS, Composition, NodeStart
 
 LISTING = "\n".join(f"  {name:<13} {composition.purpose}" for name, composition in COMPOSITIONS.items())
 HELP = f"""\
@@ -45,7 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Start all, wait until they end or are told to, and end those that are left."""
     composition = COMPOSITIONS[arguments.name]
     if arguments.show_args:
-        print(table(composition))
+        print(argument_table(composition))
         return 0
     starts = composition.starts(parse(arguments.arguments))
     with tempfile.TemporaryDirectory(prefix="sphere_nav_up_") as folder, _interruptible():
@@ -69,7 +69,7 @@ def parse(words: Sequence[str]) -> dict[str, str]:
     return dict(word.split(":=", 1) for word in words)
 
 
-def table(composition: Composition) -> str:
+def argument_table(composition: Composition) -> str:
     """Return what -s shows."""
     lines = [f"{composition.purpose}; arguments as NAME:=VALUE"]
     for name, argument in composition.arguments.items():
@@ -79,7 +79,7 @@ def table(composition: Composition) -> str:
     return "\n".join(lines)
 
 
-def ros_arguments(start: Start, file: Path) -> list[str]:
+def ros_arguments(start: NodeStart, file: Path) -> list[str]:
     """Return the words after a node's name; its parameters go into a file, the site's before it."""
     values = {"/**": {"ros__parameters": dict(start.parameters)}}
     file.write_text(yaml.safe_dump(values), encoding="utf-8")

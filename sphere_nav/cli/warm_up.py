@@ -5,6 +5,7 @@ An installation ends with it; where the kernels are compiled already it takes se
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from concurrent.futures import ProcessPoolExecutor
@@ -38,7 +39,8 @@ def main() -> int:
     if not all(cache_folder(package).is_dir() for package in PACKAGES if package != kernel_cache.__name__):
         print(f"compiling kernels into {cache_root()}, a minute or two", file=sys.stderr)
     jobs = min(os.cpu_count() or 1, len(PARTS))
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as workers:
+    # a compiler makes much and drops little: without the garbage collector it needs a tenth less time
+    with ProcessPoolExecutor(jobs, get_context("spawn"), initializer=gc.disable) as workers:
         for part in [workers.submit(part) for part in PARTS]:
             part.result()
     remove_old()

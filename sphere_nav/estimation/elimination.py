@@ -10,9 +10,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from sphere_nav.estimation.covariance import clustered_covariance
+from sphere_nav.geometry.arrays import Array
 
 CORRELATED_PIXELS = 100.0  # that count as one against what is known beforehand; as in `photometric/align/judgement.py`
 
@@ -63,8 +63,5 @@ class Elimination:
 
     def covariance(self) -> Array:
         """Return the covariance (P, P) of clustered data, wider where little was known beforehand."""
-        count = len(self._parts)
-        inverse = np.linalg.inv(self._H + self._prior)
-        scatter = self._gradients - self._gradients.mean(axis=0)
-        told = scatter.T @ scatter * count / (count - 1)
-        return np.asarray(inverse @ (told + self._prior * CORRELATED_PIXELS) @ inverse)
+        inverse, gradients = np.linalg.inv(self._H + self._prior), self._gradients - self._gradients.mean(axis=0)
+        return clustered_covariance(inverse, gradients, self._prior * CORRELATED_PIXELS)

@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 
 from sphere_nav.estimation.kernels import SIGMA_OF_MAD
 
+HUBER, CAUCHY = 1.345, 2.385  # standard deviations; both 95 % efficient for normal errors (M15 eq. 34; Holland 1977)
+TINY = 1e-12
+
 
 def median_and_mad(residual: NDArray[np.floating]) -> tuple[float, float]:
     """Return median and median absolute deviation of the residuals that are not NaN (eq. 12)."""
@@ -15,14 +18,18 @@ def median_and_mad(residual: NDArray[np.floating]) -> tuple[float, float]:
     return median, float(np.median(np.abs(seen - median)))
 
 
-def huber_weights(residual: NDArray[np.floating], median: float, bound: float) -> NDArray[np.floating]:
-    """Return psi(d) / d for d = residual - median, Huber's psi with its bound in grey levels (eq. 34)."""
-    off = np.abs(residual - median)
-    return np.where(off <= bound, 1.0, bound / np.maximum(off, bound))
+def huber_weights(size: NDArray[np.floating], bound: float) -> NDArray[np.floating]:
+    """Return psi(d) / d for sizes d >= 0 of residuals, Huber's psi with its bound in the same unit (eq. 34)."""
+    return np.minimum(1.0, bound / np.maximum(size, TINY))
+
+
+def cauchy_weights(square: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return psi(d) / d = 1 / (1 + d^2 / c^2) for the squares d^2 / c^2 of residuals by Cauchy's scale c."""
+    return 1.0 / (1.0 + square)
 
 
 def weigh(residual: NDArray[np.floating], huber: float, min_sigma: float) -> tuple[NDArray[np.floating], float]:
     """Return Huber's weights over the variance, and its root sigma; his bound is `huber` sigma (eq. 33-35)."""
     median, mad = median_and_mad(residual)
     sigma = max(SIGMA_OF_MAD * mad, min_sigma)
-    return huber_weights(residual, median, huber * sigma) / sigma**2, sigma
+    return huber_weights(np.abs(residual - median), huber * sigma) / sigma**2, sigma

@@ -1,8 +1,8 @@
 """Where things are: rigid motions and camera models. No images, no optimisation.
 
-READ FIRST `se3.py` (SO(3), SE(3)), then `camera.py` (what every camera model offers) and one file per model:
-`pinhole.py`, `fisheye.py`, `double_sphere.py`, `spherical.py`; `shutter.py` is the rolling shutter. `rig.py` is several
-cameras, `rig_file.py` its file.
+READ FIRST `se3.py` (SO(3), SE(3)), then `cameras/camera.py` (what every camera model offers) and one file per model
+beside it; `cameras/rolling_shutter.py` is the rolling shutter, `cameras/rig.py` several cameras, `files/` how they are
+written.
 """
 
 from sphere_nav.geometry.cameras.camera import Camera

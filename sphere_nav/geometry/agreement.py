@@ -7,11 +7,9 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.se3 import SE3
-
-Array = NDArray[np.float64]
 
 LIMIT = math.sqrt(16.266)  # chi^2 of three degrees of freedom, 99.9 %
 PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y, yaw of a tangent vector (v, omega)
@@ -23,7 +21,7 @@ class Difference:
     """How far one pose is from the other: Mahalanobis distance over x, y and yaw, metres, radians."""
 
     distance: float
-    metres: float
+    meters: float
     radians: float
 
     @property
@@ -33,7 +31,7 @@ class Difference:
 
     def __str__(self) -> str:
         turn = math.degrees(self.radians)
-        return f"{self.metres:.2f} m, {turn:.1f} deg apart: {self.distance:.1f} standard deviations, limit {LIMIT:.1f}"
+        return f"{self.meters:.2f} m, {turn:.1f} deg apart: {self.distance:.1f} standard deviations, limit {LIMIT:.1f}"
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sphere_nav.geometry import so3
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 IDENTITY = np.eye(3)
 SMALL_ANGLE = 1e-4  # below it the series of sin(a)/a and its kin are exact to 1e-17
@@ -91,6 +91,17 @@ def from_quaternion(xyzw: ArrayLike) -> Array:
     K = hat(vector)
     R: Array = np.eye(3) + 2.0 * (w[..., None, None] * K + K @ K)
     return R
+
+
+def nearest_rotations(matrices: Array) -> Array:
+    """Return the rotations (..., d, d) nearest to matrices (..., d, d) by the sum of squares, d 2 or 3 (Kabsch).
+
+    U diag(1, ..., det(U V')) V' of the singular value decomposition.
+    """
+    U, _, Vt = np.linalg.svd(matrices)
+    U[..., :, -1] *= np.linalg.det(U @ Vt)[..., None]
+    rotations: Array = U @ Vt
+    return rotations
 
 
 def inverse_left_jacobian_times(rotation_vector: Array, vector: Array) -> Array:

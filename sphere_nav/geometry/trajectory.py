@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sphere_nav.geometry import so3
-from sphere_nav.geometry.files.fields import number, stamp_ns
-from sphere_nav.geometry.files.text_file import read_text
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.files.untrusted import number, parse_stamp_ns, read_text
 from sphere_nav.geometry.se3 import SE3
 
-Array = NDArray[np.float64]
 Stamps = NDArray[np.int64]
 
 TUM_FIELDS = ("stamp", "x", "y", "z", "qx", "qy", "qz", "qw")
@@ -169,4 +168,4 @@ def _rows(path: Path, fields: tuple[str, ...]) -> Iterator[tuple[int, int, list[
         if len(words) != len(fields):
             raise ValueError(f"{path}:{line}: expected {len(fields)} columns ({' '.join(fields)}), found {len(words)}")
         values = [number(word, f"{path}:{line}: {field}") for field, word in zip(fields[1:], words[1:], strict=True)]
-        yield line, stamp_ns(words[0], f"{path}:{line}: stamp"), values
+        yield line, parse_stamp_ns(words[0], f"{path}:{line}: stamp"), values

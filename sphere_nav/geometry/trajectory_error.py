@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.se3 import SE3
-from sphere_nav.geometry.trajectory import Array, Trajectory
+from sphere_nav.geometry.trajectory import Trajectory
 
 DIRECTION_BASELINE_M = 0.2  # the direction of motion is measured over this way, to both sides
 ALIGNMENTS = ("none", "se3", "sim3")

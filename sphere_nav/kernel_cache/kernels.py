@@ -4,6 +4,10 @@ By itself numba keeps what it compiled by the place and time of each source file
 of a function called in another file go unseen, and two copies of the project compile everything twice. Here one
 folder belongs to the text of all kernels of a package and of those they call: kernels may call each other across
 files, and every process that has the same text finds them compiled.
+
+A kernel is compiled with copies of those it calls, which numba leaves open to the linker: of several copies in one
+process the first one loaded serves all. They are optimized differently, and round differently, so that results would
+depend on which kernels are compiled here and which are loaded, and in which order. Here a kernel keeps its own copies.
 """
 
 from __future__ import annotations
@@ -15,6 +19,7 @@ from typing import Any
 
 from numba import njit, prange
 from numba.core import caching
+from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
 
 from sphere_nav.kernel_cache.folder import cache_folder, name_of
 
@@ -62,5 +67,29 @@ class TextLocator:
         return locator
 
 
+class OwnCopies(JITCodeLibrary):
+    """The machine code of one kernel, which calls its own copies of other kernels and no one else's."""
+
+    def _finalize_final_module(self):
+        """Hide the copies while machine code is written; kernels that call this one are linked with what numba has."""
+        linked = [library._get_module_for_linking() for library in self._linking_libraries]
+        copies = {function.name for module in linked for function in defined(module)}
+        hidden = [function for function in defined(self._final_module) if function.name in copies]
+        linkages = [function.linkage for function in hidden]
+        for function in hidden:
+            function.linkage = "internal"
+        super()._finalize_final_module()
+        for function, linkage in zip(hidden, linkages, strict=True):
+            function.linkage = linkage
+
+
+def defined(module):
+    """Return the functions of a module in LLVM that it holds the code of."""
+    return [function for function in module.functions if not function.is_declaration]
+
+
+# These are names of numba inside (0.68.1): where one is missing, results may depend on what was compiled.
+if hasattr(JITCodeLibrary, "_finalize_final_module") and hasattr(JITCPUCodegen, "_library_class"):
+    JITCPUCodegen._library_class = OwnCopies
 if TextLocator not in caching.CacheImpl._locator_classes:
     caching.CacheImpl._locator_classes.insert(0, TextLocator)

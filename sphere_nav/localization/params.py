@@ -26,7 +26,7 @@ class StateParams:
 
 @parameters
 class RigParams:
-    """Several cameras that localise together (sphere_nav/ros/camera/rig_intake.py)."""
+    """Several cameras that localise together (sphere_nav/ros/camera/intake.py)."""
 
     cameras: str = param(
         "", "several cameras, on cameras/<name>/image_raw: their names, with commas; empty: one camera"

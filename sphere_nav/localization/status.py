@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 __all__ = [
-    "FINE", "FOLLOWING", "INPUT_REMEDIES", "TRUSTED", "Finding", "Reason", "State", "Status", "describe", "status_of",
+    "FINE", "FOLLOWING", "INPUT_REMEDIES", "TRUSTED", "Finding", "Reason", "State", "Status", "describe_status",
+    "status_of",
 ]  # fmt: skip
 
 
@@ -127,7 +128,7 @@ def status_of(
     return Status(state, *words, quality=quality, p_chance=p_chance, age=max(age, 0.0), stamp_ns=stamp_ns)
 
 
-def describe(status: Status) -> str:
+def describe_status(status: Status) -> str:
     """Return a status in one line."""
     if not status.reason:
         return str(status.state)

@@ -14,7 +14,9 @@ from sphere_nav.geometry.trajectory_error import AbsoluteErrors
 TRUTH, ESTIMATE, LATERAL, LONGITUDINAL, ROTATION = "#9aa0a6", "#1f77b4", "#d62728", "#2ca02c", "#8c564b"
 
 
-def draw(estimate: Trajectory, truth: Trajectory, all_truth: Trajectory, errors: AbsoluteErrors, path: Path) -> None:
+def draw_evaluation(
+    estimate: Trajectory, truth: Trajectory, all_truth: Trajectory, errors: AbsoluteErrors, path: Path
+) -> None:
     """Draw paired trajectories (N,) and their errors into a file; the ending chooses the format."""
     with mpl.rc_context({"font.size": 9, "axes.grid": True, "grid.alpha": 0.3}):
         figure = Figure(figsize=(12, 6), layout="constrained")

@@ -37,7 +37,7 @@ class Judged:
     report: dict[str, Any]
 
 
-def judge(
+def evaluate_poses(
     estimate: Trajectory,
     truth: Trajectory,
     *,
@@ -76,7 +76,7 @@ def judge(
     return Judged(paired, paired_truth, truth, errors, report)
 
 
-def table(report: dict[str, Any]) -> str:
+def error_table(report: dict[str, Any]) -> str:
     """Return the report as text."""
     lines = [f"{report['n']} poses paired, coverage {100 * report['coverage']:.1f} %, {report['length_m']:.2f} m"]
     lines.append(f"{'':16}{'median':>10}{'rmse':>10}{'p95':>10}{'max':>10}")

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import logging
 from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
@@ -21,12 +20,12 @@ from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav.localization.status import Reason
 from sphere_nav.offline import topics
 from sphere_nav.offline.recorded_camera import patience
-from sphere_nav.offline.settings import parse_settings
+from sphere_nav.offline.settings import add_settings
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError, Recorded
 from sphere_nav.ros.bags.replay import OfflineBus, record, replay
-from sphere_nav.ros.bags.streams import SPHERE_INFO, read_streams
+from sphere_nav.ros.bags.streams import read_streams
 from sphere_nav.ros.bags.writer import BagWriter
 
 UNUSABLE = ("BAD_INFO", "MAP_ERROR")  # reasons that no other image changes
@@ -38,9 +37,7 @@ def add_arguments(parser: argparse.ArgumentParser, node: str) -> None:
     parser.add_argument("--bag", metavar="OUT", help="also write what the node publishes into a bag")
     parser.add_argument("--json", metavar="FILE", help="also write the summary as JSON")
     topics.add_options(parser)
-    parser.add_argument(
-        "--set", action="append", dest="settings", default=[], metavar="NAME=VALUE", help=f"parameter of {node}"
-    )
+    add_settings(parser, node)
     parser.add_argument("--overwrite", action="store_true", help="replace the files that are there")
     parser.add_argument(
         "--initial-pose", metavar="x,y,z,qx,qy,qz,qw", help="pose of base_link in the map to start near"
@@ -74,10 +71,10 @@ def replay_localizer(
         bag = stack.enter_context(BagReader(arguments.source))
         bus = OfflineBus(captured=set(published_topics))
         stack.callback(bus.close)
-        remap = find_topics(bag, arguments)
+        remap = topics.find_localizer_topics(bag, arguments)
         mounting = arguments.mounting
         if not mounting and "image_raw" in remap:
-            mounting = note_mounting(bag, remap["image_raw"], arguments)
+            mounting = topics.note_mounting(bag, remap["image_raw"], arguments)
         images = (topic for ours, topic in remap.items() if ours.endswith("image_raw"))
         add_node(bus, remap, {"mounting": mounting} | patience(read_streams(bag), images))
         total = sum(bag.topics[topic].count for topic in bus.listeners if topic in bag.topics)
@@ -86,27 +83,6 @@ def replay_localizer(
         if arguments.bag:
             published = record(published, stack.enter_context(BagWriter(arguments.bag)), bus)
         yield from published
-
-
-def find_topics(bag: BagReader, arguments: argparse.Namespace) -> dict[str, str]:
-    """Return the bag's topic for each that a localiser hears; a bag with spheres has sphere_info for camera_info."""
-    chosen, settings = topics.choose_topics(bag, arguments), parse_settings(arguments.settings)
-    is_panorama = bool(settings.get("is_panorama"))
-    if topics.camera_names(chosen):
-        has_lenses = is_panorama or bool(settings.get("rig.calibration"))
-        return topics.find_camera_topics(bag, chosen, has_lenses=has_lenses)
-    has_sphere = is_panorama or any(info.type == SPHERE_INFO and info.count for info in bag.topics.values())
-    wanted = ("image_raw",) if has_sphere and not arguments.info else ("image_raw", "camera_info")
-    return topics.find_topics(bag, wanted, chosen)
-
-
-def note_mounting(bag: BagReader, image: str, arguments: argparse.Namespace) -> str:
-    """Return the mounting to take, and say so where the bag does not tell it."""
-    mounting = topics.mounting_of(bag, image, parse_settings(arguments.settings))
-    if mounting:
-        base, text = topics.BASE_FRAME, "the camera is taken as the vehicle; --mounting tells otherwise"
-        logging.getLogger("sphere_nav.mounting").warning("%s: not above the camera on /tf_static: %s", base, text)
-    return mounting
 
 
 def usable(published: Iterator[Recorded], source: str) -> Iterator[Recorded]:

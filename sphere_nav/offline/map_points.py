@@ -10,20 +10,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.params import CloudParams
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.graph import KeySphere
 from sphere_nav.spheres.sphere import Sphere
 
 SURFACE_RATIO = 1.1  # ranges of neighbours that lie on one surface differ by less
-COLOUR_16_BIT = 257  # 255 becomes 65535
-MILLIMETRE = 0.001  # m, step of coordinates in .laz
+COLOR_16_BIT = 257  # 255 becomes 65535
+MILLIMETER = 0.001  # m, step of coordinates in .laz
 PLY_KIND = [(name, "<f4") for name in ("x", "y", "z", "nx", "ny", "nz")] + [
     (name, "u1") for name in ("red", "green", "blue")
 ]
 
 
 @dataclass(frozen=True, eq=False)
-class Cloud:
+class MapPoints:
     """points (N, 3) m in the map, unit normals (N, 3) towards their sphere (0 where unknown), rgb (N, 3)."""
 
     points: NDArray[np.float32]
@@ -31,9 +31,9 @@ class Cloud:
     rgb: NDArray[np.uint8]
 
 
-def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> Cloud:
+def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> MapPoints:
     """Return the thinned points of one key sphere in the map frame."""
-    rays = sphere.camera.unproject(pixel_grid(sphere.camera))
+    rays = pixel_rays(sphere.camera)
     with np.errstate(invalid="ignore"):
         kept = np.isfinite(sphere.range_m) & (sphere.range_m <= params.max_range_m)
         points = rays * np.where(kept, sphere.range_m, np.nan)[..., None]
@@ -43,10 +43,10 @@ def cloud_of(node: KeySphere, sphere: Sphere, params: CloudParams) -> Cloud:
     rgb = sphere.image if sphere.image.ndim == 3 else np.repeat(sphere.image[..., None], 3, axis=2)
     turned = normals[chosen] @ node.T_map_sphere.rotation.T
     placed = node.T_map_sphere.apply(points[chosen])
-    return Cloud(placed.astype(np.float32), turned.astype(np.float32), rgb[chosen])
+    return MapPoints(placed.astype(np.float32), turned.astype(np.float32), rgb[chosen])
 
 
-def write_ply(path: Path, clouds: list[Cloud]) -> int:
+def write_ply(path: Path, clouds: list[MapPoints]) -> int:
     """Write a binary PLY; return the number of points."""
     parts = []
     for cloud in clouds:
@@ -63,11 +63,11 @@ def write_ply(path: Path, clouds: list[Cloud]) -> int:
     return len(table)
 
 
-def write_laz(path: Path, clouds: list[Cloud]) -> int:
+def write_laz(path: Path, clouds: list[MapPoints]) -> int:
     """Write LAZ 1.4 with colour and normals (extra bytes of the names that CloudCompare reads); number of points."""
     points = np.concatenate([cloud.points for cloud in clouds]).astype(np.float64)
     header = laspy.LasHeader(version="1.4", point_format=7)
-    header.scales = np.full(3, MILLIMETRE)
+    header.scales = np.full(3, MILLIMETER)
     header.offsets = np.floor(points.min(axis=0)) if len(points) else np.zeros(3)
     header.add_extra_dims([laspy.ExtraBytesParams(f"Normal{axis}", "f4") for axis in "XYZ"])
     las = laspy.LasData(header)
@@ -75,7 +75,7 @@ def write_laz(path: Path, clouds: list[Cloud]) -> int:
     normals, rgb = np.concatenate([cloud.normals for cloud in clouds]), np.concatenate([cloud.rgb for cloud in clouds])
     for axis, values in zip("XYZ", normals.T, strict=True):
         las[f"Normal{axis}"] = values
-    las.red, las.green, las.blue = rgb.T.astype(np.uint16) * COLOUR_16_BIT
+    las.red, las.green, las.blue = rgb.T.astype(np.uint16) * COLOR_16_BIT
     with path.open("wb") as file:
         las.write(file, do_compress=True)
     return len(points)

@@ -1,7 +1,8 @@
-"""The picture of `sphere_nav plot`: top view, errors, states with reasons, timings."""
+"""What a localiser said in a recording, and its picture: top view, errors, states with reasons, timings."""
 
 from __future__ import annotations
 
+from collections import Counter
 from itertools import groupby
 from pathlib import Path
 
@@ -10,11 +11,18 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.geometry.trajectory_error import AbsoluteErrors
-from sphere_nav.localization.status import State, Status
+from sphere_nav.localization.status import Reason, State, Status
+from sphere_nav.offline.evaluation import TRUTH_TOPICS, evaluate_poses
+from sphere_nav.offline.pose_bags import READINGS, is_bag, read_poses
+from sphere_nav.ros import conversions
+from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav.ros.bags.streams import TRUTH_WORDS
 
-COLOURS = {
+STATUS = "sphere_nav_msgs/msg/LocalizationStatus"
+POSE_NAMES = ("pose", "odometry")
+COLORS = {
     State.UNCONFIGURED: "#5f6368",
     State.NO_MAP: "#5f6368",
     State.NOT_LOCALISED: "#9aa0a6",
@@ -28,7 +36,61 @@ TRUTH, ESTIMATE, LATERAL, LONGITUDINAL = "#9aa0a6", "#1f77b4", "#d62728", "#2ca0
 Errors = tuple[Trajectory, Trajectory, AbsoluteErrors]
 
 
-def draw(path: Path, poses: Trajectory | None, errors: Errors | None, statuses: list[Status]) -> None:
+def find_pose_topic(bag: BagReader) -> str:
+    """Return the topic of poses by its last name, those of a pose before odometry; empty where there is none."""
+    topics = [info.name for info in bag.topics.values() if info.count and info.type in READINGS]
+    named = [t for name in POSE_NAMES for t in sorted(topics) if t.split("/")[-1] == name]
+    return next((topic for topic in named if not any(word in topic for word in TRUTH_WORDS)), "")
+
+
+def find_status(bag: BagReader) -> str:
+    """Return the one topic with the status of a localiser; empty: none. BagError for several."""
+    topics = sorted(info.name for info in bag.topics.values() if info.type == STATUS and info.count)
+    if len(topics) > 1:
+        raise BagError(f"{bag.path}: expected one status, found {', '.join(topics)}: choose by --status")
+    return topics[0] if topics else ""
+
+
+def read_statuses(bag: BagReader, topic: str) -> list[Status]:
+    """Return what was said of every image, and of silences; BagError for a topic of another type."""
+    if not topic:
+        return []
+    info = bag.require(topic)
+    if info.type != STATUS:
+        raise BagError(f"{bag.path}: {info.name}: expected {STATUS}, found {info.type}")
+    return [conversions.message_to_status(message) for _, _, message in bag.messages([topic])]
+
+
+def measure(poses: Trajectory | None, truth: Path, *, is_required: bool) -> Errors | None:
+    """Return estimate, truth and errors; None where a bag has no truth that is asked for by nobody."""
+    if poses is None:
+        return None
+    if is_bag(truth):
+        with BagReader(truth) as bag:
+            topics = [t for t in TRUTH_TOPICS if f"/{t}" in bag.topics and bag.topics[f"/{t}"].count]
+        if not topics and not is_required:
+            return None
+        judged = evaluate_poses(poses, read_poses(truth, tuple(topics) or TRUTH_TOPICS), is_interpolated=True)
+    else:
+        judged = evaluate_poses(poses, read_tum(truth), is_interpolated=True)
+    return judged.estimate, judged.truth, judged.errors
+
+
+def describe(statuses: list[Status]) -> list[str]:
+    """Return how often each state was told for each reason, with the remedy, and the time for an image."""
+    counts = Counter((str(status.state), str(status.reason)) for status in statuses)
+    remedies = {(str(status.state), str(status.reason)): status.remedy for status in statuses}
+    lines = [
+        f"{number:6d}  {state:<14} {reason:<14} {remedies[state, reason]}".rstrip()
+        for (state, reason), number in counts.most_common()
+    ]
+    times = [status.milliseconds for status in statuses if status.reason != Reason.TIMEOUT and status.milliseconds > 0]
+    if times:
+        lines.append(f"time for an image: median {np.median(times):.1f} ms, p99 {np.percentile(times, 99):.1f} ms")
+    return lines
+
+
+def draw_localization(path: Path, poses: Trajectory | None, errors: Errors | None, statuses: list[Status]) -> None:
     """Draw poses, (estimate, truth, errors) and statuses, whatever of them there is; the ending chooses the format."""
     stamps = [status.stamp_ns for status in statuses] or (list(poses.stamps_ns) if poses is not None else [0])
     start = int(min(stamps))
@@ -88,9 +150,9 @@ def _draw_states(axes: Axes, statuses: list[Status], start: int) -> None:
     rows = {str(name): row for row, name in enumerate(names)}
     for state, reason, first, end in runs:
         width = max(end - first, 1e-3)
-        axes.broken_barh([(first, width)], (rows[str(state)] - 0.4, 0.8), color=COLOURS[State(state)])
+        axes.broken_barh([(first, width)], (rows[str(state)] - 0.4, 0.8), color=COLORS[State(state)])
         if reason:
-            axes.broken_barh([(first, width)], (rows[reason] - 0.2, 0.4), color=COLOURS[State(state)])
+            axes.broken_barh([(first, width)], (rows[reason] - 0.2, 0.4), color=COLORS[State(state)])
     axes.set_yticks(range(len(names)), [str(name) for name in names])
     axes.set_ylim(len(names) - 0.5, -0.5)
 

@@ -11,10 +11,9 @@ from rig_calibration.drive.depth_pose import RefinedDepth
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.offline import topics
-from sphere_nav.offline.mapping.depth_drive import describe, refine_depth
+from sphere_nav.offline.mapping.depth_drive import describe_components, refine_depth
 from sphere_nav.offline.mapping.replay_mapper import replay_mapper
 from sphere_nav.offline.mapping.sphere_source import find_input
-from sphere_nav.offline.settings import parse_settings
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.camera.mounting import NAMES
 
@@ -22,7 +21,7 @@ from sphere_nav.ros.camera.mounting import NAMES
 def run_depth(arguments: argparse.Namespace) -> int:
     """Map the drive, refine the depth camera by pairs of it; 1 if the drive does not tell everything."""
     given = {"camera.readout": arguments.readout, "mapper.loop.automatic": False}
-    values = given | parse_settings(arguments.settings) | {"input": "rgbd"}
+    values = given | arguments.settings | {"input": "rgbd"}
     with BagReader(arguments.source) as bag:
         chosen = topics.choose_topics(bag, arguments)
         kind = find_input(bag, chosen)
@@ -34,12 +33,12 @@ def run_depth(arguments: argparse.Namespace) -> int:
         if not drive.node.mapper.tracks:
             raise BagError(f"{arguments.source}: expected images to align, found none: {drive.refusal}")
         estimate = refine_depth(bag, values, found, drive.node.mapper)
-    arguments.output.write_text(text_of(estimate.found), encoding="utf-8")
-    print("\n".join([*report(estimate.found, str(arguments.output)), *filter(None, [estimate.verdict])]))
+    arguments.output.write_text(depth_file_text(estimate.found), encoding="utf-8")
+    print("\n".join([*report_depth(estimate.found, str(arguments.output)), *filter(None, [estimate.verdict])]))
     return 1 if estimate.found.unobserved else 0
 
 
-def text_of(found: RefinedDepth) -> str:
+def depth_file_text(found: RefinedDepth) -> str:
     """Return the file that `depth_pose` takes: x y z roll pitch yaw (m, rad), their standard deviations beside."""
     values = [*found.T_image_depth.translation, *found.T_image_depth.angles]
     deviations = zip(NAMES, found.deviations.values(), strict=True)
@@ -47,11 +46,11 @@ def text_of(found: RefinedDepth) -> str:
     return yaml.safe_dump({"depth_pose": content, "standard_deviations": dict(deviations)}, sort_keys=False)
 
 
-def report(found: RefinedDepth, output: str) -> Iterator[str]:
+def report_depth(found: RefinedDepth, output: str) -> Iterator[str]:
     """Yield what is printed."""
     yield f"{len(found.states)} pairs, {found.num_pixels} pixels, residual {found.residual:.1f} grey levels -> {output}"
     yield "depth camera in the axes of the image's (x right, y down, z ahead):"
-    yield from describe(found)
+    yield from describe_components(found)
     if found.unobserved:
         yield "record surfaces at several distances and slopes, and move by half of their distance, not only turn"
     yield f"to map with it: sphere_nav map BAG -o MAP --set depth_pose={output}"

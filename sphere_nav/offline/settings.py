@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import argparse
 from typing import Any
 
 import yaml
 
 
-def parse_settings(settings: Sequence[str]) -> dict[str, Any]:
-    """Return parameters from words NAME=VALUE; values as in YAML."""
-    values = {}
-    for word in settings:
+class SettingAction(argparse.Action):
+    """Collects words NAME=VALUE into a dictionary; values as in YAML. ValueError for a word that is no pair."""
+
+    def __call__(self, parser: Any, namespace: argparse.Namespace, word: Any, option_string: str | None = None) -> None:
+        """Add one word."""
         name, separator, text = word.partition("=")
         if not separator:
-            raise ValueError(f"--set: expected NAME=VALUE, found {word!r}")
-        values[name] = yaml.safe_load(text)
-    return values
+            raise ValueError(f"{option_string}: expected NAME=VALUE, found {word!r}")
+        setattr(namespace, self.dest, getattr(namespace, self.dest) | {name: yaml.safe_load(text)})
+
+
+def add_settings(parser: argparse.ArgumentParser, node: str, option: str = "--set", dest: str = "settings") -> None:
+    """Declare an option that sets parameters of a node, as often as it is given."""
+    parser.add_argument(
+        option, action=SettingAction, default={}, metavar="NAME=VALUE", dest=dest, help=f"parameter of {node}"
+    )

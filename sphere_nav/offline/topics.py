@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import logging
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import islice
@@ -12,6 +13,7 @@ from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.streams import (
     RGBD,
+    SPHERE_INFO,
     STEREO,
     Stream,
     find_inputs,
@@ -147,6 +149,27 @@ def find_camera_topics(bag: BagReader, chosen: Mapping[str, str], *, has_lenses:
                 image = by_name[found[f"cameras/{name}/image_raw"]]
                 found[info] = info_of(image, streams, f"--remap {info}:=TOPIC").topic
     return ({"odom": odometry} if odometry else {}) | found
+
+
+def find_localizer_topics(bag: BagReader, arguments: argparse.Namespace) -> dict[str, str]:
+    """Return the bag's topic for each that a localiser hears; a bag with spheres has sphere_info for camera_info."""
+    chosen, settings = choose_topics(bag, arguments), arguments.settings
+    is_panorama = bool(settings.get("is_panorama"))
+    if camera_names(chosen):
+        has_lenses = is_panorama or bool(settings.get("rig.calibration"))
+        return find_camera_topics(bag, chosen, has_lenses=has_lenses)
+    has_sphere = is_panorama or any(info.type == SPHERE_INFO and info.count for info in bag.topics.values())
+    wanted = ("image_raw",) if has_sphere and not arguments.info else ("image_raw", "camera_info")
+    return find_topics(bag, wanted, chosen)
+
+
+def note_mounting(bag: BagReader, image: str, arguments: argparse.Namespace) -> str:
+    """Return the mounting to take, and say so where the bag does not tell it."""
+    mounting = mounting_of(bag, image, arguments.settings)
+    if mounting:
+        base, text = BASE_FRAME, "the camera is taken as the vehicle; --mounting tells otherwise"
+        logging.getLogger("sphere_nav.mounting").warning("%s: not above the camera on /tf_static: %s", base, text)
+    return mounting
 
 
 def find_rig_topics(bag: BagReader, names: Iterable[str], chosen: dict[str, str]) -> dict[str, str]:

@@ -1,11 +1,12 @@
 """Image against image: dense, photometric, direct (M15 sections 2, 3.6, 5.2, 9).
 
 READ FIRST `esm.py`. `prepare_reference` makes an augmented image ready once, `build_pyramid` the current one each
-time, `register` aligns them.
+time, `register` aligns them, and `register_rig` the images of several cameras.
 """
 
 from sphere_nav.photometric.align.alignment import Alignment
-from sphere_nav.photometric.align.esm import evaluate, register
+from sphere_nav.photometric.align.esm import evaluate, register, register_rig
+from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.photometric.align.rotation import register_rotation
 from sphere_nav.photometric.params import PyramidParams, RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Pyramid, build_pyramid
@@ -18,11 +19,13 @@ __all__ = [
     "PyramidParams",
     "Reference",
     "RegistrationParams",
+    "RigImage",
     "View",
     "build_pyramid",
     "evaluate",
     "prepare_reference",
     "register",
+    "register_rig",
     "register_rotation",
     "warm_up",
 ]

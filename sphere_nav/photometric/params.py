@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sphere_nav.estimation.robust import HUBER
 from sphere_nav.params import group, param, parameters
 
 
@@ -21,7 +22,7 @@ class RegistrationParams:
 
     pyramid: PyramidParams = group(PyramidParams)
     max_pixels: int = param(60_000, "best pixels used at a level, all references together", low=100)
-    huber: float = param(1.345, "residual, in standard deviations, beyond which weights fall (eq. 34)", low=0.1)
+    huber: float = param(HUBER, "residual, in standard deviations, beyond which weights fall (eq. 34)", low=0.1)
     min_sigma: float = param(1.0, "smallest standard deviation assumed for the residual", "grey level", low=0.01)
     max_iterations_coarse: int = param(20, "iterations at the coarser levels", low=0, high=200)
     max_iterations_fine: int = param(8, "iterations at the finest level", low=0, high=200)

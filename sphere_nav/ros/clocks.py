@@ -1,12 +1,11 @@
-"""A clock that stands still: a simulator that waits, a player that is paused, or one that has died.
-
-Stamps against the clock of the node: what is stamped with the future is not believed.
+"""Stamps and clocks: stamps ahead of the clock, time that no stamp can move, and a clock that stands still.
 
 A stamp decides what a message is compared with. One that is ahead of the clock would make all that follow look late.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import inf
 
 MAX_AHEAD_NS = 100_000_000  # /clock may come later than what it stamps; more is a wrong clock
@@ -65,3 +64,27 @@ class ClockWatch:
     def is_over(self) -> bool:
         """Whether what stood so long is no pause any more."""
         return self.stood > max(self._give_up, self._patience)
+
+
+class Times:
+    """Stamps on the follower's own clock."""
+
+    def __init__(self, clock: Callable[[], int], own: Callable[[], int]) -> None:
+        """`clock` is that of the stamps, `own` one that no stamp moves, both in ns."""
+        self._clock, self._own = clock, own
+
+    def now(self) -> int:
+        """Return the present."""
+        return self._own()
+
+    def lead(self, stamp_ns: int) -> int:
+        """Return by how many ns a stamp is ahead of its clock; negative: the age of what it stamps."""
+        return stamp_ns - self._clock()
+
+    def of(self, stamp_ns: int) -> int:
+        """Return the time from which a message counts, never later than now; ValueError for a stamp too far ahead."""
+        lead = self.lead(stamp_ns)
+        if lead > MAX_AHEAD_NS:
+            limit, found = MAX_AHEAD_NS / 1e9, lead / 1e9
+            raise ValueError(f"header.stamp: expected at most {limit:g} s ahead of the clock, found {found:.3f} s")
+        return self._own() + min(lead, 0)

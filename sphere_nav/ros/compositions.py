@@ -29,7 +29,7 @@ class Argument:
 
 
 @dataclass(frozen=True)
-class Start:
+class NodeStart:
     """One node to start: parameters by dotted name, topics by their names in the node."""
 
     node: str
@@ -45,9 +45,9 @@ class Composition:
 
     purpose: str
     arguments: Mapping[str, Argument]
-    describe: Callable[[Values], list[Start]]
+    describe: Callable[[Values], list[NodeStart]]
 
-    def starts(self, given: Values) -> list[Start]:
+    def starts(self, given: Values) -> list[NodeStart]:
         """Return the nodes to start; ValueError for an unknown, a missing or an impossible argument."""
         for name, value in given.items():
             if name not in self.arguments:
@@ -77,13 +77,15 @@ def _number(values: Values, name: str, kind: type[Any]) -> Any:
         raise ValueError(f"{name}: expected a number, found {values[name]!r}") from None
 
 
-def _node(values: Values, name: str, parameters: Mapping[str, Any], topics: Mapping[str, str] | None = None) -> Start:
+def _node(
+    values: Values, name: str, parameters: Mapping[str, Any], topics: Mapping[str, str] | None = None
+) -> NodeStart:
     """Return a node in the namespace, with the site's parameters and the clock of all."""
     namespace = values["namespace"].strip("/")
     own = {topic: topic.removeprefix("/") for topic in ABSOLUTE} if namespace else {}
     renamed = {topic: target for topic, target in (topics or {}).items() if target != topic}
     clock = {"use_sim_time": _is(values, "use_sim_time")} if "use_sim_time" in values else {}
-    return Start(name, {**parameters, **clock}, {**own, **renamed}, namespace, values["site"])
+    return NodeStart(name, {**parameters, **clock}, {**own, **renamed}, namespace, values["site"])
 
 
 def _camera_topics(values: Values) -> dict[str, str]:
@@ -91,7 +93,7 @@ def _camera_topics(values: Values) -> dict[str, str]:
     return {"image_raw": image, "image_raw/compressed": f"{image}/compressed", "camera_info": info}
 
 
-def _localizer(values: Values) -> Start:
+def _localizer(values: Values) -> NodeStart:
     topics = {**_camera_topics(values), "odom": values["odom"]}
     parameters = {name: values[name] for name in ("map", "transport", "driver")}
     rig = {"rig.cameras": values["cameras"], "rig.calibration": values["rig"]}
@@ -99,17 +101,17 @@ def _localizer(values: Values) -> Start:
     return _node(values, "dense_localizer", parameters, topics)
 
 
-def _follower(values: Values, cmd_vel: str) -> Start:
+def _follower(values: Values, cmd_vel: str) -> NodeStart:
     parameters: dict[str, Any] = {"enable_stamped_cmd_vel": _is(values, "stamped_cmd_vel")}
     parameters |= {"trajectory": values["trajectory"]} if values["trajectory"] else {}
     return _node(values, "path_follower", parameters, {"cmd_vel": cmd_vel, "scan": values["scan"]})
 
 
-def _localisation(values: Values) -> list[Start]:
+def _localisation(values: Values) -> list[NodeStart]:
     return [_localizer(values)]
 
 
-def _navigation(values: Values) -> list[Start]:
+def _navigation(values: Values) -> list[NodeStart]:
     if not _is(values, "guard"):
         return [_localizer(values), _follower(values, values["cmd_vel"])]
     stamped = {"is_stamped": _is(values, "stamped_cmd_vel")}
@@ -117,13 +119,13 @@ def _navigation(values: Values) -> list[Start]:
     return [_localizer(values), _follower(values, "cmd_vel_in"), guard]
 
 
-def _mcl(values: Values) -> list[Start]:
+def _mcl(values: Values) -> list[NodeStart]:
     topics = {"image_raw": values["image"], "camera_info": values["info"], "odom": values["odom"]}
     topics |= {"other/pose": values["other"], "reference_path": values["path"]}
     return [_node(values, "mcl_depth", {name: values[name] for name in ("cloud", "preset", "driver")}, topics)]
 
 
-def _mapping(values: Values) -> list[Start]:
+def _mapping(values: Values) -> list[NodeStart]:
     kind = values["input"]
     if values["driver"] and kind == "sphere":
         kind = read_driver(values["driver"]).input
@@ -143,24 +145,24 @@ def _heard(values: Values, topic: str) -> str:
     return names_of(values["driver"]).get(topic, topic)
 
 
-def _player(values: Values, wait_for: str) -> Start:
+def _player(values: Values, wait_for: str) -> NodeStart:
     rate = _number(values, "rate", float)
     parameters = {"bag": values["bag"], "rate": rate, "wait_for": wait_for, "clock": _is(values, "use_sim_time")}
     own_clock = {name: value for name, value in values.items() if name != "use_sim_time"}  # it is the clock
     return _node(own_clock, "bag_player", parameters)
 
 
-def _replay(values: Values) -> list[Start]:
+def _replay(values: Values) -> list[NodeStart]:
     return [*_recorder(values), _localizer(values), _player(values, _heard(values, values["image"]))]
 
 
-def _recorder(values: Values) -> list[Start]:
+def _recorder(values: Values) -> list[NodeStart]:
     if not values["record"]:
         return []
     return [_node(values, "bag_recorder", {"output": values["record"], "topic_set": "all"})]
 
 
-def _simulation(values: Values) -> list[Start]:
+def _simulation(values: Values) -> list[NodeStart]:
     timed = {**values, "use_sim_time": "true", "stamped_cmd_vel": "true", "guard": "false"}
     simulator = {
         "mode": values["mode"],

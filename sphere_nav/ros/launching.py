@@ -9,7 +9,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from sphere_nav.ros.compositions import COMPOSITIONS, Start
+from sphere_nav.ros.compositions import COMPOSITIONS, NodeStart
 
 
 def launch_description(name: str) -> Any:
@@ -29,7 +29,7 @@ def launch_description(name: str) -> Any:
     return LaunchDescription([*declared, OpaqueFunction(function=start)])
 
 
-def _node(item: Start) -> Any:
+def _node(item: NodeStart) -> Any:
     return Node(
         package="sphere_nav",
         executable=item.node,

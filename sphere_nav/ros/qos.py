@@ -8,7 +8,7 @@ import yaml
 from rclpy.duration import Duration
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, LivelinessPolicy, QoSProfile, ReliabilityPolicy
 
-from sphere_nav.geometry.files.yaml_text import load_yaml
+from sphere_nav.geometry.files.untrusted import load_yaml
 
 RELIABLE, BEST_EFFORT = ReliabilityPolicy.RELIABLE, ReliabilityPolicy.BEST_EFFORT
 VOLATILE, TRANSIENT_LOCAL = DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL
@@ -28,16 +28,13 @@ LARGE = QoSProfile(depth=4, reliability=RELIABLE, durability=VOLATILE)
 COMMAND = QoSProfile(depth=1, reliability=RELIABLE, durability=VOLATILE)
 """cmd_vel and its kin: only the newest counts."""
 
-CLOCK = QoSProfile(depth=1, reliability=BEST_EFFORT, durability=VOLATILE)
-"""/clock as a listener asks for it; a publisher of /clock offers STATE."""
-
 TF = QoSProfile(depth=100, reliability=RELIABLE, durability=VOLATILE)
 TF_STATIC = QoSProfile(depth=100, reliability=RELIABLE, durability=TRANSIENT_LOCAL)
 
 INFINITE = {"sec": 9223372036, "nsec": 854775807}
 
 
-def describe(profile: QoSProfile) -> str:
+def describe_policies(profile: QoSProfile) -> str:
     """Return the policies that decide about compatibility, in words."""
     words = [profile.reliability.name, profile.durability.name]
     text = ", ".join(word.lower().replace("_", " ") for word in words)
@@ -82,7 +79,7 @@ def to_entries(profiles: list[QoSProfile]) -> list[dict[str, Any]]:
     ]
 
 
-def to_yaml(profiles: list[QoSProfile]) -> str:
+def profiles_to_yaml(profiles: list[QoSProfile]) -> str:
     """Return profiles as the text of a channel's `offered_qos_profiles`."""
     return yaml.safe_dump(to_entries(profiles), sort_keys=False).strip() if profiles else ""
 

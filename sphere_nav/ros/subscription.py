@@ -102,7 +102,7 @@ class Subscription:
     def explain(self, topic: str, publishers: Sequence[Any]) -> str:
         """Return why nothing comes, given the resolved name and rclpy's TopicEndpointInfo of all publishers."""
         kind = type_name(self.kind)
-        wanted = f"{topic} ({kind}; {qos.describe(self.profile)})"
+        wanted = f"{topic} ({kind}; {qos.describe_policies(self.profile)})"
         if not publishers:
             return f"waiting for {wanted}: no publisher"
         reason = self.incompatible(publishers)

@@ -31,8 +31,8 @@ def _halved(sphere: Sphere) -> Sphere:
     while _can_halve(camera):
         camera, factor = camera.halve(), 2 * factor
     height, width = camera.height * factor, camera.width * factor
-    grey = cv2.resize(sphere.grey[:height, :width], (camera.width, camera.height), interpolation=cv2.INTER_AREA)
-    image: Image = np.clip(np.rint(grey), UNSEEN + 1, 255).astype(np.uint8)
+    gray = cv2.resize(sphere.gray[:height, :width], (camera.width, camera.height), interpolation=cv2.INTER_AREA)
+    image: Image = np.clip(np.rint(gray), UNSEEN + 1, 255).astype(np.uint8)
     return Sphere(image, _nearest_surface(sphere.range_m[:height, :width], factor), camera, sphere.stamp_ns)
 
 

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.sphere import Sphere
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -27,7 +27,7 @@ MAX_RATIO = MIN_RATIO * np.exp(RATIO_STEP * (FIRST_FILLED - 2))
 MIN_FILLED, FILLED_STEP = 5e-3, np.log(MAX_RATIO / 5e-3) / (255 - FIRST_FILLED)
 
 
-def encode(range_m: NDArray[np.floating[Any]]) -> NDArray[np.uint16]:
+def encode_ranges(range_m: NDArray[np.floating[Any]]) -> NDArray[np.uint16]:
     """Return the codes of ranges in metres, of any shape; anything below `MIN_RANGE` becomes 'not measured'."""
     values = np.asarray(range_m, dtype=np.float32)
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -38,7 +38,7 @@ def encode(range_m: NDArray[np.floating[Any]]) -> NDArray[np.uint16]:
     return codes.astype(np.uint16)
 
 
-def decode(codes: NDArray[np.uint16]) -> NDArray[np.float32]:
+def decode_ranges(codes: NDArray[np.uint16]) -> NDArray[np.float32]:
     """Return the ranges in metres of codes of any shape."""
     if codes.dtype != np.uint16:
         raise ValueError(f"range codes: expected uint16, found {codes.dtype}")

@@ -10,19 +10,17 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.geometry import SE3, Spherical
+from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL as T_BODY_OPTICAL
 
 Image = NDArray[np.uint8]
 Range = NDArray[np.float32]
-Grey = TypeVar("Grey", np.uint8, np.float32)
+Gray = TypeVar("Gray", np.uint8, np.float32)
 
 UNSEEN = 0  # grey level of a pixel that no camera saw; a pixel that was seen is at least 1
 
 ROWS = 16  # that are turned grey at once: the colours in floats are large, and large blocks cost page faults
-
-# Body axes (x forward, y left, z up) from optical axes (z forward, x right, y down).
-T_BODY_OPTICAL = SE3(np.array([[0.0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1]]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +41,7 @@ class Sphere:
     is_filled: NDArray[np.bool_] | None = None
 
     def __post_init__(self) -> None:
-        check_image(self.image, self.camera, "sphere image")
+        check_sphere_image(self.image, self.camera, "sphere image")
         _check_plane(self.range_m, self.camera, "sphere range")
         if self.range_std_m is not None:
             _check_plane(self.range_std_m, self.camera, "sphere range std")
@@ -53,23 +51,23 @@ class Sphere:
             raise ValueError(f"sphere stamp: expected integer nanoseconds, found {self.stamp_ns!r}")
 
     @cached_property
-    def grey(self) -> NDArray[np.float32]:
+    def gray(self) -> NDArray[np.float32]:
         """Grey levels 0...255 (H, W); unseen pixels continue the nearest seen one, so that no edge shows there."""
-        grey = to_grey(self.image)
-        return continued(grey, (grey > UNSEEN) | ~np.isnan(self.range_m))
+        gray = to_gray(self.image)
+        return continued(gray, (gray > UNSEEN) | ~np.isnan(self.range_m))
 
     @property
     def levels(self) -> Image | NDArray[np.float32]:
         """The same, as bytes where the image is grey."""
         if self.image.ndim == 3:
-            return self.grey
+            return self.gray
         return self.image if self.image.min() > UNSEEN else continued(self.image, self.is_seen)
 
     @cached_property
     def is_seen(self) -> NDArray[np.bool_]:
         """Which pixels (H, W) a camera saw."""
-        grey = self.image if self.image.ndim == 2 else to_grey(self.image)
-        return (grey > UNSEEN) | ~np.isnan(self.range_m)
+        gray = self.image if self.image.ndim == 2 else to_gray(self.image)
+        return (gray > UNSEEN) | ~np.isnan(self.range_m)
 
     @property
     def measured(self) -> NDArray[np.bool_]:
@@ -84,17 +82,22 @@ class Sphere:
         return points.astype(np.float32), self.image[::step, ::step][keep]
 
 
-def to_grey(image: NDArray[Any]) -> NDArray[np.float32]:
+def to_gray(image: NDArray[Any]) -> NDArray[np.float32]:
     """Return the grey levels (H, W) of a grey or RGB image."""
     if image.ndim == 2:
         return image.astype(np.float32)
-    grey = np.empty(image.shape[:2], np.float32)
+    gray = np.empty(image.shape[:2], np.float32)
     for row in range(0, len(image), ROWS):
-        grey[row : row + ROWS] = cv2.cvtColor(image[row : row + ROWS].astype(np.float32), cv2.COLOR_RGB2GRAY)
-    return grey
+        gray[row : row + ROWS] = cv2.cvtColor(image[row : row + ROWS].astype(np.float32), cv2.COLOR_RGB2GRAY)
+    return gray
 
 
-def continued(values: NDArray[Grey], is_known: NDArray[np.bool_]) -> NDArray[Grey]:
+def to_gray_bytes(image: Image) -> Image:
+    """Return the grey levels (H, W) of a grey or RGB image, rounded."""
+    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.uint8, copy=False) if image.ndim == 3 else image
+
+
+def continued(values: NDArray[Gray], is_known: NDArray[np.bool_]) -> NDArray[Gray]:
     """Return the values (H, W) with unknown pixels taken from the nearest known one."""
     if is_known.all() or not is_known.any():
         return values
@@ -105,11 +108,11 @@ def continued(values: NDArray[Grey], is_known: NDArray[np.bool_]) -> NDArray[Gre
     return known[label]
 
 
-def check_image(image: NDArray[Any], camera: Any, name: str = "image") -> None:
+def check_sphere_image(image: NDArray[Any], camera: Any, name: str = "image") -> None:
     """Raise ValueError unless the image is uint8, grey or RGB, of the camera's size."""
     expected = f"{camera.width} x {camera.height} uint8, grey or RGB"
-    is_grey_or_rgb = image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)
-    if image.dtype != np.uint8 or not is_grey_or_rgb or image.shape[:2] != (camera.height, camera.width):
+    is_gray_or_rgb = image.ndim == 2 or (image.ndim == 3 and image.shape[2] == 3)
+    if image.dtype != np.uint8 or not is_gray_or_rgb or image.shape[:2] != (camera.height, camera.width):
         raise ValueError(f"{name}: expected {expected}, found {_describe(image)}")
 
 

@@ -232,7 +232,7 @@ def draw_quads(corners, placed, pixels, sphere_width, wraps, nearness, source):
 
 
 @njit(**OPTIONS)
-def add_colours(image, wraps, nearness, source, nearest, agreement, floor, weight, total, weights):
+def add_colors(image, wraps, nearness, source, nearest, agreement, floor, weight, total, weights):
     """Add one drawing to the blend: total (H, W, 3) and weights (H, W), where it shows the nearest surface.
 
     image (h, w, 3) u8 is the sphere's; nearest (H, W) the nearest of all drawings.
@@ -264,7 +264,7 @@ def add_colours(image, wraps, nearness, source, nearest, agreement, floor, weigh
 
 
 @njit(**OPTIONS)
-def finish(total, weights, nearest, image, range_m):
+def divide_by_weights(total, weights, nearest, image, range_m):
     """Divide by the weights: image (H, W, 3) u8, 0 in holes; range (H, W) f32 m, NaN in holes, +Inf far."""
     height, width = weights.shape
     for row in range(height):
@@ -273,8 +273,8 @@ def finish(total, weights, nearest, image, range_m):
             if weight > ZERO:
                 by_weight = ONE / weight
                 for k in range(3):
-                    grey = total[row, column, k] * by_weight + HALF
-                    image[row, column, k] = np.uint8(min(max(grey, ONE), np.float32(255.0)))
+                    gray = total[row, column, k] * by_weight + HALF
+                    image[row, column, k] = np.uint8(min(max(gray, ONE), np.float32(255.0)))
                 near = nearest[row, column]
                 range_m[row, column] = ONE / near if near > FAR_NEARNESS + FAR_NEARNESS else np.float32(np.inf)
             else:

@@ -11,14 +11,14 @@ from __future__ import annotations
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav.view_synthesis.surface import Surface, surface_of
-from sphere_nav.view_synthesis.synthesis import draw
+from sphere_nav.view_synthesis.synthesis import draw_surfaces
 
 MAX_RATIO = 2.0  # of resolutions
 MIN_SHARE = 0.2  # of what is usable at the sphere: both kinds of error were alike on towns 3, 5, 7 and 11
@@ -26,8 +26,6 @@ WINDOW = Spherical(96, 21, 96, 0.0, 13.5)  # of 40 degrees above and below the h
 SKY = np.float32(1 / 300.0)  # 1/m: what is farther tells no position
 NUM_DIRECTIONS = 6
 MAX_DOUBLINGS, NUM_BISECTIONS = 4, 3
-
-Array = NDArray[np.float64]
 
 
 def region_radius(sphere: Sphere) -> float:
@@ -51,7 +49,7 @@ def region_radii(sphere: Sphere) -> Array:
 
 def usable_share(surface: Surface, shift_m: Array) -> float:
     """Return the share (0..1, by solid angle) of a horizontal band that is usable from a place (3,) beside it."""
-    nearness, source = draw(surface, SE3.from_parts(np.eye(3), -shift_m), WINDOW)
+    nearness, source = draw_surfaces(surface, SE3.from_parts(np.eye(3), -shift_m), WINDOW)
     is_known = nearness > SKY
     rays = surface.camera.unproject(np.where(is_known[..., None], source, 0.0))
     cosine = _cosines()
@@ -68,7 +66,7 @@ def usable_share(surface: Surface, shift_m: Array) -> float:
 @cache
 def _cosines() -> Array:
     """Return the cosine (rows, 1) of the elevation of the window's rows."""
-    return np.cos(np.arcsin(WINDOW.unproject(pixel_grid(WINDOW))[:, :1, 2]))
+    return np.cos(np.arcsin(pixel_rays(WINDOW)[:, :1, 2]))
 
 
 def _reach(surface: Surface, direction: Array, step_m: float, needed: float) -> float:

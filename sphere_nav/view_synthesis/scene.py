@@ -14,7 +14,7 @@ from sphere_nav.geometry import SE3, Camera
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav.view_synthesis.surface import Surface, surface_of
-from sphere_nav.view_synthesis.synthesis import PlacedSurface, View, blend_weights, synthesise
+from sphere_nav.view_synthesis.synthesis import PlacedSurface, SynthesizedView, blend_weights, synthesize
 
 NUM_BLENDED = 2
 MIN_KEPT = 2 * NUM_BLENDED  # however large they are
@@ -44,12 +44,7 @@ class Scene:
         self._surfaces: OrderedDict[int, Future[Surface]] = OrderedDict()  # by last use
         self._lock = threading.Lock()
 
-    @property
-    def num_kept(self) -> int:
-        """Key spheres that are ready or on their way."""
-        return len(self._surfaces)
-
-    def render(self, T_map_camera: SE3, camera: Camera, *, is_waiting: bool = True) -> View:
+    def render(self, T_map_camera: SE3, camera: Camera, *, is_waiting: bool = True) -> SynthesizedView:
         """Return the view from a pose; with `is_waiting` false by what is ready, others are prepared meanwhile.
 
         ValueError or OSError where a key sphere cannot be read.
@@ -65,7 +60,7 @@ class Scene:
             for node, one, weight in zip(wanted, coming, weights, strict=False)
             if is_waiting or one.done()
         ]
-        return synthesise(placed or [PlacedSurface(coming[0].result(), wanted[0].T_map_sphere)], T_map_camera, camera)
+        return synthesize(placed or [PlacedSurface(coming[0].result(), wanted[0].T_map_sphere)], T_map_camera, camera)
 
     def is_ready(self, T_map_camera: SE3) -> bool:
         """Say whether the view from a pose needs nothing that is not prepared."""

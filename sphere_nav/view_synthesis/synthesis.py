@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sphere_nav.geometry import SE3, Camera, Pinhole, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
 from sphere_nav.spheres.sphere import Image, Range
 from sphere_nav.view_synthesis import kernels
@@ -27,7 +27,7 @@ MIN_KNOWN = 5  # of 8 neighbours: holes that hold no more than a line of pixels 
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class SynthesizedView:
     """A synthesised image (H, W, 3) u8, range along the ray (H, W) f32 m, and where anything was seen (H, W)."""
 
     image: Image
@@ -44,11 +44,11 @@ class PlacedSurface:
     weight: float = 1.0
 
 
-def synthesise(surfaces: Sequence[PlacedSurface], T_map_camera: SE3, camera: Camera) -> View:
+def synthesize(surfaces: Sequence[PlacedSurface], T_map_camera: SE3, camera: Camera) -> SynthesizedView:
     """Return the view of a camera of any model from a pose in the map; ValueError without a surface."""
     if not surfaces:
         raise ValueError("view synthesis: expected at least one key sphere, found none")
-    drawings = [draw(one.surface, T_map_camera.inverse() @ one.T_map_sphere, camera) for one in surfaces]
+    drawings = [draw_surfaces(one.surface, T_map_camera.inverse() @ one.T_map_sphere, camera) for one in surfaces]
     nearest = drawings[0][0]
     for nearness, _ in drawings[1:]:
         nearest = np.maximum(nearest, nearness)
@@ -57,14 +57,14 @@ def synthesise(surfaces: Sequence[PlacedSurface], T_map_camera: SE3, camera: Cam
     for one, (nearness, source) in zip(surfaces, drawings, strict=True):
         surface, weight = one.surface, np.float32(max(one.weight, 1e-3))  # what one alone saw is never left out
         arrays = surface.image, surface.camera.is_whole, nearness, source, nearest
-        kernels.add_colours(*arrays, AGREEMENT, AGREEMENT_FLOOR, weight, total, weights)
+        kernels.add_colors(*arrays, AGREEMENT, AGREEMENT_FLOOR, weight, total, weights)
     image, range_m = np.empty(total.shape, np.uint8), np.empty(nearest.shape, np.float32)
-    kernels.finish(total, weights, nearest, image, range_m)
+    kernels.divide_by_weights(total, weights, nearest, image, range_m)
     kernels.close_pinholes(weights, MIN_KNOWN, image, range_m)
-    return View(image, range_m, ~np.isnan(range_m))
+    return SynthesizedView(image, range_m, ~np.isnan(range_m))
 
 
-def draw(surface: Surface, T_camera_sphere: SE3, camera: Camera) -> tuple[Floats, Floats]:
+def draw_surfaces(surface: Surface, T_camera_sphere: SE3, camera: Camera) -> tuple[Floats, Floats]:
     """Return nearness (H, W) 1/m, 0 where nothing is, and where in the sphere's image (u, v) (H, W, 2) it was seen."""
     placed = np.empty((surface.points.shape[1], 3), np.float32)
     kernels.project_corners(surface.points, kernel_motion(T_camera_sphere.matrix), kernel_camera(camera), placed)
@@ -87,8 +87,8 @@ def _draw_pole(
     side = max(8, round(camera.pixels_per_radian))
     focal = 0.5 * side / np.tan(POLE_RAD + 2.0 / side)
     pinhole = Pinhole(side, side, focal, focal, 0.5 * (side - 1), 0.5 * (side - 1))
-    near, place = draw(surface, T_camera_pole.inverse() @ T_camera_sphere, pinhole)
-    rays = camera.unproject(pixel_grid(camera))
+    near, place = draw_surfaces(surface, T_camera_pole.inverse() @ T_camera_sphere, pinhole)
+    rays = pixel_rays(camera)
     rows = np.flatnonzero(rays[:, 0] @ T_camera_pole.rotation[:, 2] > np.cos(POLE_RAD))
     pixels, _ = pinhole.project(rays[rows] @ T_camera_pole.rotation)
     u, v = np.clip(np.rint(pixels), 0, side - 1).astype(np.intp).transpose(2, 0, 1)

@@ -1,4 +1,4 @@
-"""What is imported is declared: requirements.txt for wheels, package.xml for rosdep, docs/dependencies.md to read."""
+"""What is imported is declared: requirements*.txt for wheels, package.xml for rosdep, docs/dependencies.md to read."""
 
 from __future__ import annotations
 
@@ -37,8 +37,11 @@ def imported() -> set[str]:
     return names - set(PACKAGES) - set(sys.stdlib_module_names)
 
 
-def wheels() -> set[str]:
-    lines = (ROOT / "requirements.txt").read_text(encoding="utf-8").splitlines()
+INSTALLERS = {"pip", "uv"}  # in no list: they come first
+
+
+def wheels(file: str = "requirements.txt") -> set[str]:
+    lines = (ROOT / file).read_text(encoding="utf-8").splitlines()
     return {re.split(r"[\[=<>]", line)[0] for line in lines if line and not line.startswith("#")}
 
 
@@ -54,7 +57,12 @@ def test_every_import_is_known() -> None:
 
 def test_every_wheel_is_pinned() -> None:
     pins = (ROOT / "constraints.txt").read_text(encoding="utf-8").lower().replace("_", "-")
-    assert {name for name in wheels() if f"\n{name.lower().replace('_', '-')}==" not in pins} == set()
+    named = wheels() | wheels("requirements-test.txt") | INSTALLERS
+    assert {name for name in named if f"\n{name.lower().replace('_', '-')}==" not in pins} == set()
+
+
+def test_what_only_tests_need_is_not_in_the_environment() -> None:
+    assert wheels() & wheels("requirements-test.txt") == set()
 
 
 def test_wheels_manifest_and_page_agree() -> None:

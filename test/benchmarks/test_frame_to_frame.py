@@ -25,11 +25,11 @@ def test_recorded_poses_are_those_of_the_depth_camera(recording):
     found = open_recording(recording)
     path = found.pairs(1, 1)[1][0]
     unregistered, registered = (found.frame(path, calibration) for calibration in found.calibrations)
-    T_depth_colour = unregistered.T_world_camera.inverse() @ registered.T_world_camera
-    np.testing.assert_allclose(T_depth_colour.translation, [0.025, 0.0, 0.0], atol=1e-12)
+    T_depth_color = unregistered.T_world_camera.inverse() @ registered.T_world_camera
+    np.testing.assert_allclose(T_depth_color.translation, [0.025, 0.0, 0.0], atol=1e-12)
 
 
-def test_poses_beside_the_recording_are_those_of_the_colour_camera(recording):
+def test_poses_beside_the_recording_are_those_of_the_color_camera(recording):
     assert colmap_poses(recording) is None
     poses = recording.with_name("kitchen_colmap_poses")
     poses.mkdir()

@@ -14,10 +14,10 @@ from sphere_nav.localization.status import State
 PLAN = draw_plan(4)
 
 
-def trial(metres, states):
-    count = len(metres)
+def trial(meters, states):
+    count = len(meters)
     zeros = np.zeros(count)
-    return Trial(tuple(states), ("",) * count, np.array(metres, float), zeros, zeros.astype(np.int64), zeros, zeros)
+    return Trial(tuple(states), ("",) * count, np.array(meters, float), zeros, zeros.astype(np.int64), zeros, zeros)
 
 
 def test_kidnapped_lines_follow_the_streets_inside_the_square():

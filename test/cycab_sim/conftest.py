@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cycab_sim import simulator as simulator_module
-from cycab_sim.params import CameraParams, LightParams, RenderParams, SimParams, SphereParams
+from cycab_sim.params import LightParams, RenderParams, SimCameraParams, SimParams, SphereParams
 from cycab_sim.rendering.renderer import Renderer
 from cycab_sim.sensors.cameras import OPTICAL
 from cycab_sim.world.finishes import ASPHALT, PLASTERS
@@ -54,7 +54,7 @@ def small_params():
     """A simulator that renders little."""
     return SimParams(
         seed=SEED,
-        camera=CameraParams(width=160, height=120),
+        camera=SimCameraParams(width=160, height=120),
         sphere=SphereParams(width=128),
         render=RenderParams(shadow_texel=0.5),
     )

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from cycab_sim.driver import Driver
-from cycab_sim.params import ActuationParams, TeachParams, VehicleParams
+from cycab_sim.driver import PurePursuitDriver
+from cycab_sim.params import ActuatorParams, CarParams, TeachParams
 from cycab_sim.vehicle import Vehicle, VehicleState
 from cycab_sim.world.town import draw_plan, taught_path
 
@@ -11,9 +11,9 @@ STEP = 0.04  # s
 
 def drive(name, params):
     path = taught_path(draw_plan(3), name)
-    driver = Driver(path, params, 1)
+    driver = PurePursuitDriver(path, params, 1)
     x, y, yaw, _ = path.at(np.array(0.0))
-    vehicle = Vehicle(VehicleState(x, y, yaw), VehicleParams(), ActuationParams())
+    vehicle = Vehicle(VehicleState(x, y, yaw), CarParams(), ActuatorParams())
     states = [vehicle.state]
     while not (driver.is_done and vehicle.state.speed < 1e-3):
         vehicle.step(driver.command(vehicle.state), STEP)
@@ -24,7 +24,7 @@ def drive(name, params):
 
 @pytest.mark.parametrize("name", ["two_turns", "block"])
 def test_the_driver_stays_on_the_path_and_stops_at_its_end(name):
-    params = TeachParams(wander=0.05)
+    params = TeachParams()
     path, states = drive(name, params)
     distance, offsets = 0.0, []
     for state in states[::3]:

@@ -2,11 +2,10 @@ import threading
 import time
 from dataclasses import replace
 
-from cycab_sim.lock_step import LockStep
 from cycab_sim.params import ClockParams
-from cycab_sim.runner import Runner
+from cycab_sim.runner import LockStep, Runner
 from cycab_sim.simulator import START_NS, Simulator
-from cycab_sim.vehicle import Command
+from cycab_sim.vehicle import VehicleCommand
 
 
 def make(params, clock, hand_out):
@@ -25,13 +24,13 @@ def test_commands_that_answer_images_set_the_pace(small_params):
             if len(stamps) == 8:
                 done.set()
             now = simulator.time_ns
-            threading.Timer(0.005, lambda: lock_step.offer(Command(1.0), now, now)).start()
+            threading.Timer(0.005, lambda: lock_step.offer(VehicleCommand(1.0), now, now)).start()
             return now
         return None
 
     clock = ClockParams(max_wait=30.0, real_time_factor=1.0)
     runner, simulator, lock_step = make(small_params, clock, hand_out)
-    lock_step.offer(Command(), START_NS - 1, START_NS)
+    lock_step.offer(VehicleCommand(), START_NS - 1, START_NS)
     runner.start()
     assert done.wait(20.0)
     runner.stop()

@@ -3,9 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cycab_sim.params import CameraParams, RigParams, StartParams
+from cycab_sim.params import CameraRigParams, ImagingParams, SimCameraParams
 from cycab_sim.simulator import START_NS, Simulator
-from cycab_sim.vehicle import Command
+from cycab_sim.vehicle import VehicleCommand
 from sphere_nav.geometry import SE3, Pinhole
 
 STEP = 10_000_000
@@ -31,7 +31,7 @@ def test_the_same_run_gives_the_same_bits(small_params):
     for _ in range(2):
         simulator = Simulator(replace(small_params, mode="teach"))
         simulator.driver.distance = 0.0
-        frames = run(simulator, 80, Command(1.0, 0.1))
+        frames = run(simulator, 80, VehicleCommand(1.0, 0.1))
         results.append((frames, simulator.vehicle.state, simulator.odometry.pose))
     (first, state, pose), (second, state_again, pose_again) = results
     assert state == state_again
@@ -44,24 +44,16 @@ def test_the_same_run_gives_the_same_bits(small_params):
 
 
 def test_images_come_at_their_instants_from_where_the_car_is(simulator):
-    frames = run(simulator, 31, Command(1.0, 0.0))
+    frames = run(simulator, 31, VehicleCommand(1.0, 0.0))
     assert [frame.stamp_ns - START_NS for frame in frames] == [0, 10 * STEP, 20 * STEP, 30 * STEP]
     assert all(frame.image.shape == (120, 160) for frame in frames)
     T_world_camera = simulator.vehicle.state.T_world_base @ simulator.mounts["camera"].T_base_camera
     camera = simulator.mounts["camera"].camera
-    ideal, ranges = simulator.render(camera, T_world_camera, is_grey=True)
-    noise = frames[-1].image.astype(float) - simulator.render(camera, T_world_camera, is_grey=True)[0]
+    ideal, ranges = simulator.render(camera, T_world_camera, is_gray=True)
+    noise = frames[-1].image.astype(float) - simulator.render(camera, T_world_camera, is_gray=True)[0]
     assert ideal.dtype == np.uint8
     assert ranges.dtype == np.float32
     assert np.median(np.abs(noise)) < 4.0  # the car has moved by one step of 10 mm since
-
-
-def test_a_start_beside_the_path_is_where_it_was_asked_for(small_params):
-    moved = replace(small_params, start=StartParams(along=3.0, left=0.4, yaw_deg=10.0))
-    simulator = Simulator(replace(moved, camera=CameraParams(is_on=False)))
-    x, y, yaw, _ = simulator.path.at(np.array(3.0))
-    state = simulator.vehicle.state
-    assert (state.x, state.y, state.yaw) == pytest.approx((x, y + 0.4, yaw + np.radians(10.0)))
 
 
 def test_camera_faults_change_what_is_captured(small_params):
@@ -81,7 +73,7 @@ def test_camera_faults_change_what_is_captured(small_params):
     faults.clear()
     faults.add("camera", "stuck", 0.0, 0.0, 0.0, simulator.time_ns)
     simulator.teleport(0.0, -0.5, 1.5)
-    simulator.step(Command(), STEP)
+    simulator.step(VehicleCommand(), STEP)
     stuck = simulator.capture("camera")
     np.testing.assert_array_equal(stuck.image, noisy.astype(np.uint8))
     assert stuck.stamp_ns == simulator.time_ns
@@ -91,11 +83,9 @@ def test_camera_faults_change_what_is_captured(small_params):
 
 
 def test_the_corners_of_an_image_are_darker_where_it_is_asked_for(small_params):
-    camera = replace(small_params.camera, noise=0.0, shot_noise=0.0)
-    plain, dark = (
-        Simulator(replace(small_params, camera=replace(camera, vignetting=share))).capture("camera").image.astype(float)
-        for share in (0.0, 0.5)
-    )
+    cameras = (ImagingParams(noise=0.0, vignetting=share) for share in (0.0, 0.5))
+    simulators = (Simulator(replace(small_params, imaging=imaging)) for imaging in cameras)
+    plain, dark = (simulator.capture("camera").image.astype(float) for simulator in simulators)
     corners = np.zeros(plain.shape, bool)
     corners[-4:, :4] = corners[-4:, -4:] = True
     # half of the light, gamma 2.2; a few pixels off the corner, and whole levels
@@ -104,24 +94,24 @@ def test_the_corners_of_an_image_are_darker_where_it_is_asked_for(small_params):
 
 
 def step_and_take(simulator):
-    simulator.step(Command(), STEP)
+    simulator.step(VehicleCommand(), STEP)
     return simulator.take_due()
 
 
 def test_actuator_and_wheel_faults(small_params):
-    simulator = Simulator(replace(small_params, camera=CameraParams(is_on=False)))
-    run(simulator, 300, Command(1.0, 0.0))
+    simulator = Simulator(replace(small_params, camera=SimCameraParams(is_on=False)))
+    run(simulator, 300, VehicleCommand(1.0, 0.0))
     simulator.faults.add("speed", "stuck", 0.0, 0.0, 1.0, simulator.time_ns)
-    run(simulator, 90, Command(0.0, 0.0))
+    run(simulator, 90, VehicleCommand(0.0, 0.0))
     assert simulator.vehicle.state.speed == pytest.approx(1.0, abs=0.01)
-    run(simulator, 300, Command(1.0, 0.0))
+    run(simulator, 300, VehicleCommand(1.0, 0.0))
     simulator.faults.add("steering", "bias", 0.1, 0.0, 0.0, simulator.time_ns)
-    run(simulator, 300, Command(1.0, 0.0))
+    run(simulator, 300, VehicleCommand(1.0, 0.0))
     assert simulator.vehicle.state.steering == pytest.approx(0.1, abs=1e-3)
     simulator.faults.clear()
     simulator.faults.add("odom", "slip", 0.5, 0.0, 0.0, simulator.time_ns)
     way = simulator.odometry.way
-    run(simulator, 300, Command(1.0, 0.0))
+    run(simulator, 300, VehicleCommand(1.0, 0.0))
     assert simulator.odometry.way - way == pytest.approx(6.0, rel=0.02)  # 3 m driven, wheels turned for 6
 
 
@@ -135,7 +125,7 @@ def test_teleporting_moves_the_car_and_not_the_odometry(simulator):
 
 
 def test_teaching_drives_the_path_to_its_end(small_params):
-    params = replace(small_params, mode="teach", path="straight", camera=CameraParams(is_on=False))
+    params = replace(small_params, mode="teach", path="straight", camera=SimCameraParams(is_on=False))
     simulator, num_spheres = Simulator(params), 0
     while not simulator.is_taught:
         num_spheres += "sphere" in simulator.take_due()
@@ -154,8 +144,8 @@ def test_a_view_from_anywhere(simulator):
 
 @pytest.fixture(scope="module")
 def rig_simulator(small_params):
-    rig = RigParams(kind="vertical", width=64, height=64, publish="always")
-    return Simulator(replace(small_params, rig=rig, camera=CameraParams(is_on=False)))
+    rig = CameraRigParams(kind="vertical", width=64, height=64, publish="always")
+    return Simulator(replace(small_params, rig=rig, camera=SimCameraParams(is_on=False)))
 
 
 def test_all_cameras_of_the_rig_see_one_instant(rig_simulator):
@@ -176,7 +166,7 @@ def test_single_cameras_of_the_rig_drop_out_or_freeze(rig_simulator):
     faults.add("top_left", "silent", 0.0, 0.0, 0.0, now)
     faults.add("bottom_front", "stuck", 0.0, 0.0, 0.0, now)
     rig_simulator.teleport(10.0, -0.5, 1.0)
-    rig_simulator.step(Command(), STEP)
+    rig_simulator.step(VehicleCommand(), STEP)
     after = rig_simulator.capture_rig()
     assert set(before) - set(after) == {"top_left"}
     np.testing.assert_array_equal(after["bottom_front"].image, before["bottom_front"].image)

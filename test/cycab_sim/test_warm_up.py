@@ -2,21 +2,21 @@
 
 from cycab_sim.params import SimParams
 from cycab_sim.rendering import kernels
-from cycab_sim.rendering.casting import kernels as casting
 from cycab_sim.simulator import Simulator
 from cycab_sim.warm_up import warm_up
-from cycab_sim.world.traffic import kernels as traffic
+from cycab_sim.world.noise import kernels as noise
+from cycab_sim.world.texture import kernels as texture
 from sphere_nav.params import build
 
 
 def test_cameras_of_every_kind_use_what_is_compiled():
     warm_up()
-    every = [kernel for module in (kernels, casting, traffic) for kernel in vars(module).values()]
+    every = [*vars(kernels).values(), *vars(noise).values(), *vars(texture).values()]
     compiled = {kernel: len(kernel.signatures) for kernel in every if hasattr(kernel, "signatures")}
     assert compiled
     small = {"width": 32, "height": 24}
     rig = {f"rig.{name}": value for name, value in (small | {"kind": "ring"}).items()}
     camera = {f"camera.{name}": value for name, value in (small | {"model": "fisheye"}).items()}
-    fast = {"sphere.width": 32, "render.shadow_extent": 4.0, "traffic.is_on": True}
+    fast = {"sphere.width": 32, "render.shadow_texel": 2.0, "traffic.is_on": True}
     Simulator(build(SimParams, rig | camera | fast)).capture_rig()
     assert {kernel: len(kernel.signatures) for kernel in compiled} == compiled

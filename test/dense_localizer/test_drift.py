@@ -5,8 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from dense_localizer.motion_prior import UNKNOWN, MapDrift, edge_variance
-from dense_localizer.references.map_error import EDGE
+from dense_localizer.motion_prior import MapDrift, estimate_drift_rate
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from worlds.localizer import Run, drive, make_localizer
@@ -19,10 +18,10 @@ def graph_of(poses) -> SphereGraph:
     return SphereGraph([KeySphere(k, 1 + k, pose) for k, pose in enumerate(poses)], edges)
 
 
-def test_a_metre_errs_as_the_edges_say():
-    assert edge_variance(SphereGraph([])) == pytest.approx(UNKNOWN)
+def test_a_meter_errs_as_the_edges_say():
+    assert estimate_drift_rate(SphereGraph([])) == pytest.approx(np.repeat([0.002, 0.0015], 3) ** 2)
     graph = graph_of([SE3.from_planar(2.0 * k, 0.0, 0.0) for k in range(4)])
-    np.testing.assert_allclose(edge_variance(graph), EDGE * SIGMA**2 / 2.0)
+    np.testing.assert_allclose(estimate_drift_rate(graph), 2.0 * SIGMA**2 / 2.0)
 
 
 def test_the_covariance_is_that_of_random_maps():
@@ -30,8 +29,8 @@ def test_the_covariance_is_that_of_random_maps():
     drift, rng = MapDrift(graph_of(poses)), np.random.default_rng(2)
     drift.start(poses[0])
     for pose in poses[1:]:
-        drift.go(pose)
-    steps, sigma = [a.inverse() @ b for a, b in pairwise(poses)], np.sqrt(drift.per_metre)
+        drift.propagate(pose)
+    steps, sigma = [a.inverse() @ b for a, b in pairwise(poses)], np.sqrt(drift.per_meter)
     ends = []
     for _ in range(4000):
         T = poses[0]
@@ -45,10 +44,10 @@ def test_the_covariance_is_that_of_random_maps():
 def test_standing_still_adds_nothing_and_a_start_forgets():
     drift = MapDrift(graph_of([SE3.identity(), SE3.from_planar(1.0, 0.0, 0.0)]))
     drift.start(SE3.identity())
-    drift.go(SE3.from_planar(3.0, 0.0, 0.0))
+    drift.propagate(SE3.from_planar(3.0, 0.0, 0.0))
     before = drift.covariance
     for _ in range(5):
-        drift.go(SE3.from_planar(3.0, 0.0, 0.0))
+        drift.propagate(SE3.from_planar(3.0, 0.0, 0.0))
     np.testing.assert_array_equal(drift.covariance, before)
     assert before[0, 0] > 0.0
     drift.start(SE3.identity())

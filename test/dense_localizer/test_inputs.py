@@ -1,9 +1,9 @@
 """What becomes of the images of an instant: a camera of no use is left out, one seen later stood elsewhere."""
 
 import numpy as np
+import pytest
 
 from dense_localizer.inputs import CameraImage, Inputs
-from dense_localizer.motion_prior import MotionPrior
 from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import Reason
@@ -15,28 +15,31 @@ MOUNT = SE3.from_planar(0.5, 0.0, 0.3)
 SECOND = 10**9
 
 
-def moving_prior(step: SE3) -> MotionPrior:
-    prior = MotionPrior(PARAMS.prior)
-    prior.start(SE3.identity(), np.eye(6), SECOND)
-    prior.correct(step, np.eye(6), 2 * SECOND)
-    return prior
-
-
 def test_a_black_image_leaves_the_other_cameras_and_is_named(room):
     good = CameraImage(room.photograph(PINHOLE, at(0.0)), PINHOLE, MOUNT, "front")
     black = CameraImage(np.zeros((120, 160), np.uint8), PINHOLE, MOUNT, "back")
     inputs = Inputs(PARAMS)
-    report = inputs.check((good, black), SECOND, MotionPrior(PARAMS.prior))
+    report = inputs.check((good, black), SECOND)
     assert [image.name for image in report.images] == ["front"]
     assert report.finding.reason is Reason.LOW_TEXTURE
     assert report.finding.detail == "camera back: image is black"
-    assert inputs.check((good,), SECOND, MotionPrior(PARAMS.prior)).finding.reason is Reason.BAD_STAMP
+    assert inputs.check((good,), SECOND).finding.reason is Reason.BAD_STAMP
 
 
 def test_a_camera_that_was_later_is_where_the_body_went(room):
     image = room.photograph(PINHOLE, at(0.0))
     later = CameraImage(image, PINHOLE, MOUNT, "side", delay_s=0.01)
     step = SE3.exp([1.0, 0.2, 0.0, 0.0, 0.0, 0.5])  # in a second
-    (seen,) = Inputs(PARAMS).check((later,), 3 * SECOND, moving_prior(step)).images
+    (seen,) = Inputs(PARAMS).check((later,), 3 * SECOND, velocity=step.log()).images
     expected = step @ SE3.exp(0.01 * step.log()) @ MOUNT
     np.testing.assert_allclose(seen.pose(step).matrix, expected.matrix, atol=1e-12)
+
+
+@pytest.mark.parametrize(("speed", "reason"), [(0.04, Reason.NONE), (0.06, Reason.FROZEN), (None, Reason.FROZEN)])
+def test_still_images_are_a_fault_of_a_camera_that_moves_or_may(room, speed, reason):
+    """From 0.05 m/s on it moves."""
+    params = build(LocalizerParams, SMALL_IMAGES | {"input.allow_still": True})
+    inputs, image = Inputs(params), CameraImage(room.photograph(PINHOLE, at(0.0)), PINHOLE)
+    velocity = None if speed is None else speed * np.array([0.0, 0.6, 0.8, 5.0, 0.0, 0.0])
+    found = [inputs.check((image,), (k + 1) * SECOND // 20, velocity=velocity).finding for k in range(4)]
+    assert found[-1].reason is reason

@@ -18,8 +18,8 @@ def started(room, room_map, camera=PINHOLE, **values) -> Run:
 
 
 def assert_near(estimate, truth, factor=1.0):
-    metres, radians = error(estimate, truth)
-    assert metres < factor * MAX_M
+    meters, radians = error(estimate, truth)
+    assert meters < factor * MAX_M
     assert radians < factor * MAX_RAD
 
 

@@ -3,7 +3,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dense_localizer.motion_prior import START_SPEED, MotionPrior
+from dense_localizer.inputs import LocalizerInput
+from dense_localizer.motion_prior import PosePrior
 from dense_localizer.params import PriorParams
 from sphere_nav.geometry import SE3
 
@@ -20,8 +21,23 @@ def poses(number: int) -> list[SE3]:
     return out
 
 
-def moving() -> tuple[MotionPrior, list[SE3]]:
-    prior, truth = MotionPrior(PARAMS), poses(6)
+class Rotations:
+    """What images show of the rotation since the last one: where they do not support a motion, and in any case."""
+
+    def __init__(self, refined=None, measured=None) -> None:
+        self.refined, self.measured, self.motions, self.num_measured = refined, measured, [], 0
+
+    def refine(self, images, T_before_now):
+        self.motions.append(T_before_now)
+        return self.refined
+
+    def measure(self, images):
+        self.num_measured += 1
+        return self.measured
+
+
+def moving(rotations: Rotations | None = None) -> tuple[PosePrior, list[SE3]]:
+    prior, truth = PosePrior(PARAMS, inter_frame=rotations), poses(6)
     prior.start(truth[0], TIGHT, 0)
     prior.correct(truth[1], TIGHT, STEP_NS)
     return prior, truth
@@ -44,13 +60,13 @@ def test_velocity_is_per_second_not_per_image():
 
 
 def test_a_start_stands_still_and_is_unsure():
-    prior = MotionPrior(PARAMS)
+    prior = PosePrior(PARAMS)
     prior.start(poses(1)[0], TIGHT, 0)
     prediction = prior.predict(STEP_NS)
     assert_same(prediction.T_map_camera, poses(1)[0])
-    moved = START_SPEED * 0.1
-    assert np.sqrt(prediction.covariance[0, 0]) >= moved
-    assert prior.is_moving
+    # 5 m/s, 1 rad/s, and the acceleration of 0.1 s
+    sigmas = np.repeat([0.5 + 0.5 * PARAMS.acceleration * 0.01, 0.1 + 0.5 * PARAMS.angular_acceleration * 0.01], 3)
+    np.testing.assert_allclose(np.diagonal(prediction.covariance), np.diagonal(TIGHT) + sigmas**2)
 
 
 def test_held_predictions_go_on_and_their_covariance_grows_from_the_last_alignment():
@@ -104,45 +120,36 @@ def test_a_measured_rotation_replaces_the_predicted_one():
 
 def test_a_prior_that_was_not_started_refuses():
     with pytest.raises(ValueError, match="started"):
-        MotionPrior(PARAMS).predict(0)
+        PosePrior(PARAMS).predict(0)
 
 
 def test_other_predictions_follow_where_the_likeliest_fails():
-    prior, truth = moving()
+    rotations = Rotations(measured=SE3.exp([0, 0, 0, 0.2, 0.1, 0]))
+    prior, truth = moving(rotations)
     prior.correct(truth[1], TIGHT, STEP_NS, T_odom_camera=SE3.identity())
-    asked = []
-
-    def turn():
-        asked.append(1)
-        return SE3.exp([0, 0, 0, 0.2, 0.1, 0])
-
-    predictions = prior.predictions(2 * STEP_NS, MOTION, lambda T_before_now: None, turn)
+    predictions = prior.propose(LocalizerInput(2 * STEP_NS, T_odom_camera=MOTION))
     likeliest = next(predictions)
     assert_same(likeliest.T_map_camera, truth[2])
-    assert not likeliest.is_doubtful
-    assert asked == []
+    assert not likeliest.is_fallback
+    assert rotations.num_measured == 0
     turned, by_velocity, standing = predictions
-    assert all(other.is_doubtful for other in (turned, by_velocity, standing))
-    assert by_velocity.finding().reason == "ODOM_STALE"
+    assert all(other.is_fallback for other in (turned, by_velocity, standing))
+    assert by_velocity.finding.reason == "ODOM_STALE"
     assert_same(standing.T_map_camera, truth[1])
-    assert likeliest.finding().reason == ""
-    assert replace(likeliest, step_s=0.5).finding().reason == "GAP"
+    assert likeliest.finding.reason == ""
+    assert replace(likeliest, step_s=0.5).finding.reason == "GAP"
 
 
 def test_a_motion_that_images_do_not_support_is_turned_as_they_say():
-    prior, truth = moving()
+    turn = SE3.exp([0, 0, 0, 0.2, 0.1, 0])
+    rotations = Rotations(refined=turn, measured=turn)
+    prior, truth = moving(rotations)
     prior.correct(truth[1], TIGHT, STEP_NS, T_odom_camera=SE3.identity())
-    turn, seen = SE3.exp([0, 0, 0, 0.2, 0.1, 0]), []
-
-    def refine(T_before_now):
-        seen.append(T_before_now)
-        return turn
-
-    first = next(prior.predictions(2 * STEP_NS, MOTION, refine, lambda: turn))
-    assert_same(seen[0], MOTION)
+    first = next(prior.propose(LocalizerInput(2 * STEP_NS, T_odom_camera=MOTION)))
+    assert_same(rotations.motions[0], MOTION)
     expected = truth[1] @ SE3.from_parts(turn.rotation, MOTION.translation)
     assert_same(first.T_map_camera, expected)
-    assert not first.is_doubtful
+    assert not first.is_fallback
 
 
 def test_a_pose_that_is_not_by_the_map_makes_the_pose_no_younger():
@@ -154,7 +161,7 @@ def test_a_pose_that_is_not_by_the_map_makes_the_pose_no_younger():
 
 
 def test_an_error_that_two_images_share_moves_no_velocity():
-    prior, noise = MotionPrior(PARAMS), 1e-6 * np.eye(6)
+    prior, noise = PosePrior(PARAMS), 1e-6 * np.eye(6)
     prior.start(SE3.identity(), TIGHT, 0)
     for k in (1, 2):
         prior.correct(SE3.identity(), 1e-2 * np.eye(6), k * STEP_NS, noise=noise)
@@ -162,14 +169,24 @@ def test_an_error_that_two_images_share_moves_no_velocity():
 
 
 def test_a_slow_camera_has_no_gaps_but_where_an_image_is_missing():
-    prior, truth = MotionPrior(PARAMS), poses(4)
+    prior, truth = PosePrior(PARAMS), poses(4)
     prior.start(truth[0], TIGHT, 0)
     slow = 10 * STEP_NS
-    assert prior.predict(slow).finding().reason == "GAP"  # nobody knows yet
+    assert prior.predict(slow).finding.reason == "GAP"  # nobody knows yet
     for k in (1, 2):
         prior.correct(truth[k], TIGHT, k * slow)
-    assert prior.predict(3 * slow).finding().reason == ""
-    assert prior.predict(5 * slow).finding().reason == "GAP"
+    assert prior.predict(3 * slow).finding.reason == ""
+    assert prior.predict(5 * slow).finding.reason == "GAP"
     prior.reset()
     prior.start(truth[0], TIGHT, 0)
-    assert prior.predict(slow).finding().reason == "GAP"
+    assert prior.predict(slow).finding.reason == "GAP"
+
+
+def test_the_period_is_that_of_the_latest_five():
+    prior = PosePrior(PARAMS)
+    prior.start(SE3.identity(), TIGHT, 0)
+    stamps = np.cumsum([STEP_NS] * 8 + [10 * STEP_NS] * 3)
+    for stamp in stamps.tolist():
+        prior.correct(SE3.identity(), TIGHT, stamp)
+    found = [prior.predict(int(stamps[-1]) + k * STEP_NS).finding.reason for k in (19, 21)]
+    assert found == ["", "GAP"]  # three of them took a second

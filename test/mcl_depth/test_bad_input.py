@@ -100,7 +100,7 @@ def test_the_command_refuses_a_cloud_that_is_none(files, tmp_path, capfd, name):
     assert CLOUDS[name][1] in line
 
 
-def test_the_command_refuses_millimetres(files, tmp_path, capfd):
+def test_the_command_refuses_millimeters(files, tmp_path, capfd):
     line = refusal(capfd, tmp_path, files / "millimetres.npy", files / "bag")
     assert "expected metres, found an extent of 160000 m" in line
     assert "this looks like millimetres" in line
@@ -141,7 +141,7 @@ def test_a_call_for_a_cloud_that_is_none_is_refused(eye, files, name):
     assert bench.node.clouds.geometry is before
 
 
-def test_a_cloud_in_millimetres_changes_nothing(eye, files):
+def test_a_cloud_in_millimeters_changes_nothing(eye, files):
     bench = Bench(eye, files / "room.npy")
     before = bench.node.clouds.geometry
     answer = bench.node.shell.call("load_cloud", LoadCloud.Request(path=str(files / "millimetres.npy")))

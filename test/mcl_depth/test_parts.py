@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from mcl_depth.geometry.cloud import cloud_from_points
-from mcl_depth.geometry.floor_plan import is_inside
 from mcl_depth.geometry.las import read_las
 from mcl_depth.geometry.mesh import RayScene, mesh_from_faces
 from mcl_depth.geometry.pcd import read_pcd
@@ -16,7 +15,7 @@ from mcl_depth.geometry.ply import read_ply
 from mcl_depth.geometry.point_index import PointIndex
 from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.image_params import SynthesisParams
-from mcl_depth.likeness.compass import heading
+from mcl_depth.likeness.comparison import heading
 from mcl_depth.likeness.features import FeatureStack
 
 PARAMS = SynthesisParams(num_columns=72)
@@ -47,11 +46,6 @@ def test_a_stack_gives_back_what_was_put() -> None:
     stack.put(np.array([2]), one)
     assert stack.take(np.array([2])).directions.max() == 7
     assert stack.nbytes == 4 * (2 * 24 + 4)
-
-
-def test_inside_an_l_shaped_room() -> None:
-    ring = np.array([(0, 0), (4, 0), (4, 2), (2, 2), (2, 4), (0, 4)], float)
-    assert is_inside(np.array([(1, 3), (3, 1), (3, 3), (-1, 1)], float), ring).tolist() == [True, True, False, False]
 
 
 def test_one_point_and_one_triangle_lie_where_they_are() -> None:

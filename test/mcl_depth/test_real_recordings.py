@@ -25,7 +25,7 @@ def errors(shared_data):
     found = {}
     for count in (360, 36):
         off = [
-            heading(similarity_many(visual_features(shot.grey), there, count, np.array([i]))[0]).yaw - shot.yaw
+            heading(similarity_many(visual_features(shot.gray), there, count, np.array([i]))[0]).yaw - shot.yaw
             for i, shot in enumerate(shots)
         ]
         found[count] = np.abs(np.degrees(np.angle(np.exp(1j * np.array(off)))))

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from mcl_depth.belief.particles import Particles
-from mcl_depth.belief.resampling import ROUGHENING, resample
-from mcl_depth.belief.weighting import CHANCE, compute_weights, scale_similarities
+from mcl_depth.belief.resampling import CHANCE, ROUGHENING, compute_weights, resample, scale_similarities
 
 
 def lonely(age):

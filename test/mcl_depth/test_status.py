@@ -8,13 +8,12 @@ import pytest
 from mcl_depth.belief.evidence import Proof
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
-from mcl_depth.params import StateParams
-from mcl_depth.reasons import REMEDIES
-from mcl_depth.status import LOST_IMAGES, Verdict, count, judge
+from mcl_depth.params import MclStateParams
+from mcl_depth.status import LOST_IMAGES, REMEDIES, Verdict, count, judge_belief
 from sphere_nav.localization.state_machine import StateMachine
 from sphere_nav.localization.status import Finding, Reason, State
 
-P = StateParams(probation_images=2)
+P = MclStateParams(probation_images=2)
 SURE, CHANCE, ELSEWHERE = Proof(1e-5), Proof(0.2), Proof(1e-5, agrees=False)
 HELD = Proof(1e-2, is_held=True)
 DRIVEN = Step(np.zeros(3), np.zeros(3))
@@ -48,13 +47,13 @@ def place(weight=0.95, sigma_m=0.1, sigma_rad=0.02):
     ],
 )
 def test_a_belief_is_judged(hypotheses, proof, step, reason, is_bad):
-    verdict = judge(hypotheses, proof, step, 1e-3)
+    verdict = judge_belief(hypotheses, proof, step, 1e-3)
     assert verdict.finding.reason in REMEDIES
     assert (verdict.finding.reason, verdict.is_bad) == (reason, is_bad)
 
 
 def test_in_a_small_map_the_status_asks_for_a_start_from_outside():
-    words = [judge([place()], Proof(0.2, is_small=is_small), DRIVEN, 1e-3) for is_small in (True, False)]
+    words = [judge_belief([place()], Proof(0.2, is_small=is_small), DRIVEN, 1e-3) for is_small in (True, False)]
     small, large = (verdict.finding.remedy(REMEDIES) for verdict in words)
     assert "few places" in small
     assert "initial pose or a larger map" in small
@@ -111,7 +110,7 @@ def test_trust_is_lowered_by_care_and_lost_by_bad_images_in_a_row():
     ],
 )
 def test_each_limit_has_two_sides(hypotheses, proof, reason, is_bad):
-    verdict = judge(hypotheses, proof, DRIVEN, 1e-3)
+    verdict = judge_belief(hypotheses, proof, DRIVEN, 1e-3)
     assert (verdict.finding.reason, verdict.is_bad) == (reason, is_bad)
 
 

@@ -151,16 +151,16 @@ def test_with_odometry_the_transform_is_that_of_odom(map_path, pictures):
 
 
 @pytest.mark.parametrize("transport", ["rgb8", "compressed"])
-def test_colour_and_compressed_images_are_taken(map_path, pictures, transport):
+def test_color_and_compressed_images_are_taken(map_path, pictures, transport):
     is_raw = transport == "rgb8"
     bench = Bench(map_path, transport="raw" if is_raw else "compressed")
     for picture in pictures[:5]:
-        colour = np.repeat(picture[..., None], 3, axis=2)
+        color = np.repeat(picture[..., None], 3, axis=2)
         if is_raw:
-            answer = bench.see(colour, "rgb8")
+            answer = bench.see(color, "rgb8")
         else:
             bench.now += STEP_NS
-            data = cv2.imencode(".png", colour)[1].tobytes()
+            data = cv2.imencode(".png", color)[1].tobytes()
             image = CompressedImage(header=header(bench.now, OPTICAL), format="png", data=data)
             answer = {record.topic: record.message for record in bench.send("/image_raw/compressed", image)}
     assert answer["/status"].state == "TRACKING"
@@ -329,7 +329,7 @@ def test_a_map_that_is_not_there_refuses_to_start(tmp_path):
         Bench(tmp_path / "none")
 
 
-def test_the_pose_of_another_localiser_starts_the_search(map_path, pictures):
+def test_the_pose_of_another_localizer_starts_the_search(map_path, pictures):
     bench = Bench(map_path, automatic=False)
     assert bench.see(pictures[0])["/status"].state == "NOT_LOCALISED"
     T_map_base = drive(1)[0] @ T_BASE_CAMERA.inverse()
@@ -342,7 +342,7 @@ def test_the_pose_of_another_localiser_starts_the_search(map_path, pictures):
     assert "agreement" not in bench.node.reports  # it had no pose to compare then
 
 
-def test_another_localiser_that_contradicts_is_told_and_changes_nothing(map_path, pictures):
+def test_another_localizer_that_contradicts_is_told_and_changes_nothing(map_path, pictures):
     bench = Bench(map_path)
     for k, picture in enumerate(pictures[:9]):
         bench.see(picture)

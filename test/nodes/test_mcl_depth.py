@@ -37,8 +37,8 @@ def test_the_base_is_found_in_a_cloud(eye, cloud):
     poses = drive()
     answers = bench.follow_from(poses)
     assert answers[-1]["/status"].state == "TRACKING"
-    metres, radians = error(answers[-1], poses[-1])
-    assert metres < NEAR_M
+    meters, radians = error(answers[-1], poses[-1])
+    assert meters < NEAR_M
     assert radians < NEAR_RAD
 
 
@@ -128,7 +128,7 @@ def test_a_silent_camera_is_told_by_the_clock(eye, cloud):
     assert (said[-1].state, said[-1].reason) == ("LOST", "TIMEOUT")
 
 
-def test_another_localiser_that_contradicts_is_told(eye, cloud):
+def test_another_localizer_that_contradicts_is_told(eye, cloud):
     bench = Bench(eye, cloud)
     poses = drive()
     bench.follow_from(poses[:1])
@@ -145,7 +145,7 @@ def test_another_localiser_that_contradicts_is_told(eye, cloud):
     assert values["metres"] == pytest.approx(3.0, abs=NEAR_M)
 
 
-def test_another_localiser_starts_the_search_where_it_is(eye, cloud):
+def test_another_localizer_starts_the_search_where_it_is(eye, cloud):
     bench = Bench(eye, cloud, automatic=False)
     poses = drive()
     assert bench.see(poses[0])["/status"].state == "NOT_LOCALISED"

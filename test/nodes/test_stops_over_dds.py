@@ -15,6 +15,7 @@ from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
 from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
 from std_srvs.srv import Trigger
 
+from architecture.tree import EXECUTABLES
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State, Status
 from sphere_nav.ros import qos
@@ -24,8 +25,8 @@ PERIOD = 0.04  # s between two poses
 PATIENCE = 25.0  # s of a loaded machine
 
 
-def process(module, *arguments):
-    code = f"import sys; from {module}.node import main; sys.exit(main())"
+def process(executable, *arguments):
+    code = f"import sys; from {EXECUTABLES[executable]} import main; sys.exit(main())"
     return subprocess.Popen([sys.executable, "-c", code, "--ros-args", *arguments])
 
 

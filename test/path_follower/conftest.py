@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from path_follower.follower import Follower
-from path_follower.modes import State
+from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
 from path_follower.path import Pose2
 from path_follower.taught import reference_path
@@ -118,7 +118,7 @@ def run(follower, pose, world=None, seconds=300.0, each=None, is_speed_known=Fal
             )
             drive.lateral.append(foot.cross_track)
             drive.progress.append(follower.location.arc_length)
-        if is_started and follower.mode.state in (State.FINISHED, State.STOPPED):
+        if is_started and follower.mode.state in (FollowerState.FINISHED, FollowerState.STOPPED):
             break
         car.drive(now, world.period)
         now += world.period

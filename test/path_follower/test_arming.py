@@ -4,9 +4,9 @@ import pytest
 
 from path_follower.arming import Arming
 from path_follower.follower import Follower
-from path_follower.modes import State
+from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams
-from path_follower.reasons import Reason, Verdict
+from path_follower.reasons import StopReason, StopVerdict
 
 SECOND = 1_000_000_000
 PARAMS = FollowerParams()
@@ -23,15 +23,15 @@ def driving(kit):
 
 def test_a_vehicle_that_is_left_alone_is_at_zero_command_and_does_not_ramp_when_it_is_taken_up_again(driving):
     follower, pose, now = driving
-    follower.stand(Verdict(Reason.OPERATOR))
+    follower.stand(StopVerdict(StopReason.OPERATOR))
     assert follower.update(pose, None, now + SECOND // 20, "TRACKING").speed == 0.0
-    assert (follower.mode.state, follower.mode.is_armed) == (State.STOPPED, False)
+    assert (follower.mode.state, follower.mode.is_armed) == (FollowerState.STOPPED, False)
 
 
 def test_after_standing_a_start_goes_on_at_the_place(driving):
     follower, pose, now = driving
     place = follower.location.arc_length
-    follower.stand(Verdict(Reason.OPERATOR))
+    follower.stand(StopVerdict(StopReason.OPERATOR))
     follower.update(pose, None, now + SECOND // 20, "TRACKING")
     assert follower.start(now + SECOND // 20) == ""
     assert follower.location.arc_length == pytest.approx(place, abs=0.5)
@@ -42,9 +42,9 @@ def test_a_path_is_loaded_only_at_rest(driving, kit):
     other = kit.make_path([(0, 0), (3, 0)], PARAMS)
     with pytest.raises(ValueError, match="found DRIVING: call stop first"):
         follower.load(other)
-    follower.stand(Verdict(Reason.OPERATOR))
+    follower.stand(StopVerdict(StopReason.OPERATOR))
     follower.load(other)
-    assert follower.mode.state is State.IDLE
+    assert follower.mode.state is FollowerState.IDLE
 
 
 def test_nothing_is_armed_without_a_path():

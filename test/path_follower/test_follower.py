@@ -9,10 +9,10 @@ import math
 import numpy as np
 import pytest
 
-from path_follower.modes import State
+from path_follower.modes import FollowerState
 from path_follower.params import ActuationParams, FollowerParams, PathParams, SpeedParams, SteeringParams, VehicleParams
 from path_follower.path_files import read_path
-from path_follower.reasons import Reason
+from path_follower.reasons import StopReason
 
 QUARTER = math.pi / 2
 
@@ -24,8 +24,8 @@ def two_turns(kit):
 
 
 def assert_arrived(drive):
-    assert drive.final.state is State.FINISHED
-    assert drive.final.verdict.reason is Reason.END_OF_PATH
+    assert drive.final.state is FollowerState.FINISHED
+    assert drive.final.verdict.reason is StopReason.END_OF_PATH
     assert drive.final.distance_to_end < 0.1
     assert drive.commands[-1].speed == 0.0
 
@@ -81,7 +81,7 @@ def test_the_errors_of_m15_come_back_without_prediction_and_with_a_distance(kit,
     ],
     ids=str,
 )
-def test_disturbances_leave_a_few_centimetres(kit, two_turns, world, rmse, worst):
+def test_disturbances_leave_a_few_centimeters(kit, two_turns, world, rmse, worst):
     drive = kit.follow(two_turns, kit.World(**world))
     assert_arrived(drive)
     assert drive.rmse < rmse
@@ -141,7 +141,7 @@ def assert_cusps_are_reached(drive):
 def test_a_closed_path_is_driven_round_and_round(kit):
     ring = kit.course((2 * math.pi * 6, 1 / 6))[:-1]
     drive = kit.follow(ring, is_closed=True, seconds=70)
-    assert drive.final.state is State.DRIVING
+    assert drive.final.state is FollowerState.DRIVING
     assert drive.final.progress > 2.1 * 2 * math.pi * 6
     assert drive.worst < 0.01
 
@@ -172,8 +172,8 @@ CORNER = np.array([[0, 0], [10, 0], [10, 10.0]])
 
 def test_a_corner_that_no_car_can_turn_ends_in_a_stop_and_not_in_a_field(kit):
     drive = kit.follow(CORNER, start=(0, 0, 0))
-    assert drive.final.state is State.STOPPED
-    assert drive.final.verdict.reason is Reason.OFF_PATH
+    assert drive.final.state is FollowerState.STOPPED
+    assert drive.final.verdict.reason is StopReason.OFF_PATH
 
 
 def test_a_corner_becomes_drivable_with_a_larger_smoothing_length(kit):
@@ -203,7 +203,7 @@ def test_race_tracks_at_a_quarter_of_their_size(kit, shared_data, tmp_path, trac
     world = kit.World(position_noise=0.02, yaw_noise=0.005, latency=0.1)
     drive = kit.run(Follower(params, path), start, world, seconds=150.0)
     kit.assert_within_limits(drive, params)
-    assert drive.final.state is State.DRIVING
+    assert drive.final.state is FollowerState.DRIVING
     assert drive.final.progress > 250
     assert drive.rmse < 0.02
 

@@ -12,7 +12,7 @@ from path_follower.homing import HomingFollower
 from path_follower.obstacles import points_on_arc
 from path_follower.params import FollowerParams, HomingParams
 from path_follower.path import Pose2
-from path_follower.reasons import Reason
+from path_follower.reasons import StopReason
 from path_follower.vehicle import Motion, drive
 
 SECOND = 1_000_000_000
@@ -61,7 +61,7 @@ def test_it_drives_to_where_it_is_told_and_stands_there(goal):
     speeds = [car.step().speed for _ in range(400)]
     assert car.left < 0.7  # it is there within 0.5 m, and brakes on
     assert car.command.status.state == "FINISHED"
-    assert car.command.status.verdict.reason is Reason.END_OF_PATH
+    assert car.command.status.verdict.reason is StopReason.END_OF_PATH
     assert max(speeds) <= HomingParams().speed + 1e-9
     assert car.command.speed == 0.0
 
@@ -95,7 +95,7 @@ def test_a_source_that_falls_silent_stops_the_car_within_half_a_second():
     speeds = [car.step(is_silent=True).speed for _ in range(7)]
     assert speeds[-1] == 0.0
     assert speeds[-2] == 0.0  # 0.4 s of silence, 0.6 m/s at 4 m/s^2
-    assert car.command.status.verdict.reason is Reason.POSE_TIMEOUT
+    assert car.command.status.verdict.reason is StopReason.POSE_TIMEOUT
     car.step()
     assert car.command.speed == 0.0  # a direction alone does not set it in motion again
     assert car.follower.start(car.now) == ""
@@ -107,7 +107,7 @@ def test_an_unclear_direction_stops_the_car():
         car.step()
     for _ in range(4):
         car.step(is_trusted=False)
-    assert (car.command.speed, car.command.status.verdict.reason) == (0.0, Reason.NOT_LOCALISED)
+    assert (car.command.speed, car.command.status.verdict.reason) == (0.0, StopReason.NOT_LOCALISED)
 
 
 def test_a_direction_too_far_aside_cannot_be_driven():
@@ -120,7 +120,23 @@ def test_a_direction_too_far_aside_cannot_be_driven():
     car.goal = (car.pose.x - 5.0, car.pose.y)
     for _ in range(8):
         car.step()
-    assert (car.command.speed, car.command.status.verdict.reason) == (0.0, Reason.OFF_PATH)
+    assert (car.command.speed, car.command.status.verdict.reason) == (0.0, StopReason.OFF_PATH)
+
+
+@pytest.mark.parametrize(("angle", "is_drivable"), [(1.1, True), (1.3, False), (-1.1, True), (-1.3, False)])
+def test_the_widest_direction_is_the_same_to_both_sides(angle, is_drivable):
+    follower = HomingFollower(PARAMS)
+    follower.see_source(is_trusted=True, is_there=False, way=(1.0, 5.0), now_ns=SECOND)
+    follower.see(angle, SECOND)
+    refusal = follower.start(SECOND)
+    assert refusal == "" if is_drivable else refusal.startswith("OFF_PATH: found 1.3, limit 1.2")
+
+
+def test_a_start_where_there_is_nothing_left_to_drive_is_refused():
+    follower = HomingFollower(PARAMS)
+    follower.see_source(is_trusted=False, is_there=True, way=(5.0, 0.0), now_ns=SECOND)
+    follower.see(0.0, SECOND)
+    assert follower.start(SECOND).startswith("END_OF_PATH")
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
@@ -130,7 +146,7 @@ def test_a_direction_that_is_no_number_stops_the_car(value):
         car.step()
     car.now += STEP
     car.follower.see(value, car.now)
-    assert car.follower.tick(car.now).status.verdict.reason is Reason.BAD_POSE
+    assert car.follower.tick(car.now).status.verdict.reason is StopReason.BAD_POSE
 
 
 def test_an_obstacle_on_the_arc_stops_the_car_and_one_beside_it_does_not():
@@ -143,7 +159,7 @@ def test_an_obstacle_on_the_arc_stops_the_car_and_one_beside_it_does_not():
     car.follower.watch.see_scan(ahead, car.now)
     for _ in range(4):
         car.step()
-    assert (car.command.speed, car.command.status.verdict.reason) == (0.0, Reason.OBSTACLE)
+    assert (car.command.speed, car.command.status.verdict.reason) == (0.0, StopReason.OBSTACLE)
     beside = np.array([[3.0, 1.6], [3.0, 1.7]])
     assert points_on_arc(beside, 0.0, 3.0, PARAMS) == 0
     assert points_on_arc(beside, 0.4, 3.0, PARAMS) == 2  # the wheel is turned towards them

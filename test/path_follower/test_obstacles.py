@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from path_follower.obstacles import REACTION, points_in_way, stopping_distance
-from path_follower.params import FollowerParams
+from path_follower.obstacles import points_in_way, stopping_distance
+from path_follower.params import FollowerParams, VehicleParams
 from path_follower.path import Pose2
 
-PARAMS = FollowerParams()
+PARAMS = FollowerParams(vehicle=VehicleParams(max_acceleration=0.7, max_deceleration=1.1))
 HALF = PARAMS.vehicle.width / 2 + PARAMS.safety.obstacle_margin
 HERE = Pose2(10, 0, 0)
 FRONT = PARAMS.vehicle.front + PARAMS.safety.obstacle_margin
@@ -60,6 +60,6 @@ def test_an_offset_from_the_path_moves_the_footprint_with_the_vehicle(straight):
     assert count(straight, [(3.0, -0.8)], beside) == 0  # on the path, but not where the vehicle goes
 
 
-def test_the_stopping_distance_grows_with_the_square_of_the_speed():
-    one, two = (stopping_distance(v, PARAMS) - stopping_distance(0, PARAMS) for v in (1.0, 2.0))
-    assert two - 2 * REACTION == pytest.approx(4 * (one - REACTION))
+def test_the_stopping_distance_is_reaction_braking_and_one_step():
+    assert stopping_distance(2.0, PARAMS) == pytest.approx(2.0 * 0.3 + 2.0**2 / (2 * 1.1) + 0.2)
+    assert stopping_distance(-1.0, PARAMS) == pytest.approx(1.0 * 0.3 + 1.0 / (2 * 1.1) + 0.2)

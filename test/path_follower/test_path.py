@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from path_follower.constants import SPACING
 from path_follower.params import FollowerParams, PathParams
 from path_follower.path import Pose2, wrap
-from path_follower.smoothing import SPACING
 
 PARAMS = FollowerParams()
 
@@ -85,6 +85,17 @@ def test_a_taught_round_starts_at_its_beginning_although_its_end_is_closer(kit):
     round_trip[-25:, 1] += 0.05  # the end passes the start 5 cm to the left
     path = kit.make_path(round_trip[:, :2], PARAMS, round_trip[:, 2])
     assert path.locate(Pose2(0.5, 0.06, 0.0), 1.0).arc_length < 1.0
+
+
+@pytest.mark.parametrize(("beside", "is_first"), [(0.2, True), (0.3, False)])
+def test_passes_further_apart_than_a_quarter_of_a_metre_are_two_places(kit, beside, is_first):
+    radius = np.interp(np.linspace(0.0, 1.25, 1000), [0.0, 0.9, 1.05, 1.25], [6.0, 6.0, 6.0 - beside, 6.0 - beside])
+    angle = np.linspace(0.0, 2.5 * math.pi, 1000)
+    points = radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    path = kit.make_path(points, PARAMS)
+    here = path.at(path.length - 3.0, 0)
+    found = path.locate(Pose2(here.x, here.y, here.yaw), 1.0)
+    assert (found.arc_length < 10.0) == is_first
 
 
 def test_the_foot_stays_before_a_cusp(kit):

@@ -4,11 +4,19 @@ import numpy as np
 import pytest
 
 from path_follower.params import FollowerParams
-from path_follower.path_files import read_path, write_csv
+from path_follower.path_files import read_path
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
 
 PARAMS = FollowerParams()
+
+
+def write_csv(path, trajectory):
+    """Write x, y, yaw, speed, yaw rate and arc length (eq. 21), SI units."""
+    columns = (trajectory.x, trajectory.y, trajectory.yaw, trajectory.speed, trajectory.speed * trajectory.curvature)
+    rows = np.stack([*columns, trajectory.arc_length], axis=-1)
+    lines = ["# x,y,yaw,speed,yaw_rate,arc_length", *(",".join(f"{value:.9g}" for value in row) for row in rows)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
 def test_a_trajectory_written_is_read_again(kit, tmp_path):

@@ -3,7 +3,7 @@
 import pytest
 
 from path_follower.follower import Follower
-from path_follower.modes import State
+from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams, SafetyParams
 
 SECOND = 1_000_000_000
@@ -29,7 +29,7 @@ def drive_with_a_gap(kit, straight, rule, seconds):
     return drive, follower
 
 
-@pytest.mark.parametrize(("rule", "state"), [("never", State.STOPPED), ("moving", State.DRIVING)])
+@pytest.mark.parametrize(("rule", "state"), [("never", FollowerState.STOPPED), ("moving", FollowerState.DRIVING)])
 def test_poses_that_return_before_standstill_end_the_stop_where_the_rule_says_so(kit, straight, rule, state):
     drive, follower = drive_with_a_gap(kit, straight, rule, 0.6)
     assert follower.mode.state is state
@@ -39,7 +39,7 @@ def test_poses_that_return_before_standstill_end_the_stop_where_the_rule_says_so
 
 def test_a_vehicle_that_stands_waits_for_the_call(kit, straight):
     drive, _ = drive_with_a_gap(kit, straight, "moving", 2.0)
-    assert drive.final.state is State.STOPPED
+    assert drive.final.state is FollowerState.STOPPED
 
 
 def go_on(follower, pose, now, seconds, state="TRACKING"):
@@ -56,7 +56,7 @@ def go_on(follower, pose, now, seconds, state="TRACKING"):
 )
 def test_standing_for_two_seconds_in_tracking_goes_on_where_the_rule_says_so(kit, straight, rule, state, moves):
     drive, follower = drive_with_a_gap(kit, straight, rule, 9.0)
-    assert follower.mode.state is State.STOPPED
+    assert follower.mode.state is FollowerState.STOPPED
     speeds = go_on(follower, drive.poses[-1], drive.commands[-1].stamp_ns, 3.0, state)
     assert max(speeds[:39]) == 0.0  # not before two seconds
     assert (max(speeds) > 0.0) == moves

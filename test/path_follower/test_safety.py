@@ -7,15 +7,15 @@ import pytest
 
 from path_follower.params import FollowerParams, SafetyParams
 from path_follower.path import Location, Pose2
-from path_follower.reasons import FINE, REMEDIES, Reason, Verdict
-from path_follower.safety import Watch
+from path_follower.reasons import FINE, REMEDIES, StopReason, StopVerdict
+from path_follower.safety import SafetyMonitor
 
 SECOND = 1_000_000_000
 PARAMS = FollowerParams()
 
 
 def good_watch(now=10 * SECOND, params=PARAMS):
-    watch = Watch(params)
+    watch = SafetyMonitor(params)
     assert watch.see_pose(Pose2(0, 0, 0), now)
     watch.see_status("TRACKING", now)
     return watch
@@ -26,7 +26,7 @@ def test_good_inputs_are_fine():
 
 
 def test_nothing_heard_is_no_reason_to_drive():
-    assert Watch(PARAMS).judge_inputs(SECOND).reason is Reason.POSE_TIMEOUT
+    assert SafetyMonitor(PARAMS).judge_inputs(SECOND).reason is StopReason.POSE_TIMEOUT
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ def test_nothing_heard_is_no_reason_to_drive():
 def test_only_tracking_and_degraded_allow_motion(state):
     watch = good_watch()
     watch.see_status(state, 10 * SECOND)
-    assert watch.judge_inputs(10 * SECOND).reason is Reason.NOT_LOCALISED
+    assert watch.judge_inputs(10 * SECOND).reason is StopReason.NOT_LOCALISED
 
 
 def test_degraded_is_slow_and_limited_in_time():
@@ -47,7 +47,7 @@ def test_degraded_is_slow_and_limited_in_time():
         assert watch.is_slow
         verdict = watch.judge_inputs(now)
         assert (verdict is FINE) == (k <= limit)
-    assert verdict.reason is Reason.LOCALISATION_DEGRADED
+    assert verdict.reason is StopReason.LOCALISATION_DEGRADED
     assert verdict.value > verdict.limit == limit
     watch.see_status("TRACKING", now)
     assert watch.judge_inputs(now) is FINE
@@ -58,7 +58,7 @@ def test_an_old_pose_stops_by_its_stamp_even_if_it_comes_again():
     late = 10 * SECOND + round(1.1e9 * PARAMS.safety.max_pose_silence)
     assert not watch.see_pose(Pose2(0, 0, 0), 10 * SECOND)  # the same stamp again: frozen
     verdict = watch.judge_inputs(late)
-    assert verdict.reason is Reason.POSE_TIMEOUT
+    assert verdict.reason is StopReason.POSE_TIMEOUT
     assert verdict.value == pytest.approx(1.1 * PARAMS.safety.max_pose_silence)
 
 
@@ -72,7 +72,7 @@ def test_a_pose_from_the_past_changes_nothing():
 def test_a_pose_that_is_no_number_stops_and_is_not_kept(pose):
     watch = good_watch()
     assert not watch.see_pose(pose, 11 * SECOND)
-    assert watch.judge_inputs(10 * SECOND).reason is Reason.BAD_POSE
+    assert watch.judge_inputs(10 * SECOND).reason is StopReason.BAD_POSE
     assert watch.see_pose(Pose2(0, 0, 0), 12 * SECOND)
     watch.see_status("TRACKING", 12 * SECOND)
     assert watch.judge_inputs(12 * SECOND) is FINE
@@ -82,11 +82,11 @@ def test_a_silent_status_stops():
     watch = good_watch()
     later = 10 * SECOND + round(1.1e9 * PARAMS.safety.max_status_silence)
     watch.see_pose(Pose2(0, 0, 0), later)
-    assert watch.judge_inputs(later).reason is Reason.STATUS_TIMEOUT
+    assert watch.judge_inputs(later).reason is StopReason.STATUS_TIMEOUT
 
 
 def test_without_required_status_the_pose_is_enough():
-    watch = Watch(FollowerParams(safety=SafetyParams(is_status_required=False)))
+    watch = SafetyMonitor(FollowerParams(safety=SafetyParams(is_status_required=False)))
     watch.see_pose(Pose2(0, 0, 0), SECOND)
     assert watch.judge_inputs(SECOND) is FINE
 
@@ -94,34 +94,156 @@ def test_without_required_status_the_pose_is_enough():
 def test_a_scan_that_was_there_and_has_gone_stops():
     watch = good_watch()
     watch.see_scan(np.empty((0, 2)), 10 * SECOND - round(1.1e9 * PARAMS.safety.max_scan_silence))
-    assert watch.judge_inputs(10 * SECOND).reason is Reason.SCAN_TIMEOUT
+    assert watch.judge_inputs(10 * SECOND).reason is StopReason.SCAN_TIMEOUT
 
 
 def test_a_required_scan_must_come():
     params = FollowerParams(safety=SafetyParams(is_scan_required=True))
-    assert good_watch(params=params).judge_inputs(10 * SECOND).reason is Reason.SCAN_TIMEOUT
+    assert good_watch(params=params).judge_inputs(10 * SECOND).reason is StopReason.SCAN_TIMEOUT
 
 
 def test_the_emergency_stop_comes_first_and_survives_a_reset():
-    watch = Watch(PARAMS)
+    watch = SafetyMonitor(PARAMS)
     watch.is_emergency = True
     watch.reset()
-    assert watch.judge_inputs(SECOND).reason is Reason.EMERGENCY_STOP
+    assert watch.judge_inputs(SECOND).reason is StopReason.EMERGENCY_STOP
 
 
-@pytest.mark.parametrize(("distance", "heading", "is_fine"), [(0.9, 0.9, True), (1.1, 0.0, False), (0.0, -1.1, False)])
+@pytest.mark.parametrize(
+    ("distance", "heading", "is_fine"), [(0.9, 0.9, True), (1.1, 0.0, False), (0.0, -1.1, False), (0.0, 1.1, False)]
+)
 def test_leaving_the_path_stops(distance, heading, is_fine):
     verdict = good_watch().judge_place(Location(5.0, 0, 50, distance, distance, heading))
     assert (verdict is FINE) == is_fine
-    assert is_fine or verdict.reason is Reason.OFF_PATH
+    assert is_fine or verdict.reason is StopReason.OFF_PATH
+
+
+def test_two_publishers_of_the_pose_stop():
+    watch = good_watch()
+    watch.sources = ("/localizer",)
+    assert watch.judge_inputs(10 * SECOND) is FINE
+    watch.sources = ("/localizer", "/other")
+    verdict = watch.judge_inputs(10 * SECOND)
+    assert (verdict.reason, verdict.value, verdict.limit) == (StopReason.POSE_SOURCE, 2, 1)
+    assert "/localizer, /other" in str(verdict)
+
+
+def test_a_pose_that_cannot_be_used_stops_at_once_where_it_is_bad_and_else_by_the_silence_that_follows():
+    watch = good_watch()
+    watch.refuse_pose("stamp ahead", is_bad=False)
+    assert watch.judge_inputs(10 * SECOND) is FINE
+    later = 10 * SECOND + round(1.1e9 * PARAMS.safety.max_pose_silence)
+    assert "refused: stamp ahead" in str(watch.judge_inputs(later))
+    watch.refuse_pose("wrong frame", is_bad=True)
+    verdict = watch.judge_inputs(10 * SECOND)
+    assert (verdict.reason, verdict.detail) == (StopReason.BAD_POSE, "wrong frame")
+
+
+@pytest.mark.parametrize("state", ["TRACKING", "DEGRADED"])
+def test_a_camera_that_repeats_an_image_stops_although_the_pose_goes_on(state):
+    watch = good_watch()
+    watch.see_status(state, 10 * SECOND, "FROZEN", 0.1)
+    verdict = watch.judge_inputs(10 * SECOND)
+    assert (verdict.reason, verdict.detail) == (StopReason.NOT_LOCALISED, "the camera repeats an image")
+
+
+def test_a_drive_on_predicted_poses_is_limited_in_time():
+    watch, limit = good_watch(), PARAMS.safety.max_blind_time
+    for age in (0.1, 0.2, 0.3, 0.4):
+        now = 10 * SECOND + round(age * SECOND)
+        watch.see_pose(Pose2(0, 0, 0), now)
+        watch.see_status("DEGRADED", now, "LOW_OVERLAP", age)
+        verdict = watch.judge_inputs(now)
+        assert (verdict is FINE) == (age <= limit)
+    assert (verdict.reason, verdict.limit) == (StopReason.NOT_LOCALISED, limit)
+    assert verdict.value == pytest.approx(0.4)
+    watch.see_status("DEGRADED", now, "LOW_OVERLAP", 0.0)  # an image confirms the pose
+    assert watch.judge_inputs(now) is FINE
+
+
+def test_blindness_counts_from_the_last_image_that_confirmed_the_pose_but_not_from_before_the_last_status():
+    watch = good_watch()
+    watch.see_status("TRACKING", 10 * SECOND + 300_000_000, "GAP", 0.2)
+    assert watch.judge_inputs(10 * SECOND + 440_000_000).value == pytest.approx(0.44)  # no pose for so long
+    watch.see_pose(Pose2(0, 0, 0), 10 * SECOND + 440_000_000)
+    assert watch.judge_inputs(10 * SECOND + 440_000_000) is FINE  # 0.2 + 0.14 s
+    assert watch.judge_inputs(10 * SECOND + 460_000_000).value == pytest.approx(0.36)
+    fresh = good_watch()
+    fresh.see_status("TRACKING", 10 * SECOND + 100_000_000, "GAP", 1000.0)
+    assert fresh.judge_inputs(10 * SECOND + 300_000_000) is FINE
+
+
+@pytest.mark.parametrize("state", ["TRACKING", "DEGRADED"])
+def test_good_news_that_comes_late_changes_nothing(state):
+    watch = good_watch()
+    watch.see_status("LOST", 10 * SECOND)
+    watch.see_status(state, 10 * SECOND - 1)
+    assert watch.judge_inputs(10 * SECOND).reason is StopReason.NOT_LOCALISED
+    watch.see_status(state, 10 * SECOND)
+    assert watch.judge_inputs(10 * SECOND) is FINE
+
+
+def test_bad_news_counts_however_late_it_comes():
+    watch = good_watch()
+    watch.see_status("LOST", 9 * SECOND)
+    assert watch.judge_inputs(10 * SECOND).reason is StopReason.NOT_LOCALISED
+
+
+def test_without_required_scan_none_need_come():
+    assert good_watch().judge_inputs(10 * SECOND) is FINE
+    required = FollowerParams(safety=SafetyParams(is_scan_required=True))
+    watch = good_watch(params=required)
+    assert watch.judge_inputs(10 * SECOND).detail == "no scan yet"
+    watch.see_scan(np.empty((0, 2)), 10 * SECOND)
+    assert watch.judge_inputs(10 * SECOND) is FINE
+
+
+def test_a_localizer_that_says_nothing_is_no_reason_to_drive():
+    watch = SafetyMonitor(PARAMS)
+    watch.see_pose(Pose2(0, 0, 0), SECOND)
+    verdict = watch.judge_inputs(SECOND)
+    assert (verdict.reason, verdict.detail) == (StopReason.STATUS_TIMEOUT, "no status yet")
+
+
+@pytest.mark.parametrize(
+    ("pose", "reason"),
+    [
+        (Pose2(5.0, 0.3, 0.2), None),
+        (Pose2(5.0, 1.5, 0.0), StopReason.OFF_PATH),
+        (Pose2(5.0, -1.5, 0.0), StopReason.OFF_PATH),
+        (Pose2(5.0, 0.0, 2.0), StopReason.OFF_PATH),
+        (Pose2(5.0, 0.0, -2.0), StopReason.OFF_PATH),
+    ],
+)
+@pytest.mark.parametrize("has_driven", [False, True])
+def test_a_start_is_where_the_vehicle_stands_on_the_path(kit, pose, reason, has_driven):
+    straight = kit.make_path([(0, 0), (40, 0)], PARAMS)
+    watch = good_watch()
+    watch.see_pose(pose, 11 * SECOND)
+    last = straight.advance(Pose2(4.5, 0, 0), straight.begin_of(0), 10.0) if has_driven else None
+    verdict, place = watch.find_start(straight, last)
+    if reason is None:
+        assert verdict is FINE
+        assert (place.arc_length, place.cross_track) == pytest.approx((5.0, 0.3))
+        watch.see_scan(np.array([[1.8, -0.1], [1.8, 0.1]]), 11 * SECOND)
+        assert watch.find_start(straight, last)[0].reason is StopReason.OBSTACLE
+    else:
+        assert verdict.reason is reason
+
+
+def test_a_start_after_a_stop_is_looked_for_two_meters_ahead(kit):
+    straight, watch = kit.make_path([(0, 0), (40, 0)], PARAMS), good_watch()
+    watch.see_pose(Pose2(7.2, 0, 0), 11 * SECOND)
+    last = straight.advance(Pose2(4.5, 0, 0), straight.begin_of(0), 10.0)
+    assert watch.find_start(straight, last)[1].arc_length == pytest.approx(6.5, abs=0.11)  # one edge of 0.1 m
 
 
 def test_every_reason_has_a_remedy_of_one_line():
-    assert set(REMEDIES) == set(Reason)
-    for reason in Reason:
-        text = str(Verdict(reason, 2.0, 1.0))
+    assert set(REMEDIES) == set(StopReason)
+    for reason in StopReason:
+        text = str(StopVerdict(reason, 2.0, 1.0))
         assert "\n" not in text
-        assert (REMEDIES[reason] in text) or reason is Reason.NONE
+        assert (REMEDIES[reason] in text) or reason is StopReason.NONE
 
 
 def test_single_points_are_no_obstacle(kit):
@@ -130,4 +252,4 @@ def test_single_points_are_no_obstacle(kit):
     watch.see_scan(np.array([[2.0, 0.0], [math.nan, 1.0]]), 10 * SECOND)
     assert watch.judge_way(straight, location, 1.0) is FINE
     watch.see_scan(np.array([[2.0, 0.0], [2.0, 0.1]]), 10 * SECOND)
-    assert watch.judge_way(straight, location, 1.0).reason is Reason.OBSTACLE
+    assert watch.judge_way(straight, location, 1.0).reason is StopReason.OBSTACLE

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
+from path_follower.constants import MIN_SPACING, SPACING
 from path_follower.params import PathParams
-from path_follower.smoothing import MIN_SPACING, SPACING, cutoff_weight, smooth_curve
+from path_follower.smoothing import cutoff_weight, smooth_curve
 
 PARAMS = PathParams()
 
@@ -25,9 +26,10 @@ def test_a_circle_keeps_its_radius(radius, spacing):
     # Averages over the 0.2 m of a bin lie inside by 0.2^2 / 24 / radius at most.
     np.testing.assert_allclose(np.hypot(curve.x, curve.y - radius), radius, atol=0.003)
     assert np.ptp(np.diff(curve.way)) < 0.02 * SPACING
+    assert np.diff(curve.way).mean() == pytest.approx(0.1, rel=0.02)
 
 
-def test_noise_of_two_centimetres_does_not_reach_the_curvature():
+def test_noise_of_two_centimeters_does_not_reach_the_curvature():
     clean = np.stack([np.arange(0, 30, 0.05), np.zeros(600)], axis=-1)
     noisy = clean + np.random.default_rng(0).normal(0, 0.02, clean.shape)
     curve = smooth_curve(noisy, PARAMS, is_closed=False)
@@ -58,6 +60,15 @@ def test_a_ring_closes_without_a_seam():
     assert curve.bend[0] == pytest.approx(curve.bend[-1])
     np.testing.assert_allclose(curve.bend, 1 / 8, rtol=0.01)
     assert curve.tangent[-1] - curve.tangent[0] == pytest.approx(2 * math.pi, abs=1e-6)
+
+
+@pytest.mark.parametrize(("bend", "is_curve"), [(0.5, True), (0.7, False)])
+def test_points_of_a_curve_are_joined_by_a_curve_and_corners_by_straight_lines(bend, is_curve):
+    angles = bend * np.arange(5)
+    points = 5.0 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    curve = smooth_curve(points, PathParams(smoothing_length=0.0), is_closed=False)
+    lowest = np.hypot(curve.x, curve.y).min()
+    assert lowest == pytest.approx(5.0 if is_curve else 5.0 * np.cos(bend / 2), abs=0.03)
 
 
 def test_a_corner_is_rounded_and_not_swung_around():

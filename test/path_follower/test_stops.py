@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from path_follower.follower import Follower
-from path_follower.modes import State
-from path_follower.params import FollowerParams
+from path_follower.modes import FollowerState
+from path_follower.params import FollowerParams, VehicleParams
 from path_follower.path import Pose2
-from path_follower.reasons import Reason
+from path_follower.reasons import StopReason
 
 SECOND = 1_000_000_000
 PARAMS = FollowerParams()
@@ -33,16 +33,16 @@ def after_fault(action):
 
 
 @pytest.mark.parametrize("state", ["LOST", "SEARCHING", "NO_MAP"])
-def test_a_lost_localiser_stops_within_half_a_second(kit, straight, state):
+def test_a_lost_localizer_stops_within_half_a_second(kit, straight, state):
     drive = kit.follow(straight, each=after_fault(lambda *_: state))
-    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.NOT_LOCALISED)
+    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.NOT_LOCALISED)
     assert standing_after(drive) <= 0.5
     assert "start" in drive.final.verdict.remedy
 
 
 def test_a_stop_is_a_ramp_with_wheels_held(kit):
     drive = kit.follow(kit.course((4, 0), (30, 0.2)), each=after_fault(lambda *_: "LOST"))
-    ramp = [c for c in drive.commands if c.status.state is State.STOPPING]
+    ramp = [c for c in drive.commands if c.status.state is FollowerState.STOPPING]
     speeds = [c.speed for c in ramp]
     assert len(speeds) >= 4
     assert all(0.15 < a - b <= 0.2 + 1e-9 for a, b in itertools.pairwise(speeds))  # 4 m/s^2, 50 ms
@@ -54,16 +54,30 @@ def test_poses_that_cease_stop_within_the_limit_and_the_ramp(kit, straight):
         follower.watch.see_pose = lambda *_: False
 
     drive = kit.follow(straight, each=after_fault(silence))
-    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.POSE_TIMEOUT)
+    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.POSE_TIMEOUT)
     assert standing_after(drive) <= PARAMS.safety.max_pose_silence + 0.5
 
 
-def test_a_localiser_one_second_late_stops_by_the_age_of_its_poses(kit, straight):
+def test_a_localizer_one_second_late_stops_by_the_age_of_its_poses(kit, straight):
     drive = kit.follow(straight, kit.World(latency=0.3))
-    assert drive.final.state is State.FINISHED
+    assert drive.final.state is FollowerState.FINISHED
     follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
     follower.update(Pose2(0, 0, 0), None, SECOND, "TRACKING", now_ns=2 * SECOND)
     assert follower.start(2 * SECOND).startswith("POSE_TIMEOUT: found 1 s, limit 0.4")
+
+
+def test_a_frozen_pose_stops_within_the_limit_and_the_ramp(kit, straight):
+    frozen = []
+
+    def freeze(now, follower, car):
+        if not frozen:
+            accept, pose, stamp = follower.watch.see_pose, follower.watch.pose, follower.watch.pose_ns
+            frozen.append(pose)
+            follower.watch.see_pose = lambda *_: accept(pose, stamp)
+
+    drive = kit.follow(straight, each=after_fault(freeze))
+    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.POSE_TIMEOUT)
+    assert standing_after(drive) <= PARAMS.safety.max_pose_silence + 0.5
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf])
@@ -73,7 +87,7 @@ def test_a_pose_that_is_no_number_stops(kit, straight, value):
         follower.watch.see_pose = lambda *_: False
 
     drive = kit.follow(straight, each=after_fault(poison))
-    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.BAD_POSE)
+    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.BAD_POSE)
     assert standing_after(drive) <= 0.5
 
 
@@ -82,7 +96,7 @@ def test_a_vehicle_pushed_off_the_path_stops(kit, straight):
         car.pose = Pose2(car.pose.x, 1.5, car.pose.yaw)
 
     drive = kit.follow(straight, each=after_fault(push))
-    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.OFF_PATH)
+    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.OFF_PATH)
     assert drive.final.verdict.value == pytest.approx(1.5, abs=0.01)
 
 
@@ -92,20 +106,20 @@ def test_a_kidnapped_vehicle_stops_although_it_stands_on_the_path(kit, straight)
             car.pose = Pose2(car.pose.x + 20, car.pose.y, car.pose.yaw)
 
     drive = kit.follow(straight, each=after_fault(kidnap))
-    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.OFF_PATH)
+    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.OFF_PATH)
 
 
 def test_degraded_localisation_drives_slowly(kit, straight):
     drive = kit.follow(straight, each=lambda now, *_: "DEGRADED" if 6 <= now < 12 else "TRACKING")
-    assert drive.final.state is State.FINISHED
+    assert drive.final.state is FollowerState.FINISHED
     slow = [c for c in drive.commands if 8 < c.stamp_ns / 1e9 - 1 < 12]
-    assert {c.status.state for c in slow} == {State.SLOW}
+    assert {c.status.state for c in slow} == {FollowerState.SLOW}
     assert max(c.speed for c in slow) <= PARAMS.speed.slow
 
 
 def test_degraded_localisation_for_too_long_stops(kit, straight):
     drive = kit.follow(straight, each=after_fault(lambda *_: "DEGRADED"))
-    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.LOCALISATION_DEGRADED)
+    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.LOCALISATION_DEGRADED)
     assert standing_after(drive) <= PARAMS.safety.max_degraded_time + 0.5
 
 
@@ -122,14 +136,14 @@ def scan_of(wall_x):
 
 def test_an_obstacle_stops_the_vehicle_before_it(kit, straight):
     drive = kit.follow(straight, each=scan_of(15.0))
-    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.OBSTACLE)
+    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.OBSTACLE)
     gap = 15.0 - PARAMS.vehicle.front - drive.poses[-1].x
     assert 0.1 < gap < 2.5
 
 
 def test_scans_that_cease_stop(kit, straight):
     drive = kit.follow(straight, each=lambda now, f, car: scan_of(99.0)(now, f, car) if now < FAULT else None)
-    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.SCAN_TIMEOUT)
+    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.SCAN_TIMEOUT)
     assert standing_after(drive) <= PARAMS.safety.max_scan_silence + 0.5
 
 
@@ -137,7 +151,7 @@ def test_an_emergency_stop_needs_release_and_arming(kit, straight):
     follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
     drive = kit.run(follower, (0, 0, 0), each=after_fault(lambda n, f, c: f.emergency(is_pressed=True)))
     kit.assert_within_limits(drive, PARAMS)
-    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.EMERGENCY_STOP)
+    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.EMERGENCY_STOP)
     assert standing_after(drive) <= 0.5
     pose, now = drive.poses[-1], drive.commands[-1].stamp_ns
     assert follower.start(now).startswith("EMERGENCY_STOP")
@@ -150,12 +164,12 @@ def test_an_emergency_stop_needs_release_and_arming(kit, straight):
     assert follower.update(pose, None, now, "TRACKING").speed > 0.0
 
 
-def test_recovery_of_the_localiser_alone_moves_nothing_and_a_new_start_goes_on_at_the_place(kit):
+def test_recovery_of_the_localizer_alone_moves_nothing_and_a_new_start_goes_on_at_the_place(kit):
     eight = kit.course((2 * math.pi * 5, 0.2), (2 * math.pi * 5, -0.2))
     follower = Follower(PARAMS, kit.make_path(eight[:, :2], PARAMS, eight[:, 2]))
     drive = kit.run(follower, tuple(eight[0]), each=lambda now, *_: "LOST" if 23.0 < now < 30 else "TRACKING")
     progress, pose, now = drive.final.progress, drive.poses[-1], drive.commands[-1].stamp_ns
-    assert drive.final.state is State.STOPPED
+    assert drive.final.state is FollowerState.STOPPED
     assert progress == pytest.approx(2 * math.pi * 5, abs=2.0)  # near the crossing
     for _ in range(40):
         now += SECOND // 20
@@ -169,14 +183,14 @@ def test_zero_commands_are_kept_alive_without_any_input(kit, straight):
     follower = Follower(PARAMS)
     for k in range(50):
         command = follower.tick(k * SECOND // 20)
-        assert (command.speed, command.yaw_rate, command.status.state) == (0.0, 0.0, State.NO_PATH)
+        assert (command.speed, command.yaw_rate, command.status.state) == (0.0, 0.0, FollowerState.NO_PATH)
 
 
 def test_nothing_moves_before_the_start(kit, straight):
     follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
     for k in range(1, 50):
         assert follower.update(Pose2(0, 0, 0), None, k * SECOND // 20, "TRACKING").speed == 0.0
-    assert follower.mode.state is State.IDLE
+    assert follower.mode.state is FollowerState.IDLE
 
 
 @pytest.mark.parametrize(
@@ -191,7 +205,7 @@ def test_a_start_beside_the_path_or_facing_the_wrong_way_is_refused(kit, straigh
     follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
     follower.update(pose, None, SECOND, "TRACKING")
     assert follower.start(SECOND).startswith(refusal)
-    assert follower.mode.state is State.IDLE
+    assert follower.mode.state is FollowerState.IDLE
 
 
 def test_calls_that_make_no_sense_say_so(kit, straight):
@@ -200,7 +214,7 @@ def test_calls_that_make_no_sense_say_so(kit, straight):
     assert follower.pause() == "nothing to pause: NO_PATH"
     assert follower.resume(0) == "nothing to resume: NO_PATH"
     follower.stop()
-    assert follower.mode.state is State.NO_PATH
+    assert follower.mode.state is FollowerState.NO_PATH
 
 
 def test_pause_stands_and_resume_goes_on(kit, straight):
@@ -211,9 +225,9 @@ def test_pause_stands_and_resume_goes_on(kit, straight):
             assert follower.resume(round(now * SECOND) + SECOND) == ""
 
     drive = kit.follow(straight, each=operator)
-    assert drive.final.state is State.FINISHED
+    assert drive.final.state is FollowerState.FINISHED
     standing = [c for c in drive.commands if 8 < c.stamp_ns / 1e9 - 1 < 9.9]
-    assert {(c.speed, c.status.state, c.status.is_armed) for c in standing} == {(0.0, State.PAUSED, True)}
+    assert {(c.speed, c.status.state, c.status.is_armed) for c in standing} == {(0.0, FollowerState.PAUSED, True)}
     assert drive.worst < 0.01
 
 
@@ -224,14 +238,16 @@ def test_a_loss_while_paused_disarms(kit, straight):
         return "LOST" if now > 9.0 else "TRACKING"
 
     drive = kit.follow(straight, each=operator)
-    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.NOT_LOCALISED)
+    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.NOT_LOCALISED)
 
 
 def test_the_operator_stops_gently(kit, straight):
-    drive = kit.follow(straight, each=after_fault(lambda n, f, c: f.stop()))
-    assert (drive.final.state, drive.final.verdict.reason) == (State.STOPPED, Reason.OPERATOR)
-    speeds = np.array([c.speed for c in drive.commands])
-    assert (-np.diff(speeds)).max() <= PARAMS.vehicle.max_deceleration * 0.05 + 1e-9
+    params = FollowerParams(vehicle=VehicleParams(max_acceleration=0.7, max_deceleration=1.1))
+    drive = kit.follow(straight, params=params, each=after_fault(lambda n, f, c: f.stop()))
+    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.OPERATOR)
+    steps = np.diff([c.speed for c in drive.commands])
+    assert steps.min() == pytest.approx(-1.1 * 0.05)
+    assert steps.max() == pytest.approx(0.7 * 0.05)
 
 
 def test_a_path_is_not_changed_under_way(kit, straight):
@@ -246,18 +262,19 @@ def test_a_path_is_not_changed_under_way(kit, straight):
 
     drive = kit.run(follower, (0, 0, 0), each=after_fault(swap), seconds=7.0)
     assert follower.path is not other
-    assert drive.final.state is State.DRIVING
+    assert drive.final.state is FollowerState.DRIVING
 
 
 def test_a_clock_that_jumps_back_stops(kit, straight):
     follower = Follower(PARAMS, kit.make_path(straight[:, :2], PARAMS, straight[:, 2]))
     drive = kit.run(follower, (0, 0, 0), seconds=6.0)
-    assert drive.final.state is State.DRIVING
+    assert drive.final.state is FollowerState.DRIVING
     follower.reset()
+    assert (follower.mode.state, follower.mode.verdict.reason) == (FollowerState.STOPPING, StopReason.CLOCK_STOPPED)
     speeds = [follower.tick(k * SECOND // 20).speed for k in range(30)]
     assert speeds[0] == drive.commands[-1].speed
     assert speeds[-1] == 0.0
-    assert follower.mode.state is State.STOPPED
+    assert follower.mode.state is FollowerState.STOPPED
 
 
 def test_stamps_from_the_past_and_repeated_ones_change_nothing(kit, straight):

@@ -31,6 +31,13 @@ def test_standing_still_with_noise_is_no_change_of_direction(kit):
     assert path.length == pytest.approx(10.0, abs=0.15)
 
 
+@pytest.mark.parametrize(("back", "directions"), [(0.12, [1]), (0.25, [1, -1, 1])])
+def test_a_way_back_of_a_few_centimeters_is_no_change_of_direction(kit, back, directions):
+    poses = kit.course((5, 0), (-back, 0), (5, 0))
+    path = kit.make_path(poses[:, :2], PARAMS, poses[:, 2])
+    assert [segment.direction for segment in path.segments] == directions
+
+
 def test_without_headings_everything_is_forward(kit):
     poses = kit.course((6, 0.1), (6, -0.1))
     path = kit.make_path(poses[:, :2], PARAMS)

@@ -9,7 +9,7 @@ from path_follower.params import ActuationParams, VehicleParams
 from path_follower.path import Pose2
 from path_follower.vehicle import Limiter, Motion, Predictor, drive
 
-CAR = VehicleParams()
+CAR = VehicleParams(max_acceleration=0.7, max_deceleration=1.1)  # unequal: exchanged ones are noticed
 STEP = 50_000_000
 
 
@@ -19,8 +19,8 @@ def test_an_arc_is_exact_and_composes():
     twice = drive(drive(start, motion, CAR.wheelbase, 0.7), motion, CAR.wheelbase, 1.3)
     np.testing.assert_allclose(once, twice, atol=1e-12)
     radius = CAR.wheelbase / math.tan(0.3)
-    centre = np.array([1 - radius * math.sin(0.3), 2 + radius * math.cos(0.3)])
-    assert np.hypot(*(np.array(once[:2]) - centre)) == pytest.approx(radius)
+    center = np.array([1 - radius * math.sin(0.3), 2 + radius * math.cos(0.3)])
+    assert np.hypot(*(np.array(once[:2]) - center)) == pytest.approx(radius)
 
 
 def test_straight_driving_and_standing():
@@ -108,3 +108,50 @@ def test_an_old_pose_is_not_predicted_without_bound_and_a_new_model_stands():
     assert far.x <= 2.0 * (0.5 + 0.2) + 1e-9
     predictor.reset()
     assert predictor.is_standing
+
+
+def test_a_car_stands_below_three_centimeters_a_second():
+    predictor = Predictor(CAR, ActuationParams())
+    for speed, is_standing in ((0.02, True), (0.04, False), (-0.02, True), (-0.04, False)):
+        predictor.states.append((0, Motion(speed, 0.0)))
+        assert predictor.is_standing == is_standing
+
+
+@pytest.mark.parametrize(("off", "waits"), [(0.09, False), (0.11, True), (-0.09, False), (-0.11, True)])
+def test_a_start_waits_until_the_wheels_are_turned_within_a_tenth(off, waits):
+    limiter = Limiter(CAR)
+    limiter.last = Motion(0.0, 0.2 + off)
+    assert limiter.is_starting(math.tan(0.2) / CAR.wheelbase) == waits
+
+
+def test_a_pose_is_predicted_over_half_a_second_and_commands_are_kept_for_three():
+    predictor = Predictor(CAR, ActuationParams(steering_lag=0.0, speed_lag=0.0))
+    for k in range(101):
+        predictor.remember(2 * k * STEP, Motion(1.0, 0.0))
+    now = 200 * STEP
+    assert predictor.predict(Pose2(0, 0, 0), now - 8 * STEP, now, None).x == pytest.approx(0.4)
+    assert predictor.predict(Pose2(0, 0, 0), now - 40 * STEP, now, None).x == pytest.approx(0.5)
+    assert now - predictor.commands[0][0] == pytest.approx(3.0e9, abs=2 * STEP)
+
+
+@pytest.mark.parametrize(("is_hard", "loss"), [(False, 1.1), (True, 4.0)])
+def test_a_stop_uses_the_deceleration_that_it_may_and_a_start_the_acceleration(is_hard, loss):
+    limiter = Limiter(CAR)
+    limiter.limit(0.0, 0.0, 0, is_hard=False)
+    limiter.last = Motion(-1.5, 0.0)
+    assert limiter.limit(0.0, 0.0, STEP, is_hard=is_hard).speed == pytest.approx(-1.5 + loss * 0.05)
+    limiter.last = Motion(0.5, 0.0)
+    assert limiter.limit(2.0, 0.0, 2 * STEP, is_hard=is_hard).speed == pytest.approx(0.5 + 0.7 * 0.05)
+
+
+def test_a_long_silence_between_commands_counts_as_a_fifth_of_a_second():
+    limiter = Limiter(CAR)
+    limiter.limit(0.0, 0.0, 0, is_hard=False)
+    assert limiter.limit(2.0, 0.0, 20 * STEP, is_hard=False).speed == pytest.approx(0.7 * 0.2)
+
+
+def test_a_prediction_goes_by_steps_of_20_ms():
+    predictor = Predictor(CAR, ActuationParams(steering_lag=0.0, speed_lag=0.5))
+    predictor.remember(0, Motion(1.0, 0.0))
+    predicted = predictor.predict(Pose2(0, 0, 0), 0, 8 * STEP, None).x
+    assert predicted == pytest.approx(sum(0.02 * (1.0 - math.exp(-0.02 * k / 0.5)) for k in range(1, 21)))

@@ -25,8 +25,8 @@ def seen():
     pixels = []
     while len(pixels) < 15:
         R = SE3.exp([0, 0, 0, *rng.normal(0.0, 0.4, 3)]).rotation
-        centre = np.array([*rng.normal(0.0, 0.3, 2), 1.0]) * rng.uniform(0.9, 1.6)
-        found, is_seen = CAMERA.project(SE3.from_parts(R, centre - R @ BOARD.points.mean(axis=0)).apply(BOARD.points))
+        center = np.array([*rng.normal(0.0, 0.3, 2), 1.0]) * rng.uniform(0.9, 1.6)
+        found, is_seen = CAMERA.project(SE3.from_parts(R, center - R @ BOARD.points.mean(axis=0)).apply(BOARD.points))
         if is_seen.all():
             pixels.append(found + rng.normal(0.0, 0.1, found.shape))
     return observations([0] * 15, range(15), [0] * 15, [BOARD.points] * 15, pixels)

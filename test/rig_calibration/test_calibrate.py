@@ -9,11 +9,11 @@ from benchmarks.board_world import BoardWorld, boards_around, ring_rig, wanderin
 from rig_calibration.boards import checks
 from rig_calibration.boards.assembly import board_turns, hand_eye
 from rig_calibration.boards.board import Board, check_distinct, parse_size
-from rig_calibration.boards.detect import detect
+from rig_calibration.boards.detect import detect_all
 from rig_calibration.boards.intrinsics import board_pose, other_pose
-from rig_calibration.boards.lens import J_lens, lens_of, project
+from rig_calibration.boards.lens import J_lens, lens_of, project_points
 from rig_calibration.boards.linearize import jacobian, residuals
-from rig_calibration.boards.report import as_mapping, coverage
+from rig_calibration.boards.report import calibration_as_mapping, coverage
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, Fisheye, Pinhole
@@ -58,7 +58,7 @@ def test_a_false_detection_is_named(calibrated):
 
 
 def test_report_has_every_camera(calibrated):
-    report = as_mapping(calibrated[0])
+    report = calibration_as_mapping(calibrated[0])
     assert set(report["cameras"]) == {"cam0", "cam1"}
     assert report["noise_px"] == pytest.approx(0.1, rel=0.1)
     assert np.all(coverage(calibrated[0]) > 10.0)
@@ -84,10 +84,10 @@ def test_cameras_apart_are_named():
 def test_lens_agrees_with_the_camera_and_its_derivative_is_right(camera, rng):
     points = np.concatenate([rng.uniform(-0.5, 0.5, (20, 2)), np.ones((20, 1))], axis=-1)
     lens = lens_of(camera)
-    np.testing.assert_allclose(project(camera.model, lens, points), camera.project(points)[0], atol=1e-9)
+    np.testing.assert_allclose(project_points(camera.model, lens, points), camera.project(points)[0], atol=1e-9)
     steps = 1e-6 * np.eye(12)
     numeric = np.stack(
-        [project(camera.model, lens + s, points) - project(camera.model, lens - s, points) for s in steps]
+        [project_points(camera.model, lens + s, points) - project_points(camera.model, lens - s, points) for s in steps]
     )
     np.testing.assert_allclose(J_lens(camera.model, lens, points), np.moveaxis(numeric, 0, -1) / 2e-6, atol=1e-4)
 
@@ -119,8 +119,8 @@ def test_board_pose_from_rays_beyond_90_degrees():
     rays = T.apply(board.points)
     rays = rays / np.linalg.norm(rays, axis=-1, keepdims=True)
     np.testing.assert_allclose(board_pose(rays, board.points).matrix, T.matrix, atol=1e-6)
-    centre = board.points.mean(axis=0, keepdims=True)
-    np.testing.assert_allclose(other_pose(T, board.points).apply(centre), T.apply(centre), atol=1e-9)
+    center = board.points.mean(axis=0, keepdims=True)
+    np.testing.assert_allclose(other_pose(T, board.points).apply(center), T.apply(center), atol=1e-9)
 
 
 def test_hand_eye_finds_two_unknown_poses(rng):
@@ -152,7 +152,7 @@ def test_rendered_corners_are_found_to_a_tenth_of_a_pixel(world):
     for view in world.views(0.0, rng)[:4]:
         camera = [part.name for part in world.rig.cameras].index(view.camera)
         board = next(item for item in world.boards if item.name == view.board)
-        seen = detect(world.render(camera, int(view.instant), rng), board)
+        seen = detect_all(world.render(camera, int(view.instant), rng), [board]).get(board.name)
         if seen is not None:
             truth = view.pixels[board.turns]  # of every numbering that looks alike
             off.append(min(np.sqrt(np.mean(np.sum((seen[1] - one) ** 2, axis=-1))) for one in truth))

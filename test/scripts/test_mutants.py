@@ -52,7 +52,7 @@ FAULTS = [
     ("swap", "f(a, b, c)", ["f(b, a, c)", "f(a, c, b)"]),
     ("swap", "f(a,\n  b)", ["f(b,\n  a)"]),
     ("swap", "f(a, a, *b)", []),
-    ("swap", "max(a, b)\nisinstance(a, b)\nf('text', a)\nf(lambda: 1, a)", []),
+    ("swap", "max(a, b)\nisinstance(a, b)\nf('text', a)\nparam(a, b)\nf(lambda: 1, a)", []),
     ("check", "def f(a):\n    if not a:\n        return 1\n    return 2", ["if False:"]),
     ("check", "def f(a):\n    if (a and\n  b):\n        raise ValueError(a < 1)", ["if (False):"]),
     ("check", "for a in b:\n    if a:\n        n = 1\n        continue", ["if False:"]),

@@ -186,10 +186,10 @@ def test_the_only_key_sphere_of_a_rolling_shutter_is_stored(num_spheres):
 
 
 def rgbd_view(T_room_sphere, twist):
-    grey = ROOM.render_rolling(CAMERA, optical(T_room_sphere), twist)
+    gray = ROOM.render_rolling(CAMERA, optical(T_room_sphere), twist)
     range_m = ROOM.range_rolling(CAMERA, optical(T_room_sphere), twist)
     depth_m = (range_m * CAMERA.unproject(pixel_grid(CAMERA))[..., 2]).astype(np.float32)
-    return RgbdView(np.rint(grey).astype(np.uint8), depth_m, CAMERA)
+    return RgbdView(np.rint(gray).astype(np.uint8), depth_m, CAMERA)
 
 
 def unroll_of(view, stamp_ns):

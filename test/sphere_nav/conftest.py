@@ -28,8 +28,8 @@ def seven_scenes(tmp_path: Path, rng: np.random.Generator) -> Path:
         T_world_depth = SE3.exp([0.1 * number, 0.0, 0.0, 0.0, 0.0, 0.0])
         depth = np.rint(depth_of_box_and_wall(camera, T_world_depth) * 1000).astype(np.uint16)
         depth[:10], depth[10:20] = 0, 65535
-        colour = cv2.resize(rng.integers(0, 255, (12, 16, 3), np.uint8), (640, 480))
-        cv2.imwrite(str(folder / f"frame-{number:06d}.color.png"), colour)
+        color = cv2.resize(rng.integers(0, 255, (12, 16, 3), np.uint8), (640, 480))
+        cv2.imwrite(str(folder / f"frame-{number:06d}.color.png"), color)
         cv2.imwrite(str(folder / f"frame-{number:06d}.depth.png"), depth)
         np.savetxt(folder / f"frame-{number:06d}.pose.txt", T_world_depth.matrix)
     return folder

@@ -80,7 +80,7 @@ def test_localising_twice_gives_the_same_bits(chain):
 @pytest.fixture
 def processes(monkeypatch):
     """Start commands of this package on a domain of their own; end those still running by their id."""
-    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + (os.getpid() + 50) % 100))
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(1 + (int(os.environ["ROS_DOMAIN_ID"]) + 49) % 100))
     monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     started = []
 

@@ -105,11 +105,11 @@ def record_realsense(path: Path, storage: StoragePlugin, numbers: range) -> None
     with Recorder(path, storage) as bag:
         for number in numbers:
             ns = stamp(number)
-            grey, metres = ROOM.rgbd(CAMERA, optical(pose(number)))
-            millimetres = np.nan_to_num(np.rint(metres * 1e3), nan=0, posinf=0).astype(np.uint16)
+            gray, meters = ROOM.rgbd(CAMERA, optical(pose(number)))
+            millimeters = np.nan_to_num(np.rint(meters * 1e3), nan=0, posinf=0).astype(np.uint16)
             bag.write(f"{root}/color/camera_info", info(ns), ns)
-            bag.write(f"{root}/color/image_raw", image(np.dstack([grey] * 3), ns, FRAME, "rgb8"), ns + 1)
-            bag.write(f"{root}/aligned_depth_to_color/image_raw", image(millimetres, ns, FRAME, "16UC1"), ns + 2)
+            bag.write(f"{root}/color/image_raw", image(np.dstack([gray] * 3), ns, FRAME, "rgb8"), ns + 1)
+            bag.write(f"{root}/aligned_depth_to_color/image_raw", image(millimeters, ns, FRAME, "16UC1"), ns + 2)
             bag.write("/wheel/odometry", odometry(number), ns + 3)
 
 

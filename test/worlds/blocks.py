@@ -48,12 +48,12 @@ class Case:
         size = (self.camera.width - 1, self.camera.height - 1)
         with np.errstate(invalid="ignore"):
             visible = np.all((pixels >= 0) & (pixels < size), axis=-1)
-        grey, g = np.full(len(points), np.nan), np.full((len(points), 2), np.nan)
-        grey[visible], g[visible] = bilinear(self.image.astype(np.float64), pixels[visible])
+        gray, g = np.full(len(points), np.nan), np.full((len(points), 2), np.nan)
+        gray[visible], g[visible] = bilinear(self.image.astype(np.float64), pixels[visible])
         by_point = gain * np.einsum("ni,nij->nj", g, self.camera.J_project(moved)) @ self.T.rotation
         b = 0.5 * (self.data[4:].T + by_point)  # eq. 30
-        J = np.column_stack([b, np.cross(points, b), grey, np.ones(len(points))])
-        return visible, gain * grey + bias - self.data[3], J
+        J = np.column_stack([b, np.cross(points, b), gray, np.ones(len(points))])
+        return visible, gain * gray + bias - self.data[3], J
 
 
 def in_blocks(pixels):
@@ -77,6 +77,6 @@ def bilinear(image, pixels):
     iu, iv = np.floor(u).astype(int), np.floor(v).astype(int)
     du, dv = u - iu, v - iv
     a, b, c, d = image[iv, iu], image[iv, iu + 1], image[iv + 1, iu], image[iv + 1, iu + 1]
-    grey = (1 - dv) * ((1 - du) * a + du * b) + dv * ((1 - du) * c + du * d)
+    gray = (1 - dv) * ((1 - du) * a + du * b) + dv * ((1 - du) * c + du * d)
     gradient = np.stack([(1 - dv) * (b - a) + dv * (d - c), (1 - du) * (c - a) + du * (d - b)], axis=-1)
-    return grey, gradient
+    return gray, gradient

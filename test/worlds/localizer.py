@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from dense_localizer.judge.estimate import Estimate
+from dense_localizer.judge.estimate import CameraEstimate
+from dense_localizer.judge.integrity import Integrity
 from dense_localizer.localizer import Localizer
+from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
+from dense_localizer.track.align import align_rig
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.params import build
 from sphere_nav.spheres.appearance.features import features_of_sphere
@@ -70,6 +73,12 @@ def make_localizer(sphere_map, **values) -> Localizer:
     return Localizer(build(LocalizerParams, SMALL_IMAGES | given), sphere_map)
 
 
+def locate(images, references, params, prediction: Prediction):
+    """Return a pose candidate of images of one body."""
+    chosen = references.choose_rig(images, prediction)
+    return Integrity(references, params).assess(chosen, align_rig(chosen, prediction, params), prediction)
+
+
 class Run:
     """Feeds images to a localiser and keeps what it says."""
 
@@ -95,7 +104,7 @@ class Run:
         return [self.see(pose) for pose in poses]
 
 
-def error(estimate: Estimate, truth: SE3) -> tuple[float, float]:
+def error(estimate: CameraEstimate, truth: SE3) -> tuple[float, float]:
     """Return metres and radians between an estimate and the truth."""
     assert estimate.T_map_camera is not None
     distance, angle = estimate.T_map_camera.distance(truth)

@@ -69,7 +69,7 @@ class Eye:
 
     def picture(self, T_map_base: SE3) -> np.ndarray:
         eye = T_map_base @ T_BASE_EYE
-        depth = self._synthesizer.synthesize([*eye.translation[:2], HEIGHT])
+        depth = self._synthesizer.synthesize_many([[*eye.translation[:2], HEIGHT]])[0]
         bright = np.roll(255.0 / (1.0 + 0.3 * depth), round(float(eye.yaw) / (2 * np.pi) * COLUMNS), axis=1)
         noise = np.random.default_rng(int(1e6 * abs(eye.translation[0]))).normal(0.0, 2.0, bright.shape)
         return np.clip(bright + noise, 0, 255).astype(np.uint8)

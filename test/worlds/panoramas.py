@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mcl_depth.image_params import ComparisonParams
-from mcl_depth.likeness.comparison import Features, depth_features
+from mcl_depth.likeness.comparison import GradientFeatures, depth_features
 
 HEIGHT, WIDTH, NUM_HEADINGS = 16, 72, 36
 
@@ -40,4 +40,4 @@ def part_of(panorama, heading, is_seen):
     features = depth_features(panorama, ComparisonParams())
     shift = heading * WIDTH // NUM_HEADINGS
     parts = [np.roll(a, shift, axis=1) * is_seen for a in (features.x, features.y, features.magnitude)]
-    return Features(parts[0], parts[1], parts[2] / parts[2].sum(), is_seen)
+    return GradientFeatures(parts[0], parts[1], parts[2] / parts[2].sum(), is_seen)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LENS = Fisheye(160, 160, 48.0, 48.0, 79.5, 79.5)
@@ -21,7 +21,7 @@ def texture(points, phase=0.0):
 
 def reach_of(part):
     """Return the rays (h, w, 3) of a camera in the rig's frame and how far they go until the sphere of texture."""
-    rays = np.nan_to_num(part.camera.unproject(pixel_grid(part.camera)), nan=0.5) @ part.T_rig_camera.rotation.T
+    rays = np.nan_to_num(pixel_rays(part.camera), nan=0.5) @ part.T_rig_camera.rotation.T
     origin = part.T_rig_camera.translation
     along = rays @ origin
     return rays, -along + np.sqrt(along**2 + RADIUS**2 * np.sum(rays * rays, axis=-1) - origin @ origin)
@@ -53,7 +53,7 @@ def vertical_rig(lens=LENS):
 
 def truth(stitcher, phase=0.0):
     """Return the grey levels and the range (H, W) of the true sphere."""
-    rays = stitcher.whole.unproject(pixel_grid(stitcher.whole))
+    rays = pixel_rays(stitcher.whole)
     z = stitcher.T_rig_sphere.translation[2]
     range_m = -rays[..., 2] * z + np.sqrt((rays[..., 2] * z) ** 2 + RADIUS**2 - z * z)
     points = rays * range_m[..., None] + stitcher.T_rig_sphere.translation

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sphere_nav.geometry import SE3, Camera, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.geometry.cameras.rolling_shutter import row_share
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
@@ -22,7 +22,7 @@ class Room:
         self.phase = rng.uniform(0, 2 * np.pi, len(size))
         self.amplitude = gain / size**slope
 
-    def grey(self, points):
+    def gray(self, points):
         """Return grey levels 1..254 of points (..., 3)."""
         return np.clip(128.0 + np.sin(points @ self.k.T + self.phase) @ self.amplitude, 1.0, 254.0)
 
@@ -31,13 +31,13 @@ class Room:
         with np.errstate(divide="ignore", invalid="ignore"):
             hits = (np.sign(rays) * self.half - origin) / rays
         range_m = np.min(np.where(rays == 0, np.inf, hits), axis=-1)
-        return self.grey(origin + rays * range_m[..., None]), range_m
+        return self.gray(origin + rays * range_m[..., None]), range_m
 
     def render(self, camera: Camera, T_room_camera: SE3):
         """Return the grey image (H, W) float32, 0 where the camera sees nothing, and the range (H, W) float32 in m."""
-        rays = camera.unproject(pixel_grid(camera)) @ T_room_camera.rotation.T
-        grey, range_m = self.cast(T_room_camera.translation, rays)
-        return np.nan_to_num(grey).astype(np.float32), range_m.astype(np.float32)
+        rays = pixel_rays(camera) @ T_room_camera.rotation.T
+        gray, range_m = self.cast(T_room_camera.translation, rays)
+        return np.nan_to_num(gray).astype(np.float32), range_m.astype(np.float32)
 
     def render_rolling(self, camera: Camera, T_room_camera: SE3, twist):
         """Return the grey image (H, W) float32 of a rolling shutter; the pose is that of the middle row."""
@@ -48,21 +48,21 @@ class Room:
         return self._cast_rows(camera, T_room_camera, twist)[1].astype(np.float32)
 
     def _cast_rows(self, camera: Camera, T_room_camera: SE3, twist):
-        rays = camera.unproject(pixel_grid(camera))
+        rays = pixel_rays(camera)
         rows = SE3.exp(row_share(np.arange(camera.height), camera.height)[:, None] * np.asarray(twist))
         T = SE3(T_room_camera.matrix @ rows.matrix)
         return self.cast(T.translation[:, None, :], np.einsum("vij,vuj->vui", T.rotation, rays))
 
     def photograph(self, camera: Camera, T_room_camera: SE3, seed: int = 0, noise: float = 2.0):
         """Return an image (H, W) uint8, with noise in grey levels."""
-        grey, _ = self.render(camera, T_room_camera)
-        noisy = grey + np.random.default_rng(seed).normal(0, noise, grey.shape) if noise else grey
+        gray, _ = self.render(camera, T_room_camera)
+        noisy = gray + np.random.default_rng(seed).normal(0, noise, gray.shape) if noise else gray
         return np.clip(np.rint(noisy), 1, 255).astype(np.uint8)
 
     def rgbd(self, camera: Camera, T_room_camera: SE3):
         """Return an image (H, W) uint8 and the depth along z (H, W) float32 in m."""
         _, range_m = self.render(camera, T_room_camera)
-        depth_m = range_m * camera.unproject(pixel_grid(camera))[..., 2]
+        depth_m = range_m * pixel_rays(camera)[..., 2]
         return self.photograph(camera, T_room_camera, noise=0.0), depth_m.astype(np.float32)
 
     def sphere(self, T_room_sphere: SE3, camera: Spherical, seed: int = 0) -> Sphere:

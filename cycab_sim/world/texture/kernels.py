@@ -11,7 +11,6 @@ from sphere_nav.kernel_cache.kernels import njit
 
 ASPHALT, PAVING, BRICK, PLASTER, STONE, WINDOW, ROOF, WOOD, SIGN = 0, 1, 2, 3, 4, 5, 6, 7, 8
 METAL, MARKING, SOIL, BARK, FOLIAGE, SLATS, FACADE = 9, 10, 11, 12, 13, 14, 15
-NUM_KINDS = 16
 SIZES = (5.0, 4.0, 4.0, 4.5, 4.0, 1.6, 4.0, 1.5, 1.0, 1.6, 2.0, 4.0, 1.0, 1.0, 1.2, 12.0)  # m, of the coarsest octave
 GAIN = 0.99  # every octave has nearly the same contrast
 SKY_SIZE, SKY_GAIN, SKY_SEED = 1.3, 0.72, 7001
@@ -177,7 +176,7 @@ def appearance(material, u, v, w, foot, p, seed, rough):
 
 
 @njit(cache=True, nogil=True)
-def locate(origin, rays, ranges, triangles, cone, surface_of, frames, kinds, points, depths, seeds):
+def locate_surfaces(origin, rays, ranges, triangles, cone, surface_of, frames, kinds, points, depths, seeds):
     """Write where rays (N, 3) f32 meet their surfaces: points (8, N) f32 and seeds (N,) u4 for `sum_octaves`.
 
     origin (3,) f64 m, ranges (N,) f32 m, triangles (N,) i32, negative for the sky, cone (N,) f32 rad,
@@ -213,10 +212,10 @@ def _note(points, n, u, v, ellipse, inverse_size, gain):
 
 
 @njit(cache=True, nogil=True)
-def dress(rays, triangles, surface_of, kinds, params, colours, points, depths, rough, albedo):
+def dress(rays, triangles, surface_of, kinds, params, colors, points, depths, rough, albedo):
     """Write the linear colour (N, 3) f32 of each hit, reflectance 0..1, or the radiance of the sky.
 
-    params (S, 6) f32, colours (S, 2, 3) f32, rough (N,) f32 of `sum_octaves`; the rest as in `locate`
+    params (S, 6) f32, colours (S, 2, 3) f32, rough (N,) f32 of `sum_octaves`; the rest as in `locate_surfaces`
     """
     for n in range(rays.shape[0]):
         if triangles[n] < 0:
@@ -231,7 +230,7 @@ def dress(rays, triangles, surface_of, kinds, params, colours, points, depths, r
         m, t = appearance(kinds[s, 0], u, v, w, foot, p, kinds[s, 1], rough[n])
         m = min(2.5, max(0.06, m))
         for c in range(3):
-            albedo[n, c] = m * (colours[s, 0, c] * (1.0 - t) + colours[s, 1, c] * t)
+            albedo[n, c] = m * (colors[s, 0, c] * (1.0 - t) + colors[s, 1, c] * t)
 
 
 @njit(cache=True)
@@ -247,13 +246,13 @@ def footprint(du, dv, minor):
 
 
 @njit(cache=True)
-def _sky(z, rough, colour, n):
+def _sky(z, rough, color, n):
     """Radiance of the sky: paler towards the horizon, with clouds on a plane overhead."""
     up = max(z, 0.0)
     cover = 0.5 + 0.42 * rough
     shade = 0.85 + 0.2 * cover
     cover = min(1.0, max(0.0, cover)) * min(1.0, 0.3 + 4.0 * up)
     pale = math.exp(-3.5 * up)
-    colour[n, 0] = (0.22 + 0.42 * pale) * (1.0 - cover) + 0.92 * shade * cover
-    colour[n, 1] = (0.38 + 0.34 * pale) * (1.0 - cover) + 0.93 * shade * cover
-    colour[n, 2] = (0.70 + 0.14 * pale) * (1.0 - cover) + 0.95 * shade * cover
+    color[n, 0] = (0.22 + 0.42 * pale) * (1.0 - cover) + 0.92 * shade * cover
+    color[n, 1] = (0.38 + 0.34 * pale) * (1.0 - cover) + 0.93 * shade * cover
+    color[n, 2] = (0.70 + 0.14 * pale) * (1.0 - cover) + 0.95 * shade * cover

@@ -10,28 +10,27 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from cycab_sim.world import finishes
-from cycab_sim.world.finishes import Colour
+from cycab_sim.world.finishes import Color
 from cycab_sim.world.furniture import add_car, add_frustum, add_prism, add_wheel
 from cycab_sim.world.mesh import Finish, Mesh, MeshBuilder, placed
 from cycab_sim.world.texture import kernels as k
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
-CLOTHES: tuple[Colour, ...] = (
+CLOTHES: tuple[Color, ...] = (
     (0.05, 0.06, 0.12), (0.30, 0.05, 0.06), (0.45, 0.42, 0.36), (0.06, 0.06, 0.06),
     (0.10, 0.22, 0.30), (0.34, 0.28, 0.08), (0.12, 0.20, 0.10), (0.52, 0.50, 0.50),
 )  # fmt: skip
-SKINS: tuple[Colour, ...] = ((0.50, 0.33, 0.24), (0.36, 0.22, 0.14), (0.16, 0.09, 0.06))
-HAIR: tuple[Colour, ...] = ((0.05, 0.04, 0.03), (0.16, 0.09, 0.04), (0.32, 0.24, 0.12), (0.30, 0.29, 0.28))
+SKINS: tuple[Color, ...] = ((0.50, 0.33, 0.24), (0.36, 0.22, 0.14), (0.16, 0.09, 0.06))
+HAIR: tuple[Color, ...] = ((0.05, 0.04, 0.03), (0.16, 0.09, 0.04), (0.32, 0.24, 0.12), (0.30, 0.29, 0.28))
 STRIDE = 1.45  # m, two steps
 WHEEL = 0.33  # radius of a bicycle's wheel, m
 SECTIONS, SECTION, GAP = 3, 6.6, 0.35  # of the tram, m
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
+class RigidPart:
     """A rigid piece that leads `ahead` m of its figure's middle, with its two supports `base` m apart.
 
     It turns about the y axis through `pivot` (3,) by swing * sin(wave * way + phase) + roll * way, way in m.
@@ -51,20 +50,20 @@ class Part:
 class Figure:
     """Parts, and the room they take: to the front and back of the middle, and to the sides, m."""
 
-    parts: tuple[Part, ...]
+    parts: tuple[RigidPart, ...]
     half_length: float
     half_width: float
 
 
 def make_car(rng: np.random.Generator) -> Figure:
     """Return a car, as those that are parked."""
-    return Figure((Part(_built(rng, add_car, np.eye(4), rng), base=2.5),), 2.2, 0.9)
+    return Figure((RigidPart(_built(rng, add_car, np.eye(4), rng), base=2.5),), 2.2, 0.9)
 
 
 def make_tram(rng: np.random.Generator) -> Figure:
     """Return a tram of three sections that follow the bends one after the other."""
-    colour, step = finishes.pick(rng, finishes.WOODWORK), SECTION + GAP
-    parts = [Part(_built(rng, _add_section, i - 1, colour, rng), (1 - i) * step, 4.4) for i in range(SECTIONS)]
+    color, step = finishes.pick(rng, finishes.WOODWORK), SECTION + GAP
+    parts = [RigidPart(_built(rng, _add_section, i - 1, color, rng), (1 - i) * step, 4.4) for i in range(SECTIONS)]
     return Figure(tuple(parts), SECTIONS * step / 2, 1.2)
 
 
@@ -80,19 +79,19 @@ def make_pedestrian(rng: np.random.Generator) -> Figure:
         if has_bag:
             mesh.box([-0.32, -0.15, 1.02 * tall], [0.18, 0.3, 0.42], _cloth(finishes.pick(rng, CLOTHES)))
 
-    parts = [Part(_built(rng, body), base=0.3)]
+    parts = [RigidPart(_built(rng, body), base=0.3)]
     for side in (-1.0, 1.0):
         leg = _built(rng, _add_leg, 0.1 * side, hip, trousers)
         arm = _built(rng, _add_arm, 0.25 * side, shoulder, tall, cloth, skin)
         turn = phase + (np.pi if side > 0 else 0.0)
-        parts.append(Part(leg, base=0.3, pivot=(0.0, 0.0, hip), swing=0.42, wave=wave, phase=turn))
-        parts.append(Part(arm, base=0.3, pivot=(0.0, 0.0, shoulder), swing=0.35, wave=wave, phase=turn + np.pi))
+        parts.append(RigidPart(leg, base=0.3, pivot=(0.0, 0.0, hip), swing=0.42, wave=wave, phase=turn))
+        parts.append(RigidPart(arm, base=0.3, pivot=(0.0, 0.0, shoulder), swing=0.35, wave=wave, phase=turn + np.pi))
     return Figure(tuple(parts), 0.35, 0.3)
 
 
 def make_cyclist(rng: np.random.Generator) -> Figure:
     """Return somebody on a bicycle whose wheels turn."""
-    paint = finishes.paint(finishes.pick(rng, finishes.WOODWORK))
+    paint = finishes.painted_metal(finishes.pick(rng, finishes.WOODWORK))
     cloth, trousers, skin = (_cloth(finishes.pick(rng, some)) for some in (CLOTHES, CLOTHES, SKINS))
 
     def frame(mesh: MeshBuilder) -> None:
@@ -107,14 +106,14 @@ def make_cyclist(rng: np.random.Generator) -> Figure:
         for side in (-1.0, 1.0):
             mesh.box([0.08, 0.22 * side - 0.05, 1.06], [0.36, 0.09, 0.09], cloth)
 
-    parts = [Part(_built(rng, frame), base=1.0)]
+    parts = [RigidPart(_built(rng, frame), base=1.0)]
     for x in (-0.5, 0.52):
         wheel = _built(rng, _add_spoked_wheel, x)
-        parts.append(Part(wheel, base=1.0, pivot=(x, 0.0, WHEEL), roll=1.0 / WHEEL))
+        parts.append(RigidPart(wheel, base=1.0, pivot=(x, 0.0, WHEEL), roll=1.0 / WHEEL))
     for side in (-1.0, 1.0):
         leg = _built(rng, _add_leg, 0.1 * side, 0.95, trousers, 0.72)
         phase = np.pi if side > 0 else 0.0
-        parts.append(Part(leg, 0.0, 1.0, (-0.1, 0.0, 0.95), swing=0.35, wave=1.2, phase=phase))
+        parts.append(RigidPart(leg, 0.0, 1.0, (-0.1, 0.0, 0.95), swing=0.35, wave=1.2, phase=phase))
     return Figure(tuple(parts), 0.95, 0.35)
 
 
@@ -125,8 +124,8 @@ def _built(rng: np.random.Generator, add: Callable[..., None], *arguments: Any) 
     return mesh.build()
 
 
-def _cloth(colour: Colour) -> Finish:
-    return Finish(k.SOIL, colour, finishes.darker(colour, 0.55), (0.16,))
+def _cloth(color: Color) -> Finish:
+    return Finish(k.SOIL, color, finishes.darker(color, 0.55), (0.16,))
 
 
 def _pitch(angle: float, pivot: tuple[float, float, float]) -> Array:
@@ -168,24 +167,24 @@ def _add_spoked_wheel(mesh: MeshBuilder, x: float) -> None:
     """Add a tyre of 16 pieces and four spokes across."""
     angle = np.arange(17) * np.pi / 8
     ring = np.stack([np.cos(angle), 0.0 * angle, np.sin(angle)], axis=1)
-    centre = np.array([x, 0.0, WHEEL])
-    outer, inner = centre + WHEEL * ring, centre + (WHEEL - 0.045) * ring
+    center = np.array([x, 0.0, WHEEL])
+    outer, inner = center + WHEEL * ring, center + (WHEEL - 0.045) * ring
     off = np.array([0.0, 0.02, 0.0])
     quads = [
         np.stack([a[:-1] + s, a[1:] + s, b[1:] + t, b[:-1] + t], axis=1)
         for a, s, b, t in ((outer, -off, outer, off), (inner, off, inner, -off), (outer, off, inner, off),
                            (inner, -off, outer, -off))
     ]  # fmt: skip
-    mesh.solid(np.concatenate(quads)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3), finishes.RUBBER, centre)
+    mesh.solid(np.concatenate(quads)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3, 3), finishes.RUBBER, center)
     for turn in np.arange(4) * np.pi / 4:
         at = _pitch(turn, (x, 0.0, WHEEL))
         mesh.box([x - WHEEL + 0.03, -0.006, WHEEL - 0.006], [2 * WHEEL - 0.06, 0.012, 0.012], finishes.METAL, at)
 
 
-def _add_section(mesh: MeshBuilder, place: int, colour: Colour, rng: np.random.Generator) -> None:
+def _add_section(mesh: MeshBuilder, place: int, color: Color, rng: np.random.Generator) -> None:
     """Add a section of the tram: place -1 at the front, 0 in the middle, 1 at the back."""
     front, back = SECTION / 2, -SECTION / 2
-    body, glass = finishes.paint(colour, 1.1), finishes.window(1.1, 1.2, (0.07, 0.07, 0.08), rng, 1, 1)
+    body, glass = finishes.painted_metal(color, 1.1), finishes.window(1.1, 1.2, (0.07, 0.07, 0.08), rng, 1, 1)
     nose, tail = (0.5 if place < 0 else 0.0), (0.5 if place > 0 else 0.0)
     add_frustum(mesh, np.eye(4), (back + tail / 2, front - nose / 2, 1.16, 0.28), (back, front, 1.2, 1.0), body)
     x = np.arange(back, front - 1.0, 1.1)

@@ -17,9 +17,8 @@ from cycab_sim.world.mesh import Mesh
 from cycab_sim.world.paths import Path, rounded
 from cycab_sim.world.street import HALF_ROAD, KERB_HEIGHT
 from cycab_sim.world.town import Plan
-from cycab_sim.world.traffic.kernels import mark
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 SPACING = 0.25  # m between the points of a loop
 WIDTHS = {"road": 2.5, "cycle": 0.7, "walk": 0.7}  # of what moves on a loop, m
 CLEAR = 1.0  # from the middle of the taught path: half a car and some air, m
@@ -146,8 +145,21 @@ def _room(mesh: Mesh, corner: Array, size: Array) -> NDArray[np.float32]:
     low, high = mesh.triangles.min(axis=1), mesh.triangles.max(axis=1)
     is_hit = (high[:, 2] > BODY[0]) & (low[:, 2] < BODY[1])
     cells = [np.floor((points[is_hit, :2] - corner) / CELL).astype(np.int64) for points in (low, high)]
-    mark(np.concatenate(cells, axis=1), grid)
+    _clear(np.concatenate(cells, axis=1), grid)
     return np.asarray(cv2.distanceTransform(grid, cv2.DIST_L2, 5) * CELL, dtype=np.float32)
+
+
+def _clear(boxes: NDArray[np.int64], grid: NDArray[np.uint8]) -> None:
+    """Set the cells (first column, first row, last column, last row) (N, 4) of a grid (H, W) to 0."""
+    rows, columns = grid.shape
+    first = np.maximum(boxes[:, :2], 0)
+    beyond = np.minimum(boxes[:, 2:], [columns - 1, rows - 1]) + 1
+    is_inside = np.all(beyond > first, axis=1)
+    (left, top), (right, bottom) = first[is_inside].T, beyond[is_inside].T
+    counts = np.zeros((rows + 1, columns + 1), np.int64)  # of the boxes over a cell, as differences to its neighbours
+    for y, x, step in ((top, left, 1), (bottom, right, 1), (top, right, -1), (bottom, left, -1)):
+        np.add.at(counts, (y, x), step)
+    grid[counts.cumsum(axis=0).cumsum(axis=1)[:-1, :-1] > 0] = 0
 
 
 def _lead_around(loop: Loop, room: NDArray[np.float32], corner: Array) -> Loop:

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from cycab_sim.params import TrafficParams
 from cycab_sim.world.mesh import Mesh, joined
 from cycab_sim.world.traffic import figures
-from cycab_sim.world.traffic.figures import Figure, Part
+from cycab_sim.world.traffic.figures import Figure, RigidPart
 from cycab_sim.world.traffic.loops import Loop, free_loops, walk_around
 from cycab_sim.world.worlds import World
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 AWAY = -1000.0  # height of who must not be seen, m
 KEEP_OFF = 0.4  # between a car that is in the way of nobody and who comes too close, m
 HEADWAY = {"road": 14.0, "cycle": 6.0, "walk": 2.5}  # least way between two who follow each other, m
@@ -109,7 +109,7 @@ class Traffic:
 _NUMBERS = ("ahead", "base", "pivot", "swing", "wave", "phase", "roll")
 
 
-def _reach(part: Part) -> float:
+def _reach(part: RigidPart) -> float:
     """Return how far a part extends forward or back of its place, m."""
     return float(np.abs(part.mesh.triangles[..., 0]).max())
 
@@ -121,10 +121,11 @@ def _pace(loop: Loop, params: TrafficParams, rng: np.random.Generator) -> float:
 
 def _populate(loops: Sequence[Loop], params: TrafficParams, rng: np.random.Generator) -> list[Actor]:
     """Return the actors: as many as asked for, or as there is room for, spread over the loops by their length."""
+    cars, bicycles, pedestrians = params.busy if params.is_busy else params.usual
     makers: list[tuple[str, int, Callable[[np.random.Generator], Figure]]] = [
-        ("road", params.cars, figures.make_car),
-        ("cycle", params.bicycles, figures.make_cyclist),
-        ("walk", params.pedestrians, figures.make_pedestrian),
+        ("road", cars, figures.make_car),
+        ("cycle", bicycles, figures.make_cyclist),
+        ("walk", pedestrians, figures.make_pedestrian),
     ]
     actors: list[Actor] = []
     for kind, count, make in makers:

@@ -340,7 +340,7 @@ def _draw(
 
 
 @njit(parallel=True, **OPTIONS)
-def draw_many(
+def draw_columns(
     places, voxels, blocks, starts, tops, levels, sizes, extent, azimuths, slopes, rises, search, pixel, reach, out
 ):
     """Draw M places (M, 3) f4, each in one thread, into out (M, H, W) f4: ranges in m, NaN where nothing is met.

@@ -42,7 +42,7 @@ class Grid:
 
 
 @dataclass(frozen=True)
-class Level:
+class VoxelLevel:
     """Voxels by block, column and height: cells (V, 3), voxels (V, 8) as in kernels.py, counts (V,)."""
 
     size: float
@@ -56,7 +56,7 @@ class Level:
 class VoxelMap:
     """Levels, fine to coarse, in coordinates from `corner` (3,) m; extent (3,) m."""
 
-    levels: list[Level]
+    levels: list[VoxelLevel]
     corner: Floats
     extent: Floats
     dense_share: float  # of the voxels whose neighbourhood is a surface
@@ -79,7 +79,7 @@ def voxel_map(cloud: Cloud, size: float, num_levels: int) -> VoxelMap:
     return VoxelMap(levels, corner, extent, dense_share)
 
 
-def _finest(points: Floats, size: float) -> tuple[Level, float]:
+def _finest(points: Floats, size: float) -> tuple[VoxelLevel, float]:
     """Return the level of the cloud itself, and the share of its voxels that are a surface."""
     cells, order, first = _sort(np.floor(points / size).astype(np.int32))
     counts = np.diff(np.append(first, len(points)))
@@ -89,7 +89,7 @@ def _finest(points: Floats, size: float) -> tuple[Level, float]:
     for _ in range(NUM_CLOSINGS):
         cells, means, normals = _close_gaps(cells, means, normals, _grid(cells), size)
     voxels = np.hstack([means, _heights(means, normals, size), normals])
-    return Level(size, cells, voxels, np.ones(len(cells), np.int64), _grid(cells)), float(is_dense.mean())
+    return VoxelLevel(size, cells, voxels, np.ones(len(cells), np.int64), _grid(cells)), float(is_dense.mean())
 
 
 def _close_gaps(cells: Cells, means: Floats, normals: Floats, grid: Grid, size: float) -> tuple[Cells, Floats, Floats]:
@@ -117,7 +117,7 @@ def _heights(means: Floats, normals: Floats, size: float) -> Floats:
     return np.column_stack([means[:, 2] - half, means[:, 2] + half])
 
 
-def _coarser(fine: Level) -> Level:
+def _coarser(fine: VoxelLevel) -> VoxelLevel:
     """Return the level of twice the size."""
     cells, order, first = _sort(fine.cells >> 1)
     voxels, weights = fine.voxels[order], fine.counts[order]
@@ -128,7 +128,7 @@ def _coarser(fine: Level) -> Level:
     moments = np.stack([nx * nx, nx * ny, nx * nz, ny * ny, ny * nz, nz * nz], axis=1) * weights[:, None]
     normals = kernels.join_planes(np.add.reduceat(moments, first), MIN_SHARE)
     joined = np.hstack([means, low[:, None], high[:, None], normals])
-    return Level(2.0 * fine.size, cells, joined, counts, _grid(cells))
+    return VoxelLevel(2.0 * fine.size, cells, joined, counts, _grid(cells))
 
 
 def _sort(cells: Cells) -> tuple[Cells, NDArray[np.int64], NDArray[np.int64]]:

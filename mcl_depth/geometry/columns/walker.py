@@ -41,7 +41,7 @@ class Walker:
         """Return ranges (M, H, W) in m around places (M, 3); NaN where nothing is met."""
         places = (positions_map - self._corner).astype(np.float32)
         out = np.empty((len(places), self._camera.height, self._camera.width), np.float32)
-        return kernels.draw_many(
+        return kernels.draw_columns(
             places, self._voxels, self._blocks, self._starts, self._tops, self._levels, self._sizes, self._extent,
             self._azimuths, self._slopes, self._rises, self._search, self._pixel, self._reach, out,
         )  # fmt: skip

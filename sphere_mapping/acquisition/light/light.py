@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.light.exposure import apply_gain, log_gains
-from sphere_mapping.acquisition.light.vignetting import Comparison, Falloff, falloff, std_of
+from sphere_mapping.acquisition.light.vignetting import Falloff, PairRatios, falloff, std_of
 from sphere_mapping.acquisition.stitching.overlaps import Overlaps, Shared, angles_of
 from sphere_mapping.acquisition.stitching.views import RigView
+from sphere_nav.geometry.arrays import Array
 
 Image = NDArray[np.uint8]
-Array = NDArray[np.float64]
 
 MAX_WHITE_BALANCE = 1.15  # largest factor of a colour over the mean of its camera's colours
 NUM_INSTANTS = 8  # that the falloff is estimated from
@@ -78,7 +78,7 @@ class Light:
         found = {name: gains[self._group[self._names.index(name)]] for name in images}
         return {name: self._apply(image, name, found[name]) for name, image in images.items()}, found
 
-    def _comparison(self, shared: Sequence[Shared]) -> Comparison:
+    def _comparison(self, shared: Sequence[Shared]) -> PairRatios:
         """Return what all overlaps say of grey levels: the mean of the logarithms of their colours."""
         sizes = [len(pair.levels[0]) for pair in shared]
         sides: list[list[NDArray]] = []
@@ -90,9 +90,9 @@ class Light:
             sides.append([cameras, np.array(self._group)[cameras], square, np.log(levels).mean(axis=1)])
         (first, second), (own, other), squares, logs = (tuple(part) for part in zip(*sides, strict=True))
         std = std_of(np.exp(logs[0]), np.exp(logs[1]))
-        return Comparison((first, second), (own, other), (squares[0], squares[1]), logs[0] - logs[1], std)
+        return PairRatios((first, second), (own, other), (squares[0], squares[1]), logs[0] - logs[1], std)
 
-    def _learn(self, seen: Comparison) -> None:
+    def _learn(self, seen: PairRatios) -> None:
         self.falloff.update(seen, len(self._kinds))
         self._num_seen += 1
         for k, name in enumerate(self._names):
@@ -107,10 +107,10 @@ class Light:
         self._coarse[name] = factor
         self._factors[name] = cv2.resize(factor, (camera.width, camera.height)).astype(np.float32)
 
-    def _gains(self, seen: Comparison, shared: Sequence[Shared], channels: int) -> Array:
+    def _gains(self, seen: PairRatios, shared: Sequence[Shared], channels: int) -> Array:
         """Return the factor (groups, channels) of each exposure, its colours by `MAX_WHITE_BALANCE` apart at most."""
         number, most = len(self._kinds), 0.5 * np.log(self._max_gain)
-        grey = np.clip(-self.falloff.exposures(seen, number), -most, most)
+        gray = np.clip(-self.falloff.exposures(seen, number), -most, most)
         ratios = []
         for pair in shared:
             groups = self._group[pair.first], self._group[pair.second]
@@ -118,9 +118,9 @@ class Light:
                 logs = np.log(pair.levels[0] / pair.levels[1])
                 weight = 1.0 / np.square(std_of(pair.levels[0].min(axis=1), pair.levels[1].min(axis=1)))
                 ratios.append((*groups, _median(logs - logs.mean(axis=1, keepdims=True), weight)))
-        colour = log_gains(ratios, number, channels)
+        color = log_gains(ratios, number, channels)
         most = np.log(MAX_WHITE_BALANCE)
-        return np.exp(grey[:, None] + np.clip(colour - colour.mean(axis=1, keepdims=True), -most, most))
+        return np.exp(gray[:, None] + np.clip(color - color.mean(axis=1, keepdims=True), -most, most))
 
     def _headroom(self, images: Mapping[str, Image], gains: Array) -> float:
         """Return a common factor of at most 1: no camera that another one outshines loses its own highlights."""

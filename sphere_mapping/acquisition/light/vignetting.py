@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 from scipy.sparse import csr_array
 
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 NUM_POWERS = 3
 FALLOFF_STD = (
@@ -28,12 +28,12 @@ LEAST = -2.0  # of a coefficient
 EXPOSURE_STD = 1.0  # of an exposure's logarithm, before anything is seen
 LEVEL_STD = 2.5  # grey levels, of a level: what is dark says little of a ratio
 RATIO_STD = 0.05  # of the logarithm of a ratio: parallax, reflections
-DEPENDENCE = 10.0  # neighbours that err alike count as one
+CORRELATED_DIRECTIONS = 10.0  # neighbours that count as one (`estimation/covariance.py`)
 NUM_STEPS = 8
 
 
 @dataclass(frozen=True, eq=False)
-class Comparison:
+class PairRatios:
     """What two cameras say of one point each: numbers (N,) of cameras and exposures, s, log ratio and its deviation."""
 
     cameras: tuple[NDArray[np.intp], NDArray[np.intp]]
@@ -77,7 +77,7 @@ class Falloff:
             row[NUM_POWERS * a + k], row[NUM_POWERS * b + k] = 1.0, -1.0
             self._matrix += np.outer(row, row) / LIKE_STD**2
 
-    def update(self, seen: Comparison, num_exposures: int) -> None:
+    def update(self, seen: PairRatios, num_exposures: int) -> None:
         """Add what an instant says; its exposures are eliminated."""
         size = len(self._vector)
         rows = csr_array(np.hstack([self._powers(seen), design(seen, num_exposures)]))  # at most 8 of a row are not 0
@@ -99,7 +99,7 @@ class Falloff:
         self._vector = target[:size] - matrix[:size, size:] @ inner[:, -1]
         self.coefficients = _solve(self._matrix, self._vector, low[:size], high[:size]).reshape(-1, NUM_POWERS)
 
-    def exposures(self, seen: Comparison, num_exposures: int) -> Array:
+    def exposures(self, seen: PairRatios, num_exposures: int) -> Array:
         """Return the logarithms (num_exposures,) of an instant's exposures, mean 0, as the falloff is known now."""
         rows = design(seen, num_exposures)
         ratio = seen.ratio - self._powers(seen) @ self.coefficients.ravel()
@@ -110,7 +110,7 @@ class Falloff:
             values = np.linalg.solve(matrix, (rows.T * weight) @ ratio).astype(np.float64)
         return values - values.mean()
 
-    def _powers(self, seen: Comparison) -> Array:
+    def _powers(self, seen: PairRatios) -> Array:
         """Return the derivatives (N, cameras * NUM_POWERS) of the ratios by all coefficients."""
         found = np.zeros((seen.ratio.size, len(self._vector)))
         at = np.arange(seen.ratio.size)
@@ -120,7 +120,7 @@ class Falloff:
         return found
 
 
-def design(seen: Comparison, num_exposures: int) -> Array:
+def design(seen: PairRatios, num_exposures: int) -> Array:
     """Return the derivatives (N, num_exposures) of the ratios by the exposures; none within one exposure."""
     rows = np.zeros((seen.ratio.size, num_exposures))
     at = np.arange(seen.ratio.size)
@@ -134,10 +134,10 @@ def scales() -> Array:
     return np.geomspace(20.0, 2.0, NUM_STEPS)
 
 
-def weights(seen: Comparison, expected: Array, scale: float) -> Array:
+def weights(seen: PairRatios, expected: Array, scale: float) -> Array:
     """Return the weight (N,) of each comparison, by Cauchy's loss."""
     errors = (seen.ratio - expected) / seen.std
-    return 1.0 / (DEPENDENCE * np.square(seen.std) * (1.0 + np.square(errors / scale)))
+    return 1.0 / (CORRELATED_DIRECTIONS * np.square(seen.std) * (1.0 + np.square(errors / scale)))
 
 
 def _solve(matrix: Array, target: Array, low: Array, high: Array) -> Array:

@@ -7,14 +7,14 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.kernels import sample_inverse_depth, splat_nearest
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 CORRECTIONS = 2  # steps along the ray after the warp, which is good to a pixel; the last one only confirms
 MAX_LEFT = 0.01  # relative; more is a surface that the first camera does not see from here
 MAX_STEP = 0.05  # relative difference of neighbours beyond which they are two surfaces
 
 Depth = NDArray[np.float32]
-Array = NDArray[np.float64]
 
 
 class DepthRegistration:
@@ -70,5 +70,5 @@ class DepthRegistration:
 
 def _rays(camera: Camera) -> Array:
     """Return a ray (H * W, 3) with z = 1 for every pixel."""
-    rays = camera.unproject(pixel_grid(camera)).reshape(-1, 3)
+    rays = pixel_rays(camera).reshape(-1, 3)
     return rays / rays[:, 2:]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.light.exposure import log_gains, log_ratio
 from sphere_nav.geometry import Spherical
-from sphere_nav.spheres.sphere import Image, Range, to_grey
+from sphere_nav.spheres.sphere import Image, Range, to_gray
 
 Plane = NDArray[np.float32]
 
@@ -27,40 +27,40 @@ class Patch:
     weight: Plane
     window: Spherical
 
-    def place(self, whole: Spherical) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    def window_in(self, whole: Spherical) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return rows (h, 1) and columns (1, w) of the window in the whole sphere; columns wrap around."""
         rows = np.arange(self.window.height) + int(self.window.offset_v)
         columns = (np.arange(self.window.width) + int(self.window.offset_u)) % whole.width
         return rows[:, None], columns[None, :]
 
 
-def join(patches: Sequence[Patch], whole: Spherical) -> tuple[Image, Range]:
+def join_views(patches: Sequence[Patch], whole: Spherical) -> tuple[Image, Range]:
     """Return image and range (H, W) of the whole sphere; 0 and NaN where no view is."""
     shape = (whole.height, whole.width)
-    depth_of_colour = patches[0].image.shape[2:]
-    total, weights = np.zeros((*shape, *depth_of_colour), np.float32), np.zeros(shape, np.float32)
+    depth_of_color = patches[0].image.shape[2:]
+    total, weights = np.zeros((*shape, *depth_of_color), np.float32), np.zeros(shape, np.float32)
     range_m, best = np.full(shape, np.nan, np.float32), np.zeros(shape, np.float32)
     for patch, gain in zip(patches, exposure_gains(patches, whole), strict=True):
-        place = patch.place(whole)
+        window = patch.window_in(whole)
         share = np.minimum(patch.weight, FEATHER_PX)
-        weights[place] += share
-        total[place] += gain * patch.image * (share[..., None] if depth_of_colour else share)
+        weights[window] += share
+        total[window] += gain * patch.image * (share[..., None] if depth_of_color else share)
         weight = np.where(np.isnan(patch.range_m), 0, patch.weight)
-        range_m[place] = np.where(weight > best[place], patch.range_m, range_m[place])
-        best[place] = np.maximum(best[place], weight)
+        range_m[window] = np.where(weight > best[window], patch.range_m, range_m[window])
+        best[window] = np.maximum(best[window], weight)
     scale = np.divide(1.0, weights, out=np.zeros_like(weights), where=weights > 0)
-    image = total * (scale[..., None] if depth_of_colour else scale)
+    image = total * (scale[..., None] if depth_of_color else scale)
     seen = weights > 0
-    image = np.clip(np.rint(image), 1, 255) * (seen[..., None] if depth_of_colour else seen)
+    image = np.clip(np.rint(image), 1, 255) * (seen[..., None] if depth_of_color else seen)
     return image.astype(np.uint8), range_m
 
 
 def exposure_gains(patches: Sequence[Patch], whole: Spherical) -> NDArray[np.float32]:
     """Return the factor (N,) of each view that makes overlapping views agree best, geometric mean 1."""
-    greys = [_on_sphere(patch, whole) for patch in patches]
+    grays = [_on_sphere(patch, whole) for patch in patches]
     ratios = []
     for i, j in combinations(range(len(patches)), 2):
-        if (ratio := _log_ratio(greys[i], greys[j])) is not None:
+        if (ratio := _log_ratio(grays[i], grays[j])) is not None:
             ratios.append((i, j, ratio))
     return np.exp(log_gains(ratios, len(patches), 1)[:, 0]).astype(np.float32)
 
@@ -68,10 +68,10 @@ def exposure_gains(patches: Sequence[Patch], whole: Spherical) -> NDArray[np.flo
 def _on_sphere(patch: Patch, whole: Spherical) -> dict[str, NDArray]:
     """Return the index (M,) of the pixels of a view in the whole sphere, in order, and their grey levels."""
     usable = patch.weight > 1
-    rows, columns = patch.place(whole)
+    rows, columns = patch.window_in(whole)
     index = (rows * whole.width + columns)[usable]
     order = np.argsort(index)
-    return {"index": index[order], "grey": to_grey(patch.image)[usable][order].astype(np.float64)}
+    return {"index": index[order], "grey": to_gray(patch.image)[usable][order].astype(np.float64)}
 
 
 def _log_ratio(a: dict[str, NDArray], b: dict[str, NDArray]) -> NDArray[np.float64] | None:

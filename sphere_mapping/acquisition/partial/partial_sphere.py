@@ -20,15 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.kernels import sample_inverse_depth, splat_nearest
-from sphere_mapping.acquisition.partial.joining import Patch, join
+from sphere_mapping.acquisition.partial.joining import Patch, join_views
 from sphere_mapping.acquisition.partial.window import full_width_for, magnification, window_of
 from sphere_mapping.params import PartialParams
 from sphere_nav.geometry import SE3, Camera, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Range, Sphere, check_depth, check_image, continued
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import pixel_rays
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Range, Sphere, check_depth, check_sphere_image, continued
 
 Plane = NDArray[np.float32]
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,7 +65,7 @@ def roll(
 @lru_cache(maxsize=4)
 def _rays(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Plane, Plane]:
     """Return the unit rays (H, W, 3) of a window in the camera, and the pixel's derivative (2, H, W, 3) by them."""
-    rays = window.unproject(pixel_grid(window)) @ np.frombuffer(rotation).reshape(3, 3)
+    rays = pixel_rays(window) @ np.frombuffer(rotation).reshape(3, 3)
     ahead = np.where(rays[..., 2:] > 0.05, rays, (0.0, 0.0, 1.0))  # what the camera cannot see does not matter
     J = np.moveaxis(camera.J_project(ahead), -2, 0)
     return rays.astype(np.float32), np.ascontiguousarray(np.nan_to_num(J), dtype=np.float32)
@@ -99,7 +99,7 @@ class RgbdView:
     def __post_init__(self) -> None:
         if self.twist is not None and (self.depth_camera is not None or np.any(self.T_sphere_camera.translation)):
             raise ValueError("rolling shutter: expected depth registered to the image, found that of another camera")
-        check_image(self.image, self.camera)
+        check_sphere_image(self.image, self.camera)
         check_depth(self.depth_m, self.depth_camera or self.camera)
 
 
@@ -125,7 +125,7 @@ def sphere_from_views(views: Sequence[RgbdView], stamp_ns: int = 0, params: Part
         return Sphere(planes[0][0], planes[0][1], windows[0], stamp_ns)
     whole = Spherical(full_width, full_width // 2)
     patches = [Patch(*plane, window) for plane, window in zip(planes, windows, strict=True)]
-    return Sphere(*join(patches, whole), whole, stamp_ns)
+    return Sphere(*join_views(patches, whole), whole, stamp_ns)
 
 
 def full_width_of(cameras: Sequence[Camera], params: PartialParams) -> int:
@@ -171,7 +171,7 @@ def resample_image(
     """Return the image (height, width[, 3]) in the window and each pixel's distance to the image border, 0 outside."""
     if np.any(T_sphere_camera.translation):
         everywhere = np.nan_to_num(continued(range_m, np.isfinite(range_m)), nan=WITHOUT_RANGE_M)
-        points = window.unproject(pixel_grid(window)) * everywhere[..., None]
+        points = pixel_rays(window) * everywhere[..., None]
         u, v, weight = _pixels_of(points, camera, T_sphere_camera)
         sampled = cv2.remap(image, u, v, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
     else:
@@ -218,22 +218,22 @@ def inverse_depth(depth_m: NDArray[np.floating]) -> Plane:
 def _move_range(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> Range:
     """Return the range seen from the centre of the sphere by a camera beside it."""
     range_m = _splat(inverse, camera, T_sphere_camera, window)
-    rays = window.unproject(pixel_grid(window))
+    rays = pixel_rays(window)
     z_of_ray = rays @ T_sphere_camera.rotation[:, 2]
-    z_of_centre = float(T_sphere_camera.inverse().translation[2])
+    z_of_center = float(T_sphere_camera.inverse().translation[2])
     step = np.full(range_m.shape, np.nan)
     for _ in range(RANGE_CORRECTIONS):
         u, v, _ = _pixels_of(rays * range_m[..., None], camera, T_sphere_camera)
         with np.errstate(divide="ignore", invalid="ignore"):
             z_seen = 1.0 / _sample(inverse, u, v)
-            step = (z_seen - (range_m * z_of_ray + z_of_centre)) / np.maximum(z_of_ray, 0.1)
+            step = (z_seen - (range_m * z_of_ray + z_of_center)) / np.maximum(z_of_ray, 0.1)
         range_m = range_m + step
     return np.where((np.abs(step) < MAX_CORRECTION_LEFT * range_m), range_m, np.nan)
 
 
 def _splat(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> NDArray[np.float64]:
     """Return the range (height, width) of the camera's points in the window to about a pixel, NaN where none falls."""
-    rays = camera.unproject(pixel_grid(camera))
+    rays = pixel_rays(camera)
     with np.errstate(divide="ignore"):
         points_camera = rays / (rays[..., 2] * inverse)[..., None]
     points = T_sphere_camera.apply(points_camera[np.all(np.isfinite(points_camera), axis=2)])
@@ -267,7 +267,7 @@ def _float32(values: NDArray[np.float64]) -> Plane:
 def _ray_table(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Plane, Plane, Plane, Plane]:
     """Return u, v, weight and the z of the unit ray in the camera frame, for each window pixel (same centre)."""
     T_sphere_camera = SE3.from_parts(np.frombuffer(rotation).reshape(3, 3), np.zeros(3))
-    rays = window.unproject(pixel_grid(window))
+    rays = pixel_rays(window)
     z_of_ray = rays @ T_sphere_camera.rotation[:, 2]
     return *_pixels_of(rays, camera, T_sphere_camera), z_of_ray.astype(np.float32)
 

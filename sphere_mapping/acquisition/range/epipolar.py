@@ -1,4 +1,4 @@
-"""The frame of the sphere in the rig, rectified so that epipolar lines are columns, and range from disparity."""
+"""Two spheres one above the other, whose epipolar lines are columns: disparities, and range from them."""
 
 from __future__ import annotations
 
@@ -7,15 +7,14 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.kernels import recentre, splat_with_std, stretch, triangulate
+from sphere_mapping.acquisition.kernels import recenter, splat_with_std, stretch, triangulate
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.matching import Disparity, Search
 from sphere_mapping.acquisition.stitching.views import Layout
-from sphere_nav.geometry import SE3, Rig, RigCamera, Spherical
+from sphere_nav.geometry import Spherical
 
 Plane = NDArray[np.float32]
 
-MIN_BASELINE_M = 0.01
 FAR_M = 120.0  # what is surely farther is known to be far
 MIN_RANGE_SHARE = 0.9  # of the nearest range wanted: what is nearer is not trusted
 MAX_BASELINE_ERROR = 0.5  # share of the baseline: more is not corrected, images of so different places do not match
@@ -23,38 +22,7 @@ MAX_SINE = 0.9  # of the largest disparity
 BELOW_ZERO_DEG = 0.7  # disparities searched below 0, for what calibration leaves
 
 
-def centre_of(cameras: Sequence[RigCamera]) -> NDArray[np.float64]:
-    """Return the mean of the cameras' centres (3,) in the frame of the rig."""
-    return np.mean([camera.T_rig_camera.translation for camera in cameras], axis=0)
-
-
-def sphere_frame(rig: Rig) -> tuple[SE3, float]:
-    """Return T_rig_sphere and the vertical baseline in m, 0 for a rig of one level.
-
-    A vertical rig's sphere lies in the middle of its top cameras; its z axis points there from the middle of the bottom
-    ones, so that a point has the same column in both spheres. Its x axis is the rig's, as nearly as possible.
-    """
-    if not rig.is_vertical:
-        return SE3.from_parts(np.eye(3), centre_of(rig.cameras)), 0.0
-    top, bottom = centre_of(rig.at_level("top")), centre_of(rig.at_level("bottom"))
-    baseline_m = float(np.linalg.norm(top - bottom))
-    if baseline_m < MIN_BASELINE_M:
-        raise ValueError(f"rig {rig.name}: expected levels at least {MIN_BASELINE_M} m apart, found {baseline_m:.4f} m")
-    if top[2] <= bottom[2]:
-        raise ValueError(
-            f"rig {rig.name}: level: expected top above bottom along z, found {top[2]:.3f}, {bottom[2]:.3f}"
-        )
-    return SE3.from_parts(upright((top - bottom) / baseline_m, np.array([1.0, 0.0, 0.0])), top), baseline_m
-
-
-def upright(z: NDArray[np.float64], forward: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the rotation whose z axis is the unit vector z and whose x axis is nearest to `forward`."""
-    x = forward - z * (z @ forward)
-    x = x / np.linalg.norm(x)
-    return np.stack([x, np.cross(z, x), z], axis=1)
-
-
-def search_of(window: Spherical, baseline_m: float, params: MatchParams) -> Search:
+def disparities_of_ranges(window: Spherical, baseline_m: float, params: MatchParams) -> Search:
     """Return the disparities, in px, of everything from the nearest range wanted to beyond all."""
     largest = np.arcsin(min(baseline_m / params.nearest_m, MAX_SINE))
     per_radian = window.full_width / (2 * np.pi)
@@ -93,7 +61,7 @@ def baseline_error(layouts: Sequence[Layout], baseline_m: float) -> Plane:
     they are apart at a right angle to the ray, in the plane of ray and baseline.
     """
     top, bottom = layouts
-    apart = top.centres[top.owner] - bottom.centres[bottom.owner]  # (H, W, 3); what nobody shows is any camera's
+    apart = top.centers[top.owner] - bottom.centers[bottom.owner]  # (H, W, 3); what nobody shows is any camera's
     height, width = top.owner.shape
     azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
     sine, cosine = (f((0.5 - (np.arange(height)[:, None] + 0.5) / height) * np.pi) for f in (np.sin, np.cos))
@@ -110,7 +78,7 @@ def correct_baseline(range_m: Plane, std_m: Plane, error: Plane, distance_m: flo
     stretch(range_m, std_m, error, np.float32(1.0 / distance_m if distance_m else 0.0))
 
 
-def to_common_centre(range_m: Plane, std_m: Plane, layout: Layout) -> tuple[Plane, Plane]:
+def to_common_center(range_m: Plane, std_m: Plane, layout: Layout) -> tuple[Plane, Plane]:
     """Return range and deviation (H, W) as from the sphere's centre; before, each pixel's camera was taken for it."""
     height, width = range_m.shape
     azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
@@ -118,5 +86,5 @@ def to_common_centre(range_m: Plane, std_m: Plane, layout: Layout) -> tuple[Plan
     columns = np.stack([np.sin(azimuth), np.cos(azimuth)]).astype(np.float32)
     rows = np.stack([np.sin(elevation), np.cos(elevation)]).astype(np.float32)
     moved, moved_std = np.empty_like(range_m), np.empty_like(std_m)
-    recentre(range_m, std_m, layout.owner, layout.centres, columns, rows, moved, moved_std)
+    recenter(range_m, std_m, layout.owner, layout.centers, columns, rows, moved, moved_std)
     return moved, moved_std

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -16,11 +17,31 @@ from sphere_nav.geometry.cameras.camera import pixel_grid
 
 Plane = NDArray[np.float32]
 Flags = NDArray[np.bool_]
+Image = NDArray[np.uint8]
 MAX_DEVIATIONS = 3.0  # sources that differ by more do not see the same
 CONTRADICTION = 3.0  # a source up to so much less sure than the surest, that differs, makes a pixel unknown,
 CONTRADICTION_SHARE = 0.05  # if it differs by this share of the range at least
 
+MIN_KNOWN = 0.005  # share with range below which it moves nothing: what is known is right, but far from the most
+
 Ranged = tuple[Plane, Plane]  # range and its standard deviation (H, W) in m; NaN unknown, range +Inf known to be far
+
+
+@dataclass(frozen=True, eq=False)
+class StereoRange:
+    """What the images of a rig say about range: measured, of bare planes, and the bottom sphere of a vertical rig."""
+
+    measured: list[Ranged] = field(default_factory=list)
+    planes: Ranged | None = None
+    bottom: Image | None = None
+
+
+def join_sources(sources: Sequence[Ranged], planes: Ranged | None, whole: Spherical) -> tuple[Ranged, Flags | None]:
+    """Return range and deviation (H, W) of all sources, bare planes where they know nothing; and where that is."""
+    shape = (whole.height, whole.width)
+    unknown = np.full(shape, np.nan, np.float32), np.full(shape, np.nan, np.float32)
+    ranged = fuse_sources(sources) if sources else unknown
+    return ranged, None if planes is None else fill_unknown(ranged, planes)
 
 
 def fuse_sources(sources: Sequence[Ranged]) -> Ranged:
@@ -49,6 +70,17 @@ def fill_unknown(ranged: Ranged, planes: Ranged) -> Flags:
     for values, others in zip(ranged, planes, strict=True):
         values[is_filled] = others[is_filled]
     return is_filled
+
+
+def inverse_range(range_m: Plane, is_covered: Flags) -> Plane | None:
+    """Return 1 / range (H, W) everywhere, from known pixels around where unknown; None where too little is known."""
+    known = ~np.isnan(range_m)
+    share = np.count_nonzero(known) / max(int(np.count_nonzero(is_covered)), 1)
+    if not known.any() or share < MIN_KNOWN:
+        return None
+    with np.errstate(divide="ignore"):
+        inverse = fill((1.0 / range_m).astype(np.float32), known)
+    return cv2.medianBlur(inverse, 5)
 
 
 def fill(values: Plane, known: NDArray[np.bool_]) -> Plane:

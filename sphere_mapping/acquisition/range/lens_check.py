@@ -12,9 +12,8 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.range.semi_global import Image
 from sphere_nav.geometry import Camera, Fisheye, Pinhole, Rig, RigCamera, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 INFO_TOLERANCE = 1e-3  # relative; a focal length that differs more is another camera's
 MAX_RAYS_DEG = 1.0  # median difference of the rays of two calibrations of one lens
@@ -139,7 +138,7 @@ def _read_as(camera: Camera, model: type[Pinhole] | type[Fisheye], k1: float) ->
 
 def _is_shared(rig: Rig, first: str, second: str) -> bool:
     """Return whether two cameras see enough of the same directions."""
-    rays = FEW.unproject(pixel_grid(FEW))
+    rays = pixel_rays(FEW)
     weight = np.hypot(rays[..., 0], rays[..., 1])
     seen = [rig.camera(name).camera.project(rays @ rig.camera(name).T_rig_camera.rotation) for name in (first, second)]
     return float(weight[seen[0][1] & seen[1][1]].sum()) >= MIN_SHARED * float(weight.sum())

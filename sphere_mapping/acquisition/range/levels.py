@@ -18,7 +18,7 @@ UNKNOWN_SIDE, FROM_UNKNOWN = 7, 2  # px: side of an unknown region that counts, 
 UNKNOWN_PX = 1e4  # stands for unknown where the largest or least is looked for
 
 
-def halve(image: Image, is_whole: bool) -> Image:
+def halve_image(image: Image, is_whole: bool) -> Image:
     """Return the image at half its size."""
     height, width = image.shape
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE

@@ -33,7 +33,7 @@ from sphere_mapping.acquisition.range.levels import (
     at_unknown,
     double,
     fit,
-    halve,
+    halve_image,
     has_texture_around,
     interpolate,
     usable_at,
@@ -113,7 +113,7 @@ def match_columns(
         shape = levels[k][0].shape
         coarser = None if found is None else _interpolate(found, shape, search.is_whole)
         if k >= halvings:
-            matched, coarser = matches.judge(k, coarser)
+            matched, coarser = matches.check_level(k, coarser)
             start = _keep_sure(matched, search, edge_px)
         else:
             assert coarser is not None
@@ -134,9 +134,9 @@ def _levels_of(top: Image, bottom: Image, search: Search, halvings: int) -> list
     """Return both images at full size, and halved until all disparities are reached and NUM_SCALES levels match."""
     levels = [(top, bottom)]
     while len(levels) <= halvings or not _is_reached(search, len(levels) - 1, levels[-1][0]):
-        levels.append((halve(levels[-1][0], search.is_whole), halve(levels[-1][1], search.is_whole)))
+        levels.append((halve_image(levels[-1][0], search.is_whole), halve_image(levels[-1][1], search.is_whole)))
     while len(levels) < halvings + NUM_SCALES and min(levels[-1][0].shape) >= 2 * MIN_SIDE:
-        levels.append((halve(levels[-1][0], search.is_whole), halve(levels[-1][1], search.is_whole)))
+        levels.append((halve_image(levels[-1][0], search.is_whole), halve_image(levels[-1][1], search.is_whole)))
     return levels
 
 
@@ -156,7 +156,7 @@ class _Matches:
         self._is_sure: dict[tuple[int, int], Flags] = {}  # matches of a level, seen at a coarser one
         self._found: Plane | None = None
 
-    def judge(self, k: int, coarser: Disparity | None) -> tuple[Plane, Disparity | None]:
+    def check_level(self, k: int, coarser: Disparity | None) -> tuple[Plane, Disparity | None]:
         """Return the disparity of a level, what is nearer from coarser ones; and `coarser` where it is not denied.
 
         Called for one level after the other, the coarsest first.
@@ -238,7 +238,7 @@ def refine(
 ) -> Disparity:
     """Align blocks of the upper image with the lower one along the column, starting from the matched disparity.
 
-    The shift of a block minimises the squared grey-level difference beside a constant (cameras expose differently);
+    The shift of a block minimizes the squared grey-level difference beside a constant (cameras expose differently);
     with noise of variance s^2 in both images its variance is 2 s^2 / sum of squared slopes. What the calibration leaves
     comes on top.
     """

@@ -17,12 +17,13 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.kernels import count_votes, mean_of_window, place_window
 from sphere_mapping.acquisition.params import StitchParams
-from sphere_mapping.acquisition.range.epipolar import range_from_disparity, search_of, upright
-from sphere_mapping.acquisition.range.fusion import MAX_DEVIATIONS, Ranged, fuse_planes
+from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges, range_from_disparity
+from sphere_mapping.acquisition.range.fusion import MAX_DEVIATIONS, Ranged, StereoRange, fuse_planes
 from sphere_mapping.acquisition.range.matching import match_columns
+from sphere_mapping.acquisition.stitching.layouts import Layouts, upright
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import SE3, Rig, RigCamera, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 Image = NDArray[np.uint8]
 Plane = NDArray[np.float32]
@@ -50,6 +51,24 @@ class Pair:
     rays: NDArray[np.float32]  # (h, w, 3), in the frame of the sphere
     pixels: NDArray[np.float32]  # (h, w, 2), where the sphere has them
     sees: Flags  # (H, W), which directions of the sphere both cameras see
+
+
+class PairwiseStereo:
+    """Range of a rig of one level. `warning`: why there will be none, empty where there will be."""
+
+    is_checked = True  # there is no order to check
+
+    def __init__(self, layouts: Layouts, params: StitchParams, jobs: int) -> None:
+        self._whole, self._params, self._jobs = layouts.whole, params, jobs
+        self.pairs = pairs_of(layouts.rig, layouts.views, layouts.whole, params)
+        self.warning = "" if self.pairs else why_no_pair(layouts.rig, layouts.views)
+
+    def find(self, grays: dict[str, Image]) -> StereoRange:
+        """Return the range from the grey images of one instant, by camera."""
+        pairs = [pair for pair in self.pairs if pair.first in grays and pair.second in grays]
+        if not pairs:
+            return StereoRange()
+        return StereoRange([range_of_pairs(pairs, grays, self._whole, self._params, self._jobs)])
 
 
 def pairs_of(rig: Rig, rig_views: dict[str, RigView], whole: Spherical, params: StitchParams) -> list[Pair]:
@@ -84,7 +103,7 @@ def why_no_pair(rig: Rig, rig_views: dict[str, RigView]) -> str:
 
 def shared_view(a: RigView, b: RigView) -> float:
     """Return the share of all directions that both cameras see."""
-    rays = FEW.unproject(pixel_grid(FEW))
+    rays = pixel_rays(FEW)
     weight = np.hypot(rays[..., 0], rays[..., 1])  # columns are narrower towards the poles
     both = (a.project(rays * FAR_M)[2] > 0) & (b.project(rays * FAR_M)[2] > 0)
     return float(weight[both].sum() / weight.sum())
@@ -96,7 +115,7 @@ def _pair(a: RigCamera, b: RigCamera, rig_views: dict[str, RigView], params: Sti
     baseline_m = float(np.linalg.norm(along))
     R = upright(along / baseline_m, T_sphere_a.rotation[:, 2] + T_sphere_b.rotation[:, 2])
     window = _window(params)
-    rays = window.unproject(pixel_grid(window))
+    rays = pixel_rays(window)
     seen = []
     for T_sphere_camera, rig_view in ((T_sphere_a, rig_views[a.name]), (T_sphere_b, rig_views[b.name])):
         turned = SE3.from_parts(R.T @ T_sphere_camera.rotation, np.zeros(3))
@@ -121,7 +140,7 @@ def _pair(a: RigCamera, b: RigCamera, rig_views: dict[str, RigView], params: Sti
 
 def _on_sphere(is_usable: NDArray[np.bool_], window: Spherical, R: NDArray[np.float64], whole: Spherical) -> Flags:
     """Return what is usable in a window whose frame is turned by R, at the pixels (H, W) of the whole sphere."""
-    pixels, is_inside = window.project(whole.unproject(pixel_grid(whole)) @ R)
+    pixels, is_inside = window.project(pixel_rays(whole) @ R)
     u, v = (np.nan_to_num(pixels[..., k], nan=-1e4).astype(np.float32) for k in (0, 1))
     return is_inside & (cv2.remap(is_usable.astype(np.uint8), u, v, cv2.INTER_NEAREST) > 0)
 
@@ -157,7 +176,7 @@ def _range_of_pair(pair: Pair, images: dict[str, Image], params: StitchParams, r
         cv2.remap(images[name], *table, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
         for name, table in zip((pair.first, pair.second), pair.tables, strict=True)
     )
-    search = search_of(pair.window, pair.baseline_m, params.match)
+    search = disparities_of_ranges(pair.window, pair.baseline_m, params.match)
     disparity = match_columns(top, bottom, search, params.match, pair.is_usable, 1, EDGE_PX)
     own_m, own_std_m = range_from_disparity(disparity, pair.window, pair.baseline_m, params.match)
     nearest, places = np.full(range_m.shape, np.inf, np.float32), np.empty((3, *own_m.shape), np.float32)

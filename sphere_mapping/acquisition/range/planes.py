@@ -22,12 +22,12 @@ from sphere_mapping.acquisition.kernels import match_outline
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.epipolar import FAR_M, MIN_RANGE_SHARE
 from sphere_mapping.acquisition.range.fusion import Ranged
-from sphere_mapping.acquisition.range.levels import halve
+from sphere_mapping.acquisition.range.levels import halve_image
 from sphere_mapping.acquisition.range.matching import LEAST_NOISE, Search
 from sphere_mapping.acquisition.range.outlines import HALF, Outline, bare_regions, cut_outlines
 from sphere_nav.geometry import Spherical
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 Image = NDArray[np.uint8]
@@ -49,7 +49,7 @@ MAX_RELATIVE_STD = 0.05  # above which nothing is said
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class Viewpoints:
     """From where the pixels of the upper sphere are seen.
 
     owner (H, W): number of the camera of each pixel; centres (N, 3) m of the cameras in the frame of the sphere;
@@ -58,15 +58,9 @@ class Places:
 
     baseline_m: float
     owner: NDArray[np.int8]
-    centres: Plane
+    centers: Plane
     baseline_error: Plane
-    per_m: float = 0.0
-
-    @classmethod
-    def of_pair(cls, whole: Spherical, baseline_m: float) -> Places:
-        """Return those of two spheres that were taken from one place each."""
-        shape = (whole.height, whole.width)
-        return cls(baseline_m, np.zeros(shape, np.int8), np.zeros((1, 3), np.float32), np.zeros(shape, np.float32))
+    per_m: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,7 +69,7 @@ class _Pieces:
 
     region: NDArray[np.int64]
     rays: Array
-    centres: Array
+    centers: Array
     inverse: Array
     std: Array
 
@@ -85,7 +79,7 @@ def range_of_planes(
     bottom: Image,
     ranged: Ranged,
     is_usable: Flags,
-    places: Places,
+    viewpoints: Viewpoints,
     search: Search,
     params: MatchParams,
 ) -> Ranged:
@@ -93,13 +87,13 @@ def range_of_planes(
 
     NaN elsewhere. What is measured and contradicts the plane counts for nothing: blocks at the rim of a bare region see
     the edge of another thing. top, bottom: as for `match_columns`, whole spheres; ranged: what is measured, from the
-    places.
+    viewpoints.
     """
     whole = Spherical(top.shape[1], top.shape[0])
     found = np.full(top.shape, np.nan, np.float32), np.full(top.shape, np.nan, np.float32)
     level = max(int(np.ceil(np.log2(whole.width / MAX_WIDTH))), 0)
     for _ in range(level):
-        top, bottom = halve(top, is_whole=True), halve(bottom, is_whole=True)
+        top, bottom = halve_image(top, is_whole=True), halve_image(bottom, is_whole=True)
     labels, boxes, seam = bare_regions(top, ranged[0], is_usable, level)
     if len(boxes) == 0:
         return found
@@ -107,15 +101,15 @@ def range_of_planes(
     outlines = list(cut_outlines(rolled[0], labels, boxes))
     if not outlines:
         return found
-    pieces = _match(rolled, outlines, seam, level, whole, places, search, params)
+    pieces = _match(rolled, outlines, seam, level, whole, viewpoints, search, params)
     planes = {}
     for region in np.unique(pieces.region):
         own = pieces.region == region
-        plane = _fit(pieces.rays[own], pieces.centres[own], pieces.inverse[own], pieces.std[own])
+        plane = _fit(pieces.rays[own], pieces.centers[own], pieces.inverse[own], pieces.std[own])
         if plane is not None:
             planes[int(region)] = plane
     if planes:
-        _extend(planes, np.roll(labels, seam, axis=1), level, places, ranged, params, found)
+        _extend(planes, np.roll(labels, seam, axis=1), level, viewpoints, ranged, params, found)
     return found
 
 
@@ -125,7 +119,7 @@ def _match(
     seam: int,
     level: int,
     whole: Spherical,
-    places: Places,
+    viewpoints: Viewpoints,
     search: Search,
     params: MatchParams,
 ) -> _Pieces:
@@ -153,12 +147,12 @@ def _match(
     column = (corner[is_clear, 1] + HALF + seam) * step % whole.width
     row = np.clip(np.rint(rows * step), 0, whole.height - 1).astype(np.int64)
     std = np.sqrt(variance * np.maximum(least / floor, 1.0) + FLOOR_PX**2)
-    inverse, inverse_std = _inverse_range(disparity * step, std * step, above, places.baseline_m, whole)
-    error = places.baseline_error[row, column].astype(np.float64)
-    factor = (1.0 + error * places.per_m / inverse) / (1.0 + error)
+    inverse, inverse_std = _inverse_range(disparity * step, std * step, above, viewpoints.baseline_m, whole)
+    error = viewpoints.baseline_error[row, column].astype(np.float64)
+    factor = (1.0 + error * viewpoints.per_m / inverse) / (1.0 + error)
     rays = whole.unproject(np.stack([column, rows * step], axis=1).astype(np.float64))
-    centres = places.centres[places.owner[row, column]].astype(np.float64)
-    return _Pieces(region[is_clear], rays, centres, inverse * factor, inverse_std * np.abs(factor))
+    centers = viewpoints.centers[viewpoints.owner[row, column]].astype(np.float64)
+    return _Pieces(region[is_clear], rays, centers, inverse * factor, inverse_std * np.abs(factor))
 
 
 def _inverse_range(
@@ -172,14 +166,14 @@ def _inverse_range(
     return inverse, slope * std * per_row
 
 
-def _fit(rays: Array, centres: Array, inverse: Array, std: Array) -> tuple[Array, Array] | None:
+def _fit(rays: Array, centers: Array, inverse: Array, std: Array) -> tuple[Array, Array] | None:
     """Return the plane n (3,), n . point = 1, and its covariance; None where the pieces are not on one plane.
 
     A point at range r is centre + r ray, so n . (ray + centre / r) = 1 / r.
     """
     if len(rays) < MIN_PIECES:
         return None
-    rows, is_on = (rays + centres * inverse[:, None]) / std[:, None], np.ones(len(rays), np.bool_)
+    rows, is_on = (rays + centers * inverse[:, None]) / std[:, None], np.ones(len(rays), np.bool_)
     for _ in range(3):
         squares = rows[is_on].T @ rows[is_on]
         if is_on.sum() < MIN_PIECES or np.linalg.cond(squares) > 1e12:
@@ -200,7 +194,7 @@ def _extend(
     planes: Mapping[int, tuple[Array, Array]],
     labels: NDArray[np.int32],
     level: int,
-    places: Places,
+    viewpoints: Viewpoints,
     ranged: Ranged,
     params: MatchParams,
     found: Ranged,
@@ -215,7 +209,7 @@ def _extend(
     own = wide[v, u]
     n, covariance = (np.stack([plane[k] for plane in planes.values()])[own] for k in (0, 1))
     rays = whole.unproject(np.stack([u, v], axis=1).astype(np.float64))
-    inverse = np.sum(rays * n, axis=1) / (1.0 - np.sum(places.centres[places.owner[v, u]] * n, axis=1))
+    inverse = np.sum(rays * n, axis=1) / (1.0 - np.sum(viewpoints.centers[viewpoints.owner[v, u]] * n, axis=1))
     variance = np.einsum("ij,ijk,ik->i", rays, covariance, rays) + (RELATIVE_STD * inverse) ** 2
     keep = (inverse > 1.0 / FAR_M) & (inverse < 1.0 / (MIN_RANGE_SHARE * params.nearest_m))
     keep &= variance < (MAX_RELATIVE_STD * inverse) ** 2

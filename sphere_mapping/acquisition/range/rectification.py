@@ -23,15 +23,15 @@ from sphere_mapping.acquisition.range.rig_adjustment import (
     Matches,
     correct,
     epipolar_errors,
-    errors,
+    match_angles,
     slopes,
 )
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import Rig, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 Image = NDArray[np.uint8]
-Array = NDArray[np.float64]
 
 POLE_DEG = 35.0  # features nearer to a pole of the sphere are drawn too wide to be compared
 LOSS_SCALES_DEG = (1.0, 0.4, 0.15, 0.06)  # the loss is narrowed step by step: at first half may be wrong matches
@@ -41,20 +41,19 @@ MAX_RATIO = 0.75  # distance of a match over that of the second best
 FROM_BORDER_DEG = 1.0  # features nearer to the border of an image are left out
 CLOUD_REACH_DEG = 0.4  # a LiDAR's point this near to a feature tells its range
 MIN_MATCHES = 15  # below which a pair of cameras says nothing
-FOCAL_SHARE, CENTRE_SHARE = 0.003, 0.005  # deviations of focal length and principal point, by the focal length
+FOCAL_SHARE, CENTER_SHARE = 0.003, 0.005  # deviations of focal length and principal point, by the focal length
 CONTRAST = 0.015  # of a feature, as SIFT counts it
 
 
 @dataclass(frozen=True, eq=False)
-class Rectified:
-    """The corrected rig; by camera, by how much it was turned (deg) and from how many matches that is known.
+class RigCorrection:
+    """The corrected rig, and by camera the angle (deg) of its correction.
 
     before_deg, after_deg: median angle between matches and their epipolar planes.
     """
 
     rig: Rig
-    turned_deg: dict[str, float]
-    num_matches: dict[str, int]
+    angle_deg: dict[str, float]
     before_deg: float
     after_deg: float
 
@@ -66,50 +65,49 @@ def matches_of(
 
     points_sphere (N, 3): a LiDAR's cloud; it tells how far features are.
     """
-    places = {rig_view.name: rig_view for rig_view in rig_views}
+    views = {rig_view.name: rig_view for rig_view in rig_views}
     whole = Spherical(params.width, params.width // 2)
-    rays = whole.unproject(pixel_grid(whole))
+    rays = pixel_rays(whole)
     found = {
-        rig_view.name: _features(rig_view, images[rig_view.name], rays, params)
+        rig_view.name: _features(rig_view, images[rig_view.name], rays)
         for rig_view in rig_views
         if rig_view.name in images
     }
     matches = []
     for a, b in combinations(found, 2):
-        pairs = _pair(found[a], found[b], params)
+        pairs = _pair(found[a], found[b])
         if len(pairs[0]) >= MIN_MATCHES:
             pixels = found[a][0][pairs[0]]
-            ranges = None if points_sphere is None else _range_at(pixels, places[a], points_sphere, params)
+            ranges = None if points_sphere is None else _range_at(pixels, views[a], points_sphere)
             matches.append(Matches(a, b, pixels, found[b][0][pairs[1]], ranges))
     return matches
 
 
-def rectified(rig: Rig, matches: Sequence[Matches], params: RectifyParams) -> Rectified:
+def rectify(rig: Rig, matches: Sequence[Matches], params: RectifyParams) -> RigCorrection:
     """Return the rig corrected by matches of one or several instants."""
     names = [part.name for part in rig.cameras]
     values = np.zeros(NUM_VALUES * len(names))
     turn = np.radians(params.turn_deg)
-    prior = np.tile([turn, turn, turn, FOCAL_SHARE, CENTRE_SHARE, CENTRE_SHARE], len(names))
+    prior = np.tile([turn, turn, turn, FOCAL_SHARE, CENTER_SHARE, CENTER_SHARE], len(names))
     before = epipolar_errors(rig, matches)
     if not matches:
-        return Rectified(rig, dict.fromkeys(names, 0.0), dict.fromkeys(names, 0), float("nan"), float("nan"))
+        return RigCorrection(rig, dict.fromkeys(names, 0.0), float("nan"), float("nan"))
     for scale_deg in LOSS_SCALES_DEG:
         scale = np.radians(scale_deg)
 
         def cost(now: Array, scale: float = scale) -> Array:
-            return np.concatenate([_soften(errors(correct(rig, now), matches, scale))[0], now / prior])
+            return np.concatenate([_soften(match_angles(correct(rig, now), matches, scale))[0], now / prior])
 
         def change(now: Array, scale: float = scale) -> Array:
-            weights = _soften(errors(correct(rig, now), matches, scale))[1]
+            weights = _soften(match_angles(correct(rig, now), matches, scale))[1]
             return np.vstack([weights[:, None] * slopes(rig, now, matches, scale), np.diag(1 / prior)])
 
         values = least_squares(cost, values, change, method="trf", x_scale=prior, max_nfev=20).x
     better = correct(rig, values)
     after = epipolar_errors(better, matches)
-    turned = np.degrees(np.linalg.norm(values.reshape(-1, NUM_VALUES)[:, :3], axis=1))
-    counts = {name: sum(len(m.pixels_first) for m in matches if name in (m.first, m.second)) for name in names}
+    angles_deg = np.degrees(np.linalg.norm(values.reshape(-1, NUM_VALUES)[:, :3], axis=1))
     medians = [float(np.degrees(np.median(np.abs(errors)))) for errors in (before, after)]
-    return Rectified(better, dict(zip(names, turned.tolist(), strict=True)), counts, *medians)
+    return RigCorrection(better, dict(zip(names, angles_deg.tolist(), strict=True)), *medians)
 
 
 def _soften(values: Array) -> tuple[Array, Array]:
@@ -120,9 +118,7 @@ def _soften(values: Array) -> tuple[Array, Array]:
     return np.copysign(root, values), np.where(is_small, 1.0, slope)
 
 
-def _features(
-    rig_view: RigView, image: Image, rays: Array, params: RectifyParams
-) -> tuple[Array, Array, NDArray[np.float32]]:
+def _features(rig_view: RigView, image: Image, rays: Array) -> tuple[Array, Array, NDArray[np.float32]]:
     """Return pixels of the camera, rays of the sphere and descriptors of features, seen from very far."""
     height = len(rays)
     u, v, border = rig_view.project(rays * 1e6)
@@ -139,7 +135,7 @@ def _features(
     return np.stack(pixels, axis=1).astype(np.float64), np.stack(own, axis=1).astype(np.float64), descriptors
 
 
-def _range_at(pixels: Array, rig_view: RigView, points_sphere: Array, params: RectifyParams) -> Array:
+def _range_at(pixels: Array, rig_view: RigView, points_sphere: Array) -> Array:
     """Return the range (N,) of the cloud's point seen next to each pixel, NaN where none is near."""
     points = rig_view.T_sphere_camera.inverse().apply(points_sphere)
     at, visible = rig_view.camera.project(points)
@@ -151,7 +147,7 @@ def _range_at(pixels: Array, rig_view: RigView, points_sphere: Array, params: Re
     return np.where(np.isfinite(distance), ranges[nearest], np.nan)
 
 
-def _pair(first: tuple, second: tuple, params: RectifyParams) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _pair(first: tuple, second: tuple) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Return indices (N,) of features that choose each other, clearly, and not too far apart on the sphere."""
     nothing = np.zeros(0, np.intp), np.zeros(0, np.intp)
     if len(first[0]) < 2 or len(second[0]) < 2:

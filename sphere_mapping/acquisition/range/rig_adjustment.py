@@ -12,12 +12,11 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Rig, RigCamera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.so3 import hat, left_jacobian
 
-Array = NDArray[np.float64]
 Error = Callable[[Array, Array, Array], Array]  # of rays (N, 3) of both cameras and the baseline (3,) -> (N,) rad
 
 NUM_VALUES = 6  # of a camera
@@ -49,14 +48,14 @@ def epipolar_errors(rig: Rig, matches: Sequence[Matches]) -> Array:
     return np.nan_to_num(np.concatenate([np.zeros(0), *found]))
 
 
-def errors(rig: Rig, matches: Sequence[Matches], scale: float) -> Array:
+def match_angles(rig: Rig, matches: Sequence[Matches], scale: float) -> Array:
     """Return the angles (M,) by the scale, of all matches off their planes and of those with range off their place."""
     found = [error(*_rays(rig, match)) for match, error in _terms(matches, scale)]
     return np.nan_to_num(np.concatenate(found)) / scale
 
 
 def slopes(rig: Rig, values: Array, matches: Sequence[Matches], scale: float) -> Array:
-    """Return the change (M, 6 N) of `errors` of the corrected rig with the values (6 N,)."""
+    """Return the change (M, 6 N) of `match_angles` of the corrected rig with the values (6 N,)."""
     guess, rows = correct(rig, values), []
     for match, error in _terms(matches, scale):
         x, y, along = _rays(guess, match)
@@ -125,8 +124,8 @@ def _ray_by_values(part: RigCamera, own: Array, pixels: Array) -> Array:
     shifted = [camera.unproject(pixels + step) - camera.unproject(pixels - step) for step in steps]
     by_u, by_v = (change / (2 * PIXEL_STEP) for change in shifted)
     by_turn = -hat(camera.unproject(pixels)) @ left_jacobian(-own[:3])
-    from_centre = pixels - (camera.cx, camera.cy)
-    by_focal = -(by_u * from_centre[:, :1] + by_v * from_centre[:, 1:])
+    from_center = pixels - (camera.cx, camera.cy)
+    by_focal = -(by_u * from_center[:, :1] + by_v * from_center[:, 1:])
     fx, fy = part.camera.coefficients[:2]
     by_lens = np.stack([by_focal, -fx * by_u, -fy * by_v], axis=2)
     return moved.T_rig_camera.rotation @ np.concatenate([by_turn, by_lens], axis=2)

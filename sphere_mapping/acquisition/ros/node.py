@@ -1,7 +1,4 @@
-"""The node `sphere_stitcher`: the images of a rig in, augmented spheres out.
-
-A sphere as a small picture, for those who only want to look.
-"""
+"""The node `sphere_stitcher`: the images of a rig in, augmented spheres and a small JPEG of each out."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ from tf2_msgs.msg import TFMessage
 
 from sphere_mapping.acquisition import kernels
 from sphere_mapping.acquisition.params import SphereStitcherParams
-from sphere_mapping.acquisition.range.rectification import rectified
+from sphere_mapping.acquisition.range.rectification import rectify
 from sphere_mapping.acquisition.ros.rig_intake import RigInstant, RigIntake
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_mapping.acquisition.stitching.views import masks_of
@@ -63,7 +60,7 @@ class SphereStitcher(ManagedNode):
     def activate(self) -> None:
         """Tell where the sphere is on the rig."""
         if self.intake is not None:
-            self.tell_place()
+            self.publish_frame()
 
     def clock_jumped(self) -> None:
         """Forget half-complete instants."""
@@ -82,7 +79,7 @@ class SphereStitcher(ManagedNode):
             except ValueError as error:
                 raise ValueError(str(error).replace(str(path), "rig_description")) from None
         self.use(rig)
-        self.tell_place()
+        self.publish_frame()
 
     def use(self, rig: Rig) -> None:
         """Compute the tables of a rig, listen to its cameras."""
@@ -91,15 +88,14 @@ class SphereStitcher(ManagedNode):
         tf = TransformListener(self.endpoints) if self.params.has_cloud else None
         lookup = tf.lookup if tf else TransformTree().lookup
         self.intake = RigIntake(rig, self.params, self.now_ns, lookup, self.on_instants)
-        for topic, kind, callback, profile in self.intake.subscriptions():
-            self.add_subscription(topic, kind, callback, profile, is_required=topic == "points")
+        self.intake.subscribe(self.endpoints)
         if self.stitcher.warning:
             self.log.warning(self.stitcher.warning)
             self.report("range", WARN, self.stitcher.warning)
         self.add_timer(self.params.sync.deadline_s / 4, self.intake.close_late)
         self.report("stitching", OK, "waiting for images")
 
-    def tell_place(self) -> None:
+    def publish_frame(self) -> None:
         """Publish where the sphere is on the rig."""
         p, T_rig_sphere = self.params, self.stitcher.T_rig_sphere
         transform = conversions.se3_to_transform(T_rig_sphere, self.now_ns(), p.rig_frame, p.sphere_frame)
@@ -122,12 +118,12 @@ class SphereStitcher(ManagedNode):
         self.is_rectified, p = True, self.params.rectify
         seen = [instant for instant in instants if instant.images]
         matches = [match for one in seen for match in self.stitcher.matches(one.images, p, one.points)]
-        found = rectified(self.stitcher.rig, matches, p)
+        found = rectify(self.stitcher.rig, matches, p)
         self.stitcher = Stitcher(found.rig, self.params.stitch, masks_of(found.rig), self.params.jobs)
-        self.tell_place()
-        worst = max(found.turned_deg, key=lambda name: found.turned_deg[name])
-        text = f"{worst} turned by {found.turned_deg[worst]:.2f} deg against the rig file, the others less"
-        is_off = found.turned_deg[worst] > p.warn_deg
+        self.publish_frame()
+        worst = max(found.angle_deg, key=lambda name: found.angle_deg[name])
+        text = f"{worst} turned by {found.angle_deg[worst]:.2f} deg against the rig file, the others less"
+        is_off = found.angle_deg[worst] > p.warn_deg
         self.report("rig", WARN if is_off else OK, text, before_deg=found.before_deg, after_deg=found.after_deg)
         (self.log.warning if is_off else self.log.info)(f"rig: {text}")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
@@ -9,22 +10,47 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rclpy.qos import QoSProfile
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
-from sphere_mapping.acquisition.params import SphereStitcherParams
-from sphere_mapping.acquisition.range.clouds import Clouds, mount_of
+from sphere_mapping.acquisition.params import LidarParams, SphereStitcherParams
 from sphere_mapping.acquisition.range.lens_check import check_info
-from sphere_mapping.acquisition.stitching.synchroniser import Instant, Synchroniser
 from sphere_nav.geometry import SE3, Rig
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.node import ERROR, OK, WARN
+from sphere_nav.ros.camera.images import AnyImage, image_topic, read_depth, read_rgb
+from sphere_nav.ros.camera.synchronizer import Instant, Synchronizer
+from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints
 from sphere_nav.ros.tf import TransformError
-from sphere_nav.spheres.sphere import check_depth, check_image
+from sphere_nav.spheres.sphere import check_depth, check_sphere_image
 
 DEPTH = "/depth"  # a camera's depth is a stream of its own: NAME/depth
+NUM_CLOUDS = 8  # kept: at 10 Hz those of 0.8 s, longer than an instant waits for its cameras
 
-Finding = tuple[str, int, str, dict[str, int]]  # what, level, why, numbers: for the diagnostics
+Points = NDArray[np.float32]
+
+
+class Clouds:
+    """Keeps a few of a LiDAR's clouds (N, 3) in the frame of the rig; hands out the one that belongs to an instant."""
+
+    def __init__(self, max_age_s: float) -> None:
+        self._max_age_ns = max_age_s * 1e9
+        self._kept: deque[tuple[int, Points]] = deque(maxlen=NUM_CLOUDS)
+
+    def clear(self) -> None:
+        """Forget all: the clock jumped."""
+        self._kept.clear()
+
+    def add(self, stamp_ns: int, points: Points) -> None:
+        """Keep a cloud, in place of the oldest."""
+        self._kept.append((stamp_ns, points))
+
+    def has_since(self, stamp_ns: int) -> bool:
+        """Whether a cloud of this time or later is there: no nearer one can come."""
+        return any(stamp >= stamp_ns for stamp, _ in self._kept)
+
+    def at(self, stamp_ns: int) -> Points | None:
+        """Return the cloud nearest in time, None where it is too far away."""
+        nearest = min(self._kept, key=lambda cloud: abs(cloud[0] - stamp_ns), default=None)
+        return None if nearest is None or abs(nearest[0] - stamp_ns) > self._max_age_ns else nearest[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,7 +60,7 @@ class RigInstant:
     sync: Instant
     images: dict[str, NDArray[np.uint8]]
     depths: dict[str, NDArray[np.float32]]
-    points: NDArray[np.float32] | None
+    points: Points | None
 
 
 class RigIntake:
@@ -53,23 +79,26 @@ class RigIntake:
     ) -> None:
         self.rig, self.params = rig, params
         self._now_ns, self._lookup, self._on_instants = now_ns, lookup, on_instants
-        self.clouds, self._has_points = Clouds(params.cloud), True
+        self.clouds, self._has_points = Clouds(params.cloud.max_age_s), True
         depths = tuple(name + DEPTH for name in rig.names) if params.has_depth else ()
         is_ready = self.clouds.has_since if params.has_cloud else lambda stamp_ns: True
-        self.sync = Synchroniser((*rig.names, *depths), params.sync, is_ready, params.rectify.num_instants)
+        waiting = params.sync.slack_s, params.sync.deadline_s, params.sync.policy
+        num_first = params.rectify.num_instants
+        self.sync = Synchronizer((*rig.names, *depths), *waiting, is_ready=is_ready, num_first=num_first)
 
-    def subscriptions(self) -> Iterator[tuple[str, type[Any], Callable[[Any], None], QoSProfile]]:
-        """Yield topic, kind of message, callback and QoS of everything to subscribe."""
-        is_raw = self.params.transport == "raw"
+    def subscribe(self, endpoints: Endpoints) -> None:
+        """Listen to all cameras; none of them is waited for by name, a cloud is."""
         for name in self.rig.names:
-            topic = f"cameras/{name}/image_raw" + ("" if is_raw else "/compressed")
-            kind, profile = (Image, qos.LARGE) if is_raw else (CompressedImage, qos.SENSOR)
-            yield topic, kind, partial(self._on_image, name), profile
-            yield f"cameras/{name}/camera_info", CameraInfo, partial(self._on_info, name), qos.SENSOR
+            topic, kind = image_topic(f"cameras/{name}/image_raw", self.params.transport)
+            profile = qos.LARGE if kind is Image else qos.SENSOR
+            endpoints.add_subscription(topic, kind, partial(self._on_image, name), profile, is_required=False)
+            topic, on_info = f"cameras/{name}/camera_info", partial(self._on_info, name)
+            endpoints.add_subscription(topic, CameraInfo, on_info, is_required=False)
             if self.params.has_depth:
-                yield f"cameras/{name}/depth/image_raw", Image, partial(self._on_depth, name), qos.SENSOR
+                topic, on_depth = f"cameras/{name}/depth/image_raw", partial(self._on_depth, name)
+                endpoints.add_subscription(topic, Image, on_depth, is_required=False)
         if self.params.has_cloud:
-            yield "points", PointCloud2, self._on_points, qos.SENSOR
+            endpoints.add_subscription("points", PointCloud2, self._on_points)
 
     def clear(self) -> None:
         """Forget everything with a stamp: the clock jumped."""
@@ -84,8 +113,8 @@ class RigIntake:
         """Hand out what is still open: the recording has ended."""
         self._hand_out(self.sync.flush())
 
-    def health(self) -> Iterator[Finding]:
-        """Yield what the diagnostics are told of every camera and of the cloud."""
+    def health(self) -> Iterator[tuple[str, int, str, dict[str, int]]]:
+        """Yield what, level, why and numbers for the diagnostics, of every camera and of the cloud."""
         for name, health in self.sync.health.items():
             level = OK if not health.problem else ERROR if health.problem.startswith("frozen") else WARN
             values = {"images": health.num_images, "missing": health.num_missing, "refused": health.num_refused}
@@ -99,17 +128,15 @@ class RigIntake:
         if message.k[0]:  # 0: not calibrated
             check_info(name, self.rig.camera(name).camera, conversions.camera_from_info(message))
 
-    def _on_image(self, name: str, message: Image | CompressedImage) -> None:
-        is_raw, ours = isinstance(message, Image), self.rig.camera(name).camera
-        size = ours.width, ours.height
-        image = conversions.image_to_rgb(message) if is_raw else conversions.compressed_to_array(message, size, name)
-        check_image(image, ours, f"{name}: image size")
+    def _on_image(self, name: str, message: AnyImage) -> None:
+        camera = self.rig.camera(name).camera
+        image = read_rgb(message, (camera.width, camera.height), name)
+        check_sphere_image(image, camera, f"{name}: image size")
         self._put(name, message, image)
 
     def _on_depth(self, name: str, message: Image) -> None:
-        check_depth(
-            depth_m := conversions.depth_to_metres(message), self.rig.camera(name).camera, f"{name}: depth size"
-        )
+        depth_m = read_depth(message)
+        check_depth(depth_m, self.rig.camera(name).camera, f"{name}: depth size")
         self._put(name + DEPTH, message, depth_m)
 
     def _on_points(self, message: PointCloud2) -> None:
@@ -132,7 +159,7 @@ class RigIntake:
                 raise ValueError(f"{error}; cloud.has_mount: expected /tf or true, found neither") from None
             return mount_of(p)
 
-    def _put(self, stream: str, message: Image | CompressedImage, image: NDArray[Any]) -> None:
+    def _put(self, stream: str, message: AnyImage, image: NDArray[Any]) -> None:
         self._hand_out(self.sync.put(stream, conversions.stamp_ns(message), image, self._now_ns()))
 
     def _hand_out(self, instants: list[Instant]) -> None:
@@ -145,3 +172,9 @@ class RigIntake:
         points = self.clouds.at(instant.stamp_ns) if self.params.has_cloud else None
         self._has_points = points is not None
         return RigInstant(instant, images, depths, points)
+
+
+def mount_of(params: LidarParams) -> SE3:
+    """Return T_rig_points of the parameters: turned about x, then y, then z, all of the rig."""
+    roll, pitch, yaw = np.radians([params.roll_deg, params.pitch_deg, params.yaw_deg])
+    return SE3.from_angles(roll, pitch, yaw, [params.x, params.y, params.z])

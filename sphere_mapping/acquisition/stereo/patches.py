@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
 from sphere_nav.geometry import SE3, Pinhole
-
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 HALF_PX = 4  # of a patch's side
 NUM_STEPS = 12
@@ -33,7 +32,7 @@ def spline_of(image: NDArray[np.uint8]) -> NDArray[np.float32]:
     return np.asarray(spline_filter(image.astype(np.float32), 3, np.float32, mode="mirror"), np.float32)
 
 
-def sample(spline: NDArray[np.float32], pixels: Array) -> Array:
+def sample_bilinear(spline: NDArray[np.float32], pixels: Array) -> Array:
     """Return grey levels (...) at pixels (..., 2) by (u, v)."""
     at = np.moveaxis(pixels, -1, 0)[::-1]
     return np.asarray(map_coordinates(spline, at, np.float64, 3, "mirror", prefilter=False), np.float64)
@@ -52,7 +51,7 @@ def cut_patches(spline: NDArray[np.float32], pixels: Array) -> Patches:
     """Return the patches around pixels (N, 2)."""
     side = np.arange(-HALF_PX - 1, HALF_PX + 2)
     grid = np.stack(np.meshgrid(side, side), axis=-1)
-    wide: Array = sample(spline, pixels[:, None, None] + grid)
+    wide: Array = sample_bilinear(spline, pixels[:, None, None] + grid)
     inner = (slice(None), slice(1, -1), slice(1, -1))
     slopes = np.stack([np.asarray(np.gradient(wide, axis=axis))[inner] for axis in (2, 1)], axis=-1)
     return Patches(pixels, wide[inner].reshape(len(pixels), -1), slopes.reshape(len(pixels), -1, 2))
@@ -90,7 +89,7 @@ def find_patches(
     for _ in range(NUM_STEPS):
         at = found[active, None] + warps[active]
         at[..., 0] += slopes[active] @ OFFSETS.T
-        step = np.einsum("npm,nm->np", pull[active], sample(other, at))
+        step = np.einsum("npm,nm->np", pull[active], sample_bilinear(other, at))
         found[active] -= step[:, :2]
         slopes[active] -= step[:, 2:] if is_slanted else 0.0
         is_near = np.abs(found[active] - start[active]).max(axis=1) < MAX_SHIFT_PX

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +16,7 @@ from sphere_mapping.acquisition.range.matching import Disparity, Search, match_c
 from sphere_mapping.acquisition.range.plausibility import check_order
 from sphere_mapping.params import PartialParams, StereoParams
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Sphere, check_image
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Sphere, check_sphere_image, to_gray_bytes
 
 Plane = NDArray[np.float32]
 
@@ -58,32 +57,28 @@ def depth_from_stereo(
     left: Image, right: Image, camera: Pinhole, baseline_m: float, params: StereoParams
 ) -> tuple[Plane, Plane]:
     """Return depth along z (H, W) in metres, NaN where not trusted, and its relative standard deviation (H, W)."""
-    check_image(left, camera, "left image")
-    check_image(right, camera, "right image")
+    check_sphere_image(left, camera, "left image")
+    check_sphere_image(right, camera, "right image")
     if camera.is_distorted:
         raise ValueError(f"stereo camera: expected rectified images (no distortion), found {camera.distortion}")
     if not (np.isfinite(baseline_m) and baseline_m > 0):
         raise ValueError(f"stereo baseline: expected positive metres, found {baseline_m}")
-    disparity = match(left, right, search_of(camera, baseline_m, params), params)
+    disparity = match_pair(left, right, disparities_of_depths(camera, baseline_m, params), params)
     too_small = ~(disparity.value >= MIN_DISPARITY_PX)
     relative_std = disparity.std / np.where(too_small, np.nan, disparity.value)
     depth_m = camera.fx * baseline_m / np.where(relative_std <= params.max_relative_std, disparity.value, np.nan)
     return depth_m.astype(np.float32), relative_std.astype(np.float32)
 
 
-def match(left: Image, right: Image, search: Search, params: StereoParams) -> Disparity:
+def match_pair(left: Image, right: Image, search: Search, params: StereoParams) -> Disparity:
     """Return the disparity of every pixel of the left image of a rectified pair (H, W[, 3]) uint8."""
-    top, bottom = (np.ascontiguousarray(_grey(image).T) for image in (left, right))  # rows become columns
+    top, bottom = (np.ascontiguousarray(to_gray_bytes(image).T) for image in (left, right))  # rows become columns
     check_order(top, bottom, ("left", "right"), is_whole=False)
     found = match_columns(top, bottom, search, params, np.ones(top.shape, np.bool_))
     return Disparity(np.ascontiguousarray(found.value.T), np.ascontiguousarray(found.std.T))
 
 
-def search_of(camera: Pinhole, baseline_m: float, params: StereoParams) -> Search:
+def disparities_of_depths(camera: Pinhole, baseline_m: float, params: StereoParams) -> Search:
     """Return the disparities from the nearest depth wanted, as far as half the image goes, to below 0."""
     nearest = camera.fx * baseline_m / params.nearest_m
     return Search(-BELOW_ZERO_PX, min(nearest, MAX_WIDTH_SHARE * camera.width))
-
-
-def _grey(image: Image) -> Image:
-    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image

@@ -13,9 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.estimation.robust import cauchy_weights
 from sphere_nav.geometry import Pinhole
+from sphere_nav.geometry.arrays import Array
 
-Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
 
 NUM_ROWS, NUM_COLUMNS = 6, 8  # coefficients of both polynomials
@@ -68,8 +70,7 @@ class RowFit:
     @property
     def is_significant(self) -> bool:
         """Whether a correction is better than none."""
-        chi2 = float(self.rows @ np.linalg.solve(self.covariance, self.rows))
-        return chi2 > SIGNIFICANCE**2 + NUM_ROWS
+        return squared_mahalanobis(self.rows, self.covariance) > SIGNIFICANCE**2 + NUM_ROWS
 
 
 def basis_of_rows(x: Array, y: Array) -> Array:
@@ -129,9 +130,10 @@ def fit_rows(camera: Pinhole, left: Array, right: Array) -> RowFit | None:
     A = basis_of_rows(*tangents(camera, right))
     prior = np.eye(NUM_ROWS) / PRIOR_PX**2
     rows: Array = np.zeros(NUM_ROWS)
-    scale, weights, normal = 8 * LOSS_PX, np.ones(len(values)), prior
+    weights: Array = np.ones(len(values))
+    scale, normal = 8 * LOSS_PX, prior
     for _ in range(NUM_STEPS):
-        weights = 1.0 / (1.0 + np.square((values - A @ rows) / scale))
+        weights = cauchy_weights(np.square((values - A @ rows) / scale))
         normal = (A * weights[:, None]).T @ A / LOSS_PX**2 + prior
         rows = np.asarray(np.linalg.solve(normal, (A * weights[:, None]).T @ values / LOSS_PX**2), np.float64)
         scale = max(scale / 2, LOSS_PX)

@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.stereo.stereo_field import (
-    Array,
     Image,
     RowFit,
     StereoField,
@@ -19,7 +18,9 @@ from sphere_mapping.acquisition.stereo.stereo_field import (
     tangents,
 )
 from sphere_nav.geometry import SE3, Camera, Pinhole
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.spheres.sphere import to_gray_bytes
 
 NUM_PAIRS = 10  # whose rows are compared
 MIN_BASELINE_M = 1e-3
@@ -55,13 +56,6 @@ class PairGeometry:
         return replace(
             self, left=self.camera, right=self.camera, R_rectified_left=np.eye(3), R_rectified_right=np.eye(3)
         )
-
-
-def rectified_pair(camera: Pinhole, baseline_m: float) -> PairGeometry:
-    """Return the geometry of a pair whose images are rectified."""
-    if camera.is_distorted:
-        raise ValueError(f"stereo camera: expected rectified images (no distortion), found {camera.distortion}")
-    return PairGeometry(camera, camera, np.eye(3), np.eye(3), camera, baseline_m)
 
 
 def geometry_of(left: Camera, right: Camera, T_left_right: SE3) -> PairGeometry:
@@ -160,7 +154,7 @@ class StereoPair:
 
     def _match(self, left: Image, right: Image) -> tuple[Array, Array]:
         return match_corners(
-            *(_grey(self._warp(image, table)) for image, table in zip((left, right), self._tables, strict=True))
+            *(to_gray_bytes(self._warp(image, table)) for image, table in zip((left, right), self._tables, strict=True))
         )
 
     def _set_tables(self, correction: StereoField | None = None) -> None:
@@ -183,7 +177,3 @@ def _table(lens: Camera, R_rectified_raw: Array, camera: Pinhole, applied: Stere
     at, _ = lens.project(rays)
     u, v = (np.nan_to_num(at[..., k], nan=-1e4).astype(np.float32) for k in range(2))
     return u, v
-
-
-def _grey(image: Image) -> Image:
-    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY) if image.ndim == 3 else image

@@ -16,19 +16,21 @@ import numpy as np
 from sphere_mapping.acquisition.stereo.stereo_field import (
     NUM_BOW,
     NUM_COLUMNS,
-    Array,
     basis_of_columns,
     slopes_of_columns,
     tangents,
 )
+from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.estimation.robust import cauchy_weights
 from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.geometry.arrays import Array
 
 NUM_VIEWS = 4  # instants that a corner is followed through, as far as it is seen
 MIN_TRACKS = 40  # in an instant of a window
 NUM_STEPS = 15
 LOSS_PX = 0.15  # scale of Cauchy's loss on a corner's pixels
 PRIOR_PX = 3.0  # standard deviation of each number before anything is seen
-DEPENDENCE = 3.0  # errors of corners of one window are not independent: of the deviations that the residual gives
+CORRELATED_CORNERS = 9.0  # of one window, that count as one (`estimation/covariance.py`)
 FLOOR_PX = np.array([0.02, *[0.04] * (NUM_COLUMNS - 1)])  # no number of corners lowers it: not all patches are planes
 SIGNIFICANCE = {2: 15.2, 6: 24.1, 8: 27.9}  # chi2 of so many numbers that chance exceeds once in two thousand
 
@@ -64,7 +66,7 @@ class ColumnFit:
 
     def _is_more_than(self, first: int) -> bool:
         rest, covariance = self.columns[first:], self.covariance[first:, first:]
-        return float(rest @ np.linalg.solve(covariance, rest)) > SIGNIFICANCE[len(rest)]
+        return squared_mahalanobis(rest, covariance) > SIGNIFICANCE[len(rest)]
 
 
 def fit_columns(camera: Pinhole, baseline_m: float, windows: Sequence[Window]) -> ColumnFit | None:
@@ -80,7 +82,7 @@ def _fit(camera: Pinhole, baseline_m: float, windows: Sequence[Window], number: 
     states = [_State(camera, baseline_m, window) for window in windows]
     columns, normal = _solve(states, number)
     variance = sum(state.squares for state in states) / max(sum(state.freedom for state in states), 1.0)
-    covariance = np.asarray(np.linalg.inv(normal) * (max(variance, 1e-6) * DEPENDENCE**2), np.float64)
+    covariance = np.asarray(np.linalg.inv(normal) * (max(variance, 1e-6) * CORRELATED_CORNERS), np.float64)
     covariance = covariance + np.diag(FLOOR_PX[:number] ** 2)
     return ColumnFit(columns, covariance, sum(state.window.left.shape[1] for state in states))
 
@@ -130,12 +132,12 @@ class _State:
         self.squares = self.freedom = 0.0
 
     def reduce(self, columns: Array, scale: float) -> _Reduced:
-        """Linearise all pixels, eliminate depths, then motions."""
+        """Linearize all pixels, eliminate depths, then motions."""
         r, J_columns, J_inverse, J_poses = self._linearize(columns)
         for part in (r, J_columns, J_inverse, J_poses):
             part[~self.seen] = 0.0
         num, size, views = r.shape[1], J_poses.shape[-1], self.seen.sum(axis=0)
-        weight = 1.0 / (1.0 + np.sum(r * r, axis=(0, 2)) / (views * scale**2))  # (N,), of the whole corner
+        weight = cauchy_weights(np.sum(r * r, axis=(0, 2)) / (views * scale**2))  # (N,), of the whole corner
         self.squares = float(np.sum(weight * np.sum(r * r, axis=(0, 2))))
         self.freedom = float(np.sum(weight * (3 * views - 3))) - size
         J = np.concatenate([J_columns, J_poses], axis=-1)  # (K, N, 3, C + 6 (K - 1))

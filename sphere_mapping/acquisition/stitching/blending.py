@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from sphere_mapping.acquisition.kernels import SCALE, add_band, to_levels, warp_by_range
 from sphere_mapping.acquisition.stitching.feathering import feather
 from sphere_mapping.acquisition.stitching.strips import Block, Strip
-from sphere_mapping.acquisition.stitching.views import GRID_STEP, INVERSE_LEVELS, Layout, View
+from sphere_mapping.acquisition.stitching.views import GRID_STEP, INVERSE_LEVELS, Layout, StitchedView
 
 Image = NDArray[np.uint8]
 Plane = NDArray[np.float32]
@@ -28,8 +28,8 @@ def blend(layout: Layout, images: Mapping[str, Image], inverse_range: Plane | No
     images: by camera, all grey or all RGB. inverse_range (H, W) 1/m, known everywhere: each pixel is taken from where
     its point is seen, not from a common distance.
     """
-    whole, colours = layout.whole, images[layout.views[0].name].shape[2:]
-    image = np.zeros((whole.height, whole.width, *colours), np.uint8)
+    whole, colors = layout.whole, images[layout.views[0].name].shape[2:]
+    image = np.zeros((whole.height, whole.width, *colors), np.uint8)
     parts = [warp_view(view, images[view.name], inverse_range) for view in layout.views]
     parts = feather(parts, [view.block for view in layout.views], layout.seams, layout.step)
     for view, part in zip(layout.views, parts, strict=True):
@@ -47,7 +47,7 @@ def blend(layout: Layout, images: Mapping[str, Image], inverse_range: Plane | No
     return image
 
 
-def warp_view(view: View, image: Image, inverse_range: Plane | None = None) -> Image:
+def warp_view(view: StitchedView, image: Image, inverse_range: Plane | None = None) -> Image:
     """Return the part (h, w[, 3]) of a camera's image in its block of the sphere, 1 to 255."""
     if inverse_range is None:
         part = cv2.remap(image, *view.table, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -71,11 +71,11 @@ def _put(image: Image, part: Image, block: Block, mask: NDArray[np.uint8]) -> No
 
 def _join(strip: Strip, layout: Layout, parts: Sequence[Image]) -> Image:
     """Return the mixed image (h, w[, 3]) of a strip's block."""
-    is_grey = parts[0].ndim == 2
+    is_gray = parts[0].ndim == 2
     block, num_bands = strip.block, len(next(iter(strip.weights.values()))) - 1
     shape = (block.height, block.width)
     totals = [
-        np.zeros((shape[0] >> level, shape[1] >> level, 1 if is_grey else 3), np.int16)
+        np.zeros((shape[0] >> level, shape[1] >> level, 1 if is_gray else 3), np.int16)
         for level in range(num_bands + 1)
     ]
     for number, weights in strip.weights.items():
@@ -86,7 +86,7 @@ def _join(strip: Strip, layout: Layout, parts: Sequence[Image]) -> Image:
         joined = cv2.add(total, finer).reshape(total.shape)
     image = np.empty(joined.shape, np.uint8)
     to_levels(joined, image)
-    return image[:, :, 0] if is_grey else image
+    return image[:, :, 0] if is_gray else image
 
 
 def _cut(part: Image, own: Block, wanted: Block, width: int) -> Image:

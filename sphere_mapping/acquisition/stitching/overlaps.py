@@ -15,11 +15,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.stitching.strips import Block
-from sphere_mapping.acquisition.stitching.views import RigView, block_around, rays_of
+from sphere_mapping.acquisition.stitching.views import RigView, block_around, block_rays
 from sphere_nav.geometry import Spherical
+from sphere_nav.geometry.arrays import Array
 
 Image = NDArray[np.uint8]
-Array = NDArray[np.float64]
 Plane = NDArray[np.float32]
 
 GRID = Spherical(512, 256)  # directions that are compared
@@ -66,7 +66,7 @@ class Overlaps:
     """The overlaps of a rig, everything taken at one distance (0: very far)."""
 
     def __init__(self, rig_views: Sequence[RigView], distance_m: float) -> None:
-        rays = rays_of(GRID, Block(0, 0, GRID.height, GRID.width)) * (distance_m or 1e6)
+        rays = block_rays(GRID, Block(0, 0, GRID.height, GRID.width)) * (distance_m or 1e6)
         seen = [rig_view.project(rays) for rig_view in rig_views]
         self._steps = [_step(rig_view) for rig_view in rig_views]
         self._maps = [

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from sphere_mapping.acquisition.stitching.feathering import Seam, seams_of
 from sphere_mapping.acquisition.stitching.strips import OUTSIDE, Block, Strip, strips_of
 from sphere_nav.geometry import SE3, Camera, Rig, RigCamera, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 Plane = NDArray[np.float32]
 Flags = NDArray[np.bool_]
@@ -51,7 +51,7 @@ class RigView:
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class StitchedView:
     """One camera's part in a sphere: where its pixels are, and which of the block's pixels it alone shows."""
 
     rig_view: RigView
@@ -71,7 +71,7 @@ class Layout:
     """All views of a sphere; owner (H, W) int8 says which view shows a pixel, -1 none; strips are where views mix."""
 
     whole: Spherical
-    views: tuple[View, ...]
+    views: tuple[StitchedView, ...]
     owner: NDArray[np.int8]
     strips: tuple[Strip, ...]
     seams: tuple[Seam, ...]
@@ -83,10 +83,10 @@ class Layout:
         return self.owner != OUTSIDE
 
     @property
-    def centres(self) -> Plane:
+    def centers(self) -> Plane:
         """Centres of the cameras (N, 3) in the frame of the sphere."""
-        centres = [view.rig_view.T_sphere_camera.translation for view in self.views]
-        return np.array(centres, dtype=np.float32).reshape(-1, 3)
+        centers = [view.rig_view.T_sphere_camera.translation for view in self.views]
+        return np.array(centers, dtype=np.float32).reshape(-1, 3)
 
 
 def masks_of(rig: Rig) -> dict[str, NDArray[np.uint8]]:
@@ -103,7 +103,7 @@ def masks_of(rig: Rig) -> dict[str, NDArray[np.uint8]]:
 
 def border_of(part: RigCamera, mask: NDArray[np.uint8] | None) -> Plane:
     """Return the angle (h, w) in radians from each pixel of a camera to the nearest one without use."""
-    usable = np.isfinite(part.camera.unproject(pixel_grid(part.camera))).all(axis=-1)
+    usable = np.isfinite(pixel_rays(part.camera)).all(axis=-1)
     if mask is not None:
         if mask.shape[:2] != usable.shape:
             size = f"{part.camera.width} x {part.camera.height}"
@@ -135,7 +135,7 @@ def layout_of(rig_views: Sequence[RigView], whole: Spherical, distance_m: float,
     views = []
     for number, ((rig_view, block), projected) in enumerate(zip(kept, seen, strict=True)):
         is_owned = _cut_once((owner == number).astype(np.uint8) * np.uint8(255), block)
-        views.append(View(rig_view, block, _table(*projected), is_owned, _by_range(rig_view, whole, block)))
+        views.append(StitchedView(rig_view, block, _table(*projected), is_owned, _by_range(rig_view, whole, block)))
     seams = seams_of(owner, [_seen_at(view.rig_view, whole, align, distance_m) for view in views], align)
     return Layout(whole, tuple(views), owner, strips_of(owner, len(kept), num_bands), seams, align)
 
@@ -158,7 +158,7 @@ def block_around(is_wanted: Flags, whole: Spherical, step: int, margin: int, ali
     return Block(int(top), int(left % whole.width), int(bottom - top), int(width))
 
 
-def rays_of(whole: Spherical, block: Block, step: int = 1) -> NDArray[np.float64]:
+def block_rays(whole: Spherical, block: Block, step: int = 1) -> NDArray[np.float64]:
     """Return unit rays of every step-th pixel of a block, one more at the end where step is above 1."""
     extra = 1 if step > 1 else 0
     v = block.row + step * np.arange(-(-block.height // step) + extra)
@@ -169,13 +169,13 @@ def rays_of(whole: Spherical, block: Block, step: int = 1) -> NDArray[np.float64
 def _seen_at(rig_view: RigView, whole: Spherical, step: int, distance_m: float) -> Flags:
     """Return which blocks (H / step, W / step) of step x step pixels a camera sees by their middle."""
     middle = Block(step // 2, step // 2, whole.height - step // 2, whole.width - step // 2)
-    rays = rays_of(whole, middle, step)[: whole.height // step, : whole.width // step]
+    rays = block_rays(whole, middle, step)[: whole.height // step, : whole.width // step]
     return _see(rig_view, rays, distance_m)[2] > FROM_BORDER
 
 
 def _owners(rig_views: Sequence[RigView], whole: Spherical, distance_m: float, step: int) -> NDArray[np.int8]:
     block = Block(0, 0, whole.height, whole.width)
-    rays = rays_of(whole, block, step)[: whole.height // step, : whole.width // step]
+    rays = block_rays(whole, block, step)[: whole.height // step, : whole.width // step]
     borders = np.stack([_see(rig_view, rays, distance_m)[2] for rig_view in rig_views])
     owner = np.argmax(borders, axis=0).astype(np.int8)
     return np.where(borders.max(axis=0) > 0, owner, np.int8(OUTSIDE))
@@ -187,7 +187,7 @@ def _see(rig_view: RigView, rays: NDArray[np.float64], distance_m: float) -> tup
 
 
 def _project_at(rig_view: RigView, whole: Spherical, block: Block, distance_m: float) -> tuple[Plane, Plane, Plane]:
-    return _see(rig_view, rays_of(whole, block), distance_m)
+    return _see(rig_view, block_rays(whole, block), distance_m)
 
 
 def _table(u: Plane, v: Plane, border: Plane) -> tuple[NDArray, NDArray]:
@@ -205,7 +205,7 @@ def _table(u: Plane, v: Plane, border: Plane) -> tuple[NDArray, NDArray]:
 
 def _by_range(rig_view: RigView, whole: Spherical, block: Block) -> Plane:
     """Return u, v (gh, gw, K, 2) at each inverse range; out of the camera's sight the nearest range within holds."""
-    rays = rays_of(whole, block, GRID_STEP)
+    rays = block_rays(whole, block, GRID_STEP)
     seen = [rig_view.project(rays / max(float(inverse), 1e-6)) for inverse in INVERSE_LEVELS]
     grid = np.stack([np.stack(part[:2], axis=-1) for part in seen], axis=2)
     is_seen = np.stack([part[2] > 0 for part in seen], axis=2)

@@ -52,14 +52,14 @@ def run(arguments: argparse.Namespace) -> int:
         first, last = bag.time_range
         chosen = topics.choose_topics(bag, arguments)
         frames = topics.read_frames(bag)
-    mounting = mounting_lines(frames, streams, arguments.mounting)
+    mounting = describe_mountings(frames, streams, arguments.mounting)
     offers = find_offers(streams, arguments.bag, chosen)
     check_registration(offers, streams, frames)
     if arguments.mounting:
         for offer in offers:
             offer.command += ["--mounting", arguments.mounting] if offer.command else []
     print(f"{arguments.bag}: {(last - first) * 1e-9:.1f} s, {sum(stream.count for stream in streams)} messages")
-    print("\n".join(table(streams)))
+    print("\n".join(topic_table(streams)))
     print("\n".join([*driver_lines(streams), *mounting]))
     for offer in offers:
         print(f"\n{offer.job}: {offer.note or 'ready'}" if offer.command else f"\n{offer.job}: {offer.missing}")
@@ -98,7 +98,7 @@ def check_registration(offers: Sequence[Offer], streams: Sequence[Stream], frame
                 )
 
 
-def mounting_lines(frames: TransformTree, streams: Sequence[Stream], given: str) -> list[str]:
+def describe_mountings(frames: TransformTree, streams: Sequence[Stream], given: str) -> list[str]:
     """Return for each camera whether it is known where it sits on the vehicle; ValueError for a wrong mounting."""
     if read_mounting(given) is not None:
         return [f"mounting: {given}, for {topics.BASE_FRAME} and the camera"]
@@ -113,7 +113,7 @@ def mounting_lines(frames: TransformTree, streams: Sequence[Stream], given: str)
     return lines
 
 
-def table(streams: Sequence[Stream]) -> list[str]:
+def topic_table(streams: Sequence[Stream]) -> list[str]:
     """Return a line for each topic."""
     rows = [("topic", "type", "messages", "rate", "frame", "content")]
     for s in streams:

@@ -16,12 +16,12 @@ import numpy as np
 from tqdm import tqdm
 
 from cycab_sim.params import SimParams
-from cycab_sim.sensors.rigs import camera_names
+from cycab_sim.sensors.rigs import rig_camera_names
 from cycab_sim.world.worlds import build_world
 from sphere_nav.cli.demo.plots import plot_errors, plot_top_view
 from sphere_nav.cli.demo.processes import Processes
 from sphere_nav.cli.demo.report import DriveErrors, drive_errors, read_estimate, read_truth
-from sphere_nav.cli.demo.watch import DriveFailed, Watch
+from sphere_nav.cli.demo.watch import DriveFailed, DriveMonitor
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.params import build
@@ -56,19 +56,19 @@ SIMULATION = {
     "traffic.is_on": True,
 }
 TOUR = {"world": "city", "teach.speed": 1.2}  # 490 m through streets, a square and a lane (M15 section 6.4.4)
-BUSY = {"traffic.cars": 20, "traffic.pedestrians": 80, "traffic.bicycles": 10}
+BUSY = {"traffic.is_busy": True}
 OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and a camera that heeds them
     "traffic.seed": 1,
     "light.clouds": 0.7,
-    "camera.exposure.is_automatic": True,
-    "camera.exposure.white_balance": 0.03,
+    "imaging.has_automatic_exposure": True,
+    "imaging.white_balance": 0.03,
 }
 PATIENCE_S = 30.0  # that simulated time waits for a computer that does other things, too
 WARM_UP = (
     "from sphere_nav import photometric; photometric.warm_up(); "
     "from sphere_mapping.acquisition import kernels; kernels.warm_up()"
 )
-RIG_TOPICS = " ".join(f"/cameras/{name}/image_raw /cameras/{name}/camera_info" for name in camera_names("vertical"))
+RIG_TOPICS = " ".join(f"/cameras/{name}/image_raw /cameras/{name}/camera_info" for name in rig_camera_names("vertical"))
 TEACH_TOPICS = f"{RIG_TOPICS} /odom /ground_truth/odometry /tf_static"
 DRIVE_TOPICS = (
     "/pose /odometry /status /cmd_vel /tracking_error /path_follower/status /path_follower/trajectory "
@@ -125,7 +125,7 @@ class Demo:
 
     def teach(self) -> None:
         """Drive the path once by the simulator's driver and record the cameras; compile what comes later beside."""
-        with self.stage("teach"), self.processes("teach") as processes, Watch(processes, self.domain) as watch:
+        with self.stage("teach"), self.processes("teach") as processes, DriveMonitor(processes, self.domain) as watch:
             processes.run("warm_up", WARM_UP)
             processes.start("bag_recorder", {"output": str(self.folder / "teach"), "topics": TEACH_TOPICS})
             processes.start(
@@ -150,7 +150,7 @@ class Demo:
 
     def drive(self) -> None:
         """Drive the path again: camera, localiser, follower, cmd_vel, over DDS in lock-step."""
-        with self.stage("drive"), self.processes("drive") as processes, Watch(processes, self.domain) as watch:
+        with self.stage("drive"), self.processes("drive") as processes, DriveMonitor(processes, self.domain) as watch:
             processes.start(
                 "bag_recorder",
                 {"output": str(self.folder / "drive"), "topics": DRIVE_TOPICS, "use_sim_time": True},
@@ -175,7 +175,7 @@ class Demo:
             self.end = watch.describe()
             processes.stop("bag_recorder")
 
-    def follow(self, watch: Watch, what: str, has_ended: Callable[[], bool]) -> None:
+    def follow(self, watch: DriveMonitor, what: str, has_ended: Callable[[], bool]) -> None:
         """Show how far the car is until the drive has ended."""
         with tqdm(total=round(self.length), desc=what, bar_format=BAR, mininterval=0.5, disable=None) as bar:
             watch.wait(what, has_ended, is_moving=True, bar=bar)
@@ -197,7 +197,7 @@ class Demo:
             plot_errors(self.folder / "errors.png", errors, read_estimate(self.folder / "drive"))
         result = self.result(errors, len(keys))
         (self.folder / "result.json").write_text(json.dumps(result, indent=2) + "\n", encoding="utf-8")
-        print(table(result, self.folder))
+        print(result_table(result, self.folder))
         return 0 if result["has_followed"] else 1
 
     def anchor(self) -> SE3:
@@ -244,7 +244,7 @@ def rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 
-def table(result: dict[str, Any], folder: Path) -> str:
+def result_table(result: dict[str, Any], folder: Path) -> str:
     """Return the table that is printed."""
     cpu = result["cpu_seconds"]
     stages = ", ".join(f"{name} {seconds:.0f} s (CPU {cpu[name]:.0f})" for name, seconds in result["seconds"].items())

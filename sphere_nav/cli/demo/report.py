@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.geometry.trajectory_error import absolute_errors, directions_of_motion
 from sphere_nav.offline.pose_bags import read_poses
 
-Array = NDArray[np.float64]
 TRUTH, ESTIMATE = "/ground_truth/odometry", "/pose"
 MOVING = 0.05  # m/s, slower is standing
 SPACING = 0.02  # m between the points of the taught path that distances are measured to

@@ -31,7 +31,7 @@ class DriveFailed(RuntimeError):
     """A drive that did not get where it should; the message says what happened."""
 
 
-class Watch:
+class DriveMonitor:
     """Subscribes to the truth and to the states; `wait` spins until something holds."""
 
     def __init__(self, processes: Processes, domain_id: int) -> None:

@@ -9,6 +9,7 @@ from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.offline import topics
 from sphere_nav.offline.mapping.learning import learn
 from sphere_nav.offline.mapping.sphere_source import CAMERAS
+from sphere_nav.offline.settings import add_settings
 
 HELP = """\
 Make a map of key spheres from a bag with spheres, RGB-D, stereo images, or the cameras of a rig.
@@ -63,12 +64,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument("--trajectory", type=Path, metavar="F", help="write the pose of every sphere (TUM)")
     parser.add_argument("--taught", type=Path, metavar="F", help="write the vehicle's poses, for path_follower (TUM)")
-    parser.add_argument(
-        "--set", action="append", default=[], metavar="NAME=VALUE", dest="settings", help="parameter of sphere_mapper"
-    )
-    parser.add_argument(
-        "--set-stitcher", action="append", default=[], metavar="NAME=VALUE", help="parameter of sphere_stitcher"
-    )
+    add_settings(parser, "sphere_mapper")
+    add_settings(parser, "sphere_stitcher", "--set-stitcher", "set_stitcher")
 
 
 def run(arguments: argparse.Namespace) -> int:

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 from tqdm import tqdm
 
+from sphere_mapping.graph.graph_file import write_g2o
+from sphere_mapping.graph.pose_graph import from_spheres
 from sphere_mapping.params import CloudParams
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav.offline.geojson import Datum, geojson
-from sphere_nav.offline.map_points import Cloud, cloud_of, write_laz, write_ply
+from sphere_nav.offline.map_points import MapPoints, cloud_of, write_laz, write_ply
 from sphere_nav.ros.maps.reader import MapReader, open_map
-from sphere_nav.spheres.graph import Edge, SphereGraph
 
 Writer = Callable[[MapReader, Path, argparse.Namespace], str]
 
@@ -62,7 +63,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def write_cloud(write: Callable[[Path, list[Cloud]], int]) -> Writer:
+def write_cloud(write: Callable[[Path, list[MapPoints]], int]) -> Writer:
     """Return what writes the points of all key spheres in one format."""
 
     def write_all(reader: MapReader, path: Path, arguments: argparse.Namespace) -> str:
@@ -81,17 +82,10 @@ def write_geojson(reader: MapReader, path: Path, arguments: argparse.Namespace) 
     return f"{len(reader.graph)} points, {len(reader.graph.edges)} lines"
 
 
-def write_g2o(reader: MapReader, path: Path, _: argparse.Namespace) -> str:
-    """Write the graph."""
-    path.write_text(g2o_text(reader.graph), encoding="ascii")
+def write_graph(reader: MapReader, path: Path, _: argparse.Namespace) -> str:
+    """Write the graph: information of (translation, rotation vector), as `optimize` and GTSAM read it."""
+    write_g2o(path, from_spheres(reader.graph))
     return f"{len(reader.graph)} vertices, {len(reader.graph.edges)} edges"
-
-
-def g2o_text(graph: SphereGraph) -> str:
-    """Return the graph as g2o: information of (translation, rotation vector), as `optimize` and GTSAM read it."""
-    nodes = sorted(graph, key=lambda node: node.id)
-    lines = [f"VERTEX_SE3:QUAT {node.id} {_numbers(node.T_map_sphere)}" for node in nodes]
-    return "\n".join(lines + [_edge(edge) for edge in graph.edges]) + "\n"
 
 
 def write_trajectory(reader: MapReader, path: Path, _: argparse.Namespace) -> str:
@@ -109,19 +103,10 @@ def write_kitti(reader: MapReader, path: Path, _: argparse.Namespace) -> str:
     return f"{len(nodes)} poses"
 
 
-def _edge(edge: Edge) -> str:
-    triangle = " ".join(f"{value:.9g}" for value in edge.information[np.triu_indices(6)])
-    return f"EDGE_SE3:QUAT {edge.a} {edge.b} {_numbers(edge.T_a_b)} {triangle}"
-
-
-def _numbers(T: SE3) -> str:
-    return " ".join(f"{value:.9f}" for value in (*T.translation, *T.quaternion))
-
-
 WRITERS: dict[str, Writer] = {
     ".ply": write_cloud(write_ply),
     ".laz": write_cloud(write_laz),
-    ".g2o": write_g2o,
+    ".g2o": write_graph,
     ".tum": write_trajectory,
     ".kitti": write_kitti,
     ".geojson": write_geojson,

@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
 from tqdm import tqdm
 
-from dense_localizer.references.rejections import Rejections, read_rejections
-from sphere_nav.ros.maps.reader import MapDetails, MapReader, open_map, save_map
-from sphere_nav.spheres.sphere import Sphere
+from dense_localizer.references.rejections import read_rejections
+from sphere_nav.offline.forgetting import save_without, together
+from sphere_nav.ros.maps.reader import open_map
 
 HELP = """\
 Make a new map of one and of what `sphere_nav localize --rejections` has counted in it: squares of key spheres that most
@@ -45,43 +41,7 @@ def run(arguments: argparse.Namespace) -> int:
         if not shares:
             print(f"{arguments.map}: nothing to forget")
             return 1
-        info = reader.info
-        details = MapDetails(
-            source=f"{info.source} without rejections",
-            parameters=reader.parameters,
-            rig=info.rig,
-            frame_id=info.header.frame_id,
-        )
         with tqdm(total=len(reader.graph), desc="forget", unit="sphere", disable=None) as bar:
-            known = partial(load, reader, rejections), reader.appearance()
-            save_map(
-                arguments.output,
-                reader.graph,
-                details,
-                load_sphere=known[0],
-                appearance=known[1],
-                progress=bar.update,
-            )
+            save_without(reader, rejections, arguments.output, bar.update)
     print(f"{arguments.output}: {len(shares)} key spheres, up to {max(shares):.1%} of their pixels forgotten")
     return 0
-
-
-def together(parts: list[Rejections]) -> Rejections:
-    """Return what several drives have counted."""
-    counts: dict[int, NDArray[np.int64]] = {}
-    for part in parts:
-        for sphere_id, count in part.counts.items():
-            counts[sphere_id] = counts.get(sphere_id, np.zeros_like(count)) + count
-    return Rejections(counts)
-
-
-def load(reader: MapReader, rejections: Rejections, sphere_id: int) -> Sphere:
-    """Return a key sphere without range where it is forgotten."""
-    sphere = reader.load_sphere(sphere_id)
-    unused = rejections.mask(sphere_id, sphere.camera)
-    if unused is None:
-        return sphere
-    nan, std_m = np.float32(np.nan), sphere.range_std_m
-    left = None if std_m is None else np.where(unused, nan, std_m)
-    filled = None if sphere.is_filled is None else sphere.is_filled & ~unused
-    return replace(sphere, range_m=np.where(unused, nan, sphere.range_m), range_std_m=left, is_filled=filled)

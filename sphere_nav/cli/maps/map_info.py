@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Read the head of the map and one sphere; print."""
     with open_map(arguments.map) as reader:
-        values = describe(reader)
+        values = map_facts(reader)
         parameters = reader.parameters if arguments.parameters else {}
     if arguments.json:
         print(json.dumps(values | ({"parameters": parameters} if arguments.parameters else {}), indent=2))
@@ -44,7 +44,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def describe(reader: MapReader) -> dict[str, Any]:
+def map_facts(reader: MapReader) -> dict[str, Any]:
     """Return the facts about a map by name."""
     graph, info = reader.graph, reader.info
     nodes = sorted(graph, key=lambda node: node.id)

@@ -16,7 +16,6 @@ from dense_localizer.params import LocalizerParams
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.localization.status import Status
 from sphere_nav.offline.recorded_camera import RecordedCamera
-from sphere_nav.offline.settings import parse_settings
 from sphere_nav.params import build
 from sphere_nav.ros import conversions
 from sphere_nav.ros.maps.reader import MapReader
@@ -47,7 +46,7 @@ class Drive:
 
     def __init__(self, arguments: argparse.Namespace, sphere_map: MapReader) -> None:
         self._recorded = RecordedCamera(arguments.bag, arguments)
-        given = self._recorded.patience | parse_settings(arguments.settings)
+        given = self._recorded.patience | arguments.settings
         self._localizer = Localizer(build(LocalizerParams, given), sphere_map)
 
     @property
@@ -58,9 +57,9 @@ class Drive:
     def shots(self) -> Iterator[Shot]:
         """Yield what is known of every image, in order. BagError for damage."""
         for stamp, message in self._recorded.messages():
-            grey: NDArray[Any] = conversions.image_to_grey(message)
-            estimate = self._localizer.update(grey, self.camera, stamp)
-            residual = residual_image(grey, self.camera, estimate.place) if estimate.place is not None else None
+            gray: NDArray[Any] = conversions.image_to_gray(message)
+            estimate = self._localizer.update(gray, self.camera, stamp)
+            residual = residual_image(gray, self.camera, estimate.candidate) if estimate.candidate is not None else None
             image = conversions.image_to_rgb(message)
             image = image if image.ndim == 3 else np.repeat(image[..., None], 3, axis=2)
             yield Shot(stamp, image, residual, estimate.T_map_camera, estimate.status)

@@ -21,7 +21,7 @@ from sphere_nav.geometry import SE3, Camera, Pinhole
 from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav.view_synthesis.scene import Scene
-from sphere_nav.view_synthesis.synthesis import View
+from sphere_nav.view_synthesis.synthesis import SynthesizedView
 
 INSTALL = "pip install 'viser>=1.0,<2'"
 MAX_SIDE = 800  # px, of a view; the browser enlarges it
@@ -71,12 +71,12 @@ class Page:
             handles["ride"] = gui.add_checkbox("ride along", False)
             handles["text"] = gui.add_markdown(shot.text)
             handles["image"] = gui.add_image(shot.image, label="camera")
-            grey = np.full(shot.image.shape[:2], 128, np.uint8)
-            handles["residual"] = gui.add_image(coloured(grey), label="residual (grey: as the map)")
+            gray = np.full(shot.image.shape[:2], 128, np.uint8)
+            handles["residual"] = gui.add_image(colored(gray), label="residual (grey: as the map)")
         handles["text"].content = shot.text
         handles["image"].image = shot.image
         if shot.residual is not None:
-            handles["residual"].image = coloured(shot.residual)
+            handles["residual"].image = colored(shot.residual)
         if shot.T_map_camera is not None:
             x, y, z, w = shot.T_map_camera.quaternion
             self.server.scene.add_camera_frustum(
@@ -95,7 +95,7 @@ class Page:
 
     def fly(self, client: Any, target: SE3) -> None:
         """Move the camera of a browser to a pose, slow at both ends."""
-        begin, start = pose_of(client.camera), time.monotonic()
+        begin, start = browser_pose(client.camera), time.monotonic()
         way = (begin.inverse() @ target).log()
         share = 0.0
         while share < 1.0 and not self._closed.wait(FLIGHT_STEP_S):
@@ -110,11 +110,11 @@ class Page:
 
     def _add_graph(self) -> None:
         scene = self.server.scene
-        for name, is_loop, colour in (("way", False, WAY), ("loops", True, LOOP)):
+        for name, is_loop, color in (("way", False, WAY), ("loops", True, LOOP)):
             edges = [edge for edge in self._graph.edges if edge.is_loop == is_loop]
             if edges:
                 ends = [[self._graph[end].T_map_sphere.translation for end in (edge.a, edge.b)] for edge in edges]
-                scene.add_line_segments(f"/graph/{name}", points=np.array(ends, np.float32), colors=colour)
+                scene.add_line_segments(f"/graph/{name}", points=np.array(ends, np.float32), colors=color)
         for node in self._graph:
             handle = scene.add_icosphere(
                 f"/graph/key_sphere_{node.id}", radius=KEY_RADIUS_M, color=KEY, position=node.T_map_sphere.translation
@@ -131,11 +131,11 @@ class Page:
         has_pictures = client.gui.add_checkbox("synthesised view", True)
         has_pictures.on_update(lambda _: changed.set())
         text = client.gui.add_markdown("")
-        minimap = client.gui.add_image(self._minimap.draw(pose_of(client.camera)), label="map, x to the right")
+        minimap = client.gui.add_image(self._minimap.draw(browser_pose(client.camera)), label="map, x to the right")
         shot = client.gui.add_button("screenshot")
 
         def draw() -> bool:
-            T = pose_of(client.camera)
+            T = browser_pose(client.camera)
             minimap.image = self._minimap.draw(T)
             if not has_pictures.value:
                 client.scene.set_background_image(None)
@@ -149,17 +149,17 @@ class Page:
             return is_whole
 
         def send_screenshot(_: Any) -> None:
-            view = self._scene.render(pose_of(client.camera), camera_of(client.camera))
+            view = self._scene.render(browser_pose(client.camera), browser_camera(client.camera))
             client.send_file_download("view.png", encoded(shown(view), ".png"))
 
         shot.on_click(send_screenshot)
         changed.set()
         threading.Thread(target=self._follow, args=(client, changed, draw), daemon=True).start()
 
-    def _view(self, client: Any, T: SE3) -> tuple[View, bool]:
+    def _view(self, client: Any, T: SE3) -> tuple[SynthesizedView, bool]:
         """Return what is ready of a view, and whether nothing is on its way any more."""
         is_whole = self._scene.is_ready(T)
-        return self._scene.render(T, camera_of(client.camera), is_waiting=False), is_whole
+        return self._scene.render(T, browser_camera(client.camera), is_waiting=False), is_whole
 
     def _fly_to_id(self, client: Any, sphere_id: int) -> None:
         if sphere_id in self._graph.nodes:
@@ -181,7 +181,7 @@ def put(client: Any, T_map_camera: SE3) -> None:
         client.camera.look_at = look_at(T_map_camera)
 
 
-def pose_of(camera: Any) -> SE3:
+def browser_pose(camera: Any) -> SE3:
     """Return T_map_camera of a browser's camera: z forward, x right, y down, as ours."""
     w, x, y, z = camera.wxyz
     return SE3.from_quaternion([x, y, z, w], camera.position)
@@ -192,7 +192,7 @@ def look_at(T_map_camera: SE3) -> NDArray[np.float64]:
     return T_map_camera.translation + LOOK_M * T_map_camera.rotation[:, 2]
 
 
-def camera_of(camera: Any) -> Pinhole:
+def browser_camera(camera: Any) -> Pinhole:
     """Return the lens of a browser's camera; views are no larger than `MAX_SIDE`."""
     aspect = float(camera.aspect)
     width = round(MAX_SIDE * min(aspect, 1.0))
@@ -201,16 +201,16 @@ def camera_of(camera: Any) -> Pinhole:
     return Pinhole(width, height, focal, focal, 0.5 * (width - 1), 0.5 * (height - 1))
 
 
-def shown(view: View) -> NDArray[np.uint8]:
+def shown(view: SynthesizedView) -> NDArray[np.uint8]:
     """Return the picture of a view, its holes dark."""
     image = view.image.copy()
     image[~view.is_known] = HOLE
     return image
 
 
-def coloured(grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def colored(gray: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Return a grey picture with three channels."""
-    return np.repeat(grey[..., None], 3, axis=2)
+    return np.repeat(gray[..., None], 3, axis=2)
 
 
 def encoded(image: NDArray[np.uint8], suffix: str) -> bytes:

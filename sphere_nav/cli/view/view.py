@@ -14,6 +14,7 @@ from sphere_nav.cli.view.drive import Drive
 from sphere_nav.cli.view.server import Page, encoded, import_viser, shown
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.offline import topics
+from sphere_nav.offline.settings import add_settings
 from sphere_nav.ros.maps.reader import MapReader, open_map
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav.view_synthesis.scene import Scene
@@ -48,9 +49,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--overwrite", action="store_true", help="replace the file that is there")
     parser.add_argument("--bag", type=Path, metavar="BAG", help="drive to localise and show")
     topics.add_options(parser, has_cameras=False)
-    parser.add_argument(
-        "--set", action="append", dest="settings", default=[], metavar="NAME=VALUE", help="parameter of dense_localizer"
-    )
+    add_settings(parser, "dense_localizer")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -120,7 +119,7 @@ def serve(reader: MapReader, scene: Scene, start: SE3, arguments: argparse.Names
     print(f"http://{arguments.host}:{page.port}  (Ctrl-C ends it)", flush=True)
     try:
         if drive is not None:
-            replay(drive, page)
+            replay_drive(drive, page)
         threading.Event().wait()
     finally:
         page.close()
@@ -129,7 +128,7 @@ def serve(reader: MapReader, scene: Scene, start: SE3, arguments: argparse.Names
     return 0
 
 
-def replay(drive: Drive, page: Page) -> None:
+def replay_drive(drive: Drive, page: Page) -> None:
     """Show a drive at its own pace, or as fast as it can be localised."""
     begin, first_ns = time.monotonic(), 0
     for shot in drive.shots():

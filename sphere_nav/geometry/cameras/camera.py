@@ -7,7 +7,7 @@ from typing import ClassVar, Protocol, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Array = NDArray[np.float64]
+from sphere_nav.geometry.arrays import Array
 
 MAX_SIDE = 1 << 16  # px
 MAX_PIXELS = 1 << 26
@@ -64,6 +64,11 @@ def pixel_grid(camera: Camera) -> Array:
     """Return the pixel coordinates (height, width, 2) as (u, v) of every pixel."""
     v, u = np.mgrid[0 : camera.height, 0 : camera.width]
     return np.stack([u, v], axis=-1).astype(np.float64)
+
+
+def pixel_rays(camera: Camera) -> Array:
+    """Return the unit rays (height, width, 3) of every pixel; NaN where the model has no ray."""
+    return camera.unproject(pixel_grid(camera))
 
 
 def inside(pixels: Array, camera: Camera) -> NDArray[np.bool_]:

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sphere_nav.geometry.cameras.camera import Array, Camera, inside
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import Camera, inside
 from sphere_nav.geometry.se3 import SE3
 from sphere_nav.params import param, parameters
 

@@ -10,13 +10,12 @@ from typing import Any
 import numpy as np
 
 from sphere_nav.geometry.cameras.camera import Camera
-from sphere_nav.geometry.files.fields import MAX_FILE_BYTES, number, required, short
-from sphere_nav.geometry.files.foreign_cameras import ForeignRig, Lens, image_size, refuse_model
-from sphere_nav.geometry.files.text_file import read_text
+from sphere_nav.geometry.files.foreign_cameras import ForeignLens, ForeignRig, image_size, refuse_model
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, number, read_text, required, short
 from sphere_nav.geometry.se3 import SE3
 
 FIELDS = ("T_imu_cam", "intrinsics", "resolution")
-CENTRE = ("fx", "fy", "cx", "cy")
+CENTER = ("fx", "fy", "cx", "cy")
 FURTHER: dict[str, tuple[str, ...]] = {
     "ds": ("xi", "alpha"),
     "ucm": ("alpha",),
@@ -71,10 +70,10 @@ def _camera(entry: Any, resolution: Any, index: int) -> Camera:
     kind = required(entry, where, ("camera_type", "intrinsics"))["camera_type"]
     if not isinstance(kind, str) or kind not in FURTHER:
         raise refuse_model(kind, f"{where}.camera_type", ", ".join(FURTHER))
-    fields = (*CENTRE, *FURTHER[kind])
+    fields = (*CENTER, *FURTHER[kind])
     given = required(entry["intrinsics"], f"{where}.intrinsics", fields)
     fx, fy, cx, cy, *more = (number(given[field], f"{where}.intrinsics.{field}") for field in fields)
-    lens = Lens(image_size(resolution, f"value0.resolution[{index}]"), fx, fy, cx, cy, f"{where}.intrinsics")
+    lens = ForeignLens(image_size(resolution, f"value0.resolution[{index}]"), fx, fy, cx, cy, f"{where}.intrinsics")
     if kind == "ds":
         return lens.double_sphere(*more)
     if kind == "ucm":

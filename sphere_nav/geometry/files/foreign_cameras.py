@@ -12,8 +12,8 @@ from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
 from sphere_nav.geometry.cameras.pinhole import Pinhole
-from sphere_nav.geometry.files.fields import check_centre, numbers, short, size
 from sphere_nav.geometry.files.lens_fit import LensFit, fit_lens, grid_of
+from sphere_nav.geometry.files.untrusted import check_center, numbers, short, size
 from sphere_nav.geometry.se3 import SE3
 
 WIDEST_DEG = 100.0  # from the axis: farther, a calibration is seldom known
@@ -35,7 +35,7 @@ class ForeignRig:
 
 
 @dataclass(frozen=True)
-class Lens:
+class ForeignLens:
     """Focal lengths and centre in pixels, image size (width, height), and where in the file they stand."""
 
     size: tuple[int, int]
@@ -68,7 +68,7 @@ class Lens:
         scale = 1.0 + xi
         if not scale > 0.0 or xi < 0.0:
             raise ValueError(f"{self.where}: xi: expected at least 0, found {xi}")
-        lens = Lens(self.size, self.fx / scale, self.fy / scale, self.cx, self.cy, self.where)
+        lens = ForeignLens(self.size, self.fx / scale, self.fy / scale, self.cx, self.cy, self.where)
         return lens.to_unified(xi / scale)
 
     def mei_with_distortion(self, xi: float, distortion: tuple[float, ...]) -> LensFit:
@@ -87,7 +87,7 @@ class Lens:
         return fit_lens(rays[known], pixels[known], self.size, self.fx / (1.0 + xi), self.where)
 
     def _check(self, model: Any, *more: Any) -> Camera:
-        check_centre((self.cx, self.cy), self.size, self.where)
+        check_center((self.cx, self.cy), self.size, self.where)
         try:
             camera: Camera = model(*self.size, self.fx, self.fy, self.cx, self.cy, *more)
         except ValueError as error:

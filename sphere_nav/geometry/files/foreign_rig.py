@@ -8,32 +8,12 @@ from pathlib import Path
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL, Rig, RigCamera
 from sphere_nav.geometry.files.basalt_file import is_basalt, read_basalt
 from sphere_nav.geometry.files.foreign_cameras import ForeignRig
-from sphere_nav.geometry.files.kalibr_file import is_kalibr, join, read_kalibr
+from sphere_nav.geometry.files.kalibr_file import is_kalibr, join_chains, read_kalibr
 from sphere_nav.geometry.files.ocam_file import is_ocam, read_ocam
 from sphere_nav.geometry.files.opencv_file import is_opencv, load_opencv, read_opencv
 
 FRAMES = ("camera", "imu")
 FORMATS = ("kalibr", "basalt", "opencv", "ocam")
-
-
-def read_foreign(
-    paths: Sequence[Path],
-    *,
-    file_format: str | None = None,
-    frame: str = "camera",
-    image_size: tuple[int, int] | None = None,
-    model: str | None = None,
-    unit_m: float = 1.0,
-    is_joining: bool = False,
-) -> Rig:
-    """Return the rig of one file, of the two of OpenCV's stereo sample, or of camchains that share an IMU or cameras.
-
-    ValueError in one line if it is none. frame: "camera" for a rig whose first camera looks level along +x, "imu" for
-    the axes of the IMU as they are. image_size (width, height), model (pinhole, fisheye) and unit_m, the length of the
-    file's unit in metres, are what OpenCV's files may not tell.
-    """
-    found = read_foreign_cameras(paths, file_format, image_size, model, unit_m, is_joining=is_joining)
-    return place(found, frame, paths[0])
 
 
 def read_foreign_cameras(
@@ -45,12 +25,16 @@ def read_foreign_cameras(
     *,
     is_joining: bool = False,
 ) -> ForeignRig:
-    """Return the cameras as the files have them; arguments as for `read_foreign`."""
+    """Return the cameras of one file, of the two of OpenCV's stereo sample, or of camchains to join, as written there.
+
+    ValueError in one line if there are none. image_size (width, height), model (pinhole, fisheye) and unit_m, the
+    length of the file's unit in metres, are what OpenCV's files may not tell.
+    """
     chosen = file_format or _format(paths)
     if is_joining:
         if chosen != "kalibr" or len(paths) < 2:
             raise ValueError(f"{paths[0]}: --join: expected several camchains of Kalibr, found {len(paths)} {chosen}")
-        return join([read_kalibr(path) for path in paths], paths)
+        return join_chains([read_kalibr(path) for path in paths], paths)
     if chosen != "opencv" and len(paths) > 1:
         told = " (--join merges camchains)" if chosen == "kalibr" else ""
         raise ValueError(f"{paths[1]}: expected one {chosen} file, found {len(paths)}{told}")
@@ -72,8 +56,8 @@ def _format(paths: Sequence[Path]) -> str:
     )
 
 
-def place(found: ForeignRig, frame: str, path: Path) -> Rig:
-    """Give the rig body axes: the first camera level and ahead, or the axes of the IMU as they are."""
+def place_rig(found: ForeignRig, frame: str, path: Path) -> Rig:
+    """Return the rig in body axes, by frame: "camera" for the first one level and ahead, "imu" for the IMU's axes."""
     if frame == "imu":
         if not found.is_by_imu:
             raise ValueError(f"{path}: expected poses relative to an IMU (--frame imu), found none")

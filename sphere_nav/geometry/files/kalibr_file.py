@@ -13,16 +13,14 @@ from typing import Any
 import numpy as np
 
 from sphere_nav.geometry.cameras.camera import Camera
-from sphere_nav.geometry.files.fields import MAX_FILE_BYTES, pose, required, short
-from sphere_nav.geometry.files.foreign_cameras import ForeignRig, Lens, image_size, refuse_model, vector
+from sphere_nav.geometry.files.foreign_cameras import ForeignLens, ForeignRig, image_size, refuse_model, vector
 from sphere_nav.geometry.files.lens_fit import LensFit
 from sphere_nav.geometry.files.opencv_file import without_directive
-from sphere_nav.geometry.files.text_file import read_text
-from sphere_nav.geometry.files.yaml_text import load_yaml
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, pose, read_text, required, short
 from sphere_nav.geometry.se3 import SE3
 
 
-def join(chains: Sequence[ForeignRig], paths: Sequence[Path]) -> ForeignRig:
+def join_chains(chains: Sequence[ForeignRig], paths: Sequence[Path]) -> ForeignRig:
     """Return the cameras of all chains, named cam0, cam1, ... in the order of files; a shared camera counts once.
 
     Poses are relative to the IMU where every chain has them, else to the first camera of the first file. ValueError
@@ -119,7 +117,7 @@ def _camera(name: str, entry: Mapping[str, Any]) -> Camera | LensFit:
     k = vector(entry, "distortion_coeffs", name, NUM_DISTORTION[distortion])
     size = image_size(entry["resolution"], f"{name}.resolution")
     fu, fv, pu, pv = numbers[-4:]
-    lens = Lens(size, fu, fv, pu, pv, f"{name}.intrinsics")
+    lens = ForeignLens(size, fu, fv, pu, pv, f"{name}.intrinsics")
     if model == "ds":
         return lens.double_sphere(*numbers[:2])
     if model == "omni":

@@ -6,14 +6,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
-
-Array = NDArray[np.float64]
 
 MAX_CALLS = 1000  # of the projection in one fit
 STARTS = (-0.4, -0.2, 0.0, 0.3)  # of xi
@@ -41,11 +39,11 @@ def fit_lens(rays: Array, pixels: Array, size: tuple[int, int], focal_px: float,
 
     ValueError, with the residual, where neither comes within MAX_RMS_PX and MAX_PX.
     """
-    centre = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
-    fisheye = np.array([focal_px, focal_px, *centre, 0.0, 0.0, 0.0, 0.0])
+    center = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
+    fisheye = np.array([focal_px, focal_px, *center, 0.0, 0.0, 0.0, 0.0])
     found = [_fit(lambda x: Fisheye(*size, x[0], x[1], x[2], x[3], (x[4], x[5], x[6], x[7])), fisheye, rays, pixels)]
     for xi in STARTS:  # of a double sphere, whose residual has several minima
-        sphere = np.array([focal_px * (1.0 + xi), focal_px * (1.0 + xi), *centre, xi, 0.5])
+        sphere = np.array([focal_px * (1.0 + xi), focal_px * (1.0 + xi), *center, xi, 0.5])
         found.append(_fit(lambda x: DoubleSphere(*size, *x), sphere, rays, pixels))
     best = min(found, key=lambda fit: fit.rms_px)
     if not (best.rms_px < MAX_RMS_PX and best.max_px < MAX_PX):

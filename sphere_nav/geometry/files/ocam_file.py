@@ -8,15 +8,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
-from sphere_nav.geometry.files.fields import MAX_FILE_BYTES, number
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.foreign_cameras import ForeignRig
 from sphere_nav.geometry.files.lens_fit import fit_lens, grid_of
-from sphere_nav.geometry.files.text_file import read_text
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, number, read_text
 from sphere_nav.geometry.se3 import SE3
-
-Array = NDArray[np.float64]
 
 NUM_LINES = 5  # polynomial, inverse polynomial, centre, affine part, size
 MAX_DEGREE = 20
@@ -49,10 +46,10 @@ def read_ocam(path: Path) -> ForeignRig:
     return ForeignRig(("cam0",), (fit.camera,), (SE3.identity(),), fits=(fit,))
 
 
-def unproject(pixels: Array, polynomial: Array, centre: list[float], affine: list[float]) -> Array:
+def unproject(pixels: Array, polynomial: Array, center: list[float], affine: list[float]) -> Array:
     """Return rays (N, 3) with optical axes of pixels (N, 2); centre (row, column), affine (c, d, e)."""
     c, d, e = affine
-    row, column = pixels[:, 1] - centre[0], pixels[:, 0] - centre[1]
+    row, column = pixels[:, 1] - center[0], pixels[:, 0] - center[1]
     determinant = c - d * e
     x, y = (row - d * column) / determinant, (-e * row + c * column) / determinant
     z = np.polynomial.polynomial.polyval(np.hypot(x, y), polynomial)

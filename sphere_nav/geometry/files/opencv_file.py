@@ -11,17 +11,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.cameras.rig import NAME
-from sphere_nav.geometry.files.fields import MAX_FILE_BYTES, ROTATION_TOLERANCE, number, short, size
-from sphere_nav.geometry.files.foreign_cameras import ForeignRig, Lens, refuse_model
-from sphere_nav.geometry.files.text_file import read_text
-from sphere_nav.geometry.files.yaml_text import StrictLoader, load_yaml
+from sphere_nav.geometry.files.foreign_cameras import ForeignLens, ForeignRig, refuse_model
+from sphere_nav.geometry.files.untrusted import (
+    MAX_FILE_BYTES,
+    ROTATION_TOLERANCE,
+    StrictLoader,
+    load_yaml,
+    number,
+    read_text,
+    short,
+    size,
+)
 from sphere_nav.geometry.se3 import SE3
 
-Array = NDArray[np.float64]
 Values = Mapping[str, Any]
 
 MATRICES = ("cameramatrix", "k", "m", "mtx")  # keys in small letters, without _ and -
@@ -130,7 +136,7 @@ def _camera(values: Values, suffix: str, image_size: tuple[int, int], model: str
         raise ValueError(f"{key}: expected [fx 0 cx; 0 fy cy; 0 0 1], found {short(K.tolist())}")
     found = next((values[name + suffix] for name in DISTORTIONS if name + suffix in values), None)
     k = () if found is None else tuple(float(value) for value in _matrix(found, f"distortion{suffix}").ravel())
-    lens = Lens(image_size, K[0, 0], K[1, 1], K[0, 2], K[1, 2], key)
+    lens = ForeignLens(image_size, K[0, 0], K[1, 1], K[0, 2], K[1, 2], key)
     if model == "fisheye":
         return lens.fisheye(k)
     if len(k) not in NUM_PINHOLE:

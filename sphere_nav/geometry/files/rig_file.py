@@ -11,19 +11,19 @@ from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.fisheye import Fisheye
 from sphere_nav.geometry.cameras.pinhole import Pinhole
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
-from sphere_nav.geometry.files.fields import (
+from sphere_nav.geometry.files.untrusted import (
     MAX_FILE_BYTES,
-    check_centre,
+    check_center,
     choice,
+    load_yaml,
     mapping,
     number,
     numbers,
     pose,
+    read_text,
     short,
     size,
 )
-from sphere_nav.geometry.files.text_file import read_text
-from sphere_nav.geometry.files.yaml_text import load_yaml
 
 FORMAT, FORMAT_VERSION = "sphere_nav_rig", 1
 MODELS: dict[str, tuple[str, ...]] = {
@@ -123,7 +123,7 @@ def _model(values: Mapping[str, Any], where: str) -> Camera:
     width, height = (size(values[side], f"{where}.{side}") for side in ("width", "height"))
     lens = mapping(values["intrinsics"], f"{where}.intrinsics", MODELS[name])
     fx, fy, cx, cy, *others = (number(lens[key], f"{where}.intrinsics.{key}") for key in MODELS[name])
-    check_centre((cx, cy), (width, height), f"{where}.intrinsics")
+    check_center((cx, cy), (width, height), f"{where}.intrinsics")
     distortion = numbers(values.get("distortion") or [], f"{where}.distortion")
     if name == "pinhole":
         return Pinhole(width, height, fx, fy, cx, cy, distortion)

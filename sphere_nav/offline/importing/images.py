@@ -12,7 +12,7 @@ from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.params import MatchParams
-from sphere_mapping.acquisition.range.epipolar import range_from_disparity, search_of
+from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges, range_from_disparity
 from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.range.plausibility import check_order
 from sphere_nav.geometry import SE3, Camera, Pinhole, Rig, RigCamera, Spherical
@@ -98,24 +98,22 @@ class PanoramaPairs(SphereRecording):
         """Return the stamp of the top image."""
         return self.instants[index]["top"][1]
 
-    def frame(self, index: int) -> Iterator[tuple[str, Any]]:
-        """Yield a sphere."""
-        self._index = index
-        yield from super().frame(index)
-
-    def sphere(self, name: Path, stamp: int) -> Sphere:
+    def sphere(self, index: int, stamp: int) -> Sphere:
         """Match the pair; range is that of the top centre."""
-        pair = [self._read(level, self.instants[self._index][level][0]) for level in LEVELS]
+        pair = [self._read(level, self.instants[index][level][0]) for level in LEVELS]
         top, bottom = pair
         if top.shape != bottom.shape:
             raise ValueError(f"{self.cameras['bottom'].path}: expected the size of top, found another")
-        grey = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image for image in pair]
+        gray = [cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) if image.ndim == 3 else image for image in pair]
         if not self._has_order:
-            check_order(grey[0].astype(np.uint8), grey[1].astype(np.uint8), LEVELS, is_whole=True)
+            check_order(gray[0].astype(np.uint8), gray[1].astype(np.uint8), LEVELS, is_whole=True)
             self._has_order = True
         window = Spherical(top.shape[1], top.shape[0])
-        search, everywhere = search_of(window, self.baseline_m, self.params), np.ones(grey[0].shape, np.bool_)
-        disparity = match_columns(grey[0], grey[1], search, self.params, everywhere, 1)
+        search, everywhere = (
+            disparities_of_ranges(window, self.baseline_m, self.params),
+            np.ones(gray[0].shape, np.bool_),
+        )
+        disparity = match_columns(gray[0], gray[1], search, self.params, everywhere, 1)
         range_m, std_m = range_from_disparity(disparity, window, self.baseline_m, self.params)
         image = cv2.cvtColor(top, cv2.COLOR_BGR2RGB).astype(np.uint8) if top.ndim == 3 else top
         return Sphere(np.maximum(image, 1), range_m, window, stamp, std_m)

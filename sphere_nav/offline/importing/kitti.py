@@ -11,8 +11,8 @@ from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.geometry.files.fields import number as number_of
-from sphere_nav.geometry.files.text_file import read_text
+from sphere_nav.geometry.files.untrusted import number as number_of
+from sphere_nav.geometry.files.untrusted import read_text
 from sphere_nav.offline.importing.recording import (
     FIRST_STAMP_NS,
     MAP_FRAME,

@@ -22,7 +22,7 @@ def guess_format(folder: Path) -> str:
     return ""
 
 
-def describe(folder: Path) -> str:
+def describe_folder(folder: Path) -> str:
     """Return in words what a folder is, or holds where that is not known."""
     if not folder.is_dir():
         return ""

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
-from sphere_nav.geometry.files.fields import number
-from sphere_nav.geometry.files.text_file import read_bytes, read_text
+from sphere_nav.geometry.files.untrusted import number, read_bytes, read_text
 from sphere_nav.geometry.trajectory import NORM_TOLERANCE
 from sphere_nav.ros.conversions import se3_to_transform
 from sphere_nav.ros.conversions.encoded import decode_file
@@ -61,7 +60,7 @@ def read_image(path: Path) -> NDArray[Any]:
     return _decode(path, cv2.IMREAD_ANYCOLOR, np.uint8)
 
 
-def read_depth(path: Path) -> NDArray[np.uint16]:
+def read_depth_file(path: Path) -> NDArray[np.uint16]:
     """Return a 16-bit image (H, W)."""
     pixels = _decode(path, cv2.IMREAD_UNCHANGED, np.uint16)
     if pixels.ndim != 2:

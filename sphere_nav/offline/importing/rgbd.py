@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from sphere_mapping.acquisition.partial.depth_registration import DepthRegistration
 from sphere_nav.geometry import SE3, Pinhole
-from sphere_nav.geometry.files.fields import stamp_ns
-from sphere_nav.geometry.files.text_file import read_text
+from sphere_nav.geometry.files.untrusted import parse_stamp_ns, read_text
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.offline.importing.recording import (
     FIRST_STAMP_NS,
@@ -24,7 +23,7 @@ from sphere_nav.offline.importing.recording import (
     body_from_optical,
     camera_transforms,
     pose_of_row,
-    read_depth,
+    read_depth_file,
     read_image,
     read_numbers,
     read_pose,
@@ -34,7 +33,7 @@ from sphere_nav.ros.conversions import array_to_image, camera_to_info, se3_to_po
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 KINECT_HZ = 30.0
-MILLIMETRES = 1000.0  # depth units per m
+MILLIMETERS = 1000.0  # depth units per m
 FAR = 65535  # invalid in 7-Scenes
 MAX_GAP_NS = 20_000_000  # between the stamps of one instant in a TUM recording
 
@@ -54,7 +53,7 @@ class DepthCamera:
     """The depth camera of a Kinect: its own lens, and where the colour camera sees its points."""
 
     camera: Pinhole
-    T_colour_depth: SE3
+    T_color_depth: SE3
 
 
 class RgbdRecording:
@@ -97,7 +96,7 @@ class RgbdRecording:
         yield "image_raw", array_to_image(image, stamp, OPTICAL_FRAME, "bgr8" if image.ndim == 3 else "mono8")
 
     def _depth(self, path: Path) -> NDArray[np.float32]:
-        units = read_depth(path)
+        units = read_depth_file(path)
         self._check_size(path, units)  # of Kinects both have the same
         depth = units.astype(np.float32) / np.float32(self.depth_units)
         depth[(units == 0) | (units == FAR)] = np.nan
@@ -108,7 +107,7 @@ class RgbdRecording:
     @cached_property
     def _registration(self) -> DepthRegistration:
         assert self.depth_camera is not None
-        return DepthRegistration(self.depth_camera.camera, self.camera, self.depth_camera.T_colour_depth)
+        return DepthRegistration(self.depth_camera.camera, self.camera, self.depth_camera.T_color_depth)
 
     def _check_size(self, path: Path, pixels: NDArray[Any]) -> None:
         expected, found = (self.camera.width, self.camera.height), pixels.shape[1::-1]
@@ -131,22 +130,22 @@ def open_seven_scenes(
     depths = sorted(require_folder(folder).glob("frame-*.depth.png"))
     if not depths:
         raise ValueError(f"{folder}: expected files frame-000000.depth.png and on, found none")
-    T_depth_colour = SE3.identity()
+    T_depth_color = SE3.identity()
     if depth_camera is not None and is_truth_of_depth:
-        T_depth_colour = depth_camera.T_colour_depth.inverse()
+        T_depth_color = depth_camera.T_color_depth.inverse()
     frames = []
     for depth in depths:
         name = depth.name.removesuffix(".depth.png")
-        colour = next(
+        color = next(
             (depth.with_name(name + end) for end in (".color.png", ".color.jpg") if _is(depth, name + end)), None
         )
-        if colour is None:
+        if color is None:
             raise ValueError(f"{folder / name}.color.png: expected a file (or .color.jpg), found none")
         stamp = FIRST_STAMP_NS + round(_number(depth, name) * 1e9 / KINECT_HZ)
         T_world_camera = read_pose((poses or folder) / f"{name}.pose.txt")
-        frames.append(Frame(stamp, colour, depth, T_world_camera @ T_depth_colour))
+        frames.append(Frame(stamp, color, depth, T_world_camera @ T_depth_color))
     return RgbdRecording(
-        frames, camera, MILLIMETRES, depth_camera, is_world_optical=True, truth_name="frame-*.pose.txt"
+        frames, camera, MILLIMETERS, depth_camera, is_world_optical=True, truth_name="frame-*.pose.txt"
     )
 
 
@@ -203,7 +202,7 @@ def _read_list(path: Path) -> list[tuple[int, str]]:
     rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
     if not rows or any(len(row) != 2 for row in rows):
         raise ValueError(f"{path}: expected lines 'stamp file', found {len(rows)} lines")
-    return [(stamp_ns(stamp, f"{path}: stamp"), name) for stamp, name in rows]
+    return [(parse_stamp_ns(stamp, f"{path}: stamp"), name) for stamp, name in rows]
 
 
 def _is(beside: Path, name: str) -> bool:

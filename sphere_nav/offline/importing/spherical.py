@@ -19,7 +19,7 @@ from sphere_nav.offline.importing.recording import (
     FIRST_STAMP_NS,
     MAP_FRAME,
     pose_of_row,
-    read_depth,
+    read_depth_file,
     read_image,
     read_numbers,
     read_pose,
@@ -56,9 +56,9 @@ class SphereRecording:
         stamp, name = self.stamp_ns(index), self.names[index]
         if name in self.poses:
             yield "ground_truth/pose", se3_to_pose_stamped(self.poses[name], stamp, MAP_FRAME)
-        yield "sphere", sphere_to_message(self.sphere(name, stamp), SPHERE_FRAME)
+        yield "sphere", sphere_to_message(self.sphere(index, stamp), SPHERE_FRAME)
 
-    def sphere(self, name: Path, stamp: int) -> Sphere:
+    def sphere(self, index: int, stamp: int) -> Sphere:
         """Return one sphere."""
         raise NotImplementedError
 
@@ -73,13 +73,13 @@ class RingRecording(SphereRecording):
         ]
         super().__init__(names, *_gicp_poses(folder, names))
 
-    def sphere(self, name: Path, stamp: int) -> Sphere:
+    def sphere(self, index: int, stamp: int) -> Sphere:
         """Stitch the eight sensors into one sphere."""
-        views = []
+        views, name = [], self.names[index]
         for number, T_body_sensor in enumerate(self.T_body_sensor, start=1):
-            depth = read_depth(name / f"depth_{number}.png").astype(np.float32) / 1000
-            colour = _rgb(name / f"rgb_{number}.png")
-            views.append(RgbdView(colour, np.where(depth > 0, depth, np.nan), SENSOR, T_body_sensor))
+            depth = read_depth_file(name / f"depth_{number}.png").astype(np.float32) / 1000
+            color = _rgb(name / f"rgb_{number}.png")
+            views.append(RgbdView(color, np.where(depth > 0, depth, np.nan), SENSOR, T_body_sensor))
         return sphere_from_views(views, stamp)
 
 
@@ -97,16 +97,17 @@ class EquirectangularRecording(SphereRecording):
             poses = {name: pose_of_row(row[1:], file) for name, row in zip(names, rows, strict=True)}
         super().__init__(names, poses, "poses.tum" if poses else "")
 
-    def sphere(self, name: Path, stamp: int) -> Sphere:
+    def sphere(self, index: int, stamp: int) -> Sphere:
         """Read one sphere."""
+        name = self.names[index]
         image = _rgb(name)
         file = name.with_name(name.stem.replace("image_", "range_", 1) + ".png")
-        range_mm = read_depth(file)
+        range_mm = read_depth_file(file)
         if range_mm.shape != image.shape[:2]:
             raise ValueError(
                 f"{file}: expected {image.shape[1]} x {image.shape[0]} pixels, found {range_mm.shape[::-1]}"
             )
-        return Sphere(image, _metres(range_mm), Spherical(image.shape[1], image.shape[0]), stamp)
+        return Sphere(image, _meters(range_mm), Spherical(image.shape[1], image.shape[0]), stamp)
 
 
 def open_spherical(folder: Path) -> SphereRecording:
@@ -135,7 +136,7 @@ def _rgb(path: Path) -> NDArray[np.uint8]:
     return cv2.cvtColor(image, cv2.COLOR_BGR2RGB) if image.ndim == 3 else image
 
 
-def _metres(range_mm: NDArray[np.uint16]) -> NDArray[np.float32]:
+def _meters(range_mm: NDArray[np.uint16]) -> NDArray[np.float32]:
     range_m = range_mm.astype(np.float32) * np.float32(1e-3)
     range_m[range_mm == 0] = np.nan
     range_m[range_mm == FAR_MM] = np.inf

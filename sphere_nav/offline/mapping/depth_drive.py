@@ -6,10 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo
 from tqdm import tqdm
 
 from rig_calibration.drive.depth_pair import DepthFrame, DepthPair
@@ -18,14 +16,14 @@ from rig_calibration.drive.depth_pose import FALSE_ALARM, MIN_PAIRS, NAMES, Refi
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import Intake
-from sphere_mapping.ros.rgbd_intake import DEPTH_INFO, RgbdInstant
+from sphere_mapping.ros.rgbd_intake import RgbdInstant
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.tf import TransformListener
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, to_gray_bytes
 
 NUM_PAIRS = 16  # that the way is shared among: few long ones tell more than many short ones
 MIN_PARALLAX, MAX_PARALLAX = 0.03, 0.15  # distance between two images over the range of what they see
@@ -70,10 +68,7 @@ class RgbdCollector(ManagedNode):
         self.wanted: set[int] = set()
         self.found: dict[int, RgbdInstant] = {}
         lookup = TransformListener(self.endpoints, is_required=False).lookup
-        self.intake = Intake(self.params, lambda *_: None, lookup, on_rgbd=self._on_rgbd)
-        for subscription in self.intake.subscriptions():
-            self.add_subscription(*subscription)
-        self.add_subscription(DEPTH_INFO, CameraInfo, self.intake.on_depth_info, is_required=False)
+        Intake(self.params, lambda *_: None, lookup, on_rgbd=self._on_rgbd).subscribe(self.endpoints)
 
     def _on_rgbd(self, instant: RgbdInstant) -> None:
         if instant.stamp_ns in self.wanted:
@@ -99,7 +94,7 @@ def refine_depth(bag: BagReader, values: dict[str, Any], remap: dict[str, str], 
 
     def frame(index: int) -> DepthFrame:
         found, twist = node.found[int(way.stamps_ns[index])], velocity_at(way, index) * readout
-        return make_frame(_grey(found.image), found.depth_m, found.camera, found.depth_camera, twist)
+        return make_frame(to_gray_bytes(found.image), found.depth_m, found.camera, found.depth_camera, twist)
 
     pairs = []
     for first, second in tqdm(chosen, desc="depth", unit="pair", leave=False, disable=None):
@@ -170,11 +165,7 @@ def _collect(bag: BagReader, values: dict[str, Any], remap: dict[str, str], want
     return node
 
 
-def _grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.uint8) if image.ndim == 3 else image
-
-
-def describe(found: RefinedDepth) -> Iterator[str]:
+def describe_components(found: RefinedDepth) -> Iterator[str]:
     """Yield what is told of each component, in mm and deg."""
     values = found.T_image_depth.log()
     values[:3] = found.T_image_depth.translation

@@ -9,7 +9,7 @@ import numpy as np
 from sphere_mapping.ros.node import SphereMapper
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.offline.evaluation import judge
+from sphere_nav.offline.evaluation import evaluate_poses
 from sphere_nav.offline.mapping.truth import Truth, fit_poses
 
 
@@ -61,7 +61,7 @@ class MappedDrive:
         if truth is None or T_truth_map is None:
             return lines
         estimate = self.trajectory(is_base=truth.is_base).moved(T_truth_map)
-        judged = judge(estimate, truth.poses, is_interpolated=True)
+        judged = evaluate_poses(estimate, truth.poses, is_interpolated=True)
         error, turn = judged.report["translation_m"], judged.report["rotation_deg"]
         end, length = float(judged.errors.translation_m[-1]), judged.report["length_m"]
         lines.append(

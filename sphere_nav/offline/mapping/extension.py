@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from sphere_mapping.graph.extension import Submap, find_joins, join
+from sphere_mapping.graph.extension import Submap, find_joins, join_graphs
 from sphere_mapping.graph.verification import Run
 from sphere_mapping.mapper import Mapper
-from sphere_nav.geometry.files.yaml_text import load_yaml
+from sphere_nav.geometry.files.untrusted import load_yaml
 from sphere_nav.ros.bags import BagError
 from sphere_nav.ros.maps.reader import FILE_NAME, MapReader, open_map
 from sphere_nav.ros.shared_files import software
@@ -52,17 +52,17 @@ def extend(base: MapReader, mapper: Mapper, run: Run = map) -> Extension:
     known = Submap(base.graph, base.appearance(), base.load_sphere)
     drive = Submap(mapper.graph, mapper.appearance, mapper.load_sphere)
     for part in (known, drive):
-        learn(part)
+        learn_appearance(part)
     joins = find_joins(known, drive, mapper.params, run)
     if not joins.edges:
         raise BagError(f"{base.path}: expected a drive by places of the map, found none that hold: {joins}")
-    mapper.graph = join(known.graph, drive.graph, joins.edges)
+    mapper.graph = join_graphs(known.graph, drive.graph, joins.edges)
     for sphere_id, features in drive.index.features.items():
         known.index.add(sphere_id, features)
     return Extension(known.index, f"joined to {base.path}: {joins}")
 
 
-def learn(part: Submap) -> None:
+def learn_appearance(part: Submap) -> None:
     """Take note of what key spheres look like where nobody has."""
     for node in part.graph:
         if node.id not in part.index.features:

@@ -29,7 +29,6 @@ from sphere_nav.offline.mapping.stereo_drive import find_field
 from sphere_nav.offline.mapping.survey import check_survey
 from sphere_nav.offline.mapping.truth import Truth, move_to_truth, transform_graph, truth_of
 from sphere_nav.offline.mapping.workers import Workers
-from sphere_nav.offline.settings import parse_settings
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.maps.reader import MapDetails, MapReader, MapWriter
 from sphere_nav.ros.maps.writer import MAP_FRAME
@@ -51,13 +50,13 @@ def learn(arguments: argparse.Namespace) -> int:
         writer = MapWriter(arguments.output, start_of(arguments), is_overwriting=arguments.overwrite)
         try:
             drive = map_drive(arguments, writer, first_id(base), workers)
-            return finish(arguments, drive, writer, base, workers)
+            return finish_map(arguments, drive, writer, base, workers)
         except (ValueError, OSError):  # an interrupted run leaves what it has, for `map-verify --salvage`
             writer.discard()
             raise
 
 
-def finish(
+def finish_map(
     arguments: argparse.Namespace, drive: MappedDrive, writer: MapWriter, base: MapReader | None, workers: Workers
 ) -> int:
     """Close loops, join the drive to a map, compare with the truth, complete the map."""
@@ -70,7 +69,7 @@ def finish(
         extension = extend(base, mapper, workers.run)
         index, told = extension.index, [extension.told]
     truth = truth_of(arguments.bag)
-    T_new_map, graph, warnings = place(arguments, drive, truth)
+    T_new_map, graph, warnings = anchor_map(arguments, drive, truth)
     if mapper.params.key.merge:
         places = drive.trajectory(is_base=False).moved(T_new_map).positions
         merged = merge(graph, places, base.graph.nodes if base is not None else ())
@@ -87,7 +86,9 @@ def finish(
     return 0
 
 
-def place(arguments: argparse.Namespace, drive: MappedDrive, truth: Truth | None) -> tuple[SE3, SphereGraph, list[str]]:
+def anchor_map(
+    arguments: argparse.Namespace, drive: MappedDrive, truth: Truth | None
+) -> tuple[SE3, SphereGraph, list[str]]:
     """Return T_new_map as the anchor asks for, the graph there, and what is to be warned of."""
     graph = drive.node.mapper.graph
     if arguments.anchor == "first":
@@ -127,7 +128,7 @@ def rig_text(arguments: argparse.Namespace) -> str:
 def map_drive(arguments: argparse.Namespace, store: SphereStore, first: int, workers: Workers) -> MappedDrive:
     """Return the bag mapped from what it holds; BagError where no sphere comes of it."""
     given = {"mapper.loop.automatic": not arguments.no_loops, "mounting": arguments.mounting}
-    values = given | parse_settings(arguments.settings)
+    values = given | arguments.settings
     with BagReader(arguments.bag) as bag:
         chosen = topics.choose_topics(bag, arguments)
         kind = arguments.input

@@ -17,7 +17,6 @@ from sphere_nav.offline import topics
 from sphere_nav.offline.mapping.drive import MappedDrive
 from sphere_nav.offline.mapping.stitcher_ahead import StitcherAhead, stitch_apart
 from sphere_nav.offline.mapping.workers import Workers
-from sphere_nav.offline.settings import parse_settings
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay, required_topics
 
@@ -73,5 +72,5 @@ def stitcher_values(bag: BagReader, chosen: dict[str, str], arguments: argparse.
     if arguments.rig is None:
         raise BagError(f"{bag.path}: expected --rig with the rig file of its cameras, found none")
     remap = topics.find_rig_topics(bag, read_rig(arguments.rig).names, chosen)
-    values = {"sync.deadline_s": OFFLINE_DEADLINE_S} | parse_settings(arguments.set_stitcher)
+    values = {"sync.deadline_s": OFFLINE_DEADLINE_S} | arguments.set_stitcher
     return values | {"rig": str(arguments.rig), "transport": "raw", "jobs": NUM_THREADS}, remap

@@ -10,13 +10,11 @@ from typing import Any
 import cv2
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo
 
 from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
 from sphere_mapping.acquisition.stereo.stereo import sphere_from_stereo
 from sphere_mapping.params import MapperParams, SphereMapperParams
 from sphere_mapping.ros.intake import TOPICS, Intake
-from sphere_mapping.ros.rgbd_intake import DEPTH_INFO
 from sphere_nav.geometry import Pinhole
 from sphere_nav.offline import topics
 from sphere_nav.offline.importing.recording import read_image
@@ -29,7 +27,7 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
 
 @dataclass(frozen=True)
-class Lens:
+class LensOptions:
     """How to read image files: fx, fy, cx, cy in pixels; the baseline in m of stereo pairs; depth units per m."""
 
     intrinsics: tuple[float, float, float, float] | None = None
@@ -40,7 +38,7 @@ class Lens:
 Choose = Callable[[BagReader], dict[str, str]]  # the topics that the user named, by ours
 
 
-def read_sphere(word: str, lens: Lens, params: MapperParams, choose: Choose = lambda bag: {}) -> Sphere:
+def read_sphere(word: str, lens: LensOptions, params: MapperParams, choose: Choose = lambda bag: {}) -> Sphere:
     """Return the sphere that a word names: PATH:NUMBER, IMAGE,DEPTH or LEFT,RIGHT."""
     if "," in word:
         return _from_files(*_two(word), lens, params)
@@ -65,10 +63,7 @@ class Collector(ManagedNode):
         self.last: Sphere | None = None
         self.count = 0
         intake = Intake(self.params, self._on_sphere, TransformListener(self.endpoints, is_required=False).lookup)
-        for subscription in intake.subscriptions():
-            self.add_subscription(*subscription)
-        if self.params.input == "rgbd":
-            self.add_subscription(DEPTH_INFO, CameraInfo, intake.on_depth_info, is_required=False)
+        intake.subscribe(self.endpoints)
 
     def _on_sphere(self, sphere: Sphere, *_: object) -> None:
         self.last, self.count = sphere, self.count + 1
@@ -116,7 +111,7 @@ def find_input(bag: BagReader, chosen: dict[str, str] | None = None, *, has_rig:
     return topics.guess_kind(bag, chosen or {}, has_rig=has_rig)
 
 
-def _from_files(first: Path, second: Path, lens: Lens, params: MapperParams) -> Sphere:
+def _from_files(first: Path, second: Path, lens: LensOptions, params: MapperParams) -> Sphere:
     if lens.intrinsics is None:
         raise ValueError("--camera: expected FX,FY,CX,CY for image files, found none")
     image = _rgb(first)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
@@ -15,11 +14,12 @@ from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair
 from sphere_mapping.acquisition.stereo.track_fit import NUM_VIEWS, ColumnFit, Window, fit_columns
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import Intake
-from sphere_mapping.ros.stereo_intake import judge_rows
+from sphere_mapping.ros.stereo_intake import describe_rows
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.tf import TransformListener
+from sphere_nav.spheres.sphere import to_gray_bytes
 
 MAX_WINDOWS = 16  # of consecutive instants in which corners are followed, spread over the drive
 MAX_PAIRS = 400  # of the drive's beginning
@@ -39,15 +39,13 @@ class PairFollower(ManagedNode):
         self.windows: list[Window] = []
         self.num_pairs, self.step, self._open = 0, NUM_VIEWS, list[tuple[NDArray, NDArray]]()
         lookup = TransformListener(self.endpoints, is_required=False).lookup
-        self.intake = Intake(self.params, lambda *_: None, lookup, on_pair=self._on_pair)
-        for subscription in self.intake.subscriptions():
-            self.add_subscription(*subscription)
+        Intake(self.params, lambda *_: None, lookup, on_pair=self._on_pair).subscribe(self.endpoints)
 
     def _on_pair(self, left: NDArray, right: NDArray, pair: StereoPair) -> None:
         self.pair, place = pair, self.num_pairs % self.step
         self.num_pairs += 1
         if place < NUM_VIEWS:
-            self._open.append((_grey(left), _grey(right)))
+            self._open.append((to_gray_bytes(left), to_gray_bytes(right)))
         if len(self._open) == NUM_VIEWS:
             g = pair.geometry
             window = follow_window(g.camera, g.baseline_m, *zip(*self._open, strict=True))
@@ -70,7 +68,7 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
     if node.pair is None:
         return None
     geometry, rows = node.pair.geometry, node.pair.fit
-    _, words = judge_rows(node.pair, node.params.mapper.stereo.calibration_px)
+    _, words = describe_rows(node.pair, node.params.mapper.stereo.calibration_px)
     found = fit_columns(geometry.camera, geometry.baseline_m, node.windows)
     is_bent = found is not None and found.is_significant
     correction = StereoField(
@@ -78,10 +76,10 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
         tuple(found.columns) if found is not None and is_bent else StereoField().columns,
     )
     pair = StereoPair(geometry, correction, rows)
-    return pair, f"stereo: {words}; {describe(found) if is_bent and found else 'disparity as told'}"
+    return pair, f"stereo: {words}; {describe_disparity(found) if is_bent and found else 'disparity as told'}"
 
 
-def describe(found: ColumnFit) -> str:
+def describe_disparity(found: ColumnFit) -> str:
     """Return what is off in the disparity in words."""
     terms = " ".join(f"{value:+.2f}{name}" for value, name in zip(found.columns, TERMS, strict=False))
     deviations = ", ".join(f"{value:.2f}" for value in np.sqrt(np.diag(found.covariance)))
@@ -89,7 +87,3 @@ def describe(found: ColumnFit) -> str:
         f"disparity too small by {terms.removeprefix('+')} px (x, y: tangents; deviations {deviations}, "
         f"from {found.num_tracks} corners), corrected"
     )
-
-
-def _grey(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    return cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.uint8) if image.ndim == 3 else image

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.ros.bags import BagError
 from sphere_nav.spheres.graph import Edge, SphereGraph
 
@@ -37,10 +38,10 @@ def _sigmas(edge: Edge, surveyed: SphereGraph) -> float:
     T_a_b = surveyed[edge.a].T_map_sphere.inverse() @ surveyed[edge.b].T_map_sphere
     xi = (edge.T_a_b.inverse() @ T_a_b).log()
     covariance = EDGE_FACTOR**2 * np.linalg.pinv(edge.information) + np.diag(SURVEY_SIGMA**2)
-    return float(np.sqrt(xi @ np.linalg.solve(covariance, xi)))
+    return float(np.sqrt(squared_mahalanobis(xi, covariance)))
 
 
 def _describe(edge: Edge, sigmas: float, surveyed: SphereGraph) -> str:
     T_a_b = surveyed[edge.a].T_map_sphere.inverse() @ surveyed[edge.b].T_map_sphere
-    metres, radians = edge.T_a_b.distance(T_a_b)
-    return f"{edge.a} to {edge.b} by {1e3 * metres:.0f} mm, {np.degrees(radians):.2f} deg ({sigmas:.1f} sigma)"
+    meters, radians = edge.T_a_b.distance(T_a_b)
+    return f"{edge.a} to {edge.b} by {1e3 * meters:.0f} mm, {np.degrees(radians):.2f} deg ({sigmas:.1f} sigma)"

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from sphere_nav.geometry import SE3
+from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.offline.evaluation import TRUTH_TOPICS
 from sphere_nav.offline.pose_bags import read_poses
@@ -32,8 +32,7 @@ def truth_of(path: Path) -> Truth | None:
 
 def fit_poses(theirs: SE3, ours: SE3) -> SE3:
     """Return T_theirs_ours that brings poses (N,) together best: rotations by their mean, then positions."""
-    U, _, Vt = np.linalg.svd(np.sum(theirs.rotation @ np.swapaxes(ours.rotation, -1, -2), axis=0))
-    R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+    R = so3.nearest_rotations(np.sum(theirs.rotation @ np.swapaxes(ours.rotation, -1, -2), axis=0))
     return SE3.from_parts(R, np.mean(theirs.translation - ours.translation @ R.T, axis=0))
 
 

@@ -1,7 +1,7 @@
-"""READ FIRST. Direct registration of one image with one or several references (M15 sections 2 and 5.1).
+"""READ FIRST. Direct registration of images with their references (M15 sections 2 and 5.1).
 
-Coarse to fine: choose the salient pixels that the camera sees, then descend - warp and compare, weigh and sum, solve,
-update - until the increments are small; at the end judge.
+Coarse to fine: choose the salient pixels that the cameras see, then descend - warp and compare, weigh and sum, solve,
+update - until the increments are small; at the end classify. A single camera is a rig of one.
 """
 
 from __future__ import annotations
@@ -10,12 +10,37 @@ from collections.abc import Sequence
 
 from sphere_nav.geometry import SE3, FrameMotion
 from sphere_nav.photometric.align.alignment import Alignment
-from sphere_nav.photometric.align.judgement import judge
-from sphere_nav.photometric.align.overlap import image_overlap
-from sphere_nav.photometric.align.problem import MAX_VIEWS, Descent, Problem, State
+from sphere_nav.photometric.align.problem import MAX_VIEWS, AlignmentState, Descent
+from sphere_nav.photometric.align.rig import RigImage, RigProblem, share_pixels
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Pyramid
 from sphere_nav.photometric.pixels.reference import View
+
+
+def register_rig(
+    images: Sequence[RigImage],
+    T_world_body: SE3,
+    params: RegistrationParams | None = None,
+    motion: FrameMotion | None = None,
+) -> Alignment:
+    """Align the images of the cameras of a body with references that they overlap, from a first guess of its pose.
+
+    Eq. 4-8, 18-19, 30-35. Several references are aligned at once; the cameras, and the references of each, share
+    `max_pixels` (section 5.1.3). Gains and biases come camera by camera. `motion` is that of the body within a frame of
+    a rolling shutter; it follows the pose from level to level, and once more at the finest. Raises ValueError without
+    images, for an image without views, and for one with more than `MAX_VIEWS`.
+    """
+    params = params or RegistrationParams()
+    _check(images)
+    share, state, iterations = share_pixels(params, len(images)), _start(images, T_world_body), 0
+    coarsest = min(params.pyramid.coarsest, max(len(image.pyramid.levels) for image in images) - 1)
+    finest = min(params.pyramid.finest, coarsest)
+    for index in [*range(coarsest, finest - 1, -1), *([finest] if motion is not None else [])]:
+        problem = RigProblem.choose_pixels(images, index, state.T_world_camera, share, motion)
+        limit = params.max_iterations_fine if index == finest else params.max_iterations_coarse
+        descent = problem.descend(state, limit)
+        state, iterations = descent.state, iterations + descent.iterations
+    return problem.classify(descent, iterations, params)
 
 
 def register(
@@ -25,38 +50,28 @@ def register(
     params: RegistrationParams | None = None,
     motion: FrameMotion | None = None,
 ) -> Alignment:
-    """Align an image with references that it overlaps, from a first guess of its pose (eq. 4-8, 18-19, 30-35).
-
-    Several references are aligned at once and share `max_pixels` (section 5.1.3). `motion` is that within a frame of a
-    rolling shutter; it follows the pose from level to level, and once more at the finest. Raises ValueError without
-    views, and for more than `MAX_VIEWS`.
-    """
-    params = params or RegistrationParams()
-    _check(views)
-    state, iterations = State.start(T_world_camera, len(views)), 0
-    coarsest = min(params.pyramid.coarsest, len(pyramid.levels) - 1)
-    finest = min(params.pyramid.finest, coarsest)
-    indices = [*range(coarsest, finest - 1, -1), *([finest] if motion is not None else [])]
-    for index in indices:
-        problem = Problem.choose_pixels(pyramid.levels[index], views, state.T_world_camera, params, motion)
-        limit = params.max_iterations_fine if index == finest else params.max_iterations_coarse
-        descent = problem.descend(state, limit)
-        state, iterations = descent.state, iterations + descent.iterations
-    overlap = image_overlap(pyramid, views, state.T_world_camera)
-    return judge(problem, descent, iterations, overlap, params)
+    """Align the image of one camera, as `register_rig` does; pose and motion are those of the camera."""
+    return register_rig([RigImage(pyramid, views=tuple(views))], T_world_camera, params, motion)
 
 
 def evaluate(
     pyramid: Pyramid, views: Sequence[View], T_world_camera: SE3, params: RegistrationParams | None = None
 ) -> Alignment:
     """Return what `register` would report at a pose without moving it; ValueError as there."""
-    params = params or RegistrationParams()
-    _check(views)
-    problem = Problem.choose_pixels(pyramid.levels[0], views, T_world_camera, params)
-    stay = Descent(State.start(T_world_camera, len(views)), 0, 0.0, is_determined=True)
-    return judge(problem, stay, 0, image_overlap(pyramid, views, T_world_camera), params)
+    params, images = params or RegistrationParams(), [RigImage(pyramid, views=tuple(views))]
+    _check(images)
+    stay = Descent(_start(images, T_world_camera), 0, 0.0, is_determined=True)
+    return RigProblem.choose_pixels(images, 0, T_world_camera, params).classify(stay, 0, params)
 
 
-def _check(views: Sequence[View]) -> None:
-    if not 1 <= len(views) <= MAX_VIEWS:
-        raise ValueError(f"views: expected at least one reference and at most {MAX_VIEWS}, found {len(views)}")
+def _start(images: Sequence[RigImage], T_world_body: SE3) -> AlignmentState:
+    return AlignmentState.start(T_world_body, sum(len(image.views) for image in images))
+
+
+def _check(images: Sequence[RigImage]) -> None:
+    if not images:
+        raise ValueError("images: expected at least one, found none")
+    for image in images:
+        if not 1 <= len(image.views) <= MAX_VIEWS:
+            found = len(image.views)
+            raise ValueError(f"views: expected at least one reference and at most {MAX_VIEWS}, found {found}")

@@ -1,6 +1,6 @@
 """Whether the end of a registration is a result: overlap, texture, outliers, convergence, covariance.
 
-How many pixels count as one independent observation, measured by how differently parts of the image pull.
+How many pixels count as one independent observation, measured by how differently parts of the image bias the pose.
 """
 
 from __future__ import annotations
@@ -8,19 +8,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sphere_nav.estimation.normal_equations import inverse_and_condition
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align import alignment
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.descent import kernels
 from sphere_nav.photometric.align.iteration.kernels import NUM_COLUMNS
-from sphere_nav.photometric.align.problem import Comparison, Descent, Problem, State
+from sphere_nav.photometric.align.problem import AlignmentState, Descent, ViewComparison
+from sphere_nav.photometric.constants import STUCK
 from sphere_nav.photometric.params import RegistrationParams
 
 MIN_PIECES = 2  # of a view; fewer do not scatter
 
 
-def correlated_pixels(found: Sequence[Comparison], otherwise: float) -> float:
+def correlated_pixels(found: Sequence[ViewComparison], otherwise: float) -> float:
     """Return the number of pixels that err together, 1 where all residuals are independent.
 
     The pixels of a view are summed in pieces of scan order. Were residuals independent, the gradient g of a piece would
@@ -36,20 +38,11 @@ def correlated_pixels(found: Sequence[Comparison], otherwise: float) -> float:
     return max(1.0, total / expected) if expected else otherwise
 
 
-Array = NDArray[np.float64]
 UNKNOWN = np.diag(np.full(6, np.inf))
-STUCK = 25.0  # still moving this many times `min_step` at the end is no convergence
-
-
-def judge(problem: Problem, descent: Descent, iterations: int, overlap: float, params: RegistrationParams) -> Alignment:
-    """Say what the last descent has found, after so many iterations in all; compare once more where it did not end."""
-    found = descent.found or problem.compare(descent.state)
-    H = normal_matrix(found, has_light=params.illumination)
-    return classify(found, H, descent, iterations, overlap, params)
 
 
 def classify(
-    found: Sequence[Comparison],
+    found: Sequence[ViewComparison],
     H: Array,
     descent: Descent,
     iterations: int,
@@ -87,18 +80,18 @@ def classify(
     )
 
 
-def normal_matrix(found: Sequence[Comparison], *, has_light: bool) -> Array:
+def normal_matrix(found: Sequence[ViewComparison], *, has_light: bool) -> Array:
     """Return H over (xi, gain 1, bias 1, ...) of the compared views together (M15 eq. 19, 31)."""
     n = 6 + 2 * len(found) if has_light else 6
     H, g, h, q = np.zeros((n, n)), np.zeros(n), np.empty((8, 8)), np.empty(8)
     for index, view in enumerate(found):
-        kernels.unpack(view.pieces.sum(axis=0), h, q)
+        kernels.unpack_sums(view.pieces.sum(axis=0), h, q)
         kernels.to_camera_tangent(view.T_camera_reference, h, q)
-        kernels.join(index, h, q, view.sigma, has_light, H, g)
+        kernels.join_view(index, h, q, view.sigma, has_light, H, g)
     return H
 
 
-def _refuse(state: State, reason: str, iterations: int, num_pixels: int, overlap: float) -> Alignment:
+def _refuse(state: AlignmentState, reason: str, iterations: int, num_pixels: int, overlap: float) -> Alignment:
     gains, biases = tuple(state.light[:, 0].tolist()), tuple(state.light[:, 1].tolist())
     pose = state.T_world_camera.orthonormal()
     return Alignment(pose, UNKNOWN, reason, iterations, num_pixels, overlap, 0.0, 0.0, 0.0, gains, biases)
@@ -111,17 +104,10 @@ def _covariance(H: Array) -> tuple[Array, float]:
     """
     pose, cross, light = H[:6, :6], H[:6, 6:], H[6:, 6:]
     marginal = pose - cross @ np.linalg.solve(light, cross.T) if light.size else pose
-    if not np.all(np.isfinite(marginal)):
-        return UNKNOWN, np.inf
-    scale = np.sqrt(np.maximum(np.diagonal(marginal), 1e-300))
-    eigenvalues, vectors = np.linalg.eigh(marginal / np.outer(scale, scale))
-    if eigenvalues[0] <= 0:
-        return UNKNOWN, np.inf
-    inverse = (vectors / eigenvalues) @ vectors.T / np.outer(scale, scale)
-    return inverse, float(eigenvalues[-1] / eigenvalues[0])
+    return inverse_and_condition(marginal)
 
 
-def _correlation(found: Sequence[Comparison], state: State) -> float:
+def _correlation(found: Sequence[ViewComparison], state: AlignmentState) -> float:
     """Return the normalised cross correlation of reference and warped image over all visible pixels (M15 5.4).
 
     Views count as they do in the alignment, by the inverse of their residual's deviation.

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.align.projection import kernel_motion
 from sphere_nav.photometric.pixels import kernels
 from sphere_nav.photometric.pixels.pyramid import Pyramid
@@ -37,7 +37,7 @@ def image_overlap(pyramid: Pyramid, views: Sequence[View], T_world_camera: SE3) 
 @lru_cache(maxsize=16)
 def _cells_with_rays(camera: Camera) -> NDArray[np.bool_]:
     """Return which cells hold a pixel that sees anything; the corners of a fisheye image do not."""
-    has_ray = ~np.isnan(camera.unproject(pixel_grid(camera))[..., 0])
+    has_ray = ~np.isnan(pixel_rays(camera)[..., 0])
     cells = np.zeros((-(-camera.height // CELL), -(-camera.width // CELL)), np.bool_)
     v, u = np.nonzero(has_ray)
     cells[v // CELL, u // CELL] = True

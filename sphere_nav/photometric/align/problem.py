@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sphere_nav.estimation.kernels import SIGMA_OF_MAD
 from sphere_nav.geometry import SE3, FrameMotion
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.descent import kernels
 from sphere_nav.photometric.align.projection import KernelCamera, rolling
 from sphere_nav.photometric.params import RegistrationParams
@@ -17,21 +18,20 @@ from sphere_nav.photometric.pixels.pyramid import NO_FLOATS, Level
 from sphere_nav.photometric.pixels.reference import Selection, View
 from sphere_nav.photometric.pixels.selection import choose
 
-Array = NDArray[np.float64]
 MAX_VIEWS = kernels.MAX_VIEWS
 
 
 @dataclass(frozen=True)
-class State:
+class AlignmentState:
     """What is estimated: the pose, and a gain and bias (num_views, 2) that map grey levels to each reference's."""
 
     T_world_camera: SE3
     light: Array
 
     @staticmethod
-    def start(T_world_camera: SE3, num_views: int) -> State:
+    def start(T_world_camera: SE3, num_views: int) -> AlignmentState:
         """Return the first guess: the given pose, the same light."""
-        return State(T_world_camera, np.tile([1.0, 0.0], (num_views, 1)))
+        return AlignmentState(T_world_camera, np.tile([1.0, 0.0], (num_views, 1)))
 
 
 @dataclass(frozen=True)
@@ -42,15 +42,15 @@ class Descent:
     the pieces those after it; else empty.
     """
 
-    state: State
+    state: AlignmentState
     iterations: int
     motion: float
     is_determined: bool  # the image fixed every increment
-    found: tuple[Comparison, ...] = ()
+    found: tuple[ViewComparison, ...] = ()
 
 
 @dataclass(frozen=True)
-class Comparison:
+class ViewComparison:
     """One view at a state: grey levels, and the sums (NUM_SUMS,) of each piece of its pixels.
 
     `correlation` is (sum of reference, of current, of their product, of both squares) over the visible pixels.
@@ -94,7 +94,7 @@ class Problem:
         moving = level.kernel_camera if motion is None else rolling(camera, motion.twist(T_world_camera))
         return Problem(tuple(selections), tuple(view.T_world_reference for view in views), level, params, moving)
 
-    def descend(self, state: State, limit: int, *, is_rotation: bool = False) -> Descent:
+    def descend(self, state: AlignmentState, limit: int, *, is_rotation: bool = False) -> Descent:
         """Iterate until the increment moves the image less than `min_step` (M15 eq. 6-7), `limit` times at most."""
         T_world_camera, light = state.T_world_camera.matrix[:3].copy(), np.ones((MAX_VIEWS, 2))
         light[: len(state.light)] = state.light
@@ -106,19 +106,19 @@ class Problem:
             *self._views, *self._image, *moving, self._robust, *end, facts, pieces
         )
         pose = np.concatenate([T_world_camera, [[0.0, 0.0, 0.0, 1.0]]])
-        last = State(SE3(pose), light[: len(state.light)])
+        last = AlignmentState(SE3(pose), light[: len(state.light)])
         is_still = is_determined and iterations > 0 and motion < params.min_step
         found = tuple(self._comparisons(last, facts, pieces)) if is_still else ()
         return Descent(last, iterations, motion, is_determined, found)
 
-    def linearise(self, state: State) -> tuple[Array, Array, int]:
+    def linearize(self, state: AlignmentState) -> tuple[Array, Array, int]:
         """Return H, g over (xi, gain 1, bias 1, ...) with H x = -g, and the number of visible pixels (eq. 6, 31-35)."""
         T_world_camera = np.ascontiguousarray(state.T_world_camera.matrix[:3])
         args = T_world_camera, state.light, self._robust
-        H, g, visible = kernels.linearise(*self._views, *self._image, *args, *_room())
+        H, g, visible = kernels.linearize(*self._views, *self._image, *args, *_room())
         return H, g, int(visible)
 
-    def compare(self, state: State) -> list[Comparison]:
+    def compare(self, state: AlignmentState) -> list[ViewComparison]:
         """Compare the image with every view at a state, each pixel once more."""
         T_camera_world, (facts, pieces) = state.T_world_camera.inverse(), _room()
         robust = self.params.huber, self.params.min_sigma
@@ -130,7 +130,7 @@ class Problem:
             kernels.examine(selection.blocks, T, *self._image, *light, *robust, facts[index], pieces[index])
         return self._comparisons(state, facts, pieces)
 
-    def _comparisons(self, state: State, facts: Array, pieces: Array) -> list[Comparison]:
+    def _comparisons(self, state: AlignmentState, facts: Array, pieces: Array) -> list[ViewComparison]:
         """Return what `examine` has written of every view."""
         T_camera_world, found = state.T_world_camera.inverse(), []
         for index, T_world_reference in enumerate(self.T_world_reference):
@@ -138,7 +138,7 @@ class Problem:
             sigma = max(SIGMA_OF_MAD * mad, self.params.min_sigma)
             T = np.ascontiguousarray((T_camera_world @ T_world_reference).matrix[:3])
             sums = facts[index, kernels.SUM_REFERENCE :], pieces[index, : int(num_pieces)]
-            found.append(Comparison(T, median, mad, sigma, int(num_visible), int(num_inliers), *sums))
+            found.append(ViewComparison(T, median, mad, sigma, int(num_visible), int(num_inliers), *sums))
         return found
 
     @property

@@ -1,6 +1,6 @@
-"""Registration of the images of several cameras that are fixed to one another: one pose of their body (M15 eq. 8, 19).
+"""The images of one to n cameras that are fixed to one another, and their least-squares problem (M15 eq. 8, 19).
 
-The normal equations of each camera are those of `problem.py`, turned to the increment of the body,
+The normal equations of each camera are those of `problem.py`, transformed to the increment of the body,
 T_world_body @ exp(xi): T_world_camera @ exp(Ad(T_camera_body) xi) is the same motion. Each view has its own light.
 """
 
@@ -9,22 +9,21 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache
+from itertools import islice
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sphere_nav.estimation.kernels import newton_step
 from sphere_nav.geometry import SE3, FrameMotion
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.descent import kernels
-from sphere_nav.photometric.align.esm import register
 from sphere_nav.photometric.align.judgement import classify, normal_matrix
 from sphere_nav.photometric.align.overlap import image_overlap
-from sphere_nav.photometric.align.problem import Descent, Problem, State
+from sphere_nav.photometric.align.problem import AlignmentState, Descent, Problem, ViewComparison
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Pyramid
 from sphere_nav.photometric.pixels.reference import View
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -52,33 +51,6 @@ class RigImage:
         return motion and replace(motion, T_world_before=self.pose(motion.T_world_before))
 
 
-def register_rig(
-    images: Sequence[RigImage],
-    T_world_body: SE3,
-    params: RegistrationParams | None = None,
-    motion: FrameMotion | None = None,
-) -> Alignment:
-    """Align all images with their references at once, as `register` does; the pose is that of the body.
-
-    The cameras share `max_pixels`; gains and biases come camera by camera. ValueError without images, as `register`.
-    """
-    params = params or RegistrationParams()
-    if not images:
-        raise ValueError("images: expected at least one, found none")
-    if len(images) == 1 and images[0].T_body_camera is None:
-        return register(images[0].pyramid, images[0].views, T_world_body, params, motion)
-    share, coarsest = share_pixels(params, len(images)), max(len(image.pyramid.levels) for image in images) - 1
-    coarsest = min(params.pyramid.coarsest, coarsest)
-    finest = min(params.pyramid.finest, coarsest)
-    state, iterations = State.start(T_world_body, sum(len(image.views) for image in images)), 0
-    for index in [*range(coarsest, finest - 1, -1), *([finest] if motion is not None else [])]:
-        problem = _RigProblem.choose_pixels(images, index, state.T_world_camera, share, motion)
-        limit = params.max_iterations_fine if index == finest else params.max_iterations_coarse
-        descent = problem.descend(state, limit)
-        state, iterations = descent.state, iterations + descent.iterations
-    return problem.classify(descent, iterations, params)
-
-
 @cache
 def share_pixels(params: RegistrationParams, number: int) -> RegistrationParams:
     """Return the parameters of one of so many cameras."""
@@ -86,7 +58,7 @@ def share_pixels(params: RegistrationParams, number: int) -> RegistrationParams:
 
 
 @dataclass(frozen=True)
-class _RigProblem:
+class RigProblem:
     """The least-squares problem of one level: those of the cameras, about one pose."""
 
     images: tuple[RigImage, ...]
@@ -98,34 +70,41 @@ class _RigProblem:
         index: int,
         T_world_body: SE3,
         params: RegistrationParams,
-        motion: FrameMotion | None,
-    ) -> _RigProblem:
+        motion: FrameMotion | None = None,
+    ) -> RigProblem:
         """Pick the pixels of each camera at a level, or at its coarsest where it has fewer."""
         problems = []
         for image in images:
             level = image.pyramid.levels[min(index, len(image.pyramid.levels) - 1)]
             args = image.views, image.pose(T_world_body), params, image.motion(motion)
             problems.append(Problem.choose_pixels(level, *args))
-        return _RigProblem(tuple(images), tuple(problems))
+        return RigProblem(tuple(images), tuple(problems))
 
-    def states(self, state: State) -> list[State]:
+    @property
+    def is_camera(self) -> bool:
+        """Whether the body is a camera, and no other one is with it: nothing is to be transformed."""
+        return len(self.images) == 1 and self.images[0].T_body_camera is None
+
+    def states(self, state: AlignmentState) -> list[AlignmentState]:
         """Return the state of each camera: its pose, the light of its views."""
         ends = np.cumsum([len(image.views) for image in self.images])
         lights = np.split(state.light, ends[:-1])
         return [
-            State(image.pose(state.T_world_camera), np.ascontiguousarray(light))
+            AlignmentState(image.pose(state.T_world_camera), np.ascontiguousarray(light))
             for image, light in zip(self.images, lights, strict=True)
         ]
 
-    def linearise(self, state: State) -> tuple[Array, Array, int]:
+    def linearize(self, state: AlignmentState) -> tuple[Array, Array, int]:
         """Return H, g over (xi of the body, gain 1, bias 1, ...) of all views, and the number of visible pixels."""
         states = zip(self.problems, self.states(state), strict=True)
-        parts = [problem.linearise(one) for problem, one in states]
+        parts = [problem.linearize(one) for problem, one in states]
         systems = [(H, g) for H, g, _ in parts]
         return *self.join(systems), sum(visible for _, _, visible in parts)
 
     def join(self, systems: Sequence[tuple[Array, Array]]) -> tuple[Array, Array]:
         """Return the sum of the cameras' H, g about the body (eq. 8); each camera's light keeps rows of its own."""
+        if self.is_camera:
+            return systems[0]
         size = 6 + sum(len(g) - 6 for _, g in systems)
         H, g, first = np.zeros((size, size)), np.zeros(size), 6
         for image, (h, q) in zip(self.images, systems, strict=True):
@@ -138,21 +117,26 @@ class _RigProblem:
             first += number
         return H, g
 
-    def descend(self, state: State, limit: int) -> Descent:
-        """Iterate until the increment moves no image by more than `min_step`, as `Problem.descend` does (eq. 6-7)."""
+    def descend(self, state: AlignmentState, limit: int) -> Descent:
+        """Iterate until the increment moves no image by more than `min_step` (eq. 6-7), `limit` times at most.
+
+        That of a camera alone is compiled as a whole.
+        """
+        if self.is_camera:
+            return self.problems[0].descend(state, limit)
         params, motion = self.problems[0].params, 0.0
         for iteration in range(limit):
-            H, g, visible = self.linearise(state)
+            H, g, visible = self.linearize(state)
             if visible < params.min_pixels:
                 return Descent(state, iteration, motion, is_determined=False)
-            x, is_found = kernels.solve(H, g, int(kernels.START))
+            x, is_found = newton_step(H, g, int(kernels.START))
             if not is_found:
                 return Descent(state, iteration, motion, is_determined=False)
             light = state.light.copy()
             if params.illumination:
                 light += x[6:].reshape(-1, 2)
                 light[:, 0] = np.clip(light[:, 0], kernels.MIN_GAIN, kernels.MAX_GAIN)
-            state = State(state.T_world_camera @ SE3.exp(x[:6]), light)
+            state = AlignmentState(state.T_world_camera @ SE3.exp(x[:6]), light)
             motion = max(
                 self._shift(problem, image, x[:6]) for problem, image in zip(self.problems, self.images, strict=True)
             )
@@ -170,14 +154,21 @@ class _RigProblem:
         return float(turn + step / depth) * problem.level.camera.pixels_per_radian
 
     def classify(self, descent: Descent, iterations: int, params: RegistrationParams) -> Alignment:
-        """Compare all images once more at the end and say what was found."""
+        """Say what the last descent has found, after so many iterations; compare once more where it did not end."""
         states = self.states(descent.state)
-        found = [problem.compare(state) for problem, state in zip(self.problems, states, strict=True)]
-        has_light = params.illumination
-        systems = [(H, np.zeros(len(H))) for H in (normal_matrix(views, has_light=has_light) for views in found)]
+        parts = zip(self.problems, states, strict=True)
+        found = descent.found or [view for problem, state in parts for view in problem.compare(state)]
         overlaps = [
             image_overlap(image.pyramid, image.views, state.T_world_camera)
             for image, state in zip(self.images, states, strict=True)
         ]
-        overlap, views = float(np.mean(overlaps)), [view for one in found for view in one]
-        return classify(views, self.join(systems)[0], descent, iterations, overlap, params)
+        H = self.normal_matrix(found, has_light=params.illumination)
+        return classify(found, H, descent, iterations, float(np.mean(overlaps)), params)
+
+    def normal_matrix(self, found: Sequence[ViewComparison], *, has_light: bool) -> Array:
+        """Return H over (xi of the body, gain 1, bias 1, ...) of the compared views of all cameras, in their order."""
+        views, systems = iter(found), []
+        for image in self.images:
+            H = normal_matrix(list(islice(views, len(image.views))), has_light=has_light)
+            systems.append((H, np.zeros(len(H))))
+        return self.join(systems)[0]

@@ -9,20 +9,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.photometric.align.descent import kernels
-from sphere_nav.photometric.align.iteration.kernels import BLOCK, GREY, SIDE
-from sphere_nav.photometric.align.problem import Problem, State
+from sphere_nav.photometric.align.iteration.kernels import BLOCK, GRAY, SIDE
+from sphere_nav.photometric.align.problem import AlignmentState, Problem
 from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.constants import MIN_TURN_PIXELS, ROTATION_ITERATIONS, TURN_PIXELS
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Level, Pyramid
 from sphere_nav.photometric.pixels.reference import Reference, View, prepare_level
-
-Array = NDArray[np.float64]
-MAX_ITERATIONS = 10  # M15 section 6.1
-NUM_PIXELS = 400  # of a level that are compared after a turn
-MIN_PIXELS = 50
-ANY_WIDTH, ANY_SIGMA = 1.0, 1.0  # Huber's; correlation is of all pixels alike
 
 
 def register_rotation(now: Pyramid, before: Pyramid, params: RegistrationParams | None = None) -> SE3:
@@ -36,7 +32,7 @@ def register_rotation(now: Pyramid, before: Pyramid, params: RegistrationParams 
     pixels = prepare_level(before.levels[-1], everywhere_far, params.far)
     view = View(Reference((pixels,)), SE3.identity())
     problem = Problem.choose_pixels(level, [view], SE3.identity(), params)
-    descent = problem.descend(State.start(SE3.identity(), 1), MAX_ITERATIONS, is_rotation=True)
+    descent = problem.descend(AlignmentState.start(SE3.identity(), 1), ROTATION_ITERATIONS, is_rotation=True)
     return descent.state.T_world_camera if descent.is_determined else SE3.identity()
 
 
@@ -60,13 +56,13 @@ def correlation_after_turn(now: Level, before: Level, R_before_now: Array) -> fl
     """
     (rows, columns), rays = _sample(before.camera)
     blocks = rays.copy()
-    blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, GREY // SIDE] = before.image[rows, columns + before.pad]
+    blocks.reshape(-1, BLOCK // SIDE, SIDE)[:, GRAY // SIDE] = before.image[rows, columns + before.pad]
     facts, pieces = np.empty(kernels.NUM_FACTS), np.empty((kernels.NUM_PIECES, kernels.NUM_SUMS))
     T = np.zeros((3, 4))
     T[:, :3] = R_before_now.T
-    kernels.examine(blocks, T, now.kernel_camera, now.samples, 1.0, 0.0, ANY_WIDTH, ANY_SIGMA, facts, pieces)
+    kernels.examine(blocks, T, now.kernel_camera, now.samples, 1.0, 0.0, 1.0, 1.0, facts, pieces)  # of all pixels alike
     number = facts[kernels.NUM_VISIBLE]
-    if number < MIN_PIXELS:
+    if number < MIN_TURN_PIXELS:
         return None
     reference, current, product, square_reference, square_current = facts[kernels.SUM_REFERENCE :].tolist()
     norm = (square_reference - reference**2 / number) * (square_current - current**2 / number)
@@ -76,7 +72,7 @@ def correlation_after_turn(now: Level, before: Level, R_before_now: Array) -> fl
 @lru_cache(maxsize=16)
 def _sample(camera: Camera) -> tuple[tuple[NDArray[np.int64], NDArray[np.int64]], NDArray[np.float32]]:
     """Return rows and columns (B, SIDE) of pixels of a camera, and blocks (B * BLOCK,) with their rays; NaN: none."""
-    step = max(1, int(np.sqrt(camera.width * camera.height / NUM_PIXELS)))
+    step = max(1, int(np.sqrt(camera.width * camera.height / TURN_PIXELS)))
     grid = pixel_grid(camera)[step // 2 :: step, step // 2 :: step].reshape(-1, 2)
     number = -(-len(grid) // SIDE)
     pixels, rays = np.zeros((number * SIDE, 2), np.int64), np.full((number * SIDE, 3), np.nan, np.float32)

@@ -1,4 +1,4 @@
-"""How far something in the view has pulled a pose: the pixels of an alignment solved once more, without it."""
+"""How far something in the view has biased a pose: the pixels of an alignment solved once more, without it."""
 
 from __future__ import annotations
 
@@ -8,37 +8,39 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.estimation.normal_equations import weighted_step
 from sphere_nav.estimation.robust import weigh
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.photometric.constants import NUM_REWEIGHTINGS
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.samples import Sample
 
-Array = NDArray[np.float64]
-NUM_WEIGHTS = 2  # how often weights are found anew
-RIDGE = 1e-9
 Orders = Sequence[tuple[int, int]]  # half periods of a gain across the image, along both axes
-Problem = tuple[Array, Array, NDArray[np.int64]]
-Cameras = Sequence[tuple[SE3 | None, Sequence[Sample]]]  # T_body_camera (None: it is the body), pixels of its views
-Look = Callable[[SE3], Cameras]  # at the pixels from another T_world_body
+LeastSquares = tuple[Array, Array, NDArray[np.int64]]
+CameraSamples = Sequence[
+    tuple[SE3 | None, Sequence[Sample]]
+]  # T_body_camera (None: it is the body), pixels of its views
+Sampler = Callable[[SE3], CameraSamples]  # gives the pixels at another T_world_body
 
 
 @dataclass(frozen=True, eq=False)
-class Pull:
-    """share 0...1 of what is pulled by; xi (6,) from the pose to where it would be without."""
+class PoseBias:
+    """share 0...1 of the evidence that the cause explains; xi (6,) from the pose to the one without it."""
 
     share: float = 0.0
     xi: Array = field(default_factory=lambda: np.zeros(6))
 
     @property
     def lengths(self) -> tuple[float, float]:
-        """How far it pulls, in m and in rad."""
+        """Size of the bias in m and in rad."""
         return float(np.linalg.norm(self.xi[:3])), float(np.linalg.norm(self.xi[3:]))
 
 
-NO_PULL = Pull()
+NO_BIAS = PoseBias()
 
 
-def linearise(cameras: Cameras, orders: Orders) -> Problem | None:
+def linearize_samples(cameras: CameraSamples, orders: Orders) -> LeastSquares | None:
     """Return the derivative (N, 6 + views * (2 + orders)) of the residuals (N,), and the view (N,) of each.
 
     Columns of a view: gain, bias, and how the gain varies over the image.
@@ -65,13 +67,13 @@ def linearise(cameras: Cameras, orders: Orders) -> Problem | None:
 def solve_robustly(
     J: Array, residual: Array, owner: NDArray[np.int64], params: RegistrationParams
 ) -> tuple[Array, Array, Array]:
-    """Return the step, what it leaves of the residuals (N,), and their weights (N,)."""
-    left = residual
-    for _ in range(NUM_WEIGHTS):
-        weight = _weights(left, owner, params)
-        x = solve(J, residual, weight)
-        left = residual + J @ x
-    return x, left, weight
+    """Return the step, the residuals (N,) after it, and their weights (N,)."""
+    remaining = residual
+    for _ in range(NUM_REWEIGHTINGS):
+        weight = _weights(remaining, owner, params)
+        x = weighted_step(J, residual, weight)
+        remaining = residual + J @ x
+    return x, remaining, weight
 
 
 def _weights(residual: Array, owner: NDArray[np.int64], params: RegistrationParams) -> Array:
@@ -81,12 +83,3 @@ def _weights(residual: Array, owner: NDArray[np.int64], params: RegistrationPara
         own = owner == index
         weight[own], _ = weigh(residual[own], params.huber, params.min_sigma)
     return weight
-
-
-def solve(J: Array, residual: Array, weight: Array) -> Array:
-    """Return the step that leaves least."""
-    weighted = weight[:, None] * J
-    H, g = weighted.T @ J, weighted.T @ residual
-    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
-    step = np.linalg.solve(H * np.outer(scale, scale) + RIDGE * np.eye(len(g)), -scale * g)
-    return np.asarray(scale * step, np.float64)

@@ -1,11 +1,11 @@
-"""Does what hides a part of the view from the map pull the pose?
+"""Does an occlusion, a part of the view that does not show the map, bias the pose?
 
 Something before the camera that moves with it - a load, a hand, a bonnet, a queue - is no outlier to a robust weight
 once it fills a third of the view: its edges hold the pose back while the vehicle goes on. The evidence: over a grid of
 cells of the image, the mean cosine between the gradients of image and references. Cells that show the map agree, cells
 that show something else do not, whatever pose has been found. Faint gradients, noise, edges seen from elsewhere and
-another resolution make pixels of a cell scatter: it is hidden only where its mean is surely too low for that scatter.
-The pose by the agreeing cells alone, found by a few steps, says how far the hidden ones pull.
+another resolution make pixels of a cell scatter: it is occluded only where its mean is surely too low for that scatter.
+The pose by the agreeing cells alone, found by a few steps, says how far the occluded ones bias it.
 """
 
 from __future__ import annotations
@@ -17,59 +17,66 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
-from sphere_nav.photometric.checks.bias import Cameras, Look, Pull, linearise, solve_robustly
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.photometric.checks.bias import CameraSamples, PoseBias, Sampler, linearize_samples, solve_robustly
+from sphere_nav.photometric.constants import (
+    CELL_SIGMAS,
+    COLUMNS,
+    LAST_OCCLUSION_STEP_RAD,
+    MIN_CELL_PIXELS,
+    MIN_COSINE_RATIO,
+    MIN_VIEW_PIXELS,
+    MIN_VISIBLE_SHARE,
+    OCCLUSION_SHARE,
+    OCCLUSION_STEPS,
+    ROWS,
+    TYPICAL_QUANTILE,
+)
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.samples import TINY, Sample, cosines
 
-Array = NDArray[np.float64]
-COLUMNS, ROWS = 8, 6  # cells of an image
-MIN_PIXELS, MIN_OF_VIEW = 12, 50  # of a cell, to be judged; of a view, to be asked
-TYPICAL = 0.75  # quantile of the cells' cosines that counts as agreement
-MIN_RATIO = 0.5  # of it, below which a cell shows something else
-SURE_SIGMAS = 3.0  # of the mean of a cell, that it must lie below: by chance one cell in 700 that is just there
-MIN_LEFT = 0.3  # of the pixels, below which nothing can be said without the others
-MIN_SHARE = 0.1  # of the texture, below which nothing is hidden
-NUM_STEPS = 6
-NEGLIGIBLE_RAD = 1e-3  # median motion of a step in the image, below which it is the last one
 
-
-def find_hidden(look: Look, cameras: Cameras, T_world_body: SE3, params: RegistrationParams) -> Pull:
-    """Ask the pixels at an aligned pose and, where a part is hidden, on the way to that without it (`look` there).
+def find_occlusion_bias(
+    sampler: Sampler, cameras: CameraSamples, T_world_body: SE3, params: RegistrationParams
+) -> PoseBias:
+    """Return the bias at an aligned pose; where a part is occluded, sample pixels anew on the way to the one without.
 
     The share is that of the texture, of the references or of the image, in cells that do not agree: a pale wall has
     none to lose.
     """
     share, kept = _agreeing(cameras)
-    T_pulled = SE3.identity()
-    for _ in range(NUM_STEPS if share >= MIN_SHARE else 0):
-        problem = linearise(_by_reference(kept), ()) if _number(kept) > MIN_LEFT * _number(cameras) else None
+    T_bias = SE3.identity()
+    for _ in range(OCCLUSION_STEPS if share >= OCCLUSION_SHARE else 0):
+        problem = (
+            linearize_samples(_by_reference(kept), ()) if _number(kept) > MIN_VISIBLE_SHARE * _number(cameras) else None
+        )
         if problem is None:
             break
         step = solve_robustly(*problem, params)[0][:6]
-        T_pulled = T_pulled @ SE3.exp(step)
-        if _motion(kept, step) < NEGLIGIBLE_RAD:
+        T_bias = T_bias @ SE3.exp(step)
+        if _motion(kept, step) < LAST_OCCLUSION_STEP_RAD:
             break
-        cameras = look(T_world_body @ T_pulled)
+        cameras = sampler(T_world_body @ T_bias)
         _, kept = _agreeing(cameras)
-    return Pull(share, T_pulled.log())
+    return PoseBias(share, T_bias.log())
 
 
-def free_of(look: Look) -> Look:
-    """Return what looks at the pixels of cells that agree, no others."""
-    return lambda T_world_body: _agreeing(look(T_world_body))[1]
+def exclude_occlusion(sampler: Sampler) -> Sampler:
+    """Return the sampler of the pixels in cells that agree, no others."""
+    return lambda T_world_body: _agreeing(sampler(T_world_body))[1]
 
 
-def _by_reference(cameras: Cameras) -> Cameras:
-    """Return the pixels with the gradients of the reference for those of the image, whose gain is pulled, too."""
+def _by_reference(cameras: CameraSamples) -> CameraSamples:
+    """Return the pixels with the gradients of the reference for those of the image, whose gain is biased, too."""
     return [(place, [replace(one, of_image=one.of_reference) for one in samples]) for place, samples in cameras]
 
 
-def _number(cameras: Cameras) -> int:
+def _number(cameras: CameraSamples) -> int:
     """Return how many pixels there are."""
     return sum(len(sample.residual) for _, samples in cameras for sample in samples)
 
 
-def _agreeing(cameras: Cameras) -> tuple[float, Cameras]:
+def _agreeing(cameras: CameraSamples) -> tuple[float, CameraSamples]:
     """Return the share 0..1 of the texture in cells that do not agree, and the pixels of the others."""
     kept: list[tuple[SE3 | None, list[Sample]]] = []
     strength = np.zeros((2, 2))  # of references and image: all of it, what agrees
@@ -78,7 +85,7 @@ def _agreeing(cameras: Cameras) -> tuple[float, Cameras]:
         for sample in samples:
             part = sample.where(agrees[_cell(sample)])
             strength += [_strength(sample), _strength(part)]
-            if len(part.residual) >= MIN_OF_VIEW:
+            if len(part.residual) >= MIN_VIEW_PIXELS:
                 parts.append(part)
         kept.append((place, parts))
     return float(np.max(1.0 - strength[1] / np.maximum(strength[0], TINY))), kept
@@ -97,13 +104,13 @@ def _cells_that_agree(samples: Sequence[Sample]) -> NDArray[np.bool_]:
     agreement = [cosines(sample) for sample in samples]
     cosine, weight = (np.concatenate(parts) for parts in zip(*agreement, strict=True)) if samples else np.zeros((2, 0))
     total, number = _sum(cell, weight), _sum(cell, np.ones(len(cell)))
-    is_judged = (number >= MIN_PIXELS) & (total > 0.0)
-    if not is_judged.any():
+    is_known = (number >= MIN_CELL_PIXELS) & (total > 0.0)
+    if not is_known.any():
         return np.ones(COLUMNS * ROWS, bool)
     mean = _sum(cell, weight * cosine) / np.maximum(total, TINY)
     variance = _sum(cell, (weight * (cosine - mean[cell])) ** 2) / np.maximum(total, TINY) ** 2
-    limit = MIN_RATIO * float(np.quantile(mean[is_judged], TYPICAL))
-    return ~is_judged | (mean + SURE_SIGMAS * np.sqrt(variance) >= limit)
+    limit = MIN_COSINE_RATIO * float(np.quantile(mean[is_known], TYPICAL_QUANTILE))
+    return ~is_known | (mean + CELL_SIGMAS * np.sqrt(variance) >= limit)
 
 
 def _sum(cell: NDArray[np.int64], values: Array) -> Array:
@@ -117,7 +124,7 @@ def _cell(sample: Sample) -> NDArray[np.int64]:
     return row * COLUMNS + column
 
 
-def _motion(cameras: Cameras, step: Array) -> float:
+def _motion(cameras: CameraSamples, step: Array) -> float:
     """Return the median angle by which a step moves points, seen from the body."""
     points = np.concatenate(
         [
@@ -126,5 +133,5 @@ def _motion(cameras: Cameras, step: Array) -> float:
             for sample in samples
         ]
     )
-    moved = step[:3] + np.cross(step[3:], points)
-    return float(np.median(np.linalg.norm(moved, axis=1) / np.linalg.norm(points, axis=1)))
+    motion = step[:3] + np.cross(step[3:], points)
+    return float(np.median(np.linalg.norm(motion, axis=1) / np.linalg.norm(points, axis=1)))

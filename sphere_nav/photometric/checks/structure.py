@@ -1,8 +1,8 @@
-"""What the residuals say beyond the pose: do the gradients agree, do another lens, light or a hidden part explain them?
+"""What the residuals say beyond the pose: do gradients agree, do another lens, light or an occlusion explain them?
 
 Grey levels of smooth surfaces correlate by chance wherever a fit may slide; their gradients do not. A wrong lens leaves
-residuals that point to the centre of the image or away from it; light: `uneven_light.py`; what stands before the
-camera: `hidden_part.py`. All is asked of a few thousand pixels, together or one after the other in different images.
+residuals that point to the centre of the image or away from it; light: `illumination.py`; what stands before the
+camera: `occlusion.py`. All use a few thousand pixels, together or one after the other in different images.
 """
 
 from __future__ import annotations
@@ -12,52 +12,48 @@ from dataclasses import dataclass, replace
 from enum import Flag, auto
 
 import numpy as np
-from numpy.typing import NDArray
 
+from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.estimation.robust import weigh
 from sphere_nav.geometry import SE3, FrameMotion, Spherical
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.rig import RigImage, share_pixels
-from sphere_nav.photometric.checks.bias import NO_PULL, Cameras, Look, Pull
-from sphere_nav.photometric.checks.illumination import find_pull
-from sphere_nav.photometric.checks.occlusion import MIN_SHARE, find_hidden, free_of
+from sphere_nav.photometric.checks.bias import NO_BIAS, CameraSamples, PoseBias, Sampler
+from sphere_nav.photometric.checks.illumination import find_illumination_bias
+from sphere_nav.photometric.checks.occlusion import exclude_occlusion, find_occlusion_bias
+from sphere_nav.photometric.constants import LENS_PIECES, MIN_SAMPLES, OCCLUSION_SHARE
 from sphere_nav.photometric.params import RegistrationParams
-from sphere_nav.photometric.pixels.pyramid import Pyramid
 from sphere_nav.photometric.pixels.reference import View
-from sphere_nav.photometric.pixels.samples import TINY, Sample, cosines, take_samples
-
-Array = NDArray[np.float64]
-NUM_PIECES = 24  # of the pixels in scan order: pixels of a piece may err together
-MIN_PIXELS = 100
-RIDGE = 1e-9
+from sphere_nav.photometric.pixels.samples import TINY, Sample, cosines, sample_views
 
 
 class Aspect(Flag):
-    """What may be asked of residuals: gradients and lens, a hidden part of the view, light that varies over it."""
+    """What may be checked of residuals: gradients and lens, an occlusion, an illumination gradient."""
 
     FIT = auto()
-    HIDDEN = auto()
-    LIGHT = auto()
+    OCCLUSION = auto()
+    ILLUMINATION = auto()
 
 
-NOTHING, EVERYTHING = Aspect(0), Aspect.FIT | Aspect.HIDDEN | Aspect.LIGHT
+NOTHING, EVERYTHING = Aspect(0), Aspect.FIT | Aspect.OCCLUSION | Aspect.ILLUMINATION
 
 
 @dataclass(frozen=True)
 class Structure:
-    """What the residuals of an alignment look like; what was not asked is as if nothing were wrong.
+    """What the residuals of an alignment look like; what was not checked is as if nothing were wrong.
 
     agreement is the mean cosine -1...1 between the gradients of image and references. stretch is by how much the image
     is larger about its centre than the lens says, as a share, with its standard deviation; 0 and infinite where no lens
-    is known (whole spheres) or too little is seen. pull is that of light that varies over the view, hidden that of what
-    hides a part of it.
+    is known (whole spheres) or too little is seen. illumination and occlusion are the biases of the pose by a gradient
+    of the light over the view, and by what hides a part of it.
     """
 
     agreement: float = 1.0
     stretch: float = 0.0
     stretch_sigma: float = np.inf
-    pull: Pull = NO_PULL
-    hidden: Pull = NO_PULL
+    illumination: PoseBias = NO_BIAS
+    occlusion: PoseBias = NO_BIAS
 
 
 def find_rig_structure(
@@ -65,34 +61,34 @@ def find_rig_structure(
     alignment: Alignment,
     params: RegistrationParams,
     motion: FrameMotion | None = None,
-    asked: Aspect = EVERYTHING,
+    aspects: Aspect = EVERYTHING,
 ) -> Structure:
-    """Look at an alignment of `register_rig`: the mean agreement, the lens that is most surely wrong, the pull of all.
+    """Check an alignment of `register_rig`: the mean agreement, the lens that is most surely wrong, the biases.
 
-    What it says of too few pixels is nothing.
+    Of too few pixels it says nothing.
     """
 
-    def look_at(T_world_body: SE3) -> Cameras:
+    def sample_at(T_world_body: SE3) -> CameraSamples:
         there = _samples_of(images, replace(alignment, T_world_camera=T_world_body), params, motion)
         return [
-            (one.T_body_camera, [part for part in parts if len(part.residual) >= MIN_PIXELS]) for one, parts in there
+            (one.T_body_camera, [part for part in parts if len(part.residual) >= MIN_SAMPLES]) for one, parts in there
         ]
 
-    look: Look = look_at
+    sampler: Sampler = sample_at
     pose = alignment.T_world_camera
-    cameras = look(pose)
-    found = _find_fit(images, cameras, params) if Aspect.FIT in asked else Structure()
-    if Aspect.HIDDEN in asked:
-        found = replace(found, hidden=find_hidden(look, cameras, pose, params))
-    if Aspect.LIGHT not in asked:
+    cameras = sampler(pose)
+    found = _find_fit(images, cameras, params) if Aspect.FIT in aspects else Structure()
+    if Aspect.OCCLUSION in aspects:
+        found = replace(found, occlusion=find_occlusion_bias(sampler, cameras, pose, params))
+    if Aspect.ILLUMINATION not in aspects:
         return found
-    if found.hidden.share >= MIN_SHARE:  # of the light, what is free of the view tells more
-        look, pose = free_of(look), pose @ SE3.exp(found.hidden.xi)
-        cameras = look(pose)
-    return replace(found, pull=find_pull(look, cameras, pose, params))
+    if found.occlusion.share >= OCCLUSION_SHARE:  # of the light, the pixels without occlusion tell more
+        sampler, pose = exclude_occlusion(sampler), pose @ SE3.exp(found.occlusion.xi)
+        cameras = sampler(pose)
+    return replace(found, illumination=find_illumination_bias(sampler, cameras, pose, params))
 
 
-def _find_fit(images: Sequence[RigImage], cameras: Cameras, params: RegistrationParams) -> Structure:
+def _find_fit(images: Sequence[RigImage], cameras: CameraSamples, params: RegistrationParams) -> Structure:
     """Return the mean agreement of gradients and the stretch that is most sure."""
     found = []
     for image, (_, usable) in zip(images, cameras, strict=True):
@@ -102,17 +98,6 @@ def _find_fit(images: Sequence[RigImage], cameras: Cameras, params: Registration
     return replace(surest, agreement=float(np.mean([one.agreement for one in found])))
 
 
-def find_structure(
-    pyramid: Pyramid,
-    views: Sequence[View],
-    alignment: Alignment,
-    params: RegistrationParams,
-    motion: FrameMotion | None = None,
-) -> Structure:
-    """Look at an alignment of `register` with the same arguments."""
-    return find_rig_structure([RigImage(pyramid, views=tuple(views))], alignment, params, motion)
-
-
 def view_residuals(
     images: Sequence[RigImage], alignment: Alignment, params: RegistrationParams, motion: FrameMotion | None = None
 ) -> Iterator[tuple[View, Array, Array]]:
@@ -120,7 +105,7 @@ def view_residuals(
     for image, samples in _samples_of(images, alignment, params, motion):
         pose = image.pose(alignment.T_world_camera)
         for view, sample in zip(image.views, samples, strict=True):
-            if len(sample.residual) >= MIN_PIXELS:
+            if len(sample.residual) >= MIN_SAMPLES:
                 yield view, (view.T_world_reference.inverse() @ pose).apply(sample.points), sample.residual
 
 
@@ -133,7 +118,7 @@ def _samples_of(
         part = slice(first, first + len(image.views))
         pose, gains, biases = image.pose(alignment.T_world_camera), alignment.gains[part], alignment.biases[part]
         own = replace(alignment, T_world_camera=pose, gains=gains, biases=biases)
-        yield image, take_samples(image.pyramid, image.views, own, share, image.motion(motion))
+        yield image, sample_views(image.pyramid, image.views, own, share, image.motion(motion))
         first = part.stop
 
 
@@ -160,11 +145,9 @@ def _stretch(samples: Sequence[Sample], params: RegistrationParams, *, has_lens:
         J[:, 7 + 2 * index], J[:, 8 + 2 * index] = sample.current, 1.0
         weighted = weight[:, None] * J
         H += weighted.T @ J
-        parts = np.array_split(weighted * sample.residual[:, None], NUM_PIECES)
+        parts = np.array_split(weighted * sample.residual[:, None], LENS_PIECES)
         scores += [part.sum(axis=0) for part in parts]
-    scale = 1.0 / np.sqrt(np.maximum(np.diagonal(H), 1e-300))
-    inverse = np.linalg.inv(H * np.outer(scale, scale) + RIDGE * np.eye(size)) * np.outer(scale, scale)
-    pulls = np.array(scores) @ inverse  # of each piece on every unknown
-    step = -pulls.sum(axis=0)
-    scatter = np.sum((pulls[:, 6] - pulls[:, 6].mean()) ** 2)
+    steps = np.array(scores) @ scaled_inverse(H)  # of each piece on every unknown
+    step = -steps.sum(axis=0)
+    scatter = np.sum((steps[:, 6] - steps[:, 6].mean()) ** 2)
     return float(step[6]), float(np.sqrt(scatter))

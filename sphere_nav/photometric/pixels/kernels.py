@@ -14,7 +14,7 @@ from sphere_nav.photometric.align.iteration.kernels import (
     BX,
     BY,
     BZ,
-    GREY,
+    GRAY,
     J0,
     J1,
     J2,
@@ -119,7 +119,7 @@ WHITE = np.float32(255.0)
 
 
 @njit(**OPTIONS)
-def quantise(image, pad, out):
+def quantize(image, pad, out):
     """Grey levels (H, W) f32 or u8 in steps of `STEP`: out (H, W + 2 pad) u16, a whole sphere with its other edge."""
     height, width = image.shape
     for v in range(height):
@@ -236,7 +236,7 @@ def fill_squares(squares, first, image, pad, codes, ranges, far, rays, camera, p
         d = pool[(first + k) * BLOCK : (first + k + 1) * BLOCK]
         for i in range(SIDE):
             r[X + i], r[Y + i], r[Z + i] = ZERO, ZERO, np.float32(np.nan)
-            du[i], dv[i], d[GREY + i] = ZERO, ZERO, ZERO
+            du[i], dv[i], d[GRAY + i] = ZERO, ZERO, ZERO
         for v in range(max(v0, 1), min(v0 + SQUARE, height - 1)):
             for u in range(max(u0, 1 - pad), min(u0 + SQUARE, width - 1 + pad)):
                 code, i, c = codes[v, u], (v - v0) * SQUARE + u - u0, u + pad
@@ -244,7 +244,7 @@ def fill_squares(squares, first, image, pad, codes, ranges, far, rays, camera, p
                     distance = min(ranges[code], far)
                     x, y, z = ray_of(rays, v, u, width)
                     r[X + i], r[Y + i], r[Z + i] = x * distance, y * distance, z * distance
-                    d[GREY + i] = STEP * np.float32(image[v, c])
+                    d[GRAY + i] = STEP * np.float32(image[v, c])
                     du[i] = HALF * STEP * (np.float32(image[v, c + 1]) - np.float32(image[v, c - 1]))
                     dv[i] = HALF * STEP * (np.float32(image[v + 1, c]) - np.float32(image[v - 1, c]))
         for i in range(SIDE):

@@ -151,7 +151,7 @@ def prepare_reference(
     levels = []
     for index, smaller in enumerate(cameras):
         if index:
-            steps, ranges = _halve_steps(steps, pad), halve_range(ranges, params.surface_ratio)
+            steps, ranges = _halve_steps(steps, pad), halve_range_image(ranges, params.surface_ratio)
         if index >= finest:  # else no image will be aligned that finely
             codes = in_codes(ranges)
             keep_evenly_spaced(codes, smaller)
@@ -167,7 +167,7 @@ def check_range(range_m: NDArray[np.floating], camera: Camera) -> None:
         raise ValueError(f"range: expected positive, NaN or +Inf, found {np.nanmin(range_m)}")
 
 
-def halve_range(range_m: Floats, surface_ratio: float) -> Floats:
+def halve_range_image(range_m: Floats, surface_ratio: float) -> Floats:
     """Return the range (H // 2, W // 2) of the next level: that of the nearest surface in each 2 x 2 block."""
     out = np.empty((range_m.shape[0] // 2, range_m.shape[1] // 2), np.float32)
     kernels.halve_range(range_m, np.float32(surface_ratio), out)
@@ -177,7 +177,7 @@ def halve_range(range_m: Floats, surface_ratio: float) -> Floats:
 def in_steps(image: Image, pad: int) -> Steps:
     """Return grey levels (H, W) in steps of 1 / 256, padded: half the memory, far below the noise of any camera."""
     out = np.empty((image.shape[0], image.shape[1] + 2 * pad), np.uint16)
-    kernels.quantise(np.require(image, requirements=["C", "W"]), pad, out)
+    kernels.quantize(np.require(image, requirements=["C", "W"]), pad, out)
     return out
 
 

@@ -1,4 +1,4 @@
-"""A few thousand pixels of an alignment, warped into the image: what questions about its residuals are asked of."""
+"""A few thousand pixels of an alignment, warped into the image, by which its residuals are checked."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import FrameMotion
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.iteration import kernels
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.projection import Floats, KernelCamera, kernel_motion, rolling
+from sphere_nav.photometric.constants import NUM_SAMPLES
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Level, Pyramid
 from sphere_nav.photometric.pixels.reference import Selection, View
 from sphere_nav.photometric.pixels.selection import choose
 
-Array = NDArray[np.float64]
-NUM_PIXELS = 2048  # looked at, all references together
 TINY = 1e-12
 
 
@@ -61,7 +61,7 @@ def cosines(sample: Sample) -> tuple[Array, Array]:
     return product / np.maximum(in_reference * in_image, TINY), length * in_reference
 
 
-def take_samples(
+def sample_views(
     pyramid: Pyramid,
     views: Sequence[View],
     alignment: Alignment,
@@ -77,12 +77,12 @@ def take_samples(
         T = T_camera_world @ view.T_world_reference
         pixels = view.reference.level_like(level.camera)
         selection = choose(pixels, T, level.camera, params.max_pixels // len(views))
-        blocks = thin(selection, NUM_PIXELS // len(views))
+        blocks = thin_blocks(selection, NUM_SAMPLES // len(views))
         samples.append(warp_sample(blocks, kernel_motion(T.matrix), camera, level, (gain, bias)))
     return samples
 
 
-def thin(selection: Selection, number: int) -> Floats:
+def thin_blocks(selection: Selection, number: int) -> Floats:
     """Return blocks of about so many of the chosen pixels, evenly taken."""
     step = max(1, selection.num_pixels // number)
     some = selection.blocks.reshape(selection.blocks.size // BLOCK, BLOCK // SIDE, SIDE)[:, :, ::step]
@@ -96,11 +96,11 @@ def thin(selection: Selection, number: int) -> Floats:
 def warp_sample(blocks: Floats, T: Floats, camera: KernelCamera, level: Level, light: tuple[float, float]) -> Sample:
     """Warp pixels of a reference into the image."""
     height, width = level.camera.height, level.camera.width
-    gain, bias, *centre = (np.float32(value) for value in (*light, 0.5 * (width - 1), 0.5 * (height - 1)))
+    gain, bias, *center = (np.float32(value) for value in (*light, 0.5 * (width - 1), 0.5 * (height - 1)))
     out = np.empty((kernels.NUM_WARPED, blocks.size // BLOCK * SIDE), np.float32)
-    kernels.warp(blocks, T, camera, level.samples, gain, bias, *centre, out)
+    kernels.warp(blocks, T, camera, level.samples, gain, bias, *center, out)
     seen = out[:-1, out[-1] > 0.0].astype(np.float64)
     points, of_reference, of_image = (np.ascontiguousarray(rows.T) for rows in np.split(seen[:9], 3))
-    at = (level.camera.project(points)[0] - centre) / centre
+    at = (level.camera.project(points)[0] - center) / center
     by_stretch, current, residual = seen[9:]
     return Sample(points, of_reference, of_image, by_stretch, current, residual, at)

@@ -15,11 +15,9 @@ from numpy.typing import NDArray
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.projection import kernel_camera, kernel_motion
+from sphere_nav.photometric.constants import LATE_SHIFT, MAX_SHIFT
 from sphere_nav.photometric.pixels import kernels
 from sphere_nav.photometric.pixels.reference import Reference, ReferenceLevel, Selection
-
-MAX_SHIFT = 0.1  # of the image's width: a selection is used again while the image has moved less than this
-LATE_SHIFT = 0.2  # the same, while the next one is under way
 
 
 def choose(pixels: ReferenceLevel, T_camera_reference: SE3, camera: Camera, number: int) -> Selection:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3, Camera, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.projection import Floats, kernel_camera, kernel_motion, view_cone
 from sphere_nav.photometric.pixels import kernels
@@ -43,7 +43,7 @@ class Squares:
     """Pixels of one level; `num_pixels` of them have a range."""
 
     def __init__(self, image: Steps, camera: Camera, pad: int, ranges: Steps, far: float) -> None:
-        """An image and its ranges (H, W) as `kernels.quantise` and `kernels.encode_range` make them; +Inf: `far` m."""
+        """An image and its ranges (H, W) as `kernels.quantize` and `kernels.encode_range` make them; +Inf: `far` m."""
         self.camera, self._ranges, self._far = camera, ranges, np.float32(far)
         self._image, self._pad, self._lock = image, pad, Lock()
         cones, self._order = cones_of(camera), curve(camera.width, camera.height)
@@ -95,7 +95,7 @@ class Squares:
         if last * BLOCK > made.pool.size:
             made = made.with_room(min(last + int(GROWTH * last), len(self.bounds)))
         ranges = self._ranges, kernels.RANGES, self._far
-        camera = rays_of(self.camera), kernel_camera(self.camera)
+        camera = kernel_rays(self.camera), kernel_camera(self.camera)
         kernels.fill_squares(missing, first, self._image, self._pad, *ranges, *camera, made.pool, made.keys)
         made.place_of[missing] = np.arange(first, last, dtype=np.int32)
         made.number = last
@@ -125,10 +125,10 @@ class Made:
 
 
 @lru_cache(maxsize=16)
-def rays_of(camera: Camera) -> tuple[Floats, Floats, Floats]:
+def kernel_rays(camera: Camera) -> tuple[Floats, Floats, Floats]:
     """Return the unit rays of all pixels as `kernels.ray_of` takes them; kept for the latest cameras."""
     if not isinstance(camera, Spherical):
-        rays = np.moveaxis(camera.unproject(pixel_grid(camera)), -1, 0).astype(np.float32)
+        rays = np.moveaxis(pixel_rays(camera), -1, 0).astype(np.float32)
         return np.empty((2, 0), np.float32), np.empty((2, 0), np.float32), np.ascontiguousarray(rays.reshape(3, -1))
     middle = 0.5 * (camera.full_height - 1.0) - camera.offset_v
     along = camera.unproject(np.stack([np.arange(camera.width), np.full(camera.width, middle)], axis=-1))

@@ -1,6 +1,6 @@
 """Bags: rosbag2 folders of MCAP files, written and read without rosbag2.
 
-`BagWriter` (bag_writer.py), `BagReader` (bag_reader.py), `verify_bag` and `salvage` (bag_check.py).
+`BagWriter` (writer.py), `BagReader` (reader.py), `verify_bag` and `salvage` (check.py).
 """
 
 from sphere_nav.ros.bags.check import BagReport, salvage, verify_bag

@@ -34,7 +34,7 @@ def verify_bag(path: str | Path, progress: Progress = lambda step: None) -> BagR
     report = BagReport(Path(path))
     with BagReader(path, is_empty_allowed=True) as bag:
         report.topics, report.time_range = bag.topics, bag.time_range
-        kinds = {name: _class_or_problem(info, report) for name, info in bag.topics.items()}
+        kinds = {name: _class_of(info) for name, info in bag.topics.items()}
         counts = dict.fromkeys(bag.topics, 0)
         try:
             for topic, _, data in bag.raw():
@@ -81,7 +81,7 @@ def salvage(source: str | Path, target: str | Path, progress: Progress = lambda 
     return count
 
 
-def _class_or_problem(info: TopicInfo, report: BagReport) -> type[Any] | None:
+def _class_of(info: TopicInfo) -> type[Any] | None:
     try:
         return message_class(info.type)
     except ValueError:

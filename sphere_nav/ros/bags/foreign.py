@@ -1,4 +1,4 @@
-"""Bags in other storages than plain MCAP, read by `rosbags`: sqlite3, compressed rosbag2, ROS 1.
+"""Bags in other storages than MCAP, read by `rosbags`: sqlite3 and ROS 1.
 
 What ROS 1 recorded becomes the ROS 2 message of the same name: the header loses its `seq`.
 """
@@ -19,36 +19,24 @@ from rosbags.interfaces import Connection, QosDurability
 from rosbags.rosbag1 import Reader as Ros1Reader
 from rosbags.rosbag1.reader import decompressors as ROS1_METHODS
 from rosbags.rosbag2 import Reader as Ros2Reader
-from rosbags.rosbag2.storage_mcap import DECOMPRESSORS as MCAP_METHODS
 from rosbags.typesys import Stores, get_typestore
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.kind import ROS1, SQLITE, PlainView, compression_of
-from sphere_nav.ros.bags.mcap_chunk import MAX_CHUNK
+from sphere_nav.ros.bags.kind import ROS1, SQLITE
+from sphere_nav.ros.bags.mcap_records import MAX_CHUNK
 from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
 from sphere_nav.ros.bags.unpack import unpack
 
-MAX_MESSAGE = 1 << 28  # bytes; the largest image that conversions accept
 RENAMED = {"tf/msg/tfMessage": "tf2_msgs/msg/TFMessage"}
-
-
-def _unpack_chunk(method: str) -> Callable[[bytes, int], bytes]:
-    return lambda data, size: unpack(data, method, min(size, MAX_CHUNK))
-
-
-MCAP_METHODS |= {method: _unpack_chunk(method) for method in ("zstd", "lz4")}  # the library's own know no limit
 
 
 class ForeignBag:
     """An open bag: its topics, and its messages as CDR of ROS 2. BagError, in one line, for what cannot be read."""
 
-    def __init__(self, path: Path, description: dict[str, Any]) -> None:
-        """`description` is what metadata.yaml says of a folder, where there is one."""
+    def __init__(self, path: Path) -> None:
         self._path, self._convert, self._is_open = path, _Converter(), False
-        self._compression = compression_of(description)
-        self._view = PlainView(path, description) if self._compression != "none" else None
         try:
-            self._open(self._view.path if self._view else path)
+            self._open(path)
             self.topics = self._guard(self._read_topics)
         except BaseException:
             self.close()
@@ -84,11 +72,9 @@ class ForeignBag:
             if found is None:
                 return
             connection, stamp_ns, data = found
-            if self._compression == "message":
-                data = self._guard(partial(unpack, bytes(data), "zstd", MAX_MESSAGE))
-            if len(data) > MAX_MESSAGE:
+            if len(data) > MAX_CHUNK:
                 raise BagError(
-                    f"{self._path}: {connection.topic}: expected at most {MAX_MESSAGE} bytes, found {len(data)}"
+                    f"{self._path}: {connection.topic}: expected at most {MAX_CHUNK} bytes, found {len(data)}"
                 )
             if self._path.suffix == ROS1:
                 data = self._guard(partial(self._convert, connection.msgtype, data))
@@ -99,8 +85,6 @@ class ForeignBag:
         if self._is_open:
             self._reader.close()
             self._is_open = False
-        if self._view is not None:
-            self._view.close()
 
     def _read_topics(self) -> dict[str, TopicInfo]:
         topics: dict[str, TopicInfo] = {}
@@ -183,5 +167,5 @@ def _check_sqlite(path: Path) -> None:
             database.close()
     except (sqlite3.Error, OSError) as error:
         raise BagError(f"{path}: expected a rosbag2 database, found: {error}") from None
-    if largest is not None and int(largest) > MAX_MESSAGE:
-        raise BagError(f"{path}: expected messages of at most {MAX_MESSAGE} bytes, found one of {largest}")
+    if largest is not None and int(largest) > MAX_CHUNK:
+        raise BagError(f"{path}: expected messages of at most {MAX_CHUNK} bytes, found one of {largest}")

@@ -33,8 +33,12 @@ class PlainView:
         self.path = Path(self._folder.name)
         try:
             names = [self._add(path / PurePath(name).name, mode) for name in description["relative_file_paths"]]
-            plain = description | {"compression_mode": "", "compression_format": "", "relative_file_paths": names}
-            text = json.dumps({"rosbag2_bagfile_information": plain}, default=str)
+            self.description = description | {
+                "compression_mode": "",
+                "compression_format": "",
+                "relative_file_paths": names,
+            }
+            text = json.dumps({"rosbag2_bagfile_information": self.description}, default=str)
             (self.path / "metadata.yaml").write_text(text)
         except BaseException as error:
             self.close()
@@ -61,11 +65,10 @@ SQLITE, ROS1 = ".db3", ".bag"
 
 
 def is_foreign(path: Path, description: dict[str, Any] | None) -> bool:
-    """Whether a file, or the folder that metadata.yaml describes, needs `foreign_bag.ForeignBag`."""
+    """Whether a file, or the folder that metadata.yaml describes, needs `foreign.ForeignBag`."""
     if path.suffix in (SQLITE, ROS1):
         return True
-    information = description or {}
-    return information.get("storage_identifier") == "sqlite3" or compression_of(information) != "none"
+    return (description or {}).get("storage_identifier") == "sqlite3"
 
 
 def lone_file(path: Path) -> Path:

@@ -1,27 +1,18 @@
-"""One MCAP file as an untrusted input: sizes are checked before anything is allocated, CRCs always."""
+"""One MCAP file as an untrusted input: sizes are checked before anything is allocated, checksums always."""
 
 from __future__ import annotations
 
 import heapq
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from mcap.records import Channel, ChunkIndex, Message
 from mcap.summary import Summary
 
-from sphere_nav.geometry.files.text_file import open_file
-from sphere_nav.ros.bags.mcap_chunk import (
-    ChunkRecord,
-    chunk_at,
-    message_from,
-    parsed,
-    read_at,
-    records_of_chunk,
-    view_of_chunk,
-)
+from sphere_nav.geometry.files.untrusted import open_file
+from sphere_nav.ros.bags.mcap_records import FOOTER, MAGIC, Loose, read_summary, record_at, records_at, scan
 from sphere_nav.ros.bags.mcap_salvage import MAX_FILE, readable_part
-from sphere_nav.ros.bags.mcap_summary import FOOTER, MAGIC, Loose, read_summary, scan
 from sphere_nav.ros.bags.recorded import BagError
 
 MAX_HELD = 1 << 29  # bytes of messages that wait for their turn, where chunks overlap in time
@@ -68,7 +59,7 @@ class McapFile:
     def chunk(self, index: ChunkIndex) -> list[tuple[Channel, Message]]:
         """Return the messages of one chunk in the order of the file, not copied; BagError if it is damaged."""
         try:
-            return list(self._chunk(index.chunk_start_offset, view_of_chunk))
+            return list(self._chunk(index.chunk_start_offset, is_view=True))
         except BagError as error:
             raise self._name(error) from None
 
@@ -92,26 +83,19 @@ class McapFile:
                     if held > MAX_HELD:
                         raise BagError(f"expected chunks in order of time, found {MAX_HELD} bytes that overlap")
                 continue
-            channel, message = self._message(item) if isinstance(item, Loose) else item
-            held -= 0 if isinstance(item, Loose) else len(message.data) + OVERHEAD
+            if isinstance(item, Loose):
+                message = record_at(self.stream, item.begin, item.end)
+                channel = self._channel(message)
+            else:
+                channel, message = item
+                held -= len(message.data) + OVERHEAD
             if channels is None or channel.id in channels:
                 yield channel, message
 
-    def _message(self, loose: Loose) -> tuple[Channel, Message]:
-        message = message_from(read_at(self.stream, loose.begin, loose.length))
-        return self._channel(message), message
-
-    def _chunk(
-        self, offset: int, read: Callable[[BinaryIO, ChunkRecord], bytes | memoryview] = records_of_chunk
-    ) -> Iterator[tuple[Channel, Message]]:
-        chunk = chunk_at(self.stream, offset, self.size)
-        try:
-            for record in parsed(read(self.stream, chunk)):
-                if isinstance(record, Message):
-                    yield self._channel(record), record
-        except BagError as error:
-            text = str(error)
-            raise BagError(text if text.startswith("chunk at") else f"chunk at byte {offset}: {text}") from None
+    def _chunk(self, place: int, *, is_view: bool = False) -> Iterator[tuple[Channel, Message]]:
+        for record in records_at(self.stream, place, self.size, is_view=is_view):
+            if isinstance(record, Message):
+                yield self._channel(record), record
 
     def _channel(self, message: Message) -> Channel:
         channel = self.summary.channels.get(message.channel_id)

@@ -1,22 +1,23 @@
-"""Read a bag: a rosbag2 folder or a lone file; MCAP by ourselves, other storages through `foreign_bag.py`."""
+"""Read a bag: a rosbag2 folder or a lone file; MCAP by ourselves, other storages through `foreign.py`."""
 
 from __future__ import annotations
 
 import heapq
 from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
 from rclpy.serialization import deserialize_message
 
-from sphere_nav.geometry.files.fields import choice, required, short
-from sphere_nav.geometry.files.text_file import read_text
-from sphere_nav.geometry.files.yaml_text import load_yaml
+from sphere_nav.geometry.files.untrusted import choice, load_yaml, read_text, required, short
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.kind import is_foreign, lone_file
+from sphere_nav.ros.bags.kind import PlainView, compression_of, is_foreign, lone_file
 from sphere_nav.ros.bags.mcap_file import McapFile
+from sphere_nav.ros.bags.mcap_records import MAX_CHUNK
 from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
+from sphere_nav.ros.bags.unpack import unpack
 from sphere_nav.ros.bags.writer import absolute
 from sphere_nav.ros.interfaces import message_class, type_hash, type_name
 
@@ -36,21 +37,40 @@ class BagReader:
         self.path = Path(path)
         self.files: list[McapFile] = []
         self._foreign: Any = None  # a ForeignBag
+        self._view: PlainView | None = None  # where it is compressed
+        self._is_packed = False  # each message by itself
         try:
-            information = _information(self.path / "metadata.yaml")
-            source = lone_file(self.path) if information is None else self.path
-            if is_foreign(source, information):
-                from sphere_nav.ros.bags.foreign import ForeignBag  # a quarter of a second, for bags of others alone
-
-                self._foreign = ForeignBag(source, information or {})
-            else:
-                self.files += [McapFile(name) for name in _mcap_files(self.path, information)]
-            self.topics = self._foreign.topics if self._foreign else self._read_topics()
+            with self._named():
+                self._open()
             if not is_empty_allowed and self.num_messages == 0:
                 raise BagError(f"{self.path}: expected messages, found an empty bag")
         except BaseException:
             self.close()
             raise
+
+    def _open(self) -> None:
+        information = _information(self.path / "metadata.yaml")
+        source = lone_file(self.path) if information is None else self.path
+        if information is not None and (mode := compression_of(information)) != "none":
+            self._view = PlainView(self.path, information)
+            source, information, self._is_packed = self._view.path, self._view.description, mode == "message"
+        if is_foreign(source, information):
+            from sphere_nav.ros.bags.foreign import ForeignBag  # a quarter of a second, for bags of others alone
+
+            self._foreign = ForeignBag(source)
+        else:
+            self.files += [McapFile(name) for name in _mcap_files(source, information)]
+        self.topics = self._foreign.topics if self._foreign else self._read_topics()
+
+    @contextmanager
+    def _named(self) -> Iterator[None]:
+        """Errors name the bag, not the folder that it was unpacked into."""
+        try:
+            yield
+        except BagError as error:
+            if self._view is None:
+                raise
+            raise BagError(str(error).replace(str(self._view.path), str(self.path))) from None
 
     @property
     def num_messages(self) -> int:
@@ -80,11 +100,12 @@ class BagReader:
     ) -> Iterator[Recorded]:
         """Yield serialized messages in order of time; all topics, or those named."""
         names = None if topics is None else {absolute(topic) for topic in topics}
-        if self._foreign is not None:
-            yield from self._foreign.raw(names, start_ns, end_ns)
-            return
         streams = [self._raw_of(file, names, start_ns, end_ns) for file in self.files]
-        yield from streams[0] if len(streams) == 1 else heapq.merge(*streams, key=lambda item: item.stamp_ns)
+        if self._foreign is not None:
+            streams = [self._foreign.raw(names, start_ns, end_ns)]
+        found = streams[0] if len(streams) == 1 else heapq.merge(*streams, key=lambda item: item.stamp_ns)
+        with self._named():
+            yield from map(self._unpacked, found) if self._is_packed else found
 
     def messages(
         self, topics: Iterable[str] | None = None, start_ns: int | None = None, end_ns: int | None = None
@@ -98,7 +119,7 @@ class BagReader:
 
     def decode(self, topic: str, data: bytes, kind: type[Any]) -> Any:
         """Deserialize one message; BagError if the bytes are not of that type."""
-        return decode(data, kind, f"{self.path}: {topic}")
+        return deserialize(data, kind, f"{self.path}: {topic}")
 
     def close(self) -> None:
         """Close the files."""
@@ -106,6 +127,8 @@ class BagReader:
             file.close()
         if self._foreign is not None:
             self._foreign.close()
+        if self._view is not None:
+            self._view.close()
 
     def __enter__(self) -> Self:
         return self
@@ -132,6 +155,12 @@ class BagReader:
         for channel, message in file.messages(wanted, start_ns, end_ns):
             yield Recorded(channel.topic, message.log_time, message.data)
 
+    def _unpacked(self, item: Recorded) -> Recorded:
+        try:
+            return item._replace(message=unpack(item.message, "zstd", MAX_CHUNK))
+        except BagError as error:
+            raise BagError(f"{self.path}: {item.topic}: {error}") from None
+
     def _read_topics(self) -> dict[str, TopicInfo]:
         topics: dict[str, TopicInfo] = {}
         for file in self.files:
@@ -147,7 +176,7 @@ class BagReader:
         return topics
 
 
-def decode(data: bytes, kind: type[Any], where: str) -> Any:
+def deserialize(data: bytes, kind: type[Any], where: str) -> Any:
     """Deserialize one message; BagError if the bytes are not of that type."""
     try:
         return deserialize_message(data, kind)

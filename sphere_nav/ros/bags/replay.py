@@ -20,7 +20,7 @@ from itertools import chain
 from typing import Any, TypeVar
 
 from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message, serialize_message
+from rclpy.serialization import serialize_message
 from sensor_msgs.msg import CompressedImage, Image
 
 from sphere_nav.params import build
@@ -30,10 +30,9 @@ from sphere_nav.ros.bags.recorded import Recorded
 from sphere_nav.ros.bags.writer import BagWriter, absolute
 from sphere_nav.ros.conversions import decompress
 from sphere_nav.ros.interfaces import type_name
-from sphere_nav.ros.node import Log, ManagedNode
+from sphere_nav.ros.node import Log, ManagedNode, ThrottledLog
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.subscription import Subscription
-from sphere_nav.ros.throttle import ThrottledLog
 
 Node = TypeVar("Node", bound=ManagedNode)
 
@@ -264,8 +263,3 @@ def record(published: Iterator[Recorded], bag: BagWriter, bus: OfflineBus) -> It
             bag.add_topic(item.topic, type(item.message), bus.profiles[item.topic])
         bag.write(item.topic, item.message, item.stamp_ns)
         yield item
-
-
-def copy_message(message: Any) -> Any:
-    """Return an independent copy of a message, as a listener behind DDS would get."""
-    return deserialize_message(serialize_message(message), type(message))

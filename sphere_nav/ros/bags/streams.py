@@ -22,7 +22,6 @@ IMAGE, COMPRESSED, CAMERA_INFO = (
 )
 SPHERE, SPHERE_INFO = "sphere_nav_msgs/msg/AugmentedSphere", "sphere_nav_msgs/msg/SphereInfo"
 ODOMETRY, IMU, CLOUD = "nav_msgs/msg/Odometry", "sensor_msgs/msg/Imu", "sensor_msgs/msg/PointCloud2"
-TF_STATIC = "tf2_msgs/msg/TFMessage"
 DEPTH_ENCODINGS = ("16UC1", "32FC1")
 TRANSPORTS = ("/compressed", "/compressedDepth")
 TRUTH_WORDS = ("ground_truth", "groundtruth", "truth")
@@ -65,7 +64,7 @@ class Stream:
         return self.is_image and not self.is_depth
 
     @property
-    def is_grey(self) -> bool:
+    def is_gray(self) -> bool:
         """Whether it is known to be without colour."""
         return self.encoding.startswith(("mono", "8UC1"))
 
@@ -207,12 +206,10 @@ def _views(streams: Sequence[Stream]) -> list[Stream]:
     """
     pictures = _pictures(streams)
     bases = {picture.base for picture in pictures}
-    coloured = [p for p in pictures if not set(p.base.split("/")) & set(INFRARED)] or pictures
-    lefts = [
-        p for p in coloured if not any(b in p.base and p.base.replace(b, a) in bases for a, b in SIDES)
-    ] or coloured
+    colored = [p for p in pictures if not set(p.base.split("/")) & set(INFRARED)] or pictures
+    lefts = [p for p in colored if not any(b in p.base and p.base.replace(b, a) in bases for a, b in SIDES)] or colored
     best: dict[tuple[str, tuple[int, int]], Stream] = {}
-    for view in sorted(lefts, key=lambda stream: (stream.is_grey, stream.topic)):
+    for view in sorted(lefts, key=lambda stream: (stream.is_gray, stream.topic)):
         best.setdefault((view.frame_id or view.topic, view.size), view)
     return list(best.values())
 
@@ -241,8 +238,8 @@ def _by_namespace(pairs: Sequence[tuple[Stream, Stream]]) -> list[tuple[Stream, 
 def _only_pair(pairs: Sequence[tuple[Stream, Stream]], options: str = "--image, --depth") -> tuple[Stream, Stream]:
     most = max(min(a.count, b.count) for a, b in pairs)
     left = [(a, b) for a, b in pairs if 2 * min(a.count, b.count) > most]
-    colour = [(a, b) for a, b in left if not a.is_grey]
-    left = colour or left
+    color = [(a, b) for a, b in left if not a.is_gray]
+    left = color or left
     if len(left) > 1:
         offered = "; ".join(f"{a.topic} with {b.topic}" for a, b in left)
         raise BagError(f"topics: expected one pair of images, found {len(left)}: {offered}; choose by {options}")

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import zstandard
 
+from sphere_nav.geometry.files.untrusted import short
 from sphere_nav.ros.bags.recorded import BagError
 
 MAX_WINDOW = 1 << 28  # bytes that a decompressor keeps
@@ -35,7 +36,7 @@ def unpack(data: bytes, compression: str, max_size: int) -> bytes:
     except (zstandard.ZstdError, RuntimeError, EOFError, OSError) as error:
         raise BagError(f"expected {compression} data, found damage: {' '.join(str(error).split())}") from None
     if compression:
-        raise BagError(f"compression: expected zstd, lz4, bz2 or none, found {compression!r}")
+        raise BagError(f"compression: expected zstd, lz4, bz2 or none, found {short(compression)}")
     return data
 
 

@@ -19,8 +19,8 @@ from rclpy.qos import QoSProfile
 
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.bags.serialization import serialize_to_store
 from sphere_nav.ros.interfaces import schema_text, type_hash, type_name
-from sphere_nav.ros.serialization import serialize_to_store
 
 CHUNK_SIZE = 1 << 20  # bytes before compression
 FLUSH_PERIOD = 1.0  # s of wall time: what a killed process can lose
@@ -97,7 +97,7 @@ class BagWriter:
             encoding, text = (schema.encoding, schema.data) if schema else ("ros2msg", schema_text(kind_name).encode())
             self._schemas[kind_name] = self._mcap.register_schema(kind_name, encoding, text)
         offers = list(profiles) or [qos.STATE]
-        details = {"offered_qos_profiles": qos.to_yaml(offers), "topic_type_hash": type_hash(kind_name)}
+        details = {"offered_qos_profiles": qos.profiles_to_yaml(offers), "topic_type_hash": type_hash(kind_name)}
         channel = self._mcap.register_channel(name, "cdr", self._schemas[kind_name], details)
         self._topics[name] = _Topic(name, kind_name, channel, offers)
 

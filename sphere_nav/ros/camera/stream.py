@@ -1,20 +1,21 @@
-"""One camera: its images with all that they need to be localised - calibration, and the camera's place on the base."""
+"""One camera: its images with all that they need to be localized - calibration, and the camera's place on the base."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, TypeAlias
+from typing import Any
 
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CameraInfo, Image
 from sphere_nav_msgs.msg import SphereInfo
 
 from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.localization.params import NodeParams
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.ros import conversions, qos
+from sphere_nav.ros.camera.images import AnyImage, image_topic, read_gray
 from sphere_nav.ros.camera.odometry_input import OdometryInput
 from sphere_nav.ros.clocks import MAX_AHEAD_NS, ahead_s
 from sphere_nav.ros.conversions.encoded import encoded_size
@@ -24,8 +25,6 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 DEEP = qos.QoSProfile(depth=1000, reliability=qos.RELIABLE, durability=qos.VOLATILE)
 ENCODINGS = "publish a usual encoding: mono8, mono16, rgb8, bgr8, rgba8, bgra8, or a PNG or JPEG"
-
-AnyImage: TypeAlias = Image | CompressedImage
 
 
 @dataclass(frozen=True)
@@ -85,9 +84,8 @@ class CameraStream:
             endpoints.add_subscription(
                 f"{prefix}sphere_info", SphereInfo, self._on_sphere_info, profile, is_required=False
             )
-        is_raw = params.transport == "raw"
-        topic, kind = ("image_raw", Image) if is_raw else ("image_raw/compressed", CompressedImage)
-        self.images = endpoints.add_subscription(f"{prefix}{topic}", kind, self._on_image, profile)
+        topic, kind = image_topic(f"{prefix}image_raw", params.transport)
+        self.images = endpoints.add_subscription(topic, kind, self._on_image, profile)
 
     def clear(self) -> None:
         """Forget what has a stamp: the clock jumped."""
@@ -178,7 +176,7 @@ class CameraStream:
             advice = "a topic is of one camera: check the remapping of image_raw and camera_info, or call reset"
             self._refuse(stamp, Finding(Reason.BAD_INFO, detail=str(error), advice=advice))
         try:
-            image = self._decode(message)
+            image = read_gray(message, (self.camera.width, self.camera.height))
         except ValueError as error:
             self._refuse(stamp, Finding(Reason.BAD_INFO, detail=str(error), advice=ENCODINGS))
         odometry = self._odometry.at(stamp)
@@ -189,14 +187,6 @@ class CameraStream:
         self._image_frame = _same_frame("image_raw", self._image_frame, frame)
         if not self._params.camera_frame and self._info_frame and frame and self._info_frame != frame:
             raise ValueError(f"header.frame_id: expected that of camera_info, {self._info_frame!r}, found {frame!r}")
-
-    def _decode(self, message: AnyImage) -> NDArray[Any]:
-        """Return grey levels (H, W); a compressed image of another size than the camera's is not unpacked."""
-        assert self.camera is not None
-        if isinstance(message, Image):
-            return conversions.image_to_grey(message)
-        size = self.camera.width, self.camera.height
-        return conversions.image_to_grey(conversions.compressed_to_image(message, size))
 
     def _refuse(self, stamp: int, finding: Finding) -> None:
         """Answer an image that is of no use, and count it as refused."""

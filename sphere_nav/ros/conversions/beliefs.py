@@ -10,11 +10,12 @@ import numpy as np
 from geometry_msgs.msg import Point
 from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan
+from sphere_nav_msgs.msg import Particle, ParticleCloud
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from sphere_nav.geometry import SE3
-from sphere_nav.ros.conversions.poses import se3_to_pose
+from sphere_nav.ros.conversions.poses import point_to_array, se3_to_pose
 from sphere_nav.ros.conversions.stamps import header
 
 BEST = ColorRGBA(r=0.1, g=0.8, b=0.2, a=0.6)
@@ -33,16 +34,16 @@ def hypotheses_to_markers(
     """
     markers = [Marker(header=header(stamp, frame_id), action=Marker.DELETEALL)]
     for number, (item, height) in enumerate(zip(hypotheses, heights, strict=True)):
-        colour = BEST if number == 0 else OTHER
+        color = BEST if number == 0 else OTHER
         values, axes = np.linalg.eigh(item.covariance[:2, :2])
         turn = math.atan2(axes[1, 1], axes[0, 1])
-        ellipse = _marker("places", number, Marker.CYLINDER, (item.pose, height, turn), stamp, frame_id, colour)
+        ellipse = _marker("places", number, Marker.CYLINDER, (item.pose, height, turn), stamp, frame_id, color)
         long, short = (2.0 * SIGMAS * max(math.sqrt(max(v, 0.0)), MIN_SIGMA) for v in (values[1], values[0]))
         ellipse.scale.x, ellipse.scale.y, ellipse.scale.z = long, short, THICKNESS
         place = item.pose, height, float(item.pose[2])
-        arrow = _marker("headings", number, Marker.ARROW, place, stamp, frame_id, colour)
+        arrow = _marker("headings", number, Marker.ARROW, place, stamp, frame_id, color)
         arrow.scale.x, arrow.scale.y, arrow.scale.z = ARROW_LENGTH, THICKNESS, THICKNESS
-        text = _marker("weights", number, Marker.TEXT_VIEW_FACING, place, stamp, frame_id, colour)
+        text = _marker("weights", number, Marker.TEXT_VIEW_FACING, place, stamp, frame_id, color)
         text.text, text.scale.z = f"{float(item.weight):.0%}", TEXT_SIZE
         markers += [ellipse, arrow, text]
     return MarkerArray(markers=markers)
@@ -69,10 +70,30 @@ def similarities_to_scan(curve: NDArray[np.floating], yaw: float, stamp: int, fr
 
 
 def _marker(
-    name: str, number: int, kind: int, place: tuple[Any, float, float], stamp: int, frame_id: str, colour: ColorRGBA
+    name: str, number: int, kind: int, place: tuple[Any, float, float], stamp: int, frame_id: str, color: ColorRGBA
 ) -> Marker:
     pose, height, yaw = place
-    marker = Marker(header=header(stamp, frame_id), ns=name, id=number, type=kind, action=Marker.ADD, color=colour)
+    marker = Marker(header=header(stamp, frame_id), ns=name, id=number, type=kind, action=Marker.ADD, color=color)
     marker.pose = se3_to_pose(SE3.from_planar(float(pose[0]), float(pose[1]), yaw))
     marker.pose.position = Point(x=float(pose[0]), y=float(pose[1]), z=float(height))
     return marker
+
+
+def particles_to_message(
+    poses: NDArray[np.float64], weights: NDArray[np.float64], stamp: int, frame_id: str
+) -> ParticleCloud:
+    """Return the cloud of poses (N, 3) x, y, yaw with weights (N,)."""
+    particles = [
+        Particle(pose=se3_to_pose(SE3.from_planar(float(x), float(y), float(yaw))), weight=float(weight))
+        for (x, y, yaw), weight in zip(poses, weights, strict=True)
+    ]
+    return ParticleCloud(header=header(stamp, frame_id), particles=particles)
+
+
+def imu_attitude(message: Any) -> NDArray[np.float64]:
+    """Return the quaternion (4,) x, y, z, w of an Imu; ValueError where it has none."""
+    q = message.orientation
+    xyzw = np.array([*point_to_array(q), q.w])
+    if message.orientation_covariance[0] == -1.0 or not abs(np.linalg.norm(xyzw) - 1.0) < 0.01:
+        raise ValueError(f"imu.orientation: expected a unit quaternion, found {xyzw.tolist()}")
+    return xyzw

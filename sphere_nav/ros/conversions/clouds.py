@@ -17,16 +17,16 @@ MAX_BYTES = 1 << 28
 
 
 def cloud_to_message(
-    points: ArrayLike, stamp: int, frame_id: str, colours: NDArray[np.uint8] | None = None
+    points: ArrayLike, stamp: int, frame_id: str, colors: NDArray[np.uint8] | None = None
 ) -> PointCloud2:
-    """Return an unordered cloud of points (N, 3) in m; `colours` (N,) grey or (N, 3) RGB, as RViz shows them."""
+    """Return an unordered cloud of points (N, 3) in m; `colors` (N,) grey or (N, 3) RGB, as RViz shows them."""
     xyz = np.asarray(points, dtype=np.float32).reshape(-1, 3)
-    columns = [(name, "<f4") for name in "xyz"] + ([("rgb", "<u4")] if colours is not None else [])
+    columns = [(name, "<f4") for name in "xyz"] + ([("rgb", "<u4")] if colors is not None else [])
     table = np.zeros(len(xyz), dtype=columns)
     for axis, name in enumerate("xyz"):
         table[name] = xyz[:, axis]
-    if colours is not None:
-        rgb = np.broadcast_to(np.asarray(colours, np.uint32).reshape(len(xyz), -1), (len(xyz), 3))
+    if colors is not None:
+        rgb = np.broadcast_to(np.asarray(colors, np.uint32).reshape(len(xyz), -1), (len(xyz), 3))
         table["rgb"] = rgb[:, 0] << 16 | rgb[:, 1] << 8 | rgb[:, 2]
     fields = [
         PointField(name=n, offset=4 * i, datatype=PointField.FLOAT32, count=1) for i, (n, _) in enumerate(columns)

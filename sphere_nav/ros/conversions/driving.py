@@ -6,10 +6,10 @@ from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Twist, TwistStamped
-from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import FollowerStatus, ReferencePoint, ReferenceTrajectory, TrackingError
 
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.ros.conversions.stamps import header
 
 try:
@@ -17,7 +17,6 @@ try:
 except ImportError:  # not among the wheels, but on most vehicles
     AckermannDriveStamped = None
 
-Array = NDArray[np.float64]
 MAX_BEAMS = 1 << 20
 
 

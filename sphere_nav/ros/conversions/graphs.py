@@ -7,15 +7,23 @@ fixed axes of a, as ROS has it.
 from __future__ import annotations
 
 import numpy as np
+from geometry_msgs.msg import Point
 from numpy.typing import NDArray
 from sphere_nav_msgs.msg import KeySphereEdge, KeySphereGraph, KeySphereVertex, MapInfo
+from std_msgs.msg import ColorRGBA
+from visualization_msgs.msg import Marker, MarkerArray
 
+from sphere_nav.geometry import SE3
 from sphere_nav.ros.conversions.poses import from_ros_covariance, pose_to_se3, se3_to_pose, to_ros_covariance
 from sphere_nav.ros.conversions.stamps import header, ns_to_time, time_to_ns
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
 MAX_ID = 2**32 - 1
 MAX_VARIANCE = 1e12  # of a direction that the edge says nothing about
+BLUE = ColorRGBA(r=0.1, g=0.4, b=0.9, a=0.9)
+GRAY = ColorRGBA(r=0.6, g=0.6, b=0.6, a=0.9)
+ORANGE = ColorRGBA(r=1.0, g=0.5, b=0.0, a=0.9)
+LINE_PER_SIZE = 0.15  # width of a line by the diameter of a sphere
 
 
 def graph_to_message(
@@ -77,3 +85,32 @@ def _inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
     """Invert a symmetric positive semi-definite (6, 6), directions without information becoming `MAX_VARIANCE`."""
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.T))
     return (vectors / np.maximum(values, 1.0 / MAX_VARIANCE)) @ vectors.T
+
+
+def graph_to_markers(graph: SphereGraph, stamp: int, frame_id: str, size: float = 0.2) -> MarkerArray:
+    """Return key spheres as balls of `size` metres, odometry edges as grey lines, loops as orange ones."""
+    balls = _marker("key_spheres", Marker.SPHERE_LIST, stamp, frame_id, BLUE)
+    balls.scale.x = balls.scale.y = balls.scale.z = size
+    balls.points = [_point(node.T_map_sphere) for node in graph]
+    lines = []
+    for name, color, is_loop in (("edges", GRAY, False), ("loops", ORANGE, True)):
+        line = _marker(name, Marker.LINE_LIST, stamp, frame_id, color)
+        line.scale.x = LINE_PER_SIZE * size
+        line.points = [point for edge in graph.edges if edge.is_loop == is_loop for point in _ends(graph, edge)]
+        lines.append(line)
+    return MarkerArray(markers=[balls, *lines])
+
+
+def _marker(name: str, kind: int, stamp: int, frame_id: str, color: ColorRGBA) -> Marker:
+    marker = Marker(header=header(stamp, frame_id), ns=name, id=0, type=kind, action=Marker.ADD, color=color)
+    marker.pose.orientation.w = 1.0
+    return marker
+
+
+def _ends(graph: SphereGraph, edge: Edge) -> tuple[Point, Point]:
+    return _point(graph[edge.a].T_map_sphere), _point(graph[edge.b].T_map_sphere)
+
+
+def _point(T_map_sphere: SE3) -> Point:
+    x, y, z = (float(value) for value in T_map_sphere.translation)
+    return Point(x=x, y=y, z=z)

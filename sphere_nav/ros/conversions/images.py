@@ -14,6 +14,7 @@ from sensor_msgs.msg import CompressedImage, Image
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
 from sphere_nav.ros.conversions.encoded import decode_file
 from sphere_nav.ros.conversions.stamps import header
+from sphere_nav.spheres.sphere import to_gray_bytes
 
 ENCODINGS: dict[str, tuple[type, int]] = {
     "mono8": (np.uint8, 1),
@@ -51,7 +52,7 @@ TO_RGB = {
 }
 IN_PAIRS = ("yuv422", "uyvy", "yuv422_yuy2", "yuyv")  # two pixels share a colour
 COMPRESSED_DEPTH_HEADER = struct.Struct("<iff")  # of image_transport's compressedDepth: kind, two parameters
-MILLIMETRES_INVALID = (0, 65535)
+MILLIMETERS_INVALID = (0, 65535)
 
 Bytes = NDArray[np.uint8]
 Floats = NDArray[np.float32]
@@ -107,18 +108,17 @@ def image_to_rgb(message: Image) -> Bytes:
     return cv2.cvtColor(pixels, TO_RGB[message.encoding]) if message.encoding in TO_RGB else pixels
 
 
-def image_to_grey(message: Image) -> Bytes:
+def image_to_gray(message: Image) -> Bytes:
     """Return the grey levels (H, W) uint8."""
-    pixels = image_to_rgb(message)
-    return cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) if pixels.ndim == 3 else pixels
+    return to_gray_bytes(image_to_rgb(message))
 
 
-def depth_to_metres(message: Image) -> Floats:
+def depth_to_meters(message: Image) -> Floats:
     """Return the depth along the optical axis (H, W) float32 in m, NaN where there is none (REP-118, REP-117)."""
     pixels = image_to_array(message)
     if message.encoding in ("16UC1", "mono16"):
         depth = pixels.astype(np.float32) * np.float32(1e-3)
-        depth[np.isin(pixels, MILLIMETRES_INVALID)] = np.nan
+        depth[np.isin(pixels, MILLIMETERS_INVALID)] = np.nan
         return depth
     if message.encoding != "32FC1":
         raise ValueError(f"encoding of depth: expected 16UC1 or 32FC1, found {message.encoding!r}")
@@ -160,9 +160,9 @@ def compressed_depth_to_image(message: CompressedImage) -> Image:
         if not np.isfinite([scale, offset]).all():
             raise ValueError(f"data: expected finite depth parameters, found {scale}, {offset}")
         known = (pixels > 0) & (pixels != offset)
-        metres = np.full(pixels.shape, np.nan, np.float32)
-        metres[known] = np.float32(scale) / (pixels[known].astype(np.float32) - np.float32(offset))
-        pixels = metres
+        meters = np.full(pixels.shape, np.nan, np.float32)
+        meters[known] = np.float32(scale) / (pixels[known].astype(np.float32) - np.float32(offset))
+        pixels = meters
     image = array_to_image(pixels, 0, "", encoding)
     image.header = message.header
     return image

@@ -20,13 +20,13 @@ from geometry_msgs.msg import (
     Vector3,
 )
 from nav_msgs.msg import Odometry, Path
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.files.fields import MAX_NUMBER
+from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.files.untrusted import MAX_NUMBER
 from sphere_nav.ros.conversions.stamps import header, stamp_ns
 
-Array = NDArray[np.float64]
 NORM_TOLERANCE = 0.01  # a quaternion from a message may be rounded, not arbitrary
 
 

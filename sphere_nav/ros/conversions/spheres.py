@@ -26,7 +26,7 @@ PNG_SETTINGS = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 JPEG_QUALITY = 95
 ZSTD_LEVEL = 3
 ROWS = 64  # that are turned at once
-COLOUR = (AugmentedSphere.RGB8, AugmentedSphere.BGR8)
+COLOR = (AugmentedSphere.RGB8, AugmentedSphere.BGR8)
 DEVIATION_OF_RANGE = {
     AugmentedSphere.RANGE_32FC1: AugmentedSphere.RANGE_32FC1,
     AugmentedSphere.RANGE_LOG16: AugmentedSphere.RATIO8,
@@ -57,16 +57,16 @@ def sphere_to_message(
     return message
 
 
-def message_to_sphere(message: AugmentedSphere, *, is_grey: bool = False) -> Sphere:
+def message_to_sphere(message: AugmentedSphere, *, is_gray: bool = False) -> Sphere:
     """Return the sphere; every size is checked before anything is allocated. Colour images are RGB.
 
-    Where it `is_grey`, as bytes of grey and without the deviation of its range: what alignment needs.
+    Where it `is_gray`, as bytes of grey and without the deviation of its range: what alignment needs.
     """
     camera = sphere_info_to_camera(message.info)
     shape = (camera.height, camera.width)
-    image = _decode_image(message.image, message.image_encoding, shape, is_grey=is_grey)
+    image = _decode_image(message.image, message.image_encoding, shape, is_gray=is_gray)
     range_m = _decode_range(message.range, message.range_encoding, shape)
-    if is_grey:
+    if is_gray:
         return Sphere(image, range_m, camera, stamp_ns(message))
     deviation, is_filled = _decode_deviation(message, range_m) if message.range_deviation_encoding else (None, None)
     return Sphere(image, range_m, camera, stamp_ns(message), deviation, is_filled)
@@ -107,10 +107,10 @@ def sphere_info_to_camera(info: SphereInfo) -> Spherical:
 
 
 def _encode_image(image: NDArray[np.uint8], encoding: str) -> Any:
-    is_colour = image.ndim == 3
-    if (encoding == AugmentedSphere.RGB8 and is_colour) or (encoding == AugmentedSphere.MONO8 and not is_colour):
+    is_color = image.ndim == 3
+    if (encoding == AugmentedSphere.RGB8 and is_color) or (encoding == AugmentedSphere.MONO8 and not is_color):
         return to_bytes(image)
-    if encoding == AugmentedSphere.BGR8 and is_colour:
+    if encoding == AugmentedSphere.BGR8 and is_color:
         return to_bytes(image[:, :, ::-1])
     options = {
         AugmentedSphere.PNG: (".png", PNG_SETTINGS),
@@ -119,19 +119,19 @@ def _encode_image(image: NDArray[np.uint8], encoding: str) -> Any:
     if encoding not in options:
         raise ValueError(f"image_encoding: expected one for shape {image.shape}, found {encoding!r}")
     suffix, settings = options[encoding]
-    return to_bytes(cv2.imencode(suffix, image[:, :, ::-1] if is_colour else image, settings)[1])
+    return to_bytes(cv2.imencode(suffix, image[:, :, ::-1] if is_color else image, settings)[1])
 
 
-def _decode_image(data: Any, encoding: str, shape: tuple[int, int], *, is_grey: bool) -> NDArray[np.uint8]:
+def _decode_image(data: Any, encoding: str, shape: tuple[int, int], *, is_gray: bool) -> NDArray[np.uint8]:
     raw = np.frombuffer(data, np.uint8)
     if encoding in (AugmentedSphere.PNG, AugmentedSphere.JPEG):
-        return _decode_file(raw, shape, "image", cv2.IMREAD_GRAYSCALE if is_grey else cv2.IMREAD_UNCHANGED)
-    if encoding not in (AugmentedSphere.MONO8, *COLOUR):
+        return _decode_file(raw, shape, "image", cv2.IMREAD_GRAYSCALE if is_gray else cv2.IMREAD_UNCHANGED)
+    if encoding not in (AugmentedSphere.MONO8, *COLOR):
         raise ValueError(f"image_encoding: expected mono8, rgb8, bgr8, png or jpeg, found {encoding!r}")
-    full_shape = (*shape, 3) if encoding in COLOUR else shape
+    full_shape = (*shape, 3) if encoding in COLOR else shape
     _check_bytes(raw.size, math.prod(full_shape), "image")
     image = raw.reshape(full_shape)
-    if is_grey and encoding in COLOUR:
+    if is_gray and encoding in COLOR:
         turn = cv2.COLOR_RGB2GRAY if encoding == AugmentedSphere.RGB8 else cv2.COLOR_BGR2GRAY
         return np.asarray(cv2.cvtColor(image, turn), np.uint8)
     if encoding == AugmentedSphere.BGR8:
@@ -144,7 +144,7 @@ def _encode_range(range_m: NDArray[np.float32], encoding: str) -> Any:
         return to_bytes(np.asarray(range_m, dtype="<f4"))
     if encoding not in DEVIATION_OF_RANGE:
         raise ValueError(f"range_encoding: expected {', '.join(DEVIATION_OF_RANGE)}, found {encoding!r}")
-    return _compress(range_codec.encode(range_m).astype("<u2"), encoding)
+    return _compress(range_codec.encode_ranges(range_m).astype("<u2"), encoding)
 
 
 def _encode_deviation(sphere: Sphere, encoding: str) -> Any:
@@ -170,7 +170,7 @@ def _decode_range(data: Any, encoding: str, shape: tuple[int, int]) -> NDArray[n
         return _known(_floats(data, shape, "range"))
     if encoding not in DEVIATION_OF_RANGE:
         raise ValueError(f"range_encoding: expected {', '.join(DEVIATION_OF_RANGE)}, found {encoding!r}")
-    return range_codec.decode(_decode_codes(data, encoding, shape, "<u2", "range").astype(np.uint16, copy=False))
+    return range_codec.decode_ranges(_decode_codes(data, encoding, shape, "<u2", "range").astype(np.uint16, copy=False))
 
 
 def _decode_deviation(

@@ -11,13 +11,12 @@ from collections import deque
 from dataclasses import replace
 from typing import ClassVar
 
-import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from numpy.typing import NDArray
 from sphere_nav_msgs.srv import Relocalize
 from std_srvs.srv import Trigger
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.base_estimate import BaseEstimate
 from sphere_nav.localization.params import NodeParams
 from sphere_nav.localization.status import (
@@ -28,19 +27,17 @@ from sphere_nav.localization.status import (
     Reason,
     State,
     Status,
-    describe,
+    describe_status,
     status_of,
 )
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.camera.intake import CameraIntake
-from sphere_nav.ros.camera.rig_intake import RigIntake
+from sphere_nav.ros.camera.intake import CameraIntake, MultiCameraIntake
 from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.clocks import ClockWatch
 from sphere_nav.ros.localizer.peer_localizer import PeerLocalizer
 from sphere_nav.ros.localizer.pose_outputs import PoseOutputs
 from sphere_nav.ros.node import ManagedNode
 
-Array = NDArray[np.float64]
 WATCH_PERIOD = 0.25  # s between two looks at a silent camera
 STANDSTILL = 1.0  # s without an advance of /clock before it is said
 NUM_COUNTED = 20  # images over which losses are counted
@@ -92,7 +89,7 @@ class LocalizerNode(ManagedNode):
     def prepare(self, picture: Picture) -> None:
         """Make what needs to know the camera's place, before the first image."""
 
-    def make_intake(self) -> CameraIntake | RigIntake:
+    def make_intake(self) -> CameraIntake | MultiCameraIntake:
         """Subscribe to the camera."""
         callbacks = self.on_picture, self.on_refusal
         return CameraIntake(self.endpoints, self.params, *callbacks, has_sphere_info=self.HAS_SPHERE_INFO)
@@ -256,7 +253,7 @@ class LocalizerNode(ManagedNode):
             return response
         self.tell(estimate)
         status = estimate.status
-        response.success, response.message = status.state in FOLLOWING, describe(status)
+        response.success, response.message = status.state in FOLLOWING, describe_status(status)
         response.quality, response.references = status.quality, list(status.references)
         pose, covariance = estimate.T_map_base, estimate.covariance
         if response.success and pose is not None and covariance is not None:

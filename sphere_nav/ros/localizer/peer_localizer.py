@@ -57,7 +57,7 @@ class PeerLocalizer:
     def _tell(self, found: Difference | None) -> None:
         if found is None:
             return
-        level, values = (ERROR if found.is_contradiction else OK), {"metres": found.metres, "radians": found.radians}
+        level, values = (ERROR if found.is_contradiction else OK), {"metres": found.meters, "radians": found.radians}
         if found.is_contradiction:
             self._endpoints.log.error(f"the other localiser contradicts: {found}", every=5.0, key=REPORT)
         self._endpoints.report(REPORT, level, str(found), distance=found.distance, **values)

@@ -7,19 +7,18 @@ from typing import Any
 import numpy as np
 from geometry_msgs.msg import PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
-from numpy.typing import NDArray
 from sphere_nav_msgs.msg import LocalizationStatus
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.base_estimate import BaseEstimate
 from sphere_nav.localization.params import NodeParams
-from sphere_nav.localization.status import TRUSTED, State, Status, describe
+from sphere_nav.localization.status import TRUSTED, State, Status, describe_status
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.odometry_input import OdometryInput
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints
 from sphere_nav.ros.localizer.map_transform import MapTransform
 
-Array = NDArray[np.float64]
 UNKNOWN_TWIST = np.diag(np.full(6, 1e6))  # variance of a velocity that nobody measured
 LOG_PERIOD = 5.0  # s between two lines about one state and reason
 REPORT = "localisation"
@@ -58,7 +57,7 @@ class PoseOutputs:
         level = WARN if status.state in TRUSTED else ERROR
         if status.state is State.TRACKING and not status.reason:
             level = OK
-        text = describe(status)
+        text = describe_status(status)
         values |= {"quality": status.quality, "overlap": status.overlap, "inlier_share": status.inlier_share}
         self._endpoints.report(REPORT, level, text, **values, milliseconds=status.milliseconds, age=status.age)
         change = f"{status.state} {status.reason}"

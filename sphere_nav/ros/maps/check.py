@@ -9,9 +9,9 @@ from typing import Any
 
 from sphere_nav_msgs.msg import KeySphereGraph, MapInfo
 
-from sphere_nav.geometry.files.yaml_text import load_yaml
+from sphere_nav.geometry.files.untrusted import load_yaml
 from sphere_nav.ros.bags.mcap_salvage import Salvage
-from sphere_nav.ros.bags.reader import decode
+from sphere_nav.ros.bags.reader import deserialize
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.conversions import message_to_sphere
 from sphere_nav.ros.conversions.graphs import message_to_graph
@@ -90,7 +90,7 @@ def _readable(file: Path, progress: Progress) -> Found:
         if channel.topic not in KINDS or schema.name != type_name(KINDS[channel.topic]):
             continue
         with suppress(BagError, ValueError):  # what is damaged is left out
-            message = decode(record.data, KINDS[channel.topic], str(file))
+            message = deserialize(record.data, KINDS[channel.topic], str(file))
             if channel.topic == SPHERE:
                 spheres[int(message.id)] = message_to_sphere(message)
             elif channel.topic == GROWTH and message.format_version == MapInfo.FORMAT_VERSION:

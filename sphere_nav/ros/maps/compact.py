@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from sphere_nav_msgs.msg import AugmentedSphere
 
+from sphere_nav.ros.bags.serialization import view_message
 from sphere_nav.ros.conversions import message_to_sphere
-from sphere_nav.ros.serialization import view_message
 from sphere_nav.spheres.appearance.features import SIZE, Features
 from sphere_nav.spheres.sphere import Sphere
 

@@ -10,7 +10,6 @@ Everything is checked before it is believed: format version, sizes, checksums, t
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -19,10 +18,10 @@ from mcap.records import ChunkIndex
 from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
 
-from sphere_nav.geometry.files.fields import short
-from sphere_nav.geometry.files.yaml_text import load_yaml
+from sphere_nav.geometry.files.untrusted import load_yaml, short
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.bags.serialization import serialize_to_store, view_message
 from sphere_nav.ros.conversions import message_to_sphere, sphere_to_message
 from sphere_nav.ros.conversions.features import message_to_features
 from sphere_nav.ros.conversions.graphs import message_to_graph
@@ -43,7 +42,6 @@ from sphere_nav.ros.maps.writer import (
     Stored,
     save_map,
 )
-from sphere_nav.ros.serialization import serialize_to_store, view_message
 from sphere_nav.spheres.appearance.index import AppearanceIndex
 from sphere_nav.spheres.coarse import coarse_sphere
 from sphere_nav.spheres.graph import SphereGraph
@@ -69,9 +67,9 @@ __all__ = [
 MAX_SPHERES = 10_000_000
 
 
-def open_map(path: str | Path, *, is_grey: bool = False) -> MapReader:
-    """Open a map, whose key spheres are read `is_grey` for alignment; BagError for whatever is wrong with it."""
-    return MapReader(path, is_grey=is_grey)
+def open_map(path: str | Path, *, is_gray: bool = False) -> MapReader:
+    """Open a map, whose key spheres are read `is_gray` for alignment; BagError for whatever is wrong with it."""
+    return MapReader(path, is_gray=is_gray)
 
 
 class MapReader:
@@ -80,8 +78,8 @@ class MapReader:
     `graph` (without pictures), `info` (MapInfo), `parameters` of the mapping by dotted name.
     """
 
-    def __init__(self, path: str | Path, *, is_grey: bool = False) -> None:
-        self.path, self._is_grey = Path(path), is_grey
+    def __init__(self, path: str | Path, *, is_gray: bool = False) -> None:
+        self.path, self._is_gray = Path(path), is_gray
         file = self.path / FILE_NAME if self.path.is_dir() else self.path
         if self.path.is_dir() and not file.is_file():
             raise BagError(f"{file}: expected a map, found no such file")
@@ -108,7 +106,7 @@ class MapReader:
                 f"{self.path}: chunk {index.chunk_start_offset}: expected sphere {sphere_id}, found {message.id}"
             )
         try:
-            sphere = message_to_sphere(message, is_grey=self._is_grey)
+            sphere = message_to_sphere(message, is_gray=self._is_gray)
         except ValueError as error:
             raise BagError(f"{self.path}: key sphere {sphere_id}: {error}") from None
         return sphere
@@ -165,14 +163,6 @@ class MapReader:
     def read_growth(self) -> int:
         """Read what was noted while the map grew, which nothing but its salvage needs; return how much. BagError."""
         return sum(1 for _ in self._bag.messages([GROWTH])) if self._bag.topics.get(GROWTH) else 0
-
-    def load_all(self, progress: Progress = lambda step: None) -> SphereGraph:
-        """Return the graph with every picture in memory."""
-        nodes = []
-        for node in self.graph:
-            nodes.append(replace(node, sphere=self.load_sphere(node.id)))
-            progress(1)
-        return SphereGraph(nodes, self.graph.edges)
 
     def close(self) -> None:
         """Close the file."""

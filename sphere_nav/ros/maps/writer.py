@@ -20,15 +20,15 @@ from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags.mcap_chunk import chunk_at, parsed, records_of_chunk
-from sphere_nav.ros.bags.reader import decode
+from sphere_nav.ros.bags.mcap_records import records_at
+from sphere_nav.ros.bags.reader import deserialize
 from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.bags.serialization import serialize_to_store
 from sphere_nav.ros.bags.writer import METADATA, PARTIAL, BagWriter
 from sphere_nav.ros.conversions import header, message_to_sphere, sphere_to_message, stamp_ns
 from sphere_nav.ros.conversions.features import features_to_message
 from sphere_nav.ros.conversions.graphs import graph_to_message
 from sphere_nav.ros.maps.compact import Spool
-from sphere_nav.ros.serialization import serialize_to_store
 from sphere_nav.ros.shared_files import software
 from sphere_nav.spheres.appearance.features import features_of_sphere
 from sphere_nav.spheres.appearance.index import AppearanceIndex
@@ -132,7 +132,7 @@ class MapWriter:
     def stored(self) -> Iterator[Stored]:
         """Yield every key sphere that was added, whole and small, in order of their ids."""
         for place, small in zip(self._places.values(), self._small, strict=True):
-            yield self._message_at(place), decode(small, AugmentedSphere, str(self.path))
+            yield self._message_at(place), deserialize(small, AugmentedSphere, str(self.path))
 
     def finish(
         self,
@@ -177,9 +177,9 @@ class MapWriter:
     def _message_at(self, place: int) -> AugmentedSphere:
         with (self._bag.partial / FILE_NAME).open("rb") as file:
             size = file.seek(0, 2)
-            records = list(parsed(records_of_chunk(file, chunk_at(file, place, size))))
+            records = list(records_at(file, place, size))
         data = next(record.data for record in records if isinstance(record, Message))
-        message: AugmentedSphere = decode(data, AugmentedSphere, str(self.path))
+        message: AugmentedSphere = deserialize(data, AugmentedSphere, str(self.path))
         return message
 
     def _finish_anew(self, graph: SphereGraph, appearance: AppearanceIndex | None, spheres: Iterable[Stored]) -> Path:

@@ -62,11 +62,11 @@ class Features:
 
 def features_of_sphere(sphere: Sphere) -> Features:
     """Return the features of an augmented sphere, whole or partial, with their ranges."""
-    return features_of_image(sphere.grey, sphere.camera, sphere.range_m, sphere.is_seen)
+    return features_of_image(sphere.gray, sphere.camera, sphere.range_m, sphere.is_seen)
 
 
 def features_of_image(
-    grey: NDArray[Any],
+    gray: NDArray[Any],
     camera: Camera,
     range_m: Floats | None = None,
     is_seen: NDArray[np.bool_] | None = None,
@@ -75,7 +75,7 @@ def features_of_image(
     """Return the strongest features of a grey image (H, W); `range_m` (H, W) in metres, `is_seen` what shows."""
     shrink = _shrink(camera)
     size = camera.width // shrink, camera.height // shrink
-    image = np.clip(np.rint(cv2.resize(grey, size, interpolation=cv2.INTER_AREA)), 0, 255).astype(np.uint8)
+    image = np.clip(np.rint(cv2.resize(gray, size, interpolation=cv2.INTER_AREA)), 0, 255).astype(np.uint8)
     scale = np.array([camera.width, camera.height]) / size
     pad = SEAM if isinstance(camera, Spherical) and camera.is_whole else 0
     if pad:

@@ -35,7 +35,6 @@ class Likeness:
 
     sphere_id: int
     turn: float
-    num_votes: int
     log_chance: float
 
 
@@ -114,7 +113,7 @@ class AppearanceIndex:
         order = np.lexsort((np.arange(len(best)), -height, log_chance))
         rows = [row for row in order.tolist() if self._ids[row] not in hidden and height[row] > 0][:count]
         turns = 2 * np.pi * (best + 0.5) / NUM_BINS - np.pi
-        return [Likeness(self._ids[row], float(turns[row]), int(height[row]), float(log_chance[row])) for row in rows]
+        return [Likeness(self._ids[row], float(turns[row]), float(log_chance[row])) for row in rows]
 
     def _votes(self, features: Features) -> NDArray[np.int64]:
         """Return the histogram (S, NUM_BINS) of turns for every sphere; a feature votes once for each turn."""

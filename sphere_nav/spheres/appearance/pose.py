@@ -12,9 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.appearance.features import Features
 
-Array = NDArray[np.float64]
 MAX_RATIO = 0.85  # of the distances to the best and to the second best descriptor (Lowe 2004)
 NUM_TRIALS = 150
 MAX_ANGLE = np.radians(1.0)  # between a ray and its point
@@ -28,10 +28,9 @@ class FeaturePose:
 
     T_sphere_camera: SE3
     num_inliers: int
-    num_matches: int
 
 
-def match(query: Features, known: Features) -> NDArray[np.int64]:
+def match_features(query: Features, known: Features) -> NDArray[np.int64]:
     """Return rows (M, 2) of features that are each other's best match and clearly better than the second."""
     if len(query) < 2 or len(known) < 2:
         return np.zeros((0, 2), np.int64)
@@ -47,7 +46,7 @@ def match(query: Features, known: Features) -> NDArray[np.int64]:
 
 def find_pose(query: Features, known: Features, seed: int = 0) -> FeaturePose | None:
     """Return where `query` was taken in the frame of the sphere `known`; None where fewer than four features agree."""
-    pairs = match(query, known)
+    pairs = match_features(query, known)
     pairs = pairs[np.isfinite(known.range_m[pairs[:, 1]])]
     if len(pairs) < 4:
         return None
@@ -69,7 +68,7 @@ def find_pose(query: Features, known: Features, seed: int = 0) -> FeaturePose | 
         best_inliers = _angles(best, rays, points) < MAX_ANGLE
         if best_inliers.sum() < 4:
             return None
-    return FeaturePose(best.inverse(), int(best_inliers.sum()), len(pairs))
+    return FeaturePose(best.inverse(), int(best_inliers.sum()))
 
 
 def _enough(inliers: NDArray[np.bool_]) -> float:

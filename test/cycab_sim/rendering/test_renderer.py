@@ -13,12 +13,13 @@ from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 
 PINHOLE = Pinhole(160, 120, 95.0, 95.0, 79.5, 59.5)
-QUICK = RenderParams(shadow_texel=0.5, shadow_extent=40.0)
+QUICK = RenderParams(shadow_texel=0.5)
+NEAR = (-14.0, -14.0, 14.0, 14.0)  # of the box: shadows no further
 
 
 @pytest.fixture(scope="module")
 def renderer(box_mesh):
-    return Renderer(box_mesh, QUICK, LightParams())
+    return Renderer(box_mesh, QUICK, LightParams(), bounds=NEAR)
 
 
 def pose_on(path, s, z=1.8):
@@ -63,30 +64,30 @@ def test_outside_the_lens_there_is_nothing(renderer, looking_along_x):
 def test_the_image_is_the_same_for_one_thread_and_two(box_mesh, looking_along_x):
     images = []
     for num in (1, 2):
-        params = RenderParams(shadow_texel=0.5, shadow_extent=40.0, num_threads=num)
-        images.append(Renderer(box_mesh, params, LightParams()).render(PINHOLE, looking_along_x)[0])
+        drawn = Renderer(box_mesh, QUICK, LightParams(), bounds=NEAR, num_threads=num)
+        images.append(drawn.render(PINHOLE, looking_along_x)[0])
     np.testing.assert_array_equal(*images)
 
 
-def test_grey_is_the_luma_of_the_colours(renderer, looking_along_x):
-    colour, _ = renderer.render(PINHOLE, looking_along_x)
-    grey, _ = renderer.render(PINHOLE, looking_along_x, is_grey=True)
-    np.testing.assert_allclose(grey, colour @ np.array([0.299, 0.587, 0.114]), atol=1e-2)
+def test_gray_is_the_luma_of_the_colors(renderer, looking_along_x):
+    color, _ = renderer.render(PINHOLE, looking_along_x)
+    gray, _ = renderer.render(PINHOLE, looking_along_x, is_gray=True)
+    np.testing.assert_allclose(gray, color @ np.array([0.299, 0.587, 0.114]), atol=1e-2)
 
 
 def test_exposure_is_a_factor_on_the_radiance(renderer, looking_along_x):
-    bright, _ = renderer.render(PINHOLE, looking_along_x, is_grey=True)
-    dark, _ = renderer.render(PINHOLE, looking_along_x, is_grey=True, gain=0.5**2.2)
+    bright, _ = renderer.render(PINHOLE, looking_along_x, is_gray=True)
+    dark, _ = renderer.render(PINHOLE, looking_along_x, is_gray=True, gain=0.5**2.2)
     middling = (bright > 60) & (bright < 200)
     np.testing.assert_allclose(dark[middling] / bright[middling], 0.5, atol=0.01)
 
 
 def test_a_box_casts_its_shadow_away_from_the_sun(box_mesh):
     light = LightParams(sun_azimuth_deg=0.0, sun_elevation_deg=45.0)
-    lit = Renderer(box_mesh, RenderParams(shadow_texel=0.05, shadow_extent=40.0), light)
+    lit = Renderer(box_mesh, RenderParams(shadow_texel=0.05), light, bounds=NEAR)
     down = SE3.from_parts(np.diag([1.0, -1.0, -1.0]), [4.0, 0.0, 12.0])  # looks down, x to the right
     camera = Pinhole(200, 200, 200.0, 200.0, 99.5, 99.5)
-    image, _ = lit.render(camera, down, is_grey=True)
+    image, _ = lit.render(camera, down, is_gray=True)
 
     def level(x, y):
         (u, v), _ = camera.project(down.inverse().apply(np.array([[x, y, 0.0]]))[0])
@@ -100,8 +101,8 @@ def test_a_box_casts_its_shadow_away_from_the_sun(box_mesh):
 
 def test_supersampling_comes_close_to_very_many_rays(box_mesh, looking_along_x):
     def draw(n):
-        params = RenderParams(shadow_texel=0.5, shadow_extent=40.0, supersampling=n)
-        return Renderer(box_mesh, params, LightParams()).render(PINHOLE, looking_along_x, is_grey=True)[0]
+        params = RenderParams(shadow_texel=0.5, supersampling=n)
+        return Renderer(box_mesh, params, LightParams(), bounds=NEAR).render(PINHOLE, looking_along_x, is_gray=True)[0]
 
     truth = draw(8)
     errors = [np.sqrt(np.mean((draw(n) - truth)[np.abs(draw(1) - truth) > 2.0] ** 2)) for n in (1, 2)]
@@ -113,8 +114,8 @@ def test_neighbouring_spheres_agree(town_renderer, town):
     camera, path = Spherical(512, 256), taught_path(town[1], "two_turns")
     for s in (8.0, 50.0):
         T_world_a, T_world_b = pose_on(path, s), pose_on(path, s + 0.5)
-        seen_a, range_a = town_renderer.render(camera, T_world_a, is_grey=True)
-        seen_b, range_b = town_renderer.render(camera, T_world_b, is_grey=True)
+        seen_a, range_a = town_renderer.render(camera, T_world_a, is_gray=True)
+        seen_b, range_b = town_renderer.render(camera, T_world_b, is_gray=True)
         warped, is_valid = warp(seen_b, range_b, camera, T_world_b.inverse() @ T_world_a, range_a)
         psnr = 10 * np.log10(255.0**2 / np.mean((warped - seen_a)[is_valid] ** 2))
         unwarped = 10 * np.log10(255.0**2 / np.mean((seen_b - seen_a)[is_valid] ** 2))
@@ -128,7 +129,7 @@ def test_images_have_the_spectrum_of_natural_ones(town_renderer, town):
     slopes = []
     for s in np.arange(3.0, 100.0, 16.0):
         T_world_camera = pose_on(path, s, 1.6) @ SE3.from_parts(OPTICAL, np.zeros(3))
-        image, _ = town_renderer.render(camera, T_world_camera, is_grey=True)
+        image, _ = town_renderer.render(camera, T_world_camera, is_gray=True)
         slopes.append(spectrum_slope(image))
     assert np.mean(slopes) == pytest.approx(-2.0, abs=0.5)  # power over frequency, as in photographs of towns
 
@@ -138,10 +139,10 @@ def test_a_view_from_a_little_further_agrees(town_renderer, town):
     camera, path = Pinhole(256, 192, 190.0, 190.0, 127.5, 95.5), taught_path(town[1], "two_turns")
     for s in (12.0, 45.0, 85.0):
         T_world_a = pose_on(path, s, 1.6) @ SE3.from_parts(OPTICAL, np.zeros(3))
-        seen_a, range_a = town_renderer.render(camera, T_world_a, is_grey=True)
+        seen_a, range_a = town_renderer.render(camera, T_world_a, is_gray=True)
         back = 0.05 * float(np.median(range_a[np.isfinite(range_a)]))
         T_world_b = T_world_a @ SE3.from_parts(np.eye(3), [0.0, 0.0, -back])
-        seen_b, range_b = town_renderer.render(camera, T_world_b, is_grey=True)
+        seen_b, range_b = town_renderer.render(camera, T_world_b, is_gray=True)
         warped, is_valid = warp(seen_b, range_b, camera, T_world_b.inverse() @ T_world_a, range_a)
         error = (warped - seen_a)[is_valid]
         detail = seen_a[is_valid].std()
@@ -157,8 +158,8 @@ def test_an_image_is_the_mean_of_a_finer_one(town_renderer, town):
     coarse, fine = Pinhole(128, 96, 95.0, 95.0, 63.5, 47.5), Pinhole(512, 384, 380.0, 380.0, 255.5, 191.5)
     for s in (12.0, 45.0):
         T_world_camera = pose_on(path, s, 1.6) @ SE3.from_parts(OPTICAL, np.zeros(3))
-        seen, _ = town_renderer.render(coarse, T_world_camera, is_grey=True)
-        truth, _ = town_renderer.render(fine, T_world_camera, is_grey=True)
+        seen, _ = town_renderer.render(coarse, T_world_camera, is_gray=True)
+        truth, _ = town_renderer.render(fine, T_world_camera, is_gray=True)
         mean = (truth**2.2).reshape(96, 4, 128, 4).mean(axis=(1, 3)) ** (1 / 2.2)
         error = seen - mean
         single = truth[1::4, 1::4] - mean  # what a pixel would be without a filter
@@ -170,7 +171,7 @@ def test_no_region_is_without_texture(town_renderer, town):
     camera, path = Pinhole(320, 240, 190.0, 190.0, 159.5, 119.5), taught_path(town[1], "two_turns")
     for s in (5.0, 45.0, 80.0):
         T_world_camera = pose_on(path, s, 1.6) @ SE3.from_parts(OPTICAL, np.zeros(3))
-        image, _ = town_renderer.render(camera, T_world_camera, is_grey=True)
+        image, _ = town_renderer.render(camera, T_world_camera, is_gray=True)
         tiles = image.reshape(15, 16, 20, 16).transpose(0, 2, 1, 3).reshape(300, -1)
         assert np.percentile(tiles.std(axis=1), 2) > 0.7  # grey levels, above the noise of a good camera
 

@@ -5,10 +5,10 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from cycab_sim.params import CameraParams, ImuParams, RigParams, ScanParams
+from cycab_sim.params import CameraRigParams, ImuParams, ScanParams, SimCameraParams
 from cycab_sim.ros.outputs import Outputs
 from cycab_sim.simulator import Simulator
-from cycab_sim.vehicle import Command
+from cycab_sim.vehicle import VehicleCommand
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.ros.conversions import camera_from_info, image_to_array, message_to_sphere, stamp_ns, transform_to_se3
 from sphere_nav.ros.conversions.driving import scan_to_points
@@ -27,8 +27,8 @@ class Catcher:
 
 @pytest.fixture(scope="module")
 def simulator(small_params):
-    rig = RigParams(kind="ring", width=48, height=40, publish="always")
-    camera = CameraParams(model="panorama", width=96, height=32)
+    rig = CameraRigParams(kind="ring", width=48, height=40, publish="always")
+    camera = SimCameraParams(model="panorama", width=96, height=32)
     return Simulator(replace(small_params, rig=rig, camera=camera))
 
 
@@ -82,9 +82,9 @@ def test_without_a_rig_there_are_no_topics_of_one(small_params):
 
 
 def test_the_imu_and_the_scanner_are_published_in_their_frames(small_params):
-    params = replace(small_params, imu=ImuParams(is_on=True), scan=ScanParams(is_on=True, num_rays=91))
+    params = replace(small_params, imu=ImuParams(is_on=True), scan=ScanParams(is_on=True))
     simulator = Simulator(params)
-    simulator.step(Command(), 10_000_000)
+    simulator.step(VehicleCommand(), 10_000_000)
     sent = published(simulator, "imu", "scan").sent
     (imu,), (scan,) = sent["imu"], sent["scan"]
     assert (imu.header.frame_id, scan.header.frame_id) == ("imu_link", "scan_link")
@@ -92,7 +92,7 @@ def test_the_imu_and_the_scanner_are_published_in_their_frames(small_params):
     assert stamp_ns(imu) == stamp_ns(scan) == simulator.time_ns
     assert imu.linear_acceleration.z == pytest.approx(9.81, abs=0.2)
     assert imu.linear_acceleration_covariance[0] == pytest.approx(0.03**2)
-    assert scan.angle_min + 90 * scan.angle_increment == pytest.approx(scan.angle_max)
+    assert scan.angle_min + 540 * scan.angle_increment == pytest.approx(scan.angle_max)
     points = scan_to_points(scan)
     assert len(points) > 30  # a street
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), simulator.scan().ranges[np.isfinite(scan.ranges)])
@@ -112,7 +112,7 @@ def test_delayed_outputs_come_later_with_their_stamps_and_in_order(small_params)
             assert name != "camera" or outputs.publish(name) is None  # nothing to wait for yet
             if name == "odom":
                 outputs.publish(name)
-        simulator.step(Command(), 10_000_000)
+        simulator.step(VehicleCommand(), 10_000_000)
     stamps = [stamp_ns(message) for message in catcher.sent["image_raw"]]
     assert stamps == [begun + 100_000_000 * k for k in range(5)]
     assert [stamp for stamp in answered if stamp is not None] == stamps

@@ -1,13 +1,14 @@
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
-from cycab_sim.params import CameraParams, SphereParams
-from cycab_sim.sensors.cameras import expose, forward_camera, roof_sphere, vignette
-from sphere_nav.geometry import Pinhole
+from cycab_sim.params import CameraRigParams, ImagingParams, SimCameraParams, SphereParams
+from cycab_sim.sensors.cameras import focal_length, forward_camera, make_lens, panorama, roof_sphere
 
 
 def test_the_forward_camera_looks_forward_and_a_little_down():
-    mount = forward_camera(CameraParams(pitch_deg=5.0))
+    mount = forward_camera(SimCameraParams(pitch_deg=5.0), ImagingParams())
     axis, right, down = mount.T_base_camera.rotation.T[[2, 0, 1]]
     np.testing.assert_allclose(axis, [np.cos(np.radians(5)), 0.0, -np.sin(np.radians(5))], atol=1e-12)
     np.testing.assert_allclose(right, [0.0, -1.0, 0.0], atol=1e-12)
@@ -16,7 +17,9 @@ def test_the_forward_camera_looks_forward_and_a_little_down():
 
 
 def test_a_panorama_has_body_axes():
-    mount = forward_camera(CameraParams(model="panorama", width=720, height=360, pitch_deg=0.0))
+    params = SimCameraParams(model="panorama", width=720, height=360, pitch_deg=0.0)
+    mount = forward_camera(params, ImagingParams(vignetting=0.3))
+    assert mount.imaging.vignetting == 0.0  # it has no corners
     np.testing.assert_allclose(mount.T_base_camera.rotation, np.eye(3), atol=1e-12)
     assert mount.frame_id == "camera_link"
 
@@ -29,29 +32,57 @@ def test_the_sphere_sees_everything_from_the_roof():
         roof_sphere(SphereParams(width=255))
 
 
-def test_noise_has_its_size_and_belongs_to_its_image():
-    levels = np.full((200, 200), 120.0, np.float32)
-    image = expose(levels, 1.5, 0.02, (1, 7))
-    # the variances of electronics, of light, and of rounding to whole levels
-    assert image.std() == pytest.approx(np.sqrt(1.5**2 + 0.02 * 120 + 1 / 12), rel=0.03)
-    assert image.mean() == pytest.approx(120.0, abs=0.05)
-    np.testing.assert_array_equal(image, expose(levels, 1.5, 0.02, (1, 7)))
-    assert np.mean(image == expose(levels, 1.5, 0.02, (1, 8))) < 0.3
+def lens(**values):
+    return SimpleNamespace(**({"width": 640, "height": 480, "k2": 0.01} | values))
 
 
-def test_vignetting_takes_its_share_of_the_light_in_the_corners_and_none_in_the_middle():
-    fall = vignette(Pinhole(81, 61, 50.0, 50.0, 40.0, 30.0), 0.4, 2.2)
-    assert fall.shape == (61, 81)
-    assert fall[30, 40] == 1.0
-    assert fall[[0, 0, -1, -1], [0, -1, 0, -1]] ** 2.2 == pytest.approx([0.6] * 4, abs=1e-5)
-    assert fall[30, 0] > fall[0, 0]
-    assert forward_camera(CameraParams(vignetting=0.3)).vignetting == 0.3
-    assert forward_camera(CameraParams()).vignetting == 0.0
+@pytest.mark.parametrize(
+    "params",
+    [
+        SimCameraParams(view_deg=80.0),
+        SimCameraParams(model="fisheye", view_deg=190.0, width=500, height=400),
+        CameraRigParams(view_deg=185.0),
+        CameraRigParams(model="pinhole", view_deg=125.0),
+    ],
+)
+def test_the_field_of_view_is_met_with_the_distortion(params):
+    camera = make_lens(params, "camera")
+    assert camera.model == params.model
+    middle = (params.height - 1) / 2
+    edges = camera.unproject([[-0.5, middle], [params.width - 0.5, middle]])
+    azimuth = np.degrees(np.arctan2(edges[:, 0], edges[:, 2]))
+    assert azimuth == pytest.approx([-params.view_deg / 2, params.view_deg / 2], abs=1e-6)
 
 
-def test_levels_stay_in_range_and_zero_is_kept_for_the_unseen():
-    levels = np.array([[0.0, 0.4, 254.9, 300.0]], np.float32)
-    assert expose(levels, 0.0, 0.0, ()).tolist() == [[0, 1, 255, 255]]
-    assert expose(levels, 0.0, 0.0, (), bias=-20.0).tolist() == [[0, 1, 235, 255]]
-    noisy = expose(np.zeros((50, 50), np.float32), 20.0, 0.0, (1,))
-    assert not noisy.any()
+def test_focal_length_without_distortion():
+    pinhole = lens(model="pinhole", width=640, view_deg=90.0, k1=0.0, k2=0.0)
+    assert focal_length(pinhole) == pytest.approx(320.0)
+    fisheye = lens(model="fisheye", width=640, view_deg=180.0, k1=0.0, k2=0.0)
+    assert focal_length(fisheye) == pytest.approx(640 / np.pi)
+
+
+def test_a_panorama_keeps_rows_around_the_horizon():
+    camera = make_lens(SimCameraParams(model="panorama", width=720, height=240), "camera")
+    rays = camera.unproject([[359.5, 119.5], [359.5, -0.5], [359.5, 239.5]])
+    np.testing.assert_allclose(rays[0], [1.0, 0.0, 0.0], atol=1e-12)
+    assert np.degrees(np.arcsin(rays[1:, 2])) == pytest.approx([60.0, -60.0])
+    assert panorama(720, 360, "camera").is_whole
+
+
+@pytest.mark.parametrize(
+    ("params", "message"),
+    [
+        (SimCameraParams(view_deg=170.0), r"camera\.view_deg: expected at most 150.* of a pinhole, found 170"),
+        (
+            lens(model="pinhole", view_deg=140.0, k1=-0.2, k2=0.0),
+            r"camera\.view_deg: expected at most \d+ with this distortion",
+        ),
+        (lens(model="fisheye", view_deg=200.0, k1=-0.3), r"camera\.view_deg: expected at most \d+ with"),
+        (SimCameraParams(model="panorama", width=640, height=400), r"camera\.width, height: .* found 640 x 400"),
+        (SimCameraParams(model="panorama", width=641, height=200), r"camera\.width, height: expected even numbers"),
+    ],
+)
+def test_lenses_that_cannot_be_are_refused(params, message):
+    with pytest.raises(ValueError, match=message) as caught:
+        make_lens(params, "camera")
+    assert "\n" not in str(caught.value)

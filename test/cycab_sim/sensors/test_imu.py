@@ -4,21 +4,25 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cycab_sim.params import CameraParams, ImuParams, StartParams
-from cycab_sim.sensors.imu import GRAVITY, Imu
+from cycab_sim.params import ImuParams, SimCameraParams
+from cycab_sim.sensors.imu import GRAVITY, Imu, ImuErrors
 from cycab_sim.simulator import Simulator
-from cycab_sim.vehicle import Command
+from cycab_sim.vehicle import VehicleCommand
 from sphere_nav.geometry import SE3
 
 STEP = 10_000_000
-NO_ERRORS = ImuParams(
-    is_on=True, acceleration_noise=0.0, acceleration_bias=0.0, acceleration_walk=0.0,
+NO_ERRORS = ImuErrors(
+    acceleration_noise=0.0, acceleration_bias=0.0, acceleration_walk=0.0,
     rate_noise=0.0, rate_bias=0.0, rate_walk=0.0, orientation_noise_deg=0.0,
 )  # fmt: skip
 
 
-def make(small_params, imu, **changes):
-    return Simulator(replace(small_params, imu=imu, camera=CameraParams(is_on=False), **changes))
+def make(small_params, errors, along=0.0, **changes):
+    params = replace(small_params, imu=ImuParams(is_on=True), camera=SimCameraParams(is_on=False), **changes)
+    simulator = Simulator(params)
+    simulator.imu = Imu(params.imu, params.noise_seed, errors)
+    simulator.teleport(*simulator.path.at(along)[:3])
+    return simulator
 
 
 def drive(simulator, steps, command):
@@ -31,15 +35,15 @@ def drive(simulator, steps, command):
 
 
 def test_at_rest_it_feels_gravity_only(small_params):
-    for reading in drive(make(small_params, NO_ERRORS), 3, Command()):
+    for reading in drive(make(small_params, NO_ERRORS), 3, VehicleCommand()):
         np.testing.assert_allclose(reading.acceleration, [0.0, 0.0, GRAVITY], atol=1e-9)
         np.testing.assert_allclose(reading.angular_rate, 0.0, atol=1e-12)
 
 
-def test_in_a_turn_it_measures_the_rate_and_the_pull_towards_the_centre(small_params, monkeypatch):
+def test_in_a_turn_it_measures_the_rate_and_the_pull_towards_the_center(small_params, monkeypatch):
     monkeypatch.setattr(ImuParams, "x", 0.0)
     simulator = make(small_params, NO_ERRORS)
-    reading = drive(simulator, 500, Command(1.5, 0.3))[-1]  # 25 time constants
+    reading = drive(simulator, 500, VehicleCommand(1.5, 0.3))[-1]  # 25 time constants
     assert simulator.vehicle.yaw_rate == pytest.approx(0.3, abs=1e-3)
     np.testing.assert_allclose(reading.angular_rate, [0.0, 0.0, simulator.vehicle.yaw_rate], atol=1e-6)
     # the force is that of half a step earlier in heading: 0.45 * 0.003 / 2 m/s^2 along the car
@@ -48,21 +52,21 @@ def test_in_a_turn_it_measures_the_rate_and_the_pull_towards_the_centre(small_pa
 
 def test_far_from_the_axle_a_turn_pulls_backwards(small_params, monkeypatch):
     monkeypatch.setattr(ImuParams, "x", 1.0)
-    reading = drive(make(small_params, NO_ERRORS), 500, Command(1.5, 0.3))[-1]
+    reading = drive(make(small_params, NO_ERRORS), 500, VehicleCommand(1.5, 0.3))[-1]
     assert reading.acceleration[0] == pytest.approx(-(0.3**2), abs=3e-3)
 
 
 def test_speeding_up_is_felt_forward_and_its_integral_is_the_speed(small_params):
     simulator = make(small_params, NO_ERRORS)
-    forward = np.array([reading.acceleration[0] for reading in drive(simulator, 300, Command(1.0))])
+    forward = np.array([reading.acceleration[0] for reading in drive(simulator, 300, VehicleCommand(1.0))])
     assert forward.max() > 1.0
     # the first step has nothing to compare with: half of one step's gain is missing, and lag of one step at the end
     assert forward.sum() * 0.01 == pytest.approx(simulator.vehicle.state.speed, abs=0.01)
 
 
 def test_on_the_ramp_gravity_and_orientation_show_the_pitch(small_params):
-    simulator = make(small_params, NO_ERRORS, world="ramp", start=StartParams(along=35.0))
-    reading = drive(simulator, 3, Command())[-1]
+    simulator = make(small_params, NO_ERRORS, world="ramp", along=35.0)
+    reading = drive(simulator, 3, VehicleCommand())[-1]
     slope = math.atan(0.08)
     expected = [GRAVITY * math.sin(slope), 0.0, GRAVITY * math.cos(slope)]
     np.testing.assert_allclose(reading.acceleration, expected, atol=1e-3)
@@ -70,8 +74,8 @@ def test_on_the_ramp_gravity_and_orientation_show_the_pitch(small_params):
 
 
 def test_reaching_the_ramp_turns_the_nose_up(small_params):
-    simulator = make(small_params, NO_ERRORS, world="ramp", start=StartParams(along=17.0))
-    readings = drive(simulator, 400, Command(1.5))
+    simulator = make(small_params, NO_ERRORS, world="ramp", along=17.0)
+    readings = drive(simulator, 400, VehicleCommand(1.5))
     assert simulator.vehicle.state.x > 20.0 + 1.2
     turned = sum(reading.angular_rate[1] for reading in readings) * 0.01
     assert turned == pytest.approx(-math.atan(0.08), abs=1e-4)  # about the axis to the left, nose up is negative
@@ -79,17 +83,17 @@ def test_reaching_the_ramp_turns_the_nose_up(small_params):
 
 def test_being_put_elsewhere_is_not_an_acceleration(small_params):
     simulator = make(small_params, NO_ERRORS)
-    drive(simulator, 5, Command(1.0))
+    drive(simulator, 5, VehicleCommand(1.0))
     simulator.teleport(20.0, -0.5, 1.0, 2.0)
-    reading = drive(simulator, 1, Command(2.0))[-1]
+    reading = drive(simulator, 1, VehicleCommand(2.0))[-1]
     assert np.linalg.norm(reading.acceleration) == pytest.approx(GRAVITY, abs=0.01)
 
 
 def test_noise_and_bias_have_the_sizes_asked_for():
-    params = replace(NO_ERRORS, orientation_noise_deg=1.0, rate_noise=0.004)
-    params = replace(params, acceleration_noise=0.05, acceleration_bias=0.3)
+    errors = replace(NO_ERRORS, orientation_noise_deg=1.0, rate_noise=0.004)
+    errors = replace(errors, acceleration_noise=0.05, acceleration_bias=0.3)
     still = SE3.from_planar(0.0, 0.0, 0.5)
-    imu = Imu(params, 3)
+    imu = Imu(ImuParams(), 3, errors)
     imu.step(still, still, 0.01)
     readings = [imu.read(still, i, 0) for i in range(2000)]
     force = np.array([reading.acceleration for reading in readings])
@@ -100,7 +104,7 @@ def test_noise_and_bias_have_the_sizes_asked_for():
     assert np.std(tilts, axis=0) == pytest.approx([math.radians(1.0)] * 3, rel=0.08)
     offsets = []
     for seed in range(200):
-        imu = Imu(params, seed)
+        imu = Imu(ImuParams(), seed, errors)
         imu.step(still, still, 0.01)
         offsets.append(imu.read(still, 0, 0).acceleration - [0, 0, GRAVITY])
     assert np.std(offsets) == pytest.approx(math.hypot(0.3, 0.05), rel=0.15)  # 5 sigma of 600 draws
@@ -109,7 +113,7 @@ def test_noise_and_bias_have_the_sizes_asked_for():
 def test_a_bias_of_the_rate_walks_and_turns_the_heading_away():
     still, errors, biases = SE3.identity(), [], []
     for seed in range(100):
-        imu = Imu(replace(NO_ERRORS, rate_walk=0.01), seed)
+        imu = Imu(ImuParams(), seed, replace(NO_ERRORS, rate_walk=0.01))
         for _ in range(100):
             imu.step(still, still, 0.01)
         reading = imu.read(still, 0, 0)
@@ -120,9 +124,8 @@ def test_a_bias_of_the_rate_walks_and_turns_the_heading_away():
 
 
 def test_the_same_seed_gives_the_same_readings(small_params):
-    params = ImuParams(is_on=True)
-    first, again = (drive(make(small_params, params), 5, Command(1.0, 0.2)) for _ in range(2))
-    other = drive(make(small_params, params, noise_seed=2), 5, Command(1.0, 0.2))
+    first, again = (drive(make(small_params, ImuErrors()), 5, VehicleCommand(1.0, 0.2)) for _ in range(2))
+    other = drive(make(small_params, ImuErrors(), noise_seed=2), 5, VehicleCommand(1.0, 0.2))
     for a, b, c in zip(first, again, other, strict=True):
         np.testing.assert_array_equal(a.acceleration, b.acceleration)
         assert not np.array_equal(a.acceleration, c.acceleration)

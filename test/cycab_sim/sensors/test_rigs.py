@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from cycab_sim.params import RigParams
-from cycab_sim.sensors.rigs import camera_names, make_rig, planned_pose, rig_mounts, rig_place, rig_text
+from cycab_sim.params import CameraRigParams, ImagingParams
+from cycab_sim.sensors.rigs import make_rig, planned_pose, rig_camera_names, rig_file_text, rig_mounts, rig_place
 from sphere_nav.geometry.files.rig_file import read_rig
 
-EXACT = RigParams(kind="vertical", tolerance=0.0)
+EXACT = CameraRigParams(kind="vertical", tolerance=0.0)
 KINDS = ("vertical", "ring")
 
 
@@ -19,7 +19,7 @@ def places(rig):
 
 def test_three_pairs_stand_back_to_back_one_above_the_other():
     rig = make_rig(EXACT, 1)
-    assert rig.names == camera_names("vertical")
+    assert rig.names == rig_camera_names("vertical")
     assert [camera.level for camera in rig.cameras] == ["top"] * 3 + ["bottom"] * 3
     top, bottom = places(rig)[:3], places(rig)[3:]
     np.testing.assert_allclose(top - bottom, np.tile([0.0, 0.0, 0.3], (3, 1)), atol=1e-12)
@@ -30,16 +30,16 @@ def test_three_pairs_stand_back_to_back_one_above_the_other():
 
 
 def test_the_ring_diverges_and_neighbours_are_one_baseline_apart():
-    rig = make_rig(RigParams(kind="ring", tolerance=0.0, baseline=0.25), 1)
+    rig = make_rig(CameraRigParams(kind="ring", tolerance=0.0), 1)
     there, towards = places(rig), axes(rig)
-    np.testing.assert_allclose(np.linalg.norm(there - np.roll(there, 1, axis=0), axis=1), 0.25, atol=1e-12)
-    np.testing.assert_allclose(towards * 0.25, there, atol=1e-12)  # looking away from the middle
+    np.testing.assert_allclose(np.linalg.norm(there - np.roll(there, 1, axis=0), axis=1), 0.3, atol=1e-12)
+    np.testing.assert_allclose(towards * 0.3, there, atol=1e-12)  # looking away from the middle
     np.testing.assert_allclose(np.sum(towards * np.roll(towards, 1, axis=0), axis=1), 0.5, atol=1e-12)
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_direction_of_the_sphere_is_seen(kind, rng):
-    rig = make_rig(RigParams(kind=kind), 3)
+    rig = make_rig(CameraRigParams(kind=kind), 3)
     directions = rng.normal(size=(2000, 3))
     far = 1e4 * directions / np.linalg.norm(directions, axis=1, keepdims=True)
     seen = {"top": 0, "bottom": 0, "": 0}
@@ -52,7 +52,7 @@ def test_every_direction_of_the_sphere_is_seen(kind, rng):
 
 
 def test_cameras_are_mounted_nearly_as_planned_and_each_seed_otherwise():
-    params = RigParams(kind="ring")
+    params = CameraRigParams(kind="ring")
     rig, again, other = make_rig(params, 3), make_rig(params, 3), make_rig(params, 4)
     np.testing.assert_array_equal(places(rig), places(again))
     assert not np.allclose(places(rig), places(other))
@@ -64,24 +64,24 @@ def test_cameras_are_mounted_nearly_as_planned_and_each_seed_otherwise():
 
 
 def test_mounts_are_the_rig_on_the_car():
-    params = RigParams(kind="vertical", x=0.5, z=2.0)
+    params = CameraRigParams(kind="vertical")
     rig = make_rig(params, 3)
-    mounts = rig_mounts(params, rig)
+    mounts = rig_mounts(params, ImagingParams(), rig)
     assert [mount.name for mount in mounts] == list(rig.names)
-    np.testing.assert_allclose(rig_place(params).translation, [0.5, 0.0, 2.0])
+    np.testing.assert_allclose(rig_place(params).translation, [0.4, 0.0, 1.8])
     for mount, camera in zip(mounts, rig.cameras, strict=True):
         found = rig_place(params).inverse() @ mount.T_base_camera
         np.testing.assert_allclose(found.matrix, camera.T_rig_camera.matrix, atol=1e-12)
-    assert make_rig(RigParams(), 3) is None
-    assert rig_mounts(RigParams(), None) == ()
+    assert make_rig(CameraRigParams(), 3) is None
+    assert rig_mounts(CameraRigParams(), ImagingParams(), None) == ()
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_rig_file_says_what_is_mounted(kind, tmp_path):
-    rig = make_rig(RigParams(kind=kind), 3)
+    rig = make_rig(CameraRigParams(kind=kind), 3)
     path = tmp_path / "rig.yaml"
-    text = rig_text(rig, str(path))
-    assert text == path.read_text() == rig_text(rig)
+    text = rig_file_text(rig, str(path))
+    assert text == path.read_text() == rig_file_text(rig)
     read = read_rig(path)
     for a, b in zip(rig.cameras, read.cameras, strict=True):
         assert (a.name, a.camera, a.level) == (b.name, b.camera, b.level)

@@ -9,15 +9,15 @@ def test_every_finish_reflects_less_than_it_gets(rng):
     made += [finishes.window(1.0, 1.5, (0.4, 0.4, 0.4), rng), finishes.foliage(rng), finishes.slats((0.3, 0.2, 0.1))]
     made += [item for item in vars(finishes).values() if isinstance(item, Finish)]
     for finish in made:
-        assert np.min([finish.colour, finish.second]) > 0.0
-        assert np.max([finish.colour, finish.second]) < 0.9
+        assert np.min([finish.color, finish.second]) > 0.0
+        assert np.max([finish.color, finish.second]) < 0.9
         assert 1 <= len(finish.params) <= NUM_PARAMS
         assert 0.05 < finish.params[0] < 0.5  # contrast: no surface is without texture
 
 
-def test_a_picked_colour_is_one_of_the_palette_a_little_changed(rng):
+def test_a_picked_color_is_one_of_the_palette_a_little_changed(rng):
     for _ in range(20):
-        colour = np.array(finishes.pick(rng, finishes.BRICKS))
-        ratios = colour / np.array(finishes.BRICKS)
+        color = np.array(finishes.pick(rng, finishes.BRICKS))
+        ratios = color / np.array(finishes.BRICKS)
         assert np.any(np.ptp(ratios, axis=1) < 1e-9)
         assert np.any((ratios > 0.87) & (ratios < 1.13))

@@ -11,7 +11,7 @@ CLEARANCE = 0.6 + 0.3  # half the width of the car, and what a driver leaves
 def test_a_seed_is_a_town(town):
     again, plan = build_town.__wrapped__(5)  # the cache left aside
     assert plan == town[1]
-    for name in ("triangles", "normals", "surface_of", "frames", "kinds", "params", "colours"):
+    for name in ("triangles", "normals", "surface_of", "frames", "kinds", "params", "colors"):
         np.testing.assert_array_equal(getattr(again, name), getattr(town[0], name))
     assert draw_plan(6) != plan
 
@@ -19,7 +19,7 @@ def test_a_seed_is_a_town(town):
 def test_everything_has_a_surface(town):
     mesh = town[0]
     num = len(mesh.frames)
-    assert len(mesh.kinds) == len(mesh.params) == len(mesh.colours) == num
+    assert len(mesh.kinds) == len(mesh.params) == len(mesh.colors) == num
     assert set(np.unique(mesh.surface_of)) <= set(range(num))
     assert np.all(np.isfinite(mesh.triangles))
     assert np.all(np.isfinite(mesh.frames))

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from cycab_sim import geometry_cloud
-from cycab_sim.params import StartParams
 from cycab_sim.simulator import Simulator
-from cycab_sim.world.worlds import BAY, CORRIDOR, Ground, build_world
+from cycab_sim.world.worlds import BAY, CORRIDOR, GroundProfile, build_world
 from sphere_nav.geometry import SE3
 
 
@@ -49,7 +48,8 @@ def test_unknown_worlds_are_refused():
 def test_the_ramp_rises_by_8_percent_and_the_car_with_it(small_params):
     ground = build_world("ramp", 3).ground
     assert float(ground.height(50.0) - ground.height(30.0)) / 20.0 == pytest.approx(0.08)
-    simulator = Simulator(replace(small_params, world="ramp", start=StartParams(along=35.0)))
+    simulator = Simulator(replace(small_params, world="ramp"))
+    simulator.teleport(*simulator.path.at(35.0)[:3])
     T_world_base = simulator.T_world_base
     assert T_world_base.translation[2] == pytest.approx(0.08 * 15.0)
     ahead = T_world_base.rotation[:, 0]
@@ -60,9 +60,9 @@ def test_the_ramp_rises_by_8_percent_and_the_car_with_it(small_params):
 
 
 def test_wheels_stand_on_the_ground_when_it_is_crossed_at_an_angle():
-    ground = Ground((0.0, 100.0), (0.0, 8.0))
+    ground = GroundProfile((0.0, 100.0), (0.0, 8.0))
     planar = SE3.from_planar(50.0, 0.0, 0.7)
     T_world_base = ground.follow(planar, 1.2, 1.2)
     wheels = T_world_base.apply(np.array([[0.0, 0, 0], [1.2, 0, 0], [0, 0.6, 0], [0, -0.6, 0]]))
     np.testing.assert_allclose(wheels[:, 2], ground.height(wheels[:, 0]), atol=2e-3)  # second order in the slope
-    assert Ground().follow(planar, 1.2, 1.2) is planar
+    assert GroundProfile().follow(planar, 1.2, 1.2) is planar

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dense_localizer.judge.acceptance import Check, innovation, judge
+from dense_localizer.judge.acceptance import Check, assess, measure_innovation
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams
 from dense_localizer.reasons import REMEDIES
@@ -30,12 +30,12 @@ GOOD = Alignment(
 HERE = Prediction(SE3.identity(), TIGHT, 0)
 
 
-def judged(alignment, covariance=TIGHT, distance_ratio=0.1, prediction=HERE, structure=None):
-    return judge(alignment, covariance, distance_ratio, prediction, PARAMS, structure=structure)
+def assessed(alignment, covariance=TIGHT, distance_ratio=0.1, prediction=HERE, structure=None):
+    return assess(alignment, covariance, distance_ratio, prediction, PARAMS, structure=structure)
 
 
 def test_a_good_alignment_is_accepted_without_a_word():
-    verdict = judged(GOOD)
+    verdict = assessed(GOOD)
     assert (verdict.is_accepted, verdict.is_good, verdict.finding.reason) == (True, True, "")
     assert 0.5 < verdict.quality <= 1.0
 
@@ -61,7 +61,7 @@ def test_a_good_alignment_is_accepted_without_a_word():
     ids=str,
 )
 def test_each_cause_refuses_with_its_reason_and_remedy(change, reason):
-    verdict = judged(replace(GOOD, **change))
+    verdict = assessed(replace(GOOD, **change))
     assert (verdict.is_accepted, verdict.is_good, verdict.quality) == (False, False, 0.0)
     assert verdict.finding.reason == reason
     assert verdict.finding.reason in REMEDIES
@@ -69,34 +69,34 @@ def test_each_cause_refuses_with_its_reason_and_remedy(change, reason):
 
 def test_an_uncertain_pose_is_refused():
     for wide in (np.diag([0.05, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7]), np.diag([1e-6] * 3 + [1e-7, 0.01, 1e-7])):
-        verdict = judged(GOOD, covariance=wide)
+        verdict = assessed(GOOD, covariance=wide)
         assert (verdict.is_accepted, verdict.finding.reason) == (False, "LOW_TEXTURE")
-    assert not judged(GOOD, covariance=np.full((6, 6), np.inf)).is_accepted
+    assert not assessed(GOOD, covariance=np.full((6, 6), np.inf)).is_accepted
 
 
 def test_three_standard_deviations_of_a_good_pose_are_within_the_promise():
     for sigma_m, is_good in ((0.099, True), (0.101, False), (0.199, False)):
-        verdict = judged(GOOD, covariance=np.diag([sigma_m**2, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7]))
+        verdict = assessed(GOOD, covariance=np.diag([sigma_m**2, 1e-6, 1e-6, 1e-7, 1e-7, 1e-7]))
         assert (verdict.is_accepted, verdict.is_good) == (True, is_good)
 
 
 @pytest.mark.parametrize("change", [{"gains": (4.0, 5.0)}, {"gains": (0.2, 0.2)}, {"biases": (-120.0, 90.0)}], ids=str)
 def test_no_change_of_light_alone_makes_a_pose_doubtful(change):
-    assert judged(replace(GOOD, **change)).is_good
+    assert assessed(replace(GOOD, **change)).is_good
 
 
 def test_no_distance_alone_makes_a_pose_doubtful():
-    assert judged(GOOD, distance_ratio=3.0).is_good
+    assert assessed(GOOD, distance_ratio=3.0).is_good
 
 
 def test_outliers_far_from_every_sphere_are_outside_the_region():
-    verdict = judged(replace(GOOD, ncc=0.3), distance_ratio=1.2)
+    verdict = assessed(replace(GOOD, ncc=0.3), distance_ratio=1.2)
     assert (verdict.is_accepted, verdict.finding.reason) == (False, "OUTSIDE_REGION")
     assert (verdict.finding.value, verdict.finding.limit) == (0.3, PARAMS.min_ncc)
 
 
 def test_between_the_limits_a_pose_is_used_with_care():
-    verdict = judged(replace(GOOD, ncc=0.45))
+    verdict = assessed(replace(GOOD, ncc=0.45))
     assert (verdict.is_accepted, verdict.is_good) == (True, False)
     assert (verdict.finding.reason, verdict.finding.limit) == ("OUTLIERS", PARAMS.good_ncc)
     assert 0.0 < verdict.quality < 0.5
@@ -104,12 +104,12 @@ def test_between_the_limits_a_pose_is_used_with_care():
 
 def test_a_start_may_be_anywhere():
     far = replace(GOOD, T_world_camera=SE3.exp([10.0, 0, 0, 0, 0, 2.0]))
-    assert judged(far, prediction=None).is_good
+    assert assessed(far, prediction=None).is_good
 
 
 def test_the_jump_is_measured_in_standard_deviations_of_both():
     moved = replace(GOOD, T_world_camera=SE3.exp([0.01, 0, 0, 0, 0, 0]))
-    assert innovation(moved, TIGHT, HERE) == pytest.approx(0.01 / np.sqrt(2e-6))
+    assert measure_innovation(moved, TIGHT, HERE) == pytest.approx(0.01 / np.sqrt(2e-6))
 
 
 def test_a_check_without_a_range_of_care_is_a_plain_bound():
@@ -117,17 +117,103 @@ def test_a_check_without_a_range_of_care_is_a_plain_bound():
     assert Check(Reason.LOW_TEXTURE, 4.9, 5.0, 5.0).margin < 0
 
 
-def test_gradients_that_do_not_agree_refuse_what_grey_levels_confirm():
-    assert not judged(GOOD, structure=Structure(0.13)).is_accepted
-    assert judged(GOOD, structure=Structure(0.3)).is_good
+def test_gradients_that_do_not_agree_refuse_what_gray_levels_confirm():
+    assert not assessed(GOOD, structure=Structure(0.13)).is_accepted
+    assert assessed(GOOD, structure=Structure(0.3)).is_good
 
 
 def test_a_stretch_counts_by_what_it_surely_exceeds():
-    wrong = judged(GOOD, structure=Structure(0.9, stretch=-0.12, stretch_sigma=0.01))
+    wrong = assessed(GOOD, structure=Structure(0.9, stretch=-0.12, stretch_sigma=0.01))
     assert not wrong.is_accepted
     assert wrong.finding.reason is Reason.BAD_INFO
     assert "smaller" in wrong.finding.detail
-    assert judged(GOOD, structure=Structure(0.9, stretch=-0.12, stretch_sigma=0.04)).is_good
+    assert assessed(GOOD, structure=Structure(0.9, stretch=-0.12, stretch_sigma=0.04)).is_good
+
+
+@pytest.mark.parametrize(
+    ("change", "is_accepted", "is_good"),
+    [
+        ({"overlap": 0.24}, True, False),
+        ({"overlap": 0.26}, True, True),
+        ({"inlier_share": 0.39}, False, False),
+        ({"inlier_share": 0.49}, True, False),
+        ({"inlier_share": 0.51}, True, True),
+    ],
+    ids=str,
+)
+def test_the_limits_of_what_images_show(change, is_accepted, is_good):
+    found = assessed(replace(GOOD, **change))
+    assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
+
+
+@pytest.mark.parametrize(
+    ("structure", "is_accepted", "is_good"),
+    [
+        (Structure(0.19), False, False),
+        (Structure(0.24), True, False),
+        (Structure(0.26), True, True),
+        (Structure(0.9, stretch=-0.101, stretch_sigma=0.01), False, False),  # surely beyond 0.06
+        (Structure(0.9, stretch=0.099, stretch_sigma=0.01), True, False),
+        (Structure(0.9, stretch=0.069, stretch_sigma=0.01), True, True),
+    ],
+    ids=str,
+)
+def test_the_limits_of_gradients_and_lens(structure, is_accepted, is_good):
+    found = assessed(GOOD, structure=structure)
+    assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
+
+
+@pytest.mark.parametrize("axis", [0, 3], ids=["m", "rad"])
+@pytest.mark.parametrize(
+    ("kind", "factor", "is_accepted", "is_good"),
+    [
+        ("light", 0.49, True, True),
+        ("light", 0.99, True, False),
+        ("light", 1.01, False, False),
+        ("occlusion", 0.49, True, True),
+        ("occlusion", 4.9, True, False),
+        ("occlusion", 5.1, False, False),
+    ],
+)
+def test_the_limits_of_a_bias(axis, kind, factor, is_accepted, is_good):
+    """By the largest uncertainty: 0.2 m, 0.05 rad; that of an occlusion was removed."""
+    xi = np.zeros(6)
+    xi[axis] = factor * (0.2, 0.05)[axis // 3]
+    bias = type(Structure().illumination)(0.5, xi)
+    found = assessed(GOOD, structure=Structure(**{{"light": "illumination", "occlusion": "occlusion"}[kind]: bias}))
+    assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
+
+
+@pytest.mark.parametrize(
+    ("sigma_rad", "is_accepted", "is_good"), [(0.024, 1, 1), (0.026, 1, 0), (0.049, 1, 0), (0.051, 0, 0)]
+)
+def test_the_limits_of_an_uncertain_attitude(sigma_rad, is_accepted, is_good):
+    found = assessed(GOOD, covariance=np.diag([1e-6] * 3 + [1e-7, sigma_rad**2, 1e-7]))
+    assert (found.is_accepted, found.is_good) == (bool(is_accepted), bool(is_good))
+
+
+@pytest.mark.parametrize(
+    ("sigmas", "is_accepted", "is_good"), [(5.5, True, True), (5.7, True, False), (8.1, False, False)]
+)
+def test_the_limits_of_an_innovation(sigmas, is_accepted, is_good):
+    jumped = replace(GOOD, T_world_camera=SE3.exp([sigmas * np.sqrt(2e-6), 0, 0, 0, 0, 0]))
+    found = assessed(jumped)
+    assert (found.is_accepted, found.is_good) == (is_accepted, is_good)
+
+
+@pytest.mark.parametrize(
+    ("change", "distance_ratio", "reason"),
+    [
+        ({"gains": (1.9, 1.0), "biases": (49.0, -49.0)}, 0.9, "OUTLIERS"),
+        ({"gains": (2.1, 1.0)}, 0.9, "LIGHT_CHANGE"),
+        ({"gains": (1.0, 0.47)}, 0.9, "LIGHT_CHANGE"),
+        ({"biases": (0.0, -51.0)}, 0.9, "LIGHT_CHANGE"),
+        ({}, 1.1, "OUTSIDE_REGION"),
+    ],
+    ids=str,
+)
+def test_the_likely_cause_of_outliers(change, distance_ratio, reason):
+    assert assessed(replace(GOOD, ncc=0.3, **change), distance_ratio=distance_ratio).finding.reason == reason
 
 
 def test_every_reason_has_its_remedy():

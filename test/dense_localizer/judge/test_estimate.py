@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from dense_localizer.judge.estimate import Estimate
+from dense_localizer.judge.estimate import CameraEstimate
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State, Status
 
@@ -12,14 +12,14 @@ T_MAP_CAMERA = SE3.exp([3.0, 1.0, 1.0, 0.1, -0.2, 0.7])
 
 
 def test_without_a_pose_only_the_status_is_left():
-    estimate = Estimate(Status(State.LOST)).at_place().to_base(T_BASE_CAMERA)
+    estimate = CameraEstimate(Status(State.LOST)).expose_candidate().to_base(T_BASE_CAMERA)
     assert (estimate.status.state, estimate.T_map_base) == (State.LOST, None)
 
 
 def test_errors_and_velocity_of_the_camera_are_those_of_the_base(rng):
     covariance = np.diag([1e-4, 2e-4, 3e-4, 4e-6, 5e-6, 6e-6])
     velocity = np.array([1.0, 0.2, -0.1, 0.1, -0.3, 0.2])
-    camera = Estimate(Status(State.TRACKING), T_MAP_CAMERA, covariance, velocity, covariance)
+    camera = CameraEstimate(Status(State.TRACKING), T_MAP_CAMERA, covariance, velocity, covariance)
     base = camera.to_base(T_BASE_CAMERA)
     assert base.T_map_base.distance(T_MAP_CAMERA @ T_BASE_CAMERA.inverse())[0] < 1e-12
     xi = rng.multivariate_normal(np.zeros(6), covariance, 20_000)  # errors of the camera, seen at the base

@@ -5,7 +5,8 @@ from operator import or_
 import numpy as np
 import pytest
 
-from dense_localizer.judge.integrity import ASKED, MAP_PHASE, PERIOD, REJECTION_PHASE, Doubts
+from dense_localizer.constants import INTEGRITY_PERIOD, MAP_PHASE, REJECTION_PHASE
+from dense_localizer.judge.integrity import CHECKS_DUE, Integrity
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references.reference import References
 from sphere_nav.geometry import SE3
@@ -15,16 +16,16 @@ from worlds.localizer import PINHOLE, STEP_NS, Run, at, drive, error, make_local
 from worlds.room import Room
 
 
-def test_every_image_is_looked_at_closely_until_the_pose_is_trusted(room_map):
-    doubts = Doubts(References(room_map, LocalizerParams()), LocalizerParams())
-    assert all(doubts.asked(state) is EVERYTHING for state in State if state is not State.TRACKING)
+def test_every_image_gets_the_full_check_until_the_pose_is_trusted(room_map):
+    integrity = Integrity(References(room_map, LocalizerParams()), LocalizerParams())
+    assert all(integrity.find_due(state) is EVERYTHING for state in State if state is not State.TRACKING)
 
 
-def test_in_ten_images_in_tracking_all_is_asked_and_of_none_two_things():
-    phases = [*ASKED, MAP_PHASE - 1, REJECTION_PHASE - 1]  # those two are counted after the image
+def test_in_ten_images_in_tracking_all_checks_are_due_and_no_two_at_once():
+    phases = [*CHECKS_DUE, MAP_PHASE - 1, REJECTION_PHASE - 1]  # those two are counted after the image
     assert len(set(phases)) == len(phases)
-    assert max(phases) < PERIOD
-    assert reduce(or_, ASKED.values()) is EVERYTHING
+    assert max(phases) < INTEGRITY_PERIOD
+    assert reduce(or_, CHECKS_DUE.values()) is EVERYTHING
 
 
 def test_a_wrong_lens_never_tracks(room, room_map):

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from dense_localizer.judge.odometry_check import DOUBT_S, OdometryCheck, Sample
+from dense_localizer.constants import DISPUTE_S
+from dense_localizer.judge.odometry_check import OdometryCheck, OdometrySample
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import Reason
 
@@ -27,10 +28,10 @@ class Drive:
         t, before = self.k * STEP_NS * 1e-9, (self.k - 1) * STEP_NS * 1e-9
         moved = (at(before).inverse() @ at(t)).log()
         self.T_odom = self.T_odom @ SE3.exp(self.scale * moved * (1 + 0.01 * self.rng.normal(size=6)))
-        self.check.drive(self.T_odom, is_trusted=is_trusted)
+        self.check.propagate(self.T_odom, is_trusted=is_trusted)
         noise = SE3.exp(self.rng.normal(size=6) * np.sqrt(np.diagonal(COVARIANCE)))
         T_map_camera = at(t - self.late_s) @ noise @ (T_error or SE3.identity())
-        return self.check.find(Sample(self.k * STEP_NS, T_map_camera, COVARIANCE, self.T_odom))
+        return self.check.find(OdometrySample(self.k * STEP_NS, T_map_camera, COVARIANCE, self.T_odom))
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -55,8 +56,8 @@ def test_a_place_after_a_loss_must_be_where_odometry_says():
     for _ in range(20):
         drive.step()
     for _ in range(20):
-        drive.check.drive(drive.T_odom, is_trusted=False)
-    drive.check.begin(Sample(drive.k * STEP_NS, at(drive.k * STEP_NS * 1e-9), COVARIANCE, drive.T_odom))
+        drive.check.propagate(drive.T_odom, is_trusted=False)
+    drive.check.start(OdometrySample(drive.k * STEP_NS, at(drive.k * STEP_NS * 1e-9), COVARIANCE, drive.T_odom))
     assert drive.step(is_trusted=False).reason is Reason.NONE
 
 
@@ -65,8 +66,8 @@ def test_a_place_that_contradicts_odometry_is_doubted_for_a_while_then_believed(
     for _ in range(20):
         drive.step()
     drive.step()
-    findings = [drive.step(is_trusted=False, T_error=wrong) for _ in range(int(DOUBT_S / 0.05) + 10)]
-    assert all(finding.reason is Reason.ODOM_STALE for finding in findings[: int(DOUBT_S / 0.05)])
+    findings = [drive.step(is_trusted=False, T_error=wrong) for _ in range(int(DISPUTE_S / 0.05) + 10)]
+    assert all(finding.reason is Reason.ODOM_STALE for finding in findings[: int(DISPUTE_S / 0.05)])
     assert findings[-1].reason is Reason.NONE
 
 
@@ -75,5 +76,37 @@ def test_an_operator_who_says_where_the_camera_is_ends_the_doubt():
     for _ in range(20):
         drive.step()
     assert drive.step(is_trusted=False, T_error=wrong).reason is Reason.ODOM_STALE
-    drive.check.forget()
+    drive.check.reset()
     assert drive.step(is_trusted=False, T_error=wrong).reason is Reason.NONE
+
+
+@pytest.mark.parametrize("axis", [0, 4], ids=["m", "rad"])
+@pytest.mark.parametrize(("sigmas", "is_disputed"), [(5.9, False), (6.1, True)])
+def test_six_standard_deviations_from_where_odometry_says_are_disputed(axis, sigmas, is_disputed):
+    """Both places err by their covariance, a comparison by 5 mm, 2 mrad at least."""
+    check, sigma = OdometryCheck(ERROR), np.sqrt(2 * COVARIANCE[axis, axis] + (0.005, 0.002)[axis // 3] ** 2)
+    check.propagate(SE3.identity(), is_trusted=False)
+    check.find(OdometrySample(STEP_NS, SE3.identity(), COVARIANCE, SE3.identity()))
+    check.propagate(SE3.identity(), is_trusted=True)
+    check.propagate(SE3.identity(), is_trusted=False)  # lost
+    off = SE3.exp(sigmas * sigma * np.eye(6)[axis])
+    check.start(OdometrySample(2 * STEP_NS, off, COVARIANCE, SE3.identity()))
+    found = [check.find(OdometrySample(k * STEP_NS, off, COVARIANCE, SE3.identity())) for k in (3, 198, 204)]
+    assert [finding.reason is Reason.ODOM_STALE for finding in found] == [is_disputed, is_disputed, False]  # for 10 s
+
+
+@pytest.mark.parametrize(("delay_s", "is_reported"), [(0.099, False), (0.101, True), (-0.101, True)])
+def test_a_delay_is_reported_where_it_surely_exceeds_50_ms(delay_s, is_reported):
+    """By five standard deviations of 10 ms."""
+    check = OdometryCheck(ERROR)
+    check._information, check._score = 1e4, 1e4 * delay_s
+    assert (check._find_delay().reason is Reason.ODOM_STALE) == is_reported
+
+
+def test_motions_are_compared_over_half_a_second():
+    drive, compared = Drive(5), set()
+    for _ in range(100):  # 5 s
+        drive.step()
+        compared.add(drive.check._compared_ns)
+    assert 9 <= len(compared - {0}) <= 10
+    assert len(drive.check._samples) == 15  # those of 0.5 s, and of 0.1 s before and after

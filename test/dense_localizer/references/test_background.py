@@ -1,18 +1,18 @@
 import time
 from concurrent.futures import ThreadPoolExecutor
 
-from dense_localizer.references.prefetch import Background
+from dense_localizer.references.prefetch import BackgroundTurns
 
 
 def test_one_works_at_a_time_and_the_urgent_one_is_next():
-    background, order = Background(is_limited=True), list[str]()
+    background, order = BackgroundTurns(is_limited=True), list[str]()
 
     def work(name, is_urgent):
-        with background.work(is_urgent=is_urgent):
+        with background.wait_for_turn(is_urgent=is_urgent):
             order.append(name)
 
     with ThreadPoolExecutor(2) as threads:
-        with background.work():
+        with background.wait_for_turn():
             patient = threads.submit(work, "patient", False)
             urgent = threads.submit(work, "urgent", True)
             while not background._num_urgent:
@@ -24,16 +24,16 @@ def test_one_works_at_a_time_and_the_urgent_one_is_next():
 
 
 def test_what_fails_leaves_the_turn_to_others():
-    background = Background(is_limited=True)
+    background = BackgroundTurns(is_limited=True)
     for _ in range(2):
         try:
-            with background.work():
+            with background.wait_for_turn():
                 raise ValueError
         except ValueError:
             pass
 
 
 def test_without_a_limit_all_work_at_once():
-    background = Background(is_limited=False)
-    with background.work(), background.work(is_urgent=True):
+    background = BackgroundTurns(is_limited=False)
+    with background.wait_for_turn(), background.wait_for_turn(is_urgent=True):
         pass

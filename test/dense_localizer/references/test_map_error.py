@@ -2,24 +2,25 @@ import numpy as np
 import pytest
 
 from dense_localizer.params import CovarianceParams
-from dense_localizer.references.map_error import EDGE, SHARED, MapError
+from dense_localizer.references.map_error import MapError
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
+SHARED_ERROR, EDGE_ERROR = 2.0, 2.0  # factors of mean squares
 PARAMS = CovarianceParams(map_sigma_m=0.002, map_sigma_rad=0.001)
 NOISE = np.repeat([0.001, 0.0005], 3) ** 2
 
 
 def test_what_is_assumed_gives_way_to_what_is_seen():
     error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(1)
-    at_first = np.sqrt(np.diagonal(error.covariance(0, SE3.identity())) / SHARED)
+    at_first = np.sqrt(np.diagonal(error.covariance(0, SE3.identity())) / SHARED_ERROR)
     np.testing.assert_allclose(at_first, np.repeat([0.002, 0.001], 3))
     sigma = np.repeat([0.01, 0.003], 3)
     seen = []
     for _ in range(400):
         error.add(rng.normal(size=6) * np.hypot(sigma, np.sqrt(NOISE)), NOISE)
-        seen.append(np.diagonal(error.covariance(0, SE3.identity())) / SHARED)
+        seen.append(np.diagonal(error.covariance(0, SE3.identity())) / SHARED_ERROR)
     np.testing.assert_allclose(np.sqrt(np.mean(seen[50:], axis=0)), sigma, rtol=0.15)
 
 
@@ -27,7 +28,7 @@ def test_an_exact_map_leaves_the_noise_of_the_image():
     error, rng = MapError(SphereGraph(), PARAMS), np.random.default_rng(2)
     for _ in range(100):
         error.add(rng.normal(size=6) * np.sqrt(NOISE), NOISE)
-    assert np.all(np.diagonal(error.covariance(0, SE3.identity())) < 2 * SHARED * NOISE)
+    assert np.all(np.diagonal(error.covariance(0, SE3.identity())) < 2 * SHARED_ERROR * NOISE)
     assert np.all(np.diagonal(error.covariance(0, SE3.identity())) >= 0)
 
 
@@ -50,7 +51,7 @@ def test_a_pose_is_as_far_off_as_is_told(size):
         for k in range(60):
             error.add(rng.normal(size=6) * np.hypot(sigma, np.sqrt(NOISE)), NOISE)
             if k >= 10:
-                told = np.diagonal(error.covariance(0, SE3.identity())) / SHARED + NOISE
+                told = np.diagonal(error.covariance(0, SE3.identity())) / SHARED_ERROR + NOISE
                 nees.append(np.sum((sigma**2 + NOISE) / told))
     assert 3.0 < np.mean(nees) < 9.0
 
@@ -82,7 +83,7 @@ def test_edges_tell_their_errors_in_the_axes_of_the_camera():
     edge = Edge(0, 1, SE3.from_planar(1, 0, 0), np.diag(1 / variance))
     error = MapError(SphereGraph(nodes, [edge]), CovarianceParams(map_sigma_m=0.0, map_sigma_rad=0.0))
     T_sphere_camera = SE3.from_planar(0.3, 0.1, np.pi / 2)
-    expected = EDGE * variance[[1, 0, 2, 4, 3, 5]]
+    expected = EDGE_ERROR * variance[[1, 0, 2, 4, 3, 5]]
     np.testing.assert_allclose(np.diagonal(error.covariance(0, T_sphere_camera)), expected, rtol=1e-9)
     assert not error.covariance(2, T_sphere_camera).any()
 

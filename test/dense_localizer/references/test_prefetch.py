@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from dense_localizer.params import LocalizerParams
-from dense_localizer.references.prefetch import PixelsAhead
+from dense_localizer.references.prefetch import PixelPrefetch
 from sphere_nav.geometry import SE3
 from sphere_nav.params import build
 from sphere_nav.photometric import prepare_reference
@@ -19,7 +19,7 @@ SHARES = {"late": 0.15, "too late": 0.25}  # of the image's width
 
 def reference_of(room_map):
     sphere = room_map.graph[0].sphere
-    return prepare_reference(sphere.grey, sphere.range_m, sphere.camera, PARAMS)
+    return prepare_reference(sphere.gray, sphere.range_m, sphere.camera, PARAMS)
 
 
 def chosen_of(reference, T):
@@ -28,7 +28,7 @@ def chosen_of(reference, T):
 
 def test_pixels_are_chosen_before_they_are_needed_and_used_when_asked(room_map):
     reference, T = reference_of(room_map), at(0.0).inverse()
-    pixels = PixelsAhead(PARAMS, is_live=False)
+    pixels = PixelPrefetch(PARAMS, is_live=False)
     pixels.begin(0, reference, T, STILL, PINHOLE, 2)
     pixels.begin(0, reference, at(1.0).inverse(), STILL, PINHOLE, 2)  # one at a time
     assert chosen_of(reference, T) is None
@@ -47,7 +47,7 @@ def test_pixels_are_chosen_before_they_are_needed_and_used_when_asked(room_map):
 
 def test_a_live_camera_uses_what_is_there(room_map):
     reference, T, gate = reference_of(room_map), at(0.0).inverse(), threading.Event()
-    pixels = PixelsAhead(PARAMS, is_live=True)
+    pixels = PixelPrefetch(PARAMS, is_live=True)
     blocker = pixels._thread.submit(gate.wait, 20.0)
     pixels.begin(0, reference, T, STILL, PINHOLE, 2)
     pixels.use(0)
@@ -62,7 +62,7 @@ def test_a_live_camera_uses_what_is_there(room_map):
 
 def test_what_is_not_looked_at_any_more_is_forgotten(room_map):
     reference = reference_of(room_map)
-    pixels = PixelsAhead(PARAMS, is_live=False)
+    pixels = PixelPrefetch(PARAMS, is_live=False)
     pixels.begin(0, reference, at(0.0).inverse(), STILL, PINHOLE, 2)
     pixels.forget({1})
     pixels.use(0)
@@ -73,7 +73,7 @@ def test_what_is_not_looked_at_any_more_is_forgotten(room_map):
 @pytest.mark.parametrize("twist", [[0, 0, 8.0, 0, 0, 0], [0.5, 0, 0, 0, 0.2, 0], [0, 0, 0, 0, 2.0, 0]])
 def test_what_is_chosen_ahead_serves_the_next_image_however_fast_the_camera(room_map, twist):
     reference, T, velocity = reference_of(room_map), at(0.0).inverse(), np.array(twist, float)
-    pixels, level = PixelsAhead(PARAMS, is_live=False), reference.level_like(PINHOLE)
+    pixels, level = PixelPrefetch(PARAMS, is_live=False), reference.level_like(PINHOLE)
     for chosen in pixels.choose(reference, T, PINHOLE, 2):
         chosen.keep()
     period = min(1.0 / 30.0, 0.15 / image_speed(level, velocity, PINHOLE, NUMBER))  # s, and 15 % of the width at most
@@ -87,7 +87,7 @@ def test_what_is_chosen_ahead_serves_the_next_image_however_fast_the_camera(room
 
 def test_an_image_before_its_pixels_are_chosen_uses_those_of_the_last_one(room_map):
     reference, T, gate = reference_of(room_map), at(0.0).inverse(), threading.Event()
-    pixels, level = PixelsAhead(PARAMS, is_live=True), reference.level_like(PINHOLE)
+    pixels, level = PixelPrefetch(PARAMS, is_live=True), reference.level_like(PINHOLE)
     for chosen in pixels.choose(reference, T, PINHOLE, 2):
         chosen.keep()
     last = chosen_of(reference, T)

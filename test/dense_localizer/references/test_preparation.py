@@ -2,7 +2,7 @@ import threading
 
 import pytest
 
-from dense_localizer.references.preparation import Preparation
+from dense_localizer.references.prefetch import SpherePrefetch
 from sphere_nav.photometric import Reference
 
 
@@ -31,7 +31,7 @@ class Reader:
 
 def test_spheres_are_read_once_while_there_is_room():
     reader = Reader()
-    preparation = Preparation(reader, 30)
+    preparation = SpherePrefetch(reader, 30)
     for sphere_id in (0, 1, 0, 1, 2):
         preparation.get(sphere_id)
     assert reader.read == [0, 1, 2]
@@ -49,7 +49,7 @@ def test_spheres_are_read_once_while_there_is_room():
 @pytest.mark.parametrize(("is_live", "expected"), [(False, [0, 1, 2, 3, 4]), (True, [0, 1, 2])])
 def test_what_a_live_camera_has_seen_of_a_sphere_counts(is_live, expected):
     reader = Reader()
-    preparation = Preparation(reader, 50, is_live=is_live)
+    preparation = SpherePrefetch(reader, 50, is_live=is_live)
     preparation.get(0).num_bytes = 16
     preparation.begin([0, 1, 2, 3, 4], lambda _: reader)
     preparation.get(expected[-1])
@@ -59,7 +59,7 @@ def test_what_a_live_camera_has_seen_of_a_sphere_counts(is_live, expected):
 
 def test_two_in_use_and_the_next_are_kept_whatever_they_take():
     reader = Reader()
-    preparation = Preparation(reader, 5)
+    preparation = SpherePrefetch(reader, 5)
     for sphere_id in (0, 1, 0, 1):
         preparation.get(sphere_id)
     preparation.begin([0, 1, 2, 3], lambda _: reader)
@@ -71,7 +71,7 @@ def test_two_in_use_and_the_next_are_kept_whatever_they_take():
 
 def test_what_was_begun_is_got_without_another_reading_and_by_another_thread():
     reader = Reader()
-    preparation = Preparation(reader, 100)
+    preparation = SpherePrefetch(reader, 100)
     assert preparation.find(4) is None
     preparation.begin([3, 4], lambda _: reader)
     assert preparation.get(4) is preparation.get(4)
@@ -83,7 +83,7 @@ def test_what_was_begun_is_got_without_another_reading_and_by_another_thread():
 
 def test_no_more_is_begun_than_there_is_room_for():
     reader = Reader()
-    preparation = Preparation(reader, 30)
+    preparation = SpherePrefetch(reader, 30)
     preparation.get(9)
     preparation.begin(list(range(8)), lambda _: reader)
     preparation.get(2)
@@ -99,7 +99,7 @@ def test_what_a_live_camera_does_not_want_any_more_is_not_read(is_live):
         assert gate.wait(20.0)
         return reader(sphere_id)
 
-    preparation = Preparation(wait, 1000, is_live=is_live)
+    preparation = SpherePrefetch(wait, 1000, is_live=is_live)
     preparation._largest = 10
     preparation._future(0)
     preparation.begin([1, 2], lambda _: reader)
@@ -115,7 +115,7 @@ def test_what_a_live_camera_does_not_want_any_more_is_not_read(is_live):
 def test_a_sphere_that_cannot_be_read_says_so_each_time():
     reader = Reader()
     reader.fails = {1}
-    preparation = Preparation(reader, 100)
+    preparation = SpherePrefetch(reader, 100)
     preparation.begin([1], lambda _: reader)
     assert preparation.find(1) is None
     for _ in range(2):

@@ -4,17 +4,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from dense_localizer.judge.place import locate
 from dense_localizer.judge.residual import residual_image
+from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import LocalizerParams
 from dense_localizer.references import coarse_reference
-from dense_localizer.references.reference import References, coverage
-from dense_localizer.start.startup import resemblance
+from dense_localizer.references.reference import References, measure_coverage
+from dense_localizer.start.startup import score_poses
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
-from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, make_map
+from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, locate, make_map
 from worlds.room import Room
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)
@@ -49,11 +49,10 @@ def test_nothing_is_chosen_where_nothing_covers_the_view(room):
     references = References(make_map(room, [SE3.identity()], WINDOW), PARAMS)
     choice = references.choose(at(0.0, 0.0, np.pi), PINHOLE)
     assert (choice.ids, choice.views) == ((), ())
-    place = locate(
-        [RigImage(build_pyramid(np.zeros((120, 160), np.uint8), PINHOLE))], references, PARAMS, at(0.0, 0.0, np.pi)
-    )
-    assert place.verdict.finding.reason == "LOW_OVERLAP"
-    assert not place.verdict.is_accepted
+    image = RigImage(build_pyramid(np.zeros((120, 160), np.uint8), PINHOLE))
+    candidate = locate([image], references, PARAMS, Prediction.guess(at(0.0, 0.0, np.pi)))
+    assert candidate.finding.reason == "LOW_OVERLAP"
+    assert not candidate.is_accepted
 
 
 def test_only_what_is_chosen_is_read(room):
@@ -69,14 +68,14 @@ def test_what_lies_ahead_is_prepared_before_it_is_needed(room):
     references = References(sphere_map, PARAMS)
     velocity = np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0])  # along the optical axis
     references.choose(at(0.0), PINHOLE)
-    references.look_ahead(at(0.0), velocity)
-    references.look_ahead(at(0.05), velocity)  # too near to look again
+    references.prefetch(at(0.0), velocity)
+    references.prefetch(at(0.05), velocity)  # too near to look again
     references.close()  # when all is done
     assert sphere_map.num_loaded <= 6
     references = References(sphere_map, PARAMS)
-    references.look_ahead(at(0.0), velocity)
+    references.prefetch(at(0.0), velocity)
     for k in (2, 4):  # around x = 1 and x = 2
-        references._preparation.get(k)
+        references._spheres.get(k)
     number = sphere_map.num_loaded
     references.choose(at(2.0), PINHOLE)
     assert sphere_map.num_loaded <= number + 1
@@ -96,8 +95,8 @@ def test_a_live_camera_never_waits_for_a_sphere(room):
     choice = references.choose(at(0.0), PINHOLE, is_followed=True)  # nothing is there: the small one of the nearest
     assert choice.ids == (0,)
     assert choice.views[0].reference.camera.width < 512
-    references._preparation.get(0)
-    references.look_ahead(at(0.0), np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]))
+    references._spheres.get(0)
+    references.prefetch(at(0.0), np.array([0.0, 0.0, 2.0, 0.0, 0.0, 0.0]))
     choice = references.choose(at(1.0), PINHOLE, is_followed=True)  # what is there, though others are nearer
     assert choice.ids == (0,)
     assert choice.views[0].reference.camera.width == 512
@@ -113,9 +112,9 @@ def test_memory_holds_whatever_the_way(room):
     references = References(sphere_map, params)
     for x in np.arange(0.0, 3.3, 0.1):
         references.choose(at(x), PINHOLE)
-        references.look_ahead(at(x), np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
-        assert references._preparation.num_bytes <= 16e6
-    assert references._preparation.num_bytes > 4e6  # and is used
+        references.prefetch(at(x), np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0]))
+        assert references._spheres.num_bytes <= 16e6
+    assert references._spheres.num_bytes > 4e6  # and is used
 
 
 def test_few_small_spheres_are_kept_ready(room_map, monkeypatch):
@@ -139,9 +138,9 @@ def test_small_spheres_are_looked_at_when_they_are_asked_for(room_map):
 def test_coverage_counts_the_cells_that_points_reach():
     points = PINHOLE.unproject(np.stack(np.meshgrid(np.arange(0, 80, 5), np.arange(0, 120, 5)), -1).reshape(-1, 2))
     behind = -points
-    found = coverage([points, behind, points[:1]], [SE3.identity()] * 3, PINHOLE)
+    found = measure_coverage([points, behind, points[:1]], [SE3.identity()] * 3, PINHOLE)
     np.testing.assert_allclose(found, [0.5, 0.0, 1 / 48])  # the left half, nothing, one of 8 x 6 cells
-    assert coverage([], [], PINHOLE).shape == (0,)
+    assert measure_coverage([], [], PINHOLE).shape == (0,)
 
 
 def test_an_image_resembles_its_own_sphere_most(room, room_map):
@@ -149,19 +148,20 @@ def test_an_image_resembles_its_own_sphere_most(room, room_map):
     image = build_pyramid(room.photograph(PINHOLE, at(0.0, 0.0, 0.7), 1), PINHOLE, PARAMS.registration.pyramid)
     yaws = np.arange(0.0, 6.2, 0.1)
     poses = SE3(np.stack([at(0.0, 0.0, yaw).matrix for yaw in yaws]))
-    score = resemblance(level.points.T, level.intensity, poses.inverse(), image.levels[-1])
+    score = score_poses(level.points.T, level.intensity, poses.inverse(), image.levels[-1])
     assert yaws[np.argmax(score)] == pytest.approx(0.7, abs=0.05)
     assert score.max() > 1.5 * np.sort(score)[-10]  # ten headings span the width of the peak
-    nothing = resemblance(level.points.T[:5], level.intensity[:5], poses.inverse(), image.levels[-1])
+    nothing = score_poses(level.points.T[:5], level.intensity[:5], poses.inverse(), image.levels[-1])
     assert np.all(nothing == -1.0)
 
 
-def test_the_residual_is_grey_where_image_and_map_agree(room, room_map):
+def test_the_residual_is_gray_where_image_and_map_agree(room, room_map):
     pose = at(0.1, 0.0, 0.3)
     image = room.photograph(PINHOLE, pose, 2)
     image[20:50, 30:60] = 250
     pyramid = build_pyramid(image, PINHOLE, PARAMS.registration.pyramid)
-    picture = residual_image(image, PINHOLE, locate([RigImage(pyramid)], References(room_map, PARAMS), PARAMS, pose))
+    candidate = locate([RigImage(pyramid)], References(room_map, PARAMS), PARAMS, Prediction.guess(pose))
+    picture = residual_image(image, PINHOLE, candidate)
     assert picture.shape == (120, 160)
     assert np.median(np.abs(picture.astype(int) - 128)) <= 3
     changed = picture[25:45, 35:55]
@@ -172,9 +172,9 @@ class PaleWall(Room):
     """A room whose wall ahead has 15 % of the contrast of the others."""
 
     def cast(self, origin, rays):
-        grey, range_m = super().cast(origin, rays)
+        gray, range_m = super().cast(origin, rays)
         is_ahead = (origin + rays * range_m[..., None])[..., 0] > self.half[0] - 1e-6
-        return np.where(is_ahead, 128.0 + 0.15 * (grey - 128.0), grey), range_m
+        return np.where(is_ahead, 128.0 + 0.15 * (gray - 128.0), gray), range_m
 
 
 def test_pixels_are_the_best_of_what_is_seen_not_of_the_sphere():
@@ -191,10 +191,10 @@ def test_pixels_are_the_best_of_what_is_seen_not_of_the_sphere():
             pose = at(0.2, 0.05 * seed - 0.2, 0.02 * seed)
             pyramid = build_pyramid(room.photograph(camera, pose, seed), camera, params.registration.pyramid)
             start = pose @ SE3.exp([0.02, -0.02, 0.02, 0.005, 0.005, -0.005])
-            place = locate([RigImage(pyramid)], references, params, start)
-            assert place.alignment.num_pixels > 0.8 * min(max_pixels, 30_000)
-            found.append(place.T_map_camera.distance(pose)[0])
-            counts[max_pixels] = place.alignment.num_pixels
+            candidate = locate([RigImage(pyramid)], references, params, Prediction.guess(start))
+            assert candidate.alignment.num_pixels > 0.8 * min(max_pixels, 30_000)
+            found.append(candidate.T_map_camera.distance(pose)[0])
+            counts[max_pixels] = candidate.alignment.num_pixels
         errors[max_pixels] = np.sqrt(np.mean(np.square(found)))
     by_number = np.sqrt(counts[1_000_000] / counts[8_000])  # what pixels of any kind would cost
     assert errors[8_000] < 1.2 * by_number * errors[1_000_000]

@@ -3,27 +3,22 @@
 import numpy as np
 import pytest
 
-from dense_localizer.references.rejections import (
-    COLUMNS,
-    MIN_SEEN,
-    ROWS,
-    Rejections,
-    forgotten,
-    read_rejections,
-    square_of,
-)
+from dense_localizer.constants import SQUARE_COLUMNS, SQUARE_ROWS
+from dense_localizer.references.rejections import Rejections, locate_squares, read_rejections, select_forgotten
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.localization.status import State
 from worlds.localizer import Run, at, make_localizer, make_map
 from worlds.room import Room, wide_room
 
+MIN_SEEN = 8  # images in which a square was seen, before it may be forgotten
+
 
 def test_squares_are_those_of_the_pixels():
     rejections, camera = Rejections(), Spherical(128, 64)
     rays = camera.unproject(pixel_grid(camera)).reshape(-1, 3)
-    row, column = square_of(3.0 * rays)
-    count = np.zeros((2, ROWS, COLUMNS), np.int64)
+    row, column = locate_squares(3.0 * rays)
+    count = np.zeros((2, SQUARE_ROWS, SQUARE_COLUMNS), np.int64)
     count[:, 5, 40] = 10
     count[0] += 1
     rejections = Rejections({0: count})
@@ -35,15 +30,15 @@ def test_squares_are_those_of_the_pixels():
 
 
 def test_what_is_mostly_rejected_is_forgotten_but_never_too_much():
-    count = np.zeros((2, ROWS, COLUMNS), np.int64)
+    count = np.zeros((2, SQUARE_ROWS, SQUARE_COLUMNS), np.int64)
     count[0, :4] = MIN_SEEN
     count[1, 0, :3] = MIN_SEEN  # always
     count[1, 1] = MIN_SEEN // 2  # half of the time
-    assert np.argwhere(forgotten(count)).tolist() == [[0, 0], [0, 1], [0, 2]]
+    assert np.argwhere(select_forgotten(count)).tolist() == [[0, 0], [0, 1], [0, 2]]
     count[1, :4] = MIN_SEEN
-    assert np.count_nonzero(forgotten(count)) == int(0.3 * 4 * COLUMNS)
+    assert np.count_nonzero(select_forgotten(count)) == int(0.3 * 4 * SQUARE_COLUMNS)
     count[0, :4] = count[1, :4] = MIN_SEEN - 1
-    assert not forgotten(count).any()
+    assert not select_forgotten(count).any()
 
 
 def test_a_camera_that_waits_counts_once():
@@ -75,9 +70,9 @@ class ParkedRoom(Room):
     def __init__(self) -> None:
         super().__init__((5.0, 3.0, 1.5), (1.0, 20.0, 30), gain=30.0)
 
-    def grey(self, points):
+    def gray(self, points):
         is_hidden = (points[..., 0] > 4.9) & (np.abs(points[..., 1]) < 0.9)
-        return np.where(is_hidden, 60.0 + 40.0 * np.sin(17.0 * points[..., 1]), super().grey(points))
+        return np.where(is_hidden, 60.0 + 40.0 * np.sin(17.0 * points[..., 1]), super().gray(points))
 
 
 def test_a_parked_car_is_forgotten_and_the_rest_is_not():
@@ -89,12 +84,12 @@ def test_a_parked_car_is_forgotten_and_the_rest_is_not():
     assert last.status.state is State.TRACKING
     rejections, found = localizer.references.rejections, 0
     for sphere_id, x in ((0, -1.0), (1, 1.0)):
-        squares = forgotten(rejections.counts[sphere_id])
+        squares = select_forgotten(rejections.counts[sphere_id])
         for row, column in np.argwhere(squares):
-            azimuth = (0.5 - (column + 0.5) / COLUMNS) * 2.0 * np.pi
+            azimuth = (0.5 - (column + 0.5) / SQUARE_COLUMNS) * 2.0 * np.pi
             assert abs(np.tan(azimuth) * (5.0 - x)) < 0.9 + 0.5  # it is there, give or take a square
             assert np.cos(azimuth) > 0.0
-            assert 0 < row < ROWS - 1
+            assert 0 < row < SQUARE_ROWS - 1
             found += 1
     assert found >= 3
     localizer.references.close()

@@ -1,10 +1,12 @@
 import numpy as np
 import pytest
 
-from dense_localizer.params import LocalizerParams, StartParams
+from dense_localizer.inputs import LocalizerInput
+from dense_localizer.motion_prior import Prediction
+from dense_localizer.params import LocalizerParams, SearchParams
 from dense_localizer.references.coarse_reference import CoarseReference
 from dense_localizer.references.reference import References
-from dense_localizer.start.search import Search
+from dense_localizer.start.search import PoseSearch
 from dense_localizer.start.startup import Startup, candidate_poses, decide
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import Reason
@@ -12,7 +14,7 @@ from sphere_nav.params import build
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.align.rig import RigImage
 from sphere_nav.spheres.graph import KeySphere
-from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, make_map
+from worlds.localizer import PINHOLE, SMALL_IMAGES, MemoryMap, at, locate, make_map
 
 PARAMS = build(LocalizerParams, SMALL_IMAGES)
 
@@ -21,11 +23,18 @@ def pyramid_at(room, pose, seed=3):
     return build_pyramid(room.photograph(PINHOLE, pose, seed), PINHOLE, PARAMS.registration.pyramid)
 
 
+def find_start(references, pyramid, T_map_guess=None):
+    """Search near a pose, or everywhere, as the localizer does."""
+    startup, images = Startup(references, PARAMS), [RigImage(pyramid)]
+    poses = startup.propose(images) if T_map_guess is None else startup.propose_near(images, T_map_guess)
+    return decide([locate(images, references, PARAMS, Prediction.guess(pose)) for pose in poses], PARAMS.start)
+
+
 @pytest.mark.parametrize("pose", [at(0.2, 0.1, 0.1), at(-1.4, -0.3, 2.0), at(1.1, 0.2, -2.6, 0.1)], ids=["a", "b", "c"])
 def test_the_camera_is_found_anywhere_at_any_heading(room, room_map, pose):
-    start = Startup(References(room_map, PARAMS), PARAMS).search([RigImage(pyramid_at(room, pose))])
-    assert start.place is not None
-    distance, angle = start.place.T_map_camera.distance(pose)
+    start = find_start(References(room_map, PARAMS), pyramid_at(room, pose))
+    assert start.candidate is not None
+    distance, angle = start.candidate.T_map_camera.distance(pose)
     assert (distance, angle) < (0.015, 0.008)  # as in tracking
 
 
@@ -33,16 +42,16 @@ def test_a_partial_sphere_is_found_beside_its_heading(room):
     window = Spherical(160, 96, 512.0, 176.0, 80.0)  # 112 degrees wide, looking forward
     sphere_map = make_map(room, [SE3.from_planar(0.0, 0.0, 1.0)], window)
     pose = at(0.15, 0.1, 1.25, 0.05)
-    start = Startup(References(sphere_map, PARAMS), PARAMS).search([RigImage(pyramid_at(room, pose))])
-    assert start.place is not None
-    assert start.place.T_map_camera.distance(pose) < (0.03, 0.015)
+    start = find_start(References(sphere_map, PARAMS), pyramid_at(room, pose))
+    assert start.candidate is not None
+    assert start.candidate.T_map_camera.distance(pose) < (0.03, 0.015)
 
 
 def test_another_room_resembles_nothing(room, room_map):
     noise = np.random.default_rng(4).integers(0, 255, (120, 160), dtype=np.uint8)
     pyramid = build_pyramid(noise, PINHOLE, PARAMS.registration.pyramid)
-    start = Startup(References(room_map, PARAMS), PARAMS).search([RigImage(pyramid)])
-    assert start.place is None
+    start = find_start(References(room_map, PARAMS), pyramid)
+    assert start.candidate is None
     assert start.finding.reason is Reason.LOW_OVERLAP
     assert "resembles" in start.finding.detail
 
@@ -50,29 +59,26 @@ def test_another_room_resembles_nothing(room, room_map):
 def test_two_rooms_that_look_alike_are_ambiguous(room):
     sphere = room.sphere(SE3.identity(), Spherical(512, 256))
     twins = [KeySphere(k, k, SE3.from_planar(40.0 * k, 0.0, 0.0), sphere) for k in range(2)]
-    start = Startup(References(MemoryMap(twins), PARAMS), PARAMS).search(
-        [RigImage(pyramid_at(room, at(0.1, 0.0, 0.4)))]
-    )
-    assert start.place is None
+    start = find_start(References(MemoryMap(twins), PARAMS), pyramid_at(room, at(0.1, 0.0, 0.4)))
+    assert start.candidate is None
     assert start.finding.reason is Reason.AMBIGUOUS
     assert start.finding.value < start.finding.limit
 
 
-def test_one_of_two_twins_is_taken_where_the_pose_is_given(room):
+def test_one_of_two_twins_is_chosen_where_the_pose_is_given(room):
     sphere = room.sphere(SE3.identity(), Spherical(512, 256))
     twins = [KeySphere(k, k, SE3.from_planar(40.0 * k, 0.0, 0.0), sphere) for k in range(2)]
-    startup = Startup(References(MemoryMap(twins), PARAMS), PARAMS)
-    start = startup.search_near([RigImage(pyramid_at(room, at(0.1, 0.0, 0.4)))], at(40.2, 0.05, 0.35))
-    assert start.place is not None
-    assert start.place.T_map_camera.distance(at(40.1, 0.0, 0.4))[0] < 0.015
+    start = find_start(References(MemoryMap(twins), PARAMS), pyramid_at(room, at(0.1, 0.0, 0.4)), at(40.2, 0.05, 0.35))
+    assert start.candidate is not None
+    assert start.candidate.T_map_camera.distance(at(40.1, 0.0, 0.4))[0] < 0.015
 
 
 def test_no_place_is_no_start():
-    assert decide([], StartParams()).finding.reason is Reason.LOW_OVERLAP
+    assert decide([], SearchParams()).finding.reason is Reason.LOW_OVERLAP
 
 
 def test_candidate_poses_go_all_around_a_whole_sphere_and_about_the_middle_of_a_part(room, room_map):
-    params = StartParams(heading_step_deg=30.0)
+    params = SearchParams(heading_step_deg=30.0)
     coarse = References(room_map, PARAMS).coarse[0]
     whole = candidate_poses(coarse, params, PINHOLE)
     assert whole.matrix.shape == (36, 4, 4)  # 12 headings, 3 places
@@ -86,15 +92,19 @@ def test_candidate_poses_go_all_around_a_whole_sphere_and_about_the_middle_of_a_
 
 
 def test_searches_keep_their_pause_and_forget_a_stale_guess(room, room_map):
-    search = Search(References(room_map, PARAMS), PARAMS)
+    references = References(room_map, PARAMS)
+    search = PoseSearch(references, PARAMS)
+
+    def find(pyramid, stamp_ns):
+        frame = LocalizerInput(stamp_ns, images=(RigImage(pyramid),))
+        return search.find(frame, lambda frame, guess: locate(frame.images, references, PARAMS, guess))
+
     nothing = build_pyramid(np.random.default_rng(4).integers(0, 255, (120, 160), dtype=np.uint8), PINHOLE)
-    search.lost(at(0.0))
-    assert search.find([RigImage(nothing)], 1_000_000_000).finding.reason is Reason.LOW_OVERLAP
-    assert (
-        search.find([RigImage(pyramid_at(room, at(0.0)))], 1_100_000_000).place is not None
-    )  # near the lost pose: at once
-    search.lost(at(0.0))
-    search.find([RigImage(nothing)], 1_400_000_000)
+    search.start_near(at(0.0))
+    assert find(nothing, 1_000_000_000).finding.reason is Reason.LOW_OVERLAP
+    assert find(pyramid_at(room, at(0.0)), 1_100_000_000).candidate is not None  # near the lost pose: at once
+    search.start_near(at(0.0))
+    find(nothing, 1_400_000_000)
     pose = at(-2.0, 0.2, 3.0)
-    assert search.find([RigImage(pyramid_at(room, pose))], 1_450_000_000).place is None  # elsewhere: after the pause
-    assert search.find([RigImage(pyramid_at(room, pose))], 1_950_000_000).place is not None
+    assert find(pyramid_at(room, pose), 1_450_000_000).candidate is None  # elsewhere: after the pause
+    assert find(pyramid_at(room, pose), 1_950_000_000).candidate is not None

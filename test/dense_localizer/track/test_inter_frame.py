@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dense_localizer.params import LocalizerParams
-from dense_localizer.track.inter_frame import InterFrame, mismatch
+from dense_localizer.track.inter_frame import InterFrame, measure_mismatch
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.localization.status import State
 from sphere_nav.params import build
@@ -29,8 +29,8 @@ def image_at(room, pose, camera=PINHOLE, mount=None, seed=0):
 def test_a_prediction_that_is_right_is_supported_and_a_wrong_one_is_not(room, camera, mount):
     turn = SE3.exp([0, 0, 0, 0.02, np.deg2rad(4), -0.01])
     before, now = image_at(room, at(0.0), camera, mount), image_at(room, at(0.0) @ turn, camera, mount, 1)
-    assert mismatch([now], [before], turn) < 0.05
-    assert mismatch([now], [before], SE3.identity()) > 3 * mismatch([now], [before], turn) + 0.02
+    assert measure_mismatch([now], [before], turn) < 0.05
+    assert measure_mismatch([now], [before], SE3.identity()) > 3 * measure_mismatch([now], [before], turn) + 0.02
 
 
 def test_the_rotation_is_measured_only_where_the_prediction_is_not_supported(room, monkeypatch):
@@ -38,11 +38,11 @@ def test_the_rotation_is_measured_only_where_the_prediction_is_not_supported(roo
     asked = []
     monkeypatch.setattr(inter, "measure", lambda images: asked.append(1) or InterFrame.measure(inter, images))
     for k, (one, other) in enumerate(pairwise(poses)):
-        inter.before = (image_at(room, one, seed=k),)
+        inter.images = (image_at(room, one, seed=k),)
         assert inter.refine([image_at(room, other, seed=k + 1)], one.inverse() @ other) is None
     assert len(asked) == 1  # nothing was known at first
     jerk = SE3.exp([0, 0, 0, 0, np.deg2rad(5), 0])
-    inter.before = (image_at(room, poses[-1], seed=9),)
+    inter.images = (image_at(room, poses[-1], seed=9),)
     found = inter.refine([image_at(room, poses[-1] @ jerk, seed=10)], SE3.identity())
     assert len(asked) == 2
     assert found.distance(jerk)[1] < np.deg2rad(0.5)
@@ -64,6 +64,6 @@ def test_five_degrees_and_fifty_pixels_between_images_at_15_hz_are_tracked(room,
         pose = at(-0.94 + 0.01 * k, 0.0, np.deg2rad(5 * (k % 2)))
         last = run.see(pose, step_ns=step_ns)
         assert (last.status.state, last.status.reason) == (State.TRACKING, "")
-        metres, radians = error(last, pose)
-        assert metres < 0.06  # spheres of 81 pixels a radian in an image of 573
+        meters, radians = error(last, pose)
+        assert meters < 0.06  # spheres of 81 pixels a radian in an image of 573
         assert radians < 0.01

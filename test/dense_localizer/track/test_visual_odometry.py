@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from dense_localizer.params import LocalizerParams
-from dense_localizer.track.visual_odometry import Way, view_of
+from dense_localizer.track.visual_odometry import Way, make_view
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.localization.status import Reason, State
 from sphere_nav.params import build
@@ -27,8 +27,8 @@ class RelitRoom(Room):
         super().__init__((5.0, 3.0, 1.5), (1.0, 20.0, 30), gain=30.0)
         self.is_half = is_half
 
-    def grey(self, points):
-        plain = super().grey(points)
+    def gray(self, points):
+        plain = super().gray(points)
         lamp = np.exp(-np.sum((points - [1.0, 2.0, 1.0]) ** 2, axis=-1) / 4.0)
         blind = 1.0 + 0.9 * np.sin(9.0 * points[..., 0] + 14.0 * points[..., 2]) * np.sin(11.0 * points[..., 1] + 1.0)
         if self.is_half:
@@ -45,11 +45,11 @@ def way(number, first=0):
 def test_an_image_that_was_placed_is_a_reference(room):
     T_sphere, pose = SE3.from_planar(0.3, 0.2, 0.0), at(0.0, 0.0, 0.4)
     sphere = room.sphere(T_sphere, Spherical(512, 256))
-    view = View(prepare_reference(sphere.grey, sphere.range_m, sphere.camera, PARAMS), T_sphere)
+    view = View(prepare_reference(sphere.gray, sphere.range_m, sphere.camera, PARAMS), T_sphere)
     image = RigImage(build_pyramid(room.photograph(PINHOLE, pose), PINHOLE, PARAMS.pyramid), views=(view,))
     step = SE3.exp([0.04, -0.02, 0.05, 0.01, -0.02, 0.01])
     now = build_pyramid(room.photograph(PINHOLE, pose @ step, 5), PINHOLE, PARAMS.pyramid)
-    alignment = register(now, [view_of(image, pose, PARAMS)], pose, PARAMS)
+    alignment = register(now, [make_view(image, pose, PARAMS)], pose, PARAMS)
     assert alignment.is_converged
     assert alignment.T_world_camera.distance(pose @ step) < (0.006, 0.004)
 
@@ -59,7 +59,7 @@ def test_the_covariance_of_a_way_is_that_of_its_steps_and_grows(room):
     poses = [SE3.exp([0.1 * k, 0.0, 0.02 * k, 0.0, 0.05 * k, 0.0]) for k in range(6)]
     found = Way(poses[0], np.zeros((6, 6)), 0)
     for one, other in pairwise(poses):
-        found = found.go(one, other, sigma**2 * np.eye(6))
+        found = found.add_step(one, other, sigma**2 * np.eye(6))
     ends = []
     for _ in range(4000):  # steps that err
         T = poses[0]
@@ -68,10 +68,12 @@ def test_the_covariance_of_a_way_is_that_of_its_steps_and_grows(room):
         ends.append((poses[-1].inverse() @ T).log())
     np.testing.assert_allclose(found.noise, np.cov(np.array(ends).T), atol=0.12 * found.noise.max())
     lengths = [one.distance(other)[0] for one, other in pairwise(poses)]
-    assert found.metres == pytest.approx(sum(lengths))
+    assert found.meters == pytest.approx(sum(lengths))
     sigmas = [
         np.trace(
-            found.go(poses[-1], poses[-1] @ SE3.exp([d, 0, 0, 0, 0, 0]), np.zeros((6, 6))).covariance_at(poses[-1])
+            found.add_step(poses[-1], poses[-1] @ SE3.exp([d, 0, 0, 0, 0, 0]), np.zeros((6, 6))).covariance_at(
+                poses[-1]
+            )
         )
         for d in (0.0, 1.0, 5.0)
     ]
@@ -106,10 +108,10 @@ class SoftRoom(Room):
         super().__init__((5.0, 3.0, 1.5), (1.0, 20.0, 30), gain=30.0, seed=1)
         self.is_lit = False
 
-    def grey(self, points):
+    def gray(self, points):
         off = np.sum((points - [2.7, -1.7, 0.9]) ** 2, axis=-1)
         factor = 0.31 + 1.96 * np.exp(-off / (2 * 1.47**2)) if self.is_lit else 1.0
-        return np.clip(super().grey(points) * factor, 1.0, 254.0)
+        return np.clip(super().gray(points) * factor, 1.0, 254.0)
 
 
 def test_a_lamp_that_pulls_the_map_itself_is_told():

@@ -8,7 +8,7 @@ import pytest
 from mcl_depth.belief.dead_reckoning import DeadReckoning
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.hypotheses import Hypothesis
-from mcl_depth.params import InputParams, MotionParams
+from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry import SE3, Spherical
 
 CONFIRMED = Hypothesis(np.array([5.0, 6.0, np.pi / 2]), np.diag([0.04, 0.09, 0.01]), 0.9, np.arange(1))
@@ -20,7 +20,7 @@ def observe(x, y, yaw, second=1):
 
 
 def reckoning(**params):
-    found = DeadReckoning(InputParams(min_way=0.2), MotionParams(**params))
+    found = DeadReckoning(MclInputParams(min_way=0.2), MotionParams(**params))
     found.update(CONFIRMED, observe(1.0, 1.0, 0.0), is_confirmed=True)
     return found
 
@@ -60,7 +60,7 @@ def test_an_image_is_new_after_a_way_or_a_turn_of_three_degrees(way, turn_deg, i
 
 
 def test_nothing_is_near_before_the_first_image():
-    found = DeadReckoning(InputParams(), MotionParams())
+    found = DeadReckoning(MclInputParams(), MotionParams())
     assert not found.is_near(observe(0.0, 0.0, 0.0))
     assert (found.best, found.quality, found.age(9 * 10**9)) == (None, 0.0, 0.0)
 

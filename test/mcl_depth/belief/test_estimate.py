@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcl_depth.belief.estimate import covariance_of, pose_of
+from mcl_depth.belief.estimate import level_pose, pose_covariance
 from sphere_nav.geometry import SE3
 
 
@@ -12,23 +12,23 @@ def test_the_local_covariance_is_that_of_the_particles_turned_into_the_axes_of_t
     rng, pose = np.random.default_rng(1), np.array([3.0, -2.0, -0.6])
     A = np.array([[0.05, 0.0, 0.0], [0.03, 0.02, 0.0], [0.01, -0.01, 0.015]])
     poses = pose + rng.normal(size=(40_000, 3)) @ A.T
-    T = pose_of(pose, 1.5)
-    xi = np.array([(T.inverse() @ pose_of(one, 1.5)).log() for one in poses[:8000]])
+    T = level_pose(pose, 1.5)
+    xi = np.array([(T.inverse() @ level_pose(one, 1.5)).log() for one in poses[:8000]])
     floor = np.diag(np.array([0.10, 0.10, 0.10, *np.radians([1.0, 1.0, 1.0])]) ** 2)  # what particles do not tell
     sigma = np.sqrt(np.diag(A @ A.T))
     scale = np.array([sigma[0], sigma[0], 1.0, 1.0, 1.0, sigma[2]])
-    found = covariance_of(A @ A.T, pose[2]) - floor
+    found = pose_covariance(A @ A.T, pose[2]) - floor
     np.testing.assert_allclose(found / np.outer(scale, scale), np.cov(xi.T) / np.outer(scale, scale), atol=0.06)
     assert abs(found[0, 1]) > 0.2 * sigma[0] ** 2  # turned the other way it has the other sign
 
 
 def test_errors_of_the_map_are_added_whatever_the_particles_say():
-    found = np.sqrt(np.diag(covariance_of(np.zeros((3, 3)), 1.0)))
+    found = np.sqrt(np.diag(pose_covariance(np.zeros((3, 3)), 1.0)))
     np.testing.assert_allclose(found, [0.1, 0.1, 0.1, *np.radians([1.0, 1.0, 1.0])])
 
 
 def test_the_camera_stands_at_its_height():
-    T = pose_of(np.array([1.0, -2.0, 0.5]), 1.25)
+    T = level_pose(np.array([1.0, -2.0, 0.5]), 1.25)
     np.testing.assert_allclose(
         T.matrix, (SE3.from_planar(1.0, -2.0, 0.5)).matrix + np.outer([0, 0, 1.25, 0], [0, 0, 0, 1])
     )

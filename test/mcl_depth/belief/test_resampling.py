@@ -10,8 +10,14 @@ from scipy.stats import chi2
 
 from mcl_depth.belief.orientation import NUM_YOUNG, adjust_headings
 from mcl_depth.belief.particles import Particles
-from mcl_depth.belief.resampling import count_bins, required_particles, resample
-from mcl_depth.belief.weighting import CHANCE, compute_weights, scale_similarities
+from mcl_depth.belief.resampling import (
+    CHANCE,
+    compute_weights,
+    count_bins,
+    required_particles,
+    resample,
+    scale_similarities,
+)
 
 
 @pytest.mark.parametrize("bins", [20, 60, 200])

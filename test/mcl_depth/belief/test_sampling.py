@@ -21,7 +21,7 @@ from mcl_depth.belief.sampling import (
     sample_uniform,
 )
 from mcl_depth.geometry.area import Area
-from mcl_depth.params import InputParams, MotionParams
+from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry import SE3, Spherical
 
 AREA = Area(np.array([[x, y] for x in range(10) for y in range(6)], float), 1.0)
@@ -95,7 +95,7 @@ def observe(x, second, odometry=True):
 
 
 def test_a_place_is_carried_on_by_odometry_in_its_own_heading():
-    reckoning = DeadReckoning(InputParams(min_way=0.2), MotionParams())
+    reckoning = DeadReckoning(MclInputParams(min_way=0.2), MotionParams())
     best = Hypothesis(np.array([5.0, 5.0, np.pi / 2]), np.eye(3), 0.9, np.arange(1))
     reckoning.update(best, observe(1.0, 1), is_confirmed=True)
     np.testing.assert_allclose(reckoning.propagate(observe(3.0, 2))[0], [5.0, 7.0, np.pi / 2], atol=1e-12)
@@ -106,7 +106,7 @@ def test_a_place_is_carried_on_by_odometry_in_its_own_heading():
 
 
 def test_age_counts_from_the_image_that_confirmed_the_place():
-    reckoning = DeadReckoning(InputParams(), MotionParams())
+    reckoning = DeadReckoning(MclInputParams(), MotionParams())
     best = Hypothesis(np.zeros(3), np.eye(3), 0.9, np.arange(1))
     reckoning.update(best, observe(0.0, 1), is_confirmed=True)
     reckoning.update(best, observe(1.0, 3), is_confirmed=False)
@@ -116,7 +116,7 @@ def test_age_counts_from_the_image_that_confirmed_the_place():
 
 
 def test_a_doubtful_image_swaps_no_place_and_doubt_grows_on_the_way():
-    reckoning = DeadReckoning(InputParams(), MotionParams())
+    reckoning = DeadReckoning(MclInputParams(), MotionParams())
     here, rival = (Hypothesis(np.array([x, 0.0, 0.0]), 0.01 * np.eye(3), 0.9, np.arange(1)) for x in (0.0, 55.0))
     reckoning.update(here, observe(0.0, 1), is_confirmed=True)
     reckoning.update(rival, observe(1.0, 2), is_confirmed=False)

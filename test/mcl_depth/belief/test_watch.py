@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.belief.watch import Trial, Watch, excess
+from mcl_depth.belief.watch import CusumTest, WaldTest, excess
 
 RATE, NUM_HEADINGS, SIDE = 1e-3, 36, 11
 
@@ -43,7 +43,7 @@ def test_what_all_cells_have_in_common_at_a_heading_counts_nothing():
 def test_a_right_place_is_refused_less_often_than_the_rate(mean, sigma):
     rng, alarms, count = np.random.default_rng(3), 0, 0
     for _ in range(60):
-        watch = Watch()
+        watch = CusumTest()
         for value in rng.normal(mean, sigma, 300):
             watch.add(float(value))
             count += 1
@@ -57,7 +57,7 @@ def test_a_right_place_is_refused_less_often_than_the_rate(mean, sigma):
 def test_a_place_that_is_no_more_is_refused_within_a_few_images(mean, sigma, soon):
     rng, delays = np.random.default_rng(4), []
     for _ in range(200):
-        watch = Watch()
+        watch = CusumTest()
         for value in rng.normal(mean, sigma, 30):
             watch.add(float(value))
         delay = 0
@@ -70,7 +70,7 @@ def test_a_place_that_is_no_more_is_refused_within_a_few_images(mean, sigma, soo
 
 
 def test_another_place_begins_at_the_prior():
-    watch = Watch()
+    watch = CusumTest()
     for _ in range(5):
         watch.add(0.0)
     assert watch.p_chance(RATE) > 0.5
@@ -80,7 +80,7 @@ def test_another_place_begins_at_the_prior():
 
 def test_a_place_on_trial_is_believed_or_refused_after_five_clear_images():
     for value, is_right in ((6.0, True), (0.0, False)):
-        trial = Trial()
+        trial = WaldTest()
         assert trial.p_chance == 0.5
         found = []
         for _ in range(5):
@@ -92,7 +92,7 @@ def test_a_place_on_trial_is_believed_or_refused_after_five_clear_images():
 def test_random_places_on_trial_are_believed_no_more_often_than_is_said():
     rng, believed = np.random.default_rng(8), 0
     for _ in range(3000):
-        trial = Trial()
+        trial = WaldTest()
         while not trial.is_refused(RATE) and trial.p_chance >= RATE:
             trial.add(rng.normal(0.0, 1.5))
         believed += trial.p_chance < RATE

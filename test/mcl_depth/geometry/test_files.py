@@ -12,6 +12,7 @@ import pytest
 
 from mcl_depth.geometry.cloud import cloud_from_points, thin_cloud
 from mcl_depth.geometry.files import read_geometry
+from mcl_depth.geometry.floor_plan import read_surfaces, rings_of
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 
@@ -109,7 +110,7 @@ def test_an_empty_cloud_is_refused() -> None:
         cloud_from_points(np.zeros((0, 3)))
 
 
-def test_millimetres_are_refused_and_a_wide_map_is_not() -> None:
+def test_millimeters_are_refused_and_a_wide_map_is_not() -> None:
     rng = np.random.default_rng(0)
     room = rng.uniform(-4000, 4000, (500, 3))
     with pytest.raises(ValueError, match="looks like millimetres"):
@@ -146,8 +147,10 @@ def test_a_floor_plan_has_its_door_cut_out(tmp_path: Path) -> None:
         for (x0, y0), (x1, y1) in zip(corners, corners[1:] + corners[:1], strict=True)
     ]
     (tmp_path / "plan.csv").write_text("\n".join([*rows, "door,a,4,1,4,2,0,2"]) + "\n")
+    (ring,) = rings_of([surface for surface in read_surfaces(tmp_path / "plan.csv") if surface.kind == "wall"])
+    np.testing.assert_array_equal(ring, corners)
     mesh = read_geometry(tmp_path / "plan.csv")
-    found = DepthSynthesizer(mesh).synthesize((2.0, 1.5, 1.2))
+    found = DepthSynthesizer(mesh).synthesize_many([(2.0, 1.5, 1.2)])[0]
     row = found[found.shape[0] // 2]
     assert np.isnan(row[90])  # through the door
     np.testing.assert_allclose(row[[0, 45]], [2.0, 1.5], atol=0.01)

@@ -6,12 +6,18 @@ import numpy as np
 import pytest
 
 from mcl_depth.geometry.files import read_geometry
-from mcl_depth.geometry.floor_plan import rooms_of
+from mcl_depth.geometry.floor_plan import read_surfaces, rings_of
 
 HEAD = "kind,complete_room,x0_m,y0_m,x1_m,y1_m,z_bottom_m,z_top_m"
 L_SHAPE = [(0, 0), (6, 0), (6, 2), (2, 2), (2, 5), (0, 5)]  # 18 square metres, 22 m around
 HEIGHT = 2.5
 WALLS, FLOORS = 22 * HEIGHT, 2 * 18
+
+
+def rooms_of(path):
+    """Return the closed rings of wall corners of each room."""
+    walls = [surface for surface in read_surfaces(path) if surface.kind == "wall"]
+    return {room: rings_of([one for one in walls if one.room == room]) for room in dict.fromkeys(w.room for w in walls)}
 
 
 def ring_of(corners, room="a", bottom=0.0, top=HEIGHT):
@@ -59,7 +65,7 @@ def test_two_holes_in_a_wall(tmp_path):
 
 @pytest.mark.parametrize(("gap", "is_closed"), [(0.019, True), (0.021, False)])
 @pytest.mark.parametrize("where", [1, 5])
-def test_corners_within_two_centimetres_are_one(tmp_path, gap, is_closed, where):
+def test_corners_within_two_centimeters_are_one(tmp_path, gap, is_closed, where):
     rows = ring_of(L_SHAPE)
     words = rows[where].split(",")
     words[4 if where == 5 else 2] = str(float(words[4 if where == 5 else 2]) - gap)

@@ -30,13 +30,13 @@ def expected(place: np.ndarray) -> np.ndarray:
 
 def test_a_mesh_is_drawn_exactly() -> None:
     place = np.array([1.0, -0.5, 0.2])
-    found = DepthSynthesizer(room(), PARAMS).synthesize(place)
+    found = DepthSynthesizer(room(), PARAMS).synthesize_many([place])[0]
     np.testing.assert_allclose(found, expected(place), rtol=1e-4)  # float32 rays
 
 
 def test_a_cloud_is_drawn_like_the_room_it_covers() -> None:
     place = np.array([1.0, -0.5, 0.2])
-    found = DepthSynthesizer(sample_surface(room(), 0.04), PARAMS).synthesize(place)
+    found = DepthSynthesizer(sample_surface(room(), 0.04), PARAMS).synthesize_many([place])[0]
     error = np.abs(found / expected(place) - 1)
     assert np.isfinite(found).all()  # splats close the surfaces
     assert np.median(error) < 0.05  # a pixel is 5 degrees wide
@@ -46,7 +46,7 @@ def test_a_cloud_is_drawn_like_the_room_it_covers() -> None:
 def test_far_tiles_are_drawn_from_coarser_copies_where_they_lie() -> None:
     rng = np.random.default_rng(1)
     wall = np.column_stack([np.full(40_000, 30.0), rng.uniform(-20, 20, 40_000), rng.uniform(-5, 5, 40_000)])
-    found = DepthSynthesizer(cloud_from_points(wall), PARAMS).synthesize((0.0, 0.0, 0.0))
+    found = DepthSynthesizer(cloud_from_points(wall), PARAMS).synthesize_many([(0.0, 0.0, 0.0)])[0]
     middle = found[found.shape[0] // 2]
     assert abs(float(middle[36]) - 30.0) < 0.3  # forward is the centre column, the wall is 30 m away
     assert np.isnan(middle[0])  # behind there is nothing
@@ -56,14 +56,14 @@ def test_far_tiles_are_drawn_from_coarser_copies_where_they_lie() -> None:
 def test_a_lone_point_is_as_wide_as_one_and_a_half_voxels(distance: float) -> None:
     params = SynthesisParams(num_columns=1440, voxel_m=0.2)
     cloud = cloud_from_points(np.array([[distance, 0.0, 0.0], [-50.0, 0.0, 0.0]]))
-    found = DepthSynthesizer(cloud, params, "splats").synthesize((0.0, 0.0, 0.0))
+    found = DepthSynthesizer(cloud, params, "splats").synthesize_many([(0.0, 0.0, 0.0)])[0]
     row = found[found.shape[0] // 2]
     width = np.count_nonzero(np.isfinite(row[360:1080])) * 2 * np.pi / 1440
     assert width == pytest.approx(1.5 * 0.2 / distance, rel=0.1)
 
 
 @pytest.mark.parametrize(("distance", "is_drawn"), [(0.19, False), (0.21, True)])
-def test_nothing_is_drawn_nearer_than_twenty_centimetres(distance: float, is_drawn: bool) -> None:
+def test_nothing_is_drawn_nearer_than_twenty_centimeters(distance: float, is_drawn: bool) -> None:
     cloud = cloud_from_points(np.array([[distance, 0.0, 0.0], [-50.0, 0.0, 0.0]]))
-    found = DepthSynthesizer(cloud, PARAMS, "splats").synthesize((0.0, 0.0, 0.0))
+    found = DepthSynthesizer(cloud, PARAMS, "splats").synthesize_many([(0.0, 0.0, 0.0)])[0]
     assert (np.nanmin(found) < 1.0) == is_drawn

@@ -51,7 +51,7 @@ def literal_similarity(Gv: np.ndarray, Gd: np.ndarray) -> float:
     return float(on_depth.sum() + on_visual.sum())
 
 
-def normalised(G: np.ndarray) -> np.ndarray:
+def normalized(G: np.ndarray) -> np.ndarray:
     return G / np.linalg.norm(G, axis=-1).sum()
 
 
@@ -62,17 +62,17 @@ def images(rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_similarity_is_equation_2_for_every_rotation(images) -> None:
-    grey, range_m = images
-    found = similarity(visual_features(grey), depth_features(range_m, PARAMS), 12)
-    Gv, Gd = normalised(literal_sobel(grey.astype(float))), literal_sobel(literal_lcn(range_m.astype(float), RADIUS))
-    Gd = normalised(Gd)
+    gray, range_m = images
+    found = similarity(visual_features(gray), depth_features(range_m, PARAMS), 12)
+    Gv, Gd = normalized(literal_sobel(gray.astype(float))), literal_sobel(literal_lcn(range_m.astype(float), RADIUS))
+    Gd = normalized(Gd)
     expected = [literal_similarity(Gv, np.roll(Gd, i * W // 12, axis=1)) for i in range(12)]
     np.testing.assert_allclose(found, expected, rtol=1e-4)  # float32 sums
 
 
 def test_coded_features_give_the_same_similarity(images) -> None:
-    grey, range_m = images
-    visual, depth = visual_features(grey), depth_features(range_m, PARAMS)
+    gray, range_m = images
+    visual, depth = visual_features(gray), depth_features(range_m, PARAMS)
     one = similarity(visual, depth, 12)
     coded = similarity_many(visual, stack_features([depth]), 12)[0]
     many = similarity_many(visual, depth_features_many(np.stack([range_m, range_m]), PARAMS), 12, np.array([1]))[0]
@@ -82,26 +82,26 @@ def test_coded_features_give_the_same_similarity(images) -> None:
 
 def test_a_turned_camera_has_the_heading_of_the_turn(images) -> None:
     _, range_m = images
-    grey = np.roll(range_m, 9, axis=1)  # the camera turned to the left sees everything farther right
-    found = heading(similarity(visual_features(grey), depth_features(range_m, PARAMS), W))
+    gray = np.roll(range_m, 9, axis=1)  # the camera turned to the left sees everything farther right
+    found = heading(similarity(visual_features(gray), depth_features(range_m, PARAMS), W))
     assert abs(found.yaw - np.pi / 2) < np.radians(10)  # one step
     assert found.margin > 0.3  # noise has no second answer
 
 
 @pytest.mark.parametrize("shift", [1, 5, 17])
 def test_no_seam_shows(images, shift) -> None:
-    grey, range_m = images
+    gray, range_m = images
     range_m[3:6, [0, 1, W - 1]] = np.nan
     for make in (lambda image: visual_features(image), lambda image: depth_features(image, PARAMS)):
-        image = grey if make(grey) is None else range_m
+        image = gray if make(gray) is None else range_m
         image = np.where(np.isfinite(image), image, np.nan).astype(np.float32)
         rolled, plain = make(np.roll(image, shift, axis=1)), make(image)
         np.testing.assert_allclose(rolled.magnitude, np.roll(plain.magnitude, shift, axis=1), atol=1e-5)
 
 
 def test_a_mirrored_image_has_the_features_of_the_picture_in_the_mirror(images) -> None:
-    grey, _ = images
-    found, wanted = visual_features(grey).mirrored, visual_features(np.ascontiguousarray(grey[:, ::-1]))
+    gray, _ = images
+    found, wanted = visual_features(gray).mirrored, visual_features(np.ascontiguousarray(gray[:, ::-1]))
     for name in ("x", "y", "magnitude"):
         np.testing.assert_allclose(getattr(found, name), getattr(wanted, name), atol=1e-6)
 
@@ -109,7 +109,7 @@ def test_a_mirrored_image_has_the_features_of_the_picture_in_the_mirror(images) 
 def test_unknown_pixels_become_the_mean_around_them() -> None:
     image = np.full((H, W), 2.0, np.float32)
     image[:, :4], image[5, 0] = 4.0, np.nan
-    kernels.fill_unknown(image)
+    kernels.fill_nan(image)
     np.testing.assert_allclose(image[5, 0], (5 * 4.0 + 3 * 2.0) / 8, rtol=1e-6)  # three of eight lie across the seam
 
 
@@ -119,12 +119,12 @@ def test_an_empty_view_says_nothing() -> None:
 
 
 def test_unseen_pixels_count_nothing(images) -> None:
-    grey, range_m = images
+    gray, range_m = images
     is_seen = np.zeros((H, W), bool)
     is_seen[:, 8:30] = True
-    other = np.where(is_seen, grey, 255 - grey).astype(np.float32)
+    other = np.where(is_seen, gray, 255 - gray).astype(np.float32)
     depth = depth_features(range_m, PARAMS)
-    one, two = (similarity(visual_features(image, is_seen), depth, 12) for image in (grey, other))
+    one, two = (similarity(visual_features(image, is_seen), depth, 12) for image in (gray, other))
     np.testing.assert_array_equal(one, two)
 
 
@@ -140,8 +140,8 @@ def test_a_step_that_does_not_divide_the_circle_is_refused(step) -> None:
 
 
 def test_images_of_other_sizes_and_panoramas_that_are_not_there_are_refused(images) -> None:
-    grey, range_m = images
-    visual, stack = visual_features(grey), depth_features_many(np.stack([range_m] * 3), PARAMS)
+    gray, range_m = images
+    visual, stack = visual_features(gray), depth_features_many(np.stack([range_m] * 3), PARAMS)
     narrow = depth_features_many(range_m[None, :, 4:], PARAMS)
     with pytest.raises(ValueError, match=r"depth image: expected the size of the visual image \(12, 36\), found"):
         similarity_many(visual, narrow, 36)
@@ -154,9 +154,9 @@ def test_images_of_other_sizes_and_panoramas_that_are_not_there_are_refused(imag
         similarity_many(visual, stack, 36, np.array([2, 0])), similarity_many(visual, stack, 36)[[2, 0]]
     )
     with pytest.raises(ValueError, match="is_seen: expected shape"):
-        visual_features(grey, np.ones((H, W - 1), np.bool_))
+        visual_features(gray, np.ones((H, W - 1), np.bool_))
     with pytest.raises(ValueError, match="at least 3 x 3"):
-        visual_features(grey[:2])
+        visual_features(gray[:2])
     with pytest.raises(ValueError, match=r"expected shape \(M, H, W\)"):
         depth_features_many(range_m, PARAMS)
     with pytest.raises(ValueError, match="expected at least one panorama"):
@@ -169,7 +169,7 @@ def test_contrast_is_local_to_twenty_degrees_and_outdoors_to_ten(rng) -> None:
     """Of a panorama of 72 columns: 4 and 2 columns either side."""
     range_m = (1 + 9 * rng.random((20, 72))).astype(np.float32)
     for is_sky_far, k in ((False, 4), (True, 2)):
-        expected = normalised(literal_sobel(local_contrast(range_m, k)))
+        expected = normalized(literal_sobel(local_contrast(range_m, k)))
         found = depth_features(range_m, ComparisonParams(is_sky_far=is_sky_far))
         np.testing.assert_allclose(found.magnitude, np.linalg.norm(expected, axis=-1), rtol=2e-3, atol=1e-7)
         np.testing.assert_allclose(found.x * found.magnitude, expected[..., 0], rtol=2e-3, atol=2e-7)
@@ -187,24 +187,24 @@ def local_contrast(range_m, k, min_sigma=0.0):
     return (range_m - means) / np.maximum(sigmas, min_sigma)
 
 
-def test_contrast_below_a_millimetre_is_that_of_a_millimetre(rng) -> None:
+def test_contrast_below_a_millimeter_is_that_of_a_millimeter(rng) -> None:
     range_m = (1.0 + 2e-3 * rng.random((20, 72))).astype(np.float32)  # 0.6 mm, and 6 mm in a part
     range_m[:, 20:40] = 1.0 + 10.0 * (range_m[:, 20:40] - 1.0)
-    expected = normalised(literal_sobel(local_contrast(range_m, 4, 1e-3)))
+    expected = normalized(literal_sobel(local_contrast(range_m, 4, 1e-3)))
     found = depth_features(range_m, PARAMS)
     np.testing.assert_allclose(found.magnitude, np.linalg.norm(expected, axis=-1), rtol=0.02, atol=2e-6)
 
 
 def test_a_whole_view_is_one_where_every_pixel_is_seen(images) -> None:
-    grey, _ = images
-    plain = visual_features(grey)
+    gray, _ = images
+    plain = visual_features(gray)
     assert plain.is_seen is None
-    whole = visual_features(grey, np.ones((H, W), np.bool_))
+    whole = visual_features(gray, np.ones((H, W), np.bool_))
     assert whole.is_seen is None
     np.testing.assert_array_equal(whole.magnitude, plain.magnitude)
     hidden = np.ones((H, W), np.bool_)
     hidden[5, 7] = False
-    part = visual_features(grey, hidden)
+    part = visual_features(gray, hidden)
     assert not part.is_seen[4:7, 6:9].any()
     assert part.is_seen.sum() == H * W - 9
     assert part.mirrored.is_seen[5, W - 1 - 7] == part.is_seen[5, 7]

@@ -9,7 +9,7 @@ from mcl_depth.geometry.synthesis import panorama_window
 from mcl_depth.image_params import SynthesisParams
 from mcl_depth.likeness import depth_map as depth_map_module
 from mcl_depth.likeness import similarity_cache
-from mcl_depth.likeness.comparison import Features, visual_features
+from mcl_depth.likeness.comparison import GradientFeatures, visual_features
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import CacheParams, FilterParams
@@ -44,8 +44,8 @@ def made(**cache):
 
 @pytest.fixture
 def visual():
-    grey = np.random.default_rng(7).uniform(0, 255, (CAMERA.height, CAMERA.width)).astype(np.float32)
-    return visual_features(grey)
+    gray = np.random.default_rng(7).uniform(0, 255, (CAMERA.height, CAMERA.width)).astype(np.float32)
+    return visual_features(gray)
 
 
 def test_a_position_is_at_most_max_distance_from_its_depth_image():
@@ -150,7 +150,7 @@ def test_a_map_of_few_places_is_surveyed_by_correlation_and_a_larger_one_by_its_
     np.testing.assert_array_equal(Comparison(visual, depth_map, HEADINGS).survey(positions), matched)
     is_seen = np.zeros(visual.shape, np.bool_)
     is_seen[:, :20] = True
-    part, rows = Features(visual.x, visual.y, visual.magnitude, is_seen), np.array([3, 0])
+    part, rows = GradientFeatures(visual.x, visual.y, visual.magnitude, is_seen), np.array([3, 0])
     wanted = depth_map.partial_filter(positions).curves(part, HEADINGS)
     np.testing.assert_array_equal(Comparison(part, depth_map, HEADINGS).survey(positions), wanted)
     np.testing.assert_allclose(Comparison(part, depth_map, HEADINGS).survey(positions, rows), wanted[rows], rtol=1e-4)

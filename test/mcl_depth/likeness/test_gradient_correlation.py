@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mcl_depth.image_params import ComparisonParams
-from mcl_depth.likeness.comparison import Features, depth_features, depth_features_many, stack_features
+from mcl_depth.likeness.comparison import GradientFeatures, depth_features, depth_features_many, stack_features
 from mcl_depth.likeness.matched_filter import MIN_SHARE, correlate_part
 from worlds.panoramas import HEIGHT, NUM_HEADINGS, WIDTH, part_of, rooms, window
 
@@ -49,14 +49,14 @@ def test_contrast_upside_down_and_in_any_unit_changes_nothing():
     ranges, view = rooms(np.full(WIDTH, 6.0), NUM_CELLS, 9), window(20, 40)
     stack = depth_features_many(ranges[:5], ComparisonParams())
     visual = part_of(ranges[2], 3, view)
-    other = Features(-visual.x, -visual.y, 7.0 * visual.magnitude, view)
+    other = GradientFeatures(-visual.x, -visual.y, 7.0 * visual.magnitude, view)
     found = [correlate_part(image, stack, NUM_HEADINGS, np.arange(5)) for image in (visual, other)]
     np.testing.assert_allclose(found[1], found[0], atol=1e-5)
 
 
 def test_an_image_without_gradients_and_a_map_without_them_correlate_with_nothing():
     ranges, view = rooms(np.full(WIDTH, 6.0), NUM_CELLS, 9)[:3], window(20, 40)
-    flat = Features(*(np.zeros((HEIGHT, WIDTH), np.float32) for _ in range(3)), view)
+    flat = GradientFeatures(*(np.zeros((HEIGHT, WIDTH), np.float32) for _ in range(3)), view)
     stack = depth_features_many(ranges, ComparisonParams())
     np.testing.assert_array_equal(correlate_part(flat, stack, NUM_HEADINGS, np.arange(3)), 0.0)
     empty = depth_features_many(np.full_like(ranges, 5.0), ComparisonParams())

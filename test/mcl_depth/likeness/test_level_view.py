@@ -24,18 +24,18 @@ def test_a_leaning_sphere_looks_like_a_level_one() -> None:
     camera = Spherical(360, 180)
     lean = SE3.exp([0.0, 0, 0, 0.2, -0.15, 0.0]).rotation
     image = world(camera.unproject(pixel_grid(camera)) @ lean.T)
-    grey, is_seen = level_view(image, camera, lean, WINDOW)
+    gray, is_seen = level_view(image, camera, lean, WINDOW)
     assert is_seen.all()
-    np.testing.assert_allclose(grey, world(WINDOW.unproject(pixel_grid(WINDOW))), atol=0.5)  # smoothing of a pixel
+    np.testing.assert_allclose(gray, world(WINDOW.unproject(pixel_grid(WINDOW))), atol=0.5)  # smoothing of a pixel
 
 
 def test_a_pinhole_sees_its_part() -> None:
     camera = Pinhole(160, 120, 80.0, 80.0, 79.5, 59.5)
     image = world(camera.unproject(pixel_grid(camera)) @ T_BODY_OPTICAL.T)
-    grey, is_seen = level_view(image, camera, T_BODY_OPTICAL, WINDOW)
-    assert 0.2 < is_seen[len(grey) // 2].mean() < 0.3  # 90 of 360 degrees
+    gray, is_seen = level_view(image, camera, T_BODY_OPTICAL, WINDOW)
+    assert 0.2 < is_seen[len(gray) // 2].mean() < 0.3  # 90 of 360 degrees
     expected = world(WINDOW.unproject(pixel_grid(WINDOW)))
-    np.testing.assert_allclose(grey[is_seen], expected[is_seen], atol=0.5)
+    np.testing.assert_allclose(gray[is_seen], expected[is_seen], atol=0.5)
 
 
 def noise(camera: Pinhole | Spherical) -> np.ndarray:
@@ -55,14 +55,14 @@ def test_photographs_more_than_twice_as_fine_are_averaged_first(focal, size, is_
     assert is_seen.any()
 
 
-def test_colours_are_weighed_and_the_size_is_checked() -> None:
+def test_colors_are_weighed_and_the_size_is_checked() -> None:
     camera = Spherical(90, 45)
     rgb = np.random.default_rng(1).integers(0, 256, (45, 90, 3), dtype=np.uint8)
-    grey = rgb @ np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
+    gray = rgb @ np.array([0.299, 0.587, 0.114])  # ITU-R BT.601
     found = level_view(rgb, camera, np.eye(3), WINDOW)[0]
-    np.testing.assert_allclose(found, level_view(grey, camera, np.eye(3), WINDOW)[0], atol=1e-3)
+    np.testing.assert_allclose(found, level_view(gray, camera, np.eye(3), WINDOW)[0], atol=1e-3)
     with pytest.raises(ValueError, match=r"image: expected 90 x 45, found \(89, 45\)"):
-        level_view(grey[:, 1:], camera, np.eye(3), WINDOW)
+        level_view(gray[:, 1:], camera, np.eye(3), WINDOW)
 
 
 def test_a_pixel_of_the_panorama_is_the_mean_of_its_samples() -> None:

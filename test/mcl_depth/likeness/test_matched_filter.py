@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mcl_depth.image_params import ComparisonParams
-from mcl_depth.likeness.comparison import Features, depth_features, depth_features_many, similarity_many
+from mcl_depth.likeness.comparison import GradientFeatures, depth_features, depth_features_many, similarity_many
 from mcl_depth.likeness.matched_filter import MatchedFilter
 from worlds.panoramas import NUM_HEADINGS, WIDTH, rooms, square_room
 
@@ -16,7 +16,7 @@ def image_of(ranges, cell, heading):
     """What a camera that sees depth itself would make of a place; `heading` in steps."""
     features = depth_features(ranges[cell], ComparisonParams())
     shift = heading * WIDTH // NUM_HEADINGS
-    return Features(*(np.roll(part, shift, axis=1) for part in (features.x, features.y, features.magnitude)))
+    return GradientFeatures(*(np.roll(part, shift, axis=1) for part in (features.x, features.y, features.magnitude)))
 
 
 def test_place_and_heading_are_those_of_eq_2():

@@ -7,7 +7,7 @@ import pytest
 
 from mcl_depth.image_params import ComparisonParams
 from mcl_depth.likeness import partial_filter
-from mcl_depth.likeness.comparison import Features, depth_features_many
+from mcl_depth.likeness.comparison import GradientFeatures, depth_features_many
 from mcl_depth.likeness.matched_filter import correlate_part, double_gradients
 from mcl_depth.likeness.partial_filter import PartialFilter
 from worlds.panoramas import HEIGHT, NUM_HEADINGS, WIDTH, part_of, rooms, square_room, window
@@ -68,7 +68,7 @@ def test_the_weights_solve_their_equation_and_are_nothing_where_nothing_is_seen(
 def test_the_covariance_is_that_of_the_panoramas_at_any_heading(stack):
     """x^T C x is the mean square of the product of x with the panoramas, over places and headings, in one unit."""
     made, whole = PartialFilter.of(stack, np.arange(20)), np.ones((HEIGHT, WIDTH), np.float32)
-    tensors = np.stack([double_gradients(Features(*parts)) for parts in decoded(stack.take(slice(0, 20)))])
+    tensors = np.stack([double_gradients(GradientFeatures(*parts)) for parts in decoded(stack.take(slice(0, 20)))])
     rng = np.random.default_rng(5)
     units = []
     for _ in range(3):
@@ -103,5 +103,5 @@ def test_cells_without_ground_and_images_without_gradients_fit_nothing(stack, ra
     curves = made.curves(part_of(ranges[9], 0, view), NUM_HEADINGS)
     np.testing.assert_array_equal(curves[4], 0.0)
     assert np.argmax(curves.max(axis=1)) == 9
-    flat = Features(*(np.zeros((HEIGHT, WIDTH), np.float32) for _ in range(3)), view)
+    flat = GradientFeatures(*(np.zeros((HEIGHT, WIDTH), np.float32) for _ in range(3)), view)
     np.testing.assert_array_equal(made.curves(flat, NUM_HEADINGS), 0.0)

@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.likeness.spectra import correlate, covariance_of, encode, pictures_of, sample, scales_of, spectra_of
+from mcl_depth.likeness.spectra import (
+    correlate,
+    encode_spectra,
+    pictures_of,
+    sample_slots,
+    scales_of,
+    spectra_of,
+    spectral_covariance,
+)
 
 CELLS, HEIGHT, WIDTH = 9, 6, 48
 ALL = range(WIDTH // 2)
@@ -26,7 +34,7 @@ def test_the_correlation_around_is_the_sum_of_products(pictures, frequencies):
     spectra = spectra_of(cells, frequencies)
     scales, slots = scales_of(spectra), np.arange(len(cells))
     slots[3] = -1
-    codes = encode([spectra[:, :5], spectra[:, 5:]], scales, slots)
+    codes = encode_spectra([spectra[:, :5], spectra[:, 5:]], scales, slots)
     found = correlate(codes, spectra_of(image, frequencies) * scales, None, frequencies.start, WIDTH) / WIDTH
     wanted = np.array([[np.vdot(np.roll(cell, shift, axis=-1), image) for shift in range(WIDTH)] for cell in cells])
     wanted[3] = 0.0
@@ -42,5 +50,5 @@ def test_pictures_come_back_from_their_spectra(pictures):
 def test_the_covariance_is_the_mean_of_outer_products_of_cells_that_are_there(pictures):
     samples = spectra_of(pictures, ALL)[4]
     wanted = np.mean([np.outer(one, one.conj()) for one in samples], axis=0)
-    np.testing.assert_allclose(covariance_of(samples), wanted, rtol=1e-4, atol=1e-3)
-    np.testing.assert_array_equal(sample(np.array([4, -1, 2, -1])), [4, 2])
+    np.testing.assert_allclose(spectral_covariance(samples), wanted, rtol=1e-4, atol=1e-3)
+    np.testing.assert_array_equal(sample_slots(np.array([4, -1, 2, -1])), [4, 2])

@@ -9,7 +9,7 @@ pytest.importorskip("rclpy")
 
 from sensor_msgs.msg import Imu
 
-from mcl_depth.ros.attitude import Attitude
+from mcl_depth.ros.node import Attitude
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.node import ManagedNode

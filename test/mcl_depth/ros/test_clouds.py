@@ -56,11 +56,11 @@ def test_a_cloud_that_cannot_be_read_leaves_the_present_one(node, tmp_path):
 def test_the_spheres_of_a_map_are_points_where_they_stood(tmp_path):
     camera = Spherical(32, 16)
     sphere = Sphere(np.full((16, 32), 90, np.uint8), np.full((16, 32), 2.0, np.float32), camera, 1)
-    centres = ([0.0, 0.0, 0.0], [10.0, 0.0, 0.0])
-    keys = [KeySphere(k, k + 1, SE3.from_parts(np.eye(3), np.array(c)), sphere) for k, c in enumerate(centres)]
+    centers = ([0.0, 0.0, 0.0], [10.0, 0.0, 0.0])
+    keys = [KeySphere(k, k + 1, SE3.from_parts(np.eye(3), np.array(c)), sphere) for k, c in enumerate(centers)]
     save_map(tmp_path / "map", SphereGraph(keys))
     cloud = read_map(str(tmp_path / "map"))
     assert isinstance(cloud, Cloud)
-    distances = np.linalg.norm(cloud.points[:, None] - np.array(centres), axis=2).min(axis=1)
+    distances = np.linalg.norm(cloud.points[:, None] - np.array(centers), axis=2).min(axis=1)
     np.testing.assert_allclose(distances, 2.0, rtol=1e-3)  # ranges are kept to 0.02 %
     assert np.sum(cloud.points[:, 0] > 5.0) == len(cloud.points) // 2

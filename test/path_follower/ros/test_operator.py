@@ -7,7 +7,7 @@ pytest.importorskip("rclpy")
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from path_follower.modes import State
+from path_follower.modes import FollowerState
 from path_follower.path import Pose2
 from path_follower.ros.node import PathFollowerNode
 from path_follower.ros.operator import answering
@@ -29,7 +29,7 @@ def test_the_calls_lead_through_the_states(node):
     for name in ("start", "pause", "resume", "stop"):
         assert node.shell.call(name).success
         states.append(node.follower.mode.state)
-    assert states == [State.DRIVING, State.PAUSED, State.DRIVING, State.STOPPING]
+    assert states == [FollowerState.DRIVING, FollowerState.PAUSED, FollowerState.DRIVING, FollowerState.STOPPING]
 
 
 def test_a_refusal_says_why(node):

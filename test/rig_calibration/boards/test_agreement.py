@@ -7,7 +7,7 @@ import pytest
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.checks import check_joined, check_views, disagreements, lens_chance
-from rig_calibration.boards.views import View
+from rig_calibration.boards.views import BoardView
 from rig_calibration.params import CalibrationParams
 
 COVARIANCE = np.diag([0.04, 0.04, 0.01, 0.01, *[0.0] * 8])  # the distortion is held
@@ -65,7 +65,7 @@ BOARD = Board("b", 6, 4, 0.1)
 
 
 def seen_by(camera, instant, count=24):
-    return View(camera, str(instant), "b", np.arange(count), np.zeros((count, 2)))
+    return BoardView(camera, str(instant), "b", np.arange(count), np.zeros((count, 2)))
 
 
 def test_what_is_missing_is_told_by_the_name_of_the_camera():
@@ -82,8 +82,8 @@ def test_what_is_missing_is_told_by_the_name_of_the_camera():
             check_views(["a", "b"], [BOARD], views, params)
     bad = seen_by("a", 9)
     bad.pixels[3, 1] = np.nan
-    strange = View("a", "9", "c", np.arange(24), np.zeros((24, 2)))
-    short = View("a", "9", "b", np.arange(24), np.zeros((23, 2)))
+    strange = BoardView("a", "9", "c", np.arange(24), np.zeros((24, 2)))
+    short = BoardView("a", "9", "b", np.arange(24), np.zeros((23, 2)))
     for view in (bad, strange, short):
         with pytest.raises(ValueError, match=f"view {view.label}: expected finite corners of a known board"):
             check_views(["a"], [BOARD], [*good, view], params)

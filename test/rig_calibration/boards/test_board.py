@@ -49,7 +49,7 @@ def test_what_is_no_board_is_named(tmp_path, text, said):
         read_boards(tmp_path / "boards.yaml")
 
 
-def test_corners_are_numbered_row_by_row_in_metres():
+def test_corners_are_numbered_row_by_row_in_meters():
     board = Board("b", 4, 3, 0.5)
     assert (board.num_corners, board.num_markers) == (12, 10)
     np.testing.assert_allclose(board.points[[0, 3, 4, 11]], [[0, 0, 0], [1.5, 0, 0], [0, 0.5, 0], [1.5, 1.0, 0]])

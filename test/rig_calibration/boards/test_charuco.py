@@ -9,8 +9,8 @@ import pytest
 from benchmarks.board_world import BoardWorld, pattern
 from rig_calibration.boards import charuco
 from rig_calibration.boards.board import Board
-from rig_calibration.boards.detect import detect, detect_all
-from rig_calibration.boards.views import View
+from rig_calibration.boards.detect import detect_all
+from rig_calibration.boards.views import BoardView
 from rig_calibration.calibrate import CameraSpec, calibrate
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera, so3
@@ -53,7 +53,7 @@ def images(world):
 @pytest.fixture(scope="module")
 def views(world, images):
     return [
-        View(world.rig.cameras[camera].name, f"{instant:02d}", name, *seen)
+        BoardView(world.rig.cameras[camera].name, f"{instant:02d}", name, *seen)
         for (camera, instant), image in images.items()
         for name, seen in detect_all(image, BOARDS).items()
     ]
@@ -94,8 +94,8 @@ def test_two_boards_in_one_image_are_told_apart_by_their_markers(world):
 
 
 def test_a_board_that_is_there_twice_is_not_guessed(images):
-    image = next(image for image in images.values() if detect(image, BOARDS[0]))
-    assert detect(np.hstack([image, image]), BOARDS[0]) is None
+    image = next(image for image in images.values() if detect_all(image, BOARDS[:1]))
+    assert not detect_all(np.hstack([image, image]), BOARDS[:1])
 
 
 def test_no_board_no_corners():
@@ -107,7 +107,7 @@ def test_no_board_no_corners():
 def test_what_the_dictionary_does_not_hold_is_refused():
     image = np.zeros((100, 100), np.uint8)
     with pytest.raises(ValueError, match="board 'b0': dictionary: expected a name such as DICT_4X4_250"):
-        detect(image, replace(BOARDS[0], dictionary="DICT_3X"))
+        detect_all(image, [replace(BOARDS[0], dictionary="DICT_3X")])
     with pytest.raises(ValueError, match="expected 67 markers for 6x4 corners, found 50 in DICT_4X4_50"):
         charuco.check(replace(BOARDS[0], dictionary="DICT_4X4_50", first_marker=50))
 
@@ -127,7 +127,7 @@ def markers(*numbers):
     return charuco.Markers(corners, np.array(numbers, np.int32))
 
 
-GREY = np.zeros((60, 80), np.uint8)
+GRAY = np.zeros((60, 80), np.uint8)
 
 
 class Detector:
@@ -136,8 +136,8 @@ class Detector:
     def __init__(self, count):
         self.count, self.given = count, []
 
-    def detectBoard(self, grey, corners, ids, marker_corners, marker_ids):
-        self.given.append((grey, [float(item.flat[0]) for item in marker_corners], marker_ids.ravel().tolist()))
+    def detectBoard(self, gray, corners, ids, marker_corners, marker_ids):
+        self.given.append((gray, [float(item.flat[0]) for item in marker_corners], marker_ids.ravel().tolist()))
         found = np.arange(2.0 * self.count).reshape(-1, 1, 2), np.arange(self.count).reshape(-1, 1)
         return (*(found if self.count else (None, None)), None, None)
 
@@ -152,18 +152,18 @@ def test_two_markers_of_a_board_are_needed_each_once(monkeypatch, numbers, is_as
     detector = Detector(4)
     monkeypatch.setattr(charuco, "_detector", lambda board: detector)
     monkeypatch.setattr(charuco, "_has_classes", lambda: True)
-    found = charuco.find_corners(GREY, BOARDS[1], markers(*numbers))
+    found = charuco.find_corners(GRAY, BOARDS[1], markers(*numbers))
     assert (found is not None) == is_asked
     if is_asked:
         own = [number for number in numbers if 20 <= number <= 36]
-        assert detector.given == [(GREY, own, own)]
+        assert detector.given == [(GRAY, own, own)]
 
 
 @pytest.mark.parametrize("count", [0, 3, 4])
 def test_four_corners_are_a_board(monkeypatch, count):
     monkeypatch.setattr(charuco, "_detector", lambda board: Detector(count))
     monkeypatch.setattr(charuco, "_has_classes", lambda: True)
-    found = charuco.find_corners(GREY, BOARDS[1], markers(20, 21))
+    found = charuco.find_corners(GRAY, BOARDS[1], markers(20, 21))
     if count < 4:
         assert found is None
     else:
@@ -174,8 +174,8 @@ def test_four_corners_are_a_board(monkeypatch, count):
 def test_the_functions_before_opencv_4_7_get_numbers_from_zero(monkeypatch):
     given = []
 
-    def interpolate(corners, ids, grey, board):
-        given.append((len(corners), ids.ravel().tolist(), grey, board))
+    def interpolate(corners, ids, gray, board):
+        given.append((len(corners), ids.ravel().tolist(), gray, board))
         return 4, np.zeros((4, 1, 2)), np.arange(4).reshape(-1, 1)
 
     monkeypatch.setattr(charuco, "_has_classes", lambda: False)
@@ -183,12 +183,12 @@ def test_the_functions_before_opencv_4_7_get_numbers_from_zero(monkeypatch):
     monkeypatch.setattr(
         cv2.aruco, "CharucoBoard_create", lambda *words: (words[:4], words[4] is not None), raising=False
     )
-    assert charuco.find_corners(GREY, BOARDS[1], markers(20, 23)) is not None
-    assert given == [(2, [0, 3], GREY, ((7, 5, 0.1, 0.075), True))]
+    assert charuco.find_corners(GRAY, BOARDS[1], markers(20, 23)) is not None
+    assert given == [(2, [0, 3], GRAY, ((7, 5, 0.1, 0.075), True))]
     odd = replace(BOARDS[1], rows=5)
     with pytest.raises(ValueError, match=r"expected OpenCV 4\.7 or later, or legacy, for 6 rows"):
-        charuco.find_corners(GREY, odd, markers(20, 23))
-    assert charuco.find_corners(GREY, replace(odd, is_legacy=True), markers(20, 23)) is not None
+        charuco.find_corners(GRAY, odd, markers(20, 23))
+    assert charuco.find_corners(GRAY, replace(odd, is_legacy=True), markers(20, 23)) is not None
 
 
 def test_a_dictionary_must_be_there_and_hold_the_markers():

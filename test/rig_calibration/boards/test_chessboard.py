@@ -49,7 +49,7 @@ def test_candidates_of_what_is_not_there_are_none(seen):
 def test_a_candidate_that_the_border_cuts_is_passed_over(seen, monkeypatch):
     image, truth = seen
     cut = truth["wide"] - [truth["wide"][:, 0].min() + 1.0, 0.0]  # as the detectors do now and then: guessed corners
-    monkeypatch.setattr(chessboard, "candidates", lambda grey, boards: [(boards[0], [cut])])
+    monkeypatch.setattr(chessboard, "candidates", lambda gray, boards: [(boards[0], [cut])])
     assert detect_all(image, BOARDS) == {}
 
 

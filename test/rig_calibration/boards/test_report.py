@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rig_calibration.boards import validation
-from rig_calibration.boards.report import as_mapping, coverage, draw
-from rig_calibration.boards.state import State, camera_problem
+from rig_calibration.boards.report import calibration_as_mapping, coverage, draw_calibration
+from rig_calibration.boards.state import RigState, camera_problem
 from rig_calibration.boards.validation import camera_rms
 from rig_calibration.boards.views import observations
 from rig_calibration.params import CalibrationParams
@@ -57,7 +57,7 @@ def calibration():
 
 
 def test_every_figure_has_its_unit(calibration):
-    found = as_mapping(calibration)
+    found = calibration_as_mapping(calibration)
     a, b = found["cameras"]["a"], found["cameras"]["b"]
     assert a["lens"] == [100.0, 101.0, 39.0, 29.0, 0.1, 0.2, 0.3, 0.4, 0.5]
     assert b["lens"] == [90.0, 91.0, 79.0, 59.0, 0.01, 0.02, 0.03, 0.04]
@@ -80,7 +80,7 @@ def test_coverage_counts_cells_of_a_grid_of_eight_by_six(calibration):
 
 
 def test_the_picture_is_one(calibration, tmp_path):
-    draw(calibration, tmp_path / "report.png")
+    draw_calibration(calibration, tmp_path / "report.png")
     assert (tmp_path / "report.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -93,7 +93,7 @@ def test_halves_differ_in_the_axes_of_the_rig_second_less_first():
     T = SE3.exp([1.0, 2.0, 3.0, 0.4, -0.2, 0.1])
     turn, way = np.array([0.02, -0.03, 0.01]), np.array([0.1, -0.2, 0.3])
     moved = SE3.from_parts(SE3.exp([0, 0, 0, *turn]).rotation @ T.rotation, T.translation + way)
-    first, second = (State(np.zeros((1, 12)), SE3(one.matrix[None]), T, T) for one in (T, moved))
+    first, second = (RigState(np.zeros((1, 12)), SE3(one.matrix[None]), T, T) for one in (T, moved))
     np.testing.assert_allclose(validation._difference(first, second, 1), [[*way, *turn]], atol=1e-12)
     assert np.isnan(validation._difference(first, None, 3)).all()
     assert validation._difference(None, second, 3).shape == (3, 6)
@@ -113,7 +113,7 @@ def views(count, noise_px, rng):
     seen = observations([0] * count, range(count), [0] * count, [BOARD] * count, pixels)
     lens = np.array([400.0, 402.0, 318.0, 243.0, *np.zeros(8)])
     origin = SE3(np.eye(4)[None])
-    return camera_problem("pinhole", (640, 480), 0, seen), State(
+    return camera_problem("pinhole", (640, 480), 0, seen), RigState(
         lens[None], origin, origin, SE3(np.stack(poses)).inverse()
     )
 

@@ -6,7 +6,7 @@ import pytest
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.starting import camera_observations
 from rig_calibration.boards.state import camera_state
-from rig_calibration.boards.views import View, observations
+from rig_calibration.boards.views import BoardView, observations
 from sphere_nav.geometry import SE3
 
 
@@ -18,7 +18,7 @@ def test_views_must_come_by_camera():
 
 def test_rows_of_one_camera():
     board = Board("b", 4, 3, 0.1)
-    views = [View("c", str(n), "b", np.arange(5 + n), np.full((5 + n, 2), float(n))) for n in range(2)]
+    views = [BoardView("c", str(n), "b", np.arange(5 + n), np.full((5 + n, 2), float(n))) for n in range(2)]
     seen = camera_observations(views, {"b": board})
     assert seen.starts.tolist() == [0, 5, 11]
     np.testing.assert_array_equal(seen.per_view_rms(np.ones((11, 2)), np.ones(11)), np.full(2, np.sqrt(2.0)))

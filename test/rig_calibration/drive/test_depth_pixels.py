@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rig_calibration.drive.depth_pixels import _in_front, fit_planes
+from rig_calibration.drive.depth_pixels import _in_front, sample_planes
 from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.geometry import Fisheye, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid
@@ -24,7 +24,7 @@ def depth_of(normal, distance, camera=CAMERA):
 def test_points_and_normals_are_those_of_the_plane(normal):
     normal = np.array(normal) / np.linalg.norm(normal)
     depth = depth_of(normal, 2.0)
-    points, normals = fit_planes(depth, CAMERA)
+    points, normals = sample_planes(depth, CAMERA)
     assert len(points) > 3000
     np.testing.assert_allclose(points @ normal, 2.0, atol=1e-9)
     np.testing.assert_allclose(normals, np.broadcast_to(normal, normals.shape), atol=1e-6)
@@ -37,7 +37,7 @@ def test_points_and_normals_are_those_of_the_plane(normal):
 @pytest.mark.parametrize(("noise", "is_flat"), [(0.008, True), (0.013, False)])
 def test_a_plane_is_flat_to_a_hundredth_of_its_depth(noise, is_flat):
     sign = np.where(np.random.default_rng(0).random((90, 120)) < 0.5, -1.0, 1.0)
-    points, _ = fit_planes(2.0 * (1.0 + noise * sign), CAMERA)
+    points, _ = sample_planes(2.0 * (1.0 + noise * sign), CAMERA)
     assert (len(points) > 2000) == is_flat
 
 
@@ -46,21 +46,21 @@ def test_a_plane_seen_at_a_grazing_angle_is_left_out(slope_deg, is_seen):
     """The limit is a cosine of 0.2, 78.5 degrees, at the middle of the image."""
     narrow = Pinhole(120, 90, 9000.0, 9000.0, 58.0, 46.0)
     normal = [np.sin(np.radians(slope_deg)), 0.0, np.cos(np.radians(slope_deg))]
-    assert (len(fit_planes(depth_of(normal, 0.5, narrow), narrow)[0]) > 0) == is_seen
+    assert (len(sample_planes(depth_of(normal, 0.5, narrow), narrow)[0]) > 0) == is_seen
 
 
 @pytest.mark.parametrize(("share", "is_kept"), [(0.85, True), (0.5, False)])
 def test_seven_tenths_around_must_be_measured(share, is_kept):
     rng = np.random.default_rng(1)
     depth = np.where(rng.random((90, 120)) < share, 2.0, np.where(rng.random((90, 120)) < 0.5, np.nan, 0.0))
-    points, _ = fit_planes(depth, CAMERA)
+    points, _ = sample_planes(depth, CAMERA)
     assert (len(points) > 1000) == is_kept
     assert np.all(points[:, 2] == 2.0) if is_kept else len(points) < 50
 
 
 def test_no_more_points_than_on_a_grid():
     large = Pinhole(640, 480, 500.0, 500.0, 319.5, 239.5)
-    assert len(fit_planes(np.full((480, 640), 2.0), large)[0]) == pytest.approx(5000, rel=0.25)
+    assert len(sample_planes(np.full((480, 640), 2.0), large)[0]) == pytest.approx(5000, rel=0.25)
 
 
 @pytest.mark.parametrize(("times", "is_hidden"), [(1.04, False), (1.06, True)])
@@ -88,7 +88,7 @@ def test_a_lens_has_the_derivatives_that_it_says_at_every_level(camera, level):
             J[:, :, k], (ahead - behind) / (2 * size), rtol=1e-3, atol=1e-4 * np.abs(J[..., k]).max()
         )
     assert not J[:, :, 8].any()
-    np.testing.assert_allclose(lens.level_centre(level), (lens.level(level).cx, lens.level(level).cy))
+    np.testing.assert_allclose(lens.level_center(level), (lens.level(level).cx, lens.level(level).cy))
 
 
 def test_what_is_known_of_a_lens_that_nobody_calibrated():

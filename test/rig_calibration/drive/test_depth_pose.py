@@ -23,12 +23,12 @@ ROOM = sharp_room((2.0, 1.6, 1.2), 0.2)
 
 def frame(T_room_camera, rng, twist=None, T_image_depth=TRUTH):
     twist = np.zeros(6) if twist is None else twist
-    grey = ROOM.render_rolling(CAMERA, T_room_camera, twist) + rng.normal(0, 2.0, (CAMERA.height, CAMERA.width))
+    gray = ROOM.render_rolling(CAMERA, T_room_camera, twist) + rng.normal(0, 2.0, (CAMERA.height, CAMERA.width))
     back = T_image_depth.inverse()
     depth_twist = back.adjoint() @ twist
     range_m = ROOM.range_rolling(DEPTH, T_room_camera @ T_image_depth, depth_twist)
     depth_m = range_m * DEPTH.unproject(pixel_grid(DEPTH))[..., 2] * (1 + 0.002 * rng.normal(size=range_m.shape))
-    return make_frame(np.clip(grey, 0, 255).astype(np.uint8), depth_m, CAMERA, DEPTH, twist)
+    return make_frame(np.clip(gray, 0, 255).astype(np.uint8), depth_m, CAMERA, DEPTH, twist)
 
 
 def drive(number, seed=0, motion=(0.2, 0.2, 0.2, 0.06, 0.06, 0.06), speed=0.0):

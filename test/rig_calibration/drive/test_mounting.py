@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rig_calibration.drive.mounting import NAMES, _jacobian, _moved, errors, find_mounting
+from rig_calibration.drive.mounting import NAMES, _jacobian, _moved, find_mounting, hand_eye_residuals
 from sphere_nav.geometry import SE3
 
 CAMERA = SE3.from_angles(0.03, 0.12, -0.2, [0.7, -0.15, 1.3])
@@ -30,7 +30,7 @@ def test_jacobian_is_that_of_the_errors():
     A, B = drive(np.random.default_rng(0), is_flat=False, noise_m=0.01, noise_rad=0.01)
     J = _jacobian(A, B, CAMERA, SCALES)
     step = np.array([1.0, -2.0, 0.5, 1.5, -1.0, 0.7, 0.3, -0.4]) * 1e-4
-    change = errors(A, B, *_moved(CAMERA, SCALES, step)) - errors(A, B, CAMERA, SCALES)
+    change = hand_eye_residuals(A, B, *_moved(CAMERA, SCALES, step)) - hand_eye_residuals(A, B, CAMERA, SCALES)
     assert np.abs(change - J @ step).max() < 2e-3 * np.abs(change).max()
 
 

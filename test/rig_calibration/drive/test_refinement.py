@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rig_calibration.drive.drive_image import OWN, ImageState, collect, differentiate
+from rig_calibration.drive.drive_image import ImageState, collect, differentiate
 from rig_calibration.drive.drive_lens import Lens
 from rig_calibration.drive.refinement import refine_camera
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
@@ -17,6 +17,8 @@ READOUT_S = 0.03
 PINHOLE = Pinhole(240, 180, 150.0, 151.0, 121.0, 88.0, (-0.12, 0.03, 0.0, 0.0))
 FISHEYE = Fisheye(240, 180, 95.0, 95.5, 121.0, 88.0, (0.03, -0.01, 0.0, 0.0))
 SPHERE = Spherical(1536, 768)
+
+OWN = 8  # pose (v, omega), gain, bias: what each image has of its own
 
 
 @pytest.fixture(scope="module")
@@ -34,10 +36,10 @@ def drive(world, camera, wrong, number, seed=0, speed=0.6):
     for _ in range(number):
         truth = SE3.exp(rng.normal(size=6) * (0.3, 0.3, 0.1, 0.1, 0.1, 1.0)) @ T_BODY_OPTICAL
         velocity = rng.normal(size=6) * speed
-        grey = room.render_rolling(camera, truth, READOUT_S * velocity) + rng.normal(
+        gray = room.render_rolling(camera, truth, READOUT_S * velocity) + rng.normal(
             0, 2.0, (camera.height, camera.width)
         )
-        pyramid = build_pyramid(np.clip(grey, 0, 255).astype(np.float32), wrong)
+        pyramid = build_pyramid(np.clip(gray, 0, 255).astype(np.float32), wrong)
         images.append(collect(pyramid, view, truth @ SE3.exp(0.01 * rng.normal(size=6)), velocity))
     return images
 
@@ -76,8 +78,8 @@ def test_residuals_have_the_derivatives_that_are_told(world):
     smooth = np.add.outer(np.arange(180.0), 2.0 * np.arange(240.0)).astype(np.float32)  # bilinear is exact
     pixels, _ = PINHOLE.project(image.T_map_camera.inverse().apply(image.levels[0].points_map))
     inner = np.all((pixels > 15) & (pixels < (225, 165)), axis=1)  # stay in view
-    points_map, grey = image.levels[0].points_map[inner], image.levels[0].grey[inner]
-    image = replace(image, levels=(replace(image.levels[0], image=smooth, points_map=points_map, grey=grey),))
+    points_map, gray = image.levels[0].points_map[inner], image.levels[0].gray[inner]
+    image = replace(image, levels=(replace(image.levels[0], image=smooth, points_map=points_map, gray=gray),))
     residual, J = differentiate(image, state, lens, 0)
     sizes = np.array([*1e-3 * lens.prior_sigma, *np.full(6, 1e-4), 1e-3, 1e-2])
     for k, size in enumerate(sizes):

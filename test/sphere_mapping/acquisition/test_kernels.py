@@ -1,5 +1,6 @@
 """Kernels against the same in NumPy."""
 
+import cv2
 import numpy as np
 import pytest
 
@@ -80,7 +81,7 @@ def test_a_level_starts_where_the_coarser_one_has_aligned_near_its_match():
     np.testing.assert_array_equal(start, np.float32([[4.2, 4.0, np.nan, np.nan], [4.0, 3.9, np.nan, np.nan]]))
 
 
-def test_what_a_window_sees_from_beside_lies_where_the_centre_sees_it():
+def test_what_a_window_sees_from_beside_lies_where_the_center_sees_it():
     """A wall 4 m ahead, seen from 0.2 m to the left."""
     height, width = 90, 180
     v, u = np.mgrid[30:60, 70:110].astype(np.float32)
@@ -236,3 +237,233 @@ def test_splatting_keeps_the_nearest_and_wraps_only_on_request():
         np.testing.assert_array_equal(image[1:3, 1:3], 2.0)
         assert image[0, 3] == 3.0
         assert image[0, 0] == (3.0 if wraps else np.inf)
+
+
+def random_levels(shape, seed):
+    return np.random.default_rng(seed).integers(0, 256, shape, dtype=np.uint8)
+
+
+def some_unknown(shape, seed, low, high, share=0.1):
+    rng = np.random.default_rng(seed)
+    plane = rng.uniform(low, high, shape).astype(np.float32)
+    plane[rng.random(shape) < share] = np.nan
+    return plane
+
+
+def test_bands_add_up_to_the_levels_of_numpy():
+    """Two bands of two views with weights that sum to one, in sixteenths of a grey level."""
+    views, smooth = [random_levels((6, 9, 3), seed) for seed in (0, 1)], random_levels((6, 9, 3), 2)
+    weight = np.random.default_rng(3).random((6, 9)).astype(np.float32)
+    weight[2] = 0.0
+    total, twin = np.zeros((6, 9, 3), np.int16), np.zeros((6, 9, 3))
+    for view, share in zip(views, (weight, 1 - weight), strict=True):
+        kernels.add_band(view, smooth, share, total)
+        twin += np.floor(16 * share[..., None] * (view.astype(np.float32) - smooth) + np.float32(0.5))
+    np.testing.assert_array_equal(total, twin)
+    total += 16 * smooth.astype(np.int16)
+    image = np.empty((6, 9, 3), np.uint8)
+    kernels.to_levels(total, image)
+    np.testing.assert_array_equal(image, np.clip(np.floor(total / 16 + 0.5), 1, 255))
+
+
+def compare_row_by_numpy(top, bottom, disparity, v):
+    """The terms of `compare_row` by the formula of cubic convolution (Keys 1981, a = -1/2), pixel by pixel."""
+    height, width = top.shape
+    terms = np.zeros((6, width), np.int64)
+    for u in range(width):
+        y = v - float(disparity[v, u])
+        if not 1 <= y < height - 2:
+            continue
+        y0, t = int(np.floor(y)), y - np.floor(y)
+        p = bottom[y0 - 1 : y0 + 3, u].astype(float)
+        weights = [-0.5 * t + t**2 - 0.5 * t**3, 1 - 2.5 * t**2 + 1.5 * t**3, 0.5 * t + 2 * t**2 - 1.5 * t**3]
+        slopes = [-0.5 + 2 * t - 1.5 * t**2, -5 * t + 4.5 * t**2, 0.5 + 4 * t - 4.5 * t**2]
+        value, slope = (p @ [*three, total - sum(three)] for three, total in ((weights, 1), (slopes, 0)))
+        across = 0.5 * (float(top[v + 1, u]) - float(top[v - 1, u]))
+        s, e = np.floor(8 * (slope + across) + 0.5), np.floor(16 * (value - top[v, u]) + 0.5)
+        terms[:, u] = 1, s, e, s * s, s * e, e * e
+    return terms
+
+
+def test_terms_of_a_row_are_those_of_numpy():
+    """Quarters of a pixel: float32 is exact, so is the comparison; some lie outside, some are unknown."""
+    top, bottom = random_levels((12, 40), 4), random_levels((12, 40), 5)
+    disparity = (np.random.default_rng(6).integers(-16, 40, (12, 40)) / 4).astype(np.float32)
+    disparity[:, ::7] = np.nan
+    terms = np.empty((6, 40), np.int32)
+    for v in (0, 5, 11):
+        kernels.compare_row(top, bottom, disparity, v, terms)
+        twin = compare_row_by_numpy(top, bottom, disparity, v) if v == 5 else 0  # at the border no slope is known
+        np.testing.assert_array_equal(terms, np.broadcast_to(twin, terms.shape))
+    assert 0 < np.count_nonzero(compare_row_by_numpy(top, bottom, disparity, 5)[0]) < 34
+
+
+def test_sums_along_a_row_are_those_of_numpy_even_where_they_go_around():
+    row = np.full(50, 2**30, np.int32) - np.arange(50, dtype=np.int32)
+    row[1::2] *= -1
+    total = np.empty(46, np.int32)
+    kernels.add_along(row, 5, np.empty(51, np.int32), total)
+    np.testing.assert_array_equal(total, np.convolve(row.astype(np.int64), np.ones(5, np.int64), "valid"))
+    large = np.full(50, 2**28, np.int32)
+    kernels.add_along(large, 5, np.empty(51, np.int32), total)
+    np.testing.assert_array_equal(total, np.full(46, 5 * 2**28))  # the sums before go beyond 2^31
+
+
+def test_a_step_of_alignment_is_that_of_least_squares():
+    """The mean of what the slopes say and what the match says, each by its information (step_row's formulas)."""
+    rng = np.random.default_rng(7)
+    s, e = rng.normal(0, 80, (2, 30, 49)).round()
+    sums = np.stack([np.full_like(s, 1), s, e, s * s, s * e, e * e]).sum(axis=2).astype(np.int32)
+    sums[:, 3] = 0
+    limits = np.float32([0.2, 20.0, 12.0, 0.25])  # px, pixels of a block, grey levels^2, px^2
+    limit, _, noise, prior = limits
+    start, before = (rng.normal(5, 0.5, 30).astype(np.float32) for _ in range(2))
+    disparity, information, left = before.copy(), np.empty(30, np.float32), np.empty(30, np.float32)
+    kernels.step_row(sums, limits, start, disparity, information, left)
+    slopes, errors = s / 16, e / 16
+    variance = slopes.var(axis=1)
+    covariance = ((slopes - slopes.mean(axis=1, keepdims=True)) * errors).mean(axis=1)
+    wanted, seen = covariance / variance, variance * 49 / 2 / noise
+    step = (seen * wanted + (start - before) / prior) / (seen + 1 / prior)
+    residual = (errors.var(axis=1) - covariance**2 / variance) / 2
+    known = np.arange(30) != 3
+    np.testing.assert_allclose(disparity[known], (before + np.clip(step, -limit, limit))[known], rtol=1e-4)
+    np.testing.assert_allclose(left[known], (residual / (noise + variance))[known], rtol=1e-4)
+    np.testing.assert_allclose(information[known], (variance * 49 / 2 / np.maximum(residual, noise))[known], rtol=1e-4)
+    assert (disparity[3], information[3], left[3]) == (before[3], 0.0, np.inf)
+    assert np.abs(step[known]).min() < limit < np.abs(step[known]).max()
+
+
+@pytest.mark.parametrize("wraps", [True, False])
+def test_twice_the_size_is_linear_between_pixels(wraps):
+    plane = some_unknown((5, 8), 8, 0.0, 10.0)
+    double = np.empty((10, 16), np.float32)
+    kernels.double_size(plane, wraps, double)
+    right = np.roll(plane, -1, axis=1) if wraps else np.concatenate([plane[:, 1:], plane[:, -1:]], axis=1)
+    below, corner = (np.concatenate([part[1:], part[-1:]]) for part in (plane, right))
+    np.testing.assert_allclose(double[::2, ::2], 2 * plane)
+    np.testing.assert_allclose(double[::2, 1::2], plane + right)
+    np.testing.assert_allclose(double[1::2, ::2], plane + below)
+    np.testing.assert_allclose(double[1::2, 1::2], (plane + right + below + corner) / 2, rtol=1e-6)
+
+
+def test_the_surer_of_two_values_is_preferred_from_a_share_on():
+    value, other = some_unknown((9, 11), 9, 1.0, 2.0), some_unknown((9, 11), 10, 3.0, 4.0)
+    std, other_std = some_unknown((9, 11), 11, 0.1, 1.0, 0.0), some_unknown((9, 11), 12, 0.1, 1.0, 0.0)
+    is_other = np.isnan(value) | (other_std < 0.5 * std)
+    twin = np.where(is_other, other, value), np.where(is_other, other_std, std)
+    kernels.prefer_surer(value, std, other, other_std, np.float32(0.5))
+    np.testing.assert_array_equal(value, twin[0])
+    np.testing.assert_array_equal(std, twin[1])
+
+
+def test_a_longer_baseline_stretches_the_range_but_not_where_the_images_were_joined():
+    range_m, std_m = some_unknown((6, 10), 13, 1.0, 40.0), some_unknown((6, 10), 14, 0.1, 1.0, 0.0)
+    range_m[0, :3], range_m[1, 0] = 10.0, np.inf
+    error = np.random.default_rng(15).uniform(-0.3, 0.4, (6, 10)).astype(np.float32)
+    with np.errstate(invalid="ignore"):
+        factor = (1 + error) / np.maximum(1 + error * range_m / 10.0, 0.1)
+        factor[~(range_m < 1e9)] = 1.0
+        twin = range_m * factor, std_m * factor
+    kernels.stretch(range_m, std_m, error, np.float32(0.1))
+    np.testing.assert_allclose(range_m, twin[0], rtol=2e-6)
+    np.testing.assert_allclose(std_m, twin[1], rtol=2e-6)
+    np.testing.assert_allclose(range_m[0, :3], 10.0, rtol=1e-6)
+    assert range_m[1, 0] == np.inf
+
+
+def test_ranges_of_a_wall_move_to_the_common_center():
+    """Two cameras beside the centre see a sphere of 5 m; NumPy looks the points up by arctan2."""
+    height, width = 64, 128
+    azimuth = (0.5 - (np.arange(width) + 0.5) / width) * 2 * np.pi
+    elevation = (0.5 - (np.arange(height) + 0.5) / height) * np.pi
+    columns, rows = (np.stack([np.sin(a), np.cos(a)]).astype(np.float32) for a in (azimuth, elevation))
+    rays = np.stack(
+        [
+            np.outer(np.cos(elevation), np.cos(azimuth)),
+            np.outer(np.cos(elevation), np.sin(azimuth)),
+            np.outer(np.sin(elevation), np.ones(width)),
+        ],
+        axis=-1,
+    )
+    offsets = np.float32([[0.3, 0.1, -0.05], [-0.2, -0.25, 0.1]])
+    owner = np.where(np.arange(width) < width // 2, 0, 1).astype(np.int8)[None].repeat(height, axis=0)
+    owner[:, :4] = -1
+    along = np.sum(rays * offsets[np.maximum(owner, 0)], axis=-1)
+    square = np.sum(offsets[np.maximum(owner, 0)].astype(float) ** 2, axis=-1)
+    range_m = (-along + np.sqrt(along**2 + 25.0 - square)).astype(np.float32)  # of |offset + r ray| = 5 m
+    range_m[10, 50:60], range_m[20, 50:60] = np.nan, np.inf
+    std_m = np.arange(height * width, dtype=np.float32).reshape(height, width)
+    found, found_std = np.empty_like(range_m), np.empty_like(std_m)
+    kernels.recenter(range_m, std_m, owner, offsets, columns, rows, found, found_std)
+    with np.errstate(invalid="ignore"):
+        q = (range_m + along)[..., None] * rays - offsets[np.maximum(owner, 0)]
+        u = (0.5 - np.arctan2(q[..., 1], q[..., 0]) / (2 * np.pi)) * width - 0.5
+        v = (0.5 - np.arctan2(q[..., 2], np.hypot(q[..., 0], q[..., 1])) / np.pi) * height - 0.5
+        row, column = (np.nan_to_num(np.floor(place + 0.5)).astype(int) for place in (v, u))
+        at = row.clip(0, height - 1), column % width
+    is_moved = (owner >= 0) & np.isfinite(range_m) & np.isfinite(range_m[at])
+    on_edge = (np.abs(u % 1 - 0.5) < 1e-3) | (np.abs(v % 1 - 0.5) < 1e-3)  # rounded either way
+    sure = is_moved & ~on_edge
+    np.testing.assert_allclose(found[sure], (range_m[at] + along)[sure], rtol=1e-6)
+    np.testing.assert_array_equal(found_std[sure], std_m[at][sure])
+    assert np.isnan(found[owner < 0]).all()
+    assert np.isnan(found[10, 50:60]).all()
+    assert np.isposinf(found[20, 50:60]).all()
+    is_same = is_moved & (owner[at] == owner)  # over the seam it is the other camera's range
+    assert np.abs(found[is_same] - 5.0).max() < 0.05  # to first order in 0.33 m / 5 m, and half a pixel
+
+
+def test_votes_are_counted_as_numpy_does():
+    """Five sources: what fewer than 40 % of those that see a direction agree on is forgotten."""
+    rng = np.random.default_rng(16)
+    ranges = np.stack([some_unknown((7, 12), 20 + k, 4.0, 6.0, 0.2) for k in range(5)])
+    stds = rng.uniform(0.05, 0.2, ranges.shape).astype(np.float32)
+    stds[np.isnan(ranges)] = np.nan
+    sees = np.isfinite(ranges) | (rng.random(ranges.shape) < 0.3)
+    ranges[:4, 0, :6] = np.inf
+    range_m = np.nanmedian(ranges, axis=0).astype(np.float32)
+    std_m, before = np.empty_like(range_m), range_m.copy()
+    kernels.count_votes(ranges, stds, sees, np.float32(3.0), np.float32(0.4), range_m, std_m)
+    surest = np.fmin.reduce(stds)
+    with np.errstate(invalid="ignore"):
+        is_near = np.abs(ranges - before) <= 3 * np.hypot(stds, surest)
+    votes = (is_near | (np.isinf(ranges) & np.isinf(before))).sum(axis=0)
+    is_agreed = votes >= np.float32(0.4) * sees.sum(axis=0).astype(np.float32)
+    np.testing.assert_array_equal(range_m, np.where(is_agreed, before, np.nan).astype(np.float32))
+    np.testing.assert_array_equal(std_m, np.where(is_agreed & (before < np.inf), surest, np.nan).astype(np.float32))
+    assert 0.02 < np.mean(~is_agreed) < 0.5
+
+
+def test_a_piece_of_outline_is_matched_as_numpy_matches_it():
+    rng = np.random.default_rng(17)
+    scene = cv2.GaussianBlur(rng.uniform(0, 255, (80, 40)).astype(np.float32), (0, 0), 2.0)
+    top, bottom = scene[8:68].copy(), scene[13:73] + np.float32(20.0)  # five px, and brighter
+    corners, mask = np.int32([[20, 6], [1, 20], [40, 30]]), rng.random((3, 8, 8)) < 0.6
+    mask[2] = False
+    first, number = -2, 16
+    found = np.empty((3, 7))
+    kernels.match_outline(top, bottom, corners, mask, first, np.empty(number), found)
+    slopes = np.gradient(top, axis=0)
+    slopes[[0, -1]] /= 2  # one-sided there: half of the difference
+    row, column = corners[0]
+    own = (slice(row, row + 8), slice(column, column + 8))
+    costs = np.array(
+        [
+            np.var((bottom[row - d : row - d + 8, column : column + 8] - top[own])[mask[0]]) * mask[0].sum()
+            for d in range(first, first + number)
+        ]
+    )
+    best = int(np.argmin(costs))
+    a, b, c = costs[best - 1 : best + 2]
+    elsewhere = np.delete(costs, slice(best - 2, best + 3)).min()
+    s, levels, rows = slopes[own][mask[0]].astype(float), top[own][mask[0]], np.nonzero(mask[0])[0] + row
+    twin = [
+        first + best + 0.5 * (a - c) / (a - 2 * b + c),
+        *(b, elsewhere, mask[0].sum(), s.var() * s.size, levels.var() * s.size),
+        np.sum(s**2 * rows) / np.sum(s**2),
+    ]
+    np.testing.assert_allclose(found[0], twin, rtol=1e-3, atol=1e-3)
+    assert found[0, 0] == pytest.approx(5.0, abs=0.1)  # a parabola through three costs
+    assert np.isnan(found[1, 0])  # five px above it the image ends
+    assert np.isnan(found[2, 0])  # no pixels

@@ -3,8 +3,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sphere_mapping.graph.both_ways import MAX_APART_M, agree, confirm, is_denied, measure
-from sphere_mapping.graph.registration import PreparedSphere, align
+from sphere_mapping.constants import MAX_GAP_M
+from sphere_mapping.graph.both_ways import agree, confirm, is_denied, measure_motion
+from sphere_mapping.graph.registration import PreparedSphere, align_sphere
 from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.appearance.pose import FeaturePose
@@ -20,7 +21,7 @@ B = PreparedSphere(ROOM.sphere(HERE @ MOTION, CAMERA, 2), PARAMS)
 
 
 def test_a_motion_is_measured_with_an_honest_covariance():
-    found = measure(A, B, SE3.exp([0.25, -0.1, 0.0, 0.0, 0.0, 0.12]), PARAMS)
+    found = measure_motion(A, B, SE3.exp([0.25, -0.1, 0.0, 0.0, 0.0, 0.12]), PARAMS)
     assert found is not None
     error = (MOTION.inverse() @ found.T_a_b).log()
     assert np.linalg.norm(error[:3]) < 0.01
@@ -42,7 +43,7 @@ def test_no_pair_with_a_wrong_first_guess_is_accepted_wrongly(rng):
                 axis / np.linalg.norm(axis) * rng.uniform(0, np.pi / 2),
             ]
         )
-        found = measure(A, B, MOTION @ SE3.exp(off), PARAMS)
+        found = measure_motion(A, B, MOTION @ SE3.exp(off), PARAMS)
         if found is not None:
             num_accepted += 1
             distance, angle = found.T_a_b.distance(MOTION)
@@ -52,7 +53,7 @@ def test_no_pair_with_a_wrong_first_guess_is_accepted_wrongly(rng):
 
 
 def test_two_ways_that_disagree_are_no_motion_and_widen_it_where_they_nearly_agree():
-    forward = align(B, [A.at(SE3.identity())], [MOTION], PARAMS)
+    forward = align_sphere(B, [A.at(SE3.identity())], [MOTION], PARAMS)
     exact = replace(forward, T_world_camera=forward.T_world_camera.inverse())
     shifted = [replace(exact, T_world_camera=exact.T_world_camera @ SE3.exp([x, 0, 0, 0, 0, 0])) for x in (0.03, 0.2)]
     assert agree(forward, shifted[1]) is None
@@ -60,21 +61,21 @@ def test_two_ways_that_disagree_are_no_motion_and_widen_it_where_they_nearly_agr
     assert sure is not None
     assert unsure is not None
     assert np.trace(unsure.covariance[:3, :3]) > 2 * np.trace(sure.covariance[:3, :3])
-    assert 0.01 < unsure.T_a_b.distance(sure.T_a_b)[0] < MAX_APART_M / 2  # half way
+    assert 0.01 < unsure.T_a_b.distance(sure.T_a_b)[0] < MAX_GAP_M / 2  # half way
 
 
 def test_another_room_confirms_nothing():
     other = PreparedSphere(sharp_room(seed=5).sphere(HERE @ MOTION, CAMERA), PARAMS)
-    forward = align(B, [A.at(SE3.identity())], [MOTION], PARAMS)
+    forward = align_sphere(B, [A.at(SE3.identity())], [MOTION], PARAMS)
     assert confirm(A, B, forward, PARAMS) is not None
     assert confirm(A, other, forward, PARAMS) is None
-    assert measure(A, other, MOTION, PARAMS) is None
+    assert measure_motion(A, other, MOTION, PARAMS) is None
 
 
 @pytest.mark.parametrize(("num_inliers", "is_wrong"), [(4, False), (60, True)])
 def test_features_are_heard_only_where_there_are_enough(num_inliers, is_wrong):
-    found = measure(A, B, MOTION, PARAMS)
+    found = measure_motion(A, B, MOTION, PARAMS)
     assert found is not None
-    elsewhere = FeaturePose(SE3.identity(), num_inliers, 80)
+    elsewhere = FeaturePose(SE3.identity(), num_inliers)
     assert is_denied(found, elsewhere) == is_wrong
     assert not is_denied(found, None)

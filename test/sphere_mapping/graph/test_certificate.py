@@ -5,7 +5,7 @@ import pytest
 
 from sphere_mapping.graph.certificate import certify
 from sphere_mapping.graph.chordal import as_rows, chordal_poses, quadratic_form
-from sphere_mapping.graph.factors import descend, factors_of
+from sphere_mapping.graph.factors import factors_of, minimize_poses
 from worlds.cylinder import cylinder
 
 
@@ -62,7 +62,7 @@ def test_a_tolerance_of_nothing_is_never_reached():
 
 def test_where_gtsam_ends_with_isotropic_information_and_small_noise_is_the_same_place():
     _, graph = cylinder(4, 10, (0.01, 0.005))
-    ours, theirs = certify(graph, chordal_poses(graph)), descend(factors_of(graph), graph, graph.poses, 50)
+    ours, theirs = certify(graph, chordal_poses(graph)), minimize_poses(factors_of(graph), graph, graph.poses, 50)
     assert theirs is not None
     assert ours.cost == pytest.approx(theirs.chi2, rel=1e-3)
     assert np.abs(ours.poses - theirs.poses).max() < 1e-3

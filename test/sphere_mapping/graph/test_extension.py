@@ -4,7 +4,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from sphere_mapping.graph.extension import Submap, agreeing, find_joins, join
+from sphere_mapping.graph.extension import Submap, agreeing, find_joins, join_graphs
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import KeySphereParams, MapperParams
 from sphere_nav.geometry import SE3, Spherical
@@ -43,7 +43,7 @@ def test_two_drives_become_one_map_at_one_place(taught):
     joins = find_joins(submap(taught), submap(newer), PARAMS)
     assert len(joins.edges) >= 2
     assert all(edge.is_loop and edge.a < 100 <= edge.b for edge in joins.edges)
-    graph = join(taught.graph, newer.graph, joins.edges)
+    graph = join_graphs(taught.graph, newer.graph, joins.edges)
     assert len(graph) == len(taught.graph) + len(newer.graph)
     assert len(graph.edges) == len(taught.graph.edges) + len(newer.graph.edges) + len(joins.edges)
     truth = {node.id: WEST[node.stamp_ns // 200_000_000] for node in newer.graph}

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.graph.factors import chi2_of, descend, factors_of
+from sphere_mapping.graph.factors import chi2_of, factors_of, minimize_poses
 from sphere_nav.geometry import SE3
 from worlds.cylinder import cylinder
 
@@ -19,7 +19,7 @@ def test_chi2_is_the_weighted_sum_of_logarithms():
 def test_a_descent_keeps_the_first_pose_and_lowers_chi2(planar):
     _, graph = cylinder(3, 8, (0.1, 0.05), planar=planar)
     factors = factors_of(graph)
-    found = descend(factors, graph, graph.poses, 50)
+    found = minimize_poses(factors, graph, graph.poses, 50)
     assert found is not None
     assert found.chi2 < chi2_of(factors, graph, graph.poses)
     np.testing.assert_allclose(found.poses[0], graph.poses[0], atol=1e-5)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_mapping.graph import keyframes
-from sphere_mapping.graph.keyframes import why_key_sphere
+from sphere_mapping.graph.keyframes import MapUpdate, why_key_sphere
 from sphere_mapping.params import KeySphereParams
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import Alignment
@@ -51,3 +51,8 @@ def test_a_whole_sphere_is_kept_for_longer():
     whole = Reference(is_whole=True)
     assert why_key_sphere(alignment(), moved(4.9), whole, KeySphereParams()) == keyframes.NOT_YET
     assert why_key_sphere(alignment(), moved(5.1), whole, KeySphereParams()) == keyframes.PARALLAX
+
+
+def test_a_sphere_with_a_reason_is_a_key_sphere():
+    assert not MapUpdate(1, SE3.identity()).is_key
+    assert MapUpdate(1, SE3.identity(), key_reason=keyframes.FIRST).is_key

@@ -8,7 +8,7 @@ from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
 from sphere_mapping.graph.loop_closure import (
     Candidate,
     LoopCloser,
-    choose,
+    choose_candidate,
     joined_pairs,
     lengths_from,
     near_pairs,
@@ -44,7 +44,7 @@ def revisit(T_room_newer, T_believed, make=lambda T, n: sharp_room().sphere(T, C
 
 
 def look(graph, closer):
-    return [closer.look(graph, PreparedSphere(node.sphere, PARAMS.registration), node.id) for node in graph]
+    return [closer.find(graph, PreparedSphere(node.sphere, PARAMS.registration), node.id) for node in graph]
 
 
 @pytest.mark.parametrize("turn", [0.05, np.pi / 2, np.pi], ids=["same way", "crossing", "opposite"])
@@ -60,7 +60,7 @@ def test_a_place_is_recognised_whatever_the_heading(turn):
     closed = with_loops(graph, [loop])
     before, after = (float(one[3].T_map_sphere.distance(HERE @ motion)[0]) for one in (graph, closed))
     assert after < 0.3 * before
-    assert closer.close(closed) == []  # what is joined is not joined again
+    assert closer.find_all(closed) == []  # what is joined is not joined again
 
 
 def test_a_place_where_the_graph_cannot_be_is_no_loop():
@@ -75,7 +75,7 @@ def test_partial_spheres_close_loops_too():
 
     motion = SE3.exp([0.05, 0.02, 0.0, 0.0, 0.01, 0.02])
     graph, closer = revisit(HERE @ motion, HERE @ motion @ SE3.exp([0.15, -0.1, 0.02, 0, 0, 0.03]), window)
-    loop = look(graph, closer)[3] or closer.close(graph)[0]
+    loop = look(graph, closer)[3] or closer.find_all(graph)[0]
     assert loop.T_a_b.distance(motion)[0] < 0.005
 
 
@@ -86,24 +86,26 @@ def test_another_place_at_the_same_position_is_no_loop(seed):
 
     graph, closer = revisit(HERE, HERE, other)
     assert look(graph, closer)[3] is None
-    assert closer.close(graph) == []
+    assert closer.find_all(graph) == []
 
 
 def test_of_two_places_alike_none_is_taken_unless_drift_tells_them_apart():
     graph = chain(0.0, 8.0, 16.0, 24.0, 16.5)
     here, there = Candidate(2, SE3.from_planar(0.5, 0, 0), 60), Candidate(1, SE3.from_planar(0.5, 0, 0), 55)
-    assert choose(graph, 4, [here, there]) == here  # 8 m are more than 3 sigma of 31 m
+    assert choose_candidate(graph, 4, [here, there]) == here  # 8 m are more than 3 sigma of 31 m
     far = chain(*np.linspace(0, 800, 101).tolist(), 16.5)  # after 1,600 m both could be
-    assert choose(far, 101, [here, there]) is None
-    assert choose(far, 101, [here, replace(there, num_inliers=20)]) == here
-    assert choose(far, 101, []) is None
+    assert choose_candidate(far, 101, [here, there]) is None
+    assert choose_candidate(far, 101, [here, replace(there, num_inliers=20)]) == here
+    assert choose_candidate(far, 101, []) is None
 
 
 def test_going_on_is_no_loop():
     graph = chain(0.0, 0.3, 0.6, 0.9)
-    assert choose(graph, 3, [Candidate(0, SE3.from_planar(0.9, 0, 0), 60)]) is None  # the way is as long as the edge
+    assert (
+        choose_candidate(graph, 3, [Candidate(0, SE3.from_planar(0.9, 0, 0), 60)]) is None
+    )  # the way is as long as the edge
     back = chain(0.0, 0.9, 0.1)
-    assert choose(back, 2, [Candidate(0, SE3.from_planar(0.1, 0, 0), 60)]) is not None
+    assert choose_candidate(back, 2, [Candidate(0, SE3.from_planar(0.1, 0, 0), 60)]) is not None
     assert list(near_pairs(graph, LoopParams(min_way_m=0.0), joined_pairs(graph))) == []
 
 

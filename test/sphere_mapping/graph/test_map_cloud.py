@@ -1,7 +1,6 @@
 import numpy as np
-import pytest
 
-from sphere_mapping.graph.map_cloud import MapCloud, points_of
+from sphere_mapping.graph.map_cloud import MapCloud
 from sphere_mapping.params import CloudParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
@@ -10,27 +9,27 @@ from sphere_nav.spheres.sphere import Sphere
 CAMERA = Spherical(32, 16)
 
 
-def node(number, range_m, colour=False):
-    image = np.full((16, 32, 3) if colour else (16, 32), 50 + number, np.uint8)
+def node(number, range_m, color=False):
+    image = np.full((16, 32, 3) if color else (16, 32), 50 + number, np.uint8)
     sphere = Sphere(image, np.full((16, 32), range_m, np.float32), CAMERA)
     return KeySphere(number, number, SE3.from_parts(np.eye(3), [10.0 * number, 0, 0]), sphere)
 
 
+def cloud_of(*nodes, **values):
+    graph = SphereGraph(nodes)
+    return MapCloud(CloudParams(**values), lambda sphere_id: graph[sphere_id].sphere).of(graph)
+
+
 def test_points_are_in_the_map_frame_at_their_range():
-    points, values = points_of(node(2, 3.0), CloudParams(step=1))
+    points, values = cloud_of(node(2, 3.0), step=1)
     assert points.shape == (512, 3)
     np.testing.assert_allclose(np.linalg.norm(points - [20.0, 0, 0], axis=1), 3.0, rtol=1e-5)
     assert set(values) == {52}
 
 
 def test_far_points_are_left_out_and_steps_thin():
-    assert len(points_of(node(0, 60.0), CloudParams(step=1))[0]) == 0
-    assert len(points_of(node(0, 3.0), CloudParams(step=4))[0]) == 32
-
-
-def cloud_of(*nodes, **values):
-    graph = SphereGraph(nodes)
-    return MapCloud(CloudParams(**values), lambda sphere_id: graph[sphere_id].sphere).of(graph)
+    assert len(cloud_of(node(0, 60.0), step=1)[0]) == 0
+    assert len(cloud_of(node(0, 3.0), step=4)[0]) == 32
 
 
 def test_the_newest_spheres_come_first_and_the_number_is_limited():
@@ -52,12 +51,10 @@ def test_pictures_are_asked_for_once_and_points_move_with_their_spheres():
     assert np.array_equal(after[:32], before[:32])
 
 
-def test_colour_is_kept_and_grey_wins_over_a_mixture():
+def test_color_is_kept_and_gray_wins_over_a_mixture():
     assert cloud_of(node(0, 3.0, True))[1].shape[1:] == (3,)
     assert cloud_of(node(0, 3.0, True), node(1, 3.0))[1].ndim == 1
 
 
 def test_without_pictures_there_is_nothing():
     assert cloud_of()[0].shape == (0, 3)
-    with pytest.raises(ValueError, match="key sphere 0: expected its picture in memory"):
-        points_of(KeySphere(0, 0, SE3.identity()), CloudParams())

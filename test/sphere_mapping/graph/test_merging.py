@@ -5,7 +5,7 @@ import pytest
 
 from dense_localizer.localizer import Localizer
 from dense_localizer.params import LocalizerParams
-from sphere_mapping.graph.merging import compose, merge, reverse
+from sphere_mapping.graph.merging import compose_edges, merge, reverse
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import KeySphereParams, MapperParams
 from sphere_nav.geometry import SE3, Pinhole, Spherical
@@ -34,7 +34,7 @@ def jacobian(function):
 
 def test_a_composed_edge_is_the_product_with_the_covariance_of_the_product(rng):
     first, second = random_edge(rng, 1, 2), random_edge(rng, 2, 3)
-    found, T = compose(first, second), first.T_a_b @ second.T_a_b
+    found, T = compose_edges(first, second), first.T_a_b @ second.T_a_b
     assert (found.a, found.b) == (1, 3)
     np.testing.assert_allclose(found.T_a_b.matrix, T.matrix, atol=1e-12)
     by_first = jacobian(lambda x: (T.inverse() @ first.T_a_b @ SE3.exp(x) @ second.T_a_b).log())
@@ -42,7 +42,7 @@ def test_a_composed_edge_is_the_product_with_the_covariance_of_the_product(rng):
     expected = sum(J @ np.linalg.inv(edge.information) @ J.T for J, edge in ((by_first, first), (by_second, second)))
     np.testing.assert_allclose(np.linalg.inv(found.information), expected, rtol=1e-5, atol=1e-9)
     with pytest.raises(ValueError, match="expected a common key sphere"):
-        compose(second, first)
+        compose_edges(second, first)
 
 
 def test_an_edge_from_its_other_end_says_the_same(rng):
@@ -115,7 +115,7 @@ class Stored:
         return index
 
 
-def test_a_drive_there_and_back_gives_not_twice_the_spheres_and_localises_as_well():
+def test_a_drive_there_and_back_gives_not_twice_the_spheres_and_localizes_as_well():
     there = [SE3.from_planar(-1.2 + 0.35 * k, 0.05, 0.0) for k in range(5)]
     back = [SE3.from_planar(0.2 - 0.35 * k, -0.05, np.pi) for k in range(5)]
     mapper = Mapper(PARAMS, there[0])

@@ -1,6 +1,7 @@
 import numpy as np
 
-from sphere_mapping.graph.motion import MAX_EXTRAPOLATION, MotionPrior, Placed
+from sphere_mapping.constants import MAX_EXTRAPOLATION
+from sphere_mapping.graph.motion import DriveMotion, Placed
 from sphere_nav.geometry import SE3
 
 STEP = SE3.exp([0.3, 0.0, 0.05, 0.0, 0.02, 0.1])
@@ -11,19 +12,19 @@ def close(a, b):
 
 
 def moving(odometry=(None, None)):
-    prior = MotionPrior()
-    prior.put(Placed(0, SE3.identity(), odometry[0]))
-    prior.put(Placed(100, STEP, odometry[1]))
+    prior = DriveMotion()
+    prior.update(Placed(0, SE3.identity(), odometry[0]))
+    prior.update(Placed(100, STEP, odometry[1]))
     return prior
 
 
 def test_nothing_is_known_before_the_first_sphere():
-    close(MotionPrior().predict(5), SE3.identity())
+    close(DriveMotion().predict(5), SE3.identity())
 
 
 def test_one_sphere_stays_where_it_is():
-    prior = MotionPrior()
-    prior.put(Placed(0, STEP))
+    prior = DriveMotion()
+    prior.update(Placed(0, STEP))
     close(prior.predict(100), STEP)
 
 
@@ -38,9 +39,9 @@ def test_a_long_gap_is_not_extrapolated_without_end():
 
 def test_a_stamp_of_the_past_or_repeated_gives_the_last_pose():
     close(moving().predict(50), STEP)
-    same = MotionPrior()
-    same.put(Placed(7, SE3.identity()))
-    same.put(Placed(7, STEP))
+    same = DriveMotion()
+    same.update(Placed(7, SE3.identity()))
+    same.update(Placed(7, STEP))
     close(same.predict(8), STEP)
 
 
@@ -54,6 +55,6 @@ def test_odometry_goes_before_velocity_whatever_its_frame():
 
 def test_a_correction_of_the_map_moves_the_prediction_with_it():
     prior, T_new_old = moving(), SE3.exp([1.0, 0.0, 0.0, 0.0, 0.0, 0.3])
-    prior.move(T_new_old)
+    prior.transform(T_new_old)
     close(prior.predict(200), T_new_old @ STEP @ STEP)
     close(prior.newest, T_new_old @ STEP)

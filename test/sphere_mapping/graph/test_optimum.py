@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import chi2
 
 from sphere_mapping.graph.chordal import spanning_poses
-from sphere_mapping.graph.factors import Solution, descend, factors_of
+from sphere_mapping.graph.factors import DescentResult, factors_of, minimize_poses
 from sphere_mapping.graph.optimum import MAX_ITERATIONS, fits, optimize, optimize_map
 from sphere_mapping.graph.pose_graph import from_spheres
 from sphere_nav.geometry import SE3
@@ -73,7 +73,7 @@ def test_what_fits_is_told_by_how_much_noise_leaves(factor):
     _, graph = ring(noise=0.02)
     problem = from_spheres(graph.with_edges([Edge(0, 11, STEP, np.eye(6), is_loop=True)]))
     left = factor * np.random.default_rng(6).chisquare(6, 2000)
-    found = np.mean([fits(problem, Solution(problem.poses, value, 1)) for value in left])
+    found = np.mean([fits(problem, DescentResult(problem.poses, value, 1)) for value in left])
     expected = chi2.cdf(chi2.ppf(0.999, 6) / factor, 6)
     assert abs(found - expected) < 3 * np.sqrt(expected * (1 - expected) / 2000)
     assert not fits(problem, None)
@@ -97,7 +97,7 @@ def test_a_start_that_ends_in_a_wrong_valley_is_left_for_the_chordal_one():
     rng = np.random.default_rng(0)
     turns = SE3.exp(rng.normal(size=(len(graph.ids), 6)) * [9, 9, 9, 2, 2, 2]).matrix
     hopeless = replace(graph, poses=turns)
-    stuck, found = descend(factors_of(graph), graph, turns, MAX_ITERATIONS), optimize(hopeless)
+    stuck, found = minimize_poses(factors_of(graph), graph, turns, MAX_ITERATIONS), optimize(hopeless)
     assert stuck is None or stuck.chi2 > 1.5 * found.chi2_after
     num_measured, num_unknown = 6 * len(graph.ends), 6 * (len(graph.ids) - 1)
     assert found.chi2_after == pytest.approx(num_measured - num_unknown, rel=0.15)  # 3 sigma of chi2 is 0.14

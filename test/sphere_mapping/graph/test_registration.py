@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition.partial.partial_sphere import sphere_from_rgbd
-from sphere_mapping.graph.registration import PreparedSphere, align, residual_at, turned
+from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation, residual_at
 from sphere_mapping.params import MappingRegistrationParams
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
@@ -24,15 +24,15 @@ def partial(T_room_sphere):
 def whole(T_room_sphere):
     camera = Spherical(512, 256)
     rays = camera.unproject(pixel_grid(camera)) @ T_room_sphere.rotation.T
-    grey, range_m = ROOM.cast(T_room_sphere.translation, rays)
-    image = np.clip(np.rint(grey), 1, 255).astype(np.uint8)
+    gray, range_m = ROOM.cast(T_room_sphere.translation, rays)
+    image = np.clip(np.rint(gray), 1, 255).astype(np.uint8)
     return PreparedSphere(Sphere(image, range_m.astype(np.float32), camera), PARAMS)
 
 
 @pytest.mark.parametrize(("make", "scale"), [(partial, 1.0), (whole, 4.0)], ids=["partial", "whole"])
 def test_a_motion_is_recovered_from_identity(make, scale):
     motion = SE3.exp(MOTION.log() * scale)
-    found = align(make(AT @ motion), [make(AT).at(AT)], [AT], PARAMS)
+    found = align_sphere(make(AT @ motion), [make(AT).at(AT)], [AT], PARAMS)
     distance, angle = (AT @ motion).distance(found.T_world_camera)
     assert found.is_converged
     assert distance < 0.003  # ideal range; grey levels rounded
@@ -55,38 +55,38 @@ def test_a_second_guess_is_tried_only_where_the_first_fails():
             asked.append(T_world_sphere)
             yield T_world_sphere
 
-    assert align(current, [view], guesses(AT), PARAMS).is_converged
+    assert align_sphere(current, [view], guesses(AT), PARAMS).is_converged
     assert len(asked) == 1
     behind = AT @ SE3.exp([0, 0, 0, 0, 0, np.pi])
-    assert align(current, [view], guesses(behind), PARAMS).is_converged
+    assert align_sphere(current, [view], guesses(behind), PARAMS).is_converged
     assert len(asked) == 3
 
 
 def test_no_guess_is_misuse():
     with pytest.raises(ValueError, match="expected at least one guess"):
-        align(partial(AT), [partial(AT).at(AT)], [], PARAMS)
+        align_sphere(partial(AT), [partial(AT).at(AT)], [], PARAMS)
 
 
 def test_a_covered_lens_is_refused():
     sphere = partial(AT).sphere
     covered = PreparedSphere(Sphere(np.full_like(sphere.image, 90), sphere.range_m, sphere.camera), PARAMS)
-    found = align(covered, [partial(AT).at(AT)], [AT], PARAMS)
+    found = align_sphere(covered, [partial(AT).at(AT)], [AT], PARAMS)
     assert not found.is_converged
     strict = MappingRegistrationParams(min_ncc=1.0)
-    assert align(partial(AT @ MOTION), [partial(AT).at(AT)], [AT], strict).reason == OUTLIERS
+    assert align_sphere(partial(AT @ MOTION), [partial(AT).at(AT)], [AT], strict).reason == OUTLIERS
 
 
 def test_a_turn_is_guessed_from_the_images_alone():
     turn = SE3.exp([0, 0, 0, 0.02, -0.03, 0.12])
-    guess = turned(partial(AT @ turn), partial(AT), AT, PARAMS)
+    guess = guess_by_rotation(partial(AT @ turn), partial(AT), AT, PARAMS)
     assert (AT @ turn).distance(guess)[1] < 0.02
     other = whole(AT)
-    assert turned(other, partial(AT), AT, PARAMS) is AT  # another camera: nothing to compare
+    assert guess_by_rotation(other, partial(AT), AT, PARAMS) is AT  # another camera: nothing to compare
 
 
 def test_coverage_is_the_overlap_with_itself():
     prepared = partial(AT)
-    found = align(prepared, [prepared.at(AT)], [AT], PARAMS)
+    found = align_sphere(prepared, [prepared.at(AT)], [AT], PARAMS)
     assert prepared.coverage == pytest.approx(found.overlap, abs=0.01)
     half = prepared.sphere.range_m.copy()
     half[:, : half.shape[1] // 2] = np.nan

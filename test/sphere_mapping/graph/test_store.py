@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.graph.store import Pictures
+from sphere_mapping.graph.store import SphereCache
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import KeySphereParams, MapperParams
 from sphere_nav.geometry import SE3, Spherical
@@ -37,23 +37,23 @@ def graph_of(number):
 def test_pictures_leave_memory_for_the_store_once():
     graph, spheres = graph_of(3)
     shelf = Shelf()
-    pictures = Pictures(shelf)
-    pictures.settle(graph)
-    pictures.settle(graph)
+    cache = SphereCache(shelf)
+    cache.flush(graph)
+    cache.flush(graph)
     assert shelf.edges == {0: [], 1: [(0, 1)], 2: [(1, 2)]}
     assert all(node.sphere is None for node in graph)
-    assert [pictures.load(node) for node in graph] == spheres
-    pictures.correct(graph)
+    assert [cache.load(node) for node in graph] == spheres
+    cache.update(graph)
     assert shelf.told == [3]
 
 
 def test_without_a_store_they_stay_in_the_graph():
     graph, spheres = graph_of(2)
-    pictures = Pictures()
-    pictures.settle(graph)
-    assert [pictures.load(node) for node in graph] == spheres
+    cache = SphereCache()
+    cache.flush(graph)
+    assert [cache.load(node) for node in graph] == spheres
     with pytest.raises(ValueError, match="key sphere 5: expected its picture in memory"):
-        pictures.load(KeySphere(5, 5, SE3.identity()))
+        cache.load(KeySphere(5, 5, SE3.identity()))
 
 
 def test_a_mapper_with_a_store_makes_the_same_map_and_holds_no_pictures():

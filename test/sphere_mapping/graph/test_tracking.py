@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from sphere_mapping.graph.registration import PreparedSphere
-from sphere_mapping.graph.tracking import INNOVATION, ONE_WAY, Tracker
+from sphere_mapping.graph.tracking import INNOVATION, ONE_WAY, SphereTracker
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
-from sphere_nav.spheres.graph import KeySphere, SphereGraph
+from sphere_nav.spheres.graph import SphereGraph
 from worlds.room import sharp_room
 
 PARAMS = MapperParams()
@@ -24,12 +24,13 @@ def prepared(T_room_sphere, number, room=ROOM):
 
 def started(num_placed):
     """A tracker that placed the first spheres where they are; the first is the reference."""
-    tracker, graph = Tracker(PARAMS), SphereGraph()
+    tracker, graph = SphereTracker(PARAMS), SphereGraph()
     for number in range(num_placed):
-        tracker.put(prepared(POSES[number], number), POSES[number], None, None)
+        tracker.update(prepared(POSES[number], number), POSES[number], None, None)
         if number == 0:
-            tracker.refer_to(0)
-            graph.add(KeySphere(0, 0, POSES[0]))
+            node, edge = tracker.make_key(0, graph)
+            assert edge is None  # the first sphere was aligned with nothing
+            graph.add(node)
     return tracker, graph
 
 
@@ -53,7 +54,7 @@ def test_a_jump_that_no_vehicle_makes_is_refused_however_well_it_fits():
 def test_odometry_allows_what_velocity_does_not_and_forbids_the_rest():
     T_odom_map = SE3.from_planar(3.0, 1.0, -1.0)
     tracker, graph = started(1)
-    tracker.put(prepared(POSES[0], 0), POSES[0], T_odom_map, None)
+    tracker.update(prepared(POSES[0], 0), POSES[0], T_odom_map, None)
     far = SE3.exp([0.8, 0, 0, 0, 0, 0])
     assert tracker.align(prepared(far, 1), T_odom_map @ far, graph).is_converged
     assert tracker.align(prepared(far, 1), T_odom_map, graph).reason == INNOVATION
@@ -69,14 +70,14 @@ def test_a_sphere_whose_way_back_disagrees_is_refused_where_nothing_sharp_was_ex
 
 def test_an_edge_that_one_way_measured_alone_is_wide():
     tracker, graph = started(1)
-    assert tracker.edge_to(KeySphere(1, 0, STEP), graph) is None  # the first sphere was aligned with nothing
     informations = []
     for scale in (1.0, 3.0):
         current = prepared(STEP, 1)
         alignment = tracker.align(prepared(STEP, 1), None, graph)
         object.__setattr__(current.sphere, "range_m", (scale * current.sphere.range_m).astype(np.float32))
-        tracker.put(current, STEP, None, alignment)
-        edge = tracker.edge_to(KeySphere(1, 0, STEP), graph)
+        tracker.update(current, STEP, None, alignment)
+        _, edge = tracker.make_key(1, graph)
+        tracker.references.pop(0)  # the first one stays the reference
         assert edge.T_a_b.distance(STEP)[0] < 0.005
         informations.append(np.trace(edge.information))
     assert informations[1] < 0.2 * informations[0]

@@ -4,8 +4,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from sphere_mapping.graph.motion import MotionPrior, Placed
-from sphere_mapping.graph.unrolling import MAX_PASSES, align_unrolled
+from sphere_mapping.constants import MAX_PASSES
+from sphere_mapping.graph.motion import DriveMotion, Placed
+from sphere_mapping.graph.tracking import align_unrolled
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import RegistrationParams
 
@@ -16,9 +17,9 @@ PERIOD_NS = 100_000_000
 
 def aligned(start, is_converged=True):
     """Align a sphere that a wrong velocity bends; return the velocities it was bent by."""
-    prior, used = MotionPrior(), []
-    prior.put(Placed(0, SE3.exp(-0.1 * start)))
-    prior.put(Placed(PERIOD_NS, SE3.identity()))
+    prior, used = DriveMotion(), []
+    prior.update(Placed(0, SE3.exp(-0.1 * start)))
+    prior.update(Placed(PERIOD_NS, SE3.identity()))
 
     def align(current):
         used.append(current.sphere)

@@ -3,7 +3,7 @@ from concurrent.futures import Future
 import numpy as np
 import pytest
 
-from sphere_mapping.graph.verification import Lookup, Trial, place, run_in, verify
+from sphere_mapping.graph.verification import Lookup, LoopTrial, find_candidates, run_in, verify
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.spheres.appearance.features import features_of_sphere
@@ -44,15 +44,15 @@ def test_a_place_is_found_by_features_and_the_first_that_holds_is_the_loop():
     older, newer = here.sphere(SE3.identity(), CAMERA, 1), here.sphere(MOTION, CAMERA, 2)
     other = elsewhere.sphere(SE3.identity(), CAMERA, 3)
     alike = tuple((k, features_of_sphere(sphere)) for k, sphere in ((4, other), (5, older)))
-    (found,) = place(Lookup(features_of_sphere(newer), alike))
+    (found,) = find_candidates(Lookup(features_of_sphere(newer), alike))
     assert found.older == 5
     assert found.T_older_newer.distance(MOTION)[0] < 0.05
-    trial = Trial(9, newer, ((4, other, MOTION), (5, older, found.T_older_newer)), MapperParams().registration)
+    trial = LoopTrial(9, newer, ((4, other, MOTION), (5, older, found.T_older_newer)), MapperParams().registration)
     edge = verify(trial)
     assert (edge.a, edge.b, edge.is_loop) == (5, 9, True)
     assert edge.T_a_b.distance(MOTION)[0] < 0.01
     assert np.all(np.linalg.eigvalsh(edge.information) > 0)
-    assert verify(Trial(9, newer, trial.older[:1], trial.params)) is None
+    assert verify(LoopTrial(9, newer, trial.older[:1], trial.params)) is None
 
 
 @pytest.mark.parametrize("num_ahead", [1, 5])

@@ -4,7 +4,7 @@ pytest.importorskip("rclpy")
 
 import cv2
 import numpy as np
-from sensor_msgs.msg import CameraInfo, CompressedImage, Image
+from sensor_msgs.msg import CompressedImage, Image
 
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import TOPICS, Intake, with_driver_input
@@ -30,9 +30,7 @@ class Catcher(ManagedNode):
     def configure(self):
         self.caught = []
         self.intake = Intake(self.params, lambda *what: self.caught.append(what), lookup)
-        for subscription in self.intake.subscriptions():
-            self.add_subscription(*subscription)
-        self.add_subscription(DEPTH_INFO, CameraInfo, self.intake.on_depth_info, is_required=False)
+        self.intake.subscribe(self.endpoints)
 
 
 def caught(kind, *messages, **values):
@@ -59,7 +57,7 @@ def test_every_kind_gives_spheres_with_stamp_and_frame(kind, source, frame_id, i
     assert (frame, optical) == (frame_id, is_optical)
     # spheres and RGB-D 0.81; stereo 0.495: its far walls are less sure than 1.5 %, see test_stereo
     assert found.measured.mean() > (0.48 if kind == "stereo" else 0.75)
-    assert {wanted.topic for wanted in node.inputs} == {*TOPICS[kind], DEPTH_INFO}
+    assert {wanted.topic for wanted in node.inputs} == {*TOPICS[kind], *([DEPTH_INFO] if kind == "rgbd" else [])}
 
 
 def test_an_image_before_its_camera_info_is_refused():
@@ -126,8 +124,8 @@ def compress(topic, message):
     if not topic.startswith("depth"):
         data = cv2.imencode(".png", pixels)[1].tobytes()
         return f"{topic}/compressed", CompressedImage(header=message.header, format="mono8; png compressed", data=data)
-    millimetres = np.nan_to_num(np.rint(pixels * 1e3), nan=0.0, posinf=0.0).astype(np.uint16)
-    data = bytes(12) + cv2.imencode(".png", millimetres)[1].tobytes()
+    millimeters = np.nan_to_num(np.rint(pixels * 1e3), nan=0.0, posinf=0.0).astype(np.uint16)
+    data = bytes(12) + cv2.imencode(".png", millimeters)[1].tobytes()
     message = CompressedImage(header=message.header, format="16UC1; compressedDepth png", data=data)
     return f"{topic}/compressedDepth", message
 

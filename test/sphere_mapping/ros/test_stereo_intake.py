@@ -8,11 +8,11 @@ pytest.importorskip("rclpy")
 from sensor_msgs.msg import CameraInfo
 
 from sphere_mapping.acquisition.stereo.stereo_field import RowFit, StereoField
-from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair, geometry_of, rectified_pair
-from sphere_mapping.acquisition.stitching.synchroniser import Instant
+from sphere_mapping.acquisition.stereo.stereo_pair import PairGeometry, StereoPair, geometry_of
 from sphere_mapping.params import MapperParams
-from sphere_mapping.ros.stereo_intake import StereoIntake, judge_rows, open_pair, report_nothing
+from sphere_mapping.ros.stereo_intake import StereoIntake, describe_rows, open_pair, report_nothing
 from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.ros.camera.synchronizer import Instant
 from sphere_nav.ros.conversions import camera_to_info
 
 RAW = Pinhole(320, 240, 250.0, 251.0, 160.0, 119.0, (-0.2, 0.03, 0.0, 0.0, 0.0))
@@ -77,10 +77,10 @@ def test_what_is_lacking_is_named():
 
 def test_rows_beyond_the_calibration_are_warned_of():
     pair = StereoPair(open_pair(*infos(is_told=True), unknown))
-    assert judge_rows(pair, 0.15)[1] == "rows as told"
+    assert describe_rows(pair, 0.15)[1] == "rows as told"
     pair.fit = RowFit(np.array([0.1, 0, 0, 0, 0, 0]), np.eye(6), 0.1, 0.05, 300)
-    assert judge_rows(pair, 0.15) == (0, "rows off by 0.10 px, corrected by 300 corners to 0.05 px")
-    level, text = judge_rows(pair, 0.05)
+    assert describe_rows(pair, 0.15) == (0, "rows off by 0.10 px, corrected by 300 corners to 0.05 px")
+    level, text = describe_rows(pair, 0.05)
     assert level > 0
     assert "expected 0.05 px (stereo.calibration_px)" in text
 
@@ -91,7 +91,8 @@ def test_a_known_pair_corrects_the_images_from_the_first_on():
     image = np.tile(np.arange(240, dtype=np.uint8)[:, None], (1, 320))
     instant = Instant(1, {"left/image_raw": image, "right/image_raw": image}, {})
     intake = StereoIntake(MapperParams(), unknown, report_nothing, lambda *seen: caught.append(seen))
-    intake.use(StereoPair(rectified_pair(camera, 0.3), StereoField(rows=(3.0, 0, 0, 0, 0, 0))))
+    geometry = PairGeometry(camera, camera, np.eye(3), np.eye(3), camera, 0.3)
+    intake.use(StereoPair(geometry, StereoField(rows=(3.0, 0, 0, 0, 0, 0))))
     assert intake.make(instant, *told) is None
     left, right, _ = caught[0]
     np.testing.assert_array_equal(left, image)

@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pytest
 
-from sphere_nav.cli import calibrate
 from sphere_nav.cli.main import main
 
 
@@ -54,25 +53,3 @@ def test_nothing_detected(capsys, folder, tmp_path):
     status, line = run(capsys, folder, "--board", "8x6", "--square", "0.03", "-o", tmp_path / "rig.yaml")
     assert status == 2
     assert "expected a 8x6 chessboard in some images, found none" in line
-
-
-def test_images_pair_by_name_or_by_number(folder, tmp_path):
-    other = tmp_path / "cam1"
-    other.mkdir()
-    for number in range(2):
-        cv2.imwrite(str(other / f"right{number}.png"), np.zeros((48, 64), dtype=np.uint8))
-    found = calibrate.find_images([str(folder), str(other)])
-    assert set(found["cam0"]) == set(found["cam1"]) == {"0", "1"}
-
-
-def test_cameras_are_named_by_their_folder_or_by_what_their_files_begin_with(tmp_path):
-    for name in ("front cam/1.png", "front cam/2.PNG", "left_1.png", "left_2.png", "7.png", "8.png"):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_bytes(b"")
-    found = calibrate.find_images(
-        [str(tmp_path / "front cam"), str(tmp_path / "left_*.png"), str(tmp_path / "[78].png")]
-    )
-    folder = "".join(letter if letter.isalnum() else "_" for letter in tmp_path.name)
-    assert list(found) == ["front_cam", "left", folder]
-    assert [len(files) for files in found.values()] == [2, 2, 2]
-    assert calibrate.find_images([str(tmp_path / "7.png")])[folder] == {"7": tmp_path / "7.png"}

@@ -10,12 +10,14 @@ import yaml
 pytest.importorskip("rclpy")
 
 from rig_calibration.drive.drive_lens import Lens
-from sphere_nav.cli import plot, refine_camera, register, rig_convert
+from sphere_nav.cli import refine_camera as command
+from sphere_nav.cli import register, rig_convert
 from sphere_nav.cli.bags import inspect_, play
-from sphere_nav.cli.maps import map_export, map_forget, map_info
+from sphere_nav.cli.maps import map_export, map_info
 from sphere_nav.geometry import SE3, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.trajectory import read_tum
 from sphere_nav.localization.status import Reason, State, Status
+from sphere_nav.offline import forgetting, plot_figure, refine_camera, registering
 from sphere_nav.ros.bags.streams import Stream
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
@@ -29,7 +31,7 @@ def test_topics_stand_in_columns():
         Stream("/a", "sensor_msgs/msg/Image", 5, 2.0), Stream("/longer/name", "std_msgs/msg/String", 123456, 0.5),
         Stream("/one", "std_msgs/msg/Bool", 1, 9.0),
     ]  # fmt: skip
-    head, *rows = inspect_.table(streams)
+    head, *rows = inspect_.topic_table(streams)
     assert head.split() == ["topic", "type", "messages", "rate", "frame", "content"]
     columns = {"type": ("Image", "String", "Bool"), "messages": ("5", "123456", "1"), "rate": ("2.0 Hz", "0.5 Hz", "")}
     for word, cells in columns.items():
@@ -97,7 +99,7 @@ def sphere_map(tmp_path, length=0.0, num_nodes=3):
 
 
 def test_the_facts_about_a_map(tmp_path):
-    found = map_info.describe(sphere_map(tmp_path, length=12.0))
+    found = map_info.map_facts(sphere_map(tmp_path, length=12.0))
     assert found["megabytes_per_metre"] == 0.25
     assert (found["megabytes"], found["megabytes_per_sphere"]) == (3.0, 1.0)
     assert (found["key_spheres"], found["edges"], found["loops"], found["rig"]) == (3, 2, 1, True)
@@ -110,7 +112,7 @@ def test_the_facts_about_a_map(tmp_path):
 
 
 def test_a_map_of_one_sphere_has_no_way_and_no_spacing(tmp_path):
-    found = map_info.describe(sphere_map(tmp_path, num_nodes=1))
+    found = map_info.map_facts(sphere_map(tmp_path, num_nodes=1))
     assert (found["megabytes_per_metre"], found["spacing_m"], found["region_radius_m"]) == (None, [], [])
 
 
@@ -122,16 +124,17 @@ def test_trajectories_are_exported_by_stamp(tmp_path):
     np.testing.assert_allclose(found.positions[:, 0], [4.0, 1.0, 0.0])
     assert map_export.write_kitti(reader, tmp_path / "a.kitti", None) == "3 poses"
     np.testing.assert_allclose(np.loadtxt(tmp_path / "a.kitti")[:, 3], [4.0, 1.0, 0.0])
-    lines = map_export.g2o_text(reader.graph).splitlines()
+    assert map_export.write_graph(reader, tmp_path / "a.g2o", None) == "3 vertices, 2 edges"
+    lines = (tmp_path / "a.g2o").read_text().splitlines()
     assert [line.split()[:2] for line in lines[:3]] == [["VERTEX_SE3:QUAT", str(k)] for k in range(3)]
-    assert lines[3].split()[:6] == ["EDGE_SE3:QUAT", "0", "1", "1.000000000", "0.500000000", "0.000000000"]
+    assert lines[3].split()[:6] == ["EDGE_SE3:QUAT", "0", "1", "1", "0.5", "0"]
     with pytest.raises(ValueError, match=r"\.geojson: expected --datum"):
         map_export.write_geojson(reader, tmp_path / "a.geojson", SimpleNamespace(datum=""))
 
 
 def test_rejections_of_drives_add_up_and_forget_range_deviation_and_filling():
     drives = [{0: np.array([1, 2]), 1: np.array([3, 0])}, {1: np.array([4, 5])}]
-    found = map_forget.together([SimpleNamespace(counts=counts) for counts in drives])
+    found = forgetting.together([SimpleNamespace(counts=counts) for counts in drives])
     assert {key: value.tolist() for key, value in found.counts.items()} == {0: [1, 2], 1: [7, 5]}
     camera, plane = Spherical(16, 8), np.full((8, 16), 2.0, np.float32)
     is_filled = np.zeros((8, 16), np.bool_)
@@ -140,11 +143,11 @@ def test_rejections_of_drives_add_up_and_forget_range_deviation_and_filling():
     unused = np.zeros((8, 16), np.bool_)
     unused[2:4] = True
     reader = SimpleNamespace(load_sphere=lambda sphere_id: whole)
-    found = map_forget.load(reader, SimpleNamespace(mask=lambda sphere_id, camera: unused), 0)
+    found = forgetting._load(reader, SimpleNamespace(mask=lambda sphere_id, camera: unused), 0)
     for values in (found.range_m, found.range_std_m):
         np.testing.assert_array_equal(np.isnan(values), unused)
     np.testing.assert_array_equal(found.is_filled, is_filled & ~unused)
-    assert map_forget.load(reader, SimpleNamespace(mask=lambda sphere_id, camera: None), 0) is whole
+    assert forgetting._load(reader, SimpleNamespace(mask=lambda sphere_id, camera: None), 0) is whole
 
 
 def test_the_velocity_of_an_image_is_that_of_its_neighbours():
@@ -180,24 +183,25 @@ def refined(fx, fy, unobserved=()):
 def test_it_refines_until_the_focal_length_stays_within_a_ten_thousandth(tmp_path, monkeypatch, lengths, num_rounds):
     asked = []
 
-    class Drive:
+    class Drive(refine_camera.RecordedDrive):
         def __init__(self, arguments):
+            self._arguments = arguments
             self.camera, self.frame_id, self.odometry = CAMERA, "front", ""
             self.located = refine_camera.Located(np.empty(0, np.int64), ())
 
-        def refine(self, sphere_map, lens):
+        def _refine_once(self, sphere_map, lens):
             asked.append(lens.values[:2].tolist())
             return refined(*lengths[len(asked) - 1])
 
-    monkeypatch.setattr(refine_camera, "Drive", Drive)
-    monkeypatch.setattr(refine_camera, "open_map", lambda path: nullcontext(path))
+    monkeypatch.setattr(command, "RecordedDrive", Drive)
+    monkeypatch.setattr(command, "open_map", lambda path: nullcontext(path))
     words = {"map": "map", "source": "bag", "readout": 0.0, "mounting": "", "overwrite": False}
     arguments = SimpleNamespace(output=tmp_path / "a.yaml", **words)
-    assert refine_camera.run(arguments) == 0
+    assert command.run(arguments) == 0
     assert asked[0] == [50.0, 51.0]
     assert asked[1:] == [list(pair) for pair in lengths[: num_rounds - 1]]
     with pytest.raises(ValueError, match="expected no such file, found one"):
-        refine_camera.run(arguments)
+        command.run(arguments)
 
 
 def test_the_calibration_file_is_that_of_ros():
@@ -207,20 +211,20 @@ def test_the_calibration_file_is_that_of_ros():
     assert found["distortion_coefficients"] == {"rows": 1, "cols": 5, "data": [0.1, 0.2, 0.3, 0.4, 0.0]}
     assert (found["projection_matrix"]["rows"], found["projection_matrix"]["cols"]) == (3, 4)
     assert (found["readout"], found["standard_deviations"]["fy"]) == (0.0125, 0.25)
-    lines = list(refine_camera.report(refined(50.0, 51.0, ("cx",)), "out"))
+    lines = list(command.report_camera(refined(50.0, 51.0, ("cx",)), "out"))
     assert lines[0] == "7 images, 99 pixels, residual 2.2 grey levels -> out"
     assert lines[3].split() == ["cx", "31.00000", "+-", "0.37500", "NOT", "OBSERVED", "by", "this", "drive"]
     assert lines[-1].startswith("record surfaces near and far")
-    *_, last = refine_camera.report(refined(50.0, 51.0, ("readout",)), "out")
+    *_, last = command.report_camera(refined(50.0, 51.0, ("readout",)), "out")
     assert last.startswith("the readout shows in motion")
 
 
 def test_numbers_with_commas_are_read_and_infinity_is_null():
-    assert register.numbers(3)("1,-2,3.5") == (1.0, -2.0, 3.5)
+    assert register.numbers_argument(3)("1,-2,3.5") == (1.0, -2.0, 3.5)
     for text in ("1,2", "1,2,3,4", "1,2,x", "1,2,nan"):
         with pytest.raises(Exception, match="expected 3 numbers"):
-            register.numbers(3)(text)
-    assert register.finite(np.array([[1.0, np.inf], [np.nan, -2.0]])) == [[1.0, None], [None, -2.0]]
+            register.numbers_argument(3)(text)
+    assert registering.finite(np.array([[1.0, np.inf], [np.nan, -2.0]])) == [[1.0, None], [None, -2.0]]
 
 
 def test_words_of_a_camera_name_one_of_the_rig():
@@ -239,8 +243,8 @@ def test_states_are_counted_with_their_remedies_and_times_without_silences():
     statuses = [Status(State.TRACKING, milliseconds=ms) for ms in (10.0, 20.0, 30.0)]
     statuses += [Status(State.LOST, Reason.TIMEOUT, remedy="look", milliseconds=999.0)] * 2
     statuses += [Status(State.LOST, "GAP")]
-    lines = plot.describe(statuses)
+    lines = plot_figure.describe(statuses)
     assert lines[0].split() == ["3", "TRACKING"]
     assert lines[1].split() == ["2", "LOST", "TIMEOUT", "look"]
     assert lines[-1] == "time for an image: median 20.0 ms, p99 29.8 ms"
-    assert plot.describe([]) == []
+    assert plot_figure.describe([]) == []

@@ -129,8 +129,8 @@ def test_a_bag_is_told_from_a_file(files, bag):
 
 
 def test_the_ending_chooses_the_format_of_the_plot(tmp_path):
-    judged = evaluation.judge(TRUTH, TRUTH)
-    evaluate_plot.draw(judged.estimate, judged.truth, judged.all_truth, judged.errors, tmp_path / "plot.svg")
+    judged = evaluation.evaluate_poses(TRUTH, TRUTH)
+    evaluate_plot.draw_evaluation(judged.estimate, judged.truth, judged.all_truth, judged.errors, tmp_path / "plot.svg")
     assert "<svg" in (tmp_path / "plot.svg").read_text()
 
 

@@ -15,7 +15,7 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import (
     camera_from_info,
-    depth_to_metres,
+    depth_to_meters,
     image_to_array,
     pose_to_se3,
     stamp_ns,
@@ -63,9 +63,9 @@ def test_seven_scenes(imported, seven_scenes, box_and_wall):
     assert [stamp_ns(message) for message in topics["/image_raw"]] == [1_000_000_000, 1_033_333_333, 1_066_666_667]
     assert topics["/image_raw"][0].encoding == "bgr8"
     # where the colour camera sees the faces: 25 mm to the right of the depth camera
-    T_world_colour = SE3.exp([0.025, 0, 0, 0, 0, 0])
-    depth = depth_to_metres(topics["/depth/image_raw"][0])
-    expected = box_and_wall(camera, T_world_colour)
+    T_world_color = SE3.exp([0.025, 0, 0, 0, 0, 0])
+    depth = depth_to_meters(topics["/depth/image_raw"][0])
+    expected = box_and_wall(camera, T_world_color)
     found = np.isfinite(depth)
     assert found[60:-60, 60:-60].mean() > 0.98  # all but what the depth camera cannot see beside the box
     assert np.mean(np.abs(depth - expected)[found] < 0.01) > 0.999
@@ -80,7 +80,7 @@ def test_seven_scenes(imported, seven_scenes, box_and_wall):
 def test_seven_scenes_taken_as_registered(imported, seven_scenes):
     topics = imported("seven_scenes", seven_scenes, "--registered")
     assert camera_from_info(topics["/camera_info"][0]).fx == 585.0
-    depth = depth_to_metres(topics["/depth/image_raw"][0])
+    depth = depth_to_meters(topics["/depth/image_raw"][0])
     assert np.isnan(depth[:20]).all()  # 0 and 65535
     assert np.isfinite(depth[20:]).all()
     np.testing.assert_allclose(pose_to_se3(topics["/ground_truth/pose"][2].pose).translation, [0, -0.2, 0], atol=1e-9)
@@ -97,7 +97,7 @@ def test_other_poses_than_those_beside_the_images(imported, seven_scenes, tmp_pa
     np.testing.assert_allclose(found, [0, -7.2, 0], atol=1e-9)  # optical x is body -y
 
 
-def test_poses_of_the_colour_camera_are_taken_as_they_are(imported, seven_scenes):
+def test_poses_of_the_color_camera_are_taken_as_they_are(imported, seven_scenes):
     topics = imported("seven_scenes", seven_scenes, "--truth-camera", "colour")
     np.testing.assert_allclose(pose_to_se3(topics["/ground_truth/pose"][2].pose).translation, [0, -0.2, 0], atol=1e-9)
 
@@ -106,7 +106,7 @@ def test_tum(imported, tum):
     topics = imported("tum", tum, "--camera", "500,501,320,240")
     assert len(topics["/image_raw"]) == 3  # the third has no depth within 20 ms
     assert [image_to_array(message)[0, 0, 0] for message in topics["/image_raw"]] == [5, 15, 35]
-    depths = [depth_to_metres(message)[5, 5] for message in topics["/depth/image_raw"]]
+    depths = [depth_to_meters(message)[5, 5] for message in topics["/depth/image_raw"]]
     np.testing.assert_allclose(depths, [1.0, 2.0, 4.0])
     assert camera_from_info(topics["/camera_info"][0]).fy == 501.0
     poses = {stamp_ns(message): pose_to_se3(message.pose) for message in topics["/ground_truth/pose"]}

@@ -67,8 +67,8 @@ def test_the_poses_are_those_of_the_base(recorded, tmp_path, words):
     found = read_tum(tmp_path / "poses.tum")
     assert list(found.stamps_ns) == [START_NS + k * STEP_NS for k in (3, 4)]
     for k, truth in enumerate(BASE[3:]):
-        metres, radians = found.T_map_body[k].distance(truth)
-        assert (metres < 0.015, radians < 0.008) == (True, True)
+        meters, radians = found.T_map_body[k].distance(truth)
+        assert (meters < 0.015, radians < 0.008) == (True, True)
 
 
 def test_images_without_calibration_are_refused_by_name(recorded, tmp_path, capsys):

@@ -49,7 +49,7 @@ def pictures(path):
     synthesizer = DepthSynthesizer(read_geometry(path), SynthesisParams(num_columns=COLUMNS))
     rng = np.random.default_rng(4)
     for pose in POSES:
-        depth = synthesizer.synthesize([*pose.translation[:2], HEIGHT])
+        depth = synthesizer.synthesize_many([[*pose.translation[:2], HEIGHT]])[0]
         bright = np.roll(255.0 / (1.0 + 0.3 * depth), round(float(pose.yaw) / (2 * np.pi) * COLUMNS), axis=1)
         noisy = bright + rng.normal(0.0, 2.0, bright.shape)
         yield synthesizer.camera, np.clip(noisy, 0, 255).astype(np.uint8)

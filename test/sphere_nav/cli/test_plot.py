@@ -12,7 +12,6 @@ from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
 from sphere_nav.localization.status import Reason, State, Status
-from sphere_nav.offline.plot_figure import runs_of
 from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
 
@@ -67,15 +66,6 @@ def test_a_truth_changes_the_picture_and_pdf_is_pdf(drive):
     assert (drive / "a.png").read_bytes() != (drive / "b.png").read_bytes()
     assert call("plot", drive / "drive", "-o", drive / "a.pdf", "--truth", drive / "truth.tum") == 0
     assert (drive / "a.pdf").read_bytes().startswith(b"%PDF")
-
-
-def test_runs_of_equal_states_last_until_the_next_begins():
-    runs = runs_of([status(number) for number in range(6)], SECOND)
-    assert [(str(state), str(reason)) for state, reason, _, _ in runs] == [
-        ("SEARCHING", ""), ("PROBATION", ""), ("TRACKING", ""), ("DEGRADED", "LOW_OVERLAP"), ("LOST", "TIMEOUT"),
-    ]  # fmt: skip
-    assert [(first, end) for _, _, first, end in runs] == [(0, 1), (1, 2), (2, 4), (4, 5), (5, 5)]
-    assert runs_of([], 0) == []
 
 
 @pytest.mark.parametrize(

@@ -45,8 +45,8 @@ def recorded(tmp_path_factory):
         for k in range(NUM_IMAGES):
             stamp, t = START_NS + k * STEP_NS, k * STEP_NS * 1e-9
             twist = (pose(t - 1e-3).inverse() @ pose(t + 1e-3)).log() * READOUT_S / 2e-3
-            grey = room.render_rolling(CAMERA, pose(t), twist) + rng.normal(0, 2.0, (CAMERA.height, CAMERA.width))
-            image = np.clip(np.rint(grey), 1, 255).astype(np.uint8)
+            gray = room.render_rolling(CAMERA, pose(t), twist) + rng.normal(0, 2.0, (CAMERA.height, CAMERA.width))
+            image = np.clip(np.rint(gray), 1, 255).astype(np.uint8)
             bag.write("/camera_info", camera_to_info(GUESS, stamp, "optical"), stamp)
             bag.write("/image_raw", array_to_image(image, stamp, "optical", "mono8"), stamp)
     return folder

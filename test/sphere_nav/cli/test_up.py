@@ -16,7 +16,7 @@ from sphere_nav.cli.main import main
 from sphere_nav.cli.up import ros_arguments
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.ros import qos
-from sphere_nav.ros.compositions import COMPOSITIONS, Start
+from sphere_nav.ros.compositions import COMPOSITIONS, NodeStart
 from sphere_nav.ros.maps.reader import save_map
 from sphere_nav.spheres.graph import SphereGraph
 from worlds.localizer import make_map
@@ -50,7 +50,7 @@ def test_misuse_is_one_line(capsys, words, expected):
 
 
 def test_a_node_gets_its_words(tmp_path):
-    start = Start("mcl_depth", {"cloud": "a.ply"}, {"odom": "wheels"}, "car2", "site.yaml")
+    start = NodeStart("mcl_depth", {"cloud": "a.ply"}, {"odom": "wheels"}, "car2", "site.yaml")
     words = ros_arguments(start, tmp_path / "0.yaml")
     assert words[:3] == ["--ros-args", "-r", "__ns:=/car2"]
     assert words[3:5] == ["-r", "odom:=wheels"]

@@ -36,7 +36,7 @@ def test_what_lies_beyond_both_is_a_contradiction() -> None:
     assert not near.is_contradiction
     assert far.is_contradiction
     assert turned.is_contradiction
-    assert far.metres == pytest.approx(0.8)
+    assert far.meters == pytest.approx(0.8)
     assert f"limit {LIMIT:.1f}" in str(far)
     assert not difference(here, CERTAIN, SE3.from_planar(0.8, 0, 0), 0.1 * np.eye(6)).is_contradiction
 
@@ -51,7 +51,7 @@ def test_poses_are_compared_at_one_time(first: int) -> None:
         found.append(agreement.add(source, stamp, SE3.from_planar(2.0 * stamp / SECOND, 0.0, 0.0), CERTAIN))
     known = [item for item in found if item is not None]
     assert len(known) > 8
-    assert max(item.metres for item in known) < 1e-6
+    assert max(item.meters for item in known) < 1e-6
 
 
 def test_old_poses_say_nothing_of_now() -> None:

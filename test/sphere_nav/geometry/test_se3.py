@@ -69,8 +69,8 @@ def test_planar_pose_has_its_yaw():
 
 def test_distance_is_that_of_the_motion_between(motions):
     step = SE3.exp([0.3, 0.4, 0.0, 0.0, 0.0, 0.25])
-    metres, radians = motions[0].distance(motions[0] @ step)
-    np.testing.assert_allclose(metres, np.linalg.norm(step.translation), atol=EXACT)
+    meters, radians = motions[0].distance(motions[0] @ step)
+    np.testing.assert_allclose(meters, np.linalg.norm(step.translation), atol=EXACT)
     np.testing.assert_allclose(radians, 0.25, atol=EXACT)
 
 

@@ -56,3 +56,20 @@ def test_left_jacobian_is_the_mean_of_the_rotations_on_the_way(rotation_vector):
     nodes, weights = np.polynomial.legendre.leggauss(20)  # exact far beyond rounding for angles up to pi
     mean = sum(w / 2 * so3.exp((x + 1) / 2 * rotation_vector) for x, w in zip(nodes, weights, strict=True))
     np.testing.assert_allclose(so3.left_jacobian(rotation_vector), mean, atol=1e-11)
+
+
+def test_the_nearest_rotation_is_no_reflection_and_nearer_than_its_neighbours(rng):
+    matrices = rng.normal(size=(20, 3, 3))
+    R = so3.nearest_rotations(matrices)
+    np.testing.assert_allclose(R @ np.swapaxes(R, 1, 2), np.broadcast_to(np.eye(3), R.shape), atol=1e-12)
+    np.testing.assert_allclose(np.linalg.det(R), 1.0, atol=1e-12)
+    distance = np.linalg.norm(R - matrices, axis=(1, 2))
+    for turn in so3.exp(1e-3 * rng.normal(size=(30, 3))):
+        assert np.all(np.linalg.norm(R @ turn - matrices, axis=(1, 2)) > distance)
+    np.testing.assert_array_equal(so3.nearest_rotations(matrices[3]), R[3])
+
+
+def test_the_nearest_rotation_of_a_rotation_is_itself(rng):
+    for angle, d in ((rng.normal(size=3), 3), ([0.0, 0.0, 0.7], 2)):
+        R = so3.exp(angle)[:d, :d]
+        np.testing.assert_allclose(so3.nearest_rotations(R), R, atol=1e-14)

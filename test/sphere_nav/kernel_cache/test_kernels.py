@@ -1,6 +1,11 @@
-"""Where numba finds what it compiled."""
+"""Where numba finds what it compiled, and that it is the same as when it was compiled."""
 
+import os
+import subprocess
+import sys
 from pathlib import Path
+
+import numpy as np
 
 from sphere_nav.kernel_cache import kernels
 from sphere_nav.kernel_cache.folder import cache_folder
@@ -9,7 +14,7 @@ from sphere_nav.photometric.align.descent import kernels as descent
 
 def test_kernels_of_the_project_are_kept_in_the_folder_of_their_text():
     path = Path(descent.exponential._cache.cache_path)
-    assert path == cache_folder("photometric") / "sphere_nav.photometric.align.descent"
+    assert path == cache_folder("sphere_nav") / "sphere_nav.photometric.align.descent"
 
 
 def test_functions_of_others_are_left_to_numba(tmp_path):
@@ -20,3 +25,59 @@ def test_a_folder_that_cannot_be_written_is_left_to_numba(monkeypatch, tmp_path)
     (tmp_path / "file").write_text("")
     monkeypatch.setattr(kernels, "cache_folder", lambda package: tmp_path / "file" / "folder")
     assert kernels.TextLocator.from_function(descent.exponential.py_func, descent.__file__) is None
+
+
+PICTURE = """
+import hashlib, sys
+import numpy as np
+from mcl_depth.likeness import kernels
+
+grey = np.random.default_rng(0).uniform(0.0, 255.0, (64, 360)).astype(np.float32)
+if sys.argv[1:]:
+    kernels._to_unit(grey.copy(), grey[::-1].copy(), np.empty_like(grey))  # one that the other calls
+found = kernels.visual_gradients(grey, np.ones(grey.shape, np.bool_))
+print(*(hashlib.sha256(array.tobytes()).hexdigest() for array in found))
+"""
+
+
+def test_a_kernel_gives_the_same_bits_where_it_is_compiled_and_where_it_is_loaded(tmp_path):
+    def run(*words):
+        variables = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path)}
+        command = [sys.executable, "-P", "-c", PICTURE, *words]
+        return subprocess.run(command, env=variables, check=True, capture_output=True, text=True, timeout=300).stdout
+
+    compiled = run()
+    assert list(tmp_path.rglob("*visual_gradients*.nbc"))
+    assert run() == compiled
+    assert run("after another") == compiled
+
+
+def test_no_copy_of_another_kernel_is_open_to_the_linker(monkeypatch):
+    options, written = kernels.OPTIONS | {"cache": False}, {}
+    write = kernels.JITCodeLibrary._finalize_final_module
+
+    def note_and_write(library):
+        written[library.name] = [(function.name, function.linkage.name) for function in library.get_defined_functions()]
+        write(library)
+
+    monkeypatch.setattr(kernels.JITCodeLibrary, "_finalize_final_module", note_and_write)
+
+    @kernels.njit(**options)
+    def add_up(row):
+        total = 0.0
+        for value in row:
+            total += value
+        return total
+
+    @kernels.njit(parallel=True, **options)
+    def add_up_many(rows):
+        out = np.empty(len(rows))
+        for i in kernels.prange(len(rows)):
+            out[i] = add_up(rows[i])
+        return out
+
+    assert add_up_many(np.ones((3, 4))).tolist() == [4.0, 4.0, 4.0]
+    (compiled,) = add_up_many.overloads.values()
+    theirs = {name: linkage for name, linkage in written[compiled.library.name] if "11add_up_many" not in name}
+    assert set(theirs.values()) == {"internal"}
+    assert any("gufunc" in name for name in theirs)  # the loop is a kernel of its own

@@ -79,7 +79,7 @@ def test_pixels_that_are_no_numbers_are_counted(check):
 
 
 @pytest.mark.parametrize(("level", "word"), [(0, "black"), (255, "saturated"), (128, "contrast")])
-def test_black_white_and_grey_images_have_no_texture(check, level, word):
+def test_black_white_and_gray_images_have_no_texture(check, level, word):
     finding = check.check(np.full((48, 64), level, np.uint8), CAMERA, SECOND, is_moving=True).finding
     assert finding.reason is Reason.LOW_TEXTURE
     assert word in finding.detail

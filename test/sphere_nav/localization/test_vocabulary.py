@@ -4,7 +4,7 @@ import pytest
 from sphere_nav_msgs.msg import LocalizationStatus
 
 import dense_localizer.reasons
-import mcl_depth.reasons
+import mcl_depth.status
 from sphere_nav.localization.status import (
     FINE,
     FOLLOWING,
@@ -14,7 +14,7 @@ from sphere_nav.localization.status import (
     Reason,
     State,
     Status,
-    describe,
+    describe_status,
     status_of,
 )
 
@@ -35,7 +35,7 @@ def test_what_is_trusted_is_followed():
     assert State.LOST not in FOLLOWING
 
 
-@pytest.mark.parametrize("package", [dense_localizer.reasons, mcl_depth.reasons], ids=lambda p: p.__name__)
+@pytest.mark.parametrize("package", [dense_localizer.reasons, mcl_depth.status], ids=lambda p: p.__name__)
 def test_a_status_leads_its_remedy_with_the_detail(package):
     plain = status_of(State.DEGRADED, 7, Finding(Reason.OUTLIERS, 0.2, 0.4), package.REMEDIES, quality=0.8, age=-1.0)
     assert plain.remedy == package.REMEDIES[Reason.OUTLIERS]
@@ -47,7 +47,7 @@ def test_a_status_leads_its_remedy_with_the_detail(package):
     assert advised.remedy == "yuv; send mono8"
 
 
-@pytest.mark.parametrize("package", [dense_localizer.reasons, mcl_depth.reasons], ids=lambda p: p.__name__)
+@pytest.mark.parametrize("package", [dense_localizer.reasons, mcl_depth.status], ids=lambda p: p.__name__)
 def test_what_to_do_about_the_input_is_the_same_in_both(package):
     assert {reason: package.REMEDIES[reason] for reason in INPUT_REMEDIES} == INPUT_REMEDIES
     assert all(text for reason, text in package.REMEDIES.items() if reason)
@@ -55,8 +55,8 @@ def test_what_to_do_about_the_input_is_the_same_in_both(package):
 
 def test_a_status_reads_as_one_line():
     status = status_of(State.LOST, 0, Finding(Reason.TIMEOUT, 0.75, 0.5))
-    assert describe(status) == f"LOST: TIMEOUT (0.75, limit 0.5): {INPUT_REMEDIES[Reason.TIMEOUT]}"
-    assert describe(status_of(State.TRACKING, 0, FINE)) == "TRACKING"
+    assert describe_status(status) == f"LOST: TIMEOUT (0.75, limit 0.5): {INPUT_REMEDIES[Reason.TIMEOUT]}"
+    assert describe_status(status_of(State.TRACKING, 0, FINE)) == "TRACKING"
 
 
 def test_what_was_not_measured_reads_as_unknown():

@@ -13,7 +13,7 @@ from nav_msgs.msg import Odometry
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.offline.camera_mounting import mounting_by_odometry, mounting_lines, mounting_values
+from sphere_nav.offline.refine_camera import mounting_by_odometry, mounting_lines, mounting_values
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.writer import BagWriter
 from sphere_nav.ros.camera.mounting import read_mounting

@@ -5,7 +5,7 @@ import pytest
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.offline.evaluation import judge, read_trajectory, table
+from sphere_nav.offline.evaluation import error_table, evaluate_poses, read_trajectory
 
 SECOND = 10**9
 
@@ -25,7 +25,7 @@ def off(motion, covariances=None):
 
 
 def test_errors_are_in_their_units_and_by_their_sides():
-    judged = judge(off([0.03, 0.04, 0.0, 0.0, 0.0, np.radians(2.0)]), TRUTH)
+    judged = evaluate_poses(off([0.03, 0.04, 0.0, 0.0, 0.0, np.radians(2.0)]), TRUTH)
     report = judged.report
     assert report["translation_m"]["max"] == pytest.approx(0.05, rel=0.02)
     assert report["rotation_deg"]["median"] == pytest.approx(2.0)
@@ -38,7 +38,7 @@ def test_errors_are_in_their_units_and_by_their_sides():
 def test_relative_errors_are_by_the_stretch():
     scaled = Trajectory(TRUTH.stamps_ns, TRUTH.moved(SE3.identity(), 1.02).T_map_body)
     for length in (1.0, 2.0):
-        found = judge(scaled, TRUTH, rpe_length_m=length).report["rpe"]
+        found = evaluate_poses(scaled, TRUTH, rpe_length_m=length).report["rpe"]
         assert found["translation_m"]["median"] == pytest.approx(0.02 * length, rel=1e-6)
         assert found["translation_percent"]["median"] == pytest.approx(2.0, rel=1e-6)
         assert found["length_m"] == length
@@ -48,15 +48,15 @@ def test_relative_errors_are_by_the_stretch():
 def test_stamps_belong_together_within_ten_milliseconds(late_ms, is_paired):
     late = Trajectory(TRUTH.stamps_ns + late_ms * 10**6, TRUTH.T_map_body)
     if is_paired:
-        assert judge(late, TRUTH).report["n"] == 50
+        assert evaluate_poses(late, TRUTH).report["n"] == 50
     else:
         with pytest.raises(ValueError, match=r"within 0\.01 s, found 1000\.011 \.\.\. 1004\.911 s against 1000\.000"):
-            judge(late, TRUTH)
+            evaluate_poses(late, TRUTH)
 
 
 def test_truth_is_interpolated_over_gaps_of_a_second_at_most():
     sparse = TRUTH[np.array([0, 9, 20, 49])]  # gaps of 0.9, 1.1 and 2.9 s
-    found = judge(TRUTH, sparse, is_interpolated=True)
+    found = evaluate_poses(TRUTH, sparse, is_interpolated=True)
     assert found.report["n"] == 10 + 2  # the first gap whole; else what lies on a row
     assert found.report["translation_m"]["max"] < 1e-9
 
@@ -64,14 +64,14 @@ def test_truth_is_interpolated_over_gaps_of_a_second_at_most():
 def test_the_table_says_what_was_found():
     errors = [0.1, 0.0, 0.0, 0.0, 0.0, 0.0]
     covariances = np.repeat(np.diag([0.01, 1, 1, 1, 1, 1.0])[None], 50, axis=0)
-    lines = table(judge(off(errors, covariances)[:25], TRUTH).report).splitlines()
+    lines = error_table(evaluate_poses(off(errors, covariances)[:25], TRUTH).report).splitlines()
     assert lines[0] == "25 poses paired, coverage 50.0 %, 2.40 m"
     assert lines[1].split() == ["median", "rmse", "p95", "max"]
     assert lines[2].split() == ["translation_m", *["0.1000"] * 4]
     assert [line.split()[0] for line in lines[3:6]] == ["rotation_deg", "lateral_m", "longitudinal_m"]
     assert lines[6].startswith("rpe_m / 1 m")
     assert lines[-1] == "NEES 1.00 (6 degrees of freedom, 25 covariances)"
-    short = table(judge(off(errors)[:3], TRUTH).report)
+    short = error_table(evaluate_poses(off(errors)[:3], TRUTH).report)
     assert "rpe" not in short  # too short a way
     assert "NEES" not in short
 

@@ -15,7 +15,7 @@ TABLE = [(0.0, 110574.3, 111319.5), (45.0, 111131.8, 78846.8)]
 
 @pytest.mark.parametrize(("latitude", "per_latitude", "per_longitude"), TABLE)
 @pytest.mark.parametrize("heading", [0.0, 90.0, 30.0])
-def test_metres_become_degrees(latitude, per_latitude, per_longitude, heading):
+def test_meters_become_degrees(latitude, per_latitude, per_longitude, heading):
     datum = Datum(latitude, 10.0, heading)
     ahead = datum.locate(SE3.from_planar(1000.0, 0.0, 0.0))
     left = datum.locate(SE3.from_planar(0.0, 1000.0, 0.0))

@@ -7,7 +7,7 @@ import pytest
 from sphere_mapping.params import CloudParams
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
-from sphere_nav.offline.map_points import Cloud, cloud_of, write_laz, write_ply
+from sphere_nav.offline.map_points import MapPoints, cloud_of, write_laz, write_ply
 from sphere_nav.spheres.graph import KeySphere
 from sphere_nav.spheres.sphere import Sphere
 from worlds.room import Room
@@ -43,7 +43,7 @@ def cloud():
     rng = np.random.default_rng(0)
     points = np.round(rng.uniform(-20, 20, (50, 3)), 3).astype(np.float32)
     normals = rng.normal(size=(50, 3)).astype(np.float32)
-    return Cloud(points, normals, rng.integers(0, 256, (50, 3), dtype=np.uint8))
+    return MapPoints(points, normals, rng.integers(0, 256, (50, 3), dtype=np.uint8))
 
 
 def test_a_ply_has_every_number_under_its_name(tmp_path):
@@ -59,7 +59,7 @@ def test_a_ply_has_every_number_under_its_name(tmp_path):
         np.testing.assert_array_equal(np.stack([table[name][50:] for name in columns], axis=1), values)
 
 
-def test_a_laz_has_millimetres_and_colours_of_16_bits(tmp_path):
+def test_a_laz_has_millimeters_and_colors_of_16_bits(tmp_path):
     one = cloud()
     assert write_laz(tmp_path / "a.laz", [one]) == 50
     las = laspy.read(tmp_path / "a.laz")

@@ -15,7 +15,7 @@ from sphere_nav.offline.recorded_camera import RecordedCamera
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.writer import BagWriter
-from sphere_nav.ros.conversions import camera_to_info, image_to_grey
+from sphere_nav.ros.conversions import camera_to_info, image_to_gray
 from sphere_nav.ros.conversions.stamps import header
 from worlds.localizer import PINHOLE
 
@@ -40,7 +40,7 @@ def test_compressed_images_come_with_stamp_and_calibration(tmp_path, rng):
     assert recorded.camera == PINHOLE
     ((stamp, found),) = recorded.messages()
     assert stamp == 7
-    assert np.array_equal(image_to_grey(found), image)
+    assert np.array_equal(image_to_gray(found), image)
 
 
 def test_a_bag_without_images_is_told(tmp_path):

@@ -1,9 +1,13 @@
-"""A clock that stands still is told from one that goes on, and from a process that was not served."""
+"""Stamps ahead of the clock, stamps on the own clock, and a clock that stands still."""
 
-from sphere_nav.ros.clocks import PATIENCE, ClockWatch
+import pytest
+
+from sphere_nav.ros.clocks import MAX_AHEAD_NS, PATIENCE, ClockWatch, Times, ahead_s, check_stamp
 
 SECOND = 1_000_000_000
 GIVE_UP = 5.0
+NOW = 10**12
+SECOND = 1_000_000_000
 
 
 def stand(watch, clock, begin, seconds):
@@ -51,6 +55,37 @@ def test_a_process_that_was_not_served_did_not_see_the_clock_stand():
     for k in range(1, 4):  # three looks, 2 s apart, /clock in the queue each time
         watch.observe(5 * SECOND, 2 * k * SECOND)
     assert not watch.is_standing
+
+
+@pytest.mark.parametrize(
+    ("lead", "expected"), [(-(10**12) + 1, 0.0), (0, 0.0), (MAX_AHEAD_NS, 0.0), (3600 * 10**9, 3600.0)]
+)
+def test_only_what_is_far_ahead_of_the_clock_counts(lead, expected):
+    assert ahead_s(NOW + lead, NOW) == expected
+
+
+def test_without_a_clock_nothing_is_ahead():
+    assert ahead_s(NOW, 0) == 0.0
+
+
+def test_the_refusal_names_who_and_how_far():
+    check_stamp(NOW, NOW, "odom")
+    with pytest.raises(ValueError, match=r"odom: stamp: expected at most 0\.1 s ahead, found 2\.000 s"):
+        check_stamp(NOW + 2 * 10**9, NOW, "odom")
+
+
+def times(clock, own):
+    return Times(lambda: clock, lambda: own)
+
+
+def test_a_message_counts_from_its_stamp_but_never_from_later_than_now():
+    assert times(100 * SECOND, 7 * SECOND).of(99 * SECOND) == 6 * SECOND
+    assert times(100 * SECOND, 7 * SECOND).of(100 * SECOND + SECOND // 20) == 7 * SECOND
+
+
+def test_a_stamp_ahead_of_the_clock_is_refused():
+    with pytest.raises(ValueError, match=r"expected at most 0\.1 s ahead of the clock, found 3600\.000 s"):
+        times(100 * SECOND, 7 * SECOND).of(3700 * SECOND)
 
 
 def test_a_pause_begins_after_four_tenths_of_a_second_by_looks_of_a_tenth():

@@ -13,7 +13,7 @@ import pytest
 
 from config.test_yaml_matches_params import NODES, ROOT, generate
 from sphere_nav.params import leaves
-from sphere_nav.ros.compositions import COMPOSITIONS, Start
+from sphere_nav.ros.compositions import COMPOSITIONS, NodeStart
 
 LAUNCH_FILES = sorted((ROOT / "launch").glob("*.launch.py"))
 BY_NAME = {node.NAME: node for node in NODES}
@@ -21,7 +21,7 @@ GIVEN = {"map": "campus", "cloud": "town.ply", "bag": "drive", "rig": "rig.yaml"
 ABSOLUTE = {"/tf", "/tf_static", "/clock"}
 
 
-def starts(name: str, **more: str) -> list[Start]:
+def starts(name: str, **more: str) -> list[NodeStart]:
     """Return what a composition starts with as much as possible turned on."""
     composition = COMPOSITIONS[name]
     return composition.starts({key: value for key, value in GIVEN.items() if key in composition.arguments} | more)
@@ -153,7 +153,7 @@ def test_the_player_waits_for_what_the_driver_calls_the_images() -> None:
     assert player.parameters["wait_for"] == "/front/image"
 
 
-def test_several_cameras_are_given_to_the_localiser() -> None:
+def test_several_cameras_are_given_to_the_localizer() -> None:
     given = {"map": "campus", "cameras": "front,back", "rig": "map"}
     (start,) = COMPOSITIONS["localisation"].starts(given)
     assert (start.parameters["rig.cameras"], start.parameters["rig.calibration"]) == ("front,back", "map")

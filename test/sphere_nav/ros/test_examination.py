@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from sphere_nav.ros.endpoints import ERROR, OK, WARN
-from sphere_nav.ros.health import examine
+from sphere_nav.ros.live import examine_input
 
 
 def wanted(**counts):
@@ -50,7 +50,7 @@ def shell(publishers=()):
 )
 def test_an_input_is_judged_by_its_counts(counts, publishers, level, text):
     input_, asked = wanted(**counts), shell(publishers)
-    found = examine(asked, input_)
+    found = examine_input(asked, input_)
     assert found[:2] == (level, text)
     assert found[2] == {"received": input_.num_received, "refused": input_.num_refused, "lost": input_.num_lost}
     assert input_.num_lost_lately == 0  # told once

@@ -15,7 +15,7 @@ def parts(profile):
 
 @pytest.mark.parametrize("profile", PROFILES)
 def test_a_profile_comes_back_from_yaml(profile):
-    assert [parts(found) for found in qos.from_yaml(qos.to_yaml([profile, qos.STATE]))] == [
+    assert [parts(found) for found in qos.from_yaml(qos.profiles_to_yaml([profile, qos.STATE]))] == [
         parts(profile),
         parts(qos.STATE),
     ]
@@ -56,5 +56,5 @@ def test_an_adapted_profile_is_as_strict_as_it_can_be():
 
 
 def test_words():
-    assert qos.describe(qos.LATCHED) == "reliable, transient local, depth 1"
-    assert qos.describe(QoSProfile(depth=3, reliability=qos.BEST_EFFORT)) == "best effort, volatile, depth 3"
+    assert qos.describe_policies(qos.LATCHED) == "reliable, transient local, depth 1"
+    assert qos.describe_policies(QoSProfile(depth=3, reliability=qos.BEST_EFFORT)) == "best effort, volatile, depth 3"

@@ -1,6 +1,6 @@
 """A throttled log repeats a key only so often."""
 
-from sphere_nav.ros.throttle import ThrottledLog
+from sphere_nav.ros.node import ThrottledLog
 
 
 class Lines(list):

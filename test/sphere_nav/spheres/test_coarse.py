@@ -15,8 +15,8 @@ WINDOW = Spherical(270, 202, 1024.0, 300.0, 150.0)
 def test_it_shows_the_room_as_its_own_camera_sees_it(camera):
     room = wide_room()
     small = coarse_sphere(room.sphere(SE3.identity(), camera))
-    grey, range_m = room.render(small.camera, SE3.identity())
-    assert np.median(np.abs(small.image - grey)) < 4.0
+    gray, range_m = room.render(small.camera, SE3.identity())
+    assert np.median(np.abs(small.image - gray)) < 4.0
     assert np.median(np.abs(small.range_m / range_m - 1.0)) < 0.02
 
 

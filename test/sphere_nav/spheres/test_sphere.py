@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import Spherical
-from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere, check_depth, continued, to_grey
+from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere, check_depth, continued, to_gray
 
 CAMERA = Spherical(16, 8)
 
@@ -11,7 +11,7 @@ def plane(value=2.0):
     return np.full((8, 16), value, dtype=np.float32)
 
 
-def grey(value=100):
+def gray(value=100):
     return np.full((8, 16), value, dtype=np.uint8)
 
 
@@ -22,33 +22,33 @@ def test_optical_axes_become_body_axes():
     )
 
 
-def test_grey_of_an_rgb_image_weighs_the_colours_as_the_eye_does():
+def test_gray_of_an_rgb_image_weighs_the_colors_as_the_eye_does():
     image = np.zeros((8, 16, 3), dtype=np.uint8)
     image[..., 1] = 200
-    np.testing.assert_allclose(Sphere(image, plane(), CAMERA).grey, 0.587 * 200, rtol=1e-6)
+    np.testing.assert_allclose(Sphere(image, plane(), CAMERA).gray, 0.587 * 200, rtol=1e-6)
 
 
 def test_points_lie_at_their_range_and_unknown_ones_are_left_out():
     range_m = plane(3.0)
     range_m[:, :4] = np.nan
     range_m[:, 4:6] = np.inf
-    points, values = Sphere(grey(), range_m, CAMERA).points()
+    points, values = Sphere(gray(), range_m, CAMERA).points()
     assert points.shape == (8 * 10, 3)
     assert values.shape == (8 * 10,)
     np.testing.assert_allclose(np.linalg.norm(points, axis=1), 3.0, rtol=1e-6)
 
 
-def test_levels_of_a_grey_image_are_its_bytes_and_continue_what_was_seen():
-    image, range_m = grey(), plane()
+def test_levels_of_a_gray_image_are_its_bytes_and_continue_what_was_seen():
+    image, range_m = gray(), plane()
     image[2, 3], range_m[2, 3] = 0, np.nan
     sphere = Sphere(image, range_m, CAMERA)
     assert sphere.levels.dtype == np.uint8
-    np.testing.assert_array_equal(sphere.levels, sphere.grey)
+    np.testing.assert_array_equal(sphere.levels, sphere.gray)
     assert Sphere(np.dstack([image] * 3), range_m, CAMERA).levels.dtype == np.float32
 
 
 def test_a_pixel_is_seen_if_it_is_lit_or_measured():
-    image, range_m = grey(), plane()
+    image, range_m = gray(), plane()
     image[0, :3], range_m[0, 1:] = 0, np.nan
     np.testing.assert_array_equal(Sphere(image, range_m, CAMERA).is_seen[0, :4], [True, False, False, True])
 
@@ -56,13 +56,13 @@ def test_a_pixel_is_seen_if_it_is_lit_or_measured():
 @pytest.mark.parametrize(
     ("image", "range_m", "message"),
     [
-        (grey()[:4], plane(), "sphere image: expected 16 x 8 uint8, grey or RGB, found 16 x 4 uint8"),
-        (grey().astype(np.float32), plane(), "sphere image: .* found 16 x 8 float32"),
+        (gray()[:4], plane(), "sphere image: expected 16 x 8 uint8, grey or RGB, found 16 x 4 uint8"),
+        (gray().astype(np.float32), plane(), "sphere image: .* found 16 x 8 float32"),
         (np.zeros((8, 16, 4), np.uint8), plane(), "sphere image: .* found 16 x 8 x 4 uint8"),
-        (grey(), plane().astype(np.float64), "sphere range: expected 16 x 8 float32, found 16 x 8 float64"),
-        (grey(), plane(-1.0), "sphere range: expected positive metres, NaN or \\+Inf, found -1.0"),
-        (grey(), plane(0.0), "sphere range: expected positive metres"),
-        (grey(), plane(-np.inf), "sphere range: expected positive metres"),
+        (gray(), plane().astype(np.float64), "sphere range: expected 16 x 8 float32, found 16 x 8 float64"),
+        (gray(), plane(-1.0), "sphere range: expected positive metres, NaN or \\+Inf, found -1.0"),
+        (gray(), plane(0.0), "sphere range: expected positive metres"),
+        (gray(), plane(-np.inf), "sphere range: expected positive metres"),
         (np.zeros((), np.uint8), plane(), "sphere image: .* found a scalar uint8"),
     ],
 )
@@ -74,17 +74,17 @@ def test_bad_images_are_refused_in_one_line(image, range_m, message):
 
 def test_a_stamp_that_is_not_an_integer_is_refused():
     with pytest.raises(ValueError, match="integer nanoseconds"):
-        Sphere(grey(), plane(), CAMERA, stamp_ns=1.5)
+        Sphere(gray(), plane(), CAMERA, stamp_ns=1.5)
 
 
 def test_a_sphere_without_any_range_is_a_sphere():
-    assert not Sphere(grey(), plane(np.nan), CAMERA).measured.any()
+    assert not Sphere(gray(), plane(np.nan), CAMERA).measured.any()
 
 
-def test_all_rows_of_a_colour_image_are_weighed_alike():
+def test_all_rows_of_a_color_image_are_weighed_alike():
     rgb = np.random.default_rng(0).integers(0, 256, (50, 16, 3), dtype=np.uint8)  # ITU-R BT.601
-    np.testing.assert_allclose(to_grey(rgb), rgb @ np.array([0.299, 0.587, 0.114]), atol=1e-3)
-    np.testing.assert_array_equal(to_grey(rgb[..., 0]), rgb[..., 0])
+    np.testing.assert_allclose(to_gray(rgb), rgb @ np.array([0.299, 0.587, 0.114]), atol=1e-3)
+    np.testing.assert_array_equal(to_gray(rgb[..., 0]), rgb[..., 0])
 
 
 def test_the_unknown_continues_the_nearest_known():
@@ -123,11 +123,11 @@ def test_a_depth_of_another_kind_or_size_is_refused(depth_m, found):
 
 def test_deviation_and_what_is_filled_fit_the_range():
     is_filled = np.zeros((8, 16), np.bool_)
-    Sphere(grey(), plane(), CAMERA, range_std_m=plane(0.1), is_filled=is_filled)
+    Sphere(gray(), plane(), CAMERA, range_std_m=plane(0.1), is_filled=is_filled)
     with pytest.raises(ValueError, match="sphere range std: expected 16 x 8 float32, found 16 x 4 float32"):
-        Sphere(grey(), plane(), CAMERA, range_std_m=plane()[:4])
+        Sphere(gray(), plane(), CAMERA, range_std_m=plane()[:4])
     with pytest.raises(ValueError, match="sphere range std: expected positive metres"):
-        Sphere(grey(), plane(), CAMERA, range_std_m=plane(0.0))
+        Sphere(gray(), plane(), CAMERA, range_std_m=plane(0.0))
     for given, std in ((is_filled, None), (is_filled[:4], plane(0.1))):
         with pytest.raises(ValueError, match="is_filled: expected the size of the range, and its deviation"):
-            Sphere(grey(), plane(), CAMERA, range_std_m=std, is_filled=given)
+            Sphere(gray(), plane(), CAMERA, range_std_m=std, is_filled=given)

@@ -102,7 +102,55 @@ def test_only_small_holes_are_closed():
     assert not image[6, 6].any()
 
 
-def test_colours_are_added_between_pixels_where_a_drawing_is_nearest(rng):
+@pytest.mark.parametrize("wraps", [False, True])
+def test_corners_are_numbered_once_around_each_quad(wraps):
+    quads = np.array([[0, 0, 2], [0, 2, 1], [1, 3, 1]], np.int32)
+    numbers, corners, pixels = (
+        np.full((3, 4 if wraps else 5), -1, np.int32),
+        np.empty((3, 4), np.int32),
+        np.empty((12, 2), F),
+    )
+    count = kernels.number_corners(quads, wraps, numbers, corners, pixels)
+    width = numbers.shape[1]
+    for (v, u, size), found in zip(quads, corners, strict=True):
+        at = [[v, u], [v, (u + size) % width], [v + size, (u + size) % width], [v + size, u]]
+        assert pixels[found].tolist() == at
+    assert np.unique(corners).tolist() == list(range(count))
+    assert len(np.unique(pixels[:count], axis=0)) == count == np.sum(numbers >= 0)
+
+
+@pytest.mark.parametrize("wraps", [False, True])
+def test_colors_are_bilinear_and_of_the_nearest_surface(wraps, rng):
+    image, shape = rng.integers(0, 255, (6, 8, 3)).astype(np.uint8), (5, 7)
+    nearness = rng.uniform(0.1, 1.0, shape).astype(F)
+    nearness[0, 0] = 0.0
+    nearest = np.maximum(nearness, rng.uniform(0.1, 1.0, shape).astype(F))
+    source = rng.uniform(0, [8 if wraps else 7, 5], (*shape, 2)).astype(F)
+    total, weights = rng.uniform(0, 1, (*shape, 3)).astype(F), rng.uniform(0, 1, shape).astype(F)
+    found, found_weights = total.copy(), weights.copy()
+    kernels.add_colors(image, wraps, nearness, source, nearest, F(0.2), F(0.05), F(0.3), found, found_weights)
+    shown = (nearness > 0) & (nearest - nearness <= np.maximum(0.05, 0.2 * nearest))
+    assert 5 < shown.sum() < 30
+    u, v = source[..., 0].astype(np.float64), source[..., 1].astype(np.float64)
+    iu, iv = np.floor(u).astype(int), np.minimum(np.floor(v).astype(int), 4)
+    du, dv = (u - iu)[..., None], (v - iv)[..., None]
+    nu = (iu + 1) % 8 if wraps else np.minimum(iu + 1, 7)
+    color = (1 - dv) * ((1 - du) * image[iv, iu] + du * image[iv, nu])
+    color += dv * ((1 - du) * image[iv + 1, iu] + du * image[iv + 1, nu])
+    np.testing.assert_allclose(found, total + 0.3 * shown[..., None] * color, atol=1e-3)
+    np.testing.assert_allclose(found_weights, weights + 0.3 * shown, atol=1e-6)
+
+
+def test_finish_divides_by_the_weights_and_keeps_holes():
+    weights, nearest = np.array([[2.0, 0.5, 0.0, 1.0]], F), np.array([[0.25, 1e-7, 0.5, 0.1]], F)
+    total = np.array([[[20.0, 41.0, 600.0], [0.0, 50.0, 100.0], [9.0, 9.0, 9.0], [0.2, 254.6, 1.4]]], F)
+    image, range_m = np.full((1, 4, 3), 77, np.uint8), np.zeros((1, 4), F)
+    kernels.divide_by_weights(total, weights, nearest, image, range_m)
+    assert image[0].tolist() == [[10, 21, 255], [1, 100, 200], [0, 0, 0], [1, 255, 1]]
+    np.testing.assert_allclose(range_m[0], [4.0, np.inf, np.nan, 10.0])
+
+
+def test_colors_are_added_between_pixels_where_a_drawing_is_nearest(rng):
     image = rng.integers(1, 255, (6, 8, 3), dtype=np.uint8)
     shape = (5, 7)
     for wraps in (False, True):
@@ -120,7 +168,7 @@ def test_colours_are_added_between_pixels_where_a_drawing_is_nearest(rng):
         lower = (1 - du) * picture[iv + 1, iu] + du * picture[iv + 1, nu]
         expected = total + 0.7 * is_added[..., None] * ((1 - dv) * upper + dv * lower)
         expected_weights = weights + 0.7 * is_added
-        kernels.add_colours(image, wraps, nearness, source, nearest, F(0.05), F(0.005), F(0.7), total, weights)
+        kernels.add_colors(image, wraps, nearness, source, nearest, F(0.05), F(0.005), F(0.7), total, weights)
         np.testing.assert_allclose(total, expected, rtol=1e-4)
         np.testing.assert_allclose(weights, expected_weights, rtol=1e-5)
 
@@ -129,7 +177,7 @@ def test_a_blend_is_finished_by_its_weights():
     total = np.array([[[100.0, 50.2, 50.3], [0.0, 999.0, 1.0], [3.0, 3.0, 3.0], [8.0, 8.0, 8.0]]], F)
     weights, nearest = np.array([[0.5, 2.0, 0.0, 1.0]], F), np.array([[0.25, 2.0, 0.5, 1e-6]], F)
     image, range_m = np.full((1, 4, 3), 77, np.uint8), np.zeros((1, 4), F)
-    kernels.finish(total, weights, nearest, image, range_m)
+    kernels.divide_by_weights(total, weights, nearest, image, range_m)
     assert image[0].tolist() == [[200, 100, 101], [1, 255, 1], [0, 0, 0], [8, 8, 8]]  # 0 is kept for holes
     np.testing.assert_array_equal(range_m, np.array([[4.0, 0.5, np.nan, np.inf]], F))
 

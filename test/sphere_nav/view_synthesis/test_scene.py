@@ -13,7 +13,7 @@ from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.view_synthesis import scene as scene_module
 from sphere_nav.view_synthesis.scene import MIN_KEPT, Scene
 from sphere_nav.view_synthesis.surface import surface_of
-from sphere_nav.view_synthesis.synthesis import PlacedSurface, synthesise
+from sphere_nav.view_synthesis.synthesis import PlacedSurface, synthesize
 from worlds.localizer import MemoryMap, make_map
 from worlds.room import optical
 
@@ -31,10 +31,10 @@ def test_it_sees_the_room_and_keeps_to_its_memory(room, sphere_map):
     for x in np.linspace(-2.4, 2.4, 12):
         T = optical(SE3.from_planar(x, 0.2, 0.2))
         view = scene.render(T, PINHOLE)
-        grey, _ = room.render(PINHOLE, T)
+        gray, _ = room.render(PINHOLE, T)
         assert view.is_known.mean() > 0.97
-        assert np.median(np.abs(view.image[..., 0] - grey)) < 6
-    assert MIN_KEPT <= scene.num_kept <= MIN_KEPT + 1
+        assert np.median(np.abs(view.image[..., 0] - gray)) < 6
+    assert MIN_KEPT <= len(scene._surfaces) <= MIN_KEPT + 1
     scene.close()
 
 
@@ -108,7 +108,7 @@ def test_two_key_spheres_are_read_for_a_view_and_each_once(sphere_map):
     scene = Scene(source)
     for _ in range(3):
         scene.render(optical(PLACES[3]), PINHOLE)
-    assert scene.num_kept == len(source.reads) == len(set(source.reads)) == 2
+    assert len(scene._surfaces) == len(source.reads) == len(set(source.reads)) == 2
     assert source.reads[0] == 3
     scene.close()
 
@@ -128,7 +128,7 @@ def test_where_no_more_spheres_are_the_farthest_has_half_its_weight(sphere_map, 
         PlacedSurface(surface_of(source.load_sphere(node.id)), node.T_map_sphere, weight)
         for node, weight in zip(nodes, weights, strict=True)
     ]
-    np.testing.assert_array_equal(found.image, synthesise(placed, T, PINHOLE).image)
+    np.testing.assert_array_equal(found.image, synthesize(placed, T, PINHOLE).image)
     scene.close()
 
 
@@ -150,7 +150,7 @@ def test_the_nearest_that_is_ready_stands_in_for_what_is_not(sphere_map):
     view = scene.render(T, PINHOLE, is_waiting=False)
     nearest = sphere_map.graph[max(prepared)]
     alone = PlacedSurface(surface_of(source.load_sphere(nearest.id)), nearest.T_map_sphere)
-    np.testing.assert_array_equal(view.image, synthesise([alone], T, PINHOLE).image)
+    np.testing.assert_array_equal(view.image, synthesize([alone], T, PINHOLE).image)
     source.gate.set()
     scene.close()
 
@@ -161,7 +161,7 @@ def test_where_nothing_is_ready_it_waits_for_the_nearest(sphere_map):
     threading.Timer(0.2, source.gate.set).start()
     view = scene.render(optical(PLACES[0]), PINHOLE, is_waiting=False)
     alone = PlacedSurface(surface_of(source.load_sphere(0)), PLACES[0])
-    np.testing.assert_array_equal(view.image, synthesise([alone], optical(PLACES[0]), PINHOLE).image)
+    np.testing.assert_array_equal(view.image, synthesize([alone], optical(PLACES[0]), PINHOLE).image)
     scene.close()
 
 
@@ -175,7 +175,7 @@ def test_memory_is_counted_in_megabytes(sphere_map, monkeypatch, megabytes, opti
     scene = Scene(source, **options)
     for T in PLACES:
         ready(scene, optical(T))
-    assert scene.num_kept == num_kept
+    assert len(scene._surfaces) == num_kept
     assert scene.is_ready(optical(PLACES[7]))  # the latest are kept
     scene.close()
 
@@ -193,5 +193,5 @@ def test_of_three_spheres_the_farthest_sets_the_weights_of_the_others(sphere_map
         PlacedSurface(surface_of(source.load_sphere(node.id)), node.T_map_sphere, weight)
         for node, weight in zip(nodes, (0.75, 0.25), strict=False)
     ]
-    np.testing.assert_array_equal(scene.render(T, PINHOLE).image, synthesise(placed, T, PINHOLE).image)
+    np.testing.assert_array_equal(scene.render(T, PINHOLE).image, synthesize(placed, T, PINHOLE).image)
     scene.close()

@@ -78,7 +78,7 @@ def test_the_largest_quads_are_a_256th_of_a_turn(width, largest):
     assert sides(surface_of_nearness(np.full((width // 2, width), 0.5)))[0].max() == largest
 
 
-def test_colours_are_kept_and_grey_is_three_alike():
+def test_colors_are_kept_and_gray_is_three_alike():
     range_m = np.full((64, 128), 2.0, np.float32)
     rgb = np.random.default_rng(0).integers(1, 255, (64, 128, 3), dtype=np.uint8)
     np.testing.assert_array_equal(surface_of(Sphere(rgb, range_m, CAMERA)).image, rgb)

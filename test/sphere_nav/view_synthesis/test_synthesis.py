@@ -6,7 +6,7 @@ import pytest
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.spheres.sphere import Sphere
 from sphere_nav.view_synthesis.surface import surface_of
-from sphere_nav.view_synthesis.synthesis import PlacedSurface, blend_weights, synthesise
+from sphere_nav.view_synthesis.synthesis import PlacedSurface, blend_weights, synthesize
 from worlds.room import optical
 
 SPHERE = Spherical(512, 256)
@@ -24,8 +24,8 @@ def placed(room, weights=(0.5, 0.5)):
     return [PlacedSurface(*one) for one in zip(spheres, T_SPHERES, weights, strict=True)]
 
 
-def psnr(view, grey):
-    error = (view.image[..., 0].astype(float) - grey)[view.is_known]
+def psnr(view, gray):
+    error = (view.image[..., 0].astype(float) - gray)[view.is_known]
     return 10 * np.log10(255**2 / np.mean(error**2))
 
 
@@ -33,18 +33,18 @@ def psnr(view, grey):
 def test_any_camera_sees_the_room_from_between(room, name):
     T = SE3.from_planar(0.4, 0.3, 0.4)
     T = T if name == "spherical" else optical(T)
-    view = synthesise(placed(room), T, CAMERAS[name])
-    grey, range_m = room.render(CAMERAS[name], T)
-    seen = grey > 0
+    view = synthesize(placed(room), T, CAMERAS[name])
+    gray, range_m = room.render(CAMERAS[name], T)
+    seen = gray > 0
     assert view.is_known[seen].mean() > 0.99
     assert not view.is_known[~seen].any()
-    assert psnr(view, grey) > 32  # 2 grey levels of noise in the spheres alone are 42 dB, their resampling the rest
+    assert psnr(view, gray) > 32  # 2 grey levels of noise in the spheres alone are 42 dB, their resampling the rest
     assert np.nanmax(np.abs(view.range_m[view.is_known] / range_m[view.is_known] - 1)) < 0.03
 
 
 def test_from_its_own_place_a_sphere_is_itself(room):
     sphere = room.sphere(SE3.identity(), SPHERE)
-    view = synthesise([PlacedSurface(surface_of(sphere), SE3.identity())], SE3.identity(), SPHERE)
+    view = synthesize([PlacedSurface(surface_of(sphere), SE3.identity())], SE3.identity(), SPHERE)
     assert view.is_known.mean() > 0.999
     rows = slice(40, 216)  # poles are drawn apart, by the nearest pixel
     error = np.abs(view.image[rows, :, 0].astype(int) - sphere.image[rows])
@@ -55,7 +55,7 @@ def test_from_its_own_place_a_sphere_is_itself(room):
 def test_no_sheet_is_drawn_between_a_board_and_the_wall_behind(room_with_board):
     first = placed(room_with_board)[:1]
     T = optical(SE3.from_planar(0.0, 0.8, 0.0))
-    view = synthesise(first, T, PINHOLE)
+    view = synthesize(first, T, PINHOLE)
     _, range_m = room_with_board.render(PINHOLE, T)
     is_board = range_m < 2.6
     shadow = ~view.is_known
@@ -72,10 +72,10 @@ def test_a_second_sphere_fills_what_the_first_did_not_see(room_with_board):
     T_other = SE3.from_planar(0.4, 1.2, 0.0)
     first = placed(room_with_board)[0]
     other = PlacedSurface(surface_of(room_with_board.sphere(T_other, SPHERE)), T_other, 0.0)
-    alone, both = synthesise([first], T, PINHOLE), synthesise([first, other], T, PINHOLE)
+    alone, both = synthesize([first], T, PINHOLE), synthesize([first, other], T, PINHOLE)
     assert both.is_known.mean() > 0.99 > alone.is_known.mean()
-    grey, _ = room_with_board.render(PINHOLE, T)
-    assert psnr(both, grey) > 22  # edges of the board: one pixel of a sphere is two of the view
+    gray, _ = room_with_board.render(PINHOLE, T)
+    assert psnr(both, gray) > 22  # edges of the board: one pixel of a sphere is two of the view
 
 
 def test_weights_are_continuous_where_spheres_are_exchanged():
@@ -92,14 +92,14 @@ def test_weights_fall_with_the_distance_to_none_at_the_one_left_out():
     assert blend_weights([0.0, 0.0]).tolist() == [1.0]
 
 
-def ball(range_m, grey, weight, camera=SPHERE):
+def ball(range_m, gray, weight, camera=SPHERE):
     shape = (camera.height, camera.width)
-    sphere = Sphere(np.full(shape, grey, np.uint8), np.full(shape, range_m, np.float32), camera)
+    sphere = Sphere(np.full(shape, gray, np.uint8), np.full(shape, range_m, np.float32), camera)
     return PlacedSurface(surface_of(sphere), SE3.identity(), weight)
 
 
 @pytest.mark.parametrize(
-    ("range_m", "other_m", "weights", "grey"),
+    ("range_m", "other_m", "weights", "gray"),
     [
         (2.0, 2.0 / 0.96, (0.5, 0.5), 150),  # within 5 % of nearness one surface
         (2.0, 2.0 / 0.94, (0.5, 0.5), 100),  # else the nearer hides the other
@@ -111,11 +111,11 @@ def ball(range_m, grey, weight, camera=SPHERE):
         (2.0 / 0.94, 2.0, (1.0, 0.0), 200),  # what one alone saw is never left out
     ],
 )
-def test_what_agrees_is_blended_and_the_nearer_hides_the_rest(range_m, other_m, weights, grey):
+def test_what_agrees_is_blended_and_the_nearer_hides_the_rest(range_m, other_m, weights, gray):
     pair = [ball(range_m, 100, weights[0]), ball(other_m, 200, weights[1])]
-    view = synthesise(pair, SE3.identity(), PINHOLE)
+    view = synthesize(pair, SE3.identity(), PINHOLE)
     assert view.is_known.all()
-    np.testing.assert_array_equal(view.image, grey)
+    np.testing.assert_array_equal(view.image, gray)
     np.testing.assert_allclose(view.range_m, min(range_m, other_m), rtol=0.01)
 
 
@@ -124,7 +124,7 @@ def test_poles_look_where_they_are():
     rays = SPHERE.unproject(np.stack(np.meshgrid(np.arange(512.0), np.arange(256.0)), axis=-1))
     image = np.rint(128 + 60 * rays[..., 0] + 40 * rays[..., 1]).astype(np.uint8)
     sphere = Sphere(image, np.full((256, 512), 3.0, np.float32), SPHERE)
-    view = synthesise([PlacedSurface(surface_of(sphere), SE3.identity())], SE3.identity(), SPHERE)
+    view = synthesize([PlacedSurface(surface_of(sphere), SE3.identity())], SE3.identity(), SPHERE)
     for rows in (slice(0, 30), slice(226, 256)):
         is_known = view.is_known[rows]
         assert is_known.mean() > 0.99
@@ -133,10 +133,10 @@ def test_poles_look_where_they_are():
 
 
 def test_far_is_far_and_a_hole_is_none():
-    view = synthesise([ball(np.inf, 100, 1.0)], SE3.identity(), PINHOLE)
+    view = synthesize([ball(np.inf, 100, 1.0)], SE3.identity(), PINHOLE)
     assert np.isposinf(view.range_m).all()
     assert view.is_known.all()
-    view = synthesise([ball(np.nan, 100, 1.0)], SE3.identity(), PINHOLE)
+    view = synthesize([ball(np.nan, 100, 1.0)], SE3.identity(), PINHOLE)
     assert np.isnan(view.range_m).all()
     assert not view.is_known.any()
     assert not view.image.any()
@@ -144,4 +144,4 @@ def test_far_is_far_and_a_hole_is_none():
 
 def test_without_spheres_it_says_so():
     with pytest.raises(ValueError, match="at least one key sphere"):
-        synthesise([], SE3.identity(), PINHOLE)
+        synthesize([], SE3.identity(), PINHOLE)

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from sphere_nav.estimation.kernels import SIGMA_OF_MAD
+from sphere_nav.estimation.kernels import SIGMA_OF_MAD, newton_step
 from sphere_nav.kernel_cache.kernels import OPTIONS, njit
 from sphere_nav.photometric.align.iteration.kernels import (
     BLOCK,
@@ -26,11 +26,11 @@ from sphere_nav.photometric.align.iteration.kernels import (
 MAX_VIEWS = 4
 SCALE_STEP = 4  # of so many blocks one serves for the scale, and at least so many in all:
 MIN_SCALE_BLOCKS = 8
-NUM_PIECES = 16  # at most so many pieces of a view show how differently its parts pull, of at least
+NUM_PIECES = 16  # at most so many pieces of a view show how differently its parts bias a pose, of at least
 PIECE_BLOCKS = 8
 MIN_GAIN, MAX_GAIN = 0.1, 10.0
 LIGHT_PRIOR = 1e-9  # keeps gain and bias defined on an even image
-RIDGE, TINY = 1e-9, 1e-300  # an even image fixes nothing, but pulls nowhere either
+RIDGE, TINY = 1e-9, 1e-300  # an even image fixes nothing, but biases nothing either
 START = np.int64(0)  # a plain 0 is a type of its own: numba would compile what it is handed to once more
 NUM_FACTS = 10
 MEDIAN, MAD, NUM_VISIBLE, NUM_INLIERS, NUM_CUT = range(5)  # the last: pieces
@@ -83,47 +83,7 @@ def exponential(xi):
 
 
 @njit(**OPTIONS)
-def solve(H, g, first):
-    """Return -H^-1 g by Cholesky of the scaled matrix, and whether H is positive definite.
-
-    The rows and columns before `first` are left out.
-    """
-    n = g.size - first
-    s, L, x = np.empty(n), np.zeros((n, n)), np.zeros(n)
-    for i in range(n):
-        if not (H[first + i, first + i] > 0 and H[first + i, first + i] < np.inf):
-            return x, False
-        s[i] = 1 / math.sqrt(H[first + i, first + i])
-    for i in range(n):
-        for j in range(i + 1):
-            t = H[first + i, first + j] * s[i] * s[j]
-            for k in range(j):
-                t -= L[i, k] * L[j, k]
-            if i != j:
-                L[i, j] = t / L[j, j]
-            elif t > 0:
-                L[i, i] = math.sqrt(t)
-            else:
-                return x, False
-    for i in range(n):
-        t = -g[first + i] * s[i]
-        for k in range(i):
-            t -= L[i, k] * x[k]
-        x[i] = t / L[i, i]
-    for i in range(n - 1, -1, -1):
-        t = x[i]
-        for k in range(i + 1, n):
-            t -= L[k, i] * x[k]
-        x[i] = t / L[i, i]
-    is_finite = True
-    for i in range(n):
-        x[i] *= s[i]
-        is_finite &= abs(x[i]) < np.inf
-    return x, is_finite
-
-
-@njit(**OPTIONS)
-def unpack(sums, H, g):
+def unpack_sums(sums, H, g):
     """Write sums (NUM_SUMS,) into H (8, 8) and g (8,) over (v, omega) of the reference, gain and bias."""
     s = 0
     for a in range(NUM_COLUMNS):
@@ -154,7 +114,7 @@ def by_camera(T):
 
 @njit(**OPTIONS)
 def to_camera_tangent(T, H, g):
-    """Turn H (8, 8), g (8,) over x in T exp(x) into those over xi in T_world_camera exp(xi), in place (eq. 31-32)."""
+    """Transform H (8, 8), g (8,) over x in T exp(x) to xi in T_world_camera exp(xi), in place (eq. 31-32)."""
     A = by_camera(T)
     HA, q = np.zeros((8, 8)), np.zeros(8)
     for i in range(8):
@@ -172,10 +132,10 @@ def to_camera_tangent(T, H, g):
 
 
 @njit(**OPTIONS)
-def move(sums, T, xi):
-    """Turn the gradient in a view's sums (NUM_SUMS,) into that after an increment xi (8,), to first order, in place."""
+def advance_gradient(sums, T, xi):
+    """Advance the gradient in a view's sums (NUM_SUMS,) by an increment xi (8,), to first order, in place."""
     A, H, g, x = by_camera(T), np.empty((8, 8)), np.empty(8), np.zeros(8)
-    unpack(sums, H, g)
+    unpack_sums(sums, H, g)
     for i in range(8):
         for j in range(8):
             x[i] += A[i, j] * xi[j]
@@ -188,11 +148,11 @@ def move(sums, T, xi):
 
 
 @njit(**OPTIONS)
-def join(view, h, q, sigma, has_light, H, g):
+def join_view(view, h, q, sigma, has_light, H, g):
     """Add one view's H (8, 8) and g (8,) to the system over (xi, gain 1, bias 1, gain 2, bias 2, ...) (eq. 19, 31).
 
     Unlike in the paper each view counts by the inverse variance of its residuals, so that a distant reference with
-    much occlusion steadies the result without pulling it.
+    much occlusion steadies the result without biasing it.
     """
     f = 1.0 / sigma**2
     n = NUM_COLUMNS if has_light else 6
@@ -243,7 +203,7 @@ def examine(blocks, T, camera, image, gain, bias, huber, min_sigma, facts, piece
 
 
 @njit(**OPTIONS)
-def linearise(blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, facts, pieces):
+def linearize(blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, facts, pieces):
     """Robust normal equations of all views at a pose (M15 eq. 4, 6, 19, 30-35), and how many pixels are visible.
 
     facts (MAX_VIEWS, NUM_FACTS) and pieces (MAX_VIEWS, ...) as of `examine`.
@@ -263,9 +223,9 @@ def linearise(blocks, num_views, T_world_reference, camera, image, T_world_camer
             for i in range(NUM_SUMS):
                 sums[i] += pieces[v, p, i]
         visible += facts[v, NUM_VISIBLE]
-        unpack(sums, h, q)
+        unpack_sums(sums, h, q)
         to_camera_tangent(T, h, q)
-        join(v, h, q, max(SIGMA_OF_MAD * facts[v, MAD], min_sigma), has_light, H, g)
+        join_view(v, h, q, max(SIGMA_OF_MAD * facts[v, MAD], min_sigma), has_light, H, g)
     return H, g, visible
 
 
@@ -297,12 +257,12 @@ def descend(
     motion, iteration = 0.0, 0
     xi, before = np.zeros(8), np.empty((3, 4))
     while iteration < limit:
-        H, g, visible = linearise(
+        H, g, visible = linearize(
             blocks, num_views, T_world_reference, camera, image, T_world_camera, light, robust, facts, pieces
         )
         if visible < min_pixels:
             return iteration, motion, False
-        x, is_found = solve(H, g, first)
+        x, is_found = newton_step(H, g, first)
         if not is_found:
             return iteration, motion, False
         for i in range(first, 6):
@@ -324,24 +284,24 @@ def descend(
                 if robust[2]:
                     xi[6], xi[7] = x[6 - first + 2 * v], x[7 - first + 2 * v]
                 for p in range(int(facts[v, NUM_CUT])):
-                    move(pieces[v, p], compose(T_camera_world, T_world_reference[v]), xi)
+                    advance_gradient(pieces[v, p], compose(T_camera_world, T_world_reference[v]), xi)
             break
     return iteration, motion, True
 
 
 @njit(**OPTIONS)
 def scatter(pieces, sigma):
-    """Return the sum over all pieces (P, NUM_SUMS) of g' H^-1 g / sigma^2, H of all together (see correlation.py)."""
+    """Return the sum over all pieces (P, NUM_SUMS) of g' H^-1 g / sigma^2, H of all together (see judgement.py)."""
     H, g, h, total = np.zeros((8, 8)), np.empty((pieces.shape[0], 8)), np.empty((8, 8)), 0.0
     for p in range(pieces.shape[0]):
-        unpack(pieces[p], h, g[p])
+        unpack_sums(pieces[p], h, g[p])
         for i in range(8):
             for j in range(8):
                 H[i, j] += h[i, j]
     for i in range(8):
         H[i, i] += RIDGE * H[i, i] + TINY
     for p in range(pieces.shape[0]):
-        x, is_found = solve(H, g[p], START)
+        x, is_found = newton_step(H, g[p], START)
         if is_found:
             for i in range(8):
                 total -= g[p, i] * x[i]

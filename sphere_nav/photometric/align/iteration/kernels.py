@@ -16,7 +16,7 @@ from sphere_nav.kernel_cache.kernels import OPTIONS, njit
 
 SIDE = 256  # pixels of a block
 # Rows of a block of the reference: point in m, grey level, its gradient by the point in grey levels per m.
-PX, PY, PZ, GREY, BX, BY, BZ, BLOCK = (SIDE * i for i in range(8))
+PX, PY, PZ, GRAY, BX, BY, BZ, BLOCK = (SIDE * i for i in range(8))
 # Rows of the scratch: columns of the Jacobian (v, omega, gain; that of the bias is one), residual, weight, ...
 C0, C1, C2, C3, C4, C5, C6, ERROR, WEIGHT, DU, DV, SEEN, J0, J1, J2, J3, J4, J5, TA, TB, TC, TD, SCRATCH = (
     SIDE * i for i in range(23)
@@ -30,9 +30,9 @@ VISIBLE, INLIERS = 45, 46
 # derivative by a stretch about the centre, grey level of the image, residual, 1 where it is seen.
 NUM_WARPED = 13
 
-BINS_PER_GREY = 4.0
+BINS_PER_GRAY = 4.0
 HALF_RANGE = 256.0  # residuals beyond +-256 grey levels count into the outermost bins
-NUM_BINS = int(2 * HALF_RANGE * BINS_PER_GREY)
+NUM_BINS = int(2 * HALF_RANGE * BINS_PER_GRAY)
 
 PINHOLE, FISHEYE, SPHERICAL, DOUBLE_SPHERE = 0, 1, 2, 3
 NUM_COEFFICIENTS = 13  # of the longest model
@@ -141,17 +141,17 @@ def _project_spherical(k, r):
     """Project into the window of a sphere."""
     full_width, full_height, offset_u, offset_v = k[0], k[1], k[2], k[3]
     by_angle = full_width / (PI + PI)
-    centre_u, centre_v = HALF * full_width - HALF - offset_u, HALF * full_height - HALF - offset_v
+    center_u, center_v = HALF * full_width - HALF - offset_u, HALF * full_height - HALF - offset_v
     for i in range(SIDE):
         known = r[Z + i] == r[Z + i]
         x, y, z = (r[X + i] if known else ONE), (r[Y + i] if known else ZERO), (r[Z + i] if known else ZERO)
         r[SEEN + i] = ONE if known else ZERO
         horizontal2 = max(x * x + y * y, np.float32(1e-12))
         horizontal = np.float32(math.sqrt(horizontal2))
-        column = centre_u - arctangent2(y, x) * by_angle
+        column = center_u - arctangent2(y, x) * by_angle
         column = column + full_width if column < -HALF else column
         r[U + i] = column - full_width if column >= full_width - HALF else column
-        r[V + i] = centre_v - arctangent2(z, horizontal) * by_angle
+        r[V + i] = center_v - arctangent2(z, horizontal) * by_angle
         by_azimuth = by_angle / horizontal2
         by_elevation = by_angle / ((horizontal2 + z * z) * horizontal)
         r[J0 + i], r[J1 + i], r[J2 + i] = by_azimuth * y, -by_azimuth * x, ZERO
@@ -263,7 +263,7 @@ def compare(gain, bias, d, r):
         a, b, c, e = r[TA + i], r[TB + i], r[TC + i], r[TD + i]
         top, bottom = a + r[DU + i] * (b - a), c + r[DU + i] * (e - c)
         r[C6 + i] = top + r[DV + i] * (bottom - top)
-        r[ERROR + i] = gain * r[C6 + i] + bias - d[GREY + i]
+        r[ERROR + i] = gain * r[C6 + i] + bias - d[GRAY + i]
 
 
 @njit(**OPTIONS)
@@ -277,7 +277,7 @@ def _differentiate(T, gain, bias, d, r):
         a, b, c, e = r[TA + i], r[TB + i], r[TC + i], r[TD + i]
         seen, du, dv = r[SEEN + i] > ZERO, r[DU + i], r[DV + i]
         top, bottom = a + du * (b - a), c + du * (e - c)
-        grey = top + dv * (bottom - top)
+        gray = top + dv * (bottom - top)
         gx, gy = (b - a) + dv * ((e - c) - (b - a)), bottom - top
         gx, gy = (gx if seen else ZERO), (gy if seen else ZERO)
         ax = gx * r[J0 + i] + gy * r[J3 + i]
@@ -286,8 +286,8 @@ def _differentiate(T, gain, bias, d, r):
         r[C0 + i] = HALF * d[BX + i] + (b00 * ax + b10 * ay + b20 * az)
         r[C1 + i] = HALF * d[BY + i] + (b01 * ax + b11 * ay + b21 * az)
         r[C2 + i] = HALF * d[BZ + i] + (b02 * ax + b12 * ay + b22 * az)
-        r[C6 + i] = grey
-        r[ERROR + i] = gain * grey + bias - d[GREY + i] if seen else ZERO
+        r[C6 + i] = gray
+        r[ERROR + i] = gain * gray + bias - d[GRAY + i] if seen else ZERO
 
 
 @njit(**OPTIONS)
@@ -402,14 +402,14 @@ def _add_rows_4_8(r, out):
 def _count(r, histogram):
     """Add the visible residuals of a block to a histogram (NUM_BINS,)."""
     for i in range(SIDE):
-        b = (r[ERROR + i] + np.float32(HALF_RANGE)) * np.float32(BINS_PER_GREY)
+        b = (r[ERROR + i] + np.float32(HALF_RANGE)) * np.float32(BINS_PER_GRAY)
         b = b if b > ZERO else ZERO
         b = b if b < np.float32(NUM_BINS - 1) else np.float32(NUM_BINS - 1)
         histogram[np.uint32(np.int32(b))] += np.int32(r[SEEN + i])
 
 
 @njit(**OPTIONS)
-def median_and_mad(histogram):
+def histogram_median_and_mad(histogram):
     """Median and median absolute deviation of a residual histogram (NUM_BINS,) i32, and the number counted.
 
     Linear within a bin, so both are exact to a small part of 1 / BINS_PER_GREY (M15 eq. 12, 35).
@@ -431,7 +431,7 @@ def median_and_mad(histogram):
             low = width
         else:
             high = width
-    return middle / BINS_PER_GREY - HALF_RANGE, high / BINS_PER_GREY, total
+    return middle / BINS_PER_GRAY - HALF_RANGE, high / BINS_PER_GRAY, total
 
 
 @njit(**OPTIONS)
@@ -453,7 +453,7 @@ def scale(blocks, step, T, camera, image, gain, bias, r, places, histogram):
         locate(T, camera, image, d, r, places)
         compare(gain, bias, d, r)
         _count(r, histogram)
-    return median_and_mad(histogram)
+    return histogram_median_and_mad(histogram)
 
 
 @njit(**OPTIONS)
@@ -461,11 +461,11 @@ def _correlate(d, r, correlation):
     """Add what the correlation of reference and warped image needs."""
     sum_r = sum_c = product = square_r = square_c = ZERO
     for i in range(SIDE):
-        seen, current, grey = r[SEEN + i], r[C6 + i], d[GREY + i]
-        sum_r += seen * grey
+        seen, current, gray = r[SEEN + i], r[C6 + i], d[GRAY + i]
+        sum_r += seen * gray
         sum_c += seen * current
-        product += seen * grey * current
-        square_r += seen * grey * grey
+        product += seen * gray * current
+        square_r += seen * gray * gray
         square_c += seen * current * current
     _add(0, (sum_r, sum_c, product, square_r, square_c), correlation)
 
@@ -494,7 +494,7 @@ def accumulate(blocks, first, last, T, camera, image, gain, bias, median, width,
 
 
 @njit(**OPTIONS)
-def warp(blocks, T, camera, image, gain, bias, centre_u, centre_v, out):
+def warp(blocks, T, camera, image, gain, bias, center_u, center_v, out):
     """Write of every pixel what stands at `NUM_WARPED` into out (NUM_WARPED, blocks * SIDE) f32.
 
     T (3, 4) f32 reference -> camera; the image's gradient by a point of the camera is that of the light applied.
@@ -508,7 +508,7 @@ def warp(blocks, T, camera, image, gain, bias, centre_u, centre_v, out):
             a, b, c, e, du, dv = r[TA + i], r[TB + i], r[TC + i], r[TD + i], r[DU + i], r[DV + i]
             top, bottom = a + du * (b - a), c + du * (e - c)
             gx, gy = gain * ((b - a) + dv * ((e - c) - (b - a))), gain * (bottom - top)
-            grey = top + dv * (bottom - top)
+            gray = top + dv * (bottom - top)
             bx, by, bz = d[BX + i], d[BY + i], d[BZ + i]
             out[0, first + i], out[1, first + i], out[2, first + i] = r[X + i], r[Y + i], r[Z + i]
             out[3, first + i] = T[0, 0] * bx + T[0, 1] * by + T[0, 2] * bz
@@ -517,6 +517,6 @@ def warp(blocks, T, camera, image, gain, bias, centre_u, centre_v, out):
             out[6, first + i] = gx * r[J0 + i] + gy * r[J3 + i]
             out[7, first + i] = gx * r[J1 + i] + gy * r[J4 + i]
             out[8, first + i] = gx * r[J2 + i] + gy * r[J5 + i]
-            out[9, first + i] = gx * (r[U + i] - centre_u) + gy * (r[V + i] - centre_v)
-            out[10, first + i], out[11, first + i] = grey, gain * grey + bias - d[GREY + i]
+            out[9, first + i] = gx * (r[U + i] - center_u) + gy * (r[V + i] - center_v)
+            out[10, first + i], out[11, first + i] = gray, gain * gray + bias - d[GRAY + i]
             out[12, first + i] = r[SEEN + i]

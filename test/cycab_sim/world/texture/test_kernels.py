@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from cycab_sim.rendering.renderer import paint
+from cycab_sim.rendering.renderer import paint_rays
 from cycab_sim.world.mesh import Finish, MeshBuilder
 from cycab_sim.world.noise.kernels import sum_octaves
 from cycab_sim.world.texture import kernels
@@ -84,7 +84,7 @@ def test_rays_are_located_on_their_surface_and_in_the_sky():
     hit, ranges = np.array([0, -1, -2], np.int32), np.array([5.0, np.inf, np.nan], np.float32)
     cone, surface_of = np.full(3, 0.002, np.float32), np.zeros(1, np.int32)
     points, depths, seeds = np.empty((8, 3), np.float32), np.empty(3, np.float32), np.empty(3, np.uint32)
-    kernels.locate(np.zeros(3), rays, ranges, hit, cone, surface_of, frames, kinds, points, depths, seeds)
+    kernels.locate_surfaces(np.zeros(3), rays, ranges, hit, cone, surface_of, frames, kinds, points, depths, seeds)
     np.testing.assert_allclose(points[:4, 0], [2.0, 1.0, 0.01, 0.01], rtol=1e-6)
     assert depths[0] == pytest.approx(0.0, abs=1e-6)
     assert points[0, 1] == pytest.approx(0.6 / 0.92, rel=1e-5)  # on a plane overhead
@@ -99,7 +99,7 @@ def test_a_flat_view_stretches_the_footprint():
     assert major == pytest.approx(0.01 / np.sin(slant))
 
 
-def test_a_colour_lies_between_the_two_of_its_finish():
+def test_a_color_lies_between_the_two_of_its_finish():
     mesh = MeshBuilder(np.random.default_rng(1))
     mesh.panels(
         [[[5, 1, 0], [5, -1, 0], [5, -1, 3], [5, 1, 3]]],
@@ -109,8 +109,8 @@ def test_a_colour_lies_between_the_two_of_its_finish():
     up = np.linspace(-0.5, 0.2, n)
     rays = np.stack([np.ones(n), np.linspace(-0.18, 0.18, n), 0.4 + up], axis=1)
     rays = (rays / np.linalg.norm(rays, axis=1, keepdims=True)).astype(np.float32)
-    ranges, colour = (5.0 / rays[:, 0]).astype(np.float32), np.empty((n, 3), np.float32)
-    paint(built, np.zeros(3), rays, ranges, np.zeros(n, np.int32), np.full(n, 1e-3, np.float32), colour)
-    assert colour.min() == pytest.approx(0.1, abs=0.01)
-    assert colour.max() > 0.4  # paint that is never quite white
-    assert colour.max() <= 0.6 + 1e-6
+    ranges, color = (5.0 / rays[:, 0]).astype(np.float32), np.empty((n, 3), np.float32)
+    paint_rays(built, np.zeros(3), rays, ranges, np.zeros(n, np.int32), np.full(n, 1e-3, np.float32), color)
+    assert color.min() == pytest.approx(0.1, abs=0.01)
+    assert color.max() > 0.4  # paint that is never quite white
+    assert color.max() <= 0.6 + 1e-6

@@ -5,6 +5,7 @@ from cycab_sim.world.finishes import METAL
 from cycab_sim.world.mesh import MeshBuilder
 from cycab_sim.world.paths import Path, Piece, rounded
 from cycab_sim.world.town import draw_plan, taught_path
+from cycab_sim.world.traffic import loops
 from cycab_sim.world.traffic.loops import CLEAR, SPACING, WIDTHS, Loop, free_loops, town_loops, walk_around
 
 PLAN = draw_plan(5)
@@ -58,3 +59,10 @@ def test_a_street_without_a_path_in_it_is_free():
     free = free_loops(loops, far, may_cross=False)
     assert [loop for loop in loops if not loop.is_crossing] == free
     assert len(free) < len(loops)
+
+
+def test_boxes_are_marked_and_cut_at_the_edge():
+    grid = np.ones((5, 6), np.uint8)
+    loops._clear(np.array([[1, 1, 2, 2], [4, 3, 9, 9]]), grid)
+    assert grid.sum() == 30 - 4 - 4
+    assert grid[2, 1] == grid[4, 5] == 0

@@ -1,3 +1,4 @@
+from collections import Counter
 from dataclasses import replace
 from functools import cache
 
@@ -7,7 +8,7 @@ import pytest
 from cycab_sim.params import TrafficParams
 from cycab_sim.sensors.faults import SECOND
 from cycab_sim.simulator import Simulator
-from cycab_sim.vehicle import Command
+from cycab_sim.vehicle import VehicleCommand
 from cycab_sim.world.traffic.traffic import AWAY, Traffic
 from cycab_sim.world.worlds import build_world
 from sphere_nav.geometry import SE3, Pinhole
@@ -32,11 +33,22 @@ def simulator(small_params):
 
 
 def test_all_that_is_asked_for_is_there_and_moves_at_its_pace(traffic):
-    assert len(traffic.actors) == PARAMS.cars + PARAMS.trams + PARAMS.bicycles + PARAMS.pedestrians
+    assert len(traffic.actors) == 12 + 1 + 6 + 40  # cars, tram, cyclists, pedestrians
     a, b = traffic.poses(20 * SECOND)[:, :2, 3], traffic.poses(21 * SECOND)[:, :2, 3]
     ways = np.linalg.norm(b - a, axis=1)
     assert np.median(ways) == pytest.approx(1.3, rel=0.2)  # most are pedestrians
     assert ways.max() < 5.0 * 1.15 + 0.1
+
+
+def test_where_it_is_busy_more_are_under_way():
+    counts = Counter(loop.kind for loop in who_goes(replace(PARAMS, is_busy=True)))
+    assert counts == {"road": 20 + 1, "cycle": 10, "walk": 80}
+
+
+def who_goes(params):
+    """The loop of each."""
+    traffic = Traffic(world(), params, 5)
+    return [traffic.loops[actor.loop] for actor in traffic.actors]
 
 
 def test_where_they_are_depends_on_the_stamp_and_the_seed_alone(traffic):
@@ -107,7 +119,7 @@ def test_traffic_is_seen_and_measured_and_throws_shadows(simulator):
     assert hits[0][0] >= moving.first
     shadows = simulator.renderer._shadows
     assert (shadows.depths < shadows._still).sum() > 500  # texels
-    simulator.step(Command(), 20 * SECOND)
+    simulator.step(VehicleCommand(), 20 * SECOND)
     later, _ = simulator.render(camera, T_world_camera)
     assert np.mean(np.abs(later.astype(float) - image) > 10.0) > 0.05
 
@@ -116,7 +128,7 @@ def test_the_laser_scanner_sees_traffic(simulator):
     simulator.teleport(-1.0, 14.0, 0.0)  # across the street on which cars and the tram go
     measured = []
     for _ in range(12):
-        simulator.step(Command(), 50 * STEP)
+        simulator.step(VehicleCommand(), 50 * STEP)
         measured.append(np.minimum(simulator.scan().ranges, 30.0))
     assert (np.ptp(measured, axis=0) > 0.5).any()  # noise is 0.01 m
 

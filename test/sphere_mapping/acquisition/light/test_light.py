@@ -20,9 +20,9 @@ def rig_view(name, yaw, mask=None):
     return RigView(name, LENS, T, border_of(RigCamera(name, LENS, T), mask))
 
 
-def picture(level=200.0, falloff=0.2, colours=(1.0, 1.0, 1.0)):
-    grey = level * np.exp(-falloff * ANGLE**2)
-    return np.clip(np.rint(grey[..., None] * np.array(colours)), 0, 255).astype(np.uint8)
+def picture(level=200.0, falloff=0.2, colors=(1.0, 1.0, 1.0)):
+    gray = level * np.exp(-falloff * ANGLE**2)
+    return np.clip(np.rint(gray[..., None] * np.array(colors)), 0, 255).astype(np.uint8)
 
 
 def light(yaws=YAW, masks=None, groups=None):
@@ -54,22 +54,22 @@ def test_the_ratio_of_exposures_is_found_beside_the_falloff():
     np.testing.assert_allclose(gains["b"] / gains["a"], 200 / 140, rtol=0.02)
 
 
-def test_a_colour_departs_from_its_camera_by_the_bound_at_most():
-    _, gains = light().balance({"a": picture(), "b": picture(colours=(1.0, 0.5, 1.0))})
+def test_a_color_departs_from_its_camera_by_the_bound_at_most():
+    _, gains = light().balance({"a": picture(), "b": picture(colors=(1.0, 0.5, 1.0))})
     mean = np.log(2.0) / 6  # of the logarithms of three colours, half of it at either camera
     for gain in gains.values():
         assert np.ptp(np.log(gain)) == pytest.approx(mean + np.log(MAX_WHITE_BALANCE), rel=1e-2)
 
 
-def test_a_small_difference_of_colour_is_made_equal():
-    _, gains = light().balance({"a": picture(), "b": picture(colours=(1.0, 0.9, 1.0))})
+def test_a_small_difference_of_color_is_made_equal():
+    _, gains = light().balance({"a": picture(), "b": picture(colors=(1.0, 0.9, 1.0))})
     assert gains["b"][1] / gains["a"][1] == pytest.approx(1 / 0.9, rel=0.02)
 
 
-def test_a_dark_green_rim_colours_nothing():
+def test_a_dark_green_rim_colors_nothing():
     """Back to back the cameras share their rims only: stray light there is no white balance."""
     back_to_back = {"a": 0.0, "b": np.pi}
-    images = {name: picture(130.0, colours=(1.0, 1.02, 0.88)) for name in back_to_back}
+    images = {name: picture(130.0, colors=(1.0, 1.02, 0.88)) for name in back_to_back}
     rim = np.clip((ANGLE - 1.6) / 0.1, 0.0, 1.0)[..., None]  # the last degrees fall to a dark green
     stray = {"a": np.array([6.0, 26.0, 14.0]), "b": np.array([8.0, 9.0, 8.0])}
     images = {n: np.rint(image * (1 - rim) + stray[n] * rim).astype(np.uint8) for n, image in images.items()}

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.light.vignetting import Comparison, Falloff, falloff
+from sphere_mapping.acquisition.light.vignetting import Falloff, PairRatios, falloff
 
 TRUE = np.array([-0.3, -0.1, -0.4])
 
@@ -16,7 +16,7 @@ def comparison(rng, exposures=(0.0, 0.25), lenses=(TRUE, TRUE), number=600, wron
     ratio = ratio + rng.normal(0, noise, number)
     is_wrong = rng.random(number) < wrong
     ratio[is_wrong] += rng.exponential(1.0, np.count_nonzero(is_wrong))
-    return Comparison(numbers, numbers, (squares[0], squares[1]), ratio, np.full(number, 0.05))
+    return PairRatios(numbers, numbers, (squares[0], squares[1]), ratio, np.full(number, 0.05))
 
 
 def test_falloff_is_the_polynomial_of_its_definition():
@@ -53,5 +53,5 @@ def test_no_lens_is_said_to_brighten_towards_its_rim(rng):
 def test_nothing_seen_says_nothing():
     found = Falloff(["lens"] * 3)
     empty = np.zeros(0, np.intp)
-    found.update(Comparison((empty, empty), (empty, empty), (np.zeros(0),) * 2, np.zeros(0), np.zeros(0)), 3)
+    found.update(PairRatios((empty, empty), (empty, empty), (np.zeros(0),) * 2, np.zeros(0), np.zeros(0)), 3)
     np.testing.assert_array_equal(found.coefficients, 0.0)

@@ -1,17 +1,17 @@
 import numpy as np
 
-from sphere_mapping.acquisition.partial.joining import Patch, exposure_gains, join
+from sphere_mapping.acquisition.partial.joining import Patch, exposure_gains, join_views
 from sphere_nav.geometry import Spherical
 
 WHOLE = Spherical(128, 64)
 
 
-def patch(first_column, gain=1.0, width=48, colour=False, range_value=2.0):
+def patch(first_column, gain=1.0, width=48, color=False, range_value=2.0):
     """A band of a sphere whose grey level depends on the column alone, at another exposure."""
     columns = (np.arange(width) + first_column) % WHOLE.width
     row = gain * (100 + 40 * np.sin(2 * np.pi * columns / WHOLE.width))
     image = np.repeat(np.rint(row)[None, :], 32, axis=0).astype(np.uint8)
-    image = np.repeat(image[..., None], 3, axis=2) if colour else image
+    image = np.repeat(image[..., None], 3, axis=2) if color else image
     border = np.minimum(np.arange(width), width - 1 - np.arange(width)) + 0.5
     weight = np.repeat(border[None, :], 32, axis=0).astype(np.float32)
     range_m = np.full((32, width), range_value, np.float32)
@@ -37,8 +37,8 @@ def test_views_without_overlap_keep_their_exposure():
 
 
 def test_a_closed_ring_has_no_seam_and_no_hole():
-    for colour in (False, True):
-        image, range_m = join(ring(colour=colour), WHOLE)
+    for color in (False, True):
+        image, range_m = join_views(ring(color=color), WHOLE)
         band = image[16:48].astype(int).reshape(32, 128, -1)
         assert np.isfinite(range_m[16:48]).all()
         steps = np.abs(np.diff(np.concatenate([band, band[:, :1]], axis=1), axis=1))
@@ -49,10 +49,10 @@ def test_a_closed_ring_has_no_seam_and_no_hole():
 
 def test_range_is_of_one_view_never_a_mean():
     patches = [patch(0), patch(32, range_value=6.0)]
-    _, range_m = join(patches, WHOLE)
+    _, range_m = join_views(patches, WHOLE)
     assert set(np.unique(range_m[16:48, :80])) == {2.0, 6.0}
     assert range_m[20, 34] == 2.0
     assert range_m[20, 46] == 6.0
     blind = Patch(patches[1].image, np.full((32, 48), np.nan, np.float32), patches[1].weight, patches[1].window)
-    _, range_m = join([patches[0], blind], WHOLE)
+    _, range_m = join_views([patches[0], blind], WHOLE)
     assert range_m[20, 46] == 2.0  # the other one measured

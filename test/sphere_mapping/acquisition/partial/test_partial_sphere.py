@@ -32,10 +32,10 @@ def truth_in(sphere, T_room_sphere):
     ],
     ids=["pinhole", "distorted", "fisheye"],
 )
-def test_range_and_grey_level_are_those_of_the_room(camera):
+def test_range_and_gray_level_are_those_of_the_room(camera):
     image, depth_m = ROOM.rgbd(camera, optical(AT))
     sphere = sphere_from_rgbd(image, depth_m, camera, stamp_ns=5)
-    grey, range_m = truth_in(sphere, AT)
+    gray, range_m = truth_in(sphere, AT)
     seen = sphere.is_seen
     assert sphere.stamp_ns == 5
     assert seen.mean() > 0.7  # the window fits the view; a fisheye rounds its corners
@@ -44,7 +44,7 @@ def test_range_and_grey_level_are_those_of_the_room(camera):
     assert np.median(error) < 2e-4
     assert np.percentile(error, 95) < 0.01
     # rounding twice gives 0.4 grey levels rms, interpolation about as much
-    assert np.sqrt(np.mean((sphere.grey - grey)[seen] ** 2)) < 1.0
+    assert np.sqrt(np.mean((sphere.gray - gray)[seen] ** 2)) < 1.0
 
 
 def test_what_the_camera_does_not_see_is_nan_and_unlit():
@@ -86,18 +86,18 @@ def test_unknown_depth_stays_unknown_and_far_stays_far():
     assert sphere.is_seen[block(60, 120)].all()
 
 
-def test_a_camera_beside_the_centre_sees_the_range_from_the_centre():
+def test_a_camera_beside_the_center_sees_the_range_from_the_center():
     T_sphere_camera = SE3.from_parts(np.eye(3), [0.06, 0.02, -0.03]) @ T_BODY_OPTICAL
     image, depth_m = ROOM.rgbd(PINHOLE, AT @ T_sphere_camera)
     sphere = sphere_from_rgbd(image, depth_m, PINHOLE, T_sphere_camera)
-    grey, range_m = truth_in(sphere, AT)
+    gray, range_m = truth_in(sphere, AT)
     error = np.abs(sphere.range_m / range_m - 1)[sphere.measured]
     assert sphere.measured.sum() > 0.95 * sphere.is_seen.sum()
     assert np.percentile(error, 99) < 2e-3  # without the parallax it would be 3 %
-    assert np.sqrt(np.mean((sphere.grey - grey)[sphere.measured] ** 2)) < 1.5
+    assert np.sqrt(np.mean((sphere.gray - gray)[sphere.measured] ** 2)) < 1.5
 
 
-def test_depth_from_a_camera_beside_the_colour_camera_is_moved_to_it():
+def test_depth_from_a_camera_beside_the_color_camera_is_moved_to_it():
     T_sphere_depth = SE3.from_parts(np.eye(3), [0.0, 0.025, 0.0]) @ T_BODY_OPTICAL
     depth_camera = Pinhole(320, 240, 292.0, 292.0, 160.0, 120.0)
     image, _ = ROOM.rgbd(PINHOLE, optical(AT))
@@ -118,13 +118,13 @@ def test_a_ring_of_cameras_is_one_sphere_without_a_seam():
         views.append(RgbdView(*ROOM.rgbd(PINHOLE, AT @ T_sphere_camera), PINHOLE, T_sphere_camera))
     sphere = sphere_from_views(views)
     assert sphere.camera.is_whole
-    grey, range_m = truth_in(sphere, AT)
+    gray, range_m = truth_in(sphere, AT)
     band = slice(int(0.4 * sphere.camera.height), int(0.6 * sphere.camera.height))
     assert sphere.is_seen[band].all()
     assert sphere.measured[band].mean() > 0.99
     error = np.abs(sphere.range_m / range_m - 1)[band]
     assert np.nanpercentile(error, 99) < 3e-3
-    assert np.abs(sphere.grey - grey)[band].max() < 8.0
+    assert np.abs(sphere.gray - gray)[band].max() < 8.0
 
 
 def test_a_finer_camera_is_averaged_not_aliased():
@@ -132,9 +132,9 @@ def test_a_finer_camera_is_averaged_not_aliased():
     noise = rng.integers(1, 255, (240, 320)).astype(np.uint8)
     depth_m = np.full((240, 320), 2.0, dtype=np.float32)
     coarse = sphere_from_rgbd(noise, depth_m, PINHOLE, params=PartialParams(resolution=0.25))
-    centre = coarse.grey[20:40, 25:55]
+    center = coarse.gray[20:40, 25:55]
     # the mean of 4 x 4 pixels has a quarter of their deviation; sampling one of them would keep it all
-    assert centre.std() < 0.4 * noise.std()
+    assert center.std() < 0.4 * noise.std()
 
 
 def test_a_range_outside_the_trusted_span_is_not_measured():

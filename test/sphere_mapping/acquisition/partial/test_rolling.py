@@ -21,10 +21,10 @@ OPTICAL_TWIST = T_BODY_OPTICAL.inverse().adjoint() @ TWIST
 
 def rgbd(twist):
     """What the camera sees whose rows are read while it moves by the twist."""
-    grey = ROOM.render_rolling(CAMERA, optical(PLACE), twist)
+    gray = ROOM.render_rolling(CAMERA, optical(PLACE), twist)
     range_m = ROOM.range_rolling(CAMERA, optical(PLACE), twist)
     depth_m = range_m * CAMERA.unproject(pixel_grid(CAMERA))[..., 2]
-    return RgbdView(np.rint(grey).astype(np.uint8), depth_m.astype(np.float32), CAMERA)
+    return RgbdView(np.rint(gray).astype(np.uint8), depth_m.astype(np.float32), CAMERA)
 
 
 def difference(view, other):

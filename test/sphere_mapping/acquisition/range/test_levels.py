@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.range.levels import fit, halve, has_texture_around, interpolate, usable_at
+from sphere_mapping.acquisition.range.levels import fit, halve_image, has_texture_around, interpolate, usable_at
 
 
 def waves(height, width, phase=0.0):
@@ -14,7 +14,7 @@ def waves(height, width, phase=0.0):
 
 def test_a_pixel_of_a_half_lies_on_the_even_pixels_of_the_whole():
     image = np.rint(waves(64, 128)).astype(np.uint8)
-    assert np.abs(halve(image, True)[2:-2].astype(float) - image[4:-4:2, ::2]).max() <= 2
+    assert np.abs(halve_image(image, True)[2:-2].astype(float) - image[4:-4:2, ::2]).max() <= 2
 
 
 @pytest.mark.parametrize("is_whole", [True, False])

@@ -46,7 +46,7 @@ def test_far_is_agreed_on_as_well():
 def test_a_pair_sees_what_both_of_its_cameras_see():
     poses = [SE3.from_parts(OPTICAL, [0.0, y, 0.0]) for y in (0.15, -0.15)]
     rig = Rig(tuple(RigCamera(name, LENS, pose) for name, pose in zip("ab", poses, strict=True)))
-    [pair] = Stitcher(rig, build(StitchParams, {"width": WIDTH})).pairs
+    [pair] = Stitcher(rig, build(StitchParams, {"width": WIDTH})).stereo.pairs
     height = WIDTH // 2
     assert pair.sees.shape == (height, WIDTH)
     assert pair.sees[height // 2, WIDTH // 2]  # ahead

@@ -6,8 +6,8 @@ import pytest
 
 from sphere_mapping.acquisition.kernels import match_outline
 from sphere_mapping.acquisition.params import MatchParams
-from sphere_mapping.acquisition.range.epipolar import search_of
-from sphere_mapping.acquisition.range.planes import Places, _fit, range_of_planes
+from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges
+from sphere_mapping.acquisition.range.planes import Viewpoints, _fit, range_of_planes
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 
@@ -20,21 +20,21 @@ LEVELS = {0: 90.0, 1: 125.0, 2: 150.0, 3: 170.0, 4: 60.0, 5: 205.0}  # of the wa
 def see(height_m, rng, box):
     """Return image and range (H, W) of the room from so far above the upper centre."""
     fine = Spherical(FINER * WHOLE.width, FINER * WHOLE.height)
-    rays, centre = fine.unproject(pixel_grid(fine)), np.array([0.0, 0.0, height_m])
+    rays, center = fine.unproject(pixel_grid(fine)), np.array([0.0, 0.0, height_m])
     with np.errstate(divide="ignore"):
-        ways = np.where(rays > 0, HIGH - centre, LOW - centre) / rays
+        ways = np.where(rays > 0, HIGH - center, LOW - center) / rays
     axis = np.argmin(ways, axis=-1)
     range_m = np.min(ways, axis=-1)
     face = 2 * axis + np.take_along_axis(rays > 0, axis[..., None], -1)[..., 0]
     levels = np.vectorize(LEVELS.get)(face)
-    points = centre + rays * range_m[..., None]
+    points = center + rays * range_m[..., None]
     grain = cv2.GaussianBlur(np.random.default_rng(7).normal(0, 1, (600, 600)).astype(np.float32), (0, 0), 1.5)
     grain *= 40 / grain.std()
     on_floor = face == 4
     u, v = ((points[..., k] * 60 + 200).astype(np.float32) for k in (0, 1))
     levels = np.where(on_floor, 90 + cv2.remap(grain, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP), levels)
     if box:
-        first, last = ((side - centre) / rays for side in BOX)
+        first, last = ((side - center) / rays for side in BOX)
         near, far = np.minimum(first, last).max(axis=-1), np.maximum(first, last).min(axis=-1)
         is_hit = (near < far) & (near > 0) & (near < range_m)
         levels, range_m = np.where(is_hit, 35.0, levels), np.where(is_hit, near, range_m)
@@ -44,13 +44,20 @@ def see(height_m, rng, box):
     return image, range_m[middle::FINER, middle::FINER]
 
 
+def one_viewpoint():
+    """Return the viewpoints of two spheres that were taken from one centre each."""
+    shape = (WHOLE.height, WHOLE.width)
+    centers = np.zeros((1, 3), np.float32)
+    return Viewpoints(BASELINE_M, np.zeros(shape, np.int8), centers, np.zeros(shape, np.float32), 0.0)
+
+
 def fill(*, box):
     """Return range, its deviation and the truth (H, W); nothing is measured before."""
     rng, params = np.random.default_rng(3), MatchParams()
     (top, truth), (bottom, _) = see(0.0, rng, box), see(-BASELINE_M, rng, box)
     nothing = np.full(top.shape, np.nan, np.float32)
-    everywhere, search = np.ones(top.shape, np.bool_), search_of(WHOLE, BASELINE_M, params)
-    places = Places.of_pair(WHOLE, BASELINE_M)
+    everywhere, search = np.ones(top.shape, np.bool_), disparities_of_ranges(WHOLE, BASELINE_M, params)
+    places = one_viewpoint()
     return *range_of_planes(top, bottom, (nothing, nothing), everywhere, places, search, params), truth
 
 
@@ -85,10 +92,10 @@ def test_what_is_measured_stands_unless_it_contradicts_the_plane(empty_room):
     rim = np.zeros(measured.shape, np.bool_)
     rim[110:114] = True
     measured[rim] *= 0.7
-    everywhere, search = np.ones(top.shape, np.bool_), search_of(WHOLE, BASELINE_M, params)
+    everywhere, search = np.ones(top.shape, np.bool_), disparities_of_ranges(WHOLE, BASELINE_M, params)
     measured[130:], measured[:100] = np.nan, np.nan  # enough of a region must be unknown, that it counts
     ranged = measured, 0.02 * measured
-    found, _ = range_of_planes(top, bottom, ranged, everywhere, Places.of_pair(WHOLE, BASELINE_M), search, params)
+    found, _ = range_of_planes(top, bottom, ranged, everywhere, one_viewpoint(), search, params)
     right = ~rim & ~np.isnan(measured)
     assert not np.isfinite(found[right]).any()
     known = rim & np.isfinite(alone)

@@ -8,7 +8,7 @@ from sphere_mapping.acquisition.range.rig_adjustment import (
     Matches,
     correct,
     epipolar_errors,
-    errors,
+    match_angles,
     slopes,
 )
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Pinhole, Rig, RigCamera
@@ -40,7 +40,7 @@ def test_slopes_are_those_of_the_errors(rng, lens):
     values = rng.normal(0, 0.02, 3 * NUM_VALUES)
     found = slopes(rig, values, matches, SCALE)
     steps = 1e-6 * np.eye(values.size)
-    sides = [[errors(correct(rig, values + sign * step), matches, SCALE) for sign in (1, -1)] for step in steps]
+    sides = [[match_angles(correct(rig, values + sign * step), matches, SCALE) for sign in (1, -1)] for step in steps]
     numerical = np.stack([(up - down) / 2e-6 for up, down in sides], axis=1)
     assert found.shape == numerical.shape == (160, 18)
     np.testing.assert_allclose(found, numerical, atol=1e-6 * np.abs(numerical).max())
@@ -48,7 +48,7 @@ def test_slopes_are_those_of_the_errors(rng, lens):
 
 def test_a_match_whose_range_is_unknown_counts_by_its_plane_alone(rng):
     rig, matches = rig_and_matches(LENSES[0], rng)
-    found = errors(rig, matches, SCALE)
+    found = match_angles(rig, matches, SCALE)
     np.testing.assert_allclose(found[:120] * SCALE, epipolar_errors(rig, matches))
     is_unknown = np.isnan(matches[1].range_first)
     assert (found[120:][is_unknown] == 0).all()

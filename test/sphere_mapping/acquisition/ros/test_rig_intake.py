@@ -1,12 +1,13 @@
-"""Instants of a rig: what waits for a cloud, what is told of every camera."""
+"""Instants of a rig: what waits for a cloud, what is told of every camera, where a LiDAR is."""
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rclpy")
 
-from sphere_mapping.acquisition.params import SphereStitcherParams
-from sphere_mapping.acquisition.ros.rig_intake import RigIntake
+from sphere_mapping.acquisition.params import LidarParams, SphereStitcherParams
+from sphere_mapping.acquisition.ros.rig_intake import Clouds, RigIntake, mount_of
+from sphere_nav.params import build
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import array_to_image, cloud_to_message
 from sphere_nav.ros.node import ERROR, OK, WARN, ManagedNode
@@ -26,8 +27,7 @@ class Keeper(ManagedNode):
         self.instants = []
         lookup = TransformTree().lookup
         self.intake = RigIntake(vertical_rig(), self.params, self.now_ns, lookup, self.instants.extend)
-        for subscription in self.intake.subscriptions():
-            self.add_subscription(*subscription)
+        self.intake.subscribe(self.endpoints)
         self.add_timer(0.05, self.intake.close_late)
 
 
@@ -96,3 +96,28 @@ def test_the_first_instants_come_together_when_they_are_to_correct_the_rig():
         assert len(node.instants) == (0 if number < 3 else 3)
         shoot(bus, (1000 + 100 * number) * MS, level=20 * number)
     assert [instant.sync.stamp_ns for instant in node.instants] == [1000 * MS, 1100 * MS, 1200 * MS, 1300 * MS]
+
+
+def cloud(value):
+    return np.full((1, 3), value, np.float32)
+
+
+def test_the_nearest_in_time_is_taken_within_the_limit():
+    clouds = Clouds(0.06)
+    assert clouds.at(0) is None
+    clouds.add(100 * MS, cloud(1))
+    clouds.add(200 * MS, cloud(2))
+    assert clouds.at(120 * MS)[0, 0] == 1
+    assert clouds.at(170 * MS)[0, 0] == 2
+    assert clouds.at(261 * MS) is None
+    assert clouds.has_since(200 * MS)
+    assert not clouds.has_since(201 * MS)
+    clouds.clear()
+    assert clouds.at(100 * MS) is None
+
+
+def test_the_mount_is_turned_about_the_axes_of_the_rig():
+    """Looking to the left (yaw 90) and rolled: forward of the LiDAR is the rig's left, its left points up."""
+    mount = mount_of(build(LidarParams, {"x": 1.0, "z": 2.0, "yaw_deg": 90.0, "roll_deg": 90.0}))
+    found = mount.apply(np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0]]))
+    np.testing.assert_allclose(found, [[1.0, 1.0, 2.0], [1.0, 0.0, 3.0]], atol=1e-12)

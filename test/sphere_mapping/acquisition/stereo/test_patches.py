@@ -8,7 +8,7 @@ from sphere_mapping.acquisition.stereo.patches import (
     OFFSETS,
     cut_patches,
     find_patches,
-    sample,
+    sample_bilinear,
     spline_of,
     warps_of,
 )
@@ -28,8 +28,8 @@ def render(T, gain=1.0):
     rays = np.concatenate([(pixel_grid(CAMERA) - (CAMERA.cx, CAMERA.cy)) / CAMERA.fx, np.ones((240, 320, 1))], axis=-1)
     R, t = T.inverse().rotation, T.inverse().translation
     depth = (1 - t @ PLANE) / (rays @ R.T @ PLANE)
-    grey = HALL.grey((rays @ R.T) * depth[..., None] + t)
-    return np.clip(np.rint(gain * grey + np.random.default_rng(1).normal(0, 1, grey.shape)), 0, 255).astype(np.uint8)
+    gray = HALL.gray((rays @ R.T) * depth[..., None] + t)
+    return np.clip(np.rint(gain * gray + np.random.default_rng(1).normal(0, 1, gray.shape)), 0, 255).astype(np.uint8)
 
 
 @pytest.fixture(scope="module")
@@ -87,4 +87,4 @@ def test_what_is_bare_or_outside_or_elsewhere_is_not_found(points):
 
 def test_a_spline_gives_back_its_pixels():
     image = render(SE3.identity())
-    np.testing.assert_allclose(sample(spline_of(image), pixel_grid(CAMERA)), image, atol=0.01)
+    np.testing.assert_allclose(sample_bilinear(spline_of(image), pixel_grid(CAMERA)), image, atol=0.01)

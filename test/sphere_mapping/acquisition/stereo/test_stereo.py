@@ -1,7 +1,12 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.stereo.stereo import depth_from_stereo, match, search_of, sphere_from_stereo
+from sphere_mapping.acquisition.stereo.stereo import (
+    depth_from_stereo,
+    disparities_of_depths,
+    match_pair,
+    sphere_from_stereo,
+)
 from sphere_mapping.params import StereoParams
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid
@@ -12,7 +17,7 @@ BASELINE = 0.3
 ROOM = sharp_room((6, 4, 3), shortest=0.1)
 AT = SE3.exp([0.3, -0.2, 0.1, 0.05, -0.1, 0.4])
 NOISE = 2.0
-SEARCH = search_of(CAMERA, BASELINE, StereoParams())
+SEARCH = disparities_of_depths(CAMERA, BASELINE, StereoParams())
 
 
 @pytest.fixture(scope="module")
@@ -31,7 +36,7 @@ def pair():
 
 def test_disparity_is_dense_and_without_bias(pair):
     left, right, truth = pair
-    found = match(left, right, SEARCH, StereoParams())
+    found = match_pair(left, right, SEARCH, StereoParams())
     error = (found.value - truth)[np.isfinite(found.value)]
     assert np.isfinite(found.value).mean() > 0.85  # the left margin is outside of the right image
     assert abs(np.median(error)) < 0.02  # of a pixel
@@ -40,7 +45,7 @@ def test_disparity_is_dense_and_without_bias(pair):
 
 def test_the_deviation_is_of_the_size_of_the_error(pair):
     left, right, truth = pair
-    found = match(left, right, SEARCH, StereoParams(noise=NOISE, calibration_px=0.0))
+    found = match_pair(left, right, SEARCH, StereoParams(noise=NOISE, calibration_px=0.0))
     ratio = np.abs(found.value - truth) / found.std
     # 0.67 if the model were perfect; interpolation and slant add to the noise
     assert 0.4 < np.nanmedian(ratio) < 2.5

@@ -7,9 +7,9 @@ import pytest
 from sphere_mapping.acquisition.stereo.corner_tracks import follow_window
 from sphere_mapping.acquisition.stereo.stereo import sphere_from_stereo
 from sphere_mapping.acquisition.stereo.stereo_field import StereoField, follow, tangents
-from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair, geometry_of, rectified_pair
+from sphere_mapping.acquisition.stereo.stereo_pair import PairGeometry, StereoPair, geometry_of
 from sphere_mapping.acquisition.stereo.track_fit import fit_columns
-from sphere_mapping.graph.registration import PreparedSphere, align
+from sphere_mapping.graph.registration import PreparedSphere, align_sphere
 from sphere_mapping.params import MapperParams
 from sphere_nav.geometry import SE3, Fisheye, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid
@@ -77,6 +77,7 @@ def drawn(room, lens, T_left_camera):
 BENT = StereoField(rows=(0.0, 0.0, 0.0, 0.0, 6.8, 0.0), columns=(0.7, 2.5))
 CAMERA = Pinhole(480, 288, 300.0, 300.0, 239.5, 143.5)
 BASELINE, NUM_STEPS, STEP_M = 0.4, 7, 0.25
+RECTIFIED = PairGeometry(CAMERA, CAMERA, np.eye(3), np.eye(3), CAMERA, BASELINE)
 HALL = sharp_room((6, 3, 2), shortest=0.12)
 
 
@@ -120,7 +121,7 @@ def driven(drive, pair):
     T_first_last = SE3.identity()
     for a, b in zip(spheres[:-2:2], spheres[2::2], strict=True):
         guess = [SE3.exp([2 * STEP_M, 0, 0, 0, 0, 0])]
-        found = align(b, [a.at(SE3.identity())], iter(guess), params.registration)
+        found = align_sphere(b, [a.at(SE3.identity())], iter(guess), params.registration)
         assert found.is_converged
         T_first_last = T_first_last @ found.T_world_camera
     R, length = T_first_last.rotation, STEP_M * (NUM_STEPS - 1)
@@ -128,7 +129,7 @@ def driven(drive, pair):
 
 
 def test_a_bent_pair_drives_straight_and_as_far_as_it_did(drive):
-    pair = StereoPair(rectified_pair(CAMERA, BASELINE))
+    pair = StereoPair(RECTIFIED)
     rows = [pair.rectify(*images) for images in drive] and pair.fit
     straight = [pair.rectify(*images) for images in drive]
     windows = [follow_window(CAMERA, BASELINE, *zip(*straight[k : k + 4], strict=True)) for k in range(NUM_STEPS - 3)]
@@ -144,6 +145,6 @@ def test_a_bent_pair_drives_straight_and_as_far_as_it_did(drive):
 
 
 def test_a_bent_pair_whose_field_is_known_drives_as_a_straight_one(drive):
-    forward, yaw_deg = driven(drive, StereoPair(rectified_pair(CAMERA, BASELINE), BENT))
+    forward, yaw_deg = driven(drive, StereoPair(RECTIFIED, BENT))
     assert abs(forward - 1) < 0.005
     assert abs(yaw_deg) < 0.005

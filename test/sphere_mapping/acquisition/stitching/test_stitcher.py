@@ -8,6 +8,7 @@ import pytest
 
 from sphere_mapping.acquisition import kernels
 from sphere_mapping.acquisition.params import StitchParams
+from sphere_mapping.acquisition.range.fusion import inverse_range
 from sphere_mapping.acquisition.stitching import blending, views  # noqa: F401
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.geometry import SE3, Rig, RigCamera
@@ -40,11 +41,11 @@ def test_image_and_range_are_those_of_the_scene(stitcher, images):
 
 
 def test_little_range_moves_the_image_and_none_does_not(stitcher, images):
-    layout = stitcher.layout("top", tuple(images))
+    layout = stitcher.layouts.of("top", tuple(images))
     range_m = np.full((WIDTH // 2, WIDTH), np.nan, np.float32)
-    assert stitcher.inverse_of(range_m, layout) is None
+    assert inverse_range(range_m, layout.is_covered) is None
     range_m[::10, ::10] = 5.0
-    np.testing.assert_allclose(stitcher.inverse_of(range_m, layout), 0.2, rtol=1e-5)
+    np.testing.assert_allclose(inverse_range(range_m, layout.is_covered), 0.2, rtol=1e-5)
 
 
 def test_no_seam_where_the_columns_wrap_around(stitcher, images):
@@ -88,7 +89,7 @@ def test_two_cameras_side_by_side_give_range():
     poses = [SE3.from_parts(OPTICAL, [0.0, y, 0.0]) for y in (0.15, -0.15)]
     rig = Rig(tuple(RigCamera(name, LENS, pose) for name, pose in zip("ab", poses, strict=True)))
     stitcher = Stitcher(rig, build(StitchParams, {"width": WIDTH}))
-    assert [(pair.first, pair.second) for pair in stitcher.pairs] == [("a", "b")]
+    assert [(pair.first, pair.second) for pair in stitcher.stereo.pairs] == [("a", "b")]
     found = stitcher.stitch({part.name: seen(part) for part in rig.cameras}).sphere
     assert found.measured.mean() > 0.2
     assert np.nanmedian(np.abs(found.range_m[found.measured] - RADIUS)) / RADIUS < 0.03

@@ -66,8 +66,8 @@ def unregistered(number):
     """Yield an RGB-D camera's messages; depth is the depth camera's own, in mm, 4 ms late."""
     late = stamp(number) + 4_000_000
     yield from ((topic, message) for topic, message in rgbd(number) if topic != "depth/image_raw")
-    _, metres = ROOM.rgbd(DEPTH_CAMERA, optical(pose(number)) @ T_IMAGE_DEPTH)
-    pixels = np.nan_to_num(np.rint(metres * 1e3), nan=0, posinf=0).astype(np.uint16)
+    _, meters = ROOM.rgbd(DEPTH_CAMERA, optical(pose(number)) @ T_IMAGE_DEPTH)
+    pixels = np.nan_to_num(np.rint(meters * 1e3), nan=0, posinf=0).astype(np.uint16)
     yield "depth/image_raw", array_to_image(pixels, late, DEPTH_FRAME, "16UC1")
     yield "depth/camera_info", camera_to_info(DEPTH_CAMERA, late, DEPTH_FRAME)
     lens = se3_to_transform(T_IMAGE_DEPTH, stamp(number), FRAME, DEPTH_FRAME)
@@ -125,11 +125,11 @@ def as_jpeg(topic, message):
     return CompressedImage(header=message.header, format="rgb8; png compressed bgr8", data=data)
 
 
-def as_millimetres(topic, message):
+def as_millimeters(topic, message):
     if not isinstance(message, Image) or "depth" not in topic:
         return message
-    metres = image_to_array(message)
-    pixels = np.nan_to_num(np.rint(metres * 1e3), nan=0, posinf=0).astype(np.uint16)
+    meters = image_to_array(message)
+    pixels = np.nan_to_num(np.rint(meters * 1e3), nan=0, posinf=0).astype(np.uint16)
     header = {"header": message.header, "height": message.height, "width": message.width}
     return Image(**header, encoding="16UC1", step=2 * message.width, data=pixels.tobytes())
 
@@ -139,7 +139,7 @@ def as_millimetres(topic, message):
     [
         ("rgbd", REALSENSE, lambda topic, message: message, 1e-9),
         ("rgbd", REALSENSE, as_jpeg, 1e-9),
-        ("rgbd", REALSENSE, as_millimetres, 1e-3),
+        ("rgbd", REALSENSE, as_millimeters, 1e-3),
         ("stereo", ZED, lambda topic, message: message, 1e-9),
     ],
     ids=["realsense", "compressed", "16UC1", "zed"],
@@ -193,7 +193,7 @@ def test_inspect_tells_driver_mounting_and_encoding_and_takes_what_is_named(own,
     assert "driver zed: expected /zed/zed_node/rgb/color/rect/image" in capsys.readouterr().err
 
 
-def test_a_driver_a_mounting_and_no_frames_at_all_map_and_localise(own, tmp_path, capsys):
+def test_a_driver_a_mounting_and_no_frames_at_all_map_and_localize(own, tmp_path, capsys):
     """A folder with a database alone, a camera called otherwise, no /tf_static: nothing but the options tells it."""
     names = {
         ours: theirs.replace("/camera/camera", "/front") for ours, theirs in REALSENSE.items() if ours != "/tf_static"

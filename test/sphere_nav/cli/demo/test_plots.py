@@ -18,8 +18,8 @@ def test_both_pictures_hold_curves(tmp_path):
     plot_errors(tmp_path / "errors.png", errors, poses)
     for name in ("top.png", "errors.png"):
         picture = cv2.imread(str(tmp_path / name))
-        coloured = np.ptp(picture.astype(int), axis=-1) > 60
-        assert coloured.sum() > 200
+        colored = np.ptp(picture.astype(int), axis=-1) > 60
+        assert colored.sum() > 200
 
 
 def test_distances_from_the_path_are_exaggerated_to_their_side():

@@ -7,7 +7,7 @@ from nav_msgs.msg import Odometry
 
 from sphere_nav.cli.demo import watch as module
 from sphere_nav.cli.demo.processes import Processes
-from sphere_nav.cli.demo.watch import DriveFailed, Watch
+from sphere_nav.cli.demo.watch import DriveFailed, DriveMonitor
 
 DOMAIN = 48
 
@@ -23,7 +23,7 @@ def test_a_drive_in_which_nothing_happens_fails_and_says_who_is_silent(tmp_path,
     silent = "drive: nothing for 0 s; localiser silent, follower silent"
     with (
         Processes(tmp_path, DOMAIN) as processes,
-        Watch(processes, DOMAIN) as watch,
+        DriveMonitor(processes, DOMAIN) as watch,
         pytest.raises(DriveFailed, match=silent),
     ):
         watch.wait("drive", lambda: False, is_moving=True)
@@ -38,14 +38,14 @@ def test_a_car_may_stand_for_a_while_of_simulated_time(tmp_path, speed, ends):
         watch._on_truth(truth(now, speed * now))
         return now == 60
 
-    with Processes(tmp_path, DOMAIN) as processes, Watch(processes, DOMAIN) as watch:
+    with Processes(tmp_path, DOMAIN) as processes, DriveMonitor(processes, DOMAIN) as watch:
         verdict = pytest.raises(DriveFailed, match=ends) if ends else nullcontext()
         with verdict:
             watch.wait("drive", drive, is_moving=True)
 
 
 def test_waiting_ends_when_it_holds(tmp_path):
-    with Processes(tmp_path, DOMAIN) as processes, Watch(processes, DOMAIN) as watch:
+    with Processes(tmp_path, DOMAIN) as processes, DriveMonitor(processes, DOMAIN) as watch:
         answers = iter([False, False, True])
         watch.wait("three looks", lambda: next(answers), is_moving=False)
         watch.pause(0.2)

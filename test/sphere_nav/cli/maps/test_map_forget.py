@@ -7,7 +7,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from dense_localizer.references.rejections import COLUMNS, ROWS
+from dense_localizer.constants import SQUARE_COLUMNS, SQUARE_ROWS
 from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.maps.reader import open_map, save_map
@@ -21,7 +21,7 @@ def map_path(tmp_path):
 
 
 def write(path, map_id, *rejected):
-    count = np.zeros((2, ROWS, COLUMNS), np.int64)
+    count = np.zeros((2, SQUARE_ROWS, SQUARE_COLUMNS), np.int64)
     count[0] += 5
     for row, column in rejected:
         count[:, row, column] = 5
@@ -39,7 +39,7 @@ def test_squares_that_drives_reject_together_lose_their_range(map_path, tmp_path
     with open_map(tmp_path / "new") as reader:
         after, other = reader.load_sphere(0), reader.load_sphere(1)
     is_lost = np.isnan(after.range_m) & ~np.isnan(before.range_m)
-    assert np.count_nonzero(is_lost) == 2 * (512 // COLUMNS) * (256 // ROWS)
+    assert np.count_nonzero(is_lost) == 2 * (512 // SQUARE_COLUMNS) * (256 // SQUARE_ROWS)
     assert np.all(is_lost[16 * 8 : 17 * 8, 32 * 8 : 33 * 8])
     assert not np.isnan(other.range_m).any()
     with open_map(map_path) as reader:

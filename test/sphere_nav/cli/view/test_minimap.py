@@ -10,8 +10,8 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 PLACES = [SE3.from_planar(x, y, 0.0) for x, y in ((0, 0), (20, 0), (20, 20))]
 
 
-def has(picture, colour, u, v):
-    return (picture[v - 2 : v + 3, u - 2 : u + 3] == colour).all(axis=-1).any()
+def has(picture, color, u, v):
+    return (picture[v - 2 : v + 3, u - 2 : u + 3] == color).all(axis=-1).any()
 
 
 def test_key_spheres_and_loops_lie_where_they_are():

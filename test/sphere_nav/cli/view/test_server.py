@@ -9,7 +9,7 @@ import pytest
 pytest.importorskip("viser", reason="optional: pip install viser")
 
 from sphere_nav.cli.view.drive import Shot
-from sphere_nav.cli.view.server import Page, camera_of, pose_of
+from sphere_nav.cli.view.server import Page, browser_camera, browser_pose
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.localization.status import State, Status
 from sphere_nav.spheres.graph import Edge, SphereGraph
@@ -20,7 +20,7 @@ from worlds.localizer import make_map
 from worlds.room import Room
 
 PLACES = [SE3.from_planar(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)]
-CENTRE = slice(200, 500), slice(50, 550)  # rows and columns of the window that no panel covers
+CENTER = slice(200, 500), slice(50, 550)  # rows and columns of the window that no panel covers
 WAIT_S = 120.0
 
 
@@ -48,10 +48,10 @@ class Fixture:
     def difference(self):
         """Return the median difference of page and renderer in grey levels, for what no panel covers."""
         seen = self.browser.screenshot()
-        view = self.scene.render(pose_of(self.client.camera), camera_of(self.client.camera))
+        view = self.scene.render(browser_pose(self.client.camera), browser_camera(self.client.camera))
         height, width = seen.shape[:2]
         expected = cv2.resize(view.image, (width, height), interpolation=cv2.INTER_LINEAR)
-        return float(np.median(np.abs(seen[CENTRE].astype(float) - expected[CENTRE])))
+        return float(np.median(np.abs(seen[CENTER].astype(float) - expected[CENTER])))
 
     def position(self):
         return np.array(self.client.camera.position)
@@ -75,8 +75,8 @@ def shown():
 def test_the_page_shows_what_the_renderer_draws(shown):
     # JPEG and enlarging change a pixel by a few grey levels; another place or a turned picture by 20 and more
     wait_for(lambda: shown.difference() < 6.0)
-    other = shown.scene.render(PLACES[2] @ T_BODY_OPTICAL, camera_of(shown.client.camera)).image
-    here = shown.scene.render(pose_of(shown.client.camera), camera_of(shown.client.camera)).image
+    other = shown.scene.render(PLACES[2] @ T_BODY_OPTICAL, browser_camera(shown.client.camera)).image
+    here = shown.scene.render(browser_pose(shown.client.camera), browser_camera(shown.client.camera)).image
     assert np.median(np.abs(other.astype(float) - here)) > 12.0
 
 
@@ -92,7 +92,7 @@ def test_one_flies_to_a_key_sphere(shown):
     target = PLACES[2] @ T_BODY_OPTICAL
     shown.page.fly(shown.client, target)
     wait_for(lambda: np.linalg.norm(shown.position() - target.translation) < 0.01)
-    assert pose_of(shown.client.camera).distance(target)[1] < 0.02
+    assert browser_pose(shown.client.camera).distance(target)[1] < 0.02
     wait_for(lambda: shown.difference() < 6.0)
 
 

@@ -49,8 +49,8 @@ def test_a_screenshot_is_what_a_camera_sees_there(folder, tmp_path, capsys):
     focal = 80 / np.tan(np.radians(35))
     turn = SE3.exp([0, 0, 0, 0, 0, np.radians(30)]) @ SE3.exp([0, 0, 0, 0, np.radians(5), 0])
     T = optical(SE3.from_parts(np.eye(3), [0.3, 0.2, 0.1]) @ turn)
-    grey, _ = Room().render(Pinhole(160, 120, focal, focal, 79.5, 59.5), T)
-    assert np.median(np.abs(cv2.imread(str(output), cv2.IMREAD_GRAYSCALE) - grey)) < 6
+    gray, _ = Room().render(Pinhole(160, 120, focal, focal, 79.5, 59.5), T)
+    assert np.median(np.abs(cv2.imread(str(output), cv2.IMREAD_GRAYSCALE) - gray)) < 6
     assert main([*words, "--sphere", "1"]) == 2  # nothing is overwritten
     assert "expected no such file" in capsys.readouterr().err
 
@@ -82,7 +82,7 @@ def test_without_viser_it_says_what_to_type(folder, monkeypatch, capsys):
     assert "pip install 'viser" in capsys.readouterr().err
 
 
-def test_a_drive_is_localised_image_by_image(folder):
+def test_a_drive_is_localized_image_by_image(folder):
     parser = ArgumentParser()
     view.add_arguments(parser)
     arguments = parser.parse_args([str(folder / "map"), "--bag", str(folder / "bag"), *TUNED])

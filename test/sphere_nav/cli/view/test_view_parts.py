@@ -22,16 +22,16 @@ T = SE3.exp([1.0, -2.0, 3.0, 0.3, -0.4, 0.5])
 
 @pytest.mark.parametrize(("aspect", "size"), [(1.6, (800, 500)), (1.0, (800, 800)), (0.5, (400, 800))])
 def test_a_browser_sees_no_more_pixels_than_are_drawn(aspect, size):
-    camera = server.camera_of(SimpleNamespace(aspect=aspect, fov=np.radians(60.0)))
+    camera = server.browser_camera(SimpleNamespace(aspect=aspect, fov=np.radians(60.0)))
     focal = 0.5 * size[1] / np.tan(np.radians(30.0))  # the field of view is that of the height
-    centre = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
-    assert ((camera.width, camera.height), (camera.cx, camera.cy)) == (size, centre)
+    center = (0.5 * (size[0] - 1), 0.5 * (size[1] - 1))
+    assert ((camera.width, camera.height), (camera.cx, camera.cy)) == (size, center)
     assert (camera.fx, camera.fy) == (pytest.approx(focal), pytest.approx(focal))
 
 
 def test_the_camera_of_a_browser_has_the_axes_of_ours():
     x, y, z, w = T.quaternion
-    found = server.pose_of(SimpleNamespace(wxyz=(w, x, y, z), position=T.translation))
+    found = server.browser_pose(SimpleNamespace(wxyz=(w, x, y, z), position=T.translation))
     np.testing.assert_allclose(found.matrix, T.matrix, atol=1e-12)
     np.testing.assert_allclose(server.look_at(T), T.apply(np.array([[0.0, 0.0, 1.0]]))[0])  # a metre ahead
 
@@ -68,7 +68,7 @@ def test_a_flight_is_slow_at_both_ends_and_ends_at_its_target(monkeypatch):
     assert closed.seen == []
 
 
-def test_holes_are_dark_and_files_keep_their_colours():
+def test_holes_are_dark_and_files_keep_their_colors():
     image = np.zeros((4, 6, 3), np.uint8)
     image[..., 0], image[..., 2] = 200, 40
     is_known = np.ones((4, 6), np.bool_)
@@ -79,7 +79,7 @@ def test_holes_are_dark_and_files_keep_their_colours():
     assert image[1, 2].tolist() == [200, 0, 40]  # the view itself stays
     decoded = cv2.imdecode(np.frombuffer(server.encoded(shown, ".png"), np.uint8), cv2.IMREAD_COLOR)
     np.testing.assert_array_equal(decoded[..., ::-1], shown)
-    np.testing.assert_array_equal(server.coloured(image[..., 0]), np.full((4, 6, 3), 200))
+    np.testing.assert_array_equal(server.colored(image[..., 0]), np.full((4, 6, 3), 200))
 
 
 @pytest.mark.parametrize(
@@ -128,11 +128,11 @@ def test_the_words_beside_an_image():
     assert Shot(0, image, None, None, Status(State.TRACKING)).text == "**TRACKING** · 0.00 s · quality 0.00"
 
 
-@pytest.mark.parametrize(("length", "metres"), [(4.0, 10.0), (40.0, 40.0)])
-def test_the_minimap_shows_all_and_no_less_than_ten_metres(length, metres):
+@pytest.mark.parametrize(("length", "meters"), [(4.0, 10.0), (40.0, 40.0)])
+def test_the_minimap_shows_all_and_no_less_than_ten_meters(length, meters):
     ends = [SE3.from_planar(x, 5.0, 0.0) for x in (-length / 2, length / 2)]
     minimap = Minimap(SphereGraph([KeySphere(k, k, T_end) for k, T_end in enumerate(ends)]))
-    scale = (SIDE - 2 * BORDER) / metres
+    scale = (SIDE - 2 * BORDER) / meters
     assert minimap.pixel(ends[1])[0] - minimap.pixel(ends[0])[0] == pytest.approx(length * scale, abs=1)
     assert minimap.pixel(SE3.from_planar(0.0, 6.0, 0.0)) == [SIDE // 2, round(SIDE / 2 - scale)]  # y is up
 
@@ -186,6 +186,6 @@ def test_a_drive_is_shown_at_its_own_pace(monkeypatch):
     monkeypatch.setattr(view.time, "monotonic", lambda: now[0])
     monkeypatch.setattr(view.time, "sleep", sleep)
     page = SimpleNamespace(show=lambda shot, camera: shown.append((shot.stamp_ns, camera)))
-    view.replay(SimpleNamespace(shots=shots, camera="lens"), page)
+    view.replay_drive(SimpleNamespace(shots=shots, camera="lens"), page)
     assert slept == [0.0, 0.0, pytest.approx(0.7)]  # 2.3 s have passed when it is due at 3 s
     assert shown == [(7 * 10**9, "lens"), (8 * 10**9, "lens"), (10 * 10**9, "lens")]

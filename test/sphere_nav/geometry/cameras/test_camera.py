@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import DoubleSphere, Fisheye, Pinhole, Spherical
-from sphere_nav.geometry.cameras.camera import pixel_grid
+from sphere_nav.geometry.cameras.camera import pixel_grid, pixel_rays
 
 
 def pixel_distance(a, b, camera):
@@ -100,7 +100,7 @@ def test_pixel_grid_counts_columns_first():
     np.testing.assert_array_equal(grid[2, 3], [3, 2])
 
 
-def test_image_border_is_half_a_pixel_beyond_the_outer_centres(camera):
+def test_image_border_is_half_a_pixel_beyond_the_outer_centers(camera):
     if isinstance(camera, Spherical) and camera.is_whole:
         pytest.skip("a whole sphere has no border")
     corners = np.array([[-0.5 + 1e-6, 0.0], [-0.5 - 1e-3, camera.height / 2], [camera.width - 0.499, 20.0]])
@@ -123,3 +123,10 @@ def test_an_uncalibrated_camera_is_refused(model, focal):
 def test_an_empty_image_is_refused(make):
     with pytest.raises(ValueError, match=r"camera size: expected at least 1 x 1, .* found 0 x 4"):
         make(0, 4)
+
+
+def test_pixel_rays_lead_back_to_their_pixels():
+    camera = Pinhole(4, 3, 5.0, 6.0, 1.2, 0.7)
+    pixels, is_inside = camera.project(pixel_rays(camera))
+    np.testing.assert_allclose(pixels, pixel_grid(camera), atol=1e-12)
+    assert is_inside.all()

@@ -54,7 +54,7 @@ def test_wrong_coefficients_are_refused(distortion):
         Fisheye(640, 480, 300.0, 300.0, 319.5, 239.5, distortion)
 
 
-def test_the_centre_pixel_looks_along_the_axis_with_a_finite_derivative():
+def test_the_center_pixel_looks_along_the_axis_with_a_finite_derivative():
     camera = Fisheye(640, 480, 300.0, 290.0, 319.5, 239.5, DISTORTION)
     np.testing.assert_allclose(camera.unproject([319.5, 239.5]), [0, 0, 1], atol=1e-12)
     np.testing.assert_allclose(camera.J_project([0.0, 0.0, 2.0]), [[150, 0, 0], [0, 145, 0]], atol=1e-6)

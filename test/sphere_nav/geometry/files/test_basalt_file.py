@@ -7,8 +7,8 @@ import pytest
 
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Pinhole
 from sphere_nav.geometry.files.basalt_file import read_basalt
-from sphere_nav.geometry.files.foreign_rig import read_foreign
 from sphere_nav.geometry.files.rig_file import read_rig, write_rig
+from worlds.foreign import read_foreign
 
 SIZE = (640, 480)
 RADTAN8 = (0.1, 0.02, 1e-3, -2e-4, 0.003, 0.2, 0.03, 0.001)

@@ -6,8 +6,8 @@ import pytest
 import yaml
 
 from sphere_nav.geometry.files import ocam_file, opencv_file
-from sphere_nav.geometry.files.foreign_cameras import Lens
-from sphere_nav.geometry.files.foreign_rig import read_foreign
+from sphere_nav.geometry.files.foreign_cameras import ForeignLens
+from worlds.foreign import read_foreign
 
 BOMB = "x0: &x0 [1, 1, 1, 1, 1, 1, 1, 1]\n" + "".join(
     f"x{n + 1}: &x{n + 1} [{', '.join([f'*x{n}'] * 8)}]\n" for n in range(10)
@@ -78,4 +78,4 @@ def test_axes_of_an_imu_need_one(tmp_path):
 
 def test_a_unified_camera_needs_a_positive_xi():
     with pytest.raises(ValueError, match=r"x: xi: expected at least 0, found -0\.5"):
-        Lens((640, 480), 500.0, 500.0, 320.0, 240.0, "x").mei(-0.5)
+        ForeignLens((640, 480), 500.0, 500.0, 320.0, 240.0, "x").mei(-0.5)

@@ -5,8 +5,8 @@ import pytest
 import yaml
 
 from sphere_nav.geometry import SE3, DoubleSphere, Fisheye, Pinhole
-from sphere_nav.geometry.files.foreign_rig import read_foreign
 from sphere_nav.geometry.files.kalibr_file import read_kalibr
+from worlds.foreign import read_foreign
 
 CAMERAS = (
     Pinhole(752, 480, 458.654, 457.296, 367.215, 248.375, (-0.283, 0.0739, 1.9e-4, 1.7e-05)),

@@ -5,7 +5,7 @@ import pytest
 
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.files.foreign_cameras import ForeignRig
-from sphere_nav.geometry.files.kalibr_file import join
+from sphere_nav.geometry.files.kalibr_file import join_chains
 
 LENS = Pinhole(640, 480, 500.0, 500.0, 319.5, 239.5)
 POSES = [SE3.exp(xi) for xi in np.random.default_rng(3).normal(0.0, 0.5, (4, 6))]  # T_rig_camera of a, b, c, d
@@ -23,7 +23,7 @@ def chain(topics, *, is_by_imu=False):
 
 
 def test_chains_that_share_a_camera_are_joined_by_it():
-    found = join([chain("ab"), chain("bc"), chain("cd")], ["1.yaml", "2.yaml", "3.yaml"])
+    found = join_chains([chain("ab"), chain("bc"), chain("cd")], ["1.yaml", "2.yaml", "3.yaml"])
     assert found.names == ("cam0", "cam1", "cam2", "cam3")
     assert found.topics == tuple("abcd")
     for mine, theirs in zip(found.T_origin_camera, POSES, strict=True):
@@ -31,7 +31,7 @@ def test_chains_that_share_a_camera_are_joined_by_it():
 
 
 def test_chains_that_share_the_imu_are_joined_by_it():
-    found = join([chain("ab", is_by_imu=True), chain("cd", is_by_imu=True)], ["1.yaml", "2.yaml"])
+    found = join_chains([chain("ab", is_by_imu=True), chain("cd", is_by_imu=True)], ["1.yaml", "2.yaml"])
     assert found.is_by_imu
     for mine, theirs in zip(found.T_origin_camera, POSES, strict=True):
         np.testing.assert_allclose(mine.matrix, theirs.matrix, atol=1e-12)
@@ -39,4 +39,4 @@ def test_chains_that_share_the_imu_are_joined_by_it():
 
 def test_chains_that_share_nothing_are_refused():
     with pytest.raises(ValueError, match=r"2\.yaml: expected poses relative to the IMU in all files, or a rostopic"):
-        join([chain("ab"), chain("cd")], ["1.yaml", "2.yaml"])
+        join_chains([chain("ab"), chain("cd")], ["1.yaml", "2.yaml"])

@@ -7,7 +7,7 @@ from sphere_nav.geometry.files.foreign_rig import read_foreign_cameras
 from sphere_nav.geometry.files.ocam_file import read_ocam, unproject
 
 POLYNOMIAL = [-220.0, 0.0, 1.1e-3, -1.2e-6, 3.0e-9]
-CENTRE, AFFINE = [238.5, 321.5], [1.001, 0.0005, -0.0004]
+CENTER, AFFINE = [238.5, 321.5], [1.001, 0.0005, -0.0004]
 TEXT = """#polynomial coefficients for the DIRECT mapping function (ocam_model.ss in MATLAB).
 
 5 {polynomial}
@@ -32,14 +32,14 @@ TEXT = """#polynomial coefficients for the DIRECT mapping function (ocam_model.s
 
 
 def write(path, polynomial=POLYNOMIAL):
-    words = {"polynomial": polynomial, "centre": CENTRE, "affine": AFFINE}
+    words = {"polynomial": polynomial, "centre": CENTER, "affine": AFFINE}
     path.write_text(TEXT.format(**{name: " ".join(map(str, values)) for name, values in words.items()}))
     return path
 
 
 def test_axes_are_optical():
     rays = unproject(
-        np.array([[321.5, 238.5], [421.5, 238.5], [321.5, 338.5]]), np.array(POLYNOMIAL), CENTRE, [1, 0, 0]
+        np.array([[321.5, 238.5], [421.5, 238.5], [321.5, 338.5]]), np.array(POLYNOMIAL), CENTER, [1, 0, 0]
     )
     np.testing.assert_allclose(rays[0], [0.0, 0.0, 220.0])
     assert rays[1, 0] > 0
@@ -52,7 +52,7 @@ def test_the_camera_stands_in_for_the_polynomial(tmp_path):
     found = read_foreign_cameras([write(tmp_path / "calib_results.txt")])
     (camera,), (fit,) = found.cameras, found.fits
     pixels = np.array([[320.0, 240.0], [100.0, 100.0], [500.0, 300.0]])
-    rays = unproject(pixels, np.array(POLYNOMIAL), CENTRE, AFFINE)
+    rays = unproject(pixels, np.array(POLYNOMIAL), CENTER, AFFINE)
     np.testing.assert_allclose(camera.project(rays)[0], pixels, atol=fit.max_px)
     assert (camera.width, camera.height) == (640, 480)
     assert 0 < fit.rms_px < 0.3

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, Pinhole
-from sphere_nav.geometry.files.foreign_rig import read_foreign
 from sphere_nav.geometry.files.opencv_file import read_opencv
+from worlds.foreign import read_foreign
 
 K = np.array([[535.9, 0.0, 342.3], [0.0, 536.2, 235.6], [0.0, 0.0, 1.0]])
 K2 = K + np.diag([7.0, 6.0, 0.0])

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from sphere_nav.geometry.files.text_file import open_file, read_bytes, read_text
+from sphere_nav.geometry.files.untrusted import open_file, read_bytes, read_text
 
 
 def test_a_file_is_read_whole_with_its_line_ends_alike(tmp_path):

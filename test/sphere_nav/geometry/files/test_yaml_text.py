@@ -4,7 +4,7 @@ import time
 
 import pytest
 
-from sphere_nav.geometry.files.yaml_text import load_yaml
+from sphere_nav.geometry.files.untrusted import load_yaml
 
 
 def test_values_are_read():

@@ -218,7 +218,7 @@ def test_depth_of_tum_is_of_an_image_within_twenty_milliseconds(tmp_path, late_m
         assert found.frames[1].T_world_optical is None  # rows 50 ms apart are too far
 
 
-def test_ranges_of_equirectangular_images_are_millimetres(tmp_path):
+def test_ranges_of_equirectangular_images_are_millimeters(tmp_path):
     write(tmp_path / "image_1.png", 70, (8, 16))
     range_mm = np.full((8, 16), 2500, np.uint16)
     range_mm[0], range_mm[1] = 0, 65535

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.cli.main import main
-from sphere_nav.offline.importing.layouts import describe, guess_format
+from sphere_nav.offline.importing.layouts import describe_folder, guess_format
 
 FILES = {
     "seven_scenes": ("frame-000000.depth.png",),
@@ -25,14 +25,14 @@ def make(folder, names):
 def test_each_layout_is_known_by_its_files(tmp_path, name):
     folder = make(tmp_path / "data", FILES[name])
     assert guess_format(folder) == name
-    assert describe(tmp_path) == f"{folder} looks like {name}"
+    assert describe_folder(tmp_path) == f"{folder} looks like {name}"
 
 
 def test_other_folders_are_told_by_what_they_hold(tmp_path):
-    assert describe(tmp_path) == "the folder holds nothing"
-    assert describe(tmp_path / "none") == ""
-    assert describe(make(tmp_path / "notes", ["a.txt", "b.md"])) == "the folder holds a.txt, b.md"
-    assert "it has images" in describe(make(tmp_path / "left", ["0.png"]))
+    assert describe_folder(tmp_path) == "the folder holds nothing"
+    assert describe_folder(tmp_path / "none") == ""
+    assert describe_folder(make(tmp_path / "notes", ["a.txt", "b.md"])) == "the folder holds a.txt, b.md"
+    assert "it has images" in describe_folder(make(tmp_path / "left", ["0.png"]))
 
 
 @pytest.mark.parametrize(

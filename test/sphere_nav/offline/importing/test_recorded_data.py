@@ -12,10 +12,10 @@ from sphere_nav.offline.importing.kitti import KittiRecording
 from sphere_nav.offline.importing.recording import body_from_optical
 from sphere_nav.offline.importing.rgbd import DepthCamera, open_seven_scenes, open_tum
 from sphere_nav.ros.bags import BagReader
-from sphere_nav.ros.conversions import depth_to_metres, image_to_grey, message_to_sphere, pose_to_se3
+from sphere_nav.ros.conversions import depth_to_meters, image_to_gray, message_to_sphere, pose_to_se3
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
-COLOUR = Pinhole(640, 480, 525.0, 525.0, 320.0, 240.0)
+COLOR = Pinhole(640, 480, 525.0, 525.0, 320.0, 240.0)
 
 
 def residual(first, second, camera, is_moved=True):
@@ -26,30 +26,30 @@ def residual(first, second, camera, is_moved=True):
         T_body_second = T_body_first
     rays = camera.unproject(pixel_grid(camera))
     points = (rays / rays[..., 2:] * depth[..., None])[::4, ::4].reshape(-1, 3)
-    grey = image_first[::4, ::4].ravel()[np.isfinite(points[:, 2])]
+    gray = image_first[::4, ::4].ravel()[np.isfinite(points[:, 2])]
     points = points[np.isfinite(points[:, 2])]
     T_second_first = T_BODY_OPTICAL.inverse() @ T_body_second.inverse() @ T_body_first @ T_BODY_OPTICAL
     pixels, visible = camera.project(T_second_first.apply(points))
     u, v = np.rint(pixels[visible]).astype(int).T
-    return np.mean(np.abs(image_second[np.clip(v, 0, 479), np.clip(u, 0, 639)].astype(float) - grey[visible]))
+    return np.mean(np.abs(image_second[np.clip(v, 0, 479), np.clip(u, 0, 639)].astype(float) - gray[visible]))
 
 
 def frame(recording, index):
     messages = dict(recording.frame(index))
     pose = pose_to_se3(messages["ground_truth/pose"].pose)
-    return pose, image_to_grey(messages["image_raw"]), depth_to_metres(messages["depth/image_raw"])
+    return pose, image_to_gray(messages["image_raw"]), depth_to_meters(messages["depth/image_raw"])
 
 
 def test_the_kitchen_fits_its_poses(shared_data):
     """The true motion explains the images, with depth moved into the colour camera better than without."""
     folder = shared_data / "rgbd" / "redkitchen"
-    kinect = DepthCamera(replace(COLOUR, fx=585.0, fy=585.0), SE3.exp([-0.025, 0, 0, 0, 0, 0]))
-    moved = open_seven_scenes(folder, COLOUR, kinect, is_truth_of_depth=True)
+    kinect = DepthCamera(replace(COLOR, fx=585.0, fy=585.0), SE3.exp([-0.025, 0, 0, 0, 0, 0]))
+    moved = open_seven_scenes(folder, COLOR, kinect, is_truth_of_depth=True)
     one = Pinhole(640, 480, 585.0, 585.0, 320.0, 240.0)
     unmoved = open_seven_scenes(folder, one, None, is_truth_of_depth=True)
     first, second = frame(moved, 0), frame(moved, 20)
-    with_motion = residual(first, second, COLOUR)
-    assert with_motion < 0.6 * residual(first, second, COLOUR, is_moved=False)
+    with_motion = residual(first, second, COLOR)
+    assert with_motion < 0.6 * residual(first, second, COLOR, is_moved=False)
     assert with_motion < residual(frame(unmoved, 0), frame(unmoved, 20), one)
     assert np.isfinite(first[2]).mean() > 0.6
 

@@ -32,9 +32,9 @@ def ring(tmp_path):
         directions = rays @ (T_BODY_RIG @ T_rig_sensor).rotation.T
         depth = range_of_cylinder(directions) * rays[..., 2]
         azimuth = np.arctan2(directions[..., 1], directions[..., 0])
-        grey = np.rint(128 + 100 * np.sin(azimuth)).astype(np.uint8)
+        gray = np.rint(128 + 100 * np.sin(azimuth)).astype(np.uint8)
         for name in ("sphere_1", "sphere_2"):
-            cv2.imwrite(str(folder / name / f"rgb_{number}.png"), np.dstack([grey, grey // 2, grey]))
+            cv2.imwrite(str(folder / name / f"rgb_{number}.png"), np.dstack([gray, gray // 2, gray]))
             cv2.imwrite(str(folder / name / f"depth_{number}.png"), np.rint(depth * 1000).astype(np.uint16))
     np.savetxt(folder / "gicp_T_sphere1_sphere2.txt", SE3.exp([0.1, 0.2, 0.3, 0, 0, 0]).matrix)
     return folder
@@ -58,11 +58,11 @@ def test_a_ring_becomes_a_sphere_with_z_up(ring, tmp_path):
     assert seen[rows].mean() > 0.99
     np.testing.assert_allclose(sphere.range_m[seen], range_of_cylinder(directions)[seen], atol=0.01)
     azimuth = np.arctan2(directions[..., 1], directions[..., 0])
-    grey = 128 + 100 * np.sin(azimuth)
+    gray = 128 + 100 * np.sin(azimuth)
     assert (
-        np.abs(sphere.image[..., 0].astype(float) - grey)[seen].max() < 4
+        np.abs(sphere.image[..., 0].astype(float) - gray)[seen].max() < 4
     )  # 100 grey levels a radian, a pixel is 4 mrad
-    assert np.abs(sphere.image[..., 1].astype(float) - grey / 2)[seen].max() < 4
+    assert np.abs(sphere.image[..., 1].astype(float) - gray / 2)[seen].max() < 4
     np.testing.assert_allclose(poses[0].matrix, np.eye(4), atol=1e-12)
     np.testing.assert_allclose(poses[1].translation, [0.3, -0.2, 0.1], atol=1e-9)  # the rig's x is up, its z forward
 
@@ -80,17 +80,17 @@ def test_equirectangular_pictures(tmp_path, rng):
     folder = tmp_path / "pictures"
     folder.mkdir()
     image = rng.integers(0, 255, (32, 64, 3), np.uint8)
-    millimetres = rng.integers(500, 9000, (32, 64), np.uint16)
-    millimetres[0, 0], millimetres[0, 1] = 0, 65535
+    millimeters = rng.integers(500, 9000, (32, 64), np.uint16)
+    millimeters[0, 0], millimeters[0, 1] = 0, 65535
     cv2.imwrite(str(folder / "image_1.png"), image[..., ::-1])
-    cv2.imwrite(str(folder / "range_1.png"), millimetres)
+    cv2.imwrite(str(folder / "range_1.png"), millimeters)
     (folder / "poses.tum").write_text("0 1 2 3 0 0 0 1\n")
     assert main(["import", "spherical", str(folder), "-o", str(tmp_path / "bag")]) == 0
     spheres, poses = spheres_of(tmp_path / "bag")
     np.testing.assert_array_equal(spheres[0].image, image)
     assert np.isnan(spheres[0].range_m[0, 0])
     assert np.isposinf(spheres[0].range_m[0, 1])
-    np.testing.assert_allclose(spheres[0].range_m[1:], millimetres[1:] / 1000, rtol=1.1e-4)
+    np.testing.assert_allclose(spheres[0].range_m[1:], millimeters[1:] / 1000, rtol=1.1e-4)
     np.testing.assert_allclose(poses[0].translation, [1, 2, 3])
 
 

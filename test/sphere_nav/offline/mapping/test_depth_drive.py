@@ -68,7 +68,7 @@ def test_the_velocity_keeps_its_sides_and_is_by_seconds():
     assert found[4] == pytest.approx(-0.5)  # about y, which looks down
 
 
-def test_a_verdict_tells_millimetres_and_degrees_with_their_signs():
+def test_a_verdict_tells_millimeters_and_degrees_with_their_signs():
     T_used = SE3.exp([0.02, 0.0, 0.0, 0.0, 0.0, 0.0])
     T_found = SE3.exp([-0.003, 0.0, 0.0, 0.0, np.radians(-0.5), 0.0]) @ T_used
     sigma = np.array([0.001, 0.002, 0.003, *np.radians([0.1, 0.2, 0.3])])

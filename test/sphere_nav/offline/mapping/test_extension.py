@@ -19,6 +19,7 @@ from sphere_nav.ros.bags import BagWriter
 from sphere_nav.ros.conversions import se3_to_pose_stamped, sphere_to_message
 from sphere_nav.ros.maps.check import verify_map
 from sphere_nav.ros.maps.reader import MapDetails, open_map, save_map
+from worlds.maps import load_all
 from worlds.room import sharp_room
 
 START, PERIOD = 1_000_000_000, 200_000_000
@@ -124,7 +125,7 @@ def test_what_cannot_be_joined_is_one_line_before_anything_is_mapped(drives, tmp
     assert "--anchor: expected first" in refused(capsys, *words, taught, "--anchor", "truth")
     assert "expected a map" in refused(capsys, *words, drives)
     with open_map(taught) as reader:
-        graph = reader.load_all()
+        graph = load_all(reader)
     save_map(tmp_path / "rig", graph, MapDetails(rig="name: another"))
     assert "--rig: expected that of the map, found none" in refused(capsys, *words, tmp_path / "rig")
     save_map(tmp_path / "old", graph, MapDetails(software="sphere_nav 0.0.1"))

@@ -10,7 +10,7 @@ pytest.importorskip("rclpy")
 
 from sphere_nav.geometry import SE3
 from sphere_nav.offline.mapping import learning, replay_mapper
-from sphere_nav.offline.mapping.learning import place, rig_text, start_of
+from sphere_nav.offline.mapping.learning import anchor_map, rig_text, start_of
 from sphere_nav.offline.mapping.replay_mapper import stitcher_values
 from sphere_nav.offline.mapping.truth import Truth
 from sphere_nav.ros.bags import BagError
@@ -32,21 +32,21 @@ def arguments(**values):
 
 def test_a_map_begins_at_its_first_sphere_or_lies_on_the_truth(monkeypatch):
     truth = Truth(None, is_base=False)
-    T, graph, warnings = place(arguments(anchor="first"), drive(), truth)
+    T, graph, warnings = anchor_map(arguments(anchor="first"), drive(), truth)
     assert (T.matrix.tolist(), warnings) == (np.eye(4).tolist(), [])
     assert graph[2].T_map_sphere.translation[0] == 2.0
-    T, graph, warnings = place(arguments(), drive(), truth)
+    T, graph, warnings = anchor_map(arguments(), drive(), truth)
     assert T is T_FITTED
     np.testing.assert_allclose(graph[2].T_map_sphere.matrix, (T_FITTED @ SE3.from_planar(2.0, 0.0, 0.0)).matrix)
     monkeypatch.setattr(learning, "move_to_truth", lambda graph, truth, T: graph.with_poses({0: SE3.identity()}))
     monkeypatch.setattr(learning, "check_survey", lambda aligned, surveyed, source: [source])
-    T, graph, warnings = place(arguments(anchor="survey"), drive(), truth)
+    T, graph, warnings = anchor_map(arguments(anchor="survey"), drive(), truth)
     assert warnings == ["here/drive"]
     np.testing.assert_array_equal(graph[0].T_map_sphere.matrix, np.eye(4))
     with pytest.raises(BagError, match="expected poses at the stamps of the spheres, found none"):
-        place(arguments(), drive(None), truth)
+        anchor_map(arguments(), drive(None), truth)
     with pytest.raises(BagError, match="here/drive: ground_truth/pose or ground_truth/odometry: expected poses"):
-        place(arguments(), drive(), None)
+        anchor_map(arguments(), drive(), None)
 
 
 def test_a_map_names_its_bag_and_keeps_its_rig(tmp_path):
@@ -64,13 +64,13 @@ def test_cameras_need_the_file_of_their_rig():
 def test_the_stitcher_of_a_bag_has_the_processes_of_the_command_and_waits_for_late_images(tmp_path, monkeypatch):
     monkeypatch.setattr(replay_mapper, "read_rig", lambda path: SimpleNamespace(names=("a", "b")))
     monkeypatch.setattr(replay_mapper.topics, "find_rig_topics", lambda bag, names, chosen: dict.fromkeys(names, "/x"))
-    given = arguments(rig=tmp_path / "rig.yaml", set_stitcher=["stitch.width=256", "jobs=9"])
+    given = arguments(rig=tmp_path / "rig.yaml", set_stitcher={"stitch.width": 256, "jobs": 9})
     values, remap = stitcher_values(SimpleNamespace(path="drive"), {}, given)
     assert remap == {"a": "/x", "b": "/x"}
     assert values == {
         "sync.deadline_s": 10.0, "stitch.width": 256, "rig": str(tmp_path / "rig.yaml"), "transport": "raw", "jobs": 2,
     }  # fmt: skip
-    given.set_stitcher = ["sync.deadline_s=3.0"]
+    given.set_stitcher = {"sync.deadline_s": 3.0}
     assert stitcher_values(SimpleNamespace(path="drive"), {}, given)[0]["sync.deadline_s"] == 3.0
 
 
@@ -92,7 +92,7 @@ class Finished:
         )  # fmt: skip
         graph = SphereGraph([KeySphere(0, 0, SE3.identity())])
         monkeypatch.setattr(learning, "truth_of", lambda bag: None)
-        monkeypatch.setattr(learning, "place", lambda arguments, drive, truth: (SE3.identity(), graph, ["warned"]))
+        monkeypatch.setattr(learning, "anchor_map", lambda arguments, drive, truth: (SE3.identity(), graph, ["warned"]))
         monkeypatch.setattr(learning, "merge", lambda *words: SimpleNamespace(graph=graph, replaced=replaced))
         monkeypatch.setattr(learning, "complete", lambda *words: "details")
         monkeypatch.setattr(learning, "_size", lambda path: "1 MB")
@@ -103,7 +103,7 @@ class Finished:
     def run(self, base=None, **values):
         words = {"no_loops": False, "trajectory": None, "taught": None, "output": "out"} | values
         workers = SimpleNamespace(run=map)
-        return learning.finish(arguments(**words), self.drive, self.writer, base, workers)
+        return learning.finish_map(arguments(**words), self.drive, self.writer, base, workers)
 
 
 def test_what_is_finished_is_written_and_told(monkeypatch, capsys):

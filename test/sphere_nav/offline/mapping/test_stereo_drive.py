@@ -7,7 +7,7 @@ from sphere_mapping.acquisition.stereo.stereo_field import StereoField
 from sphere_mapping.acquisition.stereo.track_fit import ColumnFit
 from sphere_mapping.ros.intake import TOPICS
 from sphere_nav.offline.mapping import stereo_drive
-from sphere_nav.offline.mapping.stereo_drive import describe, find_field
+from sphere_nav.offline.mapping.stereo_drive import describe_disparity, find_field
 from sphere_nav.ros.bags import BagReader
 from worlds.recordings import stereo, write_bag
 
@@ -23,7 +23,7 @@ def test_a_right_pair_is_left_alone(tmp_path):
 
 def test_what_is_corrected_is_told_with_its_deviations():
     found = ColumnFit(np.array([0.7, 2.5]), np.diag([0.01, 0.04]), 300)
-    assert describe(found) == (
+    assert describe_disparity(found) == (
         "disparity too small by 0.70 +2.50 x^2 px (x, y: tangents; deviations 0.10, 0.20, from 300 corners), corrected"
     )
 

@@ -57,8 +57,8 @@ def test_a_motion_contradicts_the_survey_once_in_ten_thousand_by_chance(axis, fa
     found = check_survey(graph, graph.with_poses({0: off, 1: off, 2: off}), "drive")  # the last motion alone is off
     assert bool(found) == is_named
     if is_named:
-        metres, radians = np.linalg.norm(xi[:3]), np.linalg.norm(xi[3:])
-        assert f"2 to 3 by {1e3 * metres:.0f} mm, {np.degrees(radians):.2f} deg (5.3 sigma)" in found[0]
+        meters, radians = np.linalg.norm(xi[:3]), np.linalg.norm(xi[3:])
+        assert f"2 to 3 by {1e3 * meters:.0f} mm, {np.degrees(radians):.2f} deg (5.3 sigma)" in found[0]
 
 
 @pytest.mark.parametrize(("num_wrong", "is_refused"), [(6, False), (7, True)])

@@ -5,7 +5,7 @@ import pytest
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.judgement import correlated_pixels
-from sphere_nav.photometric.align.problem import Problem, State
+from sphere_nav.photometric.align.problem import AlignmentState, Problem
 from sphere_nav.photometric.params import PyramidParams
 
 CAMERA = Pinhole(320, 240, 250.0, 250.0, 159.5, 119.5)
@@ -16,12 +16,12 @@ PARAMS = RegistrationParams(pyramid=PyramidParams(num_levels=1), illumination=Fa
 
 def measured(room, noise) -> float:
     """The measured correlation at the true pose, with noise (H, W) added to the current image."""
-    grey, range_m = room.render(CAMERA, SE3.identity())
+    gray, range_m = room.render(CAMERA, SE3.identity())
     now, _ = room.render(CAMERA, TURNED)
     pyramid = build_pyramid((now + noise).astype(np.float32), CAMERA, PARAMS.pyramid)
-    views = [View(prepare_reference(grey, range_m, CAMERA, PARAMS), SE3.identity())]
+    views = [View(prepare_reference(gray, range_m, CAMERA, PARAMS), SE3.identity())]
     problem = Problem.choose_pixels(pyramid.levels[0], views, TURNED, PARAMS)
-    return correlated_pixels(problem.compare(State.start(TURNED, 1)), 99.0)
+    return correlated_pixels(problem.compare(AlignmentState.start(TURNED, 1)), 99.0)
 
 
 def test_independent_noise_is_correlated_by_interpolation_alone(room, rng):
@@ -41,28 +41,28 @@ def test_smooth_noise_counts_the_pixels_that_err_together(room, rng, sigma_px):
 
 def test_few_pixels_cannot_tell(room):
     small = Pinhole(40, 30, 30.0, 30.0, 19.5, 14.5)
-    grey, range_m = room.render(small, SE3.identity())
-    views = [View(prepare_reference(grey, range_m, small, PARAMS), SE3.identity())]
-    pyramid = build_pyramid(grey, small, PARAMS.pyramid)
+    gray, range_m = room.render(small, SE3.identity())
+    views = [View(prepare_reference(gray, range_m, small, PARAMS), SE3.identity())]
+    pyramid = build_pyramid(gray, small, PARAMS.pyramid)
     problem = Problem.choose_pixels(pyramid.levels[0], views, SE3.identity(), PARAMS)
-    assert correlated_pixels(problem.compare(State.start(SE3.identity(), 1)), 99.0) == 99.0
+    assert correlated_pixels(problem.compare(AlignmentState.start(SE3.identity(), 1)), 99.0) == 99.0
 
 
 def test_the_covariance_grows_with_the_correlation(room, rng):
-    grey, range_m = room.render(CAMERA, SE3.identity())
-    views = [View(prepare_reference(grey, range_m, CAMERA), SE3.identity())]
+    gray, range_m = room.render(CAMERA, SE3.identity())
+    views = [View(prepare_reference(gray, range_m, CAMERA), SE3.identity())]
     sigmas = []
     for blur in (0.01, 3.0):
         noise = cv2.GaussianBlur(rng.normal(0, 1.0, (240, 320)), (0, 0), blur)
-        image = (grey + 3.0 * noise / noise.std()).astype(np.float32)
+        image = (gray + 3.0 * noise / noise.std()).astype(np.float32)
         sigmas.append(np.trace(register(build_pyramid(image, CAMERA), views, SE3.identity()).covariance) ** 0.5)
     assert sigmas[1] > 2.0 * sigmas[0]
 
 
 def test_a_view_of_nothing_cannot_tell(room):
-    grey, range_m = room.render(CAMERA, SE3.identity())
-    views = [View(prepare_reference(grey, range_m, CAMERA, PARAMS), SE3.identity())]
-    pyramid = build_pyramid(grey, CAMERA, PARAMS.pyramid)
+    gray, range_m = room.render(CAMERA, SE3.identity())
+    views = [View(prepare_reference(gray, range_m, CAMERA, PARAMS), SE3.identity())]
+    pyramid = build_pyramid(gray, CAMERA, PARAMS.pyramid)
     problem = Problem.choose_pixels(pyramid.levels[0], views, SE3.identity(), PARAMS)
-    behind = State.start(SE3.exp([0.0, 0.0, 0.0, 0.0, np.pi, 0.0]), 1)
+    behind = AlignmentState.start(SE3.exp([0.0, 0.0, 0.0, 0.0, np.pi, 0.0]), 1)
     assert correlated_pixels(problem.compare(behind), 99.0) >= 1.0

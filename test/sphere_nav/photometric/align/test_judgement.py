@@ -5,8 +5,8 @@ import pytest
 
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference
-from sphere_nav.photometric.align.judgement import judge
-from sphere_nav.photometric.align.problem import Descent, Problem, State
+from sphere_nav.photometric.align.judgement import classify, normal_matrix
+from sphere_nav.photometric.align.problem import AlignmentState, Descent, Problem
 
 CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
 T_ROOM_CAMERA = SE3.from_parts([[0, 0, 1], [-1, 0, 0], [0, -1, 0]], [0, 0, 0])
@@ -19,7 +19,9 @@ def judged(room, params=None, motion=0.0, overlap=1.0, noise=0.0):
     seen = image + np.random.default_rng(3).normal(size=image.shape).astype(np.float32) * np.float32(noise)
     level = build_pyramid(seen, CAMERA, params.pyramid).levels[0]
     problem = Problem.choose_pixels(level, [view], T_ROOM_CAMERA, params)
-    return judge(problem, Descent(State.start(T_ROOM_CAMERA, 1), 5, motion, True), 5, overlap, params)
+    descent = Descent(AlignmentState.start(T_ROOM_CAMERA, 1), 5, motion, True)
+    found = problem.compare(descent.state)
+    return classify(found, normal_matrix(found, has_light=True), descent, 5, overlap, params)
 
 
 def test_a_good_end_is_good(room):
@@ -49,6 +51,12 @@ def test_every_cause_has_its_name(room, reason, arguments):
     found = judged(room, **arguments)
     assert found.reason == reason
     assert not found.is_converged
+
+
+@pytest.mark.parametrize(("share", "reason"), [(0.99, ""), (1.01, "NO_CONVERGENCE")])
+def test_an_increment_of_25_smallest_ones_is_no_convergence(room, share, reason):
+    params = RegistrationParams(min_step=0.03)
+    assert judged(room, params, motion=share * 25.0 * params.min_step).reason == reason
 
 
 def test_the_correlation_is_that_of_the_pixels(room):

@@ -7,7 +7,7 @@ import pytest
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference
 from sphere_nav.photometric.align.judgement import correlated_pixels
-from sphere_nav.photometric.align.problem import Problem, State
+from sphere_nav.photometric.align.problem import AlignmentState, Problem
 
 CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
 SPHERE = Spherical(1024, 512)
@@ -24,12 +24,12 @@ def make_problem(room, params):
     truth = A @ SE3.exp([0.1, 0.05, 0.02, 0.0, 0.01, 0.05]) @ T_BODY_OPTICAL
     image, _ = room.render(CAMERA, truth)
     level = build_pyramid(image, CAMERA, params.pyramid).levels[1]  # smooth enough for differences
-    return Problem.choose_pixels(level, views, truth, params), State.start(truth, 2)
+    return Problem.choose_pixels(level, views, truth, params), AlignmentState.start(truth, 2)
 
 
 def cost(problem, T_world_camera):
     """Half the sum of squared residuals, all weights being one."""
-    (view,) = problem.compare(State.start(T_world_camera, 1))
+    (view,) = problem.compare(AlignmentState.start(T_world_camera, 1))
     return 0.5 * view.pieces[:, RESIDUAL_SQUARED].sum()
 
 
@@ -42,8 +42,8 @@ def test_the_normal_equations_are_those_of_numerical_derivatives_in_the_camera_t
     level = build_pyramid(smooth, CAMERA, params.pyramid).levels[0]
     problem = Problem.choose_pixels(level, [view], T_world_reference, params)
     T_start = T_world_reference @ SE3.exp([1e-3, 0, 0, 0, 1e-3, 0])  # off the pixel centres, residuals not zero
-    H, g, _ = problem.linearise(State.start(T_start, 1))
-    (compared,) = problem.compare(State.start(T_start, 1))
+    H, g, _ = problem.linearize(AlignmentState.start(T_start, 1))
+    (compared,) = problem.compare(AlignmentState.start(T_start, 1))
     H, g, step = H[:6, :6] * compared.sigma**2, g[:6] * compared.sigma**2, 2e-3
     scale = np.sqrt(np.diag(H))
     sides = [[cost(problem, T_start @ SE3.exp(s * step * axis)) for s in (1, 0, -1)] for axis in np.eye(6)]
@@ -55,7 +55,7 @@ def test_the_normal_equations_are_those_of_numerical_derivatives_in_the_camera_t
 
 def test_a_descent_reduces_the_residuals_of_both_views(room):
     problem, state = make_problem(room, RegistrationParams())
-    off = State(state.T_world_camera @ SE3.exp([0.01, -0.01, 0.005, 0.002, 0.001, -0.002]), state.light)
+    off = AlignmentState(state.T_world_camera @ SE3.exp([0.01, -0.01, 0.005, 0.002, 0.001, -0.002]), state.light)
     before = [view.mad for view in problem.compare(off)]
     descent = problem.descend(off, 1)
     after = [view.mad for view in problem.compare(descent.state)]
@@ -78,17 +78,17 @@ def test_a_descent_ends_where_its_passes_lead_and_tells_its_last_comparison(room
     view = View(prepare_reference(image, range_m, SPHERE, params), A)
     truth = A @ SE3.exp([0.1, 0.05, 0.02, 0.0, 0.01, 0.05]) @ T_BODY_OPTICAL
     level = build_pyramid(room.render(camera, truth)[0], camera, params.pyramid).levels[0]
-    off = State.start(truth @ SE3.exp([0.01, -0.01, 0.005, 0.002, 0.001, -0.002]), 1)
+    off = AlignmentState.start(truth @ SE3.exp([0.01, -0.01, 0.005, 0.002, 0.001, -0.002]), 1)
     problem = Problem.choose_pixels(level, [view], off.T_world_camera, params)
     state = off
     for _ in range(8):
-        H, g, _ = problem.linearise(state)
+        H, g, _ = problem.linearize(state)
         x = np.linalg.solve(H, -g)
-        state = State(state.T_world_camera @ SE3.exp(x[:6]), state.light + x[6:].reshape(1, 2))
+        state = AlignmentState(state.T_world_camera @ SE3.exp(x[:6]), state.light + x[6:].reshape(1, 2))
     found = problem.descend(off, 8)
-    metres, radians = found.state.T_world_camera.distance(state.T_world_camera)
+    meters, radians = found.state.T_world_camera.distance(state.T_world_camera)
     assert radians * camera.fx < params.min_step
-    assert metres < 1e-4
+    assert meters < 1e-4
     (before,), (after,) = found.found, problem.compare(found.state)
     assert before.num_visible == pytest.approx(after.num_visible, rel=1e-3)
     assert before.mad == pytest.approx(after.mad, rel=0.02)
@@ -112,7 +112,7 @@ def test_rotation_only_leaves_the_place(room):
 
 def test_a_descent_without_pixels_is_not_determined(room):
     problem, state = make_problem(room, RegistrationParams())
-    behind = State(state.T_world_camera @ SE3.exp([0, 0, 0, 0, np.pi, 0]), state.light)
+    behind = AlignmentState(state.T_world_camera @ SE3.exp([0, 0, 0, 0, np.pi, 0]), state.light)
     descent = problem.descend(behind, 5)
     assert not descent.is_determined
     assert descent.iterations == 0
@@ -124,10 +124,10 @@ def test_an_image_compared_with_itself_has_no_residual(room):
     view = View(prepare_reference(image, range_m, CAMERA, params), T_BODY_OPTICAL)
     level = build_pyramid(image, CAMERA, params.pyramid).levels[0]
     problem = Problem.choose_pixels(level, [view], T_BODY_OPTICAL, params)
-    (found,) = problem.compare(State.start(T_BODY_OPTICAL, 1))
+    (found,) = problem.compare(AlignmentState.start(T_BODY_OPTICAL, 1))
     # float32 pixels fall beside their centres by 1e-5; histogram bins are a quarter wide
     assert abs(found.median) < 0.25
     assert found.sigma == params.min_sigma
     assert found.num_inliers == found.num_visible
-    (brighter,) = problem.compare(State(T_BODY_OPTICAL, np.array([[1.0, 40.0]])))
+    (brighter,) = problem.compare(AlignmentState(T_BODY_OPTICAL, np.array([[1.0, 40.0]])))
     assert abs(brighter.median - 40.0) < 0.25

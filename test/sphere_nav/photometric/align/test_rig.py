@@ -5,8 +5,9 @@ import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference, register
-from sphere_nav.photometric.align.problem import State
-from sphere_nav.photometric.align.rig import RigImage, _RigProblem, register_rig
+from sphere_nav.photometric.align.esm import register_rig
+from sphere_nav.photometric.align.problem import AlignmentState
+from sphere_nav.photometric.align.rig import RigImage, RigProblem
 from sphere_nav.photometric.align.rotation import register_rig_rotation
 from sphere_nav.photometric.checks.structure import find_rig_structure
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
@@ -28,7 +29,7 @@ START = T_ROOM_BODY @ SE3.exp([0.03, -0.04, 0.02, 0.01, -0.01, 0.02])
 def views(room):
     places = [SE3.identity(), SE3.from_planar(0.8, 0.1, 0.0)]
     spheres = [room.sphere(T, Spherical(512, 256), k) for k, T in enumerate(places)]
-    references = [prepare_reference(one.grey, one.range_m, one.camera, PARAMS) for one in spheres]
+    references = [prepare_reference(one.gray, one.range_m, one.camera, PARAMS) for one in spheres]
     return tuple(View(one, T) for one, T in zip(references, places, strict=True))
 
 
@@ -42,13 +43,13 @@ def images(room, views):
 
 
 def test_the_increment_of_a_camera_is_the_adjoint_of_that_of_the_body(images):
-    problem, state = _RigProblem.choose_pixels(images, 1, START, PARAMS, None), State.start(START, 4)
-    H, g, visible = problem.linearise(state)
+    problem, state = RigProblem.choose_pixels(images, 1, START, PARAMS, None), AlignmentState.start(START, 4)
+    H, g, visible = problem.linearize(state)
     for image, one, camera_state in zip(images, problem.problems, problem.states(state), strict=True):
         step = 1e-6 * np.eye(6)
         X = image.T_body_camera
         numeric = np.stack([(X.inverse() @ SE3.exp(xi) @ X).log() for xi in step], axis=1) / 1e-6
-        h, q, number = one.linearise(camera_state)
+        h, q, number = one.linearize(camera_state)
         H[:6, :6] -= numeric.T @ h[:6, :6] @ numeric
         g[:6] -= numeric.T @ q[:6]
         visible -= number
@@ -75,8 +76,8 @@ def test_two_cameras_find_their_motion(images):
     found = register_rig(images, START, PARAMS)
     assert found.is_converged
     assert len(found.gains) == 4
-    metres, radians = found.T_world_camera.distance(T_ROOM_BODY)
-    assert metres < 0.003  # noise of 2 grey levels: each camera alone errs by 2 to 4 mm
+    meters, radians = found.T_world_camera.distance(T_ROOM_BODY)
+    assert meters < 0.003  # noise of 2 grey levels: each camera alone errs by 2 to 4 mm
     assert radians < 0.0015
     xi = (found.T_world_camera.inverse() @ T_ROOM_BODY).log()
     assert xi @ np.linalg.solve(found.covariance, xi) < 25.0  # 6 degrees of freedom, 1 in 3000

@@ -3,7 +3,7 @@ import pytest
 
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import RegistrationParams
-from sphere_nav.photometric.checks.bias import linearise, solve_robustly
+from sphere_nav.photometric.checks.bias import linearize_samples, solve_robustly
 from sphere_nav.photometric.pixels.samples import Sample
 
 PARAMS, ORDERS = RegistrationParams(), [(0, 1), (1, 0), (1, 1)]
@@ -24,7 +24,7 @@ def test_the_step_of_the_pose_is_told_from_light(outliers):
     rng = np.random.default_rng(1)
     samples = [sample_of(rng), sample_of(rng)]
     samples[0].residual[:outliers] += 100.0
-    x, left, weight = solve_robustly(*linearise([(None, samples)], ORDERS), PARAMS)
+    x, left, weight = solve_robustly(*linearize_samples([(None, samples)], ORDERS), PARAMS)
     assert x.shape == (6 + 2 * (2 + len(ORDERS)),)
     np.testing.assert_allclose(x[:6], STEP, atol=1e-6 if not outliers else 2e-3)
     np.testing.assert_allclose(x[6:11], [0.1, -3.0, 0.0, 0.05, 0.0], atol=1e-5 if not outliers else 0.6)
@@ -34,10 +34,10 @@ def test_the_step_of_the_pose_is_told_from_light(outliers):
 
 def test_a_camera_on_a_body_asks_for_the_step_of_the_body():
     place, sample = SE3.exp([0.2, -0.1, 0.3, 0.1, 0.4, -0.2]), sample_of(np.random.default_rng(2))
-    x, _, _ = solve_robustly(*linearise([(place, [sample])], ORDERS), PARAMS)
+    x, _, _ = solve_robustly(*linearize_samples([(place, [sample])], ORDERS), PARAMS)
     np.testing.assert_allclose(x[:6], place.adjoint() @ STEP, atol=1e-6)
 
 
 def test_nothing_to_see_is_no_problem():
-    assert linearise([], ()) is None
-    assert linearise([(None, [])], ()) is None
+    assert linearize_samples([], ()) is None
+    assert linearize_samples([(None, [])], ()) is None

@@ -1,4 +1,6 @@
-"""Light that varies over the view: that it is there, and by how much it pulls a pose."""
+"""Light that varies over the view: that it is there, and by how much it biases a pose."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -7,7 +9,9 @@ from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.structure import find_rig_structure, find_structure
+from sphere_nav.photometric.checks.illumination import find_illumination_bias
+from sphere_nav.photometric.checks.structure import find_rig_structure
+from sphere_nav.photometric.pixels.samples import Sample
 from worlds.room import Room
 
 PARAMS = RegistrationParams(max_pixels=10_000, max_mad=100.0)
@@ -33,6 +37,11 @@ def shine(image, slope):
     return np.clip(np.rint(image * ramp), 1, 255).astype(np.uint8)
 
 
+def structure_of(pyramid, views, *rest):
+    """Check the images of one camera."""
+    return find_rig_structure([RigImage(pyramid, views=tuple(views))], *rest)
+
+
 def aligned(soft, views, pose, seed=1, slope=0.0):
     pyramid = build_pyramid(shine(soft.photograph(CAMERA, pose, seed), slope), CAMERA, PARAMS.pyramid)
     return pyramid, register(pyramid, views, pose, PARAMS)
@@ -42,9 +51,9 @@ def aligned(soft, views, pose, seed=1, slope=0.0):
 def test_even_light_is_seen_to_be_even(soft, views, pose):
     for seed in range(4):
         pyramid, found = aligned(soft, views, pose, seed)
-        pull = find_structure(pyramid, views, found, PARAMS).pull
-        assert pull.share < 0.05
-        assert np.linalg.norm(pull.xi[:3]) < 0.002
+        bias = structure_of(pyramid, views, found, PARAMS).illumination
+        assert bias.share < 0.05
+        assert np.linalg.norm(bias.xi[:3]) < 0.002
 
 
 @pytest.mark.parametrize("pose", POSES)
@@ -52,21 +61,68 @@ def test_even_light_is_seen_to_be_even(soft, views, pose):
 def test_what_uneven_light_pulls_is_found(soft, views, pose, slope):
     pyramid, found = aligned(soft, views, pose, slope=slope)
     off = (found.T_world_camera.inverse() @ pose).log()
-    pull = find_structure(pyramid, views, found, PARAMS).pull
+    bias = structure_of(pyramid, views, found, PARAMS).illumination
     assert np.linalg.norm(off[:3]) > 0.02  # or there is nothing to find
-    assert pull.share > 0.3
+    assert bias.share > 0.3
     # half of it and more, the right way: what pulls by decimetres is at home in the coarse levels, this is the finest
-    assert 0.4 < pull.xi @ off / (off @ off) < 1.2
-    assert pull.xi @ off > 0.8 * np.linalg.norm(pull.xi) * np.linalg.norm(off)
+    assert 0.4 < bias.xi @ off / (off @ off) < 1.2
+    assert bias.xi @ off > 0.8 * np.linalg.norm(bias.xi) * np.linalg.norm(off)
 
 
 def test_the_pull_of_cameras_on_a_body_is_that_of_the_body(soft, views):
     place = SE3.exp([0.2, -0.1, 0.3, 0.1, 0.4, -0.2])
     pyramid, found = aligned(soft, views, POSES[0], slope=0.4)
-    # asked twice: on the way pixels may be chosen anew, and stay chosen for the next who asks
-    _, alone = (find_structure(pyramid, views, found, PARAMS).pull for _ in range(2))
+    # twice: on the way pixels may be chosen anew, and stay chosen for the next call
+    _, alone = (structure_of(pyramid, views, found, PARAMS).illumination for _ in range(2))
     image = RigImage(pyramid, place, tuple(views))
     body = Alignment(**{**vars(found), "T_world_camera": found.T_world_camera @ place.inverse()})
-    there = find_rig_structure([image], body, PARAMS).pull
+    there = find_rig_structure([image], body, PARAMS).illumination
     assert there.share == pytest.approx(alone.share, abs=1e-3)
     np.testing.assert_allclose(there.xi, place.adjoint() @ alone.xi, atol=2e-4)
+
+
+def samples_of(shape, noise, number=2000):
+    """Return pixels that err by a gain with a shape over the image (at -> 1), 10 grey levels of it, and by noise."""
+    rng = np.random.default_rng(4)
+    points, gradients = rng.normal([0.0, 0.0, 4.0], 1.0, (number, 3)), rng.normal(0.0, 50.0, (number, 3))
+    at, current = rng.uniform(-1.0, 1.0, (number, 2)), np.full(number, 100.0)
+    residual = 10.0 * shape(at) + rng.normal(0.0, noise, number)
+    return [(None, [Sample(points, gradients, gradients, np.zeros(number), current, residual, at)])]
+
+
+def wave(half_periods):
+    return lambda at: np.cos(half_periods * 0.5 * np.pi * (at[:, 0] + 1.0))
+
+
+def bias_of(cameras):
+    """Return the bias, and how often pixels were sampled anew."""
+    calls = []
+    found = find_illumination_bias(lambda T: calls.append(T) or cameras, cameras, SE3.identity(), PARAMS)
+    return found, len(calls)
+
+
+def test_a_gain_of_up_to_two_half_periods_is_a_gradient():
+    shares = [bias_of(samples_of(wave(k), 3.0))[0].share for k in (1, 2, 3)]
+    assert min(shares[:2]) > 0.8
+    assert shares[2] < 0.1
+
+
+@pytest.mark.parametrize(("share", "is_gradient"), [(0.15, False), (0.25, True)])
+def test_a_fifth_of_the_squares_is_a_gradient(share, is_gradient):
+    found, calls = bias_of(samples_of(wave(1), np.sqrt(50.0 * (1.0 - share) / share)))
+    assert found.share == pytest.approx(share, abs=0.04)  # weights favour what is explained
+    assert (calls > 0) == is_gradient
+
+
+@pytest.mark.parametrize(("share", "calls"), [(0.99, 6), (0.12, 3), (0.105, 2)])
+def test_steps_end_at_a_tenth_of_the_bias_and_after_six(share, calls):
+    """The first step is 1 m, each later one a share of it: the third ends it if 0.12 < 0.1 (1 + 2 * 0.12)."""
+    ((_, (sample,)),) = problem = samples_of(wave(1), 1.0)
+    steps = []
+
+    def sampler(_):
+        steps.append(share if steps else 1.0)
+        return [(None, [replace(sample, residual=-sample.by_pose @ [steps[-1], 0.0, 0.0, 0.0, 0.0, 0.0])])]
+
+    find_illumination_bias(sampler, problem, SE3.identity(), PARAMS)
+    assert len(steps) == calls

@@ -1,4 +1,4 @@
-"""A part of the view that does not show the map: that it is there, and by how much it pulls a pose."""
+"""A part of the view that does not show the map: that it is there, and by how much it biases a pose."""
 
 from dataclasses import replace
 
@@ -8,8 +8,9 @@ import pytest
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.checks.occlusion import MIN_SHARE, find_hidden
-from sphere_nav.photometric.checks.structure import find_rig_structure, find_structure
+from sphere_nav.photometric.checks.occlusion import exclude_occlusion, find_occlusion_bias
+from sphere_nav.photometric.checks.structure import find_rig_structure
+from sphere_nav.photometric.constants import OCCLUSION_SHARE
 from sphere_nav.photometric.pixels.samples import Sample
 from worlds.room import Room
 
@@ -21,13 +22,18 @@ POSES = [SE3.exp([0.1, -0.05, 0.2, 0.02, 0.3, 0.01]), SE3.exp([-0.2, 0.1, 0.0, 0
 class HalfPaleRoom(Room):
     """One side of it has no texture."""
 
-    def grey(self, points):
-        return np.where(points[..., 0] > 0.0, 128.0, super().grey(points))
+    def gray(self, points):
+        return np.where(points[..., 0] > 0.0, 128.0, super().gray(points))
 
 
 def views_of(room):
     places = [SE3.identity(), SE3.exp([0.3, 0.0, 0.1, 0.0, 0.0, 0.0])]
     return [View(prepare_reference(*room.render(SPHERE, T), SPHERE, PARAMS), T) for T in places]
+
+
+def structure_of(pyramid, views, *rest):
+    """Check the images of one camera."""
+    return find_rig_structure([RigImage(pyramid, views=tuple(views))], *rest)
 
 
 @pytest.fixture(scope="module")
@@ -58,17 +64,17 @@ def test_a_free_view_has_no_hidden_part(pose, finest):
     for seed in (31, 32):
         room = Room((4.0, 3.0, 2.0), (1.0, finest, 30), gain=30.0, seed=seed)
         pyramid, views = seen(room, pose, seed), views_of(room)
-        hidden = find_structure(pyramid, views, register(pyramid, views, pose, PARAMS), PARAMS).hidden
-        assert hidden.share < MIN_SHARE
-        assert not hidden.xi.any()
+        bias = structure_of(pyramid, views, register(pyramid, views, pose, PARAMS), PARAMS).occlusion
+        assert bias.share < OCCLUSION_SHARE
+        assert not bias.xi.any()
 
 
 def test_a_pale_wall_is_not_hidden():
     room = HalfPaleRoom((4.0, 3.0, 2.0), (1.0, 14.0, 30), gain=30.0, seed=23)
     pyramid, views = seen(room, POSES[0]), views_of(room)
-    assert np.std(pyramid.images[0][:, 100:]) < 0.3 * np.std(pyramid.images[0][:, :60])  # or nothing is asked
-    hidden = find_structure(pyramid, views, register(pyramid, views, POSES[0], PARAMS), PARAMS).hidden
-    assert hidden.share < MIN_SHARE
+    assert np.std(pyramid.images[0][:, 100:]) < 0.3 * np.std(pyramid.images[0][:, :60])  # or nothing is checked
+    bias = structure_of(pyramid, views, register(pyramid, views, POSES[0], PARAMS), PARAMS).occlusion
+    assert bias.share < OCCLUSION_SHARE
 
 
 @pytest.mark.parametrize("pose", POSES)
@@ -79,9 +85,9 @@ def test_the_pose_by_what_is_free_is_found(pose, seed):
     found = register(pyramid, views, pose, PARAMS)
     off = found.T_world_camera.distance(pose)[0]
     assert off > 0.15  # or there is nothing to find
-    hidden = find_structure(pyramid, views, found, PARAMS).hidden
-    assert hidden.share >= MIN_SHARE
-    assert (found.T_world_camera @ SE3.exp(hidden.xi)).distance(pose)[0] < min(0.1, 0.3 * off)
+    bias = structure_of(pyramid, views, found, PARAMS).occlusion
+    assert bias.share >= OCCLUSION_SHARE
+    assert (found.T_world_camera @ SE3.exp(bias.xi)).distance(pose)[0] < min(0.1, 0.3 * off)
 
 
 def gradients(angle, strength, at):
@@ -96,7 +102,7 @@ def gradients(angle, strength, at):
 
 def share_of(sample):
     cameras = [(None, [sample])]
-    return find_hidden(lambda _: cameras, cameras, SE3.identity(), PARAMS).share
+    return find_occlusion_bias(lambda _: cameras, cameras, SE3.identity(), PARAMS).share
 
 
 def test_pixels_that_scatter_hide_nothing_and_as_many_that_agree_on_it_do():
@@ -108,7 +114,7 @@ def test_pixels_that_scatter_hide_nothing_and_as_many_that_agree_on_it_do():
     moved = is_left & (few > 1.0)  # seen from elsewhere
     assert share_of(gradients(np.where(is_left, other, seen), np.ones(2048), at)) > 0.3
     assert share_of(gradients(seen, few, at)) == 0.0
-    assert share_of(gradients(np.where(moved, other, seen), few, at)) < MIN_SHARE
+    assert share_of(gradients(np.where(moved, other, seen), few, at)) < OCCLUSION_SHARE
 
 
 def test_a_cell_as_low_as_the_limit_is_seldom_called_hidden():
@@ -125,8 +131,90 @@ def test_what_hides_the_view_of_a_camera_pulls_its_body(soft, views):
     place = SE3.exp([0.2, -0.1, 0.3, 0.1, 0.4, -0.2])
     pyramid = seen(soft, POSES[0], 1, 0.4)
     found = register(pyramid, views, POSES[0], PARAMS)
-    _, alone = (find_structure(pyramid, views, found, PARAMS).hidden for _ in range(2))
+    _, alone = (structure_of(pyramid, views, found, PARAMS).occlusion for _ in range(2))
     body = replace(found, T_world_camera=found.T_world_camera @ place.inverse())
-    there = find_rig_structure([RigImage(pyramid, place, tuple(views))], body, PARAMS).hidden
+    there = find_rig_structure([RigImage(pyramid, place, tuple(views))], body, PARAMS).occlusion
     assert there.share == pytest.approx(alone.share, abs=1e-3)
     np.testing.assert_allclose(there.xi, (place @ SE3.exp(alone.xi) @ place.inverse()).log(), atol=1e-3)
+
+
+# Each limit from both sides, by pixels whose cosines are known. 48 cells of 8 x 6 with 36 pixels each.
+CELLS_U, CELLS_V = (x.ravel() for x in np.meshgrid((np.arange(48) + 0.5) / 24 - 1, (np.arange(36) + 0.5) / 18 - 1))
+GRID = np.column_stack([CELLS_U, CELLS_V])
+COLUMN, ROW = ((0.5 * (GRID + 1.0)) * (8, 6)).astype(int).T
+CELL = ROW * 8 + COLUMN
+SMALL_STEP = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.01])
+
+
+def in_grid(cosine, where=None, step=SMALL_STEP):
+    """Return pixels with such cosines, whose residuals are those of a step of the pose."""
+    where = np.ones(len(GRID), bool) if where is None else where
+    sample = gradients(np.arccos(np.broadcast_to(cosine, len(GRID))[where]), np.ones(where.sum()), GRID[where])
+    return replace(sample, residual=-replace(sample, of_image=sample.of_reference).by_pose @ step)
+
+
+def found_of(sample):
+    """Return the share, whether a bias was looked for, and how often pixels were sampled anew."""
+    calls, cameras = [], [(None, [sample])]
+    found = find_occlusion_bias(lambda T: calls.append(T) or cameras, cameras, SE3.identity(), PARAMS)
+    return found.share, bool(found.xi.any()), len(calls)
+
+
+def test_cells_are_eight_by_six():
+    parts = (GRID[:, 0] < -1 + 4 / 24, 1 / 8), (GRID[:, 1] < -1 + 4 / 18, 1 / 6)  # two thirds of a cell spoil all of it
+    for is_left, share in parts:
+        assert found_of(in_grid(np.where(is_left, -1.0, 1.0)))[0] == pytest.approx(share)
+
+
+@pytest.mark.parametrize(("cells", "is_occluded"), [(4, False), (5, True)])
+def test_a_tenth_of_the_texture_is_an_occlusion(cells, is_occluded):
+    share, is_biased, _ = found_of(in_grid(np.where(cells > CELL, 0.0, 1.0)))
+    assert share == pytest.approx(cells / 48)
+    assert is_biased == is_occluded
+
+
+@pytest.mark.parametrize(("cells", "is_told"), [(33, True), (34, False)])
+def test_by_less_than_three_tenths_of_the_pixels_nothing_is_told(cells, is_told):
+    share, is_biased, _ = found_of(in_grid(np.where(cells > CELL, 0.0, 1.0)))
+    assert share == pytest.approx(cells / 48)
+    assert is_biased == is_told
+
+
+@pytest.mark.parametrize(("cells", "share"), [(35, 35 / 48), (37, 0.0)])
+def test_the_best_quarter_of_the_cells_is_typical(cells, share):
+    assert found_of(in_grid(np.where(cells > CELL, 0.0, 1.0)))[0] == pytest.approx(share)
+
+
+@pytest.mark.parametrize(("cosine", "share"), [(0.49, 0.25), (0.51, 0.0)])
+def test_half_of_the_typical_cosine_agrees(cosine, share):
+    assert found_of(in_grid(np.where(CELL < 12, cosine, 1.0)))[0] == pytest.approx(share)
+
+
+@pytest.mark.parametrize(("sigmas", "share"), [(2.9, 0.0), (3.1, 0.25)])
+def test_a_cell_is_occluded_where_its_mean_is_three_deviations_too_low(sigmas, share):
+    """36 pixels at m - s and m + s have a mean m of standard deviation s / 6."""
+    spread = np.where(np.arange(len(GRID)) % 2, 0.3, -0.3)
+    cosine = np.where(CELL < 12, 0.5 - sigmas * 0.3 / 6 + spread, 1.0)
+    assert found_of(in_grid(cosine))[0] == pytest.approx(share)
+
+
+@pytest.mark.parametrize(("number", "share"), [(11, 0.0), (12, 1.0)])
+def test_a_cell_of_twelve_pixels_is_known(number, share):
+    where = (CELL >= 12) | (np.cumsum(CELL == 0) <= number) & (CELL == 0)
+    left = (CELL == 0)[where].sum()
+    found = found_of(in_grid(np.where(CELL == 0, 0.0, 1.0), where))[0]
+    assert left == number
+    assert found == pytest.approx(share * number / where.sum())
+
+
+@pytest.mark.parametrize(("number", "is_used"), [(49, False), (50, True)])
+def test_a_view_of_fifty_pixels_is_used(number, is_used):
+    sample = in_grid(1.0, np.arange(len(GRID)) < number)
+    ((_, kept),) = exclude_occlusion(lambda _: [(None, [sample])])(SE3.identity())
+    assert bool(kept) == is_used
+
+
+@pytest.mark.parametrize(("radians", "calls"), [(0.9e-3, 0), (1.2e-3, 6)])
+def test_steps_end_when_the_image_moves_by_a_milliradian_and_after_six(radians, calls):
+    step = np.array([0.0, 0.0, 0.0, radians, 0.0, 0.0])  # about x: points near the axis move by the angle
+    assert found_of(in_grid(np.where(CELL < 12, 0.0, 1.0), step=step))[2] == calls

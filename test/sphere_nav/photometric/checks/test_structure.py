@@ -5,12 +5,20 @@ import pytest
 
 from sphere_nav.geometry import SE3, Fisheye, FrameMotion, Pinhole, Spherical
 from sphere_nav.photometric import RegistrationParams, View, build_pyramid, prepare_reference, register
-from sphere_nav.photometric.checks.structure import find_structure
+from sphere_nav.photometric.align.rig import RigImage
+from sphere_nav.photometric.checks import structure
+from sphere_nav.photometric.checks.structure import _stretch, find_rig_structure, view_residuals
+from sphere_nav.photometric.pixels.samples import Sample
 
 PARAMS = RegistrationParams(max_pixels=10_000)
 SPHERE = Spherical(512, 256)
 CAMERAS = [Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5), Fisheye(160, 120, 60.0, 60.0, 79.5, 59.5, (0.02, 0, 0, 0))]
 SOMEWHERE = SE3.exp([0.1, -0.05, 0.2, 0.02, 0.3, 0.01])
+
+
+def structure_of(pyramid, views, *rest):
+    """Check the images of one camera."""
+    return find_rig_structure([RigImage(pyramid, views=tuple(views))], *rest)
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +32,7 @@ def seen(room, views, lens, camera, truth=SOMEWHERE, seed=1):
     pyramid = build_pyramid(room.photograph(lens, truth, seed), camera, PARAMS.pyramid)
     alignment = register(pyramid, views, truth, PARAMS)
     assert alignment.is_converged
-    return find_structure(pyramid, views, alignment, PARAMS)
+    return structure_of(pyramid, views, alignment, PARAMS)
 
 
 @pytest.mark.parametrize("camera", CAMERAS, ids=lambda camera: camera.model)
@@ -51,7 +59,7 @@ def test_gradients_of_another_place_do_not_agree(room, views):
     elsewhere = SE3.exp([1.0, 0.5, -0.5, 0.3, 2.0, 0.1])
     pyramid = build_pyramid(room.photograph(camera, elsewhere, 1), camera, PARAMS.pyramid)
     alignment = register(pyramid, views, SOMEWHERE, replace(PARAMS, max_mad=1e3))
-    assert find_structure(pyramid, views, alignment, PARAMS).agreement < 0.2
+    assert structure_of(pyramid, views, alignment, PARAMS).agreement < 0.2
 
 
 def test_a_rolling_shutter_is_no_stretch(room, views):
@@ -60,8 +68,8 @@ def test_a_rolling_shutter_is_no_stretch(room, views):
     motion = FrameMotion(SOMEWHERE @ SE3.exp(-twist), 1.0)
     pyramid = build_pyramid(image, camera, PARAMS.pyramid)
     alignment = register(pyramid, views, SOMEWHERE, PARAMS, motion)
-    found = find_structure(pyramid, views, alignment, PARAMS, motion)
-    assert found.agreement > find_structure(pyramid, views, alignment, PARAMS).agreement
+    found = structure_of(pyramid, views, alignment, PARAMS, motion)
+    assert found.agreement > structure_of(pyramid, views, alignment, PARAMS).agreement
     assert abs(found.stretch) < max(0.005, 4.0 * found.stretch_sigma)
 
 
@@ -70,3 +78,30 @@ def test_whole_spheres_have_no_lens(room, views):
     found = seen(room, views, sphere, sphere)
     assert (found.stretch, found.stretch_sigma) == (0.0, np.inf)
     assert found.agreement > 0.6
+
+
+def test_the_deviation_of_the_stretch_is_the_scatter_of_24_pieces():
+    """Residuals of +-1 that agree within 24 pieces are as 24 numbers: 1 / sqrt(24), however many pixels there are."""
+    rng, number = np.random.default_rng(2), 24 * 96
+    sign, piece = np.where(np.arange(number) % 2, 1.0, -1.0), np.where(np.arange(number) // 96 % 2, 1.0, -1.0)
+    points, gradients = rng.normal([0.0, 0.0, 4.0], 1.0, (number, 3)), rng.normal(0.0, 1.0, (number, 3))
+    current = rng.uniform(0.0, 255.0, number)
+    sample = Sample(points, gradients, gradients, sign, current, sign * piece, np.zeros((number, 2)))
+    stretch, sigma = _stretch([sample], PARAMS, has_lens=True)
+    assert sigma == pytest.approx(24**-0.5, rel=0.03)
+    assert abs(stretch) < 3.0 * number**-0.5
+
+
+@pytest.mark.parametrize(("number", "is_told"), [(99, False), (100, True)])
+def test_a_view_of_a_hundred_pixels_tells_something(room, views, monkeypatch, number, is_told):
+    pyramid = build_pyramid(room.photograph(CAMERAS[0], SOMEWHERE, 1), CAMERAS[0], PARAMS.pyramid)
+    alignment = register(pyramid, views, SOMEWHERE, PARAMS)
+    usual = structure.sample_views
+
+    def few(*args):
+        return [one.where(np.arange(len(one.residual)) < number) for one in usual(*args)]
+
+    monkeypatch.setattr(structure, "sample_views", few)
+    images = [RigImage(pyramid, views=tuple(views))]
+    assert len(list(view_residuals(images, alignment, PARAMS))) == 2 * is_told
+    assert (find_rig_structure(images, alignment, PARAMS).agreement > 0.5) == is_told

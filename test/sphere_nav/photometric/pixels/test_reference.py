@@ -18,7 +18,7 @@ def test_points_lie_where_the_room_is(room):
     level = prepare_reference(image, range_m, CAMERA, PARAMS).levels[0]
     points = T_ROOM_CAMERA.apply(level.points.T)
     assert level.num_pixels == 58 * 78
-    assert np.abs(room.grey(points) - level.intensity).max() < 0.5  # ranges are kept within 0.017 %
+    assert np.abs(room.gray(points) - level.intensity).max() < 0.5  # ranges are kept within 0.017 %
 
 
 def test_the_gradient_is_that_of_the_image_by_the_point(room):
@@ -84,7 +84,7 @@ def test_any_piece_of_the_curve_is_a_patch():
         assert np.ptp(column) < 4
 
 
-def test_the_image_of_a_reference_is_quantised_far_below_noise(room):
+def test_the_image_of_a_reference_is_quantized_far_below_noise(room):
     camera = Spherical(128, 64)
     image, range_m = room.render(camera, SE3.identity())
     for one in (image, image.astype(np.float32)):

@@ -79,6 +79,24 @@ def test_a_selection_is_kept_while_the_image_moves_little(reference):
     assert turned is not first
 
 
+def test_a_selection_holds_for_a_tenth_of_the_width_and_for_a_fifth_while_another_is_under_way(reference):
+    pixels = reference.levels[1]
+    pixels.selections.clear()
+    first = choose(pixels, T_CAMERA_BODY, CAMERA, 400)
+
+    def turned(share):
+        """Return the pose after a turn that moves the image by a share of its width."""
+        return SE3.exp([0, 0, 0, 0, share * CAMERA.width / CAMERA.fx, 0]) @ T_CAMERA_BODY
+
+    assert holds(pixels, turned(0.098), CAMERA, 400)
+    assert not holds(pixels, turned(0.102), CAMERA, 400)
+    pixels.under_way.add(300)
+    assert choose(pixels, turned(0.195), CAMERA, 300) is first
+    assert choose(pixels, turned(0.205), CAMERA, 300) is not first
+    pixels.under_way.clear()
+    pixels.selections.clear()
+
+
 def test_what_is_chosen_ahead_is_used_once_it_is_kept(room, levels):
     reference = prepare_reference(*room.render(SPHERE, A), SPHERE)
     cameras = [level.camera for level in levels]

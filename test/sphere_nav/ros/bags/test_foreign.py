@@ -15,7 +15,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_typestore
 from sensor_msgs.msg import CameraInfo, Image
 
-from sphere_nav.ros.bags.mcap_chunk import MAX_CHUNK
+from sphere_nav.ros.bags.mcap_records import MAX_CHUNK
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError, TopicInfo
 

@@ -14,10 +14,10 @@ from sphere_nav.ros.bags.kind import is_foreign, lone_file
         ("drive.bag", None, True),
         ("drive", {"storage_identifier": "sqlite3"}, True),
         ("drive", {"storage_identifier": "mcap", "compression_mode": ""}, False),
-        ("drive", {"storage_identifier": "mcap", "compression_mode": "FILE"}, True),
+        ("drive", {"storage_identifier": "mcap", "compression_mode": "FILE"}, False),
     ],
 )
-def test_mcap_without_compression_is_read_by_ourselves(tmp_path, name, description, expected):
+def test_mcap_is_read_by_ourselves(tmp_path, name, description, expected):
     assert is_foreign(tmp_path / name, description) == expected
 
 

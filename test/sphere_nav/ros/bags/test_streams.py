@@ -31,7 +31,7 @@ def info(topic, frame="color_optical", size=(640, 480)):
     return Stream(topic, CAMERA_INFO, 100, 30.0, frame, *size, "plumb_bob")
 
 
-COLOUR = [image("/camera/camera/color/image_raw"), info("/camera/camera/color/camera_info")]
+COLOR = [image("/camera/camera/color/image_raw"), info("/camera/camera/color/camera_info")]
 DEPTH = [
     image("/camera/camera/depth/image_rect_raw", "16UC1", "depth_optical", (848, 480)),
     info("/camera/camera/depth/camera_info", "depth_optical", (848, 480)),
@@ -51,7 +51,7 @@ INFRA = [
 
 
 def test_depth_that_is_registered_to_the_image_is_preferred():
-    assert find_inputs([*DEPTH, *ALIGNED, *COLOUR], RGBD) == {
+    assert find_inputs([*DEPTH, *ALIGNED, *COLOR], RGBD) == {
         "image_raw": "/camera/camera/color/image_raw",
         "camera_info": "/camera/camera/color/camera_info",
         "depth/image_raw": "/camera/camera/aligned_depth_to_color/image_raw",
@@ -59,15 +59,15 @@ def test_depth_that_is_registered_to_the_image_is_preferred():
 
 
 def test_depth_of_another_camera_comes_with_its_own_calibration():
-    found = find_inputs([*COLOUR, *DEPTH], RGBD)
+    found = find_inputs([*COLOR, *DEPTH], RGBD)
     assert found["depth/image_raw"] == "/camera/camera/depth/image_rect_raw"
     assert found["depth/camera_info"] == "/camera/camera/depth/camera_info"
 
 
 def test_a_raw_topic_is_preferred_to_its_compressed_copy_which_serves_alone():
     copy = compressed("/camera/camera/color/image_raw/compressed")
-    assert find_inputs([*COLOUR, copy], ("image_raw",)) == {"image_raw": "/camera/camera/color/image_raw"}
-    assert find_inputs([copy, COLOUR[1]], ("image_raw", "camera_info")) == {
+    assert find_inputs([*COLOR, copy], ("image_raw",)) == {"image_raw": "/camera/camera/color/image_raw"}
+    assert find_inputs([copy, COLOR[1]], ("image_raw", "camera_info")) == {
         "image_raw": copy.topic,
         "camera_info": "/camera/camera/color/camera_info",
     }
@@ -77,7 +77,7 @@ def test_compressed_depth_is_depth():
     depth = compressed("/camera/camera/aligned_depth_to_color/image_raw/compressedDepth", "16UC1; compressedDepth png")
     assert depth.is_depth
     assert not depth.is_picture
-    assert find_inputs([*COLOUR, depth], RGBD)["depth/image_raw"] == depth.topic
+    assert find_inputs([*COLOR, depth], RGBD)["depth/image_raw"] == depth.topic
 
 
 def test_a_pair_is_found_by_the_names_of_its_sides():
@@ -97,7 +97,7 @@ def test_a_pair_is_found_by_the_names_of_its_sides():
 
 
 def test_our_own_names_need_no_search():
-    streams = [*COLOUR, image("/image_raw"), info("/camera_info")]
+    streams = [*COLOR, image("/image_raw"), info("/camera_info")]
     assert find_inputs(streams, ("image_raw", "camera_info")) == {
         "image_raw": "/image_raw",
         "camera_info": "/camera_info",
@@ -105,7 +105,7 @@ def test_our_own_names_need_no_search():
 
 
 def test_what_the_user_names_holds():
-    found = find_inputs([*COLOUR, *ALIGNED, *INFRA], ("image_raw", "camera_info"), {"image_raw": INFRA[0].topic})
+    found = find_inputs([*COLOR, *ALIGNED, *INFRA], ("image_raw", "camera_info"), {"image_raw": INFRA[0].topic})
     assert found == {"image_raw": INFRA[0].topic, "camera_info": INFRA[1].topic}
 
 
@@ -113,16 +113,16 @@ def test_what_the_user_names_holds():
     ("streams", "wanted", "chosen", "message"),
     [
         (ALIGNED, RGBD, {}, "expected images (--image)"),
-        (COLOUR, RGBD, {}, "expected depth images (--depth)"),
-        (COLOUR, STEREO, {}, "expected a left and a right camera (--left, --right)"),
+        (COLOR, RGBD, {}, "expected depth images (--depth)"),
+        (COLOR, STEREO, {}, "expected a left and a right camera (--left, --right)"),
         (
-            [*COLOUR, image("/rear/image_raw", frame="rear")],
+            [*COLOR, image("/rear/image_raw", frame="rear")],
             ("image_raw",),
             {},
             "one topic with images (image_raw), found /camera/camera/color",
         ),
-        (COLOUR, ("image_raw",), {"image_raw": "/none"}, "image_raw: expected topic /none, found /camera"),
-        ([COLOUR[0]], ("image_raw", "camera_info"), {}, "camera_info of /camera/camera/color/image_raw, found none"),
+        (COLOR, ("image_raw",), {"image_raw": "/none"}, "image_raw: expected topic /none, found /camera"),
+        ([COLOR[0]], ("image_raw", "camera_info"), {}, "camera_info of /camera/camera/color/image_raw, found none"),
     ],
 )
 def test_what_is_not_one_choice_is_refused_with_the_option(streams, wanted, chosen, message):
@@ -169,7 +169,7 @@ def test_an_infrared_image_is_not_taken_for_a_picture_though_depth_is_registered
     assert (found["image_raw"], found["depth/camera_info"]) == ("/rgb/image_raw", "/depth/camera_info")
 
 
-def test_one_camera_under_several_names_counts_once_with_colour_and_the_left_of_a_pair():
+def test_one_camera_under_several_names_counts_once_with_color_and_the_left_of_a_pair():
     zed = [image(f"/zed/{side}/image_rect_color", "bgra8", f"{side[0]}_optical") for side in ("left", "right")]
     zed += [
         image("/zed/rgb/image_rect_color", "bgra8", "l_optical"),
@@ -182,4 +182,4 @@ def test_one_camera_under_several_names_counts_once_with_colour_and_the_left_of_
 
 def test_a_misspelt_topic_is_told_the_one_that_is_meant():
     with pytest.raises(BagError, match=r"is /camera/camera/color/image_raw meant"):
-        find_inputs(COLOUR, ("image_raw",), {"image_raw": "/camera/camera/colour/image_raw"})
+        find_inputs(COLOR, ("image_raw",), {"image_raw": "/camera/camera/colour/image_raw"})

@@ -20,7 +20,7 @@ from sphere_nav.ros.conversions.images import ENCODINGS
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import ManagedNode
 
-FILES = Path(__file__).resolve().parents[2] / "config" / "cameras"
+FILES = Path(__file__).resolve().parents[4] / "config" / "cameras"
 WANTED = {"rgbd": RGBD, "stereo": STEREO, "mono": ("image_raw", "camera_info"), "panorama": ("image_raw",)}
 DEPTH_INFO = "depth/camera_info"
 METRES = {"16UC1": 0.001, "32FC1": 1.0}  # REP 118
@@ -63,10 +63,10 @@ def test_a_file_names_what_its_job_needs_in_encodings_that_are_read(name):
     assert driver.roots(topics) == [driver.root]
 
 
-def test_depth_of_a_preset_is_in_metres_whatever_its_encoding():
+def test_depth_of_a_preset_is_in_meters_whatever_its_encoding():
     for encoding, unit in METRES.items():
         kind, _ = ENCODINGS[encoding]
-        pixels = conversions.depth_to_metres(
+        pixels = conversions.depth_to_meters(
             conversions.array_to_image(np.full((2, 2), 2.0 / unit, kind), 0, "", encoding)
         )
         assert pixels == pytest.approx(2.0)

@@ -10,9 +10,10 @@ from sensor_msgs.msg import CompressedImage, Image
 from tf2_msgs.msg import TFMessage
 
 from sphere_nav.geometry import SE3, Pinhole, Spherical
-from sphere_nav.localization.params import NodeParams
+from sphere_nav.geometry.cameras.rig import Rig, RigCamera
+from sphere_nav.localization.params import NodeParams, RigParams
 from sphere_nav.ros.bags.replay import OfflineBus
-from sphere_nav.ros.camera.intake import CameraIntake
+from sphere_nav.ros.camera.intake import CameraIntake, rig_names
 from sphere_nav.ros.conversions import (
     array_to_image,
     camera_to_info,
@@ -120,7 +121,7 @@ def test_a_refused_calibration_answers_at_once_until_it_is_forgotten():
     assert len(gate.refusals) == 1  # calibration may still come
 
 
-def test_panoramas_are_calibrated_by_sphere_info_where_they_can_be_localised():
+def test_panoramas_are_calibrated_by_sphere_info_where_they_can_be_localized():
     gate = Gate(has_sphere_info=True)
     gate.mount()
     gate.send("sphere_info", camera_to_sphere_info(Spherical(16, 8), "optical"))
@@ -210,6 +211,18 @@ def test_an_image_comes_with_odometry_at_its_stamp():
     np.testing.assert_allclose(gate.pictures[0].T_odom_base.matrix, T_odom_base.matrix, atol=1e-12)
     gate.image(5)
     assert gate.pictures[1].T_odom_base is None
+
+
+def test_names_are_those_of_the_calibration_unless_some_are_chosen():
+    rig = Rig(tuple(RigCamera(name, CAMERA, SE3.identity()) for name in ("a", "b", "c")))
+    assert rig_names(RigParams(), rig) == ("a", "b", "c")
+    assert rig_names(RigParams(cameras="c, a"), rig) == ("c", "a")
+    assert rig_names(RigParams(cameras="left,right"), None) == ("left", "right")
+    for words in ("d", "a,a"):
+        with pytest.raises(ValueError, match="expected different names"):
+            rig_names(RigParams(cameras=words), rig)
+    with pytest.raises(ValueError, match="found none"):
+        rig_names(RigParams(), None)
 
 
 def test_panoramas_need_no_calibration_where_they_are_told_to_be_whole():

@@ -18,12 +18,12 @@ def test_a_cloud_comes_back_without_its_unknown_points(rng):
 
 
 @pytest.mark.parametrize("shape", [(20,), (20, 3)])
-def test_colours_are_packed_as_rviz_reads_them(rng, shape):
-    points, colours = rng.normal(size=(20, 3)).astype(np.float32), rng.integers(0, 255, shape, np.uint8)
-    message = cloud_to_message(points, 3, "map", colours)
+def test_colors_are_packed_as_rviz_reads_them(rng, shape):
+    points, colors = rng.normal(size=(20, 3)).astype(np.float32), rng.integers(0, 255, shape, np.uint8)
+    message = cloud_to_message(points, 3, "map", colors)
     rgb = np.frombuffer(message.data, np.uint32).reshape(20, 4)[:, 3]
     rows = np.stack([rgb >> 16 & 255, rgb >> 8 & 255, rgb & 255], axis=1)
-    np.testing.assert_array_equal(rows, np.broadcast_to(colours.reshape(20, -1), (20, 3)))
+    np.testing.assert_array_equal(rows, np.broadcast_to(colors.reshape(20, -1), (20, 3)))
     np.testing.assert_array_equal(message_to_cloud(message), points)
 
 

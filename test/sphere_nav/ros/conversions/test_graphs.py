@@ -23,7 +23,7 @@ def test_a_graph_comes_back(sphere_graph):
         np.testing.assert_allclose(after.information, before.information, rtol=1e-6)
 
 
-def test_the_region_of_a_key_sphere_comes_back_and_must_be_metres():
+def test_the_region_of_a_key_sphere_comes_back_and_must_be_meters():
     graph = SphereGraph([KeySphere(1, 0, SE3.identity(), region_radius_m=7.5), KeySphere(2, 0, SE3.identity())])
     message = graph_to_message(graph, "map")
     assert [node.region_radius_m for node in message_to_graph(message)] == [7.5, 0.0]

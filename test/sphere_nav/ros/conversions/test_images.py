@@ -13,9 +13,9 @@ from sphere_nav.ros.conversions import (
     compressed_to_array,
     compressed_to_image,
     decompress,
-    depth_to_metres,
+    depth_to_meters,
     image_to_array,
-    image_to_grey,
+    image_to_gray,
     image_to_rgb,
     stamp_ns,
 )
@@ -77,7 +77,7 @@ def test_arrays_that_do_not_fit_their_encoding_are_refused(rng):
         array_to_image(np.zeros((5, 7)), 0, "", "32FC1")
 
 
-def test_colour_is_rgb_whatever_the_order(rng):
+def test_color_is_rgb_whatever_the_order(rng):
     rgb = picture(rng, "rgb8")
     for encoding, pixels in (
         ("rgb8", rgb),
@@ -87,27 +87,27 @@ def test_colour_is_rgb_whatever_the_order(rng):
         ("bgra8", np.dstack([rgb[..., ::-1], rgb[..., 0]])),
     ):
         np.testing.assert_array_equal(image_to_rgb(array_to_image(pixels, 0, "", encoding)), rgb)
-    grey = image_to_grey(array_to_image(rgb, 0, "", "rgb8"))
+    gray = image_to_gray(array_to_image(rgb, 0, "", "rgb8"))
     expected = rgb @ np.array([0.299, 0.587, 0.114])
-    np.testing.assert_allclose(grey, expected, atol=1.0)  # rounded to a grey level, with OpenCV's integer weights
+    np.testing.assert_allclose(gray, expected, atol=1.0)  # rounded to a grey level, with OpenCV's integer weights
 
 
 def test_sixteen_bits_become_eight(rng):
     deep = picture(rng, "mono16")
-    np.testing.assert_array_equal(image_to_grey(array_to_image(deep, 0, "", "mono16")), deep // 256)
+    np.testing.assert_array_equal(image_to_gray(array_to_image(deep, 0, "", "mono16")), deep // 256)
     with pytest.raises(ValueError, match="expected a grey or colour image, found '32FC1'"):
-        image_to_grey(array_to_image(picture(rng, "32FC1"), 0, "", "32FC1"))
+        image_to_gray(array_to_image(picture(rng, "32FC1"), 0, "", "32FC1"))
 
 
-def test_depth_is_in_metres_and_nan_where_there_is_none():
-    millimetres = np.array([[0, 1, 1500, 65535]], np.uint16)
-    found = depth_to_metres(array_to_image(millimetres, 0, "", "16UC1"))
+def test_depth_is_in_meters_and_nan_where_there_is_none():
+    millimeters = np.array([[0, 1, 1500, 65535]], np.uint16)
+    found = depth_to_meters(array_to_image(millimeters, 0, "", "16UC1"))
     np.testing.assert_allclose(found, [[np.nan, 0.001, 1.5, np.nan]], rtol=1e-6)
-    metres = np.array([[np.nan, 0.0, -1.0, -np.inf, np.inf, 2.5]], np.float32)
-    found = depth_to_metres(array_to_image(metres, 0, "", "32FC1"))
+    meters = np.array([[np.nan, 0.0, -1.0, -np.inf, np.inf, 2.5]], np.float32)
+    found = depth_to_meters(array_to_image(meters, 0, "", "32FC1"))
     np.testing.assert_array_equal(found, np.array([[np.nan, np.nan, np.nan, np.nan, np.inf, 2.5]], np.float32))
     with pytest.raises(ValueError, match="encoding of depth: expected 16UC1 or 32FC1, found 'mono8'"):
-        depth_to_metres(array_to_image(np.zeros((2, 2), np.uint8), 0, "", "mono8"))
+        depth_to_meters(array_to_image(np.zeros((2, 2), np.uint8), 0, "", "mono8"))
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
@@ -139,18 +139,18 @@ BAYER = {"rggb": ("RG", "GB"), "bggr": ("BG", "GR"), "gbrg": ("GB", "RG"), "grbg
 
 
 @pytest.mark.parametrize("pattern", BAYER)
-def test_a_mosaic_of_one_colour_is_that_colour(pattern):
-    colour = {"R": 200, "G": 120, "B": 40}
+def test_a_mosaic_of_one_color_is_that_color(pattern):
+    color = {"R": 200, "G": 120, "B": 40}
     pixels = np.empty((8, 10), np.uint8)
     for row in range(2):
         for column in range(2):
-            pixels[row::2, column::2] = colour[BAYER[pattern][row][column]]
+            pixels[row::2, column::2] = color[BAYER[pattern][row][column]]
     rgb = image_to_rgb(array_to_image(pixels, 1, "c", f"bayer_{pattern}8"))
     np.testing.assert_array_equal(rgb[2:-2, 2:-2], np.broadcast_to([200, 120, 40], (4, 6, 3)))
 
 
 @pytest.mark.parametrize(("encoding", "order"), [("yuv422", (1, 0)), ("uyvy", (1, 0)), ("yuyv", (0, 1))])
-def test_the_luminance_of_packed_yuv_is_the_grey_level(encoding, order):
+def test_the_luminance_of_packed_yuv_is_the_gray_level(encoding, order):
     levels = np.arange(16, 236, 10, dtype=np.uint8)[None, :].repeat(4, axis=0)
     pixels = np.full((*levels.shape, 2), 128, np.uint8)
     pixels[..., order.index(0)] = levels
@@ -162,18 +162,18 @@ def test_the_luminance_of_packed_yuv_is_the_grey_level(encoding, order):
 
 @pytest.mark.parametrize("encoding", ["16UC1", "32FC1"])
 def test_compressed_depth_is_read_as_image_transport_writes_it(encoding):
-    metres = np.linspace(0.5, 6.0, 60, dtype=np.float32).reshape(6, 10)
-    metres[0, 0] = np.nan
+    meters = np.linspace(0.5, 6.0, 60, dtype=np.float32).reshape(6, 10)
+    meters[0, 0] = np.nan
     scale, offset = 700.0, 20.0
     if encoding == "16UC1":
-        stored = np.nan_to_num(metres * 1000, nan=0).round().astype(np.uint16)
+        stored = np.nan_to_num(meters * 1000, nan=0).round().astype(np.uint16)
     else:
-        stored = np.nan_to_num(scale / metres + offset, nan=0).round().astype(np.uint16)
+        stored = np.nan_to_num(scale / meters + offset, nan=0).round().astype(np.uint16)
     data = struct.pack("<iff", 0, scale, offset) + cv2.imencode(".png", stored)[1].tobytes()
     message = CompressedImage(format=f"{encoding}; compressedDepth png", data=data)
-    found = depth_to_metres(decompress(message))
-    np.testing.assert_array_equal(np.isnan(found), np.isnan(metres))
-    np.testing.assert_allclose(found[~np.isnan(found)], metres[~np.isnan(metres)], rtol=6e-3)
+    found = depth_to_meters(decompress(message))
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(meters))
+    np.testing.assert_allclose(found[~np.isnan(found)], meters[~np.isnan(meters)], rtol=6e-3)
 
 
 @pytest.mark.parametrize(
@@ -197,7 +197,7 @@ def test_a_picture_of_another_size_than_its_camera_is_not_decoded():
         compressed_to_image(message, (640, 480))
 
 
-def test_colours_of_pairs_of_pixels_need_an_even_width():
+def test_colors_of_pairs_of_pixels_need_an_even_width():
     message = Image(width=3, height=2, encoding="yuv422", step=6, data=array.array("B", bytes(12)))
     with pytest.raises(ValueError, match="expected an even number of pixels of yuv422, found 3"):
         image_to_rgb(message)

@@ -1,7 +1,7 @@
 import numpy as np
 
 from sphere_nav.geometry import SE3
-from sphere_nav.ros.conversions.markers import graph_to_markers
+from sphere_nav.ros.conversions.graphs import graph_to_markers
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
 

@@ -6,7 +6,7 @@ from sensor_msgs.msg import Imu
 
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.conversions import pose_to_se3, stamp_ns
-from sphere_nav.ros.conversions.particles import imu_attitude, particles_to_message
+from sphere_nav.ros.conversions.beliefs import imu_attitude, particles_to_message
 
 
 def test_particles_keep_pose_weight_and_stamp():

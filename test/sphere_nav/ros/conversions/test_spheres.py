@@ -11,10 +11,10 @@ from sphere_nav.spheres.sphere import Sphere
 CAMERAS = [Spherical(64, 32), Spherical(24, 10, 64.0, -3.0, 8.0), Spherical(20, 8, 50.5, 3.25, 4.5)]
 
 
-def make(rng, camera=CAMERAS[1], is_colour=True):
+def make(rng, camera=CAMERAS[1], is_color=True):
     rows, columns = np.mgrid[0 : camera.height, 0 : camera.width]
     smooth = (100 + rows + columns).astype(np.uint8)
-    image = np.dstack([smooth, smooth + 20, smooth - 20]) if is_colour else smooth
+    image = np.dstack([smooth, smooth + 20, smooth - 20]) if is_color else smooth
     range_m = rng.uniform(0.5, 80.0, image.shape[:2]).astype(np.float32)
     range_m[0], range_m[1] = np.nan, np.inf
     return Sphere(image, range_m, camera, 8_000_000_009)
@@ -37,25 +37,25 @@ def test_a_sphere_comes_back(rng, camera, image_encoding, range_encoding):
 
 
 @pytest.mark.parametrize("image_encoding", ["", "png", "jpeg"])
-def test_a_grey_sphere_stays_grey(rng, image_encoding):
-    sphere = make(rng, is_colour=False)
+def test_a_gray_sphere_stays_gray(rng, image_encoding):
+    sphere = make(rng, is_color=False)
     found = message_to_sphere(sphere_to_message(sphere, "s", image_encoding=image_encoding))
     assert found.image.shape == sphere.image.shape
     np.testing.assert_allclose(found.image.astype(int), sphere.image.astype(int), atol=4)
 
 
 @pytest.mark.parametrize("image_encoding", ["", "bgr8", "png", "jpeg"])
-@pytest.mark.parametrize("is_colour", [True, False])
-def test_for_alignment_grey_levels_and_range_alone_are_read(rng, image_encoding, is_colour):
-    if image_encoding == "bgr8" and not is_colour:
+@pytest.mark.parametrize("is_color", [True, False])
+def test_for_alignment_gray_levels_and_range_alone_are_read(rng, image_encoding, is_color):
+    if image_encoding == "bgr8" and not is_color:
         pytest.skip("no colours to turn")
-    plain = make(rng, is_colour=is_colour)
+    plain = make(rng, is_color=is_color)
     sphere = Sphere(plain.image, plain.range_m, plain.camera, 1, np.full_like(plain.range_m, 0.25))
     message = sphere_to_message(sphere, "s", image_encoding=image_encoding)
-    found, whole = message_to_sphere(message, is_grey=True), message_to_sphere(message)
+    found, whole = message_to_sphere(message, is_gray=True), message_to_sphere(message)
     assert (found.image.shape, found.image.dtype, found.range_std_m) == (plain.range_m.shape, np.uint8, None)
     tolerance = 3.0 if image_encoding == "jpeg" else 0.6  # half a grey level, and the codec's own weights
-    np.testing.assert_allclose(found.levels, whole.grey, atol=tolerance)
+    np.testing.assert_allclose(found.levels, whole.gray, atol=tolerance)
     np.testing.assert_array_equal(found.range_m, whole.range_m)
 
 

@@ -186,7 +186,7 @@ def test_a_pose_off_the_map_is_refused_and_so_is_one_of_another_frame():
     assert (answer.success, "found 50 m" in answer.message) == (False, True)
 
 
-def test_another_localiser_is_heard_while_there_is_no_pose():
+def test_another_localizer_is_heard_while_there_is_no_pose():
     bench = Bench()
     bench.see(seed=0)
     bench.node.outputs.state = State.SEARCHING

@@ -6,6 +6,7 @@ import pytest
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.maps.check import salvage_map, verify_map
 from sphere_nav.ros.maps.reader import SPHERE, open_map, save_map
+from worlds.maps import load_all
 
 
 @pytest.fixture
@@ -65,12 +66,12 @@ def test_one_flipped_bit_costs_one_sphere_at_most(saved, sphere_graph, tmp_path,
         flipped = bytearray(data)
         flipped[place] ^= 1 << int(rng.integers(8))
         (tmp_path / "flipped.mcap").write_bytes(flipped)
-        hit = [i for i, c in enumerate(chunks) if 45 <= place - c.chunk_start_offset < c.chunk_length]
+        hit = [i for i, c in enumerate(chunks) if 0 <= place - c.chunk_start_offset < c.chunk_length]
         target = tmp_path / f"saved{place}"
         num_saved = salvage_map(tmp_path / "flipped.mcap", target)
         assert num_saved >= 3 - len(hit), place
         with open_map(target) as reader:
-            for node in reader.load_all():
+            for node in load_all(reader):
                 expected = sphere_graph[node.id]
                 np.testing.assert_array_equal(node.sphere.image, expected.sphere.image)
                 np.testing.assert_allclose(node.T_map_sphere.matrix, expected.T_map_sphere.matrix, atol=1e-12)

@@ -2,9 +2,9 @@ import numpy as np
 import pytest
 
 from sphere_nav.geometry import Spherical
+from sphere_nav.ros.bags.serialization import serialize_to_store
 from sphere_nav.ros.conversions import sphere_to_message
 from sphere_nav.ros.maps.compact import CompactSpheres
-from sphere_nav.ros.serialization import serialize_to_store
 from sphere_nav.spheres.sphere import Sphere
 
 

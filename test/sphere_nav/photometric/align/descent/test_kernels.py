@@ -3,9 +3,12 @@
 import numpy as np
 import pytest
 
-from sphere_nav.geometry import SE3
+from sphere_nav.estimation.robust import huber_weights, median_and_mad
+from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.photometric.align.descent import kernels
 from sphere_nav.photometric.align.iteration.kernels import NUM_SUMS
+from sphere_nav.photometric.align.projection import kernel_camera
+from worlds.blocks import Case
 
 
 @pytest.fixture
@@ -36,24 +39,7 @@ def test_motions_are_inverted_and_composed(T, rng):
     assert np.abs(kernels.compose(rows_of(T), rows_of(other)) - (T @ other).matrix[:3]).max() < 1e-12
 
 
-def test_solve_finds_the_minimum_of_the_quadratic(system):
-    H, g = system
-    x, is_found = kernels.solve(H, g, 0)
-    assert is_found
-    assert np.abs(H @ x + g).max() < 1e-9 * np.abs(g).max()
-    rest, _ = kernels.solve(H, g, 3)  # a pure rotation leaves the translation out
-    assert np.abs(H[3:, 3:] @ rest + g[3:]).max() < 1e-9 * np.abs(g).max()
-
-
-@pytest.mark.parametrize("spoil", [0.0, -1.0, np.nan, np.inf])
-def test_solve_refuses_what_is_not_positive_definite(system, spoil):
-    H, g = system
-    H[3, :] = H[:, 3] = 0.0
-    H[3, 3] = spoil
-    assert not kernels.solve(H, g, 0)[1]
-
-
-def test_normal_equations_are_turned_into_the_camera_tangent_by_the_adjoint(T, system):
+def test_normal_equations_are_transformed_to_the_camera_tangent_by_the_adjoint(T, system):
     H, g = system
     A = np.eye(8)
     A[:6, :6] = -T.inverse().adjoint()  # M15 eq. 31-32
@@ -69,7 +55,7 @@ def test_sums_are_the_upper_triangle_by_rows(system):
     sums = np.zeros(NUM_SUMS)
     sums[:45] = whole[np.triu_indices(9)]
     found, found_g = np.empty((8, 8)), np.empty(8)
-    kernels.unpack(sums, found, found_g)
+    kernels.unpack_sums(sums, found, found_g)
     assert np.array_equal(found, H)
     assert np.array_equal(found_g, g)
 
@@ -78,7 +64,7 @@ def test_views_share_the_pose_and_have_a_light_each(system):
     h, q = system
     H, g = np.zeros((10, 10)), np.zeros(10)
     for view, sigma in ((0, 1.0), (1, 2.0)):
-        kernels.join(view, h, q, sigma, True, H, g)
+        kernels.join_view(view, h, q, sigma, True, H, g)
     assert np.allclose(H[:6, :6], 1.25 * h[:6, :6])
     assert np.allclose(H[:6, 8:], 0.25 * h[:6, 6:])
     assert np.allclose(H[6:8, 8:], 0.0)
@@ -103,3 +89,102 @@ def test_scatter_is_the_sum_of_g_by_the_inverse_of_h(rng):
 def test_small_views_are_not_sampled(blocks, step, pieces):
     assert kernels.scale_step(blocks) == step
     assert kernels.num_pieces(blocks) == pieces
+
+
+def test_by_camera_says_how_an_increment_of_the_camera_moves_the_reference(T):
+    """T_camera_reference of T_world_camera exp(xi) is exp(-xi) T = T exp(x) with x = A xi; light stays as it is."""
+    A, step = kernels.by_camera(rows_of(T)), 1e-6
+    numeric = [(T.inverse() @ SE3.exp(-step * xi) @ T).log() / step for xi in np.eye(6)]
+    np.testing.assert_allclose(A[:6, :6], np.stack(numeric, axis=1), atol=1e-5)
+    np.testing.assert_array_equal(A[6:, 6:], np.eye(2))
+    assert not A[:6, 6:].any()
+    assert not A[6:, :6].any()
+
+
+def test_the_gradient_advances_by_h_times_the_increment(T, system, rng):
+    H, g = system
+    whole = np.block([[H, g[:, None]], [g[None], np.full((1, 1), 3.0)]])
+    sums, xi = np.zeros(NUM_SUMS), rng.normal(size=8)
+    sums[:45], sums[45:] = whole[np.triu_indices(9)], (7.0, 5.0)
+    kernels.advance_gradient(sums, rows_of(T), xi)
+    found, found_g = np.empty((8, 8)), np.empty(8)
+    kernels.unpack_sums(sums, found, found_g)
+    np.testing.assert_allclose(found_g, g + H @ kernels.by_camera(rows_of(T)) @ xi, rtol=1e-9)
+    np.testing.assert_array_equal(found, H)
+    assert sums[44:].tolist() == [3.0, 7.0, 5.0]
+
+
+CAMERA, HUBER, MIN_SIGMA = Pinhole(64, 48, 50.0, 52.0, 31.0, 24.5), 1.345, 1.0
+
+
+def room():
+    """Return room for facts and pieces of all views."""
+    facts = np.full((kernels.MAX_VIEWS, kernels.NUM_FACTS), np.nan)
+    return facts, np.full((kernels.MAX_VIEWS, kernels.NUM_PIECES, NUM_SUMS), np.nan)
+
+
+def whole_of(case, gain, bias):
+    """Return weighted products (9, 9) of columns and residual, sigma, visible and inliers, residuals, by NumPy."""
+    seen, e, J = case.twin(gain, bias)
+    e, J = e[seen], J[seen]
+    median, mad = median_and_mad(e)
+    sigma = max(1.4826 * mad, MIN_SIGMA)
+    J = np.column_stack([J, e])
+    weight = huber_weights(np.abs(e - median), HUBER * sigma)
+    inliers = np.sum(np.abs(e - median) <= HUBER * sigma)
+    return (J * weight[:, None]).T @ J, sigma, seen.sum(), inliers, (median, mad)
+
+
+def test_examine_compares_all_pixels_in_pieces(rng):
+    case, (facts, pieces) = Case(rng, CAMERA, number=20_000), room()
+    gain, bias = 1.2, -6.0
+    T = rows_of(case.T)
+    kernels.examine(case.blocks, T, *case.arguments[1:], gain, bias, HUBER, MIN_SIGMA, facts[0], pieces[0])
+    expected, _, visible, inliers, (median, mad) = whole_of(case, gain, bias)
+    count = int(facts[0, kernels.NUM_CUT])
+    assert count == kernels.num_pieces(case.blocks.size // (7 * 256)) > 4
+    assert np.isnan(pieces[0, count:]).all()
+    found, scale = pieces[0, :count].sum(axis=0), np.sqrt(np.diag(expected))
+    difference = found[:45] - expected[np.triu_indices(9)]
+    assert (
+        np.abs(difference / np.outer(scale, scale)[np.triu_indices(9)]).max() < 0.01
+    )  # a quarter of the blocks: sigma
+    assert facts[0, kernels.NUM_VISIBLE] == pytest.approx(visible, abs=10)
+    assert facts[0, kernels.NUM_INLIERS] == pytest.approx(inliers, rel=0.02)
+    assert facts[0, kernels.MEDIAN] == pytest.approx(median, abs=0.1 * mad)
+    assert facts[0, kernels.MAD] == pytest.approx(mad, rel=0.05)
+    seen, _, J = case.twin(gain, bias)
+    r, c = case.data[3][seen].astype(np.float64), J[seen, 6]
+    sums = [r.sum(), c.sum(), r @ c, r @ r, c @ c]
+    np.testing.assert_allclose(facts[0, kernels.SUM_REFERENCE :], sums, rtol=2e-3)
+
+
+@pytest.mark.parametrize("has_light", [True, False])
+def test_linearize_joins_the_views_by_their_variances(rng, has_light):
+    cases, (facts, pieces) = [Case(rng, CAMERA), Case(rng, CAMERA, number=2000)], room()
+    cases[1].level = cases[0].level  # one image, two references
+    cases[1].image = cases[0].image
+    T_world_camera = SE3.exp(rng.normal(size=6) * 0.3)
+    T_world_reference = np.stack([rows_of(T_world_camera @ case.T) for case in cases])
+    light = np.array([[1.2, -6.0], [0.9, 4.0]])
+    empty = np.zeros(0, np.float32)
+    blocks = (*(case.blocks for case in cases), *[empty] * (kernels.MAX_VIEWS - 2))
+    image = kernel_camera(CAMERA), cases[0].level.samples
+    robust = HUBER, MIN_SIGMA, has_light
+    args = T_world_reference, *image, rows_of(T_world_camera), light, robust, facts, pieces
+    H, g, visible = kernels.linearize(blocks, 2, *args)
+    n = 10 if has_light else 6
+    expected, expected_g, number = np.zeros((n, n)), np.zeros(n), 0
+    for k, case in enumerate(cases):
+        products, sigma, count, _, _ = whole_of(case, *light[k])
+        A = np.zeros((8, n))
+        A[:6, :6] = -case.T.inverse().adjoint()
+        if has_light:
+            A[6:, 6 + 2 * k : 8 + 2 * k] = np.eye(2)
+        expected += A.T @ products[:8, :8] @ A / sigma**2
+        expected_g += A.T @ products[:8, 8] / sigma**2
+        number += count
+    scale = np.sqrt(np.diag(expected))
+    assert np.abs((H - expected) / np.outer(scale, scale)).max() < 0.01
+    assert np.abs((g - expected_g) / scale).max() < 0.01 * np.sqrt(number)
+    assert visible == pytest.approx(number, abs=6)

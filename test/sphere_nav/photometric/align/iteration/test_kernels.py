@@ -9,7 +9,7 @@ from sphere_nav.geometry.cameras.double_sphere import DoubleSphere
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling
 from sphere_nav.photometric.align.iteration import kernels
 from sphere_nav.photometric.align.projection import kernel_camera, rolling
-from worlds.blocks import Case, points_before, rows
+from worlds.blocks import Case, bilinear, points_before, rows
 
 CAMERAS = [
     Pinhole(64, 48, 50.0, 52.0, 31.0, 24.5),
@@ -84,7 +84,7 @@ def test_accumulate_sums_the_weighted_products_of_all_columns(camera, dtype, rng
     sums = accumulate(case, gain, bias, median, bound)
     seen, e, J = case.twin(gain, bias)
     J = np.column_stack([J, e])[seen]
-    w = huber_weights(e[seen], median, bound)
+    w = huber_weights(np.abs(e[seen] - median), bound)
     expected = (J * w[:, None]).T @ J
     found = np.zeros((9, 9))
     found[np.triu_indices(9)] = sums[:45]
@@ -129,13 +129,13 @@ def test_the_scale_is_the_median_and_mad_of_the_residuals(rng):
     seen, residual, _ = case.twin()
     expected = median_and_mad(residual[seen])
     assert abs(number - seen.sum()) <= 3
-    assert abs(median - expected[0]) < 1.0 / kernels.BINS_PER_GREY
-    assert abs(mad - expected[1]) < 1.0 / kernels.BINS_PER_GREY
+    assert abs(median - expected[0]) < 1.0 / kernels.BINS_PER_GRAY
+    assert abs(mad - expected[1]) < 1.0 / kernels.BINS_PER_GRAY
     assert kernels.scale(case.blocks, 2, *args)[2] < 0.6 * number  # every second block
 
 
 def test_median_and_mad_of_nothing_are_zero():
-    assert kernels.median_and_mad(np.zeros(kernels.NUM_BINS, np.int32)) == (0.0, 0.0, 0.0)
+    assert kernels.histogram_median_and_mad(np.zeros(kernels.NUM_BINS, np.int32)) == (0.0, 0.0, 0.0)
 
 
 @pytest.mark.parametrize("camera", CAMERAS[:5], ids=NAMES[:5])
@@ -154,3 +154,31 @@ def test_rows_of_a_rolling_shutter_are_moved_to_their_time(camera, rng):
     moved = np.linalg.norm(expected - camera.project(points)[0], axis=1)
     assert np.percentile(moved, 90) > 0.15
     assert np.percentile(np.linalg.norm(found - expected, axis=1), 90) < 0.01  # first order: half of (s twist)^2 f
+
+
+def test_points_are_transformed_and_what_nobody_sees_stays_unseen(rng):
+    case, r = Case(rng, CAMERAS[0], number=200), np.empty(kernels.SCRATCH, np.float32)
+    kernels.transform(case.arguments[0], case.blocks[: kernels.BLOCK], r)
+    found = rows(r, kernels.SCRATCH)[:3].T
+    np.testing.assert_allclose(found[:200], case.T.apply(case.data[:3, :200].T), atol=1e-5)
+    assert np.isnan(found[200:, 2]).all()
+
+
+@pytest.mark.parametrize("camera", CAMERAS[:5], ids=NAMES[:5])
+def test_warp_writes_points_gradients_and_residuals(camera, rng):
+    case, (gain, bias) = Case(rng, camera), (1.2, 4.0)
+    out = np.full((kernels.NUM_WARPED, case.data.shape[1]), np.nan, np.float32)
+    kernels.warp(case.blocks, *case.arguments, *(np.float32(x) for x in (gain, bias, 31.0, 24.0)), out)
+    seen, e, J = case.twin(gain, bias)
+    assert np.sum((out[12] > 0) != seen) <= 3
+    both = seen & (out[12] > 0)
+    points = case.T.apply(case.data[:3].T.astype(np.float64))[both]
+    pixels, _ = camera.project(points)
+    gray, gradient = bilinear(case.image.astype(np.float64), pixels)
+    by_point = gain * np.einsum("ni,nij->nj", gradient, camera.J_project(points))
+    stretch = gain * np.einsum("ni,ni->n", gradient, pixels - (31.0, 24.0))
+    expected = [*points.T, *(case.data[4:, both].T @ case.T.rotation.T).T, *by_point.T, stretch, gray, e[both]]
+    for found, row in zip(out[:12, both], expected, strict=True):
+        off = np.abs(found - row) / np.abs(row).max()
+        assert np.percentile(off, 99) < 1e-3  # some fall on the other side of a pixel border, where derivatives jump
+    np.testing.assert_allclose(gray, J[both, 6])

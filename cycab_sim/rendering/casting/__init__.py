@@ -1,1 +1,0 @@
-"""Ray casting: rays in packets of eight through the C interface of Embree."""

@@ -1,0 +1,110 @@
+"""The numbers that results depend on and nobody would set: unit, origin, and the test that pins each group.
+
+Tests are named below test/dense_localizer/. "Chosen" means: by the test named, on simulated drives, where no other
+origin is given. A level in standard deviations is stated with how often chance exceeds it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Weight of earlier images, from one to the next: about ten count (references/test_map_error, track/test_inter_frame).
+IMAGE_FORGETTING = 0.9
+
+# Registration: image motion of an increment below which a level is done, px. Fine enough at the rate of a camera
+# (test_localizer: errors of a drive).
+MIN_STEP_PX = 0.04
+
+# Prediction (test_motion_prior)
+GAP_S, GAP_PERIODS = 0.3, 2.0  # a longer pause is a gap, s; of a slower camera, in periods
+NUM_PERIODS = 5  # latest periods, whose median is the camera's
+MAX_POSITION_SIGMA_M = 0.5  # of a pose that one may go on from (judge/test_candidate)
+MOVING_SPEED = 0.05  # m/s, from which a repeated image is a fault (test_inputs)
+START_SPEED, START_TURN_RATE = 5.0, 1.0  # m/s, rad/s: standard deviations after a start
+
+# Rotation between images, M15 eq. 20 (track/test_inter_frame). A mismatch is one minus a correlation.
+MAX_MISMATCH_RATIO, MISMATCH_FLOOR = 3.0, 0.02  # of a supported prediction: factor of the usual one, and beyond it
+MAX_ROTATION_MISMATCH = 0.7  # of a measured rotation, as share of that of the prediction
+
+# Choice of references, M15 eq. 17 (references/test_reference)
+COVERAGE_COLUMNS, COVERAGE_ROWS = 8, 6  # cells of an image; one counts as covered where a point falls into it
+NUM_COVERAGE_POINTS = 150  # of a partial sphere, at its coarsest level
+NUM_CANDIDATES = 12  # nearest key spheres that are considered
+MIN_VISIBLE_SHARE, RELATIVE_SHARE = 0.25, 0.6  # covered by a reference: of the image, of what the best one covers
+NUM_COARSE_LEVELS = 2  # of the small spheres that stay in memory
+
+# Prefetch (references/test_prefetch, references/test_reference)
+PREFETCH_S = (0.0, 0.5, 1.0)  # s from now, when the camera will be where key spheres are prepared
+PREFETCH_STEP_M, PREFETCH_STEP_S = 0.2, 0.05  # motion between two prefetches: at least, and by the speed
+PIXELS_AGE = 0.05  # of the image's width: motion after which pixels are chosen anew; half of what they serve for
+PIXELS_LEAD_S, PIXELS_LEAD = 0.1, 0.075  # where pixels are chosen: s ahead, at most that share of the width
+MIN_SPHERES = 3  # prepared whatever they take: two in use, and the next
+
+# Errors of the map (references/test_map_error, test_drift). The factors of mean squares were chosen on the first half
+# of real hand-held images, so that NEES is 1 on the second.
+MAP_ERROR_RATIOS = np.geomspace(1e-4, 1e4, 49)  # variances thought possible, by the assumed one
+SHARED_ERROR = 2.0  # factor of what key spheres disagree by: they err together, too
+EDGE_ERROR = 2.0  # factor of the covariance of an edge
+MAX_OBSERVED_SIGMAS = 3.0  # that one observation counts at most; 1 in 370 by chance
+REFUSED_FADING = 0.8  # weight that observations keep with each refused image (references/test_map_error)
+MIN_EDGE_M = 0.1  # shorter edges say nothing of a meter
+DRIFT_WITHOUT_EDGES = np.repeat([0.002, 0.0015], 3) ** 2  # (6,) m^2, rad^2 a meter: CovarianceParams' defaults
+
+# Squares that are rejected again and again, M15 section 6.4.5 (references/test_rejections). By chance a square with a
+# twentieth of outliers is rejected once in 70 times, six of eight times in 1e-10 of all.
+SQUARE_ROWS, SQUARE_COLUMNS = 32, 64  # of a whole sphere
+MIN_SQUARE_PIXELS = 4  # seen in a square, for it to count
+REJECTED_SIGMAS, MIN_RESIDUAL_SIGMA = 3.0, 1.0  # of an outlier's residual; grey levels
+REVISIT_M = 0.2  # motion until the camera counts again: a drive that waits sees one thing once
+MIN_SEEN, MIN_REJECTED_SHARE = 8, 0.75  # images; of those
+MAX_FORGOTTEN_SHARE = 0.3  # of the squares seen of a sphere
+
+# Acceptance (judge/test_acceptance): a first value refuses, a second one means care: DEGRADED.
+GOOD_OVERLAP = 0.25
+ACCEPTED_INLIER_SHARE, GOOD_INLIER_SHARE = 0.4, 0.5
+# Mean cosine of gradients: 0.12 at most in 21 wrong places that had converged, 0.31 at least in 550 right ones, real
+# hand-held images and saturated ones among them.
+MIN_GRADIENT_AGREEMENT, GOOD_GRADIENT_AGREEMENT = 0.2, 0.25
+MAX_STRETCH, GOOD_STRETCH = 0.06, 0.03  # three quarters of the error of the focal length, judge/test_integrity
+STRETCH_SIGMAS = 4.0  # by which a stretch must exceed them: 6e-5 of right lenses by chance
+GOOD_INNOVATION = 0.7  # of `max_innovation`
+GOOD_SIGMA = 0.5  # of the largest standard deviation: three sigma of a good pose are within 0.3 m
+MAX_ATTITUDE_SIGMA_RAD = 0.05  # largest standard deviation of the attitude
+MAX_LIGHT_BIAS, MAX_OCCLUSION_BIAS, GOOD_BIAS = 1.0, 5.0, 0.5  # of the largest deviation; of 5 a fifth at most was left
+NOTABLE_GAIN, NOTABLE_OFFSET = 2.0, 50.0  # of the light, either way; grey levels: the likely cause of outliers
+NOTABLE_DISTANCE = 1.0  # to the nearest reference, by the radius of its region: the same
+
+# Integrity checks (judge/test_integrity): each is due once in so many images in TRACKING, no two in the same one
+INTEGRITY_PERIOD = 10
+FIT_PHASE, OCCLUSION_PHASE, LIGHT_PHASE = 0, 3, 6
+REJECTION_PHASE, MAP_PHASE = 2, 5  # counted after the image
+FULL_CHECK_NCC = 0.97  # of the usual correlation: all checks are due below it
+REMAINING_BIAS = 0.2  # standard deviation of what is left of a bias that was removed, as share of it
+
+# Odometry against images (judge/test_odometry_check)
+MAX_ODOMETRY_SIGMAS = 6.0  # of a place from where odometry says the camera is; 2e-9 by chance
+DELAY_SIGMAS, MIN_DELAY_S = 5.0, 0.05  # a delay surely above it is reported; by chance once in 3 million intervals
+DISPUTE_S = 10.0  # a place that contradicts odometry must hold so long before it is trusted
+MOTION_INTERVAL_S, MOTION_SHIFT_S = 0.5, 0.1  # over which motions, and their changes, are compared
+DELAY_FORGETTING = 0.85  # weight of earlier intervals, from one to the next
+COMPARISON_SIGMA = np.repeat([0.005, 0.002], 3)  # (6,) m, rad: of any comparison of two motions
+
+# The last image as a reference, M15 section 5.3 (track/test_visual_odometry)
+VO_DRIFT = np.repeat([0.02, 0.004], 3)  # (6,) m, rad: standard deviation of what drifts in a meter
+VO_MAX_S, VO_MAX_STEP_S = 60.0, 0.3  # s without the map; between two images
+VO_MIN_NCC, VO_MAX_SIGMA_M = 0.8, 0.02  # of an alignment with the last image; m
+VO_MAX_SIGMAS = 5.0  # of its distance from the prediction, and of the map's pose from that by images; 6e-7 by chance
+VO_GOOD_NCC = 0.9  # of the usual correlation with the map: above it the map is believed without them
+MIN_LIGHT_AGREEMENT, MAX_PREDICTED = 0.3, 2  # where light changes at once: mean cosine of gradients; images in a row
+MAX_LEVEL_PIXELS = 2.0  # of the pixels aligned: to make a reference of more takes longer than to align it
+ANY_MAD = 255.0  # grey levels: the map may differ as it likes, references count by the inverse of their residuals
+
+# Search, M15 section 5.4 (start/test_startup, references/test_recognition)
+NUM_RETRIEVED, NUM_MATCHED, MIN_POSE_INLIERS = 12, 6, 6  # spheres by appearance; of them by features; features
+TILT_STEP_DEG, SIDE_STEP_DEG = 12.0, 15.0  # above and below, beside the heading of a partial sphere
+FORWARD_STEP = 0.2  # before and behind a center, as share of the range
+NUM_COMPARED_POINTS, MIN_COMPARED_POINTS = 600, 20  # of a sphere with the image; visible, below which nothing is said
+NUM_ALIGNED, NUM_VERIFIED = 30, 4  # best guesses that are aligned coarsely, and of them at full resolution
+NUM_NEAR = 6  # key spheres around a given or lost pose
+SAME_POSE_M, SAME_POSE_DEG = 0.3, 10.0  # candidates closer than this are one
+SEARCH_PERIOD_S, SEARCH_NEAR_S = 0.5, 2.0  # between two searches of the whole map; that a given or lost pose is tried

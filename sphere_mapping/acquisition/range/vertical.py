@@ -1,0 +1,111 @@
+"""Range of a rig of two levels: a top and a bottom sphere, matched along their columns (M15 section 4.3)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sphere_mapping.acquisition.params import StitchParams
+from sphere_mapping.acquisition.range.epipolar import (
+    baseline_error,
+    correct_baseline,
+    disparities_of_ranges,
+    range_from_below,
+    range_from_disparity,
+    to_common_center,
+)
+from sphere_mapping.acquisition.range.fusion import Ranged, StereoRange, inverse_range
+from sphere_mapping.acquisition.range.matching import match_columns
+from sphere_mapping.acquisition.range.planes import Viewpoints, range_of_planes
+from sphere_mapping.acquisition.range.plausibility import check_order
+from sphere_mapping.acquisition.stitching.blending import blend
+from sphere_mapping.acquisition.stitching.layouts import MAX_LAYOUTS, Layouts
+from sphere_mapping.acquisition.stitching.views import Layout
+
+Image = NDArray[np.uint8]
+LEVELS = ("top", "bottom")
+
+
+class VerticalStereo:
+    """Holds what is known of the levels. `is_checked`: that they are not exchanged; once is enough."""
+
+    warning = ""
+
+    def __init__(self, layouts: Layouts, params: StitchParams, jobs: int) -> None:
+        self._layouts, self._params, self._jobs = layouts, params, jobs
+        self._search = disparities_of_ranges(layouts.whole, layouts.baseline_m, params.match)
+        self._kept: Callable[[tuple[str, ...]], Viewpoints] = lru_cache(MAX_LAYOUTS)(self._find_viewpoints)
+        self.is_checked = False
+
+    def find(self, grays: Mapping[str, Image]) -> StereoRange:
+        """Return the range from the grey images of one instant, by camera: from the centre of the top sphere."""
+        if not any(part.name in grays for part in self._layouts.rig.at_level("bottom")):
+            return StereoRange()
+        layouts = [self._layouts.of(level, tuple(grays)) for level in LEVELS]
+        top, bottom = self.draw(layouts, grays)
+        ranged, viewpoints = self._measure(layouts, top, bottom), self._kept(tuple(grays))
+        correct_baseline(*ranged, viewpoints.baseline_error, self._params.blend.distance_m)
+        planes = self._fit_planes(layouts, top, bottom, ranged, viewpoints)
+        ranged, planes = _to_common_center(ranged, planes, layouts[0])
+        for _ in range(self._params.blend.num_passes - 1):
+            top, bottom = self.draw(layouts, grays, ranged[0])
+            ranged = self._measure(layouts, top, bottom)
+        return StereoRange([ranged], planes, bottom)
+
+    def draw(
+        self, layouts: Sequence[Layout], grays: Mapping[str, Image], range_m: NDArray[np.float32] | None = None
+    ) -> tuple[Image, Image]:
+        """Return the grey spheres (H, W) of both levels: of a common distance, or of the range that the top one has."""
+        inverses: list[NDArray[np.float32] | None] = [None, None]
+        if range_m is not None and (inverse := inverse_range(range_m, layouts[0].is_covered)) is not None:
+            above = (1.0 / np.maximum(inverse, 1e-4)).astype(np.float32)
+            below = range_from_below(above, self._layouts.whole, self._layouts.baseline_m)
+            inverses = [inverse, inverse_range(below, layouts[1].is_covered)]
+        with ThreadPoolExecutor(self._jobs) as pool:
+            top, bottom = pool.map(lambda pair: blend(pair[0], grays, pair[1]), zip(layouts, inverses, strict=True))
+        return top, bottom
+
+    def _measure(self, layouts: Sequence[Layout], top: Image, bottom: Image) -> Ranged:
+        """Match both spheres, triangulate."""
+        if not self.is_checked:
+            check_order(top, bottom, LEVELS, is_whole=True)
+            self.is_checked = True
+        is_usable, match = layouts[0].is_covered & layouts[1].is_covered, self._params.match
+        disparity = match_columns(top, bottom, self._search, match, is_usable, self._jobs)
+        return range_from_disparity(disparity, self._layouts.whole, self._layouts.baseline_m, match)
+
+    def _fit_planes(
+        self, layouts: Sequence[Layout], top: Image, bottom: Image, ranged: Ranged, viewpoints: Viewpoints
+    ) -> Ranged | None:
+        """Return the range of bare planes from the cameras' own centres, None where it is not wanted."""
+        if not self._params.has_planes:
+            return None
+        is_usable = layouts[0].is_covered & layouts[1].is_covered
+        return range_of_planes(top, bottom, ranged, is_usable, viewpoints, self._search, self._params.match)
+
+    def _find_viewpoints(self, present: tuple[str, ...]) -> Viewpoints:
+        """Return from where each pixel is seen, and what the cameras present change in its baseline."""
+        layouts = [self._layouts.of(level, present) for level in LEVELS]
+        baseline_m, distance_m = self._layouts.baseline_m, self._params.blend.distance_m
+        error, per_m = baseline_error(layouts, baseline_m), 1.0 / distance_m if distance_m else 0.0
+        return Viewpoints(baseline_m, layouts[0].owner, layouts[0].centers, error, per_m)
+
+
+def _to_common_center(ranged: Ranged, planes: Ranged | None, layout: Layout) -> tuple[Ranged, Ranged | None]:
+    """Return what is measured, and what planes say elsewhere, as from the sphere's centre."""
+    if planes is None:
+        return to_common_center(*ranged, layout), None
+    is_filled = np.flatnonzero(~np.isnan(planes[0]))
+    for values, others, sign in zip(ranged, planes, (1.0, -1.0), strict=True):
+        np.put(values, is_filled, np.float32(sign) * others.take(is_filled))  # the minus sign takes the mark along
+    measured = to_common_center(*ranged, layout)
+    is_filled = np.flatnonzero(measured[1] < 0)
+    filled = np.full_like(measured[0], np.nan), np.full_like(measured[1], np.nan)
+    for values, others, sign in zip(filled, measured, (1.0, -1.0), strict=True):
+        np.put(values, is_filled, np.float32(sign) * others.take(is_filled))
+        np.put(others, is_filled, np.float32(np.nan))
+    return measured, filled

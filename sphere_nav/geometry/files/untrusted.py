@@ -1,0 +1,254 @@
+"""Files from outside: only regular ones, up to a size; YAML without surprises; fields checked, and told in one line.
+
+A FIFO or a device would block for ever. In YAML no key stands twice, size and depth are bounded and aliases are written
+out before anything is built. A wrong field is told with its place, what was expected and what was found.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import reprlib
+import stat
+from collections.abc import Iterable, Mapping, Sequence
+from decimal import Decimal, InvalidOperation
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+import yaml
+
+from sphere_nav.geometry.cameras.camera import MAX_SIDE
+from sphere_nav.geometry.se3 import SE3
+
+MAX_TABLE_BYTES = 64 << 20  # of numbers as text: half a million poses
+
+
+def open_file(path: str | os.PathLike[str], what: str, max_bytes: int) -> BinaryIO:
+    """Open a regular file for reading; ValueError in one line where it is none, or larger than `max_bytes`.
+
+    `what` names the kind of file that was expected. What is checked is what is opened, also behind a link.
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except (FileNotFoundError, NotADirectoryError):
+        raise ValueError(f"{path}: expected a {what}, found no such file") from None
+    try:
+        _check(os.fstat(descriptor), path, what, max_bytes)
+    except ValueError:
+        os.close(descriptor)
+        raise
+    return os.fdopen(descriptor, "rb")
+
+
+def read_bytes(path: str | os.PathLike[str], what: str, max_bytes: int) -> bytes:
+    """Return the bytes of a regular file; errors as of `open_file`."""
+    with open_file(path, what, max_bytes) as file:
+        data = file.read(max_bytes + 1)
+    if len(data) > max_bytes:  # it grew
+        raise ValueError(f"{path}: expected a {what} of at most {max_bytes} bytes, found more")
+    return data
+
+
+def read_text(
+    path: str | os.PathLike[str], what: str, max_bytes: int = MAX_TABLE_BYTES, *, errors: str = "strict"
+) -> str:
+    """Return the text (UTF-8) of a regular file with LF for every line end; errors as of `open_file`.
+
+    `errors` = "replace" reads on where a remark is in another encoding.
+    """
+    try:
+        text = read_bytes(path, what, max_bytes).decode("utf-8-sig", errors)
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: expected text of a {what}, found {' '.join(str(error).split())}") from None
+    return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def _check(found: os.stat_result, path: str | os.PathLike[str], what: str, max_bytes: int) -> None:
+    mode = found.st_mode
+    if not stat.S_ISREG(mode):
+        kind = "a folder" if stat.S_ISDIR(mode) else "a FIFO" if stat.S_ISFIFO(mode) else "no regular file"
+        raise ValueError(f"{path}: expected a {what}, found {kind}")
+    if found.st_size > max_bytes:
+        raise ValueError(f"{path}: expected a {what} of at most {max_bytes} bytes, found {found.st_size}")
+
+
+MAX_TEXT = 1 << 20  # characters
+MAX_DEPTH = 32
+MAX_REPEATED = 1 << 14  # values that aliases stand for, all together
+MAX_WORD = 4096  # characters without quotes; the sexagesimal numbers of YAML 1.1 take time by the square of theirs
+
+MERGE = "tag:yaml.org,2002:merge"
+
+Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class StrictLoader(Base):  # type: ignore[misc]
+    """Refuses a key that comes twice, which YAML would pass over."""
+
+    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
+        """Return the mapping of a node; ConstructorError where a key comes twice."""
+        own = [key for key, _ in node.value if key.tag != MERGE]  # those it merges, it may override
+        found = super().construct_mapping(node, deep=True)  # refuses keys that cannot be compared
+        keys = [self.construct_object(key, deep=True) for key in own]
+        if len(set(keys)) < len(keys):
+            twice = next(key for key in keys if keys.count(key) > 1)
+            raise yaml.constructor.ConstructorError(None, None, f"{twice!r} twice", node.start_mark)
+        return dict(found)
+
+
+def load_yaml(where: Path | str, text: str, loader: type[StrictLoader] = StrictLoader) -> Any:
+    """Return the values of a YAML text; ValueError in one line, with `where` it stands, for anything else."""
+    if len(text) > MAX_TEXT:
+        raise ValueError(f"{where}: expected YAML of at most {MAX_TEXT} characters, found {len(text)}")
+    try:
+        _check_events(text)
+        return yaml.load(text, Loader=loader)
+    except (yaml.YAMLError, ValueError) as error:
+        raise ValueError(f"{where}: expected YAML, found {' '.join(str(error).split())[:300]}") from None
+
+
+def _check_events(text: str) -> None:
+    sizes: dict[str, tuple[int, int]] = {}  # values and levels of what has an anchor
+    opened: list[tuple[str | None, list[int]]] = [(None, [0, 0])]  # anchor; values and levels so far
+    repeated = 0
+    for event in yaml.parse(text, Loader=Base):
+        line, size = event.start_mark.line + 1, (1, 0)
+        if isinstance(event, yaml.CollectionStartEvent):
+            opened.append((event.anchor, [1, 0]))
+            _check_depth(len(opened) - 1, line)
+            continue
+        if isinstance(event, yaml.AliasEvent):
+            if event.anchor not in sizes:
+                raise ValueError(f"line {line}: an alias (*{event.anchor}) of nothing that is whole before it")
+            size = sizes[event.anchor]
+            _check_depth(len(opened) - 1 + size[1], line)
+            repeated += size[0]
+            if repeated > MAX_REPEATED:
+                raise ValueError(f"line {line}: aliases that stand for more than {MAX_REPEATED} values")
+        elif isinstance(event, yaml.CollectionEndEvent):
+            anchor, (values, levels) = opened.pop()
+            size = values, levels + 1
+            sizes |= {anchor: size} if anchor else {}
+        elif isinstance(event, yaml.ScalarEvent):
+            if not event.style and len(event.value) > MAX_WORD:
+                raise ValueError(f"line {line}: a word of {len(event.value)} characters")
+            sizes |= {event.anchor: size} if event.anchor else {}
+        else:
+            continue
+        inside = opened[-1][1]
+        inside[0], inside[1] = inside[0] + size[0], max(inside[1], size[1])
+
+
+def _check_depth(depth: int, line: int) -> None:
+    if depth > MAX_DEPTH:
+        raise ValueError(f"line {line}: more than {MAX_DEPTH} levels")
+
+
+ROTATION_TOLERANCE = 1e-4  # files are written with full precision; a hand's four digits still pass
+MAX_FILE_BYTES = 1 << 20  # a calibration takes some kilobytes
+MAX_NUMBER = 1e15  # of any length, angle, coefficient or variance that makes sense
+MAX_DIGITS = 64  # characters of a number
+MAX_SECONDS = 2**31  # what a ROS stamp holds
+
+_REPR = reprlib.Repr()
+_REPR.maxstring = _REPR.maxother = _REPR.maxlong = 60
+
+
+def mapping(found: Any, where: str, fields: Sequence[str], optional: Sequence[str] = ()) -> Mapping[str, Any]:
+    """Return a mapping that has these fields, and no other ones."""
+    required(found, where, [field for field in fields if field not in optional])
+    for field in found:
+        if field not in fields:
+            raise ValueError(f"{where}.{field}: expected only {', '.join(fields)}, found this field")
+    values: Mapping[str, Any] = found
+    return values
+
+
+def required(found: Any, where: str, fields: Sequence[str]) -> Mapping[str, Any]:
+    """Return a mapping that has these fields, perhaps among others."""
+    if not isinstance(found, dict):
+        raise ValueError(f"{where}: expected the fields {', '.join(fields)}, found {short(found)}")
+    for field in fields:
+        if field not in found:
+            raise ValueError(f"{where}.{field}: expected a value, found none")
+    return found
+
+
+def number(found: Any, where: str) -> float:
+    """Return a finite number within `MAX_NUMBER`; text such as `1e-05`, no number in YAML 1.1, is one."""
+    try:
+        if isinstance(found, bool) or not isinstance(found, int | float | str) or len(str(found)) > MAX_DIGITS:
+            raise ValueError
+        value = float(found)
+    except (ValueError, OverflowError):
+        value = math.nan
+    if not abs(value) <= MAX_NUMBER:
+        limit = f" up to {MAX_NUMBER:g}" if math.isfinite(value) else ""
+        raise ValueError(f"{where}: expected a finite number{limit}, found {short(found)}")
+    return value
+
+
+def numbers(found: Any, where: str, count: int | None = None) -> tuple[float, ...]:
+    """Return a list of finite numbers."""
+    if not isinstance(found, list):
+        raise ValueError(f"{where}: expected a list of numbers, found {short(found)}")
+    if count is not None and len(found) != count:
+        raise ValueError(f"{where}: expected {count} numbers, found {len(found)}")
+    return tuple(number(value, where) for value in found)
+
+
+def parse_stamp_ns(word: str, where: str) -> int:
+    """Return seconds since 1970, written in decimal, as nanoseconds without loss; a float64 would not hold them."""
+    try:
+        seconds = Decimal(word if len(word) <= MAX_DIGITS else "nan")
+    except InvalidOperation:
+        seconds = Decimal("nan")
+    if not seconds.is_finite():
+        raise ValueError(f"{where}: expected a finite number, found {short(word)}")
+    if not 0 <= seconds < MAX_SECONDS:
+        hint = " (nanoseconds?)" if seconds > 0 else ""
+        raise ValueError(f"{where}: expected seconds from 0 to 2^31, found {short(word)}{hint}")
+    return int((seconds * 10**9).to_integral_value())
+
+
+def choice(found: Any, where: str, names: Iterable[str]) -> str:
+    """Return one of these names."""
+    known = tuple(names)
+    if not isinstance(found, str) or found not in known:
+        raise ValueError(f"{where}: expected {', '.join(known)}, found {short(found)}")
+    return found
+
+
+def size(found: Any, where: str) -> int:
+    """Return a number of pixels."""
+    if isinstance(found, bool) or not isinstance(found, int) or not 1 <= found <= MAX_SIDE:
+        raise ValueError(f"{where}: expected a positive number of pixels, at most {MAX_SIDE}, found {short(found)}")
+    return found
+
+
+def pose(found: Any, where: str) -> SE3:
+    """Return the motion of 4 rows of 4 numbers, a rotation within `ROTATION_TOLERANCE`."""
+    if not isinstance(found, list) or len(found) != 4:
+        raise ValueError(f"{where}: expected 4 rows of 4 numbers, found {short(found)}")
+    matrix = np.array([numbers(row, where, 4) for row in found])
+    try:
+        return SE3.from_matrix(matrix, ROTATION_TOLERANCE)
+    except ValueError as error:
+        raise ValueError(f"{where}: {error}") from None
+
+
+def check_center(center: tuple[float, float], image_size: tuple[int, int], where: str) -> None:
+    """Raise ValueError where the principal point lies outside the image: intrinsics of another size."""
+    (cx, cy), (width, height) = center, image_size
+    if not (0 <= cx < width and 0 <= cy < height):
+        expected = f"the centre inside the {width} x {height} image"
+        raise ValueError(f"{where}: expected {expected}, found cx {cx}, cy {cy}: of another image size?")
+
+
+def short(found: Any) -> str:
+    """Return a value as text of one short line, whatever its size."""
+    if isinstance(found, int) and found.bit_length() > MAX_DIGITS * 4:
+        return f"an integer of {found.bit_length()} bits"  # Python does not write those of more than 4300 digits
+    text = " ".join(_REPR.repr(found).split())
+    return text if len(text) <= 60 else text[:57] + "..."

@@ -1,0 +1,82 @@
+"""Images of boards in files: those of one instant found by their names, and the boards in all of them."""
+
+from __future__ import annotations
+
+import glob
+import os
+import re
+from collections import defaultdict
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import cv2
+import numpy as np
+from tqdm import tqdm
+
+from rig_calibration.boards.board import Board
+from rig_calibration.boards.detect import detect_all
+from rig_calibration.boards.views import BoardView, Indices
+from sphere_nav.geometry.arrays import Array
+
+MAX_THREADS = 8
+SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
+
+
+def find_images(arguments: list[str]) -> dict[str, dict[str, Path]]:
+    """Return the images of every camera by the instant that their names tell."""
+    cameras: dict[str, list[Path]] = defaultdict(list)
+    for text in arguments:
+        path = Path(text)
+        if path.is_dir():
+            files = sorted(file for file in path.iterdir() if file.suffix.lower() in SUFFIXES)
+            name = path.resolve().name
+        else:
+            files = sorted(Path(item) for item in glob.glob(text))
+            name = re.split(r"\d", files[0].stem)[0].strip("_-") or files[0].parent.name if files else ""
+        if not files:
+            raise ValueError(f"{text}: expected images, found none")
+        cameras[re.sub(r"\W", "_", name)].extend(files)
+    named = [{file.stem for file in files} for files in cameras.values()]
+    is_by_name = len(named) == 1 or bool(set.intersection(*named))
+    return {name: {_instant(file, is_by_name): file for file in files} for name, files in cameras.items()}
+
+
+def _instant(file: Path, is_by_name: bool) -> str:
+    numbers = re.findall(r"\d+", file.stem)
+    if is_by_name:
+        return file.stem
+    if not numbers:
+        raise ValueError(f"{file}: expected a number in the name, or names alike in all folders, found none")
+    return str(int(numbers[-1]))
+
+
+def detect_boards(
+    cameras: dict[str, dict[str, Path]], boards: tuple[Board, ...]
+) -> tuple[dict[str, tuple[int, int]], list[BoardView]]:
+    """Look for the boards in all images, in threads: OpenCV works outside of Python's lock."""
+    work = [(name, instant, path) for name, files in cameras.items() for instant, path in files.items()]
+    sizes: dict[str, tuple[int, int]] = {}
+    views = []
+    with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), MAX_THREADS)) as pool:
+        found = pool.map(lambda item: _find_boards(item[2], boards), work)
+        try:
+            for item, answer in zip(
+                work, tqdm(found, "looking for boards", len(work), False, unit="image"), strict=True
+            ):
+                (name, instant, path), (size, seen) = item, answer
+                if sizes.setdefault(name, size) != size:
+                    expected = "x".join(map(str, sizes[name]))
+                    told = f"expected {expected} as other images of {name}, found {size[0]}x{size[1]}"
+                    raise ValueError(f"{path}: {told}")
+                views += [BoardView(name, instant, board, *corners) for board, corners in seen.items()]
+        finally:
+            pool.shutdown(cancel_futures=True)
+    return sizes, views
+
+
+def _find_boards(path: Path, boards: tuple[Board, ...]) -> tuple[tuple[int, int], dict[str, tuple[Indices, Array]]]:
+    """Return the size (width, height) of an image and the corners of the boards in it."""
+    gray = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
+    if gray is None:
+        raise ValueError(f"{path}: expected an image, found a file that cannot be read as one")
+    return (gray.shape[1], gray.shape[0]), detect_all(np.asarray(gray), boards)

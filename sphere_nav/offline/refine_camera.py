@@ -1,0 +1,185 @@
+"""What is wrong with the calibration of a camera, and where it sits on the vehicle, from a drive in a map."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from tqdm import tqdm
+
+from dense_localizer.localizer import Localizer
+from dense_localizer.params import LocalizerParams
+from rig_calibration.drive.drive_image import DriveImage, collect
+from rig_calibration.drive.drive_lens import Lens
+from rig_calibration.drive.mounting import NAMES, Mounting, find_mounting
+from rig_calibration.drive.refinement import RefinedCamera, refine_camera
+from sphere_nav.geometry import SE3, Camera
+from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
+from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.offline import topics
+from sphere_nav.offline.pose_bags import read_poses
+from sphere_nav.offline.recorded_camera import RecordedCamera
+from sphere_nav.params import build
+from sphere_nav.photometric import build_pyramid
+from sphere_nav.ros import conversions
+from sphere_nav.ros.bags.reader import BagReader
+from sphere_nav.ros.camera.mounting import NAMES as POSE
+from sphere_nav.ros.camera.mounting import read_mounting
+from sphere_nav.ros.conversions import camera_to_info
+from sphere_nav.ros.maps.reader import MapReader
+
+MAX_PAUSE_S = 0.3  # between two images that tell a velocity
+ROUNDS = 4  # of localising with the lens found so far and refining it
+SETTLED = 1e-4  # relative change of the focal length
+MAX_GAP_NS = 200_000_000  # of the odometry, between two poses
+
+
+@dataclass(frozen=True, eq=False)
+class Located:
+    """Stamps and poses of the images that were localised."""
+
+    stamps_ns: NDArray[np.int64]
+    T_map_camera: tuple[SE3, ...]
+
+    def trajectory(self) -> Trajectory:
+        """Return the poses of the camera, optical axes, in the map."""
+        return Trajectory(self.stamps_ns, SE3(np.array([T.matrix for T in self.T_map_camera]).reshape(-1, 4, 4)))
+
+    def velocity(self, index: int) -> NDArray[np.float64] | None:
+        """Return the velocity (6,) between both neighbours of an image; None where one is missing."""
+        if not 0 < index < len(self.stamps_ns) - 1:
+            return None
+        elapsed_s = float(self.stamps_ns[index + 1] - self.stamps_ns[index - 1]) * 1e-9
+        if elapsed_s > 2.0 * MAX_PAUSE_S:
+            return None
+        moved = self.T_map_camera[index - 1].inverse() @ self.T_map_camera[index + 1]
+        return moved.log() / elapsed_s
+
+
+class RecordedDrive:
+    """The images of a bag."""
+
+    def __init__(self, arguments: argparse.Namespace) -> None:
+        self._arguments = arguments
+        self._recorded = RecordedCamera(arguments.source, arguments)
+        self.camera, self.frame_id = self._recorded.camera, self._recorded.frame_id
+        self.odometry = self._recorded.odometry
+        self.located = Located(np.empty(0, np.int64), ())
+
+    def refine(self, sphere_map: MapReader) -> RefinedCamera:
+        """Localise the drive with the lens found so far and refine it, in turn."""
+        lens = Lens.of(self.camera, self._arguments.readout)
+        for _ in range(ROUNDS):
+            found = self._refine_once(sphere_map, lens)
+            change = np.abs(found.lens.values[:2] / lens.values[:2] - 1.0).max()
+            lens = found.lens
+            if change < SETTLED:
+                break
+        return found
+
+    def _refine_once(self, sphere_map: MapReader, lens: Lens) -> RefinedCamera:
+        """Localise the drive with a lens, then refine the lens by images spread over it."""
+        given = self._recorded.patience | self._arguments.settings
+        localizer = Localizer(build(LocalizerParams, {"camera.readout": lens.readout} | given), sphere_map)
+        try:
+            self.located = self._localize(localizer, lens.camera)
+            images = list(self._collect(localizer, lens.camera, self.located))
+        finally:
+            localizer.references.close()
+        return refine_camera(images, lens)
+
+    def _localize(self, localizer: Localizer, camera: Camera) -> Located:
+        stamps, poses = [], []
+        for stamp, image in tqdm(self._images(), desc="localise", unit="image", leave=False, disable=None):
+            estimate = localizer.update(image, camera, stamp)
+            if estimate.T_map_camera is not None and estimate.candidate is not None:
+                stamps.append(stamp)
+                poses.append(estimate.T_map_camera)
+        return Located(np.array(stamps, np.int64), tuple(poses))
+
+    def _collect(self, localizer: Localizer, camera: Camera, located: Located) -> Iterator[DriveImage]:
+        """Yield images spread over the drive, with the pixels of the map that they show."""
+        number = min(self._arguments.images, len(located.stamps_ns))
+        indices = np.unique(np.linspace(0, len(located.stamps_ns) - 1, number).round().astype(int))
+        velocities = {int(located.stamps_ns[i]): (int(i), located.velocity(int(i))) for i in indices}
+        if all(velocity is None for _, velocity in velocities.values()):  # too slow for one: no readout, but a lens
+            velocities = {stamp: (i, np.zeros(6)) for stamp, (i, _) in velocities.items()}
+        for stamp, image in self._images():
+            index, velocity = velocities.get(stamp, (0, None))
+            if velocity is None:
+                continue
+            T_map_camera = located.T_map_camera[index]
+            choice = localizer.references.choose(T_map_camera, camera)
+            if choice.views:
+                pyramid = build_pyramid(image, camera, localizer.params.registration.pyramid)
+                yield collect(pyramid, choice.views[0], T_map_camera, velocity)
+
+    def _images(self) -> Iterator[tuple[int, NDArray[Any]]]:
+        for stamp, message in self._recorded.messages():
+            yield stamp, conversions.image_to_gray(message)
+
+
+def text_of(found: RefinedCamera, frame_id: str, mounting: Mounting | None) -> str:
+    """Return the calibration file: that of camera_info_manager, with readout, deviations and mounting beside."""
+    info = camera_to_info(found.lens.camera, 0, frame_id)
+
+    def matrix(rows: int, values: Sequence[float]) -> dict[str, Any]:
+        return {"rows": rows, "cols": len(values) // rows, "data": [float(value) for value in values]}
+
+    values = {
+        "image_width": int(info.width),
+        "image_height": int(info.height),
+        "camera_name": frame_id,
+        "camera_matrix": matrix(3, info.k),
+        "distortion_model": info.distortion_model,
+        "distortion_coefficients": matrix(1, info.d),
+        "rectification_matrix": matrix(3, info.r),
+        "projection_matrix": matrix(3, info.p),
+        "readout": float(found.lens.readout),
+        "standard_deviations": found.deviations,
+    }
+    return yaml.safe_dump(values | (mounting_values(mounting) if mounting else {}), sort_keys=False)
+
+
+def mounting_by_odometry(
+    arguments: argparse.Namespace, frame_id: str, odometry: str, camera: Trajectory
+) -> tuple[Mounting | None, str]:
+    """Return the mounting by the poses of the camera (optical axes) in the map and the odometry; or none, and why.
+
+    It starts from --mounting or /tf_static; without either the camera may look anywhere.
+    """
+    if not odometry:
+        return None, "the bag has no odometry"
+    given = read_mounting(arguments.mounting)
+    with BagReader(arguments.source) as bag:
+        tree = topics.read_frames(bag)
+    if given is None and tree.is_connected(topics.BASE_FRAME, frame_id):
+        given = tree.lookup(topics.BASE_FRAME, frame_id) @ T_BODY_OPTICAL.inverse()
+    base, is_known = read_poses(bag.path, (odometry,)).at(camera.stamps_ns, MAX_GAP_NS)
+    T_map_body: SE3 = camera.T_map_body[is_known] @ T_BODY_OPTICAL.inverse()
+    try:
+        return find_mounting(T_map_body, base.T_map_body, given), ""
+    except ValueError as error:
+        return None, str(error).removeprefix("mounting: ")
+
+
+def mounting_values(found: Mounting) -> dict[str, dict[str, float]]:
+    """Return what the calibration file says: the six numbers that --mounting reads, and deviations beside."""
+    values, deviations = (dict(zip(NAMES, map(float, v), strict=True)) for v in (found.values, found.deviations))
+    return {"mounting": {name: values[name] for name in POSE}, "mounting_standard_deviations": deviations}
+
+
+def mounting_lines(found: Mounting) -> Iterator[str]:
+    """Yield what is printed."""
+    left = "{:.3f} m, {:.4f} rad".format(*found.rms)
+    yield f"mounting on {topics.BASE_FRAME}: {found.num_pieces} pieces of the drive, left of each {left}"
+    for name, value, sigma in zip(NAMES, found.values, found.deviations, strict=True):
+        note = "  NOT OBSERVED by this drive: as it was given" if name in found.unobserved else ""
+        yield f"{name:<15}{value:10.4f} +- {sigma:.4f}{note}"
+    if found.unobserved:
+        yield "a place shows in turns, a height on ramps and bumps only: measure what is missing"

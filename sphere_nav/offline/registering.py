@@ -1,0 +1,58 @@
+"""The motion between two spheres by direct registration, as plain values."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from sphere_mapping.graph.registration import PreparedSphere, align_sphere, guess_by_rotation, residual_at
+from sphere_mapping.params import MapperParams
+from sphere_nav.geometry import SE3
+from sphere_nav.photometric import Alignment
+from sphere_nav.spheres.sphere import Sphere
+
+
+def register_spheres(a: Sphere, b: Sphere, T_a_b_guess: SE3, params: MapperParams) -> dict[str, Any]:
+    """Return the alignment of b with a, and the residual at the guess, as plain values."""
+    reference, current = (PreparedSphere(sphere, params.registration) for sphere in (a, b))
+    view = reference.at(SE3.identity())
+
+    def guesses() -> Any:
+        yield T_a_b_guess
+        yield guess_by_rotation(current, reference, SE3.identity(), params.registration)
+
+    found = align_sphere(current, [view], guesses(), params.registration)
+    before = residual_at(current, view, T_a_b_guess, params.registration)
+    return {
+        "is_converged": found.is_converged,
+        "reason": found.reason,
+        "T_a_b": {
+            "translation_m": found.T_world_camera.translation.tolist(),
+            "quaternion_xyzw": found.T_world_camera.quaternion.tolist(),
+            "matrix": found.T_world_camera.matrix.tolist(),
+            "angle_deg": float(np.degrees(SE3.identity().distance(found.T_world_camera)[1])),
+        },
+        "covariance": finite(found.covariance),
+        "residual": residual(found),
+        "residual_at_guess": residual(before),
+        "iterations": found.iterations,
+        "gain": found.gains[0],
+        "bias": found.biases[0],
+    }
+
+
+def residual(found: Alignment) -> dict[str, float | int]:
+    """Return how well the images agree at a pose."""
+    return {
+        "mad": found.mad,
+        "ncc": found.ncc,
+        "overlap": found.overlap,
+        "inlier_share": found.inlier_share,
+        "num_pixels": found.num_pixels,
+    }
+
+
+def finite(matrix: np.ndarray) -> list[list[float | None]]:
+    """Return a matrix for JSON, which has no infinity."""
+    return [[float(value) if np.isfinite(value) else None for value in row] for row in matrix]

@@ -1,0 +1,48 @@
+"""Images on a topic, raw or compressed by image_transport: what to subscribe to, and how to read them."""
+
+from __future__ import annotations
+
+from typing import Any, TypeAlias
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from sensor_msgs.msg import CompressedImage, Image
+
+from sphere_nav.ros import conversions
+from sphere_nav.ros.endpoints import COMPRESSED, COMPRESSED_DEPTH
+
+AnyImage: TypeAlias = Image | CompressedImage
+
+
+def image_topic(topic: str, transport: str, *, is_depth: bool = False) -> tuple[str, type[Any]]:
+    """Return the topic by its transport, `raw` or `compressed`, and the kind of its messages."""
+    if transport == "raw":
+        return topic, Image
+    return topic + (COMPRESSED_DEPTH if is_depth else COMPRESSED), CompressedImage
+
+
+def read_rgb(
+    message: AnyImage, size: tuple[int, int] | None = None, size_name: str = "camera_info"
+) -> NDArray[np.uint8]:
+    """Return (H, W, 3) RGB or (H, W) grey, uint8.
+
+    A compressed image of another size (width, height) than the camera's is not unpacked; `size_name`: whose that is.
+    """
+    if isinstance(message, Image):
+        return conversions.image_to_rgb(message)
+    if size is not None:
+        return conversions.compressed_to_array(message, size, size_name)
+    return conversions.image_to_rgb(conversions.decompress(message))
+
+
+def read_gray(message: AnyImage, size: tuple[int, int] | None = None) -> NDArray[np.uint8]:
+    """Return grey levels (H, W) uint8; `size` as of `read_rgb`."""
+    pixels = read_rgb(message, size)
+    return cv2.cvtColor(pixels, cv2.COLOR_RGB2GRAY) if pixels.ndim == 3 else pixels
+
+
+def read_depth(message: AnyImage) -> NDArray[Any]:
+    """Return the depth along the optical axis (H, W) float32 in m, NaN where there is none."""
+    is_raw = isinstance(message, Image)
+    return conversions.depth_to_meters(message if is_raw else conversions.decompress(message))

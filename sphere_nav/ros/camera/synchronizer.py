@@ -1,0 +1,205 @@
+"""Which images of several streams are one instant, until when a late one is waited for, which cameras can be trusted.
+
+The one queue of a set of streams: whatever an instant waits for (other cameras, depth, a LiDAR's cloud, the instants
+that correct the rig), it waits for here. It knows no ROS.
+"""
+
+from __future__ import annotations
+
+import zlib
+from bisect import insort
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Image = NDArray[Any]  # levels, or metres of a depth camera
+
+FINGERPRINT_STEP = 4  # every so many rows and columns of an image decide whether it is the last one again
+MAX_HOLD_NS = 500_000_000  # largest age of an image that is held for a late one
+FROZEN_AFTER = 3  # equal images in a row, while other cameras change, that are a frozen camera
+MAX_MISSES = 3  # instants in a row without an image, after which a camera is not waited for (without a deadline)
+BACK_NS = 1_000_000_000  # stamps so far before the last instant are of another time (without a deadline)
+
+
+@dataclass
+class CameraHealth:
+    """What a camera has delivered."""
+
+    num_images: int = 0
+    num_missing: int = 0
+    num_refused: int = 0
+    num_repeats: int = 0  # equal images in a row, up to the newest
+    num_misses: int = 0  # instants in a row without an image, up to the newest
+    last_stamp_ns: int = -1
+    problem: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class Instant:
+    """Images by camera that belong together; `notes` says which cameras lack or are held, and why.
+
+    The images are in the order of the names; the stamp is that of the first.
+    """
+
+    stamp_ns: int
+    images: dict[str, Any]
+    notes: dict[str, str]
+    is_failed: bool = False
+
+
+@dataclass(eq=False)
+class _Open:
+    stamp_ns: int
+    opened_ns: int
+    images: dict[str, Any] = field(default_factory=dict)
+    stamps: dict[str, int] = field(default_factory=dict)
+
+
+class Synchronizer:
+    """Receives images one by one; hands out instants in order, each once.
+
+    An instant is complete when all streams have it and `is_ready` says so of its stamp. One that is not goes
+    `deadline_s` after its first image came. With no deadline stamps alone decide, so that a replay makes the same
+    instants: one instant is open at a time, it goes when the next one begins, and a camera that missed `MAX_MISSES`
+    in a row is not waited for. The first `num_first` instants are handed out together.
+    """
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        slack_s: float,
+        deadline_s: float | None = None,
+        policy: str = "omit",
+        *,
+        is_ready: Callable[[int], bool] = lambda stamp_ns: True,
+        num_first: int = 0,
+    ) -> None:
+        """`policy`: what becomes of an instant that lacks a camera; hold its last image, omit it, or fail."""
+        self.names, self._slack_s, self._policy = tuple(names), slack_s, policy
+        self.health = {name: CameraHealth() for name in names}
+        self._slack_ns = round(slack_s * 1e9)
+        self._deadline_ns = None if deadline_s is None else round(deadline_s * 1e9)
+        self._is_ready, self._num_first = is_ready, num_first
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget everything with a stamp: the clock jumped."""
+        self._open: list[_Open] = []
+        self._last: dict[str, tuple[int, Image, int]] = {}
+        self._closed_ns = -BACK_NS if self._deadline_ns is None else -1
+        for health in self.health.values():
+            health.last_stamp_ns, health.num_repeats, health.num_misses = -1, 0, 0
+
+    def put(self, name: str, stamp_ns: int, image: Any, now_ns: int = 0) -> list[Instant]:
+        """Add an image that came at `now_ns`; return the instants that end with it. ValueError: the stamp is refused.
+
+        An image is an array, or whatever has none to compare with the one before.
+        """
+        if self._deadline_ns is None:
+            return self._put_next(name, stamp_ns, image)
+        if stamp_ns <= max(self.health[name].last_stamp_ns, 0):
+            raise self._refuse(name, f"after {self.health[name].last_stamp_ns}", stamp_ns)
+        self._note(name, stamp_ns, image)
+        if stamp_ns <= self._closed_ns + self._slack_ns:
+            raise self._refuse(name, f"after {self._closed_ns} (closed without it)", stamp_ns)
+        self._add(name, stamp_ns, image, now_ns)
+        return self.pop(now_ns)
+
+    def pop(self, now_ns: int) -> list[Instant]:
+        """Remove and return the instants complete or late by now; what is older than a complete one goes with it."""
+        number = 0
+        for k, one in enumerate(self._open):
+            if self._is_complete(one) and self._is_ready(one.stamp_ns):
+                number = k + 1
+        if self._deadline_ns is not None:
+            while number < len(self._open) and now_ns - self._open[number].opened_ns >= self._deadline_ns:
+                number += 1
+        return self._close_first(number) if number >= max(self._num_first, 1) else []
+
+    def flush(self) -> list[Instant]:
+        """Remove and return all instants, in order: the recording has ended."""
+        return self._close_first(len(self._open))
+
+    def _put_next(self, name: str, stamp_ns: int, image: Any) -> list[Instant]:
+        """Add an image by its stamp alone: the instant before it goes, if it is not of that."""
+        if stamp_ns < self._closed_ns - BACK_NS:
+            self.clear()
+        self._note(name, stamp_ns, image)
+        begun_ns = self._open[0].stamp_ns if self._open else stamp_ns
+        if stamp_ns <= self._closed_ns + self._slack_ns or stamp_ns < begun_ns - self._slack_ns:
+            self.health[name].num_refused += 1
+            raise ValueError(f"camera {name}: its image came after the next instant had begun")
+        is_next = bool(self._open) and (name in self._open[0].images or stamp_ns > begun_ns + self._slack_ns)
+        before = self._close_first(1) if is_next else []
+        self._add(name, stamp_ns, image, stamp_ns)
+        return before + self.pop(stamp_ns)
+
+    def _is_complete(self, one: _Open) -> bool:
+        given_up = MAX_MISSES if self._deadline_ns is None else np.inf
+        return all(name in one.images or self.health[name].num_misses >= given_up for name in self.names)
+
+    def _close_first(self, number: int) -> list[Instant]:
+        closing, self._open, self._num_first = self._open[:number], self._open[number:], 0
+        return [self._close(one) for one in closing]
+
+    def _refuse(self, name: str, expected: str, stamp_ns: int) -> ValueError:
+        self.health[name].num_refused += 1
+        return ValueError(f"{name}: stamp: expected {expected}, found {stamp_ns}")
+
+    def _add(self, name: str, stamp_ns: int, image: Any, now_ns: int) -> None:
+        """Add to the open instant nearest to a stamp that has no image of this stream yet, a new one where none is."""
+        free = [one for one in self._open if name not in one.images and abs(one.stamp_ns - stamp_ns) <= self._slack_ns]
+        if free:
+            chosen = min(free, key=lambda one: abs(one.stamp_ns - stamp_ns))
+        else:
+            chosen = _Open(stamp_ns, now_ns)
+            insort(self._open, chosen, key=lambda one: one.stamp_ns)
+        chosen.images[name], chosen.stamps[name] = image, stamp_ns
+
+    def _note(self, name: str, stamp_ns: int, image: Any) -> None:
+        """Take down what a camera delivers, and whether that is new."""
+        health, is_image = self.health[name], isinstance(image, np.ndarray)
+        print_now = fingerprint(image) if is_image else 0
+        is_repeat = is_image and image.dtype == np.uint8 and name in self._last and self._last[name][2] == print_now
+        health.num_repeats = health.num_repeats + 1 if is_repeat else 0
+        health.num_images, health.num_misses, health.last_stamp_ns = health.num_images + 1, 0, stamp_ns
+        if is_image:
+            self._last[name] = (stamp_ns, image, print_now)
+
+    def _close(self, one: _Open) -> Instant:
+        """Check the cameras of an instant, fill gaps by the policy."""
+        self._closed_ns = max(self._closed_ns, one.stamp_ns)
+        images, notes = {name: one.images[name] for name in self.names if name in one.images}, {}
+        frozen = self._find_frozen()
+        for name in self.names:
+            health = self.health[name]
+            health.num_misses = 0 if name in images else health.num_misses + 1
+            problem = "" if name in images else f"no image within {self._slack_s} s of the instant"
+            if name in frozen:
+                problem = f"frozen: the same image {health.num_repeats + 1} times"
+                images.pop(name, None)
+            elif problem and self._policy == "hold" and self._may_hold(name, one.stamp_ns):
+                images[name] = self._last[name][1]
+                problem += ", the last one is held"
+            if problem:
+                notes[name] = problem
+                health.num_missing += 1
+            health.problem = problem
+        stamp_ns = next(one.stamps[name] for name in self.names if name in one.stamps)
+        return Instant(stamp_ns, images, notes, bool(notes) and self._policy == "fail")
+
+    def _may_hold(self, name: str, stamp_ns: int) -> bool:
+        return name in self._last and abs(stamp_ns - self._last[name][0]) <= MAX_HOLD_NS
+
+    def _find_frozen(self) -> set[str]:
+        """Return cameras whose image has not changed for long while others' has."""
+        stuck = {name for name, health in self.health.items() if health.num_repeats >= FROZEN_AFTER}
+        return stuck if len(stuck) < len([n for n in self.names if self.health[n].num_images]) else set()
+
+
+def fingerprint(image: Image) -> int:
+    """Return a number that equal images share."""
+    return zlib.crc32(np.ascontiguousarray(image[::FINGERPRINT_STEP, ::FINGERPRINT_STEP]).tobytes())

@@ -1,0 +1,67 @@
+"""One instant after the other: by the map, or by the last images, and which of the two is believed."""
+
+import numpy as np
+
+from dense_localizer.inputs import LocalizerInput
+from dense_localizer.motion_prior import PosePrior
+from dense_localizer.params import LocalizerParams
+from dense_localizer.references.reference import References
+from dense_localizer.track.visual_odometry import VisualOdometry
+from sphere_nav.geometry import SE3
+from sphere_nav.params import build
+from sphere_nav.photometric import build_pyramid
+from sphere_nav.photometric.align.rig import RigImage
+from worlds.localizer import PINHOLE, SMALL_IMAGES, STEP_NS, at, locate, make_map
+from worlds.room import sharp_room
+
+PARAMS = build(LocalizerParams, SMALL_IMAGES)
+
+
+class Track:
+    def __init__(self, room, sphere_map):
+        self.room, self.prior, self.k = room, PosePrior(PARAMS.prior), 0
+        self.references = References(sphere_map, PARAMS)
+        self.visual_odometry = VisualOdometry(self.references, PARAMS)
+        self.prior.start(at(0.0), 1e-5 * np.eye(6), 0)
+
+    def see(self, pose, room=None, *, is_trusted=True):
+        """Return the candidate by the map, and the one in force."""
+        self.k += 1
+        image = RigImage(build_pyramid((room or self.room).photograph(PINHOLE, pose, self.k), PINHOLE))
+        frame = LocalizerInput(self.k * STEP_NS, images=(image,))
+        by_map = locate(frame.images, self.references, PARAMS, next(self.prior.propose(frame)))
+        found = self.visual_odometry.verify(frame, by_map, is_trusted=is_trusted)
+        if found.is_accepted:
+            self.prior.correct(found.T_map_camera, found.covariance, frame.stamp_ns, noise=found.noise)
+        return by_map, found
+
+
+def test_the_map_places_images_and_another_room_is_refused_by_both(room, room_map):
+    track, other = Track(room, room_map), sharp_room((5.0, 3.0, 1.5), seed=3)
+    poses = [at(0.01 * k) for k in range(1, 8)]
+    for pose in poses[:3]:
+        by_map, found = track.see(pose)
+        assert found is by_map
+        assert (found.is_accepted, found.is_by_map) == (True, True)
+    by_map, found = track.see(poses[3], other)  # another room: neither map nor last image
+    assert found is by_map
+    assert not found.is_accepted
+
+
+def test_the_last_image_places_what_the_map_refuses(room):
+    hidden = make_map(sharp_room((5.0, 3.0, 1.5), seed=3), [SE3.identity()])
+    track = Track(room, make_map(room, [SE3.identity()]))
+    for k in range(1, 4):
+        track.see(at(0.02 * k))
+    track.references = track.visual_odometry._references = References(hidden, PARAMS)  # the map is another from now on
+    for k in range(4, 8):
+        by_map, found = track.see(at(0.02 * k))
+        assert not by_map.is_accepted
+        assert (found.is_accepted, found.is_by_map) == (True, False)
+        assert found.T_map_camera.distance(at(0.02 * k)) < (0.02, 0.01)
+        assert track.visual_odometry.is_needed
+    _, found = track.see(at(0.16), is_trusted=False)  # a pose on probation is not propagated by images
+    assert not found.is_accepted
+    track.visual_odometry.reset()
+    assert not track.visual_odometry.is_needed
+    assert not track.see(at(0.18))[1].is_accepted

@@ -1,0 +1,68 @@
+"""Scaled solves: signs, units, what is not seen, and the covariance against Monte Carlo."""
+
+import numpy as np
+import pytest
+
+from sphere_nav.estimation.normal_equations import (
+    inverse_and_condition,
+    scaled_inverse,
+    scaled_step,
+    symmetric_inverse,
+    weighted_step,
+)
+
+UNITS = np.array([1e6, 1.0, 1e-6])
+
+
+@pytest.fixture
+def J(rng):
+    return rng.normal(size=(50, 3)) * UNITS
+
+
+def test_the_step_takes_the_residuals_away(J, rng):
+    x = np.array([1.0, -2.0, 3.0]) / UNITS
+    np.testing.assert_allclose(weighted_step(J, -J @ x, rng.uniform(0.5, 2.0, 50)), x, rtol=1e-6)
+    np.testing.assert_allclose(scaled_step(J.T @ J, -J.T @ (J @ x)), x, rtol=1e-6)
+
+
+def test_a_residual_without_weight_says_nothing(J):
+    x, weight = np.array([1.0, -2.0, 3.0]) / UNITS, np.ones(50)
+    residual = -J @ x
+    residual[7], weight[7] = 100.0, 0.0
+    np.testing.assert_allclose(weighted_step(J, residual, weight), x, rtol=1e-6)
+
+
+def test_what_is_not_seen_stays_where_it_is(J):
+    J[:, 1] = 0.0
+    step = weighted_step(J, J @ (1.0 / UNITS), np.ones(50))
+    np.testing.assert_allclose(step, np.array([-1.0, 0.0, -1.0]) / UNITS, rtol=1e-6)
+
+
+def test_the_inverse_is_the_covariance_of_the_step(J, rng):
+    steps = np.array([weighted_step(J, rng.normal(0.0, 0.3, 50), np.full(50, 0.3**-2)) for _ in range(4000)])
+    H = J.T @ J / 0.3**2
+    covariance = scaled_inverse(H) * np.outer(UNITS, UNITS)
+    measured = np.cov(steps.T) * np.outer(UNITS, UNITS)
+    sigma = np.sqrt(np.diagonal(covariance))
+    # the standard deviation of a sampled covariance is at most sqrt(2 / 4000) = 0.022 of the variances
+    np.testing.assert_allclose(measured / np.outer(sigma, sigma), covariance / np.outer(sigma, sigma), atol=0.09)
+    np.testing.assert_allclose(inverse_and_condition(H)[0] * np.outer(UNITS, UNITS), covariance, rtol=1e-5, atol=1e-9)
+
+
+def test_the_condition_is_that_of_the_scaled_matrix():
+    H = np.array([[1.0, 0.6], [0.6, 1.0]]) * np.outer([1e3, 1e-3], [1e3, 1e-3])
+    assert inverse_and_condition(H)[1] == pytest.approx(1.6 / 0.4)
+
+
+@pytest.mark.parametrize("H", [np.diag([1.0, np.nan]), np.array([[1.0, 2.0], [2.0, 1.0]])])
+def test_what_is_not_positive_definite_is_unknown(H):
+    inverse, condition = inverse_and_condition(H)
+    assert np.all(np.diagonal(inverse) == np.inf)
+    assert condition == np.inf
+
+
+def test_a_symmetric_inverse_is_symmetric_to_the_last_bit(J):
+    H = J.T @ J
+    inverse = symmetric_inverse(H)
+    np.testing.assert_array_equal(inverse, inverse.T)
+    np.testing.assert_allclose(inverse @ H, np.eye(3), atol=1e-9 * np.outer(1 / UNITS, UNITS).max())

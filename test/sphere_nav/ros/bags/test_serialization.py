@@ -1,0 +1,92 @@
+"""Stored bytes depend on the message alone."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from geometry_msgs.msg import PoseStamped
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, LocalizationStatus, ParticleCloud
+from tf2_msgs.msg import TFMessage
+
+from sphere_nav.ros.bags.recorded import BagError
+from sphere_nav.ros.bags.serialization import serialize_to_store, view_message
+
+# glibc fills every new piece of memory with this byte, so that what a serializer leaves untouched shows.
+PROGRAM = """
+import sys
+from sphere_nav_msgs.msg import AugmentedSphere
+from sphere_nav.ros.bags.serialization import serialize_to_store
+from rclpy.serialization import serialize_message
+message = AugmentedSphere()
+message.header.frame_id = "odd"
+for data in (serialize_to_store(message), bytes(serialize_message(message))):
+    print(data.hex())
+"""
+
+
+@pytest.fixture(scope="module")
+def outputs() -> list[list[str]]:
+    """The bytes of one message by `serialize_to_store` and by rclpy, from memory filled in two ways."""
+    return [
+        subprocess.run(
+            [sys.executable, "-c", PROGRAM],
+            env={**os.environ, "MALLOC_PERTURB_": filling},
+            capture_output=True,
+            check=True,
+            text=True,
+            timeout=60,
+        ).stdout.split()
+        for filling in ("1", "170")
+    ]
+
+
+def test_stored_bytes_do_not_depend_on_the_memory_before(outputs):
+    assert outputs[0][0] == outputs[1][0]
+
+
+def test_they_differ_from_the_serializer_s_in_padding_only(outputs):
+    for stored, serialized in outputs:
+        pairs = list(zip(bytes.fromhex(stored), bytes.fromhex(serialized), strict=True))
+        assert all(ours == theirs or ours == 0 for ours, theirs in pairs)
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        AugmentedSphere(id=3),
+        Image(height=2, width=3, data=np.arange(6, dtype=np.uint8).tolist(), encoding="mono8"),
+        CameraInfo(d=[0.1, 0.2], distortion_model="plumb_bob"),
+        PointCloud2(is_dense=True),
+        KeySphereGraph(),
+        LocalizationStatus(reason="OUTLIERS"),
+        ParticleCloud(),
+        TFMessage(),
+        PoseStamped(),
+    ],
+    ids=lambda message: type(message).__name__,
+)
+def test_the_message_comes_back(message):
+    assert deserialize_message(serialize_to_store(message), type(message)) == message
+
+
+def test_a_view_has_the_fields_of_the_message_and_copies_nothing_large():
+    message = AugmentedSphere(id=7, image_encoding="mono8", image=list(range(200)), range=[1, 2, 3])
+    message.header.frame_id, message.header.stamp.sec, message.info.full_width = "odd", 5, 2048.0
+    data = serialize_to_store(message)
+    found = view_message(memoryview(data), AugmentedSphere, "map")
+    assert (found.id, found.image_encoding, found.header.frame_id, found.header.stamp.sec) == (7, "mono8", "odd", 5)
+    assert found.info.full_width == 2048.0
+    assert bytes(found.image) == bytes(range(200))
+    assert bytes(found.range) == b"\1\2\3"
+    assert np.shares_memory(found.image, np.frombuffer(data, np.uint8))
+
+
+def test_bytes_that_are_no_message_are_refused_cut_anywhere():
+    data = serialize_to_store(AugmentedSphere(image=[1] * 20))
+    for size in range(len(data) - 8):
+        with pytest.raises(BagError, match="map: expected sphere_nav_msgs/msg/AugmentedSphere, found"):
+            view_message(memoryview(data[:size]), AugmentedSphere, "map")

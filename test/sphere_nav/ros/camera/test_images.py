@@ -1,0 +1,66 @@
+"""Images by either transport: the topic, the pixels, and what is not unpacked."""
+
+import cv2
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+from sensor_msgs.msg import CompressedImage, Image
+
+from sphere_nav.ros.camera.images import image_topic, read_depth, read_gray, read_rgb
+from sphere_nav.ros.camera.stream import panorama_of
+from sphere_nav.ros.conversions import array_to_image, header
+
+COLORS = np.random.default_rng(0).integers(0, 256, (8, 16, 3), dtype=np.uint8)
+DEPTH_M = np.linspace(0.5, 4.0, 128, dtype=np.float32).reshape(8, 16)
+
+
+def compressed(pixels, format_="png"):
+    data = cv2.imencode(".png", cv2.cvtColor(pixels, cv2.COLOR_RGB2BGR) if pixels.ndim == 3 else pixels)[1].tobytes()
+    return CompressedImage(header=header(1, "optical"), format=format_, data=data)
+
+
+def test_the_transport_decides_topic_and_kind():
+    assert image_topic("image_raw", "raw") == ("image_raw", Image)
+    assert image_topic("image_raw", "compressed") == ("image_raw/compressed", CompressedImage)
+    assert image_topic("depth/image_raw", "compressed", is_depth=True) == (
+        "depth/image_raw/compressedDepth",
+        CompressedImage,
+    )
+
+
+@pytest.mark.parametrize("size", [None, (16, 8)])
+def test_pixels_are_the_same_by_either_transport(size):
+    messages = array_to_image(COLORS, 1, "optical", "rgb8"), compressed(COLORS)
+    for message in messages:
+        np.testing.assert_array_equal(read_rgb(message, size), COLORS)
+        np.testing.assert_array_equal(read_gray(message, size), cv2.cvtColor(COLORS, cv2.COLOR_RGB2GRAY))
+
+
+def test_a_compressed_image_of_another_size_is_refused_by_whose_size_it_is_not():
+    with pytest.raises(ValueError, match=r"expected 8 x 16 \(left\), found 16 x 8"):
+        read_rgb(compressed(COLORS), (8, 16), "left")
+
+
+def test_sixteen_bits_lose_the_lower_eight():
+    levels = np.arange(128, dtype=np.uint16).reshape(8, 16) * 500
+    for message in (array_to_image(levels, 1, "optical", "mono16"), compressed(levels, "mono16; png compressed")):
+        np.testing.assert_array_equal(read_gray(message), levels >> 8)
+
+
+def test_depth_in_millimeters_is_read_in_meters():
+    raw = array_to_image(DEPTH_M, 1, "optical", "32FC1")
+    millimeters = np.rint(DEPTH_M * 1e3).astype(np.uint16)
+    data = bytes(12) + cv2.imencode(".png", millimeters)[1].tobytes()
+    packed = CompressedImage(header=header(1, "optical"), format="16UC1; compressedDepth png", data=data)
+    np.testing.assert_array_equal(read_depth(raw), DEPTH_M)
+    np.testing.assert_allclose(read_depth(packed), DEPTH_M, atol=5.1e-4)
+
+
+def test_a_panorama_is_twice_as_wide_as_high():
+    for message in (array_to_image(COLORS, 1, "optical", "rgb8"), compressed(COLORS)):
+        camera = panorama_of(message)
+        assert (camera.width, camera.height) == (16, 8)
+    with pytest.raises(ValueError, match="twice as wide as high, found 8 x 8"):
+        panorama_of(compressed(COLORS[:, :8]))

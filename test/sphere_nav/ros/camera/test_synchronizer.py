@@ -1,0 +1,162 @@
+"""Images of one instant: complete, late, frozen, refused."""
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")  # of the package that it lies in
+
+from sphere_nav.ros.camera.synchronizer import MAX_MISSES, Synchronizer
+
+MS = 1_000_000
+
+
+def image(seed):
+    return np.random.default_rng(seed).integers(1, 255, (8, 8), dtype=np.uint8)
+
+
+def make(slack_s=0.005, deadline_s=0.2, policy="omit"):
+    return Synchronizer(("a", "b"), slack_s, deadline_s, policy)
+
+
+def test_an_instant_is_handed_out_when_complete():
+    sync = make()
+    assert sync.put("a", 100 * MS, image(0), 100 * MS) == []
+    [instant] = sync.put("b", 102 * MS, image(1), 102 * MS)
+    assert set(instant.images) == {"a", "b"}
+    assert instant.notes == {}
+
+
+def test_stamps_that_differ_by_more_than_the_limit_are_two_instants():
+    sync = make(slack_s=0.005)
+    sync.put("a", 100 * MS, image(0), 100 * MS)
+    assert sync.put("b", 110 * MS, image(1), 110 * MS) == []
+    assert [set(one.images) for one in sync.pop(400 * MS)] == [{"a"}, {"b"}]
+
+
+@pytest.mark.parametrize(
+    ("policy", "names", "fails"), [("omit", {"a"}, False), ("hold", {"a", "b"}, False), ("fail", {"a"}, True)]
+)
+def test_a_late_camera_is_treated_by_the_policy_and_named(policy, names, fails):
+    sync = make(policy=policy)
+    sync.put("a", 100 * MS, image(0), 100 * MS)
+    sync.put("b", 100 * MS, image(1), 100 * MS)
+    sync.put("a", 200 * MS, image(2), 200 * MS)
+    assert sync.pop(300 * MS) == []
+    [instant] = sync.pop(401 * MS)
+    assert set(instant.images) == names
+    assert "no image within" in instant.notes["b"]
+    assert instant.is_failed == fails
+    assert sync.health["b"].num_missing == 1
+
+
+def test_a_single_frozen_camera_is_left_out_by_name():
+    sync = make()
+    for k in range(1, 6):
+        sync.put("a", k * 100 * MS, image(k), k * 100 * MS)
+        [instant] = sync.put("b", k * 100 * MS, image(99), k * 100 * MS)
+    assert set(instant.images) == {"a"}
+    assert instant.notes["b"].startswith("frozen: the same image 5 times")
+
+
+def test_depth_that_stands_still_is_not_frozen():
+    sync = make()
+    for k in range(1, 6):
+        sync.put("a", k * 100 * MS, image(k), k * 100 * MS)
+        [instant] = sync.put("b", k * 100 * MS, np.ones((8, 8), np.float32), k * 100 * MS)
+    assert set(instant.images) == {"a", "b"}
+
+
+def test_the_nearest_instant_that_lacks_the_stream_gets_the_image():
+    sync = make(slack_s=0.02)
+    sync.put("a", 100 * MS, image(0), 100 * MS)
+    sync.put("a", 130 * MS, image(1), 130 * MS)
+    [first, second] = sync.put("b", 125 * MS, image(2), 130 * MS)
+    assert (set(first.images), set(second.images)) == ({"a"}, {"a", "b"})
+
+
+def test_the_stamp_is_that_of_the_first_stream_whatever_came_first():
+    sync = make(slack_s=0.02)
+    sync.put("b", 105 * MS, image(0), 100 * MS)
+    [instant] = sync.put("a", 100 * MS, image(1), 100 * MS)
+    assert instant.stamp_ns == 100 * MS
+
+
+def test_an_instant_waits_for_what_makes_it_ready_but_not_beyond_the_deadline():
+    ready = set()
+    sync = Synchronizer(("a",), 0.005, 0.2, is_ready=ready.__contains__)
+    assert sync.put("a", 100 * MS, image(0), 100 * MS) == []
+    ready.add(100 * MS)
+    assert [one.stamp_ns for one in sync.pop(101 * MS)] == [100 * MS]
+    assert sync.put("a", 200 * MS, image(1), 200 * MS) == []
+    assert [one.stamp_ns for one in sync.pop(401 * MS)] == [200 * MS]
+
+
+def test_a_missing_stream_does_not_fill_the_memory():
+    sync = make(deadline_s=0.2)
+    waiting = [100 - len(sync.put("a", k * 10 * MS, image(k), k * 10 * MS)) for k in range(1, 101)]
+    assert len(sync.flush()) == 20  # of 0.2 s
+    assert len(waiting) == 100
+
+
+def test_a_standing_scene_without_noise_is_not_frozen():
+    sync = make()
+    for k in range(1, 6):
+        for name in "ab":
+            found = sync.put(name, k * 100 * MS, image(99), k * 100 * MS)
+    assert found[0].notes == {}
+
+
+def test_repeated_and_backward_stamps_are_refused():
+    sync = make()
+    sync.put("a", 100 * MS, image(0), 100 * MS)
+    for stamp in (100 * MS, 50 * MS, 0):
+        with pytest.raises(ValueError, match="a: stamp: expected after"):
+            sync.put("a", stamp, image(1), 101 * MS)
+    assert sync.health["a"].num_refused == 3
+
+
+class ByStamps:
+    """Two cameras without a deadline."""
+
+    def __init__(self, names=("a", "b")):
+        self.said = []
+        self.sync = Synchronizer(names, 0.015)
+
+    def add(self, name, stamp_ms):
+        for instant in self.sync.put(name, stamp_ms * MS, stamp_ms):
+            self.said.append(instant.images)
+        return self.said[-1] if self.said else None
+
+
+def test_an_instant_is_complete_with_all_cameras_in_the_order_of_their_names():
+    gate = ByStamps()
+    assert gate.add("b", 1005) is None
+    assert gate.add("a", 1000) == {"a": 1000, "b": 1005}
+    assert list(gate.said[0]) == ["a", "b"]
+
+
+def test_the_next_instant_ends_one_that_lacks_a_camera():
+    gate = ByStamps()
+    gate.add("a", 1000)
+    assert gate.add("a", 1100) == {"a": 1000}
+    assert gate.add("b", 1110) == {"a": 1100, "b": 1110}
+
+
+def test_a_camera_that_stays_away_is_not_waited_for_until_it_is_back():
+    gate = ByStamps()
+    for k in range(MAX_MISSES + 1):
+        gate.add("a", 1000 + 100 * k)
+    assert len(gate.said) == MAX_MISSES + 1  # the last one at once
+    with pytest.raises(ValueError, match="camera b"):
+        gate.add("b", 1000 + 100 * MAX_MISSES + 2)  # after its instant was handed on
+    gate.add("a", 2000)
+    assert gate.said[-1] != {"a": 2000}
+    assert gate.add("b", 2001) == {"a": 2000, "b": 2001}
+
+
+def test_stamps_of_another_time_begin_anew():
+    gate = ByStamps()
+    gate.add("a", 5000)
+    gate.add("b", 5000)
+    gate.add("a", 1000)
+    assert gate.add("b", 1000) == {"a": 1000, "b": 1000}
