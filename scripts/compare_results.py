@@ -69,7 +69,7 @@ class Environment:
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
         }
         if not (self.bin / "sphere_nav").is_file():
-            raise SystemExit(f"{folder}: expected an environment with bin/sphere_nav, found none")
+            raise ValueError(f"{folder}: expected an environment with bin/sphere_nav, found none")
 
     def call(self, *words: object) -> str:
         """Run `sphere_nav`; return what it printed."""
@@ -479,9 +479,19 @@ def ordered(*sides: Mapping[str, Any]) -> list[str]:
     return list(dict.fromkeys(name for side in sides for name in side))
 
 
+def read_record(path: Path) -> dict[str, Any]:
+    """Return what `record` wrote; ValueError where that is something else."""
+    try:
+        found: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        dict(found["cases"])
+    except (OSError, ValueError, TypeError, LookupError) as error:
+        raise ValueError(f"{path}: expected a record of this script, found: {error}") from None
+    return found
+
+
 def compare(arguments: argparse.Namespace) -> int:
     """Print a table of the cases and one of what differs; 1 where anything does, or nothing was compared."""
-    before, after = (json.loads(path.read_text(encoding="utf-8")) for path in (arguments.before, arguments.after))
+    before, after = (read_record(path) for path in (arguments.before, arguments.after))
     for side in (before, after):
         side["cases"] = {
             name: case for name, case in side["cases"].items() if name in (arguments.only or side["cases"])
@@ -530,7 +540,11 @@ def main(words: Sequence[str] | None = None) -> int:
     )
     comparing.add_argument("--only", nargs="+", choices=CASES, metavar="CASE", help="these cases")
     arguments = parser.parse_args(words)
-    status: int = arguments.run(arguments)
+    try:
+        status: int = arguments.run(arguments)
+    except ValueError as error:
+        sys.stderr.write(f"compare_results.py: {error}\n")
+        return 2
     return status
 
 

@@ -26,7 +26,11 @@ Texts = dict[PurePosixPath, str]
 
 def main(revision: str) -> int:
     """Print all tables."""
-    before, after = files(revision), files("HEAD")
+    try:
+        before, after = files(revision), files("HEAD")
+    except subprocess.CalledProcessError as error:
+        sys.stderr.write(f"sizes.py: {revision}: expected a revision, found: {error.stderr.decode().strip()}\n")
+        return 2
     print_table("lines of Python", lines(before), lines(after))
     print_table("parameters", parameters(before), parameters(after))
     print_table("what a reader meets", figures(before), figures(after))

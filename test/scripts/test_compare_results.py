@@ -181,3 +181,20 @@ class TestDigest:
         kind = "sensor_msgs/msg/Imu"
         assert self.digest(inside, early, late, kind=kind) == self.digest(inside, late, early, kind=kind)
         assert self.digest(inside, early, kind=kind) != self.digest(inside, late, kind=kind)
+
+
+@pytest.mark.parametrize("text", [None, "", "[]", '{"cases": 3}', "{}"])
+def test_what_is_no_record_is_one_line_and_exit_code_2(tmp_path, capsys, text):
+    path = tmp_path / "a.json"
+    if text is not None:
+        path.write_text(text)
+    assert compare_results.main(["compare", str(path), str(path)]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith(f"compare_results.py: {path}: expected a record of this script, found: ")
+    assert said.count("\n") == 1
+
+
+def test_a_folder_without_the_programs_is_one_line_and_exit_code_2(tmp_path, capsys):
+    words = ["-o", str(tmp_path / "a.json"), "--inputs", str(tmp_path / "inputs")]
+    assert compare_results.main(["record", str(tmp_path / "none"), *words]) == 2
+    assert "expected an environment with bin/sphere_nav, found none" in capsys.readouterr().err
