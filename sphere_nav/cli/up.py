@@ -15,8 +15,8 @@ from typing import Any
 
 import yaml
 
-from sphere_nav.cli.demo.processes import PATIENCE, node_command
-from sphere_nav.ros.compositions import COMPOSITIONS, Composition, NodeStart
+from sphere_nav.cli.demo.processes import node_command
+from sphere_nav.ros.compositions import COMPOSITIONS, PATIENCE, Composition, NodeStart, after_exit
 
 LISTING = "\n".join(f"  {name:<13} {composition.purpose}" for name, composition in COMPOSITIONS.items())
 HELP = f"""\
@@ -31,7 +31,7 @@ examples:
   sphere_nav up mapping rig:=rig.yaml namespace:=car2
   sphere_nav up simulation mode:=teach record:=drive
 """
-LOOK = 0.2  # s between two looks at what still runs
+LOOK = 0.1  # s between two looks at what still runs
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -47,18 +47,44 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.show_args:
         print(argument_table(composition))
         return 0
-    starts = composition.starts(parse(arguments.arguments))
+    starts = composition.ready(parse(arguments.arguments))
     with tempfile.TemporaryDirectory(prefix="sphere_nav_up_") as folder, _interruptible():
-        running: list[tuple[str, subprocess.Popen[bytes]]] = []
+        running: list[Running] = []
         try:
             for number, start in enumerate(starts):
-                command = node_command(start.node, *ros_arguments(start, Path(folder) / f"{number}.yaml"))
-                running.append((start.node, subprocess.Popen(command, start_new_session=True)))
-            return _watch(running)
+                words = ros_arguments(start, Path(folder) / f"{number}.yaml")
+                running.append(Running(start.node, node_command(start.node, *words)))
+            status = _watch(running)
         except KeyboardInterrupt:
-            return 0
+            status = 0
         finally:
-            _end(running)
+            failed = _end(running)
+        return 1 if failed else status
+
+
+class Running:
+    """A node as a process, which may be started again."""
+
+    def __init__(self, node: str, command: list[str]) -> None:
+        self.node, self.command, self.num_restarts = node, command, 0
+        self.due: float | None = None  # s, of steady time: when it starts again
+        self.start()
+
+    def start(self) -> None:
+        """Start the process; Ctrl-C reaches us alone."""
+        self.process, self.is_over = subprocess.Popen(self.command, start_new_session=True), False
+
+    def look(self, now: float) -> None:
+        """Start the node again where it has ended and may; RuntimeError: all must end."""
+        status = self.process.poll()
+        if status is not None and not self.is_over:
+            delay = after_exit(self.node, status, self.num_restarts)
+            self.is_over, self.due = True, None if delay is None else now + delay
+            if delay is not None:
+                print(f"up: {self.node} ended with status {status}; it starts again", file=sys.stderr)
+        if self.due is not None and now >= self.due:
+            self.due, self.num_restarts = None, self.num_restarts + 1
+            self.start()
 
 
 def parse(words: Sequence[str]) -> dict[str, str]:
@@ -91,28 +117,35 @@ def ros_arguments(start: NodeStart, file: Path) -> list[str]:
     return words
 
 
-def _watch(running: list[tuple[str, subprocess.Popen[bytes]]]) -> int:
-    """Wait while nodes run; 1 as soon as one of them fails."""
-    while any(process.poll() is None for _, process in running):
-        for node, process in running:
-            if process.poll():
-                print(f"up: {node} ended with status {process.returncode}; the others end, too", file=sys.stderr)
-                return 1
-        time.sleep(LOOK)
-    return max(abs(process.returncode) for _, process in running) and 1
-
-
-def _end(running: list[tuple[str, subprocess.Popen[bytes]]]) -> None:
-    """End what still runs as Ctrl-C would, the last one started first."""
-    for _, process in reversed(running):
-        if process.poll() is None:
-            process.send_signal(signal.SIGINT)
-    for _, process in reversed(running):
+def _watch(running: list[Running]) -> int:
+    """Wait while nodes run; 1 as soon as one has ended without which the others make no sense."""
+    while not all(item.is_over and item.due is None for item in running):
         try:
-            process.wait(PATIENCE)
+            for item in running:
+                item.look(time.monotonic())
+        except RuntimeError as error:
+            print(f"up: {error}", file=sys.stderr)
+            return 1
+        time.sleep(LOOK)
+    return 0
+
+
+def _end(running: list[Running]) -> bool:
+    """End what still runs as Ctrl-C would, the last one started first; whether one of them says that it failed."""
+    failed = False
+    left = [item for item in reversed(running) if item.process.poll() is None]
+    for item in left:
+        item.process.send_signal(signal.SIGINT)
+    for item in left:
+        try:
+            status = item.process.wait(PATIENCE)
         except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+            item.process.kill()
+            status = item.process.wait()
+        if status > 0:
+            print(f"up: {item.node} ended with status {status}", file=sys.stderr)
+        failed |= status != 0 and status != -signal.SIGINT
+    return failed
 
 
 @contextmanager

@@ -3,29 +3,61 @@
 A composition has arguments, all of them text, and says which nodes to start with which parameters, topics and names.
 With a `namespace` every relative topic lies below it, /tf, /tf_static and /clock too, so that several vehicles share a
 domain. `site` is a parameter file for all nodes, with sections `/**` or `/**/<node>`; arguments go before it.
+What is unknown or impossible is refused before anything starts; `after_exit` says what follows when a node ends.
 """
 
 from __future__ import annotations
 
+import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 from sphere_nav.ros.camera.drivers import names_of, read_driver
+from sphere_nav.ros.site_file import check_site_file, meant
 
 Values = Mapping[str, str]
 ABSOLUTE = ("/tf", "/tf_static", "/clock")  # would be shared by all vehicles of a domain
 MAPPER_TOPICS = {"sphere": "sphere", "rgbd": "depth/image_raw", "stereo": "right/image_raw"}
-TRUE, FALSE = ("true", "1", "yes"), ("false", "0", "no")
+TRUE, FALSE = ("true", "True", "yes", "1"), ("false", "False", "no", "0")
+FLAG = (*TRUE, *FALSE)
+TOPIC = re.compile(r"~?/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*", re.ASCII)  # names as ROS 2 allows them
+NAMESPACE = re.compile(r"/?|/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*/?", re.ASCII)
+PATIENCE = 30.0  # s for a node to end after SIGINT: a recorder completes its bag first
+MAX_RESTARTS = 5  # of one node; more would hide that something is broken
+CANNOT_START = 2  # status of a node that refuses its parameters: a restart changes nothing
+RESTART_AFTER: Mapping[str, float | None] = {  # s from the end of a node to its restart; None: its end ends all
+    "command_guard": 0.1,  # a base without a time-out waits for its zero; > 0: an end of all comes first
+    "dense_localizer": 2.0,
+    "mcl_depth": 2.0,
+    "sphere_stitcher": 2.0,
+    "bag_recorder": 2.0,
+    "sphere_mapper": None,  # the map is in its memory
+    "path_follower": None,  # an operator must see it
+    "cycab_sim": None,  # the clock of all
+    "bag_player": None,  # the others outlive the good end of a bag
+}
+OUTLIVED = "bag_player"
 
 
 @dataclass(frozen=True)
 class Argument:
-    """One argument; a default of None must be given."""
+    """One argument; a default of None must be given. A `file` that is named must exist."""
 
     default: str | None
     meaning: str
     choices: tuple[str, ...] = ()
+    form: re.Pattern[str] | None = None
+    is_file: bool = False
+
+    def check(self, name: str, value: str) -> None:
+        """Raise ValueError for a value that is not possible, whatever files there are."""
+        if self.choices and value not in self.choices:
+            raise ValueError(f"{name}: expected {', '.join(self.choices)}, found {value!r}")
+        if self.form and not self.form.fullmatch(value):
+            raise ValueError(f"{name}: expected letters, digits, _ and / as in a name of ROS, found {value!r}")
 
 
 @dataclass(frozen=True)
@@ -51,30 +83,59 @@ class Composition:
         """Return the nodes to start; ValueError for an unknown, a missing or an impossible argument."""
         for name, value in given.items():
             if name not in self.arguments:
-                raise ValueError(f"{name}: expected one of {', '.join(self.arguments)}, found this argument")
-            choices = self.arguments[name].choices
-            if choices and value not in choices:
-                raise ValueError(f"{name}: expected {', '.join(choices)}, found {value!r}")
+                hint = meant(name, self.arguments)
+                raise ValueError(f"{name}{hint}: expected one of {', '.join(self.arguments)}, found this argument")
+            self.arguments[name].check(name, value)
         values = {name: given.get(name, argument.default) for name, argument in self.arguments.items()}
         missing = [name for name, value in values.items() if value is None]
         if missing:
             raise ValueError(f"{missing[0]}: expected a value ({self.arguments[missing[0]].meaning}), found none")
         return self.describe({name: str(value) for name, value in values.items()})
 
+    def ready(self, given: Values) -> list[NodeStart]:
+        """Return the nodes to start, as `starts`; ValueError too for a file that does not exist or does not fit."""
+        starts = self.starts(given)
+        for name, value in given.items():
+            is_named = self.arguments[name].is_file and value and (name, value) != ("rig", "map")
+            if is_named and not Path(value).exists():
+                raise ValueError(f"{name}: expected a file or folder that exists, found {value!r}")
+        if given.get("driver"):
+            read_driver(given["driver"])
+        if given.get("site"):
+            check_site_file(
+                given["site"], tuple(RESTART_AFTER), [f"/{start.namespace}/{start.node}" for start in starts]
+            )
+        return starts
+
+
+def after_exit(node: str, status: int, num_restarts: int) -> float | None:
+    """Return in how many seconds a node that has ended starts again, or None: the others go on without it.
+
+    RuntimeError: all must end. A node that ends with status 0 was told to, by someone who means it.
+    """
+    if node == OUTLIVED and status == 0:
+        return None
+    delay = RESTART_AFTER[node]
+    if delay is None or status in (0, CANNOT_START) or num_restarts >= MAX_RESTARTS:
+        raise RuntimeError(f"{node} ended with status {status}; the others end, too")
+    return delay
+
 
 def _is(values: Values, name: str) -> bool:
     """Return an argument that is true or false."""
-    word = values[name].lower()
-    if word not in TRUE + FALSE:
-        raise ValueError(f"{name}: expected true or false, found {values[name]!r}")
-    return word in TRUE
+    return values[name] in TRUE
 
 
 def _number(values: Values, name: str, kind: type[Any]) -> Any:
+    """Return an argument that is a number, 0 or more."""
     try:
-        return kind(values[name])
+        number = kind(values[name])
     except ValueError:
-        raise ValueError(f"{name}: expected a number, found {values[name]!r}") from None
+        number = math.nan
+    if not 0 <= number < math.inf:
+        what = "a whole number" if kind is int else "a number"
+        raise ValueError(f"{name}: expected {what}, 0 or more, found {values[name]!r}")
+    return number
 
 
 def _node(
@@ -177,35 +238,39 @@ def _simulation(values: Values) -> list[NodeStart]:
 
 
 COMMON = {
-    "namespace": Argument("", "of all nodes and topics, where several vehicles share a domain"),
-    "site": Argument("", "parameter file for all nodes"),
+    "namespace": Argument("", "of all nodes and topics, where several vehicles share a domain", form=NAMESPACE),
+    "site": Argument("", "parameter file for all nodes", is_file=True),
 }
-TIMED = {"use_sim_time": Argument("false", "take the time from /clock", (*TRUE, *FALSE)), **COMMON}
-ODOM = {"odom": Argument("odom", "topic of the odometry")}
+TIMED = {"use_sim_time": Argument("false", "take the time from /clock", FLAG), **COMMON}
+ODOM = {"odom": Argument("odom", "topic of the odometry", form=TOPIC)}
 CAMERA = {
-    "image": Argument("image_raw", "topic of the camera's images"),
-    "info": Argument("camera_info", "topic of the camera's calibration"),
+    "image": Argument("image_raw", "topic of the camera's images", form=TOPIC),
+    "info": Argument("camera_info", "topic of the camera's calibration", form=TOPIC),
     "driver": Argument("", "camera driver whose topics are heard instead (config/cameras)"),
 }
 LOCALISATION = {
-    "map": Argument(None, "map to localise in"),
+    "map": Argument(None, "map to localise in", is_file=True),
     **CAMERA,
     "cameras": Argument("", "several cameras, on cameras/<name>/image_raw: names, with commas; empty: one"),
-    "rig": Argument("", "rig file of the cameras, or map for that in the map; empty: by camera_info, /tf_static"),
+    "rig": Argument(
+        "", "rig file of the cameras, or map for that in the map; empty: by camera_info, /tf_static", is_file=True
+    ),
     "transport": Argument("raw", "images come on IMAGE, or on IMAGE/compressed", ("raw", "compressed")),
     **ODOM,
     **TIMED,
 }
 NAVIGATION = {
     **LOCALISATION,
-    "trajectory": Argument("", "file of the trajectory to follow; empty: by the service load_trajectory or a topic"),
-    "cmd_vel": Argument("cmd_vel", "topic of the commands to the base"),
-    "stamped_cmd_vel": Argument("false", "commands are TwistStamped, not Twist"),
-    "guard": Argument("false", "put command_guard before the base, which has no time-out of its own"),
-    "scan": Argument("scan", "topic of the laser scanner"),
+    "trajectory": Argument(
+        "", "file of the trajectory to follow; empty: by the service load_trajectory or a topic", is_file=True
+    ),
+    "cmd_vel": Argument("cmd_vel", "topic of the commands to the base", form=TOPIC),
+    "stamped_cmd_vel": Argument("false", "commands are TwistStamped, not Twist", FLAG),
+    "guard": Argument("false", "put command_guard before the base, which has no time-out of its own", FLAG),
+    "scan": Argument("scan", "topic of the laser scanner", form=TOPIC),
 }
 BAG = {
-    "bag": Argument("", "bag to play; empty: live topics"),
+    "bag": Argument("", "bag to play; empty: live topics", is_file=True),
     "rate": Argument("1.0", "speed of playing; 0: as fast as the listeners take it"),
 }
 COMPOSITIONS = {
@@ -213,7 +278,9 @@ COMPOSITIONS = {
         "the mapper on live topics or a bag, with the stitcher before it where a rig is named",
         {
             "input": Argument("sphere", "what is mapped", tuple(MAPPER_TOPICS)),
-            "rig": Argument("", "rig file of the cameras that the stitcher makes spheres of; empty: no stitcher"),
+            "rig": Argument(
+                "", "rig file of the cameras that the stitcher makes spheres of; empty: no stitcher", is_file=True
+            ),
             "driver": Argument("", "camera driver whose topics are heard (config/cameras), of rgbd and stereo"),
             **BAG,
             **ODOM,
@@ -227,17 +294,22 @@ COMPOSITIONS = {
     ),
     "nav2": Composition(
         "beside Nav2: map -> odom, and commands for its collision monitor instead of the base",
-        {**NAVIGATION, "cmd_vel": Argument("cmd_vel_smoothed", "input of the collision monitor (cmd_vel_in_topic)")},
+        {
+            **NAVIGATION,
+            "cmd_vel": Argument("cmd_vel_smoothed", "input of the collision monitor (cmd_vel_in_topic)", form=TOPIC),
+        },
         _navigation,
     ),
     "mcl": Composition(
         "the localiser in bare geometry",
         {
-            "cloud": Argument(None, "cloud, mesh, floor plan or map to localise in"),
+            "cloud": Argument(None, "cloud, mesh, floor plan or map to localise in", is_file=True),
             **CAMERA,
             **ODOM,
-            "other": Argument("other/pose", "topic of the pose of another localiser, which watches and helps"),
-            "path": Argument("reference_path", "topic of the path to be followed by direction"),
+            "other": Argument(
+                "other/pose", "topic of the pose of another localiser, which watches and helps", form=TOPIC
+            ),
+            "path": Argument("reference_path", "topic of the path to be followed by direction", form=TOPIC),
             "preset": Argument("auto", "surroundings: indoor, outdoor, or auto: by the cloud"),
             **TIMED,
         },
@@ -249,9 +321,9 @@ COMPOSITIONS = {
             "mode": Argument("drive", "who drives: the topic cmd_vel, or the simulator itself", ("drive", "teach")),
             "seed": Argument("1", "decides the town and every noise"),
             "world": Argument("town", "where it drives", ("town", "city", "corridor", "ramp")),
-            "traffic": Argument("false", "cars, cyclists and pedestrians in the streets"),
-            "map": Argument("", "map to localise in; empty: the simulator alone"),
-            "trajectory": Argument("", "file of the trajectory to follow"),
+            "traffic": Argument("false", "cars, cyclists and pedestrians in the streets", FLAG),
+            "map": Argument("", "map to localise in; empty: the simulator alone", is_file=True),
+            "trajectory": Argument("", "file of the trajectory to follow", is_file=True),
             "record": Argument("", "bag to record everything into; empty: none"),
             **COMMON,
         },
@@ -261,10 +333,10 @@ COMPOSITIONS = {
         "a recorded drive, localised in a map",
         {
             **LOCALISATION,
-            "bag": Argument(None, "bag to play"),
+            "bag": Argument(None, "bag to play", is_file=True),
             "rate": BAG["rate"],
             "record": Argument("", "bag to record everything into; empty: none"),
-            "use_sim_time": Argument("true", "the recording's time, on /clock", (*TRUE, *FALSE)),
+            "use_sim_time": Argument("true", "the recording's time, on /clock", FLAG),
         },
         _replay,
     ),

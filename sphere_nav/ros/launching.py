@@ -5,11 +5,14 @@ from __future__ import annotations
 from typing import Any
 
 from launch import LaunchDescription  # type: ignore[attr-defined]  # the folder of that name lies beside
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from sphere_nav.ros.compositions import COMPOSITIONS, NodeStart
+from sphere_nav.ros.compositions import COMPOSITIONS, PATIENCE, RESTART_AFTER, Composition, NodeStart, after_exit
+from sphere_nav.ros.site_file import meant
+
+OF_LAUNCH = {"launch-prefix", "launch-prefix-filter", "emulate_tty", "sigterm_timeout", "sigkill_timeout"}
 
 
 def launch_description(name: str) -> Any:
@@ -22,14 +25,43 @@ def launch_description(name: str) -> Any:
         for key, argument in composition.arguments.items()
     ]
 
+    def check(context: Any) -> list[Any]:
+        return _check(composition, context)
+
     def start(context: Any) -> list[Any]:
         given = {key: LaunchConfiguration(key).perform(context) for key in composition.arguments}
-        return [_node(item) for item in composition.starts(given)]
+        return [_node(item) for item in composition.ready(given)]
 
-    return LaunchDescription([*declared, OpaqueFunction(function=start)])
+    return LaunchDescription([OpaqueFunction(function=check), *declared, OpaqueFunction(function=start)])
+
+
+def _check(composition: Composition, context: Any) -> list[Any]:
+    """Refuse arguments of the command line that are unknown or impossible; `launch` itself takes any name.
+
+    Before an argument is declared, there is what was typed, and nothing else, unless another launch file includes this
+    one. Then a name may be that file's own, and one that is like ours is told but not refused.
+    """
+    given = {key: value for key, value in context.launch_configurations.items() if key not in OF_LAUNCH}
+    typed = dict(word.split(":=", 1) for word in context.argv if ":=" in word)
+    if given == {key: value for key, value in typed.items() if key not in OF_LAUNCH}:
+        composition.ready(given)
+        return []
+    unknown = {key: meant(key, composition.arguments) for key in given if key not in composition.arguments}
+    return [LogInfo(msg=f"{key}{hint}: no argument of this launch file") for key, hint in unknown.items() if hint]
 
 
 def _node(item: NodeStart) -> Any:
+    num_restarts = -1
+
+    def ended(event: Any, context: Any) -> None:
+        """Raise, which ends all with exit status 1 and one line, unless the node may end or starts again."""
+        nonlocal num_restarts
+        num_restarts += 1
+        if not context.is_shutdown:
+            after_exit(item.node, event.returncode, num_restarts)
+        elif event.returncode > 0:
+            raise RuntimeError(f"{item.node} ended with status {event.returncode}")
+
     return Node(
         package="sphere_nav",
         executable=item.node,
@@ -37,4 +69,8 @@ def _node(item: NodeStart) -> Any:
         namespace=item.namespace,
         parameters=[*([item.site] if item.site else []), dict(item.parameters)],
         remappings=list(item.topics.items()),
+        sigterm_timeout=LaunchConfiguration("sigterm_timeout", default=str(PATIENCE)),
+        respawn=RESTART_AFTER[item.node] is not None,
+        respawn_delay=RESTART_AFTER[item.node],
+        on_exit=ended,
     )

@@ -14,10 +14,11 @@ from typing import Any, Self
 
 import yaml
 
+from sphere_nav.ros.compositions import PATIENCE
+
 # However this process ends, the kernel of Linux then tells its children to (PR_SET_PDEATHSIG is 1).
 FOLLOW_PARENT = "import ctypes, signal, sys; ctypes.CDLL(None).prctl(1, signal.SIGTERM)"
 NODE = "from {module} import main; sys.exit(main())"
-PATIENCE = 30.0  # s for a node to end after SIGINT: a recorder completes its bag first
 
 
 def module_of(node: str) -> str:
