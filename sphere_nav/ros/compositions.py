@@ -15,6 +15,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.ros.camera.drivers import names_of, read_driver
 from sphere_nav.ros.site_file import check_site_file, meant
 
@@ -197,7 +198,8 @@ def _mapping(values: Values) -> list[NodeStart]:
     if values["rig"]:
         starts.insert(0, _node(values, "sphere_stitcher", {"rig": values["rig"]}))
     if values["bag"]:
-        starts.append(_player(values, "" if values["rig"] else _heard(values, MAPPER_TOPICS[kind])))
+        first = f"cameras/{next(iter(read_rig(values['rig']).names))}/image_raw" if values["rig"] else ""
+        starts.append(_player(values, first or _heard(values, MAPPER_TOPICS[kind])))
     return starts
 
 
@@ -214,7 +216,10 @@ def _player(values: Values, wait_for: str) -> NodeStart:
 
 
 def _replay(values: Values) -> list[NodeStart]:
-    return [*_recorder(values), _localizer(values), _player(values, _heard(values, values["image"]))]
+    images = _heard(values, values["image"])
+    if values["record"]:
+        images += ":2"  # the recorder, which starts sooner, is a listener too
+    return [*_recorder(values), _localizer(values), _player(values, images)]
 
 
 def _recorder(values: Values) -> list[NodeStart]:

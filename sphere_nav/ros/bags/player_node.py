@@ -40,7 +40,9 @@ class PlayerParams:
     clock: bool = param(False, "publish /clock, for nodes with use_sim_time")
     paused: bool = param(False, "wait for the service resume before playing")
     loop: bool = param(False, "begin again at the end")
-    wait_for: str = param("", "topics, separated by spaces, that must have a listener before playing begins")
+    wait_for: str = param(
+        "", "topics, separated by spaces, that must have a listener before playing begins; NAME:2: two of them"
+    )
     answer_topic: str = param("", "go on after an answered message only when this topic has its stamp in its header")
     answered_topic: str = param("image_raw", "messages of this topic are answered on answer_topic")
     answer_timeout: float = param(5.0, "longest wait for an answer", "s", low=0.0)
@@ -73,7 +75,8 @@ class BagPlayer(ManagedNode):
         if self.params.answer_topic:
             self.answers, self.asking = Answers(self.params.answer_timeout), self._play(self.params.answered_topic)
             self.add_timer(0.2, self._find_answers, is_wall=True)
-        self.wait_for = {self._play(name) for name in self.params.wait_for.split()}
+        words = [word.partition(":") for word in self.params.wait_for.split()]
+        self.wait_for = {self._play(name): whole_number(count or "1") for name, _, count in words}
         self.is_paused, self.begin_at = self.params.paused, 0.0
         self.add_service("~/pause", Trigger, lambda request, response: self._set_paused(True, response))
         self.add_service("~/resume", Trigger, lambda request, response: self._set_paused(False, response))
@@ -158,7 +161,7 @@ class BagPlayer(ManagedNode):
             self.clock.publish(Clock(clock=ns_to_time(self.playback.present_ns())))
 
     def _lacks_listeners(self) -> bool:
-        absent = sorted(name for name in self.wait_for if self.outputs[name].num_subscriptions == 0)
+        absent = sorted(name for name, count in self.wait_for.items() if self.outputs[name].num_subscriptions < count)
         text = f"waiting for a listener of {', '.join(absent)}" if absent else "playing"
         if self.answers is not None and not self.inputs:
             text = f"waiting for a publisher of {self.params.answer_topic}"
@@ -197,6 +200,13 @@ class BagPlayer(ManagedNode):
             output.wait_for_acknowledgement(ACKNOWLEDGE)
         self.log.info(f"{self.params.bag}: {self.playback.done} messages played")
         self.finish()
+
+
+def whole_number(word: str) -> int:
+    """Return the number of listeners to wait for."""
+    if not word.isdecimal():
+        raise ValueError(f"wait_for: expected NAME or NAME:NUMBER, found {word!r} for the number")
+    return int(word)
 
 
 def main() -> int:
