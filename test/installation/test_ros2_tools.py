@@ -210,3 +210,42 @@ def test_wrong_arguments_are_refused_in_one_line(
     lines = [line for line in (done.stdout + done.stderr).splitlines() if "[INFO]" not in line]
     assert len(lines) == 1, lines
     assert LINE + expected in lines[0]
+
+
+def test_the_tools_beside_a_follower(ros2: str, files: Path, tmp_path: Path) -> None:
+    """Why it does not start, a parameter that is fixed, a latched path for who comes late, and its lifecycle."""
+    name = "/tools/path_follower"
+    follower = [ros2, "run", "sphere_nav", "path_follower", "--ros-args", "-r", "__ns:=/tools"]
+    seen = ["--no-daemon", "--spin-time", "4"]  # s for the discovery of the node
+    asked = {
+        "an operator": ["service", "call", f"{name}/start", "std_srvs/srv/Trigger"],
+        "a parameter": ["param", "set", *seen, name, "vehicle.wheelbase", "1.5"],
+        "a late listener": ["topic", "echo", *seen, "--once", "--field", "length", f"{name}/trajectory"],
+        "a state": ["lifecycle", "get", *seen, name],
+    }
+    words = [*follower, "-p", "trajectory:=path.csv"]
+    with (tmp_path / "log").open("wb") as log:
+        process = subprocess.Popen(words, cwd=files, stdout=log, stderr=log, start_new_session=True)
+    try:
+        end = time.monotonic() + PATIENCE
+        while "IDLE" not in (tmp_path / "log").read_text() and time.monotonic() < end:
+            time.sleep(0.1)
+        answers = {
+            who: subprocess.Popen([ros2, *words], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+            for who, words in asked.items()
+        }
+        said = {who: answer.communicate(timeout=PATIENCE)[0] for who, answer in answers.items()}
+        assert "success=False, message='POSE_TIMEOUT: no pose yet" in said["an operator"]
+        assert "Setting parameter failed: vehicle.wheelbase: fixed while the node is configured" in said["a parameter"]
+        assert float(said["a late listener"].split()[0]) == pytest.approx(3.5)
+        assert said["a state"] == "active [3]\n"
+        told = subprocess.run(
+            [ros2, "lifecycle", "set", *seen, name, "deactivate"], capture_output=True, text=True, timeout=PATIENCE
+        )
+        assert told.stdout == "Transitioning successful\n", told.stderr
+        os.killpg(process.pid, signal.SIGINT)
+        assert process.wait(PATIENCE) == 0
+    finally:
+        if process.poll() is None:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait(10.0)
