@@ -13,7 +13,7 @@ import rclpy
 from sphere_nav_msgs.msg import ReferenceTrajectory
 
 from sphere_nav.cli.main import main
-from sphere_nav.cli.up import ros_arguments
+from sphere_nav.cli.up import Running, _end, _watch, ros_arguments
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.ros import qos
 from sphere_nav.ros.compositions import COMPOSITIONS, NodeStart
@@ -40,6 +40,8 @@ def test_arguments_are_shown(capsys):
         (["localisation"], "map: expected a value"),
         (["localisation", "campus"], "expected NAME:=VALUE, found 'campus'"),
         (["mapping", "speed:=2"], "speed: expected one of input, rig"),
+        (["navigation", "map:=/", "gaurd:=true"], "gaurd (is guard meant?): expected one of map, image"),
+        (["navigation", "map:=/", "site:=/nope.yaml"], "site: expected a file or folder that exists"),
     ],
 )
 def test_misuse_is_one_line(capsys, words, expected):
@@ -63,12 +65,25 @@ def up(*words):
     return subprocess.Popen([sys.executable, "-c", code, "up", *words])
 
 
-def test_a_node_that_fails_ends_all(tmp_path):
-    process = up("navigation", f"map:={tmp_path / 'none'}")
+def test_a_node_that_cannot_start_ends_all(tmp_path):
+    process = up("navigation", f"map:={tmp_path}")  # a folder, and no map
     try:
         assert process.wait(PATIENCE) == 1
     finally:
         process.kill()
+
+
+def test_a_node_that_dies_starts_again(tmp_path, capfd):
+    """The first time it fails, the second time it ends as if it were told to; the other one ends with it."""
+    mark = f"import pathlib, sys; mark = pathlib.Path({str(tmp_path / 'mark')!r}); found = mark.exists(); mark.touch()"
+    guard = Running("command_guard", [sys.executable, "-S", "-c", f"{mark}; sys.exit(0 if found else 3)"])
+    other = Running("path_follower", [sys.executable, "-S", "-c", "import time; time.sleep(60)"])
+    assert _watch([guard, other]) == 1
+    assert not _end([guard, other])
+    assert (guard.num_restarts, other.process.returncode) == (1, -signal.SIGINT)
+    told = capfd.readouterr().err
+    assert "up: command_guard ended with status 3; it starts again" in told
+    assert "up: command_guard ended with status 0; the others end, too" in told
 
 
 @pytest.fixture

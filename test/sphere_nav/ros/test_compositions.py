@@ -12,13 +12,25 @@ from typing import Any
 import pytest
 
 from config.test_yaml_matches_params import NODES, ROOT, generate
+from sphere_nav.geometry.files.rig_file import write_rig
 from sphere_nav.params import leaves
-from sphere_nav.ros.compositions import COMPOSITIONS, NodeStart
+from sphere_nav.ros.compositions import COMPOSITIONS, MAX_RESTARTS, RESTART_AFTER, NodeStart, after_exit
+from worlds.rig import vertical_rig
 
 LAUNCH_FILES = sorted((ROOT / "launch").glob("*.launch.py"))
 BY_NAME = {node.NAME: node for node in NODES}
 GIVEN = {"map": "campus", "cloud": "town.ply", "bag": "drive", "rig": "rig.yaml", "record": "out", "guard": "true"}
 ABSOLUTE = {"/tf", "/tf_static", "/clock"}
+
+
+@pytest.fixture(autouse=True)
+def _files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the arguments name, in this folder."""
+    monkeypatch.chdir(tmp_path)
+    write_rig(tmp_path / "rig.yaml", vertical_rig())
+    (tmp_path / "town.ply").touch()
+    for name in ("campus", "drive"):
+        (tmp_path / name).mkdir()
 
 
 def starts(name: str, **more: str) -> list[NodeStart]:
@@ -71,15 +83,37 @@ def test_a_namespace_and_a_site_reach_every_node(name: str) -> None:
     ("name", "given", "message"),
     [
         ("localisation", {}, "map: expected a value"),
-        ("localisation", {"map": "m", "drive": "true"}, "drive: expected one of map, image"),
+        ("localisation", {"map": "m", "drive": "true"}, r"drive \(is driver meant\?\): expected one of map, image"),
         ("mapping", {"input": "lidar"}, "input: expected sphere, rgbd, stereo, found 'lidar'"),
-        ("mapping", {"bag": "b", "rate": "fast"}, "rate: expected a number, found 'fast'"),
-        ("navigation", {"map": "m", "guard": "perhaps"}, "guard: expected true or false"),
+        ("mapping", {"bag": "b", "rate": "fast"}, "rate: expected a number, 0 or more, found 'fast'"),
+        ("mapping", {"bag": "b", "rate": "nan"}, "rate: expected a number, 0 or more, found 'nan'"),
+        ("simulation", {"seed": "-1"}, "seed: expected a whole number, 0 or more, found '-1'"),
+        ("navigation", {"map": "m", "guard": "perhaps"}, "guard: expected true, True, yes, 1, false"),
+        ("navigation", {"map": "m", "gaurd": "true"}, r"gaurd \(is guard meant\?\): expected one of map"),
+        ("localisation", {"map": "m", "image": "front image"}, "image: expected letters, digits, _ and /"),
+        ("localisation", {"map": "m", "namespace": "car-2"}, "namespace: expected letters"),
+        ("localisation", {"map": "m"}, "map: expected a file or folder that exists, found 'm'"),
+        ("localisation", {"map": "campus", "rig": "r.yaml"}, "rig: expected a file or folder that exists"),
+        ("localisation", {"map": "campus", "site": "/nope.yaml"}, "site: expected a file or folder that exists"),
+        ("localisation", {"map": "campus", "site": "rig.yaml"}, r"rig.yaml: /\w+: expected ros__parameters below it"),
+        ("localisation", {"map": "campus", "driver": "zed9"}, "driver: expected one of .*, found 'zed9'"),
     ],
 )
 def test_wrong_arguments_are_refused_in_one_line(name: str, given: dict[str, str], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        COMPOSITIONS[name].starts(given)
+        COMPOSITIONS[name].ready(given)
+
+
+def test_what_follows_when_a_node_ends() -> None:
+    """Who holds nothing starts again after a crash, a few times; nobody does whose end was meant."""
+    assert {start.node for name in COMPOSITIONS for start in starts(name)} <= set(RESTART_AFTER)
+    assert after_exit("dense_localizer", -9, 0) == 2.0
+    assert 0.0 < after_exit("command_guard", 1, MAX_RESTARTS - 1) <= 0.1
+    assert after_exit("bag_player", 0, 0) is None
+    ends = [("command_guard", -9, MAX_RESTARTS), ("dense_localizer", 2, 0), ("bag_player", 1, 0)]
+    for node, status, restarts in [*ends, ("path_follower", 0, 0), ("sphere_mapper", -9, 0), ("mcl_depth", 0, 0)]:
+        with pytest.raises(RuntimeError, match=f"{node} ended with status {status}; the others end, too"):
+            after_exit(node, status, restarts)
 
 
 def test_commands_reach_the_base_through_the_guard_alone() -> None:
@@ -98,15 +132,15 @@ def test_a_launch_file_starts_what_up_starts(path: Path, monkeypatch: pytest.Mon
         return lambda *words, **values: types.SimpleNamespace(kind=kind, words=words, **values)
 
     class Configuration:
-        def __init__(self, key: str) -> None:
+        def __init__(self, key: str, default: str = "") -> None:
             self.key = key
 
         def perform(self, context: dict[str, str]) -> str:
-            return context[self.key]
+            return context.launch_configurations[self.key]
 
     for module, names in {
         "launch": {"LaunchDescription": lambda items: items},
-        "launch.actions": {kind: record(kind) for kind in ("DeclareLaunchArgument", "OpaqueFunction")},
+        "launch.actions": {kind: record(kind) for kind in ("DeclareLaunchArgument", "LogInfo", "OpaqueFunction")},
         "launch.substitutions": {"LaunchConfiguration": Configuration},
         "launch_ros": {},
         "launch_ros.actions": {"Node": record("Node")},
@@ -120,18 +154,34 @@ def test_a_launch_file_starts_what_up_starts(path: Path, monkeypatch: pytest.Mon
     space: dict[str, Any] = {}
     exec(compile(path.read_text(encoding="utf-8"), str(path), "exec"), space)
     assert space["launch_description"] is launch_description  # that of the stand-ins
-    *declared, opaque = space["generate_launch_description"]()
+    check, *declared, opaque = space["generate_launch_description"]()
     monkeypatch.delitem(sys.modules, "sphere_nav.ros.launching", raising=False)
     values = {item.words[0]: item.default_value for item in declared}
     assert set(values) == set(COMPOSITIONS[name_of(path)].arguments)
     assert all(item.description for item in declared)
     values |= {key: GIVEN[key] for key in values if values[key] is None}
     expected = COMPOSITIONS[name_of(path)].starts(values)
-    nodes = opaque.function(values)
+    nodes = opaque.function(types.SimpleNamespace(launch_configurations=values))
     assert [(n.executable, n.namespace, n.remappings) for n in nodes] == [
         (start.node, start.namespace, list(start.topics.items())) for start in expected
     ]
     assert [n.parameters[-1] for n in nodes] == [dict(start.parameters) for start in expected]
+    assert [n.respawn_delay for n in nodes if n.respawn] == [
+        RESTART_AFTER[start.node] for start in expected if RESTART_AFTER[start.node]
+    ]
+    typed = types.SimpleNamespace(argv=["nmae:=car2"], launch_configurations={"nmae": "car2"})
+    with pytest.raises(ValueError, match=r"nmae.*: expected one of"):
+        check.function(typed)
+    included = types.SimpleNamespace(argv=[], launch_configurations={"namespce": "car2", "robot": "r2"})
+    (told,) = check.function(included)  # of a launch file that includes this one, which may have names of its own
+    assert told.msg == "namespce (is namespace meant?): no argument of this launch file"
+    for node, start in zip(nodes, expected, strict=True):
+        running, ending = (types.SimpleNamespace(is_shutdown=is_over) for is_over in (False, True))
+        node.on_exit(types.SimpleNamespace(returncode=0), ending)
+        node.on_exit(types.SimpleNamespace(returncode=-2), ending)
+        for context in (running, ending):
+            with pytest.raises(RuntimeError, match=f"{start.node} ended with status 2"):
+                node.on_exit(types.SimpleNamespace(returncode=2), context)
 
 
 def test_examples_of_launch_files_name_arguments() -> None:
@@ -148,9 +198,10 @@ def test_the_player_waits_for_what_the_driver_calls_the_images() -> None:
         "zed/zed_node/depth/depth_registered",
     )
     player = starts("replay", driver="zed4")[-1]
-    assert player.parameters["wait_for"] == "zed/zed_node/rgb/image_rect_color"
+    assert player.parameters["wait_for"] == "zed/zed_node/rgb/image_rect_color:2"
     player = starts("replay", driver="zed4", image="/front/image")[-1]
-    assert player.parameters["wait_for"] == "/front/image"
+    assert player.parameters["wait_for"] == "/front/image:2"  # the recorder listens, too
+    assert starts("mapping")[-1].parameters["wait_for"] == "cameras/top_front/image_raw"
 
 
 def test_several_cameras_are_given_to_the_localizer() -> None:
