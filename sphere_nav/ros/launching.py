@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from typing import Any
 
 from launch import LaunchDescription  # type: ignore[attr-defined]  # the folder of that name lies beside
@@ -12,7 +13,8 @@ from launch_ros.actions import Node
 from sphere_nav.ros.compositions import COMPOSITIONS, PATIENCE, RESTART_AFTER, Composition, NodeStart, after_exit
 from sphere_nav.ros.site_file import meant
 
-OF_LAUNCH = {"launch-prefix", "launch-prefix-filter", "emulate_tty", "sigterm_timeout", "sigkill_timeout"}
+PREFIX = "launch-prefix"
+OF_LAUNCH = {PREFIX, "launch-prefix-filter", "emulate_tty", "sigterm_timeout", "sigkill_timeout"}
 
 
 def launch_description(name: str) -> Any:
@@ -30,7 +32,8 @@ def launch_description(name: str) -> Any:
 
     def start(context: Any) -> list[Any]:
         given = {key: LaunchConfiguration(key).perform(context) for key in composition.arguments}
-        return [_node(item) for item in composition.ready(given)]
+        prefix = None if PREFIX in context.launch_configurations else _with_parent()
+        return [_node(item, prefix) for item in composition.ready(given)]
 
     return LaunchDescription([OpaqueFunction(function=check), *declared, OpaqueFunction(function=start)])
 
@@ -50,7 +53,15 @@ def _check(composition: Composition, context: Any) -> list[Any]:
     return [LogInfo(msg=f"{key}{hint}: no argument of this launch file") for key, hint in unknown.items() if hint]
 
 
-def _node(item: NodeStart) -> Any:
+def _with_parent() -> str | None:
+    """Return what, before a command, lets the kernel end a node when `ros2 launch` is killed or terminated.
+
+    Neither is handed on by `launch`: a follower would drive on without it. None where there is no `setpriv` (Linux).
+    """
+    return "setpriv --pdeathsig TERM" if shutil.which("setpriv") else None
+
+
+def _node(item: NodeStart, prefix: str | None) -> Any:
     num_restarts = -1
 
     def ended(event: Any, context: Any) -> None:
@@ -69,6 +80,7 @@ def _node(item: NodeStart) -> Any:
         namespace=item.namespace,
         parameters=[*([item.site] if item.site else []), dict(item.parameters)],
         remappings=list(item.topics.items()),
+        prefix=prefix,
         sigterm_timeout=LaunchConfiguration("sigterm_timeout", default=str(PATIENCE)),
         respawn=RESTART_AFTER[item.node] is not None,
         respawn_delay=RESTART_AFTER[item.node],

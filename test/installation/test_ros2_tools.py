@@ -8,11 +8,13 @@ ros2launch, launch and launch_ros from their sources beside it.
 from __future__ import annotations
 
 import os
+import re
 import shutil
 import signal
 import subprocess
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -190,6 +192,39 @@ def test_all_launch_files_start_their_nodes_and_end_in_order(ros2: str, files: P
         rclpy.try_shutdown()
         for item in running.values():
             item.__exit__()
+
+
+def test_nodes_end_with_a_launch_that_is_killed(ros2: str, files: Path, tmp_path: Path) -> None:
+    """A follower must not drive on without it."""
+    process = subprocess.Popen(
+        [ros2, "launch", "sphere_nav", "nav2.launch.py", "map:=map", "namespace:=killed"],
+        cwd=files, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+    )  # fmt: skip
+    try:
+        assert process.stdout is not None
+        found: list[int] = []
+        for line in process.stdout:
+            found += [int(pid) for pid in re.findall(r"process started with pid \[(\d+)\]", line)]
+            if "path_follower]: NO_PATH" in line:
+                break
+        assert len(found) == len(NODES["nav2"])
+        process.kill()
+        end = time.monotonic() + PATIENCE
+        while any(is_running(pid) for pid in found) and time.monotonic() < end:
+            time.sleep(0.1)
+        assert [pid for pid in found if is_running(pid)] == []
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait(10.0)
+
+
+def is_running(pid: int) -> bool:
+    """Whether a process is neither gone nor only waited for."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except FileNotFoundError:
+        return False
 
 
 @pytest.mark.parametrize(
