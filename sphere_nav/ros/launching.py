@@ -76,6 +76,7 @@ def _node(item: NodeStart, prefix: str | None) -> Any:
     return Node(
         package="sphere_nav",
         executable=item.node,
+        exec_name=item.node,
         output="screen",
         namespace=item.namespace,
         parameters=[*([item.site] if item.site else []), dict(item.parameters)],

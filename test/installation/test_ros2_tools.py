@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 pytest.importorskip("rclpy")
 
@@ -44,7 +45,7 @@ from worlds.rig import seen, vertical_rig
 from worlds.room import wide_room
 
 PATIENCE = 120.0  # s of a loaded machine, for eighteen processes at the same time
-PERIOD = 0.1  # s between two images
+PERIOD = 0.2  # s between two images
 START_X = -0.5  # m
 OPTICAL = "camera_optical"
 LINE = "Caught exception in launch (see debug for traceback): "
@@ -65,6 +66,11 @@ NODES = {
     "mcl": {"mcl_depth"},
     "simulation": {"bag_recorder", "cycab_sim", "dense_localizer", "path_follower"},
     "replay": {"bag_recorder", "dense_localizer", "bag_player"},
+}
+SITE = {  # small images; on a busy machine messages come late, which is not what is tested here
+    "dense_localizer": SMALL_IMAGES | {"input.timeout_s": 10.0},
+    "path_follower": {"safety": {"max_pose_silence": 10.0, "max_status_silence": 10.0, "max_blind_time": 10.0}},
+    "command_guard": {"deadline": 5.0},
 }
 COMMANDS = {"navigation": "cmd_vel", "nav2": "cmd_vel_smoothed"}  # of those that drive here
 
@@ -93,8 +99,8 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_bag(folder / "six_cameras", lambda number: images(rig, number), numbers=range(1))
     np.save(folder / "room.npy", room_points(0.2))
     (folder / "path.csv").write_text("\n".join(f"{x},0" for x in np.arange(-1.0, 3.0, 0.5)))
-    lines = [f"    {name}: {value}" for name, value in SMALL_IMAGES.items()]
-    (folder / "site.yaml").write_text("\n".join(["/**/dense_localizer:", "  ros__parameters:", *lines]))
+    site = {f"/**/{node}": {"ros__parameters": values} for node, values in SITE.items()}
+    (folder / "site.yaml").write_text(yaml.safe_dump(site))
     return folder
 
 
@@ -143,7 +149,7 @@ class Vehicle:
 
     def obey(self, message: Twist) -> None:
         self.speed = message.linear.x
-        self.has_driven |= self.speed > 0.1
+        self.has_driven |= self.speed > 0.0
 
     def hear(self, message: LocalizationStatus) -> None:
         self.state = message.state
