@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import GRID_STEP, HIGHLIGHTS, MAX_WHITE_BALANCE, MIN_FALLOFF, NUM_INSTANTS
 from sphere_mapping.acquisition.light.exposure import apply_gain, log_gains
 from sphere_mapping.acquisition.light.vignetting import Falloff, PairRatios, falloff, std_of
 from sphere_mapping.acquisition.stitching.overlaps import Overlaps, Shared, angles_of
@@ -17,11 +18,6 @@ from sphere_nav.geometry.arrays import Array
 
 Image = NDArray[np.uint8]
 
-MAX_WHITE_BALANCE = 1.15  # largest factor of a colour over the mean of its camera's colours
-NUM_INSTANTS = 8  # that the falloff is estimated from
-STEP = 8  # px between which a falloff is interpolated
-HIGHLIGHTS, BRIGHT = 99.0, 250.0  # percentile of an image, and the grey level up to which a gain may raise it
-SLIGHT = 0.01  # falloff below which an image is left as it is
 
 Learned = tuple[Falloff, dict[str, NDArray[np.float32]]]
 
@@ -44,7 +40,7 @@ class Light:
         self.falloff = Falloff([_kind(rig_view) for rig_view in rig_views])
         self._num_seen, self._lock = 0, Lock()
         self._factors: dict[str, NDArray[np.float32]] = {}  # by which an image is multiplied
-        self._coarse: dict[str, NDArray[np.float32]] = {}  # the same, one number for `STEP` px
+        self._coarse: dict[str, NDArray[np.float32]] = {}  # the same, one number for `GRID_STEP` px
 
     @property
     def is_settled(self) -> bool:
@@ -124,16 +120,16 @@ class Light:
 
     def _headroom(self, images: Mapping[str, Image], gains: Array) -> float:
         """Return a common factor of at most 1: no camera that another one outshines loses its own highlights."""
-        allowed = 1.0
+        allowed, (percentile, bright) = 1.0, HIGHLIGHTS
         for name, image in images.items():
             gain = float(gains[self._group[self._names.index(name)]].max())
-            brightest = float(np.percentile(image[::STEP, ::STEP], HIGHLIGHTS))
-            allowed = min(allowed, max(BRIGHT / max(brightest, 1.0), 1.0) / gain)
+            brightest = float(np.percentile(image[::GRID_STEP, ::GRID_STEP], percentile))
+            allowed = min(allowed, max(bright / max(brightest, 1.0), 1.0) / gain)
         return allowed
 
     def _apply(self, image: Image, name: str, gain: Array) -> Image:
         factor, even = self._factors.get(name), apply_gain(image, gain)
-        if factor is None or float(factor.max()) < 1.0 + SLIGHT:
+        if factor is None or float(factor.max()) < 1.0 + MIN_FALLOFF:
             return even
         factor = factor if image.ndim == 2 else cv2.merge([factor] * 3)
         return cv2.multiply(even, factor, dtype=cv2.CV_8U).astype(np.uint8)
@@ -148,9 +144,9 @@ def _median(values: Array, weight: Array) -> Array:
 
 
 def _angles(rig_view: RigView) -> tuple[Array, float]:
-    """Return the angle (h / STEP, w / STEP) in rad from the optical axis, and the largest one of use."""
+    """Return the angle (h / GRID_STEP, w / GRID_STEP) in rad from the optical axis, and the largest one of use."""
     camera = rig_view.camera
-    size = max(camera.width // STEP, 1), max(camera.height // STEP, 1)
+    size = max(camera.width // GRID_STEP, 1), max(camera.height // GRID_STEP, 1)
     u, v = (
         ((np.arange(n) + 0.5) * whole / n - 0.5) for n, whole in zip(size, (camera.width, camera.height), strict=True)
     )

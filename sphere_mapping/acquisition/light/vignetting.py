@@ -17,19 +17,19 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 from scipy.sparse import csr_array
 
+from sphere_mapping.acquisition.constants import (
+    CORRELATED_DIRECTIONS,
+    EXPOSURE_STD,
+    FALLOFF_STD,
+    LEAST_COEFFICIENT,
+    LEVEL_STD,
+    LIKE_STD,
+    LOSS_SCALES,
+    RATIO_STD,
+)
 from sphere_nav.geometry.arrays import Array
 
 NUM_POWERS = 3
-FALLOFF_STD = (
-    0.4  # of a coefficient, before anything is seen: a lens keeps a third of the light at its rim, seldom less
-)
-LIKE_STD = 0.05  # of the difference of a coefficient of two lenses of one kind
-LEAST = -2.0  # of a coefficient
-EXPOSURE_STD = 1.0  # of an exposure's logarithm, before anything is seen
-LEVEL_STD = 2.5  # grey levels, of a level: what is dark says little of a ratio
-RATIO_STD = 0.05  # of the logarithm of a ratio: parallax, reflections
-CORRELATED_DIRECTIONS = 10.0  # neighbours that count as one (`estimation/covariance.py`)
-NUM_STEPS = 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,10 +85,10 @@ class Falloff:
         prior[:size, :size] = self._matrix
         prior[size:, size:] = np.eye(num_exposures) / EXPOSURE_STD**2
         vector = np.concatenate([self._vector, np.zeros(num_exposures)])
-        low = np.concatenate([np.full(size, LEAST), np.full(num_exposures, -np.inf)])
+        low = np.concatenate([np.full(size, LEAST_COEFFICIENT), np.full(num_exposures, -np.inf)])
         high = np.concatenate([np.zeros(size), np.full(num_exposures, np.inf)])
         values: Array = np.zeros(rows.shape[1])
-        for scale in scales():
+        for scale in LOSS_SCALES:
             weight = weights(seen, rows @ values, scale)
             weighted = rows.multiply(weight[:, None]).T
             matrix = prior + (weighted @ rows).toarray()
@@ -104,7 +104,7 @@ class Falloff:
         rows = design(seen, num_exposures)
         ratio = seen.ratio - self._powers(seen) @ self.coefficients.ravel()
         values: Array = np.zeros(num_exposures)
-        for scale in scales():
+        for scale in LOSS_SCALES:
             weight = weights(seen, rows @ values + seen.ratio - ratio, scale)
             matrix = np.eye(num_exposures) / EXPOSURE_STD**2 + (rows.T * weight) @ rows
             values = np.linalg.solve(matrix, (rows.T * weight) @ ratio).astype(np.float64)
@@ -127,11 +127,6 @@ def design(seen: PairRatios, num_exposures: int) -> Array:
     rows[at, seen.exposures[0]] += 1.0
     rows[at, seen.exposures[1]] -= 1.0
     return rows
-
-
-def scales() -> Array:
-    """Return the widths of the loss in deviations, step by step: at first half of what is seen may disagree."""
-    return np.geomspace(20.0, 2.0, NUM_STEPS)
 
 
 def weights(seen: PairRatios, expected: Array, scale: float) -> Array:

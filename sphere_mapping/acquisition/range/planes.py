@@ -18,34 +18,38 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from sphere_mapping.acquisition.constants import (
+    AGREEMENT_SIGMAS,
+    FALSE_ALARM,
+    FAR_M,
+    HALF_PIECE_PX,
+    LEAST_NOISE,
+    MAX_DENIED,
+    MAX_ELEVATION,
+    MAX_LEFT,
+    MAX_LEVERAGE,
+    MAX_OFF_SHARE,
+    MAX_PIECE_STD_PX,
+    MAX_RELATIVE_STD,
+    MIN_CLEAR,
+    MIN_PIECE_STD_PX,
+    MIN_PIECES,
+    MIN_RANGE_SHARE,
+    PLANES_WIDTH,
+    RELATIVE_STD,
+)
 from sphere_mapping.acquisition.kernels import match_outline
 from sphere_mapping.acquisition.params import MatchParams
-from sphere_mapping.acquisition.range.epipolar import FAR_M, MIN_RANGE_SHARE
 from sphere_mapping.acquisition.range.fusion import Ranged
 from sphere_mapping.acquisition.range.levels import halve_image
-from sphere_mapping.acquisition.range.matching import LEAST_NOISE, Search
-from sphere_mapping.acquisition.range.outlines import HALF, Outline, bare_regions, cut_outlines
+from sphere_mapping.acquisition.range.matching import Search
+from sphere_mapping.acquisition.range.outlines import Outline, bare_regions, cut_outlines
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.arrays import Array
 
 Plane = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 Image = NDArray[np.uint8]
-
-MAX_WIDTH = 512  # columns of the whole sphere in which outlines are looked for: finer images tell more of noise
-MAX_ELEVATION = np.radians(75.0)  # above and below: nearer to the poles a row tells little of the range
-MIN_CLEAR = 1.5  # of the least cost elsewhere to that of a match
-MAX_STD_PX = 0.5  # of a piece by its own slopes
-FLOOR_PX = 0.15  # deviation of a piece that no slope takes away
-MAX_LEFT, CONTRAST_LEFT = 1.5, 0.05  # of the noise, and of the squared contrast, in the difference of a match
-MIN_PIECES = 8
-MAX_OFF = 3.0  # deviations from the plane beyond which a piece is off,
-MAX_OFF_SHARE = 0.02  # and how many may be
-MAX_LEVERAGE = 0.5  # of a piece: a plane that hangs on one or two was not tried by the others
-FALSE_ALARM = 1e-3  # share of true planes that are refused by the sum of squares
-RELATIVE_STD = 0.02  # of inverse range, of what outlines have in common: calibration, centres, surfaces not quite flat
-MAX_DENIED = 0.3  # of what is measured in a region may contradict its plane
-MAX_RELATIVE_STD = 0.05  # above which nothing is said
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +95,7 @@ def range_of_planes(
     """
     whole = Spherical(top.shape[1], top.shape[0])
     found = np.full(top.shape, np.nan, np.float32), np.full(top.shape, np.nan, np.float32)
-    level = max(int(np.ceil(np.log2(whole.width / MAX_WIDTH))), 0)
+    level = max(int(np.ceil(np.log2(whole.width / PLANES_WIDTH))), 0)
     for _ in range(level):
         top, bottom = halve_image(top, is_whole=True), halve_image(bottom, is_whole=True)
     labels, boxes, seam = bare_regions(top, ranged[0], is_usable, level)
@@ -138,15 +142,15 @@ def _match(
         floor = number * 2 * noise**2
         variance = 2 * noise**2 / squares
         above = (rows * step + 0.5) * np.pi / whole.height
-        is_clear = (elsewhere + floor >= MIN_CLEAR * (least + floor)) & (variance <= MAX_STD_PX**2)
-        is_clear &= (least <= MAX_LEFT * floor + CONTRAST_LEFT * contrast) & (disparity > 0)
+        is_clear = (elsewhere + floor >= MIN_CLEAR * (least + floor)) & (variance <= MAX_PIECE_STD_PX**2)
+        is_clear &= (least <= MAX_LEFT[0] * floor + MAX_LEFT[1] * contrast) & (disparity > 0)
         is_clear &= np.abs(above - np.pi / 2) <= MAX_ELEVATION
     disparity, least, floor, variance, above, rows = (
         values[is_clear] for values in (disparity, least, floor, variance, above, rows)
     )
-    column = (corner[is_clear, 1] + HALF + seam) * step % whole.width
+    column = (corner[is_clear, 1] + HALF_PIECE_PX + seam) * step % whole.width
     row = np.clip(np.rint(rows * step), 0, whole.height - 1).astype(np.int64)
-    std = np.sqrt(variance * np.maximum(least / floor, 1.0) + FLOOR_PX**2)
+    std = np.sqrt(variance * np.maximum(least / floor, 1.0) + MIN_PIECE_STD_PX**2)
     inverse, inverse_std = _inverse_range(disparity * step, std * step, above, viewpoints.baseline_m, whole)
     error = viewpoints.baseline_error[row, column].astype(np.float64)
     factor = (1.0 + error * viewpoints.per_m / inverse) / (1.0 + error)
@@ -181,7 +185,7 @@ def _fit(rays: Array, centers: Array, inverse: Array, std: Array) -> tuple[Array
         covariance = np.asarray(np.linalg.inv(squares), dtype=np.float64)
         n = covariance @ (rows[is_on].T @ (inverse / std)[is_on])
         off = inverse / std - rows @ n
-        is_on = np.abs(off) < MAX_OFF
+        is_on = np.abs(off) < AGREEMENT_SIGMAS
     freedom = int(is_on.sum()) - 3
     if np.einsum("ij,jk,ik->i", rows[is_on], covariance, rows[is_on]).max() > MAX_LEVERAGE:
         return None
@@ -221,7 +225,8 @@ def _extend(
         np.sqrt(variance[keep]) / inverse[keep] ** 2,
     )
     measured, measured_std = (plane[v, u] for plane in ranged)
-    is_denied = np.abs(measured - range_m) > MAX_OFF * np.hypot(measured_std, std_m)  # not so where nothing is measured
+    off = np.abs(measured - range_m)  # NaN, and so not denied, where nothing is measured
+    is_denied = off > AGREEMENT_SIGMAS * np.hypot(measured_std, std_m)
     shares = [np.bincount(own[which], minlength=len(planes)) for which in (is_denied, ~np.isnan(measured))]
     keep = (np.isnan(measured) | is_denied) & (shares[0] <= MAX_DENIED * shares[1])[own]
     found[0][v[keep], u[keep]], found[1][v[keep], u[keep]] = range_m[keep], std_m[keep]

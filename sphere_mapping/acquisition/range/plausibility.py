@@ -5,11 +5,8 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from sphere_mapping.acquisition.constants import EXCHANGED, ORDER_COLUMNS
 from sphere_mapping.acquisition.range.semi_global import Image, find_clear_matches
-
-SMALL = 320  # px, columns at which the order is looked at
-LEAST_SHARE = 0.08  # of all pixels that match exchanged, below which nothing is said
-FACTOR = 3.0  # as many match exchanged than as they are: they are exchanged
 
 
 def check_order(top: Image, bottom: Image, names: tuple[str, str], *, is_whole: bool) -> None:
@@ -19,7 +16,8 @@ def check_order(top: Image, bottom: Image, names: tuple[str, str], *, is_whole: 
     """
     small = [_shrink(image) for image in (top, bottom)]
     given, exchanged = (_share_matched(a, b, is_whole) for a, b in (small, small[::-1]))
-    if exchanged > LEAST_SHARE and exchanged > FACTOR * given:
+    least, factor = EXCHANGED
+    if exchanged > least and exchanged > factor * given:
         first, second = names
         raise ValueError(
             f"{first} and {second} image: expected disparities above 0, found {given:.0%} of the pixels matched, and "
@@ -33,6 +31,6 @@ def _share_matched(top: Image, bottom: Image, is_whole: bool) -> float:
 
 
 def _shrink(image: Image) -> Image:
-    factor = max(max(image.shape) / SMALL, 1.0)
+    factor = max(max(image.shape) / ORDER_COLUMNS, 1.0)
     size = (round(image.shape[1] / factor), round(image.shape[0] / factor))
     return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8)

@@ -17,6 +17,18 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.spatial import cKDTree
 
+from sphere_mapping.acquisition.constants import (
+    CLOUD_REACH_DEG,
+    FROM_BORDER_DEG,
+    LENS_STD,
+    MAX_PARALLAX_DEG,
+    MAX_RATIO,
+    MIN_PAIR_MATCHES,
+    POLE_DEG,
+    RECTIFY_SCALES_DEG,
+    RECTIFY_SIFT,
+    VERY_FAR_M,
+)
 from sphere_mapping.acquisition.params import RectifyParams
 from sphere_mapping.acquisition.range.rig_adjustment import (
     NUM_VALUES,
@@ -32,17 +44,6 @@ from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
 Image = NDArray[np.uint8]
-
-POLE_DEG = 35.0  # features nearer to a pole of the sphere are drawn too wide to be compared
-LOSS_SCALES_DEG = (1.0, 0.4, 0.15, 0.06)  # the loss is narrowed step by step: at first half may be wrong matches
-NUM_FEATURES = 5000  # of a camera, at most
-MAX_PARALLAX_DEG = 12.0  # largest angle between the directions of a match
-MAX_RATIO = 0.75  # distance of a match over that of the second best
-FROM_BORDER_DEG = 1.0  # features nearer to the border of an image are left out
-CLOUD_REACH_DEG = 0.4  # a LiDAR's point this near to a feature tells its range
-MIN_MATCHES = 15  # below which a pair of cameras says nothing
-FOCAL_SHARE, CENTER_SHARE = 0.003, 0.005  # deviations of focal length and principal point, by the focal length
-CONTRAST = 0.015  # of a feature, as SIFT counts it
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +77,7 @@ def matches_of(
     matches = []
     for a, b in combinations(found, 2):
         pairs = _pair(found[a], found[b])
-        if len(pairs[0]) >= MIN_MATCHES:
+        if len(pairs[0]) >= MIN_PAIR_MATCHES:
             pixels = found[a][0][pairs[0]]
             ranges = None if points_sphere is None else _range_at(pixels, views[a], points_sphere)
             matches.append(Matches(a, b, pixels, found[b][0][pairs[1]], ranges))
@@ -88,11 +89,11 @@ def rectify(rig: Rig, matches: Sequence[Matches], params: RectifyParams) -> RigC
     names = [part.name for part in rig.cameras]
     values = np.zeros(NUM_VALUES * len(names))
     turn = np.radians(params.turn_deg)
-    prior = np.tile([turn, turn, turn, FOCAL_SHARE, CENTER_SHARE, CENTER_SHARE], len(names))
+    prior = np.tile([turn, turn, turn, *LENS_STD], len(names))
     before = epipolar_errors(rig, matches)
     if not matches:
         return RigCorrection(rig, dict.fromkeys(names, 0.0), float("nan"), float("nan"))
-    for scale_deg in LOSS_SCALES_DEG:
+    for scale_deg in RECTIFY_SCALES_DEG:
         scale = np.radians(scale_deg)
 
         def cost(now: Array, scale: float = scale) -> Array:
@@ -121,12 +122,12 @@ def _soften(values: Array) -> tuple[Array, Array]:
 def _features(rig_view: RigView, image: Image, rays: Array) -> tuple[Array, Array, NDArray[np.float32]]:
     """Return pixels of the camera, rays of the sphere and descriptors of features, seen from very far."""
     height = len(rays)
-    u, v, border = rig_view.project(rays * 1e6)
+    u, v, border = rig_view.project(rays * VERY_FAR_M)
     seen = (border > np.radians(FROM_BORDER_DEG)).astype(np.uint8)
     pole = round(height * POLE_DEG / 180.0)
     seen[:pole], seen[height - pole :] = 0, 0
     view = cv2.remap(image, u, v, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    points, descriptors = cv2.SIFT_create(NUM_FEATURES, contrastThreshold=CONTRAST).detectAndCompute(view, seen)
+    points, descriptors = cv2.SIFT_create(**RECTIFY_SIFT).detectAndCompute(view, seen)
     if descriptors is None:
         return np.zeros((0, 2)), np.zeros((0, 3)), np.zeros((0, 128), np.float32)
     at = np.array([point.pt for point in points], np.float32)[:, None]

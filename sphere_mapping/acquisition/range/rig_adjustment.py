@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from sphere_mapping.acquisition.constants import NEAR_EPIPOLE, PIXEL_STEP, RANGE_SHARE, RAY_STEP
 from sphere_nav.geometry import SE3, Rig, RigCamera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.so3 import hat, left_jacobian
@@ -20,9 +21,6 @@ from sphere_nav.geometry.so3 import hat, left_jacobian
 Error = Callable[[Array, Array, Array], Array]  # of rays (N, 3) of both cameras and the baseline (3,) -> (N,) rad
 
 NUM_VALUES = 6  # of a camera
-NEAR_EPIPOLE = 0.2  # sine of the angle to the baseline below which a match counts less
-RANGE_SHARE = 0.1  # of a range: its deviation, a LiDAR's point not being quite where the feature is
-RAY_STEP, PIXEL_STEP = 1e-5, 0.05  # of central differences, whose own error is then below 1e-8
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,14 +10,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from sphere_mapping.acquisition.constants import MAX_OFF_ROW_PX, MIN_TRACKS, MIN_VIEWS, NEAR_DISPARITY_PX
 from sphere_mapping.acquisition.stereo.patches import OFFSETS, cut_patches, find_patches, spline_of, warps_of
 from sphere_mapping.acquisition.stereo.stereo_field import Image, corners_of, follow
-from sphere_mapping.acquisition.stereo.track_fit import MIN_TRACKS, Window, motions_of
+from sphere_mapping.acquisition.stereo.track_fit import Window, motions_of
 from sphere_nav.geometry import SE3, Pinhole
-
-MIN_VIEWS = 2
-MIN_DISPARITY_PX = 2.0
-MAX_OFF_ROW_PX = 1.5
 
 
 def follow_window(camera: Pinhole, baseline_m: float, lefts: Sequence[Image], rights: Sequence[Image]) -> Window | None:
@@ -40,7 +37,7 @@ def follow_shifted(lefts: Sequence[Image], rights: Sequence[Image]) -> Window | 
             seen &= found
         there, found = follow(lefts[k], rights[k], at)
         disparity = at[:, 0] - there[:, 0]
-        seen &= found & (disparity > MIN_DISPARITY_PX) & (np.abs(at - there)[:, 1] < MAX_OFF_ROW_PX)
+        seen &= found & (disparity > NEAR_DISPARITY_PX) & (np.abs(at - there)[:, 1] < MAX_OFF_ROW_PX)
         left[k, seen], right_u[k, seen] = at[seen], there[seen, 0]
     return _long_enough(left, right_u)
 

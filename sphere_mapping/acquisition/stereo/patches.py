@@ -12,19 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import map_coordinates, spline_filter
 
+from sphere_mapping.acquisition.constants import (
+    HALF_PATCH_PX,
+    LAST_STEP_PX,
+    LEAST_TEXTURE,
+    MAX_SHIFT_PX,
+    MAX_SLOPE,
+    PATCH_STEPS,
+)
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.arrays import Array
 
-HALF_PX = 4  # of a patch's side
-NUM_STEPS = 12
-UNTIL_PX = 0.003
-MAX_SHIFT_PX = 1.5  # from the start; farther away is another thing
-MAX_SLOPE = 0.7  # disparity by pixels
-LEAST_TEXTURE = 1e-2  # squared grey levels by px, added so that bare patches do not move
-
-_REACH = np.array([1.0, 1.0, HALF_PX, HALF_PX])  # px that the border of a patch moves by a step of 1
-_SIDE = np.arange(-HALF_PX, HALF_PX + 1)
-OFFSETS = np.stack(np.meshgrid(_SIDE, _SIDE), axis=-1).reshape(-1, 2).astype(np.float64)  # (M, 2)
+OFFSETS = np.argwhere(np.ones((2 * HALF_PATCH_PX + 1,) * 2))[:, ::-1].astype(np.float64) - HALF_PATCH_PX  # (M, 2) px
 
 
 def spline_of(image: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -49,7 +48,7 @@ class Patches:
 
 def cut_patches(spline: NDArray[np.float32], pixels: Array) -> Patches:
     """Return the patches around pixels (N, 2)."""
-    side = np.arange(-HALF_PX - 1, HALF_PX + 2)
+    side = np.arange(-HALF_PATCH_PX - 1, HALF_PATCH_PX + 2)
     grid = np.stack(np.meshgrid(side, side), axis=-1)
     wide: Array = sample_bilinear(spline, pixels[:, None, None] + grid)
     inner = (slice(None), slice(1, -1), slice(1, -1))
@@ -84,9 +83,10 @@ def find_patches(
     pull = _pull(patches, derivative, is_slanted)
     found, slopes = start.copy(), np.zeros((len(start), 2))
     limits = np.array(other.shape[::-1]) - 1.0
+    reach = np.array([1.0, 1.0, HALF_PATCH_PX, HALF_PATCH_PX])  # px that the border of a patch moves by a step of 1
     is_found = np.zeros(len(start), np.bool_)
     active = np.flatnonzero(np.isfinite(start).all(axis=1) & np.isfinite(warps).all(axis=(1, 2)))
-    for _ in range(NUM_STEPS):
+    for _ in range(PATCH_STEPS):
         at = found[active, None] + warps[active]
         at[..., 0] += slopes[active] @ OFFSETS.T
         step = np.einsum("npm,nm->np", pull[active], sample_bilinear(other, at))
@@ -95,7 +95,7 @@ def find_patches(
         is_near = np.abs(found[active] - start[active]).max(axis=1) < MAX_SHIFT_PX
         is_near &= np.abs(slopes[active]).max(axis=1) < MAX_SLOPE
         is_near &= np.all((at >= 0) & (at <= limits), axis=(1, 2))
-        is_still = np.abs(step * _REACH[: step.shape[1]]).max(axis=1) < UNTIL_PX
+        is_still = np.abs(step * reach[: step.shape[1]]).max(axis=1) < LAST_STEP_PX
         is_found[active[is_near & is_still]] = True
         active = active[is_near & ~is_still]
         if not len(active):

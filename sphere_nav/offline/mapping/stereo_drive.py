@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from sphere_mapping.acquisition.constants import NUM_VIEWS
 from sphere_mapping.acquisition.stereo.corner_tracks import follow_window
 from sphere_mapping.acquisition.stereo.stereo_field import StereoField
 from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair
-from sphere_mapping.acquisition.stereo.track_fit import NUM_VIEWS, ColumnFit, Window, fit_columns
+from sphere_mapping.acquisition.stereo.track_fit import ColumnFit, Window, fit_columns
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import Intake
 from sphere_mapping.ros.stereo_intake import describe_rows

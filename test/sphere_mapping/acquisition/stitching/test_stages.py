@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition import kernels
-from sphere_mapping.acquisition.light.light import NUM_INSTANTS
+from sphere_mapping.acquisition.constants import NUM_INSTANTS
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.stitching.stages import StitchTask, recipe_of, stitch
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
