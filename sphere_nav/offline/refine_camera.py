@@ -22,6 +22,7 @@ from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.cameras.rig import T_BODY_OPTICAL
 from sphere_nav.geometry.trajectory import Trajectory
 from sphere_nav.offline import topics
+from sphere_nav.offline.constants import MAX_ODOMETRY_GAP_NS, MAX_PAUSE_S, REFINE_ROUNDS, SETTLED
 from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.offline.recorded_camera import RecordedCamera
 from sphere_nav.params import build
@@ -32,11 +33,6 @@ from sphere_nav.ros.camera.mounting import NAMES as POSE
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions import camera_to_info
 from sphere_nav.ros.maps.reader import MapReader
-
-MAX_PAUSE_S = 0.3  # between two images that tell a velocity
-ROUNDS = 4  # of localising with the lens found so far and refining it
-SETTLED = 1e-4  # relative change of the focal length
-MAX_GAP_NS = 200_000_000  # of the odometry, between two poses
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +70,7 @@ class RecordedDrive:
     def refine(self, sphere_map: MapReader) -> RefinedCamera:
         """Localise the drive with the lens found so far and refine it, in turn."""
         lens = Lens.of(self.camera, self._arguments.readout)
-        for _ in range(ROUNDS):
+        for _ in range(REFINE_ROUNDS):
             found = self._refine_once(sphere_map, lens)
             change = np.abs(found.lens.values[:2] / lens.values[:2] - 1.0).max()
             lens = found.lens
@@ -160,7 +156,7 @@ def mounting_by_odometry(
         tree = topics.read_frames(bag)
     if given is None and tree.is_connected(topics.BASE_FRAME, frame_id):
         given = tree.lookup(topics.BASE_FRAME, frame_id) @ T_BODY_OPTICAL.inverse()
-    base, is_known = read_poses(bag.path, (odometry,)).at(camera.stamps_ns, MAX_GAP_NS)
+    base, is_known = read_poses(bag.path, (odometry,)).at(camera.stamps_ns, MAX_ODOMETRY_GAP_NS)
     T_map_body: SE3 = camera.T_map_body[is_known] @ T_BODY_OPTICAL.inverse()
     try:
         return find_mounting(T_map_body, base.T_map_body, given), ""

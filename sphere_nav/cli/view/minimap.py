@@ -11,7 +11,8 @@ from sphere_nav.spheres.graph import SphereGraph
 
 SIDE, BORDER = 300, 20  # px
 MIN_EXTENT_M = 10.0
-PAPER, WAY, LOOP, KEY, HERE = (250, 250, 247), (150, 150, 150), (220, 120, 30), (40, 90, 160), (200, 30, 30)
+PAPER = (250, 250, 247)
+COLORS = {"way": (150, 150, 150), "loops": (220, 120, 30), "key": (40, 90, 160), "camera": (200, 30, 30)}
 ARROW_PX = 14.0
 Picture = NDArray[np.uint8]
 
@@ -27,9 +28,9 @@ class Minimap:
         self._base: Picture = np.full((SIDE, SIDE, 3), PAPER, np.uint8)
         for edge in graph.edges:
             ends = [tuple(self.pixel(graph[end].T_map_sphere)) for end in (edge.a, edge.b)]
-            cv2.line(self._base, *ends, LOOP if edge.is_loop else WAY, 1, cv2.LINE_AA)
+            cv2.line(self._base, *ends, COLORS["loops" if edge.is_loop else "way"], 1, cv2.LINE_AA)
         for node in graph:
-            cv2.circle(self._base, tuple(self.pixel(node.T_map_sphere)), 2, KEY, -1, cv2.LINE_AA)
+            cv2.circle(self._base, tuple(self.pixel(node.T_map_sphere)), 2, COLORS["key"], -1, cv2.LINE_AA)
 
     def pixel(self, T_map_any: SE3) -> list[int]:
         """Return the column and row of a pose."""
@@ -44,6 +45,6 @@ class Minimap:
         length = float(np.linalg.norm(ahead))
         du, dv = ARROW_PX * ahead / length * (1.0, -1.0) if length > 1e-6 else (0.0, 0.0)
         tip = (round(u + float(du)), round(v + float(dv)))
-        cv2.arrowedLine(picture, (u, v), tip, HERE, 2, cv2.LINE_AA, tipLength=0.5)
-        cv2.circle(picture, (u, v), 4, HERE, -1, cv2.LINE_AA)
+        cv2.arrowedLine(picture, (u, v), tip, COLORS["camera"], 2, cv2.LINE_AA, tipLength=0.5)
+        cv2.circle(picture, (u, v), 4, COLORS["camera"], -1, cv2.LINE_AA)
         return picture

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.cli.view.drive import Shot
-from sphere_nav.cli.view.minimap import Minimap
+from sphere_nav.cli.view.minimap import COLORS, Minimap
 from sphere_nav.geometry import SE3, Camera, Pinhole
 from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
@@ -27,7 +27,6 @@ INSTALL = "pip install 'viser>=1.0,<2'"
 MAX_SIDE = 800  # px, of a view; the browser enlarges it
 FAR_M, LOOK_M = 500.0, 1.0  # clipping of the graph; distance of the point about which the mouse turns
 KEY_RADIUS_M, HOLE = 0.08, 60
-WAY, LOOP, KEY, SHOWN = (150, 150, 150), (220, 120, 30), (40, 90, 160), (200, 30, 30)
 JPEG_QUALITY = 85
 FLIGHT_S, FLIGHT_STEP_S = 1.2, 1 / 30
 IDLE_S = 0.5
@@ -84,7 +83,7 @@ class Page:
                 fov=2.0 * float(np.arctan(0.5 * camera.height / camera.pixels_per_radian)),
                 aspect=camera.width / camera.height,
                 scale=0.3,
-                color=SHOWN,
+                color=COLORS["camera"],
                 wxyz=(w, x, y, z),
                 position=shot.T_map_camera.translation,
             )
@@ -110,14 +109,17 @@ class Page:
 
     def _add_graph(self) -> None:
         scene = self.server.scene
-        for name, is_loop, color in (("way", False, WAY), ("loops", True, LOOP)):
+        for name, is_loop in (("way", False), ("loops", True)):
             edges = [edge for edge in self._graph.edges if edge.is_loop == is_loop]
             if edges:
                 ends = [[self._graph[end].T_map_sphere.translation for end in (edge.a, edge.b)] for edge in edges]
-                scene.add_line_segments(f"/graph/{name}", points=np.array(ends, np.float32), colors=color)
+                scene.add_line_segments(f"/graph/{name}", points=np.array(ends, np.float32), colors=COLORS[name])
         for node in self._graph:
             handle = scene.add_icosphere(
-                f"/graph/key_sphere_{node.id}", radius=KEY_RADIUS_M, color=KEY, position=node.T_map_sphere.translation
+                f"/graph/key_sphere_{node.id}",
+                radius=KEY_RADIUS_M,
+                color=COLORS["key"],
+                position=node.T_map_sphere.translation,
             )
             handle.on_click(lambda event, T=node.T_map_sphere: self.fly(event.client, T @ T_BODY_OPTICAL))
 

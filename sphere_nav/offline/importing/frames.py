@@ -10,10 +10,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_nav.offline.constants import DEFAULT_HZ
 from sphere_nav.offline.importing.layouts import IMAGES, VIDEOS
 from sphere_nav.offline.importing.recording import FIRST_STAMP_NS, read_image
 
-DEFAULT_HZ = 10.0
 UNITS = ((18, 1), (15, 1_000), (12, 1_000_000))  # digits of a stamp since 1970, and ns in its unit
 EARLIEST_S = 1e8  # a name that is a number with a point, at least this, is a stamp in s
 

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 
+from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.ros.conversions.images import to_bytes
 from sphere_nav.ros.conversions.stamps import header
 
@@ -13,7 +14,6 @@ KINDS = {
     PointField.INT8: "i1", PointField.UINT8: "u1", PointField.INT16: "i2", PointField.UINT16: "u2",
     PointField.INT32: "i4", PointField.UINT32: "u4", PointField.FLOAT32: "f4", PointField.FLOAT64: "f8",
 }  # fmt: skip
-MAX_BYTES = 1 << 28
 
 
 def cloud_to_message(
@@ -51,7 +51,7 @@ def message_to_cloud(message: PointCloud2) -> NDArray[np.float32]:
     width, height, step = int(message.width), int(message.height), int(message.point_step)
     row_step = int(message.row_step)
     needed = row_step * height
-    if row_step < width * step or len(message.data) < needed or max(needed, width * height) > MAX_BYTES:
+    if row_step < width * step or len(message.data) < needed or max(needed, width * height) > LIMITS["cloud"]:
         raise ValueError(f"cloud data: expected {height} rows of {row_step} bytes, found {len(message.data)} bytes")
     if width * height == 0:
         return np.empty((0, 3), np.float32)

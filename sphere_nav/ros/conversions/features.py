@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import PointCloud2, PointField
 
+from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.ros.conversions.images import to_bytes
 from sphere_nav.ros.conversions.stamps import header
 from sphere_nav.spheres.appearance.features import SIZE, Features
 
-MAX_FEATURES = 100_000
 LAYOUT = np.dtype([("ray", "<f4", 3), ("range", "<f4"), ("word", "<u2"), ("descriptor", "u1", SIZE)])
 FIELDS = (
     ("x", 0, PointField.FLOAT32, 1),
@@ -50,7 +50,7 @@ def message_to_features(message: PointCloud2) -> tuple[Features, NDArray[np.int6
     if fields != FIELDS or message.point_step != LAYOUT.itemsize or message.is_bigendian:
         raise ValueError(f"features: fields: expected {[entry[0] for entry in FIELDS]}, found {[f[0] for f in fields]}")
     number, size = message.width * message.height, len(message.data)
-    if number > MAX_FEATURES or size != number * LAYOUT.itemsize:
+    if number > LIMITS["features"] or size != number * LAYOUT.itemsize:
         raise ValueError(f"features: expected {number * LAYOUT.itemsize} bytes for {number} features, found {size}")
     table = np.frombuffer(bytes(message.data), LAYOUT)
     if not np.all(np.abs(np.linalg.norm(table["ray"], axis=1) - 1.0) < 1e-3):
