@@ -12,9 +12,9 @@ from tf2_msgs.msg import TFMessage
 from tqdm import tqdm
 
 from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.offline.importing.frames import describe_folder, guess_format
 from sphere_nav.offline.importing.images import open_images
 from sphere_nav.offline.importing.kitti import KittiRecording
-from sphere_nav.offline.importing.layouts import describe_folder, guess_format
 from sphere_nav.offline.importing.recording import Recording
 from sphere_nav.offline.importing.rgbd import DepthCamera, open_seven_scenes, open_tum
 from sphere_nav.offline.importing.spherical import open_spherical

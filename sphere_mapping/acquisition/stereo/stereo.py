@@ -14,7 +14,7 @@ from sphere_mapping.acquisition.partial.partial_sphere import (
 )
 from sphere_mapping.acquisition.partial.window import window_of
 from sphere_mapping.acquisition.range.matching import Disparity, Search, match_columns
-from sphere_mapping.acquisition.range.plausibility import check_order
+from sphere_mapping.acquisition.range.semi_global import check_order
 from sphere_mapping.params import PartialParams, StereoParams
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Sphere, check_sphere_image, to_gray_bytes

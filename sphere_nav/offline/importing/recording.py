@@ -17,7 +17,7 @@ from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import number, read_bytes, read_text
 from sphere_nav.geometry.trajectory import NORM_TOLERANCE
 from sphere_nav.ros.conversions import se3_to_transform
-from sphere_nav.ros.conversions.encoded import decode_file
+from sphere_nav.ros.conversions.images import decode_file
 from sphere_nav.ros.conversions.stamps import SECOND
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 

@@ -24,7 +24,7 @@ from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.serialization import serialize_to_store, view_message
 from sphere_nav.ros.conversions import message_to_sphere, sphere_to_message
-from sphere_nav.ros.conversions.features import message_to_features
+from sphere_nav.ros.conversions.clouds import message_to_features
 from sphere_nav.ros.conversions.graphs import message_to_graph
 from sphere_nav.ros.maps.compact import CompactFeatures, CompactSpheres
 from sphere_nav.ros.maps.writer import (

@@ -1,7 +1,7 @@
 import numpy as np
 
 from sphere_mapping.acquisition.constants import AROUND_PX, HALF_PIECE_PX
-from sphere_mapping.acquisition.range.outlines import bare_regions, cut_outlines
+from sphere_mapping.acquisition.range.planes import bare_regions, cut_outlines
 
 
 def bare_square(rng):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition.constants import HALF_PATCH_PX
-from sphere_mapping.acquisition.stereo.patches import (
+from sphere_mapping.acquisition.stereo.corner_tracks import (
     OFFSETS,
     cut_patches,
     find_patches,

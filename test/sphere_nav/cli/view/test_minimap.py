@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sphere_nav.cli.view.minimap import COLORS, SIDE, Minimap
+from sphere_nav.cli.view.server import COLORS, SIDE, Minimap
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
