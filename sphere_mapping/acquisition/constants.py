@@ -104,6 +104,7 @@ SIDE_PX, SIDE_SHARE = 4, 0.07  # how far texture is looked for beside a pixel; s
 EDGE_PX = 3  # matches this near to a jump are not trusted
 JUMP = (0.6, 0.1)  # px, and by the disparity: least step over that neighborhood that is a jump
 UNKNOWN_SIDE, FROM_UNKNOWN = 7, 2  # px: side of an unknown region that counts, and how far one keeps off it
+UNKNOWN_PX = 1e4  # stands for an unknown disparity where the largest or least is looked for
 
 # Alignment of small blocks after it (range/test_matching)
 REFINE_RADIUS = 3  # px, half side of the blocks

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_mapping.acquisition.constants import FROM_UNKNOWN, JUMP, SIDE_PX, SIDE_SHARE, UNKNOWN_SIDE
+from sphere_mapping.acquisition.constants import FROM_UNKNOWN, JUMP, SIDE_PX, SIDE_SHARE, UNKNOWN_PX, UNKNOWN_SIDE
 from sphere_mapping.acquisition.kernels import double_size
 from sphere_mapping.acquisition.range.semi_global import Image, Plane
 
@@ -77,13 +77,13 @@ def at_jumps(disparity: Plane, radius: int, *, is_whole: bool) -> Flags:
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
     padded = cv2.copyMakeBorder(disparity, 0, 0, radius + 1, radius + 1, border)
     known, kernel = ~np.isnan(padded), np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
-    high = cv2.dilate(np.where(known, padded, np.float32(-np.inf)), kernel)
-    low = cv2.erode(np.where(known, padded, np.float32(np.inf)), kernel)
+    high = cv2.dilate(np.where(known, padded, np.float32(-UNKNOWN_PX)), kernel)
+    low = cv2.erode(np.where(known, padded, np.float32(UNKNOWN_PX)), kernel)
     slant = np.zeros_like(padded)
     for axis in range(2):
         step = np.abs(np.diff(padded, axis=axis, append=np.nan))
-        least = cv2.erode(np.where(np.isnan(step), np.float32(np.inf), step), kernel)
-        slant += np.where(least < np.inf, 2 * radius * least, np.float32(0.0))
+        least = cv2.erode(np.where(np.isnan(step), np.float32(UNKNOWN_PX), step), kernel)
+        slant += np.where(least < UNKNOWN_PX, 2 * radius * least, np.float32(0.0))
     limit = np.maximum(np.float32(JUMP[0]), np.float32(JUMP[1]) * high) + slant
     return (high - low > limit)[:, radius + 1 : -radius - 1]
 
