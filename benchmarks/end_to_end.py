@@ -24,8 +24,8 @@ from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
 from sphere_nav.offline.evaluation import evaluate_poses
+from sphere_nav.offline.mapping.drive import fit_poses
 from sphere_nav.offline.mapping.sphere_source import LensOptions, read_sphere
-from sphere_nav.offline.mapping.truth import fit_poses
 from sphere_nav.offline.pose_bags import read_poses
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.conversions import camera_from_info, depth_to_meters, message_to_status, stamp_ns

@@ -22,7 +22,7 @@ from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
 from cycab_sim.params import SimParams
 from cycab_sim.simulator import Simulator
-from sphere_mapping.acquisition.light.light import NUM_INSTANTS
+from sphere_mapping.acquisition.constants import NUM_INSTANTS
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.range import fusion, pairs, vertical
 from sphere_mapping.acquisition.stitching import stitcher as stitching

@@ -10,7 +10,7 @@ from benchmarks.pose_graph_worlds import sphere, torus
 from benchmarks.report import Bound, Report, Table
 from sphere_mapping.graph.factors import factors_of, minimize_poses
 from sphere_mapping.graph.graph_file import read_graph
-from sphere_mapping.graph.optimum import MAX_ITERATIONS, Optimum, optimize
+from sphere_mapping.graph.optimum import Optimum, optimize
 from sphere_mapping.graph.pose_graph import PoseGraph
 
 HELP = "optima of pose graphs against published ones; torus and noisy sphere made from seeds"
@@ -76,7 +76,7 @@ def _made(options: argparse.Namespace, report: Report) -> Table:
         for seed in options.graph_seeds:
             graph = make(*size, SIGMAS[name], seed)
             found, seconds = _timed(graph)
-            from_odometry = minimize_poses(factors_of(graph), graph, graph.poses, MAX_ITERATIONS)
+            from_odometry = minimize_poses(factors_of(graph), graph, graph.poses)
             freedom = 6 * (len(graph.ends) - len(graph.ids) + 1)
             report.bounds.append(
                 Bound(f"{name} {seed}: chi2 per degree of freedom", 1.1, found.chi2_after / freedom, "")

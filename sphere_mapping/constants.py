@@ -1,18 +1,20 @@
 """The numbers that mapping depends on and nobody would set: unit, origin, and the test that pins each group.
 
 Tests are named below test/sphere_mapping/graph/. "Chosen" means: by the test named, on simulated drives, where no other
-origin is given. Those of the way from images to a sphere stand with its steps in acquisition/.
+origin is given. A pair is one of m and rad. Those of the way from images to a sphere are in acquisition/constants.py.
 """
 
 from __future__ import annotations
 
+MAX_GRAY = 255.0  # white; shares of grey levels are of it
+
 # Expectation of the next sphere (test_motion, test_tracking: a jump that no vehicle makes)
 MAX_EXTRAPOLATION = 5.0  # intervals of the past motion; farther ahead nobody knows
-ACCELERATION, TURN_ACCELERATION = 5.0, 10.0  # m/s^2, rad/s^2: standard deviations of what a vehicle or a hand does
+ACCELERATION = (5.0, 10.0)  # m/s^2, rad/s^2: standard deviations of what a vehicle or a hand does
 ODOMETRY_SHARE = 0.1  # standard deviation of odometry by the motion: wheels slip by less
-EXPECTED_FLOOR_M, EXPECTED_FLOOR_RAD = 0.05, 0.03  # least standard deviations of an expectation
+EXPECTED_FLOOR = (0.05, 0.03)  # least standard deviations of an expectation
 EXPECTED_GATE = 4.0  # standard deviations that an alignment may be away: 1 in 16,000, were they Gaussian
-SHARP_M, SHARP_RAD = 0.2, 0.1  # standard deviations above which being expected proves nothing
+SHARP = (0.2, 0.1)  # standard deviations above which being expected proves nothing
 
 # Rolling shutter (test_unrolling)
 MAX_PASSES = 3  # alignments of one sphere; each leaves about half of the error of the velocity
@@ -22,22 +24,22 @@ STILL = 0.01  # m/s and rad/s, a change of velocity that warps nothing: 0.1 px o
 MIN_INLIER_SHARE = 0.5  # of pixels that agree, below which a reference no longer explains a sphere
 
 # Edges measured both ways (test_both_ways; those of one way: test_tracking)
-MAX_PAIR_MAD = 0.05 * 255.0  # grey levels, of a true pair (M15 eq. 12)
+MAX_PAIR_MAD = 0.05 * MAX_GRAY  # grey levels, of a true pair (M15 eq. 12)
 MIN_PAIR_OVERLAP = 0.3  # share of the reference's own coverage that must be in view
 MIN_PAIR_NCC = 0.6  # correlation of the aligned images, both ways
-MAX_GAP_M, MAX_GAP_SHARE, MAX_GAP_RAD = 0.05, 0.02, 0.02  # between the two results; share of their distance
+MAX_GAP, MAX_GAP_SHARE = (0.05, 0.02), 0.02  # between the two results; share of their distance
 MIN_INLIERS = 15  # features that agree on a pose; between other places of a town 4 to 8 do
-MAX_FROM_FEATURES_M, MAX_FROM_FEATURES_RAD = 0.3, 0.05  # between the motion by features and the dense one
-EDGE_FLOOR_M, EDGE_FLOOR_RAD = 0.002, 0.0005  # standard deviations that no measured motion falls below
+MAX_FROM_FEATURES = (0.3, 0.05)  # between the motion by features and the dense one
+EDGE_FLOOR = (0.002, 0.0005)  # standard deviations that no measured motion falls below
 EDGE_SHARE = 0.005  # the same by the distance between the spheres: ranges and calibration err, too
-UNCONFIRMED_M, UNCONFIRMED_SHARE, UNCONFIRMED_RAD = 0.03, 0.03, 0.01  # deviations of an edge that only one way measured
+UNCONFIRMED, UNCONFIRMED_SHARE = (0.03, 0.01), 0.03  # deviations of an edge that one way measured; by its length
 
 # Places seen twice (test_loop_closure, test_verification)
 NUM_ALIKE = 4  # key spheres whose features are compared with a new one's
 SAME_PLACE_M = 1.0  # suggestions farther apart than this are of different places
 MIN_LEAD = 1.5  # inliers of the best place by those of the next one; else both could be meant
-DRIFT, DRIFT_RAD = 0.02, 0.003  # standard deviation of the graph, by the metres on the way between two spheres
-DRIFT_START_M, DRIFT_START_RAD = 0.1, 0.02  # the same of no way at all
+DRIFT = (0.02, 0.003)  # standard deviations of the graph, by the meters on the way between two spheres
+DRIFT_START = (0.1, 0.02)  # the same of no way at all
 DRIFT_GATE = 3.0  # standard deviations of drift that are believed: 1 in 370, were they Gaussian
 FARTHEST_PASSED_M = 50.0  # on the way back: nothing farther looks alike merely because it is near
 MIN_DETOUR = 4.0  # way between two spheres by their distance; along a shorter one the chain is the better measure
@@ -56,3 +58,9 @@ ANCHOR_SIGMA = 1e-6  # m and rad: anchors stay where they are
 ROBUST_WIDTH = 2.0  # standard deviations beyond which a robust edge loses weight (Huber)
 LARGE = 300  # key spheres from which on iSAM2 pays
 RELINEARIZE = 0.003  # m and rad by which a pose moves before it is linearized anew
+MAX_STEPS = {"descent": 100, "certificate": 50, "loop": 10}  # all end by themselves before
+DESCENT_TOLERANCE = 1e-8  # of the error, between two steps; GTSAM's 1e-5 stops before a slow descent is done
+CERTIFICATE_TOLERANCE = 1e-3  # share of the cost by which a better optimum might be missed
+COST_TOLERANCE = 1e-9  # of the cost: of two steps, the last; of two descents, one place
+DAMPING = (1e-6, 1e6)  # first and last one, share of the mean curvature
+TOO_MUCH = 1e-3  # share of right optima whose sum of squares is larger

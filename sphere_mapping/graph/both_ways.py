@@ -12,13 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from sphere_mapping.constants import (
-    EDGE_FLOOR_M,
-    EDGE_FLOOR_RAD,
+    EDGE_FLOOR,
     EDGE_SHARE,
-    MAX_FROM_FEATURES_M,
-    MAX_FROM_FEATURES_RAD,
-    MAX_GAP_M,
-    MAX_GAP_RAD,
+    MAX_FROM_FEATURES,
+    MAX_GAP,
     MAX_GAP_SHARE,
     MAX_PAIR_MAD,
     MIN_INLIERS,
@@ -71,7 +68,7 @@ def is_denied(motion: MeasuredMotion, seen: FeaturePose | None) -> bool:
     if seen is None or seen.num_inliers < MIN_INLIERS:
         return False
     distance, angle = motion.T_a_b.distance(seen.T_sphere_camera)
-    return bool(distance > MAX_FROM_FEATURES_M or angle > MAX_FROM_FEATURES_RAD)
+    return bool(distance > MAX_FROM_FEATURES[0] or angle > MAX_FROM_FEATURES[1])
 
 
 def confirm(
@@ -85,8 +82,8 @@ def confirm(
 def agree(forward: Alignment, back: Alignment) -> MeasuredMotion | None:
     """Return the motion between both results, None where they are too far apart."""
     gap = (forward.T_world_camera @ back.T_world_camera).log()  # A -> B composed with B -> A
-    limit_m = MAX_GAP_M + MAX_GAP_SHARE * float(np.linalg.norm(forward.T_world_camera.translation))
-    if np.linalg.norm(gap[:3]) > limit_m or np.linalg.norm(gap[3:]) > MAX_GAP_RAD:
+    limit_m = MAX_GAP[0] + MAX_GAP_SHARE * float(np.linalg.norm(forward.T_world_camera.translation))
+    if np.linalg.norm(gap[:3]) > limit_m or np.linalg.norm(gap[3:]) > MAX_GAP[1]:
         return None
     T_a_b = forward.T_world_camera @ SE3.exp(-0.5 * (back.T_world_camera @ forward.T_world_camera).log())
     return MeasuredMotion(T_a_b, two_way_covariance(forward, back, T_a_b), forward, back)
@@ -97,7 +94,7 @@ def two_way_covariance(forward: Alignment, back: Alignment, T_a_b: SE3) -> Array
     adjoint = T_a_b.inverse().adjoint()
     fits = 0.5 * (forward.covariance + adjoint @ back.covariance @ adjoint.T)
     gap = 0.5 * (back.T_world_camera @ forward.T_world_camera).log()
-    floor = np.repeat([EDGE_FLOOR_M + EDGE_SHARE * float(np.linalg.norm(T_a_b.translation)), EDGE_FLOOR_RAD], 3)
+    floor = np.repeat([EDGE_FLOOR[0] + EDGE_SHARE * float(np.linalg.norm(T_a_b.translation)), EDGE_FLOOR[1]], 3)
     sideways = np.repeat([np.sum(gap[:3] ** 2) / 3, np.sum(gap[3:] ** 2) / 3], 3)
     return np.asarray(fits + np.diag(floor**2 + sideways))
 

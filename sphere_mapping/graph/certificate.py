@@ -9,16 +9,13 @@ from numpy.typing import NDArray
 from scipy.sparse import bsr_array, csc_array, eye_array, kron
 from scipy.sparse.linalg import SuperLU, splu
 
+from sphere_mapping.constants import CERTIFICATE_TOLERANCE, COST_TOLERANCE, DAMPING, MAX_STEPS
 from sphere_mapping.graph.chordal import as_rows, of_blocks, quadratic_form
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 from sphere_nav.geometry import so3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.so3 import nearest_rotations
 
-TOLERANCE = 1e-3  # share of the cost by which a better optimum might be missed
-MAX_STEPS = 50
-RELATIVE_TOLERANCE = 1e-9  # of the cost, between two accepted steps
-FIRST_DAMPING, LAST_DAMPING = 1e-6, 1e6  # share of the mean curvature
 GENERATORS = {2: np.array([[[0.0, -1.0], [1.0, 0.0]]]), 3: so3.hat(np.eye(3))}  # of rotations, (G, d, d)
 
 
@@ -30,7 +27,7 @@ class ChordalOptimum(NamedTuple):
     is_global: bool
 
 
-def certify(graph: PoseGraph, poses: Array, tolerance: float = TOLERANCE) -> ChordalOptimum:
+def certify(graph: PoseGraph, poses: Array, tolerance: float = CERTIFICATE_TOLERANCE) -> ChordalOptimum:
     """Return the optimum of the chordal cost near some poses, and whether it is the global one.
 
     `is_global`: no poses at all have a cost below (1 - tolerance) times this one. Newton's method with the exact
@@ -39,17 +36,17 @@ def certify(graph: PoseGraph, poses: Array, tolerance: float = TOLERANCE) -> Cho
     M = quadratic_form(graph)
     K = kron(M, eye_array(graph.dimension), format="csr")
     is_free = np.repeat(~np.isin(np.arange(len(graph.ids)), graph.anchors), TANGENT_SIZE[graph.dimension])
-    damping, cost = FIRST_DAMPING, _cost(M, poses)
-    for _ in range(MAX_STEPS):
+    (damping, last), cost = DAMPING, _cost(M, poses)
+    for _ in range(MAX_STEPS["certificate"]):
         H, g, scale = _expansion(M, K, poses, is_free)
         lower = None
-        while lower is None and damping < LAST_DAMPING:
+        while lower is None and damping < last:
             lower = _step(M, H, g, damping * scale, poses, is_free, cost)
             damping *= 10.0 if lower is None else 0.1
         if lower is None:
             break
         previous, (poses, cost) = cost, lower
-        if previous - cost <= RELATIVE_TOLERANCE * cost:
+        if previous - cost <= COST_TOLERANCE * cost:
             break
     return ChordalOptimum(poses, cost, _is_global(M, poses, graph, tolerance))
 

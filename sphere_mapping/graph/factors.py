@@ -8,12 +8,11 @@ from typing import Any, NamedTuple
 import gtsam
 import numpy as np
 
-from sphere_mapping.constants import ANCHOR_SIGMA, ROBUST_WIDTH
+from sphere_mapping.constants import ANCHOR_SIGMA, DESCENT_TOLERANCE, MAX_STEPS, ROBUST_WIDTH
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 from sphere_nav.geometry.arrays import Array
 
 ANGLE_FIRST = [3, 4, 5, 0, 1, 2]  # our (v, omega) in GTSAM's order of space (omega, v); in the plane they agree
-RELATIVE_TOLERANCE = 1e-8  # of the error, between two iterations; GTSAM's 1e-5 stops before a slow descent is done
 
 
 class DescentResult(NamedTuple):
@@ -70,7 +69,7 @@ def chi2_of(factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array)
 
 
 def minimize_poses(
-    factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array, max_iterations: int
+    factors: gtsam.NonlinearFactorGraph, graph: PoseGraph, poses: Array, max_steps: int = MAX_STEPS["descent"]
 ) -> DescentResult | None:
     """Return where Levenberg-Marquardt ends from these poses, None where it breaks down."""
     kind, size = KINDS[graph.dimension], TANGENT_SIZE[graph.dimension]
@@ -79,8 +78,8 @@ def minimize_poses(
     for row in graph.anchors:
         anchored.add(kind.prior(int(row), kind.pose(poses[row]), noise))
     settings = gtsam.LevenbergMarquardtParams()
-    settings.setMaxIterations(max_iterations)
-    settings.setRelativeErrorTol(RELATIVE_TOLERANCE)
+    settings.setMaxIterations(max_steps)
+    settings.setRelativeErrorTol(DESCENT_TOLERANCE)
     settings.setAbsoluteErrorTol(0.0)
     try:
         optimizer = gtsam.LevenbergMarquardtOptimizer(anchored, _values(graph, poses), settings)

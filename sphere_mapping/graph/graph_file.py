@@ -18,8 +18,8 @@ from sphere_mapping.graph.chordal import spanning_poses
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.files.limits import LIMITS
 
-MAX_FILE_BYTES = 1 << 30
 IGNORED = ("PARAMS_", "EQUIV", "#")
 TORO_PLANE = ((0, 0), (0, 1), (1, 1), (2, 2), (0, 2), (1, 2))  # TORO's order in the plane, not row by row
 
@@ -50,8 +50,8 @@ def read_graph(path: Path) -> PoseGraph:
     """Return the graph of a file; poses chained along its edges where it has no vertices. ValueError by line."""
     if not path.is_file():
         raise ValueError(f"{path}: expected a g2o or TORO file, found {_kind(path)}")
-    if (num_bytes := path.stat().st_size) > MAX_FILE_BYTES:
-        raise ValueError(f"{path}: expected a pose graph of at most {MAX_FILE_BYTES} bytes, found {num_bytes}")
+    if (num_bytes := path.stat().st_size) > (most := LIMITS["pose graph"]):
+        raise ValueError(f"{path}: expected a pose graph of at most {most} bytes, found {num_bytes}")
     found = _Lines()
     with path.open(encoding="ascii", errors="replace") as file:
         for number, line in enumerate(file, 1):

@@ -11,14 +11,12 @@ from collections.abc import Sequence
 import gtsam
 import numpy as np
 
-from sphere_mapping.constants import ANCHOR_SIGMA, LARGE, RELINEARIZE
+from sphere_mapping.constants import ANCHOR_SIGMA, LARGE, MAX_STEPS, RELINEARIZE
 from sphere_mapping.graph.factors import factors_of
 from sphere_mapping.graph.loop_closure import with_loops
 from sphere_mapping.graph.pose_graph import PoseGraph
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
-
-MAX_STEPS = 10  # of Gauss-Newton after a loop; it ends when no pose has moved by as much
 
 
 class IncrementalOptimum:
@@ -47,7 +45,7 @@ class IncrementalOptimum:
         return grown.with_poses(self._moved())
 
     def _solve(self, nodes: Sequence[KeySphere], edges: Sequence[Edge]) -> None:
-        """Take note of what is new, and go on until nothing moves."""
+        """Take note of what is new, and go on, by Gauss-Newton, until nothing moves."""
         values, anchors = gtsam.Values(), [] if self._row else nodes[:1]
         for node in nodes:
             self._row[node.id] = row = len(self._row)
@@ -58,7 +56,7 @@ class IncrementalOptimum:
             factors.add(gtsam.PriorFactorPose3(self._row[node.id], gtsam.Pose3(node.T_map_sphere.matrix), noise))
         self._num_edges += len(edges)
         self._solver.update(factors, values)
-        for _ in range(MAX_STEPS):
+        for _ in range(MAX_STEPS["loop"]):
             if not self._solver.update().getVariablesRelinearized():
                 break
 

@@ -7,13 +7,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sphere_mapping.constants import MIN_INLIER_SHARE
+from sphere_mapping.constants import MAX_GRAY, MIN_INLIER_SHARE
 from sphere_mapping.graph.registration import PreparedSphere
 from sphere_mapping.params import KeySphereParams
 from sphere_nav.geometry import SE3
 from sphere_nav.photometric import Alignment
-
-MAX_GRAY = 255.0
 
 NOT_YET, FIRST, MAD, OVERLAP, INLIERS, PARALLAX = "", "FIRST", "MAD", "OVERLAP", "INLIERS", "PARALLAX"
 

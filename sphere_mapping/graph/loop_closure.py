@@ -17,9 +17,7 @@ from scipy.sparse.csgraph import dijkstra
 from sphere_mapping.constants import (
     DRIFT,
     DRIFT_GATE,
-    DRIFT_RAD,
-    DRIFT_START_M,
-    DRIFT_START_RAD,
+    DRIFT_START,
     FARTHEST_PASSED_M,
     MIN_DETOUR,
     MIN_LEAD,
@@ -138,7 +136,7 @@ def is_possible(graph: SphereGraph, newer_id: int, one: Candidate, ways: dict[in
 
 def drift(way: float) -> tuple[float, float]:
     """Return the standard deviations in m and rad of the graph over so many metres of way."""
-    return DRIFT_START_M + DRIFT * way, DRIFT_START_RAD + DRIFT_RAD * way
+    return DRIFT_START[0] + DRIFT[0] * way, DRIFT_START[1] + DRIFT[1] * way
 
 
 def is_return(way: float, T_older_newer: SE3) -> bool:
@@ -203,4 +201,4 @@ def with_loops(graph: SphereGraph, loops: list[Edge]) -> SphereGraph:
 
 def _spread(ways: dict[int, float], best: Candidate, other: Candidate) -> float:
     """Return how far apart two suggestions of one place may lie: the graph between their spheres has drifted, too."""
-    return SAME_PLACE_M + DRIFT * abs(ways.get(best.older, 0.0) - ways.get(other.older, 0.0))
+    return SAME_PLACE_M + DRIFT[0] * abs(ways.get(best.older, 0.0) - ways.get(other.older, 0.0))

@@ -9,14 +9,11 @@ from numpy.typing import NDArray
 
 from sphere_mapping.constants import (
     ACCELERATION,
-    EXPECTED_FLOOR_M,
-    EXPECTED_FLOOR_RAD,
+    EXPECTED_FLOOR,
     EXPECTED_GATE,
     MAX_EXTRAPOLATION,
     ODOMETRY_SHARE,
-    SHARP_M,
-    SHARP_RAD,
-    TURN_ACCELERATION,
+    SHARP,
 )
 from sphere_nav.geometry import SE3
 
@@ -37,7 +34,7 @@ class Expectation:
     @property
     def is_sharp(self) -> bool:
         """Whether it could tell a wrong alignment from a right one."""
-        return self.sigma_m <= SHARP_M and self.sigma_rad <= SHARP_RAD
+        return self.sigma_m <= SHARP[0] and self.sigma_rad <= SHARP[1]
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,8 +100,8 @@ class DriveMotion:
             growth = ODOMETRY_SHARE * float(distance), ODOMETRY_SHARE * float(angle)
         else:
             elapsed_s = (stamp_ns - self.last.stamp_ns) * 1e-9
-            growth = 0.5 * ACCELERATION * elapsed_s**2, 0.5 * TURN_ACCELERATION * elapsed_s**2
-        return Expectation(guess, EXPECTED_FLOOR_M + growth[0], EXPECTED_FLOOR_RAD + growth[1])
+            growth = 0.5 * ACCELERATION[0] * elapsed_s**2, 0.5 * ACCELERATION[1] * elapsed_s**2
+        return Expectation(guess, EXPECTED_FLOOR[0] + growth[0], EXPECTED_FLOOR[1] + growth[1])
 
     def _has_odometry(self, T_odom_sphere: SE3 | None) -> bool:
         return T_odom_sphere is not None and self.last is not None and self.last.T_odom_sphere is not None

@@ -10,16 +10,14 @@ from dataclasses import dataclass
 
 from scipy.special import chdtri
 
-from sphere_mapping.graph.certificate import TOLERANCE, ChordalOptimum, certify
+from sphere_mapping.constants import CERTIFICATE_TOLERANCE, COST_TOLERANCE, TOO_MUCH
+from sphere_mapping.graph.certificate import ChordalOptimum, certify
 from sphere_mapping.graph.chordal import chordal_poses
 from sphere_mapping.graph.factors import DescentResult, chi2_of, factors_of, minimize_poses
 from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph, from_spheres, to_spheres
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.spheres.graph import SphereGraph
 
-MAX_ITERATIONS = 100
-TOO_MUCH = 1e-3  # share of right optima whose sum of squares is larger
-SAME = 1e-9  # relative difference of two descents that ended in one place
 GIVEN, CHORDAL, CERTIFIED = "given", "chordal", "certified"
 
 
@@ -45,7 +43,9 @@ class Optimum:
         """Why a better optimum may exist, in words; empty where none is expected."""
         if self.certificate is not None:
             return "" if self.certificate.is_global else "no certificate: a better optimum may exist"
-        away = [name for name, found in self.solutions.items() if found.chi2 > self.chi2_after * (1 + TOLERANCE)]
+        away = [
+            name for name, found in self.solutions.items() if found.chi2 > self.chi2_after * (1 + CERTIFICATE_TOLERANCE)
+        ]
         return f"the {away[0]} start ended at {self.solutions[away[0]].chi2:.6g}" if away else ""
 
 
@@ -67,9 +67,9 @@ def optimize_map(graph: SphereGraph) -> CorrectedMap:
         return CorrectedMap(graph, None)
     problem = from_spheres(graph)
     factors = factors_of(problem)
-    solutions = {CHORDAL: minimize_poses(factors, problem, chordal_poses(problem), MAX_ITERATIONS)}
+    solutions = {CHORDAL: minimize_poses(factors, problem, chordal_poses(problem))}
     if not fits(problem, solutions[CHORDAL]):
-        solutions[GIVEN] = minimize_poses(factors, problem, problem.poses, MAX_ITERATIONS)
+        solutions[GIVEN] = minimize_poses(factors, problem, problem.poses)
     optimum = _best(solutions, chi2_of(factors, problem, problem.poses))
     return CorrectedMap(to_spheres(graph, optimum.poses), optimum)
 
@@ -83,12 +83,12 @@ def optimize(graph: PoseGraph) -> Optimum:
     factors = factors_of(graph)
     chi2_before = chi2_of(factors, graph, graph.poses)
     first = chordal_poses(graph)
-    chordal = minimize_poses(factors, graph, first, MAX_ITERATIONS)
+    chordal = minimize_poses(factors, graph, first)
     solutions = {CHORDAL: chordal}
     certificate = certify(graph, first if chordal is None else chordal.poses)
-    solutions[CERTIFIED] = minimize_poses(factors, graph, certificate.poses, MAX_ITERATIONS)
+    solutions[CERTIFIED] = minimize_poses(factors, graph, certificate.poses)
     if not certificate.is_global:
-        solutions[GIVEN] = given = minimize_poses(factors, graph, graph.poses, MAX_ITERATIONS)
+        solutions[GIVEN] = given = minimize_poses(factors, graph, graph.poses)
         if given is not None:
             certificate = min(certificate, certify(graph, given.poses), key=lambda it: (not it.is_global, it.cost))
     return _best(solutions, chi2_before, certificate)
@@ -108,5 +108,5 @@ def _best(
     if not found:
         raise ValueError("pose graph: expected edges that determine all poses, found a system without a solution")
     lowest = min(solution.chi2 for solution in found.values())
-    start, best = next(item for item in found.items() if item[1].chi2 <= lowest * (1 + SAME))
+    start, best = next(item for item in found.items() if item[1].chi2 <= lowest * (1 + COST_TOLERANCE))
     return Optimum(best.poses, chi2_before, best.chi2, best.iterations, start, found, certificate)

@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from sphere_mapping.constants import MAX_PASSES, STILL, UNCONFIRMED_M, UNCONFIRMED_RAD, UNCONFIRMED_SHARE
+from sphere_mapping.constants import MAX_PASSES, STILL, UNCONFIRMED, UNCONFIRMED_SHARE
 from sphere_mapping.graph import keyframes
 from sphere_mapping.graph.both_ways import confirm
 from sphere_mapping.graph.keyframes import Track
@@ -114,8 +114,8 @@ class SphereTracker:
         motion = confirm(reference, self.last, forward, self._params.registration)
         if motion is not None:
             return motion.edge(key_id, newer_id, is_loop=False)
-        sigma_m = UNCONFIRMED_M + UNCONFIRMED_SHARE * float(np.linalg.norm(forward.T_world_camera.translation))
-        unconfirmed = np.diag(np.repeat([sigma_m, UNCONFIRMED_RAD], 3) ** 2)
+        sigma_m = UNCONFIRMED[0] + UNCONFIRMED_SHARE * float(np.linalg.norm(forward.T_world_camera.translation))
+        unconfirmed = np.diag(np.repeat([sigma_m, UNCONFIRMED[1]], 3) ** 2)
         return Edge(key_id, newer_id, forward.T_world_camera, symmetric_inverse(forward.covariance + unconfirmed))
 
     def _guesses(self, current: PreparedSphere, expected: Expectation) -> Iterator[SE3]:

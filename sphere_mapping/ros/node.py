@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import numpy as np
 from nav_msgs.msg import Odometry, Path
 from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import KeySphereGraph
@@ -29,7 +30,6 @@ from sphere_nav.ros.tf import TransformError, TransformListener
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Sphere
 
 PATH_STEP = 10  # every how many spheres the path is told
-NO_COVARIANCE = SE3.identity().adjoint() * 0.0
 
 
 class SphereMapper(ManagedNode):
@@ -104,7 +104,7 @@ class SphereMapper(ManagedNode):
         """Publish where the vehicle is, with the stamp of the sphere."""
         p, stamp, found = self.params, update.stamp_ns, update.alignment
         T_map_base = T_map_sphere @ self.T_base_sphere.inverse()
-        covariance = conversions.move_covariance(found.covariance if found else NO_COVARIANCE, self.T_base_sphere)
+        covariance = conversions.move_covariance(found.covariance if found else np.zeros((6, 6)), self.T_base_sphere)
         self.odometry.publish(conversions.se3_to_odometry(T_map_base, covariance, stamp, (p.map_frame, p.base_frame)))
         self.transform.update(T_map_base, stamp)
         number, T_sphere_base = len(self.mapper.tracks), self.T_base_sphere.inverse()

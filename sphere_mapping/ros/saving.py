@@ -28,12 +28,15 @@ from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
 
-def details_of(graph: SphereGraph, params: MapperParams, source: str = "", frame_id: str = "map") -> MapDetails:
+def details_of(
+    graph: SphereGraph, params: MapperParams, source: str = "", frame_id: str = "map", rig: str = ""
+) -> MapDetails:
     """Return what a map says about itself; its id is a checksum of stamps and poses."""
     digest = hashlib.sha256()
     for node in graph:
         digest.update(node.stamp_ns.to_bytes(8, "little", signed=True) + node.T_map_sphere.matrix.tobytes())
-    return MapDetails(digest.hexdigest()[:16], source=source, parameters=to_mapping(params), frame_id=frame_id)
+    map_id, parameters = digest.hexdigest()[:16], to_mapping(params)
+    return MapDetails(map_id, source=source, parameters=parameters, rig=rig, frame_id=frame_id)
 
 
 NAME = "journal"

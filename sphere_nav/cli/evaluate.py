@@ -58,7 +58,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         arguments.json.write_text(json.dumps(judged.report, indent=2) + "\n", encoding="utf-8")
     if arguments.plot:
-        from sphere_nav.offline.evaluate_plot import draw_evaluation  # matplotlib takes half a second to import
+        from sphere_nav.offline.plot_figure import draw_evaluation  # matplotlib takes half a second to import
 
         draw_evaluation(judged.estimate, judged.truth, judged.all_truth, judged.errors, arguments.plot)
     return 0

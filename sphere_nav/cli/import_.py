@@ -12,9 +12,9 @@ from tf2_msgs.msg import TFMessage
 from tqdm import tqdm
 
 from sphere_nav.geometry import SE3, Pinhole
+from sphere_nav.offline.importing.frames import describe_folder, guess_format
 from sphere_nav.offline.importing.images import open_images
 from sphere_nav.offline.importing.kitti import KittiRecording
-from sphere_nav.offline.importing.layouts import describe_folder, guess_format
 from sphere_nav.offline.importing.recording import Recording
 from sphere_nav.offline.importing.rgbd import DepthCamera, open_seven_scenes, open_tum
 from sphere_nav.offline.importing.spherical import open_spherical
@@ -48,9 +48,11 @@ examples:
 """
 FORMATS = ("seven_scenes", "tum", "kitti", "spherical", "images")
 KINECT_SIZE = (640, 480)
-SEVEN_SCENES_CAMERA = (525.0, 525.0, 320.0, 240.0)
-SEVEN_SCENES_DEPTH = (585.0, 585.0, 320.0, 240.0)
-TUM_CAMERA = (525.0, 525.0, 319.5, 239.5)
+LENSES = {  # fx, fy, cx, cy in px, as the data sets' pages tell them
+    "seven_scenes": (525.0, 525.0, 320.0, 240.0),
+    "seven_scenes depth": (585.0, 585.0, 320.0, 240.0),
+    "tum": (525.0, 525.0, 319.5, 239.5),
+}
 LENS = "FX,FY,CX,CY[,K1,K2,P1,P2,K3,K4,K5,K6]"
 TUM_UNITS = 5000.0
 
@@ -88,7 +90,11 @@ def _add_camera_arguments(parser: argparse.ArgumentParser) -> None:
 def _add_kinect_arguments(parser: argparse.ArgumentParser) -> None:
     kinect = parser.add_argument_group("seven_scenes", "Its depth is not registered to its colour.")
     kinect.add_argument(
-        "--depth-camera", type=number_list(4, 12), default=SEVEN_SCENES_DEPTH, metavar=LENS, help="px; 585,585,320,240"
+        "--depth-camera",
+        type=number_list(4, 12),
+        default=LENSES["seven_scenes depth"],
+        metavar=LENS,
+        help="px; 585,585,320,240",
     )
     kinect.add_argument(
         "--offset",
@@ -145,12 +151,12 @@ def open_recording(arguments: argparse.Namespace) -> Recording:
     if arguments.format == "spherical":
         return open_spherical(arguments.folder)
     if arguments.format == "tum":
-        return open_tum(arguments.folder, kinect_camera(arguments.camera or TUM_CAMERA), arguments.depth_units)
+        return open_tum(arguments.folder, kinect_camera(arguments.camera or LENSES["tum"]), arguments.depth_units)
     rotation = SE3.exp((0.0, 0.0, 0.0, *np.radians(arguments.rotation))).rotation
     depth_camera = DepthCamera(
         kinect_camera(arguments.depth_camera), SE3.from_parts(rotation, np.array(arguments.offset))
     )
-    camera = kinect_camera(arguments.camera or SEVEN_SCENES_CAMERA)
+    camera = kinect_camera(arguments.camera or LENSES["seven_scenes"])
     if arguments.registered:
         camera = depth_camera.camera
     is_truth_of_depth = arguments.truth_camera == "depth"

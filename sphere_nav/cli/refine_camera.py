@@ -8,8 +8,7 @@ from pathlib import Path
 
 from rig_calibration.drive.refinement import RefinedCamera
 from sphere_nav.offline import topics
-from sphere_nav.offline.refine_camera import RecordedDrive, mounting_by_odometry, mounting_lines, text_of
-from sphere_nav.offline.refine_depth import run_depth
+from sphere_nav.offline.refine_camera import RecordedDrive, mounting_by_odometry, mounting_lines, run_depth, text_of
 from sphere_nav.offline.settings import add_settings
 from sphere_nav.ros.maps.reader import open_map
 

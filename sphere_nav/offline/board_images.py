@@ -18,7 +18,6 @@ from rig_calibration.boards.detect import detect_all
 from rig_calibration.boards.views import BoardView, Indices
 from sphere_nav.geometry.arrays import Array
 
-MAX_THREADS = 8
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
 
 
@@ -57,7 +56,7 @@ def detect_boards(
     work = [(name, instant, path) for name, files in cameras.items() for instant, path in files.items()]
     sizes: dict[str, tuple[int, int]] = {}
     views = []
-    with ThreadPoolExecutor(min(len(os.sched_getaffinity(0)), MAX_THREADS)) as pool:
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
         found = pool.map(lambda item: _find_boards(item[2], boards), work)
         try:
             for item, answer in zip(

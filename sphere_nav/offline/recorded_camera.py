@@ -14,12 +14,12 @@ from sensor_msgs.msg import CompressedImage, Image
 
 from sphere_nav.localization.params import InputParams
 from sphere_nav.offline import topics
+from sphere_nav.offline.constants import SILENT_PERIODS
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.streams import Stream, read_streams
 from sphere_nav.ros.conversions import camera_from_info
 
-PERIODS = 4.0  # a silence; recordings drop images
 TIMEOUT = "input.timeout_s"
 
 
@@ -27,9 +27,9 @@ def patience(streams: Sequence[Stream], images: Iterable[str]) -> dict[str, floa
     """Return the time-out for the slowest of the topics with images, where the default is too short for it."""
     wanted, default = set(images), InputParams().timeout_s
     rates = [stream.rate_hz for stream in streams if stream.topic in wanted and stream.count > 1]
-    if not rates or min(rates) <= 0.0 or PERIODS / min(rates) <= default:
+    if not rates or min(rates) <= 0.0 or SILENT_PERIODS / min(rates) <= default:
         return {}
-    timeout_s = round(PERIODS / min(rates), 3)
+    timeout_s = round(SILENT_PERIODS / min(rates), 3)
     text = f"an image every {1.0 / min(rates):.2f} s: {TIMEOUT}={timeout_s:g} (else {default:g})"
     logging.getLogger("sphere_nav.slow_camera").warning(text)
     return {TIMEOUT: timeout_s}

@@ -9,6 +9,9 @@ from contextlib import contextmanager, suppress
 from itertools import islice
 from typing import Any
 
+import numpy as np
+
+from sphere_nav.offline.constants import NUM_TF_MESSAGES, SLACK_S
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.streams import (
@@ -38,10 +41,8 @@ OPTIONS = {
     "odom": ("odom", "odometry"),
     "imu": ("imu", "inertial measurements"),
 }
-MIN_SLACK_S, MAX_SLACK_S = 0.005, 0.02  # what a moving camera can bear
 BASE_FRAME, TF_TOPIC, TF_STATIC_TOPIC = "base_link", "/tf", "/tf_static"
 CAMERA_IS_VEHICLE = "0,0,0,0,0,0"  # a mounting
-NUM_TF_MESSAGES = 1000  # that are looked at for the frames there are
 KINDS = {"rgbd": RGBD, "stereo": STEREO}
 
 
@@ -209,7 +210,7 @@ def read_frames(bag: BagReader) -> TransformTree:
 def pairing_slack(bag: BagReader, topic: str) -> float:
     """Return how far apart in s the stamps of one instant may be: a third of the period, as drivers jitter."""
     rate_hz = next(stream.rate_hz for stream in read_streams(bag) if stream.topic == absolute(topic))
-    return min(max(0.33 / max(rate_hz, 1e-3), MIN_SLACK_S), MAX_SLACK_S)
+    return float(np.clip(0.33 / max(rate_hz, 1e-3), *SLACK_S))
 
 
 def guess_kind(bag: BagReader, chosen: dict[str, str], *, has_rig: bool) -> str:

@@ -43,3 +43,14 @@ def test_still_images_are_a_fault_of_a_camera_that_moves_or_may(room, speed, rea
     velocity = None if speed is None else speed * np.array([0.0, 0.6, 0.8, 5.0, 0.0, 0.0])
     found = [inputs.check((image,), (k + 1) * SECOND // 20, velocity=velocity).finding for k in range(4)]
     assert found[-1].reason is reason
+
+
+@pytest.mark.parametrize(
+    ("mount", "delay_s", "velocity"),
+    [(None, 0.01, np.ones(6)), (MOUNT, 0.01, None), (MOUNT, 0.0, np.ones(6))],
+    ids=["the body itself", "unknown motion", "in time"],
+)
+def test_a_camera_stays_where_it_is_mounted_unless_the_body_is_known_to_have_moved(room, mount, delay_s, velocity):
+    image = CameraImage(room.photograph(PINHOLE, at(0.0)), PINHOLE, mount, delay_s=delay_s)
+    (seen,) = Inputs(PARAMS).check((image,), SECOND, velocity=velocity).images
+    assert seen.T_body_camera is mount

@@ -8,12 +8,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-Image = NDArray[np.uint8]
+from sphere_mapping.acquisition.constants import EXPOSED, MIN_SHARED_PIXELS, STEADINESS, WHITE
 
-DARKEST, BRIGHTEST = 10, 245  # grey levels between which exposures are compared
-MIN_SHARED = 50  # directions from which on two cameras are compared
-STEADINESS = 1e-3  # weight of 'no change' against one comparison, so that lone cameras are determined
-WHITE = 235  # grey level above which what is darkened rises to 255 again: nobody knows how bright it was
+Image = NDArray[np.uint8]
 
 
 def apply_gain(image: Image, gain: NDArray[np.float64]) -> Image:
@@ -47,7 +44,8 @@ def log_gains(
 
 def log_ratio(first: NDArray, second: NDArray) -> NDArray[np.float64] | None:
     """Return the logarithm (channels,) of the median ratio of levels (N, channels), None where too little compares."""
-    fits = np.all((first > DARKEST) & (first < BRIGHTEST) & (second > DARKEST) & (second < BRIGHTEST), axis=1)
-    if np.count_nonzero(fits) < MIN_SHARED:
+    low, high = EXPOSED
+    fits = np.all((first > low) & (first < high) & (second > low) & (second < high), axis=1)
+    if np.count_nonzero(fits) < MIN_SHARED_PIXELS:
         return None
     return np.median(np.log(first[fits] / second[fits]), axis=0)

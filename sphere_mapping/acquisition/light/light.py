@@ -1,27 +1,158 @@
-"""The images of an instant as if all cameras had one exposure, one white balance and lenses without falloff."""
+"""The images of an instant as if all cameras had one exposure, one white balance and lenses without falloff.
+
+Where cameras a and b see the same point under the angles t_a, t_b from their axes, its levels I there are those of
+one radiance: log I_a - log I_b = e_a - e_b + V_a(t_a) - V_b(t_b), with the exposures e and the falloff
+V(t) = c_1 s + c_2 s^2 + c_3 s^3, s = (t / t_max)^2 of a lens, no c above 0: no lens brightens towards its rim (Goldman
+2010, eq. 3, in logarithms). The falloff is the camera's, the same in all colors and at all times; exposures are one of
+each group and instant. Both are estimated at once by robust least squares, the falloff from the first instants.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from threading import Lock
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+from scipy.sparse import csr_array
 
+from sphere_mapping.acquisition.constants import (
+    CORRELATED_DIRECTIONS,
+    EXPOSURE_STD,
+    FALLOFF_STD,
+    GRID_STEP,
+    HIGHLIGHTS,
+    LEAST_COEFFICIENT,
+    LEVEL_STD,
+    LIKE_STD,
+    LOSS_SCALES,
+    MAX_WHITE_BALANCE,
+    MIN_FALLOFF,
+    NUM_INSTANTS,
+    RATIO_STD,
+)
 from sphere_mapping.acquisition.light.exposure import apply_gain, log_gains
-from sphere_mapping.acquisition.light.vignetting import Falloff, PairRatios, falloff, std_of
 from sphere_mapping.acquisition.stitching.overlaps import Overlaps, Shared, angles_of
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry.arrays import Array
 
+NUM_POWERS = 3
+
+
+@dataclass(frozen=True, eq=False)
+class PairRatios:
+    """What two cameras say of one point each: numbers (N,) of cameras and exposures, s, log ratio and its deviation."""
+
+    cameras: tuple[NDArray[np.intp], NDArray[np.intp]]
+    exposures: tuple[NDArray[np.intp], NDArray[np.intp]]
+    squares: tuple[Array, Array]
+    ratio: Array
+    std: Array
+
+
+def std_of(first: Array, second: Array) -> Array:
+    """Return the deviation (N,) of the logarithm of the ratio of grey levels (N,)."""
+    return np.sqrt(RATIO_STD**2 + np.square(LEVEL_STD / first) + np.square(LEVEL_STD / second))
+
+
+def falloff(coefficients: Array, squares: Array) -> Array:
+    """Return V (...,) at s (...,), from coefficients (NUM_POWERS,)."""
+    found = np.zeros_like(squares)
+    for coefficient in coefficients[::-1]:
+        found = (found + coefficient) * squares
+    return found
+
+
+class Falloff:
+    """The falloff of all cameras: what instants have said of it so far, as a normal matrix.
+
+    kinds: (number of cameras,), equal where lenses are of one kind.
+    """
+
+    def __init__(self, kinds: Sequence[object]) -> None:
+        size = NUM_POWERS * len(kinds)
+        self.coefficients = np.zeros((len(kinds), NUM_POWERS))
+        self._matrix, self._vector = np.eye(size) / FALLOFF_STD**2, np.zeros(size)
+        for a in range(len(kinds)):
+            for b in range(a):
+                if kinds[a] == kinds[b]:
+                    self._couple(a, b)
+
+    def _couple(self, a: int, b: int) -> None:
+        for k in range(NUM_POWERS):
+            row = np.zeros(len(self._vector))
+            row[NUM_POWERS * a + k], row[NUM_POWERS * b + k] = 1.0, -1.0
+            self._matrix += np.outer(row, row) / LIKE_STD**2
+
+    def update(self, seen: PairRatios, num_exposures: int) -> None:
+        """Add what an instant says; its exposures are eliminated."""
+        size = len(self._vector)
+        rows = csr_array(np.hstack([self._powers(seen), design(seen, num_exposures)]))  # at most 8 of a row are not 0
+        prior = np.zeros((rows.shape[1], rows.shape[1]))
+        prior[:size, :size] = self._matrix
+        prior[size:, size:] = np.eye(num_exposures) / EXPOSURE_STD**2
+        vector = np.concatenate([self._vector, np.zeros(num_exposures)])
+        low = np.concatenate([np.full(size, LEAST_COEFFICIENT), np.full(num_exposures, -np.inf)])
+        high = np.concatenate([np.zeros(size), np.full(num_exposures, np.inf)])
+        values: Array = np.zeros(rows.shape[1])
+        for scale in LOSS_SCALES:
+            weight = weights(seen, rows @ values, scale)
+            weighted = rows.multiply(weight[:, None]).T
+            matrix = prior + (weighted @ rows).toarray()
+            target = vector + weighted @ seen.ratio
+            values = _solve(matrix, target, low, high)
+        inner = np.linalg.solve(matrix[size:, size:], np.column_stack([matrix[size:, :size], target[size:]]))
+        self._matrix = matrix[:size, :size] - matrix[:size, size:] @ inner[:, :-1]
+        self._vector = target[:size] - matrix[:size, size:] @ inner[:, -1]
+        self.coefficients = _solve(self._matrix, self._vector, low[:size], high[:size]).reshape(-1, NUM_POWERS)
+
+    def exposures(self, seen: PairRatios, num_exposures: int) -> Array:
+        """Return the logarithms (num_exposures,) of an instant's exposures, mean 0, as the falloff is known now."""
+        rows = design(seen, num_exposures)
+        ratio = seen.ratio - self._powers(seen) @ self.coefficients.ravel()
+        values: Array = np.zeros(num_exposures)
+        for scale in LOSS_SCALES:
+            weight = weights(seen, rows @ values + seen.ratio - ratio, scale)
+            matrix = np.eye(num_exposures) / EXPOSURE_STD**2 + (rows.T * weight) @ rows
+            values = np.linalg.solve(matrix, (rows.T * weight) @ ratio).astype(np.float64)
+        return values - values.mean()
+
+    def _powers(self, seen: PairRatios) -> Array:
+        """Return the derivatives (N, cameras * NUM_POWERS) of the ratios by all coefficients."""
+        found = np.zeros((seen.ratio.size, len(self._vector)))
+        at = np.arange(seen.ratio.size)
+        for camera, square, sign in zip(seen.cameras, seen.squares, (1.0, -1.0), strict=True):
+            for k in range(NUM_POWERS):
+                found[at, NUM_POWERS * camera + k] += sign * square ** (k + 1)
+        return found
+
+
+def design(seen: PairRatios, num_exposures: int) -> Array:
+    """Return the derivatives (N, num_exposures) of the ratios by the exposures; none within one exposure."""
+    rows = np.zeros((seen.ratio.size, num_exposures))
+    at = np.arange(seen.ratio.size)
+    rows[at, seen.exposures[0]] += 1.0
+    rows[at, seen.exposures[1]] -= 1.0
+    return rows
+
+
+def weights(seen: PairRatios, expected: Array, scale: float) -> Array:
+    """Return the weight (N,) of each comparison, by Cauchy's loss."""
+    errors = (seen.ratio - expected) / seen.std
+    return 1.0 / (CORRELATED_DIRECTIONS * np.square(seen.std) * (1.0 + np.square(errors / scale)))
+
+
+def _solve(matrix: Array, target: Array, low: Array, high: Array) -> Array:
+    """Return the minimum of x' M x / 2 - t' x within bounds."""
+    upper = np.linalg.cholesky(matrix).T
+    return lsq_linear(upper, np.linalg.solve(upper.T, target), (low, high), method="bvls").x
+
+
 Image = NDArray[np.uint8]
 
-MAX_WHITE_BALANCE = 1.15  # largest factor of a colour over the mean of its camera's colours
-NUM_INSTANTS = 8  # that the falloff is estimated from
-STEP = 8  # px between which a falloff is interpolated
-HIGHLIGHTS, BRIGHT = 99.0, 250.0  # percentile of an image, and the grey level up to which a gain may raise it
-SLIGHT = 0.01  # falloff below which an image is left as it is
 
 Learned = tuple[Falloff, dict[str, NDArray[np.float32]]]
 
@@ -44,7 +175,7 @@ class Light:
         self.falloff = Falloff([_kind(rig_view) for rig_view in rig_views])
         self._num_seen, self._lock = 0, Lock()
         self._factors: dict[str, NDArray[np.float32]] = {}  # by which an image is multiplied
-        self._coarse: dict[str, NDArray[np.float32]] = {}  # the same, one number for `STEP` px
+        self._coarse: dict[str, NDArray[np.float32]] = {}  # the same, one number for `GRID_STEP` px
 
     @property
     def is_settled(self) -> bool:
@@ -124,16 +255,16 @@ class Light:
 
     def _headroom(self, images: Mapping[str, Image], gains: Array) -> float:
         """Return a common factor of at most 1: no camera that another one outshines loses its own highlights."""
-        allowed = 1.0
+        allowed, (percentile, bright) = 1.0, HIGHLIGHTS
         for name, image in images.items():
             gain = float(gains[self._group[self._names.index(name)]].max())
-            brightest = float(np.percentile(image[::STEP, ::STEP], HIGHLIGHTS))
-            allowed = min(allowed, max(BRIGHT / max(brightest, 1.0), 1.0) / gain)
+            brightest = float(np.percentile(image[::GRID_STEP, ::GRID_STEP], percentile))
+            allowed = min(allowed, max(bright / max(brightest, 1.0), 1.0) / gain)
         return allowed
 
     def _apply(self, image: Image, name: str, gain: Array) -> Image:
         factor, even = self._factors.get(name), apply_gain(image, gain)
-        if factor is None or float(factor.max()) < 1.0 + SLIGHT:
+        if factor is None or float(factor.max()) < 1.0 + MIN_FALLOFF:
             return even
         factor = factor if image.ndim == 2 else cv2.merge([factor] * 3)
         return cv2.multiply(even, factor, dtype=cv2.CV_8U).astype(np.uint8)
@@ -148,9 +279,9 @@ def _median(values: Array, weight: Array) -> Array:
 
 
 def _angles(rig_view: RigView) -> tuple[Array, float]:
-    """Return the angle (h / STEP, w / STEP) in rad from the optical axis, and the largest one of use."""
+    """Return the angle (h / GRID_STEP, w / GRID_STEP) in rad from the optical axis, and the largest one of use."""
     camera = rig_view.camera
-    size = max(camera.width // STEP, 1), max(camera.height // STEP, 1)
+    size = max(camera.width // GRID_STEP, 1), max(camera.height // GRID_STEP, 1)
     u, v = (
         ((np.arange(n) + 0.5) * whole / n - 0.5) for n, whole in zip(size, (camera.width, camera.height), strict=True)
     )

@@ -5,14 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import DEPTH_CORRECTIONS, MAX_CORRECTION, MAX_SURFACE_STEP
 from sphere_mapping.acquisition.kernels import sample_inverse_depth, splat_nearest
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
-
-CORRECTIONS = 2  # steps along the ray after the warp, which is good to a pixel; the last one only confirms
-MAX_LEFT = 0.01  # relative; more is a surface that the first camera does not see from here
-MAX_STEP = 0.05  # relative difference of neighbours beyond which they are two surfaces
 
 Depth = NDArray[np.float32]
 
@@ -39,12 +36,12 @@ class DepthRegistration:
         found = np.flatnonzero(np.isfinite(warped))
         depth, step = warped[found].astype(np.float64), np.zeros(found.size)
         origin, rays = self._to_camera[0], self._to_camera[1][found]
-        for _ in range(CORRECTIONS):
+        for _ in range(DEPTH_CORRECTIONS):
             points = rays * depth[:, None] + origin
             step = (self._measure(inverse, points) - points[:, 2]) / rays[:, 2]
             depth = depth + step
         registered = np.full(warped.size, np.nan, np.float32)
-        registered[found] = np.where(np.abs(step) < MAX_LEFT * depth, depth, np.nan)
+        registered[found] = np.where(np.abs(step) < MAX_CORRECTION * depth, depth, np.nan)
         return registered.reshape(self._target.height, self._target.width)
 
     def _warp(self, inverse: Depth) -> Depth:
@@ -63,7 +60,7 @@ class DepthRegistration:
         pixels, _ = self._camera.project(points)
         u, v = np.ascontiguousarray(np.nan_to_num(pixels, nan=-1e4).T, dtype=np.float32)
         sampled = np.empty(u.size, np.float32)
-        sample_inverse_depth(inverse, u, v, MAX_STEP, sampled)
+        sample_inverse_depth(inverse, u, v, MAX_SURFACE_STEP, sampled)
         with np.errstate(divide="ignore"):
             return 1.0 / sampled.astype(np.float64)
 

@@ -9,13 +9,12 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import FEATHER_PX
 from sphere_mapping.acquisition.light.exposure import log_gains, log_ratio
 from sphere_nav.geometry import Spherical
 from sphere_nav.spheres.sphere import Image, Range, to_gray
 
 Plane = NDArray[np.float32]
-
-FEATHER_PX = 16.0  # width of the band over which a view fades out at its border
 
 
 @dataclass(frozen=True, eq=False)

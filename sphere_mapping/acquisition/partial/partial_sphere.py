@@ -19,6 +19,15 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import (
+    MAX_CORRECTION,
+    MAX_DEPTH_STEP,
+    MAX_MAGNIFICATION,
+    MAX_SUPERSAMPLING,
+    MIN_RANGE_M,
+    RANGE_CORRECTIONS,
+    WITHOUT_RANGE_M,
+)
 from sphere_mapping.acquisition.kernels import sample_inverse_depth, splat_nearest
 from sphere_mapping.acquisition.partial.joining import Patch, join_views
 from sphere_mapping.acquisition.partial.window import full_width_for, magnification, window_of
@@ -69,15 +78,6 @@ def _rays(camera: Camera, rotation: bytes, window: Spherical) -> tuple[Plane, Pl
     ahead = np.where(rays[..., 2:] > 0.05, rays, (0.0, 0.0, 1.0))  # what the camera cannot see does not matter
     J = np.moveaxis(camera.J_project(ahead), -2, 0)
     return rays.astype(np.float32), np.ascontiguousarray(np.nan_to_num(J), dtype=np.float32)
-
-
-MIN_RANGE_M = 0.1  # what is nearer is not trusted
-MAX_MAGNIFICATION = 1.5  # beyond, the image is sampled more finely than the window and averaged
-MAX_SUPERSAMPLING = 4
-RANGE_CORRECTIONS = 3  # steps along the ray; each removes the parallax error by an order or two
-WITHOUT_RANGE_M = 1e3  # taken for colour where no range is known at all
-MAX_DEPTH_STEP = 0.04  # relative step of depth between neighbours that is an edge
-MAX_CORRECTION_LEFT = 0.01  # relative; more is a surface that this direction does not see
 
 
 @dataclass(frozen=True, eq=False)
@@ -228,7 +228,7 @@ def _move_range(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Sp
             z_seen = 1.0 / _sample(inverse, u, v)
             step = (z_seen - (range_m * z_of_ray + z_of_center)) / np.maximum(z_of_ray, 0.1)
         range_m = range_m + step
-    return np.where((np.abs(step) < MAX_CORRECTION_LEFT * range_m), range_m, np.nan)
+    return np.where((np.abs(step) < MAX_CORRECTION * range_m), range_m, np.nan)
 
 
 def _splat(inverse: Plane, camera: Camera, T_sphere_camera: SE3, window: Spherical) -> NDArray[np.float64]:

@@ -5,16 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import MIN_BLIND_ARC, OUTLINE_RAYS, WINDOW_LEVELS
 from sphere_nav.geometry import SE3, Camera, Spherical
-
-NUM_LEVELS = 5  # of pyramids, that the sides of a window are aligned to
-GRID_STEPS = 64  # rays a side from which the outline of the view is found
-MIN_BLIND_ARC = np.radians(20.0)  # a view whose largest gap in azimuth is smaller is stored as a whole sphere
 
 
 def full_width_for(pixels_per_radian: float) -> int:
-    """Return the columns of the whole sphere of at least this resolution that NUM_LEVELS pyramid levels divide."""
-    multiple = 2**NUM_LEVELS  # the height, half of it, must still be divisible NUM_LEVELS - 1 times
+    """Return the columns of the whole sphere of at least this resolution that WINDOW_LEVELS pyramid levels divide."""
+    multiple = 2**WINDOW_LEVELS  # the height, half of it, must still be divisible WINDOW_LEVELS - 1 times
     return int(np.ceil(2 * np.pi * pixels_per_radian / multiple)) * multiple
 
 
@@ -27,7 +24,7 @@ def window_of(camera: Camera, T_sphere_camera: SE3, full_width: int) -> Spherica
     first, span = _arc(np.arctan2(rays[:, 1], rays[:, 0]))
     if span > 2 * np.pi - MIN_BLIND_ARC or _sees_a_pole(camera, T_sphere_camera):
         return Spherical(full_width, full_width // 2)
-    block = 2 ** (NUM_LEVELS - 1)
+    block = 2 ** (WINDOW_LEVELS - 1)
     scale = full_width / (2 * np.pi)
     elevation = np.arcsin(np.clip(rays[:, 2], -1.0, 1.0))
     # pixel edges: column u spans [u, u + 1) of (1/2 - azimuth / 2 pi) W
@@ -46,8 +43,8 @@ def magnification(camera: Camera, window: Spherical) -> float:
 
 def _rays_of_view(camera: Camera) -> NDArray[np.float64]:
     """Return unit rays (N, 3) all over the image, its outer edges included."""
-    u = np.linspace(-0.5, camera.width - 0.5, GRID_STEPS)
-    v = np.linspace(-0.5, camera.height - 0.5, GRID_STEPS)
+    u = np.linspace(-0.5, camera.width - 0.5, OUTLINE_RAYS)
+    v = np.linspace(-0.5, camera.height - 0.5, OUTLINE_RAYS)
     rays = camera.unproject(np.stack(np.meshgrid(u, v), axis=-1).reshape(-1, 2))
     rays = rays[np.all(np.isfinite(rays), axis=1)]
     if rays.size == 0:

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import BELOW_ZERO_DEG, FAR_M, MAX_BASELINE_ERROR, MAX_SINE, MIN_RANGE_SHARE
 from sphere_mapping.acquisition.kernels import recenter, splat_with_std, stretch, triangulate
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.matching import Disparity, Search
@@ -14,12 +15,6 @@ from sphere_mapping.acquisition.stitching.views import Layout
 from sphere_nav.geometry import Spherical
 
 Plane = NDArray[np.float32]
-
-FAR_M = 120.0  # what is surely farther is known to be far
-MIN_RANGE_SHARE = 0.9  # of the nearest range wanted: what is nearer is not trusted
-MAX_BASELINE_ERROR = 0.5  # share of the baseline: more is not corrected, images of so different places do not match
-MAX_SINE = 0.9  # of the largest disparity
-BELOW_ZERO_DEG = 0.7  # disparities searched below 0, for what calibration leaves
 
 
 def disparities_of_ranges(window: Spherical, baseline_m: float, params: MatchParams) -> Search:

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import AGREEMENT_SIGMAS, CONTRADICTION, MIN_KNOWN
 from sphere_mapping.acquisition.kernels import fuse, splat_with_std
 from sphere_mapping.acquisition.params import FusionParams
 from sphere_mapping.acquisition.stitching.views import RigView
@@ -18,11 +19,7 @@ from sphere_nav.geometry.cameras.camera import pixel_grid
 Plane = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 Image = NDArray[np.uint8]
-MAX_DEVIATIONS = 3.0  # sources that differ by more do not see the same
-CONTRADICTION = 3.0  # a source up to so much less sure than the surest, that differs, makes a pixel unknown,
-CONTRADICTION_SHARE = 0.05  # if it differs by this share of the range at least
 
-MIN_KNOWN = 0.005  # share with range below which it moves nothing: what is known is right, but far from the most
 
 Ranged = tuple[Plane, Plane]  # range and its standard deviation (H, W) in m; NaN unknown, range +Inf known to be far
 
@@ -58,7 +55,7 @@ def fuse_sources(sources: Sequence[Ranged]) -> Ranged:
 
 def fuse_planes(ranges: Plane, stds: Plane) -> Ranged:
     """Return what `fuse_sources` does, of ranges and deviations (N, H, W)."""
-    limits = np.array([MAX_DEVIATIONS, CONTRADICTION, CONTRADICTION_SHARE], np.float32)
+    limits = np.array([AGREEMENT_SIGMAS, *CONTRADICTION], np.float32)
     range_m, std_m = np.empty_like(ranges[0]), np.empty_like(stds[0])
     fuse(ranges, stds, *limits, range_m, std_m)
     return range_m, std_m

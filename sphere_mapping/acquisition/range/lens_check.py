@@ -10,30 +10,28 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import (
+    CLOSENESS,
+    FIT_DEG,
+    INFO_TOLERANCE,
+    LENS_FEATURES,
+    LENS_SIDE,
+    MAX_RATIO,
+    MAX_RAYS_DEG,
+    MIN_LENS_MATCHES,
+    MIN_SHARED_VIEW,
+    OTHER_CAMERAS,
+    OTHER_DISTORTIONS,
+    OTHER_LENS,
+    RAY_GRID,
+    VIEW_GRID,
+)
 from sphere_mapping.acquisition.range.semi_global import Image
-from sphere_nav.geometry import Camera, Fisheye, Pinhole, Rig, RigCamera, Spherical
+from sphere_nav.geometry import Camera, Fisheye, Pinhole, Rig, RigCamera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
-INFO_TOLERANCE = 1e-3  # relative; a focal length that differs more is another camera's
-MAX_RAYS_DEG = 1.0  # median difference of the rays of two calibrations of one lens
-GRID = 12  # pixels a side at which rays are compared
-MAX_SIDE = 800  # px, of the images in which features are found
-NUM_FEATURES, MAX_RATIO = 1500, 0.75  # of a camera; distance of a match over that of the second best
-MIN_MATCHES = 40  # of all cameras, below which nothing is said
-TOLERANCE_DEG = 0.75  # of a match from where the other camera may see the same point
-NEAREST_M, NUM_RANGES = 0.5, 48  # places along the ray of a feature
-FEW = Spherical(128, 64)  # directions at which views are compared
-MIN_SHARED = 0.03  # of all directions, seen by both cameras of a pair
-LEAST_SHARE, FACTOR = (
-    0.4,
-    1.4,
-)  # of the matches that fit another lens, and by those that fit the rig file: it is that one
-MANY, FITS_NOT = 100, 0.3  # matches of which no more fit the rig file: the images are of other cameras
-OTHERS: dict[str, tuple[type[Pinhole] | type[Fisheye], tuple[float, ...]]] = {
-    "pinhole": (Pinhole, (-0.3, -0.15, 0.0, 0.1)),
-    "fisheye": (Fisheye, (-0.1, -0.05, -0.02, 0.0, 0.02, 0.05)),
-}  # lenses that images may have instead, and their first coefficients of distortion
+MODELS: dict[str, type[Pinhole] | type[Fisheye]] = {"pinhole": Pinhole, "fisheye": Fisheye}  # that images may have
 
 
 def check_info(name: str, ours: Camera, theirs: Camera) -> None:
@@ -55,7 +53,7 @@ def check_info(name: str, ours: Camera, theirs: Camera) -> None:
 
 def _angle_between(ours: Camera, theirs: Camera) -> float:
     """Return the median angle in degrees between the rays of two calibrations of one image."""
-    u, v = np.meshgrid(np.linspace(0, ours.width - 1, GRID), np.linspace(0, ours.height - 1, GRID))
+    u, v = np.meshgrid(np.linspace(0, ours.width - 1, RAY_GRID), np.linspace(0, ours.height - 1, RAY_GRID))
     rays = [camera.unproject(np.stack([u, v], axis=-1)) for camera in (ours, theirs)]
     cosine = np.sum(rays[0] * rays[1], axis=-1)
     return float(np.degrees(np.arccos(np.clip(np.nanmedian(cosine), -1.0, 1.0))))
@@ -82,16 +80,17 @@ class LensEvidence:
     @property
     def is_enough(self) -> bool:
         """Whether there are features enough to say anything."""
-        return self.num >= MIN_MATCHES
+        return self.num >= MIN_LENS_MATCHES
 
     @property
     def reason(self) -> str:
         """What the images are of, if not of what the rig file says; empty: of that, or nobody knows."""
-        if self.is_enough and self.other > LEAST_SHARE and self.other > FACTOR * self.given:
+        (share, factor), (many, least) = OTHER_LENS, OTHER_CAMERAS
+        if self.is_enough and self.other > share and self.other > factor * self.given:
             return (
                 f"a {self.lens}: {self.other:.0%} of {self.num} common features fit it, {self.given:.0%} the rig file"
             )
-        if self.num >= MANY and self.given < FITS_NOT:
+        if self.num >= many and self.given < least:
             return f"other cameras: {self.given:.0%} of {self.num} common features fit the rig file"
         return ""
 
@@ -113,7 +112,7 @@ def weigh_lenses(rig: Rig, images: Mapping[str, Image]) -> LensEvidence:
     pairs = [pair for pair in combinations(images, 2) if any(_is_shared(one, *pair) for one in (rig, *others.values()))]
     matches = _match_all(images, pairs)
     num = sum(len(one.pixels[0]) for one in matches)
-    if num < MIN_MATCHES:
+    if num < MIN_LENS_MATCHES:
         return LensEvidence(num)
     shares = {lens: _share_that_fits(other, matches) for lens, other in others.items()}
     name, k1 = max(shares, key=lambda lens: shares[lens])
@@ -124,8 +123,8 @@ def weigh_lenses(rig: Rig, images: Mapping[str, Image]) -> LensEvidence:
 def _other_lenses(rig: Rig) -> dict[tuple[str, float], Rig]:
     """Return the rig with each other plain lens of the same focal length and centre, by model and distortion."""
     found = {}
-    for name, (model, distortions) in OTHERS.items():
-        for k1 in distortions:
+    for name, model in MODELS.items():
+        for k1 in OTHER_DISTORTIONS[name]:
             parts = [replace(part, camera=_read_as(part.camera, model, k1)) for part in rig.cameras]
             found[name, k1] = replace(rig, cameras=tuple(parts))
     return found
@@ -138,10 +137,10 @@ def _read_as(camera: Camera, model: type[Pinhole] | type[Fisheye], k1: float) ->
 
 def _is_shared(rig: Rig, first: str, second: str) -> bool:
     """Return whether two cameras see enough of the same directions."""
-    rays = pixel_rays(FEW)
+    rays = pixel_rays(VIEW_GRID)
     weight = np.hypot(rays[..., 0], rays[..., 1])
     seen = [rig.camera(name).camera.project(rays @ rig.camera(name).T_rig_camera.rotation) for name in (first, second)]
-    return float(weight[seen[0][1] & seen[1][1]].sum()) >= MIN_SHARED * float(weight.sum())
+    return float(weight[seen[0][1] & seen[1][1]].sum()) >= MIN_SHARED_VIEW * float(weight.sum())
 
 
 def _match_all(images: Mapping[str, Image], pairs_of_cameras: Sequence[tuple[str, str]]) -> list[_Matches]:
@@ -160,10 +159,10 @@ def _match_all(images: Mapping[str, Image], pairs_of_cameras: Sequence[tuple[str
 
 
 def _features(image: Image) -> tuple[Array, NDArray[np.float32]]:
-    factor = max(max(image.shape) / MAX_SIDE, 1.0)
+    factor = max(max(image.shape) / LENS_SIDE, 1.0)
     size = (round(image.shape[1] / factor), round(image.shape[0] / factor))
     small = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
-    points, descriptors = cv2.SIFT_create(NUM_FEATURES).detectAndCompute(small, None)
+    points, descriptors = cv2.SIFT_create(LENS_FEATURES).detectAndCompute(small, None)
     if descriptors is None:
         return np.zeros((0, 2)), np.zeros((0, 128), np.float32)
     pixels = np.array([point.pt for point in points], np.float64)
@@ -180,8 +179,7 @@ def _fits(first: RigCamera, second: RigCamera, a: Array, b: Array) -> NDArray[np
     x = first.camera.unproject(a) @ first.T_rig_camera.rotation.T
     y = second.camera.unproject(b) @ second.T_rig_camera.rotation.T
     along = second.T_rig_camera.translation - first.T_rig_camera.translation
-    closeness = np.linspace(0.0, 1.0 / NEAREST_M, NUM_RANGES)[:, None, None]
-    seen = x - closeness * along  # (K, N, 3), the point by its range, for ranges from far to nearest
+    seen = x - CLOSENESS[:, None, None] * along  # (K, N, 3), the point by its range, for ranges from far to nearest
     seen = seen / np.linalg.norm(seen, axis=-1, keepdims=True)
     nearest = np.max(np.sum(seen * y, axis=-1), axis=0)
-    return np.nan_to_num(nearest, nan=-1.0) > np.cos(np.radians(TOLERANCE_DEG))
+    return np.nan_to_num(nearest, nan=-1.0) > np.cos(np.radians(FIT_DEG))

@@ -6,16 +6,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import FROM_UNKNOWN, JUMP, SIDE_PX, SIDE_SHARE, UNKNOWN_PX, UNKNOWN_SIDE
 from sphere_mapping.acquisition.kernels import double_size
 from sphere_mapping.acquisition.range.semi_global import Image, Plane
 
 Flags = NDArray[np.bool_]
-
-SIDE_PX = 4  # how far texture is looked for on the sides of a pixel
-SIDE_SHARE = 0.07  # of the squared slope on the most textured side, that is texture, too
-JUMP_PX, JUMP_SHARE = 0.6, 0.1  # least step of disparity over that neighbourhood that is a jump: px, by the disparity
-UNKNOWN_SIDE, FROM_UNKNOWN = 7, 2  # px: side of an unknown region that counts, and how far one keeps off it
-UNKNOWN_PX = 1e4  # stands for unknown where the largest or least is looked for
 
 
 def halve_image(image: Image, is_whole: bool) -> Image:
@@ -89,7 +84,7 @@ def at_jumps(disparity: Plane, radius: int, *, is_whole: bool) -> Flags:
         step = np.abs(np.diff(padded, axis=axis, append=np.nan))
         least = cv2.erode(np.where(np.isnan(step), np.float32(UNKNOWN_PX), step), kernel)
         slant += np.where(least < UNKNOWN_PX, 2 * radius * least, np.float32(0.0))
-    limit = np.maximum(np.float32(JUMP_PX), np.float32(JUMP_SHARE) * high) + slant
+    limit = np.maximum(np.float32(JUMP[0]), np.float32(JUMP[1]) * high) + slant
     return (high - low > limit)[:, radius + 1 : -radius - 1]
 
 

@@ -19,6 +19,29 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import (
+    BEYOND_PX,
+    EDGE_PX,
+    LEAST_NOISE,
+    MATCH_PX,
+    MAX_REFINEMENT,
+    MAX_RESIDUAL,
+    MAX_WIDTH,
+    MIN_AGREEMENT,
+    MIN_BLOCK_SHARE,
+    MIN_COST_RATIO,
+    MIN_SIDE,
+    NUM_CHECKS,
+    NUM_SCALES,
+    NUM_STRIPS,
+    REFINE_RADIUS,
+    REFINE_STEPS,
+    SMOOTH,
+    STD_FACTOR,
+    STEP_LIMIT,
+    STEPS_AGAIN,
+    SURER,
+)
 from sphere_mapping.acquisition.kernels import (
     NUM_DISPARITIES,
     align_along_columns,
@@ -38,40 +61,10 @@ from sphere_mapping.acquisition.range.levels import (
     interpolate,
     usable_at,
 )
-from sphere_mapping.acquisition.range.semi_global import (
-    MIN_COST_RATIO,
-    NUM_STRIPS,
-    Image,
-    Plane,
-    compare_costs,
-    match_semi_globally,
-)
+from sphere_mapping.acquisition.range.semi_global import Image, Plane, compare_costs, match_semi_globally
 
 Flags = NDArray[np.bool_]
 Pair = tuple[Image, Image]  # of a level: upper, lower
-
-MAX_WIDTH = 1280  # columns, of the whole sphere, up to which images are matched as they are; wider ones are halved
-
-MIN_SIDE = 64  # px, of the coarsest level
-BEYOND_PX = 3  # disparities this near to the largest of a level are left to the next coarser one
-
-NUM_SCALES = 3  # levels that are matched at least
-NUM_CHECKS = 2  # coarser levels that must find a match clear, too
-MIN_COARSE_RATIO = 1.2  # of the least cost elsewhere to that of a match, seen at coarser levels
-MIN_AGREEMENT = 0.95  # of the least cost elsewhere to that of a coarser level's disparity, seen at a finer level
-SURER = 0.5  # of a finer level's deviation, below which a coarser level's disparity is preferred
-LEAST_NOISE = 0.7  # grey levels, of a halved image: rounding and interpolation
-
-EDGE_PX = 3  # matches this near to a jump are not trusted
-REFINE_RADIUS, REFINE_STEPS = 3, 2  # half side in px of the blocks that are aligned, and how often
-STEPS_AGAIN = 1  # how often where a coarser level has aligned them before
-STEP_LIMIT = 0.5  # px, largest step of the refinement
-MATCH_PX = 0.3  # standard deviation of a match: holds the refinement where there is little texture
-MIN_BLOCK_SHARE = 0.2  # of a block's pixels must have a match
-MAX_REFINEMENT = 1.6  # px; a block that wants to go farther from its match is not trusted
-MAX_RESIDUAL = 1.0  # grey-level variance left in a block, by that of noise and contrast
-STD_FACTOR = 1.3  # errors of neighbours are not independent: of the deviation that the residual alone gives
-SMOOTH_LIMIT, SMOOTH_SHARE = 1.0, 0.03  # px, and by the disparity: neighbours that differ more are not averaged
 
 
 @dataclass(frozen=True)
@@ -167,7 +160,7 @@ class _Matches:
         planes = seen if coarser is None else [*seen, coarser.value]
         ratios = compare_costs(*self._levels[k], planes, first, is_whole=self._search.is_whole, jobs=self._jobs)
         for n, ratio in zip(finer, ratios[1:], strict=False):
-            self._is_sure[n, k] = ratio >= MIN_COARSE_RATIO
+            self._is_sure[n, k] = ratio >= MIN_COST_RATIO
         own, is_sure = self._own[k].copy(), ratios[0] >= MIN_COST_RATIO
         own[~is_sure] = np.nan
         for n in range(k + 1, min(k + 1 + NUM_CHECKS, len(self._levels))):
@@ -287,7 +280,7 @@ def _squared_slopes(image: Image) -> Plane:
 
 def _smooth(disparity: Plane, spare: Plane) -> Plane:
     out = np.empty_like(disparity)
-    smooth(disparity, REFINE_RADIUS, np.float32(SMOOTH_LIMIT), np.float32(SMOOTH_SHARE), spare, out)
+    smooth(disparity, REFINE_RADIUS, SMOOTH[0], SMOOTH[1], spare, out)
     return out
 
 

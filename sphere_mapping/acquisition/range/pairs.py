@@ -15,10 +15,20 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import (
+    AGREEMENT_SIGMAS,
+    HALF_VIEW_DEG,
+    MIN_BASELINE_M,
+    MIN_SHARED_VIEW,
+    MIN_VOTES,
+    PAIR_EDGE_PX,
+    VERY_FAR_M,
+    VIEW_GRID,
+)
 from sphere_mapping.acquisition.kernels import count_votes, mean_of_window, place_window
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges, range_from_disparity
-from sphere_mapping.acquisition.range.fusion import MAX_DEVIATIONS, Ranged, StereoRange, fuse_planes
+from sphere_mapping.acquisition.range.fusion import Ranged, StereoRange, fuse_planes
 from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.stitching.layouts import Layouts, upright
 from sphere_mapping.acquisition.stitching.views import RigView
@@ -28,13 +38,6 @@ from sphere_nav.geometry.cameras.camera import pixel_rays
 Image = NDArray[np.uint8]
 Plane = NDArray[np.float32]
 Flags = NDArray[np.bool_]
-
-HALF_WIDTH_DEG, HALF_HEIGHT_DEG = 75.0, 50.0  # half of the view of a pair across and along its baseline
-EDGE_PX = 4  # as the matching's own, and one more: what one pair leaves out another one may see
-MIN_BASELINE_M = 0.02  # cameras closer to each other are no pair
-MIN_VOTES = 0.4  # of the pairs that see a direction, must agree on its range
-MIN_SHARED = 0.03  # of all directions, seen by both cameras of a pair
-FEW, FAR_M = Spherical(128, 64), 1e6  # directions at which views are compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +79,7 @@ def pairs_of(rig: Rig, rig_views: dict[str, RigView], whole: Spherical, params: 
     found = []
     for a, b in combinations(rig.cameras, 2):
         apart = float(np.linalg.norm(a.T_rig_camera.translation - b.T_rig_camera.translation))
-        if apart >= MIN_BASELINE_M and shared_view(rig_views[a.name], rig_views[b.name]) >= MIN_SHARED:
+        if apart >= MIN_BASELINE_M["side"] and shared_view(rig_views[a.name], rig_views[b.name]) >= MIN_SHARED_VIEW:
             pair = _pair(a, b, rig_views, params, whole)
             if pair.is_usable.any():
                 found.append(pair)
@@ -92,20 +95,19 @@ def why_no_pair(rig: Rig, rig_views: dict[str, RigView]) -> str:
     best = max(shares, key=lambda names: shares[names])
     a, b = (rig.camera(name) for name in best)
     apart = float(np.linalg.norm(a.T_rig_camera.translation - b.T_rig_camera.translation))
-    if shares[best] < MIN_SHARED:
-        lack = (
-            f"{MIN_SHARED:.0%} of the sphere seen by two cameras, found {shares[best]:.1%} at most ({a.name}, {b.name})"
-        )
+    if shares[best] < MIN_SHARED_VIEW:
+        lack = f"{MIN_SHARED_VIEW:.0%} of the sphere seen by two cameras, "
+        lack += f"found {shares[best]:.1%} at most ({a.name}, {b.name})"
     else:
-        lack = f"centres {MIN_BASELINE_M} m apart, found {apart:.3f} m ({a.name}, {b.name})"
+        lack = f"centres {MIN_BASELINE_M['side']} m apart, found {apart:.3f} m ({a.name}, {b.name})"
     return f"rig {rig.name}: no range from stereo: expected {lack}"
 
 
 def shared_view(a: RigView, b: RigView) -> float:
     """Return the share of all directions that both cameras see."""
-    rays = pixel_rays(FEW)
+    rays = pixel_rays(VIEW_GRID)
     weight = np.hypot(rays[..., 0], rays[..., 1])  # columns are narrower towards the poles
-    both = (a.project(rays * FAR_M)[2] > 0) & (b.project(rays * FAR_M)[2] > 0)
+    both = (a.project(rays * VERY_FAR_M)[2] > 0) & (b.project(rays * VERY_FAR_M)[2] > 0)
     return float(weight[both].sum() / weight.sum())
 
 
@@ -166,7 +168,7 @@ def fuse_pairs(sees: Flags, ranges: Plane, stds: Plane) -> Ranged:
     elsewhere, or not at all. The deviation is that of the surest: pairs share cameras, and so errors.
     """
     range_m, std_m = fuse_planes(ranges, stds)
-    count_votes(ranges, stds, sees, np.float32(MAX_DEVIATIONS), np.float32(MIN_VOTES), range_m, std_m)
+    count_votes(ranges, stds, sees, np.float32(AGREEMENT_SIGMAS), np.float32(MIN_VOTES), range_m, std_m)
     return range_m, std_m
 
 
@@ -177,7 +179,7 @@ def _range_of_pair(pair: Pair, images: dict[str, Image], params: StitchParams, r
         for name, table in zip((pair.first, pair.second), pair.tables, strict=True)
     )
     search = disparities_of_ranges(pair.window, pair.baseline_m, params.match)
-    disparity = match_columns(top, bottom, search, params.match, pair.is_usable, 1, EDGE_PX)
+    disparity = match_columns(top, bottom, search, params.match, pair.is_usable, 1, PAIR_EDGE_PX)
     own_m, own_std_m = range_from_disparity(disparity, pair.window, pair.baseline_m, params.match)
     nearest, places = np.full(range_m.shape, np.inf, np.float32), np.empty((3, *own_m.shape), np.float32)
     place_window(own_m, pair.rays, pair.pixels, pair.T_sphere_pair.translation.astype(np.float32), nearest, places)
@@ -187,7 +189,6 @@ def _range_of_pair(pair: Pair, images: dict[str, Image], params: StitchParams, r
 
 def _window(params: StitchParams) -> Spherical:
     per_degree = params.width / 360.0
-    half_u = 8 * round(HALF_WIDTH_DEG * per_degree / 8)
-    half_v = 8 * round(HALF_HEIGHT_DEG * per_degree / 8)
+    half_u, half_v = (8 * round(half_deg * per_degree / 8) for half_deg in HALF_VIEW_DEG)
     offset = (params.width / 2 - half_u, params.width / 4 - half_v)
     return Spherical(2 * half_u, 2 * half_v, float(params.width), *offset)

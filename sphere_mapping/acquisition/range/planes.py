@@ -11,41 +11,132 @@ the sky, has none. What cannot be told are bare things that bulge between edges 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+import cv2
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
+from sphere_mapping.acquisition.constants import (
+    AGREEMENT_SIGMAS,
+    AROUND_PX,
+    CELL_PX,
+    FALSE_ALARM,
+    FAR_M,
+    HALF_PIECE_PX,
+    LEAST_NOISE,
+    MAX_DENIED,
+    MAX_ELEVATION,
+    MAX_LEFT,
+    MAX_LEVERAGE,
+    MAX_OFF_SHARE,
+    MAX_PIECE_STD_PX,
+    MAX_RELATIVE_STD,
+    MIN_ACROSS,
+    MIN_CLEAR,
+    MIN_EDGE_PIXELS,
+    MIN_PIECE_STD_PX,
+    MIN_PIECES,
+    MIN_RANGE_SHARE,
+    MIN_REGION_PX,
+    MIN_UNKNOWN,
+    OUTLINE_BLUR_PX,
+    OUTLINE_EDGE,
+    PIECES_APART_PX,
+    PLANES_WIDTH,
+    RELATIVE_STD,
+)
 from sphere_mapping.acquisition.kernels import match_outline
 from sphere_mapping.acquisition.params import MatchParams
-from sphere_mapping.acquisition.range.epipolar import FAR_M, MIN_RANGE_SHARE
 from sphere_mapping.acquisition.range.fusion import Ranged
-from sphere_mapping.acquisition.range.levels import halve_image
-from sphere_mapping.acquisition.range.matching import LEAST_NOISE, Search
-from sphere_mapping.acquisition.range.outlines import HALF, Outline, bare_regions, cut_outlines
+from sphere_mapping.acquisition.range.levels import halve_image, usable_at
+from sphere_mapping.acquisition.range.matching import Search
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Outline:
+    """Pieces of the outline of a region: its number, corners (n, 2: row, column) and masks (n, S, S)."""
+
+    region: int
+    corners: NDArray[np.int64]
+    masks: Flags
+
+
+def bare_regions(
+    top: Image, range_m: Plane, is_usable: Flags, level: int
+) -> tuple[NDArray[np.int32], NDArray[np.int32], int]:
+    """Return labels (h, w) of bare regions, their boxes (n, 6: number, column, row, width, height, area), and a seam.
+
+    The labels are rolled so that the column with the fewest bare pixels, the seam, is the first.
+    """
+    shape, step = top.shape, 2**level
+    is_bare = (_slope(top) < OUTLINE_EDGE) & usable_at(is_usable, level, shape)
+    opened = cv2.morphologyEx(is_bare.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+    seam = int(np.argmin(opened.sum(axis=0)))
+    number, labels, boxes, _ = cv2.connectedComponentsWithStats(np.roll(opened, -seam, axis=1), connectivity=4)
+    is_unknown = np.roll(np.isnan(range_m[::step, ::step][: shape[0], : shape[1]]), -seam, axis=1)
+    unknown = np.bincount(labels[is_unknown], minlength=number)
+    keep = (boxes[:, 4] >= MIN_REGION_PX) & (unknown >= MIN_UNKNOWN * boxes[:, 4])
+    keep[0] = False
+    return labels, np.column_stack([np.flatnonzero(keep), boxes[keep]]).astype(np.int32), seam
+
+
+def _slope(image: Image) -> Plane:
+    """Return the slope (h, w) of a blurred whole sphere, grey levels per px."""
+    margin = int(4 * OUTLINE_BLUR_PX) + 2
+    wide = cv2.copyMakeBorder(image, 0, 0, margin, margin, cv2.BORDER_WRAP).astype(np.float32)
+    smooth = cv2.GaussianBlur(wide, (0, 0), OUTLINE_BLUR_PX)
+    across, along = (cv2.Sobel(smooth, cv2.CV_32F, *axes, ksize=1, scale=0.5) for axes in ((1, 0), (0, 1)))
+    return np.asarray(np.hypot(across, along)[:, margin:-margin], dtype=np.float32)
+
+
+def cut_outlines(top: Image, labels: NDArray[np.int32], boxes: NDArray[np.int32]) -> Iterator[Outline]:
+    """Yield the outline of each region, of an image and labels (h, w) and boxes as `bare_regions` has them."""
+    is_edge = _slope(top) >= OUTLINE_EDGE
+    height, width = labels.shape
+    margin, side = AROUND_PX + HALF_PIECE_PX + CELL_PX, 2 * HALF_PIECE_PX + 1
+    for number, column, row, box_width, box_height, _ in boxes:
+        rows = slice(max(row - margin, 0), min(row + box_height + margin, height))
+        columns = slice(max(column - margin, 0), min(column + box_width + margin, width))
+        inside = (labels[rows, columns] == number).astype(np.uint8)
+        near = cv2.dilate(inside, np.ones((2 * AROUND_PX + 1,) * 2, np.uint8)) > 0
+        v, u = np.nonzero(near & is_edge[rows, columns])
+        if v.size == 0:
+            continue
+        middle = _middles(v, u, cv2.GaussianBlur(inside.astype(np.float32), (0, 0), AROUND_PX / 2))
+        corner = middle - HALF_PIECE_PX
+        fits = np.all((corner >= 0) & (corner + side <= np.array(near.shape)), axis=1)
+        corner = corner[fits]
+        masks = sliding_window_view(near, (side, side))[corner[:, 0], corner[:, 1]]
+        if len(corner):
+            yield Outline(int(number), corner + np.array([rows.start, columns.start]), masks)
+
+
+def _middles(v: NDArray[np.intp], u: NDArray[np.intp], inside: Plane) -> NDArray[np.int64]:
+    """Return the middles (n, 2) of the squares of an outline's pixels in which it runs across the columns."""
+    keys = (v // CELL_PX) * (inside.shape[1] // CELL_PX + 1) + u // CELL_PX
+    _, piece = np.unique(keys, return_inverse=True)
+    along, across = (np.gradient(inside, axis=axis)[v, u] for axis in (0, 1))
+    count, sum_v, sum_u, along, across = (
+        np.bincount(piece, weights) for weights in (None, v, u, along.astype(float), across.astype(float))
+    )
+    keep = (count >= MIN_EDGE_PIXELS) & (np.abs(along) >= MIN_ACROSS * np.hypot(along, across))
+    order = np.flatnonzero(keep)[np.argsort(-count[keep], kind="stable")]
+    middles = np.stack([sum_v[order] / count[order], sum_u[order] / count[order]], axis=1)
+    is_apart = np.ones(len(middles), np.bool_)
+    for k in range(1, len(middles)):  # pieces that overlap would count twice
+        is_apart[k] = np.all(np.abs(middles[:k][is_apart[:k]] - middles[k]).max(axis=1) >= PIECES_APART_PX)
+    return middles[is_apart].astype(np.int64)
+
 
 Plane = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 Image = NDArray[np.uint8]
-
-MAX_WIDTH = 512  # columns of the whole sphere in which outlines are looked for: finer images tell more of noise
-MAX_ELEVATION = np.radians(75.0)  # above and below: nearer to the poles a row tells little of the range
-MIN_CLEAR = 1.5  # of the least cost elsewhere to that of a match
-MAX_STD_PX = 0.5  # of a piece by its own slopes
-FLOOR_PX = 0.15  # deviation of a piece that no slope takes away
-MAX_LEFT, CONTRAST_LEFT = 1.5, 0.05  # of the noise, and of the squared contrast, in the difference of a match
-MIN_PIECES = 8
-MAX_OFF = 3.0  # deviations from the plane beyond which a piece is off,
-MAX_OFF_SHARE = 0.02  # and how many may be
-MAX_LEVERAGE = 0.5  # of a piece: a plane that hangs on one or two was not tried by the others
-FALSE_ALARM = 1e-3  # share of true planes that are refused by the sum of squares
-RELATIVE_STD = 0.02  # of inverse range, of what outlines have in common: calibration, centres, surfaces not quite flat
-MAX_DENIED = 0.3  # of what is measured in a region may contradict its plane
-MAX_RELATIVE_STD = 0.05  # above which nothing is said
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +182,7 @@ def range_of_planes(
     """
     whole = Spherical(top.shape[1], top.shape[0])
     found = np.full(top.shape, np.nan, np.float32), np.full(top.shape, np.nan, np.float32)
-    level = max(int(np.ceil(np.log2(whole.width / MAX_WIDTH))), 0)
+    level = max(int(np.ceil(np.log2(whole.width / PLANES_WIDTH))), 0)
     for _ in range(level):
         top, bottom = halve_image(top, is_whole=True), halve_image(bottom, is_whole=True)
     labels, boxes, seam = bare_regions(top, ranged[0], is_usable, level)
@@ -138,15 +229,15 @@ def _match(
         floor = number * 2 * noise**2
         variance = 2 * noise**2 / squares
         above = (rows * step + 0.5) * np.pi / whole.height
-        is_clear = (elsewhere + floor >= MIN_CLEAR * (least + floor)) & (variance <= MAX_STD_PX**2)
-        is_clear &= (least <= MAX_LEFT * floor + CONTRAST_LEFT * contrast) & (disparity > 0)
+        is_clear = (elsewhere + floor >= MIN_CLEAR * (least + floor)) & (variance <= MAX_PIECE_STD_PX**2)
+        is_clear &= (least <= MAX_LEFT[0] * floor + MAX_LEFT[1] * contrast) & (disparity > 0)
         is_clear &= np.abs(above - np.pi / 2) <= MAX_ELEVATION
     disparity, least, floor, variance, above, rows = (
         values[is_clear] for values in (disparity, least, floor, variance, above, rows)
     )
-    column = (corner[is_clear, 1] + HALF + seam) * step % whole.width
+    column = (corner[is_clear, 1] + HALF_PIECE_PX + seam) * step % whole.width
     row = np.clip(np.rint(rows * step), 0, whole.height - 1).astype(np.int64)
-    std = np.sqrt(variance * np.maximum(least / floor, 1.0) + FLOOR_PX**2)
+    std = np.sqrt(variance * np.maximum(least / floor, 1.0) + MIN_PIECE_STD_PX**2)
     inverse, inverse_std = _inverse_range(disparity * step, std * step, above, viewpoints.baseline_m, whole)
     error = viewpoints.baseline_error[row, column].astype(np.float64)
     factor = (1.0 + error * viewpoints.per_m / inverse) / (1.0 + error)
@@ -181,7 +272,7 @@ def _fit(rays: Array, centers: Array, inverse: Array, std: Array) -> tuple[Array
         covariance = np.asarray(np.linalg.inv(squares), dtype=np.float64)
         n = covariance @ (rows[is_on].T @ (inverse / std)[is_on])
         off = inverse / std - rows @ n
-        is_on = np.abs(off) < MAX_OFF
+        is_on = np.abs(off) < AGREEMENT_SIGMAS
     freedom = int(is_on.sum()) - 3
     if np.einsum("ij,jk,ik->i", rows[is_on], covariance, rows[is_on]).max() > MAX_LEVERAGE:
         return None
@@ -221,7 +312,8 @@ def _extend(
         np.sqrt(variance[keep]) / inverse[keep] ** 2,
     )
     measured, measured_std = (plane[v, u] for plane in ranged)
-    is_denied = np.abs(measured - range_m) > MAX_OFF * np.hypot(measured_std, std_m)  # not so where nothing is measured
+    off = np.abs(measured - range_m)  # NaN, and so not denied, where nothing is measured
+    is_denied = off > AGREEMENT_SIGMAS * np.hypot(measured_std, std_m)
     shares = [np.bincount(own[which], minlength=len(planes)) for which in (is_denied, ~np.isnan(measured))]
     keep = (np.isnan(measured) | is_denied) & (shares[0] <= MAX_DENIED * shares[1])[own]
     found[0][v[keep], u[keep]], found[1][v[keep], u[keep]] = range_m[keep], std_m[keep]

@@ -13,24 +13,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import (
+    COST_RADIUS,
+    EXCHANGED,
+    MIN_COST_RATIO,
+    NUM_STRIPS,
+    ORDER_COLUMNS,
+    SEAM_COLUMNS,
+    SGBM,
+)
 from sphere_mapping.acquisition.kernels import NUM_DISPARITIES, cost_ratios
 
 Plane = NDArray[np.float32]
 Image = NDArray[np.uint8]
-
-BLOCK_SIZE = 5  # px, side of the matched block
-SMOOTHNESS, JUMP_PENALTY = 8 * BLOCK_SIZE**2, 32 * BLOCK_SIZE**2  # of a step of disparity by 1, of a larger one
-UNIQUENESS = 5  # %, margin of the best smoothed cost over the second
-MAX_LEFT_RIGHT_PX = 1  # disagreement allowed between both directions
-SPECKLE_SIZE, SPECKLE_RANGE = 60, 2  # px: smaller islands of disparity, separated by larger steps, are removed
-SATURATION = 31  # preFilterCap of the matcher
-SGBM_SCALE = 16.0  # the matcher's disparities are sixteenths of a pixel
-AROUND = 32  # columns beyond the seam that the matcher sees, so that it knows no seam
-NUM_STRIPS = 2  # of a whole sphere, whatever the number of threads, so that the result does not depend on it
-
-COST_RADIUS = 4  # px, half side of the block whose cost is compared over all disparities
-COST_MEAN = 9  # px, side of the square whose mean grey level is taken away before
-MIN_COST_RATIO = 1.2  # of the least cost elsewhere to that of the match
 
 
 def find_clear_matches(top: Image, bottom: Image, first: int, *, is_whole: bool, jobs: int = 1) -> Plane:
@@ -74,7 +69,7 @@ def match_semi_globally(top: Image, bottom: Image, first: int, *, is_whole: bool
     across = [np.ascontiguousarray(image.T) for image in (top, bottom)]  # columns become the matcher's rows
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
     margin = NUM_DISPARITIES + first
-    around, number = (AROUND, NUM_STRIPS) if is_whole else (0, 1)
+    around, number = (SEAM_COLUMNS, NUM_STRIPS) if is_whole else (0, 1)
     padded = [cv2.copyMakeBorder(image, around, around, 0, 0, border) for image in across]
     padded = [cv2.copyMakeBorder(image, 0, 0, max(margin, 0), max(-first, 0), cv2.BORDER_REPLICATE) for image in padded]
     length, last = -(-across[0].shape[0] // number), across[0].shape[0]
@@ -83,31 +78,53 @@ def match_semi_globally(top: Image, bottom: Image, first: int, *, is_whole: bool
         found = list(pool.map(lambda strip: _matcher(first).compute(padded[0][strip], padded[1][strip]), strips))
     raw = np.concatenate([part[around : len(part) - around] for part in found])
     raw = raw[:, max(margin, 0) :][:, : across[0].shape[1]]
-    disparity = raw.astype(np.float32) / np.float32(SGBM_SCALE)
+    scale = cv2.StereoMatcher_DISP_SCALE
+    disparity = raw.astype(np.float32) / np.float32(scale)
     rows = np.arange(raw.shape[1], dtype=np.float32)
-    disparity[(raw < SGBM_SCALE * first) | (rows - disparity < 0)] = np.nan  # no match, or beyond the pole
+    disparity[(raw < scale * first) | (rows - disparity < 0)] = np.nan  # no match, or beyond the pole
     return np.ascontiguousarray(disparity.T)
 
 
 def _without_mean(image: Image, is_whole: bool) -> NDArray[np.int16]:
     """Return four times the grey levels (H, W) less the mean around them: exposure differs from camera to camera."""
     border = cv2.BORDER_WRAP if is_whole else cv2.BORDER_REPLICATE
-    padded = cv2.copyMakeBorder(image, 0, 0, COST_MEAN, COST_MEAN, border).astype(np.int16) * 4
-    less = padded - cv2.blur(padded, (COST_MEAN, COST_MEAN))
-    return less[:, COST_MEAN:-COST_MEAN]
+    side = 2 * COST_RADIUS + 1
+    padded = cv2.copyMakeBorder(image, 0, 0, side, side, border).astype(np.int16) * 4
+    less = padded - cv2.blur(padded, (side, side))
+    return less[:, side:-side]
 
 
 def _matcher(first: int) -> cv2.StereoSGBM:
     return cv2.StereoSGBM_create(
         minDisparity=first,
         numDisparities=NUM_DISPARITIES,
-        blockSize=BLOCK_SIZE,
-        P1=SMOOTHNESS,
-        P2=JUMP_PENALTY,
-        disp12MaxDiff=MAX_LEFT_RIGHT_PX,
-        preFilterCap=SATURATION,
-        uniquenessRatio=UNIQUENESS,
-        speckleWindowSize=SPECKLE_SIZE,
-        speckleRange=SPECKLE_RANGE,
+        **SGBM,
         mode=cv2.STEREO_SGBM_MODE_SGBM,  # one thread, so the same bits every time
     )
+
+
+def check_order(top: Image, bottom: Image, names: tuple[str, str], *, is_whole: bool) -> None:
+    """Raise ValueError if grey images (H, W) match with positive disparity only when they are exchanged.
+
+    Disparities below one pixel of the shrunk images count for neither order: far scenes are no evidence.
+    """
+    small = [_shrink(image) for image in (top, bottom)]
+    given, exchanged = (_share_matched(a, b, is_whole) for a, b in (small, small[::-1]))
+    least, factor = EXCHANGED
+    if exchanged > least and exchanged > factor * given:
+        first, second = names
+        raise ValueError(
+            f"{first} and {second} image: expected disparities above 0, found {given:.0%} of the pixels matched, and "
+            f"{exchanged:.0%} with the images exchanged"
+        )
+
+
+def _share_matched(top: Image, bottom: Image, is_whole: bool) -> float:
+    found = find_clear_matches(top, bottom, 0, is_whole=is_whole)
+    return float(np.mean(np.nan_to_num(found, nan=0.0) > 1.0))
+
+
+def _shrink(image: Image) -> Image:
+    factor = max(max(image.shape) / ORDER_COLUMNS, 1.0)
+    size = (round(image.shape[1] / factor), round(image.shape[0] / factor))
+    return cv2.resize(image, size, interpolation=cv2.INTER_AREA).astype(np.uint8)

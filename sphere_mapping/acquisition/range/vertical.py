@@ -21,7 +21,7 @@ from sphere_mapping.acquisition.range.epipolar import (
 from sphere_mapping.acquisition.range.fusion import Ranged, StereoRange, inverse_range
 from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.range.planes import Viewpoints, range_of_planes
-from sphere_mapping.acquisition.range.plausibility import check_order
+from sphere_mapping.acquisition.range.semi_global import check_order
 from sphere_mapping.acquisition.stitching.blending import blend
 from sphere_mapping.acquisition.stitching.layouts import MAX_LAYOUTS, Layouts
 from sphere_mapping.acquisition.stitching.views import Layout

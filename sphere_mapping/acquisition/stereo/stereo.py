@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import BELOW_ZERO_PX, MAX_WIDTH_SHARE, MIN_DISPARITY_PX
 from sphere_mapping.acquisition.partial.partial_sphere import (
     full_width_of,
     resample_image,
@@ -13,16 +14,12 @@ from sphere_mapping.acquisition.partial.partial_sphere import (
 )
 from sphere_mapping.acquisition.partial.window import window_of
 from sphere_mapping.acquisition.range.matching import Disparity, Search, match_columns
-from sphere_mapping.acquisition.range.plausibility import check_order
+from sphere_mapping.acquisition.range.semi_global import check_order
 from sphere_mapping.params import PartialParams, StereoParams
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, Image, Sphere, check_sphere_image, to_gray_bytes
 
 Plane = NDArray[np.float32]
-
-BELOW_ZERO_PX = 1.0  # disparities searched below 0, for what rectification leaves
-MAX_WIDTH_SHARE = 0.5  # of the image: larger disparities are not looked for
-MIN_DISPARITY_PX = 1.0  # smaller disparities are not trusted
 
 
 def sphere_from_stereo(

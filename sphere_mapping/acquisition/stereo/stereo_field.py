@@ -13,6 +13,18 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import (
+    BACK_PX,
+    CORNERS,
+    FLOW,
+    MAX_ROWS_APART,
+    MIN_CORNERS,
+    ROW_FLOOR_PX,
+    ROW_LOSS_PX,
+    ROW_PRIOR_PX,
+    ROW_SIGMAS,
+    ROW_STEPS,
+)
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.estimation.robust import cauchy_weights
 from sphere_nav.geometry import Pinhole
@@ -22,17 +34,6 @@ Image = NDArray[np.uint8]
 
 NUM_ROWS, NUM_COLUMNS = 6, 8  # coefficients of both polynomials
 NUM_BOW = 2  # of the columns' ones: offset and bow
-NUM_POINTS, QUALITY, APART_PX = 1200, 0.003, 7  # corners looked for, least of the best one's strength, distance
-PATCH_PX, NUM_LEVELS = 9, 5  # of the alignment of corners; larger patches shorten what they follow (0.4 % at 15 px)
-UNTIL = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 40, 0.001)  # px
-BACK_PX = 0.3  # a corner that is not found back this near is lost
-MAX_ROWS_APART = 12.0  # px; more is a wrong match
-LOSS_PX = 0.3  # scale of Cauchy's loss
-NUM_STEPS = 12
-MIN_POINTS = 60
-FLOOR_PX = 0.03  # standard deviation that no number of corners lowers: patches see more than one row
-PRIOR_PX = 10.0  # standard deviation of each coefficient before anything is seen
-SIGNIFICANCE = 4.0  # standard deviations from which on a correction is made
 
 
 @dataclass(frozen=True)
@@ -70,7 +71,7 @@ class RowFit:
     @property
     def is_significant(self) -> bool:
         """Whether a correction is better than none."""
-        return squared_mahalanobis(self.rows, self.covariance) > SIGNIFICANCE**2 + NUM_ROWS
+        return squared_mahalanobis(self.rows, self.covariance) > ROW_SIGMAS**2 + NUM_ROWS
 
 
 def basis_of_rows(x: Array, y: Array) -> Array:
@@ -97,7 +98,7 @@ def tangents(camera: Pinhole, pixels: Array) -> tuple[Array, Array]:
 
 def corners_of(image: Image) -> Array:
     """Return corners (N, 2) of a grey image."""
-    found = cv2.goodFeaturesToTrack(image, NUM_POINTS, QUALITY, APART_PX)
+    found = cv2.goodFeaturesToTrack(image, **CORNERS)
     return np.zeros((0, 2)) if found is None else found.reshape(-1, 2).astype(np.float64)
 
 
@@ -105,10 +106,9 @@ def follow(first: Image, second: Image, points: Array) -> tuple[Array, NDArray[n
     """Return where points (N, 2) of one grey image are in another, and whether they are found back from there."""
     if not len(points):
         return points, np.zeros(0, np.bool_)
-    options = {"winSize": (PATCH_PX, PATCH_PX), "maxLevel": NUM_LEVELS, "criteria": UNTIL}
     start = points.astype(np.float32).reshape(-1, 1, 2)
-    there, seen, _ = cv2.calcOpticalFlowPyrLK(first, second, start, None, **options)
-    back, seen_back, _ = cv2.calcOpticalFlowPyrLK(second, first, there, None, **options)
+    there, seen, _ = cv2.calcOpticalFlowPyrLK(first, second, start, None, **FLOW)
+    back, seen_back, _ = cv2.calcOpticalFlowPyrLK(second, first, there, None, **FLOW)
     is_back = np.linalg.norm((back - start)[:, 0], axis=1) < BACK_PX
     return there[:, 0].astype(np.float64), is_back & (seen[:, 0] > 0) & (seen_back[:, 0] > 0)
 
@@ -124,21 +124,21 @@ def match_corners(left: Image, right: Image) -> tuple[Array, Array]:
 
 def fit_rows(camera: Pinhole, left: Array, right: Array) -> RowFit | None:
     """Return the polynomial of the rows of matches (N, 2), None where there are too few."""
-    if len(left) < MIN_POINTS:
+    if len(left) < MIN_CORNERS:
         return None
     values = right[:, 1] - left[:, 1]
     A = basis_of_rows(*tangents(camera, right))
-    prior = np.eye(NUM_ROWS) / PRIOR_PX**2
+    prior = np.eye(NUM_ROWS) / ROW_PRIOR_PX**2
     rows: Array = np.zeros(NUM_ROWS)
     weights: Array = np.ones(len(values))
-    scale, normal = 8 * LOSS_PX, prior
-    for _ in range(NUM_STEPS):
+    scale, normal = 8 * ROW_LOSS_PX, prior
+    for _ in range(ROW_STEPS):
         weights = cauchy_weights(np.square((values - A @ rows) / scale))
-        normal = (A * weights[:, None]).T @ A / LOSS_PX**2 + prior
-        rows = np.asarray(np.linalg.solve(normal, (A * weights[:, None]).T @ values / LOSS_PX**2), np.float64)
-        scale = max(scale / 2, LOSS_PX)
+        normal = (A * weights[:, None]).T @ A / ROW_LOSS_PX**2 + prior
+        rows = np.asarray(np.linalg.solve(normal, (A * weights[:, None]).T @ values / ROW_LOSS_PX**2), np.float64)
+        scale = max(scale / 2, ROW_LOSS_PX)
     left_over = values - A @ rows
     variance = np.sum(weights * left_over**2) / max(np.sum(weights) - NUM_ROWS, 1.0)
-    covariance = np.asarray(np.linalg.inv(normal) * (max(variance, 1e-6) / LOSS_PX**2), np.float64)
-    covariance = covariance + FLOOR_PX**2 * np.eye(NUM_ROWS)
+    covariance = np.asarray(np.linalg.inv(normal) * (max(variance, 1e-6) / ROW_LOSS_PX**2), np.float64)
+    covariance = covariance + ROW_FLOOR_PX**2 * np.eye(NUM_ROWS)
     return RowFit(rows, covariance, float(np.median(np.abs(values))), float(np.median(np.abs(left_over))), len(values))

@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import FAR_WORSE, FROM_BORDER_PX, MAX_TURN_DEG, MIN_BASELINE_M, NUM_PAIRS
 from sphere_mapping.acquisition.stereo.stereo_field import (
     Image,
     RowFit,
@@ -21,12 +22,6 @@ from sphere_nav.geometry import SE3, Camera, Pinhole
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.spheres.sphere import to_gray_bytes
-
-NUM_PAIRS = 10  # whose rows are compared
-MIN_BASELINE_M = 1e-3
-MAX_TURN_DEG = 45.0  # between the cameras' axes, and between them and the axis of the pair
-FROM_BORDER_PX = 3  # nearer to the border of the left image nothing is measured
-FAR_WORSE = 1.5  # by which rows agree worse as told than as they are: the images are rectified already
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,8 +60,8 @@ def geometry_of(left: Camera, right: Camera, T_left_right: SE3) -> PairGeometry:
     """
     along = np.asarray(T_left_right.translation, np.float64)
     baseline_m = float(np.linalg.norm(along))
-    if baseline_m < MIN_BASELINE_M:
-        raise ValueError(f"stereo: expected centres at least {MIN_BASELINE_M} m apart, found {baseline_m:.4f} m")
+    if baseline_m < (least := MIN_BASELINE_M["stereo"]):
+        raise ValueError(f"stereo: expected centres at least {least} m apart, found {baseline_m:.4f} m")
     x = along / baseline_m
     ahead = np.array([0.0, 0.0, 1.0]) + T_left_right.rotation[:, 2]
     z = ahead - x * (x @ ahead)

@@ -13,6 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sphere_mapping.acquisition.constants import (
+    CORRELATED_CORNERS,
+    SIGNIFICANCE,
+    TRACK_FLOOR_PX,
+    TRACK_LOSS_PX,
+    TRACK_PRIOR_PX,
+    TRACK_STEPS,
+)
 from sphere_mapping.acquisition.stereo.stereo_field import (
     NUM_BOW,
     NUM_COLUMNS,
@@ -24,15 +32,6 @@ from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.estimation.robust import cauchy_weights
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.arrays import Array
-
-NUM_VIEWS = 4  # instants that a corner is followed through, as far as it is seen
-MIN_TRACKS = 40  # in an instant of a window
-NUM_STEPS = 15
-LOSS_PX = 0.15  # scale of Cauchy's loss on a corner's pixels
-PRIOR_PX = 3.0  # standard deviation of each number before anything is seen
-CORRELATED_CORNERS = 9.0  # of one window, that count as one (`estimation/covariance.py`)
-FLOOR_PX = np.array([0.02, *[0.04] * (NUM_COLUMNS - 1)])  # no number of corners lowers it: not all patches are planes
-SIGNIFICANCE = {2: 15.2, 6: 24.1, 8: 27.9}  # chi2 of so many numbers that chance exceeds once in two thousand
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +82,7 @@ def _fit(camera: Pinhole, baseline_m: float, windows: Sequence[Window], number: 
     columns, normal = _solve(states, number)
     variance = sum(state.squares for state in states) / max(sum(state.freedom for state in states), 1.0)
     covariance = np.asarray(np.linalg.inv(normal) * (max(variance, 1e-6) * CORRELATED_CORNERS), np.float64)
-    covariance = covariance + np.diag(FLOOR_PX[:number] ** 2)
+    covariance = covariance + np.diag(TRACK_FLOOR_PX[:number] ** 2)
     return ColumnFit(columns, covariance, sum(state.window.left.shape[1] for state in states))
 
 
@@ -97,9 +96,9 @@ def motions_of(camera: Pinhole, baseline_m: float, window: Window) -> list[SE3]:
 def _solve(states: Sequence[_State], number: int) -> tuple[Array, Array]:
     """Move all states to what explains their pixels; return the numbers of the disparity and their information."""
     columns: Array = np.zeros(number)
-    normal = prior = np.eye(number) / PRIOR_PX**2
-    for step in range(NUM_STEPS):
-        scale = LOSS_PX * max(8.0 / 2**step, 1.0)
+    normal = prior = np.eye(number) / TRACK_PRIOR_PX**2
+    for step in range(TRACK_STEPS):
+        scale = TRACK_LOSS_PX * max(8.0 / 2**step, 1.0)
         reduced = [state.reduce(columns, scale) for state in states]
         normal = prior + sum(part.H for part in reduced)
         change = np.asarray(np.linalg.solve(normal, sum(part.b for part in reduced) - prior @ columns), np.float64)

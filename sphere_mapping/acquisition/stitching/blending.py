@@ -13,10 +13,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import GRID_STEP, INVERSE_LEVELS
 from sphere_mapping.acquisition.kernels import SCALE, add_band, to_levels, warp_by_range
 from sphere_mapping.acquisition.stitching.feathering import feather
 from sphere_mapping.acquisition.stitching.strips import Block, Strip
-from sphere_mapping.acquisition.stitching.views import GRID_STEP, INVERSE_LEVELS, Layout, StitchedView
+from sphere_mapping.acquisition.stitching.views import Layout, StitchedView
 
 Image = NDArray[np.uint8]
 Plane = NDArray[np.float32]

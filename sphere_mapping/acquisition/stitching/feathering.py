@@ -14,18 +14,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import (
+    BAND_DEG,
+    DARK,
+    FADE_DEG,
+    FAINT_SHARE,
+    LARGEST_CHANGE,
+    MIN_CHANGE,
+    USUAL_CHANGE,
+)
 from sphere_mapping.acquisition.stitching.strips import Block
 
 Image = NDArray[np.uint8]
 Plane = NDArray[np.float32]
-
-BAND_DEG = 6.0  # to either side of a seam where views are compared
-FADE_DEG = 8.0  # standard deviation of the smoothing, and so of the fading
-FAINT = 0.05  # share of compared directions around one below which the change fades
-LARGEST = 0.3  # of a logarithm of a ratio
-USUAL = 0.1  # of a logarithm of a ratio: more is seldom light, it is parallax
-DARK = 20.0  # grey level below which a ratio says little
-SLIGHT = 0.008  # of a logarithm: less is not seen
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +66,11 @@ def _difference(first: Plane, second: Plane, weight: Plane) -> Plane:
     """Return the smooth difference (h, w, channels) of the logarithms of levels, 0 far from where they compare."""
     ratio = np.log(first / second)
     size = np.abs(ratio).max(axis=2)
-    sure = weight / (1.0 + np.square(size / USUAL)) * (size < LARGEST)
+    sure = weight / (1.0 + np.square(size / USUAL_CHANGE)) * (size < LARGEST_CHANGE)
     darkest = np.minimum(first, second).min(axis=2)
     sure = (sure * darkest**2 / (darkest**2 + DARK**2)).astype(np.float32)
     total = _smooth(sure)
-    parts = [_smooth(ratio[..., k] * sure) / (total + np.float32(FAINT)) for k in range(ratio.shape[2])]
+    parts = [_smooth(ratio[..., k] * sure) / (total + np.float32(FAINT_SHARE)) for k in range(ratio.shape[2])]
     return np.stack(parts, axis=2)
 
 
@@ -87,7 +88,7 @@ def _coarse(part: Image, block: Block, shape: tuple[int, ...], step: int) -> Pla
 def _apply(part: Image, block: Block, change: Plane, step: int) -> Image:
     own = block.at(step.bit_length() - 1)
     inside = own.cut(change)
-    if float(np.abs(inside).max()) < SLIGHT:
+    if float(np.abs(inside).max()) < MIN_CHANGE:
         return part
     factor = cv2.resize(np.exp(inside), (block.width, block.height), interpolation=cv2.INTER_LINEAR)
     return np.maximum(cv2.multiply(part, factor.reshape(part.shape), dtype=cv2.CV_8U), 1).astype(np.uint8)

@@ -9,11 +9,11 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import MIN_BASELINE_M
 from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.stitching.views import Layout, RigView, border_of, layout_of
 from sphere_nav.geometry import SE3, Rig, RigCamera, Spherical
 
-MIN_BASELINE_M = 0.01  # between the levels of a vertical rig
 MAX_LAYOUTS = 8  # sets of cameras whose tables are kept
 
 
@@ -75,8 +75,8 @@ def sphere_frame(rig: Rig) -> tuple[SE3, float]:
         return SE3.from_parts(np.eye(3), center_of(rig.cameras)), 0.0
     top, bottom = center_of(rig.at_level("top")), center_of(rig.at_level("bottom"))
     baseline_m = float(np.linalg.norm(top - bottom))
-    if baseline_m < MIN_BASELINE_M:
-        raise ValueError(f"rig {rig.name}: expected levels at least {MIN_BASELINE_M} m apart, found {baseline_m:.4f} m")
+    if baseline_m < (least := MIN_BASELINE_M["levels"]):
+        raise ValueError(f"rig {rig.name}: expected levels at least {least} m apart, found {baseline_m:.4f} m")
     if top[2] <= bottom[2]:
         raise ValueError(
             f"rig {rig.name}: level: expected top above bottom along z, found {top[2]:.3f}, {bottom[2]:.3f}"

@@ -14,26 +14,26 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import (
+    DETAIL_WINDOW,
+    EXPOSED,
+    FAINT_DETAIL,
+    FLAT_DETAIL,
+    MAX_SHARED,
+    MIN_CORRELATION,
+    MIN_SHARED,
+    OVERLAP_CELL,
+    OVERLAP_FROM_BORDER,
+    OVERLAP_GRID,
+    VERY_FAR_M,
+)
 from sphere_mapping.acquisition.stitching.strips import Block
-from sphere_mapping.acquisition.stitching.views import RigView, block_around, block_rays
-from sphere_nav.geometry import Spherical
+from sphere_mapping.acquisition.stitching.views import RigView, block_around
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import pixel_rays
 
 Image = NDArray[np.uint8]
 Plane = NDArray[np.float32]
-
-GRID = Spherical(512, 256)  # directions that are compared
-CELL = (
-    0.012  # rad, side of the pixels that are compared, as far apart as the directions: noise and parallax matter less
-)
-FROM_BORDER = 0.03  # rad from the border of both cameras
-MIN_SHARED = 30  # directions from which on two cameras are compared
-MAX_SHARED = 600  # directions of two cameras that are compared, evenly chosen of more
-DARKEST, BRIGHTEST = 10, 245  # grey levels between which cameras are compared
-WINDOW = 7  # directions, side of the neighbourhood whose detail is compared
-MIN_CORRELATION = 0.8  # of that detail
-FAINT = 0.01  # standard deviation of the logarithm of levels below which nothing is correlated
-FLAT = 0.04  # standard deviation of the logarithm of levels below which there is no detail
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,23 +66,23 @@ class Overlaps:
     """The overlaps of a rig, everything taken at one distance (0: very far)."""
 
     def __init__(self, rig_views: Sequence[RigView], distance_m: float) -> None:
-        rays = block_rays(GRID, Block(0, 0, GRID.height, GRID.width)) * (distance_m or 1e6)
+        rays = pixel_rays(OVERLAP_GRID) * (distance_m or VERY_FAR_M)
         seen = [rig_view.project(rays) for rig_view in rig_views]
         self._steps = [_step(rig_view) for rig_view in rig_views]
         self._maps = [
             tuple((plane + 0.5) / step - 0.5 for plane in part[:2])
             for part, step in zip(seen, self._steps, strict=True)
         ]
-        is_inside = [part[2] > FROM_BORDER for part in seen]
+        is_inside = [part[2] > OVERLAP_FROM_BORDER for part in seen]
         angles = [_angles(rig_view, rays) for rig_view in rig_views]
-        rows = (np.arange(GRID.height)[:, None] + 0.5) * np.pi / GRID.height
-        is_even = np.random.default_rng(0).random((GRID.height, GRID.width)) < np.sin(rows)
+        rows = (np.arange(OVERLAP_GRID.height)[:, None] + 0.5) * np.pi / OVERLAP_GRID.height
+        is_even = np.random.default_rng(0).random((OVERLAP_GRID.height, OVERLAP_GRID.width)) < np.sin(rows)
         self.pairs = []
         for a, b in combinations(range(len(rig_views)), 2):
             both = is_inside[a] & is_inside[b]
-            block = block_around(both, GRID, 1, 0, 1)
+            block = block_around(both, OVERLAP_GRID, 1, 0, 1)
             if block is not None and (number := np.count_nonzero(both & is_even)) >= MIN_SHARED:
-                block = Block(block.row, block.column, block.height, min(block.width, GRID.width))
+                block = Block(block.row, block.column, block.height, min(block.width, OVERLAP_GRID.width))
                 own = block.cut(both & is_even)
                 own.flat[np.flatnonzero(own)[np.arange(number) % -(-number // MAX_SHARED) != 0]] = False
                 there = block.cut(both)
@@ -96,14 +96,14 @@ class Overlaps:
             drawn = cv2.remap(_shrink(image, self._steps[k]), *self._maps[k], cv2.INTER_LINEAR)
             planes[k] = drawn if drawn.ndim == 3 else drawn[:, :, None]
         logs = {k: _mean_logarithm(plane) for k, plane in planes.items()}
-        found = []
+        found, (low, high) = [], EXPOSED
         for pair in self.pairs:
             if {pair.first, pair.second} <= set(images):
                 sides = (pair.first, pair.second)
                 one, other = (pair.block.cut(logs[k]) for k in sides)
                 fits = pair.chosen & is_same(one, other, pair.both, pair.share)
                 first, second = (pair.block.cut(planes[k])[fits].astype(np.float64) for k in sides)
-                good = np.all((np.minimum(first, second) > DARKEST) & (np.maximum(first, second) < BRIGHTEST), axis=1)
+                good = np.all((np.minimum(first, second) > low) & (np.maximum(first, second) < high), axis=1)
                 if np.count_nonzero(good) >= MIN_SHARED:
                     angles = (pair.angles[0][fits][good], pair.angles[1][fits][good])
                     found.append(Shared(*sides, (first[good], second[good]), angles))
@@ -121,8 +121,8 @@ def is_same(first: Plane, second: Plane, both: NDArray[np.bool_], share: Plane) 
     variances = [np.maximum(moments[k] - means[k] * means[k], 0.0) for k in (0, 1)]
     product = moments[2] - means[0] * means[1]
     most, least = np.maximum(*variances), np.minimum(*variances)
-    is_like = (product > MIN_CORRELATION * np.sqrt(most * least)) & (least > FAINT * FAINT)
-    return both & (is_like | (most < FLAT * FLAT))
+    is_like = (product > MIN_CORRELATION * np.sqrt(most * least)) & (least > FAINT_DETAIL * FAINT_DETAIL)
+    return both & (is_like | (most < FLAT_DETAIL * FLAT_DETAIL))
 
 
 def share_of(both: NDArray[np.bool_]) -> Plane:
@@ -152,12 +152,12 @@ def _mean_logarithm(plane: Plane) -> Plane:
 
 
 def _mean(plane: Plane) -> Plane:
-    return cv2.blur(plane, (WINDOW, WINDOW), borderType=cv2.BORDER_CONSTANT).astype(np.float32)
+    return cv2.blur(plane, (DETAIL_WINDOW, DETAIL_WINDOW), borderType=cv2.BORDER_CONSTANT).astype(np.float32)
 
 
 def _step(rig_view: RigView) -> int:
     camera = rig_view.camera
-    return max(min(round(camera.pixels_per_radian * CELL), camera.width, camera.height), 1)
+    return max(min(round(camera.pixels_per_radian * OVERLAP_CELL), camera.width, camera.height), 1)
 
 
 def _shrink(image: Image, step: int) -> Plane:

@@ -26,8 +26,7 @@ from sphere_mapping.acquisition.range.fusion import (
 )
 from sphere_mapping.acquisition.range.lens_check import check_lenses
 from sphere_mapping.acquisition.range.pairs import PairwiseStereo
-from sphere_mapping.acquisition.range.rectification import matches_of
-from sphere_mapping.acquisition.range.rig_adjustment import Matches
+from sphere_mapping.acquisition.range.rectification import Matches, matches_of
 from sphere_mapping.acquisition.range.vertical import VerticalStereo
 from sphere_mapping.acquisition.stitching.blending import blend
 from sphere_mapping.acquisition.stitching.layouts import Layouts

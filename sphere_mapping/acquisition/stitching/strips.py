@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import ALONE, CAP_ROWS
+
 Plane = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 OUTSIDE = -1  # owner of a pixel that no camera shows
-CAP = 128  # rows next to a pole, where seams spread over many columns, make strips of their own
-ALONE = 0.999  # share above which a view has a pixel to itself
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def _mix(weights: dict[int, list[Plane]]) -> Flags:
 
 def _bands(height: int, align: int) -> Iterator[slice]:
     """Yield the rows of the caps and of what is between."""
-    cap = min(CAP, height // 4) // align * align
+    cap = min(CAP_ROWS, height // 4) // align * align
     edges = [0, cap, height - cap, height] if cap else [0, height]
     for first, last in pairwise(edges):
         yield slice(first, last)

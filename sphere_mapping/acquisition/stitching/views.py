@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from sphere_mapping.acquisition.constants import GRID_STEP, INVERSE_LEVELS, SEAM_FROM_BORDER, VERY_FAR_M
 from sphere_mapping.acquisition.stitching.feathering import Seam, seams_of
 from sphere_mapping.acquisition.stitching.strips import OUTSIDE, Block, Strip, strips_of
 from sphere_nav.geometry import SE3, Camera, Rig, RigCamera, Spherical
@@ -22,11 +23,6 @@ from sphere_nav.geometry.cameras.camera import pixel_rays
 
 Plane = NDArray[np.float32]
 Flags = NDArray[np.bool_]
-
-COARSE = 8  # every so many pixels while the blocks are looked for
-FROM_BORDER = 0.02  # rad from a camera's border, where views are compared along the seams
-GRID_STEP = 8  # px of the sphere between the entries of a table by range
-INVERSE_LEVELS = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 2.0, 4.0], dtype=np.float32)  # 1/m
 
 
 @dataclass(frozen=True, eq=False)
@@ -117,8 +113,8 @@ def border_of(part: RigCamera, mask: NDArray[np.uint8] | None) -> Plane:
 def layout_of(rig_views: Sequence[RigView], whole: Spherical, distance_m: float, num_bands: int) -> Layout:
     """Return the views of the cameras in a sphere, taking everything at one distance (0: very far)."""
     align, margin = 1 << num_bands, 4 << num_bands
-    coarse = _owners(rig_views, whole, distance_m, COARSE)
-    blocks = [block_around(coarse == k, whole, COARSE, margin, align) for k in range(len(rig_views))]
+    coarse = _owners(rig_views, whole, distance_m, GRID_STEP)
+    blocks = [block_around(coarse == k, whole, GRID_STEP, margin, align) for k in range(len(rig_views))]
     kept = [(rig_view, block) for rig_view, block in zip(rig_views, blocks, strict=True) if block is not None]
     best = np.zeros((whole.height, whole.width), np.float32)
     owner = np.full(best.shape, OUTSIDE, dtype=np.int8)
@@ -170,7 +166,7 @@ def _seen_at(rig_view: RigView, whole: Spherical, step: int, distance_m: float) 
     """Return which blocks (H / step, W / step) of step x step pixels a camera sees by their middle."""
     middle = Block(step // 2, step // 2, whole.height - step // 2, whole.width - step // 2)
     rays = block_rays(whole, middle, step)[: whole.height // step, : whole.width // step]
-    return _see(rig_view, rays, distance_m)[2] > FROM_BORDER
+    return _see(rig_view, rays, distance_m)[2] > SEAM_FROM_BORDER
 
 
 def _owners(rig_views: Sequence[RigView], whole: Spherical, distance_m: float, step: int) -> NDArray[np.int8]:
@@ -182,8 +178,7 @@ def _owners(rig_views: Sequence[RigView], whole: Spherical, distance_m: float, s
 
 
 def _see(rig_view: RigView, rays: NDArray[np.float64], distance_m: float) -> tuple[Plane, Plane, Plane]:
-    far = 1e6 if distance_m == 0 else distance_m
-    return rig_view.project(rays * far)
+    return rig_view.project(rays * (distance_m or VERY_FAR_M))
 
 
 def _project_at(rig_view: RigView, whole: Spherical, block: Block, distance_m: float) -> tuple[Plane, Plane, Plane]:

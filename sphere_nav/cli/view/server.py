@@ -16,18 +16,57 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.cli.view.drive import Shot
-from sphere_nav.cli.view.minimap import Minimap
 from sphere_nav.geometry import SE3, Camera, Pinhole
 from sphere_nav.spheres.graph import SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 from sphere_nav.view_synthesis.scene import Scene
 from sphere_nav.view_synthesis.synthesis import SynthesizedView
 
+SIDE, BORDER = 300, 20  # px
+MIN_EXTENT_M = 10.0
+PAPER = (250, 250, 247)
+COLORS = {"way": (150, 150, 150), "loops": (220, 120, 30), "key": (40, 90, 160), "camera": (200, 30, 30)}
+ARROW_PX = 14.0
+Picture = NDArray[np.uint8]
+
+
+class Minimap:
+    """Draws a graph once, and a pose into a copy as often as it is asked; x of the map to the right, y up."""
+
+    def __init__(self, graph: SphereGraph) -> None:
+        points = np.array([node.T_map_sphere.translation[:2] for node in graph])
+        self._middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
+        extent = max(float(np.ptp(points, axis=0).max()), MIN_EXTENT_M)
+        self._scale = (SIDE - 2 * BORDER) / extent
+        self._base: Picture = np.full((SIDE, SIDE, 3), PAPER, np.uint8)
+        for edge in graph.edges:
+            ends = [tuple(self.pixel(graph[end].T_map_sphere)) for end in (edge.a, edge.b)]
+            cv2.line(self._base, *ends, COLORS["loops" if edge.is_loop else "way"], 1, cv2.LINE_AA)
+        for node in graph:
+            cv2.circle(self._base, tuple(self.pixel(node.T_map_sphere)), 2, COLORS["key"], -1, cv2.LINE_AA)
+
+    def pixel(self, T_map_any: SE3) -> list[int]:
+        """Return the column and row of a pose."""
+        x, y = (T_map_any.translation[:2] - self._middle) * self._scale
+        return [round(float(0.5 * SIDE + x)), round(float(0.5 * SIDE - y))]
+
+    def draw(self, T_map_camera: SE3) -> Picture:
+        """Return the picture (SIDE, SIDE, 3) with an arrow where a camera (z forward) looks."""
+        picture = self._base.copy()
+        u, v = self.pixel(T_map_camera)
+        ahead = T_map_camera.rotation[:2, 2]
+        length = float(np.linalg.norm(ahead))
+        du, dv = ARROW_PX * ahead / length * (1.0, -1.0) if length > 1e-6 else (0.0, 0.0)
+        tip = (round(u + float(du)), round(v + float(dv)))
+        cv2.arrowedLine(picture, (u, v), tip, COLORS["camera"], 2, cv2.LINE_AA, tipLength=0.5)
+        cv2.circle(picture, (u, v), 4, COLORS["camera"], -1, cv2.LINE_AA)
+        return picture
+
+
 INSTALL = "pip install 'viser>=1.0,<2'"
 MAX_SIDE = 800  # px, of a view; the browser enlarges it
 FAR_M, LOOK_M = 500.0, 1.0  # clipping of the graph; distance of the point about which the mouse turns
 KEY_RADIUS_M, HOLE = 0.08, 60
-WAY, LOOP, KEY, SHOWN = (150, 150, 150), (220, 120, 30), (40, 90, 160), (200, 30, 30)
 JPEG_QUALITY = 85
 FLIGHT_S, FLIGHT_STEP_S = 1.2, 1 / 30
 IDLE_S = 0.5
@@ -84,7 +123,7 @@ class Page:
                 fov=2.0 * float(np.arctan(0.5 * camera.height / camera.pixels_per_radian)),
                 aspect=camera.width / camera.height,
                 scale=0.3,
-                color=SHOWN,
+                color=COLORS["camera"],
                 wxyz=(w, x, y, z),
                 position=shot.T_map_camera.translation,
             )
@@ -110,14 +149,17 @@ class Page:
 
     def _add_graph(self) -> None:
         scene = self.server.scene
-        for name, is_loop, color in (("way", False, WAY), ("loops", True, LOOP)):
+        for name, is_loop in (("way", False), ("loops", True)):
             edges = [edge for edge in self._graph.edges if edge.is_loop == is_loop]
             if edges:
                 ends = [[self._graph[end].T_map_sphere.translation for end in (edge.a, edge.b)] for edge in edges]
-                scene.add_line_segments(f"/graph/{name}", points=np.array(ends, np.float32), colors=color)
+                scene.add_line_segments(f"/graph/{name}", points=np.array(ends, np.float32), colors=COLORS[name])
         for node in self._graph:
             handle = scene.add_icosphere(
-                f"/graph/key_sphere_{node.id}", radius=KEY_RADIUS_M, color=KEY, position=node.T_map_sphere.translation
+                f"/graph/key_sphere_{node.id}",
+                radius=KEY_RADIUS_M,
+                color=COLORS["key"],
+                position=node.T_map_sphere.translation,
             )
             handle.on_click(lambda event, T=node.T_map_sphere: self.fly(event.client, T @ T_BODY_OPTICAL))
 

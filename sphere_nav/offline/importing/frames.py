@@ -1,4 +1,4 @@
-"""Images of one camera as a folder of files or a video, each with its stamp where one is known."""
+"""Images of one camera as a folder of files or a video, with stamps where known; which data set a folder looks like."""
 
 from __future__ import annotations
 
@@ -10,10 +10,43 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from sphere_nav.offline.importing.layouts import IMAGES, VIDEOS
+from sphere_nav.offline.constants import DEFAULT_HZ
 from sphere_nav.offline.importing.recording import FIRST_STAMP_NS, read_image
 
-DEFAULT_HZ = 10.0
+IMAGES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp", ".pgm", ".ppm"}
+VIDEOS = {".mp4", ".avi", ".mkv", ".mov", ".webm", ".m4v"}
+SIGNS: dict[str, tuple[tuple[str, ...], ...]] = {
+    "seven_scenes": (("frame-*.depth.png",),),
+    "tum": (("rgb.txt",), ("img_curr*.png", "img_prev*.png")),
+    "kitti": (("calib.txt", "image_0"), ("calib.txt", "image_2"), ("calib.txt", "image_l")),
+    "spherical": (("sphere_*", "Extrinsics"), ("image_*.png", "range_*.png"), ("image_*.jpg", "range_*.png")),
+}  # format -> alternatives, of which all names must be there
+
+
+def guess_format(folder: Path) -> str:
+    """Return the format whose files are in the folder; empty: none of SIGNS."""
+    for name, alternatives in SIGNS.items():
+        if any(all(any(folder.glob(sign)) for sign in signs) for signs in alternatives):
+            return name
+    return ""
+
+
+def describe_folder(folder: Path) -> str:
+    """Return in words what a folder is, or holds where that is not known."""
+    if not folder.is_dir():
+        return ""
+    if name := guess_format(folder):
+        return f"the folder looks like {name}"
+    below = sorted(path for path in folder.iterdir() if path.is_dir())
+    for path in below:
+        if name := guess_format(path):
+            return f"{path} looks like {name}"
+    if any(path.suffix.lower() in IMAGES | VIDEOS for place in (folder, *below) for path in place.iterdir()):
+        return "it has images"
+    found = ", ".join(path.name for path in sorted(folder.iterdir())[:5]) or "nothing"
+    return f"the folder holds {found}"
+
+
 UNITS = ((18, 1), (15, 1_000), (12, 1_000_000))  # digits of a stamp since 1970, and ns in its unit
 EARLIEST_S = 1e8  # a name that is a number with a point, at least this, is a stamp in s
 

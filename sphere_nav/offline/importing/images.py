@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from sphere_mapping.acquisition.params import MatchParams
 from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges, range_from_disparity
 from sphere_mapping.acquisition.range.matching import match_columns
-from sphere_mapping.acquisition.range.plausibility import check_order
+from sphere_mapping.acquisition.range.semi_global import check_order
 from sphere_nav.geometry import SE3, Camera, Pinhole, Rig, RigCamera, Spherical
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.offline.importing.frames import Frames, instants_of, open_frames

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.files.untrusted import number as number_of
 from sphere_nav.geometry.files.untrusted import read_text
+from sphere_nav.offline.constants import DEFAULT_HZ
 from sphere_nav.offline.importing.recording import (
     FIRST_STAMP_NS,
     MAP_FRAME,
@@ -28,7 +29,6 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 FOLDERS = (("image_0", "image_1"), ("image_l", "image_r"), ("image_2", "image_3"))
 CAMERAS = {"image_0": (0, 1), "image_l": (0, 1), "image_2": (2, 3)}
 LEFT_FRAME, RIGHT_FRAME = "left_optical", "right_optical"
-DEFAULT_HZ = 10.0
 
 
 class KittiRecording:

@@ -16,6 +16,7 @@ from sphere_mapping.acquisition.partial.depth_registration import DepthRegistrat
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.files.untrusted import parse_stamp_ns, read_text
 from sphere_nav.geometry.trajectory import Trajectory, read_tum
+from sphere_nav.offline.constants import MAX_PAIR_GAP_NS
 from sphere_nav.offline.importing.recording import (
     FIRST_STAMP_NS,
     MAP_FRAME,
@@ -34,8 +35,7 @@ from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 KINECT_HZ = 30.0
 MILLIMETERS = 1000.0  # depth units per m
-FAR = 65535  # invalid in 7-Scenes
-MAX_GAP_NS = 20_000_000  # between the stamps of one instant in a TUM recording
+FAR = np.iinfo(np.uint16).max  # invalid in 7-Scenes
 
 
 @dataclass(frozen=True)
@@ -183,17 +183,17 @@ def _tum_sequence(folder: Path) -> list[Frame]:
     frames = []
     for stamp, image in images:
         nearest = int(np.argmin(np.abs(depth_stamps - stamp)))
-        if abs(int(depth_stamps[nearest]) - stamp) <= MAX_GAP_NS:
+        if abs(int(depth_stamps[nearest]) - stamp) <= MAX_PAIR_GAP_NS:
             pose = None if truth is None else _pose_at(truth, stamp)
             frames.append(Frame(stamp, folder / image, folder / depths[nearest][1], pose))
     if not frames:
-        raise ValueError(f"{folder / 'depth.txt'}: expected stamps within {MAX_GAP_NS} ns of rgb.txt, found none")
+        raise ValueError(f"{folder / 'depth.txt'}: expected stamps within {MAX_PAIR_GAP_NS} ns of rgb.txt, found none")
     return frames
 
 
 def _pose_at(truth: Trajectory, stamp: int) -> SE3 | None:
     """Return the pose between the two rows around the stamp, None where they are too far away."""
-    found, _ = truth.at([stamp], max_gap_ns=2 * MAX_GAP_NS)
+    found, _ = truth.at([stamp], max_gap_ns=2 * MAX_PAIR_GAP_NS)
     return found.T_map_body[0] if len(found) else None
 
 

@@ -31,7 +31,6 @@ from sphere_nav.spheres.sphere import Sphere
 SPHERE_FRAME = "sphere_link"
 NUM_SENSORS = 8
 SENSOR = Pinhole(320, 240, 262.5, 262.5, 159.5, 119.5)  # every Xtion of the ring
-FAR_MM = 65535
 # Body axes (x forward, y left, z up) from those of the ring: its x points up, its z along the first sensor.
 T_BODY_RIG = SE3(np.array([[0.0, 0, 1, 0], [0, -1, 0, 0], [1, 0, 0, 0], [0, 0, 0, 1]]))
 
@@ -139,7 +138,7 @@ def _rgb(path: Path) -> NDArray[np.uint8]:
 def _meters(range_mm: NDArray[np.uint16]) -> NDArray[np.float32]:
     range_m = range_mm.astype(np.float32) * np.float32(1e-3)
     range_m[range_mm == 0] = np.nan
-    range_m[range_mm == FAR_MM] = np.inf
+    range_m[range_mm == np.iinfo(np.uint16).max] = np.inf
     return range_m
 
 

@@ -19,18 +19,12 @@ from sphere_mapping.ros.intake import Intake
 from sphere_mapping.ros.rgbd_intake import RgbdInstant
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
+from sphere_nav.offline.constants import DEPTH_LEVELS, MAX_TURN, NUM_PAIRS, PARALLAX
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.tf import TransformListener
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL, to_gray_bytes
-
-NUM_PAIRS = 16  # that the way is shared among: few long ones tell more than many short ones
-MIN_PARALLAX, MAX_PARALLAX = 0.03, 0.15  # distance between two images over the range of what they see
-MAX_TURN = np.radians(15.0)  # between the two, so that they see the same
-# Levels of the pyramid: to half the size, where neighbouring pixels of a mosaic are independent; then once more with
-# hidden points found anew.
-ROUNDS = ((3, 2, 1), (1,))
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,7 +109,7 @@ def judge_depth(bag: BagReader, values: dict[str, Any], remap: dict[str, str], m
 
 def _refine(pairs: list[DepthPair], one: RgbdInstant) -> RefinedDepth:
     T_image_depth = one.T_image_depth
-    for levels in ROUNDS:
+    for levels in DEPTH_LEVELS:
         seen = [without_hidden(pair, one.camera, T_image_depth) for pair in pairs]
         found = refine_depth_pose(seen, one.camera, T_image_depth, one.T_image_depth, levels)
         T_image_depth = found.T_image_depth
@@ -129,7 +123,7 @@ def _refine(pairs: list[DepthPair], one: RgbdInstant) -> RefinedDepth:
 def choose_pairs(way: Trajectory, range_m: float) -> list[tuple[int, int]]:
     """Return pairs of indices with parallax and without much turn between, that share no part of the way."""
     length = float(way.distances[-1]) if len(way) else 0.0
-    reach = float(np.clip(length / NUM_PAIRS, MIN_PARALLAX * range_m, MAX_PARALLAX * range_m))
+    reach = float(np.clip(length / NUM_PAIRS, PARALLAX[0] * range_m, PARALLAX[1] * range_m))
     pairs, first = [], 0
     for index in range(1, len(way)):
         distance, turn = way.T_map_body[first].distance(way.T_map_body[index])

@@ -1,16 +1,31 @@
-"""A drive that was mapped: its trajectory, its truth, and what is told of it."""
+"""A drive that was mapped: its trajectory, the true poses of its bag, where these lay it, and what is told of it."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from sphere_mapping.ros.node import SphereMapper
-from sphere_nav.geometry import SE3
+from sphere_nav.estimation.gates import squared_mahalanobis
+from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.offline.evaluation import evaluate_poses
-from sphere_nav.offline.mapping.truth import Truth, fit_poses
+from sphere_nav.offline.constants import EDGE_FACTOR, MAX_CONTRADICTED, MAX_SURVEY_SIGMAS, SURVEY_SIGMA
+from sphere_nav.offline.evaluation import TRUTH_TOPICS, evaluate_poses
+from sphere_nav.offline.pose_bags import read_poses
+from sphere_nav.ros.bags import BagError, BagReader
+from sphere_nav.spheres.graph import Edge, SphereGraph
+
+NUM_NAMED = 3  # motions that are told by name
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """True poses; `is_base` where they are the vehicle's, not the camera's."""
+
+    poses: Trajectory
+    is_base: bool
 
 
 @dataclass(eq=False)
@@ -30,6 +45,24 @@ class MappedDrive:
         matrices = np.stack([(T_map_sphere @ T_sphere_body).matrix for T_map_sphere in poses])
         return Trajectory(np.array(stamps, dtype=np.int64), SE3(matrices))
 
+    def anchor_graph(self, anchor: str, truth: Truth | None, source: str) -> tuple[SE3, SphereGraph, list[str]]:
+        """Return T_new_map as the anchor asks for, the graph there, and what is to be warned of.
+
+        anchor: first, truth or survey, as of `sphere_nav map`. BagError where the truth is asked for and not known.
+        """
+        graph = self.node.mapper.graph
+        if anchor == "first":
+            return SE3.identity(), graph, []
+        T_fitted_map = self.fit(truth) if truth is not None else None
+        if truth is None or T_fitted_map is None:
+            topics = " or ".join(TRUTH_TOPICS)
+            raise BagError(f"{source}: {topics}: expected poses at the stamps of the spheres, found none")
+        graph = graph.with_poses({node.id: T_fitted_map @ node.T_map_sphere for node in graph})
+        if anchor == "truth":
+            return T_fitted_map, graph, []
+        surveyed = move_to_truth(graph, truth, self.node.T_base_sphere)
+        return T_fitted_map, surveyed, check_survey(graph, surveyed, source)
+
     def anchor(self, truth: Truth) -> SE3 | None:
         """Return T_truth_map, so that the first sphere is where the truth has it; None where the truth lacks it."""
         mine = self.trajectory(is_base=truth.is_base)
@@ -40,25 +73,19 @@ class MappedDrive:
         """Return T_truth_map that fits all spheres best, so that no single true pose decides; None without truth."""
         mine = self.trajectory(is_base=truth.is_base)
         at, known = truth.poses.at(mine.stamps_ns, max_gap_ns=round(1e9))
-        if not known.any():
-            return None
-        return fit_poses(at.T_map_body, mine.T_map_body[known])
+        return fit_poses(at.T_map_body, mine.T_map_body[known]) if known.any() else None
 
-    def summary(self, loops: int, truth: Truth | None, T_truth_map: SE3 | None) -> list[str]:
+    def summary(self, truth: Truth | None) -> list[str]:
         """Return what is printed."""
-        mapper = self.node.mapper
-        placed = self.trajectory(is_base=False)
-        lines = [
-            f"{len(placed)} spheres placed, {self.num_lost} lost, {len(mapper.graph)} kept, {loops} loops closed, "
-            f"{placed.distances[-1]:.2f} m"
-        ]
-        if self.stereo:
-            lines.insert(0, self.stereo)
-        if self.depth:
-            lines.append(self.depth)
-        if self.refusal:
-            lines.append(f"refused: {self.refusal}")
-        if truth is None or T_truth_map is None:
+        mapper, placed = self.node.mapper, self.trajectory(is_base=False)
+        lines = [self.stereo] if self.stereo else []
+        lines.append(
+            f"{len(placed)} spheres placed, {self.num_lost} lost, {len(mapper.graph)} kept, {mapper.num_loops} loops "
+            f"closed, {placed.distances[-1]:.2f} m"
+        )
+        lines += [self.depth] if self.depth else []
+        lines += [f"refused: {self.refusal}"] if self.refusal else []
+        if truth is None or (T_truth_map := self.anchor(truth)) is None:
             return lines
         estimate = self.trajectory(is_base=truth.is_base).moved(T_truth_map)
         judged = evaluate_poses(estimate, truth.poses, is_interpolated=True)
@@ -70,3 +97,60 @@ class MappedDrive:
         )
         lines.append(f"drift at the end: {1e3 * end:.1f} mm in {length:.2f} m ({100 * end / max(length, 1e-9):.2f} %)")
         return lines
+
+
+def truth_of(path: Path) -> Truth | None:
+    """Return the true poses of a bag, None where it has none."""
+    with BagReader(path) as bag:
+        topics = [topic for topic in TRUTH_TOPICS if "/" + topic in bag.topics and bag.topics["/" + topic].count]
+    return Truth(read_poses(path, (topics[0],)), is_base=topics[0].endswith("odometry")) if topics else None
+
+
+def fit_poses(theirs: SE3, ours: SE3) -> SE3:
+    """Return T_theirs_ours that brings poses (N,) together best: rotations by their mean, then positions."""
+    R = so3.nearest_rotations(np.sum(theirs.rotation @ np.swapaxes(ours.rotation, -1, -2), axis=0))
+    return SE3.from_parts(R, np.mean(theirs.translation - ours.translation @ R.T, axis=0))
+
+
+def move_to_truth(graph: SphereGraph, truth: Truth, T_base_sphere: SE3) -> SphereGraph:
+    """Return the graph with every key sphere at its true pose, where that is known at its stamp."""
+    T_body_sphere = T_base_sphere if truth.is_base else SE3.identity()
+    poses = {}
+    for node in graph:
+        at, known = truth.poses.at([node.stamp_ns], max_gap_ns=round(1e9))
+        if known.all():
+            poses[node.id] = at.T_map_body[0] @ T_body_sphere
+    return graph.with_poses(poses)
+
+
+def check_survey(aligned: SphereGraph, surveyed: SphereGraph, source: str) -> list[str]:
+    """Compare the aligned edges with the surveyed poses of the same key spheres; return warnings, worst edges by name.
+
+    BagError where most edges contradict the survey: the poses are wrong, of another frame or of other stamps.
+    """
+    found = sorted(((_sigmas(edge, surveyed), edge) for edge in aligned.edges), key=lambda pair: pair[0], reverse=True)
+    wrong = [(sigmas, edge) for sigmas, edge in found if sigmas > MAX_SURVEY_SIGMAS]
+    if not wrong:
+        return []
+    named = "; ".join(_describe(edge, sigmas, surveyed) for sigmas, edge in wrong[:NUM_NAMED])
+    what = f"{len(wrong)} of {len(found)} motions between key spheres contradict the survey: {named}"
+    if len(wrong) > MAX_CONTRADICTED * len(found):
+        raise BagError(f"{source}: expected surveyed poses that agree with the images, found {what}")
+    return [f"warning: {what}"]
+
+
+def _sigmas(edge: Edge, surveyed: SphereGraph) -> float:
+    """Return how far the survey is from an edge in standard deviations of both."""
+    xi = (edge.T_a_b.inverse() @ _motion(edge, surveyed)).log()
+    covariance = EDGE_FACTOR**2 * np.linalg.pinv(edge.information) + np.diag(SURVEY_SIGMA**2)
+    return float(np.sqrt(squared_mahalanobis(xi, covariance)))
+
+
+def _describe(edge: Edge, sigmas: float, surveyed: SphereGraph) -> str:
+    meters, radians = edge.T_a_b.distance(_motion(edge, surveyed))
+    return f"{edge.a} to {edge.b} by {1e3 * meters:.0f} mm, {np.degrees(radians):.2f} deg ({sigmas:.1f} sigma)"
+
+
+def _motion(edge: Edge, graph: SphereGraph) -> SE3:
+    """Return T_a_b as the poses of a graph have it."""
+    return graph[edge.a].T_map_sphere.inverse() @ graph[edge.b].T_map_sphere

@@ -42,11 +42,6 @@ def open_base(path: Path, output: Path, rig: str) -> MapReader:
     return base
 
 
-def first_id(base: MapReader | None) -> int:
-    """Return the id of the first key sphere after those of the map."""
-    return max(base.graph.nodes) + 1 if base is not None else 0
-
-
 def extend(base: MapReader, mapper: Mapper, run: Run = map) -> Extension:
     """Move what was mapped into the frame of the map, both in one graph; BagError where they share no places."""
     known = Submap(base.graph, base.appearance(), base.load_sphere)

@@ -9,20 +9,55 @@ from typing import Any
 from tqdm import tqdm
 
 from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair
+from sphere_mapping.graph.store import SphereStore
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams
+from sphere_mapping.ros.intake import TOPICS
 from sphere_mapping.ros.node import SphereMapper
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.offline import topics
+from sphere_nav.offline.constants import OFFLINE_DEADLINE_S
+from sphere_nav.offline.mapping.depth_drive import judge_depth
 from sphere_nav.offline.mapping.drive import MappedDrive
+from sphere_nav.offline.mapping.sphere_source import CAMERAS, find_input
+from sphere_nav.offline.mapping.stereo_drive import find_field
 from sphere_nav.offline.mapping.stitcher_ahead import StitcherAhead, stitch_apart
-from sphere_nav.offline.mapping.workers import Workers
+from sphere_nav.offline.mapping.workers import NUM_THREADS, Workers
 from sphere_nav.ros.bags import BagError, BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay, required_topics
 
-NUM_THREADS = 2  # of this process, which registers one sphere after the other
-OFFLINE_DEADLINE_S = 10.0  # of recording time: a recording may hold images as late as they were drawn or written
 Node = tuple[dict[str, Any], dict[str, str]]  # values of parameters by dotted name, topics of the bag by ours
+
+
+def map_bag(arguments: argparse.Namespace, store: SphereStore, first: int, workers: Workers) -> MappedDrive:
+    """Return the bag mapped from what it holds, ids from `first` on; BagError where no sphere comes of it."""
+    given = {"mapper.loop.automatic": not arguments.no_loops, "mounting": arguments.mounting}
+    values = given | arguments.settings
+
+    def begin(params: MapperParams) -> Mapper:
+        mapper = Mapper(params, store=store)
+        mapper.first_id = first
+        return mapper
+
+    with BagReader(arguments.bag) as bag:
+        chosen, kind = topics.choose_topics(bag, arguments), arguments.input
+        if kind == "auto":
+            kind = find_input(bag, chosen, has_rig=arguments.rig is not None)
+        if kind == CAMERAS:
+            stitcher = stitcher_values(bag, chosen, arguments)
+            drive = replay_mapper(bag, begin, values | {"input": "sphere"}, {}, stitcher, workers=workers)
+        else:
+            found = topics.find_topics(bag, TOPICS[kind], chosen)
+            slack_s = topics.pairing_slack(bag, found[TOPICS[kind][0]])
+            values = {"slack_s": slack_s} | values | {"input": kind}
+            pair, stereo = find_field(bag, values, found) if kind == "stereo" else (None, "")
+            drive = replay_mapper(bag, begin, values, found, pair=pair)
+            drive.stereo = stereo
+            drive.depth = judge_depth(bag, values, found, drive.node.mapper) if kind == "rgbd" else ""
+    if not drive.node.mapper.tracks:
+        reason = drive.refusal or "no complete instant"
+        raise BagError(f"{arguments.bag}: expected spheres to map, found none: {reason}")
+    return drive
 
 
 def replay_mapper(

@@ -8,21 +8,21 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from sphere_mapping.acquisition.constants import NUM_VIEWS
 from sphere_mapping.acquisition.stereo.corner_tracks import follow_window
 from sphere_mapping.acquisition.stereo.stereo_field import StereoField
 from sphere_mapping.acquisition.stereo.stereo_pair import StereoPair
-from sphere_mapping.acquisition.stereo.track_fit import NUM_VIEWS, ColumnFit, Window, fit_columns
+from sphere_mapping.acquisition.stereo.track_fit import ColumnFit, Window, fit_columns
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import Intake
 from sphere_mapping.ros.stereo_intake import describe_rows
+from sphere_nav.offline.constants import MAX_PAIRS, MAX_WINDOWS
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.tf import TransformListener
 from sphere_nav.spheres.sphere import to_gray_bytes
 
-MAX_WINDOWS = 16  # of consecutive instants in which corners are followed, spread over the drive
-MAX_PAIRS = 400  # of the drive's beginning
 TERMS = ("", " x^2", " x", " y", " x y", " y^2", " x^3", " x^4")
 
 
@@ -53,8 +53,8 @@ class PairFollower(ManagedNode):
             self._open = []
 
 
-def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) -> tuple[StereoPair, str] | None:
-    """Return the pair of a drive with its correction, and that in words; None where nothing can be said."""
+def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) -> tuple[StereoPair | None, str]:
+    """Return the pair of a drive with its correction, and that in words; None and nothing where nothing can be said."""
     bus = OfflineBus(captured=set())
     node = bus.add(PairFollower, values, remap)
     assert isinstance(node, PairFollower)
@@ -66,7 +66,7 @@ def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) ->
             if node.num_pairs >= number:
                 break
     if node.pair is None:
-        return None
+        return None, ""
     geometry, rows = node.pair.geometry, node.pair.fit
     _, words = describe_rows(node.pair, node.params.mapper.stereo.calibration_px)
     found = fit_columns(geometry.camera, geometry.baseline_m, node.windows)

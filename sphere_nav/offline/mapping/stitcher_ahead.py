@@ -1,19 +1,60 @@
-"""Stitching beside mapping, for recordings."""
+"""Stitching beside mapping, for recordings; in other processes, too, with what a stitcher has learned of its rig.
+
+A stitcher learns its lenses' falloff from its first instants and checks its rig once; from then on an instant depends
+on nothing that was before. Until then the work stays where it is.
+"""
 
 from __future__ import annotations
 
+import pickle
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor, Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from sphere_mapping.acquisition.ros.node import SphereStitcher
 from sphere_mapping.acquisition.ros.rig_intake import RigInstant
-from sphere_mapping.acquisition.stitching import stages
+from sphere_mapping.acquisition.stitching.stitcher import Stitcher
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay
 from sphere_nav.spheres.sphere import Sphere
+
+
+@dataclass(frozen=True, eq=False)
+class StitchTask:
+    """What was seen at an instant, as `Stitcher.stitch` takes it, and how the stitcher is made that stitches it."""
+
+    recipe: bytes
+    images: Mapping[str, NDArray[np.uint8]]
+    stamp_ns: int
+    points_rig: NDArray[np.floating[Any]] | None
+    depths: Mapping[str, NDArray[np.floating[Any]]] | None
+
+
+def recipe_of(stitcher: Stitcher) -> bytes:
+    """Return how a stitcher that has learned its rig is made anew; ValueError where it still learns."""
+    if not stitcher.is_settled:
+        raise ValueError(f"rig {stitcher.rig.name}: expected a stitcher that has learned it, found one that learns")
+    return pickle.dumps((stitcher.rig, stitcher.params, stitcher.masks, stitcher.learned))
+
+
+def stitch_task(task: StitchTask) -> Sphere:
+    """Return the sphere of an instant, the same bits as the stitcher itself would."""
+    return _stitcher(task.recipe).stitch(task.images, task.stamp_ns, task.points_rig, task.depths).sphere
+
+
+@lru_cache(maxsize=1)
+def _stitcher(recipe: bytes) -> Stitcher:
+    rig, params, masks, learned = pickle.loads(recipe)
+    stitcher = Stitcher(rig, params, masks)
+    stitcher.resume(learned)
+    return stitcher
 
 
 class StitcherAhead(SphereStitcher):
@@ -68,9 +109,9 @@ class Scout(StitcherAhead):
             wait(list(self.coming))  # what it learns from those before decides
         if self.executor is None or not self.stitcher.is_settled:
             return super().begin(instant)
-        self.recipe = self.recipe or stages.recipe_of(self.stitcher)
+        self.recipe = self.recipe or recipe_of(self.stitcher)
         values = instant.images, instant.sync.stamp_ns, instant.points, instant.depths
-        return self.executor.submit(stages.stitch, stages.StitchTask(self.recipe, *values))
+        return self.executor.submit(stitch_task, StitchTask(self.recipe, *values))
 
 
 def stitch_apart(

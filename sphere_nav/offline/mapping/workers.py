@@ -14,6 +14,7 @@ import cv2
 from sphere_mapping.acquisition.kernels import use_threads
 from sphere_mapping.graph.verification import run_in
 
+NUM_THREADS = 2  # of the process that registers one sphere after the other
 AHEAD = 2  # pieces a worker that are under way: one at work, one that waits
 CONNECT_S = 20.0
 
@@ -42,7 +43,7 @@ class Workers:
             self._executor = self._client.get_executor(pure=False)
         elif self._executor is None and self._jobs > 1:
             context = get_context("spawn")  # a fork would inherit half of the threads
-            self._executor = ProcessPoolExecutor(self._jobs, context, use_one_thread)
+            self._executor = ProcessPoolExecutor(self._jobs, context, limit_threads)
         return self._executor
 
     def run(self, function: Callable[[Any], Any], questions: Iterable[Any]) -> Iterator[Any]:
@@ -75,7 +76,7 @@ def connect(scheduler: str) -> Any:
         raise ValueError(f"--scheduler {scheduler}: expected a Dask scheduler, found none: {error}") from None
 
 
-def use_one_thread() -> None:
+def limit_threads(number: int = 1) -> None:
     """Leave the other cores to the other processes."""
-    cv2.setNumThreads(1)
-    use_threads(1)
+    cv2.setNumThreads(number)
+    use_threads(number)

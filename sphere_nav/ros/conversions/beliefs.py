@@ -18,8 +18,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.ros.conversions.poses import point_to_array, se3_to_pose
 from sphere_nav.ros.conversions.stamps import header
 
-BEST = ColorRGBA(r=0.1, g=0.8, b=0.2, a=0.6)
-OTHER = ColorRGBA(r=1.0, g=0.5, b=0.0, a=0.6)
+COLORS = ColorRGBA(r=0.1, g=0.8, b=0.2, a=0.6), ColorRGBA(r=1.0, g=0.5, b=0.0, a=0.6)  # the best, others
 SIGMAS = 2.0  # half axes of an ellipse in standard deviations
 MIN_SIGMA = 0.01  # m, so that a certain place can still be seen
 THICKNESS, ARROW_LENGTH, TEXT_SIZE = 0.05, 1.0, 0.4  # m
@@ -34,7 +33,7 @@ def hypotheses_to_markers(
     """
     markers = [Marker(header=header(stamp, frame_id), action=Marker.DELETEALL)]
     for number, (item, height) in enumerate(zip(hypotheses, heights, strict=True)):
-        color = BEST if number == 0 else OTHER
+        color = COLORS[number > 0]
         values, axes = np.linalg.eigh(item.covariance[:2, :2])
         turn = math.atan2(axes[1, 1], axes[0, 1])
         ellipse = _marker("places", number, Marker.CYLINDER, (item.pose, height, turn), stamp, frame_id, color)

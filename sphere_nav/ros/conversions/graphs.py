@@ -18,11 +18,13 @@ from sphere_nav.ros.conversions.poses import from_ros_covariance, pose_to_se3, s
 from sphere_nav.ros.conversions.stamps import header, ns_to_time, time_to_ns
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 
-MAX_ID = 2**32 - 1
+MAX_ID = np.iinfo(np.uint32).max
 MAX_VARIANCE = 1e12  # of a direction that the edge says nothing about
-BLUE = ColorRGBA(r=0.1, g=0.4, b=0.9, a=0.9)
-GRAY = ColorRGBA(r=0.6, g=0.6, b=0.6, a=0.9)
-ORANGE = ColorRGBA(r=1.0, g=0.5, b=0.0, a=0.9)
+COLORS = {
+    "key_spheres": ColorRGBA(r=0.1, g=0.4, b=0.9, a=0.9),
+    "edges": ColorRGBA(r=0.6, g=0.6, b=0.6, a=0.9),
+    "loops": ColorRGBA(r=1.0, g=0.5, b=0.0, a=0.9),
+}
 LINE_PER_SIZE = 0.15  # width of a line by the diameter of a sphere
 
 
@@ -89,19 +91,20 @@ def _inverse(matrix: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def graph_to_markers(graph: SphereGraph, stamp: int, frame_id: str, size: float = 0.2) -> MarkerArray:
     """Return key spheres as balls of `size` metres, odometry edges as grey lines, loops as orange ones."""
-    balls = _marker("key_spheres", Marker.SPHERE_LIST, stamp, frame_id, BLUE)
+    balls = _marker("key_spheres", Marker.SPHERE_LIST, stamp, frame_id)
     balls.scale.x = balls.scale.y = balls.scale.z = size
     balls.points = [_point(node.T_map_sphere) for node in graph]
     lines = []
-    for name, color, is_loop in (("edges", GRAY, False), ("loops", ORANGE, True)):
-        line = _marker(name, Marker.LINE_LIST, stamp, frame_id, color)
+    for name, is_loop in (("edges", False), ("loops", True)):
+        line = _marker(name, Marker.LINE_LIST, stamp, frame_id)
         line.scale.x = LINE_PER_SIZE * size
         line.points = [point for edge in graph.edges if edge.is_loop == is_loop for point in _ends(graph, edge)]
         lines.append(line)
     return MarkerArray(markers=[balls, *lines])
 
 
-def _marker(name: str, kind: int, stamp: int, frame_id: str, color: ColorRGBA) -> Marker:
+def _marker(name: str, kind: int, stamp: int, frame_id: str) -> Marker:
+    color = COLORS[name]
     marker = Marker(header=header(stamp, frame_id), ns=name, id=0, type=kind, action=Marker.ADD, color=color)
     marker.pose.orientation.w = 1.0
     return marker

@@ -12,19 +12,17 @@ from numpy.typing import NDArray
 from sphere_nav_msgs.msg import AugmentedSphere, SphereInfo
 
 from sphere_nav.geometry import Spherical
-from sphere_nav.ros.conversions.encoded import decode_file
-from sphere_nav.ros.conversions.images import to_bytes
+from sphere_nav.geometry.cameras.camera import MAX_SIDE
+from sphere_nav.geometry.files.limits import LIMITS
+from sphere_nav.ros.conversions.images import decode_file, to_bytes
 from sphere_nav.ros.conversions.stamps import header, stamp_ns
 from sphere_nav.spheres import range_codec
 from sphere_nav.spheres.sphere import Sphere
 
-MAX_PIXELS = 1 << 25  # 8192 x 4096
-MAX_FULL_WIDTH = 1 << 16
 # Of cv2: a search for repetitions costs time and, where there is noise, size. Told a compression it would try all five
 # filters on every row, half of the time of writing; else each pixel is told from its left neighbour, 5 ... 9 % larger.
 PNG_SETTINGS = [cv2.IMWRITE_PNG_STRATEGY, cv2.IMWRITE_PNG_STRATEGY_RLE]
 JPEG_QUALITY = 95
-ZSTD_LEVEL = 3
 ROWS = 64  # that are turned at once
 COLOR = (AugmentedSphere.RGB8, AugmentedSphere.BGR8)
 DEVIATION_OF_RANGE = {
@@ -93,12 +91,10 @@ def sphere_info_to_camera(info: SphereInfo) -> Spherical:
     if info.projection != SphereInfo.EQUIRECTANGULAR:
         raise ValueError(f"info.projection: expected {SphereInfo.EQUIRECTANGULAR!r}, found {info.projection!r}")
     full = (float(info.full_width), float(info.full_height))
-    if not 2 <= full[0] <= MAX_FULL_WIDTH or full[0] != 2 * full[1]:
-        raise ValueError(
-            f"info.full_width: expected 2 * full_height, at most {MAX_FULL_WIDTH}, found {full[0]} x {full[1]}"
-        )
+    if not 2 <= full[0] <= MAX_SIDE or full[0] != 2 * full[1]:
+        raise ValueError(f"info.full_width: expected 2 * full_height, at most {MAX_SIDE}, found {full[0]} x {full[1]}")
     width, height = int(info.width), int(info.height)
-    if not 1 <= width <= full[0] or not 1 <= height <= full[1] or width * height > MAX_PIXELS:
+    if not 1 <= width <= full[0] or not 1 <= height <= full[1] or width * height > LIMITS["sphere"]:
         raise ValueError(f"info.width, height: expected up to {full[0]} x {full[1]}, found {width} x {height}")
     offset_u, offset_v = float(info.offset_u), float(info.offset_v)
     if not (math.isfinite(offset_u) and abs(offset_u) <= full[0] and -1.0 < offset_v < full[1] - height + 1.0):
@@ -157,7 +153,7 @@ def _encode_deviation(sphere: Sphere, encoding: str) -> Any:
 
 def _compress(codes: NDArray[Any], encoding: str) -> Any:
     if encoding.endswith("zstd"):
-        return zstandard.ZstdCompressor(level=ZSTD_LEVEL).compress(codes.tobytes())
+        return zstandard.ZstdCompressor().compress(codes.tobytes())
     if encoding.endswith("png"):
         return to_bytes(cv2.imencode(".png", codes, PNG_SETTINGS)[1])
     return to_bytes(codes)
@@ -210,7 +206,7 @@ def _decode_file(
     raw: NDArray[np.uint8], shape: tuple[int, int], name: str, mode: int = cv2.IMREAD_UNCHANGED
 ) -> NDArray[Any]:
     try:
-        pixels = decode_file(raw, MAX_PIXELS, mode, shape[::-1], "info")
+        pixels = decode_file(raw, LIMITS["sphere"], mode, shape[::-1], "info")
     except ValueError as error:
         raise ValueError(f"{name}: {error}") from None
     if pixels.shape[2:] == (3,):

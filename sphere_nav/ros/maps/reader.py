@@ -18,12 +18,13 @@ from mcap.records import ChunkIndex
 from sensor_msgs.msg import PointCloud2
 from sphere_nav_msgs.msg import AugmentedSphere, KeySphereGraph, MapInfo
 
+from sphere_nav.geometry.files.limits import LIMITS
 from sphere_nav.geometry.files.untrusted import load_yaml, short
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.serialization import serialize_to_store, view_message
 from sphere_nav.ros.conversions import message_to_sphere, sphere_to_message
-from sphere_nav.ros.conversions.features import message_to_features
+from sphere_nav.ros.conversions.clouds import message_to_features
 from sphere_nav.ros.conversions.graphs import message_to_graph
 from sphere_nav.ros.maps.compact import CompactFeatures, CompactSpheres
 from sphere_nav.ros.maps.writer import (
@@ -63,8 +64,6 @@ __all__ = [
     "open_map",
     "save_map",
 ]
-
-MAX_SPHERES = 10_000_000
 
 
 def open_map(path: str | Path, *, is_gray: bool = False) -> MapReader:
@@ -180,8 +179,8 @@ class MapReader:
         if info.format_version != MapInfo.FORMAT_VERSION:
             found = info.format_version
             raise BagError(f"{self.path}: format_version: expected {MapInfo.FORMAT_VERSION}, found {found}")
-        if info.num_spheres > MAX_SPHERES:
-            raise BagError(f"{self.path}: num_spheres: expected at most {MAX_SPHERES}, found {info.num_spheres}")
+        if info.num_spheres > (most := LIMITS["map"]):
+            raise BagError(f"{self.path}: num_spheres: expected at most {most}, found {info.num_spheres}")
         return info
 
     def _read_graph(self) -> SphereGraph:

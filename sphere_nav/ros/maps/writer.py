@@ -26,7 +26,7 @@ from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.serialization import serialize_to_store
 from sphere_nav.ros.bags.writer import METADATA, PARTIAL, BagWriter
 from sphere_nav.ros.conversions import header, message_to_sphere, sphere_to_message, stamp_ns
-from sphere_nav.ros.conversions.features import features_to_message
+from sphere_nav.ros.conversions.clouds import features_to_message
 from sphere_nav.ros.conversions.graphs import graph_to_message
 from sphere_nav.ros.maps.compact import Spool
 from sphere_nav.ros.shared_files import software

@@ -66,3 +66,13 @@ def test_wheels_stand_on_the_ground_when_it_is_crossed_at_an_angle():
     wheels = T_world_base.apply(np.array([[0.0, 0, 0], [1.2, 0, 0], [0, 0.6, 0], [0, -0.6, 0]]))
     np.testing.assert_allclose(wheels[:, 2], ground.height(wheels[:, 0]), atol=2e-3)  # second order in the slope
     assert GroundProfile().follow(planar, 1.2, 1.2) is planar
+
+
+@pytest.mark.parametrize(("name", "length"), [("corridor", CORRIDOR - 8.0), ("ramp", 130.0)])
+def test_a_path_leads_through_its_world_and_ends_within_it(name, length):
+    world = build_world(name, 3)
+    assert world.path.length == pytest.approx(length)
+    points = world.path.at(np.linspace(0.0, length, 200))[:, :2]
+    x0, y0, x1, y1 = world.bounds
+    assert np.all((points > [x0, y0]) & (points < [x1, y1]))
+    assert points[-1, 0] - points[0, 0] == pytest.approx(length)

@@ -3,7 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from sphere_mapping.constants import MAX_GAP_M
+from sphere_mapping.constants import MAX_GAP
 from sphere_mapping.graph.both_ways import agree, confirm, is_denied, measure_motion
 from sphere_mapping.graph.registration import PreparedSphere, align_sphere
 from sphere_mapping.params import MappingRegistrationParams
@@ -61,7 +61,7 @@ def test_two_ways_that_disagree_are_no_motion_and_widen_it_where_they_nearly_agr
     assert sure is not None
     assert unsure is not None
     assert np.trace(unsure.covariance[:3, :3]) > 2 * np.trace(sure.covariance[:3, :3])
-    assert 0.01 < unsure.T_a_b.distance(sure.T_a_b)[0] < MAX_GAP_M / 2  # half way
+    assert 0.01 < unsure.T_a_b.distance(sure.T_a_b)[0] < MAX_GAP[0] / 2  # half way
 
 
 def test_another_room_confirms_nothing():

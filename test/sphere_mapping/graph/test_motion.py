@@ -1,7 +1,7 @@
 import numpy as np
 
 from sphere_mapping.constants import MAX_EXTRAPOLATION
-from sphere_mapping.graph.motion import DriveMotion, Placed
+from sphere_mapping.graph.motion import DriveMotion, Expectation, Placed
 from sphere_nav.geometry import SE3
 
 STEP = SE3.exp([0.3, 0.0, 0.05, 0.0, 0.02, 0.1])
@@ -58,3 +58,29 @@ def test_a_correction_of_the_map_moves_the_prediction_with_it():
     prior.transform(T_new_old)
     close(prior.predict(200), T_new_old @ STEP @ STEP)
     close(prior.newest, T_new_old @ STEP)
+
+
+def test_an_expectation_is_as_sure_as_what_it_is_made_of():
+    """By velocity it errs by accelerations of 5 m/s^2 and 10 rad/s^2, by odometry by a tenth of the motion."""
+    moving_on = DriveMotion()
+    moving_on.update(Placed(0, SE3.identity()))
+    moving_on.update(Placed(200_000_000, STEP))
+    expected = moving_on.expect(400_000_000)
+    close(expected.T_map_sphere, STEP @ STEP)
+    np.testing.assert_allclose([expected.sigma_m, expected.sigma_rad], [0.05 + 0.5 * 5 * 0.04, 0.03 + 0.5 * 10 * 0.04])
+    rolled = SE3.exp([2.0, 0.0, 0.0, 0.0, 0.0, 0.5])
+    by_wheels = DriveMotion()
+    by_wheels.update(Placed(0, SE3.identity(), STEP))
+    expected = by_wheels.expect(400_000_000, STEP @ rolled)
+    close(expected.T_map_sphere, rolled)
+    distance, angle = SE3.identity().distance(rolled)
+    np.testing.assert_allclose([expected.sigma_m, expected.sigma_rad], [0.05 + 0.1 * distance, 0.03 + 0.1 * angle])
+
+
+def test_an_expectation_allows_four_deviations_and_is_sharp_up_to_20_cm_and_a_tenth_of_a_radian():
+    for sigmas, is_sharp in (((0.2, 0.1), True), ((0.21, 0.1), False), ((0.2, 0.11), False)):
+        expected = Expectation(SE3.identity(), *sigmas)
+        assert expected.is_sharp == is_sharp
+        for share, is_allowed in ((3.99, True), (4.01, False)):
+            assert expected.allows(SE3.exp([0.0, share * sigmas[0], 0.0, 0.0, 0.0, 0.0])) == is_allowed
+            assert expected.allows(SE3.exp([0.0, 0.0, 0.0, 0.0, 0.0, share * sigmas[1]])) == is_allowed

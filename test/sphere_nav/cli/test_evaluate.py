@@ -9,7 +9,7 @@ import pytest
 from sphere_nav.cli import evaluate
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory, write_tum
-from sphere_nav.offline import evaluate_plot, evaluation, pose_bags
+from sphere_nav.offline import evaluation, plot_figure, pose_bags
 
 SECOND = 10**9
 OFFSET = np.array([0.03, -0.04, 0.0, 0.0, 0.0, 0.02])
@@ -130,7 +130,7 @@ def test_a_bag_is_told_from_a_file(files, bag):
 
 def test_the_ending_chooses_the_format_of_the_plot(tmp_path):
     judged = evaluation.evaluate_poses(TRUTH, TRUTH)
-    evaluate_plot.draw_evaluation(judged.estimate, judged.truth, judged.all_truth, judged.errors, tmp_path / "plot.svg")
+    plot_figure.draw_evaluation(judged.estimate, judged.truth, judged.all_truth, judged.errors, tmp_path / "plot.svg")
     assert "<svg" in (tmp_path / "plot.svg").read_text()
 
 

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.light.light import MAX_WHITE_BALANCE, Light
+from sphere_mapping.acquisition.constants import MAX_WHITE_BALANCE
+from sphere_mapping.acquisition.light.light import Light
 from sphere_mapping.acquisition.stitching.views import RigView, border_of
 from sphere_nav.geometry import SE3, Fisheye, RigCamera
 from sphere_nav.geometry.cameras.camera import pixel_grid

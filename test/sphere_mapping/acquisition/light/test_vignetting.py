@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.light.vignetting import Falloff, PairRatios, falloff
+from sphere_mapping.acquisition.light.light import Falloff, PairRatios, falloff
 
 TRUE = np.array([-0.3, -0.1, -0.4])
 

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.partial.window import NUM_LEVELS, full_width_for, magnification, window_of
+from sphere_mapping.acquisition.constants import WINDOW_LEVELS
+from sphere_mapping.acquisition.partial.window import full_width_for, magnification, window_of
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
@@ -32,7 +33,7 @@ def test_the_window_is_not_much_larger_than_the_view():
 def test_every_pyramid_level_keeps_the_directions_of_the_window():
     window = window_of(CAMERA, rotated((0, 0, 0.7)), full_width_for(500.0))
     level = window
-    for _ in range(NUM_LEVELS - 1):
+    for _ in range(WINDOW_LEVELS - 1):
         assert level.width % 2 == 0
         assert level.height % 2 == 0
         level = level.halve()
@@ -51,7 +52,7 @@ def test_full_width_halves_at_every_level():
     for pixels_per_radian in (40.0, 585.0, 1000.3):
         width = full_width_for(pixels_per_radian)
         assert width >= 2 * np.pi * pixels_per_radian
-        assert width % 2**NUM_LEVELS == 0
+        assert width % 2**WINDOW_LEVELS == 0
 
 
 def test_magnification_is_that_of_the_corner_of_a_pinhole():

@@ -106,3 +106,38 @@ def test_errors_by_their_deviation_are_of_size_one():
     # smoothing makes it better than one block says; the factor on it is that of rooms, where more than noise errs
     assert 0.2 < np.sqrt(np.mean(ratio[np.abs(ratio) < 5] ** 2)) < 1.2
     assert np.mean(np.abs(ratio) > 3) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("sides", "last_px", "halvings", "found"),
+    [
+        ((512, 600), 40.0, 0, [512, 256, 128]),  # three levels are matched at least
+        ((600, 256), 40.0, 0, [256, 128, 64]),
+        ((600, 255), 40.0, 0, [255, 127]),  # but none of less than 64 px
+        ((512, 600), 40.0, 1, [512, 256, 128, 64]),  # the first is not matched
+        ((512, 600), 45.0, 0, [512, 256, 128]),  # of 48 disparities from -2 on the last is 45
+        ((1024, 999), 185.0, 0, [999, 499, 249, 124]),  # at a quarter it would be 46.25
+        ((1024, 999), 184.0, 0, [999, 499, 249]),
+        ((200, 200), 400.0, 0, [200, 100]),  # too small to reach them all
+    ],
+)
+def test_images_are_halved_until_all_disparities_are_reached(sides, last_px, halvings, found):
+    image = np.zeros(sides, np.uint8)
+    levels = matching._levels_of(image, image, Search(-2.0, last_px), halvings)
+    assert [min(top.shape) for top, _ in levels] == found
+    assert all(top.shape == bottom.shape for top, bottom in levels)
+
+
+def test_what_is_nearer_than_a_level_sees_is_that_of_the_coarser_one(monkeypatch):
+    """Of 48 disparities from -2 on, the last three, 43 to 45, are left to the coarser level, too."""
+    coarse = np.array([[20.0, 21.0, 21.125, 24.0]], np.float32)
+    planes = {(2, 8): np.full((2, 8), 5.0, np.float32), (1, 4): coarse}
+    monkeypatch.setattr(matching, "match_semi_globally", lambda top, *_, **__: planes[top.shape].copy())
+    monkeypatch.setattr(
+        matching, "compare_costs", lambda top, _, seen, *__, **___: [np.full(top.shape, 9.0) for _ in seen]
+    )
+    levels = [(np.zeros(shape, np.uint8),) * 2 for shape in planes]
+    matches = matching._Matches(levels, Search(-2.0, 60.0), 0, 1)
+    matches.check_level(1, None)
+    found, _ = matches.check_level(0, None)
+    np.testing.assert_array_equal(found, np.repeat([[5.0, 5.0, 42.25, 48.0]], 2, axis=0).repeat(2, axis=1))

@@ -1,6 +1,7 @@
 import numpy as np
 
-from sphere_mapping.acquisition.range.outlines import AROUND, HALF, bare_regions, cut_outlines
+from sphere_mapping.acquisition.constants import AROUND_PX, HALF_PIECE_PX
+from sphere_mapping.acquisition.range.planes import bare_regions, cut_outlines
 
 
 def bare_square(rng):
@@ -35,11 +36,11 @@ def test_pieces_lie_where_the_outline_runs_across_the_columns_and_do_not_overlap
     nothing = np.full(image.shape, np.nan, np.float32)
     labels, boxes, seam = bare_regions(image, nothing, np.ones(image.shape, np.bool_), 0)
     [outline] = cut_outlines(np.roll(image, -seam, axis=1), labels, boxes)
-    middles = outline.corners + HALF
+    middles = outline.corners + HALF_PIECE_PX
     middles[:, 1] = (middles[:, 1] + seam) % image.shape[1]
     assert len(middles) >= 6
     beside = np.minimum(np.abs(middles[:, 0] - 40), np.abs(middles[:, 0] - 80))
-    assert np.all(beside <= 2 * AROUND)  # above and below it, never left and right of it alone
+    assert np.all(beside <= 2 * AROUND_PX)  # above and below it, never left and right of it alone
     apart = np.abs(middles[:, None] - middles[None]).max(axis=-1) + 100 * np.eye(len(middles))
     assert apart.min() >= 5
     assert np.all(outline.masks.any(axis=(1, 2)))

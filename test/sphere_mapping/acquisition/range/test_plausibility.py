@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.range.plausibility import check_order
+from sphere_mapping.acquisition.range.semi_global import check_order
 
 NAMES = ("top", "bottom")
 

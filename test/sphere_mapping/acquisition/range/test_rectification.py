@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from sphere_mapping.acquisition.params import RectifyParams
-from sphere_mapping.acquisition.range.rectification import matches_of, rectify
-from sphere_mapping.acquisition.range.rig_adjustment import Matches, epipolar_errors
+from sphere_mapping.acquisition.range.rectification import Matches, epipolar_errors, matches_of, rectify
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import SE3, Fisheye, Rig, RigCamera
 from sphere_nav.params import build

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.range.rig_adjustment import (
+from sphere_mapping.acquisition.range.rectification import (
     NUM_VALUES,
     Matches,
     correct,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.stereo.patches import (
-    HALF_PX,
+from sphere_mapping.acquisition.constants import HALF_PATCH_PX
+from sphere_mapping.acquisition.stereo.corner_tracks import (
     OFFSETS,
     cut_patches,
     find_patches,
@@ -78,7 +78,7 @@ def test_the_slope_of_the_disparity_is_found(points):
 def test_what_is_bare_or_outside_or_elsewhere_is_not_found(points):
     bare, here = spline_of(np.full((240, 320), 90, np.uint8)), spline_of(render(SE3.identity()))
     patches = cut_patches(here, points)
-    start = np.full((len(points), 2), HALF_PX - 2.0)
+    start = np.full((len(points), 2), HALF_PATCH_PX - 2.0)
     assert not find_patches(patches, here, start, *FLAT, is_slanted=False)[2].any()
     nowhere = np.full((len(points), 2), np.nan)
     assert not find_patches(patches, here, nowhere, *FLAT, is_slanted=False)[2].any()

@@ -4,7 +4,14 @@ import cv2
 import numpy as np
 import pytest
 
-from sphere_mapping.acquisition.stereo.stereo_field import StereoField, fit_rows, match_corners, tangents
+from sphere_mapping.acquisition.stereo.stereo_field import (
+    StereoField,
+    basis_of_columns,
+    fit_rows,
+    match_corners,
+    slopes_of_columns,
+    tangents,
+)
 from sphere_nav.geometry import Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid
 
@@ -53,3 +60,12 @@ def test_bare_or_other_images_say_nothing():
     bare = np.full((320, 480), 90, np.uint8)
     assert fit_rows(CAMERA, *match_corners(bare, bare)) is None
     assert fit_rows(CAMERA, *match_corners(texture(1), texture(2))) is None
+
+
+def test_slopes_of_the_columns_are_those_of_their_polynomial(rng):
+    x, y = rng.uniform(-0.8, 0.8, (2, 20))
+    by_x, by_y = slopes_of_columns(x, y)
+    step = 1e-6
+    for found, (dx, dy) in ((by_x, (step, 0.0)), (by_y, (0.0, step))):
+        change = basis_of_columns(x + dx, y + dy) - basis_of_columns(x - dx, y - dy)
+        np.testing.assert_allclose(found, change / (2 * step), atol=1e-8)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sphere_nav.cli.view.minimap import HERE, KEY, LOOP, SIDE, Minimap
+from sphere_nav.cli.view.server import COLORS, SIDE, Minimap
 from sphere_nav.geometry import SE3
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
@@ -21,12 +21,12 @@ def test_key_spheres_and_loops_lie_where_they_are():
     pixels = [minimap.pixel(T) for T in PLACES]
     assert pixels[0][0] < pixels[1][0] == pixels[2][0]
     assert pixels[0][1] == pixels[1][1] > pixels[2][1]
-    assert has(picture, KEY, *pixels[2])
-    assert has(picture, HERE, *pixels[1])
-    assert has(picture, HERE, pixels[1][0] + 10, pixels[1][1])  # it looks along x
-    assert has(picture, LOOP, SIDE // 2, SIDE // 2)
+    assert has(picture, COLORS["key"], *pixels[2])
+    assert has(picture, COLORS["camera"], *pixels[1])
+    assert has(picture, COLORS["camera"], pixels[1][0] + 10, pixels[1][1])  # it looks along x
+    assert has(picture, COLORS["loops"], SIDE // 2, SIDE // 2)
 
 
 def test_one_sphere_and_a_look_straight_down_are_drawn():
     minimap = Minimap(SphereGraph([KeySphere(0, 0, PLACES[0])]))
-    assert has(minimap.draw(SE3.exp([0, 0, 0, np.pi, 0, 0])), HERE, *minimap.pixel(PLACES[0]))
+    assert has(minimap.draw(SE3.exp([0, 0, 0, np.pi, 0, 0])), COLORS["camera"], *minimap.pixel(PLACES[0]))

@@ -11,7 +11,7 @@ pytest.importorskip("rclpy")
 
 from sphere_nav.cli.view import server, view
 from sphere_nav.cli.view.drive import Shot
-from sphere_nav.cli.view.minimap import BORDER, SIDE, Minimap
+from sphere_nav.cli.view.server import BORDER, SIDE, Minimap
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State, Status
 from sphere_nav.spheres.graph import KeySphere, SphereGraph

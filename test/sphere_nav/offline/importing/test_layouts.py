@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.cli.main import main
-from sphere_nav.offline.importing.layouts import describe_folder, guess_format
+from sphere_nav.offline.importing.frames import describe_folder, guess_format
 
 FILES = {
     "seven_scenes": ("frame-000000.depth.png",),

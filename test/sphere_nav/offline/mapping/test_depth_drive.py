@@ -8,13 +8,8 @@ import pytest
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.offline.mapping.depth_drive import (
-    MAX_PARALLAX,
-    MAX_TURN,
-    DepthEstimate,
-    choose_pairs,
-    velocity_at,
-)
+from sphere_nav.offline.constants import MAX_TURN, PARALLAX
+from sphere_nav.offline.mapping.depth_drive import DepthEstimate, choose_pairs, velocity_at
 
 
 def drive(poses):
@@ -28,7 +23,7 @@ def test_pairs_have_parallax_and_follow_each_other():
     assert all(first < second for first, second in pairs)
     assert all(before[1] <= after[0] for before, after in pairwise(pairs))
     lengths = [way.T_map_body[first].distance(way.T_map_body[second]) for first, second in pairs]
-    assert all(length >= MAX_PARALLAX * 2.0 - 1e-9 and turn <= MAX_TURN for length, turn in lengths)
+    assert all(length >= PARALLAX[1] * 2.0 - 1e-9 and turn <= MAX_TURN for length, turn in lengths)
 
 
 def test_a_camera_that_only_turns_has_no_pairs():

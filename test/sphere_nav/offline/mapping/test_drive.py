@@ -7,8 +7,10 @@ pytest.importorskip("rclpy")
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.offline.mapping.drive import MappedDrive
-from sphere_nav.offline.mapping.truth import Truth
+from sphere_nav.offline.mapping import drive as mapped
+from sphere_nav.offline.mapping.drive import MappedDrive, Truth
+from sphere_nav.ros.bags import BagError
+from sphere_nav.spheres.graph import KeySphere, SphereGraph
 
 STAMPS = [1_000_000_000 * k for k in range(1, 6)]
 WAY = [SE3.from_planar(0.5 * k, 0.1 * k * k, 0.1 * k) for k in range(5)]
@@ -22,7 +24,7 @@ def truth_of(poses):
 
 @pytest.fixture
 def drive():
-    mapper = SimpleNamespace(trajectory=lambda: zip(STAMPS, WAY, strict=True), graph=[None] * 3)
+    mapper = SimpleNamespace(trajectory=lambda: zip(STAMPS, WAY, strict=True), graph=[None] * 3, num_loops=1)
     return MappedDrive(SimpleNamespace(mapper=mapper, T_base_sphere=SE3.from_planar(0.4, 0.0, 0.0)), num_lost=2)
 
 
@@ -40,7 +42,30 @@ def test_a_drive_is_laid_on_its_truth_by_its_first_pose_or_by_all(drive):
 
 
 def test_what_is_told_counts_and_compares(drive):
-    lines = drive.summary(1, truth_of(WAY), T_TRUTH_MAP)
+    lines = drive.summary(truth_of(WAY))
     assert lines[0].startswith("5 spheres placed, 2 lost, 3 kept, 1 loops closed")
     assert "median 0.0 mm, max 0.0 mm" in lines[1]
-    assert drive.summary(0, None, None) == [lines[0].replace("1 loops", "0 loops")]
+    drive.node.mapper.num_loops, drive.stereo, drive.depth, drive.refusal = 0, "stereo: ...", "depth: ...", "3 of depth"
+    counted = lines[0].replace("1 loops", "0 loops")
+    assert drive.summary(None) == ["stereo: ...", counted, "depth: ...", "refused: 3 of depth"]
+
+
+def test_a_map_begins_at_its_first_sphere_or_lies_on_the_truth(drive, monkeypatch):
+    graph = SphereGraph([KeySphere(k, stamp, pose) for k, (stamp, pose) in enumerate(zip(STAMPS, WAY, strict=True))])
+    drive.node.mapper.graph, truth = graph, truth_of(WAY)
+    T, found, warnings = drive.anchor_graph("first", truth, "here/drive")
+    assert (T.matrix.tolist(), warnings) == (np.eye(4).tolist(), [])
+    assert found is graph
+    T, found, warnings = drive.anchor_graph("truth", truth, "here/drive")
+    np.testing.assert_allclose(T.matrix, T_TRUTH_MAP.matrix, atol=1e-9)
+    for node in found:  # the graph moves as a whole
+        np.testing.assert_allclose(node.T_map_sphere.matrix, (T @ WAY[node.id]).matrix, atol=1e-12)
+    monkeypatch.setattr(mapped, "move_to_truth", lambda graph, truth, T: graph.with_poses({0: SE3.identity()}))
+    monkeypatch.setattr(mapped, "check_survey", lambda aligned, surveyed, source: [source])
+    T, found, warnings = drive.anchor_graph("survey", truth, "here/drive")
+    assert warnings == ["here/drive"]
+    np.testing.assert_array_equal(found[0].T_map_sphere.matrix, np.eye(4))
+    elsewhere = Truth(Trajectory(truth.poses.stamps_ns + 10**12, truth.poses.T_map_body), is_base=False)
+    for unknown in (elsewhere, None):
+        with pytest.raises(BagError, match="here/drive: ground_truth/pose or ground_truth/odometry: expected poses"):
+            drive.anchor_graph("truth", unknown, "here/drive")

@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from sphere_mapping.acquisition.stitching import stages
+from sphere_nav.offline.mapping import stitcher_ahead
 from sphere_nav.offline.mapping.stitcher_ahead import Scout, StitcherAhead
 
 
@@ -55,11 +55,11 @@ def test_a_scout_sends_instants_elsewhere_once_nothing_more_is_learned(monkeypat
 
     scout.stitcher = SimpleNamespace(stitch=stitch, is_settled=False)
     scout.executor = SimpleNamespace(submit=lambda function, task: sent.append((function, task.stamp_ns, task.recipe)))
-    monkeypatch.setattr(stages, "recipe_of", lambda stitcher: b"learned")
+    monkeypatch.setattr(stitcher_ahead, "recipe_of", lambda stitcher: b"learned")
     for stamp in range(5):
         scout.stitch(instant(stamp))
     assert stitched == [0, 1, 2]
-    assert sent == [(stages.stitch, 3, b"learned"), (stages.stitch, 4, b"learned")]
+    assert sent == [(stitcher_ahead.stitch_task, 3, b"learned"), (stitcher_ahead.stitch_task, 4, b"learned")]
     assert [future.result() for future in list(scout.coming)[:3]] == [0, 1, 2]
 
 

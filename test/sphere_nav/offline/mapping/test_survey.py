@@ -3,7 +3,7 @@ import pytest
 from scipy.stats import chi2
 
 from sphere_nav.geometry import SE3
-from sphere_nav.offline.mapping.survey import check_survey
+from sphere_nav.offline.mapping.drive import check_survey
 from sphere_nav.ros.bags import BagError
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 

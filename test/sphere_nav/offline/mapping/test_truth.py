@@ -4,7 +4,7 @@ import numpy as np
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import Trajectory
-from sphere_nav.offline.mapping.truth import Truth, fit_poses, move_to_truth, transform_graph, truth_of
+from sphere_nav.offline.mapping.drive import Truth, fit_poses, move_to_truth, truth_of
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from worlds.recordings import pose, stamp, stereo, truth, truth_of_base, write_bag
 
@@ -17,8 +17,6 @@ def test_the_map_moves_to_the_truth_where_that_is_known(tmp_path):
     moved = {node.id: node.T_map_sphere for node in move_to_truth(SphereGraph(nodes, []), known, SE3.identity())}
     np.testing.assert_allclose(moved[0].matrix, pose(1).matrix, atol=1e-9)
     np.testing.assert_allclose(moved[1].matrix, np.eye(4))
-    turned = transform_graph(SphereGraph(nodes, []), pose(2))
-    assert all(np.allclose(node.T_map_sphere.matrix, pose(2).matrix) for node in turned)
 
 
 def test_the_truth_of_the_vehicle_is_known_as_such_and_none_as_none(tmp_path):
@@ -50,10 +48,3 @@ def test_key_spheres_move_to_their_true_poses_where_these_are_known():
         assert found[1].T_map_sphere.translation[0] != 9.0
         for lost in (2, 3):  # between rows two seconds apart, and behind the last
             assert found[lost].T_map_sphere.translation[0] == 9.0
-
-
-def test_a_graph_moves_as_a_whole():
-    graph = SphereGraph([KeySphere(k, k, SE3.from_planar(float(k), 0.0, 0.3)) for k in range(3)])
-    T = SE3.from_planar(1.0, 2.0, 1.0)
-    for node in transform_graph(graph, T):
-        np.testing.assert_allclose(node.T_map_sphere.matrix, (T @ graph[node.id].T_map_sphere).matrix, atol=1e-12)

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from sphere_nav.ros.conversions.features import features_to_message, message_to_features
+from sphere_nav.ros.conversions.clouds import features_to_message, message_to_features
 from sphere_nav.spheres.appearance.features import Features
 
 

@@ -1,11 +1,15 @@
+"""Instants stitched in other processes have the same bits."""
+
 import numpy as np
 import pytest
 
+pytest.importorskip("rclpy")
+
 from sphere_mapping.acquisition import kernels
-from sphere_mapping.acquisition.light.light import NUM_INSTANTS
+from sphere_mapping.acquisition.constants import NUM_INSTANTS
 from sphere_mapping.acquisition.params import StitchParams
-from sphere_mapping.acquisition.stitching.stages import StitchTask, recipe_of, stitch
 from sphere_mapping.acquisition.stitching.stitcher import Stitcher
+from sphere_nav.offline.mapping.stitcher_ahead import StitchTask, recipe_of, stitch_task
 from sphere_nav.params import build
 from worlds.rig import WIDTH, seen, vertical_rig
 
@@ -24,7 +28,7 @@ def test_an_instant_is_stitched_elsewhere_as_by_the_stitcher_that_has_learned_it
         stitcher.stitch(images(0.1 * number), number)
     assert stitcher.is_settled
     dark = {name: (image // 2 if "left" in name else image) for name, image in images(1.0).items()}
-    there = stitch(StitchTask(recipe_of(stitcher), dark, 99, None, None))
+    there = stitch_task(StitchTask(recipe_of(stitcher), dark, 99, None, None))
     here = stitcher.stitch(dark, 99).sphere
     assert there.stamp_ns == here.stamp_ns == 99
     for one, other in ((there.image, here.image), (there.range_m, here.range_m), (there.range_std_m, here.range_std_m)):

@@ -1,0 +1,210 @@
+"""The numbers that spheres depend on and nobody would set: unit, origin, and the tests that pin each group.
+
+Tests are named below test/sphere_mapping/acquisition/. "Chosen" means: by the test named, on simulated drives, where no
+other origin is given. What compiled code uses is in `kernels.py`; numbers of coefficients stand with their polynomials.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sphere_nav.geometry import Spherical
+
+# Everywhere
+VERY_FAR_M = 1e6  # taken for a direction's point where no range is: parallax vanishes (stitching/test_layouts)
+GRID_STEP = 8  # px between the entries of tables that are interpolated (light/test_light, stitching/test_stitcher)
+VIEW_GRID = Spherical(128, 64)  # directions in which the views of two cameras are compared (range/test_pairs)
+MIN_SHARED_VIEW = 0.03  # of all directions, seen by both cameras of a pair (range/test_pairs, test_lens_check)
+MAX_RATIO = 0.75  # distance of a match over that of the second best: Lowe 2004 has 0.8 (range/test_rectification)
+MIN_BASELINE_M = {"levels": 0.01, "side": 0.02, "stereo": 1e-3}  # below, centers are one (test_layouts, test_pairs)
+
+# Exposures and colors (light/test_exposure, light/test_light)
+EXPOSED = (10, 245)  # grey levels between which cameras are compared
+MIN_SHARED_PIXELS = 50  # from which on two exposures are compared
+STEADINESS = 1e-3  # weight of 'no change' against one comparison, so that lone cameras are determined
+WHITE = 235  # grey level above which what is darkened rises to 255 again: nobody knows how bright it was
+MAX_WHITE_BALANCE = 1.15  # largest factor of a color over the mean of its camera's colors
+NUM_INSTANTS = 8  # that the falloff is estimated from
+HIGHLIGHTS = (99.0, 250.0)  # percentile of an image, and the grey level up to which a gain may raise it
+MIN_FALLOFF = 0.01  # below which an image is left as it is
+
+# Falloff of lenses, Goldman 2010 (light/test_vignetting); deviations before anything is seen
+FALLOFF_STD = 0.4  # of a coefficient: a lens keeps a third of the light at its rim, seldom less
+LIKE_STD = 0.05  # of the difference of a coefficient of two lenses of one kind
+LEAST_COEFFICIENT = -2.0
+EXPOSURE_STD = 1.0  # of an exposure's logarithm
+LEVEL_STD = 2.5  # grey levels, of a level: what is dark says little of a ratio
+RATIO_STD = 0.05  # of the logarithm of a ratio: parallax, reflections
+CORRELATED_DIRECTIONS = 10.0  # neighbors that count as one (`estimation/covariance.py`)
+LOSS_SCALES = np.geomspace(20.0, 2.0, 8)  # deviations, step by step: at first half of what is seen may disagree
+
+# What cameras see in common (stitching/test_overlaps)
+OVERLAP_GRID = Spherical(512, 256)  # directions that are compared
+OVERLAP_CELL = 0.012  # rad, side of compared pixels, as far apart as the directions: noise and parallax matter less
+OVERLAP_FROM_BORDER = 0.03  # rad from the border of both cameras
+MIN_SHARED, MAX_SHARED = 30, 600  # directions from which on two cameras are compared; evenly chosen of more
+DETAIL_WINDOW = 7  # directions, side of the neighborhood whose detail is compared
+MIN_CORRELATION = 0.8  # of that detail
+FAINT_DETAIL, FLAT_DETAIL = 0.01, 0.04  # deviation of log levels: below, nothing is correlated; there is no detail
+
+# Seams (stitching/test_feathering, stitching/test_strips)
+SEAM_FROM_BORDER = 0.02  # rad from a camera's border, where views are compared along the seams
+BAND_DEG = 6.0  # to either side of a seam where views are compared
+FADE_DEG = 8.0  # standard deviation of the smoothing, and so of the fading
+FAINT_SHARE = 0.05  # of compared directions around one, below which the change fades
+USUAL_CHANGE, LARGEST_CHANGE = 0.1, 0.3  # of a logarithm of a ratio: more is seldom light, it is parallax; never
+DARK = 20.0  # grey level below which a ratio says little
+MIN_CHANGE = 0.008  # of a logarithm: less is not seen
+CAP_ROWS = 128  # next to a pole, where seams spread over many columns, make strips of their own
+ALONE = 0.999  # share above which a view has a pixel to itself
+INVERSE_LEVELS = np.array([0.0, 0.02, 0.05, 0.1, 0.2, 0.35, 0.6, 1.0, 2.0, 4.0], np.float32)  # 1/m; test_stitcher
+
+# Partial spheres (partial/test_partial_sphere, partial/test_window)
+WINDOW_LEVELS = 5  # of pyramids, that the sides of a window are aligned to
+OUTLINE_RAYS = 64  # a side, from which the outline of the view is found
+MIN_BLIND_ARC = np.radians(20.0)  # a view whose largest gap in azimuth is smaller is stored as a whole sphere
+MIN_RANGE_M = 0.1  # what is nearer is not trusted
+MAX_MAGNIFICATION, MAX_SUPERSAMPLING = 1.5, 4  # beyond it an image is sampled more finely and averaged; at most
+WITHOUT_RANGE_M = 1e3  # taken for color where no range is known at all
+MAX_DEPTH_STEP = 0.04  # relative step of depth between neighbors that is an edge
+RANGE_CORRECTIONS = 3  # steps along the ray; each removes the parallax error by an order or two
+MAX_CORRECTION = 0.01  # relative, of the last step; more is a surface that this direction does not see
+FEATHER_PX = 16.0  # width of the band over which a view fades out at its border (partial/test_joining)
+
+# Depth of another camera (partial/test_depth_registration)
+DEPTH_CORRECTIONS = 2  # after the warp, which is good to a pixel; the last one only confirms
+MAX_SURFACE_STEP = 0.05  # relative difference of neighbors beyond which they are two surfaces
+
+# Semi-global matching, Hirschmueller 2008 (range/test_semi_global)
+BLOCK_SIZE = 5  # px, side of the matched block
+SGBM = {
+    "blockSize": BLOCK_SIZE,
+    "P1": 8 * BLOCK_SIZE**2,  # of a step of disparity by 1; both as OpenCV recommends
+    "P2": 32 * BLOCK_SIZE**2,  # of a larger one
+    "disp12MaxDiff": 1,  # px, disagreement allowed between both directions
+    "preFilterCap": 31,
+    "uniquenessRatio": 5,  # %, margin of the best smoothed cost over the second
+    "speckleWindowSize": 60,  # px: smaller islands of disparity, separated by larger steps, are removed
+    "speckleRange": 2,
+}
+SEAM_COLUMNS = 32  # beyond the seam that the matcher sees, so that it knows no seam
+NUM_STRIPS = 2  # of a whole sphere, whatever the number of threads, so that the result does not depend on it
+COST_RADIUS = 4  # px, half side of the block whose cost is compared over all disparities
+MIN_COST_RATIO = 1.2  # of the least cost elsewhere to that of the match, also as seen at coarser levels
+
+# Levels of a matching (range/test_matching, range/test_levels)
+MAX_WIDTH = 1280  # columns, of the whole sphere, up to which images are matched as they are; wider ones are halved
+MIN_SIDE = 64  # px, of the coarsest level
+NUM_SCALES, NUM_CHECKS = 3, 2  # levels that are matched at least; coarser ones that must find a match clear, too
+BEYOND_PX = 3  # disparities this near to the largest of a level are left to the next coarser one
+MIN_AGREEMENT = 0.95  # of the least cost elsewhere to that of a coarser level's disparity, seen at a finer level
+SURER = 0.5  # of a finer level's deviation, below which a coarser level's disparity is preferred
+LEAST_NOISE = 0.7  # grey levels, of a halved image: rounding and interpolation
+SIDE_PX, SIDE_SHARE = 4, 0.07  # how far texture is looked for beside a pixel; share of the largest squared slope
+EDGE_PX = 3  # matches this near to a jump are not trusted
+JUMP = (0.6, 0.1)  # px, and by the disparity: least step over that neighborhood that is a jump
+UNKNOWN_SIDE, FROM_UNKNOWN = 7, 2  # px: side of an unknown region that counts, and how far one keeps off it
+UNKNOWN_PX = 1e4  # stands for an unknown disparity where the largest or least is looked for
+
+# Alignment of small blocks after it (range/test_matching)
+REFINE_RADIUS = 3  # px, half side of the blocks
+REFINE_STEPS, STEPS_AGAIN = 2, 1  # how often; where a coarser level has aligned them before
+STEP_LIMIT, MAX_REFINEMENT = 0.5, 1.6  # px: of one step; a block that goes farther from its match is not trusted
+MATCH_PX = 0.3  # standard deviation of a match: holds the refinement where there is little texture
+MIN_BLOCK_SHARE = 0.2  # of a block's pixels must have a match
+MAX_RESIDUAL = 1.0  # grey-level variance left in a block, by that of noise and contrast
+STD_FACTOR = 1.3  # errors of neighbors are not independent: of the deviation that the residual alone gives
+SMOOTH = np.array([1.0, 0.03], np.float32)  # px, and by the disparity: neighbors that differ more are not averaged
+
+# Range from disparity (range/test_vertical, range/test_pairs)
+FAR_M = 120.0  # what is surely farther is known to be far
+MIN_RANGE_SHARE = 0.9  # of the nearest range wanted: what is nearer is not trusted
+MAX_BASELINE_ERROR = 0.5  # share of the baseline: more is not corrected, so different images do not match
+MAX_SINE = 0.9  # of the largest disparity
+BELOW_ZERO_DEG = 0.7  # disparities searched below 0, for what calibration leaves
+HALF_VIEW_DEG = (75.0, 50.0)  # half of the view of a pair across and along its baseline
+PAIR_EDGE_PX = EDGE_PX + 1  # what one pair leaves out another one may see
+MIN_VOTES = 0.4  # of the pairs that see a direction, must agree on its range
+EXCHANGED = (0.08, 3.0)  # share of pixels that match exchanged, and by that as given: they are (test_plausibility)
+ORDER_COLUMNS = 320  # px, at which the order is looked at
+
+# Fusion (range/test_fusion)
+AGREEMENT_SIGMAS = 3.0  # sources, and pieces of a plane, that differ by more do not see the same: 1 in 370 by chance
+CONTRADICTION = (3.0, 0.05)  # times the least deviation, share of range: so sure a source, so far off: unknown
+MIN_KNOWN = 0.005  # share with range below which it moves nothing: what is known is right, but far from the most
+
+# Bare planes (range/test_outlines)
+OUTLINE_BLUR_PX, OUTLINE_EDGE = 1.5, 0.8  # before slopes are taken; grey levels per px from which on there is an edge
+MIN_REGION_PX, MIN_UNKNOWN = 150, 0.3  # of a bare region; share of it that is not measured
+AROUND_PX = 4  # from a region: its outline is there
+CELL_PX, HALF_PIECE_PX = 8, 5  # sides of the squares by which an outline is cut; half side of what is matched of each
+PIECES_APART_PX = 6  # between the middles of two pieces
+MIN_EDGE_PIXELS, MIN_ACROSS = 4, 0.5  # of a piece; cosine between a column and the normal of an outline
+# (range/test_planes)
+PLANES_WIDTH = 512  # columns of the whole sphere in which outlines are looked for: finer images tell more of noise
+MAX_ELEVATION = np.radians(75.0)  # above and below: nearer to the poles a row tells little of the range
+MIN_CLEAR = 1.5  # of the least cost elsewhere to that of a match
+MIN_PIECE_STD_PX, MAX_PIECE_STD_PX = 0.15, 0.5  # of a piece: that no slope takes away; by its own slopes
+MAX_LEFT = (1.5, 0.05)  # of the noise, and of the squared contrast, in the difference of a match
+MIN_PIECES, MAX_OFF_SHARE = 8, 0.02  # of a plane; pieces that may be off it
+MAX_LEVERAGE = 0.5  # of a piece: a plane that hangs on one or two was not tried by the others
+FALSE_ALARM = 1e-3  # share of true planes that are refused by the sum of squares
+RELATIVE_STD = 0.02  # of inverse range, of what outlines have in common: calibration, centers, surfaces not quite flat
+MAX_RELATIVE_STD, MAX_DENIED = 0.05, 0.3  # above which nothing is said; of what is measured may contradict a plane
+
+# Lenses of the images (range/test_lens_check)
+INFO_TOLERANCE, MAX_RAYS_DEG = 1e-3, 1.0  # of a focal length, relative; median between rays of one lens's calibrations
+RAY_GRID = 12  # pixels a side at which rays are compared
+LENS_SIDE, LENS_FEATURES = 800, 1500  # px of the images in which features are found; of a camera
+FIT_DEG = 0.75  # of a match from where the other camera may see the same point
+CLOSENESS = np.linspace(0.0, 2.0, 48)  # 1/m, places along the ray of a feature
+MIN_LENS_MATCHES = 40  # of all cameras, below which nothing is said
+OTHER_LENS = (0.4, 1.4)  # share of matches that fit another lens, and by those that fit the rig file: it is that one
+OTHER_CAMERAS = (100, 0.3)  # matches of which no larger share fits the rig file: the images are of other cameras
+OTHER_DISTORTIONS = {"pinhole": (-0.3, -0.15, 0.0, 0.1), "fisheye": (-0.1, -0.05, -0.02, 0.0, 0.02, 0.05)}  # first ones
+
+# A rig corrected by its images, M15 section 4.3.1 (range/test_rectification, range/test_rig_adjustment)
+POLE_DEG = 35.0  # features nearer to a pole of the sphere are drawn too wide to be compared
+RECTIFY_SCALES_DEG = (1.0, 0.4, 0.15, 0.06)  # the loss is narrowed: at first half may be wrong matches
+RECTIFY_SIFT = {"nfeatures": 5000, "contrastThreshold": 0.015}  # of a camera
+MAX_PARALLAX_DEG = 12.0  # largest angle between the directions of a match
+FROM_BORDER_DEG = 1.0  # features nearer to the border of an image are left out
+CLOUD_REACH_DEG = 0.4  # a LiDAR's point this near to a feature tells its range
+MIN_PAIR_MATCHES = 15  # below which a pair of cameras says nothing
+LENS_STD = (0.003, 0.005, 0.005)  # of the logarithm of the focal length, of the principal point by the focal length
+NEAR_EPIPOLE = 0.2  # sine of the angle to the baseline below which a match counts less
+RANGE_SHARE = 0.1  # of a range: its deviation, a LiDAR's point not being quite where the feature is
+RAY_STEP, PIXEL_STEP = 1e-5, 0.05  # of central differences, whose own error is then below 1e-8
+
+# Rectified pairs (stereo/test_stereo, stereo/test_stereo_pair)
+BELOW_ZERO_PX, MIN_DISPARITY_PX = 1.0, 1.0  # searched below 0, for what rectification leaves; trusted from there on
+MAX_WIDTH_SHARE = 0.5  # of the image: larger disparities are not looked for
+NUM_PAIRS = 10  # whose rows are compared
+MAX_TURN_DEG = 45.0  # between the cameras' axes, and between them and the axis of the pair
+FROM_BORDER_PX = 3  # nearer to the border of the left image nothing is measured
+FAR_WORSE = 1.5  # by which rows agree worse as told than as they are: the images are rectified already
+
+# Rows of a pair (stereo/test_stereo_field)
+CORNERS = {"maxCorners": 1200, "qualityLevel": 0.003, "minDistance": 7}  # px
+FLOW = {"winSize": (9, 9), "maxLevel": 5, "criteria": (3, 40, 0.001)}  # px (count and size)
+BACK_PX = 0.3  # a corner that is not found back this near is lost
+MAX_ROWS_APART = 12.0  # px; more is a wrong match
+MIN_CORNERS = 60
+ROW_STEPS, ROW_LOSS_PX = 12, 0.3  # of the fit; scale of Cauchy's loss
+ROW_FLOOR_PX = 0.03  # standard deviation that no number of corners lowers: patches see more than one row
+ROW_PRIOR_PX = 10.0  # standard deviation of each coefficient before anything is seen
+ROW_SIGMAS = 4.0  # from which on a correction is made: 6e-5 by chance
+
+# Disparities of a pair, by a drive (stereo/test_corner_tracks, stereo/test_patches, stereo/test_track_fit)
+MIN_VIEWS, NUM_VIEWS = 2, 4  # instants that a corner is followed through, as far as it is seen
+NEAR_DISPARITY_PX, MAX_OFF_ROW_PX = 2.0, 1.5  # of a corner: least disparity, and distance of its rows
+MIN_TRACKS = 40  # in an instant of a window
+HALF_PATCH_PX = 4  # of a patch's side
+PATCH_STEPS, LAST_STEP_PX = 12, 0.003  # at most; the last one
+MAX_SHIFT_PX, MAX_SLOPE = 1.5, 0.7  # from the start, farther away is another thing; disparity by pixels
+LEAST_TEXTURE = 1e-2  # squared grey levels by px, added so that bare patches do not move
+TRACK_STEPS, TRACK_LOSS_PX = 15, 0.15  # of the fit; scale of Cauchy's loss on a corner's pixels
+TRACK_PRIOR_PX = 3.0  # standard deviation of each number before anything is seen
+CORRELATED_CORNERS = 9.0  # of one window, that count as one (`estimation/covariance.py`)
+TRACK_FLOOR_PX = np.array([0.02, *[0.04] * 7])  # (8,): no number of corners lowers it: not all patches are planes
+SIGNIFICANCE = {2: 15.2, 6: 24.1, 8: 27.9}  # chi2 of so many numbers that chance exceeds once in two thousand

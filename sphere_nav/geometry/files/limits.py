@@ -1,0 +1,15 @@
+"""What may come from outside at most, in a file or in a message: more is refused before anything is allocated.
+
+One table for all readers; `cameras/camera.py` bounds images, `untrusted.py` text and numbers.
+"""
+
+from __future__ import annotations
+
+LIMITS = {
+    "pose graph": 1 << 30,  # bytes of a file
+    "image file": 1 << 28,  # bytes
+    "cloud": 1 << 28,  # bytes of a message
+    "sphere": 1 << 25,  # pixels: 8192 x 4096
+    "features": 100_000,  # of a key sphere
+    "map": 10_000_000,  # key spheres
+}

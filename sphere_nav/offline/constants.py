@@ -1,0 +1,40 @@
+"""The numbers that offline results depend on and nobody would set: unit, origin, and the tests that pin each group.
+
+Tests are named below test/sphere_nav/offline/; "cli/" are those of the commands. "Chosen": by the test named.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Recordings (test_topics, test_recorded_camera, cli/test_import)
+SLACK_S = (0.005, 0.02)  # least and largest difference of the stamps of one instant: what a moving camera can bear
+SILENT_PERIODS = 4.0  # of a camera, that are a silence; recordings drop images
+NUM_TF_MESSAGES = 1000  # that are looked at for the frames there are
+OFFLINE_DEADLINE_S = 10.0  # of recording time: a recording may hold images as late as they were drawn or written
+DEFAULT_HZ = 10.0  # of images without stamps; KITTI's scanner turns so fast
+MAX_PAIR_GAP_NS = 20_000_000  # between the stamps of one instant in a TUM recording
+
+# A rectified pair by its drive (mapping/test_stereo_drive)
+MAX_WINDOWS = 16  # of consecutive instants in which corners are followed, spread over the drive
+MAX_PAIRS = 400  # of the drive's beginning
+
+# A depth camera by its drive (mapping/test_depth_drive)
+NUM_PAIRS = 16  # that the way is shared among: few long ones tell more than many short ones
+PARALLAX = (0.03, 0.15)  # distance between two images over the range of what they see: least and largest
+MAX_TURN = np.radians(15.0)  # between the two, so that they see the same
+# Levels of the pyramid: to half the size, where neighboring pixels of a mosaic are independent; then once more with
+# hidden points found anew.
+DEPTH_LEVELS = ((3, 2, 1), (1,))
+
+# A driving camera by its drive in a map (test_refine_camera)
+MAX_PAUSE_S = 0.3  # between two images that tell a velocity
+MAX_ODOMETRY_GAP_NS = 200_000_000  # between two poses
+REFINE_ROUNDS = 4  # of localizing with the lens found so far and refining it
+SETTLED = 1e-4  # relative change of the focal length that is the last
+
+# A survey against what was aligned (mapping/test_survey)
+SURVEY_SIGMA = np.repeat([0.01, np.radians(0.3)], 3)  # (6,) m, rad: standard deviations that are granted to a survey
+EDGE_FACTOR = 2.0  # of those of the edges: on real recordings with good truth edges err about twice as much as they say
+MAX_SURVEY_SIGMAS = 5.3  # of six degrees of freedom together: an edge in 10,000 by chance
+MAX_CONTRADICTED = 0.5  # share of the edges above which the survey is refused
