@@ -68,8 +68,8 @@ class CallbackFailures:
         self._log.error(f"callback failed: {self.last_failure}", every=LOG_PERIOD_S, key=f"callback {kind}")
 
     def clear(self, entity: Any) -> None:
-        """Take note that a callback succeeded."""
-        if self._in_row:
+        """Take note that a callback succeeded; None: a task, which runs once."""
+        if self._in_row and entity is not None:
             self._in_row.pop(entity, None)
 
     def guard(self, step: Callable[[], object], where: str) -> None:

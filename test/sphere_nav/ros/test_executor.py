@@ -225,6 +225,7 @@ def test_level_and_line_of_the_diagnostics():
         assert text.startswith("timer of 1 s: bad (")
         assert values["failed"] == 2 * count
     failures.clear(other)
+    failures.clear(None)
     assert failures.examine()[0] == ERROR
     failures.clear(one)
     assert failures.examine()[0] == WARN
