@@ -59,14 +59,14 @@ class TransformTree:
 
     def _make_way(self, parent: str, child: str, stamp: int | None) -> str:
         """Set the parent of a frame where the tree stays a tree. `stamp`: of one that moves; None: static."""
-        held, above = self._parents.get(child), self._chain(parent)
+        held = self._parents.get(child)
         if held == parent:
             return ""
-        if len(above) >= MAX_DEPTH or (held is None and len(self._parents) >= MAX_FRAMES):
-            found = f"{len(above)} above {child}, {len(self._parents)} in all"
-            raise ValueError(
-                f"transform: expected at most {MAX_DEPTH} frames up to the root, {MAX_FRAMES}; found {found}"
-            )
+        above = self._chain(parent)
+        if len(above) >= MAX_DEPTH:
+            raise ValueError(f"transform: {parent} -> {child}: expected at most {MAX_DEPTH} frames up to the root")
+        if held is None and len(self._parents) >= MAX_FRAMES:
+            raise ValueError(f"transform: {parent} -> {child}: expected at most {MAX_FRAMES} frames")
         if held is not None and not self._gives_way(child, stamp):
             raise ValueError(f"transform: {child}: expected parent {held}, found a second one, {parent}")
         line = "" if held is None else f"transform: {child}: parent {held} is replaced by {parent}"

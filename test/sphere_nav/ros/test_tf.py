@@ -173,6 +173,14 @@ def test_frames_never_form_a_loop():
     assert [tree.root(frame) for frame in ("odom", "camera", "base_link")] == ["camera"] * 3
 
 
+def test_of_a_loop_what_moves_gives_way_before_what_is_static():
+    tree = TransformTree()
+    tree.add(**edge("base_link", "mast"))
+    tree.add(**edge("mast", "camera", 1.0))
+    assert "camera: parent mast is dropped" in tree.add(**edge("camera", "base_link"))
+    assert [tree.root(frame) for frame in ("mast", "base_link", "camera")] == ["camera"] * 3
+
+
 def test_edges_in_any_order_form_neither_a_loop_nor_a_deep_or_endless_tree(rng, monkeypatch):
     monkeypatch.setattr("sphere_nav.ros.tf.MAX_FRAMES", 150)
     tree, num_refused = TransformTree(), 0
