@@ -51,6 +51,7 @@ BENCHMARKS = {
     "mcl_homing": "benchmarks.mcl_homing",
     "mcl_times": "benchmarks.mcl_times",
     "fuzz": "benchmarks.fuzz",
+    "endpoints": "benchmarks.endpoints",
     "map_streaming": "benchmarks.map_streaming",
     "intake_rate": "benchmarks.intake_rate",
 }

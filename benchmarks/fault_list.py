@@ -177,11 +177,11 @@ def _damaged_maps(drive: Drive) -> None:
 
 
 def _wrong_transforms(drive: Drive) -> None:
-    """Another parent of the camera, and a place that is no number."""
-    for parent, x in (("other_link", 0.0), ("base_link", math.nan)):
+    """Another parent of the camera, moving and static, and a place that is no number."""
+    for topic, parent, x in (("/tf", "a", 0.0), ("/tf_static", "b", 0.0), ("/tf_static", "base_link", math.nan)):
         wrong = conversions.se3_to_transform(SE3.identity(), drive.now, parent, FRAME)
         wrong.transform.translation.x = x
-        drive.bus.deliver("/tf_static", TFMessage(transforms=[wrong]))
+        drive.bus.deliver(topic, TFMessage(transforms=[wrong]))
 
 
 def _wrong_paths(drive: Drive) -> None:

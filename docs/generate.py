@@ -55,6 +55,10 @@ sphere_nav plot result -o result.png
 | `taking F as base_link` | nobody says where the camera sits | `/tf_static`, or `mounting` |
 | `messages lost in the last second` | queue or network dropped them | `transport:=compressed`, a larger socket buffer |
 | `waiting for /clock` | `use_sim_time` without a clock | play with `--clock`, or set it false |
+| `callbacks` is ERROR on `/diagnostics` | a callback of the node fails each time; the node goes on | report the log |
+| `use_sim_time: fixed while ...` | the clock was to change under way | clean the node up first, or set it at start |
+| `parent A is replaced by B` | two static transforms of one frame | the latest one is used: remove the wrong one |
+| `expected parent A, found a second one, B` | two publishers move one frame | remove one; B is used 1 s after A ended |
 | `expected a calibrated camera` | `camera_info` is all zero | [calibrate](calibration.md) |
 | a command prints one line, exit code 2 | file, field, expected, found | as it says; `SPHERE_NAV_DEBUG=1` shows where |
 

@@ -22,7 +22,9 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from sphere_nav.params import leaves, param
 from sphere_nav.params import parameters as params_class
 from sphere_nav.ros import parameters, qos
+from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
 from sphere_nav.ros.endpoints import ERROR, OK, WARN
+from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.node import Log, ManagedNode, ThrottledLog
 from sphere_nav.ros.service import one_line
@@ -69,11 +71,14 @@ class LiveShell(LifecycleNode):
     def __init__(self, node_class: type[ManagedNode], **options: Any) -> None:
         super().__init__(node_class.NAME, enable_logger_service=True, **options)
         self.log: Log = ThrottledLog(self.get_logger())
+        self.failures = CallbackFailures(self.log)
         self.is_active = False
         self.is_configured = False
         self.on_finish: Callable[[int], None] = lambda status: None
         self._entities: list[Callable[[], object]] = []
         self._own_publishers: list[Publisher] = []
+        parameters.answer_always(self, self.failures)
+        parameters.fix_clock(self, self._why_fixed)
         parameters.declare(self, ShellParams, lambda: "decided when the process starts")
         parameters.declare(self, node_class.PARAMS, self._why_fixed)
         self.add_post_set_parameters_callback(self._tune)
@@ -120,7 +125,8 @@ class LiveShell(LifecycleNode):
         self.is_active = True
         result = self._attempt(self.node.activate)
         for wanted in self.node.inputs if result == TransitionCallbackReturn.SUCCESS else ():
-            wanted.deliver_kept()
+            while wanted.kept:
+                self.failures.guard(wanted.deliver_kept, f"subscription {wanted.topic}")
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -165,8 +171,8 @@ class LiveShell(LifecycleNode):
         return parameters.read(self, cls)
 
     def now_ns(self) -> int:
-        """Return the time of the ROS clock in nanoseconds."""
-        return self.get_clock().now().nanoseconds
+        """Return the time of the ROS clock in nanoseconds, at most what a stamp holds."""
+        return min(self.get_clock().now().nanoseconds, MAX_STAMP_NS)
 
     def steady_ns(self) -> int:
         """Return the time of the monotonic clock in nanoseconds."""
@@ -274,9 +280,9 @@ class LiveShell(LifecycleNode):
     def _tell_health(self) -> None:
         for line in unserved(self, self._own_publishers):
             self.log.warning(line, every=EXPLAIN_PERIOD)
-        statuses = [self._life(), *self._lacks(), *self._reported()]
-        array = DiagnosticArray(status=statuses)
-        array.header.stamp = self.get_clock().now().to_msg()
+        callbacks = self._status("callbacks", *self.failures.examine())
+        array = DiagnosticArray(status=[self._life(), callbacks, *self._lacks(), *self._reported()])
+        array.header.stamp = ns_to_time(self.now_ns())
         self._diagnostics.publish(array)
 
     def _life(self) -> DiagnosticStatus:

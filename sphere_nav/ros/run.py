@@ -12,13 +12,14 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 import rclpy
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import ExternalShutdownException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.parameter import Parameter
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from sphere_nav.params.render import to_yaml
+from sphere_nav.ros.executor import GuardedExecutor
 from sphere_nav.ros.live import LiveShell, ShellParams
 from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.process import return_large_blocks, take_short_turns
@@ -111,14 +112,17 @@ def _serve(
         return 2
     prepare(shell.node)
     shell.on_finish = lambda status: None if stopped.done() else stopped.set_result(status)
-    executor = SingleThreadedExecutor()
+    executor = GuardedExecutor(shell.failures)
     executor.add_node(shell)
     try:
         if not shell.start():
             return 2
-        executor.spin_until_future_complete(stopped)
-        shell.stop()
-        return int(stopped.result())
+        try:
+            executor.spin_until(stopped)
+        finally:
+            shell.failures.guard(shell.stop, "stop")
+        is_over = stopped.done() or not executor.context.ok()
+        return int(stopped.result() or 0) if is_over else 1
     finally:
         executor.shutdown(timeout_sec=0.5)
         shell.destroy_node()

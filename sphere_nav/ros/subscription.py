@@ -61,10 +61,9 @@ class Subscription:
             self.kept = [*self.kept, message][-max(self.profile.depth, 1) :]
 
     def deliver_kept(self) -> None:
-        """Hand on what was kept."""
-        kept, self.kept = self.kept, []
-        for message in kept:
-            self.deliver(message)
+        """Hand on what was kept, in order; what is handed on, or fails, is kept no more."""
+        while self.kept:
+            self.deliver(self.kept.pop(0))
 
     def count(self, number: int | None, num_publishers: int) -> None:
         """Count what was lost before the message of this sequence number; one publisher numbers without gaps."""

@@ -13,10 +13,13 @@ from tf2_msgs.msg import TFMessage
 from sphere_nav.geometry import SE3
 from sphere_nav.ros import qos
 from sphere_nav.ros.conversions import se3_to_transform, stamp_ns, transform_to_se3
-from sphere_nav.ros.endpoints import Endpoints
+from sphere_nav.ros.endpoints import WARN, Endpoints
 
 MEMORY_NS = 10_000_000_000
-MAX_DEPTH = 100  # frames up to the root; more is a loop
+HOLD_NS = 1_000_000_000  # by which the stamps of a moving frame's parent must have ended before another one takes over
+MAX_DEPTH = 100  # frames up to the root
+MAX_FRAMES = 10_000  # a robot has some dozens; more would fill the memory
+CHANGE_PERIOD = 10.0  # s between two warnings that a frame has another parent
 
 
 class TransformError(ValueError):
@@ -24,7 +27,12 @@ class TransformError(ValueError):
 
 
 class TransformTree:
-    """Frames by name; static ones hold for ever, others are interpolated between stamps and forgotten after 10 s."""
+    """Frames by name; static ones hold for ever, others are interpolated between stamps and forgotten after 10 s.
+
+    A frame has one parent. Of several static ones the latest holds, and a static one before one that moves. Of several
+    that move the one that is there holds until its stamps have ended for `HOLD_NS`, or until time starts again. What
+    would close a loop is judged in the same way: an edge of it gives way, or the new one is refused.
+    """
 
     def __init__(self, memory_ns: int = MEMORY_NS) -> None:
         self._memory_ns = memory_ns
@@ -32,21 +40,59 @@ class TransformTree:
         self._static: dict[str, SE3] = {}
         self._moving: dict[str, deque[tuple[int, SE3]]] = {}
 
-    def add(self, message: TransformStamped, *, is_static: bool = False) -> None:
-        """Add T_parent_child; ValueError for a NaN, an empty name, a frame below itself, or a second parent."""
+    def add(self, message: TransformStamped, *, is_static: bool = False) -> str:
+        """Add T_parent_child; return what had to give way for it in one line, mostly nothing.
+
+        ValueError for a NaN, an empty name, a frame below itself, or a second parent where the first one holds.
+        """
         parent, child = message.header.frame_id.lstrip("/"), message.child_frame_id.lstrip("/")
         if not parent or not child or parent == child:
             raise ValueError(f"transform: expected two frames, found {parent!r} and {child!r}")
-        if self._parents.get(child, parent) != parent:
-            raise ValueError(
-                f"transform: {child}: expected parent {self._parents[child]}, found a second one, {parent}"
-            )
         T_parent_child = transform_to_se3(message.transform, f"transform {parent} -> {child}")
-        self._parents[child] = parent
+        stamp = stamp_ns(message)
+        line = self._make_way(parent, child, None if is_static else stamp)
         if is_static:
             self._static[child] = T_parent_child
         else:
-            self._remember(child, stamp_ns(message), T_parent_child)
+            self._remember(child, stamp, T_parent_child)
+        return line
+
+    def _make_way(self, parent: str, child: str, stamp: int | None) -> str:
+        """Set the parent of a frame where the tree stays a tree. `stamp`: of one that moves; None: static."""
+        held = self._parents.get(child)
+        if held == parent:
+            return ""
+        above = self._chain(parent)
+        if len(above) >= MAX_DEPTH:
+            raise ValueError(f"transform: {parent} -> {child}: expected at most {MAX_DEPTH} frames up to the root")
+        if held is None and len(self._parents) >= MAX_FRAMES:
+            raise ValueError(f"transform: {parent} -> {child}: expected at most {MAX_FRAMES} frames")
+        if held is not None and not self._gives_way(child, stamp):
+            raise ValueError(f"transform: {child}: expected parent {held}, found a second one, {parent}")
+        line = "" if held is None else f"transform: {child}: parent {held} is replaced by {parent}"
+        if child in above:
+            loop = [frame for frame in self._parents if frame in above[: above.index(child)]]  # oldest first
+            weak = [frame for frame in loop if self._gives_way(frame, stamp)]
+            if not weak:
+                raise ValueError(f"transform: {parent} -> {child}: expected no loop, found {child} above {parent}")
+            cut = min(weak, key=lambda frame: frame in self._static)
+            line = f"transform: {cut}: parent {self._parents[cut]} is dropped: {parent} -> {child} would close a loop"
+            self._forget(cut)
+        self._forget(child)
+        self._parents[child] = parent
+        return line
+
+    def _gives_way(self, child: str, stamp: int | None) -> bool:
+        """Whether the parent of a frame gives way to another edge: at a stamp in ns, or static (None)."""
+        if stamp is None or child in self._static:
+            return stamp is None
+        history = self._moving.get(child)
+        return not history or not -self._memory_ns <= stamp - history[-1][0] <= HOLD_NS
+
+    def _forget(self, child: str) -> None:
+        self._parents.pop(child, None)
+        self._static.pop(child, None)
+        self._moving.pop(child, None)
 
     def lookup(self, target: str, source: str, stamp: int | None = None) -> SE3:
         """Return T_target_source at a stamp in ns (None: the newest); TransformError says why not."""
@@ -139,6 +185,7 @@ class TransformListener:
 
     def __init__(self, endpoints: Endpoints, *, is_required: bool = False, ignored: str = "") -> None:
         self.tree, self._ignored = TransformTree(), ignored
+        self._endpoints, self._num_changes = endpoints, 0
         endpoints.add_subscription("/tf", TFMessage, self._on_moving, qos.TF, is_required=False)
         endpoints.add_subscription(
             "/tf_static", TFMessage, self._on_static, qos.TF_STATIC, is_required=is_required, silence=0.0
@@ -155,16 +202,22 @@ class TransformListener:
         self._add(message, is_static=True)
 
     def _add(self, message: TFMessage, *, is_static: bool) -> None:
-        """Add all that can be used; ValueError says what could not be."""
+        """Add all that can be used, report where a frame has another parent now; ValueError says what was refused."""
         refusals = []
         for transform in message.transforms:
             try:
                 if not self._ignored or transform.header.frame_id.lstrip("/") != self._ignored:
-                    self.tree.add(transform, is_static=is_static)
+                    self._report(self.tree.add(transform, is_static=is_static), transform.child_frame_id)
             except ValueError as error:
                 refusals.append(str(error))
         if refusals:
             raise ValueError("; ".join(refusals))
+
+    def _report(self, change: str, child: str) -> None:
+        if change:
+            self._num_changes += 1
+            self._endpoints.log.warning(change, every=CHANGE_PERIOD, key=f"parent of {child}")
+            self._endpoints.report("tf parents", WARN, change, changes=self._num_changes)
 
 
 class TransformBroadcaster:

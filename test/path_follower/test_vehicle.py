@@ -1,6 +1,7 @@
 """The car: exact arcs, limits that nothing passes, and a model that knows where the commands lead."""
 
 import math
+import time
 
 import numpy as np
 import pytest
@@ -98,6 +99,17 @@ def test_a_measured_speed_overrules_the_model():
     predictor.remember(0, Motion(0.0, 0.0))
     moved = predictor.predict(Pose2(0, 0, 0), STEP, STEP, 1.0)
     assert moved.x == pytest.approx(0.2, abs=0.02)  # the model lets it lose a tenth on the way
+
+
+def test_a_clock_that_leaps_by_years_takes_no_time():
+    predictor = Predictor(CAR, ActuationParams())
+    predictor.remember(0, Motion(2.0, 0.1))
+    began = time.monotonic()
+    predictor.remember(2**31 * 10**9, Motion(1.0, 0.0))
+    assert predictor.motion.speed == pytest.approx(2.0)
+    moved = predictor.predict(Pose2(0, 0, 0), 2**31 * 10**9 - STEP, 2**31 * 10**9, None)
+    assert 0.05 < moved.x < 1.0
+    assert time.monotonic() - began < 5.0
 
 
 def test_an_old_pose_is_not_predicted_without_bound_and_a_new_model_stands():

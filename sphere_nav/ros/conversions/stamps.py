@@ -8,6 +8,7 @@ from builtin_interfaces.msg import Time
 from std_msgs.msg import Header
 
 SECOND = 1_000_000_000
+MAX_STAMP_NS = 2**31 * SECOND - 1  # what a Time holds
 
 
 def time_to_ns(time: Time) -> int:
@@ -18,7 +19,7 @@ def time_to_ns(time: Time) -> int:
 def ns_to_time(ns: int) -> Time:
     """Return a Time; ValueError where its 32-bit seconds cannot hold it."""
     seconds, nanoseconds = divmod(int(ns), SECOND)
-    if not 0 <= seconds < 2**31:
+    if not 0 <= ns <= MAX_STAMP_NS:
         raise ValueError(f"stamp: expected 0 to 2^31 s, found {ns} ns")
     return Time(sec=seconds, nanosec=nanoseconds)
 

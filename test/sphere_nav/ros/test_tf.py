@@ -5,10 +5,11 @@ import pytest
 from tf2_msgs.msg import TFMessage
 
 from sphere_nav.geometry import SE3
+from sphere_nav.ros import qos
 from sphere_nav.ros.bags import BagReader
 from sphere_nav.ros.bags.replay import OfflineBus, replay
 from sphere_nav.ros.conversions import se3_to_transform
-from sphere_nav.ros.node import ManagedNode
+from sphere_nav.ros.node import WARN, ManagedNode
 from sphere_nav.ros.tf import TransformBroadcaster, TransformError, TransformListener, TransformTree
 
 SECOND = 1_000_000_000
@@ -110,6 +111,119 @@ def test_what_is_told_is_heard(make_bag):
     assert [len(message.transforms) for message in sent] == [1, 2, 1]  # the static ones are repeated
     expected = T_MAP_ODOM @ odom_base(1) @ T_BASE_CAMERA
     np.testing.assert_allclose(hearer.tf.lookup("map", "camera", SECOND).matrix, expected.matrix, atol=1e-9)
+
+
+# --- several parents
+def edge(parent, child, seconds=None, x=0.0):
+    """Return arguments of `add`: one that moves at these seconds, or a static one."""
+    transform = se3_to_transform(SE3.from_planar(x, 0.0, 0.0), round((seconds or 0) * SECOND), parent, child)
+    return {"message": transform, "is_static": seconds is None}
+
+
+def test_the_latest_static_parent_holds_and_the_change_names_both():
+    tree = TransformTree()
+    assert tree.add(**edge("wrong", "camera", 1.0)) == ""  # also before one that moves
+    assert tree.add(**edge("base_link", "camera", x=1.0)) == "transform: camera: parent wrong is replaced by base_link"
+    assert tree.lookup("base_link", "camera", 99 * SECOND).translation[0] == 1.0
+    assert tree.add(**edge("mast", "camera", x=2.0)) == "transform: camera: parent base_link is replaced by mast"
+    assert tree.add(**edge("mast", "camera", x=3.0)) == ""
+    assert tree.lookup("mast", "camera").translation[0] == 3.0
+    with pytest.raises(ValueError, match="camera: expected parent mast, found a second one, wrong"):
+        tree.add(**edge("wrong", "camera", 1000.0))
+    assert not tree.is_moving("camera")
+
+
+def test_a_parent_that_moves_holds_while_it_is_heard():
+    tree = TransformTree()
+    for seconds in (1.0, 1.5, 2.0):
+        tree.add(**edge("odom", "base_link", seconds, x=seconds))
+    for late in (0.0, 2.0, 2.5, 3.0):
+        with pytest.raises(ValueError, match="base_link: expected parent odom, found a second one, wrong"):
+            tree.add(**edge("wrong", "base_link", late))
+    assert tree.lookup("odom", "base_link", round(1.75 * SECOND)).translation[0] == pytest.approx(1.75)
+    change = "transform: base_link: parent odom is replaced by wrong"
+    assert tree.add(**edge("wrong", "base_link", 3.01)) == change
+    with pytest.raises(TransformError, match=r"wrong -> base_link: expected stamp 2\.000 s"):
+        tree.lookup("wrong", "base_link", 2 * SECOND)  # what was heard below another parent is forgotten
+
+
+def test_one_wrong_parent_does_not_lock_the_right_one_out():
+    """Neither when it came first, nor with a stamp far ahead, nor before the clock jumped."""
+    tree = TransformTree()
+    tree.add(**edge("wrong", "base_link", 1.0))
+    assert tree.add(**edge("odom", "base_link", 2.1))
+    assert tree.add(**edge("wrong", "base_link", 2.0**31 - 1))
+    assert tree.add(**edge("odom", "base_link", 2.2))
+    tree.clear()
+    assert tree.add(**edge("map", "base_link", 2.2))
+    assert tree.root("base_link") == "map"
+
+
+def test_frames_never_form_a_loop():
+    tree = TransformTree()
+    tree.add(**edge("odom", "base_link", 1.0))
+    tree.add(**edge("base_link", "camera", 1.0))
+    with pytest.raises(ValueError, match="camera -> odom: expected no loop, found odom above camera"):
+        tree.add(**edge("camera", "odom", 1.5))
+    line = tree.add(**edge("camera", "odom"))
+    assert line == "transform: base_link: parent odom is dropped: camera -> odom would close a loop"
+    assert [tree.root(frame) for frame in ("odom", "camera", "base_link")] == ["base_link"] * 3
+    line = tree.add(**edge("odom", "base_link", 9.0))  # the right one again; what moves and is not heard gives way
+    assert line == "transform: camera: parent base_link is dropped: odom -> base_link would close a loop"
+    assert [tree.root(frame) for frame in ("odom", "camera", "base_link")] == ["camera"] * 3
+
+
+def test_of_a_loop_what_moves_gives_way_before_what_is_static():
+    tree = TransformTree()
+    tree.add(**edge("base_link", "mast"))
+    tree.add(**edge("mast", "camera", 1.0))
+    assert "camera: parent mast is dropped" in tree.add(**edge("camera", "base_link"))
+    assert [tree.root(frame) for frame in ("mast", "base_link", "camera")] == ["camera"] * 3
+
+
+def test_edges_in_any_order_form_neither_a_loop_nor_a_deep_or_endless_tree(rng, monkeypatch):
+    monkeypatch.setattr("sphere_nav.ros.tf.MAX_FRAMES", 150)
+    tree, num_refused = TransformTree(), 0
+    for step in range(5000):
+        parent, child = rng.integers(0, 200, 2)
+        seconds = None if step % 5 == 0 else 10.0 + step * 0.1 + rng.uniform(-5.0, 5.0)
+        try:
+            tree.add(**edge(f"f{parent}", f"f{child}", seconds))
+        except ValueError:
+            num_refused += 1
+        frame, depth = f"f{child}", 0
+        while frame in tree._parents:
+            frame, depth = tree._parents[frame], depth + 1
+            assert depth <= 200, "a loop"
+    assert 0 < num_refused < 5000
+    assert len(tree._parents) <= 150
+    chain = TransformTree()
+    for number in range(99):
+        chain.add(**edge(f"f{number}", f"f{number + 1}"))
+    with pytest.raises(ValueError, match="at most 100 frames up to the root"):
+        chain.add(**edge("f99", "f100"))
+
+
+class Contradictor(ManagedNode):
+    NAME = "contradictor"
+
+    def configure(self):
+        self.moving = self.add_publisher("/tf", TFMessage)
+        self.fixed = self.add_publisher("/tf_static", TFMessage, qos.LATCHED)
+
+
+def test_a_change_of_parent_is_reported_and_a_second_parent_that_moves_is_refused():
+    bus = OfflineBus()
+    teller, hearer = bus.add(Contradictor), bus.add(Hearer)
+    for parent in ("base_link", "mast"):
+        teller.fixed.publish(TFMessage(transforms=[edge(parent, "camera")["message"]]))
+    for parent in ("odom", "wrong", "odom"):
+        teller.moving.publish(TFMessage(transforms=[edge(parent, "base_link", 1.0)["message"]]))
+    list(bus.settle())
+    change = "transform: camera: parent base_link is replaced by mast"
+    assert hearer.reports["tf parents"] == (WARN, change, {"changes": 1})
+    assert hearer.inputs[0].last_refusal == "transform: base_link: expected parent odom, found a second one, wrong"
+    assert [wanted.num_refused for wanted in hearer.inputs] == [1, 0]
 
 
 def test_a_real_recording(shared_data):

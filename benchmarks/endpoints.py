@@ -1,0 +1,306 @@
+"""Lies to every endpoint of every node: topics, its services, and those that rclpy makes. No process may die of them.
+
+Each node is a real process over DDS, once on the time of the system and once on /clock. After every few lies it has to
+answer a question; a node that was deactivated by one of them is activated again, one that was shut down starts anew.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import ListParameters
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.task import Future
+from tqdm import tqdm
+
+from benchmarks.fuzz_mutations import mutate_message
+from benchmarks.lies import Liar, interface_class
+from benchmarks.lifecycle_cases import CASES, Case
+from benchmarks.machine import describe
+from benchmarks.report import Bound, Report, Table
+from sphere_nav.ros import qos
+
+HELP = "lied messages and requests to every endpoint of every node (--lies, --lie-seed): no process dies"
+COUNT, QUICK_COUNT = 100_000, 2000
+START = 120.0  # s until a node answers after it was started, on a busy machine
+AGAIN = 5.0  # s until a question is repeated
+ANSWER = 30.0  # s until it answers after lies; more counts as a hang
+ROUND = 24  # lies before a question
+SHARE_OF_REQUESTS = 0.3  # of the lies; the others are messages
+SHARE_OF_BYTES = 0.2  # of the messages, that are no message
+RARE = {"lifecycle_msgs/srv/ChangeState": 0.05}  # shares of what makes a node deaf to other lies
+DOMAIN = "48"
+
+
+@dataclass
+class Outcome:
+    """What became of the lies to one node."""
+
+    name: str
+    num_lies: int = 0
+    num_endpoints: int = 0
+    num_starts: int = 0
+    counts: Counter[str] = field(default_factory=Counter)  # by the node's own diagnostics: received, refused, failed
+    deaths: list[str] = field(default_factory=list)
+    mistakes: Counter[str] = field(default_factory=Counter)  # tracebacks in the log: ours to mend
+    seconds: float = 0.0
+
+
+class Victim:
+    """A node as a process; its log is kept."""
+
+    def __init__(self, case: Case, folder: Path, *, uses_sim_time: bool) -> None:
+        values = case.values(folder) | {"use_sim_time": uses_sim_time}
+        words = [word for name, value in values.items() for word in ("-p", f"{name}:={_text(value)}")]
+        node = case.node_class
+        start = f"import sys; from {node.__module__} import {node.__name__} as Node; "
+        start += "from sphere_nav.ros.run import run; sys.exit(run(Node))"
+        self.name, self.log = node.NAME, folder / f"{node.NAME}.log"
+        with self.log.open("wb") as log:
+            command = [sys.executable, "-P", "-c", start, "--ros-args", *words]
+            self.process = subprocess.Popen(command, stdout=log, stderr=log, cwd=folder)
+
+    @property
+    def death(self) -> str:
+        """How the process ended; empty while it lives."""
+        status = self.process.poll()
+        if status is None:
+            return ""
+        lines = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
+        return f"{self.name}: ended with {status}: {lines[-1] if lines else 'no word'}"[:300]
+
+    def close(self) -> None:
+        """End the process."""
+        if self.process.poll() is None:
+            self.process.terminate()
+            try:
+                self.process.wait(10.0)
+            except subprocess.TimeoutExpired:
+                self.process.kill()
+                self.process.wait()
+
+    def mistakes(self) -> Counter[str]:
+        """Return the last lines of the tracebacks in the log, with the places they come from."""
+        found: Counter[str] = Counter()
+        text = self.log.read_text(encoding="utf-8", errors="replace")
+        for block in re.findall(r"Traceback \(most recent call last\):\n((?:[ ]+.*\n)*)(.*)", text):
+            places = re.findall(r'File "[^"]*/([^/"]+/[^/"]+)", line (\d+)', block[0])
+            found[f"{block[1][:100]} ({':'.join(places[-1]) if places else '?'})"] += 1
+        return found
+
+
+class Interrogation:
+    """A node that lies to a victim, in the order of a seed."""
+
+    def __init__(self, case: Case, folder: Path, rng: np.random.Generator, *, uses_sim_time: bool) -> None:
+        self._case, self._folder, self._rng, self._uses_sim_time = case, folder, rng, uses_sim_time
+        kind = "sim time" if uses_sim_time else "system time"
+        self.outcome, self._liar = Outcome(f"{case.node_class.NAME}, {kind}"), Liar(rng)
+        self._node = Node("liar", start_parameter_services=False, enable_rosout=False)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._victim: Victim | None = None
+        self._counts: dict[str, int] = {}  # the last ones, by entry and name
+        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._count, qos.STATE)
+        self._topics: dict[str, Any] = {}
+        self._clients: dict[str, Any] = {}
+
+    def lie(self, count: int) -> Outcome:
+        """Send so many lies; where the process dies of one it is started again."""
+        started = time.monotonic()
+        try:
+            while self.outcome.num_lies < count:
+                if self._victim is None:
+                    self._start()
+                for _ in range(ROUND):
+                    self._one()
+                self._examine()
+        finally:
+            self._end()
+            self._executor.shutdown()
+            self._node.destroy_node()
+        self.outcome.seconds = time.monotonic() - started
+        return self.outcome
+
+    def _start(self) -> None:
+        self._victim = Victim(self._case, self._folder, uses_sim_time=self._uses_sim_time)
+        self.outcome.num_starts += 1
+        if self._activate(START) is None:
+            raise ValueError(f"{self._victim.name}: expected an answer within {START:g} s, {self._victim.death}")
+        names = self._ask("list_parameters", ListParameters, ListParameters.Request(), ANSWER)
+        self._liar.words = [] if names is None else list(names.result.names)
+        self._find_endpoints()
+
+    def _end(self) -> None:
+        if self._victim is not None:
+            self._victim.close()
+            self.outcome.mistakes += self._victim.mistakes()
+            self._victim = None
+            for key, value in self._counts.items():
+                self.outcome.counts[key.rpartition(": ")[2]] += value
+            self._counts.clear()
+
+    def _count(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            pairs = [pair for pair in status.values if pair.key in ("received", "refused", "failed")]
+            self._counts |= {f"{status.name}: {pair.key}": int(pair.value) for pair in pairs}
+
+    def _find_endpoints(self) -> None:
+        """Make a publisher for each topic and a client for each service of all nodes of the process."""
+        own = (self._node.get_name(), self._node.get_namespace())
+        for name, namespace in set(self._node.get_node_names_and_namespaces()) - {own}:
+            for topic, kinds in self._node.get_subscriber_names_and_types_by_node(name, namespace):
+                if topic not in self._topics:
+                    self._topics[topic] = self._node.create_publisher(interface_class(kinds[0]), topic, qos.LATCHED)
+            for service, kinds in self._node.get_service_names_and_types_by_node(name, namespace):
+                if service not in self._clients:
+                    self._clients[service] = self._node.create_client(interface_class(kinds[0]), service), kinds[0]
+        self.outcome.num_endpoints = len(self._topics) + len(self._clients)
+
+    def _one(self) -> None:
+        self.outcome.num_lies += 1
+        if not self._topics or self._rng.random() < SHARE_OF_REQUESTS:
+            _, (client, kind) = self._pick(self._clients)
+            if self._rng.random() < RARE.get(kind, 1.0):
+                answer = client.call_async(self._liar.message(client.srv_type.Request))
+                answer.add_done_callback(lambda done: None)
+                client.remove_pending_request(answer)
+            return
+        topic, publisher = self._pick(self._topics)
+        sends = {f"/{name.lstrip('/')}": message for name, message in self._case.sends().items()}
+        message = self._liar.message(publisher.msg_type)
+        if topic in sends and self._rng.random() < 0.5:
+            message = mutate_message(sends[topic], self._rng)
+        try:
+            publisher.publish(self._liar.raw(message) if self._rng.random() < SHARE_OF_BYTES else message)
+        except (SystemError, OverflowError, AssertionError, TypeError, ValueError):  # too wrong to be sent
+            publisher.publish(self._liar.message(publisher.msg_type))
+
+    def _pick(self, found: dict[str, Any]) -> tuple[str, Any]:
+        name = str(self._rng.choice(sorted(found)))
+        return name, found[name]
+
+    def _examine(self) -> None:
+        """Ask the node; note its death, or its silence."""
+        assert self._victim is not None
+        answer = self._ask("get_state", GetState, GetState.Request(), ANSWER)
+        if answer is None:
+            death = self._victim.death or f"{self._victim.name}: no answer within {ANSWER:g} s"
+            self.outcome.deaths.append(f"{death} (lie {self.outcome.num_lies})")
+            self._end()
+            return
+        is_active = answer.current_state.id == State.PRIMARY_STATE_ACTIVE
+        if not is_active and self._rng.random() < 0.5 and self._activate(ANSWER) != State.PRIMARY_STATE_ACTIVE:
+            self._end()  # shut down as it was asked to, or without a file that it needs: it starts anew
+
+    def _activate(self, patience: float) -> int | None:
+        """Have the node active where that can be; its state, None without an answer."""
+        for _ in range(3):
+            answer = self._ask("get_state", GetState, GetState.Request(), patience)
+            if answer is None:
+                return None
+            state = int(answer.current_state.id)
+            step = {State.PRIMARY_STATE_UNCONFIGURED: Transition.TRANSITION_CONFIGURE}
+            step |= {State.PRIMARY_STATE_INACTIVE: Transition.TRANSITION_ACTIVATE}
+            if state not in step:
+                return state
+            request = ChangeState.Request(transition=Transition(id=step[state]))
+            self._ask("change_state", ChangeState, request, patience)
+        return state
+
+    def _ask(self, service: str, kind: type[Any], request: Any, patience: float) -> Any:
+        """Return the answer of a service of the node; None where it is dead or silent."""
+        name = f"/{self._case.node_class.NAME}/{service}"
+        if name not in self._clients:
+            self._clients[name] = self._node.create_client(kind, name), ""
+        client, end = self._clients[name][0], time.monotonic() + patience
+        while self._victim is not None and not self._victim.death and time.monotonic() < end:
+            if not client.service_is_ready():
+                time.sleep(0.02)
+                continue
+            answer: Future = client.call_async(request)
+            again = time.monotonic() + AGAIN  # one that is sent while the two still find each other may be lost
+            while not answer.done() and time.monotonic() < min(again, end) and not self._victim.death:
+                self._executor.spin_once(timeout_sec=0.2)
+            if answer.done():
+                return answer.result()
+            client.remove_pending_request(answer)
+        return None
+
+
+def interrogate(
+    cases: Sequence[Case],
+    count: int,
+    seed: int,
+    clocks: Sequence[bool] = (False, True),
+    progress: Callable[[Any], Any] = list,
+) -> list[Outcome]:
+    """Lie to each node, on the clock of the system and on /clock (True), `count` lies in all."""
+    rclpy.init()
+    outcomes = []
+    try:
+        for number, (case, uses_sim_time) in enumerate(progress([(c, s) for c in cases for s in clocks])):
+            with tempfile.TemporaryDirectory() as folder:
+                rng = np.random.default_rng([seed, number])
+                interrogation = Interrogation(case, Path(folder), rng, uses_sim_time=uses_sim_time)
+                outcomes.append(interrogation.lie(-(-count // (len(clocks) * len(cases)))))
+    finally:
+        rclpy.try_shutdown()
+    return outcomes
+
+
+def add_arguments(parser: argparse._ArgumentGroup) -> None:
+    """Declare the arguments."""
+    parser.add_argument("--lies", type=int, default=COUNT, metavar="N", help="over all nodes (%(default)s)")
+    parser.add_argument("--lie-seed", type=int, default=0, metavar="S", help="of the lies (%(default)s)")
+    parser.add_argument("--lie-to", default="", metavar="NODE", help="nodes whose name has this word (all)")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Lie to every node."""
+    os.environ.setdefault("ROS_DOMAIN_ID", DOMAIN)
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    cases = [case for case in CASES if options.lie_to in case.node_class.NAME]
+    count = QUICK_COUNT if options.quick else options.lies
+    progress = partial(tqdm, unit="node", disable=None)
+    outcomes = interrogate(cases, count, options.lie_seed, progress=progress)
+    report = Report("endpoints", notes=[f"{describe(options.threads)}; seed {options.lie_seed}", __doc__ or ""])
+    columns = ("node", "endpoints", "lies", "received", "refused", "failed", "starts", "deaths", "tracebacks", "s")
+    rows = []
+    for o in outcomes:
+        heard = [o.counts[key] for key in ("received", "refused", "failed")]
+        counts = o.num_endpoints, o.num_lies, *heard, o.num_starts, len(o.deaths), o.mistakes.total()
+        rows.append((o.name, *map(str, counts), f"{o.seconds:.0f}"))
+    report.tables.append(Table("Lies", columns, rows))
+    deaths = [death for outcome in outcomes for death in outcome.deaths]
+    mistakes = Counter({f"{o.name}: {line}": n for o in outcomes for line, n in o.mistakes.items()})
+    for title, lines in (("Deaths", deaths), ("Tracebacks", [f"{n} x {line}" for line, n in mistakes.most_common()])):
+        if lines:
+            report.tables.append(Table(title, ("what",), [(line.replace("|", "/"),) for line in lines[:100]]))
+    total = float(sum(outcome.num_lies for outcome in outcomes))
+    report.bounds.append(Bound("lies sent", float(count), total, "", is_minimum=True))
+    report.bounds.append(Bound("processes that died, or were silent for 30 s", 0.0, float(len(deaths)), ""))
+    return report
+
+
+def _text(value: Any) -> str:
+    """Return a parameter as the command line takes it."""
+    return str(value).lower() if isinstance(value, bool) else str(value)

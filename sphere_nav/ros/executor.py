@@ -1,0 +1,174 @@
+"""The loop of a process. What a callback raises is counted and reported, and the process goes on.
+
+That holds for every callback: subscriptions, timers and services of a node, and those that rclpy makes by itself
+(parameters, /clock, lifecycle, logger). Any rclpy node may be added:
+
+    executor = GuardedExecutor(CallbackFailures(log))
+    executor.add_node(node)
+    executor.spin_until(stopped)                    # an rclpy Future
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+import traceback
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+from weakref import WeakKeyDictionary
+
+from rclpy.context import Context
+from rclpy.executors import ExternalShutdownException, ShutdownException, SingleThreadedExecutor, TimeoutException
+from rclpy.task import Future
+
+from sphere_nav.ros.endpoints import ERROR, OK, WARN, Log
+from sphere_nav.ros.service import one_line
+
+RECENT_S = 10.0  # s for which a failure shows in the diagnostics
+MAX_IN_ROW = 3  # failures of one callback in a row, and it does not work
+LOG_PERIOD_S = 5.0  # s between two lines of failures at the same place
+MAX_WAITS = 50  # failed attempts to wait, in a row, before the process ends
+PAUSE_S = 0.02  # s between two of them
+FOREIGN = {"rclpy", *sys.stdlib_module_names}  # what raises there alone was asked for from outside
+
+
+class CallbackFailures:
+    """What callbacks raised: counted, one line each in the log, and an entry for the diagnostics.
+
+    Where our own code takes part it is our mistake: its traceback is logged, once for each place.
+    """
+
+    def __init__(self, log: Log, clock: Callable[[], float] = time.monotonic) -> None:
+        self._log, self._clock = log, clock
+        self.num_failed = 0
+        self.last_failure = ""
+        self._last_s = -RECENT_S
+        self._traced: set[str] = set()
+        self._in_row: WeakKeyDictionary[Any, tuple[int, float]] = WeakKeyDictionary()  # with the time of the last, s
+
+    def add(self, error: BaseException, where: str, entity: Any = None, *, is_request: bool = False) -> None:
+        """Count what a callback raised.
+
+        `entity` is what rclpy called: a subscription, timer or service. `is_request`: what was asked for is wrong, not
+        our code.
+        """
+        frames = list(traceback.walk_tb(error.__traceback__))
+        ours = [frame for frame in frames if str(frame[0].f_globals.get("__name__")).split(".")[0] not in FOREIGN]
+        frame, line = (ours or frames or [(sys._getframe(), 0)])[-1]
+        place = f"{Path(frame.f_code.co_filename).name}:{line}"
+        self.num_failed, self._last_s = self.num_failed + 1, self._clock()
+        self.last_failure = f"{where}: {one_line(error)} ({place})"
+        if entity is not None:
+            self._in_row[entity] = self._in_row.get(entity, (0, 0.0))[0] + 1, self._last_s
+        kind = f"{type(error).__name__} {place}"
+        if ours and not is_request and kind not in self._traced:
+            self._traced.add(kind)
+            self._log.error("".join(traceback.format_exception(error)).rstrip())
+        self._log.error(f"callback failed: {self.last_failure}", every=LOG_PERIOD_S, key=f"callback {kind}")
+
+    def clear(self, entity: Any) -> None:
+        """Take note that a callback succeeded; None: a task, which runs once."""
+        if self._in_row and entity is not None:
+            self._in_row.pop(entity, None)
+
+    def guard(self, step: Callable[[], object], where: str) -> None:
+        """Carry out a part of a callback; the parts after it go on, whatever it raises."""
+        try:
+            step()
+        except Exception as error:
+            self.add(error, where)
+
+    def examine(self) -> tuple[int, str, dict[str, Any]]:
+        """Return level, line and count for the diagnostics; ERROR while a callback fails each time."""
+        now = self._clock()
+        level, text = OK, "all callbacks succeed"
+        if now - self._last_s < RECENT_S:
+            worst = max((count for count, last_s in self._in_row.values() if now - last_s < RECENT_S), default=0)
+            level, text = ERROR if worst >= MAX_IN_ROW else WARN, self.last_failure
+        return level, text, {"failed": self.num_failed, "last": self.last_failure}
+
+
+class GuardedExecutor(SingleThreadedExecutor):
+    """Calls one callback after the other, in the thread that spins; none of them ends the process."""
+
+    def __init__(self, failures: CallbackFailures, *, context: Context | None = None) -> None:
+        super().__init__(context=context)
+        self._failures = failures
+        self._num_failed_waits = 0
+
+    @property
+    def num_failed(self) -> int:
+        """Number of callbacks that raised."""
+        return self._failures.num_failed
+
+    @property
+    def last_failure(self) -> str:
+        """What the last of them raised, in one line; empty where none did."""
+        return self._failures.last_failure
+
+    def spin_until(self, stopped: Future) -> None:
+        """Serve until the future is done, by whatever thread, or until nothing can be served any more.
+
+        That is when the context was shut down, or waiting fails again and again. rclpy's `spin_until_future_complete`
+        is not used: it adds a callback to the future at each wake and never removes one.
+        """
+
+        def wake(done: Future) -> None:
+            self.create_task(_nothing)  # a bare wake-up does not end the wait of `spin_once`
+
+        stopped.add_done_callback(wake)
+        try:
+            while not stopped.done() and self.context.ok() and self._num_failed_waits < MAX_WAITS:
+                self.spin_once()
+        except ExternalShutdownException:
+            pass
+        finally:
+            stopped.remove_done_callback(wake)
+
+    def spin_once(self, timeout_sec: float | None = None) -> None:
+        """Wait for one callback and call it."""
+        entity: Any
+        try:
+            handler, entity, _ = self.wait_for_ready_callbacks(timeout_sec)
+        except (ShutdownException, TimeoutException):
+            return
+        except ExternalShutdownException:
+            raise
+        except Exception as error:
+            self._num_failed_waits += 1
+            self._failures.add(error, "waiting for messages")
+            time.sleep(PAUSE_S)
+            return
+        self._num_failed_waits = 0
+        handler()
+        raised = handler.exception()
+        if raised is None:
+            self._failures.clear(entity)
+        else:
+            self._release(entity)
+            self._failures.add(raised, name_of(entity), entity)
+
+    def _release(self, entity: Any) -> None:
+        """Have an entity served again: rclpy leaves it and its group busy where its message could not be taken."""
+        if entity is None:
+            return
+        entity._executor_event = False
+        group = entity.callback_group
+        if getattr(group, "_active_entity", None) is entity:
+            group.ending_execution(entity)
+        self.wake()
+
+
+def name_of(entity: Any) -> str:
+    """Return what rclpy called: a topic, a service, a timer, or the name of its class."""
+    if entity is None:
+        return "task"
+    name = getattr(entity, "topic_name", None) or getattr(entity, "service_name", None)
+    if name is None and hasattr(entity, "timer_period_ns"):
+        name = f"of {entity.timer_period_ns * 1e-9:g} s"
+    return f"{type(entity).__name__.lower()} {name or ''}".rstrip()
+
+
+def _nothing() -> None:
+    """Be called, so that `spin_once` returns."""

@@ -1,0 +1,107 @@
+"""Files that a user names are read by the bounded readers: no FIFO that blocks, no gigabyte, no bomb in YAML."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+
+import pytest
+
+from architecture.tree import MODULES, parse
+
+READERS = "sphere_nav/geometry/files/untrusted.py"
+PARSERS = {"yaml.load", "yaml.load_all", "yaml.safe_load", "yaml.safe_load_all", "yaml.unsafe_load", "json.load"}
+PARSERS |= {"json.loads", "pickle.load", "pickle.loads", "np.load", "np.loadtxt", "np.genfromtxt", "np.fromfile"}
+PARSERS |= {"cv2.imread"}
+METHODS = {"read_text", "read_bytes"}  # of a Path
+MODES = set("rwaxbt+")
+WRITING = set("wax")
+
+# Who may, and why: file and call.
+ALLOWED = {
+    ("cycab_sim/rendering/embree.py", "MAPS.read_text"): "of the kernel",
+    ("cycab_sim/sensors/rigs.py", "Path(path).read_text"): "a file that it has just written",
+    ("mcl_depth/geometry/files.py", "np.load"): "after its first bytes, mapped, its size checked",
+    ("mcl_depth/geometry/files.py", "path.open"): "the first bytes; `open_file` has seen what it is",
+    ("mcl_depth/geometry/las.py", "path.open"): "the header; `open_file` has seen what it is",
+    ("mcl_depth/geometry/pcd.py", "path.read_bytes"): "`open_file` has seen what it is",
+    ("mcl_depth/geometry/ply.py", "path.read_bytes"): "`open_file` has seen what it is",
+    ("mcl_depth/likeness/depth_cache.py", "np.load"): "a cache that we wrote, mapped",
+    ("sphere_mapping/graph/graph_file.py", "path.open"): "a regular file of a checked size, by lines",
+    ("sphere_mapping/acquisition/stitching/stages.py", "pickle.loads"): "bytes of a process that it started",
+    ("sphere_nav/cli/demo/processes.py", "(self.folder / f'{node}.log').read_text"): "a log that the demo writes",
+    ("sphere_nav/cli/register.py", "json.loads"): "a text that it has just made",
+    ("sphere_nav/geometry/files/basalt_file.py", "json.loads"): "a text of the bounded reader",
+    ("sphere_nav/kernel_cache/folder.py", "(ROOT / path).read_bytes"): "our own source",
+    ("sphere_nav/kernel_cache/folder.py", "path.read_text"): "our own source",
+    ("sphere_nav/offline/settings.py", "yaml.safe_load"): "a word of the command line",
+    ("sphere_nav/ros/bags/unpack.py", "source.open"): "in pieces, up to a limit",
+    ("sphere_nav/ros/interfaces.py", "json.loads"): "a file of an installed interface package",
+    ("sphere_nav/ros/interfaces.py", "path.read_text"): "a file of an installed interface package",
+    ("sphere_nav/ros/maps/writer.py", "(self._bag.partial / FILE_NAME).open"): "a file that it writes",
+    ("sphere_nav/ros/process.py", "Path('/proc/self/maps').read_text"): "of the kernel",
+}
+TO_BE_BOUNDED = {
+    ("dense_localizer/references/rejections.py", "json.loads"),
+    ("dense_localizer/references/rejections.py", "path.read_text"),
+    ("rig_calibration/boards/board.py", "path.read_text"),
+    ("rig_calibration/boards/board.py", "yaml.safe_load"),
+    ("sphere_mapping/acquisition/stitching/views.py", "np.fromfile"),
+    ("sphere_nav/cli/rig_convert.py", "cv2.imread"),
+    ("sphere_nav/offline/board_images.py", "cv2.imread"),
+    ("sphere_nav/offline/mapping/learning.py", "arguments.rig.read_text"),
+    ("sphere_nav/offline/mapping/sphere_source.py", "np.fromfile"),
+    ("sphere_nav/offline/mapping/sphere_source.py", "np.load"),
+    ("sphere_nav/ros/camera/drivers.py", "path.read_text"),
+    ("sphere_nav/ros/camera/drivers.py", "yaml.safe_load"),
+    ("sphere_nav/ros/camera/mounting.py", "path.read_text"),
+    ("sphere_nav/ros/camera/mounting.py", "yaml.safe_load"),
+}
+
+
+def reads(tree: ast.AST) -> Iterator[str]:
+    """Yield the calls that parse, read a whole file, or open one for reading."""
+    for call in ast.walk(tree):
+        if isinstance(call, ast.Call):
+            name = ast.unparse(call.func)
+            is_method = isinstance(call.func, ast.Attribute)
+            if name in PARSERS or (is_method and name.rpartition(".")[2] in METHODS) or opens(call, name):
+                yield name
+
+
+def opens(call: ast.Call, name: str) -> bool:
+    """Whether a call opens a file for reading: `open(path)`, or `path.open()` whose first argument is the mode."""
+    words = [*call.args[name == "open" :][:1], *(word.value for word in call.keywords if word.arg == "mode")]
+    modes = [str(word.value) if isinstance(word, ast.Constant) else "?" for word in words]
+    if name != "open" and not name.endswith(".open"):
+        return False
+    if name != "open" and any(not set(mode) <= MODES for mode in modes):
+        return False  # a method of ours, of os or of a library, that is given something else
+    return not any(WRITING & set(mode) for mode in modes)
+
+
+def test_only_the_bounded_readers_read_what_a_user_names() -> None:
+    found = {(str(module), name) for module in MODULES if str(module) != READERS for name in reads(parse(module))}
+    assert sorted(found - ALLOWED.keys() - TO_BE_BOUNDED) == []
+    assert sorted((ALLOWED.keys() | TO_BE_BOUNDED) - found) == []  # what is gone leaves the list
+
+
+@pytest.mark.parametrize(
+    ("text", "calls"),
+    [
+        ("yaml.safe_load(text)", ["yaml.safe_load"]),
+        ("json.loads(path.read_text())", ["json.loads", "path.read_text"]),
+        ("open(path)", ["open"]),
+        ("open(path, 'rb')", ["open"]),
+        ("open(path, mode='wb')", []),
+        ("path.open()", ["path.open"]),
+        ("path.open('rb')", ["path.open"]),
+        ("path.open('w')", []),
+        ("path.open(encoding='ascii')", ["path.open"]),
+        ("self.maps.open(path)", []),
+        ("os.open(path, flags)", []),
+        ("read_text(path, 'a rig', 100)", []),
+    ],
+)
+def test_what_counts_as_reading(text: str, calls: list[str]) -> None:
+    assert list(reads(ast.parse(text))) == calls

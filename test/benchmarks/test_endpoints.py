@@ -1,0 +1,69 @@
+"""Lies to endpoints reach a node, a death by one of them is seen, and a short run kills no node."""
+
+import importlib
+
+import numpy as np
+import pytest
+
+pytest.importorskip("rclpy")
+
+import rclpy
+from geometry_msgs.msg import PoseStamped
+from sensor_msgs.msg import Image
+from std_msgs.msg import String
+
+from benchmarks.endpoints import interrogate
+from benchmarks.lies import MARK, NO_UTF8, Liar, interface_class
+from benchmarks.lifecycle_cases import CASES, Case
+
+FRAGILE = """
+import os
+from std_msgs.msg import String, UInt8
+from sphere_nav.ros.node import ManagedNode
+
+class Fragile(ManagedNode):
+    NAME = "fragile"
+
+    def configure(self):
+        self.add_subscription("text", String, self.on_text)
+        self.add_subscription("number", UInt8, lambda message: 1 // message.data)
+
+    def on_text(self, message):
+        if len(message.data) > 1000:
+            os._exit(3)
+"""
+
+
+def test_a_death_is_seen_and_told_and_the_node_starts_again(tmp_path, monkeypatch):
+    (tmp_path / "fragile_node.py").write_text(FRAGILE)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    case = Case(importlib.import_module("fragile_node").Fragile, "", None)
+    (outcome,) = interrogate([case], 150, seed=3, clocks=[False])
+    assert outcome.num_lies >= 150
+    assert 1 <= len(outcome.deaths) <= outcome.num_starts <= len(outcome.deaths) + 1
+    assert all(death.startswith("fragile: ended with 3") for death in outcome.deaths)
+    assert any(line.startswith("ZeroDivisionError") for line in outcome.mistakes)
+
+
+def test_a_short_run_kills_no_node():
+    cases = [case for case in CASES if case.node_class.NAME == "command_guard"]
+    outcomes = interrogate(cases, 300, seed=4)
+    assert [outcome.deaths for outcome in outcomes] == [[], []]
+    assert [outcome.mistakes for outcome in outcomes] == [{}, {}]
+    assert not rclpy.ok()
+
+
+@pytest.mark.parametrize("kind", [Image, PoseStamped, interface_class("rcl_interfaces/srv/SetParameters").Request])
+def test_lies_fill_every_field_with_all_sorts(kind):
+    liar = Liar(np.random.default_rng(1), ["gain"])
+    texts = {repr(liar.message(kind)) for _ in range(100)}
+    assert len(texts) > 50
+    assert any("nan" in text or "255" in text for text in texts)
+
+
+def test_bytes_that_are_no_text_or_too_few():
+    liar = Liar(np.random.default_rng(2))
+    found = [liar.raw(String(data=MARK)) for _ in range(60)]
+    assert any(NO_UTF8 in data for data in found)
+    assert len({len(data) for data in found}) > 3

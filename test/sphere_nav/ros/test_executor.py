@@ -1,0 +1,410 @@
+"""Whatever a callback raises, of ours or of rclpy, the same callback is served again and the process goes on."""
+
+import gc
+import threading
+import time
+
+import pytest
+from builtin_interfaces.msg import Time
+from lifecycle_msgs.msg import State, Transition
+from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.msg import LoggerLevel, Parameter, ParameterValue
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetLoggerLevels,
+    GetParameters,
+    ListParameters,
+    SetLoggerLevels,
+    SetParameters,
+    SetParametersAtomically,
+)
+from rclpy.node import Node
+from rclpy.parameter import Parameter as Setting
+from rclpy.task import Future
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Int32
+from std_srvs.srv import Trigger
+
+from sphere_nav.params import param, parameters
+from sphere_nav.ros import qos
+from sphere_nav.ros.endpoints import ERROR, OK, WARN
+from sphere_nav.ros.executor import MAX_IN_ROW, MAX_WAITS, RECENT_S, CallbackFailures, GuardedExecutor
+from sphere_nav.ros.live import LiveShell
+from sphere_nav.ros.node import ManagedNode
+
+PATIENCE = 15.0  # s for an answer; discovery takes a fraction of one, on a busy machine several
+DROPPED = 0.2  # s
+STOP = 2.0  # s from the signal to the end
+
+
+class Lines:
+    """A log that keeps its lines, each as often as it was given."""
+
+    def __init__(self):
+        self.lines = []
+
+    def error(self, text, *, every=0.0, key=""):
+        self.lines.append(text)
+
+
+@parameters
+class EchoParams:
+    gain: float = param(1.0, "a factor", low=0.0, is_live=True)
+    file: str = param("good", "a file")
+
+
+class Echo(ManagedNode):
+    NAME = "echo"
+    PARAMS = EchoParams
+
+    def configure(self):
+        self.output = self.add_publisher("answer", Int32, qos.STATE)
+        self.add_subscription("number", Int32, lambda message: self.output.publish(message), qos.STATE)
+        self.add_subscription("latched", Int32, self.on_latched, qos.LATCHED, is_required=False)
+        self.latched = []
+
+    def on_latched(self, message):
+        self.latched.append(message.data)
+        raise OverflowError(message.data)
+
+
+@pytest.fixture
+def failures():
+    return CallbackFailures(Lines())
+
+
+@pytest.fixture
+def executor(ros, failures):
+    executor = GuardedExecutor(failures)
+    yield executor
+    for node in executor.get_nodes():
+        executor.remove_node(node)
+        node.destroy_node()
+    executor.shutdown()
+
+
+@pytest.fixture
+def node(executor):
+    node = Node("plain")
+    executor.add_node(node)
+    return node
+
+
+def until(executor, condition):
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end, "nothing came in time"
+        executor.spin_once(timeout_sec=0.05)
+
+
+def ask(executor, node, kind, name, request):
+    """Return the answer of a service; None where the request was dropped: it failed, and none came in `DROPPED`."""
+    client = node.create_client(kind, name)
+    until(executor, client.service_is_ready)
+    before, answer = executor.num_failed, client.call_async(request)
+    until(executor, lambda: answer.done() or executor.num_failed > before)
+    end = time.monotonic() + DROPPED
+    until(executor, lambda: answer.done() or time.monotonic() > end)
+    node.destroy_client(client)
+    return answer.result() if answer.done() else None
+
+
+# --- each kind of callback
+ERRORS = [ValueError("one"), ZeroDivisionError(), OverflowError("big"), MemoryError(), KeyError("x")]
+
+
+@pytest.mark.parametrize("error", ERRORS, ids=lambda error: type(error).__name__)
+def test_a_callback_of_any_kind_is_called_again_after_it_raised(executor, node, failures, error):
+    calls = {"timer": 0, "subscription": 0, "service": 0, "guardcondition": 0, "task": 0}
+
+    def fail(kind, *passed):
+        calls[kind] += 1
+        raise error
+
+    node.create_timer(0.01, lambda: fail("timer"))
+    node.create_subscription(Int32, "number", lambda message: fail("subscription"), 10)
+    node.create_service(Trigger, "act", lambda request, response: fail("service"))
+    condition = node.create_guard_condition(lambda: fail("guardcondition"))
+    numbers, client = node.create_publisher(Int32, "number", 10), node.create_client(Trigger, "act")
+    until(executor, lambda: numbers.get_subscription_count() and client.service_is_ready())
+
+    def prod():
+        numbers.publish(Int32())
+        client.call_async(Trigger.Request())
+        condition.trigger()
+        executor.create_task(lambda: fail("task"))
+        return min(calls.values()) >= 3
+
+    until(executor, prod)
+    assert failures.num_failed == sum(calls.values())
+    texts = [line for line in failures._log.lines if line.startswith("callback failed: ")]
+    assert {text.split(": ")[1].split(" ")[0] for text in texts} == {*calls}
+    assert all("\n" not in text for text in texts)
+    traced = [line for line in failures._log.lines if line.startswith("Traceback")]
+    assert len(traced) == 1  # of one place, once
+
+
+def test_a_message_that_cannot_be_taken_leaves_its_topic_and_its_group_in_service(executor, node, monkeypatch):
+    """rclpy marks an entity as busy before it takes the message, and leaves it so where that raises."""
+    heard = []
+    node.create_subscription(Int32, "number", lambda message: heard.append(message.data), 10)
+    numbers = node.create_publisher(Int32, "number", 10)
+    until(executor, numbers.get_subscription_count)
+    take, is_broken = executor._take_subscription, [True]
+
+    def take_badly(subscription):
+        found = take(subscription)
+        if is_broken:
+            is_broken.clear()
+            raise UnicodeDecodeError("utf-8", b"\xff", 0, 1, "invalid start byte")
+        return found
+
+    monkeypatch.setattr(executor, "_take_subscription", take_badly)
+    for number in (1, 2):
+        numbers.publish(Int32(data=number))
+    until(executor, lambda: heard)
+    assert heard == [2]
+    assert "subscription /number: 'utf-8' codec" in executor.last_failure
+
+
+def test_a_wait_that_fails_is_tried_again_and_one_that_always_fails_ends_the_loop(executor, node, monkeypatch):
+    ticks = []
+    node.create_timer(0.001, lambda: ticks.append(1))
+    wait, broken = executor.wait_for_ready_callbacks, [1] * (MAX_WAITS - 1)
+
+    def wait_badly(*args):
+        if broken:
+            broken.pop()
+            raise RuntimeError("no wait set")
+        return wait(*args)
+
+    monkeypatch.setattr(executor, "wait_for_ready_callbacks", wait_badly)
+    until(executor, lambda: ticks)
+    broken += [1] * 2 * MAX_WAITS
+    executor.spin_until(Future())
+    assert len(broken) == MAX_WAITS
+    assert executor.last_failure.startswith("waiting for messages: RuntimeError: no wait set")
+
+
+def test_the_future_ends_the_loop_at_once_and_nothing_grows_with_the_callbacks(executor, node):
+    stopped, ticks = Future(), []
+    node.create_timer(0.0005, lambda: ticks.append(len(stopped._callbacks)))
+    threading.Timer(1.0, stopped.set_result, args=(0,)).start()
+    executor.spin_until(stopped)
+    gc.collect()
+    assert len(ticks) > 100
+    assert max(ticks) == 1
+    assert stopped._callbacks == []
+    assert len(executor._tasks) <= 2
+
+    idle = Future()
+    for timer in list(node.timers):
+        node.destroy_timer(timer)
+    began = time.monotonic()
+    threading.Timer(0.2, idle.set_result, args=(0,)).start()
+    executor.spin_until(idle)
+    assert time.monotonic() - began < STOP
+    executor.spin_until(idle)  # of one that is done: at once
+
+
+# --- what the diagnostics make of it
+def test_level_and_line_of_the_diagnostics():
+    now = [100.0]
+    failures = CallbackFailures(Lines(), lambda: now[0])
+
+    class Timer:
+        pass
+
+    one, other = Timer(), Timer()
+    assert failures.examine() == (OK, "all callbacks succeed", {"failed": 0, "last": ""})
+    for count in range(1, MAX_IN_ROW + 1):
+        failures.guard(lambda: 1 / 0, "part")
+        failures.add(ValueError("bad"), "timer of 1 s", one)
+        level, text, values = failures.examine()
+        assert level == (ERROR if count == MAX_IN_ROW else WARN)
+        assert text.startswith("timer of 1 s: bad (")
+        assert values["failed"] == 2 * count
+    failures.clear(other)
+    failures.clear(None)
+    assert failures.examine()[0] == ERROR
+    failures.clear(one)
+    assert failures.examine()[0] == WARN
+    now[0] += RECENT_S
+    assert failures.examine() == (
+        OK,
+        "all callbacks succeed",
+        {"failed": 2 * MAX_IN_ROW, "last": failures.last_failure},
+    )
+
+
+# --- a whole node, and what rclpy opens for it
+class Desk:
+    """A node of ours and a plain one in the guarded executor."""
+
+    def __init__(self, **values):
+        overrides = [Setting(name, value=value) for name, value in values.items()]
+        self.shell = LiveShell(Echo, parameter_overrides=overrides)
+        self.executor, self.peer, self.heard = GuardedExecutor(self.shell.failures), Node("peer"), []
+        for node in (self.shell, self.peer):
+            self.executor.add_node(node)
+        self.peer.create_subscription(Int32, "answer", lambda message: self.heard.append(message.data), 10)
+        self.numbers = self.peer.create_publisher(Int32, "number", 10)
+
+    def ask(self, kind, name, request):
+        return ask(self.executor, self.peer, kind, f"echo/{name}", request)
+
+    def works(self, number):
+        """Whether a number comes back."""
+
+        def prod():
+            self.numbers.publish(Int32(data=number))
+            return number in self.heard
+
+        until(self.executor, prod)
+        return True
+
+    def close(self):
+        self.executor.shutdown()
+        self.shell.destroy_node()
+        self.peer.destroy_node()
+
+
+@pytest.fixture
+def make_desk(ros):
+    desks = []
+
+    def make(**values):
+        desks.append(Desk(**values))
+        assert desks[-1].shell.start() or not values.get("autostart", True)
+        return desks[-1]
+
+    yield make
+    for desk in desks:
+        desk.close()
+
+
+def typed(name, kind, **value):
+    return Parameter(name=name, value=ParameterValue(type=kind, **value))
+
+
+ODD_NAMES = ["", "\u0000gain", "ga\ufffdin", "\U0001f600" * 40, "x" * 100_000, ".", "gain.gain"]
+
+
+@pytest.mark.parametrize("kind", [77, 255])
+def test_a_parameter_of_no_type_is_refused_in_words(make_desk, kind):
+    desk = make_desk()
+    odd, good = typed("gain", kind), typed("gain", 3, double_value=2.5)
+    answer = desk.ask(SetParameters, "set_parameters", SetParameters.Request(parameters=[odd, good]))
+    assert [result.successful for result in answer.results] == [False, True]
+    assert answer.results[0].reason == f"gain: {kind} is not a valid Parameter.Type"
+    request = SetParametersAtomically.Request(parameters=[good, odd])
+    answer = desk.ask(SetParametersAtomically, "set_parameters_atomically", request)
+    assert (answer.result.successful, str(kind) in answer.result.reason) == (False, True)
+    assert desk.works(kind)
+    assert (desk.shell.node.params.gain, desk.executor.num_failed) == (2.5, 2)
+
+
+def test_requests_with_odd_names_and_numbers_are_answered(make_desk):
+    desk = make_desk()
+    odd = [typed(name, 3, double_value=1.0) for name in ODD_NAMES]
+    odd += [typed("gain", 3, double_value=value) for value in (float("nan"), -1.0)]
+    odd += [typed("gain", 0), typed("use_sim_time", 0), typed("use_sim_time", 2), typed("gain", 4, string_value="1")]
+    answer = desk.ask(SetParameters, "set_parameters", SetParameters.Request(parameters=odd))
+    assert [result.successful for result in answer.results] == [False] * len(odd)
+    assert all(result.reason and "\n" not in result.reason for result in answer.results)
+    for kind, name, request in [
+        (DescribeParameters, "describe_parameters", DescribeParameters.Request(names=ODD_NAMES)),
+        (GetParameters, "get_parameters", GetParameters.Request(names=ODD_NAMES)),
+        (ListParameters, "list_parameters", ListParameters.Request(prefixes=ODD_NAMES, depth=2**64 - 1)),
+        (GetLoggerLevels, "get_logger_levels", GetLoggerLevels.Request(names=ODD_NAMES)),
+    ]:
+        assert desk.ask(kind, name, request) is not None
+    assert desk.works(5)
+    assert desk.shell.node.params.gain == 1.0
+
+
+def test_odd_levels_of_the_logger_and_odd_transitions(make_desk):
+    desk = make_desk()
+    levels = [LoggerLevel(name=name, level=level) for name in ODD_NAMES[1:4] for level in (1, 77, 2**32 - 1)]
+    answer = desk.ask(SetLoggerLevels, "set_logger_levels", SetLoggerLevels.Request(levels=levels))
+    assert [result.successful for result in answer.results] == [False] * len(levels)
+    for number in (0, 2, 77, 255):
+        request = ChangeState.Request(transition=Transition(id=number))
+        answer = desk.ask(ChangeState, "change_state", request)
+        assert answer is None or not answer.success
+    request = ChangeState.Request(transition=Transition(id=4, label="no such thing"))
+    assert not desk.ask(ChangeState, "change_state", request).success
+    assert desk.ask(GetState, "get_state", GetState.Request()).current_state.id == State.PRIMARY_STATE_ACTIVE
+    assert desk.works(6)
+
+
+def test_lies_of_the_clock(make_desk):
+    desk = make_desk(use_sim_time=True)
+    clock = desk.peer.create_publisher(Clock, "/clock", 10)
+    until(desk.executor, clock.get_subscription_count)
+    for stamp in [(2**31 - 1, 2**32 - 1), (-1, 0), (-(2**31), 2**32 - 1), (0, 0), (0, 2**32 - 1), (2**31 - 1, 0)]:
+        sent = Clock(clock=Time(sec=stamp[0], nanosec=stamp[1]))
+        clock.publish(sent)
+        assert desk.works(stamp[0] % 1000)
+        desk.shell._tell_health()
+    clock.publish(Clock(clock=Time(sec=7)))
+    until(desk.executor, lambda: desk.shell.now_ns() == 7_000_000_000)
+
+
+def test_the_choice_of_the_clock_is_fixed_while_the_node_is_configured(make_desk):
+    desk = make_desk(autostart=False)
+    clock = desk.peer.create_publisher(Clock, "/clock", 10)
+
+    def choose(*values):
+        odd = [typed("use_sim_time", 1, bool_value=value) for value in values]
+        request = SetParametersAtomically.Request(parameters=odd)
+        return desk.ask(SetParametersAtomically, "set_parameters_atomically", request).result
+
+    assert choose(True).successful
+    clock_of = desk.shell.get_clock
+    assert clock_of().ros_time_is_active
+    assert choose(False).successful
+    assert choose(True, False).reason == "use_sim_time: expected one value, found several"
+    desk.shell.trigger_configure()
+    refused = choose(True)
+    assert not refused.successful
+    assert refused.reason.startswith("use_sim_time: fixed while the node is configured")
+    assert not clock_of().ros_time_is_active
+    assert clock.get_subscription_count() == 0
+    assert not desk.shell.get_parameter("use_sim_time").value
+    mixed = SetParametersAtomically.Request(
+        parameters=[typed("gain", 3, double_value=2.0), typed("use_sim_time", 1, bool_value=True)]
+    )
+    assert not desk.ask(SetParametersAtomically, "set_parameters_atomically", mixed).result.successful
+    assert not clock_of().ros_time_is_active
+    desk.shell.trigger_cleanup()
+    assert choose(True).successful
+    assert clock_of().ros_time_is_active
+
+
+def test_a_latched_message_that_cannot_be_used_does_not_undo_the_start(make_desk):
+    desk = make_desk(autostart=False)
+    latched = desk.peer.create_publisher(Int32, "latched", qos.LATCHED)
+    desk.shell.trigger_configure()
+    latched.publish(Int32(data=4))
+    until(desk.executor, lambda: any(wanted.kept for wanted in desk.shell.node.inputs))
+    desk.shell.trigger_activate()
+    assert desk.works(1)
+    assert desk.shell.node.latched == [4]
+    assert desk.executor.last_failure.startswith("subscription latched: OverflowError: 4")
+
+
+def test_a_node_that_fails_in_every_callback_is_an_error_in_its_diagnostics(make_desk):
+    desk = make_desk()
+    desk.shell.node.output.publish = None  # every message raises TypeError
+    told = {}
+    desk.shell._diagnostics.publish = lambda array: told.update({status.name: status for status in array.status})
+    for number in range(MAX_IN_ROW):
+        until(desk.executor, desk.numbers.get_subscription_count)
+        desk.numbers.publish(Int32(data=number))
+        until(desk.executor, lambda count=number: desk.executor.num_failed > count)
+    desk.shell._tell_health()
+    status = told["echo: callbacks"]
+    assert status.level == bytes([ERROR])
+    assert status.message.startswith("subscription /number: TypeError: 'NoneType' object is not callable (")
+    assert {pair.key: pair.value for pair in status.values}["failed"] == str(MAX_IN_ROW)
