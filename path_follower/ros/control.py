@@ -31,6 +31,7 @@ from sphere_nav.ros.endpoints import OK, WARN, Endpoints
 from sphere_nav.ros.tf import Transforms
 
 TICK = 0.025  # s of steady time between two looks at the clocks
+REPEAT_NS = 50_000_000  # without a command, until the last one is sent again; not where time is simulated
 SILENCE = 0.12  # s without an answer before the ticks command: never between the images of a 10 Hz camera
 CYCLE_MEMORY_NS = 10_000_000_000  # for how long the worst cycle is told
 ACKNOWLEDGE = 0.5  # s to wait for all that receive commands to have the last one
@@ -53,6 +54,7 @@ class ControlLoop:
         self.answered, self.heard_ns, self.told = Answered(self.times, self.answer), 0, ""
         kind = TwistStamped if p.enable_stamped_cmd_vel else Twist
         self.cmd_vel = endpoints.add_publisher("cmd_vel", kind, qos.COMMAND)
+        self.sent, self.sent_ns = kind(), -1  # nothing yet
         ackermann = driving.AckermannDriveStamped
         self.ackermann = ackermann and endpoints.add_publisher("ackermann_cmd", ackermann, qos.COMMAND)
         self.tracking = endpoints.add_publisher("tracking_error", TrackingError)
@@ -94,7 +96,7 @@ class ControlLoop:
             self.follower.watch.outside = self.peers.judge()
             if verdict is not FINE:
                 return str(verdict)
-            self.cmd_vel.publish(self.twist(0.0, 0.0, self.endpoints.now_ns()))
+            self.send(self.twist(0.0, 0.0, self.endpoints.now_ns()))
         return start(self.times.now())
 
     def load(self, path: ReferencePath) -> None:
@@ -109,7 +111,7 @@ class ControlLoop:
     def stand(self) -> None:
         """Leave the vehicle with a zero command that everybody has who receives commands."""
         self.follower.stand(StopVerdict(StopReason.OPERATOR))
-        self.cmd_vel.publish(self.twist(0.0, 0.0, self.endpoints.now_ns()))
+        self.send(self.twist(0.0, 0.0, self.endpoints.now_ns()))
         if not self.cmd_vel.wait_for_acknowledgement(ACKNOWLEDGE):
             self.endpoints.log.warning("cmd_vel: the last command, zero, was not acknowledged by all who receive it")
 
@@ -142,6 +144,8 @@ class ControlLoop:
             self.publish(self.follower.hold(now, watch.pause), stamp)
         elif now - self.heard_ns > 1e9 * SILENCE or self.follower.mode.state is FollowerState.STOPPING:
             self.publish(self.follower.tick(now), stamp)
+        elif self.sent_ns > 0 and self.endpoints.steady_ns() - self.sent_ns > REPEAT_NS and not self.times.is_simulated:
+            self.send(self.sent)
 
     def on_look(self) -> None:
         """Look who publishes what the vehicle is driven by, and commands."""
@@ -153,7 +157,7 @@ class ControlLoop:
         frame = self.params.map_frame
         is_idle = command.status.state in (FollowerState.NO_PATH, FollowerState.IDLE)
         if self.heard_ns and not (is_idle and self.params.is_quiet_when_idle):
-            self.cmd_vel.publish(self.twist(command.speed, command.yaw_rate, stamp))
+            self.send(self.twist(command.speed, command.yaw_rate, stamp))
             if self.ackermann:
                 motion = (command.speed, command.steering_angle)
                 self.ackermann.publish(driving.motion_to_ackermann(*motion, stamp, self.params.base_frame))
@@ -161,6 +165,11 @@ class ControlLoop:
             self.tracking.publish(driving.tracking_to_message(command.tracking, stamp, frame))
         self.status.publish(driving.follower_status_to_message(command.status, stamp, frame, self.cycle.worst))
         self.tell(command.status)
+
+    def send(self, twist: Twist | TwistStamped) -> None:
+        """Publish a command."""
+        self.sent, self.sent_ns = twist, self.endpoints.steady_ns()
+        self.cmd_vel.publish(twist)
 
     def twist(self, speed: float, yaw_rate: float, stamp: int) -> Twist | TwistStamped:
         """Return the message that `cmd_vel` carries."""

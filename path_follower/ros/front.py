@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection
 from typing import Any, ClassVar, Protocol, cast
 
 from sphere_nav.geometry import SE3
-from sphere_nav.ros.node import ManagedNode
+from sphere_nav.ros.node import ManagedNode, NodeShell
 from sphere_nav.ros.tf import TransformError, Transforms
 
 PATIENCE, LONG_PATIENCE = 2.0, 20.0  # s for an answer of the loop, whose cycle is milliseconds; and until it is made
@@ -59,7 +59,11 @@ class FrontNode(ManagedNode):
 
     LOOP_CLASS: ClassVar[type[Any]]
     transforms: Transforms | None = None  # made by subclasses whose loop needs them
-    remote: RemoteLoop | None = None
+
+    def __init__(self, shell: NodeShell) -> None:
+        """Connect with the loop that started this process, if one did."""
+        super().__init__(shell)
+        self.remote = connected() if shell.is_live else None
 
     def configure(self) -> None:
         """Begin the loop, here or in the process of its own."""
@@ -115,12 +119,13 @@ class FrontNode(ManagedNode):
             self.remote.ask("transform", base_frame, frame, T_base_sensor)
 
 
-def connect(node: ManagedNode) -> None:
-    """Connect a front with the loop that started its process, if one did; end with it."""
-    if LOOP in os.environ and isinstance(node, FrontNode):
-        connection, life = map(int, os.environ.pop(LOOP).split())
-        node.remote = RemoteLoop(Connection(connection))
-        threading.Thread(target=_end_with, args=(life,), daemon=True).start()
+def connected() -> RemoteLoop | None:
+    """Return the loop that started this process, if one did, and end with it."""
+    if LOOP not in os.environ:
+        return None
+    connection, life = map(int, os.environ.pop(LOOP).split())
+    threading.Thread(target=_end_with, args=(life,), daemon=True).start()
+    return RemoteLoop(Connection(connection))
 
 
 def _end_with(life: int) -> None:

@@ -28,7 +28,7 @@ from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
-from path_follower.ros.front import LOOP, FrontNode, connect
+from path_follower.ros.front import LOOP, FrontNode
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.node import Log, ThrottledLog
@@ -39,6 +39,7 @@ from sphere_nav.ros.subscription import Subscription
 from sphere_nav.ros.tf import TransformError
 
 MAX_BYTES = 1 << 18  # of a message: a scan of 30,000 beams with intensities
+LOOP_PRIORITY, FRONT_PRIORITY = -10, 5  # nice values; the first where the user may (limits.conf: nice)
 FRONT_PATIENCE = 1.2  # s for the front to end, after the zero command
 
 Front = Callable[[Sequence[str], int, int], "subprocess.Popen[bytes]"]
@@ -47,11 +48,12 @@ Front = Callable[[Sequence[str], int, int], "subprocess.Popen[bytes]"]
 def run_with_loop(front_class: type[FrontNode], args: Sequence[str] | None = None, start: Front | None = None) -> int:
     """Run a loop and its front until told to stop; return 0, or 2 where the front could not start.
 
-    `start` starts the front's process with arguments and two descriptors to inherit, for `connect`.
+    `start` starts the front's process with arguments and two descriptors to inherit, for `front.connected`.
     """
     words = sys.argv[1:] if args is None else list(args)
     if LOOP in os.environ:
-        return run(front_class, args, prepare=connect)
+        os.setpriority(os.PRIO_PROCESS, 0, FRONT_PRIORITY)
+        return run(front_class, args)
     if "--help" in words or "-h" in words:
         sys.stdout.write(help_text(front_class))
         return 0
@@ -88,6 +90,8 @@ def _serve(front_class: type[FrontNode], words: Sequence[str], start: Front, sto
     theirs.close()
     os.close(life)
     executor = SingleThreadedExecutor()
+    with suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, LOOP_PRIORITY)
     server = LoopServer(front_class, executor)
     stopped.add_done_callback(lambda _: executor.wake())
     connection = Connection(os.dup(ours.fileno()))

@@ -5,9 +5,11 @@ Parameters, services, paths and files are here; the commands come from its contr
 
 from __future__ import annotations
 
+from contextlib import suppress
+
 from path_follower.params import PathFollowerParams
 from path_follower.ros.control import ControlLoop
-from path_follower.ros.front import FrontNode
+from path_follower.ros.front import FrontNode, LoopEnded
 from path_follower.ros.loop_process import run_with_loop
 from path_follower.ros.operator import offer_calls
 from path_follower.ros.trajectory import TrajectoryIntake
@@ -49,7 +51,7 @@ class PathFollowerNode(FrontNode):
 
     def on_place(self) -> None:
         """Tell the loop where its scanner is mounted."""
-        if self.remote is not None:
+        with suppress(LoopEnded):
             self.place_sensor(self.loop.ask("scan_frame"), self.params.base_frame)
 
 

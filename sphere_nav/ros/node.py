@@ -34,7 +34,7 @@ from sphere_nav.params import parameters
 from sphere_nav.ros.camera.drivers import names_of
 from sphere_nav.ros.endpoints import ERROR, OK, STALE, WARN, Endpoints, Log, NodeShell, Publisher
 
-__all__ = ["ERROR", "OK", "STALE", "WARN", "Log", "ManagedNode", "NoParams", "Publisher"]
+__all__ = ["ERROR", "OK", "STALE", "WARN", "Log", "ManagedNode", "NoParams", "NodeShell", "Publisher"]
 
 
 @parameters

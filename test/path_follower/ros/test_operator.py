@@ -41,5 +41,3 @@ def test_the_emergency_stop_is_handed_on(node):
     assert node.shell.call("start").message.startswith("EMERGENCY_STOP")
     emergency.deliver(Bool(data=False))
     assert node.shell.call("start").success
-
-
