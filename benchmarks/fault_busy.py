@@ -247,13 +247,11 @@ def flood_topics() -> None:
     node = rclpy.create_node("flood_of_topics")
     frames = [se3_to_transform(SE3.identity(), 0, "base_link", f"frame_{k}") for k in range(200)]
     scan = LaserScan(ranges=[5.0] * 250_000, angle_increment=1e-5, range_min=0.1, range_max=30.0)
+    transforms = serialize_message(TFMessage(transforms=frames))
     items = [
         (node.create_publisher(PathMessage, "reference_path", qos.LATCHED), big_path(20_000)),
-        (
-            node.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC),
-            serialize_message(TFMessage(transforms=frames)),
-        ),
-        (node.create_publisher(TFMessage, "/tf", qos.TF), serialize_message(TFMessage(transforms=frames))),
+        (node.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC), transforms),
+        (node.create_publisher(TFMessage, "/tf", qos.TF), transforms),
         (node.create_publisher(LaserScan, "scan", qos.SENSOR), serialize_message(scan)),
     ]
     largest, turn = big_path(1_000_000), 0

@@ -18,6 +18,7 @@ from sphere_nav.ros.node import ManagedNode, NodeShell
 from sphere_nav.ros.tf import TransformError, Transforms
 
 PATIENCE, LONG_PATIENCE = 2.0, 20.0  # s for an answer of the loop, whose cycle is milliseconds; and until it is made
+PRIORITY = 5  # nice value of a front that is active
 LOOP = "SPHERE_NAV_LOOP"  # in the environment: descriptors of the connection to the loop, and of what tells its end
 
 
@@ -87,8 +88,9 @@ class FrontNode(ManagedNode):
         )
 
     def activate(self) -> None:
-        """Let commands go out."""
+        """Let commands go out; from now on the loop goes first."""
         if self.remote is not None:
+            os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
             self.remote.ask("activate")
 
     def deactivate(self) -> None:

@@ -39,7 +39,7 @@ from sphere_nav.ros.subscription import Subscription
 from sphere_nav.ros.tf import TransformError
 
 MAX_BYTES = 1 << 18  # of a message: a scan of 30,000 beams with intensities
-LOOP_PRIORITY, FRONT_PRIORITY = -10, 5  # nice values; the first where the user may (limits.conf: nice)
+PRIORITY = -10  # nice value of the loop, where the user may (limits.conf: nice)
 FRONT_PATIENCE = 1.2  # s for the front to end, after the zero command
 
 Front = Callable[[Sequence[str], int, int], "subprocess.Popen[bytes]"]
@@ -52,7 +52,6 @@ def run_with_loop(front_class: type[FrontNode], args: Sequence[str] | None = Non
     """
     words = sys.argv[1:] if args is None else list(args)
     if LOOP in os.environ:
-        os.setpriority(os.PRIO_PROCESS, 0, FRONT_PRIORITY)
         return run(front_class, args)
     if "--help" in words or "-h" in words:
         sys.stdout.write(help_text(front_class))
@@ -91,7 +90,7 @@ def _serve(front_class: type[FrontNode], words: Sequence[str], start: Front, sto
     os.close(life)
     executor = SingleThreadedExecutor()
     with suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, 0, LOOP_PRIORITY)
+        os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
     server = LoopServer(front_class, executor)
     stopped.add_done_callback(lambda _: executor.wake())
     connection = Connection(os.dup(ours.fileno()))
