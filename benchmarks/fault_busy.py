@@ -7,6 +7,8 @@ them; loaded: four processes a core that do nothing but compute.
 
 from __future__ import annotations
 
+import argparse
+import math
 import multiprocessing
 import os
 import signal
@@ -23,6 +25,11 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.fault_processes import signalled
+from benchmarks.machine import describe
+from benchmarks.report import Bound, Report, Table
+
+HELP = "stops of real processes over DDS: alone, with every call and topic flooded, on a loaded machine"
 PERIOD = 0.1  # s between two poses
 RUN = 2.0  # s of driving before a fault, in which the silence of commands is measured
 AFTER = 3.0  # s in which zero must come
@@ -308,7 +315,40 @@ def measure(condition: str, repeats: int) -> dict[str, list[Seen]]:
         return {name: [observe(name) for _ in range(repeats)] for name in faults()}
 
 
-if __name__ == "__main__":
-    for name, seen in measure(sys.argv[1], int(sys.argv[2])).items():
-        for one in seen:
-            print(f"{name:32} silence {one.silence:.3f} zero {one.zero:.3f} cycle {one.worst_cycle:.3f} {one.reason}")
+# --- the benchmark
+def add_arguments(parser: argparse._ArgumentGroup) -> None:
+    """Declare the arguments."""
+    parser.add_argument("--busy-runs", type=int, default=5, help="drives of each fault and condition (%(default)s)")
+    parser.add_argument("--busy-signals", type=int, default=200, help="SIGINTs while busy (%(default)s)")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Suffer each fault alone, busy and loaded; end followers by signals while busy."""
+    tables, bounds = suffer(1 if options.quick else options.busy_runs, 2 if options.quick else options.busy_signals)
+    return Report("busy", tables, bounds, [describe(options.threads)])
+
+
+def suffer(runs: int, signals: int) -> tuple[list[Table], list[Bound]]:
+    """Return the table and the bounds of real processes."""
+    seen = {name: measure(name, runs) for name in CONDITIONS}
+    rows, bounds = [], []
+    for fault in faults():
+        every = [seen[name][fault] for name in CONDITIONS]
+        reasons = sorted({one.reason or "–" for drives in every for one in drives})
+        zeros = [f"{max(one.zero for one in drives):.2f}" for drives in every]
+        rows.append((fault, ", ".join(reasons), *zeros))
+    for name in CONDITIONS:
+        drives = [one for several in seen[name].values() for one in several]
+        stops = [one.zero for one in seen[name]["emergency stop"]]
+        bounds += [
+            Bound(f"longest silence of commands, {name}", 0.12, max(one.silence for one in drives), "s"),
+            Bound(f"emergency stop to zero, {name}", 0.4, max(stops), "s"),
+            Bound(f"faults that did not end in zero, {name}", 0, sum(math.isinf(one.zero) for one in drives), ""),
+        ]
+    if signals:
+        with crowd(*CONDITIONS["busy"]):
+            num_seen, slowest = signalled("SIGINT", signals)
+        bounds.append(Bound(f"SIGINT while busy: zero seen by the vehicle, of {signals}", signals, num_seen, "", True))
+        bounds.append(Bound("SIGINT while busy: slowest zero", 0.4, slowest, "s"))
+    columns = ("fault", "reason", *(f"{name}: zero after, max [s]" for name in CONDITIONS))
+    return [Table("Real processes", columns, rows)], bounds

@@ -14,8 +14,8 @@ import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Callable, Sequence
-from contextlib import suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
@@ -56,10 +56,10 @@ def run_with_loop(front_class: type[FrontNode], args: Sequence[str] | None = Non
     if "--help" in words or "-h" in words:
         sys.stdout.write(help_text(front_class))
         return 0
-    with until_signal() as stopped:
+    with until_signal() as stopped, _front(words, start or front_process(front_class), stopped) as connection:
         try:
             rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
-            return _serve(front_class, words, start or front_process(front_class), stopped)
+            return _serve(front_class, connection, stopped)
         except ExternalShutdownException:
             return 0
         except rclpy_implementation.RCLError as error:
@@ -82,31 +82,38 @@ def front_process(front_class: type[FrontNode]) -> Front:
     return start
 
 
-def _serve(front_class: type[FrontNode], words: Sequence[str], start: Front, stopped: Future) -> int:
+@contextmanager
+def _front(words: Sequence[str], start: Front, stopped: Future) -> Iterator[Connection]:
+    """Have a front, which ends with this process, and whose end stops this one; yield the connection to it."""
     ours, theirs = socket.socketpair()
     life, watched = os.pipe()  # the front reads what nobody writes
     front = start(words, theirs.fileno(), life)
     theirs.close()
     os.close(life)
+    threading.Thread(target=_await_front, args=(front, stopped), daemon=True).start()
+    try:
+        yield Connection(os.dup(ours.fileno()))
+    finally:
+        ours.shutdown(socket.SHUT_RDWR)
+        os.close(watched)
+        with suppress(subprocess.TimeoutExpired):
+            front.wait(FRONT_PATIENCE)
+        front.kill()
+
+
+def _serve(front_class: type[FrontNode], connection: Connection, stopped: Future) -> int:
     executor = SingleThreadedExecutor()
+    server = LoopServer(front_class, executor)
     with suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
-    server = LoopServer(front_class, executor)
     stopped.add_done_callback(lambda _: executor.wake())
-    connection = Connection(os.dup(ours.fileno()))
     threading.Thread(target=_listen, args=(connection, server, executor), daemon=True).start()
-    threading.Thread(target=_await_front, args=(front, stopped), daemon=True).start()
     try:
         while not stopped.done():
             executor.spin_once()
         server.close()
         return int(stopped.result())
     finally:
-        ours.shutdown(socket.SHUT_RDWR)
-        os.close(watched)  # the front ends with it
-        with suppress(subprocess.TimeoutExpired):
-            front.wait(FRONT_PATIENCE)
-        front.kill()
         executor.shutdown(timeout_sec=0.2)
 
 
