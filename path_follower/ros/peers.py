@@ -25,7 +25,7 @@ class EmergencyStop:
         """`press` is called with every message: pressed or released."""
         self._endpoints, self._press = endpoints, press
         self.names: list[str] = []
-        self._since_ns, self._heard_ns = 0, -1
+        self._since_ns, self._heard_ns = -1, -(10**18)
         endpoints.hear_always("emergency_stop", Bool, self._hear)
 
     def _hear(self, message: Bool) -> None:
@@ -36,7 +36,8 @@ class EmergencyStop:
         """See who publishes it; a change of those has to be heard anew."""
         names = self._endpoints.publishers_of("emergency_stop")
         if names != self.names:
-            self.names, self._since_ns = names, self._endpoints.steady_ns()
+            is_first = self._since_ns < 0  # heard, perhaps, long before this look: as the node became active
+            self.names, self._since_ns = names, 0 if is_first else self._endpoints.steady_ns()
 
     @property
     def doubt(self) -> str:
