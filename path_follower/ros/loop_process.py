@@ -120,7 +120,7 @@ def _serve(front_class: type[FrontNode], connection: Connection, stopped: Future
 def _listen(connection: Connection, server: LoopServer, executor: SingleThreadedExecutor) -> None:
     """Have every request of the front carried out between two callbacks, and send the answer."""
     answers: queue.SimpleQueue[tuple[int, bool, Any]] = queue.SimpleQueue()
-    with suppress(OSError, EOFError):
+    with suppress(OSError, EOFError, AttributeError):  # the last: the executor has ended
         while True:
             number, name, values = connection.recv()
             executor.create_task(lambda n=number, r=name, v=values: answers.put((n, *server.answer(r, v))))

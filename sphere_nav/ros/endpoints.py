@@ -139,7 +139,7 @@ class Endpoints:
         """
         self.add_subscription(topic, kind, callback, qos.SENSOR, is_required=False, silence=0.0).is_always = True
         latched = Subscription(topic, kind, callback, qos.LATCHED, is_required=False, silence=0.0, log=self.log)
-        latched.is_always = True
+        latched.is_always, latched.entity_id = True, "latched"  # else rclpy gives it the QoS of the first
         self._shell.add_subscription(latched)
 
     def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile = qos.STATE) -> Publisher:

@@ -110,7 +110,7 @@ class RclpyShell(Node):
                 wanted.keep(message)
 
         wanted.profile = copy(wanted.profile)  # rclpy writes overrides (qos_overrides.*) into it
-        options = QoSOverridingOptions.with_default_policies()
+        options = QoSOverridingOptions.with_default_policies(entity_id=wanted.entity_id or None)
         wanted.handle = self.create_subscription(
             wanted.kind,
             self._source_of(wanted),
