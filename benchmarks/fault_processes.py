@@ -16,17 +16,48 @@ from pathlib import Path
 import numpy as np
 
 FORK = """
-import os, sys
-import path_follower.ros.node, sphere_nav.ros.run
+import os, subprocess, sys, time
+import path_follower.ros.node as node
+from path_follower.ros.front import LOOP
+from path_follower.ros.loop_process import run_with_loop
+
+class Front:
+    def __init__(self, words, *descriptors):
+        self.pid, self.status = os.fork(), None
+        if self.pid == 0:
+            for number in set(range(3, 256)) - set(descriptors):
+                try:
+                    os.close(number)
+                except OSError:
+                    pass
+            os.environ[LOOP] = "%d %d" % descriptors
+            os._exit(run_with_loop(node.PathFollowerNode, words))
+
+    def wait(self, timeout=1e9):
+        end = time.monotonic() + timeout
+        while self.status is None:
+            done, status = os.waitpid(self.pid, os.WNOHANG)
+            if done:
+                self.status = os.waitstatus_to_exitcode(status)
+            elif time.monotonic() > end:
+                raise subprocess.TimeoutExpired("front", timeout)
+            else:
+                time.sleep(0.01)
+        return self.status
+
+    def kill(self):
+        if self.status is None:
+            os.kill(self.pid, 9)
+
 for line in sys.stdin:
     pid = os.fork()
     if pid == 0:
         os.dup2(2, 1)  # what the middleware prints is not taken for a pid
-        os._exit(sphere_nav.ros.run.run(path_follower.ros.node.PathFollowerNode, line.split()))
+        os._exit(run_with_loop(node.PathFollowerNode, line.split(), Front))
     print(pid, flush=True)
     print(os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]), flush=True)
 """
-PATIENCE = 30.0  # s for a follower to come up and drive
+PATIENCE = 60.0  # s for a follower to come up and drive
 ANSWER = 1.0  # s to wait for the answer of a call
 AFTER = 0.3  # s after the end of the process in which a last command may still arrive
 
@@ -43,6 +74,7 @@ def signalled(name: str, count: int) -> tuple[int, float]:
             try:
                 vehicle = _Vehicle(nursery, f"--ros-args -p trajectory:={path} --log-level fatal")
                 delays = [vehicle.end_by(getattr(signal, name)) for _ in range(count)]
+                vehicle.node.destroy_node()
             finally:
                 rclpy.try_shutdown()
                 assert nursery.stdin is not None
@@ -98,7 +130,8 @@ class _Vehicle:
         end, answer, asked = time.monotonic() + PATIENCE, None, 0.0
         while self.speed < 0.3:
             if time.monotonic() > end:
-                raise RuntimeError("path_follower: expected it to drive, found it standing")
+                why = answer.result().message if answer is not None and answer.done() else "no answer of start"
+                raise RuntimeError(f"path_follower: expected it to drive, found it standing: {why}")
             self._speak()
             self._spin(0.04)
             is_late = time.monotonic() - asked > ANSWER  # asked a follower that has ended

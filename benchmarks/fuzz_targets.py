@@ -258,7 +258,7 @@ def _service_targets(samples: Samples) -> list[Target]:
     mcl = OfflineBus().add(MclDepthNode)
     dense = OfflineBus().add(DenseLocalizerNode)
     targets = [
-        _service_target(follower, "load_trajectory", LoadTrajectory, path, lambda: follower.trajectories.follower.path)
+        _service_target(follower, "load_trajectory", LoadTrajectory, path, lambda: follower.trajectories.path)
         for path in (samples.tum, samples.path_csv)
     ]
     targets += [_service_target(mcl, "load_cloud", LoadCloud, p, lambda: mcl.clouds.geometry) for p in samples.geometry]

@@ -21,6 +21,8 @@ class StopReason(enum.StrEnum):
     OBSTACLE = "OBSTACLE"
     SCAN_TIMEOUT = "SCAN_TIMEOUT"
     CLOCK_STOPPED = "CLOCK_STOPPED"
+    COMMAND_SOURCE = "COMMAND_SOURCE"
+    COMMAND_GUARD = "COMMAND_GUARD"
     EMERGENCY_STOP = "EMERGENCY_STOP"
     END_OF_PATH = "END_OF_PATH"
 
@@ -38,6 +40,8 @@ REMEDIES = {
     StopReason.OBSTACLE: "clear the way, then call start",
     StopReason.SCAN_TIMEOUT: "check the scanner and its topic, then call start",
     StopReason.CLOCK_STOPPED: "check who publishes /clock, then call start",
+    StopReason.COMMAND_SOURCE: "end all publishers of cmd_vel but one, then call start",
+    StopReason.COMMAND_GUARD: "see the log of command_guard, then call start",
     StopReason.EMERGENCY_STOP: "release the emergency stop, then call start",
     StopReason.END_OF_PATH: "load a path or bring the vehicle to its beginning, then call start",
 }

@@ -7,7 +7,6 @@ arrival, or from its stamp where that is older.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -27,7 +26,7 @@ class SafetyMonitor:
         """Begin with nothing received."""
         self.params = params
         self.is_emergency = False
-        self.sources: Sequence[str] = ()
+        self.outside = FINE  # what others do that the vehicle must not drive with
         self.reset()
 
     def reset(self) -> None:
@@ -82,8 +81,8 @@ class SafetyMonitor:
         """Return why the inputs do not allow motion, or FINE."""
         if self.is_emergency:
             return StopVerdict(StopReason.EMERGENCY_STOP)
-        if len(self.sources) > 1:
-            return StopVerdict(StopReason.POSE_SOURCE, len(self.sources), 1, f"published by {', '.join(self.sources)}")
+        if self.outside is not FINE:
+            return self.outside
         if self.is_pose_bad:
             return StopVerdict(StopReason.BAD_POSE, detail=self.refusal)
         for verdict in (self._judge_pose(now_ns), self._judge_status(now_ns), self._judge_scan(now_ns)):

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
-from scipy.linalg import solveh_banded
 
 from path_follower.constants import MAX_BEND, MIN_SPACING, SPACING
 from path_follower.params import PathParams
 from sphere_nav.geometry.arrays import Array
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
 
 THIRD_DIFFERENCE = (-1.0, 3.0, -3.0, 1.0)
 
@@ -90,6 +91,8 @@ def _largest_bend(points: Array) -> float:
 
 def _spline(way: Array, points: Array, is_closed: bool) -> CubicSpline:
     kind = "periodic" if is_closed else "not-a-knot" if len(points) > 3 else "natural"
+    from scipy.interpolate import CubicSpline  # a second; the process of the control loop smooths nothing
+
     return CubicSpline(way, points, bc_type=kind)
 
 
@@ -104,6 +107,8 @@ def _filter_open(points: Array, weight: float) -> Array:
             band = D[3 - (column - row)]
             band[column : count - 3 + column] += weight * THIRD_DIFFERENCE[row] * THIRD_DIFFERENCE[column]
     D[3] += 1.0
+    from scipy.linalg import solveh_banded
+
     return np.asarray(solveh_banded(D, points))
 
 

@@ -6,11 +6,24 @@ comes back, does not set the vehicle in motion with an old wish. Times are secon
 
 from __future__ import annotations
 
+import enum
 import math
 
 from path_follower.guard.params import GuardParams
 
-WAITING = "waits for a zero command before it lets others through"
+
+class GuardReason(enum.StrEnum):
+    """The words of GuardStatus."""
+
+    NONE = ""
+    NO_COMMAND = "NO_COMMAND"
+    NO_HEARTBEAT = "NO_HEARTBEAT"
+    WAITS_FOR_ZERO = "WAITS_FOR_ZERO"
+    COMMAND_SOURCE = "COMMAND_SOURCE"
+    EMERGENCY_STOP = "EMERGENCY_STOP"
+
+
+AWAITED = (GuardReason.NO_COMMAND, GuardReason.WAITS_FOR_ZERO)  # a zero command mends it: what a start begins with
 
 
 class Guard:
@@ -19,7 +32,8 @@ class Guard:
     def __init__(self, params: GuardParams) -> None:
         self.params = params
         self.is_emergency = False
-        self.reason = "no command yet"
+        self.doubt = ""  # why it is not known who commands; empty: it is
+        self.reason, self.detail = GuardReason.NO_COMMAND, "none yet"
         self._wanted = (0.0, 0.0)
         self._last = (0.0, 0.0)
         self._count = -1
@@ -30,6 +44,8 @@ class Guard:
         if not (math.isfinite(speed) and math.isfinite(yaw_rate)):
             raise ValueError(f"cmd_vel_in: expected finite numbers, found {speed}, {yaw_rate}")
         self._wanted, self._command_at = (speed, yaw_rate), now
+        if speed == 0.0 and not self._fault(now)[0]:
+            self.reason, self.detail = GuardReason.NONE, ""
 
     def see_heartbeat(self, count: int, now: float) -> None:
         """Accept a heartbeat; only a new count is one."""
@@ -38,11 +54,11 @@ class Guard:
 
     def pass_on(self, now: float) -> tuple[float, float]:
         """Return the speed m/s and yaw rate rad/s for now."""
-        p, fault = self.params, self._fault(now)
+        p, (fault, found) = self.params, self._fault(now)
         if fault:
-            self.reason = fault
+            self.reason, self.detail = fault, found
         elif self.reason:
-            self.reason = "" if self._wanted[0] == 0.0 else WAITING
+            self.reason, self.detail = GuardReason.WAITS_FOR_ZERO, "lets nothing through until zero was commanded once"
         seconds = min(max(now - self._passed_at, 0.0), 0.1)
         self._passed_at = now
         speed, yaw_rate = (0.0, 0.0) if self.reason else self._wanted
@@ -52,15 +68,17 @@ class Guard:
         self._last = (limited, yaw_rate)
         return self._last
 
-    def _fault(self, now: float) -> str:
+    def _fault(self, now: float) -> tuple[GuardReason, str]:
         limit = self.params.deadline
         if self.is_emergency:
-            return "emergency stop"
+            return GuardReason.EMERGENCY_STOP, "pressed"
+        if self.doubt:
+            return GuardReason.COMMAND_SOURCE, self.doubt
         if now - self._command_at > limit:
-            return f"no command for more than {limit:g} s"
+            return GuardReason.NO_COMMAND, f"none for more than {limit:g} s"
         if self.params.is_heartbeat_required and now - self._beat_at > limit:
-            return f"no heartbeat for more than {limit:g} s"
-        return ""
+            return GuardReason.NO_HEARTBEAT, f"none for more than {limit:g} s"
+        return GuardReason.NONE, ""
 
     def _towards(self, goal: float, seconds: float) -> float:
         last = self._last[0]

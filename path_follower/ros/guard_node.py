@@ -2,71 +2,102 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from geometry_msgs.msg import Twist, TwistStamped
-from std_msgs.msg import Bool, UInt64
+from sphere_nav_msgs.msg import GuardStatus
+from std_msgs.msg import UInt64
 
 from path_follower.guard.guard import Guard
 from path_follower.guard.params import GuardParams
+from path_follower.ros.front import FrontNode
+from path_follower.ros.loop_process import run_with_loop
+from path_follower.ros.peers import LOOK_PERIOD, EmergencyStop
 from sphere_nav.ros import qos
-from sphere_nav.ros.conversions import driving
-from sphere_nav.ros.node import OK, WARN, ManagedNode
-from sphere_nav.ros.run import run
+from sphere_nav.ros.conversions import driving, header
+from sphere_nav.ros.endpoints import OK, WARN, Endpoints
 
 PERIOD = 0.02  # s between two commands to the base
 
 
-class CommandGuard(ManagedNode):
+class GuardLoop:
     """Depends on steady time alone: no stamp, no /clock."""
 
-    NAME = "command_guard"
-    PARAMS = GuardParams
-    params: GuardParams
+    TOPICS = ("cmd_vel", "cmd_vel_in", "path_follower/heartbeat", "emergency_stop", "~/status")
 
-    def configure(self) -> None:
+    def __init__(self, endpoints: Endpoints, params: GuardParams, transforms: None = None) -> None:
         """Open the topics."""
-        self.guard, self.told = Guard(self.params), ""
-        kind = TwistStamped if self.params.is_stamped else Twist
-        self.cmd_vel = self.add_publisher("cmd_vel", kind, qos.COMMAND)
-        self.add_subscription("cmd_vel_in", kind, self.on_command, qos.COMMAND)
-        needed = self.params.is_heartbeat_required
-        self.add_subscription("path_follower/heartbeat", UInt64, self.on_heartbeat, qos.COMMAND, is_required=needed)
-        self.add_subscription("emergency_stop", Bool, self.on_emergency, qos.STATE, is_required=False, silence=0.0)
-        self.add_timer(PERIOD, self.on_period, is_wall=True)
+        self.endpoints, self.params = endpoints, params
+        self.guard, self.told, self.said_at = Guard(params), "", 0.0
+        kind = TwistStamped if params.is_stamped else Twist
+        self.cmd_vel = endpoints.add_publisher("cmd_vel", kind, qos.COMMAND)
+        self.status = endpoints.add_publisher("~/status", GuardStatus)
+        endpoints.add_subscription("cmd_vel_in", kind, self.on_command, qos.COMMAND)
+        needed = params.is_heartbeat_required
+        endpoints.add_subscription(
+            "path_follower/heartbeat", UInt64, self.on_heartbeat, qos.COMMAND, is_required=needed
+        )
+        self.emergency = EmergencyStop(endpoints, self.on_emergency)
+        endpoints.add_timer(PERIOD, self.on_period, is_wall=True)
+        endpoints.add_timer(LOOK_PERIOD, self.on_look, is_wall=True)
 
-    def deactivate(self) -> None:
-        """Leave the base with a zero command."""
-        self.send(0.0, 0.0)
-        self.cmd_vel.wait_for_acknowledgement(0.5)
+    def ask(self, name: str, *values: Any) -> None:
+        """Carry out a request: stand. A clock that goes backwards changes nothing."""
+        if name == "stand":
+            self.send(0.0, 0.0)
+            self.cmd_vel.wait_for_acknowledgement(0.5)
 
     def on_command(self, message: Twist | TwistStamped) -> None:
         """Hand on a command."""
         twist = message.twist if isinstance(message, TwistStamped) else message
-        self.guard.see_command(twist.linear.x, twist.angular.z, self.steady_ns() / 1e9)
+        self.guard.see_command(twist.linear.x, twist.angular.z, self.endpoints.steady_ns() / 1e9)
 
     def on_heartbeat(self, message: UInt64) -> None:
         """Hand on a heartbeat."""
-        self.guard.see_heartbeat(message.data, self.steady_ns() / 1e9)
+        self.guard.see_heartbeat(message.data, self.endpoints.steady_ns() / 1e9)
 
-    def on_emergency(self, message: Bool) -> None:
+    def on_emergency(self, is_pressed: bool) -> None:
         """Press or release the emergency stop."""
-        self.guard.is_emergency = message.data
+        self.guard.is_emergency = is_pressed
+
+    def on_look(self) -> None:
+        """See who commands, here and past the guard: more than one cannot be followed."""
+        self.emergency.look()
+        named = {topic: self.endpoints.publishers_of(topic) for topic in ("cmd_vel_in", "cmd_vel")}
+        doubts = [f"{topic} is published by {', '.join(names)}" for topic, names in named.items() if len(names) > 1]
+        self.guard.doubt = "; ".join(doubts)
 
     def on_period(self) -> None:
-        """Send what is due; log every change of reason."""
-        self.send(*self.guard.pass_on(self.steady_ns() / 1e9))
-        reason = self.guard.reason
-        self.report("guard", WARN if reason else OK, f"stopped: {reason}" if reason else "passing commands on")
+        """Send what is due; tell every change of reason."""
+        now = self.endpoints.steady_ns() / 1e9
+        self.send(*self.guard.pass_on(now))
+        reason, detail = self.guard.reason, self.guard.detail
+        text = f"stopped: {reason}: {detail}" if reason else "passing commands on"
+        self.endpoints.report("guard", WARN if reason else OK, text)
+        if reason != self.told or now - self.said_at >= LOOK_PERIOD:
+            stamp = header(self.endpoints.now_ns(), "")
+            self.status.publish(GuardStatus(header=stamp, reason=str(reason), detail=detail))
+            self.said_at = now
         if reason != self.told:
-            (self.log.warning if reason else self.log.info)(f"stopped: {reason}" if reason else "passing commands on")
+            (self.endpoints.log.warning if reason else self.endpoints.log.info)(text)
         self.told = reason
 
     def send(self, speed: float, yaw_rate: float) -> None:
         """Publish a command."""
-        is_stamped, now = self.params.is_stamped, self.now_ns()
+        is_stamped, now = self.params.is_stamped, self.endpoints.now_ns()
         twist = driving.motion_to_twist_stamped(speed, yaw_rate, now, "base_link") if is_stamped else None
         self.cmd_vel.publish(twist or driving.motion_to_twist(speed, yaw_rate))
 
 
+class CommandGuard(FrontNode):
+    """Parameters and lifecycle of the guard."""
+
+    NAME = "command_guard"
+    PARAMS = GuardParams
+    LOOP_CLASS = GuardLoop
+    params: GuardParams
+
+
 def main() -> int:
     """Run the node."""
-    return run(CommandGuard)
+    return run_with_loop(CommandGuard)

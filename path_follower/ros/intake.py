@@ -20,7 +20,7 @@ from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.clocks import Times
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
-from sphere_nav.ros.tf import TransformListener
+from sphere_nav.ros.tf import Transforms
 
 Answer = Callable[[int], None]  # publish the command that answers a message of this stamp
 
@@ -127,14 +127,22 @@ class DirectionIntake:
 class ScanIntake:
     """Obstacles, seen from base_link."""
 
-    def __init__(self, endpoints: Endpoints, params: PathFollowerParams, follower: Follower, times: Times) -> None:
+    def __init__(
+        self,
+        endpoints: Endpoints,
+        params: PathFollowerParams,
+        follower: Follower,
+        times: Times,
+        transforms: Transforms,
+    ) -> None:
         self._watch, self._times, self._frame = follower.watch, times, params.base_frame
-        self._tf = TransformListener(endpoints)
+        self._tf, self.frame = transforms, ""  # of the scanner
         is_required = params.safety.is_scan_required
         endpoints.add_subscription("scan", LaserScan, self.on_scan, qos.SENSOR, is_required=is_required)
 
     def on_scan(self, message: LaserScan) -> None:
         """Hand on the points of a scan."""
         time = self._times.of(conversions.stamp_ns(message))
+        self.frame = message.header.frame_id
         T_base_scan = self._tf.lookup(self._frame, message.header.frame_id)
         self._watch.see_scan(T_base_scan.apply(driving.scan_to_points(message))[:, :2], time)

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 from nav_msgs.msg import Path
+from rclpy.serialization import deserialize_message
 from sphere_nav_msgs.msg import ReferenceTrajectory
 from sphere_nav_msgs.srv import LoadTrajectory
 
-from path_follower.follower import Follower
 from path_follower.params import PathFollowerParams
 from path_follower.path import ReferencePath
 from path_follower.path_files import make_path, read_path
+from path_follower.ros.front import Loop
 from path_follower.taught import taught_speeds
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.conversions import driving
@@ -20,23 +24,39 @@ from sphere_nav.ros.endpoints import Endpoints
 class TrajectoryIntake:
     """Gives trajectories to the follower and shows the one in force. What cannot be read changes nothing."""
 
-    def __init__(self, endpoints: Endpoints, params: PathFollowerParams, follower: Follower) -> None:
+    def __init__(self, endpoints: Endpoints, params: PathFollowerParams, loop: Loop) -> None:
         """Open topics and the service; load the file where one is set."""
-        self.follower, self.log, self._now_ns = follower, endpoints.log, endpoints.now_ns
+        self.loop, self.log, self._now_ns = loop, endpoints.log, endpoints.now_ns
         self.params = params
+        self.path: ReferencePath | None = None
         self.points = np.empty((0, 2))
         self.shown = endpoints.add_publisher("~/trajectory", ReferenceTrajectory, qos.LATCHED)
-        endpoints.add_subscription("reference_path", Path, self.on_path, qos.LATCHED, is_required=False)
-        endpoints.add_subscription(
-            "reference_trajectory", ReferenceTrajectory, self.on_trajectory, qos.LATCHED, is_required=False
-        )
+        for topic, kind, use in (
+            ("reference_path", Path, self.on_path),
+            ("reference_trajectory", ReferenceTrajectory, self.on_trajectory),
+        ):
+            read = self.standing(topic, kind, use)
+            endpoints.add_subscription(topic, kind, read, qos.LATCHED, is_required=False, raw=True)
         endpoints.add_service("~/load_trajectory", LoadTrajectory, self.on_load)
         if self.params.trajectory:
-            self.follower.load(read_path(self.params.trajectory, self.params))
+            self.take(read_path(self.params.trajectory, self.params))
+
+    def standing(self, topic: str, kind: type[Any], use: Callable[[Any], None]) -> Callable[[bytes], None]:
+        """Return what converts a message and uses it where the vehicle stands; else it is not even read."""
+
+        def read(data: bytes) -> None:
+            if self.loop.ask("is_at_rest"):
+                use(deserialize_message(data, kind))
+            else:
+                self.log.warning(f"{topic}: not read while the vehicle is under way: call stop first", every=5.0)
+
+        return read
 
     def tune(self, params: PathFollowerParams) -> None:
         """Make trajectories with other values from now on, and show the one in force."""
         self.params = params
+        if self.path is not None:
+            self.path = self.path.at_cruise(max(params.speed.cruise, params.speed.creep))
         self.show()
 
     def on_path(self, message: Path) -> None:
@@ -61,6 +81,8 @@ class TrajectoryIntake:
     def on_load(self, request: LoadTrajectory.Request, response: LoadTrajectory.Response) -> LoadTrajectory.Response:
         """Load a file; one that cannot be read leaves the present trajectory in force."""
         try:
+            if not self.loop.ask("is_at_rest"):
+                raise ValueError("path: expected a follower that stands, disarmed: call stop first")
             path = read_path(request.path, self.params)
             self.use(path)
         except (ValueError, OSError) as error:
@@ -72,12 +94,17 @@ class TrajectoryIntake:
 
     def use(self, path: ReferencePath) -> None:
         """Hand a trajectory to the follower, and show it."""
-        self.follower.load(path)
+        self.take(path)
         self.show()
+
+    def take(self, path: ReferencePath) -> None:
+        """Hand a trajectory to the follower; ValueError where it does not stand."""
+        self.loop.ask("load", path)
+        self.path = path
 
     def show(self) -> None:
         """Publish the trajectory in force; say where the car cannot follow it."""
-        path = self.follower.path
+        path = self.path
         if path is None:
             return
         self.shown.publish(driving.trajectory_to_message(path, self._now_ns(), self.params.map_frame))

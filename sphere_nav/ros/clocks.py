@@ -77,6 +77,11 @@ class Times:
         """Return the present."""
         return self._own()
 
+    @property
+    def is_simulated(self) -> bool:
+        """Whether both clocks are one: that of a simulator, or of a recording."""
+        return self._own() == self._clock()
+
     def lead(self, stamp_ns: int) -> int:
         """Return by how many ns a stamp is ahead of its clock; negative: the age of what it stamps."""
         return stamp_ns - self._clock()

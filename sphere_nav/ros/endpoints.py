@@ -53,9 +53,6 @@ class Shell(Protocol):
     log: Log
     is_live: bool  # messages come when they come; of a bag they wait until the node is done
 
-    def read_parameters(self, cls: type[Any]) -> Any:
-        """Return the parameters object."""
-
     def now_ns(self) -> int:
         """Return the time of the node's clock; simulated or recorded time where that is used."""
 
@@ -82,6 +79,13 @@ class Shell(Protocol):
 
     def remove_subscription(self, wanted: Subscription) -> None:
         """Stop to deliver messages."""
+
+
+class NodeShell(Shell, Protocol):
+    """What is beneath a node as a whole."""
+
+    def read_parameters(self, cls: type[Any]) -> Any:
+        """Return the parameters object."""
 
     def finish(self, status: int) -> None:
         """End the process, or the replay, in order."""
@@ -127,6 +131,16 @@ class Endpoints:
         self.inputs.append(wanted)
         self._shell.add_subscription(wanted)
         return wanted
+
+    def hear_always(self, topic: str, kind: type[Any], callback: Callable[[Any], None]) -> None:
+        """Subscribe whatever QoS a publisher offers, also while the node is inactive; a message may come twice.
+
+        What was latched before comes by a subscription of its own, which the diagnostics leave out.
+        """
+        self.add_subscription(topic, kind, callback, qos.SENSOR, is_required=False, silence=0.0).is_always = True
+        latched = Subscription(topic, kind, callback, qos.LATCHED, is_required=False, silence=0.0, log=self.log)
+        latched.is_always, latched.entity_id = True, "latched"  # else rclpy gives it the QoS of the first
+        self._shell.add_subscription(latched)
 
     def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile = qos.STATE) -> Publisher:
         """Publish on a topic."""

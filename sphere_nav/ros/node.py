@@ -1,7 +1,7 @@
 """A node of this package: it declares parameters, converts, delegates, converts back, publishes.
 
 A `ManagedNode` is the same object live (rclpy and DDS beneath it, `live.py`) and in a replay (a bag beneath it,
-`replay.py`); what is beneath is its `Shell`. A whole node:
+`replay.py`); what is beneath is its `NodeShell`. A whole node:
 
     class Blinker(ManagedNode):
         NAME = "blinker"
@@ -32,9 +32,9 @@ from typing import Any, ClassVar
 
 from sphere_nav.params import parameters
 from sphere_nav.ros.camera.drivers import names_of
-from sphere_nav.ros.endpoints import ERROR, OK, STALE, WARN, Endpoints, Log, Publisher, Shell
+from sphere_nav.ros.endpoints import ERROR, OK, STALE, WARN, Endpoints, Log, NodeShell, Publisher
 
-__all__ = ["ERROR", "OK", "STALE", "WARN", "Log", "ManagedNode", "NoParams", "Publisher", "Shell"]
+__all__ = ["ERROR", "OK", "STALE", "WARN", "Log", "ManagedNode", "NoParams", "NodeShell", "Publisher"]
 
 
 @parameters
@@ -50,7 +50,7 @@ class ManagedNode:
     LARGE_MESSAGES: ClassVar[bool] = False  # publishes messages above 64 KB: a larger shared-memory segment is used
     params: Any
 
-    def __init__(self, shell: Shell) -> None:
+    def __init__(self, shell: NodeShell) -> None:
         """`shell` is given by `run` (live) or by `replay` (offline); the parameters are read and checked here."""
         self.shell = shell
         self.log = shell.log

@@ -25,6 +25,8 @@ class Subscription:
     is_required: bool = True
     silence: float = 2.0
     raw: bool = False
+    entity_id: str = ""  # in qos_overrides.*, where a node has two subscriptions of a topic
+    is_always: bool = False  # heard while the node is inactive, too
     source: str = ""  # the topic of a camera's driver, listened to unless `topic` is remapped
     log: Any = None
     num_received: int = 0

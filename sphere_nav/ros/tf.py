@@ -5,6 +5,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections import deque
 from collections.abc import Iterable
+from typing import Protocol
 
 import numpy as np
 from geometry_msgs.msg import TransformStamped
@@ -175,6 +176,14 @@ class TransformTree:
 
     def _hint(self, frame: str) -> str:
         return f"{frame} is below {self._ancestors(frame)[-1]}"
+
+
+class Transforms(Protocol):
+    """What tells where frames are."""
+
+    def lookup(self, target: str, source: str, stamp: int | None = None) -> SE3:
+        """Return T_target_source; TransformError says why not."""
+        ...
 
 
 class TransformListener:

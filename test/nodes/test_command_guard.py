@@ -46,7 +46,7 @@ def driving():
 def test_a_silent_sender_ends_in_zero_and_the_reason_is_told(driving):
     speeds = driving.run(12)  # 0.6 s
     assert speeds[-1] == 0.0
-    assert driving.node.reports["guard"][1] == "stopped: no command for more than 0.25 s"
+    assert driving.node.reports["guard"][1] == "stopped: NO_COMMAND: none for more than 0.25 s"
 
 
 def test_a_sender_without_a_heartbeat_ends_in_zero(driving):

@@ -215,16 +215,16 @@ def test_an_obstacle_in_the_scan_stops(bench):
 
 
 def test_a_wrong_path_is_refused_and_the_old_one_stays(bench):
-    before = bench.node.follower.path
+    before = bench.node.loop.follower.path
     bench.send(("/reference_path", straight(frame="odom")), ("/reference_path", straight(length=0.05)))
-    assert bench.node.follower.path is before
+    assert bench.node.loop.follower.path is before
     wanted = next(entry for entry in bench.node.inputs if entry.topic == "reference_path")
     assert wanted.num_refused == 2
     bad = straight()
     bad.poses[7].pose.position.y = math.nan
     bench.send(("/reference_path", bad))
     assert wanted.last_refusal.startswith("poses[7].position: expected finite numbers")
-    assert bench.node.follower.path is before
+    assert bench.node.loop.follower.path is before
 
 
 def test_the_same_path_again_does_not_disturb_the_drive(bench):
@@ -242,7 +242,7 @@ def test_trajectories_are_loaded_and_shown(bench, tmp_path):
     answer = bench.call("load_trajectory", LoadTrajectory.Request(path=str(tmp_path / "none.csv")))
     assert not answer.success
     assert "none.csv" in answer.message
-    assert bench.node.follower.path.length == pytest.approx(10.0)
+    assert bench.node.loop.follower.path.length == pytest.approx(10.0)
 
 
 def test_a_trajectory_message_is_taken_back(bench):
@@ -252,7 +252,7 @@ def test_a_trajectory_message_is_taken_back(bench):
     bench.node.trajectories.show()
     message = bench.last(list(bench.bus.settle()), "/path_follower/trajectory")
     other.send(("/reference_trajectory", message))
-    assert other.node.follower.path.length == pytest.approx(bench.node.follower.path.length, abs=1e-3)
+    assert other.node.loop.follower.path.length == pytest.approx(bench.node.loop.follower.path.length, abs=1e-3)
 
 
 def test_odometry_can_be_the_source_and_brings_the_speed():
@@ -262,10 +262,10 @@ def test_odometry_can_be_the_source_and_brings_the_speed():
     twist = np.array([0.7, 0, 0, 0, 0, 0])
     message = se3_to_odometry(SE3.from_planar(1, 0, 0), COVARIANCE, SECOND, ("map", "base_link"), twist)
     bench.send(("/odometry", message))
-    assert bench.node.follower.watch.pose.x == 1.0
-    assert bench.node.follower.measured_speed == pytest.approx(0.7)
+    assert bench.node.loop.follower.watch.pose.x == 1.0
+    assert bench.node.loop.follower.measured_speed == pytest.approx(0.7)
     bench.send(("/odometry", se3_to_odometry(SE3.identity(), COVARIANCE, 2 * SECOND, ("odom", "base_link"))))
-    assert bench.node.follower.watch.pose.x == 1.0
+    assert bench.node.loop.follower.watch.pose.x == 1.0
 
 
 def test_a_quiet_node_leaves_cmd_vel_to_others_until_it_has_something_to_do():

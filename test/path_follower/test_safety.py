@@ -118,14 +118,12 @@ def test_leaving_the_path_stops(distance, heading, is_fine):
     assert is_fine or verdict.reason is StopReason.OFF_PATH
 
 
-def test_two_publishers_of_the_pose_stop():
+def test_what_others_do_stops():
     watch = good_watch()
-    watch.sources = ("/localizer",)
-    assert watch.judge_inputs(10 * SECOND) is FINE
-    watch.sources = ("/localizer", "/other")
-    verdict = watch.judge_inputs(10 * SECOND)
-    assert (verdict.reason, verdict.value, verdict.limit) == (StopReason.POSE_SOURCE, 2, 1)
-    assert "/localizer, /other" in str(verdict)
+    watch.outside = StopVerdict(StopReason.POSE_SOURCE, 2, 1)
+    assert watch.judge_inputs(10 * SECOND) is watch.outside
+    watch.is_emergency = True  # goes before all others
+    assert watch.judge_inputs(10 * SECOND).reason is StopReason.EMERGENCY_STOP
 
 
 def test_a_pose_that_cannot_be_used_stops_at_once_where_it_is_bad_and_else_by_the_silence_that_follows():

@@ -17,8 +17,9 @@ from sphere_nav.ros.bags import BagReader, Recorded, TopicInfo
 from sphere_nav.ros.bags.playback import Answers, Playback, is_latched
 from sphere_nav.ros.conversions import ns_to_time
 from sphere_nav.ros.interfaces import message_class
-from sphere_nav.ros.live import LivePublisher, LiveShell
+from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import OK, WARN, ManagedNode
+from sphere_nav.ros.rclpy_shell import LivePublisher
 from sphere_nav.ros.run import run
 
 TICK = 0.005  # s

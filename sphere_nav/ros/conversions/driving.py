@@ -60,8 +60,8 @@ def scan_to_points(scan: LaserScan) -> Array:
     return np.stack([r * np.cos(a), r * np.sin(a), np.zeros(len(r))], axis=-1)
 
 
-def follower_status_to_message(status: Any, stamp: int, frame_id: str) -> FollowerStatus:
-    """Return the message of anything with the fields of `path_follower.command.Status`."""
+def follower_status_to_message(status: Any, stamp: int, frame_id: str, worst_cycle: float = 0.0) -> FollowerStatus:
+    """Return the message of anything with the fields of `path_follower.command.FollowerReport`; cycle in s."""
     state, verdict = str(status.state), status.verdict
     return FollowerStatus(
         header=header(stamp, frame_id),
@@ -74,6 +74,7 @@ def follower_status_to_message(status: Any, stamp: int, frame_id: str) -> Follow
         progress=float(status.progress),
         distance_to_end=float(status.distance_to_end),
         is_armed=bool(status.is_armed),
+        worst_cycle=float(worst_cycle),
     )
 
 

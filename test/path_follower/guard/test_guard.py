@@ -48,17 +48,17 @@ def test_nothing_passes_before_a_zero_command():
     bench = Bench()
     bench.run(1.0)
     assert max(bench.speeds) == 0.0
-    assert bench.guard.reason == "waits for a zero command before it lets others through"
+    assert bench.guard.reason == "WAITS_FOR_ZERO"
 
 
 def test_a_sender_that_falls_silent_stops_within_deadline_and_ramp(driving):
     assert driving.run(1.0, None) <= PARAMS.deadline + 1.0 / PARAMS.max_deceleration + 2 * STEP
-    assert driving.guard.reason == "no command for more than 0.25 s"
+    assert (driving.guard.reason, driving.guard.detail) == ("NO_COMMAND", "none for more than 0.25 s")
 
 
 def test_commands_without_a_heartbeat_do_not_pass(driving):
     assert driving.run(1.0, beats=False) <= PARAMS.deadline + 1.0 / PARAMS.max_deceleration + 2 * STEP
-    assert driving.guard.reason == "no heartbeat for more than 0.25 s"
+    assert (driving.guard.reason, driving.guard.detail) == ("NO_HEARTBEAT", "none for more than 0.25 s")
 
 
 def test_an_emergency_stop_stops_at_once(driving):

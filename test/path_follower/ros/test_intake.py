@@ -48,7 +48,7 @@ def source(bus, state, stamp, **values):
 
 def test_every_direction_is_answered_by_a_command_with_its_stamp(bus):
     node = bus.nodes[0]
-    assert isinstance(node.intake, DirectionIntake)
+    assert isinstance(node.loop.intake, DirectionIntake)
     source(bus, "DRIVING", SECOND, progress=1.0, distance_to_end=4.0)
     assert not node.shell.call("start").success  # no direction yet
     direction(bus, 0.2, SECOND)
@@ -72,7 +72,7 @@ def test_a_direction_of_another_frame_is_refused(bus):
     direction(bus, 0.0, SECOND, "map")
     told = next(item for item in bus.nodes[0].inputs if item.topic == "homing/direction")
     assert "header.frame_id: expected 'base_link', found 'map'" in told.last_refusal
-    assert bus.nodes[0].follower.direction is None
+    assert bus.nodes[0].loop.follower.direction is None
 
 
 def test_numbers_that_are_none_are_refused(bus):
@@ -132,8 +132,8 @@ def test_a_pose_from_the_future_is_refused_by_name_and_the_drive_goes_on(lead):
     told = next(item for item in node.inputs if item.topic == "pose")
     assert f"found {lead / SECOND:.3f} s" in told.last_refusal
     drive(bus, node, 10, x=x)
-    assert node.follower.mode.is_driving
-    assert node.follower.watch.pose.x < x + 2.0
+    assert node.loop.follower.mode.is_driving
+    assert node.loop.follower.watch.pose.x < x + 2.0
 
 
 def seconds_to_zero(bus, seconds=3.0):
@@ -168,7 +168,7 @@ def test_no_stamp_however_wrong_delays_a_stop(stamps):
             status(bus, "TRACKING" if kind == "status" else kind, stamp)
         list(bus.settle())
     assert seconds_to_zero(bus) <= 0.8
-    assert node.follower.mode.state == "STOPPED"
+    assert node.loop.follower.mode.state == "STOPPED"
 
 
 @given(lead=st.integers(-5 * SECOND, 5 * SECOND))
@@ -192,7 +192,7 @@ def test_bad_news_counts_whatever_its_stamp():
         drive(bus, node, 30)
         status(bus, "LOST", stamp)
         assert seconds_to_zero(bus) <= 0.4
-        assert node.follower.mode.verdict.reason == "NOT_LOCALISED"
+        assert node.loop.follower.mode.verdict.reason == "NOT_LOCALISED"
 
 
 def test_predictions_that_no_image_confirms_carry_the_vehicle_for_a_while_only():
@@ -204,10 +204,10 @@ def test_predictions_that_no_image_confirms_carry_the_vehicle_for_a_while_only()
         pose(bus, x + 0.1 * k, bus.now_ns)
         status(bus, "DEGRADED", bus.now_ns, "LOW_OVERLAP", age=0.1 * k)
         list(bus.settle())
-        states.append(node.follower.mode.state)
+        states.append(node.loop.follower.mode.state)
     assert set(states[:3]) <= {"DRIVING", "SLOW"}
     assert states[-1] == "STOPPED"
-    assert "no image confirms the pose" in str(node.follower.mode.verdict)
+    assert "no image confirms the pose" in str(node.loop.follower.mode.verdict)
 
 
 def test_two_publishers_of_the_pose_are_named_and_stop():
@@ -215,5 +215,5 @@ def test_two_publishers_of_the_pose_are_named_and_stop():
     drive(bus, node, 30)
     node.shell.publishers_of = lambda topic: ["/a", "/b"]
     assert seconds_to_zero(bus) <= 0.6
-    assert str(node.follower.mode.verdict).startswith("POSE_SOURCE: published by /a, /b: ")
+    assert str(node.loop.follower.mode.verdict).startswith("POSE_SOURCE: pose is published by /a, /b: ")
     assert not node.shell.call("start").success

@@ -5,12 +5,10 @@ import pytest
 pytest.importorskip("rclpy")
 
 from std_msgs.msg import Bool
-from std_srvs.srv import Trigger
 
 from path_follower.modes import FollowerState
 from path_follower.path import Pose2
 from path_follower.ros.node import PathFollowerNode
-from path_follower.ros.operator import answering
 from sphere_nav.ros.bags.replay import OfflineBus
 
 SECOND = 1_000_000_000
@@ -19,8 +17,8 @@ SECOND = 1_000_000_000
 @pytest.fixture
 def node(kit):
     node = OfflineBus().add(PathFollowerNode)
-    node.follower.load(kit.make_path([(0, 0), (10, 0)], node.params))
-    node.follower.update(Pose2(0, 0, 0), None, SECOND, "TRACKING")
+    node.loop.follower.load(kit.make_path([(0, 0), (10, 0)], node.params))
+    node.loop.follower.update(Pose2(0, 0, 0), None, SECOND, "TRACKING")
     return node
 
 
@@ -28,7 +26,7 @@ def test_the_calls_lead_through_the_states(node):
     states = []
     for name in ("start", "pause", "resume", "stop"):
         assert node.shell.call(name).success
-        states.append(node.follower.mode.state)
+        states.append(node.loop.follower.mode.state)
     assert states == [FollowerState.DRIVING, FollowerState.PAUSED, FollowerState.DRIVING, FollowerState.STOPPING]
 
 
@@ -43,9 +41,3 @@ def test_the_emergency_stop_is_handed_on(node):
     assert node.shell.call("start").message.startswith("EMERGENCY_STOP")
     emergency.deliver(Bool(data=False))
     assert node.shell.call("start").success
-
-
-@pytest.mark.parametrize(("refusal", "success"), [("", True), ("no", False)])
-def test_an_empty_refusal_is_success(refusal, success):
-    response = answering(lambda: refusal)(Trigger.Request(), Trigger.Response())
-    assert (response.success, response.message) == (success, refusal)

@@ -32,34 +32,34 @@ def intake():
 
 def test_a_path_without_stamps_is_driven_at_cruise_speed(intake):
     intake.on_path(taught())
-    assert intake.follower.path.speed.max() == pytest.approx(FollowerParams().speed.cruise)
+    assert intake.loop.follower.path.speed.max() == pytest.approx(FollowerParams().speed.cruise)
 
 
 def test_a_path_with_stamps_is_driven_as_it_was_taught(intake):
     intake.on_path(taught(speed=0.6))
-    assert intake.follower.path.speed.max() == pytest.approx(0.6, rel=0.02)
+    assert intake.loop.follower.path.speed.max() == pytest.approx(0.6, rel=0.02)
 
 
 def test_an_empty_path_is_refused(intake):
     with pytest.raises(ValueError, match="path: expected 2 to 1000000 points"):
         intake.on_path(poses_to_path([], SECOND, "map"))
-    assert intake.follower.path is None
+    assert intake.loop.follower.path is None
 
 
 def test_the_same_path_is_taken_once(intake):
     intake.on_path(taught())
-    first = intake.follower.path
+    first = intake.loop.follower.path
     intake.on_path(taught())
-    assert intake.follower.path is first
+    assert intake.loop.follower.path is first
     intake.on_path(taught(length=12.0))
-    assert intake.follower.path.length == pytest.approx(11.9)
+    assert intake.loop.follower.path.length == pytest.approx(11.9)
 
 
 def test_a_file_that_cannot_be_read_leaves_the_path_in_force(intake, tmp_path):
     intake.on_path(taught())
-    first = intake.follower.path
+    first = intake.loop.follower.path
     (tmp_path / "bad.csv").write_text("0,0\n1,nan\n")
     answer = intake.on_load(LoadTrajectory.Request(path=str(tmp_path / "bad.csv")), LoadTrajectory.Response())
     assert not answer.success
     assert "bad.csv:2: y: expected a finite number" in answer.message
-    assert intake.follower.path is first
+    assert intake.loop.follower.path is first

@@ -7,7 +7,7 @@ import pytest
 pytest.importorskip("rclpy")
 
 from sphere_nav.ros.endpoints import ERROR, OK, WARN
-from sphere_nav.ros.live import examine_input
+from sphere_nav.ros.rclpy_shell import examine_input
 
 
 def wanted(**counts):

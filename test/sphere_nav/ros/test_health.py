@@ -8,7 +8,7 @@ from rclpy.node import Node
 from std_msgs.msg import Int32, String
 
 from sphere_nav.ros import qos
-from sphere_nav.ros.live import unserved
+from sphere_nav.ros.rclpy_shell import unserved
 
 PATIENCE = 15.0  # s
 

@@ -1,0 +1,354 @@
+"""Faults of real processes over real DDS: alone, and while all that can be asked of the follower is asked at once.
+
+The base keeps the last command, as one without a time-out of its own does. Poses come ten times a second. Busy: calls,
+parameters, paths of 20,000 and 1,000,000 poses, transforms and scans of megabytes, as fast as two processes can send
+them; loaded: four processes a core that do nothing but compute.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import multiprocessing
+import os
+import signal
+import struct
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.fault_processes import signalled
+from benchmarks.machine import describe
+from benchmarks.report import Bound, Report, Table
+
+HELP = "stops of real processes over DDS: alone, with every call and topic flooded, on a loaded machine"
+PERIOD = 0.1  # s between two poses
+RUN = 2.0  # s of driving before a fault, in which the silence of commands is measured
+AFTER = 3.0  # s in which zero must come
+PATIENCE = 60.0  # s for the processes to come up on a busy machine
+CRUISE = 1.4  # m/s
+
+
+class Base:
+    """Says where it is, and obeys the last command."""
+
+    def __init__(self, remap: str = "cmd_vel") -> None:
+        import rclpy
+        from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+        from sensor_msgs.msg import LaserScan
+        from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
+        from std_msgs.msg import Bool
+        from std_srvs.srv import Trigger
+
+        from sphere_nav.ros import qos
+
+        self.node = rclpy.create_node("base")
+        self.node.create_subscription(Twist, remap, self._obey, qos.COMMAND)
+        self.node.create_subscription(FollowerStatus, "path_follower/status", self._hear, qos.STATE)
+        self.poses = self.node.create_publisher(PoseWithCovarianceStamped, "pose", qos.STATE)
+        self.states = self.node.create_publisher(LocalizationStatus, "status", qos.STATE)
+        self.button = self.node.create_publisher(Bool, "emergency_stop", qos.SENSOR)
+        self.scans = self.node.create_publisher(LaserScan, "scan", qos.SENSOR)
+        self.start, self.request = self.node.create_client(Trigger, "path_follower/start"), Trigger.Request()
+        self.x = self.speed = self.worst_cycle = 0.0
+        self.commands: list[tuple[float, float]] = []
+        self.reason, self.state = "", "TRACKING"
+        self.frame, self.value, self.is_silent, self.has_status = "map", 0.0, False, True
+        self.is_pressed = False
+        self.others: list[Any] = []
+        self._due = time.monotonic()
+
+    def _obey(self, message: Any) -> None:
+        self.speed = message.linear.x
+        self.commands.append((time.monotonic(), self.speed))
+
+    def _hear(self, message: Any) -> None:
+        self.reason = message.reason or self.reason
+        self.worst_cycle = max(self.worst_cycle, message.worst_cycle)
+
+    def live(self, seconds: float, is_done: Callable[[], bool] = lambda: False) -> bool:
+        """Let time pass until something is done; whether it was."""
+        import rclpy
+
+        end = time.monotonic() + seconds
+        while time.monotonic() < end and not is_done():
+            if time.monotonic() >= self._due:
+                self._due += PERIOD
+                self._due = max(self._due, time.monotonic() - PERIOD)
+                self.speak()
+            rclpy.spin_once(self.node, timeout_sec=max(min(self._due, end) - time.monotonic(), 0.001))
+        return is_done()
+
+    def speak(self) -> None:
+        """Say where the base is, how the localiser is, and that the button is as it is."""
+        from std_msgs.msg import Bool
+
+        from sphere_nav.geometry import SE3
+        from sphere_nav.localization.status import State, Status
+        from sphere_nav.ros.conversions import se3_to_pose_with_covariance, status_to_message
+
+        stamp = self.node.get_clock().now().nanoseconds
+        self.x += self.speed * PERIOD
+        self.button.publish(Bool(data=self.is_pressed))
+        if self.has_status:
+            self.states.publish(status_to_message(Status(State(self.state)), stamp, "map"))
+        if not self.is_silent:
+            pose = SE3.from_planar(self.x, 0.0, 0.0)
+            message = se3_to_pose_with_covariance(pose, 1e-4 * np.eye(6), stamp, self.frame)
+            message.pose.pose.position.y = self.value
+            self.poses.publish(message)
+
+    def drive_off(self) -> None:
+        """Start, again and again, until it drives at full speed."""
+        answer: Any = None
+        asked = 0.0
+
+        def is_driving() -> bool:
+            nonlocal answer, asked
+            if time.monotonic() - asked > 1.0 and self.start.service_is_ready() and self.speed == 0.0:
+                answer, asked = self.start.call_async(self.request), time.monotonic()
+            return self.speed > 0.95 * CRUISE
+
+        if not self.live(PATIENCE, is_driving):
+            why = answer.result() if answer is not None and answer.done() else answer
+            raise RuntimeError(f"path_follower: expected it to drive, found {self.reason!r}, start: {why}")
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What one drive showed: silence of commands before the fault, zero after it, in s; the reason."""
+
+    silence: float
+    zero: float
+    reason: str
+    worst_cycle: float
+
+
+def lie(base: Base, name: str, value: Any) -> None:
+    """Change what the base says from now on, and say it at once."""
+    setattr(base, name, value)
+    base.speak()
+
+
+def second(base: Base, topic: str, kind: Any) -> None:
+    """Let another node publish a topic."""
+    import rclpy
+
+    other = rclpy.create_node("second")
+    other.create_publisher(kind, topic, 1)
+    base.others.append(other)
+
+
+def faults() -> dict[str, Callable[[Base, Any], None]]:
+    """Return the faults by name; each gets the base and the process of the follower."""
+    from geometry_msgs.msg import PoseWithCovarianceStamped, Twist
+
+    return {
+        "emergency stop": lambda base, _: lie(base, "is_pressed", True),
+        "localiser silent": lambda base, _: lie(base, "is_silent", True),
+        "localiser's status silent": lambda base, _: lie(base, "has_status", False),
+        "localiser LOST": lambda base, _: lie(base, "state", "LOST"),
+        "pose of another frame": lambda base, _: lie(base, "frame", "odom"),
+        "pose that is no number": lambda base, _: lie(base, "value", float("nan")),
+        "pose 3 m aside": lambda base, _: lie(base, "value", 3.0),
+        "second publisher of the pose": lambda base, _: second(base, "pose", PoseWithCovarianceStamped),
+        "second publisher of cmd_vel": lambda base, _: second(base, "cmd_vel", Twist),
+        "front killed": lambda _, process: os.kill(front_of(process.pid), signal.SIGKILL),
+        "SIGINT": lambda _, process: process.send_signal(signal.SIGINT),
+        "SIGTERM": lambda _, process: process.send_signal(signal.SIGTERM),
+    }
+
+
+def front_of(pid: int) -> int:
+    """Return the process beneath a loop."""
+    return int(Path(f"/proc/{pid}/task/{pid}/children").read_text(encoding="ascii").split()[0])
+
+
+def observe(name: str) -> Seen:
+    """Drive, let a fault begin, and look what comes."""
+    import rclpy
+
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "path.csv"
+        path.write_text("\n".join(f"{x},0" for x in range(400)), encoding="utf-8")
+        code = "import sys; from path_follower.ros.node import main; sys.exit(main())"
+        arguments = ["--ros-args", "-p", f"trajectory:={path}", "--log-level", "fatal"]
+        process = subprocess.Popen([sys.executable, "-P", "-c", code, *arguments])
+        rclpy.init()
+        base = Base()
+        try:
+            base.drive_off()
+            base.commands.clear()
+            base.live(RUN)
+            silence = float(np.diff([when for when, _ in base.commands]).max())
+            base.reason, begun = "", time.monotonic()
+            faults()[name](base, process)
+            base.live(AFTER, lambda: base.speed == 0.0 and bool(base.reason))
+            zero = base.commands[-1][0] - begun if base.speed == 0.0 else float("inf")
+            base.live(0.5)
+            zero = zero if base.speed == 0.0 else float("inf")
+            return Seen(silence, zero, base.reason, base.worst_cycle)
+        finally:
+            for node in (base.node, *base.others):
+                node.destroy_node()
+            rclpy.try_shutdown()
+            process.kill()
+            process.wait()
+
+
+# --- what keeps the machine busy
+@contextmanager
+def crowd(*targets: Callable[[], None]) -> Iterator[None]:
+    """Run functions in processes of their own meanwhile."""
+    context = multiprocessing.get_context("spawn")
+    processes = [context.Process(target=target, daemon=True) for target in targets]
+    for process in processes:
+        process.start()
+    try:
+        yield
+    finally:
+        for process in processes:
+            process.kill()
+            process.join()
+
+
+def compute() -> None:
+    """Keep a core busy."""
+    while True:
+        pass
+
+
+def big_path(count: int) -> bytes:
+    """Return a nav_msgs/Path of so many poses in CDR, without an object for each."""
+    pose = np.zeros(1, dtype=np.dtype([("stamp", "<i4", 2), ("size", "<u4"), ("frame", "S4"), ("pose", "<f8", 7)]))
+    pose["size"], pose["frame"] = 4, b"map"
+    poses = np.repeat(pose, count)
+    poses["pose"][:, 0] = np.arange(count)
+    poses["pose"][:, 6] = 1.0
+    first = poses[0].tobytes()
+    head = struct.pack("<4xiiI4sI", 0, 0, 4, b"map", count).replace(b"\0\0\0\0", b"\0\1\0\0", 1)
+    return head + first[:16] + b"\0\0\0\0" + first[16:] + poses[1:].tobytes()
+
+
+def flood_topics() -> None:
+    """Send paths, transforms and scans of megabytes without end."""
+    import rclpy
+    from nav_msgs.msg import Path as PathMessage
+    from rclpy.serialization import serialize_message
+    from sensor_msgs.msg import LaserScan
+    from tf2_msgs.msg import TFMessage
+
+    from sphere_nav.geometry import SE3
+    from sphere_nav.ros import qos
+    from sphere_nav.ros.conversions import se3_to_transform
+
+    rclpy.init()
+    node = rclpy.create_node("flood_of_topics")
+    frames = [se3_to_transform(SE3.identity(), 0, "base_link", f"frame_{k}") for k in range(200)]
+    scan = LaserScan(ranges=[5.0] * 250_000, angle_increment=1e-5, range_min=0.1, range_max=30.0)
+    transforms = serialize_message(TFMessage(transforms=frames))
+    items = [
+        (node.create_publisher(PathMessage, "reference_path", qos.LATCHED), big_path(20_000)),
+        (node.create_publisher(TFMessage, "/tf_static", qos.TF_STATIC), transforms),
+        (node.create_publisher(TFMessage, "/tf", qos.TF), transforms),
+        (node.create_publisher(LaserScan, "scan", qos.SENSOR), serialize_message(scan)),
+    ]
+    largest, turn = big_path(1_000_000), 0
+    while True:
+        turn += 1
+        for publisher, data in items:
+            publisher.publish(data)
+        if turn % 200 == 0:
+            items[0][0].publish(largest)
+        time.sleep(0.001)
+
+
+def flood_services() -> None:
+    """Call every service of the follower that leaves it driving, without awaiting answers."""
+    import rclpy
+    from lifecycle_msgs.srv import GetState
+    from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
+    from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
+    from sphere_nav_msgs.srv import LoadTrajectory
+    from std_srvs.srv import Trigger
+
+    rclpy.init()
+    node = rclpy.create_node("flood_of_services")
+    text = ParameterValue(type=ParameterType.PARAMETER_STRING, string_value="x" * 1_000_000)
+    many = [Parameter(name=f"p{k}", value=ParameterValue(type=2, integer_value=k)) for k in range(5000)]
+    requests: list[tuple[Any, str, Any]] = [
+        (SetParameters, "set_parameters", SetParameters.Request(parameters=many)),
+        (SetParameters, "set_parameters", SetParameters.Request(parameters=[Parameter(name="trajectory", value=text)])),
+        (GetParameters, "get_parameters", GetParameters.Request(names=[f"p{k}" for k in range(5000)])),
+        (ListParameters, "list_parameters", ListParameters.Request()),
+        (GetState, "get_state", GetState.Request()),
+        (LoadTrajectory, "load_trajectory", LoadTrajectory.Request(path="/dev/zero")),
+        (Trigger, "resume", Trigger.Request()),
+        (Trigger, "start", Trigger.Request()),
+    ]
+    clients = [(node.create_client(kind, f"path_follower/{name}"), request) for kind, name, request in requests]
+    while True:
+        for client, request in clients:
+            if client.service_is_ready():
+                client.remove_pending_request(client.call_async(request))
+            time.sleep(0.001)
+
+
+CONDITIONS: dict[str, tuple[Callable[[], None], ...]] = {
+    "alone": (),
+    "busy": (flood_topics, flood_services),
+    "loaded": (compute,) * 4 * (os.cpu_count() or 1),
+}
+
+
+def measure(condition: str, repeats: int) -> dict[str, list[Seen]]:
+    """Return what the drives of each fault showed."""
+    with crowd(*CONDITIONS[condition]):
+        return {name: [observe(name) for _ in range(repeats)] for name in faults()}
+
+
+# --- the benchmark
+def add_arguments(parser: argparse._ArgumentGroup) -> None:
+    """Declare the arguments."""
+    parser.add_argument("--busy-runs", type=int, default=5, help="drives of each fault and condition (%(default)s)")
+    parser.add_argument("--busy-signals", type=int, default=200, help="SIGINTs while busy (%(default)s)")
+
+
+def run(options: argparse.Namespace) -> Report:
+    """Suffer each fault alone, busy and loaded; end followers by signals while busy."""
+    tables, bounds = suffer(1 if options.quick else options.busy_runs, 2 if options.quick else options.busy_signals)
+    return Report("busy", tables, bounds, [describe(options.threads)])
+
+
+def suffer(runs: int, signals: int) -> tuple[list[Table], list[Bound]]:
+    """Return the table and the bounds of real processes."""
+    seen = {name: measure(name, runs) for name in CONDITIONS}
+    rows, bounds = [], []
+    for fault in faults():
+        every = [seen[name][fault] for name in CONDITIONS]
+        reasons = sorted({one.reason or "–" for drives in every for one in drives})
+        zeros = [f"{max(one.zero for one in drives):.2f}" for drives in every]
+        rows.append((fault, ", ".join(reasons), *zeros))
+    for name in CONDITIONS:
+        drives = [one for several in seen[name].values() for one in several]
+        stops = [one.zero for one in seen[name]["emergency stop"]]
+        bounds += [
+            Bound(f"longest silence of commands, {name}", 0.12, max(one.silence for one in drives), "s"),
+            Bound(f"emergency stop to zero, {name}", 0.4, max(stops), "s"),
+            Bound(f"faults that did not end in zero, {name}", 0, sum(math.isinf(one.zero) for one in drives), ""),
+        ]
+    if signals:
+        with crowd(*CONDITIONS["busy"]):
+            num_seen, slowest = signalled("SIGINT", signals)
+        bounds.append(Bound(f"SIGINT while busy: zero seen by the vehicle, of {signals}", signals, num_seen, "", True))
+        bounds.append(Bound("SIGINT while busy: slowest zero", 0.4, slowest, "s"))
+    columns = ("fault", "reason", *(f"{name}: zero after, max [s]" for name in CONDITIONS))
+    return [Table("Real processes", columns, rows)], bounds

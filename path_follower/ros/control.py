@@ -1,0 +1,213 @@
+"""READ FIRST. The control loop: what comes in is answered by a command, and time without anything by one, too.
+
+It runs in a process of its own (`loop_process.py`), which hears small messages only: no file, no path, no parameter and
+no service is between a pose and its command, or between the emergency stop and its zero. In a replay it is a part of
+the node.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import Twist, TwistStamped
+from sphere_nav_msgs.msg import FollowerStatus, TrackingError
+from std_msgs.msg import UInt64
+
+from path_follower.command import Command, FollowerReport
+from path_follower.follower import Follower
+from path_follower.homing import HomingFollower
+from path_follower.modes import FollowerState
+from path_follower.params import PathFollowerParams
+from path_follower.path import ReferencePath
+from path_follower.reasons import FINE, StopReason, StopVerdict
+from path_follower.ros.intake import Answered, DirectionIntake, PoseIntake, ScanIntake
+from path_follower.ros.peers import LOOK_PERIOD, Peers
+from sphere_nav.ros import qos
+from sphere_nav.ros.clocks import MAX_AHEAD_NS, ClockWatch, Times
+from sphere_nav.ros.conversions import driving
+from sphere_nav.ros.endpoints import OK, WARN, Endpoints
+from sphere_nav.ros.tf import Transforms
+
+TICK = 0.025  # s of steady time between two looks at the clocks
+REPEAT_NS = 50_000_000  # without a command, until the last one is sent again; not where time is simulated
+SILENCE = 0.12  # s without an answer before the ticks command: never between the images of a 10 Hz camera
+CYCLE_MEMORY_NS = 10_000_000_000  # for how long the worst cycle is told
+ACKNOWLEDGE = 0.5  # s to wait for all that receive commands to have the last one
+
+
+class ControlLoop:
+    """Converts, asks the follower, converts back. It never moves the vehicle before the request `start`."""
+
+    TOPICS = (
+        *("cmd_vel", "ackermann_cmd", "tracking_error", "~/status", "~/heartbeat"),
+        *("pose", "odometry", "status", "homing/direction", "homing/status"),
+        *("scan", "emergency_stop", "command_guard/status"),
+    )
+
+    def __init__(self, endpoints: Endpoints, params: PathFollowerParams, transforms: Transforms) -> None:
+        """Open the topics; `transforms` tells where the scanner is mounted."""
+        self.endpoints, self.params, p = endpoints, params, params
+        self.times = Times(endpoints.now_ns, endpoints.own_ns)
+        self.clock_watch, self.cycle = ClockWatch(p.safety.max_clock_pause), Cycle()
+        self.answered, self.heard_ns, self.told = Answered(self.times, self.answer), 0, ""
+        kind = TwistStamped if p.enable_stamped_cmd_vel else Twist
+        self.cmd_vel = endpoints.add_publisher("cmd_vel", kind, qos.COMMAND)
+        self.sent, self.sent_ns = kind(), -1  # nothing yet
+        ackermann = driving.AckermannDriveStamped
+        self.ackermann = ackermann and endpoints.add_publisher("ackermann_cmd", ackermann, qos.COMMAND)
+        self.tracking = endpoints.add_publisher("tracking_error", TrackingError)
+        self.status = endpoints.add_publisher("~/status", FollowerStatus)
+        self.heartbeat, self.beats = endpoints.add_publisher("~/heartbeat", UInt64, qos.COMMAND), 0
+        if p.source == "homing":
+            homing = HomingFollower(p)
+            self.follower: Follower = homing
+            self.intake: PoseIntake | DirectionIntake = DirectionIntake(endpoints, p, homing, self.answered)
+        else:
+            self.follower = Follower(p)
+            self.intake = PoseIntake(endpoints, p, self.follower, self.answered)
+        self.scans = ScanIntake(endpoints, p, self.follower, self.times, transforms)
+        self.peers = Peers(endpoints, self.intake.topic, lambda pressed: self.follower.emergency(is_pressed=pressed))
+        endpoints.add_timer(TICK, self.on_tick, is_wall=True)
+        endpoints.add_timer(LOOK_PERIOD, self.on_look, is_wall=True)
+
+    # --- requests of the front; a text says why not, and is empty where it was done
+    def ask(self, name: str, *values: Any) -> Any:
+        """Carry out a request by name."""
+        requests: dict[str, Callable[..., Any]] = {
+            "start": lambda: self.begin(self.follower.start),
+            "resume": lambda: self.begin(self.follower.resume),
+            "stop": self.follower.stop,
+            "pause": self.follower.pause,
+            "load": self.load,
+            "is_at_rest": lambda: self.follower.mode.is_at_rest,
+            "scan_frame": lambda: self.scans.frame,
+            "tune": self.tune,
+            "stand": self.stand,
+            "clock_jumped": self.clock_jumped,
+        }
+        return requests[name](*values)
+
+    def begin(self, start: Callable[[int], str]) -> str:
+        """Drive, beginning with a zero command: what a guard behind this waits for."""
+        if self.follower.mode.is_at_rest or self.follower.mode.state is FollowerState.PAUSED:
+            verdict = self.peers.begin()
+            self.follower.watch.outside = self.peers.judge()
+            if verdict is not FINE:
+                return str(verdict)
+            self.send(self.twist(0.0, 0.0, self.endpoints.now_ns()))
+        return start(self.times.now())
+
+    def load(self, path: ReferencePath) -> None:
+        """Take a path, in standstill and disarmed; ValueError otherwise."""
+        self.follower.load(path)
+
+    def tune(self, params: PathFollowerParams) -> None:
+        """Drive on with another cruise speed and other limits."""
+        self.params = params
+        self.follower.tune(params)
+
+    def stand(self) -> None:
+        """Leave the vehicle with a zero command that everybody has who receives commands."""
+        self.follower.stand(StopVerdict(StopReason.OPERATOR))
+        self.send(self.twist(0.0, 0.0, self.endpoints.now_ns()))
+        if not self.cmd_vel.wait_for_acknowledgement(ACKNOWLEDGE):
+            self.endpoints.log.warning("cmd_vel: the last command, zero, was not acknowledged by all who receive it")
+
+    def clock_jumped(self) -> None:
+        """Forget stamps; brake."""
+        self.follower.reset()
+        self.answered.stamp_ns = self.heard_ns = 0
+
+    # --- time
+    def answer(self, stamp: int) -> None:
+        """Publish the command that answers a message of this stamp."""
+        self.heard_ns = self.times.now()
+        lead = min(max(self.times.lead(stamp), 0), MAX_AHEAD_NS)  # /clock may come later than what it stamps
+        self.follower.watch.outside = self.peers.judge()
+        self.publish(self.follower.tick(self.heard_ns + lead), stamp)
+
+    def on_tick(self) -> None:
+        """Keep a command alive while nothing else does, and stop when time does."""
+        self.beats += 1
+        self.heartbeat.publish(UInt64(data=self.beats))
+        self.cycle.observe(self.endpoints.steady_ns())
+        self.follower.watch.outside = self.peers.judge()
+        clock, watch, now = self.endpoints.now_ns(), self.clock_watch, self.times.now()
+        watch.observe(clock, self.endpoints.steady_ns())
+        if watch.is_over and not self.follower.mode.is_at_rest:
+            self.follower.stand(StopVerdict(StopReason.CLOCK_STOPPED, watch.stood, self.params.safety.max_clock_pause))
+        is_based = clock - self.answered.stamp_ns <= 1e9 * self.params.safety.max_pose_silence
+        stamp = self.answered.stamp_ns if is_based else clock
+        if watch.is_standing:
+            self.publish(self.follower.hold(now, watch.pause), stamp)
+        elif now - self.heard_ns > 1e9 * SILENCE or self.follower.mode.state is FollowerState.STOPPING:
+            self.publish(self.follower.tick(now), stamp)
+        elif self.sent_ns > 0 and self.endpoints.steady_ns() - self.sent_ns > REPEAT_NS and not self.times.is_simulated:
+            self.send(self.sent)
+
+    def on_look(self) -> None:
+        """Look who publishes what the vehicle is driven by, and commands."""
+        self.peers.look()
+
+    # --- commands
+    def publish(self, command: Command, stamp: int) -> None:
+        """Send a command with the stamp of what it answers, and say what the follower does."""
+        frame = self.params.map_frame
+        is_idle = command.status.state in (FollowerState.NO_PATH, FollowerState.IDLE)
+        if self.heard_ns and not (is_idle and self.params.is_quiet_when_idle):
+            self.send(self.twist(command.speed, command.yaw_rate, stamp))
+            if self.ackermann:
+                motion = (command.speed, command.steering_angle)
+                self.ackermann.publish(driving.motion_to_ackermann(*motion, stamp, self.params.base_frame))
+        if command.tracking is not None:
+            self.tracking.publish(driving.tracking_to_message(command.tracking, stamp, frame))
+        self.status.publish(driving.follower_status_to_message(command.status, stamp, frame, self.cycle.worst))
+        self.tell(command.status)
+
+    def send(self, twist: Twist | TwistStamped) -> None:
+        """Publish a command."""
+        self.sent, self.sent_ns = twist, self.endpoints.steady_ns()
+        self.cmd_vel.publish(twist)
+
+    def twist(self, speed: float, yaw_rate: float, stamp: int) -> Twist | TwistStamped:
+        """Return the message that `cmd_vel` carries."""
+        if self.params.enable_stamped_cmd_vel:
+            return driving.motion_to_twist_stamped(speed, yaw_rate, stamp, self.params.base_frame)
+        return driving.motion_to_twist(speed, yaw_rate)
+
+    def tell(self, status: FollowerReport) -> None:
+        """Report to the diagnostics; log every change of state or reason."""
+        is_stop = status.state in (FollowerState.STOPPING, FollowerState.STOPPED)
+        text = f"{status.state} {status.verdict}".strip()
+        values = {"progress": status.progress, "armed": status.is_armed, "worst_cycle": round(self.cycle.worst, 4)}
+        self.endpoints.report("follower", WARN if is_stop else OK, text, **values)
+        change = f"{status.state} {status.verdict.reason}"
+        if change != self.told:
+            (self.endpoints.log.warning if is_stop else self.endpoints.log.info)(text)
+        self.told = change
+
+
+class Cycle:
+    """The longest time between two looks of the loop in the last ten seconds."""
+
+    def __init__(self) -> None:
+        self._last_ns = 0
+        self._longest: deque[tuple[int, int]] = deque()  # ns of its end and ns; ever shorter
+
+    def observe(self, now_ns: int) -> None:
+        """Note a look."""
+        if self._last_ns:
+            took = now_ns - self._last_ns
+            while self._longest and self._longest[-1][1] <= took:
+                self._longest.pop()
+            self._longest.append((now_ns, took))
+            while now_ns - self._longest[0][0] > CYCLE_MEMORY_NS:
+                self._longest.popleft()
+        self._last_ns = now_ns
+
+    @property
+    def worst(self) -> float:
+        """In seconds; 0 before the second look."""
+        return self._longest[0][1] / 1e9 if self._longest else 0.0

@@ -1,0 +1,255 @@
+"""A control loop as a process: the one that is started, and gets the signals; its front is a process beneath it.
+
+The process does nothing but the loop. A signal is answered by the zero command whatever the front is busy with; so is
+the end of the front. The loop's node has no services and no parameters of its own, and looks at the size of a message
+before it converts it.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import queue
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection
+from typing import Any
+
+import rclpy
+from rclpy.executors import Executor, ExternalShutdownException
+from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.logging import get_logger
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from path_follower.ros.front import LOOP, FrontNode
+from sphere_nav.geometry import SE3
+from sphere_nav.ros.endpoints import Endpoints
+from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
+from sphere_nav.ros.node import Log, ThrottledLog
+from sphere_nav.ros.rclpy_shell import LivePublisher, RclpyShell
+from sphere_nav.ros.run import help_text, run, until_signal
+from sphere_nav.ros.service import one_line
+from sphere_nav.ros.subscription import Subscription
+from sphere_nav.ros.tf import TransformError
+
+MAX_BYTES = 1 << 18  # of a message: a scan of 30,000 beams with intensities
+PRIORITY = -10  # nice value of the loop, where the user may (limits.conf: nice)
+FRONT_PATIENCE = 1.2  # s for the front to end, after the zero command
+
+Front = Callable[[Sequence[str], int, int], "subprocess.Popen[bytes]"]
+
+
+def run_with_loop(front_class: type[FrontNode], args: Sequence[str] | None = None, start: Front | None = None) -> int:
+    """Run a loop and its front until told to stop; return 0, or 2 where the front could not start.
+
+    `start` starts the front's process with arguments and two descriptors to inherit, for `front.connected`.
+    """
+    words = sys.argv[1:] if args is None else list(args)
+    if LOOP in os.environ:
+        return run(front_class, args)
+    if "--help" in words or "-h" in words:
+        sys.stdout.write(help_text(front_class))
+        return 0
+    with until_signal() as stopped, _front(words, start or front_process(front_class), stopped) as connection:
+        try:
+            rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
+            return _serve(front_class, connection, stopped)
+        except ExternalShutdownException:
+            return 0
+        except rclpy_implementation.RCLError as error:
+            sys.stderr.write(f"{front_class.NAME}: cannot start: {one_line(error)}\n")
+            return 2
+        finally:
+            rclpy.try_shutdown()
+
+
+def front_process(front_class: type[FrontNode]) -> Front:
+    """Return what starts the front as a Python process of its own."""
+
+    def start(words: Sequence[str], connection: int, life: int) -> subprocess.Popen[bytes]:
+        code = f"import sys; from {front_class.__module__} import main; sys.exit(main())"
+        environment = os.environ | {LOOP: f"{connection} {life}"}
+        return subprocess.Popen(
+            [sys.executable, "-P", "-c", code, *words], env=environment, pass_fds=(connection, life)
+        )
+
+    return start
+
+
+@contextmanager
+def _front(words: Sequence[str], start: Front, stopped: Future) -> Iterator[Connection]:
+    """Have a front, which ends with this process, and whose end stops this one; yield the connection to it."""
+    ours, theirs = socket.socketpair()
+    life, watched = os.pipe()  # the front reads what nobody writes
+    front = start(words, theirs.fileno(), life)
+    theirs.close()
+    os.close(life)
+    threading.Thread(target=_await_front, args=(front, stopped), daemon=True).start()
+    try:
+        yield Connection(os.dup(ours.fileno()))
+    finally:
+        ours.shutdown(socket.SHUT_RDWR)
+        os.close(watched)
+        with suppress(subprocess.TimeoutExpired):
+            front.wait(FRONT_PATIENCE)
+        front.kill()
+
+
+def _serve(front_class: type[FrontNode], connection: Connection, stopped: Future) -> int:
+    failures = CallbackFailures(ThrottledLog(get_logger(f"{front_class.NAME}_loop")))
+    executor = GuardedExecutor(failures)
+    server = LoopServer(front_class, executor, failures)
+    with suppress(PermissionError):
+        os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
+    threading.Thread(target=_listen, args=(connection, server, executor), daemon=True).start()
+    try:
+        executor.spin_until(stopped)
+        is_over = stopped.done() or not executor.context.ok()
+        return int(stopped.result() or 0) if is_over else 1
+    finally:
+        failures.guard(server.close, "stop")
+        executor.shutdown(timeout_sec=0.2)
+
+
+def _listen(connection: Connection, server: LoopServer, executor: Executor) -> None:
+    """Have every request of the front carried out between two callbacks, and send the answer."""
+    answers: queue.SimpleQueue[tuple[int, bool, Any]] = queue.SimpleQueue()
+    with suppress(OSError, EOFError, AttributeError):  # the last: the executor has ended
+        while True:
+            number, name, values = connection.recv()
+            executor.create_task(lambda n=number, r=name, v=values: answers.put((n, *server.answer(r, v))))
+            connection.send(answers.get())
+
+
+def _await_front(front: subprocess.Popen[bytes], stopped: Future) -> None:
+    status = front.wait()
+    if not stopped.done():
+        stopped.set_result(status if status >= 0 else 1)
+
+
+class LoopServer:
+    """Makes the loop's node as the front says, and hands requests on to the loop."""
+
+    def __init__(self, front_class: type[FrontNode], executor: Executor, failures: CallbackFailures) -> None:
+        self._front_class, self._executor, self._failures = front_class, executor, failures
+        self.shell: LoopShell | None = None
+
+    def answer(self, name: str, values: Sequence[Any]) -> tuple[bool, Any]:
+        """Return whether a request was carried out, and its answer, or in one line why not."""
+        try:
+            if name == "configure":
+                self.close()
+                self.shell = LoopShell(self._front_class, self._failures, *values)
+                self._executor.add_node(self.shell)
+                gc.collect()
+                gc.freeze()  # what lives as long as the loop is not looked at again and again
+                return True, None
+            if name == "cleanup":
+                self.close()
+                return True, None
+            if self.shell is None:
+                raise ValueError(f"{name}: expected a loop that is configured, found none")
+            return True, self.shell.ask(name, *values)
+        except Exception as error:
+            return False, one_line(error)
+
+    def close(self) -> None:
+        """End with a zero command, if there is a loop."""
+        shell, self.shell = self.shell, None
+        if shell is not None:
+            shell.ask("deactivate")
+            self._executor.remove_node(shell)
+            shell.destroy_node()
+
+
+class LoopShell(RclpyShell):
+    """The loop's node: topics with the names that the front has resolved, and timers."""
+
+    def __init__(self, front_class: type[FrontNode], failures: CallbackFailures, setup: dict[str, Any]) -> None:
+        self.topics: dict[str, str] = setup["topics"]
+        super().__init__(
+            setup["name"],
+            namespace=setup["namespace"],
+            use_global_arguments=False,
+            start_parameter_services=False,
+            parameter_overrides=[Parameter(name, value=value) for name, value in setup["overrides"].items()],
+        )
+        self.log: Log = ThrottledLog(self.get_logger())
+        self.failures = failures
+        self.health_name, self.transforms = setup["health_name"], GivenTransforms()
+        self.endpoints = Endpoints(self)
+        self.open_shell()
+        self.loop = front_class.LOOP_CLASS(self.endpoints, setup["params"], self.transforms)
+
+    @property
+    def opened(self) -> Endpoints:
+        """What the loop has open."""
+        return self.endpoints
+
+    def ask(self, name: str, *values: Any) -> Any:
+        """Carry out a request of the front."""
+        if name == "transform":
+            return self.transforms.give(*values)
+        if name == "activate":
+            self.is_active = True
+            return None
+        if name == "deactivate":
+            if self.is_active:
+                self.loop.ask("stand")
+            self.is_active = False
+            return None
+        return self.loop.ask(name, *values)
+
+    def clock_jumped(self) -> None:
+        """Forget everything with a stamp."""
+        self.loop.ask("clock_jumped")
+
+    def resolve_topic_name(self, topic: str, *, only_expand: bool = False) -> str:
+        """Return the name that the front has resolved."""
+        return self.topics.get(topic) or super().resolve_topic_name(topic, only_expand=only_expand)
+
+    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile) -> LivePublisher:
+        """Publish under the resolved name."""
+        return super().add_publisher(self.topics.get(topic, topic), kind, profile)
+
+    def _source_of(self, wanted: Subscription) -> str:
+        return self.topics.get(wanted.topic, wanted.topic)
+
+    def add_subscription(self, wanted: Subscription) -> None:
+        """Subscribe to bytes; a message is converted if it is of a reasonable size."""
+        convert, wanted.callback, wanted.raw = wanted.callback, lambda data: convert(bounded(data, wanted.kind)), True
+        super().add_subscription(wanted)
+
+
+class GivenTransforms:
+    """Where sensors are mounted, as the front has told."""
+
+    def __init__(self) -> None:
+        self._given: dict[tuple[str, str], SE3] = {}
+
+    def give(self, target: str, source: str, T_target_source: SE3 | None) -> None:
+        """Take a transform; None: it is not known."""
+        self._given.pop((target, source), None)
+        if T_target_source is not None:
+            self._given[target, source] = T_target_source
+
+    def lookup(self, target: str, source: str, stamp: int | None = None) -> SE3:
+        """Return T_target_source; TransformError while it is not known."""
+        if (target, source) not in self._given:
+            raise TransformError(f"tf: expected a transform {source} -> {target}, found none yet")
+        return self._given[target, source]
+
+
+def bounded(data: bytes, kind: type[Any]) -> Any:
+    """Return the message of bytes; ValueError for too many of them."""
+    if len(data) > MAX_BYTES:
+        raise ValueError(f"expected at most {MAX_BYTES} bytes, found {len(data)}")
+    return deserialize_message(data, kind)

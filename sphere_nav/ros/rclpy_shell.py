@@ -1,0 +1,230 @@
+"""rclpy beneath what a node asks for: topics, services, timers, clocks and diagnostics of any rclpy node."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from copy import copy
+from typing import Any, cast
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+
+from sphere_nav.ros import qos
+from sphere_nav.ros.conversions.stamps import MAX_STAMP_NS, ns_to_time
+from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints, Log
+from sphere_nav.ros.executor import CallbackFailures
+from sphere_nav.ros.interfaces import type_name
+from sphere_nav.ros.subscription import Subscription
+
+HEALTH_PERIOD = 1.0  # s
+EXPLAIN_PERIOD = 10.0  # s between two equal explanations in the log
+MAX_REFUSED = 4  # messages in a row that are refused without an alarm
+
+
+class LivePublisher:
+    """A publisher that is silent while its node is inactive."""
+
+    def __init__(self, shell: RclpyShell, publisher: Publisher) -> None:
+        self._shell, self._publisher = shell, publisher
+
+    def publish(self, message: Any) -> None:
+        """Send a message, or bytes, unless the node is inactive."""
+        if self._shell.is_active:
+            self._publisher.publish(message)
+
+    @property
+    def num_subscriptions(self) -> int:
+        """Number of matched subscriptions."""
+        return self._publisher.get_subscription_count()
+
+    def wait_for_acknowledgement(self, seconds: float) -> bool:
+        """Wait until every reliable subscription has all messages; False when the time is over."""
+        return self._publisher.wait_for_all_acked(Duration(seconds=seconds))
+
+
+class RclpyShell(Node):
+    """Opens and closes what a node asks for, and tells once a second how it is; base of the shells of processes."""
+
+    is_live = True
+    log: Log
+    failures: CallbackFailures
+    health_name = ""  # in front of the entries in /diagnostics; empty: the node's own name
+
+    def open_shell(self) -> None:
+        """Begin: after rclpy's constructor, when parameters are declared."""
+        self.is_active = False
+        self._entities: list[Callable[[], object]] = []
+        self._own_publishers: list[Publisher] = []
+        self._diagnostics = self.create_publisher(DiagnosticArray, "/diagnostics", qos.STATE)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(HEALTH_PERIOD, self._tell_health, clock=self._steady)
+        backwards = JumpThreshold(min_forward=None, min_backward=Duration(nanoseconds=-1), on_clock_change=False)
+        self._jump = self.get_clock().create_jump_callback(backwards, post_callback=self._on_jump)
+
+    @property
+    def opened(self) -> Endpoints:
+        """What is open, for the diagnostics."""
+        raise NotImplementedError
+
+    def clock_jumped(self) -> None:
+        """Forget everything with a stamp: the clock went backwards."""
+        raise NotImplementedError
+
+    def _on_jump(self, jump: object) -> None:
+        self.log.warning("the clock went backwards: everything with a stamp is forgotten")
+        self.clock_jumped()
+
+    def now_ns(self) -> int:
+        """Return the time of the ROS clock in nanoseconds, at most what a stamp holds."""
+        return min(self.get_clock().now().nanoseconds, MAX_STAMP_NS)
+
+    def steady_ns(self) -> int:
+        """Return the time of the monotonic clock in nanoseconds."""
+        return time.monotonic_ns()
+
+    def own_ns(self) -> int:
+        """Return monotonic time, or the time of /clock where `use_sim_time` is set."""
+        return self.now_ns() if self.get_parameter("use_sim_time").value else self.steady_ns()
+
+    def publishers_of(self, topic: str) -> list[str]:
+        """Return the full names of the nodes that publish on a topic."""
+        infos = self.get_publishers_info_by_topic(self.resolve_topic_name(topic))
+        return sorted(f"{info.node_namespace.rstrip('/')}/{info.node_name}" for info in infos)
+
+    def add_subscription(self, wanted: Subscription) -> None:
+        """Subscribe; while the node is inactive messages are dropped, latched ones kept until it is active.
+
+        rclpy's own warnings of what DDS does not connect are off: they cost the executor more than all the rest
+        together, two waitables a topic in every wait. `_tell_health` says the same once a second.
+        """
+
+        def deliver(message: Any, info: dict[str, Any]) -> None:
+            if self.is_active or wanted.is_always:
+                wanted.count(info["publication_sequence_number"], self.count_publishers(wanted.handle.topic_name))
+                wanted.deliver(message)
+            else:
+                wanted.keep(message)
+
+        wanted.profile = copy(wanted.profile)  # rclpy writes overrides (qos_overrides.*) into it
+        options = QoSOverridingOptions.with_default_policies(entity_id=wanted.entity_id or None)
+        wanted.handle = self.create_subscription(
+            wanted.kind,
+            self._source_of(wanted),
+            deliver,  # type: ignore[arg-type]  # rclpy passes the message's info to callbacks with two parameters
+            wanted.profile,
+            raw=wanted.raw,
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
+            qos_overriding_options=options,
+        )
+        self._entities.append(lambda: self.destroy_subscription(wanted.handle))
+
+    def _source_of(self, wanted: Subscription) -> str:
+        """Return the topic to subscribe to: a driver's, unless the user has remapped ours."""
+        is_remapped = self.resolve_topic_name(wanted.topic) != self.resolve_topic_name(wanted.topic, only_expand=True)
+        return wanted.topic if is_remapped or not wanted.source else wanted.source
+
+    def add_publisher(self, topic: str, kind: type[Any], profile: QoSProfile) -> LivePublisher:
+        """Make a publisher that follows the lifecycle."""
+        options = QoSOverridingOptions.with_default_policies()
+        publisher = self.create_publisher(
+            kind,
+            topic,
+            copy(profile),
+            event_callbacks=PublisherEventCallbacks(use_default_callbacks=False),
+            qos_overriding_options=options,
+        )
+        self._own_publishers.append(publisher)
+        self._entities.append(lambda: self.destroy_publisher(publisher))
+        return LivePublisher(self, publisher)
+
+    def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
+        """Make a service, `~/name` below the node's own name; it answers while the node is inactive, too."""
+        service = self.create_service(kind, name, handler)
+        self._entities.append(lambda: self.destroy_service(service))
+
+    def remove_subscription(self, wanted: Subscription) -> None:
+        """Unsubscribe."""
+        self.destroy_subscription(wanted.handle)
+
+    def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool) -> None:
+        """Make a timer on the node's clock, or the steady one; it is silent while the node is inactive."""
+
+        def tick() -> None:
+            if self.is_active:
+                callback()
+
+        timer = self.create_timer(seconds, tick, clock=self._steady if is_wall else self.get_clock())
+        self._entities.append(lambda: self.destroy_timer(timer))
+
+    def _release(self) -> None:
+        while self._entities:
+            self._entities.pop()()
+        self._own_publishers.clear()
+        self.opened.clear()
+
+    # --- health
+    def _tell_health(self) -> None:
+        for line in unserved(self, self._own_publishers):
+            self.log.warning(line, every=EXPLAIN_PERIOD)
+        callbacks = self._status("callbacks", *self.failures.examine())
+        array = DiagnosticArray(status=[*self._life(), callbacks, *self._lacks(), *self._reported()])
+        array.header.stamp = ns_to_time(self.now_ns())
+        self._diagnostics.publish(array)
+
+    def _life(self) -> Iterable[DiagnosticStatus]:
+        return ()
+
+    def _lacks(self) -> list[DiagnosticStatus]:
+        inputs = self.opened.inputs if self.is_active else ()
+        return [self._status(f"input {wanted.topic}", *examine_input(self, wanted)) for wanted in inputs]
+
+    def _reported(self) -> list[DiagnosticStatus]:
+        return [self._status(name, *entry) for name, entry in self.opened.reports.items()]
+
+    def _status(self, name: str, level: int, message: str, values: dict[str, Any]) -> DiagnosticStatus:
+        pairs = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+        name = f"{self.health_name or self.get_fully_qualified_name().lstrip('/')}: {name}"
+        return DiagnosticStatus(level=bytes([level]), name=name, message=message, values=pairs)
+
+
+def examine_input(shell: Any, wanted: Subscription) -> tuple[int, str, dict[str, Any]]:
+    """Return level, line and counts of one input; what is missing is logged, too. `shell`: a LiveShell."""
+    topic, level, text = wanted.handle.topic_name, OK, "receiving"
+    is_present = wanted.num_received > 0 and not wanted.is_missing
+    publishers = () if is_present else shell.get_publishers_info_by_topic(topic)
+    if wanted.is_missing or wanted.incompatible(publishers):
+        level, text = WARN, wanted.explain(topic, publishers)
+        shell.log.warning(text, every=EXPLAIN_PERIOD, key=f"waiting {topic}")
+    elif wanted.num_refused_in_row > (MAX_REFUSED if wanted.num_refused < wanted.num_received else 0):
+        level, text = ERROR, f"last {wanted.num_refused_in_row} messages refused: {wanted.last_refusal}"
+    elif wanted.num_lost_lately:
+        level, text = WARN, f"{wanted.num_lost_lately} messages lost in the last second"
+    elif not wanted.num_received:
+        text = "optional, nothing received"
+    wanted.num_lost_lately = 0
+    return level, text, {"received": wanted.num_received, "refused": wanted.num_refused, "lost": wanted.num_lost}
+
+
+def unserved(node: Node, publishers: Iterable[Publisher]) -> Iterator[str]:
+    """Yield one line for each subscription that one of our publishers cannot serve."""
+    for publisher in publishers:
+        topic = publisher.topic_name
+        if node.count_subscribers(topic) == publisher.get_subscription_count():
+            continue  # all are connected
+        for info in node.get_subscriptions_info_by_topic(topic):
+            reason = _why_not(type_name(cast("type[Any]", publisher.msg_type)), publisher.qos_profile, info)
+            if reason:
+                yield f"{topic}: {info.node_namespace.rstrip('/')}/{info.node_name} gets nothing: {reason}"
+
+
+def _why_not(kind: str, offered: QoSProfile, info: Any) -> str:
+    if info.topic_type != kind:
+        return f"it asks for {info.topic_type}, sent is {kind}"
+    return qos.mismatch(offered, info.qos_profile)

@@ -1,0 +1,80 @@
+"""The control loop as a part of the node: what a start begins with, what is repeated, and how long a look took."""
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+from sphere_nav_msgs.msg import GuardStatus
+
+from path_follower.modes import FollowerState
+from path_follower.path import Pose2
+from path_follower.reasons import StopReason
+from path_follower.ros.control import CYCLE_MEMORY_NS, REPEAT_NS, ControlLoop, Cycle
+from path_follower.ros.node import PathFollowerNode
+from sphere_nav.ros.bags.replay import OfflineBus
+
+SECOND = 1_000_000_000
+
+
+@pytest.fixture
+def bus():
+    return OfflineBus()
+
+
+@pytest.fixture
+def loop(bus, kit):
+    node = bus.add(PathFollowerNode)
+    node.loop.follower.load(kit.make_path([(0, 0), (10, 0)], node.params))
+    list(bus.advance(SECOND))
+    node.loop.follower.update(Pose2(0, 0, 0), None, SECOND, "TRACKING")
+    return node.loop
+
+
+def test_all_topics_are_named(loop):
+    """What is not named could not be remapped in the process of the loop."""
+    opened = {wanted.topic for wanted in loop.endpoints.inputs} - {
+        *("/tf", "/tf_static", "reference_path", "reference_trajectory")  # of the front
+    }
+    assert opened <= set(ControlLoop.TOPICS)
+
+
+def test_a_start_begins_with_a_zero_command(bus, loop):
+    list(bus.settle())
+    assert loop.ask("start") == ""
+    commands = [item.message for item in bus.settle() if item.topic == "/cmd_vel"]
+    assert [command.linear.x for command in commands] == [0.0]
+    assert loop.ask("start") == ""  # it drives: not a second one
+    assert not [item for item in bus.settle() if item.topic == "/cmd_vel"]
+
+
+def test_what_the_guard_says_is_a_reason(bus, loop):
+    assert loop.ask("start") == ""
+    bus.deliver("/command_guard/status", GuardStatus(reason="NO_HEARTBEAT", detail="none for more than 0.25 s"))
+    assert loop.follower.mode.state is FollowerState.DRIVING
+    loop.on_tick()
+    loop.follower.tick(SECOND)
+    assert loop.follower.mode.verdict.reason is StopReason.COMMAND_GUARD
+    assert "NO_HEARTBEAT: none for more than 0.25 s" in str(loop.follower.mode.verdict)
+
+
+def test_a_command_is_repeated_where_time_is_not_simulated(bus, loop):
+    loop.ask("start")
+    list(bus.settle())
+    loop.sent_ns = loop.endpoints.steady_ns() - 2 * REPEAT_NS
+    loop.heard_ns = loop.times.now()
+    loop.on_tick()
+    assert not [item for item in bus.settle() if item.topic == "/cmd_vel"]
+    loop.times._clock = lambda: 10**18
+    loop.on_tick()
+    assert [item.message.linear.x for item in bus.settle() if item.topic == "/cmd_vel"] == [0.0]
+
+
+def test_the_worst_cycle_is_told_for_ten_seconds():
+    cycle = Cycle()
+    assert cycle.worst == 0.0
+    for now in (SECOND, SECOND + 30_000_000, SECOND + 50_000_000):
+        cycle.observe(now)
+    assert cycle.worst == pytest.approx(0.03)
+    for step in range(1, 402):
+        cycle.observe(SECOND + 50_000_000 + step * CYCLE_MEMORY_NS // 400)
+    assert cycle.worst == pytest.approx(0.025)

@@ -1,0 +1,164 @@
+"""Real processes: a loop that gets the signals, and a front that may be busy, or killed."""
+
+import itertools
+import os
+import signal
+import struct
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy")
+
+import rclpy
+from rclpy.qos import QoSProfile
+from rclpy.serialization import serialize_message
+from sphere_nav_msgs.msg import GuardStatus
+from std_msgs.msg import Bool
+
+from benchmarks.fault_busy import CRUISE, Base, big_path, front_of
+from path_follower.ros.loop_process import MAX_BYTES, bounded
+from sphere_nav.ros import qos
+
+
+def process(module, *arguments):
+    code = f"import sys; from {module} import main; sys.exit(main())"
+    return subprocess.Popen([sys.executable, "-c", code, "--ros-args", *arguments])
+
+
+@pytest.fixture
+def follower(tmp_path):
+    (tmp_path / "path.csv").write_text("\n".join(f"{x},0" for x in range(400)))
+    child = process("path_follower.ros.node", "-p", f"trajectory:={tmp_path / 'path.csv'}")
+    yield child
+    child.kill()
+    child.wait()
+
+
+@pytest.fixture
+def base():
+    rclpy.init()
+    base = Base()
+    yield base
+    for node in (base.node, *base.others):
+        node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def is_running(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().split()[2] != "Z"
+    except FileNotFoundError:
+        return False
+
+
+def test_a_front_that_is_busy_holds_up_neither_commands_nor_the_stop(follower, base):
+    """2,000,000 bytes of path cost the front seconds; a signal to it would, too."""
+    from nav_msgs.msg import Path as PathMessage
+
+    base.drive_off()
+    os.kill(front_of(follower.pid), signal.SIGSTOP)  # as busy as can be
+    base.node.create_publisher(PathMessage, "reference_path", qos.LATCHED).publish(big_path(20_000))
+    base.commands.clear()
+    base.live(1.0)
+    times = [when for when, _ in base.commands]
+    assert max(b - a for a, b in itertools.pairwise(times)) < 0.5  # 0.1 s on an idle machine
+    assert base.speed > 0.9 * CRUISE
+    base.is_pressed = True
+    assert base.live(5.0, lambda: base.speed == 0.0)
+    assert base.live(5.0, lambda: base.reason == "EMERGENCY_STOP")
+    follower.send_signal(signal.SIGINT)
+    assert follower.wait(10.0) == 0
+
+
+def test_a_front_that_is_killed_leaves_zero_and_ends_the_process(follower, base):
+    base.drive_off()
+    os.kill(front_of(follower.pid), signal.SIGKILL)
+    assert base.live(5.0, lambda: base.speed == 0.0)
+    assert follower.wait(10.0) == 1
+
+
+def test_a_loop_that_is_killed_takes_its_front_along(follower, base):
+    base.drive_off()
+    front = front_of(follower.pid)
+    follower.kill()
+    follower.wait()
+    end = time.monotonic() + 20.0
+    while is_running(front) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not is_running(front)
+
+
+@pytest.mark.parametrize(
+    ("profile", "is_heard"), [(qos.SENSOR, False), (qos.LATCHED, True), (QoSProfile(depth=1), False)]
+)
+def test_an_emergency_stop_of_any_qos_is_heard_or_named(tmp_path, base, follower, profile, is_heard):
+    """Published before the follower is there: what was latched is heard, anything else refuses the start by name."""
+    base.node.destroy_publisher(base.button)
+    base.button = base.node.create_publisher(Bool, "emergency_stop", profile)
+    base.button.publish(Bool(data=True))
+    silent = type("Silent", (), {"publish": lambda self, message: None})()
+    button, base.button = base.button, silent
+    wanted = "EMERGENCY_STOP: release" if is_heard else "base publishes emergency_stop, but nothing of it was heard"
+    answers = []
+
+    def is_refused():
+        if base.start.service_is_ready() and all(answer.done() for answer in answers):
+            answers.append(base.start.call_async(base.request))
+        return any(answer.done() and wanted in answer.result().message for answer in answers)
+
+    assert base.live(30.0, is_refused)
+    base.button = button
+    base.is_pressed = False
+    base.drive_off()
+    base.is_pressed = True
+    assert base.live(5.0, lambda: base.speed == 0.0)
+
+
+def test_guard_and_follower_agree_and_start_arms_both(tmp_path):
+    """A hiccup latches the guard; the follower says so, and its start lets commands pass again."""
+    (tmp_path / "path.csv").write_text("\n".join(f"{x},0" for x in range(400)))
+    trajectory = f"trajectory:={tmp_path / 'path.csv'}"
+    follower = process("path_follower.ros.node", "-p", trajectory, "-r", "cmd_vel:=cmd_vel_in")
+    guard = process("path_follower.ros.guard_node")
+    rclpy.init()
+    base = Base()
+    said = []
+    base.node.create_subscription(GuardStatus, "command_guard/status", lambda item: said.append(item.reason), 10)
+    try:
+        base.drive_off()
+        base.reason = ""
+        said.clear()
+        follower.send_signal(signal.SIGSTOP)
+        assert base.live(5.0, lambda: "NO_COMMAND" in said)
+        follower.send_signal(signal.SIGCONT)
+        assert base.live(5.0, lambda: base.reason != "")
+        assert base.live(5.0, lambda: base.speed == 0.0)
+        base.drive_off()
+        assert said[-1] == ""
+    finally:
+        base.node.destroy_node()
+        rclpy.try_shutdown()
+        for child in (follower, guard):
+            child.kill()
+            child.wait()
+
+
+def test_what_is_too_large_is_not_converted():
+    message = serialize_message(Bool(data=True))
+    assert bounded(message, Bool).data
+    with pytest.raises(ValueError, match=f"expected at most {MAX_BYTES} bytes, found {MAX_BYTES + 1}"):
+        bounded(message + bytes(MAX_BYTES + 1 - len(message)), Bool)
+
+
+def test_a_big_path_is_a_path():
+    from nav_msgs.msg import Path as PathMessage
+    from rclpy.serialization import deserialize_message
+
+    path = deserialize_message(big_path(3), PathMessage)
+    assert [pose.pose.position.x for pose in path.poses] == [0.0, 1.0, 2.0]
+    assert {pose.header.frame_id for pose in path.poses} == {path.header.frame_id} == {"map"}
+    assert struct.calcsize("d") == 8
