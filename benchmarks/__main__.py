@@ -21,6 +21,7 @@ BENCHMARKS = {
     "frame_to_frame": "benchmarks.frame_to_frame",
     "end_to_end": "benchmarks.end_to_end",
     "faults": "benchmarks.faults",
+    "doubts": "benchmarks.doubts",
     "lifecycle": "benchmarks.lifecycle",
     "localizer_faults": "benchmarks.localizer_faults",
     "rendering": "benchmarks.rendering",

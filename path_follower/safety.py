@@ -11,6 +11,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from path_follower.consistency import Doubt
 from path_follower.constants import MIN_POINTS, SEARCH_WINDOW
 from path_follower.obstacles import points_in_way, stopping_distance
 from path_follower.params import FollowerParams
@@ -36,6 +37,7 @@ class SafetyMonitor:
         self.pose_ns = self.status_ns = self.scan_ns = self.degraded_ns = self.blind_ns = -1
         self.state = self.state_reason = self.refusal = ""
         self.is_pose_bad = False
+        self.doubt = Doubt()  # of the last pose, against odometry and commands
         self.points = np.empty((0, 2))
 
     def see_pose(self, pose: Pose2, time_ns: int) -> bool:
@@ -76,7 +78,8 @@ class SafetyMonitor:
     @property
     def is_slow(self) -> bool:
         """Whether the localisation allows slow motion only."""
-        return self.params.safety.is_status_required and self.state == State.DEGRADED
+        is_degraded = self.params.safety.is_status_required and self.state == State.DEGRADED
+        return is_degraded or self.doubt.slow is not FINE
 
     def judge_inputs(self, now_ns: int) -> StopVerdict:
         """Return why the inputs do not allow motion, or FINE."""
@@ -86,7 +89,8 @@ class SafetyMonitor:
             return StopVerdict(StopReason.POSE_SOURCE, len(self.sources), 1, f"published by {', '.join(self.sources)}")
         if self.is_pose_bad:
             return StopVerdict(StopReason.BAD_POSE, detail=self.refusal)
-        for verdict in (self._judge_pose(now_ns), self._judge_status(now_ns), self._judge_scan(now_ns)):
+        judged = self._judge_pose(now_ns), self.doubt.stop, self._judge_status(now_ns), self._judge_scan(now_ns)
+        for verdict in judged:
             if verdict is not FINE:
                 return verdict
         return FINE

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
@@ -15,6 +16,8 @@ from path_follower.homing import HomingFollower
 from path_follower.modes import FollowerState
 from path_follower.params import PathFollowerParams
 from path_follower.path import Pose2
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import TRUSTED
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.clocks import Times
@@ -22,6 +25,8 @@ from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.tf import TransformListener
 
+PLANAR = (0, 1, 5)  # x, y and yaw of a covariance (6, 6) of (v, omega)
+FOOTPRINTS = ("", "base_footprint")  # frames of wheels that lie above or below the base's own
 Answer = Callable[[int], None]  # publish the command that answers a message of this stamp
 
 
@@ -57,31 +62,44 @@ class PoseIntake:
             self.topic = endpoints.add_subscription("odometry", Odometry, self.on_odometry, qos.STATE).topic
         needed = params.safety.is_status_required
         endpoints.add_subscription("status", LocalizationStatus, self.on_status, qos.STATE, is_required=needed)
+        if params.safety.is_motion_checked:
+            endpoints.add_subscription("odom", Odometry, self.on_wheels, qos.SENSOR, is_required=False)
 
     def on_pose(self, message: PoseWithCovarianceStamped) -> None:
         """Answer a pose."""
-        self._accept(message, lambda: conversions.pose_with_covariance_to_se3(message, self._params.map_frame)[0])
+        self._accept(message, lambda: conversions.pose_with_covariance_to_se3(message, self._params.map_frame))
 
     def on_odometry(self, message: Odometry) -> None:
         """Answer an odometry: pose and speed."""
 
-        def convert() -> Any:
+        def convert() -> tuple[SE3, Array]:
             driving.check_frames(message, self._params.map_frame, self._params.base_frame)
-            return conversions.odometry_to_se3(message)[0]
+            T_map_base = conversions.odometry_to_se3(message)[0]
+            return T_map_base, conversions.from_ros_covariance(message.pose.covariance, T_map_base)
 
         self._accept(message, convert, float(message.twist.twist.linear.x))
 
-    def _accept(self, message: Any, convert: Callable[[], Any], speed: float | None = None) -> None:
+    def on_wheels(self, message: Odometry) -> None:
+        """Hand on what the wheels have driven, in a frame of their own; ValueError for what cannot be used."""
+        if message.child_frame_id not in (self._params.base_frame, *FOOTPRINTS):
+            expected, found = self._params.base_frame, message.child_frame_id
+            raise ValueError(f"odom: child_frame_id: expected {expected!r}, found {found!r}")
+        T_odom_base, twist = conversions.odometry_to_se3(message)
+        time = self._answered.times.of(conversions.stamp_ns(message))
+        self._follower.consistency.see_odometry(Pose2.of(T_odom_base), float(twist[0]), float(twist[5]), time)
+
+    def _accept(self, message: Any, convert: Callable[[], tuple[SE3, Array]], speed: float | None = None) -> None:
         """Hand a pose on and answer it; ValueError for one that cannot be used, which stops the vehicle."""
         stamp, is_bad = conversions.stamp_ns(message), True
         try:
-            pose, is_bad = Pose2.of(convert()), False
+            T_map_base, covariance = convert()
+            is_bad = False
             time = self._answered.times.of(stamp)
         except ValueError as error:
             self._watch.refuse_pose(str(error), is_bad=is_bad)
             raise
-        if self._watch.see_pose(pose, time):
-            self._follower.measured_speed = speed
+        planar = covariance[np.ix_(PLANAR, PLANAR)]
+        self._follower.see_pose(Pose2.of(T_map_base), time, speed, planar if planar.any() else None)
         self._answered.answer(stamp)
 
     def on_status(self, message: LocalizationStatus) -> None:
