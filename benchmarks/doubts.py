@@ -66,6 +66,7 @@ class Drive:
     way: float = 0.0
     stops: list[str] = field(default_factory=list)
     num_slow: int = 0
+    squared: list[float] = field(default_factory=list)  # largest innovation of each pose
     began: int = -1
 
     def __post_init__(self) -> None:
@@ -117,6 +118,7 @@ class Drive:
             stamp, (pose, covariance) = self.pending.pop(0)
             follower.watch.see_status("TRACKING", self.now)
             follower.see_pose(pose, stamp, None, covariance)
+            self.squared.append(follower.watch.doubt.squared)
             self.heard = self.now
         elif self.now - self.heard <= 0.12 * SECOND or self.now % 25_000_000:
             return
@@ -278,7 +280,9 @@ def run(options: argparse.Namespace) -> Report:
         slow = sum(drive.num_slow for drive in drives)
         way, num_stops = way + meters, num_stops + len(doubts)
         words = ", ".join(sorted(set(doubts))) or "–"
-        cells = (f"{meters / KILOMETER:.2f}", str(len(doubts)), words, str(slow), str(others))
+        squared = np.concatenate([drive.squared for drive in drives])
+        tail = f"{np.quantile(squared, 0.999):.1f}, {squared.max():.1f}"
+        cells = (f"{meters / KILOMETER:.2f}", str(len(doubts)), words, tail, str(slow), str(others))
         rows.append((f"{1000 // period} Hz, odometry: {'yes' if has_odometry else 'no'}", *cells))
     what = f"false stops a kilometre in {way / KILOMETER:.2f} km, with the doubts on"
     bounds.append(Bound(what, FALSE_STOPS, num_stops / way * KILOMETER, "1/km"))
@@ -290,7 +294,7 @@ def run(options: argparse.Namespace) -> Report:
     bounds.append(Bound("drives that ended otherwise than they should", 0, sum(o.num_wrong for o in outcomes), ""))
     worst = max((m for o in stopped for m in o.meters), default=math.nan)
     bounds.append(Bound("way from a fault to the stop's begin, largest", 15.0, worst, "m"))
-    columns = ("drives", "km", "false stops", "reasons", "times slow", "other stops")
+    columns = ("drives", "km", "false stops", "reasons", "chi^2 99.9 %, max", "times slow", "other stops")
     faults = ("fault", "odometry", "ends", "noticed after: median (max) [s]", "way [m]")
     tables = [Table("Nominal", columns, rows), Table("Faults", faults, [o.row for o in outcomes])]
     return Report("doubts", tables, bounds)

@@ -5,6 +5,8 @@ Whether a stop ends by itself: the rule `safety.resume`.
 
 from __future__ import annotations
 
+import math
+
 from path_follower.consistency import MotionConsistency
 from path_follower.constants import STEADY_NS
 from path_follower.modes import FollowerState, Mode
@@ -12,7 +14,7 @@ from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
 from path_follower.reasons import FINE, StopReason, StopVerdict
 from path_follower.safety import SafetyMonitor
-from path_follower.vehicle import Limiter, Predictor
+from path_follower.vehicle import Limiter, Motion, Predictor
 from sphere_nav.geometry.arrays import Array
 
 
@@ -54,6 +56,14 @@ class Arming:
         self.measured_speed: float | None = None
         if path is not None:
             self.load(path)
+
+    @property
+    def heading(self) -> Motion:
+        """The motion commanded last; standing, its speed is +-0 by the direction in which the path goes on."""
+        last = self.limiter.last
+        if last.speed or self.path is None or self.location is None:
+            return last
+        return Motion(math.copysign(0.0, self.path.segments[self.location.segment].direction), last.steering_angle)
 
     def load(self, path: ReferencePath) -> None:
         """Take a path, in standstill and disarmed; ValueError otherwise."""

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import gammainccinv
@@ -58,6 +58,7 @@ class Doubt:
 
     stop: StopVerdict = FINE
     slow: StopVerdict = FINE
+    squared: float = 0.0  # the largest innovation of its tests, chi^2 of 3 degrees of freedom where nothing is wrong
 
 
 @dataclass(frozen=True)
@@ -125,6 +126,7 @@ class MotionConsistency:
         self._odometry: deque[tuple[int, Pose2, float, float]] = deque()  # time, pose, m/s, rad/s
         self._evidence_ns = self._slow_since_ns = -1
         self._evidence = FINE
+        self._largest = 0.0
 
     def see_odometry(self, pose: Pose2, speed: float, yaw_rate: float, time_ns: int) -> None:
         """Accept the wheels' odometry: pose in a frame of its own, and what the wheels do now."""
@@ -153,12 +155,13 @@ class MotionConsistency:
         if not is_driving:
             self._samples.clear()
             self._evidence_ns = self._slow_since_ns = -1
+        self._largest = 0.0
         stop = self._test(sample) if is_driving else FINE
         self._samples.append(sample)
         self._forget(sample)
         if stop is not FINE:
-            return Doubt(stop, stop)
-        return self._slow(doubt.slow, time_ns)
+            return Doubt(stop, stop, self._largest)
+        return replace(self._slow(doubt.slow, time_ns), squared=self._largest)
 
     def _forget(self, now: Sample) -> None:
         """Drop what no test goes back to."""
@@ -260,6 +263,7 @@ class MotionConsistency:
                 return _not_moving(StopReason.NOT_MOVING, commanded, by_commands)
             if not wheels.is_strong or not _Innovation(driven, commanded, Q + Q_wheels).is_strong:
                 found = wheels
+        self._largest = max(self._largest, found.squared)
         if found.is_mild:
             self._evidence_ns, self._evidence = now.time_ns, _verdict(StopReason.POSE_INCONSISTENT, found)
         if not found.is_strong:

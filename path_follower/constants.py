@@ -37,6 +37,8 @@ MAX_STEP_NS = 200_000_000  # time between commands that counts for their limits:
 # Stops
 REACTION = 0.3  # s until the brakes act: dead time, lag and an image; test_obstacles
 SWEEP_STEP = 0.2  # m between the footprints that are checked: half the smallest thing to stop for; test_obstacles
+ACROSS = 7  # places across the way that beams must have measured: 0.25 m apart; test_obstacles
+MIN_MEASURED = 0.5  # share of these places, and of the beams that lately measured; test_intake
 MIN_POINTS = 2  # points of a scan that make an obstacle: a single one is noise; test_safety
 STEADY_NS = 2_000_000_000  # of TRACKING without a pause, after which a standing vehicle may go on; test_resume
 

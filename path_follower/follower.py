@@ -77,7 +77,8 @@ class Follower(Arming):
         """Return the first reason against motion."""
         if inputs is not FINE or tracking is None or self.path is None:
             return inputs
-        place = self.watch.judge_place(tracking.location)
+        place = self.watch.judge_map(self.path)
+        place = self.watch.judge_place(tracking.location) if place is FINE else place
         return self.watch.judge_way(self.path, tracking.location, self.limiter.last.speed) if place is FINE else place
 
     def _follow_verdict(self, verdict: StopVerdict, now_ns: int) -> None:

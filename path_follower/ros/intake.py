@@ -11,9 +11,11 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
 
+from path_follower.constants import MIN_MEASURED
 from path_follower.follower import Follower
 from path_follower.homing import HomingFollower
 from path_follower.modes import FollowerState
+from path_follower.obstacles import swept_places
 from path_follower.params import PathFollowerParams
 from path_follower.path import Pose2
 from sphere_nav.geometry import SE3
@@ -26,6 +28,7 @@ from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.tf import TransformListener
 
 PLANAR = (0, 1, 5)  # x, y and yaw of a covariance (6, 6) of (v, omega)
+FORGETTING = 0.99  # of the share of beams that measured, a scan: 7 s at 10 Hz until half of it is usual
 FOOTPRINTS = ("", "base_footprint")  # frames of wheels that lie above or below the base's own
 Answer = Callable[[int], None]  # publish the command that answers a message of this stamp
 
@@ -108,7 +111,7 @@ class PoseIntake:
         stamp = conversions.stamp_ns(message)
         is_good = status.state in TRUSTED
         time = times.of(stamp) if is_good else times.now()
-        self._watch.see_status(status.state, time, status.reason, status.age)
+        self._watch.see_status(status.state, time, status.reason, status.age, status.map_id)
         if not is_good:
             self._answered.answer_bad_news(stamp)
 
@@ -143,16 +146,43 @@ class DirectionIntake:
 
 
 class ScanIntake:
-    """Obstacles, seen from base_link."""
+    """Obstacles, seen from base_link. A scan that cannot be used, or sees nothing where it should, counts as none."""
 
     def __init__(self, endpoints: Endpoints, params: PathFollowerParams, follower: Follower, times: Times) -> None:
-        self._watch, self._times, self._frame = follower.watch, times, params.base_frame
+        self._follower, self._times, self._params = follower, times, params
         self._tf = TransformListener(endpoints)
+        self._usual = 0.0  # share of the beams that lately measured
         is_required = params.safety.is_scan_required
         endpoints.add_subscription("scan", LaserScan, self.on_scan, qos.SENSOR, is_required=is_required)
 
     def on_scan(self, message: LaserScan) -> None:
-        """Hand on the points of a scan."""
-        time = self._times.of(conversions.stamp_ns(message))
-        T_base_scan = self._tf.lookup(self._frame, message.header.frame_id)
-        self._watch.see_scan(T_base_scan.apply(driving.scan_to_points(message))[:, :2], time)
+        """Hand on the points of a scan; ValueError for one that cannot be used, whose silence stops the vehicle."""
+        try:
+            time = self._times.of(conversions.stamp_ns(message))
+            points = driving.scan_to_points(message)
+            T_base_scan = self._tf.lookup(self._params.base_frame, message.header.frame_id)
+            self._check_sight(message, T_base_scan)
+        except ValueError as error:
+            self._follower.watch.refuse_scan(str(error))
+            raise
+        self._follower.watch.see_scan(T_base_scan.apply(points)[:, :2], time)
+
+    def _check_sight(self, message: LaserScan, T_base_scan: SE3) -> None:
+        """Raise ValueError where too few beams measured, of all and of those towards the way of the vehicle."""
+        measured = driving.measured_beams(message)
+        share = float(measured.mean())
+        usual, self._usual = self._usual, max(share, FORGETTING * self._usual)
+        if share < MIN_MEASURED * usual:
+            expected = f"about {usual:.0%} of the beams to measure, as lately"
+            raise ValueError(f"scan: ranges: expected {expected}, found {share:.0%} (NaN, 0 or below range_min: none)")
+        places = swept_places(self._follower.heading, self._params)
+        height = np.full((len(places), 1), T_base_scan.translation[2])
+        x, y, _ = T_base_scan.inverse().apply(np.concatenate([places, height], axis=1)).T
+        turn = (np.arctan2(y, x) - message.angle_min) * np.sign(message.angle_increment or 1.0) % (2.0 * np.pi)
+        beam = np.rint(turn / max(abs(message.angle_increment), 1e-9))
+        seen = measured[beam[beam < len(measured)].astype(int)]
+        if seen.size == 0 and self._params.safety.is_scan_required:
+            raise ValueError("scan: expected beams where the vehicle drives (safety.is_scan_required), found none")
+        if seen.size and seen.mean() < MIN_MEASURED:
+            expected = f"at least {MIN_MEASURED:.0%} of the way ahead measured (+Inf where nothing is in range)"
+            raise ValueError(f"scan: ranges: expected {expected}, found {seen.mean():.0%}")

@@ -75,11 +75,12 @@ def finish_map(
         merged = merge(graph, places, base.graph.nodes if base is not None else ())
         told += [f"{len(merged.replaced)} key spheres merged with others of their places"] if merged.replaced else []
         graph = merged.graph
-    writer.finish(graph, complete(graph, arguments, drive, base), index, base.stored() if base is not None else ())
+    details = complete(graph, arguments, drive, base)
+    writer.finish(graph, details, index, base.stored() if base is not None else ())
     if arguments.trajectory:
-        write_tum(arguments.trajectory, drive.trajectory(is_base=False).moved(T_new_map))
+        write_tum(arguments.trajectory, drive.trajectory(is_base=False).moved(T_new_map), details.map_id)
     if arguments.taught:
-        write_tum(arguments.taught, drive.trajectory(is_base=True).moved(T_new_map))
+        write_tum(arguments.taught, drive.trajectory(is_base=True).moved(T_new_map), details.map_id)
     T_anchor_map = drive.anchor(truth) if truth is not None else None
     lines = [*drive.summary(mapper.num_loops, truth, T_anchor_map), *told, *warnings]
     print("\n".join([*lines, f"map: {arguments.output}, {_size(arguments.output)}"]))
