@@ -1,8 +1,8 @@
 """Motion consistency of the follower: false stops a kilometre, and how soon each wrong pose is noticed.
 
-A simulated car follows winding roads by a localiser that knows the truth up to noise. What is nominal: the car slips, its
-wheelbase, lags and straight-ahead position are not those of the parameters, a tenth of the poses is lost, 10 or 5 a
-second, with wheel odometry or without. Limits were chosen on seeds 0 to 9; the figures are those of seeds 10 to 29.
+A simulated car follows winding roads by a localiser that knows the truth up to noise. What is nominal: the car slips,
+its wheelbase, lags and straight-ahead position are not those of the parameters, a tenth of the poses is lost, 10 or 5
+a second, with wheel odometry or without. Limits were chosen on seeds 0 to 9; the figures are those of seeds 10 to 29.
 """
 
 from __future__ import annotations
@@ -75,7 +75,8 @@ class Drive:
         self.bias, self.lost = BIAS * sign[2], LOST
         lag = 0.2 * (1.0 + LAG_ERROR * sign[1])
         wheelbase = 1.2 * (1.0 + WHEELBASE_ERROR * sign[0])
-        self.vehicle = Vehicle(VehicleState(), CarParams(wheelbase=wheelbase), ActuatorParams(steering_lag=lag, speed_lag=lag))
+        actuators = ActuatorParams(steering_lag=lag, speed_lag=lag)
+        self.vehicle = Vehicle(VehicleState(), CarParams(wheelbase=wheelbase), actuators)
         # at 5 Hz two lost poses in a row are longer than the usual limit
         safety = SafetyParams(max_pose_silence=max(0.4, 4.5e-9 * self.period_ns))
         params = FollowerParams(safety=safety)

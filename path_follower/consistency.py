@@ -1,8 +1,8 @@
 """Does the pose move as the vehicle does? Innovation tests between poses and dead reckoning.
 
-The motion of the poses between two images, p = x_i^-1 x_n = (x, y, yaw) seen from the earlier pose, is compared with the
-motion d of the wheels' odometry or, without it, of the commands through the bicycle model with its lags. Where nothing
-is wrong, the innovation e = p - d is normal with
+The motion of the poses between two images, p = x_i^-1 x_n = (x, y, yaw) seen from the earlier pose, is compared with
+the motion d of the wheels' odometry or, without it, of the commands through the bicycle model with its lags. Where
+nothing is wrong, the innovation e = p - d is normal with
 
     S = J_i C_i J_i' + J_n C_n J_n' + Q,
 

@@ -56,8 +56,8 @@ class SafetyMonitor:
     def see_status(self, state: str, now_ns: int, reason: str = "", age: float = 0.0, map_id: str = "") -> None:
         """Accept the state of the localiser, unless it is good news older than the last.
 
-        `map_id`: of its map, empty where unknown. `age` s: since an image confirmed the pose, where a reason speaks of it. A state that is no more DEGRADED ends
-        the count of its time, an image that confirms the pose that of blindness.
+        `age` s: since an image confirmed the pose, where a reason speaks of it. A state that is no more DEGRADED ends
+        the count of its time, an image that confirms the pose that of blindness. `map_id`: empty where unknown.
         """
         if state in TRUSTED and now_ns < self.status_ns:
             return

@@ -153,9 +153,7 @@ def write_tum(path: str | os.PathLike[str], trajectory: Trajectory, map_id: str 
         Path(path).with_suffix(".cov").unlink(missing_ok=True)  # of an earlier run: would not belong to these poses
 
 
-def _write(
-    path: Path, fields: tuple[str, ...], stamps_ns: Stamps, values: Array, comments: Sequence[str] = ()
-) -> None:
+def _write(path: Path, fields: tuple[str, ...], stamps_ns: Stamps, values: Array, comments: Sequence[str] = ()) -> None:
     lines = [*comments, "# " + " ".join(fields)]
     for stamp, numbers in zip(stamps_ns.tolist(), values.tolist(), strict=True):
         lines.append(f"{stamp // 10**9}.{stamp % 10**9:09d} " + " ".join(f"{number:.9g}" for number in numbers))
