@@ -82,10 +82,10 @@ class Drive:
         params = FollowerParams(safety=safety)
         self.follower = Follower(params, make_path(road(self.rng, self.length), None, None, params))
         self.wheels = WheelOdometry(ODOMETRY_NS / SECOND, self.seed, WheelErrors(slip=SLIP))
-        self.command, self.pending, self.heard = VehicleCommand(), [], 0
+        self.command, self.heard = VehicleCommand(), 0
+        self.pending: list[tuple[int, Seen]] = []
         self.kept: list[Seen] = []
         self.last_state = FollowerState.IDLE
-        self.drift = Pose2(0.0, 0.0, 0.0)
 
     def run(self, seconds: float, *, is_restarted: bool = True) -> None:
         """Let time pass; on after a stop."""

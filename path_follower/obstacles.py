@@ -46,14 +46,14 @@ def points_on_arc(points: Array, steering_angle: float, distance: float, params:
 
 
 def swept_places(motion: Motion, params: FollowerParams) -> Array:
-    """Return points (N, 2) of the vehicle's frame on the ground that the body sweeps until it could stand.
+    """Return points (N, 2) of the vehicle's frame that the body sweeps until it could stand, driving at full speed.
 
-    `motion`: its speed, of which only the sign counts where it stands, and its wheel.
+    `motion`: of its speed only the sign counts, that nothing be seen better for driving slowly, and its wheel.
     """
     body, sign = params.vehicle, math.copysign(1.0, motion.speed)
     half = body.width / 2.0 + params.safety.obstacle_margin
     end, across = (body.front if sign > 0 else -body.rear), np.linspace(-half, half, ACROSS)
-    along = _steps(stopping_distance(max(abs(motion.speed), params.speed.slow), params))
+    along = _steps(stopping_distance(params.speed.cruise, params))
     here = [drive(ORIGIN, Motion(sign, motion.steering_angle), body.wheelbase, float(way)) for way in along]
     x, y, yaw = (np.array(column)[:, None] for column in zip(*here, strict=True))
     cosine, sine = np.cos(yaw), np.sin(yaw)

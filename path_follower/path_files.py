@@ -57,8 +57,10 @@ def make_path(
     map_id: str = "",
 ) -> ReferencePath:
     """Return `reference_path` with the groups of the follower's parameters; `map_id`: of the map it was taught in."""
-    groups = {"path": params.path, "driving": params.speed, "vehicle": params.vehicle}
-    return replace(reference_path(points, yaw, speed, **groups, is_closed=is_closed), map_id=map_id)
+    path = reference_path(
+        points, yaw, speed, path=params.path, driving=params.speed, vehicle=params.vehicle, is_closed=is_closed
+    )
+    return replace(path, map_id=map_id)
 
 
 def _read_csv(file: Path) -> tuple[Array, Array | None, Array | None]:

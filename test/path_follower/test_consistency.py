@@ -306,7 +306,7 @@ def test_the_noise_of_dead_reckoning_is_that_of_drawn_vehicles(bend):
 
 @pytest.mark.parametrize("period", [1, 2])
 def test_nominal_drives_raise_no_alarm(period):
-    """Poses noisier than their floor, a tenth of them lost, a wheel that turns to and fro: the tail is that of chi^2."""
+    """Noisier than the floor, a tenth lost, a wheel that turns to and fro: the tail is that of chi^2."""
     squared = []
     stated = np.diag(np.square([0.05, 0.05, 0.03]))
     for seed in range(6):

@@ -92,8 +92,9 @@ def test_frames_are_checked():
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_trajectory_goes_there_and_back(sign):
     points = np.stack([sign * np.arange(0, 8, 0.1), np.zeros(80)], axis=-1)
-    path = make_path(points, np.zeros(80), None, FollowerParams())
+    path = make_path(points, np.zeros(80), None, FollowerParams(), map_id="yard")
     message = driving.trajectory_to_message(path, STAMP, "map")
+    assert message.map_id == "yard"
     assert message.is_reverse_allowed == (sign < 0)
     assert message.length == pytest.approx(7.9)
     xy, yaw, speed = driving.message_to_trajectory(message)
