@@ -45,7 +45,7 @@ REMEDIES = {
     StopReason.POSE_FROZEN: "check the localiser and its camera, call relocalize, then call start",
     StopReason.POSE_INCONSISTENT: "check the mounting of camera and wheels in the parameters, relocalize, call start",
     StopReason.NOT_MOVING: "check brakes, drive and whoever else limits cmd_vel (or a frozen pose), then call start",
-    StopReason.WRONG_MAP: "load the map of the path; after map --extend its frame is the same: remove the line '# map_id:'",
+    StopReason.WRONG_MAP: "load the map of the path; after map --extend the frame holds: drop its line '# map_id:'",
     StopReason.OFF_PATH: "bring the vehicle onto the path, heading along it, then call start",
     StopReason.OBSTACLE: "clear the way, then call start",
     StopReason.SCAN_TIMEOUT: "check the scanner and its topic, then call start",
