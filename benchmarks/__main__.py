@@ -22,6 +22,7 @@ BENCHMARKS = {
     "end_to_end": "benchmarks.end_to_end",
     "faults": "benchmarks.faults",
     "busy": "benchmarks.fault_busy",
+    "doubts": "benchmarks.doubts",
     "lifecycle": "benchmarks.lifecycle",
     "localizer_faults": "benchmarks.localizer_faults",
     "rendering": "benchmarks.rendering",

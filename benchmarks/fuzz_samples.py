@@ -237,7 +237,7 @@ class Samples:
             conversions.se3_to_pose_with_covariance(pose, np.eye(6), SECOND, "map"),
             _with_pose(Odometry(), pose),
             ReferenceTrajectory(points=points),
-            LaserScan(angle_increment=0.1, range_max=10.0, ranges=[1.0] * 30),
+            LaserScan(angle_max=2.9, angle_increment=0.1, range_max=10.0, ranges=[1.0] * 30),
         ]
 
 

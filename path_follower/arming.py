@@ -5,13 +5,17 @@ Whether a stop ends by itself: the rule `safety.resume`.
 
 from __future__ import annotations
 
+import math
+
+from path_follower.consistency import MotionConsistency
 from path_follower.constants import STEADY_NS
 from path_follower.modes import FollowerState, Mode
 from path_follower.params import FollowerParams
-from path_follower.path import Location, ReferencePath
+from path_follower.path import Location, Pose2, ReferencePath
 from path_follower.reasons import FINE, StopReason, StopVerdict
 from path_follower.safety import SafetyMonitor
-from path_follower.vehicle import Limiter, Predictor
+from path_follower.vehicle import Limiter, Motion, Predictor
+from sphere_nav.geometry.arrays import Array
 
 
 class Resumption:
@@ -46,11 +50,20 @@ class Arming:
         self.resumption = Resumption(self.params.safety.resume)
         self.limiter = Limiter(self.params.vehicle)
         self.predictor = Predictor(self.params.vehicle, self.params.actuation)
+        self.consistency = MotionConsistency(self.params, self.predictor)
         self.path: ReferencePath | None = None
         self.location: Location | None = None
         self.measured_speed: float | None = None
         if path is not None:
             self.load(path)
+
+    @property
+    def heading(self) -> Motion:
+        """The motion commanded last; standing, its speed is +-0 by the direction in which the path goes on."""
+        last = self.limiter.last
+        if last.speed or self.path is None or self.location is None:
+            return last
+        return Motion(math.copysign(0.0, self.path.segments[self.location.segment].direction), last.steering_angle)
 
     def load(self, path: ReferencePath) -> None:
         """Take a path, in standstill and disarmed; ValueError otherwise."""
@@ -63,9 +76,16 @@ class Arming:
 
     def tune(self, params: FollowerParams) -> None:
         """Go on with other values of the live parameters, also while driving."""
-        self.params = self.watch.params = params
+        self.params = self.watch.params = self.consistency.params = params
         if self.path is not None:
             self.path = self.path.at_cruise(max(params.speed.cruise, params.speed.creep))
+
+    def see_pose(self, pose: Pose2, time_ns: int, speed: float | None = None, covariance: Array | None = None) -> None:
+        """Accept a pose; `covariance` (3, 3) of (x, y, yaw) in the vehicle's axes, None: not stated."""
+        if self.watch.see_pose(pose, time_ns):
+            self.measured_speed = speed
+            is_driven = not self.mode.is_at_rest and self.mode.state is not FollowerState.PAUSED
+            self.watch.doubt = self.consistency.see_pose(pose, covariance, time_ns, is_driving=is_driven)
 
     def start(self, now_ns: int) -> str:
         """Arm, where the vehicle stands on the path: after a stop at the place reached, else at the closest."""
@@ -112,5 +132,6 @@ class Arming:
         """Forget everything with a stamp, as after a jump of the clock; brake if in motion."""
         self.watch.reset()
         self.predictor.reset()
+        self.consistency.reset()
         self.limiter.last_ns = None
         self.mode.halt(StopVerdict(StopReason.CLOCK_STOPPED, detail="the clock went backwards"))

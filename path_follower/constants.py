@@ -4,6 +4,7 @@ Where no other origin is named, a number was chosen for a car of walking speed t
 """
 
 import math
+from typing import NamedTuple
 
 # Trajectory
 SPACING = 0.1  # m between its points; test_smoothing
@@ -37,5 +38,34 @@ MAX_STEP_NS = 200_000_000  # time between commands that counts for their limits:
 # Stops
 REACTION = 0.3  # s until the brakes act: dead time, lag and an image; test_obstacles
 SWEEP_STEP = 0.2  # m between the footprints that are checked: half the smallest thing to stop for; test_obstacles
+ACROSS = 7  # places across the way that beams must have measured: 0.25 m apart; test_obstacles
+MIN_MEASURED = 0.5  # share of these places, and of the beams that lately measured; test_intake
 MIN_POINTS = 2  # points of a scan that make an obstacle: a single one is noise; test_safety
 STEADY_NS = 2_000_000_000  # of TRACKING without a pause, after which a standing vehicle may go on; test_resume
+
+# Motion consistency (docs/notes/motion_consistency.md: chosen on drives of seeds 0 to 9); test_consistency
+
+
+class MotionErrors(NamedTuple):
+    """Standard deviations of dead reckoning."""
+
+    along: float  # share of the way: slip, wheel radius, a drive that does not hold its speed
+    across: float  # share of the way, rad: the pose's heading is not the direction of the wheels
+    yaw_per_meter: float  # rad/m: a wheel that is not straight
+    turn: float  # share of the turn: wheelbase, track
+    timing: float  # s: dead time and lag, times the change of the motion
+    stamp: float = 0.02  # s: of the pose against those of the motion, times the speed
+
+
+COMMAND_ERRORS = MotionErrors(0.1, 0.03, 0.015, 0.1, 0.15)  # both shares of 0.1: actuation.uncertainty
+ODOMETRY_ERRORS = MotionErrors(0.03, 0.03, 0.01, 0.05, 0.03)  # of wheels; the simulated ones: 0.005 and 0.01
+POSE_FLOOR = (0.03, 0.03, 0.015)  # m, m, rad: no pose is thought better than this, whatever its covariance
+STOP_ALARM, SLOW_ALARM = 1e-7, 1e-5  # false-alarm rates of one test: 0.003 and 0.3 a kilometre of 4 tests a pose
+WINDOWS = (0.5, 1.5, 4.0)  # m, over which slow errors are tested, besides from pose to pose
+RELEVANT = (0.25, 0.15)  # m, rad: smaller errors do not stop, however sure: a quarter of the way to leaving the path
+STILL = 0.25  # share of the expected way: less is no motion
+STILL_WAY = 0.3  # m of commanded way, the last of it, by which a pose is called still
+MAX_GAP_NS = 2_500_000_000  # between two poses, else it begins anew: HISTORY_NS is as far as commands are known
+MEMORY_NS = 10_000_000_000  # of poses: 4 m at 0.4 m/s
+MAX_ODOMETRY_GAP_NS = 150_000_000  # that odometry is carried on by its speed
+EVIDENCE_NS = 2_000_000_000  # after mild evidence, driven slowly

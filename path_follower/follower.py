@@ -27,8 +27,7 @@ class Follower(Arming):
         now_ns = max(stamp_ns, self.limiter.last_ns or stamp_ns) if now_ns is None else now_ns
         if localization_state:
             self.watch.see_status(localization_state, now_ns)
-        if self.watch.see_pose(Pose2(*pose), min(stamp_ns, now_ns)):
-            self.measured_speed = speed
+        self.see_pose(Pose2(*pose), min(stamp_ns, now_ns), speed)
         return self.tick(now_ns)
 
     def tick(self, now_ns: int) -> Command:
@@ -40,7 +39,7 @@ class Follower(Arming):
         speed, curvature = self._law(tracking if inputs is FINE else None)
         motion = self.limiter.limit(speed, curvature, now_ns, is_hard=self.mode.is_stopping_hard)
         self.predictor.remember(now_ns, motion)
-        self.mode.settle(is_standing=motion.speed == 0.0, is_slow=self.watch.is_slow)
+        self.mode.settle(is_standing=motion.speed == 0.0, is_slow=self.watch.is_slow, doubt=self.watch.doubt.slow)
         return self._command(now_ns, motion, tracking, self._status())
 
     def hold(self, now_ns: int, seconds: float) -> Command:
@@ -78,7 +77,8 @@ class Follower(Arming):
         """Return the first reason against motion."""
         if inputs is not FINE or tracking is None or self.path is None:
             return inputs
-        place = self.watch.judge_place(tracking.location)
+        place = self.watch.judge_map(self.path)
+        place = self.watch.judge_place(tracking.location) if place is FINE else place
         return self.watch.judge_way(self.path, tracking.location, self.limiter.last.speed) if place is FINE else place
 
     def _follow_verdict(self, verdict: StopVerdict, now_ns: int) -> None:

@@ -92,10 +92,13 @@ class Mode:
         if self.is_driving:
             self.state, self.verdict = FollowerState.FINISHED, StopVerdict(StopReason.END_OF_PATH)
 
-    def settle(self, *, is_standing: bool, is_slow: bool) -> None:
-        """Follow what the vehicle does: a stop that stands is STOPPED; SLOW and DRIVING go by the localisation."""
+    def settle(self, *, is_standing: bool, is_slow: bool, doubt: StopVerdict = FINE) -> None:
+        """Follow what the vehicle does: a stop that stands is STOPPED; SLOW and DRIVING go by the localisation.
+
+        `doubt`: why it is slow, where it is not for a DEGRADED localiser.
+        """
         if self.state is FollowerState.STOPPING and is_standing:
             self.state = FollowerState.STOPPED
         elif self.is_driving:
             self.state = FollowerState.SLOW if is_slow else FollowerState.DRIVING
-            self.verdict = SLOWLY if is_slow else FINE
+            self.verdict = FINE if not is_slow else SLOWLY if doubt is FINE else doubt

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from path_follower.constants import REACTION, SWEEP_STEP
+from path_follower.constants import ACROSS, REACTION, SWEEP_STEP
 from path_follower.params import FollowerParams
 from path_follower.path import Location, Pose2, ReferencePath
 from path_follower.vehicle import ORIGIN, Motion, drive
@@ -43,6 +43,21 @@ def points_on_arc(points: Array, steering_angle: float, distance: float, params:
     """Count points (N, 2) of the vehicle's frame in the footprints of the next `distance` m with the wheel as it is."""
     motion, wheelbase = Motion(1.0, steering_angle), params.vehicle.wheelbase
     return _count(points, (drive(ORIGIN, motion, wheelbase, float(ahead)) for ahead in _steps(distance)), params)
+
+
+def swept_places(motion: Motion, params: FollowerParams) -> Array:
+    """Return points (N, 2) of the vehicle's frame that the body sweeps until it could stand, driving at full speed.
+
+    `motion`: of its speed only the sign counts, that nothing be seen better for driving slowly, and its wheel.
+    """
+    body, sign = params.vehicle, math.copysign(1.0, motion.speed)
+    half = body.width / 2.0 + params.safety.obstacle_margin
+    end, across = (body.front if sign > 0 else -body.rear), np.linspace(-half, half, ACROSS)
+    along = _steps(stopping_distance(params.speed.cruise, params))
+    here = [drive(ORIGIN, Motion(sign, motion.steering_angle), body.wheelbase, float(way)) for way in along]
+    x, y, yaw = (np.array(column)[:, None] for column in zip(*here, strict=True))
+    cosine, sine = np.cos(yaw), np.sin(yaw)
+    return np.stack([x + end * cosine - across * sine, y + end * sine + across * cosine], axis=-1).reshape(-1, 2)
 
 
 def _steps(distance: float) -> Array:

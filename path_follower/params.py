@@ -37,6 +37,9 @@ class ActuationParams:
     dead_time: float = param(0.0, "from a command to the first reaction of the car", "s", low=0.0, high=1.0)
     steering_lag: float = param(0.2, "time constant of the steering, first order", "s", low=0.0, high=2.0)
     speed_lag: float = param(0.2, "time constant of the speed, first order", "s", low=0.0, high=2.0)
+    uncertainty: float = param(
+        0.1, "standard deviation of way and turn from what was commanded, as a share of them", low=0.01, high=1.0
+    )
 
 
 @parameters
@@ -82,6 +85,11 @@ class SafetyParams:
     max_status_silence: float = param(1.5, "longest time without a status of the localiser", "s", low=0.01)
     is_status_required: bool = param(True, "stop unless the localiser says TRACKING or DEGRADED")
     max_degraded_time: float = param(10.0, "longest drive in DEGRADED", "s", low=0.0, is_live=True)
+    max_deviation: float = param(
+        0.5, "standard deviation of the position above which it drives slowly; above twice that it stops", "m", low=0.01
+    )
+    max_yaw_deviation: float = param(0.25, "the same of the heading", "rad", low=0.01)
+    is_motion_checked: bool = param(True, "stop where the pose moves otherwise than wheels (odom) and commands")
     resume: str = param(
         "moving",
         "what ends a stop for missing poses, status or scans besides the call start: nothing, their return before "

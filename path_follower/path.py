@@ -79,6 +79,7 @@ class ReferencePath:
     speed: Array
     segments: tuple[Segment, ...]
     is_closed: bool = False
+    map_id: str = ""  # of the map in whose frame it is; empty: unknown
     possible: Array | None = None  # speed (N,) if nothing but the cruise speed were another one; None: `speed`
 
     @property

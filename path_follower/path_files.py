@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ from path_follower.path import ReferencePath
 from path_follower.taught import reference_path, taught_speeds
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.untrusted import number, read_text
-from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.geometry.trajectory import read_map_id, read_tum
 
 COLUMNS = {
     "x": ("x", "x_m", "position_x", "east_m"),
@@ -41,18 +42,25 @@ def read_path(path: str | os.PathLike[str], params: FollowerParams, *, is_closed
     else:
         raise ValueError(f"{file}: expected a .csv or .tum file, found {file.suffix or 'no ending'}")
     try:
-        return make_path(*columns, params, is_closed=is_closed)
+        return make_path(*columns, params, is_closed=is_closed, map_id=read_map_id(file))
     except ValueError as error:
         raise ValueError(f"{file}: {error}") from None
 
 
 def make_path(
-    points: Array, yaw: Array | None, speed: Array | None, params: FollowerParams, *, is_closed: bool = False
+    points: Array,
+    yaw: Array | None,
+    speed: Array | None,
+    params: FollowerParams,
+    *,
+    is_closed: bool = False,
+    map_id: str = "",
 ) -> ReferencePath:
-    """Return `reference_path` with the groups of the follower's parameters."""
-    return reference_path(
+    """Return `reference_path` with the groups of the follower's parameters; `map_id`: of the map it was taught in."""
+    path = reference_path(
         points, yaw, speed, path=params.path, driving=params.speed, vehicle=params.vehicle, is_closed=is_closed
     )
+    return replace(path, map_id=map_id)
 
 
 def _read_csv(file: Path) -> tuple[Array, Array | None, Array | None]:

@@ -17,6 +17,12 @@ class StopReason(enum.StrEnum):
     POSE_SOURCE = "POSE_SOURCE"
     STATUS_TIMEOUT = "STATUS_TIMEOUT"
     BAD_POSE = "BAD_POSE"
+    POSE_UNCERTAIN = "POSE_UNCERTAIN"
+    POSE_JUMP = "POSE_JUMP"
+    POSE_FROZEN = "POSE_FROZEN"
+    POSE_INCONSISTENT = "POSE_INCONSISTENT"
+    NOT_MOVING = "NOT_MOVING"
+    WRONG_MAP = "WRONG_MAP"
     OFF_PATH = "OFF_PATH"
     OBSTACLE = "OBSTACLE"
     SCAN_TIMEOUT = "SCAN_TIMEOUT"
@@ -36,6 +42,12 @@ REMEDIES = {
     StopReason.POSE_SOURCE: "end all publishers of the pose but one, then call start",
     StopReason.STATUS_TIMEOUT: "check the localiser and the topic of its status, then call start",
     StopReason.BAD_POSE: "check the frame and the values of the pose, then call start",
+    StopReason.POSE_UNCERTAIN: "wait for a pose that is certain, or call relocalize of the localiser, then call start",
+    StopReason.POSE_JUMP: "check where the localiser thinks the vehicle is, call relocalize, then call start",
+    StopReason.POSE_FROZEN: "check the localiser and its camera, call relocalize, then call start",
+    StopReason.POSE_INCONSISTENT: "check the mounting of camera and wheels in the parameters, relocalize, call start",
+    StopReason.NOT_MOVING: "check brakes, drive and whoever else limits cmd_vel (or a frozen pose), then call start",
+    StopReason.WRONG_MAP: "load the map of the path; after map --extend the frame holds: drop its line '# map_id:'",
     StopReason.OFF_PATH: "bring the vehicle onto the path, heading along it, then call start",
     StopReason.OBSTACLE: "clear the way, then call start",
     StopReason.SCAN_TIMEOUT: "check the scanner and its topic, then call start",

@@ -10,6 +10,7 @@ import math
 
 import numpy as np
 
+from path_follower.consistency import Doubt
 from path_follower.constants import MIN_POINTS, SEARCH_WINDOW
 from path_follower.obstacles import points_in_way, stopping_distance
 from path_follower.params import FollowerParams
@@ -33,8 +34,9 @@ class SafetyMonitor:
         """Forget all inputs but the emergency stop, as after a jump of the clock."""
         self.pose: Pose2 | None = None
         self.pose_ns = self.status_ns = self.scan_ns = self.degraded_ns = self.blind_ns = -1
-        self.state = self.state_reason = self.refusal = ""
+        self.state = self.state_reason = self.refusal = self.scan_refusal = self.map_id = ""
         self.is_pose_bad = False
+        self.doubt = Doubt()  # of the last pose, against odometry and commands
         self.points = np.empty((0, 2))
 
     def see_pose(self, pose: Pose2, time_ns: int) -> bool:
@@ -50,11 +52,11 @@ class SafetyMonitor:
         self.refusal = why
         self.is_pose_bad = self.is_pose_bad or is_bad
 
-    def see_status(self, state: str, now_ns: int, reason: str = "", age: float = 0.0) -> None:
+    def see_status(self, state: str, now_ns: int, reason: str = "", age: float = 0.0, map_id: str = "") -> None:
         """Accept the state of the localiser, unless it is good news older than the last.
 
         `age` s: since an image confirmed the pose, where a reason speaks of it. A state that is no more DEGRADED ends
-        the count of its time, an image that confirms the pose that of blindness.
+        the count of its time, an image that confirms the pose that of blindness. `map_id`: empty where unknown.
         """
         if state in TRUSTED and now_ns < self.status_ns:
             return
@@ -66,16 +68,24 @@ class SafetyMonitor:
             self.blind_ns = -1
         elif self.blind_ns < 0:
             self.blind_ns = max(now_ns - round(min(age, 1e6) * 1e9), self.status_ns)
-        self.state, self.state_reason, self.status_ns = state, reason, now_ns
+        self.state, self.state_reason, self.status_ns, self.map_id = state, reason, now_ns, map_id
 
     def see_scan(self, points: Array, now_ns: int) -> None:
         """Accept the finite points (N, 2) of a scan in the vehicle's frame, x forward from the rear axle, in m."""
-        self.points, self.scan_ns = points[np.isfinite(points).all(axis=-1)], now_ns
+        self.points, self.scan_ns, self.scan_refusal = points[np.isfinite(points).all(axis=-1)], now_ns, ""
+
+    def refuse_scan(self, why: str) -> None:
+        """Note a scan that cannot be used: the silence that follows stops, at once where there never was a usable one.
+
+        A scanner that is there but cannot be used is no reason to drive as if there were none, required or not.
+        """
+        self.scan_refusal = why
 
     @property
     def is_slow(self) -> bool:
         """Whether the localisation allows slow motion only."""
-        return self.params.safety.is_status_required and self.state == State.DEGRADED
+        is_degraded = self.params.safety.is_status_required and self.state == State.DEGRADED
+        return is_degraded or self.doubt.slow is not FINE
 
     def judge_inputs(self, now_ns: int) -> StopVerdict:
         """Return why the inputs do not allow motion, or FINE."""
@@ -85,10 +95,17 @@ class SafetyMonitor:
             return self.outside
         if self.is_pose_bad:
             return StopVerdict(StopReason.BAD_POSE, detail=self.refusal)
-        for verdict in (self._judge_pose(now_ns), self._judge_status(now_ns), self._judge_scan(now_ns)):
+        judged = self._judge_pose(now_ns), self.doubt.stop, self._judge_status(now_ns), self._judge_scan(now_ns)
+        for verdict in judged:
             if verdict is not FINE:
                 return verdict
         return FINE
+
+    def judge_map(self, path: ReferencePath) -> StopVerdict:
+        """Return whether the path is one of the localiser's map, as far as both say of which they are."""
+        if not path.map_id or not self.map_id or path.map_id == self.map_id:
+            return FINE
+        return StopVerdict(StopReason.WRONG_MAP, detail=f"the path is of map {path.map_id}, the pose of {self.map_id}")
 
     def judge_place(self, location: Location) -> StopVerdict:
         """Return whether the vehicle has left the path."""
@@ -111,6 +128,8 @@ class SafetyMonitor:
         """Return where on the path the vehicle stands: near the last place if there is one, else anywhere."""
         assert self.pose is not None
         limits = self.params.safety
+        if (other := self.judge_map(path)) is not FINE:
+            return other, None
         if last is not None:
             near = path.advance(self.pose, last, SEARCH_WINDOW)
             if self.judge_place(near) is FINE:
@@ -154,16 +173,15 @@ class SafetyMonitor:
         return FINE
 
     def _judge_scan(self, now_ns: int) -> StopVerdict:
-        limits = self.params.safety
+        limit, why = self.params.safety.max_scan_silence, self.scan_refusal
+        refused = f" (refused: {why})" if why else ""
         if self.scan_ns < 0:
-            missing = StopVerdict(StopReason.SCAN_TIMEOUT, 0.0, limits.max_scan_silence, "no scan yet")
-            return missing if limits.is_scan_required else FINE
+            missing = StopVerdict(StopReason.SCAN_TIMEOUT, 0.0, limit, f"no scan yet{refused}")
+            return missing if self.params.safety.is_scan_required or why else FINE
         age = (now_ns - self.scan_ns) / 1e9
-        return (
-            StopVerdict(StopReason.SCAN_TIMEOUT, age, limits.max_scan_silence)
-            if age > limits.max_scan_silence
-            else FINE
-        )
+        if age > limit:
+            return StopVerdict(StopReason.SCAN_TIMEOUT, age, limit, f"found {age:.3g} s, limit {limit:.3g}{refused}")
+        return FINE
 
 
 def _since(begin_ns: int, now_ns: int) -> float:

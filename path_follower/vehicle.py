@@ -141,6 +141,12 @@ class Predictor:
         horizon = round((self.actuation.dead_time + self.actuation.steering_lag) * 1e9)
         return self._run(state, now_ns - age_ns, now_ns + horizon, pose)[1]
 
+    def travel(self, from_ns: int, to_ns: int) -> tuple[Pose2, Motion, Motion]:
+        """Return the way driven by the commands between two times, seen from its begin, and the motion at both."""
+        before = self._state_at(from_ns)
+        after, way = self._run(before, from_ns, to_ns)
+        return way, before, after
+
     def reset(self) -> None:
         """Forget everything."""
         self.commands.clear()

@@ -81,6 +81,11 @@ class DenseLocalizerNode(LocalizerNode):
         """Whether a map is open."""
         return self.localizer is not None
 
+    @property
+    def map_id(self) -> str:
+        """The name of the map in use."""
+        return str(self.maps.reader.info.map_id) if self.maps.reader is not None else ""
+
     def localize(self, picture: Picture) -> BaseEstimate:
         """Localize one image; publish the residual where anyone subscribes to it."""
         if self.localizer is None:

@@ -38,19 +38,20 @@ class GeometryLoader:
         self._log, self._on_change, self._declared = endpoints.log, on_change, params
         self.geometry: Cloud | TriangleMesh | None = None
         self.params = params  # with the spacing of the last call
+        self.map_id = ""  # of a map of spheres
         self.fault = FINE  # nothing can be compared with the geometry
         self._site: Site | None = None
         self._share = 1.0  # of its depth images that are made
         if params.cloud:
-            self.use(read_map(params.cloud))
+            self.use(read_map(params.cloud), map_id=find_map_id(params.cloud))
         endpoints.add_service("~/load_cloud", LoadCloud, self.on_load_cloud)
         endpoints.add_subscription("cloud", PointCloud2, self.on_cloud, qos.LATCHED, is_required=False, silence=0.0)
 
-    def use(self, geometry: Cloud | TriangleMesh, voxel_m: float = 0.0) -> None:
+    def use(self, geometry: Cloud | TriangleMesh, voxel_m: float = 0.0, map_id: str = "") -> None:
         """Use another geometry, thinned to `voxel_m`, or as the parameter says where that is 0."""
         synthesis = self._declared.synthesis
         voxel_m = voxel_m or synthesis.voxel_m
-        self.geometry, self.fault = geometry, FINE
+        self.geometry, self.fault, self.map_id = geometry, FINE, map_id
         self._site, self._share = None, 1.0
         self.params = replace(self._declared, synthesis=replace(synthesis, voxel_m=voxel_m))
         self._on_change()
@@ -101,7 +102,7 @@ class GeometryLoader:
             geometry = read_map(request.path)
             voxel_m = request.voxel_size or self._declared.synthesis.voxel_m
             num_points = count_points(geometry, voxel_m)  # before it is in force: thinning may refuse it
-            self.use(geometry, request.voxel_size)
+            self.use(geometry, request.voxel_size, find_map_id(request.path))
         except (ValueError, OSError) as error:
             response.message = " ".join(str(error).split())
             return response
@@ -119,6 +120,14 @@ class GeometryLoader:
 def count_points(geometry: Cloud | TriangleMesh, voxel_m: float) -> int:
     """Return the number of points after thinning; of vertices of surfaces."""
     return len(geometry.vertices) if isinstance(geometry, TriangleMesh) else len(thin_cloud(geometry, voxel_m))
+
+
+def find_map_id(path: str) -> str:
+    """Return the name of a map of key spheres; empty for a file."""
+    if not Path(path).is_dir():
+        return ""
+    with open_map(path) as reader:
+        return str(reader.info.map_id)
 
 
 def read_map(path: str) -> Cloud | TriangleMesh:

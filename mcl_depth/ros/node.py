@@ -66,6 +66,11 @@ class MclDepthNode(LocalizerNode):
         """Whether there is a geometry."""
         return self.clouds.geometry is not None
 
+    @property
+    def map_id(self) -> str:
+        """The name of the map in use, where it is one of key spheres."""
+        return self.clouds.map_id
+
     def prepare(self, picture: Picture) -> None:
         """Make the filter, now that the camera's height is known."""
         if self.filter is None:

@@ -42,7 +42,7 @@ class ControlLoop:
 
     TOPICS = (
         *("cmd_vel", "ackermann_cmd", "tracking_error", "~/status", "~/heartbeat"),
-        *("pose", "odometry", "status", "homing/direction", "homing/status"),
+        *("pose", "odometry", "odom", "status", "homing/direction", "homing/status"),
         *("scan", "emergency_stop", "command_guard/status"),
     )
 

@@ -5,16 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import FollowerStatus, LocalizationStatus
 
+from path_follower.constants import MIN_MEASURED
 from path_follower.follower import Follower
 from path_follower.homing import HomingFollower
 from path_follower.modes import FollowerState
+from path_follower.obstacles import swept_places
 from path_follower.params import PathFollowerParams
 from path_follower.path import Pose2
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import TRUSTED
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.clocks import Times
@@ -22,6 +27,9 @@ from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.tf import Transforms
 
+PLANAR = (0, 1, 5)  # x, y and yaw of a covariance (6, 6) of (v, omega)
+FORGETTING = 0.99  # of the share of beams that measured, a scan: 7 s at 10 Hz until half of it is usual
+FOOTPRINTS = ("", "base_footprint")  # frames of wheels that lie above or below the base's own
 Answer = Callable[[int], None]  # publish the command that answers a message of this stamp
 
 
@@ -57,31 +65,44 @@ class PoseIntake:
             self.topic = endpoints.add_subscription("odometry", Odometry, self.on_odometry, qos.STATE).topic
         needed = params.safety.is_status_required
         endpoints.add_subscription("status", LocalizationStatus, self.on_status, qos.STATE, is_required=needed)
+        if params.safety.is_motion_checked:
+            endpoints.add_subscription("odom", Odometry, self.on_wheels, qos.SENSOR, is_required=False)
 
     def on_pose(self, message: PoseWithCovarianceStamped) -> None:
         """Answer a pose."""
-        self._accept(message, lambda: conversions.pose_with_covariance_to_se3(message, self._params.map_frame)[0])
+        self._accept(message, lambda: conversions.pose_with_covariance_to_se3(message, self._params.map_frame))
 
     def on_odometry(self, message: Odometry) -> None:
         """Answer an odometry: pose and speed."""
 
-        def convert() -> Any:
+        def convert() -> tuple[SE3, Array]:
             driving.check_frames(message, self._params.map_frame, self._params.base_frame)
-            return conversions.odometry_to_se3(message)[0]
+            T_map_base = conversions.odometry_to_se3(message)[0]
+            return T_map_base, conversions.from_ros_covariance(message.pose.covariance, T_map_base)
 
         self._accept(message, convert, float(message.twist.twist.linear.x))
 
-    def _accept(self, message: Any, convert: Callable[[], Any], speed: float | None = None) -> None:
+    def on_wheels(self, message: Odometry) -> None:
+        """Hand on what the wheels have driven, in a frame of their own; ValueError for what cannot be used."""
+        if message.child_frame_id not in (self._params.base_frame, *FOOTPRINTS):
+            expected, found = self._params.base_frame, message.child_frame_id
+            raise ValueError(f"odom: child_frame_id: expected {expected!r}, found {found!r}")
+        T_odom_base, twist = conversions.odometry_to_se3(message)
+        time = self._answered.times.of(conversions.stamp_ns(message))
+        self._follower.consistency.see_odometry(Pose2.of(T_odom_base), float(twist[0]), float(twist[5]), time)
+
+    def _accept(self, message: Any, convert: Callable[[], tuple[SE3, Array]], speed: float | None = None) -> None:
         """Hand a pose on and answer it; ValueError for one that cannot be used, which stops the vehicle."""
         stamp, is_bad = conversions.stamp_ns(message), True
         try:
-            pose, is_bad = Pose2.of(convert()), False
+            T_map_base, covariance = convert()
+            is_bad = False
             time = self._answered.times.of(stamp)
         except ValueError as error:
             self._watch.refuse_pose(str(error), is_bad=is_bad)
             raise
-        if self._watch.see_pose(pose, time):
-            self._follower.measured_speed = speed
+        planar = covariance[np.ix_(PLANAR, PLANAR)]
+        self._follower.see_pose(Pose2.of(T_map_base), time, speed, planar if planar.any() else None)
         self._answered.answer(stamp)
 
     def on_status(self, message: LocalizationStatus) -> None:
@@ -90,7 +111,7 @@ class PoseIntake:
         stamp = conversions.stamp_ns(message)
         is_good = status.state in TRUSTED
         time = times.of(stamp) if is_good else times.now()
-        self._watch.see_status(status.state, time, status.reason, status.age)
+        self._watch.see_status(status.state, time, status.reason, status.age, status.map_id)
         if not is_good:
             self._answered.answer_bad_news(stamp)
 
@@ -125,7 +146,7 @@ class DirectionIntake:
 
 
 class ScanIntake:
-    """Obstacles, seen from base_link."""
+    """Obstacles, seen from base_link. A scan that cannot be used, or sees nothing where it should, counts as none."""
 
     def __init__(
         self,
@@ -135,14 +156,41 @@ class ScanIntake:
         times: Times,
         transforms: Transforms,
     ) -> None:
-        self._watch, self._times, self._frame = follower.watch, times, params.base_frame
+        self._follower, self._times, self._params = follower, times, params
         self._tf, self.frame = transforms, ""  # of the scanner
+        self._usual = 0.0  # share of the beams that lately measured
         is_required = params.safety.is_scan_required
         endpoints.add_subscription("scan", LaserScan, self.on_scan, qos.SENSOR, is_required=is_required)
 
     def on_scan(self, message: LaserScan) -> None:
-        """Hand on the points of a scan."""
-        time = self._times.of(conversions.stamp_ns(message))
+        """Hand on the points of a scan; ValueError for one that cannot be used, whose silence stops the vehicle."""
         self.frame = message.header.frame_id
-        T_base_scan = self._tf.lookup(self._frame, message.header.frame_id)
-        self._watch.see_scan(T_base_scan.apply(driving.scan_to_points(message))[:, :2], time)
+        try:
+            time = self._times.of(conversions.stamp_ns(message))
+            points = driving.scan_to_points(message)
+            T_base_scan = self._tf.lookup(self._params.base_frame, self.frame)
+            self._check_sight(message, T_base_scan)
+        except ValueError as error:
+            self._follower.watch.refuse_scan(str(error))
+            raise
+        self._follower.watch.see_scan(T_base_scan.apply(points)[:, :2], time)
+
+    def _check_sight(self, message: LaserScan, T_base_scan: SE3) -> None:
+        """Raise ValueError where too few beams measured, of all and of those towards the way of the vehicle."""
+        measured = driving.measured_beams(message)
+        share = float(measured.mean())
+        usual, self._usual = self._usual, max(share, FORGETTING * self._usual)
+        if share < MIN_MEASURED * usual:
+            expected = f"about {usual:.0%} of the beams to measure, as lately"
+            raise ValueError(f"scan: ranges: expected {expected}, found {share:.0%} (NaN, 0 or below range_min: none)")
+        places = swept_places(self._follower.heading, self._params)
+        height = np.full((len(places), 1), T_base_scan.translation[2])
+        x, y, _ = T_base_scan.inverse().apply(np.concatenate([places, height], axis=1)).T
+        turn = (np.arctan2(y, x) - message.angle_min) * np.sign(message.angle_increment or 1.0) % (2.0 * np.pi)
+        beam = np.rint(turn / max(abs(message.angle_increment), 1e-9))
+        seen = measured[beam[beam < len(measured)].astype(int)]
+        if seen.size == 0 and self._params.safety.is_scan_required:
+            raise ValueError("scan: expected beams where the vehicle drives (safety.is_scan_required), found none")
+        if seen.size and seen.mean() < MIN_MEASURED:
+            expected = f"at least {MIN_MEASURED:.0%} of the way ahead measured (+Inf where nothing is in range)"
+            raise ValueError(f"scan: ranges: expected {expected}, found {seen.mean():.0%}")

@@ -76,7 +76,7 @@ class TrajectoryIntake:
         """Use a reference trajectory."""
         driving.check_frames(message, self.params.map_frame)
         points, yaw, speeds = driving.message_to_trajectory(message)
-        self.use(make_path(points, yaw, speeds, self.params, is_closed=message.is_closed))
+        self.use(make_path(points, yaw, speeds, self.params, is_closed=message.is_closed, map_id=message.map_id))
 
     def on_load(self, request: LoadTrajectory.Request, response: LoadTrajectory.Response) -> LoadTrajectory.Response:
         """Load a file; one that cannot be read leaves the present trajectory in force."""

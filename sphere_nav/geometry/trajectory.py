@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -17,6 +17,7 @@ from sphere_nav.geometry.se3 import SE3
 
 Stamps = NDArray[np.int64]
 
+MAP_ID = "# map_id:"  # begins a line of comment: the map in whose frame the poses are
 TUM_FIELDS = ("stamp", "x", "y", "z", "qx", "qy", "qz", "qw")
 COVARIANCE_FIELDS = ("stamp", *(f"c{i}{j}" for i in range(6) for j in range(i, 6)))
 UPPER = np.triu_indices(6)
@@ -128,10 +129,23 @@ def read_tum(path: str | os.PathLike[str]) -> Trajectory:
     return Trajectory(stamps, SE3.from_quaternion(values[:, 3:], values[:, :3]), _read_covariances(Path(path), stamps))
 
 
-def write_tum(path: str | os.PathLike[str], trajectory: Trajectory) -> None:
-    """Write a TUM file; covariances go beside it into a file ending in `.cov`: stamp and the upper triangle by rows."""
+def read_map_id(path: str | os.PathLike[str]) -> str:
+    """Return the map in whose frame the poses of a file are, by its line `# map_id: ...`; empty where there is none."""
+    for text in read_text(Path(path), "file of poses", errors="replace").split("\n"):
+        if not text.startswith("#"):
+            break
+        if text.startswith(MAP_ID):
+            return text.removeprefix(MAP_ID).strip()
+    return ""
+
+
+def write_tum(path: str | os.PathLike[str], trajectory: Trajectory, map_id: str = "") -> None:
+    """Write a TUM file; covariances go beside it into a file ending in `.cov`: stamp and the upper triangle by rows.
+
+    `map_id` of the map whose frame the poses are in, where it is known, goes into a line of comment.
+    """
     values = np.concatenate([trajectory.positions, trajectory.T_map_body.quaternion], axis=-1)
-    _write(Path(path), TUM_FIELDS, trajectory.stamps_ns, values)
+    _write(Path(path), TUM_FIELDS, trajectory.stamps_ns, values, [f"{MAP_ID} {map_id}"] if map_id else [])
     if trajectory.covariances is not None:
         upper = trajectory.covariances[:, UPPER[0], UPPER[1]]
         _write(Path(path).with_suffix(".cov"), COVARIANCE_FIELDS, trajectory.stamps_ns, upper)
@@ -139,8 +153,8 @@ def write_tum(path: str | os.PathLike[str], trajectory: Trajectory) -> None:
         Path(path).with_suffix(".cov").unlink(missing_ok=True)  # of an earlier run: would not belong to these poses
 
 
-def _write(path: Path, fields: tuple[str, ...], stamps_ns: Stamps, values: Array) -> None:
-    lines = ["# " + " ".join(fields)]
+def _write(path: Path, fields: tuple[str, ...], stamps_ns: Stamps, values: Array, comments: Sequence[str] = ()) -> None:
+    lines = [*comments, "# " + " ".join(fields)]
     for stamp, numbers in zip(stamps_ns.tolist(), values.tolist(), strict=True):
         lines.append(f"{stamp // 10**9}.{stamp % 10**9:09d} " + " ".join(f"{number:.9g}" for number in numbers))
     path.write_text("\n".join(lines) + "\n", encoding="utf-8")

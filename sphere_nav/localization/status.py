@@ -111,6 +111,7 @@ class Status:
     age: float = 0.0  # seconds since the last image that confirmed the pose; 0 before the first
     stamp_ns: int = 0
     p_chance: float = 1.0  # probability that chance would look like this place; 1 where it was not tested
+    map_id: str = ""  # of the map in use; empty: unknown
 
 
 def status_of(

@@ -282,7 +282,8 @@ def test_another_map_is_loaded_and_a_bad_one_leaves_the_present_in_force(map_pat
     answer = call("load_map", LoadMap.Request(path=str(map_path)))
     assert answer.success, answer.message
     assert answer.num_spheres == 4
-    assert bench.follow(pictures[:5])[-1]["/status"].state == "TRACKING"
+    status = bench.follow(pictures[:5])[-1]["/status"]
+    assert (status.state, status.map_id) == ("TRACKING", answer.map_id)
     refused = call("load_map", LoadMap.Request(path=str(tmp_path / "none")))
     assert not refused.success
     assert "none" in refused.message

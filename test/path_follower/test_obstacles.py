@@ -1,11 +1,15 @@
 """The footprint that the vehicle sweeps until it could stand, and the points in it."""
 
+import math
+
 import numpy as np
 import pytest
 
-from path_follower.obstacles import points_in_way, stopping_distance
+from path_follower.constants import ACROSS
+from path_follower.obstacles import points_in_way, stopping_distance, swept_places
 from path_follower.params import FollowerParams, VehicleParams
 from path_follower.path import Pose2
+from path_follower.vehicle import Motion
 
 PARAMS = FollowerParams(vehicle=VehicleParams(max_acceleration=0.7, max_deceleration=1.1))
 HALF = PARAMS.vehicle.width / 2 + PARAMS.safety.obstacle_margin
@@ -63,3 +67,19 @@ def test_an_offset_from_the_path_moves_the_footprint_with_the_vehicle(straight):
 def test_the_stopping_distance_is_reaction_braking_and_one_step():
     assert stopping_distance(2.0, PARAMS) == pytest.approx(2.0 * 0.3 + 2.0**2 / (2 * 1.1) + 0.2)
     assert stopping_distance(-1.0, PARAMS) == pytest.approx(1.0 * 0.3 + 1.0 / (2 * 1.1) + 0.2)
+
+
+@pytest.mark.parametrize(("speed", "angle"), [(1.4, 0.0), (1.4, 0.3), (-1.0, 0.0), (0.0, 0.0), (-0.0, 0.0)])
+def test_the_places_that_beams_must_have_measured_lie_on_the_way_ahead(speed, angle):
+    places = swept_places(Motion(speed, angle), PARAMS)
+    sign = math.copysign(1.0, speed)
+    end = PARAMS.vehicle.front if sign > 0 else -PARAMS.vehicle.rear
+    reach = stopping_distance(PARAMS.speed.cruise, PARAMS)
+    along = sign * (places[:, 0] - end)
+    assert len(places) % ACROSS == 0
+    if angle == 0.0:
+        assert (along.min(), along.max()) == pytest.approx((0.2, reach), abs=0.2)
+        assert np.unique(np.abs(places[:, 1]).round(6))[[0, -1]].tolist() == pytest.approx([0.0, HALF])
+    else:
+        assert places[:, 1].max() > HALF + 0.1  # the way bends to the left
+        assert places[:, 1].min() > -HALF

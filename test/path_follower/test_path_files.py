@@ -37,7 +37,10 @@ def test_a_taught_drive_has_headings_and_speeds(kit, tmp_path):
     )
     stamps = (np.arange(len(poses)) * 0.05 / 0.8 * 1e9).astype(np.int64) + 10**9
     write_tum(tmp_path / "taught.tum", Trajectory(stamps, tangent))
+    assert read_path(tmp_path / "taught.tum", PARAMS).map_id == ""
+    write_tum(tmp_path / "taught.tum", Trajectory(stamps, tangent), map_id="yard")
     path = read_path(tmp_path / "taught.tum", PARAMS)
+    assert path.map_id == "yard"
     assert path.length == pytest.approx(16.0, abs=0.03)
     assert path.speed.max() == pytest.approx(0.8, rel=0.02)
 
@@ -51,6 +54,7 @@ def test_a_taught_drive_has_headings_and_speeds(kit, tmp_path):
         "# t_s,east_m,north_m\n0,0,0\n0.1,1,0\n0.2,2,0\n",
         "# made by hand, in a hurry\n\n0,0,0,1.0\n1,0,0,1.0\n2,0,0,1.0\n",
         "y,x,yaw\n0,0,0\n0,1,0\n0,2,0\n",
+        "# map_id: yard\n# y,x,yaw\n0,0,0\n0,1,0\n0,2,0\n",
     ],
 )
 def test_columns_go_by_name_or_by_the_usual_order(tmp_path, text):
@@ -58,6 +62,7 @@ def test_columns_go_by_name_or_by_the_usual_order(tmp_path, text):
     path = read_path(tmp_path / "path.csv", PARAMS)
     assert path.length == pytest.approx(2.0, abs=1e-6)
     assert path.x[-1] == pytest.approx(2.0, abs=1e-6)
+    assert path.map_id == ("yard" if "yard" in text else "")
 
 
 @pytest.mark.parametrize(

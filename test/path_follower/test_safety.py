@@ -196,6 +196,21 @@ def test_without_required_scan_none_need_come():
     assert watch.judge_inputs(10 * SECOND) is FINE
 
 
+@pytest.mark.parametrize("is_required", [False, True])
+def test_a_scan_that_cannot_be_used_is_none_at_once_where_there_never_was_one_and_else_by_its_silence(is_required):
+    watch = good_watch(params=FollowerParams(safety=SafetyParams(is_scan_required=is_required)))
+    watch.refuse_scan("no transform")
+    verdict = watch.judge_inputs(10 * SECOND)
+    assert (verdict.reason, verdict.detail) == (StopReason.SCAN_TIMEOUT, "no scan yet (refused: no transform)")
+    watch.see_scan(np.empty((0, 2)), 10 * SECOND)
+    assert watch.judge_inputs(10 * SECOND) is FINE
+    watch.see_scan(np.empty((0, 2)), 10 * SECOND - round(0.9e9 * PARAMS.safety.max_scan_silence))
+    watch.refuse_scan("blind")
+    assert watch.judge_inputs(10 * SECOND) is FINE
+    watch.scan_ns -= round(0.2e9 * PARAMS.safety.max_scan_silence)
+    assert "0.44 s, limit 0.4 (refused: blind)" in watch.judge_inputs(10 * SECOND).detail
+
+
 def test_a_localizer_that_says_nothing_is_no_reason_to_drive():
     watch = SafetyMonitor(PARAMS)
     watch.see_pose(Pose2(0, 0, 0), SECOND)

@@ -8,12 +8,13 @@ import pytest
 
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
-from path_follower.params import FollowerParams, VehicleParams
+from path_follower.params import FollowerParams, SafetyParams, VehicleParams
 from path_follower.path import Pose2
 from path_follower.reasons import StopReason
 
 SECOND = 1_000_000_000
 PARAMS = FollowerParams()
+UNCHECKED = FollowerParams(safety=SafetyParams(is_motion_checked=False))
 FAULT = 6.0  # s into the drive, at full speed
 
 
@@ -95,7 +96,7 @@ def test_a_vehicle_pushed_off_the_path_stops(kit, straight):
     def push(now, follower, car):
         car.pose = Pose2(car.pose.x, 1.5, car.pose.yaw)
 
-    drive = kit.follow(straight, each=after_fault(push))
+    drive = kit.follow(straight, params=UNCHECKED, each=after_fault(push))
     assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.OFF_PATH)
     assert drive.final.verdict.value == pytest.approx(1.5, abs=0.01)
 
@@ -105,8 +106,9 @@ def test_a_kidnapped_vehicle_stops_although_it_stands_on_the_path(kit, straight)
         if car.pose.x < 20:
             car.pose = Pose2(car.pose.x + 20, car.pose.y, car.pose.yaw)
 
-    drive = kit.follow(straight, each=after_fault(kidnap))
-    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.OFF_PATH)
+    for params, reason in ((PARAMS, StopReason.POSE_JUMP), (UNCHECKED, StopReason.OFF_PATH)):
+        drive = kit.follow(straight, params=params, each=after_fault(kidnap))
+        assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, reason)
 
 
 def test_degraded_localisation_drives_slowly(kit, straight):

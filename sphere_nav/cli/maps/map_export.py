@@ -92,7 +92,8 @@ def write_trajectory(reader: MapReader, path: Path, _: argparse.Namespace) -> st
     """Write the poses of the key spheres by stamp."""
     nodes = sorted(reader.graph, key=lambda node: node.stamp_ns)
     matrices = np.stack([node.T_map_sphere.matrix for node in nodes])
-    write_tum(path, Trajectory(np.array([node.stamp_ns for node in nodes], dtype=np.int64), SE3(matrices)))
+    poses = Trajectory(np.array([node.stamp_ns for node in nodes], dtype=np.int64), SE3(matrices))
+    write_tum(path, poses, str(reader.info.map_id))
     return f"{len(nodes)} poses"
 
 

@@ -69,7 +69,7 @@ def finish_map(
     writer.finish(graph, details, index, stored)
     for path, way in zip((arguments.trajectory, arguments.taught), ways, strict=True):
         if path:
-            write_tum(path, way)
+            write_tum(path, way, details.map_id)
     size = sum(file.stat().st_size for file in arguments.output.iterdir())
     print("\n".join([*drive.summary(truth), *told, *warnings, f"map: {arguments.output}, {size / 1e6:.1f} MB"]))
     return 0

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import Twist, TwistStamped
+from numpy.typing import NDArray
 from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import FollowerStatus, ReferencePoint, ReferenceTrajectory, TrackingError
 
@@ -48,16 +50,43 @@ def motion_to_ackermann(speed: float, steering_angle: float, stamp: int, frame_i
 
 
 def scan_to_points(scan: LaserScan) -> Array:
-    """Return the points (N, 3) in m in the scanner's frame of the beams that hit something within the range."""
+    """Return the points (N, 3) in m in the scanner's frame of the beams that hit something within the range.
+
+    ValueError for a scan whose numbers contradict each other.
+    """
+    check_scan(scan)
     ranges = np.asarray(scan.ranges, dtype=np.float64)
-    if not 0 < len(ranges) <= MAX_BEAMS:
-        raise ValueError(f"scan: ranges: expected 1 to {MAX_BEAMS} beams, found {len(ranges)}")
-    if not np.isfinite([scan.angle_min, scan.angle_increment, scan.range_min, scan.range_max]).all():
-        raise ValueError("scan: expected finite angles and range limits")
-    angles = scan.angle_min + scan.angle_increment * np.arange(len(ranges))
     hit = np.isfinite(ranges) & (ranges >= scan.range_min) & (ranges <= scan.range_max)
-    r, a = ranges[hit], angles[hit]
+    r, a = ranges[hit], scan.angle_min + scan.angle_increment * np.flatnonzero(hit)
     return np.stack([r * np.cos(a), r * np.sin(a), np.zeros(len(r))], axis=-1)
+
+
+def measured_beams(scan: LaserScan) -> NDArray[np.bool_]:
+    """Return which beams (N,) measured: something in range, or nothing up to it (+Inf by REP 117, or more than it).
+
+    NaN, -Inf, 0 and all below `range_min` are no measurement: there may be anything.
+    """
+    ranges = np.asarray(scan.ranges, dtype=np.float64)
+    return (ranges >= scan.range_min) & (ranges > 0.0)
+
+
+def check_scan(scan: LaserScan) -> None:
+    """Raise ValueError for a scan whose numbers contradict each other: no beam of it can be trusted."""
+    count, step, span = len(scan.ranges), float(scan.angle_increment), float(scan.angle_max) - float(scan.angle_min)
+    if not 0 < count <= MAX_BEAMS:
+        raise ValueError(f"scan: ranges: expected 1 to {MAX_BEAMS} beams, found {count}")
+    if not np.isfinite([span, step, scan.range_min, scan.range_max]).all():
+        raise ValueError("scan: expected finite angles and range limits")
+    if not 0.0 <= scan.range_min < scan.range_max:
+        found = f"{scan.range_min:g} and {scan.range_max:g}"
+        raise ValueError(f"scan: range_min, range_max: expected 0 or more, and more than that, found {found} m")
+    turn = step * (count - 1)
+    if (step == 0.0 and count > 1) or abs(turn) > 1.01 * 2.0 * math.pi:
+        expected = f"{count} beams within a turn, not all in one direction"
+        raise ValueError(f"scan: angle_increment: expected {expected}, found {step:g} rad")
+    if abs(turn - span) > 1.5 * abs(step) + 0.01 * abs(turn):  # drivers count the last beam, or do not
+        expected = f"{count} beams from angle_min to angle_max, {span:g} rad"
+        raise ValueError(f"scan: angle_increment: expected {expected}, found {turn:g} rad")
 
 
 def follower_status_to_message(status: Any, stamp: int, frame_id: str, worst_cycle: float = 0.0) -> FollowerStatus:
@@ -129,6 +158,7 @@ def trajectory_to_message(path: Any, stamp: int, frame_id: str) -> ReferenceTraj
         length=float(path.length),
         is_closed=bool(path.is_closed),
         is_reverse_allowed=bool(np.any(path.speed < 0)),
+        map_id=str(path.map_id),
     )
 
 

@@ -21,7 +21,7 @@ def status_to_message(status: Any, stamp: int, frame_id: str) -> LocalizationSta
     message = LocalizationStatus(header=header(stamp, frame_id), state=state, reason=reason)
     message.state_code = _code(state)
     message.reason_code = _code(reason) if reason else 0
-    message.remedy = str(status.remedy)
+    message.remedy, message.map_id = str(status.remedy), str(status.map_id)
     message.references = [int(number) for number in status.references]
     for name in FLOATS:
         number = float(getattr(status, name))
@@ -44,6 +44,7 @@ def message_to_status(message: LocalizationStatus) -> Status:
         references=tuple(int(number) for number in message.references),
         **numbers,
         stamp_ns=stamp_ns(message),
+        map_id=message.map_id,
     )
 
 

@@ -86,6 +86,11 @@ class LocalizerNode(ManagedNode):
         """Whether there is something to localise in."""
         return True
 
+    @property
+    def map_id(self) -> str:
+        """The name of the map in use; empty where it has none."""
+        return ""
+
     def prepare(self, picture: Picture) -> None:
         """Make what needs to know the camera's place, before the first image."""
 
@@ -103,7 +108,7 @@ class LocalizerNode(ManagedNode):
         self.num_lost, self.heard_ns = 0, 0  # heard: when the last usable image was answered, on the node's own clock
         self.waits_since_ns = self.own_ns()
         self.intake = self.make_intake()
-        self.outputs = PoseOutputs(self.endpoints, self.params, self.intake.odometry)
+        self.outputs = PoseOutputs(self.endpoints, self.params, self.intake.odometry, lambda: self.map_id)
         self.add_subscription(
             "initialpose", PoseWithCovarianceStamped, self.on_initial_pose, qos.STATE, is_required=False
         )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -27,7 +29,14 @@ REPORT = "localisation"
 class PoseOutputs:
     """Converts estimates to messages. What is not trusted is not published."""
 
-    def __init__(self, endpoints: Endpoints, params: NodeParams, odometry: OdometryInput) -> None:
+    def __init__(
+        self,
+        endpoints: Endpoints,
+        params: NodeParams,
+        odometry: OdometryInput,
+        map_id: Callable[[], str] = str,
+    ) -> None:
+        """`map_id` returns that of the map in use, empty where it is not known."""
         self._endpoints, self._params = endpoints, params
         self._pose = endpoints.add_publisher("pose", PoseWithCovarianceStamped, qos.STATE)
         self._odometry = endpoints.add_publisher("odometry", Odometry, qos.STATE)
@@ -36,6 +45,7 @@ class PoseOutputs:
         self._transform = MapTransform(endpoints, odometry, *self._frames) if params.publish_tf else None
         self._told = ""
         self.state = State.UNCONFIGURED  # last told
+        self._map_id = map_id
 
     def clear(self) -> None:
         """Forget what has a stamp: the clock jumped."""
@@ -50,7 +60,7 @@ class PoseOutputs:
 
     def tell(self, status: Status, **values: Any) -> None:
         """Publish a status; report it, with `values`, to the diagnostics; log changes of state or reason."""
-        self.state = status.state
+        self.state, status = status.state, replace(status, map_id=self._map_id())
         if self._transform is not None and status.state not in TRUSTED:
             self._transform.stop()
         self._status.publish(conversions.status_to_message(status, status.stamp_ns, self._params.map_frame))

@@ -10,11 +10,11 @@ pytest.importorskip("rclpy")
 from sphere_nav_msgs.srv import LoadCloud
 
 from mcl_depth.geometry.cloud import Cloud
-from mcl_depth.ros.clouds import read_map
+from mcl_depth.ros.clouds import find_map_id, read_map
 from mcl_depth.ros.node import MclDepthNode
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.ros.bags.replay import OfflineBus
-from sphere_nav.ros.maps.reader import save_map
+from sphere_nav.ros.maps.reader import MapDetails, save_map
 from sphere_nav.spheres.graph import KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
 
@@ -58,7 +58,9 @@ def test_the_spheres_of_a_map_are_points_where_they_stood(tmp_path):
     sphere = Sphere(np.full((16, 32), 90, np.uint8), np.full((16, 32), 2.0, np.float32), camera, 1)
     centers = ([0.0, 0.0, 0.0], [10.0, 0.0, 0.0])
     keys = [KeySphere(k, k + 1, SE3.from_parts(np.eye(3), np.array(c)), sphere) for k, c in enumerate(centers)]
-    save_map(tmp_path / "map", SphereGraph(keys))
+    save_map(tmp_path / "map", SphereGraph(keys), MapDetails("yard"))
+    np.save(tmp_path / "room.npy", np.zeros((5, 3)))
+    assert [find_map_id(str(tmp_path / name)) for name in ("map", "room.npy")] == ["yard", ""]
     cloud = read_map(str(tmp_path / "map"))
     assert isinstance(cloud, Cloud)
     distances = np.linalg.norm(cloud.points[:, None] - np.array(centers), axis=2).min(axis=1)

@@ -9,7 +9,9 @@ from hypothesis import strategies as st
 
 pytest.importorskip("rclpy")
 
+from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import FollowerStatus
+from tf2_msgs.msg import TFMessage
 
 from path_follower.ros.intake import DirectionIntake
 from path_follower.ros.node import PathFollowerNode
@@ -19,8 +21,10 @@ from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import (
     header,
     poses_to_path,
+    se3_to_odometry,
     se3_to_pose_stamped,
     se3_to_pose_with_covariance,
+    se3_to_transform,
     status_to_message,
 )
 
@@ -217,3 +221,144 @@ def test_two_publishers_of_the_pose_are_named_and_stop():
     assert seconds_to_zero(bus) <= 0.6
     assert str(node.loop.follower.mode.verdict).startswith("POSE_SOURCE: pose is published by /a, /b: ")
     assert not node.shell.call("start").success
+
+
+# --- scans
+def scan(bus, ranges, **fields):
+    """A scanner at the front of the car, 41 beams over 2 rad; what it says."""
+    usual = {"angle_min": -1.0, "angle_max": 1.0, "angle_increment": 0.05, "range_min": 0.1, "range_max": 20.0}
+    usual["header"] = header(bus.now_ns, "laser")
+    message = LaserScan(ranges=[float(r) for r in ranges], **(usual | fields))
+    bus.deliver("/scan", message)
+    list(bus.settle())
+
+
+def mount(bus, turned=0.0):
+    there = se3_to_transform(SE3.from_planar(1.5, 0, turned), bus.now_ns, "base_link", "laser")
+    bus.deliver("/tf_static", TFMessage(transforms=[there]))
+
+
+def drive_with_scans(bus, node, images, ranges, x=0.0, **fields):
+    """Drive with a scan for each pose; return where the vehicle is and the reasons it gave."""
+    reasons = set()
+    for _ in range(images):
+        x = drive(bus, node, 1, x=x)
+        scan(bus, ranges, **fields)
+        reasons.add(str(node.follower.mode.verdict.reason))
+    return x, reasons
+
+
+def started_with_scans(**values):
+    bus, node = follower_bus(**values)
+    mount(bus)
+    x = drive(bus, node, 2)
+    scan(bus, 41 * [np.inf])
+    assert node.shell.call("start").success
+    x, reasons = drive_with_scans(bus, node, 15, 41 * [np.inf], x)
+    assert reasons == {""}
+    return bus, node, x
+
+
+BLIND_AHEAD = 10 * [np.inf] + 21 * [np.nan] + 10 * [np.inf]
+
+
+@pytest.mark.parametrize(
+    ("ranges", "fields", "found"),
+    [
+        (41 * [np.nan], {}, "of the beams to measure, as lately, found 0%"),
+        (41 * [0.0], {}, "of the beams to measure, as lately, found 0%"),
+        (41 * [-np.inf], {}, "of the beams to measure, as lately, found 0%"),
+        (BLIND_AHEAD, {}, "of the way ahead measured"),
+        (41 * [np.inf], {"range_max": 0.05}, "range_min, range_max: expected 0 or more"),
+        (41 * [np.inf], {"angle_increment": 0.0}, "angle_increment: expected 41 beams"),
+        ([], {}, "ranges: expected 1 to"),
+        (41 * [np.inf], {"header": header(SECOND, "nowhere")}, "nowhere"),
+        (41 * [np.inf], {"header": header(3600 * SECOND, "laser")}, "ahead of the clock"),
+    ],
+)
+def test_a_scan_that_sees_nothing_where_it_saw_something_is_none(ranges, fields, found):
+    bus, node, x = started_with_scans()
+    stood = x
+    x, _ = drive_with_scans(bus, node, 10, ranges, x, **fields)
+    verdict = node.follower.mode.verdict
+    assert (verdict.reason, found in verdict.detail) == ("SCAN_TIMEOUT", True), verdict.detail
+    assert x - stood < 1.2
+    assert not node.shell.call("start").success
+
+
+def test_scans_that_measure_are_driven_by_also_where_nothing_is_in_range_or_much_is_hidden_by_the_body():
+    bus, node, x = started_with_scans()
+    for ranges in (41 * [np.inf], 41 * [19.0], 41 * [25.0], 5 * [np.nan] + 31 * [np.inf] + 5 * [0.05]):
+        x, reasons = drive_with_scans(bus, node, 10, ranges, x)
+        assert reasons == {""}, ranges
+    x, reasons = drive_with_scans(bus, node, 1, BLIND_AHEAD, x)  # one alone: the time has not come
+    x, more = drive_with_scans(bus, node, 10, 41 * [np.inf], x)
+    assert reasons | more == {""}
+
+
+@pytest.mark.parametrize("is_required", [False, True])
+def test_a_scanner_without_tf_is_no_reason_to_drive_as_if_there_were_none(is_required):
+    bus, node = follower_bus(**{"safety.is_scan_required": is_required})
+    x = drive(bus, node, 2)
+    assert node.shell.call("start").success != is_required
+    scan(bus, 41 * [np.inf])
+    answer = node.shell.call("start") if is_required else node.follower.watch.judge_inputs(bus.now_ns)
+    assert "laser" in str(answer)
+    drive(bus, node, 1, x=x)
+    assert not node.shell.call("start").success
+    mount(bus)
+    scan(bus, 41 * [np.inf])
+    for _ in range(20):
+        x = drive(bus, node, 1, x=x)
+        scan(bus, 41 * [np.inf])
+    assert node.shell.call("start").success
+
+
+@pytest.mark.parametrize("is_required", [False, True])
+def test_a_scanner_that_looks_elsewhere_is_enough_only_where_none_is_required(is_required):
+    bus, node = follower_bus(**{"safety.is_scan_required": is_required})
+    mount(bus, turned=np.pi)
+    drive(bus, node, 2)
+    scan(bus, 41 * [np.inf])
+    answer = node.shell.call("start")
+    assert answer.success != is_required
+    assert is_required == ("expected beams where the vehicle drives" in answer.message)
+
+
+def test_the_wheels_are_compared_with_the_pose_and_those_of_another_frame_refused():
+    bus, node = follower_bus()
+    drive(bus, node, 1)
+    twist = [1.0, 0, 0, 0, 0, 0.2]
+    message = se3_to_odometry(SE3.from_planar(4, 5, 0.6), np.eye(6), bus.now_ns, ("odom", "base_link"), twist)
+    bus.deliver("/odom", message)
+    list(bus.settle())
+    time, pose, speed, yaw_rate = node.follower.consistency._odometry[-1]
+    assert (*pose, speed, yaw_rate) == pytest.approx((4, 5, 0.6, 1.0, 0.2))
+    assert time == node.times.now()
+    message.child_frame_id = "front_axle"
+    bus.deliver("/odom", message)
+    told = next(item for item in node.inputs if item.topic == "odom")
+    assert "child_frame_id: expected 'base_link', found 'front_axle'" in told.last_refusal
+    assert not told.is_required
+
+
+@pytest.mark.parametrize("source", ["pose", "odometry"])
+def test_the_covariance_of_a_pose_is_judged_in_its_own_axes(source):
+    """Large along the map's x axis: on a vehicle that heads along y that is to its side."""
+    bus, node = follower_bus(source=source)
+    T_map_base = SE3.from_planar(1.0, 0.0, np.pi / 2)
+    covariance = np.diag([1e-4, 2.25, 1.0, 1.0, 1.0, 1e-4])
+    if source == "pose":
+        message = se3_to_pose_with_covariance(T_map_base, covariance, bus.now_ns, "map")
+        assert message.pose.covariance[0] == pytest.approx(2.25)
+    else:
+        message = se3_to_odometry(T_map_base, covariance, bus.now_ns, ("map", "base_link"))
+    bus.deliver(f"/{source}", message)
+    stop = node.follower.watch.doubt.stop
+    assert (stop.reason, stop.value, stop.limit) == ("POSE_UNCERTAIN", pytest.approx(1.5), 1.0)
+
+
+def test_the_status_names_the_map_of_the_pose():
+    bus, node = follower_bus()
+    bus.deliver("/status", status_to_message(Status(State.TRACKING, map_id="yard"), bus.now_ns, "map"))
+    assert node.follower.watch.map_id == "yard"

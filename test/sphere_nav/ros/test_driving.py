@@ -30,6 +30,7 @@ def test_an_ackermann_command_is_speed_and_angle_of_the_front_wheel():
 
 def scan(ranges, **fields):
     usual = {"angle_min": -math.pi / 2, "angle_increment": math.pi / 2, "range_min": 0.1, "range_max": 30.0}
+    usual["angle_max"] = usual["angle_min"] + usual["angle_increment"] * (len(ranges) - 1)
     return LaserScan(ranges=[float(r) for r in ranges], **(usual | fields))
 
 
@@ -39,10 +40,43 @@ def test_beams_become_points_and_those_without_a_hit_none():
     assert driving.scan_to_points(scan([31.0, 3.0, -1.0])).shape == (1, 3)
 
 
-@pytest.mark.parametrize("message", [scan([]), scan([1.0], angle_increment=math.nan), scan([1.0], range_max=math.inf)])
-def test_a_scan_without_sense_is_refused(message):
-    with pytest.raises(ValueError, match="scan: "):
+@pytest.mark.parametrize(
+    ("fields", "name"),
+    [
+        ({"angle_increment": math.nan}, "finite"),
+        ({"angle_max": math.inf}, "finite"),
+        ({"range_max": math.inf}, "finite"),
+        ({"range_min": math.nan}, "finite"),
+        ({"range_min": 30.0}, "range_min, range_max"),
+        ({"range_min": -0.1}, "range_min, range_max"),
+        ({"angle_increment": 0.0}, "angle_increment"),
+        ({"angle_increment": -math.pi / 18}, "angle_increment"),  # against its ends
+        ({"angle_increment": math.pi / 24}, "angle_increment"),  # too small for its ends
+        ({"angle_increment": 0.8, "angle_max": 0.8 * 9 - math.pi / 2}, "angle_increment"),  # more than a turn
+    ],
+)
+def test_a_scan_whose_numbers_contradict_each_other_is_refused_by_name(fields, name):
+    message = scan([2.0] * 10, **{"angle_increment": math.pi / 18, "angle_max": 0.0} | fields)
+    with pytest.raises(ValueError, match=f"scan: .*{name}"):
         driving.scan_to_points(message)
+
+
+def test_a_scan_without_beams_is_refused():
+    with pytest.raises(ValueError, match="scan: ranges: expected 1 to"):
+        driving.scan_to_points(scan([]))
+
+
+@pytest.mark.parametrize("step", [math.pi / 180, -math.pi / 180])
+@pytest.mark.parametrize("end", [359, 360, 361])
+def test_scanners_that_count_the_last_beam_or_do_not_or_turn_the_other_way_are_none_of_these(step, end):
+    message = scan([2.0] * 360, angle_min=0.0, angle_max=end * step, angle_increment=step)
+    assert driving.scan_to_points(message)[90] == pytest.approx([0.0, math.copysign(2.0, step), 0.0], abs=1e-5)
+
+
+def test_nothing_in_range_is_a_measurement_and_nothing_measured_is_none():
+    ranges = [math.inf, 31.0, 30.0, 0.1001, 0.05, 0.0, -1.0, -math.inf, math.nan]
+    assert driving.measured_beams(scan(ranges)).tolist() == [True] * 4 + [False] * 5
+    assert driving.measured_beams(scan([0.0, 1.0], range_min=0.0)).tolist() == [False, True]
 
 
 def test_frames_are_checked():
@@ -58,8 +92,9 @@ def test_frames_are_checked():
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_trajectory_goes_there_and_back(sign):
     points = np.stack([sign * np.arange(0, 8, 0.1), np.zeros(80)], axis=-1)
-    path = make_path(points, np.zeros(80), None, FollowerParams())
+    path = make_path(points, np.zeros(80), None, FollowerParams(), map_id="yard")
     message = driving.trajectory_to_message(path, STAMP, "map")
+    assert message.map_id == "yard"
     assert message.is_reverse_allowed == (sign < 0)
     assert message.length == pytest.approx(7.9)
     xy, yaw, speed = driving.message_to_trajectory(message)

@@ -18,7 +18,7 @@ from sphere_nav.cli.maps import map as map_command
 from sphere_nav.cli.maps import map_info, map_verify
 from sphere_nav.cli.maps.map_export import WRITERS
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.trajectory import read_tum
+from sphere_nav.geometry.trajectory import read_map_id, read_tum
 from sphere_nav.offline.mapping.sphere_source import sphere_of_bag
 from sphere_nav.ros.maps.reader import open_map
 from worlds.recordings import (
@@ -77,6 +77,7 @@ def test_a_drive_is_mapped_from_every_kind_of_input(kind, limit, bags, tmp_path,
         assert poses.T_map_body[number].distance(pose(number))[0] < limit
     with open_map(tmp_path / "m") as reader:
         first = reader.graph[0].T_map_sphere
+        assert read_map_id(tmp_path / "t.tum") == reader.info.map_id
     assert first.distance(FIRST)[0] < limit  # fitted to the truth of the camera, also where that of the base is told
 
 
@@ -249,6 +250,7 @@ def test_exported_trajectory_and_graph(room_map, tmp_path):
         assert call("map-export", room_map, "-o", tmp_path / f"room.{suffix}") == 0
     with open_map(room_map) as reader:
         graph = reader.graph
+        assert read_map_id(tmp_path / "room.tum") == reader.info.map_id
     expected = [node.T_map_sphere.matrix[:3].ravel() for node in graph]
     np.testing.assert_allclose(np.loadtxt(tmp_path / "room.kitti"), expected, atol=1e-6)
     assert len(read_tum(tmp_path / "room.tum")) == len(graph)

@@ -23,7 +23,9 @@ def test_every_word_has_its_code(word):
 
 
 def test_a_status_comes_back():
-    status = Status("DEGRADED", "OUTLIERS", 0.25, 0.5, "look", 0.5, (3, 7), 0.75, 0.25, 4.5, 12, 6.5, 0.125, 9, 0.25)
+    status = Status(
+        "DEGRADED", "OUTLIERS", 0.25, 0.5, "look", 0.5, (3, 7), 0.75, 0.25, 4.5, 12, 6.5, 0.125, 9, 0.25, "yard"
+    )
     message = status_to_message(status, 9, "map")
     assert message_to_status(message) == status
 

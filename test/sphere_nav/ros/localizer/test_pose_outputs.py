@@ -25,7 +25,7 @@ class World:
         self.bus = OfflineBus()
         self.node = self.bus.add(ManagedNode)
         odometry = OdometryInput(self.node.endpoints, TransformTree(), "base_link", is_used=False)
-        self.outputs = PoseOutputs(self.node.endpoints, NodeParams(), odometry)
+        self.outputs = PoseOutputs(self.node.endpoints, NodeParams(), odometry, lambda: "yard")
 
     def said(self):
         return {record.topic: record.message for record in self.bus.settle()}
@@ -46,7 +46,9 @@ def test_the_diagnostics_follow_the_state(state, reason, level):
 def test_without_trust_only_the_status_goes_out():
     world = World()
     world.outputs.publish(BaseEstimate(Status(State.PROBATION, stamp_ns=STAMP_NS)))
-    assert set(world.said()) == {"/status"}
+    said = world.said()
+    assert set(said) == {"/status"}
+    assert said["/status"].map_id == "yard"
 
 
 def test_the_covariance_goes_out_about_the_fixed_axes_of_the_map():

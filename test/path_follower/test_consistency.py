@@ -1,0 +1,324 @@
+"""Poses against odometry and commands: each fault by its name, what is none, and the rate of false alarms."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy.stats import chi2
+
+from path_follower.consistency import (
+    SLOW_GATE,
+    STOP_GATE,
+    Doubt,
+    MotionConsistency,
+    Reckoning,
+    between,
+    compose,
+    judge_covariance,
+    pose_noise,
+    process_noise,
+)
+from path_follower.constants import COMMAND_ERRORS, SLOW_ALARM, STOP_ALARM
+from path_follower.follower import Follower
+from path_follower.modes import FollowerState
+from path_follower.params import FollowerParams, SafetyParams
+from path_follower.path import Pose2
+from path_follower.reasons import FINE, StopReason
+from path_follower.vehicle import Motion, Predictor
+from sphere_nav.estimation.gates import squared_mahalanobis
+
+SECOND, STEP = 1_000_000_000, 100_000_000
+PARAMS = FollowerParams()
+NOISE = (0.02, 0.02, 0.0087)
+STATED = np.diag(np.square(NOISE))
+
+
+class Car:
+    """Drives a bend at 1.4 m/s as commanded; gives a pose and 5 messages of odometry each tenth of a second."""
+
+    def __init__(self, params=PARAMS, motion=None, has_odometry=False, seed=0):
+        self.motion = motion or Motion(1.4, 0.1)
+        self.predictor = Predictor(params.vehicle, params.actuation)
+        self.consistency = MotionConsistency(params, self.predictor)
+        self.rng, self.has_odometry = np.random.default_rng(seed), has_odometry
+        self.now, self.true, self.driven, self.age = SECOND, Pose2(3.0, -2.0, 2.5), Pose2(7.0, 7.0, -1.0), 0.0
+        self.share, self.is_odometry_frozen = 1.0, False  # share: of the commanded way that it drives
+        self.told = self.driven, self.motion.speed
+        self.predictor.remember(self.now, self.motion)
+
+    def step(self, fault=lambda pose, age: pose, covariance=STATED, is_driving=True):
+        """Let a tenth of a second pass; return what speaks against the pose after it."""
+        self.move()
+        pose = compose(self.true, Pose2(*self.rng.normal(size=3) * NOISE))
+        return self.consistency.see_pose(fault(pose, self.age), covariance, self.now, is_driving=is_driving)
+
+    def move(self):
+        for _ in range(5):
+            way = self.predictor.travel(self.now, self.now + STEP // 5)[0]
+            self.now += STEP // 5
+            self.predictor.remember(self.now, self.motion)
+            way = Pose2(*(self.share * np.array(way)))
+            self.true, self.driven = compose(self.true, way), compose(self.driven, way)
+            if not self.is_odometry_frozen:
+                self.told = self.driven, self.share * self.motion.speed
+            if self.has_odometry:
+                self.consistency.see_odometry(*self.told, self.motion.yaw_rate(1.2), self.now)
+
+    def suffer(self, fault=lambda pose, age: pose, seconds=12.0, **values):
+        """Drive 5 s, then with the fault; return the first reason to stop and the seconds until then."""
+        for _ in range(50):
+            assert self.step() == Doubt(squared=self.consistency._largest)
+        for _ in range(round(seconds * 10)):
+            self.age += 0.1
+            doubt = self.step(fault, **values)
+            if doubt.stop is not FINE:
+                return doubt.stop.reason, self.age
+        return None, math.inf
+
+
+def frozen():
+    kept = []
+
+    def fault(pose, age):
+        kept.append(pose)
+        return kept[0]
+
+    return fault
+
+
+def beside(x, y, yaw):
+    return lambda pose, age: compose(pose, Pose2(x, y, yaw))
+
+
+@pytest.mark.parametrize("has_odometry", [False, True])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("speed", [1.4, -1.0, 0.5])
+def test_what_is_wrong_is_named_within_meters(has_odometry, sign, speed):
+    def suffer(fault):
+        return Car(motion=Motion(speed, -0.1 * sign), has_odometry=has_odometry).suffer(fault)
+
+    reason, seconds = suffer(frozen())
+    assert (reason, abs(speed) * seconds < 0.9) == (StopReason.POSE_FROZEN, True)
+    for jump in ((0.9 * sign, 0, 0), (0, 0.9 * sign, 0), (0, 0, 0.9 * sign)):
+        assert suffer(beside(*jump)) == (StopReason.POSE_JUMP, 0.1)
+    reason, seconds = suffer(lambda pose, age: compose(pose, Pose2(0, 0, 0.2 * sign * age)))
+    assert (reason, seconds < 2.6) == (StopReason.POSE_INCONSISTENT, True)
+    reason, seconds = suffer(lambda pose, age: compose(pose, Pose2(0, 0.5 * sign * age, 0)))
+    assert (reason, seconds < 2.6) == (StopReason.POSE_INCONSISTENT, True)
+    reason, seconds = suffer(lambda pose, age: compose(pose, Pose2(0, 0, sign * min(0.03 * age, 0.6))))
+    assert (reason, seconds < 12.0) == (StopReason.POSE_INCONSISTENT, True) or abs(speed) < 1.0  # 4 m take 8 s
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize("has_odometry", [False, True])
+def test_a_heading_wrong_from_the_start_shows_in_the_direction_of_motion(sign, has_odometry):
+    car, wrong = Car(has_odometry=has_odometry), beside(0, 0, 0.9 * sign)
+    found = [car.step(wrong, is_driving=k > 0).stop.reason for k in range(20)]
+    first = next(k for k, reason in enumerate(found) if reason is not StopReason.NONE)
+    assert (found[first], first * 0.14 < 1.0) == (StopReason.POSE_INCONSISTENT, True)
+
+
+@pytest.mark.parametrize("has_odometry", [False, True])
+def test_a_vehicle_that_does_not_move_is_not_a_frozen_pose(has_odometry):
+    car = Car(has_odometry=has_odometry)
+    for _ in range(50):
+        car.step()
+    car.share = 0.0
+    assert next(filter(None, (car.step().stop.reason for _ in range(20)))) is StopReason.NOT_MOVING
+    if has_odometry:  # also where the pose repeats itself to the last digit
+        car, fault = Car(has_odometry=True), frozen()
+        for _ in range(50):
+            car.step()
+        car.share = 0.0
+        assert next(filter(None, (car.step(fault).stop.reason for _ in range(20)))) is StopReason.NOT_MOVING
+
+
+def test_odometry_against_pose_and_commands_is_outvoted():
+    car = Car(has_odometry=True)
+    assert car.suffer(seconds=1.0) == (None, math.inf)
+    car.is_odometry_frozen = True  # its last message is repeated with new stamps
+    doubts = [car.step() for _ in range(80)]
+    assert {doubt.stop for doubt in doubts} == {FINE}
+    assert {doubt.slow for doubt in doubts[30:]} == {FINE}  # before, who is wrong is not sure yet
+    assert car.step(beside(0.9, 0, 0)).stop.reason is StopReason.POSE_JUMP  # by the commands alone
+
+
+@pytest.mark.parametrize("has_odometry", [False, True])
+def test_odometry_that_agrees_allows_what_the_commands_do_not_explain(has_odometry):
+    """A base that does a third of what it is told, and says so: no fault of the pose."""
+    car = Car(has_odometry=has_odometry)
+    assert car.suffer(seconds=1.0) == (None, math.inf)
+    car.share = 0.3
+    found = [car.step().stop.reason for _ in range(30)]
+    assert (StopReason.POSE_INCONSISTENT in found) != has_odometry
+    assert (set(found) == {StopReason.NONE}) == has_odometry
+
+
+@pytest.mark.parametrize("deviation", [0.1, 0.02])
+def test_a_small_correction_does_not_stop_and_slows_down_only_where_its_covariance_does_not_explain_it(deviation):
+    car = Car()
+    stated = np.diag(np.square([deviation, deviation, 0.02]))
+    doubts = [car.step(beside(0.1, 0.15, 0.03) if k > 25 else beside(0, 0, 0), stated) for k in range(80)]
+    assert {doubt.stop for doubt in doubts} == {FINE}
+    slow = [k for k, doubt in enumerate(doubts) if doubt.slow is not FINE]
+    assert bool(slow) == (deviation < 0.1)
+    if slow:  # while the windows reach back to it, and two seconds more
+        assert 26 <= slow[0] < slow[-1] < 26 + 20 + 32
+        assert doubts[slow[0]].slow.reason is StopReason.POSE_INCONSISTENT
+
+
+def test_a_jump_of_a_vehicle_that_is_not_driven_is_none():
+    car = Car()
+    assert car.step(is_driving=False).stop is FINE
+    assert car.step(beside(5.0, 0, 2.0), is_driving=False).stop is FINE
+    assert car.step(beside(5.0, 0, 2.0)).stop is FINE
+
+
+def test_poses_far_apart_in_time_are_not_compared():
+    for seconds, reason in ((2.4, StopReason.POSE_JUMP), (2.6, StopReason.NONE)):
+        car = Car()
+        assert car.suffer(seconds=1.0) == (None, math.inf)
+        then = car.now + round(seconds * SECOND)
+        assert car.consistency.see_pose(Pose2(50.0, 0.0, 0.0), STATED, then, is_driving=True).stop.reason is reason
+
+
+def test_it_can_be_switched_off_but_not_the_covariance():
+    car = Car(FollowerParams(safety=SafetyParams(is_motion_checked=False)))
+    assert car.suffer(beside(0.9, 0, 0.9), seconds=1.0) == (None, math.inf)
+    assert car.step(covariance=1e6 * np.eye(3)).stop.reason is StopReason.POSE_UNCERTAIN
+
+
+@pytest.mark.parametrize("scale", [0.999, 1.001, 1.999, 2.001])
+@pytest.mark.parametrize(("axis", "limit"), [(0, 0.5), (1, 0.5), (2, 0.25)])
+def test_a_standard_deviation_above_the_limit_slows_and_above_twice_that_stops(axis, limit, scale):
+    covariance = np.diag([1e-4, 1e-4, 1e-4])
+    covariance[axis, axis] = (scale * limit) ** 2
+    doubt = judge_covariance(covariance, PARAMS.safety)
+    assert (doubt.slow is not FINE, doubt.stop is not FINE) == (scale > 1.0, scale > 2.0)
+    assert {v.reason for v in (doubt.slow, doubt.stop) if v is not FINE} <= {StopReason.POSE_UNCERTAIN}
+    if scale > 2.0:
+        assert (doubt.stop.value, doubt.stop.limit) == pytest.approx((scale * limit, 2.0 * limit))
+
+
+def test_the_worst_direction_counts_and_what_is_no_covariance_stops():
+    turned = np.array([[0.3, 0.25, 0.0], [0.25, 0.3, 0.0], [0.0, 0.0, 1e-4]])  # 0.74 m along the diagonal
+    assert judge_covariance(turned, PARAMS.safety).slow.value == pytest.approx(math.sqrt(0.55))
+    for wrong in (np.full((3, 3), np.nan), np.diag([1e-4, -1e-4, 1e-4]), turned + np.diag([-0.29, 0, 0])):
+        assert judge_covariance(wrong, PARAMS.safety).stop.reason is StopReason.POSE_UNCERTAIN
+    assert judge_covariance(None, PARAMS.safety) == judge_covariance(np.zeros((3, 3)), PARAMS.safety) == Doubt()
+
+
+# --- in the follower
+def make_follower(kit):
+    follower = Follower(PARAMS, kit.make_path([(0, 0), (200, 0)], PARAMS))
+    follower.watch.see_status("TRACKING", SECOND)
+    return follower
+
+
+def test_an_uncertain_pose_does_not_start_and_a_doubtful_one_drives_slowly_for_a_limited_time(kit):
+    follower, now = make_follower(kit), SECOND
+    follower.see_pose(Pose2(1, 0, 0), now, None, np.diag([1e6, 1e6, 1e-4]))
+    assert follower.start(now).startswith("POSE_UNCERTAIN: standard deviation 1e+03 m, limit 1:")
+    x, verdicts, limit = 1.0, [], PARAMS.safety.max_degraded_time
+    for k in range(1, round(10 * limit) + 25):
+        now += STEP
+        follower.watch.see_status("TRACKING", now)
+        follower.see_pose(Pose2(x, 0, 0), now, None, np.diag([0.49, 0.49, 1e-4]))
+        if k == 1:
+            assert follower.start(now) == ""
+        command = follower.tick(now)
+        x += command.speed * 0.1
+        verdicts.append((command.status.state, command.status.verdict.reason))
+        assert command.speed <= PARAMS.speed.slow + 1e-9
+    assert verdicts[50] == (FollowerState.SLOW, StopReason.POSE_UNCERTAIN)
+    assert verdicts[-1] == (FollowerState.STOPPED, StopReason.POSE_UNCERTAIN)
+    first = next(k for k, (state, _) in enumerate(verdicts) if state is not FollowerState.SLOW)
+    assert first == pytest.approx(10 * limit, abs=2)
+
+
+def test_a_jump_stops_and_the_new_place_may_be_started_from(kit):
+    def jump(now, follower, car):
+        if now >= 6.0 and car.pose.y == 0.0:
+            car.pose = Pose2(car.pose.x + 0.9, 1e-9, car.pose.yaw)
+
+    drive = kit.follow(kit.course((40, 0)), each=jump)
+    assert (drive.final.state, drive.final.verdict.reason) == (FollowerState.STOPPED, StopReason.POSE_JUMP)
+    follower = make_follower(kit)
+    for k in range(60):
+        now = SECOND + k * STEP
+        follower.update(Pose2(3.0 if k > 30 else 1.0, 0, 0), None, now, "TRACKING")
+    assert follower.start(now) == ""
+
+
+def test_a_localizer_of_another_map_is_refused_and_one_that_changes_it_stops(kit):
+    follower = make_follower(kit)
+    object.__setattr__(follower.path, "map_id", "yard")
+    follower.see_pose(Pose2(1, 0, 0), SECOND)
+    for map_id, answer in (
+        ("street", "WRONG_MAP: the path is of map yard, the pose of street"),
+        ("", ""),
+        ("yard", ""),
+    ):
+        follower.watch.see_status("TRACKING", SECOND, map_id=map_id)
+        assert follower.start(SECOND).startswith(answer)
+        assert bool(follower.start(SECOND)) == bool(answer)
+        assert follower.tick(SECOND).status.is_armed == (not answer)
+    follower.watch.see_status("TRACKING", SECOND, map_id="street")
+    assert follower.tick(SECOND).status.verdict.reason is StopReason.WRONG_MAP
+
+
+# --- rates
+def test_the_gates_are_quantiles_of_chi_squared():
+    assert chi2.sf([STOP_GATE, SLOW_GATE], 3) == pytest.approx([STOP_ALARM, SLOW_ALARM], rel=1e-6)
+
+
+@pytest.mark.parametrize("motion", [Pose2(4.0, 1.0, 0.8), Pose2(-3.0, 0.5, -0.6)])
+def test_the_noise_of_two_poses_is_that_of_drawn_ones(motion):
+    rng, scale = np.random.default_rng(1), np.array([[1.0, 0.3, 0.1], [0.0, 0.8, -0.2], [0.0, 0.0, 1.0]])
+    spread = (scale @ scale.T) * np.outer((0.02, 0.03, 0.01), (0.02, 0.03, 0.01))
+    then, now = (Pose2(*row) for row in ((5.0, 1.0, 2.0), compose(Pose2(5.0, 1.0, 2.0), motion)))
+    drawn = [rng.multivariate_normal(np.zeros(3), covariance, 4000) for covariance in (spread, 2 * spread)]
+    errors = [between(compose(then, Pose2(*a)), compose(now, Pose2(*b))) for a, b in zip(*drawn, strict=True)]
+    found = np.cov(np.array(errors).T)
+    np.testing.assert_allclose(found, pose_noise(motion, spread, 2 * spread), atol=0.05 * np.abs(found).max())
+
+
+@pytest.mark.parametrize("bend", [0.0, 0.2, -0.2])
+def test_the_noise_of_dead_reckoning_is_that_of_drawn_vehicles(bend):
+    """Slip, a wheel that is not straight, a wheelbase and a course that are wrong: each drawn with its deviation."""
+    rng, n, way, errors = np.random.default_rng(2), 40, 4.0, COMMAND_ERRORS
+    ends = []
+    deviations = errors.along, errors.yaw_per_meter, errors.turn, errors.across
+    for slip, skew, scale, course in rng.normal(size=(3000, 4)) * deviations:
+        step = way / n * (1.0 + slip)
+        turn = way / n * (bend * (1.0 + scale) + skew)
+        yaw = turn * (np.arange(n) + 0.5) + course
+        ends.append((step * np.cos(yaw).sum(), step * np.sin(yaw).sum(), turn * n))
+    yaw = bend * way / n * (np.arange(n) + 0.5)
+    middle = Pose2(way / n * np.cos(yaw).sum(), way / n * np.sin(yaw).sum(), bend * way)
+    growth = Reckoning(middle, way, abs(bend) * way)
+    Q = process_noise(middle, growth, errors)
+    rate = np.mean([squared_mahalanobis(np.array(end) - middle, Q) > chi2.isf(0.01, 3) for end in ends])
+    assert 0.001 < rate < 0.03  # the bend itself scales with slip, which the model leaves out
+    found = np.std(ends, axis=0)
+    np.testing.assert_allclose(found, np.sqrt(np.diagonal(Q)), rtol=0.3, atol=0.01)
+
+
+@pytest.mark.parametrize("period", [1, 2])
+def test_nominal_drives_raise_no_alarm(period):
+    """Noisier than the floor, a tenth lost, a wheel that turns to and fro: the tail is that of chi^2."""
+    squared = []
+    stated = np.diag(np.square([0.05, 0.05, 0.03]))
+    for seed in range(6):
+        car = Car(seed=seed)
+        for k in range(300):
+            car.motion = Motion(1.4 if k % 100 > 20 else 0.7, 0.2 * math.sin(k / 20))
+            if k % period or car.rng.random() < 0.1:
+                car.move()
+                continue
+            more = Pose2(*car.rng.normal(size=3) * np.sqrt(np.diagonal(stated) - np.square(NOISE)))
+            doubt = car.step(lambda pose, age, more=more: compose(pose, more), stated)
+            assert (doubt.stop, doubt.slow) == (FINE, FINE)
+            squared.append(doubt.squared)
+    assert np.mean(np.array(squared) > chi2.isf(0.01, 3)) < 0.04  # the largest of four tests of each pose
+    assert np.quantile(squared, 0.5) > 1.0  # and the noise is not thought much larger than it is
