@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 
 from mcl_depth.belief.survey_grid import SurveyGrid
+from mcl_depth.constants import MESH_STEP, MIN_PLACES
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import Area, find_area
 from mcl_depth.geometry.cloud import Cloud
@@ -12,11 +13,8 @@ from mcl_depth.geometry.ground import Ground
 from mcl_depth.geometry.mesh import TriangleMesh, sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.likeness.depth_map import DepthMap
-from mcl_depth.likeness.matched_filter import MIN_PLACES
 from mcl_depth.params import FilterParams
 from mcl_depth.presets import apply_preset
-
-SPACING = 0.15  # of the points that stand for a mesh in ground and area, m
 
 
 class Site:
@@ -30,7 +28,7 @@ class Site:
         `is_ready`: the depth images are made now; else `prepare` has to be called before a filter needs them.
         """
         self.params = params = apply_preset(params, geometry.box)
-        points = sample_surface(geometry, SPACING).points if isinstance(geometry, TriangleMesh) else geometry.points
+        points = sample_surface(geometry, MESH_STEP).points if isinstance(geometry, TriangleMesh) else geometry.points
         name = hashlib.sha256(points.tobytes()).hexdigest()
         self.synthesizer = DepthSynthesizer(geometry, params.synthesis)
         height = params.camera_height or camera_height

@@ -7,7 +7,8 @@ from functools import cache
 import numpy as np
 
 from mcl_depth.belief.evidence import find_maxima
-from mcl_depth.belief.joint_evidence import STEP_EVERY, JointEvidence
+from mcl_depth.belief.joint_evidence import JointEvidence
+from mcl_depth.constants import STEP_EVERY
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.image_params import SynthesisParams

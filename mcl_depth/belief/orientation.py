@@ -6,10 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.belief.particles import Particles, wrap_angle
+from mcl_depth.constants import HEADING_SPREAD, NUM_YOUNG
 from sphere_nav.geometry.arrays import Array
-
-NUM_YOUNG = 2  # images after which a particle keeps its own heading
-SPREAD = np.radians(3.0)  # standard deviation left in an assigned heading
 
 
 def best_headings(curves: NDArray[np.floating]) -> Array:
@@ -39,6 +37,6 @@ def adjust_headings(particles: Particles, curves: NDArray[np.floating], rng: np.
     if not is_young.any():
         return particles
     poses = particles.poses.copy()
-    spread = SPREAD * rng.standard_normal(len(particles))
+    spread = HEADING_SPREAD * rng.standard_normal(len(particles))
     poses[:, 2] = np.where(is_young, wrap_angle(best_headings(curves) + spread), poses[:, 2])
     return particles.with_poses(poses)

@@ -5,20 +5,23 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.belief.orientation import NUM_YOUNG
 from mcl_depth.belief.particles import Particles
+from mcl_depth.constants import (
+    CHANCE,
+    EFFECTIVE_SHARE,
+    EXPONENT,
+    KLD_BIN,
+    KLD_ERROR,
+    KLD_Z,
+    MIN_EFFECTIVE_SHARE,
+    MIN_PARTICLES,
+    NUM_YOUNG,
+    ROUGHENING,
+    SEARCH_STEPS,
+)
 from sphere_nav.geometry.arrays import Array
 
 Indices = NDArray[np.int64]
-EFFECTIVE_SHARE = 0.5  # resample when fewer than this share of the particles carry the belief
-MIN_PARTICLES = 300
-BIN_M, BIN_RAD = 0.25, np.radians(10.0)  # of position and heading
-KLD_ERROR, KLD_Z = 0.03, 2.33  # largest error of the belief, and the normal quantile of its probability
-ROUGHENING = 0.3  # spread of copies of young particles, by the distance of particles at the start
-EXPONENT = 20.0  # lambda (N17 table I)
-MIN_EFFECTIVE_SHARE = 0.1  # of the particles that survive one image: lambda is lowered for it
-CHANCE = 4.0 / np.pi  # similarity of images that have nothing to do with each other: E|c| = 2 / pi, twice (eq. 2)
-SEARCH_STEPS = 24  # halvings of the interval of lambda: 1e-7 of it
 
 
 def low_variance_indices(weights: NDArray[np.float64], count: int, start: float) -> Indices:
@@ -33,7 +36,7 @@ def low_variance_indices(weights: NDArray[np.float64], count: int, start: float)
 
 def count_bins(poses: NDArray[np.float64]) -> int:
     """Return how many bins of position and heading poses (N, 3) fill."""
-    return len(np.unique(np.floor(poses / np.array([BIN_M, BIN_M, BIN_RAD])).astype(np.int64), axis=0))
+    return len(np.unique(np.floor(poses / KLD_BIN).astype(np.int64), axis=0))
 
 
 def required_particles(bins: int, at_most: int) -> int:

@@ -6,15 +6,11 @@ import numpy as np
 
 from mcl_depth.belief.evidence import Survey
 from mcl_depth.belief.motion_model import planar_pose
-from mcl_depth.belief.orientation import NUM_YOUNG
 from mcl_depth.belief.particles import Particles, wrap_angle
+from mcl_depth.constants import GIVEN_SIGMA, NEW_SHARE, NEW_SIGMA, NUM_YOUNG
 from mcl_depth.geometry.area import Area
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array
-
-MIN_SIGMA_M, MIN_SIGMA_RAD = 0.1, np.radians(2.0)  # of a pose that is given as if it were exact
-NEW_SHARE = 0.3  # of the particles that begin anew while no place is held
-NEW_SIGMA_M, NEW_SIGMA_RAD = 0.3, np.radians(5.0)  # around the places of a survey: half a cell, half a step
+from sphere_nav.geometry.arrays import PLANAR, Array
 
 
 def sample_uniform(area: Area, count: int, rng: np.random.Generator) -> Particles:
@@ -33,7 +29,7 @@ def sample_gaussian(T_map_level: SE3, covariance: Array, area: Area, count: int,
         )
     cosine, sine = np.cos(pose[2]), np.sin(pose[2])
     R = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
-    local = covariance[np.ix_((0, 1, 5), (0, 1, 5))] + np.diag([MIN_SIGMA_M, MIN_SIGMA_M, MIN_SIGMA_RAD]) ** 2
+    local = covariance[PLANAR] + np.diag(GIVEN_SIGMA) ** 2
     poses = rng.multivariate_normal(pose, R @ local @ R.T, count, method="cholesky")
     poses[:, 2] = wrap_angle(poses[:, 2])
     return Particles.of_equal_weight(poses, NUM_YOUNG)
@@ -46,7 +42,6 @@ def inject_at_places(particles: Particles, survey: Survey, rng: np.random.Genera
     """
     count = int(NEW_SHARE * len(particles))
     poses = survey.poses[rng.choice(len(survey.poses), count, p=survey.shares)]
-    sigmas = np.array([NEW_SIGMA_M, NEW_SIGMA_M, NEW_SIGMA_RAD])
-    poses = poses + sigmas * rng.standard_normal((count, 3))
+    poses = poses + NEW_SIGMA * rng.standard_normal((count, 3))
     poses[:, 2] = wrap_angle(poses[:, 2])
     return particles.replace_some(rng.choice(len(particles), count, replace=False), poses, NUM_YOUNG)

@@ -9,11 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.ndimage import label
 from scipy.spatial import cKDTree
 
+from mcl_depth.constants import BODY, MAX_ELEMENTS
 from mcl_depth.params import AreaParams
 from sphere_nav.geometry.arrays import Array
-
-BODY = 0.3  # points this far above or below the camera are in its way, m
-MAX_CELLS = 50_000_000
 
 
 class Area:
@@ -49,8 +47,8 @@ def find_area(
             corners = np.asarray(bounds, dtype=np.float64)
             low, high = np.maximum(low, corners[:2]), np.minimum(high, corners[2:])
     counts = np.maximum(np.ceil((high - low) / params.step), 0).astype(np.int64)
-    if counts.min() < 1 or counts.prod() > MAX_CELLS:
-        raise ValueError(f"area: expected 1 to {MAX_CELLS} squares of {params.step:g} m, found {counts.tolist()}")
+    if counts.min() < 1 or counts.prod() > MAX_ELEMENTS:
+        raise ValueError(f"area: expected 1 to {MAX_ELEMENTS} squares of {params.step:g} m, found {counts.tolist()}")
     axes = (low[i] + (np.arange(counts[i]) + 0.5) * params.step for i in range(2))
     middles = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2).astype(np.float64)
     free = _is_free(middles, points, heights, params.clearance).reshape(counts)

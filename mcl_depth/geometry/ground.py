@@ -6,23 +6,20 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 
+from mcl_depth.constants import GROUND_REACH, GROUND_STEP, MAX_ELEMENTS
 from sphere_nav.geometry.arrays import Array
-
-STEP = 0.5  # m, side of a square of the grid
-REACH = 1.5  # m, from a square without points to one with, that lends its height
-MAX_SQUARES = 50_000_000
 
 
 class Ground:
     """Height of the ground under (x, y), from points (N, 3) of the map."""
 
-    def __init__(self, points: NDArray[np.floating], step: float = STEP) -> None:
+    def __init__(self, points: NDArray[np.floating], step: float = GROUND_STEP) -> None:
         self._step = step
         self._low = points[:, :2].min(axis=0).astype(np.float64)
         cells = np.floor((points[:, :2] - self._low) / step).astype(np.int64)
         shape = cells.max(axis=0) + 1
-        if shape.prod() > MAX_SQUARES:
-            raise ValueError(f"ground: expected at most {MAX_SQUARES} squares of {step:g} m, found {shape.tolist()}")
+        if shape.prod() > MAX_ELEMENTS:
+            raise ValueError(f"ground: expected at most {MAX_ELEMENTS} squares of {step:g} m, found {shape.tolist()}")
         lowest = np.full(shape, np.inf)
         np.minimum.at(lowest, (cells[:, 0], cells[:, 1]), points[:, 2])
         self._heights = _fill(lowest, step)
@@ -52,5 +49,5 @@ def _fill(lowest: Array, step: float) -> Array:
     is_empty = ~np.isfinite(lowest)
     distance, nearest = distance_transform_edt(is_empty, return_indices=True)
     filled = lowest[nearest[0], nearest[1]]
-    filled[distance * step > REACH] = np.nan
+    filled[distance * step > GROUND_REACH] = np.nan
     return filled

@@ -8,7 +8,8 @@ from nav_msgs.msg import Path
 from sphere_nav_msgs.msg import FollowerStatus
 
 from mcl_depth.belief.estimate import Belief
-from mcl_depth.homing import MIN_LEAD, Advice, Homing
+from mcl_depth.constants import MIN_LEAD
+from mcl_depth.homing import Advice, Homing
 from mcl_depth.params import MclDepthParams
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import Status
