@@ -120,8 +120,7 @@ def _refine(pairs: list[DepthPair], one: RgbdInstant) -> RefinedDepth:
         found = refine_depth_pose(seen, one.camera, T_image_depth, one.T_image_depth, levels)
         T_image_depth = found.T_image_depth
         pairs = [
-            DepthPair(pair.first, pair.second, state.T_second_first)
-            for pair, state in zip(pairs, found.states, strict=True)
+            DepthPair(pair.first, pair.second, state.pose) for pair, state in zip(pairs, found.states, strict=True)
         ]
     return found
 
