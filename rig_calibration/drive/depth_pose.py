@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import f
 
+from rig_calibration.constants import DEPTH_FLOOR, DEPTH_SIGMA, DEPTH_STEPS, FALSE_ALARM, MIN_DEPTH_STEP
 from rig_calibration.drive.depth_pair import DepthPair, differentiate_pair
 from rig_calibration.drive.drive_image import ImageState, weigh_part
 from rig_calibration.drive.refinement import Refined, descend
@@ -23,12 +24,7 @@ from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 
 NAMES = ("x", "y", "z", "rx", "ry", "rz")
-PRIOR_SIGMA = np.array([0.05, 0.05, 0.05, *np.radians([3.0, 3.0, 3.0])])  # of a camera that nobody calibrated, m, rad
-FLOOR = np.array([0.001, 0.001, 0.001, *np.radians([0.03, 0.03, 0.03])])  # what sampling leaves however many pairs
 MIN_PAIRS = len(NAMES) + 2  # their scatter is the covariance
-FALSE_ALARM = 1e-3  # of drives whose depth sits where it is said to
-MAX_STEPS = 15  # at a level
-MIN_STEP = 0.05  # of the standard deviations, below which a level is done
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,14 +62,14 @@ def refine_depth_pose(
     def linearize(T: SE3, states: Sequence[ImageState], level: int) -> Elimination:
         both = zip(pairs, states, strict=True)
         parts = [weigh_part(*differentiate_pair(pair, state, T, cameras[level], level)) for pair, state in both]
-        return Elimination(parts, PRIOR_SIGMA, (T @ known.inverse()).log())
+        return Elimination(parts, DEPTH_SIGMA, (T @ known.inverse()).log())
 
     def move(T: SE3, step: Array) -> SE3:
         return SE3.exp(step) @ T
 
     used = [level for level in levels if level < len(cameras)]  # a small image has fewer
     states = [ImageState(pair.T_second_first) for pair in pairs]
-    T_image_depth, states = descend(T_image_depth, states, used, linearize, move, MAX_STEPS, MIN_STEP)
+    T_image_depth, states = descend(T_image_depth, states, used, linearize, move, DEPTH_STEPS, MIN_DEPTH_STEP)
     last = linearize(T_image_depth, states, used[-1])
-    covariance = last.covariance() + np.diag(FLOOR**2)
-    return RefinedDepth(NAMES, PRIOR_SIGMA, covariance, tuple(states), last.num_pixels, last.sigma, T_image_depth)
+    covariance = last.covariance() + np.diag(DEPTH_FLOOR**2)
+    return RefinedDepth(NAMES, DEPTH_SIGMA, covariance, tuple(states), last.num_pixels, last.sigma, T_image_depth)

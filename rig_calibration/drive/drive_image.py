@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_calibration.constants import MARGIN, MIN_PIXELS, MIN_SIGMA, NUM_LENS_LEVELS, NUM_LENS_PIXELS
 from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.estimation.elimination import Part
 from sphere_nav.estimation.robust import HUBER, weigh
@@ -20,8 +21,6 @@ from sphere_nav.photometric import Pyramid, View
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, GRAY, SIDE
 from sphere_nav.photometric.pixels.selection import select
 
-NUM_PIXELS = 6_000  # of each level, the most salient
-NUM_LEVELS = 3
 ROW_OF_GRAY = GRAY // SIDE  # of a block, behind those of the point
 
 
@@ -29,8 +28,8 @@ def collect(pyramid: Pyramid, view: View, T_map_camera: SE3, velocity: NDArray[n
     """Return an image with the most salient pixels of a reference that it should show from a pose."""
     T_camera_reference = T_map_camera.inverse() @ view.T_world_reference
     levels = []
-    for level in pyramid.levels[:NUM_LEVELS]:
-        chosen = select(view.reference.level_like(level.camera), T_camera_reference, level.camera, NUM_PIXELS)
+    for level in pyramid.levels[:NUM_LENS_LEVELS]:
+        chosen = select(view.reference.level_like(level.camera), T_camera_reference, level.camera, NUM_LENS_PIXELS)
         blocks = chosen.blocks.reshape(-1, BLOCK // SIDE, SIDE).transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)
         blocks = blocks[:, : chosen.num_pixels].astype(np.float64)
         points_map = view.T_world_reference.apply(blocks[:ROW_OF_GRAY].T)
@@ -39,10 +38,6 @@ def collect(pyramid: Pyramid, view: View, T_map_camera: SE3, velocity: NDArray[n
 
 
 Plane = NDArray[np.float32]
-
-MIN_SIGMA = 0.5  # grey levels
-MIN_PIXELS = 100
-MARGIN = 1.0  # px from the border
 
 
 @dataclass(frozen=True, eq=False)

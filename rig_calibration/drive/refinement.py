@@ -14,14 +14,11 @@ from typing import TypeVar
 
 import numpy as np
 
+from rig_calibration.constants import LENS_FLOOR, LENS_STEPS, MIN_LENS_STEP, UNOBSERVED
 from rig_calibration.drive.drive_image import DriveImage, ImageState, differentiate, weigh_part
-from rig_calibration.drive.drive_lens import FLOOR, Lens
+from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.estimation.elimination import Elimination
 from sphere_nav.geometry.arrays import Array
-
-MAX_STEPS = 12  # at a level
-MIN_STEP = 0.02  # of the parameters' standard deviations, below which a level is done
-UNOBSERVED = 0.5  # of the deviation known beforehand: more is left than the drive has told
 
 Shared = TypeVar("Shared")
 
@@ -71,9 +68,9 @@ def refine_camera(images: Sequence[DriveImage], lens: Lens) -> RefinedCamera:
 
     states = [ImageState(image.T_map_camera) for image in images]
     levels = range(len(images[0].levels) - 1, -1, -1)
-    found, states = descend(lens, states, levels, linearize, Lens.moved, MAX_STEPS, MIN_STEP)
+    found, states = descend(lens, states, levels, linearize, Lens.moved, LENS_STEPS, MIN_LENS_STEP)
     last = linearize(found, states, 0)
-    covariance = last.covariance() + np.diag((FLOOR * found.prior_sigma) ** 2)
+    covariance = last.covariance() + np.diag((LENS_FLOOR * found.prior_sigma) ** 2)
     return RefinedCamera(found.names, found.prior_sigma, covariance, tuple(states), last.num_pixels, last.sigma, found)
 
 

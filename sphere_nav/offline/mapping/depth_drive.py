@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from rig_calibration.constants import FALSE_ALARM
 from rig_calibration.drive.depth_pair import DepthFrame, DepthPair
 from rig_calibration.drive.depth_pixels import make_frame, without_hidden
-from rig_calibration.drive.depth_pose import FALSE_ALARM, MIN_PAIRS, NAMES, RefinedDepth, refine_depth_pose
+from rig_calibration.drive.depth_pose import MIN_PAIRS, NAMES, RefinedDepth, refine_depth_pose
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import Intake

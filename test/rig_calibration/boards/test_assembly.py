@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rig_calibration.boards.assembly import LOST, Sighting, _apart, _majority, assemble, board_turns, hand_eye
+from rig_calibration.boards.assembly import Sighting, _apart, _majority, assemble, board_turns, hand_eye
 from rig_calibration.boards.board import Board
+from rig_calibration.constants import LOST
 from sphere_nav.geometry import SE3
 
 CAMERAS = [SE3.exp([0.1 * k, -0.2 * k, 0.05, 0.1, 0.3 * k, -0.2]) for k in range(3)]
