@@ -11,11 +11,10 @@ from mcl_depth.belief.joint_evidence import JointEvidence
 from mcl_depth.constants import STEP_EVERY
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.synthesis import DepthSynthesizer
-from mcl_depth.image_params import SynthesisParams
 from mcl_depth.likeness.comparison import depth_features_many, num_alpha_for, similarity_many, visual_features
 from mcl_depth.likeness.matched_filter import MatchedFilter, correlate_part
 from mcl_depth.likeness.partial_filter import PartialFilter
-from mcl_depth.params import FilterParams
+from mcl_depth.params import FilterParams, SynthesisParams
 
 
 @cache

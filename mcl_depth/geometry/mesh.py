@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.constants import MAX_ELEMENTS
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points
-from mcl_depth.image_params import SynthesisParams
+from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mcl_depth.constants import COARSENESS, INDEX_BITS, MAX_ELEVATION_DEG, NEAREST_M, SPLAT
 from mcl_depth.geometry import kernels
 from mcl_depth.geometry.cloud import Cloud
-from mcl_depth.image_params import SynthesisParams
+from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry import Spherical
 
 Image = NDArray[np.float32]

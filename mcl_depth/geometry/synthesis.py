@@ -13,7 +13,7 @@ from mcl_depth.geometry.columns.voxel_map import voxel_map
 from mcl_depth.geometry.columns.walker import Walker
 from mcl_depth.geometry.mesh import RayScene, TriangleMesh
 from mcl_depth.geometry.point_index import PointIndex
-from mcl_depth.image_params import SynthesisParams
+from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry import Spherical
 
 Image = NDArray[np.float32]

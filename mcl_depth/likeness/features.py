@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.constants import FAR_M, LCN_SHARE, LCN_SHARE_OUTDOORS, MIN_CONTRAST_M
-from mcl_depth.image_params import ComparisonParams
 from mcl_depth.likeness import kernels
+from mcl_depth.params import ComparisonParams
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]

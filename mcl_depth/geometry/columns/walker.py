@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from mcl_depth.constants import CELL, MAX_ELEVATION_DEG, NEAREST_M
 from mcl_depth.geometry.columns import kernels
 from mcl_depth.geometry.columns.voxel_map import VoxelMap
-from mcl_depth.image_params import SynthesisParams
+from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry import Spherical
 
 Image = NDArray[np.float32]

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.align.projection import kernel_motion
+from sphere_nav.photometric.constants import OVERLAP_CELL
 from sphere_nav.photometric.pixels import kernels
 from sphere_nav.photometric.pixels.pyramid import Pyramid
 from sphere_nav.photometric.pixels.reference import View
-
-CELL = 3  # pixels of the coarsest level: wide enough that a covered cell catches a reference pixel
 
 
 def image_overlap(pyramid: Pyramid, views: Sequence[View], T_world_camera: SE3) -> float:
@@ -25,7 +24,7 @@ def image_overlap(pyramid: Pyramid, views: Sequence[View], T_world_camera: SE3) 
     cells = _cells_with_rays(camera)
     covered = np.zeros_like(cells)
     T_camera_world = T_world_camera.inverse()
-    image = (level.kernel_camera, camera.width, camera.height, CELL, covered)
+    image = (level.kernel_camera, camera.width, camera.height, OVERLAP_CELL, covered)
     for view in views:
         pixels = view.reference.level_like(camera)
         T_camera_reference = T_camera_world @ view.T_world_reference
@@ -38,7 +37,7 @@ def image_overlap(pyramid: Pyramid, views: Sequence[View], T_world_camera: SE3) 
 def _cells_with_rays(camera: Camera) -> NDArray[np.bool_]:
     """Return which cells hold a pixel that sees anything; the corners of a fisheye image do not."""
     has_ray = ~np.isnan(pixel_rays(camera)[..., 0])
-    cells = np.zeros((-(-camera.height // CELL), -(-camera.width // CELL)), np.bool_)
+    cells = np.zeros((-(-camera.height // OVERLAP_CELL), -(-camera.width // OVERLAP_CELL)), np.bool_)
     v, u = np.nonzero(has_ray)
-    cells[v // CELL, u // CELL] = True
+    cells[v // OVERLAP_CELL, u // OVERLAP_CELL] = True
     return cells

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from mcl_depth.constants import MIN_VIEW_SHARE
-from mcl_depth.image_params import ComparisonParams
 from mcl_depth.likeness.comparison import GradientFeatures, depth_features, depth_features_many, stack_features
 from mcl_depth.likeness.matched_filter import correlate_part
+from mcl_depth.params import ComparisonParams
 from worlds.panoramas import HEIGHT, NUM_HEADINGS, WIDTH, part_of, rooms, window
 
 NUM_CELLS = 60

@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.image_params import ComparisonParams
 from mcl_depth.likeness import partial_filter
 from mcl_depth.likeness.comparison import GradientFeatures, depth_features_many
 from mcl_depth.likeness.matched_filter import correlate_part, double_gradients
 from mcl_depth.likeness.partial_filter import PartialFilter
+from mcl_depth.params import ComparisonParams
 from worlds.panoramas import HEIGHT, NUM_HEADINGS, WIDTH, part_of, rooms, square_room, window
 
 NUM_CELLS = 300

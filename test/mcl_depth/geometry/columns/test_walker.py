@@ -11,7 +11,7 @@ from mcl_depth.geometry.columns.voxel_map import VoxelMap, voxel_map
 from mcl_depth.geometry.columns.walker import Walker
 from mcl_depth.geometry.mesh import RayScene, mesh_from_faces, sample_surface
 from mcl_depth.geometry.synthesis import panorama_window
-from mcl_depth.image_params import SynthesisParams
+from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry.cameras.camera import pixel_grid
 
 PARAMS = SynthesisParams(num_columns=180)
