@@ -17,7 +17,7 @@ from scipy.stats import f
 from rig_calibration.constants import DEPTH_FLOOR, DEPTH_SIGMA, DEPTH_STEPS, FALSE_ALARM, MIN_DEPTH_STEP
 from rig_calibration.drive.depth_pair import DepthPair, differentiate_pair
 from rig_calibration.drive.drive_image import ImageState, weigh_part
-from rig_calibration.drive.refinement import Refined, descend
+from rig_calibration.drive.refinement import Refined, estimate_shared
 from sphere_nav.estimation.elimination import Elimination
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.geometry import SE3, Camera
@@ -69,7 +69,7 @@ def refine_depth_pose(
 
     used = [level for level in levels if level < len(cameras)]  # a small image has fewer
     states = [ImageState(pair.T_second_first) for pair in pairs]
-    T_image_depth, states = descend(T_image_depth, states, used, linearize, move, DEPTH_STEPS, MIN_DEPTH_STEP)
+    T_image_depth, states = estimate_shared(T_image_depth, states, used, linearize, move, DEPTH_STEPS, MIN_DEPTH_STEP)
     last = linearize(T_image_depth, states, used[-1])
     covariance = last.covariance() + np.diag(DEPTH_FLOOR**2)
     return RefinedDepth(NAMES, DEPTH_SIGMA, covariance, tuple(states), last.num_pixels, last.sigma, T_image_depth)

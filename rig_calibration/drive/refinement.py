@@ -68,13 +68,13 @@ def refine_camera(images: Sequence[DriveImage], lens: Lens) -> RefinedCamera:
 
     states = [ImageState(image.T_map_camera) for image in images]
     levels = range(len(images[0].levels) - 1, -1, -1)
-    found, states = descend(lens, states, levels, linearize, Lens.moved, LENS_STEPS, MIN_LENS_STEP)
+    found, states = estimate_shared(lens, states, levels, linearize, Lens.moved, LENS_STEPS, MIN_LENS_STEP)
     last = linearize(found, states, 0)
     covariance = last.covariance() + np.diag((LENS_FLOOR * found.prior_sigma) ** 2)
     return RefinedCamera(found.names, found.prior_sigma, covariance, tuple(states), last.num_pixels, last.sigma, found)
 
 
-def descend(
+def estimate_shared(
     shared: Shared,
     states: list[ImageState],
     levels: Iterable[int],

@@ -11,7 +11,7 @@ from mcl_depth.belief.evidence import Survey
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import relative_motion
 from mcl_depth.belief.particles import Particles
-from mcl_depth.belief.sampling import inject_at_places, sample_gaussian, sample_uniform
+from mcl_depth.belief.resampling import inject_at_places, sample_gaussian, sample_uniform
 from mcl_depth.constants import NEW_SHARE, NEW_SIGMA, NUM_YOUNG
 from mcl_depth.geometry.area import Area
 from mcl_depth.params import MclInputParams, MotionParams
