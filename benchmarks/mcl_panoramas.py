@@ -17,7 +17,6 @@ from benchmarks.report import Bound, Report, Table
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.floor_plan import WallSurface, read_surfaces, rings_of
 from mcl_depth.geometry.synthesis import DepthSynthesizer
-from mcl_depth.image_params import ComparisonParams, SynthesisParams
 from mcl_depth.likeness.comparison import (
     FeatureStack,
     depth_features_many,
@@ -27,6 +26,7 @@ from mcl_depth.likeness.comparison import (
     visual_features,
 )
 from mcl_depth.likeness.level_view import level_view
+from mcl_depth.params import ComparisonParams, SynthesisParams
 from sphere_nav.geometry import Spherical
 
 HELP = "real panoramas in a floor plan: compass at the true places, scan of all places"

@@ -14,9 +14,9 @@ from benchmarks.machine import describe
 from benchmarks.report import Bound, Report
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.synthesis import DepthSynthesizer
-from mcl_depth.image_params import ComparisonParams, SynthesisParams
 from mcl_depth.likeness.comparison import depth_features_many, similarity_many, visual_features
 from mcl_depth.likeness.level_view import level_view
+from mcl_depth.params import ComparisonParams, SynthesisParams
 from sphere_nav.geometry import Pinhole, Spherical
 
 HELP = "six surround cameras as one panorama in a LiDAR sweep, against the mirrored photographs"

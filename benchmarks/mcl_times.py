@@ -23,8 +23,7 @@ from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.likeness.comparison import depth_features_many, similarity_many, visual_features
 from mcl_depth.params import FilterParams
-from mcl_depth.presets import apply_preset
-from mcl_depth.site import Site
+from mcl_depth.site import Site, apply_preset
 from mcl_depth.warm_up import warm_up
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array

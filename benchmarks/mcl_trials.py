@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from benchmarks.mcl_drives import Drive
 from mcl_depth.belief.particles import wrap_angle
-from mcl_depth.belief.sampling import sample_uniform
+from mcl_depth.belief.resampling import sample_uniform
 from mcl_depth.filter import Filter
 from mcl_depth.geometry.area import Area
 from mcl_depth.likeness.comparison import GradientFeatures

@@ -14,10 +14,8 @@ from mcl_depth.belief.estimate import Belief, Estimate, Observation, level_pose,
 from mcl_depth.belief.evidence import Evidence
 from mcl_depth.belief.hypotheses import Lineage, find_hypotheses
 from mcl_depth.belief.motion_model import MotionModel, sample_motion
-from mcl_depth.belief.orientation import adjust_headings, interpolate_similarity
-from mcl_depth.belief.particles import Particles
-from mcl_depth.belief.resampling import compute_weights, resample
-from mcl_depth.belief.sampling import inject_at_places, sample_gaussian, sample_uniform
+from mcl_depth.belief.particles import Particles, adjust_headings, interpolate_similarity
+from mcl_depth.belief.resampling import compute_weights, inject_at_places, resample, sample_gaussian, sample_uniform
 from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.geometry.area import Area
 from mcl_depth.likeness.comparison import GradientFeatures, num_alpha_for, visual_features

@@ -11,18 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mcl_depth.belief.orientation import best_headings
-from mcl_depth.belief.particles import wrap_angle
+from mcl_depth.belief.particles import best_headings, wrap_angle
+from mcl_depth.constants import MIN_LEAD, NUM_DIRECTIONS, NUM_DISTANCES, NUM_MEDIAN, NUM_PASSED, REACH
 from mcl_depth.likeness.similarity_cache import Comparison
 from mcl_depth.params import DirectionParams
 from sphere_nav.geometry.arrays import Array
-
-NUM_DIRECTIONS = 16  # psi around the waypoint (N17 table I)
-NUM_DISTANCES = 2  # d around the waypoint, beside zero
-NUM_MEDIAN = 5  # images in the median of the direction
-REACH = 0.6  # a waypoint closer than this, by the step of the distances, is passed
-NUM_PASSED = 2  # images in a row that must say so
-MIN_LEAD = 1.5  # of the best sample over the others for a clear direction, standard deviations
 
 
 @dataclass(frozen=True)

@@ -1,22 +1,46 @@
-"""A geometry made ready for the filter: depth images, ground, and the area where the vehicle may be."""
+"""A geometry made ready for the filter: depth images, ground, the area where the vehicle may be, and what suits it."""
 
 from __future__ import annotations
 
 import hashlib
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 from mcl_depth.belief.survey_grid import SurveyGrid
+from mcl_depth.constants import MESH_STEP, MIN_PLACES
 from mcl_depth.filter import Filter
-from mcl_depth.geometry.area import Area, find_area
+from mcl_depth.geometry.area import Area, Ground, find_area
 from mcl_depth.geometry.cloud import Cloud
-from mcl_depth.geometry.ground import Ground
 from mcl_depth.geometry.mesh import TriangleMesh, sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 from mcl_depth.likeness.depth_map import DepthMap
-from mcl_depth.likeness.matched_filter import MIN_PLACES
 from mcl_depth.params import FilterParams
-from mcl_depth.presets import apply_preset
+from sphere_nav.params import build, to_mapping
 
-SPACING = 0.15  # of the points that stand for a mesh in ground and area, m
+INDOOR_WIDTH_M = 40.0  # a building is narrower, if not shorter
+
+PRESETS: dict[str, dict[str, Any]] = {
+    "indoor": {},  # the defaults
+    "outdoor": {
+        "cache.max_distance": 0.5,  # what is seen is farther away (N17 table I, column ETHZ)
+        "area.step": 0.5,
+        "synthesis.voxel_m": 0.2,
+        "comparison.is_sky_far": True,  # the skyline is the strongest edge
+    },
+}
+
+
+def apply_preset(params: FilterParams, box: tuple[NDArray[Any], NDArray[Any]]) -> FilterParams:
+    """Return parameters with the preset's values where they are at their defaults; `box` is that of the cloud, m."""
+    name = params.preset
+    if name == "auto":
+        width = float(np.min((box[1] - box[0])[:2]))
+        name = "indoor" if width <= INDOOR_WIDTH_M else "outdoor"
+    values, defaults = to_mapping(params), to_mapping(type(params)())
+    changes = {key: value for key, value in PRESETS[name].items() if values[key] == defaults[key]}
+    return build(type(params), values | changes | {"preset": name})
 
 
 class Site:
@@ -30,7 +54,7 @@ class Site:
         `is_ready`: the depth images are made now; else `prepare` has to be called before a filter needs them.
         """
         self.params = params = apply_preset(params, geometry.box)
-        points = sample_surface(geometry, SPACING).points if isinstance(geometry, TriangleMesh) else geometry.points
+        points = sample_surface(geometry, MESH_STEP).points if isinstance(geometry, TriangleMesh) else geometry.points
         name = hashlib.sha256(points.tobytes()).hexdigest()
         self.synthesizer = DepthSynthesizer(geometry, params.synthesis)
         height = params.camera_height or camera_height

@@ -5,22 +5,23 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
 from mcl_depth.belief.evidence import Proof
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
+from mcl_depth.constants import (
+    AMBIGUOUS_SHARE,
+    EVEN_ODDS,
+    GOOD_SIGMA_M,
+    LOST_IMAGES,
+    MAX_SIGMA_M,
+    MAX_SIGMA_RAD,
+    MIN_WEIGHT,
+)
 from sphere_nav.localization.state_machine import StateMachine
 from sphere_nav.localization.status import FINE, INPUT_REMEDIES, Finding, Reason, State
 
-MIN_WEIGHT = 0.8  # share of the belief in one place before it is trusted
-AMBIGUOUS_SHARE = 0.4  # a second place counts from this share of the first
-MAX_SIGMA_M, GOOD_SIGMA_M = 0.6, 0.4  # standard deviations of a trusted and of a good position
-MAX_SIGMA_RAD = float(np.radians(15.0))
 SMALL_MAP = "probability that the place is chance: a map this small has few places to tell it by"
 GIVE_A_START = "give an initial pose or a larger map, or drive on"
-EVEN_ODDS = 0.5  # a held place is bad once it is more probably gone than there
-LOST_IMAGES = 6  # bad images in a row until the pose is lost
 REMEDIES = INPUT_REMEDIES | {
     Reason.OUTLIERS: "the image fits this place no better than others: check cloud, camera height and initial pose",
     Reason.NO_CONVERGENCE: "the particles do not agree on one place yet: drive on",

@@ -7,14 +7,14 @@ from functools import cache
 import numpy as np
 
 from mcl_depth.belief.evidence import find_maxima
-from mcl_depth.belief.joint_evidence import STEP_EVERY, JointEvidence
+from mcl_depth.belief.joint_evidence import JointEvidence
+from mcl_depth.constants import STEP_EVERY
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.synthesis import DepthSynthesizer
-from mcl_depth.image_params import SynthesisParams
 from mcl_depth.likeness.comparison import depth_features_many, num_alpha_for, similarity_many, visual_features
 from mcl_depth.likeness.matched_filter import MatchedFilter, correlate_part
 from mcl_depth.likeness.partial_filter import PartialFilter
-from mcl_depth.params import FilterParams
+from mcl_depth.params import FilterParams, SynthesisParams
 
 
 @cache

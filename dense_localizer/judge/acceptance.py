@@ -31,6 +31,7 @@ from dense_localizer.constants import (
 )
 from dense_localizer.motion_prior import Prediction
 from dense_localizer.params import AcceptanceParams
+from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.photometric import Alignment
@@ -78,7 +79,7 @@ class Check:
 def measure_innovation(alignment: Alignment, covariance: Array, prediction: Prediction) -> float:
     """Return the distance of an alignment from its prediction in standard deviations of both together."""
     xi = (prediction.T_map_camera.inverse() @ alignment.T_world_camera).log()
-    return float(np.sqrt(xi @ np.linalg.solve(prediction.covariance + covariance, xi)))
+    return float(np.sqrt(squared_mahalanobis(xi, prediction.covariance + covariance)))
 
 
 def assess(

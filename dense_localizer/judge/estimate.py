@@ -11,9 +11,8 @@ from dense_localizer.judge.candidate import PoseCandidate
 from dense_localizer.motion_prior import PosePrior
 from dense_localizer.reasons import REMEDIES
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.base_estimate import BaseEstimate
 from sphere_nav.localization.state_machine import StateMachine
-from sphere_nav.localization.status import Finding, State, Status, status_of
+from sphere_nav.localization.status import BaseEstimate, Finding, State, Status, status_of
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,7 @@ from dense_localizer.references.rejections import Rejections
 from dense_localizer.ros.maps import Maps, read_calibration
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization.base_estimate import BaseEstimate
-from sphere_nav.localization.status import FINE, Finding, State, Status, status_of
+from sphere_nav.localization.status import FINE, BaseEstimate, Finding, State, Status, status_of
 from sphere_nav.photometric import warm_up
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.intake import CameraIntake, MultiCameraIntake

@@ -7,10 +7,9 @@ import numpy as np
 from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import compose_planar, planar_pose, relative_motion
+from mcl_depth.constants import MIN_TURN
 from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry.arrays import Array
-
-MIN_TURN = np.radians(3.0)  # an image turned by this tells something new, wherever it was taken
 
 
 class DeadReckoning:

@@ -10,13 +10,11 @@ from numpy.typing import NDArray
 
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.particles import Particles
+from mcl_depth.constants import UNMODELED
 from mcl_depth.likeness.similarity_cache import Comparison
 from sphere_nav.geometry import SE3, Camera
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import PLANAR, Array
 from sphere_nav.localization.status import Status
-
-MAP_M, HEADING = 0.10, np.radians(1.0)  # errors that particles do not tell: of map and synthesis, and of the heading
-HEIGHT_M, TILT = 0.10, np.radians(1.0)  # of the height above the ground, and of roll and pitch
 
 
 @dataclass(frozen=True)
@@ -73,6 +71,5 @@ def pose_covariance(covariance: Array, yaw: float) -> Array:
     R = np.array([[np.cos(yaw), np.sin(yaw), 0.0], [-np.sin(yaw), np.cos(yaw), 0.0], [0.0, 0.0, 1.0]])
     local = R @ covariance @ R.T
     full = np.zeros((6, 6))
-    used = np.ix_((0, 1, 5), (0, 1, 5))
-    full[used] = local
-    return full + np.diag(np.array([MAP_M, MAP_M, HEIGHT_M, TILT, TILT, HEADING]) ** 2)
+    full[PLANAR] = local
+    return full + np.diag(UNMODELED**2)

@@ -29,20 +29,21 @@ from mcl_depth.belief.motion_model import planar_pose
 from mcl_depth.belief.particles import wrap_angle
 from mcl_depth.belief.survey_grid import SurveyGrid
 from mcl_depth.belief.watch import CusumTest, WaldTest, excess
-from mcl_depth.likeness.matched_filter import MIN_PLACES
+from mcl_depth.constants import (
+    APART,
+    LOCAL_M,
+    MIN_MAXIMA,
+    MIN_PATCH,
+    MIN_PLACES,
+    NUM_MAXIMA,
+    OFF_MAP,
+    PATCH,
+    PEAK,
+    TAIL_SHARE,
+)
 from mcl_depth.likeness.similarity_cache import Comparison
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-
-LOCAL_M = 7.5  # across the neighbourhood whose mean is taken off: along a street all places look alike
-PATCH = 11  # cells across what a held place is watched in
-PEAK, PEAK_HEADINGS = 2, 2  # cells and steps of headings around a maximum that are lower
-APART, APART_HEADINGS = 4, 3  # cells and steps from the best place to a rival: what is nearer is the same place
-NUM_MAXIMA, TAIL_SHARE = 40, 0.5  # of the map that make its tail, and at most of all that there are
-OFF_MAP = np.float32(-1.0)  # evidence, in standard deviations, of a place where nobody can have been
-MIN_MAXIMA = 8  # of a map that can tell chance by them
-MIRROR = np.array([1.0, -1.0, -1.0])  # x, y, yaw of a drive seen in a mirror along its way
-MIN_PATCH = 20  # cells around a held place by which it can be watched
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,7 @@ class Evidence:
         joint, places, values = self._add(self._joint, comparison, odometry)
         p_chance, scale = chance_of_lead(values)
         if self._is_small:
-            mirrored = None if odometry is None else odometry * MIRROR
+            mirrored = None if odometry is None else odometry * np.array([1.0, -1.0, -1.0])
             _, _, others = self._add(self._mirrored, comparison.mirrored, mirrored)
             p_chance = max(p_chance, chance_over(values[0], others))
         shares = np.exp((values - values[0]) / max(scale, 1e-6))
@@ -175,13 +176,13 @@ def find_maxima(joint: Field, mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64
 
     Those around the first belong to it and are left out; and so is the lower half of all.
     """
-    places = np.argwhere(is_maximum(joint, mask, PEAK_HEADINGS, PEAK))
+    places = np.argwhere(is_maximum(joint, mask, PEAK, PEAK))
     values = joint[tuple(places.T)].astype(np.float64)
     order = np.argsort(-values, kind="stable")
     places, values = places[order], values[order]
     off = np.abs(places - places[0])
     off[:, 0] = np.minimum(off[:, 0], len(joint) - off[:, 0])
-    is_kept = np.any(off > (APART_HEADINGS, APART, APART), axis=1)
+    is_kept = np.any(off > APART, axis=1)
     is_kept[0] = True
     count = min(NUM_MAXIMA, int(TAIL_SHARE * np.count_nonzero(is_kept)))
     return places[is_kept][: count + 1], values[is_kept][: count + 1]

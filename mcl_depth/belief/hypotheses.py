@@ -14,16 +14,15 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
 from mcl_depth.belief.particles import Particles, wrap_angle
+from mcl_depth.constants import CLUSTER_M, MAX_HYPOTHESES, MAX_LINEAGE, NUM_TURNS
 from sphere_nav.geometry.arrays import Array
-
-MAX_IMAGES = 5000  # that are remembered; 40 kB each with 1000 particles
 
 
 class Lineage:
     """The particles of all images, each with its parent among those of the image before."""
 
     def __init__(self) -> None:
-        self._images: deque[tuple[int, Array, NDArray[np.int64]]] = deque(maxlen=MAX_IMAGES)
+        self._images: deque[tuple[int, Array, NDArray[np.int64]]] = deque(maxlen=MAX_LINEAGE)
         self._scores = np.zeros(0)
 
     def clear(self) -> None:
@@ -47,10 +46,6 @@ class Lineage:
             if index < 0:
                 break
         return found[::-1]
-
-
-BIN_M, NUM_TURNS = 0.75, 12  # particles in bins of position and heading that touch are of one place
-MAX_HYPOTHESES = 5
 
 
 @dataclass(frozen=True)
@@ -84,7 +79,7 @@ def find_hypotheses(particles: Particles) -> list[Hypothesis]:
 def _labels(poses: Array) -> NDArray[np.int64]:
     """Return the number (N,) of the cluster of each pose (N, 3)."""
     turn = np.floor(wrap_angle(poses[:, 2]) / (2.0 * np.pi) * NUM_TURNS).astype(np.int64) % NUM_TURNS
-    cells = np.floor(poses[:, :2] / BIN_M).astype(np.int64)
+    cells = np.floor(poses[:, :2] / CLUSTER_M).astype(np.int64)
     bins, bin_of = np.unique(np.column_stack([cells, turn]), axis=0, return_inverse=True)
     number = {tuple(key): index for index, key in enumerate(bins.tolist())}
     pairs = [

@@ -17,17 +17,10 @@ from numpy.typing import NDArray
 
 from mcl_depth.belief.kernels import relax, shift_headings
 from mcl_depth.belief.motion_model import relative_motion
+from mcl_depth.constants import COST, FORGETTING, MAX_STEPS, NEARLY, NEW_TURN, STEP_EVERY, WAY_SHARE
 from sphere_nav.geometry.arrays import Array
 
 Field = NDArray[np.float32]  # (A, X, Y) by heading and cell
-
-FORGETTING = np.float32(0.97)  # of what was known, with every image that counts in full: some thirty of them count
-COST = np.float32(2.5)  # of a step to the next cell or heading, in standard deviations of a field
-STEP_EVERY = 2  # images that count in full
-NEW_TURN = 1.0  # rad, after which an image counts in full: a part of the sphere sees other things
-WAY_SHARE, MAX_STEPS = 0.08, 3  # standard deviation of a way by odometry; cells that one way is followed beside it
-NEARLY = 0.05  # of an image that counts in full: ways of odometry are not exact
-UNKNOWN = np.float32(0.0)  # evidence of a place that was off the map
 
 
 class JointEvidence:
@@ -73,7 +66,7 @@ class JointEvidence:
         self._turn += float(motion[2]) - turn * step
         self._rests = np.roll(self._rests - shifts * self._edge, turn, axis=0)
         moved = np.empty_like(total)
-        shift_headings(total, shifts, turn, UNKNOWN, moved)
+        shift_headings(total, shifts, turn, np.float32(0.0), moved)  # of a place that was off the map nothing is known
         for _ in range(self._num_steps(float(np.hypot(motion[0], motion[1])))):
             relaxed = np.empty_like(total)
             relax(moved, COST, relaxed)

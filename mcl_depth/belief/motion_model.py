@@ -7,6 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from mcl_depth.belief.particles import wrap_angle
+from mcl_depth.constants import (
+    BLIND_SPEED,
+    BLIND_TURN_RATE,
+    MAX_BLIND_STEP,
+    MAX_LEAP,
+    MIN_TURN_SIGMA,
+    SIDE_SHARE,
+    TURN_SHARE,
+)
 from mcl_depth.params import MotionParams
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
@@ -48,14 +57,6 @@ def sample_motion(poses: Array, step: Step, rng: np.random.Generator) -> Array:
     return compose_planar(poses, step.motion + step.sigmas * rng.standard_normal(poses.shape))
 
 
-SIDE_SHARE = 0.6  # error across the way by that along it
-TURN_SHARE = 0.05  # standard deviation of a turn, as share of it
-MIN_SIGMA = np.radians(0.5)  # of the heading for each image
-MAX_LEAP = 0.5  # m, believed at any speed
-BLIND_SPEED, BLIND_TURN_RATE = 0.5, 0.35  # standard deviations of speed, m/s, and turn rate, rad/s, without odometry
-MAX_BLIND_STEP = 1.0  # m
-
-
 class MotionModel:
     """Remembers odometry at the last image; says what happened since."""
 
@@ -86,7 +87,7 @@ class MotionModel:
         along = np.hypot(p.way_share * way, p.min_sigma)
         across = np.hypot(SIDE_SHARE * p.way_share * way, p.min_sigma)
         drift = np.radians(p.drift_deg) ** 2 * way
-        return np.array([along, across, np.sqrt((TURN_SHARE * turn) ** 2 + drift + MIN_SIGMA**2)])
+        return np.array([along, across, np.sqrt((TURN_SHARE * turn) ** 2 + drift + MIN_TURN_SIGMA**2)])
 
     def _unknown(self, seconds: float, jump: float = 0.0) -> Step:
         way = min(BLIND_SPEED * seconds, MAX_BLIND_STEP)

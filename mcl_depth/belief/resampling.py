@@ -1,24 +1,37 @@
-"""Weights of particles by their similarities, w = s ** lambda (N17 section III-C), and which particles live on."""
+"""Particles: their weights by similarity, w = s ** lambda (N17 section III-C), which of them live on, and new ones.
+
+New ones lie all over the area, around a given pose, or where the evidence of the last images points.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.belief.orientation import NUM_YOUNG
-from mcl_depth.belief.particles import Particles
-from sphere_nav.geometry.arrays import Array
+from mcl_depth.belief.evidence import Survey
+from mcl_depth.belief.motion_model import planar_pose
+from mcl_depth.belief.particles import Particles, wrap_angle
+from mcl_depth.constants import (
+    CHANCE,
+    EFFECTIVE_SHARE,
+    EXPONENT,
+    GIVEN_SIGMA,
+    KLD_BIN,
+    KLD_ERROR,
+    KLD_Z,
+    MIN_EFFECTIVE_SHARE,
+    MIN_PARTICLES,
+    NEW_SHARE,
+    NEW_SIGMA,
+    NUM_YOUNG,
+    ROUGHENING,
+    SEARCH_STEPS,
+)
+from mcl_depth.geometry.area import Area
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import PLANAR, Array
 
 Indices = NDArray[np.int64]
-EFFECTIVE_SHARE = 0.5  # resample when fewer than this share of the particles carry the belief
-MIN_PARTICLES = 300
-BIN_M, BIN_RAD = 0.25, np.radians(10.0)  # of position and heading
-KLD_ERROR, KLD_Z = 0.03, 2.33  # largest error of the belief, and the normal quantile of its probability
-ROUGHENING = 0.3  # spread of copies of young particles, by the distance of particles at the start
-EXPONENT = 20.0  # lambda (N17 table I)
-MIN_EFFECTIVE_SHARE = 0.1  # of the particles that survive one image: lambda is lowered for it
-CHANCE = 4.0 / np.pi  # similarity of images that have nothing to do with each other: E|c| = 2 / pi, twice (eq. 2)
-SEARCH_STEPS = 24  # halvings of the interval of lambda: 1e-7 of it
 
 
 def low_variance_indices(weights: NDArray[np.float64], count: int, start: float) -> Indices:
@@ -33,7 +46,7 @@ def low_variance_indices(weights: NDArray[np.float64], count: int, start: float)
 
 def count_bins(poses: NDArray[np.float64]) -> int:
     """Return how many bins of position and heading poses (N, 3) fill."""
-    return len(np.unique(np.floor(poses / np.array([BIN_M, BIN_M, BIN_RAD])).astype(np.int64), axis=0))
+    return len(np.unique(np.floor(poses / KLD_BIN).astype(np.int64), axis=0))
 
 
 def required_particles(bins: int, at_most: int) -> int:
@@ -107,3 +120,37 @@ def _normalize(logs: Array, prior: Array) -> Array:
 
 def _effective(logs: Array, prior: Array) -> float:
     return float(1.0 / np.sum(_normalize(logs, prior) ** 2))
+
+
+def sample_uniform(area: Area, count: int, rng: np.random.Generator) -> Particles:
+    """Return particles all over the area, of any heading (algorithm 2, line 1)."""
+    poses = np.column_stack([area.draw(count, rng), rng.uniform(-np.pi, np.pi, count)])
+    return Particles.of_equal_weight(poses)
+
+
+def sample_gaussian(T_map_level: SE3, covariance: Array, area: Area, count: int, rng: np.random.Generator) -> Particles:
+    """Return particles around a pose with local covariance (6, 6); they keep their own headings."""
+    pose = planar_pose(T_map_level)
+    if not area.contains(pose[None, :2])[0]:
+        nearest = float(np.min(np.linalg.norm(area.middles - pose[:2], axis=1)))
+        raise ValueError(
+            f"initial pose: expected a place in the area of the cloud, found one {nearest:.1f} m away from it"
+        )
+    cosine, sine = np.cos(pose[2]), np.sin(pose[2])
+    R = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
+    local = covariance[PLANAR] + np.diag(GIVEN_SIGMA) ** 2
+    poses = rng.multivariate_normal(pose, R @ local @ R.T, count, method="cholesky")
+    poses[:, 2] = wrap_angle(poses[:, 2])
+    return Particles.of_equal_weight(poses, NUM_YOUNG)
+
+
+def inject_at_places(particles: Particles, survey: Survey, rng: np.random.Generator) -> Particles:
+    """Return the set with a share of its particles, drawn by lot, put around the best places of a survey.
+
+    A mixture of proposals (Thrun, Burgard, Fox, section 8.3.5); they keep the headings of the survey.
+    """
+    count = int(NEW_SHARE * len(particles))
+    poses = survey.poses[rng.choice(len(survey.poses), count, p=survey.shares)]
+    poses = poses + NEW_SIGMA * rng.standard_normal((count, 3))
+    poses[:, 2] = wrap_angle(poses[:, 2])
+    return particles.replace_some(rng.choice(len(particles), count, replace=False), poses, NUM_YOUNG)

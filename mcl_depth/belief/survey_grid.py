@@ -6,10 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.belief.particles import wrap_angle
+from mcl_depth.constants import MAX_CELLS
 from mcl_depth.likeness.depth_map import DepthMap
 from sphere_nav.geometry.arrays import Array
-
-MAX_CELLS = 20_000  # compared with one image; of a larger map every second, third ... cell
 
 
 class SurveyGrid:

@@ -15,17 +15,20 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.constants import (
+    FIRST_MEAN,
+    FIRST_SIGMA,
+    MAX_EXCESS,
+    MAX_LOG_RATIO_STEP,
+    MEMORY,
+    MIN_MEAN,
+    MIN_SIGMA,
+    NEAR,
+    NEWS,
+    OTHER_HEADINGS,
+)
+
 Patch = NDArray[np.float32]
-
-CELLS, HEADINGS = 1, 1  # around the held place that count as that place
-OTHER_HEADINGS = 3  # steps from its heading on which others begin
-MEMORY = 0.9  # of the mean and the variance of a place that is right, with every image
-FIRST_MEAN, FIRST_SIGMA = 4.0, 1.5  # of a right place, before any image was seen there; standard deviations
-MIN_MEAN, MIN_SIGMA = 2.0, 1.0  # of a right place
-MAX_EXCESS = 8.0  # that counts: what stands out further says nothing more
-MAX_STEP = 3.0  # of the log likelihood ratio: no two images end a place at the default rate
-
-NEWS = 0.5  # of an image that counts for a place on trial: images of one way resemble each other
 
 
 def excess(patch: Patch, heading: int) -> float:
@@ -36,9 +39,9 @@ def excess(patch: Patch, heading: int) -> float:
     """
     local = patch - np.nanmean(patch, axis=(1, 2), keepdims=True)
     middle = patch.shape[1] // 2
-    near = slice(middle - CELLS, middle + CELLS + 1)
+    near = slice(middle - NEAR, middle + NEAR + 1)
     best = np.nan_to_num(local, nan=-np.inf)[:, near, near].max(axis=(1, 2))
-    best = np.max([np.roll(best, step) for step in range(-HEADINGS, HEADINGS + 1)], axis=0)
+    best = np.max([np.roll(best, step) for step in range(-NEAR, NEAR + 1)], axis=0)
     steps = np.abs(np.arange(len(best)) - heading)
     others = best[np.minimum(steps, len(best) - steps) > OTHER_HEADINGS]
     return float((best[heading] - others.mean()) / max(float(others.std()), 1e-9))
@@ -58,7 +61,7 @@ class CusumTest:
     def add(self, value: float) -> None:
         """Add the excess that an image gives."""
         value = min(value, MAX_EXCESS)
-        step = float(np.clip(log_ratio_of(value, self._mean, self._variance), -MAX_STEP, MAX_STEP))
+        step = float(np.clip(log_ratio_of(value, self._mean, self._variance), -MAX_LOG_RATIO_STEP, MAX_LOG_RATIO_STEP))
         if step < 0.0:
             off = value - self._mean
             self._mean = max(self._mean + (1.0 - MEMORY) * off, MIN_MEAN)
@@ -80,7 +83,7 @@ class WaldTest:
     def add(self, value: float) -> None:
         """Add the excess that an image gives."""
         step = log_ratio_of(min(value, MAX_EXCESS), FIRST_MEAN, FIRST_SIGMA**2)
-        self._log_ratio += NEWS * float(np.clip(step, -MAX_STEP, MAX_STEP))
+        self._log_ratio += NEWS * float(np.clip(step, -MAX_LOG_RATIO_STEP, MAX_LOG_RATIO_STEP))
 
     @property
     def p_chance(self) -> float:

@@ -7,13 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-Points = NDArray[np.float32]
+from mcl_depth.constants import FAR_FROM_ORIGIN_M, LARGE_EXTENT_M, MAX_COORDINATE_M, MAX_LONELY, MIN_POINTS
 
-LARGE_EXTENT_M = 1_000.0  # a wider cloud is asked whether its points lie as close as those of a map
-MIN_POINTS = 100  # that tell how close points lie
-MAX_LONELY = 0.5  # share of the points of a map that are alone in their cubic metre
-MAX_COORDINATE_M = 1e7  # the size of the Earth
-FAR_FROM_ORIGIN_M = 100_000.0  # beyond it float32 metres are coarser than a centimetre
+Points = NDArray[np.float32]
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from tokenize import TokenError
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.constants import MAX_BYTES
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points
 from mcl_depth.geometry.floor_plan import read_floor_plan
 from mcl_depth.geometry.las import read_las
@@ -17,7 +18,6 @@ from mcl_depth.geometry.ply import read_ply
 from sphere_nav.geometry.files.untrusted import open_file
 
 NPY_MAGIC = b"\x93NUMPY"
-MAX_BYTES = 1 << 32
 ENDINGS = (".ply", ".pcd", ".las", ".laz", ".npy", ".csv")
 
 

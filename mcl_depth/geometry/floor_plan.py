@@ -15,17 +15,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.constants import MAX_OFF_WALL, MAX_SURFACES, MIN_PIECE, MIN_SILL, SAME_CORNER
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
 from sphere_nav.geometry.files.untrusted import number, read_text, short
 
 KINDS = ("wall", "door", "window", "opening")
 CUT = ("door", "opening")  # windows stay: what is behind them is not in the plan
 NUMBERS = ("x0_m", "y0_m", "x1_m", "y1_m", "z_bottom_m", "z_top_m")
-MAX_OFF_WALL = 0.15  # m between an opening and the wall that it belongs to
-MIN_SILL = 0.05  # m; a door that begins lower begins at the foot of the wall
-MIN_PIECE = 1e-3  # m
-SAME_CORNER = 0.02  # m
-MAX_SURFACES = 20_000  # a hundred buildings; doors are compared with the walls of their room
 
 Floats = NDArray[np.float64]
 

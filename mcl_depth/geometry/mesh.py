@@ -14,13 +14,13 @@ from embreex.mesh_construction import TriangleMesh as EmbreeMesh
 from embreex.rtcore_scene import EmbreeScene
 from numpy.typing import NDArray
 
+from mcl_depth.constants import MAX_ELEMENTS
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points
-from mcl_depth.image_params import SynthesisParams
+from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
 
 Image = NDArray[np.float32]
-NO_HIT = -1
 
 
 class RayScene:
@@ -45,11 +45,8 @@ class RayScene:
         starts = np.empty_like(self._rays)
         starts[:] = position
         found = self._scene.run(starts, self._rays, query="INTERSECT", output=1)
-        is_known = (found["primID"] != NO_HIT) & (found["tfar"] <= self._params.max_range_m)
+        is_known = (found["primID"] >= 0) & (found["tfar"] <= self._params.max_range_m)
         out[:] = np.where(is_known, found["tfar"], np.float32(np.nan)).reshape(out.shape)
-
-
-MAX_SAMPLES = 50_000_000
 
 
 @dataclass(frozen=True)
@@ -93,8 +90,8 @@ def sample_surface(mesh: TriangleMesh, spacing_m: float = 0.05, seed: int = 0) -
     along, across = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     area = 0.5 * np.linalg.norm(np.cross(along, across), axis=1)
     count = int(np.ceil(area.sum() / spacing_m**2))
-    if count > MAX_SAMPLES:
-        raise ValueError(f"{mesh.name}: expected at most {MAX_SAMPLES} samples, found {count}: choose a wider spacing")
+    if count > MAX_ELEMENTS:
+        raise ValueError(f"{mesh.name}: expected at most {MAX_ELEMENTS} samples, found {count}: choose a wider spacing")
     # stratified along the running sum of the areas, a low-discrepancy pair inside each triangle
     rng = np.random.default_rng(seed)
     places = (np.arange(count) + rng.random(count)) / count * area.sum()

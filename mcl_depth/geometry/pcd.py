@@ -8,12 +8,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.constants import MAX_HEADER, MAX_LZF_RATIO
 from mcl_depth.geometry import kernels
 
 KINDS = {"F": "f", "I": "i", "U": "u"}
 WIDTHS = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
-MAX_HEADER = 65_536
-MAX_RATIO = 300  # LZF cannot pack tighter
 
 
 @dataclass(frozen=True)
@@ -101,7 +100,7 @@ def _decompress(path: Path, body: bytes, header: _Header) -> NDArray[np.float64]
         raise ValueError(f"{path}: body: expected two sizes, found {len(body)} bytes")
     packed, size = (int(n) for n in np.frombuffer(body, "<u4", 2))
     expected = header.count * header.row.itemsize
-    if size != expected or packed > len(body) - 8 or size > MAX_RATIO * max(packed, 1):
+    if size != expected or packed > len(body) - 8 or size > MAX_LZF_RATIO * max(packed, 1):
         found = f"{size} bytes from {packed} of {len(body) - 8}"
         raise ValueError(f"{path}: body: expected {expected} bytes of {header.count} points, found {found}")
     plain = np.empty(size, np.uint8)

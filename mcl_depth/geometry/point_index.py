@@ -9,20 +9,16 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.constants import COARSENESS, INDEX_BITS, MAX_ELEVATION_DEG, NEAREST_M, SPLAT
 from mcl_depth.geometry import kernels
 from mcl_depth.geometry.cloud import Cloud
-from mcl_depth.image_params import SynthesisParams
+from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry import Spherical
 
 Image = NDArray[np.float32]
 
 TILE_BITS = 4  # a tile is 2^4 voxels wide
-MAX_BITS = 20  # of a voxel index; three of them make one int64
 MAX_ROOTS = 8  # copies are made until so few tiles hold everything
-
-COARSENESS = 1.0  # spacing of the points that are drawn, at most, by the width of a pixel
-MIN_RANGE = 0.2  # m, below which nothing is drawn
-SPLAT = 1.5  # width of a drawn point by the spacing of the points, so that surfaces close
 
 
 class PointIndex:
@@ -43,10 +39,11 @@ class PointIndex:
         """Return ranges (M, H, W) in m around places (M, 3); NaN where no point is drawn."""
         camera, params = self._camera, self._params
         window = np.array([camera.full_width, camera.offset_v], np.float32)
-        limits = np.tan(np.radians(np.clip([params.elevation_min_deg, params.elevation_max_deg], -89.9, 89.9)))
+        lowest, highest = params.elevation_min_deg, params.elevation_max_deg
+        limits = np.tan(np.radians(np.clip([lowest, highest], -MAX_ELEVATION_DEG, MAX_ELEVATION_DEG)))
         return kernels.draw_many(
             positions_map, self._points, self._tiles, self._boxes, self._voxels, self._num_roots,
-            window, limits, COARSENESS, SPLAT, MIN_RANGE, params.max_range_m,
+            window, limits, COARSENESS, SPLAT, NEAREST_M, params.max_range_m,
             np.empty((len(positions_map), camera.height, camera.width), np.float32),
         )  # fmt: skip
 
@@ -57,7 +54,7 @@ class PointIndex:
         levels = []
         while True:
             levels.append(_tiles_of(points, codes))
-            if len(levels[-1][3]) <= MAX_ROOTS or len(levels) > MAX_BITS - TILE_BITS:
+            if len(levels[-1][3]) <= MAX_ROOTS or len(levels) > INDEX_BITS - TILE_BITS:
                 break
             points, counts, codes = _merge(points, counts, codes >> 3)
         levels.reverse()  # coarse first: the roots lead
@@ -74,9 +71,9 @@ def _finest(cloud: Cloud, voxel: float) -> tuple[NDArray[np.float64], NDArray[np
     """Return mean points, how many each stands for, and Morton codes of their voxels, in order of the codes."""
     points = cloud.points.astype(np.float64)
     low, high = cloud.box
-    if float((high - low).max()) / voxel >= 2**MAX_BITS:
+    if float((high - low).max()) / voxel >= 2**INDEX_BITS:
         raise ValueError(
-            f"{cloud.name}: expected an extent below {2**MAX_BITS * voxel:g} m, found {(high - low).max():g} m"
+            f"{cloud.name}: expected an extent below {2**INDEX_BITS * voxel:g} m, found {(high - low).max():g} m"
         )
     index = np.floor((points - low) / voxel).astype(np.int64)
     codes = _spread(index[:, 0]) | _spread(index[:, 1]) << 1 | _spread(index[:, 2]) << 2

@@ -7,16 +7,16 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from mcl_depth.constants import MIN_DENSE_SHARE
 from mcl_depth.geometry.cloud import Cloud
 from mcl_depth.geometry.columns.voxel_map import voxel_map
 from mcl_depth.geometry.columns.walker import Walker
 from mcl_depth.geometry.mesh import RayScene, TriangleMesh
 from mcl_depth.geometry.point_index import PointIndex
-from mcl_depth.image_params import SynthesisParams
+from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry import Spherical
 
 Image = NDArray[np.float32]
-MIN_DENSE_SHARE = 0.5  # of the voxels that must be pieces of surfaces for columns to show what splats show
 
 
 def panorama_window(params: SynthesisParams) -> Spherical:

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.constants import OTHER_ANSWER
 from mcl_depth.likeness import kernels
 from mcl_depth.likeness.features import (
     FeatureStack,
@@ -38,7 +39,6 @@ __all__ = [
 ]
 
 Similarities = NDArray[np.float32]
-APART = np.radians(20.0)  # a rotation farther from the best one than this is another answer
 
 
 def num_alpha_for(step_deg: float) -> int:
@@ -118,7 +118,7 @@ def heading(similarities: NDArray[np.float32]) -> Heading:
     before, peak, after = s[best - 1], s[best], s[(best + 1) % s.size]
     curvature = before - 2 * peak + after
     between = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
-    away = np.abs(_wrap((np.arange(s.size) - best) * step)) > max(APART, 1.5 * step)
+    away = np.abs(_wrap((np.arange(s.size) - best) * step)) > max(OTHER_ANSWER, 1.5 * step)
     rise, spread = peak - s.mean(), s.std()
     if rise <= 0 or not away.any():
         return Heading(float(_wrap(np.array(best * step))), float(peak), 0.0, 0.0)

@@ -9,16 +9,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.image_params import ComparisonParams
+from mcl_depth.constants import FAR_M, LCN_SHARE, LCN_SHARE_OUTDOORS, MIN_CONTRAST_M
 from mcl_depth.likeness import kernels
+from mcl_depth.params import ComparisonParams
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-
-LCN_SHARE = 1 / 18  # radius k of the local contrast normalisation by the width of a panorama: 20 degrees
-LCN_SHARE_OUTDOORS = 1 / 36  # where the sky is far, what is seen is, too, and small
-MIN_SIGMA = 1e-3  # m, smallest standard deviation that contrast is divided by
-FAR_M = 100.0  # range given to what is far
 
 
 @dataclass(frozen=True)
@@ -136,7 +132,7 @@ def stack_features(features: Sequence[GradientFeatures]) -> FeatureStack:
 def _options(params: ComparisonParams, width: int) -> tuple[bool, float, int, float]:
     """Return what the kernels of depth images take, in their order."""
     share = LCN_SHARE_OUTDOORS if params.is_sky_far else LCN_SHARE
-    return params.is_sky_far, FAR_M, max(round(share * width), 1), MIN_SIGMA
+    return params.is_sky_far, FAR_M, max(round(share * width), 1), MIN_CONTRAST_M
 
 
 def _panorama(image: Image, what: str) -> Image:

@@ -8,13 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.constants import SAMPLES
 from sphere_nav.geometry import Camera, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-SAMPLES = 2  # a side of a pixel of the panorama
-SHRINK = 2.0  # photographs this many times finer than the panorama are halved first
 
 
 def level_view(
@@ -28,7 +27,8 @@ def level_view(
     if image.shape[:2] != (camera.height, camera.width):
         raise ValueError(f"image: expected {camera.width} x {camera.height}, found {image.shape[1::-1]}")
     gray = _gray(image)
-    while camera.pixels_per_radian > SHRINK * target.pixels_per_radian and not (gray.shape[0] % 2 or gray.shape[1] % 2):
+    finest = SAMPLES * target.pixels_per_radian
+    while camera.pixels_per_radian > finest and not (gray.shape[0] % 2 or gray.shape[1] % 2):
         gray = cv2.resize(gray, (gray.shape[1] // 2, gray.shape[0] // 2), interpolation=cv2.INTER_AREA)
         camera = camera.halve()
     around = isinstance(camera, Spherical) and camera.width == camera.full_width

@@ -26,15 +26,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.constants import BARE_SHARE, FINENESS, MIN_VIEW_SHARE, NUM_FREQUENCIES, SHRINKAGE
 from mcl_depth.likeness import kernels
 from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 from mcl_depth.likeness.features import FeatureStack, GradientFeatures
-from mcl_depth.likeness.kernels import NO_DIRECTION
 from mcl_depth.likeness.spectra import (
     BATCH,
     DOUBLE_COSINES,
     DOUBLE_SINES,
-    NUM_SAMPLES,
+    IS_DIRECTION,
     Curves,
     Image,
     Spectra,
@@ -47,8 +47,6 @@ from mcl_depth.likeness.spectra import (
     spectral_covariance,
 )
 
-MIN_SHARE = 0.1  # of the depth gradients that are expected in view: a view of next to nothing is taken to have these
-
 
 def correlate_part(
     visual: GradientFeatures, stack: FeatureStack, num_alpha: int, indices: NDArray[np.integer]
@@ -60,7 +58,7 @@ def correlate_part(
     seen = np.ones(visual.shape, np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
     tensors = (*double_gradients(visual), seen)
     tables = (DOUBLE_COSINES, DOUBLE_SINES, stack.directions, stack.magnitudes)
-    found: Curves = kernels.correlate_tensors(*tensors, *tables, indices.astype(np.int64), MIN_SHARE, num_alpha)
+    found: Curves = kernels.correlate_tensors(*tensors, *tables, indices.astype(np.int64), MIN_VIEW_SHARE, num_alpha)
     return found
 
 
@@ -73,13 +71,7 @@ def double_gradients(visual: GradientFeatures) -> Image:
 
 
 ARRAYS = ("codes", "scales", "inverses")
-BARE_SHARE = np.float32(1.5)  # 2/pi by 4/(3 pi): the first term of the series by the second
-FREQUENCIES = range(1, 37)  # over azimuth: structure down to ten degrees
-SHRINKAGE = 4.0  # of the covariance towards one of equal variances
-MIN_PLACES = NUM_SAMPLES  # of a map: fewer do not tell what all places have in common
-FINENESS = 2  # curves are made at so many times the headings wanted: the best within half a step counts
-
-IS_DIRECTION = (np.arange(256) != NO_DIRECTION).astype(np.float32)
+ABOVE_MEAN = range(1, NUM_FREQUENCIES)  # the mean over azimuth tells no heading
 
 
 @dataclass(frozen=True)
@@ -116,9 +108,9 @@ class MatchedFilter:
 
         `rows`: of some cells only. The best within half a step of each heading.
         """
-        spectra = spectra_of(_pictures_of(visual), FREQUENCIES)
+        spectra = spectra_of(_pictures_of(visual), ABOVE_MEAN)
         weights = (self.inverses @ spectra[..., None])[..., 0] * self.scales
-        curves = correlate(self.codes, weights, rows, FREQUENCIES.start, FINENESS * num_headings)
+        curves = correlate(self.codes, weights, rows, ABOVE_MEAN.start, FINENESS * num_headings)
         between = np.maximum(curves[:, 1::2], np.roll(curves[:, 1::2], 1, axis=1))
         best: Curves = np.maximum(curves[:, ::2], between)
         return best
@@ -142,7 +134,7 @@ def _spectra_of_cells(stack: FeatureStack, slots: NDArray[np.integer]) -> Iterat
         magnitudes = magnitudes_of(part)
         bare = [table[part.directions] for table in (DOUBLE_COSINES, DOUBLE_SINES, IS_DIRECTION)]
         weighed = [bare[0] * magnitudes, bare[1] * magnitudes, magnitudes]
-        yield spectra_of(np.stack(bare + weighed, axis=1), FREQUENCIES)
+        yield spectra_of(np.stack(bare + weighed, axis=1), ABOVE_MEAN)
 
 
 def _pictures_of(visual: GradientFeatures) -> NDArray[np.float32]:

@@ -17,13 +17,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.constants import MIN_VIEW_SHARE, NUM_CG_STEPS, NUM_ENERGY_FREQUENCIES, PART_FINENESS, PART_SHRINKAGE
 from mcl_depth.likeness.depth_cache import load_arrays, save_arrays
 from mcl_depth.likeness.features import FeatureStack, GradientFeatures
-from mcl_depth.likeness.matched_filter import MIN_SHARE, double_gradients
+from mcl_depth.likeness.matched_filter import double_gradients
 from mcl_depth.likeness.spectra import (
     BATCH,
     DOUBLE_COSINES,
     DOUBLE_SINES,
+    FREQUENCIES,
     Curves,
     Image,
     Spectra,
@@ -38,11 +40,7 @@ from mcl_depth.likeness.spectra import (
 )
 
 ARRAYS = ("codes", "scales", "energies", "energy_scales", "covariances")
-FREQUENCIES = range(37)  # over azimuth: structure down to ten degrees
-ENERGY_FREQUENCIES = range(16)  # of the energy in view: a view is wide
-SHRINKAGE = 0.3  # of the covariance, by its mean level
-NUM_STEPS = 12  # of conjugate gradients
-FINENESS = 5  # curves are made at so many times the headings wanted: the best around each counts
+ENERGY_FREQUENCIES = range(NUM_ENERGY_FREQUENCIES)
 
 
 @dataclass(frozen=True)
@@ -89,21 +87,21 @@ class PartialFilter:
         `rows`: of some cells only. The best around each heading.
         """
         seen = np.ones(visual.shape, np.float32) if visual.is_seen is None else visual.is_seen.astype(np.float32)
-        count, width = FINENESS * num_headings, visual.shape[1]
+        count, width = PART_FINENESS * num_headings, visual.shape[1]
         weights = spectra_of(self.weigh(double_gradients(visual), seen), FREQUENCIES) * self.scales
         products = correlate(self.codes, weights, rows, 0, count)
         in_view = spectra_of(seen[None], ENERGY_FREQUENCIES) * self.energy_scales
         energies = correlate(self.energies, in_view, rows, 0, count) / width
-        curves = products / np.sqrt(np.maximum(energies, max(MIN_SHARE * float(seen.mean()), 1e-12)))
-        reach = FINENESS // 2
+        curves = products / np.sqrt(np.maximum(energies, max(MIN_VIEW_SHARE * float(seen.mean()), 1e-12)))
+        reach = PART_FINENESS // 2
         best: Curves = np.max([np.roll(curves, step, axis=1) for step in range(-reach, reach + 1)], axis=0)
-        return best[:, ::FINENESS]
+        return best[:, ::PART_FINENESS]
 
     def weigh(self, image: Image, seen: Image) -> Image:
         """Return the weights (2, H, W) of what is seen (H, W) of an image (2, H, W)."""
         solution, rest = np.zeros_like(image), image * seen
         direction, square = rest, float(np.vdot(rest, rest))
-        for _ in range(NUM_STEPS):
+        for _ in range(NUM_CG_STEPS):
             if square < 1e-20:
                 break
             step = self.apply(direction, seen)
@@ -117,7 +115,7 @@ class PartialFilter:
         """Return M (C + s) x of an image x (2, H, W) that is 0 where nothing is seen."""
         spectra = (self.covariances @ spectra_of(image, FREQUENCIES)[..., None])[..., 0]
         height, width = seen.shape
-        applied: Image = (pictures_of(spectra, (2, height, width)) + np.float32(SHRINKAGE) * image) * seen
+        applied: Image = (pictures_of(spectra, (2, height, width)) + np.float32(PART_SHRINKAGE) * image) * seen
         return applied
 
 

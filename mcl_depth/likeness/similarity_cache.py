@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.constants import MIN_PLACES
 from mcl_depth.likeness.comparison import GradientFeatures
 from mcl_depth.likeness.depth_map import DepthMap
-from mcl_depth.likeness.matched_filter import MIN_PLACES
 from sphere_nav.geometry.arrays import Array
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from mcl_depth.constants import CODE_RANGE, MIN_PLACES, NUM_FREQUENCIES
 from mcl_depth.likeness import kernels
 from mcl_depth.likeness.features import FeatureStack
 from mcl_depth.likeness.kernels import COSINES, NO_DIRECTION, SINES, SQUARES
@@ -17,13 +18,19 @@ Codes = NDArray[np.int8]
 Curves = NDArray[np.float32]
 Image = NDArray[np.float32]
 
-NUM_SAMPLES = 1500  # cells whose covariance is taken
-RANGE = 4.0  # standard deviations that a byte holds
 BATCH = 128  # cells whose spectra are made at once
 
-_CODES = np.arange(256)
-DOUBLE_COSINES = np.where(_CODES == NO_DIRECTION, 0.0, COSINES**2 - SINES**2).astype(np.float32)
-DOUBLE_SINES = (2.0 * COSINES * SINES).astype(np.float32)
+FREQUENCIES = range(NUM_FREQUENCIES)
+
+
+def _double_directions() -> tuple[Image, Image, Image]:
+    """Return cosine and sine of twice the angle of each code of a direction (256,), and 1 where it is one, else 0."""
+    is_direction = np.arange(len(COSINES)) != NO_DIRECTION
+    cosines, sines = np.where(is_direction, COSINES**2 - SINES**2, 0.0), 2.0 * COSINES * SINES
+    return cosines.astype(np.float32), sines.astype(np.float32), is_direction.astype(np.float32)
+
+
+DOUBLE_COSINES, DOUBLE_SINES, IS_DIRECTION = _double_directions()
 
 
 def spectra_of(pictures: Image, frequencies: range) -> Spectra:
@@ -50,7 +57,7 @@ def magnitudes_of(stack: FeatureStack) -> Image:
 def sample_slots(slots: NDArray[np.integer]) -> NDArray[np.integer]:
     """Return the slots of some cells, for their covariance; of -1 none."""
     known = slots[slots >= 0]
-    return known[:: max(len(known) // NUM_SAMPLES, 1)]
+    return known[:: max(len(known) // MIN_PLACES, 1)]
 
 
 def spectral_covariance(samples: Spectra) -> Spectra:
@@ -62,7 +69,7 @@ def spectral_covariance(samples: Spectra) -> Spectra:
 def scales_of(samples: Spectra) -> NDArray[np.float32]:
     """Return what a code of one stands for (F, P), from spectra (F, N, P)."""
     deviations = np.sqrt(np.mean(np.abs(samples) ** 2, axis=1) / 2.0)
-    return np.maximum(RANGE / 127.0 * deviations, 1e-12).astype(np.float32)
+    return np.maximum(CODE_RANGE / 127.0 * deviations, 1e-12).astype(np.float32)
 
 
 def encode_spectra(batches: Iterable[Spectra], scales: NDArray[np.float32], slots: NDArray[np.integer]) -> Codes:

@@ -12,13 +12,11 @@ from mcl_depth.filter import Filter
 from mcl_depth.likeness.comparison import check_headings
 from mcl_depth.params import MclDepthParams
 from mcl_depth.ros.clouds import GeometryLoader
-from mcl_depth.ros.homing import HomingGuide
-from mcl_depth.ros.views import Views
+from mcl_depth.ros.views import HomingGuide, Views
 from mcl_depth.warm_up import warm_up
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization.base_estimate import BaseEstimate
-from sphere_nav.localization.status import FINE, Finding, Status
+from sphere_nav.localization.status import FINE, BaseEstimate, Finding, Status
 from sphere_nav.ros import qos
 from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.conversions.beliefs import imu_attitude

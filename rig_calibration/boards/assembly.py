@@ -16,12 +16,18 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from rig_calibration.boards.board import Board
+from rig_calibration.constants import (
+    LOST,
+    MAX_CANDIDATES,
+    MIN_HAND_EYE,
+    MIN_INSTANTS,
+    NUM_ALTERNATIONS,
+    NUM_REFINED,
+    NUM_STARTS,
+    NUM_SWEEPS,
+)
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
-
-NUM_STARTS = 60
-NUM_REFINED = 6
-NUM_ALTERNATIONS = 10
 
 
 def hand_eye(M: SE3, A: SE3, rng: np.random.Generator) -> tuple[SE3, SE3, float]:
@@ -71,11 +77,6 @@ def _refine(M: SE3, A: SE3, R_X: Array, scale: float) -> tuple[SE3, SE3, float]:
 
 
 Key = tuple[str, int]  # "camera" or "board", and its index
-
-MIN_HAND_EYE = 4
-LOST = 0.1  # rad, or part of the distance, from which on a board is somewhere else: one such outvotes nobody
-MAX_CANDIDATES = 400
-NUM_SWEEPS, MIN_INSTANTS = 2, 3
 
 
 @dataclass(frozen=True, eq=False)

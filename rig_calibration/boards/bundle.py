@@ -14,12 +14,9 @@ from scipy import linalg
 
 from rig_calibration.boards.linearize import Normal, normal_equations, residuals
 from rig_calibration.boards.state import AdjustmentProblem, RigState
+from rig_calibration.constants import FIRST_DAMPING, MAX_DAMPING, MIN_GAIN
 from sphere_nav.estimation.robust import huber_weights
-from sphere_nav.geometry.arrays import Array
-
-FIRST_DAMPING, MAX_DAMPING = 1e-4, 1e10
-MIN_GAIN = 1e-10  # part of the cost that a step must gain to go on
-TINY = 1e-12
+from sphere_nav.geometry.arrays import TINY, Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +52,7 @@ def solve(
             is_converged = True
             break
         is_converged = cost - trial_cost <= MIN_GAIN * cost + TINY * TINY
-        state, errors, cost, damping = trial, trial_errors, trial_cost, max(damping / 8.0, 1e-12)
+        state, errors, cost, damping = trial, trial_errors, trial_cost, max(damping / 8.0, TINY)
         if is_converged:
             break
     return Solution(state, errors, cost, is_converged)

@@ -11,11 +11,10 @@ from numpy.typing import NDArray
 
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.views import Indices
+from rig_calibration.constants import MIN_CORNERS
 from sphere_nav.geometry.arrays import Array
 
 Gray = NDArray[np.uint8]
-
-MIN_CORNERS = 4
 
 
 @dataclass(frozen=True, eq=False)

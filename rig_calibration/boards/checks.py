@@ -18,12 +18,11 @@ from scipy.stats import chi2, f
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.intrinsics import SingleCamera
 from rig_calibration.boards.views import BoardView
+from rig_calibration.constants import ERRORS_OF_VIEW, FALSE_ALARM
 from rig_calibration.params import CalibrationParams
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.geometry.arrays import Array
 
-FALSE_ALARM = 1e-3
-ERRORS_OF_VIEW = 6  # independent ones: neighbouring corners of a view err alike
 REMEDY = "were the images of each instant taken at one time, with board and rig at rest?"
 
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rig_calibration.boards.board import Board
+from rig_calibration.constants import AROUND, HALVED_FROM
 from sphere_nav.geometry.arrays import Array
 
 Gray = NDArray[np.uint8]
@@ -17,8 +18,6 @@ Gray = NDArray[np.uint8]
 SECTOR_FLAGS = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
 SWEEP_FLAGS = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_LARGER
 QUAD_FLAGS = cv2.CALIB_CB_ADAPTIVE_THRESH | cv2.CALIB_CB_NORMALIZE_IMAGE
-HALVED_FROM = 600  # rows and columns from which on several boards are looked for at half size
-AROUND = 1.25  # a board is wiped out with this much around its inner corners before the next one is looked for
 
 
 def candidates(gray: Gray, boards: Sequence[Board]) -> Iterator[tuple[Board, Iterator[Array]]]:

@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 from rig_calibration.boards import charuco, chessboard
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.views import Indices
+from rig_calibration.constants import BLUR_PX, HALF_WINDOW, MIN_CORNERS, MIN_SPACING_PX
 from sphere_nav.geometry.arrays import Array
 
 Gray = NDArray[np.uint8]
 
 REFINEMENT = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 50, 1e-3)
-MIN_HALF_WINDOW, MAX_HALF_WINDOW = 2, 7
-BLUR_PX = 0.5  # an edge that lies this far inside a window does not bend the corner
-MIN_SPACING_PX = 4.0  # below it neighbours blur into each other
 
 
 def detect_all(gray: Gray, boards: Sequence[Board]) -> dict[str, tuple[Indices, Array]]:
@@ -43,7 +41,7 @@ def _number(gray: Gray, board: Board, candidates: Iterable[Array]) -> tuple[Indi
         corners = canonical(gray, board, candidate)
         spacing = _spacing(corners, board)
         if spacing >= MIN_SPACING_PX and _is_grid(corners, board):
-            half = int(np.clip(0.4 * spacing, MIN_HALF_WINDOW, MAX_HALF_WINDOW))
+            half = int(np.clip(0.4 * spacing, *HALF_WINDOW))
             return np.arange(board.num_corners), _refine(gray, corners, half)
     return None
 
@@ -121,10 +119,10 @@ def _charuco_boards(gray: Gray, boards: Sequence[Board]) -> dict[str, tuple[Indi
             if seen is not None:
                 is_inside = _is_inside(gray, seen[1])
                 numbers, corners = seen[0][is_inside], seen[1][is_inside]
-                if len(numbers) < charuco.MIN_CORNERS:
+                if len(numbers) < MIN_CORNERS:
                     continue
                 gap = 0.5 * (1.0 - board.marker_m / board.square_m) * _charuco_spacing(numbers, corners, board)
-                half = int(np.clip(gap + BLUR_PX, MIN_HALF_WINDOW, MAX_HALF_WINDOW))
+                half = int(np.clip(gap + BLUR_PX, *HALF_WINDOW))
                 found[board.name] = numbers, _refine(gray, corners, half)
     return found
 

@@ -16,6 +16,7 @@ from rig_calibration.boards.observability import spread
 from rig_calibration.boards.rejection import Adjusted, adjust, noise_px
 from rig_calibration.boards.state import AdjustmentProblem, RigState, camera_problem, camera_state
 from rig_calibration.boards.views import Observations
+from rig_calibration.constants import FOCAL_LENGTHS, NUM_TRIALS
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, Camera, so3
 from sphere_nav.geometry.arrays import Array
@@ -58,10 +59,6 @@ def _across(rays: Array) -> Array:
     first = np.cross(rays, helper)
     first /= np.linalg.norm(first, axis=-1, keepdims=True)
     return np.stack([first, np.cross(rays, first)], axis=1)
-
-
-FOCAL_LENGTHS = {"pinhole": np.geomspace(0.25, 4.0, 15), "fisheye": np.geomspace(0.12, 1.2, 13)}  # by the image's width
-NUM_TRIALS = 3
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry import Camera, Fisheye, Pinhole
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.pinhole import MIN_DEPTH
 
 NUM_LENS = 12  # fx fy cx cy and up to eight coefficients
 MODELS: dict[str, type[Pinhole] | type[Fisheye]] = {"pinhole": Pinhole, "fisheye": Fisheye}
-MIN_DEPTH = 1e-6
 
 
 def lens_of(camera: Camera) -> Array:

@@ -9,13 +9,11 @@ import numpy as np
 from rig_calibration.boards.bundle import information
 from rig_calibration.boards.lens import NUM_LENS
 from rig_calibration.boards.state import SHARED, AdjustmentProblem, RigState
+from rig_calibration.constants import OPEN_EIGENVALUE, OPEN_FACTOR, OPEN_SHARE
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
 
-OPEN_EIGENVALUE = 1e-11  # of the information scaled to a diagonal of one
-OPEN_SHARE = 1e-3  # of a parameter in an open direction that makes it open itself
-OPEN_FACTOR = 10.0  # an axis this much worse than the warning's limit is called unobservable
 AXES = ("x (forward)", "y (left)", "z (up)", "roll (about x)", "pitch (about y)", "yaw (about z)")
 
 

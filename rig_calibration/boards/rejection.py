@@ -11,13 +11,9 @@ from rig_calibration.boards.bundle import Solution, solve
 from rig_calibration.boards.linearize import residuals
 from rig_calibration.boards.state import AdjustmentProblem, RigState
 from rig_calibration.boards.views import Observations
+from rig_calibration.constants import FLOOR_RATIO, MAX_ROUNDS, MEDIAN_LENGTHS, MIN_FITTING
 from rig_calibration.params import CalibrationParams
 from sphere_nav.geometry.arrays import Array
-
-MAX_ROUNDS = 8
-MIN_SHARE = 0.5  # of its corners that must fit for a view to count at all
-MEDIAN_LENGTH = 1.1774  # median length of a residual whose two parts have a standard deviation of 1
-FLOOR_RATIO = 3.0  # a view is left out from this multiple of `min_residual_px` on, whatever the others are like
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +97,7 @@ def _worst_of_instants(seen: Observations, excess: Array) -> list[int]:
 def noise_px(errors: Array, kept: Array) -> float:
     """Return a robust standard deviation of one coordinate of the residuals (N, 2), never quite zero."""
     size = np.linalg.norm(errors[kept > 0], axis=-1)
-    return max(float(np.median(size)) / MEDIAN_LENGTH, 1e-9) if size.size else 1e-9
+    return max(float(np.median(size)) / MEDIAN_LENGTHS[2], 1e-9) if size.size else 1e-9
 
 
 def _without(seen: Observations, allowed: Array, dropped: dict[int, str]) -> Array:
@@ -114,7 +110,7 @@ def _drop_poor(
 ) -> tuple[Array, dict[int, str]]:
     count = np.bincount(seen.view, remaining, minlength=seen.num_views)
     before = np.bincount(seen.view, kept, minlength=seen.num_views)
-    least = np.maximum(params.min_corners, MIN_SHARE * seen.counts)
+    least = np.maximum(params.min_corners, MIN_FITTING * seen.counts)
     for view in np.flatnonzero((count < least) & (before > 0)):
         remaining[seen.view == view] = 0.0
         dropped.setdefault(int(view), f"{count[view]:.0f} of {seen.counts[view]:.0f} corners fit")

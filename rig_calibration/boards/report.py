@@ -9,9 +9,8 @@ import numpy as np
 
 from rig_calibration.boards.validation import camera_rms
 from rig_calibration.calibrate import Calibration
+from rig_calibration.constants import CELLS
 from sphere_nav.geometry.arrays import Array
-
-CELLS = (8, 6)
 
 
 def calibration_as_mapping(calibration: Calibration) -> dict[str, Any]:

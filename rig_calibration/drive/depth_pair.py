@@ -12,15 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rig_calibration.drive.drive_image import inner, sample_with_gradient, weigh_part
-from sphere_nav.estimation.elimination import Part
+from rig_calibration.drive.drive_image import ImageState, inner, sample_with_gradient
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling, row_share
 
 Plane = NDArray[np.float32]
-
-SHARED = 6  # pose of the depth camera, (v, omega) in the image's camera
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,19 +43,6 @@ class DepthPair:
     T_second_first: SE3
 
 
-@dataclass(frozen=True)
-class PairState:
-    """What is estimated of one pair; gain and bias map grey levels of the first image to those of the second."""
-
-    T_second_first: SE3
-    gain: float = 1.0
-    bias: float = 0.0
-
-    def moved(self, step: Array) -> PairState:
-        """Return the state after a step (8,)."""
-        return PairState(self.T_second_first @ SE3.exp(step[:6]), self.gain + step[6], self.bias + step[7])
-
-
 @dataclass(frozen=True, eq=False)
 class _Seen:
     """Points of one frame: grey levels (N,) of their image and of the other one, derivatives (N, 6) of the other."""
@@ -70,19 +54,14 @@ class _Seen:
     by_other: Array  # of the points in the axes of the other camera
 
 
-def linearize_pair(pair: DepthPair, state: PairState, T_image_depth: SE3, camera: Camera, level: int) -> Part:
-    """Return the robust normal equations over the pose of the depth camera, and motion, gain and bias of the pair."""
-    return weigh_part(*differentiate_pair(pair, state, T_image_depth, camera, level))
-
-
 def differentiate_pair(
-    pair: DepthPair, state: PairState, T_image_depth: SE3, camera: Camera, level: int
+    pair: DepthPair, state: ImageState, T_image_depth: SE3, camera: Camera, level: int
 ) -> tuple[Array, Array]:
     """Return residuals (N,), second - gain * first - bias, of the points of both frames and derivatives (N, 14).
 
     `camera` is that of the level. The steps are exp(step) T_image_depth and T_second_first exp(step).
     """
-    T = state.T_second_first
+    T = state.pose
     ahead = _see(pair.first, pair.second, T, T_image_depth, camera, level)
     back = _see(pair.second, pair.first, T.inverse(), T_image_depth, camera, level)
     gain = state.gain

@@ -7,6 +7,17 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_calibration.constants import (
+    CELL_PX,
+    FLAT,
+    HIDDEN,
+    MIN_COSINE,
+    MIN_MEASURED,
+    NUM_DEPTH_LEVELS,
+    NUM_POINTS,
+    PLANE_REACH,
+    PLANE_STEP_PX,
+)
 from rig_calibration.drive.depth_pair import DepthFrame, DepthPair
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
@@ -14,21 +25,12 @@ from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric import build_pyramid
 from sphere_nav.photometric.params import PyramidParams
 
-NUM_POINTS = 5_000  # of a frame, on a grid: chosen by the image, they would pull to where it is chosen
-NUM_LEVELS = 4
-REACH, STEP_PX = 3, 2  # a plane is fitted to 7 x 7 pixels, every second one
-MIN_SHARE = 0.7  # of them measured
-FLAT = 0.01  # rms of depth about the plane, relative; more is an edge
-MIN_COSINE = 0.2  # between ray and normal
-CELL_PX = 6  # side of the squares in which the nearest point hides what is behind
-HIDDEN = 1.05  # times farther than the nearest is behind it
-
 
 def make_frame(
     gray: NDArray[np.uint8], depth_m: NDArray[np.floating], camera: Camera, depth_camera: Camera, twist: Array
 ) -> DepthFrame:
     """Return a frame of an image (H, W) and depth (H', W') along z in m, NaN or <= 0 unknown."""
-    pyramid = build_pyramid(gray, camera, PyramidParams(num_levels=NUM_LEVELS))
+    pyramid = build_pyramid(gray, camera, PyramidParams(num_levels=NUM_DEPTH_LEVELS))
     points, normals = sample_planes(depth_m, depth_camera)
     return DepthFrame(tuple(level.image.astype(np.float32) for level in pyramid.levels), points, normals, twist)
 
@@ -39,9 +41,9 @@ def sample_planes(depth_m: NDArray[np.floating], camera: Camera) -> tuple[Array,
     On a plane the inverse of depth is linear in the rays with z = 1: its three coefficients are the normal.
     """
     step = max(1, round(np.sqrt(depth_m.size / NUM_POINTS)))
-    border = REACH * STEP_PX
+    border = PLANE_REACH * PLANE_STEP_PX
     v, u = np.mgrid[border : camera.height - border : step, border : camera.width - border : step].reshape(2, -1)
-    reach = np.arange(-REACH, REACH + 1) * STEP_PX
+    reach = np.arange(-PLANE_REACH, PLANE_REACH + 1) * PLANE_STEP_PX
     rows, columns = v[:, None, None] + reach[:, None], u[:, None, None] + reach  # (N, 7, 7) by broadcasting
     depth = np.asarray(depth_m, np.float64)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -51,7 +53,7 @@ def sample_planes(depth_m: NDArray[np.floating], camera: Camera) -> tuple[Array,
     known = inverse[rows, columns].reshape(len(v), -1)
     around = rays[rows, columns].reshape(len(v), -1, 3) * (known > 0)[..., None]
     count = (known > 0).sum(axis=1)
-    good = (inverse[v, u] > 0) & (count >= MIN_SHARE * known.shape[1])
+    good = (inverse[v, u] > 0) & (count >= MIN_MEASURED * known.shape[1])
     known, around, ray, count = known[good], around[good], rays[v, u][good], count[good]
     turned = np.swapaxes(around, 1, 2)
     plane = np.linalg.solve(turned @ around + 1e-12 * np.eye(3), turned @ known[..., None])[..., 0]

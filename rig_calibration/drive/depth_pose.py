@@ -14,48 +14,30 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.stats import f
 
-from rig_calibration.drive.depth_pair import SHARED, DepthPair, PairState, linearize_pair
-from sphere_nav.estimation.elimination import Elimination, Part
+from rig_calibration.constants import DEPTH_FLOOR, DEPTH_SIGMA, DEPTH_STEPS, FALSE_ALARM, MIN_DEPTH_STEP
+from rig_calibration.drive.depth_pair import DepthPair, differentiate_pair
+from rig_calibration.drive.drive_image import ImageState, weigh_part
+from rig_calibration.drive.refinement import Refined, estimate_shared
+from sphere_nav.estimation.elimination import Elimination
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 
 NAMES = ("x", "y", "z", "rx", "ry", "rz")
-PRIOR_SIGMA = np.array([0.05, 0.05, 0.05, *np.radians([3.0, 3.0, 3.0])])  # of a camera that nobody calibrated, m, rad
-FLOOR = np.array([0.001, 0.001, 0.001, *np.radians([0.03, 0.03, 0.03])])  # what sampling leaves however many pairs
-UNOBSERVED = 0.5  # of the deviation known beforehand: more is left than the drive has told
-MIN_PAIRS = SHARED + 2  # their scatter is the covariance
-FALSE_ALARM = 1e-3  # of drives whose depth sits where it is said to
-MAX_STEPS = 15  # at a level
-MIN_STEP = 0.05  # of the standard deviations, below which a level is done
+MIN_PAIRS = len(NAMES) + 2  # their scatter is the covariance
 
 
 @dataclass(frozen=True, eq=False)
-class RefinedDepth:
-    """What a drive tells of a depth camera: its pose, and the covariance (6, 6) of a step exp(step) T_image_depth."""
+class RefinedDepth(Refined):
+    """The pose of the depth camera, with the covariance (6, 6) of a step exp(step) T_image_depth."""
 
     T_image_depth: SE3
-    covariance: Array
-    states: tuple[PairState, ...]
-    num_pixels: int
-    residual: float  # robust standard deviation in grey levels
-
-    @property
-    def deviations(self) -> dict[str, float]:
-        """Standard deviations, m and rad."""
-        return dict(zip(NAMES, np.sqrt(np.diagonal(self.covariance)).tolist(), strict=True))
-
-    @property
-    def unobserved(self) -> tuple[str, ...]:
-        """Components that the drive does not tell: their deviation is about what it was before."""
-        sigma = np.sqrt(np.diagonal(self.covariance))
-        return tuple(name for name, is_left in zip(NAMES, sigma > UNOBSERVED * PRIOR_SIGMA, strict=True) if is_left)
 
     def contradicts(self, T_image_depth: SE3) -> bool:
         """Say whether another pose is refused at FALSE_ALARM (Hotelling's T^2: the pairs tell their own scatter)."""
-        off, count = (self.T_image_depth @ T_image_depth.inverse()).log(), len(self.states)
+        off, count, p = (self.T_image_depth @ T_image_depth.inverse()).log(), len(self.states), len(NAMES)
         squared = squared_mahalanobis(off, self.covariance)
-        return bool(f.sf(squared * (count - SHARED) / (SHARED * (count - 1)), SHARED, count - SHARED) < FALSE_ALARM)
+        return bool(f.sf(squared * (count - p) / (p * (count - 1)), p, count - p) < FALSE_ALARM)
 
 
 def refine_depth_pose(
@@ -73,26 +55,21 @@ def refine_depth_pose(
         raise ValueError(
             f"drive: expected at least {MIN_PAIRS} pairs of images with motion between, found {len(pairs)}"
         )
-    known, states = T_known or T_image_depth, [PairState(pair.T_second_first) for pair in pairs]
-    cameras = [camera]
+    known, cameras = T_known or T_image_depth, [camera]
     while len(cameras) < len(pairs[0].first.levels):
         cameras.append(cameras[-1].halve())
-    for level in (level for level in levels if level < len(cameras)):  # a small image has fewer
-        for _ in range(MAX_STEPS):
-            _, reduced = _linearize(pairs, states, T_image_depth, known, cameras[level], level)
-            shared, own, size = reduced.step()
-            T_image_depth = SE3.exp(shared) @ T_image_depth
-            states = [state.moved(step) for state, step in zip(states, own, strict=True)]
-            if size < MIN_STEP:
-                break
-    parts, reduced = _linearize(pairs, states, T_image_depth, known, cameras[level], level)
-    covariance = reduced.covariance() + np.diag(FLOOR**2)
-    residual = float(np.median([part.sigma for part in parts]))
-    return RefinedDepth(T_image_depth, covariance, tuple(states), sum(part.num_pixels for part in parts), residual)
 
+    def linearize(T: SE3, states: Sequence[ImageState], level: int) -> Elimination:
+        both = zip(pairs, states, strict=True)
+        parts = [weigh_part(*differentiate_pair(pair, state, T, cameras[level], level)) for pair, state in both]
+        return Elimination(parts, DEPTH_SIGMA, (T @ known.inverse()).log())
 
-def _linearize(
-    pairs: Sequence[DepthPair], states: Sequence[PairState], T: SE3, T_known: SE3, camera: Camera, level: int
-) -> tuple[list[Part], Elimination]:
-    parts = [linearize_pair(pair, state, T, camera, level) for pair, state in zip(pairs, states, strict=True)]
-    return parts, Elimination(parts, PRIOR_SIGMA, (T @ T_known.inverse()).log())
+    def move(T: SE3, step: Array) -> SE3:
+        return SE3.exp(step) @ T
+
+    used = [level for level in levels if level < len(cameras)]  # a small image has fewer
+    states = [ImageState(pair.T_second_first) for pair in pairs]
+    T_image_depth, states = estimate_shared(T_image_depth, states, used, linearize, move, DEPTH_STEPS, MIN_DEPTH_STEP)
+    last = linearize(T_image_depth, states, used[-1])
+    covariance = last.covariance() + np.diag(DEPTH_FLOOR**2)
+    return RefinedDepth(NAMES, DEPTH_SIGMA, covariance, tuple(states), last.num_pixels, last.sigma, T_image_depth)

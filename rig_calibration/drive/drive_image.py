@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from rig_calibration.constants import MARGIN, MIN_PIXELS, MIN_SIGMA, NUM_LENS_LEVELS, NUM_LENS_PIXELS
 from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.estimation.elimination import Part
 from sphere_nav.estimation.robust import HUBER, weigh
@@ -17,32 +18,26 @@ from sphere_nav.geometry import SE3, Camera
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rolling_shutter import project_rolling, row_share
 from sphere_nav.photometric import Pyramid, View
-from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
+from sphere_nav.photometric.align.iteration.kernels import BLOCK, GRAY, SIDE
 from sphere_nav.photometric.pixels.selection import select
 
-NUM_PIXELS = 6_000  # of each level, the most salient
-NUM_LEVELS = 3
-ROWS_OF_POINT, ROW_OF_GRAY = slice(0, 3), 3  # of a block (sphere_nav/photometric/align/iteration/kernels.py)
+ROW_OF_GRAY = GRAY // SIDE  # of a block, behind those of the point
 
 
 def collect(pyramid: Pyramid, view: View, T_map_camera: SE3, velocity: NDArray[np.float64]) -> DriveImage:
     """Return an image with the most salient pixels of a reference that it should show from a pose."""
     T_camera_reference = T_map_camera.inverse() @ view.T_world_reference
     levels = []
-    for level in pyramid.levels[:NUM_LEVELS]:
-        chosen = select(view.reference.level_like(level.camera), T_camera_reference, level.camera, NUM_PIXELS)
+    for level in pyramid.levels[:NUM_LENS_LEVELS]:
+        chosen = select(view.reference.level_like(level.camera), T_camera_reference, level.camera, NUM_LENS_PIXELS)
         blocks = chosen.blocks.reshape(-1, BLOCK // SIDE, SIDE).transpose(1, 0, 2).reshape(BLOCK // SIDE, -1)
         blocks = blocks[:, : chosen.num_pixels].astype(np.float64)
-        points_map = view.T_world_reference.apply(blocks[ROWS_OF_POINT].T)
+        points_map = view.T_world_reference.apply(blocks[:ROW_OF_GRAY].T)
         levels.append(LevelData(level.image.astype(np.float32), points_map, blocks[ROW_OF_GRAY]))
     return DriveImage(tuple(levels), T_map_camera, velocity)
 
 
 Plane = NDArray[np.float32]
-
-MIN_SIGMA = 0.5  # grey levels
-MIN_PIXELS = 100
-MARGIN = 1.0  # px from the border
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,20 +60,18 @@ class DriveImage:
 
 @dataclass(frozen=True)
 class ImageState:
-    """What is estimated of one image; gain and bias map its grey levels to the map's."""
+    """What is estimated of one image, its pose and how its grey levels become the map's; or of a pair (depth_pair.py).
 
-    T_map_camera: SE3
+    `pose` is T_map_camera; of a pair T_second_first, and the grey levels of the first become those of the second.
+    """
+
+    pose: SE3
     gain: float = 1.0
     bias: float = 0.0
 
     def moved(self, step: Array) -> ImageState:
         """Return the state after a step (8,)."""
-        return ImageState(self.T_map_camera @ SE3.exp(step[:6]), self.gain + step[6], self.bias + step[7])
-
-
-def linearize_image(image: DriveImage, state: ImageState, lens: Lens, level: int) -> Part:
-    """Return the robust normal equations of one image over lens, readout, pose, gain and bias."""
-    return weigh_part(*differentiate(image, state, lens, level))
+        return ImageState(self.pose @ SE3.exp(step[:6]), self.gain + step[6], self.bias + step[7])
 
 
 def weigh_part(residual: Array, J: Array) -> Part:
@@ -94,7 +87,7 @@ def weigh_part(residual: Array, J: Array) -> Part:
 def differentiate(image: DriveImage, state: ImageState, lens: Lens, level: int) -> tuple[Array, Array]:
     """Return the residuals (N,) of the pixels in view and their derivative (N, P + 8)."""
     data, camera = image.levels[level], lens.level(level)
-    points = state.T_map_camera.inverse().apply(data.points_map)
+    points = state.pose.inverse().apply(data.points_map)
     pixels, _ = project_rolling(camera, points, lens.readout * image.velocity)
     seen = inner(pixels, camera)
     points, pixels = points[seen], pixels[seen]

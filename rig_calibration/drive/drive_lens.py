@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from rig_calibration.constants import CENTER_SHARE, DISTORTION, FOCAL_SHARE, READOUT_S, RELATIVE_STEP
 from sphere_nav.geometry import Camera, Fisheye, Pinhole
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.cameras.rolling_shutter import MAX_READOUT_S
@@ -15,10 +16,6 @@ NAMES: dict[str, tuple[str, ...]] = {
     "fisheye": ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4", "readout"),
 }
 # Standard deviations before the drive: shares of the focal length and of the image's width, plain numbers, seconds.
-FOCAL_SHARE, CENTER_SHARE, READOUT_S = 0.1, 0.05, 0.02
-DISTORTION = {"pinhole": (0.3, 0.3, 0.01, 0.01), "fisheye": (0.1, 0.1, 0.1, 0.1)}
-FLOOR = 5e-3  # of those: what sampling of image and map leaves however many images there are
-RELATIVE_STEP = 1e-3  # of numerical derivatives, in those standard deviations
 
 
 @dataclass(frozen=True)

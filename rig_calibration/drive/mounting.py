@@ -15,23 +15,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rig_calibration.constants import (
+    DIFFERENCE,
+    FIXED,
+    MEDIAN_LENGTHS,
+    MIN_PIECES,
+    MOUNTING_SIGMA,
+    MOUNTING_STEPS,
+    MOUNTING_UNOBSERVED,
+    PIECE_M,
+    PIECE_RAD,
+    SETTLED,
+)
 from sphere_nav.estimation.covariance import clustered_covariance
 from sphere_nav.estimation.robust import CAUCHY, cauchy_weights
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
 
-PIECE_M, PIECE_RAD = 1.0, 0.3  # driven or turned, whichever comes first
-MIN_PIECES = 8  # of which the scatter is a covariance
 NAMES = ("x", "y", "z", "roll", "pitch", "yaw", "way_scale", "turn_scale")
-PRIOR = np.array(
-    [1.0, 1.0, 1.0, 0.5, 0.5, 0.5, 0.05, 0.05]
-)  # standard deviations in m, rad and 1 before anything is seen
-UNOBSERVED = np.array([0.1, 0.1, 0.1, 0.05, 0.05, 0.05, 0.02, 0.02])  # standard deviations that are not worth the name
-FIXED = 1e-6  # standard deviation of what stays as it was given
-SETTLED = 1e-7
-MAX_STEPS = 50
-MEDIAN_LENGTH = 1.538  # of three normal numbers
-EPS = 1e-6  # of numerical differences
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +57,9 @@ class Mounting:
     @property
     def unobserved(self) -> tuple[str, ...]:
         """What the drive does not tell."""
-        return tuple(name for name, is_told in zip(NAMES, self.deviations < UNOBSERVED, strict=True) if not is_told)
+        return tuple(
+            name for name, is_told in zip(NAMES, self.deviations < MOUNTING_UNOBSERVED, strict=True) if not is_told
+        )
 
 
 def find_mounting(T_map_camera: SE3, T_odom_base: SE3, given: SE3 | None = None) -> Mounting:
@@ -113,11 +116,11 @@ def _moved(X: SE3, scales: Array, step: Array) -> tuple[SE3, Array]:
 
 def _fit(A: SE3, B: SE3, start: SE3) -> tuple[Mounting, float]:
     """Return the mounting nearest a start, and the logarithm of what is left, by which starts are compared."""
-    X, scales, covariance, sigma = _descend(A, B, start, PRIOR)
+    X, scales, covariance, sigma = _descend(A, B, start, MOUNTING_SIGMA)
     deviations = np.sqrt(np.diagonal(covariance))
-    is_told = deviations < UNOBSERVED
+    is_told = deviations < MOUNTING_UNOBSERVED
     if not np.all(is_told):
-        X, scales, covariance, sigma = _descend(A, B, start, np.where(is_told, PRIOR, FIXED))
+        X, scales, covariance, sigma = _descend(A, B, start, np.where(is_told, MOUNTING_SIGMA, FIXED))
         deviations = np.where(is_told, np.sqrt(np.diagonal(covariance)), deviations)
     e = hand_eye_residuals(A, B, X, scales)
     rms = float(np.sqrt(3.0 * np.mean(e[:, :3] ** 2))), float(np.sqrt(3.0 * np.mean(e[:, 3:] ** 2)))
@@ -127,7 +130,7 @@ def _fit(A: SE3, B: SE3, start: SE3) -> tuple[Mounting, float]:
 def _descend(A: SE3, B: SE3, start: SE3, prior: Array) -> tuple[SE3, Array, Array, Array]:
     """Return X and the scales by Gauss-Newton, their covariance (8, 8), and the deviations (6,) of the errors."""
     X, scales, known = start, np.ones(2), np.diag(prior**-2)
-    for _ in range(MAX_STEPS):
+    for _ in range(MOUNTING_STEPS):
         e, J = hand_eye_residuals(A, B, X, scales), _jacobian(A, B, X, scales)
         sigma = _sigma(e)
         weights = _weights(e, sigma)
@@ -136,7 +139,7 @@ def _descend(A: SE3, B: SE3, start: SE3, prior: Array) -> tuple[SE3, Array, Arra
         off = np.array([*(X.translation - start.translation), *so3.log(X.rotation @ start.rotation.T), *(scales - 1.0)])
         step = -np.linalg.solve(H + known, gradients.sum(axis=0) + known @ off)
         X, scales = _moved(X, scales, step)
-        if np.abs(step / PRIOR).max() < SETTLED:
+        if np.abs(step / MOUNTING_SIGMA).max() < SETTLED:
             break
     covariance = clustered_covariance(np.linalg.inv(H + known), gradients, known)  # pieces are independent
     by_noise = np.append(2.0 * sigma[3] ** 2 * np.sum(weights[:, [0, 0, 0, 3, 3, 3]], axis=0), [0.0, 0.0])
@@ -146,10 +149,10 @@ def _descend(A: SE3, B: SE3, start: SE3, prior: Array) -> tuple[SE3, Array, Arra
 
 def _jacobian(A: SE3, B: SE3, X: SE3, scales: Array) -> Array:
     """Return the derivatives (N, 6, 8) of the errors by the steps of `_moved`, by central differences."""
-    moved = [_moved(X, scales, step) for step in EPS * np.concatenate([np.eye(8), -np.eye(8)])]
+    moved = [_moved(X, scales, step) for step in DIFFERENCE * np.concatenate([np.eye(8), -np.eye(8)])]
     poses, scaled = SE3(np.stack([pose.matrix[None] for pose, _ in moved])), np.stack([s[None] for _, s in moved])
     ahead, behind = np.split(hand_eye_residuals(A, B, poses, scaled), 2)
-    return np.moveaxis((ahead - behind) / (2.0 * EPS), 0, -1)
+    return np.moveaxis((ahead - behind) / (2.0 * DIFFERENCE), 0, -1)
 
 
 def _sigma(e: Array) -> Array:
@@ -157,7 +160,7 @@ def _sigma(e: Array) -> Array:
 
     By lengths: on a plane two turns of three are never off.
     """
-    spread = [float(np.median(np.linalg.norm(part, axis=1))) / MEDIAN_LENGTH for part in (e[:, :3], e[:, 3:])]
+    spread = [float(np.median(np.linalg.norm(part, axis=1))) / MEDIAN_LENGTHS[3] for part in (e[:, :3], e[:, 3:])]
     return np.repeat(np.maximum(spread, 1e-9), 3)
 
 

@@ -2,46 +2,55 @@
 
 Each image is compared with the map where its pixels should be (M15 eq. 4, 33-35). Lens and readout time are shared by
 all images; pose, gain and bias of each image are its own and are eliminated (Schur complement) in every step of
-Gauss-Newton, from coarse images to fine ones (`elimination.py`).
+Gauss-Newton, from coarse images to fine ones (`elimination.py`). Pairs of images share the pose of a depth camera
+(`depth_pose.py`) in the same way.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
-from rig_calibration.drive.drive_image import DriveImage, ImageState, linearize_image
-from rig_calibration.drive.drive_lens import FLOOR, Lens
+from rig_calibration.constants import LENS_FLOOR, LENS_STEPS, MIN_LENS_STEP, UNOBSERVED
+from rig_calibration.drive.drive_image import DriveImage, ImageState, differentiate, weigh_part
+from rig_calibration.drive.drive_lens import Lens
 from sphere_nav.estimation.elimination import Elimination
 from sphere_nav.geometry.arrays import Array
 
-MAX_STEPS = 12  # at a level
-MIN_STEP = 0.02  # of the parameters' standard deviations, below which a level is done
-UNOBSERVED = 0.5  # of the deviation known beforehand: more is left than the drive has told
+Shared = TypeVar("Shared")
 
 
 @dataclass(frozen=True, eq=False)
-class RefinedCamera:
-    """What a drive tells of a camera: values and covariance (P, P) in the order of `lens.names`."""
+class Refined:
+    """What a drive tells of P shared parameters: their covariance (P, P), beside what was known of them before."""
 
-    lens: Lens
+    names: tuple[str, ...]
+    prior_sigma: Array
     covariance: Array
-    images: tuple[ImageState, ...]
+    states: tuple[ImageState, ...]
     num_pixels: int
     residual: float  # robust standard deviation in grey levels
 
     @property
     def deviations(self) -> dict[str, float]:
         """Standard deviation of each parameter."""
-        return dict(zip(self.lens.names, np.sqrt(np.diagonal(self.covariance)).tolist(), strict=True))
+        return dict(zip(self.names, np.sqrt(np.diagonal(self.covariance)).tolist(), strict=True))
 
     @property
     def unobserved(self) -> tuple[str, ...]:
         """Parameters that the drive does not tell: their deviation is about what it was before."""
-        known = dict(zip(self.lens.names, self.lens.prior_sigma.tolist(), strict=True))
-        return tuple(name for name, sigma in self.deviations.items() if sigma > UNOBSERVED * known[name])
+        is_left = np.sqrt(np.diagonal(self.covariance)) > UNOBSERVED * self.prior_sigma
+        return tuple(name for name, left in zip(self.names, is_left, strict=True) if left)
+
+
+@dataclass(frozen=True, eq=False)
+class RefinedCamera(Refined):
+    """The lens, whose names are those of the parameters."""
+
+    lens: Lens
 
 
 def refine_camera(images: Sequence[DriveImage], lens: Lens) -> RefinedCamera:
@@ -51,35 +60,35 @@ def refine_camera(images: Sequence[DriveImage], lens: Lens) -> RefinedCamera:
     """
     if len(images) < 3:
         raise ValueError(f"drive: expected at least three images that are localised, found {len(images)}")
-    start, states = lens, [ImageState(image.T_map_camera) for image in images]
-    for level in range(len(images[0].levels) - 1, -1, -1):
-        for _ in range(MAX_STEPS):
-            system = _System(images, states, lens, start, level)
-            lens, states, size = system.step()
-            if size < MIN_STEP:
+
+    def linearize(found: Lens, states: Sequence[ImageState], level: int) -> Elimination:
+        pairs = zip(images, states, strict=True)
+        parts = [weigh_part(*differentiate(image, state, found, level)) for image, state in pairs]
+        return Elimination(parts, found.prior_sigma, found.values - lens.values)
+
+    states = [ImageState(image.T_map_camera) for image in images]
+    levels = range(len(images[0].levels) - 1, -1, -1)
+    found, states = estimate_shared(lens, states, levels, linearize, Lens.moved, LENS_STEPS, MIN_LENS_STEP)
+    last = linearize(found, states, 0)
+    covariance = last.covariance() + np.diag((LENS_FLOOR * found.prior_sigma) ** 2)
+    return RefinedCamera(found.names, found.prior_sigma, covariance, tuple(states), last.num_pixels, last.sigma, found)
+
+
+def estimate_shared(
+    shared: Shared,
+    states: list[ImageState],
+    levels: Iterable[int],
+    linearize: Callable[[Shared, Sequence[ImageState], int], Elimination],
+    move: Callable[[Shared, Array], Shared],
+    max_steps: int,
+    min_step: float,
+) -> tuple[Shared, list[ImageState]]:
+    """Return what images share, and the state of each, after Gauss-Newton at some levels; each ends at `min_step`."""
+    for level in levels:
+        for _ in range(max_steps):
+            step, own, size = linearize(shared, states, level).step()
+            shared = move(shared, step)
+            states = [state.moved(one) for state, one in zip(states, own, strict=True)]
+            if size < min_step:
                 break
-    return _System(images, states, lens, start, 0).result()
-
-
-class _System:
-    """The normal equations at a state, those of each image reduced to the shared parameters."""
-
-    def __init__(
-        self, images: Sequence[DriveImage], states: Sequence[ImageState], lens: Lens, start: Lens, level: int
-    ) -> None:
-        self._states, self._lens = states, lens
-        self._parts = [linearize_image(image, state, lens, level) for image, state in zip(images, states, strict=True)]
-        self._reduced = Elimination(self._parts, lens.prior_sigma, lens.values - start.values)
-
-    def step(self) -> tuple[Lens, list[ImageState], float]:
-        """Return the state after a step, and how large the step was."""
-        shared, own, size = self._reduced.step()
-        states = [state.moved(step) for state, step in zip(self._states, own, strict=True)]
-        return self._lens.moved(shared), states, size
-
-    def result(self) -> RefinedCamera:
-        """Return the estimate with its covariance."""
-        covariance = self._reduced.covariance() + np.diag((FLOOR * self._lens.prior_sigma) ** 2)
-        num_pixels = sum(part.num_pixels for part in self._parts)
-        residual = float(np.median([part.sigma for part in self._parts]))
-        return RefinedCamera(self._lens, covariance, tuple(self._states), num_pixels, residual)
+    return shared, states

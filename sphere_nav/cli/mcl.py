@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from mcl_depth.presets import PRESETS
 from mcl_depth.ros.node import MclDepthNode
+from mcl_depth.site import PRESETS
 from sphere_nav.offline import localizing
 from sphere_nav.ros.bags.replay import OfflineBus
 

@@ -65,7 +65,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def report_camera(found: RefinedCamera, output: Path) -> Iterator[str]:
     """Yield what is printed."""
-    numbers = f"{len(found.images)} images, {found.num_pixels} pixels, residual {found.residual:.1f} grey levels"
+    numbers = f"{len(found.states)} images, {found.num_pixels} pixels, residual {found.residual:.1f} grey levels"
     yield f"{numbers} -> {output}"
     for name, value in zip(found.lens.names, found.lens.values, strict=True):
         note = "  NOT OBSERVED by this drive" if name in found.unobserved else ""

@@ -46,6 +46,16 @@ class Elimination:
             self._gradients[i] = part.g[:n] - cross @ part.g[n:]
         self._prior = np.diag(CORRELATED_PIXELS / prior_sigma**2)
 
+    @property
+    def num_pixels(self) -> int:
+        """Residuals of all parts."""
+        return sum(part.num_pixels for part in self._parts)
+
+    @property
+    def sigma(self) -> float:
+        """Typical standard deviation of the residuals in grey levels: the median of the parts."""
+        return float(np.median([part.sigma for part in self._parts]))
+
     def step(self) -> tuple[Array, list[Array], float]:
         """Return the steps of the shared (P,) and of each part's own parameters, and how large the shared one is.
 

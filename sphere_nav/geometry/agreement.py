@@ -8,11 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import PLANAR, Array
 from sphere_nav.geometry.se3 import SE3
 
 LIMIT = math.sqrt(16.266)  # chi^2 of three degrees of freedom, 99.9 %
-PLANAR = np.ix_((0, 1, 5), (0, 1, 5))  # x, y, yaw of a tangent vector (v, omega)
 MEMORY = 100  # poses of each source
 
 

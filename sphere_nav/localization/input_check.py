@@ -16,7 +16,6 @@ from sphere_nav.localization.params import InputParams
 from sphere_nav.localization.status import FINE, Finding, Reason
 
 SAMPLE_STEP = 4  # every fourth pixel of every fourth row is enough for brightness, contrast and equality
-LEVELS = np.arange(256.0)  # of bytes
 DARK_LEVEL, BRIGHT_LEVEL = 6.0, 250.0  # grey levels up to, and from, which a pixel counts as clipped
 MAX_CLIPPED_SHARE = 0.9
 CLOCK_JUMP_IMAGES = 3  # in a row make a leap of the stamps a new time
@@ -153,4 +152,5 @@ def _count_levels(sample: NDArray[Any]) -> tuple[NDArray[np.float64], NDArray[np
     """Return grey levels (K,) and how often a sample has each: 256 of bytes, all of its own otherwise."""
     if sample.dtype != np.uint8:
         return sample.ravel().astype(np.float64), np.ones(sample.size)
-    return LEVELS, np.bincount(sample.ravel(), minlength=LEVELS.size).astype(np.float64)
+    counts = np.bincount(sample.ravel(), minlength=256).astype(np.float64)
+    return np.arange(float(counts.size)), counts

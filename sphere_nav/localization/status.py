@@ -11,8 +11,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 
+from sphere_nav.geometry import SE3
+from sphere_nav.geometry.arrays import Array
+
 __all__ = [
-    "FINE", "FOLLOWING", "INPUT_REMEDIES", "TRUSTED", "Finding", "Reason", "State", "Status", "describe_status",
+    "FINE",
+    "FOLLOWING",
+    "INPUT_REMEDIES",
+    "TRUSTED",
+    "BaseEstimate",
+    "Finding",
+    "Reason",
+    "State",
+    "Status",
+    "describe_status",
     "status_of",
 ]  # fmt: skip
 
@@ -134,3 +146,19 @@ def describe_status(status: Status) -> str:
     if not status.reason:
         return str(status.state)
     return f"{status.state}: {status.reason} ({status.value:.3g}, limit {status.limit:.3g}): {status.remedy}"
+
+
+@dataclass(frozen=True)
+class BaseEstimate:
+    """The news of one image; without trust there is no pose.
+
+    covariance (6, 6) is that of xi = (v, omega) in T_map_base @ exp(xi); velocity (6,) is that of the base.
+    odometry_covariance (6, 6) is that of the way since it was localised; None: `covariance`.
+    """
+
+    status: Status
+    T_map_base: SE3 | None = None
+    covariance: Array | None = None
+    velocity: Array | None = None
+    velocity_covariance: Array | None = None
+    odometry_covariance: Array | None = None

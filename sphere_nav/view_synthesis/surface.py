@@ -18,10 +18,15 @@ from sphere_nav.view_synthesis import kernels
 Floats = NDArray[np.float32]
 Indices = NDArray[np.int32]
 
-BREAK_SHARE = np.float32(0.03)  # of nearness, that neighbours on one surface differ from its slope at most
-BREAK_FLOOR = np.float32(0.004)  # 1/m, the same for far surfaces: 2 m of motion open less than half a degree
-FLAT_SHARE = np.float32(0.003)  # of nearness, that a pixel of a large quad is off its plane at most
-FLAT_FLOOR = np.float32(5e-4)  # 1/m, the same for far surfaces: half a pixel after 2 m of motion
+# Limits of differences in nearness: as share of it, and for far surfaces in 1/m.
+BREAK = (
+    np.float32(0.03),
+    np.float32(0.004),
+)  # of neighbours on one surface from its slope: 2 m open less than 0.5 deg
+FLAT = (
+    np.float32(0.003),
+    np.float32(5e-4),
+)  # of a pixel of a large quad from its plane: half a pixel after 2 m
 PER_TURN = 256  # of the largest quads: their planes bend from the sphere by less than 1e-4 rad
 
 
@@ -68,12 +73,12 @@ def surface_of(sphere: Sphere) -> Surface:
 def _quads(nearness: Floats, camera: Spherical) -> Indices:
     """Return the quads (Q, 3) as upper row, left column and size."""
     breaks = np.zeros(nearness.shape, np.uint8)
-    kernels.find_breaks(nearness, camera.is_whole, BREAK_SHARE, BREAK_FLOOR, breaks)
+    kernels.find_breaks(nearness, camera.is_whole, *BREAK, breaks)
     largest = 1
     while largest * 2 * PER_TURN <= camera.full_width:
         largest *= 2
     quads = np.empty((nearness.size, 3), np.int32)
-    return quads[: kernels.cut_quads(nearness, breaks, camera.is_whole, largest, FLAT_SHARE, FLAT_FLOOR, quads)]
+    return quads[: kernels.cut_quads(nearness, breaks, camera.is_whole, largest, *FLAT, quads)]
 
 
 def _cap(ring: Floats, numbers: Indices, row: int, first: int) -> tuple[Floats, Floats, Indices]:

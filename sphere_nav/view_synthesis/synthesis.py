@@ -19,8 +19,7 @@ from sphere_nav.spheres.sphere import Image, Range
 from sphere_nav.view_synthesis import kernels
 from sphere_nav.view_synthesis.surface import Floats, Surface
 
-AGREEMENT = np.float32(0.05)  # of nearness: drawings that differ by less show the same surface
-AGREEMENT_FLOOR = np.float32(0.005)  # 1/m
+AGREEMENT = np.float32(0.05), np.float32(0.005)  # of nearness, 1/m: drawings that differ by less show one surface
 POLE_RAD = 0.35  # around each pole of a drawing on a whole sphere, that is drawn apart
 POLES = (SE3.exp([0, 0, 0, np.pi, 0, 0]), SE3.identity())  # looking down and up along the axis of a sphere
 MIN_KNOWN = 5  # of 8 neighbours: holes that hold no more than a line of pixels are closed
@@ -57,7 +56,7 @@ def synthesize(surfaces: Sequence[PlacedSurface], T_map_camera: SE3, camera: Cam
     for one, (nearness, source) in zip(surfaces, drawings, strict=True):
         surface, weight = one.surface, np.float32(max(one.weight, 1e-3))  # what one alone saw is never left out
         arrays = surface.image, surface.camera.is_whole, nearness, source, nearest
-        kernels.add_colors(*arrays, AGREEMENT, AGREEMENT_FLOOR, weight, total, weights)
+        kernels.add_colors(*arrays, *AGREEMENT, weight, total, weights)
     image, range_m = np.empty(total.shape, np.uint8), np.empty(nearest.shape, np.float32)
     kernels.divide_by_weights(total, weights, nearest, image, range_m)
     kernels.close_pinholes(weights, MIN_KNOWN, image, range_m)

@@ -7,16 +7,9 @@ import pytest
 
 from mcl_depth.belief.hypotheses import find_hypotheses
 from mcl_depth.belief.motion_model import MotionModel, compose_planar, relative_motion
-from mcl_depth.belief.orientation import best_headings, interpolate_similarity
-from mcl_depth.belief.particles import Particles
-from mcl_depth.belief.resampling import (
-    CHANCE,
-    MIN_PARTICLES,
-    compute_weights,
-    low_variance_indices,
-    required_particles,
-    resample,
-)
+from mcl_depth.belief.particles import Particles, best_headings, interpolate_similarity
+from mcl_depth.belief.resampling import compute_weights, low_variance_indices, required_particles, resample
+from mcl_depth.constants import CHANCE, MIN_PARTICLES
 from mcl_depth.homing import sample_offsets, waypoints_of
 from mcl_depth.likeness.depth_cache import DepthCache
 from mcl_depth.likeness.features import FeatureStack

@@ -14,9 +14,9 @@ from mcl_depth.geometry.pcd import read_pcd
 from mcl_depth.geometry.ply import read_ply
 from mcl_depth.geometry.point_index import PointIndex
 from mcl_depth.geometry.synthesis import panorama_window
-from mcl_depth.image_params import SynthesisParams
 from mcl_depth.likeness.comparison import heading
 from mcl_depth.likeness.features import FeatureStack
+from mcl_depth.params import SynthesisParams
 
 PARAMS = SynthesisParams(num_columns=72)
 

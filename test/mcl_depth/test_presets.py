@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mcl_depth.params import FilterParams
-from mcl_depth.presets import PRESETS, apply_preset
+from mcl_depth.site import PRESETS, apply_preset
 from sphere_nav.params import build, to_mapping
 
 ROOM = (np.zeros(3), np.array([9.0, 6.0, 2.6]))

@@ -11,8 +11,8 @@ from benchmarks.mcl_panoramas import read_shots
 from benchmarks.mcl_surround import run
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.synthesis import DepthSynthesizer
-from mcl_depth.image_params import ComparisonParams, SynthesisParams
 from mcl_depth.likeness.comparison import depth_features_many, heading, similarity_many, visual_features
+from mcl_depth.params import ComparisonParams, SynthesisParams
 
 
 @pytest.fixture(scope="module")

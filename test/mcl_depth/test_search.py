@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from mcl_depth.belief.particles import Particles
-from mcl_depth.belief.resampling import CHANCE, ROUGHENING, compute_weights, resample, scale_similarities
+from mcl_depth.belief.resampling import compute_weights, resample, scale_similarities
+from mcl_depth.constants import CHANCE, ROUGHENING
 
 
 def lonely(age):

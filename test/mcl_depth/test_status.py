@@ -8,8 +8,9 @@ import pytest
 from mcl_depth.belief.evidence import Proof
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import Step
+from mcl_depth.constants import LOST_IMAGES
 from mcl_depth.params import MclStateParams
-from mcl_depth.status import LOST_IMAGES, REMEDIES, Verdict, count, judge_belief
+from mcl_depth.status import REMEDIES, Verdict, count, judge_belief
 from sphere_nav.localization.state_machine import StateMachine
 from sphere_nav.localization.status import Finding, Reason, State
 

@@ -3,11 +3,13 @@
 import numpy as np
 import pytest
 
+from rig_calibration.boards import intrinsics
 from rig_calibration.boards.board import Board
 from rig_calibration.boards.bundle import solve
 from rig_calibration.boards.intrinsics import calibrate_camera
+from rig_calibration.boards.linearize import residuals
 from rig_calibration.boards.observability import Spread, warnings
-from rig_calibration.boards.rejection import reject
+from rig_calibration.boards.rejection import noise_px, reject
 from rig_calibration.boards.state import camera_problem, camera_state
 from rig_calibration.boards.validation import camera_rms
 from rig_calibration.boards.views import observations
@@ -40,6 +42,23 @@ def single(seen):
 def test_lens_comes_back(single):
     assert single.camera.fx == pytest.approx(CAMERA.fx, rel=0.005)  # 810 corners at 0.1 px
     assert single.camera.cx == pytest.approx(CAMERA.cx, abs=2.0)
+
+
+def test_a_start_moves_the_focal_length_and_the_boards_before_the_rest_of_the_lens(seen, monkeypatch):
+    free, widths = [], []
+
+    def solve_and_note(problem, state, weights, huber_px, **limits):
+        free.append(problem.is_free[:12].tolist())
+        widths.append(huber_px / noise_px(residuals(problem, state), weights))
+        return solve(problem, state, weights, huber_px, **limits)
+
+    monkeypatch.setattr(intrinsics, "solve", solve_and_note)
+    problem = camera_problem("pinhole", (640, 480), 5, seen)
+    lens = np.array([420.0, 420.0, 319.5, 239.5, *np.zeros(8)])
+    found = intrinsics._try(problem, lens, np.ones(len(seen.pixels)), PARAMS)
+    assert free == [[True] * 2 + [False] * 10, [True] * 9 + [False] * 3]
+    assert widths == pytest.approx([2.0, 2.0])
+    assert found.lenses[0, 0] == pytest.approx(CAMERA.fx, rel=0.01)
 
 
 def test_a_disturbed_solution_settles_where_it_was(seen, single):

@@ -7,7 +7,7 @@ from tf2_msgs.msg import TFMessage
 
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer
-from mcl_depth.image_params import SynthesisParams
+from mcl_depth.params import SynthesisParams
 from mcl_depth.ros.node import MclDepthNode
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.bags.replay import OfflineBus

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcl_depth.image_params import ComparisonParams
 from mcl_depth.likeness.comparison import GradientFeatures, depth_features
+from mcl_depth.params import ComparisonParams
 
 HEIGHT, WIDTH, NUM_HEADINGS = 16, 72, 36
 

@@ -11,19 +11,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.constants import (
+    INDEX_BITS,
+    MAX_BLOCKS,
+    MIN_NORMAL_SHARE,
+    NUM_CLOSINGS,
+    PLANE_NOISE,
+    PLANE_TOLERANCE,
+    SPLAT,
+)
 from mcl_depth.geometry.cloud import Cloud
 from mcl_depth.geometry.columns import kernels
 
 Floats = NDArray[np.float64]
 Cells = NDArray[np.int32]
-
-HEIGHT_BITS = 20
-SPLAT = 1.5  # height of a single point by the size of a voxel, so that surfaces close
-TOLERANCE = 0.35  # two points this far off a plane, by the size of a voxel, still belong to it
-NOISE = 0.15  # half height of a level voxel by its size
-NUM_CLOSINGS = 2  # a gap may be two voxels wide
-MAX_BLOCKS = 1 << 25  # of columns, in the rectangle around the cloud
-MIN_SHARE = 0.8  # of the normals of a coarse voxel that must agree for it to be a plane
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,8 @@ def voxel_map(cloud: Cloud, size: float, num_levels: int) -> VoxelMap:
     """Return the columns of a cloud; ValueError where it is too wide for voxels of `size` m."""
     corner, high = (bound.astype(np.float64) for bound in cloud.box)
     extent = high - corner
-    if float(extent.max()) / size >= 2**HEIGHT_BITS:
-        limit = 2**HEIGHT_BITS * size
+    if float(extent.max()) / size >= 2**INDEX_BITS:
+        limit = 2**INDEX_BITS * size
         raise ValueError(f"{cloud.name}: expected an extent below {limit:g} m, found {extent.max():g} m")
     if (num_blocks := float(np.prod(np.ceil(extent[:2] / (size * 2**kernels.BLOCK_BITS))))) > MAX_BLOCKS:
         found = f"{extent[0]:.0f} x {extent[1]:.0f} m ({num_blocks:.0f})"
@@ -94,7 +95,7 @@ def _finest(points: Floats, size: float) -> tuple[VoxelLevel, float]:
 
 def _close_gaps(cells: Cells, means: Floats, normals: Floats, grid: Grid, size: float) -> tuple[Cells, Floats, Floats]:
     """Return cells, means and normals with the gaps in planes filled from both sides."""
-    far = kernels.find_gaps(means, normals, cells, grid.blocks, grid.starts, size, TOLERANCE)
+    far = kernels.find_gaps(means, normals, cells, grid.blocks, grid.starts, size, PLANE_TOLERANCE)
     near, direction = np.nonzero(far >= 0)
     other = far[near, direction]
     new_cells = cells[near] + kernels.DIRECTIONS[direction].astype(np.int32)
@@ -113,7 +114,7 @@ def _heights(means: Floats, normals: Floats, size: float) -> Floats:
     half = np.full(len(means), 0.5 * SPLAT * size)
     is_plane = flat + upright > 0.0
     half[is_plane] = np.minimum(half[is_plane], 0.5 * size * (flat / np.maximum(upright, 1e-9))[is_plane])
-    half = np.maximum(half, NOISE * size)
+    half = np.maximum(half, PLANE_NOISE * size)
     return np.column_stack([means[:, 2] - half, means[:, 2] + half])
 
 
@@ -126,14 +127,14 @@ def _coarser(fine: VoxelLevel) -> VoxelLevel:
     low, high = np.minimum.reduceat(voxels[:, 3], first), np.maximum.reduceat(voxels[:, 4], first)
     nx, ny, nz = voxels[:, 5:].T
     moments = np.stack([nx * nx, nx * ny, nx * nz, ny * ny, ny * nz, nz * nz], axis=1) * weights[:, None]
-    normals = kernels.join_planes(np.add.reduceat(moments, first), MIN_SHARE)
+    normals = kernels.join_planes(np.add.reduceat(moments, first), MIN_NORMAL_SHARE)
     joined = np.hstack([means, low[:, None], high[:, None], normals])
     return VoxelLevel(2.0 * fine.size, cells, joined, counts, _grid(cells))
 
 
 def _sort(cells: Cells) -> tuple[Cells, NDArray[np.int64], NDArray[np.int64]]:
     """Return the different cells by block, column and height, the order of all, and the first of each among it."""
-    keys = (_column_keys(cells) << HEIGHT_BITS) | cells[:, 2]
+    keys = (_column_keys(cells) << INDEX_BITS) | cells[:, 2]
     order = np.argsort(keys, kind="stable")
     keys = keys[order]
     first = np.flatnonzero(np.append(True, keys[1:] != keys[:-1]))
@@ -143,7 +144,7 @@ def _sort(cells: Cells) -> tuple[Cells, NDArray[np.int64], NDArray[np.int64]]:
 def _column_keys(cells: Cells) -> NDArray[np.int64]:
     bits = kernels.BLOCK_BITS
     i, j = cells[:, 0].astype(np.int64), cells[:, 1].astype(np.int64)
-    blocks = ((i >> bits) << HEIGHT_BITS) | (j >> bits)
+    blocks = ((i >> bits) << INDEX_BITS) | (j >> bits)
     return blocks << 2 * bits | (i & 12) << 4 | (j & 12) << 2 | (i & 3) << 2 | (j & 3)  # kernels._place
 
 
@@ -154,7 +155,7 @@ def _grid(cells: Cells) -> Grid:
     used, number = np.unique(block_keys, return_inverse=True)
     shape = (cells[:, :2].max(axis=0) >> kernels.BLOCK_BITS) + 1
     blocks = np.full(tuple(shape), -1, np.int32)
-    blocks[used >> HEIGHT_BITS, used & ((1 << HEIGHT_BITS) - 1)] = np.arange(len(used))
+    blocks[used >> INDEX_BITS, used & ((1 << INDEX_BITS) - 1)] = np.arange(len(used))
     columns = number * kernels.CELLS + (keys & (kernels.CELLS - 1))
     starts = np.searchsorted(columns, np.arange(len(used) * kernels.CELLS + 1)).astype(np.int32)
     return Grid(blocks, starts)

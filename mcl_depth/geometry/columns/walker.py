@@ -9,15 +9,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from mcl_depth.constants import CELL, MAX_ELEVATION_DEG, NEAREST_M
 from mcl_depth.geometry.columns import kernels
 from mcl_depth.geometry.columns.voxel_map import VoxelMap
-from mcl_depth.image_params import SynthesisParams
+from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry import Spherical
 
 Image = NDArray[np.float32]
-CELL = 1.5  # largest width of a cell by that of a pixel
-MIN_RANGE = 0.2  # m, below which nothing is drawn
-MAX_ELEVATION = np.radians(89.9)  # of a row, so that its slope is finite
 
 
 class Walker:
@@ -26,7 +24,7 @@ class Walker:
     def __init__(self, voxels: VoxelMap, camera: Spherical, params: SynthesisParams) -> None:
         self._camera, self._corner = camera, voxels.corner
         self._pixel = np.float32(CELL * 2.0 * np.pi / camera.full_width)
-        self._reach = np.array([MIN_RANGE, params.max_range_m], np.float32)
+        self._reach = np.array([NEAREST_M, params.max_range_m], np.float32)
         self._extent = (voxels.extent + voxels.levels[0].size).astype(np.float32)  # the last cells are whole, too
         self._lay_out(voxels)
         self._aim()
@@ -68,7 +66,8 @@ class Walker:
         rays = camera.unproject(np.stack([columns, np.zeros(camera.width)], axis=-1))
         self._azimuths = (rays[:, :2] / np.linalg.norm(rays[:, :2], axis=1, keepdims=True)).astype(np.float32)
         upright = camera.unproject(np.stack([np.zeros(camera.height), rows], axis=-1))[:, 2]
-        elevations = np.clip(np.arcsin(np.clip(upright, -1.0, 1.0)), -MAX_ELEVATION, MAX_ELEVATION)
+        steepest = np.radians(MAX_ELEVATION_DEG)
+        elevations = np.clip(np.arcsin(np.clip(upright, -1.0, 1.0)), -steepest, steepest)
         self._slopes = np.tan(elevations).astype(np.float32)
         self._rises = (1.0 / np.cos(elevations)).astype(np.float32)
         edges = 2.0 * np.arange(1, kernels.NUM_SEARCH + 1) / kernels.NUM_SEARCH - 1.0

@@ -11,6 +11,7 @@ from sphere_nav.geometry.arrays import Array
 
 MAX_SIDE = 1 << 16  # px
 MAX_PIXELS = 1 << 26
+NEWTON_STEPS = 12  # that undo a distortion: to rounding, where it can be undone
 MAX_LENGTH = 1e7  # px; of a focal length, and of the centre of a window far from the axis
 
 

@@ -9,10 +9,8 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.geometry.cameras.camera import check_lens, check_size, inside
-
-MIN_DIVISOR = 1e-12
 
 
 @dataclass(frozen=True)
@@ -64,7 +62,7 @@ class DoubleSphere:
         """Project points (..., 3); points beyond the largest angle are NaN and not visible."""
         p = np.asarray(points, dtype=np.float64)
         _, shifted, second, divisor = self._terms(p)
-        valid = (shifted > self.min_cosine * second) & (divisor > MIN_DIVISOR * second)
+        valid = (shifted > self.min_cosine * second) & (divisor > TINY * second)
         factor = np.where(valid, 1.0 / np.where(valid, divisor, 1.0), np.nan)
         pixels = factor[..., None] * p[..., :2] * (self.fx, self.fy) + (self.cx, self.cy)
         return pixels, inside(pixels, self)

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.cameras.camera import check_lens, check_size, inside
+from sphere_nav.geometry.cameras.camera import NEWTON_STEPS, check_lens, check_size, inside
 
-NEWTON_STEPS = 12
 MIN_SINE = 1e-9
 
 

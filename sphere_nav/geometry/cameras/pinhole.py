@@ -10,10 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.cameras.camera import check_lens, check_size, inside
+from sphere_nav.geometry.cameras.camera import NEWTON_STEPS, check_lens, check_size, inside
 
 NUM_DISTORTION = 8  # k1 k2 p1 p2 k3 k4 k5 k6, the order of OpenCV and ROS
-NEWTON_STEPS = 12
 MIN_DEPTH = 1e-6
 
 

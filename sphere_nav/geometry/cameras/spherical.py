@@ -9,10 +9,8 @@ from typing import ClassVar, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.geometry.cameras.camera import check_size, inside
-
-MIN_HORIZONTAL = 1e-12
 
 
 @dataclass(frozen=True)
@@ -85,7 +83,7 @@ class Spherical:
         """Return d pixel / d point (..., 2, 3)."""
         p = np.asarray(points, dtype=np.float64)
         x, y, z = p[..., 0], p[..., 1], p[..., 2]
-        horizontal2 = np.maximum(x * x + y * y, MIN_HORIZONTAL)
+        horizontal2 = np.maximum(x * x + y * y, TINY)
         horizontal = np.sqrt(horizontal2)
         by_azimuth = self.full_width / (2 * np.pi) / horizontal2
         by_elevation = self.full_height / np.pi / ((horizontal2 + z * z) * horizontal)

@@ -10,14 +10,13 @@ from pathlib import Path
 import numpy as np
 
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.geometry.files.foreign_cameras import ForeignRig
+from sphere_nav.geometry.files.foreign_cameras import WIDEST_DEG, ForeignRig
 from sphere_nav.geometry.files.lens_fit import fit_lens, grid_of
 from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, number, read_text
 from sphere_nav.geometry.se3 import SE3
 
 NUM_LINES = 5  # polynomial, inverse polynomial, centre, affine part, size
 MAX_DEGREE = 20
-WIDEST_DEG = 100.0  # from the axis: the polynomial is known where the image is, and little farther
 
 
 def is_ocam(path: Path) -> bool:

@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 from tqdm import tqdm
 
+from rig_calibration.constants import FALSE_ALARM
 from rig_calibration.drive.depth_pair import DepthFrame, DepthPair
 from rig_calibration.drive.depth_pixels import make_frame, without_hidden
-from rig_calibration.drive.depth_pose import FALSE_ALARM, MIN_PAIRS, NAMES, RefinedDepth, refine_depth_pose
+from rig_calibration.drive.depth_pose import MIN_PAIRS, NAMES, RefinedDepth, refine_depth_pose
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import SphereMapperParams
 from sphere_mapping.ros.intake import Intake
@@ -114,8 +115,7 @@ def _refine(pairs: list[DepthPair], one: RgbdInstant) -> RefinedDepth:
         found = refine_depth_pose(seen, one.camera, T_image_depth, one.T_image_depth, levels)
         T_image_depth = found.T_image_depth
         pairs = [
-            DepthPair(pair.first, pair.second, state.T_second_first)
-            for pair, state in zip(pairs, found.states, strict=True)
+            DepthPair(pair.first, pair.second, state.pose) for pair, state in zip(pairs, found.states, strict=True)
         ]
     return found
 

@@ -19,8 +19,6 @@ from sphere_nav.photometric.align.problem import AlignmentState, Descent, ViewCo
 from sphere_nav.photometric.constants import STUCK
 from sphere_nav.photometric.params import RegistrationParams
 
-MIN_PIECES = 2  # of a view; fewer do not scatter
-
 
 def correlated_pixels(found: Sequence[ViewComparison], otherwise: float) -> float:
     """Return the number of pixels that err together, 1 where all residuals are independent.
@@ -32,7 +30,7 @@ def correlated_pixels(found: Sequence[ViewComparison], otherwise: float) -> floa
     """
     total = expected = 0.0
     for view in found:
-        if len(view.pieces) >= MIN_PIECES and np.all(np.isfinite(view.pieces)):
+        if len(view.pieces) > 1 and np.all(np.isfinite(view.pieces)):
             total += kernels.scatter(view.pieces, view.sigma)
             expected += NUM_COLUMNS * (1.0 - 1.0 / len(view.pieces))
     return max(1.0, total / expected) if expected else otherwise

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sphere_nav.geometry import Camera, Spherical
 from sphere_nav.photometric.align.iteration import kernels
+from sphere_nav.photometric.constants import CONE_GRID, CONE_MARGIN
 
 Floats = NDArray[np.float32]
 KernelCamera: TypeAlias = tuple[int, Floats, Floats]
@@ -20,9 +21,6 @@ MODELS = {
     "spherical": kernels.SPHERICAL,
     "double_sphere": kernels.DOUBLE_SPHERE,
 }
-GRID = 33  # rows and columns of pixels that show what a camera sees
-MARGIN = np.radians(3.0)  # of the cone: rays bend between two of those pixels
-GLOBAL_SHUTTER = np.zeros(8, np.float32)
 EVERYWHERE = np.array([0.0, 0.0, 1.0, np.pi], np.float32)
 
 
@@ -31,7 +29,7 @@ def kernel_camera(camera: Camera) -> KernelCamera:
     """Return model number, coefficients (13,) and shutter (8,), a global one, float32, as the kernels take them."""
     coefficients = np.zeros(kernels.NUM_COEFFICIENTS, np.float32)
     coefficients[: camera.coefficients.size] = camera.coefficients
-    return MODELS[camera.model], coefficients, GLOBAL_SHUTTER
+    return MODELS[camera.model], coefficients, np.zeros(8, np.float32)
 
 
 def rolling(camera: Camera, twist: NDArray[np.float64]) -> KernelCamera:
@@ -45,14 +43,14 @@ def view_cone(camera: Camera) -> Floats:
     """Return the cone that holds all rays of a camera: axis (3,) and half angle in radians, together (4,) float32."""
     if isinstance(camera, Spherical) and camera.is_whole:
         return EVERYWHERE
-    u, v = np.linspace(-0.5, camera.width - 0.5, GRID), np.linspace(-0.5, camera.height - 0.5, GRID)
+    u, v = np.linspace(-0.5, camera.width - 0.5, CONE_GRID), np.linspace(-0.5, camera.height - 0.5, CONE_GRID)
     rays = camera.unproject(np.stack(np.meshgrid(u, v), axis=-1)).reshape(-1, 3)
     rays = rays[~np.isnan(rays[:, 0])]
     axis = rays.sum(axis=0)
     length = np.linalg.norm(axis)
     if not length > 0.1 * len(rays):  # all around, or nothing
         return EVERYWHERE
-    angle = np.arccos(np.clip(np.min(rays @ (axis / length)), -1.0, 1.0)) + MARGIN
+    angle = np.arccos(np.clip(np.min(rays @ (axis / length)), -1.0, 1.0)) + CONE_MARGIN
     return np.array([*(axis / length), min(angle, np.pi)], np.float32)
 
 

@@ -8,20 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 from itertools import islice
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sphere_nav.estimation.kernels import newton_step
-from sphere_nav.geometry import SE3, FrameMotion
+from sphere_nav.geometry import SE3, Camera, FrameMotion
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.descent import kernels
 from sphere_nav.photometric.align.judgement import classify, normal_matrix
-from sphere_nav.photometric.align.overlap import image_overlap
 from sphere_nav.photometric.align.problem import AlignmentState, Descent, Problem, ViewComparison
+from sphere_nav.photometric.align.projection import kernel_motion
+from sphere_nav.photometric.constants import OVERLAP_CELL
 from sphere_nav.photometric.params import RegistrationParams
+from sphere_nav.photometric.pixels.kernels import cover
 from sphere_nav.photometric.pixels.pyramid import Pyramid
 from sphere_nav.photometric.pixels.reference import View
 
@@ -172,3 +176,29 @@ class RigProblem:
             H = normal_matrix(list(islice(views, len(image.views))), has_light=has_light)
             systems.append((H, np.zeros(len(H))))
         return self.join(systems)[0]
+
+
+def image_overlap(pyramid: Pyramid, views: Sequence[View], T_world_camera: SE3) -> float:
+    """Return the share (0..1) of the image, in cells of the coarsest level, where some reference has range."""
+    level = pyramid.levels[-1]
+    camera = level.camera
+    cells = _cells_with_rays(camera)
+    covered = np.zeros_like(cells)
+    T_camera_world = T_world_camera.inverse()
+    image = (level.kernel_camera, camera.width, camera.height, OVERLAP_CELL, covered)
+    for view in views:
+        pixels = view.reference.level_like(camera)
+        T_camera_reference = T_camera_world @ view.T_world_reference
+        seen = pixels.squares.near(T_camera_reference, camera)
+        cover(seen.places, seen.pool, kernel_motion(T_camera_reference.matrix), *image)
+    return float(np.sum(covered & cells)) / max(float(np.sum(cells)), 1.0)
+
+
+@lru_cache(maxsize=16)
+def _cells_with_rays(camera: Camera) -> NDArray[np.bool_]:
+    """Return which cells hold a pixel that sees anything; the corners of a fisheye image do not."""
+    has_ray = ~np.isnan(pixel_rays(camera)[..., 0])
+    cells = np.zeros((-(-camera.height // OVERLAP_CELL), -(-camera.width // OVERLAP_CELL)), np.bool_)
+    v, u = np.nonzero(has_ray)
+    cells[v // OVERLAP_CELL, u // OVERLAP_CELL] = True
+    return cells

@@ -15,7 +15,7 @@ from sphere_nav.photometric.align.descent import kernels
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, GRAY, SIDE
 from sphere_nav.photometric.align.problem import AlignmentState, Problem
 from sphere_nav.photometric.align.rig import RigImage
-from sphere_nav.photometric.constants import MIN_TURN_PIXELS, ROTATION_ITERATIONS, TURN_PIXELS
+from sphere_nav.photometric.constants import MIN_VIEW_PIXELS, ROTATION_ITERATIONS, TURN_PIXELS
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Level, Pyramid
 from sphere_nav.photometric.pixels.reference import Reference, View, prepare_level
@@ -62,7 +62,7 @@ def correlation_after_turn(now: Level, before: Level, R_before_now: Array) -> fl
     T[:, :3] = R_before_now.T
     kernels.examine(blocks, T, now.kernel_camera, now.samples, 1.0, 0.0, 1.0, 1.0, facts, pieces)  # of all pixels alike
     number = facts[kernels.NUM_VISIBLE]
-    if number < MIN_TURN_PIXELS:
+    if number < MIN_VIEW_PIXELS:
         return None
     reference, current, product, square_reference, square_current = facts[kernels.SUM_REFERENCE :].tolist()
     norm = (square_reference - reference**2 / number) * (square_current - current**2 / number)

@@ -24,7 +24,7 @@ from sphere_nav.photometric.checks.bias import (
     linearize_samples,
     solve_robustly,
 )
-from sphere_nav.photometric.constants import GRADIENT_ORDER, GRADIENT_SHARE, GRADIENT_STEPS, LAST_GRADIENT_STEP
+from sphere_nav.photometric.constants import BIAS_STEPS, GRADIENT_ORDER, GRADIENT_SHARE, LAST_GRADIENT_STEP
 from sphere_nav.photometric.params import RegistrationParams
 
 ORDERS = [(i, j) for i in range(GRADIENT_ORDER + 1) for j in range(GRADIENT_ORDER + 1 - i) if i + j]
@@ -55,7 +55,7 @@ def find_illumination_bias(
 def _descend(sampler: Sampler, T_world_body: SE3, xi: Array, params: RegistrationParams) -> Array:
     """Return the whole bias (6,) whose first step is known."""
     T_bias = SE3.exp(xi)
-    for _ in range(GRADIENT_STEPS):
+    for _ in range(BIAS_STEPS):
         problem = linearize_samples(sampler(T_world_body @ T_bias), ORDERS)
         if problem is None:
             break

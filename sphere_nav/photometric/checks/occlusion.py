@@ -17,9 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.photometric.checks.bias import CameraSamples, PoseBias, Sampler, linearize_samples, solve_robustly
 from sphere_nav.photometric.constants import (
+    BIAS_STEPS,
     CELL_SIGMAS,
     COLUMNS,
     LAST_OCCLUSION_STEP_RAD,
@@ -28,12 +29,11 @@ from sphere_nav.photometric.constants import (
     MIN_VIEW_PIXELS,
     MIN_VISIBLE_SHARE,
     OCCLUSION_SHARE,
-    OCCLUSION_STEPS,
     ROWS,
     TYPICAL_QUANTILE,
 )
 from sphere_nav.photometric.params import RegistrationParams
-from sphere_nav.photometric.pixels.samples import TINY, Sample, cosines
+from sphere_nav.photometric.pixels.samples import Sample, cosines
 
 
 def find_occlusion_bias(
@@ -46,7 +46,7 @@ def find_occlusion_bias(
     """
     share, kept = _agreeing(cameras)
     T_bias = SE3.identity()
-    for _ in range(OCCLUSION_STEPS if share >= OCCLUSION_SHARE else 0):
+    for _ in range(BIAS_STEPS if share >= OCCLUSION_SHARE else 0):
         problem = (
             linearize_samples(_by_reference(kept), ()) if _number(kept) > MIN_VISIBLE_SHARE * _number(cameras) else None
         )

@@ -16,7 +16,7 @@ import numpy as np
 from sphere_nav.estimation.normal_equations import scaled_inverse
 from sphere_nav.estimation.robust import weigh
 from sphere_nav.geometry import SE3, FrameMotion, Spherical
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.rig import RigImage, share_pixels
 from sphere_nav.photometric.checks.bias import NO_BIAS, CameraSamples, PoseBias, Sampler
@@ -25,7 +25,7 @@ from sphere_nav.photometric.checks.occlusion import exclude_occlusion, find_occl
 from sphere_nav.photometric.constants import LENS_PIECES, MIN_SAMPLES, OCCLUSION_SHARE
 from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.reference import View
-from sphere_nav.photometric.pixels.samples import TINY, Sample, cosines, sample_views
+from sphere_nav.photometric.pixels.samples import Sample, cosines, sample_views
 
 
 class Aspect(Flag):
@@ -36,7 +36,8 @@ class Aspect(Flag):
     ILLUMINATION = auto()
 
 
-NOTHING, EVERYTHING = Aspect(0), Aspect.FIT | Aspect.OCCLUSION | Aspect.ILLUMINATION
+NOTHING = Aspect(0)
+EVERYTHING = Aspect.FIT | Aspect.OCCLUSION | Aspect.ILLUMINATION
 
 
 @dataclass(frozen=True)

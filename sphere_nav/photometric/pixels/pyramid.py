@@ -15,7 +15,7 @@ from sphere_nav.photometric.params import PyramidParams
 from sphere_nav.photometric.pixels import kernels
 
 Image = NDArray[Any]
-NO_BYTES, NO_FLOATS = np.zeros(0, np.uint8), np.zeros(0, np.float32)
+NO_BYTES, NO_FLOATS = np.array([], np.uint8), np.array([], np.float32)
 
 
 class Samples(NamedTuple):

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import FrameMotion
-from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.arrays import TINY, Array
 from sphere_nav.photometric.align.alignment import Alignment
 from sphere_nav.photometric.align.iteration import kernels
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
@@ -19,8 +19,6 @@ from sphere_nav.photometric.params import RegistrationParams
 from sphere_nav.photometric.pixels.pyramid import Level, Pyramid
 from sphere_nav.photometric.pixels.reference import Selection, View
 from sphere_nav.photometric.pixels.selection import choose
-
-TINY = 1e-12
 
 
 @dataclass(frozen=True)

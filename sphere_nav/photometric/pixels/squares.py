@@ -20,15 +20,13 @@ from sphere_nav.geometry import SE3, Camera, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
 from sphere_nav.photometric.align.iteration.kernels import BLOCK, SIDE
 from sphere_nav.photometric.align.projection import Floats, kernel_camera, kernel_motion, view_cone
+from sphere_nav.photometric.constants import MAX_VIEWS, MIN_SQUARES, SQUARE_MARGIN
 from sphere_nav.photometric.pixels import kernels
 
 Indices = NDArray[np.int32]
 Steps = NDArray[np.uint16]
 GROWTH = 0.125  # of the room that is made beyond what is needed
-MARGIN = 1e-4  # rad
 NOT_YET = -1
-MAX_VIEWS, MIN_SQUARES = 1.25, 512  # squares that are kept: by those of one view, and so many in any case
-CURVE_BITS = 16
 
 
 class Seen(NamedTuple):
@@ -152,7 +150,7 @@ def cones_of(camera: Camera) -> Floats:
         total = np.where(has_ray[..., None], rays, 0.0).sum(axis=1)
         axes = total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-9)
         cosines = np.where(has_ray, np.einsum("sj,spj->sp", axes, rays), 1.0)
-        angles = np.arccos(np.clip(cosines.min(axis=1), -1.0, 1.0)) + MARGIN
+        angles = np.arccos(np.clip(cosines.min(axis=1), -1.0, 1.0)) + SQUARE_MARGIN
         cones.append(np.column_stack([axes, np.where(has_ray.any(axis=1), angles, -1.0)]))
     return np.concatenate(cones).astype(np.float32)
 
@@ -165,6 +163,6 @@ def curve(width: int, height: int) -> Indices:
     """
     row, column = np.mgrid[0 : -(-height // kernels.SQUARE), 0 : -(-width // kernels.SQUARE)]
     code = np.zeros(row.size, np.int64)
-    for bit in range(CURVE_BITS):
+    for bit in range(max(row.shape).bit_length()):
         code |= (column.reshape(-1) >> bit & 1) << 2 * bit | (row.reshape(-1) >> bit & 1) << 2 * bit + 1
     return np.argsort(code).astype(np.int32)

@@ -17,12 +17,12 @@ from std_srvs.srv import Trigger
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization.base_estimate import BaseEstimate
 from sphere_nav.localization.params import NodeParams
 from sphere_nav.localization.status import (
     FINE,
     FOLLOWING,
     INPUT_REMEDIES,
+    BaseEstimate,
     Finding,
     Reason,
     State,

@@ -13,9 +13,8 @@ from sphere_nav_msgs.msg import LocalizationStatus
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
-from sphere_nav.localization.base_estimate import BaseEstimate
 from sphere_nav.localization.params import NodeParams
-from sphere_nav.localization.status import TRUSTED, State, Status, describe_status
+from sphere_nav.localization.status import TRUSTED, BaseEstimate, State, Status, describe_status
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.odometry_input import OdometryInput
 from sphere_nav.ros.endpoints import ERROR, OK, WARN, Endpoints

@@ -1,6 +1,8 @@
 import time
 from concurrent.futures import ThreadPoolExecutor
 
+import pytest
+
 from dense_localizer.references.prefetch import BackgroundTurns
 
 
@@ -25,15 +27,18 @@ def test_one_works_at_a_time_and_the_urgent_one_is_next():
 
 def test_what_fails_leaves_the_turn_to_others():
     background = BackgroundTurns(is_limited=True)
-    for _ in range(2):
-        try:
-            with background.wait_for_turn():
-                raise ValueError
-        except ValueError:
-            pass
+    with pytest.raises(ValueError, match="failed"), background.wait_for_turn():
+        raise ValueError("failed")
+    with ThreadPoolExecutor(1) as threads:
+        assert threads.submit(take_turn, background).result(20.0) == "worked"
+
+
+def take_turn(background):
+    with background.wait_for_turn(is_urgent=True):
+        return "worked"
 
 
 def test_without_a_limit_all_work_at_once():
     background = BackgroundTurns(is_limited=False)
-    with background.wait_for_turn(), background.wait_for_turn(is_urgent=True):
-        pass
+    with ThreadPoolExecutor(1) as threads, background.wait_for_turn():
+        assert threads.submit(take_turn, background).result(20.0) == "worked"

@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from mcl_depth.belief.evidence import APART, APART_HEADINGS, Evidence, chance_of_lead, chance_over, find_maxima
-from mcl_depth.belief.joint_evidence import COST, FORGETTING, JointEvidence
+from mcl_depth.belief.evidence import Evidence, chance_of_lead, chance_over, find_maxima
+from mcl_depth.belief.joint_evidence import JointEvidence
 from mcl_depth.belief.motion_model import compose_planar, relative_motion
 from mcl_depth.belief.survey_grid import SurveyGrid
-from mcl_depth.likeness.matched_filter import MIN_PLACES
+from mcl_depth.constants import APART, COST, FORGETTING, MIN_PLACES
 from sphere_nav.geometry import SE3
 
 EDGE, SIDE, NUM_HEADINGS, RATE = 0.5, 40, 36, 1e-3
@@ -199,7 +199,7 @@ def test_maxima_are_apart_and_two_headings_at_one_place_are_two():
     np.testing.assert_array_equal(places[:2], [[4, 10, 10], [22, 10, 10]])
     assert values[2] < 0.1
     off, turn = np.abs(places[1:, 1:] - places[0, 1:]).max(axis=1), np.abs(places[1:, 0] - places[0, 0])
-    assert np.all((off > APART) | (np.minimum(turn, NUM_HEADINGS - turn) > APART_HEADINGS))
+    assert np.all((off > APART[1]) | (np.minimum(turn, NUM_HEADINGS - turn) > APART[0]))
 
 
 def test_a_large_map_is_compared_at_every_second_cell():

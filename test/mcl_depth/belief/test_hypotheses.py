@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from mcl_depth.belief.hypotheses import MAX_HYPOTHESES, find_hypotheses
+from mcl_depth.belief.hypotheses import find_hypotheses
 from mcl_depth.belief.particles import Particles
+from mcl_depth.constants import MAX_HYPOTHESES
 
 
 def weighted(poses, weights):

@@ -8,16 +8,9 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from mcl_depth.belief.orientation import NUM_YOUNG, adjust_headings
-from mcl_depth.belief.particles import Particles
-from mcl_depth.belief.resampling import (
-    CHANCE,
-    compute_weights,
-    count_bins,
-    required_particles,
-    resample,
-    scale_similarities,
-)
+from mcl_depth.belief.particles import Particles, adjust_headings
+from mcl_depth.belief.resampling import compute_weights, count_bins, required_particles, resample, scale_similarities
+from mcl_depth.constants import CHANCE, NUM_YOUNG
 
 
 @pytest.mark.parametrize("bins", [20, 60, 200])

@@ -10,16 +10,9 @@ from mcl_depth.belief.estimate import Observation
 from mcl_depth.belief.evidence import Survey
 from mcl_depth.belief.hypotheses import Hypothesis
 from mcl_depth.belief.motion_model import relative_motion
-from mcl_depth.belief.orientation import NUM_YOUNG
 from mcl_depth.belief.particles import Particles
-from mcl_depth.belief.sampling import (
-    NEW_SHARE,
-    NEW_SIGMA_M,
-    NEW_SIGMA_RAD,
-    inject_at_places,
-    sample_gaussian,
-    sample_uniform,
-)
+from mcl_depth.belief.resampling import inject_at_places, sample_gaussian, sample_uniform
+from mcl_depth.constants import NEW_SHARE, NEW_SIGMA, NUM_YOUNG
 from mcl_depth.geometry.area import Area
 from mcl_depth.params import MclInputParams, MotionParams
 from sphere_nav.geometry import SE3, Spherical
@@ -83,9 +76,9 @@ def test_a_share_of_the_particles_goes_where_the_evidence_points():
     there = inject_at_places(particles, survey, np.random.default_rng(3))
     new = there.poses[there.poses[:, 0] < 50.0]
     assert len(new) == NEW_SHARE * 1000
-    at_best = np.hypot(*(new[:, :2] - [2.0, 3.0]).T) < 5 * NEW_SIGMA_M
+    at_best = np.hypot(*(new[:, :2] - [2.0, 3.0]).T) < 5 * NEW_SIGMA[0]
     assert np.mean(at_best) == pytest.approx(0.75, abs=0.1)  # four standard errors
-    np.testing.assert_allclose(new[at_best, 2], np.pi / 2, atol=5 * NEW_SIGMA_RAD)
+    np.testing.assert_allclose(new[at_best, 2], np.pi / 2, atol=5 * NEW_SIGMA[2])
     assert set(there.ages[there.poses[:, 0] < 50.0]) == {NUM_YOUNG}  # they keep their headings
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.geometry.area import Area, find_area, limits_of
-from mcl_depth.geometry.ground import Ground
+from mcl_depth.geometry.area import Area, Ground, find_area, limits_of
 from mcl_depth.params import AreaParams
 
 PARAMS = AreaParams()

@@ -268,7 +268,7 @@ def test_a_header_of_pcd_that_lies_is_refused(tmp_path: Path, old: str, new: str
 
 
 @pytest.mark.parametrize(
-    ("num_lonely", "extent", "is_refused"), [(60, 1001, True), (40, 1001, False), (60, 999, False)]
+    ("num_lonely", "extent", "is_refused"), [(60, 1001, True), (50, 1001, False), (60, 1000, False)]
 )
 def test_points_alone_in_their_cubic_metre_are_no_map(num_lonely, extent, is_refused) -> None:
     lonely = np.column_stack([np.linspace(0.0, extent, num_lonely), np.zeros(num_lonely), np.zeros(num_lonely)])

@@ -8,7 +8,7 @@ import pytest
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer, panorama_window
-from mcl_depth.image_params import SynthesisParams
+from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry.cameras.camera import pixel_grid
 
 PARAMS = SynthesisParams(num_columns=72)

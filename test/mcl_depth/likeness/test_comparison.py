@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.image_params import ComparisonParams
 from mcl_depth.likeness import kernels
 from mcl_depth.likeness.comparison import (
     check_headings,
@@ -18,6 +17,7 @@ from mcl_depth.likeness.comparison import (
     stack_features,
     visual_features,
 )
+from mcl_depth.params import ComparisonParams
 
 H, W = 12, 36
 PARAMS = ComparisonParams()

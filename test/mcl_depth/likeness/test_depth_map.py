@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from mcl_depth.geometry.synthesis import panorama_window
-from mcl_depth.image_params import SynthesisParams
 from mcl_depth.likeness import depth_map as depth_map_module
 from mcl_depth.likeness import similarity_cache
 from mcl_depth.likeness.comparison import GradientFeatures, visual_features
 from mcl_depth.likeness.depth_map import DepthMap
 from mcl_depth.likeness.similarity_cache import Comparison
-from mcl_depth.params import CacheParams, FilterParams
+from mcl_depth.params import CacheParams, FilterParams, SynthesisParams
 
 CAMERA = panorama_window(SynthesisParams(num_columns=72))
 HEADINGS = 36

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.image_params import ComparisonParams
+from mcl_depth.constants import MIN_VIEW_SHARE
 from mcl_depth.likeness.comparison import GradientFeatures, depth_features, depth_features_many, stack_features
-from mcl_depth.likeness.matched_filter import MIN_SHARE, correlate_part
+from mcl_depth.likeness.matched_filter import correlate_part
+from mcl_depth.params import ComparisonParams
 from worlds.panoramas import HEIGHT, NUM_HEADINGS, WIDTH, part_of, rooms, window
 
 NUM_CELLS = 60
@@ -20,7 +21,7 @@ def defined(visual, depth, heading):
     t_visual = visual.magnitude * (visual.x + 1j * visual.y) ** 2
     t_depth = m * (x + 1j * y) ** 2
     energy = max((np.abs(t_depth[visual.is_seen]) ** 2).sum(),
-                 MIN_SHARE * visual.is_seen.mean() * (depth.magnitude.astype(np.float64) ** 2).sum())  # fmt: skip
+                 MIN_VIEW_SHARE * visual.is_seen.mean() * (depth.magnitude.astype(np.float64) ** 2).sum())  # fmt: skip
     return (t_visual.conj() * t_depth).sum().real / np.sqrt((np.abs(t_visual) ** 2).sum() * energy)
 
 

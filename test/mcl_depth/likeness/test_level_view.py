@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from mcl_depth.geometry.synthesis import panorama_window
-from mcl_depth.image_params import SynthesisParams
 from mcl_depth.likeness.level_view import level_view
+from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry import SE3, Pinhole, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_grid
 

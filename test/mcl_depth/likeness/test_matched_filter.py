@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mcl_depth.image_params import ComparisonParams
 from mcl_depth.likeness.comparison import GradientFeatures, depth_features, depth_features_many, similarity_many
 from mcl_depth.likeness.matched_filter import MatchedFilter
+from mcl_depth.params import ComparisonParams
 from worlds.panoramas import NUM_HEADINGS, WIDTH, rooms, square_room
 
 NUM_CELLS = 300

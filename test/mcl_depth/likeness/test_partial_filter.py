@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mcl_depth.image_params import ComparisonParams
 from mcl_depth.likeness import partial_filter
 from mcl_depth.likeness.comparison import GradientFeatures, depth_features_many
 from mcl_depth.likeness.matched_filter import correlate_part, double_gradients
 from mcl_depth.likeness.partial_filter import PartialFilter
+from mcl_depth.params import ComparisonParams
 from worlds.panoramas import HEIGHT, NUM_HEADINGS, WIDTH, part_of, rooms, square_room, window
 
 NUM_CELLS = 300
@@ -42,8 +42,8 @@ def test_place_and_heading_of_a_part_are_found_and_stand_out_further(view, range
 
 
 def test_where_nothing_is_whitened_it_is_the_correlation_of_gradients(ranges, stack, made, monkeypatch):
-    monkeypatch.setattr(partial_filter, "SHRINKAGE", 1e4)  # times what is left of the image is the image
-    monkeypatch.setattr(partial_filter, "FINENESS", 1)
+    monkeypatch.setattr(partial_filter, "PART_SHRINKAGE", 1e4)  # times what is left of the image is the image
+    monkeypatch.setattr(partial_filter, "PART_FINENESS", 1)
     visual = part_of(ranges[9], 4, window(20, 46))
     found = 1e4 / WIDTH * made.curves(visual, NUM_HEADINGS)
     wanted = correlate_part(visual, stack, NUM_HEADINGS, np.arange(NUM_CELLS))
@@ -75,7 +75,7 @@ def test_the_covariance_is_that_of_the_panoramas_at_any_heading(stack):
         waves = np.arange(WIDTH) * 2 * np.pi / WIDTH * rng.integers(1, 9, (2, HEIGHT, 1))
         x = np.cos(waves + rng.uniform(0, 6, (2, HEIGHT, 1))).astype(np.float32)
         products = [np.tensordot(np.roll(tensors, shift, axis=3), x, 3) for shift in range(WIDTH)]
-        found = np.vdot(x, made.apply(x, whole) - np.float32(partial_filter.SHRINKAGE) * x)
+        found = np.vdot(x, made.apply(x, whole) - np.float32(partial_filter.PART_SHRINKAGE) * x)
         units.append(found / np.mean(np.square(products)))
     assert units == pytest.approx([units[0]] * 3, rel=0.02)
 

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rig_calibration.boards.assembly import LOST, Sighting, _apart, _majority, assemble, board_turns, hand_eye
+from rig_calibration.boards.assembly import Assembly, Sighting, _apart, _majority, assemble, board_turns, hand_eye
 from rig_calibration.boards.board import Board
+from rig_calibration.constants import LOST
 from sphere_nav.geometry import SE3
 
 CAMERAS = [SE3.exp([0.1 * k, -0.2 * k, 0.05, 0.1, 0.3 * k, -0.2]) for k in range(3)]
@@ -74,6 +75,16 @@ def test_false_sightings_are_outvoted_and_counted():
     found = assemble(seen, CAMERAS[0], 2, np.random.default_rng(0))
     np.testing.assert_allclose(found.cameras[1].matrix, CAMERAS[1].matrix, atol=1e-9)
     assert found.num_lost() == 3
+
+
+def test_what_only_one_end_of_is_known_joins_nothing():
+    (T,) = rigs(1)
+    seen = [sighting(c, 0, b, T) for c, b in ((0, 0), (0, 1), (1, 0), (1, 1))]
+    found = Assembly(seen, {0: CAMERAS[0]}, {0: BOARDS[0]})
+    assert found.num_lost() == 3
+    np.testing.assert_allclose(found.rig_poses(0)[0].matrix, T.matrix, atol=1e-9)
+    assert Assembly(seen, {0: CAMERAS[0]}, {1: BOARDS[1]}).num_lost() == 3
+    assert Assembly(seen, {0: CAMERAS[0]}).num_lost() == 4
 
 
 def test_without_a_view_of_the_first_camera_nothing_is_joined():

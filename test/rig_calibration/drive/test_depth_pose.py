@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rig_calibration.drive.depth_pair import DepthPair, PairState, _move, differentiate_pair
+from rig_calibration.drive.depth_pair import DepthPair, _move, differentiate_pair
 from rig_calibration.drive.depth_pixels import make_frame, without_hidden
 from rig_calibration.drive.depth_pose import refine_depth_pose
+from rig_calibration.drive.drive_image import ImageState
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.geometry.cameras.camera import pixel_grid
 from sphere_nav.geometry.cameras.rolling_shutter import row_share
@@ -67,7 +68,7 @@ def test_few_pairs_are_refused():
 @pytest.mark.parametrize("speed", [0.0, 0.02])
 def test_residuals_have_the_derivatives_that_are_told(speed):
     (pair,) = drive(1, speed=speed)
-    state = PairState(pair.T_second_first, 1.1, -3.0)
+    state = ImageState(pair.T_second_first, 1.1, -3.0)
     planes = [np.add.outer(a * np.arange(180.0), b * np.arange(240.0)) for a, b in ((1.0, 2.0), (-1.5, 0.7))]
     frames = [  # bilinear is exact
         replace(source, levels=(plane.astype(np.float32),))
@@ -117,9 +118,7 @@ def test_where_it_has_settled_it_stays():
     """Another run at the same level, from where the first one ended, moves it by no more than a step that ends one."""
     pairs = [without_hidden(pair, CAMERA, START) for pair in drive(8)]
     first = refine_depth_pose(pairs, CAMERA, START, levels=(2,))
-    settled = [
-        replace(pair, T_second_first=state.T_second_first) for pair, state in zip(pairs, first.states, strict=True)
-    ]
+    settled = [replace(pair, T_second_first=state.pose) for pair, state in zip(pairs, first.states, strict=True)]
     again = refine_depth_pose(settled, CAMERA, first.T_image_depth, START, levels=(2,))
     moved = (again.T_image_depth @ first.T_image_depth.inverse()).log()
     assert np.sqrt(moved @ np.linalg.solve(first.covariance, moved)) < 0.3

@@ -14,7 +14,7 @@ from tf2_msgs.msg import TFMessage
 
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.synthesis import DepthSynthesizer
-from mcl_depth.image_params import SynthesisParams
+from mcl_depth.params import SynthesisParams
 from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.trajectory import read_tum

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from sphere_nav.estimation.normal_equations import (
+    RIDGE,
     inverse_and_condition,
     scaled_inverse,
     scaled_step,
@@ -36,6 +37,24 @@ def test_what_is_not_seen_stays_where_it_is(J):
     J[:, 1] = 0.0
     step = weighted_step(J, J @ (1.0 / UNITS), np.ones(50))
     np.testing.assert_allclose(step, np.array([-1.0, 0.0, -1.0]) / UNITS, rtol=1e-6)
+
+
+def test_what_is_not_seen_has_no_covariance_with_the_rest(J):
+    J[:, 1] = 0.0
+    with np.errstate(over="ignore"):
+        found = scaled_inverse(J.T @ J)
+    assert found[1, 1] == np.inf
+    seen = np.ix_((0, 2), (0, 2))
+    np.testing.assert_allclose(found[seen], np.linalg.inv((J.T @ J)[seen]), rtol=1e-6)
+    np.testing.assert_array_equal(found[1, [0, 2]], 0.0)
+
+
+def test_two_that_cannot_be_told_apart_share_what_the_ridge_leaves():
+    H = np.outer([1e3, 1.0], [1e3, 1.0])  # only their sum is seen
+    expected = 0.5 / RIDGE * np.outer([1e-3, -1.0], [1e-3, -1.0])
+    np.testing.assert_allclose(scaled_inverse(H), expected, rtol=1e-3)
+    np.testing.assert_allclose(scaled_step(H, np.array([1e3, 1.0])), [-0.5e-3, -0.5], rtol=1e-6)
+    assert scaled_step(H, np.array([0.0, RIDGE]))[1] == pytest.approx(-0.5, rel=1e-3)
 
 
 def test_the_inverse_is_the_covariance_of_the_step(J, rng):

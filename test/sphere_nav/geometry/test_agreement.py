@@ -60,5 +60,7 @@ def test_old_poses_say_nothing_of_now() -> None:
     assert agreement.add(1, 5 * SECOND, SE3.from_planar(9.0, 0, 0), CERTAIN) is None
     assert agreement.add(0, 9 * SECOND, SE3.identity(), CERTAIN) is None  # 8 s lie between: nobody knows
     assert agreement.add(0, 8 * SECOND, SE3.identity(), CERTAIN) is None  # backwards
+    agreement.add(1, 9 * SECOND, SE3.identity(), CERTAIN)
+    assert agreement.add(0, 9 * SECOND, SE3.from_planar(9.0, 0, 0), CERTAIN) is None  # the stamp of the last one
     agreement.clear()
     assert agreement.add(1, 9 * SECOND, SE3.identity(), CERTAIN) is None

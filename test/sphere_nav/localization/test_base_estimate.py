@@ -1,7 +1,6 @@
 """A status alone is an estimate without a pose."""
 
-from sphere_nav.localization.base_estimate import BaseEstimate
-from sphere_nav.localization.status import State, Status
+from sphere_nav.localization.status import BaseEstimate, State, Status
 
 
 def test_without_trust_there_is_no_pose():

@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from mcl_depth.constants import NEAREST_M
 from mcl_depth.geometry.cloud import cloud_from_points
 from mcl_depth.geometry.columns.voxel_map import VoxelMap, voxel_map
-from mcl_depth.geometry.columns.walker import MIN_RANGE, Walker
+from mcl_depth.geometry.columns.walker import Walker
 from mcl_depth.geometry.mesh import RayScene, mesh_from_faces, sample_surface
 from mcl_depth.geometry.synthesis import panorama_window
-from mcl_depth.image_params import SynthesisParams
+from mcl_depth.params import SynthesisParams
 from sphere_nav.geometry.cameras.camera import pixel_grid
 
 PARAMS = SynthesisParams(num_columns=180)
@@ -87,7 +88,7 @@ def test_ranges_have_their_limits() -> None:
     cloud = sample_surface(boxes(((-6, -6, 0), (6, 6, 3))), 0.05)
     params = SynthesisParams(num_columns=180, max_range_m=6.5)
     found = walker(cloud, params).ranges(np.array([[0.0, 0.0, 1.5]]))[0]
-    assert np.nanmin(found) >= MIN_RANGE
+    assert np.nanmin(found) >= NEAREST_M
     assert np.nanmax(found) <= 6.5
     assert np.isnan(found[CAMERA.height // 2]).any()  # the corners are 8.5 m away
 
@@ -125,7 +126,7 @@ def slow_walk(voxels: VoxelMap, place: np.ndarray, window, params: SynthesisPara
             mean, normal = level.voxels[v, :3] - eye, level.voxels[v, 5:]
             t = normal @ mean / (normal @ ray) if abs(normal @ ray) > 1e-6 else mean[:2] @ ray[:2]
             distance = np.clip(t, t0[v], t1[v]) * np.linalg.norm(ray)
-            if MIN_RANGE <= distance <= params.max_range_m:
+            if NEAREST_M <= distance <= params.max_range_m:
                 out[row, column] = distance
                 break
     return out

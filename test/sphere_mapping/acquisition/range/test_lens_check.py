@@ -73,6 +73,8 @@ def test_few_and_bare_images_say_nothing(images):
     check_lenses(rig, {"c0": images["fisheye"]["c0"]})
     rng = np.random.default_rng(0)
     check_lenses(rig, {name: rng.integers(0, 255, (SIZE, SIZE)).astype(np.uint8) for name in rig.names})
+    with pytest.raises(ValueError, match="found images of a fisheye"):
+        check_lenses(rig, images["fisheye"])  # all of them do say something
 
 
 def test_calibrations_that_bend_rays_alike_are_one_lens():

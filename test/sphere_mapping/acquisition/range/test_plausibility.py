@@ -30,3 +30,5 @@ def test_what_is_far_bare_or_noise_says_nothing():
     for seed in range(1, 6):
         check_order(top, texture(seed), NAMES, is_whole=False)
         check_order(texture(seed), top, NAMES, is_whole=False)
+    with pytest.raises(ValueError, match="expected disparities above 0"):
+        check_order(np.roll(top, -2, axis=0), top, NAMES, is_whole=False)  # two pixels do say something

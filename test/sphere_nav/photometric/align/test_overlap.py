@@ -4,7 +4,7 @@ import numpy as np
 
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.photometric import PyramidParams, RegistrationParams, View, build_pyramid, prepare_reference
-from sphere_nav.photometric.align.overlap import image_overlap
+from sphere_nav.photometric.align.rig import image_overlap
 
 CAMERA = Pinhole(160, 120, 110.0, 110.0, 79.5, 59.5)
 PARAMS = RegistrationParams(pyramid=PyramidParams(num_levels=2, min_side=8))

@@ -1,3 +1,5 @@
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -36,3 +38,13 @@ def test_ranges_stay_where_a_point_is_and_other_cameras_keep_all():
     lens = Pinhole(20, 10, 10.0, 10.0, 9.5, 4.5)
     keep_evenly_spaced(some := ranges[:10, :20].copy(), lens)
     np.testing.assert_array_equal(some, ranges[:10, :20])
+
+
+def test_each_row_begins_a_golden_part_of_a_pixel_after_the_one_above():
+    """A row keeps a pixel where the way along its circle, from where it begins, passes a whole pixel."""
+    is_kept, camera = is_spaced(SPHERE), SPHERE
+    for row in (0, 7, camera.height // 3, camera.height // 2):
+        begin = row * (np.sqrt(5.0) - 1.0) / 2.0 % 1.0
+        step = np.cos(np.pi * ((row + 0.5) / camera.height - 0.5))
+        passed = [int(begin + step * k) for k in range(camera.width + 1)]
+        assert is_kept[row].tolist() == [after > before for before, after in pairwise(passed)]

@@ -18,9 +18,8 @@ from sphere_nav_msgs.srv import Relocalize
 
 from sphere_nav.geometry import SE3, Pinhole
 from sphere_nav.localization import FINE, InputCheck, Reason, State
-from sphere_nav.localization.base_estimate import BaseEstimate
 from sphere_nav.localization.params import InputParams, NodeParams
-from sphere_nav.localization.status import status_of
+from sphere_nav.localization.status import BaseEstimate, status_of
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.conversions import array_to_image, camera_to_info, ns_to_time, se3_to_pose_with_covariance, stamp_ns
 from sphere_nav.ros.live import LiveShell

@@ -6,9 +6,8 @@ import pytest
 pytest.importorskip("rclpy")
 
 from sphere_nav.geometry import SE3
-from sphere_nav.localization.base_estimate import BaseEstimate
 from sphere_nav.localization.params import NodeParams
-from sphere_nav.localization.status import State, Status
+from sphere_nav.localization.status import BaseEstimate, State, Status
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.camera.odometry_input import OdometryInput
 from sphere_nav.ros.conversions import pose_with_covariance_to_se3

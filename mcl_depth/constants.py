@@ -1,0 +1,132 @@
+"""The numbers that results depend on and nobody would set: unit, origin, and the test that pins each group.
+
+Tests are named below test/mcl_depth/. "Chosen" means: by the test named, on simulated drives and depth images of
+recorded clouds, where no other origin is given. Sizes of batches and what file formats say stand where they are used.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+# Motion between images (belief/test_motion_model)
+SIDE_SHARE = 0.6  # error across the way by that along it
+TURN_SHARE = 0.05  # standard deviation of a turn, as share of it
+MIN_TURN_SIGMA = np.radians(0.5)  # of the heading for each image
+MAX_LEAP = 0.5  # m, believed at any speed
+BLIND_SPEED, BLIND_TURN_RATE = 0.5, 0.35  # standard deviations of speed, m/s, and turn rate, rad/s, without odometry
+MAX_BLIND_STEP = 1.0  # m
+MIN_TURN = np.radians(3.0)  # an image turned by this tells something new, wherever it was taken (test_dead_reckoning)
+UNMODELED = np.repeat([0.10, np.radians(1.0)], 3)  # (6,) m, rad: errors of map, tilt and height (belief/test_estimate)
+
+# Particles, N17 section III-C (belief/test_resampling, test_sampling, test_filter_parts)
+EFFECTIVE_SHARE = 0.5  # resample when fewer than this share of the particles carry the belief
+MIN_PARTICLES = 300
+KLD_BIN = np.array([0.25, 0.25, np.radians(10.0)])  # m, m, rad: poses in one bin are one to the belief (Fox 2003)
+KLD_ERROR, KLD_Z = 0.03, 2.33  # largest error of the belief, and the normal quantile of its probability: 99 %
+ROUGHENING = 0.3  # spread of copies of young particles, by the distance of particles at the start (test_search)
+EXPONENT = 20.0  # lambda (N17 table I)
+MIN_EFFECTIVE_SHARE = 0.1  # of the particles that survive one image: lambda is lowered for it
+CHANCE = 4.0 / np.pi  # similarity of images that have nothing to do with each other: E|c| = 2 / pi, twice (eq. 2)
+SEARCH_STEPS = 24  # halvings of the interval of lambda: 1e-7 of it
+NUM_YOUNG = 2  # images after which a particle keeps its own heading
+HEADING_SPREAD = np.radians(3.0)  # standard deviation left in an assigned heading
+GIVEN_SIGMA = np.array([0.1, 0.1, np.radians(2.0)])  # m, m, rad: of a pose that is given as if it were exact
+NEW_SHARE = 0.3  # of the particles that begin anew while no place is held
+NEW_SIGMA = np.array([0.3, 0.3, np.radians(5.0)])  # m, m, rad around the places of a survey: half a cell, half a step
+
+# Hypotheses (belief/test_hypotheses, test_lineage)
+CLUSTER_M, NUM_TURNS = 0.75, 12  # particles in bins of position and heading that touch are of one place
+MAX_HYPOTHESES = 5
+MAX_LINEAGE = 5000  # images that are remembered; 40 kB each with 1000 particles
+
+# When the pose is trusted (test_status)
+MIN_WEIGHT = 0.8  # share of the belief in one place before it is trusted
+AMBIGUOUS_SHARE = 0.4  # a second place counts from this share of the first
+MAX_SIGMA_M, GOOD_SIGMA_M = 0.6, 0.4  # standard deviations of a trusted and of a good position
+MAX_SIGMA_RAD = float(np.radians(15.0))
+EVEN_ODDS = 0.5  # a held place is bad once it is more probably gone than there
+LOST_IMAGES = 6  # bad images in a row until the pose is lost
+
+# Evidence of one image for the map, and its maxima (belief/test_evidence, test_survey_grid)
+MAX_CELLS = 20_000  # compared with one image; of a larger map every second, third ... cell
+LOCAL_M = 7.5  # across the neighbourhood whose mean is taken off: along a street all places look alike
+PEAK = 2  # cells, and steps of headings, around a maximum that are lower
+APART = np.array([3, 4, 4])  # steps of headings, cells, cells to a rival: what is nearer is the same place
+NUM_MAXIMA, TAIL_SHARE = 40, 0.5  # of the map that make its tail, and at most of all that there are
+MIN_MAXIMA = 8  # of a map that can tell chance by them
+OFF_MAP = np.float32(-1.0)  # evidence, in standard deviations, of a place where nobody can have been
+
+# Evidence of many images along odometry (belief/test_evidence)
+FORGETTING = np.float32(0.97)  # of what was known, with every image that counts in full: some thirty of them count
+COST = np.float32(2.5)  # of a step to the next cell or heading, in standard deviations of a field
+STEP_EVERY = 2  # images that count in full
+NEW_TURN = 1.0  # rad, after which an image counts in full: a part of the sphere sees other things
+WAY_SHARE, MAX_STEPS = 0.08, 3  # standard deviation of a way by odometry; cells that one way is followed beside it
+NEARLY = 0.05  # of an image that counts in full: ways of odometry are not exact
+
+# Watch over a held place (belief/test_watch)
+PATCH, MIN_PATCH = 11, 20  # cells across what a held place is watched in; fewest of them on the map
+NEAR = 1  # cells, and steps of headings, around the held place that count as that place
+OTHER_HEADINGS = 3  # steps from its heading on which others begin
+MEMORY = 0.9  # of the mean and the variance of a place that is right, with every image
+FIRST_MEAN, FIRST_SIGMA = 4.0, 1.5  # of a right place, before any image was seen there; standard deviations
+MIN_MEAN, MIN_SIGMA = 2.0, 1.0  # of a right place
+MAX_EXCESS = 8.0  # that counts: what stands out further says nothing more
+MAX_LOG_RATIO_STEP = 3.0  # no two images end a place at the default rate
+NEWS = 0.5  # of an image that counts for a place on trial: images of one way resemble each other
+
+# Homing, N17 section III-D (ros/test_homing)
+NUM_DIRECTIONS, NUM_DISTANCES = 16, 2  # psi around the waypoint (N17 table I); d around it, beside zero
+NUM_MEDIAN = 5  # images in the median of the direction
+REACH = 0.6  # a waypoint closer than this, by the step of the distances, is passed
+NUM_PASSED = 2  # images in a row that must say so
+MIN_LEAD = 1.5  # of the best sample over the others for a clear direction, standard deviations
+
+# Features of images and depth images, N17 section III-B (likeness/test_comparison, test_level_view)
+LCN_SHARE = 1 / 18  # radius k of the local contrast normalisation by the width of a panorama: 20 degrees
+LCN_SHARE_OUTDOORS = 1 / 36  # where the sky is far, what is seen is, too, and small
+MIN_CONTRAST_M = 1e-3  # smallest standard deviation that contrast is divided by
+FAR_M = 100.0  # range given to what is far
+SAMPLES = 2  # a side of a pixel of the panorama; a photograph that is finer by more is halved first
+OTHER_ANSWER = np.radians(20.0)  # a rotation farther from the best one than this is another answer
+
+# One image against every cell (likeness/test_matched_filter, test_partial_filter, test_gradient_correlation)
+MIN_PLACES = 1500  # cells whose covariance is taken, and fewest of a map: fewer do not tell what places have in common
+CODE_RANGE = 4.0  # standard deviations that a byte holds (likeness/test_spectra)
+NUM_FREQUENCIES = 37  # over azimuth: structure down to ten degrees
+NUM_ENERGY_FREQUENCIES = 16  # of the energy in view: a view is wide
+BARE_SHARE = np.float32(1.5)  # 2/pi by 4/(3 pi): the first term of the series of |cos x| by the second
+SHRINKAGE, PART_SHRINKAGE = 4.0, 0.3  # of the covariance, by its mean level: of panoramas, of parts of the sphere
+FINENESS, PART_FINENESS = 2, 5  # curves are made at so many times the headings wanted: the best around each counts
+NUM_CG_STEPS = 12  # of conjugate gradients
+MIN_VIEW_SHARE = 0.1  # of the depth gradients that are expected in view: one of next to nothing has these
+
+# Depth images of clouds (geometry/test_synthesis, columns/test_voxel_map, columns/test_walker)
+NEAREST_M = 0.2  # below which nothing is drawn
+SPLAT = 1.5  # width and height of a single point by the spacing of the points, so that surfaces close
+COARSENESS = 1.0  # spacing of the points that are drawn, at most, by the width of a pixel
+CELL = 1.5  # largest width of a cell by that of a pixel
+MAX_ELEVATION_DEG = 89.9  # of a row, so that its slope is finite
+MIN_DENSE_SHARE = 0.5  # of the voxels that must be pieces of surfaces for columns to show what splats show
+PLANE_TOLERANCE = 0.35  # two points this far off a plane, by the size of a voxel, still belong to it
+PLANE_NOISE = 0.15  # half height of a level voxel by its size
+NUM_CLOSINGS = 2  # a gap may be two voxels wide
+MIN_NORMAL_SHARE = 0.8  # of the normals of a coarse voxel that must agree for it to be a plane
+
+# Where the vehicle may be (geometry/test_area, test_floor_plan)
+BODY = 0.3  # points this far above or below the camera are in its way, m
+GROUND_STEP, GROUND_REACH = 0.5, 1.5  # m: side of a square; from one without points to one that lends its height
+MESH_STEP = 0.15  # of the points that stand for a mesh in ground and area, m
+MAX_OFF_WALL, MIN_SILL = 0.15, 0.05  # m from an opening to its wall; a door that begins lower begins at the foot
+MIN_PIECE, SAME_CORNER = 1e-3, 0.02  # m of a wall; between the ends of walls that meet
+
+# Untrusted maps (geometry/test_files, test_bad_input): what a file says is refused beyond these
+MAX_BYTES, MAX_HEADER = 1 << 32, 1 << 16  # of a file, of its header
+MAX_LZF_RATIO = 300  # LZF cannot pack tighter
+MAX_FACE = 255  # corners
+MAX_SURFACES = 20_000  # of a floor plan: a hundred buildings; doors are compared with the walls of their room
+MAX_ELEMENTS = 50_000_000  # squares of a grid, or samples of a surface
+INDEX_BITS = 20  # of a voxel along an axis; three of them make one int64
+MAX_BLOCKS = 1 << 25  # of columns, in the rectangle around the cloud
+LARGE_EXTENT_M, MIN_POINTS, MAX_LONELY = 1_000.0, 100, 0.5  # a wider cloud of more points; share alone in a cubic metre
+MAX_COORDINATE_M, FAR_FROM_ORIGIN_M = 1e7, 1e5  # the size of the Earth; beyond, float32 is coarser than a centimetre

@@ -1,0 +1,79 @@
+"""The numbers that results depend on and nobody would set: unit, origin, and the test that pins each group.
+
+Tests are named below test/rig_calibration/. "Chosen" means: by the test named, on rendered boards and drives, where no
+other origin is given. What the layout of parameter vectors says stands with it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+FALSE_ALARM = 1e-3  # of calibrations whose camera is as it was (boards/test_agreement, drive/test_depth_pose)
+MEDIAN_LENGTHS = {2: 1.1774, 3: 1.538}  # median length of so many normal numbers of standard deviation 1: sqrt of chi^2
+
+# Corners in an image (boards/test_chessboard, test_charuco)
+HALVED_FROM = 600  # rows and columns from which on several boards are looked for at half size
+AROUND = 1.25  # a board is wiped out with this much around its inner corners before the next one is looked for
+MIN_CORNERS = 4  # of a ChArUco board: as many as a homography needs
+HALF_WINDOW = (2, 7)  # px, least and most, in which a corner is refined
+BLUR_PX = 0.5  # an edge that lies this far inside a window does not bend the corner
+MIN_SPACING_PX = 4.0  # below it neighbours blur into each other
+
+# Start of one camera (test_calibrate), by the image's width
+FOCAL_LENGTHS = {"pinhole": np.geomspace(0.25, 4.0, 15), "fisheye": np.geomspace(0.12, 1.2, 13)}
+NUM_TRIALS = 3  # best of them that are adjusted
+
+# Joining cameras and boards (boards/test_assembly)
+NUM_STARTS, NUM_REFINED = 60, 6  # rotations from which two unknown poses are looked for; best of them, and others
+NUM_ALTERNATIONS = 10
+MIN_HAND_EYE = 4  # instants
+LOST = 0.1  # rad, or part of the distance, from which on a board is somewhere else: one such outvotes nobody
+MAX_CANDIDATES = 400  # that are tried as the pose of a camera or board
+NUM_SWEEPS, MIN_INSTANTS = 2, 3  # over all placed ones; of one that is placed anew
+
+# Bundle adjustment and false corners (test_adjustment, boards/test_rejection)
+FIRST_DAMPING, MAX_DAMPING = 1e-4, 1e10
+MIN_GAIN = 1e-10  # part of the cost that a step must gain to go on
+MAX_ROUNDS = 8  # of leaving corners out
+MIN_FITTING = 0.5  # of its corners that must fit for a view to count at all
+FLOOR_RATIO = 3.0  # a view is left out from this multiple of `min_residual_px` on, whatever the others are like
+
+# What the images do not tell (boards/test_observability, test_agreement, test_report)
+OPEN_EIGENVALUE = 1e-11  # of the information scaled to a diagonal of one
+OPEN_SHARE = 1e-3  # of a parameter in an open direction that makes it open itself
+OPEN_FACTOR = 10.0  # an axis this much worse than the warning's limit is called unobservable
+ERRORS_OF_VIEW = 6  # independent ones: neighbouring corners of a view err alike
+CELLS = (8, 6)  # of an image, that corners should fall into
+
+# Refinement by a drive (drive/test_refinement, test_depth_pose)
+UNOBSERVED = 0.5  # of the deviation known beforehand: more is left than the drive has told
+MIN_PIXELS, MIN_SIGMA = 100, 0.5  # of an image, to say anything; grey levels of their noise
+MARGIN = 1.0  # px from the border
+NUM_LENS_PIXELS, NUM_LENS_LEVELS = 6_000, 3  # of each level, the most salient
+LENS_STEPS, MIN_LENS_STEP = 12, 0.02  # at a level; in standard deviations, below which a level is done
+FOCAL_SHARE, CENTER_SHARE, READOUT_S = 0.1, 0.05, 0.02  # deviations before: of focal length and image width; s
+DISTORTION = {"pinhole": (0.3, 0.3, 0.01, 0.01), "fisheye": (0.1, 0.1, 0.1, 0.1)}  # the same
+LENS_FLOOR = 5e-3  # of those: what sampling of image and map leaves however many images there are
+RELATIVE_STEP = 1e-3  # of numerical derivatives, in those standard deviations
+DEPTH_STEPS, MIN_DEPTH_STEP = 15, 0.05  # as LENS_STEPS, MIN_LENS_STEP
+DEPTH_SIGMA = np.repeat([0.05, np.radians(3.0)], 3)  # (6,) m, rad, before: of a camera that nobody calibrated
+DEPTH_FLOOR = np.repeat([0.001, np.radians(0.03)], 3)  # (6,) m, rad: what sampling leaves however many pairs
+
+# Points of a depth camera (drive/test_depth_pixels)
+NUM_POINTS = 5_000  # of a frame, on a grid: chosen by the image, they would pull to where it is chosen
+NUM_DEPTH_LEVELS = 4
+PLANE_REACH, PLANE_STEP_PX = 3, 2  # a plane is fitted to 7 x 7 pixels, every second one
+MIN_MEASURED = 0.7  # share of them
+FLAT = 0.01  # rms of depth about the plane, relative; more is an edge
+MIN_COSINE = 0.2  # between ray and normal
+CELL_PX = 6  # side of the squares in which the nearest point hides what is behind
+HIDDEN = 1.05  # times farther than the nearest is behind it
+
+# Mounting by odometry (drive/test_mounting): x y z roll pitch yaw in m and rad, scales of ways and turns
+PIECE_M, PIECE_RAD = 1.0, 0.3  # driven or turned, whichever comes first
+MIN_PIECES = 8  # of which the scatter is a covariance
+MOUNTING_SIGMA = np.repeat([1.0, 0.5, 0.05], [3, 3, 2])  # (8,) standard deviations before anything is seen
+MOUNTING_UNOBSERVED = np.repeat([0.1, 0.05, 0.02], [3, 3, 2])  # (8,) those that are not worth the name
+FIXED = 1e-6  # standard deviation of what stays as it was given
+MOUNTING_STEPS, SETTLED = 50, 1e-7  # at most; in standard deviations, the last one
+DIFFERENCE = 1e-6  # of numerical derivatives
