@@ -12,7 +12,8 @@ that of `SLOW_ALARM` slows down. Both are false-alarm rates of one test where th
 overlap and the pose's errors are partly common to both ends, so that the rate of a drive is smaller:
 docs/notes/motion_consistency.md.
 
-Odometry is believed where it agrees with the commands, or with the pose: two of three outvote the third.
+Odometry is believed where it agrees with the pose, or is nearer to the commands than the pose is: two of three
+outvote the third.
 """
 
 from __future__ import annotations
@@ -261,7 +262,8 @@ class MotionConsistency:
             stood = by_commands.is_strong and _is_still(driven, commanded) and _is_still(pose, commanded)
             if stood:
                 return _not_moving(StopReason.NOT_MOVING, commanded, by_commands)
-            if not wheels.is_strong or not _Innovation(driven, commanded, Q + Q_wheels).is_strong:
+            between_both = _Innovation(driven, commanded, FLOOR + Q + Q_wheels)  # who is nearer to the commands is believed
+            if not wheels.is_strong or between_both.squared <= by_commands.squared:
                 found = wheels
         self._largest = max(self._largest, found.squared)
         if found.is_mild:

@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from path_follower.constants import MAX_BEND, MIN_SPACING, SPACING
 from path_follower.params import PathParams
 from sphere_nav.geometry.arrays import Array
-
-if TYPE_CHECKING:
-    from scipy.interpolate import CubicSpline
 
 THIRD_DIFFERENCE = (-1.0, 3.0, -3.0, 1.0)
 
@@ -89,7 +86,7 @@ def _largest_bend(points: Array) -> float:
     return float(np.abs(np.diff(directions)).max())
 
 
-def _spline(way: Array, points: Array, is_closed: bool) -> CubicSpline:
+def _spline(way: Array, points: Array, is_closed: bool) -> Any:
     kind = "periodic" if is_closed else "not-a-knot" if len(points) > 3 else "natural"
     from scipy.interpolate import CubicSpline  # a second; the process of the control loop smooths nothing
 

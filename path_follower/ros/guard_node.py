@@ -23,7 +23,7 @@ PERIOD = 0.02  # s between two commands to the base
 class GuardLoop:
     """Depends on steady time alone: no stamp, no /clock."""
 
-    TOPICS = ("cmd_vel", "cmd_vel_in", "path_follower/heartbeat", "emergency_stop", "~/status")
+    TOPICS = ("cmd_vel", "cmd_vel_in", "path_follower/heartbeat", "emergency_stop", "command_guard/status")
 
     def __init__(self, endpoints: Endpoints, params: GuardParams, transforms: None = None) -> None:
         """Open the topics."""
@@ -31,7 +31,7 @@ class GuardLoop:
         self.guard, self.told, self.said_at = Guard(params), "", 0.0
         kind = TwistStamped if params.is_stamped else Twist
         self.cmd_vel = endpoints.add_publisher("cmd_vel", kind, qos.COMMAND)
-        self.status = endpoints.add_publisher("~/status", GuardStatus)
+        self.status = endpoints.add_publisher("command_guard/status", GuardStatus)
         endpoints.add_subscription("cmd_vel_in", kind, self.on_command, qos.COMMAND)
         needed = params.is_heartbeat_required
         endpoints.add_subscription(

@@ -28,7 +28,7 @@ ALLOWED = {
     ("mcl_depth/geometry/ply.py", "path.read_bytes"): "`open_file` has seen what it is",
     ("mcl_depth/likeness/depth_cache.py", "np.load"): "a cache that we wrote, mapped",
     ("sphere_mapping/graph/graph_file.py", "path.open"): "a regular file of a checked size, by lines",
-    ("sphere_mapping/acquisition/stitching/stages.py", "pickle.loads"): "bytes of a process that it started",
+    ("sphere_nav/offline/mapping/stitcher_ahead.py", "pickle.loads"): "bytes of a process that it started",
     ("sphere_nav/cli/demo/processes.py", "(self.folder / f'{node}.log').read_text"): "a log that the demo writes",
     ("sphere_nav/cli/register.py", "json.loads"): "a text that it has just made",
     ("sphere_nav/geometry/files/basalt_file.py", "json.loads"): "a text of the bounded reader",

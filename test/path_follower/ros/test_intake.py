@@ -244,7 +244,7 @@ def drive_with_scans(bus, node, images, ranges, x=0.0, **fields):
     for _ in range(images):
         x = drive(bus, node, 1, x=x)
         scan(bus, ranges, **fields)
-        reasons.add(str(node.follower.mode.verdict.reason))
+        reasons.add(str(node.loop.follower.mode.verdict.reason))
     return x, reasons
 
 
@@ -280,7 +280,7 @@ def test_a_scan_that_sees_nothing_where_it_saw_something_is_none(ranges, fields,
     bus, node, x = started_with_scans()
     stood = x
     x, _ = drive_with_scans(bus, node, 10, ranges, x, **fields)
-    verdict = node.follower.mode.verdict
+    verdict = node.loop.follower.mode.verdict
     assert (verdict.reason, found in verdict.detail) == ("SCAN_TIMEOUT", True), verdict.detail
     assert x - stood < 1.2
     assert not node.shell.call("start").success
@@ -302,7 +302,7 @@ def test_a_scanner_without_tf_is_no_reason_to_drive_as_if_there_were_none(is_req
     x = drive(bus, node, 2)
     assert node.shell.call("start").success != is_required
     scan(bus, 41 * [np.inf])
-    answer = node.shell.call("start") if is_required else node.follower.watch.judge_inputs(bus.now_ns)
+    answer = node.shell.call("start") if is_required else node.loop.follower.watch.judge_inputs(bus.now_ns)
     assert "laser" in str(answer)
     drive(bus, node, 1, x=x)
     assert not node.shell.call("start").success
@@ -332,9 +332,9 @@ def test_the_wheels_are_compared_with_the_pose_and_those_of_another_frame_refuse
     message = se3_to_odometry(SE3.from_planar(4, 5, 0.6), np.eye(6), bus.now_ns, ("odom", "base_link"), twist)
     bus.deliver("/odom", message)
     list(bus.settle())
-    time, pose, speed, yaw_rate = node.follower.consistency._odometry[-1]
+    time, pose, speed, yaw_rate = node.loop.follower.consistency._odometry[-1]
     assert (*pose, speed, yaw_rate) == pytest.approx((4, 5, 0.6, 1.0, 0.2))
-    assert time == node.times.now()
+    assert time == node.loop.times.now()
     message.child_frame_id = "front_axle"
     bus.deliver("/odom", message)
     told = next(item for item in node.inputs if item.topic == "odom")
@@ -354,11 +354,11 @@ def test_the_covariance_of_a_pose_is_judged_in_its_own_axes(source):
     else:
         message = se3_to_odometry(T_map_base, covariance, bus.now_ns, ("map", "base_link"))
     bus.deliver(f"/{source}", message)
-    stop = node.follower.watch.doubt.stop
+    stop = node.loop.follower.watch.doubt.stop
     assert (stop.reason, stop.value, stop.limit) == ("POSE_UNCERTAIN", pytest.approx(1.5), 1.0)
 
 
 def test_the_status_names_the_map_of_the_pose():
     bus, node = follower_bus()
     bus.deliver("/status", status_to_message(Status(State.TRACKING, map_id="yard"), bus.now_ns, "map"))
-    assert node.follower.watch.map_id == "yard"
+    assert node.loop.follower.watch.map_id == "yard"
