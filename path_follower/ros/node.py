@@ -16,7 +16,7 @@ from path_follower.ros.intake import Answered, DirectionIntake, PoseIntake, Scan
 from path_follower.ros.operator import OperatorCalls
 from path_follower.ros.trajectory import TrajectoryIntake
 from sphere_nav.ros import qos
-from sphere_nav.ros.clocks import MAX_AHEAD_NS, ClockWatch, Times
+from sphere_nav.ros.clocks import MAX_AHEAD_NS, ClockWatch, SimulatedTicks, Times
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.node import ERROR, OK, WARN, ManagedNode
 from sphere_nav.ros.run import run
@@ -39,8 +39,12 @@ class PathFollowerNode(ManagedNode):
         p = self.params
         self.times = Times(self.now_ns, self.own_ns)
         self.clock_watch = ClockWatch(p.safety.max_clock_pause)
-        self.answered, self.heard_ns, self.told = Answered(self.times, self.answer), 0, ""
-        self.cmd_vel = self.add_publisher("cmd_vel", TwistStamped if p.enable_stamped_cmd_vel else Twist, qos.COMMAND)
+        self.ticks = SimulatedTicks(SILENCE, TICK) if self.shell.is_time_simulated else None
+        is_patient = self.ticks is not None and p.source != "homing" and p.safety.is_status_required
+        self.answered = Answered(self.times, self.answer, self.catch_up, is_patient=is_patient)
+        self.heard_ns, self.told = 0, ""
+        profile = qos.COMMAND if self.ticks is None else qos.DEEP  # a simulator waits for each answer: none is lost
+        self.cmd_vel = self.add_publisher("cmd_vel", TwistStamped if p.enable_stamped_cmd_vel else Twist, profile)
         ackermann = driving.AckermannDriveStamped
         self.ackermann = ackermann and self.add_publisher("ackermann_cmd", ackermann, qos.COMMAND)
         self.tracking = self.add_publisher("tracking_error", TrackingError)
@@ -82,13 +86,18 @@ class PathFollowerNode(ManagedNode):
     def clock_jumped(self) -> None:
         """Forget stamps; brake."""
         self.follower.reset()
-        self.answered.stamp_ns = self.heard_ns = 0
+        self.answered.forget()
+        self.heard_ns = 0
+        if self.ticks is not None:
+            self.ticks.restart(0)
 
     # --- time
     def answer(self, stamp: int) -> None:
         """Publish the command that answers a message of this stamp."""
         self.heard_ns = self.times.now()
         lead = min(max(self.times.lead(stamp), 0), MAX_AHEAD_NS)  # /clock may come later than what it stamps
+        if self.ticks is not None:
+            self.ticks.restart(self.heard_ns + lead)
         self.publish(self.follower.tick(self.heard_ns + lead), stamp)
 
     def on_tick(self) -> None:
@@ -96,15 +105,26 @@ class PathFollowerNode(ManagedNode):
         self.beats += 1
         self.heartbeat.publish(UInt64(data=self.beats))
         clock, watch, now = self.now_ns(), self.clock_watch, self.times.now()
-        watch.observe(clock, self.steady_ns())
+        watch.observe(clock, self.steady_ns(), lambda: bool(self.publishers_of("/clock")))
         if watch.is_over and not self.follower.mode.is_at_rest:
-            self.follower.stand(StopVerdict(StopReason.CLOCK_STOPPED, watch.stood, self.params.safety.max_clock_pause))
-        is_based = clock - self.answered.stamp_ns <= 1e9 * self.params.safety.max_pose_silence
-        stamp = self.answered.stamp_ns if is_based else clock
+            limit = self.params.safety.max_clock_pause
+            self.follower.stand(StopVerdict(StopReason.CLOCK_STOPPED, watch.abandoned, limit))
         if watch.is_standing:
-            self.publish(self.follower.hold(now, watch.pause), stamp)
+            self.publish(self.follower.hold(now, watch.pause), self.stamp_at(clock) - 1)  # it answers nothing
+        elif self.ticks is not None:
+            self.catch_up(clock)
         elif now - self.heard_ns > 1e9 * SILENCE or self.follower.mode.state is FollowerState.STOPPING:
-            self.publish(self.follower.tick(now), stamp)
+            self.publish(self.follower.tick(now), self.stamp_at(clock))
+
+    def catch_up(self, now_ns: int) -> None:
+        """Where time is simulated, do what was due before a time; it answers nothing that is stamped with this one."""
+        for due_ns in self.ticks.take(now_ns) if self.ticks is not None else ():
+            self.publish(self.follower.tick(due_ns), self.stamp_at(due_ns))
+
+    def stamp_at(self, clock_ns: int) -> int:
+        """Return the stamp of a command that answers nothing new: that of the last answer, unless it is too old."""
+        is_based = clock_ns - self.answered.stamp_ns <= 1e9 * self.params.safety.max_pose_silence
+        return self.answered.stamp_ns if is_based else clock_ns
 
     def on_sources(self) -> None:
         """Look who publishes what the vehicle is driven by: more than one cannot be followed."""
