@@ -91,11 +91,6 @@ class DriveMonitor:
         if response is None or not response.success:
             raise DriveFailed(f"{name} refused: {getattr(response, 'message', 'no answer')}; {self.describe()}")
 
-    def pause(self, seconds: float) -> None:
-        """Spin for a while."""
-        end = time.monotonic() + seconds
-        self.wait("pause", lambda: time.monotonic() > end, is_moving=False)
-
     def describe(self) -> str:
         """Return what the nodes said last."""
         states = (f"localiser {self.localizer or 'silent'}", f"follower {self.follower or 'silent'}", self.remedy)
