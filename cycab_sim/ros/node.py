@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
@@ -19,7 +19,7 @@ from cycab_sim.sensors.faults import SECOND
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.node import OK, WARN, ManagedNode
+from sphere_nav.ros.node import OK, WARN, ManagedNode, Publisher
 from sphere_nav.ros.run import run
 
 WAITING_PERIOD = 10.0  # s between two lines about what time waits for
@@ -78,13 +78,15 @@ class CycabSim(ManagedNode):
         if name == "clock":
             self._publish_clock(self.simulator.time_ns)
             return self.outputs.publish_late()
-        begun = self.steady_ns()
+        begun, is_strict = self.steady_ns(), self.params.clock.is_strict
+        if name == "camera" and is_strict:
+            self.wait_for_subscribers([self.outputs.odom])  # an image shall not overtake the odometry of its instant
         stamp = self.outputs.publish(name)
         if not self.has_shown and name in ("camera", "sphere", "rig"):
             self.has_shown = True
             self.log.info(f"the first image took {(self.steady_ns() - begun) / SECOND:.1f} s; time passes")
-        if name == "rig" and self.params.clock.is_strict:
-            self.wait_for_recorders()
+        if name == "rig" and is_strict:
+            self.wait_for_subscribers(self.outputs.images.values())
         return stamp
 
     # --- lock-step without limit
@@ -106,9 +108,9 @@ class CycabSim(ManagedNode):
             self.is_paused = True
             self.paused.publish(Bool(data=True))
 
-    def wait_for_recorders(self) -> None:
-        """Wait until all who subscribe to the images of the rig have them: a slow one loses none."""
-        for publisher in self.outputs.images.values():
+    def wait_for_subscribers(self, publishers: Iterable[Publisher]) -> None:
+        """Wait until all reliable subscriptions have what was published: a slow one loses nothing."""
+        for publisher in publishers:
             while publisher.num_subscriptions and not self.runner.is_stopping:
                 if publisher.wait_for_acknowledgement(WAITING_PERIOD):
                     break
