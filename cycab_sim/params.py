@@ -208,6 +208,14 @@ class ClockParams:
         3.0, "wall time to wait for the command that answers an image; 0: the clock runs on", "s", low=0.0
     )
     real_time_factor: float = param(1.0, "simulated over wall time where nothing waits; 0: no limit", low=0.0)
+    is_strict: bool = param(
+        False,
+        "time waits for those who shall see and answer, then for every answer from the first image on, without limit: "
+        "the same drive on a slow machine",
+    )
+    pause_at: float = param(
+        0.0, "where strict: time of the image after whose answer time stands until ~/resume; 0: none", "s", low=0.0
+    )
 
     step: ClassVar[float] = 0.01  # simulated time of one step, s
 

@@ -65,7 +65,7 @@ sphere_nav plot result -o result.png
 ## The localiser
 
 The vehicle may move in `TRACKING`, and slowly, for a while, in `DEGRADED`. With `use_sim_time`, a `/clock` that stands
-still for a second of wall time is reported as `TIMEOUT`; the pose goes on when the clock does.
+still for a second and has no publisher is reported as `TIMEOUT`; the pose goes on when the clock does.
 """
 FOLLOWER = """\
 ## The follower

@@ -262,7 +262,9 @@ class MotionConsistency:
             stood = by_commands.is_strong and _is_still(driven, commanded) and _is_still(pose, commanded)
             if stood:
                 return _not_moving(StopReason.NOT_MOVING, commanded, by_commands)
-            between_both = _Innovation(driven, commanded, FLOOR + Q + Q_wheels)  # who is nearer to the commands is believed
+            between_both = _Innovation(
+                driven, commanded, FLOOR + Q + Q_wheels
+            )  # who is nearer to the commands is believed
             if not wheels.is_strong or between_both.squared <= by_commands.squared:
                 found = wheels
         self._largest = max(self._largest, found.squared)

@@ -98,8 +98,7 @@ class SafetyParams:
     )
     max_clock_pause: float = param(
         10.0,
-        "with use_sim_time: wall time that /clock may stand, at zero command, and the drive still go on with it; a "
-        "simulator in lock-step on a loaded machine may need more",
+        "with use_sim_time: wall time that /clock may stand without a publisher and the drive still go on with it",
         "s",
         low=0.0,
     )

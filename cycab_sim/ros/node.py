@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any
 
 from geometry_msgs.msg import Twist, TwistStamped
@@ -10,16 +10,19 @@ from rosgraph_msgs.msg import Clock
 from sphere_nav_msgs.msg import SimulationFault
 from sphere_nav_msgs.srv import SetFault, Teleport
 from std_msgs.msg import Bool
+from std_srvs.srv import Trigger
 
 from cycab_sim.params import SimParams
 from cycab_sim.ros.outputs import Outputs
-from cycab_sim.runner import LockStep, Runner
+from cycab_sim.runner import ANSWER, PAUSE, LockStep, Runner
 from cycab_sim.sensors.faults import SECOND
 from cycab_sim.simulator import Simulator
 from cycab_sim.vehicle import VehicleCommand
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.node import OK, WARN, ManagedNode
+from sphere_nav.ros.node import OK, WARN, ManagedNode, Publisher
 from sphere_nav.ros.run import run
+
+WAITING_PERIOD = 10.0  # s between two lines about what time waits for
 
 
 class CycabSim(ManagedNode):
@@ -32,15 +35,22 @@ class CycabSim(ManagedNode):
 
     def configure(self) -> None:
         """Build the world, open topics and services."""
+        is_answered = self.params.camera.is_on and self.params.has_stamped_command
+        if self.params.clock.is_strict and self.params.mode == "drive" and not is_answered:
+            raise ValueError(
+                "clock.is_strict: expected camera.is_on and has_stamped_command, found images or stamps off"
+            )
         self.log.info(f"building the {self.params.world}; the first image may compile kernels for a minute")
         self.simulator = Simulator(self.params)
         self.lock_step = LockStep(self.params.clock, self.params.camera.period)
-        self.runner = Runner(self.simulator, self.lock_step, self.hand_out)
+        self.runner = Runner(self.simulator, self.lock_step, self.hand_out, self.find_lack, self.tell_waiting)
         self.clock = self.add_publisher("/clock", Clock)
         self.outputs = Outputs(self.endpoints, self.simulator)
         self.taught = self.add_publisher("taught", Bool, qos.LATCHED)
         kind = TwistStamped if self.params.has_stamped_command else Twist
-        self.add_subscription("cmd_vel", kind, self.on_command, qos.COMMAND, is_required=False)
+        self.add_subscription("cmd_vel", kind, self.on_command, qos.DEEP, is_required=False)
+        self.paused = self.add_publisher("paused", Bool, qos.LATCHED)
+        self.add_service("~/resume", Trigger, self.on_resume)
         self.add_service("~/teleport", Teleport, self.on_teleport)
         self.add_service("~/set_fault", SetFault, self.on_set_fault)
         self.report("simulation", OK, "ready")
@@ -48,7 +58,7 @@ class CycabSim(ManagedNode):
     def activate(self) -> None:
         """Let time pass."""
         self.outputs.publish_statics()
-        self.has_told = self.has_shown = False
+        self.has_told = self.has_shown = self.is_paused = False
         self.taught.publish(Bool(data=False))
         self.runner.start()
 
@@ -68,12 +78,50 @@ class CycabSim(ManagedNode):
         if name == "clock":
             self._publish_clock(self.simulator.time_ns)
             return self.outputs.publish_late()
-        begun = self.steady_ns()
+        begun, is_strict = self.steady_ns(), self.params.clock.is_strict
+        if name == "camera" and is_strict:
+            self.wait_for_subscribers([self.outputs.odom])  # an image shall not overtake the odometry of its instant
         stamp = self.outputs.publish(name)
         if not self.has_shown and name in ("camera", "sphere", "rig"):
             self.has_shown = True
             self.log.info(f"the first image took {(self.steady_ns() - begun) / SECOND:.1f} s; time passes")
+        if name == "rig" and is_strict:
+            self.wait_for_subscribers(self.outputs.images.values())
         return stamp
+
+    # --- lock-step without limit
+    def find_lack(self) -> str:
+        """Return for whom time waits before it passes: those who see the images, and who answers them."""
+        lacks = [f"a subscription of {name}" for name, one in self.outputs.images.items() if not one.num_subscriptions]
+        if self.params.mode == "drive" and not self.publishers_of("cmd_vel"):
+            lacks.append("a publisher of cmd_vel")
+        return ", ".join(lacks)
+
+    def tell_waiting(self, what: str) -> None:
+        """Say what time waits for, and show it again to those who joined since it stands; the simulation's thread."""
+        now, names = self.simulator.time_ns, ", ".join(self.publishers_of("cmd_vel"))
+        text = f"time waits at {now / SECOND:.2f} s for {what}" + f" (cmd_vel: {names})" * (what == ANSWER)
+        self.clock.publish(Clock(clock=conversions.ns_to_time(now)))
+        self.report("simulation", OK, text, time=now / SECOND, is_waiting_for_commands=what == ANSWER)
+        self.log.info(text, every=WAITING_PERIOD, key=what)
+        if what == PAUSE and not self.is_paused:
+            self.is_paused = True
+            self.paused.publish(Bool(data=True))
+
+    def wait_for_subscribers(self, publishers: Iterable[Publisher]) -> None:
+        """Wait until all reliable subscriptions have what was published: a slow one loses nothing."""
+        for publisher in publishers:
+            while publisher.num_subscriptions and not self.runner.is_stopping:
+                if publisher.wait_for_acknowledgement(WAITING_PERIOD):
+                    break
+
+    def on_resume(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Let time go on after a pause."""
+        response.success = self.is_paused
+        response.message = "" if self.is_paused else "nothing to resume: time is not paused"
+        if self.is_paused:
+            self.runner.resumed.set()
+        return response
 
     def _publish_clock(self, now: int) -> None:
         self.clock.publish(Clock(clock=conversions.ns_to_time(now)))

@@ -47,6 +47,13 @@ class Outputs:
         if simulator.rig is not None:
             self.description = add("rig_description", String, qos.LATCHED)
 
+    @property
+    def images(self) -> dict[str, Publisher]:
+        """What must be seen by somebody, by its topic: the image that is answered, or the images that are recorded."""
+        if self.simulator.params.mode == "drive":
+            return {"image_raw": self.image}
+        return {f"cameras/{name}/image_raw": one for name, one in self.rig_images.items()}
+
     def publish_statics(self) -> None:
         """Send what does not change: where everything is mounted, and the rig file."""
         simulator, now = self.simulator, self.simulator.time_ns

@@ -64,7 +64,8 @@ class DenseLocalizerNode(LocalizerNode):
 
     def use_map(self, reader: MapReader) -> Rejections:
         """Localize in a map from now on; return what counts the pixels of it that images reject."""
-        before, self.localizer = self.localizer, Localizer(self.params, reader, is_live=self.shell.is_live)
+        is_live, before = self.shell.is_live and not self.params.every_image, self.localizer
+        self.localizer = Localizer(self.params, reader, is_live=is_live)
         if before is not None:
             before.references.close()
         return_free_memory()  # that of reading

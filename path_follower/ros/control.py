@@ -25,7 +25,7 @@ from path_follower.reasons import FINE, StopReason, StopVerdict
 from path_follower.ros.intake import Answered, DirectionIntake, PoseIntake, ScanIntake
 from path_follower.ros.peers import LOOK_PERIOD, Peers
 from sphere_nav.ros import qos
-from sphere_nav.ros.clocks import MAX_AHEAD_NS, ClockWatch, Times
+from sphere_nav.ros.clocks import MAX_AHEAD_NS, ClockWatch, SimulatedTicks, Times
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import OK, WARN, Endpoints
 from sphere_nav.ros.tf import Transforms
@@ -51,9 +51,13 @@ class ControlLoop:
         self.endpoints, self.params, p = endpoints, params, params
         self.times = Times(endpoints.now_ns, endpoints.own_ns)
         self.clock_watch, self.cycle = ClockWatch(p.safety.max_clock_pause), Cycle()
-        self.answered, self.heard_ns, self.told = Answered(self.times, self.answer), 0, ""
+        self.ticks = SimulatedTicks(SILENCE, TICK) if endpoints.is_time_simulated else None
+        is_patient = self.ticks is not None and p.source != "homing" and p.safety.is_status_required
+        self.answered = Answered(self.times, self.answer, self.catch_up, is_patient=is_patient)
+        self.heard_ns, self.told = 0, ""
         kind = TwistStamped if p.enable_stamped_cmd_vel else Twist
-        self.cmd_vel = endpoints.add_publisher("cmd_vel", kind, qos.COMMAND)
+        profile = qos.COMMAND if self.ticks is None else qos.DEEP  # a simulator waits for each answer: none is lost
+        self.cmd_vel = endpoints.add_publisher("cmd_vel", kind, profile)
         self.sent, self.sent_ns = kind(), -1  # nothing yet
         ackermann = driving.AckermannDriveStamped
         self.ackermann = ackermann and endpoints.add_publisher("ackermann_cmd", ackermann, qos.COMMAND)
@@ -96,7 +100,7 @@ class ControlLoop:
             self.follower.watch.outside = self.peers.judge()
             if verdict is not FINE:
                 return str(verdict)
-            self.send(self.twist(0.0, 0.0, self.endpoints.now_ns()))
+            self.send(self.twist(0.0, 0.0, self.stamp_at(self.endpoints.now_ns()) - 1))
         return start(self.times.now())
 
     def load(self, path: ReferencePath) -> None:
@@ -111,20 +115,25 @@ class ControlLoop:
     def stand(self) -> None:
         """Leave the vehicle with a zero command that everybody has who receives commands."""
         self.follower.stand(StopVerdict(StopReason.OPERATOR))
-        self.send(self.twist(0.0, 0.0, self.endpoints.now_ns()))
+        self.send(self.twist(0.0, 0.0, self.stamp_at(self.endpoints.now_ns()) - 1))
         if not self.cmd_vel.wait_for_acknowledgement(ACKNOWLEDGE):
             self.endpoints.log.warning("cmd_vel: the last command, zero, was not acknowledged by all who receive it")
 
     def clock_jumped(self) -> None:
         """Forget stamps; brake."""
         self.follower.reset()
-        self.answered.stamp_ns = self.heard_ns = 0
+        self.answered.forget()
+        self.heard_ns = 0
+        if self.ticks is not None:
+            self.ticks.restart(0)
 
     # --- time
     def answer(self, stamp: int) -> None:
         """Publish the command that answers a message of this stamp."""
         self.heard_ns = self.times.now()
         lead = min(max(self.times.lead(stamp), 0), MAX_AHEAD_NS)  # /clock may come later than what it stamps
+        if self.ticks is not None:
+            self.ticks.restart(self.heard_ns + lead)
         self.follower.watch.outside = self.peers.judge()
         self.publish(self.follower.tick(self.heard_ns + lead), stamp)
 
@@ -135,17 +144,28 @@ class ControlLoop:
         self.cycle.observe(self.endpoints.steady_ns())
         self.follower.watch.outside = self.peers.judge()
         clock, watch, now = self.endpoints.now_ns(), self.clock_watch, self.times.now()
-        watch.observe(clock, self.endpoints.steady_ns())
+        watch.observe(clock, self.endpoints.steady_ns(), lambda: bool(self.endpoints.publishers_of("/clock")))
         if watch.is_over and not self.follower.mode.is_at_rest:
-            self.follower.stand(StopVerdict(StopReason.CLOCK_STOPPED, watch.stood, self.params.safety.max_clock_pause))
-        is_based = clock - self.answered.stamp_ns <= 1e9 * self.params.safety.max_pose_silence
-        stamp = self.answered.stamp_ns if is_based else clock
+            limit = self.params.safety.max_clock_pause
+            self.follower.stand(StopVerdict(StopReason.CLOCK_STOPPED, watch.abandoned, limit))
         if watch.is_standing:
-            self.publish(self.follower.hold(now, watch.pause), stamp)
+            self.publish(self.follower.hold(now, watch.pause), self.stamp_at(clock) - 1)  # it answers nothing
+        elif self.ticks is not None:
+            self.catch_up(clock)
         elif now - self.heard_ns > 1e9 * SILENCE or self.follower.mode.state is FollowerState.STOPPING:
-            self.publish(self.follower.tick(now), stamp)
-        elif self.sent_ns > 0 and self.endpoints.steady_ns() - self.sent_ns > REPEAT_NS and not self.times.is_simulated:
+            self.publish(self.follower.tick(now), self.stamp_at(clock))
+        elif self.sent_ns > 0 and self.endpoints.steady_ns() - self.sent_ns > REPEAT_NS:
             self.send(self.sent)
+
+    def catch_up(self, now_ns: int) -> None:
+        """Where time is simulated, do what was due before a time; it answers nothing that is stamped with this one."""
+        for due_ns in self.ticks.take(now_ns) if self.ticks is not None else ():
+            self.publish(self.follower.tick(due_ns), self.stamp_at(due_ns))
+
+    def stamp_at(self, clock_ns: int) -> int:
+        """Return the stamp of a command that answers nothing new: that of the last answer, unless it is too old."""
+        is_based = clock_ns - self.answered.stamp_ns <= 1e9 * self.params.safety.max_pose_silence
+        return self.answered.stamp_ns if is_based else clock_ns
 
     def on_look(self) -> None:
         """Look who publishes what the vehicle is driven by, and commands."""

@@ -36,20 +36,43 @@ Answer = Callable[[int], None]  # publish the command that answers a message of 
 class Answered:
     """The newest stamp that was answered: a status without a pose is answered itself, where none is to come."""
 
-    def __init__(self, times: Times, answer: Answer) -> None:
-        self.stamp_ns = 0
-        self.times, self._answer = times, answer
+    def __init__(self, times: Times, answer: Answer, catch_up: Answer, *, is_patient: bool = False) -> None:
+        """`catch_up(now_ns)`: do what is due before a message of that time.
+
+        `is_patient`: of pose and status of one image the second one is answered, so that both are always known.
+        """
+        self.times, self._answer, self._catch_up, self._is_patient = times, answer, catch_up, is_patient
+        self.forget()
+
+    def forget(self) -> None:
+        """Forget all stamps."""
+        self.stamp_ns = self._pose_ns = self._status_ns = 0
+
+    def accept(self, stamp_ns: int) -> None:
+        """Be told of a message before the follower is."""
+        self._catch_up(self._bounded(stamp_ns))
 
     def answer(self, stamp_ns: int) -> None:
         """Answer a message."""
         self.stamp_ns = max(self.stamp_ns, stamp_ns)
         self._answer(stamp_ns)
 
-    def answer_bad_news(self, stamp_ns: int) -> None:
-        """Answer a message after which no pose is to come, if it is the first of its stamp, whatever that is."""
-        stamp_ns -= max(self.times.lead(stamp_ns), 0)
-        if stamp_ns > self.stamp_ns:
+    def answer_pose(self, stamp_ns: int, *, is_refused: bool = False) -> None:
+        """Answer a pose, now or with its status; one that was refused is no news, unless its status waits for it."""
+        self._pose_ns = max(self._pose_ns, self._bounded(stamp_ns))
+        if self._status_ns >= stamp_ns if self._is_patient else not is_refused:
             self.answer(stamp_ns)
+
+    def answer_status(self, stamp_ns: int, *, is_good: bool, has_pose: bool = False) -> None:
+        """Answer a message after which no pose is to come, if it is the first of its stamp, whatever that is."""
+        stamp_ns = self._bounded(stamp_ns)
+        self._status_ns = max(self._status_ns, stamp_ns)
+        is_due = self._pose_ns >= stamp_ns or not has_pose if self._is_patient else not is_good
+        if stamp_ns > self.stamp_ns and is_due:
+            self.answer(stamp_ns)
+
+    def _bounded(self, stamp_ns: int) -> int:
+        return stamp_ns - max(self.times.lead(stamp_ns), 0)
 
 
 class PoseIntake:
@@ -100,10 +123,12 @@ class PoseIntake:
             time = self._answered.times.of(stamp)
         except ValueError as error:
             self._watch.refuse_pose(str(error), is_bad=is_bad)
+            self._answered.answer_pose(stamp, is_refused=True)
             raise
+        self._answered.accept(stamp)
         planar = covariance[np.ix_(PLANAR, PLANAR)]
         self._follower.see_pose(Pose2.of(T_map_base), time, speed, planar if planar.any() else None)
-        self._answered.answer(stamp)
+        self._answered.answer_pose(stamp)
 
     def on_status(self, message: LocalizationStatus) -> None:
         """Hand on the state of the localiser; bad news counts at once, good news by its stamp."""
@@ -111,9 +136,10 @@ class PoseIntake:
         stamp = conversions.stamp_ns(message)
         is_good = status.state in TRUSTED
         time = times.of(stamp) if is_good else times.now()
+        self._answered.accept(stamp)
         self._watch.see_status(status.state, time, status.reason, status.age, status.map_id)
-        if not is_good:
-            self._answered.answer_bad_news(stamp)
+        # what was computed of an image that is trusted has a pose; it may come after its status
+        self._answered.answer_status(stamp, is_good=is_good, has_pose=is_good and status.milliseconds > 0.0)
 
 
 class DirectionIntake:
@@ -131,7 +157,9 @@ class DirectionIntake:
         stamp = conversions.stamp_ns(message)
         driving.check_frames(message, self._frame)
         yaw = float(conversions.pose_to_se3(message.pose).yaw)
-        self._follower.see(yaw, self._answered.times.of(stamp))
+        time = self._answered.times.of(stamp)
+        self._answered.accept(stamp)
+        self._follower.see(yaw, time)
         self._answered.answer(stamp)
 
     def on_source(self, message: FollowerStatus) -> None:
@@ -140,9 +168,9 @@ class DirectionIntake:
         state, way = driving.message_to_progress(message)
         is_trusted, is_there = state == FollowerState.DRIVING, state == FollowerState.FINISHED
         time = times.of(stamp) if is_trusted or is_there else times.now()
+        self._answered.accept(stamp)
         self._follower.see_source(is_trusted=is_trusted, is_there=is_there, way=way, now_ns=time)
-        if not is_trusted:
-            self._answered.answer_bad_news(stamp)
+        self._answered.answer_status(stamp, is_good=is_trusted)
 
 
 class ScanIntake:

@@ -1,11 +1,12 @@
 """Stamps and clocks: stamps ahead of the clock, time that no stamp can move, and a clock that stands still.
 
 A stamp decides what a message is compared with. One that is ahead of the clock would make all that follow look late.
+Where time is simulated, what a node does by itself depends on that time alone, never on how fast the machine is.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from math import inf
 
 MAX_AHEAD_NS = 100_000_000  # /clock may come later than what it stamps; more is a wrong clock
@@ -31,23 +32,28 @@ MAX_LOOK = 0.1  # s
 class ClockWatch:
     """Compares the node's clock, which may be simulated, with steady time.
 
-    Where a simulator's clock stands, so does its vehicle, however slow the machine: that is a pause. What a clock that
-    goes on later has left out is silence like any other, and judged as such.
+    Where a simulator's clock stands, so does its vehicle, however slow the machine: that is a pause, for as long as
+    somebody publishes the clock. What a clock that goes on later has left out is silence like any other, and judged as
+    such.
     """
 
     def __init__(self, give_up: float = inf, patience: float = PATIENCE, max_look: float = MAX_LOOK) -> None:
-        """`patience`, `give_up`: s of standstill until it counts as a pause, and until it is no pause any more.
+        """`patience`: s of standstill until it counts as a pause; `give_up`: s without a publisher until it is none.
 
         `max_look`: s between two looks that count; in a longer gap this process stood, not the clock.
         """
         self._give_up, self._patience, self._max_look = give_up, patience, max_look
         self._clock_ns, self._seen_ns = 0, 0
         self.stood = 0.0  # s of steady time since the clock advanced
+        self.abandoned = 0.0  # s of these without a publisher
 
-    def observe(self, clock_ns: int, steady_ns: int) -> None:
-        """Look at both clocks."""
+    def observe(self, clock_ns: int, steady_ns: int, has_publisher: Callable[[], bool] = lambda: False) -> None:
+        """Look at both clocks; `has_publisher`, asked while the first one stands: could somebody let it go on."""
         passed = min((steady_ns - self._seen_ns) / 1e9, self._max_look)
-        self.stood = self.stood + passed if clock_ns == self._clock_ns != 0 else 0.0
+        stands = clock_ns == self._clock_ns != 0
+        self.stood = self.stood + passed if stands else 0.0
+        is_held = self.is_standing and has_publisher()
+        self.abandoned = self.abandoned + passed if stands and not is_held else 0.0
         self._clock_ns, self._seen_ns = clock_ns, steady_ns
 
     @property
@@ -62,8 +68,35 @@ class ClockWatch:
 
     @property
     def is_over(self) -> bool:
-        """Whether what stood so long is no pause any more."""
-        return self.stood > max(self._give_up, self._patience)
+        """Whether what stood so long without a publisher is no pause any more."""
+        return self.abandoned > max(self._give_up, self._patience)
+
+
+MAX_CAUGHT_UP = 10 * 1_000_000_000  # ns of simulated time; all silence has been judged after so long
+
+
+class SimulatedTicks:
+    """When a node of simulated time acts by itself: every `period` s from `silence` s after the last message on.
+
+    The times are those of the simulation, not of the wall, and none is left out: what is due before a message is done
+    before it, however late this process is served. So the same drive takes the same steps on every machine.
+    """
+
+    def __init__(self, silence: float, period: float) -> None:
+        """Begin when time is first heard."""
+        self._silence_ns, self._period_ns = round(silence * 1e9), round(period * 1e9)
+        self._due_ns = 0
+
+    def restart(self, now_ns: int) -> None:
+        """Count silence from a message of this time on; 0: from when time is heard next."""
+        self._due_ns = now_ns and now_ns + self._silence_ns
+
+    def take(self, now_ns: int) -> Iterator[int]:
+        """Yield the times that are due before now; the present itself belongs to messages that may still come."""
+        self._due_ns = max(self._due_ns or now_ns, now_ns - MAX_CAUGHT_UP)
+        while 0 < self._due_ns < now_ns:
+            due_ns, self._due_ns = self._due_ns, self._due_ns + self._period_ns
+            yield due_ns
 
 
 class Times:
@@ -76,11 +109,6 @@ class Times:
     def now(self) -> int:
         """Return the present."""
         return self._own()
-
-    @property
-    def is_simulated(self) -> bool:
-        """Whether both clocks are one: that of a simulator, or of a recording."""
-        return self._own() == self._clock()
 
     def lead(self, stamp_ns: int) -> int:
         """Return by how many ns a stamp is ahead of its clock; negative: the age of what it stamps."""

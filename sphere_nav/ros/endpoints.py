@@ -62,8 +62,16 @@ class Shell(Protocol):
     def own_ns(self) -> int:
         """Return the time by which silence is judged: steady, or that of /clock where time is simulated."""
 
+    @property
+    def is_time_simulated(self) -> bool:
+        """Whether the node's clock is /clock."""
+        ...
+
     def publishers_of(self, topic: str) -> list[str]:
         """Return the full names of the nodes that publish on a topic, as far as known."""
+
+    def take_waiting(self, wanted: Subscription) -> None:
+        """Deliver at once the messages of a topic that have come and wait for their turn."""
 
     def add_subscription(self, wanted: Subscription) -> None:
         """Start to deliver messages."""
@@ -177,6 +185,19 @@ class Endpoints:
     def publishers_of(self, topic: str) -> list[str]:
         """Return the full names of the nodes that publish on a topic, each as often as it does; none in a replay."""
         return self._shell.publishers_of(topic)
+
+    @property
+    def is_time_simulated(self) -> bool:
+        """Whether the node's clock is /clock; a replay has but one clock, which is none of these."""
+        return self._shell.is_time_simulated
+
+    def take_waiting(self, wanted: Subscription) -> None:
+        """Deliver at once the messages of a topic that have come and wait for their turn.
+
+        What was published before a message on another topic is then known when that one is answered, whichever of the
+        two an executor happens to serve first.
+        """
+        self._shell.take_waiting(wanted)
 
     def report(self, name: str, level: int, message: str, **values: Any) -> None:
         """Set the diagnostic entry `name`: OK, WARN, ERROR or STALE, one line, and named values."""

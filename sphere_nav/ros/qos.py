@@ -25,6 +25,9 @@ LATCHED = QoSProfile(depth=1, reliability=RELIABLE, durability=TRANSIENT_LOCAL)
 LARGE = QoSProfile(depth=4, reliability=RELIABLE, durability=VOLATILE)
 """Messages above 64 KB: best effort loses whole samples as soon as one fragment is lost."""
 
+DEEP = QoSProfile(depth=1000, reliability=RELIABLE, durability=VOLATILE)
+"""Where a slow computer must lose nothing."""
+
 COMMAND = QoSProfile(depth=1, reliability=RELIABLE, durability=VOLATILE)
 """cmd_vel and its kin: only the newest counts."""
 

@@ -91,7 +91,12 @@ class RclpyShell(Node):
 
     def own_ns(self) -> int:
         """Return monotonic time, or the time of /clock where `use_sim_time` is set."""
-        return self.now_ns() if self.get_parameter("use_sim_time").value else self.steady_ns()
+        return self.now_ns() if self.is_time_simulated else self.steady_ns()
+
+    @property
+    def is_time_simulated(self) -> bool:
+        """Whether the node's clock is /clock."""
+        return bool(self.get_parameter("use_sim_time").value)
 
     def publishers_of(self, topic: str) -> list[str]:
         """Return the full names of the nodes that publish on a topic."""
@@ -124,6 +129,16 @@ class RclpyShell(Node):
             qos_overriding_options=options,
         )
         self._entities.append(lambda: self.destroy_subscription(wanted.handle))
+
+    def take_waiting(self, wanted: Subscription) -> None:
+        """Deliver at once the messages of a topic that have come and wait for their turn."""
+        subscription = wanted.handle
+        while True:
+            with subscription.handle:
+                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is None:
+                return
+            subscription.callback(*taken)
 
     def _source_of(self, wanted: Subscription) -> str:
         """Return the topic to subscribe to: a driver's, unless the user has remapped ours."""

@@ -91,3 +91,27 @@ def test_a_slow_camera_holds_its_command_while_its_images_set_the_pace():
     assert lock_step.command(int(1.8 * SECOND)) == VehicleCommand()
     lock_step.wait(int(1.5 * SECOND))  # in vain: nobody answers any more
     assert lock_step.command(int(1.5 * SECOND)) == VehicleCommand()
+
+
+# --- strict: answers alone, however long they take
+def test_the_first_answer_to_an_image_is_obeyed_from_its_instant_on_and_nothing_else():
+    lock_step = LockStep(ClockParams(is_strict=True), camera_period=0.2)
+    assert not lock_step.take_answer(SECOND, 0.0)
+    lock_step.offer(GO, SECOND, SECOND)
+    lock_step.offer(VehicleCommand(9.0), SECOND, SECOND)  # a second one, when it happens to come
+    assert lock_step.command(SECOND) == VehicleCommand()  # not before it is due
+    assert lock_step.take_answer(SECOND, 0.0)
+    lock_step.offer(VehicleCommand(7.0), SECOND, SECOND)
+    lock_step.offer(VehicleCommand(8.0), SECOND + SECOND // 10, SECOND + SECOND // 10)  # answers no image
+    assert lock_step.command(int(1.29 * SECOND)) == GO
+    assert lock_step.command(int(1.31 * SECOND)) == VehicleCommand()  # the images stay away: the car brakes
+    assert not lock_step.take_answer(int(1.2 * SECOND), 0.0)
+
+
+def test_an_answer_from_another_thread_ends_the_look_for_it():
+    lock_step = LockStep(ClockParams(is_strict=True))
+    timer = threading.Timer(0.02, lambda: lock_step.offer(GO, SECOND, SECOND))
+    timer.start()
+    begin = time.monotonic()
+    assert lock_step.take_answer(SECOND, 30.0)
+    assert time.monotonic() - begin < 10.0

@@ -63,7 +63,8 @@ OTHER_DAY = {  # the second drive meets other people, clouds before the sun, and
     "imaging.has_automatic_exposure": True,
     "imaging.white_balance": 0.03,
 }
-PATIENCE_S = 30.0  # that simulated time waits for a computer that does other things, too
+LOCK_STEP = {"clock.is_strict": True, "clock.real_time_factor": 0.0}  # time waits, however slow the computer
+PAUSE_AT = 4.0  # s of simulated time at which it stands until the follower is armed: found after half a second
 WARM_UP = (
     "from sphere_nav import photometric; photometric.warm_up(); "
     "from sphere_mapping.acquisition import kernels; kernels.warm_up()"
@@ -131,7 +132,8 @@ class Demo:
             processes.start(
                 "cycab_sim",
                 self.simulation
-                | {"mode": "teach", "camera.is_on": False, "clock.real_time_factor": 0.0}
+                | LOCK_STEP
+                | {"mode": "teach", "camera.is_on": False}
                 | {"rig.file": str(self.folder / "rig.yaml")},
             )
             self.follow(watch, "teaching drive", lambda: watch.is_taught)
@@ -167,9 +169,13 @@ class Demo:
                     "use_sim_time": True,
                 },
             )
-            processes.start("cycab_sim", self.simulation | OTHER_DAY | {"mode": "drive", "clock.max_wait": PATIENCE_S})
-            watch.wait("localisation", lambda: watch.localizer.startswith("TRACKING"), is_moving=False)
-            watch.start_following()
+            watch.wait_for_nodes()
+            processes.start(
+                "cycab_sim", self.simulation | OTHER_DAY | LOCK_STEP | {"mode": "drive", "clock.pause_at": PAUSE_AT}
+            )
+            watch.wait("localisation", lambda: watch.is_paused, is_moving=False)
+            watch.call("path_follower/start")
+            watch.call("cycab_sim/resume")
             self.follow(watch, "drive by the camera", lambda: has_ended(watch.follower))
             self.has_finished = watch.follower.startswith("FINISHED")
             self.end = watch.describe()

@@ -6,7 +6,9 @@ import os
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Mapping
+from contextlib import suppress
 from importlib.metadata import entry_points
 from pathlib import Path
 from types import TracebackType
@@ -19,6 +21,8 @@ from sphere_nav.ros.compositions import PATIENCE
 # However this process ends, the kernel of Linux then tells its children to (PR_SET_PDEATHSIG is 1).
 FOLLOW_PARENT = "import ctypes, signal, sys; ctypes.CDLL(None).prctl(1, signal.SIGTERM)"
 NODE = "from {module} import main; sys.exit(main())"
+LOOK = 5.0  # s over which it is measured who works
+MIN_SHARE = 0.8  # of that time on a processor, or waiting for one; idle nodes have 0.45 where the load is 7 per core
 
 
 def module_of(node: str) -> str:
@@ -37,6 +41,23 @@ def node_command(node: str, *words: str) -> list[str]:
 def python_command(code: str, *words: str) -> list[str]:
     """Return the command of Python code; what it imports is what is installed (-P), not what lies in this folder."""
     return [sys.executable, "-P", "-c", f"{FOLLOW_PARENT}; {code}", *words]
+
+
+def wanted_seconds(pid: int) -> float:
+    """Return for how long the threads of a process have run, or have waited for a processor, s; 0 for none."""
+    threads = Path(f"/proc/{pid}/task").glob("*/schedstat")  # ns on a processor, ns ready but waiting, turns
+    total = 0
+    for path in threads:
+        with suppress(OSError):  # a thread that has just ended
+            total += sum(map(int, path.read_text(encoding="ascii").split()[:2]))
+    return total / 1e9
+
+
+def are_busy(pids: Mapping[str, int]) -> list[str]:
+    """Return the names of those processes that work, or would if they were let; takes `LOOK` s."""
+    before = {name: wanted_seconds(pid) for name, pid in pids.items()}
+    time.sleep(LOOK)
+    return [name for name, pid in pids.items() if wanted_seconds(pid) - before[name] > MIN_SHARE * LOOK]
 
 
 class Processes:
@@ -85,6 +106,10 @@ class Processes:
             raise RuntimeError(f"{name} ended with status {status}: {self.last_words(name)}")
         del self._running[name]
 
+    def find_busy(self) -> list[str]:
+        """Return which processes work, or would if the computer had time for them; takes `LOOK` s."""
+        return are_busy({name: process.pid for name, process in self._running.items()})
+
     def last_words(self, node: str) -> str:
         """Return the last line that a node printed."""
         lines = (self.folder / f"{node}.log").read_text(encoding="utf-8", errors="replace").split("\n")
@@ -95,11 +120,13 @@ class Processes:
         process = self._running.pop(node)
         if process.poll() is None:
             process.send_signal(signal.SIGINT)
-        try:
-            process.wait(PATIENCE)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+        while True:
+            try:
+                process.wait(PATIENCE)
+                return
+            except subprocess.TimeoutExpired:
+                if not are_busy({node: process.pid}):
+                    process.kill()
 
     def __enter__(self) -> Self:
         """Return self."""

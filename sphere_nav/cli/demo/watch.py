@@ -22,9 +22,10 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.conversions import stamp_ns
 
 STALL = 30.0  # s of simulated time without motion of the car that end a drive
-START_UP = 240.0  # s of wall time without news; a busy machine may have to compile kernels for minutes
+SILENCE = 240.0  # s of wall time without news after which it matters whether any process works
 LOOK = 0.1  # s
-START_PATIENCE = 30.0  # s for the localiser to settle before the follower accepts the start
+SERVICES = ("path_follower/start", "cycab_sim/resume")
+NEEDED = ("path_follower/start", "dense_localizer/reset")  # services of those who must be there before time passes
 
 
 class DriveFailed(RuntimeError):
@@ -43,7 +44,7 @@ class DriveMonitor:
         self.executor.add_node(self.node)
         self.travelled, self.now_ns = 0.0, 0
         self.position: np.ndarray | None = None
-        self.is_taught = False
+        self.is_taught = self.is_paused = False
         self.localizer, self.follower = "", ""
         self.remedy = ""
         subscribe = self.node.create_subscription
@@ -51,10 +52,14 @@ class DriveMonitor:
         subscribe(Bool, "taught", self._on_taught, qos.LATCHED)
         subscribe(LocalizationStatus, "status", self._on_localizer, qos.STATE)
         subscribe(FollowerStatus, "path_follower/status", self._on_follower, qos.STATE)
-        self._start = self.node.create_client(Trigger, "path_follower/start")
+        subscribe(Bool, "paused", self._on_paused, qos.LATCHED)
+        self._clients = {name: self.node.create_client(Trigger, name) for name in {*SERVICES, *NEEDED}}
 
     def wait(self, what: str, holds: Callable[[], bool], is_moving: bool, bar: tqdm[Any] | None = None) -> None:
-        """Spin until `holds`; DriveFailed when nothing happens for long, or the car stands though it should move."""
+        """Spin until `holds`; DriveFailed where the car stands though it should move, by simulated time.
+
+        Wall time alone ends nothing: after a long silence it is over if no process works any more.
+        """
         alive, last, moved_ns, heard_ns = time.monotonic(), self.travelled, self.now_ns, self.now_ns
         while not holds():
             self.executor.spin_once(timeout_sec=LOOK)
@@ -67,29 +72,24 @@ class DriveMonitor:
                 bar.update(max(0.0, min(self.travelled, bar.total) - bar.n))
             if is_moving and self.now_ns - moved_ns > STALL * 1e9:
                 raise DriveFailed(f"{what}: the car stands for {STALL:.0f} s; {self.describe()}")
-            if time.monotonic() - alive > START_UP:
-                raise DriveFailed(f"{what}: nothing for {START_UP:.0f} s; {self.describe()}")
+            if time.monotonic() - alive > SILENCE:
+                if not self.processes.find_busy():
+                    raise DriveFailed(f"{what}: nothing for {SILENCE:.0f} s, and no process works; {self.describe()}")
+                alive = time.monotonic()
 
-    def start_following(self) -> None:
-        """Arm the path follower, again until it accepts; DriveFailed says why it refuses."""
-        self.wait("path_follower", self._start.service_is_ready, is_moving=False)
-        given_up = time.monotonic() + START_PATIENCE
-        while (refusal := self._call_start()) and time.monotonic() < given_up:
-            self.pause(1.0)
-        if refusal:
-            raise DriveFailed(f"path_follower refused to start: {refusal}")
+    def wait_for_nodes(self) -> None:
+        """Wait until the nodes that simulated time waits for are there."""
+        for name in NEEDED:
+            self.wait(name, self._clients[name].service_is_ready, is_moving=False)
 
-    def _call_start(self) -> str:
-        """Call `start` once; return why it was refused, or an empty string."""
-        future = self._start.call_async(Trigger.Request())
-        self.wait("call start", future.done, is_moving=False)
+    def call(self, name: str) -> None:
+        """Call a Trigger; DriveFailed says why it was refused."""
+        self.wait(name, self._clients[name].service_is_ready, is_moving=False)
+        future = self._clients[name].call_async(Trigger.Request())
+        self.wait(name, future.done, is_moving=False)
         response = future.result()
-        return "" if response is not None and response.success else str(getattr(response, "message", "no answer"))
-
-    def pause(self, seconds: float) -> None:
-        """Spin for a while."""
-        end = time.monotonic() + seconds
-        self.wait("pause", lambda: time.monotonic() > end, is_moving=False)
+        if response is None or not response.success:
+            raise DriveFailed(f"{name} refused: {getattr(response, 'message', 'no answer')}; {self.describe()}")
 
     def describe(self) -> str:
         """Return what the nodes said last."""
@@ -105,6 +105,9 @@ class DriveMonitor:
 
     def _on_taught(self, message: Bool) -> None:
         self.is_taught = message.data
+
+    def _on_paused(self, message: Bool) -> None:
+        self.is_paused = message.data
 
     def _on_localizer(self, message: LocalizationStatus) -> None:
         self.localizer = f"{message.state} {message.reason}".strip()

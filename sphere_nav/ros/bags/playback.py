@@ -74,6 +74,7 @@ class Answers:
     """Whether the last question was answered: a message whose header carries its stamp, or a later one."""
 
     def __init__(self, timeout: float, clock: Clock = time.monotonic) -> None:
+        """`timeout` s until a question counts as missed; 0: never."""
         self._timeout, self._clock = timeout, clock
         self.num_missed = 0
         self.forget()
@@ -95,7 +96,7 @@ class Answers:
         """Whether nothing is waited for; after the timeout the question counts as missed."""
         if self._answered_ns >= self._asked_ns:
             return True
-        if self._clock() < self._until:
+        if not self._timeout or self._clock() < self._until:
             return False
         self.num_missed += 1
         self._asked_ns = 0

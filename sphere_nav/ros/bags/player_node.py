@@ -46,7 +46,7 @@ class PlayerParams:
     )
     answer_topic: str = param("", "go on after an answered message only when this topic has its stamp in its header")
     answered_topic: str = param("image_raw", "messages of this topic are answered on answer_topic")
-    answer_timeout: float = param(5.0, "longest wait for an answer", "s", low=0.0)
+    answer_timeout: float = param(5.0, "longest wait for an answer; 0: no limit, for slow machines", "s", low=0.0)
 
 
 class BagPlayer(ManagedNode):

@@ -61,6 +61,7 @@ class OfflineShell:
     """What a node of a replay talks to."""
 
     is_live = False
+    is_time_simulated = False
 
     def __init__(self, bus: OfflineBus, name: str, values: Mapping[str, Any], remap: Mapping[str, str]) -> None:
         self._bus, self._values, self._remap = bus, values, remap
@@ -100,6 +101,9 @@ class OfflineShell:
     def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Keep a service for `call`."""
         self.services[name.removeprefix("~/")] = (kind, handler)
+
+    def take_waiting(self, wanted: Subscription) -> None:
+        """Do nothing: on the bus nothing waits."""
 
     def remove_subscription(self, wanted: Subscription) -> None:
         """Stop to listen."""

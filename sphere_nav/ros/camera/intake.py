@@ -9,16 +9,23 @@ from functools import partial
 from sphere_nav.geometry import SE3, Camera, Rig
 from sphere_nav.localization.params import NodeParams, RigParams
 from sphere_nav.localization.status import FINE, Finding, Reason
+from sphere_nav.ros import qos
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.camera.odometry_input import OdometryInput
 from sphere_nav.ros.camera.stream import CameraStream, Fixture, Picture
 from sphere_nav.ros.camera.synchronizer import Synchronizer
 from sphere_nav.ros.endpoints import ERROR, OK, Endpoints
 from sphere_nav.ros.subscription import Subscription
-from sphere_nav.ros.tf import TransformListener
+from sphere_nav.ros.tf import TransformListener, TransformTree
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 SILENCE_NS = 500_000_000  # without any instant, until what is refused of one camera is the answer
+
+
+def make_odometry(endpoints: Endpoints, tree: TransformTree, params: NodeParams) -> OdometryInput:
+    """Return the input of odometry; where every image is answered, none of it is lost, either."""
+    profile = qos.DEEP if params.every_image else qos.SENSOR
+    return OdometryInput(endpoints, tree, params.base_frame, is_used=params.use_odometry, profile=profile)
 
 
 class CameraIntake:
@@ -35,7 +42,7 @@ class CameraIntake:
     ) -> None:
         """`on_refusal(stamp_ns, finding)` gets the images that cannot be used; `has_sphere_info` allows panoramas."""
         self._tf = TransformListener(endpoints, ignored=params.map_frame)
-        self.odometry = OdometryInput(endpoints, self._tf.tree, params.base_frame, is_used=params.use_odometry)
+        self.odometry = make_odometry(endpoints, self._tf.tree, params)
         mounting = read_mounting(params.mounting)
         T_base_camera = mounting @ T_BODY_OPTICAL if mounting is not None else None
         fixture = Fixture(T_base_camera=(lambda: T_base_camera) if T_base_camera is not None else None)
@@ -108,7 +115,7 @@ class MultiCameraIntake:
         self._endpoints, self._params, self._frame = endpoints, params, rig.frame
         self._on_picture, self._on_refusal, self._handed_ns = on_picture, on_refusal, -SILENCE_NS
         self._tf = TransformListener(endpoints, ignored=params.map_frame)
-        self.odometry = OdometryInput(endpoints, self._tf.tree, params.base_frame, is_used=params.use_odometry)
+        self.odometry = make_odometry(endpoints, self._tf.tree, params)
         self._mounting = read_mounting(params.mounting)
         self._synchronizer = Synchronizer(names, rig.slack)
         self._faults: dict[str, Finding] = {}

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from nav_msgs.msg import Odometry
+from rclpy.qos import QoSProfile
 
 from sphere_nav.geometry import SE3
 from sphere_nav.geometry.odometry import OdometryBuffer
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.clocks import check_stamp
 from sphere_nav.ros.endpoints import Endpoints
+from sphere_nav.ros.subscription import Subscription
 from sphere_nav.ros.tf import TransformError, TransformTree
 
 MAX_AGE_S = 0.2  # for which odometry is carried on by its own speed
@@ -17,12 +19,21 @@ MAX_AGE_S = 0.2  # for which odometry is carried on by its own speed
 class OdometryInput:
     """Odometry of the base from one source, whose frame does not change."""
 
-    def __init__(self, endpoints: Endpoints, tree: TransformTree, base_frame: str, *, is_used: bool) -> None:
+    def __init__(
+        self,
+        endpoints: Endpoints,
+        tree: TransformTree,
+        base_frame: str,
+        *,
+        is_used: bool,
+        profile: QoSProfile = qos.SENSOR,
+    ) -> None:
         """`is_used`: subscribe to `odom`; `tree` is asked in any case, and must not know the map."""
         self._endpoints, self._tree, self._base_frame = endpoints, tree, base_frame
         self._buffer, self._topic_frame = OdometryBuffer(MAX_AGE_S), ""
+        self._topic: Subscription | None = None
         if is_used:
-            endpoints.add_subscription("odom", Odometry, self._on_odometry, qos.SENSOR, is_required=False)
+            self._topic = endpoints.add_subscription("odom", Odometry, self._on_odometry, profile, is_required=False)
 
     def clear(self) -> None:
         """Forget what has a stamp."""
@@ -50,7 +61,9 @@ class OdometryInput:
         return (SE3.identity() if root == self._base_frame else self._tree.lookup(root, self._base_frame)), root
 
     def at(self, stamp_ns: int) -> SE3 | None:
-        """Return T_odom_base by the topic."""
+        """Return T_odom_base by the topic, with all that has come of it."""
+        if self._topic is not None:
+            self._endpoints.take_waiting(self._topic)
         return self._buffer.at(stamp_ns)
 
     def in_frame(self, stamp_ns: int) -> SE3 | None:

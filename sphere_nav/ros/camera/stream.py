@@ -23,7 +23,6 @@ from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.tf import TransformListener
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
-DEEP = qos.QoSProfile(depth=1000, reliability=qos.RELIABLE, durability=qos.VOLATILE)
 ENCODINGS = "publish a usual encoding: mono8, mono16, rgb8, bgr8, rgba8, bgra8, or a PNG or JPEG"
 
 
@@ -73,7 +72,7 @@ class CameraStream:
         self._on_picture, self._on_refusal, self._fixture = on_picture, on_refusal, fixture
         self._waiting: deque[AnyImage] = deque()
         self.forget_camera()
-        profile = DEEP if params.every_image else qos.SENSOR
+        profile = qos.DEEP if params.every_image else qos.SENSOR
         is_known = fixture.camera is not None or params.is_panorama
         prefix = f"cameras/{fixture.name}/" if fixture.name else ""
         if not is_known:

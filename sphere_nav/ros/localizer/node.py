@@ -36,10 +36,10 @@ from sphere_nav.ros.camera.stream import Picture
 from sphere_nav.ros.clocks import ClockWatch
 from sphere_nav.ros.localizer.peer_localizer import PeerLocalizer
 from sphere_nav.ros.localizer.pose_outputs import PoseOutputs
-from sphere_nav.ros.node import ManagedNode
+from sphere_nav.ros.node import OK, WARN, ManagedNode
 
 WATCH_PERIOD = 0.25  # s between two looks at a silent camera
-STANDSTILL = 1.0  # s without an advance of /clock before it is said
+STANDSTILL = 1.0  # s without an advance of /clock, and without its publisher, before the status says so
 NUM_COUNTED = 20  # images over which losses are counted
 CLOCK_STANDS = "/clock stands still", "start the simulator or the player again; the pose goes on with its time"
 MAX_LOST_SHARE = 0.2  # of the images, before it is said
@@ -115,7 +115,7 @@ class LocalizerNode(ManagedNode):
         self.peer = PeerLocalizer(self.endpoints, self.params.map_frame, self.needs_help, self.on_offer)
         self.add_service("~/relocalize", Relocalize, self.on_relocalize)
         self.add_service("~/reset", Trigger, self.on_reset)
-        self.clock_watch = ClockWatch(patience=STANDSTILL, max_look=2 * WATCH_PERIOD)
+        self.clock_watch = ClockWatch(give_up=STANDSTILL, patience=STANDSTILL, max_look=2 * WATCH_PERIOD)
         self.add_timer(WATCH_PERIOD, self.on_watch, is_wall=True)
 
     def activate(self) -> None:
@@ -188,19 +188,26 @@ class LocalizerNode(ManagedNode):
     # --- silence
     def on_watch(self) -> None:
         """Say so when images stay away, or none of them can be used, or time itself stands still."""
-        self.clock_watch.observe(self.own_ns(), self.steady_ns())
+        self.report("/clock", OK, "goes on")
+        self.clock_watch.observe(self.own_ns(), self.steady_ns(), self.has_clock)
         status = self.find_silence() or self.find_standstill()
         if status is not None:
             self.outputs.tell(status, **self.values())
 
+    def has_clock(self) -> bool:
+        """Return whether a clock that stands has a publisher, which waits for somebody; report it."""
+        names = self.publishers_of("/clock")
+        self.report("/clock", WARN, f"stands still, held by {', '.join(names) or 'nobody'}")
+        return bool(names)
+
     def find_standstill(self) -> Status | None:
-        """Return what to say of a clock that stands: the pose is kept, since its vehicle stands, too."""
-        if not self.clock_watch.is_standing:
+        """Return what to say of a clock that nobody publishes any more: the pose is kept, its vehicle stands, too."""
+        if not self.clock_watch.is_over:
             return None
         told = self.outputs.state
         state = {State.UNCONFIGURED: State.NOT_LOCALISED, State.TRACKING: State.DEGRADED}.get(told, told)
         return status_of(
-            state, self.now_ns(), Finding(Reason.TIMEOUT, self.clock_watch.stood, STANDSTILL, *CLOCK_STANDS)
+            state, self.now_ns(), Finding(Reason.TIMEOUT, self.clock_watch.abandoned, STANDSTILL, *CLOCK_STANDS)
         )
 
     def find_silence(self) -> Status | None:

@@ -25,6 +25,7 @@ from sphere_nav.ros.conversions import (
     se3_to_pose_stamped,
     se3_to_pose_with_covariance,
     se3_to_transform,
+    stamp_ns,
     status_to_message,
 )
 
@@ -107,8 +108,9 @@ def pose(bus, x, stamp):
     bus.deliver("/pose", se3_to_pose_with_covariance(SE3.from_planar(x, 0, 0), 1e-4 * np.eye(6), stamp, "map"))
 
 
-def status(bus, state, stamp, reason="", age=0.0):
-    bus.deliver("/status", status_to_message(Status(State(state), reason, age=age), stamp, "map"))
+def status(bus, state, stamp, reason="", age=0.0, milliseconds=0.0):
+    told = Status(State(state), reason, age=age, milliseconds=milliseconds)
+    bus.deliver("/status", status_to_message(told, stamp, "map"))
 
 
 def speeds(bus):
@@ -362,3 +364,65 @@ def test_the_status_names_the_map_of_the_pose():
     bus, node = follower_bus()
     bus.deliver("/status", status_to_message(Status(State.TRACKING, map_id="yard"), bus.now_ns, "map"))
     assert node.loop.follower.watch.map_id == "yard"
+
+
+# --- simulated time
+def simulated_bus(monkeypatch):
+    monkeypatch.setattr("sphere_nav.ros.bags.replay.OfflineShell.is_time_simulated", True)
+    return follower_bus()
+
+
+def answers(bus):
+    return [stamp_ns(item.message) for item in bus.settle() if item.topic == "/cmd_vel"]
+
+
+def test_where_time_is_simulated_a_pose_is_answered_once_its_status_is_known(monkeypatch):
+    bus, _ = simulated_bus(monkeypatch)
+    for k in range(12, 15):
+        now = k * SECOND // 10
+        list(bus.advance(now))
+        pose(bus, 0.0, now)
+        assert answers(bus) == []
+        status(bus, "TRACKING", now)
+        assert answers(bus) == [now]
+    list(bus.advance(15 * SECOND // 10))
+    status(bus, "DEGRADED", bus.now_ns, "BAD_INFO", 0.1)  # an image that gave no pose is answered, too
+    assert answers(bus) == [bus.now_ns]
+    list(bus.advance(16 * SECOND // 10))
+    status(bus, "TRACKING", bus.now_ns)
+    pose(bus, 0.0, bus.now_ns)  # of a localiser that publishes it after its status
+    assert answers(bus) == [bus.now_ns] * 2
+    list(bus.advance(17 * SECOND // 10))
+    status(bus, "TRACKING", bus.now_ns, milliseconds=30.0)  # its pose is on the way
+    assert answers(bus) == []
+    bad = se3_to_pose_with_covariance(SE3.identity(), np.eye(6), bus.now_ns, "another")
+    bus.deliver("/pose", bad)  # refused, and answered: no other is to come
+    assert answers(bus) == [bus.now_ns]
+
+
+@pytest.mark.parametrize("lag", [0, 3, 7, 19])
+def test_the_same_drive_gives_the_same_commands_however_late_the_clock_is_looked_at(monkeypatch, lag):
+    """Poses 0.2 s apart, ticks of the wall before, between and after them; one pose is missing, and then several."""
+
+    def commands(looks):
+        bus, node = simulated_bus(monkeypatch)
+        node.endpoints.own_ns = node.endpoints.now_ns
+        sent, x = [], 0.0
+        for k in range(6, 60):
+            now = k * SECOND // 5
+            for look in looks:
+                bus.now_ns = now - SECOND // 5 + look
+                node.loop.on_tick()
+            bus.now_ns = now
+            if k % 20 not in (8, 14, 15, 16):
+                pose(bus, x, now)
+                status(bus, "TRACKING", now)
+            sent += [(stamp_ns(m.message), m.message.twist) for m in bus.settle() if m.topic == "/cmd_vel"]
+            x += 0.05
+            if k in (10, 37):
+                assert node.shell.call("start").success
+        return sent
+
+    rare, often = commands([]), commands([(k + lag) * SECOND // 100 for k in range(1, 20 - lag)])
+    assert rare == often
+    assert max(twist.linear.x for _, twist in rare) > 0.2

@@ -2,7 +2,16 @@
 
 import pytest
 
-from sphere_nav.ros.clocks import MAX_AHEAD_NS, PATIENCE, ClockWatch, Times, ahead_s, check_stamp
+from sphere_nav.ros.clocks import (
+    MAX_AHEAD_NS,
+    MAX_CAUGHT_UP,
+    PATIENCE,
+    ClockWatch,
+    SimulatedTicks,
+    Times,
+    ahead_s,
+    check_stamp,
+)
 
 SECOND = 1_000_000_000
 GIVE_UP = 5.0
@@ -108,3 +117,53 @@ def test_it_is_over_after_its_time_but_never_before_it_is_a_pause():
         assert not watch.is_over
         stand(watch, 5 * SECOND, now, 0.1)
         assert watch.is_over
+
+
+def test_a_clock_that_somebody_publishes_may_stand_for_any_time():
+    watch, asked = ClockWatch(give_up=0.0), []
+
+    def has_publisher():
+        asked.append(watch.stood)
+        return len(asked) < 400
+
+    for k in range(500):
+        watch.observe(5 * SECOND, SECOND + k * SECOND // 40, has_publisher)
+        assert watch.is_over == (len(asked) >= 400 and watch.abandoned > PATIENCE)
+    assert watch.is_over  # 0.4 s after the publisher had gone
+    assert min(asked) > PATIENCE  # while it goes on nobody looks for who publishes it
+
+
+# --- ticks of simulated time
+def ticks_of(looks, messages):
+    """Return what happens in a drive whose clock is looked at at some times: ticks, and messages as they come."""
+    ticks, done = SimulatedTicks(0.12, 0.025), []
+    for now, is_message in sorted([(look, 0) for look in looks] + [(stamp, 1) for stamp in messages]):
+        done += [("tick", due) for due in ticks.take(now)]
+        if is_message:
+            done.append(("message", now))
+            ticks.restart(now)
+    return done
+
+
+def test_simulated_time_decides_when_a_node_acts_however_seldom_it_is_served():
+    messages = [k * SECOND // 5 for k in range(5, 12)] + [4 * SECOND]
+    often = ticks_of(range(SECOND, 4 * SECOND, SECOND // 100), messages)
+    assert ticks_of([], messages) == ticks_of([2 * SECOND, 3 * SECOND], messages) == often
+    first = [due / SECOND for kind, due in often if kind == "tick" and due < 1.2 * SECOND]
+    assert first == [1.12, 1.145, 1.17, 1.195]
+
+
+def test_the_present_belongs_to_a_message_that_may_still_come():
+    ticks = SimulatedTicks(0.12, 0.025)
+    ticks.restart(SECOND)
+    assert list(ticks.take(SECOND + 120_000_000)) == []
+    assert list(ticks.take(SECOND + 120_000_001)) == [SECOND + 120_000_000]
+
+
+def test_ticks_begin_when_time_is_heard_and_a_leap_of_hours_is_not_lived_through():
+    ticks = SimulatedTicks(0.12, 0.025)
+    assert list(ticks.take(0)) == list(ticks.take(SECOND)) == []
+    assert list(ticks.take(SECOND + 30_000_000)) == [SECOND, SECOND + 25_000_000]
+    assert len(list(ticks.take(3600 * SECOND))) == MAX_CAUGHT_UP // 25_000_000
+    ticks.restart(0)
+    assert list(ticks.take(5 * SECOND)) == []

@@ -1,10 +1,12 @@
 """The watch over a drive."""
 
+import time
 from contextlib import nullcontext
 
 import pytest
 from nav_msgs.msg import Odometry
 
+from sphere_nav.cli.demo import processes as processes_module
 from sphere_nav.cli.demo import watch as module
 from sphere_nav.cli.demo.processes import Processes
 from sphere_nav.cli.demo.watch import DriveFailed, DriveMonitor
@@ -19,14 +21,28 @@ def truth(seconds: int, x: float) -> Odometry:
 
 
 def test_a_drive_in_which_nothing_happens_fails_and_says_who_is_silent(tmp_path, monkeypatch):
-    monkeypatch.setattr(module, "START_UP", 0.5)
-    silent = "drive: nothing for 0 s; localiser silent, follower silent"
+    monkeypatch.setattr(module, "SILENCE", 0.5)
+    monkeypatch.setattr(processes_module, "LOOK", 0.5)
+    silent = "drive: nothing for 0 s, and no process works; localiser silent, follower silent"
     with (
         Processes(tmp_path, DOMAIN) as processes,
         DriveMonitor(processes, DOMAIN) as watch,
         pytest.raises(DriveFailed, match=silent),
     ):
         watch.wait("drive", lambda: False, is_moving=True)
+
+
+def test_however_long_nothing_happens_it_is_not_over_while_a_process_works(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "SILENCE", 0.1)
+    monkeypatch.setattr(processes_module, "LOOK", 0.5)
+    begun = time.monotonic()
+    with Processes(tmp_path, DOMAIN) as processes, DriveMonitor(processes, DOMAIN) as watch:
+        processes.run("compiler", "sum(1 for _ in iter(int, 1))")
+        time.sleep(1.0)  # it starts
+        watch.wait("drive", lambda: time.monotonic() > begun + 3.0, is_moving=True)
+        processes._running["compiler"].kill()
+        with pytest.raises(RuntimeError, match="compiler ended with status -9"):
+            watch.wait("drive", lambda: False, is_moving=True)
 
 
 @pytest.mark.parametrize(("speed", "ends"), [(0.0, "the car stands for 30 s"), (1.0, "")])
@@ -48,4 +64,3 @@ def test_waiting_ends_when_it_holds(tmp_path):
     with Processes(tmp_path, DOMAIN) as processes, DriveMonitor(processes, DOMAIN) as watch:
         answers = iter([False, False, True])
         watch.wait("three looks", lambda: next(answers), is_moving=False)
-        watch.pause(0.2)

@@ -103,3 +103,13 @@ def test_an_answer_has_the_stamp_or_a_later_one(wall):
     wall.now += 5.1
     assert answers.is_settled
     assert answers.num_missed == 1
+
+
+def test_without_a_limit_an_answer_is_waited_for_on_the_slowest_machine(wall):
+    answers = Answers(0.0, wall)
+    answers.ask(image(20))
+    wall.now += 1e6
+    assert not answers.is_settled
+    answers.hear(image(20))
+    assert answers.is_settled
+    assert answers.num_missed == 0

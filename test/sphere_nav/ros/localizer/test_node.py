@@ -211,7 +211,7 @@ def test_reset_accepts_another_camera_and_a_jump_of_the_clock_another_time():
 
 
 # --- over DDS
-def test_a_clock_that_stands_is_told_by_the_wall_and_the_pose_goes_on_with_it(ros):
+def test_a_clock_that_stands_is_told_once_nobody_publishes_it_and_the_pose_goes_on_with_it(ros):
     overrides = [Parameter("use_sim_time", value=True), Parameter("base_frame", value="")]
     shell, peer, statuses = LiveShell(Parrot, parameter_overrides=overrides), Node("peer"), []
     executor = SingleThreadedExecutor()
@@ -242,12 +242,19 @@ def test_a_clock_that_stands_is_told_by_the_wall_and_the_pose_goes_on_with_it(ro
     until(lambda: statuses or peer.count_publishers("status"))
     assert see(51).state == "TRACKING"
     statuses.clear()
+    until(lambda: "held by /peer" in shell.node.reports.get("/clock", (0, ""))[1])
+    held = time.monotonic()
+    until(lambda: time.monotonic() > held + STANDSTILL)
+    assert not statuses  # somebody who waits holds it: nothing is wrong, however long
+    peer.destroy_publisher(clock)
     until(lambda: statuses)
     told = statuses[-1]
     assert (told.state, told.reason, stamp_ns(told)) == ("DEGRADED", "TIMEOUT", 51 * STEP)
     assert told.value > told.limit == STANDSTILL
     assert "/clock stands still" in told.remedy
     assert "/clock stands still" in shell.node.reports["localisation"][1]
+    clock = peer.create_publisher(Clock, "/clock", 10)
+    until(lambda: clock.get_subscription_count())
     answer = see(52)
     assert (answer.state, answer.reason) == ("TRACKING", "")
     executor.shutdown()
