@@ -30,6 +30,7 @@ ALLOWED = {
     ("sphere_mapping/graph/graph_file.py", "path.open"): "a regular file of a checked size, by lines",
     ("sphere_nav/offline/mapping/stitcher_ahead.py", "pickle.loads"): "bytes of a process that it started",
     ("sphere_nav/cli/demo/processes.py", "(self.folder / f'{node}.log').read_text"): "a log that the demo writes",
+    ("sphere_nav/cli/demo/processes.py", "path.read_text"): "of the kernel",
     ("sphere_nav/cli/register.py", "json.loads"): "a text that it has just made",
     ("sphere_nav/geometry/files/basalt_file.py", "json.loads"): "a text of the bounded reader",
     ("sphere_nav/kernel_cache/folder.py", "(ROOT / path).read_bytes"): "our own source",
