@@ -12,7 +12,6 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable, Sequence
-from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,7 @@ from sphere_mapping.graph.merging import merge
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams, SphereMapperParams
 from sphere_nav.params import to_mapping
-from sphere_nav.ros.bags.writer import PARTIAL
+from sphere_nav.ros.bags.writer import PARTIAL, free_path
 from sphere_nav.ros.maps.reader import MapDetails, MapWriter, save_map
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
@@ -91,7 +90,7 @@ class Journal:
 
     def _begun(self) -> MapWriter:
         if self._writer is None:
-            self._writer = MapWriter(free_path(Path(self._params.map_folder)), self._details(SphereGraph()))
+            self._writer = MapWriter(journal_path(Path(self._params.map_folder)), self._details(SphereGraph()))
             self._tell(f"key spheres are written to {self._writer.path}{PARTIAL} until save_map")
         return self._writer
 
@@ -109,12 +108,10 @@ class Journal:
         return details_of(graph, self._params.mapper, frame_id=self._params.map_frame)
 
 
-def free_path(folder: Path) -> Path:
+def journal_path(folder: Path) -> Path:
     """Return a path in a folder, made where it is missing, at which there is neither a map nor the remains of one."""
     folder.mkdir(parents=True, exist_ok=True)
-    names = (NAME if number == 1 else f"{NAME}_{number}" for number in count(1))
-    paths = (folder / name for name in names)
-    return next(path for path in paths if not path.exists() and not path.with_name(path.name + PARTIAL).exists())
+    return free_path(folder / NAME)
 
 
 def save(
