@@ -55,7 +55,7 @@ def run(
     with until_signal(node_class.PATIENCE, lambda: "".join(node.unfinished() for node in nodes)) as stopped:
         try:
             rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
-            status = _serve(node_class, stopped, values or {}, lambda node: (nodes.append(node), prepare(node)))
+            status = _serve(node_class, stopped, values or {}, nodes, prepare)
             return status or int(any(node.unfinished() for node in nodes))
         except ExternalShutdownException:
             return 0
@@ -106,6 +106,7 @@ def _serve(
     node_class: type[ManagedNode],
     stopped: Future,
     values: Mapping[str, Any],
+    nodes: list[ManagedNode],
     prepare: Callable[[ManagedNode], None],
 ) -> int:
     try:
@@ -113,6 +114,7 @@ def _serve(
     except ValueError as error:
         sys.stderr.write(f"{node_class.NAME}: {error}\n")
         return 2
+    nodes.append(shell.node)
     prepare(shell.node)
     shell.on_finish = lambda status: None if stopped.done() else stopped.set_result(status)
     executor = SingleThreadedExecutor()
