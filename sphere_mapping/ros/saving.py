@@ -20,6 +20,7 @@ from sphere_nav_msgs.srv import SaveMap
 from sphere_mapping.graph.merging import merge
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams, SphereMapperParams
+from sphere_nav.geometry.files.untrusted import path_below
 from sphere_nav.params import to_mapping
 from sphere_nav.ros.bags.writer import PARTIAL, free_path
 from sphere_nav.ros.maps.reader import MapDetails, MapWriter, save_map
@@ -125,7 +126,7 @@ def save(
     begin = time.monotonic()
     mapper.keep_end()
     try:
-        path = path_below(Path(params.map_folder), request.path)
+        path = path_below(Path(params.map_folder), request.path, "a folder (parameter map_folder)")
         path.parent.mkdir(parents=True, exist_ok=True)
         graph = graph_to_save(mapper)
         details = details_of(graph, params.mapper, frame_id=params.map_frame)
@@ -148,12 +149,3 @@ def graph_to_save(mapper: Mapper) -> SphereGraph:
     if not mapper.params.key.merge:
         return mapper.graph
     return merge(mapper.graph, np.array([pose.translation for _, pose in mapper.trajectory()])).graph
-
-
-def path_below(folder: Path, name: str) -> Path:
-    """Return the path of a map; ValueError unless it lies below the folder."""
-    root = folder.resolve()
-    path = (root / name).resolve()
-    if not name or path == root or not path.is_relative_to(root):
-        raise ValueError(f"path: expected a folder below {root} (parameter map_folder), found {name!r}")
-    return path

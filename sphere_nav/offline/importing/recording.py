@@ -12,16 +12,14 @@ from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.cameras.camera import MAX_PIXELS
-from sphere_nav.geometry.files.untrusted import number, read_bytes, read_text
+from sphere_nav.geometry.files.encoded import read_image_file
+from sphere_nav.geometry.files.untrusted import number, read_text
 from sphere_nav.geometry.trajectory import NORM_TOLERANCE
 from sphere_nav.ros.conversions import se3_to_transform
-from sphere_nav.ros.conversions.encoded import decode_file
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
 FIRST_STAMP_NS = 1_000_000_000  # of recordings that start at zero: stamp 0 means 'no stamp'
 MAP_FRAME, BASE_FRAME, CAMERA_FRAME, OPTICAL_FRAME = "map", "base_link", "camera_link", "camera_optical"
-MAX_IMAGE_BYTES = 1 << 28
 
 
 class Recording(Protocol):
@@ -106,11 +104,7 @@ def require_folder(path: Path) -> Path:
 
 
 def _decode(path: Path, mode: int, kind: type) -> NDArray[Any]:
-    data = read_bytes(path, "PNG or JPEG image", MAX_IMAGE_BYTES)
-    try:
-        pixels = decode_file(data, MAX_PIXELS, mode)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    pixels = read_image_file(path, mode)
     if pixels.dtype != kind:
         raise ValueError(f"{path}: expected {np.dtype(kind)} pixels, found {pixels.dtype}")
     return pixels

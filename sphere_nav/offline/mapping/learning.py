@@ -17,6 +17,7 @@ from sphere_mapping.params import MapperParams
 from sphere_mapping.ros.intake import TOPICS
 from sphere_mapping.ros.saving import details_of
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, read_text
 from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.offline import topics
 from sphere_nav.offline.evaluation import TRUTH_TOPICS
@@ -122,7 +123,7 @@ def complete(
 
 def rig_text(arguments: argparse.Namespace) -> str:
     """Return the rig file as it is, empty without one."""
-    return arguments.rig.read_text(encoding="utf-8") if arguments.rig else ""
+    return read_text(arguments.rig, "rig file", MAX_FILE_BYTES) if arguments.rig else ""
 
 
 def map_drive(arguments: argparse.Namespace, store: SphereStore, first: int, workers: Workers) -> MappedDrive:

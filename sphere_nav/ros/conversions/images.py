@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sensor_msgs.msg import CompressedImage, Image
 
 from sphere_nav.geometry.cameras.camera import MAX_PIXELS
-from sphere_nav.ros.conversions.encoded import decode_file
+from sphere_nav.geometry.files.encoded import decode_file
 from sphere_nav.ros.conversions.stamps import header
 from sphere_nav.spheres.sphere import to_gray_bytes
 

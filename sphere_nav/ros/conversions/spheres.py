@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sphere_nav_msgs.msg import AugmentedSphere, SphereInfo
 
 from sphere_nav.geometry import Spherical
-from sphere_nav.ros.conversions.encoded import decode_file
+from sphere_nav.geometry.files.encoded import decode_file
 from sphere_nav.ros.conversions.images import to_bytes
 from sphere_nav.ros.conversions.stamps import header, stamp_ns
 from sphere_nav.spheres import range_codec

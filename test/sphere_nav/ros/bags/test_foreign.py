@@ -227,9 +227,7 @@ def test_what_is_in_the_write_ahead_log_is_read_and_the_bag_is_left_alone(torn, 
 
 def test_a_log_that_cannot_be_merged_is_told_by_name(torn, monkeypatch):
     monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=1000))
-    with pytest.raises(
-        BagError, match=r"db3: expected \d+ bytes free .*db3-wal is merged, found 1000; set TMPDIR"
-    ):
+    with pytest.raises(BagError, match=r"db3: expected \d+ bytes free .*db3-wal is merged, found 1000; set TMPDIR"):
         BagReader(torn)
     monkeypatch.undo()
     log = torn.with_name(f"{torn.name}-wal")

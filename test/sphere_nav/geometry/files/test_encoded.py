@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sphere_nav.ros.conversions.encoded import decode_file, encoded_size
+from sphere_nav.geometry.files.encoded import decode_file, encoded_size
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
