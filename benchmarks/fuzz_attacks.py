@@ -34,7 +34,9 @@ from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.camera.drivers import read_driver
 from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.maps.reader import open_map
+from sphere_nav.ros.service import one_line
 
+Readers = dict[str, tuple[Path, Callable[[Path], Any]]]
 Attempt = Callable[[np.random.Generator, Path], None]
 SLOW = 0.02  # share of the inputs for readers in a process of their own
 FIELDS = (b"\x1b[2J", b"\x00", b"\r", b"\x7f", "\u202e".encode(), b"\n", b"%s%n", b"../../etc/passwd", b"a" * 5000)
@@ -46,7 +48,7 @@ STATEMENTS = (
     "ALTER TABLE {t} ADD COLUMN g AS (zeroblob({n}))",
     "UPDATE messages SET {c} = {n}",
     "UPDATE messages SET {c} = '{w}'",
-    "UPDATE messages SET {c} = zeroblob({n} % 300000000)",
+    "UPDATE messages SET {c} = zeroblob({n} % 300000000) WHERE id = 1",
     "UPDATE topics SET id = {n}",
     "UPDATE topics SET name = '{w}', type = '{w}'",
     "CREATE TABLE s AS SELECT * FROM topics; DROP TABLE topics; CREATE TABLE topics AS SELECT s.* FROM s, messages",
@@ -75,7 +77,7 @@ def make_attacks(samples: Samples) -> list[tuple[str, Attempt, float]]:
     return found
 
 
-def _readers(samples: Samples) -> dict[str, tuple[Path, Callable[[Path], Any]]]:
+def _readers(samples: Samples) -> Readers:
     params = FollowerParams()
     return {
         "rig": (samples.rig, read_rig),
@@ -106,7 +108,7 @@ def _read_bag(path: Path) -> None:
             assert topic.isprintable(), f"accepted the topic {topic!r}"
 
 
-def _no_file(readers: dict[str, tuple[Path, Callable[[Path], Any]]], rng: np.random.Generator, folder: Path) -> None:
+def _no_file(readers: Readers, rng: np.random.Generator, folder: Path) -> None:
     """Pipes, sockets, folders, links in a circle, to devices, to nothing; names that a terminal would obey."""
     sample, read = list(readers.values())[rng.integers(len(readers))]
     name = ["odd", "odd\x1b[2J", "odd\nname", "odd\u202e", "-odd", "odd'\";rm"][rng.integers(6)]
@@ -132,12 +134,16 @@ def _no_file(readers: dict[str, tuple[Path, Callable[[Path], Any]]], rng: np.ran
             case _:
                 path.write_bytes(mutate_bytes(sample.read_bytes(), rng))
         read(path)
+    except (ValueError, OSError) as error:
+        line = one_line(error)
+        assert line.isprintable(), f"a line that a terminal obeys: {line!r}"
+        raise ValueError(line) from None
     finally:
         with suppress(FileNotFoundError):
-            path.rmdir() if path.is_dir() and not path.is_symlink() else path.unlink()
+            shutil.rmtree(path) if path.is_dir() and not path.is_symlink() else path.unlink()
 
 
-def _characters(texts: dict[str, tuple[Path, Callable[[Path], Any]]], rng: np.random.Generator, folder: Path) -> None:
+def _characters(texts: Readers, rng: np.random.Generator, folder: Path) -> None:
     """Characters that a terminal or a parser would obey, where names and numbers stand."""
     sample, read = list(texts.values())[rng.integers(len(texts))]
     data, path = sample.read_bytes(), folder / f"characters{sample.suffix}"
@@ -148,7 +154,7 @@ def _characters(texts: dict[str, tuple[Path, Callable[[Path], Any]]], rng: np.ra
     read(path)
 
 
-def _nesting(texts: dict[str, tuple[Path, Callable[[Path], Any]]], rng: np.random.Generator, folder: Path) -> None:
+def _nesting(texts: Readers, rng: np.random.Generator, folder: Path) -> None:
     """Lists in lists, aliases of aliases, keys of keys, numbers without end in place of a value."""
     sample, read = list(texts.values())[rng.integers(len(texts))]
     deep, many = int(2 ** rng.integers(1, 16)), int(rng.integers(2, 12))

@@ -280,8 +280,9 @@ def _service_targets(samples: Samples) -> list[Target]:
         _service_target(follower, "load_trajectory", LoadTrajectory, path, lambda: follower.trajectories.follower.path)
         for path in (samples.tum, samples.path_csv)
     ]
-    targets += [_service_target(mcl, "load_cloud", LoadCloud, p, lambda: mcl.clouds.geometry, 0.02 if p.suffix == ".laz" else 0.5)
-                for p in samples.geometry]  # fmt: skip
+    for path in samples.geometry:
+        weight = 0.02 if path.suffix == ".laz" else 0.5
+        targets.append(_service_target(mcl, "load_cloud", LoadCloud, path, lambda: mcl.clouds.geometry, weight))
     sample = samples.map / "map.mcap"
     targets.append(_service_target(dense, "load_map", LoadMap, sample, lambda: dense.maps.reader, 0.3))
     return targets

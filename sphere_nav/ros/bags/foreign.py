@@ -54,6 +54,8 @@ class ForeignBag:
 
     def _open(self, path: Path) -> None:
         files = sorted(path.glob(f"*{SQLITE}")) if path.is_dir() else [path] * (path.suffix == SQLITE)
+        for file in files or [path] * (path.suffix == ROS1):
+            self._guard(partial(_check_regular, file))
         if any(_side_files(file) for file in files):
             self._merged = _MergedCopy(path, files)
             path, files = self._merged.path, self._merged.files
@@ -175,6 +177,14 @@ def _profiles(connection: Connection) -> list[QoSProfile]:
     is_latched = bool(getattr(connection.ext, "latching", 0)) or _topic_of(connection) == "/tf_static"
     is_latched |= any(profile.durability is QosDurability.TRANSIENT_LOCAL for profile in offered)
     return [qos.LATCHED] if is_latched else []
+
+
+def _check_regular(file: Path) -> None:
+    """Refuse a pipe or a device, which a library would wait for."""
+    try:
+        open_file(file, "bag", MAX_DATABASE).close()
+    except ValueError as error:
+        raise BagError(str(error)) from None
 
 
 def _side_files(database: Path) -> list[Path]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import sqlite3
@@ -263,3 +264,16 @@ def test_what_no_recorder_writes_is_refused(tmp_path, commands, line):
         database.executescript(commands)
     with pytest.raises(BagError, match=line):
         BagReader(bag)
+
+
+def test_a_pipe_is_not_waited_for_and_a_name_that_a_terminal_obeys_is_refused(tmp_path):
+    for name in ("drive.db3", "drive.bag"):
+        os.mkfifo(tmp_path / name)
+        with pytest.raises(BagError, match="expected a bag, found a FIFO"):
+            BagReader(tmp_path / name)
+    (bag,) = write_ros2(tmp_path / "drive", StoragePlugin.SQLITE3).glob("*.db3")
+    with closing(sqlite3.connect(bag)) as database:
+        database.executescript("UPDATE topics SET name = '/a\x1b[2J' WHERE id = 1")
+    with pytest.raises(BagError, match="topic: expected a printable name and type") as caught:
+        BagReader(bag)
+    assert str(caught.value).isprintable()
