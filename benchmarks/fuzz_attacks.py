@@ -159,8 +159,9 @@ def _nesting(texts: Readers, rng: np.random.Generator, folder: Path) -> None:
     sample, read = list(texts.values())[rng.integers(len(texts))]
     deep, many = int(2 ** rng.integers(1, 16)), int(rng.integers(2, 12))
     anchors = "".join(f"a{i}: &a{i} [{', '.join([f'*a{i - 1}'] * many) if i else '1'}]\n" for i in range(many))
-    words = ["[" * deep, "{a: " * deep, "[" * deep + "]" * deep, '{"a":' * deep + "1" + "}" * deep, anchors, "? " * deep,
-             "- " * deep, "9" * deep, "1:" * deep + "1", "<<: " * min(deep, 99), "&a [*a]", "!!binary " + "A" * deep,
+    words = ["[" * deep, "{a: " * deep, "[" * deep + "]" * deep, '{"a":' * deep + "1" + "}" * deep, anchors,
+             "? " * deep, "- " * deep,
+             "9" * deep, "1:" * deep + "1", "<<: " * min(deep, 99), "&a [*a]", "!!binary " + "A" * deep,
              "!!set {" + ",".join(map(str, range(min(deep, 3000)))) + "}", "1e" + "9" * min(deep, 400)]  # fmt: skip
     text, data = words[rng.integers(len(words))].encode(), sample.read_bytes()
     places = [place + 1 for place, byte in enumerate(data) if byte in b":,=[ "] or [0]

@@ -183,6 +183,8 @@ def _check_regular(file: Path) -> None:
     """Refuse a pipe or a device, which a library would wait for."""
     try:
         open_file(file, "bag", MAX_DATABASE).close()
+        if not file.stat().st_size:  # also a file of /proc, which may have no end
+            raise ValueError(f"{file}: expected a bag, found an empty file")
     except ValueError as error:
         raise BagError(str(error)) from None
 
