@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sphere_nav.geometry.files.isolated import read_isolated
+from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, open_file
 
 CHUNK_BYTES = 1 << 25  # of points unpacked at once
 HEADER, LAST = 375, 227  # bytes of the longest header, that of version 1.4, and of the shortest
@@ -29,8 +30,8 @@ READ_S, BYTES_PER_S = 30.0, 1e6  # a process is given that time, and more by the
 def read_las(path: Path) -> NDArray[np.float64]:
     """Return points (N, 3) float64 in the coordinates of the file."""
     size = path.stat().st_size
-    with path.open("rb") as file:
-        start = file.read(HEADER)
+    with open_file(path, "map", MAX_ARRAY_BYTES) as file:
+        start = file.read(HEADER) or b""
     if start[:4] != b"LASF" or len(start) < LAST:
         raise ValueError(f"{path}: header: expected 'LASF' and {LAST} bytes, found {len(start)}: {start[:4]!r}")
     count, length = _check_start(path, start, size)
@@ -52,7 +53,7 @@ def read_points(path: Path) -> NDArray[np.float64]:
             steps = reader.chunk_iterator(max(CHUNK_BYTES // header.point_format.size, 1))
             parts = [np.column_stack([part.x, part.y, part.z]) for part in steps]
     except (laspy.LaspyException, OSError, ValueError, RuntimeError, OverflowError, IndexError, KeyError) as error:
-        text = " ".join(str(error).split())
+        text = " ".join(str(error).split()).removeprefix("IoError: ")
         raise ValueError(
             text if text.startswith(str(path)) else f"{path}: expected a whole file, found {text}"
         ) from None
