@@ -48,9 +48,10 @@ def open_file(path: str | os.PathLike[str], what: str, max_bytes: int) -> Binary
 def read_bytes(path: str | os.PathLike[str], what: str, max_bytes: int) -> bytes:
     """Return the bytes of a regular file; errors as of `open_file`."""
     with open_file(path, what, max_bytes) as file:
-        data = file.read(max_bytes + 1) or b""  # None of a file of /proc that would wait
-    if len(data) > max_bytes:  # it grew
-        raise ValueError(f"{path}: expected a {what} of at most {max_bytes} bytes, found more")
+        size = os.fstat(file.fileno()).st_size
+        data = file.read(size + 1) or b""  # takes memory for what is asked for; None of a file of /proc that would wait
+    if len(data) > size:
+        raise ValueError(f"{path}: expected a {what} of {size} bytes, found more: it grows")
     return data
 
 
