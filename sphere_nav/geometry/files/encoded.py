@@ -27,7 +27,7 @@ MAX_IMAGE_BYTES = 1 << 28  # of a file
 OTHER_BYTES, OTHER_S = 1 << 30, 20.0  # of memory and of time for a file of another kind
 
 
-def read_image_file(path: str | os.PathLike[str], mode: int, what: str = "image") -> NDArray[Any]:
+def read_image_file(path: str | os.PathLike[str], mode: int, what: str = "file of an image") -> NDArray[Any]:
     """Return the pixels of a file as cv2 does in this mode; ValueError in one line for anything else than an image."""
     data = read_bytes(path, what, MAX_IMAGE_BYTES)
     try:

@@ -138,7 +138,7 @@ def _rgb(path: Path) -> NDArray[np.uint8]:
 
 def _depth(path: Path, units: float) -> NDArray[np.floating]:
     if path.suffix == ".npy":
-        return np.asarray(read_npy(path, "depth image"), dtype=np.float32)
+        return np.asarray(read_npy(path, "array of depths"), dtype=np.float32)
     found = read_image_file(path, cv2.IMREAD_UNCHANGED, "depth image")
     if found.dtype != np.uint16 or found.ndim != 2:
         raise ValueError(f"{path}: expected a 16-bit depth image, found {found.dtype} {found.shape}")
