@@ -198,6 +198,7 @@ def _statements(sample: Path, rng: np.random.Generator, folder: Path) -> None:
         "w": ["", "x", "/a\x1b[2J", "a\nb", "é", "x" * 100_000][rng.integers(6)],
     }
     with closing(sqlite3.connect(path)) as database:
+        database.set_progress_handler(partial(next, iter([0] * 100), 1), 10_000)  # what has no end is given up
         for _ in range(int(rng.integers(1, 3))):
             with suppress(sqlite3.Error):
                 database.executescript(STATEMENTS[rng.integers(len(STATEMENTS))].format(**words))

@@ -18,7 +18,7 @@ from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, open_file
 CHUNK_BYTES = 1 << 25  # of points unpacked at once
 HEADER, LAST = 375, 227  # bytes of the longest header, that of version 1.4, and of the shortest
 RECORDS = ((100, 54), (243, 60))  # where a header counts its variable records, and the least bytes of one
-FORMAT, LENGTH, COUNT, LONG_COUNT = 104, 105, 107, 247  # where the header tells of the points
+BEGIN, FORMAT, LENGTH, COUNT, LONG_COUNT = 96, 104, 105, 107, 247  # where the header tells of the points
 PACKED = 0x80  # of the format's byte, in a .laz
 MAX_PACKING = 100  # LAZ packs a point into no less than this share of its bytes
 BACKEND = laspy.LazBackend.LazrsParallel  # the other one reads on beyond the last point
@@ -72,6 +72,8 @@ def _check_start(path: Path, start: bytes, size: int) -> tuple[int, int]:
 
     laspy would read the records one by one, beyond the end.
     """
+    if (begin := int.from_bytes(start[BEGIN : BEGIN + 4], "little")) > size:  # all before it is read at once
+        raise ValueError(f"{path}: points: expected within {size} bytes, found at {begin}")
     is_extended = start[24:26] >= bytes([1, 4])
     for place, least in RECORDS if is_extended else RECORDS[:1]:
         count = int.from_bytes(start[place : place + 4], "little")

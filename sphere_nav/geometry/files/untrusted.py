@@ -144,7 +144,7 @@ def load_yaml(where: Path | str, text: str, loader: type[StrictLoader] = StrictL
     try:
         _check_events(text)
         return yaml.load(text, Loader=loader)
-    except (yaml.YAMLError, ValueError) as error:
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
         raise ValueError(f"{where}: expected YAML, found {printable(str(error))[:300]}") from None
 
 

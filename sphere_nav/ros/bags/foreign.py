@@ -74,7 +74,8 @@ class ForeignBag:
         """Time of the first and of the last message in ns, None for an empty bag."""
         if not self._reader.message_count:
             return None
-        return int(self._reader.start_time), int(self._reader.end_time) - 1
+        first, end = self._guard(lambda: (int(self._reader.start_time), int(self._reader.end_time)))
+        return first, end - 1
 
     def raw(self, names: set[str] | None, start_ns: int | None, end_ns: int | None) -> Iterator[Recorded]:
         """Yield the messages of topics, of all where `names` is None, in order of time."""

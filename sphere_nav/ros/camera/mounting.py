@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, read_text, short
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, number, read_text, short
 
 NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 
@@ -23,10 +22,10 @@ def read_mounting(text: str, what: str = "mounting") -> SE3 | None:
         return None
     values = _from_file(Path(text), what) if text.endswith((".yaml", ".yml")) else text.split(",")
     try:
-        numbers = [float(value) for value in values]
-    except (TypeError, ValueError, OverflowError):
+        numbers = [number(value, what) for value in values]
+    except ValueError:
         numbers = []
-    if len(numbers) != len(NAMES) or not all(map(math.isfinite, numbers)):
+    if len(numbers) != len(NAMES):
         raise ValueError(f"{what}: expected {','.join(NAMES)} (m, rad) or a YAML file, found {short(text)}")
     x, y, z, roll, pitch, yaw = numbers
     return SE3.from_angles(roll, pitch, yaw, [x, y, z])

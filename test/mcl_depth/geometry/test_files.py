@@ -61,6 +61,7 @@ ABSURD = {
     "a.pcd": pcd("binary", 10**12),
     "b.las": las(10**9),
     "c.las": las(records=10**7),
+    "d.las": las()[:96] + struct.pack("<I", 2**32 - 1) + las()[100:],  # where the points begin
 }
 
 

@@ -277,3 +277,12 @@ def test_a_pipe_is_not_waited_for_and_a_name_that_a_terminal_obeys_is_refused(tm
     with pytest.raises(BagError, match="topic: expected a printable name and type") as caught:
         BagReader(bag)
     assert str(caught.value).isprintable()
+
+
+def test_a_bag_whose_times_are_no_numbers_is_refused(tmp_path):
+    with BagReader(write_ros2(tmp_path / "drive", StoragePlugin.SQLITE3)) as reader:
+        library = reader._foreign._reader
+        reader._foreign._reader = SimpleNamespace(message_count=1, start_time=None, end_time=None)
+        with pytest.raises(BagError, match="drive: expected a readable bag, found"):
+            _ = reader.time_range
+        reader._foreign._reader = library

@@ -28,7 +28,7 @@ def test_nothing_said_is_no_mounting():
     assert read_mounting("") is None
 
 
-@pytest.mark.parametrize("text", ["1,2,3", "1,2,3,4,5,nan", "a,b,c,d,e,f", "absent.yaml"])
+@pytest.mark.parametrize("text", ["1,2,3", "1,2,3,4,5,nan", "1,2,1e120,4,5,6", "a,b,c,d,e,f", "absent.yaml"])
 def test_anything_else_is_refused(text):
     with pytest.raises(ValueError, match=r"mounting: .*expected"):
         read_mounting(text)
