@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import cv2
+import laspy
 import numpy as np
 from mcap.writer import Writer
 from nav_msgs.msg import Odometry
@@ -19,6 +20,8 @@ from sensor_msgs.msg import CompressedImage, LaserScan
 from sphere_nav_msgs.msg import AugmentedSphere, ReferencePoint, ReferenceTrajectory
 from std_msgs.msg import Header, String
 
+from dense_localizer.constants import SQUARE_COLUMNS, SQUARE_ROWS
+from dense_localizer.references.rejections import Rejections
 from sphere_nav.geometry import SE3, Fisheye, Pinhole, Spherical
 from sphere_nav.geometry.cameras.rig import Rig, RigCamera
 from sphere_nav.geometry.files.rig_file import write_rig
@@ -66,6 +69,20 @@ distortion_coefficients: !!opencv-matrix
    dt: d
    data: [ -0.1, 0.05, 0.001, 0.002, 0.01 ]
 """
+DRIVER = """title: a camera
+source: https://example.org
+input: rgbd
+root: camera
+topics: {image_raw: color/image_raw, depth/image_raw: depth/image_raw}
+encodings: {image_raw: [rgb8], depth/image_raw: [16UC1]}
+"""
+BOARDS = """a: {size: 8x6, square: 0.03}
+b: {kind: charuco, size: 7x5, square: 0.04, marker: 0.02, dictionary: DICT_4X4_250, first_marker: 0, legacy: false}
+"""
+G2O = """VERTEX_SE2 0 0 0 0
+VERTEX_SE2 1 1 0 0.1
+EDGE_SE2 0 1 1 0 0.1 100 0 0 100 0 400
+"""
 PLY = "ply\nformat ascii 1.0\nelement vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
 PLAN = """kind,complete_room,x0_m,y0_m,x1_m,y1_m,z_bottom_m,z_top_m
 wall,a,0,0,4,0,0,2.5
@@ -93,6 +110,14 @@ class Samples:
         self.png, self.jpg = self._picture("a.png", self.picture), self._picture("a.jpg", self.picture)
         self.depth = self._picture("depth.png", self.rng.integers(0, 5000, (24, 32)).astype(np.uint16))
         self.geometry = self._geometry()
+        self.driver = self._text("driver.yaml", DRIVER)
+        self.mounting = self._text("mounting.yaml", "{x: 1.0, y: 0.1, z: 1.5, roll: 0.0, pitch: 0.1, yaw: 0.0}\n")
+        self.boards = self._text("boards.yaml", BOARDS)
+        self.rejections = folder / "rejections.json"
+        counts = self.rng.integers(0, 9, (2, SQUARE_ROWS, SQUARE_COLUMNS))
+        Rejections({3: counts}).write(self.rejections, "yard")
+        self.g2o = self._text("graph.g2o", G2O)
+        self.bmp = self._picture("a.bmp", self.picture)
         self.spheres: dict[int, Sphere] = {}
         self.map = self._map()
         self.bag, self.metadata, self.plain_bag = self._bag()
@@ -136,7 +161,14 @@ class Samples:
             self._text("ascii.pcd", f"{head}ascii\n{text}\n"),
             self._text("plan.csv", PLAN),
             self._las(points),
+            self._laz(points),
         ]
+
+    def _laz(self, points: np.ndarray) -> Path:
+        tile = laspy.LasData(laspy.LasHeader(point_format=3, version="1.2"))
+        tile.x, tile.y, tile.z = points.T
+        tile.write(str(self.folder / "tile.laz"))
+        return self.folder / "tile.laz"
 
     def _las(self, points: np.ndarray) -> Path:
         head = bytearray(227)

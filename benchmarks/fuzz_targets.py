@@ -14,14 +14,18 @@ import zstandard
 from rclpy.serialization import serialize_message
 from sphere_nav_msgs.srv import LoadCloud, LoadMap, LoadTrajectory
 
+from benchmarks.fuzz_attacks import make_attacks
 from benchmarks.fuzz_mutations import mutate_bytes, mutate_message
 from benchmarks.fuzz_samples import Samples
+from dense_localizer.references.rejections import read_rejections
 from dense_localizer.ros.node import DenseLocalizerNode
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.ros.node import MclDepthNode
 from path_follower.params import FollowerParams
 from path_follower.path_files import read_path
 from path_follower.ros.node import PathFollowerNode
+from rig_calibration.boards.board import read_boards
+from sphere_mapping.graph.graph_file import read_graph
 from sphere_nav.geometry.files.foreign_rig import place_rig, read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.geometry.trajectory import read_tum
@@ -31,6 +35,8 @@ from sphere_nav.ros.bags.mcap_salvage import Salvage
 from sphere_nav.ros.bags.reader import BagReader, deserialize
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.bags.streams import read_streams
+from sphere_nav.ros.camera.drivers import read_driver
+from sphere_nav.ros.camera.mounting import read_mounting
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.maps.check import salvage_map
 from sphere_nav.ros.maps.reader import MapReader, open_map
@@ -70,7 +76,11 @@ def make_targets(folder: Path) -> list[Target]:
     """Return all targets; valid samples are made in a folder first."""
     samples = Samples(folder)
     return [*_text_targets(samples), *_geometry_targets(samples), *_bag_targets(samples), *_message_targets(samples),
-            *_service_targets(samples)]  # fmt: skip
+            *_service_targets(samples), *_attack_targets(samples)]  # fmt: skip
+
+
+def _attack_targets(samples: Samples) -> list[Target]:
+    return [Target(f"attack {name}", attempt, weight) for name, attempt, weight in make_attacks(samples)]
 
 
 def _file_target(name: str, sample: Path, read: Callable[[Path], Any], weight: float = 1.0) -> Target:
@@ -116,15 +126,24 @@ def _text_targets(samples: Samples) -> list[Target]:
         "path csv": (samples.path_csv, lambda path: read_path(path, params)),
         "table": (samples.table, lambda path: recording.read_numbers(path, 4)),
         "pose": (samples.table, recording.read_pose),
+        "driver": (samples.driver, lambda path: read_driver(str(path))),
+        "mounting": (samples.mounting, lambda path: read_mounting(str(path))),
+        "boards": (samples.boards, read_boards),
+        "rejections": (samples.rejections, lambda path: read_rejections(path, "yard")),
+        "graph": (samples.g2o, read_graph),
+        "image bmp": (samples.bmp, recording.read_image),
         "image png": (samples.png, recording.read_image),
         "image jpg": (samples.jpg, recording.read_image),
         "depth png": (samples.depth, recording.read_depth_file),
     }
-    return [_file_target(name, *pair) for name, pair in readers.items()]
+    return [_file_target(name, *pair, weight=0.02 if name == "image bmp" else 1.0) for name, pair in readers.items()]
 
 
 def _geometry_targets(samples: Samples) -> list[Target]:
-    return [_file_target(f"geometry {path.stem}{path.suffix}", path, read_geometry) for path in samples.geometry]
+    return [
+        _file_target(f"geometry {path.stem}{path.suffix}", path, read_geometry, 0.02 if path.suffix == ".laz" else 1.0)
+        for path in samples.geometry
+    ]
 
 
 def _bag_targets(samples: Samples) -> list[Target]:
@@ -261,7 +280,9 @@ def _service_targets(samples: Samples) -> list[Target]:
         _service_target(follower, "load_trajectory", LoadTrajectory, path, lambda: follower.trajectories.path)
         for path in (samples.tum, samples.path_csv)
     ]
-    targets += [_service_target(mcl, "load_cloud", LoadCloud, p, lambda: mcl.clouds.geometry) for p in samples.geometry]
+    for path in samples.geometry:
+        weight = 0.02 if path.suffix == ".laz" else 0.5
+        targets.append(_service_target(mcl, "load_cloud", LoadCloud, path, lambda: mcl.clouds.geometry, weight))
     sample = samples.map / "map.mcap"
     targets.append(_service_target(dense, "load_map", LoadMap, sample, lambda: dense.maps.reader, 0.3))
     return targets

@@ -7,6 +7,8 @@ of each key sphere has a counter of how often it was seen, and how often most of
 from __future__ import annotations
 
 import json
+import os
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +30,7 @@ from sphere_nav.estimation.kernels import SIGMA_OF_MAD
 from sphere_nav.estimation.robust import median_and_mad
 from sphere_nav.geometry import Spherical
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.files.untrusted import load_json, printable, read_text, short
 
 
 class Rejections:
@@ -78,30 +81,30 @@ class Rejections:
         return chosen
 
     def write(self, path: Path, map_id: str, *, is_overwriting: bool = False) -> None:
-        """Write what was counted; ValueError where something is, unless it is a file to be overwritten."""
-        if path.exists() and not (is_overwriting and path.is_file()):
-            raise ValueError(f"{path}: expected no such file, found one: it is not overwritten")
+        """Write what was counted; ValueError where something is, but for rejections of this map to be overwritten."""
+        if os.path.lexists(path):
+            if not is_overwriting:
+                raise ValueError(f"{path}: expected no such file, found one: it is not overwritten")
+            read_rejections(path, map_id)  # nothing else is
         spheres = {str(sphere_id): count.tolist() for sphere_id, count in sorted(self.counts.items())}
-        beside = path.with_name(f".{path.name}.part")  # a disk that is full leaves the old file alone
-        try:
-            beside.write_text(json.dumps({"map_id": map_id, "spheres": spheres}) + "\n", encoding="utf-8")
+        text = json.dumps({"map_id": map_id, "spheres": spheres}) + "\n"
+        with tempfile.TemporaryDirectory(prefix=".rejections", dir=path.parent) as folder:
+            beside = Path(folder, path.name)  # a disk that is full leaves the old file alone
+            beside.write_text(text, encoding="utf-8")
             beside.replace(path)
-        finally:
-            beside.unlink(missing_ok=True)
 
 
 def read_rejections(path: Path, map_id: str) -> Rejections:
     """Return what `write` has written about a map; ValueError for anything else."""
     try:
-        content: Any = json.loads(path.read_text(encoding="utf-8"))
+        content: Any = load_json(path, read_text(path, "file of rejections"))
         counts = {int(key): np.array(value, np.int64) for key, value in content["spheres"].items()}
         found = str(content["map_id"])
     except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
-        raise ValueError(
-            f"{path}: expected rejections as `sphere_nav localize --rejections` writes, found {error}"
-        ) from None
+        expected = "rejections as `sphere_nav localize --rejections` writes"
+        raise ValueError(f"{path}: expected {expected}, found {printable(str(error))[:200]}") from None
     if found != map_id:
-        raise ValueError(f"{path}: map_id: expected {map_id}, found {found}")
+        raise ValueError(f"{path}: map_id: expected {map_id}, found {short(found)}")
     if any(count.shape != (2, SQUARE_ROWS, SQUARE_COLUMNS) or np.any(count < 0) for count in counts.values()):
         raise ValueError(f"{path}: spheres: expected counters of 2 x {SQUARE_ROWS} x {SQUARE_COLUMNS}, found others")
     return Rejections(counts)

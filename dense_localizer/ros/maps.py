@@ -10,6 +10,7 @@ from sphere_nav_msgs.srv import LoadMap, SaveMap
 from dense_localizer.references.rejections import Rejections
 from sphere_nav.geometry.cameras.rig import Rig
 from sphere_nav.geometry.files.rig_file import parse_rig, read_rig
+from sphere_nav.geometry.files.untrusted import path_below
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.maps.reader import MapReader, open_map
 
@@ -69,9 +70,7 @@ class Maps:
         try:
             if self.reader is None:
                 raise ValueError("save_rejections: expected a map, found none: load one first")
-            if not request.path:
-                raise ValueError("path: expected a file to write, found none")
-            path = self.reader.path.resolve().parent / request.path  # a relative one is beside the map
+            path = path_below(self.reader.path.resolve().parent, request.path, "a file beside the map,")
             self._rejections.write(path, str(self.reader.info.map_id), is_overwriting=request.overwrite)
             response.num_bytes = path.stat().st_size
         except (ValueError, OSError) as error:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from tokenize import TokenError
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +14,8 @@ from mcl_depth.geometry.las import read_las
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
 from mcl_depth.geometry.pcd import read_pcd
 from mcl_depth.geometry.ply import read_ply
-from sphere_nav.geometry.files.untrusted import open_file
+from sphere_nav.geometry.files.untrusted import open_file, read_npy
 
-NPY_MAGIC = b"\x93NUMPY"
 ENDINGS = (".ply", ".pcd", ".las", ".laz", ".npy", ".csv")
 
 
@@ -46,14 +44,7 @@ def read_geometry(path: str | Path) -> Cloud | TriangleMesh:
 
 
 def _read_npy(path: Path) -> NDArray[np.floating]:
-    with path.open("rb") as file:
-        if file.read(len(NPY_MAGIC)) != NPY_MAGIC:  # np.load opens zip archives, too
-            raise ValueError(f"{path}: expected an array (N, 3), found a file that is none")
-    try:
-        found = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError, OSError, OverflowError, TypeError, SyntaxError, TokenError) as error:  # of its header
-        text = " ".join(str(error).split())[:200]
-        raise ValueError(f"{path}: expected an array (N, 3), found a file that is none ({text})") from None
+    found = read_npy(path, "array (N, 3)")
     if found.dtype.names is not None and {"x", "y", "z"} <= set(found.dtype.names):
         return np.stack([found[axis].ravel() for axis in "xyz"], axis=1)
     if found.ndim != 2 or found.shape[1] < 3 or found.dtype.kind not in "fiu":

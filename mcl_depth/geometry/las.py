@@ -1,4 +1,8 @@
-"""ASPRS .las and .laz of every version and point format (laspy, lazrs)."""
+"""ASPRS .las and .laz of every version and point format (laspy, lazrs).
+
+lazrs aborts, or asks for all memory, on what some lengths in a .laz say: those are checked against the size of the
+file, and it is read by a process of its own.
+"""
 
 from __future__ import annotations
 
@@ -8,54 +12,113 @@ import laspy
 import numpy as np
 from numpy.typing import NDArray
 
-CHUNK = 1_000_000  # points unpacked at once
-HEADER = 375  # bytes of the longest header, that of version 1.4
+from sphere_nav.geometry.files.isolated import read_isolated
+from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, open_file
+
+CHUNK_BYTES = 1 << 25  # of points unpacked at once
+HEADER, LAST = 375, 227  # bytes of the longest header, that of version 1.4, and of the shortest
 RECORDS = ((100, 54), (243, 60))  # where a header counts its variable records, and the least bytes of one
+BEGIN, FORMAT, LENGTH, COUNT, LONG_COUNT = 96, 104, 105, 107, 247  # where the header tells of the points
+PACKED = 0x80  # of the format's byte, in a .laz
 MAX_PACKING = 100  # LAZ packs a point into no less than this share of its bytes
+BACKEND = laspy.LazBackend.LazrsParallel  # the other one reads on beyond the last point
+VARIABLE_CHUNKS = 2**32 - 1  # in place of the points of a chunk
+RESULT_BYTES = 24  # of a point: three float64
+READ_S, BYTES_PER_S = 30.0, 1e6  # a process is given that time, and more by the size of the file
 
 
 def read_las(path: Path) -> NDArray[np.float64]:
     """Return points (N, 3) float64 in the coordinates of the file."""
     size = path.stat().st_size
-    with path.open("rb") as file:
-        start = file.read(HEADER)
-        if start[:4] != b"LASF":
-            raise ValueError(f"{path}: header: expected 'LASF', found {start[:4]!r}")
-        _check_records(path, start, size)
+    with open_file(path, "map", MAX_ARRAY_BYTES) as file:
+        start = file.read(HEADER) or b""
+    if start[:4] != b"LASF" or len(start) < LAST:
+        raise ValueError(f"{path}: header: expected 'LASF' and {LAST} bytes, found {len(start)}: {start[:4]!r}")
+    count, length = _check_start(path, start, size)
+    if start[FORMAT] < PACKED:
+        return read_points(path)
+    max_bytes = 4 * CHUNK_BYTES + (4 * RESULT_BYTES + length) * count
+    points: NDArray[np.float64] = read_isolated(read_points, path, max_bytes, READ_S + size / BYTES_PER_S)
+    return points
+
+
+def read_points(path: Path) -> NDArray[np.float64]:
+    """Return points (N, 3) float64; what lazrs does not expect may end the process."""
     try:
-        with laspy.open(path) as reader:
+        with laspy.open(path, laz_backend=BACKEND) as reader:
             header = reader.header
-            _check_header(path, header, size)
-            parts = [np.column_stack([part.x, part.y, part.z]) for part in reader.chunk_iterator(CHUNK)]
+            _check_header(path, header)
+            if header.are_points_compressed:
+                _check_chunks(path, header, path.stat().st_size)
+            steps = reader.chunk_iterator(max(CHUNK_BYTES // header.point_format.size, 1))
+            parts = [np.column_stack([part.x, part.y, part.z]) for part in steps]
     except (laspy.LaspyException, OSError, ValueError, RuntimeError, OverflowError, IndexError, KeyError) as error:
-        text = " ".join(str(error).split())
+        text = " ".join(str(error).split()).removeprefix("IoError: ")
         raise ValueError(
             text if text.startswith(str(path)) else f"{path}: expected a whole file, found {text}"
         ) from None
     except BaseException as error:  # lazrs is Rust: what it does not expect is a panic, which is no Exception
-        if isinstance(error, (KeyboardInterrupt, SystemExit)):
+        if isinstance(error, (KeyboardInterrupt, SystemExit, MemoryError)):
             raise
         raise ValueError(f"{path}: points: expected LAZ, found damage") from None
     points = np.concatenate(parts) if parts else np.zeros((0, 3))
     if len(points) != header.point_count:
         raise ValueError(f"{path}: points: expected {header.point_count}, found {len(points)}")
-    return points.astype(np.float64)
+    return points.astype(np.float64, copy=False)
 
 
-def _check_records(path: Path, start: bytes, size: int) -> None:
-    """Refuse more variable records than the file has room for; laspy would read them one by one, beyond its end."""
+def _check_start(path: Path, start: bytes, size: int) -> tuple[int, int]:
+    """Return the number of points and the bytes of one; ValueError for more points or records than the file has room.
+
+    laspy would read the records one by one, beyond the end.
+    """
+    if (begin := int.from_bytes(start[BEGIN : BEGIN + 4], "little")) > size:  # all before it is read at once
+        raise ValueError(f"{path}: points: expected within {size} bytes, found at {begin}")
     is_extended = start[24:26] >= bytes([1, 4])
     for place, least in RECORDS if is_extended else RECORDS[:1]:
         count = int.from_bytes(start[place : place + 4], "little")
         if count * least > size:
             raise ValueError(f"{path}: variable records: expected at most {size // least}, found {count}")
+    place, width = (LONG_COUNT, 8) if is_extended else (COUNT, 4)
+    count = int.from_bytes(start[place : place + width], "little")
+    length = int.from_bytes(start[LENGTH : LENGTH + 2], "little")
+    if count * max(length, 1) // (MAX_PACKING if start[FORMAT] >= PACKED else 1) > size:
+        raise ValueError(f"{path}: points: expected {count}, found a file of {size} bytes")
+    return count, length
 
 
-def _check_header(path: Path, header: laspy.LasHeader, size: int) -> None:
-    """Refuse sizes that the file cannot have, before anything is allocated."""
+def _check_header(path: Path, header: laspy.LasHeader) -> None:
+    """Refuse points beyond the end of the file, and scales that give no coordinates."""
     least = header.point_count * header.point_format.size // (MAX_PACKING if header.are_points_compressed else 1)
+    size = path.stat().st_size
     if header.offset_to_point_data + least > size:
         raise ValueError(f"{path}: points: expected {header.point_count}, found a file of {size} bytes")
     numbers = np.concatenate([header.scales, header.offsets])
     if not np.all(np.isfinite(numbers)) or np.any(header.scales == 0.0):
         raise ValueError(f"{path}: scale and offset: expected finite numbers, found {header.scales}, {header.offsets}")
+
+
+def _check_chunks(path: Path, header: laspy.LasHeader, size: int) -> None:
+    """Refuse a table of chunks that the points do not have; lazrs would make room for whatever it says."""
+    record = next(iter(header.vlrs.get("LasZipVlr")), None)
+    data = b"" if record is None else record.record_data_bytes()
+    if len(data) < 16:
+        raise ValueError(f"{path}: expected a record 'laszip encoded', found none")
+    per_chunk, begin = int.from_bytes(data[12:16], "little"), header.offset_to_point_data
+    with path.open("rb") as file:
+        file.seek(begin)
+        place = int.from_bytes(file.read(8), "little", signed=True)
+        if place == -1 and size >= 8:  # of a writer that could not go back: at the end
+            file.seek(size - 8)
+            place = int.from_bytes(file.read(8), "little", signed=True)
+        if not begin + 8 <= place <= size - 8:
+            raise ValueError(f"{path}: table of chunks: expected within {size} bytes, found it at {place}")
+        file.seek(place + 4)
+        count = int.from_bytes(file.read(4), "little")
+    most = header.point_count if per_chunk == VARIABLE_CHUNKS else -(-header.point_count // max(per_chunk, 1))
+    is_large = per_chunk != VARIABLE_CHUNKS and per_chunk > max(
+        CHUNK_BYTES // header.point_format.size, header.point_count
+    )
+    if count > max(most, 1) or per_chunk == 0 or is_large:
+        found = f"{count} chunks of {per_chunk} points"
+        raise ValueError(f"{path}: table of chunks: expected {header.point_count} points, found {found}")

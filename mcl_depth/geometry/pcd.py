@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from mcl_depth.constants import MAX_HEADER, MAX_LZF_RATIO
 from mcl_depth.geometry import kernels
+from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, read_bytes
 
 KINDS = {"F": "f", "I": "i", "U": "u"}
 WIDTHS = {"F": (4, 8), "I": (1, 2, 4, 8), "U": (1, 2, 4, 8)}
@@ -26,7 +27,7 @@ class _Header:
 
 def read_pcd(path: Path) -> NDArray[np.float64]:
     """Return points (N, 3)."""
-    data = path.read_bytes()
+    data = read_bytes(path, "map", MAX_ARRAY_BYTES)
     header = _header(path, data)
     body = data[header.start :]
     match header.data:

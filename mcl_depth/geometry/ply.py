@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.constants import MAX_FACE, MAX_HEADER
+from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, read_bytes
 
 TYPES = {
     "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2", "ushort": "u2",
@@ -31,7 +32,7 @@ class Element:
 
 def read_ply(path: Path) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Return points (N, 3) and triangles (T, 3) of vertex indices, T = 0 without faces; polygons become fans."""
-    data = path.read_bytes()
+    data = read_bytes(path, "map", MAX_ARRAY_BYTES)
     end = re.search(rb"end_header\r?\n", data[:MAX_HEADER])
     if not data.startswith(b"ply") or end is None:
         raise ValueError(f"{path}: header: expected 'ply' ... 'end_header', found {bytes(data[:16])!r}")

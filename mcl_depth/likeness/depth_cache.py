@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from mcl_depth.likeness.comparison import FeatureStack
+from sphere_nav.geometry.files.untrusted import read_npy
 
 
 def save_arrays(folder: Path, arrays: Mapping[str, NDArray[Any]]) -> None:
@@ -35,8 +36,8 @@ def load_arrays(folder: Path, names: Sequence[str]) -> list[NDArray[Any]] | None
     if not folder.is_dir():
         return None
     try:
-        return [np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False) for name in names]
-    except (OSError, ValueError, EOFError) as error:
+        return [read_npy(folder / f"{name}.npy", "array of depth features") for name in names]
+    except (OSError, ValueError) as error:
         raise ValueError(f"{folder}: expected a cache of depth features: {' '.join(str(error).split())}") from None
 
 

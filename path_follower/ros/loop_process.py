@@ -58,10 +58,12 @@ def run_with_loop(front_class: type[FrontNode], args: Sequence[str] | None = Non
     if "--help" in words or "-h" in words:
         sys.stdout.write(help_text(front_class))
         return 0
-    with until_signal() as stopped, _front(words, start or front_process(front_class), stopped) as connection:
+    server = LoopServer(front_class, CallbackFailures(ThrottledLog(get_logger(f"{front_class.NAME}_loop"))))
+    begin = start or front_process(front_class)
+    with until_signal(front_class.PATIENCE, server.unfinished) as stopped, _front(words, begin, stopped) as connection:
         try:
             rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
-            return _serve(front_class, connection, stopped)
+            return _serve(server, connection, stopped)
         except ExternalShutdownException:
             return 0
         except rclpy_implementation.RCLError as error:
@@ -103,10 +105,8 @@ def _front(words: Sequence[str], start: Front, stopped: Future) -> Iterator[Conn
         front.kill()
 
 
-def _serve(front_class: type[FrontNode], connection: Connection, stopped: Future) -> int:
-    failures = CallbackFailures(ThrottledLog(get_logger(f"{front_class.NAME}_loop")))
-    executor = GuardedExecutor(failures)
-    server = LoopServer(front_class, executor, failures)
+def _serve(server: LoopServer, connection: Connection, stopped: Future) -> int:
+    server.executor = executor = GuardedExecutor(server.failures)
     with suppress(PermissionError):
         os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
     threading.Thread(target=_listen, args=(connection, server, executor), daemon=True).start()
@@ -115,7 +115,7 @@ def _serve(front_class: type[FrontNode], connection: Connection, stopped: Future
         is_over = stopped.done() or not executor.context.ok()
         return int(stopped.result() or 0) if is_over else 1
     finally:
-        failures.guard(server.close, "stop")
+        server.failures.guard(server.close, "stop")
         executor.shutdown(timeout_sec=0.2)
 
 
@@ -138,17 +138,23 @@ def _await_front(front: subprocess.Popen[bytes], stopped: Future) -> None:
 class LoopServer:
     """Makes the loop's node as the front says, and hands requests on to the loop."""
 
-    def __init__(self, front_class: type[FrontNode], executor: Executor, failures: CallbackFailures) -> None:
-        self._front_class, self._executor, self._failures = front_class, executor, failures
+    executor: Executor
+
+    def __init__(self, front_class: type[FrontNode], failures: CallbackFailures) -> None:
+        self._front_class, self.failures = front_class, failures
         self.shell: LoopShell | None = None
+
+    def unfinished(self) -> str:
+        """Return what has not been done for an orderly end; empty where all was."""
+        return "the last zero command may not have gone out" if self.shell is not None else ""
 
     def answer(self, name: str, values: Sequence[Any]) -> tuple[bool, Any]:
         """Return whether a request was carried out, and its answer, or in one line why not."""
         try:
             if name == "configure":
                 self.close()
-                self.shell = LoopShell(self._front_class, self._failures, *values)
-                self._executor.add_node(self.shell)
+                self.shell = LoopShell(self._front_class, self.failures, *values)
+                self.executor.add_node(self.shell)
                 gc.collect()
                 gc.freeze()  # what lives as long as the loop is not looked at again and again
                 return True, None
@@ -163,10 +169,11 @@ class LoopServer:
 
     def close(self) -> None:
         """End with a zero command, if there is a loop."""
-        shell, self.shell = self.shell, None
+        shell = self.shell
         if shell is not None:
             shell.ask("deactivate")
-            self._executor.remove_node(shell)
+            self.shell = None
+            self.executor.remove_node(shell)
             shell.destroy_node()
 
 

@@ -10,9 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, printable, read_text, short
+
+MAX_CORNERS, MAX_DIGITS = 1000, 9  # in a row of a board; characters of their number
 KINDS = ("chessboard", "charuco")
 KEYS = {"kind", "size", "square", "marker", "dictionary", "first_marker", "legacy"}
 
@@ -87,19 +89,20 @@ def parse_size(text: str) -> tuple[int, int]:
     """Return columns and rows of '8x6'."""
     words = text.lower().replace("×", "x").split("x")
     if len(words) != 2 or not all(word.strip().isdecimal() for word in words):
-        raise ValueError(f"board: expected COLUMNSxROWS of inner corners such as 8x6, found {text!r}")
-    return int(words[0]), int(words[1])
+        raise ValueError(f"board: expected COLUMNSxROWS of inner corners such as 8x6, found {short(text)}")
+    columns, rows = (int(word[:MAX_DIGITS]) for word in words)
+    if max(columns, rows) > MAX_CORNERS:
+        raise ValueError(f"board: expected up to {MAX_CORNERS} inner corners in a row, found {short(text)}")
+    return columns, rows
 
 
 def read_boards(path: Path) -> tuple[Board, ...]:
     """Read several boards: a mapping of names to kind, size, square and, for ChArUco, marker, dictionary, ..."""
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        raise ValueError(f"{path}: expected YAML, found {' '.join(str(error).split())}") from None
+    content = load_yaml(path, read_text(path, "file of boards", MAX_FILE_BYTES))
     if not isinstance(content, dict) or not content:
         raise ValueError(f"{path}: expected a mapping of board names, found {type(content).__name__}")
-    boards = tuple(_board(f"{path}: {name}", str(name), entry) for name, entry in content.items())
+    names = {name: printable(str(name))[:60] for name in content}
+    boards = tuple(_board(f"{path}: {names[name]}", str(name), entry) for name, entry in content.items())
     check_distinct(boards)
     return boards
 
@@ -128,13 +131,15 @@ def _look_alike(first: Board, second: Board) -> bool:
 
 def _board(place: str, name: str, entry: Any) -> Board:
     if not isinstance(entry, Mapping):
-        raise ValueError(f"{place}: expected size and square, found {entry!r}")
+        raise ValueError(f"{place}: expected size and square, found {short(entry)}")
     if unknown := set(entry) - KEYS:
-        raise ValueError(f"{place}: {sorted(unknown)[0]}: unknown key, expected {', '.join(sorted(KEYS))}")
+        raise ValueError(
+            f"{place}: {printable(min(map(str, unknown)))[:60]}: unknown key, expected {', '.join(sorted(KEYS))}"
+        )
     if missing := {"size", "square"} - set(entry):
         raise ValueError(f"{place}: {sorted(missing)[0]}: missing")
-    columns, rows = parse_size(str(entry["size"]))
     try:
+        columns, rows = parse_size(str(entry["size"]))
         return Board(
             name,
             columns,
@@ -146,5 +151,5 @@ def _board(place: str, name: str, entry: Any) -> Board:
             first_marker=int(entry.get("first_marker", 0)),
             is_legacy=bool(entry.get("legacy", False)),
         )
-    except (TypeError, ValueError) as error:
-        raise ValueError(f"{place}: {error}") from None
+    except (TypeError, ValueError, OverflowError) as error:
+        raise ValueError(f"{place}: {printable(str(error))[:200]}") from None

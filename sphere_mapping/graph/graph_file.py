@@ -7,6 +7,7 @@ that stays.
 
 from __future__ import annotations
 
+import io
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -19,6 +20,7 @@ from sphere_mapping.graph.pose_graph import TANGENT_SIZE, PoseGraph
 from sphere_nav.geometry import SE3, so3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.geometry.files.limits import LIMITS
+from sphere_nav.geometry.files.untrusted import open_file
 
 IGNORED = ("PARAMS_", "EQUIV", "#")
 TORO_PLANE = ((0, 0), (0, 1), (1, 1), (2, 2), (0, 2), (1, 2))  # TORO's order in the plane, not row by row
@@ -48,13 +50,9 @@ class _Lines:
 
 def read_graph(path: Path) -> PoseGraph:
     """Return the graph of a file; poses chained along its edges where it has no vertices. ValueError by line."""
-    if not path.is_file():
-        raise ValueError(f"{path}: expected a g2o or TORO file, found {_kind(path)}")
-    if (num_bytes := path.stat().st_size) > (most := LIMITS["pose graph"]):
-        raise ValueError(f"{path}: expected a pose graph of at most {most} bytes, found {num_bytes}")
     found = _Lines()
-    with path.open(encoding="ascii", errors="replace") as file:
-        for number, line in enumerate(file, 1):
+    with open_file(path, "g2o or TORO file", LIMITS["pose graph"]) as opened:
+        for number, line in enumerate(io.TextIOWrapper(opened, encoding="ascii", errors="replace"), 1):
             try:
                 _read_line(line.split(), f"{path}:{number}", found)
             except ValueError as error:
@@ -131,10 +129,6 @@ def _assemble(found: _Lines) -> PoseGraph:
         tuple(sorted(row[name] for name in found.fixed)),
     )
     return graph if found.poses else replace(graph, poses=spanning_poses(graph))
-
-
-def _kind(path: Path) -> str:
-    return "a folder" if path.is_dir() else "no such file"
 
 
 def _id(word: str) -> int:

@@ -12,7 +12,6 @@ from __future__ import annotations
 import hashlib
 import time
 from collections.abc import Callable, Sequence
-from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -21,8 +20,9 @@ from sphere_nav_msgs.srv import SaveMap
 from sphere_mapping.graph.merging import merge
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams, SphereMapperParams
+from sphere_nav.geometry.files.untrusted import path_below
 from sphere_nav.params import to_mapping
-from sphere_nav.ros.bags.writer import PARTIAL
+from sphere_nav.ros.bags.writer import PARTIAL, free_path
 from sphere_nav.ros.maps.reader import MapDetails, MapWriter, save_map
 from sphere_nav.spheres.graph import Edge, KeySphere, SphereGraph
 from sphere_nav.spheres.sphere import Sphere
@@ -94,7 +94,7 @@ class Journal:
 
     def _begun(self) -> MapWriter:
         if self._writer is None:
-            self._writer = MapWriter(free_path(Path(self._params.map_folder)), self._details(SphereGraph()))
+            self._writer = MapWriter(journal_path(Path(self._params.map_folder)), self._details(SphereGraph()))
             self._tell(f"key spheres are written to {self._writer.path}{PARTIAL} until save_map")
         return self._writer
 
@@ -112,12 +112,10 @@ class Journal:
         return details_of(graph, self._params.mapper, frame_id=self._params.map_frame)
 
 
-def free_path(folder: Path) -> Path:
+def journal_path(folder: Path) -> Path:
     """Return a path in a folder, made where it is missing, at which there is neither a map nor the remains of one."""
     folder.mkdir(parents=True, exist_ok=True)
-    names = (NAME if number == 1 else f"{NAME}_{number}" for number in count(1))
-    paths = (folder / name for name in names)
-    return next(path for path in paths if not path.exists() and not path.with_name(path.name + PARTIAL).exists())
+    return free_path(folder / NAME)
 
 
 def save(
@@ -131,7 +129,7 @@ def save(
     begin = time.monotonic()
     mapper.keep_end()
     try:
-        path = path_below(Path(params.map_folder), request.path)
+        path = path_below(Path(params.map_folder), request.path, "a folder (parameter map_folder)")
         path.parent.mkdir(parents=True, exist_ok=True)
         graph = graph_to_save(mapper)
         details = details_of(graph, params.mapper, frame_id=params.map_frame)
@@ -154,12 +152,3 @@ def graph_to_save(mapper: Mapper) -> SphereGraph:
     if not mapper.params.key.merge:
         return mapper.graph
     return merge(mapper.graph, np.array([pose.translation for _, pose in mapper.trajectory()])).graph
-
-
-def path_below(folder: Path, name: str) -> Path:
-    """Return the path of a map; ValueError unless it lies below the folder."""
-    root = folder.resolve()
-    path = (root / name).resolve()
-    if not name or path == root or not path.is_relative_to(root):
-        raise ValueError(f"path: expected a folder below {root} (parameter map_folder), found {name!r}")
-    return path

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from sphere_nav.geometry.cameras.rig import Rig
+from sphere_nav.geometry.files.encoded import read_image_file
 from sphere_nav.geometry.files.foreign_rig import FORMATS, FRAMES, place_rig, read_foreign_cameras
 from sphere_nav.geometry.files.rig_file import write_rig
 
@@ -83,9 +84,9 @@ def _with_options(rig: Rig, arguments: argparse.Namespace) -> Rig:
     masks, levels = _by_camera(rig, "--mask", arguments.mask), _by_camera(rig, "--level", arguments.level)
     groups = _by_camera(rig, "--exposure-group", arguments.exposure_group)
     for name, mask in masks.items():
-        camera, image = rig.camera(name).camera, cv2.imread(mask, cv2.IMREAD_GRAYSCALE)
-        found = "none" if image is None else f"{image.shape[1]} x {image.shape[0]}"
-        if image is None or image.shape[::-1] != (camera.width, camera.height):
+        camera, image = rig.camera(name).camera, read_image_file(mask, cv2.IMREAD_GRAYSCALE, "mask")
+        found = f"{image.shape[1]} x {image.shape[0]}"
+        if image.shape[::-1] != (camera.width, camera.height):
             raise ValueError(f"--mask: {mask}: expected an image of {camera.width} x {camera.height}, found {found}")
     parts = [
         replace(

@@ -17,6 +17,7 @@ from rig_calibration.boards.board import Board
 from rig_calibration.boards.detect import detect_all
 from rig_calibration.boards.views import BoardView, Indices
 from sphere_nav.geometry.arrays import Array
+from sphere_nav.geometry.files.encoded import read_image_file
 
 SUFFIXES = {".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".pgm"}
 
@@ -75,7 +76,5 @@ def detect_boards(
 
 def _find_boards(path: Path, boards: tuple[Board, ...]) -> tuple[tuple[int, int], dict[str, tuple[Indices, Array]]]:
     """Return the size (width, height) of an image and the corners of the boards in it."""
-    gray = cv2.imread(str(path), cv2.IMREAD_GRAYSCALE)
-    if gray is None:
-        raise ValueError(f"{path}: expected an image, found a file that cannot be read as one")
+    gray = read_image_file(path, cv2.IMREAD_GRAYSCALE)
     return (gray.shape[1], gray.shape[0]), detect_all(np.asarray(gray), boards)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-import yaml
+from sphere_nav.geometry.files.untrusted import load_yaml
 
 
 class SettingAction(argparse.Action):
@@ -16,7 +16,8 @@ class SettingAction(argparse.Action):
         name, separator, text = word.partition("=")
         if not separator:
             raise ValueError(f"{option_string}: expected NAME=VALUE, found {word!r}")
-        setattr(namespace, self.dest, getattr(namespace, self.dest) | {name: yaml.safe_load(text)})
+        value = load_yaml(f"{option_string} {name}", text)
+        setattr(namespace, self.dest, getattr(namespace, self.dest) | {name: value})
 
 
 def add_settings(parser: argparse.ArgumentParser, node: str, option: str = "--set", dest: str = "settings") -> None:

@@ -47,6 +47,7 @@ class ManagedNode:
 
     NAME: ClassVar[str] = "node"
     PARAMS: ClassVar[type[Any]] = NoParams
+    PATIENCE: ClassVar[float] = 1.7  # s from a signal to the end of the process, whatever a callback is doing
     LARGE_MESSAGES: ClassVar[bool] = False  # publishes messages above 64 KB: a larger shared-memory segment is used
     params: Any
 
@@ -83,6 +84,10 @@ class ManagedNode:
     def tune(self, params: Any) -> None:
         """Go on with other values of the live parameters."""
         self.params = params
+
+    def unfinished(self) -> str:
+        """Return in one line what would be left half done if the process ended now, and what to do about it."""
+        return ""
 
     def finish(self, status: int = 0) -> None:
         """Ask for the end of the process: the work is done (0), or cannot be done (1)."""

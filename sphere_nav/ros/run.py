@@ -1,4 +1,7 @@
-"""A node as a process: init, spin, and an orderly end on SIGINT or SIGTERM within two seconds, exit status 0."""
+"""A node as a process: init, spin, and an orderly end on SIGINT or SIGTERM within its patience, exit status 0.
+
+Where work is left unfinished (a bag without its end) that is one line, and the exit status is 1.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,6 @@ from sphere_nav.ros.service import one_line
 from sphere_nav.ros.shared_files import share_file
 
 PROFILES_VARIABLE = "FASTRTPS_DEFAULT_PROFILES_FILE"  # Fast DDS 2.14 reads this one only
-PATIENCE = 1.7  # s from the signal to the end of the process, whatever a callback is doing
 
 
 def run(
@@ -50,10 +52,12 @@ def run(
     take_short_turns()
     if node_class.LARGE_MESSAGES:
         use_large_segment()
-    with until_signal() as stopped:
+    nodes: list[ManagedNode] = []  # none before it is made
+    with until_signal(node_class.PATIENCE, lambda: "".join(node.unfinished() for node in nodes)) as stopped:
         try:
             rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
-            return _serve(node_class, stopped, values or {}, prepare)
+            status = _serve(node_class, stopped, values or {}, nodes, prepare)
+            return status or int(any(node.unfinished() for node in nodes))
         except ExternalShutdownException:
             return 0
         except rclpy_implementation.RCLError as error:  # of the command line, or of the middleware: security, domain
@@ -78,18 +82,18 @@ def use_large_segment() -> None:
 
 
 @contextmanager
-def until_signal() -> Iterator[Future]:
+def until_signal(patience: float, unfinished: Callable[[], str]) -> Iterator[Future]:
     """Yield a future that SIGINT or SIGTERM completes, also while the main thread is busy in a long call.
 
     The bytes that the interpreter writes on a signal are read by a thread, which wakes the executor; if the process
-    is then still busy after `PATIENCE` it ends at once.
+    is then still busy after `patience` seconds it ends at once, with status 1 where `unfinished()` has a line to say.
     """
     stopped: Future = Future()
     inner, outer = socket.socketpair()
     outer.setblocking(False)
     previous = {number: signal.signal(number, _ignore) for number in (signal.SIGINT, signal.SIGTERM)}
     previous_fd = signal.set_wakeup_fd(outer.fileno(), warn_on_full_buffer=False)
-    threading.Thread(target=_watch, args=(inner, stopped), daemon=True).start()
+    threading.Thread(target=_watch, args=(inner, stopped, patience, unfinished), daemon=True).start()
     try:
         yield stopped
     finally:
@@ -103,6 +107,7 @@ def _serve(
     node_class: type[ManagedNode],
     stopped: Future,
     values: Mapping[str, Any],
+    nodes: list[ManagedNode],
     prepare: Callable[[ManagedNode], None],
 ) -> int:
     try:
@@ -110,6 +115,7 @@ def _serve(
     except ValueError as error:
         sys.stderr.write(f"{node_class.NAME}: {error}\n")
         return 2
+    nodes.append(shell.node)
     prepare(shell.node)
     shell.on_finish = lambda status: None if stopped.done() else stopped.set_result(status)
     executor = GuardedExecutor(shell.failures)
@@ -128,19 +134,22 @@ def _serve(
         shell.destroy_node()
 
 
-def _watch(wakeups: socket.socket, stopped: Future) -> None:
+def _watch(wakeups: socket.socket, stopped: Future, patience: float, unfinished: Callable[[], str]) -> None:
     while numbers := wakeups.recv(16):
         if not any(number in (signal.SIGINT, signal.SIGTERM) for number in numbers):
             continue
         if not stopped.done():
-            _end_after(PATIENCE)
+            timer = threading.Timer(patience, _end, args=(patience, unfinished))
+            timer.daemon = True
+            timer.start()
             stopped.set_result(0)
 
 
-def _end_after(seconds: float) -> None:
-    timer = threading.Timer(seconds, os._exit, args=(0,))
-    timer.daemon = True
-    timer.start()
+def _end(patience: float, unfinished: Callable[[], str]) -> None:
+    line = unfinished()
+    if line:
+        os.write(2, f"no end {patience:g} s after the signal: {line}\n".encode())
+    os._exit(1 if line else 0)
 
 
 def _ignore(number: int, frame: Any) -> None:

@@ -6,6 +6,8 @@ import traceback
 from collections.abc import Callable
 from typing import Any
 
+from sphere_nav.geometry.files.untrusted import printable
+
 Handler = Callable[[Any, Any], Any]
 MAX_LINE = 600  # characters: what was found may be a whole file
 
@@ -36,9 +38,9 @@ def one_line(error: BaseException) -> str:
 
     All that is refused is told through here: by services, inputs of nodes, commands. A long line loses its middle.
     """
-    text = " ".join(str(error).split())
+    text = printable(str(error))
     if isinstance(error, OSError) and error.strerror:
-        text = f"{error.filename}: {error.strerror}" if error.filename else error.strerror
+        text = printable(f"{error.filename}: {error.strerror}" if error.filename else error.strerror)
     elif not (isinstance(error, ValueError | OSError) and text):
         text = f"{type(error).__name__}: {text}" if text else type(error).__name__
     return text if len(text) <= MAX_LINE else f"{text[: MAX_LINE // 2]} ... {text[-MAX_LINE // 4 :]}"

@@ -304,17 +304,19 @@ def test_what_images_reject_is_written_beside_the_map_and_never_over_a_file(map_
     counts = bench.node.localizer.references.rejections.counts
     found = read_rejections(map_path.parent / "a.json", map_id).counts
     assert {key: value.tolist() for key, value in found.items()} == {k: v.tolist() for k, v in counts.items()}
+    assert "not overwritten" in call("save_rejections", SaveMap.Request(path="a.json")).message
+    assert call("save_rejections", SaveMap.Request(path=answer.path, overwrite=True)).success
     path.write_text("mine")
-    refused = call("save_rejections", SaveMap.Request(path=str(path)))
-    assert (refused.success, path.read_text()) == (False, "mine")
-    assert "not overwritten" in refused.message
-    assert call("save_rejections", SaveMap.Request(path=str(path), overwrite=True)).success
-    assert read_rejections(path, map_id).counts.keys() == counts.keys()
-    for wrong in ("", str(tmp_path), str(tmp_path / "none" / "a.json")):
+    (map_path.parent / "link.json").symlink_to(path)
+    (map_path.parent / "other.json").write_text("mine")
+    for wrong in ("", str(path), "../a.json", "link.json", "other.json", "none/a.json", f"{map_path.name}"):
         refused = call("save_rejections", SaveMap.Request(path=wrong, overwrite=True))
-        assert not refused.success
+        assert not refused.success, wrong
         assert "\n" not in refused.message
-    assert not list(tmp_path.glob(".*"))
+    assert [path.read_text(), (map_path.parent / "other.json").read_text()] == ["mine", "mine"]
+    assert not list(map_path.parent.glob(".*"))
+    for name in ("a.json", "link.json", "other.json"):
+        (map_path.parent / name).unlink()
 
 
 def test_reset_forgets_everything_but_the_map(map_path, pictures):

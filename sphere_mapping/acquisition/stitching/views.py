@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import cv2
 import numpy as np
@@ -20,6 +19,7 @@ from sphere_mapping.acquisition.stitching.feathering import Seam, seams_of
 from sphere_mapping.acquisition.stitching.strips import OUTSIDE, Block, Strip, strips_of
 from sphere_nav.geometry import SE3, Camera, Rig, RigCamera, Spherical
 from sphere_nav.geometry.cameras.camera import pixel_rays
+from sphere_nav.geometry.files.encoded import read_image_file
 
 Plane = NDArray[np.float32]
 Flags = NDArray[np.bool_]
@@ -90,9 +90,7 @@ def masks_of(rig: Rig) -> dict[str, NDArray[np.uint8]]:
     found = {}
     for part in rig.cameras:
         if part.mask is not None:
-            image = cv2.imdecode(np.fromfile(Path(part.mask), np.uint8), cv2.IMREAD_GRAYSCALE)
-            if image is None:
-                raise ValueError(f"{part.mask}: mask of {part.name}: expected an image, found none")
+            image = read_image_file(part.mask, cv2.IMREAD_GRAYSCALE, f"mask of {part.name}")
             found[part.name] = image.astype(np.uint8)
     return found
 

@@ -10,6 +10,7 @@ from sphere_nav.ros.run import run as run_node
 
 HELP = """\
 Record topics into a rosbag2 MCAP bag until Ctrl-C. At most the last second is lost if the process is killed.
+Where BAG exists, BAG_2, BAG_3, ... is made.
 
   --set raw           images, camera_info, laser, IMU, odometry, tf
   --set spheres       augmented spheres, key-sphere graph

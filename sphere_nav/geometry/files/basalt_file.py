@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ import numpy as np
 
 from sphere_nav.geometry.cameras.camera import Camera
 from sphere_nav.geometry.files.foreign_cameras import ForeignLens, ForeignRig, image_size, refuse_model
-from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, number, read_text, required, short
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_json, number, read_text, required, short
 from sphere_nav.geometry.se3 import SE3
 
 FIELDS = ("T_imu_cam", "intrinsics", "resolution")
@@ -34,11 +33,7 @@ def is_basalt(values: Any) -> bool:
 
 def read_basalt(path: Path) -> ForeignRig:
     """Return the cameras of a calibration of basalt; `T_imu_cam` points as ours do."""
-    text = read_text(path, "basalt calibration", MAX_FILE_BYTES)
-    try:
-        values = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise ValueError(f"{path}: expected JSON, found {' '.join(str(error).split())}") from None
+    values = load_json(path, read_text(path, "basalt calibration", MAX_FILE_BYTES))
     try:
         return _rig(values)
     except ValueError as error:

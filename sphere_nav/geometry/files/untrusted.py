@@ -6,6 +6,7 @@ out before anything is built. A wrong field is told with its place, what was exp
 
 from __future__ import annotations
 
+import json
 import math
 import os
 import reprlib
@@ -13,6 +14,7 @@ import stat
 from collections.abc import Iterable, Mapping, Sequence
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any, BinaryIO
 
 import numpy as np
@@ -22,6 +24,8 @@ from sphere_nav.geometry.cameras.camera import MAX_SIDE
 from sphere_nav.geometry.se3 import SE3
 
 MAX_TABLE_BYTES = 64 << 20  # of numbers as text: half a million poses
+MAX_ARRAY_BYTES = 1 << 32
+NPY_MAGIC = b"\x93NUMPY"
 
 
 def open_file(path: str | os.PathLike[str], what: str, max_bytes: int) -> BinaryIO:
@@ -44,9 +48,10 @@ def open_file(path: str | os.PathLike[str], what: str, max_bytes: int) -> Binary
 def read_bytes(path: str | os.PathLike[str], what: str, max_bytes: int) -> bytes:
     """Return the bytes of a regular file; errors as of `open_file`."""
     with open_file(path, what, max_bytes) as file:
-        data = file.read(max_bytes + 1)
-    if len(data) > max_bytes:  # it grew
-        raise ValueError(f"{path}: expected a {what} of at most {max_bytes} bytes, found more")
+        size = os.fstat(file.fileno()).st_size
+        data = file.read(size + 1) or b""  # takes memory for what is asked for; None of a file of /proc that would wait
+    if len(data) > size:
+        raise ValueError(f"{path}: expected a {what} of {size} bytes, found more: it grows")
     return data
 
 
@@ -62,6 +67,41 @@ def read_text(
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: expected text of a {what}, found {' '.join(str(error).split())}") from None
     return text.replace("\r\n", "\n").replace("\r", "\n")
+
+
+def read_npy(path: str | os.PathLike[str], what: str) -> Any:
+    """Return the array of a .npy, mapped into memory; ValueError in one line for any other file."""
+    with open_file(path, what, MAX_ARRAY_BYTES) as file:
+        if file.read(len(NPY_MAGIC)) != NPY_MAGIC:  # np.load opens zip archives, too
+            raise ValueError(f"{path}: expected an {what}, found a file that is none")
+    try:
+        return np.load(path, mmap_mode="r", allow_pickle=False)
+    except (ValueError, EOFError, OSError, OverflowError, TypeError, SyntaxError, TokenError) as error:  # of its header
+        text = " ".join(str(error).split())[:200]
+        raise ValueError(f"{path}: expected an {what}, found a file that is none ({text})") from None
+
+
+def load_json(where: Path | str, text: str) -> Any:
+    """Return the values of a JSON text; ValueError in one line, with `where` it stands, for anything else."""
+    try:
+        return json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ValueError(f"{where}: expected JSON, found {' '.join(str(error).split())[:200]}") from None
+
+
+def path_below(folder: Path, name: str, what: str) -> Path:
+    """Return the path of `name` in a folder, links followed; ValueError unless it lies below that."""
+    root = folder.resolve()
+    path = (root / name).resolve()
+    if not name or path == root or not path.is_relative_to(root):
+        raise ValueError(f"path: expected {what} below {root}, found {short(name)}")
+    return path
+
+
+def printable(text: str) -> str:
+    """Return a text in one line, with an escape in place of each character that a terminal would obey."""
+    line = " ".join(text.split())
+    return line if line.isprintable() else "".join(c if c.isprintable() else ascii(c)[1:-1] for c in line)
 
 
 def _check(found: os.stat_result, path: str | os.PathLike[str], what: str, max_bytes: int) -> None:
@@ -104,8 +144,8 @@ def load_yaml(where: Path | str, text: str, loader: type[StrictLoader] = StrictL
     try:
         _check_events(text)
         return yaml.load(text, Loader=loader)
-    except (yaml.YAMLError, ValueError) as error:
-        raise ValueError(f"{where}: expected YAML, found {' '.join(str(error).split())[:300]}") from None
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
+        raise ValueError(f"{where}: expected YAML, found {printable(str(error))[:300]}") from None
 
 
 def _check_events(text: str) -> None:

@@ -12,12 +12,10 @@ from geometry_msgs.msg import TransformStamped
 from numpy.typing import NDArray
 
 from sphere_nav.geometry import SE3
-from sphere_nav.geometry.cameras.camera import MAX_PIXELS
-from sphere_nav.geometry.files.limits import LIMITS
-from sphere_nav.geometry.files.untrusted import number, read_bytes, read_text
+from sphere_nav.geometry.files.encoded import read_image_file
+from sphere_nav.geometry.files.untrusted import number, read_text
 from sphere_nav.geometry.trajectory import NORM_TOLERANCE
 from sphere_nav.ros.conversions import se3_to_transform
-from sphere_nav.ros.conversions.images import decode_file
 from sphere_nav.ros.conversions.stamps import SECOND
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL
 
@@ -107,11 +105,7 @@ def require_folder(path: Path) -> Path:
 
 
 def _decode(path: Path, mode: int, kind: type) -> NDArray[Any]:
-    data = read_bytes(path, "PNG or JPEG image", LIMITS["image file"])
-    try:
-        pixels = decode_file(data, MAX_PIXELS, mode)
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from None
+    pixels = read_image_file(path, mode)
     if pixels.dtype != kind:
         raise ValueError(f"{path}: expected {np.dtype(kind)} pixels, found {pixels.dtype}")
     return pixels

@@ -13,6 +13,7 @@ from typing import cast
 
 from sphere_mapping.graph.merging import merge
 from sphere_mapping.ros.saving import details_of
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, read_text
 from sphere_nav.geometry.trajectory import write_tum
 from sphere_nav.offline.mapping.drive import MappedDrive, truth_of
 from sphere_nav.offline.mapping.extension import extend, open_base
@@ -30,7 +31,7 @@ def learn(arguments: argparse.Namespace) -> int:
     if arguments.extend and arguments.anchor != "first":
         raise BagError(f"--anchor: expected first, as --extend keeps the frame of its map, found {arguments.anchor}")
     limit_threads(NUM_THREADS)
-    rig = arguments.rig.read_text(encoding="utf-8") if arguments.rig else ""
+    rig = read_text(arguments.rig, "rig file", MAX_FILE_BYTES) if arguments.rig else ""
     with ExitStack() as stack:
         workers = stack.enter_context(Workers(arguments.jobs, arguments.scheduler))
         base = stack.enter_context(open_base(arguments.extend, arguments.output, rig)) if arguments.extend else None

@@ -16,6 +16,8 @@ from sphere_mapping.acquisition.stereo.stereo import sphere_from_stereo
 from sphere_mapping.params import MapperParams, SphereMapperParams
 from sphere_mapping.ros.intake import TOPICS, Intake
 from sphere_nav.geometry import Pinhole
+from sphere_nav.geometry.files.encoded import read_image_file
+from sphere_nav.geometry.files.untrusted import read_npy
 from sphere_nav.offline import topics
 from sphere_nav.offline.importing.recording import read_image
 from sphere_nav.ros.bags import BagError, BagReader
@@ -135,13 +137,11 @@ def _rgb(path: Path) -> NDArray[np.uint8]:
 
 
 def _depth(path: Path, units: float) -> NDArray[np.floating]:
-    if not path.is_file():
-        raise ValueError(f"{path}: expected a depth image, found no such file")
     if path.suffix == ".npy":
-        return np.asarray(np.load(path, allow_pickle=False), dtype=np.float32)
-    found = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_UNCHANGED)
-    if found is None or found.dtype != np.uint16 or found.ndim != 2:
-        raise ValueError(f"{path}: expected a 16-bit depth image, found {'none' if found is None else found.dtype}")
+        return np.asarray(read_npy(path, "array of depths"), dtype=np.float32)
+    found = read_image_file(path, cv2.IMREAD_UNCHANGED, "depth image")
+    if found.dtype != np.uint16 or found.ndim != 2:
+        raise ValueError(f"{path}: expected a 16-bit depth image, found {found.dtype} {found.shape}")
     depth_m = found.astype(np.float32) / np.float32(units)
     depth_m[(found == 0) | (found == np.iinfo(np.uint16).max)] = np.nan
     return depth_m

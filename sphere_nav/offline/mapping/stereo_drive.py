@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from std_msgs.msg import Header
 from tqdm import tqdm
 
 from sphere_mapping.acquisition.constants import NUM_VIEWS
@@ -23,6 +24,7 @@ from sphere_nav.ros.node import ManagedNode
 from sphere_nav.ros.tf import TransformListener
 from sphere_nav.spheres.sphere import to_gray_bytes
 
+FOLLOWED = "/pair_follower/followed"  # each pair, so that a replay can end after the last one
 TERMS = ("", " x^2", " x", " y", " x y", " y^2", " x^3", " x^4")
 
 
@@ -39,11 +41,13 @@ class PairFollower(ManagedNode):
         self.windows: list[Window] = []
         self.num_pairs, self.step, self._open = 0, NUM_VIEWS, list[tuple[NDArray, NDArray]]()
         lookup = TransformListener(self.endpoints, is_required=False).lookup
+        self.followed = self.add_publisher(FOLLOWED, Header)
         Intake(self.params, lambda *_: None, lookup, on_pair=self._on_pair).subscribe(self.endpoints)
 
     def _on_pair(self, left: NDArray, right: NDArray, pair: StereoPair) -> None:
         self.pair, place = pair, self.num_pairs % self.step
         self.num_pairs += 1
+        self.followed.publish(Header())
         if place < NUM_VIEWS:
             self._open.append((to_gray_bytes(left), to_gray_bytes(right)))
         if len(self._open) == NUM_VIEWS:
@@ -55,7 +59,7 @@ class PairFollower(ManagedNode):
 
 def find_field(bag: BagReader, values: dict[str, Any], remap: dict[str, str]) -> tuple[StereoPair | None, str]:
     """Return the pair of a drive with its correction, and that in words; None and nothing where nothing can be said."""
-    bus = OfflineBus(captured=set())
+    bus = OfflineBus(captured={FOLLOWED})
     node = bus.add(PairFollower, values, remap)
     assert isinstance(node, PairFollower)
     number = min(bag.topics[remap["left/image_raw"]].count, MAX_PAIRS)

@@ -12,10 +12,11 @@ from sphere_nav.ros import qos
 from sphere_nav.ros.bags.mcap_salvage import Salvage, readable_part
 from sphere_nav.ros.bags.reader import BagReader
 from sphere_nav.ros.bags.recorded import BagError, TopicInfo
-from sphere_nav.ros.bags.writer import BagWriter
+from sphere_nav.ros.bags.writer import BagWriter, is_being_written
 from sphere_nav.ros.interfaces import message_class
 
 Progress = Callable[[int], None]
+SALVAGING = ".salvaging"  # not `.partial`: that is often the source
 
 
 @dataclass
@@ -59,12 +60,14 @@ def verify_bag(path: str | Path, progress: Progress = lambda step: None) -> BagR
 def salvage(source: str | Path, target: str | Path, progress: Progress = lambda step: None) -> int:
     """Copy what is whole of a damaged bag into a new bag; return the number of messages."""
     source = Path(source)
+    if is_being_written(source if source.is_dir() else source.parent):
+        raise BagError(f"{source}: is being written by another process: nothing to salvage while that runs")
     files = [source] if source.is_file() else sorted(source.glob("*.mcap"))
     if not files:
         raise BagError(f"{source}: expected an .mcap file or a folder with one, found none")
     if not any(readable_part(file).num_messages for file in files):
         raise BagError(f"{source}: expected a whole chunk to salvage, found none")
-    with BagWriter(target) as bag:
+    with BagWriter(target, suffix=SALVAGING) as bag:
         for file in files:
             for channel, schema, message in Salvage(file).messages():
                 if bag.type_of(channel.topic) in ("", schema.name):  # two types on one topic: the first one is kept

@@ -61,6 +61,9 @@ class BagReader:
         else:
             self.files += [McapFile(name) for name in _mcap_files(source, information)]
         self.topics = self._foreign.topics if self._foreign else self._read_topics()
+        for info in self.topics.values():
+            if not (info.name + info.type).isprintable():
+                raise BagError(f"{self.path}: topic: expected a printable name and type, found {short(info.name)}")
 
     @contextmanager
     def _named(self) -> Iterator[None]:

@@ -5,30 +5,33 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable
 from functools import partial
-from typing import cast
+from pathlib import Path
+from typing import ClassVar, cast
 
 from rclpy.qos import QoSProfile
 
 from sphere_nav.params import param, parameters
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags import BagWriter
+from sphere_nav.ros.bags import BagError, BagWriter
 from sphere_nav.ros.bags.recording_sets import NAMES, belongs
 from sphere_nav.ros.interfaces import message_class
 from sphere_nav.ros.live import LiveShell
 from sphere_nav.ros.node import OK, WARN, ManagedNode
 from sphere_nav.ros.run import run
+from sphere_nav.ros.service import one_line
 from sphere_nav.ros.subscription import Subscription
 
 FLUSH_PERIOD = 1.0  # s
 LOOK_PERIOD = 0.2  # s; what is published before its topic is found is not recorded
 CHECK_PERIOD = 1.0  # s between two looks at the QoS of topics that are recorded already
+LOSS_PERIOD = 30.0  # s between two lines about the losses of a topic
 
 
 @parameters
 class RecorderParams:
     """Parameters of `bag_recorder`."""
 
-    output: str = param("", "folder of the bag to write; it must not exist")
+    output: str = param("", "folder of the bag to write; where it exists, NAME_2, NAME_3, ...")
     topics: str = param("", "topics to record, separated by spaces")
     topic_set: str = param("", "record every topic of a kind: all of them, or those of a set", choices=NAMES)
     compressed: bool = param(True, "compress with zstd; not worth it for raw images of a noisy camera")
@@ -40,6 +43,7 @@ class BagRecorder(ManagedNode):
 
     NAME = "bag_recorder"
     PARAMS = RecorderParams
+    PATIENCE: ClassVar[float] = 8.0  # s for a slow disk; `ros2 launch` kills 10 s after its SIGINT
     params: RecorderParams
 
     def configure(self) -> None:
@@ -49,7 +53,9 @@ class BagRecorder(ManagedNode):
         if not self.params.topics.split() and not self.params.topic_set:
             raise ValueError("topics, topic_set: expected something to record, found neither")
         self.ros = cast("LiveShell", self.shell)
-        self.bag = BagWriter(self.params.output, is_compressed=self.params.compressed)
+        self.bag = BagWriter.at_free_path(self.params.output, is_compressed=self.params.compressed)
+        if self.bag.path != Path(self.params.output):
+            self.log.warning(f"{self.params.output}: something is there already: this recording is {self.bag.path}")
         self.recorded: dict[str, Subscription] = {}
         self.checked_ns = 0
         self.wanted = {self.ros.resolve_topic_name(name) for name in self.params.topics.split()}
@@ -66,12 +72,20 @@ class BagRecorder(ManagedNode):
         missing = sorted(self.wanted - {topic for topic, wanted in self.recorded.items() if wanted.num_received})
         if missing:
             self.log.warning(f"nothing came on {', '.join(missing)}")
+        for line in self._losses():
+            self.log.warning(line)
         try:
             path = self.bag.close()
-        except OSError as error:
-            self.log.error(f"{self.bag.partial}: not complete: {error.strerror}")
+        except (BagError, OSError) as error:
+            self.log.error(f"{self.unfinished()}: {one_line(error)}")
         else:
             self.log.info(f"{path}: {self.bag.num_messages} messages on {len(self.recorded)} topics")
+
+    def unfinished(self) -> str:
+        """Return that the bag is not complete, and the command that rescues it."""
+        if not hasattr(self, "bag") or self.bag.is_complete:
+            return ""
+        return f"{self.bag.partial}: not complete; '{self.bag.salvage_command}' keeps what is whole"
 
     def _look(self) -> None:
         """Subscribe to wanted topics that have a publisher; now and then see whether the QoS of others changed."""
@@ -86,9 +100,22 @@ class BagRecorder(ManagedNode):
                     self._subscribe(topic, kinds[0], offers)
         absent = sorted(self.wanted - self.recorded.keys())
         text = f"waiting for a publisher of {', '.join(absent)}" if absent else f"{len(self.recorded)} topics"
-        self.report("recording", WARN if absent else OK, text, messages=self.bag.num_messages)
+        losses = self._losses()
+        words = "; ".join([text, *losses])
+        self.report("recording", WARN if absent or losses else OK, words, messages=self.bag.num_messages)
         if absent:
             self.log.warning(text, every=10.0)
+        for line in losses:
+            self.log.warning(line, every=LOSS_PERIOD, key=line.split()[0])
+
+    def _losses(self) -> list[str]:
+        """Return a line for each topic of which messages were published that never arrived."""
+        lossy = {topic: wanted for topic, wanted in self.recorded.items() if wanted.num_lost}
+        return [
+            f"{topic}: {wanted.num_lost} of {total} messages lost ({wanted.num_lost / total:.1%})"
+            for topic, wanted in sorted(lossy.items())
+            if (total := wanted.num_lost + wanted.num_received)
+        ]
 
     def _subscribe(self, topic: str, kind: str, offers: list[QoSProfile]) -> None:
         present = self.recorded.get(topic)
@@ -104,7 +131,10 @@ class BagRecorder(ManagedNode):
             self.remove_subscription(present)
         write = partial(self._write, topic)
         profile = qos.adapted(offers, self.params.queue)
-        self.recorded[topic] = self.add_subscription(topic, message_type, write, profile, is_required=False, raw=True)
+        wanted = self.add_subscription(topic, message_type, write, profile, is_required=False, raw=True)
+        if present is not None:
+            wanted.num_received, wanted.num_lost = present.num_received, present.num_lost
+        self.recorded[topic] = wanted
         self.log.info(f"{topic}: recording")
 
     def _flush(self) -> None:

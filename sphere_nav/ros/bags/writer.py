@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import fcntl
 import os
+import shlex
 import shutil
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO, Self
@@ -17,6 +20,7 @@ from mcap.records import Schema
 from mcap.writer import CompressionType, Writer
 from rclpy.qos import QoSProfile
 
+from sphere_nav.geometry.files.untrusted import open_file
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.serialization import serialize_to_store
@@ -26,6 +30,8 @@ CHUNK_SIZE = 1 << 20  # bytes before compression
 FLUSH_PERIOD = 1.0  # s of wall time: what a killed process can lose
 DISTRIBUTION = "jazzy"
 PARTIAL = ".partial"
+MAX_FILE = 1 << 50  # bytes of a file, to be looked at
+ATTEMPTS = 20  # to be the first at a free name
 METADATA = "metadata.yaml"
 
 
@@ -54,8 +60,9 @@ class _Span:
 class BagWriter:
     """A bag being written; it is called `path` only when it is complete.
 
-    Until `close` it is the folder `<path>.partial`: a killed process leaves that behind, readable by `salvage`. Nothing
-    is overwritten. As a context manager it closes at the end of the block and discards everything on an exception.
+    Until `close` it is the folder `<path>.partial`: a killed process leaves that behind, readable by `salvage`. While
+    its writer lives, its file is locked, by the kernel. Nothing is overwritten. As a context manager it closes at the
+    end of the block and discards everything on an exception.
     """
 
     def __init__(
@@ -66,13 +73,17 @@ class BagWriter:
         chunk_size: int = CHUNK_SIZE,
         is_compressed: bool = True,
         clock: Callable[[], float] = time.monotonic,
+        suffix: str = PARTIAL,
     ) -> None:
         self.path = Path(path)
-        self.partial = self.path.with_name(self.path.name + PARTIAL)
+        self.partial = self.path.with_name(self.path.name + suffix)
         self._refuse_to_overwrite()
         self.partial.mkdir(parents=True)
         self.file_name = file_name or f"{self.path.name}_0.mcap"
         self._file: BinaryIO = (self.partial / self.file_name).open("wb")
+        self._lock: BinaryIO = os.fdopen(os.dup(self._file.fileno()), "wb")  # kept until the bag has its name
+        with suppress(OSError):  # a file system without locks
+            fcntl.flock(self._lock, fcntl.LOCK_EX)
         compression = CompressionType.ZSTD if is_compressed else CompressionType.NONE
         self._mcap = Writer(self._file, chunk_size=chunk_size, compression=compression, enable_crcs=True)
         self._mcap.start(profile="ros2", library="sphere_nav")
@@ -81,6 +92,15 @@ class BagWriter:
         self._span = _Span()
         self._clock, self._last_flush = clock, clock()
         self._is_open = True
+        self.is_complete = False
+
+    @classmethod
+    def at_free_path(cls, path: str | Path, **options: Any) -> Self:
+        """Write at the path, or at the first of `<path>_2`, `<path>_3`, ... where nothing is."""
+        for _ in range(ATTEMPTS):
+            with suppress(BagError, FileExistsError):  # another process was faster
+                return cls(free_path(path), **options)
+        return cls(free_path(path), **options)
 
     def add_topic(self, topic: str, kind: type[Any] | str, *profiles: QoSProfile, schema: Schema | None = None) -> None:
         """Declare a topic (made absolute), its type and the QoS that its publishers offer.
@@ -154,7 +174,14 @@ class BagWriter:
             self._finish()
         self._refuse_to_overwrite(but_partial=True)
         self.partial.rename(self.path)
+        self.is_complete = True
+        self._lock.close()
         return self.path
+
+    @property
+    def salvage_command(self) -> str:
+        """The command that makes a bag of what is whole where `close` was not reached."""
+        return shlex.join(["sphere_nav", "verify-bag", str(self.partial), "--salvage", str(self.path)])
 
     def _finish(self) -> None:
         description = self._description()
@@ -180,6 +207,7 @@ class BagWriter:
             self._is_open = False
             self._file.close()
             shutil.rmtree(self.partial, ignore_errors=True)
+            self._lock.close()
 
     def __enter__(self) -> Self:
         return self
@@ -195,13 +223,10 @@ class BagWriter:
             raise
 
     def _refuse_to_overwrite(self, *, but_partial: bool = False) -> None:
-        if self.path.exists():
+        if os.path.lexists(self.path):
             raise BagError(f"{self.path}: expected no such file or folder, found one: nothing is overwritten")
-        if self.partial.exists() and not but_partial:
-            raise BagError(
-                f"{self.partial}: the remains of an interrupted run: 'sphere_nav verify-bag --salvage' rescues them,"
-                " or delete it"
-            )
+        if os.path.lexists(self.partial) and not but_partial:
+            raise BagError(describe_partial(self.partial, self.salvage_command))
 
     def _description(self) -> dict[str, Any]:
         span = self._span
@@ -234,6 +259,33 @@ class BagWriter:
 def absolute(topic: str) -> str:
     """Return the name with a leading slash, as bags have them."""
     return topic if topic.startswith("/") else f"/{topic}"
+
+
+def free_path(path: str | Path) -> Path:
+    """Return the path, or the first of `<path>_2`, `<path>_3`, ... at which there is no bag and no partial one."""
+    first = Path(path)
+    paths = (first if number == 1 else first.with_name(f"{first.name}_{number}") for number in count(1))
+    return next(p for p in paths if not os.path.lexists(p) and not os.path.lexists(p.with_name(p.name + PARTIAL)))
+
+
+def is_being_written(partial: Path) -> bool:
+    """Whether a living process writes the bag of a partial folder."""
+    for file in partial.glob("*.mcap"):
+        try:
+            with open_file(file, "bag", MAX_FILE) as found:
+                fcntl.flock(found, fcntl.LOCK_SH | fcntl.LOCK_NB)
+        except BlockingIOError:
+            return True
+        except (OSError, ValueError):
+            continue
+    return False
+
+
+def describe_partial(partial: Path, command: str) -> str:
+    """Return what a partial folder is, and what to do: nothing while it is written, else the command."""
+    if is_being_written(partial):
+        return f"{partial}: is being written by another process: choose another name"
+    return f"{partial}: the remains of an interrupted run: '{command}' rescues them, or delete it"
 
 
 def _topic_description(entry: _Topic) -> dict[str, Any]:

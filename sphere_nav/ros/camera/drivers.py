@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import yaml
-
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, read_text, short
 from sphere_nav.ros.shared_files import share_file
 
 FOLDER, ANY_FILE = "config/cameras", "usb_cam"  # a file that is always there
@@ -71,13 +70,9 @@ def driver_names() -> list[str]:
 def read_driver(name: str) -> Driver:
     """Return a preset by its name, or from a file; ValueError: unknown, or not of the form."""
     if not name.endswith(".yaml") and name not in driver_names():
-        raise ValueError(f"driver: expected one of {', '.join(driver_names())} or a .yaml file, found {name!r}")
+        raise ValueError(f"driver: expected one of {', '.join(driver_names())} or a .yaml file, found {short(name)}")
     path = Path(name) if name.endswith(".yaml") else share_file(f"{FOLDER}/{name}.yaml")
-    try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except yaml.YAMLError as error:
-        raise ValueError(f"{path}: expected YAML, found {' '.join(str(error).split())}") from None
-    return _driver(path, content)
+    return _driver(path, load_yaml(path, read_text(path, "driver preset", MAX_FILE_BYTES)))
 
 
 def names_of(driver: str) -> dict[str, str]:
@@ -87,13 +82,15 @@ def names_of(driver: str) -> dict[str, str]:
 
 def _driver(path: Path, content: Any) -> Driver:
     if not isinstance(content, dict) or set(content) != set(FIELDS):
-        found = ", ".join(map(str, content)) if isinstance(content, dict) else type(content).__name__
+        found = short(list(content)) if isinstance(content, dict) else short(content)
         raise ValueError(f"{path}: expected {', '.join(FIELDS)}, found {found}")
     for field, kind in FIELDS.items():
         if not isinstance(content[field], kind):
-            raise ValueError(f"{path}: {field}: expected {kind.__name__}, found {content[field]!r}")
+            raise ValueError(f"{path}: {field}: expected {kind.__name__}, found {short(content[field])}")
     if content["input"] not in INPUTS:
-        raise ValueError(f"{path}: input: expected one of {', '.join(INPUTS)}, found {content['input']!r}")
-    encodings = {ours: tuple(map(str, words)) for ours, words in content["encodings"].items()}
+        raise ValueError(f"{path}: input: expected one of {', '.join(INPUTS)}, found {short(content['input'])}")
+    if not all(isinstance(words, list) for words in content["encodings"].values()):
+        raise ValueError(f"{path}: encodings: expected a list for each topic, found {short(content['encodings'])}")
+    encodings = {str(ours): tuple(map(str, words)) for ours, words in content["encodings"].items()}
     topics = {str(ours): str(theirs).strip("/") for ours, theirs in content["topics"].items()}
     return Driver(path.stem, content["title"], content["input"], content["root"].strip("/"), topics, encodings)

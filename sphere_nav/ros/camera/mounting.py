@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from sphere_nav.geometry import SE3
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, number, read_text, short
 
 NAMES = ("x", "y", "z", "roll", "pitch", "yaw")
 
@@ -24,23 +22,23 @@ def read_mounting(text: str, what: str = "mounting") -> SE3 | None:
         return None
     values = _from_file(Path(text), what) if text.endswith((".yaml", ".yml")) else text.split(",")
     try:
-        numbers = [float(value) for value in values]
-    except (TypeError, ValueError):
+        numbers = [number(value, what) for value in values]
+    except ValueError:
         numbers = []
-    if len(numbers) != len(NAMES) or not all(map(math.isfinite, numbers)):
-        raise ValueError(f"{what}: expected {','.join(NAMES)} (m, rad) or a YAML file, found {text!r}")
+    if len(numbers) != len(NAMES):
+        raise ValueError(f"{what}: expected {','.join(NAMES)} (m, rad) or a YAML file, found {short(text)}")
     x, y, z, roll, pitch, yaw = numbers
     return SE3.from_angles(roll, pitch, yaw, [x, y, z])
 
 
 def _from_file(path: Path, what: str) -> list[Any]:
     try:
-        content = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, yaml.YAMLError) as error:
-        raise ValueError(f"{what}: {path}: expected a YAML file, found {' '.join(str(error).split())}") from None
+        content = load_yaml(path, read_text(path, "YAML file", MAX_FILE_BYTES))
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{what}: {error}") from None
     if isinstance(content, dict):
         content = content.get(what, content)
     if not isinstance(content, dict) or set(content) != set(NAMES):
-        found = ", ".join(map(str, content)) if isinstance(content, dict) else type(content).__name__
+        found = short(list(content)) if isinstance(content, dict) else short(content)
         raise ValueError(f"{what}: {path}: expected {', '.join(NAMES)}, found {found}")
     return [content[name] for name in NAMES]

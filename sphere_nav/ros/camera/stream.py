@@ -12,13 +12,13 @@ from sensor_msgs.msg import CameraInfo, Image
 from sphere_nav_msgs.msg import SphereInfo
 
 from sphere_nav.geometry import SE3, Camera, Spherical
+from sphere_nav.geometry.files.encoded import encoded_size
 from sphere_nav.localization.params import NodeParams
 from sphere_nav.localization.status import FINE, Finding, Reason
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.camera.images import AnyImage, image_topic, read_gray
 from sphere_nav.ros.camera.odometry_input import OdometryInput
 from sphere_nav.ros.clocks import MAX_AHEAD_NS, ahead_s
-from sphere_nav.ros.conversions.images import encoded_size
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.tf import TransformListener
 from sphere_nav.spheres.sphere import T_BODY_OPTICAL

@@ -56,7 +56,8 @@ def message_to_cloud(message: PointCloud2) -> NDArray[np.float32]:
     width, height, step = int(message.width), int(message.height), int(message.point_step)
     row_step = int(message.row_step)
     needed = row_step * height
-    if row_step < width * step or len(message.data) < needed or max(needed, width * height) > LIMITS["cloud"]:
+    is_short = len(message.data) < needed or max(needed, width * height) > LIMITS["cloud"]
+    if is_short or min(width, height, step) < 0 or row_step < width * step:
         raise ValueError(f"cloud data: expected {height} rows of {row_step} bytes, found {len(message.data)} bytes")
     if width * height == 0:
         return np.empty((0, 3), np.float32)
@@ -67,7 +68,7 @@ def message_to_cloud(message: PointCloud2) -> NDArray[np.float32]:
         if field is None or kind is None:
             raise ValueError(f"cloud: expected a field of numbers {name!r}, found {sorted(fields)}")
         dtype = np.dtype(order + kind)
-        if field.offset + dtype.itemsize > step:
+        if not 0 <= field.offset <= step - dtype.itemsize:
             raise ValueError(f"cloud field {name}: expected to end within {step} bytes, found offset {field.offset}")
         axis = np.ndarray((height, width), dtype, bytes(message.data), field.offset, (row_step, step))
         axes.append(axis.astype(np.float32).ravel())

@@ -24,7 +24,7 @@ from sphere_nav.ros.bags.mcap_records import records_at
 from sphere_nav.ros.bags.reader import deserialize
 from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.serialization import serialize_to_store
-from sphere_nav.ros.bags.writer import METADATA, PARTIAL, BagWriter
+from sphere_nav.ros.bags.writer import METADATA, PARTIAL, BagWriter, describe_partial
 from sphere_nav.ros.conversions import header, message_to_sphere, sphere_to_message, stamp_ns
 from sphere_nav.ros.conversions.clouds import features_to_message
 from sphere_nav.ros.conversions.graphs import graph_to_message
@@ -88,8 +88,7 @@ class MapWriter:
         check_free(self.path, is_overwriting=is_overwriting)
         target = self.path.with_name(f"{self.path.name}.new") if self.path.exists() else self.path
         if (left := target.with_name(target.name + PARTIAL)).exists():
-            remedy = f"'sphere_nav map-verify {left} --salvage OUT' mends it, or delete it"
-            raise BagError(f"{left}: the remains of an interrupted run: {remedy}")
+            raise BagError(describe_partial(left, f"sphere_nav map-verify {left} --salvage OUT"))
         self._bag = BagWriter(target, file_name=FILE_NAME, chunk_size=CHUNK_SIZE, clock=lambda: 0.0)
         for topic, kind in KINDS.items():
             self._bag.add_topic(topic, kind, qos.LATCHED)

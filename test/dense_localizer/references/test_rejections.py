@@ -57,9 +57,15 @@ def test_counters_are_written_once_and_read_for_their_map_alone(tmp_path):
     np.testing.assert_array_equal(read_rejections(path, "a map").counts[3], rejections.counts[3])
     with pytest.raises(ValueError, match="not overwritten"):
         rejections.write(path, "a map")
-    with pytest.raises(ValueError, match="expected other, found a map"):
+    with pytest.raises(ValueError, match="expected other, found 'a map'"):
         read_rejections(path, "other")
+    rejections.write(path, "a map", is_overwriting=True)
+    with pytest.raises(ValueError, match="expected other, found 'a map'"):
+        rejections.write(path, "other", is_overwriting=True)
     path.write_text("{}")
+    with pytest.raises(ValueError, match="expected rejections"):
+        rejections.write(path, "a map", is_overwriting=True)  # anything else is not replaced
+    assert path.read_text() == "{}"
     with pytest.raises(ValueError, match="expected rejections"):
         read_rejections(path, "a map")
 

@@ -13,6 +13,7 @@ import pytest
 from mcl_depth.geometry.cloud import cloud_from_points, thin_cloud
 from mcl_depth.geometry.files import read_geometry
 from mcl_depth.geometry.floor_plan import read_surfaces, rings_of
+from mcl_depth.geometry.las import read_points
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces, sample_surface
 from mcl_depth.geometry.synthesis import DepthSynthesizer
 
@@ -60,6 +61,7 @@ ABSURD = {
     "a.pcd": pcd("binary", 10**12),
     "b.las": las(10**9),
     "c.las": las(records=10**7),
+    "d.las": las()[:96] + struct.pack("<I", 2**32 - 1) + las()[100:],  # where the points begin
 }
 
 
@@ -346,3 +348,31 @@ def test_cubes_of_several_sizes_are_kept_apart() -> None:
     ]
     assert [is_near.sum(), (~is_near).sum()] == cubes
     np.testing.assert_allclose(found[~is_near].mean(axis=0), far.mean(axis=0), atol=0.1)
+
+
+ATTACKS = {  # on a tile of 200 points: where, how wide, what
+    "a billion chunks, of which lazrs aborts": ("chunks", 4, 4, 2**31 - 1),
+    "chunks of all memory, of which lazrs aborts": ("record", 12, 4, 2**31),
+    "a chunk of 500 MB, for which lazrs makes room": ("record", 12, 4, 2**24),
+    "one point more": ("header", 107, 4, 201),
+    "no table of chunks": ("points", 0, 8, 0),
+    "no items, of which lazrs panics": ("record", 32, 2, 0),
+}
+
+
+@pytest.mark.parametrize("name", ATTACKS)
+def test_what_a_packed_tile_says_of_its_chunks_is_checked(tmp_path: Path, name: str) -> None:
+    """Read in this very process, where lazrs would end it."""
+    place, offset, width, value = ATTACKS[name]
+    tile = laspy.LasData(laspy.LasHeader(point_format=3, version="1.2"))
+    tile.x, tile.y, tile.z = np.random.default_rng(1).uniform(-30, 30, (3, 200))
+    tile.write(tmp_path / "a.laz")
+    data = bytearray((tmp_path / "a.laz").read_bytes())
+    points = int.from_bytes(data[96:100], "little")
+    record = data.find(b"laszip encoded") + 52
+    starts = {"header": 0, "points": points, "record": record, "chunks": int.from_bytes(data[points:][:8], "little")}
+    struct.pack_into({2: "<H", 4: "<I", 8: "<Q"}[width], data, starts[place] + offset, value)
+    (tmp_path / "a.laz").write_bytes(data)
+    with pytest.raises(ValueError, match=r"a\.laz: .*expected.*found") as caught:
+        read_points(tmp_path / "a.laz")
+    assert "\n" not in str(caught.value)

@@ -12,7 +12,7 @@ pytest.importorskip("rclpy")
 
 from sphere_mapping.mapper import Mapper
 from sphere_mapping.params import MapperParams, SphereMapperParams
-from sphere_mapping.ros.saving import Journal, free_path
+from sphere_mapping.ros.saving import Journal, journal_path
 from sphere_nav.cli.main import main
 from sphere_nav.geometry import SE3, Spherical
 from sphere_nav.params import build
@@ -81,7 +81,7 @@ def test_what_was_not_saved_becomes_a_map(tmp_path, told):
         assert {node.id for node in reader.graph} == {node.id for node in mapper.graph}
         assert reader.graph[2].T_map_sphere.distance(mapper.graph[2].T_map_sphere)[0] < 1e-9
         assert len(reader.appearance()) == len(mapper.graph)
-    assert free_path(tmp_path) == tmp_path / "journal_2"  # nothing is overwritten
+    assert journal_path(tmp_path) == tmp_path / "journal_2"  # nothing is overwritten
 
 
 def test_a_disk_that_cannot_be_written_keeps_them_in_memory(tmp_path, told, monkeypatch):

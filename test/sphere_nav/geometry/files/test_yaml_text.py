@@ -38,6 +38,7 @@ def bomb(first, form, width=10, levels=8):
         (bomb("[1]", "[{}]", width=1, levels=40), "more than 32 levels"),
         ("a: {b: 1}\nc:\n  <<: {b: 2}\n  d: 1\n  d: 2", "'d' twice"),
         ("a: 1\na: 2", "'a' twice"),
+        ("1" + ":59" * 400 + ".5", "too large"),
         ("? [1, 2]\n: 3", "unhashable"),
         ("[" * 100_000, "more than 32 levels"),
         ("{a: " * 100_000, "more than 32 levels"),

@@ -41,6 +41,22 @@ def test_no_more_pairs_are_expected_than_there_are_or_are_needed(tmp_path, monke
     assert totals == [expected]
 
 
+def test_a_long_drive_is_not_read_beyond_the_pairs_that_are_needed(tmp_path, monkeypatch):
+    write_bag(tmp_path / "bag", stereo, numbers=range(12))
+    monkeypatch.setattr(stereo_drive, "MAX_PAIRS", 4)
+    lefts = []
+    with BagReader(tmp_path / "bag") as bag:
+        decode = bag.decode
+
+        def count(topic, data, kind):
+            lefts.extend([topic] * (topic == "/left/image_raw"))
+            return decode(topic, data, kind)
+
+        monkeypatch.setattr(bag, "decode", count)
+        find_field(bag, {"input": "stereo"}, {name: f"/{name}" for name in TOPICS["stereo"]})
+    assert 4 <= len(lefts) <= 6
+
+
 @pytest.mark.parametrize(
     ("columns", "words"), [(None, "as told"), ([2.5, 1.0], "too small"), ([0.01, 0.02], "as told")]
 )

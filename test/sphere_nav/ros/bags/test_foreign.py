@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import re
+import shutil
+import sqlite3
 import tempfile
 import tracemalloc
+from contextlib import closing
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -179,3 +184,105 @@ def test_a_chunk_of_ros1_that_unpacks_without_end_is_refused(tmp_path, monkeypat
         writer.write(connection, 1, store.serialize_ros1(text, "std_msgs/msg/String"))
     assert bag.stat().st_size < 1 << 20
     assert "expected at most 4194304 bytes" in refuses(bag, 1 << 22)
+
+
+# --- databases as a crash leaves them, and as no recorder writes them
+def texts_of(bag):
+    with BagReader(bag) as reader:
+        return [bytes(data) for _, _, data in reader.raw()]
+
+
+@pytest.fixture
+def torn(tmp_path):
+    """A database whose second half is in its write-ahead log alone."""
+    (tmp_path / "live").mkdir()
+    write_ros2(tmp_path / "drive", StoragePlugin.SQLITE3)
+    (source,) = (tmp_path / "drive").glob("*.db3")
+    database = sqlite3.connect(source)
+    database.execute("PRAGMA journal_mode=WAL")
+    database.execute("DELETE FROM messages WHERE id > 6")
+    database.commit()
+    database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
+    for number in range(6):
+        values = (1, START_NS + (NUM + number) * STEP_NS, bytes([number]) * 8)
+        database.execute("INSERT INTO messages (topic_id, timestamp, data) VALUES (?, ?, ?)", values)
+    database.commit()
+    for file in (source, source.with_name(f"{source.name}-wal")):
+        shutil.copy(file, tmp_path / "live" / file.name)
+    database.close()
+    return tmp_path / "live" / source.name
+
+
+def test_what_is_in_the_write_ahead_log_is_read_and_the_bag_is_left_alone(torn, monkeypatch):
+    monkeypatch.setattr(tempfile, "tempdir", str(torn.parents[1] / "temporary"))
+    (torn.parents[1] / "temporary").mkdir()
+    before = {file.name: file.read_bytes() for file in torn.parent.iterdir()}
+    torn.parent.chmod(0o555)
+    for bag in (torn, torn.parent):
+        assert texts_of(bag)[6:] == [bytes([number]) * 8 for number in range(6)]
+    torn.parent.chmod(0o755)
+    assert {file.name: file.read_bytes() for file in torn.parent.iterdir()} == before
+    assert len(before) == 2
+    assert list((torn.parents[1] / "temporary").iterdir()) == []
+
+
+def test_a_log_that_cannot_be_merged_is_told_by_name(torn, monkeypatch):
+    monkeypatch.setattr("shutil.disk_usage", lambda folder: SimpleNamespace(free=1000))
+    with pytest.raises(BagError, match=r"db3: expected \d+ bytes free .*db3-wal is merged, found 1000; set TMPDIR"):
+        BagReader(torn)
+    monkeypatch.undo()
+    log = torn.with_name(f"{torn.name}-wal")
+    log.unlink()
+    log.mkdir()
+    with pytest.raises(BagError, match=r"expected a database whose log can be merged, found: .*a folder"):
+        BagReader(torn)
+
+
+@pytest.mark.parametrize(
+    ("commands", "line"),
+    [
+        (
+            "ALTER TABLE messages RENAME TO m; CREATE VIEW messages AS WITH RECURSIVE c(id, topic_id, timestamp, data)"
+            " AS (SELECT 1, 1, 1, x'00' UNION ALL SELECT id + 1, 1, 1, x'00' FROM c) SELECT * FROM c",
+            "expected tables alone, found the view 'messages'",
+        ),
+        ("CREATE TRIGGER t AFTER INSERT ON messages BEGIN SELECT 1; END", "found the trigger 't'"),
+        ("CREATE VIRTUAL TABLE v USING fts5(a)", "found the virtual table 'v'"),
+        ("ALTER TABLE messages ADD COLUMN g AS (zeroblob(1000000000))", "messages: expected columns that are stored"),
+        ("UPDATE messages SET data = 1000000000", "expected messages of bytes .*, found 12 others"),
+        ("UPDATE messages SET timestamp = 'noon' WHERE id = 1", "found 1 others"),
+        (
+            "CREATE TABLE t AS SELECT * FROM topics; DROP TABLE topics;"
+            "CREATE TABLE topics AS SELECT * FROM t UNION ALL SELECT * FROM t",
+            "expected up to 10000 topics, found 4 with 2 ids",
+        ),
+    ],
+)
+def test_what_no_recorder_writes_is_refused(tmp_path, commands, line):
+    (bag,) = write_ros2(tmp_path / "drive", StoragePlugin.SQLITE3).glob("*.db3")
+    with closing(sqlite3.connect(bag)) as database:
+        database.executescript(commands)
+    with pytest.raises(BagError, match=line):
+        BagReader(bag)
+
+
+def test_a_pipe_is_not_waited_for_and_a_name_that_a_terminal_obeys_is_refused(tmp_path):
+    for name in ("drive.db3", "drive.bag"):
+        os.mkfifo(tmp_path / name)
+        with pytest.raises(BagError, match="expected a bag, found a FIFO"):
+            BagReader(tmp_path / name)
+    (bag,) = write_ros2(tmp_path / "drive", StoragePlugin.SQLITE3).glob("*.db3")
+    with closing(sqlite3.connect(bag)) as database:
+        database.executescript("UPDATE topics SET name = '/a\x1b[2J' WHERE id = 1")
+    with pytest.raises(BagError, match="topic: expected a printable name and type") as caught:
+        BagReader(bag)
+    assert str(caught.value).isprintable()
+
+
+def test_a_bag_whose_times_are_no_numbers_is_refused(tmp_path):
+    with BagReader(write_ros2(tmp_path / "drive", StoragePlugin.SQLITE3)) as reader:
+        library = reader._foreign._reader
+        reader._foreign._reader = SimpleNamespace(message_count=1, start_time=None, end_time=None)
+        with pytest.raises(BagError, match="drive: expected a readable bag, found"):
+            _ = reader.time_range
+        reader._foreign._reader = library

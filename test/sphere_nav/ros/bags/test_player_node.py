@@ -2,6 +2,7 @@
 
 import errno
 import os
+import shlex
 import signal
 import subprocess
 import sys
@@ -18,12 +19,14 @@ from sensor_msgs.msg import Image
 from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
 
+from sphere_nav.cli.main import main
 from sphere_nav.ros import qos
-from sphere_nav.ros.bags import BagReader, BagWriter, salvage, verify_bag
+from sphere_nav.ros.bags import BagError, BagReader, BagWriter, salvage, verify_bag
 from sphere_nav.ros.bags.player_node import BagPlayer
 from sphere_nav.ros.bags.recorder_node import BagRecorder
 from sphere_nav.ros.conversions import array_to_image, stamp_ns
 from sphere_nav.ros.live import LiveShell
+from sphere_nav.ros.node import WARN
 
 PATIENCE = 40.0  # s; a process starts in half a second, on a busy machine in ten
 START, STEP = 7_000_000_000, 50_000_000
@@ -224,7 +227,6 @@ def test_what_cannot_be_played(ros, drive, values, reason):
     [
         ({"topics": "/a"}, "output: expected the folder of the bag to write"),
         ({"output": "drive"}, "topics, topic_set: expected something to record, found neither"),
-        ({"output": "drive", "topic_set": "all"}, "drive: expected no such file or folder, found one"),
     ],
 )
 def test_what_cannot_be_recorded(ros, drive, values, reason):
@@ -253,6 +255,104 @@ def test_a_full_disk_ends_the_recording_with_one_line(ros, tmp_path, monkeypatch
     shell.stop()
     assert not (tmp_path / "out").exists()
     shell.destroy_node()
+
+
+RECORDER = """
+import os, sys, time
+from sphere_nav.ros.bags import recorder_node
+sync, seconds, recorder_node.BagRecorder.PATIENCE = os.fsync, float(sys.argv.pop(1)), float(sys.argv.pop(1))
+os.fsync = lambda number: (time.sleep(seconds), sync(number))
+sys.exit(recorder_node.main())
+"""
+
+
+@pytest.fixture
+def record_slowly(tmp_path):
+    """Record on a disk that takes so long to sync; return status and standard error after SIGINT."""
+    processes = []
+
+    def record(sync_s, patience_s):
+        command = [sys.executable, "-c", RECORDER, str(sync_s), str(patience_s), "--ros-args"]
+        command += ["-p", f"output:={tmp_path / 'slow'}", "-p", "topic_set:=all"]
+        process = subprocess.Popen(command, text=True, stderr=subprocess.PIPE)
+        processes.append(process)
+        line_with(process, "/rosout: recording")
+        process.send_signal(signal.SIGINT)
+        _, err = process.communicate(timeout=PATIENCE)
+        return process.returncode, err
+
+    yield record
+    for process in processes:
+        if process.poll() is None:
+            process.kill()
+            process.communicate(timeout=10.0)
+
+
+def test_a_slow_disk_is_waited_for(record_slowly, tmp_path):
+    status, err = record_slowly(1.2, 8.0)  # two files: longer than other nodes are waited for
+    assert (status, (tmp_path / "slow" / "metadata.yaml").is_file()) == (0, True), err
+
+
+def test_what_is_not_complete_in_time_is_told_with_the_command_that_rescues_it(record_slowly, tmp_path):
+    status, err = record_slowly(60.0, 0.5)
+    (line,) = [line for line in err.splitlines() if "not complete" in line]
+    assert status == 1
+    assert line.startswith("no end 0.5 s after the signal: ")
+    words = shlex.split(line.split("'")[1])
+    assert words == ["sphere_nav", "verify-bag", f"{tmp_path / 'slow'}.partial", "--salvage", f"{tmp_path / 'slow'}"]
+    assert main(words[1:]) == 0
+    assert verify_bag(tmp_path / "slow").problems == []
+
+
+@pytest.fixture
+def recorder(ros):
+    shells = []
+
+    def begin(output):
+        values = {"output": str(output), "topics": "/text"}
+        shells.append(
+            LiveShell(BagRecorder, parameter_overrides=[Parameter(name, value=values[name]) for name in values])
+        )
+        assert shells[-1].start()
+        return shells[-1]
+
+    yield begin
+    for shell in shells:
+        shell.stop()
+        shell.destroy_node()
+
+
+def test_a_second_recorder_takes_the_next_name_and_the_first_one_goes_on(recorder, drive):
+    nodes = [recorder(drive).node for _ in range(2)]
+    assert [node.bag.path.name for node in nodes] == ["drive_2", "drive_3"]
+    partial = nodes[0].bag.partial
+    with pytest.raises(BagError, match=r"drive_2.partial: is being written by another process: nothing to salvage"):
+        salvage(partial, drive.with_name("saved"))
+    with pytest.raises(BagError, match=r"drive_2.partial: is being written by another process: choose another name$"):
+        BagWriter(drive.with_name("drive_2"))
+    for node in nodes:
+        assert node.unfinished().endswith("keeps what is whole")
+        node.shell.stop()
+        assert node.unfinished() == ""
+    assert not partial.exists()
+    assert verify_bag(drive).problems == []
+
+
+def test_what_is_lost_is_told_by_topic(recorder, tmp_path):
+    node, lines = (shell := recorder(tmp_path / "lossy")).node, []
+    publisher = shell.create_publisher(String, "/text", 10)
+    node._look()
+    shell.log.warning = lambda line, **options: lines.append(line)
+    wanted = node.recorded["/text"]
+    for number in (1, 2, 5, 6, 9):  # 3, 4, 7 and 8 never arrive
+        wanted.count(number, 1)
+        wanted.deliver(b"")
+    node._look()
+    line = "/text: 4 of 9 messages lost (44.4%)"
+    assert (node.reports["recording"][:2], lines) == ((WARN, f"1 topics; {line}"), [line])
+    shell.destroy_publisher(publisher)
+    shell.stop()
+    assert lines[1:] == [line]
 
 
 def test_domain_of_its_own():

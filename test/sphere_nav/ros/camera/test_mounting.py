@@ -1,5 +1,7 @@
 """Where a camera sits on the vehicle, told by hand."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -26,7 +28,7 @@ def test_nothing_said_is_no_mounting():
     assert read_mounting("") is None
 
 
-@pytest.mark.parametrize("text", ["1,2,3", "1,2,3,4,5,nan", "a,b,c,d,e,f", "absent.yaml"])
+@pytest.mark.parametrize("text", ["1,2,3", "1,2,3,4,5,nan", "1,2,1e120,4,5,6", "a,b,c,d,e,f", "absent.yaml"])
 def test_anything_else_is_refused(text):
     with pytest.raises(ValueError, match=r"mounting: .*expected"):
         read_mounting(text)
@@ -38,3 +40,21 @@ def test_a_file_of_another_form_is_refused(tmp_path, content):
     path.write_text(content)
     with pytest.raises(ValueError, match=r"mounting: .*expected"):
         read_mounting(str(path))
+
+
+@pytest.mark.parametrize(
+    "content", ["[" * 3000, "a: " + "b" * 70_000, "\n".join(f"k{i}: 1" for i in range(3000)), "\x1b[2J: 1"]
+)
+def test_what_is_told_of_a_file_is_one_short_line(tmp_path, content):
+    path = tmp_path / "mount.yaml"
+    path.write_text(content)
+    with pytest.raises(ValueError, match=r"mounting: .*expected") as caught:
+        read_mounting(str(path))
+    assert len(str(caught.value)) < 600
+    assert str(caught.value).isprintable()
+
+
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "mount.yaml")
+    with pytest.raises(ValueError, match="expected a YAML file, found a FIFO"):
+        read_mounting(str(tmp_path / "mount.yaml"))

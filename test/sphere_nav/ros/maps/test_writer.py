@@ -104,6 +104,8 @@ def test_an_existing_map_is_replaced_only_by_a_complete_one(sphere_graph, tmp_pa
         MapWriter(path)
     writer = MapWriter(path, is_overwriting=True)
     grow(writer, sphere_graph)
+    with pytest.raises(BagError, match=r"map\.new\.partial: is being written by another process"):
+        MapWriter(path, is_overwriting=True)
     assert len(open_map(path).graph) == 3
     assert writer.finish(sphere_graph) == path
     assert [entry.name for entry in tmp_path.iterdir()] == ["map"]

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from sphere_nav.ros.conversions.images import decode_file, encoded_size
+from sphere_nav.geometry.files.encoded import decode_file, encoded_size, read_image_file
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg"])
@@ -79,3 +79,15 @@ def test_the_size_may_be_known_before_and_may_be_as_large_as_allowed():
         decode_file(data, 408, cv2.IMREAD_ANYCOLOR, (12, 34), "rig")
     with pytest.raises(ValueError, match=r"expected an image, found .* bytes that do not decode"):
         decode_file(data[:40], 408, cv2.IMREAD_ANYCOLOR)
+
+
+def test_a_file_of_any_kind_is_read_and_what_is_none_is_refused(tmp_path):
+    pixels = np.random.default_rng(1).integers(0, 255, (5, 7), np.uint8)
+    for name in ("a.png", "a.bmp"):  # the second one by a process of its own
+        cv2.imwrite(str(tmp_path / name), pixels)
+        assert np.array_equal(read_image_file(tmp_path / name, cv2.IMREAD_GRAYSCALE), pixels)
+    (tmp_path / "b.bmp").write_bytes(b"BM" + bytes(100))
+    with pytest.raises(ValueError, match=r"b\.bmp: expected an image, found a file that cannot be read as one"):
+        read_image_file(tmp_path / "b.bmp", cv2.IMREAD_UNCHANGED)
+    with pytest.raises(ValueError, match="expected a mask, found a folder"):
+        read_image_file(tmp_path, cv2.IMREAD_GRAYSCALE, "mask")
