@@ -18,7 +18,7 @@ from tqdm import tqdm
 from benchmarks.report import Bound, Report, Table
 from cycab_sim.params import ActuatorParams, CarParams
 from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState, WheelErrors, WheelOdometry
-from path_follower.consistency import compose
+from path_follower.consistency import compose_poses
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams, SafetyParams
@@ -110,7 +110,7 @@ class Drive:
             self.follower.consistency.see_odometry(Pose2(x, y, yaw), self.wheels.speed, self.wheels.yaw_rate, self.now)
         if self.now % self.period_ns == 0 and self.rng.random() >= self.lost:
             state, noise = self.vehicle.state, Pose2(*self.rng.normal(size=3) * NOISE)
-            seen = compose(Pose2(state.x, state.y, state.yaw), noise), TRUTH
+            seen = compose_poses(Pose2(state.x, state.y, state.yaw), noise), TRUTH
             self.pending.append((self.now, fault.seen(self, seen, self.age) if fault else seen))
 
     def _tick(self) -> None:
@@ -166,24 +166,24 @@ def _beside(x: float, y: float, yaw: float) -> Callable[[Drive, Seen, float], Se
 
 def _jump(drive: Drive, seen: Seen, age: float) -> Seen:
     angle = 0.7 * drive.seed
-    return compose(seen[0], Pose2(0.9 * math.cos(angle), 0.9 * math.sin(angle), 0.0)), seen[1]
+    return compose_poses(seen[0], Pose2(0.9 * math.cos(angle), 0.9 * math.sin(angle), 0.0)), seen[1]
 
 
 def _heading(drive: Drive, seen: Seen, age: float) -> Seen:
-    return compose(seen[0], Pose2(0.0, 0.0, 0.9 * (-1) ** drive.seed)), seen[1]
+    return compose_poses(seen[0], Pose2(0.0, 0.0, 0.9 * (-1) ** drive.seed)), seen[1]
 
 
 def _heading_slowly(drive: Drive, seen: Seen, age: float) -> Seen:
     """Turn to 0.6 rad within 20 s: no single pose shows it."""
-    return compose(seen[0], Pose2(0.0, 0.0, min(0.03 * age, 0.6) * (-1) ** drive.seed)), seen[1]
+    return compose_poses(seen[0], Pose2(0.0, 0.0, min(0.03 * age, 0.6) * (-1) ** drive.seed)), seen[1]
 
 
 def _yaw_drift(rate: float) -> Callable[[Drive, Seen, float], Seen]:
-    return lambda drive, seen, age: (compose(seen[0], Pose2(0.0, 0.0, rate * age * (-1) ** drive.seed)), seen[1])
+    return lambda drive, seen, age: (compose_poses(seen[0], Pose2(0.0, 0.0, rate * age * (-1) ** drive.seed)), seen[1])
 
 
 def _side_drift(drive: Drive, seen: Seen, age: float) -> Seen:
-    return compose(seen[0], Pose2(0.0, 0.5 * age * (-1) ** drive.seed, 0.0)), seen[1]
+    return compose_poses(seen[0], Pose2(0.0, 0.5 * age * (-1) ** drive.seed, 0.0)), seen[1]
 
 
 def _covariance(value: Array) -> Callable[[Drive, Seen, float], Seen]:
@@ -194,7 +194,7 @@ def _correction(deviation: float) -> Callable[[Drive, Seen, float], Seen]:
     """Return poses corrected by 0.15 m and 2 degrees, with this standard deviation in the second before."""
 
     def correct(drive: Drive, seen: Seen, age: float) -> Seen:
-        pose = compose(seen[0], Pose2(0.1, 0.11, 0.035)) if age >= 1.0 else seen[0]
+        pose = compose_poses(seen[0], Pose2(0.1, 0.11, 0.035)) if age >= 1.0 else seen[0]
         return pose, np.diag(np.square([deviation, deviation, max(deviation / 5.0, NOISE[2])]))
 
     return correct

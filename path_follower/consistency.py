@@ -77,7 +77,7 @@ class Reckoning:
         """Return it with another step, `before` and `after` which the vehicle moved as stated."""
         bend = abs(math.tan(after.steering_angle) - math.tan(before.steering_angle)) / wheelbase
         return Reckoning(
-            compose(self.pose, step),
+            compose_poses(self.pose, step),
             self.way + math.hypot(step.x, step.y),
             self.turned + abs(step.yaw),
             self.speed_change + abs(after.speed - before.speed),
@@ -100,7 +100,7 @@ class Reckoning:
 
 
 @dataclass(frozen=True)
-class Sample:
+class DrivenPose:
     """A pose, its covariance (3, 3) of (x, y, yaw) in its own axes, and where dead reckoning was at its stamp."""
 
     time_ns: int
@@ -122,7 +122,7 @@ class MotionConsistency:
 
     def reset(self) -> None:
         """Forget everything with a stamp."""
-        self._samples: deque[Sample] = deque()
+        self._samples: deque[DrivenPose] = deque()
         self._driven: Reckoning | None = None  # by odometry, up to the last pose at which it was known
         self._odometry: deque[tuple[int, Pose2, float, float]] = deque()  # time, pose, m/s, rad/s
         self._evidence_ns = self._slow_since_ns = -1
@@ -152,7 +152,7 @@ class MotionConsistency:
             last = self._driven = None
         floored = FLOOR if covariance is None else np.maximum(np.diagonal(FLOOR), np.diagonal(covariance))
         matrix = FLOOR if covariance is None else covariance + np.diag(floored - np.diagonal(covariance))
-        sample = Sample(time_ns, pose, matrix, self._commanded(last, time_ns), self._wheels(time_ns))
+        sample = DrivenPose(time_ns, pose, matrix, self._commanded(last, time_ns), self._wheels(time_ns))
         if not is_driving:
             self._samples.clear()
             self._evidence_ns = self._slow_since_ns = -1
@@ -164,7 +164,7 @@ class MotionConsistency:
             return Doubt(stop, stop, self._largest)
         return replace(self._slow(doubt.slow, time_ns), squared=self._largest)
 
-    def _forget(self, now: Sample) -> None:
+    def _forget(self, now: DrivenPose) -> None:
         """Drop what no test goes back to."""
         while (
             now.commanded.way - self._samples[0].commanded.way > 2.0 * WINDOWS[-1]
@@ -187,7 +187,7 @@ class MotionConsistency:
         return Doubt(FINE, slow)
 
     # --- dead reckoning
-    def _commanded(self, last: Sample | None, time_ns: int) -> Reckoning:
+    def _commanded(self, last: DrivenPose | None, time_ns: int) -> Reckoning:
         if last is None:
             return Reckoning(speed=self._predictor.travel(time_ns, time_ns)[1].speed)
         step, before, after = self._predictor.travel(last.time_ns, time_ns)
@@ -220,15 +220,15 @@ class MotionConsistency:
         if after is None:
             if time_ns - then > MAX_ODOMETRY_GAP_NS:
                 return None
-            return compose(pose, _arc(speed * seconds, yaw_rate * seconds)), speed
+            return compose_poses(pose, _arc(speed * seconds, yaw_rate * seconds)), speed
         if after[0] - then > 2 * MAX_ODOMETRY_GAP_NS:
             return None
         step, share = between(pose, after[1]), (time_ns - then) / (after[0] - then)
         part = Pose2(share * step.x, share * step.y, share * step.yaw)
-        return compose(pose, part), speed + share * (after[2] - speed)
+        return compose_poses(pose, part), speed + share * (after[2] - speed)
 
     # --- tests
-    def _test(self, now: Sample) -> StopVerdict:
+    def _test(self, now: DrivenPose) -> StopVerdict:
         """Compare with the last pose, and with those some metres before."""
         if not self._samples:
             return FINE
@@ -242,11 +242,11 @@ class MotionConsistency:
                 return verdict
         return FINE
 
-    def _before(self, now: Sample, way: float) -> Sample | None:
+    def _before(self, now: DrivenPose, way: float) -> DrivenPose | None:
         """Return the last pose from which at least `way` m were commanded up to now."""
         return next((s for s in reversed(self._samples) if now.commanded.way - s.commanded.way >= way), None)
 
-    def _compare(self, then: Sample, now: Sample, *, is_last: bool) -> StopVerdict:
+    def _compare(self, then: DrivenPose, now: DrivenPose, *, is_last: bool) -> StopVerdict:
         """Test one pair of poses: by odometry where it agrees with pose or commands, else by commands."""
         pose = between(then.pose, now.pose)
         noise = pose_noise(pose, then.covariance, now.covariance)
@@ -358,7 +358,7 @@ def process_noise(motion: Pose2, growth: Reckoning, errors: MotionErrors) -> Arr
     return covariance
 
 
-def compose(a: Pose2, b: Pose2) -> Pose2:
+def compose_poses(a: Pose2, b: Pose2) -> Pose2:
     """Return the pose of b, which is seen from a."""
     cosine, sine = math.cos(a.yaw), math.sin(a.yaw)
     return Pose2(a.x + cosine * b.x - sine * b.y, a.y + sine * b.x + cosine * b.y, a.yaw + b.yaw)

@@ -22,7 +22,7 @@ PRIORITY = 5  # nice value of a front that is active
 LOOP = "SPHERE_NAV_LOOP"  # in the environment: descriptors of the connection to the loop, and of what tells its end
 
 
-class Loop(Protocol):
+class LoopRequests(Protocol):
     """What a front asks of its loop."""
 
     def ask(self, name: str, *values: Any) -> Any:
@@ -69,7 +69,7 @@ class FrontNode(ManagedNode):
     def configure(self) -> None:
         """Begin the loop, here or in the process of its own."""
         if self.remote is None:
-            self.loop: Loop = self.LOOP_CLASS(self.endpoints, self.params, self.transforms)
+            self.loop: LoopRequests = self.LOOP_CLASS(self.endpoints, self.params, self.transforms)
             return
         shell = cast("Any", self.shell)
         shell.health_name = name = shell.get_fully_qualified_name().lstrip("/")

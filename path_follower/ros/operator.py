@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 from std_srvs.srv import Trigger
 
-from path_follower.ros.front import Loop
+from path_follower.ros.front import LoopRequests
 from sphere_nav.ros.endpoints import Endpoints
 
 CALLS = ("start", "stop", "pause", "resume")
 
 
-def offer_calls(endpoints: Endpoints, loop: Loop) -> None:
+def offer_calls(endpoints: Endpoints, loop: LoopRequests) -> None:
     """Offer the services, each answered by what was done or why not."""
 
     def answering(name: str) -> Callable[[Trigger.Request, Trigger.Response], Trigger.Response]:

@@ -14,7 +14,7 @@ from sphere_nav_msgs.srv import LoadTrajectory
 from path_follower.params import PathFollowerParams
 from path_follower.path import ReferencePath
 from path_follower.path_files import make_path, read_path
-from path_follower.ros.front import Loop
+from path_follower.ros.front import LoopRequests
 from path_follower.taught import taught_speeds
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.conversions import driving
@@ -24,7 +24,7 @@ from sphere_nav.ros.endpoints import Endpoints
 class TrajectoryIntake:
     """Gives trajectories to the follower and shows the one in force. What cannot be read changes nothing."""
 
-    def __init__(self, endpoints: Endpoints, params: PathFollowerParams, loop: Loop) -> None:
+    def __init__(self, endpoints: Endpoints, params: PathFollowerParams, loop: LoopRequests) -> None:
         """Open topics and the service; load the file where one is set."""
         self.loop, self.log, self._now_ns = loop, endpoints.log, endpoints.now_ns
         self.params = params

@@ -147,7 +147,7 @@ class GuardedExecutor(SingleThreadedExecutor):
             self._failures.clear(entity)
         else:
             self._release(entity)
-            self._failures.add(raised, name_of(entity), entity)
+            self._failures.add(raised, entity_name(entity), entity)
 
     def _release(self, entity: Any) -> None:
         """Have an entity served again: rclpy leaves it and its group busy where its message could not be taken."""
@@ -160,7 +160,7 @@ class GuardedExecutor(SingleThreadedExecutor):
         self.wake()
 
 
-def name_of(entity: Any) -> str:
+def entity_name(entity: Any) -> str:
     """Return what rclpy called: a topic, a service, a timer, or the name of its class."""
     if entity is None:
         return "task"

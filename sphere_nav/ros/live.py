@@ -36,7 +36,7 @@ class LiveShell(RclpyShell, LifecycleNode):
         self.failures = CallbackFailures(self.log)
         self.is_configured = False
         self.on_finish: Callable[[int], None] = lambda status: None
-        parameters.answer_always(self, self.failures)
+        parameters.answer_wrong_types(self, self.failures)
         parameters.fix_clock(self, self._why_fixed)
         parameters.declare(self, ShellParams, lambda: "decided when the process starts")
         parameters.declare(self, node_class.PARAMS, self._why_fixed)

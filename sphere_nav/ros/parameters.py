@@ -66,7 +66,7 @@ def fix_clock(node: Node, why_fixed: Callable[[], str]) -> None:
     node.add_on_set_parameters_callback(judge)
 
 
-def answer_always(node: Node, failures: CallbackFailures) -> None:
+def answer_wrong_types(node: Node, failures: CallbackFailures) -> None:
     """Have every request to set parameters answered, each parameter by itself, also where rclpy raises.
 
     An unknown type of a parameter, for one, is a ValueError, and who asked would wait for ever.

@@ -13,7 +13,7 @@ from path_follower.consistency import (
     MotionConsistency,
     Reckoning,
     between,
-    compose,
+    compose_poses,
     judge_covariance,
     pose_noise,
     process_noise,
@@ -49,7 +49,7 @@ class Car:
     def step(self, fault=lambda pose, age: pose, covariance=STATED, is_driving=True):
         """Let a tenth of a second pass; return what speaks against the pose after it."""
         self.move()
-        pose = compose(self.true, Pose2(*self.rng.normal(size=3) * NOISE))
+        pose = compose_poses(self.true, Pose2(*self.rng.normal(size=3) * NOISE))
         return self.consistency.see_pose(fault(pose, self.age), covariance, self.now, is_driving=is_driving)
 
     def move(self):
@@ -58,7 +58,7 @@ class Car:
             self.now += STEP // 5
             self.predictor.remember(self.now, self.motion)
             way = Pose2(*(self.share * np.array(way)))
-            self.true, self.driven = compose(self.true, way), compose(self.driven, way)
+            self.true, self.driven = compose_poses(self.true, way), compose_poses(self.driven, way)
             if not self.is_odometry_frozen:
                 self.told = self.driven, self.share * self.motion.speed
             if self.has_odometry:
@@ -87,7 +87,7 @@ def frozen():
 
 
 def beside(x, y, yaw):
-    return lambda pose, age: compose(pose, Pose2(x, y, yaw))
+    return lambda pose, age: compose_poses(pose, Pose2(x, y, yaw))
 
 
 @pytest.mark.parametrize("has_odometry", [False, True])
@@ -101,11 +101,11 @@ def test_what_is_wrong_is_named_within_meters(has_odometry, sign, speed):
     assert (reason, abs(speed) * seconds < 0.9) == (StopReason.POSE_FROZEN, True)
     for jump in ((0.9 * sign, 0, 0), (0, 0.9 * sign, 0), (0, 0, 0.9 * sign)):
         assert suffer(beside(*jump)) == (StopReason.POSE_JUMP, 0.1)
-    reason, seconds = suffer(lambda pose, age: compose(pose, Pose2(0, 0, 0.2 * sign * age)))
+    reason, seconds = suffer(lambda pose, age: compose_poses(pose, Pose2(0, 0, 0.2 * sign * age)))
     assert (reason, seconds < 2.6) == (StopReason.POSE_INCONSISTENT, True)
-    reason, seconds = suffer(lambda pose, age: compose(pose, Pose2(0, 0.5 * sign * age, 0)))
+    reason, seconds = suffer(lambda pose, age: compose_poses(pose, Pose2(0, 0.5 * sign * age, 0)))
     assert (reason, seconds < 2.6) == (StopReason.POSE_INCONSISTENT, True)
-    reason, seconds = suffer(lambda pose, age: compose(pose, Pose2(0, 0, sign * min(0.03 * age, 0.6))))
+    reason, seconds = suffer(lambda pose, age: compose_poses(pose, Pose2(0, 0, sign * min(0.03 * age, 0.6))))
     assert (reason, seconds < 12.0) == (StopReason.POSE_INCONSISTENT, True) or abs(speed) < 1.0  # 4 m take 8 s
 
 
@@ -276,9 +276,11 @@ def test_the_gates_are_quantiles_of_chi_squared():
 def test_the_noise_of_two_poses_is_that_of_drawn_ones(motion):
     rng, scale = np.random.default_rng(1), np.array([[1.0, 0.3, 0.1], [0.0, 0.8, -0.2], [0.0, 0.0, 1.0]])
     spread = (scale @ scale.T) * np.outer((0.02, 0.03, 0.01), (0.02, 0.03, 0.01))
-    then, now = (Pose2(*row) for row in ((5.0, 1.0, 2.0), compose(Pose2(5.0, 1.0, 2.0), motion)))
+    then, now = (Pose2(*row) for row in ((5.0, 1.0, 2.0), compose_poses(Pose2(5.0, 1.0, 2.0), motion)))
     drawn = [rng.multivariate_normal(np.zeros(3), covariance, 4000) for covariance in (spread, 2 * spread)]
-    errors = [between(compose(then, Pose2(*a)), compose(now, Pose2(*b))) for a, b in zip(*drawn, strict=True)]
+    errors = [
+        between(compose_poses(then, Pose2(*a)), compose_poses(now, Pose2(*b))) for a, b in zip(*drawn, strict=True)
+    ]
     found = np.cov(np.array(errors).T)
     np.testing.assert_allclose(found, pose_noise(motion, spread, 2 * spread), atol=0.05 * np.abs(found).max())
 
@@ -317,7 +319,7 @@ def test_nominal_drives_raise_no_alarm(period):
                 car.move()
                 continue
             more = Pose2(*car.rng.normal(size=3) * np.sqrt(np.diagonal(stated) - np.square(NOISE)))
-            doubt = car.step(lambda pose, age, more=more: compose(pose, more), stated)
+            doubt = car.step(lambda pose, age, more=more: compose_poses(pose, more), stated)
             assert (doubt.stop, doubt.slow) == (FINE, FINE)
             squared.append(doubt.squared)
     assert np.mean(np.array(squared) > chi2.isf(0.01, 3)) < 0.04  # the largest of four tests of each pose
