@@ -156,7 +156,7 @@ def test_nothing_is_written_outside_the_map_folder(path, tmp_path):
     bench.drive(rgbd, range(1))
     answer = bench.call("save_map", SaveMap.Request(path=path, overwrite=True))
     assert not answer.success
-    assert "expected a folder below" in answer.message
+    assert "expected a folder (parameter map_folder) below" in answer.message
     assert not (tmp_path / "elsewhere").exists()
 
 

@@ -167,7 +167,7 @@ def test_the_velocity_of_an_image_is_that_of_its_neighbours():
 def refined(fx, fy, unobserved=()):
     lens = Lens.of(Pinhole(64, 48, fx, fy, 31.0, 23.0, CAMERA.distortion), 0.0125)
     deviations = {name: (k + 1) / 8 for k, name in enumerate(lens.names)}
-    figures = {"images": [0] * 7, "num_pixels": 99, "residual": 2.25}
+    figures = {"states": [0] * 7, "num_pixels": 99, "residual": 2.25}
     return SimpleNamespace(lens=lens, unobserved=unobserved, deviations=deviations, **figures)
 
 

@@ -176,7 +176,7 @@ def test_a_missing_file_is_named(name, seven_scenes, capsys, tmp_path):
 
 def test_damaged_files_are_named(seven_scenes, kitti, capsys, tmp_path):
     (seven_scenes / "frame-000001.depth.png").write_bytes(b"\x89PNG")
-    assert "001.depth.png: image data: expected PNG" in fails(capsys, tmp_path, "seven_scenes", seven_scenes)
+    assert "001.depth.png: expected an image" in fails(capsys, tmp_path, "seven_scenes", seven_scenes)
     (seven_scenes / "frame-000001.pose.txt").write_text("1 0 0\n")
     assert "pose.txt:1: expected 4 numbers, found 3" in fails(capsys, tmp_path, "seven_scenes", seven_scenes)
     (kitti / "poses.txt").write_text("1 2 3\n")
