@@ -116,14 +116,16 @@ class PoseIntake:
 
     def _accept(self, message: Any, convert: Callable[[], tuple[SE3, Array]], speed: float | None = None) -> None:
         """Hand a pose on and answer it; ValueError for one that cannot be used, which stops the vehicle."""
-        stamp, is_bad = conversions.stamp_ns(message), True
+        stamp, is_bad = -1, True
         try:
+            stamp = conversions.stamp_ns(message)
             T_map_base, covariance = convert()
             is_bad = False
             time = self._answered.times.of(stamp)
         except ValueError as error:
             self._watch.refuse_pose(str(error), is_bad=is_bad)
-            self._answered.answer_pose(stamp, is_refused=True)
+            if stamp >= 0:
+                self._answered.answer_pose(stamp, is_refused=True)
             raise
         self._answered.accept(stamp)
         planar = covariance[np.ix_(PLANAR, PLANAR)]

@@ -33,6 +33,7 @@ from path_follower.ros.front import LOOP, FrontNode
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
+from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.node import Log, ThrottledLog
 from sphere_nav.ros.rclpy_shell import LivePublisher, RclpyShell
 from sphere_nav.ros.run import help_text, run, until_signal
@@ -173,6 +174,8 @@ class LoopServer:
 class LoopShell(RclpyShell):
     """The loop's node: topics with the names that the front has resolved, and timers."""
 
+    callbacks_name = "callbacks of the loop"  # beside those of the front, which has the same name in /diagnostics
+
     def __init__(self, front_class: type[FrontNode], failures: CallbackFailures, setup: dict[str, Any]) -> None:
         self.topics: dict[str, str] = setup["topics"]
         super().__init__(
@@ -249,7 +252,10 @@ class GivenTransforms:
 
 
 def bounded(data: bytes, kind: type[Any]) -> Any:
-    """Return the message of bytes; ValueError for too many of them."""
+    """Return the message of bytes; ValueError for too many of them, or bytes that are no such message."""
     if len(data) > MAX_BYTES:
         raise ValueError(f"expected at most {MAX_BYTES} bytes, found {len(data)}")
-    return deserialize_message(data, kind)
+    try:
+        return deserialize_message(data, kind)
+    except rclpy_implementation.RMWError:
+        raise ValueError(f"expected a {type_name(kind)}, found {len(data)} bytes that are none") from None

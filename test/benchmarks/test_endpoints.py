@@ -20,6 +20,7 @@ FRAGILE = """
 import os
 from std_msgs.msg import String, UInt8
 from sphere_nav.ros.node import ManagedNode
+from sphere_nav.ros.run import run
 
 class Fragile(ManagedNode):
     NAME = "fragile"
@@ -31,6 +32,9 @@ class Fragile(ManagedNode):
     def on_text(self, message):
         if len(message.data) > 1000:
             os._exit(3)
+
+def main():
+    return run(Fragile)
 """
 
 
