@@ -176,6 +176,7 @@ class Interrogation:
 
     def _end(self) -> None:
         if self._victim is not None:
+            self._await_health(list(self._told), time.monotonic(), HEALTH)  # what came in since it was told last
             self._victim.close()
             self.outcome.mistakes += self._victim.mistakes()
             self._victim = None
@@ -250,9 +251,13 @@ class Interrogation:
         assert self._victim is not None
         has_loop = self._victim.has_loop and state in (State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_ACTIVE)
         names = ["callbacks", "callbacks of the loop"] if has_loop else ["callbacks"]
-        end = time.monotonic() + ANSWER
-        while any(time.monotonic() - self._told.get(name, 0.0) > HEALTH for name in names):
-            if self._victim.death or time.monotonic() > end:
+        return self._await_health(names, time.monotonic() - HEALTH, ANSWER)
+
+    def _await_health(self, names: Sequence[str], since: float, patience: float) -> bool:
+        """Whether diagnostics with these entries come that are not older than a time."""
+        end = time.monotonic() + patience
+        while any(self._told.get(name, 0.0) < since for name in names):
+            if self._victim is None or self._victim.death or time.monotonic() > end:
                 return False
             self._executor.spin_once(timeout_sec=0.2)
         return True

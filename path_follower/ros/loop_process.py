@@ -25,7 +25,6 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logger
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
@@ -33,7 +32,7 @@ from path_follower.ros.front import LOOP, FrontNode
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
-from sphere_nav.ros.interfaces import type_name
+from sphere_nav.ros.interfaces import from_bytes
 from sphere_nav.ros.node import Log, ThrottledLog
 from sphere_nav.ros.rclpy_shell import LivePublisher, RclpyShell
 from sphere_nav.ros.run import help_text, run, until_signal
@@ -255,7 +254,4 @@ def bounded(data: bytes, kind: type[Any]) -> Any:
     """Return the message of bytes; ValueError for too many of them, or bytes that are no such message."""
     if len(data) > MAX_BYTES:
         raise ValueError(f"expected at most {MAX_BYTES} bytes, found {len(data)}")
-    try:
-        return deserialize_message(data, kind)
-    except rclpy_implementation.RMWError:
-        raise ValueError(f"expected a {type_name(kind)}, found {len(data)} bytes that are none") from None
+    return from_bytes(data, kind)

@@ -27,7 +27,8 @@ def failing(error):
 )
 def test_every_exception_is_an_answer(error, line, is_ours):
     told = []
-    found = answer_always(failing(error), "load", lambda *text: told.append(text))(Trigger.Request(), Trigger.Response())
+    answer = answer_always(failing(error), "load", lambda *text: told.append(text))
+    found = answer(Trigger.Request(), Trigger.Response())
     assert (found.success, found.message) == (False, line)
     assert len(told) == 1
     text, failure = told[0]
