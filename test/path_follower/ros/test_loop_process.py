@@ -153,7 +153,7 @@ def test_what_is_too_large_is_not_converted():
     assert bounded(message, Bool).data
     with pytest.raises(ValueError, match=f"expected at most {MAX_BYTES} bytes, found {MAX_BYTES + 1}"):
         bounded(message + bytes(MAX_BYTES + 1 - len(message)), Bool)
-    with pytest.raises(ValueError, match="expected sensor_msgs/msg/LaserScan, found 5 bytes that are none"):
+    with pytest.raises(ValueError, match="expected sensor_msgs/msg/LaserScan, found 8 bytes that are none"):
         bounded(message, LaserScan)
 
 
