@@ -334,7 +334,7 @@ def run(options: argparse.Namespace) -> Report:
     progress = partial(tqdm, unit="node", disable=None)
     outcomes = interrogate(cases, count, options.lie_seed, progress=progress)
     report = Report("endpoints", notes=[f"{describe(options.threads)}; seed {options.lie_seed}", __doc__ or ""])
-    columns = ("node", "endpoints", "lies", "received", "refused", "failed", "starts")
+    columns: tuple[str, ...] = ("node", "endpoints", "lies", "received", "refused", "failed", "starts")
     columns += ("deaths", "silences", "tracebacks", "s")
     rows = []
     for o in outcomes:
