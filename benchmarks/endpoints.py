@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import signal
 import subprocess
 import sys
 import tempfile
@@ -45,6 +46,7 @@ from sphere_nav.ros import qos
 HELP = "lied messages and requests to every endpoint of every node (--lies, --lie-seed): no process dies"
 COUNT, QUICK_COUNT = 100_000, 2000
 START = 120.0  # s until a node answers after it was started, on a busy machine
+END = 4.0  # s until it ends when it is told to
 AGAIN = 5.0  # s until a question is repeated
 ANSWER = 30.0  # s until it answers after lies, or tells its health; more counts as a hang
 HEALTH = 3.0  # s without diagnostics, which come every second, until they are awaited
@@ -80,42 +82,34 @@ class Victim:
         start = f"import sys; from {node.__module__} import main; sys.exit(main())"
         self.name, self.log = node.NAME, folder / f"{node.NAME}.log"
         self.has_loop = issubclass(node, FrontNode)
-        self._had_front = False
         with self.log.open("wb") as log:
             command = [sys.executable, "-P", "-c", start, "--ros-args", *words]
             self.process = subprocess.Popen(command, stdout=log, stderr=log, cwd=folder)
 
     @property
     def death(self) -> str:
-        """How the process ended, or its front; empty while they live."""
+        """How the process ended, which a loop does with its front; empty while it lives."""
         status = self.process.poll()
-        if status is None and (not self.has_loop or not self._has_lost_front()):
+        if status is None:
             return ""
         lines = self.log.read_text(encoding="utf-8", errors="replace").splitlines()
-        how = "its front ended, the loop did not" if status is None else f"ended with {status}"
-        return f"{self.name}: {how}: {lines[-1] if lines else 'no word'}"[:300]
-
-    def _has_lost_front(self) -> bool:
-        """Whether there was a process beneath the loop, and is none any more, nor has the loop ended with it."""
-        try:
-            front_of(self.process.pid)
-        except (IndexError, OSError):
-            if self._had_front:
-                with suppress(subprocess.TimeoutExpired):
-                    self.process.wait(AGAIN)
-            return self._had_front
-        self._had_front = True
-        return False
+        return f"{self.name}: ended with {status}: {lines[-1] if lines else 'no word'}"[:300]
 
     def close(self) -> None:
-        """End the process."""
+        """End the process, and the front of one that had to be killed: it would answer for its successor."""
         if self.process.poll() is None:
+            front = 0
+            with suppress(IndexError, OSError):
+                front = front_of(self.process.pid) if self.has_loop else 0
             self.process.terminate()
             try:
-                self.process.wait(10.0)
+                self.process.wait(END)
             except subprocess.TimeoutExpired:
                 self.process.kill()
                 self.process.wait()
+                if front:
+                    with suppress(ProcessLookupError):
+                        os.kill(front, signal.SIGKILL)
 
     def mistakes(self) -> Counter[str]:
         """Return the last lines of the tracebacks in the log, with the places they come from."""
@@ -197,6 +191,10 @@ class Interrogation:
 
     def _find_endpoints(self) -> None:
         """Make a publisher for each topic and a client for each service of all nodes of the process."""
+        for name, message in self._case.sends().items():  # a recorder subscribes to what there is
+            topic = f"/{name.lstrip('/')}"
+            if topic not in self._topics:
+                self._topics[topic] = self._node.create_publisher(type(message), topic, qos.LATCHED)
         own = (self._node.get_name(), self._node.get_namespace())
         for name, namespace in set(self._node.get_node_names_and_namespaces()) - {own}:
             for topic, kinds in self._node.get_subscriber_names_and_types_by_node(name, namespace):

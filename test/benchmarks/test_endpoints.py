@@ -3,6 +3,7 @@
 import importlib
 import os
 import signal
+import time
 
 import numpy as np
 import pytest
@@ -57,21 +58,28 @@ def test_a_death_is_seen_and_told_and_the_node_starts_again(tmp_path, monkeypatc
 GUARD = next(case for case in CASES if case.node_class.NAME == "command_guard")
 
 
-def test_lies_kill_no_node_and_the_silence_and_the_end_of_a_front_are_seen(monkeypatch):
-    monkeypatch.setattr(endpoints, "ANSWER", 2.0)
-    one, hits, seen = Interrogation._one, {250: signal.SIGSTOP, 270: signal.SIGKILL}, []
+def test_lies_kill_no_node_and_the_end_of_a_front_and_the_silence_of_a_loop_are_seen(monkeypatch):
+    monkeypatch.setattr(endpoints, "ANSWER", 3.0)
+    monkeypatch.setattr(endpoints, "HEALTH", 1.5)
+    one, stopped = Interrogation._one, []
 
     def lie_and_hit(self):
-        if self.outcome.num_lies in hits:
-            seen.append((self._victim.death, len(self.outcome.deaths), len(self.outcome.silences)))
-            os.kill(front_of(self._victim.process.pid), hits.pop(self.outcome.num_lies))
+        loop, number = self._victim.process.pid, self.outcome.num_lies
+        if number == 30:
+            assert not self._victim.death
+            os.kill(front_of(loop), signal.SIGKILL)
+        if number == 300:
+            time.sleep(endpoints.HEALTH)  # it tells what it has heard
+            stopped.append(loop)
+            os.kill(loop, signal.SIGSTOP)
+        if loop in stopped:
+            time.sleep(0.1)  # its last words grow old
         one(self)
 
     monkeypatch.setattr(Interrogation, "_one", lie_and_hit)
-    (outcome,) = interrogate([GUARD], 288, seed=4, clocks=[True])
-    assert seen == [("", 0, 0), ("", 0, 1)]
-    assert ["no answer for 2 s (lie 264)" in text for text in outcome.silences] == [True]
+    (outcome,) = interrogate([GUARD], 330, seed=4, clocks=[True])
     assert ["ended with 1" in text for text in outcome.deaths] == [True]
+    assert ["no diagnostics for 3 s" in text for text in outcome.silences] == [True]
     assert outcome.mistakes == {}
     assert outcome.counts["received"] > 20  # by the loop
     assert outcome.counts["refused"] > 0
