@@ -1,7 +1,8 @@
 """Lies to every endpoint of every node: topics, its services, and those that rclpy makes. No process may die of them.
 
-Each node is a real process over DDS, once on the time of the system and once on /clock. After every few lies it has to
-answer a question; a node that was deactivated by one of them is activated again, one that was shut down starts anew.
+Each node is what its command starts, over DDS, once on the time of the system and once on /clock: a process, or a
+control loop with its front. After every few lies it has to answer a question, and to have told its health lately, the
+loop as well as the front; a node that was deactivated is activated again, one that was shut down starts anew.
 """
 
 from __future__ import annotations
@@ -9,12 +10,14 @@ from __future__ import annotations
 import argparse
 import os
 import re
+import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -31,18 +34,22 @@ from rclpy.node import Node
 from rclpy.task import Future
 from tqdm import tqdm
 
+from benchmarks.fault_busy import front_of
 from benchmarks.fuzz_mutations import mutate_message
 from benchmarks.lies import Liar, interface_class
 from benchmarks.lifecycle_cases import CASES, Case
 from benchmarks.machine import describe
 from benchmarks.report import Bound, Report, Table
+from path_follower.ros.front import FrontNode
 from sphere_nav.ros import qos
 
 HELP = "lied messages and requests to every endpoint of every node (--lies, --lie-seed): no process dies"
 COUNT, QUICK_COUNT = 100_000, 2000
 START = 120.0  # s until a node answers after it was started, on a busy machine
+END = 4.0  # s until it ends when it is told to
 AGAIN = 5.0  # s until a question is repeated
-ANSWER = 30.0  # s until it answers after lies; more counts as a hang
+ANSWER = 30.0  # s until it answers after lies, or tells its health; more counts as a hang
+HEALTH = 3.0  # s without diagnostics, which come every second, until they are awaited
 ROUND = 24  # lies before a question
 SHARE_OF_REQUESTS = 0.3  # of the lies; the others are messages
 SHARE_OF_BYTES = 0.2  # of the messages, that are no message
@@ -60,27 +67,28 @@ class Outcome:
     num_starts: int = 0
     counts: Counter[str] = field(default_factory=Counter)  # by the node's own diagnostics: received, refused, failed
     deaths: list[str] = field(default_factory=list)
+    silences: list[str] = field(default_factory=list)
     mistakes: Counter[str] = field(default_factory=Counter)  # tracebacks in the log: ours to mend
     seconds: float = 0.0
 
 
 class Victim:
-    """A node as a process; its log is kept."""
+    """A node as what its command starts: a process, or two; its log is kept."""
 
     def __init__(self, case: Case, folder: Path, *, uses_sim_time: bool) -> None:
         values = case.values(folder) | {"use_sim_time": uses_sim_time}
         words = [word for name, value in values.items() for word in ("-p", f"{name}:={_text(value)}")]
         node = case.node_class
-        start = f"import sys; from {node.__module__} import {node.__name__} as Node; "
-        start += "from sphere_nav.ros.run import run; sys.exit(run(Node))"
+        start = f"import sys; from {node.__module__} import main; sys.exit(main())"
         self.name, self.log = node.NAME, folder / f"{node.NAME}.log"
+        self.has_loop = issubclass(node, FrontNode)
         with self.log.open("wb") as log:
             command = [sys.executable, "-P", "-c", start, "--ros-args", *words]
             self.process = subprocess.Popen(command, stdout=log, stderr=log, cwd=folder)
 
     @property
     def death(self) -> str:
-        """How the process ended; empty while it lives."""
+        """How the process ended, which a loop does with its front; empty while it lives."""
         status = self.process.poll()
         if status is None:
             return ""
@@ -88,14 +96,20 @@ class Victim:
         return f"{self.name}: ended with {status}: {lines[-1] if lines else 'no word'}"[:300]
 
     def close(self) -> None:
-        """End the process."""
+        """End the process, and the front of one that had to be killed: it would answer for its successor."""
         if self.process.poll() is None:
+            front = 0
+            with suppress(IndexError, OSError):
+                front = front_of(self.process.pid) if self.has_loop else 0
             self.process.terminate()
             try:
-                self.process.wait(10.0)
+                self.process.wait(END)
             except subprocess.TimeoutExpired:
                 self.process.kill()
                 self.process.wait()
+                if front:
+                    with suppress(ProcessLookupError):
+                        os.kill(front, signal.SIGKILL)
 
     def mistakes(self) -> Counter[str]:
         """Return the last lines of the tracebacks in the log, with the places they come from."""
@@ -119,6 +133,7 @@ class Interrogation:
         self._executor.add_node(self._node)
         self._victim: Victim | None = None
         self._counts: dict[str, int] = {}  # the last ones, by entry and name
+        self._told: dict[str, float] = {}  # when the health of each process came last, s
         self._node.create_subscription(DiagnosticArray, "/diagnostics", self._count, qos.STATE)
         self._topics: dict[str, Any] = {}
         self._clients: dict[str, Any] = {}
@@ -147,24 +162,39 @@ class Interrogation:
             raise ValueError(f"{self._victim.name}: expected an answer within {START:g} s, {self._victim.death}")
         names = self._ask("list_parameters", ListParameters, ListParameters.Request(), ANSWER)
         self._liar.words = [] if names is None else list(names.result.names)
+        loop, end = f"{self._victim.name}_loop", time.monotonic() + ANSWER
+        while self._victim.has_loop and loop not in self._node.get_node_names() and time.monotonic() < end:
+            time.sleep(0.1)
+        time.sleep(0.5)  # its subscriptions come after its name
         self._find_endpoints()
 
     def _end(self) -> None:
         if self._victim is not None:
+            self._await_health(list(self._told), time.monotonic(), HEALTH)  # what came in since it was told last
             self._victim.close()
             self.outcome.mistakes += self._victim.mistakes()
             self._victim = None
-            for key, value in self._counts.items():
-                self.outcome.counts[key.rpartition(": ")[2]] += value
             self._counts.clear()
+            self._told.clear()
 
     def _count(self, message: DiagnosticArray) -> None:
+        """Add what is new: a process that configures again counts its inputs from 0."""
         for status in message.status:
-            pairs = [pair for pair in status.values if pair.key in ("received", "refused", "failed")]
-            self._counts |= {f"{status.name}: {pair.key}": int(pair.value) for pair in pairs}
+            for pair in status.values:
+                if pair.key == "failed":
+                    self._told[status.name.rpartition(": ")[2]] = time.monotonic()
+                if pair.key in ("received", "refused", "failed"):
+                    key, value = f"{status.name}: {pair.key}", int(pair.value)
+                    last = self._counts.get(key, 0)
+                    self.outcome.counts[pair.key] += value - last if value >= last else value
+                    self._counts[key] = value
 
     def _find_endpoints(self) -> None:
         """Make a publisher for each topic and a client for each service of all nodes of the process."""
+        for name, message in self._case.sends().items():  # a recorder subscribes to what there is
+            topic = f"/{name.lstrip('/')}"
+            if topic not in self._topics:
+                self._topics[topic] = self._node.create_publisher(type(message), topic, qos.LATCHED)
         own = (self._node.get_name(), self._node.get_namespace())
         for name, namespace in set(self._node.get_node_names_and_namespaces()) - {own}:
             for topic, kinds in self._node.get_subscriber_names_and_types_by_node(name, namespace):
@@ -202,14 +232,33 @@ class Interrogation:
         """Ask the node; note its death, or its silence."""
         assert self._victim is not None
         answer = self._ask("get_state", GetState, GetState.Request(), ANSWER)
-        if answer is None:
-            death = self._victim.death or f"{self._victim.name}: no answer within {ANSWER:g} s"
-            self.outcome.deaths.append(f"{death} (lie {self.outcome.num_lies})")
+        state = answer and answer.current_state.id
+        if answer is None or not self._is_told(state):
+            death = self._victim.death
+            silence = "no answer" if answer is None else "no diagnostics"
+            where = self.outcome.deaths if death else self.outcome.silences
+            where.append(f"{death or f'{self._victim.name}: {silence} for {ANSWER:g} s'} (lie {self.outcome.num_lies})")
             self._end()
             return
-        is_active = answer.current_state.id == State.PRIMARY_STATE_ACTIVE
+        is_active = state == State.PRIMARY_STATE_ACTIVE
         if not is_active and self._rng.random() < 0.5 and self._activate(ANSWER) != State.PRIMARY_STATE_ACTIVE:
             self._end()  # shut down as it was asked to, or without a file that it needs: it starts anew
+
+    def _is_told(self, state: int) -> bool:
+        """Whether the health of the node was told lately; that of its loop, too, where it is configured."""
+        assert self._victim is not None
+        has_loop = self._victim.has_loop and state in (State.PRIMARY_STATE_INACTIVE, State.PRIMARY_STATE_ACTIVE)
+        names = ["callbacks", "callbacks of the loop"] if has_loop else ["callbacks"]
+        return self._await_health(names, time.monotonic() - HEALTH, ANSWER)
+
+    def _await_health(self, names: Sequence[str], since: float, patience: float) -> bool:
+        """Whether diagnostics with these entries come that are not older than a time."""
+        end = time.monotonic() + patience
+        while any(self._told.get(name, 0.0) < since for name in names):
+            if self._victim is None or self._victim.death or time.monotonic() > end:
+                return False
+            self._executor.spin_once(timeout_sec=0.2)
+        return True
 
     def _activate(self, patience: float) -> int | None:
         """Have the node active where that can be; its state, None without an answer."""
@@ -283,21 +332,25 @@ def run(options: argparse.Namespace) -> Report:
     progress = partial(tqdm, unit="node", disable=None)
     outcomes = interrogate(cases, count, options.lie_seed, progress=progress)
     report = Report("endpoints", notes=[f"{describe(options.threads)}; seed {options.lie_seed}", __doc__ or ""])
-    columns = ("node", "endpoints", "lies", "received", "refused", "failed", "starts", "deaths", "tracebacks", "s")
+    columns: tuple[str, ...] = ("node", "endpoints", "lies", "received", "refused", "failed", "starts")
+    columns += ("deaths", "silences", "tracebacks", "s")
     rows = []
     for o in outcomes:
         heard = [o.counts[key] for key in ("received", "refused", "failed")]
-        counts = o.num_endpoints, o.num_lies, *heard, o.num_starts, len(o.deaths), o.mistakes.total()
-        rows.append((o.name, *map(str, counts), f"{o.seconds:.0f}"))
+        counts = o.num_endpoints, o.num_lies, *heard, o.num_starts, len(o.deaths), len(o.silences)
+        rows.append((o.name, *map(str, counts), str(o.mistakes.total()), f"{o.seconds:.0f}"))
     report.tables.append(Table("Lies", columns, rows))
     deaths = [death for outcome in outcomes for death in outcome.deaths]
+    silences = [silence for outcome in outcomes for silence in outcome.silences]
     mistakes = Counter({f"{o.name}: {line}": n for o in outcomes for line, n in o.mistakes.items()})
-    for title, lines in (("Deaths", deaths), ("Tracebacks", [f"{n} x {line}" for line, n in mistakes.most_common()])):
+    traces = [f"{n} x {line}" for line, n in mistakes.most_common()]
+    for title, lines in (("Deaths", deaths), ("Silences", silences), ("Tracebacks", traces)):
         if lines:
             report.tables.append(Table(title, ("what",), [(line.replace("|", "/"),) for line in lines[:100]]))
     total = float(sum(outcome.num_lies for outcome in outcomes))
     report.bounds.append(Bound("lies sent", float(count), total, "", is_minimum=True))
-    report.bounds.append(Bound("processes that died, or were silent for 30 s", 0.0, float(len(deaths)), ""))
+    report.bounds.append(Bound("processes that died", 0.0, float(len(deaths)), ""))
+    report.bounds.append(Bound(f"processes that were silent for {ANSWER:g} s", 0.0, float(len(silences)), ""))
     return report
 
 

@@ -32,6 +32,7 @@ from cycab_sim.world.traffic.traffic import Traffic
 from cycab_sim.world.worlds import build_world
 from sphere_nav.geometry import SE3, Camera
 
+MAX_PLACE, MAX_SPEED = 1e6, 100.0  # m from the origin, and m/s, that a car is put to
 NAMES = ("odom", "imu", "scan", "camera", "sphere", "rig")
 START_NS = SECOND  # a stamp of 0 means 'no time' in ROS
 CAR_POINTS = 8  # along the car, from which traffic keeps off
@@ -119,6 +120,9 @@ class Simulator:
         """Put the car somewhere else; the wheels do not notice."""
         if not np.all(np.isfinite([x, y, yaw, speed])):
             raise ValueError(f"teleport: expected finite numbers, found {x}, {y}, {yaw}, {speed}")
+        if max(abs(x), abs(y)) > MAX_PLACE or abs(speed) > MAX_SPEED:  # the car's motion would not be finite
+            expected = f"at most {MAX_PLACE:g} m and {MAX_SPEED:g} m/s"
+            raise ValueError(f"teleport: expected {expected}, found {x:g}, {y:g} and {speed:g}")
         self.vehicle.state = VehicleState(x, y, yaw, speed, 0.0)
         self.imu.forget()
 

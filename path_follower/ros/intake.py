@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from nav_msgs.msg import Odometry
 from sensor_msgs.msg import LaserScan
@@ -116,14 +117,16 @@ class PoseIntake:
 
     def _accept(self, message: Any, convert: Callable[[], tuple[SE3, Array]], speed: float | None = None) -> None:
         """Hand a pose on and answer it; ValueError for one that cannot be used, which stops the vehicle."""
-        stamp, is_bad = conversions.stamp_ns(message), True
+        stamp, is_bad = -1, False
         try:
+            stamp, is_bad = conversions.stamp_ns(message), True
             T_map_base, covariance = convert()
             is_bad = False
             time = self._answered.times.of(stamp)
         except ValueError as error:
             self._watch.refuse_pose(str(error), is_bad=is_bad)
-            self._answered.answer_pose(stamp, is_refused=True)
+            if stamp >= 0:
+                self._answered.answer_pose(stamp, is_refused=True)
             raise
         self._answered.accept(stamp)
         planar = covariance[np.ix_(PLANAR, PLANAR)]
@@ -132,14 +135,23 @@ class PoseIntake:
 
     def on_status(self, message: LocalizationStatus) -> None:
         """Hand on the state of the localiser; bad news counts at once, good news by its stamp."""
-        status, times = conversions.message_to_status(message), self._answered.times
-        stamp = conversions.stamp_ns(message)
+        stamp, times = stamp_of_news(message), self._answered.times
+        status = conversions.message_to_status(message)
         is_good = status.state in TRUSTED
         time = times.of(stamp) if is_good else times.now()
         self._answered.accept(stamp)
         self._watch.see_status(status.state, time, status.reason, status.age, status.map_id)
         # what was computed of an image that is trusted has a pose; it may come after its status
         self._answered.answer_status(stamp, is_good=is_good, has_pose=is_good and status.milliseconds > 0.0)
+
+
+def stamp_of_news(message: Any) -> int:
+    """Return the stamp of a status; one that cannot be is set to 0, for bad news counts whatever its stamp."""
+    try:
+        return conversions.stamp_ns(message)
+    except ValueError:
+        message.header.stamp = Time()
+        return 0
 
 
 class DirectionIntake:
@@ -164,7 +176,7 @@ class DirectionIntake:
 
     def on_source(self, message: FollowerStatus) -> None:
         """Hand on whether the directions may be followed."""
-        stamp, times = conversions.stamp_ns(message), self._answered.times
+        stamp, times = stamp_of_news(message), self._answered.times
         state, way = driving.message_to_progress(message)
         is_trusted, is_there = state == FollowerState.DRIVING, state == FollowerState.FINISHED
         time = times.of(stamp) if is_trusted or is_there else times.now()

@@ -25,7 +25,6 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.logging import get_logger
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from rclpy.serialization import deserialize_message
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
@@ -33,6 +32,7 @@ from path_follower.ros.front import LOOP, FrontNode
 from sphere_nav.geometry import SE3
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
+from sphere_nav.ros.interfaces import from_bytes
 from sphere_nav.ros.node import Log, ThrottledLog
 from sphere_nav.ros.rclpy_shell import LivePublisher, RclpyShell
 from sphere_nav.ros.run import help_text, run, until_signal
@@ -180,6 +180,8 @@ class LoopServer:
 class LoopShell(RclpyShell):
     """The loop's node: topics with the names that the front has resolved, and timers."""
 
+    callbacks_name = "callbacks of the loop"  # beside those of the front, which has the same name in /diagnostics
+
     def __init__(self, front_class: type[FrontNode], failures: CallbackFailures, setup: dict[str, Any]) -> None:
         self.topics: dict[str, str] = setup["topics"]
         super().__init__(
@@ -256,7 +258,7 @@ class GivenTransforms:
 
 
 def bounded(data: bytes, kind: type[Any]) -> Any:
-    """Return the message of bytes; ValueError for too many of them."""
+    """Return the message of bytes; ValueError for too many of them, or bytes that are no such message."""
     if len(data) > MAX_BYTES:
         raise ValueError(f"expected at most {MAX_BYTES} bytes, found {len(data)}")
-    return deserialize_message(data, kind)
+    return from_bytes(data, kind)

@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from nav_msgs.msg import Path
-from rclpy.serialization import deserialize_message
 from sphere_nav_msgs.msg import ReferenceTrajectory
 from sphere_nav_msgs.srv import LoadTrajectory
 
@@ -19,6 +18,7 @@ from path_follower.taught import taught_speeds
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
+from sphere_nav.ros.interfaces import from_bytes
 
 
 class TrajectoryIntake:
@@ -46,7 +46,7 @@ class TrajectoryIntake:
 
         def read(data: bytes) -> None:
             if self.loop.ask("is_at_rest"):
-                use(deserialize_message(data, kind))
+                use(from_bytes(data, kind))
             else:
                 self.log.warning(f"{topic}: not read while the vehicle is under way: call stop first", every=5.0)
 

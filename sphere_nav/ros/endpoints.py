@@ -15,6 +15,7 @@ from sphere_nav.ros.service import answer_always
 from sphere_nav.ros.subscription import Subscription
 
 COMPRESSED, COMPRESSED_DEPTH = "/compressed", "/compressedDepth"  # topics of image_transport
+REQUEST_PERIOD = 1.0  # s between two lines of requests that failed alike; each of them is answered
 OK, WARN, ERROR, STALE = 0, 1, 2, 3  # levels of diagnostic_msgs/DiagnosticStatus
 
 
@@ -156,7 +157,11 @@ class Endpoints:
 
     def add_service(self, name: str, kind: type[Any], handler: Callable[[Any, Any], Any]) -> None:
         """Offer a service, `~/name`; `handler(request, response)` returns the response; errors become one line."""
-        self._shell.add_service(name, kind, answer_always(handler, name, self.log.error))
+
+        def report(text: str, failure: str) -> None:
+            self.log.error(text, every=REQUEST_PERIOD, key=f"service {failure}")
+
+        self._shell.add_service(name, kind, answer_always(handler, name, report))
 
     def add_timer(self, seconds: float, callback: Callable[[], None], *, is_wall: bool = False) -> None:
         """Call back every so many seconds of the node's clock, or of the wall's."""

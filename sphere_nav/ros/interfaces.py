@@ -10,6 +10,8 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+from rclpy.serialization import deserialize_message
+
 SEPARATOR = "=" * 80
 PRIMITIVES = {
     *("bool", "byte", "char", "float32", "float64", "string", "wstring"),
@@ -21,6 +23,15 @@ def type_name(kind: type[Any]) -> str:
     """Return `package/msg/Type` of a generated message class."""
     package, folder = kind.__module__.split(".")[:2]
     return f"{package}/{folder}/{kind.__name__}"
+
+
+def from_bytes(data: bytes, kind: type[Any]) -> Any:
+    """Return the message of bytes; ValueError where they are none of that type."""
+    try:
+        return deserialize_message(data, kind)
+    except Exception as error:  # the type support raises whatever it likes
+        found = f"{len(data)} bytes that are none: {' '.join(str(error).split())}"
+        raise ValueError(f"expected {type_name(kind)}, found {found}") from None
 
 
 @cache

@@ -95,7 +95,12 @@ class ManagedNode:
 
 
 class ThrottledLog:
-    """Adds `every` seconds at most once a `key` to a logger with info, warning and error."""
+    """Adds `every` seconds at most once a `key` to a logger with info, warning and error.
+
+    It remembers the keys that came last, MAX_KEYS of them: texts that never come again are forgotten.
+    """
+
+    MAX_KEYS: ClassVar[int] = 200
 
     def __init__(self, logger: Any, clock: Callable[[], float] = time.monotonic) -> None:
         self._logger, self._clock = logger, clock
@@ -122,5 +127,8 @@ class ThrottledLog:
         now = self._clock()
         if now - self._last.get(key, float("-inf")) < every:
             return False
+        self._last.pop(key, None)  # the oldest stand first
         self._last[key] = now
+        if len(self._last) > self.MAX_KEYS:
+            del self._last[next(iter(self._last))]
         return True

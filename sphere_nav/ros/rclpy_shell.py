@@ -24,6 +24,7 @@ from sphere_nav.ros.interfaces import type_name
 from sphere_nav.ros.subscription import Subscription
 
 HEALTH_PERIOD = 1.0  # s
+JUMP_PERIOD = 1.0  # s between two lines about a clock that jumps
 EXPLAIN_PERIOD = 10.0  # s between two equal explanations in the log
 MAX_REFUSED = 4  # messages in a row that are refused without an alarm
 
@@ -56,6 +57,7 @@ class RclpyShell(Node):
     log: Log
     failures: CallbackFailures
     health_name = ""  # in front of the entries in /diagnostics; empty: the node's own name
+    callbacks_name = "callbacks"  # of the entry that counts what failed
 
     def open_shell(self) -> None:
         """Begin: after rclpy's constructor, when parameters are declared."""
@@ -78,7 +80,7 @@ class RclpyShell(Node):
         raise NotImplementedError
 
     def _on_jump(self, jump: object) -> None:
-        self.log.warning("the clock went backwards: everything with a stamp is forgotten")
+        self.log.warning("the clock went backwards: everything with a stamp is forgotten", every=JUMP_PERIOD)
         self.clock_jumped()
 
     def now_ns(self) -> int:
@@ -188,7 +190,7 @@ class RclpyShell(Node):
     def _tell_health(self) -> None:
         for line in unserved(self, self._own_publishers):
             self.log.warning(line, every=EXPLAIN_PERIOD)
-        callbacks = self._status("callbacks", *self.failures.examine())
+        callbacks = self._status(self.callbacks_name, *self.failures.examine())
         array = DiagnosticArray(status=[*self._life(), callbacks, *self._lacks(), *self._reported()])
         array.header.stamp = ns_to_time(self.now_ns())
         self._diagnostics.publish(array)

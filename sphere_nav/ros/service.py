@@ -12,11 +12,12 @@ Handler = Callable[[Any, Any], Any]
 MAX_LINE = 600  # characters: what was found may be a whole file
 
 
-def answer_always(handler: Handler, name: str, report: Callable[[str], None]) -> Handler:
+def answer_always(handler: Handler, name: str, report: Callable[[str, str], None]) -> Handler:
     """Return the handler with every exception turned into `success: false` and one line.
 
     ValueError and OSError say what is wrong with the request. Anything else is a mistake of ours: `report` gets where
-    it came from, too, for whoever mends it. A response without those fields is returned empty.
+    it came from, too, for whoever mends it. Beside the text it gets the kind of failure, the same however many requests
+    fail so. A response without those fields is returned empty.
     """
 
     def answer(request: Any, response: Any) -> Any:
@@ -27,7 +28,8 @@ def answer_always(handler: Handler, name: str, report: Callable[[str], None]) ->
             if hasattr(refused, "success"):
                 refused.success, refused.message = False, one_line(error)
             is_ours = not isinstance(error, ValueError | OSError)
-            report(f"{name}: {traceback.format_exc().rstrip() if is_ours else one_line(error)}")
+            text = traceback.format_exc().rstrip() if is_ours else one_line(error)
+            report(f"{name}: {text}", f"{name}: {type(error).__name__}")
             return refused
 
     return answer

@@ -1,6 +1,9 @@
 """Lies to endpoints reach a node, a death by one of them is seen, and a short run kills no node."""
 
 import importlib
+import os
+import signal
+import time
 
 import numpy as np
 import pytest
@@ -12,7 +15,9 @@ from geometry_msgs.msg import PoseStamped
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
-from benchmarks.endpoints import interrogate
+from benchmarks import endpoints
+from benchmarks.endpoints import Interrogation, interrogate
+from benchmarks.fault_busy import front_of
 from benchmarks.lies import MARK, NO_UTF8, Liar, interface_class
 from benchmarks.lifecycle_cases import CASES, Case
 
@@ -20,6 +25,7 @@ FRAGILE = """
 import os
 from std_msgs.msg import String, UInt8
 from sphere_nav.ros.node import ManagedNode
+from sphere_nav.ros.run import run
 
 class Fragile(ManagedNode):
     NAME = "fragile"
@@ -29,8 +35,11 @@ class Fragile(ManagedNode):
         self.add_subscription("number", UInt8, lambda message: 1 // message.data)
 
     def on_text(self, message):
-        if len(message.data) > 1000:
+        if len(message.data) > 100:
             os._exit(3)
+
+def main():
+    return run(Fragile)
 """
 
 
@@ -39,18 +48,42 @@ def test_a_death_is_seen_and_told_and_the_node_starts_again(tmp_path, monkeypatc
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     case = Case(importlib.import_module("fragile_node").Fragile, "", None)
-    (outcome,) = interrogate([case], 150, seed=3, clocks=[False])
-    assert outcome.num_lies >= 150
+    (outcome,) = interrogate([case], 96, seed=3, clocks=[False])
+    assert outcome.num_lies >= 96
     assert 1 <= len(outcome.deaths) <= outcome.num_starts <= len(outcome.deaths) + 1
     assert all(death.startswith("fragile: ended with 3") for death in outcome.deaths)
     assert any(line.startswith("ZeroDivisionError") for line in outcome.mistakes)
 
 
-def test_a_short_run_kills_no_node():
-    cases = [case for case in CASES if case.node_class.NAME == "command_guard"]
-    outcomes = interrogate(cases, 300, seed=4)
-    assert [outcome.deaths for outcome in outcomes] == [[], []]
-    assert [outcome.mistakes for outcome in outcomes] == [{}, {}]
+GUARD = next(case for case in CASES if case.node_class.NAME == "command_guard")
+
+
+def test_lies_kill_no_node_and_the_end_of_a_front_and_the_silence_of_a_loop_are_seen(monkeypatch):
+    monkeypatch.setattr(endpoints, "ANSWER", 3.0)
+    monkeypatch.setattr(endpoints, "HEALTH", 1.5)
+    one, stopped = Interrogation._one, []
+
+    def lie_and_hit(self):
+        loop, number = self._victim.process.pid, self.outcome.num_lies
+        if number == 30:
+            assert not self._victim.death
+            os.kill(front_of(loop), signal.SIGKILL)
+        if number == 300:
+            time.sleep(endpoints.HEALTH)  # it tells what it has heard
+            stopped.append(loop)
+            os.kill(loop, signal.SIGSTOP)
+        if loop in stopped:
+            time.sleep(0.1)  # its last words grow old
+        one(self)
+
+    monkeypatch.setattr(Interrogation, "_one", lie_and_hit)
+    (outcome,) = interrogate([GUARD], 330, seed=4, clocks=[True])
+    assert ["ended with 1" in text for text in outcome.deaths] == [True]
+    assert ["no diagnostics for 3 s" in text for text in outcome.silences] == [True]
+    assert outcome.mistakes == {}
+    assert outcome.counts["received"] > 20  # by the loop
+    assert outcome.counts["refused"] > 0
+    assert outcome.counts["failed"] > 0  # bytes that are no message, to either
     assert not rclpy.ok()
 
 

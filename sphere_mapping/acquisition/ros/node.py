@@ -22,6 +22,7 @@ from sphere_nav.geometry.files.rig_file import read_rig
 from sphere_nav.ros import conversions, qos
 from sphere_nav.ros.node import OK, WARN, ManagedNode
 from sphere_nav.ros.run import run
+from sphere_nav.ros.service import one_line
 from sphere_nav.ros.tf import TransformListener, TransformTree
 from sphere_nav.spheres.sphere import Sphere
 
@@ -136,14 +137,23 @@ class SphereStitcher(ManagedNode):
         for name, problem in notes.items():
             self.log.warning(f"camera {name}: {problem}", every=5.0, key=name)
         if instant.sync.is_failed or not instant.images:
-            self.log.error(f"no sphere at {stamp / 1e9:.3f} s: {', '.join(notes)}", every=5.0)
+            self.tell_lack(stamp, ", ".join(notes))
             return
-        self.stitch(instant)
+        try:
+            self.stitch(instant)
+        except ValueError as error:  # of cameras that see too little: no message is to blame, nor a timer
+            self.tell_lack(stamp, one_line(error))
+
+    def tell_lack(self, stamp: int, why: str) -> None:
+        """Say that there is no sphere of an instant."""
+        self.log.error(f"no sphere at {stamp / 1e9:.3f} s: {why}", every=5.0, key="no sphere")
+        self.report("stitching", WARN, f"no sphere: {why}")
 
     def stitch(self, instant: RigInstant) -> None:
         """Make the sphere of an instant and publish it."""
         stitched = self.stitcher.stitch(instant.images, instant.sync.stamp_ns, instant.points, instant.depths)
         self.publish(stitched.sphere)
+        self.report("stitching", OK, "stitching")
 
     def publish(self, sphere: Sphere) -> None:
         """Tell a sphere, and show it where someone looks."""

@@ -9,8 +9,6 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
 
-from rclpy.serialization import deserialize_message
-
 from sphere_nav.geometry.files.untrusted import choice, load_yaml, read_text, required, short
 from sphere_nav.ros import qos
 from sphere_nav.ros.bags.kind import PlainView, compression_of, is_foreign, lone_file
@@ -19,7 +17,7 @@ from sphere_nav.ros.bags.mcap_records import MAX_CHUNK
 from sphere_nav.ros.bags.recorded import BagError, Recorded, TopicInfo
 from sphere_nav.ros.bags.unpack import unpack
 from sphere_nav.ros.bags.writer import absolute
-from sphere_nav.ros.interfaces import message_class, type_hash, type_name
+from sphere_nav.ros.interfaces import from_bytes, message_class, type_hash, type_name
 
 MAX_METADATA = 1 << 20  # bytes
 
@@ -182,10 +180,9 @@ class BagReader:
 def deserialize(data: bytes, kind: type[Any], where: str) -> Any:
     """Deserialize one message; BagError if the bytes are not of that type."""
     try:
-        return deserialize_message(data, kind)
-    except Exception as error:  # the type support raises whatever it likes
-        found = f"{len(data)} bytes that are none: {' '.join(str(error).split())}"
-        raise BagError(f"{where}: expected {type_name(kind)}, found {found}") from None
+        return from_bytes(data, kind)
+    except ValueError as error:
+        raise BagError(f"{where}: {error}") from None
 
 
 def _topic_info(name: str, kind: str, metadata: dict[str, str]) -> TopicInfo:

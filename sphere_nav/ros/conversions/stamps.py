@@ -12,16 +12,21 @@ MAX_STAMP_NS = 2**31 * SECOND - 1  # what a Time holds
 
 
 def time_to_ns(time: Time) -> int:
-    """Return nanoseconds."""
-    return int(time.sec) * SECOND + int(time.nanosec)
+    """Return nanoseconds; ValueError for what could not be sent on: before 1970, or seconds above 31 bits."""
+    return checked(int(time.sec) * SECOND + int(time.nanosec))
 
 
 def ns_to_time(ns: int) -> Time:
     """Return a Time; ValueError where its 32-bit seconds cannot hold it."""
-    seconds, nanoseconds = divmod(int(ns), SECOND)
+    seconds, nanoseconds = divmod(checked(int(ns)), SECOND)
+    return Time(sec=seconds, nanosec=nanoseconds)
+
+
+def checked(ns: int) -> int:
+    """Return nanoseconds that a Time of ours holds; ValueError for others."""
     if not 0 <= ns <= MAX_STAMP_NS:
         raise ValueError(f"stamp: expected 0 to 2^31 s, found {ns} ns")
-    return Time(sec=seconds, nanosec=nanoseconds)
+    return ns
 
 
 def header(ns: int, frame_id: str) -> Header:

@@ -242,7 +242,7 @@ class LocalizerNode(ManagedNode):
         try:
             self.relocalize(given)
         except ValueError as error:
-            self.log.error(f"initialpose: refused: {error}")
+            self.log.error(f"initialpose: refused: {error}", every=1.0)
 
     def tell(self, estimate: BaseEstimate | None) -> None:
         """Tell what a search has found at once."""

@@ -142,6 +142,24 @@ def test_a_pose_from_the_future_is_refused_by_name_and_the_drive_goes_on(lead):
     assert node.loop.follower.watch.pose.x < x + 2.0
 
 
+def test_poses_before_1970_are_refused_and_stop_as_fast_as_silence():
+    bus, node = follower_bus()
+    x = drive(bus, node, 30)
+    begun, last = bus.now_ns, 0.0
+    told = next(item for item in node.inputs if item.topic == "pose")
+    for _ in range(15):
+        for item in bus.advance(bus.now_ns + SECOND // 10):
+            if item.topic == "/cmd_vel" and item.message.twist.linear.x != 0.0:
+                last = (item.stamp_ns - begun) / SECOND
+        message = se3_to_pose_with_covariance(SE3.from_planar(x, 0, 0), 1e-4 * np.eye(6), bus.now_ns, "map")
+        message.header.stamp.sec = -1
+        bus.deliver("/pose", message)
+        list(bus.settle())
+    assert "stamp: expected 0 to 2^31 s, found -" in told.last_refusal
+    assert "stamp: expected 0 to 2^31 s, found -" in node.loop.follower.mode.verdict.detail
+    assert last <= 0.8
+
+
 def seconds_to_zero(bus, seconds=3.0):
     begun, last = bus.now_ns, 0.0
     for item in bus.advance(begun + round(seconds * SECOND)):
@@ -193,10 +211,12 @@ def test_a_camera_clock_that_is_wrong_stops_as_fast_as_silence(lead):
 
 
 def test_bad_news_counts_whatever_its_stamp():
-    for stamp in (0, 1, 10**18):
+    for stamp in (-1, 0, 1, 10**18):
         bus, node = follower_bus()
         drive(bus, node, 30)
-        status(bus, "LOST", stamp)
+        message = status_to_message(Status(State.LOST, ""), max(stamp, 0), "map")
+        message.header.stamp.sec = min(stamp, message.header.stamp.sec)
+        bus.deliver("/status", message)
         assert seconds_to_zero(bus) <= 0.4
         assert node.loop.follower.mode.verdict.reason == "NOT_LOCALISED"
 

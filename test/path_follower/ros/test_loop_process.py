@@ -16,6 +16,7 @@ pytest.importorskip("rclpy")
 import rclpy
 from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
+from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import GuardStatus
 from std_msgs.msg import Bool
 
@@ -152,6 +153,8 @@ def test_what_is_too_large_is_not_converted():
     assert bounded(message, Bool).data
     with pytest.raises(ValueError, match=f"expected at most {MAX_BYTES} bytes, found {MAX_BYTES + 1}"):
         bounded(message + bytes(MAX_BYTES + 1 - len(message)), Bool)
+    with pytest.raises(ValueError, match="expected sensor_msgs/msg/LaserScan, found 8 bytes that are none"):
+        bounded(message, LaserScan)
 
 
 def test_a_big_path_is_a_path():

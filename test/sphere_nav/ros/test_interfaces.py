@@ -1,10 +1,12 @@
 """Types by name; definitions and hashes agree with an independent type system."""
 
 import pytest
+from rclpy.serialization import serialize_message
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import Bool
 
-from sphere_nav.ros.interfaces import message_class, schema_text, type_hash, type_name
+from sphere_nav.ros.interfaces import from_bytes, message_class, schema_text, type_hash, type_name
 
 STANDARD = [
     "sensor_msgs/msg/Image",
@@ -25,6 +27,12 @@ def test_a_schema_defines_the_type_that_the_hash_names(name):
     store = get_typestore(Stores.EMPTY)
     store.register(get_types_from_msg(schema_text(name), name))
     assert store.hash_rihs01(name) == type_hash(name)
+
+
+def test_bytes_are_a_message_or_refused():
+    assert from_bytes(serialize_message(Bool(data=True)), Bool) == Bool(data=True)
+    with pytest.raises(ValueError, match="expected sensor_msgs/msg/PointCloud2, found 3 bytes that are none"):
+        from_bytes(b"abc", PointCloud2)
 
 
 def test_classes_and_names():

@@ -1,7 +1,10 @@
 """What every node inherits."""
 
+from itertools import count
+
 import pytest
 from std_msgs.msg import String
+from std_srvs.srv import SetBool
 
 from sphere_nav.ros.bags.replay import OfflineBus
 from sphere_nav.ros.node import ManagedNode, NoParams
@@ -35,6 +38,25 @@ def test_reports_are_kept_by_name():
     node.report("disk", 1, "nearly full", free=3)
     node.report("disk", 0, "fine", free=30)
     assert node.reports == {"disk": (0, "fine", {"free": 30})}
+
+
+def test_requests_that_fail_alike_are_answered_each_and_told_once_a_second(caplog):
+    def on_call(request, response):
+        raise KeyError("x") if request.data else ValueError(f"request: expected 1, found {next(numbers)}")
+
+    bus, answers, numbers = OfflineBus(), [], count()
+    node = bus.add(Plain)
+    node.add_service("~/call", SetBool, on_call)
+    for second in (1, 2):
+        list(bus.advance(second * 10**9))
+        answers += [node.shell.call("call", SetBool.Request(data=number == 9)).message for number in range(10)]
+    assert len(set(answers)) == 19  # KeyError says the same twice
+    assert [record.message.splitlines()[0] for record in caplog.records] == [
+        "~/call: request: expected 1, found 0",
+        "~/call: Traceback (most recent call last):",
+        "~/call: request: expected 1, found 9",
+        "~/call: Traceback (most recent call last):",
+    ]
 
 
 def test_a_raw_listener_gets_bytes():

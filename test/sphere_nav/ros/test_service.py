@@ -27,18 +27,21 @@ def failing(error):
 )
 def test_every_exception_is_an_answer(error, line, is_ours):
     told = []
-    found = answer_always(failing(error), "load", told.append)(Trigger.Request(), Trigger.Response())
+    answer = answer_always(failing(error), "load", lambda *text: told.append(text))
+    found = answer(Trigger.Request(), Trigger.Response())
     assert (found.success, found.message) == (False, line)
     assert len(told) == 1
-    assert ("Traceback" in told[0]) == is_ours
-    assert told[0].startswith("load: ")
+    text, failure = told[0]
+    assert ("Traceback" in text) == is_ours
+    assert text.startswith("load: ")
+    assert failure == f"load: {type(error).__name__}"
 
 
 def test_a_response_without_success_is_empty():
     def handler(request, response):
         raise ValueError("no")
 
-    assert answer_always(handler, "x", lambda text: None)(Empty.Request(), Empty.Response()) == Empty.Response()
+    assert answer_always(handler, "x", lambda *text: None)(Empty.Request(), Empty.Response()) == Empty.Response()
 
 
 def test_an_answer_passes():

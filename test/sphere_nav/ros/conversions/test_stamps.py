@@ -1,6 +1,7 @@
 """Time in nanoseconds."""
 
 import pytest
+from builtin_interfaces.msg import Time
 from geometry_msgs.msg import PoseStamped
 
 from sphere_nav.ros.conversions import header, ns_to_time, stamp_ns, time_to_ns
@@ -16,3 +17,9 @@ def test_a_time_comes_back_to_the_nanosecond(ns):
 def test_what_a_message_cannot_hold_is_refused(ns):
     with pytest.raises(ValueError, match="stamp: expected 0 to"):
         ns_to_time(ns)
+
+
+@pytest.mark.parametrize("time", [Time(sec=-1, nanosec=342_388_850), Time(sec=2**31 - 1, nanosec=10**9)])
+def test_what_could_not_be_sent_on_is_not_taken(time):
+    with pytest.raises(ValueError, match="stamp: expected 0 to 2"):
+        time_to_ns(time)
