@@ -19,6 +19,7 @@ import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -175,21 +176,21 @@ class Feeder:
         from sphere_nav.geometry import SE3
         from sphere_nav.ros import conversions, qos
 
-        self.node, self.publishers, self.qos = rclpy.create_node("base"), {}, qos  # type: ignore[var-annotated]
+        self.node, self.qos = rclpy.create_node("base"), qos
+        self.publishers: dict[str, Any] = {}
         self.views, self.camera, self.pictures = views, camera, pictures
         self.node.create_subscription(Twist, "cmd_vel", self._obey, qos.COMMAND)
         self.node.create_subscription(FollowerStatus, "path_follower/status", self._hear, qos.STATE)
         self.counts: dict[str, int] = {}
         for space in (EYES, PARTICLES):
-            self.node.create_subscription(
-                LocalizationStatus, f"{space}/status", lambda message, s=space: self._count(s + " " + message.state),
-                qos.STATE,
-            )  # fmt: skip
+            count = partial(self._count, space)
+            self.node.create_subscription(LocalizationStatus, f"{space}/status", count, qos.STATE)
         self.start, self.request = self.node.create_client(Trigger, "path_follower/start"), Trigger.Request()
         self.pose = SE3.identity()
         self.speed = self.yaw_rate = self.way = 0.0
-        self.num_turns = self.num_starts = 0
-        self.asked, self.answer, self.reason = 0.0, None, ""
+        self.num_turns, self.num_starts, self.moved = 0, 0, time.monotonic()
+        self.answer: Any = None
+        self.asked, self.reason = 0.0, ""
         self.reasons: dict[str, int] = {}
         mounts = {"camera_optical": T_base_camera, "laser": SE3.identity()}
         stamp = time.time_ns()
@@ -204,7 +205,8 @@ class Feeder:
             self.reasons[message.reason] = self.reasons.get(message.reason, 0) + 1
         self.reason = message.reason
 
-    def _count(self, what: str) -> None:
+    def _count(self, space: str, message: Any) -> None:
+        what = f"{space} {message.state}"
         self.counts[what] = self.counts.get(what, 0) + 1
 
     def _say(self, topic: str, message: Any, profile: Any) -> None:
@@ -233,8 +235,9 @@ class Feeder:
         from sphere_nav.localization.status import State, Status
         from sphere_nav.ros import conversions
 
-        step = SE3.from_planar(self.speed * PERIOD, 0.0, self.yaw_rate * PERIOD)
-        self.pose, self.way = self.pose @ step, self.way + abs(self.speed) * PERIOD
+        elapsed, self.moved = time.monotonic() - self.moved, time.monotonic()
+        step = SE3.from_planar(self.speed * elapsed, 0.0, self.yaw_rate * elapsed)
+        self.pose, self.way = self.pose @ step, self.way + abs(self.speed) * elapsed
         stamp, state, covariance = time.time_ns(), self.qos.STATE, 1e-4 * np.eye(6)
         self._say("emergency_stop", Bool(data=False), state)
         self._say("status", conversions.status_to_message(Status(State.TRACKING), stamp, "map"), state)
@@ -378,40 +381,47 @@ def slope(times: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[floa
 
 
 def judge(log: Path, machine: str) -> Report:
-    """Report what the samples in a file say; the last line may be missing."""
-    lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
+    """Report what the samples in a file say, also those of a run that was cut off."""
+    lines = [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines() if line.endswith("}")]
     samples = [line for line in lines if "looks" in line]
     warm = min(60.0 * WARM_UP, samples[-1]["time"] / 3.0)
     used = [sample for sample in samples if sample["time"] >= warm]
     times = np.array([sample["time"] for sample in used])
-    report = Report("soak", notes=[machine, __doc__ or ""])
-    rows = []
+    report, rows = Report("soak", notes=[machine, __doc__ or ""]), []
     for name in used[0]["looks"]:
         looks = [Look(**sample["looks"][name]) for sample in used]
-        hourly = [3600.0 / 1024.0 * s for s in slope(times, np.array([one.anonymous for one in looks], dtype=float))]
-        first, last = looks[0], looks[-1]
-        cpu = (last.cpu - first.cpu) / (times[-1] - times[0])
-        rows.append((
-            name, f"{first.anonymous / 1024:.1f} – {last.anonymous / 1024:.1f}",
-            f"{hourly[0]:.2f} ({hourly[1]:.2f} to {hourly[2]:.2f})", f"{first.handles} – {last.handles}",
-            f"{first.threads} – {last.threads}", f"{100 * cpu:.1f}",
-        ))  # fmt: skip
-        report.bounds += [
-            Bound(f"{name}: memory", 1.0, hourly[0], "MB/h"),
-            Bound(f"{name}: descriptors more at the end", 0, last.handles - first.handles, ""),
-            Bound(f"{name}: threads more at the end", 0, last.threads - first.threads, ""),
-        ]
-    report.bounds += [
-        Bound("files in /dev/shm more at the end", 0, used[-1]["shared"] - used[0]["shared"], ""),
-        Bound("bytes in /dev/shm more at the end", 0, used[-1]["shared_bytes"] - used[0]["shared_bytes"], ""),
-    ]
-    columns = ("process", "memory [MB]", "growth [MB/h] (95 %)", "descriptors", "threads", "CPU [%]")
-    minutes = (times[-1] - times[0]) / 60.0
-    report.tables.append(Table(f"First and last of {minutes:.0f} min, after {warm / 60:.0f} min", columns, rows))
-    ends = [line["ends"] for line in lines if "ends" in line]
-    last = samples[-1]
+        row, bounds = _judge_one(name, times, looks)
+        rows.append(row)
+        report.bounds += bounds
+    for key, what in (("shared", "files in /dev/shm"), ("shared_bytes", "bytes in /dev/shm")):
+        report.bounds.append(Bound(f"{what}, more at the end", 0, used[-1][key] - used[0][key], ""))
+    columns = ("process", "memory, MB", "growth, MB/h (95 %)", "descriptors (most)", "threads (most)", "CPU, %")
+    title = f"First and last of {(times[-1] - times[0]) / 60.0:.0f} min, after {warm / 60.0:.0f} min of warming up"
+    report.tables.append(Table(title, columns, rows))
+    last, ends = samples[-1], next((line["ends"] for line in lines if "ends" in line), "none yet")
     report.notes.append(
-        f"{last['way']:.0f} m driven, {last['starts']} starts, stops {last['reasons']}; states {last['states']}; "
-        f"/dev/shm {last['shared']} files, {last['shared_bytes'] / 2**20:.1f} MB; exit codes {ends}"
+        f"Driven {last['way']:.0f} m, start called {last['starts']} times, stops {last['reasons']}; states of the "
+        f"images {last['states']}; /dev/shm {last['shared']} files of {last['shared_bytes'] / 2**20:.1f} MB; exit "
+        f"codes {ends}."
     )
     return report
+
+
+def _judge_one(name: str, times: NDArray[np.float64], looks: list[Look]) -> tuple[tuple[str, ...], list[Bound]]:
+    first, last = looks[0], looks[-1]
+    memory = np.array([one.anonymous for one in looks]) / 1024.0
+    middle, low, high = (3600.0 * found for found in slope(times, memory))
+    handles, threads = [one.handles for one in looks], [one.threads for one in looks]
+    row = (
+        name,
+        f"{memory[0]:.1f} – {memory[-1]:.1f}",
+        f"{middle:.2f} ({low:.2f} to {high:.2f})",
+        f"{handles[0]} – {handles[-1]} ({max(handles)})",
+        f"{threads[0]} – {threads[-1]} ({max(threads)})",
+        f"{100.0 * (last.cpu - first.cpu) / (times[-1] - times[0]):.1f}",
+    )
+    return row, [
+        Bound(f"{name}: growth of memory, upper end of 95 %", 1.0, high, "MB/h"),
+        Bound(f"{name}: descriptors, more at the end", 0, handles[-1] - handles[0], ""),
+        Bound(f"{name}: threads, more at the end", 0, threads[-1] - threads[0], ""),
+    ]
