@@ -302,6 +302,7 @@ def draw(folder: Path) -> tuple[Path, list[NDArray[np.uint8]], Any, Any]:
 def add_arguments(parser: argparse._ArgumentGroup) -> None:
     """Declare the arguments."""
     parser.add_argument("--soak-minutes", type=float, default=60.0, help="length of the run (%(default)s)")
+    parser.add_argument("--soak-nodes", nargs="+", default=list(MODULES), help="nodes that run (all)")
     parser.add_argument("--soak-log", type=Path, help="only report the samples in this file, of a run before")
 
 
@@ -311,20 +312,24 @@ def run(options: argparse.Namespace) -> Report:
     if log is None:
         log = options.output / "soak.jsonl"
         log.parent.mkdir(parents=True, exist_ok=True)
-        soak(2.0 if options.quick else options.soak_minutes, log)
+        soak(options.soak_nodes, 2.0 if options.quick else options.soak_minutes, log)
     return judge(log, describe(options.threads))
 
 
-def soak(minutes: float, log: Path) -> None:
-    """Run everything for so long, and write a line for each look at it."""
-    os.environ |= {"ROS_DOMAIN_ID": DOMAIN, "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+def soak(names: list[str], minutes: float, log: Path) -> None:
+    """Run some nodes for so long, and write a line for each look at them."""
+    if unknown := set(names) - set(MODULES):
+        raise ValueError(f"--soak-nodes: expected some of {', '.join(MODULES)}, found {', '.join(unknown)}")
+    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
+    os.environ.setdefault("ROS_DOMAIN_ID", DOMAIN)
     import rclpy
 
     with tempfile.TemporaryDirectory() as name, open(log, "w", encoding="utf-8") as file:
         street, views, camera, mount = draw(Path(name))
         ends: dict[str, int] = {}
         try:
-            with processes(arguments(Path(name), street), ends) as running:
+            words = arguments(Path(name), street)
+            with processes({name: words[name] for name in names}, ends) as running:
                 rclpy.init()
                 feeder = Feeder(views, camera, mount)
                 _watch(feeder, running, minutes, file)
@@ -336,7 +341,7 @@ def soak(minutes: float, log: Path) -> None:
 
 def _watch(feeder: Feeder, running: dict[str, subprocess.Popen[bytes]], minutes: float, file: TextIO) -> None:
     end = time.monotonic() + PATIENCE
-    while feeder.speed == 0.0:
+    while feeder.speed == 0.0 and "path_follower" in running:
         feeder.live(1.0)
         if time.monotonic() > end:
             raise RuntimeError(f"path_follower: expected it to drive, found {feeder.reason!r}")

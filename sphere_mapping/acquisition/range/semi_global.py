@@ -29,7 +29,8 @@ from sphere_mapping.acquisition.kernels import NUM_DISPARITIES, cost_ratios
 
 Plane = NDArray[np.float32]
 Image = NDArray[np.uint8]
-Item, Answer = TypeVar("Item"), TypeVar("Answer")
+Item = TypeVar("Item")
+Answer = TypeVar("Answer")
 
 _pool = cache(ThreadPoolExecutor)
 os.register_at_fork(after_in_child=_pool.cache_clear)  # threads stay with the parent
