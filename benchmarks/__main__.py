@@ -56,6 +56,7 @@ BENCHMARKS = {
     "endpoints": "benchmarks.endpoints",
     "map_streaming": "benchmarks.map_streaming",
     "intake_rate": "benchmarks.intake_rate",
+    "soak": "benchmarks.soak",
 }
 
 

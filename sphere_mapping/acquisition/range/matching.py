@@ -12,7 +12,6 @@ the surface is out of reach, and nothing is known. A point is higher in the lowe
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import cv2
@@ -61,7 +60,7 @@ from sphere_mapping.acquisition.range.levels import (
     interpolate,
     usable_at,
 )
-from sphere_mapping.acquisition.range.semi_global import Image, Plane, compare_costs, match_semi_globally
+from sphere_mapping.acquisition.range.semi_global import Image, Plane, compare_costs, in_threads, match_semi_globally
 
 Flags = NDArray[np.bool_]
 Pair = tuple[Image, Image]  # of a level: upper, lower
@@ -247,8 +246,7 @@ def refine(
         above, below, start = (np.ascontiguousarray(plane[:, wide]) for plane in planes)
         _refine_strip(above, below, start, (margin, num_steps), params, value[:, own], std[:, own])
 
-    with ThreadPoolExecutor(jobs) as pool:
-        list(pool.map(work, range(0, width, length)))
+    in_threads(work, range(0, width, length), jobs)
     return Disparity(value, std)
 
 

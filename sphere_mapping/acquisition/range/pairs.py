@@ -7,7 +7,6 @@ then has the same column in both.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -30,6 +29,7 @@ from sphere_mapping.acquisition.params import StitchParams
 from sphere_mapping.acquisition.range.epipolar import disparities_of_ranges, range_from_disparity
 from sphere_mapping.acquisition.range.fusion import Ranged, StereoRange, fuse_planes
 from sphere_mapping.acquisition.range.matching import match_columns
+from sphere_mapping.acquisition.range.semi_global import in_threads
 from sphere_mapping.acquisition.stitching.layouts import Layouts, upright
 from sphere_mapping.acquisition.stitching.views import RigView
 from sphere_nav.geometry import SE3, Rig, RigCamera, Spherical
@@ -156,8 +156,7 @@ def range_of_pairs(
     def work(number: int) -> None:
         _range_of_pair(pairs[number], images, params, ranges[number], stds[number])
 
-    with ThreadPoolExecutor(jobs) as pool:
-        list(pool.map(work, range(len(pairs))))
+    in_threads(work, range(len(pairs)), jobs)
     return fuse_pairs(np.stack([pair.sees for pair in pairs]), ranges, stds)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 
 import numpy as np
@@ -21,7 +20,7 @@ from sphere_mapping.acquisition.range.epipolar import (
 from sphere_mapping.acquisition.range.fusion import Ranged, StereoRange, inverse_range
 from sphere_mapping.acquisition.range.matching import match_columns
 from sphere_mapping.acquisition.range.planes import Viewpoints, range_of_planes
-from sphere_mapping.acquisition.range.semi_global import check_order
+from sphere_mapping.acquisition.range.semi_global import check_order, in_threads
 from sphere_mapping.acquisition.stitching.blending import blend
 from sphere_mapping.acquisition.stitching.layouts import MAX_LAYOUTS, Layouts
 from sphere_mapping.acquisition.stitching.views import Layout
@@ -65,8 +64,8 @@ class VerticalStereo:
             above = (1.0 / np.maximum(inverse, 1e-4)).astype(np.float32)
             below = range_from_below(above, self._layouts.whole, self._layouts.baseline_m)
             inverses = [inverse, inverse_range(below, layouts[1].is_covered)]
-        with ThreadPoolExecutor(self._jobs) as pool:
-            top, bottom = pool.map(lambda pair: blend(pair[0], grays, pair[1]), zip(layouts, inverses, strict=True))
+        pairs = zip(layouts, inverses, strict=True)
+        top, bottom = in_threads(lambda pair: blend(pair[0], grays, pair[1]), pairs, self._jobs)
         return top, bottom
 
     def _measure(self, layouts: Sequence[Layout], top: Image, bottom: Image) -> Ranged:

@@ -1,5 +1,7 @@
 """A written bag is a rosbag2 bag, and nothing is overwritten or half there."""
 
+import tracemalloc
+
 import pytest
 import yaml
 from mcap.reader import make_reader
@@ -109,3 +111,24 @@ def test_a_topic_has_one_type(tmp_path):
             bag.add_topic("a", "std_msgs/msg/Header")
         with pytest.raises(ValueError, match="no_such_msgs/msg/Thing: definition not found"):
             bag.add_topic("b", "no_such_msgs/msg/Thing")
+
+
+def test_a_long_recording_takes_no_memory_for_its_index(tmp_path):
+    with BagWriter(tmp_path / "bag") as bag:
+
+        def write(begin, end):
+            for number in range(begin, end):
+                bag.write("text", String(data=str(number)), number)
+                bag.end_chunk()
+
+        write(0, 200)
+        tracemalloc.start()
+        before, _ = tracemalloc.get_traced_memory()
+        write(200, 1000)
+        after, _ = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+    assert after - before < 800 * 20  # bytes; as objects they take 1000 each
+    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as file:
+        chunks = make_reader(file, validate_crcs=True).get_summary().chunk_indexes
+    assert [chunk.message_start_time for chunk in chunks] == list(range(1000))
+    assert all(len(chunk.message_index_offsets) == 1 for chunk in chunks)
