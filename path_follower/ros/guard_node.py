@@ -28,7 +28,8 @@ class GuardLoop:
     def __init__(self, endpoints: Endpoints, params: GuardParams, transforms: None = None) -> None:
         """Open the topics."""
         self.endpoints, self.params = endpoints, params
-        self.guard, self.told, self.said_at = Guard(params), "", 0.0
+        self.guard, self.told, self.said_at, self.is_spoken_to = Guard(params), "", 0.0, False
+        self.said = "?"  # the reason that was published last
         kind = TwistStamped if params.is_stamped else Twist
         self.cmd_vel = endpoints.add_publisher("cmd_vel", kind, qos.COMMAND)
         self.status = endpoints.add_publisher("command_guard/status", GuardStatus)
@@ -51,6 +52,7 @@ class GuardLoop:
         """Hand on a command."""
         twist = message.twist if isinstance(message, TwistStamped) else message
         self.guard.see_command(twist.linear.x, twist.angular.z, self.endpoints.steady_ns() / 1e9)
+        self.is_spoken_to = True
 
     def on_heartbeat(self, message: UInt64) -> None:
         """Hand on a heartbeat."""
@@ -68,16 +70,22 @@ class GuardLoop:
         self.guard.doubt = "; ".join(doubts)
 
     def on_period(self) -> None:
-        """Send what is due; tell every change of reason."""
+        """Send what is due; tell every change of reason.
+
+        The follower is told right after it has spoken, or when the base stands: the middleware may hold up who sends
+        to a process that hangs, and a ramp must not wait for that.
+        """
         now = self.endpoints.steady_ns() / 1e9
-        self.send(*self.guard.pass_on(now))
+        speed, yaw_rate = self.guard.pass_on(now)
+        self.send(speed, yaw_rate)
+        may_tell, self.is_spoken_to = self.is_spoken_to or speed == 0.0, False
         reason, detail = self.guard.reason, self.guard.detail
         text = f"stopped: {reason}: {detail}" if reason else "passing commands on"
         self.endpoints.report("guard", WARN if reason else OK, text)
-        if reason != self.told or now - self.said_at >= LOOK_PERIOD:
+        if may_tell and (reason != self.said or now - self.said_at >= LOOK_PERIOD):
             stamp = header(self.endpoints.now_ns(), "")
             self.status.publish(GuardStatus(header=stamp, reason=str(reason), detail=detail))
-            self.said_at = now
+            self.said, self.said_at = reason, now
         if reason != self.told:
             (self.endpoints.log.warning if reason else self.endpoints.log.info)(text)
         self.told = reason

@@ -68,3 +68,19 @@ def test_deactivation_leaves_a_zero_command(driving):
     driving.node.deactivate()
     last = [item for item in driving.bus.settle() if item.topic == "/cmd_vel"][-1]
     assert last.message.linear.x == 0.0
+
+
+def test_the_follower_is_told_when_it_has_spoken_or_the_base_stands(driving):
+    """Sending to a process that hangs may take seconds: not before the ramp has ended."""
+    order = []
+    for _ in range(12):
+        driving.now += STEP
+        for item in driving.bus.advance(driving.now):
+            if item.topic == "/cmd_vel":
+                order.append(item.message.linear.x)
+            elif item.topic == "/command_guard/status":
+                order.append(item.message.reason)
+    first = next(k for k, said in enumerate(order) if isinstance(said, str) and said)
+    assert order[first] == "NO_COMMAND"
+    assert order[first - 1] == 0.0
+    assert not [said for said in order[:first] if said == ""][1:]
