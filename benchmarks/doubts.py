@@ -18,11 +18,10 @@ from tqdm import tqdm
 from benchmarks.report import Bound, Report, Table
 from cycab_sim.params import ActuatorParams, CarParams
 from cycab_sim.vehicle import Vehicle, VehicleCommand, VehicleState, WheelErrors, WheelOdometry
-from path_follower.consistency import compose_poses
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams, SafetyParams
-from path_follower.path import Pose2
+from path_follower.path import Pose2, compose_poses
 from path_follower.path_files import make_path
 from path_follower.reasons import StopReason
 from sphere_nav.geometry.arrays import Array

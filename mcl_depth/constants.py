@@ -121,7 +121,7 @@ MAX_OFF_WALL, MIN_SILL = 0.15, 0.05  # m from an opening to its wall; a door tha
 MIN_PIECE, SAME_CORNER = 1e-3, 0.02  # m of a wall; between the ends of walls that meet
 
 # Untrusted maps (geometry/test_files, test_bad_input): what a file says is refused beyond these
-MAX_BYTES, MAX_HEADER = 1 << 32, 1 << 16  # of a file, of its header
+MAX_HEADER = 1 << 16  # bytes of a file
 MAX_LZF_RATIO = 300  # LZF cannot pack tighter
 MAX_FACE = 255  # corners
 MAX_SURFACES = 20_000  # of a floor plan: a hundred buildings; doors are compared with the walls of their room

@@ -42,14 +42,13 @@ from path_follower.constants import (
     MotionErrors,
 )
 from path_follower.params import FollowerParams, SafetyParams
-from path_follower.path import Pose2, wrap
+from path_follower.path import Pose2, between, compose_poses, wrap
 from path_follower.reasons import FINE, StopReason, StopVerdict
-from path_follower.vehicle import Motion, Predictor
+from path_follower.vehicle import ORIGIN, Motion, Predictor
 from sphere_nav.estimation.gates import squared_mahalanobis
 from sphere_nav.geometry.arrays import Array
 
 STOP_GATE, SLOW_GATE = (2.0 * float(gammainccinv(1.5, rate)) for rate in (STOP_ALARM, SLOW_ALARM))  # chi^2, 3 dof
-ORIGIN = Pose2(0.0, 0.0, 0.0)
 FLOOR = np.diag(np.square(POSE_FLOOR))
 
 
@@ -150,8 +149,9 @@ class MotionConsistency:
         if last is not None and not 0 < time_ns - last.time_ns <= MAX_GAP_NS:
             self._samples.clear()
             last = self._driven = None
-        floored = FLOOR if covariance is None else np.maximum(np.diagonal(FLOOR), np.diagonal(covariance))
-        matrix = FLOOR if covariance is None else covariance + np.diag(floored - np.diagonal(covariance))
+        matrix = FLOOR
+        if covariance is not None:
+            matrix = covariance + np.diag(np.maximum(np.diagonal(FLOOR) - np.diagonal(covariance), 0.0))
         sample = DrivenPose(time_ns, pose, matrix, self._commanded(last, time_ns), self._wheels(time_ns))
         if not is_driving:
             self._samples.clear()
@@ -356,18 +356,6 @@ def process_noise(motion: Pose2, growth: Reckoning, errors: MotionErrors) -> Arr
     turn = (errors.stamp * growth.speed * growth.turned / max(growth.way, 0.1)) ** 2
     covariance: Array = along * np.outer(u, u) + across * np.outer(v, v) + (yaw + turn) * np.outer(lever, lever)
     return covariance
-
-
-def compose_poses(a: Pose2, b: Pose2) -> Pose2:
-    """Return the pose of b, which is seen from a."""
-    cosine, sine = math.cos(a.yaw), math.sin(a.yaw)
-    return Pose2(a.x + cosine * b.x - sine * b.y, a.y + sine * b.x + cosine * b.y, a.yaw + b.yaw)
-
-
-def between(a: Pose2, b: Pose2) -> Pose2:
-    """Return b as seen from a."""
-    cosine, sine, dx, dy = math.cos(a.yaw), math.sin(a.yaw), b.x - a.x, b.y - a.y
-    return Pose2(cosine * dx + sine * dy, -sine * dx + cosine * dy, wrap(b.yaw - a.yaw))
 
 
 def _arc(way: float, turn: float) -> Pose2:

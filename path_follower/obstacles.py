@@ -9,7 +9,7 @@ import numpy as np
 
 from path_follower.constants import ACROSS, REACTION, SWEEP_STEP
 from path_follower.params import FollowerParams
-from path_follower.path import Location, Pose2, ReferencePath
+from path_follower.path import Location, Pose2, ReferencePath, between, compose_poses
 from path_follower.vehicle import ORIGIN, Motion, drive
 from sphere_nav.geometry.arrays import Array
 
@@ -32,10 +32,9 @@ def points_in_way(
     places = []
     for ahead in _steps(distance):
         there = path.at(min(location.arc_length + ahead, end), location.segment)
-        x, y, turn = _seen_from(here.x, here.y, here.yaw, there.x, there.y, there.yaw)
+        step = between(Pose2(here.x, here.y, here.yaw), Pose2(there.x, there.y, there.yaw))
         heading = here.yaw - pose.yaw  # the path's direction in the vehicle's frame
-        cosine, sine = math.cos(heading), math.sin(heading)
-        places.append(Pose2(cosine * x - sine * y, sine * x + cosine * y, heading + turn))
+        places.append(compose_poses(Pose2(0.0, 0.0, heading), step))
     return _count(points, places, params)
 
 
@@ -76,9 +75,3 @@ def _count(points: Array, places: Iterable[Pose2], params: FollowerParams) -> in
         across = way @ [-math.sin(place.yaw), math.cos(place.yaw)]
         hit |= (along > -body.rear - margin) & (along < body.front + margin) & (np.abs(across) < half + margin)
     return int(hit.sum())
-
-
-def _seen_from(x0: float, y0: float, yaw0: float, x: float, y: float, yaw: float) -> tuple[float, float, float]:
-    cosine, sine = math.cos(yaw0), math.sin(yaw0)
-    dx, dy = x - x0, y - y0
-    return cosine * dx + sine * dy, -sine * dx + cosine * dy, yaw - yaw0

@@ -206,6 +206,18 @@ class _Feet(NamedTuple):
     distance: Array
 
 
+def compose_poses(a: Pose2, b: Pose2) -> Pose2:
+    """Return the pose of b, which is seen from a."""
+    cosine, sine = math.cos(a.yaw), math.sin(a.yaw)
+    return Pose2(a.x + cosine * b.x - sine * b.y, a.y + sine * b.x + cosine * b.y, a.yaw + b.yaw)
+
+
+def between(a: Pose2, b: Pose2) -> Pose2:
+    """Return b as seen from a."""
+    cosine, sine, dx, dy = math.cos(a.yaw), math.sin(a.yaw), b.x - a.x, b.y - a.y
+    return Pose2(cosine * dx + sine * dy, -sine * dx + cosine * dy, wrap(b.yaw - a.yaw))
+
+
 def wrap(angle: float) -> float:
     """Return the angle in -pi to pi."""
     return math.remainder(angle, 2.0 * math.pi)

@@ -7,14 +7,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from mcl_depth.constants import MAX_BYTES
 from mcl_depth.geometry.cloud import Cloud, cloud_from_points
 from mcl_depth.geometry.floor_plan import read_floor_plan
 from mcl_depth.geometry.las import read_las
 from mcl_depth.geometry.mesh import TriangleMesh, mesh_from_faces
 from mcl_depth.geometry.pcd import read_pcd
 from mcl_depth.geometry.ply import read_ply
-from sphere_nav.geometry.files.untrusted import open_file, read_npy
+from sphere_nav.geometry.files.untrusted import MAX_ARRAY_BYTES, open_file, read_npy
 
 ENDINGS = (".ply", ".pcd", ".las", ".laz", ".npy", ".csv")
 
@@ -26,7 +25,7 @@ def read_geometry(path: str | Path) -> Cloud | TriangleMesh:
     """
     path = Path(path)
     name = str(path)
-    open_file(path, f"map ({', '.join(ENDINGS)})", MAX_BYTES).close()  # no FIFO, no device
+    open_file(path, f"map ({', '.join(ENDINGS)})", MAX_ARRAY_BYTES).close()  # no FIFO, no device
     match path.suffix.lower():
         case ".ply":
             points, triangles = read_ply(path)

@@ -19,13 +19,10 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
-import rclpy
-from rclpy.executors import Executor, ExternalShutdownException
-from rclpy.impl.implementation_singleton import rclpy_implementation
+from rclpy.executors import Executor
 from rclpy.logging import get_logger
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
-from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from path_follower.ros.front import LOOP, FrontNode
@@ -35,7 +32,7 @@ from sphere_nav.ros.executor import CallbackFailures, GuardedExecutor
 from sphere_nav.ros.interfaces import from_bytes
 from sphere_nav.ros.node import Log, ThrottledLog
 from sphere_nav.ros.rclpy_shell import LivePublisher, RclpyShell
-from sphere_nav.ros.run import help_text, run, until_signal
+from sphere_nav.ros.run import help_text, in_context, run, until_signal
 from sphere_nav.ros.service import one_line
 from sphere_nav.ros.subscription import Subscription
 from sphere_nav.ros.tf import TransformError
@@ -61,16 +58,7 @@ def run_with_loop(front_class: type[FrontNode], args: Sequence[str] | None = Non
     server = LoopServer(front_class, CallbackFailures(ThrottledLog(get_logger(f"{front_class.NAME}_loop"))))
     begin = start or front_process(front_class)
     with until_signal(front_class.PATIENCE, server.unfinished) as stopped, _front(words, begin, stopped) as connection:
-        try:
-            rclpy.init(args=words, signal_handler_options=SignalHandlerOptions.NO)
-            return _serve(server, connection, stopped)
-        except ExternalShutdownException:
-            return 0
-        except rclpy_implementation.RCLError as error:
-            sys.stderr.write(f"{front_class.NAME}: cannot start: {one_line(error)}\n")
-            return 2
-        finally:
-            rclpy.try_shutdown()
+        return in_context(front_class.NAME, words, lambda: _serve(server, connection, stopped))
 
 
 def front_process(front_class: type[FrontNode]) -> Front:
@@ -111,9 +99,7 @@ def _serve(server: LoopServer, connection: Connection, stopped: Future) -> int:
         os.setpriority(os.PRIO_PROCESS, 0, PRIORITY)
     threading.Thread(target=_listen, args=(connection, server, executor), daemon=True).start()
     try:
-        executor.spin_until(stopped)
-        is_over = stopped.done() or not executor.context.ok()
-        return int(stopped.result() or 0) if is_over else 1
+        return executor.spin_until(stopped)
     finally:
         server.failures.guard(server.close, "stop")
         executor.shutdown(timeout_sec=0.2)

@@ -107,11 +107,12 @@ class GuardedExecutor(SingleThreadedExecutor):
         """What the last of them raised, in one line; empty where none did."""
         return self._failures.last_failure
 
-    def spin_until(self, stopped: Future) -> None:
+    def spin_until(self, stopped: Future) -> int:
         """Serve until the future is done, by whatever thread, or until nothing can be served any more.
 
-        That is when the context was shut down, or waiting fails again and again. rclpy's `spin_until_future_complete`
-        is not used: it adds a callback to the future at each wake and never removes one.
+        That is when the context was shut down, or waiting fails again and again. Return the exit status: the future's
+        result, 0 for a context that was shut down, else 1. rclpy's `spin_until_future_complete` is not used: it adds a
+        callback to the future at each wake and never removes one.
         """
 
         def wake(done: Future) -> None:
@@ -125,6 +126,8 @@ class GuardedExecutor(SingleThreadedExecutor):
             pass
         finally:
             stopped.remove_done_callback(wake)
+        is_over = stopped.done() or not self.context.ok()
+        return int(stopped.result() or 0) if is_over else 1
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Wait for one callback and call it."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Callable, Iterable
 from typing import Any, TypeVar
@@ -15,6 +14,7 @@ from rclpy.parameter import Parameter
 from sphere_nav.params import Leaf, build, leaves
 from sphere_nav.ros.executor import CallbackFailures
 from sphere_nav.ros.service import Handler, one_line
+from sphere_nav.ros.site_file import meant
 
 C = TypeVar("C")
 MAX_INTEGER = 2**63 - 1
@@ -120,8 +120,7 @@ def unknown_overrides(node: Node) -> list[str]:
 
 
 def _hint(name: str, declared: Iterable[str]) -> str:
-    close = difflib.get_close_matches(name, list(declared), n=1)
-    return f"{name}: unknown parameter, ignored" + (f" (is {close[0]} meant?)" if close else "")
+    return f"{name}: unknown parameter, ignored{meant(name, declared)}"
 
 
 def _override(node: Node, leaf: Leaf) -> Any:

@@ -54,17 +54,26 @@ def run(
         use_large_segment()
     nodes: list[ManagedNode] = []  # none before it is made
     with until_signal(node_class.PATIENCE, lambda: "".join(node.unfinished() for node in nodes)) as stopped:
-        try:
-            rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
+
+        def serve() -> int:
             status = _serve(node_class, stopped, values or {}, nodes, prepare)
             return status or int(any(node.unfinished() for node in nodes))
-        except ExternalShutdownException:
-            return 0
-        except rclpy_implementation.RCLError as error:  # of the command line, or of the middleware: security, domain
-            sys.stderr.write(f"{node_class.NAME}: cannot start: {one_line(error)}\n")
-            return 2
-        finally:
-            rclpy.try_shutdown()
+
+        return in_context(node_class.NAME, args, serve)
+
+
+def in_context(name: str, args: Sequence[str] | None, serve: Callable[[], int]) -> int:
+    """Return the exit status of `serve` between rclpy's begin and end, or 2 with one line where it cannot begin."""
+    try:
+        rclpy.init(args=None if args is None else list(args), signal_handler_options=SignalHandlerOptions.NO)
+        return serve()
+    except ExternalShutdownException:
+        return 0
+    except rclpy_implementation.RCLError as error:  # of the command line, or of the middleware: security, domain
+        sys.stderr.write(f"{name}: cannot start: {one_line(error)}\n")
+        return 2
+    finally:
+        rclpy.try_shutdown()
 
 
 def help_text(node_class: type[ManagedNode]) -> str:
@@ -124,11 +133,9 @@ def _serve(
         if not shell.start():
             return 2
         try:
-            executor.spin_until(stopped)
+            return executor.spin_until(stopped)
         finally:
             shell.failures.guard(shell.stop, "stop")
-        is_over = stopped.done() or not executor.context.ok()
-        return int(stopped.result() or 0) if is_over else 1
     finally:
         executor.shutdown(timeout_sec=0.5)
         shell.destroy_node()

@@ -11,11 +11,10 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from sphere_nav.geometry.files.untrusted import load_yaml, read_text
+from sphere_nav.geometry.files.untrusted import MAX_FILE_BYTES, load_yaml, read_text
 from sphere_nav.ros.shared_files import share_file
 
 BODY = "ros__parameters"
-MAX_BYTES = 1 << 20
 ANY = {"*", "**"}  # tokens of a section's name that stand for nodes
 RCLPY_NAMES, RCLPY_GROUPS = {"use_sim_time", "start_type_description_service"}, ("qos_overrides.",)
 
@@ -32,7 +31,7 @@ def check_site_file(path: str, nodes: Sequence[str], started: Sequence[str]) -> 
     `started` are full names of those that start now, which a section that means them must reach.
     """
     known = {node: _declared(node) for node in nodes}
-    content = load_yaml(path, read_text(path, "parameter file", MAX_BYTES))
+    content = load_yaml(path, read_text(path, "parameter file", MAX_FILE_BYTES))
     if not isinstance(content, dict) or not content:
         raise ValueError(f"{path}: expected sections such as /**, found {type(content).__name__}")
     for section, values in _sections(path, content, ""):
@@ -53,7 +52,7 @@ def check_site_file(path: str, nodes: Sequence[str], started: Sequence[str]) -> 
 
 def _declared(node: str) -> set[str]:
     path = share_file(f"config/{node}.yaml")
-    (content,) = load_yaml(path, read_text(path, "parameter file", MAX_BYTES)).values()
+    (content,) = load_yaml(path, read_text(path, "parameter file", MAX_FILE_BYTES)).values()
     return set(_flat(content[BODY], ""))
 
 

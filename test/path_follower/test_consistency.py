@@ -12,8 +12,6 @@ from path_follower.consistency import (
     Doubt,
     MotionConsistency,
     Reckoning,
-    between,
-    compose_poses,
     judge_covariance,
     pose_noise,
     process_noise,
@@ -22,7 +20,7 @@ from path_follower.constants import COMMAND_ERRORS, SLOW_ALARM, STOP_ALARM
 from path_follower.follower import Follower
 from path_follower.modes import FollowerState
 from path_follower.params import FollowerParams, SafetyParams
-from path_follower.path import Pose2
+from path_follower.path import Pose2, between, compose_poses
 from path_follower.reasons import FINE, StopReason
 from path_follower.vehicle import Motion, Predictor
 from sphere_nav.estimation.gates import squared_mahalanobis
