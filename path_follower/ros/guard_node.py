@@ -31,9 +31,10 @@ class GuardLoop:
         self.guard, self.told, self.said_at, self.is_spoken_to = Guard(params), "", 0.0, False
         self.said = "?"  # the reason that was published last
         kind = TwistStamped if params.is_stamped else Twist
-        self.cmd_vel = endpoints.add_publisher("cmd_vel", kind, qos.COMMAND)
+        profile = qos.DEEP if endpoints.is_time_simulated else qos.COMMAND  # a simulator waits for each answer
+        self.cmd_vel = endpoints.add_publisher("cmd_vel", kind, profile)
         self.status = endpoints.add_publisher("command_guard/status", GuardStatus)
-        endpoints.add_subscription("cmd_vel_in", kind, self.on_command, qos.COMMAND)
+        endpoints.add_subscription("cmd_vel_in", kind, self.on_command, profile)
         needed = params.is_heartbeat_required
         endpoints.add_subscription(
             "path_follower/heartbeat", UInt64, self.on_heartbeat, qos.COMMAND, is_required=needed

@@ -23,7 +23,7 @@ from sphere_nav.geometry import SE3
 from sphere_nav.geometry.arrays import Array
 from sphere_nav.localization.status import TRUSTED
 from sphere_nav.ros import conversions, qos
-from sphere_nav.ros.clocks import Times
+from sphere_nav.ros.clocks import MAX_AHEAD_NS, Times
 from sphere_nav.ros.conversions import driving
 from sphere_nav.ros.endpoints import Endpoints
 from sphere_nav.ros.tf import Transforms
@@ -73,7 +73,9 @@ class Answered:
             self.answer(stamp_ns)
 
     def _bounded(self, stamp_ns: int) -> int:
-        return stamp_ns - max(self.times.lead(stamp_ns), 0)
+        """Return a stamp, or the present for one that /clock cannot just be late for: what follows it is no news."""
+        lead_ns = self.times.lead(stamp_ns)
+        return stamp_ns - lead_ns if lead_ns > MAX_AHEAD_NS else stamp_ns
 
 
 class PoseIntake:

@@ -339,7 +339,7 @@ class Remote:
     def __init__(self, node):
         self.node, self.now, self.x = node, SECOND, 0.0
         self.commands, self.statuses = [], []
-        node.create_subscription(TwistStamped, "cmd_vel", self.commands.append, qos.COMMAND)
+        node.create_subscription(TwistStamped, "cmd_vel", self.commands.append, qos.DEEP)  # each answer, as a simulator
         node.create_subscription(FollowerStatus, "path_follower/status", self.statuses.append, qos.STATE)
         self.clock = node.create_publisher(Clock, "/clock", qos.STATE)
         self.poses = node.create_publisher(PoseWithCovarianceStamped, "pose", qos.STATE)

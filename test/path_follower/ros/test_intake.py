@@ -13,11 +13,12 @@ from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import FollowerStatus
 from tf2_msgs.msg import TFMessage
 
-from path_follower.ros.intake import DirectionIntake
+from path_follower.ros.intake import Answered, DirectionIntake
 from path_follower.ros.node import PathFollowerNode
 from sphere_nav.geometry import SE3
 from sphere_nav.localization.status import State, Status
 from sphere_nav.ros.bags.replay import OfflineBus
+from sphere_nav.ros.clocks import Times
 from sphere_nav.ros.conversions import (
     header,
     poses_to_path,
@@ -30,6 +31,7 @@ from sphere_nav.ros.conversions import (
 )
 
 SECOND = 10**9
+STEP = SECOND // 20
 
 
 @pytest.fixture
@@ -63,6 +65,30 @@ def test_every_direction_is_answered_by_a_command_with_its_stamp(bus):
     assert said["/cmd_vel"].header.stamp.nanosec == SECOND // 5
     assert said["/cmd_vel"].twist.linear.x > 0.0
     assert said["/path_follower/status"].distance_to_end == 4.0
+
+
+@pytest.mark.parametrize("first", ["pose", "status"])
+@pytest.mark.parametrize("heard", [0, 1, 2])  # messages before /clock, which may come last
+def test_pose_and_status_of_an_image_are_answered_whenever_its_clock_comes(first, heard):
+    clock, answers = [SECOND], []
+    answered = Answered(Times(lambda: clock[0], lambda: clock[0]), answers.append, lambda _: None, is_patient=True)
+    parts = [
+        lambda: answered.answer_pose(SECOND + STEP),
+        lambda: answered.answer_status(SECOND + STEP, is_good=True, has_pose=True),
+    ]
+    parts = parts if first == "pose" else parts[::-1]
+    parts.insert(heard, lambda: clock.append(clock.pop() + STEP))
+    for part in parts:
+        part()
+    assert answers == [SECOND + STEP]
+
+
+def test_a_status_of_a_clock_that_is_wrong_does_not_make_the_next_one_old():
+    answers = []
+    answered = Answered(Times(lambda: SECOND, lambda: SECOND), answers.append, lambda _: None)
+    for stamp in (SECOND + 3 * STEP, SECOND + STEP):
+        answered.answer_status(stamp, is_good=False)
+    assert answers == [SECOND, SECOND + STEP]
 
 
 def test_a_source_in_doubt_is_answered_at_once(bus):
