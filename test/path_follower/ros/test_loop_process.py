@@ -20,7 +20,8 @@ from sensor_msgs.msg import LaserScan
 from sphere_nav_msgs.msg import GuardStatus
 from std_msgs.msg import Bool
 
-from benchmarks.fault_busy import CRUISE, Base, big_path, front_of
+from benchmarks.fault_busy import big_path, front_of
+from benchmarks.fault_processes import CRUISE, Base
 from path_follower.ros.loop_process import MAX_BYTES, bounded
 from sphere_nav.ros import qos
 
