@@ -18,7 +18,7 @@ from sphere_nav.offline.evaluation import TRUTH_TOPICS, evaluate_poses
 from sphere_nav.offline.pose_bags import READINGS, is_bag, read_poses
 from sphere_nav.ros import conversions
 from sphere_nav.ros.bags import BagError, BagReader
-from sphere_nav.ros.bags.streams import TRUTH_WORDS
+from sphere_nav.ros.camera.odometry_input import TRUTH_WORDS
 
 STATUS = "sphere_nav_msgs/msg/LocalizationStatus"
 POSE_NAMES = ("pose", "odometry")
