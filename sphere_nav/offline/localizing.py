@@ -80,7 +80,8 @@ def replay_localizer(
         if not mounting and "image_raw" in remap:
             mounting = topics.note_mounting(bag, remap["image_raw"], arguments)
         images = (topic for ours, topic in remap.items() if ours.endswith("image_raw"))
-        add_node(bus, remap, {"mounting": mounting} | patience(read_streams(bag), images))
+        given = {"mounting": mounting, "camera_frame": topics.odd_frame(bag, remap)}
+        add_node(bus, remap, given | patience(read_streams(bag), images))
         total = sum(bag.topics[topic].count for topic in bus.listeners if topic in bag.topics)
         bar = stack.enter_context(tqdm(total=total, desc="localise", unit="msg", disable=None))
         published = usable(replay(bag, bus, progress=bar.update), arguments.source)

@@ -19,6 +19,7 @@ from sphere_nav.ros.bags.recorded import BagError
 from sphere_nav.ros.bags.samples import CLOUD, SPHERE
 from sphere_nav.ros.bags.streams import RGBD, STEREO, Stream, find_odometry, find_views, info_of, read_streams
 from sphere_nav.ros.camera.odometry_input import odometry_edge
+from sphere_nav.ros.maps.writer import MAP_FRAME
 from sphere_nav.ros.tf import TransformTree
 
 MIN_RIG_CAMERAS = 3
@@ -53,7 +54,7 @@ class Recording:
     @property
     def odometry(self) -> str:
         """Where odometry comes from: a topic, two frames of /tf, or nowhere (empty)."""
-        edge = odometry_edge(self.frames, topics.BASE_FRAME)
+        edge = odometry_edge(self.frames, topics.BASE_FRAME, MAP_FRAME)
         return find_odometry(self.streams) or (f"{topics.TF_TOPIC} ({edge[0]} to {edge[1]})" if edge else "")
 
     def first(self, topic: str) -> Any:
@@ -202,5 +203,5 @@ def offer_mcl(recording: Recording) -> Offer:
         return Offer("mcl", missing=f"expected {expected}, found none")
     clouds = ", ".join(stream.topic for stream in recording.streams if stream.type == CLOUD)
     note = f"ready; the bag has point clouds, too ({clouds})" if clouds else ""
-    command = ["sphere_nav", "mcl", CLOUD_FILE, str(bag.path), "-o", f"{bag.path.stem}.tum", *words]
+    command = ["sphere_nav", "mcl", CLOUD_FILE, str(bag.path), "-o", f"{bag.path.stem}_mcl.tum", *words]
     return Offer("mcl", command, note=note if is_sure else PANORAMA_NOTE)

@@ -23,6 +23,7 @@ from sphere_nav.ros.bags.streams import (
     find_odometry,
     find_rig,
     info_of,
+    is_good,
     read_streams,
 )
 from sphere_nav.ros.bags.writer import absolute
@@ -112,7 +113,7 @@ def find_wanted(streams: Sequence[Stream], wanted: Iterable[str], chosen: dict[s
     """Return the bag's topic for each of ours: as the user named it, as a driver is known to, or as it is found."""
     wanted = tuple(wanted)
     if not chosen:
-        have = [stream.topic for stream in streams]
+        have = [stream.topic for stream in streams if is_good(stream)]
         named = (driver.find(have) for driver in find_drivers(streams) if set(wanted) <= set(driver.topics))
         chosen = {ours: topic for ours, topic in next(named, {}).items() if ours.split("/")[0] in _first_words(wanted)}
     return find_inputs(streams, wanted, chosen)
@@ -217,6 +218,17 @@ def note_mounting(bag: BagReader, image: str, arguments: argparse.Namespace) -> 
         base, text = BASE_FRAME, "the camera is taken as the vehicle; --mounting tells otherwise"
         logging.getLogger("sphere_nav.mounting").warning("%s: not above the camera on /tf_static: %s", base, text)
     return mounting
+
+
+def odd_frame(bag: BagReader, found: dict[str, str]) -> str:
+    """Return the frame of the images where their camera_info, found beside them, is of another one; else nothing."""
+    frames = {stream.topic: stream.frame_id for stream in read_streams(bag)}
+    image, info = (frames.get(absolute(found.get(name, name)), "") for name in ("image_raw", "camera_info"))
+    if not (image and info) or image == info:
+        return ""
+    text = "camera_info is of frame %s, images are of frame %s: one camera by the names of the topics"
+    logging.getLogger("sphere_nav.frames").warning(text, info, image)
+    return image
 
 
 def find_rig_topics(bag: BagReader, names: Iterable[str], chosen: dict[str, str]) -> dict[str, str]:

@@ -111,10 +111,12 @@ def find_inputs(
             near = difflib.get_close_matches(topic, by_name, n=1)
             found_there = f"no such one (is {near[0]} meant?)" if near else ", ".join(by_name) or "none"
             raise BagError(f"{name}: expected topic {topic}, found {found_there}")
-        if by_name[topic].problem and by_name[topic].is_image:
-            raise BagError(f"{name}: {topic}: {by_name[topic].problem}")
+        if not is_good(by_name[topic]):
+            raise BagError(f"{name}: {_names([by_name[topic]])}")
+        if name.endswith("image_raw") and not by_name[topic].is_image:
+            raise BagError(f"{name}: {topic}: expected images, found {by_name[topic].type}")
     wanted = tuple(wanted)
-    found = {name: absolute(name) for name in wanted if _is_good(by_name.get(absolute(name)))} | found
+    found = {name: absolute(name) for name in wanted if is_good(by_name.get(absolute(name)))} | found
     if "sphere" in wanted and "sphere" not in found:
         found["sphere"] = _only([s for s in streams if s.type == SPHERE], "spheres", "--remap sphere:=TOPIC").topic
     elif "depth/image_raw" in wanted:
@@ -299,8 +301,9 @@ def _names(streams: Iterable[Stream]) -> str:
     return ", ".join(broken or [stream.topic for stream in streams]) or "none"
 
 
-def _is_good(stream: Stream | None) -> bool:
-    return stream is not None and not (stream.problem and stream.is_image)
+def is_good(stream: Stream | None) -> bool:
+    """Whether there is a topic that is neither a video nor images of no use."""
+    return stream is not None and stream.type not in VIDEO and not (stream.problem and stream.is_image)
 
 
 def _stream(bag: BagReader, info: TopicInfo, seconds: float) -> Stream:

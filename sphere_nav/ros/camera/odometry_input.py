@@ -17,10 +17,10 @@ MAX_AGE_S = 0.2  # for which odometry is carried on by its own speed
 TRUTH_WORDS = ("ground_truth", "groundtruth", "truth")  # in names of what is no odometry
 
 
-def odometry_edge(tree: TransformTree, base_frame: str) -> tuple[str, str] | None:
-    """Return the two frames by which /tf tells odometry: what moves next above the base; None: a truth, or nothing."""
+def odometry_edge(tree: TransformTree, base_frame: str, map_frame: str = "") -> tuple[str, str] | None:
+    """Return the two frames by which /tf tells odometry: what moves next above the base; None: truth, map, nothing."""
     edge = tree.moving_edge(base_frame)
-    return None if edge is None or any(word in edge[0] for word in TRUTH_WORDS) else edge
+    return None if edge is None or edge[0] == map_frame or any(word in edge[0] for word in TRUTH_WORDS) else edge
 
 
 class OdometryInput:
